@@ -1,0 +1,92 @@
+"""Clear errors at the border: every check names the argument, its value and what was expected."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+MAX_SIZE = 16384
+"""Largest image side, pixels: the edge functions are proved exact up to it."""
+
+
+def finite_number(name: str, value: Any) -> float:
+    """Return ``value`` as a float, or raise ``ValueError`` naming the argument."""
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        raise ValueError(f"{name} must be a number, got {value!r}") from None
+    if not math.isfinite(number):
+        raise ValueError(f"{name} must be finite, got {number!r}")
+    return number
+
+
+def positive_number(name: str, value: Any) -> float:
+    """Return ``value`` as a finite float above zero, or raise ``ValueError``."""
+    number = finite_number(name, value)
+    if number <= 0.0:
+        raise ValueError(f"{name} must be above 0, got {number!r}")
+    return number
+
+
+def finite_array(name: str, value: ArrayLike, shape: Sequence[int | None]) -> NDArray[np.float64]:
+    """
+    Return ``value`` as a float64 array of the given shape with only finite entries.
+
+    Parameters
+    ----------
+    name : str
+        What the message calls the argument.
+    value : array_like
+    shape : sequence of int or None
+        Expected shape; ``None`` stands for any length.
+
+    Raises
+    ------
+    ValueError
+        If the shape differs, an entry is not a number, or an entry is NaN or infinite.
+    """
+    try:
+        array = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise ValueError(f"{name} must be an array of numbers, got {value!r}") from None
+    expected = tuple(shape)
+    if array.ndim != len(expected) or any(
+        want is not None and have != want for have, want in zip(array.shape, expected, strict=True)
+    ):
+        wanted = "(" + ", ".join("n" if n is None else str(n) for n in expected) + ")"
+        raise ValueError(f"{name} must have shape {wanted}, got {array.shape}")
+    if not np.isfinite(array).all():
+        count = int((~np.isfinite(array)).sum())
+        shown = f": {array.tolist()}" if array.size <= 16 else ""
+        raise ValueError(f"{name} must be finite, got {count} NaN or infinite entries{shown}")
+    return array
+
+
+def vector(name: str, value: ArrayLike) -> NDArray[np.float64]:
+    """Return ``value`` as a finite float64 vector of three, or raise ``ValueError``."""
+    return finite_array(name, value, (3,))
+
+
+def one_of(name: str, value: Any, choices: Sequence[Any]) -> Any:
+    """Return ``value`` if it is one of ``choices``, or raise ``ValueError`` listing them."""
+    if value not in choices:
+        listed = ", ".join(repr(choice) for choice in choices)
+        raise ValueError(f"{name} must be one of {listed}; got {value!r}")
+    return value
+
+
+def image_size(name: str, value: Any) -> tuple[int, int]:
+    """Return ``(width, height)`` in pixels, each in 1..16384, or raise ``ValueError``."""
+    try:
+        width, height = value
+        sides = (int(width), int(height))
+        whole = sides[0] == width and sides[1] == height
+    except (TypeError, ValueError, OverflowError):
+        raise ValueError(f"{name} must be (width, height) in pixels, got {value!r}") from None
+    if not whole or not all(1 <= side <= MAX_SIZE for side in sides):
+        raise ValueError(f"{name} must be two whole numbers in 1..{MAX_SIZE}, got {value!r}")
+    return sides
