@@ -1,14 +1,16 @@
 """
 Every decision about compilation, in one place.
 
-Two decorators, no more:
+Three decorators, no more:
 
 ``@kernel``
     An entry point: compiled on first call, cached on disk, releases the GIL.
 ``@stage``
     A helper: compiled into the kernels that call it, not cached alone.
+``@disjoint_stage``
+    A helper whose array arguments never overlap, so that its loops vectorize.
 
-With ``NUMBA_DISABLE_JIT=1`` both return the plain Python function.
+With ``NUMBA_DISABLE_JIT=1`` all return the plain Python function.
 
 Numba's disk cache stamps a kernel with the hash of *its own* source file, so it would not see an
 edit in a helper that lives in another file. The stamp is therefore replaced by one hash over all
@@ -21,11 +23,14 @@ false, and without it LLVM neither reorders nor contracts floating-point arithme
 from __future__ import annotations
 
 import hashlib
+import threading
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numba
+from numba.core.compiler import CompilerBase, DefaultPassBuilder
 
 KERNELS: list[Any] = []
 """Every function decorated with ``@kernel``, in order of definition."""
@@ -43,12 +48,49 @@ def _sources_hash() -> str:
 SOURCES_HASH = _sources_hash()
 
 
+class CompileClock:
+    """Wall-clock seconds that this process spent compiling kernels or loading them from disk."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._active = 0
+        self._since = 0.0
+        self._seconds = 0.0
+
+    @property
+    def seconds(self) -> float:
+        """Seconds so far; time that several threads waited for one compiler counts once."""
+        return self._seconds
+
+    def timed(self, compile_signature: Callable) -> Callable:
+        """Return the function with its duration added to the clock."""
+
+        def compile_and_count(*arguments: Any) -> Any:
+            with self._lock:
+                if self._active == 0:
+                    self._since = time.perf_counter()
+                self._active += 1
+            try:
+                return compile_signature(*arguments)
+            finally:
+                with self._lock:
+                    self._active -= 1
+                    if self._active == 0:
+                        self._seconds += time.perf_counter() - self._since
+
+        return compile_and_count
+
+
+COMPILE_CLOCK = CompileClock()
+
+
 def kernel(function: Callable) -> Any:
     """Compile an entry point: cached on disk, GIL released, IEEE arithmetic."""
     compiled = numba.njit(cache=True, nogil=True, error_model="numpy")(function)
     if not numba.config.DISABLE_JIT:
         # The one use of Numba's private API: widen the cache's stamp to all kernel sources.
         compiled._cache._cache_file._source_stamp = SOURCES_HASH
+        compiled.compile = COMPILE_CLOCK.timed(compiled.compile)
     KERNELS.append(compiled)
     return compiled
 
@@ -56,3 +98,22 @@ def kernel(function: Callable) -> Any:
 def stage(function: Callable) -> Any:
     """Compile a helper into the kernels that call it."""
     return numba.njit(nogil=True, error_model="numpy")(function)
+
+
+class _DisjointCompiler(CompilerBase):
+    """The usual pipeline, told that array arguments do not overlap."""
+
+    def define_pipelines(self) -> list[Any]:
+        self.state.flags.noalias = True
+        return [DefaultPassBuilder.define_nopython_pipeline(self.state)]
+
+
+def disjoint_stage(function: Callable) -> Any:
+    """
+    Compile a helper whose array arguments never overlap.
+
+    LLVM vectorizes a loop over many arrays only if it knows that no store changes a later load;
+    checking at run time gives up beyond a handful of arrays. Only for helpers that are given
+    distinct rows of scratch memory.
+    """
+    return numba.njit(nogil=True, error_model="numpy", pipeline_class=_DisjointCompiler)(function)

@@ -1,0 +1,152 @@
+"""What a render returns: the outputs that were asked for, and what it took to make them."""
+
+from __future__ import annotations
+
+import io
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.io import images
+from rasterjit.plan import OUTPUTS, RenderPlan
+
+
+class OutputNotRequested(AttributeError, ValueError):
+    """An output was read that the render was not asked for."""
+
+
+@dataclass(frozen=True)
+class Stats:
+    """
+    What became of the triangles, and where the time went.
+
+    ``triangles_in`` is the sum of ``outside``, ``culled``, ``degenerate``, ``unsampled``,
+    ``invalid`` and ``drawn``.
+    """
+
+    triangles_in: int
+    outside: int
+    """Wholly outside the view volume."""
+    culled: int
+    """Turned away from the viewer, with culling on."""
+    degenerate: int
+    """Without area once their vertices are snapped."""
+    unsampled: int
+    """So small that they hold no pixel's centre, or beside the image."""
+    invalid: int
+    """With a vertex that is NaN, infinite or beyond 1e150 in clip space."""
+    drawn: int
+    clipped: int
+    """Cut at the near or far plane or the guard band; counted by their outcome as well."""
+    pixels_covered: int
+    """Pixels that show a face."""
+    seconds: dict[str, float] = field(default_factory=dict)
+    """Seconds of each stage, in order; ``compile`` is apart and not part of any other."""
+
+
+class Frame:
+    """
+    One rendered frame.
+
+    Only the outputs that were asked for exist; reading another raises an error that names it. Rows
+    run from the top; the centre of pixel (column i, row j) is at (i + 0.5, j + 0.5).
+
+    Attributes
+    ----------
+    plan : RenderPlan
+        What was decided for this frame.
+    stats : Stats
+    """
+
+    def __init__(self, outputs: dict[str, NDArray[Any]], plan: RenderPlan, stats: Stats) -> None:
+        self._outputs = outputs
+        self.plan = plan
+        self.stats = stats
+
+    def __repr__(self) -> str:
+        width, height = self.plan.size
+        return f"Frame({width} x {height}: {', '.join(self._outputs)})"
+
+    @property
+    def color(self) -> NDArray[np.uint8]:
+        """(H, W, 4) uint8: red, green, blue in sRGB, and alpha (linear, not premultiplied)."""
+        return self._output("color")
+
+    @property
+    def linear(self) -> NDArray[np.float32]:
+        """(H, W, 4) float32: colour in linear light, and alpha, before rounding."""
+        return self._output("linear")
+
+    @property
+    def depth(self) -> NDArray[np.float32]:
+        """(H, W) float32: scene units along the viewing axis; ``inf`` where nothing is."""
+        return self._output("depth")
+
+    @property
+    def face_id(self) -> NDArray[np.int32]:
+        """(H, W) int32: face number, counted through all objects in order; -1 where nothing is."""
+        return self._output("face_id")
+
+    @property
+    def object_id(self) -> NDArray[np.int32]:
+        """(H, W) int32: object number in the order of the scene; -1 where nothing is."""
+        return self._output("object_id")
+
+    @property
+    def barycentric(self) -> NDArray[np.float32]:
+        """(H, W, 3) float32: perspective-correct weights of the face's vertices; 0 if nothing."""
+        return self._output("barycentric")
+
+    @property
+    def uv(self) -> NDArray[np.float32]:
+        """(H, W, 2) float32: texture coordinates; NaN where nothing is or an object has none."""
+        return self._output("uv")
+
+    @property
+    def normal(self) -> NDArray[np.float32]:
+        """(H, W, 3) float32: world-space unit normal of the side that is seen; 0 if nothing."""
+        return self._output("normal")
+
+    @property
+    def position(self) -> NDArray[np.float32]:
+        """(H, W, 3) float32: world-space position; NaN where nothing is."""
+        return self._output("position")
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Return all outputs by name."""
+        return dict(self._outputs)
+
+    def save(self, path: str | Path) -> None:
+        """
+        Write the colour to an image file, or every output to a ``.npz``.
+
+        Raises
+        ------
+        ValueError
+            If the format is unknown, the folder does not exist, or there is no colour to write.
+        """
+        if Path(path).suffix.lower() == ".npz":
+            images.save_arrays(path, **self._outputs)
+        else:
+            images.save_image(path, self.color)
+
+    def _repr_png_(self) -> bytes | None:
+        """Show the colour in a notebook."""
+        if "color" not in self._outputs:
+            return None
+        import imageio.v3 as iio
+
+        data = io.BytesIO()
+        iio.imwrite(data, self.color, extension=".png")
+        return data.getvalue()
+
+    def _output(self, name: str) -> NDArray[Any]:
+        if name not in self._outputs:
+            raise OutputNotRequested(
+                f"{name} was not rendered: ask for it with outputs=(..., {name!r}); "
+                f"this frame has {', '.join(o for o in OUTPUTS if o in self._outputs)}"
+            )
+        return self._outputs[name]

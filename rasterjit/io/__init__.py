@@ -1,0 +1,1 @@
+"""Files in and out: meshes become scenes, frames become image files."""

@@ -1,0 +1,285 @@
+"""
+Find where on its face a sample lies, and interpolate there.
+
+The weights are perspective-correct, those of the face's own three vertices even when it was
+clipped. A face that needed no clipping has exact weights: integer edge functions of its snapped
+vertices, divided by w. A clipped one has vertices that were never snapped; its weights follow from
+its clip positions: the sample with normalized device coordinates (X, Y) lies on the face where
+``sum b_k (x_k - X w_k) = sum b_k (y_k - Y w_k) = 0``, so ``b`` is the cross product of the two
+coefficient rows. They are held at zero and above, for the sample may lie a rounding outside.
+
+Vertices are taken starting from the lowest number, so rotating a face changes no bit.
+
+References
+----------
+.. [1] M. Olano and T. Greer, "Triangle Scan Conversion using 2D Homogeneous Coordinates",
+   Graphics Hardware 1997.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rasterjit.kernels.jit import kernel, stage
+from rasterjit.kernels.records import Geometry, Placement
+from rasterjit.kernels.setup import CLIPPED, edge
+
+
+@stage
+def lowest_first(corners):
+    """Return the vertex numbers of a face, rotated so that the lowest comes first."""
+    a, b, c = np.int64(corners[0]), np.int64(corners[1]), np.int64(corners[2])
+    if b < a and b < c:
+        return b, c, a
+    if c < a and c < b:
+        return c, a, b
+    return a, b, c
+
+
+@stage
+def snapped_weights(a, b, c, column, row, geometry):
+    """Return the weights on a face that was not clipped, not yet normalized."""
+    bits = geometry.viewport.grid_bits
+    half = np.int64(1) << (bits - 1)
+    px, py = (np.int64(column) << bits) + half, (np.int64(row) << bits) + half
+    ax, ay = np.int64(geometry.xy[a, 0]), np.int64(geometry.xy[a, 1])
+    bx, by = np.int64(geometry.xy[b, 0]), np.int64(geometry.xy[b, 1])
+    cx, cy = np.int64(geometry.xy[c, 0]), np.int64(geometry.xy[c, 1])
+    return (
+        np.float64(edge(bx, by, cx, cy, px, py)) / geometry.clip_positions[a, 3],
+        np.float64(edge(cx, cy, ax, ay, px, py)) / geometry.clip_positions[b, 3],
+        np.float64(edge(ax, ay, bx, by, px, py)) / geometry.clip_positions[c, 3],
+    )
+
+
+@stage
+def clipped_weights(a, b, c, column, row, geometry):
+    """Return the weights on a clipped face, not yet normalized."""
+    x = (2.0 * column + 1.0) / geometry.viewport.width - 1.0
+    y = 1.0 - (2.0 * row + 1.0) / geometry.viewport.height
+    p, q, r = geometry.clip_positions[a], geometry.clip_positions[b], geometry.clip_positions[c]
+    u0, u1, u2 = p[0] - x * p[3], q[0] - x * q[3], r[0] - x * r[3]
+    v0, v1, v2 = p[1] - y * p[3], q[1] - y * q[3], r[1] - y * r[3]
+    w0, w1, w2 = u1 * v2 - u2 * v1, u2 * v0 - u0 * v2, u0 * v1 - u1 * v0
+    if w0 + w1 + w2 < 0.0:
+        w0, w1, w2 = -w0, -w1, -w2
+    return max(w0, 0.0), max(w1, 0.0), max(w2, 0.0)
+
+
+@stage
+def sample_weights(a, b, c, column, row, geometry):
+    """Return the perspective-correct weights of vertices a, b, c at a pixel's centre."""
+    if (geometry.codes[a] | geometry.codes[b] | geometry.codes[c]) & CLIPPED:
+        w0, w1, w2 = clipped_weights(a, b, c, column, row, geometry)
+    else:
+        w0, w1, w2 = snapped_weights(a, b, c, column, row, geometry)
+    total = w0 + w1 + w2
+    if total == 0.0:
+        return 1.0, 0.0, 0.0
+    return w0 / total, w1 / total, w2 / total
+
+
+@stage
+def interpolate(weights, value0, value1, value2):
+    """Return a value between those of the vertices; equal ones give exactly themselves."""
+    return value0 + weights[1] * (value1 - value0) + weights[2] * (value2 - value0)
+
+
+@stage
+def find_object(face, face_starts, guess):
+    """Return the object that owns a face; ``guess`` is tried first."""
+    if face_starts[guess] <= face < face_starts[guess + 1]:
+        return guess
+    return np.searchsorted(face_starts, face, side="right") - 1
+
+
+@stage
+def place(vertex, owner, placement):
+    """Return a vertex in world axes, relative to the eye."""
+    m = placement.relative_from_model[owner]
+    x, y, z = (
+        placement.positions[vertex, 0],
+        placement.positions[vertex, 1],
+        placement.positions[vertex, 2],
+    )
+    return (
+        m[0, 0] * x + m[0, 1] * y + m[0, 2] * z + m[0, 3],
+        m[1, 0] * x + m[1, 1] * y + m[1, 2] * z + m[1, 3],
+        m[2, 0] * x + m[2, 1] * y + m[2, 2] * z + m[2, 3],
+    )
+
+
+@stage
+def geometric_normal(pa, pb, pc, turn):
+    """Return the normal of a face that winds counter-clockwise, not normalized."""
+    ux, uy, uz = pb[0] - pa[0], pb[1] - pa[1], pb[2] - pa[2]
+    vx, vy, vz = pc[0] - pa[0], pc[1] - pa[1], pc[2] - pa[2]
+    return (
+        turn * (uy * vz - uz * vy),
+        turn * (uz * vx - ux * vz),
+        turn * (ux * vy - uy * vx),
+    )
+
+
+@stage
+def seen_from_behind(normal, point, toward_viewer):
+    """Return whether a face with this normal turns its back to the viewer."""
+    return (
+        normal[0] * (toward_viewer[0] - toward_viewer[3] * point[0])
+        + normal[1] * (toward_viewer[1] - toward_viewer[3] * point[1])
+        + normal[2] * (toward_viewer[2] - toward_viewer[3] * point[2])
+    ) < 0.0
+
+
+@stage
+def smooth_normal(weights, a, b, c, normals, matrix):
+    """Return the interpolated vertex normal in world axes, not normalized."""
+    x = interpolate(weights, np.float64(normals[a, 0]), np.float64(normals[b, 0]),
+                    np.float64(normals[c, 0]))  # fmt: skip
+    y = interpolate(weights, np.float64(normals[a, 1]), np.float64(normals[b, 1]),
+                    np.float64(normals[c, 1]))  # fmt: skip
+    z = interpolate(weights, np.float64(normals[a, 2]), np.float64(normals[b, 2]),
+                    np.float64(normals[c, 2]))  # fmt: skip
+    return (
+        matrix[0, 0] * x + matrix[0, 1] * y + matrix[0, 2] * z,
+        matrix[1, 0] * x + matrix[1, 1] * y + matrix[1, 2] * z,
+        matrix[2, 0] * x + matrix[2, 1] * y + matrix[2, 2] * z,
+    )
+
+
+@kernel
+def fill_barycentric(face_id, rows, geometry: Geometry, barycentric):
+    """
+    Write the perspective-correct weights of each sample, in the order of its face's vertices.
+
+    Parameters
+    ----------
+    face_id : (H, W) int32
+    rows : (int, int)
+        First row, and one past the last.
+    geometry : Geometry
+    barycentric : (H, W, 3) float32
+        Written; zero where nothing is.
+    """
+    for row in range(rows[0], rows[1]):
+        for column in range(face_id.shape[1]):
+            face = face_id[row, column]
+            barycentric[row, column, :] = 0.0
+            if face < 0:
+                continue
+            corners = geometry.faces[face]
+            a, b, c = lowest_first(corners)
+            weights = sample_weights(a, b, c, column, row, geometry)
+            first = 0
+            if a != corners[0]:
+                first = 1 if a == corners[1] else 2
+            for k in range(3):
+                barycentric[row, column, (first + k) % 3] = weights[k]
+
+
+@kernel
+def fill_attribute(face_id, rows, geometry: Geometry, values, attribute):
+    """
+    Interpolate a vertex attribute at each sample.
+
+    Parameters
+    ----------
+    face_id : (H, W) int32
+    rows : (int, int)
+    geometry : Geometry
+    values : (V, K) float32
+    attribute : (H, W, K) float32
+        Written; NaN where nothing is.
+    """
+    for row in range(rows[0], rows[1]):
+        for column in range(face_id.shape[1]):
+            face = face_id[row, column]
+            if face < 0:
+                attribute[row, column, :] = np.nan
+                continue
+            a, b, c = lowest_first(geometry.faces[face])
+            weights = sample_weights(a, b, c, column, row, geometry)
+            for k in range(values.shape[1]):
+                attribute[row, column, k] = interpolate(
+                    weights,
+                    np.float64(values[a, k]),
+                    np.float64(values[b, k]),
+                    np.float64(values[c, k]),
+                )
+
+
+@kernel
+def fill_positions(face_id, rows, geometry: Geometry, placement: Placement, eye, position):
+    """
+    Write the world position of each sample.
+
+    Parameters
+    ----------
+    face_id : (H, W) int32
+    rows : (int, int)
+    geometry : Geometry
+    placement : Placement
+    eye : (3,) float64, world
+    position : (H, W, 3) float32
+        Written; NaN where nothing is.
+    """
+    owner = np.int64(0)
+    for row in range(rows[0], rows[1]):
+        for column in range(face_id.shape[1]):
+            face = face_id[row, column]
+            if face < 0:
+                position[row, column, :] = np.nan
+                continue
+            owner = find_object(face, placement.face_starts, owner)
+            a, b, c = lowest_first(geometry.faces[face])
+            weights = sample_weights(a, b, c, column, row, geometry)
+            pa, pb, pc = (
+                place(a, owner, placement), place(b, owner, placement), place(c, owner, placement)
+            )  # fmt: skip
+            for k in range(3):
+                position[row, column, k] = eye[k] + interpolate(weights, pa[k], pb[k], pc[k])
+
+
+@kernel
+def fill_normals(face_id, rows, geometry: Geometry, placement: Placement, smooth, normal):
+    """
+    Write the unit normal of each sample in world axes, on the side that is seen.
+
+    Parameters
+    ----------
+    face_id : (H, W) int32
+    rows : (int, int)
+    geometry : Geometry
+    placement : Placement
+    smooth : (normals (V, 3) float32, is_smooth (O,) uint8)
+        Vertex normals in model space, and the objects that are shaded with them; the others have
+        the normals of their faces.
+    normal : (H, W, 3) float32
+        Written; zero where nothing is, and where a face or its vertex normals have none.
+    """
+    normals, is_smooth = smooth
+    owner = np.int64(0)
+    for row in range(rows[0], rows[1]):
+        for column in range(face_id.shape[1]):
+            face = face_id[row, column]
+            normal[row, column, :] = 0.0
+            if face < 0:
+                continue
+            owner = find_object(face, placement.face_starts, owner)
+            a, b, c = lowest_first(geometry.faces[face])
+            weights = sample_weights(a, b, c, column, row, geometry)
+            pa, pb, pc = (
+                place(a, owner, placement), place(b, owner, placement), place(c, owner, placement)
+            )  # fmt: skip
+            facing = geometric_normal(pa, pb, pc, placement.mirrored[owner])
+            shown = facing
+            if is_smooth[owner]:
+                shown = smooth_normal(
+                    weights, a, b, c, normals, placement.normal_matrices[owner]
+                )
+            length = np.sqrt(shown[0] ** 2 + shown[1] ** 2 + shown[2] ** 2)
+            if not length > 0.0:
+                continue
+            side = -1.0 if seen_from_behind(facing, pa, placement.toward_viewer) else 1.0
+            for k in range(3):
+                normal[row, column, k] = side * shown[k] / length

@@ -1,0 +1,186 @@
+"""
+Add up the light on a row of samples: ambient, Lambert's diffuse and Blinn's highlight.
+
+Samples are rows of scratch memory, one row for each quantity (structure of arrays), float32, so
+that the loops vectorize. ``power`` is built from IEEE operations alone: it has the same bits on
+every CPU, which a math library's ``pow`` has not.
+
+References
+----------
+.. [1] J. Blinn, "Models of Light Reflection for Computer Synthesized Pictures", SIGGRAPH 1977.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rasterjit.kernels.jit import disjoint_stage, stage
+
+RED, GREEN, BLUE, ALPHA = 0, 1, 2, 3
+"""Rows: base colour, linear."""
+NORMAL_X, NORMAL_Y, NORMAL_Z = 4, 5, 6
+"""Rows: normal in world axes, any length."""
+POINT_X, POINT_Y, POINT_Z = 7, 8, 9
+"""Rows: position in world axes, relative to the eye."""
+SPECULAR, SHININESS = 10, 11
+"""Rows: strength and exponent of the highlight."""
+LIT = 12
+"""Row: 1 where light falls on the base colour, 0 where it is the final colour."""
+OUT_RED, OUT_GREEN, OUT_BLUE = 13, 14, 15
+"""Rows: the colour that is seen, linear."""
+SAMPLE_ROWS = 16
+
+SHORTEST_SQUARED = np.float32(1e-30)
+"""Squared lengths are held above it (scene units squared): a light at the point shaded is finite."""
+
+MANTISSA_BITS = np.int32(0x7FFFFF)
+SQRT_HALF_BITS = np.int32(0x3F3504F3)
+ONE_BITS = np.int32(0x3F800000)
+SMALLEST_NORMAL = np.float32(1.1754944e-38)
+
+
+@stage
+def log2(x):
+    """
+    Return log2 of a float32, x >= 2**-126, to 1.2e-7 of 1 + |log2 x|.
+
+    Splits x = m 2**e with m in [sqrt(1/2), sqrt(2)); then with t = (m - 1) / (m + 1),
+    log2 m = (2 / ln 2) (t + t**3/3 + t**5/5 + ...), where |t| < 0.172.
+    """
+    offset = np.int32(np.float32(x).view(np.int32) - SQRT_HALF_BITS)
+    exponent = np.int32(offset >> np.int32(23))
+    m = np.int32((offset & MANTISSA_BITS) + SQRT_HALF_BITS).view(np.float32)
+    t = (m - np.float32(1.0)) / (m + np.float32(1.0))
+    u = t * t
+    series = np.float32(0.32059890) * u + np.float32(0.41219858)
+    series = series * u + np.float32(0.57707802)
+    series = series * u + np.float32(0.96179669)
+    series = series * u + np.float32(2.8853901)
+    return np.float32(exponent) + t * series
+
+
+@stage
+def exp2(x):
+    """
+    Return 2**x of a float32 in [-126, 126], to 2e-7 relative; below, 2**-126.
+
+    Splits x = n + f with n whole and |f| <= 1/2; 2**f by its Taylor series.
+    """
+    held = max(min(np.float32(x), np.float32(126.0)), np.float32(-126.0))
+    whole = np.floor(held + np.float32(0.5))
+    y = (held - whole) * np.float32(0.69314718)
+    series = np.float32(1.0 / 5040.0) * y + np.float32(1.0 / 720.0)
+    series = series * y + np.float32(1.0 / 120.0)
+    series = series * y + np.float32(1.0 / 24.0)
+    series = series * y + np.float32(1.0 / 6.0)
+    series = series * y + np.float32(0.5)
+    series = series * y + np.float32(1.0)
+    series = series * y + np.float32(1.0)
+    scale = np.int32((np.int32(whole) + np.int32(127)) << np.int32(23)).view(np.float32)
+    return series * scale
+
+
+@stage
+def power(x, exponent):
+    """Return x**exponent for x in [0, 1] and exponent > 0, float32; 0 gives (nearly) 0."""
+    return exp2(exponent * log2(max(x, SMALLEST_NORMAL)))
+
+
+@disjoint_stage
+def start_colors(red, green, blue, lit, ambient, out_red, out_green, out_blue):
+    """Write the unlit colour, or the share of it that ambient light shows."""
+    for i in range(out_red.shape[0]):
+        shown = np.float32(1.0) - lit[i]
+        out_red[i] = red[i] * (shown + lit[i] * ambient[0])
+        out_green[i] = green[i] * (shown + lit[i] * ambient[1])
+        out_blue[i] = blue[i] * (shown + lit[i] * ambient[2])
+
+
+@disjoint_stage
+def normalize_rows(x, y, z):
+    """Scale vectors to length one; a vector of length zero stays zero."""
+    for i in range(x.shape[0]):
+        squared = x[i] * x[i] + y[i] * y[i] + z[i] * z[i]
+        scale = np.float32(1.0) / np.sqrt(max(squared, SHORTEST_SQUARED))
+        x[i] *= scale
+        y[i] *= scale
+        z[i] *= scale
+
+
+@stage
+def unit_scale(x, y, z):
+    """Return one over a vector's length."""
+    return np.float32(1.0) / np.sqrt(max(x * x + y * y + z * z, SHORTEST_SQUARED))
+
+
+@stage
+def highlight(cosine, strength, shininess, highlights):
+    """Return the strength of the highlight; none if no object has one."""
+    if highlights is None:
+        return np.float32(0.0)
+    return strength * power(cosine, shininess)
+
+
+@disjoint_stage
+def add_light(
+    light, toward_viewer, highlights, nx, ny, nz, px, py, pz, specular, shininess, lit,
+    red, green, blue, out_red, out_green, out_blue,
+):  # fmt: skip
+    """Add what one light contributes to each sample."""
+    one, zero = np.float32(1.0), np.float32(0.0)
+    for i in range(out_red.shape[0]):
+        # Find the direction and the falloff of the light.
+        lx, ly, lz = (
+            light[0] - light[3] * px[i],
+            light[1] - light[3] * py[i],
+            light[2] - light[3] * pz[i],
+        )
+        scale = unit_scale(lx, ly, lz)
+        falloff = light[3] * scale * scale + (one - light[3])
+        lx, ly, lz = lx * scale, ly * scale, lz * scale
+        facing = max(nx[i] * lx + ny[i] * ly + nz[i] * lz, zero)
+        # Find the half vector between light and viewer.
+        vx, vy, vz = (
+            toward_viewer[0] - toward_viewer[3] * px[i],
+            toward_viewer[1] - toward_viewer[3] * py[i],
+            toward_viewer[2] - toward_viewer[3] * pz[i],
+        )
+        scale = unit_scale(vx, vy, vz)
+        hx, hy, hz = lx + vx * scale, ly + vy * scale, lz + vz * scale
+        cosine = max((nx[i] * hx + ny[i] * hy + nz[i] * hz) * unit_scale(hx, hy, hz), zero)
+        shine = highlight(min(cosine, one), specular[i], shininess[i], highlights)
+        shine = shine if facing > zero else zero
+        # Add the diffuse and the specular part.
+        arriving = lit[i] * falloff
+        out_red[i] += arriving * light[4] * (red[i] * facing + shine)
+        out_green[i] += arriving * light[5] * (green[i] * facing + shine)
+        out_blue[i] += arriving * light[6] * (blue[i] * facing + shine)
+
+
+@stage
+def light_samples(samples, lighting, toward_viewer):
+    """
+    Turn base colours into seen colours.
+
+    Parameters
+    ----------
+    samples : (SAMPLE_ROWS, N) float32
+        Reads rows RED..LIT, writes rows OUT_RED..OUT_BLUE.
+    lighting : Lighting
+    toward_viewer : (4,) float32
+        A point p, relative to the eye, is seen along ``xyz - w p``.
+    """
+    normalize_rows(samples[NORMAL_X], samples[NORMAL_Y], samples[NORMAL_Z])
+    start_colors(
+        samples[RED], samples[GREEN], samples[BLUE], samples[LIT], lighting.ambient,
+        samples[OUT_RED], samples[OUT_GREEN], samples[OUT_BLUE],
+    )  # fmt: skip
+    for n in range(lighting.lights.shape[0]):
+        add_light(
+            lighting.lights[n], toward_viewer, lighting.highlights,
+            samples[NORMAL_X], samples[NORMAL_Y], samples[NORMAL_Z],
+            samples[POINT_X], samples[POINT_Y], samples[POINT_Z],
+            samples[SPECULAR], samples[SHININESS], samples[LIT],
+            samples[RED], samples[GREEN], samples[BLUE],
+            samples[OUT_RED], samples[OUT_GREEN], samples[OUT_BLUE],
+        )  # fmt: skip

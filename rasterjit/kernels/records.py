@@ -1,0 +1,122 @@
+"""
+The records that cross from the caller into the kernels.
+
+Each is a ``NamedTuple`` of arrays and numbers. A field that is ``None`` is absent: the code that
+would read it is compiled out. Letters: V vertices, E vertices made by clipping, F faces, P pieces
+made by clipping, O objects, L lights.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+
+class Viewport(NamedTuple):
+    """
+    Where normalized device coordinates land, and on which grid.
+
+    ``subpixel_bits`` is the grid that vertices are rounded to, ``grid_bits`` the grid that their
+    coordinates are counted on. They are the same but for 0 sub-pixel bits, where a second unit per
+    pixel is needed to name a pixel's centre.
+    """
+
+    width: int
+    """W, pixels."""
+    height: int
+    """H, pixels."""
+    guard_x: float
+    """Guard band: ``|x| <= guard_x * w`` holds for every vertex that is snapped."""
+    guard_y: float
+    """Guard band in y."""
+    subpixel_bits: int
+    """Vertices are rounded to multiples of ``2**-subpixel_bits`` pixel."""
+    grid_bits: int
+    """Screen coordinates are integers in units of ``2**-grid_bits`` pixel."""
+
+
+class ScreenVertices(NamedTuple):
+    """Vertices on the sub-pixel grid: those of the meshes, then those made by clipping."""
+
+    xy: Any
+    """(V+E, 2) int32, screen, units of ``2**-grid_bits`` pixel."""
+    depth: Any
+    """(V+E,) float64, stored depth: greater is nearer."""
+    codes: Any
+    """(V+E,) uint8, outcodes (see ``setup``)."""
+
+
+class Faces(NamedTuple):
+    """The faces of all objects, and the pieces that stand in for those that were clipped."""
+
+    faces: Any
+    """(F, 3) int32, vertex numbers."""
+    pieces: Any
+    """(P, 3) int32, vertex numbers of the pieces, grouped by source face."""
+    piece_faces: Any
+    """(P,) int32, the face that each piece was cut from, ascending."""
+
+
+class Objects(NamedTuple):
+    """Which faces belong to which object, and which way its front faces turn."""
+
+    face_starts: Any
+    """(O+1,) int64: object ``o`` owns faces ``face_starts[o]:face_starts[o+1]``."""
+    culled_turns: Any
+    """(O,) int8: faces that turn this way on the screen are dropped: +1, -1, or 0 for none."""
+
+
+class Geometry(NamedTuple):
+    """What it takes to find where on a face a sample lies."""
+
+    faces: Any
+    """(F, 3) int32, vertex numbers."""
+    xy: Any
+    """(V+E, 2) int32, snapped screen positions."""
+    codes: Any
+    """(V+E,) uint8, outcodes."""
+    clip_positions: Any
+    """(V, 4) float64."""
+    viewport: Viewport
+
+
+class Placement(NamedTuple):
+    """Where the objects stand, relative to the eye so that nothing is lost far from the origin."""
+
+    face_starts: Any
+    """(O+1,) int64: object ``o`` owns faces ``face_starts[o]:face_starts[o+1]``."""
+    positions: Any
+    """(V, 3) float64, model space."""
+    relative_from_model: Any
+    """(O, 3, 4) float64: world axes, origin at the eye."""
+    normal_matrices: Any
+    """(O, 3, 3) float64: model normals to world axes, up to length."""
+    mirrored: Any
+    """(O,) float64: -1 where the transform turns faces inside out, else 1."""
+    toward_viewer: Any
+    """(4,) float64: a point p, relative to the eye, is seen along ``xyz - w p``."""
+
+
+class Surface(NamedTuple):
+    """What the objects look like."""
+
+    materials: Any
+    """(O, 7) float32: red, green, blue, alpha (linear), specular, shininess, shading model."""
+    vertex_colors: Any
+    """(V, 4) float32, linear | None -> material colour alone."""
+    face_colors: Any
+    """(F, 4) float32, linear | None -> material colour alone."""
+    normals: Any
+    """(V, 3) float32, model space | None -> no smooth shading."""
+    lit_vertices: Any
+    """(V, 2, 3) float32, light on the front and the back of a vertex | None -> no Gouraud."""
+
+
+class Lighting(NamedTuple):
+    """The light that falls on the scene."""
+
+    lights: Any
+    """(L, 7) float32: x, y, z, w, red, green, blue; light comes along ``xyz - w p``."""
+    ambient: Any
+    """(3,) float32, linear."""
+    highlights: Any
+    """Number of objects with a specular highlight | None -> none."""

@@ -1,0 +1,76 @@
+"""
+Turn linear light into sRGB ``uint8``.
+
+Exact: code c stands for the values at or above ``decode((c - 1/2) / 255)``, which is rounding half
+up. A table over equal steps of linear light gives a code that is never too high; from there the
+thresholds are climbed, at most a few. Below zero and NaN give 0, above one gives 255.
+
+References
+----------
+.. [1] IEC 61966-2-1, "Colour measurement and management: sRGB".
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rasterjit.kernels.jit import kernel, stage
+
+TABLE_STEPS = 4096
+"""Steps of the first table: at most one threshold in most of them."""
+
+
+def encoding_tables() -> tuple[np.ndarray, np.ndarray]:
+    """Return (thresholds (257,) float32, first code of each step (TABLE_STEPS + 1,) uint8)."""
+    encoded = (np.arange(257) - 0.5) / 255.0
+    decoded = np.where(
+        encoded <= 0.04045, encoded / 12.92, np.maximum((encoded + 0.055) / 1.055, 0.0) ** 2.4
+    )
+    thresholds = decoded.astype(np.float32)
+    thresholds[0], thresholds[256] = -np.inf, np.inf
+    steps = (np.arange(TABLE_STEPS + 1) / TABLE_STEPS).astype(np.float32)
+    codes = np.searchsorted(thresholds, steps, side="right") - 1
+    return thresholds, codes.astype(np.uint8)
+
+
+@stage
+def encode(value, thresholds, codes):
+    """Return the sRGB code of a linear value, rounded half up."""
+    if not value > np.float32(0.0):
+        return np.uint32(0)
+    if value >= np.float32(1.0):
+        return np.uint32(255)
+    code = np.uint32(codes[np.int64(value * np.float32(TABLE_STEPS))])
+    while value >= thresholds[code + np.uint32(1)]:
+        code += np.uint32(1)
+    return code
+
+
+@stage
+def encode_alpha(value):
+    """Return alpha, which is linear, as a code, rounded half up."""
+    held = min(max(value, np.float32(0.0)), np.float32(1.0))
+    return np.uint32(np.float64(held) * 255.0 + 0.5)
+
+
+@kernel
+def encode_rows(linear, tables, color):
+    """
+    Encode rows of linear colour.
+
+    Parameters
+    ----------
+    linear : (R, W, 4) float32
+    tables : (thresholds (257,) float32, codes (TABLE_STEPS + 1,) uint8)
+    color : (R, W) uint32
+        Writes red, green, blue, alpha from the lowest byte up: RGBA bytes on a little-endian CPU.
+    """
+    thresholds, codes = tables
+    for row in range(linear.shape[0]):
+        for column in range(linear.shape[1]):
+            color[row, column] = (
+                encode(linear[row, column, 0], thresholds, codes)
+                | encode(linear[row, column, 1], thresholds, codes) << np.uint32(8)
+                | encode(linear[row, column, 2], thresholds, codes) << np.uint32(16)
+                | encode_alpha(linear[row, column, 3]) << np.uint32(24)
+            )

@@ -1,0 +1,252 @@
+"""
+Put vertices on the sub-pixel grid, and decide which faces go on.
+
+Screen space is y down; the centre of pixel (column i, row j) lies at (i + 1/2, j + 1/2). A
+vertex is rounded to the grid once, half to even, and everything after (turn, culling, coverage,
+barycentric weights) is integer arithmetic on the rounded coordinates.
+
+Edge function: ``E(a, b, p) = (bx - ax)(py - ay) - (by - ay)(px - ax)``; a triangle with
+``E(a, b, c) > 0`` runs clockwise as seen on the screen.
+
+Bounds. The guard band ends ``GUARD_PIXELS`` beyond each side of an image of at most 16384 pixels,
+so two coordinates differ by less than 2**15 pixels. On a grid of at most 12 bits a difference is
+below 2**27 units, a product of two below 2**54, and an edge function, the difference of two such
+products, below 2**55: int64 holds all of them with 8 bits to spare. ``E >> grid_bits`` is below
+2**47, so its quotients are found exactly by a float64 division (see ``visibility``).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rasterjit.kernels.jit import kernel, stage
+from rasterjit.kernels.records import Faces, Objects, ScreenVertices, Viewport
+
+GUARD_PIXELS = 8192
+"""Width of the guard band around the image, pixels: triangles inside it need no clipping in x, y."""
+
+TILE_BITS = 6
+"""Tiles are squares of 2**6 = 64 pixels: the depth and face numbers of one (32 KiB) fit L1."""
+
+LARGEST_COORDINATE = 1e150
+"""Clip coordinates beyond it are invalid, as NaN is: products of two stay finite in float64."""
+
+LEFT, RIGHT, BOTTOM, TOP, NEAR, FAR = 1, 2, 4, 8, 16, 32
+"""Outcode bits: outside that plane of the view volume ``-w <= x, y, z <= w``."""
+GUARD = 64
+"""Outcode bit: outside the guard band, or not in front of the eye (``w <= 0``)."""
+INVALID = 128
+"""Outcode bit: a coordinate is NaN, infinite, or beyond ``LARGEST_COORDINATE``."""
+FRUSTUM = LEFT | RIGHT | BOTTOM | TOP | NEAR | FAR
+"""A face whose three vertices share one of these bits cannot be seen."""
+CLIPPED = NEAR | FAR | GUARD
+"""A face with one of these bits at any vertex must be cut before the divide."""
+
+ROUNDER = 6755399441055744.0
+"""1.5 * 2**52: adding and subtracting it rounds a float64 below 2**51 half to even."""
+
+
+@stage
+def outcode(x, y, z, w, viewport):
+    """Return the outcode of one clip position; comparisons are written so that NaN is outside."""
+    largest = max(max(abs(x), abs(y)), max(abs(z), abs(w)))
+    if not (largest <= LARGEST_COORDINATE and x == x and y == y and z == z and w == w):
+        return np.uint8(INVALID)
+    code = 0
+    if not x >= -w:
+        code |= LEFT
+    if not x <= w:
+        code |= RIGHT
+    if not y >= -w:
+        code |= BOTTOM
+    if not y <= w:
+        code |= TOP
+    if not z >= -w:
+        code |= NEAR
+    if not z <= w:
+        code |= FAR
+    if not (w > 0.0 and abs(x) <= viewport.guard_x * w and abs(y) <= viewport.guard_y * w):
+        code |= GUARD
+    return np.uint8(code)
+
+
+@stage
+def snap(coordinate, half_extent, viewport):
+    """Return a coordinate in grid units: ``(coordinate + 1) * half_extent`` pixels, rounded."""
+    steps = (coordinate + 1.0) * half_extent * np.float64(1 << viewport.subpixel_bits)
+    rounded = (steps + ROUNDER) - ROUNDER
+    return np.int32(np.int64(rounded) << (viewport.grid_bits - viewport.subpixel_bits))
+
+
+@kernel
+def project_vertices(clip_positions, depth_coefficients, viewport: Viewport, first, screen):
+    """
+    Divide by w, map to the screen and snap.
+
+    Parameters
+    ----------
+    clip_positions : (N, 4) float64, clip space
+    depth_coefficients : (float, float, float)
+        The stored depth is ``(c0 + c1 z + c2 w) / w``; greater is nearer.
+    viewport : Viewport
+    first : int
+        Position ``n`` becomes screen vertex ``first + n``.
+    screen : ScreenVertices
+        Writes rows ``first .. first + N``. A vertex outside the guard band keeps only its outcode:
+        faces that use it are cut first.
+
+    Returns
+    -------
+    int
+        The bits set in any of the outcodes.
+    """
+    c0, c1, c2 = depth_coefficients
+    half_width, half_height = 0.5 * viewport.width, 0.5 * viewport.height
+    seen = 0
+    for n in range(clip_positions.shape[0]):
+        x, y = clip_positions[n, 0], clip_positions[n, 1]
+        z, w = clip_positions[n, 2], clip_positions[n, 3]
+        code = outcode(x, y, z, w, viewport)
+        seen |= code
+        screen.codes[first + n] = code
+        if code & (GUARD | INVALID):
+            continue
+        screen.xy[first + n, 0] = snap(x / w, half_width, viewport)
+        screen.xy[first + n, 1] = snap(-(y / w), half_height, viewport)
+        screen.depth[first + n] = (c0 + c1 * z + c2 * w) / w
+    return seen
+
+
+@stage
+def edge(ax, ay, bx, by, px, py):
+    """Return the edge function of a -> b at p, exactly."""
+    return (bx - ax) * (py - ay) - (by - ay) * (px - ax)
+
+
+@stage
+def edge_bias(ax, ay, bx, by):
+    """Return 0 for a top or left edge and -1 for any other: a tie belongs to top and left."""
+    dx, dy = bx - ax, by - ay
+    if dy < 0 or (dy == 0 and dx > 0):
+        return np.int64(0)
+    return np.int64(-1)
+
+
+@stage
+def first_sample(coordinate, grid_bits):
+    """Return the first pixel whose centre is at or beyond a coordinate."""
+    return (coordinate + (np.int64(1) << (grid_bits - 1)) - 1) >> grid_bits
+
+
+@stage
+def last_sample(coordinate, grid_bits):
+    """Return the last pixel whose centre is at or before a coordinate."""
+    return (coordinate - (np.int64(1) << (grid_bits - 1))) >> grid_bits
+
+
+# Outcomes of ``survey_triangle``; anything else is a survivor.
+SURVIVES, DEGENERATE, CULLED, UNSAMPLED = 0, 1, 2, 3
+
+
+@stage
+def survey_triangle(v0, v1, v2, xy, viewport, culled_turn, box):
+    """Decide whether a triangle can cover a sample; if so write its tile box (x0, y0, x1, y1)."""
+    x0, y0 = np.int64(xy[v0, 0]), np.int64(xy[v0, 1])
+    x1, y1 = np.int64(xy[v1, 0]), np.int64(xy[v1, 1])
+    x2, y2 = np.int64(xy[v2, 0]), np.int64(xy[v2, 1])
+    bits = viewport.grid_bits
+    left = max(first_sample(min(x0, min(x1, x2)), bits), np.int64(0))
+    right = min(last_sample(max(x0, max(x1, x2)), bits), np.int64(viewport.width - 1))
+    top = max(first_sample(min(y0, min(y1, y2)), bits), np.int64(0))
+    bottom = min(last_sample(max(y0, max(y1, y2)), bits), np.int64(viewport.height - 1))
+    area = edge(x0, y0, x1, y1, x2, y2)
+    if area == 0:
+        return DEGENERATE
+    if (area > 0 and culled_turn > 0) or (area < 0 and culled_turn < 0):
+        return CULLED
+    if left > right or top > bottom:
+        return UNSAMPLED
+    box[0] = left >> TILE_BITS
+    box[1] = top >> TILE_BITS
+    box[2] = right >> TILE_BITS
+    box[3] = bottom >> TILE_BITS
+    return SURVIVES
+
+
+@kernel
+def set_up_triangles(
+    face_range, piece_range, faces: Faces, objects: Objects, screen, viewport, survivors, counts
+):
+    """
+    Drop the faces that no sample can see and list the others with the tiles they touch.
+
+    Parameters
+    ----------
+    face_range, piece_range : (int, int)
+        The faces to look at, and the pieces cut from them. A face that was cut is replaced by its
+        pieces, in its place, so survivors ascend by face.
+    faces : Faces
+    objects : Objects
+    screen : ScreenVertices
+    viewport : Viewport
+    survivors : (triangles (T,) int32, boxes (T, 4) uint8)
+        Written from index ``face_range[0] + piece_range[0]``: numbers below F are faces, ``F + p``
+        is piece p; boxes are inclusive tile columns and rows (left, top, right, bottom).
+    counts : (tiles per row, (tiles,) int32, (5,) int64)
+        Adds to the number of survivors for each tile, and to the totals: outside the view volume,
+        degenerate, culled, without a sample, invalid.
+
+    Returns
+    -------
+    int
+        One past the last survivor written.
+    """
+    triangles, boxes = survivors
+    columns, tile_counts, totals = counts
+    face_count = faces.faces.shape[0]
+    end = face_range[0] + piece_range[0]
+    piece = piece_range[0]
+    owner = np.searchsorted(objects.face_starts, face_range[0], side="right") - 1
+    for face in range(face_range[0], face_range[1]):
+        while face >= objects.face_starts[owner + 1]:
+            owner += 1
+        # Reject by outcodes.
+        code0 = screen.codes[faces.faces[face, 0]]
+        code1 = screen.codes[faces.faces[face, 1]]
+        code2 = screen.codes[faces.faces[face, 2]]
+        any_code = code0 | code1 | code2
+        if any_code & INVALID:
+            totals[4] += 1
+            continue
+        if code0 & code1 & code2 & FRUSTUM:
+            totals[0] += 1
+            continue
+        # Take the face itself, or the pieces it was cut into.
+        stop = piece
+        if any_code & CLIPPED:
+            while stop < piece_range[1] and faces.piece_faces[stop] == face:
+                stop += 1
+            if stop == piece:
+                totals[0] += 1
+                continue
+        outcome = UNSAMPLED
+        first = end
+        for part in range(max(stop - piece, 1)):
+            if stop > piece:
+                corners, number = faces.pieces[piece + part], face_count + piece + part
+            else:
+                corners, number = faces.faces[face], face
+            outcome = survey_triangle(
+                corners[0], corners[1], corners[2], screen.xy, viewport,
+                objects.culled_turns[owner], boxes[end],
+            )  # fmt: skip
+            if outcome == SURVIVES:
+                triangles[end] = number
+                for row in range(np.int64(boxes[end, 1]), np.int64(boxes[end, 3]) + 1):
+                    for column in range(np.int64(boxes[end, 0]), np.int64(boxes[end, 2]) + 1):
+                        tile_counts[row * columns + column] += 1
+                end += 1
+        piece = stop
+        if end == first:
+            totals[outcome] += 1
+    return end

@@ -1,0 +1,250 @@
+"""
+Shade each visible sample once: base colour and normal first, then light, row by row.
+
+A row's covered samples are gathered into scratch memory, one row for each quantity (``lighting``),
+interpolated one by one, and lit together by loops that vectorize. What no object of the frame has
+(vertex colours, normals, lights ...) is ``None`` and compiled out.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rasterjit.kernels import lighting as lit
+from rasterjit.kernels.interpolation import (
+    find_object,
+    geometric_normal,
+    interpolate,
+    lowest_first,
+    place,
+    sample_weights,
+    seen_from_behind,
+    smooth_normal,
+)
+from rasterjit.kernels.jit import kernel, stage
+from rasterjit.kernels.records import Geometry, Lighting, Placement, Surface
+
+UNLIT, FLAT, GOURAUD, PHONG = 0, 1, 2, 3
+"""Shading models, as ``Surface.materials`` numbers them."""
+
+MATERIAL_SPECULAR, MATERIAL_SHININESS, MATERIAL_MODEL = 4, 5, 6
+"""Columns of ``Surface.materials`` behind the base colour."""
+
+
+@stage
+def vertex_tint(weights, a, b, c, vertex_colors, tint):
+    """Return the tint times the interpolated vertex colour; the tint itself if there are none."""
+    if vertex_colors is None:
+        return tint
+    return (
+        tint[0] * np.float32(interpolate(
+            weights, vertex_colors[a, 0], vertex_colors[b, 0], vertex_colors[c, 0])),
+        tint[1] * np.float32(interpolate(
+            weights, vertex_colors[a, 1], vertex_colors[b, 1], vertex_colors[c, 1])),
+        tint[2] * np.float32(interpolate(
+            weights, vertex_colors[a, 2], vertex_colors[b, 2], vertex_colors[c, 2])),
+        tint[3] * np.float32(interpolate(
+            weights, vertex_colors[a, 3], vertex_colors[b, 3], vertex_colors[c, 3])),
+    )  # fmt: skip
+
+
+@stage
+def face_tint(face, face_colors, tint):
+    """Return the tint times the face's colour; the tint itself if there are none."""
+    if face_colors is None:
+        return tint
+    return (
+        tint[0] * face_colors[face, 0],
+        tint[1] * face_colors[face, 1],
+        tint[2] * face_colors[face, 2],
+        tint[3] * face_colors[face, 3],
+    )
+
+
+@stage
+def shading_normal(weights, a, b, c, model, normals, matrix, facing):
+    """Return the normal to shade with: the face's own unless the object is smooth."""
+    if normals is None:
+        return facing
+    if model == PHONG:
+        return smooth_normal(weights, a, b, c, normals, matrix)
+    return facing
+
+
+@stage
+def gouraud_light(weights, a, b, c, behind, model, lit_vertices, tint):
+    """Return the colour with the light of the vertices, if the object is shaded by Gouraud."""
+    if lit_vertices is None:
+        return tint
+    if model != GOURAUD:
+        return tint
+    side = 1 if behind else 0
+    return (
+        np.float32(interpolate(
+            weights, lit_vertices[a, side, 0], lit_vertices[b, side, 0], lit_vertices[c, side, 0])),
+        np.float32(interpolate(
+            weights, lit_vertices[a, side, 1], lit_vertices[b, side, 1], lit_vertices[c, side, 1])),
+        np.float32(interpolate(
+            weights, lit_vertices[a, side, 2], lit_vertices[b, side, 2], lit_vertices[c, side, 2])),
+        tint[3],
+    )  # fmt: skip
+
+
+@stage
+def gather_normal(
+    samples, n, weights, a, b, c, owner, placement, surface, lighting
+):
+    """Write normal, position and highlight of one sample; nothing if there is no light."""
+    if lighting is None:
+        return False
+    model = np.int64(surface.materials[owner, MATERIAL_MODEL])
+    pa, pb, pc = place(a, owner, placement), place(b, owner, placement), place(c, owner, placement)
+    facing = geometric_normal(pa, pb, pc, placement.mirrored[owner])
+    behind = seen_from_behind(facing, pa, placement.toward_viewer)
+    side = -1.0 if behind else 1.0
+    normal = shading_normal(
+        weights, a, b, c, model, surface.normals, placement.normal_matrices[owner], facing
+    )
+    at = weights
+    if model == FLAT:
+        at = (1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0)
+    length = np.sqrt(normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2)
+    scale = side / length if length > 0.0 else 0.0
+    samples[lit.NORMAL_X, n] = scale * normal[0]
+    samples[lit.NORMAL_Y, n] = scale * normal[1]
+    samples[lit.NORMAL_Z, n] = scale * normal[2]
+    samples[lit.POINT_X, n] = interpolate(at, pa[0], pb[0], pc[0])
+    samples[lit.POINT_Y, n] = interpolate(at, pa[1], pb[1], pc[1])
+    samples[lit.POINT_Z, n] = interpolate(at, pa[2], pb[2], pc[2])
+    samples[lit.SPECULAR, n] = surface.materials[owner, MATERIAL_SPECULAR]
+    samples[lit.SHININESS, n] = surface.materials[owner, MATERIAL_SHININESS]
+    samples[lit.LIT, n] = 1.0 if model == FLAT or model == PHONG else 0.0
+    return behind
+
+
+@stage
+def gather_sample(samples, n, face, owner, column, row, geometry, placement, surface, lighting):
+    """Interpolate everything that shading one sample needs."""
+    a, b, c = lowest_first(geometry.faces[face])
+    weights = sample_weights(a, b, c, column, row, geometry)
+    material = surface.materials[owner]
+    tint = (material[0], material[1], material[2], material[3])
+    tint = face_tint(face, surface.face_colors, tint)
+    tint = vertex_tint(weights, a, b, c, surface.vertex_colors, tint)
+    behind = gather_normal(
+        samples, n, weights, a, b, c, owner, placement, surface, lighting
+    )
+    model = np.int64(material[MATERIAL_MODEL])
+    tint = gouraud_light(weights, a, b, c, behind, model, surface.lit_vertices, tint)
+    samples[lit.RED, n] = tint[0]
+    samples[lit.GREEN, n] = tint[1]
+    samples[lit.BLUE, n] = tint[2]
+    samples[lit.ALPHA, n] = tint[3]
+
+
+@stage
+def light_row(samples, lighting, toward_viewer):
+    """Light the gathered samples; without light the base colour is what is seen."""
+    if lighting is None:
+        for k in range(3):
+            samples[lit.OUT_RED + k, :] = samples[lit.RED + k, :]
+    else:
+        lit.light_samples(samples, lighting, toward_viewer)
+
+
+@kernel
+def shade_rows(
+    face_id, first_row, geometry: Geometry, placement: Placement, surface: Surface,
+    lighting: Lighting | None, background, linear,
+):  # fmt: skip
+    """
+    Write the linear colour of some rows of the frame.
+
+    Parameters
+    ----------
+    face_id : (R, W) int32
+        The visible faces of these rows.
+    first_row : int
+        Where they lie in the frame.
+    geometry, placement, surface : records
+    lighting : Lighting or None
+        ``None``: every object shows its own colour.
+    background : (4,) float32, linear
+    linear : (R, W, 4) float32
+        Written: red, green, blue in linear light, and alpha (1 where there is a face).
+    """
+    rows, columns = face_id.shape
+    scratch = np.empty((lit.SAMPLE_ROWS, columns), np.float32)
+    where = np.empty(columns, np.int32)
+    toward_viewer = placement.toward_viewer.astype(np.float32)
+    owner = np.int64(0)
+    for row in range(rows):
+        # List the covered samples of the row and gather what they need.
+        count = 0
+        for column in range(columns):
+            face = np.int64(face_id[row, column])
+            if face < 0:
+                for k in range(4):
+                    linear[row, column, k] = background[k]
+                continue
+            owner = find_object(face, placement.face_starts, owner)
+            gather_sample(
+                scratch, count, face, owner, column, first_row + row, geometry, placement,
+                surface, lighting,
+            )  # fmt: skip
+            where[count] = column
+            count += 1
+        # Light them together and put them back in their places.
+        samples = scratch[:, :count]
+        light_row(samples, lighting, toward_viewer)
+        for n in range(count):
+            for k in range(3):
+                linear[row, where[n], k] = samples[lit.OUT_RED + k, n]
+            linear[row, where[n], 3] = 1.0
+
+
+@kernel
+def light_vertices(
+    vertices, owner, placement: Placement, surface: Surface, lighting: Lighting, lit_vertices
+):
+    """
+    Light the vertices of one object, for Gouraud shading.
+
+    Parameters
+    ----------
+    vertices : (int, int)
+        The object's first vertex, and one past its last.
+    owner : int
+        The object.
+    placement, surface, lighting : records
+        ``surface.normals`` is present; ``surface.face_colors`` has no part in it.
+    lit_vertices : (V, 2, 3) float32
+        Writes the linear colour of these vertices, for a viewer in front and one behind.
+    """
+    first, stop = vertices
+    samples = np.empty((lit.SAMPLE_ROWS, stop - first), np.float32)
+    toward_viewer = placement.toward_viewer.astype(np.float32)
+    material = surface.materials[owner]
+    tint = (material[0], material[1], material[2], material[3])
+    for side in range(2):
+        for n in range(stop - first):
+            vertex = first + n
+            only = (1.0, 0.0, 0.0)
+            point = place(vertex, owner, placement)
+            normal = smooth_normal(
+                only, vertex, vertex, vertex, surface.normals, placement.normal_matrices[owner]
+            )
+            length = np.sqrt(normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2)
+            scale = (1.0 - 2.0 * side) / length if length > 0.0 else 0.0
+            color = vertex_tint(only, vertex, vertex, vertex, surface.vertex_colors, tint)
+            for k in range(3):
+                samples[lit.RED + k, n] = color[k]
+                samples[lit.NORMAL_X + k, n] = scale * normal[k]
+                samples[lit.POINT_X + k, n] = point[k]
+            samples[lit.SPECULAR, n] = material[MATERIAL_SPECULAR]
+            samples[lit.SHININESS, n] = material[MATERIAL_SHININESS]
+            samples[lit.LIT, n] = 1.0
+        lit.light_samples(samples, lighting, toward_viewer)
+        for n in range(stop - first):
+            for k in range(3):
+                lit_vertices[first + n, side, k] = samples[lit.OUT_RED + k, n]

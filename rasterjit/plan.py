@@ -1,0 +1,406 @@
+"""
+Decide, from the scene, the camera and the outputs, what a frame needs; all else is ``None``.
+
+This is the only place that decides, and the border to the kernels: the arrays that they read are
+cast and joined here, once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit import transforms
+from rasterjit.kernels import shading
+from rasterjit.kernels.records import Lighting, Objects, Surface, Viewport
+from rasterjit.kernels.setup import GUARD_PIXELS
+from rasterjit.scene.camera import Camera
+from rasterjit.scene.color import linear_color
+from rasterjit.scene.light import AmbientLight, DirectionalLight, PointLight
+from rasterjit.scene.mesh import Mesh
+from rasterjit.scene.quality import Quality
+from rasterjit.scene.scene import Node, Scene, Wireframe
+from rasterjit.validation import image_size, one_of
+
+OUTPUTS = (
+    "color", "depth", "face_id", "object_id", "barycentric", "uv", "normal", "position", "linear",
+)  # fmt: skip
+"""What a frame can hold."""
+
+CULL_MODES = ("none", "back", "front")
+
+MODELS = {
+    "unlit": shading.UNLIT,
+    "flat": shading.FLAT,
+    "gouraud": shading.GOURAUD,
+    "phong": shading.PHONG,
+}
+
+HEADLIGHT_DIRECTION = (-0.3, -0.5, -1.0)
+"""Direction of the default light in view space: over the viewer's right shoulder."""
+HEADLIGHT_INTENSITY = 0.9
+HEADLIGHT_AMBIENT = 0.1
+"""The default light's two parts add up to 1, so a white surface facing it is white."""
+
+
+class _WritableView:
+    """Shows the memory of a read-only array to NumPy as writable, and keeps it alive."""
+
+    def __init__(self, array: NDArray[Any]) -> None:
+        self.array = array
+        interface = dict(array.__array_interface__)
+        interface["data"] = (interface["data"][0], False)
+        self.__array_interface__ = interface
+
+
+class Effect(NamedTuple):
+    """One thing that a frame may need, and why it does or does not."""
+
+    name: str
+    used: bool
+    reason: str
+
+
+@dataclass(frozen=True)
+class RenderPlan:
+    """
+    What one frame consists of; prints as a table.
+
+    Attributes
+    ----------
+    size : (int, int)
+        Width and height, pixels.
+    outputs : tuple of str
+    effects : tuple of Effect
+        What is in and what is out, with the reason.
+    """
+
+    size: tuple[int, int]
+    camera: Camera
+    quality: Quality
+    outputs: tuple[str, ...]
+    background: NDArray[np.float32]
+    cull: str
+    wireframe: Wireframe | None
+    draws_faces: bool
+    lighting: Lighting | None
+    needs_normals: bool
+    needs_gouraud: bool
+    effects: tuple[Effect, ...]
+
+    @property
+    def shades(self) -> bool:
+        """Whether any output needs colour."""
+        return "color" in self.outputs or "linear" in self.outputs
+
+    def __str__(self) -> str:
+        width, height = self.size
+        rows = [
+            ("size", f"{width} x {height} pixels"),
+            ("outputs", ", ".join(self.outputs)),
+            ("sub-pixel bits", str(self.quality.subpixel_bits)),
+            ("culling", self.cull),
+        ]
+        rows += [
+            (effect.name, f"{'in ' if effect.used else 'out'} ({effect.reason})")
+            for effect in self.effects
+        ]
+        widest = max(len(name) for name, _ in rows)
+        return "\n".join(f"{name:<{widest}}  {text}" for name, text in rows)
+
+
+def plan_render(
+    scene: Scene,
+    camera: Camera,
+    size: tuple[int, int],
+    quality: Quality,
+    outputs: Sequence[str],
+    background: Any,
+    cull: str,
+) -> RenderPlan:
+    """
+    Check the arguments of a frame and decide what it needs.
+
+    Raises
+    ------
+    ValueError
+        Naming the argument that is wrong.
+    """
+    size = image_size("size", size)
+    outputs = check_outputs(outputs)
+    one_of("cull", cull, CULL_MODES)
+    if not isinstance(quality, Quality):
+        raise ValueError(f"quality must be a rasterjit.Quality, got {type(quality).__name__}")
+    if not scene.nodes:
+        raise ValueError("scene must hold at least one mesh, got an empty scene")
+    colored = "color" in outputs or "linear" in outputs
+    models = {node.mesh.material.shading for node in scene.nodes}
+    draws_faces = scene.wireframe is None or scene.wireframe.mode == "overlay"
+    shades = colored and draws_faces
+    is_lit = shades and models != {"unlit"}
+    smooth = {"gouraud", "phong"} & models
+    any_uv = any(node.mesh.uv is not None for node in scene.nodes)
+    if "uv" in outputs and not any_uv:
+        raise ValueError("outputs has 'uv', but no mesh of the scene has texture coordinates")
+    effects = (
+        Effect("shading", shades, _shading_reason(colored, draws_faces, models)),
+        Effect("lights", is_lit, _light_reason(scene, is_lit)),
+        Effect(
+            "smooth normals",
+            bool(smooth) and (is_lit or "normal" in outputs),
+            "shading " + ", ".join(sorted(smooth)) if smooth else "no object is smooth",
+        ),
+        Effect(
+            "wireframe",
+            scene.wireframe is not None and colored,
+            f"mode {scene.wireframe.mode}" if scene.wireframe else "scene.wireframe is None",
+        ),
+    )
+    return RenderPlan(
+        size=size,
+        camera=camera,
+        quality=quality,
+        outputs=outputs,
+        background=linear_color("background", background),
+        cull=cull,
+        wireframe=scene.wireframe if colored else None,
+        draws_faces=draws_faces,
+        lighting=_lighting(scene, camera) if is_lit else None,
+        needs_normals=effects[2].used,
+        needs_gouraud=is_lit and "gouraud" in models,
+        effects=effects,
+    )
+
+
+def check_outputs(outputs: Sequence[str]) -> tuple[str, ...]:
+    """Return the outputs without repeats, or raise ``ValueError`` naming one that is unknown."""
+    if isinstance(outputs, str):
+        outputs = (outputs,)
+    if not outputs:
+        raise ValueError(f"outputs must name at least one of {', '.join(OUTPUTS)}; got none")
+    for output in outputs:
+        if output not in OUTPUTS:
+            raise ValueError(
+                f"outputs has {output!r}, which is unknown; possible are {', '.join(OUTPUTS)}"
+            )
+    return tuple(dict.fromkeys(outputs))
+
+
+def viewport_of(size: tuple[int, int], subpixel_bits: int) -> Viewport:
+    """Return the viewport record of an image (width, height), with its guard band."""
+    width, height = size
+    return Viewport(
+        width,
+        height,
+        1.0 + 2.0 * GUARD_PIXELS / width,
+        1.0 + 2.0 * GUARD_PIXELS / height,
+        subpixel_bits,
+        max(subpixel_bits, 1),
+    )
+
+
+class SceneArrays(NamedTuple):
+    """The meshes of a scene, joined into one; a scene of one mesh is joined without a copy."""
+
+    positions: NDArray[np.float64]
+    """(V, 3), model space."""
+    faces: NDArray[np.int32]
+    """(F, 3), vertex numbers."""
+    vertex_starts: NDArray[np.int64]
+    """(O+1,): object ``o`` owns vertices ``vertex_starts[o]:vertex_starts[o+1]``."""
+    face_starts: NDArray[np.int64]
+    """(O+1,): object ``o`` owns faces ``face_starts[o]:face_starts[o+1]``."""
+
+
+def join_geometry(meshes: Sequence[Mesh]) -> SceneArrays:
+    """Join positions and faces; faces are renumbered."""
+    vertex_starts = np.cumsum([0] + [len(mesh.vertices) for mesh in meshes], dtype=np.int64)
+    face_starts = np.cumsum([0] + [len(mesh.faces) for mesh in meshes], dtype=np.int64)
+    if max(vertex_starts[-1], face_starts[-1]) >= 2**31 - 2**28:
+        raise ValueError(
+            f"scene must have fewer than {2**31 - 2**28} vertices and faces in all, got "
+            f"{vertex_starts[-1]} and {face_starts[-1]}"
+        )
+    if len(meshes) == 1:
+        positions, faces = _writable(meshes[0].vertices), _writable(meshes[0].faces)
+    else:
+        positions = np.concatenate([mesh.vertices for mesh in meshes])
+        faces = np.concatenate(
+            [mesh.faces + np.int32(first) for mesh, first in zip(meshes, vertex_starts, strict=False)]
+        )
+    return SceneArrays(positions, faces, vertex_starts, face_starts)
+
+
+def join_normals(meshes: Sequence[Mesh]) -> NDArray[np.float32]:
+    """Join the vertex normals of the smooth objects, (V, 3); zero for the others."""
+    return _join(
+        [
+            mesh.vertex_normals() if mesh.material.shading in ("gouraud", "phong") else None
+            for mesh in meshes
+        ],
+        [len(mesh.vertices) for mesh in meshes],
+        np.zeros(3, np.float32),
+    )
+
+
+def join_uv(meshes: Sequence[Mesh]) -> NDArray[np.float32]:
+    """Join the texture coordinates, (V, 2); NaN where an object has none."""
+    return _join(
+        [mesh.uv for mesh in meshes],
+        [len(mesh.vertices) for mesh in meshes],
+        np.full(2, np.nan, np.float32),
+    )
+
+
+def join_surface(meshes: Sequence[Mesh], normals: NDArray[np.float32] | None) -> Surface:
+    """Join what the objects look like; a kind of colour that no object has is ``None``."""
+    materials = np.array(
+        [
+            (
+                *mesh.material.base_color,
+                mesh.material.specular,
+                mesh.material.shininess,
+                MODELS[mesh.material.shading],
+            )
+            for mesh in meshes
+        ],
+        np.float32,
+    )
+    white = np.ones(4, np.float32)
+    vertex_colors = face_colors = None
+    if any(mesh.vertex_colors is not None for mesh in meshes):
+        vertex_colors = _join(
+            [mesh.vertex_colors for mesh in meshes], [len(mesh.vertices) for mesh in meshes], white
+        )
+    if any(mesh.face_colors is not None for mesh in meshes):
+        face_colors = _join(
+            [mesh.face_colors for mesh in meshes], [len(mesh.faces) for mesh in meshes], white
+        )
+    return Surface(materials, vertex_colors, face_colors, normals, None)
+
+
+class Views(NamedTuple):
+    """The matrices of all objects, relative to the eye so that nothing is lost far from it."""
+
+    relative_from_model: NDArray[np.float64]
+    """(O, 4, 4): world axes, origin at the eye."""
+    clip_from_relative: NDArray[np.float64]
+    """(4, 4)."""
+    normal_matrices: NDArray[np.float64]
+    """(O, 3, 3)."""
+    mirrored: NDArray[np.float64]
+    """(O,): -1 where the transform turns faces inside out, else 1."""
+    toward_viewer: NDArray[np.float64]
+    """(4,): a point p, relative to the eye, is seen along ``xyz - w p``."""
+    screen_turn: int
+    """1 if the camera shows counter-clockwise faces counter-clockwise, -1 if it mirrors."""
+
+
+def view_nodes(nodes: Sequence[Node], camera: Camera, size: tuple[int, int]) -> Views:
+    """Return the matrices that take each object to the screen."""
+    eye = camera.eye_position()
+    relative_from_model = np.stack([node.world_from_model for node in nodes])
+    relative_from_model[:, :3, 3] -= eye
+    view_from_relative = transforms.compose(camera.view_matrix(), transforms.translate(eye))
+    clip_from_view = camera.projection_matrix(size)
+    linear = relative_from_model[:, :3, :3]
+    determinants = np.linalg.det(linear)
+    is_perspective = bool(clip_from_view[3, :3].any())
+    toward_viewer = np.array([0.0, 0.0, 0.0, 1.0])
+    away = clip_from_view[3, :3]
+    if not is_perspective:
+        # Depth grows with z in clip space; the viewer is the other way.
+        away = clip_from_view[2, :3]
+        toward_viewer[:3] = -(away @ view_from_relative[:3, :3])
+        toward_viewer[3] = 0.0
+    screen_axes = np.stack([clip_from_view[0, :3], clip_from_view[1, :3], away])
+    handedness = np.linalg.det(screen_axes) * np.linalg.det(view_from_relative[:3, :3])
+    return Views(
+        relative_from_model,
+        transforms.compose(clip_from_view, view_from_relative),
+        np.stack([transforms.normal_matrix(matrix) for matrix in relative_from_model]),
+        np.where(determinants < 0.0, -1.0, 1.0),
+        toward_viewer,
+        1 if handedness < 0.0 else -1,
+    )
+
+
+def cull_objects(cull: str, views: Views, face_starts: NDArray[np.int64]) -> Objects:
+    """Return which way the faces of each object turn that are dropped (+1: clockwise)."""
+    sign = {"none": 0, "back": 1, "front": -1}[cull] * views.screen_turn
+    return Objects(face_starts, (sign * views.mirrored).astype(np.int8))
+
+
+def _lighting(scene: Scene, camera: Camera) -> Lighting:
+    """Return the lights as rows, relative to the eye; none in the scene means a headlight."""
+    lights = list(scene.lights)
+    if not lights:
+        world_from_view = np.linalg.inv(camera.view_matrix()[:3, :3])
+        lights = [
+            DirectionalLight(world_from_view @ HEADLIGHT_DIRECTION, intensity=HEADLIGHT_INTENSITY),
+            AmbientLight(intensity=HEADLIGHT_AMBIENT),
+        ]
+    eye = camera.eye_position()
+    rows, ambient = [], np.zeros(3)
+    for light in lights:
+        color = np.array(light.color) * light.intensity
+        if isinstance(light, AmbientLight):
+            ambient += color
+        elif isinstance(light, PointLight):
+            rows.append((*(np.array(light.position) - eye), 1.0, *color))
+        else:
+            rows.append((*(-np.array(light.direction)), 0.0, *color))
+    shiny = [n.mesh.material for n in scene.nodes if n.mesh.material.shading != "unlit"]
+    highlights = sum(material.specular > 0.0 for material in shiny)
+    return Lighting(
+        np.array(rows, np.float32).reshape(-1, 7),
+        ambient.astype(np.float32),
+        np.int64(highlights) if highlights else None,
+    )
+
+
+def _shading_reason(colored: bool, draws_faces: bool, models: set[str]) -> str:
+    """Say why faces are shaded or not."""
+    if not colored:
+        return "no output shows colour"
+    if not draws_faces:
+        return "only the wireframe is drawn"
+    return ", ".join(sorted(models))
+
+
+def _light_reason(scene: Scene, is_lit: bool) -> str:
+    """Say what lights the scene, or why nothing needs to."""
+    if not is_lit:
+        return "nothing is shaded, or every material is unlit"
+    if not scene.lights:
+        return "a headlight, for the scene has no lights"
+    kinds = [type(light).__name__ for light in scene.lights]
+    return ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds))
+
+
+def _join(
+    arrays: Sequence[NDArray[np.float32] | None], counts: Sequence[int], fill: NDArray[np.float32]
+) -> NDArray[np.float32]:
+    """Join arrays row by row, with ``fill`` for the rows of one that is absent."""
+    if len(arrays) == 1 and arrays[0] is not None:
+        return _writable(arrays[0])
+    return np.concatenate(
+        [
+            np.broadcast_to(fill, (count, len(fill))) if array is None else array
+            for array, count in zip(arrays, counts, strict=True)
+        ]
+    )
+
+
+def _writable(array: NDArray[Any]) -> NDArray[Any]:
+    """
+    Return the array in the one layout that kernels are compiled for, without a copy if it can be.
+
+    A read-only array is a type of its own to Numba; kernels never write to a mesh, so it is passed
+    as a writable view of the same memory.
+    """
+    return array if array.flags.writeable else np.asarray(_WritableView(array))

@@ -1,0 +1,120 @@
+"""The visibility stage alone, for people who bring their own geometry and shading."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rasterjit import stages
+from rasterjit.kernels.records import Geometry, Objects
+from rasterjit.plan import CULL_MODES, viewport_of
+from rasterjit.scene.mesh import face_array
+from rasterjit.scene.quality import Quality
+from rasterjit.validation import image_size, one_of
+
+DEPTH_MODES = ("standard", "reversed")
+
+
+class Visibility:
+    """
+    Which face each pixel shows, and where on it.
+
+    Attributes
+    ----------
+    face_id : (H, W) int32
+        -1 where nothing is.
+    depth : (H, W) float32
+        NDC z as given, z / w; ``inf`` where nothing is.
+    totals : Totals
+        What became of the faces.
+    """
+
+    def __init__(self, coverage: stages.Coverage, geometry: Geometry, sign: float) -> None:
+        self.face_id: NDArray[np.int32] = coverage.face_id
+        self.totals = coverage.totals
+        self.depth: NDArray[np.float32] = np.where(
+            coverage.face_id >= 0, np.float32(sign) * coverage.depth, np.float32(np.inf)
+        )
+        self._geometry = geometry
+
+    @cached_property
+    def barycentric(self) -> NDArray[np.float32]:
+        """
+        Return the weights of the face's own three vertices, clipped or not.
+
+        (H, W, 3) float32, perspective-correct, 0 where nothing is. Computed when first read.
+        """
+        return stages.fill_barycentric(self.face_id, self._geometry, stages.Workers(1))
+
+
+def rasterize(
+    clip_positions: ArrayLike,
+    faces: ArrayLike,
+    size: tuple[int, int],
+    *,
+    cull: str = "none",
+    depth: str = "standard",
+    quality: Quality | None = None,
+    threads: int | None = None,
+) -> Visibility:
+    """
+    Find the visible face at every pixel.
+
+    Parameters
+    ----------
+    clip_positions : (V, 4) array_like, clip space
+        OpenGL's view volume ``-w <= x, y, z <= w``; y points up. Faces with a vertex that is NaN,
+        infinite or beyond 1e150 are left out.
+    faces : (F, 3) array_like of int, vertex numbers
+    size : (int, int)
+        Width and height, pixels, each in 1..16384.
+    cull : {"none", "back", "front"}
+        Counter-clockwise on the screen is the front.
+    depth : {"standard", "reversed"}
+        Whether the smaller or the larger z / w is nearer.
+    quality : Quality, optional
+        Default ``Quality.standard()``.
+    threads : int, optional
+        Default: all processors. The result has the same bits for any number.
+
+    Returns
+    -------
+    Visibility
+
+    Raises
+    ------
+    ValueError
+        If an argument has a wrong shape or value, or a face points outside the vertices.
+    """
+    width_height = image_size("size", size)
+    one_of("cull", cull, CULL_MODES)
+    one_of("depth", depth, DEPTH_MODES)
+    positions = _clip_array(clip_positions)
+    face_numbers = face_array(faces, len(positions))
+    viewport = viewport_of(width_height, (quality or Quality.standard()).subpixel_bits)
+    turn = {"none": 0, "back": 1, "front": -1}[cull]
+    objects = Objects(np.array([0, len(face_numbers)], np.int64), np.array([turn], np.int8))
+    sign = -1.0 if depth == "standard" else 1.0
+    workers = stages.Workers(threads)
+    coverage = stages.find_visible(
+        positions, face_numbers, objects, (0.0, sign, 0.0), viewport, workers, lambda stage: None
+    )
+    workers.close()
+    geometry = Geometry(
+        face_numbers, coverage.screen.xy, coverage.screen.codes, positions, viewport
+    )
+    return Visibility(coverage, geometry, sign)
+
+
+def _clip_array(value: Any) -> NDArray[np.float64]:
+    """Return clip positions as the kernels take them, or raise ``ValueError``."""
+    try:
+        positions = np.array(value, dtype=np.float64, order="C")
+    except (TypeError, ValueError):
+        raise ValueError(f"clip_positions must be an array of numbers, got {value!r}") from None
+    if positions.ndim != 2 or positions.shape[1] != 4:
+        raise ValueError(f"clip_positions must have shape (V, 4), got {positions.shape}")
+    return positions

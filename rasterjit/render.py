@@ -1,0 +1,380 @@
+"""
+The main path: a scene and a camera become a frame, one line for each stage.
+
+See ``Renderer.render``; the stages themselves are in ``stages`` and ``kernels``.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit import plan as planning
+from rasterjit import stages
+from rasterjit.frame import Frame, Stats
+from rasterjit.io.meshes import as_scene
+from rasterjit.kernels import interpolation
+from rasterjit.kernels.jit import COMPILE_CLOCK
+from rasterjit.kernels.records import Geometry, Placement
+from rasterjit.plan import RenderPlan, SceneArrays, Views
+from rasterjit.scene.camera import Camera, fit_camera
+from rasterjit.scene.color import linear_to_srgb
+from rasterjit.scene.mesh import Mesh
+from rasterjit.scene.quality import Quality
+from rasterjit.scene.scene import Scene
+from rasterjit.validation import image_size
+
+
+def render(
+    what: Any,
+    camera: Camera | None = None,
+    *,
+    size: tuple[int, int] = (1280, 720),
+    quality: Quality | None = None,
+    outputs: Sequence[str] = ("color",),
+    background: Any = "white",
+    cull: str = "none",
+    threads: int | None = None,
+) -> Frame:
+    """
+    Render one frame.
+
+    Parameters
+    ----------
+    what : Scene, Mesh, trimesh.Trimesh or trimesh.Scene
+    camera : Camera, optional
+        Default: the scene's own camera, else one that fits the scene.
+    size : (int, int)
+        Width and height, pixels, each in 1..16384.
+    quality : Quality, optional
+        Default ``Quality.standard()``.
+    outputs : sequence of str
+        Any of color, depth, face_id, object_id, barycentric, uv, normal, position, linear.
+    background : color
+        ``"white"``, ``"#rrggbb"``, ``"transparent"``, or linear floats (see ``linear_color``).
+    cull : {"none", "back", "front"}
+        Faces that are dropped. Counter-clockwise is the front.
+    threads : int, optional
+        Default: all processors. The frame has the same bits for any number.
+
+    Returns
+    -------
+    Frame
+
+    Raises
+    ------
+    ValueError
+        Naming the argument that is wrong, before any kernel runs.
+    """
+    with Renderer(size, quality=quality, threads=threads) as renderer:
+        return renderer.render(what, camera, outputs=outputs, background=background, cull=cull)
+
+
+def explain(
+    what: Any,
+    camera: Camera | None = None,
+    quality: Quality | None = None,
+    *,
+    size: tuple[int, int] = (1280, 720),
+    outputs: Sequence[str] = ("color",),
+    background: Any = "white",
+    cull: str = "none",
+) -> RenderPlan:
+    """
+    Say what a render of these arguments would do, without doing it.
+
+    Takes the arguments of `render`; the plan prints as a table.
+
+    Raises
+    ------
+    ValueError
+        Naming the argument that is wrong.
+    """
+    scene = as_scene(what)
+    size = image_size("size", size)
+    camera = choose_camera(scene, camera, size)
+    quality = Quality.standard() if quality is None else quality
+    return planning.plan_render(scene, camera, size, quality, outputs, background, cull)
+
+
+def choose_camera(scene: Scene, camera: Camera | None, size: tuple[int, int]) -> Camera:
+    """Return the camera given, else the scene's own, else one that fits the scene."""
+    if camera is None:
+        camera = scene.camera
+    if camera is None:
+        return fit_camera(scene, aspect=size[0] / size[1])
+    if not hasattr(camera, "projection_matrix"):
+        raise ValueError(
+            "camera must be a PerspectiveCamera, OrthographicCamera or MatrixCamera, got "
+            f"{type(camera).__name__}"
+        )
+    return camera
+
+
+class StageClock:
+    """Notes how long each stage took; compiling is taken out of the stages and noted apart."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {"compile": 0.0}
+        self._since = time.perf_counter()
+        self._compiled = COMPILE_CLOCK.seconds
+
+    def __call__(self, stage: str) -> None:
+        """End a stage."""
+        now, compiled = time.perf_counter(), COMPILE_CLOCK.seconds
+        compiling = compiled - self._compiled
+        self.seconds["compile"] += compiling
+        self.seconds[stage] = self.seconds.get(stage, 0.0) + now - self._since - compiling
+        self._since, self._compiled = now, compiled
+
+
+class Renderer:
+    """
+    Renders frames of one size, keeping threads and joined meshes between them.
+
+    Parameters
+    ----------
+    size : (int, int)
+        Width and height, pixels, each in 1..16384.
+    quality : Quality, optional
+        Default ``Quality.standard()``.
+    threads : int, optional
+        Default: all processors this process may run on.
+
+    Raises
+    ------
+    ValueError
+        If the size or the number of threads is wrong.
+    """
+
+    def __init__(
+        self, size: tuple[int, int], *, quality: Quality | None = None, threads: int | None = None
+    ) -> None:
+        self.size = image_size("size", size)
+        self.quality = Quality.standard() if quality is None else quality
+        if threads is not None and (isinstance(threads, bool) or not 1 <= threads <= 1024):
+            raise ValueError(f"threads must be a whole number in 1..1024, got {threads!r}")
+        self._workers = stages.Workers(threads)
+        self._joined: tuple[list[Mesh], SceneArrays] | None = None
+
+    def __enter__(self) -> Renderer:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Let the threads go; a later render starts them again."""
+        self._workers.close()
+
+    def render(
+        self,
+        what: Any,
+        camera: Camera | None = None,
+        *,
+        outputs: Sequence[str] = ("color",),
+        background: Any = "white",
+        cull: str = "none",
+    ) -> Frame:
+        """
+        Render one frame; takes what `rasterjit.render` takes.
+
+        Returns
+        -------
+        Frame
+            Its arrays are its own: the next render does not touch them.
+
+        Raises
+        ------
+        ValueError
+            Naming the argument that is wrong, before any kernel runs.
+        """
+        clock, workers = StageClock(), self._workers
+        scene = as_scene(what)
+        camera = choose_camera(scene, camera, self.size)
+        plan = planning.plan_render(
+            scene, camera, self.size, self.quality, outputs, background, cull
+        )
+        meshes = [node.mesh for node in scene.nodes]
+        arrays = self._join(meshes)
+        views = planning.view_nodes(scene.nodes, camera, self.size)
+        viewport = planning.viewport_of(self.size, self.quality.subpixel_bits)
+        objects = planning.cull_objects(cull, views, arrays.face_starts)
+        coefficients = camera.depth_coefficients()
+        clock("plan")
+        clip_positions = stages.transform(
+            arrays.positions, arrays.vertex_starts, views.relative_from_model,
+            views.clip_from_relative, workers,
+        )  # fmt: skip
+        clock("transform")
+        coverage = stages.find_visible(
+            clip_positions, arrays.faces, objects, coefficients, viewport, workers, clock
+        )
+        geometry = Geometry(
+            arrays.faces, coverage.screen.xy, coverage.screen.codes, clip_positions, viewport
+        )
+        placement = _placement(arrays, views)
+        normals = planning.join_normals(meshes) if plan.needs_normals else None
+        result = _shade(plan, meshes, arrays, geometry, placement, coverage, normals, workers)
+        clock("shade, resolve")
+        if plan.wireframe is not None:
+            _draw_wireframe(plan, arrays, geometry, coefficients, coverage, result)
+            clock("wireframe")
+        _fill_buffers(plan, meshes, geometry, placement, coverage, normals, result, workers)
+        clock("buffers")
+        stats = _stats(coverage, clock.seconds)
+        return Frame({name: result[name] for name in plan.outputs}, plan, stats)
+
+    def _join(self, meshes: list[Mesh]) -> SceneArrays:
+        """Return the joined geometry, that of the last frame if the meshes are the same."""
+        if self._joined is not None:
+            known, arrays = self._joined
+            if len(known) == len(meshes) and all(map(lambda a, b: a is b, known, meshes)):
+                return arrays
+        arrays = planning.join_geometry(meshes)
+        self._joined = (meshes, arrays)
+        return arrays
+
+
+def _placement(arrays: SceneArrays, views: Views) -> Placement:
+    """Return the record of where the objects stand."""
+    return Placement(
+        arrays.face_starts,
+        arrays.positions,
+        np.ascontiguousarray(views.relative_from_model[:, :3, :]),
+        views.normal_matrices,
+        views.mirrored,
+        views.toward_viewer,
+    )
+
+
+def _shade(
+    plan: RenderPlan,
+    meshes: list[Mesh],
+    arrays: SceneArrays,
+    geometry: Geometry,
+    placement: Placement,
+    coverage: stages.Coverage,
+    normals: NDArray[np.float32] | None,
+    workers: stages.Workers,
+) -> dict[str, NDArray[Any]]:
+    """Make the colour outputs, if there are any."""
+    result: dict[str, NDArray[Any]] = {}
+    if not plan.shades:
+        return result
+    height, width = coverage.face_id.shape
+    linear = np.empty((height, width, 4), np.float32) if "linear" in plan.outputs else None
+    color = np.empty((height, width, 4), np.uint8) if "color" in plan.outputs else None
+    surface = planning.join_surface(meshes, normals)
+    if plan.needs_gouraud and plan.lighting is not None:
+        owners = [n for n, mesh in enumerate(meshes) if mesh.material.shading == "gouraud"]
+        lit = stages.light_vertices(
+            arrays.vertex_starts, owners, placement, surface, plan.lighting, workers
+        )
+        surface = surface._replace(lit_vertices=lit)
+    shown = coverage.face_id if plan.draws_faces else np.full_like(coverage.face_id, -1)
+    stages.shade(
+        shown, geometry, placement, surface, plan.lighting, plan.background, linear, color, workers
+    )
+    for name, array in (("linear", linear), ("color", color)):
+        if array is not None:
+            result[name] = array
+    return result
+
+
+def _draw_wireframe(
+    plan: RenderPlan,
+    arrays: SceneArrays,
+    geometry: Geometry,
+    coefficients: tuple[float, float, float],
+    coverage: stages.Coverage,
+    result: dict[str, NDArray[Any]],
+) -> None:
+    """Draw the edges over the colour."""
+    if plan.wireframe is None or "color" not in result:
+        return
+    edges = stages.unique_edges(arrays.faces, len(arrays.positions))
+    encoded = linear_to_srgb(np.array(plan.wireframe.color[:3]))
+    rgba = np.append(np.floor(255.0 * encoded + 0.5), 255.0).astype(np.uint8)
+    hidden_by = (coverage.face_id, coverage.depth) if plan.draws_faces else None
+    stages.draw_edges(edges, geometry, coefficients, rgba, result["color"], hidden_by)
+
+
+def _fill_buffers(
+    plan: RenderPlan,
+    meshes: list[Mesh],
+    geometry: Geometry,
+    placement: Placement,
+    coverage: stages.Coverage,
+    normals: NDArray[np.float32] | None,
+    result: dict[str, NDArray[Any]],
+    workers: stages.Workers,
+) -> None:
+    """Make the ground-truth buffers that were asked for."""
+    face_id = coverage.face_id
+    result["face_id"] = face_id
+    if "depth" in plan.outputs:
+        result["depth"] = metric_depth(plan.camera, coverage)
+    if "object_id" in plan.outputs:
+        owners = np.searchsorted(placement.face_starts, face_id, side="right") - 1
+        result["object_id"] = owners.astype(np.int32)
+    if "barycentric" in plan.outputs:
+        result["barycentric"] = stages.fill_barycentric(face_id, geometry, workers)
+    if "uv" in plan.outputs:
+        uv = np.empty((*face_id.shape, 2), np.float32)
+        values = planning.join_uv(meshes)
+        stages.fill_rows(
+            interpolation.fill_attribute, face_id, (geometry, values, uv), workers
+        )
+        result["uv"] = uv
+    if "position" in plan.outputs:
+        position = np.empty((*face_id.shape, 3), np.float32)
+        arguments = (geometry, placement, plan.camera.eye_position(), position)
+        stages.fill_rows(interpolation.fill_positions, face_id, arguments, workers)
+        result["position"] = position
+    if "normal" in plan.outputs:
+        normal = np.empty((*face_id.shape, 3), np.float32)
+        is_smooth = np.array(
+            [mesh.material.shading in ("gouraud", "phong") for mesh in meshes], np.uint8
+        )
+        smooth = (np.zeros((1, 3), np.float32) if normals is None else normals, is_smooth)
+        arguments = (geometry, placement, smooth, normal)
+        stages.fill_rows(interpolation.fill_normals, face_id, arguments, workers)
+        result["normal"] = normal
+
+
+def metric_depth(camera: Camera, coverage: stages.Coverage) -> NDArray[np.float32]:
+    """Return the depth in scene units along the viewing axis; ``inf`` where nothing is."""
+    depth = np.full(coverage.depth.shape, np.inf, np.float32)
+    for row in range(0, len(depth), stages.ROWS_PER_TASK):
+        band = slice(row, row + stages.ROWS_PER_TASK)
+        seen = coverage.face_id[band] >= 0
+        depth[band][seen] = camera.view_depth(coverage.depth[band][seen])
+    return depth
+
+
+def _stats(coverage: stages.Coverage, seconds: dict[str, float]) -> Stats:
+    """Return the frame's statistics."""
+    totals = coverage.totals
+    return Stats(
+        triangles_in=totals.faces_in,
+        outside=totals.outside,
+        culled=totals.culled,
+        degenerate=totals.degenerate,
+        unsampled=totals.unsampled,
+        invalid=totals.invalid,
+        drawn=totals.drawn,
+        clipped=totals.clipped,
+        pixels_covered=int(np.count_nonzero(coverage.face_id >= 0)),
+        seconds=seconds,
+    )

@@ -1,0 +1,521 @@
+"""
+Cameras: where the eye is, how the view is projected, and what a stored depth means.
+
+World and view space are right-handed with y up; a camera looks down its -z. Every camera answers
+the five questions of :class:`Camera`, which is all that the renderer knows about it.
+
+The stored depth is reversed (nearer is bigger): near / w for a perspective camera, which is linear
+on screen and keeps float32's relative precision at any distance, and (1 - z_ndc) / 2 for a
+parallel one. Both are 1 on the near plane.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Literal, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rasterjit import transforms
+from rasterjit.transforms import Matrix
+from rasterjit.validation import (
+    finite_array,
+    finite_number,
+    image_size,
+    one_of,
+    positive_number,
+    vector,
+)
+
+Float64 = NDArray[np.float64]
+DepthCoefficients = tuple[float, float, float]
+
+_DISTANCE_IN_RADII = 2.0
+"""Distance of a fitted parallel camera, whose picture does not depend on it."""
+
+_CLEARANCE = 0.01
+"""Share of the space before and behind a fitted sphere that its near and far plane leave free:
+well above the rounding of vertices, and less than a bit of depth precision."""
+
+_NEAREST = 1e-6
+"""Least near plane of a fitted camera, as a share of its distance: reached only when a field of
+view close to 180 degrees puts the eye on the sphere."""
+
+_SMALLEST_RADIUS = 2.0**-40
+"""Least radius framed, as a share of the centre's largest coordinate: float64 then still places
+the eye to one part in 4000 of its distance."""
+
+
+class Camera(Protocol):
+    """What the renderer asks of a camera."""
+
+    def view_matrix(self) -> Matrix:
+        """Return ``view_from_world``, (4, 4) float64."""
+
+    def projection_matrix(self, size: tuple[int, int]) -> Matrix:
+        """Return ``clip_from_view``, (4, 4) float64, for an image of (width, height) pixels."""
+
+    def eye_position(self) -> Float64:
+        """Return the eye, (3,) float64, world space."""
+
+    def depth_coefficients(self) -> DepthCoefficients:
+        """
+        Return (c0, c1, c2) of the stored depth, (c0 + c1 * z_clip + c2 * w_clip) / w_clip.
+
+        Bigger is nearer.
+        """
+
+    def view_depth(self, stored: ArrayLike) -> Float64:
+        """
+        Convert stored depth to scene units along the viewing axis.
+
+        Parameters
+        ----------
+        stored : array_like of float, any shape
+
+        Returns
+        -------
+        float64, the same shape
+            Positive in front of the eye. A stored 0 is the far plane of a parallel camera and
+            infinity for a perspective one; the caller marks the pixels that hold nothing.
+        """
+
+
+class Bounded(Protocol):
+    """Anything that knows a sphere around itself."""
+
+    def bounding_sphere(self) -> tuple[ArrayLike, float]:
+        """Return the centre, (3,), and the radius in world space."""
+
+
+@dataclass(frozen=True)
+class PerspectiveCamera:
+    """
+    Camera with a vertical field of view.
+
+    Parameters
+    ----------
+    eye, target, up : (3,) array_like, world space
+        Where it is, the point it looks at and which way is up; kept as tuples of float.
+    fov_y : float, degrees
+        Vertical field of view, strictly between 0 and 180.
+    near, far : float, scene units
+        Distances of the near and far plane; ``far`` may be ``math.inf``.
+
+    Raises
+    ------
+    ValueError
+        If ``target`` equals ``eye``, ``up`` is zero or parallel to the line of sight, ``fov_y`` is
+        outside (0, 180), ``near`` is not above 0, ``far`` is not above ``near``, or a number is
+        not finite.
+    """
+
+    eye: tuple[float, float, float]
+    target: tuple[float, float, float]
+    up: tuple[float, float, float] = (0.0, 1.0, 0.0)
+    fov_y: float = 45.0
+    near: float = 0.1
+    far: float = math.inf
+
+    def __post_init__(self) -> None:
+        _freeze_placement(self)
+        transforms.perspective(self.fov_y, 1.0, self.near, self.far)
+        _freeze(self, fov_y=float(self.fov_y), near=float(self.near), far=float(self.far))
+
+    def view_matrix(self) -> Matrix:
+        """Return ``view_from_world``, (4, 4) float64."""
+        return transforms.look_at(self.eye, self.target, self.up)
+
+    def projection_matrix(self, size: tuple[int, int]) -> Matrix:
+        """Return ``clip_from_view``, (4, 4) float64, for an image of (width, height) pixels."""
+        width, height = image_size("size", size)
+        return transforms.perspective(self.fov_y, width / height, self.near, self.far)
+
+    def eye_position(self) -> Float64:
+        """Return the eye, (3,) float64, world space."""
+        return np.array(self.eye)
+
+    def depth_coefficients(self) -> DepthCoefficients:
+        """Return (near, 0, 0): the stored depth is near / w."""
+        return self.near, 0.0, 0.0
+
+    def view_depth(self, stored: ArrayLike) -> Float64:
+        """Return near / ``stored``, float64, scene units; infinite where ``stored`` is 0."""
+        with np.errstate(divide="ignore"):
+            return self.near / np.asarray(stored, dtype=np.float64)
+
+
+@dataclass(frozen=True)
+class OrthographicCamera:
+    """
+    Camera with parallel lines of sight.
+
+    Parameters
+    ----------
+    eye, target, up : (3,) array_like, world space
+        Where it is, the point it looks at and which way is up; kept as tuples of float.
+    height : float, scene units
+        What the image shows from its bottom to its top.
+    near, far : float, scene units
+        Distances of the near and far plane, finite; ``near`` may be negative (behind the eye).
+
+    Raises
+    ------
+    ValueError
+        If ``target`` equals ``eye``, ``up`` is zero or parallel to the line of sight, ``height`` is
+        not above 0, ``far`` is not above ``near``, or a number is not finite.
+    """
+
+    eye: tuple[float, float, float]
+    target: tuple[float, float, float]
+    up: tuple[float, float, float] = (0.0, 1.0, 0.0)
+    height: float = 2.0
+    near: float = 0.0
+    far: float = 1000.0
+
+    def __post_init__(self) -> None:
+        _freeze_placement(self)
+        height = positive_number("height", self.height)
+        transforms.orthographic(-1.0, 1.0, -1.0, 1.0, self.near, self.far)
+        _freeze(self, height=height, near=float(self.near), far=float(self.far))
+
+    def view_matrix(self) -> Matrix:
+        """Return ``view_from_world``, (4, 4) float64."""
+        return transforms.look_at(self.eye, self.target, self.up)
+
+    def projection_matrix(self, size: tuple[int, int]) -> Matrix:
+        """Return ``clip_from_view``, (4, 4) float64, for an image of (width, height) pixels."""
+        width, height = image_size("size", size)
+        top = self.height / 2.0
+        right = top * (width / height)
+        return transforms.orthographic(-right, right, -top, top, self.near, self.far)
+
+    def eye_position(self) -> Float64:
+        """Return the eye, (3,) float64, world space."""
+        return np.array(self.eye)
+
+    def depth_coefficients(self) -> DepthCoefficients:
+        """Return (0, -1/2, 1/2): the stored depth is (1 - z_ndc) / 2."""
+        return 0.0, -0.5, 0.5
+
+    def view_depth(self, stored: ArrayLike) -> Float64:
+        """Return the depth, float64, scene units: ``near`` at 1, ``far`` at 0."""
+        share = np.asarray(stored, dtype=np.float64)
+        return self.near * share + self.far * (1.0 - share)
+
+
+@dataclass(frozen=True, eq=False)
+class MatrixCamera:
+    """
+    Camera given by its two matrices, as they come from elsewhere.
+
+    Parameters
+    ----------
+    view_from_world : (4, 4) array_like
+        Affine: its last row is (0, 0, 0, 1). Depth is in world units if it does not scale.
+    clip_from_view : (4, 4) array_like
+        OpenGL's NDC: -1 at the near plane. It is a perspective if w depends on the view-space
+        position, else a parallel projection. It may hold the view as well, with
+        ``view_from_world`` the identity. It is used as it is for any image size.
+
+    Raises
+    ------
+    ValueError
+        If a matrix is not 4x4 and finite, ``view_from_world`` is not affine or is singular, or
+        ``clip_from_view`` has no centre of projection (perspective), or is parallel with a
+        w that is not above 0 or a z that does not depend on the position.
+    """
+
+    view_from_world: Float64
+    clip_from_view: Float64
+
+    def __post_init__(self) -> None:
+        view = finite_array("view_from_world", self.view_from_world, (4, 4)).copy()
+        clip = finite_array("clip_from_view", self.clip_from_view, (4, 4)).copy()
+        if view[3].tolist() != [0.0, 0.0, 0.0, 1.0]:
+            raise ValueError(
+                f"view_from_world must have last row (0, 0, 0, 1), got {view[3].tolist()}"
+            )
+        for matrix in (view, clip):
+            matrix.flags.writeable = False
+        _freeze(self, view_from_world=view, clip_from_view=clip)
+        if np.linalg.matrix_rank(view[:3, :3]) < 3:
+            raise ValueError("view_from_world must not be singular")
+        if self._is_perspective:
+            if np.linalg.matrix_rank(clip[[0, 1, 3], :3]) < 3:
+                raise ValueError("clip_from_view must have one centre of projection")
+        elif clip[3, 3] <= 0.0:
+            raise ValueError(f"clip_from_view must give w above 0, got {float(clip[3, 3])!r}")
+        elif not clip[2, :3].any():
+            raise ValueError("clip_from_view must give a z that depends on the position")
+
+    @classmethod
+    def from_intrinsics(
+        cls,
+        fx: float,
+        fy: float,
+        cx: float,
+        cy: float,
+        size: tuple[int, int],
+        *,
+        view_from_world: ArrayLike | None = None,
+        near: float = 0.1,
+        far: float = math.inf,
+    ) -> MatrixCamera:
+        """
+        Return the camera of a calibrated pinhole.
+
+        A point (x, y, z) in view space, y up and z towards the viewer, lands on the pixel
+        coordinates (cx - fx x / z, cy + fy y / z), screen y down.
+
+        Parameters
+        ----------
+        fx, fy : float, pixels
+            Focal lengths.
+        cx, cy : float, pixels
+            Principal point, where the centre of pixel (column i, row j) is at (i + 0.5, j + 0.5).
+        size : (width, height) of int, pixels
+            The image the calibration is for; it may lie off the principal point. Rendering at
+            another size of the same aspect rescales the picture.
+        view_from_world : (4, 4) array_like, optional
+            The pose; the identity if not given.
+        near, far : float, scene units
+            Distances of the near and far plane; ``far`` may be ``math.inf``.
+
+        Raises
+        ------
+        ValueError
+            If ``fx`` or ``fy`` is not above 0, ``near`` is not above 0, ``far`` is not above
+            ``near``, a side is not in 1..16384, or a number is not finite.
+
+        Notes
+        -----
+        OpenCV puts the centre of the first pixel at (0, 0): add 0.5 to its ``cx`` and ``cy``. Its
+        camera has y down and z forward: with its 4x4 pose ``camera_from_world``,
+        ``view_from_world = compose(scale((1, -1, -1)), camera_from_world)``.
+        """
+        width, height = image_size("size", size)
+        clip = np.zeros((4, 4))
+        clip[0, 0] = 2.0 * positive_number("fx", fx) / width
+        clip[1, 1] = 2.0 * positive_number("fy", fy) / height
+        clip[0, 2] = 1.0 - 2.0 * finite_number("cx", cx) / width
+        clip[1, 2] = 2.0 * finite_number("cy", cy) / height - 1.0
+        clip[2, 2:] = transforms.perspective_depth(near, far)
+        clip[3, 2] = -1.0
+        return cls(transforms.identity() if view_from_world is None else view_from_world, clip)
+
+    def view_matrix(self) -> Matrix:
+        """Return ``view_from_world``, (4, 4) float64."""
+        return self.view_from_world.copy()
+
+    def projection_matrix(self, size: tuple[int, int]) -> Matrix:
+        """Return ``clip_from_view``, (4, 4) float64, whatever the size."""
+        image_size("size", size)
+        return self.clip_from_view.copy()
+
+    def eye_position(self) -> Float64:
+        """
+        Return the eye, (3,) float64, world space.
+
+        For a perspective it is the centre of projection, where clip x, y and w vanish together;
+        for a parallel projection the origin of view space.
+        """
+        if self._is_perspective:
+            clip_from_world = transforms.compose(self.clip_from_view, self.view_from_world)
+            return _solve_origin(clip_from_world[[0, 1, 3]])
+        return _solve_origin(self.view_from_world[:3])
+
+    def depth_coefficients(self) -> DepthCoefficients:
+        """
+        Return (c, 0, 0) for a perspective and (0, -1/2, 1/2) for a parallel projection.
+
+        ``c`` is w on the near plane, along view space's z axis, or 1 where that has no positive
+        value.
+        """
+        if not self._is_perspective:
+            return 0.0, -0.5, 0.5
+        (z_scale, z_offset), (w_scale, w_offset) = self.clip_from_view[2:, 2:].tolist()
+        if z_scale + w_scale != 0.0:
+            near_z = -(z_offset + w_offset) / (z_scale + w_scale)
+            near_w = w_scale * near_z + w_offset
+            if 0.0 < near_w < math.inf:
+                return near_w, 0.0, 0.0
+        return 1.0, 0.0, 0.0
+
+    def view_depth(self, stored: ArrayLike) -> Float64:
+        """
+        Return the depth, float64, scene units, along the direction in which it grows.
+
+        It is measured from the plane w = 0 through the eye for a perspective, and from the origin
+        of view space for a parallel projection.
+        """
+        share = np.asarray(stored, dtype=np.float64)
+        z_row, w_row = self.clip_from_view[2:].tolist()
+        if self._is_perspective:
+            constant = self.depth_coefficients()[0]
+            with np.errstate(divide="ignore"):
+                return constant / share / _length(w_row[:3])
+        ndc_z = 1.0 - 2.0 * share
+        return (ndc_z * w_row[3] - z_row[3]) / _length(z_row[:3])
+
+    @property
+    def _is_perspective(self) -> bool:
+        """Tell whether w depends on the view-space position."""
+        return bool(self.clip_from_view[3, :3].any())
+
+
+def orbit_direction(azimuth: float, elevation: float) -> tuple[float, float, float]:
+    """
+    Return the unit vector from a target towards a camera that orbits it.
+
+    Parameters
+    ----------
+    azimuth : float, degrees
+        0 looks from +z; positive turns towards +x.
+    elevation : float, degrees
+        0 is level; positive is above.
+
+    Raises
+    ------
+    ValueError
+        If an angle is not finite.
+    """
+    sin_a, cos_a = transforms.sine_cosine(finite_number("azimuth", azimuth))
+    sin_e, cos_e = transforms.sine_cosine(finite_number("elevation", elevation))
+    return sin_a * cos_e, sin_e, cos_a * cos_e
+
+
+def fit_camera(
+    scene: Bounded,
+    direction: ArrayLike = (0.6, 0.5, 1.0),
+    fov_y: float = 45.0,
+    *,
+    up: ArrayLike = (0.0, 1.0, 0.0),
+    margin: float = 1.05,
+    zoom: float = 1.0,
+    projection: Literal["perspective", "orthographic"] = "perspective",
+    aspect: float = 1.0,
+) -> PerspectiveCamera | OrthographicCamera:
+    """
+    Return the camera that frames a scene's bounding sphere, seen from a direction.
+
+    Parameters
+    ----------
+    scene : object with ``bounding_sphere() -> (centre (3,), radius)``
+    direction : (3,) array_like, world space
+        From the scene towards the camera, any length; see :func:`orbit_direction`.
+    fov_y : float, degrees
+        Vertical field of view of the perspective at zoom 1; sets how far away the camera is.
+    up : (3,) array_like, world space
+        If it is parallel to ``direction``, the camera takes world -z as up when it looks against
+        ``up`` and +z when it looks along it (or +y, where z is parallel as well).
+    margin : float
+        The sphere's radius is taken this many times larger; at least 1.
+    zoom : float
+        How many times bigger the scene appears: narrows the field of view (or the height) and
+        leaves the camera where it is.
+    projection : {"perspective", "orthographic"}
+    aspect : float
+        Width over height of the image it is for.
+
+    Returns
+    -------
+    PerspectiveCamera or OrthographicCamera
+        At zoom 1 the whole sphere is in the image, and at any zoom between the near and far plane.
+
+    Raises
+    ------
+    ValueError
+        If ``direction`` or ``up`` is zero, ``fov_y`` is outside (0, 180), ``margin`` is below 1,
+        ``zoom`` or ``aspect`` is not above 0, the sphere is not finite, or ``projection`` is
+        unknown.
+
+    Notes
+    -----
+    A sphere of radius 0 (a single point) is framed as one of radius 1, and one too small for
+    float64 beside its centre's coordinates as the smallest that is not.
+    """
+    one_of("projection", projection, ("perspective", "orthographic"))
+    towards = transforms.unit_vector("direction", direction)
+    upward = _upright(up, towards)
+    focal = transforms.focal_length(fov_y)
+    enlarged = finite_number("margin", margin)
+    if enlarged < 1.0:
+        raise ValueError(f"margin must be at least 1, got {enlarged!r}")
+    magnified = positive_number("zoom", zoom)
+    narrow = min(1.0, positive_number("aspect", aspect))
+    center, radius = _sphere(scene)
+    framed = radius * enlarged
+    if projection == "orthographic":
+        distance = _DISTANCE_IN_RADII * framed
+        shape: dict[str, float] = {"height": 2.0 * framed / narrow / magnified}
+    else:
+        tangent = narrow / focal
+        distance = framed * (math.sqrt(1.0 + tangent * tangent) / tangent)
+        shape = {"fov_y": _zoomed_fov(fov_y, magnified)}
+    depths = {
+        "near": max((distance - radius) * (1.0 - _CLEARANCE), distance * _NEAREST),
+        "far": (distance + radius) * (1.0 + _CLEARANCE),
+    }
+    kind = OrthographicCamera if projection == "orthographic" else PerspectiveCamera
+    return kind(center + distance * towards, center, upward, **shape, **depths)
+
+
+def _freeze(camera: Any, **fields: Any) -> None:
+    """Store the checked values of a frozen dataclass's fields."""
+    for name, value in fields.items():
+        object.__setattr__(camera, name, value)
+
+
+def _freeze_placement(camera: PerspectiveCamera | OrthographicCamera) -> None:
+    """Check eye, target and up together and store them as tuples of float."""
+    transforms.look_at(camera.eye, camera.target, camera.up)
+    for name in ("eye", "target", "up"):
+        _freeze(camera, **{name: tuple(vector(name, getattr(camera, name)).tolist())})
+
+
+def _solve_origin(rows: Float64) -> Float64:
+    """Return the point, (3,), that three affine forms, (3, 4), all take to 0."""
+    square = transforms.identity()
+    square[:3, :3] = rows[:, :3]
+    inverse = transforms.normal_matrix(square).T
+    x, y, z = (-rows[:, 3]).tolist()
+    return ((inverse[:, 0] * x + inverse[:, 1] * y) + inverse[:, 2] * z) + 0.0
+
+
+def _length(components: list[float]) -> float:
+    """Return the length of a vector of three."""
+    x, y, z = components
+    return math.sqrt(x * x + y * y + z * z)
+
+
+def _upright(up: ArrayLike, towards: Float64) -> ArrayLike:
+    """Return ``up``, or a replacement if it is parallel to the direction of the camera."""
+    upward = transforms.unit_vector("up", up)
+    if not transforms.are_parallel(upward, towards):
+        return up
+    above = bool((upward * towards).sum() > 0.0)
+    fallback = (0.0, 0.0, -1.0 if above else 1.0)
+    return (0.0, 1.0, 0.0) if transforms.are_parallel(fallback, towards) else fallback
+
+
+def _sphere(scene: Bounded) -> tuple[Float64, float]:
+    """Return the scene's bounding sphere, with a radius that float64 can frame."""
+    center, size = scene.bounding_sphere()
+    center = vector("bounding sphere's center", center)
+    radius = finite_number("bounding sphere's radius", size)
+    if radius < 0.0:
+        raise ValueError(f"bounding sphere's radius must not be negative, got {radius!r}")
+    smallest = float(np.abs(center).max()) * _SMALLEST_RADIUS
+    return center, max(1.0 if radius == 0.0 else radius, smallest)
+
+
+def _zoomed_fov(fov_y: float, zoom: float) -> float:
+    """Return the field of view, degrees, whose picture is ``zoom`` times bigger."""
+    if zoom == 1.0:
+        return float(fov_y)
+    half = math.atan(1.0 / (transforms.focal_length(fov_y) * zoom))
+    # The arc tangent's last bit depends on the CPU; twelve digits do not.
+    return float(f"{2.0 * math.degrees(half):.12g}")

@@ -1,0 +1,192 @@
+"""Colours: names, hex strings, sRGB bytes and linear floats become linear RGBA."""
+
+from __future__ import annotations
+
+import string
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+ColorLike: TypeAlias = str | ArrayLike
+"""A name, ``'#rgb'``, ``'#rrggbb'``, ``'#rrggbbaa'``, linear floats or an sRGB ``uint8`` array."""
+
+NAMED_COLORS = {
+    "white": "#ffffff",
+    "black": "#000000",
+    "gray": "#808080",
+    "grey": "#808080",
+    "red": "#ff0000",
+    "green": "#008000",
+    "blue": "#0000ff",
+    "yellow": "#ffff00",
+    "cyan": "#00ffff",
+    "magenta": "#ff00ff",
+    "orange": "#ffa500",
+    "transparent": "#00000000",
+}
+"""The sRGB colours known by name: those of CSS."""
+
+_ADVICE = (
+    "floats are linear light in 0..1; for 8-bit sRGB use a string such as '#rrggbb' "
+    "or a NumPy uint8 array"
+)
+
+
+def _decode_table() -> NDArray[np.float32]:
+    """Tabulate the linear value of each of the 256 sRGB codes, computed in float64."""
+    code = np.arange(256, dtype=np.float64) / 255.0
+    linear = np.where(code <= 0.04045, code / 12.92, ((code + 0.055) / 1.055) ** 2.4)
+    return linear.astype(np.float32)
+
+
+_LINEAR_FROM_CODE = _decode_table()
+
+
+def srgb_to_linear(codes: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """
+    Decode 8-bit sRGB codes to linear light through a table.
+
+    Parameters
+    ----------
+    codes : (...) uint8
+        sRGB codes; 0 and 255 give exactly 0 and 1.
+
+    Returns
+    -------
+    (...) float32
+        Linear light in 0..1.
+
+    References
+    ----------
+    IEC 61966-2-1:1999, sRGB.
+    """
+    return _LINEAR_FROM_CODE[codes]
+
+
+def linear_to_srgb(linear: ArrayLike) -> NDArray[np.float64]:
+    """
+    Encode linear light as sRGB, the reference for faster encoders.
+
+    Parameters
+    ----------
+    linear : (...) float
+        Linear light; clipped to 0..1 first, NaN becomes 0.
+
+    Returns
+    -------
+    (...) float64
+        Encoded value in 0..1; times 255 and rounded half up it is the 8-bit code.
+
+    References
+    ----------
+    IEC 61966-2-1:1999, sRGB.
+    """
+    value = np.clip(np.nan_to_num(np.asarray(linear, dtype=np.float64), nan=0.0), 0.0, 1.0)
+    curve = 1.055 * np.maximum(value, 0.0031308) ** (1.0 / 2.4) - 0.055
+    return np.where(value <= 0.0031308, 12.92 * value, curve)
+
+
+def linear_color(name: str, value: ColorLike) -> NDArray[np.float32]:
+    """
+    Return any way of writing a colour as linear RGBA.
+
+    Parameters
+    ----------
+    name : str
+        What the message calls the argument.
+    value : str or array_like
+        A name of `NAMED_COLORS`; ``'#rgb'``, ``'#rrggbb'`` or ``'#rrggbbaa'`` (sRGB); three or
+        four floats in 0..1 (linear light); or a ``uint8`` array of three or four (sRGB). Alpha is
+        linear in every form, and 1 where it is not given.
+
+    Returns
+    -------
+    (4,) float32
+        Linear RGBA in 0..1.
+
+    Raises
+    ------
+    ValueError
+        If the value is none of these.
+    """
+    if isinstance(value, str):
+        return linear_rows(name, _parse_hex(name, value)[np.newaxis])[0]
+    array = _color_array(name, value)
+    if array.shape not in ((3,), (4,)):
+        raise ValueError(
+            f"{name} must be three or four numbers or a colour string, got shape {array.shape}"
+        )
+    return linear_rows(name, array[np.newaxis])[0]
+
+
+def linear_rows(name: str, value: ArrayLike) -> NDArray[np.float32]:
+    """
+    Return rows of colours as linear RGBA: ``uint8`` is sRGB, everything else is linear.
+
+    Parameters
+    ----------
+    name : str
+        What the message calls the argument.
+    value : (n, 3) or (n, 4) array_like
+        ``uint8`` sRGB codes, or numbers in 0..1 of linear light.
+
+    Returns
+    -------
+    (n, 4) float32
+        Linear RGBA in 0..1; alpha is 1 where it is not given.
+
+    Raises
+    ------
+    ValueError
+        If the shape is another, or a number lies outside 0..1 or is not finite.
+    """
+    array = _color_array(name, value)
+    if array.ndim != 2 or array.shape[1] not in (3, 4):
+        raise ValueError(f"{name} must have shape (n, 3) or (n, 4), got {array.shape}")
+    rgba = np.ones((len(array), 4), dtype=np.float32)
+    if array.dtype == np.uint8:
+        rgba[:, :3] = srgb_to_linear(array[:, :3])
+        if array.shape[1] == 4:
+            np.divide(array[:, 3], np.float32(255.0), out=rgba[:, 3])
+        return rgba
+    # NaN fails both comparisons, so it is caught here too.
+    if array.size and not (array.min() >= 0.0 and array.max() <= 1.0):
+        with np.errstate(invalid="ignore"):
+            outside = ~((array >= 0.0) & (array <= 1.0))
+        example = array[outside][0].item()
+        raise ValueError(
+            f"{name} must lie in 0..1, got {example!r} "
+            f"({int(outside.sum())} of {array.size} values outside): {_ADVICE}"
+        )
+    rgba[:, : array.shape[1]] = array
+    return rgba
+
+
+def _color_array(name: str, value: Any) -> NDArray[Any]:
+    """Return ``value`` as a ``uint8`` or real numeric array, or raise ``ValueError``."""
+    try:
+        array = np.asarray(value)
+    except ValueError:
+        raise ValueError(
+            f"{name} must be an array of numbers, got rows of unequal length"
+        ) from None
+    if array.dtype.kind not in "uif":
+        raise ValueError(f"{name} must hold numbers, got {value!r}: {_ADVICE}")
+    return array
+
+
+def _parse_hex(name: str, text: str) -> NDArray[np.uint8]:
+    """Return the three or four sRGB bytes of a colour string."""
+    code = NAMED_COLORS.get(text.strip().lower(), text.strip())
+    digits = code[1:]
+    if not code.startswith("#") or not set(digits) <= set(string.hexdigits):
+        digits = ""
+    if len(digits) == 3:
+        digits = "".join(digit * 2 for digit in digits)
+    if len(digits) not in (6, 8):
+        raise ValueError(
+            f"{name} must be '#rgb', '#rrggbb', '#rrggbbaa' or one of "
+            f"{', '.join(NAMED_COLORS)}; got {text!r}"
+        )
+    return np.frombuffer(bytes.fromhex(digits), dtype=np.uint8)

@@ -1,0 +1,60 @@
+"""Materials: how a mesh answers light."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from rasterjit.scene.color import ColorLike, linear_color
+from rasterjit.validation import finite_number, one_of, positive_number
+
+SHADINGS = ("unlit", "flat", "gouraud", "phong")
+"""The ways to shade: no light; one normal a face; light per vertex; light per pixel."""
+
+
+@dataclass(frozen=True)
+class Material:
+    """
+    Describe how a surface is shaded.
+
+    A mesh's vertex or face colours multiply ``base_color``.
+
+    Parameters
+    ----------
+    shading : {"phong", "gouraud", "flat", "unlit"}
+        ``"phong"`` lights every pixel by its interpolated normal, ``"gouraud"`` every vertex,
+        ``"flat"`` every face by its own plane; ``"unlit"`` shows the colour as it is.
+    base_color : str or array_like
+        Any colour of `rasterjit.scene.color.linear_color`; stored as a tuple of linear RGBA.
+    specular : float
+        Strength of the white Blinn-Phong highlight, linear, at least 0; 0 is matt.
+    shininess : float
+        Exponent of the Blinn-Phong highlight, above 0; larger is smaller and sharper.
+    name : str, optional
+        What the file called it.
+
+    Raises
+    ------
+    ValueError
+        If the shading is unknown, the colour is not one, ``specular`` is negative or not finite, or
+        ``shininess`` is not above 0.
+
+    References
+    ----------
+    J. F. Blinn, "Models of light reflection for computer synthesized pictures", SIGGRAPH 1977.
+    """
+
+    shading: str = "phong"
+    base_color: ColorLike = (0.8, 0.8, 0.8, 1.0)
+    specular: float = 0.25
+    shininess: float = 50.0
+    name: str | None = None
+
+    def __post_init__(self) -> None:
+        one_of("shading", self.shading, SHADINGS)
+        specular = finite_number("specular", self.specular)
+        if specular < 0.0:
+            raise ValueError(f"specular must be at least 0, got {specular!r}")
+        base_color = tuple(linear_color("base_color", self.base_color).tolist())
+        object.__setattr__(self, "base_color", base_color)
+        object.__setattr__(self, "specular", specular)
+        object.__setattr__(self, "shininess", positive_number("shininess", self.shininess))

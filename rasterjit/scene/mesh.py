@@ -1,0 +1,291 @@
+"""Indexed triangle meshes: checked once when made, shared by every scene that shows them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rasterjit.scene.color import linear_rows
+from rasterjit.scene.material import Material
+from rasterjit.scene.normals import crease_normals, safe_scale, smooth_normals, unit_rows
+from rasterjit.validation import finite_number, one_of
+
+_CHUNK = 1 << 18
+"""Vertices looked at at once where a temporary of the whole mesh would cost memory."""
+
+
+class Mesh:
+    """
+    Triangles that share vertices, with optional colours, normals and texture coordinates.
+
+    Arrays that already have the stored type and layout are kept without a copy, also read-only
+    ones; treat them as frozen from then on, because derived values are cached.
+
+    Parameters
+    ----------
+    vertices : (V, 3) array_like
+        Model-space positions, in scene units.
+    faces : (F, 3) array_like of int
+        Vertex numbers, counter-clockwise seen from the front.
+    colors : (V, 3|4) or (F, 3|4) array_like, optional
+        Colour of each vertex or, with F rows, of each face (V rows win where V equals F). ``uint8``
+        is sRGB; floats in 0..1 are linear light. They multiply the material's ``base_color``.
+    normals : (V, 3) array_like, optional
+        Model-space vertex normals of any length; a zero normal stays zero.
+    uv : (V, 2) array_like, optional
+        Texture coordinates.
+    material : Material, optional
+        Default ``Material()``, with a white ``base_color`` if the mesh has colours.
+    on_invalid : {"raise", "drop"}
+        What to do about NaN or infinite vertices: refuse the mesh, or keep its arrays as they are
+        for the renderer to leave out the faces that touch one.
+
+    Attributes
+    ----------
+    vertices : (V, 3) float64, C-contiguous
+    faces : (F, 3) int32, C-contiguous
+    vertex_colors : (V, 4) float32 linear RGBA, or None
+    face_colors : (F, 4) float32 linear RGBA, or None
+    normals : (V, 3) float32 of unit or zero length, or None
+    uv : (V, 2) float32, or None
+    material : Material
+    invalid_vertices : int
+        Number of vertices with a NaN or infinite coordinate; above 0 only after ``"drop"``.
+
+    Raises
+    ------
+    ValueError
+        If an array has the wrong shape or type or is empty, a face points outside the vertices, a
+        value is NaN or infinite where it may not be, or no vertex is finite.
+    """
+
+    def __init__(
+        self,
+        vertices: ArrayLike,
+        faces: ArrayLike,
+        *,
+        colors: ArrayLike | None = None,
+        normals: ArrayLike | None = None,
+        uv: ArrayLike | None = None,
+        material: Material | None = None,
+        on_invalid: str = "raise",
+    ) -> None:
+        one_of("on_invalid", on_invalid, ("raise", "drop"))
+        self.vertices: NDArray[np.float64] = _vertex_array(vertices)
+        self.faces: NDArray[np.int32] = _face_array(faces, len(self.vertices))
+        self.invalid_vertices: int = _count_invalid(self.vertices, on_invalid)
+        self.vertex_colors: NDArray[np.float32] | None = None
+        self.face_colors: NDArray[np.float32] | None = None
+        if colors is not None:
+            self._store_colors(colors)
+        self.normals: NDArray[np.float32] | None = None
+        if normals is not None:
+            self.normals = _normal_array(normals, len(self.vertices))
+        self.uv: NDArray[np.float32] | None = None
+        if uv is not None:
+            rows = _vertex_rows("uv", uv, (len(self.vertices), 2))
+            self.uv = np.ascontiguousarray(rows, dtype=np.float32)
+        if material is None:
+            material = Material() if colors is None else Material(base_color="white")
+        if not isinstance(material, Material):
+            raise ValueError(f"material must be a Material, got {material!r}")
+        self.material: Material = material
+        self._bounds: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
+        self._vertex_normals: NDArray[np.float32] | None = self.normals
+
+    def __repr__(self) -> str:
+        return f"Mesh({len(self.vertices)} vertices, {len(self.faces)} faces)"
+
+    def _store_colors(self, colors: ArrayLike) -> None:
+        """Store colours by vertex or by face, as their number of rows tells."""
+        rgba = linear_rows("colors", colors)
+        if len(rgba) == len(self.vertices):
+            self.vertex_colors = rgba
+        elif len(rgba) == len(self.faces):
+            self.face_colors = rgba
+        else:
+            raise ValueError(
+                f"colors must have one row per vertex ({len(self.vertices)}) or per face "
+                f"({len(self.faces)}), got {len(rgba)}"
+            )
+
+    def used_vertices(self) -> NDArray[np.bool_]:
+        """Mark the vertices, (V,) bool, that are finite and belong to a face."""
+        used = np.zeros(len(self.vertices), dtype=bool)
+        used[self.faces.ravel()] = True
+        if self.invalid_vertices:
+            used &= np.isfinite(self.vertices).all(axis=1)
+        return used
+
+    def bounds(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """
+        Return the smallest axis-parallel box around the mesh.
+
+        Returns
+        -------
+        low, high : (3,) float64
+            Model-space corners, over the finite vertices that belong to a face.
+
+        Raises
+        ------
+        ValueError
+            If no face has a finite vertex.
+        """
+        if self._bounds is None:
+            used = self.used_vertices()
+            if not used.any():
+                raise ValueError("mesh has no face with a finite vertex, so it has no bounds")
+            where = used[:, np.newaxis]
+            self._bounds = (
+                self.vertices.min(axis=0, where=where, initial=np.inf),
+                self.vertices.max(axis=0, where=where, initial=-np.inf),
+            )
+        return self._bounds[0].copy(), self._bounds[1].copy()
+
+    def vertex_normals(self) -> NDArray[np.float32]:
+        """
+        Return the given normals, or averages over the faces around each vertex by area.
+
+        Returns
+        -------
+        (V, 3) float32
+            Model-space unit normals, cached; zero where no face with an area touches the vertex.
+        """
+        if self._vertex_normals is None:
+            self._vertex_normals = smooth_normals(self.vertices, self.faces, self._scale())
+        return self._vertex_normals
+
+    def split_creases(self, angle: float = 40.0) -> Mesh:
+        """
+        Return the mesh with sharp edges sharp and curved surfaces smooth.
+
+        Every corner of a face gets the average, by area, of the normals of the faces around its
+        position that lie within ``angle`` of the normal of its own face. Positions are the same
+        when their coordinates are the same bits, whatever vertex they belong to, so the seams of
+        a texture and the loose triangles of an STL file are smooth too. Vertices are duplicated
+        where their corners differ, and merged if they carry neither colours nor ``uv``.
+
+        Parameters
+        ----------
+        angle : float
+            Crease angle, degrees in 0..180: 0 keeps faces flat, 180 smooths everything.
+
+        Returns
+        -------
+        Mesh
+            The same faces in the same order, with ``normals``; old ``normals`` are not used.
+
+        Raises
+        ------
+        ValueError
+            If the angle lies outside 0..180 or is not finite.
+        """
+        angle = finite_number("angle", angle)
+        if not 0.0 <= angle <= 180.0:
+            raise ValueError(f"angle must lie in 0..180 degrees, got {angle!r}")
+        plain = self.vertex_colors is None and self.uv is None
+        split = crease_normals(self.vertices, self.faces, self._scale(), angle, merge=plain)
+        # The arrays come from a checked mesh: fill the new one without checking them again.
+        result = Mesh.__new__(Mesh)
+        result.vertices = self.vertices[split.sources]
+        result.faces = split.faces
+        result.vertex_colors = None
+        if self.vertex_colors is not None:
+            result.vertex_colors = self.vertex_colors[split.sources]
+        result.face_colors = self.face_colors
+        result.uv = None if self.uv is None else self.uv[split.sources]
+        result.normals = result._vertex_normals = split.normals
+        result.material = self.material
+        result.invalid_vertices = _count_invalid(result.vertices, "drop")
+        result._bounds = self._bounds
+        return result
+
+    def _scale(self) -> float:
+        """Return the factor that keeps products of this mesh's coordinates in range."""
+        try:
+            return safe_scale(*self.bounds())
+        except ValueError:
+            return 1.0
+
+
+def _numbers(name: str, value: ArrayLike, kinds: str, shape: tuple[int | None, int]) -> Any:
+    """Return ``value`` as an array of the given dtype kinds and shape, or raise ``ValueError``."""
+    try:
+        # The base class also for subclasses such as trimesh's tracked arrays.
+        array = np.asarray(value)
+    except ValueError:
+        raise ValueError(
+            f"{name} must be an array of numbers, got rows of unequal length"
+        ) from None
+    rows, columns = shape
+    wanted = f"({'n' if rows is None else rows}, {columns})"
+    if array.size == 0:
+        raise ValueError(f"mesh has no {name}: {name} must have shape {wanted}, got {array.shape}")
+    if array.dtype.kind not in kinds:
+        raise ValueError(f"{name} must hold numbers, got an array of dtype {array.dtype}")
+    if array.ndim != 2 or array.shape[1] != columns or rows not in (None, array.shape[0]):
+        raise ValueError(f"{name} must have shape {wanted}, got {array.shape}")
+    return array
+
+
+def _vertex_array(value: ArrayLike) -> NDArray[np.float64]:
+    """Return vertices as (V, 3) float64 in C order, or raise ``ValueError``."""
+    return np.ascontiguousarray(_numbers("vertices", value, "uif", (None, 3)), dtype=np.float64)
+
+
+def _face_array(value: ArrayLike, vertex_count: int) -> NDArray[np.int32]:
+    """Return faces as (F, 3) int32 in C order that point at vertices, or raise ``ValueError``."""
+    array = _numbers("faces", value, "uif", (None, 3))
+    low, high = array.min(), array.max()
+    if array.dtype.kind == "f" and not (
+        np.isfinite(low) and np.isfinite(high) and (array == np.trunc(array)).all()
+    ):
+        wrong = array[~(np.isfinite(array) & (array == np.trunc(array)))][0].item()
+        raise ValueError(f"faces must hold whole vertex numbers, got {wrong!r}")
+    if low < 0:
+        count = int((array < 0).sum())
+        raise ValueError(f"faces must hold vertex numbers from 0, got {count} below, down to {low}")
+    if high >= vertex_count:
+        count = int((array >= vertex_count).any(axis=1).sum())
+        raise ValueError(
+            f"faces must point at the {vertex_count} vertices (0..{vertex_count - 1}), got {count} "
+            f"of {len(array)} faces past the end, the largest index being {int(high)}"
+        )
+    return np.ascontiguousarray(array, dtype=np.int32)
+
+
+def _count_invalid(vertices: NDArray[np.float64], on_invalid: str) -> int:
+    """Count the vertices that are not finite; raise ``ValueError`` where they may not be."""
+    if np.isfinite(vertices.min()) and np.isfinite(vertices.max()):
+        return 0
+    finite = np.isfinite(vertices).all(axis=1)
+    count = len(vertices) - int(finite.sum())
+    if on_invalid == "raise":
+        first = int(np.argmin(finite))
+        raise ValueError(
+            f"vertices must be finite, got {count} of {len(vertices)} with NaN or infinity, the "
+            f"first being vertex {first}: {vertices[first].tolist()}; on_invalid='drop' leaves out "
+            "the faces that touch one"
+        )
+    return count
+
+
+def _vertex_rows(name: str, value: ArrayLike, shape: tuple[int, int]) -> NDArray[Any]:
+    """Return one finite row per vertex, or raise ``ValueError``."""
+    array = _numbers(name, value, "uif", shape)
+    if not (np.isfinite(array.min()) and np.isfinite(array.max())):
+        count = int((~np.isfinite(array).all(axis=1)).sum())
+        raise ValueError(f"{name} must be finite, got {count} rows with NaN or infinity")
+    return array
+
+
+def _normal_array(value: ArrayLike, vertex_count: int) -> NDArray[np.float32]:
+    """Return normals as (V, 3) float32 of unit or zero length, or raise ``ValueError``."""
+    array = _vertex_rows("normals", value, (vertex_count, 3))
+    normals = np.empty((vertex_count, 3), dtype=np.float32)
+    for start in range(0, vertex_count, _CHUNK):
+        rows = slice(start, start + _CHUNK)
+        normals[rows] = unit_rows(array[rows].astype(np.float64))
+    return normals

@@ -1,0 +1,339 @@
+"""Normals from geometry: smooth over curved surfaces, split along creases."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+_CHUNK = 1 << 18
+"""Faces or corner pairs handled at once: large enough for NumPy, small beside the mesh."""
+
+_MOST_NEIGHBOURS = 512
+"""Faces at one creased position that are compared pair by pair, a quadratic effort."""
+
+_COSINE_ROUNDING = 16.0 * float(np.finfo(np.float64).eps)
+"""Rounding of the dot product of two unit normals, so that a face always matches itself."""
+
+
+@dataclass(frozen=True)
+class CreasedCorners:
+    """
+    Vertices of a mesh after its creases were split.
+
+    Parameters
+    ----------
+    faces : (F, 3) int32
+        The same faces in the same order, numbering the new vertices.
+    sources : (W,) int64
+        The old vertex that each new vertex copies.
+    normals : (W, 3) float32
+        Unit normals of the new vertices; zero where no face with an area touches one.
+    """
+
+    faces: NDArray[np.int32]
+    sources: NDArray[np.int64]
+    normals: NDArray[np.float32]
+
+
+def unit_rows(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+    """
+    Scale every row to unit length.
+
+    Parameters
+    ----------
+    vectors : (n, 3) float64
+
+    Returns
+    -------
+    (n, 3) float64
+        Unit rows; rows that are zero, or hold NaN or infinity, become zero.
+    """
+    largest = np.abs(vectors).max(axis=1, initial=0.0)[:, np.newaxis]
+    usable = (largest > 0.0) & (largest < np.inf)
+    # Scale first: squares of very long or very short vectors overflow or vanish.
+    scaled = np.divide(vectors, largest, out=np.zeros_like(vectors), where=usable)
+    length = np.sqrt(np.einsum("ij,ij->i", scaled, scaled))[:, np.newaxis]
+    return np.divide(scaled, length, out=scaled, where=usable)
+
+
+def area_vectors(
+    vertices: NDArray[np.float64], faces: NDArray[np.int32], scale: float
+) -> NDArray[np.float64]:
+    """
+    Cross two edges of every face: a vector along its normal, twice its area long.
+
+    Parameters
+    ----------
+    vertices : (V, 3) float64
+    faces : (F, 3) int32
+    scale : float
+        Factor on the vertices, from `safe_scale`.
+
+    Returns
+    -------
+    (F, 3) float64
+        Zero for faces without an area and for those that touch a NaN or infinite vertex.
+    """
+    with np.errstate(invalid="ignore", over="ignore"):
+        a, b, c = (vertices[faces[:, k]] for k in range(3))
+        a *= scale
+        edge_ab = b * scale - a
+        edge_ac = c * scale - a
+        cross = np.empty_like(a)
+        for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+            cross[:, i] = edge_ab[:, j] * edge_ac[:, k] - edge_ab[:, k] * edge_ac[:, j]
+    if not np.isfinite(cross.sum()):
+        cross[~np.isfinite(cross).all(axis=1)] = 0.0
+    return cross
+
+
+def safe_scale(low: NDArray[np.float64], high: NDArray[np.float64]) -> float:
+    """Return the power of two that brings a box's farthest corner to length about one."""
+    largest = float(max(np.abs(low).max(), np.abs(high).max()))
+    # 2^±1000 stays clear of overflow and of subnormal numbers.
+    return math.ldexp(1.0, max(-1000, min(1000, -math.frexp(largest)[1])))
+
+
+def smooth_normals(
+    vertices: NDArray[np.float64], faces: NDArray[np.int32], scale: float
+) -> NDArray[np.float32]:
+    """
+    Average the normals of the faces around every vertex, weighted by area.
+
+    Parameters
+    ----------
+    vertices : (V, 3) float64
+    faces : (F, 3) int32
+    scale : float
+        Factor on the vertices, from `safe_scale`.
+
+    Returns
+    -------
+    (V, 3) float32
+        Unit normals; zero where no face with an area touches the vertex. The sums run in face
+        order, so the result is the same bits on every run.
+    """
+    sums = np.zeros((3, len(vertices)), dtype=np.float64)
+    for start in range(0, len(faces), _CHUNK):
+        chunk = faces[start : start + _CHUNK]
+        _add_at_corners(sums, chunk, area_vectors(vertices, chunk, scale))
+    return unit_rows(np.ascontiguousarray(sums.T)).astype(np.float32)
+
+
+def _add_at_corners(
+    sums: NDArray[np.float64], corners: NDArray[np.int32], vectors: NDArray[np.float64]
+) -> None:
+    """Add every face's vector to the sums (3, n) at its three corners, in face order."""
+    index = corners.ravel()
+    for axis in range(3):
+        np.add.at(sums[axis], index, np.repeat(vectors[:, axis], 3))
+
+
+def crease_normals(
+    vertices: NDArray[np.float64],
+    faces: NDArray[np.int32],
+    scale: float,
+    angle: float,
+    merge: bool,
+) -> CreasedCorners:
+    """
+    Give every corner the mean normal of the faces around its position that are nearly coplanar.
+
+    A face counts for a corner if its normal lies within ``angle`` of the normal of the corner's own
+    face; it counts by its area. Positions are merged when their coordinates are the same bits.
+
+    Parameters
+    ----------
+    vertices : (V, 3) float64
+    faces : (F, 3) int32
+    scale : float
+        Factor on the vertices, from `safe_scale`.
+    angle : float
+        Crease angle, degrees in 0..180.
+    merge : bool
+        Whether vertices at one position with one normal become one vertex (a mesh whose vertices
+        carry nothing but their position), or each old vertex keeps a vertex of its own.
+
+    Returns
+    -------
+    CreasedCorners
+    """
+    position_of_vertex, first_of_position = merge_positions(vertices)
+    positions = position_of_vertex[faces]
+    areas = np.concatenate(
+        [
+            area_vectors(vertices, faces[start : start + _CHUNK], scale)
+            for start in range(0, len(faces), _CHUNK)
+        ]
+    )
+    sums = np.zeros((3, len(first_of_position)), dtype=np.float64)
+    _add_at_corners(sums, positions, areas)
+    means = unit_rows(np.ascontiguousarray(sums.T))
+    directions = unit_rows(areas)
+    creased = _creased_positions(positions, directions, means, angle)
+
+    # Every vertex starts with the mean normal of its position.
+    if merge:
+        base, sources = positions, first_of_position
+    else:
+        base, sources = faces, np.arange(len(vertices))
+    normals = means[position_of_vertex[sources]].astype(np.float32) + np.float32(0.0)
+    # Corners at creases get normals of their own, and further vertices where those differ.
+    corners = np.flatnonzero(creased[positions.ravel()])
+    corner_normals = _corner_normals(corners, positions.ravel(), areas, directions, means, angle)
+    return _split_vertices(base, sources, normals, corners, corner_normals)
+
+
+def merge_positions(
+    vertices: NDArray[np.float64],
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """
+    Number the distinct positions in order of first appearance.
+
+    Parameters
+    ----------
+    vertices : (V, 3) float64
+
+    Returns
+    -------
+    position_of_vertex : (V,) int64
+        Number of each vertex's position; -0 and 0 are one, NaNs with the same bits are one.
+    first_of_position : (P,) int64
+        First vertex at each position, ascending.
+    """
+    # Adding zero turns -0 into 0.
+    bits = (vertices + 0.0).view(np.uint64)
+    key = _hash_rows(bits)
+    order = np.argsort(key)
+    ordered = key[order]
+    new = np.concatenate(([True], ordered[1:] != ordered[:-1]))
+    if not _groups_agree(bits, order, new):
+        # Two positions share a hash: sort by the coordinates themselves.
+        order = np.lexsort((bits[:, 2], bits[:, 1], bits[:, 0]))
+        new = np.concatenate(([True], (np.diff(bits[order], axis=0) != 0).any(axis=1)))
+    group = np.cumsum(new) - 1
+    first = np.minimum.reduceat(order, np.flatnonzero(new))
+    # Renumber by first appearance, which keeps the mesh's own locality.
+    appears = np.zeros(len(vertices), dtype=bool)
+    appears[first] = True
+    rank = np.cumsum(appears) - 1
+    position_of_vertex = np.empty(len(vertices), dtype=np.int64)
+    position_of_vertex[order] = rank[first][group]
+    return position_of_vertex, np.flatnonzero(appears)
+
+
+def _hash_rows(bits: NDArray[np.uint64]) -> NDArray[np.uint64]:
+    """Mix each row of three 64-bit words into one (multiply and xor-shift, as in SplitMix64)."""
+    key = np.zeros(len(bits), dtype=np.uint64)
+    for axis in range(3):
+        key ^= bits[:, axis]
+        key *= np.uint64(0xBF58476D1CE4E5B9)
+        key ^= key >> np.uint64(29)
+    return key
+
+
+def _groups_agree(
+    bits: NDArray[np.uint64], order: NDArray[np.int64], new: NDArray[np.bool_]
+) -> bool:
+    """Tell whether neighbours in one hash group are the same position."""
+    rows = np.take(bits, order, axis=0)
+    differ = rows[1:] != rows[:-1]
+    return not ((differ[:, 0] | differ[:, 1] | differ[:, 2]) & ~new[1:]).any()
+
+
+def _creased_positions(
+    positions: NDArray[np.int64],
+    directions: NDArray[np.float64],
+    means: NDArray[np.float64],
+    angle: float,
+) -> NDArray[np.bool_]:
+    """
+    Mark the positions where some face lies further than half the angle from the mean.
+
+    Where all faces lie within half the angle of the mean, all pairs lie within the angle of each
+    other and every corner's average is the mean itself.
+    """
+    limit = math.cos(math.radians(angle / 2.0)) - _COSINE_ROUNDING
+    creased = np.zeros(len(means), dtype=bool)
+    for start in range(0, len(positions), _CHUNK):
+        stop = start + _CHUNK
+        direction = directions[start:stop]
+        has_area = direction.any(axis=1)
+        for k in range(3):
+            corner = positions[start:stop, k]
+            cosine = np.einsum("ij,ij->i", direction, means[corner])
+            creased[corner[(cosine < limit) & has_area]] = True
+    return creased
+
+
+def _corner_normals(
+    corners: NDArray[np.int64],
+    position_of_corner: NDArray[np.int64],
+    areas: NDArray[np.float64],
+    directions: NDArray[np.float64],
+    means: NDArray[np.float64],
+    angle: float,
+) -> NDArray[np.float32]:
+    """
+    Average, for each listed corner, the faces at its position within the angle of its own.
+
+    Where more than `_MOST_NEIGHBOURS` faces meet, as at the tip of a finely cut cone, each corner
+    keeps the normal of its own face.
+    """
+    limit = math.cos(math.radians(angle)) - _COSINE_ROUNDING
+    normals = np.zeros((len(corners), 3), dtype=np.float64)
+    order = np.argsort(position_of_corner[corners], kind="stable")
+    group_start = np.flatnonzero(np.diff(position_of_corner[corners][order], prepend=-1))
+    group_size = np.diff(np.append(group_start, len(corners)))
+    # Groups of one size are handled together, as (groups, corner, neighbour) blocks.
+    for size in np.unique(group_size):
+        starts = group_start[group_size == size]
+        members = order[starts[:, np.newaxis] + np.arange(size)]
+        groups_at_once = max(1, _CHUNK // int(size) ** 2)
+        for g in range(0, len(members), groups_at_once):
+            group = members[g : g + groups_at_once]
+            own_faces = corners[group] // 3
+            direction, area = directions[own_faces], areas[own_faces]
+            if size > _MOST_NEIGHBOURS:
+                normals[group] = area
+                continue
+            near = np.einsum("gic,gjc->gij", direction, direction) >= limit
+            normals[group] = np.einsum("gij,gjc->gic", near.astype(np.float64), area)
+    normals = unit_rows(normals)
+    # A face without an area has no normal to compare: it takes the mean of its position.
+    lost = ~directions[corners // 3].any(axis=1)
+    normals[lost] = means[position_of_corner[corners[lost]]]
+    return normals.astype(np.float32) + np.float32(0.0)
+
+
+def _split_vertices(
+    base: NDArray[np.integer],
+    sources: NDArray[np.int64],
+    normals: NDArray[np.float32],
+    corners: NDArray[np.int64],
+    corner_normals: NDArray[np.float32],
+) -> CreasedCorners:
+    """Give each distinct (vertex, normal) pair among the corners a vertex of its own."""
+    faces = base.astype(np.int32).ravel()
+    if len(corners) == 0:
+        return CreasedCorners(faces.reshape(-1, 3), sources, normals)
+    owner = faces[corners].astype(np.int64)
+    bits = corner_normals.view(np.uint32).astype(np.uint64)
+    high = (owner.astype(np.uint64) << np.uint64(32)) | bits[:, 0]
+    low = (bits[:, 1] << np.uint64(32)) | bits[:, 2]
+    order = np.lexsort((low, high))
+    owner, high, low = owner[order], high[order], low[order]
+    new = np.concatenate(([True], (high[1:] != high[:-1]) | (low[1:] != low[:-1])))
+    first = np.flatnonzero(new)
+    # The first normal of an owner takes the owner's own vertex, the others get new ones.
+    extra = np.concatenate(([False], owner[first][1:] == owner[first][:-1]))
+    number = np.where(extra, len(sources) + np.cumsum(extra) - 1, owner[first])
+    faces[corners[order]] = number[np.cumsum(new) - 1]
+    values = corner_normals[order][first]
+    normals = np.concatenate([normals, values[extra]])
+    normals[number[~extra]] = values[~extra]
+    sources = np.concatenate([sources, sources[owner[first][extra]]])
+    return CreasedCorners(faces.reshape(-1, 3), sources, normals)

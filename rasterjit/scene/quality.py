@@ -1,0 +1,35 @@
+"""Every accuracy setting in one place."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from rasterjit.validation import one_of
+
+
+@dataclass(frozen=True)
+class Quality:
+    """
+    How accurately to render; ``dataclasses.replace`` changes single settings.
+
+    Parameters
+    ----------
+    subpixel_bits : {0, 4, 8, 12}
+        Vertices are rounded to ``2**-subpixel_bits`` pixel. 8 is what Direct3D requires and what
+        Mesa's rasterizer uses; 0 rounds to whole pixels, as in the classic exercise.
+
+    Raises
+    ------
+    ValueError
+        If a setting is not one of its levels.
+    """
+
+    subpixel_bits: int = 8
+
+    def __post_init__(self) -> None:
+        one_of("subpixel_bits", self.subpixel_bits, (0, 4, 8, 12))
+
+    @classmethod
+    def standard(cls) -> Quality:
+        """Return the default settings."""
+        return cls()

@@ -1,0 +1,224 @@
+"""Scenes: which meshes stand where, what lights them, and who looks."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rasterjit.scene.color import ColorLike, linear_color
+from rasterjit.scene.light import Light
+from rasterjit.scene.mesh import Mesh
+from rasterjit.validation import finite_array, one_of
+
+if TYPE_CHECKING:
+    from rasterjit.scene.camera import MatrixCamera, OrthographicCamera, PerspectiveCamera
+
+_CHUNK = 1 << 18
+"""Vertices transformed at once while measuring a scene."""
+
+_LAST_ROW_ROUNDING = 1e-9
+"""How far a transform's last row may be from 0, 0, 0, 1, as left by products and inverses."""
+
+
+@dataclass(frozen=True)
+class Wireframe:
+    """
+    Ask for the edges of every face to be drawn.
+
+    Parameters
+    ----------
+    color : str or array_like
+        Any colour of `rasterjit.scene.color.linear_color`; stored as a tuple of linear RGBA.
+    mode : {"overlay", "only"}
+        ``"overlay"`` draws the visible edges over the shaded faces; ``"only"`` draws every edge
+        and no face.
+
+    Raises
+    ------
+    ValueError
+        If the colour is not one or the mode is unknown.
+    """
+
+    color: ColorLike = "black"
+    mode: str = "overlay"
+
+    def __post_init__(self) -> None:
+        one_of("mode", self.mode, ("overlay", "only"))
+        object.__setattr__(self, "color", tuple(linear_color("color", self.color).tolist()))
+
+
+class Node:
+    """
+    One mesh at one place; two nodes with the same mesh are instances of it.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    world_from_model : (4, 4) array_like
+        Affine transform of column vectors; it may mirror or flatten the mesh. Assigning a new one
+        moves the mesh.
+    name : str
+
+    Raises
+    ------
+    ValueError
+        If ``mesh`` is not a `Mesh`, or the transform is not 4×4, finite and affine.
+    """
+
+    def __init__(self, mesh: Mesh, world_from_model: ArrayLike, name: str) -> None:
+        if not isinstance(mesh, Mesh):
+            raise ValueError(
+                f"mesh must be a rasterjit Mesh, got {type(mesh).__name__}; rasterjit.load and "
+                "rasterjit.render take files and trimesh objects"
+            )
+        self.mesh = mesh
+        self.world_from_model = world_from_model
+        self.name = name
+
+    @property
+    def world_from_model(self) -> NDArray[np.float64]:
+        """Affine transform, (4, 4) float64, from the mesh's space to the world."""
+        return self._world_from_model
+
+    @world_from_model.setter
+    def world_from_model(self, value: ArrayLike) -> None:
+        self._world_from_model = _affine("transform", value)
+
+    def __repr__(self) -> str:
+        return f"Node({self.name!r}, {self.mesh!r})"
+
+
+class Scene:
+    """
+    Meshes at their places, with lights and perhaps a camera.
+
+    Attributes
+    ----------
+    nodes : list of Node
+        In the order they were added; a node's index is its object number.
+    lights : list of AmbientLight, DirectionalLight or PointLight
+        Empty means that the renderer adds a headlight.
+    camera : PerspectiveCamera, OrthographicCamera, MatrixCamera or None
+        The camera a file brought, if any.
+    wireframe : Wireframe or None
+    """
+
+    def __init__(self) -> None:
+        self.nodes: list[Node] = []
+        self.lights: list[Light] = []
+        self.camera: PerspectiveCamera | OrthographicCamera | MatrixCamera | None = None
+        self.wireframe: Wireframe | None = None
+
+    def __repr__(self) -> str:
+        faces = sum(len(node.mesh.faces) for node in self.nodes)
+        return f"Scene({len(self.nodes)} objects, {faces} faces, {len(self.lights)} lights)"
+
+    def add(self, mesh: Mesh, transform: ArrayLike | None = None, name: str | None = None) -> Node:
+        """
+        Place a mesh in the scene; adding it again makes an instance that shares its arrays.
+
+        Parameters
+        ----------
+        mesh : Mesh
+        transform : (4, 4) array_like, optional
+            ``world_from_model``, affine, for column vectors; default the identity.
+        name : str, optional
+            Default ``"object <number>"``.
+
+        Returns
+        -------
+        Node
+            The new last entry of ``nodes``.
+
+        Raises
+        ------
+        ValueError
+            If ``mesh`` is not a `Mesh`, or the transform is not 4×4, finite and affine.
+        """
+        place = np.eye(4) if transform is None else transform
+        node = Node(mesh, place, f"object {len(self.nodes)}" if name is None else str(name))
+        self.nodes.append(node)
+        return node
+
+    def bounds(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """
+        Return the smallest axis-parallel box around everything.
+
+        Returns
+        -------
+        low, high : (3,) float64
+            World-space corners, over the finite vertices that belong to a face.
+
+        Raises
+        ------
+        ValueError
+            If there is no such vertex.
+        """
+        low, high = np.full(3, np.inf), np.full(3, -np.inf)
+        for world_positions in self._world_chunks():
+            np.minimum(low, world_positions.min(axis=0), out=low)
+            np.maximum(high, world_positions.max(axis=0), out=high)
+        if not (low <= high).all():
+            raise ValueError("scene has no face with a finite vertex, so it has no bounds")
+        return low, high
+
+    def bounding_sphere(self) -> tuple[NDArray[np.float64], float]:
+        """
+        Return a sphere that holds everything.
+
+        Returns
+        -------
+        center : (3,) float64
+            World-space middle of the scene's box.
+        radius : float
+            Distance of the farthest vertex from it, in scene units; 0 for a single point.
+
+        Raises
+        ------
+        ValueError
+            If no face has a finite vertex.
+        """
+        low, high = self.bounds()
+        center = low / 2.0 + high / 2.0
+        scale = float((high / 2.0 - low / 2.0).max())
+        if scale == 0.0:
+            return center, 0.0
+        largest = 0.0
+        for world_positions in self._world_chunks():
+            # Measured in units of the box, so that squares neither overflow nor vanish.
+            offset = (world_positions - center) / scale
+            largest = max(largest, float(np.einsum("ij,ij->i", offset, offset).max()))
+        return center, scale * math.sqrt(largest)
+
+    def _world_chunks(self) -> Iterator[NDArray[np.float64]]:
+        """Yield the used vertices of all nodes in world space, a bounded number at a time."""
+        used_by_mesh: dict[int, NDArray[np.bool_]] = {}
+        for node in self.nodes:
+            mesh = node.mesh
+            if id(mesh) not in used_by_mesh:
+                used_by_mesh[id(mesh)] = mesh.used_vertices()
+            used = used_by_mesh[id(mesh)]
+            linear, offset = node.world_from_model[:3, :3].T, node.world_from_model[:3, 3]
+            for start in range(0, len(used), _CHUNK):
+                chunk = slice(start, start + _CHUNK)
+                positions = mesh.vertices[chunk][used[chunk]]
+                if len(positions):
+                    yield positions @ linear + offset
+
+
+def _affine(name: str, value: ArrayLike) -> NDArray[np.float64]:
+    """Return a copy of an affine 4×4 matrix with an exact last row, or raise ``ValueError``."""
+    matrix = finite_array(name, value, (4, 4)).copy()
+    last_row = np.array([0.0, 0.0, 0.0, 1.0])
+    if np.abs(matrix[3] - last_row).max() > _LAST_ROW_ROUNDING:
+        raise ValueError(
+            f"{name} must be affine, with the last row 0, 0, 0, 1; got {matrix[3].tolist()} "
+            "(matrices multiply column vectors)"
+        )
+    matrix[3] = last_row
+    return matrix

@@ -1,0 +1,453 @@
+"""
+The Python side of the stages: allocate, share the work among threads, call the kernel.
+
+Work is cut into tasks that write to places of their own, fixed before any of them starts, so the
+result has the same bits for any number of threads and any order of completion.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.kernels import (
+    binning,
+    clipping,
+    interpolation,
+    lines,
+    resolve,
+    setup,
+    shading,
+    visibility,
+    wireframe,
+)
+from rasterjit.kernels.records import (
+    Faces,
+    Geometry,
+    Lighting,
+    Objects,
+    Placement,
+    ScreenVertices,
+    Surface,
+    Viewport,
+)
+from rasterjit.transforms import transform_points
+
+FACES_PER_TASK = 65536
+"""Faces set up by one task: enough to hide the cost of a task, few enough to share out."""
+
+VERTICES_PER_TASK = 65536
+"""Vertices projected by one task."""
+
+TILES_PER_TASK = 8
+"""Tiles drawn by one task: an eighth of a row of a 4K frame."""
+
+ROWS_PER_TASK = 16
+"""Rows shaded by one task: their linear colour, 16 bytes a pixel, stays in L2 up to 4K."""
+
+SPARE_VERTICES = 1024
+"""Room kept for vertices made by clipping before the arrays have to be copied."""
+
+
+class Workers:
+    """
+    A pool of threads for kernels that release the GIL.
+
+    Parameters
+    ----------
+    threads : int or None
+        How many; ``None`` takes the processors this process may run on.
+    """
+
+    def __init__(self, threads: int | None = None) -> None:
+        self.threads = available_processors() if threads is None else threads
+        self._pool: ThreadPoolExecutor | None = None
+
+    def run(self, task: Callable[..., Any], arguments: Iterable[tuple]) -> list[Any]:
+        """Call ``task(*args)`` for each tuple; return the results in order."""
+        calls = list(arguments)
+        if self.threads == 1 or len(calls) <= 1:
+            return [task(*call) for call in calls]
+        if self._pool is None:
+            self._pool = ThreadPoolExecutor(self.threads, thread_name_prefix="rasterjit")
+        return list(self._pool.map(lambda call: task(*call), calls))
+
+    def close(self) -> None:
+        """Let the threads go."""
+        if self._pool is not None:
+            self._pool.shutdown()
+            self._pool = None
+
+
+def available_processors() -> int:
+    """Return the number of processors this process may run on."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+class Totals(NamedTuple):
+    """What became of the faces; the numbers add up to ``faces_in``."""
+
+    faces_in: int
+    outside: int
+    """Wholly outside the view volume."""
+    degenerate: int
+    """Zero area after snapping."""
+    culled: int
+    """Turned away, with culling on."""
+    unsampled: int
+    """Between the pixel centres, or beside the image."""
+    invalid: int
+    """With a vertex that is NaN, infinite or too large."""
+    drawn: int
+    clipped: int
+    """Of those that were not outside, how many were cut (not a share of its own)."""
+
+
+class Coverage(NamedTuple):
+    """The visibility buffer and the geometry that it points into."""
+
+    depth: NDArray[np.float32]
+    """(H, W), stored depth: greater is nearer, -inf where nothing is."""
+    face_id: NDArray[np.int32]
+    """(H, W), -1 where nothing is."""
+    screen: ScreenVertices
+    totals: Totals
+
+
+def transform(
+    positions: NDArray[np.float64],
+    vertex_starts: NDArray[np.int64],
+    relative_from_model: NDArray[np.float64],
+    clip_from_relative: NDArray[np.float64],
+    workers: Workers,
+) -> NDArray[np.float64]:
+    """
+    Take every object's vertices to clip space, by way of the eye.
+
+    Model positions become positions relative to the eye first: differences of large coordinates
+    are taken while they are exact, so a scene far from the origin loses nothing.
+    """
+    clip_positions = np.empty((len(positions), 4), np.float64)
+
+    def transform_some(owner: int, first: int, stop: int) -> None:
+        relative = transform_points(relative_from_model[owner], positions[first:stop])
+        transform_points(clip_from_relative, relative[:, :3], out=clip_positions[first:stop])
+
+    calls = []
+    for owner in range(len(vertex_starts) - 1):
+        end = int(vertex_starts[owner + 1])
+        for first in range(int(vertex_starts[owner]), end, VERTICES_PER_TASK):
+            calls.append((owner, first, min(first + VERTICES_PER_TASK, end)))
+    workers.run(transform_some, calls)
+    return clip_positions
+
+
+def project(
+    clip_positions: NDArray[np.float64],
+    depth_coefficients: tuple[float, float, float],
+    viewport: Viewport,
+    workers: Workers,
+) -> tuple[ScreenVertices, int]:
+    """Snap all vertices; return them, with some room behind, and the outcode bits seen."""
+    count = clip_positions.shape[0]
+    screen = _screen_arrays(count + SPARE_VERTICES)
+    calls = [
+        (clip_positions[first : first + VERTICES_PER_TASK], depth_coefficients, viewport, first,
+         screen)
+        for first in range(0, count, VERTICES_PER_TASK)
+    ]  # fmt: skip
+    seen = 0
+    for bits in workers.run(setup.project_vertices, calls):
+        seen |= bits
+    return screen, seen
+
+
+def clip(
+    clip_positions: NDArray[np.float64],
+    faces: NDArray[np.int32],
+    depth_coefficients: tuple[float, float, float],
+    viewport: Viewport,
+    screen: ScreenVertices,
+    workers: Workers,
+) -> tuple[Faces, ScreenVertices, int]:
+    """Cut the faces that need it; return all faces, all vertices and how many were cut."""
+    codes = screen.codes[: clip_positions.shape[0]]
+    found = np.empty(min(len(faces), SPARE_VERTICES), np.int32)
+    count = clipping.find_clipped_faces(faces, codes, found)
+    if count > len(found):
+        found = np.empty(count, np.int32)
+        clipping.find_clipped_faces(faces, codes, found)
+    cut = found[:count]
+    counts = np.zeros(count, np.int64)
+    clipping.count_clipped_vertices(cut, faces, clip_positions, viewport, counts)
+    vertex_starts = np.concatenate(([0], np.cumsum(counts)))
+    piece_starts = np.concatenate(([0], np.cumsum(np.maximum(counts - 2, 0))))
+    positions = np.empty((vertex_starts[-1], 4), np.float64)
+    pieces = np.empty((piece_starts[-1], 3), np.int32)
+    piece_faces = np.empty(piece_starts[-1], np.int32)
+    clipping.clip_faces(
+        cut, faces, clip_positions, viewport,
+        (vertex_starts, piece_starts), (positions, pieces, piece_faces),
+    )  # fmt: skip
+    first = clip_positions.shape[0]
+    if first + len(positions) > len(screen.codes):
+        roomy = _screen_arrays(first + len(positions))
+        for old, new in zip(screen, roomy, strict=True):
+            new[:first] = old[:first]
+        screen = roomy
+    setup.project_vertices(positions, depth_coefficients, viewport, first, screen)
+    return Faces(faces, pieces, piece_faces), screen, count
+
+
+def find_visible(
+    clip_positions: NDArray[np.float64],
+    faces: NDArray[np.int32],
+    objects: Objects,
+    depth_coefficients: tuple[float, float, float],
+    viewport: Viewport,
+    workers: Workers,
+    clock: Callable[[str], None],
+) -> Coverage:
+    """
+    Run projection, clipping, set-up, binning and visibility.
+
+    Parameters
+    ----------
+    clip_positions : (V, 4) float64, clip space
+    faces : (F, 3) int32
+    objects : Objects
+    depth_coefficients : (float, float, float)
+        The stored depth is ``(c0 + c1 z + c2 w) / w``; greater is nearer.
+    viewport : Viewport
+    workers : Workers
+    clock : callable
+        Called with a stage's name when it ends.
+    """
+    screen, seen = project(clip_positions, depth_coefficients, viewport, workers)
+    clock("project")
+    clipped = 0
+    all_faces = Faces(faces, np.empty((0, 3), np.int32), np.empty(0, np.int32))
+    if seen & setup.CLIPPED:
+        all_faces, screen, clipped = clip(
+            clip_positions, faces, depth_coefficients, viewport, screen, workers
+        )
+    clock("clip")
+    starts, binned, sums = set_up_and_bin(all_faces, objects, screen, viewport, workers)
+    clock("set up, bin")
+    depth = np.empty((viewport.height, viewport.width), np.float32)
+    face_id = np.empty((viewport.height, viewport.width), np.int32)
+    draw(starts, binned, all_faces, screen, viewport, (depth, face_id), workers)
+    clock("visibility")
+    outside, degenerate, culled, unsampled, invalid = (int(n) for n in sums)
+    drawn = len(faces) - (outside + degenerate + culled + unsampled + invalid)
+    totals = Totals(
+        len(faces), outside, degenerate, culled, unsampled, invalid, drawn, clipped
+    )
+    return Coverage(depth, face_id, screen, totals)
+
+
+def set_up_and_bin(
+    faces: Faces, objects: Objects, screen: ScreenVertices, viewport: Viewport, workers: Workers
+) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.int64]]:
+    """Return each tile's start in the list of binned triangles, that list, and the totals."""
+    columns = -(-viewport.width // visibility.TILE_SIZE)
+    tiles = columns * -(-viewport.height // visibility.TILE_SIZE)
+    face_count, piece_count = len(faces.faces), len(faces.pieces)
+    edges = np.unique(np.append(np.arange(0, face_count, FACES_PER_TASK), face_count))
+    piece_edges = np.searchsorted(faces.piece_faces, edges)
+    triangles = np.empty(face_count + piece_count, np.int32)
+    boxes = np.empty((face_count + piece_count, 4), np.uint8)
+    tile_counts = np.zeros((len(edges) - 1, tiles), np.int32)
+    sums = np.zeros((len(edges) - 1, 5), np.int64)
+    ranges = [
+        ((int(edges[n]), int(edges[n + 1])), (int(piece_edges[n]), int(piece_edges[n + 1])))
+        for n in range(len(edges) - 1)
+    ]
+    ends = workers.run(
+        setup.set_up_triangles,
+        [
+            (*ranges[n], faces, objects, screen, viewport, (triangles, boxes),
+             (columns, tile_counts[n], sums[n]))
+            for n in range(len(ranges))
+        ],
+    )  # fmt: skip
+    # Give every task its own place in every tile's list.
+    starts = np.concatenate(([0], np.cumsum(tile_counts.sum(axis=0, dtype=np.int64))))
+    cursors = starts[:-1] + np.cumsum(tile_counts, axis=0, dtype=np.int64) - tile_counts
+    binned = np.empty(starts[-1], np.int32)
+    firsts = [face_range[0] + piece_range[0] for face_range, piece_range in ranges]
+    workers.run(
+        binning.bin_triangles,
+        [
+            (triangles[firsts[n] : ends[n]], boxes[firsts[n] : ends[n]], columns, cursors[n],
+             binned)
+            for n in range(len(ranges))
+        ],
+    )  # fmt: skip
+    return starts, binned, sums.sum(axis=0)
+
+
+def draw(
+    starts: NDArray[np.int64],
+    binned: NDArray[np.int32],
+    faces: Faces,
+    screen: ScreenVertices,
+    viewport: Viewport,
+    frame: tuple[NDArray[np.float32], NDArray[np.int32]],
+    workers: Workers,
+) -> None:
+    """Draw all tiles, each by one thread."""
+    tiles = np.arange(len(starts) - 1, dtype=np.int32)
+    per_task = TILES_PER_TASK if workers.threads > 1 else len(tiles)
+    side = visibility.TILE_SIZE
+
+    def draw_some(some: NDArray[np.int32]) -> None:
+        scratch = np.empty((side, side), np.float32), np.empty((side, side), np.int32)
+        visibility.draw_tiles(some, starts, binned, faces, screen, viewport, frame, scratch)
+
+    workers.run(
+        draw_some, [(tiles[n : n + per_task],) for n in range(0, len(tiles), per_task)]
+    )
+
+
+def light_vertices(
+    vertex_starts: NDArray[np.int64],
+    owners: list[int],
+    placement: Placement,
+    surface: Surface,
+    lighting: Lighting,
+    workers: Workers,
+) -> NDArray[np.float32]:
+    """Light the vertices of the objects shaded by Gouraud; (V, 2, 3), zero for the others."""
+    lit = np.zeros((len(placement.positions), 2, 3), np.float32)
+    calls = []
+    for owner in owners:
+        end = int(vertex_starts[owner + 1])
+        for first in range(int(vertex_starts[owner]), end, VERTICES_PER_TASK):
+            vertices = (first, min(first + VERTICES_PER_TASK, end))
+            calls.append((vertices, owner, placement, surface, lighting, lit))
+    workers.run(shading.light_vertices, calls)
+    return lit
+
+
+def shade(
+    face_id: NDArray[np.int32],
+    geometry: Geometry,
+    placement: Placement,
+    surface: Surface,
+    lighting: Lighting | None,
+    background: NDArray[np.float32],
+    linear: NDArray[np.float32] | None,
+    color: NDArray[np.uint8] | None,
+    workers: Workers,
+) -> None:
+    """
+    Shade and resolve the frame in bands of rows.
+
+    Parameters
+    ----------
+    face_id : (H, W) int32
+    geometry, placement, surface, lighting : records
+    background : (4,) float32, linear
+    linear : (H, W, 4) float32 or None
+        Written, if the frame has it.
+    color : (H, W, 4) uint8 or None
+        Written, if the frame has it.
+    workers : Workers
+    """
+    height, width = face_id.shape
+    tables = resolve.encoding_tables()
+    packed = None if color is None else color.view(np.uint32)[:, :, 0]
+
+    def shade_band(first: int) -> None:
+        band = slice(first, min(first + ROWS_PER_TASK, height))
+        rows = face_id[band]
+        shaded = np.empty((*rows.shape, 4), np.float32) if linear is None else linear[band]
+        shading.shade_rows(
+            rows, first, geometry, placement, surface, lighting, background, shaded
+        )
+        if packed is not None:
+            resolve.encode_rows(shaded, tables, packed[band])
+
+    workers.run(shade_band, [(first,) for first in range(0, height, ROWS_PER_TASK)])
+
+
+def unique_edges(faces: NDArray[np.int32], vertex_count: int) -> NDArray[np.int32]:
+    """Return every edge of the faces once, (N, 2), lower vertex number first, ascending."""
+    corners = faces.astype(np.int64)
+    pairs = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]])
+    keys = np.unique(pairs.min(axis=1) * vertex_count + pairs.max(axis=1))
+    return np.stack([keys // vertex_count, keys % vertex_count], axis=1).astype(np.int32)
+
+
+def draw_edges(
+    edges: NDArray[np.int32],
+    geometry: Geometry,
+    depth_coefficients: tuple[float, float, float],
+    rgba: NDArray[np.uint8],
+    color: NDArray[np.uint8],
+    hidden_by: tuple[NDArray[np.int32], NDArray[np.float32]] | None,
+) -> None:
+    """
+    Draw edges as Bresenham lines into the colour.
+
+    Parameters
+    ----------
+    edges : (N, 2) int32, vertex numbers
+    geometry : Geometry
+    depth_coefficients : (float, float, float)
+    rgba : (4,) uint8
+    color : (H, W, 4) uint8
+        Written.
+    hidden_by : (face_id (H, W) int32, depth (H, W) float32) or None
+        The surfaces that hide edges; ``None`` draws all of them.
+    """
+    ends, depths = np.empty((len(edges), 4), np.int64), np.empty((len(edges), 2), np.float64)
+    count = wireframe.project_edges(
+        edges, geometry.clip_positions, depth_coefficients, geometry.viewport, ends, depths
+    )
+    colors = np.ascontiguousarray(np.broadcast_to(rgba, (count, 2, 4)))
+    target = color.view(np.uint32)[:, :, 0]
+    if hidden_by is None:
+        lines.draw_lines(target, ends[:count], colors)
+        return
+    face_id, depth = hidden_by
+    slack = np.empty_like(depth)
+    wireframe.fill_slack(face_id, depth, geometry, depth_coefficients, slack)
+    lines.draw_lines_depth_tested(target, depth, ends[:count], depths[:count], colors, slack)
+
+
+def fill_rows(kernel: Any, face_id: NDArray[np.int32], arguments: tuple, workers: Workers) -> None:
+    """Call an interpolation kernel for bands of rows."""
+    height = len(face_id)
+    workers.run(
+        kernel,
+        [
+            (face_id, (first, min(first + ROWS_PER_TASK, height)), *arguments)
+            for first in range(0, height, ROWS_PER_TASK)
+        ],
+    )
+
+
+def fill_barycentric(
+    face_id: NDArray[np.int32], geometry: Geometry, workers: Workers
+) -> NDArray[np.float32]:
+    """Return the weights of each sample, (H, W, 3); zero where nothing is."""
+    barycentric = np.empty((*face_id.shape, 3), np.float32)
+    fill_rows(interpolation.fill_barycentric, face_id, (geometry, barycentric), workers)
+    return barycentric
+
+
+def _screen_arrays(count: int) -> ScreenVertices:
+    return ScreenVertices(
+        np.empty((count, 2), np.int32), np.empty(count, np.float64), np.zeros(count, np.uint8)
+    )
+
+

@@ -1,0 +1,615 @@
+"""
+4x4 matrices and point transforms: pure NumPy, float64, column vectors, degrees.
+
+Matrices are named *target from source*; ``compose(c, b, a)`` applies ``a`` first. World and view
+space are right-handed with y up, the camera looks down its -z. NDC is [-1, 1]^3 with -1 at the
+near plane. Screen space has x to the right, y **down** and the centre of pixel (column i, row j)
+at (i + 0.5, j + 0.5).
+
+The same input gives the same bits on every machine: no BLAS and no vectorised or libm
+trigonometry, whose roundings differ between CPUs, only IEEE operations in a fixed order.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rasterjit.validation import (
+    finite_array,
+    finite_number,
+    image_size,
+    one_of,
+    positive_number,
+    vector,
+)
+
+Matrix = NDArray[np.float64]
+_Triple = tuple[float, float, float]
+
+_BITS = 128
+"""Fractional bits of the fixed-point series: 75 more than a float64 keeps."""
+
+_PI = 0x3243F6A8885A308D313198A2E03707344
+"""Pi times 2^128, rounded down."""
+
+_LAST_TERM = 28
+"""Highest power of the series: 45 degrees to the 30th over 30! is below 2^-117."""
+
+_PARALLEL_SINE = 1e-10
+"""Sine of the angle below which directions count as parallel: the cross product of unit vectors
+carries a rounding error of about 2e-16, so its direction keeps six digits down to here."""
+
+_SMALLEST_FOV = 1e-300
+"""Degrees; below it the focal length 1/tan(fov/2) overflows float64."""
+
+_BLOCK = 16384
+"""Points per block: 128 KiB per float64 coordinate, so a block's five columns stay in a 1 MiB
+second-level cache. 500 k points took 5.0 ms; 12.8 ms with 1024."""
+
+
+def sine_cosine(degrees: float) -> tuple[float, float]:
+    """
+    Return the sine and cosine of an angle in degrees, correctly rounded on every machine.
+
+    Multiples of 30 degrees with rational results are exact: ``sine_cosine(90) == (1, 0)``.
+
+    Parameters
+    ----------
+    degrees : float
+
+    Raises
+    ------
+    ValueError
+        If ``degrees`` is not a finite number.
+
+    Notes
+    -----
+    The angle is reduced to +-45 degrees without rounding, then both Taylor series are summed in
+    128-bit fixed point. The sine is the angle times the series of sin(x)/x, so it keeps its
+    relative precision for tiny angles.
+    """
+    turn = math.remainder(finite_number("degrees", degrees), 360.0)
+    quarter = round(turn / 90.0)
+    numerator, denominator = (turn - 90.0 * quarter).as_integer_ratio()
+    radians = numerator * _PI // (180 * denominator)
+    square = radians * radians >> _BITS
+    one = 1 << _BITS
+    sine_ratio = cosine_sum = one
+    for k in range(_LAST_TERM, 0, -2):
+        sine_ratio = one - (square * sine_ratio // (k * (k + 1)) >> _BITS)
+        cosine_sum = one - (square * cosine_sum // (k * (k - 1)) >> _BITS)
+    sine = numerator * _PI * sine_ratio / (180 * denominator << 2 * _BITS)
+    cosine = cosine_sum / one
+    turned = ((sine, cosine), (cosine, -sine), (-sine, -cosine), (-cosine, sine))[quarter % 4]
+    return turned[0] + 0.0, turned[1] + 0.0
+
+
+def focal_length(fov_y: float) -> float:
+    """
+    Return 1/tan(fov_y / 2), the distance at which the view is 2 units high; exactly 1 at 90.
+
+    Parameters
+    ----------
+    fov_y : float, degrees
+        Vertical field of view, strictly between 0 and 180.
+
+    Raises
+    ------
+    ValueError
+        If ``fov_y`` is not a finite number between 0 and 180 (or is below 1e-300).
+    """
+    angle = finite_number("fov_y", fov_y)
+    if not _SMALLEST_FOV <= angle < 180.0:
+        raise ValueError(f"fov_y must be above 0 and below 180 degrees, got {angle!r}")
+    sine, cosine = sine_cosine(angle)
+    # Take the half-angle formula that does not cancel.
+    return (1.0 + cosine) / sine if cosine >= 0.0 else sine / (1.0 - cosine)
+
+
+def unit_vector(name: str, value: ArrayLike) -> NDArray[np.float64]:
+    """
+    Return ``value`` scaled to length one.
+
+    Scaled by a power of two first, so that neither 1e-160 nor 1e+160 underflows or overflows.
+
+    Parameters
+    ----------
+    name : str
+        What the message calls the argument.
+    value : (3,) array_like
+
+    Returns
+    -------
+    (3,) float64
+
+    Raises
+    ------
+    ValueError
+        If ``value`` is zero, not finite or not three numbers.
+    """
+    components = vector(name, value).tolist()
+    largest = max(abs(c) for c in components)
+    if largest == 0.0:
+        raise ValueError(f"{name} must not be the zero vector")
+    exponent = math.frexp(largest)[1]
+    x, y, z = (math.ldexp(c, -exponent) for c in components)
+    length = math.sqrt(_dot((x, y, z), (x, y, z)))
+    return np.array([x / length, y / length, z / length])
+
+
+def are_parallel(a: ArrayLike, b: ArrayLike) -> bool:
+    """
+    Tell whether two non-zero vectors point the same or opposite ways, to within 1e-10 radian.
+
+    Parameters
+    ----------
+    a, b : (3,) array_like
+
+    Raises
+    ------
+    ValueError
+        If either is zero, not finite or not three numbers.
+    """
+    side = _cross(unit_vector("a", a).tolist(), unit_vector("b", b).tolist())
+    return math.sqrt(_dot(side, side)) <= _PARALLEL_SINE
+
+
+def identity() -> Matrix:
+    """Return the (4, 4) identity."""
+    return np.eye(4)
+
+
+def translate(offset: ArrayLike) -> Matrix:
+    """
+    Return the matrix that moves points by ``offset``.
+
+    Parameters
+    ----------
+    offset : (3,) array_like
+        One vector: ``translate((x, y, z))``.
+
+    Raises
+    ------
+    ValueError
+        If ``offset`` is not three finite numbers.
+    """
+    matrix = np.eye(4)
+    matrix[:3, 3] = vector("offset", offset)
+    return matrix
+
+
+def scale(factor: float | ArrayLike) -> Matrix:
+    """
+    Return the matrix that scales about the origin.
+
+    Parameters
+    ----------
+    factor : float or (3,) array_like
+        One factor for all axes or one per axis; a negative factor mirrors.
+
+    Raises
+    ------
+    ValueError
+        If a factor is not finite, or is zero (the matrix would be singular).
+    """
+    if np.ndim(factor) == 0:
+        factors = np.full(3, finite_number("factor", factor))
+    else:
+        factors = vector("factor", factor)
+    if not factors.all():
+        raise ValueError(f"factor must not be 0, got {factor!r}")
+    return np.diag([*factors.tolist(), 1.0])
+
+
+def rotate(axis: ArrayLike, degrees: float) -> Matrix:
+    """
+    Return the right-handed rotation about an axis through the origin.
+
+    Seen against the axis's direction, positive angles turn counter-clockwise. About a coordinate
+    axis, quarter turns have entries of exactly 0 and +-1.
+
+    Parameters
+    ----------
+    axis : (3,) array_like
+        Any non-zero length.
+    degrees : float
+
+    Raises
+    ------
+    ValueError
+        If ``axis`` is zero or not finite, or ``degrees`` is not finite.
+    """
+    x, y, z = unit_vector("axis", axis).tolist()
+    sine, cosine = sine_cosine(degrees)
+    rest = 1.0 - cosine
+    matrix = np.eye(4)
+    # x² + c(y² + z²) is Rodrigues' c + (1 - c)x² without its cancellation.
+    matrix[:3, :3] = [
+        [x * x + cosine * (y * y + z * z), rest * x * y - sine * z, rest * x * z + sine * y],
+        [rest * x * y + sine * z, y * y + cosine * (x * x + z * z), rest * y * z - sine * x],
+        [rest * x * z - sine * y, rest * y * z + sine * x, z * z + cosine * (x * x + y * y)],
+    ]
+    return matrix + 0.0
+
+
+def rotate_x(degrees: float) -> Matrix:
+    """Return the rotation about x that turns y towards z; see :func:`rotate`."""
+    return rotate((1.0, 0.0, 0.0), degrees)
+
+
+def rotate_y(degrees: float) -> Matrix:
+    """Return the rotation about y that turns z towards x; see :func:`rotate`."""
+    return rotate((0.0, 1.0, 0.0), degrees)
+
+
+def rotate_z(degrees: float) -> Matrix:
+    """Return the rotation about z that turns x towards y; see :func:`rotate`."""
+    return rotate((0.0, 0.0, 1.0), degrees)
+
+
+def shear(
+    *,
+    xy: float = 0.0,
+    xz: float = 0.0,
+    yx: float = 0.0,
+    yz: float = 0.0,
+    zx: float = 0.0,
+    zy: float = 0.0,
+) -> Matrix:
+    """
+    Return the shear that adds to each coordinate a multiple of the others.
+
+    Parameters
+    ----------
+    xy, xz, yx, yz, zx, zy : float
+        ``xy`` is how much of y is added to x, ``yx`` how much of x to y, and so on. All six
+        read the unsheared point.
+
+    Raises
+    ------
+    ValueError
+        If a coefficient is not finite.
+    """
+    given = {"xy": xy, "xz": xz, "yx": yx, "yz": yz, "zx": zx, "zy": zy}
+    matrix = np.eye(4)
+    for name, amount in given.items():
+        matrix["xyz".index(name[0]), "xyz".index(name[1])] = finite_number(name, amount)
+    return matrix
+
+
+def compose(*matrices: ArrayLike) -> Matrix:
+    """
+    Return the product of the matrices: the leftmost is applied last.
+
+    Parameters
+    ----------
+    *matrices : (4, 4) array_like
+        None at all gives the identity.
+
+    Raises
+    ------
+    ValueError
+        If one is not a finite 4x4 matrix.
+    """
+    product = np.eye(4)
+    for number, matrix in enumerate(matrices):
+        a, b = product, finite_array(f"matrices[{number}]", matrix, (4, 4))
+        product = ((a[:, :1] * b[0] + a[:, 1:2] * b[1]) + a[:, 2:3] * b[2]) + a[:, 3:] * b[3]
+    return product
+
+
+def look_at(eye: ArrayLike, target: ArrayLike, up: ArrayLike) -> Matrix:
+    """
+    Return ``view_from_world`` of a UVN camera: eye at the origin, target on -z, up towards +y.
+
+    Parameters
+    ----------
+    eye, target : (3,) array_like, world space
+    up : (3,) array_like
+        Any length; need not be perpendicular to the view.
+
+    Raises
+    ------
+    ValueError
+        If ``target`` equals ``eye``, or ``up`` is zero or within 1e-10 radian of the line of
+        sight, or an entry is not finite.
+    """
+    eye_x, eye_y, eye_z = origin = tuple(vector("eye", eye).tolist())
+    x, y, z = vector("target", target).tolist()
+    if origin == (x, y, z):
+        raise ValueError(f"target must differ from eye, both are {origin}")
+    back = tuple(unit_vector("eye - target", (eye_x - x, eye_y - y, eye_z - z)).tolist())
+    upward = unit_vector("up", up)
+    if are_parallel(upward, back):
+        raise ValueError(f"up must not be parallel to the line of sight, got {up!r}")
+    side = tuple(unit_vector("up", _cross(tuple(upward.tolist()), back)).tolist())
+    # Remove what cancellation in the cross product left along the line of sight.
+    lean = _dot(side, back)
+    side = tuple(
+        unit_vector("up", [s - lean * b for s, b in zip(side, back, strict=True)]).tolist()
+    )
+    rows = (side, _cross(back, side), back)
+    matrix = np.eye(4)
+    for k, row in enumerate(rows):
+        matrix[k] = [*row, -_dot(row, origin)]
+    return matrix + 0.0
+
+
+def perspective(fov_y: float, aspect: float, near: float, far: float) -> Matrix:
+    """
+    Return ``clip_from_view`` of a symmetric perspective camera (OpenGL's NDC).
+
+    Parameters
+    ----------
+    fov_y : float, degrees
+        Vertical field of view, strictly between 0 and 180.
+    aspect : float
+        Width over height.
+    near, far : float, scene units
+        Distances along -z that map to NDC z of -1 and +1; ``far`` may be ``math.inf``.
+
+    Raises
+    ------
+    ValueError
+        If ``fov_y`` is outside (0, 180), ``aspect`` or ``near`` not above 0, ``far`` not above
+        ``near``, or a number is not finite.
+    """
+    focal = focal_length(fov_y)
+    ratio = positive_number("aspect", aspect)
+    z_scale, z_offset = perspective_depth(near, far)
+    return np.array(
+        [
+            [focal / ratio, 0.0, 0.0, 0.0],
+            [0.0, focal, 0.0, 0.0],
+            [0.0, 0.0, z_scale, z_offset],
+            [0.0, 0.0, -1.0, 0.0],
+        ]
+    )
+
+
+def perspective_depth(near: float, far: float) -> tuple[float, float]:
+    """
+    Return the scale and offset of view z in the third row of a perspective matrix.
+
+    Parameters
+    ----------
+    near, far : float, scene units
+        ``far`` may be ``math.inf``.
+
+    Raises
+    ------
+    ValueError
+        If ``near`` is not above 0, ``far`` not above ``near``, or either is NaN.
+    """
+    n = positive_number("near", near)
+    f = math.inf if far == math.inf else finite_number("far", far)
+    if f <= n:
+        raise ValueError(f"far must be above near = {n!r}, got {f!r}")
+    if f == math.inf:
+        return -1.0, -2.0 * n
+    return -(f + n) / (f - n), -2.0 * n * (f / (f - n))
+
+
+def perspective_focal(d: float) -> Matrix:
+    """
+    Return the textbook projection from the origin onto the view plane z = -d.
+
+    The last row is (0, 0, -1/d, 0): after the divide, (x, y, z) becomes (-dx/z, -dy/z, -d).
+    The matrix is singular; it keeps no depth.
+
+    Parameters
+    ----------
+    d : float, scene units
+        Distance of the view plane.
+
+    Raises
+    ------
+    ValueError
+        If ``d`` is not finite and above 0.
+    """
+    matrix = np.eye(4)
+    matrix[3] = [0.0, 0.0, -1.0 / positive_number("d", d), 0.0]
+    return matrix
+
+
+def orthographic(
+    left: float, right: float, bottom: float, top: float, near: float, far: float
+) -> Matrix:
+    """
+    Return ``clip_from_view`` of a parallel projection (OpenGL's NDC).
+
+    Parameters
+    ----------
+    left, right, bottom, top : float, view space
+        The values of x and y that map to -1 and +1. Swapping a pair mirrors the image.
+    near, far : float, scene units
+        Distances along -z that map to NDC z of -1 and +1; ``near`` may be 0 or negative.
+
+    Raises
+    ------
+    ValueError
+        If ``right`` equals ``left``, ``top`` equals ``bottom``, ``far`` is not above ``near``, or
+        a number is not finite.
+    """
+    x0, x1 = finite_number("left", left), finite_number("right", right)
+    y0, y1 = finite_number("bottom", bottom), finite_number("top", top)
+    n, f = finite_number("near", near), finite_number("far", far)
+    if x0 == x1:
+        raise ValueError(f"right must differ from left, both are {x0!r}")
+    if y0 == y1:
+        raise ValueError(f"top must differ from bottom, both are {y0!r}")
+    if f <= n:
+        raise ValueError(f"far must be above near = {n!r}, got {f!r}")
+    matrix = np.diag([2.0 / (x1 - x0), 2.0 / (y1 - y0), -2.0 / (f - n), 1.0])
+    matrix[:3, 3] = [-(x1 + x0) / (x1 - x0), -(y1 + y0) / (y1 - y0), -(f + n) / (f - n)]
+    return matrix + 0.0
+
+
+def viewport(width: int, height: int, convention: Literal["edges", "centers"] = "edges") -> Matrix:
+    """
+    Return ``screen_from_ndc``: x right, y down, pixels; depth passes through unchanged.
+
+    Parameters
+    ----------
+    width, height : int, pixels
+    convention : {"edges", "centers"}
+        ``"edges"`` puts NDC +-1 at the image's edges, 0 and W (scale W/2). ``"centers"`` puts them
+        at the centres of the first and last pixel, 0.5 and W - 0.5 (scale (W - 1)/2).
+
+    Raises
+    ------
+    ValueError
+        If a side is not a whole number in 1..16384, or the convention is unknown.
+    """
+    w, h = image_size("width, height", (width, height))
+    inset = 0 if one_of("convention", convention, ("edges", "centers")) == "edges" else 1
+    matrix = np.diag([(w - inset) / 2.0, (inset - h) / 2.0, 1.0, 1.0])
+    matrix[:2, 3] = w / 2.0, h / 2.0
+    return matrix
+
+
+def normal_matrix(matrix: ArrayLike) -> NDArray[np.float64]:
+    """
+    Return the 3x3 matrix that carries normals: the inverse transpose, up to a positive factor.
+
+    Parameters
+    ----------
+    matrix : (4, 4) array_like
+        Only the upper-left 3x3 is used.
+
+    Returns
+    -------
+    (3, 3) float64
+        The inverse transpose where it exists and is finite. Else a positive multiple of the
+        cofactor matrix times the sign of the determinant (+1 for 0), which turns normals the same
+        way and is finite for singular matrices too: flattening by diag(1, 1, 0) keeps the normal
+        (0, 0, 1). Below rank two every normal is lost and the result is zero.
+
+    Raises
+    ------
+    ValueError
+        If ``matrix`` is not a finite 4x4 matrix.
+    """
+    linear = finite_array("matrix", matrix, (4, 4))[:3, :3]
+    # Bring the largest entry into [1, 2) by a power of two, so that no product underflows.
+    exponent = int(np.frexp(np.abs(linear).max())[1]) - 1
+    a, b, c = (tuple(column) for column in np.ldexp(linear, -exponent).T.tolist())
+    cofactors = np.array([_cross(b, c), _cross(c, a), _cross(a, b)]).T
+    determinant = _dot(a, _cross(b, c))
+    with np.errstate(all="ignore"):
+        inverse_transpose = np.ldexp(cofactors / np.float64(determinant), -exponent)
+    if np.isfinite(inverse_transpose).all():
+        return inverse_transpose + 0.0
+    return (-cofactors if determinant < 0.0 else cofactors) + 0.0
+
+
+def apply(matrix: ArrayLike, points: ArrayLike) -> NDArray[np.float64]:
+    """
+    Transform points and divide by w.
+
+    Parameters
+    ----------
+    matrix : (4, 4) array_like
+    points : (N, 3) or (3,) array_like
+
+    Returns
+    -------
+    float64, the shape of ``points``
+        A point with w = 0 (at infinity) gives infinite or NaN coordinates.
+
+    Raises
+    ------
+    ValueError
+        If ``matrix`` is not a finite 4x4 matrix, or ``points`` has another shape.
+    """
+    single = np.ndim(points) == 1
+    positions = np.asarray(points)[None] if single else np.asarray(points)
+    homogeneous = transform_points(finite_array("matrix", matrix, (4, 4)), positions)
+    with np.errstate(all="ignore"):
+        result = homogeneous[:, :3] / homogeneous[:, 3:]
+    return result[0] if single else result
+
+
+def transform_points(
+    matrix: ArrayLike, points: ArrayLike, out: NDArray[np.float64] | None = None
+) -> NDArray[np.float64]:
+    """
+    Multiply points by a matrix, without the divide: row k is ``matrix`` times (x, y, z, 1).
+
+    Parameters
+    ----------
+    matrix : (4, 4) array_like
+    points : (N, 3) array_like of numbers
+        Any dtype and strides; the arithmetic is float64.
+    out : (N, 4) float64, C-contiguous, optional
+        Where to write; must not overlap ``points``.
+
+    Returns
+    -------
+    (N, 4) float64
+        ``out``, or a new array. NaN and infinite entries propagate, also through zeros of the
+        matrix; nothing is raised for them.
+
+    Raises
+    ------
+    ValueError
+        If a shape differs, or ``out`` is not C-contiguous float64.
+
+    Notes
+    -----
+    Each entry is ((m0 x + m1 y) + m2 z) + m3 with every operation rounded once, so the result
+    depends on neither the block size nor the CPU.
+    """
+    rows = np.asarray(matrix, dtype=np.float64)
+    if rows.shape != (4, 4):
+        raise ValueError(f"matrix must have shape (4, 4), got {rows.shape}")
+    source = np.asarray(points)
+    if source.ndim != 2 or source.shape[1] != 3:
+        raise ValueError(f"points must have shape (n, 3), got {source.shape}")
+    count = len(source)
+    result: Any = np.empty((count, 4)) if out is None else out
+    if result.shape != (count, 4) or result.dtype != np.float64 or not result.flags.c_contiguous:
+        raise ValueError(
+            f"out must be C-contiguous float64 of shape ({count}, 4), "
+            f"got {result.dtype} of shape {result.shape}"
+        )
+    scratch = np.empty((5, min(_BLOCK, count)))
+    with np.errstate(all="ignore"):
+        for start in range(0, count, _BLOCK):
+            block = slice(start, start + _BLOCK)
+            _transform_block(rows.tolist(), source[block], result[block], scratch)
+    return result
+
+
+def _transform_block(
+    rows: list[list[float]], source: NDArray[Any], out: Matrix, scratch: Matrix
+) -> None:
+    """Write the homogeneous product of one block of points to ``out``."""
+    x, y, z, total, product = scratch[:, : len(source)]
+    for column, coordinate in enumerate((x, y, z)):
+        np.copyto(coordinate, source[:, column])
+    for column, (m0, m1, m2, m3) in enumerate(rows):
+        np.multiply(x, m0, out=total)
+        np.multiply(y, m1, out=product)
+        np.add(total, product, out=total)
+        np.multiply(z, m2, out=product)
+        np.add(total, product, out=total)
+        np.add(total, m3, out=out[:, column])
+
+
+def _dot(a: _Triple, b: _Triple) -> float:
+    """Return the dot product, summed left to right."""
+    return (a[0] * b[0] + a[1] * b[1]) + a[2] * b[2]
+
+
+def _cross(a: _Triple, b: _Triple) -> _Triple:
+    """Return the cross product."""
+    return (
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    )
