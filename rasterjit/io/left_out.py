@@ -27,4 +27,4 @@ class LeftOut:
         """Warn, if anything was left out, naming ``source`` and every kind."""
         if self._counts:
             message = f"{source}: left out {self}; the rest is there"
-            warnings.warn(message, LoadWarning, stacklevel=4)
+            warnings.warn(message, LoadWarning, stacklevel=3)

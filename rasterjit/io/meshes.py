@@ -114,12 +114,18 @@ def from_trimesh(
     ------
     MeshFileError
         A ``ValueError``: if it holds no faces or an invalid mesh.
+    ValueError
+        If it is no object of trimesh's.
 
     Warns
     -----
     LoadWarning
         Once, naming what was left out.
     """
+    if not _is_trimesh(what):
+        raise ValueError(
+            f"what must be a trimesh.Trimesh or a trimesh.Scene, got {type(what).__name__}"
+        )
     left_out = LeftOut()
     source = f"trimesh {type(what).__name__}"
     scene = _Adapter(source, on_invalid, crease_angle, left_out, None).scene(what)
@@ -147,15 +153,19 @@ def as_scene(what: Any) -> Scene:
         scene = Scene()
         scene.add(what)
         return scene
-    # An object of trimesh's can only exist if somebody has imported it.
-    trimesh = sys.modules.get("trimesh")
-    if trimesh is not None and isinstance(what, (trimesh.parent.Geometry, trimesh.Scene)):
+    if _is_trimesh(what):
         return from_trimesh(what)
     hint = "; rasterjit.load reads files" if isinstance(what, (str, os.PathLike)) else ""
     raise ValueError(
         "what must be a Scene, a Mesh, a trimesh.Trimesh or a trimesh.Scene, "
         f"got {type(what).__name__}{hint}"
     )
+
+
+def _is_trimesh(what: Any) -> bool:
+    """Tell trimesh's objects, which only exist if somebody has imported it."""
+    trimesh = sys.modules.get("trimesh")
+    return trimesh is not None and isinstance(what, (trimesh.parent.Geometry, trimesh.Scene))
 
 
 def _checked_path(path: str | os.PathLike[str]) -> Path:
@@ -243,7 +253,11 @@ class _Adapter:
             self.left_out.note(what, count)
         scene = Scene()
         for node in loaded.graph.nodes_geometry:
-            transform, name = loaded.graph[node]
+            try:
+                transform, name = loaded.graph[node]
+            except ValueError:
+                self.left_out.note("node that hangs on no other")
+                continue
             if name in meshes:
                 self._place(scene, meshes[name], transform, str(node))
         if not scene.nodes:

@@ -373,7 +373,65 @@ def bezier_coordinate(points, axis, t):
 
 
 @stage
-def mixed_color(colors, step, steps):
-    """Return the colour at ``step / steps`` of the way, each channel rounded half up."""
-    start, end = np.int64(colors[0]), np.int64(colors[1])
-    return start, end, step, steps
+def ramp_channel(start, end, step, steps):
+    """Return ``start + step * (end - start) / steps``, rounded half up, in integers."""
+    start, end = np.int64(start), np.int64(end)
+    return (2 * (steps * start + step * (end - start)) + steps) // (2 * steps)
+
+
+@stage
+def ramp_color(colors, step, steps):
+    """Return the colour at ``step`` of a ramp of ``steps`` as four ``int64``."""
+    return (
+        ramp_channel(colors[0, 0], colors[1, 0], step, steps),
+        ramp_channel(colors[0, 1], colors[1, 1], step, steps),
+        ramp_channel(colors[0, 2], colors[1, 2], step, steps),
+        ramp_channel(colors[0, 3], colors[1, 3], step, steps),
+    )
+
+
+@stage
+def nearest_pixel(coordinate):
+    """Return a coordinate rounded half up; pixel centres are at the integers here."""
+    return np.int64(math.floor(coordinate + 0.5))
+
+
+@kernel
+def draw_bezier(target, points, colors):
+    """
+    Draw a quadratic or cubic Bezier curve as connected lines.
+
+    Parameters
+    ----------
+    target : (H, W) uint32, C-contiguous
+        RGBA pixels, red in the lowest byte.
+    points : (3, 2) or (4, 2) float64, pixels
+        Control points, magnitudes up to ``MAX_COORDINATE``; integers are pixel centres.
+    colors : (2, 4) uint8, RGBA
+        At the start and at the end; in between they follow the curve's parameter.
+
+    Writes ``target``.
+
+    Notes
+    -----
+    The chords stay within ``FLATNESS`` of the curve; their ends are rounded half up to pixels. A
+    chord that stays in one pixel is left out, but for the last, so both ends have their own
+    colour. Control points that coincide draw one pixel of the end's colour.
+    """
+    height, width = target.shape
+    pixels = target.reshape(-1)
+    segments = bezier_segments(points)
+    x0 = nearest_pixel(points[0, 0])
+    y0 = nearest_pixel(points[0, 1])
+    start = ramp_color(colors, 0, segments)
+    for segment in range(1, segments + 1):
+        t = segment / segments
+        x1 = nearest_pixel(bezier_coordinate(points, 0, t))
+        y1 = nearest_pixel(bezier_coordinate(points, 1, t))
+        end = ramp_color(colors, segment, segments)
+        if x1 == x0 and y1 == y0:
+            if segment < segments:
+                continue
+            start = end
+        draw_line(pixels, None, None, width, height, (x0, y0, x1, y1), None, start, end)
+        x0, y0, start = x1, y1, end

@@ -1,0 +1,62 @@
+"""
+Meshes to pictures and exact ground-truth buffers on a CPU, with nothing but pip packages.
+
+>>> import rasterjit as rj
+>>> scene = rj.load("models/teapot.obj")
+>>> camera = rj.PerspectiveCamera(eye=(4, 5, 9), target=(0, 1.5, 0), fov_y=40.0)
+>>> frame = rj.render(scene, camera, size=(640, 480), outputs=("color", "depth", "face_id"))
+>>> frame.save("teapot.png")
+"""
+
+from rasterjit import transforms
+from rasterjit.frame import Frame, OutputNotRequested, Stats
+from rasterjit.framebuffer import Framebuffer
+from rasterjit.io.meshes import load
+from rasterjit.pipeline import Pipeline
+from rasterjit.plan import RenderPlan
+from rasterjit.rasterize import Visibility, rasterize
+from rasterjit.render import Renderer, explain, render
+from rasterjit.scene.camera import (
+    MatrixCamera,
+    OrthographicCamera,
+    PerspectiveCamera,
+    fit_camera,
+    orbit_direction,
+)
+from rasterjit.scene.light import AmbientLight, DirectionalLight, PointLight
+from rasterjit.scene.material import Material
+from rasterjit.scene.mesh import Mesh
+from rasterjit.scene.quality import Quality
+from rasterjit.scene.scene import Node, Scene, Wireframe
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "AmbientLight",
+    "DirectionalLight",
+    "Frame",
+    "Framebuffer",
+    "Material",
+    "MatrixCamera",
+    "Mesh",
+    "Node",
+    "OrthographicCamera",
+    "OutputNotRequested",
+    "PerspectiveCamera",
+    "Pipeline",
+    "PointLight",
+    "Quality",
+    "RenderPlan",
+    "Renderer",
+    "Scene",
+    "Stats",
+    "Visibility",
+    "Wireframe",
+    "explain",
+    "fit_camera",
+    "load",
+    "orbit_direction",
+    "rasterize",
+    "render",
+    "transforms",
+]

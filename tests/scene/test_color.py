@@ -1,0 +1,114 @@
+"""Laws of colours: what is sRGB is decoded, what is linear is taken as it is."""
+
+import numpy as np
+import pytest
+
+from rasterjit.scene.color import (
+    NAMED_COLORS,
+    linear_color,
+    linear_rows,
+    linear_to_srgb,
+    srgb_to_linear,
+)
+
+
+@pytest.mark.parametrize(
+    ("code", "linear"),
+    [
+        (0, 0.0),
+        (1, 3.03526983549e-4),
+        (10, 0.00303526983549),
+        (11, 0.0033465357639),
+        (64, 0.051269458374),
+        (128, 0.215860500114),
+        (188, 0.502886458033),
+        (255, 1.0),
+    ],
+)
+def test_srgb_codes_decode_to_the_values_of_the_standard(code, linear):
+    assert srgb_to_linear(np.array([code], dtype=np.uint8))[0] == np.float32(linear)
+
+
+@pytest.mark.parametrize(
+    ("linear", "code"),
+    [(0.0031308, 10.3147), (0.18, 117.6458), (0.2, 123.5549), (0.5, 187.5160), (0.25, 136.9602)],
+)
+def test_linear_light_encodes_to_the_values_of_the_standard(linear, code):
+    assert linear_to_srgb(linear) * 255.0 == pytest.approx(code, abs=5e-5)
+
+
+def test_every_code_survives_the_round_trip():
+    codes = np.arange(256, dtype=np.uint8)
+    encoded = linear_to_srgb(srgb_to_linear(codes))
+    assert np.array_equal(np.floor(encoded * 255.0 + 0.5), codes)
+
+
+def test_decoding_keeps_the_shape():
+    assert srgb_to_linear(np.zeros((2, 3, 4), dtype=np.uint8)).shape == (2, 3, 4)
+
+
+def test_light_outside_the_range_is_clipped_when_encoded():
+    assert linear_to_srgb([-1.0, 2.0, np.nan, np.inf]).tolist() == [0.0, 1.0, 0.0, 1.0]
+
+
+@pytest.mark.parametrize(
+    ("value", "rgba"),
+    [
+        ("white", (1.0, 1.0, 1.0, 1.0)),
+        ("black", (0.0, 0.0, 0.0, 1.0)),
+        ("Red", (1.0, 0.0, 0.0, 1.0)),
+        ("transparent", (0.0, 0.0, 0.0, 0.0)),
+        ("#f00", (1.0, 0.0, 0.0, 1.0)),
+        ("#0000FF", (0.0, 0.0, 1.0, 1.0)),
+        ("#ffffff33", (1.0, 1.0, 1.0, 0.2)),
+        ((0.25, 0.5, 1.0), (0.25, 0.5, 1.0, 1.0)),
+        ([1, 0, 0], (1.0, 0.0, 0.0, 1.0)),
+        (np.array([0.1, 0.2, 0.3, 0.4]), (0.1, 0.2, 0.3, 0.4)),
+        (np.array([255, 0, 255], dtype=np.uint8), (1.0, 0.0, 1.0, 1.0)),
+        (np.array([255, 255, 255, 51], dtype=np.uint8), (1.0, 1.0, 1.0, 0.2)),
+    ],
+)
+def test_a_colour_can_be_written_in_many_ways(value, rgba):
+    color = linear_color("color", value)
+    assert color.dtype == np.float32
+    assert color.tolist() == np.float32(rgba).tolist()
+
+
+def test_grey_of_strings_and_bytes_is_srgb():
+    middle = np.float32(0.215860500114)
+    assert linear_color("color", "grey")[0] == middle
+    assert linear_color("color", np.full(3, 128, dtype=np.uint8))[0] == middle
+
+
+def test_every_name_is_a_colour():
+    for name in NAMED_COLORS:
+        assert linear_color("color", name).shape == (4,)
+
+
+@pytest.mark.parametrize("value", [(255, 0, 0), (0.5, -0.1, 0.0), (np.nan, 0, 0), (np.inf, 0, 0)])
+def test_numbers_outside_0_to_1_are_refused_with_advice(value):
+    with pytest.raises(ValueError, match=r"tint must lie in 0\.\.1.*'#rrggbb'.*uint8"):
+        linear_color("tint", value)
+
+
+@pytest.mark.parametrize("value", ["#12", "#12345", "#gggggg", "no such colour", "", "123456"])
+def test_unknown_strings_are_refused_naming_the_known_ones(value):
+    with pytest.raises(ValueError, match="tint must be '#rgb'.*magenta"):
+        linear_color("tint", value)
+
+
+@pytest.mark.parametrize(
+    "value", [(1.0, 0.0), 0.5, None, [True, False, True], [[1.0, 0.0, 0.0]], ["a", "b", "c"]]
+)
+def test_other_things_are_no_colours(value):
+    with pytest.raises(ValueError, match="tint must"):
+        linear_color("tint", value)
+
+
+def test_rows_of_unequal_length_are_refused():
+    with pytest.raises(ValueError, match="tint must be an array of numbers"):
+        linear_rows("tint", [[1.0, 0.0, 0.0], [1.0, 0.0]])
+
+
+def test_rows_get_an_alpha_of_one():
+    assert linear_rows("tint", np.zeros((2, 3)))[:, 3].tolist() == [1.0, 1.0]

@@ -1,0 +1,53 @@
+"""Laws of materials."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from rasterjit.scene.material import SHADINGS, Material
+
+
+def test_the_default_is_a_light_grey_with_a_soft_highlight():
+    material = Material()
+    assert material.shading == "phong"
+    assert material.base_color == tuple(np.float32([0.8, 0.8, 0.8, 1.0]).tolist())
+    assert 0.0 < material.specular < 1.0
+    assert material.shininess > 1.0
+
+
+def test_base_color_is_stored_as_linear_rgba():
+    assert Material(base_color="#ff0000").base_color == (1.0, 0.0, 0.0, 1.0)
+    assert Material(base_color=(0.5, 0.25, 0.0)).base_color == (0.5, 0.25, 0.0, 1.0)
+
+
+@pytest.mark.parametrize("shading", SHADINGS)
+def test_each_shading_can_be_asked_for(shading):
+    assert Material(shading=shading).shading == shading
+
+
+def test_an_unknown_shading_is_refused_listing_the_known_ones():
+    with pytest.raises(ValueError, match="shading must be one of 'unlit', 'flat', 'gouraud', 'ph"):
+        Material(shading="toon")
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("specular", -0.1),
+        ("specular", float("nan")),
+        ("shininess", 0.0),
+        ("shininess", float("inf")),
+        ("base_color", (2.0, 0.0, 0.0)),
+    ],
+)
+def test_values_out_of_range_are_refused_by_name(field, value):
+    with pytest.raises(ValueError, match=field):
+        Material(**{field: value})
+
+
+def test_equal_materials_are_equal_and_frozen():
+    assert Material(base_color="red") == Material(base_color=(1.0, 0.0, 0.0))
+    assert len({Material(), Material()}) == 1
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        Material().specular = 1.0
