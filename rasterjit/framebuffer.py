@@ -179,14 +179,15 @@ class Framebuffer:
         """
         points = _whole_array("ends", ends, (None, 4), *LINE_RANGE)
         rgba = _colors("colors", colors)
+        count = len(points)
+        if rgba.shape not in ((count, 2, 4), (count, 4), (4,)):
+            raise ValueError(
+                f"colors must be one for each end, one for each line or one for all of {count} "
+                f"lines, got an array of shape {np.shape(colors)}"
+            )
         if rgba.ndim == 2:
             rgba = rgba[:, None]
-        if rgba.ndim > 3 or (rgba.ndim == 3 and rgba.shape[:2] not in _pair_shapes(len(points))):
-            raise ValueError(
-                f"colors must be one for each end, line or all of {len(points)} lines, got an "
-                f"array of shape {np.shape(colors)}"
-            )
-        self._draw_line_batch(points, np.broadcast_to(rgba, (len(points), 2, 4)))
+        self._draw_line_batch(points, np.broadcast_to(rgba, (count, 2, 4)))
 
     def draw_triangle(
         self, a: Sequence[int], b: Sequence[int], c: Sequence[int], color: ArrayLike
@@ -307,8 +308,9 @@ class Framebuffer:
         ValueError
             If an argument is not as said.
         """
-        count = 3 if len(np.atleast_1d(np.asarray(points, dtype=object))) == 3 else 4
-        control = np.ascontiguousarray(finite_array("points", points, (count, 2)))
+        control = np.ascontiguousarray(finite_array("points", points, (None, 2)))
+        if len(control) not in (3, 4):
+            raise ValueError(f"points must be 3 or 4 control points, got {len(control)}")
         if np.abs(control).max() > primitives.MAX_COORDINATE:
             raise ValueError(
                 f"points must be at most {primitives.MAX_COORDINATE} in magnitude, got "
@@ -367,7 +369,9 @@ def _whole_number(name: str, value: Any) -> int:
 def _colors(name: str, value: ArrayLike) -> NDArray[np.uint8]:
     """Return colours of 3 or 4 channels as RGBA, in any number of axes before the last."""
     try:
-        channels = np.asarray(value, dtype=np.float64)
+        channels = np.asarray(value)
+        if channels.dtype != np.uint8:
+            channels = channels.astype(np.float64)
     except (TypeError, ValueError):
         raise ValueError(f"{name} must be 3 or 4 whole numbers in 0..255, got {value!r}") from None
     whole = (channels >= 0) & (channels <= 255) & (channels == np.floor(channels))
@@ -402,8 +406,3 @@ def _color_pair(
     """Return the colours of both ends; the end's is the start's if it is left out."""
     start = _one_color("color", color)
     return start, start if end_color is None else _one_color("end_color", end_color)
-
-
-def _pair_shapes(count: int) -> tuple[tuple[int, int], tuple[int, int]]:
-    """Return the leading shapes of ``count`` colours: one for each end, or one for each line."""
-    return (count, 2), (count, 1)

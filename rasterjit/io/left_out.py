@@ -1,9 +1,13 @@
-"""Say once, in one line, what of a file or scene is not shown."""
+"""Say what of a file or scene is not shown: all of it, or once and in one line, a part."""
 
 from __future__ import annotations
 
 import warnings
 from collections import Counter
+
+
+class MeshFileError(ValueError):
+    """A file is missing, unreadable, of no known format, or holds nothing to draw."""
 
 
 class LoadWarning(UserWarning):

@@ -30,7 +30,7 @@ _MOST_SHININESS = 1000.0
 
 
 def material_from_trimesh(
-    material: Any, unlit: set[str | None], left_out: LeftOut
+    material: Any, linear_bytes: bool, unlit: set[str | None], left_out: LeftOut
 ) -> Material | None:
     """
     Translate a material as trimesh read it.
@@ -38,6 +38,8 @@ def material_from_trimesh(
     Parameters
     ----------
     material : trimesh.visual.material.Material
+    linear_bytes : bool
+        Whether the factors of a PBR material are linear light, as in glTF, or sRGB, as in COLLADA.
     unlit : set of str or None
         Names of the materials to show without light.
     left_out : LeftOut
@@ -56,7 +58,7 @@ def material_from_trimesh(
     if kind == "SimpleMaterial":
         return _from_simple(material, left_out)
     if kind == "PBRMaterial":
-        return _from_pbr(material, unlit, left_out)
+        return _from_pbr(material, linear_bytes, unlit, left_out)
     left_out.note(kind)
     return None
 
@@ -153,7 +155,9 @@ def _opacity(said: dict[str, Any]) -> float:
     return min(max(opacity, 0.0), 1.0)
 
 
-def _from_pbr(material: Any, unlit: set[str | None], left_out: LeftOut) -> Material:
+def _from_pbr(
+    material: Any, linear_bytes: bool, unlit: set[str | None], left_out: LeftOut
+) -> Material:
     """
     Translate a metallic-roughness material to Blinn-Phong.
 
@@ -172,6 +176,9 @@ def _from_pbr(material: Any, unlit: set[str | None], left_out: LeftOut) -> Mater
     rgba = (1.0, 1.0, 1.0, 1.0)
     if factor is not None:
         rgba = tuple((np.asarray(factor, dtype=np.float64) / 255.0).tolist())
+        if not linear_bytes:
+            rgb = srgb_to_linear(np.asarray(factor, dtype=np.uint8)[:3])
+            rgba = (*rgb.tolist(), rgba[3])
     if material.alphaMode in (None, "OPAQUE"):
         rgba = (*rgba[:3], 1.0)
     if material.alphaMode in ("MASK", "BLEND"):

@@ -22,13 +22,13 @@ import numpy as np
 
 from rasterjit.kernels.jit import kernel, stage
 from rasterjit.kernels.records import Geometry, Placement
-from rasterjit.kernels.setup import CLIPPED, edge
+from rasterjit.kernels.setup import CLIPPED, corners_of, edge
 
 
 @stage
-def lowest_first(corners):
+def lowest_first(faces, face):
     """Return the vertex numbers of a face, rotated so that the lowest comes first."""
-    a, b, c = np.int64(corners[0]), np.int64(corners[1]), np.int64(corners[2])
+    a, b, c = corners_of(faces, face)
     if b < a and b < c:
         return b, c, a
     if c < a and c < b:
@@ -57,9 +57,13 @@ def clipped_weights(a, b, c, column, row, geometry):
     """Return the weights on a clipped face, not yet normalized."""
     x = (2.0 * column + 1.0) / geometry.viewport.width - 1.0
     y = 1.0 - (2.0 * row + 1.0) / geometry.viewport.height
-    p, q, r = geometry.clip_positions[a], geometry.clip_positions[b], geometry.clip_positions[c]
-    u0, u1, u2 = p[0] - x * p[3], q[0] - x * q[3], r[0] - x * r[3]
-    v0, v1, v2 = p[1] - y * p[3], q[1] - y * q[3], r[1] - y * r[3]
+    clip = geometry.clip_positions
+    u0 = clip[a, 0] - x * clip[a, 3]
+    u1 = clip[b, 0] - x * clip[b, 3]
+    u2 = clip[c, 0] - x * clip[c, 3]
+    v0 = clip[a, 1] - y * clip[a, 3]
+    v1 = clip[b, 1] - y * clip[b, 3]
+    v2 = clip[c, 1] - y * clip[c, 3]
     w0, w1, w2 = u1 * v2 - u2 * v1, u2 * v0 - u0 * v2, u0 * v1 - u1 * v0
     if w0 + w1 + w2 < 0.0:
         w0, w1, w2 = -w0, -w1, -w2
@@ -96,16 +100,16 @@ def find_object(face, face_starts, guess):
 @stage
 def place(vertex, owner, placement):
     """Return a vertex in world axes, relative to the eye."""
-    m = placement.relative_from_model[owner]
+    m = placement.relative_from_model
     x, y, z = (
         placement.positions[vertex, 0],
         placement.positions[vertex, 1],
         placement.positions[vertex, 2],
     )
     return (
-        m[0, 0] * x + m[0, 1] * y + m[0, 2] * z + m[0, 3],
-        m[1, 0] * x + m[1, 1] * y + m[1, 2] * z + m[1, 3],
-        m[2, 0] * x + m[2, 1] * y + m[2, 2] * z + m[2, 3],
+        m[owner, 0, 0] * x + m[owner, 0, 1] * y + m[owner, 0, 2] * z + m[owner, 0, 3],
+        m[owner, 1, 0] * x + m[owner, 1, 1] * y + m[owner, 1, 2] * z + m[owner, 1, 3],
+        m[owner, 2, 0] * x + m[owner, 2, 1] * y + m[owner, 2, 2] * z + m[owner, 2, 3],
     )
 
 
@@ -132,7 +136,7 @@ def seen_from_behind(normal, point, toward_viewer):
 
 
 @stage
-def smooth_normal(weights, a, b, c, normals, matrix):
+def smooth_normal(weights, a, b, c, normals, matrices, owner):
     """Return the interpolated vertex normal in world axes, not normalized."""
     x = interpolate(weights, np.float64(normals[a, 0]), np.float64(normals[b, 0]),
                     np.float64(normals[c, 0]))  # fmt: skip
@@ -141,9 +145,9 @@ def smooth_normal(weights, a, b, c, normals, matrix):
     z = interpolate(weights, np.float64(normals[a, 2]), np.float64(normals[b, 2]),
                     np.float64(normals[c, 2]))  # fmt: skip
     return (
-        matrix[0, 0] * x + matrix[0, 1] * y + matrix[0, 2] * z,
-        matrix[1, 0] * x + matrix[1, 1] * y + matrix[1, 2] * z,
-        matrix[2, 0] * x + matrix[2, 1] * y + matrix[2, 2] * z,
+        matrices[owner, 0, 0] * x + matrices[owner, 0, 1] * y + matrices[owner, 0, 2] * z,
+        matrices[owner, 1, 0] * x + matrices[owner, 1, 1] * y + matrices[owner, 1, 2] * z,
+        matrices[owner, 2, 0] * x + matrices[owner, 2, 1] * y + matrices[owner, 2, 2] * z,
     )
 
 
@@ -167,12 +171,11 @@ def fill_barycentric(face_id, rows, geometry: Geometry, barycentric):
             barycentric[row, column, :] = 0.0
             if face < 0:
                 continue
-            corners = geometry.faces[face]
-            a, b, c = lowest_first(corners)
+            a, b, c = lowest_first(geometry.faces, face)
             weights = sample_weights(a, b, c, column, row, geometry)
             first = 0
-            if a != corners[0]:
-                first = 1 if a == corners[1] else 2
+            if a != geometry.faces[face, 0]:
+                first = 1 if a == geometry.faces[face, 1] else 2
             for k in range(3):
                 barycentric[row, column, (first + k) % 3] = weights[k]
 
@@ -197,7 +200,7 @@ def fill_attribute(face_id, rows, geometry: Geometry, values, attribute):
             if face < 0:
                 attribute[row, column, :] = np.nan
                 continue
-            a, b, c = lowest_first(geometry.faces[face])
+            a, b, c = lowest_first(geometry.faces, face)
             weights = sample_weights(a, b, c, column, row, geometry)
             for k in range(values.shape[1]):
                 attribute[row, column, k] = interpolate(
@@ -231,7 +234,7 @@ def fill_positions(face_id, rows, geometry: Geometry, placement: Placement, eye,
                 position[row, column, :] = np.nan
                 continue
             owner = find_object(face, placement.face_starts, owner)
-            a, b, c = lowest_first(geometry.faces[face])
+            a, b, c = lowest_first(geometry.faces, face)
             weights = sample_weights(a, b, c, column, row, geometry)
             pa, pb, pc = (
                 place(a, owner, placement), place(b, owner, placement), place(c, owner, placement)
@@ -266,7 +269,7 @@ def fill_normals(face_id, rows, geometry: Geometry, placement: Placement, smooth
             if face < 0:
                 continue
             owner = find_object(face, placement.face_starts, owner)
-            a, b, c = lowest_first(geometry.faces[face])
+            a, b, c = lowest_first(geometry.faces, face)
             weights = sample_weights(a, b, c, column, row, geometry)
             pa, pb, pc = (
                 place(a, owner, placement), place(b, owner, placement), place(c, owner, placement)
@@ -275,7 +278,7 @@ def fill_normals(face_id, rows, geometry: Geometry, placement: Placement, smooth
             shown = facing
             if is_smooth[owner]:
                 shown = smooth_normal(
-                    weights, a, b, c, normals, placement.normal_matrices[owner]
+                    weights, a, b, c, normals, placement.normal_matrices, owner
                 )
             length = np.sqrt(shown[0] ** 2 + shown[1] ** 2 + shown[2] ** 2)
             if not length > 0.0:

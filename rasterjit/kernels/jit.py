@@ -97,7 +97,7 @@ def kernel(function: Callable) -> Any:
 
 def stage(function: Callable) -> Any:
     """Compile a helper into the kernels that call it."""
-    return numba.njit(nogil=True, error_model="numpy")(function)
+    return numba.njit(nogil=True, error_model="numpy", forceinline=True)(function)
 
 
 class _DisjointCompiler(CompilerBase):

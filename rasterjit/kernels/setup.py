@@ -133,6 +133,12 @@ def edge_bias(ax, ay, bx, by):
 
 
 @stage
+def corners_of(faces, face):
+    """Return the three vertex numbers of a face."""
+    return np.int64(faces[face, 0]), np.int64(faces[face, 1]), np.int64(faces[face, 2])
+
+
+@stage
 def first_sample(coordinate, grid_bits):
     """Return the first pixel whose centre is at or beyond a coordinate."""
     return (coordinate + (np.int64(1) << (grid_bits - 1)) - 1) >> grid_bits
@@ -149,7 +155,7 @@ SURVIVES, DEGENERATE, CULLED, UNSAMPLED = 0, 1, 2, 3
 
 
 @stage
-def survey_triangle(v0, v1, v2, xy, viewport, culled_turn, box):
+def survey_triangle(v0, v1, v2, xy, viewport, culled_turn, boxes, number):
     """Decide whether a triangle can cover a sample; if so write its tile box (x0, y0, x1, y1)."""
     x0, y0 = np.int64(xy[v0, 0]), np.int64(xy[v0, 1])
     x1, y1 = np.int64(xy[v1, 0]), np.int64(xy[v1, 1])
@@ -166,10 +172,10 @@ def survey_triangle(v0, v1, v2, xy, viewport, culled_turn, box):
         return CULLED
     if left > right or top > bottom:
         return UNSAMPLED
-    box[0] = left >> TILE_BITS
-    box[1] = top >> TILE_BITS
-    box[2] = right >> TILE_BITS
-    box[3] = bottom >> TILE_BITS
+    boxes[number, 0] = left >> TILE_BITS
+    boxes[number, 1] = top >> TILE_BITS
+    boxes[number, 2] = right >> TILE_BITS
+    boxes[number, 3] = bottom >> TILE_BITS
     return SURVIVES
 
 
@@ -233,13 +239,14 @@ def set_up_triangles(
         first = end
         for part in range(max(stop - piece, 1)):
             if stop > piece:
-                corners, number = faces.pieces[piece + part], face_count + piece + part
+                a, b, c = corners_of(faces.pieces, piece + part)
+                number = face_count + piece + part
             else:
-                corners, number = faces.faces[face], face
+                a, b, c = corners_of(faces.faces, face)
+                number = face
             outcome = survey_triangle(
-                corners[0], corners[1], corners[2], screen.xy, viewport,
-                objects.culled_turns[owner], boxes[end],
-            )  # fmt: skip
+                a, b, c, screen.xy, viewport, objects.culled_turns[owner], boxes, end
+            )
             if outcome == SURVIVES:
                 triangles[end] = number
                 for row in range(np.int64(boxes[end, 1]), np.int64(boxes[end, 3]) + 1):

@@ -32,6 +32,12 @@ MATERIAL_SPECULAR, MATERIAL_SHININESS, MATERIAL_MODEL = 4, 5, 6
 
 
 @stage
+def material_tint(materials, owner):
+    """Return the base colour of an object's material."""
+    return materials[owner, 0], materials[owner, 1], materials[owner, 2], materials[owner, 3]
+
+
+@stage
 def vertex_tint(weights, a, b, c, vertex_colors, tint):
     """Return the tint times the interpolated vertex colour; the tint itself if there are none."""
     if vertex_colors is None:
@@ -62,12 +68,12 @@ def face_tint(face, face_colors, tint):
 
 
 @stage
-def shading_normal(weights, a, b, c, model, normals, matrix, facing):
+def shading_normal(weights, a, b, c, model, normals, matrices, owner, facing):
     """Return the normal to shade with: the face's own unless the object is smooth."""
     if normals is None:
         return facing
     if model == PHONG:
-        return smooth_normal(weights, a, b, c, normals, matrix)
+        return smooth_normal(weights, a, b, c, normals, matrices, owner)
     return facing
 
 
@@ -103,7 +109,7 @@ def gather_normal(
     behind = seen_from_behind(facing, pa, placement.toward_viewer)
     side = -1.0 if behind else 1.0
     normal = shading_normal(
-        weights, a, b, c, model, surface.normals, placement.normal_matrices[owner], facing
+        weights, a, b, c, model, surface.normals, placement.normal_matrices, owner, facing
     )
     at = weights
     if model == FLAT:
@@ -125,16 +131,15 @@ def gather_normal(
 @stage
 def gather_sample(samples, n, face, owner, column, row, geometry, placement, surface, lighting):
     """Interpolate everything that shading one sample needs."""
-    a, b, c = lowest_first(geometry.faces[face])
+    a, b, c = lowest_first(geometry.faces, face)
     weights = sample_weights(a, b, c, column, row, geometry)
-    material = surface.materials[owner]
-    tint = (material[0], material[1], material[2], material[3])
+    tint = material_tint(surface.materials, owner)
     tint = face_tint(face, surface.face_colors, tint)
     tint = vertex_tint(weights, a, b, c, surface.vertex_colors, tint)
     behind = gather_normal(
         samples, n, weights, a, b, c, owner, placement, surface, lighting
     )
-    model = np.int64(material[MATERIAL_MODEL])
+    model = np.int64(surface.materials[owner, MATERIAL_MODEL])
     tint = gouraud_light(weights, a, b, c, behind, model, surface.lit_vertices, tint)
     samples[lit.RED, n] = tint[0]
     samples[lit.GREEN, n] = tint[1]
@@ -224,15 +229,14 @@ def light_vertices(
     first, stop = vertices
     samples = np.empty((lit.SAMPLE_ROWS, stop - first), np.float32)
     toward_viewer = placement.toward_viewer.astype(np.float32)
-    material = surface.materials[owner]
-    tint = (material[0], material[1], material[2], material[3])
+    tint = material_tint(surface.materials, owner)
     for side in range(2):
         for n in range(stop - first):
             vertex = first + n
             only = (1.0, 0.0, 0.0)
             point = place(vertex, owner, placement)
             normal = smooth_normal(
-                only, vertex, vertex, vertex, surface.normals, placement.normal_matrices[owner]
+                only, vertex, vertex, vertex, surface.normals, placement.normal_matrices, owner
             )
             length = np.sqrt(normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2)
             scale = (1.0 - 2.0 * side) / length if length > 0.0 else 0.0
@@ -241,8 +245,8 @@ def light_vertices(
                 samples[lit.RED + k, n] = color[k]
                 samples[lit.NORMAL_X + k, n] = scale * normal[k]
                 samples[lit.POINT_X + k, n] = point[k]
-            samples[lit.SPECULAR, n] = material[MATERIAL_SPECULAR]
-            samples[lit.SHININESS, n] = material[MATERIAL_SHININESS]
+            samples[lit.SPECULAR, n] = surface.materials[owner, MATERIAL_SPECULAR]
+            samples[lit.SHININESS, n] = surface.materials[owner, MATERIAL_SHININESS]
             samples[lit.LIT, n] = 1.0
         lit.light_samples(samples, lighting, toward_viewer)
         for n in range(stop - first):

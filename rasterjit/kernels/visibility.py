@@ -16,9 +16,9 @@ number by at least 1/s, more than half an ulp.
 
 Depth is interpolated linearly on the screen, in float64, by differences from one vertex,
 ``d = d2 + b0 (d0 - d2) + b1 (d1 - d2)`` with exact edge functions in the weights ``b``, so equal
-vertex depths give exactly that depth. Along a row of a wide triangle it steps from the row's first
-covered sample, where ``|steps * slope|`` stays below the depth's own range. It is held inside the
-range of the vertices, and depends on the sample alone, never on the tile. Vertices are taken in a
+vertex depths give exactly that depth. Along a row of a wide triangle it steps from the first
+covered sample of each 64 columns, where ``|steps * slope|`` stays below the depth's own range. It
+is held inside the range of the vertices. Vertices are taken in a
 fixed order (topmost, then leftmost first, clockwise), so neither rotation nor winding of the face
 changes a bit.
 
@@ -31,7 +31,14 @@ import numpy as np
 
 from rasterjit.kernels.jit import kernel, stage
 from rasterjit.kernels.records import Faces, ScreenVertices, Viewport
-from rasterjit.kernels.setup import TILE_BITS, edge, edge_bias, first_sample, last_sample
+from rasterjit.kernels.setup import (
+    TILE_BITS,
+    corners_of,
+    edge,
+    edge_bias,
+    first_sample,
+    last_sample,
+)
 
 TILE_SIZE = 1 << TILE_BITS
 
@@ -49,7 +56,7 @@ def clockwise_from_top(corners, screen):
 
     The order depends on the geometry alone, so that every spelling of a face is drawn alike.
     """
-    a, b, c = np.int64(corners[0]), np.int64(corners[1]), np.int64(corners[2])
+    a, b, c = corners
     ax, ay = np.int64(screen.xy[a, 0]), np.int64(screen.xy[a, 1])
     bx, by = np.int64(screen.xy[b, 0]), np.int64(screen.xy[b, 1])
     cx, cy = np.int64(screen.xy[c, 0]), np.int64(screen.xy[c, 1])
@@ -65,10 +72,16 @@ def clockwise_from_top(corners, screen):
 
 @stage
 def edge_at(ax, ay, bx, by, column, row, grid_bits):
-    """Return the biased edge function of a -> b at a pixel's centre, in steps of one pixel."""
+    """Return the edge function of a -> b at a pixel's centre."""
     half = np.int64(1) << (grid_bits - 1)
-    px, py = (column << grid_bits) + half, (row << grid_bits) + half
-    return (edge(ax, ay, bx, by, px, py) + edge_bias(ax, ay, bx, by)) >> grid_bits
+    return edge(ax, ay, bx, by, (column << grid_bits) + half, (row << grid_bits) + half)
+
+
+@stage
+def sign_at(ax, ay, bx, by, column, row, grid_bits):
+    """Return the biased edge function at a pixel's centre, in steps of one pixel."""
+    value = edge_at(ax, ay, bx, by, column, row, grid_bits)
+    return (value + edge_bias(ax, ay, bx, by)) >> grid_bits
 
 
 @stage
@@ -90,101 +103,147 @@ def last_inside(value, slope, last):
 
 
 @stage
-def fill_span(depths, numbers, skipped, plane, face):
-    """
-    Depth-test one row of samples.
+def worst(value, across, down, columns, rows):
+    """Return the least value of an edge over a block of samples."""
+    return value + min(across * (columns - 1), np.int64(0)) + min(down * (rows - 1), np.int64(0))
 
-    ``plane`` is the depth at the row's first covered sample, its step, and the range it is held
-    in; ``skipped`` samples lie between that first one and the first one here.
-    """
-    depth, slope, low, high = plane
+
+@stage
+def depth_plane(da, db, dc, ax, ay, bx, by, cx, cy, grid_bits):
+    """Return (depth of c, weights of E_bc and E_ca, step per column, lowest, highest depth)."""
+    area = np.float64(edge(ax, ay, bx, by, cx, cy))
+    weight_a, weight_b = (da - dc) / area, (db - dc) / area
+    unit = np.float64(np.int64(1) << grid_bits)
+    step = unit * (np.float64(by - cy) * weight_a + np.float64(cy - ay) * weight_b)
+    return dc, weight_a, weight_b, step, min(da, min(db, dc)), max(da, max(db, dc))
+
+
+@stage
+def depth_from(plane, edge_bc, edge_ca):
+    """Return the depth where two edge functions have the given exact values."""
+    return plane[0] + (np.float64(edge_bc) * plane[1] + np.float64(edge_ca) * plane[2])
+
+
+@stage
+def held(depth, plane):
+    """Return the depth as it is stored, inside the range of the vertices."""
+    depth = plane[4] if depth < plane[4] else depth
+    depth = plane[5] if depth > plane[5] else depth
+    return np.float32(depth)
+
+
+@stage
+def fill_span(depths, numbers, depth, plane, face):
+    """Depth-test one row of samples, from the one with the given depth."""
     for i in range(depths.shape[0]):
-        d = depth + np.float64(np.int32(i) + skipped) * slope
-        d = low if d < low else d
-        d = high if d > high else d
-        stored = np.float32(d)
+        stored = held(depth + np.float64(np.int32(i)) * plane[3], plane)
         if stored > depths[i]:
             depths[i] = stored
             numbers[i] = face
 
 
 @stage
+def draw_small(a, b, c, plane, box, face, origin, grid_bits, tile):
+    """Test every sample of a bounding box (first column, first row, last column, last row)."""
+    depths, numbers = tile
+    ax, ay, bx, by, cx, cy = a[0], a[1], b[0], b[1], c[0], c[1]
+    left, top, right, bottom = box
+    e0 = sign_at(bx, by, cx, cy, left, top, grid_bits)
+    e1 = sign_at(cx, cy, ax, ay, left, top, grid_bits)
+    e2 = sign_at(ax, ay, bx, by, left, top, grid_bits)
+    for row in range(top, bottom + 1):
+        f0, f1, f2 = e0, e1, e2
+        for column in range(left, right + 1):
+            if (f0 | f1 | f2) >= 0:
+                depth = depth_from(
+                    plane,
+                    edge_at(bx, by, cx, cy, column, row, grid_bits),
+                    edge_at(cx, cy, ax, ay, column, row, grid_bits),
+                )
+                stored = held(depth, plane)
+                if stored > depths[row - origin[1], column - origin[0]]:
+                    depths[row - origin[1], column - origin[0]] = stored
+                    numbers[row - origin[1], column - origin[0]] = face
+            f0 += by - cy
+            f1 += cy - ay
+            f2 += ay - by
+        e0 += cx - bx
+        e1 += ax - cx
+        e2 += bx - ax
+
+
+@stage
+def draw_spans(a, b, c, plane, box, face, origin, grid_bits, tile):
+    """Find the first and last covered column of each row, and fill what lies between."""
+    depths, numbers = tile
+    ax, ay, bx, by, cx, cy = a[0], a[1], b[0], b[1], c[0], c[1]
+    left, top, right, bottom = box
+    across0, across1, across2 = by - cy, cy - ay, ay - by
+    e0 = sign_at(bx, by, cx, cy, left, top, grid_bits)
+    e1 = sign_at(cx, cy, ax, ay, left, top, grid_bits)
+    e2 = sign_at(ax, ay, bx, by, left, top, grid_bits)
+    columns, rows = right - left + 1, bottom - top + 1
+    covers_box = (
+        worst(e0, across0, cx - bx, columns, rows)
+        | worst(e1, across1, ax - cx, columns, rows)
+        | worst(e2, across2, bx - ax, columns, rows)
+    ) >= 0
+    for row in range(top, bottom + 1):
+        first, last = np.int64(0), columns - 1
+        if not covers_box:
+            first = first_inside(e0, across0, first)
+            first = first_inside(e1, across1, first)
+            first = first_inside(e2, across2, first)
+            last = last_inside(e0, across0, last)
+            last = last_inside(e1, across1, last)
+            last = last_inside(e2, across2, last)
+        if first <= last:
+            depth = depth_from(
+                plane,
+                edge_at(bx, by, cx, cy, left + first, row, grid_bits),
+                edge_at(cx, cy, ax, ay, left + first, row, grid_bits),
+            )
+            begin, end = left + first - origin[0], left + last + 1 - origin[0]
+            fill_span(
+                depths[row - origin[1], begin:end],
+                numbers[row - origin[1], begin:end],
+                depth, plane, face,
+            )  # fmt: skip
+        e0 += cx - bx
+        e1 += ax - cx
+        e2 += bx - ax
+
+
+@stage
 def draw_triangle(corners, face, screen, viewport, origin, tile):
     """Draw one triangle into a tile whose first pixel is ``origin`` (column, row)."""
-    depths, numbers = tile
     bits = viewport.grid_bits
     # Gather the vertices in their fixed order.
-    a, b, c = clockwise_from_top(corners, screen)
-    ax, ay = np.int64(screen.xy[a, 0]), np.int64(screen.xy[a, 1])
-    bx, by = np.int64(screen.xy[b, 0]), np.int64(screen.xy[b, 1])
-    cx, cy = np.int64(screen.xy[c, 0]), np.int64(screen.xy[c, 1])
-    da, db, dc = screen.depth[a], screen.depth[b], screen.depth[c]
-    low, high = min(da, min(db, dc)), max(da, max(db, dc))
-    area = np.float64(edge(ax, ay, bx, by, cx, cy))
+    i, j, k = clockwise_from_top(corners, screen)
+    ax, ay = np.int64(screen.xy[i, 0]), np.int64(screen.xy[i, 1])
+    bx, by = np.int64(screen.xy[j, 0]), np.int64(screen.xy[j, 1])
+    cx, cy = np.int64(screen.xy[k, 0]), np.int64(screen.xy[k, 1])
+    plane = depth_plane(
+        screen.depth[i], screen.depth[j], screen.depth[k], ax, ay, bx, by, cx, cy, bits
+    )
     # Bound it in pixels, and to the tile.
     left = first_sample(min(ax, min(bx, cx)), bits)
     right = last_sample(max(ax, max(bx, cx)), bits)
-    tile_left, tile_top = origin
-    tile_right = min(tile_left + TILE_SIZE, np.int64(viewport.width)) - 1
-    first_row = max(first_sample(ay, bits), tile_top)
-    last_row = min(last_sample(max(by, cy), bits), tile_top + TILE_SIZE - 1)
-    last_row = min(last_row, np.int64(viewport.height) - 1)
-    # Evaluate the edges at the left end of the first row, and their steps.
-    e0 = edge_at(bx, by, cx, cy, left, first_row, bits)
-    e1 = edge_at(cx, cy, ax, ay, left, first_row, bits)
-    e2 = edge_at(ax, ay, bx, by, left, first_row, bits)
-    across0, across1, across2 = by - cy, cy - ay, ay - by
-    down0, down1, down2 = cx - bx, ax - cx, bx - ax
-    # The weights step by this share of the depth differences.
-    unit = np.float64(np.int64(1) << bits)
-    weight_a, weight_b = (da - dc) / area, (db - dc) / area
-    half = np.int64(1) << (bits - 1)
-    slope = unit * (np.float64(across0) * weight_a + np.float64(across1) * weight_b)
-    for row in range(first_row, last_row + 1):
-        py = (row << bits) + half
-        if right - left < SMALL_PIXELS:
-            start = max(left, tile_left) - left
-            f0, f1, f2 = e0 + start * across0, e1 + start * across1, e2 + start * across2
-            for column in range(max(left, tile_left), min(right, tile_right) + 1):
-                if (f0 | f1 | f2) >= 0:
-                    px = (column << bits) + half
-                    d = dc + (
-                        np.float64(edge(bx, by, cx, cy, px, py)) * weight_a
-                        + np.float64(edge(cx, cy, ax, ay, px, py)) * weight_b
-                    )
-                    d = low if d < low else d
-                    d = high if d > high else d
-                    stored = np.float32(d)
-                    if stored > depths[row - tile_top, column - tile_left]:
-                        depths[row - tile_top, column - tile_left] = stored
-                        numbers[row - tile_top, column - tile_left] = face
-                f0 += across0
-                f1 += across1
-                f2 += across2
-        else:
-            start = first_inside(e0, across0, np.int64(0))
-            start = first_inside(e1, across1, start)
-            start = left + first_inside(e2, across2, start)
-            stop = last_inside(e0, across0, right - left)
-            stop = last_inside(e1, across1, stop)
-            stop = left + last_inside(e2, across2, stop)
-            begin, end = max(start, tile_left), min(stop, tile_right)
-            if begin <= end:
-                px = (start << bits) + half
-                d = dc + (
-                    np.float64(edge(bx, by, cx, cy, px, py)) * weight_a
-                    + np.float64(edge(cx, cy, ax, ay, px, py)) * weight_b
-                )
-                fill_span(
-                    depths[row - tile_top, begin - tile_left : end - tile_left + 1],
-                    numbers[row - tile_top, begin - tile_left : end - tile_left + 1],
-                    np.int32(begin - start),
-                    (d, slope, low, high),
-                    face,
-                )
-        e0 += down0
-        e1 += down1
-        e2 += down2
+    width = right - left
+    box = (
+        max(left, origin[0]),
+        max(first_sample(ay, bits), origin[1]),
+        min(right, min(origin[0] + TILE_SIZE, np.int64(viewport.width)) - 1),
+        min(
+            last_sample(max(by, cy), bits),
+            min(origin[1] + TILE_SIZE, np.int64(viewport.height)) - 1,
+        ),
+    )
+    a, b, c = (ax, ay), (bx, by), (cx, cy)
+    if width < SMALL_PIXELS:
+        draw_small(a, b, c, plane, box, face, origin, bits, tile)
+    else:
+        draw_spans(a, b, c, plane, box, face, origin, bits, tile)
 
 
 @kernel
@@ -221,13 +280,11 @@ def draw_tiles(
         for k in range(starts[tile], starts[tile + 1]):
             triangle = np.int64(binned[k])
             if triangle < face_count:
-                corners, face = faces.faces[triangle], np.int32(triangle)
+                corners, face = corners_of(faces.faces, triangle), np.int32(triangle)
             else:
-                corners = faces.pieces[triangle - face_count]
+                corners = corners_of(faces.pieces, triangle - face_count)
                 face = np.int32(faces.piece_faces[triangle - face_count])
-            draw_triangle(
-                corners, face, screen, viewport, origin, (tile_depth, tile_numbers)
-            )
+            draw_triangle(corners, face, screen, viewport, origin, (tile_depth, tile_numbers))
         # Write the tile to the frame.
         left, top = origin
         width = min(TILE_SIZE, viewport.width - left)

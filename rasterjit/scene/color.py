@@ -84,7 +84,8 @@ def linear_to_srgb(linear: ArrayLike) -> NDArray[np.float64]:
     """
     value = np.clip(np.nan_to_num(np.asarray(linear, dtype=np.float64), nan=0.0), 0.0, 1.0)
     curve = 1.055 * np.maximum(value, 0.0031308) ** (1.0 / 2.4) - 0.055
-    return np.where(value <= 0.0031308, 12.92 * value, curve)
+    # 1.055 - 0.055 rounds below 1.
+    return np.where(value <= 0.0031308, 12.92 * value, np.where(value == 1.0, 1.0, curve))
 
 
 def linear_color(name: str, value: ColorLike) -> NDArray[np.float32]:

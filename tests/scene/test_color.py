@@ -93,7 +93,7 @@ def test_numbers_outside_0_to_1_are_refused_with_advice(value):
 
 @pytest.mark.parametrize("value", ["#12", "#12345", "#gggggg", "no such colour", "", "123456"])
 def test_unknown_strings_are_refused_naming_the_known_ones(value):
-    with pytest.raises(ValueError, match="tint must be '#rgb'.*magenta"):
+    with pytest.raises(ValueError, match=r"tint must be '#rgb'.*magenta"):
         linear_color("tint", value)
 
 

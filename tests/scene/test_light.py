@@ -36,7 +36,7 @@ def test_a_bad_intensity_is_refused_by_name(light, intensity):
 
 @pytest.mark.parametrize("light", LIGHTS)
 def test_a_bad_colour_is_refused_by_name(light):
-    with pytest.raises(ValueError, match="color must lie in 0..1"):
+    with pytest.raises(ValueError, match=r"color must lie in 0\.\.1"):
         light(color=(255, 255, 255))
 
 

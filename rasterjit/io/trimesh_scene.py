@@ -1,0 +1,239 @@
+"""Turn trimesh's scenes into ours: meshes, places, cameras and lights."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.io.gltf import GltfExtras
+from rasterjit.io.left_out import LeftOut, MeshFileError
+from rasterjit.io.trimesh_materials import colors_from_trimesh, material_from_trimesh
+from rasterjit.scene.camera import PerspectiveCamera
+from rasterjit.scene.light import DirectionalLight, PointLight
+from rasterjit.scene.material import Material
+from rasterjit.scene.mesh import Mesh
+from rasterjit.scene.scene import Scene
+
+GLTF_FORMATS = ("gltf", "glb")
+"""Formats whose colours are linear light."""
+
+_TRIMESH_FAR = 1000.0
+"""The far distance of a trimesh camera that nobody set; taken as no far plane at all."""
+
+
+class TrimeshAdapter:
+    """
+    Turn trimesh objects into a scene.
+
+    Parameters
+    ----------
+    source : str
+        What messages call the file or object.
+    from_file : bool
+        Whether trimesh has just read it, so that all its normals are the file's.
+    on_invalid : {"raise", "drop"}
+        What to do about NaN or infinite vertices, as in `Mesh`.
+    crease_angle : float
+        Degrees in 0..180, for meshes without normals of their own.
+    left_out : LeftOut
+        Notes what is not shown.
+    extras : GltfExtras or None
+        What a glTF says beyond trimesh's reading of it.
+    """
+
+    def __init__(
+        self,
+        source: str,
+        from_file: bool,
+        on_invalid: str,
+        crease_angle: float,
+        left_out: LeftOut,
+        extras: GltfExtras | None,
+    ) -> None:
+        self.source = source
+        self.on_invalid = on_invalid
+        self.crease_angle = crease_angle
+        self.left_out = left_out
+        self.extras = extras
+        self.materials: dict[int, Material | None] = {}
+        self.from_file = from_file
+
+    def scene(self, loaded: Any) -> Scene:
+        """Return a trimesh geometry or scene as a `Scene`, or raise `MeshFileError`."""
+        import trimesh
+
+        if not isinstance(loaded, trimesh.Scene):
+            return self.scene(trimesh.Scene(loaded))
+        meshes: dict[str, Mesh] = {}
+        left: Counter[str] = Counter()
+        for name, geometry in loaded.geometry.items():
+            if isinstance(geometry, trimesh.Trimesh) and len(geometry.faces):
+                meshes[name] = self._mesh(name, geometry)
+            else:
+                left[_describe(geometry)] += 1
+        if not meshes:
+            held = f"{' and '.join(left)}, no faces" if left else "no faces"
+            raise MeshFileError(f"{self.source} holds {held}")
+        for what, count in left.items():
+            self.left_out.note(what, count)
+        scene = Scene()
+        for node in loaded.graph.nodes_geometry:
+            try:
+                transform, name = loaded.graph[node]
+            except ValueError:
+                self.left_out.note("node that hangs on no other")
+                continue
+            if name in meshes:
+                self._place(scene, meshes[name], transform, str(node))
+        if not scene.nodes:
+            raise MeshFileError(f"{self.source} holds meshes but places none of them in its scene")
+        if self.extras is not None:
+            scene.camera, scene.lights = self.extras.camera, self.extras.lights
+        else:
+            self._take_camera(loaded, scene)
+            self._take_lights(loaded, scene)
+        return scene
+
+    def _place(self, scene: Scene, mesh: Mesh, transform: Any, name: str) -> None:
+        """Add one node, naming it in errors."""
+        try:
+            scene.add(mesh, transform, name)
+        except ValueError as error:
+            raise MeshFileError(f"{self.source}: node {name!r}: {error}") from error
+
+    def _mesh(self, name: str, geometry: Any) -> Mesh:
+        """Return one trimesh.Trimesh as a `Mesh` with normals, naming it in errors."""
+        source = getattr(geometry.source, "file_type", None)
+        colors = colors_from_trimesh(geometry, source in GLTF_FORMATS, self.left_out)
+        material, uv = None, None
+        if geometry.visual.kind == "texture":
+            # A material made in memory is linear, as trimesh documents it.
+            material = self._material(geometry.visual.material, source in (None, *GLTF_FORMATS))
+            uv = self._finite_rows("uv", geometry.visual.uv, (len(geometry.vertices), 2))
+        normals = self._own_normals(geometry)
+        try:
+            mesh = Mesh(
+                geometry.vertices,
+                geometry.faces,
+                normals=normals,
+                uv=uv,
+                material=material,
+                colors=colors,
+                on_invalid=self.on_invalid,
+            )
+            return mesh if normals is not None else mesh.split_creases(self.crease_angle)
+        except ValueError as error:
+            raise MeshFileError(f"{self.source}: mesh {name!r}: {error}") from error
+
+    def _material(self, material: Any, linear_bytes: bool) -> Material | None:
+        """Return a trimesh material as a `Material`, one for all meshes that share it."""
+        if id(material) not in self.materials:
+            unlit = set() if self.extras is None else self.extras.unlit
+            self.materials[id(material)] = material_from_trimesh(
+                material, linear_bytes, unlit, self.left_out
+            )
+        return self.materials[id(material)]
+
+    def _own_normals(self, geometry: Any) -> NDArray[np.float64] | None:
+        """Return the normals that somebody gave the mesh, not those that trimesh averaged."""
+        if "vertex_normals" not in geometry._cache:
+            return None
+        normals = np.asarray(geometry.vertex_normals)
+        if not self.from_file:
+            from trimesh.geometry import weighted_vertex_normals
+
+            averaged = weighted_vertex_normals(
+                len(geometry.vertices), geometry.faces, geometry.face_normals, geometry.face_angles
+            )
+            if np.array_equal(normals, averaged):
+                return None
+        if not normals.any():
+            return None
+        return self._finite_rows("normals", normals, (len(geometry.vertices), 3))
+
+    def _finite_rows(
+        self, name: str, values: Any, shape: tuple[int, int]
+    ) -> NDArray[np.float64] | None:
+        """Return values that fit the vertices, or None with a note if they do not."""
+        if values is None:
+            return None
+        array = np.asarray(values, dtype=np.float64)
+        if array.shape != shape:
+            self.left_out.note(f"{name} that do not fit the vertices")
+            return None
+        if not np.isfinite(array).all():
+            self.left_out.note(f"{name} with NaN or infinity")
+            return None
+        return array
+
+    def _take_camera(self, loaded: Any, scene: Scene) -> None:
+        """Take the camera that a trimesh scene has, never the one it would make up."""
+        if not loaded.has_camera:
+            return
+        camera = loaded.camera
+        try:
+            pose = np.asarray(loaded.camera_transform, dtype=np.float64)
+            eye = pose[:3, 3]
+            scene.camera = PerspectiveCamera(
+                eye,
+                eye - pose[:3, 2],
+                pose[:3, 1],
+                fov_y=float(camera.fov[1]),
+                near=camera.z_near,
+                far=math.inf if camera.z_far == _TRIMESH_FAR else camera.z_far,
+            )
+        except ValueError:
+            self.left_out.note("camera that is not a usable perspective")
+
+    def _take_lights(self, loaded: Any, scene: Scene) -> None:
+        """Take the lights somebody gave a trimesh scene; their bytes are linear light."""
+        lights = getattr(loaded, "_lights", None) or []
+        if _made_up(loaded, lights):
+            return
+        for light in lights:
+            pose = np.eye(4)
+            if light.name in loaded.graph.nodes:
+                pose = np.asarray(loaded.graph[light.name][0], dtype=np.float64)
+            color = np.asarray(light.color[:3], dtype=np.float64) / 255.0
+            kind = type(light).__name__
+            if kind == "DirectionalLight":
+                scene.lights.append(DirectionalLight(-pose[:3, 2], color, light.intensity))
+            elif kind == "PointLight":
+                scene.lights.append(PointLight(pose[:3, 3], color, light.intensity))
+            else:
+                self.left_out.note(kind)
+
+
+def _made_up(loaded: Any, lights: list[Any]) -> bool:
+    """Tell the two point lights that trimesh puts at a scene's corners when asked for lights."""
+    from trimesh.scene.lighting import PointLight as TrimeshPointLight
+
+    plain = TrimeshPointLight()
+    return len(lights) == 2 and all(
+        type(light) is TrimeshPointLight
+        and light.name.startswith("light_")
+        and light.intensity == plain.intensity
+        and np.array_equal(light.color, plain.color)
+        and light.name in loaded.graph.nodes
+        and np.array_equal(loaded.graph[light.name][0][:3, 3], corner)
+        for light, corner in zip(lights, loaded.bounds, strict=True)
+    )
+
+
+def _describe(geometry: Any) -> str:
+    """Say what a geometry without faces is."""
+    kind = type(geometry).__name__
+    vertices = len(getattr(geometry, "vertices", ()))
+    if kind == "PointCloud":
+        return f"a point cloud of {vertices} points"
+    if kind == "Path2D":
+        return f"a 2-D drawing of {len(geometry.entities)} curves"
+    if kind == "Path3D":
+        return f"a 3-D path of {len(geometry.entities)} curves"
+    if kind == "Trimesh":
+        return f"a mesh of {vertices} vertices"
+    return f"a {kind}"

@@ -1,0 +1,63 @@
+"""Small things that many tests share."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import rasterjit as rj
+
+# Eight corners of the cube [-1, 1]**3, numbered by the bits z, y, x; faces wind outwards.
+CUBE_VERTICES = np.array(
+    [[x, y, z] for z in (-1.0, 1.0) for y in (-1.0, 1.0) for x in (-1.0, 1.0)]
+)
+CUBE_FACES = np.array(
+    [
+        [0, 2, 3], [0, 3, 1],  # back, -z
+        [4, 5, 7], [4, 7, 6],  # front, +z
+        [0, 4, 6], [0, 6, 2],  # left, -x
+        [1, 3, 7], [1, 7, 5],  # right, +x
+        [0, 1, 5], [0, 5, 4],  # bottom, -y
+        [2, 6, 7], [2, 7, 3],  # top, +y
+    ]
+)  # fmt: skip
+
+
+@pytest.fixture
+def cube():
+    """A unit-less grey cube, [-1, 1]**3, counter-clockwise from outside."""
+    return rj.Mesh(CUBE_VERTICES, CUBE_FACES)
+
+
+@pytest.fixture
+def camera():
+    """A camera that sees three sides of the cube."""
+    return rj.PerspectiveCamera(eye=(2.5, 3.0, 4.0), target=(0.0, 0.0, 0.0), near=0.5, far=20.0)
+
+
+@pytest.fixture
+def sphere():
+    """A coarse ball of radius 1 with shared vertices."""
+    rows, columns = 6, 10
+    polar = np.linspace(0.0, np.pi, rows + 1)[1:-1]
+    around = np.arange(columns) * (2.0 * np.pi / columns)
+    ring = np.stack(
+        [
+            np.outer(np.sin(polar), np.cos(around)),
+            np.outer(np.cos(polar), np.ones(columns)),
+            -np.outer(np.sin(polar), np.sin(around)),
+        ],
+        axis=-1,
+    ).reshape(-1, 3)
+    vertices = np.concatenate([ring, [[0.0, 1.0, 0.0], [0.0, -1.0, 0.0]]])
+    top, bottom = len(ring), len(ring) + 1
+    faces = []
+    for k in range(columns):
+        following = (k + 1) % columns
+        faces.append([top, k, following])
+        last = (rows - 2) * columns
+        faces.append([bottom, last + following, last + k])
+        for row in range(rows - 2):
+            a, b = row * columns + k, row * columns + following
+            faces += [[a, a + columns, b + columns], [a, b + columns, b]]
+    return rj.Mesh(vertices, faces)

@@ -1,0 +1,169 @@
+import imageio.v3 as iio
+import numpy as np
+import pytest
+from rasterjit.io import images
+
+LOSSLESS = (".png", ".bmp", ".tif", ".tiff", ".webp")
+
+
+def picture(channels=4, seed=1):
+    shape = (13, 17) if channels == 1 else (13, 17, channels)
+    return np.random.default_rng(seed).integers(0, 256, shape).astype(np.uint8)
+
+
+def files(folder):
+    return sorted(path.name for path in folder.iterdir())
+
+
+@pytest.mark.parametrize("suffix", images.IMAGE_FORMATS)
+@pytest.mark.parametrize("channels", [1, 3, 4])
+def test_every_format_is_written_and_nothing_else(tmp_path, suffix, channels):
+    path = tmp_path / f"picture{suffix}"
+    images.save_image(path, picture(channels))
+    assert files(tmp_path) == [path.name]
+    assert iio.imread(path).shape[-3:][:2] in ((13, 17), (1, 13))
+
+
+@pytest.mark.parametrize("suffix", LOSSLESS)
+@pytest.mark.parametrize("channels", [3, 4])
+def test_lossless_formats_keep_every_color(tmp_path, suffix, channels):
+    path = tmp_path / f"picture{suffix}"
+    image = picture(channels)
+    image[..., 3:] |= 1  # WebP forgets the colour of a fully transparent pixel
+    images.save_image(path, image)
+    kept = 3 if suffix in images.OPAQUE_FORMATS else channels
+    np.testing.assert_array_equal(iio.imread(path)[..., :kept], image[..., :kept])
+
+
+def test_extension_may_be_in_capitals_and_the_path_a_string(tmp_path):
+    images.save_image(str(tmp_path / "A.PNG"), picture())
+    np.testing.assert_array_equal(iio.imread(tmp_path / "A.PNG"), picture())
+
+
+def test_existing_picture_is_replaced(tmp_path):
+    path = tmp_path / "a.png"
+    images.save_image(path, picture(seed=1))
+    images.save_image(path, picture(seed=2))
+    np.testing.assert_array_equal(iio.imread(path), picture(seed=2))
+    assert files(tmp_path) == ["a.png"]
+
+
+def test_failed_write_leaves_the_existing_file_whole(tmp_path, monkeypatch):
+    path = tmp_path / "a.png"
+    images.save_image(path, picture())
+
+    def fail(place, *_args, **_options):
+        place.write_bytes(b"half a pic")
+        raise OSError("disk full")
+
+    monkeypatch.setattr(images, "_write_pixels", fail)
+    with pytest.raises(OSError, match="disk full"):
+        images.save_image(path, picture(seed=2))
+    np.testing.assert_array_equal(iio.imread(path), picture())
+    assert files(tmp_path) == ["a.png"]
+
+
+@pytest.mark.parametrize("name", ["a", "a.txt", "a.png.gz", "missing/a.png"])
+def test_bad_paths_are_named_before_anything_is_written(tmp_path, name):
+    with pytest.raises(ValueError, match=name):
+        images.save_image(tmp_path / name, picture())
+    assert not files(tmp_path)
+
+
+def test_a_folder_is_not_a_file(tmp_path):
+    (tmp_path / "a.png").mkdir()
+    with pytest.raises(ValueError, match="is a folder"):
+        images.save_image(tmp_path / "a.png", picture())
+
+
+@pytest.mark.parametrize(
+    "image",
+    [
+        np.zeros((4, 4, 4), np.float32),
+        np.zeros((4, 4, 2), np.uint8),
+        np.zeros((4, 4, 1), np.uint8),
+        np.zeros((4,), np.uint8),
+        np.zeros((0, 4, 4), np.uint8),
+    ],
+)
+def test_bad_images_are_named(tmp_path, image):
+    with pytest.raises(ValueError, match="image"):
+        images.save_image(tmp_path / "a.png", image)
+    assert not files(tmp_path)
+
+
+def test_arrays_come_back_by_name(tmp_path):
+    arrays = {"face_id": np.arange(6, dtype=np.int32).reshape(2, 3), "depth": np.ones(4, np.float32)}
+    images.save_arrays(tmp_path / "a.npz", **arrays)
+    assert files(tmp_path) == ["a.npz"]
+    with np.load(tmp_path / "a.npz") as loaded:
+        assert set(loaded) == set(arrays)
+        for name, array in arrays.items():
+            np.testing.assert_array_equal(loaded[name], array)
+            assert loaded[name].dtype == array.dtype
+
+
+def test_arrays_need_a_name_and_npz(tmp_path):
+    with pytest.raises(ValueError, match="npz"):
+        images.save_arrays(tmp_path / "a.png", a=np.ones(2))
+    with pytest.raises(ValueError, match="arrays"):
+        images.save_arrays(tmp_path / "a.npz")
+    assert not files(tmp_path)
+
+
+DEPTH = np.array([[0.0, 1.5, np.inf], [0.0005, 65.535, 3.0004]], np.float32)
+
+
+def test_depth_arrays_are_exact(tmp_path):
+    images.save_depth(tmp_path / "a.npy", DEPTH)
+    np.testing.assert_array_equal(np.load(tmp_path / "a.npy"), DEPTH)
+    images.save_depth(tmp_path / "a.npz", DEPTH)
+    with np.load(tmp_path / "a.npz") as loaded:
+        np.testing.assert_array_equal(loaded["depth"], DEPTH)
+
+
+def test_depth_png_is_scaled_rounded_and_zero_where_nothing_is(tmp_path):
+    images.save_depth(tmp_path / "a.png", DEPTH)
+    stored = iio.imread(tmp_path / "a.png")
+    assert stored.dtype == np.uint16
+    assert stored.tolist() == [[0, 1500, 0], [1, 65535, 3000]]
+    images.save_depth(tmp_path / "a.png", DEPTH, scale=2)
+    assert iio.imread(tmp_path / "a.png").tolist() == [[0, 3, 0], [0, 131, 6]]
+
+
+@pytest.mark.parametrize("depth", [65.6, -1.0])
+def test_depth_png_that_overflows_is_an_error(tmp_path, depth):
+    with pytest.raises(ValueError, match="scale"):
+        images.save_depth(tmp_path / "a.png", np.full((2, 2), depth, np.float32))
+    assert not files(tmp_path)
+
+
+@pytest.mark.parametrize("scale", [0, -1, np.nan, "a"])
+def test_bad_depth_scale_is_named(tmp_path, scale):
+    with pytest.raises(ValueError, match="scale"):
+        images.save_depth(tmp_path / "a.png", DEPTH, scale=scale)
+
+
+def test_bad_depth_is_named(tmp_path):
+    for depth in (np.zeros((2, 2)), np.zeros((2, 2, 1), np.float32), np.zeros((0, 2), np.float32)):
+        with pytest.raises(ValueError, match="depth"):
+            images.save_depth(tmp_path / "a.npy", depth)
+    with pytest.raises(ValueError, match="must end in"):
+        images.save_depth(tmp_path / "a.jpg", DEPTH)
+
+
+def test_exr_holds_the_depth_exactly(tmp_path):
+    openexr = pytest.importorskip("OpenEXR")
+    images.save_depth(tmp_path / "a.exr", DEPTH)
+    assert files(tmp_path) == ["a.exr"]
+    with openexr.File(str(tmp_path / "a.exr")) as file:
+        np.testing.assert_array_equal(file.channels()["Z"].pixels, DEPTH)
+
+
+def test_exr_without_openexr_says_what_to_install(tmp_path, monkeypatch):
+    import sys
+
+    monkeypatch.setitem(sys.modules, "OpenEXR", None)
+    with pytest.raises(ValueError, match=r"rasterjit\[exr\]"):
+        images.save_depth(tmp_path / "a.exr", DEPTH)
+    assert not files(tmp_path)

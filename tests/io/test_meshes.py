@@ -1,0 +1,522 @@
+"""Laws of loading: what a file says is in the scene, what is not is said, nothing crashes."""
+
+import json
+import math
+import struct
+import subprocess
+import sys
+import warnings
+
+import numpy as np
+import pytest
+import trimesh
+from PIL import Image
+
+from rasterjit.io.left_out import LeftOut
+from rasterjit.io.meshes import LoadWarning, MeshFileError, as_scene, from_trimesh, load
+from rasterjit.io.trimesh_materials import material_from_trimesh
+from rasterjit.scene.camera import OrthographicCamera, PerspectiveCamera
+from rasterjit.scene.color import srgb_to_linear
+from rasterjit.scene.light import DirectionalLight, PointLight
+from rasterjit.scene.material import Material
+from rasterjit.scene.mesh import Mesh
+from rasterjit.scene.scene import Scene
+
+SQUARE = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], dtype=np.float64)
+TWO_FACES = np.array([[0, 1, 2], [0, 2, 3]])
+OBJ_SQUARE = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
+
+
+def write(path, text):
+    path.write_text(text)
+    return path
+
+
+def only_mesh(scene):
+    (node,) = scene.nodes
+    return node.mesh
+
+
+def write_gltf(path, nodes, **header):
+    """Write a glTF of one triangle, with the given nodes and further keys."""
+    data = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], dtype=np.float32).tobytes()
+    (path.parent / "data.bin").write_bytes(data)
+    primitive = {"attributes": {"POSITION": 0}, **header.pop("primitive", {})}
+    content = {
+        "asset": {"version": "2.0"},
+        "scene": 0,
+        "scenes": [{"nodes": header.pop("roots", list(range(len(nodes))))}],
+        "nodes": nodes,
+        "meshes": [{"primitives": [primitive]}],
+        "buffers": [{"uri": "data.bin", "byteLength": len(data)}],
+        "bufferViews": [{"buffer": 0, "byteLength": len(data)}],
+        "accessors": [
+            {
+                "bufferView": 0,
+                "componentType": 5126,
+                "count": 3,
+                "type": "VEC3",
+                "min": [0, 0, 0],
+                "max": [1, 1, 0],
+            }
+        ],
+        **header,
+    }
+    return write(path, json.dumps(content))
+
+
+# Files
+
+
+@pytest.mark.parametrize("extension", ["obj", "ply", "stl", "off", "glb", "gltf", "3mf", "dae"])
+def test_each_format_gives_the_same_faces(tmp_path, extension):
+    source = trimesh.creation.box((1, 2, 3))
+    path = tmp_path / f"box.{extension}"
+    write_export(path, source) if extension != "gltf" else write_gltf_box(path, source)
+    mesh = only_mesh(load(path))
+    assert mesh.vertices[mesh.faces] == pytest.approx(source.vertices[source.faces])
+    assert type(mesh.vertices) is np.ndarray
+    assert mesh.normals is not None
+
+
+def write_export(path, source):
+    if path.suffix == ".dae":
+        pytest.importorskip("collada")
+    # trimesh leaves the file of some formats open, so take the bytes.
+    content = source.export(file_type=path.suffix[1:])
+    path.write_bytes(content.encode() if isinstance(content, str) else content)
+
+
+def write_gltf_box(path, source):
+    for name, content in trimesh.exchange.gltf.export_gltf(trimesh.Scene(source)).items():
+        (path.parent / name.replace("model.gltf", path.name)).write_bytes(content)
+
+
+def test_a_path_can_be_a_string(tmp_path):
+    assert len(load(str(write(tmp_path / "a.obj", OBJ_SQUARE + "f 1 2 3\n"))).nodes) == 1
+
+
+def test_upper_case_extensions_are_known(tmp_path):
+    assert len(load(write(tmp_path / "A.OBJ", OBJ_SQUARE + "f 1 2 3\n")).nodes) == 1
+
+
+def test_polygons_are_triangulated(tmp_path):
+    mesh = only_mesh(load(write(tmp_path / "quad.obj", OBJ_SQUARE + "f 1 2 3 4\n")))
+    assert len(mesh.faces) == 2
+    assert mesh.normals.tolist() == [[0, 0, 1]] * 4
+
+
+def test_faces_keep_the_order_of_the_file(tmp_path):
+    rng = np.random.default_rng(2)
+    source = trimesh.creation.icosphere(2)
+    faces = rng.permutation(source.faces)
+    path = tmp_path / "sphere.ply"
+    trimesh.Trimesh(source.vertices, faces, process=False).export(path)
+    mesh = only_mesh(load(path))
+    assert mesh.vertices[mesh.faces] == pytest.approx(source.vertices[faces], abs=1e-6)
+
+
+def test_an_stl_box_is_sharp_and_its_vertices_are_shared(tmp_path):
+    path = tmp_path / "box.stl"
+    trimesh.creation.box().export(path)
+    assert len(only_mesh(load(path)).vertices) == 24
+    assert len(only_mesh(load(path, crease_angle=180.0)).vertices) == 8
+
+
+def test_normals_of_the_file_are_used(tmp_path):
+    text = OBJ_SQUARE + "vn 1 0 0\nvn 0 0 2\nf 1//1 2//1 3//2\n"
+    mesh = only_mesh(load(write(tmp_path / "a.obj", text)))
+    assert mesh.normals[mesh.faces[0]].tolist() == [[1, 0, 0], [1, 0, 0], [0, 0, 1]]
+
+
+def test_normals_with_nan_are_replaced_and_named(tmp_path):
+    text = OBJ_SQUARE + "vn nan 0 0\nf 1//1 2//1 3//1\n"
+    with pytest.warns(LoadWarning, match="normals with NaN or infinity"):
+        mesh = only_mesh(load(write(tmp_path / "a.obj", text)))
+    assert mesh.normals.tolist() == [[0, 0, 1]] * 3
+
+
+def test_vertex_colours_are_srgb_bytes(tmp_path):
+    colors = np.array([[255, 0, 0, 255], [0, 128, 0, 255], [0, 0, 64, 255], [9, 9, 9, 255]])
+    path = tmp_path / "colored.ply"
+    trimesh.Trimesh(SQUARE, TWO_FACES, vertex_colors=colors, process=False).export(path)
+    mesh = only_mesh(load(path))
+    assert np.array_equal(mesh.vertex_colors[:, :3], srgb_to_linear(colors[:, :3].astype(np.uint8)))
+    assert mesh.material.base_color == (1.0, 1.0, 1.0, 1.0)
+
+
+def test_face_colours_stay_with_their_faces(tmp_path):
+    colors = np.array([[255, 0, 0, 255], [0, 0, 255, 255]])
+    path = tmp_path / "colored.ply"
+    trimesh.Trimesh(SQUARE, TWO_FACES, face_colors=colors, process=False).export(path)
+    assert only_mesh(load(path)).face_colors.tolist() == [[1, 0, 0, 1], [0, 0, 1, 1]]
+
+
+def test_an_mtl_gives_colour_highlight_and_names(tmp_path):
+    write(tmp_path / "a.mtl", "newmtl tin\nKd 1 0 0\nKs 1 1 1\nNs 20\nnewmtl felt\nKd 0 1 0\n")
+    text = f"mtllib a.mtl\n{OBJ_SQUARE}usemtl tin\nf 1 2 3\nusemtl felt\nf 1 3 4\n"
+    scene = load(write(tmp_path / "a.obj", text))
+    materials = {node.mesh.material.name: node.mesh.material for node in scene.nodes}
+    assert materials["tin"] == Material(base_color="red", specular=1.0, shininess=20.0, name="tin")
+    assert materials["felt"] == Material(base_color="#00ff00", name="felt")
+
+
+def test_a_transparent_mtl_keeps_its_opacity_and_says_so(tmp_path):
+    write(tmp_path / "a.mtl", "newmtl glass\nKd 1 1 1\nd 0.25\n")
+    text = f"mtllib a.mtl\n{OBJ_SQUARE}usemtl glass\nf 1 2 3\n"
+    with pytest.warns(LoadWarning, match=r"transparency of a material \(1\)"):
+        scene = load(write(tmp_path / "a.obj", text))
+    assert only_mesh(scene).material.base_color == (1.0, 1.0, 1.0, 0.25)
+
+
+def test_texture_images_are_left_out_by_name_once_and_uv_stays(tmp_path):
+    Image.new("RGB", (4, 4), "red").save(tmp_path / "skin.png")
+    write(tmp_path / "a.mtl", "newmtl skin\nmap_Kd skin.png\n")
+    text = OBJ_SQUARE + "vt 0 0\nvt 1 0\nvt 1 1\nmtllib a.mtl\nusemtl skin\nf 1/1 2/2 3/3\n"
+    with pytest.warns(LoadWarning, match=r"a\.obj: left out texture image \(1\); the rest") as said:
+        mesh = only_mesh(load(write(tmp_path / "a.obj", text)))
+    assert len(said) == 1
+    assert said[0].filename == __file__
+    assert mesh.uv[mesh.faces[0]].tolist() == [[0, 0], [1, 0], [1, 1]]
+    assert mesh.material == Material(name="skin")
+
+
+def test_a_point_cloud_beside_meshes_is_left_out_by_name(tmp_path):
+    scene = trimesh.Scene([trimesh.creation.box(), trimesh.PointCloud(np.random.rand(7, 3))])
+    with pytest.warns(LoadWarning, match="a point cloud of 7 points"):
+        assert len(from_trimesh(scene).nodes) == 1
+
+
+# glTF
+
+
+def test_nodes_and_instances_of_a_gltf_keep_their_places(tmp_path):
+    nodes = [
+        {"name": "root", "children": [1, 2], "translation": [0, 0, 5]},
+        {"name": "left", "mesh": 0, "scale": [2, 2, 2]},
+        {"name": "right", "mesh": 0, "translation": [3, 0, 0]},
+    ]
+    scene = load(write_gltf(tmp_path / "a.gltf", nodes, roots=[0]))
+    places = {node.name: node.world_from_model for node in scene.nodes}
+    assert places["left"] == pytest.approx(np.array(np.diag([2.0, 2, 2, 1])) + lift(0, 0, 5))
+    assert places["right"] == pytest.approx(np.eye(4) + lift(3, 0, 5))
+    assert scene.nodes[0].mesh is scene.nodes[1].mesh
+
+
+def lift(x, y, z):
+    matrix = np.zeros((4, 4))
+    matrix[:3, 3] = x, y, z
+    return matrix
+
+
+def test_gltf_factors_are_linear_and_opaque_unless_said(tmp_path):
+    factor = {"baseColorFactor": [1, 0.2, 0, 0.4], "metallicFactor": 0, "roughnessFactor": 0.5}
+    materials = [{"name": "m", "pbrMetallicRoughness": factor}]
+    path = write_gltf(
+        tmp_path / "a.gltf", [{"mesh": 0}], materials=materials, primitive={"material": 0}
+    )
+    material = only_mesh(load(path)).material
+    assert material.base_color == tuple(np.float32([1, 51 / 255, 0, 1]).tolist())
+    assert material.shininess == pytest.approx(30.0)
+    assert material.specular == pytest.approx(0.04 * 38 / 8)
+    materials[0]["alphaMode"] = "BLEND"
+    path = write_gltf(
+        tmp_path / "b.gltf", [{"mesh": 0}], materials=materials, primitive={"material": 0}
+    )
+    with pytest.warns(LoadWarning, match="transparency of a material"):
+        assert only_mesh(load(path)).material.base_color[3] == np.float32(0.4)
+
+
+@pytest.mark.parametrize(("linear", "value"), [(True, 128 / 255), (False, 0.215860500114)])
+def test_factors_are_linear_in_gltf_and_srgb_elsewhere(linear, value):
+    source = trimesh.visual.material.PBRMaterial(baseColorFactor=[128, 128, 128, 255])
+    material = material_from_trimesh(source, linear, set(), LeftOut())
+    assert material.base_color[0] == np.float32(value)
+
+
+def test_a_trimesh_material_made_in_memory_is_linear():
+    source = trimesh.creation.box()
+    material = trimesh.visual.material.PBRMaterial(baseColorFactor=[128, 128, 128, 255])
+    source.visual = trimesh.visual.TextureVisuals(material=material)
+    assert only_mesh(from_trimesh(source)).material.base_color[0] == np.float32(128 / 255)
+
+
+def test_a_smooth_metal_shines_more_than_a_rough_one():
+    def shine(**factors):
+        source = trimesh.visual.material.PBRMaterial(baseColorFactor=[255] * 4, **factors)
+        return material_from_trimesh(source, True, set(), LeftOut())
+
+    rough, smooth = shine(), shine(metallicFactor=1.0, roughnessFactor=0.0)
+    assert (rough.specular, rough.shininess) == (pytest.approx(0.04 * 9 / 8), 1.0)
+    assert (smooth.specular, smooth.shininess) == (1.0, 1000.0)
+
+
+def test_gltf_colours_are_linear_bytes(tmp_path):
+    colors = np.array([[128, 0, 0, 255]] * 4, dtype=np.uint8)
+    path = tmp_path / "a.glb"
+    trimesh.Trimesh(SQUARE, TWO_FACES, vertex_colors=colors, process=False).export(path)
+    assert only_mesh(load(path)).vertex_colors[0, 0] == np.float32(128 / 255)
+
+
+def test_unlit_materials_stay_unlit(tmp_path):
+    path = write_gltf(
+        tmp_path / "a.gltf",
+        [{"mesh": 0}],
+        materials=[{"name": "sign", "extensions": {"KHR_materials_unlit": {}}}],
+        primitive={"material": 0},
+        extensionsUsed=["KHR_materials_unlit"],
+    )
+    assert only_mesh(load(path)).material.shading == "unlit"
+
+
+def test_a_gltf_brings_its_camera_and_lights(tmp_path):
+    lights = [
+        {"type": "directional", "color": [1, 0, 0]},
+        {"type": "point", "intensity": 7, "range": 3},
+        {"type": "spot"},
+    ]
+    quarter = math.sqrt(0.5)
+    nodes = [
+        {"mesh": 0},
+        {"children": [2, 3, 4, 5], "translation": [0, 0, 4]},
+        {"camera": 0, "translation": [1, 0, 0]},
+        {"extensions": {"KHR_lights_punctual": {"light": 0}}, "rotation": [quarter, 0, 0, quarter]},
+        {"extensions": {"KHR_lights_punctual": {"light": 1}}},
+        {"extensions": {"KHR_lights_punctual": {"light": 2}}},
+    ]
+    path = write_gltf(
+        tmp_path / "a.gltf",
+        nodes,
+        roots=[0, 1],
+        cameras=[{"type": "perspective", "perspective": {"yfov": 1.0, "znear": 0.5}}],
+        extensions={"KHR_lights_punctual": {"lights": lights}},
+        extensionsUsed=["KHR_lights_punctual"],
+    )
+    with pytest.warns(LoadWarning, match=r"range of a light \(1\), spot light \(1\)"):
+        scene = load(path)
+    assert isinstance(scene.camera, PerspectiveCamera)
+    assert scene.camera.eye_position() == pytest.approx([1, 0, 4])
+    assert (scene.camera.fov_y, scene.camera.near) == (math.degrees(1.0), 0.5)
+    assert scene.camera.far == math.inf
+    sun, lamp = scene.lights
+    assert sun.direction == pytest.approx((0, 1, 0))
+    assert sun.color == (1, 0, 0)
+    assert lamp == PointLight((0, 0, 4), intensity=7)
+
+
+def test_a_gltf_camera_can_be_orthographic(tmp_path):
+    flat = {"xmag": 2, "ymag": 3, "znear": 0.5, "zfar": 9}
+    path = write_gltf(
+        tmp_path / "a.gltf",
+        [{"mesh": 0}, {"camera": 0}],
+        cameras=[{"type": "orthographic", "orthographic": flat}],
+    )
+    camera = load(path).camera
+    assert isinstance(camera, OrthographicCamera)
+    assert (camera.height, camera.near, camera.far) == (6, 0.5, 9)
+
+
+def test_a_glb_header_is_read_as_well(tmp_path):
+    path = tmp_path / "a.glb"
+    scene = trimesh.Scene(trimesh.creation.box())
+    scene.set_camera(fov=(60, 40))
+    scene.camera_transform = np.eye(4) + lift(0, 0, 9)
+    scene.export(path)
+    camera = load(path).camera
+    assert camera.fov_y == pytest.approx(40)
+    assert camera.eye_position() == pytest.approx([0, 0, 9])
+
+
+# Bad files
+
+
+def test_a_missing_file_a_folder_and_an_empty_file_are_named(tmp_path):
+    with pytest.raises(MeshFileError, match=r"none\.obj does not exist"):
+        load(tmp_path / "none.obj")
+    with pytest.raises(MeshFileError, match="is a folder, not a mesh file"):
+        load(tmp_path)
+    with pytest.raises(MeshFileError, match=r"a\.stl is empty"):
+        load(write(tmp_path / "a.stl", ""))
+    with pytest.raises(MeshFileError, match="path must be a file name, got int"):
+        load(3)
+
+
+@pytest.mark.parametrize(
+    ("name", "said"), [("a.xyzzy", r"the extension \.xyzzy"), ("mesh", "no extension")]
+)
+def test_an_unknown_extension_names_known_ones(tmp_path, name, said):
+    with pytest.raises(MeshFileError, match=rf"has {said}; readable formats are \.obj, \.ply"):
+        load(write(tmp_path / name, "?"))
+
+
+@pytest.mark.parametrize("extension", ["obj", "ply", "stl", "off", "glb", "gltf", "3mf", "dae"])
+@pytest.mark.parametrize("content", [b"\0\1\2\3" * 99, b"rubbish\n" * 50, b"ply\nformat", b"\xff"])
+def test_rubbish_is_an_error_that_names_the_file(tmp_path, extension, content):
+    path = tmp_path / f"rubbish.{extension}"
+    path.write_bytes(content)
+    with pytest.raises(MeshFileError, match=r"rubbish\."):
+        load(path)
+
+
+@pytest.mark.parametrize("extension", ["obj", "ply", "stl", "off", "glb", "3mf", "dae"])
+def test_a_file_cut_short_is_an_error_or_a_scene(tmp_path, extension):
+    whole = tmp_path / f"whole.{extension}"
+    write_export(whole, trimesh.creation.icosphere(1))
+    content = whole.read_bytes()
+    for tenths in range(1, 10):
+        path = tmp_path / f"cut{tenths}.{extension}"
+        path.write_bytes(content[: len(content) * tenths // 10])
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", LoadWarning)
+            outcome = scene_or_error(path)
+        assert isinstance(outcome, Scene) or path.name in str(outcome)
+
+
+def scene_or_error(path):
+    try:
+        return load(path)
+    except MeshFileError as error:
+        return error
+
+
+def test_a_file_without_faces_says_what_it_holds(tmp_path):
+    trimesh.PointCloud(np.random.rand(35, 3)).export(tmp_path / "points.ply")
+    with pytest.raises(MeshFileError, match="holds a point cloud of 35 points, no faces"):
+        load(tmp_path / "points.ply")
+    with pytest.raises(MeshFileError, match=r"lone\.obj holds a point cloud of 4 points"):
+        load(write(tmp_path / "lone.obj", OBJ_SQUARE))
+
+
+def test_a_2d_drawing_says_that_it_is_one():
+    drawing = trimesh.load_path(SQUARE[:, :2])
+    with pytest.raises(MeshFileError, match="trimesh Path2D holds a 2-D drawing of 1 curves"):
+        from_trimesh(drawing)
+
+
+def test_a_format_whose_reader_is_not_installed_names_the_way_out(tmp_path, monkeypatch):
+    missing = trimesh.exceptions.ExceptionWrapper(ImportError("missing `pip install pycollada`"))
+    monkeypatch.setitem(trimesh.exchange.load.mesh_loaders, "dae", missing)
+    with pytest.raises(MeshFileError, match=r"needs a package.*pycollada.*rasterjit\[formats\]"):
+        load(write(tmp_path / "a.dae", "<COLLADA/>"))
+
+
+def test_nan_vertices_are_refused_or_dropped(tmp_path):
+    path = write(tmp_path / "a.obj", OBJ_SQUARE + "v nan 0 0\nf 1 2 3\nf 1 2 5\n")
+    with pytest.raises(MeshFileError, match=r"a\.obj: mesh .*vertices must be finite, got 1 of"):
+        load(path)
+    mesh = only_mesh(load(path, on_invalid="drop"))
+    assert (mesh.invalid_vertices, len(mesh.faces)) == (1, 2)
+
+
+# trimesh objects
+
+
+def test_a_trimesh_becomes_a_scene():
+    source = trimesh.creation.box()
+    mesh = only_mesh(from_trimesh(source))
+    assert np.array_equal(mesh.vertices[mesh.faces], source.vertices[source.faces])
+    assert mesh.material == Material()
+
+
+def test_averages_that_trimesh_has_cached_are_no_normals_of_its_own():
+    touched = trimesh.creation.box()
+    assert touched.vertex_normals.shape == (8, 3)
+    untouched = only_mesh(from_trimesh(trimesh.creation.box()))
+    assert np.array_equal(only_mesh(from_trimesh(touched)).normals, untouched.normals)
+
+
+def test_normals_given_to_a_trimesh_are_its_own():
+    up = np.tile([0.0, 1.0, 0.0], (4, 1))
+    source = trimesh.Trimesh(SQUARE, TWO_FACES, vertex_normals=up, process=False)
+    assert np.array_equal(only_mesh(from_trimesh(source)).normals, up)
+
+
+def test_a_trimesh_scene_brings_its_camera_and_lights():
+    source = trimesh.Scene(trimesh.creation.box())
+    source.camera = trimesh.scene.Camera(fov=(60, 30), z_near=0.25)
+    turn = trimesh.transformations.rotation_matrix(np.pi / 2, [0, 1, 0], [0, 0, 0])
+    source.camera_transform = turn + lift(5, 0, 0)
+    source.lights = [
+        trimesh.scene.lighting.DirectionalLight(name="sun", color=[255, 0, 0, 255], intensity=2),
+        trimesh.scene.lighting.PointLight(name="lamp", color=[0, 51, 0, 255]),
+    ]
+    source.graph["sun"] = turn
+    source.graph["lamp"] = np.eye(4) + lift(1, 2, 3)
+    scene = from_trimesh(source)
+    assert scene.camera.eye_position() == pytest.approx([5, 0, 0])
+    assert scene.camera.target == pytest.approx((4, 0, 0))
+    assert (scene.camera.fov_y, scene.camera.near, scene.camera.far) == (30, 0.25, math.inf)
+    sun, lamp = scene.lights
+    assert sun == DirectionalLight(sun.direction, "red", 2)
+    assert sun.direction == pytest.approx((-1, 0, 0))
+    assert lamp == PointLight((1, 2, 3), (0, 51 / 255, 0))
+
+
+def test_spot_lights_are_left_out_by_name():
+    source = trimesh.Scene(trimesh.creation.box())
+    source.lights = [trimesh.scene.lighting.SpotLight(name="spot")]
+    with pytest.warns(LoadWarning, match=r"SpotLight \(1\)"):
+        assert from_trimesh(source).lights == []
+
+
+def test_lights_and_cameras_that_trimesh_makes_up_are_not_the_scenes():
+    source = trimesh.Scene(trimesh.creation.box())
+    assert len(source.lights) == 2
+    scene = from_trimesh(source)
+    assert (scene.lights, scene.camera) == ([], None)
+    assert not source.has_camera
+
+
+def test_a_trimesh_without_faces_says_what_it_holds():
+    with pytest.raises(MeshFileError, match="trimesh PointCloud holds a point cloud of 3 points"):
+        from_trimesh(trimesh.PointCloud(np.eye(3)))
+    with pytest.raises(MeshFileError, match="trimesh Scene holds no faces"):
+        from_trimesh(trimesh.Scene())
+    with pytest.raises(MeshFileError, match="holds a 3-D path of 1 curves, no faces"):
+        from_trimesh(trimesh.load_path(SQUARE))
+
+
+def test_bad_faces_of_a_trimesh_are_named():
+    source = trimesh.Trimesh(SQUARE, TWO_FACES + 2, process=False)
+    with pytest.raises(MeshFileError, match=r"trimesh Trimesh: mesh .*the largest index being 5"):
+        from_trimesh(source)
+
+
+# Anything
+
+
+def test_anything_drawable_is_a_scene():
+    scene, mesh = Scene(), Mesh(SQUARE, TWO_FACES)
+    assert as_scene(scene) is scene
+    assert only_mesh(as_scene(mesh)) is mesh
+    assert len(as_scene(trimesh.creation.box()).nodes) == 1
+    assert len(as_scene(trimesh.Scene(trimesh.creation.box())).nodes) == 1
+
+
+@pytest.mark.parametrize("what", [None, 3, SQUARE, [SQUARE, TWO_FACES]])
+def test_anything_else_is_refused_by_type(what):
+    with pytest.raises(ValueError, match=f"what must be a Scene.*got {type(what).__name__}"):
+        as_scene(what)
+    with pytest.raises(ValueError, match="what must be a trimesh"):
+        from_trimesh(what)
+
+
+def test_a_file_name_is_sent_to_load():
+    with pytest.raises(ValueError, match=r"got str; rasterjit\.load reads files"):
+        as_scene("teapot.obj")
+
+
+def test_trimesh_is_not_imported_before_a_file_is_loaded():
+    code = (
+        "import sys, rasterjit.io.meshes as m; from rasterjit.scene.mesh import Mesh\n"
+        "m.as_scene(Mesh([[0,0,0],[1,0,0],[0,1,0]], [[0,1,2]]))\n"
+        "assert 'trimesh' not in sys.modules"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_a_glb_of_a_wrong_first_chunk_still_ends_in_a_clear_error(tmp_path):
+    path = tmp_path / "a.glb"
+    path.write_bytes(b"glTF" + struct.pack("<IIII", 2, 24, 4, 0x004E4942) + b"\0\0\0\0")
+    with pytest.raises(MeshFileError, match=r"a\.glb"):
+        load(path)

@@ -1,0 +1,329 @@
+import time
+
+import naive_lines as naive
+import numba
+import numpy as np
+import pytest
+from rasterjit.kernels import lines
+
+JIT = not numba.config.DISABLE_JIT
+WHITE = (255, 255, 255, 255)
+LOW, HIGH = -(2**31), 2**31 - 1
+
+
+def draw(size, ends, colors=(WHITE, WHITE)):
+    """Draw lines given as (x0, y0, x1, y1) and return the (H, W, 4) picture."""
+    ends = np.array(ends, np.int64).reshape(-1, 4)
+    colors = np.broadcast_to(np.array(colors, np.uint8), (len(ends), 2, 4))
+    image = np.zeros((size[1], size[0], 4), np.uint8)
+    target = image.view(np.uint32).reshape(size[1], size[0])
+    lines.draw_lines(target, ends, np.ascontiguousarray(colors))
+    return image
+
+
+def pixels(image):
+    """Return the set of (x, y) that were drawn."""
+    return {(int(x), int(y)) for y, x in np.argwhere(image.any(axis=2))}
+
+
+def visible_reference(size, ends, colors):
+    """Return the picture of a line of any length: exact fractions near the target only."""
+    (x0, y0, x1, y1), image = ends, np.zeros((size[1], size[0], 4), np.uint8)
+    major, limit = (0, size[0]) if abs(x1 - x0) >= abs(y1 - y0) else (1, size[1])
+    start, end = ends[major], ends[2 + major]
+    sign = 1 if end >= start else -1
+    steps = [sign * (c - start) for c in range(limit)]
+    inside = [k for k in steps if 0 <= k <= abs(end - start)]
+    for x, y, color in naive.line_pixels((x0, y0), (x1, y1), *colors, steps=inside):
+        if 0 <= x < size[0] and 0 <= y < size[1]:
+            image[y, x] = color
+    return image
+
+
+def random_colors(rng, count):
+    return rng.integers(0, 256, (count, 2, 4)).astype(np.uint8)
+
+
+def test_every_pair_on_a_grid_is_the_exact_line_in_pixels_and_colors():
+    side = 33 if JIT else 5
+    grid = np.array([(x, y) for y in range(side) for x in range(side)], np.int64)
+    colors = random_colors(np.random.default_rng(1), len(grid))
+    batch = max(16384 // side, 1)
+    drawn = 0
+    for start in grid:
+        for first in range(0, len(grid), batch):
+            ends, ramp = grid[first : first + batch], colors[first : first + batch]
+            starts = np.broadcast_to(start, ends.shape)
+            shift = np.arange(len(ends))[:, None] * (0, side)
+            image = draw(
+                (side, side * len(ends)), np.hstack((starts + shift, ends + shift)), ramp
+            )
+            expected = naive.lines_on_panels(starts, ends, ramp, side)
+            np.testing.assert_array_equal(
+                image.view(np.uint32), expected.view(np.uint32), err_msg=str(start)
+            )
+            drawn += len(ends)
+    assert drawn == side**4
+
+
+def test_the_fast_reference_of_the_grid_is_the_slow_one():
+    rng = np.random.default_rng(2)
+    starts, ends = rng.integers(0, 9, (2, 60, 2))
+    colors = random_colors(rng, 60)
+    panels = naive.lines_on_panels(starts, ends, colors, 9).reshape(60, 9, 9, 4)
+    for panel, start, end, (first, last) in zip(panels, starts, ends, colors.tolist(), strict=True):
+        image = np.zeros((9, 9, 4), np.uint8)
+        naive.draw_line(image, tuple(start.tolist()), tuple(end.tolist()), first, last)
+        np.testing.assert_array_equal(panel, image)
+
+
+@pytest.mark.parametrize("transpose", [False, True])
+@pytest.mark.parametrize("flip_x", [1, -1])
+@pytest.mark.parametrize("flip_y", [1, -1])
+def test_octants_are_reflections_of_one_another(transpose, flip_x, flip_y):
+    first = [(0, 0), (1, 0), (2, 1), (3, 1), (4, 2), (5, 2), (6, 3), (7, 3)]
+
+    def place(x, y):
+        x, y = (y, x) if transpose else (x, y)
+        return 8 + flip_x * x, 8 + flip_y * y
+
+    assert pixels(draw((17, 17), [*place(0, 0), *place(7, 3)])) == {place(*p) for p in first}
+
+
+def test_line_of_no_length_is_one_pixel_of_the_start_color():
+    image = draw((3, 3), [1, 2, 1, 2], ((1, 2, 3, 4), (5, 6, 7, 8)))
+    assert pixels(image) == {(1, 2)}
+    assert image[2, 1].tolist() == [1, 2, 3, 4]
+
+
+def test_tie_goes_to_the_larger_coordinate_from_either_end():
+    for ends in ([0, 0, 2, 1], [2, 1, 0, 0]):
+        assert pixels(draw((3, 3), ends)) == {(0, 0), (1, 1), (2, 1)}
+    for ends in ([0, 1, 2, 0], [2, 0, 0, 1]):
+        assert pixels(draw((3, 3), ends)) == {(0, 1), (1, 1), (2, 0)}
+
+
+def test_reversed_line_is_the_same_line():
+    reach = 16 if JIT else 4
+    a, b = (10, 20, 30, 40), (250, 0, 31, 255)
+    side = 2 * reach + 1
+    for dx in range(-reach, reach + 1):
+        for dy in range(-reach, reach + 1):
+            there = [reach, reach, reach + dx, reach + dy]
+            forward = draw((side, side), there, (a, b))
+            backward = draw((side, side), there[2:] + there[:2], (b, a))
+            if dx or dy:
+                np.testing.assert_array_equal(forward, backward)
+            assert len(pixels(forward)) == max(abs(dx), abs(dy)) + 1
+
+
+CLIPPED = {
+    "L06": (
+        (-3, -1, 18, 9),
+        "0,0 1,1 2,1 3,2 4,2 5,3 6,3 7,4 8,4 9,5 10,5 11,6 12,6 13,7 14,7 15,8",
+    ),
+    "L07": ((5, -100, 9, 200), " ".join(f"{6 if y <= 12 else 7},{y}" for y in range(16))),
+    "L08": ((20, -5, -5, 20), " ".join(f"{k},{15 - k}" for k in range(16))),
+    "L09": (
+        (LOW, -(2**30), HIGH, 2**30),
+        "0,0 1,1 2,1 3,2 4,2 5,3 6,3 7,4 8,4 9,5 10,5 11,6 12,6 13,7 14,7 15,8",
+    ),
+    "L10": ((LOW, LOW, HIGH, HIGH), " ".join(f"{k},{k}" for k in range(16))),
+    "L11": ((LOW, HIGH, HIGH, LOW), ""),
+    "L12": ((0, LOW, 15, HIGH), " ".join(f"8,{k}" for k in range(16))),
+    "L13": ((LOW, 3, HIGH, 12), " ".join(f"{k},8" for k in range(16))),
+    "L14": ((-1000000, 7, 1000000, 8), " ".join(f"{k},8" for k in range(16))),
+    "L15 beside": ((-5, 20, 40, 20), ""),
+    "L15 above": ((0, -9, 15, -1), ""),
+    "L15 past the corner": ((-10, 5, 5, -10), ""),
+    "L15 ends before": ((-9, 3, -1, 3), ""),
+    "L15 crossing": ((-20, 7, 30, 7), " ".join(f"{k},7" for k in range(16))),
+    "L15 one end inside": ((13, 4, 99, 4), "13,4 14,4 15,4"),
+    "L15 last column": ((15, -3, 15, 99), " ".join(f"15,{k}" for k in range(16))),
+    "L15 one beyond": ((16, -3, 16, 99), ""),
+    "L16": ((0, 1, 16, 1), " ".join(f"{k},1" for k in range(16))),
+}
+
+
+@pytest.mark.parametrize("case", CLIPPED)
+def test_hard_clipping_cases(case):
+    ends, expected = CLIPPED[case]
+    wanted = {tuple(map(int, pair.split(","))) for pair in expected.split()}
+    assert pixels(draw((16, 16), ends)) == wanted
+    assert pixels(draw((16, 16), ends[2:] + ends[:2])) == wanted
+
+
+def test_line_past_the_right_edge_does_not_reach_the_next_row():
+    assert pixels(draw((4, 4), [0, 1, 4, 1])) == {(0, 1), (1, 1), (2, 1), (3, 1)}
+
+
+def test_clipped_line_is_the_unclipped_line_inside():
+    rng = np.random.default_rng(3)
+    size = (23, 17)
+    for _ in range(1500 if JIT else 150):
+        ends = tuple(rng.integers(-40, 60, 4).tolist())
+        first, last = random_colors(rng, 1)[0].tolist()
+        image = np.zeros((17, 23, 4), np.uint8)
+        naive.draw_line(image, ends[:2], ends[2:], first, last)
+        np.testing.assert_array_equal(draw(size, ends, (first, last)), image, err_msg=str(ends))
+
+
+def test_huge_lines_through_the_target_are_exact():
+    rng = np.random.default_rng(4)
+    size = (61, 47)
+    hits = 0
+    for _ in range(1500 if JIT else 60):
+        reach = 2 ** int(rng.integers(7, 32))
+        middle = rng.integers(0, 47, 2)
+        span = rng.integers(-reach, reach, 2)
+        far = np.clip(middle + span, LOW, HIGH), np.clip(middle - span, LOW, HIGH)
+        ends = (*far[0].tolist(), *far[1].tolist())
+        colors = random_colors(rng, 1)[0].tolist()
+        image = draw(size, ends, colors)
+        np.testing.assert_array_equal(
+            image, visible_reference(size, ends, colors), err_msg=str(ends)
+        )
+        hits += bool(image.any())
+    assert hits > 50
+
+
+def test_widest_target_keeps_huge_lines_exact():
+    size = (16384, 8) if JIT else (512, 8)
+    ends = (LOW, 0, HIGH, 7)
+    colors = ((0, 255, 3, 255), (255, 0, 251, 254))
+    for line in (ends, (-3, -5, 16386, 12), (0, 7, size[0] - 1, 0), (LOW, LOW, HIGH, HIGH)):
+        np.testing.assert_array_equal(
+            draw(size, line, colors), visible_reference(size, line, colors), err_msg=str(line)
+        )
+
+
+@pytest.mark.skipif(not JIT, reason="times the compiled kernel")
+def test_time_is_bounded_by_what_is_seen():
+    ends = np.tile([LOW, LOW + 3, HIGH, HIGH], (20000, 1))
+    draw((16, 16), ends[:1])
+    start = time.perf_counter()
+    draw((16, 16), ends)
+    assert time.perf_counter() - start < 5.0  # walking would take a day
+
+
+RAMPS = {
+    "L17": (0, 255, [0, 26, 51, 77, 102, 128, 153, 179, 204, 230, 255]),
+    "L18": (0, 255, list(range(256))),
+    "L19": (10, 20, [10, 11, 13, 14, 16, 17, 19, 20]),
+}
+
+
+@pytest.mark.parametrize("case", RAMPS)
+def test_hard_ramps(case):
+    first, last, expected = RAMPS[case]
+    width = len(expected)
+    colors = ((first, last, 0, 255), (last, first, 0, 255))
+    image = draw((width, 1), [0, 0, width - 1, 0], colors)
+    assert image[0, :, 0].tolist() == expected
+    reversed_image = draw((width, 1), [width - 1, 0, 0, 0], colors[::-1])
+    np.testing.assert_array_equal(image, reversed_image)
+
+
+def test_long_ramps_are_monotone_with_exact_ends():
+    width = 16384 if JIT else 1024
+    for first, last in ((0, 255), (0, 1), (254, 255), (255, 3)):
+        ramp = draw((width, 1), [0, 0, width - 1, 0], ((first,) * 4, (last,) * 4))[0, :, 0]
+        k = np.arange(width)
+        expected = (2 * k * (last - first) + width - 1) // (2 * (width - 1)) + first
+        assert ramp.tolist() == expected.tolist()
+        assert (ramp[0], ramp[-1]) == (first, last)
+
+
+def test_lines_of_one_color_have_the_pixels_of_those_of_two():
+    rng = np.random.default_rng(5)
+    ends = rng.integers(-20, 50, (60, 4))
+    one = draw((31, 29), ends)
+    two = draw((31, 29), ends, (WHITE, (255, 255, 255, 254)))
+    assert pixels(one) == pixels(two)
+    assert set(map(tuple, one.reshape(-1, 4).tolist())) == {(0, 0, 0, 0), WHITE}
+
+
+def test_closed_polyline_visits_each_corner_twice():
+    corners = [(1, 1), (5, 1), (5, 5), (1, 5)]
+    visits = {}
+    for i, corner in enumerate(corners):
+        for pixel in pixels(draw((7, 7), [*corner, *corners[(i + 1) % 4]])):
+            visits[pixel] = visits.get(pixel, 0) + 1
+    assert {p for p, count in visits.items() if count == 2} == set(corners)
+    assert len(visits) == 16
+
+
+def test_later_lines_draw_over_earlier_ones():
+    colors = np.array([[[1] * 4] * 2, [[2] * 4] * 2], np.uint8)
+    image = draw((5, 5), [[0, 2, 4, 2], [2, 0, 2, 4]], colors)
+    assert image[2, 2].tolist() == [2] * 4
+    assert image[2, 1].tolist() == [1] * 4
+
+
+def test_no_lines_draw_nothing():
+    assert not draw((4, 4), np.empty((0, 4))).any()
+
+
+# Depth test
+
+
+def draw_tested(depth, ends, line_depths, slack=None):
+    depth = np.asarray(depth, np.float32)
+    height, width = depth.shape
+    image = np.zeros((height, width, 4), np.uint8)
+    lines.draw_lines_depth_tested(
+        image.view(np.uint32).reshape(height, width),
+        depth,
+        np.array([ends], np.int64),
+        np.array([line_depths], np.float64),
+        np.array([[(9, 8, 7, 6), (200, 100, 50, 255)]], np.uint8),
+        slack,
+    )
+    return image
+
+
+def test_line_before_everything_is_the_untested_line():
+    ends = (-7, 3, 30, 12)
+    image = draw_tested(np.zeros((16, 16)), ends, (0.5, 0.25))
+    np.testing.assert_array_equal(
+        image, draw((16, 16), ends, ((9, 8, 7, 6), (200, 100, 50, 255)))
+    )
+
+
+def test_line_is_hidden_exactly_where_the_surface_is_nearer():
+    rng = np.random.default_rng(6)
+    for _ in range(200 if JIT else 20):
+        depth = rng.uniform(0, 1, (16, 16)).astype(np.float32)
+        slack = rng.uniform(0, 0.3, (16, 16)).astype(np.float32)
+        ends = tuple(rng.integers(-20, 36, 4).tolist())
+        d0, d1 = rng.uniform(0, 1, 2).tolist()
+        n = max(abs(ends[2] - ends[0]), abs(ends[3] - ends[1]), 1)
+        for given, allowed in ((None, np.zeros_like(slack)), (slack, slack)):
+            expected = set()
+            for k, (x, y, _) in enumerate(naive.line_pixels(ends[:2], ends[2:])):
+                line = d0 + (d1 - d0) / n * k
+                if 0 <= x < 16 and 0 <= y < 16 and line >= float(depth[y, x]) - float(allowed[y, x]):
+                    expected.add((x, y))
+            assert pixels(draw_tested(depth, ends, (d0, d1), given)) == expected
+
+
+def test_equal_depth_is_seen_and_nan_is_not():
+    depth = np.full((4, 4), 0.5)
+    assert len(pixels(draw_tested(depth, (0, 0, 3, 3), (0.5, 0.5)))) == 4
+    assert not draw_tested(depth, (0, 0, 3, 3), (np.nan, np.nan)).any()
+
+
+def test_no_slack_is_a_slack_of_zero():
+    rng = np.random.default_rng(7)
+    depth = rng.uniform(0, 1, (16, 16)).astype(np.float32)
+    zeros = np.zeros((16, 16), np.float32)
+    for ends in rng.integers(-5, 20, (20, 4)).tolist():
+        np.testing.assert_array_equal(
+            draw_tested(depth, ends, (0.1, 0.9)), draw_tested(depth, ends, (0.1, 0.9), zeros)
+        )
+
+
+def test_depth_is_only_read():
+    depth = np.zeros((4, 4), np.float32)
+    draw_tested(depth, (0, 0, 3, 3), (1.0, 1.0))
+    assert not depth.any()

@@ -1,0 +1,379 @@
+import itertools
+import math
+
+import naive_lines as naive
+import numba
+import numpy as np
+import pytest
+from rasterjit.kernels import primitives
+
+JIT = not numba.config.DISABLE_JIT
+METHODS = (primitives.fill_triangle, primitives.fill_triangle_scanline)
+BIAS = {"top-left": primitives.EXCLUSIVE_BIAS, "inclusive": primitives.INCLUSIVE_BIAS}
+WHITE = ((255,) * 4,) * 3
+LIMIT = primitives.MAX_COORDINATE
+
+
+def target(size):
+    image = np.zeros((size[1], size[0], 4), np.uint8)
+    return image, image.view(np.uint32).reshape(size[1], size[0])
+
+
+def fill(vertices, size, colors=WHITE, edges="top-left", method=METHODS[0], depth=None, z=None):
+    image, pixels = target(size)
+    method(
+        pixels,
+        depth,
+        np.array(vertices, np.int64),
+        None if z is None else np.array(z, np.float64),
+        np.array(colors, np.uint8),
+        BIAS[edges],
+    )
+    return image
+
+
+def covered(vertices, size, **options):
+    return {(int(x), int(y)) for y, x in np.argwhere(fill(vertices, size, **options).any(axis=2))}
+
+
+def count_fan(center, ring, size, **options):
+    """Count how often each pixel is covered by the triangles of a closed fan."""
+    count = np.zeros((size[1], size[0]), int)
+    for a, b in zip(ring, ring[1:] + ring[:1], strict=True):
+        count += fill((center, a, b), size, **options).any(axis=2)
+    return count
+
+
+def random_triangles(seed, count, low=-6, high=18):
+    rng = np.random.default_rng(seed)
+    for _ in range(count):
+        yield rng.integers(low, high, (3, 2)).tolist(), rng.integers(0, 256, (3, 4)).tolist()
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("edges", BIAS)
+def test_pixels_and_colors_are_the_exact_ones(method, edges):
+    size = (13, 11)
+    drawn = 0
+    for vertices, colors in random_triangles(1, 150 if JIT else 25):
+        expected = np.zeros((11, 13, 4), np.uint8)
+        found = naive.triangle_pixels(vertices, colors, size, edges)
+        for (x, y), color in found.items():
+            expected[y, x] = color
+        image = fill(vertices, size, colors, edges, method)
+        np.testing.assert_array_equal(image, expected, err_msg=f"{vertices} {colors}")
+        drawn += len(found)
+    assert drawn > 300
+
+
+def test_scanline_gives_the_same_bits_as_barycentric():
+    size = (40, 30)
+    rng = np.random.default_rng(2)
+    for reach in (20, 60, 3000, LIMIT):
+        for _ in range(200 if JIT else 10):
+            vertices = np.clip(rng.integers(-reach, reach + 1, (3, 2)), -LIMIT, LIMIT).tolist()
+            colors, z = rng.integers(0, 256, (3, 4)).tolist(), rng.uniform(0, 1, 3)
+            for edges in BIAS:
+                stores = [np.full((30, 40), 0.5, np.float32) for _ in METHODS]
+                images = [
+                    fill(vertices, size, colors, edges, method, depth, z)
+                    for method, depth in zip(METHODS, stores, strict=True)
+                ]
+                np.testing.assert_array_equal(*images)
+                np.testing.assert_array_equal(*stores)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_largest_coordinates_are_exact(method):
+    colors = [(0, 255, 7, 255), (255, 0, 250, 3), (128, 77, 1, 254)]
+    far = LIMIT
+    for vertices in (
+        [(-far, -far), (far, -far), (far, far)],
+        [(-far, -far), (far, far), (-far, far)],
+        [(-far, -far + 1), (far, far), (far - 1, far)],
+        [(-far, 3), (far, 4), (5, 4)],
+        [(0, -far), (7, far), (3, -5)],
+    ):
+        image = fill(vertices, (9, 8), colors, "inclusive", method)
+        expected = np.zeros((8, 9, 4), np.uint8)
+        for (x, y), color in naive.triangle_pixels(vertices, colors, (9, 8), "inclusive").items():
+            expected[y, x] = color
+        np.testing.assert_array_equal(image, expected, err_msg=str(vertices))
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_two_halves_of_a_square_cover_it_once(method):
+    a, b, c, d = (0, 0), (16, 0), (16, 16), (0, 16)
+    first, second = (covered(t, (20, 20), method=method) for t in ((a, b, c), (a, c, d)))
+    assert (len(first), len(second), len(first & second)) == (136, 120, 0)
+    assert first | second == {(x, y) for x in range(16) for y in range(16)}
+    first, second = (covered(t, (20, 20), method=method) for t in ((a, b, d), (b, c, d)))
+    assert (len(first), len(second), len(first & second)) == (136, 120, 0)
+    assert first | second == {(x, y) for x in range(16) for y in range(16)}
+
+
+@pytest.mark.parametrize("n", [8, 10, 16, 100])
+def test_right_triangle_has_its_top_and_left_sides(n):
+    corner = covered(((0, 0), (n, 0), (0, n)), (n + 2, n + 2))
+    other = covered(((n, 0), (n, n), (0, n)), (n + 2, n + 2))
+    assert corner == {(x, y) for x in range(n) for y in range(n) if x + y < n}
+    assert other == {(x, y) for x in range(n) for y in range(n) if x + y >= n}
+
+
+def test_small_square_by_hand():
+    assert covered(((1, 1), (3, 1), (3, 3)), (5, 5)) == {(1, 1), (2, 1), (2, 2)}
+    assert covered(((1, 1), (3, 3), (1, 3)), (5, 5)) == {(1, 2)}
+    assert covered(((1, 1), (3, 3), (1, 3)), (5, 5), edges="inclusive") == {
+        (1, 1), (1, 2), (2, 2), (1, 3), (2, 3), (3, 3),
+    }
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize(
+    "ring",
+    [
+        [(0, 0), (4, -1), (9, 0), (10, 4), (9, 9), (5, 10), (0, 9), (-1, 5)],
+        [(8, 4), (8, 8), (4, 8), (0, 8), (0, 4), (0, 0), (4, 0), (8, 0)],
+        [(11, 3), (6, 12), (-4, 9), (-2, -5)],
+    ],
+)
+def test_fan_around_a_pixel_covers_every_pixel_once(ring, method):
+    center, size = (4, 4), (12, 12)
+    count = count_fan(center, ring, size, method=method)
+    assert count.max() == 1
+    assert count[4, 4] == 1
+    inside = count_fan(center, ring, size, edges="inclusive", method=method)
+    assert not count[inside == 0].any()
+    # Every pixel strictly inside the ring is covered
+    for y, x in np.argwhere(inside > 0):
+        sides = zip(ring, ring[1:] + ring[:1], strict=True)
+        if all(naive.edge(a, b, (x, y)) > 0 for a, b in sides):
+            assert count[y, x] == 1
+
+
+def test_order_and_winding_of_the_vertices_change_no_bit():
+    rng = np.random.default_rng(3)
+    for vertices, colors in random_triangles(4, 60 if JIT else 8):
+        z = rng.uniform(-1, 1, 3)
+        results = []
+        for order in itertools.permutations(range(3)):
+            depth = np.full((11, 13), 0.1, np.float32)
+            image = fill(
+                [vertices[i] for i in order],
+                (13, 11),
+                [colors[i] for i in order],
+                depth=depth,
+                z=[z[i] for i in order],
+            )
+            results.append(image.tobytes() + depth.tobytes())
+        assert len(set(results)) == 1
+
+
+def test_moved_triangle_is_the_same_triangle_moved():
+    vertices = np.array([(2, 1), (9, 3), (4, 10)])
+    here = covered(vertices, (16, 16))
+    for move in ((3, 2), (-3, -2), (5, 4), (-9, 0)):
+        moved = {(x + move[0], y + move[1]) for x, y in here}
+        wanted = {(x, y) for x, y in moved if 0 <= x < 16 and 0 <= y < 16}
+        assert covered(vertices + move, (16, 16)) == wanted
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_inclusive_adds_exactly_the_pixels_on_edges(method):
+    for vertices, _ in random_triangles(5, 60 if JIT else 10):
+        own = covered(vertices, (13, 11), method=method)
+        all_pixels = covered(vertices, (13, 11), edges="inclusive", method=method)
+        assert own <= all_pixels
+        for pixel in all_pixels - own:
+            assert min(naive.triangle_weights(vertices, pixel)[0]) == 0
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("edges", BIAS)
+@pytest.mark.parametrize(
+    "vertices", [[(3, 3)] * 3, [(0, 0), (5, 5), (9, 9)], [(1, 2), (1, 2), (7, 2)], [(4, 0), (4, 9), (4, 3)]]
+)
+def test_triangle_without_area_draws_nothing(vertices, edges, method):
+    assert not covered(vertices, (12, 12), edges=edges, method=method)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_equal_colors_stay_exactly_equal(method):
+    for vertices, colors in random_triangles(6, 40 if JIT else 8):
+        image = fill(vertices, (13, 11), [colors[0]] * 3, "inclusive", method)
+        found = {tuple(p) for p in image.reshape(-1, 4).tolist()} - {(0,) * 4}
+        assert found <= {tuple(colors[0])}
+
+
+def test_vertices_have_their_own_color_under_the_inclusive_rule():
+    vertices, colors = [(1, 1), (9, 2), (4, 8)], [(1, 2, 3, 4), (250, 6, 7, 8), (9, 200, 255, 0)]
+    image = fill(vertices, (12, 12), colors, "inclusive")
+    for (x, y), color in zip(vertices, colors, strict=True):
+        assert image[y, x].tolist() == list(color)
+
+
+# Depth
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_nearer_triangle_hides_whichever_comes_first(method):
+    near, far = [(0, 0), (9, 1), (2, 8)], [(0, 5), (9, 0), (8, 9)]
+    results = []
+    for order in ((0, 1), (1, 0)):
+        image, pixels = target((10, 10))
+        depth = np.full((10, 10), np.inf, np.float32)
+        for i in order:
+            method(
+                pixels,
+                depth,
+                np.array((near, far)[i], np.int64),
+                np.array(((0.1, 0.2, 0.3), (0.4, 0.9, 0.8))[i]),
+                np.full((3, 4), i + 1, np.uint8),
+                BIAS["top-left"],
+            )
+        results.append(image.tobytes() + depth.tobytes())
+        assert {1, 2} == set(image[image > 0].tolist())
+    assert results[0] == results[1]
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_depth_is_affine_over_the_triangle(method):
+    vertices, z = [(0, 0), (16, 0), (0, 16)], (1.0, 3.0, 2.0)
+    depth = np.full((17, 17), np.inf, np.float32)
+    image = fill(vertices, (17, 17), edges="inclusive", method=method, depth=depth, z=z)
+    y, x = np.nonzero(image.any(axis=2))
+    np.testing.assert_array_equal(depth[y, x], (1 + x * (2 / 16) + y * (1 / 16)).astype(np.float32))
+    assert np.isinf(depth[~image.any(axis=2)]).all()
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_equal_depth_keeps_what_is_there(method):
+    depth = np.full((8, 8), 0.5, np.float32)
+    assert not fill([(0, 0), (8, 0), (0, 8)], (8, 8), method=method, depth=depth, z=[0.5] * 3).any()
+
+
+# Circles
+
+
+def circle(center, radius, size):
+    image, pixels = target(size)
+    primitives.draw_circle(pixels, *center, radius, np.int64(0xFFFFFFFF))
+    return {(int(x), int(y)) for y, x in np.argwhere(image.any(axis=2))}
+
+
+@pytest.mark.parametrize("radius", [*range(41), 100, 255] if JIT else range(12))
+def test_circle_is_the_nearest_pixels(radius):
+    side = 2 * radius + 3
+    center = (radius + 1, radius + 1)
+    assert circle(center, radius, (side, side)) == naive.circle_pixels(center, radius)
+
+
+def test_circle_by_hand():
+    assert circle((2, 2), 0, (5, 5)) == {(2, 2)}
+    assert circle((2, 2), 1, (5, 5)) == {(1, 2), (3, 2), (2, 1), (2, 3)}
+    assert circle((2, 2), 2, (5, 5)) == {
+        (1, 0), (2, 0), (3, 0), (0, 1), (4, 1), (0, 2), (4, 2), (0, 3), (4, 3), (1, 4), (2, 4), (3, 4),
+    }
+
+
+@pytest.mark.parametrize("center", [(0, 0), (-3, 4), (15, 15), (40, 40), (8, -20)])
+def test_clipped_circle_is_the_whole_circle_inside(center):
+    for radius in range(0, 45 if JIT else 12, 3):
+        whole = naive.circle_pixels(center, radius)
+        inside = {(x, y) for x, y in whole if 0 <= x < 16 and 0 <= y < 16}
+        assert circle(center, radius, (16, 16)) == inside
+
+
+def test_circle_writes_each_pixel_once(monkeypatch):
+    writes = []
+
+    def record(_, center_x, center_y, x, y, pixel):
+        writes.extend([(x, y), (-y, x), (-x, -y), (y, -x)])
+
+    monkeypatch.setattr(primitives, "put_rotations", record)
+    plain_python = getattr(primitives.draw_circle, "py_func", primitives.draw_circle)
+    for radius in range(1, 60):
+        writes.clear()
+        plain_python(np.zeros((1, 1), np.uint32), 0, 0, radius, 1)
+        assert len(writes) == len(set(writes))
+        assert set(writes) == naive.circle_pixels((0, 0), radius)
+
+
+# Bezier curves
+
+CURVES = [
+    [(1, 1), (10, 25), (28, 3)],
+    [(2, 28), (2, 2), (28, 2), (28, 28)],
+    [(0, 0), (60, 31), (-30, 31), (31, 0)],
+    [(3, 3), (9, 9), (15, 15), (29, 29)],
+    [(-10, 5), (15.25, 40.5), (20, -30), (45, 12)],
+]
+
+
+def bezier(points, size, colors=((255,) * 4,) * 2):
+    image, pixels = target(size)
+    primitives.draw_bezier(pixels, np.array(points, np.float64), np.array(colors, np.uint8))
+    return image
+
+
+@pytest.mark.parametrize("points", CURVES)
+def test_curve_is_the_exact_chords(points):
+    colors = ((0, 255, 9, 255), (255, 3, 250, 0))
+    segments = primitives.bezier_segments(np.array(points, np.float64))
+    vertices = naive.bezier_vertices(points, segments)
+    expected = np.zeros((32, 32, 4), np.uint8)
+    ramp = naive.line_pixels((0, 0), (segments, 0), *colors)
+    previous, color = vertices[0], ramp[0][2]
+    for vertex, (_, _, next_color) in zip(vertices[1:], ramp[1:], strict=True):
+        if vertex != previous:
+            naive.draw_line(expected, previous, vertex, color, next_color)
+            previous, color = vertex, next_color
+    last = vertices[-1]
+    if 0 <= last[0] < 32 and 0 <= last[1] < 32:
+        expected[last[1], last[0]] = colors[1]
+    np.testing.assert_array_equal(bezier(points, (32, 32), colors), expected)
+
+
+@pytest.mark.parametrize("points", CURVES)
+def test_chords_stay_within_the_bound(points):
+    control = np.array(points, np.float64)
+    segments = primitives.bezier_segments(control)
+    degree = len(points) - 1
+
+    def at(t):
+        weights = [math.comb(degree, i) * t**i * (1 - t) ** (degree - i) for i in range(degree + 1)]
+        return sum(w * p for w, p in zip(weights, control, strict=True))
+
+    for k in range(segments):
+        a, b = at(k / segments), at((k + 1) / segments)
+        for s in np.linspace(0, 1, 9):
+            off = at((k + s) / segments) - (a + s * (b - a))
+            assert np.hypot(*off) <= primitives.FLATNESS + 1e-9
+
+
+def test_curve_has_exact_end_colors_and_one_piece():
+    colors = ((1, 2, 3, 4), (250, 251, 252, 253))
+    image = bezier(CURVES[1], (32, 32), colors)
+    assert image[28, 2].tolist() == list(colors[0])
+    assert image[28, 28].tolist() == list(colors[1])
+    left = {(int(x), int(y)) for y, x in np.argwhere(image.any(axis=2))}
+    reached = [(2, 28)]
+    while reached:
+        x, y = reached.pop()
+        near = {(x + i, y + j) for i in (-1, 0, 1) for j in (-1, 0, 1)} & left
+        left -= near
+        reached += near
+    assert not left
+
+
+def test_straight_control_points_draw_the_line():
+    image = bezier([(1, 1), (8, 8), (15, 15)], (20, 20))
+    assert {(x, y) for y, x in np.argwhere(image.any(axis=2)).tolist()} == {
+        (k, k) for k in range(1, 16)
+    }
+
+
+def test_curve_of_one_point_is_one_pixel_of_the_end_color():
+    image = bezier([(4, 5)] * 4, (9, 9), ((1,) * 4, (2,) * 4))
+    assert np.argwhere(image.any(axis=2)).tolist() == [[5, 4]]
+    assert image[5, 4].tolist() == [2] * 4
