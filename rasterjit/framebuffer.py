@@ -392,12 +392,10 @@ def _one_color(name: str, value: ArrayLike) -> NDArray[np.uint8]:
 
 def _vertex_colors(name: str, value: ArrayLike) -> NDArray[np.uint8]:
     """Return one colour for each of three vertices as (3, 4) uint8, or raise ``ValueError``."""
-    rgba = _colors(name, value)
-    if rgba.shape not in ((4,), (3, 4)):
-        raise ValueError(
-            f"{name} must be one colour or three, got an array of shape {np.shape(value)}"
-        )
-    return np.ascontiguousarray(np.broadcast_to(rgba, (3, 4)))
+    is_three = isinstance(value, (Sequence, np.ndarray)) and len(value) == 3
+    if is_three and all(isinstance(item, (Sequence, np.ndarray)) for item in value):
+        return np.stack([_one_color(name, item) for item in value])
+    return np.stack([_one_color(name, value)] * 3)
 
 
 def _color_pair(

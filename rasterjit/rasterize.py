@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from rasterjit import stages
 from rasterjit.kernels.records import Geometry, Objects
 from rasterjit.plan import CULL_MODES, viewport_of
-from rasterjit.scene.mesh import _face_array as face_array
+from rasterjit.scene.mesh import face_array
 from rasterjit.scene.quality import Quality
 from rasterjit.validation import image_size, one_of
 

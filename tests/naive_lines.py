@@ -72,7 +72,10 @@ def triangle_pixels(vertices, colors, size, edges="top-left"):
                 continue
             found[x, y] = tuple(
                 round_half_up(
-                    sum(Fraction(w, area) * color[k] for w, color in zip(weights, colors, strict=True))
+                    sum(
+                        Fraction(w, area) * color[k]
+                        for w, color in zip(weights, colors, strict=True)
+                    )
                 )
                 for k in range(4)
             )
@@ -96,12 +99,12 @@ def bezier_vertices(points, segments):
     vertices = []
     for k in range(segments + 1):
         t = Fraction(k, segments)
-        weights = [
-            math.comb(degree, i) * t**i * (1 - t) ** (degree - i) for i in range(degree + 1)
-        ]
+        weights = [math.comb(degree, i) * t**i * (1 - t) ** (degree - i) for i in range(degree + 1)]
         vertices.append(
             tuple(
-                round_half_up(sum(w * Fraction(p[axis]) for w, p in zip(weights, points, strict=True)))
+                round_half_up(
+                    sum(w * Fraction(p[axis]) for w, p in zip(weights, points, strict=True))
+                )
                 for axis in range(2)
             )
         )

@@ -5,6 +5,7 @@ import imageio.v3 as iio
 import naive_lines as naive
 import numpy as np
 import pytest
+
 from rasterjit.framebuffer import Framebuffer
 
 RED, GREEN, BLUE = (255, 0, 0), (0, 255, 0), (0, 0, 255)
@@ -27,7 +28,9 @@ def test_new_framebuffer_is_opaque_black_and_infinitely_deep():
     assert np.isposinf(framebuffer.depth).all()
 
 
-@pytest.mark.parametrize("size", [(0, 4), (4, 0), (-1, 4), (16385, 4), (4, 2.5), ("a", 4), (4, math.nan)])
+@pytest.mark.parametrize(
+    "size", [(0, 4), (4, 0), (-1, 4), (16385, 4), (4, 2.5), ("a", 4), (4, math.nan)]
+)
 def test_bad_sizes_are_named(size):
     with pytest.raises(ValueError, match="width, height"):
         Framebuffer(*size)
@@ -58,7 +61,8 @@ def test_put_pixel_sets_one_pixel():
 
 
 @pytest.mark.parametrize(
-    "pixel", [(4, 1), (0, 4), (4, 4), (-1, 0), (0, -1), (-1, -1), (-4, 0), (2**70, 0), (0, -(2**70))]
+    "pixel",
+    [(4, 1), (0, 4), (4, 4), (-1, 0), (0, -1), (-1, -1), (-4, 0), (2**70, 0), (0, -(2**70))],
 )
 def test_pixel_outside_writes_nothing(pixel):
     framebuffer = Framebuffer(4, 4)

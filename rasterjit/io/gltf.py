@@ -81,10 +81,15 @@ class GltfExtras:
     def _add_light(
         self, light: dict[str, Any], world_from_node: NDArray[np.float64], left_out: LeftOut
     ) -> None:
-        """Add a light, which shines along its node's -z or from its origin."""
-        kind = light.get("type")
-        color, intensity = light.get("color", (1.0, 1.0, 1.0)), light.get("intensity", 1.0)
+        """
+        Add a light, which shines along its node's -z or from its origin.
+
+        glTF's diffuse surface sends back 1/pi of the light that falls on it (lux, or candela over
+        distance squared); ours, all of it. So intensities are divided by pi.
+        """
+        kind, color = light.get("type"), light.get("color", (1.0, 1.0, 1.0))
         try:
+            intensity = light.get("intensity", 1.0) / math.pi
             if kind == "directional":
                 self.lights.append(DirectionalLight(-world_from_node[:3, 2], color, intensity))
             elif kind == "point":
@@ -92,7 +97,7 @@ class GltfExtras:
             else:
                 left_out.note(f"{kind} light")
                 return
-        except ValueError:
+        except (TypeError, ValueError):
             left_out.note("incomplete light")
             return
         if "range" in light:

@@ -117,3 +117,18 @@ def disjoint_stage(function: Callable) -> Any:
     distinct rows of scratch memory.
     """
     return numba.njit(nogil=True, error_model="numpy", pipeline_class=_DisjointCompiler)(function)
+
+
+def cpu_features() -> tuple[str, list[str]]:
+    """Return the name of this CPU and the features that LLVM compiles for, sorted."""
+    from llvmlite import binding
+
+    features = binding.get_host_cpu_features()
+    return binding.get_host_cpu_name(), sorted(name for name, has in features.items() if has)
+
+
+def cache_folder() -> Path | None:
+    """Return the folder of the compiled kernels; ``None`` if nothing is compiled."""
+    if numba.config.DISABLE_JIT or not KERNELS:
+        return None
+    return Path(KERNELS[0].stats.cache_path)

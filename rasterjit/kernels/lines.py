@@ -223,6 +223,13 @@ def visible_steps(major_start, major_end, major_size, minor_start, minor_end, mi
 
 
 @stage
+def is_inside(ends, width, height):
+    """Return whether both ends, and so all pixels of a line, lie inside the target."""
+    x0, y0, x1, y1 = ends
+    return 0 <= x0 < width and 0 <= x1 < width and 0 <= y0 < height and 0 <= y1 < height
+
+
+@stage
 def walk(pixels, depth, slack, ramp, run, minor, minor_gain, color, gain):
     """
     Write the pixels of one visible run, all of them inside the target.
@@ -259,7 +266,7 @@ def draw_line(pixels, depth, slack, width, height, ends, line_depths, start_colo
     # Find the steps that are seen
     steps = abs(major_end - major_start)
     first, last = np.int64(0), steps
-    if not (0 <= min(x0, x1) and max(x0, x1) < width and 0 <= min(y0, y1) and max(y0, y1) < height):
+    if not is_inside(ends, width, height):
         first, last = visible_steps(
             major_start, major_end, major_size, minor_start, minor_end, minor_size
         )

@@ -357,7 +357,7 @@ def bezier_segments(points):
         second_y = points[i + 2, 1] - 2.0 * points[i + 1, 1] + points[i, 1]
         largest = max(largest, math.sqrt(second_x * second_x + second_y * second_y))
     bound = degree * (degree - 1) * largest / (8.0 * FLATNESS)
-    return max(1, int(math.ceil(math.sqrt(bound))))
+    return max(1, math.ceil(math.sqrt(bound)))
 
 
 @stage

@@ -12,6 +12,8 @@ References
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 
 from rasterjit.kernels.jit import kernel, stage
@@ -20,6 +22,7 @@ TABLE_STEPS = 4096
 """Steps of the first table: at most one threshold in most of them."""
 
 
+@functools.cache
 def encoding_tables() -> tuple[np.ndarray, np.ndarray]:
     """Return (thresholds (257,) float32, first code of each step (TABLE_STEPS + 1,) uint8)."""
     encoded = (np.arange(257) - 0.5) / 255.0
@@ -34,23 +37,26 @@ def encoding_tables() -> tuple[np.ndarray, np.ndarray]:
 
 
 @stage
+def unit_range(value):
+    """Return a value held in 0..1; NaN gives 0."""
+    value = value if value > np.float32(0.0) else np.float32(0.0)
+    return value if value < np.float32(1.0) else np.float32(1.0)
+
+
+@stage
 def encode(value, thresholds, codes):
     """Return the sRGB code of a linear value, rounded half up."""
-    if not value > np.float32(0.0):
-        return np.uint32(0)
-    if value >= np.float32(1.0):
-        return np.uint32(255)
-    code = np.uint32(codes[np.int64(value * np.float32(TABLE_STEPS))])
-    while value >= thresholds[code + np.uint32(1)]:
-        code += np.uint32(1)
-    return code
+    value = unit_range(value)
+    code = np.int32(codes[np.int32(value * np.float32(TABLE_STEPS))])
+    while value >= thresholds[code + 1]:
+        code = np.int32(code + 1)
+    return np.uint32(code)
 
 
 @stage
 def encode_alpha(value):
     """Return alpha, which is linear, as a code, rounded half up."""
-    held = min(max(value, np.float32(0.0)), np.float32(1.0))
-    return np.uint32(np.float64(held) * 255.0 + 0.5)
+    return np.uint32(np.int32(np.float64(unit_range(value)) * 255.0 + 0.5))
 
 
 @kernel

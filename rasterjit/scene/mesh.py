@@ -74,7 +74,7 @@ class Mesh:
     ) -> None:
         one_of("on_invalid", on_invalid, ("raise", "drop"))
         self.vertices: NDArray[np.float64] = _vertex_array(vertices)
-        self.faces: NDArray[np.int32] = _face_array(faces, len(self.vertices))
+        self.faces: NDArray[np.int32] = face_array(faces, len(self.vertices))
         self.invalid_vertices: int = _count_invalid(self.vertices, on_invalid)
         self.vertex_colors: NDArray[np.float32] | None = None
         self.face_colors: NDArray[np.float32] | None = None
@@ -235,7 +235,7 @@ def _vertex_array(value: ArrayLike) -> NDArray[np.float64]:
     return np.ascontiguousarray(_numbers("vertices", value, "uif", (None, 3)), dtype=np.float64)
 
 
-def _face_array(value: ArrayLike, vertex_count: int) -> NDArray[np.int32]:
+def face_array(value: ArrayLike, vertex_count: int) -> NDArray[np.int32]:
     """Return faces as (F, 3) int32 in C order that point at vertices, or raise ``ValueError``."""
     array = _numbers("faces", value, "uif", (None, 3))
     low, high = array.min(), array.max()

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from rasterjit.scene.color import ColorLike, linear_color
 from rasterjit.scene.light import Light
 from rasterjit.scene.mesh import Mesh
+from rasterjit.transforms import transform_points
 from rasterjit.validation import finite_array, one_of
 
 if TYPE_CHECKING:
@@ -192,7 +193,8 @@ class Scene:
         for world_positions in self._world_chunks():
             # Measured in units of the box, so that squares neither overflow nor vanish.
             offset = (world_positions - center) / scale
-            largest = max(largest, float(np.einsum("ij,ij->i", offset, offset).max()))
+            x, y, z = offset.T
+            largest = max(largest, float((x * x + y * y + z * z).max()))
         return center, scale * math.sqrt(largest)
 
     def _world_chunks(self) -> Iterator[NDArray[np.float64]]:
@@ -203,12 +205,11 @@ class Scene:
             if id(mesh) not in used_by_mesh:
                 used_by_mesh[id(mesh)] = mesh.used_vertices()
             used = used_by_mesh[id(mesh)]
-            linear, offset = node.world_from_model[:3, :3].T, node.world_from_model[:3, 3]
             for start in range(0, len(used), _CHUNK):
                 chunk = slice(start, start + _CHUNK)
                 positions = mesh.vertices[chunk][used[chunk]]
                 if len(positions):
-                    yield positions @ linear + offset
+                    yield transform_points(node.world_from_model, positions)[:, :3]
 
 
 def _affine(name: str, value: ArrayLike) -> NDArray[np.float64]:

@@ -301,7 +301,7 @@ def test_a_gltf_brings_its_camera_and_lights(tmp_path):
     sun, lamp = scene.lights
     assert sun.direction == pytest.approx((0, 1, 0))
     assert sun.color == (1, 0, 0)
-    assert lamp == PointLight((0, 0, 4), intensity=7)
+    assert lamp == PointLight((0, 0, 4), intensity=7 / math.pi)
 
 
 def test_a_gltf_camera_can_be_orthographic(tmp_path):

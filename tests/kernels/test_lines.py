@@ -1,9 +1,11 @@
+import math
 import time
 
 import naive_lines as naive
 import numba
 import numpy as np
 import pytest
+
 from rasterjit.kernels import lines
 
 JIT = not numba.config.DISABLE_JIT
@@ -55,9 +57,7 @@ def test_every_pair_on_a_grid_is_the_exact_line_in_pixels_and_colors():
             ends, ramp = grid[first : first + batch], colors[first : first + batch]
             starts = np.broadcast_to(start, ends.shape)
             shift = np.arange(len(ends))[:, None] * (0, side)
-            image = draw(
-                (side, side * len(ends)), np.hstack((starts + shift, ends + shift)), ramp
-            )
+            image = draw((side, side * len(ends)), np.hstack((starts + shift, ends + shift)), ramp)
             expected = naive.lines_on_panels(starts, ends, ramp, side)
             np.testing.assert_array_equal(
                 image.view(np.uint32), expected.view(np.uint32), err_msg=str(start)
@@ -197,6 +197,36 @@ def test_widest_target_keeps_huge_lines_exact():
         )
 
 
+def test_values_just_below_an_integer_at_the_end_of_the_longest_walk_are_not_rounded_up():
+    # Of an n-step line that gains d, the running value at step k, with 2 k d + n = -1 modulo 2 n,
+    # is 1 / (2 n) below an integer: the closest possible. Put that pixel last in the widest target
+    rng = np.random.default_rng(8)
+    width = 16384 if JIT else 512
+    tried = 0
+    while tried < 40:
+        n = 2 * int(rng.integers(2**13, 2 ** int(rng.integers(15, 32)))) + 1
+        d = int(rng.integers(3, 256))
+        if math.gcd(n, d) > 1:
+            continue
+        k = -(n + 1) // 2 * pow(d, -1, n) % n
+        start = width - 1 - k
+        if k < width or start < LOW or start + n > HIGH:
+            continue
+        tried += 1
+        for sign in (1, -1):
+            step = np.arange(k - width + 1, k + 1)
+            values = (2 * sign * d * step + n) // (2 * n)
+            row = 2 - int(values[-1])
+            ramp = (0, d) if sign > 0 else (255, 255 - d)
+            ends = (start, row, start + n, row + sign * d)
+            image = draw((width, 5), ends, ((ramp[0],) * 4, (ramp[1],) * 4))
+            x = np.nonzero((values + row >= 0) & (values + row < 5))[0]
+            expected = np.zeros((5, width, 4), np.uint8)
+            expected[values[x] + row, x] = (ramp[0] + values[x])[:, None]
+            np.testing.assert_array_equal(image, expected, err_msg=str(ends))
+            assert image[2, -1, 0] == ramp[0] + values[-1]
+
+
 @pytest.mark.skipif(not JIT, reason="times the compiled kernel")
 def test_time_is_bounded_by_what_is_seen():
     ends = np.tile([LOW, LOW + 3, HIGH, HIGH], (20000, 1))
@@ -285,9 +315,7 @@ def draw_tested(depth, ends, line_depths, slack=None):
 def test_line_before_everything_is_the_untested_line():
     ends = (-7, 3, 30, 12)
     image = draw_tested(np.zeros((16, 16)), ends, (0.5, 0.25))
-    np.testing.assert_array_equal(
-        image, draw((16, 16), ends, ((9, 8, 7, 6), (200, 100, 50, 255)))
-    )
+    np.testing.assert_array_equal(image, draw((16, 16), ends, ((9, 8, 7, 6), (200, 100, 50, 255))))
 
 
 def test_line_is_hidden_exactly_where_the_surface_is_nearer():
@@ -302,7 +330,11 @@ def test_line_is_hidden_exactly_where_the_surface_is_nearer():
             expected = set()
             for k, (x, y, _) in enumerate(naive.line_pixels(ends[:2], ends[2:])):
                 line = d0 + (d1 - d0) / n * k
-                if 0 <= x < 16 and 0 <= y < 16 and line >= float(depth[y, x]) - float(allowed[y, x]):
+                if (
+                    0 <= x < 16
+                    and 0 <= y < 16
+                    and line >= float(depth[y, x]) - float(allowed[y, x])
+                ):
                     expected.add((x, y))
             assert pixels(draw_tested(depth, ends, (d0, d1), given)) == expected
 

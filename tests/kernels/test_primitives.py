@@ -5,6 +5,7 @@ import naive_lines as naive
 import numba
 import numpy as np
 import pytest
+
 from rasterjit.kernels import primitives
 
 JIT = not numba.config.DISABLE_JIT
@@ -124,7 +125,12 @@ def test_small_square_by_hand():
     assert covered(((1, 1), (3, 1), (3, 3)), (5, 5)) == {(1, 1), (2, 1), (2, 2)}
     assert covered(((1, 1), (3, 3), (1, 3)), (5, 5)) == {(1, 2)}
     assert covered(((1, 1), (3, 3), (1, 3)), (5, 5), edges="inclusive") == {
-        (1, 1), (1, 2), (2, 2), (1, 3), (2, 3), (3, 3),
+        (1, 1),
+        (1, 2),
+        (2, 2),
+        (1, 3),
+        (2, 3),
+        (3, 3),
     }
 
 
@@ -191,7 +197,8 @@ def test_inclusive_adds_exactly_the_pixels_on_edges(method):
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("edges", BIAS)
 @pytest.mark.parametrize(
-    "vertices", [[(3, 3)] * 3, [(0, 0), (5, 5), (9, 9)], [(1, 2), (1, 2), (7, 2)], [(4, 0), (4, 9), (4, 3)]]
+    "vertices",
+    [[(3, 3)] * 3, [(0, 0), (5, 5), (9, 9)], [(1, 2), (1, 2), (7, 2)], [(4, 0), (4, 9), (4, 3)]],
 )
 def test_triangle_without_area_draws_nothing(vertices, edges, method):
     assert not covered(vertices, (12, 12), edges=edges, method=method)
@@ -272,7 +279,18 @@ def test_circle_by_hand():
     assert circle((2, 2), 0, (5, 5)) == {(2, 2)}
     assert circle((2, 2), 1, (5, 5)) == {(1, 2), (3, 2), (2, 1), (2, 3)}
     assert circle((2, 2), 2, (5, 5)) == {
-        (1, 0), (2, 0), (3, 0), (0, 1), (4, 1), (0, 2), (4, 2), (0, 3), (4, 3), (1, 4), (2, 4), (3, 4),
+        (1, 0),
+        (2, 0),
+        (3, 0),
+        (0, 1),
+        (4, 1),
+        (0, 2),
+        (4, 2),
+        (0, 3),
+        (4, 3),
+        (1, 4),
+        (2, 4),
+        (3, 4),
     }
 
 

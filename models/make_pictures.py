@@ -1,0 +1,111 @@
+"""
+Render the README's pictures: ``python models/make_pictures.py [FOLDER]``.
+
+Needs RasterJIT installed. Writes into ``models/pictures`` unless told otherwise.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+import rasterjit as rj
+
+MODELS = Path(__file__).parent
+PANEL = (400, 300)
+"""Width and height of one picture of the strip, pixels."""
+
+
+def still_life() -> rj.Scene:
+    """Return a teapot, a torus knot, a cube and a pyramid on a floor, with two lights."""
+    parts = {
+        name: rj.load(MODELS / name).nodes[0].mesh
+        for name in ("teapot.obj", "torus_knot.obj", "cube.ply", "pyramid.off")
+    }
+    parts["teapot.obj"].material = rj.Material(base_color="#3d7ea6", specular=0.6, shininess=90)
+    parts["torus_knot.obj"].material = rj.Material(base_color="#d9822b", specular=0.5)
+    parts["cube.ply"].material = rj.Material(shading="unlit", base_color="white")
+    parts["pyramid.off"].material = rj.Material(shading="flat", base_color="#8aa84a")
+    floor = rj.Mesh(
+        [(-14, 0, -10), (-14, 0, 10), (14, 0, 10), (14, 0, -10)],
+        [(0, 1, 2), (0, 2, 3)],
+        material=rj.Material(base_color="#c9c4bb", specular=0.0),
+    )
+    place = rj.transforms
+    scene = rj.Scene()
+    scene.add(floor, name="floor")
+    scene.add(parts["teapot.obj"], name="teapot")
+    scene.add(
+        parts["torus_knot.obj"],
+        place.compose(place.translate((-4.6, 1.9, -2.2)), place.rotate_y(35), place.scale(0.62)),
+        name="knot",
+    )
+    scene.add(
+        parts["cube.ply"],
+        place.compose(place.translate((4.6, 1.0, -2.4)), place.rotate_y(28)),
+        name="cube",
+    )
+    scene.add(
+        parts["pyramid.off"],
+        place.compose(place.translate((2.9, 0.9, 2.9)), place.rotate_y(-30), place.scale(0.9)),
+        name="pyramid",
+    )
+    scene.lights += [
+        rj.AmbientLight(intensity=0.12),
+        rj.DirectionalLight(direction=(-0.5, -1.0, -0.6), intensity=0.75),
+        rj.PointLight(position=(-6, 6, 5), color="#ffd9a8", intensity=22),
+    ]
+    return scene
+
+
+def shade_depth(depth: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """Return depth as grey, near bright, the background black."""
+    seen = np.isfinite(depth)
+    near, far = depth[seen].min(), depth[seen].max()
+    grey = np.where(seen, 1.0 - 0.85 * (depth - near) / (far - near), 0.0)
+    return np.repeat((255.0 * grey)[..., None], 3, axis=2).astype(np.uint8)
+
+
+def color_numbers(numbers: NDArray[np.int32]) -> NDArray[np.uint8]:
+    """Return a colour of its own for each face number, the background black."""
+    mixed = (numbers.astype(np.int64)[..., None] + 1) * np.array([7919, 104729, 1299709])
+    return np.where(numbers[..., None] < 0, 0, 60 + mixed % 196).astype(np.uint8)
+
+
+def strip(scene: rj.Scene, camera: rj.PerspectiveCamera) -> NDArray[np.uint8]:
+    """Return colour, depth, normals and face numbers side by side."""
+    frame = rj.render(
+        scene, camera, size=PANEL, outputs=("color", "depth", "normal", "face_id")
+    )
+    normals = np.floor(127.5 * frame.normal + 128.0).astype(np.uint8)
+    panels = [
+        frame.color[..., :3],
+        shade_depth(frame.depth),
+        normals,
+        color_numbers(frame.face_id),
+    ]
+    return np.hstack(panels)
+
+
+def main(folder: Path) -> None:
+    """Write every picture."""
+    folder.mkdir(parents=True, exist_ok=True)
+    camera = rj.PerspectiveCamera(eye=(2.5, 6.0, 12.5), target=(0.2, 1.1, 0.0), fov_y=34.0)
+    scene = still_life()
+    rj.render(scene, camera, size=(1200, 560)).save(folder / "still_life.png")
+    from rasterjit.io.images import save_image
+
+    save_image(folder / "buffers.png", strip(scene, camera))
+    teapot = rj.load(MODELS / "teapot.obj")
+    rj.render(teapot, size=(640, 480)).save(folder / "teapot.png")
+    cube = rj.load(MODELS / "cube.ply")
+    cube.wireframe = rj.Wireframe(color="#c03020", mode="only")
+    course = rj.PerspectiveCamera(eye=(2, 3, 5), target=(0, 0, 0))
+    rj.render(cube, course, size=(320, 320)).save(folder / "wireframe.png")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]) if len(sys.argv) > 1 else MODELS / "pictures")

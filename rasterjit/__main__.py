@@ -1,0 +1,5 @@
+"""Run the command line with ``python -m rasterjit``."""
+
+from rasterjit.cli import main
+
+main()

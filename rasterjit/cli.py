@@ -1,0 +1,379 @@
+"""
+The command line: ``rasterjit render | turntable | explain | warmup | doctor``.
+
+Exit status: 0 done, 1 failed, 2 wrong usage, 130 interrupted. Errors are one line on standard
+error. What is slow to import is imported by the command that needs it.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from rasterjit.cli_options import (
+    OUTPUTS_HELP,
+    ColorType,
+    Look,
+    OutputsType,
+    PlaceType,
+    SizeType,
+    View,
+    gather,
+    look_options,
+    view_options,
+)
+from rasterjit.cli_report import print_stats, status, with_progress
+
+if TYPE_CHECKING:
+    from rasterjit.frame import Frame
+    from rasterjit.scene.scene import Scene
+
+FAILED, INTERRUPTED = 1, 130
+"""Exit statuses; that of wrong usage, 2, is click's."""
+
+DEBUG = "rasterjit.debug"
+"""Key of the flag in click's context."""
+
+
+class Program(click.Group):
+    """A group of commands whose errors are one line."""
+
+    def main(self, *arguments: Any, standalone_mode: bool = True, **extra: Any) -> Any:
+        """Run; print an error as one line and end with its status."""
+        if not standalone_mode:
+            return super().main(*arguments, standalone_mode=False, **extra)
+        try:
+            status = super().main(*arguments, standalone_mode=False, **extra)
+        except click.ClickException as error:
+            _say_error(error.format_message())
+            status = error.exit_code
+        except click.Abort:
+            _say_error("interrupted")
+            status = INTERRUPTED
+        sys.exit(status or 0)
+
+    def invoke(self, context: click.Context) -> Any:
+        """Run the command; what it raises becomes a `click.ClickException`, save for --debug."""
+        try:
+            return super().invoke(context)
+        except (click.ClickException, click.exceptions.Exit, click.Abort, BrokenPipeError):
+            raise
+        except Exception as error:
+            if context.meta.get(DEBUG):
+                raise
+            raise click.ClickException(describe(error)) from error
+
+
+def describe(error: Exception) -> str:
+    """Return what went wrong, without a traceback."""
+    if isinstance(error, OSError) and error.strerror:
+        return f"{error.filename}: {error.strerror}" if error.filename else error.strerror
+    if isinstance(error, (ValueError, OSError)) and str(error):
+        return str(error)
+    if isinstance(error, MemoryError):
+        return f"not enough memory: {error}" if str(error) else "not enough memory"
+    return f"{type(error).__name__}: {error} (--debug shows where)"
+
+
+def _say_error(message: str) -> None:
+    click.echo("error: " + " ".join(message.split()), err=True)
+
+
+def _set_debug(context: click.Context, parameter: click.Parameter, value: bool) -> None:
+    """Note the flag, wherever it stands on the line."""
+    if value:
+        context.meta[DEBUG] = True
+
+
+debug_option = click.option(
+    "--debug", is_flag=True, expose_value=False, callback=_set_debug,
+    help="Show the traceback of an error.",
+)  # fmt: skip
+quiet_option = click.option("-q", "--quiet", is_flag=True, help="Print nothing but errors.")
+threads_option = click.option(
+    "--threads", type=click.IntRange(1, 1024),
+    help="Number of threads; default: all processors. The picture is the same for any.",
+)  # fmt: skip
+background_option = click.option(
+    "--background", type=ColorType(), default="white", show_default=True,
+    help="A colour name, #rrggbb, #rrggbbaa or transparent.",
+)  # fmt: skip
+cull_option = click.option(
+    "--cull", type=click.Choice(["none", "back", "front"]), default="none", show_default=True,
+    help="Faces to leave out. Counter-clockwise is the front.",
+)  # fmt: skip
+file_argument = click.argument("file", type=click.Path(path_type=Path))
+
+
+def size_option(default: str) -> Callable:
+    """Return the option ``--size``."""
+    return click.option(
+        "--size", type=SizeType(), default=default, show_default=True, metavar="WxH",
+        help="Size of the picture, pixels.",
+    )  # fmt: skip
+
+
+@click.group(cls=Program, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(package_name="rasterjit", message="%(prog)s %(version)s")
+@debug_option
+def program() -> None:
+    """Render meshes to pictures and exact ground-truth buffers on a CPU."""
+
+
+@program.command()
+@file_argument
+@click.option(
+    "-o", "--output", type=PlaceType("image"), required=True, metavar="OUT",
+    help="Picture to write (.png, .jpg, .webp, .tif ...), or .npz for every output in one file.",
+)  # fmt: skip
+@size_option("1280x720")
+@view_options
+@background_option
+@look_options
+@cull_option
+@click.option(
+    "--outputs", type=OutputsType(), default="color", show_default=True, metavar="NAMES",
+    help=OUTPUTS_HELP + " Beside a picture, all but the colour go to OUT with the suffix .npz.",
+)  # fmt: skip
+@click.option(
+    "--depth", "depth_file", type=PlaceType("depth"), metavar="FILE",
+    help="Write the depth as well: .exr (float32), .png (16 bits), .npy or .npz.",
+)  # fmt: skip
+@click.option(
+    "--depth-scale", type=click.FloatRange(0.0, min_open=True), default=1000.0, show_default=True,
+    help="What depth is multiplied by in a 16-bit .png.",
+)  # fmt: skip
+@threads_option
+@quiet_option
+@debug_option
+def render(
+    file: Path,
+    output: Path,
+    size: tuple[int, int],
+    background: str,
+    cull: str,
+    outputs: tuple[str, ...],
+    depth_file: Path | None,
+    depth_scale: float,
+    threads: int | None,
+    quiet: bool,
+    **rest: Any,
+) -> None:
+    """
+    Render FILE, any mesh file that trimesh reads, to a picture.
+
+    Without options for the camera it is the file's own, or one that fits the whole scene into
+    the picture.
+    """
+    view, look = gather(View, rest), gather(Look, rest)
+    view.check()
+    wanted, places = _plan_files(output, outputs, depth_file)
+    from rasterjit import render as renderer
+
+    start = time.perf_counter()
+    with status(f"Rendering {file.name}", quiet):
+        scene = _load(file, look)
+        loaded = time.perf_counter()
+        frame = renderer.render(
+            scene,
+            view.camera(scene, size),
+            size=size,
+            outputs=wanted,
+            background=background,
+            cull=cull,
+            threads=threads,
+        )
+        rendered = time.perf_counter()
+        _write_files(frame, places, depth_scale)
+    saved = time.perf_counter()
+    if not quiet:
+        seconds = {"load": loaded - start, **frame.stats.seconds, "save": saved - rendered}
+        print_stats(frame, seconds, saved - start)
+        for place in places:
+            click.echo(f"wrote {place}")
+
+
+Places = dict[Path, tuple[str, ...] | str]
+"""What each file gets: arrays by name, or ``"picture"`` or ``"depth"``."""
+
+
+def _plan_files(
+    output: Path, outputs: tuple[str, ...], depth_file: Path | None
+) -> tuple[tuple[str, ...], Places]:
+    """Return the outputs to render and the files to write, or raise click's usage error."""
+    wanted = dict.fromkeys(outputs)
+    places: Places = {}
+    if output.suffix.lower() == ".npz":
+        places[output] = tuple(wanted)
+    else:
+        wanted["color"] = None
+        places[output] = "picture"
+        others = tuple(name for name in wanted if name != "color")
+        if others:
+            places[output.with_suffix(".npz")] = others
+    if depth_file is not None:
+        if any(depth_file.absolute() == place.absolute() for place in places):
+            raise click.BadOptionUsage("--depth", f"--depth: {depth_file} is written already")
+        wanted["depth"] = None
+        places[depth_file] = "depth"
+    return tuple(wanted), places
+
+
+def _write_files(frame: Frame, places: Places, depth_scale: float) -> None:
+    """Write each file, whole or not at all."""
+    from rasterjit.io import images
+
+    for place, content in places.items():
+        if content == "picture":
+            images.save_image(place, frame.color)
+        elif content == "depth":
+            images.save_depth(place, frame.depth, scale=depth_scale)
+        else:
+            arrays = frame.arrays()
+            images.save_arrays(place, **{name: arrays[name] for name in content})
+
+
+def _load(file: Path, look: Look) -> Scene:
+    """Read a scene, apply the look, and print what reading warns of as lines."""
+    from rasterjit.io.meshes import load
+
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("ignore")
+        warnings.simplefilter("always", UserWarning)
+        scene = load(file, on_invalid=look.on_invalid)
+    for warning in caught:
+        click.echo("warning: " + " ".join(str(warning.message).split()), err=True)
+    look.apply(scene)
+    return scene
+
+
+@program.command()
+@file_argument
+@click.option(
+    "-o", "--output", type=PlaceType("animation"), required=True, metavar="OUT",
+    help="Animation to write: .gif, .webp, or .mp4 (needs rasterjit[video]).",
+)  # fmt: skip
+@click.option(
+    "--frames", type=click.IntRange(1, 3600), default=36, show_default=True,
+    help="Number of frames in one turn.",
+)  # fmt: skip
+@click.option("--fps", type=click.IntRange(1, 120), default=24, show_default=True,
+              help="Frames a second.")  # fmt: skip
+@size_option("640x480")
+@view_options(orbit=True)
+@background_option
+@look_options
+@cull_option
+@threads_option
+@quiet_option
+@debug_option
+def turntable(
+    file: Path,
+    output: Path,
+    frames: int,
+    fps: int,
+    size: tuple[int, int],
+    background: str,
+    cull: str,
+    threads: int | None,
+    quiet: bool,
+    **rest: Any,
+) -> None:
+    """Render FILE from a camera that goes once around it, to an animation."""
+    from rasterjit.io.animations import check_animation, save_animation
+    from rasterjit.render import Renderer
+    from rasterjit.scene.color import linear_color
+
+    view, look = gather(View, rest), gather(Look, rest)
+    opaque = bool(linear_color("background", background)[3] == 1.0)
+    check_animation(output, size, fps, opaque)
+    start = time.perf_counter()
+    scene = _load(file, look)
+    with Renderer(size, threads=threads) as renderer:
+        pictures = (
+            renderer.render(scene, camera, background=background, cull=cull).color
+            for camera in view.turn(scene, size, frames)
+        )
+        save_animation(output, with_progress(pictures, frames, "Rendering", quiet), fps)
+    if not quiet:
+        click.echo(f"wrote {output}: {frames} frames in {time.perf_counter() - start:.1f} s")
+
+
+@program.command()
+@file_argument
+@size_option("1280x720")
+@view_options
+@background_option
+@look_options
+@cull_option
+@click.option("--outputs", type=OutputsType(), default="color", show_default=True,
+              metavar="NAMES", help=OUTPUTS_HELP)  # fmt: skip
+@debug_option
+def explain(
+    file: Path,
+    size: tuple[int, int],
+    background: str,
+    cull: str,
+    outputs: tuple[str, ...],
+    **rest: Any,
+) -> None:
+    """Say what rendering FILE would do, without doing it."""
+    view, look = gather(View, rest), gather(Look, rest)
+    view.check()
+    from rasterjit import render as renderer
+
+    scene = _load(file, look)
+    camera = view.camera(scene, size)
+    plan = renderer.explain(
+        scene, camera, size=size, outputs=outputs, background=background, cull=cull
+    )
+    click.echo(str(plan))
+
+
+@program.command()
+@quiet_option
+@debug_option
+def warmup(quiet: bool) -> None:
+    """Compile the usual kernels now (about a minute), so that no later run has to."""
+    from rasterjit import warmup as ahead
+    from rasterjit.kernels.jit import COMPILE_CLOCK, cache_folder
+
+    folder = cache_folder()
+    if folder is None:
+        raise click.ClickException("nothing to compile: NUMBA_DISABLE_JIT is set")
+    steps = ahead.steps()
+    for step in with_progress(steps, len(steps), "Compiling", quiet):
+        step.run()
+    if not quiet:
+        click.echo(f"compiled or loaded all kernels in {COMPILE_CLOCK.seconds:.1f} s")
+        click.echo(f"cache folder {folder}")
+
+
+@program.command()
+@debug_option
+def doctor() -> None:
+    """Show versions, CPU and cache, and check that rendering works."""
+    from rasterjit.doctor import examine
+
+    healthy = True
+    for finding in examine():
+        mark = {True: "ok      ", False: "FAILED  ", None: "        "}[finding.passed]
+        click.echo(f"{mark}{finding.name:<22}{finding.text}")
+        healthy = healthy and finding.passed is not False
+    if not healthy:
+        raise click.ClickException("the self-check failed; see the lines marked FAILED")
+
+
+def main() -> None:
+    """Run the command line."""
+    program.main(prog_name="rasterjit")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,356 @@
+"""Options that commands share: how they are read, checked and turned into a camera and a look."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import os
+import re
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+
+import click
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from rasterjit.scene.camera import OrthographicCamera, PerspectiveCamera
+    from rasterjit.scene.scene import Scene
+
+    FittedCamera = PerspectiveCamera | OrthographicCamera
+
+Vector = tuple[float, float, float]
+Options = TypeVar("Options", bound="View | Look")
+
+OUTPUTS_HELP = (
+    "Comma-separated: color, depth, face_id, object_id, barycentric, uv, normal, position, linear."
+)
+
+DEFAULT_DIRECTION = (0.6, 0.5, 1.0)
+"""From the scene towards the camera, for y up: that of ``fit_camera``."""
+DEFAULT_AZIMUTH, DEFAULT_ELEVATION = 31.0, 23.0
+"""The same in whole degrees, for when one of the two is given."""
+DEFAULT_FOV = 45.0
+
+CLEARANCE = 0.01
+"""Share of its distance by which the near plane of a placed camera is nearer than the scene."""
+
+NEAREST = 1e-4
+"""Least near plane of a camera inside the scene, as a share of the scene's size."""
+
+
+class SizeType(click.ParamType):
+    """Width and height, ``640x480``."""
+
+    name = "size"
+
+    def convert(
+        self, value: Any, parameter: click.Parameter | None, context: click.Context | None
+    ) -> tuple[int, int]:
+        """Return (width, height), or raise click's usage error."""
+        from rasterjit.validation import image_size
+
+        if isinstance(value, tuple):
+            return value
+        sides = re.fullmatch(r"([0-9]{1,9})x([0-9]{1,9})", value.strip().lower())
+        if sides is None:
+            self.fail(f"{value!r} is not WIDTHxHEIGHT, such as 1280x720", parameter, context)
+        try:
+            return image_size("size", (int(sides[1]), int(sides[2])))
+        except ValueError:
+            self.fail(f"{value!r}: both sides must be in 1..16384 pixels", parameter, context)
+
+
+class VectorType(click.ParamType):
+    """Three numbers, ``1,2.5,-3``."""
+
+    name = "X,Y,Z"
+
+    def convert(
+        self, value: Any, parameter: click.Parameter | None, context: click.Context | None
+    ) -> Vector:
+        """Return the three numbers, or raise click's usage error."""
+        if isinstance(value, tuple):
+            return value
+        try:
+            x, y, z = (float(part) for part in value.split(","))
+        except ValueError:
+            self.fail(f"{value!r} is not X,Y,Z, such as 1,2.5,-3", parameter, context)
+        if not all(map(math.isfinite, (x, y, z))):
+            self.fail(f"{value!r} must be finite", parameter, context)
+        return x, y, z
+
+
+class FiniteType(click.FloatRange):
+    """A number that is not infinite nor NaN, in a range."""
+
+    def convert(
+        self, value: Any, parameter: click.Parameter | None, context: click.Context | None
+    ) -> float:
+        """Return the number, or raise click's usage error."""
+        number = super().convert(value, parameter, context)
+        if not math.isfinite(number):
+            self.fail(f"{value!r} must be finite", parameter, context)
+        return number
+
+
+class ColorType(click.ParamType):
+    """A colour, checked but kept as it was written."""
+
+    name = "color"
+
+    def convert(
+        self, value: Any, parameter: click.Parameter | None, context: click.Context | None
+    ) -> str:
+        """Return the text, or raise click's usage error."""
+        from rasterjit.scene.color import linear_color
+
+        try:
+            linear_color("it", value)
+        except ValueError as error:
+            self.fail(str(error), parameter, context)
+        return value
+
+
+class OutputsType(click.ParamType):
+    """Names of outputs, ``color,depth``."""
+
+    name = "names"
+
+    def convert(
+        self, value: Any, parameter: click.Parameter | None, context: click.Context | None
+    ) -> tuple[str, ...]:
+        """Return the names, or raise click's usage error."""
+        from rasterjit.plan import check_outputs
+
+        if isinstance(value, tuple):
+            return value
+        try:
+            return check_outputs([name.strip() for name in value.split(",")])
+        except ValueError as error:
+            self.fail(str(error), parameter, context)
+
+
+class PlaceType(click.ParamType):
+    """
+    A file to write: its format is known and its folder can be written to.
+
+    Parameters
+    ----------
+    kind : {"image", "depth", "animation"}
+    """
+
+    name = "file"
+
+    def __init__(self, kind: str) -> None:
+        self.kind = kind
+
+    def convert(
+        self, value: Any, parameter: click.Parameter | None, context: click.Context | None
+    ) -> Path:
+        """Return the path, or raise click's usage error."""
+        place, formats = Path(value), _formats(self.kind)
+        if place.suffix.lower() not in formats:
+            self.fail(f"{value!r} must end in one of {', '.join(formats)}", parameter, context)
+        if not place.parent.is_dir():
+            self.fail(f"the folder {str(place.parent)!r} does not exist", parameter, context)
+        if not os.access(place.parent, os.W_OK):
+            self.fail(f"the folder {str(place.parent)!r} is not writable", parameter, context)
+        if place.is_dir():
+            self.fail(f"{value!r} is a folder", parameter, context)
+        if place.suffix.lower() == ".exr" and not _has_openexr():
+            self.fail('.exr needs OpenEXR; pip install "rasterjit[exr]"', parameter, context)
+        return place
+
+
+def _formats(kind: str) -> tuple[str, ...]:
+    """Return the extensions of a kind of file."""
+    from rasterjit.io import animations, images
+
+    return {
+        "image": (*images.IMAGE_FORMATS, ".npz"),
+        "depth": images.DEPTH_FORMATS,
+        "animation": animations.ANIMATION_FORMATS,
+    }[kind]
+
+
+def _has_openexr() -> bool:
+    """Tell whether the extra for EXR files is installed."""
+    import importlib.util
+
+    return importlib.util.find_spec("OpenEXR") is not None
+
+
+class Look(NamedTuple):
+    """Options that change the scene."""
+
+    on_invalid: str
+    shading: str | None
+    wireframe: str | None
+    wireframe_color: str
+
+    def apply(self, scene: Scene) -> None:
+        """Change the scene's materials and wireframe."""
+        from rasterjit.scene.scene import Wireframe
+
+        if self.shading is not None:
+            for mesh in {id(node.mesh): node.mesh for node in scene.nodes}.values():
+                mesh.material = dataclasses.replace(mesh.material, shading=self.shading)
+        if self.wireframe is not None:
+            scene.wireframe = Wireframe(self.wireframe_color, self.wireframe)
+
+
+class View(NamedTuple):
+    """Options that place the camera."""
+
+    azimuth: float | None
+    elevation: float | None
+    zoom: float | None
+    fov: float | None
+    projection: str | None
+    up: Vector | None
+    position: Vector | None = None
+    target: Vector | None = None
+
+    def check(self) -> None:
+        """Raise click's usage error if options contradict each other."""
+        if self.position is None:
+            if self.target is not None:
+                raise click.UsageError("--target needs --position")
+        elif self.azimuth is not None or self.elevation is not None:
+            raise click.UsageError("--position excludes --azimuth and --elevation")
+        if self.projection == "orthographic" and self.fov is not None:
+            raise click.UsageError("--fov is for --projection perspective; use --zoom")
+        if self.up == (0.0, 0.0, 0.0):
+            raise click.UsageError("--up must not be 0,0,0")
+
+    def camera(self, scene: Scene, size: tuple[int, int]) -> FittedCamera | None:
+        """Return the camera; ``None``, for the renderer to choose, if no option was given."""
+        if all(option is None for option in self):
+            return None
+        if self.position is not None:
+            return self._placed(scene, size)
+        if self.azimuth is None and self.elevation is None:
+            return self._fit(scene, size, DEFAULT_DIRECTION, (0.0, 1.0, 0.0))
+        azimuth = DEFAULT_AZIMUTH if self.azimuth is None else self.azimuth
+        return self._orbiting(scene, size, azimuth)
+
+    def turn(self, scene: Scene, size: tuple[int, int], frames: int) -> Iterator[FittedCamera]:
+        """Yield the cameras of one turn, all at one distance from one point."""
+        start = DEFAULT_AZIMUTH if self.azimuth is None else self.azimuth
+        for number in range(frames):
+            yield self._orbiting(scene, size, start + 360.0 * number / frames)
+
+    def _orbiting(self, scene: Scene, size: tuple[int, int], azimuth: float) -> FittedCamera:
+        """Return the fitted camera at an azimuth; its up is right at the poles as well."""
+        from rasterjit.scene.camera import orbit_direction
+
+        elevation = DEFAULT_ELEVATION if self.elevation is None else self.elevation
+        upward = orbit_direction(azimuth, elevation + 90.0)
+        return self._fit(scene, size, orbit_direction(azimuth, elevation), upward)
+
+    def _fit(
+        self, scene: Scene, size: tuple[int, int], direction: Vector, upward: Vector
+    ) -> FittedCamera:
+        """Return the camera that fits the scene, its direction given for y up."""
+        from rasterjit.scene.camera import fit_camera
+
+        frame = _frame_of(self.up or (0.0, 1.0, 0.0))
+        return fit_camera(
+            scene,
+            frame @ direction,
+            DEFAULT_FOV if self.fov is None else self.fov,
+            up=frame @ upward,
+            zoom=1.0 if self.zoom is None else self.zoom,
+            projection=self.projection or "perspective",
+            aspect=size[0] / size[1],
+        )
+
+    def _placed(self, scene: Scene, size: tuple[int, int]) -> FittedCamera:
+        """Return the camera at ``position``, its near and far plane around the scene."""
+        import numpy as np
+
+        center, radius = scene.bounding_sphere()
+        fitted = self._fit(scene, size, DEFAULT_DIRECTION, (0.0, 1.0, 0.0))
+        eye = np.array(self.position)
+        target = center if self.target is None else np.array(self.target)
+        up = self.up or (0.0, 1.0, 0.0)
+        distance = float(np.linalg.norm(center - eye))
+        if self.projection == "orthographic":
+            near, far = 0.0, (distance + radius) * (1.0 + CLEARANCE) or 1.0
+        else:
+            before_scene = (distance - radius) * (1.0 - CLEARANCE)
+            near, far = max(before_scene, distance * NEAREST, radius * NEAREST) or 1.0, math.inf
+        return dataclasses.replace(fitted, eye=eye, target=target, up=up, near=near, far=far)
+
+
+def _frame_of(up: Vector) -> NDArray[np.float64]:
+    """Return the shortest rotation, (3, 3), that takes y to ``up``; z up makes -y the front."""
+    import numpy as np
+
+    from rasterjit import transforms
+
+    upward = transforms.unit_vector("up", up)
+    axis = np.cross((0.0, 1.0, 0.0), upward)
+    if not axis.any():
+        axis = np.array((1.0, 0.0, 0.0))
+    degrees = math.degrees(
+        math.atan2(float(np.linalg.norm(np.cross((0, 1, 0), upward))), upward[1])
+    )
+    return transforms.rotate(axis, degrees)[:3, :3]
+
+
+def gather(kind: type[Options], options: dict[str, Any]) -> Options:
+    """Return the options of a kind out of all those of a command."""
+    return kind(**{name: options[name] for name in kind._fields if name in options})
+
+
+def _add(options: list[Callable], command: Callable) -> Callable:
+    """Decorate a command with options, in their order in the help."""
+    for option in reversed(options):
+        command = option(command)
+    return command
+
+
+def look_options(command: Callable) -> Callable:
+    """Add the options of `Look` to a command."""
+    modes = click.Choice(["unlit", "flat", "gouraud", "phong"])
+    return _add(
+        [
+            click.option("--shading", type=modes, help="Shade all objects this way."),
+            click.option("--wireframe", type=click.Choice(["overlay", "only"]),
+                         help="Draw the edges over the faces, or alone."),
+            click.option("--wireframe-color", type=ColorType(), default="black",
+                         show_default=True, help="As --background, opaque."),
+            click.option("--on-invalid", type=click.Choice(["raise", "drop"]), default="raise",
+                         show_default=True,
+                         help="Refuse a mesh with NaN or infinite vertices, or draw the rest."),
+        ],
+        command,
+    )  # fmt: skip
+
+
+def view_options(command: Callable | None = None, *, orbit: bool = False) -> Callable:
+    """Add the options of `View` to a command; with ``orbit`` those of a fitted camera only."""
+    if command is None:
+        return lambda command: view_options(command, orbit=orbit)
+    start = " of the first frame" if orbit else ""
+    placing = [] if orbit else [
+        click.option("--position", type=VectorType(), help="Where the camera is."),
+        click.option("--target", type=VectorType(),
+                     help="What it looks at; default: the middle of the scene."),
+    ]  # fmt: skip
+    fitting = [
+        click.option("--azimuth", type=FiniteType(),
+                     help=f"Degrees around the scene{start}: 0 is +z, 90 is +x (z up: -y, +x)."),
+        click.option("--elevation", type=FiniteType(-90.0, 90.0), help="Degrees above the scene."),
+        click.option("--zoom", type=FiniteType(0.0, min_open=True),
+                     help="How many times bigger to show the scene."),
+        click.option("--fov", type=FiniteType(0.0, 180.0, min_open=True, max_open=True),
+                     help="Vertical field of view, degrees; default 45."),
+        click.option("--projection", type=click.Choice(["perspective", "orthographic"])),
+        click.option("--up", type=VectorType(), help="Which way is up; default 0,1,0."),
+    ]  # fmt: skip
+    return _add(placing + fitting, command)

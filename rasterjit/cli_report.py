@@ -1,0 +1,74 @@
+"""What commands print besides their results: progress, and the table at the end of a render."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, nullcontext
+from typing import TYPE_CHECKING, TypeVar
+
+if TYPE_CHECKING:
+    from rasterjit.frame import Frame
+
+Item = TypeVar("Item")
+
+STAGE_NAMES = {"compile": "compile, or load compiled"}
+"""What the table calls a stage whose own name is not plain enough."""
+
+
+@contextmanager
+def status(text: str, quiet: bool) -> Iterator[None]:
+    """Show that something is going on, if somebody is looking."""
+    from rich.console import Console
+
+    console = Console(stderr=True)
+    with nullcontext() if quiet or not console.is_terminal else console.status(text):
+        yield
+
+
+def with_progress(items: Iterable[Item], count: int, text: str, quiet: bool) -> Iterator[Item]:
+    """Yield the items, with a progress bar on standard error if somebody is looking."""
+    from rich.console import Console
+    from rich.progress import track
+
+    console = Console(stderr=True)
+    hidden = quiet or not console.is_terminal
+    yield from track(items, text, total=count, console=console, disable=hidden, transient=True)
+
+
+def print_stats(frame: Frame, seconds: dict[str, float], total: float) -> None:
+    """
+    Print what became of the triangles and where the time went.
+
+    Parameters
+    ----------
+    frame : Frame
+    seconds : dict of float
+        By stage, in order.
+    total : float
+        Seconds from the start to the end.
+    """
+    from rich.console import Console
+    from rich.table import Table
+
+    stats, (width, height) = frame.stats, frame.plan.size
+    table = Table(show_header=False)
+    table.add_column()
+    table.add_column(justify="right")
+    table.add_row("triangles in", f"{stats.triangles_in:,}")
+    for label, count in (
+        ("outside the view", stats.outside),
+        ("turned away", stats.culled),
+        ("without area", stats.degenerate),
+        ("between pixel centres", stats.unsampled),
+        ("invalid", stats.invalid),
+        ("drawn", stats.drawn),
+    ):
+        table.add_row(f"  {label}", f"{count:,}")
+    table.add_row("clipped", f"{stats.clipped:,}")
+    share = stats.pixels_covered / (width * height)
+    table.add_row("pixels covered", f"{stats.pixels_covered:,} ({share:.1%})", end_section=True)
+    for stage, duration in seconds.items():
+        table.add_row(STAGE_NAMES.get(stage, stage), f"{1000.0 * duration:,.1f} ms")
+    table.add_section()
+    table.add_row("total", f"{1000.0 * total:,.1f} ms")
+    Console(highlight=False).print(table)

@@ -1,0 +1,93 @@
+"""Every tile lists every triangle that may touch it, in ascending order."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import naive
+import rasterjit as rj
+from rasterjit import stages
+from rasterjit.kernels import binning
+from rasterjit.kernels.records import Faces, Objects
+from rasterjit.plan import viewport_of
+
+SIZE = (256, 128)
+COLUMNS, ROWS = 4, 2
+
+
+def random_screen(rng, count):
+    middles = np.repeat(rng.uniform(-20, 270, (count, 2)), 3, axis=0)
+    reach = np.repeat(rng.choice([2.0, 20.0, 150.0], count), 3)[:, np.newaxis]
+    points = np.round((middles + rng.uniform(-1, 1, (3 * count, 2)) * reach) * 256) / 256
+    return points, np.arange(3 * count, dtype=np.int32).reshape(-1, 3)
+
+
+def bin_faces(points, faces):
+    """Return the list of each tile."""
+    viewport, workers = viewport_of(SIZE, 8), stages.Workers(1)
+    positions = naive.clip_from_screen(points, SIZE)
+    screen, _ = stages.project(positions, (0.0, -1.0, 0.0), viewport, workers)
+    objects = Objects(np.array([0, len(faces)], np.int64), np.zeros(1, np.int8))
+    everything = Faces(faces, np.empty((0, 3), np.int32), np.empty(0, np.int32))
+    starts, binned, _ = stages.set_up_and_bin(everything, objects, screen, viewport, workers)
+    return [binned[starts[k] : starts[k + 1]].tolist() for k in range(len(starts) - 1)]
+
+
+def test_kernel_fills_the_boxes():
+    triangles = np.array([3, 7, 8], np.int32)
+    boxes = np.array([[0, 0, 1, 1], [1, 0, 1, 0], [0, 0, 2, 0]], np.uint8)
+    # Tiles of a 3 x 2 grid: lists of 2, 3, 1 and 1, 1, 0.
+    cursors = np.array([0, 2, 5, 6, 7, 8], np.int64)
+    binned = np.full(8, -1, np.int32)
+    binning.bin_triangles(triangles, boxes, 3, cursors, binned)
+    assert binned.tolist() == [3, 8, 3, 7, 8, 8, 3, 3]
+    assert cursors.tolist() == [2, 5, 6, 7, 8, 8]
+
+
+def test_nothing_to_bin():
+    cursors, binned = np.zeros(6, np.int64), np.empty(0, np.int32)
+    binning.bin_triangles(np.empty(0, np.int32), np.empty((0, 4), np.uint8), 3, cursors, binned)
+    assert not cursors.any()
+
+
+def test_tiles_list_the_faces_whose_pixels_they_hold():
+    rng = np.random.default_rng(1)
+    points, faces = random_screen(rng, 40)
+    lists = bin_faces(points, faces)
+    assert len(lists) == COLUMNS * ROWS
+    for face, corners in enumerate(faces):
+        touched = {
+            (j // 64) * COLUMNS + i // 64
+            for i, j in naive.covered_pixels(points[corners].tolist(), SIZE)
+        }
+        listed = {tile for tile, members in enumerate(lists) if face in members}
+        assert touched <= listed
+        x, y = points[corners].T
+        for tile in listed:
+            left, top = tile % COLUMNS * 64, tile // COLUMNS * 64
+            assert x.min() < left + 64
+            assert x.max() > left
+            assert y.min() < top + 64
+            assert y.max() > top
+
+
+@pytest.mark.parametrize("per_task", [1, 7, 1000])
+def test_lists_ascend_whatever_the_tasks(monkeypatch, per_task):
+    rng = np.random.default_rng(2)
+    points, faces = random_screen(rng, 60)
+    expected = bin_faces(points, faces)
+    monkeypatch.setattr(stages, "FACES_PER_TASK", per_task)
+    lists = bin_faces(points, faces)
+    assert lists == expected
+    for members in lists:
+        assert members == sorted(set(members))
+
+
+def test_image_of_many_tiles_lists_the_last_one():
+    # 256 tiles a side: tile numbers of a row reach 255, the end of their uint8.
+    size = (16384, 64)
+    positions = naive.clip_from_screen([(16383, 0), (16384, 0), (16384, 64), (0, 0), (0, 64)], size)
+    seen = rj.rasterize(positions, [[0, 1, 2], [3, 0, 4]], size, threads=1)
+    assert seen.face_id[10, 16383] == 0
+    assert seen.face_id[10, 0] == 1

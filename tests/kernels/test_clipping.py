@@ -1,0 +1,407 @@
+"""Cuts equal those of exact arithmetic, neighbours stay neighbours, nothing at the eye is special."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import naive
+import rasterjit as rj
+from rasterjit import stages
+from rasterjit.kernels import clipping, setup
+from rasterjit.kernels.records import Viewport
+from rasterjit.plan import viewport_of
+
+SIZE = (64, 64)
+WITHIN = Viewport(64, 64, 1.0, 1.0, 8, 8)
+"""A viewport whose guard band is the image: clipping then cuts to the view volume itself."""
+
+# Distances of pixel centres to exact edges that snapping and rounding cannot decide, pixels: the
+# snapped edge lies within a sub-pixel of the exact one inside the guard band.
+UNSURE = Fraction(1, 64)
+
+
+def covered(positions, size=SIZE, faces=((0, 1, 2),), **options):
+    """Return how often the faces, each drawn alone, hit each pixel."""
+    total = np.zeros((size[1], size[0]), int)
+    for face in faces:
+        total += rj.rasterize(positions, [face], size, threads=1, **options).face_id == 0
+    return total
+
+
+def spans(hits, row):
+    """Return the first and the last column hit in a row."""
+    columns = np.nonzero(hits[row])[0]
+    return columns[0], columns[-1]
+
+
+def from_d3d(positions):
+    """Turn clip depth 0..w into clip depth -w..w."""
+    positions = np.array(positions, float)
+    positions[:, 2] = 2.0 * positions[:, 2] - positions[:, 3]
+    return positions
+
+
+def seen_by(points, near, far, aspect=1.0, fov_y=90.0):
+    """Return the clip positions of view-space points."""
+    matrix = rj.transforms.perspective(fov_y, aspect, near, far)
+    return np.column_stack([points, np.ones(len(points))]) @ matrix.T
+
+
+def clip_all(positions, viewport=WITHIN, faces=None):
+    """Run the clipping kernels on faces; return vertices, pieces, source faces."""
+    positions = np.ascontiguousarray(positions, np.float64)
+    if faces is None:
+        faces = np.arange(len(positions)).reshape(-1, 3)
+    faces = np.ascontiguousarray(faces, np.int32)
+    cut = np.arange(len(faces), dtype=np.int32)
+    counts = np.zeros(len(faces), np.int64)
+    clipping.count_clipped_vertices(cut, faces, positions, viewport, counts)
+    vertex_starts = np.concatenate(([0], np.cumsum(counts)))
+    piece_starts = np.concatenate(([0], np.cumsum(np.maximum(counts - 2, 0))))
+    vertices = np.full((vertex_starts[-1], 4), np.nan)
+    pieces = np.full((piece_starts[-1], 3), -1, np.int32)
+    sources = np.full(piece_starts[-1], -1, np.int32)
+    clipping.clip_faces(
+        cut, faces, positions, viewport, (vertex_starts, piece_starts), (vertices, pieces, sources)
+    )
+    assert not np.isnan(vertices).any()
+    return counts, vertices, pieces, sources
+
+
+def ideal(positions, size, guard=(1, 1)):
+    """Return the exact pixels of one clipped triangle, and those too close to call."""
+    polygon = naive.clipped_screen_polygon(positions, size, guard)
+    return naive.polygon_pixels(polygon, size, UNSURE) if polygon else (set(), set())
+
+
+def assert_pixels(positions, size=SIZE):
+    """Assert that one triangle covers what exact clipping says; return how many pixels."""
+    hits = {(int(i), int(j)) for j, i in np.argwhere(covered(positions, size))}
+    inside, unsure = ideal(positions, size)
+    assert hits - unsure == inside - unsure
+    return len(hits)
+
+
+# --- the kernel against exact arithmetic ----------------------------------------------------------
+
+
+def random_corner(rng):
+    return rng.normal(size=4) * [1.5, 1.5, 1.2, 1.0] + [0.0, 0.0, 0.0, 0.6]
+
+
+def test_clipped_polygons_equal_naive():
+    rng = np.random.default_rng(1)
+    positions = np.array([random_corner(rng) for _ in range(900)])
+    counts, vertices, _, _ = clip_all(positions)
+    first = 0
+    for n, count in enumerate(counts):
+        exact = naive.clip_polygon(positions[3 * n : 3 * n + 3], naive.view_planes())
+        assert count == len(exact)
+        for have, want in zip(vertices[first : first + count], exact, strict=True):
+            np.testing.assert_allclose(have, [float(c) for c in want], rtol=0, atol=1e-13)
+        first += count
+    assert {0, 3, 4, 5, 6, 7} <= set(counts.tolist())
+
+
+component = st.integers(-8, 8).map(float)
+corner = st.tuples(component, component, component, component)
+
+
+@settings(max_examples=150, derandomize=True, deadline=None, database=None)
+@given(corner, corner, corner)
+def test_clipped_vertices_lie_inside_all_planes(a, b, c):
+    counts, vertices, pieces, _ = clip_all([a, b, c])
+    assert counts[0] == 0 or 3 <= counts[0] <= 9
+    assert len(pieces) == max(counts[0] - 2, 0)
+    for x, y, z, w in vertices:
+        assert w > 0.0
+        slack = 1e-12 * max(1.0, w)
+        assert abs(x) <= w + slack
+        assert abs(y) <= w + slack
+        assert abs(z) <= w + slack
+
+
+def test_fans_have_the_area_of_their_polygon():
+    rng = np.random.default_rng(2)
+    positions = np.array([random_corner(rng) for _ in range(300)])
+    _, vertices, pieces, sources = clip_all(positions)
+    screen = [naive.screen_from_clip(vertex, SIZE) for vertex in vertices]
+    for n in range(100):
+        polygon = naive.clipped_screen_polygon(positions[3 * n : 3 * n + 3], SIZE)
+        want = sum(
+            naive.edge(polygon[0], a, b) for a, b in zip(polygon[1:], polygon[2:], strict=False)
+        )
+        have = sum(
+            naive.edge(*(screen[k - len(positions)] for k in piece))
+            for piece in pieces[sources == n].tolist()
+        )
+        assert abs(float(have - want)) < 1e-8
+
+
+def test_pieces_are_grouped_by_face_in_order():
+    rng = np.random.default_rng(3)
+    positions = np.array([random_corner(rng) for _ in range(300)])
+    _, _, pieces, sources = clip_all(positions)
+    assert (np.diff(sources) >= 0).all()
+    assert pieces.min() >= len(positions)
+
+
+def test_only_faces_that_cross_are_found():
+    rng = np.random.default_rng(4)
+    positions = rng.normal(size=(600, 4)) * [1, 1, 0.7, 0.7] + [0, 0, 0, 0.8]
+    positions[::97, 1] = np.nan
+    faces = rng.integers(0, 600, (900, 3)).astype(np.int32)
+    viewport = viewport_of(SIZE, 8)
+    screen, _ = stages.project(positions, (0.0, -1.0, 0.0), viewport, stages.Workers(1))
+    codes = screen.codes[:600]
+    want = []
+    for n, (a, b, c) in enumerate(faces):
+        union, shared = codes[a] | codes[b] | codes[c], codes[a] & codes[b] & codes[c]
+        if union & setup.INVALID or shared & setup.FRUSTUM:
+            continue
+        if union & (setup.NEAR | setup.FAR | setup.GUARD):
+            want.append(n)
+    found = np.full(900, -1, np.int32)
+    count = clipping.find_clipped_faces(faces, codes, found)
+    assert found[:count].tolist() == want
+    short = np.full(3, -1, np.int32)
+    assert clipping.find_clipped_faces(faces, codes, short) == len(want)
+    assert short.tolist() == want[:3]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_every_clipped_vertex_is_snapped_inside_the_guard_band(seed):
+    # A cut lands on the guard band up to a rounding; it must be put on the screen all the same.
+    rng = np.random.default_rng(seed)
+    count = 300
+    positions = rng.normal(size=(count, 4)) * 10.0 ** rng.uniform(0, 8, (count, 1))
+    positions[:, 2:] = rng.uniform(-1, 1, (count, 2)) + [0.0, 0.7]
+    faces = np.arange(count, dtype=np.int32).reshape(-1, 3)
+    viewport, workers = viewport_of(SIZE, 8), stages.Workers(1)
+    screen, _ = stages.project(positions, (0.0, -1.0, 0.0), viewport, workers)
+    # What is not written keeps this mark.
+    mark = np.iinfo(np.int32).min
+    screen.xy[count:], screen.depth[count:] = mark, np.nan
+    all_faces, screen, cut = stages.clip(
+        positions, faces, (0.0, -1.0, 0.0), viewport, screen, workers
+    )
+    assert cut > 50
+    used = np.unique(all_faces.pieces)
+    assert used.min() >= count
+    assert (screen.xy[used] != mark).all()
+    assert not np.isnan(screen.depth[used]).any()
+    limit = (64 + setup.GUARD_PIXELS) * 256
+    assert np.abs(screen.xy[used]).max() <= limit
+
+
+# --- the catalogue (hard_cases.md, B3) ------------------------------------------------------------
+
+
+def test_vertex_at_infinity():
+    hits = covered(from_d3d([[0, 0, 0.5, 1], [1, 0, 0, 0], [0, 1, 0.5, 1]]))
+    assert hits.sum() == 1024
+    assert (hits[:32, 32:] == 1).all()
+
+
+def test_vertex_behind_the_eye():
+    hits = covered(from_d3d([[-0.5, 0, 0.5, 1], [0.5, 0, 0.5, 1], [0, -1, -0.5, -1]]))
+    assert hits.sum() == 1536
+    assert spans(hits, 32) == (16, 47)
+    assert spans(hits, 63) == (0, 63)
+    assert not hits[:32].any()
+
+
+def test_vertex_behind_the_near_plane():
+    hits = covered(seen_by([(-1, -1, -3), (1, -1, -3), (0, -1, 1)], 1.0, 10.0))
+    assert hits.sum() == 562
+    assert np.nonzero(hits.any(axis=1))[0].tolist() == list(range(43, 64))
+    assert spans(hits, 43) == (21, 42)
+    assert spans(hits, 63) == (16, 47)
+
+
+def test_hexagon_after_near_and_sides():
+    hits = covered(seen_by([(-3, -1, -4), (3, -1, -4), (0, -1, 4)], 1.0, 10.0))
+    assert hits.sum() == 1494
+    assert hits[45:].all()
+    for row, span in {40: (7, 56), 41: (6, 57), 42: (4, 59), 43: (3, 60), 44: (1, 62)}.items():
+        assert spans(hits, row) == span
+
+
+def test_all_six_planes_leave_a_nonagon():
+    positions = from_d3d([[1.5, -1.5, 0.5, 1], [0, 1.5, -0.25, 1], [-1.5, 0, 1.25, 1]])
+    counts, vertices, pieces, _ = clip_all(positions)
+    assert counts.tolist() == [9]
+    assert len(pieces) == 7
+    want = {
+        (1, -0.5, 0.25), (0.5, 0.5, 0), (0, 1, 0), (-0.5, 1, 0.25), (-1, 0.5, 0.75), (-1, 0, 1),
+        (-0.5, -0.5, 1), (0.5, -1, 0.75), (1, -1, 0.5),
+    }  # fmt: skip
+    assert {(x, y, (z + 1) / 2) for x, y, z, _ in vertices.tolist()} == want
+    assert covered(positions, (64, 48)).sum() == 2016
+
+
+@pytest.mark.parametrize(
+    "points",
+    [
+        [(-1, -1, -2), (1, -1, -2), (0, 0, 0)],  # a vertex at the eye
+        [(-1, -1, -2), (1, -1, -2), (0, 1, 2)],  # its plane holds the eye
+        [(0, 0, 0), (0, 0, 0), (0, 0, 0)],
+    ],
+)
+def test_triangle_seen_edge_on_draws_nothing(points):
+    assert not covered(seen_by(points, 1e-9, 10.0)).any()
+    assert not covered(seen_by(points, 0.1, np.inf)).any()
+
+
+def test_ground_plane_a_million_wide_fills_the_lower_half():
+    corners = [(-1e6, -1, 1e6), (1e6, -1, 1e6), (1e6, -1, -1e6), (-1e6, -1, -1e6)]
+    positions = seen_by(corners, 0.1, 1e9)
+    assert not covered(positions, faces=[[0, 1, 2]])[:32].any()
+    hits = covered(positions, faces=[[0, 1, 2], [0, 2, 3]])
+    assert (hits[32:] == 1).all()
+    assert hits.sum() == 2048
+
+
+@pytest.mark.parametrize("size", [(64, 64), (65, 33)])
+@pytest.mark.parametrize("eye", [(0.0, 0.0, 0.0), (0.3, -0.2, 0.61)])
+def test_from_inside_a_cube_every_pixel_is_covered_once(cube, size, eye):
+    positions = seen_by(cube.vertices - eye, 0.1, 10.0, size[0] / size[1])
+    hits = covered(positions, size, cube.faces)
+    assert (hits == 1).all()
+    together = rj.rasterize(positions, cube.faces, size, threads=1)
+    assert (together.face_id >= 0).all()
+
+
+@pytest.mark.parametrize("plane", range(6))
+@pytest.mark.parametrize("beyond", [-0.5, 0.5])
+def test_vertex_exactly_on_a_plane(plane, beyond):
+    # One corner on the plane, one inside, one on either side of it.
+    axis, sign = (2, 2, 0, 0, 1, 1)[plane], (-1, 1, -1, 1, -1, 1)[plane]
+    on, inside, third = np.zeros(4), np.zeros(4), np.zeros(4)
+    for point in (on, inside, third):
+        point[3] = 1.0
+    on[axis], third[axis] = sign, sign * (1.0 + beyond)
+    third[(axis + 1) % 3] = 0.5
+    counts, vertices, _, _ = clip_all([on, inside, third])
+    exact = naive.clip_polygon([on, inside, third], naive.view_planes())
+    assert counts[0] == len(exact) == 3
+    assert len({tuple(vertex) for vertex in vertices.tolist()}) == 3
+
+
+def test_triangle_with_one_edge_on_a_plane_and_nothing_inside():
+    outside = [[-1, 0, 0, 1], [-1, 0.5, 0, 1], [-2, 0, 0, 1]]
+    counts, _, _, _ = clip_all(outside)
+    assert counts[0] in (0, 2) or counts[0] == 3
+    assert not covered(outside).any()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_cut_and_its_complement_cover_once(seed):
+    # 16 quads with random distances to the near plane, drawn with d and with -d.
+    rng = np.random.default_rng(seed)
+    grid = [(16.0 * i, 16.0 * j) for j in range(5) for i in range(5)]
+    d = np.round(rng.uniform(-1, 1, 25) * 64) / 64
+    faces = []
+    for j in range(4):
+        for i in range(4):
+            a = 5 * j + i
+            faces += [[a, a + 1, a + 6], [a, a + 6, a + 5]]
+    total = covered(naive.clip_from_screen(grid, SIZE, z=d - 1.0), faces=faces)
+    total += covered(naive.clip_from_screen(grid, SIZE, z=-d - 1.0), faces=faces)
+    assert (total == 1).all()
+
+
+def test_neighbours_get_the_same_new_vertices():
+    rng = np.random.default_rng(6)
+    viewport = viewport_of(SIZE, 8)
+    shared = 0
+    for _ in range(200):
+        a, b, c, d = (random_corner(rng) * [6e3, 6e3, 1, 1] for _ in range(4))
+        rows = []
+        for triangle in ((a, b, c), (b, a, d)):
+            _, vertices, _, _ = clip_all(triangle, viewport)
+            rows.append({row.tobytes() for row in vertices})
+        both = rows[0] & rows[1]
+        # New vertices of the edge a b: on its line, and neither a nor b.
+        polygon = naive.clip_polygon((a, b), naive.view_planes(viewport.guard_x, viewport.guard_y))
+        new = [p for p in both if p not in (a.tobytes(), b.tobytes())]
+        shared += len(new)
+        assert len(polygon) >= 0
+    assert shared > 100
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_shared_edge_that_is_clipped_is_drawn_once(seed):
+    rng = np.random.default_rng(seed)
+    for _ in range(12):
+        a, b = random_corner(rng), random_corner(rng)
+        a[3], b[3] = abs(a[3]) + 0.1, -abs(b[3])  # the edge crosses the plane of the eye
+        middle, across = (a + b) / 2, rng.normal(size=4) * [2, 2, 0.3, 0.3]
+        positions = np.array([a, b, middle + across, middle - across])
+        for faces in ([[0, 1, 2], [1, 0, 3]], [[0, 1, 2], [0, 1, 3]]):
+            total = covered(positions, faces=faces)
+            assert total.max() <= 1
+        # Along the edge no pixel is missed: the quad split along it covers the exact quad.
+        union = set()
+        unsure = set()
+        for face in ([0, 1, 2], [1, 0, 3]):
+            inside, close = ideal(positions[face], SIZE)
+            union, unsure = union | inside, unsure | close
+        polygon = naive.clipped_screen_polygon(positions[[0, 1, 2]], SIZE)
+        if polygon:
+            _, outer = naive.polygon_pixels(polygon, SIZE, UNSURE)
+            missed = {(i, j) for i, j in union - unsure if total[j, i] != 1}
+            assert not missed
+            assert outer is not None
+
+
+@pytest.mark.parametrize("x", [3000.0, 30000.0, 3e6, -3000.0, -30000.0, 3e9])
+@pytest.mark.parametrize("vertex", range(3))
+def test_guard_band_does_not_change_pixels(x, vertex):
+    points = [[2.3, 1.7], [9.1, 3.2], [4.4, 10.6]]
+    points[vertex][0] = x
+    points = np.round(np.array(points) * 2**10) / 2**10
+    positions = naive.clip_from_screen(points, (64, 64))
+    assert assert_pixels(positions) > 0
+
+
+def test_random_faces_cover_what_exact_clipping_says():
+    rng = np.random.default_rng(9)
+    drawn = 0
+    for _ in range(40):
+        scale = [1, 1, 1, 1] if rng.random() < 0.5 else [2000, 2000, 1, 1]
+        positions = np.array([random_corner(rng) * scale for _ in range(3)])
+        drawn += assert_pixels(positions, (32, 32))
+    assert drawn > 500
+
+
+def test_piece_of_a_clipped_face_reports_its_face():
+    positions = np.concatenate(
+        [
+            from_d3d([[-0.5, 0, 0.5, 1], [0.5, 0, 0.5, 1], [0, -1, -0.5, -1]]),
+            naive.clip_from_screen([(0, 0), (64, 0), (0, 31)], SIZE),
+        ]
+    )
+    seen = rj.rasterize(positions, [[3, 4, 5], [0, 1, 2]], SIZE, threads=1)
+    assert seen.totals.clipped == 1
+    assert seen.totals.drawn == 2
+    assert set(np.unique(seen.face_id)) == {-1, 0, 1}
+    assert (seen.face_id[40, 20:40] == 1).all()
+
+
+def test_many_more_clipped_faces_than_spare_room():
+    # More new vertices than SPARE_VERTICES, so the arrays are copied to larger ones.
+    count = stages.SPARE_VERTICES
+    one = from_d3d([[-0.5, 0, 0.5, 1], [0.5, 0, 0.5, 1], [0, -1, -0.5, -1]])
+    positions = np.tile(one, (count, 1))
+    faces = np.arange(3 * count).reshape(-1, 3)
+    seen = rj.rasterize(positions, faces, SIZE, threads=1)
+    alone = rj.rasterize(one, [[0, 1, 2]], SIZE, threads=1)
+    assert seen.totals.clipped == count
+    assert seen.face_id.tobytes() == alone.face_id.tobytes()
+    assert seen.depth.tobytes() == alone.depth.tobytes()
