@@ -34,8 +34,8 @@ if TYPE_CHECKING:
     from rasterjit.frame import Frame
     from rasterjit.scene.scene import Scene
 
-FAILED, INTERRUPTED = 1, 130
-"""Exit statuses; that of wrong usage, 2, is click's."""
+INTERRUPTED = 130
+"""Exit status after Ctrl-C; the others are click's: 1 failed, 2 wrong usage."""
 
 DEBUG = "rasterjit.debug"
 """Key of the flag in click's context."""
@@ -49,14 +49,14 @@ class Program(click.Group):
         if not standalone_mode:
             return super().main(*arguments, standalone_mode=False, **extra)
         try:
-            status = super().main(*arguments, standalone_mode=False, **extra)
+            code = super().main(*arguments, standalone_mode=False, **extra)
         except click.ClickException as error:
             _say_error(error.format_message())
-            status = error.exit_code
+            code = error.exit_code
         except click.Abort:
             _say_error("interrupted")
-            status = INTERRUPTED
-        sys.exit(status or 0)
+            code = INTERRUPTED
+        sys.exit(code or 0)
 
     def invoke(self, context: click.Context) -> Any:
         """Run the command; what it raises becomes a `click.ClickException`, save for --debug."""
@@ -119,11 +119,23 @@ def size_option(default: str) -> Callable:
     )  # fmt: skip
 
 
-@click.group(cls=Program, context_settings={"help_option_names": ["-h", "--help"]})
-@click.version_option(package_name="rasterjit", message="%(prog)s %(version)s")
+@click.group(
+    cls=Program,
+    invoke_without_command=True,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+@click.option("--version", is_flag=True, help="Show the version.")
 @debug_option
-def program() -> None:
+@click.pass_context
+def program(context: click.Context, version: bool) -> None:
     """Render meshes to pictures and exact ground-truth buffers on a CPU."""
+    if version:
+        from rasterjit import __version__
+
+        click.echo(f"rasterjit {__version__}")
+        context.exit()
+    if context.invoked_subcommand is None:
+        click.echo(context.get_help())
 
 
 @program.command()
@@ -174,13 +186,13 @@ def render(
     view, look = gather(View, rest), gather(Look, rest)
     view.check()
     wanted, places = _plan_files(output, outputs, depth_file)
-    from rasterjit import render as renderer
+    from rasterjit.render import render as render_frame
 
     start = time.perf_counter()
     with status(f"Rendering {file.name}", quiet):
         scene = _load(file, look)
         loaded = time.perf_counter()
-        frame = renderer.render(
+        frame = render_frame(
             scene,
             view.camera(scene, size),
             size=size,
@@ -326,13 +338,11 @@ def explain(
     """Say what rendering FILE would do, without doing it."""
     view, look = gather(View, rest), gather(Look, rest)
     view.check()
-    from rasterjit import render as renderer
+    from rasterjit.render import explain as plan_of
 
     scene = _load(file, look)
     camera = view.camera(scene, size)
-    plan = renderer.explain(
-        scene, camera, size=size, outputs=outputs, background=background, cull=cull
-    )
+    plan = plan_of(scene, camera, size=size, outputs=outputs, background=background, cull=cull)
     click.echo(str(plan))
 
 

@@ -343,12 +343,14 @@ def view_options(command: Callable | None = None, *, orbit: bool = False) -> Cal
                      help="What it looks at; default: the middle of the scene."),
     ]  # fmt: skip
     fitting = [
-        click.option("--azimuth", type=FiniteType(),
+        click.option("--azimuth", metavar="DEG", type=FiniteType(),
                      help=f"Degrees around the scene{start}: 0 is +z, 90 is +x (z up: -y, +x)."),
-        click.option("--elevation", type=FiniteType(-90.0, 90.0), help="Degrees above the scene."),
-        click.option("--zoom", type=FiniteType(0.0, min_open=True),
+        click.option("--elevation", metavar="DEG", type=FiniteType(-90.0, 90.0),
+                     help="Degrees above the scene."),
+        click.option("--zoom", metavar="FACTOR", type=FiniteType(0.0, min_open=True),
                      help="How many times bigger to show the scene."),
-        click.option("--fov", type=FiniteType(0.0, 180.0, min_open=True, max_open=True),
+        click.option("--fov", metavar="DEG",
+                     type=FiniteType(0.0, 180.0, min_open=True, max_open=True),
                      help="Vertical field of view, degrees; default 45."),
         click.option("--projection", type=click.Choice(["perspective", "orthographic"])),
         click.option("--up", type=VectorType(), help="Which way is up; default 0,1,0."),

@@ -254,6 +254,7 @@ def _placement(arrays: SceneArrays, views: Views) -> Placement:
         np.ascontiguousarray(views.relative_from_model[:, :3, :]),
         views.normal_matrices,
         views.mirrored,
+        -views.screen_turn * views.mirrored,
         views.toward_viewer,
     )
 

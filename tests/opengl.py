@@ -143,3 +143,54 @@ def draw_faces(
     for thing in (array, program, buffer, depth, *targets, *held):
         thing.release()
     return drawn
+
+
+LINE_SHADERS = (
+    """
+    #version 330
+    in vec4 clip_position;
+    void main() {
+        gl_Position = vec4(clip_position.x, -clip_position.y, clip_position.zw);
+    }
+    """,
+    """
+    #version 330
+    out float drawn;
+    void main() { drawn = 1.0; }
+    """,
+)
+
+
+def draw_lines(
+    clip_positions: ArrayLike, edges: ArrayLike, size: tuple[int, int]
+) -> NDArray[np.bool_]:
+    """
+    Draw lines, one pixel wide, without a depth test; return the pixels drawn, (H, W), y down.
+
+    Parameters
+    ----------
+    clip_positions : (V, 4) float32, clip space, y up
+    edges : (N, 2) int
+    size : (int, int)
+        Width and height, pixels.
+    """
+    context = require_opengl()
+    target = context.texture(size, 1, dtype="f4")
+    buffer = context.framebuffer([target])
+    program = context.program(*LINE_SHADERS)
+    held = [
+        context.buffer(np.ascontiguousarray(clip_positions, np.float32)),
+        context.buffer(np.ascontiguousarray(edges, np.int32)),
+    ]
+    array = context.vertex_array(
+        program, [(held[0], "4f", "clip_position")], index_buffer=held[1]
+    )
+    buffer.use()
+    context.viewport = (0, 0, *size)
+    context.enable_only(context.NOTHING)
+    buffer.clear()
+    array.render(context.LINES)
+    drawn = np.frombuffer(target.read(), np.float32).reshape(size[1], size[0]) > 0.5
+    for thing in (array, program, buffer, target, *held):
+        thing.release()
+    return drawn

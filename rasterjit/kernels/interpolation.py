@@ -98,14 +98,9 @@ def find_object(face, face_starts, guess):
 
 
 @stage
-def place(vertex, owner, placement):
-    """Return a vertex in world axes, relative to the eye."""
+def place(x, y, z, owner, placement):
+    """Return a model-space point in world axes, relative to the eye."""
     m = placement.relative_from_model
-    x, y, z = (
-        placement.positions[vertex, 0],
-        placement.positions[vertex, 1],
-        placement.positions[vertex, 2],
-    )
     return (
         m[owner, 0, 0] * x + m[owner, 0, 1] * y + m[owner, 0, 2] * z + m[owner, 0, 3],
         m[owner, 1, 0] * x + m[owner, 1, 1] * y + m[owner, 1, 2] * z + m[owner, 1, 3],
@@ -114,8 +109,32 @@ def place(vertex, owner, placement):
 
 
 @stage
-def geometric_normal(pa, pb, pc, turn):
-    """Return the normal of a face that winds counter-clockwise, not normalized."""
+def place_vertex(vertex, owner, placement):
+    """Return a vertex in world axes, relative to the eye."""
+    p = placement.positions
+    return place(p[vertex, 0], p[vertex, 1], p[vertex, 2], owner, placement)
+
+
+@stage
+def place_sample(weights, a, b, c, owner, placement):
+    """Return the point of a face with the given weights in world axes, relative to the eye."""
+    p = placement.positions
+    return place(
+        interpolate(weights, p[a, 0], p[b, 0], p[c, 0]),
+        interpolate(weights, p[a, 1], p[b, 1], p[c, 1]),
+        interpolate(weights, p[a, 2], p[b, 2], p[c, 2]),
+        owner,
+        placement,
+    )
+
+
+@stage
+def face_normal(a, b, c, owner, placement):
+    """Return the normal on the counter-clockwise side of a face, world axes, any length."""
+    pa = place_vertex(a, owner, placement)
+    pb = place_vertex(b, owner, placement)
+    pc = place_vertex(c, owner, placement)
+    turn = placement.mirrored[owner]
     ux, uy, uz = pb[0] - pa[0], pb[1] - pa[1], pb[2] - pa[2]
     vx, vy, vz = pc[0] - pa[0], pc[1] - pa[1], pc[2] - pa[2]
     return (
@@ -126,12 +145,26 @@ def geometric_normal(pa, pb, pc, turn):
 
 
 @stage
-def seen_from_behind(normal, point, toward_viewer):
-    """Return whether a face with this normal turns its back to the viewer."""
+def seen_from_behind(a, b, c, owner, geometry, placement):
+    """
+    Return whether a face turns its back to the viewer.
+
+    By its turn on the screen; a clipped face has none, and is judged by its plane.
+    """
+    if not (geometry.codes[a] | geometry.codes[b] | geometry.codes[c]) & CLIPPED:
+        xy = geometry.xy
+        turn = edge(
+            np.int64(xy[a, 0]), np.int64(xy[a, 1]), np.int64(xy[b, 0]), np.int64(xy[b, 1]),
+            np.int64(xy[c, 0]), np.int64(xy[c, 1]),
+        )  # fmt: skip
+        return np.float64(turn) * placement.front_turns[owner] < 0.0
+    normal = face_normal(a, b, c, owner, placement)
+    point = place_vertex(a, owner, placement)
+    viewer = placement.toward_viewer
     return (
-        normal[0] * (toward_viewer[0] - toward_viewer[3] * point[0])
-        + normal[1] * (toward_viewer[1] - toward_viewer[3] * point[1])
-        + normal[2] * (toward_viewer[2] - toward_viewer[3] * point[2])
+        normal[0] * (viewer[0] - viewer[3] * point[0])
+        + normal[1] * (viewer[1] - viewer[3] * point[1])
+        + normal[2] * (viewer[2] - viewer[3] * point[2])
     ) < 0.0
 
 
@@ -236,11 +269,9 @@ def fill_positions(face_id, rows, geometry: Geometry, placement: Placement, eye,
             owner = find_object(face, placement.face_starts, owner)
             a, b, c = lowest_first(geometry.faces, face)
             weights = sample_weights(a, b, c, column, row, geometry)
-            pa, pb, pc = (
-                place(a, owner, placement), place(b, owner, placement), place(c, owner, placement)
-            )  # fmt: skip
+            point = place_sample(weights, a, b, c, owner, placement)
             for k in range(3):
-                position[row, column, k] = eye[k] + interpolate(weights, pa[k], pb[k], pc[k])
+                position[row, column, k] = eye[k] + point[k]
 
 
 @kernel
@@ -270,19 +301,14 @@ def fill_normals(face_id, rows, geometry: Geometry, placement: Placement, smooth
                 continue
             owner = find_object(face, placement.face_starts, owner)
             a, b, c = lowest_first(geometry.faces, face)
-            weights = sample_weights(a, b, c, column, row, geometry)
-            pa, pb, pc = (
-                place(a, owner, placement), place(b, owner, placement), place(c, owner, placement)
-            )  # fmt: skip
-            facing = geometric_normal(pa, pb, pc, placement.mirrored[owner])
-            shown = facing
             if is_smooth[owner]:
-                shown = smooth_normal(
-                    weights, a, b, c, normals, placement.normal_matrices, owner
-                )
+                weights = sample_weights(a, b, c, column, row, geometry)
+                shown = smooth_normal(weights, a, b, c, normals, placement.normal_matrices, owner)
+            else:
+                shown = face_normal(a, b, c, owner, placement)
             length = np.sqrt(shown[0] ** 2 + shown[1] ** 2 + shown[2] ** 2)
             if not length > 0.0:
                 continue
-            side = -1.0 if seen_from_behind(facing, pa, placement.toward_viewer) else 1.0
+            side = -1.0 if seen_from_behind(a, b, c, owner, geometry, placement) else 1.0
             for k in range(3):
                 normal[row, column, k] = side * shown[k] / length

@@ -92,6 +92,8 @@ class Placement(NamedTuple):
     """(O, 3, 3) float64: model normals to world axes, up to length."""
     mirrored: Any
     """(O,) float64: -1 where the transform turns faces inside out, else 1."""
+    front_turns: Any
+    """(O,) float64: sign of the edge function of an object's front faces on the screen."""
     toward_viewer: Any
     """(4,) float64: a point p, relative to the eye, is seen along ``xyz - w p``."""
 

@@ -12,11 +12,12 @@ import numpy as np
 
 from rasterjit.kernels import lighting as lit
 from rasterjit.kernels.interpolation import (
+    face_normal,
     find_object,
-    geometric_normal,
     interpolate,
     lowest_first,
-    place,
+    place_sample,
+    place_vertex,
     sample_weights,
     seen_from_behind,
     smooth_normal,
@@ -68,13 +69,13 @@ def face_tint(face, face_colors, tint):
 
 
 @stage
-def shading_normal(weights, a, b, c, model, normals, matrices, owner, facing):
+def shading_normal(weights, a, b, c, model, normals, owner, placement):
     """Return the normal to shade with: the face's own unless the object is smooth."""
     if normals is None:
-        return facing
+        return face_normal(a, b, c, owner, placement)
     if model == PHONG:
-        return smooth_normal(weights, a, b, c, normals, matrices, owner)
-    return facing
+        return smooth_normal(weights, a, b, c, normals, placement.normal_matrices, owner)
+    return face_normal(a, b, c, owner, placement)
 
 
 @stage
@@ -97,20 +98,14 @@ def gouraud_light(weights, a, b, c, behind, model, lit_vertices, tint):
 
 
 @stage
-def gather_normal(
-    samples, n, weights, a, b, c, owner, placement, surface, lighting
-):
+def gather_normal(samples, n, weights, a, b, c, owner, geometry, placement, surface, lighting):
     """Write normal, position and highlight of one sample; nothing if there is no light."""
     if lighting is None:
         return False
     model = np.int64(surface.materials[owner, MATERIAL_MODEL])
-    pa, pb, pc = place(a, owner, placement), place(b, owner, placement), place(c, owner, placement)
-    facing = geometric_normal(pa, pb, pc, placement.mirrored[owner])
-    behind = seen_from_behind(facing, pa, placement.toward_viewer)
+    behind = seen_from_behind(a, b, c, owner, geometry, placement)
     side = -1.0 if behind else 1.0
-    normal = shading_normal(
-        weights, a, b, c, model, surface.normals, placement.normal_matrices, owner, facing
-    )
+    normal = shading_normal(weights, a, b, c, model, surface.normals, owner, placement)
     at = weights
     if model == FLAT:
         at = (1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0)
@@ -119,9 +114,10 @@ def gather_normal(
     samples[lit.NORMAL_X, n] = scale * normal[0]
     samples[lit.NORMAL_Y, n] = scale * normal[1]
     samples[lit.NORMAL_Z, n] = scale * normal[2]
-    samples[lit.POINT_X, n] = interpolate(at, pa[0], pb[0], pc[0])
-    samples[lit.POINT_Y, n] = interpolate(at, pa[1], pb[1], pc[1])
-    samples[lit.POINT_Z, n] = interpolate(at, pa[2], pb[2], pc[2])
+    point = place_sample(at, a, b, c, owner, placement)
+    samples[lit.POINT_X, n] = point[0]
+    samples[lit.POINT_Y, n] = point[1]
+    samples[lit.POINT_Z, n] = point[2]
     samples[lit.SPECULAR, n] = surface.materials[owner, MATERIAL_SPECULAR]
     samples[lit.SHININESS, n] = surface.materials[owner, MATERIAL_SHININESS]
     samples[lit.LIT, n] = 1.0 if model == FLAT or model == PHONG else 0.0
@@ -137,7 +133,7 @@ def gather_sample(samples, n, face, owner, column, row, geometry, placement, sur
     tint = face_tint(face, surface.face_colors, tint)
     tint = vertex_tint(weights, a, b, c, surface.vertex_colors, tint)
     behind = gather_normal(
-        samples, n, weights, a, b, c, owner, placement, surface, lighting
+        samples, n, weights, a, b, c, owner, geometry, placement, surface, lighting
     )
     model = np.int64(surface.materials[owner, MATERIAL_MODEL])
     tint = gouraud_light(weights, a, b, c, behind, model, surface.lit_vertices, tint)
@@ -234,7 +230,7 @@ def light_vertices(
         for n in range(stop - first):
             vertex = first + n
             only = (1.0, 0.0, 0.0)
-            point = place(vertex, owner, placement)
+            point = place_vertex(vertex, owner, placement)
             normal = smooth_normal(
                 only, vertex, vertex, vertex, surface.normals, placement.normal_matrices, owner
             )
