@@ -85,6 +85,11 @@ def _say_error(message: str) -> None:
     click.echo("error: " + " ".join(message.split()), err=True)
 
 
+def _warn(message: str, quiet: bool) -> None:
+    if not quiet:
+        click.echo("warning: " + " ".join(message.split()), err=True)
+
+
 def _set_debug(context: click.Context, parameter: click.Parameter, value: bool) -> None:
     """Note the flag, wherever it stands on the line."""
     if value:
@@ -190,7 +195,7 @@ def render(
 
     start = time.perf_counter()
     with status(f"Rendering {file.name}", quiet):
-        scene = _load(file, look)
+        scene = _load(file, look, quiet)
         loaded = time.perf_counter()
         frame = render_frame(
             scene,
@@ -204,6 +209,8 @@ def render(
         rendered = time.perf_counter()
         _write_files(frame, places, depth_scale)
     saved = time.perf_counter()
+    if frame.stats.pixels_covered == 0:
+        _warn("nothing is in view: the picture shows only the background", quiet)
     if not quiet:
         seconds = {"load": loaded - start, **frame.stats.seconds, "save": saved - rendered}
         print_stats(frame, seconds, saved - start)
@@ -251,7 +258,7 @@ def _write_files(frame: Frame, places: Places, depth_scale: float) -> None:
             images.save_arrays(place, **{name: arrays[name] for name in content})
 
 
-def _load(file: Path, look: Look) -> Scene:
+def _load(file: Path, look: Look, quiet: bool) -> Scene:
     """Read a scene, apply the look, and print what reading warns of as lines."""
     from rasterjit.io.meshes import load
 
@@ -260,7 +267,7 @@ def _load(file: Path, look: Look) -> Scene:
         warnings.simplefilter("always", UserWarning)
         scene = load(file, on_invalid=look.on_invalid)
     for warning in caught:
-        click.echo("warning: " + " ".join(str(warning.message).split()), err=True)
+        _warn(str(warning.message), quiet)
     look.apply(scene)
     return scene
 
@@ -306,7 +313,7 @@ def turntable(
     opaque = bool(linear_color("background", background)[3] == 1.0)
     check_animation(output, size, fps, opaque)
     start = time.perf_counter()
-    scene = _load(file, look)
+    scene = _load(file, look, quiet)
     with Renderer(size, threads=threads) as renderer:
         pictures = (
             renderer.render(scene, camera, background=background, cull=cull).color
@@ -340,7 +347,7 @@ def explain(
     view.check()
     from rasterjit.render import explain as plan_of
 
-    scene = _load(file, look)
+    scene = _load(file, look, quiet=False)
     camera = view.camera(scene, size)
     plan = plan_of(scene, camera, size=size, outputs=outputs, background=background, cull=cull)
     click.echo(str(plan))

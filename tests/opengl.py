@@ -182,9 +182,7 @@ def draw_lines(
         context.buffer(np.ascontiguousarray(clip_positions, np.float32)),
         context.buffer(np.ascontiguousarray(edges, np.int32)),
     ]
-    array = context.vertex_array(
-        program, [(held[0], "4f", "clip_position")], index_buffer=held[1]
-    )
+    array = context.vertex_array(program, [(held[0], "4f", "clip_position")], index_buffer=held[1])
     buffer.use()
     context.viewport = (0, 0, *size)
     context.enable_only(context.NOTHING)

@@ -7,6 +7,7 @@ GIF and WebP are encoded by Pillow, which imageio brings; MP4 by the ffmpeg that
 
 from __future__ import annotations
 
+import contextlib
 import importlib.util
 import itertools
 from collections.abc import Iterable
@@ -135,6 +136,7 @@ def _write_video(path: Path, frames: Iterable[NDArray[np.uint8]], fps: int) -> N
     writer = iio.get_writer(
         path, format="FFMPEG", fps=fps, quality=VIDEO_QUALITY, macro_block_size=2
     )
-    with writer:
+    # The writer's own context manager leaves ffmpeg running after an error.
+    with contextlib.closing(writer):
         for frame in itertools.chain([first], frames):
             writer.append_data(np.ascontiguousarray(frame[:, :, :3]))

@@ -1,0 +1,72 @@
+"""
+Who draws, each in a file of its own with the same four names.
+
+``NAME``
+    What the table calls it.
+``available()``
+    ``None``, or the reason why it cannot draw here.
+``environment(threads)``
+    Environment variables that its process must start with.
+``prepare(scene, threads)``
+    A ``Prepared``: the scene uploaded, everything compiled that can be.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from types import ModuleType
+from typing import Any, Protocol
+
+from numpy.typing import NDArray
+
+from benchmarks.scenes import Scene
+
+MODULES = {
+    "rasterjit": "rasterjit_",
+    "opengl": "opengl",
+    "opengl_color": "opengl_color",
+    "numpy": "numpy_",
+    "pure_python": "pure_python",
+}
+"""The key of a contestant, and its file."""
+
+
+class Prepared(Protocol):
+    """A scene that is ready to be drawn again and again."""
+
+    def draw(self) -> None:
+        """Clear and draw; return when the picture is complete."""
+
+    def read(self) -> dict[str, NDArray[Any]]:
+        """
+        Return the picture in NumPy arrays, row 0 on top or at the bottom as ``draw`` left it.
+
+        Of the keys ``face_id`` (H, W) int32, ``color`` (H, W, 4) uint8.
+        """
+
+    def picture(self) -> dict[str, NDArray[Any]]:
+        """
+        Return the same for comparing, row 0 on top; not timed.
+
+        ``covered`` (H, W) bool and, if known, ``face_id`` (-1 where nothing is) and ``color``.
+        """
+
+
+class Contestant(Protocol):
+    """What a contestant's module offers."""
+
+    NAME: str
+
+    def available(self) -> str | None:
+        """Return ``None``, or the reason why it cannot draw here."""
+
+    def environment(self, threads: int) -> dict[str, str]:
+        """Return the environment variables that its process must start with."""
+
+    def prepare(self, scene: Scene, threads: int) -> Prepared:
+        """Upload the scene."""
+
+
+def contestant(key: str) -> ModuleType:
+    """Return a contestant's module; its own packages are imported when it prepares."""
+    return import_module(f"benchmarks.contestants.{MODULES[key]}")

@@ -1,0 +1,225 @@
+"""Light equals Blinn-Phong in float64; elementary functions keep their stated errors."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import naive
+from rasterjit.kernels import lighting as lit
+from rasterjit.kernels.records import Lighting
+
+VIEWER = np.array([0.0, 0.0, 0.0, 1.0], np.float32)
+
+
+def every_binade(rng, low, high, each=40):
+    """Return float32 samples spread over binades low..high."""
+    exponents = np.repeat(np.arange(low, high), each)
+    return np.ldexp(rng.uniform(1.0, 2.0, len(exponents)), exponents).astype(np.float32)
+
+
+def test_log2_keeps_its_error():
+    rng = np.random.default_rng(1)
+    near_one = (1.0 + rng.uniform(-1e-3, 1e-3, 400)).astype(np.float32)
+    split = np.float32(math.sqrt(0.5)) + np.arange(-20, 21).astype(np.float32) * np.float32(6e-8)
+    for x in np.concatenate([every_binade(rng, -126, 40), near_one, split]):
+        exact = math.log2(float(x))
+        assert abs(float(lit.log2(x)) - exact) <= 1.2e-7 * (1.0 + abs(exact))
+    for k in range(-126, 40):
+        assert lit.log2(np.float32(2.0**k)) == k
+
+
+def test_exp2_keeps_its_error():
+    rng = np.random.default_rng(2)
+    halves = np.arange(-126, 126).astype(np.float32) + np.float32(0.5)
+    samples = np.concatenate(
+        [rng.uniform(-126, 126, 4000).astype(np.float32), halves, np.nextafter(halves, np.float32(0))]
+    )
+    for x in samples:
+        exact = 2.0 ** float(x)
+        assert abs(float(lit.exp2(x)) - exact) <= 2e-7 * exact
+    for k in range(-126, 127):
+        assert lit.exp2(np.float32(k)) == 2.0**k
+    for x in (-127.0, -1e6, -np.inf):
+        assert lit.exp2(np.float32(x)) == np.float32(2.0**-126)
+
+
+def test_power_equals_the_math_library():
+    rng = np.random.default_rng(3)
+    for exponent in (0.25, 1.0, 2.2, 32.0, 50.0, 500.0, 1e4):
+        for x in rng.uniform(0.0, 1.0, 300).astype(np.float32):
+            exact = math.pow(float(x), exponent)
+            # log2's error, times the exponent, plus exp2's own.
+            bound = 2e-7 + exponent * 1.3e-7 * (1.0 + abs(math.log2(max(float(x), 1e-38))))
+            have = float(lit.power(x, np.float32(exponent)))
+            assert abs(have - exact) <= exact * bound * 1.5 + 2.0**-125
+    assert lit.power(np.float32(1.0), np.float32(50.0)) == 1.0
+    assert 0.0 <= lit.power(np.float32(0.0), np.float32(50.0)) < 1e-30
+    assert lit.power(np.float32(0.0), np.float32(1e-3)) <= 1.0
+
+
+def random_samples(rng, count):
+    samples = np.zeros((lit.SAMPLE_ROWS, count), np.float32)
+    samples[lit.RED : lit.ALPHA + 1] = rng.uniform(0, 1, (4, count))
+    samples[lit.NORMAL_X : lit.NORMAL_Z + 1] = rng.normal(size=(3, count))
+    samples[lit.POINT_X : lit.POINT_Z + 1] = rng.normal(size=(3, count)) * 2 + [[0], [0], [-5]]
+    samples[lit.SPECULAR] = rng.uniform(0, 1, count)
+    samples[lit.SHININESS] = rng.uniform(1, 60, count)
+    samples[lit.LIT] = 1.0
+    return samples
+
+
+def random_lights(rng):
+    lights = np.zeros((4, 7), np.float32)
+    lights[:, :3] = rng.normal(size=(4, 3)) * 3
+    lights[:2, :3] /= np.linalg.norm(lights[:2, :3], axis=1, keepdims=True)
+    lights[2:, 3] = 1.0
+    lights[:, 4:] = rng.uniform(0, 1, (4, 3))
+    return lights
+
+
+def naive_colors(samples, lights, ambient, viewer, with_highlight=True):
+    columns = samples.astype(float).T
+    return np.array(
+        [
+            naive.blinn_phong(
+                s[lit.RED : lit.ALPHA], s[lit.NORMAL_X : lit.NORMAL_Z + 1],
+                s[lit.POINT_X : lit.POINT_Z + 1],
+                (s[lit.SPECULAR] if with_highlight else 0.0, s[lit.SHININESS]),
+                lights.astype(float), ambient.astype(float), viewer.astype(float),
+            )
+            for s in columns
+        ]
+    )  # fmt: skip
+
+
+def light(samples, lights, ambient, viewer=VIEWER, highlights=1):
+    lights = np.asarray(lights, np.float32).reshape(-1, 7)
+    record = Lighting(
+        lights, np.asarray(ambient, np.float32), None if highlights is None else np.int64(highlights)
+    )
+    lit.light_samples(samples, record, viewer)
+    return samples[lit.OUT_RED : lit.OUT_BLUE + 1].T.copy()
+
+
+AMBIENT = np.array([0.1, 0.05, 0.2], np.float32)
+
+
+@pytest.mark.parametrize("viewer", [[0, 0, 0, 1], [0.3, 0.1, 1, 0]])
+@pytest.mark.parametrize("highlights", [1, None])
+def test_light_equals_naive(viewer, highlights):
+    rng = np.random.default_rng(4)
+    samples, lights = random_samples(rng, 400), random_lights(rng)
+    viewer = np.array(viewer, np.float32)
+    want = naive_colors(samples, lights, AMBIENT, viewer, highlights is not None)
+    have = light(samples, lights, AMBIENT, viewer, highlights)
+    assert np.abs(have - want).max() < 1e-5 * max(1.0, np.abs(want).max())
+    assert want.max() > 0.3
+
+
+def test_no_highlight_equals_zero_strength_bit_for_bit():
+    rng = np.random.default_rng(5)
+    samples, lights = random_samples(rng, 300), random_lights(rng)
+    samples[lit.SPECULAR] = 0.0
+    present = light(samples.copy(), lights, AMBIENT, highlights=1)
+    absent = light(samples.copy(), lights, AMBIENT, highlights=None)
+    assert present.tobytes() == absent.tobytes()
+
+
+def test_black_light_changes_no_bit():
+    rng = np.random.default_rng(6)
+    samples, lights = random_samples(rng, 100), random_lights(rng)
+    dark = np.concatenate([lights, [[0, 1, 0, 0, 0, 0, 0], [5, 1, 0, 1, 0, 0, 0]]])
+    one = light(samples.copy(), lights, AMBIENT)
+    other = light(samples.copy(), dark, AMBIENT)
+    assert one.tobytes() == other.tobytes()
+
+
+def test_samples_that_are_not_lit_keep_their_colour():
+    rng = np.random.default_rng(7)
+    samples, lights = random_samples(rng, 50), random_lights(rng)
+    samples[lit.LIT] = 0.0
+    have = light(samples, lights, AMBIENT)
+    assert have.tobytes() == samples[lit.RED : lit.ALPHA].T.copy().tobytes()
+
+
+def one_sample(normal, point=(0, 0, -4), shininess=32.0, specular=1.0, color=(0, 0, 0)):
+    sample = np.zeros((lit.SAMPLE_ROWS, 1), np.float32)
+    sample[lit.RED : lit.ALPHA, 0] = color
+    sample[lit.NORMAL_X : lit.NORMAL_Z + 1, 0] = normal
+    sample[lit.POINT_X : lit.POINT_Z + 1, 0] = point
+    sample[lit.SPECULAR], sample[lit.SHININESS], sample[lit.LIT] = specular, shininess, 1.0
+    return sample
+
+
+DARK = np.zeros(3)
+
+
+@pytest.mark.parametrize(
+    ("degrees", "want"), [(0, 1.0), (5, 0.885), (10, 0.613), (15, 0.330), (20, 0.137), (30, 0.010)]
+)
+def test_highlight_of_a_tilted_normal(degrees, want):
+    # Light and viewer along the axis: what Gouraud shading sees at a vertex tilted so far.
+    angle = math.radians(degrees)
+    sample = one_sample((math.sin(angle), 0, math.cos(angle)))
+    have = light(sample, [[0, 0, 1, 0, 1, 1, 1]], DARK)
+    assert abs(have[0, 0] - want) < 1e-3
+    assert abs(have[0, 0] - math.cos(angle) ** 32) < 1e-5
+
+
+def test_normal_is_brought_to_length_one():
+    short = light(one_sample((0, 0, 0.01), color=(1, 1, 1), specular=0), [[0, 0, 1, 0, 1, 1, 1]], DARK)
+    assert abs(short[0, 0] - 1.0) < 1e-6
+
+
+@pytest.mark.parametrize(
+    ("normal", "light_row"),
+    [
+        ((0, 0, 1), [0, 0, -4, 1, 1, 1, 1]),  # a light at the shaded point
+        ((0, 0, 1), [0, 0, -9, 1, 1, 1, 1]),  # behind the surface
+        ((0, 0, 1), [0, 0, -1, 0, 1, 1, 1]),  # opposite the viewer: no half vector
+        ((0, 0, 0), [0, 0, 1, 0, 1, 1, 1]),  # no normal
+        ((0, 0, 1), [0, 0, 0, 0, 1, 1, 1]),  # no direction
+        ((0, 1, 0), [0, 0, 1, 0, 1, 1, 1]),  # grazing: cosine zero
+    ],
+)
+def test_light_without_a_direction_is_finite(normal, light_row):
+    for shininess in (1e-3, 1.0, 1e6):
+        have = light(one_sample(normal, shininess=shininess, color=(1, 1, 1)), [light_row], DARK)
+        assert np.isfinite(have).all()
+        assert (have >= 0.0).all()
+        assert (have <= 2.0).all()
+
+
+def test_back_of_a_surface_gets_no_light():
+    have = light(one_sample((0, 0, -1), color=(1, 1, 1)), [[0, 0, 1, 0, 1, 1, 1]], DARK)
+    assert (have == 0.0).all()
+
+
+def test_light_falls_off_with_the_square_of_the_distance():
+    near, far = (
+        light(
+            one_sample((0, 0, 1), (0, 0, -d), color=(1, 1, 1), specular=0.0),
+            [[0, 0, 0, 1, 1, 1, 1]], DARK,
+        )[0, 0]
+        for d in (2.0, 6.0)
+    )  # fmt: skip
+    assert abs(near - 1 / 4) < 1e-6
+    assert abs(far - 1 / 36) < 1e-6
+
+
+def test_no_samples_is_nothing():
+    light(np.zeros((lit.SAMPLE_ROWS, 0), np.float32), [[0, 0, 1, 0, 1, 1, 1]], DARK)
+
+
+@settings(max_examples=60, derandomize=True, deadline=None, database=None)
+@given(st.lists(st.floats(-1e4, 1e4, width=32), min_size=9, max_size=9))
+def test_light_is_never_negative_or_nan(numbers):
+    sample = one_sample(numbers[:3], numbers[3:6], color=(1, 0.5, 0))
+    have = light(sample, [[*numbers[6:9], 0, 1, 1, 1], [*numbers[6:9], 1, 1, 1, 1]], AMBIENT)
+    assert not np.isnan(have).any()
+    assert (have >= 0.0).all()

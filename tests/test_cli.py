@@ -1,0 +1,531 @@
+import subprocess
+import sys
+from pathlib import Path
+
+import imageio.v3 as iio
+import imageio_ffmpeg
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from PIL import Image, ImageSequence
+
+import rasterjit as rj
+from rasterjit import cli, warmup
+from rasterjit.cli_options import DEFAULT_DIRECTION, OUTPUTS_HELP, View
+from rasterjit.plan import OUTPUTS
+
+MODELS = Path(__file__).parents[1] / "models"
+CUBE = str(MODELS / "cube.ply")
+KNOT = str(MODELS / "torus_knot.obj")
+SIZE = (48, 36)
+SMALL = ("--size", "48x36", "--quiet")
+
+TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
+
+
+def run(*arguments):
+    return CliRunner().invoke(cli.program, [str(argument) for argument in arguments])
+
+
+def render(tmp_path, *options, file=CUBE):
+    """Render a small picture that must succeed silently; return its pixels."""
+    path = tmp_path / "out.png"
+    result = run("render", file, "-o", path, *SMALL, *options)
+    assert (result.exit_code, result.output) == (0, "")
+    return iio.imread(path)
+
+
+def rendered(camera=None, file=CUBE, scene=None, **options):
+    """Render the same with the library."""
+    return rj.render(rj.load(file) if scene is None else scene, camera, size=SIZE, **options)
+
+
+def assert_one_line(result, *codes):
+    assert result.exit_code in codes
+    assert result.stdout == ""
+    assert result.stderr.startswith("error: ")
+    assert result.stderr.count("\n") == 1
+    assert "Traceback" not in result.output
+
+
+def write(tmp_path, name, text):
+    path = tmp_path / name
+    path.write_text(text)
+    return path
+
+
+# Render
+
+
+def test_a_file_becomes_a_picture_of_the_default_size(tmp_path):
+    result = run("render", MODELS / "teapot.obj", "-o", tmp_path / "t.png")
+    assert result.exit_code == 0, result.output
+    picture = iio.imread(tmp_path / "t.png")
+    assert picture.shape == (720, 1280, 4)
+    assert (picture[:, :, :3].min(axis=2) < 250).mean() > 0.05
+    assert [path.name for path in tmp_path.iterdir()] == ["t.png"]
+
+
+def test_the_command_line_draws_what_the_library_draws(tmp_path):
+    assert np.array_equal(render(tmp_path), rendered().color)
+
+
+def test_the_table_accounts_for_every_triangle_and_stage(tmp_path):
+    result = run("render", CUBE, "-o", tmp_path / "t.png", "--size", "48x36", "--cull", "back")
+    stats = rendered(cull="back").stats
+    cells = {
+        row[0].strip(): row[1].strip()
+        for row in (line.strip("│").split("│") for line in result.stdout.splitlines())
+        if len(row) == 2
+    }
+    shown = [
+        "triangles in", "outside the view", "turned away", "without area",
+        "between pixel centres", "invalid", "drawn", "clipped",
+    ]  # fmt: skip
+    counts = [
+        stats.triangles_in, stats.outside, stats.culled, stats.degenerate,
+        stats.unsampled, stats.invalid, stats.drawn, stats.clipped,
+    ]  # fmt: skip
+    assert [int(cells[name]) for name in shown] == counts
+    assert cells["pixels covered"].startswith(f"{stats.pixels_covered} ")
+    assert {"load", "compile, or load compiled", "visibility", "save", "total"} <= set(cells)
+    assert result.stdout.endswith(f"wrote {tmp_path / 't.png'}\n")
+
+
+def test_position_and_target_place_the_camera(tmp_path):
+    camera = rj.PerspectiveCamera((2, 3, 5), (0, 0, 0), (0, 0, 1), fov_y=40.0)
+    options = ("--position", "2,3,5", "--target", "0,0,0", "--up", "0,0,1", "--fov", 40)
+    assert np.array_equal(render(tmp_path, *options), rendered(camera).color)
+
+
+def test_a_placed_camera_looks_at_the_middle_unless_told(tmp_path):
+    center, _ = rj.load(CUBE).bounding_sphere()
+    camera = rj.PerspectiveCamera((-4, 1, 2), center)
+    assert np.array_equal(render(tmp_path, "--position", "-4,1,2"), rendered(camera).color)
+
+
+@pytest.mark.parametrize("eye", ["0,0,0", "0.5,0.4,0.3", "1000,0,1"])
+@pytest.mark.parametrize("projection", ["perspective", "orthographic"])
+def test_a_placed_camera_cuts_nothing_off_that_it_sees(tmp_path, eye, projection):
+    target = ("--target", "0.3,-7,2", "--projection", projection)
+    picture = render(tmp_path, "--position", eye, *target, "--background", "transparent")
+    assert picture[:, :, 3].any() or eye == "1000,0,1"
+
+
+def test_azimuth_elevation_and_zoom_orbit_the_fitted_camera(tmp_path):
+    scene = rj.load(CUBE)
+    camera = rj.fit_camera(
+        scene, rj.orbit_direction(120.0, 35.0), 30.0, zoom=1.5, aspect=SIZE[0] / SIZE[1]
+    )
+    options = ("--azimuth", 120, "--elevation", 35, "--zoom", 1.5, "--fov", 30)
+    assert np.array_equal(render(tmp_path, *options), rendered(camera).color)
+
+
+def test_default_direction_is_that_of_fit_camera():
+    scene = rj.load(CUBE)
+    fitted = View(None, None, 2.0, None, None, None).camera(scene, (10, 10))
+    assert fitted == rj.fit_camera(scene, DEFAULT_DIRECTION, zoom=2.0)
+    assert fitted == rj.fit_camera(scene, zoom=2.0)
+
+
+def test_z_up_orbits_around_z_with_minus_y_in_front():
+    scene = rj.load(CUBE)
+    view = View(0.0, 0.0, None, None, None, (0.0, 0.0, 1.0))
+    camera = view.camera(scene, (10, 10))
+    towards = np.subtract(camera.eye, camera.target)
+    np.testing.assert_allclose(towards / np.linalg.norm(towards), (0, -1, 0), atol=1e-12)
+    np.testing.assert_allclose(camera.up, (0, 0, 1), atol=1e-12)
+
+
+@pytest.mark.parametrize("up", [(0, 1, 0), (0, 0, 1), (1, 0, 0), (0, -1, 0), (1, -2, 3)])
+@pytest.mark.parametrize("elevation", [-90.0, 20.0, 90.0])
+def test_a_turn_keeps_its_distance_and_never_repeats(up, elevation):
+    scene = rj.load(CUBE)
+    view = View(None, elevation, None, None, None, tuple(map(float, up)))
+    cameras = list(view.turn(scene, (10, 10), 7))
+    eyes = np.array([camera.eye for camera in cameras])
+    target = cameras[0].target
+    assert {camera.target for camera in cameras} == {target}
+    np.testing.assert_allclose(
+        np.linalg.norm(eyes - target, axis=1), np.linalg.norm(eyes[0] - target), rtol=1e-12
+    )
+    height = (eyes - target) @ (np.array(up) / np.linalg.norm(up))
+    np.testing.assert_allclose(height, height[0], atol=1e-12)
+    matrices = {camera.view_matrix().round(6).tobytes() for camera in cameras}
+    assert len(matrices) == 7
+
+
+def test_orthographic_projection(tmp_path):
+    camera = rj.fit_camera(rj.load(CUBE), projection="orthographic", aspect=SIZE[0] / SIZE[1])
+    picture = render(tmp_path, "--projection", "orthographic")
+    assert np.array_equal(picture, rendered(camera).color)
+
+
+@pytest.mark.parametrize("background", ["transparent", "#204060", "red", "#12345678"])
+def test_background(tmp_path, background):
+    picture = render(tmp_path, "--background", background)
+    assert np.array_equal(picture, rendered(background=background).color)
+
+
+@pytest.mark.parametrize("mode", ["overlay", "only"])
+def test_wireframe(tmp_path, mode):
+    scene = rj.load(CUBE)
+    scene.wireframe = rj.Wireframe("blue", mode)
+    picture = render(tmp_path, "--wireframe", mode, "--wireframe-color", "blue")
+    assert np.array_equal(picture, rendered(scene=scene).color)
+    assert (picture == (0, 0, 255, 255)).all(axis=2).any()
+
+
+@pytest.mark.parametrize("cull", ["none", "back", "front"])
+def test_cull(tmp_path, cull):
+    assert np.array_equal(render(tmp_path, "--cull", cull), rendered(cull=cull).color)
+
+
+def test_shading_overrides_every_material(tmp_path):
+    scene = rj.load(KNOT)
+    for node in scene.nodes:
+        node.mesh.material = rj.Material("flat", node.mesh.material.base_color)
+    flat = render(tmp_path, "--shading", "flat", file=KNOT)
+    assert np.array_equal(flat, rendered(scene=scene).color)
+    assert not np.array_equal(flat, render(tmp_path, file=KNOT))
+
+
+def test_any_number_of_threads_draws_the_same(tmp_path):
+    one, three = (render(tmp_path, "--threads", n, file=KNOT) for n in (1, 3))
+    assert np.array_equal(one, three)
+
+
+def test_other_outputs_are_written_beside_the_picture(tmp_path):
+    names = ("depth", "face_id", "barycentric", "normal")
+    picture = render(tmp_path, "--outputs", "color," + ",".join(names))
+    frame = rendered(outputs=("color", *names))
+    assert np.array_equal(picture, frame.color)
+    assert_arrays(tmp_path / "out.npz", frame, names)
+
+
+def test_an_npz_holds_every_output_and_no_more(tmp_path):
+    path = tmp_path / "all.npz"
+    assert run("render", KNOT, "-o", path, *SMALL, "--outputs", ",".join(OUTPUTS)).exit_code == 0
+    assert_arrays(path, rendered(file=KNOT, outputs=OUTPUTS), OUTPUTS)
+    assert run("render", KNOT, "-o", path, *SMALL, "--outputs", "depth").exit_code == 0
+    assert_arrays(path, rendered(file=KNOT, outputs=("depth",)), ("depth",))
+    assert [place.name for place in tmp_path.iterdir()] == ["all.npz"]
+
+
+def assert_arrays(path, frame, names):
+    with np.load(path) as arrays:
+        assert sorted(arrays) == sorted(names)
+        for name in names:
+            assert arrays[name].tobytes() == getattr(frame, name).tobytes(), name
+
+
+def test_depth_is_written_as_sixteen_bits_on_request(tmp_path):
+    path = tmp_path / "depth.png"
+    render(tmp_path, "--depth", path, "--depth-scale", 100)
+    depth = rendered(outputs=("depth",)).depth.astype(np.float64)
+    expected = np.where(np.isfinite(depth), np.floor(100 * depth + 0.5), 0)
+    assert np.array_equal(np.array(Image.open(path)), expected)
+    assert sorted(place.name for place in tmp_path.iterdir()) == ["depth.png", "out.png"]
+
+
+def test_help_names_every_output():
+    for name in OUTPUTS:
+        assert name in OUTPUTS_HELP
+
+
+def test_quiet_silences_warnings_and_otherwise_they_are_one_line_each(tmp_path):
+    arguments = ("render", MODELS / "scene.glb", "-o", tmp_path / "a.png", "--size", "48x36")
+    loud, quiet = run(*arguments), run(*arguments, "--quiet")
+    assert loud.exit_code == quiet.exit_code == 0
+    assert loud.stderr.startswith("warning: ")
+    assert loud.stderr.count("\n") == 1
+    assert quiet.output == ""
+
+
+def test_an_empty_view_is_warned_of(tmp_path):
+    view = ("--position", "0,0,9", "--target", "0,0,99")
+    result = run("render", CUBE, "-o", tmp_path / "a.png", "--size", "48x36", *view)
+    assert result.exit_code == 0
+    assert "warning: nothing is in view" in result.stderr
+
+
+# Bad input
+
+BAD_OPTIONS = [
+    ("--size", "0x5"),
+    ("--size", "5x16385"),
+    ("--size", "-5x5"),
+    ("--size", "99999999999x5"),
+    ("--size", "wide"),
+    ("--position", "1,2"),
+    ("--position", "1,2,nan"),
+    ("--position", "1,2,3", "--azimuth", "4"),
+    ("--position", "0,9,0", "--target", "0,0,0"),
+    ("--position", "1,2,3", "--target", "1,2,3"),
+    ("--target", "1,2,3"),
+    ("--up", "0,0,0"),
+    ("--fov", "0"),
+    ("--fov", "180"),
+    ("--fov", "nan"),
+    ("--zoom", "0"),
+    ("--azimuth", "inf"),
+    ("--elevation", "91"),
+    ("--projection", "fisheye"),
+    ("--projection", "orthographic", "--fov", "40"),
+    ("--background", "mauve-ish"),
+    ("--wireframe", "maybe"),
+    ("--wireframe-color", "#12"),
+    ("--cull", "left"),
+    ("--shading", "toon"),
+    ("--outputs", "color,colour"),
+    ("--outputs", ""),
+    ("--outputs", "uv"),
+    ("--threads", "0"),
+    ("--depth-scale", "0"),
+    ("--depth", "depth.jpg"),
+    ("--depth", "nowhere/depth.png"),
+    ("--on-invalid", "ignore"),
+    ("--nonsense",),
+]
+
+
+@pytest.mark.parametrize("options", BAD_OPTIONS, ids=" ".join)
+def test_a_bad_option_is_one_line_and_leaves_the_old_picture(tmp_path, options):
+    path = tmp_path / "old.png"
+    path.write_bytes(b"an old picture")
+    assert_one_line(run("render", CUBE, "-o", path, "--size", "9x9", *options), 1, 2)
+    assert path.read_bytes() == b"an old picture"
+    assert [place.name for place in tmp_path.iterdir()] == ["old.png"]
+
+
+@pytest.mark.parametrize("name", ["a.xyz", "a", "nowhere/a.png", ".", "a.mp4"])
+def test_a_bad_output_is_wrong_usage(tmp_path, name):
+    assert_one_line(run("render", CUBE, "-o", tmp_path / name), 2)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_two_results_in_one_file_are_wrong_usage(tmp_path):
+    path = tmp_path / "a.npz"
+    assert_one_line(run("render", CUBE, "-o", path, "--depth", path), 2)
+
+
+BAD_FILES = {
+    "empty.obj": "",
+    "no_faces.obj": "v 0 0 0\nv 1 0 0\nv 0 1 0\n",
+    "past_the_end.off": "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 3\n",
+    "negative.off": "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 -1\n",
+    "nan.obj": TRIANGLE.replace("v 1", "v nan"),
+    "infinite.obj": TRIANGLE.replace("v 1", "v inf"),
+    "noise.ply": "ply\nnot really\n",
+    "text.txt": "hello",
+}
+
+
+@pytest.mark.parametrize("name", BAD_FILES)
+def test_a_bad_file_is_one_line_that_names_it(tmp_path, name):
+    path = write(tmp_path, name, BAD_FILES[name])
+    result = run("render", path, "-o", tmp_path / "a.png", "--size", "9x9")
+    assert_one_line(result, 1)
+    assert name in result.stderr
+    assert not (tmp_path / "a.png").exists()
+
+
+@pytest.mark.parametrize("command", ["render", "turntable", "explain"])
+def test_a_missing_file_is_one_line_that_names_it(tmp_path, command):
+    output = () if command == "explain" else ("-o", tmp_path / "a.gif")
+    result = run(command, tmp_path / "missing.obj", *output)
+    assert_one_line(result, 1)
+    assert "missing.obj" in result.stderr
+
+
+def test_a_folder_is_no_file(tmp_path):
+    assert_one_line(run("render", tmp_path, "-o", tmp_path / "a.png"), 1)
+
+
+def test_faces_with_nan_can_be_dropped(tmp_path):
+    text = TRIANGLE + "v nan 0 0\nf 1 2 4\n"
+    path = write(tmp_path, "some_nan.obj", text)
+    result = run("render", path, "-o", tmp_path / "a.png", "--size", "9x9", "--on-invalid", "drop")
+    assert result.exit_code == 0, result.output
+    assert (iio.imread(tmp_path / "a.png")[:, :, 0] < 255).any()
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "text"),
+    [
+        (MemoryError(), 1, "not enough memory"),
+        (OSError(28, "No space left on device", "a.png"), 1, "a.png: No space left on device"),
+        (ValueError("two\nlines"), 1, "two lines"),
+        (ZeroDivisionError("oops"), 1, "ZeroDivisionError: oops (--debug shows where)"),
+        (KeyboardInterrupt(), 130, "interrupted"),
+    ],
+    ids=lambda value: type(value).__name__,
+)
+def test_whatever_happens_while_saving_the_old_picture_survives(
+    tmp_path, monkeypatch, error, code, text
+):
+    def fail(*arguments):
+        raise error
+
+    path = tmp_path / "old.png"
+    path.write_bytes(b"an old picture")
+    monkeypatch.setattr("rasterjit.io.images._write_pixels", fail)
+    result = run("render", CUBE, "-o", path, "--size", "9x9")
+    assert result.exit_code == code
+    assert result.stderr.splitlines()[-1] == f"error: {text}"
+    assert path.read_bytes() == b"an old picture"
+    assert [place.name for place in tmp_path.iterdir()] == ["old.png"]
+
+
+@pytest.mark.parametrize("before", [True, False])
+def test_debug_shows_the_traceback_wherever_it_stands(tmp_path, before):
+    words = ["render", str(tmp_path / "missing.obj"), "-o", str(tmp_path / "a.png")]
+    result = run(*(["--debug", *words] if before else [*words, "--debug"]))
+    assert result.exit_code == 1
+    assert isinstance(result.exception, ValueError)
+
+
+# Turntable
+
+
+@pytest.mark.parametrize("suffix", [".gif", ".webp", ".mp4"])
+def test_a_turntable_has_its_frames(tmp_path, suffix):
+    path = tmp_path / f"turn{suffix}"
+    result = run("turntable", KNOT, "-o", path, "--frames", 5, "--fps", 10, *SMALL)
+    assert (result.exit_code, result.output) == (0, "")
+    if suffix == ".mp4":
+        assert imageio_ffmpeg.count_frames_and_secs(path) == (5, 0.5)
+    else:
+        with Image.open(path) as animation:
+            assert (animation.n_frames, animation.size) == (5, SIZE)
+            assert animation.info.get("loop") == 0
+            shown = {frame.convert("RGB").tobytes() for frame in ImageSequence.Iterator(animation)}
+        assert len(shown) == 5
+    assert [place.name for place in tmp_path.iterdir()] == [path.name]
+
+
+def test_a_webp_turntable_shows_what_render_shows(tmp_path):
+    path = tmp_path / "turn.webp"
+    run("turntable", CUBE, "-o", path, "--frames", 4, "--azimuth", 10, "--elevation", 5, *SMALL)
+    with Image.open(path) as animation:
+        animation.seek(1)
+        second = np.array(animation.convert("RGB"))
+    still = render(tmp_path, "--azimuth", 100, "--elevation", 5)
+    assert np.array_equal(second, still[:, :, :3])
+
+
+def test_a_transparent_gif_is_transparent_around_the_mesh(tmp_path):
+    path = tmp_path / "turn.gif"
+    run("turntable", CUBE, "-o", path, "--frames", 3, "--background", "transparent", *SMALL)
+    with Image.open(path) as animation:
+        for frame in ImageSequence.Iterator(animation):
+            alpha = np.array(frame.convert("RGBA"))[:, :, 3]
+            assert set(np.unique(alpha)) == {0, 255}
+            assert alpha[0, 0] == 0
+            assert alpha[SIZE[1] // 2, SIZE[0] // 2] == 255
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ("-o", "a.png"),
+        ("-o", "nowhere/a.gif"),
+        ("-o", "a.gif", "--frames", "0"),
+        ("-o", "a.gif", "--fps", "60"),
+        ("-o", "a.mp4", "--size", "9x10"),
+        ("-o", "a.mp4", "--background", "transparent"),
+        ("-o", "a.gif", "--position", "1,2,3"),
+    ],
+    ids=" ".join,
+)
+def test_a_bad_turntable_is_one_line(tmp_path, monkeypatch, options):
+    monkeypatch.chdir(tmp_path)
+    assert_one_line(run("turntable", CUBE, *options), 1, 2)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_mp4_without_ffmpeg_names_the_extra(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
+    result = run("turntable", CUBE, "-o", tmp_path / "a.mp4")
+    assert_one_line(result, 1)
+    assert 'pip install "rasterjit[video]"' in result.stderr
+
+
+@pytest.mark.parametrize("suffix", [".gif", ".webp", ".mp4"])
+def test_a_turntable_that_fails_leaves_the_old_animation(tmp_path, monkeypatch, suffix):
+    calls = []
+
+    def fail_later(*arguments, **options):
+        calls.append(arguments)
+        if len(calls) == 3:
+            raise ValueError("no more")
+        return original(*arguments, **options)
+
+    original = rj.Renderer.render
+    monkeypatch.setattr(rj.Renderer, "render", fail_later)
+    path = tmp_path / f"old{suffix}"
+    path.write_bytes(b"an old animation")
+    assert_one_line(run("turntable", CUBE, "-o", path, *SMALL), 1)
+    assert path.read_bytes() == b"an old animation"
+    assert [place.name for place in tmp_path.iterdir()] == [path.name]
+
+
+# The other commands
+
+
+def test_explain_prints_the_plan():
+    result = run("explain", CUBE, "--outputs", "depth", "--wireframe", "only")
+    assert result.exit_code == 0
+    assert "no output shows colour" in result.stdout
+
+
+def test_version_and_help_and_unknown_commands():
+    assert run("--version").stdout == f"rasterjit {rj.__version__}\n"
+    assert run().stdout == run("--help").stdout
+    for command in cli.program.commands:
+        assert run(command, "--help").exit_code == 0
+    assert_one_line(run("frobnicate"), 2)
+    assert_one_line(run("render"), 2)
+
+
+def test_python_m_rasterjit_is_the_command_line():
+    done = subprocess.run(
+        [sys.executable, "-m", "rasterjit", "--version"],
+        capture_output=True, text=True, check=True, cwd=MODELS.parent,
+    )  # fmt: skip
+    assert done.stdout == f"rasterjit {rj.__version__}\n"
+
+
+def test_warmup_runs_every_step_and_names_the_folder(monkeypatch):
+    done = []
+    few = [warmup.Step(name, lambda name=name: done.append(name)) for name in "ab"]
+    monkeypatch.setattr(warmup, "steps", lambda: few)
+    result = run("warmup")
+    assert result.exit_code == 0, result.output
+    assert done == ["a", "b"]
+    assert "cache folder " in result.stdout
+    assert run("warmup", "--quiet").output == ""
+
+
+NEXT_PROCESS = """
+import sys
+from rasterjit.cli import program
+from rasterjit.kernels.jit import KERNELS
+program.main(sys.argv[1:], standalone_mode=False)
+print([kernel.__name__ for kernel in KERNELS if kernel.stats.cache_misses])
+print(sum(len(kernel.stats.cache_hits) for kernel in KERNELS) > 5)
+"""
+
+
+def test_after_a_warmup_another_process_compiles_nothing(tmp_path, monkeypatch):
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
+    steps = ("all buffers", "clipping", "phong, shiny, plain")
+    code = f"from rasterjit.warmup import steps\n[s.run() for s in steps() if s.name in {steps}]"
+    subprocess.run([sys.executable, "-c", code], check=True, cwd=MODELS.parent)
+    inside = ("--position", "0,0,0", "--target", "0,0,1")
+    arguments = ("render", KNOT, "-o", str(tmp_path / "a.npz"), "--outputs", ",".join(OUTPUTS))
+    done = subprocess.run(
+        [sys.executable, "-c", NEXT_PROCESS, *arguments, *SMALL, *inside],
+        capture_output=True, text=True, check=True, cwd=MODELS.parent,
+    )  # fmt: skip
+    assert done.stdout == "[]\nTrue\n"

@@ -1,0 +1,91 @@
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from rasterjit import cli, doctor
+
+ROOT = Path(__file__).parents[1]
+
+
+def test_doctor_finds_this_installation_healthy():
+    result = CliRunner().invoke(cli.program, ["doctor"])
+    assert result.exit_code == 0, result.output
+    assert "FAILED" not in result.stdout
+    assert result.stdout.count("ok      ") == len(doctor.CHECKS) + 1
+    for word in (*doctor.PACKAGES, "python", "cpu", "threads", "extra video", "kernel cache"):
+        assert word in result.stdout
+
+
+@pytest.mark.parametrize("check", doctor.CHECKS, ids=lambda check: check.__name__)
+def test_a_check_that_raises_has_failed_and_so_has_the_command(monkeypatch, check):
+    def check_of_nothing():
+        raise RuntimeError("broken")
+
+    monkeypatch.setattr(doctor, "CHECKS", (check, check_of_nothing))
+    result = CliRunner().invoke(cli.program, ["doctor"])
+    assert result.exit_code == 1
+    assert "FAILED  of nothing" in result.stdout
+    assert "RuntimeError: broken" in result.stdout
+    assert result.stderr.startswith("error: ")
+    assert result.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize("check", [doctor.check_shared_edge, doctor.check_top_left_rule])
+def test_wrong_pixels_are_found(monkeypatch, check):
+    original = doctor.rasterize
+
+    def shifted(*arguments, **options):
+        visibility = original(*arguments, **options)
+        visibility.face_id = np.roll(visibility.face_id, 1, axis=1)
+        visibility.face_id[0, 0] = -1
+        return visibility
+
+    assert check().passed
+    monkeypatch.setattr(doctor, "rasterize", shifted)
+    assert not check().passed
+
+
+def test_a_wrong_depth_and_a_difference_between_threads_are_found(monkeypatch):
+    original = doctor.render
+
+    def broken(*arguments, threads, **options):
+        frame = original(*arguments, threads=threads, **options)
+        frame.depth[...] *= np.float32(1.0 + 1e-6 * threads)
+        return frame
+
+    assert doctor.check_depth_and_color().passed
+    monkeypatch.setattr(doctor, "render", broken)
+    assert not doctor.check_depth_and_color().passed
+    finding = doctor.check_threads()
+    assert not finding.passed
+    assert "depth" in finding.text
+
+
+def test_a_missing_extra_is_named_and_is_no_failure(monkeypatch):
+    monkeypatch.setattr(doctor, "EXTRAS", {"video": ("no_such_module",)})
+    findings = {finding.name: finding for finding in doctor.examine()}
+    assert findings["extra video"].passed is None
+    assert "no_such_module" in findings["extra video"].text
+    assert "rasterjit[video]" in findings["extra video"].text
+
+
+def test_the_ball_of_the_thread_check_is_closed():
+    ball = doctor._ball(24, 12)
+    assert np.ptp(np.linalg.norm(ball.vertices, axis=1)) < 1e-12
+    corners = ball.vertices[ball.faces]
+    outward = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    assert (np.einsum("fi,fi->f", outward, corners.mean(axis=1)) > -1e-12).all()
+
+
+def test_doctor_is_healthy_without_compiling():
+    done = subprocess.run(
+        [sys.executable, "-m", "rasterjit", "doctor"],
+        capture_output=True, text=True, cwd=ROOT, env={**os.environ, "NUMBA_DISABLE_JIT": "1"},
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "NUMBA_DISABLE_JIT is set" in done.stdout
