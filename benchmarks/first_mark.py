@@ -220,11 +220,17 @@ def startup(options: Options) -> list[Row]:
     """Time the command line in fresh processes."""
     first, cached = measure_startup(min(options.rounds, STARTUP_ROUNDS))
     what = "rasterjit render teapot.obj, 640x480"
-    rows = [Row(f"{what}, kernels cached", "RasterJIT"), Row(f"{what}, first ever", "RasterJIT")]
-    seconds = (statistics.median(cached), first)
-    for row, value, limit in zip(rows, seconds, (CACHED_SECONDS, FIRST_SECONDS), strict=True):
-        row.milliseconds, row.target, row.met = 1e3 * value, f"<= {limit:g} s", value <= limit
-    rows[0].rounds = [1e3 * value for value in cached]
+    rows = []
+    for name, times, limit in (
+        ("kernels cached", cached, CACHED_SECONDS),
+        ("first ever", [first], FIRST_SECONDS),
+    ):
+        row = Row(f"{what}, {name}", contestant("rasterjit").NAME)
+        row.rounds = [1e3 * seconds for seconds, _ in times]
+        row.milliseconds = statistics.median(row.rounds)
+        row.processor_milliseconds = 1e3 * statistics.median(seconds for _, seconds in times)
+        row.target, row.met = f"<= {limit:g} s", row.milliseconds <= 1e3 * limit
+        rows.append(row)
     return rows
 
 

@@ -52,13 +52,12 @@ def main(scene_name: str) -> None:
     scene = SCENES[scene_name]()
     if not isinstance(scene, TriangleScene):
         raise ValueError(f"{scene_name} has no triangles")
-    vertices, faces = scene.positions.astype(np.float64), scene.faces
     camera = rj.MatrixCamera(np.eye(4), scene.clip_from_model)
-    rj.render(rj.Mesh(vertices[:3] + 1.0, [[0, 1, 2]]), size=(64, 64))
+    rj.render(rj.Mesh(np.eye(3), [[0, 1, 2]]), size=(64, 64))
     gc.collect()
     reset_peak()
     before = resident("VmRSS")
-    mesh = rj.Mesh(vertices, faces)
+    mesh = rj.Mesh(scene.positions.astype(np.float64), scene.faces.copy())
     with_mesh = resident("VmRSS")
     frame = rj.render(mesh, camera, size=scene.size)
     peak = resident("VmHWM")

@@ -201,7 +201,8 @@ def fill_barycentric(face_id, rows, geometry: Geometry, barycentric):
     for row in range(rows[0], rows[1]):
         for column in range(face_id.shape[1]):
             face = face_id[row, column]
-            barycentric[row, column, :] = 0.0
+            for k in range(3):
+                barycentric[row, column, k] = 0.0
             if face < 0:
                 continue
             a, b, c = lowest_first(geometry.faces, face)
@@ -231,7 +232,8 @@ def fill_attribute(face_id, rows, geometry: Geometry, values, attribute):
         for column in range(face_id.shape[1]):
             face = face_id[row, column]
             if face < 0:
-                attribute[row, column, :] = np.nan
+                for k in range(values.shape[1]):
+                    attribute[row, column, k] = np.nan
                 continue
             a, b, c = lowest_first(geometry.faces, face)
             weights = sample_weights(a, b, c, column, row, geometry)
@@ -264,7 +266,8 @@ def fill_positions(face_id, rows, geometry: Geometry, placement: Placement, eye,
         for column in range(face_id.shape[1]):
             face = face_id[row, column]
             if face < 0:
-                position[row, column, :] = np.nan
+                for k in range(3):
+                    position[row, column, k] = np.nan
                 continue
             owner = find_object(face, placement.face_starts, owner)
             a, b, c = lowest_first(geometry.faces, face)
@@ -296,7 +299,8 @@ def fill_normals(face_id, rows, geometry: Geometry, placement: Placement, smooth
     for row in range(rows[0], rows[1]):
         for column in range(face_id.shape[1]):
             face = face_id[row, column]
-            normal[row, column, :] = 0.0
+            for k in range(3):
+                normal[row, column, k] = 0.0
             if face < 0:
                 continue
             owner = find_object(face, placement.face_starts, owner)

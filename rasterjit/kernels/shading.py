@@ -148,7 +148,8 @@ def light_row(samples, lighting, toward_viewer):
     """Light the gathered samples; without light the base colour is what is seen."""
     if lighting is None:
         for k in range(3):
-            samples[lit.OUT_RED + k, :] = samples[lit.RED + k, :]
+            for n in range(samples.shape[1]):
+                samples[lit.OUT_RED + k, n] = samples[lit.RED + k, n]
     else:
         lit.light_samples(samples, lighting, toward_viewer)
 

@@ -246,6 +246,15 @@ def draw_triangle(corners, face, screen, viewport, origin, tile):
         draw_spans(a, b, c, plane, box, face, origin, bits, tile)
 
 
+@stage
+def clear_tile(depths, numbers):
+    """Mark every sample of a tile as empty."""
+    for row in range(TILE_SIZE):
+        for column in range(TILE_SIZE):
+            depths[row, column] = -np.inf
+            numbers[row, column] = NOTHING
+
+
 @kernel
 def draw_tiles(
     tiles, starts, binned, faces: Faces, screen: ScreenVertices, viewport: Viewport, frame, scratch
@@ -275,8 +284,7 @@ def draw_tiles(
     for n in range(tiles.shape[0]):
         tile = np.int64(tiles[n])
         origin = ((tile % columns) << TILE_BITS, (tile // columns) << TILE_BITS)
-        tile_depth[:, :] = -np.inf
-        tile_numbers[:, :] = NOTHING
+        clear_tile(tile_depth, tile_numbers)
         for k in range(starts[tile], starts[tile + 1]):
             triangle = np.int64(binned[k])
             if triangle < face_count:
@@ -289,5 +297,8 @@ def draw_tiles(
         left, top = origin
         width = min(TILE_SIZE, viewport.width - left)
         for row in range(min(TILE_SIZE, viewport.height - top)):
-            depth[top + row, left : left + width] = tile_depth[row, :width]
-            face_id[top + row, left : left + width] = tile_numbers[row, :width]
+            frame_depth = depth[top + row, left : left + width]
+            frame_numbers = face_id[top + row, left : left + width]
+            for column in range(width):
+                frame_depth[column] = tile_depth[row, column]
+                frame_numbers[column] = tile_numbers[row, column]

@@ -1,0 +1,131 @@
+"""Frames hold what was asked for, say so when it was not, and can be saved."""
+
+from __future__ import annotations
+
+import imageio.v3 as iio
+import numpy as np
+import pytest
+
+import rasterjit as rj
+from rasterjit.plan import OUTPUTS
+
+SIZE = (24, 16)
+TYPES = {
+    "color": (np.uint8, (4,)), "linear": (np.float32, (4,)), "depth": (np.float32, ()),
+    "face_id": (np.int32, ()), "object_id": (np.int32, ()), "barycentric": (np.float32, (3,)),
+    "uv": (np.float32, (2,)), "normal": (np.float32, (3,)), "position": (np.float32, (3,)),
+}  # fmt: skip
+
+
+@pytest.fixture
+def mesh(cube):
+    return rj.Mesh(cube.vertices, cube.faces, uv=cube.vertices[:, :2])
+
+
+@pytest.mark.parametrize("output", OUTPUTS)
+def test_each_output_has_its_shape_and_type(mesh, camera, output):
+    frame = rj.render(mesh, camera, size=SIZE, outputs=output, threads=1)
+    dtype, channels = TYPES[output]
+    array = getattr(frame, output)
+    assert array.dtype == dtype
+    assert array.shape == (SIZE[1], SIZE[0], *channels)
+    assert list(frame.arrays()) == [output]
+
+
+@pytest.mark.parametrize("output", OUTPUTS)
+def test_output_that_was_not_asked_for_is_named(mesh, camera, output):
+    other = "depth" if output != "depth" else "color"
+    frame = rj.render(mesh, camera, size=SIZE, outputs=other, threads=1)
+    with pytest.raises(rj.OutputNotRequested, match=output) as error:
+        getattr(frame, output)
+    assert other in str(error.value)
+    assert isinstance(error.value, ValueError)
+    assert not hasattr(frame, output)
+
+
+def test_one_output_does_not_change_another(mesh, camera):
+    everything = rj.render(mesh, camera, size=SIZE, outputs=OUTPUTS, threads=1).arrays()
+    for output in OUTPUTS:
+        alone = rj.render(mesh, camera, size=SIZE, outputs=output, threads=1).arrays()
+        assert alone[output].tobytes() == everything[output].tobytes()
+
+
+def test_arrays_are_the_callers(mesh, camera):
+    with rj.Renderer(SIZE, threads=1) as renderer:
+        first = renderer.render(mesh, camera, outputs=OUTPUTS)
+        copies = {name: array.copy() for name, array in first.arrays().items()}
+        for array in first.arrays().values():
+            assert array.flags.writeable
+        renderer.render(mesh, rj.PerspectiveCamera((0, 0, 9), (0, 0, 0)), outputs=OUTPUTS)
+    for name, array in first.arrays().items():
+        assert array.tobytes() == copies[name].tobytes()
+
+
+def test_outputs_agree_about_what_is_covered(mesh, camera):
+    frame = rj.render(mesh, camera, size=SIZE, outputs=OUTPUTS, background="transparent", threads=1)
+    hit = frame.face_id >= 0
+    assert hit.any()
+    assert not hit.all()
+    assert (np.isfinite(frame.depth) == hit).all()
+    assert ((frame.object_id == 0) == hit).all()
+    assert ((frame.object_id == -1) == ~hit).all()
+    assert ((frame.color[..., 3] == 255) == hit).all()
+    assert (frame.color[~hit] == 0).all()
+    assert (np.isfinite(frame.uv).all(axis=2) == hit).all()
+    assert frame.stats.pixels_covered == hit.sum()
+
+
+def test_save_as_arrays(mesh, camera, tmp_path):
+    frame = rj.render(mesh, camera, size=SIZE, outputs=("color", "depth", "face_id"), threads=1)
+    frame.save(tmp_path / "frame.npz")
+    with np.load(tmp_path / "frame.npz") as stored:
+        assert sorted(stored.files) == ["color", "depth", "face_id"]
+        for name, array in frame.arrays().items():
+            assert stored[name].dtype == array.dtype
+            assert stored[name].tobytes() == array.tobytes()
+
+
+def test_save_as_image(mesh, camera, tmp_path):
+    frame = rj.render(mesh, camera, size=SIZE, background="transparent", threads=1)
+    frame.save(tmp_path / "frame.png")
+    stored = iio.imread(tmp_path / "frame.png")
+    assert stored.tobytes() == frame.color.tobytes()
+    frame.save(str(tmp_path / "again.png"))
+    assert (tmp_path / "again.png").read_bytes() == (tmp_path / "frame.png").read_bytes()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["again.png", "frame.png"]
+
+
+def test_what_cannot_be_saved_is_an_error(mesh, camera, tmp_path):
+    frame = rj.render(mesh, camera, size=SIZE, threads=1)
+    with pytest.raises(ValueError, match="folder"):
+        frame.save(tmp_path / "missing" / "frame.png")
+    with pytest.raises(ValueError, match="xyz"):
+        frame.save(tmp_path / "frame.xyz")
+    depth = rj.render(mesh, camera, size=SIZE, outputs="depth", threads=1)
+    with pytest.raises(ValueError, match="color"):
+        depth.save(tmp_path / "frame.png")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_notebook_shows_the_colour(mesh, camera):
+    frame = rj.render(mesh, camera, size=SIZE, threads=1)
+    data = frame._repr_png_()
+    assert data.startswith(b"\x89PNG")
+    assert iio.imread(data).tobytes() == frame.color.tobytes()
+    assert rj.render(mesh, camera, size=SIZE, outputs="depth", threads=1)._repr_png_() is None
+
+
+def test_frame_says_what_it_is(mesh, camera):
+    frame = rj.render(mesh, camera, size=SIZE, outputs=("color", "depth"), threads=1)
+    assert repr(frame) == "Frame(24 x 16: color, depth)"
+
+
+def test_stats_count_every_triangle(mesh, camera):
+    stats = rj.render(mesh, camera, size=SIZE, cull="back", threads=1).stats
+    parts = stats.outside, stats.culled, stats.degenerate, stats.unsampled, stats.invalid
+    assert sum(parts) + stats.drawn == stats.triangles_in == 12
+    assert stats.drawn == 6
+    assert stats.culled == 6
+    assert stats.clipped == 0
+    assert all(seconds >= -1e-6 for seconds in stats.seconds.values())
+    assert {"compile", "plan", "transform", "visibility", "shade, resolve"} <= set(stats.seconds)

@@ -1,0 +1,177 @@
+"""Only what the scene calls for is planned; errors name the argument."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import rasterjit as rj
+from rasterjit.plan import OUTPUTS, check_outputs, viewport_of
+
+
+def scene_of(*materials, cube):
+    scene = rj.Scene()
+    for material in materials:
+        scene.add(rj.Mesh(cube.vertices, cube.faces, material=material))
+    return scene
+
+
+def effects(plan):
+    return {effect.name: effect.used for effect in plan.effects}
+
+
+@pytest.mark.parametrize(
+    ("material", "lit", "smooth", "gouraud", "highlights"),
+    [
+        (rj.Material("unlit"), False, False, False, None),
+        (rj.Material("flat", specular=0.0), True, False, False, None),
+        (rj.Material("flat", specular=0.5), True, False, False, 1),
+        (rj.Material("gouraud", specular=0.0), True, True, True, None),
+        (rj.Material("phong", specular=0.0), True, True, False, None),
+        (rj.Material("phong"), True, True, False, 1),
+    ],
+)
+def test_plan_holds_what_the_material_needs(cube, camera, material, lit, smooth, gouraud, highlights):
+    plan = rj.explain(scene_of(material, cube=cube), camera, size=(8, 8))
+    assert (plan.lighting is not None) == lit
+    assert plan.needs_normals == smooth
+    assert plan.needs_gouraud == gouraud
+    assert (plan.lighting.highlights if lit else None) == highlights
+    assert effects(plan)["shading"]
+    assert effects(plan)["lights"] == lit
+    assert effects(plan)["smooth normals"] == smooth
+    assert not effects(plan)["wireframe"]
+
+
+def test_unlit_highlight_asks_for_nothing(cube, camera):
+    scene = scene_of(rj.Material("unlit", specular=1.0), rj.Material("flat", specular=0.0), cube=cube)
+    assert rj.explain(scene, camera).lighting.highlights is None
+
+
+def test_ground_truth_alone_asks_for_no_shading(cube, camera):
+    plan = rj.explain(cube, camera, outputs=("depth", "face_id"))
+    assert not plan.shades
+    assert plan.lighting is None
+    assert not plan.needs_normals
+    assert not any(effects(plan).values())
+
+
+def test_normal_output_asks_for_normals_and_no_light(cube, camera):
+    plan = rj.explain(cube, camera, outputs="normal")
+    assert plan.needs_normals
+    assert plan.lighting is None
+    flat = scene_of(rj.Material("flat"), cube=cube)
+    assert not rj.explain(flat, camera, outputs="normal").needs_normals
+
+
+def test_scene_without_lights_gets_a_headlight(cube, camera):
+    plan = rj.explain(cube, camera)
+    assert plan.lighting.lights.shape == (1, 7)
+    assert plan.lighting.lights[0, 3] == 0.0
+    assert np.linalg.norm(plan.lighting.ambient) > 0.0
+    # It shines away from the viewer.
+    forward = np.array(camera.target) - camera.eye
+    assert plan.lighting.lights[0, :3] @ forward < 0.0
+
+
+def test_lights_of_the_scene_are_planned_in_order(cube, camera):
+    scene = scene_of(rj.Material(), cube=cube)
+    scene.lights = [
+        rj.PointLight((1, 2, 3), intensity=2.0), rj.AmbientLight(intensity=0.25),
+        rj.DirectionalLight((0, -2, 0), color=(1.0, 0.5, 0.0)), rj.AmbientLight(intensity=0.5),
+    ]  # fmt: skip
+    lighting = rj.explain(scene, camera).lighting
+    relative = np.array([1, 2, 3]) - camera.eye
+    np.testing.assert_allclose(lighting.lights[0], [*relative, 1, 2, 2, 2], rtol=1e-6)
+    np.testing.assert_allclose(lighting.lights[1], [0, 1, 0, 0, 1, 0.5, 0], rtol=1e-6)
+    assert lighting.ambient.tolist() == [0.75, 0.75, 0.75]
+    assert lighting.lights.dtype == lighting.ambient.dtype == np.float32
+
+
+def test_wireframe_only_shades_no_face(cube, camera):
+    scene = scene_of(rj.Material(), cube=cube)
+    scene.wireframe = rj.Wireframe(mode="only")
+    plan = rj.explain(scene, camera)
+    assert not plan.draws_faces
+    assert plan.lighting is None
+    assert effects(plan)["wireframe"]
+    scene.wireframe = rj.Wireframe(mode="overlay")
+    assert rj.explain(scene, camera).draws_faces
+    assert rj.explain(scene, camera, outputs="depth").wireframe is None
+
+
+def test_plan_prints_as_a_table(cube, camera):
+    text = str(rj.explain(cube, camera, size=(320, 200), outputs=("color", "depth"), cull="back"))
+    rows = dict(line.split("  ", 1) for line in text.splitlines())
+    assert rows["size"].strip() == "320 x 200 pixels"
+    assert rows["outputs"].strip() == "color, depth"
+    assert rows["culling"].strip() == "back"
+    assert rows["lights"].strip().startswith("in ")
+    assert "headlight" in rows["lights"]
+    assert rows["wireframe"].strip().startswith("out")
+    # The second column is aligned.
+    names = [line.split("  ", 1)[0] for line in text.splitlines()]
+    starts = {
+        len(line) - len(line[len(name) :].lstrip())
+        for line, name in zip(text.splitlines(), names, strict=True)
+    }
+    assert len(starts) == 1
+
+
+def test_plan_tells_what_the_frame_did(cube, camera):
+    frame = rj.render(cube, camera, size=(16, 12), outputs=("depth", "color", "depth"), threads=1)
+    assert frame.plan.outputs == ("depth", "color")
+    assert frame.plan.size == (16, 12)
+    assert str(frame.plan) == str(
+        rj.explain(cube, camera, size=(16, 12), outputs=("depth", "color"))
+    )
+
+
+def test_outputs_are_listed_once_in_order():
+    assert check_outputs("depth") == ("depth",)
+    assert check_outputs(["uv", "color", "uv"]) == ("uv", "color")
+    for output in OUTPUTS:
+        assert check_outputs([output]) == (output,)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"outputs": ("color", "colour")}, ["outputs", "'colour'", "face_id"]),
+        ({"outputs": ()}, ["outputs"]),
+        ({"outputs": "uv"}, ["outputs", "uv", "texture"]),
+        ({"cull": "both"}, ["cull", "both"]),
+        ({"size": (0, 4)}, ["size"]),
+        ({"size": (4, 16385)}, ["size"]),
+        ({"quality": 8}, ["quality"]),
+        ({"background": "nocolour"}, ["background"]),
+        ({"background": (2.0, 0, 0)}, ["background"]),
+    ],
+)
+def test_wrong_argument_is_named(cube, camera, options, words):
+    for call in (rj.explain, rj.render):
+        with pytest.raises(ValueError, match=words[0]) as error:
+            call(cube, camera, **options)
+        for word in words:
+            assert word in str(error.value)
+
+
+def test_wrong_scene_or_camera_is_named(cube, camera):
+    with pytest.raises(ValueError, match="scene"):
+        rj.explain(rj.Scene(), camera)
+    with pytest.raises(ValueError, match="camera"):
+        rj.explain(cube, "here")
+    with pytest.raises(ValueError, match="camera"):
+        rj.render(cube, camera=np.eye(4))
+    with pytest.raises((ValueError, TypeError)):
+        rj.render(3, camera)
+
+
+@pytest.mark.parametrize("bits", [0, 4, 8, 12])
+def test_viewport_reaches_the_guard_band(bits):
+    for size in ((1, 1), (640, 480), (16384, 16384)):
+        viewport = viewport_of(size, bits)
+        assert viewport.grid_bits == max(bits, 1)
+        # The guard band ends 8192 pixels beyond each side: |x| = guard w lands there.
+        assert abs((viewport.guard_x + 1.0) * size[0] / 2 - (size[0] + 8192)) < 1e-6
+        assert abs((viewport.guard_y + 1.0) * size[1] / 2 - (size[1] + 8192)) < 1e-6
