@@ -7,6 +7,7 @@ cast and joined here, once.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -133,8 +134,6 @@ def plan_render(
     size = image_size("size", size)
     outputs = check_outputs(outputs)
     one_of("cull", cull, CULL_MODES)
-    if not isinstance(quality, Quality):
-        raise ValueError(f"quality must be a rasterjit.Quality, got {type(quality).__name__}")
     if not scene.nodes:
         raise ValueError("scene must hold at least one mesh, got an empty scene")
     colored = "color" in outputs or "linear" in outputs
@@ -157,7 +156,7 @@ def plan_render(
         Effect(
             "wireframe",
             scene.wireframe is not None and colored,
-            f"mode {scene.wireframe.mode}" if scene.wireframe else "scene.wireframe is None",
+            _wireframe_reason(scene, colored),
         ),
     )
     return RenderPlan(
@@ -308,7 +307,6 @@ def view_nodes(nodes: Sequence[Node], camera: Camera, size: tuple[int, int]) -> 
     view_from_relative = transforms.compose(camera.view_matrix(), transforms.translate(eye))
     clip_from_view = camera.projection_matrix(size)
     linear = relative_from_model[:, :3, :3]
-    determinants = np.linalg.det(linear)
     is_perspective = bool(clip_from_view[3, :3].any())
     toward_viewer = np.array([0.0, 0.0, 0.0, 1.0])
     away = clip_from_view[3, :3]
@@ -318,15 +316,25 @@ def view_nodes(nodes: Sequence[Node], camera: Camera, size: tuple[int, int]) -> 
         toward_viewer[:3] = -(away @ view_from_relative[:3, :3])
         toward_viewer[3] = 0.0
     screen_axes = np.stack([clip_from_view[0, :3], clip_from_view[1, :3], away])
-    handedness = np.linalg.det(screen_axes) * np.linalg.det(view_from_relative[:3, :3])
+    handedness = _turn(screen_axes) * _turn(view_from_relative[:3, :3])
     return Views(
         relative_from_model,
         transforms.compose(clip_from_view, view_from_relative),
         np.stack([transforms.normal_matrix(matrix) for matrix in relative_from_model]),
-        np.where(determinants < 0.0, -1.0, 1.0),
+        np.array([-1.0 if _turn(matrix) < 0.0 else 1.0 for matrix in linear]),
         toward_viewer,
         1 if handedness < 0.0 else -1,
     )
+
+
+def _turn(matrix: NDArray[np.float64]) -> float:
+    """Return the sign of a 3x3 determinant; rows are scaled first, so that none overflows."""
+    largest = np.abs(matrix).max(axis=1, keepdims=True)
+    if not largest.all():
+        return 0.0
+    (a, b, c), (d, e, f), (g, h, i) = (matrix / largest).tolist()
+    determinant = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
+    return math.copysign(1.0, determinant) if determinant != 0.0 else 0.0
 
 
 def cull_objects(cull: str, views: Views, face_starts: NDArray[np.int64]) -> Objects:
@@ -370,6 +378,13 @@ def _shading_reason(colored: bool, draws_faces: bool, models: set[str]) -> str:
     if not draws_faces:
         return "only the wireframe is drawn"
     return ", ".join(sorted(models))
+
+
+def _wireframe_reason(scene: Scene, colored: bool) -> str:
+    """Say why edges are drawn or not."""
+    if scene.wireframe is None:
+        return "scene.wireframe is None"
+    return f"mode {scene.wireframe.mode}" if colored else "no output shows colour"
 
 
 def _light_reason(scene: Scene, is_lit: bool) -> str:

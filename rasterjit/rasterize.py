@@ -12,8 +12,8 @@ from rasterjit import stages
 from rasterjit.kernels.records import Geometry, Objects
 from rasterjit.plan import CULL_MODES, viewport_of
 from rasterjit.scene.mesh import face_array
-from rasterjit.scene.quality import Quality
-from rasterjit.validation import image_size, one_of
+from rasterjit.scene.quality import Quality, check_quality
+from rasterjit.validation import image_size, one_of, thread_count
 
 DEPTH_MODES = ("standard", "reversed")
 
@@ -94,11 +94,11 @@ def rasterize(
     one_of("depth", depth, DEPTH_MODES)
     positions = _clip_array(clip_positions)
     face_numbers = face_array(faces, len(positions))
-    viewport = viewport_of(width_height, (quality or Quality.standard()).subpixel_bits)
+    viewport = viewport_of(width_height, check_quality(quality).subpixel_bits)
+    workers = stages.Workers(thread_count("threads", threads))
     turn = {"none": 0, "back": 1, "front": -1}[cull]
     objects = Objects(np.array([0, len(face_numbers)], np.int64), np.array([turn], np.int8))
     sign = -1.0 if depth == "standard" else 1.0
-    workers = stages.Workers(threads)
     coverage = stages.find_visible(
         positions, face_numbers, objects, (0.0, sign, 0.0), viewport, workers, lambda stage: None
     )

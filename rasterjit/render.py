@@ -25,9 +25,9 @@ from rasterjit.plan import RenderPlan, SceneArrays, Views
 from rasterjit.scene.camera import Camera, fit_camera
 from rasterjit.scene.color import linear_to_srgb
 from rasterjit.scene.mesh import Mesh
-from rasterjit.scene.quality import Quality
+from rasterjit.scene.quality import Quality, check_quality
 from rasterjit.scene.scene import Scene
-from rasterjit.validation import image_size
+from rasterjit.validation import image_size, thread_count
 
 
 def render(
@@ -98,8 +98,9 @@ def explain(
     scene = as_scene(what)
     size = image_size("size", size)
     camera = choose_camera(scene, camera, size)
-    quality = Quality.standard() if quality is None else quality
-    return planning.plan_render(scene, camera, size, quality, outputs, background, cull)
+    return planning.plan_render(
+        scene, camera, size, check_quality(quality), outputs, background, cull
+    )
 
 
 def choose_camera(scene: Scene, camera: Camera | None, size: tuple[int, int]) -> Camera:
@@ -156,10 +157,8 @@ class Renderer:
         self, size: tuple[int, int], *, quality: Quality | None = None, threads: int | None = None
     ) -> None:
         self.size = image_size("size", size)
-        self.quality = Quality.standard() if quality is None else quality
-        if threads is not None and (isinstance(threads, bool) or not 1 <= threads <= 1024):
-            raise ValueError(f"threads must be a whole number in 1..1024, got {threads!r}")
-        self._workers = stages.Workers(threads)
+        self.quality = check_quality(quality)
+        self._workers = stages.Workers(thread_count("threads", threads))
         self._joined: tuple[list[Mesh], SceneArrays] | None = None
 
     def __enter__(self) -> Renderer:

@@ -202,7 +202,7 @@ def clip(
         for old, new in zip(screen, roomy, strict=True):
             new[:first] = old[:first]
         screen = roomy
-    setup.project_vertices(positions, depth_coefficients, viewport, first, screen)
+    setup.project_clipped_vertices(positions, depth_coefficients, viewport, first, screen)
     return Faces(faces, pieces, piece_faces), screen, count
 
 

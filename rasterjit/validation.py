@@ -13,6 +13,10 @@ MAX_SIZE = 16384
 """Largest image side, pixels: the edge functions are proved exact up to it."""
 
 
+MAX_THREADS = 1024
+"""Most threads a render takes: more than processors in one machine, and few enough to start."""
+
+
 def finite_number(name: str, value: Any) -> float:
     """Return ``value`` as a float, or raise ``ValueError`` naming the argument."""
     try:
@@ -77,6 +81,17 @@ def one_of(name: str, value: Any, choices: Sequence[Any]) -> Any:
         listed = ", ".join(repr(choice) for choice in choices)
         raise ValueError(f"{name} must be one of {listed}; got {value!r}")
     return value
+
+
+def thread_count(name: str, value: Any) -> int | None:
+    """Return ``value`` if it is None or a whole number in 1..1024, or raise ``ValueError``."""
+    if value is None:
+        return None
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
+        raise ValueError(f"{name} must be a whole number or None, got {value!r}")
+    if not 1 <= value <= MAX_THREADS:
+        raise ValueError(f"{name} must be in 1..{MAX_THREADS}, got {value!r}")
+    return int(value)
 
 
 def image_size(name: str, value: Any) -> tuple[int, int]:

@@ -8,9 +8,7 @@ import pytest
 import rasterjit as rj
 
 # Eight corners of the cube [-1, 1]**3, numbered by the bits z, y, x; faces wind outwards.
-CUBE_VERTICES = np.array(
-    [[x, y, z] for z in (-1.0, 1.0) for y in (-1.0, 1.0) for x in (-1.0, 1.0)]
-)
+CUBE_VERTICES = np.array([[x, y, z] for z in (-1.0, 1.0) for y in (-1.0, 1.0) for x in (-1.0, 1.0)])
 CUBE_FACES = np.array(
     [
         [0, 2, 3], [0, 3, 1],  # back, -z

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from fractions import Fraction
+from itertools import pairwise
 
 import numpy as np
 
@@ -166,7 +167,7 @@ def view_planes(guard_x=1, guard_y=1):
 
 
 def clip_polygon(polygon, planes):
-    """Cut a convex polygon of homogeneous points to the inner side of planes (Sutherland-Hodgman)."""
+    """Cut a convex polygon of homogeneous points to planes (Sutherland-Hodgman)."""
     polygon = [tuple(Fraction(float(c)) for c in vertex) for vertex in polygon]
     for distance in planes:
         kept = []
@@ -199,7 +200,7 @@ def polygon_pixels(polygon, size, margin=Fraction(0)):
     ``margin`` pixels of the line through an edge.
     """
     inside, unsure = set(), set()
-    area = sum(edge(polygon[0], a, b) for a, b in zip(polygon[1:], polygon[2:], strict=False))
+    area = sum(edge(polygon[0], a, b) for a, b in pairwise(polygon[1:]))
     if area < 0:
         polygon = polygon[::-1]
     lines = [(a, b) for a, b in zip(polygon, polygon[1:] + polygon[:1], strict=True) if a != b]
@@ -230,9 +231,7 @@ def cut_segment(a, b, planes):
             last = min(last, here / (here - there))
     if first > last:
         return None
-    return tuple(
-        tuple(p + t * (q - p) for p, q in zip(a, b, strict=True)) for t in (first, last)
-    )
+    return tuple(tuple(p + t * (q - p) for p, q in zip(a, b, strict=True)) for t in (first, last))
 
 
 # --- colour ---------------------------------------------------------------------------------------
@@ -308,9 +307,7 @@ def blinn_phong(color, normal, point, material, lights, ambient, viewer):
 def face_normal(a, b, c):
     """Return the unit normal of a face that winds counter-clockwise."""
     u, v = [b[k] - a[k] for k in range(3)], [c[k] - a[k] for k in range(3)]
-    return unit(
-        [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]]
-    )
+    return unit([u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]])
 
 
 def blend(weights, values):

@@ -82,6 +82,12 @@ def require_opengl() -> Any:
     return context
 
 
+@functools.cache
+def _program(shaders: tuple[str, str]) -> Any:
+    """Return a compiled pair of shaders; compiling takes longer than most drawings."""
+    return require_opengl().program(*shaders)
+
+
 def draw_faces(
     clip_positions: ArrayLike,
     faces: ArrayLike,
@@ -111,7 +117,7 @@ def draw_faces(
     ]
     depth = context.depth_renderbuffer(size)
     buffer = context.framebuffer(targets, depth)
-    program = context.program(*FACE_SHADERS)
+    program = _program(FACE_SHADERS)
     held = [
         context.buffer(positions),
         context.buffer(np.ascontiguousarray(colors, np.float32)),
@@ -140,7 +146,7 @@ def draw_faces(
         stored.astype(np.float64),
         np.frombuffer(targets[2].read(), np.float32).reshape(*shape, 4).copy(),
     )
-    for thing in (array, program, buffer, depth, *targets, *held):
+    for thing in (array, buffer, depth, *targets, *held):
         thing.release()
     return drawn
 
@@ -177,7 +183,7 @@ def draw_lines(
     context = require_opengl()
     target = context.texture(size, 1, dtype="f4")
     buffer = context.framebuffer([target])
-    program = context.program(*LINE_SHADERS)
+    program = _program(LINE_SHADERS)
     held = [
         context.buffer(np.ascontiguousarray(clip_positions, np.float32)),
         context.buffer(np.ascontiguousarray(edges, np.int32)),
@@ -189,6 +195,6 @@ def draw_lines(
     buffer.clear()
     array.render(context.LINES)
     drawn = np.frombuffer(target.read(), np.float32).reshape(size[1], size[0]) > 0.5
-    for thing in (array, program, buffer, target, *held):
+    for thing in (array, buffer, target, *held):
         thing.release()
     return drawn

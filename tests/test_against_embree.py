@@ -22,12 +22,14 @@ import rasterjit as rj
 
 MODELS = Path(__file__).parent.parent / "models"
 SIZE = (400, 300)
-SAMPLES = 1000
+SAMPLES = 2000
 """Random pixels for each scene and camera."""
 NEAR_EDGE = 1.0 / 128.0
 """Pixels this near to an edge of the face that either side shows are left to chance, pixels."""
 FLOAT32_LOSS = 1e-5
 """Relative error of what Embree computes, in distances of about 1 from the eye."""
+VERTEX_LOSS = 1e-6
+"""Error of the difference of two float32 vertices, in scenes of size 1."""
 
 
 class View(NamedTuple):
@@ -120,9 +122,9 @@ def world_triangles(name) -> NDArray[np.float64]:
 
 
 CAMERAS = {
-    "perspective": rj.PerspectiveCamera((0.7, 0.9, 1.3), (0.0, 0.0, 0.0), fov_y=40.0, near=0.01),
-    "wide": rj.PerspectiveCamera((-0.2, 0.3, 0.9), (0.0, 0.0, 0.0), fov_y=80.0, near=0.01),
-    "orthographic": rj.OrthographicCamera((0.5, -0.6, 1.5), (0.0, 0.0, 0.0), height=1.3, far=9.0),
+    "perspective": rj.PerspectiveCamera((0.7, 0.9, 1.3), (0.0, 0.0, 0.0), fov_y=24.0, near=0.01),
+    "wide": rj.PerspectiveCamera((-0.2, 0.4, 0.6), (0.0, 0.0, 0.0), fov_y=75.0, near=0.01),
+    "orthographic": rj.OrthographicCamera((0.5, -0.6, 1.5), (0.0, 0.0, 0.0), height=0.9, far=9.0),
 }
 
 
@@ -199,8 +201,7 @@ def compare(name, camera_name, bits) -> Comparison:
         outputs=("depth", "face_id", "object_id", "position", "barycentric", "normal"),
         threads=2,
     )
-    random = np.random.default_rng([len(name), len(camera_name)])
-    chosen = random.choice(SIZE[0] * SIZE[1], SAMPLES, replace=False)
+    chosen = np.random.default_rng(1).choice(SIZE[0] * SIZE[1], SAMPLES, replace=False)
     rows, columns = chosen // SIZE[0], chosen % SIZE[0]
     xy = np.stack([columns + 0.5, rows + 0.5], axis=-1)
     hits = trace(name, *view.rays(xy))
@@ -252,9 +253,8 @@ def test_a_pixel_shows_the_face_that_its_ray_meets_first(name, camera_name, bits
         f"{name}, {camera_name}, {bits} bits: {SAMPLES} rays, {(theirs >= 0).sum()} hit, "
         f"{(~clear).sum()} near an edge, of these {(ours != theirs)[~clear].sum()} differ"
     )
-    assert (theirs >= 0).sum() > 100
-    assert (theirs < 0).sum() > 100 or camera_name == "wide"
-    assert clear.mean() > 0.95
+    assert min((theirs >= 0).sum(), (theirs < 0).sum()) > 200
+    assert clear.mean() > 0.97
     np.testing.assert_array_equal(ours[clear], theirs[clear])
     owners = comparison.frame.object_id[comparison.rows, comparison.columns]
     counts = [len(node.mesh.faces) for node in make_scene(name).nodes]
@@ -273,8 +273,11 @@ def test_depth_is_the_distance_of_the_hit_along_the_view(name, camera_name, bits
     depth = comparison.frame.depth[comparison.rows[chosen], comparison.columns[chosen]]
     allowed = shown_range(comparison, lambda point, weights: (point - view.eye) @ view.forward)
     error = np.abs(depth - expected)
-    print(f"{(error <= FLOAT32_LOSS * expected).mean():.3f} within {FLOAT32_LOSS} relative")
-    assert len(chosen) > 100
+    share = (error <= FLOAT32_LOSS * expected).mean()
+    print(f"{len(chosen)} pixels, {share:.3f} within {FLOAT32_LOSS} relative")
+    assert len(chosen) > 200
+    # On steep faces the grid counts; most are not steep, the more so the finer the grid.
+    assert share > (0.75 if bits == 8 else 0.98)
     assert (error <= allowed + FLOAT32_LOSS * expected).all()
     missed = comparison.is_clear & (comparison.hits["primID"] < 0)
     assert np.isinf(
@@ -327,7 +330,7 @@ def test_flat_normal_is_that_of_the_face_hit_and_turned_to_the_viewer(name, came
     edges = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     heights = np.linalg.norm(normal, axis=1) / edges.max(axis=1)
-    allowed = FLOAT32_LOSS / 10.0 / heights[:, None]
+    allowed = VERTEX_LOSS / heights[:, None]
     assert (np.abs(normals - expected) <= allowed).all()
     assert ((normals * directions).sum(axis=1) < 0.0).all()
 

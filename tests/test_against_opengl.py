@@ -130,23 +130,36 @@ def model(name, camera, size) -> Case:
     return make_case(points @ matrix.T, node.mesh.faces, size)
 
 
-def lattice(step, seed, count=4000) -> Case:
+def lattice(step, seed, offset=0, count=4000) -> Case:
     """
     Scatter triangles whose corners lie ``step`` sub-pixels apart on the grid, inside the picture.
 
     512 pixels and powers of two for w make all of the arithmetic exact in float32: nothing is
-    rounded by either side. Steps of half a pixel and more put edges through pixel centres.
+    rounded by either side. Large steps put many edges through pixel centres; an ``offset`` of half
+    a pixel puts the corners there, and so horizontal and vertical edges.
     """
     random = np.random.default_rng(seed)
     side, reach = 512 * GRID // step, 24 * GRID // step
     middle = random.integers(reach, side - reach, (count, 1, 2))
-    grid = (middle + random.integers(-reach, reach + 1, (count, 3, 2))) * step
+    grid = (middle + random.integers(-reach, reach + 1, (count, 3, 2))) * step + offset
     w = 2.0 ** random.integers(-2, 3, (count, 3, 1))
     z = random.integers(-(2**20), 2**20, (count, 3, 1)) / 2.0**20
     ndc = np.concatenate([grid / (256 * GRID) - 1.0, z, np.ones_like(z)], axis=-1)
     clip = (ndc * w).reshape(-1, 4)
     assert (clip.astype(np.float32) == clip).all()
     return make_case(clip, np.arange(3 * count).reshape(-1, 3), (512, 512))
+
+
+def huge_faces(size, seed, count=100) -> Case:
+    """Scatter triangles up to a hundred times larger than the view volume, the eye among them."""
+    random = np.random.default_rng(seed)
+    camera = rj.PerspectiveCamera((0, 0, 0), (0, 0, -1), fov_y=60.0, near=1.0, far=100.0)
+    middle = random.normal(size=(count, 1, 3)) * [20.0, 20.0, 30.0]
+    scale = np.exp(random.uniform(np.log(2.0), np.log(60.0), (count, 1, 1)))
+    corners = middle + random.normal(size=(count, 3, 3)) * scale
+    points = np.concatenate([corners.reshape(-1, 3), np.ones((3 * count, 1))], axis=1)
+    clip = points @ camera.projection_matrix(size).T
+    return make_case(clip, np.arange(3 * count).reshape(-1, 3), size)
 
 
 # What exact arithmetic says
@@ -346,6 +359,33 @@ def test_soup_shows_the_faces_that_opengl_shows(size, seed):
     assert_same_faces(soup(size, seed), f"soup {seed}, {size}")
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_a_face_cut_by_any_planes_covers_what_it_covers_in_opengl(seed):
+    """Draw faces one by one, as behind each other their mistakes would not be seen."""
+    size = (320, 240)
+    everything = huge_faces(size, seed)
+    pixels, reasons, depth_error = 0, Counter(), 0.0
+    for number in range(len(everything.faces)):
+        case = everything._replace(
+            faces=everything.faces[[number]], is_cut=everything.is_cut[[number]]
+        )
+        drawn, visibility = draw_both(case)
+        reasons += count_reasons(case, drawn.face_id, visibility.face_id)
+        rows, columns = np.nonzero((drawn.face_id == 0) & (visibility.face_id == 0))
+        pixels += len(rows)
+        if len(rows) and case.is_cut[0]:
+            depth, bound = cut_depth_plane(case, 0, columns, rows)
+            error = np.abs(0.5 * visibility.depth[rows, columns] + 0.5 - depth)
+            depth_error = max(depth_error, float((error / bound).max()))
+    report = f"huge faces {seed}: {pixels} pixels covered by both, {dict(reasons)}"
+    report += f", depth at most {depth_error:.2f} of the bound"
+    print(report)
+    assert pixels > 100_000
+    assert reasons["unexplained"] == 0, report
+    assert sum(reasons.values()) <= 1e-4 * pixels, report
+    assert depth_error <= 1.0, report
+
+
 @pytest.mark.parametrize("eye", [(0, 3, 9), (4, 5, 9), (1, 9, 3), (2, 3, 5)])
 @pytest.mark.parametrize("size", SIZES)
 def test_teapot_shows_the_faces_that_opengl_shows(size, eye):
@@ -360,9 +400,11 @@ def test_torus_knot_by_parallel_rays_shows_the_faces_that_opengl_shows(size):
     assert_same_faces(model("torus_knot.obj", camera, size), f"torus knot, {size}")
 
 
-@pytest.mark.parametrize("step", [1, 64, 128, 256])
-def test_exact_vertices_leave_no_pixel_of_coverage_different_even_on_ties(step):
-    case = lattice(step, seed=step)
+@pytest.mark.parametrize(
+    ("step", "offset"), [(1, 0), (64, 0), (128, 0), (256, 0), (256, 128), (1024, 128)]
+)
+def test_exact_vertices_leave_no_pixel_of_coverage_different_even_on_ties(step, offset):
+    case = lattice(step, seed=step, offset=offset)
     constant = case.clip.copy()
     # Constant, distinct depths: which face is in front is beyond doubt.
     constant[:, 2] = np.repeat(np.arange(len(case.faces)) / 4096.0, 3) * constant[:, 3]

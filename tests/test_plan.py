@@ -31,7 +31,9 @@ def effects(plan):
         (rj.Material("phong"), True, True, False, 1),
     ],
 )
-def test_plan_holds_what_the_material_needs(cube, camera, material, lit, smooth, gouraud, highlights):
+def test_plan_holds_what_the_material_needs(
+    cube, camera, material, lit, smooth, gouraud, highlights
+):
     plan = rj.explain(scene_of(material, cube=cube), camera, size=(8, 8))
     assert (plan.lighting is not None) == lit
     assert plan.needs_normals == smooth
@@ -44,7 +46,9 @@ def test_plan_holds_what_the_material_needs(cube, camera, material, lit, smooth,
 
 
 def test_unlit_highlight_asks_for_nothing(cube, camera):
-    scene = scene_of(rj.Material("unlit", specular=1.0), rj.Material("flat", specular=0.0), cube=cube)
+    scene = scene_of(
+        rj.Material("unlit", specular=1.0), rj.Material("flat", specular=0.0), cube=cube
+    )
     assert rj.explain(scene, camera).lighting.highlights is None
 
 

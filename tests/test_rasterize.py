@@ -19,7 +19,9 @@ def soup(seed, count, reach=0.4, clipped=True):
     w = rng.uniform(0.5, 4.0, (count, 1))
     middles = rng.uniform(-1.2, 1.2, (count, 1, 3)) * [1.0, 1.0, 0.9]
     ndc = middles + rng.uniform(-reach, reach, (count, 3, 3)) * [1.0, 1.0, 0.2]
-    positions = np.concatenate([ndc * w[:, None], np.broadcast_to(w[:, None], (count, 3, 1))], axis=2)
+    positions = np.concatenate(
+        [ndc * w[:, None], np.broadcast_to(w[:, None], (count, 3, 1))], axis=2
+    )
     if clipped:
         positions[::13, 0, 3] *= -1.0
         positions[5::17, 1, 2] -= 3.0
@@ -78,13 +80,12 @@ def test_homogeneous_scaling_changes_no_bit(k):
     scaled = rj.rasterize(positions * 2.0**k, faces, SIZE, threads=1)
     assert one.totals.clipped > 10
     assert bits(scaled)[:2] == bits(one)[:2]
-    mixed = positions * 2.0 ** np.arange(len(positions))[:, None] ** 0
-    assert bits(rj.rasterize(mixed, faces, SIZE, threads=1)) == bits(one)
+    np.testing.assert_array_equal(scaled.barycentric, one.barycentric)
 
 
 def test_scaling_each_vertex_by_itself_changes_no_bit_of_coverage():
     positions, faces = soup(5, 200, clipped=False)
-    positions[:, :2] /= 1.5
+    positions[:, 2] /= 2.0
     powers = 2.0 ** np.random.default_rng(5).integers(-20, 21, (len(positions), 1))
     one = rj.rasterize(positions, faces, SIZE, threads=1)
     scaled = rj.rasterize(positions * powers, faces, SIZE, threads=1)
@@ -126,7 +127,12 @@ def test_depth_is_ndc_z_as_given():
 
 
 def test_near_and_far_planes_are_inclusive():
-    for z, drawn in ((-1.0, True), (1.0, True), (np.nextafter(1, 2), False), (-np.nextafter(1, 2), False)):
+    for z, drawn in (
+        (-1.0, True),
+        (1.0, True),
+        (np.nextafter(1, 2), False),
+        (-np.nextafter(1, 2), False),
+    ):
         positions = np.array([[-1, -1, z, 1], [3, -1, z, 1], [-1, 3, z, 1]])
         seen = rj.rasterize(positions, [[0, 1, 2]], (8, 8), threads=1)
         assert (seen.face_id == (0 if drawn else -1)).all()

@@ -17,8 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.io.images import _checked_path as checked_path
-from rasterjit.io.images import _replacing as replacing
+from rasterjit.io.images import checked_path, replacing
 
 if TYPE_CHECKING:
     from PIL import Image

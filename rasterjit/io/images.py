@@ -57,7 +57,7 @@ def save_image(path: str | Path, image: NDArray[np.uint8]) -> None:
     OSError
         If the file cannot be written; an existing one is left as it was.
     """
-    place = _checked_path(path, IMAGE_FORMATS)
+    place = checked_path(path, IMAGE_FORMATS)
     pixels = np.asarray(image)
     channels = pixels.shape[2] if pixels.ndim == 3 else 1
     if pixels.dtype != np.uint8 or pixels.ndim not in (2, 3) or pixels.size == 0:
@@ -70,7 +70,7 @@ def save_image(path: str | Path, image: NDArray[np.uint8]) -> None:
     suffix = place.suffix.lower()
     if channels == 4 and suffix in OPAQUE_FORMATS:
         pixels = pixels[:, :, :3]
-    with _replacing(place) as temporary:
+    with replacing(place) as temporary:
         _write_pixels(temporary, pixels, ENCODER_OPTIONS.get(suffix, {}))
 
 
@@ -83,10 +83,10 @@ def save_arrays(path: str | Path, **arrays: NDArray[Any]) -> None:
     ValueError
         If the folder does not exist, the extension is not ``.npz``, or no array is given.
     """
-    place = _checked_path(path, (".npz",))
+    place = checked_path(path, (".npz",))
     if not arrays:
         raise ValueError("arrays must hold at least one array, got none")
-    with _replacing(place) as temporary:
+    with replacing(place) as temporary:
         np.savez_compressed(temporary, **arrays)
 
 
@@ -110,7 +110,7 @@ def save_depth(path: str | Path, depth: NDArray[np.float32], *, scale: float = 1
         array, ``scale`` is not above 0, a PNG would need values outside 0..65535, or an EXR is
         asked for and OpenEXR is not installed.
     """
-    place = _checked_path(path, DEPTH_FORMATS)
+    place = checked_path(path, DEPTH_FORMATS)
     values = np.asarray(depth)
     if values.ndim != 2 or values.size == 0 or values.dtype != np.float32:
         raise ValueError(
@@ -120,11 +120,11 @@ def save_depth(path: str | Path, depth: NDArray[np.float32], *, scale: float = 1
     if suffix == ".npz":
         save_arrays(place, depth=values)
     elif suffix == ".npy":
-        with _replacing(place) as temporary:
+        with replacing(place) as temporary:
             np.save(temporary, values)
     elif suffix == ".png":
         pixels = _depth_as_uint16(values, positive_number("scale", scale))
-        with _replacing(place) as temporary:
+        with replacing(place) as temporary:
             _write_pixels(temporary, pixels, {})
     else:
         _write_exr(place, values)
@@ -160,13 +160,13 @@ def _write_exr(place: Path, depth: NDArray[np.float32]) -> None:
         ) from None
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     with (
-        _replacing(place) as temporary,
+        replacing(place) as temporary,
         OpenEXR.File(header, {"Z": np.ascontiguousarray(depth)}) as file,
     ):
         file.write(str(temporary))
 
 
-def _checked_path(path: str | Path, formats: Iterable[str]) -> Path:
+def checked_path(path: str | Path, formats: Iterable[str]) -> Path:
     """Return the path if its extension and its folder are good, or raise ``ValueError``."""
     place = Path(path)
     if place.suffix.lower() not in formats:
@@ -179,7 +179,7 @@ def _checked_path(path: str | Path, formats: Iterable[str]) -> Path:
 
 
 @contextmanager
-def _replacing(place: Path) -> Iterator[Path]:
+def replacing(place: Path) -> Iterator[Path]:
     """Give a temporary path in the same folder; move it to ``place`` on success, else remove it."""
     temporary = place.with_name(f".{uuid.uuid4().hex}{place.suffix}")
     try:

@@ -53,11 +53,19 @@ def plane_distance(plane, vertex, viewport):
 
 
 @stage
-def cross_plane(inside, outside, inside_distance, outside_distance, crossing):
+def cross_plane(inside, outside, plane, viewport, crossing):
     """Write the point of an edge on a plane, from its inside end towards its outside end."""
-    t = inside_distance / (inside_distance - outside_distance)
+    inside_distance = plane_distance(plane, inside, viewport)
+    t = inside_distance / (inside_distance - plane_distance(plane, outside, viewport))
     for k in range(4):
         crossing[k] = inside[k] + t * (outside[k] - inside[k])
+    # Put it on the plane exactly: far ends cancel, and rounding alone may leave it outside.
+    if plane < 2:
+        crossing[2] = crossing[3] if plane == 1 else -crossing[3]
+    elif plane < 4:
+        crossing[0] = viewport.guard_x * (crossing[3] if plane == 3 else -crossing[3])
+    else:
+        crossing[1] = viewport.guard_y * (crossing[3] if plane == 5 else -crossing[3])
 
 
 @stage
@@ -74,10 +82,10 @@ def clip_polygon(polygon, count, plane, viewport, clipped):
                 clipped[kept, k] = vertex[k]
             kept += 1
             if not there >= 0.0 and here > 0.0:
-                cross_plane(vertex, following, here, there, clipped[kept])
+                cross_plane(vertex, following, plane, viewport, clipped[kept])
                 kept += 1
         elif there > 0.0:
-            cross_plane(following, vertex, there, here, clipped[kept])
+            cross_plane(following, vertex, plane, viewport, clipped[kept])
             kept += 1
     return kept
 

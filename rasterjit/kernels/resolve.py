@@ -30,6 +30,10 @@ def encoding_tables() -> tuple[np.ndarray, np.ndarray]:
         encoded <= 0.04045, encoded / 12.92, np.maximum((encoded + 0.055) / 1.055, 0.0) ** 2.4
     )
     thresholds = decoded.astype(np.float32)
+    # The least float32 that is not below the exact threshold.
+    thresholds = np.where(
+        thresholds < decoded, np.nextafter(thresholds, np.float32(np.inf)), thresholds
+    )
     thresholds[0], thresholds[256] = -np.inf, np.inf
     steps = (np.arange(TABLE_STEPS + 1) / TABLE_STEPS).astype(np.float32)
     codes = np.searchsorted(thresholds, steps, side="right") - 1

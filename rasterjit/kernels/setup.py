@@ -78,6 +78,15 @@ def snap(coordinate, half_extent, viewport):
     return np.int32(np.int64(rounded) << (viewport.grid_bits - viewport.subpixel_bits))
 
 
+@stage
+def put_vertex(vertex, ndc_x, ndc_y, depth_coefficients, z, w, viewport, screen):
+    """Write the snapped position and the stored depth of a vertex."""
+    c0, c1, c2 = depth_coefficients
+    screen.xy[vertex, 0] = snap(ndc_x, 0.5 * viewport.width, viewport)
+    screen.xy[vertex, 1] = snap(-ndc_y, 0.5 * viewport.height, viewport)
+    screen.depth[vertex] = (c0 + c1 * z + c2 * w) / w
+
+
 @kernel
 def project_vertices(clip_positions, depth_coefficients, viewport: Viewport, first, screen):
     """
@@ -100,8 +109,6 @@ def project_vertices(clip_positions, depth_coefficients, viewport: Viewport, fir
     int
         The bits set in any of the outcodes.
     """
-    c0, c1, c2 = depth_coefficients
-    half_width, half_height = 0.5 * viewport.width, 0.5 * viewport.height
     seen = 0
     for n in range(clip_positions.shape[0]):
         x, y = clip_positions[n, 0], clip_positions[n, 1]
@@ -111,10 +118,36 @@ def project_vertices(clip_positions, depth_coefficients, viewport: Viewport, fir
         screen.codes[first + n] = code
         if code & (GUARD | INVALID):
             continue
-        screen.xy[first + n, 0] = snap(x / w, half_width, viewport)
-        screen.xy[first + n, 1] = snap(-(y / w), half_height, viewport)
-        screen.depth[first + n] = (c0 + c1 * z + c2 * w) / w
+        put_vertex(first + n, x / w, y / w, depth_coefficients, z, w, viewport, screen)
     return seen
+
+
+@kernel
+def project_clipped_vertices(
+    clip_positions, depth_coefficients, viewport: Viewport, first, screen
+):
+    """
+    Divide by w, map to the screen and snap the vertices that clipping made.
+
+    They lie inside the guard band but for rounding, which may leave one a little outside: they
+    are held inside it.
+
+    Parameters
+    ----------
+    clip_positions : (E, 4) float64, clip space
+        All with ``w > 0``.
+    depth_coefficients : (float, float, float)
+    viewport : Viewport
+    first : int
+    screen : ScreenVertices
+        Writes rows ``first .. first + E``.
+    """
+    for n in range(clip_positions.shape[0]):
+        z, w = clip_positions[n, 2], clip_positions[n, 3]
+        x = min(max(clip_positions[n, 0] / w, -viewport.guard_x), viewport.guard_x)
+        y = min(max(clip_positions[n, 1] / w, -viewport.guard_y), viewport.guard_y)
+        screen.codes[first + n] = 0
+        put_vertex(first + n, x, y, depth_coefficients, z, w, viewport, screen)
 
 
 @stage

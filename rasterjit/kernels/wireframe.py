@@ -5,7 +5,8 @@ A segment is cut where a triangle is: at the near and far planes and the guard b
 clip space, before the divide. Its ends then go to the pixels that hold them.
 
 A pixel of a line lies up to one pixel beside the edge itself, so the surface that the edge belongs
-to may be nearer there by its own slope. ``fill_slack`` writes how much that is for the face seen at
+to may be nearer there by its own slope, and the edge farther by its own. ``project_edges`` brings
+each line nearer by its change of depth over one pixel. ``fill_slack`` writes how much that is for the face seen at
 each pixel: the change of depth over one pixel in x plus one in y, at most down to the face's
 farthest vertex.
 
@@ -67,7 +68,7 @@ def project_edges(edges, clip_positions, depth_coefficients, viewport: Viewport,
     ends : (N, 4) int64
         Writes the pixels x0, y0, x1, y1 of the edges that may be seen, packed to the front.
     depths : (N, 2) float64
-        Writes the stored depth at both ends.
+        Writes the stored depth at both ends, nearer by its change over one pixel of the line.
 
     Returns
     -------
@@ -96,6 +97,12 @@ def project_edges(edges, clip_positions, depth_coefficients, viewport: Viewport,
             ends[count, 2 * end + 1] = np.int64(np.floor((1.0 - y / w) * (0.5 * viewport.height)))
             depths[count, end] = (c0 + c1 * z + c2 * w) / w
         if visible:
+            steps = max(
+                abs(ends[count, 2] - ends[count, 0]), abs(ends[count, 3] - ends[count, 1])
+            )
+            nearer = abs(depths[count, 1] - depths[count, 0]) / np.float64(max(steps, 1))
+            depths[count, 0] += nearer
+            depths[count, 1] += nearer
             count += 1
     return count
 

@@ -33,3 +33,12 @@ class Quality:
     def standard(cls) -> Quality:
         """Return the default settings."""
         return cls()
+
+
+def check_quality(value: Quality | None) -> Quality:
+    """Return ``value``, or the standard for ``None``; raise ``ValueError`` for anything else."""
+    if value is None:
+        return Quality.standard()
+    if not isinstance(value, Quality):
+        raise ValueError(f"quality must be a rasterjit.Quality, got {type(value).__name__}")
+    return value

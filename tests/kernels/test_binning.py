@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import naive
 import numpy as np
 import pytest
 
-import naive
 import rasterjit as rj
 from rasterjit import stages
 from rasterjit.kernels import binning

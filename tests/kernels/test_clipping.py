@@ -1,15 +1,16 @@
-"""Cuts equal those of exact arithmetic, neighbours stay neighbours, nothing at the eye is special."""
+"""Cuts equal those of exact arithmetic, neighbours stay so, nothing at the eye is special."""
 
 from __future__ import annotations
 
 from fractions import Fraction
+from itertools import pairwise
 
+import naive
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import naive
 import rasterjit as rj
 from rasterjit import stages
 from rasterjit.kernels import clipping, setup
@@ -133,9 +134,7 @@ def test_fans_have_the_area_of_their_polygon():
     screen = [naive.screen_from_clip(vertex, SIZE) for vertex in vertices]
     for n in range(100):
         polygon = naive.clipped_screen_polygon(positions[3 * n : 3 * n + 3], SIZE)
-        want = sum(
-            naive.edge(polygon[0], a, b) for a, b in zip(polygon[1:], polygon[2:], strict=False)
-        )
+        want = sum(naive.edge(polygon[0], a, b) for a, b in pairwise(polygon[1:]))
         have = sum(
             naive.edge(*(screen[k - len(positions)] for k in piece))
             for piece in pieces[sources == n].tolist()
@@ -332,7 +331,9 @@ def test_neighbours_get_the_same_new_vertices():
             if (exact == whole).all():
                 continue
             # The end of what is left of the shared edge, as either triangle has it.
-            near = [vertices[np.abs(vertices - exact).sum(axis=1).argmin()] for vertices in (one, other)]
+            near = [
+                vertices[np.abs(vertices - exact).sum(axis=1).argmin()] for vertices in (one, other)
+            ]
             np.testing.assert_allclose(near[0], exact, atol=1e-9)
             assert near[0].tobytes() == near[1].tobytes()
             found += 1

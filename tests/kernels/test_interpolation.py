@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from fractions import Fraction
 
+import naive
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import naive
 import rasterjit as rj
 from rasterjit import stages
 from rasterjit.kernels import interpolation
@@ -247,7 +247,11 @@ def test_normal_is_on_the_side_that_is_seen(cube):
     outside = rj.PerspectiveCamera(eye=(0, 0, 5), target=(0, 0, 0), fov_y=20.0)
     flat = rj.Mesh(cube.vertices, cube.faces, material=rj.Material(shading="flat"))
     assert rj.render(flat, inside, size=(8, 8), outputs="normal").normal[4, 4].tolist() == [0, 0, 1]
-    assert rj.render(flat, outside, size=(8, 8), outputs="normal").normal[4, 4].tolist() == [0, 0, 1]
+    assert rj.render(flat, outside, size=(8, 8), outputs="normal").normal[4, 4].tolist() == [
+        0,
+        0,
+        1,
+    ]
 
 
 def test_normals_of_a_mirrored_object_are_those_of_the_mirrored_mesh(sphere, camera):

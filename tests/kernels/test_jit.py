@@ -17,7 +17,9 @@ import rasterjit as rj
 from rasterjit.kernels import jit
 
 PACKAGE = Path(rj.__file__).parent
-compiled_only = pytest.mark.skipif(bool(numba.config.DISABLE_JIT), reason="NUMBA_DISABLE_JIT is set")
+compiled_only = pytest.mark.skipif(
+    bool(numba.config.DISABLE_JIT), reason="NUMBA_DISABLE_JIT is set"
+)
 
 SCRIPT = """
 import numpy as np

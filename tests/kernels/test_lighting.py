@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 
+import naive
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import naive
 from rasterjit.kernels import lighting as lit
 from rasterjit.kernels.records import Lighting
 
@@ -37,7 +37,11 @@ def test_exp2_keeps_its_error():
     rng = np.random.default_rng(2)
     halves = np.arange(-126, 126).astype(np.float32) + np.float32(0.5)
     samples = np.concatenate(
-        [rng.uniform(-126, 126, 4000).astype(np.float32), halves, np.nextafter(halves, np.float32(0))]
+        [
+            rng.uniform(-126, 126, 4000).astype(np.float32),
+            halves,
+            np.nextafter(halves, np.float32(0)),
+        ]
     )
     for x in samples:
         exact = 2.0 ** float(x)
@@ -100,7 +104,9 @@ def naive_colors(samples, lights, ambient, viewer, with_highlight=True):
 def light(samples, lights, ambient, viewer=VIEWER, highlights=1):
     lights = np.asarray(lights, np.float32).reshape(-1, 7)
     record = Lighting(
-        lights, np.asarray(ambient, np.float32), None if highlights is None else np.int64(highlights)
+        lights,
+        np.asarray(ambient, np.float32),
+        None if highlights is None else np.int64(highlights),
     )
     lit.light_samples(samples, record, viewer)
     return samples[lit.OUT_RED : lit.OUT_BLUE + 1].T.copy()
@@ -172,7 +178,9 @@ def test_highlight_of_a_tilted_normal(degrees, want):
 
 
 def test_normal_is_brought_to_length_one():
-    short = light(one_sample((0, 0, 0.01), color=(1, 1, 1), specular=0), [[0, 0, 1, 0, 1, 1, 1]], DARK)
+    short = light(
+        one_sample((0, 0, 0.01), color=(1, 1, 1), specular=0), [[0, 0, 1, 0, 1, 1, 1]], DARK
+    )
     assert abs(short[0, 0] - 1.0) < 1e-6
 
 

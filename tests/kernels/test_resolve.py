@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from fractions import Fraction
 
+import naive
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import naive
 from rasterjit.kernels import resolve
 from rasterjit.scene.color import linear_to_srgb, srgb_to_linear
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from fractions import Fraction
 
+import naive
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import naive
 import rasterjit as rj
 from rasterjit import stages
 from rasterjit.kernels import setup, visibility
@@ -42,7 +42,9 @@ def on_screen(points, size=(128, 128)):
 def test_snapping_rounds_half_to_even():
     steps = np.array([0.5, 1.5, 2.5, -0.5, -1.5, 3.49, 3.51, 1000.5, 1001.5])
     points = [(step / 256, 0.0) for step in steps]
-    screen, _ = project(naive.clip_from_screen(np.round(np.array(points) * 2**20) / 2**20, (64, 64)))
+    screen, _ = project(
+        naive.clip_from_screen(np.round(np.array(points) * 2**20) / 2**20, (64, 64))
+    )
     assert screen.xy[:, 0].tolist() == [0, 2, 2, 0, -2, 3, 4, 1000, 1002]
 
 
@@ -137,7 +139,8 @@ def test_triangle_without_area_draws_nothing():
 def test_sliver_that_snaps_to_nothing_leaves_no_hole():
     a, b, c = (0, 0.5), (100, 0.5005), (100, 0.4995)
     pieces = [
-        (a, b, c), ((0, 0), (100, 0), c), ((0, 0), c, a), (a, b, (100, 100)), (a, (100, 100), (0, 100)),
+        (a, b, c), ((0, 0), (100, 0), c), ((0, 0), c, a), (a, b, (100, 100)),
+        (a, (100, 100), (0, 100)),
     ]  # fmt: skip
     counts = sum(on_screen(piece).astype(int) for piece in pieces)
     assert not on_screen(pieces[0]).any()

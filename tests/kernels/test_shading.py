@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import naive
 import numpy as np
 import pytest
 
-import naive
 import rasterjit as rj
 
 SIZE = (40, 32)
@@ -38,7 +38,10 @@ def shade(what, camera, **options):
 
 def same(one, other):
     """Tell whether two frames have the same bits."""
-    return all(a.tobytes() == b.tobytes() for a, b in ((one.linear, other.linear), (one.color, other.color)))
+    return all(
+        a.tobytes() == b.tobytes()
+        for a, b in ((one.linear, other.linear), (one.color, other.color))
+    )
 
 
 def naive_linear(mesh, scene, camera, face_id, weights):
@@ -66,8 +69,8 @@ def naive_linear(mesh, scene, camera, face_id, weights):
         if mesh.face_colors is not None:
             tint = tint * mesh.face_colors[face_id[row, column], :3]
         linear[row, column] = naive.shade_sample(
-            material.shading, weights[row, column].astype(float), (mesh.vertices[face] - eye).tolist(),
-            normals[face].tolist(), tint.tolist(), (material.specular, material.shininess), lights,
+            material.shading, weights[row, column].astype(float),
+            (mesh.vertices[face] - eye).tolist(), normals[face].tolist(), tint.tolist(), (material.specular, material.shininess), lights,
             ambient.tolist(),
         )  # fmt: skip
     return linear
@@ -120,10 +123,10 @@ def test_back_faces_are_lit_from_their_own_side(cube, model):
 @pytest.mark.parametrize("model", ["flat", "gouraud", "phong"])
 def test_mirrored_object_is_lit_like_the_mirrored_mesh(sphere, camera, model):
     material = rj.Material(model, "white")
-    mirrored = scene_of(remake(sphere, material=material), transform=rj.transforms.scale((-1, 1, 1)))
-    flipped = rj.Mesh(
-        sphere.vertices * [-1, 1, 1], sphere.faces[:, ::-1], material=material
+    mirrored = scene_of(
+        remake(sphere, material=material), transform=rj.transforms.scale((-1, 1, 1))
     )
+    flipped = rj.Mesh(sphere.vertices * [-1, 1, 1], sphere.faces[:, ::-1], material=material)
     frames = [
         rj.render(what, camera, size=SIZE, outputs=("linear", "face_id"), threads=1)
         for what in (mirrored, scene_of(flipped))
@@ -167,7 +170,9 @@ def test_unlit_object_equals_an_unlit_scene(sphere, camera):
     # A lit object out of sight switches the light on for the frame.
     rng = np.random.default_rng(2)
     unlit = remake(
-        sphere, material=rj.Material("unlit", "white"), colors=rng.uniform(0, 1, (len(sphere.vertices), 3))
+        sphere,
+        material=rj.Material("unlit", "white"),
+        colors=rng.uniform(0, 1, (len(sphere.vertices), 3)),
     )
     alone, company = scene_of(unlit), scene_of(unlit)
     company.add(remake(sphere), rj.transforms.translate((0, 0, 1000)))

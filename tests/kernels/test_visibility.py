@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from fractions import Fraction
 
+import naive
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import naive
 import rasterjit as rj
 
 SCREEN = (128, 128)
@@ -124,7 +124,8 @@ def test_shared_edge_is_drawn_once(a, b, c, d):
     assert pixels([c, d, a]) | pixels([c, d, b]) >= set()
     on_edge = {
         (i, j)
-        for i, j in naive.covered_pixels([a, b, c], SCREEN) | naive.covered_pixels([b, a, d], SCREEN)
+        for i, j in naive.covered_pixels([a, b, c], SCREEN)
+        | naive.covered_pixels([b, a, d], SCREEN)
         if naive.edge(p, q, naive.centre(i, j)) == 0
     }
     assert on_edge <= one | other
@@ -399,7 +400,9 @@ def test_coplanar_quads_along_other_diagonals_tie_to_the_lower_face():
     assert (seen.depth[seen.face_id >= 0] == np.float32(0.1)).all()
 
 
-@pytest.mark.parametrize("points", [R09, [(-50, -80), (300, 7), (20, 400)], [(1, 1), (120, 2), (5, 1.7)]])
+@pytest.mark.parametrize(
+    "points", [R09, [(-50, -80), (300, 7), (20, 400)], [(1, 1), (120, 2), (5, 1.7)]]
+)
 def test_equal_depths_stay_exactly_equal(points):
     seen = draw(points, [[0, 1, 2]], z=0.1)
     drawn = seen.depth[seen.face_id == 0]
@@ -439,9 +442,7 @@ def test_nearest_face_is_seen(bits):
     seen = draw(points, faces, size, bits, z=depths)
     triangles = [dyadic(points[face]).tolist() for face in faces]
     expected = naive.visible(triangles, depths[faces].tolist(), size, bits)
-    have = {
-        (int(i), int(j)): int(seen.face_id[j, i]) for j, i in np.argwhere(seen.face_id >= 0)
-    }
+    have = {(int(i), int(j)): int(seen.face_id[j, i]) for j, i in np.argwhere(seen.face_id >= 0)}
     assert have == {pixel: face for pixel, (face, _) in expected.items()}
 
 

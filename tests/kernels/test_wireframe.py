@@ -1,13 +1,13 @@
-"""Edges are clipped like faces, hidden where they are behind, and have no gaps where they are not."""
+"""Edges are clipped like faces, hidden where they lie behind, and without gaps elsewhere."""
 
 from __future__ import annotations
 
+import naive
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import naive
 import rasterjit as rj
 from rasterjit import stages
 from rasterjit.kernels import wireframe

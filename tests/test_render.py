@@ -1,0 +1,276 @@
+"""Whole frames: the same bits for any threads, order, process or compiler; hard scenes survive."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import rasterjit as rj
+from rasterjit import stages
+from rasterjit.plan import OUTPUTS
+
+ROOT = Path(rj.__file__).parent.parent
+SIZE = (75, 70)
+PLAIN = tuple(output for output in OUTPUTS if output != "uv")
+
+
+def bits(frame):
+    return {name: array.tobytes() for name, array in frame.arrays().items()}
+
+
+@pytest.fixture
+def busy(cube, sphere):
+    """Four objects with every shading model, lights of every kind, one of them behind the eye."""
+    rng = np.random.default_rng(1)
+    scene = rj.Scene()
+    place = rj.transforms.translate
+    scene.add(rj.Mesh(sphere.vertices, sphere.faces, material=rj.Material("phong", "red")))
+    scene.add(
+        rj.Mesh(cube.vertices, cube.faces, colors=rng.uniform(0, 1, (8, 3)),
+                material=rj.Material("gouraud", "white")),
+        place((1.2, -0.4, 0.7)),
+    )  # fmt: skip
+    scene.add(
+        rj.Mesh(cube.vertices, cube.faces, colors=rng.uniform(0, 1, (12, 3)),
+                material=rj.Material("flat", "white")),
+        rj.transforms.scale((-0.8, 0.8, 0.8)),
+    )  # fmt: skip
+    scene.add(rj.Mesh(sphere.vertices, sphere.faces, material=rj.Material("unlit", "blue")),
+              place((2.5, 3.0, 4.0)))  # fmt: skip
+    scene.lights = [
+        rj.AmbientLight(), rj.DirectionalLight((-1, -1, -1)), rj.PointLight((2, 2, 2), intensity=3),
+    ]  # fmt: skip
+    return scene
+
+
+def test_threads_and_repeats_change_no_bit(busy, camera):
+    expected = bits(rj.render(busy, camera, size=SIZE, outputs=PLAIN, threads=1))
+    for threads in (1, 2, 3, 8):
+        with rj.Renderer(SIZE, threads=threads) as renderer:
+            for _ in range(2):
+                assert bits(renderer.render(busy, camera, outputs=PLAIN)) == expected
+
+
+def test_size_of_tasks_changes_no_bit(busy, camera, monkeypatch):
+    expected = bits(rj.render(busy, camera, size=SIZE, outputs=PLAIN, threads=1))
+    for name, value in (
+        ("FACES_PER_TASK", 17), ("VERTICES_PER_TASK", 5), ("TILES_PER_TASK", 1),
+        ("ROWS_PER_TASK", 3),
+    ):  # fmt: skip
+        monkeypatch.setattr(stages, name, value)
+    assert bits(rj.render(busy, camera, size=SIZE, outputs=PLAIN, threads=2)) == expected
+
+
+def wavy_grid(side):
+    """Return a square of 2 side**2 small faces."""
+    u, v = np.meshgrid(np.linspace(-1, 1, side + 1), np.linspace(-1, 1, side + 1))
+    height = 0.2 * np.sin(7 * u) * np.cos(5 * v)
+    vertices = np.stack([2 * u, 2 * v, height], axis=-1).reshape(-1, 3)
+    a = (np.arange(side)[:, None] * (side + 1) + np.arange(side)).ravel()
+    b, c, d = a + 1, a + side + 2, a + side + 1
+    faces = np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
+    return rj.Mesh(vertices, faces)
+
+
+def test_many_faces_in_several_tasks_change_no_bit():
+    mesh = wavy_grid(190)
+    assert len(mesh.faces) > stages.FACES_PER_TASK
+    camera = rj.PerspectiveCamera((0.5, -2.0, 1.2), (0, 0, 0), near=1.7)
+    outputs = ("color", "depth", "face_id", "normal")
+    frames = [rj.render(mesh, camera, size=SIZE, outputs=outputs, threads=n) for n in (1, 2, 3, 8)]
+    assert frames[0].stats.clipped > 0
+    assert frames[0].face_id.max() > stages.FACES_PER_TASK
+    for frame in frames[1:]:
+        assert bits(frame) == bits(frames[0])
+
+
+SCRIPT = """
+import hashlib, json, sys
+import numpy as np
+import rasterjit as rj
+
+def digest(frame):
+    return {n: hashlib.sha256(a.tobytes()).hexdigest() for n, a in frame.arrays().items()}
+
+def frames(root):
+    outputs = ("color", "depth", "face_id", "normal", "barycentric", "position", "linear")
+    scene = rj.load(root + "/models/cube.ply")
+    yield rj.render(scene, size=(48, 32), outputs=outputs, threads=1)
+    # Inside the cube: clipped faces, seen from behind, by every way of shading.
+    scene = rj.Scene()
+    rng = np.random.default_rng(1)
+    vertices = np.array([[x, y, z] for z in (-1., 1.) for y in (-1., 1.) for x in (-1., 1.)])
+    faces = [[0, 2, 3], [0, 3, 1], [4, 5, 7], [4, 7, 6], [0, 4, 6], [0, 6, 2], [1, 3, 7],
+             [1, 7, 5], [0, 1, 5], [0, 5, 4], [2, 6, 7], [2, 7, 3]]
+    for n, shading in enumerate(("flat", "gouraud", "phong", "unlit")):
+        mesh = rj.Mesh(vertices, faces, colors=rng.uniform(0, 1, (8, 4)),
+                       material=rj.Material(shading, "white"))
+        turn = rj.transforms.rotate((1, 2, 3), 37.0 * n)
+        place = rj.transforms.translate((n - 1.5, 0.3 * n, -1.5 * n))
+        scene.add(mesh, rj.transforms.compose(place, turn, rj.transforms.scale(0.9)))
+    scene.lights = [rj.AmbientLight(), rj.PointLight((0, 1, 2), intensity=2.0)]
+    scene.wireframe = rj.Wireframe("red", "overlay")
+    camera = rj.PerspectiveCamera((-1.4, 0.1, 0.2), (1, 0.3, -3), fov_y=80.0)
+    yield rj.render(scene, camera, size=(32, 24), outputs=outputs, threads=1)
+
+if __name__ == "__main__":
+    print(json.dumps([digest(frame) for frame in frames(sys.argv[1])]))
+"""
+
+
+def run_script(**environment):
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", SCRIPT, str(ROOT)],
+        cwd=ROOT, env={**os.environ, **environment}, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return done.stdout.strip()
+
+
+def test_plain_python_gives_the_bits_of_the_compiled_kernels():
+    assert run_script(NUMBA_DISABLE_JIT="1") == run_script(NUMBA_DISABLE_JIT="0")
+
+
+def test_another_process_gives_the_same_bits():
+    space = {"__name__": "not main"}
+    exec(compile(SCRIPT, "script", "exec"), space)
+    here = [space["digest"](frame) for frame in space["frames"](str(ROOT))]
+    assert json.loads(run_script()) == here
+
+
+def test_renderer_sees_that_objects_moved(cube, camera):
+    scene = rj.Scene()
+    node = scene.add(cube)
+    with rj.Renderer(SIZE, threads=1) as renderer:
+        first = renderer.render(scene, camera)
+        node.world_from_model = rj.transforms.translate((0.5, 0, 0))
+        second = renderer.render(scene, camera)
+    assert first.color.tobytes() != second.color.tobytes()
+    assert second.color.tobytes() == rj.render(scene, camera, size=SIZE, threads=1).color.tobytes()
+
+
+def test_renderer_sees_another_mesh(cube, sphere, camera):
+    with rj.Renderer(SIZE, threads=1) as renderer:
+        for mesh in (cube, sphere, cube):
+            alone = rj.render(mesh, camera, size=SIZE, threads=1)
+            assert renderer.render(mesh, camera).color.tobytes() == alone.color.tobytes()
+
+
+def test_renderer_works_after_close(cube, camera):
+    renderer = rj.Renderer(SIZE, threads=2)
+    first = renderer.render(cube, camera)
+    renderer.close()
+    renderer.close()
+    assert renderer.render(cube, camera).color.tobytes() == first.color.tobytes()
+    renderer.close()
+
+
+def test_split_into_objects_is_the_same_picture(cube, camera):
+    halves = rj.Scene()
+    for part in (slice(0, 6), slice(6, 12)):
+        halves.add(rj.Mesh(cube.vertices, cube.faces[part]))
+    outputs = ("face_id", "depth")
+    one = rj.render(cube, camera, size=SIZE, outputs=outputs, threads=1)
+    assert bits(rj.render(halves, camera, size=SIZE, outputs=outputs, threads=1)) == bits(one)
+
+
+def test_instances_share_their_mesh(cube, camera):
+    twice, copies = rj.Scene(), rj.Scene()
+    for n in (0, 1):
+        place = rj.transforms.translate((n, n, -n))
+        twice.add(cube, place)
+        copies.add(rj.Mesh(cube.vertices.copy(), cube.faces.copy()), place)
+    one, other = (
+        rj.render(s, camera, size=SIZE, outputs=PLAIN, threads=1) for s in (twice, copies)
+    )
+    assert bits(one) == bits(other)
+
+
+def test_invalid_vertices_can_be_dropped(cube, camera):
+    vertices = np.concatenate([cube.vertices, [[np.nan, 0, 0], [np.inf, 1, 1]]])
+    faces = np.concatenate([cube.faces, [[0, 1, 8], [1, 2, 9]]])
+    with pytest.raises(ValueError, match="vertices"):
+        rj.Mesh(vertices, faces)
+    mesh = rj.Mesh(vertices, faces, on_invalid="drop")
+    frame = rj.render(mesh, camera, size=SIZE, outputs=("face_id", "depth", "color"), threads=1)
+    whole = rj.render(cube, camera, size=SIZE, outputs=("face_id", "depth", "color"), threads=1)
+    assert frame.stats.invalid == 2
+    assert bits(frame) == bits(whole)
+
+
+def test_camera_inside_closed_mesh_sees_no_background(sphere):
+    for target in ((1, 0, 0), (0, 1, 0.1), (-1, -2, 3)):
+        camera = rj.PerspectiveCamera((0.1, 0.05, -0.1), target, fov_y=100.0, near=0.01)
+        frame = rj.render(sphere, camera, size=(65, 33), outputs=("face_id", "depth"), threads=1)
+        assert (frame.face_id >= 0).all()
+        assert (frame.depth < 1.5).all()
+
+
+def test_object_behind_the_camera_is_outside(cube):
+    camera = rj.PerspectiveCamera((0, 0, 5), (0, 0, 9))
+    frame = rj.render(cube, camera, size=SIZE, outputs=("color", "face_id"), threads=1)
+    assert frame.stats.outside == 12
+    assert (frame.face_id == -1).all()
+    assert (frame.color == 255).all()
+
+
+def test_flattened_object_is_harmless(sphere, camera):
+    scene = rj.Scene()
+    scene.add(sphere, np.diag([1.0, 1.0, 0.0, 1.0]))
+    scene.add(sphere, np.diag([0.0, 0.0, 0.0, 1.0]))
+    frame = rj.render(scene, camera, size=SIZE, outputs=PLAIN, threads=1)
+    assert not np.isnan(frame.linear).any()
+    assert not np.isnan(frame.normal).any()
+    assert (frame.object_id == 0).any()
+
+
+@pytest.mark.parametrize("size", [(1, 1), (1, 40), (40, 1), (129, 65), (1000, 2)])
+def test_any_size_renders(cube, camera, size):
+    frame = rj.render(cube, camera, size=size, outputs=PLAIN, threads=2)
+    assert frame.color.shape == (size[1], size[0], 4)
+
+
+def test_no_camera_fits_the_scene(cube):
+    frame = rj.render(cube, size=SIZE, outputs="face_id", threads=1)
+    hit = frame.face_id >= 0
+    assert hit.mean() > 0.15
+    assert not hit[0].any()
+    assert not hit[-1].any()
+    assert not hit[:, 0].any()
+    assert not hit[:, -1].any()
+
+
+def test_back_faces_of_a_closed_mesh_change_nothing(cube, camera):
+    outputs = ("color", "depth", "face_id")
+    frames = [
+        rj.render(cube, camera, size=SIZE, outputs=outputs, cull=cull, threads=1)
+        for cull in ("none", "back")
+    ]
+    assert bits(frames[0]) == bits(frames[1])
+    inner = rj.render(cube, camera, size=SIZE, outputs=outputs, cull="front", threads=1)
+    assert (inner.depth[inner.face_id >= 0] > frames[0].depth[inner.face_id >= 0]).mean() > 0.95
+
+
+@pytest.mark.parametrize("threads", [0, -1, 2000, True, 1.5])
+def test_wrong_number_of_threads_is_named(cube, camera, threads):
+    with pytest.raises(ValueError, match="threads"):
+        rj.render(cube, camera, size=(8, 8), threads=threads)
+
+
+def test_sub_pixel_bits_move_edges_by_less_than_a_pixel(sphere, camera):
+    masks = {
+        n: rj.render(
+            sphere, camera, size=SIZE, outputs="face_id", threads=1,
+            quality=rj.Quality(subpixel_bits=n),
+        ).face_id >= 0
+        for n in (0, 4, 8, 12)
+    }  # fmt: skip
+    wrong = {n: int((masks[n] != masks[12]).sum()) for n in masks}
+    assert wrong[8] <= wrong[4] <= wrong[0]
+    assert wrong[0] > 0
