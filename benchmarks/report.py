@@ -13,6 +13,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
+import rasterjit
 from benchmarks.contestants import opengl
 from benchmarks.first_mark import Row
 
@@ -30,13 +31,14 @@ COLUMNS = (
     "check",
 )
 RIGHT = frozenset(("threads", "ms", "CPU ms", "rate", "x RasterJIT"))
-PACKAGES = ("rasterjit", "numpy", "numba", "llvmlite", "moderngl")
+PACKAGES = ("numpy", "numba", "llvmlite", "moderngl")
 CPU_INFO = Path("/proc/cpuinfo")
 
 
 def machine() -> dict[str, str]:
     """Return what the figures depend on."""
     facts = {
+        "rasterjit": rasterjit.__version__,
         "processor": processor_name(),
         "processors": str(processors()),
         "system": f"{platform.system()} {platform.machine()}",

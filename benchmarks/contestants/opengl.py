@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from benchmarks.contestants import Prepared
 from benchmarks.scenes import LineScene, Scene, TriangleScene
 
-NAME = "Mesa llvmpipe, face ids"
+NAME = "Mesa llvmpipe"
 
 DRIVER = "llvmpipe"
 

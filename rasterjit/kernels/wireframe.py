@@ -5,10 +5,8 @@ A segment is cut where a triangle is: at the near and far planes and the guard b
 clip space, before the divide. Its ends then go to the pixels that hold them.
 
 A pixel of a line lies up to one pixel beside the edge itself, so the surface that the edge belongs
-to may be nearer there by its own slope, and the edge farther by its own. ``project_edges`` brings
-each line nearer by its change of depth over one pixel. ``fill_slack`` writes how much that is for the face seen at
-each pixel: the change of depth over one pixel in x plus one in y, at most down to the face's
-farthest vertex.
+to may be nearer there by its own slope. ``fill_slack`` writes how much that is for the face seen at
+each pixel: the change of depth over one pixel in x plus one in y, at most the face's whole range.
 
 References
 ----------
@@ -68,7 +66,7 @@ def project_edges(edges, clip_positions, depth_coefficients, viewport: Viewport,
     ends : (N, 4) int64
         Writes the pixels x0, y0, x1, y1 of the edges that may be seen, packed to the front.
     depths : (N, 2) float64
-        Writes the stored depth at both ends, nearer by its change over one pixel of the line.
+        Writes the stored depth at both ends.
 
     Returns
     -------
@@ -97,12 +95,6 @@ def project_edges(edges, clip_positions, depth_coefficients, viewport: Viewport,
             ends[count, 2 * end + 1] = np.int64(np.floor((1.0 - y / w) * (0.5 * viewport.height)))
             depths[count, end] = (c0 + c1 * z + c2 * w) / w
         if visible:
-            steps = max(
-                abs(ends[count, 2] - ends[count, 0]), abs(ends[count, 3] - ends[count, 1])
-            )
-            nearer = abs(depths[count, 1] - depths[count, 0]) / np.float64(max(steps, 1))
-            depths[count, 0] += nearer
-            depths[count, 1] += nearer
             count += 1
     return count
 
@@ -168,9 +160,9 @@ def fill_slack(face_id, depth, geometry: Geometry, depth_coefficients, slack):
             here = depth[row, column]
             allowed = np.float32(depth_slope(p, q, r, depth_coefficients, geometry.viewport))
             if p[3] > 0.0 and q[3] > 0.0 and r[3] > 0.0:
-                farthest = min(
-                    (c0 + c1 * p[2] + c2 * p[3]) / p[3],
-                    min((c0 + c1 * q[2] + c2 * q[3]) / q[3], (c0 + c1 * r[2] + c2 * r[3]) / r[3]),
-                )
-                allowed = min(allowed, max(here - np.float32(farthest), np.float32(0.0)))
+                d0 = (c0 + c1 * p[2] + c2 * p[3]) / p[3]
+                d1 = (c0 + c1 * q[2] + c2 * q[3]) / q[3]
+                d2 = (c0 + c1 * r[2] + c2 * r[3]) / r[3]
+                span = max(d0, max(d1, d2)) - min(d0, min(d1, d2))
+                allowed = min(allowed, np.float32(span))
             slack[row, column] = allowed + DEPTH_ROUNDING * abs(here)

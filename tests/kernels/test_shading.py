@@ -70,7 +70,8 @@ def naive_linear(mesh, scene, camera, face_id, weights):
             tint = tint * mesh.face_colors[face_id[row, column], :3]
         linear[row, column] = naive.shade_sample(
             material.shading, weights[row, column].astype(float),
-            (mesh.vertices[face] - eye).tolist(), normals[face].tolist(), tint.tolist(), (material.specular, material.shininess), lights,
+            (mesh.vertices[face] - eye).tolist(), normals[face].tolist(),
+            tint.tolist(), (material.specular, material.shininess), lights,
             ambient.tolist(),
         )  # fmt: skip
     return linear
