@@ -77,9 +77,7 @@ def color_numbers(numbers: NDArray[np.int32]) -> NDArray[np.uint8]:
 
 def strip(scene: rj.Scene, camera: rj.PerspectiveCamera) -> NDArray[np.uint8]:
     """Return colour, depth, normals and face numbers side by side."""
-    frame = rj.render(
-        scene, camera, size=PANEL, outputs=("color", "depth", "normal", "face_id")
-    )
+    frame = rj.render(scene, camera, size=PANEL, outputs=("color", "depth", "normal", "face_id"))
     normals = np.floor(127.5 * frame.normal + 128.0).astype(np.uint8)
     panels = [
         frame.color[..., :3],

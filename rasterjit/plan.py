@@ -229,7 +229,10 @@ def join_geometry(meshes: Sequence[Mesh]) -> SceneArrays:
     else:
         positions = np.concatenate([mesh.vertices for mesh in meshes])
         faces = np.concatenate(
-            [mesh.faces + np.int32(first) for mesh, first in zip(meshes, vertex_starts, strict=False)]
+            [
+                mesh.faces + np.int32(first)
+                for mesh, first in zip(meshes, vertex_starts, strict=False)
+            ]
         )
     return SceneArrays(positions, faces, vertex_starts, face_starts)
 

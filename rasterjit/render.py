@@ -333,9 +333,7 @@ def _fill_buffers(
     if "uv" in plan.outputs:
         uv = np.empty((*face_id.shape, 2), np.float32)
         values = planning.join_uv(meshes)
-        stages.fill_rows(
-            interpolation.fill_attribute, face_id, (geometry, values, uv), workers
-        )
+        stages.fill_rows(interpolation.fill_attribute, face_id, (geometry, values, uv), workers)
         result["uv"] = uv
     if "position" in plan.outputs:
         position = np.empty((*face_id.shape, 3), np.float32)

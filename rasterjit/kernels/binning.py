@@ -33,6 +33,11 @@ def bin_triangles(triangles, boxes, columns, cursors, binned):
     """
     for n in range(triangles.shape[0]):
         triangle = triangles[n]
+        if boxes[n, 0] == boxes[n, 2] and boxes[n, 1] == boxes[n, 3]:
+            tile = np.uintp(np.int64(boxes[n, 1]) * columns + np.int64(boxes[n, 0]))
+            binned[np.uintp(cursors[tile])] = triangle
+            cursors[tile] += 1
+            continue
         for row in range(np.int64(boxes[n, 1]), np.int64(boxes[n, 3]) + 1):
             for column in range(np.int64(boxes[n, 0]), np.int64(boxes[n, 2]) + 1):
                 tile = row * columns + column

@@ -153,9 +153,7 @@ def count_clipped_vertices(clipped_faces, faces, clip_positions, viewport: Viewp
     polygon = np.empty((MOST_VERTICES, 4), np.float64)
     spare = np.empty((MOST_VERTICES, 4), np.float64)
     for n in range(clipped_faces.shape[0]):
-        counts[n] = clip_triangle(
-            faces[clipped_faces[n]], clip_positions, viewport, polygon, spare
-        )
+        counts[n] = clip_triangle(faces[clipped_faces[n]], clip_positions, viewport, polygon, spare)
 
 
 @kernel

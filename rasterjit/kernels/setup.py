@@ -123,9 +123,7 @@ def project_vertices(clip_positions, depth_coefficients, viewport: Viewport, fir
 
 
 @kernel
-def project_clipped_vertices(
-    clip_positions, depth_coefficients, viewport: Viewport, first, screen
-):
+def project_clipped_vertices(clip_positions, depth_coefficients, viewport: Viewport, first, screen):
     """
     Divide by w, map to the screen and snap the vertices that clipping made.
 
@@ -168,7 +166,7 @@ def edge_bias(ax, ay, bx, by):
 @stage
 def corners_of(faces, face):
     """Return the three vertex numbers of a face."""
-    return np.int64(faces[face, 0]), np.int64(faces[face, 1]), np.int64(faces[face, 2])
+    return np.uintp(faces[face, 0]), np.uintp(faces[face, 1]), np.uintp(faces[face, 2])
 
 
 @stage
@@ -188,8 +186,8 @@ SURVIVES, DEGENERATE, CULLED, UNSAMPLED = 0, 1, 2, 3
 
 
 @stage
-def survey_triangle(v0, v1, v2, xy, viewport, culled_turn, boxes, number):
-    """Decide whether a triangle can cover a sample; if so write its tile box (x0, y0, x1, y1)."""
+def survey_triangle(v0, v1, v2, xy, viewport, culled_turn):
+    """Decide whether a triangle can cover a sample; return that and its tile box."""
     x0, y0 = np.int64(xy[v0, 0]), np.int64(xy[v0, 1])
     x1, y1 = np.int64(xy[v1, 0]), np.int64(xy[v1, 1])
     x2, y2 = np.int64(xy[v2, 0]), np.int64(xy[v2, 1])
@@ -199,17 +197,25 @@ def survey_triangle(v0, v1, v2, xy, viewport, culled_turn, boxes, number):
     top = max(first_sample(min(y0, min(y1, y2)), bits), np.int64(0))
     bottom = min(last_sample(max(y0, max(y1, y2)), bits), np.int64(viewport.height - 1))
     area = edge(x0, y0, x1, y1, x2, y2)
+    # No branches: what a face turns out to be is hard to predict.
+    outcome = UNSAMPLED if (left > right) | (top > bottom) else SURVIVES
+    if ((area > 0) & (culled_turn > 0)) | ((area < 0) & (culled_turn < 0)):
+        outcome = CULLED
     if area == 0:
-        return DEGENERATE
-    if (area > 0 and culled_turn > 0) or (area < 0 and culled_turn < 0):
-        return CULLED
-    if left > right or top > bottom:
-        return UNSAMPLED
-    boxes[number, 0] = left >> TILE_BITS
-    boxes[number, 1] = top >> TILE_BITS
-    boxes[number, 2] = right >> TILE_BITS
-    boxes[number, 3] = bottom >> TILE_BITS
-    return SURVIVES
+        outcome = DEGENERATE
+    box = (left >> TILE_BITS, top >> TILE_BITS, right >> TILE_BITS, bottom >> TILE_BITS)
+    return outcome, box
+
+
+@stage
+def count_tiles(box, columns, tile_counts):
+    """Add one triangle to the count of every tile of its box."""
+    if (box[0] == box[2]) & (box[1] == box[3]):
+        tile_counts[np.uintp(box[1] * columns + box[0])] += 1
+        return
+    for row in range(box[1], box[3] + 1):
+        for column in range(box[0], box[2] + 1):
+            tile_counts[np.uintp(row * columns + column)] += 1
 
 
 @kernel
@@ -250,9 +256,8 @@ def set_up_triangles(
         while face >= objects.face_starts[owner + 1]:
             owner += 1
         # Reject by outcodes.
-        code0 = screen.codes[faces.faces[face, 0]]
-        code1 = screen.codes[faces.faces[face, 1]]
-        code2 = screen.codes[faces.faces[face, 2]]
+        a, b, c = corners_of(faces.faces, face)
+        code0, code1, code2 = screen.codes[a], screen.codes[b], screen.codes[c]
         any_code = code0 | code1 | code2
         if any_code & INVALID:
             totals[4] += 1
@@ -275,16 +280,15 @@ def set_up_triangles(
                 a, b, c = corners_of(faces.pieces, piece + part)
                 number = face_count + piece + part
             else:
-                a, b, c = corners_of(faces.faces, face)
                 number = face
-            outcome = survey_triangle(
-                a, b, c, screen.xy, viewport, objects.culled_turns[owner], boxes, end
+            outcome, box = survey_triangle(
+                a, b, c, screen.xy, viewport, objects.culled_turns[owner]
             )
             if outcome == SURVIVES:
                 triangles[end] = number
-                for row in range(np.int64(boxes[end, 1]), np.int64(boxes[end, 3]) + 1):
-                    for column in range(np.int64(boxes[end, 0]), np.int64(boxes[end, 2]) + 1):
-                        tile_counts[row * columns + column] += 1
+                for k in range(4):
+                    boxes[end, k] = box[k]
+                count_tiles(box, columns, tile_counts)
                 end += 1
         piece = stop
         if end == first:

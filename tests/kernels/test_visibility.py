@@ -361,6 +361,24 @@ def test_depth_never_leaves_the_range_of_the_vertices():
         assert (drawn <= np.float32(depths.max())).all()
 
 
+def test_rounding_does_not_step_over_the_depth_of_a_vertex():
+    # At a vertex on a pixel's centre with depth 0 the least rounding error has the wrong sign.
+    rng = np.random.default_rng(28)
+    owned = 0
+    for _ in range(800):
+        reach = rng.choice([7, 60])
+        points = rng.integers(0, reach, (3, 2)) + 0.5
+        points = points[np.lexsort((points[:, 0], points[:, 1]))]  # the top vertex owns its centre
+        sign = rng.choice([-1.0, 1.0])
+        depths = np.append(0.0, sign * rng.uniform(0.1, 0.9, 2))
+        seen = draw(points, [[0, 1, 2]], z=depths)
+        drawn = seen.depth[seen.face_id == 0]
+        assert (sign * drawn >= 0.0).all()
+        column, row = (points[0] - 0.5).astype(int)
+        owned += seen.face_id[row, column] == 0
+    assert owned > 50
+
+
 @pytest.mark.parametrize("reach", [4, 60, 700])
 def test_rotation_and_winding_change_no_bit(reach):
     rng = np.random.default_rng(23)
