@@ -9,7 +9,7 @@ Meshes to pictures and exact ground-truth buffers on a CPU, with nothing but pip
 """
 
 from rasterjit import transforms
-from rasterjit.frame import Frame, OutputNotRequested, Stats
+from rasterjit.frame import Frame, OutputNotRequestedError, Stats
 from rasterjit.framebuffer import Framebuffer
 from rasterjit.io.meshes import load
 from rasterjit.pipeline import Pipeline
@@ -41,7 +41,7 @@ __all__ = [
     "Mesh",
     "Node",
     "OrthographicCamera",
-    "OutputNotRequested",
+    "OutputNotRequestedError",
     "PerspectiveCamera",
     "Pipeline",
     "PointLight",

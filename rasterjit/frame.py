@@ -14,7 +14,7 @@ from rasterjit.io import images
 from rasterjit.plan import OUTPUTS, RenderPlan
 
 
-class OutputNotRequested(AttributeError, ValueError):
+class OutputNotRequestedError(AttributeError, ValueError):
     """An output was read that the render was not asked for."""
 
 
@@ -145,7 +145,7 @@ class Frame:
 
     def _output(self, name: str) -> NDArray[Any]:
         if name not in self._outputs:
-            raise OutputNotRequested(
+            raise OutputNotRequestedError(
                 f"{name} was not rendered: ask for it with outputs=(..., {name!r}); "
                 f"this frame has {', '.join(o for o in OUTPUTS if o in self._outputs)}"
             )

@@ -286,9 +286,10 @@ def _shade(
     stages.shade(
         shown, geometry, placement, surface, plan.lighting, plan.background, linear, color, workers
     )
-    for name, array in (("linear", linear), ("color", color)):
-        if array is not None:
-            result[name] = array
+    if linear is not None:
+        result["linear"] = linear
+    if color is not None:
+        result["color"] = color
     return result
 
 

@@ -364,7 +364,7 @@ def shade(
         Written, if the frame has it.
     workers : Workers
     """
-    height, width = face_id.shape
+    height = len(face_id)
     tables = resolve.encoding_tables()
     packed = None if color is None else color.view(np.uint32)[:, :, 0]
 

@@ -36,7 +36,7 @@ def test_each_output_has_its_shape_and_type(mesh, camera, output):
 def test_output_that_was_not_asked_for_is_named(mesh, camera, output):
     other = "depth" if output != "depth" else "color"
     frame = rj.render(mesh, camera, size=SIZE, outputs=other, threads=1)
-    with pytest.raises(rj.OutputNotRequested, match=output) as error:
+    with pytest.raises(rj.OutputNotRequestedError, match=output) as error:
         getattr(frame, output)
     assert other in str(error.value)
     assert isinstance(error.value, ValueError)

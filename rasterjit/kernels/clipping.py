@@ -1,10 +1,11 @@
 """
 Cut triangles to the near and far planes and the guard band, before the divide.
 
-Sutherland-Hodgman in homogeneous clip space, float64. Each crossing is computed from the end that is inside towards the end that is outside, and
-an edge meets the same planes in the same order in both of its triangles, so neighbours get the
-same new vertex bit for bit and stay watertight. A vertex at or behind the eye (``w <= 0``) is
-nothing special: it lies outside a plane, and no division by w happens here.
+Sutherland-Hodgman in homogeneous clip space, float64. Each crossing is computed from the end that
+is inside towards the end that is outside, and an edge meets the same planes in the same order in
+both of its triangles, so neighbours get the same new vertex bit for bit and stay watertight. A
+vertex at or behind the eye (``w <= 0``) is nothing special: it lies outside a plane, and no
+division by w happens here.
 
 What is left after the near plane and the guard band has ``w > 0`` (``guard * w >= |x|``); a piece
 for which that fails by degeneracy (every vertex at the eye) is dropped.

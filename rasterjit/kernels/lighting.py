@@ -31,7 +31,7 @@ OUT_RED, OUT_GREEN, OUT_BLUE = 13, 14, 15
 SAMPLE_ROWS = 16
 
 SHORTEST_SQUARED = np.float32(1e-30)
-"""Squared lengths are held above it (scene units squared): a light at the point shaded is finite."""
+"""Least squared length, scene units squared: a light at the very point it lights stays finite."""
 
 MANTISSA_BITS = np.int32(0x7FFFFF)
 SQRT_HALF_BITS = np.int32(0x3F3504F3)

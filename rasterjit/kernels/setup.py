@@ -12,7 +12,7 @@ Bounds. The guard band ends ``GUARD_PIXELS`` beyond each side of an image of at 
 so two coordinates differ by less than 2**15 pixels. On a grid of at most 12 bits a difference is
 below 2**27 units, a product of two below 2**54, and an edge function, the difference of two such
 products, below 2**55: int64 holds all of them with 8 bits to spare. ``E >> grid_bits`` is below
-2**47, so its quotients are found exactly by a float64 division (see ``visibility``).
+2**47, so a float64 division finds its quotients exactly (see ``visibility``).
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from __future__ import annotations
 import numpy as np
 
 from rasterjit.kernels.jit import kernel, stage
-from rasterjit.kernels.records import Faces, Objects, ScreenVertices, Viewport
+from rasterjit.kernels.records import Faces, Objects, Viewport
 
 GUARD_PIXELS = 8192
-"""Width of the guard band around the image, pixels: triangles inside it need no clipping in x, y."""
+"""Width of the guard band around the image, pixels: what lies inside it is not cut in x or y."""
 
 TILE_BITS = 6
 """Tiles are squares of 2**6 = 64 pixels: the depth and face numbers of one (32 KiB) fit L1."""

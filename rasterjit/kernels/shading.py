@@ -120,7 +120,7 @@ def gather_normal(samples, n, weights, a, b, c, owner, geometry, placement, surf
     samples[lit.POINT_Z, n] = point[2]
     samples[lit.SPECULAR, n] = surface.materials[owner, MATERIAL_SPECULAR]
     samples[lit.SHININESS, n] = surface.materials[owner, MATERIAL_SHININESS]
-    samples[lit.LIT, n] = 1.0 if model == FLAT or model == PHONG else 0.0
+    samples[lit.LIT, n] = 1.0 if model in (FLAT, PHONG) else 0.0
     return behind
 
 

@@ -12,9 +12,9 @@ edge's own integer slope.
 Triangles at most ``SMALL_PIXELS`` wide are tested eight samples of a row at once, in float64. Their
 edge functions there stay below 2**44 (16 pixels by 2**15 pixels on a 12-bit grid, twice), so
 float64 holds them exactly. Samples tested beyond the tile land in spare columns that nobody reads.
-Wider triangles get, for each row, the first and the last covered column from one division for each edge: ``floor(e / s)`` of
-integers below 2**47 in float64 is exact, for a quotient that is not whole misses the next whole
-number by at least 1/s, more than half an ulp.
+Wider triangles get, for each row, the first and the last covered column from one division for each
+edge: ``floor(e / s)`` of integers below 2**47 in float64 is exact, for a quotient that is not whole
+misses the next whole number by at least 1/s, more than half an ulp.
 
 Depth is interpolated linearly on the screen, in float64, by differences from one vertex,
 ``d = d2 + b0 (d0 - d2) + b1 (d1 - d2)`` with exact edge functions in the weights ``b``, so equal
