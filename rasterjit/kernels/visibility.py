@@ -9,7 +9,7 @@ where ``E_k + bias_k >= 0`` (bias 0 on top and left edges, -1 on others). Steppi
 multiple of ``2**grid_bits``, so ``(E_k + bias_k) >> grid_bits`` has the same sign and steps by the
 edge's own integer slope.
 
-Triangles at most ``SMALL_PIXELS`` wide are tested eight samples of a row at once, in float64. Their
+Triangles at most ``SMALL_PIXELS`` wide are tested four samples of a row at once, in float64. Their
 edge functions there stay below 2**44 (16 pixels by 2**15 pixels on a 12-bit grid, twice), so
 float64 holds them exactly. Samples tested beyond the tile land in spare columns that nobody reads.
 Wider triangles get, for each row, the first and the last covered column from one division for each
@@ -45,10 +45,10 @@ from rasterjit.kernels.setup import (
 TILE_SIZE = 1 << TILE_BITS
 
 SMALL_PIXELS = 8
-"""Triangles with a bounding box up to this many pixels wide are tested row by row, 8 at a time."""
+"""Triangles with a bounding box up to this many pixels wide are tested sample by sample."""
 
 SCRATCH_SHAPE = (TILE_SIZE, TILE_SIZE + SMALL_PIXELS)
-"""A tile in scratch memory: its rows have room for 8 samples that start in the last column."""
+"""A tile in scratch memory: its rows have room for groups that start in the last column."""
 
 NOTHING = -1
 """Face number of a sample that no face covers."""
@@ -168,12 +168,11 @@ def test_row(depths, numbers, values, steps, thresholds, plane, face):
 
 @stage
 def draw_small(a, b, c, plane, box, face, origin, grid_bits, tile):
-    """Test ``SMALL_PIXELS`` samples of each row at once, whatever the width of the box."""
+    """Test each row of the box in groups of four samples."""
     depths, numbers = tile
     ax, ay, bx, by, cx, cy = a[0], a[1], b[0], b[1], c[0], c[1]
-    left, top, _, bottom = box
-    # Known at run time only, so that the loop is vectorized and not unrolled.
-    lanes = depths.shape[1] - TILE_SIZE
+    left, top, right, bottom = box
+    lanes = ((right - left) | 3) + 1
     e0 = np.float64(edge_at(bx, by, cx, cy, left, top, grid_bits))
     e1 = np.float64(edge_at(cx, cy, ax, ay, left, top, grid_bits))
     e2 = np.float64(edge_at(ax, ay, bx, by, left, top, grid_bits))
@@ -304,7 +303,9 @@ def draw_tiles(
     depth, face_id = frame
     tile_depth, tile_numbers = scratch
     columns = (np.int64(viewport.width) + TILE_SIZE - 1) >> TILE_BITS
-    face_count = np.int64(faces.faces.shape[0])
+    # Taken out of the record once: inside the loop each use would count a reference.
+    own, pieces, piece_faces = faces.faces, faces.pieces, faces.piece_faces
+    face_count = np.int64(own.shape[0])
     for n in range(tiles.shape[0]):
         tile = np.int64(tiles[n])
         origin = ((tile % columns) << TILE_BITS, (tile // columns) << TILE_BITS)
@@ -312,10 +313,10 @@ def draw_tiles(
         for k in range(starts[tile], starts[tile + 1]):
             triangle = np.int64(binned[k])
             if triangle < face_count:
-                corners, face = corners_of(faces.faces, triangle), np.int32(triangle)
+                corners, face = corners_of(own, triangle), np.int32(triangle)
             else:
-                corners = corners_of(faces.pieces, triangle - face_count)
-                face = np.int32(faces.piece_faces[triangle - face_count])
+                corners = corners_of(pieces, triangle - face_count)
+                face = np.int32(piece_faces[triangle - face_count])
             draw_triangle(corners, face, screen, viewport, origin, (tile_depth, tile_numbers))
         # Write the tile to the frame.
         left, top = origin
