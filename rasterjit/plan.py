@@ -293,7 +293,7 @@ class Views(NamedTuple):
     clip_from_relative: NDArray[np.float64]
     """(4, 4)."""
     normal_matrices: NDArray[np.float64]
-    """(O, 3, 3)."""
+    """(O, 3, 3), largest entry 1."""
     mirrored: NDArray[np.float64]
     """(O,): -1 where the transform turns faces inside out, else 1."""
     toward_viewer: NDArray[np.float64]
@@ -323,11 +323,18 @@ def view_nodes(nodes: Sequence[Node], camera: Camera, size: tuple[int, int]) -> 
     return Views(
         relative_from_model,
         transforms.compose(clip_from_view, view_from_relative),
-        np.stack([transforms.normal_matrix(matrix) for matrix in relative_from_model]),
+        np.stack([_normal_matrix(matrix) for matrix in relative_from_model]),
         np.array([-1.0 if _turn(matrix) < 0.0 else 1.0 for matrix in linear]),
         toward_viewer,
         1 if handedness < 0.0 else -1,
     )
+
+
+def _normal_matrix(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the normal matrix, scaled so that normals keep a length near 1 in float32."""
+    normals = transforms.normal_matrix(matrix)
+    largest = np.abs(normals).max()
+    return normals / largest if largest > 0.0 else normals
 
 
 def _turn(matrix: NDArray[np.float64]) -> float:

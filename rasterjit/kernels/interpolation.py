@@ -130,18 +130,22 @@ def place_sample(weights, a, b, c, owner, placement):
 
 @stage
 def face_normal(a, b, c, owner, placement):
-    """Return the normal on the counter-clockwise side of a face, world axes, any length."""
+    """Return the unit normal on the counter-clockwise side of a face, world axes, or zero."""
     pa = place_vertex(a, owner, placement)
     pb = place_vertex(b, owner, placement)
     pc = place_vertex(c, owner, placement)
     turn = placement.mirrored[owner]
     ux, uy, uz = pb[0] - pa[0], pb[1] - pa[1], pb[2] - pa[2]
     vx, vy, vz = pc[0] - pa[0], pc[1] - pa[1], pc[2] - pa[2]
-    return (
-        turn * (uy * vz - uz * vy),
-        turn * (uz * vx - ux * vz),
-        turn * (ux * vy - uy * vx),
-    )
+    # Scale the sides first: products of very long or very short ones overflow or vanish.
+    size = max(max(abs(ux), max(abs(uy), abs(uz))), max(abs(vx), max(abs(vy), abs(vz))))
+    shrink = 1.0 / size if size > 0.0 else 0.0
+    ux, uy, uz = ux * shrink, uy * shrink, uz * shrink
+    vx, vy, vz = vx * shrink, vy * shrink, vz * shrink
+    x, y, z = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+    length = np.sqrt(x * x + y * y + z * z)
+    scale = turn / length if length > 0.0 else 0.0
+    return scale * x, scale * y, scale * z
 
 
 @stage

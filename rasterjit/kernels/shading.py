@@ -109,11 +109,9 @@ def gather_normal(samples, n, weights, a, b, c, owner, geometry, placement, surf
     at = weights
     if model == FLAT:
         at = (1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0)
-    length = np.sqrt(normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2)
-    scale = side / length if length > 0.0 else 0.0
-    samples[lit.NORMAL_X, n] = scale * normal[0]
-    samples[lit.NORMAL_Y, n] = scale * normal[1]
-    samples[lit.NORMAL_Z, n] = scale * normal[2]
+    samples[lit.NORMAL_X, n] = side * normal[0]
+    samples[lit.NORMAL_Y, n] = side * normal[1]
+    samples[lit.NORMAL_Z, n] = side * normal[2]
     point = place_sample(at, a, b, c, owner, placement)
     samples[lit.POINT_X, n] = point[0]
     samples[lit.POINT_Y, n] = point[1]
@@ -235,12 +233,11 @@ def light_vertices(
             normal = smooth_normal(
                 only, vertex, vertex, vertex, surface.normals, placement.normal_matrices, owner
             )
-            length = np.sqrt(normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2)
-            scale = (1.0 - 2.0 * side) / length if length > 0.0 else 0.0
+            toward = 1.0 - 2.0 * side
             color = vertex_tint(only, vertex, vertex, vertex, surface.vertex_colors, tint)
             for k in range(3):
                 samples[lit.RED + k, n] = color[k]
-                samples[lit.NORMAL_X + k, n] = scale * normal[k]
+                samples[lit.NORMAL_X + k, n] = toward * normal[k]
                 samples[lit.POINT_X + k, n] = point[k]
             samples[lit.SPECULAR, n] = surface.materials[owner, MATERIAL_SPECULAR]
             samples[lit.SHININESS, n] = surface.materials[owner, MATERIAL_SHININESS]
