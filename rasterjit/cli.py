@@ -194,7 +194,7 @@ def render(
     from rasterjit.render import render as render_frame
 
     start = time.perf_counter()
-    with status(f"Rendering {file.name}", quiet):
+    with status(f"Rendering {file.name} (a first run compiles, about 10 s)", quiet):
         scene = _load(file, look, quiet)
         loaded = time.perf_counter()
         frame = render_frame(

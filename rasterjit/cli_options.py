@@ -255,14 +255,15 @@ class View(NamedTuple):
         self, scene: Scene, size: tuple[int, int], direction: Vector, upward: Vector
     ) -> FittedCamera:
         """Return the camera that fits the scene, its direction given for y up."""
+        from rasterjit import transforms
         from rasterjit.scene.camera import fit_camera
 
         frame = _frame_of(self.up or (0.0, 1.0, 0.0))
         return fit_camera(
             scene,
-            frame @ direction,
+            transforms.apply(frame, direction),
             DEFAULT_FOV if self.fov is None else self.fov,
-            up=frame @ upward,
+            up=transforms.apply(frame, upward),
             zoom=1.0 if self.zoom is None else self.zoom,
             projection=self.projection or "perspective",
             aspect=size[0] / size[1],
@@ -287,7 +288,7 @@ class View(NamedTuple):
 
 
 def _frame_of(up: Vector) -> NDArray[np.float64]:
-    """Return the shortest rotation, (3, 3), that takes y to ``up``; z up makes -y the front."""
+    """Return the shortest rotation, (4, 4), that takes y to ``up``; z up makes -y the front."""
     import numpy as np
 
     from rasterjit import transforms
@@ -299,7 +300,7 @@ def _frame_of(up: Vector) -> NDArray[np.float64]:
     degrees = math.degrees(
         math.atan2(float(np.linalg.norm(np.cross((0, 1, 0), upward))), upward[1])
     )
-    return transforms.rotate(axis, degrees)[:3, :3]
+    return transforms.rotate(axis, degrees)
 
 
 def gather(kind: type[Options], options: dict[str, Any]) -> Options:

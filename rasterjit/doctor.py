@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.io.meshes import FORMATS_EXTRA
 from rasterjit.kernels.jit import COMPILE_CLOCK, KERNELS, cache_folder, cpu_features
 from rasterjit.plan import OUTPUTS
 from rasterjit.rasterize import Visibility, rasterize
@@ -25,7 +26,7 @@ from rasterjit.stages import available_processors
 PACKAGES = ("rasterjit", "numpy", "numba", "llvmlite", "trimesh", "imageio")
 
 EXTRAS = {
-    "formats": ("lxml", "networkx", "collada", "meshio", "shapely", "scipy"),
+    "formats": FORMATS_EXTRA,
     "video": ("imageio_ffmpeg",),
     "exr": ("OpenEXR",),
 }

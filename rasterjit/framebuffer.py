@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.kernels import lines, primitives
-from rasterjit.validation import finite_array, image_size, one_of
+from rasterjit.validation import bounded_number, finite_array, image_size, one_of
 
 OPAQUE = 255
 
@@ -112,11 +112,13 @@ class Framebuffer:
         Raises
         ------
         ValueError
-            If the colour is not such a sequence, or the depth is NaN or not a number.
+            If the colour is not such a sequence, or the depth is neither ``inf`` nor in the
+            range of float32.
         """
         rgba = _one_color("color", color)
-        if not isinstance(depth, (int, float, np.number)) or math.isnan(depth):
-            raise ValueError(f"depth must be a number and not NaN, got {depth!r}")
+        if depth != math.inf:
+            largest = float(np.finfo(np.float32).max)
+            depth = bounded_number("depth", depth, -largest, largest)
         self._color[:] = rgba
         self._depth.fill(depth)
 
@@ -370,6 +372,8 @@ def _colors(name: str, value: ArrayLike) -> NDArray[np.uint8]:
     """Return colours of 3 or 4 channels as RGBA, in any number of axes before the last."""
     try:
         channels = np.asarray(value)
+        if channels.dtype.kind not in "uif":
+            raise TypeError
         if channels.dtype != np.uint8:
             channels = channels.astype(np.float64)
     except (TypeError, ValueError):

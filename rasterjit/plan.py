@@ -134,8 +134,7 @@ def plan_render(
     size = image_size("size", size)
     outputs = check_outputs(outputs)
     one_of("cull", cull, CULL_MODES)
-    if not scene.nodes:
-        raise ValueError("scene must hold at least one mesh, got an empty scene")
+    check_scene(scene)
     colored = "color" in outputs or "linear" in outputs
     models = {node.mesh.material.shading for node in scene.nodes}
     draws_faces = scene.wireframe is None or scene.wireframe.mode == "overlay"
@@ -175,10 +174,30 @@ def plan_render(
     )
 
 
+def check_scene(scene: Scene) -> None:
+    """Raise ``ValueError`` if something in the scene's lists is not what belongs there."""
+    for name, items, kinds in (
+        ("nodes", scene.nodes, (Node,)),
+        ("lights", scene.lights, (AmbientLight, DirectionalLight, PointLight)),
+    ):
+        if not isinstance(items, (list, tuple)):
+            raise ValueError(f"scene.{name} must be a list, got {items!r}")
+        for n, item in enumerate(items):
+            if not isinstance(item, kinds):
+                wanted = " or ".join(kind.__name__ for kind in kinds)
+                raise ValueError(f"scene.{name}[{n}] must be a {wanted}, got {item!r}")
+    if not scene.nodes:
+        raise ValueError("scene must hold at least one mesh, got an empty scene")
+    if scene.wireframe is not None and not isinstance(scene.wireframe, Wireframe):
+        raise ValueError(f"scene.wireframe must be a Wireframe or None, got {scene.wireframe!r}")
+
+
 def check_outputs(outputs: Sequence[str]) -> tuple[str, ...]:
     """Return the outputs without repeats, or raise ``ValueError`` naming one that is unknown."""
     if isinstance(outputs, str):
         outputs = (outputs,)
+    if not isinstance(outputs, (list, tuple, set, frozenset)):
+        raise ValueError(f"outputs must be a sequence of names, got {outputs!r}")
     if not outputs:
         raise ValueError(f"outputs must name at least one of {', '.join(OUTPUTS)}; got none")
     for output in outputs:
@@ -316,7 +335,7 @@ def view_nodes(nodes: Sequence[Node], camera: Camera, size: tuple[int, int]) -> 
     if not is_perspective:
         # Depth grows with z in clip space; the viewer is the other way.
         away = clip_from_view[2, :3]
-        toward_viewer[:3] = -(away @ view_from_relative[:3, :3])
+        toward_viewer[:3] = -(away[:, np.newaxis] * view_from_relative[:3, :3]).sum(axis=0)
         toward_viewer[3] = 0.0
     screen_axes = np.stack([clip_from_view[0, :3], clip_from_view[1, :3], away])
     handedness = _turn(screen_axes) * _turn(view_from_relative[:3, :3])
@@ -357,9 +376,11 @@ def _lighting(scene: Scene, camera: Camera) -> Lighting:
     """Return the lights as rows, relative to the eye; none in the scene means a headlight."""
     lights = list(scene.lights)
     if not lights:
-        world_from_view = np.linalg.inv(camera.view_matrix()[:3, :3])
+        # The transpose of the inverse transpose is the inverse.
+        world_from_view = transforms.normal_matrix(camera.view_matrix()).T
+        direction = (world_from_view * HEADLIGHT_DIRECTION).sum(axis=1)
         lights = [
-            DirectionalLight(world_from_view @ HEADLIGHT_DIRECTION, intensity=HEADLIGHT_INTENSITY),
+            DirectionalLight(direction, intensity=HEADLIGHT_INTENSITY),
             AmbientLight(intensity=HEADLIGHT_AMBIENT),
         ]
     eye = camera.eye_position()

@@ -99,10 +99,12 @@ def rasterize(
     turn = {"none": 0, "back": 1, "front": -1}[cull]
     objects = Objects(np.array([0, len(face_numbers)], np.int64), np.array([turn], np.int8))
     sign = -1.0 if depth == "standard" else 1.0
-    coverage = stages.find_visible(
-        positions, face_numbers, objects, (0.0, sign, 0.0), viewport, workers, lambda stage: None
-    )
-    workers.close()
+    try:
+        coverage = stages.find_visible(
+            positions, face_numbers, objects, (0.0, sign, 0.0), viewport, workers, lambda _: None
+        )
+    finally:
+        workers.close()
     geometry = Geometry(
         face_numbers, coverage.screen.xy, coverage.screen.codes, positions, viewport
     )
@@ -112,6 +114,8 @@ def rasterize(
 def _clip_array(value: Any) -> NDArray[np.float64]:
     """Return clip positions as the kernels take them, or raise ``ValueError``."""
     try:
+        if np.asarray(value).dtype.kind not in "uif":
+            raise TypeError
         positions = np.array(value, dtype=np.float64, order="C")
     except (TypeError, ValueError):
         raise ValueError(f"clip_positions must be an array of numbers, got {value!r}") from None

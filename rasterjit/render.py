@@ -105,11 +105,12 @@ def explain(
 
 def choose_camera(scene: Scene, camera: Camera | None, size: tuple[int, int]) -> Camera:
     """Return the camera given, else the scene's own, else one that fits the scene."""
+    planning.check_scene(scene)
     if camera is None:
         camera = scene.camera
     if camera is None:
         return fit_camera(scene, aspect=size[0] / size[1])
-    if not hasattr(camera, "projection_matrix"):
+    if isinstance(camera, type) or not isinstance(camera, Camera):
         raise ValueError(
             "camera must be a PerspectiveCamera, OrthographicCamera or MatrixCamera, got "
             f"{type(camera).__name__}"
@@ -358,7 +359,8 @@ def metric_depth(camera: Camera, coverage: stages.Coverage) -> NDArray[np.float3
     for row in range(0, len(depth), stages.ROWS_PER_TASK):
         band = slice(row, row + stages.ROWS_PER_TASK)
         seen = coverage.face_id[band] >= 0
-        depth[band][seen] = camera.view_depth(coverage.depth[band][seen])
+        with np.errstate(over="ignore"):
+            depth[band][seen] = camera.view_depth(coverage.depth[band][seen])
     return depth
 
 

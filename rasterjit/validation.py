@@ -20,11 +20,21 @@ MAX_THREADS = 1024
 def finite_number(name: str, value: Any) -> float:
     """Return ``value`` as a float, or raise ``ValueError`` naming the argument."""
     try:
+        if isinstance(value, (str, bytes)):
+            raise TypeError
         number = float(value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise ValueError(f"{name} must be a number, got {value!r}") from None
     if not math.isfinite(number):
         raise ValueError(f"{name} must be finite, got {number!r}")
+    return number
+
+
+def bounded_number(name: str, value: Any, low: float, high: float) -> float:
+    """Return ``value`` as a float in [low, high], or raise ``ValueError``."""
+    number = finite_number(name, value)
+    if not low <= number <= high:
+        raise ValueError(f"{name} must be in {low:g}..{high:g}, got {number!r}")
     return number
 
 
@@ -54,7 +64,10 @@ def finite_array(name: str, value: ArrayLike, shape: Sequence[int | None]) -> ND
         If the shape differs, an entry is not a number, or an entry is NaN or infinite.
     """
     try:
-        array = np.asarray(value, dtype=np.float64)
+        given = np.asarray(value)
+        if given.size and given.dtype.kind not in "buif":
+            raise TypeError
+        array = given.astype(np.float64, copy=False)
     except (TypeError, ValueError):
         raise ValueError(f"{name} must be an array of numbers, got {value!r}") from None
     expected = tuple(shape)
@@ -77,7 +90,13 @@ def vector(name: str, value: ArrayLike) -> NDArray[np.float64]:
 
 def one_of(name: str, value: Any, choices: Sequence[Any]) -> Any:
     """Return ``value`` if it is one of ``choices``, or raise ``ValueError`` listing them."""
-    if value not in choices:
+    # A value of another type may equal a choice (True, 8.0), or not compare at all (an array).
+    alike = [
+        choice
+        for choice in choices
+        if isinstance(value, type(choice) if not isinstance(choice, int) else (int, np.integer))
+    ]
+    if isinstance(value, bool) or not alike or value not in alike:
         listed = ", ".join(repr(choice) for choice in choices)
         raise ValueError(f"{name} must be one of {listed}; got {value!r}")
     return value

@@ -185,3 +185,27 @@ GOOD = np.array([[-1.0, -1, 0, 1], [1, -1, 0, 1], [0, 1, 0, 1]])
 def test_wrong_argument_is_named(arguments, options, name):
     with pytest.raises(ValueError, match=name):
         rj.rasterize(*arguments, **options)
+
+
+def test_weights_are_finite_for_any_w():
+    for w in (1e-310, 1e-300, 1.0, 1e140):
+        corners = np.array([[-0.5, -0.5, 0.0, 1.0], [0.5, -0.5, 0.0, 1.0], [0.0, 0.5, 0.0, 1.0]])
+        seen = rj.rasterize(corners * w, [[0, 1, 2]], (16, 16), threads=1)
+        covered = seen.face_id >= 0
+        assert covered.any()
+        np.testing.assert_allclose(seen.barycentric[covered].sum(axis=1), 1.0, rtol=1e-6)
+
+
+def test_later_changes_of_the_faces_change_nothing():
+    corners = np.array([[-0.5, -0.5, 0.0, 1.0], [0.5, -0.5, 0.0, 1.0], [0.0, 0.5, 0.0, 1.0]])
+    faces = np.array([[0, 1, 2]], np.int32)
+    seen = rj.rasterize(corners, faces, (16, 16), threads=1)
+    faces[:] = 1 << 30
+    assert np.isfinite(seen.barycentric).all()
+
+
+@pytest.mark.parametrize("bits", [8.0, True, False, "8", 7])
+def test_quality_takes_listed_whole_numbers_only(bits):
+    with pytest.raises(ValueError, match="subpixel_bits"):
+        rj.Quality(subpixel_bits=bits)
+    assert type(rj.Quality(subpixel_bits=np.uint8(8)).subpixel_bits) is int

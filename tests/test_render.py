@@ -274,3 +274,65 @@ def test_sub_pixel_bits_move_edges_by_less_than_a_pixel(sphere, camera):
     wrong = {n: int((masks[n] != masks[12]).sum()) for n in masks}
     assert wrong[8] <= wrong[4] <= wrong[0]
     assert wrong[0] > 0
+
+
+@pytest.mark.parametrize("far", [10.0, 1e3, 1e6, 1e9])
+def test_a_far_plane_far_away_costs_a_parallel_view_no_depth(far):
+    corners = np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [0.0, 1.0, 0.0]])
+    scene = rj.Scene()
+    scene.add(rj.Mesh(corners - [0.0, 0.0, 0.001], [[0, 1, 2]]))
+    scene.add(rj.Mesh(corners, [[0, 1, 2]]))
+    camera = rj.OrthographicCamera((0, 0, 5), (0, 0, 0), height=4, far=far)
+    frame = rj.render(scene, camera, size=(32, 32), outputs=("depth", "object_id"), threads=1)
+    seen = frame.object_id >= 0
+    assert seen.sum() > 50
+    assert (frame.object_id[seen] == 1).all()
+    np.testing.assert_allclose(frame.depth[seen], 5.0, rtol=1e-6)
+
+
+@pytest.mark.parametrize("size", [(1, 16384), (64, 48), (640, 480)])
+@pytest.mark.parametrize("near", [1e-300, 1e-100, 1e-12, 0.1])
+def test_wireframe_of_edges_through_the_eye_stays_in_its_picture(near, size):
+    rng = np.random.default_rng(7)
+    vertices = rng.normal(size=(600, 3)) * 10.0 ** rng.integers(-12, 7, (600, 1))
+    scene = rj.Scene()
+    scene.add(rj.Mesh(vertices, np.arange(600).reshape(-1, 3)))
+    scene.wireframe = rj.Wireframe("red", mode="only")
+    camera = rj.PerspectiveCamera((0, 0, 0), (0, 0, -1), fov_y=90.0, near=near)
+    frame = rj.render(scene, camera, size=size, threads=1)
+    red = (frame.color == (255, 0, 0, 255)).all(axis=2)
+    white = (frame.color == 255).all(axis=2)
+    assert (red | white).all()
+    assert red.any()
+
+
+@pytest.mark.parametrize(
+    ("attribute", "value"),
+    [
+        ("lights", ["sun"]),
+        ("lights", None),
+        ("lights", rj.AmbientLight()),
+        ("nodes", ["cube"]),
+        ("wireframe", "overlay"),
+    ],
+)
+def test_what_does_not_belong_in_a_scene_is_named(cube, attribute, value):
+    scene = rj.Scene()
+    scene.add(cube)
+    setattr(scene, attribute, value)
+    with pytest.raises(ValueError, match=rf"scene\.{attribute}"):
+        rj.render(scene, size=(8, 8), threads=1)
+
+
+@pytest.mark.parametrize(
+    ("options", "name"),
+    [
+        ({"outputs": 5}, "outputs"),
+        ({"outputs": np.array(["color"])}, "outputs"),
+        ({"cull": np.array(["back"])}, "cull"),
+        ({"camera": rj.PerspectiveCamera}, "camera"),
+    ],
+)
+def test_an_argument_of_the_wrong_kind_is_named(cube, options, name):
+    with pytest.raises(ValueError, match=name):
+        rj.render(cube, size=(8, 8), threads=1, **options)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from rasterjit.io.left_out import LeftOut
 from rasterjit.scene.camera import OrthographicCamera, PerspectiveCamera
 from rasterjit.scene.light import DirectionalLight, Light, PointLight
+from rasterjit.transforms import compose
 
 _LIGHTS = "KHR_lights_punctual"
 _UNLIT = "KHR_materials_unlit"
@@ -144,7 +145,7 @@ def _walk(header: dict[str, Any]) -> Iterator[tuple[dict[str, Any], NDArray[np.f
             continue
         seen.add(index)
         node = nodes[index]
-        world_from_node = world_from_parent @ _parent_from_node(node)
+        world_from_node = compose(world_from_parent, _parent_from_node(node))
         yield node, world_from_node
         waiting += [(child, world_from_node) for child in reversed(node.get("children", []))]
 

@@ -168,6 +168,8 @@ def _write_exr(place: Path, depth: NDArray[np.float32]) -> None:
 
 def checked_path(path: str | Path, formats: Iterable[str]) -> Path:
     """Return the path if its extension and its folder are good, or raise ``ValueError``."""
+    if not isinstance(path, (str, os.PathLike)):
+        raise ValueError(f"path must be a file name, got {path!r}")
     place = Path(path)
     if place.suffix.lower() not in formats:
         raise ValueError(f"path {str(place)!r} must end in one of {', '.join(formats)}")

@@ -13,11 +13,18 @@ from rasterjit.io.left_out import LeftOut, LoadWarning, MeshFileError
 from rasterjit.io.trimesh_scene import GLTF_FORMATS, TrimeshAdapter
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.scene import Scene
+from rasterjit.validation import bounded_number
 
 if TYPE_CHECKING:
     import trimesh
 
 __all__ = ["LoadWarning", "MeshFileError", "as_scene", "from_trimesh", "load"]
+
+FORMATS_EXTRA = ("lxml", "networkx", "collada")
+"""Modules that the extra ``rasterjit[formats]`` brings."""
+
+_ENCODING_GUESSERS = ("charset_normalizer", "chardet")
+"""Modules that trimesh asks for when a file is not the text it should be."""
 
 _SHOWN_FORMATS = ("obj", "ply", "stl", "off", "glb", "gltf", "3mf", "dae")
 
@@ -56,6 +63,7 @@ def load(
     LoadWarning
         Once, naming what the file has and the scene has not, such as texture images.
     """
+    bounded_number("crease_angle", crease_angle, 0.0, 180.0)
     file = _checked_path(path)
     loaded = _read(file)
     left_out = LeftOut()
@@ -192,6 +200,11 @@ def _read(file: Path) -> trimesh.Scene:
             warnings.simplefilter("ignore")
             return trimesh.load_scene(file, process=False)
     except ImportError as error:
+        if error.name in _ENCODING_GUESSERS:
+            # trimesh falls back on guessing the encoding of a text that is none.
+            raise MeshFileError(
+                f"{file} could not be read as .{extension}: it is damaged or something else"
+            ) from error
         raise MeshFileError(
             f"{file}: reading .{extension} needs a package that is not installed ({error}); "
             "pip install 'rasterjit[formats]' brings them"

@@ -109,7 +109,10 @@ def colors_from_trimesh(
 
 def _is_placeholder(image: Any) -> bool:
     """Tell trimesh's stand-in for a missing image, 2×2 pixels of one colour, from a real one."""
-    pixels = np.asarray(image)
+    try:
+        pixels = np.asarray(image)
+    except (OSError, SyntaxError):
+        return False  # A broken image; it is left out like any other.
     return pixels.shape[:2] == (2, 2) and bool((pixels == pixels[0, 0]).all())
 
 
@@ -117,8 +120,9 @@ def _from_simple(material: Any, left_out: LeftOut) -> Material:
     """
     Translate an OBJ-style material.
 
-    ``Kd`` and ``Ks`` are sRGB, ``Ns`` is the Blinn-Phong exponent; the strength of the highlight is
-    the mean of ``Ks``. What the file does not say keeps the engine's defaults.
+    ``Kd`` and ``Ks`` are sRGB, ``Ns`` is the Blinn-Phong exponent, where 1 or less is matt;
+    the strength of the highlight is the mean of ``Ks``. What the file does not say keeps the
+    engine's defaults.
     """
     said = material.kwargs
     default = Material()
@@ -135,6 +139,9 @@ def _from_simple(material: Any, left_out: LeftOut) -> Material:
         specular = float(srgb_to_linear(ks).mean())
     if "ns" in said:
         shininess = min(max(material.glossiness, 1.0), _MOST_SHININESS)
+        if material.glossiness <= 1.0:
+            # Exporters write 0 for matt; an exponent of 1 would wash over the whole object.
+            specular = 0.0
     return Material(
         base_color=(*color[:3], color[3] * opacity),
         specular=specular,

@@ -149,7 +149,7 @@ def count_clipped_vertices(clipped_faces, faces, clip_positions, viewport: Viewp
     clip_positions : (V, 4) float64, clip space
     viewport : Viewport
     counts : (C,) int64
-        Writes 0 for a face of which nothing is left, else 3 to 9.
+        Writes 0 for a face of which nothing is left, else 3 to ``MOST_VERTICES``.
     """
     polygon = np.empty((MOST_VERTICES, 4), np.float64)
     spare = np.empty((MOST_VERTICES, 4), np.float64)

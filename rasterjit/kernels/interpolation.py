@@ -3,7 +3,7 @@ Find where on its face a sample lies, and interpolate there.
 
 The weights are perspective-correct, those of the face's own three vertices even when it was
 clipped. A face that needed no clipping has exact weights: integer edge functions of its snapped
-vertices, divided by w. A clipped one has vertices that were never snapped; its weights follow from
+vertices, over w. A clipped one has vertices that were never snapped; its weights follow from
 its clip positions: the sample with normalized device coordinates (X, Y) lies on the face where
 ``sum b_k (x_k - X w_k) = sum b_k (y_k - Y w_k) = 0``, so ``b`` is the cross product of the two
 coefficient rows. They are held at zero and above, for the sample may lie a rounding outside.
@@ -38,17 +38,27 @@ def lowest_first(faces, face):
 
 @stage
 def snapped_weights(a, b, c, column, row, geometry):
-    """Return the weights on a face that was not clipped, not yet normalized."""
+    """
+    Return the weights on a face that was not clipped, not yet normalized.
+
+    Edges are multiplied by the smallest w over w: it is in 0..1, and 1 where all are equal.
+    """
     bits = geometry.viewport.grid_bits
     half = np.int64(1) << (bits - 1)
     px, py = (np.int64(column) << bits) + half, (np.int64(row) << bits) + half
     ax, ay = np.int64(geometry.xy[a, 0]), np.int64(geometry.xy[a, 1])
     bx, by = np.int64(geometry.xy[b, 0]), np.int64(geometry.xy[b, 1])
     cx, cy = np.int64(geometry.xy[c, 0]), np.int64(geometry.xy[c, 1])
+    wa, wb, wc = (
+        geometry.clip_positions[a, 3],
+        geometry.clip_positions[b, 3],
+        geometry.clip_positions[c, 3],
+    )
+    smallest = min(wa, min(wb, wc))
     return (
-        np.float64(edge(bx, by, cx, cy, px, py)) / geometry.clip_positions[a, 3],
-        np.float64(edge(cx, cy, ax, ay, px, py)) / geometry.clip_positions[b, 3],
-        np.float64(edge(ax, ay, bx, by, px, py)) / geometry.clip_positions[c, 3],
+        np.float64(edge(bx, by, cx, cy, px, py)) * (smallest / wa),
+        np.float64(edge(cx, cy, ax, ay, px, py)) * (smallest / wb),
+        np.float64(edge(ax, ay, bx, by, px, py)) * (smallest / wc),
     )
 
 

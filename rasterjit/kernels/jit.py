@@ -86,10 +86,15 @@ COMPILE_CLOCK = CompileClock()
 
 def kernel(function: Callable) -> Any:
     """Compile an entry point: cached on disk, GIL released, IEEE arithmetic."""
-    compiled = numba.njit(cache=True, nogil=True, error_model="numpy")(function)
-    if not numba.config.DISABLE_JIT:
+    try:
+        compiled = numba.njit(cache=True, nogil=True, error_model="numpy")(function)
+    except RuntimeError:
+        # No folder can be written to: compile anew in every process.
+        compiled = numba.njit(nogil=True, error_model="numpy")(function)
+    if hasattr(compiled, "_cache") and hasattr(compiled._cache, "_cache_file"):
         # The one use of Numba's private API: widen the cache's stamp to all kernel sources.
         compiled._cache._cache_file._source_stamp = SOURCES_HASH
+    if not numba.config.DISABLE_JIT:
         compiled.compile = COMPILE_CLOCK.timed(compiled.compile)
     KERNELS.append(compiled)
     return compiled
@@ -128,7 +133,7 @@ def cpu_features() -> tuple[str, list[str]]:
 
 
 def cache_folder() -> Path | None:
-    """Return the folder of the compiled kernels; ``None`` if nothing is compiled."""
-    if numba.config.DISABLE_JIT or not KERNELS:
+    """Return the folder of the compiled kernels; ``None`` if none are kept."""
+    if numba.config.DISABLE_JIT or not KERNELS or KERNELS[0].stats.cache_path is None:
         return None
     return Path(KERNELS[0].stats.cache_path)

@@ -348,7 +348,7 @@ def draw_lines_depth_tested(target, depth, ends, line_depths, colors, slack):
     target : (H, W) uint32, C-contiguous
         RGBA pixels, as in ``draw_lines``.
     depth : (H, W) float32, C-contiguous
-        Reversed depth: bigger is nearer, 0 where nothing is.
+        Reversed depth: bigger is nearer, -inf where nothing is.
     ends : (N, 4) int64, pixels
         As in ``draw_lines``.
     line_depths : (N, 2) float64

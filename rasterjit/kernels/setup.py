@@ -127,8 +127,8 @@ def project_clipped_vertices(clip_positions, depth_coefficients, viewport: Viewp
     """
     Divide by w, map to the screen and snap the vertices that clipping made.
 
-    They lie inside the guard band but for rounding, which may leave one a little outside: they
-    are held inside it.
+    They lie inside the guard band and between near and far but for rounding, which may leave one
+    outside: they are held inside.
 
     Parameters
     ----------
@@ -141,7 +141,8 @@ def project_clipped_vertices(clip_positions, depth_coefficients, viewport: Viewp
         Writes rows ``first .. first + E``.
     """
     for n in range(clip_positions.shape[0]):
-        z, w = clip_positions[n, 2], clip_positions[n, 3]
+        w = clip_positions[n, 3]
+        z = min(max(clip_positions[n, 2], -w), w)
         x = min(max(clip_positions[n, 0] / w, -viewport.guard_x), viewport.guard_x)
         y = min(max(clip_positions[n, 1] / w, -viewport.guard_y), viewport.guard_y)
         screen.codes[first + n] = 0

@@ -64,7 +64,8 @@ def project_edges(edges, clip_positions, depth_coefficients, viewport: Viewport,
         The stored depth is ``(c0 + c1 z + c2 w) / w``; greater is nearer.
     viewport : Viewport
     ends : (N, 4) int64
-        Writes the pixels x0, y0, x1, y1 of the edges that may be seen, packed to the front.
+        Writes the pixels x0, y0, x1, y1 of the edges that may be seen, packed to the front; all
+        lie within the guard band.
     depths : (N, 2) float64
         Writes the stored depth at both ends.
 
@@ -91,8 +92,11 @@ def project_edges(edges, clip_positions, depth_coefficients, viewport: Viewport,
             if not w > 0.0:
                 visible = False
                 break
-            ends[count, 2 * end] = np.int64(np.floor((x / w + 1.0) * (0.5 * viewport.width)))
-            ends[count, 2 * end + 1] = np.int64(np.floor((1.0 - y / w) * (0.5 * viewport.height)))
+            # Rounding may leave a cut end a little outside the guard band, or far if w cancels.
+            x = min(max(x / w, -viewport.guard_x), viewport.guard_x)
+            y = min(max(y / w, -viewport.guard_y), viewport.guard_y)
+            ends[count, 2 * end] = np.int64(np.floor((x + 1.0) * (0.5 * viewport.width)))
+            ends[count, 2 * end + 1] = np.int64(np.floor((1.0 - y) * (0.5 * viewport.height)))
             depths[count, end] = (c0 + c1 * z + c2 * w) / w
         if visible:
             count += 1

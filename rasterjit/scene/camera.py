@@ -5,15 +5,16 @@ World and view space are right-handed with y up; a camera looks down its -z. Eve
 the five questions of :class:`Camera`, which is all that the renderer knows about it.
 
 The stored depth is reversed (nearer is bigger): near / w for a perspective camera, which is linear
-on screen and keeps float32's relative precision at any distance, and (1 - z_ndc) / 2 for a
-parallel one. Both are 1 on the near plane.
+on screen and keeps float32's relative precision at any distance, and -(1 + z_ndc) / 2 for a
+parallel one, which float32 keeps to a share of the distance from the near plane, however far the
+far plane is.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, Literal, Protocol
+from typing import Any, Literal, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -48,6 +49,7 @@ _SMALLEST_RADIUS = 2.0**-40
 the eye to one part in 4000 of its distance."""
 
 
+@runtime_checkable
 class Camera(Protocol):
     """What the renderer asks of a camera."""
 
@@ -78,7 +80,7 @@ class Camera(Protocol):
         Returns
         -------
         float64, the same shape
-            Positive in front of the eye. A stored 0 is the far plane of a parallel camera and
+            Positive in front of the eye. A stored 0 is the near plane of a parallel camera and
             infinity for a perspective one; the caller marks the pixels that hold nothing.
         """
 
@@ -197,13 +199,13 @@ class OrthographicCamera:
         return np.array(self.eye)
 
     def depth_coefficients(self) -> DepthCoefficients:
-        """Return (0, -1/2, 1/2): the stored depth is (1 - z_ndc) / 2."""
-        return 0.0, -0.5, 0.5
+        """Return (0, -1/2, -1/2): the stored depth is -(1 + z_ndc) / 2."""
+        return 0.0, -0.5, -0.5
 
     def view_depth(self, stored: ArrayLike) -> Float64:
-        """Return the depth, float64, scene units: ``near`` at 1, ``far`` at 0."""
-        share = np.asarray(stored, dtype=np.float64)
-        return self.near * share + self.far * (1.0 - share)
+        """Return the depth, float64, scene units: ``near`` at 0, ``far`` at -1."""
+        share = -np.asarray(stored, dtype=np.float64)
+        return self.near * (1.0 - share) + self.far * share
 
 
 @dataclass(frozen=True, eq=False)
@@ -329,13 +331,13 @@ class MatrixCamera:
 
     def depth_coefficients(self) -> DepthCoefficients:
         """
-        Return (c, 0, 0) for a perspective and (0, -1/2, 1/2) for a parallel projection.
+        Return (c, 0, 0) for a perspective and (0, -1/2, -1/2) for a parallel projection.
 
         ``c`` is w on the near plane, along view space's z axis, or 1 where that has no positive
         value.
         """
         if not self._is_perspective:
-            return 0.0, -0.5, 0.5
+            return 0.0, -0.5, -0.5
         (z_scale, z_offset), (w_scale, w_offset) = self.clip_from_view[2:, 2:].tolist()
         if z_scale + w_scale != 0.0:
             near_z = -(z_offset + w_offset) / (z_scale + w_scale)
@@ -357,7 +359,7 @@ class MatrixCamera:
             constant = self.depth_coefficients()[0]
             with np.errstate(divide="ignore"):
                 return constant / share / _length(w_row[:3])
-        ndc_z = 1.0 - 2.0 * share
+        ndc_z = -2.0 * share - 1.0
         return (ndc_z * w_row[3] - z_row[3]) / _length(z_row[:3])
 
     @property
@@ -503,6 +505,10 @@ def _upright(up: ArrayLike, towards: Float64) -> ArrayLike:
 
 def _sphere(scene: Bounded) -> tuple[Float64, float]:
     """Return the scene's bounding sphere, with a radius that float64 can frame."""
+    if not hasattr(scene, "bounding_sphere"):
+        raise ValueError(
+            f"scene must be a Scene, got {type(scene).__name__}; Scene.add puts a mesh into one"
+        )
     center, size = scene.bounding_sphere()
     center = vector("bounding sphere's center", center)
     radius = finite_number("bounding sphere's radius", size)
@@ -518,4 +524,7 @@ def _zoomed_fov(fov_y: float, zoom: float) -> float:
         return float(fov_y)
     half = math.atan(1.0 / (transforms.focal_length(fov_y) * zoom))
     # The arc tangent's last bit depends on the CPU; twelve digits do not.
-    return float(f"{2.0 * math.degrees(half):.12g}")
+    zoomed = float(f"{2.0 * math.degrees(half):.12g}")
+    if not 0.0 < zoomed < 180.0:
+        raise ValueError(f"zoom must leave a field of view within 0..180 degrees, got {zoom!r}")
+    return zoomed

@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 from numpy.typing import ArrayLike
 
 from rasterjit.scene.color import ColorLike, linear_color
-from rasterjit.validation import finite_number, vector
+from rasterjit.validation import bounded_number, vector
 
 Vector: TypeAlias = tuple[float, float, float]
 """Three floats: a world-space position, a unit direction, or linear RGB."""
@@ -30,7 +30,7 @@ class AmbientLight:
     Raises
     ------
     ValueError
-        If the colour is not one, or the intensity is negative or not finite.
+        If the colour is not one, or the intensity is not in 0..1e9.
     """
 
     color: ColorLike = "white"
@@ -58,8 +58,8 @@ class DirectionalLight:
     Raises
     ------
     ValueError
-        If the direction is zero or not finite, the colour is not one, or the intensity is negative
-        or not finite.
+        If the direction is zero or not finite, the colour is not one, or the intensity is not in
+        0..1e9.
     """
 
     direction: ArrayLike = (0.0, 0.0, -1.0)
@@ -89,8 +89,8 @@ class PointLight:
     Raises
     ------
     ValueError
-        If the position is not finite, the colour is not one, or the intensity is negative or not
-        finite.
+        If the position is not finite, the colour is not one, or the intensity is not in
+        0..1e9.
 
     References
     ----------
@@ -106,6 +106,9 @@ class PointLight:
         _check_color_and_intensity(self)
 
 
+BRIGHTEST = 1e9
+"""Largest intensity: products of a light, a surface and a falloff stay finite in float32."""
+
 Light: TypeAlias = AmbientLight | DirectionalLight | PointLight
 """Any light a scene takes."""
 
@@ -113,10 +116,7 @@ Light: TypeAlias = AmbientLight | DirectionalLight | PointLight
 def _check_color_and_intensity(light: Any) -> None:
     """Store the light's colour as linear RGB and its intensity as a float at least 0."""
     _store(light, "color", tuple(linear_color("color", light.color)[:3].tolist()))
-    intensity = finite_number("intensity", light.intensity)
-    if intensity < 0.0:
-        raise ValueError(f"intensity must be at least 0, got {intensity!r}")
-    _store(light, "intensity", intensity)
+    _store(light, "intensity", bounded_number("intensity", light.intensity, 0.0, BRIGHTEST))
 
 
 def _unit_vector(name: str, value: ArrayLike) -> Vector:

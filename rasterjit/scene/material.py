@@ -5,10 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from rasterjit.scene.color import ColorLike, linear_color
-from rasterjit.validation import finite_number, one_of, positive_number
+from rasterjit.validation import bounded_number, one_of
 
 SHADINGS = ("unlit", "flat", "gouraud", "phong")
 """The ways to shade: no light; one normal a face; light per vertex; light per pixel."""
+
+MOST_SPECULAR = 1e6
+"""Largest strength of a highlight: its product with the brightest light fits float32."""
+
+SHININESS_RANGE = (1e-6, 1e6)
+"""Exponents of a highlight: from none to see, to one narrower than a float32 angle."""
 
 
 @dataclass(frozen=True)
@@ -26,17 +32,17 @@ class Material:
     base_color : str or array_like
         Any colour of `rasterjit.scene.color.linear_color`; stored as a tuple of linear RGBA.
     specular : float
-        Strength of the white Blinn-Phong highlight, linear, at least 0; 0 is matt.
+        Strength of the white Blinn-Phong highlight, linear, in 0..1e6; 0 is matt.
     shininess : float
-        Exponent of the Blinn-Phong highlight, above 0; larger is smaller and sharper.
+        Exponent of the Blinn-Phong highlight, in 1e-6..1e6; larger is smaller and sharper.
     name : str, optional
         What the file called it.
 
     Raises
     ------
     ValueError
-        If the shading is unknown, the colour is not one, ``specular`` is negative or not finite, or
-        ``shininess`` is not above 0.
+        If the shading is unknown, the colour is not one, or ``specular`` or ``shininess`` is out of
+        range.
 
     References
     ----------
@@ -51,10 +57,9 @@ class Material:
 
     def __post_init__(self) -> None:
         one_of("shading", self.shading, SHADINGS)
-        specular = finite_number("specular", self.specular)
-        if specular < 0.0:
-            raise ValueError(f"specular must be at least 0, got {specular!r}")
+        specular = bounded_number("specular", self.specular, 0.0, MOST_SPECULAR)
+        shininess = bounded_number("shininess", self.shininess, *SHININESS_RANGE)
         base_color = tuple(linear_color("base_color", self.base_color).tolist())
         object.__setattr__(self, "base_color", base_color)
         object.__setattr__(self, "specular", specular)
-        object.__setattr__(self, "shininess", positive_number("shininess", self.shininess))
+        object.__setattr__(self, "shininess", shininess)

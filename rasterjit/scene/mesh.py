@@ -20,8 +20,8 @@ class Mesh:
     """
     Triangles that share vertices, with optional colours, normals and texture coordinates.
 
-    Arrays that already have the stored type and layout are kept without a copy, also read-only
-    ones; treat them as frozen from then on, because derived values are cached.
+    A mesh owns its arrays: they are copied when it is made and read-only from then on, so that
+    what was checked stays true. Another shape is another mesh.
 
     Parameters
     ----------
@@ -44,13 +44,6 @@ class Mesh:
 
     Attributes
     ----------
-    vertices : (V, 3) float64, C-contiguous
-    faces : (F, 3) int32, C-contiguous
-    vertex_colors : (V, 4) float32 linear RGBA, or None
-    face_colors : (F, 4) float32 linear RGBA, or None
-    normals : (V, 3) float32 of unit or zero length, or None
-    uv : (V, 2) float32, or None
-    material : Material
     invalid_vertices : int
         Number of vertices with a NaN or infinite coordinate; above 0 only after ``"drop"``.
 
@@ -73,38 +66,77 @@ class Mesh:
         on_invalid: str = "raise",
     ) -> None:
         one_of("on_invalid", on_invalid, ("raise", "drop"))
-        self.vertices: NDArray[np.float64] = _vertex_array(vertices)
-        self.faces: NDArray[np.int32] = face_array(faces, len(self.vertices))
-        self.invalid_vertices: int = _count_invalid(self.vertices, on_invalid)
-        self.vertex_colors: NDArray[np.float32] | None = None
-        self.face_colors: NDArray[np.float32] | None = None
+        self._vertices = _frozen(_vertex_array(vertices))
+        self._faces = _frozen(face_array(faces, len(self._vertices)))
+        self.invalid_vertices: int = _count_invalid(self._vertices, on_invalid)
+        self._vertex_colors: NDArray[np.float32] | None = None
+        self._face_colors: NDArray[np.float32] | None = None
         if colors is not None:
             self._store_colors(colors)
-        self.normals: NDArray[np.float32] | None = None
+        self._normals: NDArray[np.float32] | None = None
         if normals is not None:
-            self.normals = _normal_array(normals, len(self.vertices))
-        self.uv: NDArray[np.float32] | None = None
+            self._normals = _frozen(_normal_array(normals, len(self._vertices)))
+        self._uv: NDArray[np.float32] | None = None
         if uv is not None:
-            rows = _vertex_rows("uv", uv, (len(self.vertices), 2))
-            self.uv = np.ascontiguousarray(rows, dtype=np.float32)
+            rows = _vertex_rows("uv", uv, (len(self._vertices), 2))
+            self._uv = _frozen(np.array(rows, dtype=np.float32, order="C"))
         if material is None:
             material = Material() if colors is None else Material(base_color="white")
-        if not isinstance(material, Material):
-            raise ValueError(f"material must be a Material, got {material!r}")
-        self.material: Material = material
+        self.material = material
         self._bounds: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
         self._vertex_normals: NDArray[np.float32] | None = self.normals
+
+    @property
+    def vertices(self) -> NDArray[np.float64]:
+        """(V, 3) float64, C order, read-only: model-space positions."""
+        return self._vertices
+
+    @property
+    def faces(self) -> NDArray[np.int32]:
+        """(F, 3) int32, C order, read-only: vertex numbers."""
+        return self._faces
+
+    @property
+    def vertex_colors(self) -> NDArray[np.float32] | None:
+        """(V, 4) float32, read-only: linear RGBA, or None."""
+        return self._vertex_colors
+
+    @property
+    def face_colors(self) -> NDArray[np.float32] | None:
+        """(F, 4) float32, read-only: linear RGBA, or None."""
+        return self._face_colors
+
+    @property
+    def normals(self) -> NDArray[np.float32] | None:
+        """(V, 3) float32, read-only: the given normals, of unit or zero length, or None."""
+        return self._normals
+
+    @property
+    def uv(self) -> NDArray[np.float32] | None:
+        """(V, 2) float32, read-only: texture coordinates, or None."""
+        return self._uv
+
+    @property
+    def material(self) -> Material:
+        """How the surface is shaded; another may be assigned."""
+        return self._material
+
+    @material.setter
+    def material(self, value: Material) -> None:
+        if not isinstance(value, Material):
+            raise ValueError(f"material must be a Material, got {value!r}")
+        self._material = value
 
     def __repr__(self) -> str:
         return f"Mesh({len(self.vertices)} vertices, {len(self.faces)} faces)"
 
     def _store_colors(self, colors: ArrayLike) -> None:
         """Store colours by vertex or by face, as their number of rows tells."""
-        rgba = linear_rows("colors", colors)
+        rgba = _frozen(np.array(linear_rows("colors", colors)))
         if len(rgba) == len(self.vertices):
-            self.vertex_colors = rgba
+            self._vertex_colors = rgba
         elif len(rgba) == len(self.faces):
-            self.face_colors = rgba
+            self._face_colors = rgba
         else:
             raise ValueError(
                 f"colors must have one row per vertex ({len(self.vertices)}) or per face "
@@ -189,15 +221,15 @@ class Mesh:
         split = crease_normals(self.vertices, self.faces, self._scale(), angle, merge=plain)
         # The arrays come from a checked mesh: fill the new one without checking them again.
         result = Mesh.__new__(Mesh)
-        result.vertices = self.vertices[split.sources]
-        result.faces = split.faces
-        result.vertex_colors = None
+        result._vertices = _frozen(self.vertices[split.sources])
+        result._faces = _frozen(np.array(split.faces))
+        result._vertex_colors = None
         if self.vertex_colors is not None:
-            result.vertex_colors = self.vertex_colors[split.sources]
-        result.face_colors = self.face_colors
-        result.uv = None if self.uv is None else self.uv[split.sources]
-        result.normals = result._vertex_normals = split.normals
-        result.material = self.material
+            result._vertex_colors = _frozen(self.vertex_colors[split.sources])
+        result._face_colors = self.face_colors
+        result._uv = None if self.uv is None else _frozen(self.uv[split.sources])
+        result._normals = result._vertex_normals = _frozen(split.normals)
+        result._material = self.material
         result.invalid_vertices = _count_invalid(result.vertices, "drop")
         result._bounds = self._bounds
         return result
@@ -222,7 +254,7 @@ def _numbers(name: str, value: ArrayLike, kinds: str, shape: tuple[int | None, i
     rows, columns = shape
     wanted = f"({'n' if rows is None else rows}, {columns})"
     if array.size == 0:
-        raise ValueError(f"mesh has no {name}: {name} must have shape {wanted}, got {array.shape}")
+        raise ValueError(f"there are no {name}: {name} must have shape {wanted}, got {array.shape}")
     if array.dtype.kind not in kinds:
         raise ValueError(f"{name} must hold numbers, got an array of dtype {array.dtype}")
     if array.ndim != 2 or array.shape[1] != columns or rows not in (None, array.shape[0]):
@@ -231,12 +263,12 @@ def _numbers(name: str, value: ArrayLike, kinds: str, shape: tuple[int | None, i
 
 
 def _vertex_array(value: ArrayLike) -> NDArray[np.float64]:
-    """Return vertices as (V, 3) float64 in C order, or raise ``ValueError``."""
-    return np.ascontiguousarray(_numbers("vertices", value, "uif", (None, 3)), dtype=np.float64)
+    """Return vertices as (V, 3) float64, a copy in C order, or raise ``ValueError``."""
+    return np.array(_numbers("vertices", value, "uif", (None, 3)), dtype=np.float64, order="C")
 
 
 def face_array(value: ArrayLike, vertex_count: int) -> NDArray[np.int32]:
-    """Return faces as (F, 3) int32 in C order that point at vertices, or raise ``ValueError``."""
+    """Return a copy of faces, (F, 3) int32, C order, that all point at vertices, or raise."""
     array = _numbers("faces", value, "uif", (None, 3))
     low, high = array.min(), array.max()
     if array.dtype.kind == "f" and not (
@@ -253,7 +285,13 @@ def face_array(value: ArrayLike, vertex_count: int) -> NDArray[np.int32]:
             f"faces must point at the {vertex_count} vertices (0..{vertex_count - 1}), got {count} "
             f"of {len(array)} faces past the end, the largest index being {int(high)}"
         )
-    return np.ascontiguousarray(array, dtype=np.int32)
+    return np.array(array, dtype=np.int32, order="C")
+
+
+def _frozen(array: NDArray[Any]) -> NDArray[Any]:
+    """Return the array, read-only."""
+    array.flags.writeable = False
+    return array
 
 
 def _count_invalid(vertices: NDArray[np.float64], on_invalid: str) -> int:

@@ -38,6 +38,11 @@ class CreasedCorners:
     normals: NDArray[np.float32]
 
 
+def dot_rows(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the dot products of (..., 3) vectors, summed in one order on every CPU."""
+    return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1] + a[..., 2] * b[..., 2]
+
+
 def unit_rows(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
     """
     Scale every row to unit length.
@@ -55,7 +60,7 @@ def unit_rows(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
     usable = (largest > 0.0) & (largest < np.inf)
     # Scale first: squares of very long or very short vectors overflow or vanish.
     scaled = np.divide(vectors, largest, out=np.zeros_like(vectors), where=usable)
-    length = np.sqrt(np.einsum("ij,ij->i", scaled, scaled))[:, np.newaxis]
+    length = np.sqrt(dot_rows(scaled, scaled))[:, np.newaxis]
     return np.divide(scaled, length, out=scaled, where=usable)
 
 
@@ -264,7 +269,7 @@ def _creased_positions(
         has_area = direction.any(axis=1)
         for k in range(3):
             corner = positions[start:stop, k]
-            cosine = np.einsum("ij,ij->i", direction, means[corner])
+            cosine = dot_rows(direction, means[corner])
             creased[corner[(cosine < limit) & has_area]] = True
     return creased
 
@@ -300,8 +305,8 @@ def _corner_normals(
             if size > _MOST_NEIGHBOURS:
                 normals[group] = area
                 continue
-            near = np.einsum("gic,gjc->gij", direction, direction) >= limit
-            normals[group] = np.einsum("gij,gjc->gic", near.astype(np.float64), area)
+            near = dot_rows(direction[:, :, np.newaxis], direction[:, np.newaxis]) >= limit
+            normals[group] = (near[..., np.newaxis] * area[:, np.newaxis]).sum(axis=2)
     normals = unit_rows(normals)
     # A face without an area has no normal to compare: it takes the mean of its position.
     lost = ~directions[corners // 3].any(axis=1)

@@ -27,7 +27,8 @@ class Quality:
     subpixel_bits: int = 8
 
     def __post_init__(self) -> None:
-        one_of("subpixel_bits", self.subpixel_bits, (0, 4, 8, 12))
+        bits = one_of("subpixel_bits", self.subpixel_bits, (0, 4, 8, 12))
+        object.__setattr__(self, "subpixel_bits", int(bits))
 
     @classmethod
     def standard(cls) -> Quality:

@@ -400,6 +400,29 @@ def test_a_format_whose_reader_is_not_installed_names_the_way_out(tmp_path, monk
         load(write(tmp_path / "a.dae", "<COLLADA/>"))
 
 
+@pytest.mark.parametrize("extension", ["stl", "obj", "off"])
+def test_a_damaged_file_is_not_taken_for_a_missing_package(tmp_path, monkeypatch, extension):
+    monkeypatch.setitem(sys.modules, "charset_normalizer", None)
+    path = tmp_path / f"a.{extension}"
+    path.write_bytes(bytes(range(128, 256)) * 20)
+    with pytest.raises(MeshFileError) as error:
+        load(path)
+    assert "rasterjit[formats]" not in str(error.value)
+    assert path.name in str(error.value)
+
+
+def test_crease_angle_is_checked_whatever_the_file_holds(tmp_path):
+    path = write(tmp_path / "a.obj", OBJ_SQUARE + "f 1 2 3\n")
+    with pytest.raises(ValueError, match="crease_angle"):
+        load(path, crease_angle=500)
+
+
+def test_matt_obj_material_has_no_highlight(tmp_path):
+    write(tmp_path / "a.mtl", "newmtl m\nKd 0.1 0.1 0.4\nKs 0.9 0.9 0.9\nNs 0\n")
+    path = write(tmp_path / "a.obj", "mtllib a.mtl\nusemtl m\n" + OBJ_SQUARE + "f 1 2 3\n")
+    assert only_mesh(load(path)).material.specular == 0.0
+
+
 def test_nan_vertices_are_refused_or_dropped(tmp_path):
     path = write(tmp_path / "a.obj", OBJ_SQUARE + "v nan 0 0\nf 1 2 3\nf 1 2 5\n")
     with pytest.raises(MeshFileError, match=r"a\.obj: mesh .*vertices must be finite, got 1 of"):

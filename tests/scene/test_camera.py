@@ -107,19 +107,20 @@ def test_eye_is_the_origin_of_view_space(camera):
 
 
 @pytest.mark.parametrize("camera", CAMERAS[:6])
-def test_stored_depth_is_one_on_the_near_plane(camera):
-    near = 0.5 if camera.depth_coefficients()[0] else -1.0
+def test_stored_depth_is_one_on_the_near_plane_or_zero_of_a_parallel_view(camera):
+    is_perspective = camera.depth_coefficients()[0] > 0.0
+    near = 0.5 if is_perspective else -1.0
     point = tf.apply(np.linalg.inv(camera.view_matrix()), (0, 0, -near))
     c0, c1, c2 = camera.depth_coefficients()
     x, y, z, w = clip_points(camera, [point])[0]
     assert (x, y) == pytest.approx((0, 0), abs=1e-12)
-    assert (c0 + c1 * z + c2 * w) / w == pytest.approx(1, abs=1e-12)
+    assert (c0 + c1 * z + c2 * w) / w == pytest.approx(float(is_perspective), abs=1e-12)
 
 
 def test_depth_coefficients_are_those_of_the_contract():
     assert perspective_camera(near=0.25).depth_coefficients() == (0.25, 0.0, 0.0)
-    assert orthographic_camera().depth_coefficients() == (0.0, -0.5, 0.5)
-    assert as_matrices(orthographic_camera()).depth_coefficients() == (0.0, -0.5, 0.5)
+    assert orthographic_camera().depth_coefficients() == (0.0, -0.5, -0.5)
+    assert as_matrices(orthographic_camera()).depth_coefficients() == (0.0, -0.5, -0.5)
     for far in (50.0, math.inf):
         copied = as_matrices(perspective_camera(far=far)).depth_coefficients()
         assert copied == pytest.approx((0.5, 0.0, 0.0), rel=1e-14)
@@ -132,7 +133,7 @@ def test_perspective_stores_zero_at_infinity_and_gives_infinity_back():
 
 def test_orthographic_depth_is_exact_at_both_planes():
     camera = orthographic_camera(near=0.1, far=0.7)
-    assert camera.view_depth([1.0, 0.0]).tolist() == [0.1, 0.7]
+    assert camera.view_depth([0.0, -1.0]).tolist() == [0.1, 0.7]
 
 
 def test_stored_float32_depth_is_converted_in_float64():

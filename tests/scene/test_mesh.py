@@ -29,10 +29,24 @@ def soup(vertices, faces):
 # What is stored
 
 
-def test_arrays_of_the_stored_type_are_not_copied():
-    mesh = Mesh(SQUARE, TWO_FACES)
-    assert np.shares_memory(mesh.vertices, SQUARE)
-    assert np.shares_memory(mesh.faces, TWO_FACES)
+def test_a_mesh_owns_its_arrays():
+    vertices, faces = SQUARE.copy(), TWO_FACES.astype(np.int32)
+    colors, normals, uv = np.ones((4, 4), np.float32), np.ones((4, 3)), np.zeros((4, 2), np.float32)
+    mesh = Mesh(vertices, faces, colors=colors, normals=normals, uv=uv)
+    faces[:] = 1 << 30
+    vertices[:] = np.nan
+    np.testing.assert_array_equal(mesh.faces, TWO_FACES)
+    np.testing.assert_array_equal(mesh.vertices, SQUARE)
+    for given, name in ((colors, "vertex_colors"), (normals, "normals"), (uv, "uv")):
+        assert not np.shares_memory(given, getattr(mesh, name))
+        with pytest.raises(ValueError, match="read-only"):
+            getattr(mesh, name)[:] = 2.0
+        with pytest.raises(AttributeError):
+            setattr(mesh, name, given)
+    with pytest.raises(AttributeError):
+        mesh.faces = faces
+    with pytest.raises(ValueError, match="material"):
+        mesh.material = "red"
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64, np.int32])
@@ -123,8 +137,8 @@ def test_uv_is_stored_as_float32():
         ([[0, 1, np.inf]], "faces must hold whole vertex numbers, got inf"),
         ([[0, 1, 2, 3]], r"faces must have shape \(n, 3\), got \(1, 4\)"),
         ([0, 1, 2], r"faces must have shape \(n, 3\), got \(3,\)"),
-        ([], "mesh has no faces"),
-        (np.zeros((0, 3), dtype=int), "mesh has no faces"),
+        ([], "there are no faces"),
+        (np.zeros((0, 3), dtype=int), "there are no faces"),
         ([[True, False, True]], "faces must hold numbers, got an array of dtype bool"),
         ([["0", "1", "2"]], "faces must hold numbers"),
         ([[None, 1, 2]], "faces must hold numbers, got an array of dtype object"),
@@ -141,7 +155,7 @@ def test_bad_faces_are_refused_by_name(faces, message):
     ("vertices", "message"),
     [
         (SQUARE[:, :2], r"vertices must have shape \(n, 3\), got \(4, 2\)"),
-        ([], "mesh has no vertices"),
+        ([], "there are no vertices"),
         (SQUARE.astype(complex), "vertices must hold numbers, got an array of dtype complex"),
         (SQUARE > 0, "vertices must hold numbers, got an array of dtype bool"),
         (NAN_CORNER, "1 of 4 with NaN or infinity, the first being vertex 3.*on_invalid='drop'"),
