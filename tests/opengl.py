@@ -9,6 +9,7 @@ that RasterJIT sees: same sub-pixel grid, same side of every tie.
 from __future__ import annotations
 
 import functools
+import importlib
 import os
 from typing import Any, NamedTuple
 
@@ -56,6 +57,14 @@ def skip_or_fail(reason: str) -> None:
     if os.environ.get("CI"):
         pytest.fail(f"{reason}, and CI is set", pytrace=False)
     pytest.skip(reason)
+
+
+def optional_module(name: str) -> Any:
+    """Return a module of an optional extra; without it skip, or fail where CI is set."""
+    try:
+        return importlib.import_module(name)
+    except ImportError as error:
+        skip_or_fail(f"{name} is not installed ({error})")
 
 
 @functools.cache

@@ -1,6 +1,7 @@
 import imageio.v3 as iio
 import numpy as np
 import pytest
+from opengl import optional_module
 
 from rasterjit.io import images
 
@@ -157,7 +158,7 @@ def test_bad_depth_is_named(tmp_path):
 
 
 def test_exr_holds_the_depth_exactly(tmp_path):
-    openexr = pytest.importorskip("OpenEXR")
+    openexr = optional_module("OpenEXR")
     images.save_depth(tmp_path / "a.exr", DEPTH)
     assert files(tmp_path) == ["a.exr"]
     with openexr.File(str(tmp_path / "a.exr")) as file:

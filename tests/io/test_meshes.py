@@ -10,6 +10,7 @@ import warnings
 import numpy as np
 import pytest
 import trimesh
+from opengl import optional_module
 from PIL import Image
 
 from rasterjit.io.left_out import LeftOut
@@ -81,7 +82,7 @@ def test_each_format_gives_the_same_faces(tmp_path, extension):
 
 def write_export(path, source):
     if path.suffix == ".dae":
-        pytest.importorskip("collada")
+        optional_module("collada")
     # trimesh leaves the file of some formats open, so take the bytes.
     content = source.export(file_type=path.suffix[1:])
     path.write_bytes(content.encode() if isinstance(content, str) else content)

@@ -95,6 +95,29 @@ def test_editing_a_helper_in_another_file_is_seen(tmp_path):
 
 
 @compiled_only
+def test_without_a_folder_to_write_kernels_are_compiled_and_not_kept():
+    code = """
+import numpy as np
+from numba.core import caching
+
+def refuse(self):
+    raise OSError("read-only")
+
+caching._CacheLocator.ensure_cache_path = refuse
+from rasterjit.kernels import jit, resolve
+
+color = np.empty((1, 1), np.uint32)
+resolve.encode_rows(np.ones((1, 1, 4), np.float32), resolve.encoding_tables(), color)
+print(jit.cache_folder(), hex(color[0, 0]))
+"""
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", code],
+        cwd=PACKAGE.parent, capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    assert done.stdout.split() == ["None", "0xffffffff"]
+
+
+@compiled_only
 def test_layout_of_a_mesh_makes_no_new_variant(cube, camera):
     def render(vertices, faces, colors):
         mesh = rj.Mesh(vertices, faces, colors=colors, material=rj.Material("phong", "white"))
