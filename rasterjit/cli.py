@@ -190,6 +190,10 @@ def render(
     """
     view, look = gather(View, rest), gather(Look, rest)
     view.check()
+    if output.suffix.lower() in (".jpg", ".jpeg", ".bmp") and not _is_opaque(background):
+        raise click.BadOptionUsage(
+            "--background", f"--background: {output.suffix} cannot be transparent; choose .png"
+        )
     wanted, places = _plan_files(output, outputs, depth_file)
     from rasterjit.render import render as render_frame
 
@@ -218,6 +222,13 @@ def render(
             click.echo(f"wrote {place}")
 
 
+def _is_opaque(background: str) -> bool:
+    """Tell whether a colour covers what is behind it."""
+    from rasterjit.scene.color import linear_color
+
+    return bool(linear_color("background", background)[3] == 1.0)
+
+
 Places = dict[Path, tuple[str, ...] | str]
 """What each file gets: arrays by name, or ``"picture"`` or ``"depth"``."""
 
@@ -238,7 +249,9 @@ def _plan_files(
             places[output.with_suffix(".npz")] = others
     if depth_file is not None:
         if any(depth_file.absolute() == place.absolute() for place in places):
-            raise click.BadOptionUsage("--depth", f"--depth: {depth_file} is written already")
+            raise click.BadOptionUsage(
+                "--depth", f"--depth: {depth_file} is the file of another output"
+            )
         wanted["depth"] = None
         places[depth_file] = "depth"
     return tuple(wanted), places
@@ -307,11 +320,9 @@ def turntable(
     """Render FILE from a camera that goes once around it, to an animation."""
     from rasterjit.io.animations import check_animation, save_animation
     from rasterjit.render import Renderer
-    from rasterjit.scene.color import linear_color
 
     view, look = gather(View, rest), gather(Look, rest)
-    opaque = bool(linear_color("background", background)[3] == 1.0)
-    check_animation(output, size, fps, opaque)
+    check_animation(output, size, fps, _is_opaque(background))
     start = time.perf_counter()
     scene = _load(file, look, quiet)
     with Renderer(size, threads=threads) as renderer:

@@ -189,7 +189,7 @@ class Look(NamedTuple):
     on_invalid: str
     shading: str | None
     wireframe: str | None
-    wireframe_color: str
+    wireframe_color: str | None
 
     def apply(self, scene: Scene) -> None:
         """Change the scene's materials and wireframe."""
@@ -198,8 +198,10 @@ class Look(NamedTuple):
         if self.shading is not None:
             for mesh in {id(node.mesh): node.mesh for node in scene.nodes}.values():
                 mesh.material = dataclasses.replace(mesh.material, shading=self.shading)
-        if self.wireframe is not None:
-            scene.wireframe = Wireframe(self.wireframe_color, self.wireframe)
+        if self.wireframe is not None or self.wireframe_color is not None:
+            scene.wireframe = Wireframe(
+                self.wireframe_color or "black", self.wireframe or "overlay"
+            )
 
 
 class View(NamedTuple):
@@ -273,11 +275,16 @@ class View(NamedTuple):
         """Return the camera at ``position``, its near and far plane around the scene."""
         import numpy as np
 
+        from rasterjit.transforms import are_parallel
+
         center, radius = scene.bounding_sphere()
         fitted = self._fit(scene, size, DEFAULT_DIRECTION, (0.0, 1.0, 0.0))
         eye = np.array(self.position)
         target = center if self.target is None else np.array(self.target)
         up = self.up or (0.0, 1.0, 0.0)
+        if self.up is None and are_parallel(up, target - eye):
+            # Straight down or up: what is far in the default view is at the top.
+            up = (0.0, 0.0, math.copysign(1.0, target[1] - eye[1]))
         distance = float(np.linalg.norm(center - eye))
         if self.projection == "orthographic":
             near, far = 0.0, (distance + radius) * (1.0 + CLEARANCE) or 1.0
@@ -323,8 +330,8 @@ def look_options(command: Callable) -> Callable:
             click.option("--shading", type=modes, help="Shade all objects this way."),
             click.option("--wireframe", type=click.Choice(["overlay", "only"]),
                          help="Draw the edges over the faces, or alone."),
-            click.option("--wireframe-color", type=ColorType(), default="black",
-                         show_default=True, help="As --background, opaque."),
+            click.option("--wireframe-color", type=ColorType(),
+                         help="As --background, opaque; black if not given. Alone, it overlays."),
             click.option("--on-invalid", type=click.Choice(["raise", "drop"]), default="raise",
                          show_default=True,
                          help="Refuse a mesh with NaN or infinite vertices, or draw the rest."),

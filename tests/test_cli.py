@@ -260,7 +260,7 @@ BAD_OPTIONS = [
     ("--position", "1,2"),
     ("--position", "1,2,nan"),
     ("--position", "1,2,3", "--azimuth", "4"),
-    ("--position", "0,9,0", "--target", "0,0,0"),
+    ("--position", "0,9,0", "--target", "0,0,0", "--up", "0,1,0"),
     ("--position", "1,2,3", "--target", "1,2,3"),
     ("--target", "1,2,3"),
     ("--up", "0,0,0"),
@@ -529,3 +529,29 @@ def test_after_a_warmup_another_process_compiles_nothing(tmp_path, monkeypatch):
         capture_output=True, text=True, check=True, cwd=MODELS.parent,
     )  # fmt: skip
     assert done.stdout == "[]\nTrue\n"
+
+
+def test_a_format_without_alpha_refuses_a_transparent_background(tmp_path):
+    out = tmp_path / "a.jpg"
+    result = run("render", CUBE, "-o", out, "--background", "transparent", "--size", "8x8")
+    assert result.exit_code == 2
+    assert "--background" in result.stderr
+    assert not out.exists()
+
+
+def test_a_view_straight_down_needs_no_up(tmp_path):
+    out = tmp_path / "a.png"
+    result = run("render", CUBE, "-o", out, "--position", "0,9,0", "--target", "0,0,0",
+                 "--size", "16x12", "--quiet")  # fmt: skip
+    assert result.exit_code == 0, result.stderr
+    assert (iio.imread(out)[..., :3] != 255).any()
+
+
+def test_a_wireframe_color_alone_draws_the_overlay(tmp_path):
+    pictures = []
+    for options in (("--wireframe-color", "red"), ("--wireframe", "overlay", "--wireframe-color",
+                    "red"), ()):  # fmt: skip
+        out = tmp_path / "a.png"
+        assert run("render", CUBE, "-o", out, "--size", "24x16", *options).exit_code == 0
+        pictures.append(iio.imread(out).tobytes())
+    assert pictures[0] == pictures[1] != pictures[2]
