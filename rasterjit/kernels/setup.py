@@ -182,8 +182,8 @@ def last_sample(coordinate, grid_bits):
     return (coordinate - (np.int64(1) << (grid_bits - 1))) >> grid_bits
 
 
-# Outcomes of ``survey_triangle``; anything else is a survivor.
-SURVIVES, DEGENERATE, CULLED, UNSAMPLED = 0, 1, 2, 3
+# What becomes of a face; but for SURVIVES, these index the totals.
+OUTSIDE, DEGENERATE, CULLED, UNSAMPLED, DROPPED, SURVIVES = 0, 1, 2, 3, 4, 5
 
 
 @stage
@@ -219,6 +219,19 @@ def count_tiles(box, columns, tile_counts):
             tile_counts[np.uintp(row * columns + column)] += 1
 
 
+@stage
+def list_survivor(number, outcome, box, end, survivors, columns, tile_counts):
+    """List a triangle and its box if it survives; return the end of the list."""
+    if outcome != SURVIVES:
+        return end
+    triangles, boxes = survivors
+    slot = np.uintp(end)
+    triangles[slot] = number
+    boxes[slot, 0], boxes[slot, 1], boxes[slot, 2], boxes[slot, 3] = box
+    count_tiles(box, columns, tile_counts)
+    return end + 1
+
+
 @kernel
 def set_up_triangles(
     face_range, piece_range, faces: Faces, objects: Objects, screen, viewport, survivors, counts
@@ -247,9 +260,9 @@ def set_up_triangles(
     int
         One past the last survivor written.
     """
-    triangles, boxes = survivors
     columns, tile_counts, totals = counts
-    face_count = faces.faces.shape[0]
+    own, codes, xy = faces.faces, screen.codes, screen.xy
+    face_count = own.shape[0]
     end = face_range[0] + piece_range[0]
     piece = piece_range[0]
     owner = np.searchsorted(objects.face_starts, face_range[0], side="right") - 1
@@ -257,41 +270,29 @@ def set_up_triangles(
         while face >= objects.face_starts[owner + 1]:
             owner += 1
         # Reject by outcodes.
-        a, b, c = corners_of(faces.faces, face)
-        code0, code1, code2 = screen.codes[a], screen.codes[b], screen.codes[c]
+        a, b, c = corners_of(own, np.uintp(face))
+        code0, code1, code2 = codes[a], codes[b], codes[c]
         any_code = code0 | code1 | code2
         if any_code & INVALID:
-            totals[4] += 1
+            totals[DROPPED] += 1
             continue
         if code0 & code1 & code2 & FRUSTUM:
-            totals[0] += 1
+            totals[OUTSIDE] += 1
             continue
-        # Take the face itself, or the pieces it was cut into.
-        stop = piece
-        if any_code & CLIPPED:
-            while stop < piece_range[1] and faces.piece_faces[stop] == face:
-                stop += 1
-            if stop == piece:
-                totals[0] += 1
-                continue
-        outcome = UNSAMPLED
+        # List the face itself, or the pieces it was cut into.
+        turn = objects.culled_turns[owner]
         first = end
-        for part in range(max(stop - piece, 1)):
-            if stop > piece:
-                a, b, c = corners_of(faces.pieces, piece + part)
-                number = face_count + piece + part
-            else:
-                number = face
-            outcome, box = survey_triangle(
-                a, b, c, screen.xy, viewport, objects.culled_turns[owner]
-            )
-            if outcome == SURVIVES:
-                triangles[end] = number
-                for k in range(4):
-                    boxes[end, k] = box[k]
-                count_tiles(box, columns, tile_counts)
-                end += 1
-        piece = stop
+        if not any_code & CLIPPED:
+            outcome, box = survey_triangle(a, b, c, xy, viewport, turn)
+            end = list_survivor(face, outcome, box, end, survivors, columns, tile_counts)
+        else:
+            outcome = OUTSIDE
+            while piece < piece_range[1] and faces.piece_faces[piece] == face:
+                a, b, c = corners_of(faces.pieces, piece)
+                outcome, box = survey_triangle(a, b, c, xy, viewport, turn)
+                number = face_count + piece
+                end = list_survivor(number, outcome, box, end, survivors, columns, tile_counts)
+                piece += 1
         if end == first:
             totals[outcome] += 1
     return end
