@@ -77,7 +77,7 @@ class Frame:
 
     @property
     def linear(self) -> NDArray[np.float32]:
-        """(H, W, 4) float32: colour in linear light, and alpha, before rounding."""
+        """(H, W, 4) float32: linear colour and alpha, before rounding and without the wireframe."""
         return self._output("linear")
 
     @property

@@ -94,8 +94,8 @@ class RenderPlan:
     effects: tuple[Effect, ...]
 
     @property
-    def shades(self) -> bool:
-        """Whether any output needs colour."""
+    def needs_color(self) -> bool:
+        """Whether any output shows colour."""
         return "color" in self.outputs or "linear" in self.outputs
 
     def __str__(self) -> str:
@@ -154,8 +154,8 @@ def plan_render(
         ),
         Effect(
             "wireframe",
-            scene.wireframe is not None and colored,
-            _wireframe_reason(scene, colored),
+            scene.wireframe is not None and "color" in outputs,
+            _wireframe_reason(scene, outputs),
         ),
     )
     return RenderPlan(
@@ -165,7 +165,7 @@ def plan_render(
         outputs=outputs,
         background=linear_color("background", background),
         cull=cull,
-        wireframe=scene.wireframe if colored else None,
+        wireframe=scene.wireframe if "color" in outputs else None,
         draws_faces=draws_faces,
         lighting=_lighting(scene, camera) if is_lit else None,
         needs_normals=effects[2].used,
@@ -411,11 +411,13 @@ def _shading_reason(colored: bool, draws_faces: bool, models: set[str]) -> str:
     return ", ".join(sorted(models))
 
 
-def _wireframe_reason(scene: Scene, colored: bool) -> str:
-    """Say why edges are drawn or not."""
+def _wireframe_reason(scene: Scene, outputs: Sequence[str]) -> str:
+    """Say why edges are drawn or not: they are 8-bit pixels, so linear colour has none."""
     if scene.wireframe is None:
         return "scene.wireframe is None"
-    return f"mode {scene.wireframe.mode}" if colored else "no output shows colour"
+    if "color" not in outputs:
+        return "no output shows colour in 8 bits"
+    return f"mode {scene.wireframe.mode}"
 
 
 def _light_reason(scene: Scene, is_lit: bool) -> str:

@@ -271,7 +271,7 @@ def _shade(
 ) -> dict[str, NDArray[Any]]:
     """Make the colour outputs, if there are any."""
     result: dict[str, NDArray[Any]] = {}
-    if not plan.shades:
+    if not plan.needs_color:
         return result
     height, width = coverage.face_id.shape
     linear = np.empty((height, width, 4), np.float32) if "linear" in plan.outputs else None
@@ -303,7 +303,7 @@ def _draw_wireframe(
     result: dict[str, NDArray[Any]],
 ) -> None:
     """Draw the edges over the colour."""
-    if plan.wireframe is None or "color" not in result:
+    if plan.wireframe is None:
         return
     edges = stages.unique_edges(arrays.faces, len(arrays.positions))
     encoded = linear_to_srgb(np.array(plan.wireframe.color[:3]))

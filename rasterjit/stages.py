@@ -107,7 +107,7 @@ class Totals(NamedTuple):
     """With a vertex that is NaN, infinite or too large."""
     drawn: int
     clipped: int
-    """Of those that were not outside, how many were cut (not a share of its own)."""
+    """Cut at the near or far plane or the guard band; counted by their outcome as well."""
 
 
 class Coverage(NamedTuple):
@@ -133,6 +133,20 @@ def transform(
 
     Model positions become positions relative to the eye first: differences of large coordinates
     are taken while they are exact, so a scene far from the origin loses nothing.
+
+    Parameters
+    ----------
+    positions : (V, 3) float64, model space
+    vertex_starts : (O+1,) int64
+        Object ``o`` owns vertices ``vertex_starts[o]:vertex_starts[o+1]``.
+    relative_from_model : (O, 4, 4) float64
+        To world axes with the origin at the eye.
+    clip_from_relative : (4, 4) float64
+    workers : Workers
+
+    Returns
+    -------
+    (V, 4) float64, clip space
     """
     clip_positions = np.empty((len(positions), 4), np.float64)
 
@@ -161,7 +175,23 @@ def project(
     viewport: Viewport,
     workers: Workers,
 ) -> tuple[ScreenVertices, int]:
-    """Snap all vertices; return them, with some room behind, and the outcode bits seen."""
+    """
+    Snap all vertices.
+
+    Parameters
+    ----------
+    clip_positions : (V, 4) float64, clip space
+    depth_coefficients : (float, float, float)
+    viewport : Viewport
+    workers : Workers
+
+    Returns
+    -------
+    ScreenVertices
+        With room for ``SPARE_VERTICES`` more behind the V.
+    int
+        The outcode bits set for any vertex.
+    """
     count = clip_positions.shape[0]
     screen = _screen_arrays(count + SPARE_VERTICES)
     calls = [
@@ -181,9 +211,28 @@ def clip(
     depth_coefficients: tuple[float, float, float],
     viewport: Viewport,
     screen: ScreenVertices,
-    workers: Workers,
 ) -> tuple[Faces, ScreenVertices, int]:
-    """Cut the faces that need it; return all faces, all vertices and how many were cut."""
+    """
+    Cut the faces that cross the near or far plane or the guard band.
+
+    Parameters
+    ----------
+    clip_positions : (V, 4) float64, clip space
+    faces : (F, 3) int32, vertex numbers
+    depth_coefficients : (float, float, float)
+    viewport : Viewport
+    screen : ScreenVertices
+        The V vertices snapped, as `project` returns them.
+
+    Returns
+    -------
+    Faces
+        All F faces, and the pieces of those that were cut.
+    ScreenVertices
+        The V vertices, and behind them those that clipping made.
+    int
+        How many faces were cut.
+    """
     codes = screen.codes[: clip_positions.shape[0]]
     found = np.empty(min(len(faces), SPARE_VERTICES), np.int32)
     count = clipping.find_clipped_faces(faces, codes, found)
@@ -242,7 +291,7 @@ def find_visible(
     all_faces = Faces(faces, np.empty((0, 3), np.int32), np.empty(0, np.int32))
     if seen & setup.CLIPPED:
         all_faces, screen, clipped = clip(
-            clip_positions, faces, depth_coefficients, viewport, screen, workers
+            clip_positions, faces, depth_coefficients, viewport, screen
         )
     clock("clip")
     starts, binned, sums = set_up_and_bin(all_faces, objects, screen, viewport, workers)

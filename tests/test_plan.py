@@ -54,7 +54,7 @@ def test_unlit_highlight_asks_for_nothing(cube, camera):
 
 def test_ground_truth_alone_asks_for_no_shading(cube, camera):
     plan = rj.explain(cube, camera, outputs=("depth", "face_id"))
-    assert not plan.shades
+    assert not plan.needs_color
     assert plan.lighting is None
     assert not plan.needs_normals
     assert not any(effects(plan).values())
@@ -179,3 +179,13 @@ def test_viewport_reaches_the_guard_band(bits):
         # The guard band ends 8192 pixels beyond each side: |x| = guard w lands there.
         assert abs((viewport.guard_x + 1.0) * size[0] / 2 - (size[0] + 8192)) < 1e-6
         assert abs((viewport.guard_y + 1.0) * size[1] / 2 - (size[1] + 8192)) < 1e-6
+
+
+def test_linear_colour_alone_calls_for_no_wireframe(cube, camera):
+    scene = rj.Scene()
+    scene.add(cube)
+    scene.wireframe = rj.Wireframe("red")
+    plan = rj.explain(scene, camera, outputs=("linear",))
+    assert plan.wireframe is None
+    assert "no output shows colour in 8 bits" in str(plan)
+    assert rj.explain(scene, camera, outputs=("color",)).wireframe is scene.wireframe

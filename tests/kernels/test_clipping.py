@@ -186,9 +186,7 @@ def test_every_clipped_vertex_is_snapped_inside_the_guard_band(seed):
     # What is not written keeps this mark.
     mark = np.iinfo(np.int32).min
     screen.xy[count:], screen.depth[count:] = mark, np.nan
-    all_faces, screen, cut = stages.clip(
-        positions, faces, (0.0, -1.0, 0.0), viewport, screen, workers
-    )
+    all_faces, screen, cut = stages.clip(positions, faces, (0.0, -1.0, 0.0), viewport, screen)
     assert cut > 50
     used = np.unique(all_faces.pieces)
     assert used.min() >= count
