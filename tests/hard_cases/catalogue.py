@@ -1,0 +1,22 @@
+"""The numbers of all hard cases, by stage; every one of them must be held by a test."""
+
+from __future__ import annotations
+
+STAGES = {
+    "R": ("coverage and the fill rule", 19),
+    "D": ("degenerate, sliver, huge and non-finite faces", 16),
+    "C": ("clipping and cameras", 24),
+    "L": ("lines", 25),
+    "Z": ("depth and visibility", 16),
+    "I": ("interpolation", 10),
+    "T": ("textures", 11),
+    "K": ("colour, gamma and blending", 14),
+    "N": ("normals and lighting", 9),
+    "S": ("shadows", 6),
+    "M": ("samples and analytic coverage", 10),
+    "P": ("platform traps", 8),
+    "G": ("effects that are not called for", 12),
+}
+"""What each letter stands for, and how many cases it has."""
+
+IDS = [f"{letter}{n:02}" for letter, (_, count) in STAGES.items() for n in range(1, count + 1)]
