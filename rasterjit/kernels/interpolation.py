@@ -94,9 +94,18 @@ def sample_weights(a, b, c, column, row, geometry):
 
 
 @stage
-def interpolate(weights, value0, value1, value2):
-    """Return a value between those of the vertices; equal ones give exactly themselves."""
+def blend(weights, value0, value1, value2):
+    """Return the weighted mean of the vertices' values; equal ones give exactly themselves."""
     return value0 + weights[1] * (value1 - value0) + weights[2] * (value2 - value0)
+
+
+@stage
+def interpolate(weights, value0, value1, value2):
+    """Return `blend` held inside the range of its values, which rounding may leave by an ulp."""
+    lowest, highest = min(value0, min(value1, value2)), max(value0, max(value1, value2))
+    value = blend(weights, value0, value1, value2)
+    value = value if value >= lowest else lowest
+    return value if value <= highest else highest
 
 
 @stage
@@ -130,9 +139,9 @@ def place_sample(weights, a, b, c, owner, placement):
     """Return the point of a face with the given weights in world axes, relative to the eye."""
     p = placement.positions
     return place(
-        interpolate(weights, p[a, 0], p[b, 0], p[c, 0]),
-        interpolate(weights, p[a, 1], p[b, 1], p[c, 1]),
-        interpolate(weights, p[a, 2], p[b, 2], p[c, 2]),
+        blend(weights, p[a, 0], p[b, 0], p[c, 0]),
+        blend(weights, p[a, 1], p[b, 1], p[c, 1]),
+        blend(weights, p[a, 2], p[b, 2], p[c, 2]),
         owner,
         placement,
     )
@@ -185,12 +194,12 @@ def seen_from_behind(a, b, c, owner, geometry, placement):
 @stage
 def smooth_normal(weights, a, b, c, normals, matrices, owner):
     """Return the interpolated vertex normal in world axes, not normalized."""
-    x = interpolate(weights, np.float64(normals[a, 0]), np.float64(normals[b, 0]),
-                    np.float64(normals[c, 0]))  # fmt: skip
-    y = interpolate(weights, np.float64(normals[a, 1]), np.float64(normals[b, 1]),
-                    np.float64(normals[c, 1]))  # fmt: skip
-    z = interpolate(weights, np.float64(normals[a, 2]), np.float64(normals[b, 2]),
-                    np.float64(normals[c, 2]))  # fmt: skip
+    x = blend(weights, np.float64(normals[a, 0]), np.float64(normals[b, 0]),
+              np.float64(normals[c, 0]))  # fmt: skip
+    y = blend(weights, np.float64(normals[a, 1]), np.float64(normals[b, 1]),
+              np.float64(normals[c, 1]))  # fmt: skip
+    z = blend(weights, np.float64(normals[a, 2]), np.float64(normals[b, 2]),
+              np.float64(normals[c, 2]))  # fmt: skip
     return (
         matrices[owner, 0, 0] * x + matrices[owner, 0, 1] * y + matrices[owner, 0, 2] * z,
         matrices[owner, 1, 0] * x + matrices[owner, 1, 1] * y + matrices[owner, 1, 2] * z,
@@ -275,6 +284,7 @@ def fill_positions(face_id, rows, geometry: Geometry, placement: Placement, eye,
     position : (H, W, 3) float32
         Written; NaN where nothing is.
     """
+    p = placement.positions
     owner = np.int64(0)
     for row in range(rows[0], rows[1]):
         for column in range(face_id.shape[1]):
@@ -286,7 +296,10 @@ def fill_positions(face_id, rows, geometry: Geometry, placement: Placement, eye,
             owner = find_object(face, placement.face_starts, owner)
             a, b, c = lowest_first(geometry.faces, face)
             weights = sample_weights(a, b, c, column, row, geometry)
-            point = place_sample(weights, a, b, c, owner, placement)
+            x = interpolate(weights, p[a, 0], p[b, 0], p[c, 0])
+            y = interpolate(weights, p[a, 1], p[b, 1], p[c, 1])
+            z = interpolate(weights, p[a, 2], p[b, 2], p[c, 2])
+            point = place(x, y, z, owner, placement)
             for k in range(3):
                 position[row, column, k] = eye[k] + point[k]
 

@@ -19,8 +19,9 @@ misses the next whole number by at least 1/s, more than half an ulp.
 Depth is interpolated linearly on the screen, in float64, by differences from one vertex,
 ``d = d2 + b0 (d0 - d2) + b1 (d1 - d2)`` with exact edge functions in the weights ``b``, so equal
 vertex depths give exactly that depth. Along a row of a wide triangle it steps from the first
-covered sample of each 64 columns, where ``|steps * slope|`` stays below the depth's own range. It
-is held inside the range of the vertices. Vertices are taken in a
+covered sample of each 64 columns, where ``|steps * slope|`` stays below the depth's own range;
+these blocks of columns are the same for every tile size up to 64. It is held inside the range of
+the vertices. Vertices are taken in a
 fixed order (topmost, then leftmost first, clockwise), so neither rotation nor winding of the face
 changes a bit.
 
@@ -46,6 +47,9 @@ TILE_SIZE = 1 << TILE_BITS
 
 SMALL_PIXELS = 8
 """Triangles with a bounding box up to this many pixels wide are tested sample by sample."""
+
+BLOCK_BITS = 6
+"""Depth along a row starts anew every 2**6 = 64 columns; tiles are no wider."""
 
 SCRATCH_SHAPE = (TILE_SIZE, TILE_SIZE + SMALL_PIXELS)
 """A tile in scratch memory: its rows have room for groups that start in the last column."""
@@ -138,10 +142,10 @@ def held(depth, plane):
 
 
 @stage
-def fill_span(depths, numbers, depth, plane, face):
-    """Depth-test one row of samples, from the one with the given depth."""
+def fill_span(depths, numbers, depth, steps, plane, face):
+    """Depth-test one row of samples, which starts ``steps`` right of where the depth was taken."""
     for i in range(depths.shape[0]):
-        stored = held(depth + np.float64(np.int32(i)) * plane[3], plane)
+        stored = held(depth + np.float64(np.int32(np.int32(i) + steps)) * plane[3], plane)
         if stored > depths[i]:
             depths[i] = stored
             numbers[i] = face
@@ -220,17 +224,20 @@ def draw_spans(a, b, c, plane, box, face, origin, grid_bits, tile):
             last = last_inside(e0, across0, last)
             last = last_inside(e1, across1, last)
             last = last_inside(e2, across2, last)
-        if first <= last:
+        begin, end = max(left + first - origin[0], np.int64(0)), left + last + 1 - origin[0]
+        if begin < end:
             depth = depth_from(
                 plane,
                 edge_at(bx, by, cx, cy, left + first, row, grid_bits),
                 edge_at(cx, cy, ax, ay, left + first, row, grid_bits),
             )
-            begin, end = left + first - origin[0], left + last + 1 - origin[0]
+            steps = np.int32(0)
+            if TILE_BITS < BLOCK_BITS:
+                steps = np.int32(origin[0] + begin - (left + first))
             fill_span(
                 depths[row - origin[1], begin:end],
                 numbers[row - origin[1], begin:end],
-                depth, plane, face,
+                depth, steps, plane, face,
             )  # fmt: skip
         e0 += cx - bx
         e1 += ax - cx
@@ -249,12 +256,13 @@ def draw_triangle(corners, face, screen, viewport, origin, tile):
     plane = depth_plane(
         screen.depth[i], screen.depth[j], screen.depth[k], ax, ay, bx, by, cx, cy, bits
     )
-    # Bound it in pixels, and to the tile.
+    # Bound it in pixels, and to the tile; spans, to the block of columns that holds the tile.
     left = first_sample(min(ax, min(bx, cx)), bits)
     right = last_sample(max(ax, max(bx, cx)), bits)
-    width = right - left
+    is_small = right - left < SMALL_PIXELS
+    start = origin[0] if is_small else (origin[0] >> BLOCK_BITS) << BLOCK_BITS
     box = (
-        max(left, origin[0]),
+        max(left, start),
         max(first_sample(ay, bits), origin[1]),
         min(right, min(origin[0] + TILE_SIZE, np.int64(viewport.width)) - 1),
         min(
@@ -263,7 +271,7 @@ def draw_triangle(corners, face, screen, viewport, origin, tile):
         ),
     )
     a, b, c = (ax, ay), (bx, by), (cx, cy)
-    if width < SMALL_PIXELS:
+    if is_small:
         draw_small(a, b, c, plane, box, face, origin, bits, tile)
     else:
         draw_spans(a, b, c, plane, box, face, origin, bits, tile)
