@@ -24,6 +24,10 @@ TRIANGLE_AGREEMENT = 0.999
 LINE_AGREEMENT = 0.995
 """The same for OpenGL's lines: it leaves out each line's last pixel, by its diamond-exit rule."""
 
+EXACTNESS_COST = 1.10
+"""How many times as long as with float edges being exact may take."""
+EXACT_AND_FLOAT = ("rasterjit", "float_edges")
+
 STARTUP_ROUNDS = 5
 
 
@@ -154,6 +158,27 @@ def fill(options: Options) -> list[Row]:
     return found
 
 
+def exactness(options: Options) -> list[Row]:
+    """Time the same stages with float edge functions and triangles in any order."""
+    found = []
+    for what, scene in (
+        ("exact coverage, 1 M triangles", "million_triangles"),
+        ("exact coverage, 20 quads back to front", "fill_back_to_front"),
+        ("exact coverage, 20 quads front to back", "fill_front_to_back"),
+    ):
+        entries = [Entry(key, scene, n) for n in options.threads for key in EXACT_AND_FLOAT]
+        runs = measure(entries, options.rounds)
+        notes = check_pictures(runs, runs[0], TRIANGLE_AGREEMENT)
+        rows = rows_of(what, runs, notes)
+        for row in rows:
+            if row.ratio is not None:
+                row.target = f">= {1 / EXACTNESS_COST:.2f}x"
+                row.met = row.ratio >= 1 / EXACTNESS_COST
+                row.rate = f"being exact costs {100 / row.ratio - 100:+.1f} %"
+        found += rows
+    return found
+
+
 def lines(options: Options) -> list[Row]:
     """Time a million fifty-pixel lines; RasterJIT draws them in order on one thread."""
     threads = (1,)
@@ -237,6 +262,7 @@ def startup(options: Options) -> list[Row]:
 MARKS: dict[str, Callable[[Options], list[Row]]] = {
     "visibility": visibility,
     "fill": fill,
+    "exactness": exactness,
     "lines": lines,
     "python": python,
     "memory": memory,

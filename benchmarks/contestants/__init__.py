@@ -23,6 +23,7 @@ from benchmarks.scenes import Scene
 
 MODULES = {
     "rasterjit": "rasterjit_",
+    "float_edges": "float_edges",
     "opengl": "opengl",
     "opengl_color": "opengl_color",
     "numpy": "numpy_",
