@@ -8,6 +8,9 @@ Meshes to pictures and exact ground-truth buffers on a CPU, with nothing but pip
 >>> frame.save("teapot.png")
 """
 
+from importlib import import_module
+from types import ModuleType
+
 from rasterjit import transforms
 from rasterjit.frame import Frame, OutputNotRequestedError, Stats
 from rasterjit.framebuffer import Framebuffer
@@ -55,8 +58,16 @@ __all__ = [
     "explain",
     "fit_camera",
     "load",
+    "oracle",
     "orbit_direction",
     "rasterize",
     "render",
     "transforms",
 ]
+
+
+def __getattr__(name: str) -> ModuleType:
+    """Load the oracle when it is first named: rendering needs none of what it imports."""
+    if name == "oracle":
+        return import_module("rasterjit.oracle")
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

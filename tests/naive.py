@@ -1,9 +1,8 @@
 """
-Slow, obvious twins of the kernels.
+Slow, obvious twins of the kernels whose results are floats, and helpers of tests.
 
-What decides which pixel shows which face is exact: Python ints and ``fractions.Fraction``, no
-NumPy floats. Colour is float64 with the math library's own functions. Screen space is y down, the
-centre of pixel (column i, row j) is at (i + 1/2, j + 1/2).
+What decides which pixel shows which face is exact, and is ``rasterjit.oracle``. Colour is float64
+with the math library's own functions.
 """
 
 from __future__ import annotations
@@ -14,22 +13,12 @@ from itertools import pairwise
 
 import numpy as np
 
+from rasterjit import oracle
+
 HALF = Fraction(1, 2)
 
 
-# --- the sub-pixel grid ---------------------------------------------------------------------------
-
-
-def snap(value, bits=8):
-    """Return a screen coordinate in units of 2**-bits pixel, rounded half to even."""
-    return round(Fraction(value) * (1 << bits))
-
-
-def screen_from_clip(position, size):
-    """Return the exact screen position of a clip position (floats are taken at their value)."""
-    x, y, _, w = (Fraction(float(c)) for c in position)
-    width, height = size
-    return (x / w + 1) * width / 2, (1 - y / w) * height / 2
+# --- the screen -----------------------------------------------------------------------------------
 
 
 def clip_from_screen(points, size, z=0.0, w=1.0):
@@ -45,37 +34,8 @@ def clip_from_screen(points, size, z=0.0, w=1.0):
         ndc_x, ndc_y = 2 * x / size[0] - 1, 1 - 2 * y / size[1]
         at_w = float(ws[n])
         positions[n] = float(ndc_x) * at_w, float(ndc_y) * at_w, float(zs[n]) * at_w, at_w
-        assert screen_from_clip(positions[n], size) == (x, y), "not exact: use dyadic input"
+        assert oracle.screen_position(positions[n], size) == (x, y), "not exact: use dyadic input"
     return positions
-
-
-# --- coverage -------------------------------------------------------------------------------------
-
-
-def edge(a, b, p):
-    """Return the edge function: positive where a, b, p run clockwise as seen on the screen."""
-    return (b[0] - a[0]) * (p[1] - a[1]) - (b[1] - a[1]) * (p[0] - a[0])
-
-
-def is_top_or_left(a, b):
-    """Tell whether an edge of a clockwise triangle is a top or a left one."""
-    dx, dy = b[0] - a[0], b[1] - a[1]
-    return dy < 0 or (dy == 0 and dx > 0)
-
-
-def covers(triangle, point):
-    """Tell whether a triangle owns a point, by the top-left rule; integers or fractions."""
-    a, b, c = triangle
-    area = edge(a, b, c)
-    if area == 0:
-        return False
-    if area < 0:
-        b, c = c, b
-    for start, end in ((a, b), (b, c), (c, a)):
-        value = edge(start, end, point)
-        if value < 0 or (value == 0 and not is_top_or_left(start, end)):
-            return False
-    return True
 
 
 def centre(column, row, bits=8):
@@ -83,113 +43,12 @@ def centre(column, row, bits=8):
     return (column + HALF) * (1 << bits), (row + HALF) * (1 << bits)
 
 
-def snapped(triangle, bits=8):
-    return tuple((snap(x, bits), snap(y, bits)) for x, y in triangle)
-
-
-def covered_pixels(triangle, size, bits=8, window=None):
-    """
-    Return the pixels (column, row) of a screen triangle, snapped first.
-
-    ``window`` (left, top, right, bottom), right and bottom excluded, replaces the whole image.
-    """
-    corners = snapped(triangle, bits)
-    left, top, right, bottom = window or (0, 0, *size)
-    # Only pixels in the box of the triangle can be covered.
-    scale = 1 << bits
-    left = max(left, min(x for x, _ in corners) // scale - 1)
-    right = min(right, max(x for x, _ in corners) // scale + 2)
-    top = max(top, min(y for _, y in corners) // scale - 1)
-    bottom = min(bottom, max(y for _, y in corners) // scale + 2)
-    # Twice the grid, so that centres are whole numbers on every grid.
-    doubled = tuple((2 * x, 2 * y) for x, y in corners)
-    return {
-        (i, j)
-        for j in range(top, bottom)
-        for i in range(left, right)
-        if covers(doubled, ((2 * i + 1) * scale, (2 * j + 1) * scale))
-    }
-
-
-# --- depth and visibility -------------------------------------------------------------------------
-
-
-def affine_weights(triangle, point):
-    """Return the weights of the three vertices at a point, linear on the screen; exact."""
-    a, b, c = triangle
-    area = Fraction(edge(a, b, c))
-    return edge(b, c, point) / area, edge(c, a, point) / area, edge(a, b, point) / area
-
-
-def plane_depth(triangle, depths, point):
-    """Return the depth at a point of the plane through three vertices; exact."""
-    weights = affine_weights(triangle, point)
-    return sum(w * Fraction(d) for w, d in zip(weights, depths, strict=True))
-
-
-def visible(triangles, depths, size, bits=8):
-    """
-    Return {pixel: (face, exact depth)}: the smallest depth wins, the lower face wins a tie.
-
-    ``triangles`` are screen triangles, ``depths`` three numbers for each.
-    """
-    shown = {}
-    for face, triangle in enumerate(triangles):
-        corners = snapped(triangle, bits)
-        for pixel in covered_pixels(triangle, size, bits):
-            depth = plane_depth(corners, depths[face], centre(*pixel, bits))
-            if pixel not in shown or depth < shown[pixel][1]:
-                shown[pixel] = (face, depth)
-    return shown
-
-
-def perspective_weights(triangle, ws, point):
-    """Return the perspective-correct weights of the three vertices at a point; exact."""
-    weights = affine_weights(triangle, point)
-    shares = [b / Fraction(w) for b, w in zip(weights, ws, strict=True)]
-    return tuple(share / sum(shares) for share in shares)
-
-
 # --- clipping -------------------------------------------------------------------------------------
 
 
-def view_planes(guard_x=1, guard_y=1):
-    """Return the signed distances to near, far, left, right, bottom, top, as functions."""
-    gx, gy = Fraction(guard_x), Fraction(guard_y)
-    return [
-        lambda v: v[3] + v[2],
-        lambda v: v[3] - v[2],
-        lambda v: gx * v[3] + v[0],
-        lambda v: gx * v[3] - v[0],
-        lambda v: gy * v[3] + v[1],
-        lambda v: gy * v[3] - v[1],
-    ]
-
-
-def clip_polygon(polygon, planes):
-    """Cut a convex polygon of homogeneous points to planes (Sutherland-Hodgman)."""
-    polygon = [tuple(Fraction(float(c)) for c in vertex) for vertex in polygon]
-    for distance in planes:
-        kept = []
-        for n, here in enumerate(polygon):
-            there = polygon[(n + 1) % len(polygon)]
-            inside, outside = distance(here), distance(there)
-            if inside >= 0:
-                kept.append(here)
-            if inside * outside < 0:
-                t = inside / (inside - outside)
-                kept.append(tuple(a + t * (b - a) for a, b in zip(here, there, strict=True)))
-        polygon = kept
-    return polygon
-
-
-def clipped_screen_polygon(triangle, size, guard=(1, 1)):
+def clipped_screen_polygon(triangle, size, planes=oracle.VIEW_VOLUME):
     """Clip a triangle of clip positions; return its exact, unsnapped screen polygon."""
-    polygon = clip_polygon(triangle, view_planes(*guard))
-    if len(polygon) < 3 or any(vertex[3] <= 0 for vertex in polygon):
-        return []
-    width, height = size
-    return [((x / w + 1) * width / 2, (1 - y / w) * height / 2) for x, y, _, w in polygon]
+    return [oracle.screen_position(v, size) for v in oracle.clip_polygon(triangle, planes)]
 
 
 def polygon_pixels(polygon, size, margin=Fraction(0)):
@@ -200,14 +59,14 @@ def polygon_pixels(polygon, size, margin=Fraction(0)):
     ``margin`` pixels of the line through an edge.
     """
     inside, unsure = set(), set()
-    area = sum(edge(polygon[0], a, b) for a, b in pairwise(polygon[1:]))
+    area = sum(oracle.edge(polygon[0], a, b) for a, b in pairwise(polygon[1:]))
     if area < 0:
         polygon = polygon[::-1]
     lines = [(a, b) for a, b in zip(polygon, polygon[1:] + polygon[:1], strict=True) if a != b]
     for row in range(size[1]):
         for column in range(size[0]):
             point = (column + HALF, row + HALF)
-            values = [edge(a, b, point) for a, b in lines]
+            values = [oracle.edge(a, b, point) for a, b in lines]
             if all(value >= 0 for value in values):
                 inside.add((column, row))
             for (a, b), value in zip(lines, values, strict=True):
@@ -219,19 +78,18 @@ def polygon_pixels(polygon, size, margin=Fraction(0)):
 
 def cut_segment(a, b, planes):
     """Return the exact part (start, end) of a homogeneous segment inside planes, or None."""
-    a, b = (tuple(Fraction(float(c)) for c in end) for end in (a, b))
     first, last = Fraction(0), Fraction(1)
-    for distance in planes:
-        here, there = distance(a), distance(b)
+    for plane in planes:
+        here, there = oracle.plane_distance(plane, a), oracle.plane_distance(plane, b)
         if here < 0 and there < 0:
             return None
         if here < 0:
-            first = max(first, here / (here - there))
+            first = max(first, Fraction(here) / (here - there))
         elif there < 0:
-            last = min(last, here / (here - there))
+            last = min(last, Fraction(here) / (here - there))
     if first > last:
         return None
-    return tuple(tuple(p + t * (q - p) for p, q in zip(a, b, strict=True)) for t in (first, last))
+    return tuple(tuple(oracle.interpolate((1 - t, t), (a, b))) for t in (first, last))
 
 
 # --- colour ---------------------------------------------------------------------------------------

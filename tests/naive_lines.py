@@ -2,83 +2,37 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from fractions import Fraction
 
 import numpy as np
 
-HALF = Fraction(1, 2)
+from rasterjit import oracle
 
 
-def round_half_up(value: Fraction) -> int:
-    return math.floor(value + HALF)
-
-
-def line_pixels(start, end, start_color=(0,) * 4, end_color=(0,) * 4, steps=None):
-    """List (x, y, color) for the steps of a line (all, or those given)."""
-    n = max(abs(end[0] - start[0]), abs(end[1] - start[1]))
-    pixels = []
-    for k in range(n + 1) if steps is None else steps:
-        t = Fraction(k, n) if n else Fraction(0)
-        x = round_half_up(start[0] + t * (end[0] - start[0]))
-        y = round_half_up(start[1] + t * (end[1] - start[1]))
-        color = tuple(
-            round_half_up(a + t * (b - a)) for a, b in zip(start_color, end_color, strict=True)
-        )
-        pixels.append((x, y, color))
-    return pixels
-
-
-def draw_line(image, start, end, start_color, end_color):
-    """Draw the whole line and keep what lies inside; image is (H, W, 4) uint8."""
+def draw_line(image, start, end, start_color, end_color, steps=None):
+    """Draw the steps of a line (all, or those given) that lie inside; image is (H, W, 4) uint8."""
     height, width = image.shape[:2]
-    for x, y, color in line_pixels(start, end, start_color, end_color):
+    pixels = oracle.line_pixels(start, end, steps=steps)
+    colors = oracle.line_colors(start, end, start_color, end_color, steps=steps)
+    for (x, y), color in zip(pixels, colors, strict=True):
         if 0 <= x < width and 0 <= y < height:
             image[y, x] = color
 
 
-def edge(a, b, p):
-    """Twice the signed area of (a, b, p)."""
-    return (b[0] - a[0]) * (p[1] - a[1]) - (b[1] - a[1]) * (p[0] - a[0])
-
-
-def triangle_weights(vertices, p):
-    """The three edge functions at p, positive inside, and twice the area."""
-    a, b, c = vertices
-    area = edge(a, b, c)
-    sign = 1 if area >= 0 else -1
-    return [sign * edge(b, c, p), sign * edge(c, a, p), sign * edge(a, b, p)], sign * area
-
-
-def owns_ties(a, b, third):
-    """Whether the edge from a to b of a triangle with this third vertex is a top or left one."""
-    if edge(a, b, third) < 0:
-        a, b = b, a
-    return b[1] < a[1] or (b[1] == a[1] and b[0] > a[0])
-
-
 def triangle_pixels(vertices, colors, size, edges="top-left"):
-    """Map (x, y) to the colour of every pixel that a triangle covers."""
-    a, b, c = vertices
-    opposite = ((b, c, a), (c, a, b), (a, b, c))
+    """Map (x, y) to the colour of every pixel that a triangle covers; vertices are pixels."""
     found = {}
-    for y in range(size[1]):
-        for x in range(size[0]):
-            weights, area = triangle_weights(vertices, (x, y))
-            if area == 0 or min(weights) < 0:
-                continue
-            on_edges = [opposite[i] for i in range(3) if weights[i] == 0]
-            if edges == "top-left" and not all(owns_ties(*e) for e in on_edges):
-                continue
-            found[x, y] = tuple(
-                round_half_up(
-                    sum(
-                        Fraction(w, area) * color[k]
-                        for w, color in zip(weights, colors, strict=True)
-                    )
-                )
-                for k in range(4)
-            )
+    if oracle.edge(*vertices) == 0:
+        return found
+    for pixel in itertools.product(range(size[0]), range(size[1])):
+        if edges == "top-left" and not oracle.covers(vertices, pixel):
+            continue
+        weights = oracle.affine_weights(vertices, pixel)
+        if min(weights) >= 0:
+            color = oracle.interpolate(weights, colors)
+            found[pixel] = tuple(oracle.round_half_up(channel) for channel in color)
     return found
 
 
@@ -102,10 +56,8 @@ def bezier_vertices(points, segments):
         weights = [math.comb(degree, i) * t**i * (1 - t) ** (degree - i) for i in range(degree + 1)]
         vertices.append(
             tuple(
-                round_half_up(
-                    sum(w * Fraction(p[axis]) for w, p in zip(weights, points, strict=True))
-                )
-                for axis in range(2)
+                oracle.round_half_up(coordinate)
+                for coordinate in oracle.interpolate(weights, points)
             )
         )
     return vertices
@@ -115,7 +67,7 @@ def lines_on_panels(starts, ends, colors, side):
     """
     Draw line i into panel i of a (N * side, side, 4) picture, all at once.
 
-    The same formulas as ``line_pixels``, in NumPy integers, for points inside the panel.
+    The same formulas as ``oracle.line_pixels``, in NumPy integers, for points inside the panel.
     """
     picture = np.zeros((len(starts) * side, side, 4), np.uint8)
     change = ends - starts

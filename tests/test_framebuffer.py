@@ -6,6 +6,7 @@ import naive_lines as naive
 import numpy as np
 import pytest
 
+from rasterjit import oracle
 from rasterjit.framebuffer import Framebuffer
 
 RED, GREEN, BLUE = (255, 0, 0), (0, 255, 0), (0, 0, 255)
@@ -94,7 +95,9 @@ def test_no_primitive_writes_outside_its_array():
 def test_line_is_the_exact_one():
     framebuffer = Framebuffer(20, 20)
     framebuffer.draw_line((1, 2), (17, 9), (10, 20, 30, 40), (200, 100, 0, 255))
-    for x, y, color in naive.line_pixels((1, 2), (17, 9), (10, 20, 30, 40), (200, 100, 0, 255)):
+    pixels = oracle.line_pixels((1, 2), (17, 9))
+    colors = oracle.line_colors((1, 2), (17, 9), (10, 20, 30, 40), (200, 100, 0, 255))
+    for (x, y), color in zip(pixels, colors, strict=True):
         assert framebuffer.color[y, x].tolist() == list(color)
     assert len(lit(framebuffer)) == 17
 

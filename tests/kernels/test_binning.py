@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit import stages
+from rasterjit import oracle, stages
 from rasterjit.kernels import binning
 from rasterjit.kernels.records import Faces, Objects
 from rasterjit.plan import viewport_of
@@ -59,7 +59,7 @@ def test_tiles_list_the_faces_whose_pixels_they_hold():
     for face, corners in enumerate(faces):
         touched = {
             (j // 64) * COLUMNS + i // 64
-            for i, j in naive.covered_pixels(points[corners].tolist(), SIZE)
+            for i, j in oracle.covered_pixels(points[corners].tolist(), SIZE)
         }
         listed = {tile for tile, members in enumerate(lists) if face in members}
         assert touched <= listed

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import rasterjit as rj
-from rasterjit import stages
+from rasterjit import oracle, stages
 from rasterjit.kernels import clipping, setup
 from rasterjit.kernels.records import Viewport
 from rasterjit.plan import viewport_of
@@ -74,9 +74,9 @@ def clip_all(positions, viewport=WITHIN, faces=None):
     return counts, vertices, pieces, sources
 
 
-def ideal(positions, size, guard=(1, 1)):
+def ideal(positions, size):
     """Return the exact pixels of one clipped triangle, and those too close to call."""
-    polygon = naive.clipped_screen_polygon(positions, size, guard)
+    polygon = naive.clipped_screen_polygon(positions, size)
     return naive.polygon_pixels(polygon, size, UNSURE) if polygon else (set(), set())
 
 
@@ -101,7 +101,7 @@ def test_clipped_polygons_equal_naive():
     counts, vertices, _, _ = clip_all(positions)
     first = 0
     for n, count in enumerate(counts):
-        exact = naive.clip_polygon(positions[3 * n : 3 * n + 3], naive.view_planes())
+        exact = oracle.clip_polygon(positions[3 * n : 3 * n + 3])
         assert count == len(exact)
         for have, want in zip(vertices[first : first + count], exact, strict=True):
             np.testing.assert_allclose(have, [float(c) for c in want], rtol=0, atol=1e-13)
@@ -131,12 +131,12 @@ def test_fans_have_the_area_of_their_polygon():
     rng = np.random.default_rng(2)
     positions = np.array([random_corner(rng) for _ in range(300)])
     _, vertices, pieces, sources = clip_all(positions)
-    screen = [naive.screen_from_clip(vertex, SIZE) for vertex in vertices]
+    screen = [oracle.screen_position(vertex, SIZE) for vertex in vertices]
     for n in range(100):
         polygon = naive.clipped_screen_polygon(positions[3 * n : 3 * n + 3], SIZE)
-        want = sum(naive.edge(polygon[0], a, b) for a, b in pairwise(polygon[1:]))
+        want = sum(oracle.edge(polygon[0], a, b) for a, b in pairwise(polygon[1:]))
         have = sum(
-            naive.edge(*(screen[k - len(positions)] for k in piece))
+            oracle.edge(*(screen[k - len(positions)] for k in piece))
             for piece in pieces[sources == n].tolist()
         )
         assert abs(float(have - want)) < 1e-8
@@ -285,7 +285,7 @@ def test_vertex_exactly_on_a_plane(plane, beyond):
     on[axis], third[axis] = sign, sign * (1.0 + beyond)
     third[(axis + 1) % 3] = 0.5
     counts, vertices, _, _ = clip_all([on, inside, third])
-    exact = naive.clip_polygon([on, inside, third], naive.view_planes())
+    exact = oracle.clip_polygon([on, inside, third])
     assert counts[0] == len(exact) == 3
     assert len({tuple(vertex) for vertex in vertices.tolist()}) == 3
 
@@ -316,7 +316,7 @@ def test_a_cut_and_its_complement_cover_once(seed):
 def test_neighbours_get_the_same_new_vertices():
     rng = np.random.default_rng(6)
     viewport = viewport_of(SIZE, 8)
-    planes = naive.view_planes(viewport.guard_x, viewport.guard_y)
+    planes = oracle.view_planes(viewport.guard_x, viewport.guard_y)
     found = 0
     for _ in range(400):
         a, b, c, d = (random_corner(rng) * [200, 200, 1, 1] for _ in range(4))

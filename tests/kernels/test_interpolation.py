@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import rasterjit as rj
-from rasterjit import stages
+from rasterjit import oracle, stages
 from rasterjit.kernels import interpolation
 from rasterjit.kernels.records import Geometry
 from rasterjit.plan import viewport_of
@@ -62,8 +62,8 @@ def test_weights_are_those_of_exact_arithmetic(w, table):
     for (column, row), weights in table.items():
         want = [np.float32(float(Fraction(weight))) for weight in weights]
         assert seen.barycentric[row, column].tolist() == want
-        corners = naive.snapped(I01)
-        exact = naive.perspective_weights(corners, w, naive.centre(column, row))
+        corners = oracle.snap_triangle(I01)
+        exact = oracle.perspective_weights(corners, w, naive.centre(column, row))
         assert list(exact) == [Fraction(weight) for weight in weights]
 
 
@@ -80,9 +80,9 @@ def test_weights_equal_naive_on_random_faces():
         points = np.round(rng.uniform(-30, 94, (3, 2)) * 256) / 256
         w = 2.0 ** rng.integers(-3, 6, 3)
         seen = see(points, w, (64, 64))
-        corners = naive.snapped(points.tolist())
+        corners = oracle.snap_triangle(points.tolist())
         for row, column in np.argwhere(seen.face_id == 0)[::31]:
-            exact = naive.perspective_weights(
+            exact = oracle.perspective_weights(
                 corners, w.tolist(), naive.centre(int(column), int(row))
             )
             for have, want in zip(seen.barycentric[row, column], exact, strict=True):
@@ -163,11 +163,11 @@ def test_attribute_is_nan_where_nothing_is():
     ],
 )  # fmt: skip
 def test_slivers_far_from_the_origin_lose_nothing(points, values, pixel, size, want):
-    corners = naive.snapped(points)
+    corners = oracle.snap_triangle(points)
     point = naive.centre(*pixel)
-    exact = naive.affine_weights(corners, point)
+    exact = oracle.affine_weights(corners, point)
     assert sum(w * Fraction(v) for w, v in zip(exact, values, strict=True)) == want
-    assert pixel in naive.covered_pixels(
+    assert pixel in oracle.covered_pixels(
         points, size, window=(pixel[0], pixel[1], pixel[0] + 1, pixel[1] + 1)
     )
     # One pixel of a large image: its weights come from the kernel alone.
@@ -216,8 +216,8 @@ def test_rotating_a_face_rotates_its_weights_bit_for_bit():
 
 def test_tiny_w_overflows_nothing():
     seen = see(I01, np.array([2.0**-20, 1.0, 1.0]))
-    corners = naive.snapped(I01)
-    exact = naive.perspective_weights(corners, [2.0**-20, 1.0, 1.0], naive.centre(7, 7))
+    corners = oracle.snap_triangle(I01)
+    exact = oracle.perspective_weights(corners, [2.0**-20, 1.0, 1.0], naive.centre(7, 7))
     np.testing.assert_allclose(
         seen.barycentric[7, 7], [float(weight) for weight in exact], rtol=1e-7
     )

@@ -6,6 +6,7 @@ import numba
 import numpy as np
 import pytest
 
+from rasterjit import oracle
 from rasterjit.kernels import primitives
 
 JIT = not numba.config.DISABLE_JIT
@@ -153,7 +154,7 @@ def test_fan_around_a_pixel_covers_every_pixel_once(ring, method):
     # Every pixel strictly inside the ring is covered
     for y, x in np.argwhere(inside > 0):
         sides = zip(ring, ring[1:] + ring[:1], strict=True)
-        if all(naive.edge(a, b, (x, y)) > 0 for a, b in sides):
+        if all(oracle.edge(a, b, (x, y)) > 0 for a, b in sides):
             assert count[y, x] == 1
 
 
@@ -191,7 +192,7 @@ def test_inclusive_adds_exactly_the_pixels_on_edges(method):
         all_pixels = covered(vertices, (13, 11), edges="inclusive", method=method)
         assert own <= all_pixels
         for pixel in all_pixels - own:
-            assert min(naive.triangle_weights(vertices, pixel)[0]) == 0
+            assert min(oracle.affine_weights(vertices, pixel)) == 0
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -340,9 +341,9 @@ def test_curve_is_the_exact_chords(points):
     segments = primitives.bezier_segments(np.array(points, np.float64))
     vertices = naive.bezier_vertices(points, segments)
     expected = np.zeros((32, 32, 4), np.uint8)
-    ramp = naive.line_pixels((0, 0), (segments, 0), *colors)
-    previous, color = vertices[0], ramp[0][2]
-    for vertex, (_, _, next_color) in zip(vertices[1:], ramp[1:], strict=True):
+    ramp = oracle.line_colors((0, 0), (segments, 0), *colors)
+    previous, color = vertices[0], ramp[0]
+    for vertex, next_color in zip(vertices[1:], ramp[1:], strict=True):
         if vertex != previous:
             naive.draw_line(expected, previous, vertex, color, next_color)
             previous, color = vertex, next_color

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import rasterjit as rj
-from rasterjit import stages
+from rasterjit import oracle, stages
 from rasterjit.kernels import setup, visibility
 from rasterjit.kernels.records import Faces, Objects
 from rasterjit.plan import viewport_of
@@ -57,7 +57,7 @@ def test_snapping_equals_naive(bits):
     extra = max(bits, 1) - bits
     for row, (x, y) in zip(screen.xy.tolist(), points, strict=True):
         # y counts from below before it is flipped, so ties in it round on -y + H.
-        assert row == [naive.snap(x, bits) << extra, naive.snap(y, bits) << extra]
+        assert row == [oracle.snap(x, bits) << extra, oracle.snap(y, bits) << extra]
 
 
 @settings(max_examples=60, derandomize=True, deadline=None, database=None)
@@ -69,7 +69,7 @@ def test_snapped_vertex_lies_within_half_a_step(x, y, w, size):
     position = np.array([[x * w, y * w, 0.0, w]])
     screen, seen = project(position, size)
     assert not seen & setup.GUARD
-    exact = naive.screen_from_clip(position[0], size)
+    exact = oracle.screen_position(position[0], size)
     for have, want in zip(screen.xy[0].tolist(), exact, strict=True):
         assert abs(Fraction(have, 256) - want) <= Fraction(1, 512) + abs(want) / 2**48 + 1 / 2**40
 
@@ -80,20 +80,26 @@ def test_outcodes_equal_the_plane_distances():
     positions[:200] = rng.integers(-1, 2, (200, 4))  # many on a plane, many with w = 0
     viewport = viewport_of((64, 32), 8)
     screen, seen = project(positions, (64, 32))
-    planes = naive.view_planes()
-    guards = naive.view_planes(viewport.guard_x, viewport.guard_y)[2:]
+    planes = oracle.VIEW_VOLUME
+    guards = oracle.view_planes(viewport.guard_x, viewport.guard_y)[2:]
     bits = (
         setup.NEAR, setup.FAR, setup.LEFT, setup.RIGHT, setup.BOTTOM, setup.TOP,
     )  # fmt: skip
     union = 0
     for code, position in zip(screen.codes.tolist(), positions, strict=True):
         exact = [Fraction(c) for c in position.tolist()]
-        want = sum(bit for bit, plane in zip(bits, planes, strict=True) if plane(exact) < 0)
+        want = sum(
+            bit
+            for bit, plane in zip(bits, planes, strict=True)
+            if oracle.plane_distance(plane, exact) < 0
+        )
         # Guard distances are products of floats: leave out what lies within their rounding.
         slack = Fraction(1, 2**50) * abs(exact[3]) * 1000
-        if not exact[3] > 0 or any(plane(exact) < -slack for plane in guards):
+        if not exact[3] > 0 or any(
+            oracle.plane_distance(plane, exact) < -slack for plane in guards
+        ):
             want |= setup.GUARD
-        elif any(plane(exact) < slack for plane in guards):
+        elif any(oracle.plane_distance(plane, exact) < slack for plane in guards):
             want |= code & setup.GUARD
         assert code == want
         union |= code
@@ -241,7 +247,7 @@ def test_culling_uses_the_snapped_area():
     assert seen.totals.degenerate == 1
     turned = [(10 + 0.49 / 256, 10), (10, 40), (10 - 0.49 / 256, 20 + 0.49 / 256)]
     points = np.round(np.array(turned) * 2**20) / 2**20
-    area = naive.edge(*[tuple(naive.snap(c, 8) for c in point) for point in points])
+    area = oracle.edge(*[tuple(oracle.snap(c, 8) for c in point) for point in points])
     assert area == 0
     for cull in ("none", "back", "front"):
         seen = rj.rasterize(

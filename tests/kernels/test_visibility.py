@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import rasterjit as rj
+from rasterjit import oracle
 
 SCREEN = (128, 128)
 R09 = [(2.3, 1.7), (9.1, 3.2), (4.4, 10.6)]
@@ -95,7 +96,7 @@ def test_coverage_is_exact(kind, bits):
     for triangle in random_triangles(kind, rng):
         points = dyadic(triangle)
         have = pixels(points, bits=bits)
-        assert have == naive.covered_pixels(points, SCREEN, bits), points
+        assert have == oracle.covered_pixels(points, SCREEN, subpixel_bits=bits), points
         drawn += len(have)
     assert drawn > 0
 
@@ -107,26 +108,26 @@ point = st.tuples(coordinate, coordinate)
 @settings(max_examples=60, derandomize=True, deadline=None, database=None)
 @given(point, point, point)
 def test_triangle_covers_what_the_oracle_says(a, b, c):
-    assert pixels([a, b, c]) == naive.covered_pixels([a, b, c], SCREEN)
+    assert pixels([a, b, c]) == oracle.covered_pixels([a, b, c], SCREEN)
 
 
 @settings(max_examples=40, derandomize=True, deadline=None, database=None)
 @given(point, point, point, point)
 def test_shared_edge_is_drawn_once(a, b, c, d):
     # c and d on different sides of the edge a b.
-    p, q, r, s = naive.snapped([a, b, c, d])
-    if naive.edge(p, q, r) > 0:
+    p, q, r, s = [(oracle.snap(x), oracle.snap(y)) for x, y in (a, b, c, d)]
+    if oracle.edge(p, q, r) > 0:
         c, d, r, s = d, c, s, r
-    if not naive.edge(p, q, r) < 0 < naive.edge(p, q, s):
+    if not oracle.edge(p, q, r) < 0 < oracle.edge(p, q, s):
         return
     one, other = pixels([a, b, c]), pixels([b, a, d])
     assert not one & other
     assert pixels([c, d, a]) | pixels([c, d, b]) >= set()
     on_edge = {
         (i, j)
-        for i, j in naive.covered_pixels([a, b, c], SCREEN)
-        | naive.covered_pixels([b, a, d], SCREEN)
-        if naive.edge(p, q, naive.centre(i, j)) == 0
+        for i, j in oracle.covered_pixels([a, b, c], SCREEN)
+        | oracle.covered_pixels([b, a, d], SCREEN)
+        if oracle.edge(p, q, naive.centre(i, j)) == 0
     }
     assert on_edge <= one | other
 
@@ -338,12 +339,12 @@ def test_depth_is_within_two_ulp_of_the_exact_plane():
         points = dyadic(middle + rng.uniform(-reach, reach, (3, 2)))
         depths = rng.uniform(0.1, 0.9, 3)
         seen = draw(points, [[0, 1, 2]], z=depths)
-        corners = naive.snapped(points)
-        if abs(naive.edge(*corners)) < (reach * 256) ** 2 / 20:
+        corners = oracle.snap_triangle(points)
+        if abs(oracle.edge(*corners)) < (reach * 256) ** 2 / 20:
             continue
         low, high = np.float32(depths.min()), np.float32(depths.max())
         for row, column in np.argwhere(seen.face_id == 0)[::7]:
-            exact = naive.plane_depth(corners, depths.tolist(), naive.centre(int(column), int(row)))
+            exact = oracle.depth_at(corners, depths.tolist(), naive.centre(int(column), int(row)))
             have = seen.depth[row, column]
             assert abs(Fraction(float(have)) - exact) <= 2 * Fraction(float(np.spacing(have)))
             assert low <= have <= high
@@ -459,7 +460,7 @@ def test_nearest_face_is_seen(bits):
     faces = np.arange(180).reshape(-1, 3)
     seen = draw(points, faces, size, bits, z=depths)
     triangles = [dyadic(points[face]).tolist() for face in faces]
-    expected = naive.visible(triangles, depths[faces].tolist(), size, bits)
+    expected = oracle.visible_faces(triangles, depths[faces].tolist(), size, subpixel_bits=bits)
     have = {(int(i), int(j)): int(seen.face_id[j, i]) for j, i in np.argwhere(seen.face_id >= 0)}
     assert have == {pixel: face for pixel, (face, _) in expected.items()}
 

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import rasterjit as rj
-from rasterjit import stages
+from rasterjit import oracle, stages
 from rasterjit.kernels import wireframe
 from rasterjit.kernels.records import Geometry
 from rasterjit.plan import viewport_of
@@ -54,7 +54,7 @@ def test_edge_behind_or_beside_the_view_is_dropped():
 def test_cut_edges_equal_naive():
     rng = np.random.default_rng(1)
     viewport = viewport_of(SIZE, 8)
-    planes = naive.view_planes(viewport.guard_x, viewport.guard_y)
+    planes = oracle.view_planes(viewport.guard_x, viewport.guard_y)
     kept = 0
     for _ in range(400):
         scale = rng.choice([1.0, 1000.0])
@@ -71,7 +71,7 @@ def test_cut_edges_equal_naive():
             continue
         kept += 1
         for n, end in enumerate(part):
-            x, y = naive.screen_from_clip(end, SIZE)
+            x, y = oracle.screen_position(end, SIZE)
             assert abs(ends[0, 2 * n] + 0.5 - float(x)) <= 0.5 + 1e-6
             assert abs(ends[0, 2 * n + 1] + 0.5 - float(y)) <= 0.5 + 1e-6
             np.testing.assert_allclose(depths[0, n], 1.0 / float(end[3]), rtol=1e-9)
