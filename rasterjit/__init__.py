@@ -12,10 +12,13 @@ from importlib import import_module
 from types import ModuleType
 
 from rasterjit import transforms
+from rasterjit.diagnostics import Diagnostics
+from rasterjit.explanation import PixelExplanation
 from rasterjit.frame import Frame, OutputNotRequestedError, Stats
 from rasterjit.framebuffer import Framebuffer
 from rasterjit.io.meshes import load
 from rasterjit.pipeline import Pipeline
+from rasterjit.pixel import explain_pixel
 from rasterjit.plan import RenderPlan
 from rasterjit.rasterize import Visibility, rasterize
 from rasterjit.render import Renderer, explain, render
@@ -36,6 +39,7 @@ __version__ = "0.1.0"
 
 __all__ = [
     "AmbientLight",
+    "Diagnostics",
     "DirectionalLight",
     "Frame",
     "Framebuffer",
@@ -47,6 +51,7 @@ __all__ = [
     "OutputNotRequestedError",
     "PerspectiveCamera",
     "Pipeline",
+    "PixelExplanation",
     "PointLight",
     "Quality",
     "RenderPlan",
@@ -56,6 +61,7 @@ __all__ = [
     "Visibility",
     "Wireframe",
     "explain",
+    "explain_pixel",
     "fit_camera",
     "load",
     "oracle",

@@ -21,6 +21,7 @@ from rasterjit.cli_options import (
     ColorType,
     Look,
     OutputsType,
+    PixelType,
     PlaceType,
     SizeType,
     View,
@@ -28,7 +29,7 @@ from rasterjit.cli_options import (
     look_options,
     view_options,
 )
-from rasterjit.cli_report import print_stats, status, with_progress
+from rasterjit.cli_report import print_diagnostics, print_stats, status, with_progress
 
 if TYPE_CHECKING:
     from rasterjit.frame import Frame
@@ -166,6 +167,10 @@ def program(context: click.Context, version: bool) -> None:
     "--depth-scale", type=click.FloatRange(0.0, min_open=True), default=1000.0, show_default=True,
     help="What depth is multiplied by in a 16-bit .png.",
 )  # fmt: skip
+@click.option(
+    "--diagnose", is_flag=True,
+    help="Print what became of every face, exactly, and how precise the numbers are.",
+)  # fmt: skip
 @threads_option
 @quiet_option
 @debug_option
@@ -178,6 +183,7 @@ def render(
     outputs: tuple[str, ...],
     depth_file: Path | None,
     depth_scale: float,
+    diagnose: bool,
     threads: int | None,
     quiet: bool,
     **rest: Any,
@@ -208,6 +214,7 @@ def render(
             outputs=wanted,
             background=background,
             cull=cull,
+            diagnose=diagnose,
             threads=threads,
         )
         rendered = time.perf_counter()
@@ -218,6 +225,8 @@ def render(
     if not quiet:
         seconds = {"load": loaded - start, **frame.stats.seconds, "save": saved - rendered}
         print_stats(frame, seconds, saved - start)
+        if diagnose:
+            print_diagnostics(frame.diagnostics)
         for place in places:
             click.echo(f"wrote {place}")
 
@@ -344,6 +353,8 @@ def turntable(
 @cull_option
 @click.option("--outputs", type=OutputsType(), default="color", show_default=True,
               metavar="NAMES", help=OUTPUTS_HELP)  # fmt: skip
+@click.option("--pixel", type=PixelType(),
+              help="Say instead what happens at this column and row, step by step.")  # fmt: skip
 @debug_option
 def explain(
     file: Path,
@@ -351,15 +362,26 @@ def explain(
     background: str,
     cull: str,
     outputs: tuple[str, ...],
+    pixel: tuple[int, int] | None,
     **rest: Any,
 ) -> None:
-    """Say what rendering FILE would do, without doing it."""
+    """Say what rendering FILE would do, without doing it; or what happens at one pixel."""
     view, look = gather(View, rest), gather(Look, rest)
     view.check()
+    if pixel is not None and not (pixel[0] < size[0] and pixel[1] < size[1]):
+        raise click.BadOptionUsage(
+            "--pixel", f"--pixel: {pixel[0]},{pixel[1]} is not in the picture"
+        )
+    from rasterjit.pixel import explain_pixel
     from rasterjit.render import explain as plan_of
 
     scene = _load(file, look, quiet=False)
     camera = view.camera(scene, size)
+    if pixel is not None:
+        click.echo(
+            str(explain_pixel(scene, camera, size, *pixel, background=background, cull=cull))
+        )
+        return
     plan = plan_of(scene, camera, size=size, outputs=outputs, background=background, cull=cull)
     click.echo(str(plan))
 

@@ -63,6 +63,25 @@ class SizeType(click.ParamType):
             self.fail(f"{value!r}: both sides must be in 1..16384 pixels", parameter, context)
 
 
+class PixelType(click.ParamType):
+    """Column and row of a pixel, ``320,240``."""
+
+    name = "X,Y"
+
+    def convert(
+        self, value: Any, parameter: click.Parameter | None, context: click.Context | None
+    ) -> tuple[int, int]:
+        """Return (column, row), or raise click's usage error."""
+        if isinstance(value, tuple):
+            return value
+        place = re.fullmatch(r"([0-9]{1,9}),([0-9]{1,9})", value.replace(" ", ""))
+        if place is None:
+            self.fail(
+                f"{value!r} is not X,Y, a column and a row such as 320,240", parameter, context
+            )
+        return int(place[1]), int(place[2])
+
+
 class VectorType(click.ParamType):
     """Three numbers, ``1,2.5,-3``."""
 
@@ -285,7 +304,8 @@ class View(NamedTuple):
         if self.up is None and are_parallel(up, target - eye):
             # Straight down or up: what is far in the default view is at the top.
             up = (0.0, 0.0, math.copysign(1.0, target[1] - eye[1]))
-        distance = float(np.linalg.norm(center - eye))
+        x, y, z = (center - eye).tolist()
+        distance = math.sqrt(x * x + y * y + z * z)
         if self.projection == "orthographic":
             near, far = 0.0, (distance + radius) * (1.0 + CLEARANCE) or 1.0
         else:
@@ -296,18 +316,13 @@ class View(NamedTuple):
 
 def _frame_of(up: Vector) -> NDArray[np.float64]:
     """Return the shortest rotation, (4, 4), that takes y to ``up``; z up makes -y the front."""
-    import numpy as np
-
     from rasterjit import transforms
 
-    upward = transforms.unit_vector("up", up)
-    axis = np.cross((0.0, 1.0, 0.0), upward)
-    if not axis.any():
-        axis = np.array((1.0, 0.0, 0.0))
-    degrees = math.degrees(
-        math.atan2(float(np.linalg.norm(np.cross((0, 1, 0), upward))), upward[1])
-    )
-    return transforms.rotate(axis, degrees)
+    x, y, z = transforms.unit_vector("up", up).tolist()
+    # The axis is the cross product of y and up; its length is the sine.
+    sine = math.sqrt(x * x + z * z)
+    axis = (z, 0.0, -x) if sine > 0.0 else (1.0, 0.0, 0.0)
+    return transforms.rotate(axis, transforms.arc_tangent(sine, y))
 
 
 def gather(kind: type[Options], options: dict[str, Any]) -> Options:

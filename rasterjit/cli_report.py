@@ -7,6 +7,7 @@ from contextlib import contextmanager, nullcontext
 from typing import TYPE_CHECKING, TypeVar
 
 if TYPE_CHECKING:
+    from rasterjit.diagnostics import Diagnostics
     from rasterjit.frame import Frame
 
 Item = TypeVar("Item")
@@ -71,4 +72,17 @@ def print_stats(frame: Frame, seconds: dict[str, float], total: float) -> None:
         table.add_row(STAGE_NAMES.get(stage, stage), f"{1000.0 * duration:,.1f} ms")
     table.add_section()
     table.add_row("total", f"{1000.0 * total:,.1f} ms")
+    Console(highlight=False).print(table)
+
+
+def print_diagnostics(diagnostics: Diagnostics) -> None:
+    """Print what became of every face, and how precise the numbers are."""
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(show_header=False)
+    table.add_column()
+    table.add_column(justify="right")
+    for name, text in diagnostics.rows():
+        table.add_row(name, text)
     Console(highlight=False).print(table)

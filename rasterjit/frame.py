@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.diagnostics import Diagnostics
 from rasterjit.io import images
 from rasterjit.plan import OUTPUTS, RenderPlan
 
@@ -61,10 +62,17 @@ class Frame:
     stats : Stats
     """
 
-    def __init__(self, outputs: dict[str, NDArray[Any]], plan: RenderPlan, stats: Stats) -> None:
+    def __init__(
+        self,
+        outputs: dict[str, NDArray[Any]],
+        plan: RenderPlan,
+        stats: Stats,
+        diagnostics: Diagnostics | None = None,
+    ) -> None:
         self._outputs = outputs
         self.plan = plan
         self.stats = stats
+        self._diagnostics = diagnostics
 
     def __repr__(self) -> str:
         width, height = self.plan.size
@@ -114,6 +122,15 @@ class Frame:
     def position(self) -> NDArray[np.float32]:
         """(H, W, 3) float32: world-space position; NaN where nothing is."""
         return self._output("position")
+
+    @property
+    def diagnostics(self) -> Diagnostics:
+        """What became of every face, and how precise the numbers are; needs ``diagnose=True``."""
+        if self._diagnostics is None:
+            raise OutputNotRequestedError(
+                "diagnostics were not made: ask for them with diagnose=True"
+            )
+        return self._diagnostics
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Return all outputs by name."""

@@ -41,6 +41,10 @@ MODELS = {
     "phong": shading.PHONG,
 }
 
+FARTHEST_LIGHT = 1e18
+"""Coordinates of a light relative to the eye are held within it: their squares stay finite in
+float32, and no light of an allowed intensity is seen from there."""
+
 HEADLIGHT_DIRECTION = (-0.3, -0.5, -1.0)
 """Direction of the default light in view space: over the viewer's right shoulder."""
 HEADLIGHT_INTENSITY = 0.9
@@ -91,6 +95,7 @@ class RenderPlan:
     lighting: Lighting | None
     needs_normals: bool
     needs_gouraud: bool
+    diagnose: bool
     effects: tuple[Effect, ...]
 
     @property
@@ -122,6 +127,7 @@ def plan_render(
     outputs: Sequence[str],
     background: Any,
     cull: str,
+    diagnose: bool = False,
 ) -> RenderPlan:
     """
     Check the arguments of a frame and decide what it needs.
@@ -134,6 +140,8 @@ def plan_render(
     size = image_size("size", size)
     outputs = check_outputs(outputs)
     one_of("cull", cull, CULL_MODES)
+    if not isinstance(diagnose, bool):
+        raise ValueError(f"diagnose must be True or False, got {diagnose!r}")
     check_scene(scene)
     colored = "color" in outputs or "linear" in outputs
     models = {node.mesh.material.shading for node in scene.nodes}
@@ -157,6 +165,7 @@ def plan_render(
             scene.wireframe is not None and "color" in outputs,
             _wireframe_reason(scene, outputs),
         ),
+        Effect("diagnostics", diagnose, f"diagnose={diagnose}"),
     )
     return RenderPlan(
         size=size,
@@ -170,6 +179,7 @@ def plan_render(
         lighting=_lighting(scene, camera) if is_lit else None,
         needs_normals=effects[2].used,
         needs_gouraud=is_lit and "gouraud" in models,
+        diagnose=diagnose,
         effects=effects,
     )
 
@@ -396,7 +406,7 @@ def _lighting(scene: Scene, camera: Camera) -> Lighting:
     shiny = [n.mesh.material for n in scene.nodes if n.mesh.material.shading != "unlit"]
     highlights = sum(material.specular > 0.0 for material in shiny)
     return Lighting(
-        np.array(rows, np.float32).reshape(-1, 7),
+        np.clip(np.array(rows).reshape(-1, 7), -FARTHEST_LIGHT, FARTHEST_LIGHT).astype(np.float32),
         ambient.astype(np.float32),
         np.int64(highlights) if highlights else None,
     )

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit import diagnostics as diagnosing
 from rasterjit import plan as planning
 from rasterjit import stages
 from rasterjit.frame import Frame, Stats
@@ -39,6 +40,7 @@ def render(
     outputs: Sequence[str] = ("color",),
     background: Any = "white",
     cull: str = "none",
+    diagnose: bool = False,
     threads: int | None = None,
 ) -> Frame:
     """
@@ -59,6 +61,8 @@ def render(
         ``"white"``, ``"#rrggbb"``, ``"transparent"``, or linear floats (see ``linear_color``).
     cull : {"none", "back", "front"}
         Faces that are dropped. Counter-clockwise is the front.
+    diagnose : bool
+        Whether to count what became of every face; see ``Frame.diagnostics``.
     threads : int, optional
         Default: all processors. The frame has the same bits for any number.
 
@@ -72,7 +76,9 @@ def render(
         Naming the argument that is wrong, before any kernel runs.
     """
     with Renderer(size, quality=quality, threads=threads) as renderer:
-        return renderer.render(what, camera, outputs=outputs, background=background, cull=cull)
+        return renderer.render(
+            what, camera, outputs=outputs, background=background, cull=cull, diagnose=diagnose
+        )
 
 
 def explain(
@@ -84,6 +90,7 @@ def explain(
     outputs: Sequence[str] = ("color",),
     background: Any = "white",
     cull: str = "none",
+    diagnose: bool = False,
 ) -> RenderPlan:
     """
     Say what a render of these arguments would do, without doing it.
@@ -99,7 +106,7 @@ def explain(
     size = image_size("size", size)
     camera = choose_camera(scene, camera, size)
     return planning.plan_render(
-        scene, camera, size, check_quality(quality), outputs, background, cull
+        scene, camera, size, check_quality(quality), outputs, background, cull, diagnose
     )
 
 
@@ -185,6 +192,7 @@ class Renderer:
         outputs: Sequence[str] = ("color",),
         background: Any = "white",
         cull: str = "none",
+        diagnose: bool = False,
     ) -> Frame:
         """
         Render one frame; takes what `rasterjit.render` takes.
@@ -203,7 +211,7 @@ class Renderer:
         scene = as_scene(what)
         camera = choose_camera(scene, camera, self.size)
         plan = planning.plan_render(
-            scene, camera, self.size, self.quality, outputs, background, cull
+            scene, camera, self.size, self.quality, outputs, background, cull, diagnose
         )
         meshes = [node.mesh for node in scene.nodes]
         arrays = self._join(meshes)
@@ -218,22 +226,27 @@ class Renderer:
         )  # fmt: skip
         clock("transform")
         coverage = stages.find_visible(
-            clip_positions, arrays.faces, objects, coefficients, viewport, workers, clock
-        )
+            clip_positions, arrays.faces, objects, coefficients, viewport, workers, clock,
+            keep_lists=plan.diagnose,
+        )  # fmt: skip
         geometry = Geometry(
             arrays.faces, coverage.screen.xy, coverage.screen.codes, clip_positions, viewport
         )
-        placement = _placement(arrays, views)
+        placement = placement_of(arrays, views)
         normals = planning.join_normals(meshes) if plan.needs_normals else None
         result = _shade(plan, meshes, arrays, geometry, placement, coverage, normals, workers)
         clock("shade, resolve")
         if plan.wireframe is not None:
             _draw_wireframe(plan, arrays, geometry, coefficients, coverage, result)
             clock("wireframe")
-        _fill_buffers(plan, meshes, geometry, placement, coverage, normals, result, workers)
+        _fill_buffers(plan, scene, geometry, placement, coverage, normals, result, workers)
         clock("buffers")
+        diagnostics = None
+        if plan.diagnose:
+            diagnostics = diagnosing.diagnose(coverage, objects, geometry, camera, workers)
+            clock("diagnostics")
         stats = _stats(coverage, clock.seconds)
-        return Frame({name: result[name] for name in plan.outputs}, plan, stats)
+        return Frame({name: result[name] for name in plan.outputs}, plan, stats, diagnostics)
 
     def _join(self, meshes: list[Mesh]) -> SceneArrays:
         """Return the joined geometry, that of the last frame if the meshes are the same."""
@@ -246,7 +259,7 @@ class Renderer:
         return arrays
 
 
-def _placement(arrays: SceneArrays, views: Views) -> Placement:
+def placement_of(arrays: SceneArrays, views: Views) -> Placement:
     """Return the record of where the objects stand."""
     return Placement(
         arrays.face_starts,
@@ -314,7 +327,7 @@ def _draw_wireframe(
 
 def _fill_buffers(
     plan: RenderPlan,
-    meshes: list[Mesh],
+    scene: Scene,
     geometry: Geometry,
     placement: Placement,
     coverage: stages.Coverage,
@@ -323,6 +336,7 @@ def _fill_buffers(
     workers: stages.Workers,
 ) -> None:
     """Make the ground-truth buffers that were asked for."""
+    meshes = [node.mesh for node in scene.nodes]
     face_id = coverage.face_id
     result["face_id"] = face_id
     if "depth" in plan.outputs:
@@ -339,7 +353,8 @@ def _fill_buffers(
         result["uv"] = uv
     if "position" in plan.outputs:
         position = np.empty((*face_id.shape, 3), np.float32)
-        arguments = (geometry, placement, plan.camera.eye_position(), position)
+        matrices = np.array([node.world_from_model[:3] for node in scene.nodes])
+        arguments = (geometry, placement, matrices, position)
         stages.fill_rows(interpolation.fill_positions, face_id, arguments, workers)
         result["position"] = position
     if "normal" in plan.outputs:

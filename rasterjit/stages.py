@@ -110,6 +110,16 @@ class Totals(NamedTuple):
     """Cut at the near or far plane or the guard band; counted by their outcome as well."""
 
 
+class TileLists(NamedTuple):
+    """Which triangles each tile drew, in order."""
+
+    starts: NDArray[np.int64]
+    """(tiles + 1,): tile ``k`` drew ``binned[starts[k]:starts[k + 1]]``."""
+    binned: NDArray[np.int32]
+    """(M,): below F a face, ``F + p`` piece p."""
+    faces: Faces
+
+
 class Coverage(NamedTuple):
     """The visibility buffer and the geometry that it points into."""
 
@@ -119,6 +129,8 @@ class Coverage(NamedTuple):
     """(H, W), -1 where nothing is."""
     screen: ScreenVertices
     totals: Totals
+    lists: TileLists | None
+    """``None`` unless they were asked for."""
 
 
 def transform(
@@ -257,7 +269,10 @@ def clip(
         for old, new in zip(screen, roomy, strict=True):
             new[:first] = old[:first]
         screen = roomy
-    setup.project_clipped_vertices(positions, depth_coefficients, viewport, first, screen)
+    setup.project_clipped_vertices(
+        (cut, faces, vertex_starts, clip_positions), positions, depth_coefficients, viewport,
+        first, screen,
+    )  # fmt: skip
     return Faces(faces, pieces, piece_faces), screen, count
 
 
@@ -269,6 +284,8 @@ def find_visible(
     viewport: Viewport,
     workers: Workers,
     clock: Callable[[str], None],
+    *,
+    keep_lists: bool = False,
 ) -> Coverage:
     """
     Run projection, clipping, set-up, binning and visibility.
@@ -284,6 +301,8 @@ def find_visible(
     workers : Workers
     clock : callable
         Called with a stage's name when it ends.
+    keep_lists : bool
+        Whether the tiles' lists outlive the drawing.
     """
     screen, seen = project(clip_positions, depth_coefficients, viewport, workers)
     clock("project")
@@ -303,7 +322,8 @@ def find_visible(
     outside, degenerate, culled, unsampled, invalid = (int(n) for n in sums)
     drawn = len(faces) - (outside + degenerate + culled + unsampled + invalid)
     totals = Totals(len(faces), outside, degenerate, culled, unsampled, invalid, drawn, clipped)
-    return Coverage(depth, face_id, screen, totals)
+    lists = TileLists(starts, binned, all_faces) if keep_lists else None
+    return Coverage(depth, face_id, screen, totals, lists)
 
 
 def set_up_and_bin(

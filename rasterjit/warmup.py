@@ -56,6 +56,7 @@ def steps() -> list[Step]:
         Step(f"wireframe, {mode}", partial(_draw_wireframe, mode)) for mode in ("overlay", "only")
     ]
     found += [
+        Step("diagnostics", _diagnose),
         Step("rasterize", _rasterize),
         Step("framebuffer lines and curves", _draw_lines),
         Step("framebuffer triangles", _fill_triangles),
@@ -92,6 +93,10 @@ def _draw_wireframe(mode: str) -> None:
     scene = _square()
     scene.wireframe = Wireframe(mode=mode)
     render(scene, fit_camera(scene), size=SIZE, threads=1)
+
+
+def _diagnose() -> None:
+    render(_square(), size=SIZE, threads=1, diagnose=True)
 
 
 def _rasterize() -> None:

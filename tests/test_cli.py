@@ -479,6 +479,39 @@ def test_explain_prints_the_plan():
     assert "no output shows colour" in result.stdout
 
 
+def test_diagnose_prints_what_the_frame_says(tmp_path):
+    plain = run("render", CUBE, "-o", tmp_path / "a.png", "--size", "48x36")
+    asked = run("render", CUBE, "-o", tmp_path / "b.png", "--size", "48x36", "--diagnose")
+    assert asked.exit_code == 0, asked.output
+    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+    cells = [
+        tuple(cell.strip() for cell in line.strip("│").split("│"))
+        for line in asked.stdout.splitlines()
+    ]
+    rows = [(name.strip(), text) for name, text in rendered(diagnose=True).diagnostics.rows()]
+    assert set(rows) <= set(cells)
+    assert rows[-1][0] not in plain.stdout
+    silent = run("render", CUBE, "-o", tmp_path / "c.png", *SMALL, "--diagnose")
+    assert (silent.exit_code, silent.output) == (0, "")
+
+
+def test_explain_pixel_prints_what_the_library_says():
+    view = ("--size", "48x36", "--azimuth", "20", "--cull", "back", "--background", "#123456")
+    result = run("explain", CUBE, "--pixel", "20,18", *view)
+    assert result.exit_code == 0, result.output
+    assert result.stdout.startswith("pixel (20, 18) of 48 x 36")
+    assert "shows face" in result.stdout
+    scene = rj.load(CUBE)
+    camera = View(20.0, None, None, None, None, None).camera(scene, SIZE)
+    told = rj.explain_pixel(scene, camera, SIZE, 20, 18, cull="back", background="#123456")
+    assert result.stdout == f"{told}\n"
+
+
+@pytest.mark.parametrize("pixel", ["48,0", "0,36", "-1,0", "1", "1,2,3", "a,b", "1.5,2"])
+def test_a_pixel_outside_the_picture_is_wrong_usage(pixel):
+    assert_one_line(run("explain", CUBE, "--size", "48x36", f"--pixel={pixel}"), 2)
+
+
 def test_version_and_help_and_unknown_commands():
     assert run("--version").stdout == f"rasterjit {rj.__version__}\n"
     assert run().stdout == run("--help").stdout
@@ -529,6 +562,22 @@ def test_after_a_warmup_another_process_compiles_nothing(tmp_path, monkeypatch):
         capture_output=True, text=True, check=True, cwd=MODELS.parent,
     )  # fmt: skip
     assert done.stdout == "[]\nTrue\n"
+
+
+def test_a_warmup_compiles_what_diagnose_and_explain_pixel_need(tmp_path, monkeypatch):
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
+    steps = ("diagnostics",)
+    code = f"from rasterjit.warmup import steps\n[s.run() for s in steps() if s.name in {steps}]"
+    subprocess.run([sys.executable, "-c", code], check=True, cwd=MODELS.parent)
+    for arguments in (
+        ("render", KNOT, "-o", str(tmp_path / "a.png"), *SMALL, "--diagnose"),
+        ("explain", KNOT, "--size", "48x36", "--pixel", "24,10"),
+    ):
+        done = subprocess.run(
+            [sys.executable, "-c", NEXT_PROCESS, *arguments],
+            capture_output=True, text=True, check=True, cwd=MODELS.parent,
+        )  # fmt: skip
+        assert done.stdout.endswith("[]\nTrue\n")
 
 
 def test_a_format_without_alpha_refuses_a_transparent_background(tmp_path):

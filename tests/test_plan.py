@@ -189,3 +189,13 @@ def test_linear_colour_alone_calls_for_no_wireframe(cube, camera):
     assert plan.wireframe is None
     assert "no output shows colour in 8 bits" in str(plan)
     assert rj.explain(scene, camera, outputs=("color",)).wireframe is scene.wireframe
+
+
+@pytest.mark.parametrize("place", [3.5e38, -1e308])
+def test_light_beyond_the_range_of_float32_gives_next_to_no_light(cube, camera, place):
+    scene = scene_of(rj.Material("phong", specular=0.5), cube=cube)
+    scene.lights = [rj.PointLight((0.0, 0.0, place))]
+    frame = rj.render(scene, camera, size=(8, 8), outputs=("linear", "face_id"))
+    seen = frame.linear[frame.face_id >= 0][:, :3]
+    assert (seen >= 0.0).all()
+    assert seen.max() < 1e-30  # the inverse square of the distance at which it is held

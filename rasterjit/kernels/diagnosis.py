@@ -28,7 +28,9 @@ below 2, the difference below 1. With ``p = |x_k| + |w_k|`` in clip space, ``x_k
 
 ``s_0 = u (5 (p_1 |v_2| + |u_1| q_2 + p_2 |v_1| + |u_2| q_1) + 2 (|u_1 v_2| + |u_2 v_1|))``,
 
-with q for y as p for x. Holding the weights at zero and above brings them no farther from the exact
+with q for y as p for x. Where terms cancel to nothing a product of two errors counts as well, and
+so does an error in the term it is measured by: ``3 (5 u)**2 p q``, within 5 u times 16 u p q.
+Holding the weights at zero and above brings them no farther from the exact
 ones held likewise. Let s be the sum of the three, T that of the computed weights. After the
 division ``|b'_k - b_k| <= (s_k + b'_k s) / (T - s) + 3 u b'_k``. The value is within
 
@@ -36,7 +38,12 @@ division ``|b'_k - b_k| <= (s_k + b'_k s) / (T - s) + 3 u b'_k``. The value is w
 
 where 7 u are the three of the sum and the division and the four of ``interpolate``. ``HOMOGENEOUS``
 enlarges s by a part in 1024, and ``CLIPPED_SUM`` has two spare u, for the terms in u**2. If the sum
-of the weights before they are held is not above s, even its sign is unknown: the bound is infinite.
+of the weights before they are held is not above 2 s, even its sign may be wrong: the bound is
+infinite.
+
+The bounds are for the worst of all roundings at once. Of random faces compared with exact
+arithmetic the worst sample reaches 0.15 of the bound where they are not clipped, however far apart
+their w, and 0.09 where they are.
 
 References
 ----------
@@ -117,10 +124,10 @@ def take_samples(face, box, origin, tile, frame, ties):
 @stage
 def count_and_clear(ties):
     """Return how many samples of a tile are marked, and clear the marks."""
-    count = 0
+    count = np.int64(0)
     for row in range(ties.shape[0]):
         for column in range(ties.shape[1]):
-            count += ties[row, column]
+            count += np.int64(ties[row, column])
             ties[row, column] = 0
     return count
 
@@ -263,6 +270,7 @@ def find_fates(
 def cross_error(p1, u1, q1, v1, p2, u2, q2, v2):
     """Return what one weight of a clipped face is off by, at most."""
     operands = p1 * abs(v2) + abs(u1) * q2 + p2 * abs(v1) + abs(u2) * q1
+    operands += 16.0 * ROUNDING * (p1 * q2 + p2 * q1)
     return HOMOGENEOUS * (5.0 * operands + 2.0 * (abs(u1 * v2) + abs(u2 * v1)))
 
 
@@ -287,7 +295,7 @@ def clipped_error(a, b, c, column, row, geometry):
     s2 = cross_error(p0, u0, q0, v0, p1, u1, q1, v1)
     s = s0 + s1 + s2
     total = b0 + b1 + b2
-    if not abs(total) > s:
+    if not abs(total) > 2.0 * s:
         return np.inf
     turn = 1.0 if total > 0.0 else -1.0
     b0, b1, b2 = max(turn * b0, 0.0), max(turn * b1, 0.0), max(turn * b2, 0.0)

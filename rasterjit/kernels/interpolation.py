@@ -117,9 +117,9 @@ def find_object(face, face_starts, guess):
 
 
 @stage
-def place(x, y, z, owner, placement):
-    """Return a model-space point in world axes, relative to the eye."""
-    m = placement.relative_from_model
+def place(x, y, z, owner, matrices):
+    """Return a model-space point where its object's matrix puts it."""
+    m = matrices
     return (
         m[owner, 0, 0] * x + m[owner, 0, 1] * y + m[owner, 0, 2] * z + m[owner, 0, 3],
         m[owner, 1, 0] * x + m[owner, 1, 1] * y + m[owner, 1, 2] * z + m[owner, 1, 3],
@@ -130,20 +130,27 @@ def place(x, y, z, owner, placement):
 @stage
 def place_vertex(vertex, owner, placement):
     """Return a vertex in world axes, relative to the eye."""
-    p = placement.positions
-    return place(p[vertex, 0], p[vertex, 1], p[vertex, 2], owner, placement)
+    p, relative_from_model = placement.positions, placement.relative_from_model
+    return place(p[vertex, 0], p[vertex, 1], p[vertex, 2], owner, relative_from_model)
 
 
 @stage
 def place_sample(weights, a, b, c, owner, placement):
-    """Return the point of a face with the given weights in world axes, relative to the eye."""
-    p = placement.positions
-    return place(
-        blend(weights, p[a, 0], p[b, 0], p[c, 0]),
-        blend(weights, p[a, 1], p[b, 1], p[c, 1]),
-        blend(weights, p[a, 2], p[b, 2], p[c, 2]),
-        owner,
-        placement,
+    """
+    Return the point of a face with the given weights in world axes, relative to the eye.
+
+    The first vertex is placed and the way from it added: differences of coordinates that are large
+    are exact, so that a mesh far from the origin is lit as one near it.
+    """
+    p, m = placement.positions, placement.relative_from_model
+    x = weights[1] * (p[b, 0] - p[a, 0]) + weights[2] * (p[c, 0] - p[a, 0])
+    y = weights[1] * (p[b, 1] - p[a, 1]) + weights[2] * (p[c, 1] - p[a, 1])
+    z = weights[1] * (p[b, 2] - p[a, 2]) + weights[2] * (p[c, 2] - p[a, 2])
+    first = place(p[a, 0], p[a, 1], p[a, 2], owner, m)
+    return (
+        first[0] + (m[owner, 0, 0] * x + m[owner, 0, 1] * y + m[owner, 0, 2] * z),
+        first[1] + (m[owner, 1, 0] * x + m[owner, 1, 1] * y + m[owner, 1, 2] * z),
+        first[2] + (m[owner, 2, 0] * x + m[owner, 2, 1] * y + m[owner, 2, 2] * z),
     )
 
 
@@ -270,7 +277,9 @@ def fill_attribute(face_id, rows, geometry: Geometry, values, attribute):
 
 
 @kernel
-def fill_positions(face_id, rows, geometry: Geometry, placement: Placement, eye, position):
+def fill_positions(
+    face_id, rows, geometry: Geometry, placement: Placement, world_from_model, position
+):
     """
     Write the world position of each sample.
 
@@ -280,7 +289,8 @@ def fill_positions(face_id, rows, geometry: Geometry, placement: Placement, eye,
     rows : (int, int)
     geometry : Geometry
     placement : Placement
-    eye : (3,) float64, world
+    world_from_model : (O, 3, 4) float64
+        Not by way of the eye: that would round coordinates that are small beside its own.
     position : (H, W, 3) float32
         Written; NaN where nothing is.
     """
@@ -299,9 +309,9 @@ def fill_positions(face_id, rows, geometry: Geometry, placement: Placement, eye,
             x = interpolate(weights, p[a, 0], p[b, 0], p[c, 0])
             y = interpolate(weights, p[a, 1], p[b, 1], p[c, 1])
             z = interpolate(weights, p[a, 2], p[b, 2], p[c, 2])
-            point = place(x, y, z, owner, placement)
+            point = place(x, y, z, owner, world_from_model)
             for k in range(3):
-                position[row, column, k] = eye[k] + point[k]
+                position[row, column, k] = point[k]
 
 
 @kernel

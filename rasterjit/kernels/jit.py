@@ -10,7 +10,8 @@ Three decorators, no more:
 ``@disjoint_stage``
     A helper whose array arguments never overlap, so that its loops vectorize.
 
-With ``NUMBA_DISABLE_JIT=1`` all return the plain Python function.
+With ``NUMBA_DISABLE_JIT=1`` all return the plain Python function; a kernel is then as silent about
+overflow and NaN as when it is compiled.
 
 Numba's disk cache stamps a kernel with the hash of *its own* source file, so it would not see an
 edit in a helper that lives in another file. The stamp is therefore replaced by one hash over all
@@ -30,6 +31,7 @@ from pathlib import Path
 from typing import Any
 
 import numba
+import numpy as np
 from numba.core.compiler import CompilerBase, DefaultPassBuilder
 
 KERNELS: list[Any] = []
@@ -86,6 +88,10 @@ COMPILE_CLOCK = CompileClock()
 
 def kernel(function: Callable) -> Any:
     """Compile an entry point: cached on disk, GIL released, IEEE arithmetic."""
+    if numba.config.DISABLE_JIT:
+        silent = np.errstate(all="ignore")(function)
+        KERNELS.append(silent)
+        return silent
     try:
         compiled = numba.njit(cache=True, nogil=True, error_model="numpy")(function)
     except RuntimeError:
@@ -94,8 +100,7 @@ def kernel(function: Callable) -> Any:
     if hasattr(compiled, "_cache") and hasattr(compiled._cache, "_cache_file"):
         # The one use of Numba's private API: widen the cache's stamp to all kernel sources.
         compiled._cache._cache_file._source_stamp = SOURCES_HASH
-    if not numba.config.DISABLE_JIT:
-        compiled.compile = COMPILE_CLOCK.timed(compiled.compile)
+    compiled.compile = COMPILE_CLOCK.timed(compiled.compile)
     KERNELS.append(compiled)
     return compiled
 

@@ -9,10 +9,12 @@ Edge function: ``E(a, b, p) = (bx - ax)(py - ay) - (by - ay)(px - ax)``; a trian
 ``E(a, b, c) > 0`` runs clockwise as seen on the screen.
 
 Bounds. The guard band ends ``GUARD_PIXELS`` beyond each side of an image of at most 16384 pixels,
-so two coordinates differ by less than 2**15 pixels. On a grid of at most 12 bits a difference is
-below 2**27 units, a product of two below 2**54, and an edge function, the difference of two such
-products, below 2**55: int64 holds all of them with 8 bits to spare. ``E >> grid_bits`` is below
-2**47, so a float64 division finds its quotients exactly (see ``visibility``).
+so two coordinates differ by at most 2**15 pixels. On a grid of at most 12 bits a difference is at
+most 2**27 units, a product of two at most 2**54, and an edge function, the difference of two such
+products, at most 2**55: int64 holds all of them with 8 bits to spare. (Twice the area of a triangle
+inside a square is at most the square, so no edge function really exceeds 2**54.)
+``E >> grid_bits`` is at most 2**43, so a float64 division finds its quotients exactly (see
+``visibility``).
 """
 
 from __future__ import annotations
@@ -122,31 +124,54 @@ def project_vertices(clip_positions, depth_coefficients, viewport: Viewport, fir
     return seen
 
 
+@stage
+def depth_range(corners, clip_positions, depth_coefficients):
+    """Return the lowest and the highest stored depth of a face, unless it goes behind the eye."""
+    c0, c1, c2 = depth_coefficients
+    lowest, highest = np.inf, -np.inf
+    for n in range(3):
+        z, w = clip_positions[corners[n], 2], clip_positions[corners[n], 3]
+        if not w > 0.0:
+            return -np.inf, np.inf
+        depth = (c0 + c1 * z + c2 * w) / w
+        lowest, highest = min(lowest, depth), max(highest, depth)
+    return lowest, highest
+
+
 @kernel
-def project_clipped_vertices(clip_positions, depth_coefficients, viewport: Viewport, first, screen):
+def project_clipped_vertices(
+    cut, clip_positions, depth_coefficients, viewport: Viewport, first, screen
+):
     """
     Divide by w, map to the screen and snap the vertices that clipping made.
 
-    They lie inside the guard band and between near and far but for rounding, which may leave one
-    outside: they are held inside.
+    They lie inside the guard band, between near and far, and inside the depth range of their face,
+    but for rounding, which may leave one outside: they are held inside.
 
     Parameters
     ----------
+    cut : (clipped_faces (C,) int32, faces (F, 3) int32, starts (C+1,) int64, positions (V, 4))
+        The faces that were cut; where the new vertices of each start; the clip positions of the
+        faces' own vertices, float64.
     clip_positions : (E, 4) float64, clip space
-        All with ``w > 0``.
+        The new vertices, all with ``w > 0``.
     depth_coefficients : (float, float, float)
     viewport : Viewport
     first : int
     screen : ScreenVertices
         Writes rows ``first .. first + E``.
     """
-    for n in range(clip_positions.shape[0]):
-        w = clip_positions[n, 3]
-        z = min(max(clip_positions[n, 2], -w), w)
-        x = min(max(clip_positions[n, 0] / w, -viewport.guard_x), viewport.guard_x)
-        y = min(max(clip_positions[n, 1] / w, -viewport.guard_y), viewport.guard_y)
-        screen.codes[first + n] = 0
-        put_vertex(first + n, x, y, depth_coefficients, z, w, viewport, screen)
+    clipped_faces, faces, starts, own_positions = cut
+    for n in range(clipped_faces.shape[0]):
+        lowest, highest = depth_range(faces[clipped_faces[n]], own_positions, depth_coefficients)
+        for e in range(starts[n], starts[n + 1]):
+            w = clip_positions[e, 3]
+            z = min(max(clip_positions[e, 2], -w), w)
+            x = min(max(clip_positions[e, 0] / w, -viewport.guard_x), viewport.guard_x)
+            y = min(max(clip_positions[e, 1] / w, -viewport.guard_y), viewport.guard_y)
+            screen.codes[first + e] = 0
+            put_vertex(first + e, x, y, depth_coefficients, z, w, viewport, screen)
+            screen.depth[first + e] = min(max(screen.depth[first + e], lowest), highest)
 
 
 @stage

@@ -39,20 +39,24 @@ def material_tint(materials, owner):
 
 
 @stage
+def mixed(weights, value0, value1, value2):
+    """Return an interpolated float32, rounded once."""
+    return np.float32(
+        interpolate(weights, np.float64(value0), np.float64(value1), np.float64(value2))
+    )
+
+
+@stage
 def vertex_tint(weights, a, b, c, vertex_colors, tint):
     """Return the tint times the interpolated vertex colour; the tint itself if there are none."""
     if vertex_colors is None:
         return tint
     return (
-        tint[0] * np.float32(interpolate(
-            weights, vertex_colors[a, 0], vertex_colors[b, 0], vertex_colors[c, 0])),
-        tint[1] * np.float32(interpolate(
-            weights, vertex_colors[a, 1], vertex_colors[b, 1], vertex_colors[c, 1])),
-        tint[2] * np.float32(interpolate(
-            weights, vertex_colors[a, 2], vertex_colors[b, 2], vertex_colors[c, 2])),
-        tint[3] * np.float32(interpolate(
-            weights, vertex_colors[a, 3], vertex_colors[b, 3], vertex_colors[c, 3])),
-    )  # fmt: skip
+        tint[0] * mixed(weights, vertex_colors[a, 0], vertex_colors[b, 0], vertex_colors[c, 0]),
+        tint[1] * mixed(weights, vertex_colors[a, 1], vertex_colors[b, 1], vertex_colors[c, 1]),
+        tint[2] * mixed(weights, vertex_colors[a, 2], vertex_colors[b, 2], vertex_colors[c, 2]),
+        tint[3] * mixed(weights, vertex_colors[a, 3], vertex_colors[b, 3], vertex_colors[c, 3]),
+    )
 
 
 @stage
@@ -86,15 +90,13 @@ def gouraud_light(weights, a, b, c, behind, model, lit_vertices, tint):
     if model != GOURAUD:
         return tint
     side = 1 if behind else 0
+    lit_a, lit_b, lit_c = lit_vertices[a, side], lit_vertices[b, side], lit_vertices[c, side]
     return (
-        np.float32(interpolate(
-            weights, lit_vertices[a, side, 0], lit_vertices[b, side, 0], lit_vertices[c, side, 0])),
-        np.float32(interpolate(
-            weights, lit_vertices[a, side, 1], lit_vertices[b, side, 1], lit_vertices[c, side, 1])),
-        np.float32(interpolate(
-            weights, lit_vertices[a, side, 2], lit_vertices[b, side, 2], lit_vertices[c, side, 2])),
+        mixed(weights, lit_a[0], lit_b[0], lit_c[0]),
+        mixed(weights, lit_a[1], lit_b[1], lit_c[1]),
+        mixed(weights, lit_a[2], lit_b[2], lit_c[2]),
         tint[3],
-    )  # fmt: skip
+    )
 
 
 @stage

@@ -26,29 +26,38 @@ DEPTH_ROUNDING = np.float32(1e-6)
 """Slack for the rounding of float32 depths, as a share of the depth: 8 ulp."""
 
 
+UNCUT = -1
+"""Number of the plane that cut an end, where none did."""
+
+
 @stage
 def clip_segment(a, b, viewport):
-    """Return the part (t0, t1) of a segment inside all planes; t0 > t1 if there is none."""
+    """Return the part (t0, t1) of a segment inside all planes, and the planes that cut its ends."""
     t0, t1 = 0.0, 1.0
+    plane0 = plane1 = UNCUT
     for plane in range(PLANES):
         here, there = plane_distance(plane, a, viewport), plane_distance(plane, b, viewport)
         if not here >= 0.0 and not there >= 0.0:
-            return 1.0, 0.0
-        if not here >= 0.0:
-            t0 = max(t0, here / (here - there))
-        elif not there >= 0.0:
-            t1 = min(t1, here / (here - there))
-    return t0, t1
+            return 1.0, 0.0, plane, plane
+        if not here >= 0.0 and here / (here - there) > t0:
+            t0, plane0 = here / (here - there), plane
+        elif not there >= 0.0 and here / (here - there) < t1:
+            t1, plane1 = here / (here - there), plane
+    return t0, t1, plane0, plane1
 
 
 @stage
-def blend(a, b, t, k):
-    """Return component k of the point at t on a segment; the ends are exact."""
-    if t == 0.0:
-        return a[k]
-    if t == 1.0:
-        return b[k]
-    return a[k] + t * (b[k] - a[k])
+def cut_end(a, b, own, plane, viewport, k):
+    """
+    Return component k of one end of a segment: its own, or where the plane cuts it.
+
+    The cut is the mean of both ends, weighted crosswise with their distances: swapping the ends
+    only turns the signs of both terms, so it has the same bits in both directions.
+    """
+    if plane == UNCUT:
+        return own[k]
+    here, there = plane_distance(plane, a, viewport), plane_distance(plane, b, viewport)
+    return (a[k] * there - b[k] * here) / (there - here)
 
 
 @kernel
@@ -82,13 +91,16 @@ def project_edges(edges, clip_positions, depth_coefficients, viewport: Viewport,
         code_b = outcode(b[0], b[1], b[2], b[3], viewport)
         if (code_a | code_b) & INVALID or code_a & code_b & FRUSTUM:
             continue
-        t0, t1 = clip_segment(a, b, viewport)
+        t0, t1, plane0, plane1 = clip_segment(a, b, viewport)
         if t0 > t1:
             continue
         visible = True
         for end in range(2):
-            t = t1 if end else t0
-            x, y, z, w = blend(a, b, t, 0), blend(a, b, t, 1), blend(a, b, t, 2), blend(a, b, t, 3)
+            own, plane = (b, plane1) if end else (a, plane0)
+            x = cut_end(a, b, own, plane, viewport, 0)
+            y = cut_end(a, b, own, plane, viewport, 1)
+            z = cut_end(a, b, own, plane, viewport, 2)
+            w = cut_end(a, b, own, plane, viewport, 3)
             if not w > 0.0:
                 visible = False
                 break

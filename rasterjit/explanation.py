@@ -1,0 +1,334 @@
+"""What `explain_pixel` returns: the numbers behind one pixel, and how they print."""
+
+from __future__ import annotations
+
+import io
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from fractions import Fraction
+
+    from rich.table import Table
+
+PAGE_WIDTH = 160
+"""Columns that the tables may take; they need fewer than 100 but for very long names."""
+
+MOST_FACES = 12
+"""Faces that the table lists; ``PixelExplanation.faces`` holds all."""
+
+FIGURES = 6
+"""Decimal figures of the largest coordinate in a table."""
+
+SNAP_DECIMALS = 4
+"""Least decimals of pixels: a step of the finest grid, 1/4096 pixel, is seen."""
+
+STORED_DECIMALS = 9
+"""Least decimals of stored depth: neighbouring float32 numbers in 0.03..1 differ in them."""
+
+SMALLEST_FIXED, LARGEST_FIXED = 1e-3, 1e6
+"""Coordinates whose largest is outside of these are shown with a power of ten."""
+
+FAINTEST = 5e-6
+"""Highlights that would print as zero are left out of the table."""
+
+
+@dataclass(frozen=True)
+class FaceAtPixel:
+    """One face whose samples include the pixel's centre, and every number on its way there."""
+
+    standing: str
+    """``"visible"``, ``"hidden"``, ``"tied"`` (as near, but with a higher number) or
+    ``"culled"``."""
+    face: int
+    """As ``Frame.face_id`` counts, through all objects."""
+    object_number: int
+    object_name: str
+    mesh_face: int
+    """Row of ``Mesh.faces``."""
+    mesh_vertices: tuple[int, int, int]
+    """Rows of ``Mesh.vertices``: the face's three vertices. All arrays below are in their order."""
+    model: NDArray[np.float64]
+    """(3, 3), model space, scene units."""
+    world: NDArray[np.float64]
+    """(3, 3), world space, scene units."""
+    view: NDArray[np.float64]
+    """(3, 3), view space, scene units: the camera looks down its -z."""
+    clip: NDArray[np.float64]
+    """(3, 4), clip space."""
+    ndc: NDArray[np.float64]
+    """(3, 3), -1..1 in the view volume; NaN for a vertex that is not in front of the eye."""
+    screen: NDArray[np.float64]
+    """(3, 2), pixels, before snapping; NaN as in ``ndc``."""
+    outcodes: tuple[tuple[str, ...], ...]
+    """For each vertex, what it lies outside of: left, right, bottom, top, near, far, guard."""
+    clipped: bool
+    """Whether the face was cut, so that pieces of it were drawn."""
+    snapped: NDArray[np.int64]
+    """(3, 2), whole steps of 2**-grid_bits pixel: the vertices of the triangle that was drawn, the
+    face itself or the piece of it that holds the pixel."""
+    grid_bits: int
+    """Steps of the grid in a pixel, as a power of two."""
+    edges: tuple[int, int, int]
+    """Exact edge functions of that triangle opposite its vertices at the pixel's centre, square
+    steps of the grid, turned so that they are positive inside."""
+    biases: tuple[int, int, int]
+    """0 on a top or left edge, else -1: the centre is covered where every edge + bias is >= 0."""
+    affine_weights: tuple[Fraction, Fraction, Fraction]
+    """Exact weights of that triangle's vertices, linear on the screen; depth is mixed by them."""
+    weights: tuple[Fraction, Fraction, Fraction]
+    """Exact perspective-correct weights of the face's own vertices; colours, normals and all else
+    are mixed by them."""
+    stored_depth: float
+    """As the depth test compared it, float32, no unit; greater is nearer."""
+    depth: float
+    """Scene units along the viewing axis, as ``Frame.depth`` holds it."""
+
+
+@dataclass(frozen=True)
+class LightTerm:
+    """What one light adds to the pixel."""
+
+    name: str
+    """Kind of light and its number in ``Scene.lights``, or ``"headlight"``."""
+    diffuse: NDArray[np.float32]
+    """(3,), linear red, green, blue."""
+    specular: NDArray[np.float32]
+    """(3,), linear red, green, blue."""
+
+
+@dataclass(frozen=True)
+class LightTerms:
+    """How the colour of the visible face came about; the terms add up to ``linear``."""
+
+    shading: str
+    """Shading model of the object's material."""
+    base_color: NDArray[np.float32]
+    """(3,), linear: material times vertex or face colour."""
+    ambient: NDArray[np.float32]
+    """(3,), linear: ambient light on the base colour; zero if the material is unlit."""
+    lights: tuple[LightTerm, ...]
+    """Empty if the material is unlit: the base colour is what is seen."""
+
+
+@dataclass(frozen=True)
+class PixelExplanation:
+    """What happened at one pixel, stage by stage; prints as tables."""
+
+    x: int
+    """Column, from the left."""
+    y: int
+    """Row, from the top."""
+    size: tuple[int, int]
+    """Width and height of the image, pixels."""
+    faces: tuple[FaceAtPixel, ...]
+    """Every face that covers the pixel's centre: the visible one, those behind it from near to far,
+    then culled ones."""
+    reasons: tuple[str, ...]
+    """Why no face is visible; empty if one is."""
+    light: LightTerms | None
+    """Of the visible face; None if there is none, or faces are not drawn."""
+    linear: NDArray[np.float32]
+    """(4,), linear red, green, blue and alpha, before rounding."""
+    color: NDArray[np.uint8]
+    """(4,), the pixel of ``Frame.color``: sRGB red, green, blue, and alpha."""
+    under_wireframe: bool
+    """Whether an edge of the wireframe was drawn over ``linear``."""
+
+    @property
+    def winner(self) -> FaceAtPixel | None:
+        """The visible face; None where the background shows."""
+        return self.faces[0] if self.faces and self.faces[0].standing != "culled" else None
+
+    def __str__(self) -> str:
+        tables: list[Any] = [_heading(self)]
+        if self.faces:
+            tables.append(_face_table(self.faces))
+        if self.winner is not None:
+            tables += [_position_table(self.winner), _edge_table(self.winner)]
+            tables += [_weight_table(self.winner)] if self.winner.clipped else []
+        tables.append(_color_table(self))
+        return _as_text(tables)
+
+
+def _heading(pixel: PixelExplanation) -> str:
+    """Say which pixel it is and what it shows."""
+    width, height = pixel.size
+    lines = [
+        f"pixel ({pixel.x}, {pixel.y}) of {width} x {height}, sampled at its centre "
+        f"({pixel.x + 0.5}, {pixel.y + 0.5})"
+    ]
+    face = pixel.winner
+    if face is None:
+        return "\n".join(lines + ["shows the background:"] + [f"- {r}" for r in pixel.reasons])
+    lines.append(
+        f'shows face {face.face} (face {face.mesh_face} of object {face.object_number} '
+        f'"{face.object_name}"), {face.depth:.6g} scene units away'
+    )  # fmt: skip
+    if face.clipped:
+        lines.append("the face was clipped; the pixel lies in a piece of it")
+    return "\n".join(lines)
+
+
+def _face_table(faces: Sequence[FaceAtPixel]) -> Table:
+    """Return the faces at the pixel, nearest first."""
+    table = _table("faces that cover the centre, nearest first", "face", "object")
+    for name in ("depth (scene units)", "stored depth", ""):
+        table.add_column(name, justify="left" if not name else "right")
+    depths = _coordinates(np.array([[face.depth] for face in faces]))
+    stored = _coordinates(np.array([[face.stored_depth] for face in faces]), STORED_DECIMALS)
+    listed = list(zip(faces, depths, stored, strict=True))
+    for face, (depth,), (near,) in listed[:MOST_FACES]:
+        owner = f"{face.object_number} {face.object_name}"
+        table.add_row(str(face.face), owner, depth, near, face.standing)
+    if len(listed) > MOST_FACES:
+        table.add_row("...", f"and {len(listed) - MOST_FACES:,} more", "", "", "")
+    return table
+
+
+def _position_table(face: FaceAtPixel) -> Table:
+    """Return the three vertices in every space."""
+    table = _table(f"the vertices of face {face.face}", "space", "vertex")
+    for axis in ("x", "y", "z", "w"):
+        table.add_column(axis, justify="right")
+    table.add_column("outside of")
+    outside = [", ".join(words) for words in face.outcodes]
+    names = [str(vertex) for vertex in face.mesh_vertices]
+    drawn = ["cut"] * 3 if face.clipped else names
+    spaces = [
+        ("model", names, face.model),
+        ("world", names, face.world),
+        ("view", names, face.view),
+        ("clip", names, face.clip),
+        ("NDC", names, face.ndc),
+        ("screen, pixels", names, face.screen),
+        ("snapped, pixels", drawn, face.snapped / 2.0**face.grid_bits),
+        (f"snapped, 1/{1 << face.grid_bits} pixel", drawn, face.snapped),
+    ]
+    for space, vertices, rows in spaces:
+        decimals = SNAP_DECIMALS if "pixels" in space else 0
+        for n, row in enumerate(_coordinates(rows, decimals)):
+            cells = row + [""] * (4 - len(row))
+            codes = outside[n] if space == "clip" else ""
+            table.add_row("" if n else space, vertices[n], *cells, codes, end_section=n == 2)
+    return table
+
+
+def _edge_table(face: FaceAtPixel) -> Table:
+    """Return the edge functions and the weights of the triangle that was drawn."""
+    step = f"1/{1 << face.grid_bits} pixel"
+    table = _table(f"at the pixel's centre, edge functions in squares of {step}", "vertex")
+    for name in ("edge opposite it", "bias"):
+        table.add_column(name, justify="right")
+    table.add_column("so the centre is")
+    table.add_column("weight on screen", justify="right")
+    if not face.clipped:
+        table.add_column("with perspective", justify="right")
+    for n in range(3):
+        name = "cut" if face.clipped else str(face.mesh_vertices[n])
+        side = "inside" if face.edges[n] else "on it, a top or left edge"
+        cells = [str(face.edges[n]), str(face.biases[n]), side, _weight(face.affine_weights[n])]
+        table.add_row(name, *cells, *([] if face.clipped else [_weight(face.weights[n])]))
+    return table
+
+
+def _weight_table(face: FaceAtPixel) -> Table:
+    """Return the weights of a clipped face's own vertices: its piece has others."""
+    table = _table("the weights of the whole face", "vertex")
+    table.add_column("with perspective", justify="right")
+    for vertex, weight in zip(face.mesh_vertices, face.weights, strict=True):
+        table.add_row(str(vertex), _weight(weight))
+    return table
+
+
+def _color_table(pixel: PixelExplanation) -> Table:
+    """Return the terms of the colour."""
+    table = _table("colour, linear light", "term")
+    for name in ("red", "green", "blue"):
+        table.add_column(name, justify="right")
+    light = pixel.light
+    if light is not None:
+        table.add_row(f"base colour ({light.shading})", *_levels(light.base_color))
+        table.add_section()
+        if light.shading != "unlit":
+            table.add_row("ambient", *_levels(light.ambient))
+        for term in light.lights:
+            table.add_row(f"{term.name}, diffuse", *_levels(term.diffuse))
+            if term.specular.max() >= FAINTEST:
+                table.add_row(f"{term.name}, specular", *_levels(term.specular))
+        table.add_section()
+    name = "background" if light is None else "sum" if light.lights else "seen"
+    table.add_row(name, *_levels(pixel.linear[:3]))
+    if pixel.under_wireframe:
+        table.add_row("a line of the wireframe covers it", "", "", "")
+    codes = [str(code) for code in pixel.color[:3].tolist()]
+    alpha = "" if pixel.color[3] == 255 else f", alpha {pixel.color[3]}"
+    table.add_row(f"8 bits, sRGB{alpha}", *codes)
+    return table
+
+
+def _table(title: str, *columns: str) -> Table:
+    """Return a table that prints without colour, with its first columns on the left."""
+    from rich import box
+    from rich.table import Table
+
+    table = Table(title=title, box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False)
+    for column in columns:
+        table.add_column(column)
+    return table
+
+
+def _weight(share: Fraction) -> str:
+    """Return an exact weight as a decimal."""
+    return f"{float(share):.6f}"
+
+
+def _levels(values: NDArray[np.float32]) -> list[str]:
+    """Return linear colour as text."""
+    return [f"{value:.5f}" for value in values.tolist()]
+
+
+def _coordinates(rows: NDArray[Any], decimals: int = 0) -> list[list[str]]:
+    """
+    Return coordinates as text, all with as many decimals as give the largest six figures.
+
+    ``decimals`` is the least number of them.
+    """
+    if rows.dtype.kind == "i":
+        return [[str(value) for value in row] for row in rows.tolist()]
+    known = np.abs(rows[np.isfinite(rows)])
+    largest = float(known.max()) if len(known) else 0.0
+    if SMALLEST_FIXED <= largest < LARGEST_FIXED or largest == 0.0:
+        whole = len(str(int(largest)))
+        form = f".{max(FIGURES - whole, decimals)}f"
+    else:
+        form = f".{FIGURES - 1}e"
+    return [
+        ["-" if math.isnan(value) else format(value + 0.0, form) for value in row]
+        for row in rows.tolist()
+    ]
+
+
+def _as_text(parts: Iterable[Any]) -> str:
+    """Return headings and tables as plain text."""
+    from rich.console import Console
+
+    text = io.StringIO()
+    console = Console(
+        file=text, width=PAGE_WIDTH, color_system=None, highlight=False, markup=False, emoji=False
+    )
+    for part in parts:
+        if not isinstance(part, str):
+            # As a line of its own: a table folds its title to its width.
+            console.print(part.title)
+            part.title = None
+        console.print(part)
+        console.print()
+    # Plain ASCII rules print on any terminal and into any file.
+    lines = text.getvalue().replace("\u2500", "-").splitlines()
+    return "\n".join(line.rstrip() for line in lines).rstrip()

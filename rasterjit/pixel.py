@@ -1,0 +1,420 @@
+"""
+Explain one pixel: which faces cover it, which of them is seen, and how its colour came about.
+
+The numbers are the engine's own: the same stages transform, clip, snap, bin, draw and shade, asked
+for one pixel. Where the engine rounds, the exact value is shown beside it, from the oracle.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit import plan as planning
+from rasterjit import stages
+from rasterjit.explanation import FaceAtPixel, LightTerm, LightTerms, PixelExplanation
+from rasterjit.io.meshes import as_scene
+from rasterjit.kernels import resolve, setup, shading, visibility
+from rasterjit.kernels.records import Faces, Geometry, Lighting, Objects, Placement, Surface
+from rasterjit.plan import RenderPlan, SceneArrays
+from rasterjit.render import choose_camera, placement_of, render
+from rasterjit.scene.camera import Camera
+from rasterjit.scene.light import AmbientLight
+from rasterjit.scene.quality import Quality, check_quality
+from rasterjit.scene.scene import Scene
+from rasterjit.transforms import transform_points
+from rasterjit.validation import image_size
+
+if TYPE_CHECKING:
+    from fractions import Fraction
+
+OUTCODE_WORDS = {
+    setup.LEFT: "left", setup.RIGHT: "right", setup.BOTTOM: "bottom", setup.TOP: "top",
+    setup.NEAR: "near", setup.FAR: "far", setup.GUARD: "guard band",
+}  # fmt: skip
+
+Weights = tuple["Fraction", "Fraction", "Fraction"]
+
+
+class _Drawn(NamedTuple):
+    """A scene drawn as far as visibility."""
+
+    scene: Scene
+    plan: RenderPlan
+    arrays: SceneArrays
+    geometry: Geometry
+    placement: Placement
+    coverage: stages.Coverage
+    lists: stages.TileLists
+    """With culled faces."""
+
+
+def explain_pixel(
+    what: Any,
+    camera: Camera | None,
+    size: tuple[int, int],
+    x: int,
+    y: int,
+    *,
+    quality: Quality | None = None,
+    cull: str = "none",
+    background: Any = "white",
+) -> PixelExplanation:
+    """
+    Say what happened at one pixel, stage by stage.
+
+    Parameters
+    ----------
+    what : Scene, Mesh, trimesh.Trimesh or trimesh.Scene
+    camera : Camera or None
+        None takes the scene's own camera, else one that fits the scene.
+    size : (int, int)
+        Width and height of the image, pixels.
+    x, y : int
+        Column from the left and row from the top.
+    quality, cull, background
+        As `render` takes them.
+
+    Returns
+    -------
+    PixelExplanation
+        Prints as tables; its numbers are those of the frame that `render` makes of the same
+        arguments.
+
+    Raises
+    ------
+    ValueError
+        Naming the argument that is wrong.
+    """
+    size = image_size("size", size)
+    x, y = _index("x", x, size[0], "column"), _index("y", y, size[1], "row")
+    scene = as_scene(what)
+    camera = choose_camera(scene, camera, size)
+    quality = check_quality(quality)
+    plan = planning.plan_render(
+        scene, camera, size, quality, ("color", "linear"), background, cull
+    )  # fmt: skip
+    drawn = _draw(scene, plan)
+    faces = tuple(_find_faces(drawn, x, y))
+    light, linear = None, plan.background
+    if drawn.coverage.face_id[y, x] >= 0 and plan.draws_faces:
+        light, linear = _light(drawn, x, y)
+    color = np.empty((1, 1), np.uint32)
+    resolve.encode_rows(linear.reshape(1, 1, 4), resolve.encoding_tables(), color)
+    plain = seen = color.view(np.uint8)[0]
+    if plan.wireframe is not None:
+        frame = render(
+            scene, camera, size=size, quality=quality, background=background, cull=cull, threads=1
+        )
+        seen = frame.color[y, x]
+    reasons = () if drawn.coverage.face_id[y, x] >= 0 else _reasons(drawn, faces, x, y)
+    return PixelExplanation(
+        x, y, size, faces, reasons, light, linear, seen, not np.array_equal(plain, seen)
+    )
+
+
+def _index(name: str, value: Any, count: int, kind: str) -> int:
+    """Return a column or row number, or raise ``ValueError``."""
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
+        raise ValueError(f"{name} must be a whole number, a {kind}; got {value!r}")
+    if not 0 <= value < count:
+        raise ValueError(f"{name} must be a {kind} in 0..{count - 1}, got {value}")
+    return int(value)
+
+
+def _draw(scene: Scene, plan: RenderPlan) -> _Drawn:
+    """Run the stages of `render` up to visibility."""
+    workers = stages.Workers(1)
+    arrays = planning.join_geometry([node.mesh for node in scene.nodes])
+    views = planning.view_nodes(scene.nodes, plan.camera, plan.size)
+    viewport = planning.viewport_of(plan.size, plan.quality.subpixel_bits)
+    objects = planning.cull_objects(plan.cull, views, arrays.face_starts)
+    clip_positions = stages.transform(
+        arrays.positions, arrays.vertex_starts, views.relative_from_model,
+        views.clip_from_relative, workers,
+    )  # fmt: skip
+    coverage = stages.find_visible(
+        clip_positions, arrays.faces, objects, plan.camera.depth_coefficients(), viewport, workers,
+        lambda _: None, keep_lists=True,
+    )  # fmt: skip
+    lists = coverage.lists
+    if plan.cull != "none":
+        # List the culled faces as well.
+        everything = Objects(objects.face_starts, np.zeros_like(objects.culled_turns))
+        starts, binned, _ = stages.set_up_and_bin(
+            lists.faces, everything, coverage.screen, viewport, workers
+        )
+        lists = stages.TileLists(starts, binned, lists.faces)
+    geometry = Geometry(
+        arrays.faces, coverage.screen.xy, coverage.screen.codes, clip_positions, viewport
+    )
+    placement = placement_of(arrays, views)
+    return _Drawn(scene, plan, arrays, geometry, placement, coverage, lists)
+
+
+def _corners(triangles: NDArray[np.int32], faces: Faces) -> NDArray[np.int32]:
+    """Return the vertex numbers, (N, 3), of faces and pieces as the lists number them."""
+    count = len(faces.faces)
+    own = faces.faces[np.minimum(triangles, count - 1)]
+    if not len(faces.pieces):
+        return own
+    pieces = faces.pieces[np.maximum(triangles - count, 0)]
+    return np.where((triangles < count)[:, np.newaxis], own, pieces)
+
+
+def _owners(triangles: NDArray[np.int32], faces: Faces) -> NDArray[np.int32]:
+    """Return the face that each triangle of the lists is, or was cut from."""
+    count = len(faces.faces)
+    numbers = np.append(np.arange(count, dtype=np.int32), faces.piece_faces)
+    return numbers[triangles]
+
+
+def _centre(x: int, y: int, grid_bits: int) -> tuple[int, int]:
+    """Return a pixel's centre in steps of the grid."""
+    half = 1 << (grid_bits - 1)
+    return (x << grid_bits) + half, (y << grid_bits) + half
+
+
+def _find_faces(drawn: _Drawn, x: int, y: int) -> list[FaceAtPixel]:
+    """Return the faces that cover a pixel's centre: seen, hidden by depth, culled."""
+    starts, binned, faces = drawn.lists
+    coverage, viewport = drawn.coverage, drawn.geometry.viewport
+    columns = -(-viewport.width // visibility.TILE_SIZE)
+    tile = (y // visibility.TILE_SIZE) * columns + x // visibility.TILE_SIZE
+    listed = binned[starts[tile] : starts[tile + 1]]
+    # Keep those that the centre may be in: on the inner side of all edges, or on one.
+    a, b, c = np.moveaxis(coverage.screen.xy[_corners(listed, faces)].astype(np.int64), 1, 0)
+    point = np.array(_centre(x, y, viewport.grid_bits))
+    sides = np.stack([_edges(b, c, point), _edges(c, a, point), _edges(a, b, point)])
+    near = listed[(sides >= 0).all(axis=0) | (sides <= 0).all(axis=0)]
+    # Draw each alone: what it covers, and how deep it is there, is the engine's word.
+    depth = np.empty((viewport.height, viewport.width), np.float32)
+    face_id = np.empty((viewport.height, viewport.width), np.int32)
+    shape = visibility.SCRATCH_SHAPE
+    scratch = np.empty(shape, np.float32), np.empty(shape, np.int32)
+    one = np.zeros(len(starts), np.int64)
+    one[tile + 1 :] = 1
+    kept = set(coverage.lists.binned[coverage.lists.starts[tile] : coverage.lists.starts[tile + 1]])
+    found = []
+    for triangle in near:
+        visibility.draw_tiles(
+            np.array([tile], np.int32), one, np.array([triangle], np.int32), faces,
+            coverage.screen, viewport, (depth, face_id), scratch,
+        )  # fmt: skip
+        if face_id[y, x] >= 0:
+            found.append((triangle not in kept, -float(depth[y, x]), int(face_id[y, x]), triangle))
+    return [_face_at(drawn, x, y, *entry) for entry in sorted(found)]
+
+
+def _edges(
+    a: NDArray[np.int64], b: NDArray[np.int64], point: NDArray[np.int64]
+) -> NDArray[np.int64]:
+    """Return the edge functions of many edges at one point."""
+    along, away = b - a, point - a
+    return along[:, 0] * away[:, 1] - along[:, 1] * away[:, 0]
+
+
+def _face_at(
+    drawn: _Drawn, x: int, y: int, culled: bool, nearness: float, face: int, triangle: np.int32
+) -> FaceAtPixel:
+    """Gather all numbers of one face at one pixel."""
+    arrays, geometry, coverage = drawn.arrays, drawn.geometry, drawn.coverage
+    owner = int(np.searchsorted(arrays.face_starts, face, side="right")) - 1
+    node, vertices = drawn.scene.nodes[owner], arrays.faces[face]
+    model = arrays.positions[vertices]
+    world = transform_points(node.world_from_model, model)[:, :3]
+    clip = geometry.clip_positions[vertices]
+    ndc = np.full((3, 3), np.nan)
+    in_front = clip[:, 3] > 0.0
+    ndc[in_front] = clip[in_front, :3] / clip[in_front, 3:]
+    width, height = drawn.plan.size
+    screen = (ndc[:, :2] * (1.0, -1.0) + 1.0) * (width / 2.0, height / 2.0)
+    codes = [int(code) for code in geometry.codes[vertices]]
+    clipped = any(code & setup.CLIPPED for code in codes)
+    corners = _corners(np.array([triangle]), drawn.lists.faces)[0]
+    snapped = coverage.screen.xy[corners].astype(np.int64)
+    point = _centre(x, y, geometry.viewport.grid_bits)
+    edges, biases = _edge_functions(snapped.tolist(), point)
+    affine, weights = _weights(snapped.tolist(), clip, clipped, point, (x, y), drawn.plan.size)
+    stored = np.float32(-nearness)
+    standing = "hidden"
+    if culled:
+        standing = "culled"
+    elif face == coverage.face_id[y, x]:
+        standing = "visible"
+    elif stored == coverage.depth[y, x]:
+        standing = "tied"
+    with np.errstate(over="ignore"):
+        depth = float(np.float32(drawn.plan.camera.view_depth(stored)))
+    return FaceAtPixel(
+        standing=standing,
+        face=face,
+        object_number=owner,
+        object_name=node.name,
+        mesh_face=face - int(arrays.face_starts[owner]),
+        mesh_vertices=tuple((vertices - arrays.vertex_starts[owner]).tolist()),
+        model=model,
+        world=world,
+        view=transform_points(drawn.plan.camera.view_matrix(), world)[:, :3],
+        clip=clip,
+        ndc=ndc,
+        screen=screen,
+        outcodes=tuple(
+            tuple(word for bit, word in OUTCODE_WORDS.items() if code & bit) for code in codes
+        ),
+        clipped=clipped,
+        snapped=snapped,
+        grid_bits=geometry.viewport.grid_bits,
+        edges=edges,
+        biases=biases,
+        affine_weights=affine,
+        weights=weights,
+        stored_depth=float(stored),
+        depth=depth,
+    )
+
+
+def _edge_functions(
+    triangle: list[list[int]], point: tuple[int, int]
+) -> tuple[tuple[int, int, int], tuple[int, int, int]]:
+    """Return the exact edge functions opposite the vertices, positive inside, and their biases."""
+    from rasterjit import oracle
+
+    a, b, c = triangle
+    turn = 1 if oracle.edge(a, b, c) > 0 else -1
+    edges, biases = [], []
+    for start, end in ((b, c), (c, a), (a, b)):
+        edges.append(turn * oracle.edge(start, end, point))
+        dx, dy = turn * (end[0] - start[0]), turn * (end[1] - start[1])
+        biases.append(0 if dy < 0 or (dy == 0 and dx > 0) else -1)
+    return tuple(edges), tuple(biases)
+
+
+def _weights(
+    triangle: list[list[int]],
+    clip: NDArray[np.float64],
+    clipped: bool,
+    point: tuple[int, int],
+    pixel: tuple[int, int],
+    size: tuple[int, int],
+) -> tuple[Weights, Weights]:
+    """Return the exact weights on the triangle drawn, and those of the face's own vertices."""
+    from fractions import Fraction
+
+    from rasterjit import oracle
+
+    affine = oracle.affine_weights(triangle, point)
+    if not clipped:
+        return affine, oracle.perspective_weights(triangle, clip[:, 3].tolist(), point)
+    centre = (Fraction(2 * pixel[0] + 1, 2), Fraction(2 * pixel[1] + 1, 2))
+    try:
+        shares = oracle.clip_weights(clip.tolist(), centre, size)
+    except ValueError:
+        # Seen exactly from its side: the engine takes the first vertex.
+        return affine, (Fraction(1), Fraction(0), Fraction(0))
+    # Snapping may put a sample on a piece that lies beside the face: held as the engine does.
+    held = [max(share, Fraction(0)) for share in shares]
+    return affine, tuple(share / sum(held) for share in held)
+
+
+def _light(drawn: _Drawn, x: int, y: int) -> tuple[LightTerms, NDArray[np.float32]]:
+    """Return the terms of a pixel's colour and the colour itself, (4,) float32, linear."""
+    plan, lighting = drawn.plan, drawn.plan.lighting
+    meshes = [node.mesh for node in drawn.scene.nodes]
+    normals = planning.join_normals(meshes) if plan.needs_normals else None
+    surface = planning.join_surface(meshes, normals)
+    face = int(drawn.coverage.face_id[y, x])
+    owner = int(np.searchsorted(drawn.arrays.face_starts, face, side="right")) - 1
+    model = meshes[owner].material.shading
+    linear = _shade(drawn, surface, lighting, x, y)
+    if lighting is None or model == "unlit":
+        zero = np.zeros(3, np.float32)
+        return LightTerms(model, linear[:3].copy(), zero, ()), linear
+    # Let each light shine alone, on the colour without its highlight and on the highlight alone.
+    matt, black = surface.materials.copy(), surface.materials.copy()
+    matt[:, shading.MATERIAL_SPECULAR] = 0.0
+    black[:, :3] = 0.0
+    matt_surface, black_surface = (surface._replace(materials=m) for m in (matt, black))
+    dark, white = np.zeros(3, np.float32), np.ones(3, np.float32)
+    nothing = lighting._replace(lights=lighting.lights[:0])
+    terms = []
+    for n, name in enumerate(_light_names(drawn.scene)):
+        alone = lighting._replace(lights=lighting.lights[n : n + 1], ambient=dark)
+        diffuse = _shade(drawn, matt_surface, alone, x, y)[:3]
+        terms.append(LightTerm(name, diffuse, _shade(drawn, black_surface, alone, x, y)[:3]))
+    base = _shade(drawn, surface, nothing._replace(ambient=white), x, y)[:3]
+    ambient = _shade(drawn, surface, nothing, x, y)[:3]
+    return LightTerms(model, base, ambient, tuple(terms)), linear
+
+
+def _light_names(scene: Scene) -> list[str]:
+    """Name the lights that are not ambient, in the order the plan has them."""
+    if not scene.lights:
+        return ["headlight"]
+    return [
+        f"{type(light).__name__} {n}"
+        for n, light in enumerate(scene.lights)
+        if not isinstance(light, AmbientLight)
+    ]
+
+
+def _shade(
+    drawn: _Drawn, surface: Surface, lighting: Lighting | None, x: int, y: int
+) -> NDArray[np.float32]:
+    """Shade one pixel with the engine's kernel; return its linear colour, (4,) float32."""
+    geometry, placement, plan = drawn.geometry, drawn.placement, drawn.plan
+    face = int(drawn.coverage.face_id[y, x])
+    owner = int(np.searchsorted(drawn.arrays.face_starts, face, side="right")) - 1
+    if plan.needs_gouraud and lighting is not None:
+        lit = np.zeros((len(drawn.arrays.positions), 2, 3), np.float32)
+        if surface.materials[owner, shading.MATERIAL_MODEL] == shading.GOURAUD:
+            for vertex in drawn.arrays.faces[face].tolist():
+                vertices = (vertex, vertex + 1)
+                shading.light_vertices(vertices, owner, placement, surface, lighting, lit)
+        surface = surface._replace(lit_vertices=lit)
+    row = np.full((1, plan.size[0]), visibility.NOTHING, np.int32)
+    row[0, x] = face
+    linear = np.empty((1, plan.size[0], 4), np.float32)
+    shading.shade_rows(row, y, geometry, placement, surface, lighting, plan.background, linear)
+    return linear[0, x].copy()
+
+
+def _reasons(drawn: _Drawn, faces: tuple[FaceAtPixel, ...], x: int, y: int) -> tuple[str, ...]:
+    """Say why no face is visible at a pixel."""
+    reasons = []
+    if faces:
+        names = ", ".join(str(face.face) for face in faces)
+        reasons.append(f"culled faces cover it: {names}")
+    else:
+        reasons.append("no face covers the pixel's centre")
+    totals = drawn.coverage.totals
+    if totals.drawn:
+        face, distance = _nearest(drawn, x, y)
+        reasons.append(f"the nearest face drawn is {face}, {distance:.3g} pixels away")
+    fates = [
+        (totals.outside, "outside the view"), (totals.culled, "turned away"),
+        (totals.degenerate, "without area"), (totals.unsampled, "between pixel centres"),
+        (totals.invalid, "invalid"), (totals.drawn, "drawn elsewhere"),
+    ]  # fmt: skip
+    shares = ", ".join(f"{count:,} {fate}" for count, fate in fates if count)
+    reasons.append(f"of {totals.faces_in:,} faces: {shares}")
+    return tuple(reasons)
+
+
+def _nearest(drawn: _Drawn, x: int, y: int) -> tuple[int, float]:
+    """Return the drawn face nearest to a pixel's centre on the screen, and its distance, pixels."""
+    triangles = np.unique(drawn.coverage.lists.binned)
+    unit = float(1 << drawn.geometry.viewport.grid_bits)
+    corners = drawn.coverage.screen.xy[_corners(triangles, drawn.lists.faces)] / unit
+    point = np.array([x + 0.5, y + 0.5])
+    best = np.full(len(triangles), np.inf)
+    for k in range(3):
+        start, along = corners[:, k], corners[:, (k + 1) % 3] - corners[:, k]
+        squared = np.maximum((along * along).sum(axis=1), 1.0 / unit**2)
+        share = np.clip(((point - start) * along).sum(axis=1) / squared, 0.0, 1.0)
+        gap = start + share[:, np.newaxis] * along - point
+        best = np.minimum(best, np.hypot(gap[:, 0], gap[:, 1]))
+    n = int(best.argmin())
+    return int(_owners(triangles, drawn.lists.faces)[n]), float(best[n])

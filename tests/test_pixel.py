@@ -1,0 +1,385 @@
+"""What is said of a pixel is what the frame shows there, and every number on the way is right."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import naive
+import numpy as np
+import pytest
+
+import rasterjit as rj
+from rasterjit import transforms
+
+SIZE = (96, 80)
+"""Four tiles."""
+CLIP = rj.MatrixCamera(np.eye(4), np.eye(4))
+"""Takes world positions for clip positions: a parallel view along -z."""
+
+STORED = 2.0**-23
+"""Relative error of a stored value: half an ulp of float32, twice for the interpolation."""
+SUMMED = 2.0**-20
+"""Relative error of a colour added up in another order: sixteen float32 roundings."""
+
+
+def pixels_of(face_id, count, seed=0):
+    """Choose pixels (column, row): all kinds of face, and the background."""
+    rng = np.random.default_rng(seed)
+    chosen = [tuple(place) for place in rng.integers(0, face_id.shape[::-1], (count, 2)).tolist()]
+    for face in np.unique(face_id)[:: max(1, len(np.unique(face_id)) // count)]:
+        rows, columns = np.nonzero(face_id == face)
+        n = rng.integers(len(rows))
+        chosen.append((int(columns[n]), int(rows[n])))
+    return chosen
+
+
+@pytest.fixture
+def busy(cube, sphere):
+    """Every shading model, face and vertex colours, lights of every kind, a mirrored object."""
+    rng = np.random.default_rng(1)
+    scene = rj.Scene()
+    place = transforms.translate
+    scene.add(rj.Mesh(sphere.vertices, sphere.faces, material=rj.Material("phong", "red")))
+    scene.add(
+        rj.Mesh(cube.vertices, cube.faces, colors=rng.uniform(0, 1, (8, 3)),
+                material=rj.Material("gouraud", "white")),
+        place((1.2, -0.4, 0.7)), "gouraud cube",
+    )  # fmt: skip
+    scene.add(
+        rj.Mesh(cube.vertices, cube.faces, colors=rng.uniform(0, 1, (12, 3)),
+                material=rj.Material("flat", "white")),
+        transforms.scale((-0.8, 0.8, 0.8)),
+    )  # fmt: skip
+    scene.add(rj.Mesh(sphere.vertices, sphere.faces, material=rj.Material("unlit", "blue")),
+              place((-1.5, 0.5, 1.0)))  # fmt: skip
+    scene.lights = [
+        rj.PointLight((2, 2, 2), intensity=3), rj.AmbientLight(), rj.DirectionalLight((-1, -1, -1)),
+    ]  # fmt: skip
+    return scene
+
+
+INSIDE = rj.PerspectiveCamera((0.9, 0.3, 1.2), (-0.5, 0, -1), fov_y=90.0, near=0.3, far=3.0)
+"""Stands among the objects: faces are cut at the near and the far plane."""
+PARALLEL = rj.OrthographicCamera((2.5, 3.0, 4.0), (0, 0, 0), height=5.0, near=0.5, far=20.0)
+
+
+def assert_says_what_the_frame_shows(scene, camera, size, pixels, **options):
+    outputs = ("color", "linear", "depth", "face_id", "object_id", "barycentric")
+    frame = rj.render(scene, camera, size=size, outputs=outputs, threads=1, **options)
+    for x, y in pixels or pixels_of(frame.face_id, 12):
+        told = rj.explain_pixel(scene, camera, size, x, y, **options)
+        assert told.color.tolist() == frame.color[y, x].tolist()
+        assert told.linear.tobytes() == frame.linear[y, x].tobytes()
+        seen = told.winner
+        assert (seen is None) == (frame.face_id[y, x] < 0) == bool(told.reasons)
+        if seen is None:
+            continue
+        assert seen.face == frame.face_id[y, x]
+        assert seen.object_number == frame.object_id[y, x]
+        assert seen.depth == frame.depth[y, x]
+        stored = np.array([float(weight) for weight in seen.weights])
+        assert np.abs(stored - frame.barycentric[y, x]).max() <= STORED
+        assert str(told)
+    return frame
+
+
+@pytest.mark.parametrize("cull", ["none", "back", "front"])
+@pytest.mark.parametrize("view", ["around", "inside", "parallel"])
+def test_the_pixel_is_the_frames(busy, camera, view, cull):
+    chosen = {"around": camera, "inside": INSIDE, "parallel": PARALLEL}[view]
+    frame = assert_says_what_the_frame_shows(busy, chosen, SIZE, None, cull=cull)
+    assert (frame.stats.clipped > 0) == (view == "inside")
+
+
+@pytest.mark.parametrize("bits", [0, 4, 12])
+def test_the_pixel_is_the_frames_on_any_grid(busy, camera, bits):
+    assert_says_what_the_frame_shows(
+        busy, camera, (33, 21), None, quality=rj.Quality(subpixel_bits=bits)
+    )
+
+
+def test_no_camera_and_no_lights_mean_what_they_mean_to_render(cube):
+    frame = assert_says_what_the_frame_shows(cube, None, SIZE, None, background="transparent")
+    y, x = np.argwhere(frame.face_id >= 0)[100]
+    told = rj.explain_pixel(cube, None, SIZE, x, y)
+    assert [light.name for light in told.light.lights] == ["headlight"]
+
+
+@pytest.mark.parametrize("mode", ["overlay", "only"])
+def test_a_wireframe_over_the_pixel_is_told(cube, camera, mode):
+    scene = rj.Scene()
+    scene.add(cube)
+    scene.wireframe = rj.Wireframe("red", mode)
+    frame = rj.render(scene, camera, size=SIZE, threads=1)
+    red = (frame.color == (255, 0, 0, 255)).all(axis=2)
+    for over, (y, x) in ((True, np.argwhere(red)[40]), (False, np.argwhere(~red)[2000])):
+        told = rj.explain_pixel(scene, camera, SIZE, x, y)
+        assert told.color.tolist() == frame.color[y, x].tolist()
+        assert told.under_wireframe == over
+        assert ("line of the wireframe" in str(told)) == over
+        assert (told.light is None) == (mode == "only" or told.winner is None)
+
+
+# --- which faces ----------------------------------------------------------------------------------
+
+
+def layers(depths, points=((0, 0), (128, 0), (0, 128))):
+    """Return a mesh of one screen triangle at several depths, in NDC."""
+    clip = np.concatenate([naive.clip_from_screen(points, (128, 128), z) for z in depths])
+    return rj.Mesh(clip[:, :3], np.arange(3 * len(depths)).reshape(-1, 3))
+
+
+def test_faces_are_listed_from_near_to_far_and_ties_by_number():
+    told = rj.explain_pixel(layers([0.5, -0.25, 0.0, -0.25]), CLIP, (128, 128), 70, 20)
+    assert [face.face for face in told.faces] == [1, 3, 2, 0]
+    assert [face.standing for face in told.faces] == ["visible", "tied", "hidden", "hidden"]
+    assert told.winner is told.faces[0]
+    assert told.faces[0].stored_depth == told.faces[1].stored_depth
+    assert told.faces[1].depth < told.faces[2].depth < told.faces[3].depth
+
+
+def test_culled_faces_come_last_and_explain_a_hole():
+    both = layers([0.0, 0.5])
+    mesh = rj.Mesh(both.vertices, [[0, 1, 2], [5, 4, 3]])
+    turned = [
+        rj.explain_pixel(mesh, CLIP, (128, 128), 10, 10, cull=cull) for cull in ("back", "front")
+    ]
+    assert sorted([face.face for face in told.faces] for told in turned) == [[0, 1], [1, 0]]
+    for told in turned:
+        assert [face.standing for face in told.faces] == ["visible", "culled"]
+    alone = rj.Mesh(mesh.vertices[:3], mesh.faces[:1])
+    holes = [
+        told
+        for cull in ("back", "front")
+        if (told := rj.explain_pixel(alone, CLIP, (128, 128), 10, 10, cull=cull)).winner is None
+    ]
+    assert len(holes) == 1
+    assert holes[0].faces[0].standing == "culled"
+    assert "culled faces cover it: 0" in holes[0].reasons
+
+
+def test_faces_are_all_that_cover_the_centre_exactly():
+    rng = np.random.default_rng(4)
+    points = np.round(rng.uniform(-20, 84, (30, 3, 2)) * 1024) / 1024
+    depths = np.repeat(rng.uniform(-0.9, 0.9, 30), 3)
+    clip = naive.clip_from_screen(points.reshape(-1, 2), (64, 64), depths)
+    mesh = rj.Mesh(clip[:, :3], np.arange(90).reshape(-1, 3))
+    snapped = [rj.oracle.snap_triangle(triangle) for triangle in points.tolist()]
+    for x, y in rng.integers(0, 64, (25, 2)).tolist():
+        told = rj.explain_pixel(mesh, CLIP, (64, 64), x, y)
+        point = 256 * x + 128, 256 * y + 128
+        exact = {n for n, triangle in enumerate(snapped) if rj.oracle.covers(triangle, point)}
+        assert {face.face for face in told.faces} == exact
+        for face in told.faces:
+            assert face.snapped.tolist() == [list(corner) for corner in snapped[face.face]]
+            biased = [e + b for e, b in zip(face.edges, face.biases, strict=True)]
+            assert min(biased) >= 0
+            area = abs(rj.oracle.edge(*snapped[face.face]))
+            assert sum(face.edges) == area
+            assert face.affine_weights == tuple(Fraction(e, area) for e in face.edges)
+
+
+def test_a_shared_edge_through_the_centre_belongs_to_the_face_with_bias_zero():
+    points = [(0, 0), (64, 0), (64, 64), (0, 64)]
+    clip = naive.clip_from_screen(points, (64, 64))
+    mesh = rj.Mesh(clip[:, :3], [[0, 1, 2], [0, 2, 3]])
+    told = rj.explain_pixel(mesh, CLIP, (64, 64), 20, 20)
+    assert len(told.faces) == 1
+    on_edge = told.faces[0].edges.index(0)
+    assert told.faces[0].biases[on_edge] == 0
+    assert "on it, a top or left edge" in str(told)
+
+
+@pytest.mark.parametrize("order", [(0, 1, 2), (1, 0, 2)])
+def test_a_level_edge_is_biased_below_a_face_and_not_above(order):
+    points = [(0, 20.5), (64, 20.5), (32, 0), (32, 60)]
+    clip = naive.clip_from_screen(points, (64, 64))
+    a, b, c = order
+    mesh = rj.Mesh(clip[:, :3], [[a, b, c], [a, b, 3]])
+    (above,) = rj.explain_pixel(mesh, CLIP, (64, 64), 32, 10).faces
+    (on_it,) = rj.explain_pixel(mesh, CLIP, (64, 64), 32, 20).faces
+    assert (above.face, above.biases[2]) == (0, -1)
+    assert (on_it.face, on_it.biases[2], on_it.edges[2]) == (1, 0, 0)
+
+
+# --- the numbers of a face ------------------------------------------------------------------------
+
+
+def test_every_space_follows_from_the_one_before(busy, camera):
+    frame = rj.render(busy, camera, size=SIZE, outputs="face_id", threads=1)
+    clip_from_view = camera.projection_matrix(SIZE)
+    for x, y in pixels_of(frame.face_id, 6):
+        for face in rj.explain_pixel(busy, camera, SIZE, x, y).faces:
+            node = busy.nodes[face.object_number]
+            assert face.mesh_vertices == tuple(node.mesh.faces[face.mesh_face].tolist())
+            assert face.object_name == node.name
+            assert (face.model == node.mesh.vertices[list(face.mesh_vertices)]).all()
+            world = face.model @ node.world_from_model[:3, :3].T + node.world_from_model[:3, 3]
+            view = face.world @ camera.view_matrix()[:3, :3].T + camera.view_matrix()[:3, 3]
+            clip = np.column_stack([face.view, np.ones(3)]) @ clip_from_view.T
+            np.testing.assert_allclose(face.world, world, atol=1e-12)
+            np.testing.assert_allclose(face.view, view, atol=1e-12)
+            np.testing.assert_allclose(face.clip, clip, atol=1e-12)
+            np.testing.assert_array_equal(face.ndc, face.clip[:, :3] / face.clip[:, 3:])
+            for corner, screen, snapped in zip(face.clip, face.screen, face.snapped, strict=True):
+                exact = rj.oracle.screen_position(corner.tolist(), SIZE)
+                np.testing.assert_allclose(screen, [float(c) for c in exact], rtol=1e-12)
+                assert snapped.tolist() == [rj.oracle.snap(coordinate) for coordinate in exact]
+
+
+def test_a_clipped_face_has_words_for_its_vertices_and_weights_of_its_own(busy):
+    frame = rj.render(busy, INSIDE, size=SIZE, outputs="face_id", threads=1)
+    cut = []
+    for x, y in pixels_of(frame.face_id, 40):
+        cut += [
+            (x, y, face)
+            for face in rj.explain_pixel(busy, INSIDE, SIZE, x, y).faces
+            if face.clipped
+        ]
+    assert len(cut) > 5
+    for x, y, face in cut:
+        words = {word for codes in face.outcodes for word in codes}
+        assert words & {"near", "far", "guard band"}
+        for codes, corner, ndc in zip(face.outcodes, face.clip, face.ndc, strict=True):
+            assert ("near" in codes) == (corner[2] < -corner[3])
+            assert ("far" in codes) == (corner[2] > corner[3])
+            assert np.isnan(ndc).all() == (corner[3] <= 0.0)
+        exact = rj.oracle.clip_weights(face.clip.tolist(), (x + 0.5, y + 0.5), SIZE)
+        if min(exact) >= 0:
+            assert face.weights == exact
+        assert sum(face.weights) == 1
+        assert min(face.weights) >= 0
+
+
+def test_a_sample_that_snapping_brought_onto_a_clipped_face_has_no_negative_weight():
+    # The left edge lies a quarter of a step to the right of the centres that it snaps to.
+    points = [(20.5 + 2.0**-10, 10), (20.5 + 2.0**-10, 50), (60, 30)]
+    clip = naive.clip_from_screen(points, (64, 64), [0.0, 0.0, -1.5])
+    (face,) = rj.explain_pixel(rj.Mesh(clip[:, :3], [[0, 1, 2]]), CLIP, (64, 64), 20, 30).faces
+    assert face.clipped
+    assert rj.oracle.clip_weights(clip.tolist(), (20.5, 30.5), (64, 64))[2] < 0
+    assert face.weights[2] == 0
+    assert sum(face.weights) == 1
+
+
+# --- light ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("shading", ["flat", "gouraud", "phong"])
+def test_the_terms_of_light_add_up_to_the_colour(sphere, camera, shading):
+    scene = rj.Scene()
+    colors = np.random.default_rng(2).uniform(0.2, 1, (len(sphere.vertices), 3))
+    material = rj.Material(shading, "white", specular=0.7, shininess=5)
+    scene.add(rj.Mesh(sphere.vertices, sphere.faces, colors=colors, material=material))
+    scene.lights = [
+        rj.AmbientLight(intensity=0.2), rj.PointLight((2, 3, 2), color="red", intensity=2),
+        rj.DirectionalLight((-1, 0, -1), color="green", intensity=0.4),
+    ]  # fmt: skip
+    frame = rj.render(scene, camera, size=SIZE, outputs=("face_id", "linear"), threads=1)
+    shone = np.zeros(2)
+    for y, x in np.argwhere(frame.face_id >= 0)[::97]:
+        light = rj.explain_pixel(scene, camera, SIZE, x, y).light
+        assert light.shading == shading
+        assert [term.name for term in light.lights] == ["PointLight 1", "DirectionalLight 2"]
+        total = light.ambient + sum(term.diffuse + term.specular for term in light.lights)
+        np.testing.assert_allclose(total, frame.linear[y, x, :3], rtol=SUMMED)
+        np.testing.assert_allclose(light.ambient, 0.2 * light.base_color, rtol=SUMMED)
+        for n, dark in enumerate(([1, 2], [0, 2])):
+            term = light.lights[n]
+            assert (term.diffuse[dark] == 0).all()
+            assert (term.specular[dark] == 0).all()
+            shone[n] += term.specular.max()
+    assert (shone > 0.0).all()
+
+
+def test_an_unlit_face_shows_its_base_colour(cube, camera):
+    scene = rj.Scene()
+    scene.add(rj.Mesh(cube.vertices, cube.faces, material=rj.Material("unlit", (0.5, 0.25, 1.0))))
+    told = rj.explain_pixel(scene, camera, SIZE, 48, 40)
+    assert told.light.base_color.tolist() == told.linear[:3].tolist() == [0.5, 0.25, 1.0]
+    assert told.light.lights == ()
+    assert not told.light.ambient.any()
+
+
+# --- nothing there, and wrong arguments -----------------------------------------------------------
+
+
+def test_the_background_names_the_nearest_face_and_how_far_it_is():
+    points = [(10.5, 10.5), (30.5, 10.5), (10.5, 40.5)]
+    clip = naive.clip_from_screen([*points, (100, 100), (101, 101), (99, 120)], (128, 128))
+    mesh = rj.Mesh(clip[:, :3], [[3, 4, 5], [0, 1, 2]])
+    told = rj.explain_pixel(mesh, CLIP, (128, 128), 20, 4, background="#ff0000")
+    assert told.winner is None
+    assert told.faces == ()
+    assert told.light is None
+    assert told.color.tolist() == [255, 0, 0, 255]
+    assert "the nearest face drawn is 1, 6 pixels away" in told.reasons
+    assert "of 2 faces: 2 drawn elsewhere" in told.reasons
+    assert "shows the background" in str(told)
+
+
+def test_an_empty_view_says_where_the_faces_are(cube):
+    behind = rj.PerspectiveCamera((0, 0, 5), (0, 0, 9))
+    told = rj.explain_pixel(cube, behind, SIZE, 0, 0)
+    assert told.reasons == ("no face covers the pixel's centre", "of 12 faces: 12 outside the view")
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "name"),
+    [(-1, 0, "x"), (96, 0, "x"), (0, -1, "y"), (0, 80, "y"), (1.0, 0, "x"), (0, "3", "y"),
+     (True, 0, "x"), (0, None, "y")],
+)  # fmt: skip
+def test_a_place_outside_the_picture_is_named(cube, camera, x, y, name):
+    with pytest.raises(ValueError, match=rf"^{name} must be"):
+        rj.explain_pixel(cube, camera, SIZE, x, y)
+
+
+@pytest.mark.parametrize(
+    ("options", "name"),
+    [({"cull": "both"}, "cull"), ({"quality": 8}, "quality"), ({"background": "no"}, "background")],
+)
+def test_wrong_options_are_named(cube, camera, options, name):
+    with pytest.raises(ValueError, match=name):
+        rj.explain_pixel(cube, camera, SIZE, 0, 0, **options)
+    with pytest.raises(ValueError, match="camera"):
+        rj.explain_pixel(cube, "here", SIZE, 0, 0)
+    with pytest.raises(ValueError, match="size"):
+        rj.explain_pixel(cube, camera, (0, 1), 0, 0)
+
+
+# --- how it prints --------------------------------------------------------------------------------
+
+
+def test_it_prints_as_plain_aligned_tables(busy, camera):
+    told = rj.explain_pixel(busy, camera, SIZE, 48, 40)
+    text = str(told)
+    assert text.isascii()
+    lines = text.splitlines()
+    assert max(map(len, lines)) <= 100
+    assert not any(line != line.rstrip() for line in lines)
+    assert lines[0] == "pixel (48, 40) of 96 x 80, sampled at its centre (48.5, 40.5)"
+    assert f'object {told.winner.object_number} "{told.winner.object_name}"' in lines[1]
+    for part in ("model", "world", "view", "clip", "NDC", "screen, pixels", "snapped, 1/256 pixel"):
+        assert sum(line.startswith(part + "  ") for line in lines) == 1
+    first = next(n for n, line in enumerate(lines) if line.startswith("screen, pixels"))
+    assert len({line.rindex(".") for line in lines[first : first + 3]}) == 1
+    assert lines[-1].split()[-3:] == [str(code) for code in told.color[:3].tolist()]
+
+
+def test_a_tall_stack_of_faces_prints_its_top():
+    told = rj.explain_pixel(layers(np.linspace(0.9, -0.9, 50)), CLIP, (128, 128), 10, 10)
+    assert [face.face for face in told.faces] == list(range(49, -1, -1))
+    assert "and 38 more" in str(told)
+    assert str(told).count("  hidden\n") == 11
+
+
+def test_coordinates_of_any_size_print(cube):
+    for scale in (1e-9, 1e9):
+        scene = rj.Scene()
+        scene.add(cube, transforms.scale(scale))
+        camera = rj.PerspectiveCamera(
+            (2.5 * scale, 3 * scale, 4 * scale), (0, 0, 0), near=0.1 * scale
+        )
+        text = str(rj.explain_pixel(scene, camera, SIZE, 48, 40))
+        assert "e+" in text or "e-" in text
+        assert max(map(len, text.splitlines())) <= 120
