@@ -21,6 +21,10 @@ CUBE_FACES = np.array(
 )  # fmt: skip
 
 
+def pytest_configure(config):
+    config.addinivalue_line("markers", "needs_jit: too slow or without sense in plain Python")
+
+
 @pytest.fixture
 def cube():
     """A unit-less grey cube, [-1, 1]**3, counter-clockwise from outside."""

@@ -42,12 +42,15 @@ class GltfExtras:
         Intensities are taken as they are: candela and lux are the engine's units of 1.
     unlit : set of str or None
         Names of the materials to show without light.
+    parent_from_node : dict of str to (4, 4) float64
+        Every node's own transform, by the name that trimesh gives it.
     """
 
     def __init__(self, header: dict[str, Any], left_out: LeftOut) -> None:
         self.camera: PerspectiveCamera | OrthographicCamera | None = None
         self.lights: list[Light] = []
         self.unlit: set[str | None] = _unlit_names(header.get("materials", []))
+        self.parent_from_node = _named_transforms(header.get("nodes", []))
         cameras = header.get("cameras", [])
         lights = header.get("extensions", {}).get(_LIGHTS, {}).get("lights", [])
         for node, world_from_node in _walk(header):
@@ -132,6 +135,18 @@ def _unlit_names(materials: list[dict[str, Any]]) -> set[str | None]:
     return unlit - {m.get("name") for m in materials if _UNLIT not in m.get("extensions", {})}
 
 
+def _named_transforms(nodes: list[dict[str, Any]]) -> dict[str, NDArray[np.float64]]:
+    """Return the nodes' own transforms by the names that trimesh makes unique, in its order."""
+    from trimesh.util import unique_name
+
+    named: dict[str, NDArray[np.float64]] = {}
+    counts: dict[str | None, int] = {}
+    for number, node in enumerate(nodes):
+        name = unique_name(node.get("name", str(number)), named, counts=counts)
+        named[name] = _parent_from_node(node)
+    return named
+
+
 def _walk(header: dict[str, Any]) -> Iterator[tuple[dict[str, Any], NDArray[np.float64]]]:
     """Yield every node of the file's scene with its ``world_from_node``."""
     nodes, scenes = header.get("nodes", []), header.get("scenes", [])
@@ -156,11 +171,14 @@ def _parent_from_node(node: dict[str, Any]) -> NDArray[np.float64]:
         # glTF writes matrices column by column.
         return np.array(node["matrix"], dtype=np.float64).reshape(4, 4).T
     x, y, z, w = node.get("rotation", (0.0, 0.0, 0.0, 1.0))
+    # A quaternion in float32 is a unit one to seven digits only.
+    squared = ((x * x + y * y) + z * z) + w * w
+    double = 2.0 / squared if squared > 0.0 else 0.0
     matrix = np.eye(4)
     matrix[:3, :3] = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        [1.0 - double * (y * y + z * z), double * (x * y - z * w), double * (x * z + y * w)],
+        [double * (x * y + z * w), 1.0 - double * (x * x + z * z), double * (y * z - x * w)],
+        [double * (x * z - y * w), double * (y * z + x * w), 1.0 - double * (x * x + y * y)],
     ]
     matrix[:3, :3] *= node.get("scale", (1.0, 1.0, 1.0))
     matrix[:3, 3] = node.get("translation", (0.0, 0.0, 0.0))

@@ -196,8 +196,10 @@ def _from_pbr(
     metallic = 1.0 if material.metallicFactor is None else material.metallicFactor
     roughness, metallic = min(max(roughness, 0.0), 1.0), min(max(metallic, 0.0), 1.0)
     shininess = _MOST_SHININESS
-    if roughness > 0.0:
-        shininess = min(max(2.0 / roughness**4 - 2.0, 1.0), _MOST_SHININESS)
+    # A power is the math library's affair; products have the same bits everywhere.
+    alpha = roughness * roughness
+    if alpha * alpha > 0.0:
+        shininess = min(max(2.0 / (alpha * alpha) - 2.0, 1.0), _MOST_SHININESS)
     mean = sum(rgba[:3]) / 3.0
     reflectance = _DIELECTRIC + (mean - _DIELECTRIC) * metallic * (1.0 - roughness)
     return Material(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -17,12 +18,18 @@ from rasterjit.scene.light import DirectionalLight, PointLight
 from rasterjit.scene.material import Material
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.scene import Scene
+from rasterjit.transforms import compose
 
 GLTF_FORMATS = ("gltf", "glb")
 """Formats whose colours are linear light."""
 
 _TRIMESH_FAR = 1000.0
 """The far distance of a trimesh camera that nobody set; taken as no far plane at all."""
+
+
+_SAME_TRANSFORM = 1e-4
+"""Share of its largest entry by which two ways to compute a transform may differ: ten times what
+trimesh repairs."""
 
 
 class TrimeshAdapter:
@@ -83,10 +90,11 @@ class TrimeshAdapter:
         scene = Scene()
         for node in loaded.graph.nodes_geometry:
             try:
-                transform, name = loaded.graph[node]
+                rough, name = loaded.graph[node]
             except ValueError:
                 self.left_out.note("node that hangs on no other")
                 continue
+            transform = self._world_from_node(loaded.graph, node, rough)
             if name in meshes:
                 self._place(scene, meshes[name], transform, str(node))
         if not scene.nodes:
@@ -97,6 +105,32 @@ class TrimeshAdapter:
             self._take_camera(loaded, scene)
             self._take_lights(loaded, scene)
         return scene
+
+    def _world_from_node(
+        self, graph: Any, node: Any, rough: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """
+        Return a node's transform, multiplied in an order that is the same on every CPU.
+
+        trimesh takes products from BLAS, makes rotations from quaternions with it, drops
+        transforms within 1e-8 of the identity and passes what is nearly rigid through an SVD.
+        ``rough`` is its transform, which stays where the steps do not lead to it.
+        """
+        own = {} if self.extras is None else self.extras.parent_from_node
+        steps = graph.transforms.edge_data
+        path = graph.transforms.shortest_path(graph.base_frame, node)
+        factors = []
+        for parent, child in pairwise(path):
+            if "matrix" not in steps.get((parent, child), {}):
+                return rough
+            given = steps[parent, child]["matrix"]
+            exact = own.get(child, given)
+            factors.append(exact if _nearly_equal(exact, given) else given)
+        try:
+            product = compose(*factors)
+        except ValueError:
+            return rough
+        return product if _nearly_equal(product, rough) else rough
 
     def _place(self, scene: Scene, mesh: Mesh, transform: Any, name: str) -> None:
         """Add one node, naming it in errors."""
@@ -206,6 +240,12 @@ class TrimeshAdapter:
                 scene.lights.append(PointLight(pose[:3, 3], color, light.intensity))
             else:
                 self.left_out.note(kind)
+
+
+def _nearly_equal(a: NDArray[np.float64], b: NDArray[np.float64]) -> bool:
+    """Tell whether two matrices are the same but for the rounding of float32 and of a repair."""
+    largest = np.abs(b).max(initial=0.0)
+    return a.shape == b.shape and bool((np.abs(a - b) <= _SAME_TRANSFORM * largest).all())
 
 
 def _made_up(loaded: Any, lights: list[Any]) -> bool:

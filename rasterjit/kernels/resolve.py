@@ -12,6 +12,7 @@ References
 
 from __future__ import annotations
 
+import bisect
 import functools
 
 import numpy as np
@@ -22,18 +23,29 @@ TABLE_STEPS = 4096
 """Steps of the first table: at most one threshold in most of them."""
 
 
+def reaches_code(bits: int, code: int) -> bool:
+    """
+    Tell exactly whether the float32 with these bits, in 0..1, encodes to a code or a higher one.
+
+    A code c begins at the encoded value e = (2 c - 1) / 510, which decodes to e / 12.92 up to
+    0.04045, and above to ((e + 0.055) / 1.055)**(12/5): powers of whole numbers decide.
+    """
+    numerator, denominator = float(np.uint32(bits).view(np.float32)).as_integer_ratio()
+    e = 2 * code - 1
+    if 100000 * e <= 4045 * 510:
+        return 1292 * 510 * numerator >= 100 * e * denominator
+    return (211 * 510) ** 12 * numerator**5 >= (200 * e + 11 * 510) ** 12 * denominator**5
+
+
 @functools.cache
 def encoding_tables() -> tuple[np.ndarray, np.ndarray]:
     """Return (thresholds (257,) float32, first code of each step (TABLE_STEPS + 1,) uint8)."""
-    encoded = (np.arange(257) - 0.5) / 255.0
-    decoded = np.where(
-        encoded <= 0.04045, encoded / 12.92, np.maximum((encoded + 0.055) / 1.055, 0.0) ** 2.4
-    )
-    thresholds = decoded.astype(np.float32)
-    # The least float32 that is not below the exact threshold.
-    thresholds = np.where(
-        thresholds < decoded, np.nextafter(thresholds, np.float32(np.inf)), thresholds
-    )
+    # Positive floats are in the order of their bits.
+    bits, one = [0], int(np.float32(1.0).view(np.uint32))
+    for code in range(1, 256):
+        reaches = functools.partial(reaches_code, code=code)
+        bits.append(bits[-1] + bisect.bisect_left(range(bits[-1], one), True, key=reaches))
+    thresholds = np.array([*bits, 0], np.uint32).view(np.float32)
     thresholds[0], thresholds[256] = -np.inf, np.inf
     steps = (np.arange(TABLE_STEPS + 1) / TABLE_STEPS).astype(np.float32)
     codes = np.searchsorted(thresholds, steps, side="right") - 1

@@ -49,6 +49,10 @@ _SMALLEST_RADIUS = 2.0**-40
 the eye to one part in 4000 of its distance."""
 
 
+_VOLUME_ROUNDING = 8.0 * float(np.finfo(np.float64).eps)
+"""Largest rounding of the volume that three unit vectors span: six products of three."""
+
+
 @runtime_checkable
 class Camera(Protocol):
     """What the renderer asks of a camera."""
@@ -243,15 +247,16 @@ class MatrixCamera:
         for matrix in (view, clip):
             matrix.flags.writeable = False
         _freeze(self, view_from_world=view, clip_from_view=clip)
-        if np.linalg.matrix_rank(view[:3, :3]) < 3:
+        if _are_dependent(view[:3, :3]):
             raise ValueError("view_from_world must not be singular")
         if self._is_perspective:
-            if np.linalg.matrix_rank(clip[[0, 1, 3], :3]) < 3:
+            if _are_dependent(clip[[0, 1, 3], :3]):
                 raise ValueError("clip_from_view must have one centre of projection")
         elif clip[3, 3] <= 0.0:
             raise ValueError(f"clip_from_view must give w above 0, got {float(clip[3, 3])!r}")
         elif not clip[2, :3].any():
             raise ValueError("clip_from_view must give a z that depends on the position")
+        self._check_range()
 
     @classmethod
     def from_intrinsics(
@@ -324,10 +329,13 @@ class MatrixCamera:
         For a perspective it is the centre of projection, where clip x, y and w vanish together;
         for a parallel projection the origin of view space.
         """
+        rows = self.view_from_world[:3].copy()
         if self._is_perspective:
-            clip_from_world = transforms.compose(self.clip_from_view, self.view_from_world)
-            return _solve_origin(clip_from_world[[0, 1, 3]])
-        return _solve_origin(self.view_from_world[:3])
+            # In view space first, where it mostly is the origin: a product of both matrices would
+            # lose digits far from the world's origin.
+            with np.errstate(over="ignore", invalid="ignore"):
+                rows[:, 3] -= _solve_origin(self.clip_from_view[[0, 1, 3]])
+        return _solve_origin(rows)
 
     def depth_coefficients(self) -> DepthCoefficients:
         """
@@ -361,6 +369,17 @@ class MatrixCamera:
                 return constant / share / _length(w_row[:3])
         ndc_z = -2.0 * share - 1.0
         return (ndc_z * w_row[3] - z_row[3]) / _length(z_row[:3])
+
+    def _check_range(self) -> None:
+        """Raise ``ValueError`` if the matrices lead beyond the range of float64."""
+        try:
+            within = np.isfinite(self.eye_position()).all()
+        except ValueError:
+            within = False
+        if not within:
+            raise ValueError(
+                "view_from_world and clip_from_view must have a finite product and a finite eye"
+            )
 
     @property
     def _is_perspective(self) -> bool:
@@ -454,13 +473,19 @@ def fit_camera(
         distance = _DISTANCE_IN_RADII * framed
         shape: dict[str, float] = {"height": 2.0 * framed / narrow / magnified}
     else:
-        tangent = narrow / focal
-        distance = framed * (math.sqrt(1.0 + tangent * tangent) / tangent)
+        # One over the sine of half the angle across the narrower side.
+        cotangent = focal / narrow
+        distance = framed * math.sqrt(1.0 + cotangent * cotangent)
         shape = {"fov_y": _zoomed_fov(fov_y, magnified)}
     depths = {
         "near": max((distance - radius) * (1.0 - _CLEARANCE), distance * _NEAREST),
         "far": (distance + radius) * (1.0 + _CLEARANCE),
     }
+    if not all(map(math.isfinite, (*shape.values(), *depths.values()))):
+        raise ValueError(
+            "scene, fov_y, margin, zoom and aspect must lead to finite distances, got a distance "
+            f"of {distance!r} and {shape}"
+        )
     kind = OrthographicCamera if projection == "orthographic" else PerspectiveCamera
     return kind(center + distance * towards, center, upward, **shape, **depths)
 
@@ -484,7 +509,17 @@ def _solve_origin(rows: Float64) -> Float64:
     square[:3, :3] = rows[:, :3]
     inverse = transforms.normal_matrix(square).T
     x, y, z = (-rows[:, 3]).tolist()
-    return ((inverse[:, 0] * x + inverse[:, 1] * y) + inverse[:, 2] * z) + 0.0
+    with np.errstate(over="ignore", invalid="ignore"):
+        return ((inverse[:, 0] * x + inverse[:, 1] * y) + inverse[:, 2] * z) + 0.0
+
+
+def _are_dependent(rows: Float64) -> bool:
+    """Tell whether three vectors, (3, 3), lie in a plane, to within the rounding of float64."""
+    if not rows.any(axis=1).all():
+        return True
+    (a, b, c), (d, e, f), (g, h, i) = (transforms.unit_vector("row", r).tolist() for r in rows)
+    volume = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
+    return abs(volume) <= _VOLUME_ROUNDING
 
 
 def _length(components: list[float]) -> float:
@@ -498,7 +533,8 @@ def _upright(up: ArrayLike, towards: Float64) -> ArrayLike:
     upward = transforms.unit_vector("up", up)
     if not transforms.are_parallel(upward, towards):
         return up
-    above = bool((upward * towards).sum() > 0.0)
+    (x, y, z), (a, b, c) = upward.tolist(), towards.tolist()
+    above = x * a + y * b + z * c > 0.0
     fallback = (0.0, 0.0, -1.0 if above else 1.0)
     return (0.0, 1.0, 0.0) if transforms.are_parallel(fallback, towards) else fallback
 
@@ -510,7 +546,8 @@ def _sphere(scene: Bounded) -> tuple[Float64, float]:
             f"scene must be a Scene, got {type(scene).__name__}; Scene.add puts a mesh into one"
         )
     center, size = scene.bounding_sphere()
-    center = vector("bounding sphere's center", center)
+    # Adding zero turns -0 into 0: which of the two a minimum gives depends on the CPU.
+    center = vector("bounding sphere's center", center) + 0.0
     radius = finite_number("bounding sphere's radius", size)
     if radius < 0.0:
         raise ValueError(f"bounding sphere's radius must not be negative, got {radius!r}")
@@ -522,9 +559,8 @@ def _zoomed_fov(fov_y: float, zoom: float) -> float:
     """Return the field of view, degrees, whose picture is ``zoom`` times bigger."""
     if zoom == 1.0:
         return float(fov_y)
-    half = math.atan(1.0 / (transforms.focal_length(fov_y) * zoom))
-    # The arc tangent's last bit depends on the CPU; twelve digits do not.
-    zoomed = float(f"{2.0 * math.degrees(half):.12g}")
+    magnified = transforms.focal_length(fov_y) * zoom
+    zoomed = 2.0 * transforms.arc_tangent(1.0, magnified) if magnified < math.inf else 0.0
     if not 0.0 < zoomed < 180.0:
         raise ValueError(f"zoom must leave a field of view within 0..180 degrees, got {zoom!r}")
     return zoomed

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import string
+from fractions import Fraction
 from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from rasterjit.scene import srgb
 
 ColorLike: TypeAlias = str | ArrayLike
 """A name, ``'#rgb'``, ``'#rrggbb'``, ``'#rrggbbaa'``, linear floats or an sRGB ``uint8`` array."""
@@ -33,16 +36,6 @@ _ADVICE = (
 )
 
 
-def _decode_table() -> NDArray[np.float32]:
-    """Tabulate the linear value of each of the 256 sRGB codes, computed in float64."""
-    code = np.arange(256, dtype=np.float64) / 255.0
-    linear = np.where(code <= 0.04045, code / 12.92, ((code + 0.055) / 1.055) ** 2.4)
-    return linear.astype(np.float32)
-
-
-_LINEAR_FROM_CODE = _decode_table()
-
-
 def srgb_to_linear(codes: NDArray[np.uint8]) -> NDArray[np.float32]:
     """
     Decode 8-bit sRGB codes to linear light through a table.
@@ -61,12 +54,14 @@ def srgb_to_linear(codes: NDArray[np.uint8]) -> NDArray[np.float32]:
     ----------
     IEC 61966-2-1:1999, sRGB.
     """
-    return _LINEAR_FROM_CODE[codes]
+    return srgb.decoding_table()[codes]
 
 
 def linear_to_srgb(linear: ArrayLike) -> NDArray[np.float64]:
     """
-    Encode linear light as sRGB, the reference for faster encoders.
+    Encode linear light as sRGB, correctly rounded: the reference for faster encoders.
+
+    It takes some 10 microseconds a value; pictures are encoded by ``kernels.resolve``.
 
     Parameters
     ----------
@@ -83,9 +78,8 @@ def linear_to_srgb(linear: ArrayLike) -> NDArray[np.float64]:
     IEC 61966-2-1:1999, sRGB.
     """
     value = np.clip(np.nan_to_num(np.asarray(linear, dtype=np.float64), nan=0.0), 0.0, 1.0)
-    curve = 1.055 * np.maximum(value, 0.0031308) ** (1.0 / 2.4) - 0.055
-    # 1.055 - 0.055 rounds below 1.
-    return np.where(value <= 0.0031308, 12.92 * value, np.where(value == 1.0, 1.0, curve))
+    encoded = [float(srgb.encode(Fraction(linear))) for linear in value.ravel().tolist()]
+    return np.array(encoded, np.float64).reshape(value.shape)
 
 
 def linear_color(name: str, value: ColorLike) -> NDArray[np.float32]:

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.transforms import sine_cosine
+
 _CHUNK = 1 << 18
 """Faces or corner pairs handled at once: large enough for NumPy, small beside the mesh."""
 
@@ -82,16 +84,23 @@ def area_vectors(
     (F, 3) float64
         Zero for faces without an area and for those that touch a NaN or infinite vertex.
     """
+    # From the lowest vertex number on, so that rotating a face changes no bit.
+    u, v, w = faces.T
+    at_u, at_v = (u <= v) & (u <= w), (v < u) & (v <= w)
+    corners = (
+        np.where(at_u, i, np.where(at_v, j, k)) for i, j, k in ((u, v, w), (v, w, u), (w, u, v))
+    )
     with np.errstate(invalid="ignore", over="ignore"):
-        a, b, c = (vertices[faces[:, k]] for k in range(3))
+        a, b, c = (vertices[corner] for corner in corners)
         a *= scale
         edge_ab = b * scale - a
         edge_ac = c * scale - a
         cross = np.empty_like(a)
         for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
             cross[:, i] = edge_ab[:, j] * edge_ac[:, k] - edge_ab[:, k] * edge_ac[:, j]
-    if not np.isfinite(cross.sum()):
-        cross[~np.isfinite(cross).all(axis=1)] = 0.0
+    finite = np.isfinite(cross)
+    if not finite.all():
+        cross[~finite.all(axis=1)] = 0.0
     return cross
 
 
@@ -212,6 +221,7 @@ def merge_positions(
     # Adding zero turns -0 into 0.
     bits = (vertices + 0.0).view(np.uint64)
     key = _hash_rows(bits)
+    # Which of equal keys comes first depends on the CPU; nothing below does.
     order = np.argsort(key)
     ordered = key[order]
     new = np.concatenate(([True], ordered[1:] != ordered[:-1]))
@@ -261,7 +271,7 @@ def _creased_positions(
     Where all faces lie within half the angle of the mean, all pairs lie within the angle of each
     other and every corner's average is the mean itself.
     """
-    limit = math.cos(math.radians(angle / 2.0)) - _COSINE_ROUNDING
+    limit = sine_cosine(angle / 2.0)[1] - _COSINE_ROUNDING
     creased = np.zeros(len(means), dtype=bool)
     for start in range(0, len(positions), _CHUNK):
         stop = start + _CHUNK
@@ -288,7 +298,7 @@ def _corner_normals(
     Where more than `_MOST_NEIGHBOURS` faces meet, as at the tip of a finely cut cone, each corner
     keeps the normal of its own face.
     """
-    limit = math.cos(math.radians(angle)) - _COSINE_ROUNDING
+    limit = sine_cosine(angle)[1] - _COSINE_ROUNDING
     normals = np.zeros((len(corners), 3), dtype=np.float64)
     order = np.argsort(position_of_corner[corners], kind="stable")
     group_start = np.flatnonzero(np.diff(position_of_corner[corners][order], prepend=-1))
@@ -306,7 +316,10 @@ def _corner_normals(
                 normals[group] = area
                 continue
             near = dot_rows(direction[:, :, np.newaxis], direction[:, np.newaxis]) >= limit
-            normals[group] = (near[..., np.newaxis] * area[:, np.newaxis]).sum(axis=2)
+            total = np.zeros_like(area)
+            for k in range(int(size)):
+                total += near[:, :, k, np.newaxis] * area[:, k, np.newaxis]
+            normals[group] = total
     normals = unit_rows(normals)
     # A face without an area has no normal to compare: it takes the mean of its position.
     lost = ~directions[corners // 3].any(axis=1)
