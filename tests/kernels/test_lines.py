@@ -1,10 +1,8 @@
 import math
-import time
 
 import naive_lines as naive
 import numba
 import numpy as np
-import pytest
 
 from rasterjit import oracle
 from rasterjit.kernels import lines
@@ -74,86 +72,6 @@ def test_the_fast_reference_of_the_grid_is_the_slow_one():
         image = np.zeros((9, 9, 4), np.uint8)
         naive.draw_line(image, tuple(start.tolist()), tuple(end.tolist()), first, last)
         np.testing.assert_array_equal(panel, image)
-
-
-@pytest.mark.parametrize("transpose", [False, True])
-@pytest.mark.parametrize("flip_x", [1, -1])
-@pytest.mark.parametrize("flip_y", [1, -1])
-def test_octants_are_reflections_of_one_another(transpose, flip_x, flip_y):
-    first = [(0, 0), (1, 0), (2, 1), (3, 1), (4, 2), (5, 2), (6, 3), (7, 3)]
-
-    def place(x, y):
-        x, y = (y, x) if transpose else (x, y)
-        return 8 + flip_x * x, 8 + flip_y * y
-
-    assert pixels(draw((17, 17), [*place(0, 0), *place(7, 3)])) == {place(*p) for p in first}
-
-
-def test_line_of_no_length_is_one_pixel_of_the_start_color():
-    image = draw((3, 3), [1, 2, 1, 2], ((1, 2, 3, 4), (5, 6, 7, 8)))
-    assert pixels(image) == {(1, 2)}
-    assert image[2, 1].tolist() == [1, 2, 3, 4]
-
-
-def test_tie_goes_to_the_larger_coordinate_from_either_end():
-    for ends in ([0, 0, 2, 1], [2, 1, 0, 0]):
-        assert pixels(draw((3, 3), ends)) == {(0, 0), (1, 1), (2, 1)}
-    for ends in ([0, 1, 2, 0], [2, 0, 0, 1]):
-        assert pixels(draw((3, 3), ends)) == {(0, 1), (1, 1), (2, 0)}
-
-
-def test_reversed_line_is_the_same_line():
-    reach = 16 if JIT else 4
-    a, b = (10, 20, 30, 40), (250, 0, 31, 255)
-    side = 2 * reach + 1
-    for dx in range(-reach, reach + 1):
-        for dy in range(-reach, reach + 1):
-            there = [reach, reach, reach + dx, reach + dy]
-            forward = draw((side, side), there, (a, b))
-            backward = draw((side, side), there[2:] + there[:2], (b, a))
-            if dx or dy:
-                np.testing.assert_array_equal(forward, backward)
-            assert len(pixels(forward)) == max(abs(dx), abs(dy)) + 1
-
-
-CLIPPED = {
-    "L06": (
-        (-3, -1, 18, 9),
-        "0,0 1,1 2,1 3,2 4,2 5,3 6,3 7,4 8,4 9,5 10,5 11,6 12,6 13,7 14,7 15,8",
-    ),
-    "L07": ((5, -100, 9, 200), " ".join(f"{6 if y <= 12 else 7},{y}" for y in range(16))),
-    "L08": ((20, -5, -5, 20), " ".join(f"{k},{15 - k}" for k in range(16))),
-    "L09": (
-        (LOW, -(2**30), HIGH, 2**30),
-        "0,0 1,1 2,1 3,2 4,2 5,3 6,3 7,4 8,4 9,5 10,5 11,6 12,6 13,7 14,7 15,8",
-    ),
-    "L10": ((LOW, LOW, HIGH, HIGH), " ".join(f"{k},{k}" for k in range(16))),
-    "L11": ((LOW, HIGH, HIGH, LOW), ""),
-    "L12": ((0, LOW, 15, HIGH), " ".join(f"8,{k}" for k in range(16))),
-    "L13": ((LOW, 3, HIGH, 12), " ".join(f"{k},8" for k in range(16))),
-    "L14": ((-1000000, 7, 1000000, 8), " ".join(f"{k},8" for k in range(16))),
-    "L15 beside": ((-5, 20, 40, 20), ""),
-    "L15 above": ((0, -9, 15, -1), ""),
-    "L15 past the corner": ((-10, 5, 5, -10), ""),
-    "L15 ends before": ((-9, 3, -1, 3), ""),
-    "L15 crossing": ((-20, 7, 30, 7), " ".join(f"{k},7" for k in range(16))),
-    "L15 one end inside": ((13, 4, 99, 4), "13,4 14,4 15,4"),
-    "L15 last column": ((15, -3, 15, 99), " ".join(f"15,{k}" for k in range(16))),
-    "L15 one beyond": ((16, -3, 16, 99), ""),
-    "L16": ((0, 1, 16, 1), " ".join(f"{k},1" for k in range(16))),
-}
-
-
-@pytest.mark.parametrize("case", CLIPPED)
-def test_hard_clipping_cases(case):
-    ends, expected = CLIPPED[case]
-    wanted = {tuple(map(int, pair.split(","))) for pair in expected.split()}
-    assert pixels(draw((16, 16), ends)) == wanted
-    assert pixels(draw((16, 16), ends[2:] + ends[:2])) == wanted
-
-
-def test_line_past_the_right_edge_does_not_reach_the_next_row():
-    assert pixels(draw((4, 4), [0, 1, 4, 1])) == {(0, 1), (1, 1), (2, 1), (3, 1)}
 
 
 def test_clipped_line_is_the_unclipped_line_inside():
@@ -226,43 +144,6 @@ def test_values_just_below_an_integer_at_the_end_of_the_longest_walk_are_not_rou
             assert image[2, -1, 0] == ramp[0] + values[-1]
 
 
-@pytest.mark.skipif(not JIT, reason="times the compiled kernel")
-def test_time_is_bounded_by_what_is_seen():
-    ends = np.tile([LOW, LOW + 3, HIGH, HIGH], (20000, 1))
-    draw((16, 16), ends[:1])
-    start = time.perf_counter()
-    draw((16, 16), ends)
-    assert time.perf_counter() - start < 5.0  # walking would take a day
-
-
-RAMPS = {
-    "L17": (0, 255, [0, 26, 51, 77, 102, 128, 153, 179, 204, 230, 255]),
-    "L18": (0, 255, list(range(256))),
-    "L19": (10, 20, [10, 11, 13, 14, 16, 17, 19, 20]),
-}
-
-
-@pytest.mark.parametrize("case", RAMPS)
-def test_hard_ramps(case):
-    first, last, expected = RAMPS[case]
-    width = len(expected)
-    colors = ((first, last, 0, 255), (last, first, 0, 255))
-    image = draw((width, 1), [0, 0, width - 1, 0], colors)
-    assert image[0, :, 0].tolist() == expected
-    reversed_image = draw((width, 1), [width - 1, 0, 0, 0], colors[::-1])
-    np.testing.assert_array_equal(image, reversed_image)
-
-
-def test_long_ramps_are_monotone_with_exact_ends():
-    width = 16384 if JIT else 1024
-    for first, last in ((0, 255), (0, 1), (254, 255), (255, 3)):
-        ramp = draw((width, 1), [0, 0, width - 1, 0], ((first,) * 4, (last,) * 4))[0, :, 0]
-        k = np.arange(width)
-        expected = (2 * k * (last - first) + width - 1) // (2 * (width - 1)) + first
-        assert ramp.tolist() == expected.tolist()
-        assert (ramp[0], ramp[-1]) == (first, last)
-
-
 def test_lines_of_one_color_have_the_pixels_of_those_of_two():
     rng = np.random.default_rng(5)
     ends = rng.integers(-20, 50, (60, 4))
@@ -270,16 +151,6 @@ def test_lines_of_one_color_have_the_pixels_of_those_of_two():
     two = draw((31, 29), ends, (WHITE, (255, 255, 255, 254)))
     assert pixels(one) == pixels(two)
     assert set(map(tuple, one.reshape(-1, 4).tolist())) == {(0, 0, 0, 0), WHITE}
-
-
-def test_closed_polyline_visits_each_corner_twice():
-    corners = [(1, 1), (5, 1), (5, 5), (1, 5)]
-    visits = {}
-    for i, corner in enumerate(corners):
-        for pixel in pixels(draw((7, 7), [*corner, *corners[(i + 1) % 4]])):
-            visits[pixel] = visits.get(pixel, 0) + 1
-    assert {p for p, count in visits.items() if count == 2} == set(corners)
-    assert len(visits) == 16
 
 
 def test_later_lines_draw_over_earlier_ones():

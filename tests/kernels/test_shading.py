@@ -154,19 +154,6 @@ def test_white_face_colours_equal_none(sphere, camera, model):
     assert same(shade(scene_of(plain), camera), shade(scene_of(white), camera))
 
 
-@pytest.mark.parametrize("model", ["flat", "gouraud", "phong"])
-def test_no_highlight_equals_a_highlight_elsewhere(sphere, camera, model):
-    # A second object out of sight has a highlight, so the highlight code runs.
-    matt = remake(sphere, material=rj.Material(model, "white", specular=0.0))
-    alone, company = scene_of(matt), scene_of(matt)
-    shiny = remake(sphere, material=rj.Material(model, "white", specular=1.0))
-    company.add(shiny, rj.transforms.translate((0, 0, 1000)))
-    frames = shade(alone, camera), shade(company, camera)
-    assert frames[0].plan.lighting.highlights is None
-    assert frames[1].plan.lighting.highlights == 1
-    assert same(*frames)
-
-
 def test_unlit_object_equals_an_unlit_scene(sphere, camera):
     # A lit object out of sight switches the light on for the frame.
     rng = np.random.default_rng(2)
@@ -252,14 +239,6 @@ def test_white_surface_facing_a_white_light_is_white():
     behind = replace(camera, eye=(0, 0, -3))
     frame = rj.render(scene, behind, size=SIZE, background="white", threads=1)
     assert frame.color[SIZE[1] // 2, SIZE[0] // 2].tolist() == [0, 0, 0, 255]
-
-
-def test_zero_normals_give_no_nan(sphere, camera):
-    normals = np.zeros((len(sphere.vertices), 3))
-    for model in ("gouraud", "phong"):
-        mesh = remake(sphere, normals=normals, material=rj.Material(model, "white"))
-        frame = shade(scene_of(mesh), camera)
-        assert not np.isnan(frame.linear).any()
 
 
 def test_background_is_kept_where_nothing_is(cube, camera):

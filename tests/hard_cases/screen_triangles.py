@@ -1,0 +1,99 @@
+"""Draw triangles that are given on the screen, and hold what is drawn against the oracle."""
+
+from __future__ import annotations
+
+import naive
+import numpy as np
+
+import rasterjit as rj
+from rasterjit import oracle, stages
+from rasterjit.kernels import setup, visibility
+from rasterjit.kernels.records import Faces, Objects
+from rasterjit.plan import viewport_of
+
+EXACT_BITS = 14
+"""Points are rounded to this many bits, finer than any grid, so that they reach the engine as they
+are."""
+
+LARGEST = (16384, 16384)
+"""The largest image, pixels."""
+
+TILE = visibility.TILE_SIZE
+
+
+def dyadic(points):
+    """Round points to 2**-EXACT_BITS pixel."""
+    return np.round(np.asarray(points, float) * 2**EXACT_BITS) / 2**EXACT_BITS
+
+
+def fan(hub, ring, *, closed):
+    """Return points and faces of a fan around a hub."""
+    faces = [[0, n, n % len(ring) + 1] for n in range(1, len(ring) + closed)]
+    return [hub, *ring], faces
+
+
+def draw(points, faces, size, bits=8, **options):
+    """Rasterize faces of screen points; sizes are powers of two."""
+    positions = naive.clip_from_screen(dyadic(points), size)
+    quality = rj.Quality(subpixel_bits=bits)
+    return rj.rasterize(positions, faces, size, quality=quality, threads=1, **options)
+
+
+def pixels_of(face_id, face=0):
+    """Return the pixels (column, row) that show a face."""
+    rows, columns = np.nonzero(face_id == face)
+    return set(zip(columns.tolist(), rows.tolist(), strict=True))
+
+
+def pixels(points, size, bits=8):
+    """Return the pixels of one triangle, on which the engine and the oracle must agree."""
+    drawn = pixels_of(draw(points, [[0, 1, 2]], size, bits).face_id)
+    assert drawn == oracle.covered_pixels(dyadic(points), size, subpixel_bits=bits)
+    return drawn
+
+
+def owners(points, faces, size, bits=8):
+    """
+    Return which face owns each pixel, (H, W), -1 where none does; none may be covered twice.
+
+    All depths are equal, so the first face wins, and the last one if the faces are reversed: both
+    pictures are the same only where at most one face covers the pixel. The oracle must agree that
+    the face which is seen owns the pixel.
+    """
+    face_id = draw(points, faces, size, bits).face_id
+    last = draw(points, faces[::-1], size, bits).face_id
+    assert (face_id == np.where(last < 0, -1, len(faces) - 1 - last)).all()
+    snapped = [(oracle.snap(x, bits), oracle.snap(y, bits)) for x, y in dyadic(points)]
+    for row, column in np.argwhere(face_id >= 0).tolist():
+        corners = [snapped[n] for n in faces[face_id[row, column]]]
+        assert oracle.covers(corners, naive.centre(column, row, bits))
+    return face_id
+
+
+def counts(face_id, faces):
+    """Return how many pixels show each face."""
+    return np.bincount(face_id[face_id >= 0], minlength=len(faces)).tolist()
+
+
+def draw_tile(positions, faces, column, row, bits=8):
+    """
+    Draw one tile of the largest image; return its face numbers, (64, 64) int32.
+
+    The kernels get the whole image, but write to that tile alone: the system backs only the memory
+    that is touched.
+    """
+    positions, faces = np.asarray(positions, float), np.asarray(faces, np.int32)
+    viewport, workers = viewport_of(LARGEST, bits), stages.Workers(1)
+    depth_coefficients = (0.0, -1.0, 0.0)
+    screen, seen = stages.project(positions, depth_coefficients, viewport, workers)
+    drawn = Faces(faces, np.empty((0, 3), np.int32), np.empty(0, np.int32))
+    if seen & setup.CLIPPED:
+        drawn, screen, _ = stages.clip(positions, faces, depth_coefficients, viewport, screen)
+    objects = Objects(np.array([0, len(faces)], np.int64), np.zeros(1, np.int8))
+    starts, binned, _ = stages.set_up_and_bin(drawn, objects, screen, viewport, workers)
+    frame = np.empty(LARGEST, np.float32), np.empty(LARGEST, np.int32)
+    shape = visibility.SCRATCH_SHAPE
+    scratch = np.empty(shape, np.float32), np.empty(shape, np.int32)
+    tiles = np.array([row * (LARGEST[0] // TILE) + column], np.int32)
+    visibility.draw_tiles(tiles, starts, binned, drawn, screen, viewport, frame, scratch)
+    return frame[1][row * TILE : (row + 1) * TILE, column * TILE : (column + 1) * TILE].copy()

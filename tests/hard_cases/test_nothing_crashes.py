@@ -1,0 +1,477 @@
+"""
+Nothing crashes: whatever number, index, matrix, size or byte is given, there is a clear error or a
+frame whose invariants hold.
+
+Numba's bounds checks (``NUMBA_BOUNDSCHECK=1``) turn a read or write outside an array into an
+``IndexError``, which fails these tests; without them such an access may go unseen.
+"""
+
+from __future__ import annotations
+
+import faulthandler
+import inspect
+import math
+import warnings
+
+import frames
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+import rasterjit as rj
+
+pytestmark = pytest.mark.usefixtures("hang_is_a_failure")
+
+SECONDS_UNTIL_IT_HANGS = 540
+"""Far more than any test here takes, plain Python's share included."""
+
+EXTREMES = [
+    0.0, -0.0, 5e-324, -5e-324, 2.0**-1022, 1e-308, -1e-160, 1e-30, 0.5, 1.0, -1.0, 2.0, 45.0,
+    180.0, 1e6, 2.0**31, -(2.0**31), 2.0**53, 1e30, 3.5e38, 1e150, 1.1e150, -1e155, 1e308, -1e308,
+    1.7976931348623157e308, math.nan, math.inf, -math.inf,
+]  # fmt: skip
+STRANGE = [None, "1", "", b"x", True, [], [[]], {}, 2**70, -(2**70), 1j, object()]
+
+wild = st.one_of(st.sampled_from(EXTREMES), st.floats())
+tame = st.floats(-3.0, 3.0, width=16)
+usually_tame = st.one_of(tame, tame, tame, tame, tame, tame, tame, wild)
+anything = st.one_of(wild, st.sampled_from(STRANGE), st.lists(wild, max_size=5), st.integers())
+whole = st.one_of(st.integers(-20, 40), st.integers(), st.sampled_from([*EXTREMES, *STRANGE]))
+names = st.one_of(st.text(max_size=4), st.sampled_from(["back", "front", "only", "flat", "phong"]))
+
+SIZES = [(1, 1), (7, 5), (16, 9), (33, 2)]
+
+exercised: set[str] = set()
+"""Names of ``rasterjit.__all__`` that a test here called."""
+
+
+def few(count):
+    return settings(
+        max_examples=count, deadline=None, derandomize=True, database=None,
+        suppress_health_check=list(HealthCheck),
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def hang_is_a_failure():
+    faulthandler.dump_traceback_later(SECONDS_UNTIL_IT_HANGS, exit=True)
+    yield
+    faulthandler.cancel_dump_traceback_later()
+
+
+def rows(count, width, values=usually_tame):
+    return st.lists(
+        st.lists(values, min_size=width, max_size=width), min_size=count, max_size=count
+    ).map(lambda value: np.array(value, np.float64))
+
+
+def vectors(values=wild):
+    return st.one_of(st.tuples(values, values, values), st.sampled_from(STRANGE), st.lists(wild))
+
+
+def attempt(function, *arguments, **named):
+    """Return what a call gives, or None if it refuses with a message that names an argument."""
+    exercised.add(getattr(function, "__qualname__", "").split(".")[0])
+    try:
+        return function(*arguments, **named)
+    except ValueError as error:
+        message = str(error)
+        known = list(inspect.signature(function).parameters) + list(named)
+        assert message
+        assert message.isprintable() or "\n" in message
+        assert any(name.rstrip("s") in message for name in known), (function, message)
+        return None
+
+
+def check_frame(frame, faces, objects, size):
+    """Hold the invariants of every output that a frame has."""
+    width, height = size
+    face_id = frame.face_id
+    seen = face_id >= 0
+    assert face_id.shape == (height, width)
+    assert face_id.min() >= -1
+    assert face_id.max() < faces
+    depth, weights = frame.depth, frame.barycentric
+    assert not np.isnan(depth).any()
+    assert np.isposinf(depth[~seen]).all()
+    assert ((weights >= 0.0) & (weights <= 1.0)).all()
+    assert not weights[~seen].any()
+    owner = frame.object_id
+    assert ((owner >= 0) == seen).all()
+    assert owner.max() < objects
+    assert not np.isnan(frame.linear).any()
+    assert not np.isnan(frame.normal).any()
+    assert np.isnan(frame.position[~seen]).all()
+    assert not np.isnan(frame.position[seen]).any()
+    assert frame.color.shape == (height, width, 4)
+    stats = frame.stats
+    assert stats.triangles_in == faces
+    parts = (stats.outside, stats.culled, stats.degenerate, stats.unsampled, stats.invalid)
+    assert min(parts) >= 0
+    assert sum(parts) + stats.drawn == faces
+
+
+@few(60)
+@given(
+    vertices=st.one_of(anything, rows(4, 3, wild)),
+    faces=st.one_of(
+        anything, st.lists(st.lists(whole, min_size=3, max_size=3), min_size=1, max_size=3)
+    ),
+    colors=anything, normals=anything, uv=anything, on_invalid=names,
+)  # fmt: skip
+def test_mesh_takes_or_refuses_anything(vertices, faces, colors, normals, uv, on_invalid):
+    attempt(rj.Mesh, vertices, faces)
+    attempt(rj.Mesh, vertices, [(0, 1, 2)], on_invalid="drop")
+    attempt(rj.Mesh, np.eye(3), faces)
+    for name, value in (("colors", colors), ("normals", normals), ("uv", uv)):
+        attempt(rj.Mesh, np.eye(3), [(0, 1, 2)], **{name: value})
+    attempt(rj.Mesh, np.eye(3), [(0, 1, 2)], on_invalid=on_invalid)
+    attempt(rj.Mesh, np.eye(3), [(0, 1, 2)], material=normals)
+
+
+@few(60)
+@given(numbers=st.tuples(anything, anything, anything), vector=vectors(), name=names)
+def test_lights_and_materials_take_or_refuse_anything(numbers, vector, name):
+    a, b, c = numbers
+    attempt(rj.AmbientLight, color=a, intensity=b)
+    attempt(rj.DirectionalLight, direction=vector, intensity=c)
+    attempt(rj.PointLight, position=vector, color=a, intensity=b)
+    attempt(rj.Material, shading=name)
+    attempt(rj.Material, base_color=a, specular=b)
+    attempt(rj.Material, shininess=c)
+    attempt(rj.Wireframe, color=a)
+    attempt(rj.Wireframe, mode=name)
+    attempt(rj.Quality, a)
+
+
+def use_camera(camera, size=(7, 5)):
+    """Ask a camera all that the renderer asks."""
+    if camera is None:
+        return
+    attempt(camera.view_matrix)
+    attempt(camera.projection_matrix, size)
+    camera.eye_position()
+    c0, c1, c2 = camera.depth_coefficients()
+    assert math.isfinite(c0 + c1 + c2)
+    with np.errstate(all="ignore"):
+        camera.view_depth(np.array([0.0, -1.0, 1.0, 1e-30, -0.25], np.float32))
+
+
+@few(80)
+@given(eye=vectors(), target=vectors(tame), up=vectors(), a=anything, near=anything, far=anything)
+def test_cameras_take_or_refuse_anything(eye, target, up, a, near, far):
+    placed = {"eye": eye, "target": target, "up": up}
+    plain = {"eye": (1, 2, 3), "target": (0, 0, 0)}
+    for given_ in (placed, {**plain, "near": near, "far": far}, {**plain, "up": up}):
+        use_camera(attempt(rj.PerspectiveCamera, **given_))
+        use_camera(attempt(rj.OrthographicCamera, **given_))
+    use_camera(attempt(rj.PerspectiveCamera, **plain, fov_y=a))
+    use_camera(attempt(rj.OrthographicCamera, **plain, height=a))
+    attempt(rj.orbit_direction, a, near)
+
+
+@few(80)
+@given(view=st.one_of(rows(4, 4), anything), clip=st.one_of(rows(4, 4), anything),
+       numbers=st.tuples(anything, anything, wild, wild), near=wild, far=wild)  # fmt: skip
+def test_matrix_cameras_take_or_refuse_anything(view, clip, numbers, near, far):
+    if isinstance(view, np.ndarray):
+        view[3] = 0.0, 0.0, 0.0, 1.0
+    projection = rj.transforms.perspective(60.0, 1.0, 0.1, 10.0)
+    use_camera(attempt(rj.MatrixCamera, view, projection))
+    use_camera(attempt(rj.MatrixCamera, np.eye(4), clip))
+    use_camera(attempt(rj.MatrixCamera, view, clip))
+    use_camera(attempt(rj.MatrixCamera.from_intrinsics, *numbers, (7, 5), near=near, far=far))
+
+
+ball = frames.ball(2)
+
+
+@few(60)
+@given(direction=vectors(), up=vectors(), a=anything, b=anything, scale=wild, kind=names)
+def test_fitted_cameras_take_or_refuse_anything(direction, up, a, b, scale, kind):
+    scene = rj.Scene()
+    attempt(rj.fit_camera, scene)
+    scene.add(ball)
+    use_camera(attempt(rj.fit_camera, scene, direction, up=up))
+    for name, value in (("fov_y", a), ("margin", b), ("zoom", a), ("aspect", b), ("zoom", scale),
+                        ("projection", kind), ("margin", scale), ("aspect", scale)):  # fmt: skip
+        use_camera(attempt(rj.fit_camera, scene, **{name: value}))
+    attempt(rj.fit_camera, a)
+    node = attempt(scene.add, ball, np.diag([scale, scale, 1.0, 1.0]))
+    if node is not None:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            use_camera(attempt(rj.fit_camera, scene, zoom=3.0))
+
+
+cameras = st.sampled_from([
+    frames.looking(),
+    frames.looking((0.2, 0.1, 0.3), (1.0, 0.0, -1.0), near=1e-6, fov_y=170.0),
+    frames.looking(near=1e-300, far=1e300),
+    frames.looking((1e15, -1e15, 1e15), (0.0, 0.0, 0.0), fov_y=1e-12),
+    rj.OrthographicCamera((1, 2, 3), (0, 0, 0), height=3.0, near=-5.0, far=9.0),
+    rj.OrthographicCamera((1, 2, 3), (0, 0, 0), height=1e-200, near=-1e200, far=1e200),
+    rj.MatrixCamera.from_intrinsics(9.0, 1e6, -50.0, 1e5, (7, 5), far=2.0),
+    rj.MatrixCamera(np.eye(4), np.diag([1e-300, 1e300, 1.0, 1e-300])),
+])  # fmt: skip
+
+
+@few(120)
+@given(
+    vertices=rows(7, 3), faces=st.lists(st.tuples(*[st.integers(0, 6)] * 3), min_size=1,
+    max_size=8), transform=st.one_of(st.none(), rows(3, 4)), camera=cameras,
+    size=st.sampled_from(SIZES), bits=st.sampled_from([0, 4, 8, 12]),
+    cull=st.sampled_from(["none", "back", "front"]),
+    wire=st.sampled_from([None, "overlay", "only"]),
+    shading=st.sampled_from(["unlit", "flat", "gouraud", "phong"]), threads=st.sampled_from([1, 3]),
+    light=st.one_of(st.none(), st.tuples(usually_tame, usually_tame, usually_tame, wild)),
+    specular=st.sampled_from([0.0, 0.5, 1e6]), shininess=st.sampled_from([1e-6, 5.0, 1e6]),
+)  # fmt: skip
+def test_whatever_is_rendered_keeps_the_invariants(
+    vertices, faces, transform, camera, size, bits, cull, wire, shading, threads, light, specular,
+    shininess,
+):  # fmt: skip
+    material = rj.Material(shading, "#80c0f0", specular=specular, shininess=shininess)
+    mesh = attempt(rj.Mesh, vertices, faces, on_invalid="drop", material=material)
+    if mesh is None:
+        return
+    scene = rj.Scene()
+    scene.add(ball)
+    place = np.eye(4)
+    if transform is not None:
+        place[:3] = transform
+    if attempt(scene.add, mesh, place) is None:
+        return
+    scene.wireframe = None if wire is None else rj.Wireframe("black", wire)
+    if light is not None:
+        lamp = attempt(rj.PointLight, light[:3], intensity=light[3])
+        scene.lights = [rj.AmbientLight(intensity=1e9)] + ([] if lamp is None else [lamp])
+    options = {"quality": rj.Quality(bits), "size": size}
+    plan = attempt(rj.explain, scene, camera, outputs=frames.EVERYTHING, cull=cull, **options)
+    frame = attempt(
+        rj.render, scene, camera, outputs=frames.EVERYTHING, cull=cull, threads=threads, **options
+    )
+    assert (plan is None) == (frame is None)
+    if frame is not None:
+        assert str(plan)
+        check_frame(frame, len(ball.faces) + len(faces), 2, size)
+        exercised.update(("Frame", "Stats", "RenderPlan", "Scene", "Node"))
+
+
+@few(150)
+@given(
+    positions=st.lists(st.lists(st.one_of(usually_tame, wild), min_size=4, max_size=4), min_size=7,
+    max_size=7), faces=st.lists(st.tuples(*[st.integers(0, 6)] * 3), min_size=1, max_size=9),
+    size=st.sampled_from(SIZES), cull=st.sampled_from(["none", "back", "front"]),
+    depth=st.sampled_from(["standard", "reversed"]), bits=st.sampled_from([0, 4, 8, 12]),
+)  # fmt: skip
+def test_whatever_is_rasterized_keeps_the_invariants(positions, faces, size, cull, depth, bits):
+    exercised.add("Visibility")
+    seen = attempt(
+        rj.rasterize, positions, faces, size, cull=cull, depth=depth, quality=rj.Quality(bits),
+        threads=1,
+    )  # fmt: skip
+    covered = seen.face_id >= 0
+    assert seen.face_id.shape == size[::-1]
+    assert seen.face_id.min() >= -1
+    assert seen.face_id.max() < len(faces)
+    assert (np.abs(seen.depth[covered]) <= 1.0).all()
+    assert np.isposinf(seen.depth[~covered]).all()
+    assert ((seen.barycentric >= 0.0) & (seen.barycentric <= 1.0)).all()
+    totals = seen.totals
+    assert totals.faces_in == len(faces)
+    assert totals.drawn >= len(np.unique(seen.face_id[covered]))
+
+
+@few(80)
+@given(positions=anything, faces=anything, size=st.one_of(anything, st.tuples(whole, whole)),
+       name=names, quality=anything, threads=anything)  # fmt: skip
+def test_arguments_of_a_render_are_taken_or_refused(positions, faces, size, name, quality, threads):
+    clip, face = np.eye(4), [(0, 1, 2)]
+    attempt(rj.rasterize, positions, face, (4, 4))
+    attempt(rj.rasterize, clip, faces, (4, 4))
+    small = not isinstance(size, tuple) or not all(
+        isinstance(side, int | float) and 1 <= side <= 16384 for side in size
+    )
+    if small or math.prod(size) < 4096:
+        attempt(rj.rasterize, clip, face, size)
+        attempt(rj.Renderer, size)
+        attempt(rj.render, ball, size=size)
+        attempt(rj.explain, ball, size=size)
+        if isinstance(size, tuple):
+            attempt(rj.Framebuffer, *size)
+    for option, value in (("cull", name), ("cull", faces), ("quality", quality)):
+        attempt(rj.rasterize, clip, face, (4, 4), **{option: value})
+        attempt(rj.render, ball, size=(4, 4), **{option: value})
+    attempt(rj.rasterize, clip, face, (4, 4), depth=name)
+    attempt(rj.render, ball, positions, size=(4, 4))
+    attempt(rj.render, positions, size=(4, 4))
+    attempt(rj.render, ball, size=(4, 4), outputs=positions)
+    attempt(rj.render, ball, size=(4, 4), background=positions)
+    if not isinstance(threads, int) or not 4 < threads <= 1024:
+        attempt(rj.Renderer, (4, 4), threads=threads)
+
+
+points = st.one_of(st.tuples(whole, whole), st.sampled_from(STRANGE))
+whole_colors = st.one_of(
+    st.tuples(*[st.integers(0, 255)] * 3), st.lists(whole, max_size=5), anything
+)
+
+
+@few(150)
+@given(p=points, q=points, r=points, color=whole_colors, other=whole_colors, number=whole,
+       depth=vectors(), name=names, curve=st.one_of(rows(3, 2, wild), rows(4, 2, tame), anything),
+       ends=st.one_of(rows(3, 4, wild), anything))  # fmt: skip
+def test_framebuffer_draws_or_refuses_anything(
+    p, q, r, color, other, number, depth, name, curve, ends
+):
+    target = rj.Framebuffer(9, 6)
+    exercised.add("Framebuffer")
+    before = target.color
+    green = (0, 255, 0)
+    attempt(target.put_pixel, number, 3, color)
+    attempt(target.draw_line, p, q, green)
+    attempt(target.draw_line, (1, 1), q, color, other)
+    attempt(target.draw_lines, ends, other)
+    attempt(target.draw_lines, [(0, 0, 5, 5)], color)
+    attempt(target.draw_triangle, p, q, r, green)
+    for method in ("barycentric", "scanline"):
+        attempt(target.fill_triangle, p, q, r, green, method=method)
+        attempt(target.fill_triangle, (0, 0), (8, 0), q, color, method=method, depth=depth)
+    attempt(target.fill_triangle, p, q, r, green, method=name, edges=name)
+    attempt(target.draw_circle, p, 3, green)
+    attempt(target.draw_circle, (4, 3), number, green)
+    attempt(target.draw_bezier, curve, green)
+    attempt(target.clear, color, number)
+    assert target.color is before
+    assert before.shape == (6, 9, 4)
+    assert not np.isnan(target.depth).any()
+
+
+@few(80)
+@given(a=anything, v=vectors(), u=vectors(), n=st.tuples(wild, wild, wild, wild, wild, wild),
+       matrix=st.one_of(rows(4, 4, wild), rows(4, 4), anything), many=st.one_of(rows(3, 3, wild),
+       anything), size=st.tuples(whole, whole))  # fmt: skip
+def test_transforms_take_or_refuse_anything(a, v, u, n, matrix, many, size):
+    t = rj.transforms
+    exercised.add("transforms")
+    for function in (
+        t.translate, t.scale, t.rotate_x, t.rotate_y, t.rotate_z, t.perspective_focal,
+        t.sine_cosine, t.focal_length, t.normal_matrix, t.compose,
+    ):  # fmt: skip
+        for value in (a, v, matrix, n[0]):
+            result = refused(function, value)
+            if result is not None and function is t.normal_matrix:
+                assert np.isfinite(result).all()
+    refused(t.rotate, v, n[0])
+    refused(t.arc_tangent, n[0], n[1])
+    refused(t.arc_tangent, a, n[1])
+    refused(t.shear, xy=n[0], zy=a)
+    refused(t.look_at, v, u, (0.0, 1.0, 0.0))
+    refused(t.look_at, (0.0, 0.0, 1.0), v, u)
+    refused(t.perspective, *n[:4])
+    refused(t.orthographic, *n)
+    refused(t.viewport, *size)
+    refused(t.apply, matrix, many)
+    refused(t.transform_points, np.eye(4), many)
+    refused(t.compose, matrix, matrix)
+
+
+def refused(function, *arguments, **named):
+    """Return what a helper gives, or None: its message may name what it is part of."""
+    try:
+        return function(*arguments, **named)
+    except ValueError:
+        return None
+
+
+@few(60)
+@given(a=anything, v=vectors(), u=vectors(), n=st.tuples(wild, whole, whole, wild, wild),
+       many=st.one_of(rows(3, 3, wild), anything))  # fmt: skip
+def test_pipeline_takes_or_refuses_anything(a, v, u, n, many):
+    exercised.add("Pipeline")
+    chain = rj.Pipeline()
+    for step, arguments in (
+        (chain.scale, (a,)), (chain.scale, (v,)), (chain.rotate, n[:3]), (chain.world_pos, (v,)),
+        (chain.camera, (v, u)), (chain.perspective, n), (chain.orthographic, n),
+    ):  # fmt: skip
+        refused(step, *arguments)
+    refused(lambda: chain.matrix)
+    projected = refused(chain.project, many)
+    if projected is not None:
+        assert not projected.on_screen[np.isnan(projected.pixels).any(axis=1)].any()
+
+
+OBJ = b"v 0 0 0\nv 1 0 0\nv 0 1 0.5\nv 1 1 0\nvt 0 0\nvn 0 0 1\nf 1 2 3\nf 2/1/1 4/1/1 3/1/1\n"
+OFF = b"OFF\n4 2 0\n0 0 0\n1 0 0\n0 1 0\n1 1 1\n3 0 1 2\n3 1 3 2\n"
+
+
+def binary_stl():
+    triangle = np.array([0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1, 0], "<f4").tobytes() + b"\0\0"
+    return b"x" * 80 + np.array([2], "<u4").tobytes() + 2 * triangle
+
+
+def file_bytes(kind):
+    """Return a small whole file of a format."""
+    if kind in ("ply", "glb"):
+        name = "cube.ply" if kind == "ply" else "scene.glb"
+        return (frames.MODELS / name).read_bytes()
+    return {"obj": OBJ, "off": OFF, "stl": binary_stl()}[kind]
+
+
+@pytest.mark.parametrize("kind", ["obj", "off", "stl", "ply", "glb"])
+def test_whole_file_loads(kind, tmp_path):
+    path = tmp_path / f"file.{kind}"
+    path.write_bytes(file_bytes(kind))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        assert rj.load(path).nodes
+
+
+@pytest.mark.parametrize("kind", ["obj", "off", "stl", "ply", "glb"])
+def test_damaged_file_loads_or_is_refused(kind, tmp_path_factory):
+    path = tmp_path_factory.mktemp("damaged") / f"file.{kind}"
+    whole_file = file_bytes(kind)
+    head = min(len(whole_file), 4000)
+
+    @few(40)
+    @given(
+        where=st.lists(st.integers(0, head - 1), max_size=4),
+        what=st.lists(st.integers(0, 255), min_size=4, max_size=4),
+        cut=st.one_of(st.none(), st.integers(1, len(whole_file))),
+        added=st.binary(max_size=3),
+    )
+    def damage(where, what, cut, added):
+        data = bytearray(whole_file)
+        for place, byte in zip(where, what, strict=False):
+            data[place] = byte
+        path.write_bytes(bytes(data[:cut]) + added)
+        with warnings.catch_warnings():
+            # What a file holds and is not shown is a warning by design.
+            warnings.simplefilter("ignore", UserWarning)
+            scene = refused(rj.load, path, on_invalid="drop")
+            if scene is not None:
+                frame = refused(rj.render, scene, size=(8, 6), outputs=("face_id", "color"))
+                faces = sum(len(node.mesh.faces) for node in scene.nodes)
+                assert frame is None or frame.face_id.max() < faces
+
+    exercised.add("load")
+    damage()
+
+
+ELSEWHERE = {
+    "OutputNotRequestedError": "an error that reading a frame raises",
+    "Diagnostics": "what a frame is made with, checked where it is made",
+    "PixelExplanation": "what explain_pixel returns",
+    "explain_pixel": "explains one pixel of a frame that was rendered",
+    "oracle": "exact arithmetic for tests, for numbers that are finite",
+}
+"""Public names that no test here calls, with the reason."""
+
+
+def test_every_public_name_was_tried():
+    if not exercised >= {"load", "transforms", "Pipeline"}:
+        pytest.skip("needs the other tests of this file to run before it")
+    missing = set(rj.__all__) - exercised - set(ELSEWHERE)
+    assert missing == set()

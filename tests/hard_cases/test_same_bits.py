@@ -1,0 +1,160 @@
+"""
+The same bits for every thread count, tile size, spelling of a face, run, process and CPU.
+
+The hashes of thirty frames (``frames.py``) are in ``frame_hashes.json``. A change that is meant to
+change bits writes them anew with ``python tests/hard_cases/frames.py``.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import frames
+import numpy as np
+import pytest
+
+import rasterjit as rj
+
+PACKAGE = Path(rj.__file__).parent
+NAMES = list(frames.FRAMES)
+SHOTS = [name for name in NAMES if isinstance(frames.FRAMES[name](), frames.Shot)]
+PARALLEL = [name for name in NAMES if not isinstance(frames.FRAMES[name](), frames.Canvas)]
+OTHER_TILE_BITS = (4, 5)
+"""Tiles of 16 and 32 pixels. Larger ones than the 64 of everyday do not fit a thread's scratch."""
+
+
+@pytest.fixture(scope="module")
+def first():
+    """Every frame, drawn once by one thread."""
+    return {name: make().draw(threads=1) for name, make in frames.FRAMES.items()}
+
+
+def differing(want, got):
+    """Return the outputs whose hashes differ."""
+    assert want.keys() == got.keys()
+    return [name for name in want if want[name] != got[name]]
+
+
+def run_frames(arguments=(), **environment):
+    """Return the hashes that a fresh process finds."""
+    done = subprocess.run(
+        [sys.executable, "-W", "error", str(frames.HERE / "frames.py"), "--print", *arguments],
+        env={**os.environ, **environment}, capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    return json.loads(done.stdout)
+
+
+def test_recorded_frames_are_those_of_the_module():
+    assert len(NAMES) == 30
+    assert list(frames.recorded()) == NAMES
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_frame_has_its_recorded_bits(name, first):
+    assert differing(frames.recorded()[name], frames.digests(first[name])) == []
+
+
+@pytest.mark.needs_jit
+@pytest.mark.parametrize("name", NAMES)
+def test_drawing_again_gives_the_same_bits(name, first):
+    assert frames.digests(frames.FRAMES[name]().draw()) == frames.digests(first[name])
+
+
+@pytest.mark.needs_jit
+@pytest.mark.parametrize("threads", [2, 3, 5])
+@pytest.mark.parametrize("name", PARALLEL)
+def test_any_number_of_threads_gives_the_same_bits(name, threads, first):
+    assert frames.digests(frames.FRAMES[name]().draw(threads)) == frames.digests(first[name])
+
+
+@pytest.mark.needs_jit
+@pytest.mark.parametrize("threads", [1, 3])
+def test_large_frame_of_many_tasks_has_the_same_bits_for_any_number_of_threads(threads, first):
+    # Many tiles, bands and rows: more tasks than threads in every stage but vertices.
+    del first
+    shot = replace(frames.teapot(), size=(700, 500), outputs=("color", "depth", "normal"))
+    assert frames.digests(shot.draw(threads)) == frames.digests(shot.draw(5))
+
+
+@pytest.mark.needs_jit
+@pytest.mark.parametrize("turn", [1, 2])
+@pytest.mark.parametrize("name", NAMES)
+def test_spelling_a_face_from_another_vertex_changes_no_bit(name, turn):
+    drawn = dict(frames.FRAMES[name]().rotated(turn).draw())
+    # A new mesh normalizes its normals again, so the one to compare with is new as well.
+    want = frames.FRAMES[name]().rotated(0).draw()
+    if "barycentric" in drawn:
+        # The weights are named by corner, and the corners were renamed.
+        drawn["barycentric"] = np.roll(drawn["barycentric"], turn, axis=2)
+    assert differing(frames.digests(want), frames.digests(drawn)) == []
+
+
+@pytest.mark.needs_jit
+@pytest.mark.parametrize("name", SHOTS)
+def test_renderer_that_drew_something_else_draws_the_same_bits(name, first):
+    shot = frames.FRAMES[name]()
+    other = replace(frames.inside_a_ball(), size=shot.size)
+    with rj.Renderer(shot.size, quality=rj.Quality(shot.bits), threads=2) as renderer:
+        for _ in range(2):
+            other.draw_with(renderer)
+            assert frames.digests(shot.draw_with(renderer)) == frames.digests(first[name])
+
+
+def test_order_of_faces_changes_nothing_but_their_numbers():
+    # Flat shading: smooth normals are sums over faces, whose last bit has an order.
+    mesh = frames.colored(frames.ball(5), "vertex", "flat")
+    order = np.argsort(frames.numbers(7, len(mesh.faces), 0, 2**20), kind="stable")
+    assert not np.array_equal(order, np.arange(len(order)))
+    shuffled = frames.with_faces(mesh, mesh.faces[order])
+    camera = frames.looking(fov_y=35.0)
+    plain = frames.Shot(frames.scene_of(mesh), camera).draw()
+    other = frames.Shot(frames.scene_of(shuffled), camera).draw()
+    # No two faces share a depth at a sample of a convex body seen from outside.
+    seen = other["face_id"] >= 0
+    other["face_id"][seen] = order[other["face_id"][seen]]
+    assert differing(frames.digests(plain), frames.digests(other)) == []
+
+
+@pytest.mark.needs_jit
+@pytest.mark.parametrize("environment", [{"PYTHONHASHSEED": "1"}, {"PYTHONHASHSEED": "20240229"}])
+def test_fresh_process_gives_the_same_bits(environment):
+    assert run_frames(**environment) == frames.recorded()
+
+
+@pytest.mark.needs_jit
+@pytest.mark.parametrize("core", ["Prescott", "Haswell"])
+def test_linear_algebra_library_has_no_say(core):
+    # OpenBLAS sums in another order on each of these; other libraries ignore the wish.
+    assert run_frames(OPENBLAS_CORETYPE=core) == frames.recorded()
+
+
+@pytest.mark.needs_jit
+@pytest.mark.parametrize("bits", OTHER_TILE_BITS)
+def test_any_tile_size_gives_the_same_bits(bits, tmp_path):
+    # Tile size is frozen into the kernels: draw with a copy of the package that has another.
+    copy = tmp_path / "rasterjit"
+    shutil.copytree(PACKAGE, copy, ignore=shutil.ignore_patterns("__pycache__"))
+    source = copy / "kernels" / "setup.py"
+    text = source.read_text()
+    assert text.count("\nTILE_BITS = 6\n") == 1
+    source.write_text(text.replace("\nTILE_BITS = 6\n", f"\nTILE_BITS = {bits}\n"))
+    environment = {"PYTHONPATH": str(tmp_path), "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    tiles = "from rasterjit.kernels import visibility; print(visibility.TILE_SIZE)"
+    done = subprocess.run(
+        [sys.executable, "-c", tiles],
+        cwd=tmp_path, env={**os.environ, **environment}, capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    assert int(done.stdout) == 1 << bits
+    # All other outputs follow from these two without a tile.
+    found = run_frames(("depth", "face_id"), **environment)
+    wanted = {
+        name: {k: v for k, v in frames.recorded()[name].items() if k in ("depth", "face_id")}
+        for name in PARALLEL
+    }
+    assert found == wanted
