@@ -34,6 +34,7 @@ from rasterjit.scene.material import Material
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Node, Scene, Wireframe
+from rasterjit.scene.texture import Texture
 
 __version__ = "0.1.0"
 
@@ -58,6 +59,7 @@ __all__ = [
     "Renderer",
     "Scene",
     "Stats",
+    "Texture",
     "Visibility",
     "Wireframe",
     "explain",

@@ -1,0 +1,166 @@
+"""
+Slow, obvious twins of texture lookup, and small scenes that show what the engine looks up.
+
+Exact: texels, coordinates and weights are ``fractions.Fraction``. Images are lists of rows from
+the top, each texel one number; u runs right and v up.
+"""
+
+from __future__ import annotations
+
+import math
+from fractions import Fraction
+
+import numpy as np
+
+import rasterjit as rj
+from rasterjit import oracle
+
+HALF = Fraction(1, 2)
+
+STEPS = 1 << 24
+"""Positions on a texture are rounded to 1/STEPS texel, half up."""
+
+
+def wrapped(i, size, wrap):
+    """Return the texel that stands at any whole number."""
+    if wrap == "clamp":
+        return min(max(i, 0), size - 1)
+    period = i // size
+    within = i - period * size
+    return size - 1 - within if wrap == "mirror" and period % 2 else within
+
+
+def position(u, size, wrap):
+    """Return where a coordinate lies, in texels."""
+    if wrap == "clamp":
+        u = min(max(u, Fraction(0)), Fraction(1))
+    return Fraction(math.floor(u * size * STEPS + HALF), STEPS)
+
+
+def texel(image, column, row, wraps):
+    """Return the texel at any whole numbers; rows count from the bottom here."""
+    height, width = len(image), len(image[0])
+    return image[height - 1 - wrapped(row, height, wraps[1])][wrapped(column, width, wraps[0])]
+
+
+def nearest(image, u, v, wraps):
+    x = position(u, len(image[0]), wraps[0])
+    y = position(v, len(image), wraps[1])
+    return texel(image, math.floor(x), math.floor(y), wraps)
+
+
+def bilinear(image, u, v, wraps):
+    x = position(u, len(image[0]), wraps[0]) - HALF
+    y = position(v, len(image), wraps[1]) - HALF
+    left, low = math.floor(x), math.floor(y)
+    return sum(
+        (1 - abs(x - column)) * (1 - abs(y - row)) * texel(image, column, row, wraps)
+        for column in (left, left + 1)
+        for row in (low, low + 1)
+    )
+
+
+def trilinear(levels, u, v, wraps, detail):
+    """Return the mix of the two levels around a level of detail (a float)."""
+    detail = min(max(detail, 0.0), len(levels) - 1.0)
+    finer = math.floor(detail)
+    share = Fraction(detail) - finer
+    color = bilinear(levels[finer], u, v, wraps)
+    if not share:
+        return color
+    return (1 - share) * color + share * bilinear(levels[finer + 1], u, v, wraps)
+
+
+def halved_line(line):
+    """Return the means by area of a line of texels in half as many, rounded down, at least one."""
+    size = len(line)
+    half = max(1, size // 2)
+    width = Fraction(size, half)
+    means = []
+    for n in range(half):
+        start, stop = n * width, (n + 1) * width
+        parts = [max(Fraction(0), min(stop, k + 1) - max(start, k)) for k in range(size)]
+        means.append(sum(p * t for p, t in zip(parts, line, strict=True)) / width)
+    return means
+
+
+def halved(image):
+    """Return the next mip level."""
+    rows = [halved_line(row) for row in image]
+    columns = [halved_line(list(column)) for column in zip(*rows, strict=True)]
+    return [list(row) for row in zip(*columns, strict=True)]
+
+
+def mip_chain(image):
+    """Return all levels of an image, from itself down to one texel."""
+    levels = [image]
+    while len(levels[-1]) > 1 or len(levels[-1][0]) > 1:
+        levels.append(halved(levels[-1]))
+    return levels
+
+
+def exact_image(array):
+    """Return a channel of an array as rows of fractions."""
+    return [[Fraction(float(value)) for value in row] for row in array]
+
+
+def coordinates_at(point, triangle, ws, uvs):
+    """Return the exact perspective-correct texture coordinates at a point of the screen."""
+    weights = oracle.perspective_weights(triangle, ws, point)
+    return tuple(sum(w * uv[k] for w, uv in zip(weights, uvs, strict=True)) for k in range(2))
+
+
+DIFFERENCE = Fraction(1, 1 << 20)
+"""Pixels by which coordinates are moved to find how fast they change."""
+
+
+def level_of_detail(point, triangle, ws, uvs, size):
+    """Return log2 of the longer step of a pixel on a texture, from differences around it."""
+    squares = []
+    for dx, dy in ((DIFFERENCE, 0), (0, DIFFERENCE)):
+        there = coordinates_at((point[0] + dx, point[1] + dy), triangle, ws, uvs)
+        back = coordinates_at((point[0] - dx, point[1] - dy), triangle, ws, uvs)
+        steps = [(a - b) / (2 * DIFFERENCE) * n for a, b, n in zip(there, back, size, strict=True)]
+        squares.append(sum(step * step for step in steps))
+    longest = max(squares)
+    return 0.5 * math.log2(longest) if longest else -math.inf
+
+
+# --- what the engine shows ------------------------------------------------------------------------
+
+FRONT = rj.OrthographicCamera(eye=(0, 0, 5), target=(0, 0, 0), height=2.0, near=1.0, far=9.0)
+"""Sees the square [-1, 1]**2 from its front; other aspects are stretched by ``draw``."""
+
+
+def draw(mesh, size):
+    """Return what an image of [-1, 1]**2 shows, (H, W, 4) float32, linear."""
+    scene = rj.Scene()
+    scene.add(mesh, rj.transforms.scale((size[0] / size[1], 1.0, 1.0)))
+    return rj.render(scene, FRONT, size=size, outputs="linear", threads=1).linear
+
+
+def square(texture, uv, **options):
+    """Return the square [-1, 1]**2 with a texture; uv lower left, right, upper right, left."""
+    material = rj.Material("unlit", "white", base_color_texture=texture)
+    corners = [(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)]
+    return rj.Mesh(corners, [(0, 1, 2), (0, 2, 3)], uv=uv, material=material, **options)
+
+
+def box(low, high):
+    """Return the texture coordinates of a square's corners from those of two."""
+    (u0, v0), (u1, v1) = low, high
+    return [(u0, v0), (u1, v0), (u1, v1), (u0, v1)]
+
+
+def probe(texture, places):
+    """Return what each of some coordinates (u, v) shows, (N, 4) float32, linear."""
+    count = len(places)
+    left = np.linspace(-1.0, 1.0, count + 1)
+    vertices, faces, uv = [], [], []
+    for n, place in enumerate(places):
+        a, b = left[n], left[n + 1]
+        vertices += [(a, -1, 0), (b, -1, 0), (b, 1, 0), (a, 1, 0)]
+        faces += [(4 * n, 4 * n + 1, 4 * n + 2), (4 * n, 4 * n + 2, 4 * n + 3)]
+        uv += [place] * 4
+    material = rj.Material("unlit", "white", base_color_texture=texture)
+    return draw(rj.Mesh(vertices, faces, uv=uv, material=material), (count, 1))[0]
