@@ -96,6 +96,8 @@ class RenderPlan:
     needs_normals: bool
     needs_gouraud: bool
     diagnose: bool
+    needs_textures: bool
+    needs_matt_light: bool
     effects: tuple[Effect, ...]
 
     @property
@@ -152,6 +154,9 @@ def plan_render(
     any_uv = any(node.mesh.uv is not None for node in scene.nodes)
     if "uv" in outputs and not any_uv:
         raise ValueError("outputs has 'uv', but no mesh of the scene has texture coordinates")
+    textured = [node for node in scene.nodes if node.mesh.material.base_color_texture is not None]
+    if shades:
+        _check_uv(textured)
     effects = (
         Effect("shading", shades, _shading_reason(colored, draws_faces, models)),
         Effect("lights", is_lit, _light_reason(scene, is_lit)),
@@ -160,6 +165,7 @@ def plan_render(
             bool(smooth) and (is_lit or "normal" in outputs),
             "shading " + ", ".join(sorted(smooth)) if smooth else "no object is smooth",
         ),
+        Effect("textures", shades and bool(textured), _texture_reason(shades, textured)),
         Effect(
             "wireframe",
             scene.wireframe is not None and "color" in outputs,
@@ -180,8 +186,26 @@ def plan_render(
         needs_normals=effects[2].used,
         needs_gouraud=is_lit and "gouraud" in models,
         diagnose=diagnose,
+        needs_textures=shades and bool(textured),
+        # The highlights of vertices lie on top of a texture: they are added up apart.
+        needs_matt_light=is_lit and any(_has_gouraud_highlight(node.mesh) for node in textured),
         effects=effects,
     )
+
+
+def _check_uv(textured: Sequence[Node]) -> None:
+    """Raise ``ValueError`` naming an object that has a texture and nothing to lay it by."""
+    for node in textured:
+        if node.mesh.uv is None:
+            raise ValueError(
+                f"the mesh of {node.name!r} must have uv, for its material has a "
+                "base_color_texture; got none"
+            )
+
+
+def _has_gouraud_highlight(mesh: Mesh) -> bool:
+    """Return whether the light of a mesh's vertices holds a highlight."""
+    return mesh.material.shading == "gouraud" and mesh.material.specular > 0.0
 
 
 def check_scene(scene: Scene) -> None:
@@ -254,7 +278,7 @@ def join_geometry(meshes: Sequence[Mesh]) -> SceneArrays:
             f"{vertex_starts[-1]} and {face_starts[-1]}"
         )
     if len(meshes) == 1:
-        positions, faces = _writable(meshes[0].vertices), _writable(meshes[0].faces)
+        positions, faces = writable(meshes[0].vertices), writable(meshes[0].faces)
     else:
         positions = np.concatenate([mesh.vertices for mesh in meshes])
         faces = np.concatenate(
@@ -311,7 +335,7 @@ def join_surface(meshes: Sequence[Mesh], normals: NDArray[np.float32] | None) ->
         face_colors = _join(
             [mesh.face_colors for mesh in meshes], [len(mesh.faces) for mesh in meshes], white
         )
-    return Surface(materials, vertex_colors, face_colors, normals, None)
+    return Surface(materials, vertex_colors, face_colors, normals, None, None, None)
 
 
 class Views(NamedTuple):
@@ -421,6 +445,17 @@ def _shading_reason(colored: bool, draws_faces: bool, models: set[str]) -> str:
     return ", ".join(sorted(models))
 
 
+def _texture_reason(shades: bool, textured: Sequence[Node]) -> str:
+    """Say what the textures are, or why none is read."""
+    if not textured:
+        return "no material has a base_color_texture"
+    if not shades:
+        return "nothing is shaded"
+    textures = dict.fromkeys(node.mesh.material.base_color_texture for node in textured)
+    kinds = [texture.filter for texture in textures if texture is not None]
+    return ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds))
+
+
 def _wireframe_reason(scene: Scene, outputs: Sequence[str]) -> str:
     """Say why edges are drawn or not: they are 8-bit pixels, so linear colour has none."""
     if scene.wireframe is None:
@@ -445,7 +480,7 @@ def _join(
 ) -> NDArray[np.float32]:
     """Join arrays row by row, with ``fill`` for the rows of one that is absent."""
     if len(arrays) == 1 and arrays[0] is not None:
-        return _writable(arrays[0])
+        return writable(arrays[0])
     return np.concatenate(
         [
             np.broadcast_to(fill, (count, len(fill))) if array is None else array
@@ -454,7 +489,7 @@ def _join(
     )
 
 
-def _writable(array: NDArray[Any]) -> NDArray[Any]:
+def writable(array: NDArray[Any]) -> NDArray[Any]:
     """
     Return the array in the one layout that kernels are compiled for, without a copy if it can be.
 

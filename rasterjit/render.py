@@ -21,8 +21,9 @@ from rasterjit.frame import Frame, Stats
 from rasterjit.io.meshes import as_scene
 from rasterjit.kernels import interpolation
 from rasterjit.kernels.jit import COMPILE_CLOCK
-from rasterjit.kernels.records import Geometry, Placement
+from rasterjit.kernels.records import Geometry, Placement, Textures
 from rasterjit.plan import RenderPlan, SceneArrays, Views
+from rasterjit.plan_textures import join_textures
 from rasterjit.scene.camera import Camera, fit_camera
 from rasterjit.scene.color import linear_to_srgb
 from rasterjit.scene.mesh import Mesh
@@ -168,6 +169,7 @@ class Renderer:
         self.quality = check_quality(quality)
         self._workers = stages.Workers(thread_count("threads", threads))
         self._joined: tuple[list[Mesh], SceneArrays] | None = None
+        self._textures: tuple[list[tuple], Textures] | None = None
 
     def __enter__(self) -> Renderer:
         return self
@@ -234,7 +236,10 @@ class Renderer:
         )
         placement = placement_of(arrays, views)
         normals = planning.join_normals(meshes) if plan.needs_normals else None
-        result = _shade(plan, meshes, arrays, geometry, placement, coverage, normals, workers)
+        textures = self._join_textures(meshes) if plan.needs_textures else None
+        result = _shade(
+            plan, meshes, arrays, geometry, placement, coverage, normals, textures, workers
+        )
         clock("shade, resolve")
         if plan.wireframe is not None:
             _draw_wireframe(plan, arrays, geometry, coefficients, coverage, result)
@@ -258,6 +263,13 @@ class Renderer:
         self._joined = (meshes, arrays)
         return arrays
 
+    def _join_textures(self, meshes: list[Mesh]) -> Textures:
+        """Return the joined textures, those of the last frame if they are the same."""
+        wanted = [(mesh, mesh.material.base_color_texture) for mesh in meshes]
+        if self._textures is None or self._textures[0] != wanted:
+            self._textures = (wanted, join_textures(meshes))
+        return self._textures[1]
+
 
 def placement_of(arrays: SceneArrays, views: Views) -> Placement:
     """Return the record of where the objects stand."""
@@ -280,6 +292,7 @@ def _shade(
     placement: Placement,
     coverage: stages.Coverage,
     normals: NDArray[np.float32] | None,
+    textures: Textures | None,
     workers: stages.Workers,
 ) -> dict[str, NDArray[Any]]:
     """Make the colour outputs, if there are any."""
@@ -292,10 +305,12 @@ def _shade(
     surface = planning.join_surface(meshes, normals)
     if plan.needs_gouraud and plan.lighting is not None:
         owners = [n for n, mesh in enumerate(meshes) if mesh.material.shading == "gouraud"]
-        lit = stages.light_vertices(
-            arrays.vertex_starts, owners, placement, surface, plan.lighting, workers
-        )
-        surface = surface._replace(lit_vertices=lit)
+        light = arrays.vertex_starts, owners, placement, surface
+        lit, matt = stages.light_vertices(*light, plan.lighting, workers), None
+        if plan.needs_matt_light:
+            matt = stages.light_vertices(*light, plan.lighting._replace(highlights=None), workers)
+        surface = surface._replace(lit_vertices=lit, matt_vertices=matt)
+    surface = surface._replace(textures=textures)
     shown = coverage.face_id if plan.draws_faces else np.full_like(coverage.face_id, -1)
     stages.shade(
         shown, geometry, placement, surface, plan.lighting, plan.background, linear, color, workers

@@ -22,6 +22,7 @@ from rasterjit.scene.camera import PerspectiveCamera, fit_camera
 from rasterjit.scene.material import SHADINGS, Material
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.scene import Scene, Wireframe
+from rasterjit.scene.texture import Texture
 
 SIZE = (16, 16)
 
@@ -31,6 +32,9 @@ FACES = np.array([(0, 1, 2), (0, 2, 3)], np.int32)
 
 COLORINGS = {"plain": None, "vertex colours": len(VERTICES), "face colours": len(FACES)}
 """How a mesh may be coloured, by the rows of its colours."""
+
+TEXTURED = "textured"
+"""Coloured by a texture alone."""
 
 MATT, SHINY = 0.0, 0.25
 """Strengths of the highlight: without one, its code is compiled out."""
@@ -46,7 +50,7 @@ class Step(NamedTuple):
 def steps() -> list[Step]:
     """Return what has to run for every usual kernel to be compiled."""
     found = [Step("all buffers", _draw_buffers), Step("clipping", _draw_clipped)]
-    for shading, coloring in itertools.product(SHADINGS, COLORINGS):
+    for shading, coloring in itertools.product(SHADINGS, (*COLORINGS, TEXTURED)):
         strengths = (SHINY,) if shading == "unlit" else (SHINY, MATT)
         for specular in strengths:
             gloss = "" if shading == "unlit" else (", shiny" if specular else ", matt")
@@ -66,9 +70,10 @@ def steps() -> list[Step]:
 
 def _square(shading: str = "phong", coloring: str = "plain", specular: float = SHINY) -> Scene:
     """Return a scene with the square alone."""
-    rows = COLORINGS[coloring]
+    rows = COLORINGS.get(coloring)
     colors = None if rows is None else np.ones((rows, 4), np.float32)
-    material = Material(shading=shading, specular=specular)
+    texture = Texture(np.ones((2, 2))) if coloring == TEXTURED else None
+    material = Material(shading=shading, specular=specular, base_color_texture=texture)
     scene = Scene()
     scene.add(Mesh(VERTICES, FACES, colors=colors, uv=VERTICES[:, :2], material=material))
     return scene

@@ -199,3 +199,40 @@ def test_light_beyond_the_range_of_float32_gives_next_to_no_light(cube, camera, 
     seen = frame.linear[frame.face_id >= 0][:, :3]
     assert (seen >= 0.0).all()
     assert seen.max() < 1e-30  # the inverse square of the distance at which it is held
+
+
+def test_textures_are_planned_where_a_material_has_one(cube, camera):
+    plain = rj.explain(cube, camera)
+    assert not plain.needs_textures
+    assert "no material has a base_color_texture" in str(plain)
+    texture = rj.Texture([[0.5]], filter="nearest")
+    mesh = rj.Mesh(cube.vertices, cube.faces, uv=cube.vertices[:, :2],
+                   material=rj.Material(base_color_texture=texture))  # fmt: skip
+    plan = rj.explain(mesh, camera)
+    assert plan.needs_textures
+    assert "1 nearest" in str(plan)
+    assert not rj.explain(mesh, camera, outputs="depth").needs_textures
+
+
+def test_light_without_highlights_is_planned_for_textured_gouraud_alone(cube, camera):
+    def plan(**options):
+        texture = rj.Texture([[0.5]])
+        material = rj.Material(**{"base_color_texture": texture, "shading": "gouraud", **options})
+        mesh = rj.Mesh(cube.vertices, cube.faces, uv=cube.vertices[:, :2], material=material)
+        return rj.explain(mesh, camera)
+
+    assert plan().needs_matt_light
+    assert not plan(specular=0.0).needs_matt_light
+    assert not plan(shading="phong").needs_matt_light
+    assert not plan(base_color_texture=None).needs_matt_light
+
+
+def test_a_texture_without_uv_is_refused_by_the_name_of_its_node(cube, camera):
+    scene = rj.Scene()
+    cube.material = rj.Material(base_color_texture=rj.Texture([[0.5]]))
+    scene.add(cube, name="crate")
+    for call in (rj.explain, rj.render):
+        with pytest.raises(ValueError, match=r"mesh of 'crate' must have uv, .*base_color_texture"):
+            call(scene, camera)
+    # Where no colour is asked for, there is nothing to lay.
+    assert rj.render(scene, camera, size=(4, 4), outputs="depth", threads=1).depth.shape == (4, 4)

@@ -98,6 +98,19 @@ class Placement(NamedTuple):
     """(4,) float64: a point p, relative to the eye, is seen along ``xyz - w p``."""
 
 
+class Textures(NamedTuple):
+    """The textures of all objects, each with its mip levels."""
+
+    texels: Any
+    """(N, 4) float32, linear RGBA: level by level, row by row from the top."""
+    levels: Any
+    """(K, 3) int64: first texel, width, height."""
+    table: Any
+    """(O, 5) int64: first level or -1 for none, number of levels, wrap in u, in v, filter."""
+    uv: Any
+    """(V, 2) float32; v runs up."""
+
+
 class Surface(NamedTuple):
     """What the objects look like."""
 
@@ -111,6 +124,10 @@ class Surface(NamedTuple):
     """(V, 3) float32, model space | None -> no smooth shading."""
     lit_vertices: Any
     """(V, 2, 3) float32, light on the front and the back of a vertex | None -> no Gouraud."""
+    matt_vertices: Any
+    """(V, 2, 3) float32, the same without highlights | None -> no highlight over a texture."""
+    textures: Textures | None
+    """None -> no object has a texture."""
 
 
 class Lighting(NamedTuple):

@@ -3,7 +3,7 @@ Shade each visible sample once: base colour and normal first, then light, row by
 
 A row's covered samples are gathered into scratch memory, one row for each quantity (``lighting``),
 interpolated one by one, and lit together by loops that vectorize. What no object of the frame has
-(vertex colours, normals, lights ...) is ``None`` and compiled out.
+(vertex colours, textures, normals, lights ...) is ``None`` and compiled out.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from rasterjit.kernels import lighting as lit
+from rasterjit.kernels import texturing
 from rasterjit.kernels.interpolation import (
     face_normal,
     find_object,
@@ -100,6 +101,50 @@ def gouraud_light(weights, a, b, c, behind, model, lit_vertices, tint):
 
 
 @stage
+def note_matt_light(scratch, n, weights, a, b, c, behind, model, matt_vertices, tint):
+    """Write the colour without the highlights of vertices, if any lies over a texture."""
+    if matt_vertices is None:
+        return
+    matt = gouraud_light(weights, a, b, c, behind, model, matt_vertices, tint)
+    for k in range(3):
+        scratch[texturing.MATT + k, n] = matt[k]
+
+
+@stage
+def absorb(color, texel, matt):
+    """
+    Return a colour times a texel, but for the highlight in it, which lies on top.
+
+    That is what is left of the colour when the texel has absorbed its share of the light without
+    highlights: exactly the colour itself if the texel is white.
+    """
+    if matt == color:
+        return color * texel
+    return max(color - matt * (np.float32(1.0) - texel), np.float32(0.0))
+
+
+@stage
+def apply_textures(samples, count, scratch, matt_vertices):
+    """Multiply the gathered base colours by what the textures show."""
+    for k in range(4):
+        for n in range(count):
+            color, texel = samples[lit.RED + k, n], np.float32(scratch[texturing.SHOWN + k, n])
+            matt = color
+            if matt_vertices is not None and k < 3:
+                matt = np.float32(scratch[texturing.MATT + k, n])
+            samples[lit.RED + k, n] = absorb(color, texel, matt)
+
+
+@stage
+def texture_row(samples, where, count, row, scratch, geometry, textures, matt_vertices):
+    """Apply the textures to the gathered samples of a row; nothing if there are none."""
+    if textures is None:
+        return
+    texturing.read_textures(scratch, where, count, row, textures, geometry)
+    apply_textures(samples, count, scratch, matt_vertices)
+
+
+@stage
 def gather_normal(samples, n, weights, a, b, c, owner, geometry, placement, surface, lighting):
     """Write normal, position and highlight of one sample; nothing if there is no light."""
     if lighting is None:
@@ -125,7 +170,9 @@ def gather_normal(samples, n, weights, a, b, c, owner, geometry, placement, surf
 
 
 @stage
-def gather_sample(samples, n, face, owner, column, row, geometry, placement, surface, lighting):
+def gather_sample(
+    samples, scratch, n, face, owner, column, row, geometry, placement, surface, lighting
+):
     """Interpolate everything that shading one sample needs."""
     a, b, c = lowest_first(geometry.faces, face)
     weights = sample_weights(a, b, c, column, row, geometry)
@@ -136,7 +183,9 @@ def gather_sample(samples, n, face, owner, column, row, geometry, placement, sur
         samples, n, weights, a, b, c, owner, geometry, placement, surface, lighting
     )
     model = np.int64(surface.materials[owner, MATERIAL_MODEL])
+    note_matt_light(scratch, n, weights, a, b, c, behind, model, surface.matt_vertices, tint)
     tint = gouraud_light(weights, a, b, c, behind, model, surface.lit_vertices, tint)
+    texturing.note_place(scratch, n, weights, a, b, c, owner, surface.textures)
     samples[lit.RED, n] = tint[0]
     samples[lit.GREEN, n] = tint[1]
     samples[lit.BLUE, n] = tint[2]
@@ -177,6 +226,7 @@ def shade_rows(
     """
     rows, columns = face_id.shape
     scratch = np.empty((lit.SAMPLE_ROWS, columns), np.float32)
+    places = texturing.texture_scratch(surface.textures, columns)
     where = np.empty(columns, np.int32)
     toward_viewer = placement.toward_viewer.astype(np.float32)
     owner = np.int64(0)
@@ -191,11 +241,15 @@ def shade_rows(
                 continue
             owner = find_object(face, placement.face_starts, owner)
             gather_sample(
-                scratch, count, face, owner, column, first_row + row, geometry, placement,
+                scratch, places, count, face, owner, column, first_row + row, geometry, placement,
                 surface, lighting,
             )  # fmt: skip
             where[count] = column
             count += 1
+        texture_row(
+            scratch, where, count, first_row + row, places, geometry, surface.textures,
+            surface.matt_vertices,
+        )  # fmt: skip
         # Light them together and put them back in their places.
         samples = scratch[:, :count]
         light_row(samples, lighting, toward_viewer)

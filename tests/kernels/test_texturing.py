@@ -1,0 +1,315 @@
+"""Texture lookup equals its exact twin; a white one changes no bit; nothing leaves a texture."""
+
+from __future__ import annotations
+
+import math
+from fractions import Fraction
+
+import naive_textures as naive
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from naive_textures import box, draw, square
+
+import rasterjit as rj
+from rasterjit import oracle
+from rasterjit.kernels import texturing
+from rasterjit.plan_textures import WRAPS
+from rasterjit.scene.material import SHADINGS
+from rasterjit.scene.texture import FILTERS
+
+SIZE = (40, 32)
+BITS = ("linear", "color")
+WHITE = np.ones((1, 1))
+NOISE = np.random.default_rng(7).random((16, 16, 3)).astype(np.float32)
+
+MIX_ROUNDINGS = 8 * 2.0**-24
+"""Roundings of float32 in a bilinear mix of texels below 1."""
+
+DETAIL_ERROR = 1e-6
+"""Of the level of detail up to 3: float32 in its logarithm, 1.2e-7 (1 + 3), and its roundings."""
+
+
+def lit_scene(*meshes):
+    scene = rj.Scene()
+    for mesh in meshes:
+        scene.add(mesh)
+    scene.lights = [
+        rj.AmbientLight("white", 0.15),
+        rj.DirectionalLight((-1, -2, -1.5), color=(1.0, 0.9, 0.7), intensity=0.6),
+        rj.PointLight((2.0, 1.0, 3.0), color=(0.4, 0.5, 1.0), intensity=4.0),
+    ]
+    return scene
+
+
+def remake(mesh, material, colors=None, shift=0.0):
+    """Return a mesh with uv that follow its positions, and another material."""
+    vertices = mesh.vertices + (shift, 0.0, 0.0)
+    uv = mesh.vertices[:, :2] * 1.7
+    return rj.Mesh(vertices, mesh.faces, colors=colors, uv=uv, material=material)
+
+
+def shade(scene, camera, **options):
+    return rj.render(scene, camera, size=SIZE, outputs=BITS, threads=1, **options)
+
+
+def same(one, other):
+    """Tell whether two frames have the same bits."""
+    return all(
+        a.tobytes() == b.tobytes()
+        for a, b in ((one.linear, other.linear), (one.color, other.color))
+    )
+
+
+# Absent equals neutral
+
+
+@pytest.mark.parametrize("shading", SHADINGS)
+@pytest.mark.parametrize("kind", FILTERS)
+@pytest.mark.parametrize("specular", [0.0, 0.5])
+def test_a_white_texture_changes_no_bit(sphere, camera, shading, kind, specular):
+    options = {"shading": shading, "base_color": (0.8, 0.5, 0.3), "specular": specular}
+    colors = np.random.default_rng(1).uniform(0.2, 1.0, (len(sphere.vertices), 4))
+    plain = remake(sphere, rj.Material(**options), colors)
+    white = remake(
+        sphere, rj.Material(**options, base_color_texture=rj.Texture(WHITE, filter=kind)), colors
+    )
+    assert same(shade(lit_scene(plain), camera), shade(lit_scene(white), camera))
+
+
+@pytest.mark.parametrize("shading", SHADINGS)
+def test_an_object_beside_a_textured_one_keeps_its_bits(sphere, camera, shading):
+    plain = remake(sphere, rj.Material(shading, "orange", specular=0.5), shift=-0.8)
+    noise, white = (
+        remake(sphere, rj.Material(shading, specular=0.5, base_color="white",
+                                   base_color_texture=texture), shift=0.8)
+        for texture in (rj.Texture(NOISE), None)
+    )  # fmt: skip
+    frames = [
+        rj.render(lit_scene(plain, other), camera, size=SIZE, threads=1,
+                  outputs=("linear", "object_id"))
+        for other in (noise, white)
+    ]  # fmt: skip
+    there = frames[0].object_id == 0
+    assert there.sum() > 50
+    assert (frames[0].linear[there] == frames[1].linear[there]).all()
+    assert (frames[0].linear[~there] != frames[1].linear[~there]).any()
+
+
+@pytest.mark.parametrize("shading", ["unlit", "flat", "phong"])
+def test_a_texture_of_one_colour_is_a_base_colour(sphere, camera, shading):
+    color = np.float32([0.75, 0.25, 0.5])
+    plain = remake(sphere, rj.Material(shading, color, specular=0.5))
+    texture = rj.Texture(color[np.newaxis, np.newaxis])
+    textured = remake(
+        sphere, rj.Material(shading, "white", specular=0.5, base_color_texture=texture)
+    )
+    assert same(shade(lit_scene(plain), camera), shade(lit_scene(textured), camera))
+
+
+def test_gouraud_shading_is_a_base_colour_too_with_the_highlight_on_top(sphere, camera):
+    color = np.float32([0.75, 0.25, 0.0])
+    texture = rj.Texture(color[np.newaxis, np.newaxis])
+    frames = []
+    for options in ({"base_color": color}, {"base_color": "white", "base_color_texture": texture}):
+        material = rj.Material("gouraud", specular=0.5, shininess=5.0, **options)
+        frames.append(shade(lit_scene(remake(sphere, material)), camera))
+    # The highlight alone is seen in blue: there is no other light of that colour.
+    assert frames[0].linear[..., 2][frames[0].linear[..., 2] < 1.0].max() > 0.05
+    assert np.abs(frames[0].linear - frames[1].linear).max() <= 8 * 2.0**-24
+
+
+@pytest.mark.parametrize("kind", ["vertex", "face"])
+def test_texture_colours_and_base_colour_are_multiplied(kind):
+    texture = rj.Texture(NOISE, filter="nearest")
+    texels = draw(square(texture, box((0, 0), (1, 1))), (16, 16))
+    tints = [(0.5, 0.25, 1.0)] * (4 if kind == "vertex" else 2)
+    material = rj.Material("unlit", (0.5, 1.0, 0.25), base_color_texture=texture)
+    corners = [(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)]
+    mesh = rj.Mesh(corners, [(0, 1, 2), (0, 2, 3)], colors=tints, uv=box((0, 0), (1, 1)),
+                   material=material)  # fmt: skip
+    shown = draw(mesh, (16, 16))
+    assert (shown[..., :3] == texels[..., :3] * np.float32([0.25, 0.25, 0.25])).all()
+
+
+def test_alpha_of_a_texture_is_not_drawn():
+    pixels = np.concatenate([NOISE, np.full((16, 16, 1), 0.25)], axis=2)
+    assert (
+        draw(square(rj.Texture(pixels), box((0, 0), (1, 1))), (16, 16))
+        == draw(square(rj.Texture(NOISE), box((0, 0), (1, 1))), (16, 16))
+    ).all()
+
+
+# The exact twin in perspective
+
+TRIANGLES = {
+    "near and far": ([(2.25, 3.5), (37.5, 8.25), (11.75, 30.0)], [1.0, 8.0, 2.0], 1.0),
+    "turned": ([(2.25, 3.5), (11.75, 30.0), (37.5, 8.25)], [3.0, 0.5, 64.0], 1.0),
+    "cut by the near plane": ([(2.25, 3.5), (37.5, 8.25), (11.75, 30.0)], [0.03125, 4.0, 2.0], 4.0),
+    "beside the picture": ([(-200.0, 10.0), (300.0, -50.0), (30.0, 300.0)], [4.0, 4.0, 1.0], 16.0),
+}
+
+
+def clip_camera():
+    """Return a camera whose view space is clip space with w in the place of z."""
+    clip_from_view = np.array([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, -1, -0.25], [0, 0, -1, 0.0]])
+    return rj.MatrixCamera(np.eye(4), clip_from_view)
+
+
+def draw_triangle(points, ws, uv, texture):
+    """Return what a triangle shows that lands on screen points with the given w."""
+    width, height = SIZE
+    corners = [
+        ((2 * x / width - 1) * w, (1 - 2 * y / height) * w, -w)
+        for (x, y), w in zip(points, ws, strict=True)
+    ]
+    material = rj.Material("unlit", "white", base_color_texture=texture)
+    mesh = rj.Mesh(corners, [(0, 1, 2)], uv=uv, material=material)
+    return rj.render(mesh, clip_camera(), size=SIZE, outputs=("linear", "face_id"), threads=1)
+
+
+@pytest.mark.parametrize("name", TRIANGLES)
+def test_mip_levels_in_perspective_equal_exact_ones(name):
+    points, ws, repeats = TRIANGLES[name]
+    uv = (np.array([(0.0, 0.25), (3.0, 0.5), (1.0, 4.0)]) * repeats).tolist()
+    texture = rj.Texture(NOISE, wrap="mirror")
+    frame = draw_triangle(points, ws, uv, texture)
+    levels = naive.mip_chain(naive.exact_image(NOISE[..., 0]))
+    triangle = [tuple(Fraction(n, 256) for n in p) for p in oracle.snap_triangle(points)]
+    assert frame.stats.clipped == (name == "cut by the near plane")
+    if frame.stats.clipped:
+        # The weights of a clipped face are those of its vertices as they are.
+        triangle = [tuple(map(Fraction, point)) for point in points]
+    exact_ws, exact_uv = [Fraction(w) for w in ws], [tuple(map(Fraction, p)) for p in uv]
+    details = []
+    pixels = np.argwhere(frame.face_id >= 0)
+    for row, column in pixels[:: max(1, len(pixels) // 60)].tolist():
+        point = (column + naive.HALF, row + naive.HALF)
+        u, v = naive.coordinates_at(point, triangle, exact_ws, exact_uv)
+        detail = naive.level_of_detail(point, triangle, exact_ws, exact_uv, (16, 16))
+        exact = float(naive.trilinear(levels, u, v, ("mirror", "mirror"), detail))
+        details.append(detail)
+        assert abs(frame.linear[row, column, 0] - exact) <= MIX_ROUNDINGS + DETAIL_ERROR
+    assert max(details) > 1.5
+    assert max(details) - min(details) > 0.5
+
+
+def test_a_clipped_floor_has_the_mip_levels_of_a_whole_one():
+    # The same plane, once reaching behind the camera, once ending in front of it.
+    camera = rj.PerspectiveCamera(eye=(0, 1, 0), target=(0, 0.6, -2), fov_y=60.0, near=0.1)
+    texture = rj.Texture(NOISE)
+
+    def floor(near):
+        corners = [(-40, 0, near), (40, 0, near), (40, 0, -60), (-40, 0, -60)]
+        uv = [(x / 4, -z / 4) for x, _, z in corners]
+        material = rj.Material("unlit", "white", base_color_texture=texture)
+        mesh = rj.Mesh(corners, [(0, 1, 2), (0, 2, 3)], uv=uv, material=material)
+        return rj.render(mesh, camera, size=SIZE, outputs=("linear", "face_id"), threads=1)
+
+    whole, clipped = floor(-0.25), floor(20.0)
+    assert clipped.stats.clipped > 0
+    both = (whole.face_id >= 0) & (clipped.face_id >= 0)
+    assert both.sum() > SIZE[0] * SIZE[1] / 2
+    # A clipped vertex is not snapped: u moves by a part of a pixel, here less than 1/50 texel.
+    assert np.abs(whole.linear - clipped.linear)[both].max() < 0.02
+
+
+def test_rotating_faces_and_threads_change_no_bit(sphere, camera):
+    material = rj.Material(base_color_texture=rj.Texture(NOISE))
+    frames = []
+    for turn, threads in ((0, 1), (1, 2), (2, 3)):
+        mesh = rj.Mesh(
+            sphere.vertices, np.roll(sphere.faces, turn, axis=1), uv=sphere.vertices[:, :2],
+            normals=sphere.vertices, material=material,
+        )  # fmt: skip
+        frames.append(rj.render(lit_scene(mesh), camera, size=SIZE, outputs=BITS, threads=threads))
+    assert same(frames[0], frames[1])
+    assert same(frames[0], frames[2])
+
+
+# Several objects
+
+
+def test_each_object_has_its_own_texture():
+    textures = [
+        rj.Texture(np.full((n + 1, 2 * n + 1), n / 4), filter=FILTERS[n % 3]) for n in range(4)
+    ]
+    scene = rj.Scene()
+    for n, texture in enumerate([*textures, textures[1]]):
+        move = rj.transforms.compose(
+            rj.transforms.translate((2 * n - 4, 0, 0)), rj.transforms.scale((1, 5, 1))
+        )
+        scene.add(square(texture, box((0, 0), (1, 1))), move)
+    camera = rj.OrthographicCamera(eye=(0, 0, 5), target=(0, 0, 0), height=10.0)
+    shown = rj.render(scene, camera, size=(5, 5), outputs="linear", threads=1).linear
+    assert shown[2, :, 0].tolist() == [0.0, 0.25, 0.5, 0.75, 0.25]
+
+
+def test_a_renderer_shows_the_texture_of_now():
+    mesh = square(rj.Texture([[0.25]]), box((0, 0), (1, 1)))
+    with rj.Renderer((4, 4), threads=1) as renderer:
+        first = renderer.render(mesh, naive.FRONT, outputs="linear").linear
+        mesh.material = rj.Material("unlit", base_color_texture=rj.Texture([[0.5]]))
+        second = renderer.render(mesh, naive.FRONT, outputs="linear").linear
+    assert (first[0, 0, 0], second[0, 0, 0]) == (0.25, 0.5)
+
+
+# Nothing leaves a texture
+
+ANY_FLOAT = st.floats(allow_nan=True, allow_infinity=True, width=64)
+ANY_SIZE = st.integers(1, 70)
+ANY_WRAPS = st.tuples(*[st.sampled_from(sorted(WRAPS.values()))] * 2)
+
+
+@settings(max_examples=300, deadline=None)
+@given(u=ANY_FLOAT, v=ANY_FLOAT, size=st.tuples(ANY_SIZE, ANY_SIZE), wraps=ANY_WRAPS)
+def test_any_coordinate_reads_a_texel_of_its_level(u, v, size, wraps):
+    first, (width, height) = 1000, size
+    level = (first, width, height)
+    texels = [texturing.nearest_texel(level, u, v, wraps)]
+    *taps, right, up = texturing.surrounding_texels(level, u, v, wraps)
+    assert all(first <= n < first + width * height for n in texels + taps)
+    assert 0.0 <= right < 1.0
+    assert 0.0 <= up < 1.0
+
+
+@settings(max_examples=300, deadline=None)
+@given(i=st.integers(-(2**40), 2**40), size=ANY_SIZE, wrap=st.sampled_from(sorted(WRAPS)))
+def test_any_number_wraps_as_the_twin(i, size, wrap):
+    assert texturing.wrap_index(i, size, WRAPS[wrap]) == naive.wrapped(i, size, wrap)
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    corners=st.lists(
+        st.tuples(*[st.floats(-(2.0**127), 2.0**127, width=32)] * 2),
+        min_size=4, max_size=4,
+    ),
+    kind=st.sampled_from(FILTERS),
+    wrap=st.sampled_from(sorted(WRAPS)),
+)  # fmt: skip
+def test_any_coordinates_show_a_mix_of_texels(corners, kind, wrap):
+    image = np.float32([[0.25, 0.75, 0.5], [0.5, 0.25, 0.75]])
+    shown = draw(square(rj.Texture(image, wrap=wrap, filter=kind), corners), (7, 5))[..., 0]
+    assert (shown >= 0.25 - MIX_ROUNDINGS).all()
+    assert (shown <= 0.75 + MIX_ROUNDINGS).all()
+    if kind == "nearest":
+        assert set(np.unique(shown)) <= {0.25, 0.5, 0.75}
+
+
+def test_a_step_of_any_length_has_a_finite_level_of_detail():
+    for squared in (0.0, 0.5, 1.0, 1e-300, 1e300, math.inf, -math.inf, math.nan):
+        assert 0.0 <= texturing.level_of_detail(squared) < 64.0
+    assert texturing.level_of_detail(4.0) == 1.0
+
+
+@pytest.mark.parametrize(
+    ("detail", "count", "levels"),
+    [
+        (0.0, 9, (0, 0.0)), (0.25, 9, (0, 0.25)), (7.5, 9, (7, 0.5)), (8.0, 9, (8, 0.0)),
+        (8.5, 9, (8, 0.0)), (63.0, 9, (8, 0.0)), (0.5, 1, (0, 0.0)),
+    ],
+)  # fmt: skip
+def test_the_coarsest_level_has_none_behind_it(detail, count, levels):
+    assert texturing.split_detail(np.float32(detail), count) == levels
