@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.io.left_out import LeftOut
+from rasterjit.io.trimesh_textures import gltf_samplers
 from rasterjit.scene.camera import OrthographicCamera, PerspectiveCamera
 from rasterjit.scene.light import DirectionalLight, Light, PointLight
 from rasterjit.transforms import compose
@@ -44,6 +45,8 @@ class GltfExtras:
         Names of the materials to show without light.
     parent_from_node : dict of str to (4, 4) float64
         Every node's own transform, by the name that trimesh gives it.
+    samplers : dict of str or None to dict
+        How materials sample their base colour, by name.
     """
 
     def __init__(self, header: dict[str, Any], left_out: LeftOut) -> None:
@@ -51,6 +54,7 @@ class GltfExtras:
         self.lights: list[Light] = []
         self.unlit: set[str | None] = _unlit_names(header.get("materials", []))
         self.parent_from_node = _named_transforms(header.get("nodes", []))
+        self.samplers = gltf_samplers(header, left_out)
         cameras = header.get("cameras", [])
         lights = header.get("extensions", {}).get(_LIGHTS, {}).get("lights", [])
         for node, world_from_node in _walk(header):

@@ -21,7 +21,7 @@ class LeftOut:
         self._counts: Counter[str] = Counter()
 
     def note(self, what: str, count: int = 1) -> None:
-        """Add ``count`` things of a kind, such as ``"texture image"``."""
+        """Add ``count`` things of a kind, such as ``"further camera"``."""
         self._counts[what] += count
 
     def __str__(self) -> str:

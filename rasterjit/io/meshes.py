@@ -37,7 +37,7 @@ def load(
 
     Faces keep the file's order; polygons are triangulated. The scene has one `Mesh` for each mesh
     of the file and one node for each place where it stands, with vertex and face colours, uv,
-    materials, lights and camera as far as the file has them.
+    materials with base-colour textures, lights and camera as far as the file has them.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ def load(
     Warns
     -----
     LoadWarning
-        Once, naming what the file has and the scene has not, such as texture images.
+        Once, naming what the file has and the scene has not, such as normal maps.
     """
     bounded_number("crease_angle", crease_angle, 0.0, 180.0)
     file = _checked_path(path)

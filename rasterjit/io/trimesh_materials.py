@@ -8,15 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.io.left_out import LeftOut
+from rasterjit.io.trimesh_textures import TextureReader
 from rasterjit.scene.color import srgb_to_linear
 from rasterjit.scene.material import Material
+from rasterjit.scene.texture import Texture
 
 _TRIMESH_GREY = (102, 102, 102, 255)
 """The colour that trimesh gives a material whose file names none."""
 
-_TEXTURES = (
-    "image",
-    "baseColorTexture",
+_UNREAD_TEXTURES = (
     "metallicRoughnessTexture",
     "normalTexture",
     "occlusionTexture",
@@ -30,7 +30,11 @@ _MOST_SHININESS = 1000.0
 
 
 def material_from_trimesh(
-    material: Any, linear_bytes: bool, unlit: set[str | None], left_out: LeftOut
+    material: Any,
+    linear_bytes: bool,
+    unlit: set[str | None],
+    left_out: LeftOut,
+    textures: TextureReader | None = None,
 ) -> Material | None:
     """
     Translate a material as trimesh read it.
@@ -43,7 +47,10 @@ def material_from_trimesh(
     unlit : set of str or None
         Names of the materials to show without light.
     left_out : LeftOut
-        Notes texture images, transparency and emission, which are not shown.
+        Notes texture images of other kinds than base colour, transparency and emission, which are
+        not shown.
+    textures : TextureReader, optional
+        Reads the base-colour textures; default: one that knows of no samplers.
 
     Returns
     -------
@@ -51,14 +58,17 @@ def material_from_trimesh(
         None for a kind that says nothing.
     """
     kind = type(material).__name__
-    images = [getattr(material, name, None) for name in _TEXTURES]
-    left_out_images = sum(image is not None and not _is_placeholder(image) for image in images)
+    images = [getattr(material, name, None) for name in _UNREAD_TEXTURES]
+    left_out_images = sum(image is not None for image in images)
     if left_out_images:
         left_out.note("texture image", left_out_images)
+    textures = TextureReader({}, left_out) if textures is None else textures
     if kind == "SimpleMaterial":
-        return _from_simple(material, left_out)
+        texture = textures.read(material.image, material.name)
+        return _from_simple(material, texture, left_out)
     if kind == "PBRMaterial":
-        return _from_pbr(material, linear_bytes, unlit, left_out)
+        texture = textures.read(material.baseColorTexture, material.name)
+        return _from_pbr(material, texture, linear_bytes, unlit, left_out)
     left_out.note(kind)
     return None
 
@@ -107,16 +117,7 @@ def colors_from_trimesh(
     return rgba
 
 
-def _is_placeholder(image: Any) -> bool:
-    """Tell trimesh's stand-in for a missing image, 2×2 pixels of one colour, from a real one."""
-    try:
-        pixels = np.asarray(image)
-    except (OSError, SyntaxError):
-        return False  # A broken image; it is left out like any other.
-    return pixels.shape[:2] == (2, 2) and bool((pixels == pixels[0, 0]).all())
-
-
-def _from_simple(material: Any, left_out: LeftOut) -> Material:
+def _from_simple(material: Any, texture: Texture | None, left_out: LeftOut) -> Material:
     """
     Translate an OBJ-style material.
 
@@ -125,7 +126,7 @@ def _from_simple(material: Any, left_out: LeftOut) -> Material:
     engine's defaults.
     """
     said = material.kwargs
-    default = Material()
+    default = Material(base_color_texture=texture)
     color = default.base_color
     if "kd" in said or tuple(material.diffuse) != _TRIMESH_GREY:
         rgb = srgb_to_linear(np.asarray(material.diffuse, dtype=np.uint8)[:3])
@@ -133,6 +134,8 @@ def _from_simple(material: Any, left_out: LeftOut) -> Material:
     opacity = _opacity(said)
     if opacity < 1.0 or color[3] < 1.0:
         left_out.note("transparency of a material")
+    if texture is not None and not texture.is_opaque:
+        left_out.note("transparency of a texture image")
     specular, shininess = default.specular, default.shininess
     if "ks" in said:
         ks = np.asarray(material.specular, dtype=np.uint8)[:3]
@@ -147,6 +150,7 @@ def _from_simple(material: Any, left_out: LeftOut) -> Material:
         specular=specular,
         shininess=shininess,
         name=material.name,
+        base_color_texture=texture,
     )
 
 
@@ -163,7 +167,11 @@ def _opacity(said: dict[str, Any]) -> float:
 
 
 def _from_pbr(
-    material: Any, linear_bytes: bool, unlit: set[str | None], left_out: LeftOut
+    material: Any,
+    texture: Texture | None,
+    linear_bytes: bool,
+    unlit: set[str | None],
+    left_out: LeftOut,
 ) -> Material:
     """
     Translate a metallic-roughness material to Blinn-Phong.
@@ -208,4 +216,5 @@ def _from_pbr(
         specular=min(1.0, max(0.0, reflectance) * (shininess + 8.0) / 8.0),
         shininess=shininess,
         name=material.name,
+        base_color_texture=texture,
     )

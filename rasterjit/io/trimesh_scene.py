@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 from rasterjit.io.gltf import GltfExtras
 from rasterjit.io.left_out import LeftOut, MeshFileError
 from rasterjit.io.trimesh_materials import colors_from_trimesh, material_from_trimesh
+from rasterjit.io.trimesh_textures import TextureReader
 from rasterjit.scene.camera import PerspectiveCamera
 from rasterjit.scene.light import DirectionalLight, PointLight
 from rasterjit.scene.material import Material
@@ -66,6 +68,7 @@ class TrimeshAdapter:
         self.crease_angle = crease_angle
         self.left_out = left_out
         self.extras = extras
+        self.textures = TextureReader({} if extras is None else extras.samplers, left_out)
         self.materials: dict[int, Material | None] = {}
         self.from_file = from_file
 
@@ -148,6 +151,9 @@ class TrimeshAdapter:
             # A material made in memory is linear, as trimesh documents it.
             material = self._material(geometry.visual.material, source in (None, *GLTF_FORMATS))
             uv = self._finite_rows("uv", geometry.visual.uv, (len(geometry.vertices), 2))
+            if uv is None and material is not None and material.base_color_texture is not None:
+                self.left_out.note("texture image without texture coordinates")
+                material = replace(material, base_color_texture=None)
         normals = self._own_normals(geometry)
         try:
             mesh = Mesh(
@@ -168,7 +174,7 @@ class TrimeshAdapter:
         if id(material) not in self.materials:
             unlit = set() if self.extras is None else self.extras.unlit
             self.materials[id(material)] = material_from_trimesh(
-                material, linear_bytes, unlit, self.left_out
+                material, linear_bytes, unlit, self.left_out, self.textures
             )
         return self.materials[id(material)]
 

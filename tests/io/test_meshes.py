@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 import trimesh
 from opengl import optional_module
-from PIL import Image
 
 from rasterjit.io.left_out import LeftOut
 from rasterjit.io.meshes import LoadWarning, MeshFileError, as_scene, from_trimesh, load
@@ -168,18 +167,6 @@ def test_a_transparent_mtl_keeps_its_opacity_and_says_so(tmp_path):
     with pytest.warns(LoadWarning, match=r"transparency of a material \(1\)"):
         scene = load(write(tmp_path / "a.obj", text))
     assert only_mesh(scene).material.base_color == (1.0, 1.0, 1.0, 0.25)
-
-
-def test_texture_images_are_left_out_by_name_once_and_uv_stays(tmp_path):
-    Image.new("RGB", (4, 4), "red").save(tmp_path / "skin.png")
-    write(tmp_path / "a.mtl", "newmtl skin\nmap_Kd skin.png\n")
-    text = OBJ_SQUARE + "vt 0 0\nvt 1 0\nvt 1 1\nmtllib a.mtl\nusemtl skin\nf 1/1 2/2 3/3\n"
-    with pytest.warns(LoadWarning, match=r"a\.obj: left out texture image \(1\); the rest") as said:
-        mesh = only_mesh(load(write(tmp_path / "a.obj", text)))
-    assert len(said) == 1
-    assert said[0].filename == __file__
-    assert mesh.uv[mesh.faces[0]].tolist() == [[0, 0], [1, 0], [1, 1]]
-    assert mesh.material == Material(name="skin")
 
 
 def test_a_point_cloud_beside_meshes_is_left_out_by_name(tmp_path):
