@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -124,3 +126,21 @@ def image_size(name: str, value: Any) -> tuple[int, int]:
     if not whole or not all(1 <= side <= MAX_SIZE for side in sides):
         raise ValueError(f"{name} must be two whole numbers in 1..{MAX_SIZE}, got {value!r}")
     return sides
+
+
+def existing_file(name: str, value: Any) -> Path:
+    """Return the path of a file that exists and is not empty, or raise ``ValueError``."""
+    if not isinstance(value, (str, os.PathLike)):
+        raise ValueError(f"{name} must be a file name, got {value!r}")
+    shown = os.fspath(value)
+    try:
+        file = Path(value).expanduser()
+        if file.is_dir():
+            raise ValueError(f"{name} must be a file, but {shown!r} is a folder")
+        if not file.is_file():
+            raise ValueError(f"{name} must be a file, but {shown!r} does not exist")
+        if file.stat().st_size == 0:
+            raise ValueError(f"{name} must be a file with content, but {shown!r} is empty")
+    except (OSError, RuntimeError) as error:
+        raise ValueError(f"{name} must be a file, but {shown!r} can not be: {error}") from None
+    return file

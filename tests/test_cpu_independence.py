@@ -170,6 +170,7 @@ ALLOWED = {
     ("kernels/lighting.py", "log2"): "our own polynomial, of IEEE operations alone",
     ("kernels/lighting.py", "exp2"): "our own polynomial, of IEEE operations alone",
     ("kernels/lighting.py", "power"): "our own, of the two above",
+    ("kernels/texturing.py", "log2"): "that of kernels/lighting.py",
     ("kernels/resolve.py", "**"): "whole numbers of Python, without bound",
     ("stages.py", "sum"): "whole numbers: counts of triangles",
     ("scene/mesh.py", "sum"): "whole numbers: counts for a message",

@@ -13,7 +13,7 @@ from rasterjit.io.left_out import LeftOut, LoadWarning, MeshFileError
 from rasterjit.io.trimesh_scene import GLTF_FORMATS, TrimeshAdapter
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.scene import Scene
-from rasterjit.validation import bounded_number
+from rasterjit.validation import bounded_number, existing_file
 
 if TYPE_CHECKING:
     import trimesh
@@ -165,16 +165,10 @@ def _is_trimesh(what: Any) -> bool:
 
 def _checked_path(path: str | os.PathLike[str]) -> Path:
     """Return the path of an existing file, or raise `MeshFileError`."""
-    if not isinstance(path, (str, os.PathLike)):
-        raise MeshFileError(f"path must be a file name, got {type(path).__name__}")
-    file = Path(path).expanduser()
-    if file.is_dir():
-        raise MeshFileError(f"{file} is a folder, not a mesh file")
-    if not file.is_file():
-        raise MeshFileError(f"{file} does not exist")
-    if file.stat().st_size == 0:
-        raise MeshFileError(f"{file} is empty")
-    return file
+    try:
+        return existing_file("path", path)
+    except ValueError as error:
+        raise MeshFileError(str(error)) from None
 
 
 def _extension(file: Path) -> str:

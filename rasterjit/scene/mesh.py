@@ -13,6 +13,8 @@ from rasterjit.scene.normals import crease_normals, safe_scale, smooth_normals, 
 from rasterjit.validation import finite_number, one_of
 
 _CHUNK = 1 << 18
+
+_LARGEST_FLOAT32 = float(np.finfo(np.float32).max)
 """Vertices looked at at once where a temporary of the whole mesh would cost memory."""
 
 
@@ -78,8 +80,7 @@ class Mesh:
             self._normals = _frozen(_normal_array(normals, len(self._vertices)))
         self._uv: NDArray[np.float32] | None = None
         if uv is not None:
-            rows = _vertex_rows("uv", uv, (len(self._vertices), 2))
-            self._uv = _frozen(np.array(rows, dtype=np.float32, order="C"))
+            self._uv = _frozen(_uv_array(uv, len(self._vertices)))
         if material is None:
             material = Material() if colors is None else Material(base_color="white")
         self.material = material
@@ -317,6 +318,15 @@ def _vertex_rows(name: str, value: ArrayLike, shape: tuple[int, int]) -> NDArray
         count = int((~np.isfinite(array).all(axis=1)).sum())
         raise ValueError(f"{name} must be finite, got {count} rows with NaN or infinity")
     return array
+
+
+def _uv_array(value: ArrayLike, vertex_count: int) -> NDArray[np.float32]:
+    """Return texture coordinates as (V, 2) float32, or raise ``ValueError``."""
+    array = _vertex_rows("uv", value, (vertex_count, 2))
+    largest = max(-float(array.min()), float(array.max()))
+    if largest > _LARGEST_FLOAT32:
+        raise ValueError(f"uv must fit float32, got {largest!r} in size")
+    return np.array(array, dtype=np.float32, order="C")
 
 
 def _normal_array(value: ArrayLike, vertex_count: int) -> NDArray[np.float32]:

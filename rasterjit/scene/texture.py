@@ -5,14 +5,13 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass, field
 from functools import cache, cached_property
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.scene.color import srgb_to_linear
-from rasterjit.validation import one_of
+from rasterjit.validation import existing_file, one_of
 
 WRAPS = ("repeat", "clamp", "mirror")
 """What lies outside 0..1: the picture again; its border texels; the picture, turned every time."""
@@ -107,15 +106,15 @@ class Texture:
         """
         import imageio.v3 as iio
 
-        file = Path(path).expanduser()
-        if not file.is_file():
-            raise ValueError(f"path must be a picture, but {file} does not exist")
+        file = existing_file("path", path)
         try:
             mode = iio.immeta(file, index=0, plugin="pillow").get("mode")
             options = {"mode": "RGBA"} if mode in _CONVERTED_MODES else {}
             pixels = iio.imread(file, index=0, plugin="pillow", **options)
         except (OSError, SyntaxError, ValueError) as error:
-            raise ValueError(f"{file} could not be read as a picture: {error}") from error
+            raise ValueError(
+                f"path must be a picture, but {str(file)!r} is not: {error}"
+            ) from error
         if mode == "I":
             # Pillow's name for 16-bit grey in 32-bit integers.
             pixels = np.clip(pixels, 0, 65535).astype(np.uint16)

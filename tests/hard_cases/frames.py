@@ -219,9 +219,27 @@ def gltf_scene() -> Shot:
     return Shot(scene, scene.camera, (160, 120), (*EVERYTHING, "uv"))
 
 
-def pyramid() -> Shot:
-    scene = loaded("pyramid.off")
-    return Shot(scene, rj.fit_camera(scene, rj.orbit_direction(200.0, 25.0), zoom=0.75), (96, 64))
+def textures() -> Shot:
+    picture = rainbow(13 * 6).reshape(6, 13, 3)
+    shadings = ("unlit", "flat", "gouraud", "phong", "phong")
+    wraps = ("repeat", "clamp", "mirror", ("repeat", "mirror"), "repeat")
+    filters = ("trilinear", "nearest", "bilinear", "trilinear", "nearest")
+    scene = rj.Scene()
+    scene.lights = LIGHTS
+    for n, (shading, wrap, kind) in enumerate(zip(shadings, wraps, filters, strict=True)):
+        texture = rj.Texture(picture, wrap=wrap, filter=kind)
+        strip = plane(3, 1.0)
+        mesh = rj.Mesh(
+            strip.vertices, strip.faces, uv=(strip.uv - 0.3) * (2.5, -7.0),
+            colors=rainbow(len(strip.vertices)) if n == 4 else None,
+            material=rj.Material(shading, base_color_texture=texture),
+        )  # fmt: skip
+        place = rj.transforms.translate((2.1 * (n - 2), 0.0, 0.0))
+        scene.add(mesh, rj.transforms.compose(place, rj.transforms.scale((1.0, 1.0, 9.0))))
+    scene.add(ball(3), rj.transforms.translate((0.0, 1.0, -6.0)))
+    # The strips pass below the eye, cut by the near plane.
+    camera = looking((0.5, 1.5, 4.0), (0.2, 0.0, -2.0), fov_y=75.0)
+    return Shot(scene, camera, outputs=(*EVERYTHING, "uv"))
 
 
 def cube() -> Shot:
@@ -435,7 +453,7 @@ def filled_triangles() -> Canvas:
 FRAMES: dict[str, Callable[[], Shot | Soup | Canvas]] = {
     make.__name__: make
     for make in (
-        teapot, torus_knot, gltf_scene, pyramid, cube, unlit_vertex_colours, flat_face_colours,
+        teapot, torus_knot, gltf_scene, textures, cube, unlit_vertex_colours, flat_face_colours,
         gouraud_vertex_colours, phong_highlights, all_shadings, light_near_surface,
         wireframe_overlay, wireframe_only, wireframe_clipped, culled_back,
         culled_front_and_mirrored, parallel, mirroring_matrices, intrinsics,

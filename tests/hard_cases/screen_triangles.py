@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import naive
 import numpy as np
+import screen
 
 import rasterjit as rj
 from rasterjit import oracle, stages
@@ -34,9 +35,8 @@ def fan(hub, ring, *, closed):
 
 def draw(points, faces, size, bits=8, **options):
     """Rasterize faces of screen points; sizes are powers of two."""
-    positions = naive.clip_from_screen(dyadic(points), size)
     quality = rj.Quality(subpixel_bits=bits)
-    return rj.rasterize(positions, faces, size, quality=quality, threads=1, **options)
+    return screen.draw(dyadic(points), faces, size, quality=quality, **options)
 
 
 def pixels_of(face_id, face=0):

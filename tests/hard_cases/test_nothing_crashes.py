@@ -20,6 +20,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import rasterjit as rj
+from rasterjit.scene.texture import FILTERS, WRAPS
 
 pytestmark = pytest.mark.usefixtures("hang_is_a_failure")
 
@@ -140,9 +141,25 @@ def test_lights_and_materials_take_or_refuse_anything(numbers, vector, name):
     attempt(rj.Material, shading=name)
     attempt(rj.Material, base_color=a, specular=b)
     attempt(rj.Material, shininess=c)
+    attempt(rj.Material, base_color_texture=a)
     attempt(rj.Wireframe, color=a)
     attempt(rj.Wireframe, mode=name)
     attempt(rj.Quality, a)
+
+
+@few(80)
+@given(
+    image=st.one_of(anything, rows(2, 3, wild), rows(3, 1)), wrap=st.one_of(anything, names),
+    filter=st.one_of(anything, names), whole=whole,
+    path=st.one_of(st.text(max_size=4), st.sampled_from(["~nobody", "x" * 5000, "/", 7, None])),
+)  # fmt: skip
+def test_textures_and_paths_take_or_refuse_anything(image, wrap, filter, whole, path):
+    attempt(rj.Texture, image)
+    attempt(rj.Texture, image, wrap=wrap)
+    attempt(rj.Texture, [[0.5]], filter=filter)
+    attempt(rj.Texture, [[[whole]]])
+    attempt(rj.Texture.from_file, path)
+    attempt(rj.load, path)
 
 
 def use_camera(camera, size=(7, 5)):
@@ -227,13 +244,20 @@ cameras = st.sampled_from([
     shading=st.sampled_from(["unlit", "flat", "gouraud", "phong"]), threads=st.sampled_from([1, 3]),
     light=st.one_of(st.none(), st.tuples(usually_tame, usually_tame, usually_tame, wild)),
     specular=st.sampled_from([0.0, 0.5, 1e6]), shininess=st.sampled_from([1e-6, 5.0, 1e6]),
+    picture=st.one_of(st.none(), st.tuples(
+        st.sampled_from([(1, 1), (2, 3), (9, 5)]), st.sampled_from(FILTERS), st.sampled_from(WRAPS)
+    )), uv=rows(7, 2, st.one_of(usually_tame, st.floats(width=32))),
 )  # fmt: skip
 def test_whatever_is_rendered_keeps_the_invariants(
     vertices, faces, transform, camera, size, bits, cull, wire, shading, threads, light, specular,
-    shininess,
+    shininess, picture, uv,
 ):  # fmt: skip
-    material = rj.Material(shading, "#80c0f0", specular=specular, shininess=shininess)
-    mesh = attempt(rj.Mesh, vertices, faces, on_invalid="drop", material=material)
+    look = {"specular": specular, "shininess": shininess}
+    if picture is not None:
+        shape, kind, wrap = picture
+        look["base_color_texture"] = rj.Texture(np.full(shape, 0.75), wrap=wrap, filter=kind)
+    material = rj.Material(shading, "#80c0f0", **look)
+    mesh = attempt(rj.Mesh, vertices, faces, uv=uv, on_invalid="drop", material=material)
     if mesh is None:
         return
     scene = rj.Scene()

@@ -319,13 +319,13 @@ def test_a_glb_header_is_read_as_well(tmp_path):
 
 
 def test_a_missing_file_a_folder_and_an_empty_file_are_named(tmp_path):
-    with pytest.raises(MeshFileError, match=r"none\.obj does not exist"):
+    with pytest.raises(MeshFileError, match=r"none\.obj' does not exist"):
         load(tmp_path / "none.obj")
-    with pytest.raises(MeshFileError, match="is a folder, not a mesh file"):
+    with pytest.raises(MeshFileError, match="is a folder"):
         load(tmp_path)
-    with pytest.raises(MeshFileError, match=r"a\.stl is empty"):
+    with pytest.raises(MeshFileError, match=r"a\.stl' is empty"):
         load(write(tmp_path / "a.stl", ""))
-    with pytest.raises(MeshFileError, match="path must be a file name, got int"):
+    with pytest.raises(MeshFileError, match="path must be a file name, got 3"):
         load(3)
 
 

@@ -177,6 +177,7 @@ def test_bad_vertices_are_refused_by_name(vertices, message):
         ({"normals": np.full((4, 3), np.nan)}, "normals must be finite, got 4 rows"),
         ({"uv": np.ones((4, 3))}, r"uv must have shape \(4, 2\), got \(4, 3\)"),
         ({"uv": np.full((4, 2), np.inf)}, "uv must be finite"),
+        ({"uv": np.full((4, 2), -4e38)}, r"uv must fit float32, got 4e\+38"),
         ({"material": "red"}, "material must be a Material, got 'red'"),
         ({"on_invalid": "fix"}, "on_invalid must be one of 'raise', 'drop'"),
     ],
