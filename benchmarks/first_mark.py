@@ -28,6 +28,9 @@ EXACTNESS_COST = 1.10
 """How many times as long as with float edges being exact may take."""
 EXACT_AND_FLOAT = ("rasterjit", "float_edges")
 
+EXACTNESS_ROUNDS = 5
+"""Times as many rounds as for other rows: a few percent want more of them than a factor does."""
+
 STARTUP_ROUNDS = 5
 
 
@@ -167,7 +170,7 @@ def exactness(options: Options) -> list[Row]:
         ("exact coverage, 20 quads front to back", "fill_front_to_back"),
     ):
         entries = [Entry(key, scene, n) for n in options.threads for key in EXACT_AND_FLOAT]
-        runs = measure(entries, options.rounds)
+        runs = measure(entries, EXACTNESS_ROUNDS * options.rounds, awake=True)
         notes = check_pictures(runs, runs[0], TRIANGLE_AGREEMENT)
         rows = rows_of(what, runs, notes)
         for row in rows:

@@ -91,17 +91,21 @@ def package_environment(changes: dict[str, str]) -> dict[str, str]:
     return {**os.environ, "PYTHONPATH": os.pathsep.join(paths), **changes}
 
 
-def measure(entries: Sequence[Entry], rounds: int) -> list[Run]:
+def measure(entries: Sequence[Entry], rounds: int, *, awake: bool = False) -> list[Run]:
     """
     Return a run for each entry, timed in turns: all of them once, then all of them again.
 
-    What disturbs the machine so falls on all of them. Compiling and warming up come before.
+    What disturbs the machine so falls on all of them. Compiling and warming up come before. If
+    ``awake``, each turn draws twice and the second is timed: a second core that slept while the
+    entry before had one thread is slow to start, and that is not the work of the entry behind.
     """
     runs = [Run(entry, contestant(entry.contestant).available()) for entry in entries]
     present = [run for run in runs if run.missing is None]
     with tempfile.TemporaryDirectory() as folder, open_workers(present, Path(folder)) as workers:
         for _ in range(rounds):
             for run, worker in zip(present, workers, strict=True):
+                if awake:
+                    worker.ask("draw")
                 answer = worker.ask("draw")
                 run.seconds.append(answer["total"])
                 run.draw_seconds.append(answer["draw"])

@@ -3,8 +3,8 @@ RasterJIT's own stages without what makes them exact and repeatable, to see what
 
 Vertices are not snapped, edge functions are floats of the unsnapped positions without a top-left
 rule, and triangles are listed in the order in which threads finish: shared edges crack or are drawn
-twice, and ties fall as they may. Transform, outcodes, lists for tiles, the depth plane and the
-depth test are those of ``rasterjit``. For scenes that need no clipping.
+twice, and ties fall as they may. Transform, outcodes, culling, totals, lists for tiles, the depth
+plane and the depth test are those of ``rasterjit``. For scenes that need no clipping.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ def last_centre(coordinate):
 
 
 @stage
-def survey_triangle(v0, v1, v2, xy, viewport):
+def survey_triangle(v0, v1, v2, xy, viewport, culled_turn):
     """Decide whether a triangle can cover a sample; return that and its tile box."""
     x0, y0, x1, y1, x2, y2 = xy[v0, 0], xy[v0, 1], xy[v1, 0], xy[v1, 1], xy[v2, 0], xy[v2, 1]
     left = max(first_centre(min(x0, min(x1, x2))), np.int64(0))
@@ -84,23 +84,37 @@ def survey_triangle(v0, v1, v2, xy, viewport):
     top = max(first_centre(min(y0, min(y1, y2))), np.int64(0))
     bottom = min(last_centre(max(y0, max(y1, y2))), np.int64(viewport.height - 1))
     area = setup.edge(x0, y0, x1, y1, x2, y2)
+    zero = np.float32(0.0)
     outcome = setup.UNSAMPLED if (left > right) | (top > bottom) else setup.SURVIVES
-    if area == np.float32(0.0):
+    if ((area > zero) & (culled_turn > 0)) | ((area < zero) & (culled_turn < 0)):
+        outcome = setup.CULLED
+    if area == zero:
         outcome = setup.DEGENERATE
     bits = setup.TILE_BITS
     return outcome, (left >> bits, top >> bits, right >> bits, bottom >> bits)
 
 
 @compiled
-def set_up_triangles(face_range, faces, codes, xy, viewport, survivors, columns, tile_counts):
+def set_up_triangles(face_range, faces, objects, codes, xy, viewport, survivors, counts):
     """List the faces of a range that can cover a sample; return the end of the list."""
+    columns, tile_counts, totals = counts
     end = face_range[0]
+    owner = np.searchsorted(objects.face_starts, face_range[0], side="right") - 1
     for face in range(face_range[0], face_range[1]):
+        while face >= objects.face_starts[owner + 1]:
+            owner += 1
         a, b, c = setup.corners_of(faces, np.uintp(face))
-        if codes[a] & codes[b] & codes[c] & setup.FRUSTUM:
+        if (codes[a] | codes[b] | codes[c]) & setup.INVALID:
+            totals[setup.DROPPED] += 1
             continue
-        outcome, box = survey_triangle(a, b, c, xy, viewport)
+        if codes[a] & codes[b] & codes[c] & setup.FRUSTUM:
+            totals[setup.OUTSIDE] += 1
+            continue
+        first = end
+        outcome, box = survey_triangle(a, b, c, xy, viewport, objects.culled_turns[owner])
         end = setup.list_survivor(face, outcome, box, end, survivors, columns, tile_counts)
+        if end == first:
+            totals[outcome] += 1
     return end
 
 
@@ -251,8 +265,9 @@ class FloatTriangles(Triangles):
         )  # fmt: skip
         screen = self._project(clip_positions)
         starts, binned = self._set_up_and_bin(screen)
-        self._depth = np.empty(self._size[::-1], np.float32)
-        self._face_id = np.empty(self._size[::-1], np.int32)
+        # What was drawn lives until the next is done, as it does in the stages it is compared with:
+        # memory that is given back has to be fetched from the system again, page by page.
+        frame = np.empty(self._size[::-1], np.float32), np.empty(self._size[::-1], np.int32)
         xy, depth, _ = screen
         tiles = np.arange(len(starts) - 1, dtype=np.int32)
         per_task = stages.TILES_PER_TASK if workers.threads > 1 else len(tiles)
@@ -260,10 +275,10 @@ class FloatTriangles(Triangles):
         def draw_some(some: NDArray[np.int32]) -> None:
             shape = visibility.SCRATCH_SHAPE
             scratch = np.empty(shape, np.float32), np.empty(shape, np.int32)
-            frame = self._depth, self._face_id
             draw_tiles(some, starts, binned, self._faces, xy, depth, viewport, frame, scratch)
 
         workers.run(draw_some, [(tiles[n : n + per_task],) for n in range(0, len(tiles), per_task)])
+        self._drawn = *frame, screen
 
     def _project(self, clip_positions: NDArray[np.float64]) -> tuple[NDArray[Any], ...]:
         count, step = len(clip_positions), self._stages.VERTICES_PER_TASK
@@ -296,8 +311,9 @@ class FloatTriangles(Triangles):
             last = min(first + self._stages.FACES_PER_TASK, len(faces))
             counts = np.zeros(tiles, np.int32)
             end = set_up_triangles(
-                (first, last), faces, codes, xy, viewport, (triangles, boxes), columns, counts
-            )
+                (first, last), faces, self._objects, codes, xy, viewport, (triangles, boxes),
+                (columns, counts, np.zeros(5, np.int64)),
+            )  # fmt: skip
             finished.append((first, end, counts))
 
         firsts = range(0, len(faces), self._stages.FACES_PER_TASK)
@@ -317,8 +333,9 @@ class FloatTriangles(Triangles):
 
     def read(self) -> dict[str, NDArray[Any]]:
         """Return the face at every pixel; it is a NumPy array already."""
-        return {"face_id": self._face_id}
+        return {"face_id": self._drawn[1]}
 
     def picture(self) -> dict[str, NDArray[Any]]:
         """Return what is compared."""
-        return {"covered": self._face_id >= 0, "face_id": self._face_id}
+        face_id = self._drawn[1]
+        return {"covered": face_id >= 0, "face_id": face_id}
