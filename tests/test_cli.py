@@ -552,24 +552,12 @@ print(sum(len(kernel.stats.cache_hits) for kernel in KERNELS) > 5)
 
 def test_after_a_warmup_another_process_compiles_nothing(tmp_path, monkeypatch):
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
-    steps = ("all buffers", "clipping", "phong, shiny, plain")
+    steps = ("all buffers", "clipping", "phong, shiny, plain", "diagnostics")
     code = f"from rasterjit.warmup import steps\n[s.run() for s in steps() if s.name in {steps}]"
     subprocess.run([sys.executable, "-c", code], check=True, cwd=MODELS.parent)
-    inside = ("--position", "0,0,0", "--target", "0,0,1")
-    arguments = ("render", KNOT, "-o", str(tmp_path / "a.npz"), "--outputs", ",".join(OUTPUTS))
-    done = subprocess.run(
-        [sys.executable, "-c", NEXT_PROCESS, *arguments, *SMALL, *inside],
-        capture_output=True, text=True, check=True, cwd=MODELS.parent,
-    )  # fmt: skip
-    assert done.stdout == "[]\nTrue\n"
-
-
-def test_a_warmup_compiles_what_diagnose_and_explain_pixel_need(tmp_path, monkeypatch):
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
-    steps = ("diagnostics",)
-    code = f"from rasterjit.warmup import steps\n[s.run() for s in steps() if s.name in {steps}]"
-    subprocess.run([sys.executable, "-c", code], check=True, cwd=MODELS.parent)
+    inside = ("--position", "0,0,0", "--target", "0,0,1", "--outputs", ",".join(OUTPUTS))
     for arguments in (
+        ("render", KNOT, "-o", str(tmp_path / "a.npz"), *SMALL, *inside),
         ("render", KNOT, "-o", str(tmp_path / "a.png"), *SMALL, "--diagnose"),
         ("explain", KNOT, "--size", "48x36", "--pixel", "24,10"),
     ):
