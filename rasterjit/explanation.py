@@ -109,7 +109,9 @@ class LightTerms:
     shading: str
     """Shading model of the object's material."""
     base_color: NDArray[np.float32]
-    """(3,), linear: material times vertex or face colour."""
+    """(3,), linear: material times vertex or face colour times texture."""
+    texture: NDArray[np.float32] | None
+    """(3,), linear: what the texture shows here; None if the material has none."""
     ambient: NDArray[np.float32]
     """(3,), linear: ambient light on the base colour; zero if the material is unlit."""
     lights: tuple[LightTerm, ...]
@@ -253,6 +255,8 @@ def _color_table(pixel: PixelExplanation) -> Table:
         table.add_column(name, justify="right")
     light = pixel.light
     if light is not None:
+        if light.texture is not None:
+            table.add_row("texture", *_levels(light.texture))
         table.add_row(f"base colour ({light.shading})", *_levels(light.base_color))
         table.add_section()
         if light.shading != "unlit":

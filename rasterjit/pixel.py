@@ -19,6 +19,7 @@ from rasterjit.io.meshes import as_scene
 from rasterjit.kernels import resolve, setup, shading, visibility
 from rasterjit.kernels.records import Faces, Geometry, Lighting, Objects, Placement, Surface
 from rasterjit.plan import RenderPlan, SceneArrays
+from rasterjit.plan_textures import join_textures
 from rasterjit.render import choose_camera, placement_of, render
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.light import AmbientLight
@@ -324,14 +325,18 @@ def _light(drawn: _Drawn, x: int, y: int) -> tuple[LightTerms, NDArray[np.float3
     plan, lighting = drawn.plan, drawn.plan.lighting
     meshes = [node.mesh for node in drawn.scene.nodes]
     normals = planning.join_normals(meshes) if plan.needs_normals else None
-    surface = planning.join_surface(meshes, normals)
+    textures = join_textures(meshes) if plan.needs_textures else None
+    surface = planning.join_surface(meshes, normals)._replace(textures=textures)
     face = int(drawn.coverage.face_id[y, x])
     owner = int(np.searchsorted(drawn.arrays.face_starts, face, side="right")) - 1
-    model = meshes[owner].material.shading
+    material = meshes[owner].material
     linear = _shade(drawn, surface, lighting, x, y)
-    if lighting is None or model == "unlit":
+    texture = None
+    if material.base_color_texture is not None:
+        texture = _shade(drawn, _white(surface), lighting, x, y)[:3]
+    if lighting is None or material.shading == "unlit":
         zero = np.zeros(3, np.float32)
-        return LightTerms(model, linear[:3].copy(), zero, ()), linear
+        return LightTerms(material.shading, linear[:3].copy(), texture, zero, ()), linear
     # Let each light shine alone, on the colour without its highlight and on the highlight alone.
     matt, black = surface.materials.copy(), surface.materials.copy()
     matt[:, shading.MATERIAL_SPECULAR] = 0.0
@@ -346,7 +351,20 @@ def _light(drawn: _Drawn, x: int, y: int) -> tuple[LightTerms, NDArray[np.float3
         terms.append(LightTerm(name, diffuse, _shade(drawn, black_surface, alone, x, y)[:3]))
     base = _shade(drawn, surface, nothing._replace(ambient=white), x, y)[:3]
     ambient = _shade(drawn, surface, nothing, x, y)[:3]
-    return LightTerms(model, base, ambient, tuple(terms)), linear
+    return LightTerms(material.shading, base, texture, ambient, tuple(terms)), linear
+
+
+def _white(surface: Surface) -> Surface:
+    """Return a surface whose colours are white, unlit: what is seen is the texture."""
+    materials = surface.materials.copy()
+    materials[:, :4] = 1.0
+    materials[:, shading.MATERIAL_MODEL] = shading.UNLIT
+    colors = {
+        name: None if value is None else np.ones_like(value)
+        for name, value in surface._asdict().items()
+        if name in ("vertex_colors", "face_colors")
+    }
+    return surface._replace(materials=materials, **colors)
 
 
 def _light_names(scene: Scene) -> list[str]:
@@ -368,17 +386,28 @@ def _shade(
     face = int(drawn.coverage.face_id[y, x])
     owner = int(np.searchsorted(drawn.arrays.face_starts, face, side="right")) - 1
     if plan.needs_gouraud and lighting is not None:
-        lit = np.zeros((len(drawn.arrays.positions), 2, 3), np.float32)
-        if surface.materials[owner, shading.MATERIAL_MODEL] == shading.GOURAUD:
-            for vertex in drawn.arrays.faces[face].tolist():
-                vertices = (vertex, vertex + 1)
-                shading.light_vertices(vertices, owner, placement, surface, lighting, lit)
-        surface = surface._replace(lit_vertices=lit)
+        lit = _lit_vertices(drawn, surface, lighting, face, owner)
+        matt = None
+        if plan.needs_matt_light:
+            matt = _lit_vertices(drawn, surface, lighting._replace(highlights=None), face, owner)
+        surface = surface._replace(lit_vertices=lit, matt_vertices=matt)
     row = np.full((1, plan.size[0]), visibility.NOTHING, np.int32)
     row[0, x] = face
     linear = np.empty((1, plan.size[0], 4), np.float32)
     shading.shade_rows(row, y, geometry, placement, surface, lighting, plan.background, linear)
     return linear[0, x].copy()
+
+
+def _lit_vertices(
+    drawn: _Drawn, surface: Surface, lighting: Lighting, face: int, owner: int
+) -> NDArray[np.float32]:
+    """Light the vertices of one face, if its object is shaded by Gouraud; (V, 2, 3)."""
+    lit = np.zeros((len(drawn.arrays.positions), 2, 3), np.float32)
+    if surface.materials[owner, shading.MATERIAL_MODEL] == shading.GOURAUD:
+        for vertex in drawn.arrays.faces[face].tolist():
+            vertices = (vertex, vertex + 1)
+            shading.light_vertices(vertices, owner, drawn.placement, surface, lighting, lit)
+    return lit
 
 
 def _reasons(drawn: _Drawn, faces: tuple[FaceAtPixel, ...], x: int, y: int) -> tuple[str, ...]:

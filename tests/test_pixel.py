@@ -265,12 +265,20 @@ def test_a_sample_that_snapping_brought_onto_a_clipped_face_has_no_negative_weig
 # --- light ----------------------------------------------------------------------------------------
 
 
+def stripes(kind="nearest"):
+    """Return a texture of two colours, seen in rows of a 16th."""
+    rows = np.tile([[[1.0, 0.5, 0.25]], [[0.125, 0.5, 1.0]]], (8, 1, 1))
+    return rj.Texture(rows, filter=kind)
+
+
+@pytest.mark.parametrize("texture", [None, stripes()], ids=["plain", "textured"])
 @pytest.mark.parametrize("shading", ["flat", "gouraud", "phong"])
-def test_the_terms_of_light_add_up_to_the_colour(sphere, camera, shading):
+def test_the_terms_of_light_add_up_to_the_colour(sphere, camera, shading, texture):
     scene = rj.Scene()
     colors = np.random.default_rng(2).uniform(0.2, 1, (len(sphere.vertices), 3))
-    material = rj.Material(shading, "white", specular=0.7, shininess=5)
-    scene.add(rj.Mesh(sphere.vertices, sphere.faces, colors=colors, material=material))
+    material = rj.Material(shading, "white", specular=0.7, shininess=5, base_color_texture=texture)
+    uv = sphere.vertices[:, :2]
+    scene.add(rj.Mesh(sphere.vertices, sphere.faces, colors=colors, uv=uv, material=material))
     scene.lights = [
         rj.AmbientLight(intensity=0.2), rj.PointLight((2, 3, 2), color="red", intensity=2),
         rj.DirectionalLight((-1, 0, -1), color="green", intensity=0.4),
@@ -278,8 +286,11 @@ def test_the_terms_of_light_add_up_to_the_colour(sphere, camera, shading):
     frame = rj.render(scene, camera, size=SIZE, outputs=("face_id", "linear"), threads=1)
     shone = np.zeros(2)
     for y, x in np.argwhere(frame.face_id >= 0)[::97]:
-        light = rj.explain_pixel(scene, camera, SIZE, x, y).light
+        told = rj.explain_pixel(scene, camera, SIZE, x, y)
+        light = told.light
+        assert told.linear.tobytes() == frame.linear[y, x].tobytes()
         assert light.shading == shading
+        assert (light.texture is None) == (texture is None)
         assert [term.name for term in light.lights] == ["PointLight 1", "DirectionalLight 2"]
         total = light.ambient + sum(term.diffuse + term.specular for term in light.lights)
         np.testing.assert_allclose(total, frame.linear[y, x, :3], rtol=SUMMED)
@@ -290,6 +301,31 @@ def test_the_terms_of_light_add_up_to_the_colour(sphere, camera, shading):
             assert (term.specular[dark] == 0).all()
             shone[n] += term.specular.max()
     assert (shone > 0.0).all()
+
+
+@pytest.mark.parametrize("shading", ["unlit", "phong"])
+@pytest.mark.parametrize("kind", ["nearest", "trilinear"])
+def test_the_texture_is_told_apart(sphere, camera, shading, kind):
+    scene = rj.Scene()
+    material = rj.Material(shading, (0.5, 0.5, 1.0), base_color_texture=stripes(kind))
+    uv = sphere.vertices[:, :2]
+    scene.add(rj.Mesh(sphere.vertices, sphere.faces, uv=uv, material=material))
+    scene.add(rj.Mesh(sphere.vertices, sphere.faces), transforms.translate((1.5, 0, 0)))
+    frame = rj.render(scene, camera, size=SIZE, outputs=("object_id", "linear", "uv"), threads=1)
+    seen = set()
+    for y, x in np.argwhere(frame.object_id == 0)[::61]:
+        told = rj.explain_pixel(scene, camera, SIZE, x, y)
+        shown = told.light.texture.tolist()
+        assert told.linear.tobytes() == frame.linear[y, x].tobytes()
+        assert told.light.base_color.tolist() == [shown[0] / 2, shown[1] / 2, shown[2]]
+        assert "texture" in str(told)
+        if kind == "nearest":
+            upper = int(np.floor(frame.uv[y, x, 1] * 16)) % 2 == 1
+            assert shown == ([1.0, 0.5, 0.25] if upper else [0.125, 0.5, 1.0])
+        seen.add(tuple(shown))
+    assert len(seen) > (1 if kind == "nearest" else 2)
+    y, x = np.argwhere(frame.object_id == 1)[0]
+    assert rj.explain_pixel(scene, camera, SIZE, x, y).light.texture is None
 
 
 def test_an_unlit_face_shows_its_base_colour(cube, camera):
