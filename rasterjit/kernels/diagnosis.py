@@ -54,7 +54,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rasterjit.kernels.interpolation import lowest_first
+from rasterjit.kernels.interpolation import lowest_first, seen_from_sample
 from rasterjit.kernels.jit import kernel, stage
 from rasterjit.kernels.records import Faces, Geometry, Objects, ScreenVertices, Viewport
 from rasterjit.kernels.setup import (
@@ -67,6 +67,7 @@ from rasterjit.kernels.setup import (
     first_sample,
     last_sample,
     survey_triangle,
+    triangle_of,
 )
 from rasterjit.kernels.setup import CULLED as TURNED_AWAY
 from rasterjit.kernels.setup import DEGENERATE as WITHOUT_AREA
@@ -159,18 +160,12 @@ def count_samples(
     tile_depth, tile_numbers, ties = scratch
     columns = (np.int64(viewport.width) + TILE_SIZE - 1) >> TILE_BITS
     own, pieces, piece_faces = faces.faces, faces.pieces, faces.piece_faces
-    face_count = np.int64(own.shape[0])
     clear_tile(tile_depth, tile_numbers)
     for n in range(tiles.shape[0]):
         tile = np.int64(tiles[n])
         origin = ((tile % columns) << TILE_BITS, (tile // columns) << TILE_BITS)
         for k in range(starts[tile], starts[tile + 1]):
-            triangle = np.int64(binned[k])
-            if triangle < face_count:
-                corners, face = corners_of(own, triangle), np.int32(triangle)
-            else:
-                corners = corners_of(pieces, triangle - face_count)
-                face = np.int32(piece_faces[triangle - face_count])
+            corners, face = triangle_of(own, pieces, piece_faces, np.int64(binned[k]))
             draw_triangle(corners, face, screen, viewport, origin, (tile_depth, tile_numbers))
             box = box_in_tile(corners, screen, viewport, origin)
             samples[k] = take_samples(face, box, origin, (tile_depth, tile_numbers), frame, ties)
@@ -277,18 +272,11 @@ def cross_error(p1, u1, q1, v1, p2, u2, q2, v2):
 @stage
 def clipped_error(a, b, c, column, row, geometry):
     """Return the error bound at a sample of a face that was clipped."""
-    x = (2.0 * column + 1.0) / geometry.viewport.width - 1.0
-    y = 1.0 - (2.0 * row + 1.0) / geometry.viewport.height
     clip = geometry.clip_positions
     w0, w1, w2 = abs(clip[a, 3]), abs(clip[b, 3]), abs(clip[c, 3])
     p0, p1, p2 = abs(clip[a, 0]) + w0, abs(clip[b, 0]) + w1, abs(clip[c, 0]) + w2
     q0, q1, q2 = abs(clip[a, 1]) + w0, abs(clip[b, 1]) + w1, abs(clip[c, 1]) + w2
-    u0 = clip[a, 0] - x * clip[a, 3]
-    u1 = clip[b, 0] - x * clip[b, 3]
-    u2 = clip[c, 0] - x * clip[c, 3]
-    v0 = clip[a, 1] - y * clip[a, 3]
-    v1 = clip[b, 1] - y * clip[b, 3]
-    v2 = clip[c, 1] - y * clip[c, 3]
+    (u0, u1, u2), (v0, v1, v2) = seen_from_sample(a, b, c, column, row, geometry)
     b0, b1, b2 = u1 * v2 - u2 * v1, u2 * v0 - u0 * v2, u0 * v1 - u1 * v0
     s0 = cross_error(p1, u1, q1, v1, p2, u2, q2, v2)
     s1 = cross_error(p2, u2, q2, v2, p0, u0, q0, v0)

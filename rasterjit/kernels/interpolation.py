@@ -63,8 +63,8 @@ def snapped_weights(a, b, c, column, row, geometry):
 
 
 @stage
-def clipped_weights(a, b, c, column, row, geometry):
-    """Return the weights on a clipped face, not yet normalized."""
+def seen_from_sample(a, b, c, column, row, geometry):
+    """Return x - X w and y - Y w of three vertices, (X, Y) being a pixel's centre in NDC."""
     x = (2.0 * column + 1.0) / geometry.viewport.width - 1.0
     y = 1.0 - (2.0 * row + 1.0) / geometry.viewport.height
     clip = geometry.clip_positions
@@ -74,6 +74,13 @@ def clipped_weights(a, b, c, column, row, geometry):
     v0 = clip[a, 1] - y * clip[a, 3]
     v1 = clip[b, 1] - y * clip[b, 3]
     v2 = clip[c, 1] - y * clip[c, 3]
+    return (u0, u1, u2), (v0, v1, v2)
+
+
+@stage
+def clipped_weights(a, b, c, column, row, geometry):
+    """Return the weights on a clipped face, not yet normalized."""
+    (u0, u1, u2), (v0, v1, v2) = seen_from_sample(a, b, c, column, row, geometry)
     w0, w1, w2 = u1 * v2 - u2 * v1, u2 * v0 - u0 * v2, u0 * v1 - u1 * v0
     if w0 + w1 + w2 < 0.0:
         w0, w1, w2 = -w0, -w1, -w2

@@ -196,6 +196,16 @@ def corners_of(faces, face):
 
 
 @stage
+def triangle_of(faces, pieces, piece_faces, triangle):
+    """Return the vertex numbers and the face of a triangle: of F faces, then of their pieces."""
+    face_count = np.int64(faces.shape[0])
+    if triangle < face_count:
+        return corners_of(faces, triangle), np.int32(triangle)
+    piece = triangle - face_count
+    return corners_of(pieces, piece), np.int32(piece_faces[piece])
+
+
+@stage
 def first_sample(coordinate, grid_bits):
     """Return the first pixel whose centre is at or beyond a coordinate."""
     return (coordinate + (np.int64(1) << (grid_bits - 1)) - 1) >> grid_bits

@@ -36,11 +36,11 @@ from rasterjit.kernels.jit import disjoint_stage, kernel, stage
 from rasterjit.kernels.records import Faces, ScreenVertices, Viewport
 from rasterjit.kernels.setup import (
     TILE_BITS,
-    corners_of,
     edge,
     edge_bias,
     first_sample,
     last_sample,
+    triangle_of,
 )
 
 TILE_SIZE = 1 << TILE_BITS
@@ -313,18 +313,12 @@ def draw_tiles(
     columns = (np.int64(viewport.width) + TILE_SIZE - 1) >> TILE_BITS
     # Taken out of the record once: inside the loop each use would count a reference.
     own, pieces, piece_faces = faces.faces, faces.pieces, faces.piece_faces
-    face_count = np.int64(own.shape[0])
     for n in range(tiles.shape[0]):
         tile = np.int64(tiles[n])
         origin = ((tile % columns) << TILE_BITS, (tile // columns) << TILE_BITS)
         clear_tile(tile_depth, tile_numbers)
         for k in range(starts[tile], starts[tile + 1]):
-            triangle = np.int64(binned[k])
-            if triangle < face_count:
-                corners, face = corners_of(own, triangle), np.int32(triangle)
-            else:
-                corners = corners_of(pieces, triangle - face_count)
-                face = np.int32(piece_faces[triangle - face_count])
+            corners, face = triangle_of(own, pieces, piece_faces, np.int64(binned[k]))
             draw_triangle(corners, face, screen, viewport, origin, (tile_depth, tile_numbers))
         # Write the tile to the frame.
         left, top = origin

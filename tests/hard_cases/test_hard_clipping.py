@@ -9,18 +9,15 @@ from fractions import Fraction
 import naive
 import numpy as np
 import pytest
+from clipped import clip_all
 
 import rasterjit as rj
 from rasterjit import oracle
-from rasterjit.kernels import clipping
-from rasterjit.kernels.records import Viewport
 from rasterjit.plan import viewport_of
 from rasterjit.scene.camera import MatrixCamera, OrthographicCamera, PerspectiveCamera
 
 tf = rj.transforms
 SIZE = (64, 64)
-WITHIN = Viewport(64, 64, 1.0, 1.0, 8, 8)
-"""A viewport whose guard band is the image: clipping then cuts to the view volume itself."""
 
 STEP = 1.0 / 256.0
 """Sub-pixel step, pixels. Snapping moves an edge by less: half a step in x and in y, 0.71 steps."""
@@ -124,24 +121,6 @@ def assert_as_oracle(positions, faces, size=SIZE):
     return int((want >= 0).sum())
 
 
-def clip_all(positions, viewport=WITHIN):
-    """Run the clipping kernels on loose faces; return vertex counts and vertices of each."""
-    positions = np.ascontiguousarray(positions, np.float64)
-    faces = np.arange(len(positions), dtype=np.int32).reshape(-1, 3)
-    cut = np.arange(len(faces), dtype=np.int32)
-    counts = np.zeros(len(faces), np.int64)
-    clipping.count_clipped_vertices(cut, faces, positions, viewport, counts)
-    vertex_starts = np.concatenate(([0], np.cumsum(counts)))
-    piece_starts = np.concatenate(([0], np.cumsum(np.maximum(counts - 2, 0))))
-    vertices = np.full((vertex_starts[-1], 4), np.nan)
-    pieces = np.empty((piece_starts[-1], 3), np.int32)
-    sources = np.empty(piece_starts[-1], np.int32)
-    clipping.clip_faces(
-        cut, faces, positions, viewport, (vertex_starts, piece_starts), (vertices, pieces, sources)
-    )
-    return counts.tolist(), vertices
-
-
 # --- what is left of a face -----------------------------------------------------------------------
 
 
@@ -202,7 +181,7 @@ def test_all_six_planes_leave_a_nonagon():
         (-0.5, -0.5, 1), (0.5, -1, 0.75), (1, -1, 0.5),
     }  # fmt: skip
     assert ndc(oracle.clip_polygon(positions), "d3d") == want
-    counts, vertices = clip_all(positions)
+    counts, vertices, _, _ = clip_all(positions)
     assert counts == [9]
     assert {(x, y, (z + 1) / 2) for x, y, z, _ in vertices.tolist()} == want
     assert_sure(positions, 2016, margin=0.058, size=(64, 48))
@@ -309,7 +288,7 @@ def test_vertex_on_a_plane_is_kept_once(plane):
         triangle[:, (axis + 1) % 3] = 0.0, 0.5, -0.25
         triangle[:, (axis + 2) % 3] = 0.0, 0.25, 0.5
         exact = oracle.clip_polygon(triangle)
-        counts, vertices = clip_all(triangle)
+        counts, vertices, _, _ = clip_all(triangle)
         assert counts == [len(exact)]
         assert vertices.tolist() == [[float(c) for c in vertex] for vertex in exact]
         assert len(set(map(tuple, vertices.tolist()))) == len(vertices)
