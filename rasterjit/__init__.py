@@ -74,6 +74,10 @@ __all__ = [
 ]
 
 
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})
+
+
 def __getattr__(name: str) -> ModuleType:
     """Load the oracle when it is first named: rendering needs none of what it imports."""
     if name == "oracle":

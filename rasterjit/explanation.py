@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -38,7 +38,7 @@ FAINTEST = 5e-6
 """Highlights that would print as zero are left out of the table."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class FaceAtPixel:
     """One face whose samples include the pixel's centre, and every number on its way there."""
 
@@ -90,7 +90,7 @@ class FaceAtPixel:
     """Scene units along the viewing axis, as ``Frame.depth`` holds it."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class LightTerm:
     """What one light adds to the pixel."""
 
@@ -102,7 +102,7 @@ class LightTerm:
     """(3,), linear red, green, blue."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class LightTerms:
     """How the colour of the visible face came about; the terms add up to ``linear``."""
 
@@ -112,13 +112,15 @@ class LightTerms:
     """(3,), linear: material times vertex or face colour times texture."""
     texture: NDArray[np.float32] | None
     """(3,), linear: what the texture shows here; None if the material has none."""
+    uv: NDArray[np.float32]
+    """(2,): where on the texture; NaN if the material has none."""
     ambient: NDArray[np.float32]
     """(3,), linear: ambient light on the base colour; zero if the material is unlit."""
     lights: tuple[LightTerm, ...]
     """Empty if the material is unlit: the base colour is what is seen."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PixelExplanation:
     """What happened at one pixel, stage by stage; prints as tables."""
 
@@ -150,7 +152,7 @@ class PixelExplanation:
     def __str__(self) -> str:
         tables: list[Any] = [_heading(self)]
         if self.faces:
-            tables.append(_face_table(self.faces))
+            tables.append(_face_table(self))
         if self.winner is not None:
             tables += [_position_table(self.winner), _edge_table(self.winner)]
             tables += [_weight_table(self.winner)] if self.winner.clipped else []
@@ -168,8 +170,12 @@ def _heading(pixel: PixelExplanation) -> str:
     face = pixel.winner
     if face is None:
         return "\n".join(lines + ["shows the background:"] + [f"- {r}" for r in pixel.reasons])
+    if pixel.light is None:
+        here = "one of its lines is" if pixel.under_wireframe else "the background is seen"
+        lines.append(f"only the wireframe is drawn, and {here} here; of the faces,")
+    shows = "shows" if pixel.light else "the nearest is"
     lines.append(
-        f'shows face {face.face} (face {face.mesh_face} of object {face.object_number} '
+        f"{shows} face {face.face} (face {face.mesh_face} of object {face.object_number} "
         f'"{face.object_name}"), {face.depth:.6g} scene units away'
     )  # fmt: skip
     if face.clipped:
@@ -177,8 +183,9 @@ def _heading(pixel: PixelExplanation) -> str:
     return "\n".join(lines)
 
 
-def _face_table(faces: Sequence[FaceAtPixel]) -> Table:
+def _face_table(pixel: PixelExplanation) -> Table:
     """Return the faces at the pixel, nearest first."""
+    faces = pixel.faces
     table = _table("faces that cover the centre, nearest first", "face", "object")
     for name in ("depth (scene units)", "stored depth", ""):
         table.add_column(name, justify="left" if not name else "right")
@@ -187,7 +194,8 @@ def _face_table(faces: Sequence[FaceAtPixel]) -> Table:
     listed = list(zip(faces, depths, stored, strict=True))
     for face, (depth,), (near,) in listed[:MOST_FACES]:
         owner = f"{face.object_number} {face.object_name}"
-        table.add_row(str(face.face), owner, depth, near, face.standing)
+        standing = face.standing if pixel.light or face.standing == "culled" else "not drawn"
+        table.add_row(str(face.face), owner, depth, near, standing)
     if len(listed) > MOST_FACES:
         table.add_row("...", f"and {len(listed) - MOST_FACES:,} more", "", "", "")
     return table
@@ -224,7 +232,11 @@ def _position_table(face: FaceAtPixel) -> Table:
 def _edge_table(face: FaceAtPixel) -> Table:
     """Return the edge functions and the weights of the triangle that was drawn."""
     step = f"1/{1 << face.grid_bits} pixel"
-    table = _table(f"at the pixel's centre, edge functions in squares of {step}", "vertex")
+    table = _table(
+        f"at the pixel's centre, edge functions in squares of {step}\n"
+        "(covered where each, plus its bias, is 0 or more)",
+        "vertex",
+    )
     for name in ("edge opposite it", "bias"):
         table.add_column(name, justify="right")
     table.add_column("so the centre is")
@@ -256,7 +268,8 @@ def _color_table(pixel: PixelExplanation) -> Table:
     light = pixel.light
     if light is not None:
         if light.texture is not None:
-            table.add_row("texture", *_levels(light.texture))
+            u, v = light.uv
+            table.add_row(f"texture at uv ({u:.6g}, {v:.6g})", *_levels(light.texture))
         table.add_row(f"base colour ({light.shading})", *_levels(light.base_color))
         table.add_section()
         if light.shading != "unlit":

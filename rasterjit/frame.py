@@ -144,8 +144,11 @@ class Frame:
         ------
         ValueError
             If the format is unknown, the folder does not exist, or there is no colour to write.
+        OSError
+            If the system refuses to write the file; what was there before is whole.
         """
-        if Path(path).suffix.lower() == ".npz":
+        place = images.checked_path(path, (".npz", *images.IMAGE_FORMATS))
+        if place.suffix.lower() == ".npz":
             images.save_arrays(path, **self._outputs)
         else:
             images.save_image(path, self.color)

@@ -82,13 +82,12 @@ def _exact(name: str, value: Number) -> Exact:
         return value if isinstance(value, Fraction) else operator.index(value)
     except TypeError:
         pass
+    if not hasattr(value, "as_integer_ratio"):
+        raise ValueError(f"{name} must be a number, got {value!r}")
     try:
-        finite = math.isfinite(value)
-    except TypeError:
-        raise ValueError(f"{name} must be a number, got {value!r}") from None
-    if not finite:
-        raise ValueError(f"{name} must be finite, got {value!r}")
-    return Fraction(float(value))
+        return Fraction(*value.as_integer_ratio())
+    except (OverflowError, ValueError):
+        raise ValueError(f"{name} must be finite, got {value!r}") from None
 
 
 def _vector(name: str, values: Iterable[Number], length: int | None) -> tuple[Exact, ...]:
@@ -133,6 +132,14 @@ def _whole_pair(name: str, pair: Sequence[int], least: int | None = None) -> tup
     except (TypeError, ValueError):
         raise ValueError(f"{name} must be two whole numbers, got {pair!r}") from None
     return _whole(f"{name}[0]", first, least), _whole(f"{name}[1]", second, least)
+
+
+def _rows(name: str, rows: Iterable) -> list:
+    """Return some rows as a list, or raise ``ValueError``."""
+    try:
+        return list(rows)
+    except TypeError:
+        raise ValueError(f"{name} must be a sequence, got {rows!r}") from None
 
 
 def round_half_up(value: Number) -> int:
@@ -203,9 +210,13 @@ def snap_triangle(
     ValueError
         If there are not three points, one is not finite, or the number of bits is negative.
     """
+    return _snapped("points", points, subpixel_bits)
+
+
+def _snapped(name, points, subpixel_bits) -> tuple[Pixel, Pixel, Pixel]:
+    """Return three points on the grid, or raise ``ValueError`` naming the argument."""
     first, second, third = (
-        (snap(x, subpixel_bits), snap(y, subpixel_bits))
-        for x, y in _vectors("points", points, 2, 3)
+        (snap(x, subpixel_bits), snap(y, subpixel_bits)) for x, y in _vectors(name, points, 2, 3)
     )
     return first, second, third
 
@@ -322,7 +333,7 @@ def covered_pixels(
         left, top, right, bottom = (
             _whole(f"window[{n}]", side) for n, side in enumerate(_vector("window", window, 4))
         )
-    corners = snap_triangle(triangle, subpixel_bits)
+    corners = _snapped("triangle", triangle, subpixel_bits)
     place = _vector("sample", sample, 2)
     return set(_pixels(corners, (left, top, right, bottom), subpixel_bits, place))
 
@@ -482,7 +493,7 @@ def interpolate(
         If the lengths differ or a number is not finite.
     """
     shares = _vector("weights", weights, None)
-    values = list(values)
+    values = _rows("values", values)
     if len(values) != len(shares):
         raise ValueError(f"values must be {len(shares)}, one for each weight, got {len(values)}")
     if values and hasattr(values[0], "__len__"):
@@ -555,11 +566,12 @@ def visible_faces(
         If an argument has a wrong length or value, or a number is not finite.
     """
     whole_image = (0, 0, *_whole_pair("size", size, 1))
+    triangles, depths = _rows("triangles", triangles), _rows("depths", depths)
     if len(triangles) != len(depths):
         raise ValueError(f"depths must be {len(triangles)} rows, got {len(depths)}")
     shown: dict[Pixel, tuple[int, Fraction]] = {}
     for face, triangle in enumerate(triangles):
-        corners = snap_triangle(triangle, subpixel_bits)
+        corners = _snapped(f"triangles[{face}]", triangle, subpixel_bits)
         at_corners = _vector(f"depths[{face}]", depths[face], 3)
         _show(shown, face, (corners, at_corners), whole_image, subpixel_bits)
     return shown
@@ -656,8 +668,8 @@ def render_faces(
     whole_image = (0, 0, *_whole_pair("size", size, 1))
     planes = guard_band(size)
     shown: dict[Pixel, tuple[int, Fraction]] = {}
-    for face, numbers in enumerate(faces):
-        corners = [_whole(f"faces[{face}]", n, 0) for n in numbers]
+    for face, numbers in enumerate(_rows("faces", faces)):
+        corners = [_whole(f"faces[{face}]", n, 0) for n in _rows(f"faces[{face}]", numbers)]
         if len(corners) != 3 or max(corners) >= len(positions):
             raise ValueError(
                 f"faces[{face}] must be three vertices below {len(positions)}, got {numbers!r}"
@@ -972,7 +984,7 @@ def line_colors(
 def _line_shares(dx: int, dy: int, steps: Iterable[int] | None) -> Iterable[Fraction]:
     """Yield how far along a line its steps are, from 0 to 1."""
     count = max(abs(dx), abs(dy))
-    for step in range(count + 1) if steps is None else steps:
+    for step in range(count + 1) if steps is None else _rows("steps", steps):
         if not 0 <= _whole("steps", step) <= count:
             raise ValueError(f"steps must be from 0 to {count}, got {step!r}")
         yield Fraction(step, count) if count else Fraction(0)
@@ -1006,7 +1018,11 @@ def composite(
         If an alpha is not from 0 to 1, a number is not finite, or the numbers of channels differ.
     """
     seen = tuple(map(Fraction, _vector("background", background, None)))
-    for n, (color, alpha) in reversed(list(enumerate(layers))):
+    for n, layer in reversed(list(enumerate(_rows("layers", layers)))):
+        pair = _rows(f"layers[{n}]", layer)
+        if len(pair) != 2:
+            raise ValueError(f"layers[{n}] must be a colour and its alpha, got {layer!r}")
+        color, alpha = pair
         own = _vector(f"layers[{n}] color", color, len(seen))
         share = _exact(f"layers[{n}] alpha", alpha)
         if not 0 <= share <= 1:

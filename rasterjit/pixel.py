@@ -16,7 +16,7 @@ from rasterjit import plan as planning
 from rasterjit import stages
 from rasterjit.explanation import FaceAtPixel, LightTerm, LightTerms, PixelExplanation
 from rasterjit.io.meshes import as_scene
-from rasterjit.kernels import resolve, setup, shading, visibility
+from rasterjit.kernels import interpolation, resolve, setup, shading, visibility
 from rasterjit.kernels.records import Faces, Geometry, Lighting, Objects, Placement, Surface
 from rasterjit.plan import RenderPlan, SceneArrays
 from rasterjit.plan_textures import join_textures
@@ -331,12 +331,13 @@ def _light(drawn: _Drawn, x: int, y: int) -> tuple[LightTerms, NDArray[np.float3
     owner = int(np.searchsorted(drawn.arrays.face_starts, face, side="right")) - 1
     material = meshes[owner].material
     linear = _shade(drawn, surface, lighting, x, y)
-    texture = None
-    if material.base_color_texture is not None:
+    texture, uv = None, np.full(2, np.nan, np.float32)
+    if textures is not None and material.base_color_texture is not None:
         texture = _shade(drawn, _white(surface), lighting, x, y)[:3]
+        uv = _interpolate(drawn, textures.uv, x, y)
     if lighting is None or material.shading == "unlit":
         zero = np.zeros(3, np.float32)
-        return LightTerms(material.shading, linear[:3].copy(), texture, zero, ()), linear
+        return LightTerms(material.shading, linear[:3].copy(), texture, uv, zero, ()), linear
     # Let each light shine alone, on the colour without its highlight and on the highlight alone.
     matt, black = surface.materials.copy(), surface.materials.copy()
     matt[:, shading.MATERIAL_SPECULAR] = 0.0
@@ -351,7 +352,7 @@ def _light(drawn: _Drawn, x: int, y: int) -> tuple[LightTerms, NDArray[np.float3
         terms.append(LightTerm(name, diffuse, _shade(drawn, black_surface, alone, x, y)[:3]))
     base = _shade(drawn, surface, nothing._replace(ambient=white), x, y)[:3]
     ambient = _shade(drawn, surface, nothing, x, y)[:3]
-    return LightTerms(material.shading, base, texture, ambient, tuple(terms)), linear
+    return LightTerms(material.shading, base, texture, uv, ambient, tuple(terms)), linear
 
 
 def _white(surface: Surface) -> Surface:
@@ -365,6 +366,14 @@ def _white(surface: Surface) -> Surface:
         if name in ("vertex_colors", "face_colors")
     }
     return surface._replace(materials=materials, **colors)
+
+
+def _interpolate(drawn: _Drawn, values: NDArray[np.float32], x: int, y: int) -> NDArray[np.float32]:
+    """Return what an attribute of vertices, (V, K), is at a pixel, (K,)."""
+    face_id = drawn.coverage.face_id
+    attribute = np.empty((*face_id.shape, values.shape[1]), np.float32)
+    interpolation.fill_attribute(face_id, (y, y + 1), drawn.geometry, values, attribute)
+    return attribute[y, x].copy()
 
 
 def _light_names(scene: Scene) -> list[str]:

@@ -67,12 +67,16 @@ class Workers:
     def __init__(self, threads: int | None = None) -> None:
         self.threads = available_processors() if threads is None else threads
         self._pool: ThreadPoolExecutor | None = None
+        self._process = os.getpid()
 
     def run(self, task: Callable[..., Any], arguments: Iterable[tuple]) -> list[Any]:
         """Call ``task(*args)`` for each tuple; return the results in order."""
         calls = list(arguments)
         if self.threads == 1 or len(calls) <= 1:
             return [task(*call) for call in calls]
+        if self._process != os.getpid():
+            # A forked process has the pool but none of its threads.
+            self._pool, self._process = None, os.getpid()
         if self._pool is None:
             self._pool = ThreadPoolExecutor(self.threads, thread_name_prefix="rasterjit")
         return list(self._pool.map(lambda call: task(*call), calls))

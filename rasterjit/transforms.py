@@ -499,7 +499,7 @@ def orthographic(
     ------
     ValueError
         If ``right`` equals ``left``, ``top`` equals ``bottom``, ``far`` is not above ``near``, or
-        a number is not finite.
+        a number is not finite, here or in the matrix.
     """
     x0, x1 = finite_number("left", left), finite_number("right", right)
     y0, y1 = finite_number("bottom", bottom), finite_number("top", top)
@@ -510,8 +510,14 @@ def orthographic(
         raise ValueError(f"top must differ from bottom, both are {y0!r}")
     if f <= n:
         raise ValueError(f"far must be above near = {n!r}, got {f!r}")
-    matrix = np.diag([2.0 / (x1 - x0), 2.0 / (y1 - y0), -2.0 / (f - n), 1.0])
-    matrix[:3, 3] = [-(x1 + x0) / (x1 - x0), -(y1 + y0) / (y1 - y0), -(f + n) / (f - n)]
+    with np.errstate(over="ignore", invalid="ignore"):
+        low, high = np.array([x0, y0, n]), np.array([x1, y1, f])
+        scale, middle = 2.0 / (high - low), -(high + low) / (high - low)
+    for name, one, other, k in (("right", x0, x1, 0), ("top", y0, y1, 1), ("far", n, f, 2)):
+        if not (np.isfinite(scale[k]) and np.isfinite(middle[k])):
+            raise ValueError(f"{name} is too close to {one!r} or too far from it: {other!r}")
+    matrix = np.diag([scale[0], scale[1], -scale[2], 1.0])
+    matrix[:3, 3] = middle
     return matrix + 0.0
 
 

@@ -121,6 +121,8 @@ def image_size(name: str, value: Any) -> tuple[int, int]:
         width, height = value
         sides = (int(width), int(height))
         whole = sides[0] == width and sides[1] == height
+        if isinstance(value, (set, frozenset, dict)):
+            raise TypeError
     except (TypeError, ValueError, OverflowError):
         raise ValueError(f"{name} must be (width, height) in pixels, got {value!r}") from None
     if not whole or not all(1 <= side <= MAX_SIZE for side in sides):
@@ -141,6 +143,6 @@ def existing_file(name: str, value: Any) -> Path:
             raise ValueError(f"{name} must be a file, but {shown!r} does not exist")
         if file.stat().st_size == 0:
             raise ValueError(f"{name} must be a file with content, but {shown!r} is empty")
-    except (OSError, RuntimeError) as error:
-        raise ValueError(f"{name} must be a file, but {shown!r} can not be: {error}") from None
+    except (OSError, RuntimeError, TypeError) as error:
+        raise ValueError(f"{name} must be a file, but {shown!r} cannot be: {error}") from None
     return file

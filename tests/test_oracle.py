@@ -6,6 +6,7 @@ import math
 import random
 import subprocess
 import sys
+from decimal import Decimal
 from fractions import Fraction
 from itertools import pairwise
 from pathlib import Path
@@ -518,3 +519,24 @@ def test_every_public_function_is_listed_and_described():
     for name in public:
         for heading in ("Parameters", "Returns", "Raises"):
             assert f"{heading}\n    ---" in getattr(oracle, name).__doc__, f"{name}: {heading}"
+
+
+@pytest.mark.parametrize(
+    ("value", "exact"),
+    [
+        (np.float32(0.1), Fraction(13421773, 2**27)),
+        (np.longdouble(1) / 3, Fraction(*(np.longdouble(1) / 3).as_integer_ratio())),
+        (Decimal("0.1"), Fraction(1, 10)),
+        (np.int8(-3), -3),
+        (Fraction(2, 7), Fraction(2, 7)),
+    ],
+    ids=str,
+)
+def test_numbers_of_any_kind_are_taken_at_their_exact_value(value, exact):
+    assert oracle.plane_distance((value, 0, 0, 0), (1, 0, 0, 0)) == exact
+    assert oracle.interpolate((1,), (value,)) == exact
+
+
+def test_it_is_listed_and_loaded_when_it_is_named():
+    assert "oracle" in dir(rj)
+    assert rj.oracle is oracle

@@ -118,6 +118,9 @@ def test_a_wireframe_over_the_pixel_is_told(cube, camera, mode):
         assert told.under_wireframe == over
         assert ("line of the wireframe" in str(told)) == over
         assert (told.light is None) == (mode == "only" or told.winner is None)
+        if told.winner is not None:
+            what = "one of its lines is here" if over else "the background is seen here"
+            assert (what in str(told)) == ("not drawn" in str(told)) == (mode == "only")
 
 
 # --- which faces ----------------------------------------------------------------------------------
@@ -318,7 +321,8 @@ def test_the_texture_is_told_apart(sphere, camera, shading, kind):
         shown = told.light.texture.tolist()
         assert told.linear.tobytes() == frame.linear[y, x].tobytes()
         assert told.light.base_color.tolist() == [shown[0] / 2, shown[1] / 2, shown[2]]
-        assert "texture" in str(told)
+        assert told.light.uv.tolist() == frame.uv[y, x].tolist()
+        assert "texture at uv (" in str(told)
         if kind == "nearest":
             upper = int(np.floor(frame.uv[y, x, 1] * 16)) % 2 == 1
             assert shown == ([1.0, 0.5, 0.25] if upper else [0.125, 0.5, 1.0])

@@ -84,7 +84,7 @@ def test_larger_image_holds_the_smaller():
     assert small.face_id.tolist() == large.face_id[1::3, 1::3].tolist()
 
 
-@settings(max_examples=30, derandomize=True, deadline=None, database=None)
+@settings(max_examples=30)
 @given(st.integers(0, 10**6), st.integers(1, 150), st.integers(1, 150))
 def test_any_size_is_filled_exactly(seed, width, height):
     positions, faces = soup(seed, 12, reach=2.0)

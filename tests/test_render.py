@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
 import sys
+import time
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +20,8 @@ from rasterjit.plan import OUTPUTS
 
 ROOT = Path(rj.__file__).parent.parent
 SIZE = (75, 70)
+FORK_SECONDS = 60.0
+"""Far more than a frame takes."""
 PLAIN = tuple(output for output in OUTPUTS if output != "uv")
 
 
@@ -332,3 +337,23 @@ def test_what_does_not_belong_in_a_scene_is_named(cube, attribute, value):
 def test_an_argument_of_the_wrong_kind_is_named(cube, options, name):
     with pytest.raises(ValueError, match=name):
         rj.render(cube, size=(8, 8), threads=1, **options)
+
+
+@pytest.mark.needs_jit
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="this system has no fork")
+def test_renderer_draws_on_in_a_forked_process(busy, camera):
+    with rj.Renderer(SIZE, threads=2) as renderer:
+        before = renderer.render(busy, camera).color.tobytes()
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DeprecationWarning)  # Python warns of threads.
+            child = os.fork()
+        if child == 0:
+            os._exit(0 if renderer.render(busy, camera).color.tobytes() == before else 1)
+        deadline = time.monotonic() + FORK_SECONDS
+        while (done := os.waitpid(child, os.WNOHANG))[0] == 0:
+            if time.monotonic() > deadline:
+                os.kill(child, signal.SIGKILL)
+                pytest.fail("the forked process hangs")
+            time.sleep(0.01)
+        assert done[1] == 0
+        assert renderer.render(busy, camera).color.tobytes() == before

@@ -171,12 +171,18 @@ def checked_path(path: str | Path, formats: Iterable[str]) -> Path:
     if not isinstance(path, (str, os.PathLike)):
         raise ValueError(f"path must be a file name, got {path!r}")
     place = Path(path)
+    shown = str(place)
+    if not shown.isprintable():
+        raise ValueError(f"path must hold printable characters alone, got {shown!r}")
     if place.suffix.lower() not in formats:
         raise ValueError(f"path {str(place)!r} must end in one of {', '.join(formats)}")
-    if not place.parent.is_dir():
-        raise ValueError(f"path {str(place)!r}: the folder {str(place.parent)!r} does not exist")
-    if place.is_dir():
-        raise ValueError(f"path {str(place)!r} is a folder")
+    try:
+        if not place.parent.is_dir():
+            raise ValueError(f"path {shown!r}: the folder {str(place.parent)!r} does not exist")
+        if place.is_dir():
+            raise ValueError(f"path {shown!r} is a folder")
+    except OSError as error:
+        raise ValueError(f"path {shown!r} cannot be a file: {error.strerror}") from None
     return place
 
 
@@ -187,5 +193,10 @@ def replacing(place: Path) -> Iterator[Path]:
     try:
         yield temporary
         os.replace(temporary, place)
+    except OSError as error:
+        # Name the file that was asked for, not the temporary one.
+        if error.filename == str(temporary) and error.filename2 is None:
+            error.filename = str(place)
+        raise
     finally:
         temporary.unlink(missing_ok=True)

@@ -24,6 +24,13 @@ from rasterjit.kernels.jit import kernel, stage
 from rasterjit.kernels.records import Geometry, Placement
 from rasterjit.kernels.setup import CLIPPED, corners_of, edge
 
+UNDERFLOW = 2.0**-900
+"""
+A sum of weights above it has lost nothing of account to underflow.
+
+It can be below 1 only where the edge opposite the smallest w is 0, the edges being whole numbers.
+"""
+
 
 @stage
 def lowest_first(faces, face):
@@ -37,11 +44,26 @@ def lowest_first(faces, face):
 
 
 @stage
+def weights_without_zeros(edges, ws):
+    """Return edges times the smallest w over w, which is that of a vertex whose edge is not 0."""
+    smallest = np.inf
+    for k in range(3):
+        if edges[k] != 0.0:
+            smallest = min(smallest, ws[k])
+    return (
+        edges[0] * (smallest / ws[0]) if edges[0] != 0.0 else 0.0,
+        edges[1] * (smallest / ws[1]) if edges[1] != 0.0 else 0.0,
+        edges[2] * (smallest / ws[2]) if edges[2] != 0.0 else 0.0,
+    )
+
+
+@stage
 def snapped_weights(a, b, c, column, row, geometry):
     """
     Return the weights on a face that was not clipped, not yet normalized.
 
-    Edges are multiplied by the smallest w over w: it is in 0..1, and 1 where all are equal.
+    Edges are multiplied by the smallest w over w: it is in 0..1, and 1 where all are equal. A
+    vertex opposite an edge that the sample lies on has no part in it.
     """
     bits = geometry.viewport.grid_bits
     half = np.int64(1) << (bits - 1)
@@ -54,12 +76,14 @@ def snapped_weights(a, b, c, column, row, geometry):
         geometry.clip_positions[b, 3],
         geometry.clip_positions[c, 3],
     )
+    e0 = np.float64(edge(bx, by, cx, cy, px, py))
+    e1 = np.float64(edge(cx, cy, ax, ay, px, py))
+    e2 = np.float64(edge(ax, ay, bx, by, px, py))
     smallest = min(wa, min(wb, wc))
-    return (
-        np.float64(edge(bx, by, cx, cy, px, py)) * (smallest / wa),
-        np.float64(edge(cx, cy, ax, ay, px, py)) * (smallest / wb),
-        np.float64(edge(ax, ay, bx, by, px, py)) * (smallest / wc),
-    )
+    w0, w1, w2 = e0 * (smallest / wa), e1 * (smallest / wb), e2 * (smallest / wc)
+    if abs(w0 + w1 + w2) > UNDERFLOW:
+        return w0, w1, w2
+    return weights_without_zeros((e0, e1, e2), (wa, wb, wc))
 
 
 @stage

@@ -48,6 +48,8 @@ _SMALLEST_RADIUS = 2.0**-40
 """Least radius framed, as a share of the centre's largest coordinate: float64 then still places
 the eye to one part in 4000 of its distance."""
 
+_LEAST_HEIGHT = 1e-300
+"""Least height of what a parallel projection shows: its scale is finite at every aspect."""
 
 _VOLUME_ROUNDING = 8.0 * float(np.finfo(np.float64).eps)
 """Largest rounding of the volume that three unit vectors span: six products of three."""
@@ -184,6 +186,8 @@ class OrthographicCamera:
     def __post_init__(self) -> None:
         _freeze_placement(self)
         height = positive_number("height", self.height)
+        if height < _LEAST_HEIGHT:
+            raise ValueError(f"height must be at least {_LEAST_HEIGHT:g}, got {height!r}")
         transforms.orthographic(-1.0, 1.0, -1.0, 1.0, self.near, self.far)
         _freeze(self, height=height, near=float(self.near), far=float(self.far))
 

@@ -265,7 +265,9 @@ def _numbers(name: str, value: ArrayLike, kinds: str, shape: tuple[int | None, i
 
 def _vertex_array(value: ArrayLike) -> NDArray[np.float64]:
     """Return vertices as (V, 3) float64, a copy in C order, or raise ``ValueError``."""
-    return np.array(_numbers("vertices", value, "uif", (None, 3)), dtype=np.float64, order="C")
+    numbers = _numbers("vertices", value, "uif", (None, 3))
+    with np.errstate(over="ignore"):  # Beyond float64 is infinite, and counted as such.
+        return np.array(numbers, dtype=np.float64, order="C")
 
 
 def face_array(value: ArrayLike, vertex_count: int) -> NDArray[np.int32]:

@@ -72,18 +72,27 @@ class Node:
     """
 
     def __init__(self, mesh: Mesh, world_from_model: ArrayLike, name: str) -> None:
-        if not isinstance(mesh, Mesh):
-            raise ValueError(
-                f"mesh must be a rasterjit Mesh, got {type(mesh).__name__}; rasterjit.load and "
-                "rasterjit.render take files and trimesh objects"
-            )
         self.mesh = mesh
         self.world_from_model = world_from_model
         self.name = name
 
     @property
+    def mesh(self) -> Mesh:
+        """What stands there; another may be assigned."""
+        return self._mesh
+
+    @mesh.setter
+    def mesh(self, value: Mesh) -> None:
+        if not isinstance(value, Mesh):
+            raise ValueError(
+                f"mesh must be a rasterjit Mesh, got {type(value).__name__}; rasterjit.load and "
+                "rasterjit.render take files and trimesh objects"
+            )
+        self._mesh = value
+
+    @property
     def world_from_model(self) -> NDArray[np.float64]:
-        """Affine transform, (4, 4) float64, from the mesh's space to the world."""
+        """Affine transform, (4, 4) float64, read-only, from the mesh's space to the world."""
         return self._world_from_model
 
     @world_from_model.setter
@@ -222,4 +231,5 @@ def _affine(name: str, value: ArrayLike) -> NDArray[np.float64]:
             "(matrices multiply column vectors)"
         )
     matrix[3] = last_row
+    matrix.flags.writeable = False
     return matrix

@@ -224,10 +224,13 @@ def _linear_image(value: Any) -> NDArray[np.float32]:
 
 def _check_light(values: NDArray[Any], what: str, most: float) -> None:
     """Raise ``ValueError`` unless all values lie in 0..most; NaN lies nowhere."""
-    if values.size and not (values.min() >= 0.0 and values.max() <= most):
+    if values.size == 0:
+        return
+    lowest, highest = float(values.min()), float(values.max())
+    if not (lowest >= 0.0 and highest <= most):
         raise ValueError(
-            f"image must hold {what} in 0..{most:g}, got numbers from {values.min()} to "
-            f"{values.max()}; 8-bit codes need the dtype uint8"
+            f"image must hold {what} in 0..{most:g}, got numbers from {lowest} to {highest}; 8-bit "
+            "codes need the dtype uint8"
         )
 
 

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
+import pytest
+
 STAGES = {
     "R": ("coverage and the fill rule", 19),
     "D": ("degenerate, sliver, huge and non-finite faces", 16),
@@ -20,3 +24,9 @@ STAGES = {
 """What each letter stands for, and how many cases it has."""
 
 IDS = [f"{letter}{n:02}" for letter, (_, count) in STAGES.items() for n in range(1, count + 1)]
+
+
+def cases(names: Iterable[str]) -> list:
+    """Return names of a table's rows as parameters that hold the cases their names begin with."""
+    marks = {name: [pytest.mark.case(n) for n in name.split()[:1] if n in IDS] for name in names}
+    return [pytest.param(name, id=name, marks=marks[name]) for name in marks]

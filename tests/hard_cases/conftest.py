@@ -9,6 +9,8 @@ import catalogue
 import pytest
 
 HERE = Path(__file__).parent
+collected = pytest.StashKey[tuple[set[Path], set[str]]]()
+"""The files of this folder that were collected, and the cases that their tests hold."""
 held: Counter[str] = Counter()
 passed: Counter[str] = Counter()
 
@@ -21,7 +23,10 @@ def case_ids(item):
     return [number for mark in item.iter_markers("case") for number in mark.args]
 
 
-def pytest_collection_modifyitems(items):
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(config, items):
+    here = [item for item in items if item.path.parent == HERE]
+    config.stash[collected] = {item.path for item in here}, {n for i in here for n in case_ids(i)}
     for item in items:
         ids = case_ids(item)
         unknown = set(ids) - set(catalogue.IDS)

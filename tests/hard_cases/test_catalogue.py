@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 
 import catalogue
+import conftest
+import pytest
 
-MARK = re.compile(r"pytest\.mark\.case\(([^)]*)\)")
 
-
-def test_every_case_is_held_by_a_test():
-    sources = "".join(path.read_text() for path in Path(__file__).parent.glob("test_*.py"))
-    marked = {number for ids in MARK.findall(sources) for number in re.findall(r"\w+", ids)}
+def test_every_case_is_held_by_a_test(request):
+    files, marked = request.config.stash[conftest.collected]
+    if files != set(Path(__file__).parent.glob("test_*.py")):
+        pytest.skip("counts the tests of all files of this folder, and some were not asked for")
     assert marked == set(catalogue.IDS)

@@ -7,6 +7,7 @@ import time
 from fractions import Fraction
 from itertools import pairwise
 
+import catalogue
 import numba
 import numpy as np
 import pytest
@@ -168,10 +169,7 @@ THROUGH = {
 }
 
 
-@pytest.mark.case(
-    "L06", "L07", "L08", "L09", "L10", "L11", "L12", "L13", "L14", "L15"
-)  # fmt: skip
-@pytest.mark.parametrize("name", THROUGH)
+@pytest.mark.parametrize("name", catalogue.cases(THROUGH))
 def test_clipped_line_keeps_its_pixels(name):
     ends, listed = THROUGH[name]
     want = {tuple(map(int, pair.split(","))) for pair in listed.split()}
@@ -238,8 +236,7 @@ RAMPS = {
 }
 
 
-@pytest.mark.case("L17", "L18", "L19")
-@pytest.mark.parametrize("name", RAMPS)
+@pytest.mark.parametrize("name", catalogue.cases(RAMPS))
 def test_ramp_is_rounded_half_up(name):
     first, last, want = RAMPS[name]
     exact = oracle.line_colors((0, 0), (len(want) - 1, 0), (first,), (last,))

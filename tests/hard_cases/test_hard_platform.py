@@ -459,6 +459,37 @@ def test_a_frame_as_large_as_can_be_is_drawn_to_its_last_pixel(size):
     assert (color.reshape(-1, 4)[:-1] == [255, 0, 0, 255]).all()
 
 
+def free_bytes():
+    """Return the memory that can be had, or 0 if this system does not say."""
+    try:
+        return os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    except (AttributeError, ValueError, OSError):
+        return 0
+
+
+@pytest.mark.needs_jit
+@pytest.mark.case("P07")
+def test_the_last_pixel_of_the_largest_frame_is_its_own():
+    # Flat numbers to 2**28 - 1, and to 2**30 - 1 of the bytes of the colour.
+    side, needed = 16384, 6 * 2**30
+    if free_bytes() < needed:
+        pytest.skip(f"needs {needed >> 30} GB of free memory")
+    corner = [(side - 1, side - 1), (side - 1, side + 1), (side + 1, side - 1)]
+    positions = naive.clip_from_screen(corner, (side, side), 0.25)
+    material = rj.Material("unlit", "blue")
+    mesh = rj.Mesh(positions[:, :3], [[0, 1, 2]], material=material)
+    camera = rj.MatrixCamera(np.eye(4), np.eye(4))
+    frame = rj.render(
+        mesh, camera, size=(side, side), outputs=("color", "face_id"), threads=2, background="red"
+    )
+    assert frame.face_id[-1, -1] == 0
+    assert np.count_nonzero(frame.face_id != -1) == 1
+    pixels = frame.color.view(np.uint32)
+    red, blue = np.array([[255, 0, 0, 255], [0, 0, 255, 255]], np.uint8).view(np.uint32).ravel()
+    assert pixels[-1, -1] == blue
+    assert np.count_nonzero(pixels == red) == side * side - 1
+
+
 @pytest.mark.case("P07")
 @pytest.mark.parametrize("size", [(16384, 64), (64, 16384)])
 def test_a_framebuffer_as_large_as_can_be_is_drawn_to_its_last_pixel(size):

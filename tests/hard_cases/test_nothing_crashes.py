@@ -47,10 +47,7 @@ SIZES = [(1, 1), (7, 5), (16, 9), (33, 2)]
 
 
 def few(count):
-    return settings(
-        max_examples=count, deadline=None, derandomize=True, database=None,
-        suppress_health_check=list(HealthCheck),
-    )  # fmt: skip
+    return settings(max_examples=count, suppress_health_check=list(HealthCheck))
 
 
 @pytest.fixture(scope="module")
@@ -244,11 +241,11 @@ cameras = st.sampled_from([
     specular=st.sampled_from([0.0, 0.5, 1e6]), shininess=st.sampled_from([1e-6, 5.0, 1e6]),
     picture=st.one_of(st.none(), st.tuples(
         st.sampled_from([(1, 1), (2, 3), (9, 5)]), st.sampled_from(FILTERS), st.sampled_from(WRAPS)
-    )), uv=rows(7, 2, st.one_of(usually_tame, st.floats(width=32))),
+    )), uv=rows(7, 2, st.one_of(usually_tame, st.floats(width=32))), diagnose=st.booleans(),
 )  # fmt: skip
 def test_whatever_is_rendered_keeps_the_invariants(
     vertices, faces, transform, camera, size, bits, cull, wire, shading, threads, light, specular,
-    shininess, picture, uv,
+    shininess, picture, uv, diagnose,
 ):  # fmt: skip
     look = {"specular": specular, "shininess": shininess}
     if picture is not None:
@@ -272,12 +269,20 @@ def test_whatever_is_rendered_keeps_the_invariants(
     options = {"quality": rj.Quality(bits), "size": size}
     plan = attempt(rj.explain, scene, camera, outputs=frames.EVERYTHING, cull=cull, **options)
     frame = attempt(
-        rj.render, scene, camera, outputs=frames.EVERYTHING, cull=cull, threads=threads, **options
-    )
+        rj.render, scene, camera, outputs=frames.EVERYTHING, cull=cull, threads=threads,
+        diagnose=diagnose, **options,
+    )  # fmt: skip
     assert (plan is None) == (frame is None)
     if frame is not None:
         assert str(plan)
         check_frame(frame, len(ball.faces) + len(faces), 2, size)
+        assert not diagnose or str(frame.diagnostics)
+    x, y = size[0] // 2, size[1] // 2
+    told = attempt(rj.explain_pixel, scene, camera, size, x, y, cull=cull, quality=rj.Quality(bits))
+    assert (told is None) == (frame is None)
+    if told is not None:
+        assert str(told)
+        assert told.color.tolist() == frame.color[y, x].tolist()
 
 
 @few(150)
@@ -476,6 +481,49 @@ def test_damaged_file_loads_or_is_refused(kind, tmp_path_factory):
     damage()
 
 
+numbers = st.one_of(wild, st.integers(-9, 9), st.fractions(), st.sampled_from(STRANGE))
+small = st.one_of(st.integers(0, 6), st.sampled_from(STRANGE[:6]), wild)
+
+
+def points(count, length):
+    """Return strategies of points, or of something that is none."""
+    return st.one_of(st.lists(st.lists(numbers, min_size=length, max_size=length), min_size=count,
+                              max_size=count), anything)  # fmt: skip
+
+
+@few(150)
+@given(
+    triangle=points(3, 2), polygon=points(4, 4), flat=points(5, 2), point=points(1, 2),
+    ws=st.one_of(st.lists(numbers, min_size=3, max_size=3), anything), value=numbers,
+    size=st.one_of(st.tuples(small, small), anything), face=st.lists(small, max_size=4),
+    layers=st.lists(st.one_of(st.tuples(st.lists(numbers, max_size=4), numbers), anything)),
+)  # fmt: skip
+def test_the_oracle_takes_or_refuses_anything(
+    triangle, polygon, flat, point, ws, value, size, face, layers
+):
+    place = point[0] if isinstance(point, list) and point else point
+    for function, arguments in (
+        (rj.oracle.round_half_up, (value,)), (rj.oracle.snap, (value, 8)),
+        (rj.oracle.snap, (0.5, value)),
+        (rj.oracle.snap_triangle, (triangle,)), (rj.oracle.edge, (place, place, ws)),
+        (rj.oracle.covers, (triangle, place)), (rj.oracle.covered_pixels, (triangle, (5, 4))),
+        (rj.oracle.covered_pixels, ([(0, 0), (2, 0), (0, 2)], size)),
+        (rj.oracle.affine_weights, (triangle, place)),
+        (rj.oracle.perspective_weights, (triangle, ws, place)),
+        (rj.oracle.clip_weights, (polygon, place, (5, 4))), (rj.oracle.interpolate, (ws, polygon)),
+        (rj.oracle.depth_at, (triangle, ws, place)),
+        (rj.oracle.visible_faces, ([triangle, flat], [ws, ws], (3, 2))),
+        (rj.oracle.screen_position, (place, (5, 4))),
+        (rj.oracle.render_faces, (polygon, [face], (3, 2))),
+        (rj.oracle.view_planes, (value,)), (rj.oracle.guard_band, (size,)),
+        (rj.oracle.plane_distance, (place, place)), (rj.oracle.clip_near, (polygon,)),
+        (rj.oracle.clip_polygon, (polygon, polygon)), (rj.oracle.polygon_area, (flat,)),
+        (rj.oracle.pixel_area, (flat, 1, 2)), (rj.oracle.line_pixels, (face, face[::-1])),
+        (rj.oracle.line_colors, ((0, 0), (3, 2), ws, place)), (rj.oracle.composite, (layers,)),
+    ):  # fmt: skip
+        attempt(function, *arguments)
+
+
 ELSEWHERE = {
     "OutputNotRequestedError": "an error that reading a frame raises",
     "Diagnostics": "what a frame is made with, checked where it is made",
@@ -484,8 +532,6 @@ ELSEWHERE = {
     "RenderPlan": "what explain returns; here it is printed",
     "Node": "what Scene.add returns",
     "PixelExplanation": "what explain_pixel returns",
-    "explain_pixel": "explains one pixel of a frame that was rendered",
-    "oracle": "exact arithmetic for tests, for numbers that are finite",
 }
 """Public names that no test here calls, with the reason."""
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -153,10 +154,20 @@ def test_any_tile_size_gives_the_same_bits(bits, tmp_path):
         cwd=tmp_path, env={**os.environ, **environment}, capture_output=True, text=True, check=True,
     )  # fmt: skip
     assert int(done.stdout) == 1 << bits
-    # All other outputs follow from these two without a tile.
+    # All other outputs follow from these two without a tile: see the test below.
     found = run_frames(("depth", "face_id"), **environment)
     wanted = {
         name: {k: v for k, v in frames.recorded()[name].items() if k in ("depth", "face_id")}
         for name in PARALLEL
     }
     assert found == wanted
+
+
+def test_no_kernel_that_makes_another_output_knows_of_tiles():
+    knows = {
+        path.name
+        for path in (PACKAGE / "kernels").glob("*.py")
+        if re.search(r"\bTILE_(BITS|SIZE)\b", path.read_text())
+    }
+    # The lists of triangles, drawing them, and counting what was drawn.
+    assert knows == {"setup.py", "visibility.py", "diagnosis.py"}

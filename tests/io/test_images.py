@@ -172,3 +172,22 @@ def test_exr_without_openexr_says_what_to_install(tmp_path, monkeypatch):
     with pytest.raises(ValueError, match=r"rasterjit\[exr\]"):
         images.save_depth(tmp_path / "a.exr", DEPTH)
     assert not files(tmp_path)
+
+
+def test_a_refused_file_is_named_as_it_was_asked_for(tmp_path):
+    path = tmp_path / "a.png"
+
+    def write(temporary):
+        raise PermissionError(13, "Permission denied", str(temporary))
+
+    with pytest.raises(PermissionError) as refusal, images.replacing(path) as temporary:
+        write(temporary)
+    assert str(path) in str(refusal.value)
+    assert str(temporary) not in str(refusal.value)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("path", ["x" * 300 + ".png", "a\0b.png"])
+def test_a_path_that_cannot_be_is_named(path, tmp_path):
+    with pytest.raises(ValueError, match="path "):
+        images.save_image(tmp_path / path, picture())

@@ -78,7 +78,7 @@ component = st.integers(-8, 8).map(float)
 corner = st.tuples(component, component, component, component)
 
 
-@settings(max_examples=150, derandomize=True, deadline=None, database=None)
+@settings(max_examples=150)
 @given(corner, corner, corner)
 def test_clipped_vertices_lie_inside_all_planes(a, b, c):
     counts, vertices, pieces, _ = clip_all([a, b, c])

@@ -194,7 +194,7 @@ def test_no_samples_is_nothing():
     light(np.zeros((lit.SAMPLE_ROWS, 0), np.float32), [[0, 0, 1, 0, 1, 1, 1]], DARK)
 
 
-@settings(max_examples=60, derandomize=True, deadline=None, database=None)
+@settings(max_examples=60)
 @given(st.lists(st.floats(-1e4, 1e4, width=32), min_size=9, max_size=9))
 def test_light_is_never_negative_or_nan(numbers):
     sample = one_sample(numbers[:3], numbers[3:6], color=(1, 0.5, 0))

@@ -56,13 +56,13 @@ def test_codes_equal_naive_on_a_sweep():
     assert encode(sweep).tolist() == np.floor(values).astype(int).tolist()
 
 
-@settings(max_examples=200, derandomize=True, deadline=None, database=None)
+@settings(max_examples=200)
 @given(st.floats(0.0, 1.0, width=32))
 def test_code_is_the_nearest(value):
     assert encode([value])[0] == naive.srgb_code(value)
 
 
-@settings(max_examples=100, derandomize=True, deadline=None, database=None)
+@settings(max_examples=100)
 @given(st.floats(allow_nan=True, allow_infinity=True, width=32))
 def test_every_float_has_a_code(value):
     assert encode([value])[0] == naive.srgb_code(value)

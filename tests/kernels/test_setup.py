@@ -46,7 +46,7 @@ def test_snapping_equals_naive(bits):
         assert row == [oracle.snap(x, bits) << extra, oracle.snap(y, bits) << extra]
 
 
-@settings(max_examples=60, derandomize=True, deadline=None, database=None)
+@settings(max_examples=60)
 @given(
     st.floats(-60.0, 60.0), st.floats(-60.0, 60.0), st.floats(1e-3, 1e3),
     st.sampled_from([(64, 64), (255, 257), (1, 7)]),

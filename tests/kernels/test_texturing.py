@@ -262,7 +262,7 @@ ANY_SIZE = st.integers(1, 70)
 ANY_WRAPS = st.tuples(*[st.sampled_from(sorted(WRAPS.values()))] * 2)
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(u=ANY_FLOAT, v=ANY_FLOAT, size=st.tuples(ANY_SIZE, ANY_SIZE), wraps=ANY_WRAPS)
 def test_any_coordinate_reads_a_texel_of_its_level(u, v, size, wraps):
     first, (width, height) = 1000, size
@@ -274,13 +274,13 @@ def test_any_coordinate_reads_a_texel_of_its_level(u, v, size, wraps):
     assert 0.0 <= up < 1.0
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(i=st.integers(-(2**40), 2**40), size=ANY_SIZE, wrap=st.sampled_from(sorted(WRAPS)))
 def test_any_number_wraps_as_the_twin(i, size, wrap):
     assert texturing.wrap_index(i, size, WRAPS[wrap]) == naive.wrapped(i, size, wrap)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(
     corners=st.lists(
         st.tuples(*[st.floats(-(2.0**127), 2.0**127, width=32)] * 2),

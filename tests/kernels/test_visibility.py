@@ -85,13 +85,13 @@ coordinate = st.integers(-40 * 256, 168 * 256).map(lambda n: n / 256)
 point = st.tuples(coordinate, coordinate)
 
 
-@settings(max_examples=60, derandomize=True, deadline=None, database=None)
+@settings(max_examples=60)
 @given(point, point, point)
 def test_triangle_covers_what_the_oracle_says(a, b, c):
     assert pixels([a, b, c]) == oracle.covered_pixels([a, b, c], SCREEN)
 
 
-@settings(max_examples=40, derandomize=True, deadline=None, database=None)
+@settings(max_examples=40)
 @given(point, point, point, point)
 def test_shared_edge_is_drawn_once(a, b, c, d):
     # c and d on different sides of the edge a b.

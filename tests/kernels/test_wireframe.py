@@ -81,7 +81,7 @@ def test_cut_edges_equal_naive():
 component = st.one_of(st.integers(-4, 4).map(float), st.floats(-1e6, 1e6))
 
 
-@settings(max_examples=100, derandomize=True, deadline=None, database=None)
+@settings(max_examples=100)
 @given(st.lists(component, min_size=8, max_size=8))
 def test_ends_never_leave_the_guard_band(numbers):
     ends, depths = project(np.reshape(numbers, (2, 4)), [[0, 1]])

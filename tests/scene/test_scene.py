@@ -135,3 +135,14 @@ def test_a_wireframe_has_a_linear_colour_and_a_mode():
     assert Wireframe("white", "only").color == (1.0, 1.0, 1.0, 1.0)
     with pytest.raises(ValueError, match="mode must be one of 'overlay', 'only'"):
         Wireframe(mode="dashed")
+
+
+def test_a_node_refuses_what_is_no_mesh_and_keeps_its_matrix_from_changes():
+    node = Scene().add(triangle())
+    with pytest.raises(ValueError, match="mesh must be a rasterjit Mesh, got int"):
+        node.mesh = 5
+    with pytest.raises(ValueError, match="read-only"):
+        node.world_from_model[0, 0] = np.nan
+    other = triangle()
+    node.mesh = other
+    assert node.mesh is other
