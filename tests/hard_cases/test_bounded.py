@@ -216,6 +216,34 @@ def test_depth_of_a_clipped_face_stays_inside_its_range():
 # --- attributes -----------------------------------------------------------------------------------
 
 
+CUT_ROUNDINGS = 64
+"""
+Roundings of the depth of a piece: `DEPTH_ROUNDINGS`, and those of the vertices it was cut at.
+
+A cut is ``a + t (b - a)`` in z and in w, 4 roundings each, of numbers up to C; the quotient has
+their sum and its own. The depth of a sample is a mean of three such.
+"""
+
+
+def test_depth_of_a_clipped_face_is_that_of_its_snapped_pieces():
+    rng = np.random.default_rng(25)
+    size, compared = (16, 16), 0
+    for _ in range(500):
+        positions = reaching_far(rng)
+        positions[:, 2] *= 1.5  # beyond near and far as well
+        seen = rj.rasterize(positions, FACE, size, threads=1)
+        if not seen.totals.clipped:
+            continue
+        exact = rj.oracle.render_faces(positions.tolist(), FACE, size)
+        assert set(screen.covered(seen)) == set(exact)
+        depths = positions[:, 2] / positions[:, 3]
+        slack = CUT_ROUNDINGS * screen.UNIT * Fraction(np.ptp(depths) + np.abs(depths).max())
+        for (column, row), (_, depth) in some(list(exact.items())):
+            assert screen.is_rounded(seen.depth[row, column], depth, slack)
+            compared += 1
+    assert compared > 1000
+
+
 def test_cut_of_a_flat_face_has_the_depth_of_its_vertices():
     # 0.5 + 2**-25 lies halfway between two float32 numbers; a cut rounds z and w by themselves.
     depth = 0.5 + 2.0**-25

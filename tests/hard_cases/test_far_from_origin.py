@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from fractions import Fraction
 
+import frames
 import numpy as np
 import pytest
 
@@ -279,3 +280,37 @@ def test_clip_positions_that_do_not_go_by_way_of_the_eye_do_not_survive_the_move
         shown = rj.render(scene, camera, size=SIZE, outputs=("barycentric",), threads=1).barycentric
         wrong.append(int((seen != shown).sum()))
     assert wrong[1] > 1000 > wrong[0]
+
+
+# --- how large ------------------------------------------------------------------------------------
+
+
+def scaled_shot(scale):
+    """Return the colour and the depth of a ball with a highlight, all lengths times a scale."""
+    scene = rj.Scene()
+    scene.add(frames.ball(4), rj.transforms.scale(scale))
+    scene.lights = [rj.AmbientLight(intensity=0.1), rj.DirectionalLight((-1.0, -2.0, -1.5))]
+    camera = rj.PerspectiveCamera((2 * scale, 1.5 * scale, 4 * scale), (0, 0, 0), near=0.1 * scale)
+    frame = rj.render(scene, camera, size=(48, 32), outputs=("linear", "depth"), threads=1)
+    return frame.linear, frame.depth
+
+
+@pytest.mark.parametrize("power", [-40, -20, 30, 59])
+def test_a_scene_of_any_size_from_1e_12_to_1e18_units_looks_the_same(power):
+    linear, depth = scaled_shot(1.0)
+    large, far = scaled_shot(2.0**power)
+    assert large.tobytes() == linear.tobytes()
+    assert (far == np.ldexp(depth, power)).all()
+
+
+@pytest.mark.parametrize("near", [1e-33, 1e-10, 1.0])
+def test_a_centimetre_at_ten_kilometres_is_kept_with_any_near_plane(near):
+    # The distance is at most 1e37 times that of the near plane.
+    scene = rj.Scene()
+    for z in (10000.01, 10000.0):
+        corners = [[-3e4, -3e4, -z], [3e4, -3e4, -z], [0, 6e4, -z]]
+        scene.add(rj.Mesh(corners, [[0, 1, 2]]))
+    camera = rj.PerspectiveCamera((0, 0, 0), (0, 0, -1), near=near)
+    frame = rj.render(scene, camera, size=(24, 16), outputs=("object_id", "depth"), threads=1)
+    assert (frame.object_id == 1).all()
+    assert (np.abs(frame.depth - 10000.0) <= 2 * np.spacing(np.float32(10000.0))).all()
