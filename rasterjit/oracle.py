@@ -90,28 +90,29 @@ def _exact(name: str, value: Number) -> Exact:
         raise ValueError(f"{name} must be finite, got {value!r}") from None
 
 
+def _rows(name: str, rows: Iterable, length: int | None = None) -> list:
+    """Return some rows, or as many as they must be, as a list, or raise ``ValueError``."""
+    try:
+        found = list(rows)
+    except TypeError:
+        raise ValueError(f"{name} must be a sequence, got {rows!r}") from None
+    if length is not None and len(found) != length:
+        raise ValueError(f"{name} must have {length} entries, got {len(found)}")
+    return found
+
+
 def _vector(name: str, values: Iterable[Number], length: int | None) -> tuple[Exact, ...]:
     """Return some numbers at their exact values, or raise ``ValueError``."""
-    try:
-        vector = tuple(_exact(f"{name}[{n}]", value) for n, value in enumerate(values))
-    except TypeError:
-        raise ValueError(f"{name} must be {length or 'some'} numbers, got {values!r}") from None
-    if length is not None and len(vector) != length:
-        raise ValueError(f"{name} must be {length} numbers, got {len(vector)}")
-    return vector
+    numbers = _rows(name, values, length)
+    return tuple(_exact(f"{name}[{n}]", value) for n, value in enumerate(numbers))
 
 
 def _vectors(
     name: str, rows: Iterable[Iterable[Number]], length: int, count: int | None = None
 ) -> tuple[tuple[Exact, ...], ...]:
     """Return points at their exact values, or raise ``ValueError``."""
-    try:
-        vectors = tuple(_vector(f"{name}[{n}]", row, length) for n, row in enumerate(rows))
-    except TypeError:
-        raise ValueError(f"{name} must be a sequence of points, got {rows!r}") from None
-    if count is not None and len(vectors) != count:
-        raise ValueError(f"{name} must have {count} points, got {len(vectors)}")
-    return vectors
+    points = _rows(name, rows, count)
+    return tuple(_vector(f"{name}[{n}]", row, length) for n, row in enumerate(points))
 
 
 def _whole(name: str, value: int, least: int | None = None) -> int:
@@ -127,19 +128,8 @@ def _whole(name: str, value: int, least: int | None = None) -> int:
 
 def _whole_pair(name: str, pair: Sequence[int], least: int | None = None) -> tuple[int, int]:
     """Return two ints that are not below ``least``, or raise ``ValueError``."""
-    try:
-        first, second = pair
-    except (TypeError, ValueError):
-        raise ValueError(f"{name} must be two whole numbers, got {pair!r}") from None
+    first, second = _rows(name, pair, 2)
     return _whole(f"{name}[0]", first, least), _whole(f"{name}[1]", second, least)
-
-
-def _rows(name: str, rows: Iterable) -> list:
-    """Return some rows as a list, or raise ``ValueError``."""
-    try:
-        return list(rows)
-    except TypeError:
-        raise ValueError(f"{name} must be a sequence, got {rows!r}") from None
 
 
 def round_half_up(value: Number) -> int:
@@ -493,9 +483,7 @@ def interpolate(
         If the lengths differ or a number is not finite.
     """
     shares = _vector("weights", weights, None)
-    values = _rows("values", values)
-    if len(values) != len(shares):
-        raise ValueError(f"values must be {len(shares)}, one for each weight, got {len(values)}")
+    values = _rows("values", values, len(shares))
     if values and hasattr(values[0], "__len__"):
         rows = _vectors("values", values, len(values[0]))
         return tuple(_weighted(shares, column) for column in zip(*rows, strict=True))
@@ -566,9 +554,8 @@ def visible_faces(
         If an argument has a wrong length or value, or a number is not finite.
     """
     whole_image = (0, 0, *_whole_pair("size", size, 1))
-    triangles, depths = _rows("triangles", triangles), _rows("depths", depths)
-    if len(triangles) != len(depths):
-        raise ValueError(f"depths must be {len(triangles)} rows, got {len(depths)}")
+    triangles = _rows("triangles", triangles)
+    depths = _rows("depths", depths, len(triangles))
     shown: dict[Pixel, tuple[int, Fraction]] = {}
     for face, triangle in enumerate(triangles):
         corners = _snapped(f"triangles[{face}]", triangle, subpixel_bits)
@@ -1019,10 +1006,7 @@ def composite(
     """
     seen = tuple(map(Fraction, _vector("background", background, None)))
     for n, layer in reversed(list(enumerate(_rows("layers", layers)))):
-        pair = _rows(f"layers[{n}]", layer)
-        if len(pair) != 2:
-            raise ValueError(f"layers[{n}] must be a colour and its alpha, got {layer!r}")
-        color, alpha = pair
+        color, alpha = _rows(f"layers[{n}]", layer, 2)
         own = _vector(f"layers[{n}] color", color, len(seen))
         share = _exact(f"layers[{n}] alpha", alpha)
         if not 0 <= share <= 1:
