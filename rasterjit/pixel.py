@@ -144,7 +144,7 @@ def _draw(scene: Scene, plan: RenderPlan) -> _Drawn:
     if plan.cull != "none":
         # List the culled faces as well.
         everything = Objects(objects.face_starts, np.zeros_like(objects.culled_turns))
-        starts, binned, _ = stages.set_up_and_bin(
+        starts, binned, _, _ = stages.set_up_and_bin(
             lists.faces, everything, coverage.screen, viewport, workers
         )
         lists = stages.TileLists(starts, binned, lists.faces)
@@ -195,13 +195,14 @@ def _find_faces(drawn: _Drawn, x: int, y: int) -> list[FaceAtPixel]:
     face_id = np.empty((viewport.height, viewport.width), np.int32)
     shape = visibility.SCRATCH_SHAPE
     scratch = np.empty(shape, np.float32), np.empty(shape, np.int32)
+    bottomless = np.full(len(starts) - 1, -np.inf, np.float32)
     one = np.zeros(len(starts), np.int64)
     one[tile + 1 :] = 1
     kept = set(coverage.lists.binned[coverage.lists.starts[tile] : coverage.lists.starts[tile + 1]])
     found = []
     for triangle in near:
         visibility.draw_tiles(
-            np.array([tile], np.int32), one, np.array([triangle], np.int32), faces,
+            np.array([tile], np.int32), one, np.array([triangle], np.int32), bottomless, faces,
             coverage.screen, viewport, (depth, face_id), scratch,
         )  # fmt: skip
         if face_id[y, x] >= 0:

@@ -20,6 +20,7 @@ from rasterjit.kernels import (
     clipping,
     interpolation,
     lines,
+    occlusion,
     resolve,
     setup,
     shading,
@@ -317,11 +318,11 @@ def find_visible(
             clip_positions, faces, depth_coefficients, viewport, screen
         )
     clock("clip")
-    starts, binned, sums = set_up_and_bin(all_faces, objects, screen, viewport, workers)
+    starts, binned, floors, sums = set_up_and_bin(all_faces, objects, screen, viewport, workers)
     clock("set up, bin")
     depth = np.empty((viewport.height, viewport.width), np.float32)
     face_id = np.empty((viewport.height, viewport.width), np.int32)
-    draw(starts, binned, all_faces, screen, viewport, (depth, face_id), workers)
+    draw(starts, binned, floors, all_faces, screen, viewport, (depth, face_id), workers)
     clock("visibility")
     outside, degenerate, culled, unsampled, invalid = (int(n) for n in sums)
     drawn = len(faces) - (outside + degenerate + culled + unsampled + invalid)
@@ -332,8 +333,8 @@ def find_visible(
 
 def set_up_and_bin(
     faces: Faces, objects: Objects, screen: ScreenVertices, viewport: Viewport, workers: Workers
-) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.int64]]:
-    """Return each tile's start in the list of binned triangles, that list, and the totals."""
+) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.float32], NDArray[np.int64]]:
+    """Return each tile's start in the list of binned triangles, that list, floors, and totals."""
     columns = -(-viewport.width // visibility.TILE_SIZE)
     tiles = columns * -(-viewport.height // visibility.TILE_SIZE)
     face_count, piece_count = len(faces.faces), len(faces.pieces)
@@ -368,12 +369,22 @@ def set_up_and_bin(
             for n in range(len(ranges))
         ],
     )  # fmt: skip
-    return starts, binned, sums.sum(axis=0)
+    floors = np.full((len(ranges), tiles), -np.inf, np.float32)
+    workers.run(
+        occlusion.find_floors,
+        [
+            (triangles[firsts[n] : ends[n]], boxes[firsts[n] : ends[n]], columns, faces, screen,
+             viewport, floors[n])
+            for n in range(len(ranges))
+        ],
+    )  # fmt: skip
+    return starts, binned, floors.max(axis=0), sums.sum(axis=0)
 
 
 def draw(
     starts: NDArray[np.int64],
     binned: NDArray[np.int32],
+    floors: NDArray[np.float32],
     faces: Faces,
     screen: ScreenVertices,
     viewport: Viewport,
@@ -387,7 +398,7 @@ def draw(
     def draw_some(some: NDArray[np.int32]) -> None:
         shape = visibility.SCRATCH_SHAPE
         scratch = np.empty(shape, np.float32), np.empty(shape, np.int32)
-        visibility.draw_tiles(some, starts, binned, faces, screen, viewport, frame, scratch)
+        visibility.draw_tiles(some, starts, binned, floors, faces, screen, viewport, frame, scratch)
 
     workers.run(draw_some, [(tiles[n : n + per_task],) for n in range(0, len(tiles), per_task)])
 

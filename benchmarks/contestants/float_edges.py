@@ -3,8 +3,8 @@ RasterJIT's own stages without what makes them exact and repeatable, to see what
 
 Vertices are not snapped, edge functions are floats of the unsnapped positions without a top-left
 rule, and triangles are listed in the order in which threads finish: shared edges crack or are drawn
-twice, and ties fall as they may. Transform, outcodes, culling, totals, lists for tiles, the depth
-plane and the depth test are those of ``rasterjit``. For scenes that need no clipping.
+twice, and ties fall as they may. Transform, outcodes, culling, totals, lists for tiles, floors, the
+depth plane and the depth test are those of ``rasterjit``. For scenes that need no clipping.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from benchmarks.contestants import Prepared
 from benchmarks.contestants.rasterjit_ import NEARER_IS_LESS, Triangles
 from benchmarks.scenes import LineScene, Scene, TriangleScene
-from rasterjit.kernels import binning, setup, visibility
+from rasterjit.kernels import binning, occlusion, setup, visibility
 from rasterjit.kernels.jit import disjoint_stage, stage
 
 NAME = "RasterJIT, float edges"
@@ -160,19 +160,88 @@ def worst(value, across, down, columns, rows):
 
 
 @stage
-def draw_triangle(corners, face, xy, depth, viewport, origin, tile):
-    """Draw one triangle into a tile whose first pixel is ``origin`` (column, row)."""
-    depths, numbers = tile
+def clockwise(corners, xy):
+    """Return the vertex numbers clockwise on the screen."""
     a, b, c = corners
-    half = np.float32(0.5)
     if setup.edge(xy[a, 0], xy[a, 1], xy[b, 0], xy[b, 1], xy[c, 0], xy[c, 1]) < 0:
         b, c = c, b
+    return a, b, c
+
+
+@stage
+def depth_plane(a, b, c, xy, depth):
+    """Return what `visibility.depth_plane` does, from edge functions in pixels."""
     ax, ay, bx, by, cx, cy = xy[a, 0], xy[a, 1], xy[b, 0], xy[b, 1], xy[c, 0], xy[c, 1]
     area = np.float64(setup.edge(ax, ay, bx, by, cx, cy))
     da, db, dc = depth[a], depth[b], depth[c]
     weight_a, weight_b = (da - dc) / area, (db - dc) / area
     step = np.float64(by - cy) * weight_a + np.float64(cy - ay) * weight_b
-    plane = dc, weight_a, weight_b, step, min(da, min(db, dc)), max(da, max(db, dc))
+    return dc, weight_a, weight_b, step, min(da, min(db, dc)), max(da, max(db, dc))
+
+
+@stage
+def lowest_at_corners(plane, a, b, c, box, xy):
+    """Return the lowest depth at the corners of a box of samples."""
+    half = np.float32(0.5)
+    lowest = np.inf
+    for row in (box[1], box[3]):
+        for column in (box[0], box[2]):
+            px, py = np.float32(column) + half, np.float32(row) + half
+            depth = visibility.depth_from(
+                plane,
+                setup.edge(xy[b, 0], xy[b, 1], xy[c, 0], xy[c, 1], px, py),
+                setup.edge(xy[c, 0], xy[c, 1], xy[a, 0], xy[a, 1], px, py),
+            )
+            lowest = min(lowest, depth)
+    return visibility.held(lowest, plane)
+
+
+@compiled
+def find_floors(triangles, boxes, columns, faces, xy, depth, viewport, floors):
+    """Raise the floors of the tiles that large triangles cover."""
+    half, size = np.float32(0.5), np.int64(visibility.TILE_SIZE)
+    for first in range(0, triangles.shape[0], occlusion.BLOCK):
+        last = min(first + occlusion.BLOCK, triangles.shape[0])
+        if occlusion.largest_span(boxes[first:last]) < occlusion.LEAST_SPAN:
+            continue
+        for n in range(first, last):
+            if occlusion.largest_span(boxes[n : n + 1]) < occlusion.LEAST_SPAN:
+                continue
+            a, b, c = clockwise(setup.corners_of(faces, np.int64(triangles[n])), xy)
+            plane = depth_plane(a, b, c, xy, depth)
+            ax, ay, bx, by, cx, cy = xy[a, 0], xy[a, 1], xy[b, 0], xy[b, 1], xy[c, 0], xy[c, 1]
+            for row in range(np.int64(boxes[n, 1]), np.int64(boxes[n, 3]) + 1):
+                for column in range(np.int64(boxes[n, 0]), np.int64(boxes[n, 2]) + 1):
+                    x, y = column << setup.TILE_BITS, row << setup.TILE_BITS
+                    width, height = min(size, viewport.width - x), min(size, viewport.height - y)
+                    px, py = np.float32(x) + half, np.float32(y) + half
+                    e0 = setup.edge(bx, by, cx, cy, px, py)
+                    e1 = setup.edge(cx, cy, ax, ay, px, py)
+                    e2 = setup.edge(ax, ay, bx, by, px, py)
+                    least = min(
+                        worst(e0, by - cy, cx - bx, width, height),
+                        min(
+                            worst(e1, cy - ay, ax - cx, width, height),
+                            worst(e2, ay - by, bx - ax, width, height),
+                        ),
+                    )
+                    if least >= np.float32(0.0):
+                        box = x, y, x + width - 1, y + height - 1
+                        lowest = lowest_at_corners(plane, a, b, c, box, xy)
+                        tile = row * columns + column
+                        floors[tile] = max(floors[tile], lowest)
+
+
+@stage
+def draw_triangle(corners, face, xy, depth, viewport, origin, floor, tile):
+    """Draw one triangle into a tile whose first pixel is ``origin`` (column, row)."""
+    depths, numbers = tile
+    half = np.float32(0.5)
+    a, b, c = clockwise(corners, xy)
+    ax, ay, bx, by, cx, cy = xy[a, 0], xy[a, 1], xy[b, 0], xy[b, 1], xy[c, 0], xy[c, 1]
+    plane = depth_plane(a, b, c, xy, depth)
+    if np.float32(plane[5]) < floor:
+        return
     own_left = first_centre(min(ax, min(bx, cx)))
     own_right = last_centre(max(ax, max(bx, cx)))
     size = np.int64(visibility.TILE_SIZE)
@@ -224,7 +293,7 @@ def draw_triangle(corners, face, xy, depth, viewport, origin, tile):
 
 
 @compiled
-def draw_tiles(tiles, starts, binned, faces, xy, vertex_depth, viewport, frame, scratch):
+def draw_tiles(tiles, starts, binned, floors, faces, xy, vertex_depth, viewport, frame, scratch):
     """Draw some of the frame's tiles."""
     depth, face_id = frame
     tile_depth, tile_numbers = scratch
@@ -237,8 +306,9 @@ def draw_tiles(tiles, starts, binned, faces, xy, vertex_depth, viewport, frame, 
             face = binned[k]
             corners = setup.corners_of(faces, np.int64(face))
             draw_triangle(
-                corners, face, xy, vertex_depth, viewport, origin, (tile_depth, tile_numbers)
-            )
+                corners, face, xy, vertex_depth, viewport, origin, floors[tile],
+                (tile_depth, tile_numbers),
+            )  # fmt: skip
         left, top = origin
         width = min(visibility.TILE_SIZE, viewport.width - left)
         for row in range(min(visibility.TILE_SIZE, viewport.height - top)):
@@ -264,7 +334,7 @@ class FloatTriangles(Triangles):
             self._clip_from_relative, workers,
         )  # fmt: skip
         screen = self._project(clip_positions)
-        starts, binned = self._set_up_and_bin(screen)
+        starts, binned, floors = self._set_up_and_bin(screen)
         # What was drawn lives until the next is done, as it does in the stages it is compared with:
         # memory that is given back has to be fetched from the system again, page by page.
         frame = np.empty(self._size[::-1], np.float32), np.empty(self._size[::-1], np.int32)
@@ -275,7 +345,9 @@ class FloatTriangles(Triangles):
         def draw_some(some: NDArray[np.int32]) -> None:
             shape = visibility.SCRATCH_SHAPE
             scratch = np.empty(shape, np.float32), np.empty(shape, np.int32)
-            draw_tiles(some, starts, binned, self._faces, xy, depth, viewport, frame, scratch)
+            draw_tiles(
+                some, starts, binned, floors, self._faces, xy, depth, viewport, frame, scratch
+            )
 
         workers.run(draw_some, [(tiles[n : n + per_task],) for n in range(0, len(tiles), per_task)])
         self._drawn = *frame, screen
@@ -297,8 +369,8 @@ class FloatTriangles(Triangles):
 
     def _set_up_and_bin(
         self, screen: tuple[NDArray[Any], ...]
-    ) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
-        xy, _, codes = screen
+    ) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.float32]]:
+        xy, depth, codes = screen
         faces, viewport = self._faces, self._viewport
         size = visibility.TILE_SIZE
         columns = -(-viewport.width // size)
@@ -329,7 +401,16 @@ class FloatTriangles(Triangles):
                 for n, (first, end, _) in enumerate(finished)
             ],
         )
-        return starts, binned
+        floors = np.full((len(finished), tiles), -np.inf, np.float32)
+        self._workers.run(
+            find_floors,
+            [
+                (triangles[first:end], boxes[first:end], columns, faces, xy, depth, viewport,
+                 floors[n])
+                for n, (first, end, _) in enumerate(finished)
+            ],
+        )  # fmt: skip
+        return starts, binned, floors.max(axis=0)
 
     def read(self) -> dict[str, NDArray[Any]]:
         """Return the face at every pixel; it is a NumPy array already."""

@@ -166,7 +166,10 @@ def count_samples(
         origin = ((tile % columns) << TILE_BITS, (tile // columns) << TILE_BITS)
         for k in range(starts[tile], starts[tile + 1]):
             corners, face = triangle_of(own, pieces, piece_faces, np.int64(binned[k]))
-            draw_triangle(corners, face, screen, viewport, origin, (tile_depth, tile_numbers))
+            draw_triangle(
+                corners, face, screen, viewport, origin, np.float32(-np.inf),
+                (tile_depth, tile_numbers),
+            )  # fmt: skip
             box = box_in_tile(corners, screen, viewport, origin)
             samples[k] = take_samples(face, box, origin, (tile_depth, tile_numbers), frame, ties)
         tied[tile] = count_and_clear(ties)

@@ -54,6 +54,13 @@ BLOCK_BITS = 6
 SCRATCH_SHAPE = (TILE_SIZE, TILE_SIZE + SMALL_PIXELS)
 """A tile in scratch memory: its rows have room for groups that start in the last column."""
 
+CORNER_ROUNDINGS = 64.0 * 2.0**-53
+"""
+What two depths of a plane may be off by, in units of its range and its largest depth together.
+
+28 roundings each (``tests/hard_cases/test_bounded.py`` counts them), and some to spare.
+"""
+
 NOTHING = -1
 """Face number of a sample that no face covers."""
 
@@ -131,6 +138,26 @@ def depth_plane(da, db, dc, ax, ay, bx, by, cx, cy, grid_bits):
 def depth_from(plane, edge_bc, edge_ca):
     """Return the depth where two edge functions have the given exact values."""
     return plane[0] + (np.float64(edge_bc) * plane[1] + np.float64(edge_ca) * plane[2])
+
+
+@stage
+def depth_at_corners(plane, a, b, c, box, grid_bits):
+    """
+    Return the lowest and the highest depth that may be stored in a box of samples.
+
+    A plane has them at corners of the box; what rounding may add is added.
+    """
+    lowest, highest = np.inf, -np.inf
+    for row in (box[1], box[3]):
+        for column in (box[0], box[2]):
+            depth = depth_from(
+                plane,
+                edge_at(b[0], b[1], c[0], c[1], column, row, grid_bits),
+                edge_at(c[0], c[1], a[0], a[1], column, row, grid_bits),
+            )
+            lowest, highest = min(lowest, depth), max(highest, depth)
+    slack = CORNER_ROUNDINGS * (plane[5] - plane[4] + max(abs(plane[4]), abs(plane[5])))
+    return held(lowest - slack, plane), held(highest + slack, plane)
 
 
 @stage
@@ -245,8 +272,12 @@ def draw_spans(a, b, c, plane, box, face, origin, grid_bits, tile):
 
 
 @stage
-def draw_triangle(corners, face, screen, viewport, origin, tile):
-    """Draw one triangle into a tile whose first pixel is ``origin`` (column, row)."""
+def draw_triangle(corners, face, screen, viewport, origin, floor, tile):
+    """
+    Draw one triangle into a tile whose first pixel is ``origin`` (column, row).
+
+    Nothing is drawn if it lies below ``floor`` in the whole tile.
+    """
     bits = viewport.grid_bits
     # Gather the vertices in their fixed order.
     i, j, k = clockwise_from_top(corners, screen)
@@ -256,6 +287,8 @@ def draw_triangle(corners, face, screen, viewport, origin, tile):
     plane = depth_plane(
         screen.depth[i], screen.depth[j], screen.depth[k], ax, ay, bx, by, cx, cy, bits
     )
+    if np.float32(plane[5]) < floor:
+        return
     # Bound it in pixels, and to the tile; spans, to the block of columns that holds the tile.
     left = first_sample(min(ax, min(bx, cx)), bits)
     right = last_sample(max(ax, max(bx, cx)), bits)
@@ -274,6 +307,10 @@ def draw_triangle(corners, face, screen, viewport, origin, tile):
     if is_small:
         draw_small(a, b, c, plane, box, face, origin, bits, tile)
     else:
+        if floor > -np.inf:
+            _, highest = depth_at_corners(plane, a, b, c, box, bits)
+            if highest < floor:
+                return
         draw_spans(a, b, c, plane, box, face, origin, bits, tile)
 
 
@@ -288,8 +325,9 @@ def clear_tile(depths, numbers):
 
 @kernel
 def draw_tiles(
-    tiles, starts, binned, faces: Faces, screen: ScreenVertices, viewport: Viewport, frame, scratch
-):
+    tiles, starts, binned, floors, faces: Faces, screen: ScreenVertices, viewport: Viewport, frame,
+    scratch,
+):  # fmt: skip
     """
     Draw some of the frame's tiles.
 
@@ -301,6 +339,8 @@ def draw_tiles(
         Tile ``k`` draws ``binned[starts[k]:starts[k + 1]]``.
     binned : (M,) int32
         Triangle numbers, ascending within a tile: below F a face, ``F + p`` piece p.
+    floors : (tiles,) float32
+        Triangles below it are left out of a tile; -inf leaves out none.
     faces, screen, viewport : records
     frame : (depth (H, W) float32, face_id (H, W) int32)
         Writes every pixel of the tiles: stored depth (greater is nearer, -inf where nothing is)
@@ -319,7 +359,9 @@ def draw_tiles(
         clear_tile(tile_depth, tile_numbers)
         for k in range(starts[tile], starts[tile + 1]):
             corners, face = triangle_of(own, pieces, piece_faces, np.int64(binned[k]))
-            draw_triangle(corners, face, screen, viewport, origin, (tile_depth, tile_numbers))
+            draw_triangle(
+                corners, face, screen, viewport, origin, floors[tile], (tile_depth, tile_numbers)
+            )
         # Write the tile to the frame.
         left, top = origin
         width = min(TILE_SIZE, viewport.width - left)

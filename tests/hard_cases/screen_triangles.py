@@ -90,10 +90,10 @@ def draw_tile(positions, faces, column, row, bits=8):
     if seen & setup.CLIPPED:
         drawn, screen, _ = stages.clip(positions, faces, depth_coefficients, viewport, screen)
     objects = Objects(np.array([0, len(faces)], np.int64), np.zeros(1, np.int8))
-    starts, binned, _ = stages.set_up_and_bin(drawn, objects, screen, viewport, workers)
+    starts, binned, floors, _ = stages.set_up_and_bin(drawn, objects, screen, viewport, workers)
     frame = np.empty(LARGEST, np.float32), np.empty(LARGEST, np.int32)
     shape = visibility.SCRATCH_SHAPE
     scratch = np.empty(shape, np.float32), np.empty(shape, np.int32)
     tiles = np.array([row * (LARGEST[0] // TILE) + column], np.int32)
-    visibility.draw_tiles(tiles, starts, binned, drawn, screen, viewport, frame, scratch)
+    visibility.draw_tiles(tiles, starts, binned, floors, drawn, screen, viewport, frame, scratch)
     return frame[1][row * TILE : (row + 1) * TILE, column * TILE : (column + 1) * TILE].copy()

@@ -30,7 +30,7 @@ def bin_faces(points, faces):
     screen, _ = stages.project(positions, (0.0, -1.0, 0.0), viewport, workers)
     objects = Objects(np.array([0, len(faces)], np.int64), np.zeros(1, np.int8))
     everything = Faces(faces, np.empty((0, 3), np.int32), np.empty(0, np.int32))
-    starts, binned, _ = stages.set_up_and_bin(everything, objects, screen, viewport, workers)
+    starts, binned, _, _ = stages.set_up_and_bin(everything, objects, screen, viewport, workers)
     return [binned[starts[k] : starts[k + 1]].tolist() for k in range(len(starts) - 1)]
 
 

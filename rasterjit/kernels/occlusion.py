@@ -1,0 +1,112 @@
+"""
+Find, for each tile, a depth that nothing behind it can show: the floor.
+
+A triangle that covers every sample of a tile leaves none of them deeper than the lowest depth that
+it has there. What lies below the highest of these floors is hidden in the whole tile, wherever it
+stands in the list, so visibility passes over it. Floors are bounds from below of what is stored,
+rounding included, so no sample changes by a bit.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rasterjit.kernels.jit import disjoint_stage, kernel, stage
+from rasterjit.kernels.records import Faces, ScreenVertices, Viewport
+from rasterjit.kernels.setup import TILE_BITS, edge, triangle_of
+from rasterjit.kernels.visibility import (
+    TILE_SIZE,
+    clockwise_from_top,
+    depth_at_corners,
+    depth_plane,
+    sign_at,
+    worst,
+)
+
+LEAST_SPAN = 2
+"""Tiles that a box must reach beyond its first, right and down together, to hold a whole tile."""
+
+BLOCK = 256
+"""Boxes that are looked at together."""
+
+LEAST_AREA = 2.0 * TILE_SIZE * TILE_SIZE
+"""Area of the smallest triangle around a whole tile, square pixels."""
+
+
+@disjoint_stage
+def largest_span(boxes):
+    """Return how far the boxes reach beyond their first tile, right and down together, at most."""
+    largest = np.int32(0)
+    for n in range(boxes.shape[0]):
+        span = np.int32(np.int32(boxes[n, 2]) - np.int32(boxes[n, 0]))
+        span = np.int32(span + np.int32(np.int32(boxes[n, 3]) - np.int32(boxes[n, 1])))
+        largest = max(largest, span)
+    return largest
+
+
+@stage
+def raise_floors(triangle, box, columns, faces, screen, viewport, floors):
+    """Raise the floors of the tiles in its box that one large triangle covers."""
+    bits = viewport.grid_bits
+    corners, _ = triangle_of(faces[0], faces[1], faces[2], triangle)
+    i, j, k = clockwise_from_top(corners, screen)
+    ax, ay = np.int64(screen.xy[i, 0]), np.int64(screen.xy[i, 1])
+    bx, by = np.int64(screen.xy[j, 0]), np.int64(screen.xy[j, 1])
+    cx, cy = np.int64(screen.xy[k, 0]), np.int64(screen.xy[k, 1])
+    grid_area = np.float64(np.int64(1) << (2 * bits))
+    if np.float64(edge(ax, ay, bx, by, cx, cy)) < 2.0 * LEAST_AREA * grid_area:
+        return
+    plane = depth_plane(
+        screen.depth[i], screen.depth[j], screen.depth[k], ax, ay, bx, by, cx, cy, bits
+    )
+    for row in range(box[1], box[3] + 1):
+        for column in range(box[0], box[2] + 1):
+            x, y = column << TILE_BITS, row << TILE_BITS
+            width = min(np.int64(TILE_SIZE), np.int64(viewport.width) - x)
+            height = min(np.int64(TILE_SIZE), np.int64(viewport.height) - y)
+            e0 = sign_at(bx, by, cx, cy, x, y, bits)
+            e1 = sign_at(cx, cy, ax, ay, x, y, bits)
+            e2 = sign_at(ax, ay, bx, by, x, y, bits)
+            if (
+                worst(e0, by - cy, cx - bx, width, height)
+                | worst(e1, cy - ay, ax - cx, width, height)
+                | worst(e2, ay - by, bx - ax, width, height)
+            ) < 0:
+                continue
+            whole = x, y, x + width - 1, y + height - 1
+            lowest, _ = depth_at_corners(plane, (ax, ay), (bx, by), (cx, cy), whole, bits)
+            tile = row * columns + column
+            floors[tile] = max(floors[tile], lowest)
+
+
+@kernel
+def find_floors(
+    triangles, boxes, columns, faces: Faces, screen: ScreenVertices, viewport: Viewport, floors
+):
+    """
+    Raise the floors of the tiles that large triangles cover.
+
+    Parameters
+    ----------
+    triangles : (T,) int32
+        Survivors of one chunk, as ``bin_triangles`` takes them.
+    boxes : (T, 4) uint8
+    columns : int
+        Tiles in a row of the image.
+    faces, screen, viewport : records
+    floors : (tiles,) float32
+        Stored depth (greater is nearer); raised in place.
+    """
+    parts = faces.faces, faces.pieces, faces.piece_faces
+    for first in range(0, triangles.shape[0], BLOCK):
+        last = min(first + BLOCK, triangles.shape[0])
+        # Few are large: pass over the others together.
+        if largest_span(boxes[first:last]) < LEAST_SPAN:
+            continue
+        for n in range(first, last):
+            left, top = np.int64(boxes[n, 0]), np.int64(boxes[n, 1])
+            right, bottom = np.int64(boxes[n, 2]), np.int64(boxes[n, 3])
+            if right - left + bottom - top >= LEAST_SPAN:
+                box = left, top, right, bottom
+                triangle = np.int64(triangles[n])
+                raise_floors(triangle, box, columns, parts, screen, viewport, floors)

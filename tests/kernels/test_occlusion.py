@@ -1,0 +1,126 @@
+"""Floors are below all that is stored, and leaving out what lies below them changes no bit."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from rasterjit import stages
+from rasterjit.kernels.records import Faces, Objects
+from rasterjit.plan import viewport_of
+
+SIZE = (256, 192)
+COLUMNS, ROWS = 4, 3
+TILE = 64
+SEEDS = [0, *(pytest.param(seed, marks=pytest.mark.needs_jit) for seed in range(1, 12))]
+
+
+def lists_of(points, depths, size=SIZE, bits=8):
+    """Return what `stages.draw` takes, of loose triangles on the screen."""
+    viewport, workers = viewport_of(size, bits), stages.Workers(1)
+    positions = np.ones((len(points), 4))
+    positions[:, 0] = 2.0 * points[:, 0] / size[0] - 1.0
+    positions[:, 1] = 1.0 - 2.0 * points[:, 1] / size[1]
+    positions[:, 2] = depths
+    screen, _ = stages.project(positions, (0.0, 1.0, 0.0), viewport, workers)
+    faces = np.arange(len(points), dtype=np.int32).reshape(-1, 3)
+    objects = Objects(np.array([0, len(faces)], np.int64), np.zeros(1, np.int8))
+    everything = Faces(faces, np.empty((0, 3), np.int32), np.empty(0, np.int32))
+    starts, binned, floors, _ = stages.set_up_and_bin(
+        everything, objects, screen, viewport, workers
+    )
+    return starts, binned, floors, everything, screen, viewport
+
+
+def draw(starts, binned, floors, faces, screen, viewport):
+    """Return stored depth and face number of every pixel."""
+    shape = viewport.height, viewport.width
+    frame = np.empty(shape, np.float32), np.empty(shape, np.int32)
+    stages.draw(starts, binned, floors, faces, screen, viewport, frame, stages.Workers(1))
+    return frame
+
+
+def tiles_of(array):
+    """Yield (number, part) of each tile of a picture."""
+    for tile in range(COLUMNS * ROWS):
+        top, left = tile // COLUMNS * TILE, tile % COLUMNS * TILE
+        yield tile, array[top : top + TILE, left : left + TILE]
+
+
+def triangles(rng, count):
+    """Return triangles of every size, with depths at their vertices."""
+    reach = np.repeat(rng.choice([3.0, 60.0, 400.0, 3000.0], count), 3)[:, np.newaxis]
+    middles = np.repeat(rng.uniform((0, 0), SIZE, (count, 2)), 3, axis=0)
+    points = np.round((middles + rng.uniform(-1, 1, (3 * count, 2)) * reach) * 256) / 256
+    tilt = np.repeat(rng.choice([0.0, 1e-6, 0.1, 0.4], count), 3)
+    depths = np.repeat(rng.uniform(-0.5, 0.5, count), 3) + tilt * rng.uniform(-1, 1, 3 * count)
+    return points, depths
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_floor_is_the_lowest_depth_of_a_triangle_that_covers_the_tile(seed):
+    rng = np.random.default_rng(seed)
+    found = 0
+    for _ in range(24):
+        points, depths = triangles(rng, 1)
+        lists = lists_of(points, depths)
+        floors = lists[2]
+        depth, face_id = draw(*lists)
+        for (tile, part), (_, numbers) in zip(tiles_of(depth), tiles_of(face_id), strict=True):
+            if (numbers >= 0).all():
+                lowest = part.min()
+                assert lowest - 2 * np.spacing(abs(lowest)) <= floors[tile] <= lowest
+                found += 1
+            else:
+                assert floors[tile] == -np.inf
+    assert found > 3
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_leaving_out_what_is_below_a_floor_changes_no_bit(seed):
+    rng = np.random.default_rng(100 + seed)
+    points, depths = triangles(rng, 60)
+    starts, binned, floors, *rest = lists_of(points, depths)
+    assert (floors > -np.inf).any()
+    with_floors = draw(starts, binned, floors, *rest)
+    without = draw(starts, binned, np.full_like(floors, -np.inf), *rest)
+    for one, other in zip(with_floors, without, strict=True):
+        assert one.tobytes() == other.tobytes()
+
+
+def test_a_floor_leaves_out_all_that_lies_below_it_and_nothing_at_it():
+    # Floors from elsewhere: what is drawn tells what was left out.
+    points, depths = triangles(np.random.default_rng(3), 60)
+    starts, binned, floors, *rest = lists_of(points, depths)
+    _, everything = draw(starts, binned, np.full_like(floors, -np.inf), *rest)
+    _, nothing = draw(starts, binned, np.full_like(floors, np.inf), *rest)
+    assert (everything >= 0).any()
+    assert (nothing == -1).all()
+    square = np.array([[-9, -9], [600, -9], [-9, 600]], float)
+    for depth in (0.25, np.float32(0.1)):
+        lists = lists_of(np.tile(square, (2, 1)), np.full(6, float(depth)))
+        assert (lists[2] <= depth).all()
+        at = np.full_like(lists[2], depth)
+        assert (draw(*lists[:2], at, *lists[3:])[1] == 0).all()
+        above = np.nextafter(at, np.float32(np.inf))
+        assert (draw(*lists[:2], above, *lists[3:])[1] == -1).all()
+
+
+def test_of_equal_depths_the_first_is_kept():
+    square = np.array([[-9, -9], [600, -9], [-9, 600]], float)
+    lists = lists_of(np.tile(square, (5, 1)), np.repeat([0.1, 0.3, 0.3, 0.2, 0.3], 3))
+    assert np.ptp(lists[2]) == 0
+    assert abs(lists[2][0] - np.float32(0.3)) <= np.spacing(np.float32(0.3))
+    assert (draw(*lists)[1] == 1).all()
+
+
+@pytest.mark.parametrize(
+    ("size", "found"), [((64, 64), False), ((65, 70), True), ((250, 3), True), ((128, 64), False)]
+)
+def test_tiles_at_the_border_are_whole_where_the_picture_is(size, found):
+    # A box that reaches less than two tiles on is not looked at: it is too small to gain from.
+    square = np.array([[-900, -900], [4000, -900], [-900, 4000]], float)
+    points, depths = np.tile(square, (2, 1)), np.repeat([0.5, 0.25], 3)
+    lists = lists_of(points, depths, size)
+    assert (lists[2] == (0.5 if found else -np.inf)).all()
+    assert (draw(*lists)[1] == 0).all()
