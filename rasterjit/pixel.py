@@ -103,7 +103,7 @@ def explain_pixel(
     if drawn.coverage.face_id[y, x] >= 0 and plan.draws_faces:
         light, linear = _light(drawn, x, y)
     color = np.empty((1, 1), np.uint32)
-    resolve.encode_rows(linear.reshape(1, 1, 4), resolve.encoding_tables(), color)
+    resolve.encode_rows(linear.reshape(1, 1, 4), resolve.encoding_table(), color)
     plain = seen = color.view(np.uint8)[0]
     if plan.wireframe is not None:
         frame = render(

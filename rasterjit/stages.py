@@ -449,7 +449,7 @@ def shade(
     workers : Workers
     """
     height = len(face_id)
-    tables = resolve.encoding_tables()
+    table = resolve.encoding_table()
     packed = None if color is None else color.view(np.uint32)[:, :, 0]
 
     def shade_band(first: int) -> None:
@@ -458,7 +458,7 @@ def shade(
         shaded = np.empty((*rows.shape, 4), np.float32) if linear is None else linear[band]
         shading.shade_rows(rows, first, geometry, placement, surface, lighting, background, shaded)
         if packed is not None:
-            resolve.encode_rows(shaded, tables, packed[band])
+            resolve.encode_rows(shaded, table, packed[band])
 
     workers.run(shade_band, [(first,) for first in range(0, height, ROWS_PER_TASK)])
 

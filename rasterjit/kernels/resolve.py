@@ -2,8 +2,9 @@
 Turn linear light into sRGB ``uint8``.
 
 Exact: code c stands for the values at or above ``decode((c - 1/2) / 255)``, which is rounding half
-up. A table over equal steps of linear light gives a code that is never too high; from there the
-thresholds are climbed, at most a few. Below zero and NaN give 0, above one gives 255.
+up. Positive floats are in the order of their bits, so the bits say where a value stands: the high
+ones number a bucket, which holds at most one threshold, and the low ones tell on which side of it.
+One look into a table of 26 KiB, no branch. Below zero and NaN give 0, above one gives 255.
 
 References
 ----------
@@ -17,10 +18,21 @@ import functools
 
 import numpy as np
 
-from rasterjit.kernels.jit import kernel, stage
+from rasterjit.kernels.jit import disjoint_stage, kernel, stage
 
-TABLE_STEPS = 4096
-"""Steps of the first table: at most one threshold in most of them."""
+BUCKET_BITS = 14
+"""Low bits of a float32 in one bucket: 512 buckets from each power of two to the next."""
+
+LEAST_VALUE = np.float32(2.0**-13)
+"""Start of the first bucket; code 1 begins at 1.5e-4."""
+
+LEAST_BITS = np.int32(LEAST_VALUE.view(np.int32))
+
+NO_THRESHOLD = 1 << BUCKET_BITS
+"""Above all low bits: the whole bucket has one code."""
+
+CODE_SHIFT = 16
+"""An entry of the table is the code at the start of a bucket, above the low bits of a threshold."""
 
 
 def reaches_code(bits: int, code: int) -> bool:
@@ -38,61 +50,80 @@ def reaches_code(bits: int, code: int) -> bool:
 
 
 @functools.cache
-def encoding_tables() -> tuple[np.ndarray, np.ndarray]:
-    """Return (thresholds (257,) float32, first code of each step (TABLE_STEPS + 1,) uint8)."""
-    # Positive floats are in the order of their bits.
+def code_thresholds() -> np.ndarray:
+    """Return the least float32 of each code from 1 to 255, (255,) float32, ascending."""
     bits, one = [0], int(np.float32(1.0).view(np.uint32))
     for code in range(1, 256):
         reaches = functools.partial(reaches_code, code=code)
         bits.append(bits[-1] + bisect.bisect_left(range(bits[-1], one), True, key=reaches))
-    thresholds = np.array([*bits, 0], np.uint32).view(np.float32)
-    thresholds[0], thresholds[256] = -np.inf, np.inf
-    steps = (np.arange(TABLE_STEPS + 1) / TABLE_STEPS).astype(np.float32)
-    codes = np.searchsorted(thresholds, steps, side="right") - 1
-    return thresholds, codes.astype(np.uint8)
+    return np.array(bits[1:], np.uint32).view(np.float32)
+
+
+@functools.cache
+def encoding_table() -> np.ndarray:
+    """Return code and threshold of each bucket from 2**-13 to 1, (6657,) int32."""
+    places = code_thresholds().view(np.int32) - LEAST_BITS
+    count = (int(np.float32(1.0).view(np.int32) - LEAST_BITS) >> BUCKET_BITS) + 1
+    starts = np.arange(count) << BUCKET_BITS
+    table = np.searchsorted(places, starts, side="right") << CODE_SHIFT | NO_THRESHOLD
+    inside = places & (NO_THRESHOLD - 1) != 0
+    buckets, cuts = places >> BUCKET_BITS, places & (NO_THRESHOLD - 1)
+    table[buckets[inside]] += cuts[inside] - NO_THRESHOLD
+    return table.astype(np.int32)
 
 
 @stage
-def unit_range(value):
-    """Return a value held in 0..1; NaN gives 0."""
-    value = value if value > np.float32(0.0) else np.float32(0.0)
+def between(value, least):
+    """Return a float32 held in least..1; NaN gives the least."""
+    value = value if value > least else least
     return value if value < np.float32(1.0) else np.float32(1.0)
 
 
 @stage
-def encode(value, thresholds, codes):
+def bits_of(value):
+    """Return the bits of a float32, as an int32."""
+    return np.float32(value).view(np.int32)
+
+
+@stage
+def encode(value, table):
     """Return the sRGB code of a linear value, rounded half up."""
-    value = unit_range(value)
-    code = np.int32(codes[np.int32(value * np.float32(TABLE_STEPS))])
-    while value >= thresholds[code + 1]:
-        code = np.int32(code + 1)
-    return np.uint32(code)
+    place = np.int32(bits_of(between(value, LEAST_VALUE)) - LEAST_BITS)
+    entry = table[place >> BUCKET_BITS]
+    reached = (place & (NO_THRESHOLD - 1)) >= (entry & (2 * NO_THRESHOLD - 1))
+    return np.uint32(np.int32(entry >> CODE_SHIFT) + np.int32(reached))
 
 
 @stage
 def encode_alpha(value):
     """Return alpha, which is linear, as a code, rounded half up."""
-    return np.uint32(np.int32(np.float64(unit_range(value)) * 255.0 + 0.5))
+    return np.uint32(np.int32(np.float64(between(value, np.float32(0.0))) * 255.0 + 0.5))
+
+
+@disjoint_stage
+def encode_row(linear, table, color):
+    """Encode one row; without branches."""
+    for i in range(color.shape[0]):
+        color[i] = (
+            encode(linear[i, 0], table)
+            | encode(linear[i, 1], table) << np.uint32(8)
+            | encode(linear[i, 2], table) << np.uint32(16)
+            | encode_alpha(linear[i, 3]) << np.uint32(24)
+        )
 
 
 @kernel
-def encode_rows(linear, tables, color):
+def encode_rows(linear, table, color):
     """
     Encode rows of linear colour.
 
     Parameters
     ----------
     linear : (R, W, 4) float32
-    tables : (thresholds (257,) float32, codes (TABLE_STEPS + 1,) uint8)
+    table : (6657,) int32
+        `encoding_table`.
     color : (R, W) uint32
         Writes red, green, blue, alpha from the lowest byte up: RGBA bytes on a little-endian CPU.
     """
-    thresholds, codes = tables
     for row in range(linear.shape[0]):
-        for column in range(linear.shape[1]):
-            color[row, column] = (
-                encode(linear[row, column, 0], thresholds, codes)
-                | encode(linear[row, column, 1], thresholds, codes) << np.uint32(8)
-                | encode(linear[row, column, 2], thresholds, codes) << np.uint32(16)
-                | encode_alpha(linear[row, column, 3]) << np.uint32(24)
-            )
+        encode_row(linear[row], table, color[row])

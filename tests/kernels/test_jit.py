@@ -107,7 +107,7 @@ caching._CacheLocator.ensure_cache_path = refuse
 from rasterjit.kernels import jit, resolve
 
 color = np.empty((1, 1), np.uint32)
-resolve.encode_rows(np.ones((1, 1, 4), np.float32), resolve.encoding_tables(), color)
+resolve.encode_rows(np.ones((1, 1, 4), np.float32), resolve.encoding_table(), color)
 print(jit.cache_folder(), hex(color[0, 0]))
 """
     done = subprocess.run(

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from rasterjit.kernels import resolve
 from rasterjit.scene.color import linear_to_srgb
 
-TABLES = resolve.encoding_tables()
+TABLE = resolve.encoding_table()
 
 
 def encode(values):
@@ -21,7 +21,7 @@ def encode(values):
     linear = np.zeros((1, len(values), 4), np.float32)
     linear[0, :, 0] = values
     color = np.zeros((1, len(values)), np.uint32)
-    resolve.encode_rows(linear, TABLES, color)
+    resolve.encode_rows(linear, TABLE, color)
     return color[0] & 255
 
 
@@ -48,9 +48,15 @@ def test_codes_equal_naive_on_both_sides_of_every_threshold():
     assert (np.diff(codes[np.argsort(values, kind="stable")].astype(int)) >= 0).all()
 
 
+def bucket_starts():
+    """Return the least value of each bucket of the table."""
+    places = np.arange(len(TABLE), dtype=np.int32) << resolve.BUCKET_BITS
+    return (places + resolve.LEAST_BITS).view(np.float32)
+
+
 def test_codes_equal_naive_on_a_sweep():
     sweep = np.linspace(0.0, 1.0, 20011).astype(np.float32)
-    sweep = np.concatenate([sweep, np.arange(resolve.TABLE_STEPS + 1) / resolve.TABLE_STEPS])
+    sweep = np.concatenate([sweep, bucket_starts()])
     sweep = around(sweep.astype(np.float32), 1)
     values = 255.0 * linear_to_srgb(sweep) + 0.5
     assert encode(sweep).tolist() == np.floor(values).astype(int).tolist()
@@ -71,17 +77,25 @@ def test_every_float_has_a_code(value):
 def test_channels_go_to_their_bytes():
     linear = np.array([[[1.0, 0.0, 0.5, 0.25], [0.0, 1.0, 0.0, 1.0]]], np.float32)
     color = np.zeros((1, 2), np.uint32)
-    resolve.encode_rows(linear, TABLES, color)
+    resolve.encode_rows(linear, TABLE, color)
     assert color.view(np.uint8).reshape(2, 4).tolist() == [[255, 0, 188, 64], [0, 255, 0, 255]]
 
 
 def test_no_rows_is_nothing():
-    resolve.encode_rows(np.zeros((0, 5, 4), np.float32), TABLES, np.zeros((0, 5), np.uint32))
+    resolve.encode_rows(np.zeros((0, 5, 4), np.float32), TABLE, np.zeros((0, 5), np.uint32))
 
 
 def test_every_code_begins_at_the_least_float32_that_reaches_it():
-    thresholds = TABLES[0]
+    thresholds = resolve.code_thresholds()
     for code in range(21, 256):
         power = ((200 * Fraction(2 * code - 1, 510) + 11) / 211) ** 12
-        before = float(np.nextafter(thresholds[code], np.float32(0)))
-        assert Fraction(before) ** 5 < power <= Fraction(float(thresholds[code])) ** 5
+        before = float(np.nextafter(thresholds[code - 1], np.float32(0)))
+        assert Fraction(before) ** 5 < power <= Fraction(float(thresholds[code - 1])) ** 5
+
+
+def test_no_bucket_holds_two_thresholds():
+    buckets = resolve.code_thresholds().view(np.int32) >> resolve.BUCKET_BITS
+    assert len(set(buckets.tolist())) == 255
+    assert resolve.code_thresholds()[0] > resolve.LEAST_VALUE
+    assert len(TABLE) == len(bucket_starts()) == 13 * 512 + 1
+    assert bucket_starts()[-1] == 1.0
