@@ -342,7 +342,8 @@ def set_up_and_bin(
     piece_edges = np.searchsorted(faces.piece_faces, edges)
     triangles = np.empty(face_count + piece_count, np.int32)
     boxes = np.empty((face_count + piece_count, 4), np.uint8)
-    tile_counts = np.zeros((len(edges) - 1, tiles), np.int32)
+    counts = np.zeros((len(edges) - 1, tiles + 1), np.int32)
+    tile_counts, large_counts = counts[:, :-1], counts[:, -1]
     sums = np.zeros((len(edges) - 1, 5), np.int64)
     ranges = [
         ((int(edges[n]), int(edges[n + 1])), (int(piece_edges[n]), int(piece_edges[n + 1])))
@@ -352,7 +353,7 @@ def set_up_and_bin(
         setup.set_up_triangles,
         [
             (*ranges[n], faces, objects, screen, viewport, (triangles, boxes),
-             (columns, tile_counts[n], sums[n]))
+             (columns, counts[n], sums[n]))
             for n in range(len(ranges))
         ],
     )  # fmt: skip
@@ -375,7 +376,7 @@ def set_up_and_bin(
         [
             (triangles[firsts[n] : ends[n]], boxes[firsts[n] : ends[n]], columns, faces, screen,
              viewport, floors[n])
-            for n in range(len(ranges))
+            for n in np.flatnonzero(large_counts)
         ],
     )  # fmt: skip
     return starts, binned, floors.max(axis=0), sums.sum(axis=0)

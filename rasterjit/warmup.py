@@ -25,6 +25,8 @@ from rasterjit.scene.scene import Scene, Wireframe
 from rasterjit.scene.texture import Texture
 
 SIZE = (16, 16)
+SEVERAL_TILES = (256, 192)
+"""Triangles of the square are large here: they cover whole tiles."""
 
 VERTICES = np.array([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)], np.float64)
 FACES = np.array([(0, 1, 2), (0, 2, 3)], np.int32)
@@ -84,7 +86,7 @@ def _draw_shaded(shading: str, coloring: str, specular: float) -> None:
 
 
 def _draw_buffers() -> None:
-    render(_square(), size=SIZE, outputs=OUTPUTS, threads=1)
+    render(_square(), size=SEVERAL_TILES, outputs=OUTPUTS, threads=1)
     # Without smooth normals the normals kernel is the same: it is given an empty table.
     render(_square("flat"), size=SIZE, outputs=("normal",), threads=1)
 

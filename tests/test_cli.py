@@ -553,7 +553,10 @@ print(sum(len(kernel.stats.cache_hits) for kernel in KERNELS) > 5)
 def test_after_a_warmup_another_process_compiles_nothing(tmp_path, monkeypatch):
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
     steps = ("all buffers", "clipping", "phong, shiny, plain", "diagnostics")
-    code = f"from rasterjit.warmup import steps\n[s.run() for s in steps() if s.name in {steps}]"
+    code = (
+        f"from rasterjit.warmup import steps\n[s.run() for s in steps() if s.name in {steps}]\n"
+        "from rasterjit.kernels.occlusion import find_floors\nassert find_floors.signatures"
+    )
     subprocess.run([sys.executable, "-c", code], check=True, cwd=MODELS.parent)
     inside = ("--position", "0,0,0", "--target", "0,0,1", "--outputs", ",".join(OUTPUTS))
     for arguments in (

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from benchmarks.contestants import Prepared
 from benchmarks.contestants.rasterjit_ import NEARER_IS_LESS, Triangles
 from benchmarks.scenes import LineScene, Scene, TriangleScene
-from rasterjit.kernels import binning, occlusion, setup, visibility
+from rasterjit.kernels import binning, setup, visibility
 from rasterjit.kernels.jit import disjoint_stage, stage
 
 NAME = "RasterJIT, float edges"
@@ -200,18 +200,15 @@ def lowest_at_corners(plane, a, b, c, box, xy):
 def find_floors(triangles, boxes, columns, faces, xy, depth, viewport, floors):
     """Raise the floors of the tiles that large triangles cover."""
     half, size = np.float32(0.5), np.int64(visibility.TILE_SIZE)
-    for first in range(0, triangles.shape[0], occlusion.BLOCK):
-        last = min(first + occlusion.BLOCK, triangles.shape[0])
-        if occlusion.largest_span(boxes[first:last]) < occlusion.LEAST_SPAN:
-            continue
-        for n in range(first, last):
-            if occlusion.largest_span(boxes[n : n + 1]) < occlusion.LEAST_SPAN:
-                continue
+    for n in range(triangles.shape[0]):
+        left, top = np.int64(boxes[n, 0]), np.int64(boxes[n, 1])
+        right, bottom = np.int64(boxes[n, 2]), np.int64(boxes[n, 3])
+        if setup.is_large((left, top, right, bottom)):
             a, b, c = clockwise(setup.corners_of(faces, np.int64(triangles[n])), xy)
             plane = depth_plane(a, b, c, xy, depth)
             ax, ay, bx, by, cx, cy = xy[a, 0], xy[a, 1], xy[b, 0], xy[b, 1], xy[c, 0], xy[c, 1]
-            for row in range(np.int64(boxes[n, 1]), np.int64(boxes[n, 3]) + 1):
-                for column in range(np.int64(boxes[n, 0]), np.int64(boxes[n, 2]) + 1):
+            for row in range(top, bottom + 1):
+                for column in range(left, right + 1):
                     x, y = column << setup.TILE_BITS, row << setup.TILE_BITS
                     width, height = min(size, viewport.width - x), min(size, viewport.height - y)
                     px, py = np.float32(x) + half, np.float32(y) + half
@@ -381,7 +378,7 @@ class FloatTriangles(Triangles):
 
         def set_up(first: int) -> None:
             last = min(first + self._stages.FACES_PER_TASK, len(faces))
-            counts = np.zeros(tiles, np.int32)
+            counts = np.zeros(tiles + 1, np.int32)
             end = set_up_triangles(
                 (first, last), faces, self._objects, codes, xy, viewport, (triangles, boxes),
                 (columns, counts, np.zeros(5, np.int64)),
@@ -390,7 +387,7 @@ class FloatTriangles(Triangles):
 
         firsts = range(0, len(faces), self._stages.FACES_PER_TASK)
         self._workers.run(set_up, [(first,) for first in firsts])
-        tile_counts = np.array([counts for _, _, counts in finished])
+        tile_counts = np.array([counts[:-1] for _, _, counts in finished])
         starts = np.concatenate(([0], np.cumsum(tile_counts.sum(axis=0, dtype=np.int64))))
         cursors = starts[:-1] + np.cumsum(tile_counts, axis=0, dtype=np.int64) - tile_counts
         binned = np.empty(starts[-1], np.int32)
@@ -407,7 +404,8 @@ class FloatTriangles(Triangles):
             [
                 (triangles[first:end], boxes[first:end], columns, faces, xy, depth, viewport,
                  floors[n])
-                for n, (first, end, _) in enumerate(finished)
+                for n, (first, end, counts) in enumerate(finished)
+                if counts[-1]
             ],
         )  # fmt: skip
         return starts, binned, floors.max(axis=0)

@@ -11,9 +11,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from rasterjit.kernels.jit import disjoint_stage, kernel, stage
+from rasterjit.kernels.jit import kernel, stage
 from rasterjit.kernels.records import Faces, ScreenVertices, Viewport
-from rasterjit.kernels.setup import TILE_BITS, edge, triangle_of
+from rasterjit.kernels.setup import TILE_BITS, edge, is_large, triangle_of
 from rasterjit.kernels.visibility import (
     TILE_SIZE,
     clockwise_from_top,
@@ -23,25 +23,8 @@ from rasterjit.kernels.visibility import (
     worst,
 )
 
-LEAST_SPAN = 2
-"""Tiles that a box must reach beyond its first, right and down together, to hold a whole tile."""
-
-BLOCK = 256
-"""Boxes that are looked at together."""
-
 LEAST_AREA = 2.0 * TILE_SIZE * TILE_SIZE
 """Area of the smallest triangle around a whole tile, square pixels."""
-
-
-@disjoint_stage
-def largest_span(boxes):
-    """Return how far the boxes reach beyond their first tile, right and down together, at most."""
-    largest = np.int32(0)
-    for n in range(boxes.shape[0]):
-        span = np.int32(np.int32(boxes[n, 2]) - np.int32(boxes[n, 0]))
-        span = np.int32(span + np.int32(np.int32(boxes[n, 3]) - np.int32(boxes[n, 1])))
-        largest = max(largest, span)
-    return largest
 
 
 @stage
@@ -98,15 +81,9 @@ def find_floors(
         Stored depth (greater is nearer); raised in place.
     """
     parts = faces.faces, faces.pieces, faces.piece_faces
-    for first in range(0, triangles.shape[0], BLOCK):
-        last = min(first + BLOCK, triangles.shape[0])
-        # Few are large: pass over the others together.
-        if largest_span(boxes[first:last]) < LEAST_SPAN:
-            continue
-        for n in range(first, last):
-            left, top = np.int64(boxes[n, 0]), np.int64(boxes[n, 1])
-            right, bottom = np.int64(boxes[n, 2]), np.int64(boxes[n, 3])
-            if right - left + bottom - top >= LEAST_SPAN:
-                box = left, top, right, bottom
-                triangle = np.int64(triangles[n])
-                raise_floors(triangle, box, columns, parts, screen, viewport, floors)
+    for n in range(triangles.shape[0]):
+        left, top = np.int64(boxes[n, 0]), np.int64(boxes[n, 1])
+        box = left, top, np.int64(boxes[n, 2]), np.int64(boxes[n, 3])
+        if is_large(box):
+            triangle = np.int64(triangles[n])
+            raise_floors(triangle, box, columns, parts, screen, viewport, floors)

@@ -30,6 +30,14 @@ GUARD_PIXELS = 8192
 TILE_BITS = 6
 """Tiles are squares of 2**6 = 64 pixels: the depth and face numbers of one (32 KiB) fit L1."""
 
+LARGE_SPAN = 3
+"""
+Tiles that a large triangle's box reaches beyond its first, right and down together.
+
+One that covers a whole tile is at least twice as wide or high. Small ones that lie across the
+corner of four tiles reach 2.
+"""
+
 LARGEST_COORDINATE = 1e150
 """Clip coordinates beyond it are invalid, as NaN is: products of two stay finite in float64."""
 
@@ -244,11 +252,19 @@ def survey_triangle(v0, v1, v2, xy, viewport, culled_turn):
 
 
 @stage
+def is_large(box):
+    """Return whether a box of tiles may hold a triangle that covers a whole tile."""
+    return box[2] - box[0] + box[3] - box[1] >= LARGE_SPAN
+
+
+@stage
 def count_tiles(box, columns, tile_counts):
-    """Add one triangle to the count of every tile of its box."""
+    """Add one triangle to the count of every tile of its box, and to the last if it is large."""
     if (box[0] == box[2]) & (box[1] == box[3]):
         tile_counts[np.uintp(box[1] * columns + box[0])] += 1
         return
+    if is_large(box):
+        tile_counts[np.uintp(tile_counts.shape[0] - 1)] += 1
     for row in range(box[1], box[3] + 1):
         for column in range(box[0], box[2] + 1):
             tile_counts[np.uintp(row * columns + column)] += 1
@@ -286,9 +302,9 @@ def set_up_triangles(
     survivors : (triangles (T,) int32, boxes (T, 4) uint8)
         Written from index ``face_range[0] + piece_range[0]``: numbers below F are faces, ``F + p``
         is piece p; boxes are inclusive tile columns and rows (left, top, right, bottom).
-    counts : (tiles per row, (tiles,) int32, (5,) int64)
-        Adds to the number of survivors for each tile, and to the totals: outside the view volume,
-        degenerate, culled, without a sample, invalid.
+    counts : (tiles per row, (tiles + 1,) int32, (5,) int64)
+        Adds to the number of survivors for each tile and of large ones, and to the totals: outside
+        the view volume, degenerate, culled, without a sample, invalid.
 
     Returns
     -------
