@@ -258,7 +258,8 @@ def clip(
         clipping.find_clipped_faces(faces, codes, found)
     cut = found[:count]
     counts = np.zeros(count, np.int64)
-    clipping.count_clipped_vertices(cut, faces, clip_positions, viewport, counts)
+    scratch = np.empty((2, clipping.MOST_VERTICES, 4), np.float64)
+    clipping.count_clipped_vertices(cut, faces, clip_positions, viewport, counts, scratch)
     vertex_starts = np.concatenate(([0], np.cumsum(counts)))
     piece_starts = np.concatenate(([0], np.cumsum(np.maximum(counts - 2, 0))))
     positions = np.empty((vertex_starts[-1], 4), np.float64)
@@ -266,7 +267,7 @@ def clip(
     piece_faces = np.empty(piece_starts[-1], np.int32)
     clipping.clip_faces(
         cut, faces, clip_positions, viewport,
-        (vertex_starts, piece_starts), (positions, pieces, piece_faces),
+        (vertex_starts, piece_starts), (positions, pieces, piece_faces), scratch,
     )  # fmt: skip
     first = clip_positions.shape[0]
     if first + len(positions) > len(screen.codes):
@@ -419,8 +420,13 @@ def light_vertices(
         end = int(vertex_starts[owner + 1])
         for first in range(int(vertex_starts[owner]), end, VERTICES_PER_TASK):
             vertices = (first, min(first + VERTICES_PER_TASK, end))
-            calls.append((vertices, owner, placement, surface, lighting, lit))
-    workers.run(shading.light_vertices, calls)
+            calls.append((vertices, owner))
+
+    def light_some(vertices: tuple[int, int], owner: int) -> None:
+        scratch = shading.scratch_memory(False)
+        shading.light_vertices(vertices, owner, placement, surface, lighting, lit, scratch)
+
+    workers.run(light_some, calls)
     return lit
 
 
@@ -451,15 +457,17 @@ def shade(
     """
     height = len(face_id)
     table = resolve.encoding_table()
-    packed = None if color is None else color.view(np.uint32)[:, :, 0]
+    nothing = np.empty((height, 0), np.uint32)
+    packed = nothing if color is None else color.view(np.uint32)[:, :, 0]
+    if linear is None:
+        linear = np.empty((height, 0, 4), np.float32)
 
     def shade_band(first: int) -> None:
         band = slice(first, min(first + ROWS_PER_TASK, height))
-        rows = face_id[band]
-        shaded = np.empty((*rows.shape, 4), np.float32) if linear is None else linear[band]
-        shading.shade_rows(rows, first, geometry, placement, surface, lighting, background, shaded)
-        if packed is not None:
-            resolve.encode_rows(shaded, table, packed[band])
+        shading.shade_rows(
+            face_id[band], first, geometry, placement, surface, lighting, background, table,
+            linear[band], packed[band], shading.scratch_memory(surface.textures is not None),
+        )  # fmt: skip
 
     workers.run(shade_band, [(first,) for first in range(0, height, ROWS_PER_TASK)])
 

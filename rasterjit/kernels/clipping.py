@@ -143,7 +143,9 @@ def find_clipped_faces(faces, codes, found):
 
 
 @kernel
-def count_clipped_vertices(clipped_faces, faces, clip_positions, viewport: Viewport, counts):
+def count_clipped_vertices(
+    clipped_faces, faces, clip_positions, viewport: Viewport, counts, scratch
+):
     """
     Count the vertices that each face has after clipping.
 
@@ -155,15 +157,15 @@ def count_clipped_vertices(clipped_faces, faces, clip_positions, viewport: Viewp
     viewport : Viewport
     counts : (C,) int64
         Writes 0 for a face of which nothing is left, else 3 to ``MOST_VERTICES``.
+    scratch : (2, MOST_VERTICES, 4) float64
     """
-    polygon = np.empty((MOST_VERTICES, 4), np.float64)
-    spare = np.empty((MOST_VERTICES, 4), np.float64)
+    polygon, spare = scratch[0], scratch[1]
     for n in range(clipped_faces.shape[0]):
         counts[n] = clip_triangle(faces[clipped_faces[n]], clip_positions, viewport, polygon, spare)
 
 
 @kernel
-def clip_faces(clipped_faces, faces, clip_positions, viewport: Viewport, starts, clipped):
+def clip_faces(clipped_faces, faces, clip_positions, viewport: Viewport, starts, clipped, scratch):
     """
     Cut the faces and write what is left of each as a fan of triangles.
 
@@ -178,11 +180,11 @@ def clip_faces(clipped_faces, faces, clip_positions, viewport: Viewport, starts,
     clipped : (positions (E, 4) float64, pieces (P, 3) int32, piece_faces (P,) int32)
         Writes the new vertices, in clip space; the pieces, with new vertex ``e`` numbered
         ``V + e``; and the face that each piece was cut from.
+    scratch : (2, MOST_VERTICES, 4) float64
     """
     vertex_starts, piece_starts = starts
     positions, pieces, piece_faces = clipped
-    polygon = np.empty((MOST_VERTICES, 4), np.float64)
-    spare = np.empty((MOST_VERTICES, 4), np.float64)
+    polygon, spare = scratch[0], scratch[1]
     for n in range(clipped_faces.shape[0]):
         count = clip_triangle(faces[clipped_faces[n]], clip_positions, viewport, polygon, spare)
         first = vertex_starts[n]

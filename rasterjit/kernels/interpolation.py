@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rasterjit.kernels.jit import kernel, stage
+from rasterjit.kernels.jit import disjoint_stage, kernel, stage
 from rasterjit.kernels.records import Geometry, Placement
 from rasterjit.kernels.setup import CLIPPED, corners_of, edge
 
@@ -124,6 +124,70 @@ def sample_weights(a, b, c, column, row, geometry):
     return w0 / total, w1 / total, w2 / total
 
 
+@disjoint_stage
+def weights_along_row(second, third, edges, steps, ratios):
+    """
+    Write the normalized weights of the second and the third vertex, pixel by pixel.
+
+    Takes the edge functions at the first pixel, what they gain from one to the next, and the
+    smallest w over each w. Returns 0 unless a sum may have lost something to underflow.
+    """
+    e0, e1, e2 = edges
+    doubtful = np.int64(0)
+    for i in range(second.shape[0]):
+        w0 = np.float64(e0) * ratios[0]
+        w1 = np.float64(e1) * ratios[1]
+        w2 = np.float64(e2) * ratios[2]
+        total = w0 + w1 + w2
+        doubtful |= np.int64(not abs(total) > UNDERFLOW)
+        second[i] = w1 / total
+        third[i] = w2 / total
+        e0 += steps[0]
+        e1 += steps[1]
+        e2 += steps[2]
+    return doubtful
+
+
+@stage
+def snapped_row_weights(second, third, a, b, c, column, row, geometry):
+    """Do `weights_along_row` on a face that was not clipped, from a pixel on."""
+    bits = geometry.viewport.grid_bits
+    half = np.int64(1) << (bits - 1)
+    px, py = (np.int64(column) << bits) + half, (np.int64(row) << bits) + half
+    ax, ay = np.int64(geometry.xy[a, 0]), np.int64(geometry.xy[a, 1])
+    bx, by = np.int64(geometry.xy[b, 0]), np.int64(geometry.xy[b, 1])
+    cx, cy = np.int64(geometry.xy[c, 0]), np.int64(geometry.xy[c, 1])
+    wa, wb, wc = (
+        geometry.clip_positions[a, 3],
+        geometry.clip_positions[b, 3],
+        geometry.clip_positions[c, 3],
+    )
+    smallest = min(wa, min(wb, wc))
+    return weights_along_row(
+        second, third,
+        (edge(bx, by, cx, cy, px, py), edge(cx, cy, ax, ay, px, py), edge(ax, ay, bx, by, px, py)),
+        ((by - cy) << bits, (cy - ay) << bits, (ay - by) << bits),
+        (smallest / wa, smallest / wb, smallest / wc),
+    )  # fmt: skip
+
+
+@stage
+def row_weights(second, third, a, b, c, column, row, geometry):
+    """
+    Write the weights of the second and third vertex for some pixels of a row, all on one face.
+
+    The same bits as `sample_weights`.
+    """
+    codes = geometry.codes[a] | geometry.codes[b] | geometry.codes[c]
+    doubtful = np.int64(codes & CLIPPED)
+    if not doubtful:
+        doubtful = snapped_row_weights(second, third, a, b, c, column, row, geometry)
+    if doubtful:
+        for i in range(second.shape[0]):
+            weights = sample_weights(a, b, c, column + i, row, geometry)
+            second[i], third[i] = weights[1], weights[2]
+
+
 @stage
 def blend(weights, value0, value1, value2):
     """Return the weighted mean of the vertices' values; equal ones give exactly themselves."""
@@ -186,6 +250,17 @@ def place_sample(weights, a, b, c, owner, placement):
 
 
 @stage
+def matrix_of(matrices, owner):
+    """Return the 3 by 3 part of an object's matrix, row by row."""
+    m = matrices
+    return (
+        m[owner, 0, 0], m[owner, 0, 1], m[owner, 0, 2],
+        m[owner, 1, 0], m[owner, 1, 1], m[owner, 1, 2],
+        m[owner, 2, 0], m[owner, 2, 1], m[owner, 2, 2],
+    )  # fmt: skip
+
+
+@stage
 def face_normal(a, b, c, owner, placement):
     """Return the unit normal on the counter-clockwise side of a face, world axes, or zero."""
     pa = place_vertex(a, owner, placement)
@@ -242,6 +317,16 @@ def smooth_normal(weights, a, b, c, normals, matrices, owner):
         matrices[owner, 0, 0] * x + matrices[owner, 0, 1] * y + matrices[owner, 0, 2] * z,
         matrices[owner, 1, 0] * x + matrices[owner, 1, 1] * y + matrices[owner, 1, 2] * z,
         matrices[owner, 2, 0] * x + matrices[owner, 2, 1] * y + matrices[owner, 2, 2] * z,
+    )
+
+
+@stage
+def vertex_normal(normals, vertex):
+    """Return the normal of a vertex in model space, float64."""
+    return (
+        np.float64(normals[vertex, 0]),
+        np.float64(normals[vertex, 1]),
+        np.float64(normals[vertex, 2]),
     )
 
 

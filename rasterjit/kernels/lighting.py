@@ -158,29 +158,30 @@ def add_light(
 
 
 @stage
-def light_samples(samples, lighting, toward_viewer):
+def light_samples(samples, count, lighting, toward_viewer):
     """
     Turn base colours into seen colours.
 
     Parameters
     ----------
     samples : (SAMPLE_ROWS, N) float32
-        Reads rows RED..LIT, writes rows OUT_RED..OUT_BLUE.
+        Reads rows RED..LIT, writes rows OUT_RED..OUT_BLUE, of the first ``count`` samples.
+    count : int
     lighting : Lighting
     toward_viewer : (4,) float32
         A point p, relative to the eye, is seen along ``xyz - w p``.
     """
-    normalize_rows(samples[NORMAL_X], samples[NORMAL_Y], samples[NORMAL_Z])
+    normalize_rows(samples[NORMAL_X, :count], samples[NORMAL_Y, :count], samples[NORMAL_Z, :count])
     start_colors(
-        samples[RED], samples[GREEN], samples[BLUE], samples[LIT], lighting.ambient,
-        samples[OUT_RED], samples[OUT_GREEN], samples[OUT_BLUE],
+        samples[RED, :count], samples[GREEN, :count], samples[BLUE, :count], samples[LIT, :count], lighting.ambient,
+        samples[OUT_RED, :count], samples[OUT_GREEN, :count], samples[OUT_BLUE, :count],
     )  # fmt: skip
     for n in range(lighting.lights.shape[0]):
         add_light(
             lighting.lights[n], toward_viewer, lighting.highlights,
-            samples[NORMAL_X], samples[NORMAL_Y], samples[NORMAL_Z],
-            samples[POINT_X], samples[POINT_Y], samples[POINT_Z],
-            samples[SPECULAR], samples[SHININESS], samples[LIT],
-            samples[RED], samples[GREEN], samples[BLUE],
-            samples[OUT_RED], samples[OUT_GREEN], samples[OUT_BLUE],
+            samples[NORMAL_X, :count], samples[NORMAL_Y, :count], samples[NORMAL_Z, :count],
+            samples[POINT_X, :count], samples[POINT_Y, :count], samples[POINT_Z, :count],
+            samples[SPECULAR, :count], samples[SHININESS, :count], samples[LIT, :count],
+            samples[RED, :count], samples[GREEN, :count], samples[BLUE, :count],
+            samples[OUT_RED, :count], samples[OUT_GREEN, :count], samples[OUT_BLUE, :count],
         )  # fmt: skip

@@ -88,10 +88,13 @@ def bits_of(value):
 @stage
 def encode(value, table):
     """Return the sRGB code of a linear value, rounded half up."""
-    place = np.int32(bits_of(between(value, LEAST_VALUE)) - LEAST_BITS)
-    entry = table[place >> BUCKET_BITS]
-    reached = (place & (NO_THRESHOLD - 1)) >= (entry & (2 * NO_THRESHOLD - 1))
-    return np.uint32(np.int32(entry >> CODE_SHIFT) + np.int32(reached))
+    # Every step is cast back to 32 bits, which halves the registers it takes; the index is
+    # unsigned, so it is not tested for counting from the end.
+    place = np.uint32(bits_of(between(value, LEAST_VALUE)) - LEAST_BITS)
+    entry = np.uint32(table[np.uintp(np.uint32(place >> np.uint32(BUCKET_BITS)))])
+    low = np.uint32(place & np.uint32(NO_THRESHOLD - 1))
+    reached = low >= np.uint32(entry & np.uint32(2 * NO_THRESHOLD - 1))
+    return np.uint32(np.uint32(entry >> np.uint32(CODE_SHIFT)) + np.uint32(reached))
 
 
 @stage
@@ -101,15 +104,26 @@ def encode_alpha(value):
 
 
 @disjoint_stage
-def encode_row(linear, table, color):
-    """Encode one row; without branches."""
+def encode_span(red, green, blue, table, color):
+    """Encode a span of opaque pixels, given by channel; without branches."""
     for i in range(color.shape[0]):
         color[i] = (
-            encode(linear[i, 0], table)
-            | encode(linear[i, 1], table) << np.uint32(8)
-            | encode(linear[i, 2], table) << np.uint32(16)
-            | encode_alpha(linear[i, 3]) << np.uint32(24)
+            encode(red[i], table)
+            | encode(green[i], table) << np.uint32(8)
+            | encode(blue[i], table) << np.uint32(16)
+            | np.uint32(0xFF000000)
         )
+
+
+@stage
+def encode_pixel(linear, table):
+    """Return one linear RGBA colour as a pixel."""
+    return (
+        encode(linear[0], table)
+        | encode(linear[1], table) << np.uint32(8)
+        | encode(linear[2], table) << np.uint32(16)
+        | encode_alpha(linear[3]) << np.uint32(24)
+    )
 
 
 @kernel
@@ -126,4 +140,5 @@ def encode_rows(linear, table, color):
         Writes red, green, blue, alpha from the lowest byte up: RGBA bytes on a little-endian CPU.
     """
     for row in range(linear.shape[0]):
-        encode_row(linear[row], table, color[row])
+        for column in range(linear.shape[1]):
+            color[row, column] = encode_pixel(linear[row, column], table)

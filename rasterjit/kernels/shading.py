@@ -2,35 +2,49 @@
 Shade each visible sample once: base colour and normal first, then light, row by row.
 
 A row's covered samples are gathered into scratch memory, one row for each quantity (``lighting``),
-interpolated one by one, and lit together by loops that vectorize. What no object of the frame has
-(vertex colours, textures, normals, lights ...) is ``None`` and compiled out.
+and lit together by loops that vectorize. Neighbours on one face form a run: what belongs to the
+face is read once, and the weights and every attribute are interpolated along it. What no object of the frame has (vertex colours, textures, normals, lights ...) is
+``None`` and compiled out.
 """
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from rasterjit.kernels import lighting as lit
 from rasterjit.kernels import texturing
 from rasterjit.kernels.interpolation import (
+    blend,
     face_normal,
     find_object,
     interpolate,
     lowest_first,
+    matrix_of,
     place_sample,
     place_vertex,
-    sample_weights,
+    row_weights,
     seen_from_behind,
     smooth_normal,
+    vertex_normal,
 )
-from rasterjit.kernels.jit import kernel, stage
+from rasterjit.kernels.jit import disjoint_stage, kernel, stage
 from rasterjit.kernels.records import Geometry, Lighting, Placement, Surface
+from rasterjit.kernels.resolve import encode_pixel, encode_span
 
 UNLIT, FLAT, GOURAUD, PHONG = 0, 1, 2, 3
 """Shading models, as ``Surface.materials`` numbers them."""
 
 MATERIAL_SPECULAR, MATERIAL_SHININESS, MATERIAL_MODEL = 4, 5, 6
 """Columns of ``Surface.materials`` behind the base colour."""
+
+LANES = 16
+"""Samples compared at once: face numbers in a 512-bit register."""
+
+BLOCK_COLUMNS = 512
+"""Columns gathered at once: 16 quantities of that many samples, 32 KiB, stay near the core."""
 
 
 @stage
@@ -40,23 +54,15 @@ def material_tint(materials, owner):
 
 
 @stage
-def mixed(weights, value0, value1, value2):
-    """Return an interpolated float32, rounded once."""
-    return np.float32(
-        interpolate(weights, np.float64(value0), np.float64(value1), np.float64(value2))
-    )
-
-
-@stage
-def vertex_tint(weights, a, b, c, vertex_colors, tint):
-    """Return the tint times the interpolated vertex colour; the tint itself if there are none."""
+def vertex_tint(vertex, vertex_colors, tint):
+    """Return the tint times the colour of a vertex; the tint itself if there are none."""
     if vertex_colors is None:
         return tint
     return (
-        tint[0] * mixed(weights, vertex_colors[a, 0], vertex_colors[b, 0], vertex_colors[c, 0]),
-        tint[1] * mixed(weights, vertex_colors[a, 1], vertex_colors[b, 1], vertex_colors[c, 1]),
-        tint[2] * mixed(weights, vertex_colors[a, 2], vertex_colors[b, 2], vertex_colors[c, 2]),
-        tint[3] * mixed(weights, vertex_colors[a, 3], vertex_colors[b, 3], vertex_colors[c, 3]),
+        tint[0] * vertex_colors[vertex, 0],
+        tint[1] * vertex_colors[vertex, 1],
+        tint[2] * vertex_colors[vertex, 2],
+        tint[3],
     )
 
 
@@ -74,40 +80,33 @@ def face_tint(face, face_colors, tint):
 
 
 @stage
-def shading_normal(weights, a, b, c, model, normals, owner, placement):
-    """Return the normal to shade with: the face's own unless the object is smooth."""
-    if normals is None:
-        return face_normal(a, b, c, owner, placement)
-    if model == PHONG:
-        return smooth_normal(weights, a, b, c, normals, placement.normal_matrices, owner)
-    return face_normal(a, b, c, owner, placement)
-
-
-@stage
-def gouraud_light(weights, a, b, c, behind, model, lit_vertices, tint):
-    """Return the colour with the light of the vertices, if the object is shaded by Gouraud."""
-    if lit_vertices is None:
-        return tint
+def matt_light(weights, a, b, c, behind, model, matt_vertices, tint):
+    """Return the light of the vertices without highlights; the tint of what has no such light."""
     if model != GOURAUD:
         return tint
     side = 1 if behind else 0
-    lit_a, lit_b, lit_c = lit_vertices[a, side], lit_vertices[b, side], lit_vertices[c, side]
+    at_a, at_b, at_c = matt_vertices[a, side], matt_vertices[b, side], matt_vertices[c, side]
     return (
-        mixed(weights, lit_a[0], lit_b[0], lit_c[0]),
-        mixed(weights, lit_a[1], lit_b[1], lit_c[1]),
-        mixed(weights, lit_a[2], lit_b[2], lit_c[2]),
-        tint[3],
+        np.float32(
+            interpolate(weights, np.float64(at_a[0]), np.float64(at_b[0]), np.float64(at_c[0]))
+        ),
+        np.float32(
+            interpolate(weights, np.float64(at_a[1]), np.float64(at_b[1]), np.float64(at_c[1]))
+        ),
+        np.float32(
+            interpolate(weights, np.float64(at_a[2]), np.float64(at_b[2]), np.float64(at_c[2]))
+        ),
     )
 
 
 @stage
-def note_matt_light(scratch, n, weights, a, b, c, behind, model, matt_vertices, tint):
+def note_matt_light(places, n, weights, a, b, c, behind, model, matt_vertices, tint):
     """Write the colour without the highlights of vertices, if any lies over a texture."""
     if matt_vertices is None:
         return
-    matt = gouraud_light(weights, a, b, c, behind, model, matt_vertices, tint)
+    matt = matt_light(weights, a, b, c, behind, model, matt_vertices, tint)
     for k in range(3):
-        scratch[texturing.MATT + k, n] = matt[k]
+        places[texturing.MATT + k, n] = matt[k]
 
 
 @stage
@@ -126,11 +125,11 @@ def absorb(color, texel, matt):
 @stage
 def apply_textures(samples, count, scratch, matt_vertices):
     """Multiply the gathered base colours by what the textures show."""
-    for k in range(4):
+    for k in range(3):
         for n in range(count):
             color, texel = samples[lit.RED + k, n], np.float32(scratch[texturing.SHOWN + k, n])
             matt = color
-            if matt_vertices is not None and k < 3:
+            if matt_vertices is not None:
                 matt = np.float32(scratch[texturing.MATT + k, n])
             samples[lit.RED + k, n] = absorb(color, texel, matt)
 
@@ -145,71 +144,311 @@ def texture_row(samples, where, count, row, scratch, geometry, textures, matt_ve
 
 
 @stage
-def gather_normal(samples, n, weights, a, b, c, owner, geometry, placement, surface, lighting):
-    """Write normal, position and highlight of one sample; nothing if there is no light."""
+def held(value, values):
+    """Return an interpolated value held inside the range of the three it was made of."""
+    lowest = min(values[0], min(values[1], values[2]))
+    highest = max(values[0], max(values[1], values[2]))
+    value = value if value >= lowest else lowest
+    return value if value <= highest else highest
+
+
+@disjoint_stage
+def mix_colors(red, green, blue, second, third, values, tint):
+    """Write a tint times the interpolated colour, sample by sample."""
+    for i in range(red.shape[0]):
+        weights = (0.0, second[i], third[i])
+        r, g, b = values
+        red[i] = tint[0] * np.float32(held(blend(weights, r[0], r[1], r[2]), r))
+        green[i] = tint[1] * np.float32(held(blend(weights, g[0], g[1], g[2]), g))
+        blue[i] = tint[2] * np.float32(held(blend(weights, b[0], b[1], b[2]), b))
+
+
+@stage
+def color_values(a, b, c, k, colors):
+    """Return one channel of three vertices, float64; ones if they have no colours."""
+    if colors is None:
+        return 1.0, 1.0, 1.0
+    return np.float64(colors[a, k]), np.float64(colors[b, k]), np.float64(colors[c, k])
+
+
+@stage
+def light_values(a, b, c, k, side, lit_vertices, values):
+    """Return one channel of the light on three vertices; the values given if there is none."""
+    if lit_vertices is None:
+        return values
+    return (
+        np.float64(lit_vertices[a, side, k]),
+        np.float64(lit_vertices[b, side, k]),
+        np.float64(lit_vertices[c, side, k]),
+    )
+
+
+@stage
+def gather_colors(samples, run, weights, a, b, c, behind, model, surface, tint):
+    """Write the colours of a run: tint times vertex colours, or the light of the vertices."""
+    start, stop = run
+    red = color_values(a, b, c, 0, surface.vertex_colors)
+    green = color_values(a, b, c, 1, surface.vertex_colors)
+    blue = color_values(a, b, c, 2, surface.vertex_colors)
+    shown = tint[0], tint[1], tint[2]
+    if model == GOURAUD and surface.lit_vertices is not None:
+        side = 1 if behind else 0
+        red = light_values(a, b, c, 0, side, surface.lit_vertices, red)
+        green = light_values(a, b, c, 1, side, surface.lit_vertices, green)
+        blue = light_values(a, b, c, 2, side, surface.lit_vertices, blue)
+        shown = np.float32(1.0), np.float32(1.0), np.float32(1.0)
+    mix_colors(
+        samples[lit.RED, start:stop], samples[lit.GREEN, start:stop],
+        samples[lit.BLUE, start:stop], weights[0, start:stop], weights[1, start:stop],
+        (red, green, blue), shown,
+    )  # fmt: skip
+
+
+@disjoint_stage
+def place_and_turn(nx, ny, nz, px, py, pz, second, third, normal, point):
+    """Write normal and position, sample by sample, as `NormalPlane` and `PointPlane` have them."""
+    (na, nb, nc), m, side = normal
+    first, ab, ac, r = point
+    for i in range(nx.shape[0]):
+        weights = (0.0, second[i], third[i])
+        x = blend(weights, na[0], nb[0], nc[0])
+        y = blend(weights, na[1], nb[1], nc[1])
+        z = blend(weights, na[2], nb[2], nc[2])
+        nx[i] = np.float32(side * (m[0] * x + m[1] * y + m[2] * z))
+        ny[i] = np.float32(side * (m[3] * x + m[4] * y + m[5] * z))
+        nz[i] = np.float32(side * (m[6] * x + m[7] * y + m[8] * z))
+        x = second[i] * ab[0] + third[i] * ac[0]
+        y = second[i] * ab[1] + third[i] * ac[1]
+        z = second[i] * ab[2] + third[i] * ac[2]
+        px[i] = np.float32(first[0] + (r[0] * x + r[1] * y + r[2] * z))
+        py[i] = np.float32(first[1] + (r[3] * x + r[4] * y + r[5] * z))
+        pz[i] = np.float32(first[2] + (r[6] * x + r[7] * y + r[8] * z))
+
+
+@stage
+def normals_of(a, b, c, model, owner, placement, normals):
+    """
+    Return the normals at three vertices and the matrix that turns them to world axes.
+
+    The face's own normal three times, and the unit matrix, unless the object is smooth.
+    """
+    if normals is not None:
+        if model == PHONG:
+            at = vertex_normal(normals, a), vertex_normal(normals, b), vertex_normal(normals, c)
+            return at, matrix_of(placement.normal_matrices, owner)
+    own = face_normal(a, b, c, owner, placement)
+    return (own, own, own), (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+
+
+@stage
+def points_of(a, b, c, model, owner, placement):
+    """
+    Return where the first vertex lies, the ways to the others, and the matrix that turns those.
+
+    The middle of the face, and no ways, if it is shaded flat.
+    """
+    p, turned = placement.positions, matrix_of(placement.relative_from_model, owner)
+    if model == FLAT:
+        middle = (1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0)
+        nowhere = (0.0, 0.0, 0.0)
+        return place_sample(middle, a, b, c, owner, placement), nowhere, nowhere, turned
+    return (
+        place_vertex(a, owner, placement),
+        (p[b, 0] - p[a, 0], p[b, 1] - p[a, 1], p[b, 2] - p[a, 2]),
+        (p[c, 0] - p[a, 0], p[c, 1] - p[a, 1], p[c, 2] - p[a, 2]),
+        turned,
+    )
+
+
+@stage
+def gather_lit(samples, run, weights, a, b, c, behind, model, owner, placement, surface, lighting):
+    """Write normal, position and highlight of a run; nothing if there is no light."""
+    if lighting is None:
+        return
+    start, stop = run
+    side = -1.0 if behind else 1.0
+    normals, matrix = normals_of(a, b, c, model, owner, placement, surface.normals)
+    place_and_turn(
+        samples[lit.NORMAL_X, start:stop], samples[lit.NORMAL_Y, start:stop],
+        samples[lit.NORMAL_Z, start:stop], samples[lit.POINT_X, start:stop],
+        samples[lit.POINT_Y, start:stop], samples[lit.POINT_Z, start:stop],
+        weights[0, start:stop], weights[1, start:stop],
+        (normals, matrix, side), points_of(a, b, c, model, owner, placement),
+    )  # fmt: skip
+    specular = surface.materials[owner, MATERIAL_SPECULAR]
+    shininess = surface.materials[owner, MATERIAL_SHININESS]
+    share = np.float32(1.0 if model in (FLAT, PHONG) else 0.0)
+    for n in range(start, stop):
+        samples[lit.SPECULAR, n] = specular
+        samples[lit.SHININESS, n] = shininess
+        samples[lit.LIT, n] = share
+
+
+@stage
+def back_is_seen(a, b, c, owner, geometry, placement, lighting):
+    """Return whether the back of a face is seen; it makes no difference where there is no light."""
     if lighting is None:
         return False
-    model = np.int64(surface.materials[owner, MATERIAL_MODEL])
-    behind = seen_from_behind(a, b, c, owner, geometry, placement)
-    side = -1.0 if behind else 1.0
-    normal = shading_normal(weights, a, b, c, model, surface.normals, owner, placement)
-    at = weights
-    if model == FLAT:
-        at = (1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0)
-    samples[lit.NORMAL_X, n] = side * normal[0]
-    samples[lit.NORMAL_Y, n] = side * normal[1]
-    samples[lit.NORMAL_Z, n] = side * normal[2]
-    point = place_sample(at, a, b, c, owner, placement)
-    samples[lit.POINT_X, n] = point[0]
-    samples[lit.POINT_Y, n] = point[1]
-    samples[lit.POINT_Z, n] = point[2]
-    samples[lit.SPECULAR, n] = surface.materials[owner, MATERIAL_SPECULAR]
-    samples[lit.SHININESS, n] = surface.materials[owner, MATERIAL_SHININESS]
-    samples[lit.LIT, n] = 1.0 if model in (FLAT, PHONG) else 0.0
-    return behind
+    return seen_from_behind(a, b, c, owner, geometry, placement)
 
 
 @stage
-def gather_sample(
-    samples, scratch, n, face, owner, column, row, geometry, placement, surface, lighting
-):
-    """Interpolate everything that shading one sample needs."""
+def note_textured(
+    places, where, run, column, weights, a, b, c, behind, owner, samples, surface
+):  # fmt: skip
+    """Note what it takes to texture a run; nothing if there are no textures."""
+    if places is None:
+        return
+    model = np.int64(surface.materials[owner, MATERIAL_MODEL])
+    for n in range(run[0], run[1]):
+        at = (0.0, weights[0, n], weights[1, n])
+        where[n] = column + n - run[0]
+        tint = samples[lit.RED, n], samples[lit.GREEN, n], samples[lit.BLUE, n]
+        note_matt_light(places, n, at, a, b, c, behind, model, surface.matt_vertices, tint)
+        texturing.note_place(places, n, at, a, b, c, owner, surface.textures)
+
+
+@stage
+def gather_run(
+    samples, weights, places, where, n, count, face, owner, column, row, geometry, placement,
+    surface, lighting,
+):  # fmt: skip
+    """Interpolate everything that shading needs along some samples of one face."""
+    run = (n, n + count)
     a, b, c = lowest_first(geometry.faces, face)
-    weights = sample_weights(a, b, c, column, row, geometry)
-    tint = material_tint(surface.materials, owner)
-    tint = face_tint(face, surface.face_colors, tint)
-    tint = vertex_tint(weights, a, b, c, surface.vertex_colors, tint)
-    behind = gather_normal(
-        samples, n, weights, a, b, c, owner, geometry, placement, surface, lighting
+    row_weights(
+        weights[0, n : n + count], weights[1, n : n + count], a, b, c, column, row, geometry
     )
     model = np.int64(surface.materials[owner, MATERIAL_MODEL])
-    note_matt_light(scratch, n, weights, a, b, c, behind, model, surface.matt_vertices, tint)
-    tint = gouraud_light(weights, a, b, c, behind, model, surface.lit_vertices, tint)
-    texturing.note_place(scratch, n, weights, a, b, c, owner, surface.textures)
-    samples[lit.RED, n] = tint[0]
-    samples[lit.GREEN, n] = tint[1]
-    samples[lit.BLUE, n] = tint[2]
-    samples[lit.ALPHA, n] = tint[3]
+    behind = back_is_seen(a, b, c, owner, geometry, placement, lighting)
+    tint = face_tint(face, surface.face_colors, material_tint(surface.materials, owner))
+    gather_colors(samples, run, weights, a, b, c, behind, model, surface, tint)
+    gather_lit(samples, run, weights, a, b, c, behind, model, owner, placement, surface, lighting)
+    note_textured(places, where, run, column, weights, a, b, c, behind, owner, samples, surface)
 
 
 @stage
-def light_row(samples, lighting, toward_viewer):
-    """Light the gathered samples; without light the base colour is what is seen."""
+def differences(faces, face):
+    """Return 0 if some samples all show one face."""
+    found = np.int32(0)
+    for i in range(faces.shape[0]):
+        found |= faces[i] ^ face
+    return found
+
+
+@stage
+def run_end(faces, column):
+    """Return the first column that shows another face than this one."""
+    end, face = column + 1, faces[column]
+    while end + LANES <= faces.shape[0] and differences(faces[end : end + LANES], face) == 0:
+        end += LANES
+    while end < faces.shape[0] and faces[end] == faces[column]:
+        end += 1
+    return end
+
+
+@stage
+def span_end(faces, column):
+    """Return the first column that is covered unlike this one."""
+    end = column + 1
+    while end < faces.shape[0] and (faces[end] < 0) == (faces[column] < 0):
+        end += 1
+    return end
+
+
+@stage
+def gather_row(
+    faces, samples, weights, places, where, column, row, geometry, placement, surface, lighting
+):
+    """Gather the covered samples of a part of a row, which starts at ``column``; count them."""
+    count, at, owner = np.int64(0), np.int64(0), np.int64(0)
+    while at < faces.shape[0]:
+        end = run_end(faces, at)
+        face = np.int64(faces[at])
+        if face >= 0:
+            owner = find_object(face, placement.face_starts, owner)
+            gather_run(
+                samples, weights, places, where, count, end - at, face, owner, column + at, row,
+                geometry, placement, surface, lighting,
+            )  # fmt: skip
+            count += end - at
+        at = end
+    return count
+
+
+@stage
+def viewer_of(placement):
+    """Return the direction to the viewer as lighting takes it, float32."""
+    viewer = placement.toward_viewer
+    return (
+        np.float32(viewer[0]),
+        np.float32(viewer[1]),
+        np.float32(viewer[2]),
+        np.float32(viewer[3]),
+    )
+
+
+@stage
+def seen_colors(samples, count, lighting, toward_viewer):
+    """Light the gathered samples; return red, green and blue. Without light, the base colours."""
     if lighting is None:
+        return samples[lit.RED], samples[lit.GREEN], samples[lit.BLUE]
+    lit.light_samples(samples, count, lighting, toward_viewer)
+    return samples[lit.OUT_RED], samples[lit.OUT_GREEN], samples[lit.OUT_BLUE]
+
+
+@stage
+def write_linear(colors, n, linear):
+    """Write a span of linear colour, alpha 1."""
+    for i in range(linear.shape[0]):
         for k in range(3):
-            for n in range(samples.shape[1]):
-                samples[lit.OUT_RED + k, n] = samples[lit.RED + k, n]
-    else:
-        lit.light_samples(samples, lighting, toward_viewer)
+            linear[i, k] = colors[k][n + i]
+        linear[i, 3] = 1.0
+
+
+@stage
+def write_row(faces, colors, background, table, linear, color):
+    """Write a part of a row: the gathered samples in their places, background elsewhere."""
+    behind = encode_pixel(background, table)
+    n, at = np.int64(0), np.int64(0)
+    while at < faces.shape[0]:
+        end = span_end(faces, at)
+        if faces[at] < 0:
+            for column in range(at, min(end, color.shape[0])):
+                color[column] = behind
+            for column in range(at, min(end, linear.shape[0])):
+                for k in range(4):
+                    linear[column, k] = background[k]
+        else:
+            stop = n + end - at
+            if color.shape[0] > 0:
+                encode_span(
+                    colors[0][n:stop], colors[1][n:stop], colors[2][n:stop], table, color[at:end]
+                )
+            if linear.shape[0] > 0:
+                write_linear(colors, n, linear[at:end])
+            n = stop
+        at = end
+
+
+def scratch_memory(has_textures: bool) -> tuple[NDArray[Any] | None, ...]:
+    """Return the memory that a thread needs to shade: samples, weights, textures, columns."""
+    room = BLOCK_COLUMNS
+    return (
+        np.empty((lit.SAMPLE_ROWS, room), np.float32),
+        np.empty((2, room), np.float64),
+        np.empty((texturing.SCRATCH_ROWS, room), np.float64) if has_textures else None,
+        np.empty(room, np.int32),
+    )
 
 
 @kernel
 def shade_rows(
     face_id, first_row, geometry: Geometry, placement: Placement, surface: Surface,
-    lighting: Lighting | None, background, linear,
+    lighting: Lighting | None, background, table, linear, color, scratch,
 ):  # fmt: skip
     """
-    Write the linear colour of some rows of the frame.
+    Write the colour of some rows of the frame.
 
     Parameters
     ----------
@@ -221,48 +460,42 @@ def shade_rows(
     lighting : Lighting or None
         ``None``: every object shows its own colour.
     background : (4,) float32, linear
+    table : (6657,) int32
+        ``resolve.encoding_table()``.
     linear : (R, W, 4) float32
-        Written: red, green, blue in linear light, and alpha (1 where there is a face).
+        Written: red, green, blue in linear light, and alpha (1 where there is a face). Unless it
+        is not wanted, then W is 0.
+    color : (R, W) uint32
+        Written: the same in sRGB codes, RGBA bytes from the lowest up. Or W is 0, too.
+    scratch : tuple
+        This thread's own, from `scratch_memory`.
     """
     rows, columns = face_id.shape
-    scratch = np.empty((lit.SAMPLE_ROWS, columns), np.float32)
-    places = texturing.texture_scratch(surface.textures, columns)
-    where = np.empty(columns, np.int32)
-    toward_viewer = placement.toward_viewer.astype(np.float32)
-    owner = np.int64(0)
+    samples, weights, places, where = scratch
+    toward_viewer = viewer_of(placement)
     for row in range(rows):
-        # List the covered samples of the row and gather what they need.
-        count = 0
-        for column in range(columns):
-            face = np.int64(face_id[row, column])
-            if face < 0:
-                for k in range(4):
-                    linear[row, column, k] = background[k]
-                continue
-            owner = find_object(face, placement.face_starts, owner)
-            gather_sample(
-                scratch, places, count, face, owner, column, first_row + row, geometry, placement,
-                surface, lighting,
+        for left in range(0, columns, BLOCK_COLUMNS):
+            right = min(left + BLOCK_COLUMNS, columns)
+            faces = face_id[row, left:right]
+            count = gather_row(
+                faces, samples, weights, places, where, left, first_row + row, geometry,
+                placement, surface, lighting,
             )  # fmt: skip
-            where[count] = column
-            count += 1
-        texture_row(
-            scratch, where, count, first_row + row, places, geometry, surface.textures,
-            surface.matt_vertices,
-        )  # fmt: skip
-        # Light them together and put them back in their places.
-        samples = scratch[:, :count]
-        light_row(samples, lighting, toward_viewer)
-        for n in range(count):
-            for k in range(3):
-                linear[row, where[n], k] = samples[lit.OUT_RED + k, n]
-            linear[row, where[n], 3] = 1.0
+            texture_row(
+                samples, where, count, first_row + row, places, geometry, surface.textures,
+                surface.matt_vertices,
+            )  # fmt: skip
+            colors = seen_colors(samples, count, lighting, toward_viewer)
+            write_row(
+                faces, colors, background, table, linear[row, left:right], color[row, left:right]
+            )
 
 
 @kernel
 def light_vertices(
-    vertices, owner, placement: Placement, surface: Surface, lighting: Lighting, lit_vertices
-):
+    vertices, owner, placement: Placement, surface: Surface, lighting: Lighting, lit_vertices,
+    scratch,
+):  # fmt: skip
     """
     Light the vertices of one object, for Gouraud shading.
 
@@ -276,29 +509,32 @@ def light_vertices(
         ``surface.normals`` is present; ``surface.face_colors`` has no part in it.
     lit_vertices : (V, 2, 3) float32
         Writes the linear colour of these vertices, for a viewer in front and one behind.
+    scratch : tuple
+        This thread's own, from `scratch_memory`.
     """
-    first, stop = vertices
-    samples = np.empty((lit.SAMPLE_ROWS, stop - first), np.float32)
-    toward_viewer = placement.toward_viewer.astype(np.float32)
+    samples = scratch[0]
+    toward_viewer = viewer_of(placement)
     tint = material_tint(surface.materials, owner)
+    only = (1.0, 0.0, 0.0)
     for side in range(2):
-        for n in range(stop - first):
-            vertex = first + n
-            only = (1.0, 0.0, 0.0)
-            point = place_vertex(vertex, owner, placement)
-            normal = smooth_normal(
-                only, vertex, vertex, vertex, surface.normals, placement.normal_matrices, owner
-            )
-            toward = 1.0 - 2.0 * side
-            color = vertex_tint(only, vertex, vertex, vertex, surface.vertex_colors, tint)
-            for k in range(3):
-                samples[lit.RED + k, n] = color[k]
-                samples[lit.NORMAL_X + k, n] = toward * normal[k]
-                samples[lit.POINT_X + k, n] = point[k]
-            samples[lit.SPECULAR, n] = surface.materials[owner, MATERIAL_SPECULAR]
-            samples[lit.SHININESS, n] = surface.materials[owner, MATERIAL_SHININESS]
-            samples[lit.LIT, n] = 1.0
-        lit.light_samples(samples, lighting, toward_viewer)
-        for n in range(stop - first):
-            for k in range(3):
-                lit_vertices[first + n, side, k] = samples[lit.OUT_RED + k, n]
+        toward = 1.0 - 2.0 * side
+        for first in range(vertices[0], vertices[1], BLOCK_COLUMNS):
+            count = min(vertices[1] - first, BLOCK_COLUMNS)
+            for n in range(count):
+                vertex = first + n
+                point = place_vertex(vertex, owner, placement)
+                normal = smooth_normal(
+                    only, vertex, vertex, vertex, surface.normals, placement.normal_matrices, owner
+                )
+                color = vertex_tint(vertex, surface.vertex_colors, tint)
+                for k in range(3):
+                    samples[lit.RED + k, n] = color[k]
+                    samples[lit.NORMAL_X + k, n] = toward * normal[k]
+                    samples[lit.POINT_X + k, n] = point[k]
+                samples[lit.SPECULAR, n] = surface.materials[owner, MATERIAL_SPECULAR]
+                samples[lit.SHININESS, n] = surface.materials[owner, MATERIAL_SHININESS]
+                samples[lit.LIT, n] = 1.0
+            lit.light_samples(samples, count, lighting, toward_viewer)
+            for n in range(count):
+                for k in range(3):
+                    lit_vertices[first + n, side, k] = samples[lit.OUT_RED + k, n]

@@ -291,14 +291,6 @@ def split_detail(detail, count):
 
 
 @stage
-def texture_scratch(textures, columns):
-    """Return scratch memory for a row of textured samples; none if there are no textures."""
-    if textures is None:
-        return None
-    return np.empty((SCRATCH_ROWS, columns), np.float64)
-
-
-@stage
 def note_place(scratch, n, weights, a, b, c, owner, textures):
     """Write where on the picture a sample lies, and what it takes to find its level of detail."""
     if textures is None:
