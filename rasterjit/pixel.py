@@ -149,7 +149,12 @@ def _draw(scene: Scene, plan: RenderPlan) -> _Drawn:
         )
         lists = stages.TileLists(starts, binned, lists.faces)
     geometry = Geometry(
-        arrays.faces, coverage.screen.xy, coverage.screen.codes, clip_positions, viewport
+        arrays.faces,
+        coverage.screen.xy,
+        coverage.screen.codes,
+        coverage.screen.w,
+        clip_positions,
+        viewport,
     )
     placement = placement_of(arrays, views)
     return _Drawn(scene, plan, arrays, geometry, placement, coverage, lists)

@@ -106,7 +106,12 @@ def rasterize(
     finally:
         workers.close()
     geometry = Geometry(
-        face_numbers, coverage.screen.xy, coverage.screen.codes, positions, viewport
+        face_numbers,
+        coverage.screen.xy,
+        coverage.screen.codes,
+        coverage.screen.w,
+        positions,
+        viewport,
     )
     return Visibility(coverage, geometry, sign)
 

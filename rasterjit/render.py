@@ -232,7 +232,12 @@ class Renderer:
             keep_lists=plan.diagnose,
         )  # fmt: skip
         geometry = Geometry(
-            arrays.faces, coverage.screen.xy, coverage.screen.codes, clip_positions, viewport
+            arrays.faces,
+            coverage.screen.xy,
+            coverage.screen.codes,
+            coverage.screen.w,
+            clip_positions,
+            viewport,
         )
         placement = placement_of(arrays, views)
         normals = planning.join_normals(meshes) if plan.needs_normals else None

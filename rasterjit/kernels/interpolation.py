@@ -71,11 +71,7 @@ def snapped_weights(a, b, c, column, row, geometry):
     ax, ay = np.int64(geometry.xy[a, 0]), np.int64(geometry.xy[a, 1])
     bx, by = np.int64(geometry.xy[b, 0]), np.int64(geometry.xy[b, 1])
     cx, cy = np.int64(geometry.xy[c, 0]), np.int64(geometry.xy[c, 1])
-    wa, wb, wc = (
-        geometry.clip_positions[a, 3],
-        geometry.clip_positions[b, 3],
-        geometry.clip_positions[c, 3],
-    )
+    wa, wb, wc = geometry.w[a], geometry.w[b], geometry.w[c]
     e0 = np.float64(edge(bx, by, cx, cy, px, py))
     e1 = np.float64(edge(cx, cy, ax, ay, px, py))
     e2 = np.float64(edge(ax, ay, bx, by, px, py))
@@ -124,24 +120,28 @@ def sample_weights(a, b, c, column, row, geometry):
     return w0 / total, w1 / total, w2 / total
 
 
-@disjoint_stage
-def weights_along_row(second, third, edges, steps, ratios):
+@stage
+def weights_from_edges(e0, e1, e2, ratios):
     """
-    Write the normalized weights of the second and the third vertex, pixel by pixel.
+    Return the normalized weights of the second and the third vertex of a face.
 
-    Takes the edge functions at the first pixel, what they gain from one to the next, and the
-    smallest w over each w. Returns 0 unless a sum may have lost something to underflow.
+    And 1 if their sum may have lost something to underflow; `sample_weights` knows then.
     """
-    e0, e1, e2 = edges
+    w0 = np.float64(e0) * ratios[0]
+    w1 = np.float64(e1) * ratios[1]
+    w2 = np.float64(e2) * ratios[2]
+    total = w0 + w1 + w2
+    return w1 / total, w2 / total, np.int64(not abs(total) > UNDERFLOW)
+
+
+@disjoint_stage
+def weights_along_row(second, third, row_start):
+    """Write the weights of the second and third vertex along a row; return if any is doubtful."""
+    (e0, e1, e2), steps, ratios = row_start
     doubtful = np.int64(0)
     for i in range(second.shape[0]):
-        w0 = np.float64(e0) * ratios[0]
-        w1 = np.float64(e1) * ratios[1]
-        w2 = np.float64(e2) * ratios[2]
-        total = w0 + w1 + w2
-        doubtful |= np.int64(not abs(total) > UNDERFLOW)
-        second[i] = w1 / total
-        third[i] = w2 / total
+        second[i], third[i], is_doubtful = weights_from_edges(e0, e1, e2, ratios)
+        doubtful |= is_doubtful
         e0 += steps[0]
         e1 += steps[1]
         e2 += steps[2]
@@ -149,43 +149,26 @@ def weights_along_row(second, third, edges, steps, ratios):
 
 
 @stage
-def snapped_row_weights(second, third, a, b, c, column, row, geometry):
-    """Do `weights_along_row` on a face that was not clipped, from a pixel on."""
+def edges_along_row(a, b, c, column, row, geometry):
+    """
+    Return how the weights of a face that was not clipped run along a row.
+
+    The edge functions at a pixel's centre, what they gain to the next, and the smallest w over
+    each w: what `snapped_weights` multiplies.
+    """
     bits = geometry.viewport.grid_bits
     half = np.int64(1) << (bits - 1)
     px, py = (np.int64(column) << bits) + half, (np.int64(row) << bits) + half
     ax, ay = np.int64(geometry.xy[a, 0]), np.int64(geometry.xy[a, 1])
     bx, by = np.int64(geometry.xy[b, 0]), np.int64(geometry.xy[b, 1])
     cx, cy = np.int64(geometry.xy[c, 0]), np.int64(geometry.xy[c, 1])
-    wa, wb, wc = (
-        geometry.clip_positions[a, 3],
-        geometry.clip_positions[b, 3],
-        geometry.clip_positions[c, 3],
-    )
+    wa, wb, wc = geometry.w[a], geometry.w[b], geometry.w[c]
     smallest = min(wa, min(wb, wc))
-    return weights_along_row(
-        second, third,
+    return (
         (edge(bx, by, cx, cy, px, py), edge(cx, cy, ax, ay, px, py), edge(ax, ay, bx, by, px, py)),
         ((by - cy) << bits, (cy - ay) << bits, (ay - by) << bits),
         (smallest / wa, smallest / wb, smallest / wc),
-    )  # fmt: skip
-
-
-@stage
-def row_weights(second, third, a, b, c, column, row, geometry):
-    """
-    Write the weights of the second and third vertex for some pixels of a row, all on one face.
-
-    The same bits as `sample_weights`.
-    """
-    codes = geometry.codes[a] | geometry.codes[b] | geometry.codes[c]
-    doubtful = np.int64(codes & CLIPPED)
-    if not doubtful:
-        doubtful = snapped_row_weights(second, third, a, b, c, column, row, geometry)
-    if doubtful:
-        for i in range(second.shape[0]):
-            weights = sample_weights(a, b, c, column + i, row, geometry)
-            second[i], third[i] = weights[1], weights[2]
+    )
 
 
 @stage

@@ -35,7 +35,11 @@ class Viewport(NamedTuple):
 
 
 class ScreenVertices(NamedTuple):
-    """Vertices on the sub-pixel grid: those of the meshes, then those made by clipping."""
+    """
+    Vertices on the sub-pixel grid: those of the meshes, then those made by clipping.
+
+    One that is outside the guard band has an outcode only.
+    """
 
     xy: Any
     """(V+E, 2) int32, screen, units of ``2**-grid_bits`` pixel."""
@@ -43,6 +47,8 @@ class ScreenVertices(NamedTuple):
     """(V+E,) float64, stored depth: greater is nearer."""
     codes: Any
     """(V+E,) uint8, outcodes (see ``setup``)."""
+    w: Any
+    """(V+E,) float64, clip space."""
 
 
 class Faces(NamedTuple):
@@ -74,6 +80,8 @@ class Geometry(NamedTuple):
     """(V+E, 2) int32, snapped screen positions."""
     codes: Any
     """(V+E,) uint8, outcodes."""
+    w: Any
+    """(V+E,) float64, clip space."""
     clip_positions: Any
     """(V, 4) float64."""
     viewport: Viewport

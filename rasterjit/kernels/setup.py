@@ -95,6 +95,7 @@ def put_vertex(vertex, ndc_x, ndc_y, depth_coefficients, z, w, viewport, screen)
     screen.xy[vertex, 0] = snap(ndc_x, 0.5 * viewport.width, viewport)
     screen.xy[vertex, 1] = snap(-ndc_y, 0.5 * viewport.height, viewport)
     screen.depth[vertex] = (c0 + c1 * z + c2 * w) / w
+    screen.w[vertex] = w
 
 
 @kernel

@@ -18,6 +18,7 @@ from rasterjit.kernels import lighting as lit
 from rasterjit.kernels import texturing
 from rasterjit.kernels.interpolation import (
     blend,
+    edges_along_row,
     face_normal,
     find_object,
     interpolate,
@@ -25,14 +26,17 @@ from rasterjit.kernels.interpolation import (
     matrix_of,
     place_sample,
     place_vertex,
-    row_weights,
+    sample_weights,
     seen_from_behind,
     smooth_normal,
     vertex_normal,
+    weights_along_row,
+    weights_from_edges,
 )
 from rasterjit.kernels.jit import disjoint_stage, kernel, stage
 from rasterjit.kernels.records import Geometry, Lighting, Placement, Surface
 from rasterjit.kernels.resolve import encode_pixel, encode_span
+from rasterjit.kernels.setup import CLIPPED
 
 UNLIT, FLAT, GOURAUD, PHONG = 0, 1, 2, 3
 """Shading models, as ``Surface.materials`` numbers them."""
@@ -43,6 +47,9 @@ MATERIAL_SPECULAR, MATERIAL_SHININESS, MATERIAL_MODEL = 4, 5, 6
 LANES = 16
 """Samples compared at once: face numbers in a 512-bit register."""
 
+FEW = 8
+"""Runs shorter than this are not worth a vector loop."""
+
 BLOCK_COLUMNS = 512
 """Columns gathered at once: 16 quantities of that many samples, 32 KiB, stay near the core."""
 
@@ -50,7 +57,7 @@ BLOCK_COLUMNS = 512
 @stage
 def material_tint(materials, owner):
     """Return the base colour of an object's material."""
-    return materials[owner, 0], materials[owner, 1], materials[owner, 2], materials[owner, 3]
+    return materials[owner, 0], materials[owner, 1], materials[owner, 2]
 
 
 @stage
@@ -62,7 +69,6 @@ def vertex_tint(vertex, vertex_colors, tint):
         tint[0] * vertex_colors[vertex, 0],
         tint[1] * vertex_colors[vertex, 1],
         tint[2] * vertex_colors[vertex, 2],
-        tint[3],
     )
 
 
@@ -75,7 +81,6 @@ def face_tint(face, face_colors, tint):
         tint[0] * face_colors[face, 0],
         tint[1] * face_colors[face, 1],
         tint[2] * face_colors[face, 2],
-        tint[3] * face_colors[face, 3],
     )
 
 
@@ -152,15 +157,60 @@ def held(value, values):
     return value if value <= highest else highest
 
 
+@stage
+def color_at(second, third, colors):
+    """Return the tint times the interpolated colour, for the weights of two vertices."""
+    (r, g, b), tint = colors
+    weights = (0.0, second, third)
+    return (
+        tint[0] * np.float32(held(blend(weights, r[0], r[1], r[2]), r)),
+        tint[1] * np.float32(held(blend(weights, g[0], g[1], g[2]), g)),
+        tint[2] * np.float32(held(blend(weights, b[0], b[1], b[2]), b)),
+    )
+
+
+@stage
+def normal_at(second, third, normal):
+    """Return the interpolated normal in world axes, on the side that is seen, not normalized."""
+    (na, nb, nc), m, side = normal
+    weights = (0.0, second, third)
+    x = blend(weights, na[0], nb[0], nc[0])
+    y = blend(weights, na[1], nb[1], nc[1])
+    z = blend(weights, na[2], nb[2], nc[2])
+    return (
+        np.float32(side * (m[0] * x + m[1] * y + m[2] * z)),
+        np.float32(side * (m[3] * x + m[4] * y + m[5] * z)),
+        np.float32(side * (m[6] * x + m[7] * y + m[8] * z)),
+    )
+
+
+@stage
+def point_at(second, third, point):
+    """Return where a sample lies, as `place_sample` finds it."""
+    first, ab, ac, m = point
+    x = second * ab[0] + third * ac[0]
+    y = second * ab[1] + third * ac[1]
+    z = second * ab[2] + third * ac[2]
+    return (
+        np.float32(first[0] + (m[0] * x + m[1] * y + m[2] * z)),
+        np.float32(first[1] + (m[3] * x + m[4] * y + m[5] * z)),
+        np.float32(first[2] + (m[6] * x + m[7] * y + m[8] * z)),
+    )
+
+
 @disjoint_stage
-def mix_colors(red, green, blue, second, third, values, tint):
-    """Write a tint times the interpolated colour, sample by sample."""
+def write_colors(red, green, blue, second, third, colors):
+    """Write the colours along a run."""
     for i in range(red.shape[0]):
-        weights = (0.0, second[i], third[i])
-        r, g, b = values
-        red[i] = tint[0] * np.float32(held(blend(weights, r[0], r[1], r[2]), r))
-        green[i] = tint[1] * np.float32(held(blend(weights, g[0], g[1], g[2]), g))
-        blue[i] = tint[2] * np.float32(held(blend(weights, b[0], b[1], b[2]), b))
+        red[i], green[i], blue[i] = color_at(second[i], third[i], colors)
+
+
+@disjoint_stage
+def write_places(nx, ny, nz, px, py, pz, second, third, normal, point):
+    """Write the normals and the positions along a run."""
+    for i in range(nx.shape[0]):
+        nx[i], ny[i], nz[i] = normal_at(second[i], third[i], normal)
+        px[i], py[i], pz[i] = point_at(second[i], third[i], point)
 
 
 @stage
@@ -184,45 +234,23 @@ def light_values(a, b, c, k, side, lit_vertices, values):
 
 
 @stage
-def gather_colors(samples, run, weights, a, b, c, behind, model, surface, tint):
-    """Write the colours of a run: tint times vertex colours, or the light of the vertices."""
-    start, stop = run
+def colors_of(face, a, b, c, behind, model, owner, surface):
+    """
+    Return the colours of three vertices, channel by channel, and the tint they are multiplied by.
+
+    Vertex colours and material, or the light on the vertices if the object is shaded by Gouraud.
+    """
     red = color_values(a, b, c, 0, surface.vertex_colors)
     green = color_values(a, b, c, 1, surface.vertex_colors)
     blue = color_values(a, b, c, 2, surface.vertex_colors)
-    shown = tint[0], tint[1], tint[2]
+    tint = face_tint(face, surface.face_colors, material_tint(surface.materials, owner))
     if model == GOURAUD and surface.lit_vertices is not None:
         side = 1 if behind else 0
         red = light_values(a, b, c, 0, side, surface.lit_vertices, red)
         green = light_values(a, b, c, 1, side, surface.lit_vertices, green)
         blue = light_values(a, b, c, 2, side, surface.lit_vertices, blue)
-        shown = np.float32(1.0), np.float32(1.0), np.float32(1.0)
-    mix_colors(
-        samples[lit.RED, start:stop], samples[lit.GREEN, start:stop],
-        samples[lit.BLUE, start:stop], weights[0, start:stop], weights[1, start:stop],
-        (red, green, blue), shown,
-    )  # fmt: skip
-
-
-@disjoint_stage
-def place_and_turn(nx, ny, nz, px, py, pz, second, third, normal, point):
-    """Write normal and position, sample by sample, as `NormalPlane` and `PointPlane` have them."""
-    (na, nb, nc), m, side = normal
-    first, ab, ac, r = point
-    for i in range(nx.shape[0]):
-        weights = (0.0, second[i], third[i])
-        x = blend(weights, na[0], nb[0], nc[0])
-        y = blend(weights, na[1], nb[1], nc[1])
-        z = blend(weights, na[2], nb[2], nc[2])
-        nx[i] = np.float32(side * (m[0] * x + m[1] * y + m[2] * z))
-        ny[i] = np.float32(side * (m[3] * x + m[4] * y + m[5] * z))
-        nz[i] = np.float32(side * (m[6] * x + m[7] * y + m[8] * z))
-        x = second[i] * ab[0] + third[i] * ac[0]
-        y = second[i] * ab[1] + third[i] * ac[1]
-        z = second[i] * ab[2] + third[i] * ac[2]
-        px[i] = np.float32(first[0] + (r[0] * x + r[1] * y + r[2] * z))
-        py[i] = np.float32(first[1] + (r[3] * x + r[4] * y + r[5] * z))
-        pz[i] = np.float32(first[2] + (r[6] * x + r[7] * y + r[8] * z))
+        tint = np.float32(1.0), np.float32(1.0), np.float32(1.0)
+    return (red, green, blue), tint
 
 
 @stage
@@ -261,27 +289,81 @@ def points_of(a, b, c, model, owner, placement):
 
 
 @stage
-def gather_lit(samples, run, weights, a, b, c, behind, model, owner, placement, surface, lighting):
-    """Write normal, position and highlight of a run; nothing if there is no light."""
+def places_of(a, b, c, behind, model, owner, placement, surface, lighting):
+    """Return what `normal_at` and `point_at` take; nothing if there is no light."""
+    if lighting is None:
+        return None, None
+    normals, matrix = normals_of(a, b, c, model, owner, placement, surface.normals)
+    side = -1.0 if behind else 1.0
+    return (normals, matrix, side), points_of(a, b, c, model, owner, placement)
+
+
+@stage
+def write_highlight(samples, run, model, owner, materials, lighting):
+    """Write strength and exponent of the highlight along a run, and whether light falls on it."""
     if lighting is None:
         return
-    start, stop = run
-    side = -1.0 if behind else 1.0
-    normals, matrix = normals_of(a, b, c, model, owner, placement, surface.normals)
-    place_and_turn(
-        samples[lit.NORMAL_X, start:stop], samples[lit.NORMAL_Y, start:stop],
-        samples[lit.NORMAL_Z, start:stop], samples[lit.POINT_X, start:stop],
-        samples[lit.POINT_Y, start:stop], samples[lit.POINT_Z, start:stop],
-        weights[0, start:stop], weights[1, start:stop],
-        (normals, matrix, side), points_of(a, b, c, model, owner, placement),
-    )  # fmt: skip
-    specular = surface.materials[owner, MATERIAL_SPECULAR]
-    shininess = surface.materials[owner, MATERIAL_SHININESS]
+    specular, shininess = materials[owner, MATERIAL_SPECULAR], materials[owner, MATERIAL_SHININESS]
     share = np.float32(1.0 if model in (FLAT, PHONG) else 0.0)
-    for n in range(start, stop):
+    for n in range(np.uintp(run[0]), np.uintp(run[1])):
         samples[lit.SPECULAR, n] = specular
         samples[lit.SHININESS, n] = shininess
         samples[lit.LIT, n] = share
+
+
+@stage
+def write_place(samples, n, second, third, normal, point):
+    """Write normal and position of one sample; nothing if there is no light."""
+    if normal is None:
+        return
+    nx, ny, nz = normal_at(second, third, normal)
+    samples[lit.NORMAL_X, n], samples[lit.NORMAL_Y, n], samples[lit.NORMAL_Z, n] = nx, ny, nz
+    px, py, pz = point_at(second, third, point)
+    samples[lit.POINT_X, n], samples[lit.POINT_Y, n], samples[lit.POINT_Z, n] = px, py, pz
+
+
+@stage
+def gather_few(samples, weights, run, colors, normal, point, row_start):
+    """Interpolate along a short run, sample by sample; return whether any weight is doubtful."""
+    (e0, e1, e2), steps, ratios = row_start
+    doubtful = np.int64(0)
+    for n in range(np.uintp(run[0]), np.uintp(run[1])):
+        second, third, is_doubtful = weights_from_edges(e0, e1, e2, ratios)
+        doubtful |= is_doubtful
+        weights[0, n], weights[1, n] = second, third
+        red, green, blue = color_at(second, third, colors)
+        samples[lit.RED, n], samples[lit.GREEN, n], samples[lit.BLUE, n] = red, green, blue
+        write_place(samples, n, second, third, normal, point)
+        e0 += steps[0]
+        e1 += steps[1]
+        e2 += steps[2]
+    return doubtful
+
+
+@stage
+def gather_places(samples, run, second, third, normal, point):
+    """Write normals and positions along a run; nothing if there is no light."""
+    if normal is None:
+        return
+    start, stop = run
+    write_places(
+        samples[lit.NORMAL_X, start:stop], samples[lit.NORMAL_Y, start:stop],
+        samples[lit.NORMAL_Z, start:stop], samples[lit.POINT_X, start:stop],
+        samples[lit.POINT_Y, start:stop], samples[lit.POINT_Z, start:stop],
+        second, third, normal, point,
+    )  # fmt: skip
+
+
+@stage
+def gather_many(samples, weights, run, colors, normal, point):
+    """Interpolate along a run whose weights are known."""
+    start, stop = run
+    second, third = weights[0, start:stop], weights[1, start:stop]
+    write_colors(
+        samples[lit.RED, start:stop], samples[lit.GREEN, start:stop],
+        samples[lit.BLUE, start:stop], second, third, colors,
+    )  # fmt: skip
+    gather_places(samples, run, second, third, normal, point)
 
 
 @stage
@@ -316,14 +398,29 @@ def gather_run(
     """Interpolate everything that shading needs along some samples of one face."""
     run = (n, n + count)
     a, b, c = lowest_first(geometry.faces, face)
-    row_weights(
-        weights[0, n : n + count], weights[1, n : n + count], a, b, c, column, row, geometry
-    )
     model = np.int64(surface.materials[owner, MATERIAL_MODEL])
     behind = back_is_seen(a, b, c, owner, geometry, placement, lighting)
-    tint = face_tint(face, surface.face_colors, material_tint(surface.materials, owner))
-    gather_colors(samples, run, weights, a, b, c, behind, model, surface, tint)
-    gather_lit(samples, run, weights, a, b, c, behind, model, owner, placement, surface, lighting)
+    colors = colors_of(face, a, b, c, behind, model, owner, surface)
+    normal, point = places_of(a, b, c, behind, model, owner, placement, surface, lighting)
+    write_highlight(samples, run, model, owner, surface.materials, lighting)
+    # Find the weights; a short run is done with that, samples and all.
+    doubtful = np.int64((geometry.codes[a] | geometry.codes[b] | geometry.codes[c]) & CLIPPED)
+    is_done = False
+    if not doubtful:
+        row_start = edges_along_row(a, b, c, column, row, geometry)
+        if count < FEW:
+            doubtful = gather_few(samples, weights, run, colors, normal, point, row_start)
+            is_done = not doubtful
+        else:
+            doubtful = weights_along_row(
+                weights[0, n : n + count], weights[1, n : n + count], row_start
+            )
+    if doubtful:
+        for i in range(count):
+            exact = sample_weights(a, b, c, column + i, row, geometry)
+            weights[0, n + i], weights[1, n + i] = exact[1], exact[2]
+    if not is_done:
+        gather_many(samples, weights, run, colors, normal, point)
     note_textured(places, where, run, column, weights, a, b, c, behind, owner, samples, surface)
 
 

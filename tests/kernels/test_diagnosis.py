@@ -34,7 +34,7 @@ def draw(clip_positions, faces=((0, 1, 2),), size=SIZE, bits=8, turn=0):
         positions, faces, objects, (0.0, -1.0, 0.0), viewport, stages.Workers(1), lambda _: None,
         keep_lists=True,
     )  # fmt: skip
-    geometry = Geometry(faces, coverage.screen.xy, coverage.screen.codes, positions, viewport)
+    geometry = Geometry(faces, coverage.screen.xy, coverage.screen.codes, coverage.screen.w, positions, viewport)
     return coverage, geometry, objects
 
 

@@ -29,7 +29,7 @@ def fill(points, values, size=SIZE, w=1.0, faces=((0, 1, 2),)):
     viewport, workers = viewport_of(size, 8), stages.Workers(1)
     screen, _ = stages.project(positions, (0.0, -1.0, 0.0), viewport, workers)
     face_id = rj.rasterize(positions, faces, size, threads=1).face_id
-    geometry = Geometry(faces, screen.xy, screen.codes, positions, viewport)
+    geometry = Geometry(faces, screen.xy, screen.codes, screen.w, positions, viewport)
     values = np.asarray(values, np.float32).reshape(len(points), -1)
     attribute = np.full((size[1], size[0], values.shape[1]), 7.0, np.float32)
     interpolation.fill_attribute(face_id, (0, size[1]), geometry, values, attribute)

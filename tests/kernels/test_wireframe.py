@@ -111,7 +111,7 @@ def edge_pixels(mesh, camera, edges, size=SIZE):
     clip_from_world = camera.projection_matrix(size) @ camera.view_matrix()
     positions = np.column_stack([mesh.vertices, np.ones(len(mesh.vertices))]) @ clip_from_world.T
     geometry = Geometry(
-        mesh.faces, np.zeros((0, 2), np.int32), np.zeros(0, np.uint8),
+        mesh.faces, np.zeros((0, 2), np.int32), np.zeros(0, np.uint8), np.zeros(0),
         np.ascontiguousarray(positions), viewport_of(size, 8),
     )  # fmt: skip
     color = np.zeros((size[1], size[0], 4), np.uint8)
