@@ -366,8 +366,8 @@ def set_up_and_bin(
     workers.run(
         binning.bin_triangles,
         [
-            (triangles[firsts[n] : ends[n]], boxes[firsts[n] : ends[n]], columns, cursors[n],
-             binned)
+            (triangles[firsts[n] : ends[n]], boxes[firsts[n] : ends[n]], columns, faces, screen,
+             viewport, cursors[n], binned)
             for n in range(len(ranges))
         ],
     )  # fmt: skip

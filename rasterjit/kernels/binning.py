@@ -10,13 +10,25 @@ from __future__ import annotations
 
 import numpy as np
 
-from rasterjit.kernels.jit import kernel
+from rasterjit.kernels.jit import kernel, stage
+from rasterjit.kernels.records import Faces, ScreenVertices, Viewport
+from rasterjit.kernels.setup import reaches_tile, tile_edges, triangle_of
+
+
+@stage
+def list_in_tile(triangle, tile, cursors, binned):
+    """Write a triangle into the list of a tile."""
+    binned[np.uintp(cursors[tile])] = triangle
+    cursors[tile] += 1
 
 
 @kernel
-def bin_triangles(triangles, boxes, columns, cursors, binned):
+def bin_triangles(
+    triangles, boxes, columns, faces: Faces, screen: ScreenVertices, viewport: Viewport, cursors,
+    binned,
+):  # fmt: skip
     """
-    Write each triangle into the list of every tile that its box touches.
+    Write each triangle into the list of every tile that it reaches.
 
     Parameters
     ----------
@@ -26,20 +38,25 @@ def bin_triangles(triangles, boxes, columns, cursors, binned):
         Inclusive tile columns and rows: left, top, right, bottom.
     columns : int
         Tiles in a row of the image.
+    faces, screen, viewport : records
     cursors : (tiles,) int64
         Where this chunk's next triangle goes in each tile's list. Advanced.
     binned : (N,) int32
         Writes the lists of all tiles, one after the other.
     """
+    own, pieces, piece_faces = faces.faces, faces.pieces, faces.piece_faces
     for n in range(triangles.shape[0]):
         triangle = triangles[n]
-        if boxes[n, 0] == boxes[n, 2] and boxes[n, 1] == boxes[n, 3]:
-            tile = np.uintp(np.int64(boxes[n, 1]) * columns + np.int64(boxes[n, 0]))
-            binned[np.uintp(cursors[tile])] = triangle
-            cursors[tile] += 1
+        left, top = np.int64(boxes[n, 0]), np.int64(boxes[n, 1])
+        right, bottom = np.int64(boxes[n, 2]), np.int64(boxes[n, 3])
+        if (left == right) | (top == bottom):
+            for row in range(top, bottom + 1):
+                for column in range(left, right + 1):
+                    list_in_tile(triangle, np.uintp(row * columns + column), cursors, binned)
             continue
-        for row in range(np.int64(boxes[n, 1]), np.int64(boxes[n, 3]) + 1):
-            for column in range(np.int64(boxes[n, 0]), np.int64(boxes[n, 2]) + 1):
-                tile = row * columns + column
-                binned[cursors[tile]] = triangle
-                cursors[tile] += 1
+        corners, _ = triangle_of(own, pieces, piece_faces, np.int64(triangle))
+        lines = tile_edges(corners[0], corners[1], corners[2], screen.xy, viewport.grid_bits)
+        for row in range(top, bottom + 1):
+            for column in range(left, right + 1):
+                if reaches_tile(lines, column, row):
+                    list_in_tile(triangle, np.uintp(row * columns + column), cursors, binned)

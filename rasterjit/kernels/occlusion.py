@@ -13,13 +13,12 @@ import numpy as np
 
 from rasterjit.kernels.jit import kernel, stage
 from rasterjit.kernels.records import Faces, ScreenVertices, Viewport
-from rasterjit.kernels.setup import TILE_BITS, edge, is_large, triangle_of
+from rasterjit.kernels.setup import TILE_BITS, edge, is_large, sign_at, triangle_of
 from rasterjit.kernels.visibility import (
     TILE_SIZE,
     clockwise_from_top,
     depth_at_corners,
     depth_plane,
-    sign_at,
     worst,
 )
 

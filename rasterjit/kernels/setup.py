@@ -30,6 +30,8 @@ GUARD_PIXELS = 8192
 TILE_BITS = 6
 """Tiles are squares of 2**6 = 64 pixels: the depth and face numbers of one (32 KiB) fit L1."""
 
+TILE_SIZE = 1 << TILE_BITS
+
 LARGE_SPAN = 3
 """
 Tiles that a large triangle's box reaches beyond its first, right and down together.
@@ -199,6 +201,20 @@ def edge_bias(ax, ay, bx, by):
 
 
 @stage
+def edge_at(ax, ay, bx, by, column, row, grid_bits):
+    """Return the edge function of a -> b at a pixel's centre."""
+    half = np.int64(1) << (grid_bits - 1)
+    return edge(ax, ay, bx, by, (column << grid_bits) + half, (row << grid_bits) + half)
+
+
+@stage
+def sign_at(ax, ay, bx, by, column, row, grid_bits):
+    """Return the biased edge function at a pixel's centre, in steps of one pixel."""
+    value = edge_at(ax, ay, bx, by, column, row, grid_bits)
+    return (value + edge_bias(ax, ay, bx, by)) >> grid_bits
+
+
+@stage
 def corners_of(faces, face):
     """Return the three vertex numbers of a face."""
     return np.uintp(faces[face, 0]), np.uintp(faces[face, 1]), np.uintp(faces[face, 2])
@@ -259,28 +275,78 @@ def is_large(box):
 
 
 @stage
-def count_tiles(box, columns, tile_counts):
-    """Add one triangle to the count of every tile of its box, and to the last if it is large."""
-    if (box[0] == box[2]) & (box[1] == box[3]):
-        tile_counts[np.uintp(box[1] * columns + box[0])] += 1
-        return
-    if is_large(box):
-        tile_counts[np.uintp(tile_counts.shape[0] - 1)] += 1
-    for row in range(box[1], box[3] + 1):
-        for column in range(box[0], box[2] + 1):
-            tile_counts[np.uintp(row * columns + column)] += 1
+def tile_edges(v0, v1, v2, xy, grid_bits):
+    """
+    Return the three edges of a triangle, positive inside.
+
+    Of each the biased value at the first pixel of the image and what it gains by a pixel to the
+    right and by one down.
+    """
+    ax, ay = np.int64(xy[v0, 0]), np.int64(xy[v0, 1])
+    bx, by = np.int64(xy[v1, 0]), np.int64(xy[v1, 1])
+    cx, cy = np.int64(xy[v2, 0]), np.int64(xy[v2, 1])
+    if edge(ax, ay, bx, by, cx, cy) < 0:
+        bx, by, cx, cy = cx, cy, bx, by
+    zero = np.int64(0)
+    return (
+        (sign_at(bx, by, cx, cy, zero, zero, grid_bits), by - cy, cx - bx),
+        (sign_at(cx, cy, ax, ay, zero, zero, grid_bits), cy - ay, ax - cx),
+        (sign_at(ax, ay, bx, by, zero, zero, grid_bits), ay - by, bx - ax),
+    )
 
 
 @stage
-def list_survivor(number, outcome, box, end, survivors, columns, tile_counts):
+def best_in_tile(line, column, row):
+    """Return the greatest value of an edge at the samples of a tile."""
+    value, across, down = line
+    reach = np.int64(TILE_SIZE - 1)
+    return (
+        value
+        + across * (column << TILE_BITS) + max(across * reach, np.int64(0))
+        + down * (row << TILE_BITS) + max(down * reach, np.int64(0))
+    )  # fmt: skip
+
+
+@stage
+def reaches_tile(lines, column, row):
+    """Return whether no edge has a whole tile on its outside."""
+    return (
+        best_in_tile(lines[0], column, row)
+        | best_in_tile(lines[1], column, row)
+        | best_in_tile(lines[2], column, row)
+    ) >= 0
+
+
+@stage
+def count_tiles(v0, v1, v2, xy, grid_bits, box, columns, tile_counts):
+    """Add one triangle to the count of every tile it reaches, and to the last if it is large."""
+    if (box[0] == box[2]) | (box[1] == box[3]):
+        for row in range(box[1], box[3] + 1):
+            for column in range(box[0], box[2] + 1):
+                tile_counts[np.uintp(row * columns + column)] += 1
+    else:
+        lines = tile_edges(v0, v1, v2, xy, grid_bits)
+        for row in range(box[1], box[3] + 1):
+            for column in range(box[0], box[2] + 1):
+                reached = reaches_tile(lines, column, row)
+                tile_counts[np.uintp(row * columns + column)] += np.int32(reached)
+    if is_large(box):
+        tile_counts[np.uintp(tile_counts.shape[0] - 1)] += 1
+
+
+@stage
+def list_survivor(number, corners, outcome, box, end, survivors, screen, viewport, counts):
     """List a triangle and its box if it survives; return the end of the list."""
     if outcome != SURVIVES:
         return end
+    columns, tile_counts = counts
     triangles, boxes = survivors
     slot = np.uintp(end)
     triangles[slot] = number
     boxes[slot, 0], boxes[slot, 1], boxes[slot, 2], boxes[slot, 3] = box
-    count_tiles(box, columns, tile_counts)
+    count_tiles(
+        corners[0], corners[1], corners[2], screen.xy, viewport.grid_bits, box, columns, tile_counts
+    )
     return end + 1
 
 
@@ -313,6 +379,7 @@ def set_up_triangles(
         One past the last survivor written.
     """
     columns, tile_counts, totals = counts
+    listing = columns, tile_counts
     own, codes, xy = faces.faces, screen.codes, screen.xy
     face_count = own.shape[0]
     end = face_range[0] + piece_range[0]
@@ -336,14 +403,18 @@ def set_up_triangles(
         first = end
         if not any_code & CLIPPED:
             outcome, box = survey_triangle(a, b, c, xy, viewport, turn)
-            end = list_survivor(face, outcome, box, end, survivors, columns, tile_counts)
+            end = list_survivor(
+                face, (a, b, c), outcome, box, end, survivors, screen, viewport, listing
+            )
         else:
             outcome = OUTSIDE
             while piece < piece_range[1] and faces.piece_faces[piece] == face:
                 a, b, c = corners_of(faces.pieces, piece)
                 outcome, box = survey_triangle(a, b, c, xy, viewport, turn)
                 number = face_count + piece
-                end = list_survivor(number, outcome, box, end, survivors, columns, tile_counts)
+                end = list_survivor(
+                    number, (a, b, c), outcome, box, end, survivors, screen, viewport, listing
+                )
                 piece += 1
         if end == first:
             totals[outcome] += 1

@@ -12,9 +12,11 @@ edge's own integer slope.
 Triangles at most ``SMALL_PIXELS`` wide are tested four samples of a row at once, in float64. Their
 edge functions there stay below 2**44 (16 pixels by 2**15 pixels on a 12-bit grid, twice), so
 float64 holds them exactly. Samples tested beyond the tile land in spare columns that nobody reads.
-Wider triangles get, for each row, the first and the last covered column from one division for each
-edge: ``floor(e / s)`` of integers below 2**47 in float64 is exact, for a quotient that is not whole
-misses the next whole number by at least 1/s, more than half an ulp.
+Wider triangles get, for each row, the first and the last covered column from where the edges cross
+it: ``floor(e / s)``, found by one division for each edge at the first row (of integers below 2**47
+it is exact in float64, for a quotient that is not whole misses the next whole number by at least
+1/s, more than half an ulp), and from there by adding quotient and remainder of the edge's step, as
+Bresenham does.
 
 Depth is interpolated linearly on the screen, in float64, by differences from one vertex,
 ``d = d2 + b0 (d0 - d2) + b1 (d1 - d2)`` with exact edge functions in the weights ``b``, so equal
@@ -36,14 +38,15 @@ from rasterjit.kernels.jit import disjoint_stage, kernel, stage
 from rasterjit.kernels.records import Faces, ScreenVertices, Viewport
 from rasterjit.kernels.setup import (
     TILE_BITS,
+    TILE_SIZE,
     edge,
+    edge_at,
     edge_bias,
     first_sample,
     last_sample,
+    sign_at,
     triangle_of,
 )
-
-TILE_SIZE = 1 << TILE_BITS
 
 SMALL_PIXELS = 8
 """Triangles with a bounding box up to this many pixels wide are tested sample by sample."""
@@ -87,35 +90,42 @@ def clockwise_from_top(corners, screen):
 
 
 @stage
-def edge_at(ax, ay, bx, by, column, row, grid_bits):
-    """Return the edge function of a -> b at a pixel's centre."""
-    half = np.int64(1) << (grid_bits - 1)
-    return edge(ax, ay, bx, by, (column << grid_bits) + half, (row << grid_bits) + half)
+def edge_crossing(value, across, down):
+    """
+    Return where an edge crosses a row, and how that changes from one row to the next.
+
+    With ``a = |across|`` that is ``(floor(value / a), value mod a, floor(down / a), down mod a,
+    a)``. An edge along the row has ``a = 1`` and crosses far beyond the block on the side that
+    its sign tells.
+    """
+    if across == 0:
+        beyond = np.int64(2) << BLOCK_BITS
+        return value * beyond + (beyond - 1), np.int64(0), down * beyond, np.int64(0), np.int64(1)
+    a = abs(across)
+    whole = np.int64(np.floor(np.float64(value) / np.float64(a)))
+    step = np.int64(np.floor(np.float64(down) / np.float64(a)))
+    return whole, value - whole * a, step, down - step * a, a
 
 
 @stage
-def sign_at(ax, ay, bx, by, column, row, grid_bits):
-    """Return the biased edge function at a pixel's centre, in steps of one pixel."""
-    value = edge_at(ax, ay, bx, by, column, row, grid_bits)
-    return (value + edge_bias(ax, ay, bx, by)) >> grid_bits
+def next_crossing(crossing):
+    """Return where the edge crosses the next row: a carry, no division."""
+    whole, rest, step, rest_step, a = crossing
+    rest += rest_step
+    carry = np.int64(rest >= a)
+    return whole + step + carry, rest - carry * a, step, rest_step, a
 
 
 @stage
-def first_inside(value, slope, first):
-    """Return the first column at or after ``first`` with ``value + column * slope >= 0``."""
-    if slope <= 0:
-        return first
-    return max(first, -np.int64(np.floor(np.float64(value) / np.float64(slope))))
+def first_inside(crossing, across, first):
+    """Return the first column at or after ``first`` on the inside of an edge."""
+    return max(first, -crossing[0]) if across > 0 else first
 
 
 @stage
-def last_inside(value, slope, last):
-    """Return the last column at or before ``last`` with ``value + column * slope >= 0``."""
-    if slope < 0:
-        return min(last, np.int64(np.floor(np.float64(value) / np.float64(-slope))))
-    if slope == 0 and value < 0:
-        return np.int64(-1)
-    return last
+def last_inside(crossing, across, last):
+    """Return the last column at or before ``last`` on the inside of an edge."""
+    return last if across > 0 else min(last, crossing[0])
 
 
 @stage
@@ -242,21 +252,26 @@ def draw_spans(a, b, c, plane, box, face, origin, grid_bits, tile):
         | worst(e1, across1, ax - cx, columns, rows)
         | worst(e2, across2, bx - ax, columns, rows)
     ) >= 0
+    c0 = edge_crossing(e0, across0, cx - bx)
+    c1 = edge_crossing(e1, across1, ax - cx)
+    c2 = edge_crossing(e2, across2, bx - ax)
+    inside0 = edge_at(bx, by, cx, cy, left, top, grid_bits)
+    inside1 = edge_at(cx, cy, ax, ay, left, top, grid_bits)
     for row in range(top, bottom + 1):
         first, last = np.int64(0), columns - 1
         if not covers_box:
-            first = first_inside(e0, across0, first)
-            first = first_inside(e1, across1, first)
-            first = first_inside(e2, across2, first)
-            last = last_inside(e0, across0, last)
-            last = last_inside(e1, across1, last)
-            last = last_inside(e2, across2, last)
+            first = first_inside(c0, across0, first)
+            first = first_inside(c1, across1, first)
+            first = first_inside(c2, across2, first)
+            last = last_inside(c0, across0, last)
+            last = last_inside(c1, across1, last)
+            last = last_inside(c2, across2, last)
         begin, end = max(left + first - origin[0], np.int64(0)), left + last + 1 - origin[0]
         if begin < end:
             depth = depth_from(
                 plane,
-                edge_at(bx, by, cx, cy, left + first, row, grid_bits),
-                edge_at(cx, cy, ax, ay, left + first, row, grid_bits),
+                inside0 + ((first * across0) << grid_bits),
+                inside1 + ((first * across1) << grid_bits),
             )
             steps = np.int32(0)
             if TILE_BITS < BLOCK_BITS:
@@ -266,9 +281,9 @@ def draw_spans(a, b, c, plane, box, face, origin, grid_bits, tile):
                 numbers[row - origin[1], begin:end],
                 depth, steps, plane, face,
             )  # fmt: skip
-        e0 += cx - bx
-        e1 += ax - cx
-        e2 += bx - ax
+        c0, c1, c2 = next_crossing(c0), next_crossing(c1), next_crossing(c2)
+        inside0 += (cx - bx) << grid_bits
+        inside1 += (ax - cx) << grid_bits
 
 
 @stage
