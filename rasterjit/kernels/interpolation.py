@@ -149,29 +149,6 @@ def weights_along_row(second, third, row_start):
 
 
 @stage
-def edges_along_row(a, b, c, column, row, geometry):
-    """
-    Return how the weights of a face that was not clipped run along a row.
-
-    The edge functions at a pixel's centre, what they gain to the next, and the smallest w over
-    each w: what `snapped_weights` multiplies.
-    """
-    bits = geometry.viewport.grid_bits
-    half = np.int64(1) << (bits - 1)
-    px, py = (np.int64(column) << bits) + half, (np.int64(row) << bits) + half
-    ax, ay = np.int64(geometry.xy[a, 0]), np.int64(geometry.xy[a, 1])
-    bx, by = np.int64(geometry.xy[b, 0]), np.int64(geometry.xy[b, 1])
-    cx, cy = np.int64(geometry.xy[c, 0]), np.int64(geometry.xy[c, 1])
-    wa, wb, wc = geometry.w[a], geometry.w[b], geometry.w[c]
-    smallest = min(wa, min(wb, wc))
-    return (
-        (edge(bx, by, cx, cy, px, py), edge(cx, cy, ax, ay, px, py), edge(ax, ay, bx, by, px, py)),
-        ((by - cy) << bits, (cy - ay) << bits, (ay - by) << bits),
-        (smallest / wa, smallest / wb, smallest / wc),
-    )
-
-
-@stage
 def blend(weights, value0, value1, value2):
     """Return the weighted mean of the vertices' values; equal ones give exactly themselves."""
     return value0 + weights[1] * (value1 - value0) + weights[2] * (value2 - value0)

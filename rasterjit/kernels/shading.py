@@ -15,14 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.kernels import lighting as lit
-from rasterjit.kernels import texturing
+from rasterjit.kernels import runs, texturing
 from rasterjit.kernels.interpolation import (
     blend,
-    edges_along_row,
     face_normal,
     find_object,
     interpolate,
-    lowest_first,
     matrix_of,
     place_sample,
     place_vertex,
@@ -36,7 +34,6 @@ from rasterjit.kernels.interpolation import (
 from rasterjit.kernels.jit import disjoint_stage, kernel, stage
 from rasterjit.kernels.records import Geometry, Lighting, Placement, Surface
 from rasterjit.kernels.resolve import encode_pixel, encode_span
-from rasterjit.kernels.setup import CLIPPED
 
 UNLIT, FLAT, GOURAUD, PHONG = 0, 1, 2, 3
 """Shading models, as ``Surface.materials`` numbers them."""
@@ -44,8 +41,20 @@ UNLIT, FLAT, GOURAUD, PHONG = 0, 1, 2, 3
 MATERIAL_SPECULAR, MATERIAL_SHININESS, MATERIAL_MODEL = 4, 5, 6
 """Columns of ``Surface.materials`` behind the base colour."""
 
-LANES = 16
-"""Samples compared at once: face numbers in a 512-bit register."""
+OWNER, BEHIND = runs.WHOLE_ROWS, runs.WHOLE_ROWS + 1
+"""Rows of whole numbers of a run, behind those of ``runs``: object, and whether its back is seen."""
+WHOLE_ROWS = runs.WHOLE_ROWS + 2
+
+CHANNELS, TINT = runs.REAL_ROWS, runs.REAL_ROWS + 9
+"""Rows of real numbers: red of three vertices, green, blue; and what they are multiplied by."""
+REAL_ROWS = runs.REAL_ROWS + 12
+
+PADDING = 24
+"""
+Columns of scratch memory that nothing uses.
+
+Without them the rows would lie a multiple of 2 KiB apart, and push each other out of L1.
+"""
 
 FEW = 8
 """Runs shorter than this are not worth a vector loop."""
@@ -391,29 +400,69 @@ def note_textured(
 
 
 @stage
+def gather_colors(whole, real, count, geometry, placement, surface, lighting):
+    """Gather the colours of the runs, their tint, and which side of their face is seen."""
+    owner = np.int64(0)
+    for n in range(np.uintp(count)):
+        face = whole[runs.FACE, n]
+        a, b, c = corners_at(whole, n)
+        owner = find_object(face, placement.face_starts, owner)
+        model = np.int64(surface.materials[owner, MATERIAL_MODEL])
+        behind = back_is_seen(a, b, c, owner, geometry, placement, lighting)
+        (red, green, blue), tint = colors_of(face, a, b, c, behind, model, owner, surface)
+        whole[OWNER, n], whole[BEHIND, n] = owner, behind
+        for k in range(3):
+            real[CHANNELS + k, n] = red[k]
+            real[CHANNELS + 3 + k, n] = green[k]
+            real[CHANNELS + 6 + k, n] = blue[k]
+            real[TINT + k, n] = tint[k]
+
+
+@stage
+def corners_at(whole, n):
+    """Return the vertices of a run."""
+    return (
+        np.uintp(whole[runs.CORNER_A, n]),
+        np.uintp(whole[runs.CORNER_B, n]),
+        np.uintp(whole[runs.CORNER_C, n]),
+    )
+
+
+@stage
+def colors_at(real, n):
+    """Return what `colors_of` found, of one run."""
+    k = CHANNELS
+    return (
+        (real[k, n], real[k + 1, n], real[k + 2, n]),
+        (real[k + 3, n], real[k + 4, n], real[k + 5, n]),
+        (real[k + 6, n], real[k + 7, n], real[k + 8, n]),
+    ), (np.float32(real[TINT, n]), np.float32(real[TINT + 1, n]), np.float32(real[TINT + 2, n]))
+
+
+@stage
 def gather_run(
-    samples, weights, places, where, n, count, face, owner, column, row, geometry, placement,
+    samples, weights, places, where, n, whole, real, number, left, row, geometry, placement,
     surface, lighting,
 ):  # fmt: skip
-    """Interpolate everything that shading needs along some samples of one face."""
+    """Interpolate everything that shading needs along one run; return how many samples it has."""
+    count, column = whole[runs.COUNT, number], left + whole[runs.COLUMN, number]
+    owner, behind = whole[OWNER, number], whole[BEHIND, number] != 0
     run = (n, n + count)
-    a, b, c = lowest_first(geometry.faces, face)
+    a, b, c = corners_at(whole, number)
     model = np.int64(surface.materials[owner, MATERIAL_MODEL])
-    behind = back_is_seen(a, b, c, owner, geometry, placement, lighting)
-    colors = colors_of(face, a, b, c, behind, model, owner, surface)
+    colors = colors_at(real, number)
     normal, point = places_of(a, b, c, behind, model, owner, placement, surface, lighting)
     write_highlight(samples, run, model, owner, surface.materials, lighting)
     # Find the weights; a short run is done with that, samples and all.
-    doubtful = np.int64((geometry.codes[a] | geometry.codes[b] | geometry.codes[c]) & CLIPPED)
-    is_done = False
+    doubtful, is_done = whole[runs.IS_CLIPPED, number], False
     if not doubtful:
-        row_start = edges_along_row(a, b, c, column, row, geometry)
+        start = runs.row_start(whole, real, number)
         if count < FEW:
-            doubtful = gather_few(samples, weights, run, colors, normal, point, row_start)
+            doubtful = gather_few(samples, weights, run, colors, normal, point, start)
             is_done = not doubtful
         else:
             doubtful = weights_along_row(
-                weights[0, n : n + count], weights[1, n : n + count], row_start
+                weights[0, n : n + count], weights[1, n : n + count], start
             )
     if doubtful:
         for i in range(count):
@@ -422,26 +471,7 @@ def gather_run(
     if not is_done:
         gather_many(samples, weights, run, colors, normal, point)
     note_textured(places, where, run, column, weights, a, b, c, behind, owner, samples, surface)
-
-
-@stage
-def differences(faces, face):
-    """Return 0 if some samples all show one face."""
-    found = np.int32(0)
-    for i in range(faces.shape[0]):
-        found |= faces[i] ^ face
-    return found
-
-
-@stage
-def run_end(faces, column):
-    """Return the first column that shows another face than this one."""
-    end, face = column + 1, faces[column]
-    while end + LANES <= faces.shape[0] and differences(faces[end : end + LANES], face) == 0:
-        end += LANES
-    while end < faces.shape[0] and faces[end] == faces[column]:
-        end += 1
-    return end
+    return count
 
 
 @stage
@@ -455,21 +485,20 @@ def span_end(faces, column):
 
 @stage
 def gather_row(
-    faces, samples, weights, places, where, column, row, geometry, placement, surface, lighting
-):
-    """Gather the covered samples of a part of a row, which starts at ``column``; count them."""
-    count, at, owner = np.int64(0), np.int64(0), np.int64(0)
-    while at < faces.shape[0]:
-        end = run_end(faces, at)
-        face = np.int64(faces[at])
-        if face >= 0:
-            owner = find_object(face, placement.face_starts, owner)
-            gather_run(
-                samples, weights, places, where, count, end - at, face, owner, column + at, row,
-                geometry, placement, surface, lighting,
-            )  # fmt: skip
-            count += end - at
-        at = end
+    faces, samples, weights, places, where, whole, real, left, row, geometry, placement, surface,
+    lighting,
+):  # fmt: skip
+    """Gather the covered samples of a part of a row, which starts at ``left``; count them."""
+    run_count = runs.list_runs(faces, whole)
+    runs.gather_corners(whole, real, run_count, geometry)
+    gather_colors(whole, real, run_count, geometry, placement, surface, lighting)
+    runs.start_weights(whole, real, run_count, left, row, geometry.viewport.grid_bits)
+    count = np.int64(0)
+    for number in range(np.uintp(run_count)):
+        count += gather_run(
+            samples, weights, places, where, count, whole, real, number, left, row, geometry,
+            placement, surface, lighting,
+        )  # fmt: skip
     return count
 
 
@@ -529,13 +558,15 @@ def write_row(faces, colors, background, table, linear, color):
 
 
 def scratch_memory(has_textures: bool) -> tuple[NDArray[Any] | None, ...]:
-    """Return the memory that a thread needs to shade: samples, weights, textures, columns."""
-    room = BLOCK_COLUMNS
+    """Return the memory that a thread needs to shade a part of a row."""
+    room = BLOCK_COLUMNS + PADDING
     return (
         np.empty((lit.SAMPLE_ROWS, room), np.float32),
         np.empty((2, room), np.float64),
         np.empty((texturing.SCRATCH_ROWS, room), np.float64) if has_textures else None,
         np.empty(room, np.int32),
+        np.empty((WHOLE_ROWS, room), np.int64),
+        np.empty((REAL_ROWS, room), np.float64),
     )
 
 
@@ -568,15 +599,15 @@ def shade_rows(
         This thread's own, from `scratch_memory`.
     """
     rows, columns = face_id.shape
-    samples, weights, places, where = scratch
+    samples, weights, places, where, whole, real = scratch
     toward_viewer = viewer_of(placement)
     for row in range(rows):
         for left in range(0, columns, BLOCK_COLUMNS):
             right = min(left + BLOCK_COLUMNS, columns)
             faces = face_id[row, left:right]
             count = gather_row(
-                faces, samples, weights, places, where, left, first_row + row, geometry,
-                placement, surface, lighting,
+                faces, samples, weights, places, where, whole, real, left, first_row + row,
+                geometry, placement, surface, lighting,
             )  # fmt: skip
             texture_row(
                 samples, where, count, first_row + row, places, geometry, surface.textures,
