@@ -1,9 +1,9 @@
 """
-Find the runs of a row: neighbours that show one face, and how their weights begin and go on.
+Set up a face for shading, and find the runs of a row: neighbours that show one face.
 
-In three passes over small arrays, one row for each quantity: list the runs, gather what their
-vertices have on the screen, turn that into edge functions. Gathering does nothing else, so that
-the CPU waits for many vertices at once; the arithmetic is done for several runs at once.
+What belongs to a face (vertices, edge functions, colours ...) is worked out once for the runs that
+show it in a block of rows, and kept in a small table, found by a hash of the face's number. A face
+that finds another one in its place takes it.
 """
 
 from __future__ import annotations
@@ -11,25 +11,91 @@ from __future__ import annotations
 import numpy as np
 
 from rasterjit.kernels.interpolation import lowest_first
-from rasterjit.kernels.jit import disjoint_stage, stage
-from rasterjit.kernels.setup import CLIPPED
+from rasterjit.kernels.jit import stage
+from rasterjit.kernels.setup import CLIPPED, edge
 
-COLUMN, COUNT, FACE = 0, 1, 2
-"""Rows of whole numbers: first column, number of samples, face."""
-CORNER_A, CORNER_B, CORNER_C, IS_CLIPPED = 3, 4, 5, 6
-"""Vertices, the lowest number first; not 0 if the face was cut."""
-AX, AY, BX, BY, CX, CY = 7, 8, 9, 10, 11, 12
-"""Their places on the sub-pixel grid."""
-EDGE, STEP = 13, 16
-"""Three rows each: the edge functions at the first sample, and what they gain to the next."""
-WHOLE_ROWS = 19
+SLOT_BITS = 8
+SLOTS = 1 << SLOT_BITS
+"""Faces in the table: more than a row of a block shows."""
+
+HASH = np.uint32(2654435769)
+"""2**32 over the golden ratio: spreads numbers that are multiples of anything."""
+
+FACE, IS_CLIPPED, OWNER, BEHIND = 0, 1, 2, 3
+"""Columns of whole numbers: face, not 0 if it was cut, object, not 0 if its back is seen."""
+CORNERS = 4
+"""Three columns: vertices, the lowest number first."""
+EDGE, ACROSS, DOWN = 7, 10, 13
+"""Three columns each: edge functions at the first pixel, what they gain by a column and a row."""
+WHOLE_COLUMNS = 16
 
 RATIO = 0
-"""Three rows of real numbers: w of the vertices, then the smallest w over each."""
-REAL_ROWS = 3
+"""Three columns of real numbers: the smallest w over each."""
+REAL_COLUMNS = 3
+
+NO_FACE = -1
 
 LANES = 16
 """Samples compared at once: face numbers in a 512-bit register."""
+
+
+@stage
+def forget_faces(whole):
+    """Empty the table."""
+    for slot in range(SLOTS):
+        whole[slot, FACE] = NO_FACE
+
+
+@stage
+def slot_of(face):
+    """Return where in the table a face is kept."""
+    return np.uintp(np.uint32(np.uint32(face) * HASH) >> np.uint32(32 - SLOT_BITS))
+
+
+@stage
+def put_edge(ax, ay, bx, by, k, bits, row):
+    """Write the edge function of a -> b."""
+    half = np.int64(1) << (bits - 1)
+    row[EDGE + k] = edge(ax, ay, bx, by, half, half)
+    row[ACROSS + k] = (ay - by) << bits
+    row[DOWN + k] = (bx - ax) << bits
+
+
+@stage
+def put_corners(face, geometry, whole, real):
+    """Write vertices, edge functions and ratios of a face into its rows; return the vertices."""
+    a, b, c = lowest_first(geometry.faces, np.uintp(face))
+    xy, w, bits = geometry.xy, geometry.w, geometry.viewport.grid_bits
+    ax, ay = np.int64(xy[a, 0]), np.int64(xy[a, 1])
+    bx, by = np.int64(xy[b, 0]), np.int64(xy[b, 1])
+    cx, cy = np.int64(xy[c, 0]), np.int64(xy[c, 1])
+    put_edge(bx, by, cx, cy, 0, bits, whole)
+    put_edge(cx, cy, ax, ay, 1, bits, whole)
+    put_edge(ax, ay, bx, by, 2, bits, whole)
+    smallest = min(w[a], min(w[b], w[c]))
+    real[RATIO], real[RATIO + 1], real[RATIO + 2] = (
+        smallest / w[a],
+        smallest / w[b],
+        smallest / w[c],
+    )
+    whole[FACE] = face
+    whole[IS_CLIPPED] = (geometry.codes[a] | geometry.codes[b] | geometry.codes[c]) & CLIPPED
+    whole[CORNERS], whole[CORNERS + 1], whole[CORNERS + 2] = a, b, c
+    return a, b, c
+
+
+@stage
+def row_start(whole, real, column, row):
+    """Return what `interpolation.weights_along_row` takes: the weights of a face from a pixel on."""
+    return (
+        (
+            whole[EDGE] + column * whole[ACROSS] + row * whole[DOWN],
+            whole[EDGE + 1] + column * whole[ACROSS + 1] + row * whole[DOWN + 1],
+            whole[EDGE + 2] + column * whole[ACROSS + 2] + row * whole[DOWN + 2],
+        ),
+        (whole[ACROSS], whole[ACROSS + 1], whole[ACROSS + 2]),
+        (real[RATIO], real[RATIO + 1], real[RATIO + 2]),
+    )
 
 
 @stage
@@ -52,83 +118,3 @@ def run_end(faces, column):
             while end + LANES <= size and differences(faces[end : end + LANES], face) == 0:
                 end += LANES
     return end
-
-
-@stage
-def list_runs(faces, whole):
-    """List the runs of a row that show a face, left to right; return how many there are."""
-    count, column = np.uintp(0), np.int64(0)
-    while column < faces.shape[0]:
-        end = run_end(faces, column)
-        face = faces[np.uintp(column)]
-        whole[COLUMN, count] = column
-        whole[COUNT, count] = end - column
-        whole[FACE, count] = face
-        count += np.uintp(face >= 0)
-        column = end
-    return np.int64(count)
-
-
-@stage
-def gather_corners(whole, real, count, geometry):
-    """Gather the vertices of the runs and where they lie."""
-    xy, w, codes = geometry.xy, geometry.w, geometry.codes
-    for n in range(np.uintp(count)):
-        a, b, c = lowest_first(geometry.faces, np.uintp(whole[FACE, n]))
-        whole[CORNER_A, n], whole[CORNER_B, n], whole[CORNER_C, n] = a, b, c
-        whole[IS_CLIPPED, n] = (codes[a] | codes[b] | codes[c]) & CLIPPED
-        whole[AX, n], whole[AY, n] = xy[a, 0], xy[a, 1]
-        whole[BX, n], whole[BY, n] = xy[b, 0], xy[b, 1]
-        whole[CX, n], whole[CY, n] = xy[c, 0], xy[c, 1]
-        real[RATIO, n], real[RATIO + 1, n], real[RATIO + 2, n] = w[a], w[b], w[c]
-
-
-@disjoint_stage
-def start_edge(column, left, py, bits, ax, ay, bx, by, value, step):
-    """Write the edge function of a -> b at the first sample of each run, and its gain."""
-    half = np.int64(1) << (bits - 1)
-    for n in range(value.shape[0]):
-        px = ((column[n] + left) << bits) + half
-        value[n] = (bx[n] - ax[n]) * (py - ay[n]) - (by[n] - ay[n]) * (px - ax[n])
-        step[n] = (ay[n] - by[n]) << bits
-
-
-@disjoint_stage
-def divide_smallest(wa, wb, wc):
-    """Replace w by the smallest of the three over it."""
-    for n in range(wa.shape[0]):
-        a, b, c = wa[n], wb[n], wc[n]
-        smallest = min(a, min(b, c))
-        wa[n], wb[n], wc[n] = smallest / a, smallest / b, smallest / c
-
-
-@stage
-def start_weights(whole, real, count, left, row, bits):
-    """Write how the weights of each run begin and what they gain from one sample to the next."""
-    py = (np.int64(row) << bits) + (np.int64(1) << (bits - 1))
-    column = whole[COLUMN, :count]
-    ax, ay = whole[AX, :count], whole[AY, :count]
-    bx, by = whole[BX, :count], whole[BY, :count]
-    cx, cy = whole[CX, :count], whole[CY, :count]
-    start_edge(
-        column, left, py, bits, bx, by, cx, cy, whole[EDGE, :count], whole[STEP, :count]
-    )  # fmt: skip
-    start_edge(
-        column, left, py, bits, cx, cy, ax, ay, whole[EDGE + 1, :count], whole[STEP + 1, :count]
-    )
-    start_edge(
-        column, left, py, bits, ax, ay, bx, by, whole[EDGE + 2, :count], whole[STEP + 2, :count]
-    )
-    divide_smallest(
-        real[RATIO, :count], real[RATIO + 1, :count], real[RATIO + 2, :count]
-    )  # fmt: skip
-
-
-@stage
-def row_start(whole, real, n):
-    """Return what `interpolation.weights_along_row` takes, of one run."""
-    return (
-        (whole[EDGE, n], whole[EDGE + 1, n], whole[EDGE + 2, n]),
-        (whole[STEP, n], whole[STEP + 1, n], whole[STEP + 2, n]),
-        (real[RATIO, n], real[RATIO + 1, n], real[RATIO + 2, n]),
-    )

@@ -41,13 +41,11 @@ UNLIT, FLAT, GOURAUD, PHONG = 0, 1, 2, 3
 MATERIAL_SPECULAR, MATERIAL_SHININESS, MATERIAL_MODEL = 4, 5, 6
 """Columns of ``Surface.materials`` behind the base colour."""
 
-OWNER, BEHIND = runs.WHOLE_ROWS, runs.WHOLE_ROWS + 1
-"""Rows of whole numbers of a run, behind those of ``runs``: object, and whether its back is seen."""
-WHOLE_ROWS = runs.WHOLE_ROWS + 2
-
-CHANNELS, TINT = runs.REAL_ROWS, runs.REAL_ROWS + 9
-"""Rows of real numbers: red of three vertices, green, blue; and what they are multiplied by."""
-REAL_ROWS = runs.REAL_ROWS + 12
+CHANNELS, TINT = runs.REAL_COLUMNS, runs.REAL_COLUMNS + 9
+"""Columns of a face: red of three vertices, green, blue; and what they are multiplied by."""
+NORMALS, TURN, POINT = runs.REAL_COLUMNS + 12, runs.REAL_COLUMNS + 21, runs.REAL_COLUMNS + 30
+"""Columns of a face: three normals, the matrix that turns them, a point and two ways from it."""
+REAL_COLUMNS = runs.REAL_COLUMNS + 39
 
 PADDING = 24
 """
@@ -59,7 +57,7 @@ Without them the rows would lie a multiple of 2 KiB apart, and push each other o
 FEW = 8
 """Runs shorter than this are not worth a vector loop."""
 
-BLOCK_COLUMNS = 512
+BLOCK_COLUMNS = 128
 """Columns gathered at once: 16 quantities of that many samples, 32 KiB, stay near the core."""
 
 
@@ -280,31 +278,20 @@ def normals_of(a, b, c, model, owner, placement, normals):
 @stage
 def points_of(a, b, c, model, owner, placement):
     """
-    Return where the first vertex lies, the ways to the others, and the matrix that turns those.
+    Return where the first vertex lies, and the ways to the others in model space.
 
     The middle of the face, and no ways, if it is shaded flat.
     """
-    p, turned = placement.positions, matrix_of(placement.relative_from_model, owner)
+    p = placement.positions
     if model == FLAT:
         middle = (1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0)
         nowhere = (0.0, 0.0, 0.0)
-        return place_sample(middle, a, b, c, owner, placement), nowhere, nowhere, turned
+        return place_sample(middle, a, b, c, owner, placement), nowhere, nowhere
     return (
         place_vertex(a, owner, placement),
         (p[b, 0] - p[a, 0], p[b, 1] - p[a, 1], p[b, 2] - p[a, 2]),
         (p[c, 0] - p[a, 0], p[c, 1] - p[a, 1], p[c, 2] - p[a, 2]),
-        turned,
     )
-
-
-@stage
-def places_of(a, b, c, behind, model, owner, placement, surface, lighting):
-    """Return what `normal_at` and `point_at` take; nothing if there is no light."""
-    if lighting is None:
-        return None, None
-    normals, matrix = normals_of(a, b, c, model, owner, placement, surface.normals)
-    side = -1.0 if behind else 1.0
-    return (normals, matrix, side), points_of(a, b, c, model, owner, placement)
 
 
 @stage
@@ -400,63 +387,89 @@ def note_textured(
 
 
 @stage
-def gather_colors(whole, real, count, geometry, placement, surface, lighting):
-    """Gather the colours of the runs, their tint, and which side of their face is seen."""
-    owner = np.int64(0)
-    for n in range(np.uintp(count)):
-        face = whole[runs.FACE, n]
-        a, b, c = corners_at(whole, n)
-        owner = find_object(face, placement.face_starts, owner)
-        model = np.int64(surface.materials[owner, MATERIAL_MODEL])
-        behind = back_is_seen(a, b, c, owner, geometry, placement, lighting)
-        (red, green, blue), tint = colors_of(face, a, b, c, behind, model, owner, surface)
-        whole[OWNER, n], whole[BEHIND, n] = owner, behind
-        for k in range(3):
-            real[CHANNELS + k, n] = red[k]
-            real[CHANNELS + 3 + k, n] = green[k]
-            real[CHANNELS + 6 + k, n] = blue[k]
-            real[TINT + k, n] = tint[k]
+def put_three(real, column, values):
+    """Write three numbers into a row."""
+    real[column], real[column + 1], real[column + 2] = values
 
 
 @stage
-def corners_at(whole, n):
-    """Return the vertices of a run."""
-    return (
-        np.uintp(whole[runs.CORNER_A, n]),
-        np.uintp(whole[runs.CORNER_B, n]),
-        np.uintp(whole[runs.CORNER_C, n]),
+def three_at(real, column):
+    """Return three numbers of a row."""
+    return real[column], real[column + 1], real[column + 2]
+
+
+@stage
+def put_places(a, b, c, behind, model, owner, placement, surface, lighting, real):
+    """Write what normals and positions on a face are made of; nothing if there is no light."""
+    if lighting is None:
+        return
+    (na, nb, nc), matrix = normals_of(a, b, c, model, owner, placement, surface.normals)
+    point, second, third = points_of(a, b, c, model, owner, placement)
+    put_three(real, NORMALS, na)
+    put_three(real, NORMALS + 3, nb)
+    put_three(real, NORMALS + 6, nc)
+    for k in range(9):
+        real[TURN + k] = matrix[k]
+    put_three(real, POINT, point)
+    put_three(real, POINT + 3, second)
+    put_three(real, POINT + 6, third)
+
+
+@stage
+def set_up_face(face, owner, whole, real, geometry, placement, surface, lighting):
+    """Write all that shading needs of a face into its rows of the table."""
+    a, b, c = runs.put_corners(face, geometry, whole, real)
+    model = np.int64(surface.materials[owner, MATERIAL_MODEL])
+    behind = back_is_seen(a, b, c, owner, geometry, placement, lighting)
+    whole[runs.OWNER], whole[runs.BEHIND] = owner, behind
+    (red, green, blue), tint = colors_of(face, a, b, c, behind, model, owner, surface)
+    put_three(real, CHANNELS, red)
+    put_three(real, CHANNELS + 3, green)
+    put_three(real, CHANNELS + 6, blue)
+    put_three(real, TINT, tint)
+    put_places(a, b, c, behind, model, owner, placement, surface, lighting, real)
+
+
+@stage
+def colors_at(real):
+    """Return what `color_at` takes."""
+    tint = np.float32(real[TINT]), np.float32(real[TINT + 1]), np.float32(real[TINT + 2])
+    channels = three_at(real, CHANNELS), three_at(real, CHANNELS + 3), three_at(real, CHANNELS + 6)
+    return channels, tint
+
+
+@stage
+def places_at(whole, real, placement, lighting):
+    """Return what `normal_at` and `point_at` take; nothing if there is no light."""
+    if lighting is None:
+        return None, None
+    normals = three_at(real, NORMALS), three_at(real, NORMALS + 3), three_at(real, NORMALS + 6)
+    turn = (*three_at(real, TURN), *three_at(real, TURN + 3), *three_at(real, TURN + 6))
+    side = 1.0 - 2.0 * np.float64(whole[runs.BEHIND])
+    matrix = matrix_of(placement.relative_from_model, whole[runs.OWNER])
+    first, second, third = (
+        three_at(real, POINT),
+        three_at(real, POINT + 3),
+        three_at(real, POINT + 6),
     )
-
-
-@stage
-def colors_at(real, n):
-    """Return what `colors_of` found, of one run."""
-    k = CHANNELS
-    return (
-        (real[k, n], real[k + 1, n], real[k + 2, n]),
-        (real[k + 3, n], real[k + 4, n], real[k + 5, n]),
-        (real[k + 6, n], real[k + 7, n], real[k + 8, n]),
-    ), (np.float32(real[TINT, n]), np.float32(real[TINT + 1, n]), np.float32(real[TINT + 2, n]))
+    return (normals, turn, side), (first, second, third, matrix)
 
 
 @stage
 def gather_run(
-    samples, weights, places, where, n, whole, real, number, left, row, geometry, placement,
+    samples, weights, places, where, n, count, column, row, whole, real, geometry, placement,
     surface, lighting,
 ):  # fmt: skip
-    """Interpolate everything that shading needs along one run; return how many samples it has."""
-    count, column = whole[runs.COUNT, number], left + whole[runs.COLUMN, number]
-    owner, behind = whole[OWNER, number], whole[BEHIND, number] != 0
-    run = (n, n + count)
-    a, b, c = corners_at(whole, number)
+    """Interpolate everything that shading needs along one run of a face that is set up."""
+    run, owner = (n, n + count), whole[runs.OWNER]
     model = np.int64(surface.materials[owner, MATERIAL_MODEL])
-    colors = colors_at(real, number)
-    normal, point = places_of(a, b, c, behind, model, owner, placement, surface, lighting)
+    colors = colors_at(real)
+    normal, point = places_at(whole, real, placement, lighting)
     write_highlight(samples, run, model, owner, surface.materials, lighting)
     # Find the weights; a short run is done with that, samples and all.
-    doubtful, is_done = whole[runs.IS_CLIPPED, number], False
+    doubtful, is_done = whole[runs.IS_CLIPPED], False
     if not doubtful:
-        start = runs.row_start(whole, real, number)
+        start = runs.row_start(whole, real, column, row)
         if count < FEW:
             doubtful = gather_few(samples, weights, run, colors, normal, point, start)
             is_done = not doubtful
@@ -464,13 +477,40 @@ def gather_run(
             doubtful = weights_along_row(
                 weights[0, n : n + count], weights[1, n : n + count], start
             )
+    a, b, c = whole[runs.CORNERS], whole[runs.CORNERS + 1], whole[runs.CORNERS + 2]
     if doubtful:
         for i in range(count):
             exact = sample_weights(a, b, c, column + i, row, geometry)
             weights[0, n + i], weights[1, n + i] = exact[1], exact[2]
     if not is_done:
         gather_many(samples, weights, run, colors, normal, point)
+    behind = whole[runs.BEHIND] != 0
     note_textured(places, where, run, column, weights, a, b, c, behind, owner, samples, surface)
+
+
+@stage
+def gather_row(
+    faces, samples, weights, places, where, whole, real, left, row, geometry, placement, surface,
+    lighting,
+):  # fmt: skip
+    """Gather the covered samples of a part of a row, which starts at ``left``; count them."""
+    count, at, owner = np.int64(0), np.int64(0), np.int64(0)
+    while at < faces.shape[0]:
+        end = runs.run_end(faces, at)
+        face = np.int64(faces[np.uintp(at)])
+        if face >= 0:
+            slot = runs.slot_of(face)
+            if whole[slot, runs.FACE] != face:
+                owner = find_object(face, placement.face_starts, owner)
+                set_up_face(
+                    face, owner, whole[slot], real[slot], geometry, placement, surface, lighting
+                )
+            gather_run(
+                samples, weights, places, where, count, end - at, left + at, row, whole[slot],
+                real[slot], geometry, placement, surface, lighting,
+            )  # fmt: skip
+            count += end - at
+        at = end
     return count
 
 
@@ -481,25 +521,6 @@ def span_end(faces, column):
     while end < faces.shape[0] and (faces[end] < 0) == (faces[column] < 0):
         end += 1
     return end
-
-
-@stage
-def gather_row(
-    faces, samples, weights, places, where, whole, real, left, row, geometry, placement, surface,
-    lighting,
-):  # fmt: skip
-    """Gather the covered samples of a part of a row, which starts at ``left``; count them."""
-    run_count = runs.list_runs(faces, whole)
-    runs.gather_corners(whole, real, run_count, geometry)
-    gather_colors(whole, real, run_count, geometry, placement, surface, lighting)
-    runs.start_weights(whole, real, run_count, left, row, geometry.viewport.grid_bits)
-    count = np.int64(0)
-    for number in range(np.uintp(run_count)):
-        count += gather_run(
-            samples, weights, places, where, count, whole, real, number, left, row, geometry,
-            placement, surface, lighting,
-        )  # fmt: skip
-    return count
 
 
 @stage
@@ -565,8 +586,8 @@ def scratch_memory(has_textures: bool) -> tuple[NDArray[Any] | None, ...]:
         np.empty((2, room), np.float64),
         np.empty((texturing.SCRATCH_ROWS, room), np.float64) if has_textures else None,
         np.empty(room, np.int32),
-        np.empty((WHOLE_ROWS, room), np.int64),
-        np.empty((REAL_ROWS, room), np.float64),
+        np.empty((runs.SLOTS, runs.WHOLE_COLUMNS), np.int64),
+        np.empty((runs.SLOTS, REAL_COLUMNS), np.float64),
     )
 
 
@@ -601,8 +622,9 @@ def shade_rows(
     rows, columns = face_id.shape
     samples, weights, places, where, whole, real = scratch
     toward_viewer = viewer_of(placement)
-    for row in range(rows):
-        for left in range(0, columns, BLOCK_COLUMNS):
+    runs.forget_faces(whole)
+    for left in range(0, columns, BLOCK_COLUMNS):
+        for row in range(rows):
             right = min(left + BLOCK_COLUMNS, columns)
             faces = face_id[row, left:right]
             count = gather_row(
