@@ -210,6 +210,7 @@ class Renderer:
             Naming the argument that is wrong, before any kernel runs.
         """
         clock, workers = StageClock(), self._workers
+        workers.memory.next_frame()
         scene = as_scene(what)
         camera = choose_camera(scene, camera, self.size)
         plan = planning.plan_render(
@@ -305,8 +306,9 @@ def _shade(
     if not plan.needs_color:
         return result
     height, width = coverage.face_id.shape
-    linear = np.empty((height, width, 4), np.float32) if "linear" in plan.outputs else None
-    color = np.empty((height, width, 4), np.uint8) if "color" in plan.outputs else None
+    memory = workers.memory
+    linear = memory.empty((height, width, 4), np.float32) if "linear" in plan.outputs else None
+    color = memory.empty((height, width, 4), np.uint8) if "color" in plan.outputs else None
     surface = planning.join_surface(meshes, normals)
     if plan.needs_gouraud and plan.lighting is not None:
         owners = [n for n, mesh in enumerate(meshes) if mesh.material.shading == "gouraud"]
@@ -367,18 +369,18 @@ def _fill_buffers(
     if "barycentric" in plan.outputs:
         result["barycentric"] = stages.fill_barycentric(face_id, geometry, workers)
     if "uv" in plan.outputs:
-        uv = np.empty((*face_id.shape, 2), np.float32)
+        uv = workers.memory.empty((*face_id.shape, 2), np.float32)
         values = planning.join_uv(meshes)
         stages.fill_rows(interpolation.fill_attribute, face_id, (geometry, values, uv), workers)
         result["uv"] = uv
     if "position" in plan.outputs:
-        position = np.empty((*face_id.shape, 3), np.float32)
+        position = workers.memory.empty((*face_id.shape, 3), np.float32)
         matrices = np.array([node.world_from_model[:3] for node in scene.nodes])
         arguments = (geometry, placement, matrices, position)
         stages.fill_rows(interpolation.fill_positions, face_id, arguments, workers)
         result["position"] = position
     if "normal" in plan.outputs:
-        normal = np.empty((*face_id.shape, 3), np.float32)
+        normal = workers.memory.empty((*face_id.shape, 3), np.float32)
         is_smooth = np.array(
             [mesh.material.shading in ("gouraud", "phong") for mesh in meshes], np.uint8
         )

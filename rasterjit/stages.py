@@ -37,6 +37,7 @@ from rasterjit.kernels.records import (
     Surface,
     Viewport,
 )
+from rasterjit.memory import Memory
 from rasterjit.transforms import transform_points
 
 FACES_PER_TASK = 65536
@@ -67,6 +68,7 @@ class Workers:
 
     def __init__(self, threads: int | None = None) -> None:
         self.threads = available_processors() if threads is None else threads
+        self.memory = Memory()
         self._pool: ThreadPoolExecutor | None = None
         self._process = os.getpid()
 
@@ -87,6 +89,7 @@ class Workers:
         if self._pool is not None:
             self._pool.shutdown()
             self._pool = None
+        self.memory.clear()
 
 
 def available_processors() -> int:
@@ -165,7 +168,7 @@ def transform(
     -------
     (V, 4) float64, clip space
     """
-    clip_positions = np.empty((len(positions), 4), np.float64)
+    clip_positions = workers.memory.empty((len(positions), 4), np.float64)
 
     def transform_some(owner: int, first: int, stop: int) -> None:
         world_from_model = relative_from_model[owner]
@@ -210,7 +213,7 @@ def project(
         The outcode bits set for any vertex.
     """
     count = clip_positions.shape[0]
-    screen = _screen_arrays(count + SPARE_VERTICES)
+    screen = _screen_arrays(count + SPARE_VERTICES, workers.memory)
     calls = [
         (clip_positions[first : first + VERTICES_PER_TASK], depth_coefficients, viewport, first,
          screen)
@@ -228,6 +231,7 @@ def clip(
     depth_coefficients: tuple[float, float, float],
     viewport: Viewport,
     screen: ScreenVertices,
+    memory: Memory,
 ) -> tuple[Faces, ScreenVertices, int]:
     """
     Cut the faces that cross the near or far plane or the guard band.
@@ -240,6 +244,7 @@ def clip(
     viewport : Viewport
     screen : ScreenVertices
         The V vertices snapped, as `project` returns them.
+    memory : Memory
 
     Returns
     -------
@@ -271,7 +276,7 @@ def clip(
     )  # fmt: skip
     first = clip_positions.shape[0]
     if first + len(positions) > len(screen.codes):
-        roomy = _screen_arrays(first + len(positions))
+        roomy = _screen_arrays(first + len(positions), memory)
         for old, new in zip(screen, roomy, strict=True):
             new[:first] = old[:first]
         screen = roomy
@@ -316,13 +321,13 @@ def find_visible(
     all_faces = Faces(faces, np.empty((0, 3), np.int32), np.empty(0, np.int32))
     if seen & setup.CLIPPED:
         all_faces, screen, clipped = clip(
-            clip_positions, faces, depth_coefficients, viewport, screen
+            clip_positions, faces, depth_coefficients, viewport, screen, workers.memory
         )
     clock("clip")
     starts, binned, floors, sums = set_up_and_bin(all_faces, objects, screen, viewport, workers)
     clock("set up, bin")
-    depth = np.empty((viewport.height, viewport.width), np.float32)
-    face_id = np.empty((viewport.height, viewport.width), np.int32)
+    depth = workers.memory.empty((viewport.height, viewport.width), np.float32)
+    face_id = workers.memory.empty((viewport.height, viewport.width), np.int32)
     draw(starts, binned, floors, all_faces, screen, viewport, (depth, face_id), workers)
     clock("visibility")
     outside, degenerate, culled, unsampled, invalid = (int(n) for n in sums)
@@ -341,8 +346,8 @@ def set_up_and_bin(
     face_count, piece_count = len(faces.faces), len(faces.pieces)
     edges = np.unique(np.append(np.arange(0, face_count, FACES_PER_TASK), face_count))
     piece_edges = np.searchsorted(faces.piece_faces, edges)
-    triangles = np.empty(face_count + piece_count, np.int32)
-    boxes = np.empty((face_count + piece_count, 4), np.uint8)
+    triangles = workers.memory.empty((face_count + piece_count,), np.int32)
+    boxes = workers.memory.empty((face_count + piece_count, 4), np.uint8)
     counts = np.zeros((len(edges) - 1, tiles + 1), np.int32)
     tile_counts, large_counts = counts[:, :-1], counts[:, -1]
     sums = np.zeros((len(edges) - 1, 5), np.int64)
@@ -361,7 +366,7 @@ def set_up_and_bin(
     # Give every task its own place in every tile's list.
     starts = np.concatenate(([0], np.cumsum(tile_counts.sum(axis=0, dtype=np.int64))))
     cursors = starts[:-1] + np.cumsum(tile_counts, axis=0, dtype=np.int64) - tile_counts
-    binned = np.empty(starts[-1], np.int32)
+    binned = workers.memory.empty((int(starts[-1]),), np.int32)
     firsts = [face_range[0] + piece_range[0] for face_range, piece_range in ranges]
     workers.run(
         binning.bin_triangles,
@@ -533,14 +538,14 @@ def fill_barycentric(
     face_id: NDArray[np.int32], geometry: Geometry, workers: Workers
 ) -> NDArray[np.float32]:
     """Return the weights of each sample, (H, W, 3); zero where nothing is."""
-    barycentric = np.empty((*face_id.shape, 3), np.float32)
+    barycentric = workers.memory.empty((*face_id.shape, 3), np.float32)
     fill_rows(interpolation.fill_barycentric, face_id, (geometry, barycentric), workers)
     return barycentric
 
 
-def _screen_arrays(count: int) -> ScreenVertices:
+def _screen_arrays(count: int, memory: Memory) -> ScreenVertices:
     # All that belongs to a vertex side by side: it is found in one cache line, not in four.
-    packed = np.empty((count, 4), np.float64)
+    packed = memory.empty((count, 4), np.float64)
     return ScreenVertices(
         packed.view(np.int32)[:, :2], packed[:, 1], packed.view(np.uint8)[:, 24], packed[:, 2]
     )
