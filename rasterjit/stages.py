@@ -403,8 +403,7 @@ def draw(
     per_task = TILES_PER_TASK if workers.threads > 1 else len(tiles)
 
     def draw_some(some: NDArray[np.int32]) -> None:
-        shape = visibility.SCRATCH_SHAPE
-        scratch = np.empty(shape, np.float32), np.empty(shape, np.int32)
+        scratch = visibility.scratch_memory()
         visibility.draw_tiles(some, starts, binned, floors, faces, screen, viewport, frame, scratch)
 
     workers.run(draw_some, [(tiles[n : n + per_task],) for n in range(0, len(tiles), per_task)])

@@ -32,7 +32,10 @@ A sample keeps the first of equal depths. Lists ascend by face: the lower face n
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from rasterjit.kernels.jit import disjoint_stage, kernel, stage
 from rasterjit.kernels.records import Faces, ScreenVertices, Viewport
@@ -53,6 +56,25 @@ SMALL_PIXELS = 8
 
 BLOCK_BITS = 6
 """Depth along a row starts anew every 2**6 = 64 columns; tiles are no wider."""
+
+BATCH = 64
+"""Triangles set up at once: what is known of them, 20 KiB, stays in L1 beside their samples."""
+
+FACE, AX, AY, BX, BY, CX, CY, LEFT, TOP, RIGHT, BOTTOM, WIDE = range(12)
+"""Rows of whole numbers: face, vertices on the sub-pixel grid, box of samples, wide or small."""
+WHOLE_ROWS = 12
+
+DEPTH, EDGE, ACROSS, DOWN, LEAST, WEIGHT, RANGE = 0, 3, 6, 9, 12, 15, 17
+"""
+Rows of real numbers.
+
+Three depths; of three edges the value at the corner of the box, the steps to the next column and
+row, and the least value inside; two weights of the depth; the lowest and the highest depth.
+"""
+REAL_ROWS = 19
+
+ROOM = BATCH + 8
+"""Columns of those rows; more than are used, or the rows would share few lines of the cache."""
 
 SCRATCH_SHAPE = (TILE_SIZE, TILE_SIZE + SMALL_PIXELS)
 """A tile in scratch memory: its rows have room for groups that start in the last column."""
@@ -189,9 +211,10 @@ def fill_span(depths, numbers, depth, steps, plane, face):
 
 
 @disjoint_stage
-def test_row(depths, numbers, values, steps, thresholds, plane, face):
+def test_row(depths, numbers, first, lanes, values, steps, thresholds, plane, face):
     """Test one row of samples against the three edges and the depth; without branches."""
-    for i in range(depths.shape[0]):
+    for i in range(lanes):
+        sample = first + np.uintp(i)
         column = np.float64(np.int32(i))
         e0 = values[0] + column * steps[0]
         e1 = values[1] + column * steps[1]
@@ -201,39 +224,30 @@ def test_row(depths, numbers, values, steps, thresholds, plane, face):
             (e0 >= thresholds[0])
             & (e1 >= thresholds[1])
             & (e2 >= thresholds[2])
-            & (stored > depths[i])
+            & (stored > depths[sample])
         ):
-            depths[i] = stored
-            numbers[i] = face
+            depths[sample] = stored
+            numbers[sample] = face
 
 
 @stage
-def draw_small(a, b, c, plane, box, face, origin, grid_bits, tile):
-    """Test each row of the box in groups of four samples."""
+def draw_small(n, whole, real, plane, origin, tile):
+    """Test each row of the box of a triangle in groups of four samples."""
     depths, numbers = tile
-    ax, ay, bx, by, cx, cy = a[0], a[1], b[0], b[1], c[0], c[1]
-    left, top, right, bottom = box
+    left, top = whole[LEFT, n] - origin[0], whole[TOP, n] - origin[1]
+    right, bottom = whole[RIGHT, n] - origin[0], whole[BOTTOM, n] - origin[1]
+    face = np.int32(whole[FACE, n])
     lanes = ((right - left) | 3) + 1
-    e0 = np.float64(edge_at(bx, by, cx, cy, left, top, grid_bits))
-    e1 = np.float64(edge_at(cx, cy, ax, ay, left, top, grid_bits))
-    e2 = np.float64(edge_at(ax, ay, bx, by, left, top, grid_bits))
-    thresholds = (
-        np.float64(-edge_bias(bx, by, cx, cy)),
-        np.float64(-edge_bias(cx, cy, ax, ay)),
-        np.float64(-edge_bias(ax, ay, bx, by)),
-    )
-    unit = np.float64(np.int64(1) << grid_bits)
-    steps = (np.float64(by - cy) * unit, np.float64(cy - ay) * unit, np.float64(ay - by) * unit)
-    begin = left - origin[0]
-    for row in range(top - origin[1], bottom - origin[1] + 1):
-        test_row(
-            depths[row, begin : begin + lanes],
-            numbers[row, begin : begin + lanes],
-            (e0, e1, e2), steps, thresholds, plane, face,
-        )  # fmt: skip
-        e0 += np.float64(cx - bx) * unit
-        e1 += np.float64(ax - cx) * unit
-        e2 += np.float64(bx - ax) * unit
+    e0, e1, e2 = real[EDGE, n], real[EDGE + 1, n], real[EDGE + 2, n]
+    steps = real[ACROSS, n], real[ACROSS + 1, n], real[ACROSS + 2, n]
+    thresholds = real[LEAST, n], real[LEAST + 1, n], real[LEAST + 2, n]
+    first = np.uintp(top * SCRATCH_SHAPE[1] + left)
+    for _ in range(top, bottom + 1):
+        test_row(depths, numbers, first, lanes, (e0, e1, e2), steps, thresholds, plane, face)
+        first += np.uintp(SCRATCH_SHAPE[1])
+        e0 += real[DOWN, n]
+        e1 += real[DOWN + 1, n]
+        e2 += real[DOWN + 2, n]
 
 
 @stage
@@ -287,46 +301,156 @@ def draw_spans(a, b, c, plane, box, face, origin, grid_bits, tile):
 
 
 @stage
-def draw_triangle(corners, face, screen, viewport, origin, floor, tile):
+def gather_triangles(listed, faces, screen, whole, real):
+    """Gather where the vertices of some listed triangles lie, and how deep."""
+    own, pieces, piece_faces = faces
+    xy, depth = screen.xy, screen.depth
+    for n in range(np.uintp(listed.shape[0])):
+        (a, b, c), face = triangle_of(own, pieces, piece_faces, np.int64(listed[n]))
+        whole[FACE, n] = face
+        whole[AX, n], whole[AY, n] = xy[a, 0], xy[a, 1]
+        whole[BX, n], whole[BY, n] = xy[b, 0], xy[b, 1]
+        whole[CX, n], whole[CY, n] = xy[c, 0], xy[c, 1]
+        real[DEPTH, n], real[DEPTH + 1, n], real[DEPTH + 2, n] = depth[a], depth[b], depth[c]
+
+
+@stage
+def is_above(ax, ay, bx, by):
+    """Return whether a lies above b, or left of it in the same row."""
+    return (ay < by) | ((ay == by) & (ax < bx))
+
+
+@disjoint_stage
+def turn_triangles(ax, ay, bx, by, cx, cy, da, db, dc):
     """
-    Draw one triangle into a tile whose first pixel is ``origin`` (column, row).
+    Put the vertices clockwise on the screen, starting at the topmost, then leftmost.
+
+    The order depends on the geometry alone, so that every spelling of a face is drawn alike.
+    """
+    for n in range(ax.shape[0]):
+        x0, y0, d0 = ax[n], ay[n], da[n]
+        is_turned = edge(x0, y0, bx[n], by[n], cx[n], cy[n]) < 0
+        x1, y1, d1 = (
+            cx[n] if is_turned else bx[n],
+            cy[n] if is_turned else by[n],
+            dc[n] if is_turned else db[n],
+        )
+        x2, y2, d2 = (
+            bx[n] if is_turned else cx[n],
+            by[n] if is_turned else cy[n],
+            db[n] if is_turned else dc[n],
+        )
+        second = is_above(x1, y1, x0, y0) & is_above(x1, y1, x2, y2)
+        third = is_above(x2, y2, x0, y0) & is_above(x2, y2, x1, y1)
+        ax[n] = x1 if second else (x2 if third else x0)
+        ay[n] = y1 if second else (y2 if third else y0)
+        da[n] = d1 if second else (d2 if third else d0)
+        bx[n] = x2 if second else (x0 if third else x1)
+        by[n] = y2 if second else (y0 if third else y1)
+        db[n] = d2 if second else (d0 if third else d1)
+        cx[n] = x0 if second else (x1 if third else x2)
+        cy[n] = y0 if second else (y1 if third else y2)
+        dc[n] = d0 if second else (d1 if third else d2)
+
+
+@disjoint_stage
+def bound_triangles(ax, ay, bx, by, cx, cy, window, bits, left, top, right, bottom, wide):
+    """
+    Write the box of samples of each triangle inside a window.
+
+    The window is a tile's (left, top, right, bottom). Triangles wider than ``SMALL_PIXELS`` begin
+    where their block of columns does.
+    """
+    for n in range(ax.shape[0]):
+        first = first_sample(min(ax[n], min(bx[n], cx[n])), bits)
+        last = last_sample(max(ax[n], max(bx[n], cx[n])), bits)
+        is_wide = last - first >= SMALL_PIXELS
+        wide[n] = is_wide
+        left[n] = max(first, (window[0] >> BLOCK_BITS) << BLOCK_BITS if is_wide else window[0])
+        top[n] = max(first_sample(ay[n], bits), window[1])
+        right[n] = min(last, window[2])
+        bottom[n] = min(last_sample(max(by[n], cy[n]), bits), window[3])
+
+
+@disjoint_stage
+def plan_depths(ax, ay, bx, by, cx, cy, da, db, dc, weight_a, weight_b, lowest, highest):
+    """Write the weights of E_bc and E_ca in the depth, and its range: see `depth_plane`."""
+    for n in range(ax.shape[0]):
+        area = np.float64(edge(ax[n], ay[n], bx[n], by[n], cx[n], cy[n]))
+        weight_a[n], weight_b[n] = (da[n] - dc[n]) / area, (db[n] - dc[n]) / area
+        lowest[n] = min(da[n], min(db[n], dc[n]))
+        highest[n] = max(da[n], max(db[n], dc[n]))
+
+
+@disjoint_stage
+def plan_edge(ax, ay, bx, by, left, top, bits, value, across, down, least):
+    """Write the edge a -> b at the corner of the box, its steps, and its least value inside."""
+    unit = np.float64(np.int64(1) << bits)
+    for n in range(ax.shape[0]):
+        value[n] = np.float64(edge_at(ax[n], ay[n], bx[n], by[n], left[n], top[n], bits))
+        across[n] = np.float64(ay[n] - by[n]) * unit
+        down[n] = np.float64(bx[n] - ax[n]) * unit
+        least[n] = np.float64(-edge_bias(ax[n], ay[n], bx[n], by[n]))
+
+
+@stage
+def plan_triangles(count, window, bits, whole, real):
+    """Work out what drawing the gathered triangles takes, several at once."""
+    ax, ay = whole[AX, :count], whole[AY, :count]
+    bx, by = whole[BX, :count], whole[BY, :count]
+    cx, cy = whole[CX, :count], whole[CY, :count]
+    da, db, dc = real[DEPTH, :count], real[DEPTH + 1, :count], real[DEPTH + 2, :count]
+    left, top = whole[LEFT, :count], whole[TOP, :count]
+    turn_triangles(ax, ay, bx, by, cx, cy, da, db, dc)
+    bound_triangles(
+        ax, ay, bx, by, cx, cy, window, bits, left, top, whole[RIGHT, :count],
+        whole[BOTTOM, :count], whole[WIDE, :count],
+    )  # fmt: skip
+    plan_depths(
+        ax, ay, bx, by, cx, cy, da, db, dc, real[WEIGHT, :count], real[WEIGHT + 1, :count],
+        real[RANGE, :count], real[RANGE + 1, :count],
+    )  # fmt: skip
+    plan_edge(
+        bx, by, cx, cy, left, top, bits, real[EDGE, :count], real[ACROSS, :count],
+        real[DOWN, :count], real[LEAST, :count],
+    )  # fmt: skip
+    plan_edge(
+        cx, cy, ax, ay, left, top, bits, real[EDGE + 1, :count], real[ACROSS + 1, :count],
+        real[DOWN + 1, :count], real[LEAST + 1, :count],
+    )  # fmt: skip
+    plan_edge(
+        ax, ay, bx, by, left, top, bits, real[EDGE + 2, :count], real[ACROSS + 2, :count],
+        real[DOWN + 2, :count], real[LEAST + 2, :count],
+    )  # fmt: skip
+
+
+@stage
+def draw_triangle(n, whole, real, origin, bits, floor, tile, flat_tile):
+    """
+    Draw one planned triangle into a tile whose first pixel is ``origin`` (column, row).
 
     Nothing is drawn if it lies below ``floor`` in the whole tile.
     """
-    bits = viewport.grid_bits
-    # Gather the vertices in their fixed order.
-    i, j, k = clockwise_from_top(corners, screen)
-    ax, ay = np.int64(screen.xy[i, 0]), np.int64(screen.xy[i, 1])
-    bx, by = np.int64(screen.xy[j, 0]), np.int64(screen.xy[j, 1])
-    cx, cy = np.int64(screen.xy[k, 0]), np.int64(screen.xy[k, 1])
-    plane = depth_plane(
-        screen.depth[i], screen.depth[j], screen.depth[k], ax, ay, bx, by, cx, cy, bits
-    )
-    if np.float32(plane[5]) < floor:
+    lowest, highest = real[RANGE, n], real[RANGE + 1, n]
+    if np.float32(highest) < floor:
         return
-    # Bound it in pixels, and to the tile; spans, to the block of columns that holds the tile.
-    left = first_sample(min(ax, min(bx, cx)), bits)
-    right = last_sample(max(ax, max(bx, cx)), bits)
-    is_small = right - left < SMALL_PIXELS
-    start = origin[0] if is_small else (origin[0] >> BLOCK_BITS) << BLOCK_BITS
-    box = (
-        max(left, start),
-        max(first_sample(ay, bits), origin[1]),
-        min(right, min(origin[0] + TILE_SIZE, np.int64(viewport.width)) - 1),
-        min(
-            last_sample(max(by, cy), bits),
-            min(origin[1] + TILE_SIZE, np.int64(viewport.height)) - 1,
-        ),
+    weight_a, weight_b = real[WEIGHT, n], real[WEIGHT + 1, n]
+    step = real[ACROSS, n] * weight_a + real[ACROSS + 1, n] * weight_b
+    plane = real[DEPTH + 2, n], weight_a, weight_b, step, lowest, highest
+    if not whole[WIDE, n]:
+        draw_small(n, whole, real, plane, origin, flat_tile)
+        return
+    a, b, c = (
+        (whole[AX, n], whole[AY, n]),
+        (whole[BX, n], whole[BY, n]),
+        (whole[CX, n], whole[CY, n]),
     )
-    a, b, c = (ax, ay), (bx, by), (cx, cy)
-    if is_small:
-        draw_small(a, b, c, plane, box, face, origin, bits, tile)
-    else:
-        if floor > -np.inf:
-            _, highest = depth_at_corners(plane, a, b, c, box, bits)
-            if highest < floor:
-                return
-        draw_spans(a, b, c, plane, box, face, origin, bits, tile)
+    box = whole[LEFT, n], whole[TOP, n], whole[RIGHT, n], whole[BOTTOM, n]
+    if floor > -np.inf:
+        _, nearest = depth_at_corners(plane, a, b, c, box, bits)
+        if nearest < floor:
+            return
+    draw_spans(a, b, c, plane, box, np.int32(whole[FACE, n]), origin, bits, tile)
 
 
 @stage
@@ -336,6 +460,16 @@ def clear_tile(depths, numbers):
         for column in range(depths.shape[1]):
             depths[row, column] = -np.inf
             numbers[row, column] = NOTHING
+
+
+def scratch_memory() -> tuple[NDArray[Any], ...]:
+    """Return the memory that a thread needs to draw: a tile, and what is known of a batch."""
+    return (
+        np.empty(SCRATCH_SHAPE, np.float32),
+        np.empty(SCRATCH_SHAPE, np.int32),
+        np.empty((WHOLE_ROWS, ROOM), np.int64),
+        np.empty((REAL_ROWS, ROOM), np.float64),
+    )
 
 
 @kernel
@@ -360,23 +494,32 @@ def draw_tiles(
     frame : (depth (H, W) float32, face_id (H, W) int32)
         Writes every pixel of the tiles: stored depth (greater is nearer, -inf where nothing is)
         and face number (-1 where nothing is).
-    scratch : (depth (64, 72) float32, face numbers (64, 72) int32)
-        This thread's own tile, ``SCRATCH_SHAPE``.
+    scratch : tuple
+        This thread's own, from `scratch_memory`.
     """
     depth, face_id = frame
-    tile_depth, tile_numbers = scratch
+    tile_depth, tile_numbers, whole, real = scratch
+    tile, flat_tile = (tile_depth, tile_numbers), (tile_depth.reshape(-1), tile_numbers.reshape(-1))
     columns = (np.int64(viewport.width) + TILE_SIZE - 1) >> TILE_BITS
-    # Taken out of the record once: inside the loop each use would count a reference.
     own, pieces, piece_faces = faces.faces, faces.pieces, faces.piece_faces
+    bits = viewport.grid_bits
     for n in range(tiles.shape[0]):
-        tile = np.int64(tiles[n])
-        origin = ((tile % columns) << TILE_BITS, (tile // columns) << TILE_BITS)
+        number = np.int64(tiles[n])
+        origin = ((number % columns) << TILE_BITS, (number // columns) << TILE_BITS)
+        window = (
+            origin[0],
+            origin[1],
+            min(origin[0] + TILE_SIZE, np.int64(viewport.width)) - 1,
+            min(origin[1] + TILE_SIZE, np.int64(viewport.height)) - 1,
+        )
         clear_tile(tile_depth, tile_numbers)
-        for k in range(starts[tile], starts[tile + 1]):
-            corners, face = triangle_of(own, pieces, piece_faces, np.int64(binned[k]))
-            draw_triangle(
-                corners, face, screen, viewport, origin, floors[tile], (tile_depth, tile_numbers)
-            )
+        for first in range(starts[number], starts[number + 1], BATCH):
+            count = min(starts[number + 1] - first, BATCH)
+            listed = binned[first : first + count]
+            gather_triangles(listed, (own, pieces, piece_faces), screen, whole, real)
+            plan_triangles(count, window, bits, whole, real)
+            for k in range(np.uintp(count)):
+                draw_triangle(k, whole, real, origin, bits, floors[number], tile, flat_tile)
         # Write the tile to the frame.
         left, top = origin
         width = min(TILE_SIZE, viewport.width - left)
