@@ -234,8 +234,8 @@ def test_row(depths, numbers, first, lanes, values, steps, thresholds, plane, fa
 def draw_small(n, whole, real, plane, origin, tile):
     """Test each row of the box of a triangle in groups of four samples."""
     depths, numbers = tile
-    left, top = whole[LEFT, n] - origin[0], whole[TOP, n] - origin[1]
-    right, bottom = whole[RIGHT, n] - origin[0], whole[BOTTOM, n] - origin[1]
+    left, top = np.int64(whole[LEFT, n]) - origin[0], np.int64(whole[TOP, n]) - origin[1]
+    right, bottom = np.int64(whole[RIGHT, n]) - origin[0], np.int64(whole[BOTTOM, n]) - origin[1]
     face = np.int32(whole[FACE, n])
     lanes = ((right - left) | 3) + 1
     e0, e1, e2 = real[EDGE, n], real[EDGE + 1, n], real[EDGE + 2, n]
@@ -320,6 +320,14 @@ def is_above(ax, ay, bx, by):
     return (ay < by) | ((ay == by) & (ax < bx))
 
 
+@stage
+def narrow_edge(ax, ay, bx, by, px, py):
+    """Return `edge` of int32 coordinates; differences fit 32 bits, and their products are cheap."""
+    along_x, along_y = np.int32(bx - ax), np.int32(by - ay)
+    away_x, away_y = np.int32(px - ax), np.int32(py - ay)
+    return np.int64(along_x) * np.int64(away_y) - np.int64(along_y) * np.int64(away_x)
+
+
 @disjoint_stage
 def turn_triangles(ax, ay, bx, by, cx, cy, da, db, dc):
     """
@@ -329,7 +337,7 @@ def turn_triangles(ax, ay, bx, by, cx, cy, da, db, dc):
     """
     for n in range(ax.shape[0]):
         x0, y0, d0 = ax[n], ay[n], da[n]
-        is_turned = edge(x0, y0, bx[n], by[n], cx[n], cy[n]) < 0
+        is_turned = narrow_edge(x0, y0, bx[n], by[n], cx[n], cy[n]) < 0
         x1, y1, d1 = (
             cx[n] if is_turned else bx[n],
             cy[n] if is_turned else by[n],
@@ -376,7 +384,7 @@ def bound_triangles(ax, ay, bx, by, cx, cy, window, bits, left, top, right, bott
 def plan_depths(ax, ay, bx, by, cx, cy, da, db, dc, weight_a, weight_b, lowest, highest):
     """Write the weights of E_bc and E_ca in the depth, and its range: see `depth_plane`."""
     for n in range(ax.shape[0]):
-        area = np.float64(edge(ax[n], ay[n], bx[n], by[n], cx[n], cy[n]))
+        area = np.float64(narrow_edge(ax[n], ay[n], bx[n], by[n], cx[n], cy[n]))
         weight_a[n], weight_b[n] = (da[n] - dc[n]) / area, (db[n] - dc[n]) / area
         lowest[n] = min(da[n], min(db[n], dc[n]))
         highest[n] = max(da[n], max(db[n], dc[n]))
@@ -385,11 +393,13 @@ def plan_depths(ax, ay, bx, by, cx, cy, da, db, dc, weight_a, weight_b, lowest, 
 @disjoint_stage
 def plan_edge(ax, ay, bx, by, left, top, bits, value, across, down, least):
     """Write the edge a -> b at the corner of the box, its steps, and its least value inside."""
-    unit = np.float64(np.int64(1) << bits)
+    unit, half = np.float64(np.int64(1) << bits), np.int64(1) << (bits - 1)
     for n in range(ax.shape[0]):
-        value[n] = np.float64(edge_at(ax[n], ay[n], bx[n], by[n], left[n], top[n], bits))
-        across[n] = np.float64(ay[n] - by[n]) * unit
-        down[n] = np.float64(bx[n] - ax[n]) * unit
+        px = np.int32((left[n] << bits) + half)
+        py = np.int32((top[n] << bits) + half)
+        value[n] = np.float64(narrow_edge(ax[n], ay[n], bx[n], by[n], px, py))
+        across[n] = np.float64(np.int32(ay[n] - by[n])) * unit
+        down[n] = np.float64(np.int32(bx[n] - ax[n])) * unit
         least[n] = np.float64(-edge_bias(ax[n], ay[n], bx[n], by[n]))
 
 
@@ -441,11 +451,16 @@ def draw_triangle(n, whole, real, origin, bits, floor, tile, flat_tile):
         draw_small(n, whole, real, plane, origin, flat_tile)
         return
     a, b, c = (
-        (whole[AX, n], whole[AY, n]),
-        (whole[BX, n], whole[BY, n]),
-        (whole[CX, n], whole[CY, n]),
+        (np.int64(whole[AX, n]), np.int64(whole[AY, n])),
+        (np.int64(whole[BX, n]), np.int64(whole[BY, n])),
+        (np.int64(whole[CX, n]), np.int64(whole[CY, n])),
     )
-    box = whole[LEFT, n], whole[TOP, n], whole[RIGHT, n], whole[BOTTOM, n]
+    box = (
+        np.int64(whole[LEFT, n]),
+        np.int64(whole[TOP, n]),
+        np.int64(whole[RIGHT, n]),
+        np.int64(whole[BOTTOM, n]),
+    )
     if floor > -np.inf:
         _, nearest = depth_at_corners(plane, a, b, c, box, bits)
         if nearest < floor:
@@ -467,7 +482,7 @@ def scratch_memory() -> tuple[NDArray[Any], ...]:
     return (
         np.empty(SCRATCH_SHAPE, np.float32),
         np.empty(SCRATCH_SHAPE, np.int32),
-        np.empty((WHOLE_ROWS, ROOM), np.int64),
+        np.empty((WHOLE_ROWS, ROOM), np.int32),
         np.empty((REAL_ROWS, ROOM), np.float64),
     )
 
