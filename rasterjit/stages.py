@@ -50,7 +50,7 @@ TILES_PER_TASK = 8
 """Tiles drawn by one task: an eighth of a row of a 4K frame."""
 
 ROWS_PER_TASK = 16
-"""Rows shaded by one task: their linear colour, 16 bytes a pixel, stays in L2 up to 4K."""
+"""Rows shaded by one task, if there are several threads."""
 
 SPARE_VERTICES = 1024
 """Room kept for vertices made by clipping before the arrays have to be copied."""
@@ -466,14 +466,16 @@ def shade(
     if linear is None:
         linear = np.empty((height, 0, 4), np.float32)
 
+    per_task = ROWS_PER_TASK if workers.threads > 1 else height
+
     def shade_band(first: int) -> None:
-        band = slice(first, min(first + ROWS_PER_TASK, height))
+        band = slice(first, min(first + per_task, height))
         shading.shade_rows(
             face_id[band], first, geometry, placement, surface, lighting, background, table,
             linear[band], packed[band], shading.scratch_memory(surface.textures is not None),
         )  # fmt: skip
 
-    workers.run(shade_band, [(first,) for first in range(0, height, ROWS_PER_TASK)])
+    workers.run(shade_band, [(first,) for first in range(0, height, per_task)])
 
 
 def unique_edges(faces: NDArray[np.int32], vertex_count: int) -> NDArray[np.int32]:
