@@ -12,11 +12,9 @@ edge's own integer slope.
 Triangles at most ``SMALL_PIXELS`` wide are tested four samples of a row at once, in float64. Their
 edge functions there stay below 2**44 (16 pixels by 2**15 pixels on a 12-bit grid, twice), so
 float64 holds them exactly. Samples tested beyond the tile land in spare columns that nobody reads.
-Wider triangles get, for each row, the first and the last covered column from where the edges cross
-it: ``floor(e / s)``, found by one division for each edge at the first row (of integers below 2**47
-it is exact in float64, for a quotient that is not whole misses the next whole number by at least
-1/s, more than half an ulp), and from there by adding quotient and remainder of the edge's step, as
-Bresenham does.
+Wider triangles get, for each row, the first and the last covered column from one division for each
+edge, several rows at once: ``floor(e / s)`` of integers below 2**47 in float64 is exact, for a
+quotient that is not whole misses the next whole number by at least 1/s, more than half an ulp.
 
 Depth is interpolated linearly on the screen, in float64, by differences from one vertex,
 ``d = d2 + b0 (d0 - d2) + b1 (d1 - d2)`` with exact edge functions in the weights ``b``, so equal
@@ -112,42 +110,52 @@ def clockwise_from_top(corners, screen):
 
 
 @stage
-def edge_crossing(value, across, down):
+def crossing_line(value, across, down):
     """
-    Return where an edge crosses a row, and how that changes from one row to the next.
+    Return an edge as (value, step down, distance of its crossings from the left, side).
 
-    With ``a = |across|`` that is ``(floor(value / a), value mod a, floor(down / a), down mod a,
-    a)``. An edge along the row has ``a = 1`` and crosses far beyond the block on the side that
-    its sign tells.
+    It crosses a row at ``value / distance`` columns; the side is 1 if its inside is to the right.
+    An edge along the row crosses beyond the block of columns, on the side that its sign tells.
     """
     if across == 0:
         beyond = np.int64(2) << BLOCK_BITS
-        return value * beyond + (beyond - 1), np.int64(0), down * beyond, np.int64(0), np.int64(1)
-    a = abs(across)
-    whole = np.int64(np.floor(np.float64(value) / np.float64(a)))
-    step = np.int64(np.floor(np.float64(down) / np.float64(a)))
-    return whole, value - whole * a, step, down - step * a, a
+        return value * beyond + (beyond - 1), down * beyond, 1.0, np.int64(0)
+    return value, down, np.float64(abs(across)), np.int64(across > 0)
 
 
 @stage
-def next_crossing(crossing):
-    """Return where the edge crosses the next row: a carry, no division."""
-    whole, rest, step, rest_step, a = crossing
-    rest += rest_step
-    carry = np.int64(rest >= a)
-    return whole + step + carry, rest - carry * a, step, rest_step, a
+def bound_span(first, last, line, row):
+    """Return the first and the last column, float64, that one edge leaves of a row."""
+    value, down, distance, begins = line
+    crossing = np.floor(np.float64(value + row * down) / distance)
+    return (
+        max(first, -crossing) if begins else first,
+        last if begins else min(last, crossing),
+    )
 
 
-@stage
-def first_inside(crossing, across, first):
-    """Return the first column at or after ``first`` on the inside of an edge."""
-    return max(first, -crossing[0]) if across > 0 else first
+@disjoint_stage
+def find_spans(begins, ends, depths, lines, columns, inside_bc, inside_ca, plane):
+    """
+    Write, row by row, the first covered column, one past the last, and the depth at the first.
 
-
-@stage
-def last_inside(crossing, across, last):
-    """Return the last column at or before ``last`` on the inside of an edge."""
-    return last if across > 0 else min(last, crossing[0])
+    Takes three `crossing_line`, and two exact edges as value at the corner of the box, step across
+    and step down. ``floor(e / s)`` of integers below 2**47 is exact in float64: see the notes above.
+    """
+    for i in range(begins.shape[0]):
+        row = np.int64(i)
+        first, last = 0.0, np.float64(columns - 1)
+        first, last = bound_span(first, last, lines[0], row)
+        first, last = bound_span(first, last, lines[1], row)
+        first, last = bound_span(first, last, lines[2], row)
+        column = np.int64(min(first, np.float64(columns)))
+        begins[i] = column
+        ends[i] = np.int64(max(last, -1.0)) + 1
+        depths[i] = depth_from(
+            plane,
+            inside_bc[0] + column * inside_bc[1] + row * inside_bc[2],
+            inside_ca[0] + column * inside_ca[1] + row * inside_ca[2],
+        )
 
 
 @stage
@@ -251,53 +259,44 @@ def draw_small(n, whole, real, plane, origin, tile):
 
 
 @stage
-def draw_spans(a, b, c, plane, box, face, origin, grid_bits, tile):
+def draw_spans(a, b, c, plane, box, face, origin, grid_bits, tile, spans):
     """Find the first and last covered column of each row, and fill what lies between."""
     depths, numbers = tile
+    begins, ends, starts = spans
     ax, ay, bx, by, cx, cy = a[0], a[1], b[0], b[1], c[0], c[1]
     left, top, right, bottom = box
-    across0, across1, across2 = by - cy, cy - ay, ay - by
     e0 = sign_at(bx, by, cx, cy, left, top, grid_bits)
     e1 = sign_at(cx, cy, ax, ay, left, top, grid_bits)
     e2 = sign_at(ax, ay, bx, by, left, top, grid_bits)
     columns, rows = right - left + 1, bottom - top + 1
-    covers_box = (
-        worst(e0, across0, cx - bx, columns, rows)
-        | worst(e1, across1, ax - cx, columns, rows)
-        | worst(e2, across2, bx - ax, columns, rows)
-    ) >= 0
-    c0 = edge_crossing(e0, across0, cx - bx)
-    c1 = edge_crossing(e1, across1, ax - cx)
-    c2 = edge_crossing(e2, across2, bx - ax)
-    inside0 = edge_at(bx, by, cx, cy, left, top, grid_bits)
-    inside1 = edge_at(cx, cy, ax, ay, left, top, grid_bits)
-    for row in range(top, bottom + 1):
-        first, last = np.int64(0), columns - 1
-        if not covers_box:
-            first = first_inside(c0, across0, first)
-            first = first_inside(c1, across1, first)
-            first = first_inside(c2, across2, first)
-            last = last_inside(c0, across0, last)
-            last = last_inside(c1, across1, last)
-            last = last_inside(c2, across2, last)
-        begin, end = max(left + first - origin[0], np.int64(0)), left + last + 1 - origin[0]
+    lines = (
+        crossing_line(e0, by - cy, cx - bx),
+        crossing_line(e1, cy - ay, ax - cx),
+        crossing_line(e2, ay - by, bx - ax),
+    )
+    inside_bc = (
+        edge_at(bx, by, cx, cy, left, top, grid_bits),
+        (by - cy) << grid_bits,
+        (cx - bx) << grid_bits,
+    )
+    inside_ca = (
+        edge_at(cx, cy, ax, ay, left, top, grid_bits),
+        (cy - ay) << grid_bits,
+        (ax - cx) << grid_bits,
+    )
+    find_spans(
+        begins[:rows], ends[:rows], starts[:rows], lines, columns, inside_bc, inside_ca, plane
+    )
+    before = origin[0] - left
+    for i in range(np.uintp(max(rows, 0))):
+        begin, end = max(np.int64(begins[i]), before), np.int64(ends[i])
         if begin < end:
-            depth = depth_from(
-                plane,
-                inside0 + ((first * across0) << grid_bits),
-                inside1 + ((first * across1) << grid_bits),
-            )
-            steps = np.int32(0)
-            if TILE_BITS < BLOCK_BITS:
-                steps = np.int32(origin[0] + begin - (left + first))
+            row = np.uintp(top - origin[1]) + i
             fill_span(
-                depths[row - origin[1], begin:end],
-                numbers[row - origin[1], begin:end],
-                depth, steps, plane, face,
+                depths[row, begin - before : end - before],
+                numbers[row, begin - before : end - before],
+                starts[i], np.int32(begin - np.int64(begins[i])), plane, face,
             )  # fmt: skip
-        c0, c1, c2 = next_crossing(c0), next_crossing(c1), next_crossing(c2)
-        inside0 += (cx - bx) << grid_bits
-        inside1 += (ax - cx) << grid_bits
 
 
 @stage
@@ -435,7 +434,7 @@ def plan_triangles(count, window, bits, whole, real):
 
 
 @stage
-def draw_triangle(n, whole, real, origin, bits, floor, tile, flat_tile):
+def draw_triangle(n, whole, real, origin, bits, floor, tile, flat_tile, spans):
     """
     Draw one planned triangle into a tile whose first pixel is ``origin`` (column, row).
 
@@ -465,7 +464,7 @@ def draw_triangle(n, whole, real, origin, bits, floor, tile, flat_tile):
         _, nearest = depth_at_corners(plane, a, b, c, box, bits)
         if nearest < floor:
             return
-    draw_spans(a, b, c, plane, box, np.int32(whole[FACE, n]), origin, bits, tile)
+    draw_spans(a, b, c, plane, box, np.int32(whole[FACE, n]), origin, bits, tile, spans)
 
 
 @stage
@@ -484,6 +483,9 @@ def scratch_memory() -> tuple[NDArray[Any], ...]:
         np.empty(SCRATCH_SHAPE, np.int32),
         np.empty((WHOLE_ROWS, ROOM), np.int32),
         np.empty((REAL_ROWS, ROOM), np.float64),
+        np.empty(TILE_SIZE, np.int32),
+        np.empty(TILE_SIZE, np.int32),
+        np.empty(TILE_SIZE, np.float64),
     )
 
 
@@ -513,7 +515,8 @@ def draw_tiles(
         This thread's own, from `scratch_memory`.
     """
     depth, face_id = frame
-    tile_depth, tile_numbers, whole, real = scratch
+    tile_depth, tile_numbers, whole, real, begins, ends, row_depths = scratch
+    spans = begins, ends, row_depths
     tile, flat_tile = (tile_depth, tile_numbers), (tile_depth.reshape(-1), tile_numbers.reshape(-1))
     columns = (np.int64(viewport.width) + TILE_SIZE - 1) >> TILE_BITS
     own, pieces, piece_faces = faces.faces, faces.pieces, faces.piece_faces
@@ -534,7 +537,7 @@ def draw_tiles(
             gather_triangles(listed, (own, pieces, piece_faces), screen, whole, real)
             plan_triangles(count, window, bits, whole, real)
             for k in range(np.uintp(count)):
-                draw_triangle(k, whole, real, origin, bits, floors[number], tile, flat_tile)
+                draw_triangle(k, whole, real, origin, bits, floors[number], tile, flat_tile, spans)
         # Write the tile to the frame.
         left, top = origin
         width = min(TILE_SIZE, viewport.width - left)
