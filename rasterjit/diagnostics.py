@@ -173,11 +173,8 @@ def _count_samples(
     counts = np.zeros(len(binned), np.int32), np.zeros(len(starts) - 1, np.int64)
 
     def count_some(tiles: NDArray[np.int32]) -> None:
-        shape = visibility.SCRATCH_SHAPE
         size = visibility.TILE_SIZE
-        scratch = (
-            np.empty(shape, np.float32), np.empty(shape, np.int32), np.zeros((size, size), np.uint8)
-        )  # fmt: skip
+        scratch = visibility.scratch_memory(), np.zeros((size, size), np.uint8)
         frame = (coverage.depth, coverage.face_id)
         diagnosis.count_samples(
             tiles, starts, binned, faces, coverage.screen, geometry.viewport, frame, scratch, counts

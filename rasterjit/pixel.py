@@ -198,8 +198,7 @@ def _find_faces(drawn: _Drawn, x: int, y: int) -> list[FaceAtPixel]:
     # Draw each alone: what it covers, and how deep it is there, is the engine's word.
     depth = np.empty((viewport.height, viewport.width), np.float32)
     face_id = np.empty((viewport.height, viewport.width), np.int32)
-    shape = visibility.SCRATCH_SHAPE
-    scratch = np.empty(shape, np.float32), np.empty(shape, np.int32)
+    scratch = visibility.scratch_memory()
     bottomless = np.full(len(starts) - 1, -np.inf, np.float32)
     one = np.zeros(len(starts), np.int64)
     one[tile + 1 :] = 1
@@ -408,8 +407,11 @@ def _shade(
         surface = surface._replace(lit_vertices=lit, matt_vertices=matt)
     row = np.full((1, plan.size[0]), visibility.NOTHING, np.int32)
     row[0, x] = face
-    linear = np.empty((1, plan.size[0], 4), np.float32)
-    shading.shade_rows(row, y, geometry, placement, surface, lighting, plan.background, linear)
+    linear, no_color = np.empty((1, plan.size[0], 4), np.float32), np.empty((1, 0), np.uint32)
+    shading.shade_rows(
+        row, y, geometry, placement, surface, lighting, plan.background, resolve.encoding_table(),
+        linear, no_color, shading.scratch_memory(surface.textures is not None),
+    )  # fmt: skip
     return linear[0, x].copy()
 
 
@@ -421,7 +423,10 @@ def _lit_vertices(
     if surface.materials[owner, shading.MATERIAL_MODEL] == shading.GOURAUD:
         for vertex in drawn.arrays.faces[face].tolist():
             vertices = (vertex, vertex + 1)
-            shading.light_vertices(vertices, owner, drawn.placement, surface, lighting, lit)
+            shading.light_vertices(
+                vertices, owner, drawn.placement, surface, lighting, lit,
+                shading.scratch_memory(False),
+            )  # fmt: skip
     return lit
 
 

@@ -19,14 +19,16 @@ def clip_all(positions, viewport=WITHIN, faces=None):
     faces = np.ascontiguousarray(faces, np.int32)
     cut = np.arange(len(faces), dtype=np.int32)
     counts = np.zeros(len(faces), np.int64)
-    clipping.count_clipped_vertices(cut, faces, positions, viewport, counts)
+    scratch = np.empty((2, clipping.MOST_VERTICES, 4))
+    clipping.count_clipped_vertices(cut, faces, positions, viewport, counts, scratch)
     vertex_starts = np.concatenate(([0], np.cumsum(counts)))
     piece_starts = np.concatenate(([0], np.cumsum(np.maximum(counts - 2, 0))))
     vertices = np.full((vertex_starts[-1], 4), np.nan)
     pieces = np.full((piece_starts[-1], 3), -1, np.int32)
     sources = np.full(piece_starts[-1], -1, np.int32)
     clipping.clip_faces(
-        cut, faces, positions, viewport, (vertex_starts, piece_starts), (vertices, pieces, sources)
-    )
+        cut, faces, positions, viewport, (vertex_starts, piece_starts),
+        (vertices, pieces, sources), scratch,
+    )  # fmt: skip
     assert not np.isnan(vertices).any()
     return counts.tolist(), vertices, pieces, sources

@@ -18,8 +18,6 @@ References
 
 from __future__ import annotations
 
-import numpy as np
-
 from rasterjit.kernels.jit import kernel, stage
 from rasterjit.kernels.records import Viewport
 from rasterjit.kernels.setup import CLIPPED, FRUSTUM, INVALID

@@ -71,7 +71,13 @@ from rasterjit.kernels.setup import (
 )
 from rasterjit.kernels.setup import CULLED as TURNED_AWAY
 from rasterjit.kernels.setup import DEGENERATE as WITHOUT_AREA
-from rasterjit.kernels.visibility import NOTHING, TILE_SIZE, clear_tile, draw_triangle
+from rasterjit.kernels.visibility import (
+    NOTHING,
+    TILE_SIZE,
+    clear_tile,
+    draw_listed,
+    tile_window,
+)
 
 DROPPED, DEGENERATE, OUTSIDE, CULLED, SUB_PIXEL, HIDDEN, VISIBLE = 0, 1, 2, 3, 4, 5, 6
 """Fates of a face. Of the pieces that a face was cut into, the greatest fate is the face's."""
@@ -150,25 +156,27 @@ def count_samples(
     faces, screen, viewport : records
     frame : (depth (H, W) float32, face_id (H, W) int32)
         What `visibility.draw_tiles` wrote.
-    scratch : (depth, face numbers, ties (64, 64) uint8)
-        This thread's own tile: the first two as `visibility.draw_tiles` takes them, the last zero.
+    scratch : (visibility.scratch_memory(), ties (64, 64) uint8)
+        This thread's own; the ties are zero.
     counts : (samples (M,) int32, ties (tiles,) int64)
         Writes the samples that each entry of the lists covers in its tile, seen or not; and for
         each tile the pixels where a face lost to another of exactly equal depth.
     """
     samples, tied = counts
-    tile_depth, tile_numbers, ties = scratch
+    drawing, ties = scratch
+    tile_depth, tile_numbers = drawing[0], drawing[1]
     columns = (np.int64(viewport.width) + TILE_SIZE - 1) >> TILE_BITS
     own, pieces, piece_faces = faces.faces, faces.pieces, faces.piece_faces
     clear_tile(tile_depth, tile_numbers)
     for n in range(tiles.shape[0]):
         tile = np.int64(tiles[n])
-        origin = ((tile % columns) << TILE_BITS, (tile // columns) << TILE_BITS)
+        window = tile_window(tile, columns, viewport)
+        origin = window[0], window[1]
         for k in range(starts[tile], starts[tile + 1]):
             corners, face = triangle_of(own, pieces, piece_faces, np.int64(binned[k]))
-            draw_triangle(
-                corners, face, screen, viewport, origin, np.float32(-np.inf),
-                (tile_depth, tile_numbers),
+            draw_listed(
+                binned[k : k + 1], (own, pieces, piece_faces), screen, window, viewport.grid_bits,
+                np.float32(-np.inf), drawing,
             )  # fmt: skip
             box = box_in_tile(corners, screen, viewport, origin)
             samples[k] = take_samples(face, box, origin, (tile_depth, tile_numbers), frame, ties)

@@ -173,7 +173,8 @@ def light_samples(samples, count, lighting, toward_viewer):
     """
     normalize_rows(samples[NORMAL_X, :count], samples[NORMAL_Y, :count], samples[NORMAL_Z, :count])
     start_colors(
-        samples[RED, :count], samples[GREEN, :count], samples[BLUE, :count], samples[LIT, :count], lighting.ambient,
+        samples[RED, :count], samples[GREEN, :count], samples[BLUE, :count],
+        samples[LIT, :count], lighting.ambient,
         samples[OUT_RED, :count], samples[OUT_GREEN, :count], samples[OUT_BLUE, :count],
     )  # fmt: skip
     for n in range(lighting.lights.shape[0]):

@@ -86,7 +86,7 @@ def put_corners(face, geometry, whole, real):
 
 @stage
 def row_start(whole, real, column, row):
-    """Return what `interpolation.weights_along_row` takes: the weights of a face from a pixel on."""
+    """Return what `interpolation.weights_along_row` takes, from a pixel on."""
     return (
         (
             whole[EDGE] + column * whole[ACROSS] + row * whole[DOWN],

@@ -2,9 +2,10 @@
 Shade each visible sample once: base colour and normal first, then light, row by row.
 
 A row's covered samples are gathered into scratch memory, one row for each quantity (``lighting``),
-and lit together by loops that vectorize. Neighbours on one face form a run: what belongs to the
-face is read once, and the weights and every attribute are interpolated along it. What no object of the frame has (vertex colours, textures, normals, lights ...) is
-``None`` and compiled out.
+and lit together by loops that vectorize. Neighbours on one face form a run (``runs``): what belongs
+to the face is set up once, and the weights and every attribute are interpolated along the run.
+What no object of the frame has (vertex colours, textures, normals, lights ...) is ``None`` and
+compiled out.
 """
 
 from __future__ import annotations
@@ -267,7 +268,7 @@ def normals_of(a, b, c, model, owner, placement, normals):
 
     The face's own normal three times, and the unit matrix, unless the object is smooth.
     """
-    if normals is not None:
+    if normals is not None:  # noqa: SIM102 - absent normals are compiled out
         if model == PHONG:
             at = vertex_normal(normals, a), vertex_normal(normals, b), vertex_normal(normals, c)
             return at, matrix_of(placement.normal_matrices, owner)

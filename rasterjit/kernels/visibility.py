@@ -140,7 +140,7 @@ def find_spans(begins, ends, depths, lines, columns, inside_bc, inside_ca, plane
     Write, row by row, the first covered column, one past the last, and the depth at the first.
 
     Takes three `crossing_line`, and two exact edges as value at the corner of the box, step across
-    and step down. ``floor(e / s)`` of integers below 2**47 is exact in float64: see the notes above.
+    and step down. The divisions are exact: see the notes above.
     """
     for i in range(begins.shape[0]):
         row = np.int64(i)
@@ -468,6 +468,34 @@ def draw_triangle(n, whole, real, origin, bits, floor, tile, flat_tile, spans):
 
 
 @stage
+def tile_window(number, columns, viewport):
+    """Return the first column and row of a tile, and the last ones inside the image."""
+    left, top = (number % columns) << TILE_BITS, (number // columns) << TILE_BITS
+    return (
+        left,
+        top,
+        min(left + TILE_SIZE, np.int64(viewport.width)) - 1,
+        min(top + TILE_SIZE, np.int64(viewport.height)) - 1,
+    )
+
+
+@stage
+def draw_listed(listed, faces, screen, window, bits, floor, scratch):
+    """
+    Draw at most ``BATCH`` listed triangles, one after the other, into a tile.
+
+    Takes the parts of a ``Faces``, a `tile_window`, the tile's floor and `scratch_memory`.
+    """
+    tile_depth, tile_numbers, whole, real, begins, ends, row_depths = scratch
+    gather_triangles(listed, faces, screen, whole, real)
+    plan_triangles(listed.shape[0], window, bits, whole, real)
+    tile, spans = (tile_depth, tile_numbers), (begins, ends, row_depths)
+    flat_tile = tile_depth.reshape(-1), tile_numbers.reshape(-1)
+    for n in range(np.uintp(listed.shape[0])):
+        draw_triangle(n, whole, real, window, bits, floor, tile, flat_tile, spans)
+
+
+@stage
 def clear_tile(depths, numbers):
     """Mark every sample of a tile as empty."""
     for row in range(depths.shape[0]):
@@ -515,33 +543,20 @@ def draw_tiles(
         This thread's own, from `scratch_memory`.
     """
     depth, face_id = frame
-    tile_depth, tile_numbers, whole, real, begins, ends, row_depths = scratch
-    spans = begins, ends, row_depths
-    tile, flat_tile = (tile_depth, tile_numbers), (tile_depth.reshape(-1), tile_numbers.reshape(-1))
+    tile_depth, tile_numbers = scratch[0], scratch[1]
     columns = (np.int64(viewport.width) + TILE_SIZE - 1) >> TILE_BITS
-    own, pieces, piece_faces = faces.faces, faces.pieces, faces.piece_faces
-    bits = viewport.grid_bits
+    parts = faces.faces, faces.pieces, faces.piece_faces
     for n in range(tiles.shape[0]):
         number = np.int64(tiles[n])
-        origin = ((number % columns) << TILE_BITS, (number // columns) << TILE_BITS)
-        window = (
-            origin[0],
-            origin[1],
-            min(origin[0] + TILE_SIZE, np.int64(viewport.width)) - 1,
-            min(origin[1] + TILE_SIZE, np.int64(viewport.height)) - 1,
-        )
+        window = tile_window(number, columns, viewport)
         clear_tile(tile_depth, tile_numbers)
         for first in range(starts[number], starts[number + 1], BATCH):
-            count = min(starts[number + 1] - first, BATCH)
-            listed = binned[first : first + count]
-            gather_triangles(listed, (own, pieces, piece_faces), screen, whole, real)
-            plan_triangles(count, window, bits, whole, real)
-            for k in range(np.uintp(count)):
-                draw_triangle(k, whole, real, origin, bits, floors[number], tile, flat_tile, spans)
+            listed = binned[first : min(first + BATCH, starts[number + 1])]
+            draw_listed(listed, parts, screen, window, viewport.grid_bits, floors[number], scratch)
         # Write the tile to the frame.
-        left, top = origin
-        width = min(TILE_SIZE, viewport.width - left)
-        for row in range(min(TILE_SIZE, viewport.height - top)):
+        left, top = window[0], window[1]
+        width = window[2] + 1 - left
+        for row in range(window[3] + 1 - top):
             frame_depth = depth[top + row, left : left + width]
             frame_numbers = face_id[top + row, left : left + width]
             for column in range(width):

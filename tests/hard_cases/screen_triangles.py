@@ -88,12 +88,13 @@ def draw_tile(positions, faces, column, row, bits=8):
     screen, seen = stages.project(positions, depth_coefficients, viewport, workers)
     drawn = Faces(faces, np.empty((0, 3), np.int32), np.empty(0, np.int32))
     if seen & setup.CLIPPED:
-        drawn, screen, _ = stages.clip(positions, faces, depth_coefficients, viewport, screen)
+        drawn, screen, _ = stages.clip(
+            positions, faces, depth_coefficients, viewport, screen, workers.memory
+        )
     objects = Objects(np.array([0, len(faces)], np.int64), np.zeros(1, np.int8))
     starts, binned, floors, _ = stages.set_up_and_bin(drawn, objects, screen, viewport, workers)
     frame = np.empty(LARGEST, np.float32), np.empty(LARGEST, np.int32)
-    shape = visibility.SCRATCH_SHAPE
-    scratch = np.empty(shape, np.float32), np.empty(shape, np.int32)
+    scratch = visibility.scratch_memory()
     tiles = np.array([row * (LARGEST[0] // TILE) + column], np.int32)
     visibility.draw_tiles(tiles, starts, binned, floors, drawn, screen, viewport, frame, scratch)
     return frame[1][row * TILE : (row + 1) * TILE, column * TILE : (column + 1) * TILE].copy()

@@ -177,7 +177,9 @@ def geometry_of(points, w, size):
     positions = screen.naive.clip_from_screen(points, size, 0.0, w)
     viewport = viewport_of(size, 8)
     projected, _ = stages.project(positions, (0.0, -1.0, 0.0), viewport, stages.Workers(1))
-    return Geometry(np.array(FACE, np.int32), projected.xy, projected.codes, projected.w, positions, viewport)
+    return Geometry(
+        np.array(FACE, np.int32), projected.xy, projected.codes, projected.w, positions, viewport
+    )
 
 
 def strip(w_ratio, columns):

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 import rasterjit as rj
 from rasterjit import oracle, stages
 from rasterjit.kernels import clipping, setup
+from rasterjit.memory import Memory
 from rasterjit.plan import viewport_of
 
 SIZE = (64, 64)
@@ -151,7 +152,9 @@ def test_every_clipped_vertex_is_snapped_inside_the_guard_band(seed):
     # What is not written keeps this mark.
     mark = np.iinfo(np.int32).min
     screen.xy[count:], screen.depth[count:] = mark, np.nan
-    all_faces, screen, cut = stages.clip(positions, faces, (0.0, -1.0, 0.0), viewport, screen)
+    all_faces, screen, cut = stages.clip(
+        positions, faces, (0.0, -1.0, 0.0), viewport, screen, Memory()
+    )
     assert cut > 50
     used = np.unique(all_faces.pieces)
     assert used.min() >= count

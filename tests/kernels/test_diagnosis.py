@@ -34,7 +34,9 @@ def draw(clip_positions, faces=((0, 1, 2),), size=SIZE, bits=8, turn=0):
         positions, faces, objects, (0.0, -1.0, 0.0), viewport, stages.Workers(1), lambda _: None,
         keep_lists=True,
     )  # fmt: skip
-    geometry = Geometry(faces, coverage.screen.xy, coverage.screen.codes, coverage.screen.w, positions, viewport)
+    geometry = Geometry(
+        faces, coverage.screen.xy, coverage.screen.codes, coverage.screen.w, positions, viewport
+    )
     return coverage, geometry, objects
 
 
@@ -42,11 +44,7 @@ def count(coverage, geometry):
     """Return the samples of each triangle and the pixels with a tie of each tile."""
     starts, binned, faces = coverage.lists
     side = visibility.TILE_SIZE
-    scratch = (
-        np.empty(visibility.SCRATCH_SHAPE, np.float32),
-        np.empty(visibility.SCRATCH_SHAPE, np.int32),
-        np.zeros((side, side), np.uint8),
-    )
+    scratch = visibility.scratch_memory(), np.zeros((side, side), np.uint8)
     counts = np.zeros(len(binned), np.int32), np.zeros(len(starts) - 1, np.int64)
     tiles = np.arange(len(starts) - 1, dtype=np.int32)
     frame = coverage.depth, coverage.face_id
