@@ -108,7 +108,7 @@ def light(samples, lights, ambient, viewer=VIEWER, highlights=1):
         np.asarray(ambient, np.float32),
         None if highlights is None else np.int64(highlights),
     )
-    lit.light_samples(samples, record, viewer)
+    lit.light_samples(samples, samples.shape[1], record, viewer)
     return samples[lit.OUT_RED : lit.OUT_BLUE + 1].T.copy()
 
 

@@ -41,10 +41,11 @@ def draw(starts, binned, floors, faces, screen, viewport):
     return frame
 
 
-def is_large(lists):
-    """Tell whether the tiles that list the only triangle reach far enough to be looked at."""
-    tiles = np.flatnonzero(np.diff(lists[0]))
-    return np.ptp(tiles % COLUMNS) + np.ptp(tiles // COLUMNS) >= setup.LARGE_SPAN
+def is_large(points):
+    """Tell whether the box of a triangle reaches over tiles enough to be looked at."""
+    first = np.maximum(np.ceil(points.min(axis=0) - 0.5), 0.0) // TILE
+    last = np.minimum(np.floor(points.max(axis=0) - 0.5), np.array(SIZE) - 1.0) // TILE
+    return (last - first).sum() >= setup.LARGE_SPAN
 
 
 def tiles_of(array):
@@ -74,7 +75,7 @@ def test_a_floor_is_the_lowest_depth_of_a_triangle_that_covers_the_tile(seed):
         floors = lists[2]
         depth, face_id = draw(*lists)
         for (tile, part), (_, numbers) in zip(tiles_of(depth), tiles_of(face_id), strict=True):
-            if (numbers >= 0).all() and is_large(lists):
+            if (numbers >= 0).all() and is_large(points):
                 lowest = part.min()
                 assert lowest - 2 * np.spacing(abs(lowest)) <= floors[tile] <= lowest
                 found += 1
