@@ -18,10 +18,40 @@ from __future__ import annotations
 import numpy as np
 
 from rasterjit.kernels.jit import kernel, stage
-from rasterjit.kernels.lines import draw_line_in_chunks, new_chunk
+from rasterjit.kernels.lines import (
+    FRACTION_BITS,
+    HALF,
+    SHORT_STEPS,
+    color_gain,
+    draw_line,
+    entry_color,
+    gain_per_step,
+    seen_run,
+)
 
 RECORD = 6
 """Words of a binned line: x0, y0, x1, y1, and RGBA of the start and of the end."""
+
+CHUNK = 128
+"""Pixels whose colours and places are computed at once, before any of them is written."""
+
+VECTOR = 16
+"""Pixels in the widest vector register; a chunk is filled in multiples of it."""
+
+LANE_BITS = 24
+"""Fraction bits of a channel in a chunk: with its 8 whole bits it fills ``uint32``."""
+
+LANE_ROUNDING = (1 << (FRACTION_BITS - LANE_BITS)) - 1
+"""Added before the surplus bits are cut off: rounds up."""
+
+MINOR_BITS = 23
+"""Fraction bits of the minor coordinate in a chunk: it moves up to 128 pixels either way."""
+
+MINOR_ROUNDING = (1 << (FRACTION_BITS - MINOR_BITS)) - 1
+"""Added before the surplus bits are cut off: rounds up."""
+
+FRACTION_MASK = (1 << FRACTION_BITS) - 1
+"""Keeps the fraction of a running number."""
 
 
 @stage
@@ -86,10 +116,121 @@ def unpacked_color(rgba):
     return bits & 255, (bits >> 8) & 255, (bits >> 16) & 255, (bits >> 24) & 255
 
 
-@kernel
-def draw_band(band_pixels, top, records):
+@stage
+def record_ends(records, line, top):
+    """Return the end points of a binned line in a target that begins at row ``top``."""
+    return (
+        np.int64(records[line, 0]),
+        np.int64(records[line, 1]) - top,
+        np.int64(records[line, 2]),
+        np.int64(records[line, 3]) - top,
+    )
+
+
+@stage
+def is_short(ends):
+    """Return whether a line has at most ``SHORT_STEPS`` steps."""
+    return max(abs(ends[2] - ends[0]), abs(ends[3] - ends[1])) <= SHORT_STEPS
+
+
+@stage
+def lane(value):
+    """Return a running number with ``LANE_BITS`` fraction bits, rounded up, modulo 2**32."""
+    return np.uint32(((value + LANE_ROUNDING) >> (FRACTION_BITS - LANE_BITS)) & 0xFFFFFFFF)
+
+
+@stage
+def lanes(color):
+    """Return the four channels of a colour or of its gain as ``lane`` does."""
+    return lane(color[0]), lane(color[1]), lane(color[2]), lane(color[3])
+
+
+@stage
+def minor_lane(value):
+    """Return a running number with ``MINOR_BITS`` fraction bits, rounded up."""
+    return np.int32((value + MINOR_ROUNDING) >> (FRACTION_BITS - MINOR_BITS))
+
+
+@stage
+def color_at(color, gain, steps):
+    """Return the colour, in fixed point, some steps after a given one."""
+    return (
+        color[0] + steps * gain[0],
+        color[1] + steps * gain[1],
+        color[2] + steps * gain[2],
+        color[3] + steps * gain[3],
+    )
+
+
+@stage
+def channel_at(start, gain, step):
+    """Return a lane ``step`` pixels after the start of a chunk; the channel is its high byte."""
+    return np.uint32(start + np.uint32(step * gain))
+
+
+@stage
+def fill_chunk(colors, places, count, color, gain, minor, minor_gain, strides):
     """
-    Draw the lines of one band, in order.
+    Compute the colours of ``count`` pixels and how far behind the first one's row they lie.
+
+    Colours and gains are lanes; so are the fraction of the minor coordinate at the first pixel
+    and its gain. ``strides`` are the distances of one pixel along the major and the minor axis.
+    """
+    for step in range(count):
+        k, i = np.uint32(step), np.int32(step)
+        red = channel_at(color[0], gain[0], k) >> np.uint32(24)
+        green = channel_at(color[1], gain[1], k) >> np.uint32(16)
+        blue = channel_at(color[2], gain[2], k) >> np.uint32(8)
+        alpha = channel_at(color[3], gain[3], k)
+        colors[step] = np.uint32(
+            red
+            | (green & np.uint32(0xFF00))
+            | (blue & np.uint32(0xFF0000))
+            | (alpha & np.uint32(0xFF000000))
+        )
+        minor_steps = np.int32(minor + np.int32(i * minor_gain)) >> np.int32(MINOR_BITS)
+        places[step] = np.int32(
+            np.int32(np.int32(minor_steps) * strides[1]) + np.int32(i * strides[0])
+        )
+
+
+@stage
+def draw_short_line(pixels, colors, places, width, height, ends, start_color, end_color):
+    """
+    Draw one line of at most ``SHORT_STEPS`` steps into a flat target.
+
+    ``colors`` and ``places`` are room for the pixels of one chunk.
+    """
+    (first, last, steps), strides, (minor_start, minor_end) = seen_run(ends, width, height)
+    reciprocal = (1 << FRACTION_BITS) // max(steps, 1)
+    minor_gain = gain_per_step(minor_start, minor_end, steps, reciprocal)
+    gain = color_gain(start_color, end_color, steps, reciprocal)
+    gain_lanes = lanes(gain)
+    # Enter the line at its first visible step; what the minor coordinate gains is told apart
+    minor = HALF + first * minor_gain
+    color = color_at(entry_color(start_color, end_color, 0, steps), gain, first)
+    major_index, major_stride, minor_stride = strides
+    for chunk in range(first, last + 1, CHUNK):
+        count = min(last + 1 - chunk, CHUNK)
+        # Fill whole vectors; what lies behind the count is not drawn
+        filled = (count + VECTOR - 1) & -VECTOR
+        fraction, lane_gain = minor_lane(minor & FRACTION_MASK), minor_lane(minor_gain)
+        steps_apart = (np.int32(major_stride), np.int32(minor_stride))
+        fill_chunk(
+            colors, places, filled, lanes(color), gain_lanes, fraction, lane_gain, steps_apart
+        )
+        start = major_index + (minor_start + (minor >> FRACTION_BITS)) * minor_stride
+        for k in range(count):
+            pixels[np.uintp(start + np.int64(places[k]))] = colors[k]
+        major_index += CHUNK * major_stride
+        minor += CHUNK * minor_gain
+        color = color_at(color, gain, CHUNK)
+
+
+@kernel
+def draw_short_lines(band_pixels, top, records, line):
+    """
+    Draw the lines of one band in order, from number ``line`` up to the next long one.
 
     Parameters
     ----------
@@ -99,12 +240,46 @@ def draw_band(band_pixels, top, records):
         Row of the target at which the band begins.
     records : (M, 6) int32
         The band's part of what ``bin_lines`` returned.
+    line : int
+        In 0..M.
+
+    Returns
+    -------
+    int
+        Number of the first line that is not drawn, for it has more than ``SHORT_STEPS`` steps; M
+        if there is none.
     """
     height, width = band_pixels.shape
     pixels = band_pixels.reshape(-1)
-    chunk = new_chunk()
-    for line in range(records.shape[0]):
-        x0, y0 = np.int64(records[line, 0]), np.int64(records[line, 1]) - top
-        x1, y1 = np.int64(records[line, 2]), np.int64(records[line, 3]) - top
-        start, end = unpacked_color(records[line, 4]), unpacked_color(records[line, 5])
-        draw_line_in_chunks(pixels, chunk, width, height, (x0, y0, x1, y1), start, end)
+    colors, places = np.empty(CHUNK, np.uint32), np.empty(CHUNK, np.int32)
+    for number in range(line, records.shape[0]):
+        ends = record_ends(records, number, top)
+        if not is_short(ends):
+            return number
+        start, end = unpacked_color(records[number, 4]), unpacked_color(records[number, 5])
+        draw_short_line(pixels, colors, places, width, height, ends, start, end)
+    return records.shape[0]
+
+
+@kernel
+def draw_long_lines(band_pixels, top, records, line):
+    """
+    Draw the lines of one band in order, from number ``line`` up to the next short one.
+
+    The counterpart of ``draw_short_lines``, of the same parameters: apart, because a function that
+    holds both paths has too few registers for the short one (a third slower, measured).
+
+    Returns
+    -------
+    int
+        Number of the first line that is not drawn; M if there is none.
+    """
+    height, width = band_pixels.shape
+    pixels = band_pixels.reshape(-1)
+    for number in range(line, records.shape[0]):
+        ends = record_ends(records, number, top)
+        if is_short(ends):
+            return number
+        start, end = unpacked_color(records[number, 4]), unpacked_color(records[number, 5])
+        draw_line(pixels, None, None, width, height, ends, None, start, end)
+    return records.shape[0]

@@ -65,28 +65,6 @@ CHUNK_BITS = FRACTION_BITS // 2
 """Bits of a quotient found by one division: a remainder below 2**32, so shifted, fits ``int64``."""
 
 
-CHUNK = 128
-"""Pixels whose colours and places are computed at once, before any of them is written."""
-
-VECTOR = 16
-"""Pixels in a vector register; a chunk is filled in multiples of it."""
-
-LANE_BITS = 24
-"""Fraction bits of a channel in a chunk: with its 8 whole bits it fills ``uint32``."""
-
-LANE_ROUNDING = (1 << (FRACTION_BITS - LANE_BITS)) - 1
-"""Added before the surplus bits are cut off: rounds up."""
-
-MINOR_LANE_BITS = 23
-"""Fraction bits of the minor coordinate in a chunk: it moves up to 128 pixels either way."""
-
-MINOR_LANE_ROUNDING = (1 << (FRACTION_BITS - MINOR_LANE_BITS)) - 1
-"""Added before the surplus bits are cut off: rounds up."""
-
-FRACTION_MASK = (1 << FRACTION_BITS) - 1
-"""Keeps the fraction of a running number."""
-
-
 @stage
 def multiply_divide(a, b, divisor):
     """
@@ -159,17 +137,6 @@ def next_color(color, gain):
     if gain is None:
         return color
     return (color[0] + gain[0], color[1] + gain[1], color[2] + gain[2], color[3] + gain[3])
-
-
-@stage
-def advanced_color(color, gain, steps):
-    """Return the colour some steps later."""
-    return (
-        color[0] + steps * gain[0],
-        color[1] + steps * gain[1],
-        color[2] + steps * gain[2],
-        color[3] + steps * gain[3],
-    )
 
 
 @stage
@@ -323,6 +290,7 @@ def draw_line(pixels, depth, slack, width, height, ends, line_depths, start_colo
     (first, last, steps), strides, (minor_start, minor_end) = seen_run(ends, width, height)
     if first > last:
         return
+    # Enter the line there and walk
     run = (first, last, strides[0], strides[1], strides[2])
     minor = entry_value(minor_start, minor_end, first, steps)
     reciprocal = (1 << FRACTION_BITS) // max(steps, 1)
@@ -334,109 +302,6 @@ def draw_line(pixels, depth, slack, width, height, ends, line_depths, start_colo
     else:
         gain = color_gain(start_color, end_color, steps, reciprocal)
         walk(pixels, depth, slack, ramp, run, minor, minor_gain, color, gain)
-
-
-@stage
-def new_chunk():
-    """Return room for the colours and the places of one chunk."""
-    return np.empty(CHUNK, np.uint32), np.empty(CHUNK, np.int32)
-
-
-@stage
-def lane(value):
-    """Return a running number with ``LANE_BITS`` fraction bits, rounded up, modulo 2**32."""
-    return np.uint32(((value + LANE_ROUNDING) >> (FRACTION_BITS - LANE_BITS)) & 0xFFFFFFFF)
-
-
-@stage
-def minor_lane(value):
-    """Return a running number with ``MINOR_LANE_BITS`` fraction bits, rounded up."""
-    return np.int32((value + MINOR_LANE_ROUNDING) >> (FRACTION_BITS - MINOR_LANE_BITS))
-
-
-@stage
-def ramp_lane(start, gain, step):
-    """Return one channel ``step`` pixels after the start of a chunk, in the highest byte."""
-    return np.uint32(start + np.uint32(step * gain))
-
-
-@stage
-def fill_chunk(chunk, count, color, gain, minor, minor_gain, major_stride, minor_stride):
-    """
-    Compute the colours of ``count`` pixels and where they lie behind the first one's place.
-
-    Colours and gains are four lanes, the minor coordinate is the fraction at the first pixel.
-    """
-    colors, offsets = chunk
-    for step in range(count):
-        k, j = np.uint32(step), np.int32(step)
-        red = ramp_lane(color[0], gain[0], k) >> np.uint32(24)
-        green = ramp_lane(color[1], gain[1], k) >> np.uint32(16)
-        blue = ramp_lane(color[2], gain[2], k) >> np.uint32(8)
-        alpha = ramp_lane(color[3], gain[3], k)
-        colors[step] = np.uint32(
-            red
-            | (green & np.uint32(0xFF00))
-            | (blue & np.uint32(0xFF0000))
-            | (alpha & np.uint32(0xFF000000))
-        )
-        minor_steps = np.int32(minor + np.int32(j * minor_gain)) >> np.int32(MINOR_LANE_BITS)
-        offsets[step] = np.int32(
-            np.int32(np.int32(minor_steps) * minor_stride) + np.int32(j * major_stride)
-        )
-
-
-@stage
-def walk_in_chunks(pixels, chunk, run, strides, minor_start, minor, minor_gain, color, gain):
-    """
-    Write the pixels of one visible run of a short line, all of them inside the target.
-
-    ``minor`` is what ``minor_start`` has gained at the first step, and one half.
-    """
-    first, last, _ = run
-    major_index, major_stride, minor_stride = strides
-    lane_gain = (lane(gain[0]), lane(gain[1]), lane(gain[2]), lane(gain[3]))
-    left = last - first + 1
-    while left > 0:
-        count = min(left, CHUNK)
-        # Whole vectors: what lies behind the count is not written to the target
-        fill_chunk(
-            chunk,
-            (count + VECTOR - 1) & -VECTOR,
-            (lane(color[0]), lane(color[1]), lane(color[2]), lane(color[3])),
-            lane_gain,
-            minor_lane(minor & FRACTION_MASK),
-            minor_lane(minor_gain),
-            np.int32(major_stride),
-            np.int32(minor_stride),
-        )
-        start = major_index + (minor_start + (minor >> FRACTION_BITS)) * minor_stride
-        for k in range(count):
-            pixels[np.uintp(start + np.int64(chunk[1][k]))] = chunk[0][k]
-        left -= count
-        major_index += CHUNK * major_stride
-        minor += CHUNK * minor_gain
-        color = advanced_color(color, gain, CHUNK)
-
-
-@stage
-def draw_line_in_chunks(pixels, chunk, width, height, ends, start_color, end_color):
-    """Draw one line as ``draw_line`` does, without depth test; faster if it is short."""
-    if max(abs(ends[2] - ends[0]), abs(ends[3] - ends[1])) > SHORT_STEPS:
-        draw_line(pixels, None, None, width, height, ends, None, start_color, end_color)
-        return
-    run, strides, (minor_start, minor_end) = seen_run(ends, width, height)
-    first, last, steps = run
-    if first > last:
-        return
-    reciprocal = (1 << FRACTION_BITS) // max(steps, 1)
-    minor_gain = gain_per_step(minor_start, minor_end, steps, reciprocal)
-    gain = color_gain(start_color, end_color, steps, reciprocal)
-    color = advanced_color(entry_color(start_color, end_color, 0, steps), gain, first)
-    minor = HALF + first * minor_gain
-    walk_in_chunks(
-        pixels, chunk, run, strides, minor_start, minor, minor_gain, color, gain
-    )
 
 
 @stage
@@ -479,11 +344,10 @@ def draw_lines(target, ends, colors):
     """
     height, width = target.shape
     pixels = target.reshape(-1)
-    chunk = new_chunk()
     for line in range(ends.shape[0]):
         x_y_x_y = line_ends(ends, line)
         start, end = line_color(colors, line, 0), line_color(colors, line, 1)
-        draw_line_in_chunks(pixels, chunk, width, height, x_y_x_y, start, end)
+        draw_line(pixels, None, None, width, height, x_y_x_y, None, start, end)
 
 
 @kernel
