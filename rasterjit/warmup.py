@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rasterjit.framebuffer import Framebuffer
+from rasterjit.framebuffer import FEW_LINES, Framebuffer
 from rasterjit.plan import OUTPUTS
 from rasterjit.rasterize import rasterize
 from rasterjit.render import render
@@ -114,6 +114,8 @@ def _rasterize() -> None:
 def _draw_lines() -> None:
     target = Framebuffer(*SIZE)
     target.draw_line((0, 0), (9, 5), (255, 0, 0), (0, 0, 255))
+    short, long = [(0, 0, 9, 5)] * FEW_LINES, [(0, 0, 2**20, 5)]
+    target.draw_lines(short + long, (255, 0, 0))
     target.draw_circle((8, 8), 5, (255, 0, 0))
     target.draw_bezier([(0, 0), (8, 0), (8, 8)], (255, 0, 0))
 

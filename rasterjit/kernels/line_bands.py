@@ -7,9 +7,28 @@ A band then draws its list, each line clipped to the band; a clipped line has th
 whole one (``rasterjit.kernels.lines``), and no two bands share a pixel. So the picture does not
 depend on the bands, on the order in which they are drawn, nor on how many are drawn at once.
 
+How chunks of 32-bit lanes stay exact
+-------------------------------------
+A line of at most 2**14 steps is drawn in chunks of 128 pixels. First their colours and places are
+computed, 16 pixels an instruction, then they are written one by one. Each chunk starts from the
+running numbers of ``lines``, 48 fraction bits, and goes on with 24 (channels) or 23 (minor
+coordinate) of them, start and gain again rounded up. So no number is ever below its exact value
+``v``. ``lines`` shows that only less than ``1 / (2 n)``, which is at least ``2**-15``, may be
+added; it is
+
+* in a channel, less than ``2**14 * 2**8 * 2**-48 = 2**-26`` by the shared reciprocal and less than
+  ``128 * 2**-24 = 2**-17`` by the chunk;
+* in the minor coordinate, at most ``2**14 * 2**14 * 2**-48 = 2**-20`` and less than
+  ``128 * 2**-23 = 2**-16``.
+
+The same bounds hold where the line is clipped, so it is entered without a division: with its start
+and the gain times the first visible step.
+
 References
 ----------
-.. [1] L. Seiler et al., "Larrabee: A Many-Core x86 Architecture for Visual Computing", ACM TOG
+.. [1] J. E. Bresenham, "Algorithm for computer control of a digital plotter", IBM Systems Journal
+   4(1), 1965: the pixels.
+.. [2] L. Seiler et al., "Larrabee: A Many-Core x86 Architecture for Visual Computing", ACM TOG
    27(3), 2008: bins that a core's cache holds.
 """
 
