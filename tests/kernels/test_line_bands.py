@@ -114,7 +114,7 @@ def test_channels_just_below_an_integer_are_not_rounded_up():
     # As in test_lines, for short lines: step k of a ramp by d is 1 / (2 n) below an integer
     rng = np.random.default_rng(5)
     tried = 0
-    while tried < (60 if JIT else 4):
+    while tried < (15 if JIT else 4):
         n = 2 * int(rng.integers(2**12 if JIT else 2**7, 2**13 if JIT else 2**8)) - 1
         d = int(rng.integers(3, 256))
         if math.gcd(n, d) > 1:
