@@ -21,7 +21,7 @@ from rasterjit.scene.camera import PerspectiveCamera
 from rasterjit.scene.material import Material
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.scene import Scene
-from rasterjit.stages import available_processors
+from rasterjit.workers import available_processors
 
 PACKAGES = ("rasterjit", "numpy", "numba", "llvmlite", "trimesh", "imageio")
 

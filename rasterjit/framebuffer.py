@@ -16,8 +16,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rasterjit.kernels import lines, primitives
-from rasterjit.validation import bounded_number, finite_array, image_size, one_of
+from rasterjit.kernels import line_bands, lines, primitives
+from rasterjit.validation import bounded_number, finite_array, image_size, one_of, thread_count
+from rasterjit.workers import Workers
 
 OPAQUE = 255
 
@@ -37,6 +38,24 @@ LINE_RANGE = (-(2**31), 2**31 - 1)
 SHAPE_RANGE = (-primitives.MAX_COORDINATE, primitives.MAX_COORDINATE)
 """Smallest and largest coordinate of everything else, pixels."""
 
+FEW_PIXELS = 2**19
+"""Up to this many pixels are drawn at once: to bin lines and to wake threads would cost more."""
+
+BAND_BYTES = 2**20
+"""Most bytes of a band of rows: what a core has as a cache of its own."""
+
+MOST_BANDS = 64
+"""So many lists a line may be in, at most."""
+
+LEAST_ROWS = 16
+"""Fewest rows of a band; in thinner ones most lines would be drawn in pieces."""
+
+LINES_PER_TASK = 2**15
+"""Lines binned by one task."""
+
+RECORDS_PER_BATCH = 2**22
+"""Most entries of all lists at a time, 24 bytes each: bounds memory, however many the lines."""
+
 
 class Framebuffer:
     """
@@ -46,6 +65,9 @@ class Framebuffer:
     ----------
     width, height : int, pixels
         In 1..16384.
+    threads : int or None, optional
+        Most threads that ``draw_lines`` uses, in 1..1024; ``None`` takes the processors this
+        process may run on. The picture is the same for any number.
 
     Attributes
     ----------
@@ -58,7 +80,7 @@ class Framebuffer:
     Raises
     ------
     ValueError
-        If a size is not a whole number in 1..16384.
+        If a size is not a whole number in 1..16384, or the number of threads not as said.
 
     Examples
     --------
@@ -68,8 +90,9 @@ class Framebuffer:
     ([255, 0, 0, 255], [0, 0, 255, 255])
     """
 
-    def __init__(self, width: int, height: int) -> None:
+    def __init__(self, width: int, height: int, *, threads: int | None = None) -> None:
         self._width, self._height = image_size("width, height", (width, height))
+        self._workers = Workers(thread_count("threads", threads))
         self._color = np.empty((self._height, self._width, 4), np.uint8)
         self._depth = np.empty((self._height, self._width), np.float32)
         self._pixels = self._color.view(np.uint32).reshape(self._height, self._width)
@@ -119,7 +142,7 @@ class Framebuffer:
         if depth != math.inf:
             largest = float(np.finfo(np.float32).max)
             depth = bounded_number("depth", depth, -largest, largest)
-        self._color[:] = rgba
+        self._pixels.fill(rgba.view(np.uint32)[0])
         self._depth.fill(depth)
 
     def put_pixel(self, x: int, y: int, color: ArrayLike) -> None:
@@ -166,6 +189,9 @@ class Framebuffer:
     def draw_lines(self, ends: ArrayLike, colors: ArrayLike) -> None:
         """
         Draw many lines in one call, in order.
+
+        More than a thousand are shared among the threads by bands of rows: each band is drawn by
+        one thread, in order, and cuts no pixel of a line anew.
 
         Parameters
         ----------
@@ -336,17 +362,101 @@ class Framebuffer:
 
     def _draw_line_batch(self, ends: Any, colors: Any) -> None:
         """Draw checked lines: (N, 4) end points and (N, 2, 4) colours."""
-        lines.draw_lines(
-            self._pixels,
-            np.ascontiguousarray(ends, dtype=np.int64),
-            np.ascontiguousarray(colors, dtype=np.uint8),
+        points = np.ascontiguousarray(ends, dtype=np.int64)
+        rgba = np.ascontiguousarray(colors, dtype=np.uint8)
+        if _is_little(points, max(self.width, self.height)):
+            lines.draw_lines(self._pixels, points, rgba)
+        else:
+            _draw_in_bands(self._pixels, points, rgba, self._workers)
+
+
+def _is_little(ends: NDArray[np.int64], most_steps: int) -> bool:
+    """Tell whether lines have few pixels, none of them more than ``most_steps`` that are seen."""
+    if len(ends) * most_steps <= FEW_PIXELS:
+        return True
+    steps = np.abs(ends[:, 2:] - ends[:, :2]).max(axis=1)
+    return int(np.minimum(steps, most_steps).sum()) <= FEW_PIXELS
+
+
+def _draw_in_bands(
+    pixels: NDArray[np.uint32],
+    ends: NDArray[np.int64],
+    colors: NDArray[np.uint8],
+    workers: Workers,
+) -> None:
+    """Draw (N, 4) end points and (N, 2, 4) colours, one band of rows after or beside the other."""
+    height, width = pixels.shape
+    rows = _rows_per_band(height, width, workers.threads)
+    tops = range(0, height, rows)
+    band_of_row = np.arange(height, dtype=np.int32) // np.int32(rows)
+    packed_colors = colors.view(np.int32).reshape(-1, 2)
+    lines_per_batch = RECORDS_PER_BATCH // len(tops)
+    for batch in range(0, len(ends), lines_per_batch):
+        batch_end = min(batch + lines_per_batch, len(ends))
+        parts = [
+            slice(first, min(first + LINES_PER_TASK, batch_end))
+            for first in range(batch, batch_end, LINES_PER_TASK)
+        ]
+        bins = workers.run(
+            _bin_lines,
+            [(ends[part], packed_colors[part], band_of_row, width, len(tops)) for part in parts],
         )
+        workers.run(
+            _draw_band,
+            [
+                (
+                    pixels[top : top + rows],
+                    top,
+                    [records[starts[k] : starts[k + 1]] for starts, records in bins],
+                )
+                for k, top in enumerate(tops)
+            ],
+        )
+
+
+def _bin_lines(
+    ends: NDArray[np.int64],
+    colors: NDArray[np.int32],
+    band_of_row: NDArray[np.int32],
+    width: int,
+    bands: int,
+) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
+    """Return where each band's lines begin in a list, (bands + 1,), and the list."""
+    counts = np.zeros(bands, np.int64)
+    line_bands.count_lines(ends, band_of_row, width, counts)
+    starts = np.concatenate(([0], np.cumsum(counts)))
+    records = np.empty((starts[-1], line_bands.RECORD), np.int32)
+    line_bands.list_lines(ends, colors, band_of_row, width, starts[:-1].copy(), records)
+    return starts, records
+
+
+def _rows_per_band(height: int, width: int, threads: int) -> int:
+    """Return how many rows a band has: a cache full, but fewer to give every thread two bands."""
+    rows = BAND_BYTES // (4 * width)
+    if threads > 1:
+        rows = min(rows, -(-height // (2 * threads)))
+    return max(rows, -(-height // MOST_BANDS), LEAST_ROWS)
+
+
+def _draw_band(
+    band_pixels: NDArray[np.uint32], top: int, lists: Sequence[NDArray[np.int32]]
+) -> None:
+    """Draw lists of binned lines into the rows of one band, which begins at row ``top``."""
+    scratch = line_bands.scratch_memory()
+    for records in lists:
+        line = 0
+        while line < len(records):
+            line = line_bands.draw_short_lines(band_pixels, top, records, line, scratch)
+            if line < len(records):
+                line = line_bands.draw_long_lines(band_pixels, top, records, line)
 
 
 def _whole_array(
     name: str, value: ArrayLike, shape: tuple[int | None, ...], low: int, high: int
 ) -> NDArray[np.int64]:
     """Return whole numbers in low..high as a contiguous int64 array, or raise ``ValueError``."""
+    if _is_whole_array(value, shape, low, high):
+        return np.require(value, np.int64, ["C", "ALIGNED", "WRITEABLE", "ENSUREARRAY"])
     numbers = finite_array(name, value, shape)
     wrong = (numbers != np.floor(numbers)) | (numbers < low) | (numbers > high)
     if wrong.any():
@@ -354,6 +464,17 @@ def _whole_array(
             f"{name} must be whole numbers in {low}..{high}, got {numbers[wrong].flat[0]!r}"
         )
     return np.ascontiguousarray(numbers.astype(np.int64)).reshape(numbers.shape)
+
+
+def _is_whole_array(value: ArrayLike, shape: tuple[int | None, ...], low: int, high: int) -> bool:
+    """Return whether a value is an array of an integer dtype, a shape and a range."""
+    return (
+        isinstance(value, np.ndarray)
+        and value.dtype.kind in "iu"
+        and value.ndim == len(shape)
+        and all(want in (None, have) for have, want in zip(value.shape, shape, strict=True))
+        and (value.size == 0 or (value.min() >= low and value.max() <= high))
+    )
 
 
 def _whole_number(name: str, value: Any) -> int:
@@ -372,6 +493,8 @@ def _colors(name: str, value: ArrayLike) -> NDArray[np.uint8]:
     """Return colours of 3 or 4 channels as RGBA, in any number of axes before the last."""
     try:
         channels = np.asarray(value)
+        if channels.dtype == np.uint8 and channels.ndim and channels.shape[-1] == 4:
+            return np.array(channels, order="C")
         if channels.dtype.kind not in "uif":
             raise TypeError
         if channels.dtype != np.uint8:

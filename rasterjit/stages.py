@@ -7,9 +7,7 @@ result has the same bits for any number of threads and any order of completion.
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Iterable
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -39,6 +37,7 @@ from rasterjit.kernels.records import (
 )
 from rasterjit.memory import Memory
 from rasterjit.transforms import transform_points
+from rasterjit.workers import Workers
 
 FACES_PER_TASK = 65536
 """Faces set up by one task: enough to hide the cost of a task, few enough to share out."""
@@ -54,49 +53,6 @@ ROWS_PER_TASK = 16
 
 SPARE_VERTICES = 1024
 """Room kept for vertices made by clipping before the arrays have to be copied."""
-
-
-class Workers:
-    """
-    A pool of threads for kernels that release the GIL.
-
-    Parameters
-    ----------
-    threads : int or None
-        How many; ``None`` takes the processors this process may run on.
-    """
-
-    def __init__(self, threads: int | None = None) -> None:
-        self.threads = available_processors() if threads is None else threads
-        self.memory = Memory()
-        self._pool: ThreadPoolExecutor | None = None
-        self._process = os.getpid()
-
-    def run(self, task: Callable[..., Any], arguments: Iterable[tuple]) -> list[Any]:
-        """Call ``task(*args)`` for each tuple; return the results in order."""
-        calls = list(arguments)
-        if self.threads == 1 or len(calls) <= 1:
-            return [task(*call) for call in calls]
-        if self._process != os.getpid():
-            # A forked process has the pool but none of its threads.
-            self._pool, self._process = None, os.getpid()
-        if self._pool is None:
-            self._pool = ThreadPoolExecutor(self.threads, thread_name_prefix="rasterjit")
-        return list(self._pool.map(lambda call: task(*call), calls))
-
-    def close(self) -> None:
-        """Let the threads go."""
-        if self._pool is not None:
-            self._pool.shutdown()
-            self._pool = None
-        self.memory.clear()
-
-
-def available_processors() -> int:
-    """Return the number of processors this process may run on."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 class Totals(NamedTuple):

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rasterjit.framebuffer import Framebuffer
+from rasterjit.framebuffer import FEW_PIXELS, Framebuffer
 from rasterjit.plan import OUTPUTS
 from rasterjit.rasterize import rasterize
 from rasterjit.render import render
@@ -114,6 +114,9 @@ def _rasterize() -> None:
 def _draw_lines() -> None:
     target = Framebuffer(*SIZE)
     target.draw_line((0, 0), (9, 5), (255, 0, 0), (0, 0, 255))
+    many = np.full((FEW_PIXELS // min(SIZE) + 2, 4), (0, 0, 2**10, 5))
+    many[-1, 2] = 2**20
+    target.draw_lines(many, (255, 0, 0))
     target.draw_circle((8, 8), 5, (255, 0, 0))
     target.draw_bezier([(0, 0), (8, 0), (8, 8)], (255, 0, 0))
 

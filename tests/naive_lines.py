@@ -81,3 +81,22 @@ def lines_on_panels(starts, ends, colors, side):
     x, y = place[panel, step].T
     picture[panel * side + y, x] = ramp[panel, step]
     return picture
+
+
+def lines_of_bands(ends, size, rows):
+    """List for each band of rows the numbers of the lines whose bounding box reaches it."""
+    width, height = size
+    bands = []
+    for top in range(0, height, rows):
+        bottom = min(top + rows, height) - 1
+        bands.append(
+            [
+                number
+                for number, (x0, y0, x1, y1) in enumerate(ends)
+                if max(x0, x1) >= 0
+                and min(x0, x1) < width
+                and max(y0, y1) >= top
+                and min(y0, y1) <= bottom
+            ]
+        )
+    return bands

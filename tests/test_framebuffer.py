@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from rasterjit import oracle
-from rasterjit.framebuffer import Framebuffer
+from rasterjit.framebuffer import FEW_PIXELS, Framebuffer
+from rasterjit.workers import Workers
 
 RED, GREEN, BLUE = (255, 0, 0), (0, 255, 0), (0, 0, 255)
 BLACK = [0, 0, 0, 255]
@@ -129,6 +130,81 @@ def test_batch_is_the_lines_one_by_one():
         for (x0, y0, x1, y1), (first, last) in zip(ends.tolist(), each, strict=True):
             single.draw_line((x0, y0), (x1, y1), first, last)
         np.testing.assert_array_equal(batch.color, single.color)
+
+
+def crowd(rng, count):
+    """Return lines of all kinds and their colours: short, long, far away, points."""
+    ends = rng.integers(-20, 90, (count, 4))
+    ends[::5, 2:] = ends[::5, :2] + rng.integers(-3, 4, (len(ends[::5]), 2))
+    ends[::7] = np.clip(ends[::7] * 2**25, -(2**31), 2**31 - 1)
+    ends[::11, 2:] = ends[::11, :2]
+    return ends, rng.integers(0, 256, (count, 2, 4)).astype(np.uint8)
+
+
+@pytest.mark.parametrize("threads", [1, 2, 3, None])
+@pytest.mark.parametrize("rows", [1, 6, 16])
+@pytest.mark.parametrize("per_task", [7, 1000])
+def test_bands_threads_and_batches_change_no_bit(monkeypatch, threads, rows, per_task):
+    ends, colors = crowd(np.random.default_rng(2), 200)
+    few = Framebuffer(70, 60)
+    few.draw_lines(ends, colors)
+    monkeypatch.setattr("rasterjit.framebuffer.FEW_PIXELS", 0)
+    monkeypatch.setattr("rasterjit.framebuffer.LEAST_ROWS", rows)
+    monkeypatch.setattr("rasterjit.framebuffer.BAND_BYTES", 70 * 4 * rows)
+    monkeypatch.setattr("rasterjit.framebuffer.LINES_PER_TASK", per_task)
+    monkeypatch.setattr("rasterjit.framebuffer.RECORDS_PER_BATCH", 60 * 5)
+    many = Framebuffer(70, 60, threads=threads)
+    many.draw_lines(ends, colors)
+    np.testing.assert_array_equal(many.color, few.color)
+    assert many.color.any()
+
+
+def test_many_lines_are_the_lines_one_by_one():
+    count = FEW_PIXELS // 20
+    ends, colors = crowd(np.random.default_rng(3), count)
+    batch, single = Framebuffer(70, 60, threads=2), Framebuffer(70, 60)
+    batch.draw_lines(ends, colors)
+    for (x0, y0, x1, y1), (first, last) in zip(ends.tolist(), colors, strict=True):
+        single.draw_line((x0, y0), (x1, y1), first, last)
+    np.testing.assert_array_equal(batch.color, single.color)
+
+
+def test_few_lines_wake_no_thread(monkeypatch):
+    calls = []
+    monkeypatch.setattr(Workers, "run", lambda *arguments: calls.append(arguments))
+    ends, colors = crowd(np.random.default_rng(4), FEW_PIXELS // 70)
+    framebuffer = Framebuffer(70, 60, threads=2)
+    framebuffer.draw_lines(ends, colors)
+    assert framebuffer.color[..., :3].any()
+    assert not calls
+
+
+@pytest.mark.parametrize("threads", [0, 1.5, "2", True, 1025])
+def test_bad_number_of_threads_is_named(threads):
+    with pytest.raises(ValueError, match="threads"):
+        Framebuffer(4, 4, threads=threads)
+
+
+def test_lines_colored_by_the_picture_itself_take_its_colors_from_before():
+    own = Framebuffer(8, 1)
+    own.color[:] = np.arange(32).reshape(1, 8, 4)
+    before = own.color.copy()
+    ends = [(7 - k, 0, 7 - k, 0) for k in range(8)]
+    own.draw_lines(ends, own.color[0])
+    np.testing.assert_array_equal(own.color, before[:, ::-1])
+
+
+def test_arrays_of_whole_numbers_are_checked_like_any_other():
+    framebuffer = Framebuffer(4, 4)
+    for wrong in ([(0, 0, 2**31, 0)], [(0, 0, 1, -(2**31) - 1)], [(0, 0, 1)]):
+        with pytest.raises(ValueError, match="ends"):
+            framebuffer.draw_lines(np.array(wrong, np.int64), RED)
+    with pytest.raises(ValueError, match="ends"):
+        framebuffer.draw_lines(np.array([(0, 0, 1, 2**63)], np.uint64), RED)
+    frozen = np.array([(0, 0, 3, 0)], np.int64)
+    frozen.flags.writeable = False
+    framebuffer.draw_lines(frozen, RED)
+    assert lit(framebuffer) == {(x, 0) for x in range(4)}
 
 
 def test_triangle_outline_is_three_lines():

@@ -185,6 +185,8 @@ def first_step_reaching(offset, steps, minor_steps, bias):
     """
     if offset > minor_steps:
         return steps + 1
+    if steps <= SHORT_STEPS:
+        return (2 * (steps * offset + minor_steps) - bias - 1) // (2 * minor_steps)
     quotient, remainder = multiply_divide(steps, offset, minor_steps)
     return quotient + (2 * remainder - bias + 2 * minor_steps - 1) // (2 * minor_steps)
 
@@ -248,12 +250,13 @@ def walk(pixels, depth, slack, ramp, run, minor, minor_gain, color, gain):
 
 
 @stage
-def draw_line(pixels, depth, slack, width, height, ends, line_depths, start_color, end_color):
+def seen_run(ends, width, height):
     """
-    Draw one line into a flat target of ``width * height`` pixels.
+    Return which pixels of a line are seen and how it runs through the flat target.
 
-    ``ends`` is x and y of the start, x and y of the end; the colours are four ``int64`` each.
-    Without ``depth`` and ``line_depths`` there is no depth test.
+    First and last step (first > last if nothing is seen) and the number of all steps; the index of
+    the first seen pixel's major coordinate in the flat target, and the distance in it of one pixel
+    along each axis; the minor coordinate at both ends.
     """
     # Name the longer axis the major one
     x0, y0, x1, y1 = ends
@@ -270,12 +273,25 @@ def draw_line(pixels, depth, slack, width, height, ends, line_depths, start_colo
         first, last = visible_steps(
             major_start, major_end, major_size, minor_start, minor_end, minor_size
         )
-        if first > last:
-            return
-    # Enter the line there and walk
     major_sign = 1 if major_end >= major_start else -1
     major_index = (major_start + major_sign * first) * major_stride
-    run = (first, last, major_index, major_sign * major_stride, minor_stride)
+    strides = (major_index, major_sign * major_stride, minor_stride)
+    return (first, last, steps), strides, (minor_start, minor_end)
+
+
+@stage
+def draw_line(pixels, depth, slack, width, height, ends, line_depths, start_color, end_color):
+    """
+    Draw one line into a flat target of ``width * height`` pixels.
+
+    ``ends`` is x and y of the start, x and y of the end; the colours are four ``int64`` each.
+    Without ``depth`` and ``line_depths`` there is no depth test.
+    """
+    (first, last, steps), strides, (minor_start, minor_end) = seen_run(ends, width, height)
+    if first > last:
+        return
+    # Enter the line there and walk
+    run = (first, last, strides[0], strides[1], strides[2])
     minor = entry_value(minor_start, minor_end, first, steps)
     reciprocal = (1 << FRACTION_BITS) // max(steps, 1)
     minor_gain = gain_per_step(minor_start, minor_end, steps, reciprocal)

@@ -431,6 +431,16 @@ def lines_and_curves() -> Canvas:
     return Canvas(paint)
 
 
+def many_lines() -> Canvas:
+    def paint(target: rj.Framebuffer, turn: int) -> None:
+        del turn
+        ends = numbers(7, 4 * 9000, -40, 180).reshape(-1, 4).astype(int)
+        ends[::9] *= 2**20
+        target.draw_lines(ends, rainbow(2 * len(ends)).reshape(-1, 2, 3))
+
+    return Canvas(paint)
+
+
 def filled_triangles() -> Canvas:
     def paint(target: rj.Framebuffer, turn: int) -> None:
         corners = numbers(5, 40 * 6, -30, 160).reshape(-1, 3, 2).astype(int)
@@ -458,7 +468,7 @@ FRAMES: dict[str, Callable[[], Shot | Soup | Canvas]] = {
         wireframe_overlay, wireframe_only, wireframe_clipped, culled_back,
         culled_front_and_mirrored, parallel, mirroring_matrices, intrinsics,
         ground_to_the_horizon, inside_a_ball, slivers, far_from_the_origin, vast_and_tiny,
-        whole_pixels, equal_depths, soup, wild_soup, lines_and_curves,
+        whole_pixels, equal_depths, soup, wild_soup, lines_and_curves, many_lines,
         filled_triangles,
     )
 }  # fmt: skip
