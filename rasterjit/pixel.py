@@ -16,7 +16,7 @@ from rasterjit import plan as planning
 from rasterjit import stages
 from rasterjit.explanation import FaceAtPixel, LightTerm, LightTerms, PixelExplanation
 from rasterjit.io.meshes import as_scene
-from rasterjit.kernels import interpolation, resolve, setup, shading, visibility
+from rasterjit.kernels import interpolation, records, resolve, setup, shading, visibility
 from rasterjit.kernels.records import Faces, Geometry, Lighting, Objects, Placement, Surface
 from rasterjit.plan import RenderPlan, SceneArrays
 from rasterjit.plan_textures import join_textures
@@ -345,7 +345,7 @@ def _light(drawn: _Drawn, x: int, y: int) -> tuple[LightTerms, NDArray[np.float3
         return LightTerms(material.shading, linear[:3].copy(), texture, uv, zero, ()), linear
     # Let each light shine alone, on the colour without its highlight and on the highlight alone.
     matt, black = surface.materials.copy(), surface.materials.copy()
-    matt[:, shading.MATERIAL_SPECULAR] = 0.0
+    matt[:, records.MATERIAL_SPECULAR] = 0.0
     black[:, :3] = 0.0
     matt_surface, black_surface = (surface._replace(materials=m) for m in (matt, black))
     dark, white = np.zeros(3, np.float32), np.ones(3, np.float32)
@@ -364,7 +364,7 @@ def _white(surface: Surface) -> Surface:
     """Return a surface whose colours are white, unlit: what is seen is the texture."""
     materials = surface.materials.copy()
     materials[:, :4] = 1.0
-    materials[:, shading.MATERIAL_MODEL] = shading.UNLIT
+    materials[:, records.MATERIAL_MODEL] = records.UNLIT
     colors = {
         name: None if value is None else np.ones_like(value)
         for name, value in surface._asdict().items()
@@ -420,7 +420,7 @@ def _lit_vertices(
 ) -> NDArray[np.float32]:
     """Light the vertices of one face, if its object is shaded by Gouraud; (V, 2, 3)."""
     lit = np.zeros((len(drawn.arrays.positions), 2, 3), np.float32)
-    if surface.materials[owner, shading.MATERIAL_MODEL] == shading.GOURAUD:
+    if surface.materials[owner, records.MATERIAL_MODEL] == records.GOURAUD:
         for vertex in drawn.arrays.faces[face].tolist():
             vertices = (vertex, vertex + 1)
             shading.light_vertices(

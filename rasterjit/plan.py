@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit import transforms
-from rasterjit.kernels import shading
 from rasterjit.kernels.records import Lighting, Objects, Surface, Viewport
 from rasterjit.kernels.setup import GUARD_PIXELS
 from rasterjit.scene.camera import Camera
@@ -35,10 +34,10 @@ OUTPUTS = (
 CULL_MODES = ("none", "back", "front")
 
 MODELS = {
-    "unlit": shading.UNLIT,
-    "flat": shading.FLAT,
-    "gouraud": shading.GOURAUD,
-    "phong": shading.PHONG,
+    "unlit": records.UNLIT,
+    "flat": records.FLAT,
+    "gouraud": records.GOURAUD,
+    "phong": records.PHONG,
 }
 
 FARTHEST_LIGHT = 1e18

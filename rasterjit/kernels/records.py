@@ -119,6 +119,13 @@ class Textures(NamedTuple):
     """(V, 2) float32; v runs up."""
 
 
+UNLIT, FLAT, GOURAUD, PHONG = 0, 1, 2, 3
+"""Shading models, as ``Surface.materials`` numbers them."""
+
+MATERIAL_SPECULAR, MATERIAL_SHININESS, MATERIAL_MODEL = 4, 5, 6
+"""Columns of ``Surface.materials`` behind the base colour."""
+
+
 class Surface(NamedTuple):
     """What the objects look like."""
 
