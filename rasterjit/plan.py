@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit import transforms
+from rasterjit.kernels import records
 from rasterjit.kernels.records import Lighting, Objects, Surface, Viewport
 from rasterjit.kernels.setup import GUARD_PIXELS
 from rasterjit.scene.camera import Camera

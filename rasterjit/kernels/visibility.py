@@ -35,6 +35,35 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.kernels.batches import (
+    ACROSS,
+    AX,
+    AY,
+    BATCH,
+    BLOCK_BITS,
+    BOTTOM,
+    BX,
+    BY,
+    CX,
+    CY,
+    DEPTH,
+    DOWN,
+    EDGE,
+    FACE,
+    LEAST,
+    LEFT,
+    RANGE,
+    REAL_ROWS,
+    RIGHT,
+    ROOM,
+    SMALL_PIXELS,
+    TOP,
+    WEIGHT,
+    WHOLE_ROWS,
+    WIDE,
+    gather_triangles,
+    plan_triangles,
+)
 from rasterjit.kernels.jit import disjoint_stage, kernel, stage
 from rasterjit.kernels.records import Faces, ScreenVertices, Viewport
 from rasterjit.kernels.setup import (
@@ -42,37 +71,8 @@ from rasterjit.kernels.setup import (
     TILE_SIZE,
     edge,
     edge_at,
-    edge_bias,
-    first_sample,
-    last_sample,
     sign_at,
-    triangle_of,
 )
-
-SMALL_PIXELS = 8
-"""Triangles with a bounding box up to this many pixels wide are tested sample by sample."""
-
-BLOCK_BITS = 6
-"""Depth along a row starts anew every 2**6 = 64 columns; tiles are no wider."""
-
-BATCH = 64
-"""Triangles set up at once: what is known of them, 20 KiB, stays in L1 beside their samples."""
-
-FACE, AX, AY, BX, BY, CX, CY, LEFT, TOP, RIGHT, BOTTOM, WIDE = range(12)
-"""Rows of whole numbers: face, vertices on the sub-pixel grid, box of samples, wide or small."""
-WHOLE_ROWS = 12
-
-DEPTH, EDGE, ACROSS, DOWN, LEAST, WEIGHT, RANGE = 0, 3, 6, 9, 12, 15, 17
-"""
-Rows of real numbers.
-
-Three depths; of three edges the value at the corner of the box, the steps to the next column and
-row, and the least value inside; two weights of the depth; the lowest and the highest depth.
-"""
-REAL_ROWS = 19
-
-ROOM = BATCH + 8
-"""Columns of those rows; more than are used, or the rows would share few lines of the cache."""
 
 SCRATCH_SHAPE = (TILE_SIZE, TILE_SIZE + SMALL_PIXELS)
 """A tile in scratch memory: its rows have room for groups that start in the last column."""
@@ -297,140 +297,6 @@ def draw_spans(a, b, c, plane, box, face, origin, grid_bits, tile, spans):
                 numbers[row, begin - before : end - before],
                 starts[i], np.int32(begin - np.int64(begins[i])), plane, face,
             )  # fmt: skip
-
-
-@stage
-def gather_triangles(listed, faces, screen, whole, real):
-    """Gather where the vertices of some listed triangles lie, and how deep."""
-    own, pieces, piece_faces = faces
-    xy, depth = screen.xy, screen.depth
-    for n in range(np.uintp(listed.shape[0])):
-        (a, b, c), face = triangle_of(own, pieces, piece_faces, np.int64(listed[n]))
-        whole[FACE, n] = face
-        whole[AX, n], whole[AY, n] = xy[a, 0], xy[a, 1]
-        whole[BX, n], whole[BY, n] = xy[b, 0], xy[b, 1]
-        whole[CX, n], whole[CY, n] = xy[c, 0], xy[c, 1]
-        real[DEPTH, n], real[DEPTH + 1, n], real[DEPTH + 2, n] = depth[a], depth[b], depth[c]
-
-
-@stage
-def is_above(ax, ay, bx, by):
-    """Return whether a lies above b, or left of it in the same row."""
-    return (ay < by) | ((ay == by) & (ax < bx))
-
-
-@stage
-def narrow_edge(ax, ay, bx, by, px, py):
-    """Return `edge` of int32 coordinates; differences fit 32 bits, and their products are cheap."""
-    along_x, along_y = np.int32(bx - ax), np.int32(by - ay)
-    away_x, away_y = np.int32(px - ax), np.int32(py - ay)
-    return np.int64(along_x) * np.int64(away_y) - np.int64(along_y) * np.int64(away_x)
-
-
-@disjoint_stage
-def turn_triangles(ax, ay, bx, by, cx, cy, da, db, dc):
-    """
-    Put the vertices clockwise on the screen, starting at the topmost, then leftmost.
-
-    The order depends on the geometry alone, so that every spelling of a face is drawn alike.
-    """
-    for n in range(ax.shape[0]):
-        x0, y0, d0 = ax[n], ay[n], da[n]
-        is_turned = narrow_edge(x0, y0, bx[n], by[n], cx[n], cy[n]) < 0
-        x1, y1, d1 = (
-            cx[n] if is_turned else bx[n],
-            cy[n] if is_turned else by[n],
-            dc[n] if is_turned else db[n],
-        )
-        x2, y2, d2 = (
-            bx[n] if is_turned else cx[n],
-            by[n] if is_turned else cy[n],
-            db[n] if is_turned else dc[n],
-        )
-        second = is_above(x1, y1, x0, y0) & is_above(x1, y1, x2, y2)
-        third = is_above(x2, y2, x0, y0) & is_above(x2, y2, x1, y1)
-        ax[n] = x1 if second else (x2 if third else x0)
-        ay[n] = y1 if second else (y2 if third else y0)
-        da[n] = d1 if second else (d2 if third else d0)
-        bx[n] = x2 if second else (x0 if third else x1)
-        by[n] = y2 if second else (y0 if third else y1)
-        db[n] = d2 if second else (d0 if third else d1)
-        cx[n] = x0 if second else (x1 if third else x2)
-        cy[n] = y0 if second else (y1 if third else y2)
-        dc[n] = d0 if second else (d1 if third else d2)
-
-
-@disjoint_stage
-def bound_triangles(ax, ay, bx, by, cx, cy, window, bits, left, top, right, bottom, wide):
-    """
-    Write the box of samples of each triangle inside a window.
-
-    The window is a tile's (left, top, right, bottom). Triangles wider than ``SMALL_PIXELS`` begin
-    where their block of columns does.
-    """
-    for n in range(ax.shape[0]):
-        first = first_sample(min(ax[n], min(bx[n], cx[n])), bits)
-        last = last_sample(max(ax[n], max(bx[n], cx[n])), bits)
-        is_wide = last - first >= SMALL_PIXELS
-        wide[n] = is_wide
-        left[n] = max(first, (window[0] >> BLOCK_BITS) << BLOCK_BITS if is_wide else window[0])
-        top[n] = max(first_sample(ay[n], bits), window[1])
-        right[n] = min(last, window[2])
-        bottom[n] = min(last_sample(max(by[n], cy[n]), bits), window[3])
-
-
-@disjoint_stage
-def plan_depths(ax, ay, bx, by, cx, cy, da, db, dc, weight_a, weight_b, lowest, highest):
-    """Write the weights of E_bc and E_ca in the depth, and its range: see `depth_plane`."""
-    for n in range(ax.shape[0]):
-        area = np.float64(narrow_edge(ax[n], ay[n], bx[n], by[n], cx[n], cy[n]))
-        weight_a[n], weight_b[n] = (da[n] - dc[n]) / area, (db[n] - dc[n]) / area
-        lowest[n] = min(da[n], min(db[n], dc[n]))
-        highest[n] = max(da[n], max(db[n], dc[n]))
-
-
-@disjoint_stage
-def plan_edge(ax, ay, bx, by, left, top, bits, value, across, down, least):
-    """Write the edge a -> b at the corner of the box, its steps, and its least value inside."""
-    unit, half = np.float64(np.int64(1) << bits), np.int64(1) << (bits - 1)
-    for n in range(ax.shape[0]):
-        px = np.int32((left[n] << bits) + half)
-        py = np.int32((top[n] << bits) + half)
-        value[n] = np.float64(narrow_edge(ax[n], ay[n], bx[n], by[n], px, py))
-        across[n] = np.float64(np.int32(ay[n] - by[n])) * unit
-        down[n] = np.float64(np.int32(bx[n] - ax[n])) * unit
-        least[n] = np.float64(-edge_bias(ax[n], ay[n], bx[n], by[n]))
-
-
-@stage
-def plan_triangles(count, window, bits, whole, real):
-    """Work out what drawing the gathered triangles takes, several at once."""
-    ax, ay = whole[AX, :count], whole[AY, :count]
-    bx, by = whole[BX, :count], whole[BY, :count]
-    cx, cy = whole[CX, :count], whole[CY, :count]
-    da, db, dc = real[DEPTH, :count], real[DEPTH + 1, :count], real[DEPTH + 2, :count]
-    left, top = whole[LEFT, :count], whole[TOP, :count]
-    turn_triangles(ax, ay, bx, by, cx, cy, da, db, dc)
-    bound_triangles(
-        ax, ay, bx, by, cx, cy, window, bits, left, top, whole[RIGHT, :count],
-        whole[BOTTOM, :count], whole[WIDE, :count],
-    )  # fmt: skip
-    plan_depths(
-        ax, ay, bx, by, cx, cy, da, db, dc, real[WEIGHT, :count], real[WEIGHT + 1, :count],
-        real[RANGE, :count], real[RANGE + 1, :count],
-    )  # fmt: skip
-    plan_edge(
-        bx, by, cx, cy, left, top, bits, real[EDGE, :count], real[ACROSS, :count],
-        real[DOWN, :count], real[LEAST, :count],
-    )  # fmt: skip
-    plan_edge(
-        cx, cy, ax, ay, left, top, bits, real[EDGE + 1, :count], real[ACROSS + 1, :count],
-        real[DOWN + 1, :count], real[LEAST + 1, :count],
-    )  # fmt: skip
-    plan_edge(
-        ax, ay, bx, by, left, top, bits, real[EDGE + 2, :count], real[ACROSS + 2, :count],
-        real[DOWN + 2, :count], real[LEAST + 2, :count],
-    )  # fmt: skip
 
 
 @stage
