@@ -26,6 +26,7 @@ from rasterjit.kernels.interpolation import (
     weights_along_row,
     weights_from_edges,
 )
+from rasterjit.kernels.jit import disjoint_stage, stage
 from rasterjit.kernels.records import (
     FLAT,
     GOURAUD,
@@ -45,11 +46,13 @@ FEW = 8
 """Runs shorter than this are not worth a vector loop."""
 
 
+@stage
 def material_tint(materials, owner):
     """Return the base colour of an object's material."""
     return materials[owner, 0], materials[owner, 1], materials[owner, 2]
 
 
+@stage
 def face_tint(face, face_colors, tint):
     """Return the tint times the face's colour; the tint itself if there are none."""
     if face_colors is None:
@@ -61,6 +64,7 @@ def face_tint(face, face_colors, tint):
     )
 
 
+@stage
 def matt_light(weights, a, b, c, behind, model, matt_vertices, tint):
     """Return the light of the vertices without highlights; the tint of what has no such light."""
     if model != GOURAUD:
@@ -80,6 +84,7 @@ def matt_light(weights, a, b, c, behind, model, matt_vertices, tint):
     )
 
 
+@stage
 def note_matt_light(places, n, weights, a, b, c, behind, model, matt_vertices, tint):
     """Write the colour without the highlights of vertices, if any lies over a texture."""
     if matt_vertices is None:
@@ -89,6 +94,7 @@ def note_matt_light(places, n, weights, a, b, c, behind, model, matt_vertices, t
         places[texturing.MATT + k, n] = matt[k]
 
 
+@stage
 def held(value, values):
     """Return an interpolated value held inside the range of the three it was made of."""
     lowest = min(values[0], min(values[1], values[2]))
@@ -97,6 +103,7 @@ def held(value, values):
     return value if value <= highest else highest
 
 
+@stage
 def color_at(second, third, colors):
     """Return the tint times the interpolated colour, for the weights of two vertices."""
     (r, g, b), tint = colors
@@ -108,6 +115,7 @@ def color_at(second, third, colors):
     )
 
 
+@stage
 def normal_at(second, third, normal):
     """Return the interpolated normal in world axes, on the side that is seen, not normalized."""
     (na, nb, nc), m, side = normal
@@ -122,6 +130,7 @@ def normal_at(second, third, normal):
     )
 
 
+@stage
 def point_at(second, third, point):
     """Return where a sample lies, as `place_sample` finds it."""
     first, ab, ac, m = point
@@ -135,12 +144,14 @@ def point_at(second, third, point):
     )
 
 
+@disjoint_stage
 def write_colors(red, green, blue, second, third, colors):
     """Write the colours along a run."""
     for i in range(red.shape[0]):
         red[i], green[i], blue[i] = color_at(second[i], third[i], colors)
 
 
+@disjoint_stage
 def write_places(nx, ny, nz, px, py, pz, second, third, normal, point):
     """Write the normals and the positions along a run."""
     for i in range(nx.shape[0]):
@@ -148,6 +159,7 @@ def write_places(nx, ny, nz, px, py, pz, second, third, normal, point):
         px[i], py[i], pz[i] = point_at(second[i], third[i], point)
 
 
+@stage
 def color_values(a, b, c, k, colors):
     """Return one channel of three vertices, float64; ones if they have no colours."""
     if colors is None:
@@ -155,6 +167,7 @@ def color_values(a, b, c, k, colors):
     return np.float64(colors[a, k]), np.float64(colors[b, k]), np.float64(colors[c, k])
 
 
+@stage
 def light_values(a, b, c, k, side, lit_vertices, values):
     """Return one channel of the light on three vertices; the values given if there is none."""
     if lit_vertices is None:
@@ -166,6 +179,7 @@ def light_values(a, b, c, k, side, lit_vertices, values):
     )
 
 
+@stage
 def colors_of(face, a, b, c, behind, model, owner, surface):
     """
     Return the colours of three vertices, channel by channel, and the tint they are multiplied by.
@@ -185,6 +199,7 @@ def colors_of(face, a, b, c, behind, model, owner, surface):
     return (red, green, blue), tint
 
 
+@stage
 def normals_of(a, b, c, model, owner, placement, normals):
     """
     Return the normals at three vertices and the matrix that turns them to world axes.
@@ -199,6 +214,7 @@ def normals_of(a, b, c, model, owner, placement, normals):
     return (own, own, own), (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 
 
+@stage
 def points_of(a, b, c, model, owner, placement):
     """
     Return where the first vertex lies, and the ways to the others in model space.
@@ -217,6 +233,7 @@ def points_of(a, b, c, model, owner, placement):
     )
 
 
+@stage
 def write_highlight(samples, run, model, owner, materials, lighting):
     """Write strength and exponent of the highlight along a run, and whether light falls on it."""
     if lighting is None:
@@ -229,6 +246,7 @@ def write_highlight(samples, run, model, owner, materials, lighting):
         samples[lit.LIT, n] = share
 
 
+@stage
 def write_place(samples, n, second, third, normal, point):
     """Write normal and position of one sample; nothing if there is no light."""
     if normal is None:
@@ -239,6 +257,7 @@ def write_place(samples, n, second, third, normal, point):
     samples[lit.POINT_X, n], samples[lit.POINT_Y, n], samples[lit.POINT_Z, n] = px, py, pz
 
 
+@stage
 def gather_few(samples, weights, run, colors, normal, point, row_start):
     """Interpolate along a short run, sample by sample; return whether any weight is doubtful."""
     (e0, e1, e2), steps, ratios = row_start
@@ -256,6 +275,7 @@ def gather_few(samples, weights, run, colors, normal, point, row_start):
     return doubtful
 
 
+@stage
 def gather_places(samples, run, second, third, normal, point):
     """Write normals and positions along a run; nothing if there is no light."""
     if normal is None:
@@ -269,6 +289,7 @@ def gather_places(samples, run, second, third, normal, point):
     )  # fmt: skip
 
 
+@stage
 def gather_many(samples, weights, run, colors, normal, point):
     """Interpolate along a run whose weights are known."""
     start, stop = run
@@ -280,6 +301,7 @@ def gather_many(samples, weights, run, colors, normal, point):
     gather_places(samples, run, second, third, normal, point)
 
 
+@stage
 def back_is_seen(a, b, c, owner, geometry, placement, lighting):
     """Return whether the back of a face is seen; it makes no difference where there is no light."""
     if lighting is None:
@@ -287,6 +309,7 @@ def back_is_seen(a, b, c, owner, geometry, placement, lighting):
     return seen_from_behind(a, b, c, owner, geometry, placement)
 
 
+@stage
 def note_textured(
     places, where, run, column, weights, a, b, c, behind, owner, samples, surface
 ):  # fmt: skip
@@ -302,16 +325,19 @@ def note_textured(
         texturing.note_place(places, n, at, a, b, c, owner, surface.textures)
 
 
+@stage
 def put_three(real, column, values):
     """Write three numbers into a row."""
     real[column], real[column + 1], real[column + 2] = values
 
 
+@stage
 def three_at(real, column):
     """Return three numbers of a row."""
     return real[column], real[column + 1], real[column + 2]
 
 
+@stage
 def put_places(a, b, c, behind, model, owner, placement, surface, lighting, real):
     """Write what normals and positions on a face are made of; nothing if there is no light."""
     if lighting is None:
@@ -328,6 +354,7 @@ def put_places(a, b, c, behind, model, owner, placement, surface, lighting, real
     put_three(real, POINT + 6, third)
 
 
+@stage
 def set_up_face(face, owner, whole, real, geometry, placement, surface, lighting):
     """Write all that shading needs of a face into its rows of the table."""
     a, b, c = runs.put_corners(face, geometry, whole, real)
@@ -342,6 +369,7 @@ def set_up_face(face, owner, whole, real, geometry, placement, surface, lighting
     put_places(a, b, c, behind, model, owner, placement, surface, lighting, real)
 
 
+@stage
 def colors_at(real):
     """Return what `color_at` takes."""
     tint = np.float32(real[TINT]), np.float32(real[TINT + 1]), np.float32(real[TINT + 2])
@@ -349,6 +377,7 @@ def colors_at(real):
     return channels, tint
 
 
+@stage
 def places_at(whole, real, placement, lighting):
     """Return what `normal_at` and `point_at` take; nothing if there is no light."""
     if lighting is None:
@@ -365,6 +394,7 @@ def places_at(whole, real, placement, lighting):
     return (normals, turn, side), (first, second, third, matrix)
 
 
+@stage
 def gather_run(
     samples, weights, places, where, n, count, column, row, whole, real, geometry, placement,
     surface, lighting,
@@ -397,6 +427,7 @@ def gather_run(
     note_textured(places, where, run, column, weights, a, b, c, behind, owner, samples, surface)
 
 
+@stage
 def gather_row(
     faces, samples, weights, places, where, whole, real, left, row, geometry, placement, surface,
     lighting,

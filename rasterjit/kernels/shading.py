@@ -17,6 +17,7 @@ from rasterjit.kernels import lighting as lit
 from rasterjit.kernels import runs, texturing
 from rasterjit.kernels.gathering import REAL_COLUMNS, gather_row, material_tint
 from rasterjit.kernels.interpolation import place_vertex, smooth_normal
+from rasterjit.kernels.jit import kernel, stage
 from rasterjit.kernels.records import (
     MATERIAL_SHININESS,
     MATERIAL_SPECULAR,
@@ -38,6 +39,7 @@ BLOCK_COLUMNS = 128
 """Columns gathered at once: 16 quantities of that many samples, 32 KiB, stay near the core."""
 
 
+@stage
 def vertex_tint(vertex, vertex_colors, tint):
     """Return the tint times the colour of a vertex; the tint itself if there are none."""
     if vertex_colors is None:
@@ -49,6 +51,7 @@ def vertex_tint(vertex, vertex_colors, tint):
     )
 
 
+@stage
 def absorb(color, texel, matt):
     """
     Return a colour times a texel, but for the highlight in it, which lies on top.
@@ -61,6 +64,7 @@ def absorb(color, texel, matt):
     return max(color - matt * (np.float32(1.0) - texel), np.float32(0.0))
 
 
+@stage
 def apply_textures(samples, count, scratch, matt_vertices):
     """Multiply the gathered base colours by what the textures show."""
     for k in range(3):
@@ -72,6 +76,7 @@ def apply_textures(samples, count, scratch, matt_vertices):
             samples[lit.RED + k, n] = absorb(color, texel, matt)
 
 
+@stage
 def texture_row(samples, where, count, row, scratch, geometry, textures, matt_vertices):
     """Apply the textures to the gathered samples of a row; nothing if there are none."""
     if textures is None:
@@ -80,6 +85,7 @@ def texture_row(samples, where, count, row, scratch, geometry, textures, matt_ve
     apply_textures(samples, count, scratch, matt_vertices)
 
 
+@stage
 def span_end(faces, column):
     """Return the first column that is covered unlike this one."""
     end = column + 1
@@ -88,6 +94,7 @@ def span_end(faces, column):
     return end
 
 
+@stage
 def viewer_of(placement):
     """Return the direction to the viewer as lighting takes it, float32."""
     viewer = placement.toward_viewer
@@ -99,6 +106,7 @@ def viewer_of(placement):
     )
 
 
+@stage
 def seen_colors(samples, count, lighting, toward_viewer):
     """Light the gathered samples; return red, green and blue. Without light, the base colours."""
     if lighting is None:
@@ -107,6 +115,7 @@ def seen_colors(samples, count, lighting, toward_viewer):
     return samples[lit.OUT_RED], samples[lit.OUT_GREEN], samples[lit.OUT_BLUE]
 
 
+@stage
 def write_linear(colors, n, linear):
     """Write a span of linear colour, alpha 1."""
     for i in range(linear.shape[0]):
@@ -115,6 +124,7 @@ def write_linear(colors, n, linear):
         linear[i, 3] = 1.0
 
 
+@stage
 def write_row(faces, colors, background, table, linear, color):
     """Write a part of a row: the gathered samples in their places, background elsewhere."""
     behind = encode_pixel(background, table)
@@ -152,6 +162,7 @@ def scratch_memory(has_textures: bool) -> tuple[NDArray[Any] | None, ...]:
     )
 
 
+@kernel
 def shade_rows(
     face_id, first_row, geometry: Geometry, placement: Placement, surface: Surface,
     lighting: Lighting | None, background, table, linear, color, scratch,
@@ -201,6 +212,7 @@ def shade_rows(
             )
 
 
+@kernel
 def light_vertices(
     vertices, owner, placement: Placement, surface: Surface, lighting: Lighting, lit_vertices,
     scratch,
