@@ -132,13 +132,13 @@ def _draw(scene: Scene, plan: RenderPlan) -> _Drawn:
     views = planning.view_nodes(scene.nodes, plan.camera, plan.size)
     viewport = planning.viewport_of(plan.size, plan.quality.subpixel_bits)
     objects = planning.cull_objects(plan.cull, views, arrays.face_starts)
-    clip_positions = stages.transform(
+    vertices = stages.ModelVertices(
         arrays.positions, arrays.vertex_starts, views.relative_from_model,
-        views.clip_from_relative, workers,
+        views.clip_from_relative,
     )  # fmt: skip
     coverage = stages.find_visible(
-        clip_positions, arrays.faces, objects, plan.camera.depth_coefficients(), viewport, workers,
-        lambda _: None, keep_lists=True,
+        vertices, arrays.faces, objects, plan.camera.depth_coefficients(), viewport, workers,
+        lambda _: None, keep_lists=True, keep_clip_positions=True,
     )  # fmt: skip
     lists = coverage.lists
     if plan.cull != "none":
@@ -153,7 +153,7 @@ def _draw(scene: Scene, plan: RenderPlan) -> _Drawn:
         coverage.screen.xy,
         coverage.screen.codes,
         coverage.screen.w,
-        clip_positions,
+        coverage.clip_positions,
         viewport,
     )
     placement = placement_of(arrays, views)

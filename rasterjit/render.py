@@ -223,21 +223,21 @@ class Renderer:
         objects = planning.cull_objects(cull, views, arrays.face_starts)
         coefficients = camera.depth_coefficients()
         clock("plan")
-        clip_positions = stages.transform(
+        vertices = stages.ModelVertices(
             arrays.positions, arrays.vertex_starts, views.relative_from_model,
-            views.clip_from_relative, workers,
+            views.clip_from_relative,
         )  # fmt: skip
-        clock("transform")
         coverage = stages.find_visible(
-            clip_positions, arrays.faces, objects, coefficients, viewport, workers, clock,
+            vertices, arrays.faces, objects, coefficients, viewport, workers, clock,
             keep_lists=plan.diagnose,
+            keep_clip_positions=plan.diagnose or plan.wireframe is not None,
         )  # fmt: skip
         geometry = Geometry(
             arrays.faces,
             coverage.screen.xy,
             coverage.screen.codes,
             coverage.screen.w,
-            clip_positions,
+            coverage.clip_positions,
             viewport,
         )
         placement = placement_of(arrays, views)

@@ -19,6 +19,7 @@ from rasterjit.kernels import (
     interpolation,
     lines,
     occlusion,
+    projection,
     resolve,
     setup,
     shading,
@@ -43,7 +44,7 @@ FACES_PER_TASK = 65536
 """Faces set up by one task: enough to hide the cost of a task, few enough to share out."""
 
 VERTICES_PER_TASK = 65536
-"""Vertices projected by one task."""
+"""Vertices taken to the screen by one task; they may belong to several objects."""
 
 TILES_PER_TASK = 8
 """Tiles drawn by one task: an eighth of a row of a 4K frame."""
@@ -84,6 +85,19 @@ class TileLists(NamedTuple):
     faces: Faces
 
 
+class ModelVertices(NamedTuple):
+    """The vertices of all objects, and the way to clip space: what `transform` takes."""
+
+    positions: NDArray[np.float64]
+    """(V, 3), model space."""
+    vertex_starts: NDArray[np.int64]
+    """(O+1,): object ``o`` owns vertices ``vertex_starts[o]:vertex_starts[o+1]``."""
+    relative_from_model: NDArray[np.float64]
+    """(O, 4, 4): to world axes with the origin at the eye."""
+    clip_from_relative: NDArray[np.float64]
+    """(4, 4)."""
+
+
 class Coverage(NamedTuple):
     """The visibility buffer and the geometry that it points into."""
 
@@ -92,6 +106,8 @@ class Coverage(NamedTuple):
     face_id: NDArray[np.int32]
     """(H, W), -1 where nothing is."""
     screen: ScreenVertices
+    clip_positions: NDArray[np.float64]
+    """(V, 4), clip space; (0, 4) where no vertex has a ``CLIPPED`` code and none were asked for."""
     totals: Totals
     lists: TileLists | None
     """``None`` unless they were asked for."""
@@ -152,7 +168,7 @@ def project(
     workers: Workers,
 ) -> tuple[ScreenVertices, int]:
     """
-    Snap all vertices.
+    Take all vertices from clip space to the screen.
 
     Parameters
     ----------
@@ -168,15 +184,54 @@ def project(
     int
         The outcode bits set for any vertex.
     """
-    count = clip_positions.shape[0]
+    arguments = clip_positions, depth_coefficients, viewport
+    return _to_screen(projection.project_vertices, len(clip_positions), arguments, workers)
+
+
+def transform_and_project(
+    vertices: ModelVertices,
+    depth_coefficients: tuple[float, float, float],
+    viewport: Viewport,
+    workers: Workers,
+) -> tuple[ScreenVertices, int]:
+    """
+    Take all vertices from model space to the screen.
+
+    The same bits as `transform` and `project` after it, without the clip positions in between.
+
+    Parameters
+    ----------
+    vertices : ModelVertices
+    depth_coefficients : (float, float, float)
+    viewport : Viewport
+    workers : Workers
+
+    Returns
+    -------
+    ScreenVertices
+        With room for ``SPARE_VERTICES`` more behind the V.
+    int
+        The outcode bits set for any vertex.
+    """
+    objects = vertices.vertex_starts, np.ascontiguousarray(vertices.relative_from_model)
+    matrix = np.ascontiguousarray(vertices.clip_from_relative)
+    arguments = vertices.positions, objects, matrix, depth_coefficients, viewport
+    count = len(vertices.positions)
+    return _to_screen(projection.transform_vertices, count, arguments, workers)
+
+
+def _to_screen(
+    kernel: Callable[..., int], count: int, arguments: tuple, workers: Workers
+) -> tuple[ScreenVertices, int]:
+    """Call a kernel that fills the screen vertices for all of them."""
     screen = _screen_arrays(count + SPARE_VERTICES, workers.memory)
-    calls = [
-        (clip_positions[first : first + VERTICES_PER_TASK], depth_coefficients, viewport, first,
-         screen)
-        for first in range(0, count, VERTICES_PER_TASK)
-    ]  # fmt: skip
+
+    def fill_some(first: int) -> int:
+        some = first, min(first + VERTICES_PER_TASK, count)
+        return kernel(some, *arguments, screen, projection.scratch_memory())
+
     seen = 0
-    for bits in workers.run(setup.project_vertices, calls):
+    for bits in workers.run(fill_some, [(n,) for n in range(0, count, VERTICES_PER_TASK)]):
         seen |= bits
     return screen, seen
 
@@ -236,7 +291,7 @@ def clip(
         for old, new in zip(screen, roomy, strict=True):
             new[:first] = old[:first]
         screen = roomy
-    setup.project_clipped_vertices(
+    projection.project_clipped_vertices(
         (cut, faces, vertex_starts, clip_positions), positions, depth_coefficients, viewport,
         first, screen,
     )  # fmt: skip
@@ -244,7 +299,7 @@ def clip(
 
 
 def find_visible(
-    clip_positions: NDArray[np.float64],
+    vertices: ModelVertices | NDArray[np.float64],
     faces: NDArray[np.int32],
     objects: Objects,
     depth_coefficients: tuple[float, float, float],
@@ -253,13 +308,14 @@ def find_visible(
     clock: Callable[[str], None],
     *,
     keep_lists: bool = False,
+    keep_clip_positions: bool = False,
 ) -> Coverage:
     """
-    Run projection, clipping, set-up, binning and visibility.
+    Run transform, projection, clipping, set-up, binning and visibility.
 
     Parameters
     ----------
-    clip_positions : (V, 4) float64, clip space
+    vertices : ModelVertices, or (V, 4) float64, clip space
     faces : (F, 3) int32
     objects : Objects
     depth_coefficients : (float, float, float)
@@ -270,9 +326,18 @@ def find_visible(
         Called with a stage's name when it ends.
     keep_lists : bool
         Whether the tiles' lists outlive the drawing.
+    keep_clip_positions : bool
+        Whether the clip positions are made even if no vertex has a ``CLIPPED`` code.
     """
-    screen, seen = project(clip_positions, depth_coefficients, viewport, workers)
-    clock("project")
+    if isinstance(vertices, ModelVertices):
+        screen, seen = transform_and_project(vertices, depth_coefficients, viewport, workers)
+        clip_positions = np.empty((0, 4), np.float64)
+        if keep_clip_positions or seen & setup.CLIPPED:
+            clip_positions = transform(*vertices, workers)
+    else:
+        clip_positions = vertices
+        screen, seen = project(clip_positions, depth_coefficients, viewport, workers)
+    clock("transform")
     clipped = 0
     all_faces = Faces(faces, np.empty((0, 3), np.int32), np.empty(0, np.int32))
     if seen & setup.CLIPPED:
@@ -290,7 +355,7 @@ def find_visible(
     drawn = len(faces) - (outside + degenerate + culled + unsampled + invalid)
     totals = Totals(len(faces), outside, degenerate, culled, unsampled, invalid, drawn, clipped)
     lists = TileLists(starts, binned, all_faces) if keep_lists else None
-    return Coverage(depth, face_id, screen, totals, lists)
+    return Coverage(depth, face_id, screen, clip_positions, totals, lists)
 
 
 def set_up_and_bin(

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from benchmarks.contestants import Prepared
 from benchmarks.contestants.rasterjit_ import NEARER_IS_LESS, Triangles
 from benchmarks.scenes import LineScene, Scene, TriangleScene
-from rasterjit.kernels import binning, setup, visibility
+from rasterjit.kernels import binning, projection, setup, visibility
 from rasterjit.kernels.jit import disjoint_stage, stage
 
 NAME = "RasterJIT, float edges"
@@ -52,7 +52,7 @@ def project_vertices(clip_positions, depth_coefficients, viewport, first, xy, de
     for n in range(clip_positions.shape[0]):
         x, y = clip_positions[n, 0], clip_positions[n, 1]
         z, w = clip_positions[n, 2], clip_positions[n, 3]
-        code = setup.outcode(x, y, z, w, viewport)
+        code = projection.outcode(x, y, z, w, viewport)
         seen |= code
         codes[first + n] = code
         if code & (setup.GUARD | setup.INVALID):

@@ -56,15 +56,14 @@ class Triangles:
 
     def draw(self) -> None:
         """Find the visible face and its depth at every pixel."""
-        clip_positions = self._stages.transform(
+        vertices = self._stages.ModelVertices(
             self._positions,
             self._vertex_starts,
             self._relative_from_model,
             self._clip_from_relative,
-            self._workers,
         )
         self._coverage = self._stages.find_visible(
-            clip_positions,
+            vertices,
             self._faces,
             self._objects,
             NEARER_IS_LESS,

@@ -5,7 +5,8 @@ How to draw: compiled functions over arrays and records, nothing else.
 file               stage
 =================  ===============================================================
 ``clipping``       triangles -> pieces inside the near plane and the guard band
-``setup``          clip positions -> snapped screen vertices; faces -> survivors
+``projection``     model or clip positions -> snapped screen vertices
+``setup``          faces -> survivors and the tiles they reach
 ``binning``        surviving triangles -> one list for each tile
 ``visibility``     per tile: coverage and depth test -> depth and face number
 ``interpolation``  visible pixels -> weights, positions, normals, uv

@@ -83,7 +83,7 @@ class Geometry(NamedTuple):
     w: Any
     """(V+E,) float64, clip space."""
     clip_positions: Any
-    """(V, 4) float64."""
+    """(V, 4) float64 | (0, 4) if no vertex has a ``CLIPPED`` code and nothing else reads them."""
     viewport: Viewport
 
 

@@ -1,9 +1,9 @@
 """
-Put vertices on the sub-pixel grid, and decide which faces go on.
+Decide which faces go on, and which tiles they reach.
 
-Screen space is y down; the centre of pixel (column i, row j) lies at (i + 1/2, j + 1/2). A
-vertex is rounded to the grid once, half to even, and everything after (turn, culling, coverage,
-barycentric weights) is integer arithmetic on the rounded coordinates.
+Screen space is y down; the centre of pixel (column i, row j) lies at (i + 1/2, j + 1/2). Vertices
+come rounded to the sub-pixel grid (see ``projection``), and everything after (turn, culling,
+coverage, barycentric weights) is integer arithmetic on the rounded coordinates.
 
 Edge function: ``E(a, b, p) = (bx - ax)(py - ay) - (by - ay)(px - ax)``; a triangle with
 ``E(a, b, c) > 0`` runs clockwise as seen on the screen.
@@ -22,7 +22,7 @@ from __future__ import annotations
 import numpy as np
 
 from rasterjit.kernels.jit import kernel, stage
-from rasterjit.kernels.records import Faces, Objects, Viewport
+from rasterjit.kernels.records import Faces, Objects
 
 GUARD_PIXELS = 8192
 """Width of the guard band around the image, pixels: what lies inside it is not cut in x or y."""
@@ -53,136 +53,6 @@ FRUSTUM = LEFT | RIGHT | BOTTOM | TOP | NEAR | FAR
 """A face whose three vertices share one of these bits cannot be seen."""
 CLIPPED = NEAR | FAR | GUARD
 """A face with one of these bits at any vertex must be cut before the divide."""
-
-ROUNDER = 6755399441055744.0
-"""1.5 * 2**52: adding and subtracting it rounds a float64 below 2**51 half to even."""
-
-
-@stage
-def outcode(x, y, z, w, viewport):
-    """Return the outcode of one clip position; comparisons are written so that NaN is outside."""
-    largest = max(max(abs(x), abs(y)), max(abs(z), abs(w)))
-    if not (largest <= LARGEST_COORDINATE and x == x and y == y and z == z and w == w):
-        return np.uint8(INVALID)
-    code = 0
-    if not x >= -w:
-        code |= LEFT
-    if not x <= w:
-        code |= RIGHT
-    if not y >= -w:
-        code |= BOTTOM
-    if not y <= w:
-        code |= TOP
-    if not z >= -w:
-        code |= NEAR
-    if not z <= w:
-        code |= FAR
-    if not (w > 0.0 and abs(x) <= viewport.guard_x * w and abs(y) <= viewport.guard_y * w):
-        code |= GUARD
-    return np.uint8(code)
-
-
-@stage
-def snap(coordinate, half_extent, viewport):
-    """Return a coordinate in grid units: ``(coordinate + 1) * half_extent`` pixels, rounded."""
-    steps = (coordinate + 1.0) * half_extent * np.float64(1 << viewport.subpixel_bits)
-    rounded = (steps + ROUNDER) - ROUNDER
-    return np.int32(np.int64(rounded) << (viewport.grid_bits - viewport.subpixel_bits))
-
-
-@stage
-def put_vertex(vertex, ndc_x, ndc_y, depth_coefficients, z, w, viewport, screen):
-    """Write the snapped position and the stored depth of a vertex."""
-    c0, c1, c2 = depth_coefficients
-    screen.xy[vertex, 0] = snap(ndc_x, 0.5 * viewport.width, viewport)
-    screen.xy[vertex, 1] = snap(-ndc_y, 0.5 * viewport.height, viewport)
-    screen.depth[vertex] = (c0 + c1 * z + c2 * w) / w
-    screen.w[vertex] = w
-
-
-@kernel
-def project_vertices(clip_positions, depth_coefficients, viewport: Viewport, first, screen):
-    """
-    Divide by w, map to the screen and snap.
-
-    Parameters
-    ----------
-    clip_positions : (N, 4) float64, clip space
-    depth_coefficients : (float, float, float)
-        The stored depth is ``(c0 + c1 z + c2 w) / w``; greater is nearer.
-    viewport : Viewport
-    first : int
-        Position ``n`` becomes screen vertex ``first + n``.
-    screen : ScreenVertices
-        Writes rows ``first .. first + N``. A vertex outside the guard band keeps only its outcode:
-        faces that use it are cut first.
-
-    Returns
-    -------
-    int
-        The bits set in any of the outcodes.
-    """
-    seen = 0
-    for n in range(clip_positions.shape[0]):
-        x, y = clip_positions[n, 0], clip_positions[n, 1]
-        z, w = clip_positions[n, 2], clip_positions[n, 3]
-        code = outcode(x, y, z, w, viewport)
-        seen |= code
-        screen.codes[first + n] = code
-        if code & (GUARD | INVALID):
-            continue
-        put_vertex(first + n, x / w, y / w, depth_coefficients, z, w, viewport, screen)
-    return seen
-
-
-@stage
-def depth_range(corners, clip_positions, depth_coefficients):
-    """Return the lowest and the highest stored depth of a face, unless it goes behind the eye."""
-    c0, c1, c2 = depth_coefficients
-    lowest, highest = np.inf, -np.inf
-    for n in range(3):
-        z, w = clip_positions[corners[n], 2], clip_positions[corners[n], 3]
-        if not w > 0.0:
-            return -np.inf, np.inf
-        depth = (c0 + c1 * z + c2 * w) / w
-        lowest, highest = min(lowest, depth), max(highest, depth)
-    return lowest, highest
-
-
-@kernel
-def project_clipped_vertices(
-    cut, clip_positions, depth_coefficients, viewport: Viewport, first, screen
-):
-    """
-    Divide by w, map to the screen and snap the vertices that clipping made.
-
-    They lie inside the guard band, between near and far, and inside the depth range of their face,
-    but for rounding, which may leave one outside: they are held inside.
-
-    Parameters
-    ----------
-    cut : (clipped_faces (C,) int32, faces (F, 3) int32, starts (C+1,) int64, positions (V, 4))
-        The faces that were cut; where the new vertices of each start; the clip positions of the
-        faces' own vertices, float64.
-    clip_positions : (E, 4) float64, clip space
-        The new vertices, all with ``w > 0``.
-    depth_coefficients : (float, float, float)
-    viewport : Viewport
-    first : int
-    screen : ScreenVertices
-        Writes rows ``first .. first + E``.
-    """
-    clipped_faces, faces, starts, own_positions = cut
-    for n in range(clipped_faces.shape[0]):
-        lowest, highest = depth_range(faces[clipped_faces[n]], own_positions, depth_coefficients)
-        for e in range(starts[n], starts[n + 1]):
-            w = clip_positions[e, 3]
-            z = min(max(clip_positions[e, 2], -w), w)
-            x = min(max(clip_positions[e, 0] / w, -viewport.guard_x), viewport.guard_x)
-            y = min(max(clip_positions[e, 1] / w, -viewport.guard_y), viewport.guard_y)
-            screen.codes[first + e] = 0
-            put_vertex(first + e, x, y, depth_coefficients, z, w, viewport, screen)
-            screen.depth[first + e] = min(max(screen.depth[first + e], lowest), highest)
 
 
 @stage

@@ -207,6 +207,16 @@ def clipped_slopes(at, ws, column, row, width, height):
 
 
 @stage
+def unsnapped_corners(a, b, c, codes, geometry):
+    """Return x, y of a clipped face's vertices in clip space, 0 for any other face, and all w."""
+    clip, w = geometry.clip_positions, geometry.w
+    if codes & CLIPPED:
+        exact = (clip[a, 0], clip[a, 1]), (clip[b, 0], clip[b, 1]), (clip[c, 0], clip[c, 1])
+        return exact, (clip[a, 3], clip[b, 3], clip[c, 3])
+    return ((0.0, 0.0), (0.0, 0.0), (0.0, 0.0)), (w[a], w[b], w[c])
+
+
+@stage
 def weight_slopes(a, b, c, column, row, geometry):
     """
     Return how the weights of a face change at a pixel's centre, over their sum.
@@ -214,15 +224,14 @@ def weight_slopes(a, b, c, column, row, geometry):
     Two times three numbers: by one pixel to the right, and by one pixel down, of the weights
     before they are divided by their sum.
     """
-    xy, clip, viewport = geometry.xy, geometry.clip_positions, geometry.viewport
+    xy, viewport = geometry.xy, geometry.viewport
     snapped = (
         (np.int64(xy[a, 0]), np.int64(xy[a, 1])),
         (np.int64(xy[b, 0]), np.int64(xy[b, 1])),
         (np.int64(xy[c, 0]), np.int64(xy[c, 1])),
     )
-    exact = (clip[a, 0], clip[a, 1]), (clip[b, 0], clip[b, 1]), (clip[c, 0], clip[c, 1])
-    ws = clip[a, 3], clip[b, 3], clip[c, 3]
     codes = geometry.codes[a] | geometry.codes[b] | geometry.codes[c]
+    exact, ws = unsnapped_corners(a, b, c, codes, geometry)
     width, height, bits = viewport.width, viewport.height, viewport.grid_bits
     return chosen_slopes(codes, snapped, exact, ws, (column, row), (width, height), bits)
 

@@ -19,8 +19,9 @@ import numpy as np
 
 from rasterjit.kernels.clipping import PLANES, plane_distance
 from rasterjit.kernels.jit import kernel, stage
+from rasterjit.kernels.projection import outcode
 from rasterjit.kernels.records import Geometry, Viewport
-from rasterjit.kernels.setup import FRUSTUM, INVALID, outcode
+from rasterjit.kernels.setup import FRUSTUM, INVALID
 
 DEPTH_ROUNDING = np.float32(1e-6)
 """Slack for the rounding of float32 depths, as a share of the depth: 8 ulp."""
