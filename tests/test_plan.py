@@ -249,25 +249,25 @@ def test_every_reason_is_spelled_out(cube, camera):
     scene.wireframe = rj.Wireframe("red")
     plan = rj.explain(scene, camera, size=(8, 6), diagnose=True)
     assert str(plan).splitlines() == [
-        "size             8 x 6 pixels",
-        "outputs          color",
-        "sub-pixel bits   8",
-        "culling          none",
-        "shading          in  (gouraud, phong, unlit)",
-        "lights           in  (2 PointLight, 1 AmbientLight)",
-        "smooth normals   in  (shading gouraud, phong)",
-        "textures         in  (1 bilinear)",
-        "wireframe        in  (mode overlay)",
-        "diagnostics      in  (diagnose=True)",
+        "size            8 x 6 pixels",
+        "outputs         color",
+        "sub-pixel bits  8",
+        "culling         none",
+        "shading         in  (gouraud, phong, unlit)",
+        "lights          in  (2 PointLight, 1 AmbientLight)",
+        "smooth normals  in  (shading gouraud, phong)",
+        "textures        in  (1 bilinear)",
+        "wireframe       in  (mode overlay)",
+        "diagnostics     in  (diagnose=True)",
     ]
     scene.wireframe = rj.Wireframe("red", mode="only")
     assert str(rj.explain(scene, camera, outputs="linear")).splitlines()[4:] == [
-        "shading          out (only the wireframe is drawn)",
-        "lights           out (nothing is shaded, or every material is unlit)",
-        "smooth normals   out (shading gouraud, phong)",
-        "textures         out (nothing is shaded)",
-        "wireframe        out (no output shows colour in 8 bits)",
-        "diagnostics      out (diagnose=False)",
+        "shading         out (only the wireframe is drawn)",
+        "lights          out (nothing is shaded, or every material is unlit)",
+        "smooth normals  out (shading gouraud, phong)",
+        "textures        out (nothing is shaded)",
+        "wireframe       out (no output shows colour in 8 bits)",
+        "diagnostics     out (diagnose=False)",
     ]
 
 
