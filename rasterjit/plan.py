@@ -7,6 +7,7 @@ cast and joined here, once.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -20,7 +21,14 @@ from rasterjit import transforms
 from rasterjit.kernels import shading
 from rasterjit.kernels.records import Lighting, Objects, Surface, Viewport
 from rasterjit.kernels.setup import GUARD_PIXELS
-from rasterjit.plan_effects import Contents, Effect, Grounds, contents_of, list_effects
+from rasterjit.plan_effects import (
+    SMOOTH,
+    Contents,
+    Effect,
+    Grounds,
+    contents_of,
+    list_effects,
+)
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.color import linear_color
 from rasterjit.scene.light import AmbientLight, DirectionalLight, Light, PointLight
@@ -146,8 +154,8 @@ def plan_render(
     one_of("cull", cull, CULL_MODES)
     if not isinstance(diagnose, bool):
         raise ValueError(f"diagnose must be True or False, got {diagnose!r}")
-    check_scene(scene)
     if contents is None:
+        check_scene(scene)
         contents = contents_of([node.mesh for node in scene.nodes])
     kinds = tuple(type(light).__name__ for light in scene.lights)
     grounds = Grounds(outputs, contents, kinds, scene.wireframe, diagnose)
@@ -250,8 +258,10 @@ class SceneArrays(NamedTuple):
 
 def join_geometry(meshes: Sequence[Mesh]) -> SceneArrays:
     """Join positions and faces; faces are renumbered."""
-    vertex_starts = np.cumsum([0] + [len(mesh.vertices) for mesh in meshes], dtype=np.int64)
-    face_starts = np.cumsum([0] + [len(mesh.faces) for mesh in meshes], dtype=np.int64)
+    runs = runs_of(meshes)
+    repeats = [count for _, count in runs]
+    vertex_starts = _starts([len(mesh.vertices) for mesh, _ in runs], repeats)
+    face_starts = _starts([len(mesh.faces) for mesh, _ in runs], repeats)
     if max(vertex_starts[-1], face_starts[-1]) >= 2**31 - 2**28:
         raise ValueError(
             f"scene must have fewer than {2**31 - 2**28} vertices and faces in all, got "
@@ -259,62 +269,80 @@ def join_geometry(meshes: Sequence[Mesh]) -> SceneArrays:
         )
     if len(meshes) == 1:
         positions, faces = writable(meshes[0].vertices), writable(meshes[0].faces)
-    else:
-        positions = np.concatenate([mesh.vertices for mesh in meshes])
-        faces = np.concatenate(
-            [
-                mesh.faces + np.int32(first)
-                for mesh, first in zip(meshes, vertex_starts, strict=False)
-            ]
-        )
+        return SceneArrays(positions, faces, vertex_starts, face_starts)
+    positions = _repeated([(mesh.vertices, count) for mesh, count in runs])
+    faces = np.empty((face_starts[-1], 3), np.int32)
+    place = 0
+    for mesh, count in runs:
+        firsts = vertex_starts[place : place + count].astype(np.int32)[:, np.newaxis, np.newaxis]
+        rows = faces[face_starts[place] : face_starts[place + count]]
+        np.add(mesh.faces, firsts, out=rows.reshape(count, -1, 3))
+        place += count
     return SceneArrays(positions, faces, vertex_starts, face_starts)
+
+
+def runs_of(meshes: Sequence[Mesh]) -> list[tuple[Mesh, int]]:
+    """Return each mesh with how often it follows itself: instances are joined at once."""
+    return [(mesh, sum(1 for _ in group)) for mesh, group in itertools.groupby(meshes)]
+
+
+def _starts(sizes: Sequence[int], repeats: Sequence[int]) -> NDArray[np.int64]:
+    """Return the running sum from 0 of sizes that repeat, (O+1,)."""
+    starts = np.zeros(sum(repeats) + 1, np.int64)
+    np.cumsum(np.repeat(np.array(sizes, np.int64), repeats), out=starts[1:])
+    return starts
+
+
+def _repeated(parts: Sequence[tuple[NDArray[Any], int]]) -> NDArray[Any]:
+    """Join arrays (n, k) row by row, each as often as it says."""
+    total = sum(len(array) * count for array, count in parts)
+    first = parts[0][0]
+    joined = np.empty((total, first.shape[1]), first.dtype)
+    start = 0
+    for array, count in parts:
+        stop = start + len(array) * count
+        joined[start:stop].reshape(count, *array.shape)[:] = array
+        start = stop
+    return joined
 
 
 def join_normals(meshes: Sequence[Mesh]) -> NDArray[np.float32]:
     """Join the vertex normals of the smooth objects, (V, 3); zero for the others."""
-    return _join(
-        [
-            mesh.vertex_normals() if mesh.material.shading in ("gouraud", "phong") else None
-            for mesh in meshes
-        ],
-        [len(mesh.vertices) for mesh in meshes],
-        np.zeros(3, np.float32),
-    )
+
+    def normals(mesh: Mesh) -> NDArray[np.float32] | None:
+        return mesh.vertex_normals() if mesh.material.shading in SMOOTH else None
+
+    parts = [(normals(mesh), len(mesh.vertices), count) for mesh, count in runs_of(meshes)]
+    return _join(parts, np.zeros(3, np.float32))
 
 
 def join_uv(meshes: Sequence[Mesh]) -> NDArray[np.float32]:
     """Join the texture coordinates, (V, 2); NaN where an object has none."""
-    return _join(
-        [mesh.uv for mesh in meshes],
-        [len(mesh.vertices) for mesh in meshes],
-        np.full(2, np.nan, np.float32),
-    )
+    parts = [(mesh.uv, len(mesh.vertices), count) for mesh, count in runs_of(meshes)]
+    return _join(parts, np.full(2, np.nan, np.float32))
 
 
 def join_surface(meshes: Sequence[Mesh], normals: NDArray[np.float32] | None) -> Surface:
     """Join what the objects look like; a kind of colour that no object has is ``None``."""
-    materials = np.array(
-        [
-            (
-                *mesh.material.base_color,
-                mesh.material.specular,
-                mesh.material.shininess,
-                MODELS[mesh.material.shading],
-            )
-            for mesh in meshes
-        ],
-        np.float32,
-    )
+    runs = runs_of(meshes)
+    rows = [
+        (
+            *mesh.material.base_color,
+            mesh.material.specular,
+            mesh.material.shininess,
+            MODELS[mesh.material.shading],
+        )
+        for mesh, _ in runs
+    ]
+    materials = np.repeat(np.array(rows, np.float32), [count for _, count in runs], axis=0)
     white = np.ones(4, np.float32)
     vertex_colors = face_colors = None
-    if any(mesh.vertex_colors is not None for mesh in meshes):
-        vertex_colors = _join(
-            [mesh.vertex_colors for mesh in meshes], [len(mesh.vertices) for mesh in meshes], white
-        )
-    if any(mesh.face_colors is not None for mesh in meshes):
-        face_colors = _join(
-            [mesh.face_colors for mesh in meshes], [len(mesh.faces) for mesh in meshes], white
-        )
+    if any(mesh.vertex_colors is not None for mesh, _ in runs):
+        parts = [(mesh.vertex_colors, len(mesh.vertices), count) for mesh, count in runs]
+        vertex_colors = _join(parts, white)
+    if any(mesh.face_colors is not None for mesh, _ in runs):
+        parts = [(mesh.face_colors, len(mesh.faces), count) for mesh, count in runs]
+        face_colors = _join(parts, white)
     return Surface(materials, vertex_colors, face_colors, normals, None, None, None)
 
 
@@ -452,15 +480,16 @@ def _headlight(camera: Camera) -> list[Light]:
 
 
 def _join(
-    arrays: Sequence[NDArray[np.float32] | None], counts: Sequence[int], fill: NDArray[np.float32]
+    parts: Sequence[tuple[NDArray[np.float32] | None, int, int]], fill: NDArray[np.float32]
 ) -> NDArray[np.float32]:
-    """Join arrays row by row, with ``fill`` for the rows of one that is absent."""
-    if len(arrays) == 1 and arrays[0] is not None:
-        return writable(arrays[0])
-    return np.concatenate(
+    """Join (array, rows, repeats) row by row, with ``fill`` for the rows of an absent array."""
+    array, _, count = parts[0]
+    if len(parts) == 1 and count == 1 and array is not None:
+        return writable(array)
+    return _repeated(
         [
-            np.broadcast_to(fill, (count, len(fill))) if array is None else array
-            for array, count in zip(arrays, counts, strict=True)
+            (np.broadcast_to(fill, (rows, len(fill))) if array is None else array, count)
+            for array, rows, count in parts
         ]
     )
 

@@ -96,6 +96,12 @@ def _is_finite(array: NDArray[np.float64]) -> bool:
     return bool(np.isfinite(array).all())
 
 
+def read_only(array: NDArray[Any]) -> NDArray[Any]:
+    """Return a view of an array that nothing can write to, nor be made to."""
+    array.flags.writeable = False
+    return array.view()
+
+
 def vector(name: str, value: ArrayLike) -> NDArray[np.float64]:
     """Return ``value`` as a finite float64 vector of three, or raise ``ValueError``."""
     return finite_array(name, value, (3,))
