@@ -11,7 +11,7 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -473,10 +473,13 @@ def _headlight(camera: Camera) -> list[Light]:
     columns = transforms.normal_matrix(camera.view_matrix()).tolist()
     x, y, z = HEADLIGHT_DIRECTION
     direction = tuple((a * x + b * y) + c * z for a, b, c in zip(*columns, strict=True))
-    return [
-        DirectionalLight(direction, intensity=HEADLIGHT_INTENSITY),
-        AmbientLight(intensity=HEADLIGHT_AMBIENT),
-    ]
+    return [DirectionalLight(direction, intensity=HEADLIGHT_INTENSITY), _headlight_ambient()]
+
+
+@cache
+def _headlight_ambient() -> AmbientLight:
+    """Return the part of the default light that has no direction."""
+    return AmbientLight(intensity=HEADLIGHT_AMBIENT)
 
 
 def _join(

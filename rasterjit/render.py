@@ -259,6 +259,9 @@ class Renderer:
             diagnostics = diagnosing.diagnose(coverage, objects, geometry, camera, workers)
             clock("diagnostics")
         stats = _stats(coverage, clock.seconds)
+        if "face_id" in plan.outputs:
+            # The caller may write to it.
+            _ = stats.pixels_covered
         return Frame({name: result[name] for name in plan.outputs}, plan, stats, diagnostics)
 
     def _scene(self, what: Any) -> Scene:
@@ -397,6 +400,6 @@ def _stats(coverage: stages.Coverage, seconds: dict[str, float]) -> Stats:
         invalid=totals.invalid,
         drawn=totals.drawn,
         clipped=totals.clipped,
-        pixels_covered=int(np.count_nonzero(coverage.face_id >= 0)),
         seconds=seconds,
+        face_id=coverage.face_id,
     )

@@ -386,9 +386,14 @@ def compose(*matrices: ArrayLike) -> Matrix:
 
 def _product(a: list[list[float]], b: list[list[float]]) -> list[list[float]]:
     """Return the product of two 4x4 matrices, summed left to right; plain floats are faster."""
-    b0, b1, b2, b3 = b
+    (a0, a1, a2, a3), (b0, b1, b2, b3), (c0, c1, c2, c3), (d0, d1, d2, d3) = b
     return [
-        [((x * p + y * q) + z * r) + w * s for p, q, r, s in zip(b0, b1, b2, b3, strict=True)]
+        [
+            ((x * a0 + y * b0) + z * c0) + w * d0,
+            ((x * a1 + y * b1) + z * c1) + w * d1,
+            ((x * a2 + y * b2) + z * c2) + w * d2,
+            ((x * a3 + y * b3) + z * c3) + w * d3,
+        ]
         for x, y, z, w in a
     ]
 
@@ -589,12 +594,12 @@ def normal_matrix(matrix: ArrayLike) -> NDArray[np.float64]:
         If ``matrix`` is not a finite 4x4 matrix.
     """
     rows = finite_array("matrix", matrix, (4, 4))[:3, :3].tolist()
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = rows
     # Bring the largest entry into [1, 2) by a power of two, so that no product underflows.
-    largest = max(abs(entry) for row in rows for entry in row)
-    exponent = 1 - math.frexp(largest)[1]
-    a, b, c = (
-        tuple(math.ldexp(entry, exponent) for entry in column) for column in zip(*rows, strict=True)
-    )
+    exponent = 1 - math.frexp(max(map(abs, (xx, xy, xz, yx, yy, yz, zx, zy, zz))))[1]
+    a = math.ldexp(xx, exponent), math.ldexp(yx, exponent), math.ldexp(zx, exponent)
+    b = math.ldexp(xy, exponent), math.ldexp(yy, exponent), math.ldexp(zy, exponent)
+    c = math.ldexp(xz, exponent), math.ldexp(yz, exponent), math.ldexp(zz, exponent)
     columns = _cross(b, c), _cross(c, a), _cross(a, b)
     determinant = _dot(a, columns[0])
     if determinant != 0.0:
