@@ -37,6 +37,10 @@ from rasterjit.scene.quality import Quality, check_quality
 from rasterjit.scene.scene import Scene
 from rasterjit.validation import image_size, thread_count
 
+SAMPLES_AT_ONCE = 1 << 15
+"""Samples whose depth is converted at once: their float64 copies stay in L2, and a small frame
+is done in one step."""
+
 
 def render(
     what: Any,
@@ -380,8 +384,10 @@ def _fill_buffers(
 def metric_depth(camera: Camera, coverage: stages.Coverage) -> NDArray[np.float32]:
     """Return the depth in scene units along the viewing axis; ``inf`` where nothing is."""
     depth = np.full(coverage.depth.shape, np.inf, np.float32)
-    for row in range(0, len(depth), stages.ROWS_PER_TASK):
-        band = slice(row, row + stages.ROWS_PER_TASK)
+    height, width = depth.shape
+    rows = max(1, SAMPLES_AT_ONCE // width)
+    for row in range(0, height, rows):
+        band = slice(row, row + rows)
         seen = coverage.face_id[band] >= 0
         with np.errstate(over="ignore"):
             depth[band][seen] = camera.view_depth(coverage.depth[band][seen])

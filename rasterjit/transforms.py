@@ -720,6 +720,29 @@ def transform_points(
     return result
 
 
+def transform_instances(
+    matrices: NDArray[np.float64], points: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """
+    Multiply points by each of many affine matrices; the bits of `transform_points`.
+
+    Parameters
+    ----------
+    matrices : (K, 4, 4) float64
+        The last row is not read.
+    points : (N, 3) float64
+
+    Returns
+    -------
+    (K, N, 3) float64
+    """
+    x, y, z = points.T
+    columns = matrices[:, :3, :, np.newaxis]
+    with np.errstate(all="ignore"):
+        sums = columns[:, :, 0] * x + columns[:, :, 1] * y + columns[:, :, 2] * z
+        return np.moveaxis(sums + columns[:, :, 3], 1, 2)
+
+
 def _transform_block(
     rows: list[list[float]], source: NDArray[Any], out: Matrix, scratch: Matrix
 ) -> None:

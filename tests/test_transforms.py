@@ -458,3 +458,14 @@ def test_normal_matrices_are_the_bits_of_each_normal_matrix():
 
 def test_normal_matrices_of_nothing_are_nothing():
     assert tf.normal_matrices(np.empty((0, 4, 4))).shape == (0, 3, 3)
+
+
+def test_instances_are_the_bits_of_each_transform():
+    rng = np.random.default_rng(4)
+    matrices = rng.normal(size=(7, 4, 4)) * 10.0 ** rng.integers(-200, 200, (7, 1, 1))
+    points = rng.normal(size=(30, 3)) * 10.0 ** rng.integers(-200, 200, (30, 1))
+    points[3] = np.inf, np.nan, -0.0
+    together = tf.transform_instances(matrices, points)
+    for number, matrix in enumerate(matrices):
+        alone = tf.transform_points(matrix, points)[:, :3]
+        assert together[number].tobytes() == alone.tobytes()

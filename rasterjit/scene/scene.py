@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from rasterjit.scene.color import ColorLike, linear_color
 from rasterjit.scene.light import Light
 from rasterjit.scene.mesh import Mesh
-from rasterjit.transforms import transform_points
+from rasterjit.transforms import transform_instances
 from rasterjit.validation import finite_array, one_of, read_only
 
 if TYPE_CHECKING:
@@ -223,17 +223,19 @@ class Scene:
 
     def _world_chunks(self) -> Iterator[NDArray[np.float64]]:
         """Yield the used vertices of all nodes in world space, a bounded number at a time."""
-        used_by_mesh: dict[int, NDArray[np.bool_]] = {}
+        matrices_by_mesh: dict[Mesh, list[NDArray[np.float64]]] = {}
         for node in self.nodes:
-            mesh = node.mesh
-            if id(mesh) not in used_by_mesh:
-                used_by_mesh[id(mesh)] = mesh.used_vertices()
-            used = used_by_mesh[id(mesh)]
+            matrices_by_mesh.setdefault(node.mesh, []).append(node.world_from_model)
+        for mesh, matrices in matrices_by_mesh.items():
+            used = mesh.used_vertices()
+            places = np.concatenate(matrices).reshape(-1, 4, 4)
             for start in range(0, len(used), _CHUNK):
                 chunk = slice(start, start + _CHUNK)
                 positions = mesh.vertices[chunk][used[chunk]]
-                if len(positions):
-                    yield transform_points(node.world_from_model, positions)[:, :3]
+                at_once = max(1, _CHUNK // max(1, len(positions)))
+                for first in range(0, len(places) if len(positions) else 0, at_once):
+                    some = places[first : first + at_once]
+                    yield transform_instances(some, positions).reshape(-1, 3)
 
 
 def _affine(name: str, value: ArrayLike) -> NDArray[np.float64]:
