@@ -159,7 +159,9 @@ class StageClock:
 
 class Renderer:
     """
-    Renders frames of one size, keeping threads and joined meshes between them.
+    Renders frames of one size, keeping threads and what they have in common between them.
+
+    Meshes, materials, transforms, lights and cameras may change from one frame to the next.
 
     Parameters
     ----------
