@@ -7,6 +7,7 @@ error. What is slow to import is imported by the command that needs it.
 
 from __future__ import annotations
 
+import gc
 import sys
 import time
 import warnings
@@ -37,6 +38,15 @@ if TYPE_CHECKING:
 
 INTERRUPTED = 130
 """Exit status after Ctrl-C; the others are click's: 1 failed, 2 wrong usage."""
+
+GARBAGE_THRESHOLD = 100_000
+"""Objects made between two looks for garbage; Python's own is 700."""
+
+OWN_PROCESS = "own process"
+"""The object of click's context where the process runs one command and ends."""
+
+GRAPHLESS_FORMATS = (".obj", ".ply", ".stl", ".off")
+"""Files that hold no scene graph."""
 
 DEBUG = "rasterjit.debug"
 """Key of the flag in click's context."""
@@ -284,6 +294,8 @@ def _load(file: Path, look: Look, quiet: bool) -> Scene:
     """Read a scene, apply the look, and print what reading warns of as lines."""
     from rasterjit.io.meshes import load
 
+    if click.get_current_context().find_root().obj == OWN_PROCESS:
+        _import_trimesh_for(file)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("ignore")
         warnings.simplefilter("always", UserWarning)
@@ -292,6 +304,21 @@ def _load(file: Path, look: Look, quiet: bool) -> Scene:
         _warn(str(warning.message), quiet)
     look.apply(scene)
     return scene
+
+
+def _import_trimesh_for(file: Path) -> None:
+    """
+    Import trimesh; without networkx, half of the time it takes, if the file needs none.
+
+    It stays without, so this is for a process that reads one file and ends.
+    """
+    if file.suffix.lower() not in GRAPHLESS_FORMATS or "networkx" in sys.modules:
+        return
+    sys.modules["networkx"] = None
+    try:
+        import trimesh  # noqa: F401
+    finally:
+        del sys.modules["networkx"]
 
 
 @program.command()
@@ -421,8 +448,11 @@ def doctor() -> None:
 
 
 def main() -> None:
-    """Run the command line."""
-    program.main(prog_name="rasterjit")
+    """Run the command line, in a process of its own."""
+    # Modules stay, so looking for garbage among them is in vain: a sixth of a short run.
+    gc.freeze()
+    gc.set_threshold(GARBAGE_THRESHOLD)
+    program.main(prog_name="rasterjit", obj=OWN_PROCESS)
 
 
 if __name__ == "__main__":

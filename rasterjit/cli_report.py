@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, nullcontext
 from typing import TYPE_CHECKING, TypeVar
@@ -19,10 +20,14 @@ STAGE_NAMES = {"compile": "compile, or load compiled"}
 @contextmanager
 def status(text: str, quiet: bool) -> Iterator[None]:
     """Show that something is going on, if somebody is looking."""
+    if quiet or not sys.stderr.isatty():
+        # Without the 50 ms that the import of rich takes.
+        yield
+        return
     from rich.console import Console
 
     console = Console(stderr=True)
-    with nullcontext() if quiet or not console.is_terminal else console.status(text):
+    with console.status(text) if console.is_terminal else nullcontext():
         yield
 
 

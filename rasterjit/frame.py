@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from dataclasses import dataclass, field
+from dataclasses import InitVar, dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -19,13 +19,18 @@ class OutputNotRequestedError(AttributeError, ValueError):
     """An output was read that the render was not asked for."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Stats:
     """
     What became of the triangles, and where the time went.
 
     ``triangles_in`` is the sum of ``outside``, ``culled``, ``degenerate``, ``unsampled``,
     ``invalid`` and ``drawn``.
+
+    Parameters
+    ----------
+    face_id : (H, W) int32
+        -1 where nothing is; let go when its pixels have been counted.
     """
 
     triangles_in: int
@@ -42,10 +47,26 @@ class Stats:
     drawn: int
     clipped: int
     """Cut at the near or far plane or the guard band; counted by their outcome as well."""
-    pixels_covered: int
-    """Pixels that show a face."""
-    seconds: dict[str, float] = field(default_factory=dict)
+    seconds: dict[str, float]
     """Seconds of each stage, in order; ``compile`` is apart and not part of any other."""
+    face_id: InitVar[NDArray[np.int32]]
+
+    def __post_init__(self, face_id: NDArray[np.int32]) -> None:
+        object.__setattr__(self, "_covered", face_id)
+
+    def __repr__(self) -> str:
+        names = [field.name for field in fields(self)]
+        names.insert(names.index("seconds"), "pixels_covered")
+        return f"Stats({', '.join(f'{name}={getattr(self, name)!r}' for name in names)})"
+
+    @property
+    def pixels_covered(self) -> int:
+        """Pixels that show a face; counted when first asked for."""
+        covered = self._covered
+        if not isinstance(covered, int):
+            covered = int(np.count_nonzero(covered >= 0))
+            object.__setattr__(self, "_covered", covered)
+        return covered
 
 
 class Frame:

@@ -7,9 +7,11 @@ cast and joined here, once.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache, cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,9 +21,17 @@ from rasterjit import transforms
 from rasterjit.kernels import records
 from rasterjit.kernels.records import Lighting, Objects, Surface, Viewport
 from rasterjit.kernels.setup import GUARD_PIXELS
+from rasterjit.plan_effects import (
+    SMOOTH,
+    Contents,
+    Effect,
+    Grounds,
+    contents_of,
+    list_effects,
+)
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.color import linear_color
-from rasterjit.scene.light import AmbientLight, DirectionalLight, PointLight
+from rasterjit.scene.light import AmbientLight, DirectionalLight, Light, PointLight
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Node, Scene, Wireframe
@@ -62,14 +72,6 @@ class _WritableView:
         self.__array_interface__ = interface
 
 
-class Effect(NamedTuple):
-    """One thing that a frame may need, and why it does or does not."""
-
-    name: str
-    used: bool
-    reason: str
-
-
 @dataclass(frozen=True)
 class RenderPlan:
     """
@@ -80,8 +82,8 @@ class RenderPlan:
     size : (int, int)
         Width and height, pixels.
     outputs : tuple of str
-    effects : tuple of Effect
-        What is in and what is out, with the reason.
+    grounds : Grounds
+        What the decisions rest on.
     """
 
     size: tuple[int, int]
@@ -98,12 +100,17 @@ class RenderPlan:
     diagnose: bool
     needs_textures: bool
     needs_matt_light: bool
-    effects: tuple[Effect, ...]
+    grounds: Grounds
+
+    @cached_property
+    def effects(self) -> tuple[Effect, ...]:
+        """What is in and what is out, with the reason; made when first asked for."""
+        return list_effects(self.grounds)
 
     @property
     def needs_color(self) -> bool:
         """Whether any output shows colour."""
-        return "color" in self.outputs or "linear" in self.outputs
+        return self.grounds.is_colored
 
     def __str__(self) -> str:
         width, height = self.size
@@ -130,9 +137,12 @@ def plan_render(
     background: Any,
     cull: str,
     diagnose: bool = False,
+    contents: Contents | None = None,
 ) -> RenderPlan:
     """
     Check the arguments of a frame and decide what it needs.
+
+    ``contents`` are those of the scene's meshes, where they are known already.
 
     Raises
     ------
@@ -144,35 +154,16 @@ def plan_render(
     one_of("cull", cull, CULL_MODES)
     if not isinstance(diagnose, bool):
         raise ValueError(f"diagnose must be True or False, got {diagnose!r}")
-    check_scene(scene)
-    colored = "color" in outputs or "linear" in outputs
-    models = {node.mesh.material.shading for node in scene.nodes}
-    draws_faces = scene.wireframe is None or scene.wireframe.mode == "overlay"
-    shades = colored and draws_faces
-    is_lit = shades and models != {"unlit"}
-    smooth = {"gouraud", "phong"} & models
-    any_uv = any(node.mesh.uv is not None for node in scene.nodes)
-    if "uv" in outputs and not any_uv:
+    if contents is None:
+        check_scene(scene)
+        contents = contents_of([node.mesh for node in scene.nodes])
+    kinds = tuple(type(light).__name__ for light in scene.lights)
+    grounds = Grounds(outputs, contents, kinds, scene.wireframe, diagnose)
+    if "uv" in outputs and not contents.has_uv:
         raise ValueError("outputs has 'uv', but no mesh of the scene has texture coordinates")
-    textured = [node for node in scene.nodes if node.mesh.material.base_color_texture is not None]
-    if shades:
-        _check_uv(textured)
-    effects = (
-        Effect("shading", shades, _shading_reason(colored, draws_faces, models)),
-        Effect("lights", is_lit, _light_reason(scene, is_lit)),
-        Effect(
-            "smooth normals",
-            bool(smooth) and (is_lit or "normal" in outputs),
-            "shading " + ", ".join(sorted(smooth)) if smooth else "no object is smooth",
-        ),
-        Effect("textures", shades and bool(textured), _texture_reason(shades, textured)),
-        Effect(
-            "wireframe",
-            scene.wireframe is not None and "color" in outputs,
-            _wireframe_reason(scene, outputs),
-        ),
-        Effect("diagnostics", diagnose, f"diagnose={diagnose}"),
-    )
+    if grounds.shades and contents.lacks_uv:
+        _refuse_texture(scene.nodes)
+    is_lit = grounds.is_lit
     return RenderPlan(
         size=size,
         camera=camera,
@@ -180,32 +171,27 @@ def plan_render(
         outputs=outputs,
         background=linear_color("background", background),
         cull=cull,
-        wireframe=scene.wireframe if "color" in outputs else None,
-        draws_faces=draws_faces,
-        lighting=_lighting(scene, camera) if is_lit else None,
-        needs_normals=effects[2].used,
-        needs_gouraud=is_lit and "gouraud" in models,
+        wireframe=scene.wireframe if grounds.draws_edges else None,
+        draws_faces=grounds.draws_faces,
+        lighting=_lighting(scene, camera, contents.highlights) if is_lit else None,
+        needs_normals=grounds.needs_normals,
+        needs_gouraud=is_lit and "gouraud" in contents.shadings,
         diagnose=diagnose,
-        needs_textures=shades and bool(textured),
+        needs_textures=grounds.needs_textures,
         # The highlights of vertices lie on top of a texture: they are added up apart.
-        needs_matt_light=is_lit and any(_has_gouraud_highlight(node.mesh) for node in textured),
-        effects=effects,
+        needs_matt_light=is_lit and contents.has_textured_highlight,
+        grounds=grounds,
     )
 
 
-def _check_uv(textured: Sequence[Node]) -> None:
-    """Raise ``ValueError`` naming an object that has a texture and nothing to lay it by."""
-    for node in textured:
-        if node.mesh.uv is None:
+def _refuse_texture(nodes: Sequence[Node]) -> None:
+    """Raise ``ValueError`` naming the object that has a texture and nothing to lay it by."""
+    for node in nodes:
+        if node.mesh.material.base_color_texture is not None and node.mesh.uv is None:
             raise ValueError(
                 f"the mesh of {node.name!r} must have uv, for its material has a "
                 "base_color_texture; got none"
             )
-
-
-def _has_gouraud_highlight(mesh: Mesh) -> bool:
-    """Return whether the light of a mesh's vertices holds a highlight."""
-    return mesh.material.shading == "gouraud" and mesh.material.specular > 0.0
 
 
 def check_scene(scene: Scene) -> None:
@@ -216,6 +202,8 @@ def check_scene(scene: Scene) -> None:
     ):
         if not isinstance(items, (list, tuple)):
             raise ValueError(f"scene.{name} must be a list, got {items!r}")
+        if set(map(type, items)).issubset(kinds):
+            continue
         for n, item in enumerate(items):
             if not isinstance(item, kinds):
                 wanted = " or ".join(kind.__name__ for kind in kinds)
@@ -270,8 +258,10 @@ class SceneArrays(NamedTuple):
 
 def join_geometry(meshes: Sequence[Mesh]) -> SceneArrays:
     """Join positions and faces; faces are renumbered."""
-    vertex_starts = np.cumsum([0] + [len(mesh.vertices) for mesh in meshes], dtype=np.int64)
-    face_starts = np.cumsum([0] + [len(mesh.faces) for mesh in meshes], dtype=np.int64)
+    runs = runs_of(meshes)
+    repeats = [count for _, count in runs]
+    vertex_starts = _starts([len(mesh.vertices) for mesh, _ in runs], repeats)
+    face_starts = _starts([len(mesh.faces) for mesh, _ in runs], repeats)
     if max(vertex_starts[-1], face_starts[-1]) >= 2**31 - 2**28:
         raise ValueError(
             f"scene must have fewer than {2**31 - 2**28} vertices and faces in all, got "
@@ -279,62 +269,80 @@ def join_geometry(meshes: Sequence[Mesh]) -> SceneArrays:
         )
     if len(meshes) == 1:
         positions, faces = writable(meshes[0].vertices), writable(meshes[0].faces)
-    else:
-        positions = np.concatenate([mesh.vertices for mesh in meshes])
-        faces = np.concatenate(
-            [
-                mesh.faces + np.int32(first)
-                for mesh, first in zip(meshes, vertex_starts, strict=False)
-            ]
-        )
+        return SceneArrays(positions, faces, vertex_starts, face_starts)
+    positions = _repeated([(mesh.vertices, count) for mesh, count in runs])
+    faces = np.empty((face_starts[-1], 3), np.int32)
+    place = 0
+    for mesh, count in runs:
+        firsts = vertex_starts[place : place + count].astype(np.int32)[:, np.newaxis, np.newaxis]
+        rows = faces[face_starts[place] : face_starts[place + count]]
+        np.add(mesh.faces, firsts, out=rows.reshape(count, -1, 3))
+        place += count
     return SceneArrays(positions, faces, vertex_starts, face_starts)
+
+
+def runs_of(meshes: Sequence[Mesh]) -> list[tuple[Mesh, int]]:
+    """Return each mesh with how often it follows itself: instances are joined at once."""
+    return [(mesh, sum(1 for _ in group)) for mesh, group in itertools.groupby(meshes)]
+
+
+def _starts(sizes: Sequence[int], repeats: Sequence[int]) -> NDArray[np.int64]:
+    """Return the running sum from 0 of sizes that repeat, (O+1,)."""
+    starts = np.zeros(sum(repeats) + 1, np.int64)
+    np.cumsum(np.repeat(np.array(sizes, np.int64), repeats), out=starts[1:])
+    return starts
+
+
+def _repeated(parts: Sequence[tuple[NDArray[Any], int]]) -> NDArray[Any]:
+    """Join arrays (n, k) row by row, each as often as it says."""
+    total = sum(len(array) * count for array, count in parts)
+    first = parts[0][0]
+    joined = np.empty((total, first.shape[1]), first.dtype)
+    start = 0
+    for array, count in parts:
+        stop = start + len(array) * count
+        joined[start:stop].reshape(count, *array.shape)[:] = array
+        start = stop
+    return joined
 
 
 def join_normals(meshes: Sequence[Mesh]) -> NDArray[np.float32]:
     """Join the vertex normals of the smooth objects, (V, 3); zero for the others."""
-    return _join(
-        [
-            mesh.vertex_normals() if mesh.material.shading in ("gouraud", "phong") else None
-            for mesh in meshes
-        ],
-        [len(mesh.vertices) for mesh in meshes],
-        np.zeros(3, np.float32),
-    )
+
+    def normals(mesh: Mesh) -> NDArray[np.float32] | None:
+        return mesh.vertex_normals() if mesh.material.shading in SMOOTH else None
+
+    parts = [(normals(mesh), len(mesh.vertices), count) for mesh, count in runs_of(meshes)]
+    return _join(parts, np.zeros(3, np.float32))
 
 
 def join_uv(meshes: Sequence[Mesh]) -> NDArray[np.float32]:
     """Join the texture coordinates, (V, 2); NaN where an object has none."""
-    return _join(
-        [mesh.uv for mesh in meshes],
-        [len(mesh.vertices) for mesh in meshes],
-        np.full(2, np.nan, np.float32),
-    )
+    parts = [(mesh.uv, len(mesh.vertices), count) for mesh, count in runs_of(meshes)]
+    return _join(parts, np.full(2, np.nan, np.float32))
 
 
 def join_surface(meshes: Sequence[Mesh], normals: NDArray[np.float32] | None) -> Surface:
     """Join what the objects look like; a kind of colour that no object has is ``None``."""
-    materials = np.array(
-        [
-            (
-                *mesh.material.base_color,
-                mesh.material.specular,
-                mesh.material.shininess,
-                MODELS[mesh.material.shading],
-            )
-            for mesh in meshes
-        ],
-        np.float32,
-    )
+    runs = runs_of(meshes)
+    rows = [
+        (
+            *mesh.material.base_color,
+            mesh.material.specular,
+            mesh.material.shininess,
+            MODELS[mesh.material.shading],
+        )
+        for mesh, _ in runs
+    ]
+    materials = np.repeat(np.array(rows, np.float32), [count for _, count in runs], axis=0)
     white = np.ones(4, np.float32)
     vertex_colors = face_colors = None
-    if any(mesh.vertex_colors is not None for mesh in meshes):
-        vertex_colors = _join(
-            [mesh.vertex_colors for mesh in meshes], [len(mesh.vertices) for mesh in meshes], white
-        )
-    if any(mesh.face_colors is not None for mesh in meshes):
-        face_colors = _join(
-            [mesh.face_colors for mesh in meshes], [len(mesh.faces) for mesh in meshes], white
-        )
+    if any(mesh.vertex_colors is not None for mesh, _ in runs):
+        parts = [(mesh.vertex_colors, len(mesh.vertices), count) for mesh, count in runs]
+        vertex_colors = _join(parts, white)
+    if any(mesh.face_colors is not None for mesh, _ in runs):
+        parts = [(mesh.face_colors, len(mesh.faces), count) for mesh, count in runs]
+        face_colors = _join(parts, white)
     return Surface(materials, vertex_colors, face_colors, normals, None, None, None)
 
 
@@ -355,47 +363,77 @@ class Views(NamedTuple):
     """1 if the camera shows counter-clockwise faces counter-clockwise, -1 if it mirrors."""
 
 
+class Places(NamedTuple):
+    """Where the objects stand in the world, which no camera changes."""
+
+    world_from_model: NDArray[np.float64]
+    """(O, 4, 4)."""
+    normal_matrices: NDArray[np.float64]
+    """(O, 3, 3), largest entry 1."""
+    mirrored: NDArray[np.float64]
+    """(O,): -1 where the transform turns faces inside out, else 1."""
+
+
+def place_objects(matrices: Sequence[NDArray[np.float64]]) -> Places:
+    """Return where objects stand, given ``world_from_model``, (4, 4), of each."""
+    world_from_model = np.concatenate(matrices).reshape(-1, 4, 4)
+    normals = transforms.normal_matrices(world_from_model)
+    # So that normals keep a length near 1 in float32.
+    largest = np.abs(normals).max(axis=(1, 2), keepdims=True)
+    np.divide(normals, largest, out=normals, where=largest > 0.0)
+    return Places(world_from_model, normals, _mirrored(world_from_model[:, :3, :3]))
+
+
+def _mirrored(matrices: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return -1 for each 3x3 matrix of a negative determinant, (O,), else 1; see `_turn`."""
+    largest = np.abs(matrices).max(axis=2, keepdims=True)
+    scaled = np.divide(matrices, largest, out=np.zeros_like(matrices), where=largest > 0.0)
+    (a, b, c), (d, e, f), (g, h, i) = np.moveaxis(scaled, 0, 2)
+    determinants = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
+    return np.where(determinants < 0.0, -1.0, 1.0)
+
+
 def view_nodes(nodes: Sequence[Node], camera: Camera, size: tuple[int, int]) -> Views:
     """Return the matrices that take each object to the screen."""
+    return view_places(place_objects([node.world_from_model for node in nodes]), camera, size)
+
+
+def view_places(places: Places, camera: Camera, size: tuple[int, int]) -> Views:
+    """Return the matrices that take objects at their places to the screen."""
     eye = camera.eye_position()
-    relative_from_model = np.stack([node.world_from_model for node in nodes])
+    relative_from_model = places.world_from_model.copy()
     relative_from_model[:, :3, 3] -= eye
     view_from_relative = transforms.compose(camera.view_matrix(), transforms.translate(eye))
     clip_from_view = camera.projection_matrix(size)
-    linear = relative_from_model[:, :3, :3]
-    is_perspective = bool(clip_from_view[3, :3].any())
+    *screen_axes, depth_row, away = (row[:3] for row in clip_from_view.tolist())
     toward_viewer = np.array([0.0, 0.0, 0.0, 1.0])
-    away = clip_from_view[3, :3]
-    if not is_perspective:
-        # Depth grows with z in clip space; the viewer is the other way.
-        away = clip_from_view[2, :3]
-        toward_viewer[:3] = -(away[:, np.newaxis] * view_from_relative[:3, :3]).sum(axis=0)
+    if not any(away):
+        # A parallel projection: depth grows with z in clip space; the viewer is the other way.
+        away = depth_row
+        axis = clip_from_view[2, :3, np.newaxis]
+        toward_viewer[:3] = -(axis * view_from_relative[:3, :3]).sum(axis=0)
         toward_viewer[3] = 0.0
-    screen_axes = np.stack([clip_from_view[0, :3], clip_from_view[1, :3], away])
-    handedness = _turn(screen_axes) * _turn(view_from_relative[:3, :3])
+    view_axes = [row[:3] for row in view_from_relative[:3].tolist()]
+    handedness = _turn([*screen_axes, away]) * _turn(view_axes)
     return Views(
         relative_from_model,
         transforms.compose(clip_from_view, view_from_relative),
-        np.stack([_normal_matrix(matrix) for matrix in relative_from_model]),
-        np.array([-1.0 if _turn(matrix) < 0.0 else 1.0 for matrix in linear]),
+        places.normal_matrices,
+        places.mirrored,
         toward_viewer,
         1 if handedness < 0.0 else -1,
     )
 
 
-def _normal_matrix(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the normal matrix, scaled so that normals keep a length near 1 in float32."""
-    normals = transforms.normal_matrix(matrix)
-    largest = np.abs(normals).max()
-    return normals / largest if largest > 0.0 else normals
-
-
-def _turn(matrix: NDArray[np.float64]) -> float:
+def _turn(rows: Sequence[Sequence[float]]) -> float:
     """Return the sign of a 3x3 determinant; rows are scaled first, so that none overflows."""
-    largest = np.abs(matrix).max(axis=1, keepdims=True)
-    if not largest.all():
-        return 0.0
-    (a, b, c), (d, e, f), (g, h, i) = (matrix / largest).tolist()
+    scaled = []
+    for row in rows:
+        largest = max(map(abs, row))
+        if largest == 0.0:
+            return 0.0
+        scaled.append([entry / largest for entry in row])
+    (a, b, c), (d, e, f), (g, h, i) = scaled
     determinant = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
     return math.copysign(1.0, determinant) if determinant != 0.0 else 0.0
 
@@ -406,85 +444,55 @@ def cull_objects(cull: str, views: Views, face_starts: NDArray[np.int64]) -> Obj
     return Objects(face_starts, (sign * views.mirrored).astype(np.int8))
 
 
-def _lighting(scene: Scene, camera: Camera) -> Lighting:
+def _lighting(scene: Scene, camera: Camera, highlights: int) -> Lighting:
     """Return the lights as rows, relative to the eye; none in the scene means a headlight."""
-    lights = list(scene.lights)
-    if not lights:
-        # The transpose of the inverse transpose is the inverse.
-        world_from_view = transforms.normal_matrix(camera.view_matrix()).T
-        direction = (world_from_view * HEADLIGHT_DIRECTION).sum(axis=1)
-        lights = [
-            DirectionalLight(direction, intensity=HEADLIGHT_INTENSITY),
-            AmbientLight(intensity=HEADLIGHT_AMBIENT),
-        ]
-    eye = camera.eye_position()
-    rows, ambient = [], np.zeros(3)
+    lights = scene.lights or _headlight(camera)
+    eye_x, eye_y, eye_z = camera.eye_position().tolist()
+    rows, ambient = [], (0.0, 0.0, 0.0)
     for light in lights:
-        color = np.array(light.color) * light.intensity
+        red, green, blue = (part * light.intensity for part in light.color)
         if isinstance(light, AmbientLight):
-            ambient += color
+            ambient = ambient[0] + red, ambient[1] + green, ambient[2] + blue
         elif isinstance(light, PointLight):
-            rows.append((*(np.array(light.position) - eye), 1.0, *color))
+            x, y, z = light.position
+            rows.append((x - eye_x, y - eye_y, z - eye_z, 1.0, red, green, blue))
         else:
-            rows.append((*(-np.array(light.direction)), 0.0, *color))
-    shiny = [n.mesh.material for n in scene.nodes if n.mesh.material.shading != "unlit"]
-    highlights = sum(material.specular > 0.0 for material in shiny)
+            x, y, z = light.direction
+            rows.append((-x, -y, -z, 0.0, red, green, blue))
+    held = [[max(-FARTHEST_LIGHT, min(FARTHEST_LIGHT, entry)) for entry in row] for row in rows]
     return Lighting(
-        np.clip(np.array(rows).reshape(-1, 7), -FARTHEST_LIGHT, FARTHEST_LIGHT).astype(np.float32),
-        ambient.astype(np.float32),
+        np.array(held, np.float32).reshape(-1, 7),
+        np.array(ambient, np.float32),
         np.int64(highlights) if highlights else None,
     )
 
 
-def _shading_reason(colored: bool, draws_faces: bool, models: set[str]) -> str:
-    """Say why faces are shaded or not."""
-    if not colored:
-        return "no output shows colour"
-    if not draws_faces:
-        return "only the wireframe is drawn"
-    return ", ".join(sorted(models))
+def _headlight(camera: Camera) -> list[Light]:
+    """Return the lights of a scene that has none."""
+    # The rows of the inverse transpose are the columns of the inverse.
+    columns = transforms.normal_matrix(camera.view_matrix()).tolist()
+    x, y, z = HEADLIGHT_DIRECTION
+    direction = tuple((a * x + b * y) + c * z for a, b, c in zip(*columns, strict=True))
+    return [DirectionalLight(direction, intensity=HEADLIGHT_INTENSITY), _headlight_ambient()]
 
 
-def _texture_reason(shades: bool, textured: Sequence[Node]) -> str:
-    """Say what the textures are, or why none is read."""
-    if not textured:
-        return "no material has a base_color_texture"
-    if not shades:
-        return "nothing is shaded"
-    textures = dict.fromkeys(node.mesh.material.base_color_texture for node in textured)
-    kinds = [texture.filter for texture in textures if texture is not None]
-    return ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds))
-
-
-def _wireframe_reason(scene: Scene, outputs: Sequence[str]) -> str:
-    """Say why edges are drawn or not: they are 8-bit pixels, so linear colour has none."""
-    if scene.wireframe is None:
-        return "scene.wireframe is None"
-    if "color" not in outputs:
-        return "no output shows colour in 8 bits"
-    return f"mode {scene.wireframe.mode}"
-
-
-def _light_reason(scene: Scene, is_lit: bool) -> str:
-    """Say what lights the scene, or why nothing needs to."""
-    if not is_lit:
-        return "nothing is shaded, or every material is unlit"
-    if not scene.lights:
-        return "a headlight, for the scene has no lights"
-    kinds = [type(light).__name__ for light in scene.lights]
-    return ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds))
+@cache
+def _headlight_ambient() -> AmbientLight:
+    """Return the part of the default light that has no direction."""
+    return AmbientLight(intensity=HEADLIGHT_AMBIENT)
 
 
 def _join(
-    arrays: Sequence[NDArray[np.float32] | None], counts: Sequence[int], fill: NDArray[np.float32]
+    parts: Sequence[tuple[NDArray[np.float32] | None, int, int]], fill: NDArray[np.float32]
 ) -> NDArray[np.float32]:
-    """Join arrays row by row, with ``fill`` for the rows of one that is absent."""
-    if len(arrays) == 1 and arrays[0] is not None:
-        return writable(arrays[0])
-    return np.concatenate(
+    """Join (array, rows, repeats) row by row, with ``fill`` for the rows of an absent array."""
+    array, _, count = parts[0]
+    if len(parts) == 1 and count == 1 and array is not None:
+        return writable(array)
+    return _repeated(
         [
-            np.broadcast_to(fill, (count, len(fill))) if array is None else array
-            for array, count in zip(arrays, counts, strict=True)
+            (np.broadcast_to(fill, (rows, len(fill))) if array is None else array, count)
+            for array, rows, count in parts
         ]
     )
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from rasterjit.kernels import texturing
 from rasterjit.kernels.records import Textures
-from rasterjit.plan import join_uv, writable
+from rasterjit.plan import join_uv, runs_of, writable
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.texture import level_sizes
 
@@ -40,9 +40,11 @@ def join_textures(meshes: Sequence[Mesh]) -> Textures:
             first_texel += width * height
     texels = [texture.texels() for texture in textures]
     absent = (-1, 0, 0, 0, 0)
+    runs = runs_of(meshes)
+    table = [rows.get(mesh.material.base_color_texture, absent) for mesh, _ in runs]
     return Textures(
         writable(texels[0]) if len(texels) == 1 else np.concatenate(texels),
         np.array(levels, np.int64),
-        np.array([rows.get(mesh.material.base_color_texture, absent) for mesh in meshes], np.int64),
+        np.repeat(np.array(table, np.int64), [count for _, count in runs], axis=0),
         join_uv(meshes),
     )

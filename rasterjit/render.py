@@ -21,15 +21,25 @@ from rasterjit.frame import Frame, Stats
 from rasterjit.io.meshes import as_scene
 from rasterjit.kernels import interpolation
 from rasterjit.kernels.jit import COMPILE_CLOCK
-from rasterjit.kernels.records import Geometry, Placement, Textures
+from rasterjit.kernels.records import Geometry, Placement
 from rasterjit.plan import RenderPlan, SceneArrays, Views
-from rasterjit.plan_textures import join_textures
-from rasterjit.scene.camera import Camera, fit_camera
+from rasterjit.prepared import Prepared, prepare
+from rasterjit.scene.camera import (
+    Camera,
+    MatrixCamera,
+    OrthographicCamera,
+    PerspectiveCamera,
+    fit_camera,
+)
 from rasterjit.scene.color import linear_to_srgb
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.quality import Quality, check_quality
 from rasterjit.scene.scene import Scene
 from rasterjit.validation import image_size, thread_count
+
+SAMPLES_AT_ONCE = 1 << 15
+"""Samples whose depth is converted at once: their float64 copies stay in L2, and a small frame
+is done in one step."""
 
 
 def render(
@@ -118,7 +128,11 @@ def choose_camera(scene: Scene, camera: Camera | None, size: tuple[int, int]) ->
         camera = scene.camera
     if camera is None:
         return fit_camera(scene, aspect=size[0] / size[1])
-    if isinstance(camera, type) or not isinstance(camera, Camera):
+    known = PerspectiveCamera, OrthographicCamera, MatrixCamera
+    # A protocol takes 20 microseconds to look for its methods.
+    if not isinstance(camera, known) and (
+        isinstance(camera, type) or not isinstance(camera, Camera)
+    ):
         raise ValueError(
             "camera must be a PerspectiveCamera, OrthographicCamera or MatrixCamera, got "
             f"{type(camera).__name__}"
@@ -145,7 +159,9 @@ class StageClock:
 
 class Renderer:
     """
-    Renders frames of one size, keeping threads and joined meshes between them.
+    Renders frames of one size, keeping threads and what they have in common between them.
+
+    Meshes, materials, transforms, lights and cameras may change from one frame to the next.
 
     Parameters
     ----------
@@ -168,8 +184,8 @@ class Renderer:
         self.size = image_size("size", size)
         self.quality = check_quality(quality)
         self._workers = stages.Workers(thread_count("threads", threads))
-        self._joined: tuple[list[Mesh], SceneArrays] | None = None
-        self._textures: tuple[list[tuple], Textures] | None = None
+        self._lone: tuple[Mesh, Scene] | None = None
+        self._prepared: Prepared | None = None
 
     def __enter__(self) -> Renderer:
         return self
@@ -211,14 +227,15 @@ class Renderer:
         """
         clock, workers = StageClock(), self._workers
         workers.memory.next_frame()
-        scene = as_scene(what)
+        scene = self._scene(what)
         camera = choose_camera(scene, camera, self.size)
+        self._prepared = prepared = prepare(scene.nodes, self._prepared)
         plan = planning.plan_render(
-            scene, camera, self.size, self.quality, outputs, background, cull, diagnose
-        )
-        meshes = [node.mesh for node in scene.nodes]
-        arrays = self._join(meshes)
-        views = planning.view_nodes(scene.nodes, camera, self.size)
+            scene, camera, self.size, self.quality, outputs, background, cull, diagnose,
+            prepared.looks.contents,
+        )  # fmt: skip
+        arrays = prepared.shapes.arrays
+        views = planning.view_places(prepared.places, camera, self.size)
         viewport = planning.viewport_of(self.size, self.quality.subpixel_bits)
         objects = planning.cull_objects(cull, views, arrays.face_starts)
         coefficients = camera.depth_coefficients()
@@ -241,40 +258,31 @@ class Renderer:
             viewport,
         )
         placement = placement_of(arrays, views)
-        normals = planning.join_normals(meshes) if plan.needs_normals else None
-        textures = self._join_textures(meshes) if plan.needs_textures else None
-        result = _shade(
-            plan, meshes, arrays, geometry, placement, coverage, normals, textures, workers
-        )
+        result = _shade(plan, prepared, geometry, placement, coverage, workers)
         clock("shade, resolve")
         if plan.wireframe is not None:
-            _draw_wireframe(plan, arrays, geometry, coefficients, coverage, result)
+            edges = prepared.shapes.edges
+            _draw_wireframe(plan, edges, geometry, coefficients, coverage, result)
             clock("wireframe")
-        _fill_buffers(plan, scene, geometry, placement, coverage, normals, result, workers)
+        _fill_buffers(plan, prepared, geometry, placement, coverage, result, workers)
         clock("buffers")
         diagnostics = None
         if plan.diagnose:
             diagnostics = diagnosing.diagnose(coverage, objects, geometry, camera, workers)
             clock("diagnostics")
         stats = _stats(coverage, clock.seconds)
+        if "face_id" in plan.outputs:
+            # The caller may write to it.
+            _ = stats.pixels_covered
         return Frame({name: result[name] for name in plan.outputs}, plan, stats, diagnostics)
 
-    def _join(self, meshes: list[Mesh]) -> SceneArrays:
-        """Return the joined geometry, that of the last frame if the meshes are the same."""
-        if self._joined is not None:
-            known, arrays = self._joined
-            if len(known) == len(meshes) and all(map(lambda a, b: a is b, known, meshes)):
-                return arrays
-        arrays = planning.join_geometry(meshes)
-        self._joined = (meshes, arrays)
-        return arrays
-
-    def _join_textures(self, meshes: list[Mesh]) -> Textures:
-        """Return the joined textures, those of the last frame if they are the same."""
-        wanted = [(mesh, mesh.material.base_color_texture) for mesh in meshes]
-        if self._textures is None or self._textures[0] != wanted:
-            self._textures = (wanted, join_textures(meshes))
-        return self._textures[1]
+    def _scene(self, what: Any) -> Scene:
+        """Return anything that can be drawn as a scene, that of the last frame for a mesh again."""
+        if not isinstance(what, Mesh):
+            return as_scene(what)
+        if self._lone is None or self._lone[0] is not what:
+            self._lone = what, as_scene(what)
+        return self._lone[1]
 
 
 def placement_of(arrays: SceneArrays, views: Views) -> Placement:
@@ -292,32 +300,32 @@ def placement_of(arrays: SceneArrays, views: Views) -> Placement:
 
 def _shade(
     plan: RenderPlan,
-    meshes: list[Mesh],
-    arrays: SceneArrays,
+    prepared: Prepared,
     geometry: Geometry,
     placement: Placement,
     coverage: stages.Coverage,
-    normals: NDArray[np.float32] | None,
-    textures: Textures | None,
     workers: stages.Workers,
 ) -> dict[str, NDArray[Any]]:
     """Make the colour outputs, if there are any."""
     result: dict[str, NDArray[Any]] = {}
     if not plan.needs_color:
         return result
+    looks = prepared.looks
     height, width = coverage.face_id.shape
-    memory = workers.memory
-    linear = memory.empty((height, width, 4), np.float32) if "linear" in plan.outputs else None
-    color = memory.empty((height, width, 4), np.uint8) if "color" in plan.outputs else None
-    surface = planning.join_surface(meshes, normals)
+    linear = (
+        workers.memory.empty((height, width, 4), np.float32) if "linear" in plan.outputs else None
+    )
+    color = workers.memory.empty((height, width, 4), np.uint8) if "color" in plan.outputs else None
+    surface = looks.surface._replace(normals=looks.normals if plan.needs_normals else None)
     if plan.needs_gouraud and plan.lighting is not None:
-        owners = [n for n, mesh in enumerate(meshes) if mesh.material.shading == "gouraud"]
-        light = arrays.vertex_starts, owners, placement, surface
+        starts = prepared.shapes.arrays.vertex_starts
+        light = starts, looks.gouraud_objects, placement, surface
         lit, matt = stages.light_vertices(*light, plan.lighting, workers), None
         if plan.needs_matt_light:
             matt = stages.light_vertices(*light, plan.lighting._replace(highlights=None), workers)
         surface = surface._replace(lit_vertices=lit, matt_vertices=matt)
-    surface = surface._replace(textures=textures)
+    if plan.needs_textures:
+        surface = surface._replace(textures=looks.textures)
     shown = coverage.face_id if plan.draws_faces else np.full_like(coverage.face_id, -1)
     stages.shade(
         shown, geometry, placement, surface, plan.lighting, plan.background, linear, color, workers
@@ -331,7 +339,7 @@ def _shade(
 
 def _draw_wireframe(
     plan: RenderPlan,
-    arrays: SceneArrays,
+    edges: NDArray[np.int32],
     geometry: Geometry,
     coefficients: tuple[float, float, float],
     coverage: stages.Coverage,
@@ -340,7 +348,6 @@ def _draw_wireframe(
     """Draw the edges over the colour."""
     if plan.wireframe is None:
         return
-    edges = stages.unique_edges(arrays.faces, len(arrays.positions))
     encoded = linear_to_srgb(np.array(plan.wireframe.color[:3]))
     rgba = np.append(np.floor(255.0 * encoded + 0.5), 255.0).astype(np.uint8)
     hidden_by = (coverage.face_id, coverage.depth) if plan.draws_faces else None
@@ -349,43 +356,37 @@ def _draw_wireframe(
 
 def _fill_buffers(
     plan: RenderPlan,
-    scene: Scene,
+    prepared: Prepared,
     geometry: Geometry,
     placement: Placement,
     coverage: stages.Coverage,
-    normals: NDArray[np.float32] | None,
     result: dict[str, NDArray[Any]],
     workers: stages.Workers,
 ) -> None:
     """Make the ground-truth buffers that were asked for."""
-    meshes = [node.mesh for node in scene.nodes]
-    face_id = coverage.face_id
+    shapes, looks, face_id = prepared.shapes, prepared.looks, coverage.face_id
     result["face_id"] = face_id
     if "depth" in plan.outputs:
         result["depth"] = metric_depth(plan.camera, coverage)
     if "object_id" in plan.outputs:
-        owners = np.searchsorted(placement.face_starts, face_id, side="right") - 1
-        result["object_id"] = owners.astype(np.int32)
+        result["object_id"] = shapes.object_numbers[face_id]
     if "barycentric" in plan.outputs:
         result["barycentric"] = stages.fill_barycentric(face_id, geometry, workers)
     if "uv" in plan.outputs:
         uv = workers.memory.empty((*face_id.shape, 2), np.float32)
-        values = planning.join_uv(meshes)
-        stages.fill_rows(interpolation.fill_attribute, face_id, (geometry, values, uv), workers)
+        arguments = geometry, shapes.uv, uv
+        stages.fill_rows(interpolation.fill_attribute, face_id, arguments, workers)
         result["uv"] = uv
     if "position" in plan.outputs:
         position = workers.memory.empty((*face_id.shape, 3), np.float32)
-        matrices = np.array([node.world_from_model[:3] for node in scene.nodes])
+        matrices = np.ascontiguousarray(prepared.places.world_from_model[:, :3])
         arguments = (geometry, placement, matrices, position)
         stages.fill_rows(interpolation.fill_positions, face_id, arguments, workers)
         result["position"] = position
     if "normal" in plan.outputs:
         normal = workers.memory.empty((*face_id.shape, 3), np.float32)
-        is_smooth = np.array(
-            [mesh.material.shading in ("gouraud", "phong") for mesh in meshes], np.uint8
-        )
-        smooth = (np.zeros((1, 3), np.float32) if normals is None else normals, is_smooth)
-        arguments = (geometry, placement, smooth, normal)
+        normals = looks.normals if plan.needs_normals else np.zeros((1, 3), np.float32)
+        arguments = (geometry, placement, (normals, looks.is_smooth), normal)
         stages.fill_rows(interpolation.fill_normals, face_id, arguments, workers)
         result["normal"] = normal
 
@@ -393,8 +394,10 @@ def _fill_buffers(
 def metric_depth(camera: Camera, coverage: stages.Coverage) -> NDArray[np.float32]:
     """Return the depth in scene units along the viewing axis; ``inf`` where nothing is."""
     depth = np.full(coverage.depth.shape, np.inf, np.float32)
-    for row in range(0, len(depth), stages.ROWS_PER_TASK):
-        band = slice(row, row + stages.ROWS_PER_TASK)
+    height, width = depth.shape
+    rows = max(1, SAMPLES_AT_ONCE // width)
+    for row in range(0, height, rows):
+        band = slice(row, row + rows)
         seen = coverage.face_id[band] >= 0
         with np.errstate(over="ignore"):
             depth[band][seen] = camera.view_depth(coverage.depth[band][seen])
@@ -413,6 +416,6 @@ def _stats(coverage: stages.Coverage, seconds: dict[str, float]) -> Stats:
         invalid=totals.invalid,
         drawn=totals.drawn,
         clipped=totals.clipped,
-        pixels_covered=int(np.count_nonzero(coverage.face_id >= 0)),
         seconds=seconds,
+        face_id=coverage.face_id,
     )

@@ -12,6 +12,8 @@ trigonometry, whose roundings differ between CPUs, only IEEE operations in a fix
 
 from __future__ import annotations
 
+import functools
+import itertools
 import math
 from fractions import Fraction
 from typing import Any, Literal
@@ -25,6 +27,7 @@ from rasterjit.validation import (
     image_size,
     one_of,
     positive_number,
+    triple,
     vector,
 )
 
@@ -50,6 +53,10 @@ carries a rounding error of about 2e-16, so its direction keeps six digits down 
 
 _SMALLEST_FOV = 1e-300
 """Degrees; below it the focal length 1/tan(fov/2) overflows float64."""
+
+_LAST_ROW = (0.0, 0.0, 0.0, 1.0)
+
+_IDENTITY = [[float(row == column) for column in range(4)] for row in range(4)]
 
 _BLOCK = 16384
 """Points per block: 128 KiB per float64 coordinate, so a block's five columns stay in a 1 MiB
@@ -168,6 +175,12 @@ def focal_length(fov_y: float) -> float:
     angle = finite_number("fov_y", fov_y)
     if not _SMALLEST_FOV <= angle < 180.0:
         raise ValueError(f"fov_y must be above 0 and below 180 degrees, got {angle!r}")
+    return _focal_length(angle)
+
+
+@functools.lru_cache(maxsize=256)
+def _focal_length(angle: float) -> float:
+    """Return the focal length of an angle in range; most cameras of a program have one."""
     sine, cosine = sine_cosine(angle)
     # Take the half-angle formula that does not cancel.
     return (1.0 + cosine) / sine if cosine >= 0.0 else sine / (1.0 - cosine)
@@ -194,14 +207,19 @@ def unit_vector(name: str, value: ArrayLike) -> NDArray[np.float64]:
     ValueError
         If ``value`` is zero, not finite or not three numbers.
     """
-    components = vector(name, value).tolist()
-    largest = max(abs(c) for c in components)
+    return np.array(_unit_triple(name, triple(name, value)))
+
+
+def _unit_triple(name: str, components: _Triple) -> _Triple:
+    """Return three floats scaled to length one, or raise ``ValueError`` as `unit_vector` does."""
+    x, y, z = triple(name, components)
+    largest = max(abs(x), abs(y), abs(z))
     if largest == 0.0:
         raise ValueError(f"{name} must not be the zero vector")
     exponent = math.frexp(largest)[1]
-    x, y, z = (math.ldexp(c, -exponent) for c in components)
-    length = math.sqrt(_dot((x, y, z), (x, y, z)))
-    return np.array([x / length, y / length, z / length])
+    x, y, z = math.ldexp(x, -exponent), math.ldexp(y, -exponent), math.ldexp(z, -exponent)
+    length = math.sqrt((x * x + y * y) + z * z)
+    return x / length, y / length, z / length
 
 
 def are_parallel(a: ArrayLike, b: ArrayLike) -> bool:
@@ -217,7 +235,7 @@ def are_parallel(a: ArrayLike, b: ArrayLike) -> bool:
     ValueError
         If either is zero, not finite or not three numbers.
     """
-    side = _cross(unit_vector("a", a).tolist(), unit_vector("b", b).tolist())
+    side = _cross(_unit_triple("a", triple("a", a)), _unit_triple("b", triple("b", b)))
     return math.sqrt(_dot(side, side)) <= _PARALLEL_SINE
 
 
@@ -286,7 +304,7 @@ def rotate(axis: ArrayLike, degrees: float) -> Matrix:
     ValueError
         If ``axis`` is zero or not finite, or ``degrees`` is not finite.
     """
-    x, y, z = unit_vector("axis", axis).tolist()
+    x, y, z = _unit_triple("axis", triple("axis", axis))
     sine, cosine = sine_cosine(degrees)
     rest = 1.0 - cosine
     matrix = np.eye(4)
@@ -358,14 +376,26 @@ def compose(*matrices: ArrayLike) -> Matrix:
     ValueError
         If one is not a finite 4x4 matrix, or the product overflows.
     """
-    product = np.eye(4)
+    product = _IDENTITY
     for number, matrix in enumerate(matrices):
-        a, b = product, finite_array(f"matrices[{number}]", matrix, (4, 4))
-        with np.errstate(over="ignore", invalid="ignore"):
-            product = ((a[:, :1] * b[0] + a[:, 1:2] * b[1]) + a[:, 2:3] * b[2]) + a[:, 3:] * b[3]
-        if not np.isfinite(product).all():
-            raise ValueError(f"matrices must have a finite product, got {product.tolist()}")
-    return product
+        product = _product(product, finite_array(f"matrices[{number}]", matrix, (4, 4)).tolist())
+        if not all(map(math.isfinite, itertools.chain.from_iterable(product))):
+            raise ValueError(f"matrices must have a finite product, got {product}")
+    return np.array(product)
+
+
+def _product(a: list[list[float]], b: list[list[float]]) -> list[list[float]]:
+    """Return the product of two 4x4 matrices, summed left to right; plain floats are faster."""
+    (a0, a1, a2, a3), (b0, b1, b2, b3), (c0, c1, c2, c3), (d0, d1, d2, d3) = b
+    return [
+        [
+            ((x * a0 + y * b0) + z * c0) + w * d0,
+            ((x * a1 + y * b1) + z * c1) + w * d1,
+            ((x * a2 + y * b2) + z * c2) + w * d2,
+            ((x * a3 + y * b3) + z * c3) + w * d3,
+        ]
+        for x, y, z, w in a
+    ]
 
 
 def look_at(eye: ArrayLike, target: ArrayLike, up: ArrayLike) -> Matrix:
@@ -384,25 +414,22 @@ def look_at(eye: ArrayLike, target: ArrayLike, up: ArrayLike) -> Matrix:
         If ``target`` equals ``eye``, or ``up`` is zero or within 1e-10 radian of the line of
         sight, or an entry is not finite.
     """
-    eye_x, eye_y, eye_z = origin = tuple(vector("eye", eye).tolist())
-    x, y, z = vector("target", target).tolist()
+    eye_x, eye_y, eye_z = origin = triple("eye", eye)
+    x, y, z = triple("target", target)
     if origin == (x, y, z):
         raise ValueError(f"target must differ from eye, both are {origin}")
-    back = tuple(unit_vector("eye - target", (eye_x - x, eye_y - y, eye_z - z)).tolist())
-    upward = unit_vector("up", up)
+    back = _unit_triple("eye - target", (eye_x - x, eye_y - y, eye_z - z))
+    upward = _unit_triple("up", triple("up", up))
     if are_parallel(upward, back):
         raise ValueError(f"up must not be parallel to the line of sight, got {up!r}")
-    side = tuple(unit_vector("up", _cross(tuple(upward.tolist()), back)).tolist())
+    side = _unit_triple("up", _cross(upward, back))
     # Remove what cancellation in the cross product left along the line of sight.
     lean = _dot(side, back)
-    side = tuple(
-        unit_vector("up", [s - lean * b for s, b in zip(side, back, strict=True)]).tolist()
+    side = _unit_triple(
+        "up", (side[0] - lean * back[0], side[1] - lean * back[1], side[2] - lean * back[2])
     )
-    rows = (side, _cross(back, side), back)
-    matrix = np.eye(4)
-    for k, row in enumerate(rows):
-        matrix[k] = [*row, -_dot(row, origin)]
-    return matrix + 0.0
+    rows = [(*row, -_dot(row, origin)) for row in (side, _cross(back, side), back)]
+    return np.array([*rows, _LAST_ROW]) + 0.0
 
 
 def perspective(fov_y: float, aspect: float, near: float, far: float) -> Matrix:
@@ -566,17 +593,53 @@ def normal_matrix(matrix: ArrayLike) -> NDArray[np.float64]:
     ValueError
         If ``matrix`` is not a finite 4x4 matrix.
     """
-    linear = finite_array("matrix", matrix, (4, 4))[:3, :3]
+    rows = finite_array("matrix", matrix, (4, 4))[:3, :3].tolist()
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = rows
     # Bring the largest entry into [1, 2) by a power of two, so that no product underflows.
-    exponent = int(np.frexp(np.abs(linear).max())[1]) - 1
-    a, b, c = (tuple(column) for column in np.ldexp(linear, -exponent).T.tolist())
-    cofactors = np.array([_cross(b, c), _cross(c, a), _cross(a, b)]).T
-    determinant = _dot(a, _cross(b, c))
-    with np.errstate(all="ignore"):
-        inverse_transpose = np.ldexp(cofactors / np.float64(determinant), -exponent)
-    if np.isfinite(inverse_transpose).all():
-        return inverse_transpose + 0.0
+    exponent = 1 - math.frexp(max(map(abs, (xx, xy, xz, yx, yy, yz, zx, zy, zz))))[1]
+    a = math.ldexp(xx, exponent), math.ldexp(yx, exponent), math.ldexp(zx, exponent)
+    b = math.ldexp(xy, exponent), math.ldexp(yy, exponent), math.ldexp(zy, exponent)
+    c = math.ldexp(xz, exponent), math.ldexp(yz, exponent), math.ldexp(zz, exponent)
+    columns = _cross(b, c), _cross(c, a), _cross(a, b)
+    determinant = _dot(a, columns[0])
+    if determinant != 0.0:
+        try:
+            inverse = [
+                [math.ldexp(x / determinant, exponent) + 0.0 for x in column] for column in columns
+            ]
+        except OverflowError:
+            inverse = [[math.inf]]
+        if all(map(math.isfinite, itertools.chain.from_iterable(inverse))):
+            return np.array(list(zip(*inverse, strict=True)))
+    cofactors = np.array(columns).T
     return (-cofactors if determinant < 0.0 else cofactors) + 0.0
+
+
+def normal_matrices(matrices: NDArray[np.float64]) -> NDArray[np.float64]:
+    """
+    Return the `normal_matrix` of each of many matrices, the same bits.
+
+    Parameters
+    ----------
+    matrices : (N, 4, 4) float64, finite
+        Only the upper-left 3x3 is used.
+
+    Returns
+    -------
+    (N, 3, 3) float64
+    """
+    linear = matrices[:, :3, :3]
+    exponents = 1 - np.frexp(np.abs(linear).max(axis=(1, 2), keepdims=True))[1]
+    columns = np.moveaxis(np.ldexp(linear, exponents), 0, 2).swapaxes(0, 1)
+    cofactors = np.empty((3, 3, len(matrices)))
+    for k in range(3):
+        cofactors[:, k] = _cross(columns[(k + 1) % 3], columns[(k + 2) % 3])
+    determinants = _dot(columns[0], cofactors[:, 0])
+    with np.errstate(all="ignore"):
+        inverses = np.ldexp(cofactors / determinants, exponents[:, 0, 0])
+    usable = np.isfinite(inverses).all(axis=(0, 1))
+    fallback = np.where(determinants < 0.0, -cofactors, cofactors)
+    return np.ascontiguousarray(np.moveaxis(np.where(usable, inverses, fallback) + 0.0, 2, 0))
 
 
 def apply(matrix: ArrayLike, points: ArrayLike) -> NDArray[np.float64]:
@@ -655,6 +718,29 @@ def transform_points(
             block = slice(start, start + _BLOCK)
             _transform_block(rows.tolist(), source[block], result[block], scratch)
     return result
+
+
+def transform_instances(
+    matrices: NDArray[np.float64], points: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """
+    Multiply points by each of many affine matrices; the bits of `transform_points`.
+
+    Parameters
+    ----------
+    matrices : (K, 4, 4) float64
+        The last row is not read.
+    points : (N, 3) float64
+
+    Returns
+    -------
+    (K, N, 3) float64
+    """
+    x, y, z = points.T
+    columns = matrices[:, :3, :, np.newaxis]
+    with np.errstate(all="ignore"):
+        sums = columns[:, :, 0] * x + columns[:, :, 1] * y + columns[:, :, 2] * z
+        return np.moveaxis(sums + columns[:, :, 3], 1, 2)
 
 
 def _transform_block(

@@ -595,3 +595,23 @@ def test_a_wireframe_color_alone_draws_the_overlay(tmp_path):
         assert run("render", CUBE, "-o", out, "--size", "24x16", *options).exit_code == 0
         pictures.append(iio.imread(out).tobytes())
     assert pictures[0] == pictures[1] != pictures[2]
+
+
+@pytest.mark.parametrize(
+    ("name", "needs_graph"), [("teapot.obj", False), ("cube.ply", False), ("scene.glb", True)]
+)
+def test_a_command_of_its_own_imports_what_the_file_needs(tmp_path, name, needs_graph):
+    pytest.importorskip("networkx")
+    script = (
+        "import sys; from rasterjit.cli import main\n"
+        "try: main()\n"
+        "finally: print('networkx' in sys.modules)"
+    )
+    file = Path(rj.__file__).parent.parent / "models" / name
+    arguments = ["render", str(file), "-o", str(tmp_path / "a.png"), "--size", "16x12"]
+    done = subprocess.run(
+        [sys.executable, "-c", script, *arguments], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines()[-1] == str(needs_graph)
+    assert (tmp_path / "a.png").exists()

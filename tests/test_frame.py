@@ -129,3 +129,16 @@ def test_stats_count_every_triangle(mesh, camera):
     assert stats.clipped == 0
     assert all(seconds >= -1e-6 for seconds in stats.seconds.values())
     assert {"compile", "plan", "transform", "visibility", "shade, resolve"} <= set(stats.seconds)
+
+
+@pytest.mark.parametrize("outputs", [("color",), ("face_id", "color")])
+def test_covered_pixels_are_those_of_the_frame_as_it_was_drawn(mesh, camera, outputs):
+    with rj.Renderer(SIZE, threads=1) as renderer:
+        frame = renderer.render(mesh, camera, outputs=outputs)
+        expected = rj.render(mesh, camera, size=SIZE, outputs="face_id", threads=1).face_id >= 0
+        # Neither another frame nor the caller changes what this one counts.
+        renderer.render(mesh, rj.PerspectiveCamera((0, 0, 99), (0, 0, 0)))
+        for array in frame.arrays().values():
+            array[:] = 0
+        assert frame.stats.pixels_covered == frame.stats.pixels_covered == expected.sum()
+    assert f"clipped=0, pixels_covered={expected.sum()}, seconds=" in repr(frame.stats)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit.plan import OUTPUTS, check_outputs, viewport_of
+from rasterjit.plan import OUTPUTS, check_outputs, view_nodes, viewport_of
 
 
 def scene_of(*materials, cube):
@@ -236,3 +236,68 @@ def test_a_texture_without_uv_is_refused_by_the_name_of_its_node(cube, camera):
             call(scene, camera)
     # Where no colour is asked for, there is nothing to lay.
     assert rj.render(scene, camera, size=(4, 4), outputs="depth", threads=1).depth.shape == (4, 4)
+
+
+def test_every_reason_is_spelled_out(cube, camera):
+    texture = rj.Texture([[0.5]], filter="bilinear")
+    painted = rj.Mesh(cube.vertices, cube.faces, uv=cube.vertices[:, :2],
+                      material=rj.Material("gouraud", base_color_texture=texture))  # fmt: skip
+    scene = scene_of(rj.Material("phong"), rj.Material("unlit"), cube=cube)
+    scene.add(painted)
+    scene.add(painted)
+    scene.lights = [rj.PointLight((1, 2, 3)), rj.AmbientLight(), rj.PointLight((3, 2, 1))]
+    scene.wireframe = rj.Wireframe("red")
+    plan = rj.explain(scene, camera, size=(8, 6), diagnose=True)
+    assert str(plan).splitlines() == [
+        "size            8 x 6 pixels",
+        "outputs         color",
+        "sub-pixel bits  8",
+        "culling         none",
+        "shading         in  (gouraud, phong, unlit)",
+        "lights          in  (2 PointLight, 1 AmbientLight)",
+        "smooth normals  in  (shading gouraud, phong)",
+        "textures        in  (1 bilinear)",
+        "wireframe       in  (mode overlay)",
+        "diagnostics     in  (diagnose=True)",
+    ]
+    scene.wireframe = rj.Wireframe("red", mode="only")
+    assert str(rj.explain(scene, camera, outputs="linear")).splitlines()[4:] == [
+        "shading         out (only the wireframe is drawn)",
+        "lights          out (nothing is shaded, or every material is unlit)",
+        "smooth normals  out (shading gouraud, phong)",
+        "textures        out (nothing is shaded)",
+        "wireframe       out (no output shows colour in 8 bits)",
+        "diagnostics     out (diagnose=False)",
+    ]
+
+
+def test_a_plan_tells_of_the_scene_as_it_was(cube, camera):
+    scene = scene_of(rj.Material("phong"), cube=cube)
+    scene.lights = [rj.AmbientLight()]
+    early, late = (rj.explain(scene, camera, size=(8, 8)) for _ in range(2))
+    expected = str(early)
+    scene.lights.append(rj.PointLight((1, 2, 3)))
+    scene.nodes[0].mesh.material = rj.Material("unlit")
+    scene.wireframe = rj.Wireframe()
+    assert str(late) == expected
+    assert str(rj.explain(scene, camera, size=(8, 8))) != expected
+
+
+def test_objects_are_placed_together_as_each_is_alone(cube, camera):
+    rng = np.random.default_rng(3)
+    nodes = []
+    for number in range(60):
+        matrix = np.eye(4)
+        matrix[:3] = np.round(rng.normal(size=(3, 4)) * 2.0) if number % 3 else 0.0
+        matrix[:3] *= 10.0 ** rng.integers(-150, 150) if number % 2 else -1.0
+        nodes.append(rj.Node(cube, matrix, ""))
+    together = view_nodes(nodes, camera, (64, 48))
+    assert {-1.0, 1.0} == set(together.mirrored.tolist())
+    for number, node in enumerate(nodes):
+        alone = view_nodes([node], camera, (64, 48))
+        for name in ("relative_from_model", "normal_matrices", "mirrored"):
+            assert getattr(alone, name)[0].tobytes() == getattr(together, name)[number].tobytes()
+        linear = node.world_from_model[:3, :3]
+        determinant = np.linalg.det(linear / max(np.abs(linear).max(), 1e-300))
+        if abs(determinant) > 1e-3:
+            assert together.mirrored[number] == np.sign(determinant)

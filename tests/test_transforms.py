@@ -441,3 +441,31 @@ def test_arc_tangent_is_correctly_rounded(y, x):
 def test_product_that_overflows_is_refused():
     with pytest.raises(ValueError, match="matrices must have a finite product"):
         tf.compose(tf.scale(1e200), tf.scale(1e200))
+
+
+def test_normal_matrices_are_the_bits_of_each_normal_matrix():
+    rng = np.random.default_rng(11)
+    linear = rng.normal(size=(600, 4, 4))
+    linear[:, 3] = 0.0, 0.0, 0.0, 1.0
+    linear[100:200] = np.round(linear[100:200])  # Singular ones, and zeros of both signs.
+    linear[200:300, :3] *= 10.0 ** rng.integers(-160, 160, (100, 1, 1))
+    linear[300:400, :3] *= 10.0 ** rng.integers(-300, 300, (100, 3, 4))
+    linear[400:500, rng.integers(3)] *= -0.0
+    linear[500, :3, :3] = 0.0
+    single = np.stack([tf.normal_matrix(matrix) for matrix in linear])
+    assert tf.normal_matrices(linear).tobytes() == single.tobytes()
+
+
+def test_normal_matrices_of_nothing_are_nothing():
+    assert tf.normal_matrices(np.empty((0, 4, 4))).shape == (0, 3, 3)
+
+
+def test_instances_are_the_bits_of_each_transform():
+    rng = np.random.default_rng(4)
+    matrices = rng.normal(size=(7, 4, 4)) * 10.0 ** rng.integers(-200, 200, (7, 1, 1))
+    points = rng.normal(size=(30, 3)) * 10.0 ** rng.integers(-200, 200, (30, 1))
+    points[3] = np.inf, np.nan, -0.0
+    together = tf.transform_instances(matrices, points)
+    for number, matrix in enumerate(matrices):
+        alone = tf.transform_points(matrix, points)[:, :3]
+        assert together[number].tobytes() == alone.tobytes()

@@ -144,7 +144,13 @@ def _depth_as_uint16(depth: NDArray[np.float32], scale: float) -> NDArray[np.uin
 
 
 def _write_pixels(path: Path, pixels: NDArray[Any], options: dict[str, Any]) -> None:
-    """Encode pixels with Pillow, through imageio."""
+    """Encode pixels with Pillow, through imageio save for PNG."""
+    if path.suffix.lower() == ".png":
+        # Half the time: imageio lets Pillow look for every format that it knows.
+        from PIL import Image
+
+        Image.fromarray(pixels).save(path, "PNG", **options)
+        return
     import imageio.v3 as iio
 
     iio.imwrite(path, pixels, plugin="pillow", **options)

@@ -27,6 +27,7 @@ from rasterjit.validation import (
     image_size,
     one_of,
     positive_number,
+    triple,
     vector,
 )
 
@@ -134,7 +135,7 @@ class PerspectiveCamera:
 
     def view_matrix(self) -> Matrix:
         """Return ``view_from_world``, (4, 4) float64."""
-        return transforms.look_at(self.eye, self.target, self.up)
+        return self._view_from_world.copy()
 
     def projection_matrix(self, size: tuple[int, int]) -> Matrix:
         """Return ``clip_from_view``, (4, 4) float64, for an image of (width, height) pixels."""
@@ -193,7 +194,7 @@ class OrthographicCamera:
 
     def view_matrix(self) -> Matrix:
         """Return ``view_from_world``, (4, 4) float64."""
-        return transforms.look_at(self.eye, self.target, self.up)
+        return self._view_from_world.copy()
 
     def projection_matrix(self, size: tuple[int, int]) -> Matrix:
         """Return ``clip_from_view``, (4, 4) float64, for an image of (width, height) pixels."""
@@ -501,10 +502,12 @@ def _freeze(camera: Any, **fields: Any) -> None:
 
 
 def _freeze_placement(camera: PerspectiveCamera | OrthographicCamera) -> None:
-    """Check eye, target and up together and store them as tuples of float."""
-    transforms.look_at(camera.eye, camera.target, camera.up)
+    """Check eye, target and up together; store them as tuples of float, and the view."""
+    view_from_world = transforms.look_at(camera.eye, camera.target, camera.up)
+    view_from_world.flags.writeable = False
+    _freeze(camera, _view_from_world=view_from_world)
     for name in ("eye", "target", "up"):
-        _freeze(camera, **{name: tuple(vector(name, getattr(camera, name)).tolist())})
+        _freeze(camera, **{name: triple(name, getattr(camera, name))})
 
 
 def _solve_origin(rows: Float64) -> Float64:

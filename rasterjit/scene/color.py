@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import string
 from fractions import Fraction
 from typing import Any, TypeAlias
@@ -106,13 +107,19 @@ def linear_color(name: str, value: ColorLike) -> NDArray[np.float32]:
         If the value is none of these.
     """
     if isinstance(value, str):
-        return linear_rows(name, _parse_hex(name, value)[np.newaxis])[0]
+        return _linear_string(name, value).copy()
     array = _color_array(name, value)
     if array.shape not in ((3,), (4,)):
         raise ValueError(
             f"{name} must be three or four numbers or a colour string, got shape {array.shape}"
         )
     return linear_rows(name, array[np.newaxis])[0]
+
+
+@functools.lru_cache(maxsize=256)
+def _linear_string(name: str, text: str) -> NDArray[np.float32]:
+    """Return the colour that a string stands for; a program has few of them."""
+    return linear_rows(name, _parse_hex(name, text)[np.newaxis])[0]
 
 
 def linear_rows(name: str, value: ArrayLike) -> NDArray[np.float32]:

@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 from numpy.typing import ArrayLike
 
 from rasterjit.scene.color import ColorLike, linear_color
-from rasterjit.validation import bounded_number, vector
+from rasterjit.validation import bounded_number, triple
 
 Vector: TypeAlias = tuple[float, float, float]
 """Three floats: a world-space position, a unit direction, or linear RGB."""
@@ -102,7 +102,7 @@ class PointLight:
     intensity: float = 1.0
 
     def __post_init__(self) -> None:
-        _store(self, "position", tuple(vector("position", self.position).tolist()))
+        _store(self, "position", triple("position", self.position))
         _check_color_and_intensity(self)
 
 
@@ -121,7 +121,7 @@ def _check_color_and_intensity(light: Any) -> None:
 
 def _unit_vector(name: str, value: ArrayLike) -> Vector:
     """Return ``value`` scaled to unit length, or raise ``ValueError`` if it has none."""
-    x, y, z = vector(name, value).tolist()
+    x, y, z = triple(name, value)
     largest = max(abs(x), abs(y), abs(z))
     if largest == 0.0:
         raise ValueError(f"{name} must not be the zero vector, got {value!r}")

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from rasterjit.scene.color import linear_rows
 from rasterjit.scene.material import Material
 from rasterjit.scene.normals import crease_normals, safe_scale, smooth_normals, unit_rows
-from rasterjit.validation import finite_number, one_of
+from rasterjit.validation import finite_number, one_of, read_only
 
 _CHUNK = 1 << 18
 
@@ -68,8 +68,8 @@ class Mesh:
         on_invalid: str = "raise",
     ) -> None:
         one_of("on_invalid", on_invalid, ("raise", "drop"))
-        self._vertices = _frozen(_vertex_array(vertices))
-        self._faces = _frozen(face_array(faces, len(self._vertices)))
+        self._vertices = read_only(_vertex_array(vertices))
+        self._faces = read_only(face_array(faces, len(self._vertices)))
         self.invalid_vertices: int = _count_invalid(self._vertices, on_invalid)
         self._vertex_colors: NDArray[np.float32] | None = None
         self._face_colors: NDArray[np.float32] | None = None
@@ -77,10 +77,10 @@ class Mesh:
             self._store_colors(colors)
         self._normals: NDArray[np.float32] | None = None
         if normals is not None:
-            self._normals = _frozen(_normal_array(normals, len(self._vertices)))
+            self._normals = read_only(_normal_array(normals, len(self._vertices)))
         self._uv: NDArray[np.float32] | None = None
         if uv is not None:
-            self._uv = _frozen(_uv_array(uv, len(self._vertices)))
+            self._uv = read_only(_uv_array(uv, len(self._vertices)))
         if material is None:
             material = Material() if colors is None else Material(base_color="white")
         self.material = material
@@ -128,12 +128,17 @@ class Mesh:
             raise ValueError(f"material must be a Material, got {value!r}")
         self._material = value
 
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Fill a copy, or what was pickled; its arrays are read-only too."""
+        for name, value in state.items():
+            self.__dict__[name] = read_only(value) if isinstance(value, np.ndarray) else value
+
     def __repr__(self) -> str:
         return f"Mesh({len(self.vertices)} vertices, {len(self.faces)} faces)"
 
     def _store_colors(self, colors: ArrayLike) -> None:
         """Store colours by vertex or by face, as their number of rows tells."""
-        rgba = _frozen(np.array(linear_rows("colors", colors)))
+        rgba = read_only(np.array(linear_rows("colors", colors)))
         if len(rgba) == len(self.vertices):
             self._vertex_colors = rgba
         elif len(rgba) == len(self.faces):
@@ -187,7 +192,8 @@ class Mesh:
             Model-space unit normals, cached; zero where no face with an area touches the vertex.
         """
         if self._vertex_normals is None:
-            self._vertex_normals = smooth_normals(self.vertices, self.faces, self._scale())
+            normals = smooth_normals(self.vertices, self.faces, self._scale())
+            self._vertex_normals = read_only(normals)
         return self._vertex_normals
 
     def split_creases(self, angle: float = 40.0) -> Mesh:
@@ -222,14 +228,14 @@ class Mesh:
         split = crease_normals(self.vertices, self.faces, self._scale(), angle, merge=plain)
         # The arrays come from a checked mesh: fill the new one without checking them again.
         result = Mesh.__new__(Mesh)
-        result._vertices = _frozen(self.vertices[split.sources])
-        result._faces = _frozen(np.array(split.faces))
+        result._vertices = read_only(self.vertices[split.sources])
+        result._faces = read_only(np.array(split.faces))
         result._vertex_colors = None
         if self.vertex_colors is not None:
-            result._vertex_colors = _frozen(self.vertex_colors[split.sources])
+            result._vertex_colors = read_only(self.vertex_colors[split.sources])
         result._face_colors = self.face_colors
-        result._uv = None if self.uv is None else _frozen(self.uv[split.sources])
-        result._normals = result._vertex_normals = _frozen(split.normals)
+        result._uv = None if self.uv is None else read_only(self.uv[split.sources])
+        result._normals = result._vertex_normals = read_only(split.normals)
         result._material = self.material
         result.invalid_vertices = _count_invalid(result.vertices, "drop")
         result._bounds = self._bounds
@@ -289,12 +295,6 @@ def face_array(value: ArrayLike, vertex_count: int) -> NDArray[np.int32]:
             f"of {len(array)} faces past the end, the largest index being {int(high)}"
         )
     return np.array(array, dtype=np.int32, order="C")
-
-
-def _frozen(array: NDArray[Any]) -> NDArray[Any]:
-    """Return the array, read-only."""
-    array.flags.writeable = False
-    return array
 
 
 def _count_invalid(vertices: NDArray[np.float64], on_invalid: str) -> int:

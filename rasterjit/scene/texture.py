@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.scene.color import srgb_to_linear
-from rasterjit.validation import existing_file, one_of
+from rasterjit.validation import existing_file, one_of, read_only
 
 WRAPS = ("repeat", "clamp", "mirror")
 """What lies outside 0..1: the picture again; its border texels; the picture, turned every time."""
@@ -80,6 +80,11 @@ class Texture:
         one_of("filter", self.filter, FILTERS)
         object.__setattr__(self, "wrap", wrap)
         object.__setattr__(self, "image", _linear_image(self.image))
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Fill a copy, or what was pickled; its texels are read-only too."""
+        for name, value in state.items():
+            self.__dict__[name] = read_only(value) if isinstance(value, np.ndarray) else value
 
     @classmethod
     def from_file(
@@ -157,8 +162,7 @@ class Texture:
         for _ in level_sizes(*self.size)[1:]:
             means = _halved(_halved(means, 0), 1)
             rows.append(means.astype(np.float32).reshape(-1, 4))
-        chain = np.concatenate(rows)
-        chain.flags.writeable = False
+        chain = read_only(np.concatenate(rows))
         # Keep the picture once: in the chain.
         object.__setattr__(self, "image", chain[: len(rows[0])].reshape(self.image.shape))
         return chain
@@ -218,8 +222,7 @@ def _linear_image(value: Any) -> NDArray[np.float32]:
         if colors < channels:
             most = np.float32(np.iinfo(image.dtype).max)
             np.divide(image[:, :, colors:], most, out=linear[:, :, 3:])
-    linear.flags.writeable = False
-    return linear
+    return read_only(linear)
 
 
 def _check_light(values: NDArray[Any], what: str, most: float) -> None:

@@ -420,3 +420,14 @@ def test_singular_view_is_refused_at_any_scale(scale):
     flat[:3, :3] = scale * np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0], [7.0, 8.0, 9.0]])
     with pytest.raises(ValueError, match="view_from_world must not be singular"):
         MatrixCamera(flat, tf.perspective(60.0, 1.0, 0.1, 10.0))
+
+
+@pytest.mark.parametrize("kind", [PerspectiveCamera, OrthographicCamera])
+def test_the_view_belongs_to_its_camera_alone(kind):
+    camera = kind((1.0, 2.0, 3.0), (0.0, 0.5, 0.0))
+    camera.view_matrix()[:] = 0.0
+    expected = tf.look_at((1.0, 2.0, 3.0), (0.0, 0.5, 0.0), (0.0, 1.0, 0.0))
+    assert camera.view_matrix().tobytes() == expected.tobytes()
+    moved = dataclasses.replace(camera, eye=(3.0, 2.0, 1.0))
+    expected = tf.look_at((3.0, 2.0, 1.0), (0.0, 0.5, 0.0), (0.0, 1.0, 0.0))
+    assert moved.view_matrix().tobytes() == expected.tobytes()

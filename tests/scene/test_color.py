@@ -103,3 +103,8 @@ def test_encoded_light_is_the_nearest_float64(value):
     neighbours = (math.nextafter(encoded, 0.0), math.nextafter(encoded, 2.0))
     low, high = ((Fraction(encoded) + Fraction(other)) / 2 for other in neighbours)
     assert base(low) ** 12 <= Fraction(value) ** 5 <= base(high) ** 12
+
+
+def test_a_colour_by_name_is_the_callers_own():
+    linear_color("color", "orange")[:] = 0.0
+    assert linear_color("color", "orange").tolist() != [0.0, 0.0, 0.0, 0.0]

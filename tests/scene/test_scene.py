@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from rasterjit.scene import scene as scene_module
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.scene import Scene, Wireframe
 
@@ -146,3 +147,21 @@ def test_a_node_refuses_what_is_no_mesh_and_keeps_its_matrix_from_changes():
     other = triangle()
     node.mesh = other
     assert node.mesh is other
+
+
+def test_many_instances_have_the_bounds_of_as_many_meshes(monkeypatch):
+    rng = np.random.default_rng(6)
+    instances, copies = Scene(), Scene()
+    mesh = Mesh(rng.normal(size=(40, 3)), rng.integers(0, 40, (20, 3)))
+    for _ in range(30):
+        matrix = np.eye(4)
+        matrix[:3] = rng.normal(size=(3, 4))
+        instances.add(mesh, matrix)
+        copies.add(Mesh(mesh.vertices, mesh.faces), matrix)
+    expected = copies.bounding_sphere()
+    for chunk in (1 << 18, 100, 7):
+        monkeypatch.setattr(scene_module, "_CHUNK", chunk)
+        for scene in (instances, copies):
+            center, radius = scene.bounding_sphere()
+            assert center.tolist() == expected[0].tolist()
+            assert radius == expected[1]

@@ -1,0 +1,158 @@
+"""Which effects a frame needs, and why: decided from a few facts, put into words when printed."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from rasterjit.scene.mesh import Mesh
+from rasterjit.scene.scene import Wireframe
+
+SMOOTH = frozenset(("gouraud", "phong"))
+"""Ways of shading that read vertex normals."""
+
+
+class Effect(NamedTuple):
+    """One thing that a frame may need, and why it does or does not."""
+
+    name: str
+    used: bool
+    reason: str
+
+
+class Contents(NamedTuple):
+    """What the objects of a scene are, as far as it decides what a frame needs."""
+
+    shadings: frozenset[str]
+    texture_filters: tuple[str, ...]
+    """One for each texture."""
+    has_uv: bool
+    """Whether any object has texture coordinates."""
+    lacks_uv: bool
+    """Whether any object has a texture and nothing to lay it by."""
+    highlights: int
+    """Number of objects with a specular highlight."""
+    has_textured_highlight: bool
+    """Whether the light of a textured object's vertices holds a highlight."""
+
+
+class Grounds(NamedTuple):
+    """The facts about a scene and the outputs, as they were when the frame was planned."""
+
+    outputs: tuple[str, ...]
+    contents: Contents
+    light_kinds: tuple[str, ...]
+    wireframe: Wireframe | None
+    diagnose: bool
+
+    @property
+    def is_colored(self) -> bool:
+        """Whether any output shows colour."""
+        return "color" in self.outputs or "linear" in self.outputs
+
+    @property
+    def draws_faces(self) -> bool:
+        """Whether faces are drawn, and not the edges alone."""
+        return self.wireframe is None or self.wireframe.mode == "overlay"
+
+    @property
+    def shades(self) -> bool:
+        """Whether the colour of faces is asked for."""
+        return self.is_colored and self.draws_faces
+
+    @property
+    def is_lit(self) -> bool:
+        """Whether light reaches a colour that is asked for."""
+        return self.shades and self.contents.shadings != {"unlit"}
+
+    @property
+    def needs_normals(self) -> bool:
+        """Whether vertex normals are read."""
+        is_smooth = not SMOOTH.isdisjoint(self.contents.shadings)
+        return is_smooth and (self.is_lit or "normal" in self.outputs)
+
+    @property
+    def needs_textures(self) -> bool:
+        """Whether textures are read."""
+        return self.shades and bool(self.contents.texture_filters)
+
+    @property
+    def draws_edges(self) -> bool:
+        """Whether edges are drawn: they are 8-bit pixels, so linear colour has none."""
+        return self.wireframe is not None and "color" in self.outputs
+
+
+def contents_of(meshes: Sequence[Mesh]) -> Contents:
+    """Look through the meshes of all objects; each mesh is looked at once."""
+    counts = Counter(meshes)
+    textured = [mesh for mesh in counts if mesh.material.base_color_texture is not None]
+    textures = dict.fromkeys(mesh.material.base_color_texture for mesh in textured)
+    return Contents(
+        frozenset(mesh.material.shading for mesh in counts),
+        tuple(texture.filter for texture in textures if texture is not None),
+        any(mesh.uv is not None for mesh in counts),
+        any(mesh.uv is None for mesh in textured),
+        sum(
+            count
+            for mesh, count in counts.items()
+            if mesh.material.shading != "unlit" and mesh.material.specular > 0.0
+        ),
+        any(
+            mesh.material.shading == "gouraud" and mesh.material.specular > 0.0 for mesh in textured
+        ),
+    )
+
+
+def list_effects(grounds: Grounds) -> tuple[Effect, ...]:
+    """Return what is in and what is out, with the reason."""
+    smooth = sorted(SMOOTH & grounds.contents.shadings)
+    return (
+        Effect("shading", grounds.shades, _shading_reason(grounds)),
+        Effect("lights", grounds.is_lit, _light_reason(grounds)),
+        Effect(
+            "smooth normals",
+            grounds.needs_normals,
+            "shading " + ", ".join(smooth) if smooth else "no object is smooth",
+        ),
+        Effect("textures", grounds.needs_textures, _texture_reason(grounds)),
+        Effect("wireframe", grounds.draws_edges, _wireframe_reason(grounds)),
+        Effect("diagnostics", grounds.diagnose, f"diagnose={grounds.diagnose}"),
+    )
+
+
+def _shading_reason(grounds: Grounds) -> str:
+    """Say why faces are shaded or not."""
+    if not grounds.is_colored:
+        return "no output shows colour"
+    if not grounds.draws_faces:
+        return "only the wireframe is drawn"
+    return ", ".join(sorted(grounds.contents.shadings))
+
+
+def _light_reason(grounds: Grounds) -> str:
+    """Say what lights the scene, or why nothing needs to."""
+    if not grounds.is_lit:
+        return "nothing is shaded, or every material is unlit"
+    return _counted(grounds.light_kinds) or "a headlight, for the scene has no lights"
+
+
+def _texture_reason(grounds: Grounds) -> str:
+    """Say what the textures are, or why none is read."""
+    if not grounds.contents.texture_filters:
+        return "no material has a base_color_texture"
+    return _counted(grounds.contents.texture_filters) if grounds.shades else "nothing is shaded"
+
+
+def _wireframe_reason(grounds: Grounds) -> str:
+    """Say why edges are drawn or not."""
+    if grounds.wireframe is None:
+        return "scene.wireframe is None"
+    if not grounds.draws_edges:
+        return "no output shows colour in 8 bits"
+    return f"mode {grounds.wireframe.mode}"
+
+
+def _counted(kinds: Sequence[str]) -> str:
+    """Return how many there are of each kind."""
+    return ", ".join(f"{count} {kind}" for kind, count in Counter(kinds).items())

@@ -1,0 +1,153 @@
+"""What a scene's frames have in common, kept from one to the next as long as it holds."""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Sequence
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit import plan as planning
+from rasterjit import stages
+from rasterjit.kernels.records import Surface, Textures
+from rasterjit.plan import Places, SceneArrays
+from rasterjit.plan_effects import Contents, contents_of
+from rasterjit.plan_textures import join_textures
+from rasterjit.scene.mesh import Mesh
+from rasterjit.scene.scene import Node, matrices_of, meshes_of
+
+
+class Shapes:
+    """
+    What follows from the meshes alone; each part is made when first asked for.
+
+    Parameters
+    ----------
+    meshes : list of Mesh
+        Of each object; their arrays never change.
+    """
+
+    def __init__(self, meshes: list[Mesh]) -> None:
+        self.meshes = meshes
+        self.distinct = list(dict.fromkeys(meshes))
+
+    @cached_property
+    def arrays(self) -> SceneArrays:
+        """The joined geometry."""
+        return planning.join_geometry(self.meshes)
+
+    @cached_property
+    def uv(self) -> NDArray[np.float32]:
+        """Texture coordinates, (V, 2); NaN where an object has none."""
+        return planning.join_uv(self.meshes)
+
+    @cached_property
+    def edges(self) -> NDArray[np.int32]:
+        """Every edge of the faces once, (N, 2)."""
+        return stages.unique_edges(self.arrays.faces, len(self.arrays.positions))
+
+    @cached_property
+    def object_numbers(self) -> NDArray[np.int32]:
+        """Object of each face, (F+1,); the last entry, which face -1 finds, is -1."""
+        counts = np.append(np.diff(self.arrays.face_starts), 1)
+        numbers = np.arange(len(counts), dtype=np.int32)
+        numbers[-1] = -1
+        return np.repeat(numbers, counts)
+
+
+class Looks:
+    """
+    What follows from the meshes and their materials; each part is made when first asked for.
+
+    Parameters
+    ----------
+    shapes : Shapes
+    materials : list of Material
+        Of each of the distinct meshes, as they are now.
+    """
+
+    def __init__(self, shapes: Shapes, materials: list[Any]) -> None:
+        self._shapes = shapes
+        self.materials = materials
+
+    @cached_property
+    def contents(self) -> Contents:
+        """What decides which effects a frame needs."""
+        return contents_of(self._shapes.meshes)
+
+    @cached_property
+    def surface(self) -> Surface:
+        """Materials and colours, without normals, light or textures."""
+        return planning.join_surface(self._shapes.meshes, None)
+
+    @cached_property
+    def normals(self) -> NDArray[np.float32]:
+        """Vertex normals of the smooth objects, (V, 3); zero for the others."""
+        return planning.join_normals(self._shapes.meshes)
+
+    @cached_property
+    def textures(self) -> Textures:
+        """The textures of all objects and their texture coordinates."""
+        return join_textures(self._shapes.meshes)
+
+    @cached_property
+    def is_smooth(self) -> NDArray[np.uint8]:
+        """1 for each object that has smooth normals, (O,)."""
+        return np.array(
+            [mesh.material.shading in ("gouraud", "phong") for mesh in self._shapes.meshes],
+            np.uint8,
+        )
+
+    @cached_property
+    def gouraud_objects(self) -> list[int]:
+        """The objects whose vertices are lit."""
+        meshes = self._shapes.meshes
+        return [n for n, mesh in enumerate(meshes) if mesh.material.shading == "gouraud"]
+
+
+class Prepared(NamedTuple):
+    """A scene's objects, looked through for many frames."""
+
+    shapes: Shapes
+    looks: Looks
+    matrices: list[NDArray[np.float64]]
+    """``world_from_model`` of each object."""
+    places: Places
+
+
+def prepare(nodes: Sequence[Node], known: Prepared | None) -> Prepared:
+    """
+    Look through the nodes of a scene.
+
+    Parameters
+    ----------
+    nodes : sequence of Node
+    known : Prepared or None
+        Of an earlier frame: what has not changed since is taken from there. Meshes, materials and
+        transforms are immutable, so each is the same if it is the same object.
+    """
+    meshes, matrices = meshes_of(nodes), matrices_of(nodes)
+    if known is None or not _are_same(known.shapes.meshes, meshes):
+        shapes = Shapes(meshes)
+        known_materials = None
+    else:
+        shapes = known.shapes
+        known_materials = known.looks.materials
+    materials = [mesh.material for mesh in shapes.distinct]
+    if known is None or known_materials is None or not _are_same(known_materials, materials):
+        looks = Looks(shapes, materials)
+    else:
+        looks = known.looks
+    if known is None or not _are_same(known.matrices, matrices):
+        places = planning.place_objects(matrices)
+    else:
+        places = known.places
+    return Prepared(shapes, looks, matrices, places)
+
+
+def _are_same(known: Sequence[Any], wanted: Sequence[Any]) -> bool:
+    """Tell whether two sequences hold the same objects in the same order."""
+    return len(known) == len(wanted) and all(map(operator.is_, known, wanted))

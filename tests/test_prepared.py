@@ -1,0 +1,292 @@
+"""What a renderer keeps between frames is never out of date, and is kept."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+
+import numpy as np
+import pytest
+
+import rasterjit as rj
+from rasterjit import plan as planning
+from rasterjit import prepared, stages
+from rasterjit.plan import OUTPUTS
+from rasterjit.plan_effects import contents_of
+
+SIZE = (48, 40)
+
+
+def everything(frame):
+    return {name: array.tobytes() for name, array in frame.arrays().items()}
+
+
+def painted(mesh, shading="phong", texels=((0.9, 0.1), (0.2, 0.6)), **options):
+    """Return a mesh with a texture."""
+    texture = rj.Texture(np.array(texels), filter="nearest")
+    material = rj.Material(shading, base_color_texture=texture, **options)
+    uv = mesh.vertices[:, :2] * 0.5 + 0.5
+    return rj.Mesh(mesh.vertices, mesh.faces, uv=uv, material=material)
+
+
+@pytest.fixture
+def scene(cube, sphere):
+    """Two instances of a cube, a textured ball and a coloured cube, with a lamp."""
+    scene = rj.Scene()
+    scene.add(cube)
+    scene.add(cube, rj.transforms.translate((1.5, 0.3, -1.0)))
+    scene.add(painted(sphere), rj.transforms.translate((-0.6, 0.8, 1.4)))
+    colors = np.linspace(0.1, 0.9, 24).reshape(8, 3)
+    coloured = rj.Mesh(cube.vertices, cube.faces, colors=colors)
+    scene.add(coloured, rj.transforms.translate((0.5, -1.0, 1.0)))
+    scene.lights = [rj.PointLight((4.0, 5.0, 6.0), intensity=30.0)]
+    return scene
+
+
+def set_mesh(scene):
+    scene.nodes[0].mesh = scene.nodes[2].mesh
+
+
+def set_color(scene):
+    scene.nodes[0].mesh.material = rj.Material("phong", "red")
+
+
+def set_shading(scene):
+    scene.nodes[0].mesh.material = rj.Material("flat")
+
+
+def set_gouraud(scene):
+    scene.nodes[3].mesh.material = rj.Material("gouraud", "white")
+
+
+def set_texture(scene):
+    for node in scene.nodes:
+        if node.mesh.uv is not None:
+            node.mesh.material = painted(node.mesh, texels=((0.0, 1.0), (1.0, 0.0))).material
+
+
+def set_all_unlit(scene):
+    for node in scene.nodes:
+        node.mesh.material = rj.Material("unlit", "green")
+
+
+def move(scene):
+    scene.nodes[1].world_from_model = rj.transforms.translate((-1.0, 1.0, 0.5))
+
+
+def mirror(scene):
+    scene.nodes[2].world_from_model = rj.transforms.scale((-1.2, 1.0, 1.0))
+
+
+def add(scene):
+    scene.add(scene.nodes[0].mesh, rj.transforms.translate((0.0, 1.5, 1.5)))
+
+
+def remove(scene):
+    del scene.nodes[3]
+
+
+def swap(scene):
+    scene.nodes.reverse()
+
+
+def add_light(scene):
+    scene.lights.append(rj.AmbientLight("blue", 0.5))
+
+
+def change_light(scene):
+    scene.lights[0] = rj.PointLight((-4.0, 5.0, 6.0), intensity=30.0)
+
+
+def remove_lights(scene):
+    scene.lights.clear()
+
+
+def set_wireframe(scene):
+    scene.wireframe = rj.Wireframe("red")
+
+
+def set_wireframe_only(scene):
+    scene.wireframe = rj.Wireframe("red", "only")
+
+
+CHANGES = (
+    set_mesh, set_color, set_shading, set_gouraud, set_texture, set_all_unlit, move, mirror, add,
+    remove, swap, add_light, change_light, remove_lights, set_wireframe, set_wireframe_only,
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("change", CHANGES)
+def test_what_is_changed_between_frames_is_seen(scene, camera, change):
+    with rj.Renderer(SIZE, threads=1) as renderer:
+        before = renderer.render(scene, camera, outputs=OUTPUTS)
+        change(scene)
+        after = renderer.render(scene, camera, outputs=OUTPUTS)
+    alone = rj.render(scene, camera, size=SIZE, outputs=OUTPUTS, threads=1)
+    assert everything(after) == everything(alone)
+    assert everything(after) != everything(before)
+    assert str(after.plan) == str(alone.plan)
+
+
+def test_every_order_of_changes_is_seen(scene, camera):
+    rng = np.random.default_rng(2)
+    with rj.Renderer(SIZE, threads=1) as renderer:
+        for number in rng.permutation(np.repeat(np.arange(len(CHANGES) - 1), 2)).tolist():
+            CHANGES[number](scene)
+            add(scene)
+            outputs = [name for name in OUTPUTS if rng.integers(2)] or ["color"]
+            if "uv" in outputs and all(node.mesh.uv is None for node in scene.nodes):
+                outputs = ["color"]
+            frame = renderer.render(scene, camera, outputs=outputs)
+            alone = rj.render(scene, camera, size=SIZE, outputs=outputs, threads=1)
+            assert everything(frame) == everything(alone)
+
+
+def test_wireframe_is_that_of_the_mesh_shown(cube, sphere, camera):
+    scene = rj.Scene()
+    node = scene.add(cube)
+    scene.wireframe = rj.Wireframe("red", "only")
+    with rj.Renderer(SIZE, threads=1) as renderer:
+        renderer.render(scene, camera)
+        node.mesh = sphere
+        frame = renderer.render(scene, camera)
+    assert everything(frame) == everything(rj.render(scene, camera, size=SIZE, threads=1))
+
+
+def test_changes_of_a_lone_mesh_are_seen(cube, sphere, camera):
+    with rj.Renderer(SIZE, threads=1) as renderer:
+        for mesh, material in (
+            (cube, "phong"), (cube, "unlit"), (sphere, "flat"), (cube, "unlit"), (sphere, "flat"),
+        ):  # fmt: skip
+            mesh.material = rj.Material(material, "orange")
+            frame = renderer.render(mesh, camera, outputs=("color", "normal"))
+            alone = rj.render(mesh, camera, size=SIZE, outputs=("color", "normal"), threads=1)
+            assert everything(frame) == everything(alone)
+
+
+def test_what_has_not_changed_is_made_once(scene, camera, monkeypatch):
+    counts = dict.fromkeys(
+        ["join_geometry", "join_surface", "join_normals", "join_uv", "place_objects"], 0
+    )
+
+    def counted(name):
+        original = getattr(planning, name)
+
+        def count(*arguments):
+            counts[name] += 1
+            return original(*arguments)
+
+        return count
+
+    for name in counts:
+        monkeypatch.setattr(planning, name, counted(name))
+    with rj.Renderer(SIZE, threads=1) as renderer:
+        renderer.render(scene, camera, outputs=OUTPUTS)
+        first = dict(counts)
+        for _ in range(3):
+            renderer.render(scene, camera, outputs=OUTPUTS)
+        assert counts == first
+        move(scene)
+        renderer.render(scene, camera, outputs=OUTPUTS)
+        assert counts == {**first, "place_objects": first["place_objects"] + 1}
+        set_color(scene)
+        renderer.render(scene, camera, outputs=OUTPUTS)
+        assert counts["join_geometry"] == first["join_geometry"]
+        assert counts["join_surface"] == first["join_surface"] + 1
+
+
+def test_a_scene_that_failed_leaves_nothing_behind(scene, cube, camera):
+    with rj.Renderer(SIZE, threads=1) as renderer:
+        before = renderer.render(scene, camera)
+        bad = rj.Mesh(cube.vertices, cube.faces, material=scene.nodes[2].mesh.material)
+        for _ in range(2):
+            with pytest.raises(ValueError, match="must have uv"):
+                renderer.render(bad, camera)
+        assert everything(renderer.render(scene, camera)) == everything(before)
+
+
+# --- instances are joined at once -----------------------------------------------------------------
+
+
+@pytest.mark.parametrize("order", ["000111222", "012012012", "001220110", "0", "1", "2222"])
+def test_instances_are_joined_like_copies(cube, sphere, order):
+    colored = rj.Mesh(sphere.vertices, sphere.faces,
+                      colors=np.linspace(0, 1, len(sphere.faces) * 3).reshape(-1, 3))  # fmt: skip
+    kinds = [cube, painted(sphere, "gouraud"), colored]
+    instances = [kinds[int(digit)] for digit in order]
+    copies = [copy.copy(mesh) for mesh in instances]
+    for join in (
+        planning.join_geometry, planning.join_normals, planning.join_uv, prepared.join_textures,
+        lambda meshes: planning.join_surface(meshes, None),
+    ):  # fmt: skip
+        if join is prepared.join_textures and "1" not in order:
+            continue
+        one, other = join(instances), join(copies)
+        for a, b in zip(one, other, strict=True):
+            if a is not None:
+                assert (a.dtype, a.shape, a.tobytes()) == (b.dtype, b.shape, b.tobytes())
+            else:
+                assert b is None
+    assert contents_of(instances) == contents_of(copies)._replace(
+        texture_filters=contents_of(instances).texture_filters
+    )
+
+
+def test_joined_arrays_are_the_meshes_one_after_another(cube, sphere):
+    meshes = [cube, cube, sphere, cube]
+    arrays = planning.join_geometry(meshes)
+    assert arrays.positions.tobytes() == b"".join(mesh.vertices.tobytes() for mesh in meshes)
+    for number, mesh in enumerate(meshes):
+        first = arrays.vertex_starts[number]
+        faces = arrays.faces[arrays.face_starts[number] : arrays.face_starts[number + 1]]
+        assert np.array_equal(faces, mesh.faces + first)
+    assert arrays.faces.dtype == np.int32
+
+
+def test_object_numbers_find_the_object_of_a_face(cube, sphere):
+    meshes = [cube, sphere, cube]
+    numbers = prepared.Shapes(meshes).object_numbers
+    assert numbers.dtype == np.int32
+    expected = np.repeat([0, 1, 2], [len(mesh.faces) for mesh in meshes])
+    assert numbers[:-1].tolist() == expected.tolist()
+    assert numbers[-1] == -1
+
+
+# --- nothing that is kept can be written to -------------------------------------------------------
+
+
+@pytest.mark.parametrize("copied", [lambda x: x, copy.copy, copy.deepcopy,
+                                    lambda x: pickle.loads(pickle.dumps(x))])  # fmt: skip
+def test_arrays_of_meshes_textures_and_nodes_cannot_be_written_to(cube, copied):
+    mesh = rj.Mesh(
+        cube.vertices, cube.faces, colors=np.ones((8, 3)), uv=np.zeros((8, 2)),
+        material=rj.Material(base_color_texture=rj.Texture(np.ones((2, 2)))),
+    )  # fmt: skip
+    mesh.vertex_normals()
+    mesh.material.base_color_texture.texels()
+    node = copied(rj.Node(mesh, np.eye(4), "box"))
+    mesh = copied(node.mesh)
+    texture = copied(mesh.material.base_color_texture)
+    for array in (
+        node.world_from_model, mesh.vertices, mesh.faces, mesh.vertex_colors, mesh.uv,
+        mesh.vertex_normals(), texture.image, texture.texels(),
+    ):  # fmt: skip
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 0
+        with pytest.raises(ValueError, match="WRITEABLE"):
+            array.flags.writeable = True
+    with rj.Renderer(SIZE, threads=1) as renderer:
+        assert renderer.render(mesh).color.any()
+
+
+def test_edges_are_found_once_a_mesh(cube, camera, monkeypatch):
+    found = []
+    original = stages.unique_edges
+    monkeypatch.setattr(stages, "unique_edges", lambda *a: found.append(1) or original(*a))
+    scene = rj.Scene()
+    scene.add(cube)
+    scene.wireframe = rj.Wireframe()
+    with rj.Renderer(SIZE, threads=1) as renderer:
+        for _ in range(3):
+            renderer.render(scene, camera)
+    assert len(found) == 1
