@@ -127,10 +127,10 @@ def visibility(options: Options) -> list[Row]:
     """Time the visibility of a million triangles."""
     peers = ("opengl", "opengl_color")
     rows, runs = against_opengl(
-        "1 M triangles, 1920x1080", "million_triangles", peers, options.threads, options.rounds,
+        "1 M triangles, 1920x1080", "visibility_1m", peers, options.threads, options.rounds,
         TRIANGLE_AGREEMENT,
     )  # fmt: skip
-    work = SCENES["million_triangles"]().work
+    work = SCENES["visibility_1m"]().work
     for row in rows:
         if row.milliseconds:
             row.rate = f"{work / row.milliseconds / 1e3:.1f} M triangles/s"
@@ -165,7 +165,7 @@ def exactness(options: Options) -> list[Row]:
     """Time the same stages with float edge functions and triangles in any order."""
     found = []
     for what, scene in (
-        ("exact coverage, 1 M triangles", "million_triangles"),
+        ("exact coverage, 1 M triangles", "visibility_1m"),
         ("exact coverage, 20 quads back to front", "fill_back_to_front"),
         ("exact coverage, 20 quads front to back", "fill_front_to_back"),
     ):
@@ -202,8 +202,8 @@ def python(options: Options) -> list[Row]:
     """Time plain Python and NumPy on a part of a scene, and compare the cost of one unit."""
     found = []
     for what, whole, sample in (
-        ("1 triangle of the million", "million_triangles", "million_triangles_sample"),
-        ("1 depth-tested sample of a fill", "fill_back_to_front", "fill_sample"),
+        ("1 triangle of the million", "visibility_1m", "visibility_sample"),
+        ("1 depth-tested sample of a fill", "visibility_fill_back_to_front", "fill_sample"),
         ("1 fifty-pixel line", "short_lines", "short_lines_sample"),
     ):
         names = ("rasterjit", "numpy", "pure_python")
@@ -232,7 +232,7 @@ def python(options: Options) -> list[Row]:
 
 def memory(options: Options) -> list[Row]:
     """Measure the peak memory of a render of the million triangles."""
-    found = measure_memory("million_triangles")
+    found = measure_memory("visibility_1m")
     mega = 1e6
     row = Row("peak memory of a render of 1 M triangles, mesh included", "RasterJIT")
     row.rate = f"{found['peak_over_before'] / mega:.0f} MB"
