@@ -1,0 +1,59 @@
+"""Scenes put on the screen beforehand, for contestants that take pixels; not timed."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.scenes import TriangleScene
+
+
+def screen_points(scene: TriangleScene) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the vertices in pixels, y down, (V, 2), and their depths z / w, (V,)."""
+    clip = scene.clip_positions()
+    normalized = clip[:, :3] / clip[:, 3:]
+    return (normalized[:, :2] * (1.0, -1.0) + 1.0) * 0.5 * np.array(scene.size), normalized[:, 2]
+
+
+def far_to_near(faces: NDArray[np.int32], depths: NDArray[np.float64]) -> NDArray[np.int64]:
+    """
+    Return the order in which a painter draws faces: by the mean depth of their vertices, (F,).
+
+    Of equal ones the later comes first, as a depth test with ``<`` has it.
+    """
+    mean = depths[faces].mean(axis=1)
+    return np.lexsort((-np.arange(len(faces)), -mean))
+
+
+def face_colors(scene: TriangleScene) -> NDArray[np.uint8]:
+    """Return the mean colour of each face's vertices, (F, 4), or white if there are none."""
+    if scene.colors is None:
+        return np.full((len(scene.faces), 4), 255, np.uint8)
+    return np.rint(scene.colors[scene.faces].mean(axis=1)).astype(np.uint8)
+
+
+def unique_edges(faces: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Return every edge of the faces once, (N, 2), vertex numbers, the lower one first."""
+    pairs = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    return np.ascontiguousarray(np.unique(pairs, axis=0), np.int32)
+
+
+def model_vertices(scene: TriangleScene) -> NDArray[np.float32]:
+    """Return the vertices of all instances in world space, (N V, 3), one mesh after the other."""
+    if scene.instances is None:
+        return scene.positions
+    rotated = np.einsum("nij,vj->nvi", scene.instances[:, :3, :3], scene.positions)
+    return (rotated + scene.instances[:, None, :3, 3]).reshape(-1, 3).astype(np.float32)
+
+
+def all_faces(scene: TriangleScene) -> NDArray[np.int32]:
+    """Return the faces of all instances, (N F, 3), as ``model_vertices`` numbers vertices."""
+    if scene.instances is None:
+        return scene.faces
+    starts = np.arange(len(scene.instances), dtype=np.int32) * len(scene.positions)
+    return (scene.faces + starts[:, None, None]).reshape(-1, 3)
+
+
+def matrices(scene: TriangleScene) -> NDArray[np.float64]:
+    """Return the clip matrices of the pictures that are drawn one after the other, (K, 4, 4)."""
+    return scene.clip_from_model[np.newaxis] if scene.views is None else scene.views
