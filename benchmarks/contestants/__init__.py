@@ -12,9 +12,11 @@ Who draws, each in a file of its own with the same five names.
 ``prepare(scene, threads)``
     A ``Prepared``: the scene uploaded, everything compiled that can be.
 
-Where a contestant has other rules for what a pixel shows, it states what its pictures share with
-the reference at least: ``COVERED_ALIKE``, the share of all pixels that both cover or both do not,
-and ``COLORS_ALIKE``, the share of the pixels covered by both whose colours are alike.
+Where a contestant has other rules for what a pixel shows, it has a sixth:
+
+``alike(scene)``
+    What its pictures share with the reference at least: the share of all pixels that both cover or
+    both do not, and the share of the pixels covered by both whose colours are alike.
 """
 
 from __future__ import annotations

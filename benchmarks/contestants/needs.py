@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from benchmarks.scenes import LineScene, Scene
 
@@ -42,3 +46,19 @@ def refusal(scene: Scene, unable: Mapping[str, str]) -> str | None:
     """Return why a scene cannot be drawn, given the needs that cannot be met; ``None`` if it can."""
     reasons = [unable[need] for need in needs(scene) if need in unable]
     return "; ".join(reasons) if reasons else None
+
+
+TAKES_PIXELS = {
+    "lighting": "no per-pixel lighting",
+    "instances": "it takes pixels, not places in a world",
+    "views": "it takes pixels, not cameras",
+    "culling": "it takes pixels, not faces that may lie behind the eye",
+}
+"""What those refuse that draw on the screen, in two dimensions."""
+
+
+def painted_picture(pixels: NDArray[Any]) -> dict[str, NDArray[Any]]:
+    """Return what is compared of faces painted one by one: numbers from 1, or one colour each."""
+    if pixels.ndim == 2:
+        return {"covered": pixels > 0, "face_id": pixels.astype(np.int32) - 1}
+    return {"covered": pixels[:, :, 3] > 0}

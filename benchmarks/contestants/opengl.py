@@ -140,6 +140,18 @@ def draws(scene: Scene) -> str | None:
     return None
 
 
+def alike(scene: Scene) -> tuple[float, float]:
+    """
+    Return the shares of pixels alike in coverage and in colour that its rules allow for.
+
+    A line's last pixel is left out, by the diamond-exit rule; and edges run between points that
+    were not rounded to pixels, so that many a pixel of theirs is another.
+    """
+    if isinstance(scene, LineScene):
+        return 0.995, 0.9
+    return (0.9, 0.0) if scene.mode == "edges" else (0.999, 0.99)
+
+
 def prepare(scene: Scene, threads: int) -> Prepared:
     """Return the scene ready to draw."""
     if isinstance(scene, LineScene):

@@ -25,10 +25,37 @@ def far_to_near(faces: NDArray[np.int32], depths: NDArray[np.float64]) -> NDArra
     return np.lexsort((-np.arange(len(faces)), -mean))
 
 
-def face_colors(scene: TriangleScene) -> NDArray[np.uint8]:
-    """Return the mean colour of each face's vertices, (F, 4), or white if there are none."""
+def painted_faces(
+    scene: TriangleScene,
+) -> tuple[NDArray[np.float64], NDArray[np.uint8] | NDArray[np.int32]]:
+    """
+    Return what a painter draws, far faces first.
+
+    Returns
+    -------
+    corners : (F, 3, 2) float64
+        Pixels, y down, the centre of the first pixel at (0, 0).
+    values : (F, 4) uint8, or (F,) int32 if the scene has no colours
+        The mean colour of each face's corners, or its number, from 1.
+    """
+    points, depths = screen_points(scene)
+    order = far_to_near(scene.faces, depths)
+    corners = points[scene.faces[order]] - 0.5
     if scene.colors is None:
-        return np.full((len(scene.faces), 4), 255, np.uint8)
+        return corners, (order + 1).astype(np.int32)
+    return corners, face_colors(scene)[order]
+
+
+def screen_edges(scene: TriangleScene) -> NDArray[np.int64]:
+    """Return the edges of the faces once, (N, 2, 2): the pixels, x and y, of both ends."""
+    points, _ = screen_points(scene)
+    return np.floor(points).astype(np.int64)[unique_edges(scene.faces)]
+
+
+def face_colors(scene: TriangleScene) -> NDArray[np.uint8]:
+    """Return the mean colour of each face's vertices, (F, 4)."""
+    if scene.colors is None:
+        raise ValueError("the scene has no colours")
     return np.rint(scene.colors[scene.faces].mean(axis=1)).astype(np.uint8)
 
 
