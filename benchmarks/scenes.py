@@ -35,6 +35,8 @@ SMALL_RINGS, SMALL_SIDES = 100, 25
 """Five thousand faces."""
 INSTANCE_RINGS, INSTANCE_SIDES = 10, 5
 """A hundred faces."""
+COARSE_RINGS, COARSE_SIDES = 20, 10
+"""Four hundred faces."""
 STRETCH = np.float32([1.6, 1.0, 1.0])
 """What the torus is scaled by, to fill a wide picture."""
 
@@ -111,7 +113,7 @@ class LineScene:
 Scene = TriangleScene | LineScene
 
 
-def wide_camera(size: tuple[int, int], fov_y: float = 42.0) -> NDArray[np.float64]:
+def wide_camera(fov_y: float = 42.0) -> NDArray[np.float64]:
     """Return the camera, clip from model, (4, 4), that sees the whole stretched torus."""
     return perspective(fov_y, SIZE[0] / SIZE[1], 0.5, 20.0) @ look_at((0.4, -1.6, 3.3))
 
@@ -119,9 +121,7 @@ def wide_camera(size: tuple[int, int], fov_y: float = 42.0) -> NDArray[np.float6
 def visibility_1m() -> TriangleScene:
     """Return a torus of a million faces on 60 % of the screen, no colours, no culling."""
     positions, faces = torus(RINGS, SIDES)
-    return TriangleScene(
-        positions * STRETCH, faces, wide_camera(SIZE), SIZE, len(faces), "triangle"
-    )
+    return TriangleScene(positions * STRETCH, faces, wide_camera(), SIZE, len(faces), "triangle")
 
 
 def visibility_sample() -> TriangleScene:
@@ -131,6 +131,14 @@ def visibility_sample() -> TriangleScene:
     return replace(whole, faces=faces, work=len(faces))
 
 
+def filled(size: tuple[int, int] = SIZE) -> TriangleScene:
+    """Return four hundred large faces, no colours; the work is the pixels of the picture."""
+    positions, faces = torus(COARSE_RINGS, COARSE_SIDES)
+    return TriangleScene(
+        positions * STRETCH, faces, wide_camera(), size, size[0] * size[1], "pixel"
+    )
+
+
 def colored_torus(
     rings: int, sides: int, size: tuple[int, int] = SIZE, fov_y: float = 42.0
 ) -> TriangleScene:
@@ -138,7 +146,7 @@ def colored_torus(
     positions, faces = torus(rings, sides)
     colors = meshes.direction_colors(meshes.torus_normals(rings, sides, STRETCH))
     return TriangleScene(
-        positions * STRETCH, faces, wide_camera(size, fov_y), size, len(faces), "triangle", colors
+        positions * STRETCH, faces, wide_camera(fov_y), size, len(faces), "triangle", colors
     )
 
 
@@ -286,6 +294,8 @@ SCENES: dict[str, Callable[[], Scene]] = {
     "visibility_fill_back_to_front": partial(full_screen_quads, "back_to_front"),
     "visibility_fill_front_to_back": partial(full_screen_quads, "front_to_back"),
     "fill_sample": partial(full_screen_quads, "back_to_front", SAMPLE_SIZE, 3),
+    "filled": filled,
+    "filled_sample": partial(filled, SAMPLE_SIZE),
     "short_lines_sample": partial(short_lines, SAMPLE_LINES),
     "teapot": teapot,
 }

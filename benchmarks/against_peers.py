@@ -1,0 +1,124 @@
+"""RasterJIT beside its peers: every scene, every contestant, one thread and several."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from benchmarks.contestants import MODULES, contestant
+from benchmarks.pairing import Effort, Entry, Run, measure, paired_ratio
+from benchmarks.pictures import needed
+from benchmarks.rows import Row, check_pictures, own_run, rate, reference_of, row_of
+from benchmarks.scenes import Scene, find_scene
+from benchmarks.targets import OPENGL, PEERS, SCALED, SCALING
+
+TITLES = {
+    "fill_back_to_front": "20 smooth quads, 1920x1080, back to front",
+    "fill_front_to_back": "20 smooth quads, 1920x1080, front to back",
+    "mesh_70k": "70 k faces, 1280x720",
+    "mesh_70k_phong": "70 k faces, Phong per pixel",
+    "mesh_1m": "1 M faces, 1920x1080",
+    "mesh_5m": "5 M faces, 1920x1080",
+    "visibility_1m": "1 M faces, face numbers only",
+    "slivers": "200 k slivers",
+    "short_lines": "1 M lines of 50 pixels",
+    "long_lines": "20 k lines of 800 pixels",
+    "small_images": "images of 128x128, 5 k faces",
+    "wireframe": "wireframe of 70 k faces",
+    "instances_10k": "10 k instances of 100 faces",
+    "culled": "1 M faces, 96 % culled",
+}
+"""The scenes of the table, and what it calls them."""
+
+QUICK_SCENES = {"small_images": "small_images_quick"}
+"""Smaller scenes of the same kind, for a quick run."""
+
+THREADED = ("rasterjit", OPENGL, "opengl_color")
+"""Contestants that are asked for several numbers of threads; the others draw with one."""
+
+REFERENCES = (OPENGL, "rasterjit")
+"""Whose picture the others are compared with: the first that can draw the scene."""
+
+ELSEWHERE = ("float_edges", "numpy", "pure_python", "full_screen")
+"""Contestants with rows of their own."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """What the command line asked for."""
+
+    effort: Effort
+    threads: tuple[int, ...] = (1, 2)
+    quick: bool = False
+
+
+@functools.cache
+def unavailable(key: str) -> str | None:
+    """Return why a contestant cannot draw here at all, or ``None``."""
+    reason = contestant(key).available()
+    return None if reason is None else f"missing: {reason}"
+
+
+def planned(key: str, name: str, scene: Scene, threads: int = 1) -> Run:
+    """Return the run of an entry, with the reason if the contestant cannot draw the scene."""
+    run = Run(Entry(key, name, threads), unavailable(key))
+    if run.missing is None:
+        reason = contestant(key).draws(scene)
+        run.missing = None if reason is None else f"cannot draw: {reason}"
+    return run
+
+
+def entrants(name: str, scene: Scene, threads: Sequence[int]) -> list[Run]:
+    """Return the runs of all contestants on a scene: with one thread, then with more."""
+    runs = []
+    for count in threads:
+        for key in MODULES:
+            if key not in ELSEWHERE and (count == 1 or key in THREADED):
+                runs.append(planned(key, name, scene, count))
+    return runs
+
+
+def scaling_row(title: str, runs: Sequence[Run], key: str, threads: int) -> Row | None:
+    """Return how many times faster several threads of a contestant are than one."""
+    found = {run.entry.threads: run for run in runs if run.entry.contestant == key}
+    one, more = found.get(1), found.get(threads)
+    if one is None or more is None or one.missing or more.missing:
+        return None
+    row = row_of(f"{title}: 1 to {threads} threads", more, "")
+    row.ratio = paired_ratio(one, more)
+    row.rate = f"{row.ratio:.2f}x as fast as one thread"
+    return row
+
+
+def measure_scene(title_key: str, options: Options) -> list[Row]:
+    """Time all contestants on a scene, and how they gain by threads."""
+    name = QUICK_SCENES.get(title_key, title_key) if options.quick else title_key
+    scene, title = find_scene(name), TITLES[title_key]
+    runs = measure(entrants(name, scene, options.threads), options.effort)
+    least = [needed(scene, contestant(run.entry.contestant)) for run in runs]
+    notes = check_pictures(runs, reference_of(runs, REFERENCES), least)
+    rows = []
+    for run, note in zip(runs, notes, strict=True):
+        row = row_of(title, run, note, own_run(runs, run.entry.threads))
+        if row.ms is not None:
+            row.rate = rate(scene.work, scene.unit, row.ms)
+        target = PEERS.get((title_key, run.entry.contestant))
+        if target is not None:
+            row.aim_above(row.ratio, target)
+        rows.append(row)
+    return rows + scaling_rows(title_key, runs, options.threads)
+
+
+def scaling_rows(title_key: str, runs: Sequence[Run], threads: Sequence[int]) -> list[Row]:
+    """Return the gain by threads of RasterJIT and OpenGL; the target is for two threads."""
+    rows = []
+    for count in threads:
+        for key in ("rasterjit", OPENGL) if count > 1 else ():
+            row = scaling_row(TITLES[title_key], runs, key, count)
+            if row is None:
+                continue
+            if title_key in SCALED and key == "rasterjit" and count == 2:
+                row.aim_above(row.ratio, SCALING)
+            rows.append(row)
+    return rows

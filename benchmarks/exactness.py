@@ -1,0 +1,48 @@
+"""What being exact costs: the same stages with float edge functions and lists in any order."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from benchmarks.against_peers import Options, planned
+from benchmarks.pairing import measure
+from benchmarks.pictures import TRIANGLES
+from benchmarks.rows import Row, check_pictures, own_run, row_of
+from benchmarks.scenes import find_scene
+from benchmarks.targets import EXACTNESS
+
+SCENES = {
+    "visibility_1m": "exact coverage, 1 M triangles",
+    "visibility_fill_back_to_front": "exact coverage, 20 quads back to front",
+    "visibility_fill_front_to_back": "exact coverage, 20 quads front to back",
+}
+
+MORE_ROUNDS = 3
+"""Times as many rounds as for other rows: a few percent want more of them than a factor does."""
+
+
+def measure_exactness(options: Options) -> list[Row]:
+    """Time RasterJIT with exact and with float edge functions."""
+    effort = replace(
+        options.effort,
+        rounds=MORE_ROUNDS * options.effort.rounds,
+        seconds=MORE_ROUNDS * options.effort.seconds,
+    )
+    rows = []
+    for name, title in SCENES.items():
+        scene = find_scene(name)
+        runs = [
+            planned(key, name, scene, threads)
+            for threads in options.threads
+            for key in ("rasterjit", "float_edges")
+        ]
+        measure(runs, effort)
+        for run, note in zip(
+            runs, check_pictures(runs, runs[0], [TRIANGLES] * len(runs)), strict=True
+        ):
+            row = row_of(title, run, note, own_run(runs, run.entry.threads))
+            if row.ratio is not None:
+                row.aim_above(row.ratio, EXACTNESS)
+                row.rate = f"being exact costs {100 / row.ratio - 100:+.1f} %"
+            rows.append(row)
+    return rows

@@ -1,0 +1,132 @@
+"""The rows of the table, and how a run becomes one."""
+
+from __future__ import annotations
+
+import statistics
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from benchmarks.contestants import contestant
+from benchmarks.pairing import Run, paired_ratio
+from benchmarks.pictures import Needed, agreement, differs, text_of
+from benchmarks.targets import Target
+
+MISSED, MET, GOAL = "NO", "yes", "goal"
+"""Whether a target was reached, and whether its goal was as well."""
+
+DIFFERS, FAILED = "the picture differs", "failed"
+"""How a check begins that ends the whole run with status 1."""
+
+SCALES = ((1e9, "G "), (1e6, "M "), (1e3, "k "), (1.0, ""))
+
+
+@dataclass
+class Row:
+    """One line of the table; what does not apply is ``None`` or empty."""
+
+    scene: str
+    contestant: str
+    threads: int | None = None
+    draw_ms: float | None = None
+    """Median of clearing and drawing, milliseconds."""
+    ms: float | None = None
+    """The same with the picture read into a NumPy array."""
+    cpu_ms: float | None = None
+    """Processor time of all threads, which other programs on the machine disturb less."""
+    rate: str = ""
+    ratio: float | None = None
+    """How many times as long as RasterJIT takes, with the same number of threads."""
+    target: str = ""
+    goal: str = ""
+    met: str = ""
+    check: str = ""
+    """How the picture compares with the reference, or why there is none."""
+    rounds: list[float] | None = None
+    """Milliseconds of every round, reading back included."""
+
+    def aim_above(self, value: float | None, target: Target, unit: str = "x") -> None:
+        """Note a target that a value has to reach, and whether it does."""
+        self.target = f">= {target.least:.3g}{unit}"
+        self.goal = "" if target.goal is None else f"{target.goal:.3g}{unit}"
+        if value is not None:
+            self.met = verdict(value >= target.least, target.goal, value >= (target.goal or 0.0))
+
+    def aim_below(self, value: float | None, target: Target, unit: str, scale: float = 1.0) -> None:
+        """Note a target that a value may not exceed, both shown in units of ``scale``."""
+        self.target = f"<= {target.least / scale:.3g}{unit}"
+        self.goal = "" if target.goal is None else f"{target.goal / scale:.3g}{unit}"
+        if value is not None:
+            below_goal = value <= (target.goal or 0.0)
+            self.met = verdict(value <= target.least, target.goal, below_goal)
+
+
+def verdict(least_met: bool, goal: float | None, goal_met: bool) -> str:
+    """Return what the table says about a target."""
+    if not least_met:
+        return MISSED
+    return GOAL if goal is not None and goal_met else MET
+
+
+def rate(work: int, unit: str, milliseconds: float) -> str:
+    """Return how many units a second, in words."""
+    each = 1e3 * work / milliseconds
+    scale, prefix = next((s for s in SCALES if each >= s[0]), SCALES[-1])
+    return f"{each / scale:.3g} {prefix}{unit}s/s"
+
+
+def reference_of(runs: Sequence[Run], keys: Sequence[str]) -> Run | None:
+    """Return the run whose picture the others are compared with: the first key that was drawn."""
+    for key in keys:
+        for run in runs:
+            if run.entry.contestant == key and run.missing is None and run.picture:
+                return run
+    return None
+
+
+def check_pictures(
+    runs: Sequence[Run], reference: Run | None, needed: Sequence[Needed]
+) -> list[str]:
+    """
+    Compare every picture with the reference; a time whose picture differs is thrown away.
+
+    Returns what to print about each run.
+    """
+    notes = []
+    for run, least in zip(runs, needed, strict=True):
+        if run.missing is None and reference is not None and run is not reference:
+            shares = agreement(run.picture, reference.picture)
+            note = text_of(shares)
+            if differs(shares, least):
+                run.missing = note = f"{DIFFERS}: {note}"
+        else:
+            note = run.missing or ("reference" if run is reference else "no reference here")
+        notes.append(note)
+    return notes
+
+
+def row_of(scene: str, run: Run, note: str, own: Run | None = None) -> Row:
+    """Return the row of a run, with its ratio to RasterJIT's own run if that has times."""
+    row = Row(scene, contestant(run.entry.contestant).NAME, run.entry.threads, check=note)
+    if run.missing is not None:
+        return row
+    row.rounds = [1e3 * seconds for seconds in run.seconds]
+    row.draw_ms = 1e3 * statistics.median(run.draw_seconds)
+    row.ms = 1e3 * run.median
+    row.cpu_ms = 1e3 * statistics.median(run.processor_seconds)
+    if own is not None and own is not run and own.missing is None:
+        row.ratio = paired_ratio(run, own)
+    return row
+
+
+def own_run(runs: Sequence[Run], threads: int) -> Run | None:
+    """Return RasterJIT's run with a number of threads, if there is one."""
+    for run in runs:
+        if run.entry.contestant == "rasterjit" and run.entry.threads == threads:
+            return run
+    return None
+
+
+def is_wrong(row: Row) -> bool:
+    """Return whether a row must end the whole run with status 1."""
+    failed = row.check.startswith(FAILED) and row.contestant == contestant("rasterjit").NAME
+    return failed or row.check.startswith(DIFFERS)
