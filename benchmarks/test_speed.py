@@ -78,10 +78,8 @@ def test_triangles_with_two_threads(benchmark: Timer) -> None:
     benchmark(checked("rasterjit", mesh_70k(), "rasterjit", EXACT, threads=2).draw)
 
 
-@pytest.mark.usefixtures("one_thread")
-@pytest.mark.parametrize("key", IN_COLOR)
-def test_lines(benchmark: Timer, key: str) -> None:
-    benchmark(checked(key, short_lines(100_000), "rasterjit").draw)
+def test_lines(benchmark: Timer) -> None:
+    benchmark(checked("rasterjit", short_lines(100_000), "numpy", EXACT).draw)
 
 
 @pytest.mark.parametrize("key", TWINS)
