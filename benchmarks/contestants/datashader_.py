@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from benchmarks.contestants import Prepared
 from benchmarks.contestants.needs import TAKES_PIXELS, refusal
-from benchmarks.contestants.screen import screen_edges, screen_points
+from benchmarks.contestants.screen import edge_lines, screen_points
 from benchmarks.scenes import LineScene, Scene, TriangleScene
 
 NAME = "datashader"
@@ -49,9 +49,9 @@ def alike(scene: Scene) -> tuple[float, float]:
 def prepare(scene: Scene, threads: int) -> Prepared:
     """Return the scene ready to draw."""
     if isinstance(scene, LineScene):
-        return Lines(scene.size, scene.ends)
+        return Lines(scene)
     if scene.mode == "edges":
-        return Lines(scene.size, screen_edges(scene).reshape(-1, 4))
+        return Lines(edge_lines(scene))
     return Faces(scene)
 
 
@@ -97,12 +97,12 @@ class Faces:
 class Lines:
     """Whether there is a line at every pixel."""
 
-    def __init__(self, size: tuple[int, int], ends: NDArray[np.int64]) -> None:
+    def __init__(self, scene: LineScene) -> None:
         import datashader
         import pandas
 
-        self._lines = pandas.DataFrame(ends + 0.5, columns=["x0", "y0", "x1", "y1"])
-        self._canvas = canvas_of(size)
+        self._lines = pandas.DataFrame(scene.ends + 0.5, columns=["x0", "y0", "x1", "y1"])
+        self._canvas = canvas_of(scene.size)
         self._any = datashader.any()
 
     def draw(self) -> None:

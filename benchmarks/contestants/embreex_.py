@@ -63,7 +63,12 @@ def pixel_rays(scene: TriangleScene) -> tuple[NDArray[np.float32], NDArray[np.fl
     model_from_clip = np.linalg.inv(scene.clip_from_model)
     ends = []
     for depth in (-1.0, 1.0):
-        flat = [columns.ravel(), rows.ravel(), np.full(width * height, depth), np.ones_like(rows).ravel()]
+        flat = [
+            columns.ravel(),
+            rows.ravel(),
+            np.full(width * height, depth),
+            np.ones_like(rows).ravel(),
+        ]
         points = np.stack(flat, axis=-1) @ model_from_clip.T
         ends.append(points[:, :3] / points[:, 3:])
     start, end = ends

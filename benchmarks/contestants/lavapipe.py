@@ -75,9 +75,7 @@ fn lit(v: Varying, @builtin(front_facing) is_front: bool) -> @location(0) vec4f 
 }}
 """
 
-IDENTITY = (
-    "mat4x4f(1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0)"
-)
+IDENTITY = "mat4x4f(1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0)"
 
 ROW_ALIGNMENT = 256
 """WebGPU wants rows of a picture in a buffer to start at multiples of it, bytes."""

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.contestants import Prepared
-from benchmarks.contestants.needs import EDGE_COLOR, TAKES_PIXELS, painted_picture, refusal
-from benchmarks.contestants.screen import painted_faces, screen_edges
+from benchmarks.contestants.needs import TAKES_PIXELS, painted_picture, refusal
+from benchmarks.contestants.screen import edge_lines, painted_faces
 from benchmarks.scenes import LineScene, Scene, TriangleScene
 
 NAME = "Pillow"
@@ -25,7 +25,9 @@ NAME = "Pillow"
 
 def available() -> str | None:
     """Return ``None``, or the reason why it cannot draw here."""
-    return None if find_spec("PIL") else 'the package pillow is not installed (pip install ".[bench]")'
+    return (
+        None if find_spec("PIL") else 'the package pillow is not installed (pip install ".[bench]")'
+    )
 
 
 def environment(threads: int) -> dict[str, str]:
@@ -42,17 +44,15 @@ def alike(scene: Scene) -> tuple[float, float]:
     """Return the shares of pixels alike that its rules allow for: faces have wider borders."""
     if isinstance(scene, LineScene):
         return 0.99, 0.0
-    return (0.85, 0.0) if scene.mode == "edges" else (0.95, 0.0)
+    return (0.85, 0.0) if scene.mode == "edges" else (0.9, 0.0)
 
 
 def prepare(scene: Scene, threads: int) -> Prepared:
     """Return the scene ready to draw."""
     if isinstance(scene, LineScene):
-        colors = [tuple(color) for color in scene.colors[:, 0].tolist()]
-        return Lines(scene.size, scene.ends.tolist(), colors)
+        return Lines(scene)
     if scene.mode == "edges":
-        edges = screen_edges(scene).reshape(-1, 4).tolist()
-        return Lines(scene.size, edges, [EDGE_COLOR] * len(edges))
+        return Lines(edge_lines(scene))
     return Faces(scene)
 
 
@@ -102,13 +102,12 @@ class Faces(Canvas):
 
 
 class Lines(Canvas):
-    """Lines in order, each in one colour."""
+    """Lines in order, each in the colour of its start."""
 
-    def __init__(
-        self, size: tuple[int, int], ends: list[list[int]], colors: list[tuple[int, ...]]
-    ) -> None:
-        super().__init__(size, "RGBA")
-        self._ends, self._colors = ends, colors
+    def __init__(self, scene: LineScene) -> None:
+        super().__init__(scene.size, "RGBA")
+        self._ends = scene.ends.tolist()
+        self._colors = list(map(tuple, scene.colors[:, 0].tolist()))
 
     def draw(self) -> None:
         """Clear and draw."""

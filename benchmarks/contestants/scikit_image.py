@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.contestants import Prepared
-from benchmarks.contestants.needs import EDGE_COLOR, TAKES_PIXELS, painted_picture, refusal
-from benchmarks.contestants.screen import painted_faces, screen_edges
+from benchmarks.contestants.needs import TAKES_PIXELS, painted_picture, refusal
+from benchmarks.contestants.screen import edge_lines, painted_faces
 from benchmarks.scenes import LineScene, Scene, TriangleScene
 
 NAME = "scikit-image"
@@ -55,11 +55,9 @@ def alike(scene: Scene) -> tuple[float, float]:
 def prepare(scene: Scene, threads: int) -> Prepared:
     """Return the scene ready to draw."""
     if isinstance(scene, LineScene):
-        return Lines(scene.size, scene.ends, scene.colors)
+        return Lines(scene)
     if scene.mode == "edges":
-        edges = screen_edges(scene).reshape(-1, 4)
-        colors = np.tile(np.array(EDGE_COLOR, np.uint8), (len(edges), 2, 1))
-        return Lines(scene.size, edges, colors)
+        return Lines(edge_lines(scene))
     return Faces(scene)
 
 
@@ -96,16 +94,14 @@ class Faces:
 class Lines:
     """Lines in order, each with a ramp from one colour to the other."""
 
-    def __init__(
-        self, size: tuple[int, int], ends: NDArray[np.int64], colors: NDArray[np.uint8]
-    ) -> None:
+    def __init__(self, scene: LineScene) -> None:
         from skimage.draw import line
 
         self._line = line
-        self._ends = ends.tolist()
-        self._starts = colors[:, 0].astype(np.float32)
-        self._changes = colors[:, 1].astype(np.float32) - self._starts
-        self._pixels = np.empty((size[1], size[0], 4), np.uint8)
+        self._ends = scene.ends.tolist()
+        self._starts = scene.colors[:, 0].astype(np.float32)
+        self._changes = scene.colors[:, 1].astype(np.float32) - self._starts
+        self._pixels = np.empty((scene.size[1], scene.size[0], 4), np.uint8)
 
     def draw(self) -> None:
         """Clear and draw."""

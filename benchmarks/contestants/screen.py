@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.scenes import TriangleScene
+from benchmarks.contestants.needs import EDGE_COLOR
+from benchmarks.scenes import LineScene, TriangleScene
 
 
 def screen_points(scene: TriangleScene) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -46,10 +47,12 @@ def painted_faces(
     return corners, face_colors(scene)[order]
 
 
-def screen_edges(scene: TriangleScene) -> NDArray[np.int64]:
-    """Return the edges of the faces once, (N, 2, 2): the pixels, x and y, of both ends."""
+def edge_lines(scene: TriangleScene) -> LineScene:
+    """Return the edges of the faces, each once, as lines between the pixels of their ends."""
     points, _ = screen_points(scene)
-    return np.floor(points).astype(np.int64)[unique_edges(scene.faces)]
+    ends = np.floor(points).astype(np.int64)[unique_edges(scene.faces)].reshape(-1, 4)
+    colors = np.tile(np.array(EDGE_COLOR, np.uint8), (len(ends), 2, 1))
+    return LineScene(ends, colors, scene.size, len(ends))
 
 
 def face_colors(scene: TriangleScene) -> NDArray[np.uint8]:
