@@ -21,7 +21,7 @@ from benchmarks.curves import (
     measure_figure,
     row_of_curve,
 )
-from benchmarks.rows import Row, is_wrong
+from benchmarks.rows import Row, folded, is_wrong
 from benchmarks.suite import FULL, OTHERS, QUICK, marks
 
 progress = Console(stderr=True)
@@ -91,7 +91,7 @@ def draw_curves(options: Options) -> list[Curve]:
 def finish(rows: Sequence[Row], drawn: Sequence[Curve], rounds: int) -> None:
     """Print and write everything; end with status 1 if a picture was wrong."""
     rows = [*rows, *map(row_of_curve, drawn)]
-    report.print_table("Measured", report.COLUMNS, [report.cells(row) for row in rows])
+    report.print_table("Measured", report.COLUMNS, [report.cells(row) for row in folded(rows)])
     report.write(rows, rounds, list(map(as_json, drawn)))
     wrong = [row for row in rows if is_wrong(row)]
     for row in wrong:

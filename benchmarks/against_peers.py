@@ -9,7 +9,16 @@ from dataclasses import dataclass
 from benchmarks.contestants import MODULES, contestant
 from benchmarks.pairing import Effort, Entry, Run, measure, paired_ratio
 from benchmarks.pictures import needed
-from benchmarks.rows import Row, check_pictures, own_run, rate, reference_of, row_of
+from benchmarks.rows import (
+    MISSING,
+    UNABLE,
+    Row,
+    check_pictures,
+    own_run,
+    rate,
+    reference_of,
+    row_of,
+)
 from benchmarks.scenes import Scene, find_scene
 from benchmarks.targets import OPENGL, PEERS, SCALED, SCALING
 
@@ -57,7 +66,7 @@ class Options:
 def unavailable(key: str) -> str | None:
     """Return why a contestant cannot draw here at all, or ``None``."""
     reason = contestant(key).available()
-    return None if reason is None else f"missing: {reason}"
+    return None if reason is None else f"{MISSING}: {reason}"
 
 
 def planned(key: str, name: str, scene: Scene, threads: int = 1) -> Run:
@@ -65,7 +74,7 @@ def planned(key: str, name: str, scene: Scene, threads: int = 1) -> Run:
     run = Run(Entry(key, name, threads), unavailable(key))
     if run.missing is None:
         reason = contestant(key).draws(scene)
-        run.missing = None if reason is None else f"cannot draw: {reason}"
+        run.missing = None if reason is None else f"{UNABLE}: {reason}"
     return run
 
 
@@ -86,8 +95,8 @@ def scaling_row(title: str, runs: Sequence[Run], key: str, threads: int) -> Row 
     if one is None or more is None or one.missing or more.missing:
         return None
     row = row_of(f"{title}: 1 to {threads} threads", more, "")
-    row.ratio = paired_ratio(one, more)
-    row.rate = f"{row.ratio:.2f}x as fast as one thread"
+    row.gain = paired_ratio(one, more)
+    row.rate = f"{row.gain:.2f}x as fast as one thread"
     return row
 
 
@@ -119,6 +128,6 @@ def scaling_rows(title_key: str, runs: Sequence[Run], threads: Sequence[int]) ->
             if row is None:
                 continue
             if title_key in SCALED and key == "rasterjit" and count == 2:
-                row.aim_above(row.ratio, SCALING)
+                row.aim_above(row.gain, SCALING)
             rows.append(row)
     return rows

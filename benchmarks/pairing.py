@@ -10,7 +10,7 @@ import subprocess
 import sys
 import tempfile
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -171,7 +171,7 @@ def start(entry: Entry, folder: Path, number: int) -> tuple[Worker, dict[str, An
         raise
 
 
-def measure(runs: Sequence[Run], effort: Effort, start: Callable[..., Any] = start) -> list[Run]:
+def measure(runs: Sequence[Run], effort: Effort) -> list[Run]:
     """
     Time the runs that are not missing, in turns: all of them once, then all of them again.
 

@@ -24,21 +24,26 @@ class Needed(NamedTuple):
     """Share of all pixels that both cover or both leave empty."""
     colors: float
     """Share of the pixels covered by both whose colours are alike."""
+    near: float = 0.0
+    """Share of either's covered pixels within one pixel of which the other covers one."""
 
 
 TRIANGLES = Needed(0.999, 0.99)
 LINES = Needed(0.995, 0.0)
 """OpenGL leaves out each line's last pixel, by its diamond-exit rule."""
+EDGES = Needed(0.9, 0.0, 0.999)
+"""OpenGL's lines begin between pixels, others' at the pixel next to that: they run beside."""
 EXACT = Needed(1.0, 1.0)
 
 
 def needed(scene: Scene, contestant: ModuleType) -> Needed:
     """Return what a contestant's picture of a scene must reach, looser where its file says so."""
-    edges = isinstance(scene, TriangleScene) and scene.mode == "edges"
-    usual = LINES if edges or isinstance(scene, LineScene) else TRIANGLES
-    return Needed(
-        min(usual.covered, getattr(contestant, "COVERED_ALIKE", usual.covered)),
-        min(usual.colors, getattr(contestant, "COLORS_ALIKE", usual.colors)),
+    usual = LINES if isinstance(scene, LineScene) else TRIANGLES
+    if isinstance(scene, TriangleScene) and scene.mode == "edges":
+        usual = EDGES
+    return usual._replace(
+        covered=min(usual.covered, getattr(contestant, "COVERED_ALIKE", usual.covered)),
+        colors=min(usual.colors, getattr(contestant, "COLORS_ALIKE", usual.colors)),
     )
 
 
@@ -60,7 +65,27 @@ def agreement(one: Picture, other: Picture) -> dict[str, float]:
         else:
             equal = one[name] == other[name]
             shares[name] = float(equal.all(axis=-1).mean() if equal.ndim == 3 else equal.mean())
+    if 0.0 < shares.get("covered", 0.0) < 1.0:
+        shares["near"] = nearness(one["covered"], other["covered"])
     return shares
+
+
+def nearness(one: NDArray[np.bool_], other: NDArray[np.bool_]) -> float:
+    """Return the share of covered pixels, of the worse, that the other covers within one pixel."""
+    if not one.any() or not other.any():
+        return 0.0
+    return float(min(widened(other)[one].mean(), widened(one)[other].mean()))
+
+
+def widened(covered: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return the pixels that are covered or touch one that is, also by a corner."""
+    rows, wide = covered.copy(), covered.copy()
+    rows[1:] |= covered[:-1]
+    rows[:-1] |= covered[1:]
+    wide |= rows
+    wide[:, 1:] |= rows[:, :-1]
+    wide[:, :-1] |= rows[:, 1:]
+    return wide
 
 
 def differs(shares: Mapping[str, float], least: Needed) -> bool:
@@ -69,6 +94,8 @@ def differs(shares: Mapping[str, float], least: Needed) -> bool:
         return True
     if least == EXACT:
         return min(shares.values()) < 1.0
+    if shares.get("near", 1.0) < least.near:
+        return True
     return shares.get("color_linear", 1.0) < least.colors
 
 

@@ -16,7 +16,7 @@ from rich.table import Table
 
 import rasterjit
 from benchmarks.contestants import opengl
-from benchmarks.rows import Row
+from benchmarks.rows import Row, folded
 
 RESULTS = Path(__file__).parent / "results"
 COLUMNS = (
@@ -132,7 +132,7 @@ def write(
     rows: Sequence[Row],
     rounds: int,
     curves: Sequence[Mapping[str, Any]] = (),
-    folder: Path = RESULTS,
+    folder: Path | None = None,
 ) -> None:
     """Write ``table.json`` and ``table.md``."""
     facts = machine()
@@ -142,19 +142,19 @@ def write(
         "rows": [asdict(row) for row in rows],
         "curves": list(curves),
     }
-    write_text(folder / "table.json", json.dumps(content, indent=2) + "\n")
+    write_text((folder or RESULTS) / "table.json", json.dumps(content, indent=2) + "\n")
     lines = ["# RasterJIT beside other ways to draw the same pictures", ""]
     lines += [f"- {name}: {value}" for name, value in facts.items()]
     lines += [f"- medians of up to {rounds} interleaved rounds", ""]
-    lines += markdown_table(COLUMNS, [cells(row) for row in rows])
-    write_text(folder / "table.md", "\n".join(lines) + "\n")
+    lines += markdown_table(COLUMNS, [cells(row) for row in folded(rows)])
+    write_text((folder or RESULTS) / "table.md", "\n".join(lines) + "\n")
 
 
 def write_curves(
-    rows: Sequence[Row], curves: Sequence[Mapping[str, Any]], folder: Path = RESULTS
+    rows: Sequence[Row], curves: Sequence[Mapping[str, Any]], folder: Path | None = None
 ) -> None:
     """Write ``curves.json`` and ``curves.md``."""
     content = {"machine": machine(), "curves": list(curves)}
-    write_text(folder / "curves.json", json.dumps(content, indent=2) + "\n")
+    write_text((folder or RESULTS) / "curves.json", json.dumps(content, indent=2) + "\n")
     lines = ["# How time grows", "", *markdown_table(COLUMNS, [cells(row) for row in rows])]
-    write_text(folder / "curves.md", "\n".join(lines) + "\n")
+    write_text((folder or RESULTS) / "curves.md", "\n".join(lines) + "\n")

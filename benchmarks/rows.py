@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import statistics
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,6 +15,8 @@ from benchmarks.targets import Target
 MISSED, MET, GOAL = "NO", "yes", "goal"
 """Whether a target was reached, and whether its goal was as well."""
 
+MISSING, UNABLE = "missing", "cannot draw"
+"""How a check begins that says why a contestant has no times."""
 DIFFERS, FAILED = "the picture differs", "failed"
 """How a check begins that ends the whole run with status 1."""
 
@@ -36,6 +39,8 @@ class Row:
     rate: str = ""
     ratio: float | None = None
     """How many times as long as RasterJIT takes, with the same number of threads."""
+    gain: float | None = None
+    """How many times faster several threads are than one."""
     target: str = ""
     goal: str = ""
     met: str = ""
@@ -130,3 +135,27 @@ def is_wrong(row: Row) -> bool:
     """Return whether a row must end the whole run with status 1."""
     failed = row.check.startswith(FAILED) and row.contestant == contestant("rasterjit").NAME
     return failed or row.check.startswith(DIFFERS)
+
+
+def folded(rows: Sequence[Row]) -> list[Row]:
+    """
+    Return the rows for reading: those of one scene without times or targets become one.
+
+    Behind them comes each missing contestant, once, with the reason.
+    """
+    found: list[Row] = []
+    absent: dict[str, Row] = {}
+    for scene, group in itertools.groupby(rows, lambda row: row.scene):
+        others: dict[str, list[str]] = {}
+        for row in group:
+            begin, _, reason = row.check.partition(": ")
+            if begin == MISSING:
+                absent.setdefault(row.contestant, Row("missing", row.contestant, check=reason))
+            if begin not in (MISSING, UNABLE) or row.target:
+                found.append(row)
+            elif row.contestant not in others.setdefault(begin, []):
+                others[begin].append(row.contestant)
+        if others:
+            texts = [f"{begin}: {', '.join(names)}" for begin, names in others.items()]
+            found.append(Row(scene, "others", check="; ".join(texts)))
+    return found + list(absent.values())
