@@ -59,18 +59,12 @@ def pixel_rays(scene: TriangleScene) -> tuple[NDArray[np.float32], NDArray[np.fl
     width, height = scene.size
     x = (np.arange(width) + 0.5) / width * 2.0 - 1.0
     y = 1.0 - (np.arange(height) + 0.5) / height * 2.0
-    columns, rows = np.meshgrid(x, y)
-    model_from_clip = np.linalg.inv(scene.clip_from_model)
-    ends = []
-    for depth in (-1.0, 1.0):
-        flat = [
-            columns.ravel(),
-            rows.ravel(),
-            np.full(width * height, depth),
-            np.ones_like(rows).ravel(),
-        ]
-        points = np.stack(flat, axis=-1) @ model_from_clip.T
-        ends.append(points[:, :3] / points[:, 3:])
+    points = np.ones((height, width, 4))
+    points[:, :, 0], points[:, :, 1] = x, y[:, np.newaxis]
+    model_from_clip, ends = np.linalg.inv(scene.clip_from_model), []
+    for points[:, :, 2] in (-1.0, 1.0):
+        found = points.reshape(-1, 4) @ model_from_clip.T
+        ends.append(found[:, :3] / found[:, 3:])
     start, end = ends
     return start.astype(np.float32), (end - start).astype(np.float32)
 

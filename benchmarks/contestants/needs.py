@@ -43,7 +43,7 @@ def needs(scene: Scene) -> list[str]:
 
 
 def refusal(scene: Scene, unable: Mapping[str, str]) -> str | None:
-    """Return why a scene cannot be drawn, given the needs that cannot be met; ``None`` if it can."""
+    """Return why a scene cannot be drawn, given what cannot be met; ``None`` if it can."""
     reasons = [unable[need] for need in needs(scene) if need in unable]
     return "; ".join(reasons) if reasons else None
 
