@@ -41,10 +41,10 @@ def needed(scene: Scene, contestant: ModuleType) -> Needed:
     usual = LINES if isinstance(scene, LineScene) else TRIANGLES
     if isinstance(scene, TriangleScene) and scene.mode == "edges":
         usual = EDGES
-    return usual._replace(
-        covered=min(usual.covered, getattr(contestant, "COVERED_ALIKE", usual.covered)),
-        colors=min(usual.colors, getattr(contestant, "COLORS_ALIKE", usual.colors)),
-    )
+    if not hasattr(contestant, "alike"):
+        return usual
+    covered, colors = contestant.alike(scene)
+    return usual._replace(covered=min(usual.covered, covered), colors=min(usual.colors, colors))
 
 
 def agreement(one: Picture, other: Picture) -> dict[str, float]:

@@ -15,8 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.contestants import Prepared
-from benchmarks.contestants import opengl
+from benchmarks.contestants import Prepared, opengl
 from benchmarks.contestants.needs import EDGE_COLOR, refusal
 from benchmarks.contestants.screen import all_faces, matrices, model_vertices
 from benchmarks.scenes import LineScene, Scene, TriangleScene

@@ -1,8 +1,8 @@
 """
-trimesh's off-screen path for the whole job: ``Scene.save_image``, from a scene to the bytes of a PNG.
+trimesh's off-screen path for the whole job: ``Scene.save_image``, from a scene to a PNG's bytes.
 
-It opens a hidden window with pyglet, so it needs a display (an X server such as ``xvfb-run`` starts
-will do) and ``apt-get install libgl1 libglu1-mesa``. The window is opened, the mesh uploaded, drawn
+It opens a hidden window with pyglet, so it needs a display (``xvfb-run`` starts one) and
+``apt-get install xvfb libgl1 libglu1-mesa``. The window is opened, the mesh uploaded, drawn
 with trimesh's own lights, read back, packed and unpacked at every picture: there is no other way
 in, and that is the whole job. Of its lit picture only the coverage is compared.
 """
