@@ -8,17 +8,8 @@ from dataclasses import dataclass
 
 from benchmarks.contestants import MODULES, contestant
 from benchmarks.pairing import Effort, Entry, Run, measure, paired_ratio
-from benchmarks.pictures import needed
-from benchmarks.rows import (
-    MISSING,
-    UNABLE,
-    Row,
-    check_pictures,
-    own_run,
-    rate,
-    reference_of,
-    row_of,
-)
+from benchmarks.pictures import EXACT, needed
+from benchmarks.rows import MISSING, UNABLE, Row, check_picture, find_run, rate, row_of
 from benchmarks.scenes import Scene, find_scene
 from benchmarks.targets import OPENGL, PEERS, SCALED, SCALING
 
@@ -43,11 +34,10 @@ TITLES = {
 QUICK_SCENES = {"small_images": "small_images_quick"}
 """Smaller scenes of the same kind, for a quick run."""
 
-THREADED = ("rasterjit", OPENGL, "opengl_color")
-"""Contestants that are asked for several numbers of threads; the others draw with one."""
+OWN = "rasterjit"
 
-REFERENCES = (OPENGL, "rasterjit")
-"""Whose picture the others are compared with: the first that can draw the scene."""
+THREADED = (OWN, OPENGL, "opengl_color")
+"""Contestants that are asked for several numbers of threads; the others draw with one."""
 
 ELSEWHERE = ("float_edges", "numpy", "pure_python", "full_screen")
 """Contestants with rows of their own."""
@@ -88,6 +78,28 @@ def entrants(name: str, scene: Scene, threads: Sequence[int]) -> list[Run]:
     return runs
 
 
+def check_pictures(runs: Sequence[Run], scene: Scene) -> list[str]:
+    """
+    Compare RasterJIT's picture with OpenGL's and all others with RasterJIT's, or else OpenGL's.
+
+    With any number of threads RasterJIT's must be the same bits. Returns what to print about each.
+    """
+    threads = min((run.entry.threads for run in runs), default=1)
+    own, opengl = find_run(runs, OWN, threads), find_run(runs, OPENGL, threads)
+    own_note = ""
+    if own is not None:
+        has_judge = opengl is not None and opengl.missing is None
+        judge = opengl if has_judge else own
+        own_note = check_picture(own, judge, needed(scene, contestant(OPENGL)))
+    reference = own if own is not None and own.missing is None else opengl
+    notes = []
+    for run in runs:
+        key = run.entry.contestant
+        least = EXACT if key == OWN else needed(scene, contestant(key))
+        notes.append(own_note if run is own else check_picture(run, reference, least))
+    return notes
+
+
 def scaling_row(title: str, runs: Sequence[Run], key: str, threads: int) -> Row | None:
     """Return how many times faster several threads of a contestant are than one."""
     found = {run.entry.threads: run for run in runs if run.entry.contestant == key}
@@ -105,11 +117,10 @@ def measure_scene(title_key: str, options: Options) -> list[Row]:
     name = QUICK_SCENES.get(title_key, title_key) if options.quick else title_key
     scene, title = find_scene(name), TITLES[title_key]
     runs = measure(entrants(name, scene, options.threads), options.effort)
-    least = [needed(scene, contestant(run.entry.contestant)) for run in runs]
-    notes = check_pictures(runs, reference_of(runs, REFERENCES), least)
+    notes = check_pictures(runs, scene)
     rows = []
     for run, note in zip(runs, notes, strict=True):
-        row = row_of(title, run, note, own_run(runs, run.entry.threads))
+        row = row_of(title, run, note, find_run(runs, OWN, run.entry.threads))
         if row.ms is not None:
             row.rate = rate(scene.work, scene.unit, row.ms)
         target = PEERS.get((title_key, run.entry.contestant))
@@ -123,11 +134,11 @@ def scaling_rows(title_key: str, runs: Sequence[Run], threads: Sequence[int]) ->
     """Return the gain by threads of RasterJIT and OpenGL; the target is for two threads."""
     rows = []
     for count in threads:
-        for key in ("rasterjit", OPENGL) if count > 1 else ():
+        for key in (OWN, OPENGL) if count > 1 else ():
             row = scaling_row(TITLES[title_key], runs, key, count)
             if row is None:
                 continue
-            if title_key in SCALED and key == "rasterjit" and count == 2:
+            if title_key in SCALED and key == OWN and count == 2:
                 row.aim_above(row.gain, SCALING)
             rows.append(row)
     return rows

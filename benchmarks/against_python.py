@@ -7,7 +7,7 @@ import statistics
 from benchmarks.against_peers import Options, planned
 from benchmarks.pairing import Run, measure, paired_ratios
 from benchmarks.pictures import EXACT
-from benchmarks.rows import Row, check_pictures, row_of
+from benchmarks.rows import Row, check_picture, row_of
 from benchmarks.scenes import find_scene
 from benchmarks.targets import PYTHON_LINES, PYTHON_TRIANGLES, Target
 
@@ -38,7 +38,9 @@ def measure_pair(title: str, whole: str, sample: str, options: Options) -> list[
     runs += [planned(key, sample, scenes[sample]) for key in NAMES]
     measure(runs, options.effort)
     reference = next((run for run in runs[1:] if run.entry.contestant == PYTHON), None)
-    notes = check_pictures(runs[1:], reference, [EXACT] * (len(runs) - 1))
+    notes = [check_picture(run, reference, EXACT) for run in runs[1:]]
+    if runs[0].missing is None:
+        runs[0].missing = runs[1].missing
     rows = []
     for run, note in zip(runs, (notes[0], *notes), strict=True):
         if run is runs[1]:

@@ -9,11 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.against_peers import REFERENCES, THREADED, Options, planned
+from benchmarks.against_peers import THREADED, Options, check_pictures, planned
 from benchmarks.contestants import contestant
 from benchmarks.pairing import Effort, Run, measure
-from benchmarks.pictures import needed
-from benchmarks.rows import Row, check_pictures, reference_of
+from benchmarks.rows import Row
 from benchmarks.scenes import find_scene
 from benchmarks.targets import OPENGL, TINYDISPLAY
 
@@ -121,8 +120,7 @@ def measure_figure(figure: Figure, effort: Effort) -> list[Curve]:
             if not curve.note
         ]
         measure(runs, effort)
-        least = [needed(scene, contestant(run.entry.contestant)) for run in runs]
-        check_pictures(runs, reference_of(runs, REFERENCES), least)
+        check_pictures(runs, scene)
         for run in runs:
             add_point(curves[run.entry.contestant], figure.x(point), run)
     return list(curves.values())

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from benchmarks.against_peers import Options, planned
+from benchmarks.against_peers import OWN, Options, planned
 from benchmarks.pairing import measure
-from benchmarks.pictures import TRIANGLES
-from benchmarks.rows import Row, check_pictures, own_run, row_of
+from benchmarks.pictures import USUAL
+from benchmarks.rows import Row, check_picture, find_run, row_of
 from benchmarks.scenes import find_scene
 from benchmarks.targets import EXACTNESS
 
@@ -37,10 +37,9 @@ def measure_exactness(options: Options) -> list[Row]:
             for key in ("rasterjit", "float_edges")
         ]
         measure(runs, effort)
-        for run, note in zip(
-            runs, check_pictures(runs, runs[0], [TRIANGLES] * len(runs)), strict=True
-        ):
-            row = row_of(title, run, note, own_run(runs, run.entry.threads))
+        for run in runs:
+            note = check_picture(run, runs[0], USUAL)
+            row = row_of(title, run, note, find_run(runs, OWN, run.entry.threads))
             if row.ratio is not None:
                 row.aim_above(row.ratio, EXACTNESS)
                 row.rate = f"being exact costs {100 / row.ratio - 100:+.1f} %"

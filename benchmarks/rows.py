@@ -79,34 +79,23 @@ def rate(work: int, unit: str, milliseconds: float) -> str:
     return f"{each / scale:.3g} {prefix}{unit}s/s"
 
 
-def reference_of(runs: Sequence[Run], keys: Sequence[str]) -> Run | None:
-    """Return the run whose picture the others are compared with: the first key that was drawn."""
-    for key in keys:
-        for run in runs:
-            if run.entry.contestant == key and run.missing is None and run.picture:
-                return run
-    return None
-
-
-def check_pictures(
-    runs: Sequence[Run], reference: Run | None, needed: Sequence[Needed]
-) -> list[str]:
+def check_picture(run: Run, reference: Run | None, least: Needed) -> str:
     """
-    Compare every picture with the reference; a time whose picture differs is thrown away.
+    Compare a picture with the reference's; a time whose picture differs is thrown away.
 
-    Returns what to print about each run.
+    Returns what to print about the run.
     """
-    notes = []
-    for run, least in zip(runs, needed, strict=True):
-        if run.missing is None and reference is not None and run is not reference:
-            shares = agreement(run.picture, reference.picture)
-            note = text_of(shares)
-            if differs(shares, least):
-                run.missing = note = f"{DIFFERS}: {note}"
-        else:
-            note = run.missing or ("reference" if run is reference else "no reference here")
-        notes.append(note)
-    return notes
+    if run.missing is not None:
+        return run.missing
+    if reference is None or reference.missing is not None:
+        return "no reference here"
+    if run is reference:
+        return "reference"
+    shares = agreement(run.picture, reference.picture)
+    note = text_of(shares)
+    if differs(shares, least):
+        run.missing = note = f"{DIFFERS}: {note}"
+    return note
 
 
 def row_of(scene: str, run: Run, note: str, own: Run | None = None) -> Row:
@@ -123,10 +112,10 @@ def row_of(scene: str, run: Run, note: str, own: Run | None = None) -> Row:
     return row
 
 
-def own_run(runs: Sequence[Run], threads: int) -> Run | None:
-    """Return RasterJIT's run with a number of threads, if there is one."""
+def find_run(runs: Sequence[Run], key: str, threads: int) -> Run | None:
+    """Return a contestant's run with a number of threads, if there is one."""
     for run in runs:
-        if run.entry.contestant == "rasterjit" and run.entry.threads == threads:
+        if run.entry.contestant == key and run.entry.threads == threads:
             return run
     return None
 

@@ -136,7 +136,7 @@ def test_a_line_beside_another_is_near_it():
 
 def test_a_picture_of_another_size_differs():
     shares = pictures.agreement({"covered": np.ones((2, 2))}, {"covered": np.ones((3, 2))})
-    assert pictures.differs(shares, pictures.TRIANGLES)
+    assert pictures.differs(shares, pictures.USUAL)
 
 
 class FakeWorker:
@@ -211,6 +211,24 @@ def test_a_wrong_picture_loses_its_time_and_ends_with_status_1(faked):
     assert own["rounds"] is None
     assert opengl["ms"] is not None
     assert opengl["ratio"] is None
+
+
+@pytest.mark.parametrize("is_same", [True, False])
+def test_whoever_differs_from_rasterjit_loses_his_time(faked, is_same):
+    """Beside two that agree, a third is wrong; several threads must give the very same bits."""
+    picture = faked["rasterjit"][1]
+    other = {"covered": picture["covered"].copy()}
+    other["covered"][0, 0] = False  # 0.04 % of the pixels: alike, but not the same
+    runs = [
+        run_of("rasterjit", [0.1], 1, picture),
+        run_of("opengl", [0.1], 1, picture),
+        run_of("rasterjit", [0.1], 2, picture if is_same else other),
+        run_of("pillow", [0.1], 1, {"covered": ~picture["covered"]}),
+        run_of("opengl", [0.1], 2, other),
+    ]
+    against_peers.check_pictures(runs, scenes.mesh_70k())
+    lost = [run.missing is not None for run in runs]
+    assert lost == [False, False, not is_same, True, False]
 
 
 def test_files_are_written_whole_or_not_at_all(tmp_path, monkeypatch):
