@@ -39,6 +39,7 @@ CASES: dict[str, str] = {
     "short_lines": "short_lines",
     "long_lines": "long_lines",
     "small_images": "small_images_quick",
+    "instances_10k": "instances_10k",
 }
 """What is compared, and the scene that it draws."""
 
@@ -106,11 +107,11 @@ def color_drawer(scene: TriangleScene, threads: int) -> Callable[[], Any]:
         shading="phong" if is_lit else "unlit", base_color="white",
         specular=scene.specular, shininess=scene.shininess,
     )  # fmt: skip
-    what.add(
-        rj.Mesh(
-            scene.positions, scene.faces, colors=colors, normals=scene.normals, material=material
-        )
+    mesh = rj.Mesh(
+        scene.positions, scene.faces, colors=colors, normals=scene.normals, material=material
     )
+    for world_from_model in [np.eye(4)] if scene.instances is None else scene.instances:
+        what.add(mesh, transform=world_from_model)
     if scene.to_light is not None:
         what.lights = [
             rj.AmbientLight(intensity=scene.ambient),
