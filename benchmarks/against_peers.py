@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from benchmarks.contestants import MODULES, contestant
 from benchmarks.pairing import Effort, Entry, Run, measure, paired_ratio
 from benchmarks.pictures import EXACT, needed
+from benchmarks.report import processors
 from benchmarks.rows import MISSING, UNABLE, Row, check_picture, find_run, rate, row_of
 from benchmarks.scenes import Scene, find_scene
 from benchmarks.targets import OPENGL, PEERS, SCALED, SCALING
@@ -106,7 +107,8 @@ def scaling_row(title: str, runs: Sequence[Run], key: str, threads: int) -> Row 
     one, more = found.get(1), found.get(threads)
     if one is None or more is None or one.missing or more.missing:
         return None
-    row = row_of(f"{title}: 1 to {threads} threads", more, "")
+    note = "" if processors() >= threads else f"only {processors()} processor here"
+    row = row_of(f"{title}: 1 to {threads} threads", more, note)
     row.gain = paired_ratio(one, more)
     row.rate = f"{row.gain:.2f}x as fast as one thread"
     return row

@@ -22,13 +22,13 @@ from benchmarks.contestants import contestant
 
 ROOT = Path(__file__).parent.parent
 
-PREPARE_SECONDS, DRAW_SECONDS = 180.0, 60.0
+PREPARE_SECONDS, DRAW_SECONDS = 120.0, 60.0
 """A worker that is not ready, or gives no picture, by then is ended."""
 
 CLOSE_SECONDS = 10.0
 """What a worker may take to end after its standard input did."""
 
-LEAST_ROUNDS = 2
+LEAST_ROUNDS = 1
 """Rounds that the slowest contestant takes part in."""
 
 
