@@ -66,9 +66,10 @@ def main(
 def curves_command(quick: bool) -> None:
     """Measure and plot how time grows with triangles, pixels and threads."""
     drawn = draw_curves(Options(QUICK if quick else FULL, quick=quick))
-    report.write_curves([row_of_curve(curve) for curve in drawn], list(map(as_json, drawn)))
-    rows = [report.cells(row_of_curve(curve)) for curve in drawn]
-    report.print_table("Growth", report.COLUMNS, rows)
+    rows = [row_of_curve(curve) for curve in drawn]
+    report.print_table("Growth", report.COLUMNS, [report.cells(row) for row in rows])
+    report.write_curves(rows, list(map(as_json, drawn)))
+    end_if_wrong(rows)
 
 
 main.add_command(compare)
@@ -93,6 +94,11 @@ def finish(rows: Sequence[Row], drawn: Sequence[Curve], rounds: int) -> None:
     rows = [*rows, *map(row_of_curve, drawn)]
     report.print_table("Measured", report.COLUMNS, [report.cells(row) for row in folded(rows)])
     report.write(rows, rounds, list(map(as_json, drawn)))
+    end_if_wrong(rows)
+
+
+def end_if_wrong(rows: Sequence[Row]) -> None:
+    """Name the rows whose pictures are wrong; if there are any, end with status 1."""
     wrong = [row for row in rows if is_wrong(row)]
     for row in wrong:
         progress.print(f"{row.scene}, {row.contestant}: {row.check}", markup=False)

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.against_peers import THREADED, Options, check_pictures, planned
+from benchmarks.against_peers import OWN, THREADED, Options, check_pictures, planned
 from benchmarks.contestants import contestant
 from benchmarks.pairing import Effort, Run, measure
-from benchmarks.rows import Row
+from benchmarks.rows import FAILED, MISSING, Row
 from benchmarks.scenes import find_scene
 from benchmarks.targets import OPENGL, TINYDISPLAY
 
@@ -24,8 +24,8 @@ TRIANGLES = tuple(round(10 ** (power / 2)) for power in range(6, 15))
 SIDES = tuple(1 << power for power in range(7, 14))
 QUICK_TRIANGLES, QUICK_SIDES = TRIANGLES[::2], SIDES[::2]
 
-NAMES = ("rasterjit", OPENGL, TINYDISPLAY, "numpy")
-THREADS_NAMES = ("rasterjit", OPENGL)
+NAMES = (OWN, OPENGL, TINYDISPLAY, "numpy")
+THREADS_NAMES = (OWN, OPENGL)
 
 
 @dataclass
@@ -40,7 +40,9 @@ class Curve:
     ms: list[float] = field(default_factory=list)
     """Medians, reading back included."""
     note: str = ""
-    """Why it ends early, if it does."""
+    """Why points are missing, if any are."""
+    is_ended: bool = False
+    """Whether larger points are left out."""
 
     @property
     def exponent(self) -> float | None:
@@ -109,7 +111,7 @@ def figures(options: Options, processors: int) -> list[Figure]:
 
 
 def measure_figure(figure: Figure, effort: Effort) -> list[Curve]:
-    """Time each contestant at each point; one that got slow or failed ends there."""
+    """Time each contestant at each point; one that got slow or failed draws no larger ones."""
     curves = {key: Curve(figure.name, figure.axis, contestant(key).NAME) for key in figure.names}
     for point in figure.points:
         name, threads = figure.scene(point), figure.threads(point)
@@ -117,7 +119,7 @@ def measure_figure(figure: Figure, effort: Effort) -> list[Curve]:
         runs = [
             planned(key, name, scene, threads if key in THREADED else 1)
             for key, curve in curves.items()
-            if not curve.note
+            if not curve.is_ended
         ]
         measure(runs, effort)
         check_pictures(runs, scene)
@@ -127,24 +129,28 @@ def measure_figure(figure: Figure, effort: Effort) -> list[Curve]:
 
 
 def add_point(curve: Curve, x: float, run: Run) -> None:
-    """Add what was measured to a curve, or the reason why it ends."""
+    """Add what was measured to a curve, or the reason why there is nothing."""
     if run.missing is not None:
-        curve.note = run.missing
+        curve.note = f"none at {x:.3g}: {run.missing}"
+        curve.is_ended = run.missing.startswith((MISSING, FAILED))
         return
     curve.x.append(x)
     curve.ms.append(1e3 * statistics.median(run.seconds))
     if run.median > LONGEST_SECONDS:
-        curve.note = f"more than {LONGEST_SECONDS:g} s for a picture"
+        curve.note = f"at {x:.3g} more than {LONGEST_SECONDS:g} s for a picture"
+        curve.is_ended = True
 
 
 def row_of_curve(curve: Curve) -> Row:
-    """Return the row of a curve."""
+    """Return the row of a curve; RasterJIT must have all points."""
     row = Row(f"growth with {curve.axis}: {curve.name}", curve.contestant, check=curve.note)
     slope = curve.exponent
     if slope is not None:
         row.rate = f"time ~ {curve.axis}^{slope:.2f}"
         points = f"{curve.fitted[0]:.3g} to {curve.fitted[-1]:.3g} {curve.axis}"
         row.check = "; ".join(filter(None, [f"fitted over {points}", curve.note]))
+    if curve.note and not curve.is_ended and curve.contestant == contestant(OWN).NAME:
+        row.check = f"{FAILED}: {row.check}"
     return row
 
 

@@ -274,7 +274,17 @@ def test_a_failed_worker_leaves_the_others_their_times(monkeypatch):
 def test_curves_end_where_a_contestant_gets_slow():
     curve = curves.Curve("triangles", "triangles", "NumPy")
     curves.add_point(curve, 1e3, run_of("numpy", [0.1, 0.2, 0.3]))
-    assert (curve.ms, curve.note) == ([200.0], "")
+    assert (curve.ms, curve.note, curve.is_ended) == ([200.0], "", False)
     curves.add_point(curve, 1e4, run_of("numpy", [2 * curves.LONGEST_SECONDS]))
-    assert "more than" in curve.note
+    assert curve.is_ended
     assert curves.row_of_curve(curve).rate.startswith("time ~ triangles^")
+
+
+@pytest.mark.parametrize(("name", "status"), [("NumPy", False), ("RasterJIT", True)])
+def test_a_wrong_picture_leaves_a_hole_in_a_curve(name, status):
+    curve, wrong = curves.Curve("mesh", "pixels", name), run_of("numpy", [])
+    wrong.missing = f"{rows.DIFFERS}: covered 1.000%"
+    curves.add_point(curve, 1e3, wrong)
+    curves.add_point(curve, 1e4, run_of("numpy", [0.1]))
+    assert (curve.x, curve.is_ended) == ([1e4], False)
+    assert rows.is_wrong(curves.row_of_curve(curve)) == status
