@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import click
 from rich.console import Console
 
 from benchmarks import plots, report
-from benchmarks.against_peers import TITLES, Options
+from benchmarks.against_peers import OWN, TITLES, Options
 from benchmarks.compare import compare
+from benchmarks.contestants import contestant
 from benchmarks.costs import FRAMES_LAST, FRAMES_MOST
 from benchmarks.curves import (
     EFFORT,
@@ -21,7 +23,7 @@ from benchmarks.curves import (
     measure_figure,
     row_of_curve,
 )
-from benchmarks.rows import Row, folded, is_wrong
+from benchmarks.rows import FAILED, Row, folded, is_wrong
 from benchmarks.suite import FULL, OTHERS, QUICK, marks
 
 progress = Console(stderr=True)
@@ -56,9 +58,17 @@ def main(
     rows, parts = [], marks(frames)
     for name in only or parts:
         progress.print(f"measuring {name} ...")
-        rows += parts[name](options)
+        rows += measure_part(name, parts[name], options)
     drawn = [] if only or no_curves else draw_curves(options)
     finish(rows, drawn, options.effort.rounds)
+
+
+def measure_part(name: str, part: Callable[[Options], list[Row]], options: Options) -> list[Row]:
+    """Return the rows of a part, or one that says why it failed: the others still count."""
+    try:
+        return part(options)
+    except (subprocess.SubprocessError, OSError, ValueError, RuntimeError) as error:
+        return [Row(name, contestant(OWN).NAME, check=f"{FAILED}: {error}")]
 
 
 @main.command("curves")

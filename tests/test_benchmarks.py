@@ -201,6 +201,18 @@ def test_a_missing_peer_is_listed_in_print():
     assert text.count("not installed here") >= 2
 
 
+@pytest.mark.usefixtures("faked")
+def test_a_part_that_fails_leaves_the_others_their_rows(monkeypatch):
+    def fail(rounds):
+        raise RuntimeError("rasterjit render wrote no picture")
+
+    monkeypatch.setattr(importlib.import_module("benchmarks.costs"), "measure_commands", fail)
+    done = run_table("--only", "startup")
+    assert done.exit_code == 1
+    assert written()[0]["ms"] is not None
+    assert written()[-1]["check"] == "failed: rasterjit render wrote no picture"
+
+
 def test_a_wrong_picture_loses_its_time_and_ends_with_status_1(faked):
     faked["rasterjit"] = (0.01, {"covered": np.zeros((50, 50), bool)})
     done = run_table()
