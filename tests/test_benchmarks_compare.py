@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import importlib
 import json
 import subprocess
@@ -42,6 +43,16 @@ def test_a_planted_slowdown_is_worse():
 )
 def test_noise_and_speed_ups_are_not_worse(after):
     assert not judging.judge_times("mesh", BEFORE, after).is_worse
+
+
+def test_a_slowdown_on_one_thread_costs_processor_time_or_is_clear():
+    slower = judging.judge_times("mesh", BEFORE, [1.2 * time for time in BEFORE])
+    same = judging.judge_times("mesh", BEFORE, BEFORE)
+    unclear = dataclasses.replace(slower, low=1.05)
+    assert compare.is_confirmed(slower, same, judging.LIMIT)
+    assert compare.is_confirmed(unclear, slower, judging.LIMIT)
+    assert not compare.is_confirmed(unclear, same, judging.LIMIT)
+    assert not compare.is_confirmed(same, slower, judging.LIMIT)
 
 
 def test_a_kernel_that_lost_its_vectors_is_named():
