@@ -55,9 +55,9 @@ def prepare(scene: Scene, threads: int) -> Prepared:
     return Lines(edge_lines(scene)) if scene.mode == "edges" else Triangles(scene)
 
 
-def too_long(pixels: int) -> str | None:
+def too_long(pixels: int, most: int = MOST_PIXELS) -> str | None:
     """Return a reason not to draw if too many pixels have to be visited."""
-    if pixels <= MOST_PIXELS:
+    if pixels <= most:
         return None
     return f"{pixels:.2g} pixels to visit are too many to wait for"
 

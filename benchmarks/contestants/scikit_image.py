@@ -16,13 +16,14 @@ from numpy.typing import NDArray
 
 from benchmarks.contestants import Prepared
 from benchmarks.contestants.needs import TAKES_PIXELS, painted_picture, refusal
+from benchmarks.contestants.pure_python import pixels_visited, too_long
 from benchmarks.contestants.screen import edge_lines, painted_faces
 from benchmarks.scenes import LineScene, Scene, TriangleScene
 
 NAME = "scikit-image"
 
-MOST_CALLS = 300_000
-"""Of some ten microseconds each: with more, a picture takes longer than is of interest."""
+MOST_CALLS, MOST_PIXELS = 300_000, 100_000_000
+"""Of some ten microseconds and a tenth of one: with more, a picture takes too long to wait for."""
 
 
 def available() -> str | None:
@@ -42,7 +43,8 @@ def draws(scene: Scene) -> str | None:
     calls = len(scene.ends if isinstance(scene, LineScene) else scene.faces)
     if calls > MOST_CALLS:
         return f"{calls} calls, one for each line or face, are too many to wait for"
-    return refusal(scene, TAKES_PIXELS)
+    reason = refusal(scene, TAKES_PIXELS)
+    return too_long(pixels_visited(scene), MOST_PIXELS) if reason is None else reason
 
 
 def alike(scene: Scene) -> tuple[float, float]:
