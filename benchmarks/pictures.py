@@ -62,8 +62,6 @@ def agreement(one: Picture, other: Picture) -> dict[str, float]:
         else:
             equal = one[name] == other[name]
             shares[name] = float(equal.all(axis=-1).mean() if equal.ndim == 3 else equal.mean())
-    if 0.0 < shares.get("covered", 0.0) < 1.0:
-        shares["near"] = nearness(one["covered"], other["covered"])
     return shares
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from benchmarks.contestants import contestant
 from benchmarks.pairing import Run, paired_ratio
-from benchmarks.pictures import Needed, agreement, differs, text_of
+from benchmarks.pictures import Needed, agreement, differs, nearness, text_of
 from benchmarks.targets import Target
 
 MISSED, MET, GOAL = "NO", "yes", "goal"
@@ -92,6 +92,8 @@ def check_picture(run: Run, reference: Run | None, least: Needed) -> str:
     if run is reference:
         return "reference"
     shares = agreement(run.picture, reference.picture)
+    if least.near and shares["covered"] > 0.0:
+        shares["near"] = nearness(run.picture["covered"], reference.picture["covered"])
     note = text_of(shares)
     if differs(shares, least):
         run.missing = note = f"{DIFFERS}: {note}"

@@ -27,6 +27,7 @@ rows = importlib.import_module("benchmarks.rows")
 scenes = importlib.import_module("benchmarks.scenes")
 targets = importlib.import_module("benchmarks.targets")
 
+CONTESTANT_OF_EDGES = importlib.import_module("benchmarks.contestants.opengl")
 SMALL_NAMES = sorted(scenes.SCENES.keys() - {"mesh_5m"})
 
 
@@ -132,6 +133,16 @@ def test_a_line_beside_another_is_near_it():
     one[:, 3], beside[:, 4], far[:, 5] = True, True, True
     assert pictures.nearness(one, beside) == 1.0
     assert pictures.nearness(one, far) == 0.0
+
+
+@pytest.mark.parametrize(("column", "is_lost"), [(4, False), (5, True)])
+def test_edges_may_run_beside_the_reference_and_no_further(column, is_lost):
+    covered, moved = np.zeros((2, 30, 30), bool)
+    covered[:, 3], moved[:, column] = True, True
+    reference = run_of("rasterjit", [0.1], picture={"covered": covered})
+    run = run_of("opengl", [0.1], picture={"covered": moved})
+    rows.check_picture(run, reference, pictures.needed(scenes.wireframe(), CONTESTANT_OF_EDGES))
+    assert (run.missing is not None) == is_lost
 
 
 def test_a_picture_of_another_size_differs():
