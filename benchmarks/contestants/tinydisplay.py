@@ -65,7 +65,7 @@ def alike(scene: Scene) -> tuple[float, float]:
     objects, and nearly all of what is inside a sliver.
     """
     if isinstance(scene, LineScene):
-        return 0.999, 0.0
+        return 0.995, 0.0
     if scene.mode == "edges":
         return 0.85, 0.0
     if scene.instances is not None:
