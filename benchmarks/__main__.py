@@ -28,7 +28,7 @@ from benchmarks.suite import FULL, OTHERS, QUICK, marks
 
 progress = Console(stderr=True)
 
-quick_option = click.option("--quick", is_flag=True, help="Fewer rounds and points.")
+quick_option = click.option("--quick", is_flag=True, help="Fewer rounds, points and peers.")
 
 
 @click.group(invoke_without_command=True)

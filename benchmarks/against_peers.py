@@ -10,9 +10,9 @@ from benchmarks.contestants import MODULES, contestant
 from benchmarks.pairing import Effort, Entry, Run, measure, paired_ratio
 from benchmarks.pictures import EXACT, needed
 from benchmarks.report import processors
-from benchmarks.rows import MISSING, UNABLE, Row, check_picture, find_run, rate, row_of
+from benchmarks.rows import LEFT_OUT, MISSING, UNABLE, Row, check_picture, find_run, rate, row_of
 from benchmarks.scenes import Scene, find_scene
-from benchmarks.targets import OPENGL, PEERS, SCALED, SCALING
+from benchmarks.targets import OPENGL, PEERS, SCALED, SCALING, TINYDISPLAY
 
 TITLES = {
     "fill_back_to_front": "20 smooth quads, 1920x1080, back to front",
@@ -39,6 +39,10 @@ OWN = "rasterjit"
 
 THREADED = (OWN, OPENGL, "opengl_color")
 """Contestants that are asked for several numbers of threads; the others draw with one."""
+
+MAIN = (OWN, OPENGL, TINYDISPLAY)
+"""Those that targets are about: they take part in more rounds, and in quick runs."""
+OTHERS_PATIENCE = 0.25
 
 ELSEWHERE = ("float_edges", "numpy", "pure_python", "full_screen")
 """Contestants with rows of their own."""
@@ -69,13 +73,18 @@ def planned(key: str, name: str, scene: Scene, threads: int = 1) -> Run:
     return run
 
 
-def entrants(name: str, scene: Scene, threads: Sequence[int]) -> list[Run]:
+def entrants(name: str, scene: Scene, options: Options) -> list[Run]:
     """Return the runs of all contestants on a scene: with one thread, then with more."""
     runs = []
-    for count in threads:
+    for count in options.threads:
         for key in MODULES:
-            if key not in ELSEWHERE and (count == 1 or key in THREADED):
-                runs.append(planned(key, name, scene, count))
+            if key in ELSEWHERE or (count > 1 and key not in THREADED):
+                continue
+            run = planned(key, name, scene, count)
+            if key not in MAIN:
+                run.patience = OTHERS_PATIENCE
+                run.missing = LEFT_OUT if options.quick and not run.missing else run.missing
+            runs.append(run)
     return runs
 
 
@@ -118,7 +127,7 @@ def measure_scene(title_key: str, options: Options) -> list[Row]:
     """Time all contestants on a scene, and how they gain by threads."""
     name = QUICK_SCENES.get(title_key, title_key) if options.quick else title_key
     scene, title = find_scene(name), TITLES[title_key]
-    runs = measure(entrants(name, scene, options.threads), options.effort)
+    runs = measure(entrants(name, scene, options), options.effort)
     notes = check_pictures(runs, scene)
     rows = []
     for run, note in zip(runs, notes, strict=True):

@@ -49,9 +49,9 @@ class Effort:
     seconds: float
     """Of an entry in all its rounds; one that is slower takes part in fewer."""
 
-    def rounds_of(self, picture_seconds: float) -> int:
+    def rounds_of(self, picture_seconds: float, patience: float = 1.0) -> int:
         """Return the rounds of an entry that takes so long for a picture."""
-        affordable = int(self.seconds / (2.0 * max(picture_seconds, 1e-9)))
+        affordable = int(patience * self.seconds / (2.0 * max(picture_seconds, 1e-9)))
         return max(min(self.rounds, affordable), min(self.rounds, LEAST_ROUNDS))
 
 
@@ -62,6 +62,8 @@ class Run:
     entry: Entry
     missing: str | None = None
     """Why it has no times: ``missing: ...``, ``failed: ...``, or how its picture differs."""
+    patience: float = 1.0
+    """Share of the effort's seconds that it gets."""
     seconds: list[float] = field(default_factory=list)
     """Drawing and reading back, wall clock, one for each round from the first on."""
     draw_seconds: list[float] = field(default_factory=list)
@@ -186,7 +188,7 @@ def measure(runs: Sequence[Run], effort: Effort) -> list[Run]:
             with reported(run):
                 worker, run.picture, seconds = start(run.entry, Path(folder), number)
                 stack.callback(worker.close)
-                present.append((run, worker, effort.rounds_of(seconds)))
+                present.append((run, worker, effort.rounds_of(seconds, run.patience)))
         for turn in range(effort.rounds):
             for run, worker, rounds in present:
                 if run.missing is None and turn < rounds:

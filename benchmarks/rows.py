@@ -15,7 +15,7 @@ from benchmarks.targets import Target
 MISSED, MET, GOAL = "NO", "yes", "goal"
 """Whether a target was reached, and whether its goal was as well."""
 
-MISSING, UNABLE = "missing", "cannot draw"
+MISSING, UNABLE, LEFT_OUT = "missing", "cannot draw", "left out of a quick run"
 """How a check begins that says why a contestant has no times."""
 DIFFERS, FAILED = "the picture differs", "failed"
 """How a check begins that ends the whole run with status 1."""
@@ -142,7 +142,7 @@ def folded(rows: Sequence[Row]) -> list[Row]:
             begin, _, reason = row.check.partition(": ")
             if begin == MISSING:
                 absent.setdefault(row.contestant, Row("missing", row.contestant, check=reason))
-            if begin not in (MISSING, UNABLE) or row.target:
+            if begin not in (MISSING, UNABLE, LEFT_OUT) or row.target:
                 found.append(row)
             elif row.contestant not in others.setdefault(begin, []):
                 others[begin].append(row.contestant)

@@ -213,6 +213,18 @@ def test_a_missing_peer_is_listed_in_print():
 
 
 @pytest.mark.usefixtures("faked")
+def test_peers_without_targets_are_left_out_of_quick_runs(monkeypatch):
+    names = ("rasterjit", "opengl", "pillow")
+    monkeypatch.setattr(against_peers, "MODULES", {name: name for name in names})
+    scene = scenes.mesh_70k()
+    for quick, left in ((True, rows.LEFT_OUT), (False, None)):
+        options = against_peers.Options(pairing.Effort(3, 1.0), (1,), quick)
+        runs = against_peers.entrants("mesh_70k", scene, options)
+        assert [run.missing for run in runs] == [None, None, left]
+        assert runs[2].patience < runs[0].patience
+
+
+@pytest.mark.usefixtures("faked")
 def test_a_part_that_fails_leaves_the_others_their_rows(monkeypatch):
     def fail(rounds):
         raise RuntimeError("rasterjit render wrote no picture")
