@@ -64,7 +64,7 @@ def small_scenes():
         "views": images,
         "instances": replace(places, instances=places.instances[::40], size=(320, 180)),
         "culled": replace(scenes.culled(), size=(160, 90)),
-        "wireframe": replace(mesh, colors=None, mode="edges"),
+        "edges": replace(mesh, colors=None, mode="edges"),
         "slivers": scenes.slivers(100),
         "lines": scenes.short_lines(300),
     }
@@ -171,7 +171,7 @@ def test_more_pixels_than_plain_python_can_visit_are_refused():
 
 def test_needs_of_scenes():
     assert needs.needs(SMALL["lines"]) == ["lines"]
-    assert needs.needs(SMALL["wireframe"]) == ["edges"]
+    assert needs.needs(SMALL["edges"]) == ["edges"]
     assert needs.needs(SMALL["faces of a mesh"]) == ["triangles", "faces"]
     assert needs.needs(SMALL["instances"]) == ["triangles", "colors", "instances"]
     assert needs.needs(SMALL["phong"]) == ["triangles", "lighting"]
