@@ -48,9 +48,14 @@ def painted_faces(
 
 
 def edge_lines(scene: TriangleScene) -> LineScene:
-    """Return the edges of the faces, each once, as lines between the pixels of their ends."""
+    """
+    Return the edges of the faces, each once, as lines between the pixels of their ends.
+
+    Edges that leave the picture are left out, for not everyone clips.
+    """
     points, _ = screen_points(scene)
-    ends = np.floor(points).astype(np.int64)[unique_edges(scene.faces)].reshape(-1, 4)
+    ends = np.floor(points).astype(np.int64)[unique_edges(scene.faces)]
+    ends = ends[((ends >= 0) & (ends < scene.size)).all(axis=(1, 2))].reshape(-1, 4)
     colors = np.tile(np.array(EDGE_COLOR, np.uint8), (len(ends), 2, 1))
     return LineScene(ends, colors, scene.size, len(ends))
 
