@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
-from collections.abc import Sequence
+import os
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from benchmarks.contestants import MODULES, contestant
@@ -60,8 +62,22 @@ class Options:
 @functools.cache
 def unavailable(key: str) -> str | None:
     """Return why a contestant cannot draw here at all, or ``None``."""
-    reason = contestant(key).available()
+    with kept_processors():
+        reason = contestant(key).available()
     return None if reason is None else f"{MISSING}: {reason}"
+
+
+@contextlib.contextmanager
+def kept_processors() -> Iterator[None]:
+    """Undo what a driver does to the processors this process may use: all workers inherit that."""
+    if not hasattr(os, "sched_setaffinity"):
+        yield
+        return
+    allowed = os.sched_getaffinity(0)
+    try:
+        yield
+    finally:
+        os.sched_setaffinity(0, allowed)
 
 
 def planned(key: str, name: str, scene: Scene, threads: int = 1) -> Run:
