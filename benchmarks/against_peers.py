@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
-import contextlib
 import functools
-import os
-from collections.abc import Iterator, Sequence
+import json
+import subprocess
+import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from benchmarks.contestants import MODULES, contestant
-from benchmarks.pairing import Effort, Entry, Run, measure, paired_ratio
+from benchmarks.pairing import (
+    ROOT,
+    Effort,
+    Entry,
+    Run,
+    measure,
+    package_environment,
+    paired_ratio,
+)
 from benchmarks.pictures import EXACT, needed
 from benchmarks.report import processors
 from benchmarks.rows import LEFT_OUT, MISSING, UNABLE, Row, check_picture, find_run, rate, row_of
@@ -59,25 +68,31 @@ class Options:
     quick: bool = False
 
 
+ASK = """
+import json, sys
+from benchmarks.contestants import contestant
+print(json.dumps([contestant(sys.argv[1]).available()]))
+"""
+ASK_SECONDS = 60.0
+
+
 @functools.cache
 def unavailable(key: str) -> str | None:
-    """Return why a contestant cannot draw here at all, or ``None``."""
-    with kept_processors():
-        reason = contestant(key).available()
-    return None if reason is None else f"{MISSING}: {reason}"
+    """
+    Return why a contestant cannot draw here at all, or ``None``.
 
-
-@contextlib.contextmanager
-def kept_processors() -> Iterator[None]:
-    """Undo what a driver does to the processors this process may use: all workers inherit that."""
-    if not hasattr(os, "sched_setaffinity"):
-        yield
-        return
-    allowed = os.sched_getaffinity(0)
+    Asks in a process of its own: what a driver starts, or breaks, must not stay in this one.
+    """
     try:
-        yield
-    finally:
-        os.sched_setaffinity(0, allowed)
+        result = subprocess.run(
+            [sys.executable, "-c", ASK, key],
+            capture_output=True, text=True, check=True, cwd=ROOT,
+            env=package_environment({}), timeout=ASK_SECONDS,
+        )  # fmt: skip
+    except subprocess.SubprocessError as error:
+        return f"{MISSING}: {error}"
+    (reason,) = json.loads(result.stdout.splitlines()[-1])
+    return None if reason is None else f"{MISSING}: {reason}"
 
 
 def planned(key: str, name: str, scene: Scene, threads: int = 1) -> Run:
