@@ -1,8 +1,11 @@
 """
-Measure the peak memory of one render, in a process of its own.
+Measure memory, each case in a process of its own that prints JSON, bytes.
 
-``python -m benchmarks.memory SCENE`` prints JSON, bytes. The peak counts from before the mesh
-exists, with everything imported and compiled, so the mesh's own arrays are part of it.
+``python -m benchmarks.memory frame SCENE`` renders one frame: its peak above what was in use with
+the mesh already there. ``limited SCENE BYTES`` does so in an address space of so many bytes
+(``RLIMIT_AS``: everything the process maps, its libraries too). ``frames FIRST LAST`` draws frame
+after frame with one ``Renderer`` and says how much more is in use after the last than after the
+first of the two counts.
 """
 
 from __future__ import annotations
@@ -13,20 +16,23 @@ import resource
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
-from benchmarks.pairing import ROOT, package_environment
-from benchmarks.scenes import SCENES, TriangleScene
+import numpy as np
+
+from benchmarks.pairing import ROOT, WorkerError, package_environment
+from benchmarks.scenes import TriangleScene, find_scene, small_images
 
 STATUS = Path("/proc/self/status")
 CLEAR_PEAK = Path("/proc/self/clear_refs")
 RESET_PEAK = "5"
 """What the Linux manual (proc_pid_clear_refs) says to write to reset the peak."""
 
-BOUND_PER_MESH_BYTE, BOUND_PER_PIXEL = 3, 64
+CASE_SECONDS = 600.0
 
 
 def resident(field: str) -> int:
-    """Return ``VmRSS`` (now) or ``VmHWM`` (peak) of this process, bytes."""
+    """Return ``VmRSS`` (now), ``VmHWM`` (peak) or ``VmPeak`` (address space), bytes."""
     if STATUS.exists():
         for line in STATUS.read_text().splitlines():
             if line.startswith(field):
@@ -43,51 +49,84 @@ def reset_peak() -> None:
         return
 
 
-def main(scene_name: str) -> None:
-    """Render and print the figures."""
-    import numpy as np
-
+def mesh_and_camera(scene: TriangleScene) -> tuple[Any, Any]:
+    """Return a scene's mesh with its vertex colours, unlit, and its camera."""
     import rasterjit as rj
 
-    scene = SCENES[scene_name]()
+    colors = None if scene.colors is None else scene.colors / np.float32(255.0)
+    material = rj.Material(shading="unlit", base_color="white")
+    mesh = rj.Mesh(scene.positions, scene.faces, colors=colors, material=material)
+    return mesh, rj.MatrixCamera(np.eye(4), scene.clip_from_model)
+
+
+def frame(scene_name: str) -> dict[str, int]:
+    """Render one frame of a scene whose kernels are compiled already."""
+    import rasterjit as rj
+
+    mesh, camera = mesh_and_camera(small_images(1))
+    rj.render(mesh, camera, size=(64, 64))
+    scene = find_scene(scene_name)
     if not isinstance(scene, TriangleScene):
         raise ValueError(f"{scene_name} has no triangles")
-    camera = rj.MatrixCamera(np.eye(4), scene.clip_from_model)
-    rj.render(rj.Mesh(np.eye(3), [[0, 1, 2]]), size=(64, 64))
+    mesh, camera = mesh_and_camera(scene)
+    size, faces = scene.size, len(scene.faces)
+    del scene
     gc.collect()
     reset_peak()
     before = resident("VmRSS")
-    mesh = rj.Mesh(scene.positions.astype(np.float64), scene.faces.copy())
-    with_mesh = resident("VmRSS")
-    frame = rj.render(mesh, camera, size=scene.size)
-    peak = resident("VmHWM")
-    mesh_bytes = mesh.vertices.nbytes + mesh.faces.nbytes
-    pixels = scene.size[0] * scene.size[1]
-    print(
-        json.dumps(
-            {
-                "peak_over_before": peak - before,
-                "peak_over_mesh": peak - with_mesh,
-                "mesh": mesh_bytes,
-                "frame": frame.color.nbytes,
-                "bound": BOUND_PER_MESH_BYTE * mesh_bytes + BOUND_PER_PIXEL * pixels,
-            }
-        )
-    )
+    picture = rj.render(mesh, camera, size=size)
+    arrays = (mesh.vertices, mesh.faces, mesh.vertex_colors)
+    return {
+        "above_mesh": resident("VmHWM") - before,
+        "peak": resident("VmHWM"),
+        "address_space": resident("VmPeak"),
+        "mesh": sum(array.nbytes for array in arrays if array is not None),
+        "faces": faces,
+        "drawn": picture.stats.drawn,
+    }
 
 
-def measure_memory(scene_name: str) -> dict[str, int]:
-    """Return what ``main`` prints, from a fresh process."""
+def limited(scene_name: str, limit: str) -> dict[str, int]:
+    """Render one frame in an address space of ``limit`` bytes."""
+    resource.setrlimit(resource.RLIMIT_AS, (int(limit), int(limit)))
+    return frame(scene_name)
+
+
+def frames(first: str, last: str) -> dict[str, int]:
+    """Draw views of a small mesh, one after the other, with one renderer."""
+    import rasterjit as rj
+
+    scene = small_images()
+    mesh, _ = mesh_and_camera(scene)
+    views = scene.views if scene.views is not None else []
+    used = []
+    with rj.Renderer(scene.size) as renderer:
+        for number in range(int(last)):
+            camera = rj.MatrixCamera(np.eye(4), views[number % len(views)])
+            renderer.render(mesh, camera, outputs=("color", "depth", "face_id"))
+            if number + 1 in (int(first), int(last)):
+                gc.collect()
+                used.append(resident("VmRSS"))
+    return {"first": used[0], "last": used[-1]}
+
+
+CASES = {"frame": frame, "limited": limited, "frames": frames}
+
+
+def measure_memory(case: str, *arguments: str) -> dict[str, int]:
+    """Return what a case prints, from a fresh process; raise `WorkerError` if it fails."""
     result = subprocess.run(
-        [sys.executable, "-m", "benchmarks.memory", scene_name],
+        [sys.executable, "-m", "benchmarks.memory", case, *arguments],
         capture_output=True,
         text=True,
-        check=True,
         cwd=ROOT,
         env=package_environment({}),
+        timeout=CASE_SECONDS,
     )
+    if result.returncode != 0:
+        raise WorkerError((result.stderr.strip().splitlines() or ["no message"])[-1])
     return json.loads(result.stdout)
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    print(json.dumps(CASES[sys.argv[1]](*sys.argv[2:])))

@@ -9,6 +9,7 @@ import statistics
 import subprocess
 import sys
 import tempfile
+import threading
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -21,6 +22,15 @@ from benchmarks.contestants import contestant
 
 ROOT = Path(__file__).parent.parent
 
+PREPARE_SECONDS, DRAW_SECONDS = 120.0, 60.0
+"""A worker that is not ready, or gives no picture, by then is ended."""
+
+CLOSE_SECONDS = 10.0
+"""What a worker may take to end after its standard input did."""
+
+LEAST_ROUNDS = 1
+"""Rounds that the slowest contestant takes part in."""
+
 
 @dataclass(frozen=True)
 class Entry:
@@ -31,14 +41,31 @@ class Entry:
     threads: int = 1
 
 
+@dataclass(frozen=True)
+class Effort:
+    """How often to measure."""
+
+    rounds: int
+    seconds: float
+    """Of an entry in all its rounds; one that is slower takes part in fewer."""
+
+    def rounds_of(self, picture_seconds: float, patience: float = 1.0) -> int:
+        """Return the rounds of an entry that takes so long for a picture."""
+        affordable = int(patience * self.seconds / (2.0 * max(picture_seconds, 1e-9)))
+        return max(min(self.rounds, affordable), min(self.rounds, LEAST_ROUNDS))
+
+
 @dataclass
 class Run:
     """What was measured of an entry, or why nothing was."""
 
     entry: Entry
     missing: str | None = None
+    """Why it has no times: ``missing: ...``, ``failed: ...``, or how its picture differs."""
+    patience: float = 1.0
+    """Share of the effort's seconds that it gets."""
     seconds: list[float] = field(default_factory=list)
-    """Drawing and reading back, wall clock, one for each round."""
+    """Drawing and reading back, wall clock, one for each round from the first on."""
     draw_seconds: list[float] = field(default_factory=list)
     processor_seconds: list[float] = field(default_factory=list)
     picture: dict[str, NDArray[Any]] = field(default_factory=dict, repr=False)
@@ -49,40 +76,80 @@ class Run:
         return statistics.median(self.seconds)
 
 
+class WorkerError(RuntimeError):
+    """A worker that gave no answer, with the reason."""
+
+
 class Worker:
-    """A running worker process."""
+    """
+    A running worker process, which answers every line with one line of JSON.
 
-    def __init__(self, entry: Entry, picture: Path) -> None:
-        arguments = (entry.contestant, entry.scene, str(entry.threads), str(picture))
-        changes = contestant(entry.contestant).environment(entry.threads)
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", "benchmarks.worker", *arguments],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-            cwd=ROOT,
-            env=package_environment(changes),
-        )
-        self.ask(None)
-        with np.load(picture) as saved:
-            self.picture = dict(saved)
+    Parameters
+    ----------
+    arguments : sequence of str
+        What follows ``python``.
+    environment : dict
+        The whole environment of the process.
+    errors : Path
+        File that takes its standard error.
+    """
 
-    def ask(self, command: str | None) -> dict[str, float]:
-        """Send a line, if any, and return the answer."""
-        if self._process.stdin is None or self._process.stdout is None:
-            raise RuntimeError("the worker has no pipes")
-        if command is not None:
-            self._process.stdin.write(command + "\n")
-            self._process.stdin.flush()
-        answer = self._process.stdout.readline()
-        if not answer:
-            raise RuntimeError(f"a worker ended with status {self._process.wait()}")
-        return json.loads(answer)
+    def __init__(self, arguments: Sequence[str], environment: dict[str, str], errors: Path) -> None:
+        self._errors = errors
+        with errors.open("wb") as log:
+            self._process = subprocess.Popen(
+                [sys.executable, *arguments],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=log,
+                text=True,
+                cwd=ROOT,
+                env=environment,
+            )
+
+    def ask(self, command: str) -> dict[str, Any]:
+        """Send a line and return the answer; raise `WorkerError` if there is none."""
+        with contextlib.suppress(OSError):
+            if self._process.stdin is not None:
+                self._process.stdin.write(command + "\n")
+                self._process.stdin.flush()
+        return self.answer(DRAW_SECONDS)
+
+    def answer(self, seconds: float) -> dict[str, Any]:
+        """Wait for a line; end the process and raise `WorkerError` if none comes in time."""
+        if self._process.stdout is None:
+            raise WorkerError("the worker has no pipe")
+        late = threading.Event()
+
+        def end() -> None:
+            late.set()
+            self._process.kill()
+
+        timer = threading.Timer(seconds, end)
+        timer.start()
+        try:
+            line = self._process.stdout.readline()
+        finally:
+            timer.cancel()
+        if line:
+            return json.loads(line)
+        if late.is_set():
+            raise WorkerError(f"took longer than {seconds:g} s")
+        raise WorkerError(f"ended with status {self._process.wait()}: {self._last_error()}")
+
+    def _last_error(self) -> str:
+        """Return the last line that the process wrote to standard error."""
+        lines = self._errors.read_text(errors="replace").split("\n")
+        return next((line.strip() for line in reversed(lines) if line.strip()), "no message")
 
     def close(self) -> None:
         """End the process."""
-        with contextlib.suppress(OSError):
-            self._process.communicate()
+        with contextlib.suppress(OSError, ValueError, subprocess.TimeoutExpired):
+            self._process.communicate(timeout=CLOSE_SECONDS)
+        if self._process.poll() is None:
+            self._process.kill()
+        with contextlib.suppress(OSError), self._process:
+            return
 
 
 def package_environment(changes: dict[str, str]) -> dict[str, str]:
@@ -91,50 +158,62 @@ def package_environment(changes: dict[str, str]) -> dict[str, str]:
     return {**os.environ, "PYTHONPATH": os.pathsep.join(paths), **changes}
 
 
-def measure(entries: Sequence[Entry], rounds: int, *, awake: bool = False) -> list[Run]:
-    """
-    Return a run for each entry, timed in turns: all of them once, then all of them again.
+def start(entry: Entry, folder: Path, number: int) -> tuple[Worker, dict[str, Any], float]:
+    """Start a worker; return it, its picture, and the seconds it takes for one."""
+    picture = folder / f"{number}.npz"
+    names = (entry.contestant, entry.scene, str(entry.threads), str(picture))
+    environment = package_environment(contestant(entry.contestant).environment(entry.threads))
+    worker = Worker(("-m", "benchmarks.worker", *names), environment, folder / f"{number}.log")
+    try:
+        seconds = worker.answer(PREPARE_SECONDS)["seconds"]
+        with np.load(picture) as saved:
+            return worker, dict(saved), seconds
+    except BaseException:
+        worker.close()
+        raise
 
-    What disturbs the machine so falls on all of them. Compiling and warming up come before. If
-    ``awake``, each turn draws twice and the second is timed: a second core that slept while the
-    entry before had one thread is slow to start, and that is not the work of the entry behind.
+
+def measure(runs: Sequence[Run], effort: Effort) -> list[Run]:
     """
-    runs = [Run(entry, contestant(entry.contestant).available()) for entry in entries]
-    present = [run for run in runs if run.missing is None]
-    with tempfile.TemporaryDirectory() as folder, open_workers(present, Path(folder)) as workers:
-        for _ in range(rounds):
-            for run, worker in zip(present, workers, strict=True):
-                if awake:
-                    worker.ask("draw")
-                answer = worker.ask("draw")
-                run.seconds.append(answer["total"])
-                run.draw_seconds.append(answer["draw"])
-                run.processor_seconds.append(answer["processor"])
-    return runs
+    Time the runs that are not missing, in turns: all of them once, then all of them again.
+
+    What disturbs the machine so falls on all of them. Compiling and warming up come before. A
+    worker that fails or is late leaves a run with the reason and without times.
+    """
+    with tempfile.TemporaryDirectory() as folder, contextlib.ExitStack() as stack:
+        present = []
+        for number, run in enumerate(runs):
+            if run.missing is not None:
+                continue
+            with reported(run):
+                worker, run.picture, seconds = start(run.entry, Path(folder), number)
+                stack.callback(worker.close)
+                present.append((run, worker, effort.rounds_of(seconds, run.patience)))
+        for turn in range(effort.rounds):
+            for run, worker, rounds in present:
+                if run.missing is None and turn < rounds:
+                    with reported(run):
+                        answer = worker.ask("draw")
+                        run.seconds.append(answer["total"])
+                        run.draw_seconds.append(answer["draw"])
+                        run.processor_seconds.append(answer["processor"])
+    return list(runs)
 
 
 @contextlib.contextmanager
-def open_workers(runs: Sequence[Run], folder: Path) -> Iterator[list[Worker]]:
-    """Start the workers, one after the other, and end them in any case."""
-    with contextlib.ExitStack() as stack:
-        workers = []
-        for number, run in enumerate(runs):
-            worker = Worker(run.entry, folder / f"{number}.npz")
-            stack.callback(worker.close)
-            run.picture = worker.picture
-            workers.append(worker)
-        yield workers
+def reported(run: Run) -> Iterator[None]:
+    """Note in the run why its worker failed."""
+    try:
+        yield
+    except WorkerError as error:
+        run.missing = f"failed: {error}"
+
+
+def paired_ratios(slow: Sequence[float], fast: Sequence[float]) -> list[float]:
+    """Return how many times longer one takes, round by round, for the rounds that both have."""
+    return [a / b for a, b in zip(slow, fast, strict=False)]
 
 
 def paired_ratio(slow: Run, fast: Run) -> float:
     """Return how many times longer one takes: the median of the ratios round by round."""
-    return statistics.median(a / b for a, b in zip(slow.seconds, fast.seconds, strict=True))
-
-
-def agreement(one: dict[str, NDArray[Any]], other: dict[str, NDArray[Any]]) -> dict[str, float]:
-    """Return the share of equal pixels for each array that both pictures have."""
-    shares = {}
-    for name in one.keys() & other.keys():
-        equal = one[name] == other[name]
-        shares[name] = float(equal.all(axis=-1).mean() if equal.ndim == 3 else equal.mean())
-    return shares
+    return statistics.median(paired_ratios(slow.seconds, fast.seconds))

@@ -5,42 +5,42 @@ from __future__ import annotations
 import json
 import os
 import platform
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 from rich.table import Table
 
 import rasterjit
 from benchmarks.contestants import opengl
-from benchmarks.first_mark import Row
+from benchmarks.rows import Row, folded
 
 RESULTS = Path(__file__).parent / "results"
 COLUMNS = (
-    "what",
-    "who",
-    "threads",
-    "ms",
-    "CPU ms",
-    "rate",
-    "x RasterJIT",
-    "target",
-    "met",
-    "check",
-)
-RIGHT = frozenset(("threads", "ms", "CPU ms", "rate", "x RasterJIT"))
-PACKAGES = ("numpy", "numba", "llvmlite", "moderngl")
-CPU_INFO = Path("/proc/cpuinfo")
+    "scene", "contestant", "threads", "draw ms", "ms", "CPU ms", "rate", "x RasterJIT", "target",
+    "goal", "met", "check",
+)  # fmt: skip
+RIGHT = frozenset(("threads", "draw ms", "ms", "CPU ms", "rate", "x RasterJIT"))
+PACKAGES = (
+    "numpy", "numba", "llvmlite", "moderngl", "panda3d", "wgpu", "scikit-image",
+    "opencv-python-headless", "pillow", "datashader", "embreex", "trimesh", "open3d", "pyvista",
+    "matplotlib",
+)  # fmt: skip
+CPU_INFO, MEMORY_INFO = Path("/proc/cpuinfo"), Path("/proc/meminfo")
+NOT_TERMINAL_WIDTH = 220
+"""Columns of the table where the output is not a terminal."""
 
 
 def machine() -> dict[str, str]:
     """Return what the figures depend on."""
     facts = {
         "rasterjit": rasterjit.__version__,
-        "processor": processor_name(),
+        "processor": info(CPU_INFO, "model name") or platform.processor() or "unknown",
         "processors": str(processors()),
+        "memory": info(MEMORY_INFO, "MemTotal") or "unknown",
         "system": f"{platform.system()} {platform.machine()}",
         "python": platform.python_version(),
         "OpenGL": opengl.version() or "missing",
@@ -60,58 +60,101 @@ def processors() -> int:
     return os.cpu_count() or 1
 
 
-def processor_name() -> str:
-    """Return the processor's name."""
-    if CPU_INFO.exists():
-        for line in CPU_INFO.read_text().splitlines():
-            if line.startswith("model name"):
+def info(path: Path, name: str) -> str | None:
+    """Return the first value of a name in a file of ``name: value`` lines."""
+    if path.exists():
+        for line in path.read_text().splitlines():
+            if line.startswith(name):
                 return line.split(":", 1)[1].strip()
-    return platform.processor() or "unknown"
+    return None
 
 
 def cells(row: Row) -> list[str]:
     """Return a row as text."""
     return [
-        row.what,
-        row.who,
+        row.scene,
+        row.contestant,
         "" if row.threads is None else str(row.threads),
-        number(row.milliseconds),
-        number(row.processor_milliseconds),
+        number(row.draw_ms),
+        number(row.ms),
+        number(row.cpu_ms),
         row.rate,
-        "" if row.ratio is None else f"{row.ratio:.4g}",
+        "" if row.ratio is None else f"{row.ratio:.3g}",
         row.target,
-        "" if row.met is None else ("yes" if row.met else "NO"),
+        row.goal,
+        row.met,
         row.check,
     ]
 
 
 def number(value: float | None) -> str:
     """Return milliseconds as text."""
-    return "" if value is None else f"{value:.1f}"
+    if value is None:
+        return ""
+    return f"{value:.2f}" if value < 10.0 else f"{value:.1f}"
 
 
-def print_table(rows: Sequence[Row], console: Console) -> None:
-    """Print the rows."""
-    table = Table(title="First mark")
-    for name in COLUMNS:
-        side = "right" if name in RIGHT else "left"
-        table.add_column(name, justify=side, overflow="fold")
+def console() -> Console:
+    """Return where tables are printed, wide enough if it is no terminal."""
+    found = Console()
+    return found if found.is_terminal else Console(width=NOT_TERMINAL_WIDTH)
+
+
+def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """Print rows of text, those with the same first cell together."""
+    table = Table(title=title)
+    for name in columns:
+        table.add_column(name, justify="right" if name in RIGHT else "left", overflow="fold")
     for n, row in enumerate(rows):
-        ends = n + 1 == len(rows) or rows[n + 1].what != row.what
-        table.add_row(*cells(row), end_section=ends)
-    console.print(table)
+        ends = n + 1 == len(rows) or rows[n + 1][0] != row[0]
+        table.add_row(*row, end_section=ends)
+    console().print(table)
 
 
-def write(rows: Sequence[Row], rounds: int) -> None:
-    """Write ``first_mark.json`` and ``first_mark.md``."""
-    RESULTS.mkdir(exist_ok=True)
+def markdown_table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    """Return the lines of a table."""
+    lines = ["| " + " | ".join(columns) + " |"]
+    lines += ["|" + "|".join("---:" if name in RIGHT else "---" for name in columns) + "|"]
+    return lines + [
+        "| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in rows
+    ]
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a file whole or not at all: a reader sees the old one or the new one."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_name(path.name + ".part")
+    part.write_text(text)
+    part.replace(path)
+
+
+def write(
+    rows: Sequence[Row],
+    rounds: int,
+    curves: Sequence[Mapping[str, Any]] = (),
+    folder: Path | None = None,
+) -> None:
+    """Write ``table.json`` and ``table.md``."""
     facts = machine()
-    content = {"machine": facts, "rounds": rounds, "rows": [asdict(row) for row in rows]}
-    (RESULTS / "first_mark.json").write_text(json.dumps(content, indent=2) + "\n")
-    lines = ["# First mark", ""]
+    content = {
+        "machine": facts,
+        "rounds": rounds,
+        "rows": [asdict(row) for row in rows],
+        "curves": list(curves),
+    }
+    write_text((folder or RESULTS) / "table.json", json.dumps(content, indent=2) + "\n")
+    lines = ["# RasterJIT beside other ways to draw the same pictures", ""]
     lines += [f"- {name}: {value}" for name, value in facts.items()]
-    lines += [f"- medians of {rounds} interleaved rounds", ""]
-    lines += ["| " + " | ".join(COLUMNS) + " |"]
-    lines += ["|" + "|".join("---:" if name in RIGHT else "---" for name in COLUMNS) + "|"]
-    lines += ["| " + " | ".join(cells(row)) + " |" for row in rows]
-    (RESULTS / "first_mark.md").write_text("\n".join(lines) + "\n")
+    lines += [f"- medians of up to {rounds} interleaved rounds", ""]
+    lines += markdown_table(COLUMNS, [cells(row) for row in folded(rows)])
+    write_text((folder or RESULTS) / "table.md", "\n".join(lines) + "\n")
+
+
+def write_curves(
+    rows: Sequence[Row], curves: Sequence[Mapping[str, Any]], folder: Path | None = None
+) -> None:
+    """Write ``curves.json`` and ``curves.md``."""
+    content = {"machine": machine(), "curves": list(curves)}
+    write_text((folder or RESULTS) / "curves.json", json.dumps(content, indent=2) + "\n")
+    lines = ["# How time grows", "", *markdown_table(COLUMNS, [cells(row) for row in rows])]
+    write_text((folder or RESULTS) / "curves.md", "\n".join(lines) + "\n")

@@ -3,33 +3,53 @@ The scenes, named by what they stress; every one is the same numbers on every ma
 
 Positions are float32, faces int32, as OpenGL takes them. Clip space is OpenGL's; screen rows run
 down. ``SCENES`` lists them by name; a ``..._sample`` is a part small enough for plain Python.
+``FAMILIES`` lists scenes of any size, for curves; ``find_scene("triangles:1000")`` makes one.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks import meshes
+from benchmarks.meshes import SEED, look_at, perspective, torus
+
 SIZE = (1920, 1080)
-"""Width and height of the pictures, pixels."""
+"""Width and height of the larger pictures, pixels."""
+SMALLER_SIZE = (1280, 720)
+SMALL_IMAGE = (128, 128)
+SAMPLE_SIZE = (192, 108)
 
 RINGS, SIDES = 1000, 500
 """Of the torus: twice their product is a million faces."""
+MILLIONS_RINGS, MILLIONS_SIDES = 2500, 1000
+"""Five million faces."""
+MESH_RINGS, MESH_SIDES = 264, 133
+"""Seventy thousand faces."""
+SMALL_RINGS, SMALL_SIDES = 100, 25
+"""Five thousand faces."""
+INSTANCE_RINGS, INSTANCE_SIDES = 10, 5
+"""A hundred faces."""
+COARSE_RINGS, COARSE_SIDES = 20, 10
+"""Four hundred faces."""
+STRETCH = np.float32([1.6, 1.0, 1.0])
+"""What the torus is scaled by, to fill a wide picture."""
 
 QUADS = 20
-LINES = 1_000_000
-LINE_LENGTH = 50
-"""Pixels from end to end."""
-
+CURVE_QUADS = 4
+"""Full-screen quads at each number of pixels of a curve."""
+SHORT_LINES, SHORT_LENGTH = 1_000_000, 50
+LONG_LINES, LONG_LENGTH = 20_000, 800
+"""Lines, and pixels from end to end."""
+SLIVERS, SLIVER_LENGTH = 200_000, 400.0
+VIEWS, FEWER_VIEWS = 1000, 100
+INSTANCES_A_SIDE = 100
 SAMPLE_FACES, SAMPLE_LINES = 10_000, 2000
-SAMPLE_SIZE = (192, 108)
-SEED = 20
 
 TEAPOT = Path(__file__).parent.parent / "models" / "teapot.obj"
 
@@ -43,12 +63,33 @@ class TriangleScene:
     faces: NDArray[np.int32]
     """(F, 3), vertex numbers."""
     clip_from_model: NDArray[np.float64]
-    """(4, 4)."""
+    """(4, 4); of the world, where there are ``instances``."""
     size: tuple[int, int]
     """Width and height, pixels."""
     work: int
-    """How many units the scene holds: faces, or depth-tested samples."""
+    """How many units the scene holds: faces, depth-tested samples, or pictures."""
     unit: str
+    colors: NDArray[np.uint8] | None = None
+    """(V, 4), linear light; ``None``: the picture is the number of the face at every pixel."""
+    normals: NDArray[np.float32] | None = None
+    """(V, 3), unit; present: lit per pixel, by the fields from ``to_light`` on."""
+    instances: NDArray[np.float64] | None = None
+    """(N, 4, 4), world from model: the mesh is drawn once with each."""
+    views: NDArray[np.float64] | None = None
+    """(K, 4, 4), clip from model: as many pictures, one after the other, all of them read."""
+    cull: str = "none"
+    """``"none"`` or ``"back"``: whether faces that are clockwise on the screen are left out."""
+    mode: str = "fill"
+    """``"fill"``, or ``"edges"``: every edge as a line of one colour, hidden or not."""
+    to_light: NDArray[np.float64] | None = None
+    """(3,), unit, world space: toward the one directional light, white, of intensity 1."""
+    eye: NDArray[np.float64] | None = None
+    """(3,), world space."""
+    ambient: float = 0.1
+    """White light from everywhere."""
+    specular: float = 0.25
+    shininess: float = 50.0
+    """Strength and exponent of the white Blinn-Phong highlight."""
 
     def clip_positions(self) -> NDArray[np.float64]:
         """Return the vertices in clip space, (V, 4)."""
@@ -72,59 +113,61 @@ class LineScene:
 Scene = TriangleScene | LineScene
 
 
-def look_at(eye: tuple[float, float, float]) -> NDArray[np.float64]:
-    """Return view from world for an eye that looks at the origin, y up."""
-    back = np.array(eye) / np.linalg.norm(eye)
-    right = np.cross((0.0, 1.0, 0.0), back)
-    right /= np.linalg.norm(right)
-    axes = np.stack([right, np.cross(back, right), back])
-    view = np.eye(4)
-    view[:3, :3], view[:3, 3] = axes, -axes @ np.array(eye)
-    return view
+def wide_camera(fov_y: float = 42.0) -> NDArray[np.float64]:
+    """Return the camera, clip from model, (4, 4), that sees the whole stretched torus."""
+    return perspective(fov_y, SIZE[0] / SIZE[1], 0.5, 20.0) @ look_at((0.4, -1.6, 3.3))
 
 
-def perspective(fov_y: float, aspect: float, near: float, far: float) -> NDArray[np.float64]:
-    """Return clip from view, as OpenGL's textbooks have it; the angle in degrees."""
-    scale = 1.0 / math.tan(math.radians(fov_y) / 2.0)
-    clip = np.zeros((4, 4))
-    clip[0, 0], clip[1, 1] = scale / aspect, scale
-    clip[2, 2], clip[2, 3] = -(far + near) / (far - near), -2.0 * far * near / (far - near)
-    clip[3, 2] = -1.0
-    return clip
-
-
-def torus(rings: int, sides: int) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
-    """Return a closed torus about the z axis, neighbours in memory near each other in space."""
-    u, v = np.meshgrid(
-        np.arange(rings) * (2.0 * np.pi / rings),
-        np.arange(sides) * (2.0 * np.pi / sides),
-        indexing="ij",
-    )
-    radius = 1.0 + 0.42 * np.cos(v)
-    points = np.stack([radius * np.cos(u), radius * np.sin(u), 0.42 * np.sin(v)], axis=-1)
-    i, j = np.meshgrid(np.arange(rings), np.arange(sides), indexing="ij")
-    after_i, after_j = (i + 1) % rings, (j + 1) % sides
-    a, b = i * sides + j, after_i * sides + j
-    c, d = after_i * sides + after_j, i * sides + after_j
-    faces = np.stack([a, b, c, a, c, d], axis=-1).reshape(-1, 3)
-    return points.reshape(-1, 3).astype(np.float32), faces.astype(np.int32)
-
-
-def million_triangles() -> TriangleScene:
-    """Return a torus of a million faces that fills half of the screen, back faces included."""
+def visibility_1m() -> TriangleScene:
+    """Return a torus of a million faces on 60 % of the screen, no colours, no culling."""
     positions, faces = torus(RINGS, SIDES)
-    positions = positions * np.float32([1.6, 1.0, 1.0])
-    camera = perspective(42.0, SIZE[0] / SIZE[1], 0.5, 20.0) @ look_at((0.4, -1.6, 3.3))
-    return TriangleScene(positions, faces, camera, SIZE, len(faces), "triangle")
+    return TriangleScene(positions * STRETCH, faces, wide_camera(), SIZE, len(faces), "triangle")
 
 
-def million_triangles_sample() -> TriangleScene:
+def visibility_sample() -> TriangleScene:
     """Return ten thousand of the million faces, spread evenly over the torus."""
-    whole = million_triangles()
+    whole = visibility_1m()
     faces = np.ascontiguousarray(whole.faces[:: len(whole.faces) // SAMPLE_FACES])
+    return replace(whole, faces=faces, work=len(faces))
+
+
+def filled(size: tuple[int, int] = SIZE) -> TriangleScene:
+    """Return four hundred large faces, no colours; the work is the pixels of the picture."""
+    positions, faces = torus(COARSE_RINGS, COARSE_SIDES)
     return TriangleScene(
-        whole.positions, faces, whole.clip_from_model, whole.size, len(faces), "triangle"
+        positions * STRETCH, faces, wide_camera(), size, size[0] * size[1], "pixel"
     )
+
+
+def colored_torus(
+    rings: int, sides: int, size: tuple[int, int] = SIZE, fov_y: float = 42.0
+) -> TriangleScene:
+    """Return the stretched torus with its normals as vertex colours."""
+    positions, faces = torus(rings, sides)
+    colors = meshes.direction_colors(meshes.torus_normals(rings, sides, STRETCH))
+    return TriangleScene(
+        positions * STRETCH, faces, wide_camera(fov_y), size, len(faces), "triangle", colors
+    )
+
+
+def mesh_70k() -> TriangleScene:
+    """Return seventy thousand faces on 54 % of 1280x720."""
+    return colored_torus(MESH_RINGS, MESH_SIDES, SMALLER_SIZE, 44.5)
+
+
+def mesh_70k_phong() -> TriangleScene:
+    """Return the same, lit per pixel."""
+    return replace(
+        mesh_70k(),
+        normals=meshes.torus_normals(MESH_RINGS, MESH_SIDES, STRETCH),
+        to_light=np.array([0.48, 0.6, 0.64]),
+        eye=np.array([0.4, -1.6, 3.3]),
+    )
+
+
+def wireframe() -> TriangleScene:
+    """Return the edges of the seventy thousand faces."""
+    return replace(mesh_70k(), colors=None, mode="edges")
 
 
 def full_screen_quads(
@@ -134,26 +177,86 @@ def full_screen_quads(
     depths = np.linspace(0.9, -0.9, quads)
     if order == "front_to_back":
         depths = depths[::-1]
-    corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)], np.float32)
-    positions = np.column_stack([np.tile(corners, (quads, 1)), np.repeat(depths, 4)])
-    first = 4 * np.arange(quads, dtype=np.int32)[:, np.newaxis, np.newaxis]
-    faces = (first + np.array([(0, 1, 2), (0, 2, 3)], np.int32)).reshape(-1, 3)
-    samples = quads * size[0] * size[1]
-    return TriangleScene(positions.astype(np.float32), faces, np.eye(4), size, samples, "sample")
+    positions, faces = meshes.quads(depths)
+    return TriangleScene(positions, faces, np.eye(4), size, quads * size[0] * size[1], "sample")
 
 
-def short_lines(count: int = LINES) -> LineScene:
-    """Return random fifty-pixel lines, all inside the picture."""
+def smooth_quads(order: str, size: tuple[int, int] = SIZE, quads: int = QUADS) -> TriangleScene:
+    """Return the same with a colour at every corner."""
+    scene = full_screen_quads(order, size, quads)
+    colors = meshes.random_colors(np.random.default_rng(SEED), len(scene.positions))
+    return replace(scene, colors=colors)
+
+
+def slivers(count: int = SLIVERS) -> TriangleScene:
+    """Return long triangles less than a pixel wide, in any direction, at any depth."""
+    positions, faces = meshes.slivers(count, SLIVER_LENGTH, SIZE)
+    colors = meshes.random_colors(np.random.default_rng(SEED), len(positions))
+    return TriangleScene(positions, faces, np.eye(4), SIZE, count, "triangle", colors)
+
+
+def small_images(count: int = VIEWS) -> TriangleScene:
+    """Return five thousand faces seen from ``count`` sides, each in a picture of 128x128."""
+    positions, faces = torus(SMALL_RINGS, SMALL_SIDES)
+    colors = meshes.direction_colors(meshes.torus_normals(SMALL_RINGS, SMALL_SIDES))
+    camera = perspective(50.0, 1.0, 0.5, 20.0)
+    turns = 2.0 * np.pi * np.arange(VIEWS) / VIEWS
+    heights = np.sin(7.0 * turns)
+    views = [
+        camera @ look_at((3.2 * np.cos(turn), height, 3.2 * np.sin(turn)))
+        for turn, height in zip(turns[:count], heights, strict=False)
+    ]
+    return TriangleScene(
+        positions, faces, views[-1], SMALL_IMAGE, count, "image", colors, views=np.array(views)
+    )
+
+
+def instances() -> TriangleScene:
+    """Return ten thousand small tori of a hundred faces, each turned its own way, on a square."""
+    positions, faces = torus(INSTANCE_RINGS, INSTANCE_SIDES)
+    colors = meshes.direction_colors(meshes.torus_normals(INSTANCE_RINGS, INSTANCE_SIDES))
+    side = INSTANCES_A_SIDE
+    places = np.zeros((side * side, 4, 4))
+    spread = (np.arange(side) + 0.5) / side * 2.0 - 1.0
+    x, y = np.meshgrid(1.7 * spread, spread)
+    rotations = meshes.random_rotations(np.random.default_rng(SEED), side * side)
+    places[:, :3, :3] = 0.009 * rotations
+    places[:, 0, 3], places[:, 1, 3], places[:, 3, 3] = x.ravel(), y.ravel(), 1.0
+    camera = perspective(38.0, 16 / 9, 0.5, 20.0) @ look_at((0.2, -0.6, 2.8))
+    return TriangleScene(
+        positions, faces, camera, SMALLER_SIZE, len(places) * len(faces), "triangle", colors,
+        instances=places,
+    )  # fmt: skip
+
+
+def culled() -> TriangleScene:
+    """Return a million faces of which nearly all lie outside the picture or face away."""
+    scene = colored_torus(RINGS, SIDES)
+    camera = perspective(15.0, SIZE[0] / SIZE[1], 0.05, 20.0)
+    camera = camera @ look_at((0.0, -2.4, 2.4), (1.1, -1.0, 0.2))
+    return replace(scene, clip_from_model=camera, cull="back")
+
+
+def random_lines(count: int, length: int, whole: int) -> LineScene:
+    """Return the first ``count`` of ``whole`` random lines of so many pixels, all inside."""
     random = np.random.default_rng(SEED)
-    margin = LINE_LENGTH + 1
-    highest = (SIZE[0] - margin, SIZE[1] - margin)
-    starts = random.integers((margin, margin), highest, (LINES, 2))
-    angles = random.uniform(0.0, 2.0 * np.pi, LINES)
-    steps = np.rint(LINE_LENGTH * np.column_stack([np.cos(angles), np.sin(angles)]))
-    ends = np.column_stack([starts, starts + steps.astype(np.int64)])[:count]
-    colors = random.integers(0, 256, (LINES, 2, 4), dtype=np.uint8)[:count]
-    colors[:, :, 3] = 255
-    return LineScene(np.ascontiguousarray(ends), np.ascontiguousarray(colors), SIZE, count)
+    angles = random.uniform(0.0, 2.0 * np.pi, whole)
+    steps = np.rint(length * np.column_stack([np.cos(angles), np.sin(angles)])).astype(np.int64)
+    lowest = np.maximum(-steps, 0)
+    starts = random.integers(lowest, np.array(SIZE) - np.maximum(steps, 0))
+    colors = meshes.random_colors(random, 2 * whole).reshape(-1, 2, 4)
+    ends = np.column_stack([starts, starts + steps])[:count]
+    return LineScene(ends, np.ascontiguousarray(colors[:count]), SIZE, count)
+
+
+def short_lines(count: int = SHORT_LINES) -> LineScene:
+    """Return random fifty-pixel lines, all inside the picture."""
+    return random_lines(count, SHORT_LENGTH, SHORT_LINES)
+
+
+def long_lines(count: int = LONG_LINES) -> LineScene:
+    """Return random lines of 800 pixels, all inside the picture."""
+    return random_lines(count, LONG_LENGTH, LONG_LINES)
 
 
 def teapot() -> TriangleScene:
@@ -172,12 +275,55 @@ def teapot() -> TriangleScene:
 
 
 SCENES: dict[str, Callable[[], Scene]] = {
-    "million_triangles": million_triangles,
-    "million_triangles_sample": million_triangles_sample,
-    "fill_back_to_front": partial(full_screen_quads, "back_to_front"),
-    "fill_front_to_back": partial(full_screen_quads, "front_to_back"),
-    "fill_sample": partial(full_screen_quads, "back_to_front", SAMPLE_SIZE, 3),
+    "fill_back_to_front": partial(smooth_quads, "back_to_front"),
+    "fill_front_to_back": partial(smooth_quads, "front_to_back"),
+    "mesh_70k": mesh_70k,
+    "mesh_70k_phong": mesh_70k_phong,
+    "mesh_1m": partial(colored_torus, RINGS, SIDES),
+    "mesh_5m": partial(colored_torus, MILLIONS_RINGS, MILLIONS_SIDES),
+    "slivers": slivers,
     "short_lines": short_lines,
+    "long_lines": long_lines,
+    "small_images": small_images,
+    "small_images_quick": partial(small_images, FEWER_VIEWS),
+    "wireframe": wireframe,
+    "instances_10k": instances,
+    "culled": culled,
+    "visibility_1m": visibility_1m,
+    "visibility_sample": visibility_sample,
+    "visibility_fill_back_to_front": partial(full_screen_quads, "back_to_front"),
+    "visibility_fill_front_to_back": partial(full_screen_quads, "front_to_back"),
+    "fill_sample": partial(full_screen_quads, "back_to_front", SAMPLE_SIZE, 3),
+    "filled": filled,
+    "filled_sample": partial(filled, SAMPLE_SIZE),
     "short_lines_sample": partial(short_lines, SAMPLE_LINES),
     "teapot": teapot,
 }
+
+
+def triangles_of(count: int) -> TriangleScene:
+    """Return the coloured torus of about so many faces at 1920x1080."""
+    return colored_torus(*meshes.torus_size(count))
+
+
+def fill_of(side: int) -> TriangleScene:
+    """Return smooth quads, back to front, over a square of so many pixels a side."""
+    return smooth_quads("back_to_front", (side, side), CURVE_QUADS)
+
+
+def mesh_of(side: int) -> TriangleScene:
+    """Return the seventy thousand faces in a square picture of so many pixels a side."""
+    return replace(mesh_70k(), size=(side, side))
+
+
+FAMILIES: dict[str, Callable[[int], Scene]] = {
+    "triangles": triangles_of,
+    "fill": fill_of,
+    "mesh": mesh_of,
+}
+
+
+def find_scene(name: str) -> Scene:
+    """Return the scene of a name in ``SCENES``, or of ``family:number``."""
+    family, colon, number = name.partition(":")
+    return FAMILIES[family](int(number)) if colon else SCENES[name]()

@@ -1,8 +1,16 @@
-"""Time the command line in fresh processes: the very first run, and runs with cached kernels."""
+"""
+Time fresh processes: the very first run, runs that find compiled kernels, and steady frames.
+
+``python -m benchmarks.startup`` renders the teapot again and again with one ``Renderer`` and prints
+JSON, seconds: what the imports take, the first frame, the part of it that went into compiling
+kernels or loading them from disk, and the median of the frames after it.
+"""
 
 from __future__ import annotations
 
+import json
 import os
+import statistics
 import subprocess
 import sys
 import tempfile
@@ -12,16 +20,18 @@ from pathlib import Path
 from benchmarks.pairing import ROOT, package_environment
 from benchmarks.scenes import TEAPOT
 
-SIZE = "640x480"
+SIZE = (640, 480)
+STEADY_FRAMES = 50
 
 
 def time_command(cache: Path, picture: Path) -> tuple[float, float]:
     """
-    Time a run from starting Python to its end, the picture written.
+    Time ``rasterjit render`` from starting Python to its end, the picture written.
 
     Returns the seconds by the wall clock, and those of the processor.
     """
-    arguments = ("render", str(TEAPOT), "-o", str(picture), "--size", SIZE)
+    size = "x".join(map(str, SIZE))
+    arguments = ("render", str(TEAPOT), "-o", str(picture), "--size", size)
     started, processor = time.perf_counter(), children_seconds()
     subprocess.run(
         [sys.executable, "-m", "rasterjit", *arguments],
@@ -42,9 +52,58 @@ def children_seconds() -> float:
     return times.children_user + times.children_system
 
 
-def measure_startup(rounds: int) -> tuple[tuple[float, float], list[tuple[float, float]]]:
+def measure_commands(rounds: int) -> tuple[tuple[float, float], list[tuple[float, float]]]:
     """Return the times of the run that finds an empty cache, and of those after it."""
     with tempfile.TemporaryDirectory() as folder:
         cache, picture = Path(folder) / "cache", Path(folder) / "teapot.png"
         first = time_command(cache, picture)
         return first, [time_command(cache, picture) for _ in range(rounds)]
+
+
+def measure_parts(rounds: int) -> tuple[dict[str, float], list[dict[str, float]]]:
+    """Return what ``main`` prints with an empty cache, and in the processes after it."""
+    with tempfile.TemporaryDirectory() as folder:
+        found = []
+        for _ in range(rounds + 1):
+            result = subprocess.run(
+                [sys.executable, "-m", "benchmarks.startup"],
+                check=True,
+                capture_output=True,
+                text=True,
+                cwd=ROOT,
+                env=package_environment({"NUMBA_CACHE_DIR": folder}),
+            )
+            found.append(json.loads(result.stdout))
+        return found[0], found[1:]
+
+
+def main() -> None:
+    """Render and print the figures."""
+    started = time.perf_counter()
+    import rasterjit as rj
+
+    imported = time.perf_counter()
+    scene = rj.load(TEAPOT)
+    loaded = time.perf_counter()
+    with rj.Renderer(SIZE) as renderer:
+        frame = renderer.render(scene)
+        first = time.perf_counter() - loaded
+        steady = []
+        for _ in range(STEADY_FRAMES):
+            began = time.perf_counter()
+            renderer.render(scene)
+            steady.append(time.perf_counter() - began)
+    print(
+        json.dumps(
+            {
+                "import": imported - started,
+                "kernels": frame.stats.seconds["compile"],
+                "first": first,
+                "steady": statistics.median(steady),
+            }
+        )
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -17,12 +17,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.contestants import Prepared
-from benchmarks.contestants.rasterjit_ import NEARER_IS_LESS, Triangles
+from benchmarks.contestants.needs import refusal
+from benchmarks.contestants.rasterjit_ import NEARER_IS_LESS, Visibility
 from benchmarks.scenes import LineScene, Scene, TriangleScene
 from rasterjit.kernels import binning, projection, setup, visibility
 from rasterjit.kernels.jit import disjoint_stage, stage
 
 NAME = "RasterJIT, float edges"
+
+UNABLE = dict.fromkeys(
+    ("lines", "edges", "colors", "lighting", "instances", "views", "culling"),
+    "it finds the faces of one mesh only",
+)
 
 compiled = numba.njit(nogil=True, error_model="numpy")
 
@@ -30,6 +36,11 @@ compiled = numba.njit(nogil=True, error_model="numpy")
 def available() -> str | None:
     """Return ``None``, or the reason why it cannot draw here."""
     return None if find_spec("rasterjit") else "the package rasterjit is not installed"
+
+
+def draws(scene: Scene) -> str | None:
+    """Return ``None``, or the reason why it cannot draw this scene."""
+    return refusal(scene, UNABLE)
 
 
 def environment(threads: int) -> dict[str, str]:
@@ -316,7 +327,7 @@ def draw_tiles(tiles, starts, binned, floors, faces, xy, vertex_depth, viewport,
                 frame_numbers[column] = tile_numbers[row, column]
 
 
-class FloatTriangles(Triangles):
+class FloatTriangles(Visibility):
     """Transform, projection, set-up, binning and visibility, in floats and in any order."""
 
     def __init__(self, scene: TriangleScene, threads: int) -> None:

@@ -15,21 +15,26 @@ from benchmarks.contestants import Prepared
 from benchmarks.contestants.pure_python import (
     GRID,
     available,
+    corner_shares,
+    draws,
     edge,
     environment,
     is_top_left,
     screen_corners,
 )
+from benchmarks.contestants.screen import edge_lines
 from benchmarks.scenes import LineScene, Scene, TriangleScene
 
-__all__ = ["NAME", "available", "environment", "prepare"]
+__all__ = ["NAME", "available", "draws", "environment", "prepare"]
 
 NAME = "NumPy"
 
 
 def prepare(scene: Scene, threads: int) -> Prepared:
     """Return the scene ready to draw."""
-    return Lines(scene) if isinstance(scene, LineScene) else Triangles(scene)
+    if isinstance(scene, LineScene):
+        return Lines(scene)
+    return Lines(edge_lines(scene)) if scene.mode == "edges" else Triangles(scene)
 
 
 class Triangles:
@@ -38,6 +43,7 @@ class Triangles:
     def __init__(self, scene: TriangleScene) -> None:
         corners, depths = screen_corners(scene)
         self._corners, self._depths = corners.tolist(), depths.tolist()
+        self._shares = corner_shares(scene)
         width, height = self._size = scene.size
         self._x = np.arange(width) * GRID + GRID // 2
         self._y = (np.arange(height) * GRID + GRID // 2)[:, np.newaxis]
@@ -47,17 +53,19 @@ class Triangles:
         width, height = self._size
         self._depth = np.full((height, width), np.inf)
         self._face_id = np.full((height, width), -1, np.int32)
+        if self._shares is not None:
+            self._color = np.zeros((height, width, 4), np.uint8)
         for face, (corners, depths) in enumerate(zip(self._corners, self._depths, strict=True)):
             self._draw_triangle(face, corners, depths)
 
     def _draw_triangle(self, face: int, corners: list[Any], depths: list[float]) -> None:
         """Test the pixels of the bounding box together."""
-        (a, b, c), (za, zb, zc) = corners, depths
+        order = [0, 1, 2] if edge(*corners) > 0 else [0, 2, 1]
+        a, b, c = (corners[n] for n in order)
+        za, zb, zc = (depths[n] for n in order)
         area = edge(a, b, c)
         if area == 0:
             return
-        if area < 0:
-            b, c, zb, zc, area = c, b, zc, zb, -area
         columns = slice(max(min(a[0], b[0], c[0]) // GRID, 0), max(a[0], b[0], c[0]) // GRID + 1)
         rows = slice(max(min(a[1], b[1], c[1]) // GRID, 0), max(a[1], b[1], c[1]) // GRID + 1)
         point = (self._x[columns], self._y[rows])
@@ -71,14 +79,22 @@ class Triangles:
         seen = inside & (depth < self._depth[rows, columns])
         self._depth[rows, columns][seen] = depth[seen]
         self._face_id[rows, columns][seen] = face
+        if self._shares is not None:
+            weights = np.stack([wa[seen], wb[seen], wc[seen]], axis=1)
+            mixed = weights @ self._shares[face][order]
+            self._color[rows, columns, :3][seen] = mixed[:, 1:] / mixed[:, :1] + 0.5
+            self._color[rows, columns, 3][seen] = 255
 
     def read(self) -> dict[str, NDArray[Any]]:
-        """Return the face at every pixel."""
-        return {"face_id": self._face_id}
+        """Return the colour or the face at every pixel."""
+        return {"face_id": self._face_id} if self._shares is None else {"color": self._color}
 
     def picture(self) -> dict[str, NDArray[Any]]:
         """Return what is compared."""
-        return {"covered": self._face_id >= 0, "face_id": self._face_id}
+        found = {"covered": self._face_id >= 0, "face_id": self._face_id}
+        if self._shares is not None:
+            found["color_linear"] = self._color[:, :, :3].copy()
+        return found
 
 
 class Lines:
@@ -106,4 +122,7 @@ class Lines:
 
     def picture(self) -> dict[str, NDArray[Any]]:
         """Return what is compared."""
-        return {"covered": self._color[:, :, 3] > 0, "color": self._color}
+        return {
+            "covered": self._color[:, :, 3] > 0,
+            "color_linear": self._color[:, :, :3].copy(),
+        }

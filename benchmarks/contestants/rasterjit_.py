@@ -1,4 +1,10 @@
-"""RasterJIT: the stages of a render up to the visibility buffer, and ``Framebuffer.draw_lines``."""
+"""
+RasterJIT by its public names.
+
+Pictures come from a ``Renderer`` that holds threads and mesh between frames, lines from
+``Framebuffer.draw_lines``. A single mesh without colours is drawn by the stages of a render up to
+the visibility buffer, which holds the face at every pixel and its depth.
+"""
 
 from __future__ import annotations
 
@@ -9,6 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.contestants import Prepared
+from benchmarks.contestants.needs import EDGE_COLOR, needs
+from benchmarks.contestants.screen import matrices
 from benchmarks.scenes import LineScene, Scene, TriangleScene
 
 NAME = "RasterJIT"
@@ -30,14 +38,21 @@ def environment(threads: int) -> dict[str, str]:
     return {}
 
 
+def draws(scene: Scene) -> str | None:
+    """Return ``None``: it draws every scene."""
+    return None
+
+
 def prepare(scene: Scene, threads: int) -> Prepared:
     """Return the scene ready to draw."""
     if isinstance(scene, LineScene):
         return Lines(scene)
-    return Triangles(scene, threads)
+    if needs(scene) == ["triangles", "faces"]:
+        return Visibility(scene, threads)
+    return Pictures(scene, threads)
 
 
-class Triangles:
+class Visibility:
     """Transform, projection, clipping, set-up, binning and visibility."""
 
     def __init__(self, scene: TriangleScene, threads: int) -> None:
@@ -82,6 +97,41 @@ class Triangles:
         return {"covered": face_id >= 0, "face_id": face_id}
 
 
+class Pictures:
+    """``Renderer.render``, from a scene to sRGB or, without colours, to face numbers."""
+
+    def __init__(self, scene: TriangleScene, threads: int) -> None:
+        import rasterjit as rj
+
+        self._scene = make_scene(scene)
+        self._cull = scene.cull
+        self._output = "face_id" if "faces" in needs(scene) else "color"
+        self._cameras = [rj.MatrixCamera(np.eye(4), matrix) for matrix in matrices(scene)]
+        self._renderer = rj.Renderer(scene.size, threads=threads)
+
+    def draw(self) -> None:
+        """Render every view; a frame's arrays are NumPy's, so that it is read back as well."""
+        for camera in self._cameras:
+            frame = self._renderer.render(
+                self._scene, camera, outputs=(self._output,), background="transparent",
+                cull=self._cull,
+            )  # fmt: skip
+            self._picture = getattr(frame, self._output)
+
+    def read(self) -> dict[str, NDArray[Any]]:
+        """Return the last picture."""
+        return {self._output: self._picture}
+
+    def picture(self) -> dict[str, NDArray[Any]]:
+        """Return what is compared; colours decoded from sRGB."""
+        if self._output == "face_id":
+            return {"covered": self._picture >= 0, "face_id": self._picture}
+        return {
+            "covered": self._picture[:, :, 3] > 0,
+            "color_linear": decode_srgb(self._picture[:, :, :3]),
+        }
+
+
 class Lines:
     """All lines in one call; one thread, for they are drawn in order."""
 
@@ -101,6 +151,37 @@ class Lines:
         return {"color": self._framebuffer.color}
 
     def picture(self) -> dict[str, NDArray[Any]]:
-        """Return what is compared."""
+        """Return what is compared; a ramp between two colours is the same bytes in any space."""
         color = self._framebuffer.color
-        return {"covered": color[:, :, 3] > 0, "color": color}
+        return {"covered": color[:, :, 3] > 0, "color_linear": color[:, :, :3].copy()}
+
+
+def make_scene(scene: TriangleScene) -> Any:
+    """Return the ``rasterjit.Scene``: floats are linear light there, as the colours are."""
+    import rasterjit as rj
+
+    colors = None if scene.colors is None else scene.colors / np.float32(255)
+    mesh = rj.Mesh(scene.positions, scene.faces, colors=colors, normals=scene.normals)
+    made = rj.Scene()
+    for world_from_model in np.eye(4)[np.newaxis] if scene.instances is None else scene.instances:
+        made.add(mesh, transform=world_from_model)
+    if scene.mode == "edges":
+        made.wireframe = rj.Wireframe(np.array(EDGE_COLOR) / 255, "only")
+    if scene.to_light is None:
+        mesh.material = rj.Material(base_color="white", shading="unlit")
+    else:
+        mesh.material = rj.Material(
+            base_color="white", shading="phong", specular=scene.specular, shininess=scene.shininess
+        )
+        made.lights += [
+            rj.AmbientLight(intensity=scene.ambient),
+            rj.DirectionalLight(direction=-scene.to_light),
+        ]
+    return made
+
+
+def decode_srgb(color: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return 8-bit sRGB in linear light, 8 bits as well."""
+    encoded = np.arange(256) / 255.0
+    low, high = encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4
+    return np.rint(255.0 * np.where(encoded <= 0.04045, low, high)).astype(np.uint8)[color]
