@@ -354,7 +354,7 @@ def set_up_and_bin(
         setup.set_up_triangles,
         [
             (*ranges[n], faces, objects, screen, viewport, (triangles, boxes),
-             (columns, counts[n], sums[n]))
+             (columns, counts[n], sums[n]), np.empty(setup.BATCH_SHAPE, np.int32))
             for n in range(len(ranges))
         ],
     )  # fmt: skip
