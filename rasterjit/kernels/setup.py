@@ -256,49 +256,87 @@ TALLY_BITS = 8
 
 
 @stage
-def misses_samples(a, b, c, box, grid_bits):
-    """
-    Return whether a triangle covers no sample of a box of at most 2 x 2 samples; exactly.
+def samples_between(a, b, c, grid_bits):
+    """Return the first and the last pixel whose centre three coordinates enclose, int32."""
+    half = 1 << (grid_bits - 1)
+    first = np.int32(np.int32(min(a, min(b, c)) + (half - 1)) >> grid_bits)
+    last = np.int32(np.int32(max(a, max(b, c)) - half) >> grid_bits)
+    return first, last
 
-    The corners have ``edge(a, b, c) > 0``.
+
+@stage
+def edge_from_origin(ax, ay, bx, by):
+    """Return the biased edge function of a -> b at (0, 0); it must fit int32."""
+    return np.int32(np.int32(ax * by) - np.int32(ay * bx) + edge_bias(ax, ay, bx, by))
+
+
+@stage
+def misses_samples(a, b, c, first, beyond, grid_bits):
     """
-    left, top, right, bottom = box
-    half = np.int64(1) << (grid_bits - 1)
-    x, y = (left << grid_bits) + half, (top << grid_bits) + half
-    ax, ay, bx, by, cx, cy = a[0] - x, a[1] - y, b[0] - x, b[1] - y, c[0] - x, c[1] - y
-    # Negative where the first sample is outside of an edge.
-    e0 = bx * cy - by * cx + edge_bias(bx, by, cx, cy)
-    e1 = cx * ay - cy * ax + edge_bias(cx, cy, ax, ay)
-    e2 = ax * by - ay * bx + edge_bias(ax, ay, bx, by)
-    across0, across1, across2 = (by - cy) << grid_bits, (cy - ay) << grid_bits, (ay - by) << grid_bits
-    down0, down1, down2 = (cx - bx) << grid_bits, (ax - cx) << grid_bits, (bx - ax) << grid_bits
+    Return whether a triangle between at most 2 x 2 samples covers none of them; exactly.
+
+    It is less than three pixels wide and high: its edge functions fit 32 bits.
+
+    Parameters
+    ----------
+    a, b, c : (int32, int32)
+        The corners, with ``edge(a, b, c) > 0``.
+    first : (int32, int32)
+        Column and row of the first sample.
+    beyond : (int32, int32)
+        -1 where the next column, the next row, is not in the image, else 0.
+    grid_bits : int
+    """
+    half = 1 << (grid_bits - 1)
+    x, y = np.int32((first[0] << grid_bits) + half), np.int32((first[1] << grid_bits) + half)
+    ax, ay = np.int32(a[0] - x), np.int32(a[1] - y)
+    bx, by = np.int32(b[0] - x), np.int32(b[1] - y)
+    cx, cy = np.int32(c[0] - x), np.int32(c[1] - y)
+    # Biased edge functions at the sample, one to the right, one down, and both: negative outside.
+    e0, e1, e2 = (
+        edge_from_origin(bx, by, cx, cy),
+        edge_from_origin(cx, cy, ax, ay),
+        edge_from_origin(ax, ay, bx, by),
+    )
+    right0 = np.int32(e0 + np.int32(np.int32(by - cy) << grid_bits))
+    right1 = np.int32(e1 + np.int32(np.int32(cy - ay) << grid_bits))
+    right2 = np.int32(e2 + np.int32(np.int32(ay - by) << grid_bits))
+    down0 = np.int32(np.int32(cx - bx) << grid_bits)
+    down1 = np.int32(np.int32(ax - cx) << grid_bits)
+    down2 = np.int32(np.int32(bx - ax) << grid_bits)
     here = e0 | e1 | e2
-    beside = (e0 + across0) | (e1 + across1) | (e2 + across2)
-    below = (e0 + down0) | (e1 + down1) | (e2 + down2)
-    opposite = (e0 + across0 + down0) | (e1 + across1 + down1) | (e2 + across2 + down2)
-    # Samples beyond the box, beyond the image that is, do not count.
-    column, row = left - right, top - bottom
-    return (here & (beside | ~column) & (below | ~row) & (opposite | ~(column & row))) < 0
+    beside = right0 | right1 | right2
+    below = np.int32(e0 + down0) | np.int32(e1 + down1) | np.int32(e2 + down2)
+    across = np.int32(right0 + down0) | np.int32(right1 + down1) | np.int32(right2 + down2)
+    column, row = beyond
+    return np.int32(here & (beside | column) & (below | row) & (across | column | row)) < 0
 
 
 @stage
 def survey_triangle(a, b, c, viewport, culled_turn):
-    """Decide whether a triangle can cover a sample; return that and its tile box."""
-    ax, ay = np.int64(a[0]), np.int64(a[1])
-    bx, by = np.int64(b[0]), np.int64(b[1])
-    cx, cy = np.int64(c[0]), np.int64(c[1])
-    bits = viewport.grid_bits
-    left = max(first_sample(min(ax, min(bx, cx)), bits), np.int64(0))
-    right = min(last_sample(max(ax, max(bx, cx)), bits), np.int64(viewport.width - 1))
-    top = max(first_sample(min(ay, min(by, cy)), bits), np.int64(0))
-    bottom = min(last_sample(max(ay, max(by, cy)), bits), np.int64(viewport.height - 1))
-    area = edge(ax, ay, bx, by, cx, cy)
+    """
+    Decide whether a triangle can cover a sample; return that and its tile box.
+
+    Coordinates are int32 where that is enough, and nothing branches, so that many triangles are
+    surveyed at once: what a face turns out to be is hard to predict.
+    """
+    # Masked, which changes nothing, the compiler sees that shifts do not leave 32 bits.
+    bits = viewport.grid_bits & 15
+    first_column, last_column = samples_between(a[0], b[0], c[0], bits)
+    first_row, last_row = samples_between(a[1], b[1], c[1], bits)
+    left, right = max(first_column, np.int32(0)), min(last_column, np.int32(viewport.width - 1))
+    top, bottom = max(first_row, np.int32(0)), min(last_row, np.int32(viewport.height - 1))
+    area = edge(
+        np.int64(a[0]), np.int64(a[1]), np.int64(b[0]), np.int64(b[1]), np.int64(c[0]),
+        np.int64(c[1]),
+    )  # fmt: skip
     turned = area < 0
-    b, c = (cx if turned else bx, cy if turned else by), (bx if turned else cx, by if turned else cy)
-    is_missed = misses_samples((ax, ay), b, c, (left, top, right, bottom), bits)
-    is_tiny = (right - left <= 1) & (bottom - top <= 1)
+    second = c[0] if turned else b[0], c[1] if turned else b[1]
+    third = b[0] if turned else c[0], b[1] if turned else c[1]
+    beyond = -np.int32(left == right), -np.int32(top == bottom)
+    is_missed = misses_samples(a, second, third, (left, top), beyond, bits)
+    is_tiny = (last_column <= first_column + 1) & (last_row <= first_row + 1)
     box = (left >> TILE_BITS, top >> TILE_BITS, right >> TILE_BITS, bottom >> TILE_BITS)
-    # No branches: what a face turns out to be is hard to predict.
     outcome = SURVIVES if (box[0] == box[2]) & (box[1] == box[3]) else SPREADS
     outcome = UNSAMPLED if (left > right) | (top > bottom) | (is_tiny & is_missed) else outcome
     if ((area > 0) & (culled_turn > 0)) | ((area < 0) & (culled_turn < 0)):
@@ -393,6 +431,14 @@ def list_survivor(number, box, end, survivors):
 
 
 @stage
+def box_of(boxes, n):
+    """Return the tile columns and rows (left, top, right, bottom) of a box of the list."""
+    return (
+        np.int64(boxes[n, 0]), np.int64(boxes[n, 1]), np.int64(boxes[n, 2]), np.int64(boxes[n, 3])
+    )  # fmt: skip
+
+
+@stage
 def list_triangle(number, corners, outcome, box, end, survivors, screen, viewport, counts):
     """List one triangle if it survives, and count its tiles; return the end of the list."""
     if outcome < SURVIVES:
@@ -433,13 +479,14 @@ def survey_faces(ax, ay, bx, by, cx, cy, codes, viewport, culled_turn, outcomes,
         outcome = OUTSIDE if code & (FRUSTUM << 8) else outcome
         outcome = DROPPED if code & INVALID else outcome
         outcomes[i] = outcome
-        boxes[i] = pack_box(box)
+        # What does not go on counts nothing, in the first tile of all.
+        boxes[i] = pack_box(box) if outcome >= SURVIVES else np.int32(0)
         tally += np.int64(1) << (np.int64(outcome) * TALLY_BITS)
     return tally
 
 
 @stage
-def tile_of(box, columns):
+def first_tile(box, columns):
     """Return the first tile of a packed box."""
     return np.uintp((box >> 8 & 255) * columns + (box & 255))
 
@@ -457,9 +504,7 @@ def set_up_pieces(face, piece_range, piece, faces, screen, viewport, turn, end, 
     outcome = OUTSIDE
     while piece < piece_range[1] and faces.piece_faces[piece] == face:
         a, b, c = corners_of(faces.pieces, piece)
-        outcome, box = survey_triangle(
-            screen.xy[a], screen.xy[b], screen.xy[c], viewport, turn
-        )
+        outcome, box = survey_triangle(screen.xy[a], screen.xy[b], screen.xy[c], viewport, turn)
         number = faces.faces.shape[0] + piece
         end = list_triangle(
             number, (a, b, c), outcome, box, end, survivors, screen, viewport, counts
@@ -491,6 +536,8 @@ def set_up_triangles(
     counts : (tiles per row, (tiles + 1,) int32, (5,) int64)
         Adds to the number of survivors for each tile and of large ones, and to the totals: outside
         the view volume, degenerate, culled, without a sample, invalid.
+    batch : (9, 128) int32
+        This thread's own scratch memory, ``BATCH_SHAPE``.
 
     Returns
     -------
@@ -498,6 +545,7 @@ def set_up_triangles(
         One past the last survivor written.
     """
     columns, tile_counts, totals = counts
+    listing = columns, tile_counts
     own = faces.faces
     end = face_range[0] + piece_range[0]
     piece = piece_range[0]
@@ -525,19 +573,18 @@ def set_up_triangles(
                 # Without a branch: the next overwrites what did not survive.
                 survives = np.int32(outcome == SURVIVES)
                 list_survivor(face, box, end, survivors)
-                tile_counts[tile_of(box, columns)] += survives
-                end += survives
+                tile_counts[first_tile(box, columns)] += survives
+                end += np.int64(survives)
             elif outcome == SPREADS:
                 end = list_triangle(
                     face, corners_of(own, np.uintp(face)), outcome, unpack_box(box), end,
-                    survivors, screen, viewport, (columns, tile_counts),
+                    survivors, screen, viewport, listing,
                 )  # fmt: skip
             else:
                 start = end
                 piece, end, outcome = set_up_pieces(
-                    face, piece_range, piece, faces, screen, viewport, turn, end, survivors,
-                    (columns, tile_counts),
-                )  # fmt: skip
+                    face, piece_range, piece, faces, screen, viewport, turn, end, survivors, listing
+                )
                 if end == start:
                     totals[outcome] += 1
         first = stop
