@@ -139,7 +139,10 @@ def test_tiny_faces_go_on_exactly_if_they_cover_a_sample(bits, cull):
     (ux, uy), (vx, vy) = (b - a).T, (c - a).T
     turns = ux * vy - uy * vx
     kept = turns < 0 if cull == "back" else turns != 0
-    drawn = sum(bool(oracle.covered_pixels(triangle, size)) for triangle in points[kept].tolist())
+    drawn = sum(
+        bool(oracle.covered_pixels(triangle, size, subpixel_bits=bits))
+        for triangle in points[kept].tolist()
+    )
     assert seen.drawn == drawn > 50
     assert seen.unsampled > 50
     assert seen.outside + seen.unsampled + seen.drawn + seen.culled + seen.degenerate == 600
