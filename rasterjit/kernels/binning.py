@@ -12,7 +12,7 @@ import numpy as np
 
 from rasterjit.kernels.jit import kernel, stage
 from rasterjit.kernels.records import Faces, ScreenVertices, Viewport
-from rasterjit.kernels.setup import box_of, reaches_tile, tile_edges, triangle_of
+from rasterjit.kernels.setup import TILE_BITS, best_in_tile, box_of, tile_edges, triangle_of
 
 
 @kernel
@@ -89,9 +89,14 @@ def bin_triangles(
         else:
             corners, _ = triangle_of(own, pieces, piece_faces, np.int64(triangle))
             lines = tile_edges(corners[0], corners[1], corners[2], screen.xy, viewport.grid_bits)
+            steps = lines[0][1] << TILE_BITS, lines[1][1] << TILE_BITS, lines[2][1] << TILE_BITS
             for row in range(top, bottom + 1):
-                for column in range(left, right + 1):
-                    if reaches_tile(lines, column, row):
-                        list_in_tile(triangle, np.uintp(row * columns + column), cursors, binned)
+                e0 = best_in_tile(lines[0], left, row)
+                e1 = best_in_tile(lines[1], left, row)
+                e2 = best_in_tile(lines[2], left, row)
+                for place in range(row * columns + left, row * columns + right + 1):
+                    if (e0 | e1 | e2) >= 0:
+                        list_in_tile(triangle, np.uintp(place), cursors, binned)
+                    e0, e1, e2 = e0 + steps[0], e1 + steps[1], e2 + steps[2]
         cursor = cursors[tile]
     cursors[tile] = cursor

@@ -375,7 +375,7 @@ def tile_edges(v0, v1, v2, xy, grid_bits):
 
 @stage
 def best_in_tile(line, column, row):
-    """Return the greatest value of an edge at the samples of a tile."""
+    """Return the greatest value of an edge in a tile: none below zero where it is reached."""
     value, across, down = line
     reach = np.int64(TILE_SIZE - 1)
     return (
@@ -383,16 +383,6 @@ def best_in_tile(line, column, row):
         + across * (column << TILE_BITS) + max(across * reach, np.int64(0))
         + down * (row << TILE_BITS) + max(down * reach, np.int64(0))
     )  # fmt: skip
-
-
-@stage
-def reaches_tile(lines, column, row):
-    """Return whether no edge has a whole tile on its outside."""
-    return (
-        best_in_tile(lines[0], column, row)
-        | best_in_tile(lines[1], column, row)
-        | best_in_tile(lines[2], column, row)
-    ) >= 0
 
 
 @stage
@@ -404,10 +394,14 @@ def count_tiles(v0, v1, v2, xy, grid_bits, box, columns, tile_counts):
                 tile_counts[np.uintp(row * columns + column)] += 1
     else:
         lines = tile_edges(v0, v1, v2, xy, grid_bits)
+        steps = lines[0][1] << TILE_BITS, lines[1][1] << TILE_BITS, lines[2][1] << TILE_BITS
         for row in range(box[1], box[3] + 1):
-            for column in range(box[0], box[2] + 1):
-                reached = reaches_tile(lines, column, row)
-                tile_counts[np.uintp(row * columns + column)] += np.int32(reached)
+            e0 = best_in_tile(lines[0], box[0], row)
+            e1 = best_in_tile(lines[1], box[0], row)
+            e2 = best_in_tile(lines[2], box[0], row)
+            for place in range(row * columns + box[0], row * columns + box[2] + 1):
+                tile_counts[np.uintp(place)] += np.int32((e0 | e1 | e2) >= 0)
+                e0, e1, e2 = e0 + steps[0], e1 + steps[1], e2 + steps[2]
     if is_large(box):
         tile_counts[np.uintp(tile_counts.shape[0] - 1)] += 1
 
