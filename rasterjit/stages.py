@@ -365,47 +365,46 @@ def set_up_and_bin(
     columns = -(-viewport.width // visibility.TILE_SIZE)
     tiles = columns * -(-viewport.height // visibility.TILE_SIZE)
     face_count, piece_count = len(faces.faces), len(faces.pieces)
-    edges = np.unique(np.append(np.arange(0, face_count, FACES_PER_TASK), face_count))
-    piece_edges = np.searchsorted(faces.piece_faces, edges)
+    edges = [*range(0, face_count, FACES_PER_TASK), face_count]
+    chunks = len(edges) - 1
+    piece_edges = (
+        faces.piece_faces.searchsorted(edges).tolist() if piece_count else [0] * len(edges)
+    )
     triangles = workers.memory.empty((face_count + piece_count,), np.int32)
     boxes = workers.memory.empty((face_count + piece_count, 4), np.uint8)
-    counts = np.zeros((len(edges) - 1, tiles + 1), np.int32)
-    tile_counts, large_counts = counts[:, :-1], counts[:, -1]
-    sums = np.zeros((len(edges) - 1, 5), np.int64)
-    ranges = [
-        ((int(edges[n]), int(edges[n + 1])), (int(piece_edges[n]), int(piece_edges[n + 1])))
-        for n in range(len(edges) - 1)
-    ]
+    counts = np.zeros((chunks, tiles + 1), np.int32)
+    sums = np.zeros((chunks, 5), np.int64)
     ends = workers.run(
         setup.set_up_triangles,
         [
-            (*ranges[n], faces, objects, screen, viewport, (triangles, boxes),
-             (columns, counts[n], sums[n]))
-            for n in range(len(ranges))
+            (
+                (edges[n], edges[n + 1]), (piece_edges[n], piece_edges[n + 1]), faces, objects,
+                screen, viewport, (triangles, boxes), (columns, counts[n], sums[n]),
+                np.empty(setup.BATCH_SHAPE, np.int32),
+            )
+            for n in range(chunks)
         ],
     )  # fmt: skip
-    # Give every task its own place in every tile's list.
-    starts = np.concatenate(([0], np.cumsum(tile_counts.sum(axis=0, dtype=np.int64))))
-    cursors = starts[:-1] + np.cumsum(tile_counts, axis=0, dtype=np.int64) - tile_counts
+    starts, cursors = np.empty(tiles + 1, np.int64), np.empty((chunks, tiles), np.int64)
+    binning.start_lists(counts, starts, cursors)
     binned = workers.memory.empty((int(starts[-1]),), np.int32)
-    firsts = [face_range[0] + piece_range[0] for face_range, piece_range in ranges]
+    parts = [slice(edges[n] + piece_edges[n], ends[n]) for n in range(chunks)]
     workers.run(
         binning.bin_triangles,
         [
-            (triangles[firsts[n] : ends[n]], boxes[firsts[n] : ends[n]], columns, faces, screen,
-             viewport, cursors[n], binned)
-            for n in range(len(ranges))
+            (triangles[part], boxes[part], columns, faces, screen, viewport, cursors[n], binned)
+            for n, part in enumerate(parts)
         ],
-    )  # fmt: skip
-    floors = np.full((len(ranges), tiles), -np.inf, np.float32)
+    )
+    with_large = counts[:, tiles].nonzero()[0].tolist()
+    floors = np.full((len(with_large) + 1, tiles), -np.inf, np.float32)
     workers.run(
         occlusion.find_floors,
         [
-            (triangles[firsts[n] : ends[n]], boxes[firsts[n] : ends[n]], columns, faces, screen,
-             viewport, floors[n])
-            for n in np.flatnonzero(large_counts)
+            (triangles[parts[n]], boxes[parts[n]], columns, faces, screen, viewport, floors[row])
+            for row, n in enumerate(with_large)
         ],
-    )  # fmt: skip
+    )
     return starts, binned, floors.max(axis=0), sums.sum(axis=0)
 
 

@@ -2,9 +2,10 @@
 RasterJIT's own stages without what makes them exact and repeatable, to see what that costs.
 
 Vertices are not snapped, edge functions are floats of the unsnapped positions without a top-left
-rule, and triangles are listed in the order in which threads finish: shared edges crack or are drawn
-twice, and ties fall as they may. Transform, outcodes, culling, totals, lists for tiles, floors, the
-depth plane and the depth test are those of ``rasterjit``. For scenes that need no clipping.
+rule, and triangles are listed in the order in which threads finish, in all tiles of their boxes:
+shared edges crack or are drawn twice, and ties fall as they may. Transform, outcodes, culling,
+totals, floors, the depth plane and the depth test are those of ``rasterjit``. For scenes that need
+no clipping.
 """
 
 from __future__ import annotations
@@ -105,6 +106,32 @@ def survey_triangle(v0, v1, v2, xy, viewport, culled_turn):
     return outcome, (left >> bits, top >> bits, right >> bits, bottom >> bits)
 
 
+@stage
+def list_survivor(face, outcome, box, end, survivors, columns, tile_counts):
+    """List a face and its box if it survives, and count its tiles; return the end of the list."""
+    if outcome != setup.SURVIVES:
+        return end
+    setup.list_survivor(face, setup.pack_box(box), end, survivors)
+    for row in range(box[1], box[3] + 1):
+        for column in range(box[0], box[2] + 1):
+            tile_counts[np.uintp(row * columns + column)] += 1
+    if setup.is_large(box):
+        tile_counts[np.uintp(tile_counts.shape[0] - 1)] += 1
+    return end + 1
+
+
+@compiled
+def bin_triangles(triangles, boxes, columns, cursors, binned):
+    """Write each triangle into the lists of all tiles of its box."""
+    for n in range(triangles.shape[0]):
+        left, top, right, bottom = setup.box_of(boxes, n)
+        for row in range(top, bottom + 1):
+            for column in range(left, right + 1):
+                binning.list_in_tile(
+                    triangles[n], np.uintp(row * columns + column), cursors, binned
+                )
+
+
 @compiled
 def set_up_triangles(face_range, faces, objects, codes, xy, viewport, survivors, counts):
     """List the faces of a range that can cover a sample; return the end of the list."""
@@ -123,7 +150,7 @@ def set_up_triangles(face_range, faces, objects, codes, xy, viewport, survivors,
             continue
         first = end
         outcome, box = survey_triangle(a, b, c, xy, viewport, objects.culled_turns[owner])
-        end = setup.list_survivor(face, outcome, box, end, survivors, columns, tile_counts)
+        end = list_survivor(face, outcome, box, end, survivors, columns, tile_counts)
         if end == first:
             totals[outcome] += 1
     return end
@@ -403,7 +430,7 @@ class FloatTriangles(Visibility):
         cursors = starts[:-1] + np.cumsum(tile_counts, axis=0, dtype=np.int64) - tile_counts
         binned = np.empty(starts[-1], np.int32)
         self._workers.run(
-            binning.bin_triangles,
+            bin_triangles,
             [
                 (triangles[first:end], boxes[first:end], columns, cursors[n], binned)
                 for n, (first, end, _) in enumerate(finished)

@@ -12,7 +12,30 @@ import numpy as np
 
 from rasterjit.kernels.jit import kernel, stage
 from rasterjit.kernels.records import Faces, ScreenVertices, Viewport
-from rasterjit.kernels.setup import reaches_tile, tile_edges, triangle_of
+from rasterjit.kernels.setup import TILE_BITS, best_in_tile, box_of, tile_edges, triangle_of
+
+
+@kernel
+def start_lists(counts, starts, cursors):
+    """
+    Give every chunk its own place in every tile's list.
+
+    Parameters
+    ----------
+    counts : (chunks, tiles + 1) int32
+        Triangles for each tile; the last column is passed over.
+    starts : (tiles + 1,) int64
+        Written: where each tile's list starts, and the length of all.
+    cursors : (chunks, tiles) int64
+        Written: where each chunk's part of a list starts.
+    """
+    place = np.int64(0)
+    for tile in range(cursors.shape[1]):
+        starts[tile] = place
+        for chunk in range(cursors.shape[0]):
+            cursors[chunk, tile] = place
+            place += np.int64(counts[chunk, tile])
+    starts[cursors.shape[1]] = place
 
 
 @stage
@@ -45,18 +68,35 @@ def bin_triangles(
         Writes the lists of all tiles, one after the other.
     """
     own, pieces, piece_faces = faces.faces, faces.pieces, faces.piece_faces
+    # The last tile's cursor stays in a register: triangles that follow each other lie together.
+    tile, cursor = np.uintp(0), cursors[0]
     for n in range(triangles.shape[0]):
         triangle = triangles[n]
-        left, top = np.int64(boxes[n, 0]), np.int64(boxes[n, 1])
-        right, bottom = np.int64(boxes[n, 2]), np.int64(boxes[n, 3])
+        left, top, right, bottom = box_of(boxes, np.uintp(n))
+        if (left == right) & (top == bottom):
+            only = np.uintp(top * columns + left)
+            if only != tile:
+                cursors[tile] = cursor
+                tile, cursor = only, cursors[only]
+            binned[np.uintp(cursor)] = triangle
+            cursor += 1
+            continue
+        cursors[tile] = cursor
         if (left == right) | (top == bottom):
             for row in range(top, bottom + 1):
                 for column in range(left, right + 1):
                     list_in_tile(triangle, np.uintp(row * columns + column), cursors, binned)
-            continue
-        corners, _ = triangle_of(own, pieces, piece_faces, np.int64(triangle))
-        lines = tile_edges(corners[0], corners[1], corners[2], screen.xy, viewport.grid_bits)
-        for row in range(top, bottom + 1):
-            for column in range(left, right + 1):
-                if reaches_tile(lines, column, row):
-                    list_in_tile(triangle, np.uintp(row * columns + column), cursors, binned)
+        else:
+            corners, _ = triangle_of(own, pieces, piece_faces, np.int64(triangle))
+            lines = tile_edges(corners[0], corners[1], corners[2], screen.xy, viewport.grid_bits)
+            steps = lines[0][1] << TILE_BITS, lines[1][1] << TILE_BITS, lines[2][1] << TILE_BITS
+            for row in range(top, bottom + 1):
+                e0 = best_in_tile(lines[0], left, row)
+                e1 = best_in_tile(lines[1], left, row)
+                e2 = best_in_tile(lines[2], left, row)
+                for place in range(row * columns + left, row * columns + right + 1):
+                    if (e0 | e1 | e2) >= 0:
+                        list_in_tile(triangle, np.uintp(place), cursors, binned)
+                    e0, e1, e2 = e0 + steps[0], e1 + steps[1], e2 + steps[2]
+        cursor = cursors[tile]
+    cursors[tile] = cursor

@@ -216,7 +216,8 @@ def misses_image(a, b, c, screen, viewport):
 def fate_of(corners, screen, viewport, turn, samples):
     """Return what became of one triangle that was set up, seen or not."""
     a, b, c = corners
-    outcome, _ = survey_triangle(a, b, c, screen.xy, viewport, turn)
+    xy = screen.xy
+    outcome, _ = survey_triangle(xy[a], xy[b], xy[c], viewport, turn)
     if outcome == WITHOUT_AREA:
         return DEGENERATE
     if outcome == TURNED_AWAY:

@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rasterjit.kernels.jit import kernel, stage
+from rasterjit.kernels.jit import disjoint_stage, kernel, stage
 from rasterjit.kernels.records import Faces, Objects
 
 GUARD_PIXELS = 8192
@@ -112,29 +112,107 @@ def last_sample(coordinate, grid_bits):
     return (coordinate - (np.int64(1) << (grid_bits - 1))) >> grid_bits
 
 
-# What becomes of a face; but for SURVIVES, these index the totals.
-OUTSIDE, DEGENERATE, CULLED, UNSAMPLED, DROPPED, SURVIVES = 0, 1, 2, 3, 4, 5
+# What becomes of a face; the first five index the totals. Of faces that go on, most reach one tile.
+OUTSIDE, DEGENERATE, CULLED, UNSAMPLED, DROPPED, SURVIVES, SPREADS, CUT = range(8)
+
+BATCH_SIZE = 128
+"""Faces surveyed together: what is known of them, 5 KiB, stays in L1 from one pass to the next."""
+
+BATCH_SHAPE = (9, BATCH_SIZE)
+"""A batch in scratch memory."""
+
+TALLY_BITS = 8
+"""Width of a counter of up to ``BATCH_SIZE``; eight, one for each outcome, fill an int64."""
 
 
 @stage
-def survey_triangle(v0, v1, v2, xy, viewport, culled_turn):
-    """Decide whether a triangle can cover a sample; return that and its tile box."""
-    x0, y0 = np.int64(xy[v0, 0]), np.int64(xy[v0, 1])
-    x1, y1 = np.int64(xy[v1, 0]), np.int64(xy[v1, 1])
-    x2, y2 = np.int64(xy[v2, 0]), np.int64(xy[v2, 1])
-    bits = viewport.grid_bits
-    left = max(first_sample(min(x0, min(x1, x2)), bits), np.int64(0))
-    right = min(last_sample(max(x0, max(x1, x2)), bits), np.int64(viewport.width - 1))
-    top = max(first_sample(min(y0, min(y1, y2)), bits), np.int64(0))
-    bottom = min(last_sample(max(y0, max(y1, y2)), bits), np.int64(viewport.height - 1))
-    area = edge(x0, y0, x1, y1, x2, y2)
-    # No branches: what a face turns out to be is hard to predict.
-    outcome = UNSAMPLED if (left > right) | (top > bottom) else SURVIVES
+def samples_between(a, b, c, grid_bits):
+    """Return the first and the last pixel whose centre three coordinates enclose, int32."""
+    half = 1 << (grid_bits - 1)
+    first = np.int32(np.int32(min(a, min(b, c)) + (half - 1)) >> grid_bits)
+    last = np.int32(np.int32(max(a, max(b, c)) - half) >> grid_bits)
+    return first, last
+
+
+@stage
+def edge_from_origin(ax, ay, bx, by):
+    """Return the biased edge function of a -> b at (0, 0); it must fit int32."""
+    return np.int32(np.int32(ax * by) - np.int32(ay * bx) + edge_bias(ax, ay, bx, by))
+
+
+@stage
+def misses_samples(a, b, c, first, beyond, grid_bits):
+    """
+    Return whether a triangle between at most 2 x 2 samples covers none of them; exactly.
+
+    It is less than three pixels wide and high: its edge functions fit 32 bits.
+
+    Parameters
+    ----------
+    a, b, c : (int32, int32)
+        The corners, with ``edge(a, b, c) > 0``.
+    first : (int32, int32)
+        Column and row of the first sample.
+    beyond : (int32, int32)
+        -1 where the next column, the next row, is not in the image, else 0.
+    grid_bits : int
+    """
+    half = 1 << (grid_bits - 1)
+    x, y = np.int32((first[0] << grid_bits) + half), np.int32((first[1] << grid_bits) + half)
+    ax, ay = np.int32(a[0] - x), np.int32(a[1] - y)
+    bx, by = np.int32(b[0] - x), np.int32(b[1] - y)
+    cx, cy = np.int32(c[0] - x), np.int32(c[1] - y)
+    # Biased edge functions at the sample, one to the right, one down, and both: negative outside.
+    e0, e1, e2 = (
+        edge_from_origin(bx, by, cx, cy),
+        edge_from_origin(cx, cy, ax, ay),
+        edge_from_origin(ax, ay, bx, by),
+    )
+    right0 = np.int32(e0 + np.int32(np.int32(by - cy) << grid_bits))
+    right1 = np.int32(e1 + np.int32(np.int32(cy - ay) << grid_bits))
+    right2 = np.int32(e2 + np.int32(np.int32(ay - by) << grid_bits))
+    down0 = np.int32(np.int32(cx - bx) << grid_bits)
+    down1 = np.int32(np.int32(ax - cx) << grid_bits)
+    down2 = np.int32(np.int32(bx - ax) << grid_bits)
+    here = e0 | e1 | e2
+    beside = right0 | right1 | right2
+    below = np.int32(e0 + down0) | np.int32(e1 + down1) | np.int32(e2 + down2)
+    across = np.int32(right0 + down0) | np.int32(right1 + down1) | np.int32(right2 + down2)
+    column, row = beyond
+    return np.int32(here & (beside | column) & (below | row) & (across | column | row)) < 0
+
+
+@stage
+def survey_triangle(a, b, c, viewport, culled_turn):
+    """
+    Decide whether a triangle can cover a sample; return that and its tile box.
+
+    Coordinates are int32 where that is enough, and nothing branches, so that many triangles are
+    surveyed at once: what a face turns out to be is hard to predict.
+    """
+    # Masked, which changes nothing, the compiler sees that shifts do not leave 32 bits.
+    bits = viewport.grid_bits & 15
+    first_column, last_column = samples_between(a[0], b[0], c[0], bits)
+    first_row, last_row = samples_between(a[1], b[1], c[1], bits)
+    left, right = max(first_column, np.int32(0)), min(last_column, np.int32(viewport.width - 1))
+    top, bottom = max(first_row, np.int32(0)), min(last_row, np.int32(viewport.height - 1))
+    area = edge(
+        np.int64(a[0]), np.int64(a[1]), np.int64(b[0]), np.int64(b[1]), np.int64(c[0]),
+        np.int64(c[1]),
+    )  # fmt: skip
+    turned = area < 0
+    second = c[0] if turned else b[0], c[1] if turned else b[1]
+    third = b[0] if turned else c[0], b[1] if turned else c[1]
+    beyond = -np.int32(left == right), -np.int32(top == bottom)
+    is_missed = misses_samples(a, second, third, (left, top), beyond, bits)
+    is_tiny = (last_column <= first_column + 1) & (last_row <= first_row + 1)
+    box = (left >> TILE_BITS, top >> TILE_BITS, right >> TILE_BITS, bottom >> TILE_BITS)
+    outcome = SURVIVES if (box[0] == box[2]) & (box[1] == box[3]) else SPREADS
+    outcome = UNSAMPLED if (left > right) | (top > bottom) | (is_tiny & is_missed) else outcome
     if ((area > 0) & (culled_turn > 0)) | ((area < 0) & (culled_turn < 0)):
         outcome = CULLED
     if area == 0:
         outcome = DEGENERATE
-    box = (left >> TILE_BITS, top >> TILE_BITS, right >> TILE_BITS, bottom >> TILE_BITS)
     return outcome, box
 
 
@@ -167,7 +245,7 @@ def tile_edges(v0, v1, v2, xy, grid_bits):
 
 @stage
 def best_in_tile(line, column, row):
-    """Return the greatest value of an edge at the samples of a tile."""
+    """Return the greatest value of an edge in a tile: none below zero where it is reached."""
     value, across, down = line
     reach = np.int64(TILE_SIZE - 1)
     return (
@@ -175,16 +253,6 @@ def best_in_tile(line, column, row):
         + across * (column << TILE_BITS) + max(across * reach, np.int64(0))
         + down * (row << TILE_BITS) + max(down * reach, np.int64(0))
     )  # fmt: skip
-
-
-@stage
-def reaches_tile(lines, column, row):
-    """Return whether no edge has a whole tile on its outside."""
-    return (
-        best_in_tile(lines[0], column, row)
-        | best_in_tile(lines[1], column, row)
-        | best_in_tile(lines[2], column, row)
-    ) >= 0
 
 
 @stage
@@ -196,34 +264,124 @@ def count_tiles(v0, v1, v2, xy, grid_bits, box, columns, tile_counts):
                 tile_counts[np.uintp(row * columns + column)] += 1
     else:
         lines = tile_edges(v0, v1, v2, xy, grid_bits)
+        steps = lines[0][1] << TILE_BITS, lines[1][1] << TILE_BITS, lines[2][1] << TILE_BITS
         for row in range(box[1], box[3] + 1):
-            for column in range(box[0], box[2] + 1):
-                reached = reaches_tile(lines, column, row)
-                tile_counts[np.uintp(row * columns + column)] += np.int32(reached)
+            e0 = best_in_tile(lines[0], box[0], row)
+            e1 = best_in_tile(lines[1], box[0], row)
+            e2 = best_in_tile(lines[2], box[0], row)
+            for place in range(row * columns + box[0], row * columns + box[2] + 1):
+                tile_counts[np.uintp(place)] += np.int32((e0 | e1 | e2) >= 0)
+                e0, e1, e2 = e0 + steps[0], e1 + steps[1], e2 + steps[2]
     if is_large(box):
         tile_counts[np.uintp(tile_counts.shape[0] - 1)] += 1
 
 
 @stage
-def list_survivor(number, corners, outcome, box, end, survivors, screen, viewport, counts):
-    """List a triangle and its box if it survives; return the end of the list."""
-    if outcome != SURVIVES:
-        return end
-    columns, tile_counts = counts
+def pack_box(box):
+    """Return a box of tiles as one number, a byte each."""
+    return np.int32(box[0] | box[1] << 8 | box[2] << 16 | box[3] << 24)
+
+
+@stage
+def list_survivor(number, box, end, survivors):
+    """Write a triangle and its packed box to the list."""
     triangles, boxes = survivors
     slot = np.uintp(end)
     triangles[slot] = number
-    boxes[slot, 0], boxes[slot, 1], boxes[slot, 2], boxes[slot, 3] = box
+    boxes[slot, 0] = np.uint8(box)
+    boxes[slot, 1] = np.uint8(box >> 8)
+    boxes[slot, 2] = np.uint8(box >> 16)
+    boxes[slot, 3] = np.uint8(box >> 24)
+
+
+@stage
+def box_of(boxes, n):
+    """Return the tile columns and rows (left, top, right, bottom) of a box of the list."""
+    return (
+        np.int64(boxes[n, 0]), np.int64(boxes[n, 1]), np.int64(boxes[n, 2]), np.int64(boxes[n, 3])
+    )  # fmt: skip
+
+
+@stage
+def list_triangle(number, corners, outcome, box, end, survivors, screen, viewport, counts):
+    """List one triangle if it survives, and count its tiles; return the end of the list."""
+    if outcome < SURVIVES:
+        return end
+    columns, tile_counts = counts
+    list_survivor(number, pack_box(box), end, survivors)
     count_tiles(
         corners[0], corners[1], corners[2], screen.xy, viewport.grid_bits, box, columns, tile_counts
     )
     return end + 1
 
 
+@stage
+def gather_corners(own, first, count, screen, batch):
+    """Fetch the corners of consecutive faces, and their outcodes: in any and, times 256, in all."""
+    xy, codes = screen.xy, screen.codes
+    for n in range(count):
+        i, face = np.uintp(n), np.uintp(first + n)
+        a, b, c = corners_of(own, face)
+        batch[0, i], batch[1, i] = xy[a, 0], xy[a, 1]
+        batch[2, i], batch[3, i] = xy[b, 0], xy[b, 1]
+        batch[4, i], batch[5, i] = xy[c, 0], xy[c, 1]
+        code0, code1, code2 = np.int32(codes[a]), np.int32(codes[b]), np.int32(codes[c])
+        batch[6, i] = (code0 | code1 | code2) | (code0 & code1 & code2) << 8
+
+
+@disjoint_stage
+def survey_faces(ax, ay, bx, by, cx, cy, codes, viewport, culled_turn, outcomes, boxes):
+    """Decide what becomes of each face of a batch; return how often, ``TALLY_BITS`` each."""
+    tally = np.int64(0)
+    for n in range(ax.shape[0]):
+        i = np.uintp(n)
+        outcome, box = survey_triangle(
+            (ax[i], ay[i]), (bx[i], by[i]), (cx[i], cy[i]), viewport, culled_turn
+        )
+        code = np.int64(codes[i])
+        outcome = CUT if code & CLIPPED else outcome
+        outcome = OUTSIDE if code & (FRUSTUM << 8) else outcome
+        outcome = DROPPED if code & INVALID else outcome
+        outcomes[i] = outcome
+        # What does not go on counts nothing, in the first tile of all.
+        boxes[i] = pack_box(box) if outcome >= SURVIVES else np.int32(0)
+        tally += np.int64(1) << (np.int64(outcome) * TALLY_BITS)
+    return tally
+
+
+@stage
+def first_tile(box, columns):
+    """Return the first tile of a packed box."""
+    return np.uintp((box >> 8 & 255) * columns + (box & 255))
+
+
+@stage
+def unpack_box(box):
+    """Return the tile columns and rows (left, top, right, bottom) of a packed box."""
+    box = np.int64(box)
+    return box & 255, box >> 8 & 255, box >> 16 & 255, box >> 24 & 255
+
+
+@stage
+def set_up_pieces(face, piece_range, piece, faces, screen, viewport, turn, end, survivors, counts):
+    """List the pieces of a face; return the next piece, the end of the list, the last outcome."""
+    outcome = OUTSIDE
+    while piece < piece_range[1] and faces.piece_faces[piece] == face:
+        a, b, c = corners_of(faces.pieces, piece)
+        outcome, box = survey_triangle(screen.xy[a], screen.xy[b], screen.xy[c], viewport, turn)
+        number = faces.faces.shape[0] + piece
+        end = list_triangle(
+            number, (a, b, c), outcome, box, end, survivors, screen, viewport, counts
+        )
+        piece += 1
+    return piece, end, outcome
+
+
 @kernel
 def set_up_triangles(
-    face_range, piece_range, faces: Faces, objects: Objects, screen, viewport, survivors, counts
-):
+    face_range, piece_range, faces: Faces, objects: Objects, screen, viewport, survivors, counts,
+    batch,
+):  # fmt: skip
     """
     Drop the faces that no sample can see and list the others with the tiles they touch.
 
@@ -242,6 +400,8 @@ def set_up_triangles(
     counts : (tiles per row, (tiles + 1,) int32, (5,) int64)
         Adds to the number of survivors for each tile and of large ones, and to the totals: outside
         the view volume, degenerate, culled, without a sample, invalid.
+    batch : (9, 128) int32
+        This thread's own scratch memory, ``BATCH_SHAPE``.
 
     Returns
     -------
@@ -250,42 +410,46 @@ def set_up_triangles(
     """
     columns, tile_counts, totals = counts
     listing = columns, tile_counts
-    own, codes, xy = faces.faces, screen.codes, screen.xy
-    face_count = own.shape[0]
+    own = faces.faces
     end = face_range[0] + piece_range[0]
     piece = piece_range[0]
-    owner = np.searchsorted(objects.face_starts, face_range[0], side="right") - 1
-    for face in range(face_range[0], face_range[1]):
-        while face >= objects.face_starts[owner + 1]:
+    first = face_range[0]
+    owner = np.searchsorted(objects.face_starts, first, side="right") - 1
+    while first < face_range[1]:
+        while first >= objects.face_starts[owner + 1]:
             owner += 1
-        # Reject by outcodes.
-        a, b, c = corners_of(own, np.uintp(face))
-        code0, code1, code2 = codes[a], codes[b], codes[c]
-        any_code = code0 | code1 | code2
-        if any_code & INVALID:
-            totals[DROPPED] += 1
-            continue
-        if code0 & code1 & code2 & FRUSTUM:
-            totals[OUTSIDE] += 1
-            continue
-        # List the face itself, or the pieces it was cut into.
         turn = objects.culled_turns[owner]
-        first = end
-        if not any_code & CLIPPED:
-            outcome, box = survey_triangle(a, b, c, xy, viewport, turn)
-            end = list_survivor(
-                face, (a, b, c), outcome, box, end, survivors, screen, viewport, listing
-            )
-        else:
-            outcome = OUTSIDE
-            while piece < piece_range[1] and faces.piece_faces[piece] == face:
-                a, b, c = corners_of(faces.pieces, piece)
-                outcome, box = survey_triangle(a, b, c, xy, viewport, turn)
-                number = face_count + piece
-                end = list_survivor(
-                    number, (a, b, c), outcome, box, end, survivors, screen, viewport, listing
+        stop = min(first + BATCH_SIZE, min(face_range[1], objects.face_starts[owner + 1]))
+        count = stop - first
+        gather_corners(own, first, count, screen, batch)
+        tally = survey_faces(
+            batch[0, :count], batch[1, :count], batch[2, :count], batch[3, :count],
+            batch[4, :count], batch[5, :count], batch[6, :count], viewport, turn,
+            batch[7, :count], batch[8, :count],
+        )  # fmt: skip
+        for outcome in range(SURVIVES):
+            totals[outcome] += tally >> (outcome * TALLY_BITS) & ((1 << TALLY_BITS) - 1)
+        # List those that go on.
+        for n in range(count):
+            i = np.uintp(n)
+            outcome, box, face = batch[7, i], batch[8, i], first + n
+            if outcome <= SURVIVES:
+                # Without a branch: the next overwrites what did not survive.
+                survives = np.int32(outcome == SURVIVES)
+                list_survivor(face, box, end, survivors)
+                tile_counts[first_tile(box, columns)] += survives
+                end += np.int64(survives)
+            elif outcome == SPREADS:
+                end = list_triangle(
+                    face, corners_of(own, np.uintp(face)), outcome, unpack_box(box), end,
+                    survivors, screen, viewport, listing,
+                )  # fmt: skip
+            else:
+                start = end
+                piece, end, outcome = set_up_pieces(
+                    face, piece_range, piece, faces, screen, viewport, turn, end, survivors, listing
                 )
-                piece += 1
-        if end == first:
-            totals[outcome] += 1
+                if end == start:
+                    totals[outcome] += 1
+        first = stop
     return end

@@ -34,21 +34,43 @@ def bin_faces(points, faces):
     return [binned[starts[k] : starts[k + 1]].tolist() for k in range(len(starts) - 1)]
 
 
+def run_kernel(triangles, boxes, cursors, length):
+    """Bin triangles of 4 tiles a row; face 0 is the half of 2 x 2 tiles at their top left."""
+    viewport, workers = viewport_of(SIZE, 8), stages.Workers(1)
+    positions = naive.clip_from_screen([(0, 0), (128, 0), (0, 128)], SIZE)
+    screen, _ = stages.project(positions, (0.0, -1.0, 0.0), viewport, workers)
+    faces = Faces(
+        np.array([[0, 1, 2]], np.int32), np.empty((0, 3), np.int32), np.empty(0, np.int32)
+    )
+    binned = np.full(length, -1, np.int32)
+    binning.bin_triangles(
+        np.array(triangles, np.int32), np.array(boxes, np.uint8).reshape(-1, 4), COLUMNS, faces,
+        screen, viewport, cursors, binned,
+    )  # fmt: skip
+    return binned.tolist()
+
+
 def test_kernel_fills_the_boxes():
-    triangles = np.array([3, 7, 8], np.int32)
-    boxes = np.array([[0, 0, 1, 1], [1, 0, 1, 0], [0, 0, 2, 0]], np.uint8)
-    # Tiles of a 3 x 2 grid: lists of 2, 3, 1 and 1, 1, 0.
-    cursors = np.array([0, 2, 5, 6, 7, 8], np.int64)
-    binned = np.full(8, -1, np.int32)
-    binning.bin_triangles(triangles, boxes, 3, cursors, binned)
-    assert binned.tolist() == [3, 8, 3, 7, 8, 8, 3, 3]
-    assert cursors.tolist() == [2, 5, 6, 7, 8, 8]
+    boxes = [[0, 0, 1, 1], [1, 0, 1, 0], [0, 0, 2, 0], [1, 0, 1, 0], [2, 0, 2, 1]]
+    # Lists of 2, 4, 2, 0 and 1, 0, 1, 0; the tile (1, 1) is beyond the hypotenuse.
+    cursors = np.array([0, 2, 6, 8, 8, 9, 9, 10], np.int64)
+    binned = run_kernel([0, 3, 5, 7, 8], boxes, cursors, 10)
+    assert binned == [0, 5, 0, 3, 5, 7, 5, 8, 0, 8]
+    assert cursors.tolist() == [2, 6, 8, 8, 9, 9, 10, 10]
 
 
 def test_nothing_to_bin():
-    cursors, binned = np.zeros(6, np.int64), np.empty(0, np.int32)
-    binning.bin_triangles(np.empty(0, np.int32), np.empty((0, 4), np.uint8), 3, cursors, binned)
+    cursors = np.zeros(8, np.int64)
+    assert run_kernel([], [], cursors, 0) == []
     assert not cursors.any()
+
+
+def test_every_chunk_has_its_own_place_in_every_list():
+    counts = np.array([[2, 0, 1, 9], [1, 3, 0, 9]], np.int32)
+    starts, cursors = np.full(4, -1, np.int64), np.full((2, 3), -1, np.int64)
+    binning.start_lists(counts, starts, cursors)
+    assert starts.tolist() == [0, 3, 6, 7]
+    assert cursors.tolist() == [[0, 3, 6], [2, 3, 7]]
 
 
 def test_tiles_list_the_faces_whose_pixels_they_hold():

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 import rasterjit as rj
 from rasterjit import oracle, stages
 from rasterjit.kernels import setup
+from rasterjit.kernels.records import Faces, Objects
 from rasterjit.plan import viewport_of
 
 
@@ -114,3 +115,53 @@ def test_every_front_face_is_somebody_elses_back_face():
     mirrored = rj.rasterize(positions, faces[:, ::-1], (40, 30), cull="front", threads=1)
     assert front.face_id.tobytes() == mirrored.face_id.tobytes()
     assert front.totals.culled == mirrored.totals.culled > 0
+
+
+def tiny_faces(rng, count, size, bits):
+    """Return points on the grid: corners within 2 x 2 samples, many on edges through centres."""
+    steps = 1 << bits
+    middles = rng.integers(-1, np.array(size) + 1, (count, 1, 2))
+    return (middles * steps + rng.integers(-steps, steps + 1, (count, 3, 2))) / steps
+
+
+@pytest.mark.parametrize("bits", [0, 4, 12])
+@pytest.mark.parametrize("cull", ["none", "back"])
+def test_tiny_faces_go_on_exactly_if_they_cover_a_sample(bits, cull):
+    rng = np.random.default_rng(bits)
+    size = (16, 8)
+    points = tiny_faces(rng, 600, size, bits)
+    faces = np.arange(1800, dtype=np.int32).reshape(-1, 3)
+    seen = rj.rasterize(
+        naive.clip_from_screen(points.reshape(-1, 2), size), faces, size, cull=cull, threads=1,
+        quality=rj.Quality(subpixel_bits=bits),
+    ).totals  # fmt: skip
+    a, b, c = points.transpose(1, 0, 2)
+    (ux, uy), (vx, vy) = (b - a).T, (c - a).T
+    turns = ux * vy - uy * vx
+    kept = turns < 0 if cull == "back" else turns != 0
+    drawn = sum(
+        bool(oracle.covered_pixels(triangle, size, subpixel_bits=bits))
+        for triangle in points[kept].tolist()
+    )
+    assert seen.drawn == drawn > 50
+    assert seen.unsampled > 50
+    assert seen.outside + seen.unsampled + seen.drawn + seen.culled + seen.degenerate == 600
+
+
+def test_a_batch_ends_where_an_object_does():
+    # Faces of 300 objects, every other one turned away: each has its own turn within one task.
+    rng = np.random.default_rng(5)
+    counts = rng.integers(0, 5, 300) * rng.choice([1, 1, 60], 300)
+    starts = np.concatenate(([0], np.cumsum(counts)))
+    turns = rng.integers(-1, 2, 300).astype(np.int8)
+    corners = naive.clip_from_screen([(4, 4), (20, 4), (4, 20)], (64, 64))
+    screen, _ = project(corners)
+    faces = np.tile(np.array([[0, 1, 2]], np.int32), (starts[-1], 1))
+    everything = Faces(faces, np.empty((0, 3), np.int32), np.empty(0, np.int32))
+    _, binned, _, sums = stages.set_up_and_bin(
+        everything, Objects(starts, turns), screen, viewport_of((64, 64), 8), stages.Workers(1)
+    )
+    kept = np.repeat(turns, counts) != 1
+    assert binned.tolist() == np.flatnonzero(kept).tolist()
+    assert sums.tolist() == [0, 0, int((~kept).sum()), 0, 0]
+    assert 0 < len(binned) < len(faces)
