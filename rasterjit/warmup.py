@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rasterjit.framebuffer import FEW_PIXELS, Framebuffer
+from rasterjit.pixel import explain_pixel
 from rasterjit.plan import OUTPUTS
 from rasterjit.rasterize import rasterize
 from rasterjit.render import render
@@ -104,6 +105,7 @@ def _draw_wireframe(mode: str) -> None:
 
 def _diagnose() -> None:
     render(_square(), size=SIZE, threads=1, diagnose=True)
+    explain_pixel(_square(), None, SIZE, 0, 0)
 
 
 def _rasterize() -> None:

@@ -46,7 +46,7 @@ def draws(scene: Scene) -> str | None:
 def prepare(scene: Scene, threads: int) -> Prepared:
     """Return the scene ready to draw."""
     if isinstance(scene, LineScene):
-        return Lines(scene)
+        return Lines(scene, threads)
     if needs(scene) == ["triangles", "faces"]:
         return Visibility(scene, threads)
     return Pictures(scene, threads)
@@ -133,13 +133,13 @@ class Pictures:
 
 
 class Lines:
-    """All lines in one call; one thread, for they are drawn in order."""
+    """All lines in one call."""
 
-    def __init__(self, scene: LineScene) -> None:
+    def __init__(self, scene: LineScene, threads: int) -> None:
         import rasterjit as rj
 
         self._scene = scene
-        self._framebuffer = rj.Framebuffer(*scene.size)
+        self._framebuffer = rj.Framebuffer(*scene.size, threads=threads)
 
     def draw(self) -> None:
         """Clear and draw."""

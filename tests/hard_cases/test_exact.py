@@ -90,8 +90,8 @@ def test_quotients_of_spans_are_below_half_an_ulp_from_exact(grid):
 
 
 def test_spans_end_where_exact_arithmetic_says():
-    first_inside = getattr(visibility.first_inside, "py_func", visibility.first_inside)
-    last_inside = getattr(visibility.last_inside, "py_func", visibility.last_inside)
+    crossing_line = getattr(visibility.crossing_line, "py_func", visibility.crossing_line)
+    bound_span = getattr(visibility.bound_span, "py_func", visibility.bound_span)
     rng = np.random.default_rng(1)
     for _ in range(4000):
         slope = int(2 ** rng.uniform(0, 27))
@@ -101,8 +101,10 @@ def test_spans_end_where_exact_arithmetic_says():
         if abs(value) >= 2**47:
             continue
         # The last column x with value - x slope >= 0, the first with -value + x slope >= 0.
-        last = last_inside(np.int64(value), np.int64(-slope), np.int64(2**40))
-        first = first_inside(np.int64(-value), np.int64(slope), np.int64(-(2**40)))
+        begins = crossing_line(np.int64(-value), np.int64(slope), np.int64(0))
+        ends = crossing_line(np.int64(value), np.int64(-slope), np.int64(0))
+        first, last = bound_span(-(2.0**48), 2.0**48, begins, np.int64(0))
+        first, last = bound_span(first, last, ends, np.int64(0))
         assert last == value // slope
         assert first == -(-value // slope)
 
