@@ -125,27 +125,46 @@ def write_linear(colors, n, linear):
 
 
 @stage
-def write_row(faces, colors, background, table, linear, color):
-    """Write a part of a row: the gathered samples in their places, background elsewhere."""
+def write_background(background, behind, linear, color):
+    """Write a span that shows nothing."""
+    for i in range(color.shape[0]):
+        color[i] = behind
+    for i in range(linear.shape[0]):
+        for k in range(4):
+            linear[i, k] = background[k]
+
+
+@stage
+def write_span(colors, first, count, table, linear, color):
+    """Write a span of gathered samples, from number ``first`` on."""
+    stop = first + count
+    if color.shape[0] > 0:
+        encode_span(
+            colors[0][first:stop], colors[1][first:stop], colors[2][first:stop], table, color
+        )
+    if linear.shape[0] > 0:
+        write_linear(colors, first, linear)
+
+
+@stage
+def write_row(faces, count, colors, background, table, linear, color):
+    """Write a part of a row: the ``count`` gathered samples in their places, background elsewhere."""
     behind = encode_pixel(background, table)
+    columns = faces.shape[0]
+    if count == columns:
+        write_span(colors, 0, count, table, linear, color)
+        return
+    if count == 0:
+        write_background(background, behind, linear, color)
+        return
     n, at = np.int64(0), np.int64(0)
-    while at < faces.shape[0]:
+    while at < columns:
         end = span_end(faces, at)
         if faces[at] < 0:
-            for column in range(at, min(end, color.shape[0])):
-                color[column] = behind
-            for column in range(at, min(end, linear.shape[0])):
-                for k in range(4):
-                    linear[column, k] = background[k]
+            write_background(background, behind, linear[at:end], color[at:end])
         else:
-            stop = n + end - at
-            if color.shape[0] > 0:
-                encode_span(
-                    colors[0][n:stop], colors[1][n:stop], colors[2][n:stop], table, color[at:end]
-                )
-            if linear.shape[0] > 0:
-                write_linear(colors, n, linear[at:end])
-            n = stop
+            write_span(colors, n, end - at, table, linear[at:end], color[at:end])
+            n += end - at
         at = end
 
 
@@ -208,8 +227,9 @@ def shade_rows(
             )  # fmt: skip
             colors = seen_colors(samples, count, lighting, toward_viewer)
             write_row(
-                faces, colors, background, table, linear[row, left:right], color[row, left:right]
-            )
+                faces, count, colors, background, table, linear[row, left:right],
+                color[row, left:right],
+            )  # fmt: skip
 
 
 @kernel
