@@ -36,7 +36,9 @@ from typing import Any
 
 import numba
 import numpy as np
+from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompilerBase, DefaultPassBuilder
+from numba.core.registry import CPUDispatcher
 
 OPTIONS = {"nogil": True, "error_model": "numpy", "_nrt": False}
 """What every function in this folder is compiled with."""
@@ -112,17 +114,98 @@ def kernel(function: Callable) -> Any:
     return compiled
 
 
-def stage(function: Callable) -> Any:
-    """Compile a helper into the kernels that call it."""
-    return numba.njit(forceinline=True, **OPTIONS)(function)
+class _WithoutEnvironments:
+    """A code generator that keeps no environment, the Python objects of machine code."""
+
+    def __init__(self, codegen: Any) -> None:
+        self._codegen = codegen
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._codegen, name)
+
+    def set_env(self, name: str, environment: Any) -> None:
+        """Do nothing."""
 
 
-class _DisjointCompiler(CompilerBase):
-    """The usual pipeline, told that array arguments do not overlap."""
+class _Draft(JITCodeLibrary):
+    """
+    The code of a helper without machine code, for the kernels that it is compiled into.
+
+    Numba would turn every helper into machine code, with all helpers inside it, and do so again for
+    each that calls it, up to the kernel, the only one that is ever called.
+    """
+
+    def _finalize_final_module(self) -> None:
+        self._finalize_dynamic_globals()
+        self._finalized = True
+
+    def get_pointer_to_function(self, name: str) -> int:
+        """Return 0: there is no machine code."""
+        return 0
+
+    @property
+    def codegen(self) -> Any:
+        """Return who made it, but for environments: those are for machine code."""
+        return _WithoutEnvironments(self._codegen)
+
+
+class _FirstDraft(_Draft):
+    """The same, as it was written down: it is optimized with what it is compiled into."""
+
+    def _optimize_functions(self, ll_module: Any) -> None:
+        ll_module.data_layout = self._codegen._data_layout
+
+    def _optimize_final_module(self) -> None:
+        pass
+
+
+class _StageCompiler(CompilerBase):
+    """The usual pipeline, up to a draft."""
+
+    library: type[_Draft] = _FirstDraft
+
+    def define_pipelines(self) -> list[Any]:
+        self.state.flags.no_cpython_wrapper = True
+        self.state.flags.no_cfunc_wrapper = True
+        codegen = self.state.targetctx.codegen()
+        self.state.library = self.library(codegen, self.state.func_id.func_qualname)
+        return [DefaultPassBuilder.define_nopython_pipeline(self.state)]
+
+
+class _DisjointCompiler(_StageCompiler):
+    """
+    The same, told that array arguments do not overlap.
+
+    What follows from that (vectors) is worked out here: inside its caller it is known no more.
+    """
+
+    library = _Draft
 
     def define_pipelines(self) -> list[Any]:
         self.state.flags.noalias = True
-        return [DefaultPassBuilder.define_nopython_pipeline(self.state)]
+        return super().define_pipelines()
+
+
+class _Stage(CPUDispatcher):
+    """A helper that kernels call. For Python, which tests it, a kernel is made around it."""
+
+    def __call__(self, *arguments: Any) -> Any:
+        helper = self
+        if not hasattr(self, "_around"):
+            self._around = numba.njit(**OPTIONS)(lambda *given: helper(*given))
+        return self._around(*arguments)
+
+
+def _compile_into_kernels(function: Callable, compiler: type[CompilerBase]) -> Any:
+    if numba.config.DISABLE_JIT:
+        return function
+    options = {"nopython": True, "forceinline": True, **OPTIONS}
+    return _Stage(function, targetoptions=options, pipeline_class=compiler)
+
+
+def stage(function: Callable) -> Any:
+    """Compile a helper into the kernels that call it."""
+    return _compile_into_kernels(function, _StageCompiler)
 
 
 def disjoint_stage(function: Callable) -> Any:
@@ -133,7 +216,7 @@ def disjoint_stage(function: Callable) -> Any:
     checking at run time gives up beyond a handful of arrays. Only for helpers that are given
     distinct rows of scratch memory.
     """
-    return numba.njit(forceinline=True, pipeline_class=_DisjointCompiler, **OPTIONS)(function)
+    return _compile_into_kernels(function, _DisjointCompiler)
 
 
 def cpu_features() -> tuple[str, list[str]]:

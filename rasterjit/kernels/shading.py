@@ -148,7 +148,7 @@ def write_span(colors, first, count, table, linear, color):
 
 @stage
 def write_row(faces, count, colors, background, table, linear, color):
-    """Write a part of a row: the ``count`` gathered samples in their places, background elsewhere."""
+    """Write a part of a row: its gathered samples in their places, background elsewhere."""
     behind = encode_pixel(background, table)
     columns = faces.shape[0]
     if count == columns:
