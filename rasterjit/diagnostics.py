@@ -204,7 +204,7 @@ def _largest_error(
     face_id: NDArray[np.int32], geometry: Geometry, workers: stages.Workers
 ) -> float:
     """Return the largest error bound of a visible sample."""
-    height, step = len(face_id), stages.ROWS_PER_TASK
+    height, step = len(face_id), stages.rows_per_task(face_id.shape, workers)
     calls = [
         (face_id, (first, min(first + step, height)), geometry)
         for first in range(0, height, step)

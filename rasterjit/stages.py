@@ -47,10 +47,13 @@ VERTICES_PER_TASK = 65536
 """Vertices taken to the screen by one task; they may belong to several objects."""
 
 TILES_PER_TASK = 8
-"""Tiles drawn by one task: an eighth of a row of a 4K frame."""
+"""Fewest tiles drawn by one task, if there are several threads."""
 
-ROWS_PER_TASK = 16
-"""Rows shaded by one task, if there are several threads."""
+PIXELS_PER_TASK = 1 << 15
+"""About the fewest pixels of whole rows shaded by one task: small frames wake no thread."""
+
+TASKS_PER_THREAD = 8
+"""So many tasks, that a thread with the costlier ones does not keep the others waiting for long."""
 
 SPARE_VERTICES = 1024
 """Room kept for vertices made by clipping before the arrays have to be copied."""
@@ -420,13 +423,25 @@ def draw(
 ) -> None:
     """Draw all tiles, each by one thread."""
     tiles = np.arange(len(starts) - 1, dtype=np.int32)
-    per_task = TILES_PER_TASK if workers.threads > 1 else len(tiles)
+    per_task = _per_task(len(tiles), TILES_PER_TASK, workers)
 
     def draw_some(some: NDArray[np.int32]) -> None:
         scratch = visibility.scratch_memory()
         visibility.draw_tiles(some, starts, binned, floors, faces, screen, viewport, frame, scratch)
 
     workers.run(draw_some, [(tiles[n : n + per_task],) for n in range(0, len(tiles), per_task)])
+
+
+def _per_task(count: int, least: int, workers: Workers) -> int:
+    """Return how much of something one task does: all of it on one thread."""
+    if workers.threads == 1:
+        return max(count, 1)
+    return max(least, -(-count // (TASKS_PER_THREAD * workers.threads)))
+
+
+def rows_per_task(shape: tuple[int, ...], workers: Workers) -> int:
+    """Return how many rows of a frame, (H, W), one task does."""
+    return _per_task(shape[0], -(-PIXELS_PER_TASK // shape[1]), workers)
 
 
 def light_vertices(
@@ -486,7 +501,7 @@ def shade(
     if linear is None:
         linear = np.empty((height, 0, 4), np.float32)
 
-    per_task = ROWS_PER_TASK if workers.threads > 1 else height
+    per_task = rows_per_task(face_id.shape, workers)
 
     def shade_band(first: int) -> None:
         band = slice(first, min(first + per_task, height))
@@ -545,12 +560,12 @@ def draw_edges(
 
 def fill_rows(kernel: Any, face_id: NDArray[np.int32], arguments: tuple, workers: Workers) -> None:
     """Call an interpolation kernel for bands of rows."""
-    height = len(face_id)
+    height, per_task = len(face_id), rows_per_task(face_id.shape, workers)
     workers.run(
         kernel,
         [
-            (face_id, (first, min(first + ROWS_PER_TASK, height)), *arguments)
-            for first in range(0, height, ROWS_PER_TASK)
+            (face_id, (first, min(first + per_task, height)), *arguments)
+            for first in range(0, height, per_task)
         ],
     )
 

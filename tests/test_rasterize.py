@@ -69,7 +69,7 @@ def test_order_of_tasks_changes_no_bit(monkeypatch, per_task):
     monkeypatch.setattr(stages, "TILES_PER_TASK", per_task)
     monkeypatch.setattr(stages, "FACES_PER_TASK", 50)
     monkeypatch.setattr(stages, "VERTICES_PER_TASK", 64)
-    monkeypatch.setattr(stages, "ROWS_PER_TASK", 7)
+    monkeypatch.setattr(stages, "PIXELS_PER_TASK", 7)
     assert bits(rj.rasterize(positions, faces, size, threads=2)) == expected
 
 

@@ -66,7 +66,7 @@ def test_size_of_tasks_changes_no_bit(busy, camera, monkeypatch):
     expected = bits(rj.render(busy, camera, size=SIZE, outputs=PLAIN, threads=1))
     for name, value in (
         ("FACES_PER_TASK", 17), ("VERTICES_PER_TASK", 5), ("TILES_PER_TASK", 1),
-        ("ROWS_PER_TASK", 3),
+        ("PIXELS_PER_TASK", 3),
     ):  # fmt: skip
         monkeypatch.setattr(stages, name, value)
     assert bits(rj.render(busy, camera, size=SIZE, outputs=PLAIN, threads=2)) == expected

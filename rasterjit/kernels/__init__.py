@@ -8,12 +8,17 @@ file               stage
 ``projection``     model or clip positions -> snapped screen vertices
 ``setup``          faces -> survivors and the tiles they reach
 ``binning``        surviving triangles -> one list for each tile
+``occlusion``      large triangles -> the depth below which a tile hides all
 ``visibility``     per tile: coverage and depth test -> depth and face number
+                   (calls ``batches``, which sets triangles up)
 ``interpolation``  visible pixels -> weights, positions, normals, uv
-``shading``        visible pixels -> linear colour (calls ``lighting``)
+``shading``        visible pixels -> sRGB ``uint8`` and linear colour (calls
+                   ``gathering``, ``runs``, ``texturing``, ``lighting``)
 ``resolve``        linear colour -> sRGB ``uint8``
+``diagnosis``      lists and frame -> what became of every face
 ``wireframe``      edges -> clipped lines between pixels
 ``lines``          Bresenham lines into a colour array
+``line_bands``     many lines -> lists for bands of rows, and their pixels
 ``primitives``     the classic immediate-mode fills and curves
 =================  ===============================================================
 

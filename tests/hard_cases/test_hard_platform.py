@@ -242,7 +242,7 @@ def test_size_and_order_of_tasks_change_no_hash(busy, monkeypatch, size, order):
     want = hash_of(busy, 1)
     # One worker, so that the order is the one that is set.
     monkeypatch.setattr(stages, "TILES_PER_TASK", size)
-    monkeypatch.setattr(stages, "ROWS_PER_TASK", size)
+    monkeypatch.setattr(stages, "PIXELS_PER_TASK", size)
     monkeypatch.setattr(stages, "FACES_PER_TASK", 97 * size)
     monkeypatch.setattr(stages, "VERTICES_PER_TASK", 5 * size)
     tasks = []
