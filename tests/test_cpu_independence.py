@@ -73,10 +73,13 @@ def cpu_dependent(assembly):
 COMPILE = """
 import json
 import frames
+import rasterjit
 from rasterjit.kernels import jit
 
 for name in {names!r}:
     frames.FRAMES[name]().draw()
+triangle = rasterjit.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
+rasterjit.explain_pixel(triangle, None, (16, 16), 8, 8)
 assert not any(kernel.stats.cache_hits for kernel in jit.KERNELS)
 code = [(k.__name__, str(s), k.inspect_asm(s)) for k in jit.KERNELS for s in k.signatures]
 drawing = [k.__name__ for k in jit.KERNELS if not k.py_func.__module__.endswith(".diagnosis")]
