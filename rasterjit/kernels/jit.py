@@ -95,6 +95,21 @@ class CompileClock:
 COMPILE_CLOCK = CompileClock()
 
 
+def _loader(cache: Any) -> Callable:
+    """
+    Return a cache's function that loads, without what it does first: get ready to compile.
+
+    That is importing all that Numba can compile, which takes longer than everything else in the
+    first frame of a process. Whoever compiles does it then.
+    """
+
+    def load_overload(signature: Any, target_context: Any) -> Any:
+        with cache._guard_against_spurious_io_errors():
+            return cache._load_overload(signature, target_context)
+
+    return load_overload
+
+
 def kernel(function: Callable) -> Any:
     """Compile an entry point: cached on disk, GIL released, IEEE arithmetic."""
     if numba.config.DISABLE_JIT:
@@ -107,8 +122,9 @@ def kernel(function: Callable) -> Any:
         # No folder can be written to: compile anew in every process.
         compiled = numba.njit(**OPTIONS)(function)
     if hasattr(compiled, "_cache") and hasattr(compiled._cache, "_cache_file"):
-        # The one use of Numba's private API: widen the cache's stamp to all kernel sources.
+        # Widen the cache's stamp to all kernel sources.
         compiled._cache._cache_file._source_stamp = SOURCES_HASH
+        compiled._cache.load_overload = _loader(compiled._cache)
     compiled.compile = COMPILE_CLOCK.timed(compiled.compile)
     KERNELS.append(compiled)
     return compiled
