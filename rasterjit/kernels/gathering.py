@@ -95,23 +95,14 @@ def note_matt_light(places, n, weights, a, b, c, behind, model, matt_vertices, t
 
 
 @stage
-def held(value, values):
-    """Return an interpolated value held inside the range of the three it was made of."""
-    lowest = min(values[0], min(values[1], values[2]))
-    highest = max(values[0], max(values[1], values[2]))
-    value = value if value >= lowest else lowest
-    return value if value <= highest else highest
-
-
-@stage
 def color_at(second, third, colors):
     """Return the tint times the interpolated colour, for the weights of two vertices."""
     (r, g, b), tint = colors
     weights = (0.0, second, third)
     return (
-        tint[0] * np.float32(held(blend(weights, r[0], r[1], r[2]), r)),
-        tint[1] * np.float32(held(blend(weights, g[0], g[1], g[2]), g)),
-        tint[2] * np.float32(held(blend(weights, b[0], b[1], b[2]), b)),
+        tint[0] * np.float32(interpolate(weights, r[0], r[1], r[2])),
+        tint[1] * np.float32(interpolate(weights, g[0], g[1], g[2])),
+        tint[2] * np.float32(interpolate(weights, b[0], b[1], b[2])),
     )
 
 

@@ -19,7 +19,7 @@ files in this folder: a change anywhere in the kernels recompiles, an unchanged 
 
 Kernels allocate nothing: whoever calls them gives them their scratch memory. So they are compiled
 without Numba's memory runtime (``_nrt=False``), which would count references to every slice with
-an atomic instruction each, in the middle of the loops, and take a third of the time to compile.
+an atomic instruction each, in the middle of the loops.
 
 No kernel uses ``fastmath``: coverage, clipping and depth rest on exact ties and on NaN comparing
 false, and without it LLVM neither reorders nor contracts floating-point arithmetic.

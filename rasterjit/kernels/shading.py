@@ -32,11 +32,11 @@ PADDING = 24
 """
 Columns of scratch memory that nothing uses.
 
-Without them the rows would lie a multiple of 2 KiB apart, and push each other out of L1.
+Without them the rows would lie a power of two apart, and push each other out of L1.
 """
 
 BLOCK_COLUMNS = 128
-"""Columns gathered at once: 16 quantities of that many samples, 32 KiB, stay near the core."""
+"""Columns gathered at once: 16 quantities of that many samples, 8 KiB, stay in L1."""
 
 
 @stage
