@@ -108,6 +108,11 @@ class RenderPlan:
         return list_effects(self.grounds)
 
     @property
+    def needs_depth(self) -> bool:
+        """Whether the depth of the whole frame is kept."""
+        return "depth" in self.outputs or self.wireframe is not None or self.diagnose
+
+    @property
     def needs_color(self) -> bool:
         """Whether any output shows colour."""
         return self.grounds.is_colored

@@ -246,6 +246,7 @@ class Renderer:
         )  # fmt: skip
         coverage = stages.find_visible(
             vertices, arrays.faces, objects, coefficients, viewport, workers, clock,
+            keep_depth=plan.needs_depth,
             keep_lists=plan.diagnose,
             keep_clip_positions=plan.diagnose or plan.wireframe is not None,
         )  # fmt: skip

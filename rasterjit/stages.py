@@ -105,7 +105,7 @@ class Coverage(NamedTuple):
     """The visibility buffer and the geometry that it points into."""
 
     depth: NDArray[np.float32]
-    """(H, W), stored depth: greater is nearer, -inf where nothing is."""
+    """(H, W), stored depth: greater is nearer, -inf where nothing is; (H, 0) if not kept."""
     face_id: NDArray[np.int32]
     """(H, W), -1 where nothing is."""
     screen: ScreenVertices
@@ -310,6 +310,7 @@ def find_visible(
     workers: Workers,
     clock: Callable[[str], None],
     *,
+    keep_depth: bool = True,
     keep_lists: bool = False,
     keep_clip_positions: bool = False,
 ) -> Coverage:
@@ -327,6 +328,8 @@ def find_visible(
     workers : Workers
     clock : callable
         Called with a stage's name when it ends.
+    keep_depth : bool
+        Whether the depth outlives the drawing.
     keep_lists : bool
         Whether the tiles' lists outlive the drawing.
     keep_clip_positions : bool
@@ -350,7 +353,7 @@ def find_visible(
     clock("clip")
     starts, binned, floors, sums = set_up_and_bin(all_faces, objects, screen, viewport, workers)
     clock("set up, bin")
-    depth = workers.memory.empty((viewport.height, viewport.width), np.float32)
+    depth = workers.memory.empty((viewport.height, viewport.width * keep_depth), np.float32)
     face_id = workers.memory.empty((viewport.height, viewport.width), np.int32)
     draw(starts, binned, floors, all_faces, screen, viewport, (depth, face_id), workers)
     clock("visibility")

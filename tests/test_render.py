@@ -145,6 +145,26 @@ def test_another_process_gives_the_same_bits():
     assert json.loads(run_script()) == here
 
 
+def test_depth_of_the_frame_is_kept_where_something_asks_for_it(busy, camera, monkeypatch):
+    kept = []
+    find_visible = stages.find_visible
+
+    def watched(*arguments, **options):
+        kept.append(find_visible(*arguments, **options).depth.shape)
+        return find_visible(*arguments, **options)
+
+    monkeypatch.setattr(stages, "find_visible", watched)
+    ways = ({}, {"diagnose": True}, {"outputs": ("color", "depth")})
+    frames = [
+        rj.render(busy, camera, size=(24, 16), **{"outputs": ("color",), **way}) for way in ways
+    ]
+    busy.wireframe = rj.Wireframe()
+    rj.render(busy, camera, size=(24, 16), outputs=("color",))
+    assert kept == [(16, 0), (16, 24), (16, 24), (16, 24)]
+    for frame in frames[1:]:
+        assert frame.color.tobytes() == frames[0].color.tobytes()
+
+
 def test_renderer_sees_that_objects_moved(cube, camera):
     scene = rj.Scene()
     node = scene.add(cube)

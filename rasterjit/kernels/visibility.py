@@ -404,7 +404,7 @@ def draw_tiles(
     faces, screen, viewport : records
     frame : (depth (H, W) float32, face_id (H, W) int32)
         Writes every pixel of the tiles: stored depth (greater is nearer, -inf where nothing is)
-        and face number (-1 where nothing is).
+        and face number (-1 where nothing is). A depth that is not wanted has W = 0.
     scratch : tuple
         This thread's own, from `scratch_memory`.
     """
@@ -425,6 +425,7 @@ def draw_tiles(
         for row in range(window[3] + 1 - top):
             frame_depth = depth[top + row, left : left + width]
             frame_numbers = face_id[top + row, left : left + width]
-            for column in range(width):
+            for column in range(frame_depth.shape[0]):
                 frame_depth[column] = tile_depth[row, column]
+            for column in range(width):
                 frame_numbers[column] = tile_numbers[row, column]
