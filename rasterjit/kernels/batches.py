@@ -75,17 +75,20 @@ def turn_triangles(ax, ay, bx, by, cx, cy, da, db, dc):
     The order depends on the geometry alone, so that every spelling of a face is drawn alike.
     """
     for n in range(ax.shape[0]):
+        # Loaded before anything is chosen: what is loaded by choice is not loaded in vectors.
         x0, y0, d0 = ax[n], ay[n], da[n]
-        is_turned = narrow_edge(x0, y0, bx[n], by[n], cx[n], cy[n]) < 0
+        bx0, by0, db0 = bx[n], by[n], db[n]
+        cx0, cy0, dc0 = cx[n], cy[n], dc[n]
+        is_turned = narrow_edge(x0, y0, bx0, by0, cx0, cy0) < 0
         x1, y1, d1 = (
-            cx[n] if is_turned else bx[n],
-            cy[n] if is_turned else by[n],
-            dc[n] if is_turned else db[n],
+            cx0 if is_turned else bx0,
+            cy0 if is_turned else by0,
+            dc0 if is_turned else db0,
         )
         x2, y2, d2 = (
-            bx[n] if is_turned else cx[n],
-            by[n] if is_turned else cy[n],
-            db[n] if is_turned else dc[n],
+            bx0 if is_turned else cx0,
+            by0 if is_turned else cy0,
+            db0 if is_turned else dc0,
         )
         second = is_above(x1, y1, x0, y0) & is_above(x1, y1, x2, y2)
         third = is_above(x2, y2, x0, y0) & is_above(x2, y2, x1, y1)
