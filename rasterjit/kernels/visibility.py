@@ -77,12 +77,18 @@ from rasterjit.kernels.setup import (
 SCRATCH_SHAPE = (TILE_SIZE, TILE_SIZE + SMALL_PIXELS)
 """A tile in scratch memory: its rows have room for groups that start in the last column."""
 
+SPARE_SAMPLE = SCRATCH_SHAPE[0] * SCRATCH_SHAPE[1] - 1
+"""A sample of a flat tile that nobody reads."""
+
 CORNER_ROUNDINGS = 64.0 * 2.0**-53
 """
 What two depths of a plane may be off by, in units of its range and its largest depth together.
 
 28 roundings each (``tests/hard_cases/test_bounded.py`` counts them), and some to spare.
 """
+
+THIN_PIXELS = 3
+"""Triangles that cover up to this many samples of each row are drawn without branches."""
 
 NOTHING = -1
 """Face number of a sample that no face covers."""
@@ -139,9 +145,10 @@ def find_spans(begins, ends, depths, lines, columns, inside_bc, inside_ca, plane
     """
     Write, row by row, the first covered column, one past the last, and the depth at the first.
 
-    Takes three `crossing_line`, and two exact edges as value at the corner of the box, step across
+    Returns the number of columns that the longest row covers. Takes three `crossing_line`, and two exact edges as value at the corner of the box, step across
     and step down. The divisions are exact: see the notes above.
     """
+    longest = np.int64(0)
     for i in range(begins.shape[0]):
         row = np.int64(i)
         first, last = 0.0, np.float64(columns - 1)
@@ -149,13 +156,15 @@ def find_spans(begins, ends, depths, lines, columns, inside_bc, inside_ca, plane
         first, last = bound_span(first, last, lines[1], row)
         first, last = bound_span(first, last, lines[2], row)
         column = np.int64(min(first, np.float64(columns)))
-        begins[i] = column
-        ends[i] = np.int64(max(last, -1.0)) + 1
+        end = np.int64(max(last, -1.0)) + 1
+        begins[i], ends[i] = column, end
+        longest = max(longest, end - column)
         depths[i] = depth_from(
             plane,
             inside_bc[0] + column * inside_bc[1] + row * inside_bc[2],
             inside_ca[0] + column * inside_ca[1] + row * inside_ca[2],
         )
+    return longest
 
 
 @stage
@@ -219,6 +228,33 @@ def fill_span(depths, numbers, depth, steps, plane, face):
 
 
 @disjoint_stage
+def find_samples(begins, ends, starts, steps, before, corner, plane, places, stored):
+    """
+    Write where in the tile the sample ``steps`` right of the first of each row lies, and its depth.
+
+    The depth is -inf where no sample of the row is left; where it lies is harmless then.
+    """
+    for i in range(begins.shape[0]):
+        column = np.int32(begins[i] + np.int32(steps))
+        is_covered = (column >= before) & (column < ends[i])
+        depth = held(starts[i] + np.float64(np.int32(steps)) * plane[3], plane)
+        place = np.int32(np.int32(i) * np.int32(SCRATCH_SHAPE[1]) + np.int32(corner))
+        places[i] = np.int32(place + column) if is_covered else np.int32(0)
+        stored[i] = depth if is_covered else np.float32(-np.inf)
+
+
+@disjoint_stage
+def put_samples(depths, numbers, places, stored, face):
+    """Depth-test samples anywhere in a tile."""
+    for i in range(places.shape[0]):
+        sample, depth = np.uintp(places[i]), stored[i]
+        # Without a branch: what is hidden goes where nobody reads.
+        sample = sample if depth > depths[sample] else np.uintp(SPARE_SAMPLE)
+        depths[sample] = depth
+        numbers[sample] = face
+
+
+@disjoint_stage
 def test_row(depths, numbers, first, lanes, values, steps, thresholds, plane, face):
     """Test one row of samples against the three edges and the depth; without branches."""
     for i in range(lanes):
@@ -259,10 +295,10 @@ def draw_small(n, whole, real, plane, origin, tile):
 
 
 @stage
-def draw_spans(a, b, c, plane, box, face, origin, grid_bits, tile, spans):
+def draw_spans(a, b, c, plane, box, face, origin, grid_bits, tile, flat_tile, spans):
     """Find the first and last covered column of each row, and fill what lies between."""
     depths, numbers = tile
-    begins, ends, starts = spans
+    begins, ends, starts, places, stored = spans
     ax, ay, bx, by, cx, cy = a[0], a[1], b[0], b[1], c[0], c[1]
     left, top, right, bottom = box
     e0 = sign_at(bx, by, cx, cy, left, top, grid_bits)
@@ -284,10 +320,19 @@ def draw_spans(a, b, c, plane, box, face, origin, grid_bits, tile, spans):
         (cy - ay) << grid_bits,
         (ax - cx) << grid_bits,
     )
-    find_spans(
+    longest = find_spans(
         begins[:rows], ends[:rows], starts[:rows], lines, columns, inside_bc, inside_ca, plane
     )
     before = origin[0] - left
+    if longest <= THIN_PIXELS:
+        corner = (top - origin[1]) * SCRATCH_SHAPE[1] - before
+        for steps in range(longest):
+            find_samples(
+                begins[:rows], ends[:rows], starts[:rows], steps, before, corner, plane,
+                places[:rows], stored[:rows],
+            )  # fmt: skip
+            put_samples(flat_tile[0], flat_tile[1], places[:rows], stored[:rows], face)
+        return
     for i in range(np.uintp(max(rows, 0))):
         begin, end = max(np.int64(begins[i]), before), np.int64(ends[i])
         if begin < end:
@@ -330,7 +375,8 @@ def draw_triangle(n, whole, real, origin, bits, floor, tile, flat_tile, spans):
         _, nearest = depth_at_corners(plane, a, b, c, box, bits)
         if nearest < floor:
             return
-    draw_spans(a, b, c, plane, box, np.int32(whole[FACE, n]), origin, bits, tile, spans)
+    face = np.int32(whole[FACE, n])
+    draw_spans(a, b, c, plane, box, face, origin, bits, tile, flat_tile, spans)
 
 
 @stage
@@ -352,10 +398,10 @@ def draw_listed(listed, faces, screen, window, bits, floor, scratch):
 
     Takes the parts of a ``Faces``, a `tile_window`, the tile's floor and `scratch_memory`.
     """
-    tile_depth, tile_numbers, whole, real, begins, ends, row_depths = scratch
+    tile_depth, tile_numbers, whole, real = scratch[:4]
     gather_triangles(listed, faces, screen, whole, real)
     plan_triangles(listed.shape[0], window, bits, whole, real)
-    tile, spans = (tile_depth, tile_numbers), (begins, ends, row_depths)
+    tile, spans = (tile_depth, tile_numbers), scratch[4:]
     flat_tile = tile_depth.reshape(-1), tile_numbers.reshape(-1)
     for n in range(np.uintp(listed.shape[0])):
         draw_triangle(n, whole, real, window, bits, floor, tile, flat_tile, spans)
@@ -380,6 +426,8 @@ def scratch_memory() -> tuple[NDArray[Any], ...]:
         np.empty(TILE_SIZE, np.int32),
         np.empty(TILE_SIZE, np.int32),
         np.empty(TILE_SIZE, np.float64),
+        np.empty(TILE_SIZE, np.int32),
+        np.empty(TILE_SIZE, np.float32),
     )
 
 
