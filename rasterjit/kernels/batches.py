@@ -40,17 +40,31 @@ ROOM = BATCH + 8
 
 
 @stage
-def gather_triangles(listed, faces, screen, whole, real):
-    """Gather where the vertices of some listed triangles lie, and how deep."""
+def gather_corners(listed, faces, whole):
+    """Gather the faces and the vertex numbers of some listed triangles."""
     own, pieces, piece_faces = faces
-    xy, depth = screen.xy, screen.depth
     for n in range(np.uintp(listed.shape[0])):
         (a, b, c), face = triangle_of(own, pieces, piece_faces, np.int64(listed[n]))
         whole[FACE, n] = face
-        whole[AX, n], whole[AY, n] = xy[a, 0], xy[a, 1]
-        whole[BX, n], whole[BY, n] = xy[b, 0], xy[b, 1]
-        whole[CX, n], whole[CY, n] = xy[c, 0], xy[c, 1]
-        real[DEPTH, n], real[DEPTH + 1, n], real[DEPTH + 2, n] = depth[a], depth[b], depth[c]
+        whole[AX, n], whole[BX, n], whole[CX, n] = a, b, c
+
+
+@stage
+def gather_vertices(screen, count, whole, real):
+    """Gather where some vertices lie, and how deep."""
+    xy, depth = screen.xy, screen.depth
+    for k in range(3):
+        for n in range(np.uintp(count)):
+            vertex = np.uintp(whole[AX + 2 * k, n])
+            whole[AX + 2 * k, n], whole[AY + 2 * k, n] = xy[vertex, 0], xy[vertex, 1]
+            real[DEPTH + k, n] = depth[vertex]
+
+
+@stage
+def gather_triangles(listed, faces, screen, whole, real):
+    """Gather where the vertices of some listed triangles lie, and how deep."""
+    gather_corners(listed, faces, whole)
+    gather_vertices(screen, listed.shape[0], whole, real)
 
 
 @stage
