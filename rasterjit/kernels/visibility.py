@@ -90,6 +90,9 @@ What two depths of a plane may be off by, in units of its range and its largest 
 THIN_PIXELS = 3
 """Triangles that cover up to this many samples of each row are drawn without branches."""
 
+FEW_ROWS = 16
+"""Triangles with more rows in a tile are first cut to those that they reach there."""
+
 NOTHING = -1
 """Face number of a sample that no face covers."""
 
@@ -116,27 +119,62 @@ def clockwise_from_top(corners, screen):
 
 
 @stage
-def crossing_line(value, across, down):
+def worst(value, across, down, columns, rows):
+    """Return the least value of an edge over a block of samples."""
+    return value + min(across * (columns - 1), np.int64(0)) + min(down * (rows - 1), np.int64(0))
+
+
+@stage
+def edges_at(a, b, c, column, row, grid_bits):
+    """Return three edges as (biased value at a pixel, step to the next column, to the next row)."""
+    return (
+        (sign_at(b[0], b[1], c[0], c[1], column, row, grid_bits), b[1] - c[1], c[0] - b[0]),
+        (sign_at(c[0], c[1], a[0], a[1], column, row, grid_bits), c[1] - a[1], a[0] - c[0]),
+        (sign_at(a[0], a[1], b[0], b[1], column, row, grid_bits), a[1] - b[1], b[0] - a[0]),
+    )
+
+
+@stage
+def reached_rows(edges, columns, rows):
+    """Return the first and the last row of a block in which no edge leaves out all columns."""
+    first, last = 0.0, np.float64(rows - 1)
+    for value, across, down in edges:
+        best = np.float64(value + max(across * (columns - 1), np.int64(0)))
+        if down > 0:
+            first = max(first, -np.floor(best / np.float64(down)))
+        elif down < 0:
+            last = min(last, np.floor(best / np.float64(-down)))
+    return np.int64(first), np.int64(last)
+
+
+@stage
+def crossing_line(edge, columns, rows):
     """
     Return an edge as (value, step down, distance of its crossings from the left, side).
 
-    It crosses a row at ``value / distance`` columns; the side is 1 if its inside is to the right.
-    An edge along the row crosses beyond the block of columns, on the side that its sign tells.
+    It crosses a row at ``value / distance`` columns; the side is 1 if its inside is to the right,
+    -1 if it is to the left, and 0 if the edge leaves out no sample of the block. An edge along the
+    row crosses beyond the block of columns, on the side that its sign tells.
     """
+    value, across, down = edge
+    if worst(value, across, down, columns, rows) >= 0:
+        return value, down, 1.0, np.int64(0)
     if across == 0:
         beyond = np.int64(2) << BLOCK_BITS
-        return value * beyond + (beyond - 1), down * beyond, 1.0, np.int64(0)
-    return value, down, np.float64(abs(across)), np.int64(across > 0)
+        return value * beyond + (beyond - 1), down * beyond, 1.0, np.int64(-1)
+    return value, down, np.float64(abs(across)), np.int64(1 if across > 0 else -1)
 
 
 @stage
 def bound_span(first, last, line, row):
     """Return the first and the last column, float64, that one edge leaves of a row."""
-    value, down, distance, begins = line
+    value, down, distance, side = line
+    if side == 0:
+        return first, last
     crossing = np.floor(np.float64(value + row * down) / distance)
     return (
-        max(first, -crossing) if begins else first,
-        last if begins else min(last, crossing),
+        max(first, -crossing) if side > 0 else first,
+        last if side > 0 else min(last, crossing),
     )
 
 
@@ -165,12 +203,6 @@ def find_spans(begins, ends, depths, lines, columns, inside_bc, inside_ca, plane
             inside_ca[0] + column * inside_ca[1] + row * inside_ca[2],
         )
     return longest
-
-
-@stage
-def worst(value, across, down, columns, rows):
-    """Return the least value of an edge over a block of samples."""
-    return value + min(across * (columns - 1), np.int64(0)) + min(down * (rows - 1), np.int64(0))
 
 
 @stage
@@ -301,14 +333,18 @@ def draw_spans(a, b, c, plane, box, face, origin, grid_bits, tile, flat_tile, sp
     begins, ends, starts, places, stored = spans
     ax, ay, bx, by, cx, cy = a[0], a[1], b[0], b[1], c[0], c[1]
     left, top, right, bottom = box
-    e0 = sign_at(bx, by, cx, cy, left, top, grid_bits)
-    e1 = sign_at(cx, cy, ax, ay, left, top, grid_bits)
-    e2 = sign_at(ax, ay, bx, by, left, top, grid_bits)
     columns, rows = right - left + 1, bottom - top + 1
+    edges = edges_at(a, b, c, left, top, grid_bits)
+    if rows > FEW_ROWS:
+        first, last = reached_rows(edges, columns, rows)
+        if first > last:
+            return
+        top, rows = top + first, last - first + 1
+        edges = edges_at(a, b, c, left, top, grid_bits)
     lines = (
-        crossing_line(e0, by - cy, cx - bx),
-        crossing_line(e1, cy - ay, ax - cx),
-        crossing_line(e2, ay - by, bx - ax),
+        crossing_line(edges[0], columns, rows),
+        crossing_line(edges[1], columns, rows),
+        crossing_line(edges[2], columns, rows),
     )
     inside_bc = (
         edge_at(bx, by, cx, cy, left, top, grid_bits),
