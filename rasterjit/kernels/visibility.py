@@ -179,7 +179,7 @@ def bound_span(first, last, line, row):
 
 
 @disjoint_stage
-def find_spans(begins, ends, depths, lines, columns, inside_bc, inside_ca, plane):
+def find_spans(begins, ends, depths, lanes, lines, columns, inside_bc, inside_ca, plane):
     """
     Write, row by row, the first covered column, one past the last, and the depth at the first.
 
@@ -187,7 +187,7 @@ def find_spans(begins, ends, depths, lines, columns, inside_bc, inside_ca, plane
     and step down. The divisions are exact: see the notes above.
     """
     longest = np.int64(0)
-    for i in range(begins.shape[0]):
+    for i in range(lanes):
         row = np.int64(i)
         first, last = 0.0, np.float64(columns - 1)
         first, last = bound_span(first, last, lines[0], row)
@@ -356,8 +356,9 @@ def draw_spans(a, b, c, plane, box, face, origin, grid_bits, tile, flat_tile, sp
         (cy - ay) << grid_bits,
         (ax - cx) << grid_bits,
     )
+    lanes = ((rows - 1) | 7) + 1
     longest = find_spans(
-        begins[:rows], ends[:rows], starts[:rows], lines, columns, inside_bc, inside_ca, plane
+        begins, ends, starts, lanes, lines, columns, inside_bc, inside_ca, plane
     )
     before = origin[0] - left
     if longest <= THIN_PIXELS:
