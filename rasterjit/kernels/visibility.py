@@ -249,14 +249,19 @@ def held(depth, plane):
     return np.float32(depth)
 
 
-@stage
-def fill_span(depths, numbers, depth, steps, plane, face):
-    """Depth-test one row of samples, which starts ``steps`` right of where the depth was taken."""
-    for i in range(depths.shape[0]):
+@disjoint_stage
+def fill_span(depths, numbers, first, count, depth, steps, plane, face):
+    """
+    Depth-test ``count`` samples of a row, from ``first`` on, in groups of four.
+
+    The row starts ``steps`` right of where the depth was taken.
+    """
+    for i in range(((count - 1) | 3) + 1):
+        sample = first + np.uintp(i)
         stored = held(depth + np.float64(np.int32(np.int32(i) + steps)) * plane[3], plane)
-        if stored > depths[i]:
-            depths[i] = stored
-            numbers[i] = face
+        if (stored > depths[sample]) & (np.int32(i) < np.int32(count)):
+            depths[sample] = stored
+            numbers[sample] = face
 
 
 @disjoint_stage
@@ -373,11 +378,11 @@ def draw_spans(a, b, c, plane, box, face, origin, grid_bits, tile, flat_tile, sp
     for i in range(np.uintp(max(rows, 0))):
         begin, end = max(np.int64(begins[i]), before), np.int64(ends[i])
         if begin < end:
-            row = np.uintp(top - origin[1]) + i
+            row = top - origin[1] + np.int64(i)
             fill_span(
-                depths[row, begin - before : end - before],
-                numbers[row, begin - before : end - before],
-                starts[i], np.int32(begin - np.int64(begins[i])), plane, face,
+                flat_tile[0], flat_tile[1],
+                np.uintp(row * SCRATCH_SHAPE[1] + begin - before), end - begin, starts[i],
+                np.int32(begin - np.int64(begins[i])), plane, face,
             )  # fmt: skip
 
 
