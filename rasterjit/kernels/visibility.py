@@ -15,15 +15,21 @@ float64 holds them exactly. Samples tested beyond the tile land in spare columns
 Wider triangles get, for each row, the first and the last covered column from one division for each
 edge, several rows at once: ``floor(e / s)`` of integers below 2**47 in float64 is exact, for a
 quotient that is not whole misses the next whole number by at least 1/s, more than half an ulp.
+Rows that the triangle does not reach inside the tile, found by the same division with the steps of
+rows and columns exchanged, and edges that leave out no sample of it are passed over: exact tests,
+which change no bit.
+
+Where no row has more than ``THIN_PIXELS`` samples, as in slivers, all first samples of the rows are
+drawn, then all second ones ..., without branches: which rows are empty is hard to predict. Samples
+of different rows are different, so the order does not matter.
 
 Depth is interpolated linearly on the screen, in float64, by differences from one vertex,
 ``d = d2 + b0 (d0 - d2) + b1 (d1 - d2)`` with exact edge functions in the weights ``b``, so equal
 vertex depths give exactly that depth. Along a row of a wide triangle it steps from the first
 covered sample of each 64 columns, where ``|steps * slope|`` stays below the depth's own range;
 these blocks of columns are the same for every tile size up to 64. It is held inside the range of
-the vertices. Vertices are taken in a
-fixed order (topmost, then leftmost first, clockwise), so neither rotation nor winding of the face
-changes a bit.
+the vertices. Vertices are taken in a fixed order (topmost, then leftmost first, clockwise), so
+neither rotation nor winding of the face changes a bit.
 
 A sample keeps the first of equal depths. Lists ascend by face: the lower face number wins a tie.
 """
@@ -183,8 +189,9 @@ def find_spans(begins, ends, depths, lanes, lines, columns, inside_bc, inside_ca
     """
     Write, row by row, the first covered column, one past the last, and the depth at the first.
 
-    Returns the number of columns that the longest row covers. Takes three `crossing_line`, and two exact edges as value at the corner of the box, step across
-    and step down. The divisions are exact: see the notes above.
+    Returns how many samples a row has at most. Takes three `crossing_line`, and two exact edges as
+    value at the corner of the box, step across and step down. The divisions are exact: see the
+    notes above.
     """
     longest = np.int64(0)
     for i in range(lanes):
@@ -269,7 +276,7 @@ def find_samples(begins, ends, starts, steps, before, corner, plane, places, sto
     """
     Write where in the tile the sample ``steps`` right of the first of each row lies, and its depth.
 
-    The depth is -inf where no sample of the row is left; where it lies is harmless then.
+    The depth is -inf, which is nearer than nothing, where the row has no such sample.
     """
     for i in range(begins.shape[0]):
         column = np.int32(begins[i] + np.int32(steps))
@@ -332,10 +339,32 @@ def draw_small(n, whole, real, plane, origin, tile):
 
 
 @stage
-def draw_spans(a, b, c, plane, box, face, origin, grid_bits, tile, flat_tile, spans):
-    """Find the first and last covered column of each row, and fill what lies between."""
-    depths, numbers = tile
+def draw_thin(longest, rows, before, corner, plane, face, tile, spans):
+    """Draw the first sample of each row, then the second ..., up to the longest row."""
     begins, ends, starts, places, stored = spans
+    for steps in range(longest):
+        find_samples(
+            begins[:rows], ends[:rows], starts[:rows], steps, before, corner, plane,
+            places[:rows], stored[:rows],
+        )  # fmt: skip
+        put_samples(tile[0], tile[1], places[:rows], stored[:rows], face)
+
+
+@stage
+def draw_rows(rows, before, corner, plane, face, tile, spans):
+    """Fill what each row covers from ``before`` on; ``corner`` is the sample of the first."""
+    begins, ends, starts = spans[0], spans[1], spans[2]
+    for i in range(np.uintp(max(rows, 0))):
+        begin, end = max(np.int64(begins[i]), before), np.int64(ends[i])
+        if begin < end:
+            first = np.uintp(corner + np.int64(i) * SCRATCH_SHAPE[1] + begin)
+            steps = np.int32(begin - np.int64(begins[i]))
+            fill_span(tile[0], tile[1], first, end - begin, starts[i], steps, plane, face)
+
+
+@stage
+def draw_spans(a, b, c, plane, box, face, origin, grid_bits, tile, spans):
+    """Find the first and last covered column of each row, and fill what lies between."""
     ax, ay, bx, by, cx, cy = a[0], a[1], b[0], b[1], c[0], c[1]
     left, top, right, bottom = box
     columns, rows = right - left + 1, bottom - top + 1
@@ -361,33 +390,21 @@ def draw_spans(a, b, c, plane, box, face, origin, grid_bits, tile, flat_tile, sp
         (cy - ay) << grid_bits,
         (ax - cx) << grid_bits,
     )
+    # Whole groups of rows: what is found of those behind the last is not read.
     lanes = ((rows - 1) | 7) + 1
     longest = find_spans(
-        begins, ends, starts, lanes, lines, columns, inside_bc, inside_ca, plane
+        spans[0], spans[1], spans[2], lanes, lines, columns, inside_bc, inside_ca, plane
     )
     before = origin[0] - left
+    corner = (top - origin[1]) * SCRATCH_SHAPE[1] - before
     if longest <= THIN_PIXELS:
-        corner = (top - origin[1]) * SCRATCH_SHAPE[1] - before
-        for steps in range(longest):
-            find_samples(
-                begins[:rows], ends[:rows], starts[:rows], steps, before, corner, plane,
-                places[:rows], stored[:rows],
-            )  # fmt: skip
-            put_samples(flat_tile[0], flat_tile[1], places[:rows], stored[:rows], face)
-        return
-    for i in range(np.uintp(max(rows, 0))):
-        begin, end = max(np.int64(begins[i]), before), np.int64(ends[i])
-        if begin < end:
-            row = top - origin[1] + np.int64(i)
-            fill_span(
-                flat_tile[0], flat_tile[1],
-                np.uintp(row * SCRATCH_SHAPE[1] + begin - before), end - begin, starts[i],
-                np.int32(begin - np.int64(begins[i])), plane, face,
-            )  # fmt: skip
+        draw_thin(longest, rows, before, corner, plane, face, tile, spans)
+    else:
+        draw_rows(rows, before, corner, plane, face, tile, spans)
 
 
 @stage
-def draw_triangle(n, whole, real, origin, bits, floor, tile, flat_tile, spans):
+def draw_triangle(n, whole, real, origin, bits, floor, tile, spans):
     """
     Draw one planned triangle into a tile whose first pixel is ``origin`` (column, row).
 
@@ -400,7 +417,7 @@ def draw_triangle(n, whole, real, origin, bits, floor, tile, flat_tile, spans):
     step = real[ACROSS, n] * weight_a + real[ACROSS + 1, n] * weight_b
     plane = real[DEPTH + 2, n], weight_a, weight_b, step, lowest, highest
     if not whole[WIDE, n]:
-        draw_small(n, whole, real, plane, origin, flat_tile)
+        draw_small(n, whole, real, plane, origin, tile)
         return
     a, b, c = (
         (np.int64(whole[AX, n]), np.int64(whole[AY, n])),
@@ -418,7 +435,7 @@ def draw_triangle(n, whole, real, origin, bits, floor, tile, flat_tile, spans):
         if nearest < floor:
             return
     face = np.int32(whole[FACE, n])
-    draw_spans(a, b, c, plane, box, face, origin, bits, tile, flat_tile, spans)
+    draw_spans(a, b, c, plane, box, face, origin, bits, tile, spans)
 
 
 @stage
@@ -443,10 +460,9 @@ def draw_listed(listed, faces, screen, window, bits, floor, scratch):
     tile_depth, tile_numbers, whole, real = scratch[:4]
     gather_triangles(listed, faces, screen, whole, real)
     plan_triangles(listed.shape[0], window, bits, whole, real)
-    tile, spans = (tile_depth, tile_numbers), scratch[4:]
-    flat_tile = tile_depth.reshape(-1), tile_numbers.reshape(-1)
+    tile, spans = (tile_depth.reshape(-1), tile_numbers.reshape(-1)), scratch[4:]
     for n in range(np.uintp(listed.shape[0])):
-        draw_triangle(n, whole, real, window, bits, floor, tile, flat_tile, spans)
+        draw_triangle(n, whole, real, window, bits, floor, tile, spans)
 
 
 @stage
