@@ -40,17 +40,31 @@ ROOM = BATCH + 8
 
 
 @stage
-def gather_triangles(listed, faces, screen, whole, real):
-    """Gather where the vertices of some listed triangles lie, and how deep."""
+def gather_corners(listed, faces, whole):
+    """Gather the faces and the vertex numbers of some listed triangles."""
     own, pieces, piece_faces = faces
-    xy, depth = screen.xy, screen.depth
     for n in range(np.uintp(listed.shape[0])):
         (a, b, c), face = triangle_of(own, pieces, piece_faces, np.int64(listed[n]))
         whole[FACE, n] = face
-        whole[AX, n], whole[AY, n] = xy[a, 0], xy[a, 1]
-        whole[BX, n], whole[BY, n] = xy[b, 0], xy[b, 1]
-        whole[CX, n], whole[CY, n] = xy[c, 0], xy[c, 1]
-        real[DEPTH, n], real[DEPTH + 1, n], real[DEPTH + 2, n] = depth[a], depth[b], depth[c]
+        whole[AX, n], whole[BX, n], whole[CX, n] = a, b, c
+
+
+@stage
+def gather_vertices(screen, count, whole, real):
+    """Gather where some vertices lie, and how deep."""
+    xy, depth = screen.xy, screen.depth
+    for k in range(3):
+        for n in range(np.uintp(count)):
+            vertex = np.uintp(whole[AX + 2 * k, n])
+            whole[AX + 2 * k, n], whole[AY + 2 * k, n] = xy[vertex, 0], xy[vertex, 1]
+            real[DEPTH + k, n] = depth[vertex]
+
+
+@stage
+def gather_triangles(listed, faces, screen, whole, real):
+    """Gather where the vertices of some listed triangles lie, and how deep."""
+    gather_corners(listed, faces, whole)
+    gather_vertices(screen, listed.shape[0], whole, real)
 
 
 @stage
@@ -75,17 +89,20 @@ def turn_triangles(ax, ay, bx, by, cx, cy, da, db, dc):
     The order depends on the geometry alone, so that every spelling of a face is drawn alike.
     """
     for n in range(ax.shape[0]):
+        # Loaded before anything is chosen: what is loaded by choice is not loaded in vectors.
         x0, y0, d0 = ax[n], ay[n], da[n]
-        is_turned = narrow_edge(x0, y0, bx[n], by[n], cx[n], cy[n]) < 0
+        bx0, by0, db0 = bx[n], by[n], db[n]
+        cx0, cy0, dc0 = cx[n], cy[n], dc[n]
+        is_turned = narrow_edge(x0, y0, bx0, by0, cx0, cy0) < 0
         x1, y1, d1 = (
-            cx[n] if is_turned else bx[n],
-            cy[n] if is_turned else by[n],
-            dc[n] if is_turned else db[n],
+            cx0 if is_turned else bx0,
+            cy0 if is_turned else by0,
+            dc0 if is_turned else db0,
         )
         x2, y2, d2 = (
-            bx[n] if is_turned else cx[n],
-            by[n] if is_turned else cy[n],
-            db[n] if is_turned else dc[n],
+            bx0 if is_turned else cx0,
+            by0 if is_turned else cy0,
+            db0 if is_turned else dc0,
         )
         second = is_above(x1, y1, x0, y0) & is_above(x1, y1, x2, y2)
         third = is_above(x2, y2, x0, y0) & is_above(x2, y2, x1, y1)

@@ -15,15 +15,21 @@ float64 holds them exactly. Samples tested beyond the tile land in spare columns
 Wider triangles get, for each row, the first and the last covered column from one division for each
 edge, several rows at once: ``floor(e / s)`` of integers below 2**47 in float64 is exact, for a
 quotient that is not whole misses the next whole number by at least 1/s, more than half an ulp.
+Rows that the triangle does not reach inside the tile, found by the same division with the steps of
+rows and columns exchanged, and edges that leave out no sample of it are passed over: exact tests,
+which change no bit.
+
+Where no row has more than ``THIN_PIXELS`` samples, as in slivers, all first samples of the rows are
+drawn, then all second ones ..., without branches: which rows are empty is hard to predict. Samples
+of different rows are different, so the order does not matter.
 
 Depth is interpolated linearly on the screen, in float64, by differences from one vertex,
 ``d = d2 + b0 (d0 - d2) + b1 (d1 - d2)`` with exact edge functions in the weights ``b``, so equal
 vertex depths give exactly that depth. Along a row of a wide triangle it steps from the first
 covered sample of each 64 columns, where ``|steps * slope|`` stays below the depth's own range;
 these blocks of columns are the same for every tile size up to 64. It is held inside the range of
-the vertices. Vertices are taken in a
-fixed order (topmost, then leftmost first, clockwise), so neither rotation nor winding of the face
-changes a bit.
+the vertices. Vertices are taken in a fixed order (topmost, then leftmost first, clockwise), so
+neither rotation nor winding of the face changes a bit.
 
 A sample keeps the first of equal depths. Lists ascend by face: the lower face number wins a tie.
 """
@@ -77,12 +83,21 @@ from rasterjit.kernels.setup import (
 SCRATCH_SHAPE = (TILE_SIZE, TILE_SIZE + SMALL_PIXELS)
 """A tile in scratch memory: its rows have room for groups that start in the last column."""
 
+SPARE_SAMPLE = SCRATCH_SHAPE[0] * SCRATCH_SHAPE[1] - 1
+"""A sample of a flat tile that nobody reads."""
+
 CORNER_ROUNDINGS = 64.0 * 2.0**-53
 """
 What two depths of a plane may be off by, in units of its range and its largest depth together.
 
 28 roundings each (``tests/hard_cases/test_bounded.py`` counts them), and some to spare.
 """
+
+THIN_PIXELS = 3
+"""Triangles that cover up to this many samples of each row are drawn without branches."""
+
+FEW_ROWS = 16
+"""Triangles with more rows in a tile are first cut to those that they reach there."""
 
 NOTHING = -1
 """Face number of a sample that no face covers."""
@@ -110,58 +125,91 @@ def clockwise_from_top(corners, screen):
 
 
 @stage
-def crossing_line(value, across, down):
+def worst(value, across, down, columns, rows):
+    """Return the least value of an edge over a block of samples."""
+    return value + min(across * (columns - 1), np.int64(0)) + min(down * (rows - 1), np.int64(0))
+
+
+@stage
+def edges_at(a, b, c, column, row, grid_bits):
+    """Return three edges as (biased value at a pixel, step to the next column, to the next row)."""
+    return (
+        (sign_at(b[0], b[1], c[0], c[1], column, row, grid_bits), b[1] - c[1], c[0] - b[0]),
+        (sign_at(c[0], c[1], a[0], a[1], column, row, grid_bits), c[1] - a[1], a[0] - c[0]),
+        (sign_at(a[0], a[1], b[0], b[1], column, row, grid_bits), a[1] - b[1], b[0] - a[0]),
+    )
+
+
+@stage
+def reached_rows(edges, columns, rows):
+    """Return the first and the last row of a block in which no edge leaves out all columns."""
+    first, last = 0.0, np.float64(rows - 1)
+    for value, across, down in edges:
+        best = np.float64(value + max(across * (columns - 1), np.int64(0)))
+        if down > 0:
+            first = max(first, -np.floor(best / np.float64(down)))
+        elif down < 0:
+            last = min(last, np.floor(best / np.float64(-down)))
+    return np.int64(first), np.int64(last)
+
+
+@stage
+def crossing_line(edge, columns, rows):
     """
     Return an edge as (value, step down, distance of its crossings from the left, side).
 
-    It crosses a row at ``value / distance`` columns; the side is 1 if its inside is to the right.
-    An edge along the row crosses beyond the block of columns, on the side that its sign tells.
+    It crosses a row at ``value / distance`` columns; the side is 1 if its inside is to the right,
+    -1 if it is to the left, and 0 if the edge leaves out no sample of the block. An edge along the
+    row crosses beyond the block of columns, on the side that its sign tells.
     """
+    value, across, down = edge
+    if worst(value, across, down, columns, rows) >= 0:
+        return value, down, 1.0, np.int64(0)
     if across == 0:
         beyond = np.int64(2) << BLOCK_BITS
-        return value * beyond + (beyond - 1), down * beyond, 1.0, np.int64(0)
-    return value, down, np.float64(abs(across)), np.int64(across > 0)
+        return value * beyond + (beyond - 1), down * beyond, 1.0, np.int64(-1)
+    return value, down, np.float64(abs(across)), np.int64(1 if across > 0 else -1)
 
 
 @stage
 def bound_span(first, last, line, row):
     """Return the first and the last column, float64, that one edge leaves of a row."""
-    value, down, distance, begins = line
+    value, down, distance, side = line
+    if side == 0:
+        return first, last
     crossing = np.floor(np.float64(value + row * down) / distance)
     return (
-        max(first, -crossing) if begins else first,
-        last if begins else min(last, crossing),
+        max(first, -crossing) if side > 0 else first,
+        last if side > 0 else min(last, crossing),
     )
 
 
 @disjoint_stage
-def find_spans(begins, ends, depths, lines, columns, inside_bc, inside_ca, plane):
+def find_spans(begins, ends, depths, lanes, lines, columns, inside_bc, inside_ca, plane):
     """
     Write, row by row, the first covered column, one past the last, and the depth at the first.
 
-    Takes three `crossing_line`, and two exact edges as value at the corner of the box, step across
-    and step down. The divisions are exact: see the notes above.
+    Returns how many samples a row has at most. Takes three `crossing_line`, and two exact edges as
+    value at the corner of the box, step across and step down. The divisions are exact: see the
+    notes above.
     """
-    for i in range(begins.shape[0]):
+    longest = np.int64(0)
+    for i in range(lanes):
         row = np.int64(i)
         first, last = 0.0, np.float64(columns - 1)
         first, last = bound_span(first, last, lines[0], row)
         first, last = bound_span(first, last, lines[1], row)
         first, last = bound_span(first, last, lines[2], row)
         column = np.int64(min(first, np.float64(columns)))
-        begins[i] = column
-        ends[i] = np.int64(max(last, -1.0)) + 1
+        end = np.int64(max(last, -1.0)) + 1
+        begins[i], ends[i] = column, end
+        longest = max(longest, end - column)
         depths[i] = depth_from(
             plane,
             inside_bc[0] + column * inside_bc[1] + row * inside_bc[2],
             inside_ca[0] + column * inside_ca[1] + row * inside_ca[2],
         )
-
-
-@stage
-def worst(value, across, down, columns, rows):
-    """Return the least value of an edge over a block of samples."""
-    return value + min(across * (columns - 1), np.int64(0)) + min(down * (rows - 1), np.int64(0))
+    return longest
 
 
 @stage
@@ -208,14 +256,46 @@ def held(depth, plane):
     return np.float32(depth)
 
 
-@stage
-def fill_span(depths, numbers, depth, steps, plane, face):
-    """Depth-test one row of samples, which starts ``steps`` right of where the depth was taken."""
-    for i in range(depths.shape[0]):
+@disjoint_stage
+def fill_span(depths, numbers, first, count, depth, steps, plane, face):
+    """
+    Depth-test ``count`` samples of a row, from ``first`` on, in groups of four.
+
+    The row starts ``steps`` right of where the depth was taken.
+    """
+    for i in range(((count - 1) | 3) + 1):
+        sample = first + np.uintp(i)
         stored = held(depth + np.float64(np.int32(np.int32(i) + steps)) * plane[3], plane)
-        if stored > depths[i]:
-            depths[i] = stored
-            numbers[i] = face
+        if (stored > depths[sample]) & (np.int32(i) < np.int32(count)):
+            depths[sample] = stored
+            numbers[sample] = face
+
+
+@disjoint_stage
+def find_samples(begins, ends, starts, steps, before, corner, plane, places, stored):
+    """
+    Write where in the tile the sample ``steps`` right of the first of each row lies, and its depth.
+
+    The depth is -inf, which is nearer than nothing, where the row has no such sample.
+    """
+    for i in range(begins.shape[0]):
+        column = np.int32(begins[i] + np.int32(steps))
+        is_covered = (column >= before) & (column < ends[i])
+        depth = held(starts[i] + np.float64(np.int32(steps)) * plane[3], plane)
+        place = np.int32(np.int32(i) * np.int32(SCRATCH_SHAPE[1]) + np.int32(corner))
+        places[i] = np.int32(place + column) if is_covered else np.int32(0)
+        stored[i] = depth if is_covered else np.float32(-np.inf)
+
+
+@disjoint_stage
+def put_samples(depths, numbers, places, stored, face):
+    """Depth-test samples anywhere in a tile."""
+    for i in range(places.shape[0]):
+        sample, depth = np.uintp(places[i]), stored[i]
+        # Without a branch: what is hidden goes where nobody reads.
+        sample = sample if depth > depths[sample] else np.uintp(SPARE_SAMPLE)
+        depths[sample] = depth
+        numbers[sample] = face
 
 
 @disjoint_stage
@@ -259,20 +339,46 @@ def draw_small(n, whole, real, plane, origin, tile):
 
 
 @stage
+def draw_thin(longest, rows, before, corner, plane, face, tile, spans):
+    """Draw the first sample of each row, then the second ..., up to the longest row."""
+    begins, ends, starts, places, stored = spans
+    for steps in range(longest):
+        find_samples(
+            begins[:rows], ends[:rows], starts[:rows], steps, before, corner, plane,
+            places[:rows], stored[:rows],
+        )  # fmt: skip
+        put_samples(tile[0], tile[1], places[:rows], stored[:rows], face)
+
+
+@stage
+def draw_rows(rows, before, corner, plane, face, tile, spans):
+    """Fill what each row covers from ``before`` on; ``corner`` is the sample of the first."""
+    begins, ends, starts = spans[0], spans[1], spans[2]
+    for i in range(np.uintp(max(rows, 0))):
+        begin, end = max(np.int64(begins[i]), before), np.int64(ends[i])
+        if begin < end:
+            first = np.uintp(corner + np.int64(i) * SCRATCH_SHAPE[1] + begin)
+            steps = np.int32(begin - np.int64(begins[i]))
+            fill_span(tile[0], tile[1], first, end - begin, starts[i], steps, plane, face)
+
+
+@stage
 def draw_spans(a, b, c, plane, box, face, origin, grid_bits, tile, spans):
     """Find the first and last covered column of each row, and fill what lies between."""
-    depths, numbers = tile
-    begins, ends, starts = spans
     ax, ay, bx, by, cx, cy = a[0], a[1], b[0], b[1], c[0], c[1]
     left, top, right, bottom = box
-    e0 = sign_at(bx, by, cx, cy, left, top, grid_bits)
-    e1 = sign_at(cx, cy, ax, ay, left, top, grid_bits)
-    e2 = sign_at(ax, ay, bx, by, left, top, grid_bits)
     columns, rows = right - left + 1, bottom - top + 1
+    edges = edges_at(a, b, c, left, top, grid_bits)
+    if rows > FEW_ROWS:
+        first, last = reached_rows(edges, columns, rows)
+        if first > last:
+            return
+        top, rows = top + first, last - first + 1
+        edges = edges_at(a, b, c, left, top, grid_bits)
     lines = (
-        crossing_line(e0, by - cy, cx - bx),
-        crossing_line(e1, cy - ay, ax - cx),
-        crossing_line(e2, ay - by, bx - ax),
+        crossing_line(edges[0], columns, rows),
+        crossing_line(edges[1], columns, rows),
+        crossing_line(edges[2], columns, rows),
     )
     inside_bc = (
         edge_at(bx, by, cx, cy, left, top, grid_bits),
@@ -284,23 +390,21 @@ def draw_spans(a, b, c, plane, box, face, origin, grid_bits, tile, spans):
         (cy - ay) << grid_bits,
         (ax - cx) << grid_bits,
     )
-    find_spans(
-        begins[:rows], ends[:rows], starts[:rows], lines, columns, inside_bc, inside_ca, plane
+    # Whole groups of rows: what is found of those behind the last is not read.
+    lanes = ((rows - 1) | 7) + 1
+    longest = find_spans(
+        spans[0], spans[1], spans[2], lanes, lines, columns, inside_bc, inside_ca, plane
     )
     before = origin[0] - left
-    for i in range(np.uintp(max(rows, 0))):
-        begin, end = max(np.int64(begins[i]), before), np.int64(ends[i])
-        if begin < end:
-            row = np.uintp(top - origin[1]) + i
-            fill_span(
-                depths[row, begin - before : end - before],
-                numbers[row, begin - before : end - before],
-                starts[i], np.int32(begin - np.int64(begins[i])), plane, face,
-            )  # fmt: skip
+    corner = (top - origin[1]) * SCRATCH_SHAPE[1] - before
+    if longest <= THIN_PIXELS:
+        draw_thin(longest, rows, before, corner, plane, face, tile, spans)
+    else:
+        draw_rows(rows, before, corner, plane, face, tile, spans)
 
 
 @stage
-def draw_triangle(n, whole, real, origin, bits, floor, tile, flat_tile, spans):
+def draw_triangle(n, whole, real, origin, bits, floor, tile, spans):
     """
     Draw one planned triangle into a tile whose first pixel is ``origin`` (column, row).
 
@@ -313,7 +417,7 @@ def draw_triangle(n, whole, real, origin, bits, floor, tile, flat_tile, spans):
     step = real[ACROSS, n] * weight_a + real[ACROSS + 1, n] * weight_b
     plane = real[DEPTH + 2, n], weight_a, weight_b, step, lowest, highest
     if not whole[WIDE, n]:
-        draw_small(n, whole, real, plane, origin, flat_tile)
+        draw_small(n, whole, real, plane, origin, tile)
         return
     a, b, c = (
         (np.int64(whole[AX, n]), np.int64(whole[AY, n])),
@@ -330,7 +434,8 @@ def draw_triangle(n, whole, real, origin, bits, floor, tile, flat_tile, spans):
         _, nearest = depth_at_corners(plane, a, b, c, box, bits)
         if nearest < floor:
             return
-    draw_spans(a, b, c, plane, box, np.int32(whole[FACE, n]), origin, bits, tile, spans)
+    face = np.int32(whole[FACE, n])
+    draw_spans(a, b, c, plane, box, face, origin, bits, tile, spans)
 
 
 @stage
@@ -352,13 +457,12 @@ def draw_listed(listed, faces, screen, window, bits, floor, scratch):
 
     Takes the parts of a ``Faces``, a `tile_window`, the tile's floor and `scratch_memory`.
     """
-    tile_depth, tile_numbers, whole, real, begins, ends, row_depths = scratch
+    tile_depth, tile_numbers, whole, real = scratch[:4]
     gather_triangles(listed, faces, screen, whole, real)
     plan_triangles(listed.shape[0], window, bits, whole, real)
-    tile, spans = (tile_depth, tile_numbers), (begins, ends, row_depths)
-    flat_tile = tile_depth.reshape(-1), tile_numbers.reshape(-1)
+    tile, spans = (tile_depth.reshape(-1), tile_numbers.reshape(-1)), scratch[4:]
     for n in range(np.uintp(listed.shape[0])):
-        draw_triangle(n, whole, real, window, bits, floor, tile, flat_tile, spans)
+        draw_triangle(n, whole, real, window, bits, floor, tile, spans)
 
 
 @stage
@@ -380,6 +484,8 @@ def scratch_memory() -> tuple[NDArray[Any], ...]:
         np.empty(TILE_SIZE, np.int32),
         np.empty(TILE_SIZE, np.int32),
         np.empty(TILE_SIZE, np.float64),
+        np.empty(TILE_SIZE, np.int32),
+        np.empty(TILE_SIZE, np.float32),
     )
 
 

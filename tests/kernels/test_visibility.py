@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import naive
+import naive_visibility
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import rasterjit as rj
-from rasterjit import oracle
+from rasterjit import oracle, stages
+from rasterjit.kernels import visibility
+from rasterjit.kernels.records import Faces, Objects
+from rasterjit.plan import viewport_of
 
 SCREEN = (128, 128)
 
@@ -64,12 +68,38 @@ def random_triangles(kind, rng):
         for _ in range(60):
             a, b = rng.uniform(-10, 138, (2, 2))
             yield [a, b, (a + b) / 2 + rng.uniform(-0.3, 0.3, 2)]
+    elif kind == "few samples in a row":
+        # How many decides whether a tile is drawn row by row, or the first of all rows first.
+        for width in (1, 2, 3, 4, 5):
+            for _ in range(12):
+                a = rng.uniform(-10, 138, 2)
+                along = rng.uniform(-1, 1, 2) * [60, 130]
+                yield [
+                    a,
+                    a + along,
+                    a + along * rng.uniform(0, 1) + [rng.uniform(-1, 1) * width, 0],
+                ]
+    elif kind == "edges between tiles":
+        # Edges and corners on the lines between tiles and around the image, or half a pixel off.
+        lines = np.array([-0.5, 0, 0.5, 63.5, 64, 64.5, 127.5, 128, 128.5])
+        for _ in range(60):
+            yield np.where(rng.random((3, 2)) < 0.6, rng.choice(lines, (3, 2)), rng.uniform(0, 128))
+
+
+KINDS = [
+    "tiny",
+    "around eight pixels",
+    "half-pixel corners",
+    "across tiles",
+    "huge",
+    "sliver",
+    "few samples in a row",
+    "edges between tiles",
+]
 
 
 @pytest.mark.parametrize("bits", [0, 4, 8, 12])
-@pytest.mark.parametrize(
-    "kind", ["tiny", "around eight pixels", "half-pixel corners", "across tiles", "huge", "sliver"]
-)
+@pytest.mark.parametrize("kind", KINDS)
 def test_coverage_is_exact(kind, bits):
     rng = np.random.default_rng(100 + bits)
     drawn = 0
@@ -111,7 +141,56 @@ def test_shared_edge_is_drawn_once(a, b, c, d):
     assert on_edge <= one | other
 
 
+def test_reached_rows_are_those_where_each_edge_leaves_a_column():
+    rng = np.random.default_rng(27)
+    cut = 0
+    for _ in range(200):
+        columns, rows = rng.integers(1, 65, 2).tolist()
+        scale = 10 ** rng.uniform(0, 7, (3, 1))
+        edges = np.rint(rng.uniform(-1, 1, (3, 3)) * [40, 1, 1] * scale).astype(np.int64)
+        first, last = visibility.reached_rows(tuple(map(tuple, edges)), columns, rows)
+        values = edges[:, :1] + edges[:, 1:2] * np.arange(columns)
+        values = values[:, np.newaxis] + (edges[:, 2:] * np.arange(rows))[:, :, np.newaxis]
+        sloping = edges[:, 2] != 0
+        reached = (values[sloping].max(axis=2) >= 0).all(axis=0).nonzero()[0]
+        assert list(range(first, last + 1)) == reached.tolist()
+        cut += len(reached) < rows
+    assert 50 < cut < 200
+
+
 # --- depth ----------------------------------------------------------------------------------------
+
+
+def stored(points, depths, size=SCREEN, bits=8):
+    """Return the depths that one triangle stores."""
+    viewport, workers = viewport_of(size, bits), stages.Workers(1)
+    positions = naive.clip_from_screen(points, size, depths, 1.0)
+    screen, _ = stages.project(positions, (0.0, 1.0, 0.0), viewport, workers)
+    faces = Faces(
+        np.array([[0, 1, 2]], np.int32), np.empty((0, 3), np.int32), np.empty(0, np.int32)
+    )
+    objects = Objects(np.array([0, 1], np.int64), np.zeros(1, np.int8))
+    starts, binned, floors, _ = stages.set_up_and_bin(faces, objects, screen, viewport, workers)
+    frame = np.empty(size[::-1], np.float32), np.empty(size[::-1], np.int32)
+    stages.draw(starts, binned, floors, faces, screen, viewport, frame, workers)
+    assert ((frame[0] > -np.inf) == (frame[1] == 0)).all()
+    return frame[0]
+
+
+@pytest.mark.parametrize("bits", [0, 8, 12])
+@pytest.mark.parametrize("kind", KINDS)
+def test_depth_has_the_bits_of_the_naive_twin(kind, bits):
+    rng = np.random.default_rng(200 + bits)
+    drawn = 0
+    for triangle in list(random_triangles(kind, rng))[::3]:
+        points = dyadic(triangle)
+        depths = np.round(rng.uniform(0.1, 0.9, 3) * 2**40) / 2**40
+        have = stored(points, depths, bits=bits)
+        assert (
+            have.tobytes() == naive_visibility.stored_depths(points, depths, SCREEN, bits).tobytes()
+        )
+        drawn += (have > -np.inf).sum()
+    assert drawn > 0
 
 
 @pytest.mark.parametrize("reach", [4, 60, 700])
@@ -157,6 +236,23 @@ def test_nearest_face_is_seen(bits):
     expected = oracle.visible_faces(triangles, depths[faces].tolist(), size, subpixel_bits=bits)
     have = {(int(i), int(j)): int(seen.face_id[j, i]) for j, i in np.argwhere(seen.face_id >= 0)}
     assert have == {pixel: face for pixel, (face, _) in expected.items()}
+
+
+@pytest.mark.parametrize("bits", [0, 8, 12])
+@pytest.mark.parametrize("kind", ["sliver", "few samples in a row", "edges between tiles"])
+def test_of_equal_depths_the_lowest_face_is_seen(kind, bits):
+    # Every triangle is there twice, and all lie at one of two depths.
+    rng = np.random.default_rng(28)
+    corners = dyadic(list(random_triangles(kind, rng)))
+    corners = np.concatenate([corners, corners])[rng.permutation(2 * len(corners))]
+    z = rng.choice([0.25, 0.5], len(corners))
+    faces = np.arange(3 * len(corners)).reshape(-1, 3)
+    seen = draw(corners.reshape(-1, 2), faces, bits=bits, z=np.repeat(z, 3)).face_id
+    expected = np.full(SCREEN[::-1], -1)
+    for n in np.lexsort((-np.arange(len(z)), -z)).tolist():
+        for column, row in oracle.covered_pixels(corners[n], SCREEN, subpixel_bits=bits):
+            expected[row, column] = n
+    assert (seen == expected).all()
 
 
 def test_larger_depth_wins_when_reversed():
