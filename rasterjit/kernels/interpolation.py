@@ -226,7 +226,12 @@ def face_normal(a, b, c, owner, placement):
     pa = place_vertex(a, owner, placement)
     pb = place_vertex(b, owner, placement)
     pc = place_vertex(c, owner, placement)
-    turn = placement.mirrored[owner]
+    return normal_of_points(pa, pb, pc, placement.mirrored[owner])
+
+
+@stage
+def normal_of_points(pa, pb, pc, turn):
+    """Return the unit normal of three points, times ``turn``; zero if they lie on a line."""
     ux, uy, uz = pb[0] - pa[0], pb[1] - pa[1], pb[2] - pa[2]
     vx, vy, vz = pc[0] - pa[0], pc[1] - pa[1], pc[2] - pa[2]
     # Scale the sides first: products of very long or very short ones overflow or vanish.

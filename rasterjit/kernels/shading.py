@@ -11,11 +11,11 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rasterjit.kernels import lighting as lit
-from rasterjit.kernels import runs, texturing
-from rasterjit.kernels.gathering import REAL_COLUMNS, gather_row, material_tint
+from rasterjit.kernels import runs, stretches, texturing
+from rasterjit.kernels.attributes import material_tint
+from rasterjit.kernels.gathering import gather_row
 from rasterjit.kernels.interpolation import place_vertex, smooth_normal
 from rasterjit.kernels.jit import kernel, stage
 from rasterjit.kernels.records import (
@@ -27,16 +27,20 @@ from rasterjit.kernels.records import (
     Surface,
 )
 from rasterjit.kernels.resolve import encode_pixel, encode_span
+from rasterjit.kernels.vectors import prefetch
 
-PADDING = 24
+PADDING = 16
 """
-Columns of scratch memory that nothing uses.
+Columns of scratch memory that hold no sample, but what a last vector writes beyond it.
 
 Without them the rows would lie a power of two apart, and push each other out of L1.
 """
 
 BLOCK_COLUMNS = 128
 """Columns gathered at once: 16 quantities of that many samples, 8 KiB, stay in L1."""
+
+LINE = 16
+"""Face numbers in a line of the cache."""
 
 
 @stage
@@ -168,7 +172,14 @@ def write_row(faces, count, colors, background, table, linear, color):
         at = end
 
 
-def scratch_memory(has_textures: bool) -> tuple[NDArray[Any] | None, ...]:
+@stage
+def prefetch_row(faces):
+    """Ask for a part of the next row: it lies apart from this one, which no CPU foresees."""
+    for column in range(0, faces.shape[0], LINE):
+        prefetch(faces, np.uintp(column))
+
+
+def scratch_memory(has_textures: bool) -> tuple[Any, ...]:
     """Return the memory that a thread needs to shade a part of a row."""
     room = BLOCK_COLUMNS + PADDING
     return (
@@ -177,7 +188,12 @@ def scratch_memory(has_textures: bool) -> tuple[NDArray[Any] | None, ...]:
         np.empty((texturing.SCRATCH_ROWS, room), np.float64) if has_textures else None,
         np.empty(room, np.int32),
         np.empty((runs.SLOTS, runs.WHOLE_COLUMNS), np.int64),
-        np.empty((runs.SLOTS, REAL_COLUMNS), np.float64),
+        np.empty((runs.SLOTS, runs.REAL_COLUMNS), np.float64),
+        (
+            np.empty((stretches.WHOLE_ROWS, room), np.int32),
+            np.empty((stretches.VERTEX_ROWS, room), np.float64),
+            np.empty((stretches.VERTEX_ROWS, room), np.float32),
+        ),
     )
 
 
@@ -210,16 +226,17 @@ def shade_rows(
         This thread's own, from `scratch_memory`.
     """
     rows, columns = face_id.shape
-    samples, weights, places, where, whole, real = scratch
+    samples, weights, places, where, whole, real, gathered = scratch
     toward_viewer = viewer_of(placement)
     runs.forget_faces(whole)
     for left in range(0, columns, BLOCK_COLUMNS):
         for row in range(rows):
             right = min(left + BLOCK_COLUMNS, columns)
             faces = face_id[row, left:right]
+            prefetch_row(face_id[min(row + 1, rows - 1), left:right])
             count = gather_row(
-                faces, samples, weights, places, where, whole, real, left, first_row + row,
-                geometry, placement, surface, lighting,
+                faces, samples, weights, places, where, whole, real, gathered, left,
+                first_row + row, geometry, placement, surface, lighting,
             )  # fmt: skip
             texture_row(
                 samples, where, count, first_row + row, places, geometry, surface.textures,

@@ -1,0 +1,491 @@
+"""
+Gather a stretch of a row whose neighbours show different faces of one object.
+
+Nothing is set up: the stretch is cut into patches of a few samples that show one face, and what the
+vertices of their faces hold is gathered, for every sample anew. Gathering does nothing else, so
+that the CPU waits for many vertices at once; the arithmetic is done for several samples at once,
+each with a face of its own. What was gathered lies in small arrays, one row for each quantity.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rasterjit.kernels import lighting as lit
+from rasterjit.kernels.attributes import (
+    material_tint,
+    normal_at,
+    note_textured,
+    point_at,
+    write_highlight,
+)
+from rasterjit.kernels.batches import narrow_edge
+from rasterjit.kernels.interpolation import (
+    interpolate,
+    matrix_of,
+    normal_of_points,
+    place,
+    sample_weights,
+    seen_from_behind,
+    weights_from_edges,
+)
+from rasterjit.kernels.jit import disjoint_stage, stage
+from rasterjit.kernels.records import FLAT, GOURAUD, MATERIAL_MODEL, PHONG
+from rasterjit.kernels.setup import CLIPPED
+from rasterjit.kernels.vectors import LANES, spread
+
+A, B, C, FIRST = 0, 1, 2, 3
+"""Rows of whole numbers, for each patch: vertices, the lowest number first; its first sample."""
+AX, AY, BX, BY, CX, CY = 4, 5, 6, 7, 8, 9
+"""Rows of whole numbers: where the vertices lie on the sub-pixel grid."""
+UNSURE, BEHIND = 10, 11
+"""Rows of whole numbers: not 0 if the sample takes another way; 1 if the face's back is seen."""
+WHOLE_ROWS = 12
+
+VERTEX_ROWS = 9
+"""Rows of real numbers, float64 and float32: three for each vertex."""
+
+VECTOR = 16
+"""Samples of the longest vectors. Loops run over whole ones: what lies behind is overwritten."""
+
+
+@stage
+def list_patches(faces, whole):
+    """List the first samples of the patches of a stretch, and its end; count the patches."""
+    count, before = np.uintp(0), np.int32(-1)
+    for i in range(np.uintp(faces.shape[0])):
+        # Without a branch: the next overwrites what starts no patch.
+        whole[FIRST, count] = i
+        face = faces[i]
+        starts = (face != before) | (i % np.uintp(LANES) == np.uintp(0))
+        count += np.uintp(starts)
+        before = face
+    whole[FIRST, count] = faces.shape[0]
+    return count
+
+
+@stage
+def gather_corners(count, faces, own, whole):
+    """Gather the vertex numbers of each patch."""
+    for r in range(count):
+        face = np.uintp(faces[np.uintp(whole[FIRST, r])])
+        whole[A, r], whole[B, r], whole[C, r] = own[face, 0], own[face, 1], own[face, 2]
+
+
+@disjoint_stage
+def turn_corners(a, b, c):
+    """Rotate the vertices of each face so that the lowest number comes first."""
+    for n in range(a.shape[0]):
+        x, y, z = a[n], b[n], c[n]
+        second, third = (y < x) & (y < z), (z < x) & (z < y)
+        a[n] = y if second else (z if third else x)
+        b[n] = z if second else (x if third else y)
+        c[n] = x if second else (y if third else z)
+
+
+@stage
+def gather_screen(count, geometry, whole, real):
+    """Gather where the vertices of each sample's face lie on the screen, and w."""
+    xy, w = geometry.xy, geometry.w
+    for r in range(count):
+        a, b, c = np.uintp(whole[A, r]), np.uintp(whole[B, r]), np.uintp(whole[C, r])
+        n = np.uintp(whole[FIRST, r])
+        spread(whole[AX], n, xy[a, 0])
+        spread(whole[AY], n, xy[a, 1])
+        spread(whole[BX], n, xy[b, 0])
+        spread(whole[BY], n, xy[b, 1])
+        spread(whole[CX], n, xy[c, 0])
+        spread(whole[CY], n, xy[c, 1])
+        spread(real[0], n, w[a])
+        spread(real[1], n, w[b])
+        spread(real[2], n, w[c])
+
+
+@stage
+def gather_codes(count, size, geometry, whole):
+    """Gather which samples show a face that was clipped."""
+    codes = geometry.codes
+    for n in range(size):
+        whole[UNSURE, n] = 0
+    if geometry.clip_positions.shape[0] == 0:
+        return
+    for r in range(count):
+        a, b, c = np.uintp(whole[A, r]), np.uintp(whole[B, r]), np.uintp(whole[C, r])
+        n = np.uintp(whole[FIRST, r])
+        spread(whole[UNSURE], n, np.int32((codes[a] | codes[b] | codes[c]) & CLIPPED))
+
+
+@stage
+def gather_values(count, values, whole, rows):
+    """Gather three numbers for each vertex of each sample's face."""
+    for r in range(count):
+        a, b, c = np.uintp(whole[A, r]), np.uintp(whole[B, r]), np.uintp(whole[C, r])
+        n = np.uintp(whole[FIRST, r])
+        spread(rows[0], n, values[a, 0])
+        spread(rows[1], n, values[a, 1])
+        spread(rows[2], n, values[a, 2])
+        spread(rows[3], n, values[b, 0])
+        spread(rows[4], n, values[b, 1])
+        spread(rows[5], n, values[b, 2])
+        spread(rows[6], n, values[c, 0])
+        spread(rows[7], n, values[c, 1])
+        spread(rows[8], n, values[c, 2])
+
+
+@stage
+def gather_light(count, lit_vertices, whole, rows):
+    """Gather the light on the vertices of each sample's face, on the side that is seen."""
+    for r in range(count):
+        a, b, c = np.uintp(whole[A, r]), np.uintp(whole[B, r]), np.uintp(whole[C, r])
+        n = np.uintp(whole[FIRST, r])
+        side = np.uintp(whole[BEHIND, n])
+        for k in range(3):
+            spread(rows[k], n, lit_vertices[a, side, k])
+            spread(rows[3 + k], n, lit_vertices[b, side, k])
+            spread(rows[6 + k], n, lit_vertices[c, side, k])
+
+
+@disjoint_stage
+def weigh(ax, ay, bx, by, cx, cy, wa, wb, wc, pixel, bits, unsure, second, third):
+    """
+    Write the weights of neighbouring samples, the first of which is ``pixel``.
+
+    Return whether any of them takes another way: its face was clipped, or its weights are doubtful.
+    """
+    half, found = np.int32(1) << (bits - 1), np.int32(0)
+    py = np.int32((pixel[1] << bits) + half)
+    for n in range(ax.shape[0]):
+        px = np.int32(((pixel[0] + n) << bits) + half)
+        smallest = min(wa[n], min(wb[n], wc[n]))
+        second[n], third[n], doubtful = weights_from_edges(
+            narrow_edge(bx[n], by[n], cx[n], cy[n], px, py),
+            narrow_edge(cx[n], cy[n], ax[n], ay[n], px, py),
+            narrow_edge(ax[n], ay[n], bx[n], by[n], px, py),
+            (smallest / wa[n], smallest / wb[n], smallest / wc[n]),
+        )
+        unsure[n] |= np.int32(doubtful)
+        found |= unsure[n]
+    return found
+
+
+@disjoint_stage
+def find_sides(ax, ay, bx, by, cx, cy, front_turn, behind):
+    """Write whether the back of each face is seen, by its turn on the screen."""
+    for n in range(ax.shape[0]):
+        turn = narrow_edge(ax[n], ay[n], bx[n], by[n], cx[n], cy[n])
+        behind[n] = np.int32(np.float64(turn) * front_turn < 0.0)
+
+
+@stage
+def note_sides(size, owner, whole, placement, lighting):
+    """Note whose back is seen; it makes no difference where there is no light."""
+    if lighting is None:
+        return
+    find_sides(
+        whole[AX, :size], whole[AY, :size], whole[BX, :size], whole[BY, :size], whole[CX, :size],
+        whole[CY, :size], placement.front_turns[owner], whole[BEHIND, :size],
+    )  # fmt: skip
+
+
+@stage
+def note_side(i, a, b, c, owner, whole, geometry, placement, lighting):
+    """Note whether the back of one face is seen, clipped or not."""
+    if lighting is None:
+        return
+    whole[BEHIND, i] = seen_from_behind(a, b, c, owner, geometry, placement)
+
+
+@stage
+def weigh_exactly(
+    weights, start, patches, column, row, owner, whole, geometry, placement, lighting
+):
+    """Write the weights, and the side seen, of the samples that `weigh` can not tell."""
+    for r in range(patches):
+        a, b, c = np.uintp(whole[A, r]), np.uintp(whole[B, r]), np.uintp(whole[C, r])
+        for i in range(whole[FIRST, r], whole[FIRST, r + np.uintp(1)]):
+            if whole[UNSURE, i] != 0:
+                exact = sample_weights(a, b, c, column + i, row, geometry)
+                weights[0, start + i], weights[1, start + i] = exact[1], exact[2]
+                note_side(i, a, b, c, owner, whole, geometry, placement, lighting)
+
+
+@disjoint_stage
+def fill_three(first, second, third, values):
+    """Fill three rows with a value each."""
+    for n in range(first.shape[0]):
+        first[n], second[n], third[n] = values
+
+
+@stage
+def start_tints(samples, run, faces, tint, face_colors):
+    """Write the tint of each sample: the object's, times the face's colour if there is one."""
+    start, stop = run
+    fill_three(
+        samples[lit.RED, start:stop], samples[lit.GREEN, start:stop],
+        samples[lit.BLUE, start:stop], tint,
+    )  # fmt: skip
+    if face_colors is None:
+        return
+    for i in range(np.uintp(faces.shape[0])):
+        for k in range(3):
+            samples[lit.RED + k, np.uintp(start) + i] *= face_colors[np.uintp(faces[i]), k]
+
+
+@disjoint_stage
+def multiply_colors(
+    red, green, blue, ra, ga, ba, rb, gb, bb, rc, gc, bc, second, third
+):  # fmt: skip
+    """Multiply colours by those of the vertices, interpolated."""
+    for n in range(red.shape[0]):
+        weights = (0.0, second[n], third[n])
+        r = interpolate(weights, np.float64(ra[n]), np.float64(rb[n]), np.float64(rc[n]))
+        g = interpolate(weights, np.float64(ga[n]), np.float64(gb[n]), np.float64(gc[n]))
+        b = interpolate(weights, np.float64(ba[n]), np.float64(bb[n]), np.float64(bc[n]))
+        red[n] *= np.float32(r)
+        green[n] *= np.float32(g)
+        blue[n] *= np.float32(b)
+
+
+@stage
+def apply_colors(samples, run, weights, rows):
+    """Multiply tints by the colours that were gathered."""
+    start, stop = run
+    size = stop - start
+    multiply_colors(
+        samples[lit.RED, start:stop], samples[lit.GREEN, start:stop],
+        samples[lit.BLUE, start:stop], rows[0, :size], rows[1, :size], rows[2, :size],
+        rows[3, :size], rows[4, :size], rows[5, :size], rows[6, :size], rows[7, :size],
+        rows[8, :size], weights[0, start:stop], weights[1, start:stop],
+    )  # fmt: skip
+
+
+@stage
+def gather_light_colors(samples, run, weights, patches, faces, model, whole, single, lit_vertices):
+    """Write the light on the vertices of an object shaded by Gouraud; return whether it is."""
+    if lit_vertices is None:
+        return False
+    if model != GOURAUD:
+        return False
+    one = np.float32(1.0)
+    start_tints(samples, run, faces, (one, one, one), None)
+    gather_light(patches, lit_vertices, whole, single)
+    apply_colors(samples, run, weights, single)
+    return True
+
+
+@stage
+def gather_vertex_colors(samples, run, weights, patches, whole, single, vertex_colors):
+    """Multiply the tints by the colours of vertices, if they have any."""
+    if vertex_colors is None:
+        return
+    gather_values(patches, vertex_colors, whole, single)
+    apply_colors(samples, run, weights, single)
+
+
+@stage
+def gather_colors(samples, run, weights, patches, faces, owner, model, whole, single, surface):
+    """Write the base colours, or the light on the vertices if the object is shaded by Gouraud."""
+    is_lit = gather_light_colors(
+        samples, run, weights, patches, faces, model, whole, single, surface.lit_vertices
+    )
+    if not is_lit:
+        tint = material_tint(surface.materials, owner)
+        start_tints(samples, run, faces, tint, surface.face_colors)
+        gather_vertex_colors(samples, run, weights, patches, whole, single, surface.vertex_colors)
+
+
+@disjoint_stage
+def write_smooth_normals(
+    nx, ny, nz, xa, ya, za, xb, yb, zb, xc, yc, zc, second, third, behind, turn
+):  # fmt: skip
+    """Write interpolated vertex normals in world axes."""
+    for n in range(nx.shape[0]):
+        normals = (
+            (np.float64(xa[n]), np.float64(ya[n]), np.float64(za[n])),
+            (np.float64(xb[n]), np.float64(yb[n]), np.float64(zb[n])),
+            (np.float64(xc[n]), np.float64(yc[n]), np.float64(zc[n])),
+        )
+        toward = 1.0 - 2.0 * np.float64(behind[n])
+        nx[n], ny[n], nz[n] = normal_at(second[n], third[n], (normals, turn, toward))
+
+
+@disjoint_stage
+def write_face_normals(
+    nx, ny, nz, xa, ya, za, xb, yb, zb, xc, yc, zc, second, third, behind, owner, matrices, mirrored
+):  # fmt: skip
+    """Write the faces' own normals."""
+    unit = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+    for n in range(nx.shape[0]):
+        own = normal_of_points(
+            place(xa[n], ya[n], za[n], owner, matrices),
+            place(xb[n], yb[n], zb[n], owner, matrices),
+            place(xc[n], yc[n], zc[n], owner, matrices),
+            mirrored,
+        )
+        toward = 1.0 - 2.0 * np.float64(behind[n])
+        nx[n], ny[n], nz[n] = normal_at(second[n], third[n], ((own, own, own), unit, toward))
+
+
+@disjoint_stage
+def write_points(
+    px, py, pz, xa, ya, za, xb, yb, zb, xc, yc, zc, second, third, owner, matrices, matrix
+):  # fmt: skip
+    """Write where the samples lie."""
+    for n in range(px.shape[0]):
+        point = (
+            place(xa[n], ya[n], za[n], owner, matrices),
+            (xb[n] - xa[n], yb[n] - ya[n], zb[n] - za[n]),
+            (xc[n] - xa[n], yc[n] - ya[n], zc[n] - za[n]),
+            matrix,
+        )
+        px[n], py[n], pz[n] = point_at(second[n], third[n], point)
+
+
+@disjoint_stage
+def write_middles(
+    px, py, pz, xa, ya, za, xb, yb, zb, xc, yc, zc, second, third, owner, matrices, matrix
+):  # fmt: skip
+    """Write the middles of the faces."""
+    m, share, nowhere = matrix, 1.0 / 3.0, (0.0, 0.0, 0.0)
+    for n in range(px.shape[0]):
+        first = place(xa[n], ya[n], za[n], owner, matrices)
+        x = share * (xb[n] - xa[n]) + share * (xc[n] - xa[n])
+        y = share * (yb[n] - ya[n]) + share * (yc[n] - ya[n])
+        z = share * (zb[n] - za[n]) + share * (zc[n] - za[n])
+        middle = (
+            first[0] + (m[0] * x + m[1] * y + m[2] * z),
+            first[1] + (m[3] * x + m[4] * y + m[5] * z),
+            first[2] + (m[6] * x + m[7] * y + m[8] * z),
+        )
+        point = middle, nowhere, nowhere, matrix
+        px[n], py[n], pz[n] = point_at(second[n], third[n], point)
+
+
+@stage
+def gather_smooth_normals(
+    samples, run, weights, patches, model, owner, whole, single, placement, normals
+):  # fmt: skip
+    """Write the interpolated normals of an object that is smooth; return whether it is."""
+    if normals is None:
+        return False
+    if model != PHONG:
+        return False
+    start, stop = run
+    size = stop - start
+    gather_values(patches, normals, whole, single)
+    write_smooth_normals(
+        samples[lit.NORMAL_X, start:stop], samples[lit.NORMAL_Y, start:stop],
+        samples[lit.NORMAL_Z, start:stop], single[0, :size], single[1, :size], single[2, :size],
+        single[3, :size], single[4, :size], single[5, :size], single[6, :size], single[7, :size],
+        single[8, :size], weights[0, start:stop], weights[1, start:stop], whole[BEHIND, :size],
+        matrix_of(placement.normal_matrices, owner),
+    )  # fmt: skip
+    return True
+
+
+@stage
+def gather_places(
+    samples, run, weights, patches, model, owner, whole, real, single, placement, surface,
+    lighting,
+):  # fmt: skip
+    """Write normals and positions; nothing if there is no light."""
+    if lighting is None:
+        return
+    start, stop = run
+    size = stop - start
+    is_smooth = gather_smooth_normals(
+        samples, run, weights, patches, model, owner, whole, single, placement, surface.normals
+    )
+    gather_values(patches, placement.positions, whole, real)
+    matrices = placement.relative_from_model
+    if not is_smooth:
+        write_face_normals(
+            samples[lit.NORMAL_X, start:stop], samples[lit.NORMAL_Y, start:stop],
+            samples[lit.NORMAL_Z, start:stop], real[0, :size], real[1, :size], real[2, :size],
+            real[3, :size], real[4, :size], real[5, :size], real[6, :size], real[7, :size],
+            real[8, :size], weights[0, start:stop], weights[1, start:stop], whole[BEHIND, :size],
+            owner, matrices, placement.mirrored[owner],
+        )  # fmt: skip
+    if model == FLAT:
+        write_middles(
+            samples[lit.POINT_X, start:stop], samples[lit.POINT_Y, start:stop],
+            samples[lit.POINT_Z, start:stop], real[0, :size], real[1, :size], real[2, :size],
+            real[3, :size], real[4, :size], real[5, :size], real[6, :size], real[7, :size],
+            real[8, :size], weights[0, start:stop], weights[1, start:stop],
+            owner, matrices, matrix_of(matrices, owner),
+        )  # fmt: skip
+    else:
+        write_points(
+            samples[lit.POINT_X, start:stop], samples[lit.POINT_Y, start:stop],
+            samples[lit.POINT_Z, start:stop], real[0, :size], real[1, :size], real[2, :size],
+            real[3, :size], real[4, :size], real[5, :size], real[6, :size], real[7, :size],
+            real[8, :size], weights[0, start:stop], weights[1, start:stop],
+            owner, matrices, matrix_of(matrices, owner),
+        )  # fmt: skip
+
+
+@stage
+def find_weights(
+    weights, run, patches, column, row, owner, whole, real, geometry, placement, lighting
+):  # fmt: skip
+    """Write the weights of neighbouring samples whose vertices are known."""
+    start, stop = run
+    size = stop - start
+    gather_screen(patches, geometry, whole, real)
+    gather_codes(patches, size, geometry, whole)
+    unsure = weigh(
+        whole[AX, :size], whole[AY, :size], whole[BX, :size], whole[BY, :size], whole[CX, :size],
+        whole[CY, :size], real[0, :size], real[1, :size], real[2, :size], (column, row),
+        geometry.viewport.grid_bits, whole[UNSURE, :size], weights[0, start:stop],
+        weights[1, start:stop],
+    )  # fmt: skip
+    note_sides(size, owner, whole, placement, lighting)
+    if unsure != 0:
+        weigh_exactly(
+            weights, start, patches, column, row, owner, whole, geometry, placement, lighting
+        )
+
+
+@stage
+def note_stretch(places, where, start, patches, column, weights, owner, samples, whole, surface):
+    """Note what it takes to texture a stretch; nothing if there are no textures."""
+    if places is None:
+        return
+    for r in range(patches):
+        a, b, c = np.uintp(whole[A, r]), np.uintp(whole[B, r]), np.uintp(whole[C, r])
+        first, end = whole[FIRST, r], whole[FIRST, r + np.uintp(1)]
+        behind = whole[BEHIND, first] != 0
+        note_textured(
+            places, where, (start + first, start + end), column + first, weights, a, b, c, behind,
+            owner, samples, surface,
+        )  # fmt: skip
+
+
+@stage
+def whole_vectors(count):
+    """Return a count rounded up to whole vectors."""
+    return (np.int64(count) + (VECTOR - 1)) & -VECTOR
+
+
+@stage
+def gather_stretch(
+    faces, samples, weights, places, where, n, column, row, owner, whole, real, single, geometry,
+    placement, surface, lighting,
+):  # fmt: skip
+    """Gather the samples of one object that some neighbouring columns show."""
+    run = n, n + whole_vectors(faces.shape[0])
+    model = np.int64(surface.materials[owner, MATERIAL_MODEL])
+    patches = list_patches(faces, whole)
+    gather_corners(patches, faces, geometry.faces, whole)
+    size = whole_vectors(patches)
+    turn_corners(whole[A, :size], whole[B, :size], whole[C, :size])
+    find_weights(
+        weights, run, patches, column, row, owner, whole, real, geometry, placement, lighting
+    )
+    write_highlight(samples, run, model, owner, surface.materials, lighting)
+    gather_colors(samples, run, weights, patches, faces, owner, model, whole, single, surface)
+    gather_places(
+        samples, run, weights, patches, model, owner, whole, real, single, placement, surface,
+        lighting,
+    )  # fmt: skip
+    note_stretch(places, where, n, patches, column, weights, owner, samples, whole, surface)
