@@ -47,7 +47,7 @@ class Shapes:
     @cached_property
     def edges(self) -> NDArray[np.int32]:
         """Every edge of the faces once, (N, 2)."""
-        return stages.unique_edges(self.arrays.faces, len(self.arrays.positions))
+        return stages.unique_edges(self.arrays.faces)
 
     @cached_property
     def object_numbers(self) -> NDArray[np.int32]:

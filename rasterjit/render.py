@@ -262,7 +262,7 @@ class Renderer:
         clock("shade, resolve")
         if plan.wireframe is not None:
             edges = prepared.shapes.edges
-            _draw_wireframe(plan, edges, geometry, coefficients, coverage, result)
+            _draw_wireframe(plan, edges, geometry, coefficients, coverage, result, workers)
             clock("wireframe")
         _fill_buffers(plan, prepared, geometry, placement, coverage, result, workers)
         clock("buffers")
@@ -344,6 +344,7 @@ def _draw_wireframe(
     coefficients: tuple[float, float, float],
     coverage: stages.Coverage,
     result: dict[str, NDArray[Any]],
+    workers: stages.Workers,
 ) -> None:
     """Draw the edges over the colour."""
     if plan.wireframe is None:
@@ -351,7 +352,7 @@ def _draw_wireframe(
     encoded = linear_to_srgb(np.array(plan.wireframe.color[:3]))
     rgba = np.append(np.floor(255.0 * encoded + 0.5), 255.0).astype(np.uint8)
     hidden_by = (coverage.face_id, coverage.depth) if plan.draws_faces else None
-    stages.draw_edges(edges, geometry, coefficients, rgba, result["color"], hidden_by)
+    stages.draw_edges(edges, geometry, coefficients, rgba, result["color"], hidden_by, workers)
 
 
 def _fill_buffers(
