@@ -101,12 +101,6 @@ class Looks:
             np.uint8,
         )
 
-    @cached_property
-    def gouraud_objects(self) -> list[int]:
-        """The objects whose vertices are lit."""
-        meshes = self._shapes.meshes
-        return [n for n, mesh in enumerate(meshes) if mesh.material.shading == "gouraud"]
-
 
 class Prepared(NamedTuple):
     """A scene's objects, looked through for many frames."""

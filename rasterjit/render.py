@@ -319,7 +319,7 @@ def _shade(
     surface = looks.surface._replace(normals=looks.normals if plan.needs_normals else None)
     if plan.needs_gouraud and plan.lighting is not None:
         starts = prepared.shapes.arrays.vertex_starts
-        light = starts, looks.gouraud_objects, placement, surface
+        light = starts, placement, surface
         lit, matt = stages.light_vertices(*light, plan.lighting, workers), None
         if plan.needs_matt_light:
             matt = stages.light_vertices(*light, plan.lighting._replace(highlights=None), workers)

@@ -36,7 +36,6 @@ from rasterjit.kernels.records import (
     Viewport,
 )
 from rasterjit.memory import Memory
-from rasterjit.transforms import transform_points
 from rasterjit.workers import Workers
 
 FACES_PER_TASK = 65536
@@ -44,6 +43,9 @@ FACES_PER_TASK = 65536
 
 VERTICES_PER_TASK = 65536
 """Vertices taken to the screen by one task; they may belong to several objects."""
+
+LEAST_LIT_VERTICES = 4096
+"""Fewest vertices lit by one task."""
 
 TILES_PER_TASK = 8
 """Fewest tiles drawn by one task, if there are several threads."""
@@ -145,24 +147,16 @@ def transform(
     -------
     (V, 4) float64, clip space
     """
-    clip_positions = workers.memory.empty((len(positions), 4), np.float64)
+    count = len(positions)
+    clip_positions = workers.memory.empty((count, 4), np.float64)
+    objects = vertex_starts, np.ascontiguousarray(relative_from_model)
+    matrix = np.ascontiguousarray(clip_from_relative)
 
-    def transform_some(owner: int, first: int, stop: int) -> None:
-        world_from_model = relative_from_model[owner]
-        if np.array_equal(world_from_model[:3, :3], np.eye(3)):
-            # The same sums as below, without the products by 0 and 1.
-            with np.errstate(all="ignore"):
-                relative = positions[first:stop] + world_from_model[:3, 3]
-        else:
-            relative = transform_points(world_from_model, positions[first:stop])[:, :3]
-        transform_points(clip_from_relative, relative, out=clip_positions[first:stop])
+    def transform_some(first: int) -> None:
+        some, scratch = (first, min(first + VERTICES_PER_TASK, count)), projection.scratch_memory()
+        projection.transform_positions(some, positions, objects, matrix, clip_positions, scratch)
 
-    calls = []
-    for owner in range(len(vertex_starts) - 1):
-        end = int(vertex_starts[owner + 1])
-        for first in range(int(vertex_starts[owner]), end, VERTICES_PER_TASK):
-            calls.append((owner, first, min(first + VERTICES_PER_TASK, end)))
-    workers.run(transform_some, calls)
+    workers.run(transform_some, [(n,) for n in range(0, count, VERTICES_PER_TASK)])
     return clip_positions
 
 
@@ -448,26 +442,21 @@ def rows_per_task(shape: tuple[int, ...], workers: Workers) -> int:
 
 def light_vertices(
     vertex_starts: NDArray[np.int64],
-    owners: list[int],
     placement: Placement,
     surface: Surface,
     lighting: Lighting,
     workers: Workers,
 ) -> NDArray[np.float32]:
     """Light the vertices of the objects shaded by Gouraud; (V, 2, 3), zero for the others."""
-    lit = np.zeros((len(placement.positions), 2, 3), np.float32)
-    calls = []
-    for owner in owners:
-        end = int(vertex_starts[owner + 1])
-        for first in range(int(vertex_starts[owner]), end, VERTICES_PER_TASK):
-            vertices = (first, min(first + VERTICES_PER_TASK, end))
-            calls.append((vertices, owner))
+    count = len(placement.positions)
+    lit = np.zeros((count, 2, 3), np.float32)
+    per_task = _per_task(count, LEAST_LIT_VERTICES, workers)
 
-    def light_some(vertices: tuple[int, int], owner: int) -> None:
-        scratch = shading.scratch_memory(False)
-        shading.light_vertices(vertices, owner, placement, surface, lighting, lit, scratch)
+    def light_some(first: int) -> None:
+        some, scratch = (first, min(first + per_task, count)), shading.scratch_memory(False)
+        shading.light_vertices(some, vertex_starts, placement, surface, lighting, lit, scratch)
 
-    workers.run(light_some, calls)
+    workers.run(light_some, [(n,) for n in range(0, count, per_task)])
     return lit
 
 
