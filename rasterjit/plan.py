@@ -108,6 +108,11 @@ class RenderPlan:
         return list_effects(self.grounds)
 
     @property
+    def needs_faces(self) -> bool:
+        """Whether the face at every pixel is found: shown, in front of edges, or in a buffer."""
+        return self.draws_faces or self.diagnose or bool({*self.outputs} - {"color", "linear"})
+
+    @property
     def needs_color(self) -> bool:
         """Whether any output shows colour."""
         return self.grounds.is_colored

@@ -246,6 +246,7 @@ class Renderer:
         )  # fmt: skip
         coverage = stages.find_visible(
             vertices, arrays.faces, objects, coefficients, viewport, workers, clock,
+            find_faces=plan.needs_faces,
             keep_lists=plan.diagnose,
             keep_clip_positions=plan.diagnose or plan.wireframe is not None,
         )  # fmt: skip
@@ -326,7 +327,8 @@ def _shade(
         surface = surface._replace(lit_vertices=lit, matt_vertices=matt)
     if plan.needs_textures:
         surface = surface._replace(textures=looks.textures)
-    shown = coverage.face_id if plan.draws_faces else np.full_like(coverage.face_id, -1)
+    is_left_out = plan.needs_faces and not plan.draws_faces
+    shown = np.full_like(coverage.face_id, -1) if is_left_out else coverage.face_id
     stages.shade(
         shown, geometry, placement, surface, plan.lighting, plan.background, linear, color, workers
     )

@@ -306,6 +306,7 @@ def find_visible(
     workers: Workers,
     clock: Callable[[str], None],
     *,
+    find_faces: bool = True,
     keep_lists: bool = False,
     keep_clip_positions: bool = False,
 ) -> Coverage:
@@ -323,6 +324,8 @@ def find_visible(
     workers : Workers
     clock : callable
         Called with a stage's name when it ends.
+    find_faces : bool
+        Whether anybody looks at depth and face; else all pixels are empty.
     keep_lists : bool
         Whether the tiles' lists outlive the drawing.
     keep_clip_positions : bool
@@ -348,7 +351,11 @@ def find_visible(
     clock("set up, bin")
     depth = workers.memory.empty((viewport.height, viewport.width), np.float32)
     face_id = workers.memory.empty((viewport.height, viewport.width), np.int32)
-    draw(starts, binned, floors, all_faces, screen, viewport, (depth, face_id), workers)
+    if find_faces:
+        draw(starts, binned, floors, all_faces, screen, viewport, (depth, face_id), workers)
+    else:
+        depth.fill(-np.inf)
+        face_id.fill(visibility.NOTHING)
     clock("visibility")
     outside, degenerate, culled, unsampled, invalid = (int(n) for n in sums)
     drawn = len(faces) - (outside + degenerate + culled + unsampled + invalid)

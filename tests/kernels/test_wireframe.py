@@ -188,6 +188,23 @@ def test_only_draws_all_edges_and_no_face(cube):
     assert overlay.sum() < 0.8 * only.sum()
 
 
+def test_faces_that_nobody_looks_at_are_not_found(cube, camera, monkeypatch):
+    scene = rj.Scene()
+    scene.add(cube)
+    scene.wireframe = rj.Wireframe("red", "only")
+    drawn = []
+    draw = stages.draw
+    monkeypatch.setattr(stages, "draw", lambda *a: drawn.append(1) or draw(*a))
+    alone = rj.render(scene, camera, size=SIZE, threads=1)
+    assert not drawn
+    assert alone.stats.drawn == 12
+    assert alone.stats.pixels_covered == 0
+    both = rj.render(scene, camera, size=SIZE, outputs=("color", "face_id"), threads=1)
+    assert drawn
+    assert both.stats.pixels_covered == (both.face_id >= 0).sum() > 0
+    assert both.color.tobytes() == alone.color.tobytes()
+
+
 @pytest.mark.parametrize("mode", ["only", "overlay"])
 def test_edges_are_the_same_for_any_number_of_threads(sphere, camera, monkeypatch, mode):
     monkeypatch.setattr(stages, "EDGES_PER_TASK", 7)
