@@ -327,11 +327,16 @@ def _shade(
         surface = surface._replace(lit_vertices=lit, matt_vertices=matt)
     if plan.needs_textures:
         surface = surface._replace(textures=looks.textures)
-    is_left_out = plan.needs_faces and not plan.draws_faces
-    shown = np.full_like(coverage.face_id, -1) if is_left_out else coverage.face_id
+    # Without faces all rows are alike: the first is shaded, the others are copies of it.
+    shown = coverage.face_id if plan.draws_faces else np.full((1, width), -1, np.int32)
     stages.shade(
-        shown, geometry, placement, surface, plan.lighting, plan.background, linear, color, workers
-    )
+        shown, geometry, placement, surface, plan.lighting, plan.background,
+        None if linear is None else linear[: len(shown)],
+        None if color is None else color[: len(shown)], workers,
+    )  # fmt: skip
+    for picture in (linear, color):
+        if picture is not None:
+            picture[len(shown) :] = picture[0]
     if linear is not None:
         result["linear"] = linear
     if color is not None:
