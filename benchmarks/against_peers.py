@@ -48,7 +48,7 @@ QUICK_SCENES = {"small_images": "small_images_quick"}
 
 OWN = "rasterjit"
 
-THREADED = (OWN, OPENGL, "opengl_color")
+THREADED = (OWN, OPENGL, "opengl_color", "lavapipe")
 """Contestants that are asked for several numbers of threads; the others draw with one."""
 
 MAIN = (OWN, OPENGL, TINYDISPLAY)

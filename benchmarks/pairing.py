@@ -158,16 +158,37 @@ def package_environment(changes: dict[str, str]) -> dict[str, str]:
     return {**os.environ, "PYTHONPATH": os.pathsep.join(paths), **changes}
 
 
-def start(entry: Entry, folder: Path, number: int) -> tuple[Worker, dict[str, Any], float]:
-    """Start a worker; return it, its picture, and the seconds it takes for one."""
-    picture = folder / f"{number}.npz"
-    names = (entry.contestant, entry.scene, str(entry.threads), str(picture))
-    environment = package_environment(contestant(entry.contestant).environment(entry.threads))
-    worker = Worker(("-m", "benchmarks.worker", *names), environment, folder / f"{number}.log")
+class Drawer(Worker):
+    """
+    A worker that holds one contestant and one scene: `benchmarks.worker`.
+
+    Parameters
+    ----------
+    entry : Entry
+    folder : Path
+        Takes its picture and its standard error.
+    number : int
+        Of the worker, in the names of those files.
+    """
+
+    def __init__(self, entry: Entry, folder: Path, number: int) -> None:
+        self._path = folder / f"{number}.npz"
+        names = (entry.contestant, entry.scene, str(entry.threads), str(self._path))
+        environment = package_environment(contestant(entry.contestant).environment(entry.threads))
+        super().__init__(("-m", "benchmarks.worker", *names), environment, folder / f"{number}.log")
+
+    def picture(self) -> dict[str, NDArray[Any]]:
+        """Return the last picture that it drew."""
+        self.ask("picture")
+        with np.load(self._path) as saved:
+            return dict(saved)
+
+
+def start(entry: Entry, folder: Path, number: int) -> tuple[Drawer, float]:
+    """Start a worker; return it and the seconds it takes for a picture."""
+    worker = Drawer(entry, folder, number)
     try:
-        seconds = worker.answer(PREPARE_SECONDS)["seconds"]
-        with np.load(picture) as saved:
-            return worker, dict(saved), seconds
+        return worker, worker.answer(PREPARE_SECONDS)["seconds"]
     except BaseException:
         worker.close()
         raise
@@ -177,8 +198,9 @@ def measure(runs: Sequence[Run], effort: Effort) -> list[Run]:
     """
     Time the runs that are not missing, in turns: all of them once, then all of them again.
 
-    What disturbs the machine so falls on all of them. Compiling and warming up come before. A
-    worker that fails or is late leaves a run with the reason and without times.
+    What disturbs the machine so falls on all of them. Compiling and warming up come before. The
+    picture of a run is the last that was timed. A worker that fails or is late leaves a run with
+    the reason and without times.
     """
     with tempfile.TemporaryDirectory() as folder, contextlib.ExitStack() as stack:
         present = []
@@ -186,7 +208,7 @@ def measure(runs: Sequence[Run], effort: Effort) -> list[Run]:
             if run.missing is not None:
                 continue
             with reported(run):
-                worker, run.picture, seconds = start(run.entry, Path(folder), number)
+                worker, seconds = start(run.entry, Path(folder), number)
                 stack.callback(worker.close)
                 present.append((run, worker, effort.rounds_of(seconds, run.patience)))
         for turn in range(effort.rounds):
@@ -197,6 +219,10 @@ def measure(runs: Sequence[Run], effort: Effort) -> list[Run]:
                         run.seconds.append(answer["total"])
                         run.draw_seconds.append(answer["draw"])
                         run.processor_seconds.append(answer["processor"])
+        for run, worker, _ in present:
+            if run.missing is None:
+                with reported(run):
+                    run.picture = worker.picture()
     return list(runs)
 
 

@@ -3,8 +3,9 @@ A process that holds one contestant and one scene, and draws when told to.
 
 ``python -m benchmarks.worker CONTESTANT SCENE THREADS PICTURE`` prepares, warms up, saves the
 picture as ``.npz``, says how long a picture takes, and then answers every line on standard input
-with one line of JSON: seconds of drawing, of drawing and reading back, and of processor time over
-all threads.
+with one line of JSON. To ``picture`` it saves the last picture anew and answers nothing; to any
+other it draws, and answers with the seconds of drawing, of drawing and reading back, and of
+processor time over all threads.
 """
 
 from __future__ import annotations
@@ -59,7 +60,11 @@ def main(key: str, scene_name: str, threads: str, picture: str) -> None:
         seconds = timed(prepared)["total"]
     np.savez(picture, **prepared.picture())
     print(json.dumps({"seconds": seconds}), file=answers, flush=True)
-    for _ in sys.stdin:
+    for command in sys.stdin:
+        if command.strip() == "picture":
+            np.savez(picture, **prepared.picture())
+            print("{}", file=answers, flush=True)
+            continue
         if seconds < WARM_SECONDS:
             timed(prepared)
         print(json.dumps(timed(prepared)), file=answers, flush=True)

@@ -230,7 +230,7 @@ def render(
         rendered = time.perf_counter()
         _write_files(frame, places, depth_scale)
     saved = time.perf_counter()
-    if frame.stats.pixels_covered == 0:
+    if (frame.stats.pixels_covered if frame.plan.draws_faces else frame.stats.drawn) == 0:
         _warn("nothing is in view: the picture shows only the background", quiet)
     if not quiet:
         seconds = {"load": loaded - start, **frame.stats.seconds, "save": saved - rendered}

@@ -61,7 +61,11 @@ class Stats:
 
     @property
     def pixels_covered(self) -> int:
-        """Pixels that show a face; counted when first asked for."""
+        """
+        Pixels that show a face; counted when first asked for.
+
+        None if the edges alone are drawn and no other output asks for the faces.
+        """
         covered = self._covered
         if not isinstance(covered, int):
             covered = int(np.count_nonzero(covered >= 0))

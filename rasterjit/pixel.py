@@ -398,12 +398,11 @@ def _shade(
     """Shade one pixel with the engine's kernel; return its linear colour, (4,) float32."""
     geometry, placement, plan = drawn.geometry, drawn.placement, drawn.plan
     face = int(drawn.coverage.face_id[y, x])
-    owner = int(np.searchsorted(drawn.arrays.face_starts, face, side="right")) - 1
     if plan.needs_gouraud and lighting is not None:
-        lit = _lit_vertices(drawn, surface, lighting, face, owner)
+        lit = _lit_vertices(drawn, surface, lighting, face)
         matt = None
         if plan.needs_matt_light:
-            matt = _lit_vertices(drawn, surface, lighting._replace(highlights=None), face, owner)
+            matt = _lit_vertices(drawn, surface, lighting._replace(highlights=None), face)
         surface = surface._replace(lit_vertices=lit, matt_vertices=matt)
     row = np.full((1, plan.size[0]), visibility.NOTHING, np.int32)
     row[0, x] = face
@@ -416,17 +415,15 @@ def _shade(
 
 
 def _lit_vertices(
-    drawn: _Drawn, surface: Surface, lighting: Lighting, face: int, owner: int
+    drawn: _Drawn, surface: Surface, lighting: Lighting, face: int
 ) -> NDArray[np.float32]:
     """Light the vertices of one face, if its object is shaded by Gouraud; (V, 2, 3)."""
     lit = np.zeros((len(drawn.arrays.positions), 2, 3), np.float32)
-    if surface.materials[owner, records.MATERIAL_MODEL] == records.GOURAUD:
-        for vertex in drawn.arrays.faces[face].tolist():
-            vertices = (vertex, vertex + 1)
-            shading.light_vertices(
-                vertices, owner, drawn.placement, surface, lighting, lit,
-                shading.scratch_memory(False),
-            )  # fmt: skip
+    for vertex in drawn.arrays.faces[face].tolist():
+        shading.light_vertices(
+            (vertex, vertex + 1), drawn.arrays.vertex_starts, drawn.placement, surface, lighting,
+            lit, shading.scratch_memory(False),
+        )  # fmt: skip
     return lit
 
 

@@ -110,7 +110,13 @@ class RenderPlan:
     @property
     def needs_depth(self) -> bool:
         """Whether the depth of the whole frame is kept."""
-        return "depth" in self.outputs or self.wireframe is not None or self.diagnose
+        hides_edges = self.wireframe is not None and self.draws_faces
+        return "depth" in self.outputs or hides_edges or self.diagnose
+
+    @property
+    def needs_faces(self) -> bool:
+        """Whether the face at every pixel is found: shown, in front of edges, or in a buffer."""
+        return self.draws_faces or self.diagnose or bool({*self.outputs} - {"color", "linear"})
 
     @property
     def needs_color(self) -> bool:

@@ -47,7 +47,7 @@ class Shapes:
     @cached_property
     def edges(self) -> NDArray[np.int32]:
         """Every edge of the faces once, (N, 2)."""
-        return stages.unique_edges(self.arrays.faces, len(self.arrays.positions))
+        return stages.unique_edges(self.arrays.faces)
 
     @cached_property
     def object_numbers(self) -> NDArray[np.int32]:
@@ -100,12 +100,6 @@ class Looks:
             [mesh.material.shading in ("gouraud", "phong") for mesh in self._shapes.meshes],
             np.uint8,
         )
-
-    @cached_property
-    def gouraud_objects(self) -> list[int]:
-        """The objects whose vertices are lit."""
-        meshes = self._shapes.meshes
-        return [n for n, mesh in enumerate(meshes) if mesh.material.shading == "gouraud"]
 
 
 class Prepared(NamedTuple):

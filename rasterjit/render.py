@@ -247,6 +247,7 @@ class Renderer:
         coverage = stages.find_visible(
             vertices, arrays.faces, objects, coefficients, viewport, workers, clock,
             keep_depth=plan.needs_depth,
+            find_faces=plan.needs_faces,
             keep_lists=plan.diagnose,
             keep_clip_positions=plan.diagnose or plan.wireframe is not None,
         )  # fmt: skip
@@ -263,7 +264,7 @@ class Renderer:
         clock("shade, resolve")
         if plan.wireframe is not None:
             edges = prepared.shapes.edges
-            _draw_wireframe(plan, edges, geometry, coefficients, coverage, result)
+            _draw_wireframe(plan, edges, geometry, coefficients, coverage, result, workers)
             clock("wireframe")
         _fill_buffers(plan, prepared, geometry, placement, coverage, result, workers)
         clock("buffers")
@@ -320,17 +321,23 @@ def _shade(
     surface = looks.surface._replace(normals=looks.normals if plan.needs_normals else None)
     if plan.needs_gouraud and plan.lighting is not None:
         starts = prepared.shapes.arrays.vertex_starts
-        light = starts, looks.gouraud_objects, placement, surface
+        light = starts, placement, surface
         lit, matt = stages.light_vertices(*light, plan.lighting, workers), None
         if plan.needs_matt_light:
             matt = stages.light_vertices(*light, plan.lighting._replace(highlights=None), workers)
         surface = surface._replace(lit_vertices=lit, matt_vertices=matt)
     if plan.needs_textures:
         surface = surface._replace(textures=looks.textures)
-    shown = coverage.face_id if plan.draws_faces else np.full_like(coverage.face_id, -1)
+    # Without faces all rows are alike: the first is shaded, the others are copies of it.
+    shown = coverage.face_id if plan.draws_faces else np.full((1, width), -1, np.int32)
     stages.shade(
-        shown, geometry, placement, surface, plan.lighting, plan.background, linear, color, workers
-    )
+        shown, geometry, placement, surface, plan.lighting, plan.background,
+        None if linear is None else linear[: len(shown)],
+        None if color is None else color[: len(shown)], workers,
+    )  # fmt: skip
+    for picture in (linear, color):
+        if picture is not None:
+            picture[len(shown) :] = picture[0]
     if linear is not None:
         result["linear"] = linear
     if color is not None:
@@ -345,6 +352,7 @@ def _draw_wireframe(
     coefficients: tuple[float, float, float],
     coverage: stages.Coverage,
     result: dict[str, NDArray[Any]],
+    workers: stages.Workers,
 ) -> None:
     """Draw the edges over the colour."""
     if plan.wireframe is None:
@@ -352,7 +360,7 @@ def _draw_wireframe(
     encoded = linear_to_srgb(np.array(plan.wireframe.color[:3]))
     rgba = np.append(np.floor(255.0 * encoded + 0.5), 255.0).astype(np.uint8)
     hidden_by = (coverage.face_id, coverage.depth) if plan.draws_faces else None
-    stages.draw_edges(edges, geometry, coefficients, rgba, result["color"], hidden_by)
+    stages.draw_edges(edges, geometry, coefficients, rgba, result["color"], hidden_by, workers)
 
 
 def _fill_buffers(

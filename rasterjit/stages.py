@@ -17,7 +17,6 @@ from rasterjit.kernels import (
     binning,
     clipping,
     interpolation,
-    lines,
     occlusion,
     projection,
     resolve,
@@ -37,7 +36,6 @@ from rasterjit.kernels.records import (
     Viewport,
 )
 from rasterjit.memory import Memory
-from rasterjit.transforms import transform_points
 from rasterjit.workers import Workers
 
 FACES_PER_TASK = 65536
@@ -46,8 +44,14 @@ FACES_PER_TASK = 65536
 VERTICES_PER_TASK = 65536
 """Vertices taken to the screen by one task; they may belong to several objects."""
 
+LEAST_LIT_VERTICES = 4096
+"""Fewest vertices lit by one task."""
+
 TILES_PER_TASK = 8
 """Fewest tiles drawn by one task, if there are several threads."""
+
+EDGES_PER_TASK = 1 << 14
+"""Edges of a wireframe drawn by one task: where they end, 640 KiB, stays in a core's own cache."""
 
 PIXELS_PER_TASK = 1 << 15
 """About the fewest pixels of whole rows shaded by one task: small frames wake no thread."""
@@ -143,24 +147,16 @@ def transform(
     -------
     (V, 4) float64, clip space
     """
-    clip_positions = workers.memory.empty((len(positions), 4), np.float64)
+    count = len(positions)
+    clip_positions = workers.memory.empty((count, 4), np.float64)
+    objects = vertex_starts, np.ascontiguousarray(relative_from_model)
+    matrix = np.ascontiguousarray(clip_from_relative)
 
-    def transform_some(owner: int, first: int, stop: int) -> None:
-        world_from_model = relative_from_model[owner]
-        if np.array_equal(world_from_model[:3, :3], np.eye(3)):
-            # The same sums as below, without the products by 0 and 1.
-            with np.errstate(all="ignore"):
-                relative = positions[first:stop] + world_from_model[:3, 3]
-        else:
-            relative = transform_points(world_from_model, positions[first:stop])[:, :3]
-        transform_points(clip_from_relative, relative, out=clip_positions[first:stop])
+    def transform_some(first: int) -> None:
+        some, scratch = (first, min(first + VERTICES_PER_TASK, count)), projection.scratch_memory()
+        projection.transform_positions(some, positions, objects, matrix, clip_positions, scratch)
 
-    calls = []
-    for owner in range(len(vertex_starts) - 1):
-        end = int(vertex_starts[owner + 1])
-        for first in range(int(vertex_starts[owner]), end, VERTICES_PER_TASK):
-            calls.append((owner, first, min(first + VERTICES_PER_TASK, end)))
-    workers.run(transform_some, calls)
+    workers.run(transform_some, [(n,) for n in range(0, count, VERTICES_PER_TASK)])
     return clip_positions
 
 
@@ -311,6 +307,7 @@ def find_visible(
     clock: Callable[[str], None],
     *,
     keep_depth: bool = True,
+    find_faces: bool = True,
     keep_lists: bool = False,
     keep_clip_positions: bool = False,
 ) -> Coverage:
@@ -330,6 +327,8 @@ def find_visible(
         Called with a stage's name when it ends.
     keep_depth : bool
         Whether the depth outlives the drawing.
+    find_faces : bool
+        Whether anybody looks at depth and face; else all pixels are empty.
     keep_lists : bool
         Whether the tiles' lists outlive the drawing.
     keep_clip_positions : bool
@@ -355,7 +354,11 @@ def find_visible(
     clock("set up, bin")
     depth = workers.memory.empty((viewport.height, viewport.width * keep_depth), np.float32)
     face_id = workers.memory.empty((viewport.height, viewport.width), np.int32)
-    draw(starts, binned, floors, all_faces, screen, viewport, (depth, face_id), workers)
+    if find_faces:
+        draw(starts, binned, floors, all_faces, screen, viewport, (depth, face_id), workers)
+    else:
+        depth.fill(-np.inf)
+        face_id.fill(visibility.NOTHING)
     clock("visibility")
     outside, degenerate, culled, unsampled, invalid = (int(n) for n in sums)
     drawn = len(faces) - (outside + degenerate + culled + unsampled + invalid)
@@ -449,26 +452,21 @@ def rows_per_task(shape: tuple[int, ...], workers: Workers) -> int:
 
 def light_vertices(
     vertex_starts: NDArray[np.int64],
-    owners: list[int],
     placement: Placement,
     surface: Surface,
     lighting: Lighting,
     workers: Workers,
 ) -> NDArray[np.float32]:
     """Light the vertices of the objects shaded by Gouraud; (V, 2, 3), zero for the others."""
-    lit = np.zeros((len(placement.positions), 2, 3), np.float32)
-    calls = []
-    for owner in owners:
-        end = int(vertex_starts[owner + 1])
-        for first in range(int(vertex_starts[owner]), end, VERTICES_PER_TASK):
-            vertices = (first, min(first + VERTICES_PER_TASK, end))
-            calls.append((vertices, owner))
+    count = len(placement.positions)
+    lit = np.zeros((count, 2, 3), np.float32)
+    per_task = _per_task(count, LEAST_LIT_VERTICES, workers)
 
-    def light_some(vertices: tuple[int, int], owner: int) -> None:
-        scratch = shading.scratch_memory(False)
-        shading.light_vertices(vertices, owner, placement, surface, lighting, lit, scratch)
+    def light_some(first: int) -> None:
+        some, scratch = (first, min(first + per_task, count)), shading.scratch_memory(False)
+        shading.light_vertices(some, vertex_starts, placement, surface, lighting, lit, scratch)
 
-    workers.run(light_some, calls)
+    workers.run(light_some, [(n,) for n in range(0, count, per_task)])
     return lit
 
 
@@ -516,12 +514,19 @@ def shade(
     workers.run(shade_band, [(first,) for first in range(0, height, per_task)])
 
 
-def unique_edges(faces: NDArray[np.int32], vertex_count: int) -> NDArray[np.int32]:
+def unique_edges(faces: NDArray[np.int32]) -> NDArray[np.int32]:
     """Return every edge of the faces once, (N, 2), lower vertex number first, ascending."""
-    corners = faces.astype(np.int64)
-    pairs = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]])
-    keys = np.unique(pairs.min(axis=1) * vertex_count + pairs.max(axis=1))
-    return np.stack([keys // vertex_count, keys % vertex_count], axis=1).astype(np.int32)
+    keys = np.empty((3, len(faces)), np.int64)
+    for k in range(3):
+        # One number for each edge, its lower vertex in the upper half.
+        a, b = faces[:, k], faces[:, (k + 1) % 3]
+        np.minimum(a, b, out=keys[k])
+        keys[k] <<= 32
+        keys[k] |= np.maximum(a, b)
+    ascending = np.sort(keys, axis=None)
+    is_new = np.append(True, ascending[1:] != ascending[:-1])
+    edges = ascending[is_new[: len(ascending)]]
+    return np.stack([edges >> 32, edges & 0xFFFFFFFF], axis=1).astype(np.int32)
 
 
 def draw_edges(
@@ -531,9 +536,13 @@ def draw_edges(
     rgba: NDArray[np.uint8],
     color: NDArray[np.uint8],
     hidden_by: tuple[NDArray[np.int32], NDArray[np.float32]] | None,
+    workers: Workers,
 ) -> None:
     """
     Draw edges as Bresenham lines into the colour.
+
+    All have one colour and none hides another. So tasks may draw them in any order, and even meet
+    in a pixel: both write the same value.
 
     Parameters
     ----------
@@ -545,24 +554,41 @@ def draw_edges(
         Written.
     hidden_by : (face_id (H, W) int32, depth (H, W) float32) or None
         The surfaces that hide edges; ``None`` draws all of them.
+    workers : Workers
     """
-    ends, depths = np.empty((len(edges), 4), np.int64), np.empty((len(edges), 2), np.float64)
-    count = wireframe.project_edges(
-        edges, geometry.clip_positions, depth_coefficients, geometry.viewport, ends, depths
+    count, empty = len(geometry.clip_positions), workers.memory.empty
+    pixels = empty((count, 2), np.int32)
+    vertices = geometry.clip_positions, geometry.codes, pixels
+    workers.run(
+        wireframe.find_pixels,
+        [
+            ((n, min(n + VERTICES_PER_TASK, count)), *vertices[:2], geometry.viewport, pixels)
+            for n in range(0, count, VERTICES_PER_TASK)
+        ],
     )
-    colors = np.ascontiguousarray(np.broadcast_to(rgba, (count, 2, 4)))
+    depth = slack = None
+    if hidden_by is not None:
+        face_id, depth = hidden_by
+        slack = empty(depth.shape, np.float32)
+        arguments = depth, geometry, depth_coefficients, slack
+        fill_rows(wireframe.fill_slack, face_id, arguments, workers)
     target = color.view(np.uint32)[:, :, 0]
-    if hidden_by is None:
-        lines.draw_lines(target, ends[:count], colors)
-        return
-    face_id, depth = hidden_by
-    slack = np.empty_like(depth)
-    wireframe.fill_slack(face_id, depth, geometry, depth_coefficients, slack)
-    lines.draw_lines_depth_tested(target, depth, ends[:count], depths[:count], colors, slack)
+
+    def draw_some(first: int) -> None:
+        some = edges[first : first + EDGES_PER_TASK]
+        ends = np.empty((len(some), 4), np.int32)
+        depths = None if depth is None else np.empty((len(some), 2), np.float64)
+        seen = wireframe.project_edges(
+            some, vertices, depth_coefficients, geometry.viewport, ends, depths
+        )
+        line_depths = None if depths is None else depths[:seen]
+        wireframe.draw_edges(target, depth, slack, ends[:seen], line_depths, rgba)
+
+    workers.run(draw_some, [(n,) for n in range(0, len(edges), EDGES_PER_TASK)])
 
 
 def fill_rows(kernel: Any, face_id: NDArray[np.int32], arguments: tuple, workers: Workers) -> None:
-    """Call an interpolation kernel for bands of rows."""
+    """Call a kernel for bands of rows."""
     height, per_task = len(face_id), rows_per_task(face_id.shape, workers)
     workers.run(
         kernel,

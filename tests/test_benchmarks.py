@@ -151,13 +151,16 @@ def test_a_picture_of_another_size_differs():
 
 
 class FakeWorker:
-    """Answers with given seconds."""
+    """Answers with given seconds and a given picture."""
 
-    def __init__(self, seconds):
-        self._seconds = seconds
+    def __init__(self, seconds, picture=None):
+        self._seconds, self._picture = seconds, picture or {}
 
     def ask(self, command):
         return dict.fromkeys(("draw", "total", "processor"), self._seconds)
+
+    def picture(self):
+        return self._picture
 
     def close(self):
         pass
@@ -171,7 +174,7 @@ def faked(monkeypatch, tmp_path):
 
     def start(entry, folder, number):
         seconds, drawn = known[entry.contestant]
-        return FakeWorker(seconds), drawn, seconds
+        return FakeWorker(seconds, drawn), seconds
 
     monkeypatch.setattr(pairing, "start", start)
     names = {name: name for name in ("rasterjit", "opengl", "tinydisplay")}
@@ -296,6 +299,20 @@ def test_a_worker_that_gives_no_answer_is_ended(tmp_path, code, seconds, message
     worker.close()
 
 
+def test_the_picture_of_a_run_is_the_last_that_was_timed(tmp_path):
+    entry = pairing.Entry("rasterjit", "fill_sample")
+    worker, seconds = pairing.start(entry, tmp_path, 0)
+    try:
+        assert seconds > 0.0
+        early = worker.picture()
+        (tmp_path / "0.npz").unlink()
+        assert worker.ask("draw").keys() == {"draw", "total", "processor"}
+        late = worker.picture()
+    finally:
+        worker.close()
+    assert late["face_id"].tobytes() == early["face_id"].tobytes()
+
+
 def test_a_failed_worker_leaves_the_others_their_times(monkeypatch):
     class Failing(FakeWorker):
         def ask(self, command):
@@ -303,7 +320,7 @@ def test_a_failed_worker_leaves_the_others_their_times(monkeypatch):
 
     workers = {"opengl": Failing(1.0), "rasterjit": FakeWorker(0.01)}
     monkeypatch.setattr(
-        pairing, "start", lambda entry, folder, number: (workers[entry.contestant], {}, 0.01)
+        pairing, "start", lambda entry, folder, number: (workers[entry.contestant], 0.01)
     )
     runs = [run_of("opengl", []), run_of("rasterjit", [])]
     slow, own = pairing.measure(runs, pairing.Effort(3, 1.0))

@@ -16,7 +16,8 @@ Where a contestant has other rules for what a pixel shows, it has a sixth:
 
 ``alike(scene)``
     What its pictures share with the reference at least: the share of all pixels that both cover or
-    both do not, and the share of the pixels covered by both whose colours are alike.
+    both do not, and the share of the pixels covered by both whose colours are alike. Maybe a third:
+    the share of either's covered pixels within one pixel of which the other covers one.
 """
 
 from __future__ import annotations

@@ -1,27 +1,27 @@
 """
-RasterJIT's own stages without what makes them exact and repeatable, to see what that costs.
+RasterJIT itself without what makes it exact, to see what that costs.
 
-Vertices are not snapped, edge functions are floats of the unsnapped positions without a top-left
-rule, and triangles are listed in the order in which threads finish, in all tiles of their boxes:
-shared edges crack or are drawn twice, and ties fall as they may. Transform, outcodes, culling,
-totals, floors, the depth plane and the depth test are those of ``rasterjit``. For scenes that need
-no clipping.
+The same stages, batches, loops and vectors, but for a few functions that stand here in place of
+their namesakes: edge functions, spans and depths are float32, no tie goes to top and left, and
+vertices keep the order that they are given in. So shared edges crack or are drawn twice, and the
+spelling of a face shows. Transform, snapping, tile lists and floors are RasterJIT's own.
 """
 
 from __future__ import annotations
 
 from importlib.util import find_spec
+from types import FunctionType, ModuleType, SimpleNamespace
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.contestants import Prepared
 from benchmarks.contestants.needs import refusal
-from benchmarks.contestants.rasterjit_ import NEARER_IS_LESS, Visibility
+from benchmarks.contestants.rasterjit_ import Visibility
 from benchmarks.scenes import LineScene, Scene, TriangleScene
-from rasterjit.kernels import binning, projection, setup, visibility
+from rasterjit import stages
+from rasterjit.kernels import batches, setup, visibility
 from rasterjit.kernels.jit import disjoint_stage, stage
 
 NAME = "RasterJIT, float edges"
@@ -31,7 +31,8 @@ UNABLE = dict.fromkeys(
     "it finds the faces of one mesh only",
 )
 
-compiled = numba.njit(nogil=True, error_model="numpy")
+FAR_AWAY = np.float32(1e20)
+"""An edge along the row crosses it so many columns away for each unit of its value."""
 
 
 def available() -> str | None:
@@ -56,403 +57,270 @@ def prepare(scene: Scene, threads: int) -> Prepared:
     return FloatTriangles(scene, threads)
 
 
-@compiled
-def project_vertices(clip_positions, depth_coefficients, viewport, first, xy, depth, codes):
-    """Divide by w and map to the screen, pixels; return the bits of all outcodes."""
-    c0, c1, c2 = depth_coefficients
-    seen = 0
-    for n in range(clip_positions.shape[0]):
-        x, y = clip_positions[n, 0], clip_positions[n, 1]
-        z, w = clip_positions[n, 2], clip_positions[n, 3]
-        code = projection.outcode(x, y, z, w, viewport)
-        seen |= code
-        codes[first + n] = code
-        if code & (setup.GUARD | setup.INVALID):
-            continue
-        xy[first + n, 0] = (x / w + 1.0) * (0.5 * viewport.width)
-        xy[first + n, 1] = (1.0 - y / w) * (0.5 * viewport.height)
-        depth[first + n] = (c0 + c1 * z + c2 * w) / w
-    return seen
+# --- set-up -----------------------------------------------------------------------------------
 
 
 @stage
-def first_centre(coordinate):
-    """Return the first pixel whose centre is at or beyond a coordinate."""
-    return np.int64(np.ceil(coordinate - np.float32(0.5)))
+def edge(ax, ay, bx, by, px, py):
+    """Return the edge function of a -> b at p, rounded."""
+    along_x, along_y = np.float32(np.int32(bx - ax)), np.float32(np.int32(by - ay))
+    away_x, away_y = np.float32(np.int32(px - ax)), np.float32(np.int32(py - ay))
+    return along_x * away_y - along_y * away_x
 
 
 @stage
-def last_centre(coordinate):
-    """Return the last pixel whose centre is at or before a coordinate."""
-    return np.int64(np.floor(coordinate - np.float32(0.5)))
+def edge_bias(ax, ay, bx, by):
+    """Return 0: a tie belongs to both sides."""
+    return np.int64(0)
+
+
+# --- batches ----------------------------------------------------------------------------------
 
 
 @stage
-def survey_triangle(v0, v1, v2, xy, viewport, culled_turn):
-    """Decide whether a triangle can cover a sample; return that and its tile box."""
-    x0, y0, x1, y1, x2, y2 = xy[v0, 0], xy[v0, 1], xy[v1, 0], xy[v1, 1], xy[v2, 0], xy[v2, 1]
-    left = max(first_centre(min(x0, min(x1, x2))), np.int64(0))
-    right = min(last_centre(max(x0, max(x1, x2))), np.int64(viewport.width - 1))
-    top = max(first_centre(min(y0, min(y1, y2))), np.int64(0))
-    bottom = min(last_centre(max(y0, max(y1, y2))), np.int64(viewport.height - 1))
-    area = setup.edge(x0, y0, x1, y1, x2, y2)
-    zero = np.float32(0.0)
-    outcome = setup.UNSAMPLED if (left > right) | (top > bottom) else setup.SURVIVES
-    if ((area > zero) & (culled_turn > 0)) | ((area < zero) & (culled_turn < 0)):
-        outcome = setup.CULLED
-    if area == zero:
-        outcome = setup.DEGENERATE
-    bits = setup.TILE_BITS
-    return outcome, (left >> bits, top >> bits, right >> bits, bottom >> bits)
-
-
-@stage
-def list_survivor(face, outcome, box, end, survivors, columns, tile_counts):
-    """List a face and its box if it survives, and count its tiles; return the end of the list."""
-    if outcome != setup.SURVIVES:
-        return end
-    setup.list_survivor(face, setup.pack_box(box), end, survivors)
-    for row in range(box[1], box[3] + 1):
-        for column in range(box[0], box[2] + 1):
-            tile_counts[np.uintp(row * columns + column)] += 1
-    if setup.is_large(box):
-        tile_counts[np.uintp(tile_counts.shape[0] - 1)] += 1
-    return end + 1
-
-
-@compiled
-def bin_triangles(triangles, boxes, columns, cursors, binned):
-    """Write each triangle into the lists of all tiles of its box."""
-    for n in range(triangles.shape[0]):
-        left, top, right, bottom = setup.box_of(boxes, n)
-        for row in range(top, bottom + 1):
-            for column in range(left, right + 1):
-                binning.list_in_tile(
-                    triangles[n], np.uintp(row * columns + column), cursors, binned
-                )
-
-
-@compiled
-def set_up_triangles(face_range, faces, objects, codes, xy, viewport, survivors, counts):
-    """List the faces of a range that can cover a sample; return the end of the list."""
-    columns, tile_counts, totals = counts
-    end = face_range[0]
-    owner = np.searchsorted(objects.face_starts, face_range[0], side="right") - 1
-    for face in range(face_range[0], face_range[1]):
-        while face >= objects.face_starts[owner + 1]:
-            owner += 1
-        a, b, c = setup.corners_of(faces, np.uintp(face))
-        if (codes[a] | codes[b] | codes[c]) & setup.INVALID:
-            totals[setup.DROPPED] += 1
-            continue
-        if codes[a] & codes[b] & codes[c] & setup.FRUSTUM:
-            totals[setup.OUTSIDE] += 1
-            continue
-        first = end
-        outcome, box = survey_triangle(a, b, c, xy, viewport, objects.culled_turns[owner])
-        end = list_survivor(face, outcome, box, end, survivors, columns, tile_counts)
-        if end == first:
-            totals[outcome] += 1
-    return end
+def is_above(ax, ay, bx, by):
+    """Return ``False``: the order of vertices stays, but for the turn."""
+    return False
 
 
 @disjoint_stage
-def test_row(depths, numbers, values, steps, plane, face):
-    """Test one row of samples against the three edges and the depth; without branches."""
-    zero = np.float32(0.0)
-    for i in range(depths.shape[0]):
-        column = np.float32(np.int32(i))
-        e0 = values[0] + column * steps[0]
-        e1 = values[1] + column * steps[1]
-        e2 = values[2] + column * steps[2]
-        stored = visibility.held(visibility.depth_from(plane, e0, e1), plane)
-        if (e0 >= zero) & (e1 >= zero) & (e2 >= zero) & (stored > depths[i]):
-            depths[i] = stored
-            numbers[i] = face
+def bound_triangles(ax, ay, bx, by, cx, cy, window, bits, left, top, right, bottom, wide):
+    """Write the box of samples of each triangle inside a window; any vertex may be topmost."""
+    blocks = batches.BLOCK_BITS
+    for n in range(ax.shape[0]):
+        first = setup.first_sample(min(ax[n], min(bx[n], cx[n])), bits)
+        last = setup.last_sample(max(ax[n], max(bx[n], cx[n])), bits)
+        is_wide = last - first >= batches.SMALL_PIXELS
+        wide[n] = is_wide
+        left[n] = max(first, (window[0] >> blocks) << blocks if is_wide else window[0])
+        top[n] = max(setup.first_sample(min(ay[n], min(by[n], cy[n])), bits), window[1])
+        right[n] = min(last, window[2])
+        bottom[n] = min(setup.last_sample(max(ay[n], max(by[n], cy[n])), bits), window[3])
+
+
+@disjoint_stage
+def plan_depths(ax, ay, bx, by, cx, cy, da, db, dc, weight_a, weight_b, lowest, highest):
+    """Write the weights of E_bc and E_ca in the depth, and its range."""
+    for n in range(ax.shape[0]):
+        area = edge(ax[n], ay[n], bx[n], by[n], cx[n], cy[n])
+        weight_a[n], weight_b[n] = (da[n] - dc[n]) / area, (db[n] - dc[n]) / area
+        lowest[n] = min(da[n], min(db[n], dc[n]))
+        highest[n] = max(da[n], max(db[n], dc[n]))
+
+
+@disjoint_stage
+def plan_edge(ax, ay, bx, by, left, top, bits, value, across, down, least):
+    """Write the edge a -> b at the corner of the box, its steps, and its least value inside."""
+    unit, half = np.float32(np.int64(1) << bits), np.int64(1) << (bits - 1)
+    for n in range(ax.shape[0]):
+        px = np.int32((left[n] << bits) + half)
+        py = np.int32((top[n] << bits) + half)
+        value[n] = edge(ax[n], ay[n], bx[n], by[n], px, py)
+        across[n] = np.float32(np.int32(ay[n] - by[n])) * unit
+        down[n] = np.float32(np.int32(bx[n] - ax[n])) * unit
+        least[n] = np.float32(0.0)
+
+
+# --- visibility -------------------------------------------------------------------------------
 
 
 @stage
-def first_inside(value, slope, first):
-    """Return the first column at or after ``first`` with ``value + column * slope >= 0``."""
-    if slope <= 0:
-        return first
-    return max(first, np.int64(np.ceil(-value / slope)))
+def edge_at(ax, ay, bx, by, column, row, grid_bits):
+    """Return the edge function of a -> b at a pixel's centre."""
+    half = np.int64(1) << (grid_bits - 1)
+    return edge(ax, ay, bx, by, (column << grid_bits) + half, (row << grid_bits) + half)
 
 
 @stage
-def last_inside(value, slope, last):
-    """Return the last column at or before ``last`` with ``value + column * slope >= 0``."""
-    if slope < 0:
-        return min(last, np.int64(np.floor(value / -slope)))
-    if slope == 0 and value < 0:
-        return np.int64(-1)
-    return last
+def line_at(a, b, column, row, grid_bits):
+    """Return an edge as (value at a pixel, step to the next column, to the next row)."""
+    value = edge_at(a[0], a[1], b[0], b[1], column, row, grid_bits)
+    return (
+        value / np.float32(np.int64(1) << grid_bits),
+        np.float32(a[1] - b[1]),
+        np.float32(b[0] - a[0]),
+    )
+
+
+@stage
+def edges_at(a, b, c, column, row, grid_bits):
+    """Return the three edges of a triangle, as `line_at` does."""
+    return (
+        line_at(b, c, column, row, grid_bits),
+        line_at(c, a, column, row, grid_bits),
+        line_at(a, b, column, row, grid_bits),
+    )
 
 
 @stage
 def worst(value, across, down, columns, rows):
     """Return the least value of an edge over a block of samples."""
     zero = np.float32(0.0)
-    last_column, last_row = np.float32(columns - 1), np.float32(rows - 1)
-    return value + min(across * last_column, zero) + min(down * last_row, zero)
-
-
-@stage
-def clockwise(corners, xy):
-    """Return the vertex numbers clockwise on the screen."""
-    a, b, c = corners
-    if setup.edge(xy[a, 0], xy[a, 1], xy[b, 0], xy[b, 1], xy[c, 0], xy[c, 1]) < 0:
-        b, c = c, b
-    return a, b, c
-
-
-@stage
-def depth_plane(a, b, c, xy, depth):
-    """Return what `visibility.depth_plane` does, from edge functions in pixels."""
-    ax, ay, bx, by, cx, cy = xy[a, 0], xy[a, 1], xy[b, 0], xy[b, 1], xy[c, 0], xy[c, 1]
-    area = np.float64(setup.edge(ax, ay, bx, by, cx, cy))
-    da, db, dc = depth[a], depth[b], depth[c]
-    weight_a, weight_b = (da - dc) / area, (db - dc) / area
-    step = np.float64(by - cy) * weight_a + np.float64(cy - ay) * weight_b
-    return dc, weight_a, weight_b, step, min(da, min(db, dc)), max(da, max(db, dc))
-
-
-@stage
-def lowest_at_corners(plane, a, b, c, box, xy):
-    """Return the lowest depth at the corners of a box of samples."""
-    half = np.float32(0.5)
-    lowest = np.inf
-    for row in (box[1], box[3]):
-        for column in (box[0], box[2]):
-            px, py = np.float32(column) + half, np.float32(row) + half
-            depth = visibility.depth_from(
-                plane,
-                setup.edge(xy[b, 0], xy[b, 1], xy[c, 0], xy[c, 1], px, py),
-                setup.edge(xy[c, 0], xy[c, 1], xy[a, 0], xy[a, 1], px, py),
-            )
-            lowest = min(lowest, depth)
-    return visibility.held(lowest, plane)
-
-
-@compiled
-def find_floors(triangles, boxes, columns, faces, xy, depth, viewport, floors):
-    """Raise the floors of the tiles that large triangles cover."""
-    half, size = np.float32(0.5), np.int64(visibility.TILE_SIZE)
-    for n in range(triangles.shape[0]):
-        left, top = np.int64(boxes[n, 0]), np.int64(boxes[n, 1])
-        right, bottom = np.int64(boxes[n, 2]), np.int64(boxes[n, 3])
-        if setup.is_large((left, top, right, bottom)):
-            a, b, c = clockwise(setup.corners_of(faces, np.int64(triangles[n])), xy)
-            plane = depth_plane(a, b, c, xy, depth)
-            ax, ay, bx, by, cx, cy = xy[a, 0], xy[a, 1], xy[b, 0], xy[b, 1], xy[c, 0], xy[c, 1]
-            for row in range(top, bottom + 1):
-                for column in range(left, right + 1):
-                    x, y = column << setup.TILE_BITS, row << setup.TILE_BITS
-                    width, height = min(size, viewport.width - x), min(size, viewport.height - y)
-                    px, py = np.float32(x) + half, np.float32(y) + half
-                    e0 = setup.edge(bx, by, cx, cy, px, py)
-                    e1 = setup.edge(cx, cy, ax, ay, px, py)
-                    e2 = setup.edge(ax, ay, bx, by, px, py)
-                    least = min(
-                        worst(e0, by - cy, cx - bx, width, height),
-                        min(
-                            worst(e1, cy - ay, ax - cx, width, height),
-                            worst(e2, ay - by, bx - ax, width, height),
-                        ),
-                    )
-                    if least >= np.float32(0.0):
-                        box = x, y, x + width - 1, y + height - 1
-                        lowest = lowest_at_corners(plane, a, b, c, box, xy)
-                        tile = row * columns + column
-                        floors[tile] = max(floors[tile], lowest)
-
-
-@stage
-def draw_triangle(corners, face, xy, depth, viewport, origin, floor, tile):
-    """Draw one triangle into a tile whose first pixel is ``origin`` (column, row)."""
-    depths, numbers = tile
-    half = np.float32(0.5)
-    a, b, c = clockwise(corners, xy)
-    ax, ay, bx, by, cx, cy = xy[a, 0], xy[a, 1], xy[b, 0], xy[b, 1], xy[c, 0], xy[c, 1]
-    plane = depth_plane(a, b, c, xy, depth)
-    if np.float32(plane[5]) < floor:
-        return
-    own_left = first_centre(min(ax, min(bx, cx)))
-    own_right = last_centre(max(ax, max(bx, cx)))
-    size = np.int64(visibility.TILE_SIZE)
-    left = max(own_left, origin[0])
-    top = max(first_centre(min(ay, min(by, cy))), origin[1])
-    right = min(own_right, min(origin[0] + size, np.int64(viewport.width)) - 1)
-    bottom = min(
-        last_centre(max(ay, max(by, cy))), min(origin[1] + size, np.int64(viewport.height)) - 1
+    return (
+        value + min(across * np.float32(columns - 1), zero) + min(down * np.float32(rows - 1), zero)
     )
-    px, py = np.float32(left) + half, np.float32(top) + half
-    e0 = setup.edge(bx, by, cx, cy, px, py)
-    e1 = setup.edge(cx, cy, ax, ay, px, py)
-    e2 = setup.edge(ax, ay, bx, by, px, py)
-    across0, across1, across2 = by - cy, cy - ay, ay - by
-    columns, rows = right - left + 1, bottom - top + 1
-    least = min(
-        worst(e0, across0, cx - bx, columns, rows),
-        min(worst(e1, across1, ax - cx, columns, rows), worst(e2, across2, bx - ax, columns, rows)),
+
+
+@stage
+def crossing_line(edge, columns, rows):
+    """Return an edge as (value, step down, columns for each unit of them, side)."""
+    value, across, down = edge
+    if worst(value, across, down, columns, rows) >= 0:
+        return value, down, np.float32(1.0), np.int64(0)
+    if across == 0:
+        return value, down, FAR_AWAY, np.int64(-1)
+    return value, down, np.float32(1.0) / abs(across), np.int64(1 if across > 0 else -1)
+
+
+@stage
+def bound_span(first, last, line, row):
+    """Return the first and the last column that one edge leaves of a row."""
+    value, down, columns, side = line
+    if side == 0:
+        return first, last
+    crossing = np.floor((value + row * down) * columns)
+    return (
+        max(first, -crossing) if side > 0 else first,
+        last if side > 0 else min(last, crossing),
     )
-    is_small = own_right - own_left < visibility.SMALL_PIXELS
-    for row in range(top - origin[1], bottom - origin[1] + 1):
-        if is_small:
-            begin = left - origin[0]
-            end = begin + ((right - left) | 3) + 1
-            test_row(
-                depths[row, begin:end], numbers[row, begin:end],
-                (e0, e1, e2), (across0, across1, across2), plane, face,
-            )  # fmt: skip
-        else:
-            first, last = np.int64(0), columns - 1
-            if least < np.float32(0.0):
-                first = first_inside(e0, across0, first)
-                first = first_inside(e1, across1, first)
-                first = first_inside(e2, across2, first)
-                last = last_inside(e0, across0, last)
-                last = last_inside(e1, across1, last)
-                last = last_inside(e2, across2, last)
-            if first <= last:
-                offset = np.float32(first)
-                start = visibility.depth_from(plane, e0 + offset * across0, e1 + offset * across1)
-                begin, end = left + first - origin[0], left + last + 1 - origin[0]
-                visibility.fill_span(
-                    depths[row, begin:end], numbers[row, begin:end],
-                    start, np.int32(0), plane, face,
-                )  # fmt: skip
-        e0 += cx - bx
-        e1 += ax - cx
-        e2 += bx - ax
 
 
-@compiled
-def draw_tiles(tiles, starts, binned, floors, faces, xy, vertex_depth, viewport, frame, scratch):
-    """Draw some of the frame's tiles."""
-    depth, face_id = frame
-    tile_depth, tile_numbers = scratch
-    columns = (np.int64(viewport.width) + visibility.TILE_SIZE - 1) >> setup.TILE_BITS
-    for n in range(tiles.shape[0]):
-        tile = np.int64(tiles[n])
-        origin = ((tile % columns) << setup.TILE_BITS, (tile // columns) << setup.TILE_BITS)
-        visibility.clear_tile(tile_depth, tile_numbers)
-        for k in range(starts[tile], starts[tile + 1]):
-            face = binned[k]
-            corners = setup.corners_of(faces, np.int64(face))
-            draw_triangle(
-                corners, face, xy, vertex_depth, viewport, origin, floors[tile],
-                (tile_depth, tile_numbers),
-            )  # fmt: skip
-        left, top = origin
-        width = min(visibility.TILE_SIZE, viewport.width - left)
-        for row in range(min(visibility.TILE_SIZE, viewport.height - top)):
-            frame_depth = depth[top + row, left : left + width]
-            frame_numbers = face_id[top + row, left : left + width]
-            for column in range(width):
-                frame_depth[column] = tile_depth[row, column]
-                frame_numbers[column] = tile_numbers[row, column]
+@disjoint_stage
+def find_spans(begins, ends, depths, lanes, lines, columns, inside_bc, inside_ca, plane):
+    """
+    Write, row by row, the first covered column, one past the last, and the depth at the first.
+
+    Returns the number of columns that the longest row covers.
+    """
+    width, longest = np.float32(columns), np.int32(0)
+    e0, e1 = np.float32(inside_bc[0]), np.float32(inside_ca[0])
+    across0, across1 = np.float32(inside_bc[1]), np.float32(inside_ca[1])
+    down0, down1 = np.float32(inside_bc[2]), np.float32(inside_ca[2])
+    for i in range(lanes):
+        row = np.float32(np.int32(i))
+        first, last = np.float32(0.0), width - np.float32(1.0)
+        first, last = bound_span(first, last, lines[0], row)
+        first, last = bound_span(first, last, lines[1], row)
+        first, last = bound_span(first, last, lines[2], row)
+        first = min(first, width)
+        begin, end = np.int32(first), np.int32(max(last, np.float32(-1.0))) + np.int32(1)
+        begins[i], ends[i] = begin, end
+        longest = max(longest, np.int32(end - begin))
+        depths[i] = depth_from(
+            plane, e0 + first * across0 + row * down0, e1 + first * across1 + row * down1
+        )
+    return np.int64(longest)
+
+
+@stage
+def depth_from(plane, edge_bc, edge_ca):
+    """Return the depth where two edge functions have the given values."""
+    return plane[0] + (edge_bc * plane[1] + edge_ca * plane[2])
+
+
+@disjoint_stage
+def fill_span(depths, numbers, first, count, depth, steps, plane, face):
+    """Depth-test ``count`` samples of a row, from ``first`` on, in groups of four."""
+    for i in range(((count - 1) | 3) + 1):
+        sample = first + np.uintp(i)
+        along = np.float32(np.int32(np.int32(i) + steps))
+        stored = visibility.held(depth + along * plane[3], plane)
+        if (stored > depths[sample]) & (np.int32(i) < np.int32(count)):
+            depths[sample] = stored
+            numbers[sample] = face
+
+
+@disjoint_stage
+def find_samples(begins, ends, starts, steps, before, corner, plane, places, stored):
+    """Write where the sample ``steps`` right of the first of each row lies, and its depth."""
+    along = np.float32(np.int32(steps)) * plane[3]
+    for i in range(begins.shape[0]):
+        column = np.int32(begins[i] + np.int32(steps))
+        is_covered = (column >= before) & (column < ends[i])
+        depth = visibility.held(starts[i] + along, plane)
+        place = np.int32(np.int32(i) * np.int32(visibility.SCRATCH_SHAPE[1]) + np.int32(corner))
+        places[i] = np.int32(place + column) if is_covered else np.int32(0)
+        stored[i] = depth if is_covered else np.float32(-np.inf)
+
+
+@disjoint_stage
+def test_row(depths, numbers, first, lanes, values, steps, thresholds, plane, face):
+    """Test one row of samples against the three edges and the depth; without branches."""
+    for i in range(lanes):
+        sample = first + np.uintp(i)
+        column = np.float32(np.int32(i))
+        e0 = values[0] + column * steps[0]
+        e1 = values[1] + column * steps[1]
+        e2 = values[2] + column * steps[2]
+        stored = visibility.held(depth_from(plane, e0, e1), plane)
+        if (
+            (e0 >= thresholds[0])
+            & (e1 >= thresholds[1])
+            & (e2 >= thresholds[2])
+            & (stored > depths[sample])
+        ):
+            depths[sample] = stored
+            numbers[sample] = face
+
+
+def scratch_memory() -> tuple[NDArray[Any], ...]:
+    """Return the memory that a thread needs to draw, its real numbers in float32."""
+    return tuple(
+        np.empty(array.shape, np.float32) if array.dtype == np.float64 else array
+        for array in visibility.scratch_memory()
+    )
+
+
+# --- putting them in place --------------------------------------------------------------------
+
+
+def twin(module: ModuleType, **others: Any) -> SimpleNamespace:
+    """
+    Return a module once more, with others in place of some of its functions.
+
+    Every function of the module is made again from its own code, compiled in its own way but kept
+    in no cache, so that it calls the others.
+    """
+    strangers = others.keys() - vars(module).keys()
+    if strangers:
+        raise ValueError(f"{module.__name__} has no {', '.join(sorted(strangers))} to stand in for")
+    names = {**vars(module), **others}
+    for name in vars(module).keys() - others.keys():
+        compiled = names[name]
+        function = getattr(compiled, "py_func", compiled)
+        if not isinstance(function, FunctionType) or function.__module__ != module.__name__:
+            continue
+        again = FunctionType(function.__code__, names, name, function.__defaults__)
+        again.__kwdefaults__ = function.__kwdefaults__
+        if function is not compiled:
+            pipeline = compiled._compiler.pipeline_class
+            options = compiled.targetoptions
+            again = type(compiled)(again, targetoptions=options, pipeline_class=pipeline)
+        names[name] = again
+    return SimpleNamespace(**names)
+
+
+def careless_stages() -> SimpleNamespace:
+    """Return ``rasterjit.stages`` with the functions above in place of the exact ones."""
+    planning = twin(
+        batches, narrow_edge=edge, is_above=is_above, bound_triangles=bound_triangles,
+        plan_depths=plan_depths, plan_edge=plan_edge,
+    )  # fmt: skip
+    drawing = twin(
+        visibility, gather_triangles=planning.gather_triangles,
+        plan_triangles=planning.plan_triangles, edge_at=edge_at, edges_at=edges_at,
+        crossing_line=crossing_line, find_spans=find_spans, depth_from=depth_from,
+        fill_span=fill_span, find_samples=find_samples, test_row=test_row,
+        scratch_memory=scratch_memory,
+    )  # fmt: skip
+    # Which tiles a triangle reaches is asked of few, and in whole numbers.
+    listing = twin(setup, edge=edge, edge_bias=edge_bias, tile_edges=setup.tile_edges)
+    return twin(stages, setup=listing, visibility=drawing)
 
 
 class FloatTriangles(Visibility):
-    """Transform, projection, set-up, binning and visibility, in floats and in any order."""
+    """Transform, projection, set-up, binning and visibility, carelessly."""
 
     def __init__(self, scene: TriangleScene, threads: int) -> None:
         super().__init__(scene, threads)
-        self._size = scene.size
-
-    def draw(self) -> None:
-        """Find a face and its depth at every pixel."""
-        stages, workers, viewport = self._stages, self._workers, self._viewport
-        clip_positions = stages.transform(
-            self._positions, self._vertex_starts, self._relative_from_model,
-            self._clip_from_relative, workers,
-        )  # fmt: skip
-        screen = self._project(clip_positions)
-        starts, binned, floors = self._set_up_and_bin(screen)
-        # What was drawn lives until the next is done, as it does in the stages it is compared with:
-        # memory that is given back has to be fetched from the system again, page by page.
-        frame = np.empty(self._size[::-1], np.float32), np.empty(self._size[::-1], np.int32)
-        xy, depth, _ = screen
-        tiles = np.arange(len(starts) - 1, dtype=np.int32)
-        per_task = stages.TILES_PER_TASK if workers.threads > 1 else len(tiles)
-
-        def draw_some(some: NDArray[np.int32]) -> None:
-            shape = visibility.SCRATCH_SHAPE
-            scratch = np.empty(shape, np.float32), np.empty(shape, np.int32)
-            draw_tiles(
-                some, starts, binned, floors, self._faces, xy, depth, viewport, frame, scratch
-            )
-
-        workers.run(draw_some, [(tiles[n : n + per_task],) for n in range(0, len(tiles), per_task)])
-        self._drawn = *frame, screen
-
-    def _project(self, clip_positions: NDArray[np.float64]) -> tuple[NDArray[Any], ...]:
-        count, step = len(clip_positions), self._stages.VERTICES_PER_TASK
-        packed = np.empty((count, 2), np.float64)
-        xy, depth = packed.view(np.float32)[:, :2], packed[:, 1]
-        codes = np.zeros(count, np.uint8)
-        calls = [
-            (clip_positions[first : first + step], NEARER_IS_LESS, self._viewport, first, xy,
-             depth, codes)
-            for first in range(0, count, step)
-        ]  # fmt: skip
-        for bits in self._workers.run(project_vertices, calls):
-            if bits & setup.CLIPPED:
-                raise ValueError("the scene must need no clipping")
-        return xy, depth, codes
-
-    def _set_up_and_bin(
-        self, screen: tuple[NDArray[Any], ...]
-    ) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.float32]]:
-        xy, depth, codes = screen
-        faces, viewport = self._faces, self._viewport
-        size = visibility.TILE_SIZE
-        columns = -(-viewport.width // size)
-        tiles = columns * -(-viewport.height // size)
-        triangles = np.empty(len(faces), np.int32)
-        boxes = np.empty((len(faces), 4), np.uint8)
-        finished: list[tuple[int, int, NDArray[np.int32]]] = []
-
-        def set_up(first: int) -> None:
-            last = min(first + self._stages.FACES_PER_TASK, len(faces))
-            counts = np.zeros(tiles + 1, np.int32)
-            end = set_up_triangles(
-                (first, last), faces, self._objects, codes, xy, viewport, (triangles, boxes),
-                (columns, counts, np.zeros(5, np.int64)),
-            )  # fmt: skip
-            finished.append((first, end, counts))
-
-        firsts = range(0, len(faces), self._stages.FACES_PER_TASK)
-        self._workers.run(set_up, [(first,) for first in firsts])
-        tile_counts = np.array([counts[:-1] for _, _, counts in finished])
-        starts = np.concatenate(([0], np.cumsum(tile_counts.sum(axis=0, dtype=np.int64))))
-        cursors = starts[:-1] + np.cumsum(tile_counts, axis=0, dtype=np.int64) - tile_counts
-        binned = np.empty(starts[-1], np.int32)
-        self._workers.run(
-            bin_triangles,
-            [
-                (triangles[first:end], boxes[first:end], columns, cursors[n], binned)
-                for n, (first, end, _) in enumerate(finished)
-            ],
-        )
-        floors = np.full((len(finished), tiles), -np.inf, np.float32)
-        self._workers.run(
-            find_floors,
-            [
-                (triangles[first:end], boxes[first:end], columns, faces, xy, depth, viewport,
-                 floors[n])
-                for n, (first, end, counts) in enumerate(finished)
-                if counts[-1]
-            ],
-        )  # fmt: skip
-        return starts, binned, floors.max(axis=0)
-
-    def read(self) -> dict[str, NDArray[Any]]:
-        """Return the face at every pixel; it is a NumPy array already."""
-        return {"face_id": self._drawn[1]}
-
-    def picture(self) -> dict[str, NDArray[Any]]:
-        """Return what is compared."""
-        face_id = self._drawn[1]
-        return {"covered": face_id >= 0, "face_id": face_id}
+        self._stages = careless_stages()

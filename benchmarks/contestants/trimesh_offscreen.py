@@ -73,8 +73,14 @@ def draws(scene: Scene) -> str | None:
     return None if is_square else "its pixels have to be square"
 
 
-def alike(scene: Scene) -> tuple[float, float]:
-    """Return the shares of pixels alike that its rules allow for: multisampled borders."""
+def alike(scene: Scene) -> tuple[float, ...]:
+    """
+    Return the shares of pixels alike that its rules allow for: multisampled borders.
+
+    Small instances are nearly all border; what is covered is still next to what should be.
+    """
+    if isinstance(scene, TriangleScene) and scene.instances is not None:
+        return 0.93, 0.0, 0.999
     return 0.98, 0.0
 
 

@@ -316,5 +316,5 @@ def draw_long_lines(band_pixels, top, records, line):
         if is_short(ends):
             return number
         start, end = unpacked_color(records[number, 4]), unpacked_color(records[number, 5])
-        draw_line(pixels, None, None, width, height, ends, None, start, end)
+        draw_line(pixels, width, height, ends, start, end)
     return records.shape[0]

@@ -64,6 +64,9 @@ SHORT_STEPS = 1 << 14
 CHUNK_BITS = FRACTION_BITS // 2
 """Bits of a quotient found by one division: a remainder below 2**32, so shifted, fits ``int64``."""
 
+NO_DEPTHS = 0.0, 0.0
+"""Depths of a line that is not tested."""
+
 
 @stage
 def multiply_divide(a, b, divisor):
@@ -152,9 +155,7 @@ def packed_color(color):
 
 @stage
 def depth_ramp(line_depths, steps):
-    """Return the depth at step 0 and its gain each step; zeros if there is no depth test."""
-    if line_depths is None:
-        return 0.0, 0.0
+    """Return the depth at step 0 and its gain each step."""
     return line_depths[0], (line_depths[1] - line_depths[0]) / np.float64(max(steps, 1))
 
 
@@ -280,13 +281,42 @@ def seen_run(ends, width, height):
 
 
 @stage
-def draw_line(pixels, depth, slack, width, height, ends, line_depths, start_color, end_color):
+def draw_plain_line(pixels, depth, slack, width, height, ends, line_depths, color):
+    """
+    Draw one line of one colour into a flat target of ``width * height`` pixels.
+
+    ``ends`` is x and y of the start, x and y of the end; the colour is four ``int64``. Without
+    ``depth`` there is no depth test. With it pixel ``k`` of an ``n``-step line
+    has the depth ``d0 + k * ((d1 - d0) / n)`` in ``float64`` and is drawn where that is at least
+    ``depth - slack``, slack 0 if there is none; a NaN in ``line_depths`` hides the whole line.
+    """
+    (first, last, steps), strides, (minor_start, minor_end) = seen_run(ends, width, height)
+    if first > last:
+        return
+    run = (first, last, strides[0], strides[1], strides[2])
+    minor = entry_value(minor_start, minor_end, first, steps)
+    reciprocal = (1 << FRACTION_BITS) // max(steps, 1)
+    minor_gain = gain_per_step(minor_start, minor_end, steps, reciprocal)
+    ramp = depth_ramp(line_depths, steps)
+    fixed = (
+        color[0] << FRACTION_BITS,
+        color[1] << FRACTION_BITS,
+        color[2] << FRACTION_BITS,
+        color[3] << FRACTION_BITS,
+    )
+    walk(pixels, depth, slack, ramp, run, minor, minor_gain, fixed, None)
+
+
+@stage
+def draw_line(pixels, width, height, ends, start_color, end_color):
     """
     Draw one line into a flat target of ``width * height`` pixels.
 
     ``ends`` is x and y of the start, x and y of the end; the colours are four ``int64`` each.
-    Without ``depth`` and ``line_depths`` there is no depth test.
     """
+    if start_color == end_color:
+        draw_plain_line(pixels, None, None, width, height, ends, NO_DEPTHS, start_color)
+        return
     (first, last, steps), strides, (minor_start, minor_end) = seen_run(ends, width, height)
     if first > last:
         return
@@ -296,12 +326,8 @@ def draw_line(pixels, depth, slack, width, height, ends, line_depths, start_colo
     reciprocal = (1 << FRACTION_BITS) // max(steps, 1)
     minor_gain = gain_per_step(minor_start, minor_end, steps, reciprocal)
     color = entry_color(start_color, end_color, first, steps)
-    ramp = depth_ramp(line_depths, steps)
-    if start_color == end_color:
-        walk(pixels, depth, slack, ramp, run, minor, minor_gain, color, None)
-    else:
-        gain = color_gain(start_color, end_color, steps, reciprocal)
-        walk(pixels, depth, slack, ramp, run, minor, minor_gain, color, gain)
+    gain = color_gain(start_color, end_color, steps, reciprocal)
+    walk(pixels, None, None, NO_DEPTHS, run, minor, minor_gain, color, gain)
 
 
 @stage
@@ -347,39 +373,4 @@ def draw_lines(target, ends, colors):
     for line in range(ends.shape[0]):
         x_y_x_y = line_ends(ends, line)
         start, end = line_color(colors, line, 0), line_color(colors, line, 1)
-        draw_line(pixels, None, None, width, height, x_y_x_y, None, start, end)
-
-
-@kernel
-def draw_lines_depth_tested(target, depth, ends, line_depths, colors, slack):
-    """
-    Draw the pixels of a batch of lines that are not behind a picture's depth.
-
-    Pixel ``k`` of an ``n``-step line has the depth ``d0 + k * ((d1 - d0) / n)`` in ``float64``
-    and is drawn where that is at least ``depth - slack``. The depth is read, never written: lines
-    do not hide each other.
-
-    Parameters
-    ----------
-    target : (H, W) uint32, C-contiguous
-        RGBA pixels, as in ``draw_lines``.
-    depth : (H, W) float32, C-contiguous
-        Reversed depth: bigger is nearer, -inf where nothing is.
-    ends : (N, 4) int64, pixels
-        As in ``draw_lines``.
-    line_depths : (N, 2) float64
-        Reversed depth at the start and at the end. A NaN hides the whole line.
-    colors : (N, 2, 4) uint8, RGBA
-    slack : (H, W) float32, C-contiguous, or None
-        How far behind ``depth`` a pixel may lie and still be drawn; none is 0. ``depth - slack``
-        must not be NaN.
-
-    Writes ``target``.
-    """
-    height, width = target.shape
-    pixels = target.reshape(-1)
-    for line in range(ends.shape[0]):
-        x_y_x_y = line_ends(ends, line)
-        depths = (line_depths[line, 0], line_depths[line, 1])
-        start, end = line_color(colors, line, 0), line_color(colors, line, 1)
-        draw_line(pixels, depth, slack, width, height, x_y_x_y, depths, start, end)
+        draw_line(pixels, width, height, x_y_x_y, start, end)

@@ -433,5 +433,5 @@ def draw_bezier(target, points, colors):
             if segment < segments:
                 continue
             start = end
-        draw_line(pixels, None, None, width, height, (x0, y0, x1, y1), None, start, end)
+        draw_line(pixels, width, height, (x0, y0, x1, y1), start, end)
         x0, y0, start = x1, y1, end

@@ -207,6 +207,17 @@ def project_block(first, count, depth_coefficients, viewport, screen, scratch):
     return put_rows(first, count, numbers, whole, screen)
 
 
+@stage
+def transform_block(first, count, positions, objects, owner, clip_from_relative, numbers):
+    """Take a block from model space to clip space; return the owner of its last vertex."""
+    owner = load_relative(positions, first, first + count, objects, owner, numbers)
+    transform_rows(
+        clip_from_relative, numbers[X, :count], numbers[Y, :count], numbers[Z, :count],
+        numbers[W, :count],
+    )  # fmt: skip
+    return owner
+
+
 @kernel
 def transform_vertices(
     vertices, positions, objects, clip_from_relative, depth_coefficients, viewport: Viewport,
@@ -237,19 +248,40 @@ def transform_vertices(
     int
         The bits set in any of the outcodes.
     """
-    numbers = scratch[0]
     seen = np.int32(0)
     owner = np.searchsorted(objects[0], vertices[0], side="right") - 1
     for first in range(vertices[0], vertices[1], BLOCK):
-        stop = min(first + BLOCK, vertices[1])
-        count = stop - first
-        owner = load_relative(positions, first, stop, objects, owner, numbers)
-        transform_rows(
-            clip_from_relative, numbers[X, :count], numbers[Y, :count], numbers[Z, :count],
-            numbers[W, :count],
-        )  # fmt: skip
+        count = min(first + BLOCK, vertices[1]) - first
+        owner = transform_block(
+            first, count, positions, objects, owner, clip_from_relative, scratch[0]
+        )
         seen |= project_block(first, count, depth_coefficients, viewport, screen, scratch)
     return seen
+
+
+@kernel
+def transform_positions(vertices, positions, objects, clip_from_relative, clip_positions, scratch):
+    """
+    Take vertices from model space to clip space; the same bits as on the way to the screen.
+
+    Parameters
+    ----------
+    vertices, positions, objects, clip_from_relative, scratch
+        As `transform_vertices` takes them.
+    clip_positions : (V, 4) float64, clip space
+        Writes the rows of these vertices.
+    """
+    numbers = scratch[0]
+    owner = np.searchsorted(objects[0], vertices[0], side="right") - 1
+    for first in range(vertices[0], vertices[1], BLOCK):
+        count = min(first + BLOCK, vertices[1]) - first
+        owner = transform_block(
+            first, count, positions, objects, owner, clip_from_relative, numbers
+        )
+        for i in range(count):
+            row, vertex = np.uintp(i), np.uintp(first + i)
+            for k in range(W + 1):
+                clip_positions[vertex, np.uintp(k)] = numbers[X + k, row]
 
 
 @kernel

@@ -19,6 +19,8 @@ from rasterjit.kernels.gathering import gather_row
 from rasterjit.kernels.interpolation import place_vertex, smooth_normal
 from rasterjit.kernels.jit import kernel, stage
 from rasterjit.kernels.records import (
+    GOURAUD,
+    MATERIAL_MODEL,
     MATERIAL_SHININESS,
     MATERIAL_SPECULAR,
     Geometry,
@@ -249,50 +251,65 @@ def shade_rows(
             )  # fmt: skip
 
 
-@kernel
-def light_vertices(
-    vertices, owner, placement: Placement, surface: Surface, lighting: Lighting, lit_vertices,
-    scratch,
-):  # fmt: skip
-    """
-    Light the vertices of one object, for Gouraud shading.
-
-    Parameters
-    ----------
-    vertices : (int, int)
-        The object's first vertex, and one past its last.
-    owner : int
-        The object.
-    placement, surface, lighting : records
-        ``surface.normals`` is present; ``surface.face_colors`` has no part in it.
-    lit_vertices : (V, 2, 3) float32
-        Writes the linear colour of these vertices, for a viewer in front and one behind.
-    scratch : tuple
-        This thread's own, from `scratch_memory`.
-    """
-    samples = scratch[0]
+@stage
+def light_block(first, count, owner, placement, surface, lighting, lit_vertices, samples):
+    """Light some vertices of one object, for a viewer in front and one behind."""
     toward_viewer = viewer_of(placement)
     tint = material_tint(surface.materials, owner)
     only = (1.0, 0.0, 0.0)
     for side in range(2):
         toward = 1.0 - 2.0 * side
-        for first in range(vertices[0], vertices[1], BLOCK_COLUMNS):
-            count = min(vertices[1] - first, BLOCK_COLUMNS)
-            for n in range(count):
-                vertex = first + n
-                point = place_vertex(vertex, owner, placement)
-                normal = smooth_normal(
-                    only, vertex, vertex, vertex, surface.normals, placement.normal_matrices, owner
+        for n in range(count):
+            vertex = first + n
+            point = place_vertex(vertex, owner, placement)
+            normal = smooth_normal(
+                only, vertex, vertex, vertex, surface.normals, placement.normal_matrices, owner
+            )
+            color = vertex_tint(vertex, surface.vertex_colors, tint)
+            for k in range(3):
+                samples[lit.RED + k, n] = color[k]
+                samples[lit.NORMAL_X + k, n] = toward * normal[k]
+                samples[lit.POINT_X + k, n] = point[k]
+            samples[lit.SPECULAR, n] = surface.materials[owner, MATERIAL_SPECULAR]
+            samples[lit.SHININESS, n] = surface.materials[owner, MATERIAL_SHININESS]
+            samples[lit.LIT, n] = 1.0
+        lit.light_samples(samples, count, lighting, toward_viewer)
+        for n in range(count):
+            for k in range(3):
+                lit_vertices[first + n, side, k] = samples[lit.OUT_RED + k, n]
+
+
+@kernel
+def light_vertices(
+    vertices, vertex_starts, placement: Placement, surface: Surface, lighting: Lighting,
+    lit_vertices, scratch,
+):  # fmt: skip
+    """
+    Light the vertices of the objects shaded by Gouraud.
+
+    Parameters
+    ----------
+    vertices : (int, int)
+        The first, and one past the last; they may belong to several objects.
+    vertex_starts : (O+1,) int64
+        Object ``o`` owns vertices ``vertex_starts[o]:vertex_starts[o+1]``.
+    placement, surface, lighting : records
+        ``surface.normals`` is present; ``surface.face_colors`` has no part in it.
+    lit_vertices : (V, 2, 3) float32
+        Writes the linear colour of those vertices, for a viewer in front and one behind.
+    scratch : tuple
+        This thread's own, from `scratch_memory`.
+    """
+    owner = np.searchsorted(vertex_starts, vertices[0], side="right") - 1
+    first = vertices[0]
+    while first < vertices[1]:
+        while first >= vertex_starts[owner + 1]:
+            owner += 1
+        end = min(vertices[1], vertex_starts[owner + 1])
+        if np.int64(surface.materials[owner, MATERIAL_MODEL]) == GOURAUD:
+            for start in range(first, end, BLOCK_COLUMNS):
+                count = min(end - start, BLOCK_COLUMNS)
+                light_block(
+                    start, count, owner, placement, surface, lighting, lit_vertices, scratch[0]
                 )
-                color = vertex_tint(vertex, surface.vertex_colors, tint)
-                for k in range(3):
-                    samples[lit.RED + k, n] = color[k]
-                    samples[lit.NORMAL_X + k, n] = toward * normal[k]
-                    samples[lit.POINT_X + k, n] = point[k]
-                samples[lit.SPECULAR, n] = surface.materials[owner, MATERIAL_SPECULAR]
-                samples[lit.SHININESS, n] = surface.materials[owner, MATERIAL_SHININESS]
-                samples[lit.LIT, n] = 1.0
-            lit.light_samples(samples, count, lighting, toward_viewer)
-            for n in range(count):
-                for k in range(3):
-                    lit_vertices[first + n, side, k] = samples[lit.OUT_RED + k, n]
+        first = end

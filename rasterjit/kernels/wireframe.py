@@ -19,9 +19,10 @@ import numpy as np
 
 from rasterjit.kernels.clipping import PLANES, plane_distance
 from rasterjit.kernels.jit import kernel, stage
-from rasterjit.kernels.projection import outcode
+from rasterjit.kernels.lines import draw_plain_line
+from rasterjit.kernels.projection import stored_depth
 from rasterjit.kernels.records import Geometry, Viewport
-from rasterjit.kernels.setup import FRUSTUM, INVALID
+from rasterjit.kernels.setup import CLIPPED, FRUSTUM, INVALID
 
 DEPTH_ROUNDING = np.float32(1e-6)
 """Slack for the rounding of float32 depths, as a share of the depth: 8 ulp."""
@@ -61,22 +62,86 @@ def cut_end(a, b, own, plane, viewport, k):
     return (a[k] * there - b[k] * here) / (there - here)
 
 
+@stage
+def pixel_of(x, y, w, viewport):
+    """Return the column and the row of the pixel that holds a clip position in front of the eye."""
+    # Rounding may leave a cut end a little outside the guard band, or far if w cancels.
+    x = min(max(x / w, -viewport.guard_x), viewport.guard_x)
+    y = min(max(y / w, -viewport.guard_y), viewport.guard_y)
+    column = np.floor((x + 1.0) * (0.5 * viewport.width))
+    row = np.floor((1.0 - y) * (0.5 * viewport.height))
+    return np.int32(column), np.int32(row)
+
+
+@stage
+def put_depth(depths, n, end, z, w, depth_coefficients):
+    """Write the stored depth of one end; nothing if no depths are wanted."""
+    if depths is None:
+        return
+    depths[n, end] = stored_depth(z, w, depth_coefficients)
+
+
+@stage
+def put_cut_edge(a, b, depth_coefficients, viewport, n, ends, depths):
+    """Cut one edge at all planes and write its ends; return whether any of it may be seen."""
+    t0, t1, plane0, plane1 = clip_segment(a, b, viewport)
+    if t0 > t1:
+        return False
+    for end in range(2):
+        own, plane = (b, plane1) if end else (a, plane0)
+        x = cut_end(a, b, own, plane, viewport, 0)
+        y = cut_end(a, b, own, plane, viewport, 1)
+        z = cut_end(a, b, own, plane, viewport, 2)
+        w = cut_end(a, b, own, plane, viewport, 3)
+        if not w > 0.0:
+            return False
+        ends[n, 2 * end], ends[n, 2 * end + 1] = pixel_of(x, y, w, viewport)
+        put_depth(depths, n, end, z, w, depth_coefficients)
+    return True
+
+
 @kernel
-def project_edges(edges, clip_positions, depth_coefficients, viewport: Viewport, ends, depths):
+def find_pixels(vertices, clip_positions, codes, viewport: Viewport, pixels):
+    """
+    Find the pixels that hold the vertices.
+
+    Parameters
+    ----------
+    vertices : (int, int)
+        The first, and one past the last.
+    clip_positions : (V, 4) float64, clip space
+    codes : (V,) uint8, outcodes
+    viewport : Viewport
+    pixels : (V, 2) int32
+        Writes column and row of these vertices; of one that asks for clipping, any.
+    """
+    for vertex in range(np.uintp(vertices[0]), np.uintp(vertices[1])):
+        is_away = (codes[vertex] & (CLIPPED | INVALID)) != 0
+        x = 0.0 if is_away else clip_positions[vertex, 0]
+        y = 0.0 if is_away else clip_positions[vertex, 1]
+        w = 1.0 if is_away else clip_positions[vertex, 3]
+        pixels[vertex, 0], pixels[vertex, 1] = pixel_of(x, y, w, viewport)
+
+
+@kernel
+def project_edges(
+    edges, vertices, depth_coefficients, viewport: Viewport, ends, depths,
+):  # fmt: skip
     """
     Clip edges and find the pixels at their ends.
 
     Parameters
     ----------
     edges : (N, 2) int32, vertex numbers
-    clip_positions : (V, 4) float64, clip space
+    vertices : (clip_positions (V, 4) float64, codes (V,) uint8, pixels (V, 2) int32)
+        In clip space; their outcodes; what `find_pixels` wrote.
     depth_coefficients : (float, float, float)
         The stored depth is ``(c0 + c1 z + c2 w) / w``; greater is nearer.
     viewport : Viewport
-    ends : (N, 4) int64
+    ends : (N, 4) int32
         Writes the pixels x0, y0, x1, y1 of the edges that may be seen, packed to the front; all
         lie within the guard band.
-    depths : (N, 2) float64
+    depths : (N, 2) float64, or None
         Writes the stored depth at both ends.
 
     Returns
@@ -84,36 +149,69 @@ def project_edges(edges, clip_positions, depth_coefficients, viewport: Viewport,
     int
         How many edges were written.
     """
-    c0, c1, c2 = depth_coefficients
-    count = 0
-    for n in range(edges.shape[0]):
-        a, b = clip_positions[edges[n, 0]], clip_positions[edges[n, 1]]
-        code_a = outcode(a[0], a[1], a[2], a[3], viewport)
-        code_b = outcode(b[0], b[1], b[2], b[3], viewport)
+    clip_positions, codes, pixels = vertices
+    count = np.uintp(0)
+    for n in range(np.uintp(edges.shape[0])):
+        first, second = np.uintp(edges[n, 0]), np.uintp(edges[n, 1])
+        code_a, code_b = codes[first], codes[second]
         if (code_a | code_b) & INVALID or code_a & code_b & FRUSTUM:
             continue
-        t0, t1, plane0, plane1 = clip_segment(a, b, viewport)
-        if t0 > t1:
+        a, b = clip_positions[first], clip_positions[second]
+        if (code_a | code_b) & CLIPPED:
+            is_seen = put_cut_edge(a, b, depth_coefficients, viewport, count, ends, depths)
+            count += np.uintp(is_seen)
             continue
-        visible = True
-        for end in range(2):
-            own, plane = (b, plane1) if end else (a, plane0)
-            x = cut_end(a, b, own, plane, viewport, 0)
-            y = cut_end(a, b, own, plane, viewport, 1)
-            z = cut_end(a, b, own, plane, viewport, 2)
-            w = cut_end(a, b, own, plane, viewport, 3)
-            if not w > 0.0:
-                visible = False
-                break
-            # Rounding may leave a cut end a little outside the guard band, or far if w cancels.
-            x = min(max(x / w, -viewport.guard_x), viewport.guard_x)
-            y = min(max(y / w, -viewport.guard_y), viewport.guard_y)
-            ends[count, 2 * end] = np.int64(np.floor((x + 1.0) * (0.5 * viewport.width)))
-            ends[count, 2 * end + 1] = np.int64(np.floor((1.0 - y) * (0.5 * viewport.height)))
-            depths[count, end] = (c0 + c1 * z + c2 * w) / w
-        if visible:
-            count += 1
-    return count
+        ends[count, 0], ends[count, 1] = pixels[first, 0], pixels[first, 1]
+        ends[count, 2], ends[count, 3] = pixels[second, 0], pixels[second, 1]
+        put_depth(depths, count, 0, a[2], a[3], depth_coefficients)
+        put_depth(depths, count, 1, b[2], b[3], depth_coefficients)
+        count += np.uintp(1)
+    return np.int64(count)
+
+
+@stage
+def depths_of(line_depths, line):
+    """Return the depth at both ends of a line; zeros if lines have none."""
+    if line_depths is None:
+        return 0.0, 0.0
+    return line_depths[line, 0], line_depths[line, 1]
+
+
+@kernel
+def draw_edges(target, depth, slack, ends, line_depths, rgba):
+    """
+    Draw lines of one colour that do not hide each other.
+
+    Whatever their order, and whoever else draws others in this colour at the same time, a pixel is
+    written with the same value or not at all.
+
+    Parameters
+    ----------
+    target : (H, W) uint32, C-contiguous
+        RGBA pixels, red in the lowest byte. Written.
+    depth : (H, W) float32, or None
+        Stored depth of what hides lines, greater is nearer; ``None`` hides nothing.
+    slack : (H, W) float32, or None
+        How far behind ``depth`` a pixel may lie and still be drawn; none is 0. ``depth - slack``
+        must not be NaN.
+    ends : (N, 4) int32
+        As `project_edges` writes them.
+    line_depths : (N, 2) float64, or None
+        Stored depth at both ends; present if ``depth`` is. A NaN hides the whole line.
+    rgba : (4,) uint8
+    """
+    height, width = target.shape
+    pixels = target.reshape(-1)
+    color = np.int64(rgba[0]), np.int64(rgba[1]), np.int64(rgba[2]), np.int64(rgba[3])
+    for line in range(np.uintp(ends.shape[0])):
+        own = (
+            np.int64(ends[line, 0]),
+            np.int64(ends[line, 1]),
+            np.int64(ends[line, 2]),
+            np.int64(ends[line, 3]),
+        )
+        depths = depths_of(line_depths, line)
+        draw_plain_line(pixels, depth, slack, width, height, own, depths, color)
 
 
 @stage
@@ -147,39 +245,48 @@ def depth_slope(p, q, r, coefficients, viewport):
     return 2.0 * abs(along_x) / viewport.width + 2.0 * abs(along_y) / viewport.height
 
 
+@stage
+def face_slack(corners, clip_positions, depth_coefficients, viewport):
+    """Return how much nearer than an edge its own face may be at a pixel beside it."""
+    p, q, r = clip_positions[corners[0]], clip_positions[corners[1]], clip_positions[corners[2]]
+    allowed = np.float32(depth_slope(p, q, r, depth_coefficients, viewport))
+    if p[3] > 0.0 and q[3] > 0.0 and r[3] > 0.0:
+        d0 = stored_depth(p[2], p[3], depth_coefficients)
+        d1 = stored_depth(q[2], q[3], depth_coefficients)
+        d2 = stored_depth(r[2], r[3], depth_coefficients)
+        span = max(d0, max(d1, d2)) - min(d0, min(d1, d2))
+        allowed = min(allowed, np.float32(span))
+    return allowed
+
+
 @kernel
-def fill_slack(face_id, depth, geometry: Geometry, depth_coefficients, slack):
+def fill_slack(face_id, rows, depth, geometry: Geometry, depth_coefficients, slack):
     """
     Write how far behind the stored depth a line may lie and still be seen.
 
     Parameters
     ----------
     face_id : (H, W) int32
+    rows : (int, int)
+        The first row, and one past the last.
     depth : (H, W) float32, stored depth
     geometry : Geometry
     depth_coefficients : (float, float, float)
     slack : (H, W) float32
-        Written; 0 where nothing is.
+        Writes these rows; 0 where nothing is.
     """
-    c0, c1, c2 = depth_coefficients
-    for row in range(face_id.shape[0]):
+    known, allowed = np.int32(-1), np.float32(0.0)
+    for row in range(rows[0], rows[1]):
         for column in range(face_id.shape[1]):
             face = face_id[row, column]
-            slack[row, column] = 0.0
             if face < 0:
+                slack[row, column] = 0.0
                 continue
-            corners = geometry.faces[face]
-            p, q, r = (
-                geometry.clip_positions[corners[0]],
-                geometry.clip_positions[corners[1]],
-                geometry.clip_positions[corners[2]],
-            )
-            here = depth[row, column]
-            allowed = np.float32(depth_slope(p, q, r, depth_coefficients, geometry.viewport))
-            if p[3] > 0.0 and q[3] > 0.0 and r[3] > 0.0:
-                d0 = (c0 + c1 * p[2] + c2 * p[3]) / p[3]
-                d1 = (c0 + c1 * q[2] + c2 * q[3]) / q[3]
-                d2 = (c0 + c1 * r[2] + c2 * r[3]) / r[3]
-                span = max(d0, max(d1, d2)) - min(d0, min(d1, d2))
-                allowed = min(allowed, np.float32(span))
-            slack[row, column] = allowed + DEPTH_ROUNDING * abs(here)
+            # Neighbours mostly show the same face.
+            if face != known:
+                known = face
+                allowed = face_slack(
+                    geometry.faces[face], geometry.clip_positions, depth_coefficients,
+                    geometry.viewport,
+                )  # fmt: skip
+            slack[row, column] = allowed + DEPTH_ROUNDING * abs(depth[row, column])

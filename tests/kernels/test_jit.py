@@ -27,10 +27,11 @@ from rasterjit.kernels import wireframe
 from rasterjit.kernels.records import Viewport
 
 positions = np.array([[0.0, 0.0, 0.0, 1.0], [0.0, 0.0, -3.0, 1.0]])
-ends, depths = np.zeros((1, 4), np.int64), np.zeros((1, 2))
+ends, depths = np.zeros((1, 4), np.int32), np.zeros((1, 2))
+vertices = positions, np.array([0, 16], np.uint8), np.zeros((2, 2), np.int32)
 edges = np.array([[0, 1]], np.int32)
 view = Viewport(64, 64, 1.0, 1.0, 8, 8)
-count = wireframe.project_edges(edges, positions, (0.0, 1.0, 0.0), view, ends, depths)
+count = wireframe.project_edges(edges, vertices, (0.0, 1.0, 0.0), view, ends, depths)
 hits = sum(wireframe.project_edges.stats.cache_hits.values())
 print(count, round(depths[0, 1], 6), hits)
 """

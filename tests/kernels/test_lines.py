@@ -5,7 +5,7 @@ import numba
 import numpy as np
 
 from rasterjit import oracle
-from rasterjit.kernels import lines
+from rasterjit.kernels import lines, wireframe
 
 JIT = not numba.config.DISABLE_JIT
 WHITE = (255, 255, 255, 255)
@@ -166,18 +166,20 @@ def test_no_lines_draw_nothing():
 
 # Depth test
 
+TESTED_COLOR = (9, 8, 7, 6)
+
 
 def draw_tested(depth, ends, line_depths, slack=None):
     depth = np.asarray(depth, np.float32)
     height, width = depth.shape
     image = np.zeros((height, width, 4), np.uint8)
-    lines.draw_lines_depth_tested(
+    wireframe.draw_edges(
         image.view(np.uint32).reshape(height, width),
         depth,
-        np.array([ends], np.int64),
-        np.array([line_depths], np.float64),
-        np.array([[(9, 8, 7, 6), (200, 100, 50, 255)]], np.uint8),
         slack,
+        np.array([ends], np.int32),
+        np.array([line_depths], np.float64),
+        np.array(TESTED_COLOR, np.uint8),
     )
     return image
 
@@ -185,7 +187,7 @@ def draw_tested(depth, ends, line_depths, slack=None):
 def test_line_before_everything_is_the_untested_line():
     ends = (-7, 3, 30, 12)
     image = draw_tested(np.zeros((16, 16)), ends, (0.5, 0.25))
-    np.testing.assert_array_equal(image, draw((16, 16), ends, ((9, 8, 7, 6), (200, 100, 50, 255))))
+    np.testing.assert_array_equal(image, draw((16, 16), ends, (TESTED_COLOR, TESTED_COLOR)))
 
 
 def test_line_is_hidden_exactly_where_the_surface_is_nearer():

@@ -20,13 +20,23 @@ NEAR_OVER_W = (1.0, 0.0, 0.0)
 
 def project(positions, edges, size=SIZE, coefficients=NEAR_OVER_W):
     """Return the end pixels and depths of the edges that may be seen."""
-    edges = np.array(edges, np.int32)
-    ends, depths = np.full((len(edges), 4), -9, np.int64), np.full((len(edges), 2), np.nan)
-    count = wireframe.project_edges(
-        edges, np.ascontiguousarray(positions, np.float64), coefficients, viewport_of(size, 8),
-        ends, depths,
-    )  # fmt: skip
+    edges, viewport = np.array(edges, np.int32), viewport_of(size, 8)
+    positions = np.ascontiguousarray(positions, np.float64)
+    pixels, codes = np.full((len(positions), 2), -9, np.int32), codes_of(positions, viewport)
+    wireframe.find_pixels((0, len(positions)), positions, codes, viewport, pixels)
+    ends, depths = np.full((len(edges), 4), -9, np.int32), np.full((len(edges), 2), np.nan)
+    vertices = positions, codes, pixels
+    count = wireframe.project_edges(edges, vertices, coefficients, viewport, ends, depths)
+    without = np.full_like(ends, -9)
+    assert count == wireframe.project_edges(edges, vertices, coefficients, viewport, without, None)
+    np.testing.assert_array_equal(without[:count], ends[:count])
     return ends[:count], depths[:count]
+
+
+def codes_of(positions, viewport):
+    """Return the outcodes of clip positions."""
+    screen, _ = stages.project(positions, NEAR_OVER_W, viewport, stages.Workers(1))
+    return screen.codes[: len(positions)]
 
 
 def seen_by(points, near=1.0, far=np.inf):
@@ -90,7 +100,7 @@ def test_ends_never_leave_the_guard_band(numbers):
 
 
 def test_every_edge_is_listed_once(cube):
-    edges = stages.unique_edges(cube.faces, 8)
+    edges = stages.unique_edges(cube.faces)
     pairs = {tuple(sorted((int(f[k]), int(f[k - 1])))) for f in cube.faces for k in range(3)}
     assert [tuple(edge) for edge in edges.tolist()] == sorted(pairs)
     assert len(edges) == 18
@@ -110,14 +120,15 @@ def edge_pixels(mesh, camera, edges, size=SIZE):
     """Return where some edges are drawn with nothing to hide them."""
     clip_from_world = camera.projection_matrix(size) @ camera.view_matrix()
     positions = np.column_stack([mesh.vertices, np.ones(len(mesh.vertices))]) @ clip_from_world.T
+    positions, viewport = np.ascontiguousarray(positions), viewport_of(size, 8)
     geometry = Geometry(
-        mesh.faces, np.zeros((0, 2), np.int32), np.zeros(0, np.uint8), np.zeros(0),
-        np.ascontiguousarray(positions), viewport_of(size, 8),
+        mesh.faces, np.zeros((0, 2), np.int32), codes_of(positions, viewport), np.zeros(0),
+        positions, viewport,
     )  # fmt: skip
     color = np.zeros((size[1], size[0], 4), np.uint8)
     stages.draw_edges(
         np.array(edges, np.int32), geometry, camera.depth_coefficients(),
-        np.full(4, 255, np.uint8), color, None,
+        np.full(4, 255, np.uint8), color, None, stages.Workers(1),
     )  # fmt: skip
     return color[..., 0] == 255
 
@@ -154,7 +165,7 @@ def test_visible_edges_have_no_gaps_and_hidden_ones_are_hidden(cube, angles, siz
 
     visible = edges_of(cube.faces[facing > 0])
     overlay = render_edges(cube, camera, "overlay", size)
-    hidden = {tuple(edge) for edge in stages.unique_edges(cube.faces, 8).tolist()} - visible
+    hidden = {tuple(edge) for edge in stages.unique_edges(cube.faces).tolist()} - visible
     # A side seen nearly edge-on is thinner than a pixel: its far edge is hidden by the next side.
     for edge in sorted(edges_of(cube.faces[facing > 0.12])):
         run = edge_pixels(cube, camera, [edge], size)
@@ -169,12 +180,43 @@ def test_visible_edges_have_no_gaps_and_hidden_ones_are_hidden(cube, angles, siz
 
 def test_only_draws_all_edges_and_no_face(cube):
     camera, _ = orbit(20, 15)
-    all_edges = stages.unique_edges(cube.faces, 8)
+    all_edges = stages.unique_edges(cube.faces)
     only = render_edges(cube, camera, "only")
     assert only.tolist() == edge_pixels(cube, camera, all_edges).tolist()
     overlay = render_edges(cube, camera, "overlay")
     assert not (overlay & ~only).any()
     assert overlay.sum() < 0.8 * only.sum()
+
+
+def test_faces_that_nobody_looks_at_are_not_found(cube, camera, monkeypatch):
+    scene = rj.Scene()
+    scene.add(cube)
+    scene.wireframe = rj.Wireframe("red", "only")
+    drawn = []
+    draw = stages.draw
+    monkeypatch.setattr(stages, "draw", lambda *a: drawn.append(1) or draw(*a))
+    alone = rj.render(scene, camera, size=SIZE, threads=1)
+    assert not drawn
+    assert alone.stats.drawn == 12
+    assert alone.stats.pixels_covered == 0
+    both = rj.render(scene, camera, size=SIZE, outputs=("color", "face_id"), threads=1)
+    assert drawn
+    assert both.stats.pixels_covered == (both.face_id >= 0).sum() > 0
+    assert both.color.tobytes() == alone.color.tobytes()
+
+
+@pytest.mark.parametrize("mode", ["only", "overlay"])
+def test_edges_are_the_same_for_any_number_of_threads(sphere, camera, monkeypatch, mode):
+    monkeypatch.setattr(stages, "EDGES_PER_TASK", 7)
+    monkeypatch.setattr(stages, "PIXELS_PER_TASK", 1)
+    scene = rj.Scene()
+    scene.add(sphere)
+    scene.wireframe = rj.Wireframe("red", mode)
+    one, three = (
+        rj.render(scene, camera, size=SIZE, threads=threads).color.tobytes() for threads in (1, 3)
+    )
+    monkeypatch.undo()
+    assert one == three == rj.render(scene, camera, size=SIZE, threads=1).color.tobytes()
 
 
 def test_edge_inside_a_closed_box_is_hidden(cube):
