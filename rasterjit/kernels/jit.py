@@ -338,6 +338,11 @@ def disjoint_stage(function: Callable) -> Any:
     return _compile_into_kernels(function, _DisjointCompiler)
 
 
+def is_cached(compiled: Any) -> bool:
+    """Tell whether the disk has any form of a kernel, compiled from the sources as they are."""
+    return cache_folder() is not None and bool(compiled._cache._cache_file._load_index())
+
+
 def cpu_features() -> tuple[str, list[str]]:
     """Return the name of this CPU and the features that LLVM compiles for, sorted."""
     from llvmlite import binding
