@@ -27,6 +27,8 @@ false, and without it LLVM neither reorders nor contracts floating-point arithme
 
 from __future__ import annotations
 
+import copy
+import functools
 import gc
 import hashlib
 import threading
@@ -38,12 +40,13 @@ from typing import Any
 import numba
 import numpy as np
 from llvmlite.binding import Linkage
-from numba.core import typed_passes, untyped_passes
+from numba.core import typed_passes, types, untyped_passes
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompilerBase
 from numba.core.compiler_machinery import PassManager, _pass_registry
-from numba.core.registry import CPUDispatcher
+from numba.core.registry import CPUDispatcher, cpu_target
 from numba.core.sigutils import normalize_signature
+from numba.core.typing import Context
 
 OPTIONS = {"nogil": True, "error_model": "numpy", "_nrt": False}
 """What every function in this folder is compiled with."""
@@ -181,6 +184,10 @@ class _Library(JITCodeLibrary):
         self._linking_libraries = list(libraries)
         super().finalize()
 
+    def _optimize_functions(self, ll_module: Any) -> None:
+        # Without Numba's round before the helpers are there.
+        ll_module.data_layout = self._codegen._data_layout
+
     def _optimize_final_module(self) -> None:
         # Without Numba's cheaper round before: it makes room to remove reference counts.
         passes, builder = self._codegen._module_pass_manager()
@@ -226,6 +233,33 @@ class _FirstDraft(_Draft):
         self._finalize_final_module()
 
 
+class _TypingContext(Context):
+    """Numba's context of typing, which finds only once what an operation gives for some types."""
+
+    known: dict[tuple, Any]
+
+    @classmethod
+    def of(cls, context: Context) -> _TypingContext:
+        """Return a context that shares all declarations with another."""
+        remembering = copy.copy(context)
+        remembering.__class__, remembering.known = cls, {}
+        return remembering
+
+    def resolve_function_type(self, func: Any, args: Any, kws: Any) -> Any:
+        """Return the signature; that of a helper is found anew, since finding compiles it."""
+        if kws or isinstance(func, types.Dispatcher):
+            return super().resolve_function_type(func, args, kws)
+        key = func, tuple(args)
+        if self.known.get(key) is None:
+            self.known[key] = super().resolve_function_type(func, args, kws)
+        return self.known[key]
+
+
+@functools.cache
+def _typing_context() -> _TypingContext:
+    return _TypingContext.of(cpu_target.typing_context)
+
+
 class _Passes(PassManager):
     """
     What turns Python into LLVM's language: the steps of Numba's pipeline that kernels need.
@@ -266,6 +300,7 @@ class _KernelCompiler(CompilerBase):
                 gc.enable()
 
     def define_pipelines(self) -> list[Any]:
+        self.state.typingctx = _typing_context()
         self.state.flags.no_cfunc_wrapper = True
         codegen = self.state.targetctx.codegen()
         self.state.library = self.library(codegen, self.state.func_id.func_qualname)

@@ -25,6 +25,7 @@ from rasterjit.kernels.setup import (
     NEAR,
     RIGHT,
     TOP,
+    last_at_most,
 )
 
 BLOCK = 256
@@ -239,7 +240,7 @@ def transform_vertices(
     """
     numbers = scratch[0]
     seen = np.int32(0)
-    owner = np.searchsorted(objects[0], vertices[0], side="right") - 1
+    owner = last_at_most(objects[0], vertices[0])
     for first in range(vertices[0], vertices[1], BLOCK):
         stop = min(first + BLOCK, vertices[1])
         count = stop - first
