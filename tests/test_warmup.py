@@ -97,7 +97,8 @@ def test_a_blank_frame_calls_no_kernel_of_visibility_and_shows_the_background():
     )
     assert list(getattr(draw_tiles, "signatures", ())) == before
     assert (frame.color == (255, 0, 0, 255)).all()
-    assert (frame.face_id == -1).all() and np.isinf(frame.depth).all()
+    assert (frame.face_id == -1).all()
+    assert np.isinf(frame.depth).all()
     assert frame.stats.pixels_covered == 0
 
 
