@@ -212,20 +212,21 @@ def render(
         )
     wanted, places = _plan_files(output, outputs, depth_file)
     from rasterjit.render import render as render_frame
+    from rasterjit.warmup import two_processes
 
     start = time.perf_counter()
-    with status(f"Rendering {file.name} (a first run compiles, about 10 s)", quiet):
+    options = {"outputs": wanted, "background": background, "cull": cull}
+    with (
+        status(f"Rendering {file.name} (a first run compiles, about 10 s)", quiet),
+        two_processes(threads) as compile_all,
+    ):
         scene = _load(file, look, quiet)
+        camera = view.camera(scene, size)
         loaded = time.perf_counter()
+        if compile_all is not None:
+            compile_all(size, scene, camera, **options)
         frame = render_frame(
-            scene,
-            view.camera(scene, size),
-            size=size,
-            outputs=wanted,
-            background=background,
-            cull=cull,
-            diagnose=diagnose,
-            threads=threads,
+            scene, camera, size=size, diagnose=diagnose, threads=threads, **options
         )
         rendered = time.perf_counter()
         _write_files(frame, places, depth_scale)

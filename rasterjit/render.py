@@ -178,6 +178,8 @@ class Renderer:
         If the size or the number of threads is wrong.
     """
 
+    _find_visible = staticmethod(stages.find_visible)
+
     def __init__(
         self, size: tuple[int, int], *, quality: Quality | None = None, threads: int | None = None
     ) -> None:
@@ -244,7 +246,7 @@ class Renderer:
             arrays.positions, arrays.vertex_starts, views.relative_from_model,
             views.clip_from_relative,
         )  # fmt: skip
-        coverage = stages.find_visible(
+        coverage = self._find_visible(
             vertices, arrays.faces, objects, coefficients, viewport, workers, clock,
             keep_depth=plan.needs_depth,
             find_faces=plan.needs_faces,

@@ -223,7 +223,7 @@ def _to_screen(
     kernel: Callable[..., int], count: int, arguments: tuple, workers: Workers
 ) -> tuple[ScreenVertices, int]:
     """Call a kernel that fills the screen vertices for all of them."""
-    screen = _screen_arrays(count + SPARE_VERTICES, workers.memory)
+    screen = screen_arrays(count + SPARE_VERTICES, workers.memory)
 
     def fill_some(first: int) -> int:
         some = first, min(first + VERTICES_PER_TASK, count)
@@ -286,7 +286,7 @@ def clip(
     )  # fmt: skip
     first = clip_positions.shape[0]
     if first + len(positions) > len(screen.codes):
-        roomy = _screen_arrays(first + len(positions), memory)
+        roomy = screen_arrays(first + len(positions), memory)
         for old, new in zip(screen, roomy, strict=True):
             new[:first] = old[:first]
         screen = roomy
@@ -608,7 +608,8 @@ def fill_barycentric(
     return barycentric
 
 
-def _screen_arrays(count: int, memory: Memory) -> ScreenVertices:
+def screen_arrays(count: int, memory: Memory) -> ScreenVertices:
+    """Return room for so many vertices."""
     # All that belongs to a vertex side by side: it is found in one cache line, not in four.
     packed = memory.empty((count, 4), np.float64)
     return ScreenVertices(

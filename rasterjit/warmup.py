@@ -3,27 +3,41 @@ Compile ahead: draw tiny scenes that need every kernel in its usual forms.
 
 A kernel has one compiled form for each combination of effects that are present or absent, so each
 step below renders a few pixels of a scene with one such combination.
+
+Compilers hold Python's lock, so two threads are no faster than one. Two processes are: the kernels
+up to visibility have one form whatever the scene, so another process can compile them while this
+one does those that shade, with a frame in which nothing is visible. They meet in the disk cache.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from rasterjit import stages
 from rasterjit.framebuffer import FEW_PIXELS, Framebuffer
+from rasterjit.kernels.jit import cache_folder, is_cached
+from rasterjit.kernels.records import Viewport
+from rasterjit.kernels.shading import shade_rows
+from rasterjit.kernels.visibility import draw_tiles
 from rasterjit.pixel import explain_pixel
 from rasterjit.plan import OUTPUTS
 from rasterjit.rasterize import rasterize
-from rasterjit.render import render
+from rasterjit.render import Renderer, render
 from rasterjit.scene.camera import PerspectiveCamera, fit_camera
 from rasterjit.scene.material import SHADINGS, Material
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.scene import Scene, Wireframe
 from rasterjit.scene.texture import Texture
+from rasterjit.workers import Workers, available_processors
 
 SIZE = (16, 16)
 SEVERAL_TILES = (256, 192)
@@ -41,6 +55,18 @@ TEXTURED = "textured"
 
 MATT, SHINY = 0.0, 0.25
 """Strengths of the highlight: without one, its code is compiled out."""
+
+
+OTHER_PROCESS = """
+import sys
+sys.path[:] = sys.argv[1:]
+from rasterjit import warmup
+warmup.compile_visibility()
+"""
+"""What the other process runs: it finds the modules where this one does, and nowhere else."""
+
+PATIENCE = 120.0
+"""Seconds after which the other process has failed, and this one compiles everything."""
 
 
 class Step(NamedTuple):
@@ -127,3 +153,85 @@ def _fill_triangles() -> None:
     target = Framebuffer(*SIZE)
     for method, depth in itertools.product(("barycentric", "scanline"), (None, (0.5, 0.5, 0.5))):
         target.fill_triangle((0, 0), (9, 0), (0, 9), (255, 0, 0), method=method, depth=depth)
+
+
+def _see_nothing(
+    vertices: stages.ModelVertices,
+    faces: NDArray[np.int32],
+    objects: Any,
+    depth_coefficients: tuple[float, float, float],
+    viewport: Viewport,
+    workers: Workers,
+    clock: Callable[[str], None],
+    *,
+    keep_lists: bool,
+    keep_clip_positions: bool,
+) -> stages.Coverage:
+    """Return what `stages.find_visible` would, were nothing in view; it calls no kernel."""
+    shape = viewport.height, viewport.width
+    clip_positions = np.empty((0, 4), np.float64)
+    if keep_clip_positions:
+        clip_positions = stages.transform(*vertices, workers)
+    return stages.Coverage(
+        np.full(shape, -np.inf, np.float32),
+        np.full(shape, -1, np.int32),
+        stages.screen_arrays(stages.SPARE_VERTICES, workers.memory),
+        clip_positions,
+        stages.Totals(len(faces), len(faces), 0, 0, 0, 0, 0, 0),
+        None,
+    )
+
+
+class BlankRenderer(Renderer):
+    """Renders frames in which nothing is visible: calls all kernels but those before shading."""
+
+    _find_visible = staticmethod(_see_nothing)
+
+
+def compile_visibility() -> None:
+    """Compile or load the kernels from the vertices to the visible faces."""
+    render(_square(), size=SIZE, outputs=("face_id",), threads=1)
+
+
+@contextmanager
+def two_processes(threads: int | None) -> Iterator[Callable[..., None] | None]:
+    """
+    Compile the kernels of a first frame in two processes.
+
+    Parameters
+    ----------
+    threads : int or None
+        What the user allows; with 1 everything is left to this process.
+
+    Yields
+    ------
+    callable or None
+        To be called with what `Renderer` and its ``render`` are going to be given. On return the
+        kernels are in the disk cache. ``None`` if they were before, or if there is no other
+        processor or no cache: then rendering compiles as it goes.
+    """
+    kernels = draw_tiles, shade_rows
+    if (
+        threads == 1
+        or available_processors() == 1
+        or not sys.executable
+        or cache_folder() is None
+        or any(is_cached(one) for one in kernels)
+    ):
+        yield None
+        return
+    other = subprocess.Popen(
+        [sys.executable, "-c", OTHER_PROCESS, *sys.path],
+        stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+    )  # fmt: skip
+
+    def compile_all(size: tuple[int, int], what: Any, camera: Any, **options: Any) -> None:
+        BlankRenderer(size, threads=1).render(what, camera, **options)
+        with suppress(subprocess.TimeoutExpired):
+            other.wait(PATIENCE)
+
+    try:
+        yield compile_all
+    finally:
+        other.kill()
+        other.wait()

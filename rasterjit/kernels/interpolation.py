@@ -22,7 +22,7 @@ import numpy as np
 
 from rasterjit.kernels.jit import disjoint_stage, kernel, stage
 from rasterjit.kernels.records import Geometry, Placement
-from rasterjit.kernels.setup import CLIPPED, corners_of, edge
+from rasterjit.kernels.setup import CLIPPED, corners_of, edge, last_at_most
 
 UNDERFLOW = 2.0**-900
 """
@@ -168,7 +168,7 @@ def find_object(face, face_starts, guess):
     """Return the object that owns a face; ``guess`` is tried first."""
     if face_starts[guess] <= face < face_starts[guess + 1]:
         return guess
-    return np.searchsorted(face_starts, face, side="right") - 1
+    return last_at_most(face_starts, face)
 
 
 @stage

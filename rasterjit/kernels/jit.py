@@ -27,6 +27,9 @@ false, and without it LLVM neither reorders nor contracts floating-point arithme
 
 from __future__ import annotations
 
+import copy
+import functools
+import gc
 import hashlib
 import threading
 import time
@@ -36,12 +39,34 @@ from typing import Any
 
 import numba
 import numpy as np
+from llvmlite.binding import Linkage
+from numba.core import typed_passes, types, untyped_passes
 from numba.core.codegen import JITCodeLibrary
-from numba.core.compiler import CompilerBase, DefaultPassBuilder
-from numba.core.registry import CPUDispatcher
+from numba.core.compiler import CompilerBase
+from numba.core.compiler_machinery import PassManager, _pass_registry
+from numba.core.registry import CPUDispatcher, cpu_target
+from numba.core.sigutils import normalize_signature
+from numba.core.typing import Context
 
 OPTIONS = {"nogil": True, "error_model": "numpy", "_nrt": False}
 """What every function in this folder is compiled with."""
+
+PASSES = (
+    untyped_passes.TranslateByteCode,
+    untyped_passes.FixupArgs,
+    untyped_passes.IRProcessing,
+    untyped_passes.RewriteSemanticConstants,
+    untyped_passes.DeadBranchPrune,
+    untyped_passes.GenericRewrites,
+    untyped_passes.ReconstructSSA,
+    untyped_passes.DeadBranchPrune,
+    typed_passes.NopythonTypeInference,
+    typed_passes.PreLowerStripPhis,
+    typed_passes.IRLegalization,
+    typed_passes.NativeLowering,
+    typed_passes.NoPythonBackend,
+)
+"""What is done with every function in this folder, in order, from byte code to LLVM's language."""
 
 KERNELS: list[Any] = []
 """Every function decorated with ``@kernel``, in order of definition."""
@@ -117,10 +142,10 @@ def kernel(function: Callable) -> Any:
         KERNELS.append(silent)
         return silent
     try:
-        compiled = numba.njit(cache=True, **OPTIONS)(function)
+        compiled = numba.njit(cache=True, pipeline_class=_KernelCompiler, **OPTIONS)(function)
     except RuntimeError:
         # No folder can be written to: compile anew in every process.
-        compiled = numba.njit(**OPTIONS)(function)
+        compiled = numba.njit(pipeline_class=_KernelCompiler, **OPTIONS)(function)
     if hasattr(compiled, "_cache") and hasattr(compiled._cache, "_cache_file"):
         # Widen the cache's stamp to all kernel sources.
         compiled._cache._cache_file._source_stamp = SOURCES_HASH
@@ -143,7 +168,33 @@ class _WithoutEnvironments:
         """Do nothing."""
 
 
-class _Draft(JITCodeLibrary):
+class _Library(JITCodeLibrary):
+    """The code of a kernel: all helpers are put in at once, and then it is optimized once."""
+
+    def finalize(self) -> None:
+        """Put in the helpers of the helpers as well, optimize and make machine code."""
+        libraries = dict.fromkeys(self._linking_libraries)
+        pending = list(libraries)
+        while pending:
+            library = pending.pop()
+            if isinstance(library, _FirstDraft):
+                new = [one for one in library._linking_libraries if one not in libraries]
+                libraries.update(dict.fromkeys(new))
+                pending += new
+        self._linking_libraries = list(libraries)
+        super().finalize()
+
+    def _optimize_functions(self, ll_module: Any) -> None:
+        # Without Numba's round before the helpers are there.
+        ll_module.data_layout = self._codegen._data_layout
+
+    def _optimize_final_module(self) -> None:
+        # Without Numba's cheaper round before: it makes room to remove reference counts.
+        passes, builder = self._codegen._module_pass_manager()
+        passes.run(self._final_module, builder)
+
+
+class _Draft(_Library):
     """
     The code of a helper without machine code, for the kernels that it is compiled into.
 
@@ -157,6 +208,7 @@ class _Draft(JITCodeLibrary):
 
     def get_pointer_to_function(self, name: str) -> int:
         """Return 0: there is no machine code."""
+        self._ensure_finalized()
         return 0
 
     @property
@@ -166,26 +218,104 @@ class _Draft(JITCodeLibrary):
 
 
 class _FirstDraft(_Draft):
-    """The same, as it was written down: it is optimized with what it is compiled into."""
+    """The same, as it was written down: without its own helpers, and not optimized."""
 
-    def _optimize_functions(self, ll_module: Any) -> None:
-        ll_module.data_layout = self._codegen._data_layout
+    def add_llvm_module(self, ll_module: Any) -> None:
+        """Take the code of the helper; there is one piece."""
+        self._final_module = ll_module
 
-    def _optimize_final_module(self) -> None:
-        pass
+    def finalize(self) -> None:
+        """Let every kernel have a copy."""
+        for function in self._final_module.functions:
+            if not function.is_declaration and function.linkage == Linkage.external:
+                function.linkage = "linkonce_odr"
+        self._shared_module = self._final_module
+        self._finalize_final_module()
 
 
-class _StageCompiler(CompilerBase):
-    """The usual pipeline, up to a draft."""
+class _TypingContext(Context):
+    """Numba's context of typing, which finds only once what an operation gives for some types."""
 
-    library: type[_Draft] = _FirstDraft
+    known: dict[tuple, Any]
+
+    @classmethod
+    def of(cls, context: Context) -> _TypingContext:
+        """Return a context that shares all declarations with another."""
+        remembering = copy.copy(context)
+        remembering.__class__, remembering.known = cls, {}
+        return remembering
+
+    def resolve_function_type(self, func: Any, args: Any, kws: Any) -> Any:
+        """Return the signature; that of a helper is found anew, since finding compiles it."""
+        if kws or isinstance(func, types.Dispatcher):
+            return super().resolve_function_type(func, args, kws)
+        key = func, tuple(args)
+        if self.known.get(key) is None:
+            self.known[key] = super().resolve_function_type(func, args, kws)
+        return self.known[key]
+
+
+@functools.cache
+def _typing_context() -> _TypingContext:
+    return _TypingContext.of(cpu_target.typing_context)
+
+
+class _Passes(PassManager):
+    """
+    What turns Python into LLVM's language: the steps of Numba's pipeline that kernels need.
+
+    Left out are those for closures, inlining of Python into Python, exceptions, generators, context
+    managers, ``literal_unroll``, ``isinstance`` and expressions over whole arrays: no kernel has
+    any, so they look at every function and leave it as it is. So do Numba's checks of itself after
+    each step, which take as long as the steps.
+    """
+
+    def __init__(self) -> None:
+        super().__init__("kernel")
+        for step in PASSES:
+            self.add_pass(step, step.name())
+        self.finalize()
+
+    def run(self, state: Any) -> None:
+        """Take one function through all passes."""
+        for step, _ in self.passes:
+            instance = _pass_registry.get(step).pass_inst
+            instance.analysis = self._analysis
+            instance.run_pass(state)
+
+
+class _KernelCompiler(CompilerBase):
+    """The passes that kernels need, up to machine code that Python calls."""
+
+    library: type[_Library] = _Library
+
+    def compile_extra(self, func: Callable) -> Any:
+        """Compile a function; without garbage collection, which would only look and free little."""
+        collects = gc.isenabled()
+        gc.disable()
+        try:
+            return super().compile_extra(func)
+        finally:
+            if collects:
+                gc.enable()
 
     def define_pipelines(self) -> list[Any]:
-        self.state.flags.no_cpython_wrapper = True
+        self.state.typingctx = _typing_context()
         self.state.flags.no_cfunc_wrapper = True
         codegen = self.state.targetctx.codegen()
         self.state.library = self.library(codegen, self.state.func_id.func_qualname)
-        return [DefaultPassBuilder.define_nopython_pipeline(self.state)]
+        self.state.library.enable_object_caching()
+        return [_Passes()]
+
+
+class _StageCompiler(_KernelCompiler):
+    """The same, up to a draft."""
+
+    library = _FirstDraft
+
+    def define_pipelines(self) -> list[Any]:
+        self.state.flags.no_cpython_wrapper = True
+        return super().define_pipelines()
 
 
 class _DisjointCompiler(_StageCompiler):
@@ -204,6 +334,14 @@ class _DisjointCompiler(_StageCompiler):
 
 class _Stage(CPUDispatcher):
     """A helper that kernels call. For Python, which tests it, a kernel is made around it."""
+
+    def compile(self, sig: Any) -> Any:
+        """Compile for one signature, as part of a kernel: its caller has the lock and the clock."""
+        types, return_type = normalize_signature(sig)
+        if tuple(types) not in self.overloads:
+            with self._compiling_counter:
+                self.add_overload(self._compiler.compile(types, return_type))
+        return self.overloads[tuple(types)].entry_point
 
     def __call__(self, *arguments: Any) -> Any:
         helper = self
@@ -233,6 +371,11 @@ def disjoint_stage(function: Callable) -> Any:
     distinct rows of scratch memory.
     """
     return _compile_into_kernels(function, _DisjointCompiler)
+
+
+def is_cached(compiled: Any) -> bool:
+    """Tell whether the disk has any form of a kernel, compiled from the sources as they are."""
+    return cache_folder() is not None and bool(compiled._cache._cache_file._load_index())
 
 
 def cpu_features() -> tuple[str, list[str]]:

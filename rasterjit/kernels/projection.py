@@ -25,6 +25,7 @@ from rasterjit.kernels.setup import (
     NEAR,
     RIGHT,
     TOP,
+    last_at_most,
 )
 
 BLOCK = 256
@@ -249,7 +250,7 @@ def transform_vertices(
         The bits set in any of the outcodes.
     """
     seen = np.int32(0)
-    owner = np.searchsorted(objects[0], vertices[0], side="right") - 1
+    owner = last_at_most(objects[0], vertices[0])
     for first in range(vertices[0], vertices[1], BLOCK):
         count = min(first + BLOCK, vertices[1]) - first
         owner = transform_block(

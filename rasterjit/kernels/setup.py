@@ -56,6 +56,19 @@ CLIPPED = NEAR | FAR | GUARD
 
 
 @stage
+def last_at_most(starts, number):
+    """Return the index of the last of ascending starts that is at most a number; -1 if none is."""
+    low, high = 0, len(starts)
+    while low < high:
+        middle = (low + high) >> 1
+        if starts[middle] <= number:
+            low = middle + 1
+        else:
+            high = middle
+    return low - 1
+
+
+@stage
 def edge(ax, ay, bx, by, px, py):
     """Return the edge function of a -> b at p, exactly."""
     return (bx - ax) * (py - ay) - (by - ay) * (px - ax)
@@ -414,7 +427,7 @@ def set_up_triangles(
     end = face_range[0] + piece_range[0]
     piece = piece_range[0]
     first = face_range[0]
-    owner = np.searchsorted(objects.face_starts, first, side="right") - 1
+    owner = last_at_most(objects.face_starts, first)
     while first < face_range[1]:
         while first >= objects.face_starts[owner + 1]:
             owner += 1

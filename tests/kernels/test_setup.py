@@ -165,3 +165,11 @@ def test_a_batch_ends_where_an_object_does():
     assert binned.tolist() == np.flatnonzero(kept).tolist()
     assert sums.tolist() == [0, 0, int((~kept).sum()), 0, 0]
     assert 0 < len(binned) < len(faces)
+
+
+def test_the_last_start_is_found_as_numpy_finds_it():
+    starts = np.array([0, 0, 3, 3, 3, 7, 12], np.int64)
+    for number in range(-2, 15):
+        expected = np.searchsorted(starts, number, side="right") - 1
+        assert setup.last_at_most(starts, number) == expected
+    assert setup.last_at_most(starts[:0], 5) == -1
