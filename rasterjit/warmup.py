@@ -164,8 +164,8 @@ def _see_nothing(
     workers: Workers,
     clock: Callable[[str], None],
     *,
-    keep_lists: bool,
     keep_clip_positions: bool,
+    **_: bool,
 ) -> stages.Coverage:
     """Return what `stages.find_visible` would, were nothing in view; it calls no kernel."""
     shape = viewport.height, viewport.width

@@ -153,35 +153,22 @@ def edges_at(a, b, c, column, row, grid_bits):
 
 
 @stage
-def worst(value, across, down, columns, rows):
-    """Return the least value of an edge over a block of samples."""
-    zero = np.float32(0.0)
-    return (
-        value + min(across * np.float32(columns - 1), zero) + min(down * np.float32(rows - 1), zero)
-    )
-
-
-@stage
-def crossing_line(edge, columns, rows):
+def crossing_line(edge):
     """Return an edge as (value, step down, columns for each unit of them, side)."""
     value, across, down = edge
-    if worst(value, across, down, columns, rows) >= 0:
-        return value, down, np.float32(1.0), np.int64(0)
     if across == 0:
-        return value, down, FAR_AWAY, np.int64(-1)
-    return value, down, np.float32(1.0) / abs(across), np.int64(1 if across > 0 else -1)
+        return value, down, FAR_AWAY, np.int64(0)
+    return value, down, np.float32(1.0) / abs(across), np.int64(across > 0)
 
 
 @stage
 def bound_span(first, last, line, row):
     """Return the first and the last column that one edge leaves of a row."""
-    value, down, columns, side = line
-    if side == 0:
-        return first, last
+    value, down, columns, begins = line
     crossing = np.floor((value + row * down) * columns)
     return (
-        max(first, -crossing) if side > 0 else first,
-        last if side > 0 else min(last, crossing),
+        max(first, -crossing) if begins else first,
+        last if begins else min(last, crossing),
     )
 
 

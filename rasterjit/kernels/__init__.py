@@ -13,7 +13,8 @@ file               stage
                    (calls ``batches``, which sets triangles up)
 ``interpolation``  visible pixels -> weights, positions, normals, uv
 ``shading``        visible pixels -> sRGB ``uint8`` and linear colour (calls
-                   ``gathering``, ``runs``, ``texturing``, ``lighting``)
+                   ``gathering``, ``runs``, ``stretches``, ``attributes``,
+                   ``texturing``, ``lighting``)
 ``resolve``        linear colour -> sRGB ``uint8``
 ``diagnosis``      lists and frame -> what became of every face
 ``wireframe``      edges -> clipped lines between pixels

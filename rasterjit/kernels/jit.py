@@ -1,7 +1,7 @@
 """
 Every decision about compilation, in one place.
 
-Three decorators, no more:
+Three decorators, no more (``vectors`` has two instructions that they do not reach):
 
 ``@kernel``
     An entry point: compiled on first call, cached on disk, releases the GIL.
@@ -246,8 +246,13 @@ class _TypingContext(Context):
         return remembering
 
     def resolve_function_type(self, func: Any, args: Any, kws: Any) -> Any:
-        """Return the signature; that of a helper is found anew, since finding compiles it."""
-        if kws or isinstance(func, types.Dispatcher):
+        """
+        Return the signature.
+
+        That of a helper is found anew, since finding compiles it. So are those that Numba asks for
+        by a word: they take what is no type and can not be looked up, such as a slice.
+        """
+        if kws or isinstance(func, (types.Dispatcher, str)):
             return super().resolve_function_type(func, args, kws)
         key = func, tuple(args)
         if self.known.get(key) is None:

@@ -16,8 +16,7 @@ Wider triangles get, for each row, the first and the last covered column from on
 edge, several rows at once: ``floor(e / s)`` of integers below 2**47 in float64 is exact, for a
 quotient that is not whole misses the next whole number by at least 1/s, more than half an ulp.
 Rows that the triangle does not reach inside the tile, found by the same division with the steps of
-rows and columns exchanged, and edges that leave out no sample of it are passed over: exact tests,
-which change no bit.
+rows and columns exchanged, are passed over.
 
 Where no row has more than ``THIN_PIXELS`` samples, as in slivers, all first samples of the rows are
 drawn, then all second ones ..., without branches: which rows are empty is hard to predict. Samples
@@ -125,12 +124,6 @@ def clockwise_from_top(corners, screen):
 
 
 @stage
-def worst(value, across, down, columns, rows):
-    """Return the least value of an edge over a block of samples."""
-    return value + min(across * (columns - 1), np.int64(0)) + min(down * (rows - 1), np.int64(0))
-
-
-@stage
 def edges_at(a, b, c, column, row, grid_bits):
     """Return three edges as (biased value at a pixel, step to the next column, to the next row)."""
     return (
@@ -154,33 +147,28 @@ def reached_rows(edges, columns, rows):
 
 
 @stage
-def crossing_line(edge, columns, rows):
+def crossing_line(edge):
     """
     Return an edge as (value, step down, distance of its crossings from the left, side).
 
-    It crosses a row at ``value / distance`` columns; the side is 1 if its inside is to the right,
-    -1 if it is to the left, and 0 if the edge leaves out no sample of the block. An edge along the
-    row crosses beyond the block of columns, on the side that its sign tells.
+    It crosses a row at ``value / distance`` columns; the side is 1 if its inside is to the right.
+    An edge along the row crosses beyond the block of columns, on the side that its sign tells.
     """
     value, across, down = edge
-    if worst(value, across, down, columns, rows) >= 0:
-        return value, down, 1.0, np.int64(0)
     if across == 0:
         beyond = np.int64(2) << BLOCK_BITS
-        return value * beyond + (beyond - 1), down * beyond, 1.0, np.int64(-1)
-    return value, down, np.float64(abs(across)), np.int64(1 if across > 0 else -1)
+        return value * beyond + (beyond - 1), down * beyond, 1.0, np.int64(0)
+    return value, down, np.float64(abs(across)), np.int64(across > 0)
 
 
 @stage
 def bound_span(first, last, line, row):
     """Return the first and the last column, float64, that one edge leaves of a row."""
-    value, down, distance, side = line
-    if side == 0:
-        return first, last
+    value, down, distance, begins = line
     crossing = np.floor(np.float64(value + row * down) / distance)
     return (
-        max(first, -crossing) if side > 0 else first,
-        last if side > 0 else min(last, crossing),
+        max(first, -crossing) if begins else first,
+        last if begins else min(last, crossing),
     )
 
 
@@ -376,9 +364,9 @@ def draw_spans(a, b, c, plane, box, face, origin, grid_bits, tile, spans):
         top, rows = top + first, last - first + 1
         edges = edges_at(a, b, c, left, top, grid_bits)
     lines = (
-        crossing_line(edges[0], columns, rows),
-        crossing_line(edges[1], columns, rows),
-        crossing_line(edges[2], columns, rows),
+        crossing_line(edges[0]),
+        crossing_line(edges[1]),
+        crossing_line(edges[2]),
     )
     inside_bc = (
         edge_at(bx, by, cx, cy, left, top, grid_bits),

@@ -101,8 +101,8 @@ def test_spans_end_where_exact_arithmetic_says():
         if abs(value) >= 2**47:
             continue
         # The last column x with value - x slope >= 0, the first with -value + x slope >= 0.
-        begins = crossing_line(np.int64(-value), np.int64(slope), np.int64(0))
-        ends = crossing_line(np.int64(value), np.int64(-slope), np.int64(0))
+        begins = crossing_line((np.int64(-value), np.int64(slope), np.int64(0)))
+        ends = crossing_line((np.int64(value), np.int64(-slope), np.int64(0)))
         first, last = bound_span(-(2.0**48), 2.0**48, begins, np.int64(0))
         first, last = bound_span(first, last, ends, np.int64(0))
         assert last == value // slope
