@@ -19,11 +19,16 @@ from rasterjit.kernels.visibility import (
     clockwise_from_top,
     depth_at_corners,
     depth_plane,
-    worst,
 )
 
 LEAST_AREA = 2.0 * TILE_SIZE * TILE_SIZE
 """Area of the smallest triangle around a whole tile, square pixels."""
+
+
+@stage
+def worst(value, across, down, columns, rows):
+    """Return the least value of an edge over a block of samples."""
+    return value + min(across * (columns - 1), np.int64(0)) + min(down * (rows - 1), np.int64(0))
 
 
 @stage
