@@ -225,6 +225,7 @@ def render(
         loaded = time.perf_counter()
         if compile_all is not None:
             compile_all(size, scene, camera, **options)
+        compiled = time.perf_counter()
         frame = render_frame(
             scene, camera, size=size, diagnose=diagnose, threads=threads, **options
         )
@@ -235,6 +236,7 @@ def render(
         _warn("nothing is in view: the picture shows only the background", quiet)
     if not quiet:
         seconds = {"load": loaded - start, **frame.stats.seconds, "save": saved - rendered}
+        seconds["compile"] += compiled - loaded
         print_stats(frame, seconds, saved - start)
         if diagnose:
             print_diagnostics(frame.diagnostics)

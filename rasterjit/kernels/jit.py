@@ -1,7 +1,7 @@
 """
 Every decision about compilation, in one place.
 
-Three decorators, no more (``vectors`` has two instructions that they do not reach):
+Three decorators, no more (``vectors`` has an instruction that they do not reach):
 
 ``@kernel``
     An entry point: compiled on first call, cached on disk, releases the GIL.

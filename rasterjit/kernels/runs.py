@@ -2,9 +2,8 @@
 Gather a long run of a row: many neighbours that show one face.
 
 What belongs to the face (vertices, edge functions, colours ...) is worked out once for the runs
-that show it in a block of rows, and kept in a small table, found by a hash of the face's number. A
-face that finds another one in its place takes it. Weights and attributes are interpolated along the
-run.
+that show it in some rows, and kept in a small table, found by a hash of the face's number. A face
+that finds another one in its place takes it. Weights and attributes are interpolated along the run.
 """
 
 from __future__ import annotations
@@ -36,9 +35,9 @@ from rasterjit.kernels.jit import disjoint_stage, stage
 from rasterjit.kernels.records import FLAT, GOURAUD, MATERIAL_MODEL, PHONG
 from rasterjit.kernels.setup import CLIPPED, edge
 
-SLOT_BITS = 5
+SLOT_BITS = 7
 SLOTS = 1 << SLOT_BITS
-"""Faces in the table: more than have long runs in a row of a block."""
+"""Faces in the table: more than have long runs in a row of 1920 pixels."""
 
 HASH = np.uint32(2654435769)
 """2**32 over the golden ratio: spreads numbers that are multiples of anything."""

@@ -29,7 +29,6 @@ from rasterjit.kernels.records import (
     Surface,
 )
 from rasterjit.kernels.resolve import encode_pixel, encode_span
-from rasterjit.kernels.vectors import prefetch
 
 PADDING = 16
 """
@@ -40,9 +39,6 @@ Without them the rows would lie a power of two apart, and push each other out of
 
 BLOCK_COLUMNS = 128
 """Columns gathered at once: 16 quantities of that many samples, 8 KiB, stay in L1."""
-
-LINE = 16
-"""Face numbers in a line of the cache."""
 
 
 @stage
@@ -174,13 +170,6 @@ def write_row(faces, count, colors, background, table, linear, color):
         at = end
 
 
-@stage
-def prefetch_row(faces):
-    """Ask for a part of the next row: it lies apart from this one, which no CPU foresees."""
-    for column in range(0, faces.shape[0], LINE):
-        prefetch(faces, np.uintp(column))
-
-
 def scratch_memory(has_textures: bool) -> tuple[Any, ...]:
     """Return the memory that a thread needs to shade a part of a row."""
     room = BLOCK_COLUMNS + PADDING
@@ -231,11 +220,10 @@ def shade_rows(
     samples, weights, places, where, whole, real, gathered = scratch
     toward_viewer = viewer_of(placement)
     runs.forget_faces(whole)
-    for left in range(0, columns, BLOCK_COLUMNS):
-        for row in range(rows):
+    for row in range(rows):
+        for left in range(0, columns, BLOCK_COLUMNS):
             right = min(left + BLOCK_COLUMNS, columns)
             faces = face_id[row, left:right]
-            prefetch_row(face_id[min(row + 1, rows - 1), left:right])
             count = gather_row(
                 faces, samples, weights, places, where, whole, real, gathered, left,
                 first_row + row, geometry, placement, surface, lighting,
