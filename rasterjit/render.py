@@ -178,8 +178,6 @@ class Renderer:
         If the size or the number of threads is wrong.
     """
 
-    _find_visible = staticmethod(stages.find_visible)
-
     def __init__(
         self, size: tuple[int, int], *, quality: Quality | None = None, threads: int | None = None
     ) -> None:
@@ -279,6 +277,10 @@ class Renderer:
             # The caller may write to it.
             _ = stats.pixels_covered
         return Frame({name: result[name] for name in plan.outputs}, plan, stats, diagnostics)
+
+    def _find_visible(self, *arguments: Any, **options: Any) -> stages.Coverage:
+        """Run the stages from transform to visibility."""
+        return stages.find_visible(*arguments, **options)
 
     def _scene(self, what: Any) -> Scene:
         """Return anything that can be drawn as a scene, that of the last frame for a mesh again."""

@@ -155,37 +155,35 @@ def _fill_triangles() -> None:
         target.fill_triangle((0, 0), (9, 0), (0, 9), (255, 0, 0), method=method, depth=depth)
 
 
-def _see_nothing(
-    vertices: stages.ModelVertices,
-    faces: NDArray[np.int32],
-    objects: Any,
-    depth_coefficients: tuple[float, float, float],
-    viewport: Viewport,
-    workers: Workers,
-    clock: Callable[[str], None],
-    *,
-    keep_clip_positions: bool,
-    **_: bool,
-) -> stages.Coverage:
-    """Return what `stages.find_visible` would, were nothing in view; it calls no kernel."""
-    shape = viewport.height, viewport.width
-    clip_positions = np.empty((0, 4), np.float64)
-    if keep_clip_positions:
-        clip_positions = stages.transform(*vertices, workers)
-    return stages.Coverage(
-        np.full(shape, -np.inf, np.float32),
-        np.full(shape, -1, np.int32),
-        stages.screen_arrays(stages.SPARE_VERTICES, workers.memory),
-        clip_positions,
-        stages.Totals(len(faces), len(faces), 0, 0, 0, 0, 0, 0),
-        None,
-    )
-
-
 class BlankRenderer(Renderer):
     """Renders frames in which nothing is visible: calls all kernels but those before shading."""
 
-    _find_visible = staticmethod(_see_nothing)
+    def _find_visible(
+        self,
+        vertices: stages.ModelVertices,
+        faces: NDArray[np.int32],
+        objects: Any,
+        depth_coefficients: tuple[float, float, float],
+        viewport: Viewport,
+        workers: Workers,
+        clock: Callable[[str], None],
+        *,
+        keep_clip_positions: bool,
+        **_: bool,
+    ) -> stages.Coverage:
+        """Return what the stages would, were nothing in view; it calls none of their kernels."""
+        shape = viewport.height, viewport.width
+        clip_positions = np.empty((0, 4), np.float64)
+        if keep_clip_positions:
+            clip_positions = stages.transform(*vertices, workers)
+        return stages.Coverage(
+            np.full(shape, -np.inf, np.float32),
+            np.full(shape, -1, np.int32),
+            stages.screen_arrays(stages.SPARE_VERTICES, workers.memory),
+            clip_positions,
+            stages.Totals(len(faces), len(faces), 0, 0, 0, 0, 0, 0),
+            None,
+        )
 
 
 def compile_visibility() -> None:

@@ -351,7 +351,8 @@ class _Stage(CPUDispatcher):
     def __call__(self, *arguments: Any) -> Any:
         helper = self
         if not hasattr(self, "_around"):
-            self._around = numba.njit(**OPTIONS)(lambda *given: helper(*given))
+            around = numba.njit(pipeline_class=_KernelCompiler, **OPTIONS)
+            self._around = around(lambda *given: helper(*given))
         return self._around(*arguments)
 
 

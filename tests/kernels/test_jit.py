@@ -44,7 +44,7 @@ def sources():
 def test_only_jit_knows_how_to_compile():
     pattern = re.compile(r"\bnjit\b|\bjit\(|@jit\b|\bvectorize\(|\bprange\b|\bnumba\b")
     for path in sources():
-        if path == PACKAGE / "kernels" / "jit.py":
+        if path in (PACKAGE / "kernels" / "jit.py", PACKAGE / "kernels" / "vectors.py"):
             continue
         code = re.sub(r'""".*?"""', "", path.read_text(), flags=re.S)
         code = re.sub(r"#.*", "", code)
