@@ -224,7 +224,7 @@ def render(
         camera = view.camera(scene, size)
         loaded = time.perf_counter()
         if compile_all is not None:
-            compile_all(size, scene, camera, **options)
+            compile_all(scene, camera, **options)
         compiled = time.perf_counter()
         frame = render_frame(
             scene, camera, size=size, diagnose=diagnose, threads=threads, **options
@@ -232,7 +232,7 @@ def render(
         rendered = time.perf_counter()
         _write_files(frame, places, depth_scale)
     saved = time.perf_counter()
-    if (frame.stats.pixels_covered if frame.plan.draws_faces else frame.stats.drawn) == 0:
+    if not _shows_anything(frame):
         _warn("nothing is in view: the picture shows only the background", quiet)
     if not quiet:
         seconds = {"load": loaded - start, **frame.stats.seconds, "save": saved - rendered}
@@ -242,6 +242,14 @@ def render(
             print_diagnostics(frame.diagnostics)
         for place in places:
             click.echo(f"wrote {place}")
+
+
+def _shows_anything(frame: Frame) -> bool:
+    """Tell whether a face covers a pixel or, of edges alone, whether any may be in view."""
+    stats = frame.stats
+    if frame.plan.needs_faces:
+        return stats.pixels_covered > 0
+    return stats.drawn + stats.unsampled + stats.degenerate > 0
 
 
 def _is_opaque(background: str) -> bool:

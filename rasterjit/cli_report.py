@@ -71,8 +71,10 @@ def print_stats(frame: Frame, seconds: dict[str, float], total: float) -> None:
     ):
         table.add_row(f"  {label}", f"{count:,}")
     table.add_row("clipped", f"{stats.clipped:,}")
-    share = stats.pixels_covered / (width * height)
-    table.add_row("pixels covered", f"{stats.pixels_covered:,} ({share:.1%})", end_section=True)
+    if frame.plan.needs_faces:
+        share = stats.pixels_covered / (width * height)
+        table.add_row("pixels covered", f"{stats.pixels_covered:,} ({share:.1%})")
+    table.add_section()
     for stage, duration in seconds.items():
         table.add_row(STAGE_NAMES.get(stage, stage), f"{1000.0 * duration:,.1f} ms")
     table.add_section()

@@ -64,7 +64,7 @@ class Stats:
         """
         Pixels that show a face; counted when first asked for.
 
-        None if the edges alone are drawn and no other output asks for the faces.
+        0 if the edges alone are drawn and no other output asks for the faces.
         """
         covered = self._covered
         if not isinstance(covered, int):

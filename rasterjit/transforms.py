@@ -669,9 +669,7 @@ def apply(matrix: ArrayLike, points: ArrayLike) -> NDArray[np.float64]:
     return result[0] if single else result
 
 
-def transform_points(
-    matrix: ArrayLike, points: ArrayLike, out: NDArray[np.float64] | None = None
-) -> NDArray[np.float64]:
+def transform_points(matrix: ArrayLike, points: ArrayLike) -> NDArray[np.float64]:
     """
     Multiply points by a matrix, without the divide: row k is ``matrix`` times (x, y, z, 1).
 
@@ -680,19 +678,17 @@ def transform_points(
     matrix : (4, 4) array_like
     points : (N, 3) array_like of numbers
         Any dtype and strides; the arithmetic is float64.
-    out : (N, 4) float64, C-contiguous, optional
-        Where to write; must not overlap ``points``.
 
     Returns
     -------
     (N, 4) float64
-        ``out``, or a new array. NaN and infinite entries propagate, also through zeros of the
-        matrix; nothing is raised for them.
+        NaN and infinite entries propagate, also through zeros of the matrix; nothing is raised for
+        them.
 
     Raises
     ------
     ValueError
-        If a shape differs, or ``out`` is not C-contiguous float64.
+        If a shape differs.
 
     Notes
     -----
@@ -706,12 +702,7 @@ def transform_points(
     if source.ndim != 2 or source.shape[1] != 3:
         raise ValueError(f"points must have shape (n, 3), got {source.shape}")
     count = len(source)
-    result: Any = np.empty((count, 4)) if out is None else out
-    if result.shape != (count, 4) or result.dtype != np.float64 or not result.flags.c_contiguous:
-        raise ValueError(
-            f"out must be C-contiguous float64 of shape ({count}, 4), "
-            f"got {result.dtype} of shape {result.shape}"
-        )
+    result = np.empty((count, 4))
     scratch = np.empty((5, min(_BLOCK, count)))
     with np.errstate(all="ignore"):
         for start in range(0, count, _BLOCK):

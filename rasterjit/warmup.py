@@ -26,6 +26,7 @@ from rasterjit import stages
 from rasterjit.framebuffer import FEW_PIXELS, Framebuffer
 from rasterjit.kernels.jit import cache_folder, is_cached
 from rasterjit.kernels.records import Viewport
+from rasterjit.kernels.setup import INVALID
 from rasterjit.kernels.shading import shade_rows
 from rasterjit.kernels.visibility import draw_tiles
 from rasterjit.pixel import explain_pixel
@@ -176,10 +177,13 @@ class BlankRenderer(Renderer):
         clip_positions = np.empty((0, 4), np.float64)
         if keep_clip_positions:
             clip_positions = stages.transform(*vertices, workers)
+        # Neither is any edge.
+        screen = stages.screen_arrays(len(vertices.positions), workers.memory)
+        screen.codes[:] = INVALID
         return stages.Coverage(
             np.full(shape, -np.inf, np.float32),
             np.full(shape, -1, np.int32),
-            stages.screen_arrays(stages.SPARE_VERTICES, workers.memory),
+            screen,
             clip_positions,
             stages.Totals(len(faces), len(faces), 0, 0, 0, 0, 0, 0),
             None,
@@ -204,15 +208,17 @@ def two_processes(threads: int | None) -> Iterator[Callable[..., None] | None]:
     Yields
     ------
     callable or None
-        To be called with what `Renderer` and its ``render`` are going to be given. On return the
-        kernels are in the disk cache. ``None`` if they were before, or if there is no other
-        processor or no cache: then rendering compiles as it goes.
+        To be called with what ``Renderer.render`` is going to be given. On return the kernels are
+        in the disk cache. ``None`` if they were before, if there is no other processor or no cache,
+        or if another Python would not be like this one: then rendering compiles as it goes.
     """
     kernels = draw_tiles, shade_rows
     if (
         threads == 1
         or available_processors() == 1
         or not sys.executable
+        or getattr(sys, "frozen", False)
+        or sys.flags.isolated
         or cache_folder() is None
         or any(is_cached(one) for one in kernels)
     ):
@@ -223,8 +229,8 @@ def two_processes(threads: int | None) -> Iterator[Callable[..., None] | None]:
         stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
     )  # fmt: skip
 
-    def compile_all(size: tuple[int, int], what: Any, camera: Any, **options: Any) -> None:
-        BlankRenderer(size, threads=1).render(what, camera, **options)
+    def compile_all(what: Any, camera: Any, **options: Any) -> None:
+        BlankRenderer(SIZE, threads=1).render(what, camera, **options)
         with suppress(subprocess.TimeoutExpired):
             other.wait(PATIENCE)
 

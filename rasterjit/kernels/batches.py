@@ -20,7 +20,7 @@ BLOCK_BITS = 6
 """Depth along a row starts anew every 2**6 = 64 columns; tiles are no wider."""
 
 BATCH = 64
-"""Triangles set up at once: what is known of them, 20 KiB, stays in L1 beside their samples."""
+"""Triangles set up at once: what is known of them, 14 KiB, stays in L1 beside their samples."""
 
 FACE, AX, AY, BX, BY, CX, CY, LEFT, TOP, RIGHT, BOTTOM, WIDE = range(12)
 """Rows of whole numbers: face, vertices on the sub-pixel grid, box of samples, wide or small."""

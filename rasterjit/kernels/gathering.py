@@ -13,7 +13,7 @@ from rasterjit.kernels.interpolation import find_object
 from rasterjit.kernels.jit import stage
 from rasterjit.kernels.stretches import gather_stretch
 
-LONG = 16
+LONG = runs.LANES
 """Columns that must show one face to make a run, counted from a multiple of this number on."""
 
 

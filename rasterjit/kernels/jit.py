@@ -31,6 +31,7 @@ import copy
 import functools
 import gc
 import hashlib
+import pickle
 import threading
 import time
 from collections.abc import Callable
@@ -295,7 +296,11 @@ class _KernelCompiler(CompilerBase):
     library: type[_Library] = _Library
 
     def compile_extra(self, func: Callable) -> Any:
-        """Compile a function; without garbage collection, which would only look and free little."""
+        """
+        Compile a function.
+
+        Without garbage collection, in all threads: it would only look, and free little.
+        """
         collects = gc.isenabled()
         gc.disable()
         try:
@@ -342,11 +347,11 @@ class _Stage(CPUDispatcher):
 
     def compile(self, sig: Any) -> Any:
         """Compile for one signature, as part of a kernel: its caller has the lock and the clock."""
-        types, return_type = normalize_signature(sig)
-        if tuple(types) not in self.overloads:
+        argument_types, return_type = normalize_signature(sig)
+        if tuple(argument_types) not in self.overloads:
             with self._compiling_counter:
-                self.add_overload(self._compiler.compile(types, return_type))
-        return self.overloads[tuple(types)].entry_point
+                self.add_overload(self._compiler.compile(argument_types, return_type))
+        return self.overloads[tuple(argument_types)].entry_point
 
     def __call__(self, *arguments: Any) -> Any:
         helper = self
@@ -381,7 +386,13 @@ def disjoint_stage(function: Callable) -> Any:
 
 def is_cached(compiled: Any) -> bool:
     """Tell whether the disk has any form of a kernel, compiled from the sources as they are."""
-    return cache_folder() is not None and bool(compiled._cache._cache_file._load_index())
+    if cache_folder() is None:
+        return False
+    try:
+        return bool(compiled._cache._cache_file._load_index())
+    except (OSError, EOFError, pickle.UnpicklingError):
+        # Cut short, or being replaced.
+        return False
 
 
 def cpu_features() -> tuple[str, list[str]]:

@@ -273,7 +273,7 @@ def transform_positions(vertices, positions, objects, clip_from_relative, clip_p
         Writes the rows of these vertices.
     """
     numbers = scratch[0]
-    owner = np.searchsorted(objects[0], vertices[0], side="right") - 1
+    owner = last_at_most(objects[0], vertices[0])
     for first in range(vertices[0], vertices[1], BLOCK):
         count = min(first + BLOCK, vertices[1]) - first
         owner = transform_block(

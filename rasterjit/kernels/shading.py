@@ -29,8 +29,9 @@ from rasterjit.kernels.records import (
     Surface,
 )
 from rasterjit.kernels.resolve import encode_pixel, encode_span
+from rasterjit.kernels.setup import last_at_most
 
-PADDING = 16
+PADDING = stretches.VECTOR
 """
 Columns of scratch memory that hold no sample, but what a last vector writes beyond it.
 
@@ -288,7 +289,7 @@ def light_vertices(
     scratch : tuple
         This thread's own, from `scratch_memory`.
     """
-    owner = np.searchsorted(vertex_starts, vertices[0], side="right") - 1
+    owner = last_at_most(vertex_starts, vertices[0])
     first = vertices[0]
     while first < vertices[1]:
         while first >= vertex_starts[owner + 1]:

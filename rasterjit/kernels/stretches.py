@@ -146,9 +146,9 @@ def gather_light(count, lit_vertices, whole, rows):
 
 
 @disjoint_stage
-def weigh(ax, ay, bx, by, cx, cy, wa, wb, wc, pixel, bits, unsure, second, third):
+def weigh(ax, ay, bx, by, cx, cy, wa, wb, wc, pixel, count, bits, unsure, second, third):
     """
-    Write the weights of neighbouring samples, the first of which is ``pixel``.
+    Write the weights of ``count`` neighbouring samples, the first of which is ``pixel``.
 
     Return whether any of them takes another way: its face was clipped, or its weights are doubtful.
     """
@@ -164,7 +164,7 @@ def weigh(ax, ay, bx, by, cx, cy, wa, wb, wc, pixel, bits, unsure, second, third
             (smallest / wa[n], smallest / wb[n], smallest / wc[n]),
         )
         unsure[n] |= np.int32(doubtful)
-        found |= unsure[n]
+        found |= unsure[n] if n < count else np.int32(0)
     return found
 
 
@@ -436,8 +436,8 @@ def find_weights(
     unsure = weigh(
         whole[AX, :size], whole[AY, :size], whole[BX, :size], whole[BY, :size], whole[CX, :size],
         whole[CY, :size], real[0, :size], real[1, :size], real[2, :size], (column, row),
-        geometry.viewport.grid_bits, whole[UNSURE, :size], weights[0, start:stop],
-        weights[1, start:stop],
+        np.int64(whole[FIRST, patches]), geometry.viewport.grid_bits, whole[UNSURE, :size],
+        weights[0, start:stop], weights[1, start:stop],
     )  # fmt: skip
     note_sides(size, owner, whole, placement, lighting)
     if unsure != 0:

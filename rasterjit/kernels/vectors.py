@@ -36,8 +36,9 @@ def _spread(typing_context: Any, row: Any, start: Any, value: Any) -> Any:
 
 
 def _spread_in_python(row: Any, start: Any, value: Any) -> None:
-    """Write a value to ``LANES`` neighbouring places of a row, from ``start`` on."""
-    row[start : int(start) + LANES] = value
+    """Write a value to ``LANES`` neighbouring places of a row; beyond its end is an error."""
+    for lane in range(LANES):
+        row[int(start) + lane] = value
 
 
 spread = _spread_in_python if numba.config.DISABLE_JIT else intrinsic(_spread)

@@ -74,7 +74,6 @@ from rasterjit.kernels.records import Faces, ScreenVertices, Viewport
 from rasterjit.kernels.setup import (
     TILE_BITS,
     TILE_SIZE,
-    edge,
     edge_at,
     sign_at,
 )
@@ -100,27 +99,6 @@ FEW_ROWS = 16
 
 NOTHING = -1
 """Face number of a sample that no face covers."""
-
-
-@stage
-def clockwise_from_top(corners, screen):
-    """
-    Return the vertex numbers clockwise on the screen, starting at the topmost, then leftmost.
-
-    The order depends on the geometry alone, so that every spelling of a face is drawn alike.
-    """
-    a, b, c = corners
-    ax, ay = np.int64(screen.xy[a, 0]), np.int64(screen.xy[a, 1])
-    bx, by = np.int64(screen.xy[b, 0]), np.int64(screen.xy[b, 1])
-    cx, cy = np.int64(screen.xy[c, 0]), np.int64(screen.xy[c, 1])
-    if edge(ax, ay, bx, by, cx, cy) < 0:
-        b, c = c, b
-        bx, by, cx, cy = cx, cy, bx, by
-    if (by < ay or (by == ay and bx < ax)) and (by < cy or (by == cy and bx < cx)):
-        a, b, c = b, c, a
-    elif (cy < ay or (cy == ay and cx < ax)) and (cy < by or (cy == by and cx < bx)):
-        a, b, c = c, a, b
-    return a, b, c
 
 
 @stage
@@ -198,16 +176,6 @@ def find_spans(begins, ends, depths, lanes, lines, columns, inside_bc, inside_ca
             inside_ca[0] + column * inside_ca[1] + row * inside_ca[2],
         )
     return longest
-
-
-@stage
-def depth_plane(da, db, dc, ax, ay, bx, by, cx, cy, grid_bits):
-    """Return (depth of c, weights of E_bc and E_ca, step per column, lowest, highest depth)."""
-    area = np.float64(edge(ax, ay, bx, by, cx, cy))
-    weight_a, weight_b = (da - dc) / area, (db - dc) / area
-    unit = np.float64(np.int64(1) << grid_bits)
-    step = unit * (np.float64(by - cy) * weight_a + np.float64(cy - ay) * weight_b)
-    return dc, weight_a, weight_b, step, min(da, min(db, dc)), max(da, max(db, dc))
 
 
 @stage
