@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from rasterjit import stages
-from rasterjit.kernels import setup
+from rasterjit.kernels import batches, occlusion, setup
 from rasterjit.kernels.records import Faces, Objects
+from rasterjit.memory import Memory
 from rasterjit.plan import viewport_of
 
 SIZE = (256, 192)
@@ -132,3 +133,49 @@ def test_tiles_at_the_border_are_whole_where_the_picture_is(size, found):
     lists = lists_of(points, depths, size)
     assert (lists[2] == (0.5 if found else -np.inf)).all()
     assert (draw(*lists)[1] == 0).all()
+
+
+def corners_on_the_grid(rng, count, bits):
+    """Return vertices of triangles of every size and winding, with ties, (N, 3, 2) int32."""
+    reach = rng.choice([4, 60 << bits, 1 << (14 + bits)], (count, 1, 1))
+    corners = (rng.uniform(-1, 1, (count, 3, 2)) * reach).astype(np.int32)
+    for axis in range(2):
+        one, other = rng.integers(0, 3, (2, count))
+        tied = rng.random(count) < 0.4
+        rows = np.arange(count)[tied]
+        corners[rows, one[tied], axis] = corners[rows, other[tied], axis]
+    sides = (corners[:, 1:] - corners[:, :1]).astype(np.int64)
+    turns = sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0]
+    assert (turns > 0).any()
+    assert (turns < 0).any()
+    return corners[turns != 0]
+
+
+def drawn_planes(corners, depths):
+    """Return vertices and depths in the order of drawing, weights, lowest and highest depth."""
+    whole = [np.ascontiguousarray(corners[:, k, axis]) for k in range(3) for axis in range(2)]
+    real = [np.ascontiguousarray(depths[:, k]) for k in range(3)]
+    batches.turn_triangles(*whole, *real)
+    planned = [np.empty(len(corners)) for _ in range(4)]
+    batches.plan_depths(*whole, *real, *planned)
+    return np.column_stack(whole), np.column_stack([*real, *planned])
+
+
+@pytest.mark.parametrize("subpixel_bits", [0, 4, 8, 12])
+def test_floors_take_the_vertices_and_the_plane_that_are_drawn(subpixel_bits):
+    bits = viewport_of(SIZE, subpixel_bits).grid_bits
+    rng = np.random.default_rng(200 + bits)
+    corners = corners_on_the_grid(rng, 150, bits)
+    depths = rng.uniform(-1, 1, (len(corners), 3)) * 10.0 ** rng.integers(-30, 5, (len(corners), 1))
+    drawn = drawn_planes(corners, depths)
+    assert (corners[:, 0, 1] == corners[:, 1, 1]).any()
+    screen = stages.screen_arrays(corners.size // 2, Memory())
+    screen.xy[:], screen.depth[:] = corners.reshape(-1, 2), depths.reshape(-1)
+    for n in range(len(corners)):
+        order = list(occlusion.clockwise_from_top((3 * n, 3 * n + 1, 3 * n + 2), screen))
+        xy, turned = screen.xy[order].reshape(-1), screen.depth[order]
+        assert xy.tolist() == drawn[0][n].tolist()
+        plane = occlusion.depth_plane(*turned.tolist(), *xy.tolist(), bits)
+        found = np.array([*turned, plane[1], plane[2], plane[4], plane[5]])
+        assert plane[0] == turned[2]
+        assert found.tobytes() == drawn[1][n].tobytes()

@@ -7,7 +7,7 @@ import pytest
 
 import rasterjit as rj
 from rasterjit import stages
-from rasterjit.kernels import shading
+from rasterjit.kernels import shading, stretches, vectors
 
 SIZE = (200, 12)
 WIDTHS = [1, 2, 3, 1, 40, 1, 1, 16, 5, 17, 1, 64, 2, 31, 7, 8, 1]
@@ -97,3 +97,46 @@ def test_neighbours_change_no_bit_of_a_face_colour(monkeypatch):
     camera = rj.PerspectiveCamera(eye=(0.4, 0.1, 4.0), target=(0, 0, 0), fov_y=10.0)
     calls = shaded(scene_of(strips("phong", colors=colors)), camera, monkeypatch)
     assert_neighbours_do_not_matter(calls)
+
+
+def rows_of(scratch):
+    """Return those parts of ``shading.scratch_memory`` that have a column for every sample."""
+    samples, weights, places, where, _, _, gathered = scratch
+    return [part for part in (samples, weights, places, where, *gathered) if part is not None]
+
+
+@pytest.mark.parametrize("has_textures", [False, True])
+def test_rows_have_room_for_what_is_written_behind_the_last_sample(has_textures):
+    parts = rows_of(shading.scratch_memory(has_textures))
+    assert len(parts) == 6 + has_textures
+    for part in parts:
+        # A stretch in whole vectors may begin with the last sample, and so may a patch.
+        assert part.shape[-1] >= shading.BLOCK_COLUMNS + stretches.VECTOR - 1
+        assert part.shape[-1] >= shading.BLOCK_COLUMNS - 1 + vectors.LANES
+
+
+@pytest.mark.parametrize("split", [shading.BLOCK_COLUMNS - 1, 120, 113, 1])
+def test_nothing_is_written_beyond_the_rows(split, monkeypatch):
+    texture = rj.Texture(np.random.default_rng(9).uniform(0, 1, (4, 4, 3)))
+    scene = scene_of(strips("phong", texture))
+    scene.add(strips("phong", texture))
+    camera = rj.PerspectiveCamera(eye=(0.4, 0.1, 4.0), target=(0, 0, 0), fov_y=10.0)
+    call = shaded(scene, camera, monkeypatch)[0]
+    # No two neighbours show one face, and from ``split`` on they show the other object.
+    face_id = np.arange(shading.BLOCK_COLUMNS, dtype=np.int32)[np.newaxis] % 5
+    face_id[0, split:] += 2 * len(WIDTHS)
+    scratch = shading.scratch_memory(True)
+    spare, mark = 64, 77
+    roomy = [np.full((*p.shape[:-1], p.shape[-1] + spare), mark, p.dtype) for p in rows_of(scratch)]
+    samples, weights, places, where, *gathered = roomy
+    given = samples, weights, places, where, *scratch[4:6], tuple(gathered)
+    linear = np.empty((1, face_id.shape[1], 4), np.float32)
+    color = np.empty(face_id.shape, np.uint32)
+    shading.shade_rows(face_id, *call[1:8], linear, color, given)
+    assert np.isfinite(linear).all()
+    for part in roomy:
+        assert (part[..., -spare:] == mark).all()
+    count = shading.BLOCK_COLUMNS - split
+    end = split + -(-count // stretches.VECTOR) * stretches.VECTOR
+    assert (weights[:, end - 1] != mark).all()
+    assert (weights[:, end:] == mark).all()
