@@ -315,33 +315,12 @@ def test_points_of_any_dtype_and_stride_give_the_bits_of_float64(dtype):
         assert result.tolist() == homogeneous_by_hand(camera_like_matrix(), points)
 
 
-def test_transform_points_writes_to_out():
-    points = np.random.default_rng(9).normal(size=(5, 3))
-    out = np.full((5, 4), np.nan)
-    assert tf.transform_points(camera_like_matrix(), points, out) is out
-    assert out.tolist() == homogeneous_by_hand(camera_like_matrix(), points)
-
-
 def test_nan_and_infinity_propagate_through_zeros_without_a_warning():
     result = tf.transform_points(np.eye(4), [(np.nan, 0, 0), (0, np.inf, 0), (1e308, 0, 0)])
     assert np.isnan(result[0]).all()
     assert np.isnan(result[1, [0, 2, 3]]).all()
     assert result[1, 1] == np.inf
     assert result[2].tolist() == [1e308, 0, 0, 1]
-
-
-@pytest.mark.parametrize(
-    "out",
-    [
-        np.empty((2, 4), np.float32),
-        np.empty((3, 4)),
-        np.empty((4, 2)).T,
-        np.empty((2, 8))[:, ::2],
-    ],
-)
-def test_unfit_out_is_refused(out):
-    with pytest.raises(ValueError, match="out must be C-contiguous float64"):
-        tf.transform_points(np.eye(4), np.zeros((2, 3)), out)
 
 
 def test_apply_divides_by_w_and_keeps_the_shape():
