@@ -311,3 +311,5 @@ class FloatTriangles(Visibility):
     def __init__(self, scene: TriangleScene, threads: int) -> None:
         super().__init__(scene, threads)
         self._stages = careless_stages()
+        # Compile now: no cache keeps these kernels.
+        self.draw()
