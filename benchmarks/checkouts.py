@@ -48,9 +48,11 @@ def checkouts(
             if revision in WORKING_TREE:
                 found.append(("working tree", root))
                 continue
-            commit = git(
-                "rev-parse", "--verify", "--end-of-options", f"{revision}^{{commit}}", root=root
-            )
+            name = f"{revision}^{{commit}}"
+            try:
+                commit = git("rev-parse", "--verify", "--end-of-options", name, root=root)
+            except RevisionError as error:
+                raise RevisionError(f"{revision!r} is not a commit: {error}") from error
             place = folder / f"checkout-{number}"
             stack.callback(remove, place, root)
             git("worktree", "add", "--detach", str(place), commit, root=root)

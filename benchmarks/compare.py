@@ -188,7 +188,10 @@ def compare(
 
 def finish(rows: Sequence[Comparison], names: dict[str, str], limit: float) -> None:
     """Print and write the rows; end with status 1 if any is worse."""
-    title = f"A: {names['A']}, B: {names['B']}; worse: more than {limit:g} times as long"
+    title = (
+        f"A: {names['A']}, B: {names['B']}; worse: more than {limit:g} times as long; of kernels, "
+        "their instructions"
+    )
     report.print_table(title, COLUMNS, [cells(row) for row in rows])
     content = {
         "machine": report.machine(),

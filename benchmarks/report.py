@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 import rasterjit
@@ -20,10 +21,11 @@ from benchmarks.rows import Row, folded
 
 RESULTS = Path(__file__).parent / "results"
 COLUMNS = (
-    "scene", "contestant", "threads", "draw ms", "ms", "CPU ms", "rate", "x RasterJIT", "target",
+    "scene", "contestant", "threads", "draw ms", "ms", "CPU ms", "rounds", "rate", "x RasterJIT",
+    "target",
     "goal", "met", "check",
 )  # fmt: skip
-RIGHT = frozenset(("threads", "draw ms", "ms", "CPU ms", "rate", "x RasterJIT"))
+RIGHT = frozenset(("threads", "draw ms", "ms", "CPU ms", "rounds", "rate", "x RasterJIT"))
 PACKAGES = (
     "numpy", "numba", "llvmlite", "moderngl", "panda3d", "wgpu", "scikit-image",
     "opencv-python-headless", "pillow", "datashader", "embreex", "trimesh", "open3d", "pyvista",
@@ -78,6 +80,7 @@ def cells(row: Row) -> list[str]:
         number(row.draw_ms),
         number(row.ms),
         number(row.cpu_ms),
+        "" if row.rounds is None else str(len(row.rounds)),
         row.rate,
         "" if row.ratio is None else f"{row.ratio:.3g}",
         row.target,
@@ -107,7 +110,7 @@ def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]
         table.add_column(name, justify="right" if name in RIGHT else "left", overflow="fold")
     for n, row in enumerate(rows):
         ends = n + 1 == len(rows) or rows[n + 1][0] != row[0]
-        table.add_row(*row, end_section=ends)
+        table.add_row(*map(escape, row), end_section=ends)
     console().print(table)
 
 

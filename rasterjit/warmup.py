@@ -59,12 +59,17 @@ MATT, SHINY = 0.0, 0.25
 
 
 OTHER_PROCESS = """
-import sys
+import os, sys, threading
 sys.path[:] = sys.argv[1:]
+threading.Thread(target=lambda: sys.stdin.read() or os._exit(1), daemon=True).start()
 from rasterjit import warmup
 warmup.compile_visibility()
 """
-"""What the other process runs: it finds the modules where this one does, and nowhere else."""
+"""
+What the other process runs: it finds the modules where this one does, and nowhere else.
+
+It ends with this one, however that ends: nobody else holds the other end of its standard input.
+"""
 
 PATIENCE = 120.0
 """Seconds after which the other process has failed, and this one compiles everything."""
@@ -226,7 +231,7 @@ def two_processes(threads: int | None) -> Iterator[Callable[..., None] | None]:
         return
     other = subprocess.Popen(
         [sys.executable, "-c", OTHER_PROCESS, *sys.path],
-        stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+        stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
     )  # fmt: skip
 
     def compile_all(what: Any, camera: Any, **options: Any) -> None:
@@ -238,4 +243,4 @@ def two_processes(threads: int | None) -> Iterator[Callable[..., None] | None]:
         yield compile_all
     finally:
         other.kill()
-        other.wait()
+        other.communicate()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -149,6 +150,50 @@ BEFORE_SHADING = [
     (stages.occlusion, "find_floors"),
     (stages.visibility, "draw_tiles"),
 ]
+
+
+STARTER = """
+import subprocess, time
+from rasterjit import warmup
+
+start = subprocess.Popen
+
+def noted(*arguments, **options):
+    other = start(*arguments, **options)
+    print(other.pid, flush=True)
+    return other
+
+subprocess.Popen = noted
+warmup.available_processors = lambda: 2
+with warmup.two_processes(2):
+    time.sleep(60)
+"""
+
+
+def has_ended(pid):
+    """Tell whether a process is gone, or waits for nothing but to be taken note of."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] == "Z"
+    except FileNotFoundError:
+        return True
+
+
+@compiled_only
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="processes are seen in /proc")
+def test_another_process_ends_with_this_one_even_if_it_is_killed(tmp_path):
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+    with subprocess.Popen(
+        [sys.executable, "-c", STARTER], stdout=subprocess.PIPE, text=True, env=environment
+    ) as starter:
+        other = int(starter.stdout.readline())
+        assert not has_ended(other)
+        starter.kill()
+    # Far less than compiling takes, far more than noticing.
+    for _ in range(50):
+        if has_ended(other):
+            return
+        time.sleep(0.1)
+    pytest.fail(f"process {other} is still there")
 
 
 @pytest.fixture

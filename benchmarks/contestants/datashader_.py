@@ -47,12 +47,16 @@ def alike(scene: Scene) -> tuple[float, float]:
 
 
 def prepare(scene: Scene, threads: int) -> Prepared:
-    """Return the scene ready to draw."""
+    """Return the scene ready to draw, what it draws with compiled by a first picture."""
+    ready: Prepared
     if isinstance(scene, LineScene):
-        return Lines(scene)
-    if scene.mode == "edges":
-        return Lines(edge_lines(scene))
-    return Faces(scene)
+        ready = Lines(scene)
+    elif scene.mode == "edges":
+        ready = Lines(edge_lines(scene))
+    else:
+        ready = Faces(scene)
+    ready.draw()
+    return ready
 
 
 def canvas_of(size: tuple[int, int]) -> Any:

@@ -51,10 +51,12 @@ def environment(threads: int) -> dict[str, str]:
 
 
 def prepare(scene: Scene, threads: int) -> Prepared:
-    """Return the scene ready to draw."""
+    """Return the scene ready to draw, its kernels compiled by a first picture."""
     if isinstance(scene, LineScene):
         raise ValueError("lines have no edges to be exact about")
-    return FloatTriangles(scene, threads)
+    ready = FloatTriangles(scene, threads)
+    ready.draw()
+    return ready
 
 
 # --- set-up -----------------------------------------------------------------------------------
@@ -311,5 +313,3 @@ class FloatTriangles(Visibility):
     def __init__(self, scene: TriangleScene, threads: int) -> None:
         super().__init__(scene, threads)
         self._stages = careless_stages()
-        # Compile now: no cache keeps these kernels.
-        self.draw()

@@ -44,12 +44,16 @@ def draws(scene: Scene) -> str | None:
 
 
 def prepare(scene: Scene, threads: int) -> Prepared:
-    """Return the scene ready to draw."""
+    """Return the scene ready to draw, its kernels compiled or loaded by a first picture."""
+    ready: Prepared
     if isinstance(scene, LineScene):
-        return Lines(scene, threads)
-    if needs(scene) == ["triangles", "faces"]:
-        return Visibility(scene, threads)
-    return Pictures(scene, threads)
+        ready = Lines(scene, threads)
+    elif needs(scene) == ["triangles", "faces"]:
+        ready = Visibility(scene, threads)
+    else:
+        ready = Pictures(scene, threads)
+    ready.draw()
+    return ready
 
 
 class Visibility:
