@@ -408,8 +408,11 @@ def _shade(
     row[0, x] = face
     linear, no_color = np.empty((1, plan.size[0], 4), np.float32), np.empty((1, 0), np.uint32)
     shading.shade_rows(
-        row, y, geometry, placement, surface, lighting, plan.background, resolve.encoding_table(),
-        linear, no_color, shading.scratch_memory(surface.textures is not None),
+        row, y, geometry, placement, surface, lighting, plan.background, plan.encoding,
+        linear, no_color,
+        shading.scratch_memory(
+            shading.sample_rows(surface, lighting), surface.textures is not None
+        ),
     )  # fmt: skip
     return linear[0, x].copy()
 
@@ -422,7 +425,7 @@ def _lit_vertices(
     for vertex in drawn.arrays.faces[face].tolist():
         shading.light_vertices(
             (vertex, vertex + 1), drawn.arrays.vertex_starts, drawn.placement, surface, lighting,
-            lit, shading.scratch_memory(False),
+            lit, shading.scratch_memory(),
         )  # fmt: skip
     return lit
 

@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 
 from rasterjit import transforms
 from rasterjit.kernels import records
-from rasterjit.kernels.records import Lighting, Objects, Surface, Viewport
+from rasterjit.kernels.records import Encoding, Lighting, Objects, Surface, Viewport
+from rasterjit.kernels.resolve import encoding_table
 from rasterjit.kernels.setup import GUARD_PIXELS
 from rasterjit.plan_effects import (
     SMOOTH,
@@ -49,6 +50,7 @@ MODELS = {
     "flat": records.FLAT,
     "gouraud": records.GOURAUD,
     "phong": records.PHONG,
+    "pbr": records.PBR,
 }
 
 FARTHEST_LIGHT = 1e18
@@ -101,6 +103,7 @@ class RenderPlan:
     needs_textures: bool
     needs_matt_light: bool
     grounds: Grounds
+    encoding: Encoding
 
     @cached_property
     def effects(self) -> tuple[Effect, ...]:
@@ -169,7 +172,10 @@ def plan_render(
         check_scene(scene)
         contents = contents_of([node.mesh for node in scene.nodes])
     kinds = tuple(type(light).__name__ for light in scene.lights)
-    grounds = Grounds(outputs, contents, kinds, scene.wireframe, diagnose)
+    grounds = Grounds(
+        outputs, contents, kinds, scene.wireframe, diagnose, scene.environment, scene.fog,
+        scene.tone_map, scene.ambient_occlusion, scene.outline, quality,
+    )  # fmt: skip
     if "uv" in outputs and not contents.has_uv:
         raise ValueError("outputs has 'uv', but no mesh of the scene has texture coordinates")
     if grounds.shades and contents.lacks_uv:
@@ -192,6 +198,7 @@ def plan_render(
         # The highlights of vertices lie on top of a texture: they are added up apart.
         needs_matt_light=is_lit and contents.has_textured_highlight,
         grounds=grounds,
+        encoding=Encoding(encoding_table()),
     )
 
 

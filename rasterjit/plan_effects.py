@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from rasterjit.scene.mesh import Mesh
+from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Wireframe
 
-SMOOTH = frozenset(("gouraud", "phong"))
+SMOOTH = frozenset(("gouraud", "phong", "pbr"))
 """Ways of shading that read vertex normals."""
 
 
@@ -45,6 +46,12 @@ class Grounds(NamedTuple):
     light_kinds: tuple[str, ...]
     wireframe: Wireframe | None
     diagnose: bool
+    environment: Any
+    fog: Any
+    tone_map: Any
+    ambient_occlusion: Any
+    outline: Any
+    quality: Quality
 
     @property
     def is_colored(self) -> bool:

@@ -14,7 +14,7 @@ from rasterjit import plan as planning
 from rasterjit import stages
 from rasterjit.kernels.records import Surface, Textures
 from rasterjit.plan import Places, SceneArrays
-from rasterjit.plan_effects import Contents, contents_of
+from rasterjit.plan_effects import SMOOTH, Contents, contents_of
 from rasterjit.plan_textures import join_textures
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.scene import Node, matrices_of, meshes_of
@@ -97,7 +97,7 @@ class Looks:
     def is_smooth(self) -> NDArray[np.uint8]:
         """1 for each object that has smooth normals, (O,)."""
         return np.array(
-            [mesh.material.shading in ("gouraud", "phong") for mesh in self._shapes.meshes],
+            [mesh.material.shading in SMOOTH for mesh in self._shapes.meshes],
             np.uint8,
         )
 

@@ -12,14 +12,12 @@ from types import TracebackType
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rasterjit import diagnostics as diagnosing
+from rasterjit import passes, stages
 from rasterjit import plan as planning
-from rasterjit import stages
 from rasterjit.frame import Frame, Stats
 from rasterjit.io.meshes import as_scene
-from rasterjit.kernels import interpolation
 from rasterjit.kernels.jit import COMPILE_CLOCK
 from rasterjit.kernels.records import Geometry, Placement
 from rasterjit.plan import RenderPlan, SceneArrays, Views
@@ -31,15 +29,10 @@ from rasterjit.scene.camera import (
     PerspectiveCamera,
     fit_camera,
 )
-from rasterjit.scene.color import linear_to_srgb
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.quality import Quality, check_quality
 from rasterjit.scene.scene import Scene
 from rasterjit.validation import image_size, thread_count
-
-SAMPLES_AT_ONCE = 1 << 15
-"""Samples whose depth is converted at once: their float64 copies stay in L2, and a small frame
-is done in one step."""
 
 
 def render(
@@ -260,13 +253,13 @@ class Renderer:
             viewport,
         )
         placement = placement_of(arrays, views)
-        result = _shade(plan, prepared, geometry, placement, coverage, workers)
+        result = passes.shade_faces(plan, prepared, geometry, placement, coverage, workers)
         clock("shade, resolve")
         if plan.wireframe is not None:
             edges = prepared.shapes.edges
-            _draw_wireframe(plan, edges, geometry, coefficients, coverage, result, workers)
+            passes.draw_wireframe(plan, edges, geometry, coefficients, coverage, result, workers)
             clock("wireframe")
-        _fill_buffers(plan, prepared, geometry, placement, coverage, result, workers)
+        passes.fill_buffers(plan, prepared, geometry, placement, coverage, result, workers)
         clock("buffers")
         diagnostics = None
         if plan.diagnose:
@@ -302,119 +295,6 @@ def placement_of(arrays: SceneArrays, views: Views) -> Placement:
         -views.screen_turn * views.mirrored,
         views.toward_viewer,
     )
-
-
-def _shade(
-    plan: RenderPlan,
-    prepared: Prepared,
-    geometry: Geometry,
-    placement: Placement,
-    coverage: stages.Coverage,
-    workers: stages.Workers,
-) -> dict[str, NDArray[Any]]:
-    """Make the colour outputs, if there are any."""
-    result: dict[str, NDArray[Any]] = {}
-    if not plan.needs_color:
-        return result
-    looks = prepared.looks
-    height, width = coverage.face_id.shape
-    linear = (
-        workers.memory.empty((height, width, 4), np.float32) if "linear" in plan.outputs else None
-    )
-    color = workers.memory.empty((height, width, 4), np.uint8) if "color" in plan.outputs else None
-    surface = looks.surface._replace(normals=looks.normals if plan.needs_normals else None)
-    if plan.needs_gouraud and plan.lighting is not None:
-        starts = prepared.shapes.arrays.vertex_starts
-        light = starts, placement, surface
-        lit, matt = stages.light_vertices(*light, plan.lighting, workers), None
-        if plan.needs_matt_light:
-            matt = stages.light_vertices(*light, plan.lighting._replace(highlights=None), workers)
-        surface = surface._replace(lit_vertices=lit, matt_vertices=matt)
-    if plan.needs_textures:
-        surface = surface._replace(textures=looks.textures)
-    # Without faces all rows are alike: the first is shaded, the others are copies of it.
-    shown = coverage.face_id if plan.draws_faces else np.full((1, width), -1, np.int32)
-    stages.shade(
-        shown, geometry, placement, surface, plan.lighting, plan.background,
-        None if linear is None else linear[: len(shown)],
-        None if color is None else color[: len(shown)], workers,
-    )  # fmt: skip
-    for picture in (linear, color):
-        if picture is not None:
-            picture[len(shown) :] = picture[0]
-    if linear is not None:
-        result["linear"] = linear
-    if color is not None:
-        result["color"] = color
-    return result
-
-
-def _draw_wireframe(
-    plan: RenderPlan,
-    edges: NDArray[np.int32],
-    geometry: Geometry,
-    coefficients: tuple[float, float, float],
-    coverage: stages.Coverage,
-    result: dict[str, NDArray[Any]],
-    workers: stages.Workers,
-) -> None:
-    """Draw the edges over the colour."""
-    if plan.wireframe is None:
-        return
-    encoded = linear_to_srgb(np.array(plan.wireframe.color[:3]))
-    rgba = np.append(np.floor(255.0 * encoded + 0.5), 255.0).astype(np.uint8)
-    hidden_by = (coverage.face_id, coverage.depth) if plan.draws_faces else None
-    stages.draw_edges(edges, geometry, coefficients, rgba, result["color"], hidden_by, workers)
-
-
-def _fill_buffers(
-    plan: RenderPlan,
-    prepared: Prepared,
-    geometry: Geometry,
-    placement: Placement,
-    coverage: stages.Coverage,
-    result: dict[str, NDArray[Any]],
-    workers: stages.Workers,
-) -> None:
-    """Make the ground-truth buffers that were asked for."""
-    shapes, looks, face_id = prepared.shapes, prepared.looks, coverage.face_id
-    result["face_id"] = face_id
-    if "depth" in plan.outputs:
-        result["depth"] = metric_depth(plan.camera, coverage)
-    if "object_id" in plan.outputs:
-        result["object_id"] = shapes.object_numbers[face_id]
-    if "barycentric" in plan.outputs:
-        result["barycentric"] = stages.fill_barycentric(face_id, geometry, workers)
-    if "uv" in plan.outputs:
-        uv = workers.memory.empty((*face_id.shape, 2), np.float32)
-        arguments = geometry, shapes.uv, uv
-        stages.fill_rows(interpolation.fill_attribute, face_id, arguments, workers)
-        result["uv"] = uv
-    if "position" in plan.outputs:
-        position = workers.memory.empty((*face_id.shape, 3), np.float32)
-        matrices = np.ascontiguousarray(prepared.places.world_from_model[:, :3])
-        arguments = (geometry, placement, matrices, position)
-        stages.fill_rows(interpolation.fill_positions, face_id, arguments, workers)
-        result["position"] = position
-    if "normal" in plan.outputs:
-        normal = workers.memory.empty((*face_id.shape, 3), np.float32)
-        normals = looks.normals if plan.needs_normals else np.zeros((1, 3), np.float32)
-        arguments = (geometry, placement, (normals, looks.is_smooth), normal)
-        stages.fill_rows(interpolation.fill_normals, face_id, arguments, workers)
-        result["normal"] = normal
-
-
-def metric_depth(camera: Camera, coverage: stages.Coverage) -> NDArray[np.float32]:
-    """Return the depth in scene units along the viewing axis; ``inf`` where nothing is."""
-    depth = np.full(coverage.depth.shape, np.inf, np.float32)
-    height, width = depth.shape
-    rows = max(1, SAMPLES_AT_ONCE // width)
-    for row in range(0, height, rows):
-        band = slice(row, row + rows)
-        seen = coverage.face_id[band] >= 0
-        with np.errstate(over="ignore"):
-            depth[band][seen] = camera.view_depth(coverage.depth[band][seen])
-    return depth
 
 
 def _stats(coverage: stages.Coverage, seconds: dict[str, float]) -> Stats:

@@ -19,13 +19,13 @@ from rasterjit.kernels import (
     interpolation,
     occlusion,
     projection,
-    resolve,
     setup,
     shading,
     visibility,
     wireframe,
 )
 from rasterjit.kernels.records import (
+    Encoding,
     Faces,
     Geometry,
     Lighting,
@@ -463,7 +463,7 @@ def light_vertices(
     per_task = _per_task(count, LEAST_LIT_VERTICES, workers)
 
     def light_some(first: int) -> None:
-        some, scratch = (first, min(first + per_task, count)), shading.scratch_memory(False)
+        some, scratch = (first, min(first + per_task, count)), shading.scratch_memory()
         shading.light_vertices(some, vertex_starts, placement, surface, lighting, lit, scratch)
 
     workers.run(light_some, [(n,) for n in range(0, count, per_task)])
@@ -479,6 +479,7 @@ def shade(
     background: NDArray[np.float32],
     linear: NDArray[np.float32] | None,
     color: NDArray[np.uint8] | None,
+    encoding: Encoding,
     workers: Workers,
 ) -> None:
     """
@@ -493,22 +494,23 @@ def shade(
         Written, if the frame has it.
     color : (H, W, 4) uint8 or None
         Written, if the frame has it.
+    encoding : Encoding
     workers : Workers
     """
     height = len(face_id)
-    table = resolve.encoding_table()
     nothing = np.empty((height, 0), np.uint32)
     packed = nothing if color is None else color.view(np.uint32)[:, :, 0]
     if linear is None:
         linear = np.empty((height, 0, 4), np.float32)
 
     per_task = rows_per_task(face_id.shape, workers)
+    rows, has_textures = shading.sample_rows(surface, lighting), surface.textures is not None
 
     def shade_band(first: int) -> None:
         band = slice(first, min(first + per_task, height))
         shading.shade_rows(
-            face_id[band], first, geometry, placement, surface, lighting, background, table,
-            linear[band], packed[band], shading.scratch_memory(surface.textures is not None),
+            face_id[band], first, geometry, placement, surface, lighting, background, encoding,
+            linear[band], packed[band], shading.scratch_memory(rows, has_textures),
         )  # fmt: skip
 
     workers.run(shade_band, [(first,) for first in range(0, height, per_task)])

@@ -28,7 +28,17 @@ LIT = 12
 """Row: 1 where light falls on the base colour, 0 where it is the final colour."""
 OUT_RED, OUT_GREEN, OUT_BLUE = 13, 14, 15
 """Rows: the colour that is seen, linear."""
-SAMPLE_ROWS = 16
+PLAIN_ROWS = 16
+"""Rows of a scene without any of the effects that the rows below are for."""
+METALLIC, ROUGHNESS, MICROFACET = 16, 17, 18
+"""Rows: metallic and roughness, 0..1; 1 where the object is shaded by microfacets, else 0."""
+OCCLUSION = 19
+"""Row: share of ambient and environment light that reaches the sample, 0..1."""
+EMISSIVE_RED, EMISSIVE_GREEN, EMISSIVE_BLUE = 20, 21, 22
+"""Rows: light that the surface sends out by itself, linear."""
+SHADOW = 23
+"""Row: share of the light at hand that reaches the sample, 0..1."""
+SAMPLE_ROWS = 24
 
 SHORTEST_SQUARED = np.float32(1e-30)
 """Least squared length, scene units squared: a light at the very point it lights stays finite."""
@@ -157,31 +167,43 @@ def add_light(
 
 
 @stage
-def light_samples(samples, count, lighting, toward_viewer):
-    """
-    Turn base colours into seen colours.
-
-    Parameters
-    ----------
-    samples : (SAMPLE_ROWS, N) float32
-        Reads rows RED..LIT, writes rows OUT_RED..OUT_BLUE, of the first ``count`` samples.
-    count : int
-    lighting : Lighting
-    toward_viewer : (4,) float32
-        A point p, relative to the eye, is seen along ``xyz - w p``.
-    """
+def start_light(samples, count, lighting):
+    """Scale the normals to length one and write what ambient light shows."""
     normalize_rows(samples[NORMAL_X, :count], samples[NORMAL_Y, :count], samples[NORMAL_Z, :count])
     start_colors(
         samples[RED, :count], samples[GREEN, :count], samples[BLUE, :count],
         samples[LIT, :count], lighting.ambient,
         samples[OUT_RED, :count], samples[OUT_GREEN, :count], samples[OUT_BLUE, :count],
     )  # fmt: skip
+
+
+@stage
+def add_lights(samples, count, n, lighting, toward_viewer):
+    """Add what light number ``n`` contributes."""
+    add_light(
+        lighting.lights[n], toward_viewer, lighting.highlights,
+        samples[NORMAL_X, :count], samples[NORMAL_Y, :count], samples[NORMAL_Z, :count],
+        samples[POINT_X, :count], samples[POINT_Y, :count], samples[POINT_Z, :count],
+        samples[SPECULAR, :count], samples[SHININESS, :count], samples[LIT, :count],
+        samples[RED, :count], samples[GREEN, :count], samples[BLUE, :count],
+        samples[OUT_RED, :count], samples[OUT_GREEN, :count], samples[OUT_BLUE, :count],
+    )  # fmt: skip
+
+
+@stage
+def light_samples(samples, count, lighting, toward_viewer):
+    """
+    Turn base colours into seen colours, without shadows.
+
+    Parameters
+    ----------
+    samples : (SAMPLE_ROWS or PLAIN_ROWS, N) float32
+        Reads rows RED..LIT, writes rows OUT_RED..OUT_BLUE, of the first ``count`` samples.
+    count : int
+    lighting : Lighting
+    toward_viewer : (4,) float32
+        A point p, relative to the eye, is seen along ``xyz - w p``.
+    """
+    start_light(samples, count, lighting)
     for n in range(lighting.lights.shape[0]):
-        add_light(
-            lighting.lights[n], toward_viewer, lighting.highlights,
-            samples[NORMAL_X, :count], samples[NORMAL_Y, :count], samples[NORMAL_Z, :count],
-            samples[POINT_X, :count], samples[POINT_Y, :count], samples[POINT_Z, :count],
-            samples[SPECULAR, :count], samples[SHININESS, :count], samples[LIT, :count],
-            samples[RED, :count], samples[GREEN, :count], samples[BLUE, :count],
-            samples[OUT_RED, :count], samples[OUT_GREEN, :count], samples[OUT_BLUE, :count],
-        )  # fmt: skip
+        add_lights(samples, count, n, lighting, toward_viewer)

@@ -119,7 +119,7 @@ class Textures(NamedTuple):
     """(V, 2) float32; v runs up."""
 
 
-UNLIT, FLAT, GOURAUD, PHONG = 0, 1, 2, 3
+UNLIT, FLAT, GOURAUD, PHONG, PBR = 0, 1, 2, 3, 4
 """Shading models, as ``Surface.materials`` numbers them."""
 
 MATERIAL_SPECULAR, MATERIAL_SHININESS, MATERIAL_MODEL = 4, 5, 6
@@ -143,6 +143,10 @@ class Surface(NamedTuple):
     """(V, 2, 3) float32, the same without highlights | None -> no highlight over a texture."""
     textures: Textures | None
     """None -> no object has a texture."""
+    maps: Any = None
+    """What else lies over the objects (normal maps, emission ...) | None -> nothing."""
+    alphas: Any = None
+    """What it takes to find the alpha of a sample | None -> all are opaque."""
 
 
 class Lighting(NamedTuple):
@@ -154,3 +158,22 @@ class Lighting(NamedTuple):
     """(3,) float32, linear."""
     highlights: Any
     """Number of objects with a specular highlight | None -> none."""
+    microfacets: Any = None
+    """Metallic-roughness materials | None -> none."""
+    shadows: Any = None
+    """Shadow maps | None -> no light casts shadows."""
+    environment: Any = None
+    """Light from all around | None -> none."""
+    occlusion: Any = None
+    """(H, W) float32, the share of ambient light that reaches a pixel | None -> all of it."""
+    fog: Any = None
+    """What lies between the surfaces and the eye | None -> nothing."""
+
+
+class Encoding(NamedTuple):
+    """How linear colour becomes 8 bits."""
+
+    table: Any
+    """(6657,) int32, `resolve.encoding_table`."""
+    tone: Any = None
+    """Exposure and tone curve | None -> light is shown as it is."""

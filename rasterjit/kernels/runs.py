@@ -32,7 +32,7 @@ from rasterjit.kernels.interpolation import (
     weights_along_row,
 )
 from rasterjit.kernels.jit import disjoint_stage, stage
-from rasterjit.kernels.records import FLAT, GOURAUD, MATERIAL_MODEL, PHONG
+from rasterjit.kernels.records import FLAT, GOURAUD, MATERIAL_MODEL, PBR, PHONG
 from rasterjit.kernels.setup import CLIPPED, edge
 
 SLOT_BITS = 7
@@ -186,7 +186,7 @@ def normals_of(a, b, c, model, owner, placement, normals):
     The face's own normal three times, and the unit matrix, unless the object is smooth.
     """
     if normals is not None:  # noqa: SIM102 - absent normals are compiled out
-        if model == PHONG:
+        if model in (PHONG, PBR):
             at = vertex_normal(normals, a), vertex_normal(normals, b), vertex_normal(normals, c)
             return at, matrix_of(placement.normal_matrices, owner)
     own = face_normal(a, b, c, owner, placement)

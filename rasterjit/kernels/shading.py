@@ -23,6 +23,7 @@ from rasterjit.kernels.records import (
     MATERIAL_MODEL,
     MATERIAL_SHININESS,
     MATERIAL_SPECULAR,
+    Encoding,
     Geometry,
     Lighting,
     Placement,
@@ -110,11 +111,26 @@ def viewer_of(placement):
 
 
 @stage
-def seen_colors(samples, count, lighting, toward_viewer):
+def light_row(samples, weights, faces, count, row, geometry, placement, lighting, toward_viewer):
+    """Turn the base colours of gathered samples into seen colours."""
+    # Start with ambient light.
+    lit.start_light(samples, count, lighting)
+    # Add the lights, each with its shadows.
+    for n in range(lighting.lights.shape[0]):
+        lit.add_lights(samples, count, n, lighting, toward_viewer)
+    # Add the environment.
+    # Add what the surfaces send out.
+    # Lay the fog over all.
+
+
+@stage
+def seen_colors(
+    samples, weights, faces, count, row, geometry, placement, lighting, toward_viewer
+):  # fmt: skip
     """Light the gathered samples; return red, green and blue. Without light, the base colours."""
     if lighting is None:
         return samples[lit.RED], samples[lit.GREEN], samples[lit.BLUE]
-    lit.light_samples(samples, count, lighting, toward_viewer)
+    light_row(samples, weights, faces, count, row, geometry, placement, lighting, toward_viewer)
     return samples[lit.OUT_RED], samples[lit.OUT_GREEN], samples[lit.OUT_BLUE]
 
 
@@ -138,24 +154,28 @@ def write_background(background, behind, linear, color):
 
 
 @stage
-def write_span(colors, first, count, table, linear, color):
+def write_span(colors, first, count, encoding, linear, color):
     """Write a span of gathered samples, from number ``first`` on."""
     stop = first + count
     if color.shape[0] > 0:
         encode_span(
-            colors[0][first:stop], colors[1][first:stop], colors[2][first:stop], table, color
+            colors[0][first:stop],
+            colors[1][first:stop],
+            colors[2][first:stop],
+            encoding.table,
+            color,
         )
     if linear.shape[0] > 0:
         write_linear(colors, first, linear)
 
 
 @stage
-def write_row(faces, count, colors, background, table, linear, color):
+def write_row(faces, count, colors, background, encoding, linear, color):
     """Write a part of a row: its gathered samples in their places, background elsewhere."""
-    behind = encode_pixel(background, table)
+    behind = encode_pixel(background, encoding.table)
     columns = faces.shape[0]
     if count == columns:
-        write_span(colors, 0, count, table, linear, color)
+        write_span(colors, 0, count, encoding, linear, color)
         return
     if count == 0:
         write_background(background, behind, linear, color)
@@ -166,16 +186,27 @@ def write_row(faces, count, colors, background, table, linear, color):
         if faces[at] < 0:
             write_background(background, behind, linear[at:end], color[at:end])
         else:
-            write_span(colors, n, end - at, table, linear[at:end], color[at:end])
+            write_span(colors, n, end - at, encoding, linear[at:end], color[at:end])
             n += end - at
         at = end
 
 
-def scratch_memory(has_textures: bool) -> tuple[Any, ...]:
-    """Return the memory that a thread needs to shade a part of a row."""
+def sample_rows(surface: Surface, lighting: Lighting | None) -> int:
+    """Return how many quantities of a sample are kept: more if an effect needs them."""
+    needed = [surface.maps, surface.alphas]
+    if lighting is not None:
+        needed += [
+            lighting.microfacets, lighting.shadows, lighting.environment, lighting.occlusion,
+            lighting.fog,
+        ]  # fmt: skip
+    return lit.PLAIN_ROWS if all(record is None for record in needed) else lit.SAMPLE_ROWS
+
+
+def scratch_memory(rows: int = lit.PLAIN_ROWS, has_textures: bool = False) -> tuple[Any, ...]:
+    """Return the memory that a thread needs to shade a part of a row; ``rows`` of each sample."""
     room = BLOCK_COLUMNS + PADDING
     return (
-        np.empty((lit.SAMPLE_ROWS, room), np.float32),
+        np.empty((rows, room), np.float32),
         np.empty((2, room), np.float64),
         np.empty((texturing.SCRATCH_ROWS, room), np.float64) if has_textures else None,
         np.empty(room, np.int32),
@@ -192,7 +223,7 @@ def scratch_memory(has_textures: bool) -> tuple[Any, ...]:
 @kernel
 def shade_rows(
     face_id, first_row, geometry: Geometry, placement: Placement, surface: Surface,
-    lighting: Lighting | None, background, table, linear, color, scratch,
+    lighting: Lighting | None, background, encoding: Encoding, linear, color, scratch,
 ):  # fmt: skip
     """
     Write the colour of some rows of the frame.
@@ -207,8 +238,7 @@ def shade_rows(
     lighting : Lighting or None
         ``None``: every object shows its own colour.
     background : (4,) float32, linear
-    table : (6657,) int32
-        ``resolve.encoding_table()``.
+    encoding : Encoding
     linear : (R, W, 4) float32
         Written: red, green, blue in linear light, and alpha (1 where there is a face). Unless it
         is not wanted, then W is 0.
@@ -233,9 +263,14 @@ def shade_rows(
                 samples, where, count, first_row + row, places, geometry, surface.textures,
                 surface.matt_vertices,
             )  # fmt: skip
-            colors = seen_colors(samples, count, lighting, toward_viewer)
+            # Read the maps.
+            # Find alpha.
+            colors = seen_colors(
+                samples, weights, faces, count, first_row + row, geometry, placement, lighting,
+                toward_viewer,
+            )  # fmt: skip
             write_row(
-                faces, count, colors, background, table, linear[row, left:right],
+                faces, count, colors, background, encoding, linear[row, left:right],
                 color[row, left:right],
             )  # fmt: skip
 

@@ -30,7 +30,7 @@ from rasterjit.kernels.interpolation import (
     weights_from_edges,
 )
 from rasterjit.kernels.jit import disjoint_stage, stage
-from rasterjit.kernels.records import FLAT, GOURAUD, MATERIAL_MODEL, PHONG
+from rasterjit.kernels.records import FLAT, GOURAUD, MATERIAL_MODEL, PBR, PHONG
 from rasterjit.kernels.setup import CLIPPED
 from rasterjit.kernels.vectors import LANES, spread
 
@@ -368,7 +368,7 @@ def gather_smooth_normals(
     """Write the interpolated normals of an object that is smooth; return whether it is."""
     if normals is None:
         return False
-    if model != PHONG:
+    if model not in (PHONG, PBR):
         return False
     start, stop = run
     size = stop - start

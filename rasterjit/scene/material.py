@@ -2,14 +2,27 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from rasterjit.scene.color import ColorLike, linear_color
 from rasterjit.scene.texture import Texture
 from rasterjit.validation import bounded_number, one_of
 
-SHADINGS = ("unlit", "flat", "gouraud", "phong")
-"""The ways to shade: no light; one normal a face; light per vertex; light per pixel."""
+SHADINGS = ("unlit", "flat", "gouraud", "phong", "pbr")
+"""The ways to shade: no light; one normal a face; light per vertex; light per pixel; light per
+pixel on microfacets."""
+
+ALPHA_MODES = ("opaque", "mask", "blend")
+"""What alpha does: nothing; it cuts holes; it lets through what lies behind."""
+
+TEXTURE_FIELDS = (
+    "base_color_texture", "normal_texture", "metallic_roughness_texture", "occlusion_texture",
+    "emissive_texture",
+)  # fmt: skip
+"""The textures of a material."""
+
+BRIGHTEST_EMISSION = 1e6
+"""Largest emission, linear: as bright as a texel may be."""
 
 MOST_SPECULAR = 1e6
 """Largest strength of a highlight: its product with the brightest light fits float32."""
@@ -30,9 +43,10 @@ class Material:
 
     Parameters
     ----------
-    shading : {"phong", "gouraud", "flat", "unlit"}
+    shading : {"phong", "gouraud", "flat", "unlit", "pbr"}
         ``"phong"`` lights every pixel by its interpolated normal, ``"gouraud"`` every vertex,
-        ``"flat"`` every face by its own plane; ``"unlit"`` shows the colour as it is.
+        ``"flat"`` every face by its own plane; ``"unlit"`` shows the colour as it is. ``"pbr"``
+        lights every pixel by glTF 2.0's metallic-roughness model.
     base_color : str or array_like, optional
         Any colour of `rasterjit.scene.color.linear_color`; stored as a tuple of linear RGBA.
         Default: a light grey, or white with a texture.
@@ -44,6 +58,24 @@ class Material:
         What the file called it.
     base_color_texture : Texture, optional
         Laid over the mesh by its ``uv``, which it then has to have. The highlight lies on top.
+    metallic, roughness : float
+        In 0..1, for ``"pbr"``.
+    normal_texture, metallic_roughness_texture : Texture, optional
+    occlusion_texture, emissive_texture : Texture, optional
+        As glTF 2.0 defines them: tangent-space normals; roughness in green, metallic in blue;
+        occlusion in red; emission in sRGB.
+    normal_scale : float
+        Factor on the x and y of the normals of ``normal_texture``.
+    occlusion_strength : float
+        In 0..1: how much of the occlusion is applied.
+    emissive : str or array_like
+        Light that the surface sends out by itself, linear RGB; ``emissive_texture`` multiplies it.
+    alpha_mode : {"opaque", "mask", "blend"}
+        Whether alpha does nothing, cuts holes where it is below ``alpha_cutoff``, or lets through
+        what lies behind.
+    alpha_cutoff : float
+    double_sided : bool
+        Whether back faces are drawn.
 
     Raises
     ------
@@ -62,17 +94,41 @@ class Material:
     shininess: float = 50.0
     name: str | None = None
     base_color_texture: Texture | None = None
+    metallic: float = 0.0
+    roughness: float = 0.5
+    normal_texture: Texture | None = field(default=None, kw_only=True)
+    normal_scale: float = field(default=1.0, kw_only=True)
+    metallic_roughness_texture: Texture | None = field(default=None, kw_only=True)
+    occlusion_texture: Texture | None = field(default=None, kw_only=True)
+    occlusion_strength: float = field(default=1.0, kw_only=True)
+    emissive: ColorLike = field(default=(0.0, 0.0, 0.0), kw_only=True)
+    emissive_texture: Texture | None = field(default=None, kw_only=True)
+    alpha_mode: str = field(default="opaque", kw_only=True)
+    alpha_cutoff: float = field(default=0.5, kw_only=True)
+    double_sided: bool = field(default=True, kw_only=True)
 
     def __post_init__(self) -> None:
         one_of("shading", self.shading, SHADINGS)
         specular = bounded_number("specular", self.specular, 0.0, MOST_SPECULAR)
         shininess = bounded_number("shininess", self.shininess, *SHININESS_RANGE)
+        for name in TEXTURE_FIELDS:
+            texture = getattr(self, name)
+            if texture is not None and not isinstance(texture, Texture):
+                raise ValueError(f"{name} must be a Texture or None, got {texture!r}")
         texture = self.base_color_texture
-        if texture is not None and not isinstance(texture, Texture):
-            raise ValueError(f"base_color_texture must be a Texture or None, got {texture!r}")
+        one_of("alpha_mode", self.alpha_mode, ALPHA_MODES)
+        if not isinstance(self.double_sided, bool):
+            raise ValueError(f"double_sided must be True or False, got {self.double_sided!r}")
+        for name, most in (
+            ("metallic", 1.0), ("roughness", 1.0), ("normal_scale", 1e3),
+            ("occlusion_strength", 1.0), ("alpha_cutoff", 1e6),
+        ):  # fmt: skip
+            object.__setattr__(self, name, bounded_number(name, getattr(self, name), 0.0, most))
         if self.base_color is None:
             object.__setattr__(self, "base_color", LIGHT_GREY if texture is None else "white")
         base_color = tuple(linear_color("base_color", self.base_color).tolist())
         object.__setattr__(self, "base_color", base_color)
+        emissive = tuple(linear_color("emissive", self.emissive)[:3].tolist())
+        object.__setattr__(self, "emissive", emissive)
         object.__setattr__(self, "specular", specular)
         object.__setattr__(self, "shininess", shininess)

@@ -138,6 +138,11 @@ class Scene:
         self.lights: list[Light] = []
         self.camera: PerspectiveCamera | OrthographicCamera | MatrixCamera | None = None
         self.wireframe: Wireframe | None = None
+        self.environment: Any = None
+        self.fog: Any = None
+        self.tone_map: Any = None
+        self.ambient_occlusion: Any = None
+        self.outline: Any = None
 
     def __repr__(self) -> str:
         faces = sum(len(node.mesh.faces) for node in self.nodes)

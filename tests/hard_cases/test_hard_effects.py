@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit import oracle, stages
+from rasterjit import oracle, passes, stages
 from rasterjit import plan as planning
 from rasterjit import transforms as tf
 
@@ -657,7 +657,7 @@ def test_an_output_that_nobody_asked_for_is_not_made(sphere, camera, forbid):
     everything = draw(mesh, camera, planning.OUTPUTS)
     for module, name in (
         (stages, "fill_rows"), (stages, "fill_barycentric"), (planning, "join_uv"),
-        (planning, "join_normals"), (rendering, "metric_depth"),
+        (planning, "join_normals"), (passes, "metric_depth"),
     ):  # fmt: skip
         forbid(module, name)
     frame = draw(mesh, camera, ("color",))

@@ -1,0 +1,166 @@
+"""
+The passes of a frame that follow visibility: colour, edges, and the ground-truth buffers.
+
+Each makes some of the frame's outputs from the visibility buffer, or does nothing if the plan has
+no use for it.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit import stages
+from rasterjit.kernels import interpolation
+from rasterjit.kernels.records import Geometry, Lighting, Placement, Surface
+from rasterjit.plan import RenderPlan
+from rasterjit.prepared import Prepared
+from rasterjit.scene.camera import Camera
+from rasterjit.scene.color import linear_to_srgb
+
+SAMPLES_AT_ONCE = 1 << 15
+"""Samples whose depth is converted at once: their float64 copies stay in L2, and a small frame
+is done in one step."""
+
+
+def shade_faces(
+    plan: RenderPlan,
+    prepared: Prepared,
+    geometry: Geometry,
+    placement: Placement,
+    coverage: stages.Coverage,
+    workers: stages.Workers,
+) -> dict[str, NDArray[Any]]:
+    """Make the colour outputs, if there are any."""
+    result: dict[str, NDArray[Any]] = {}
+    if not plan.needs_color:
+        return result
+    height, width = coverage.face_id.shape
+    linear = (
+        workers.memory.empty((height, width, 4), np.float32) if "linear" in plan.outputs else None
+    )
+    color = workers.memory.empty((height, width, 4), np.uint8) if "color" in plan.outputs else None
+    lighting = find_lighting(plan, geometry, placement, coverage, workers)
+    surface = find_surface(plan, prepared, placement, lighting, workers)
+    # Without faces all rows are alike: the first is shaded, the others are copies of it.
+    shown = coverage.face_id if plan.draws_faces else np.full((1, width), -1, np.int32)
+    stages.shade(
+        shown, geometry, placement, surface, lighting, plan.background,
+        None if linear is None else linear[: len(shown)],
+        None if color is None else color[: len(shown)], plan.encoding, workers,
+    )  # fmt: skip
+    for picture in (linear, color):
+        if picture is not None:
+            picture[len(shown) :] = picture[0]
+    if linear is not None:
+        result["linear"] = linear
+    if color is not None:
+        result["color"] = color
+    return result
+
+
+def find_lighting(
+    plan: RenderPlan,
+    geometry: Geometry,
+    placement: Placement,
+    coverage: stages.Coverage,
+    workers: stages.Workers,
+) -> Lighting | None:
+    """Return the light of the plan, with what depends on what is visible; None without light."""
+    lighting = plan.lighting
+    if lighting is None:
+        return None
+    # Draw the shadow maps.
+    # Find how much ambient light reaches each pixel.
+    return lighting
+
+
+def find_surface(
+    plan: RenderPlan,
+    prepared: Prepared,
+    placement: Placement,
+    lighting: Lighting | None,
+    workers: stages.Workers,
+) -> Surface:
+    """Return what the objects look like, as far as the plan has a use for it."""
+    looks = prepared.looks
+    surface = looks.surface._replace(normals=looks.normals if plan.needs_normals else None)
+    if plan.needs_gouraud and lighting is not None:
+        light = prepared.shapes.arrays.vertex_starts, placement, surface
+        lit, matt = stages.light_vertices(*light, lighting, workers), None
+        if plan.needs_matt_light:
+            matt = stages.light_vertices(*light, lighting._replace(highlights=None), workers)
+        surface = surface._replace(lit_vertices=lit, matt_vertices=matt)
+    if plan.needs_textures:
+        surface = surface._replace(textures=looks.textures)
+    return surface
+
+
+def draw_wireframe(
+    plan: RenderPlan,
+    edges: NDArray[np.int32],
+    geometry: Geometry,
+    coefficients: tuple[float, float, float],
+    coverage: stages.Coverage,
+    result: dict[str, NDArray[Any]],
+    workers: stages.Workers,
+) -> None:
+    """Draw the edges over the colour."""
+    if plan.wireframe is None:
+        return
+    encoded = linear_to_srgb(np.array(plan.wireframe.color[:3]))
+    rgba = np.append(np.floor(255.0 * encoded + 0.5), 255.0).astype(np.uint8)
+    hidden_by = (coverage.face_id, coverage.depth) if plan.draws_faces else None
+    stages.draw_edges(edges, geometry, coefficients, rgba, result["color"], hidden_by, workers)
+
+
+def fill_buffers(
+    plan: RenderPlan,
+    prepared: Prepared,
+    geometry: Geometry,
+    placement: Placement,
+    coverage: stages.Coverage,
+    result: dict[str, NDArray[Any]],
+    workers: stages.Workers,
+) -> None:
+    """Make the ground-truth buffers that were asked for."""
+    shapes, looks, face_id = prepared.shapes, prepared.looks, coverage.face_id
+    result["face_id"] = face_id
+    if "depth" in plan.outputs:
+        result["depth"] = metric_depth(plan.camera, coverage)
+    if "object_id" in plan.outputs:
+        result["object_id"] = shapes.object_numbers[face_id]
+    if "barycentric" in plan.outputs:
+        result["barycentric"] = stages.fill_barycentric(face_id, geometry, workers)
+    if "uv" in plan.outputs:
+        uv = workers.memory.empty((*face_id.shape, 2), np.float32)
+        arguments = geometry, shapes.uv, uv
+        stages.fill_rows(interpolation.fill_attribute, face_id, arguments, workers)
+        result["uv"] = uv
+    if "position" in plan.outputs:
+        position = workers.memory.empty((*face_id.shape, 3), np.float32)
+        matrices = np.ascontiguousarray(prepared.places.world_from_model[:, :3])
+        arguments = (geometry, placement, matrices, position)
+        stages.fill_rows(interpolation.fill_positions, face_id, arguments, workers)
+        result["position"] = position
+    if "normal" in plan.outputs:
+        normal = workers.memory.empty((*face_id.shape, 3), np.float32)
+        normals = looks.normals if plan.needs_normals else np.zeros((1, 3), np.float32)
+        arguments = (geometry, placement, (normals, looks.is_smooth), normal)
+        stages.fill_rows(interpolation.fill_normals, face_id, arguments, workers)
+        result["normal"] = normal
+
+
+def metric_depth(camera: Camera, coverage: stages.Coverage) -> NDArray[np.float32]:
+    """Return the depth in scene units along the viewing axis; ``inf`` where nothing is."""
+    depth = np.full(coverage.depth.shape, np.inf, np.float32)
+    height, width = depth.shape
+    rows = max(1, SAMPLES_AT_ONCE // width)
+    for row in range(0, height, rows):
+        band = slice(row, row + rows)
+        seen = coverage.face_id[band] >= 0
+        with np.errstate(over="ignore"):
+            depth[band][seen] = camera.view_depth(coverage.depth[band][seen])
+    return depth
