@@ -29,7 +29,13 @@ from rasterjit.scene.camera import (
     fit_camera,
     orbit_direction,
 )
-from rasterjit.scene.light import AmbientLight, DirectionalLight, PointLight
+from rasterjit.scene.light import (
+    AmbientLight,
+    DirectionalLight,
+    PointLight,
+    Shadow,
+    SpotLight,
+)
 from rasterjit.scene.material import Material
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.quality import Quality
@@ -58,6 +64,8 @@ __all__ = [
     "RenderPlan",
     "Renderer",
     "Scene",
+    "Shadow",
+    "SpotLight",
     "Stats",
     "Texture",
     "Visibility",

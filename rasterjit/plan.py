@@ -30,9 +30,16 @@ from rasterjit.plan_effects import (
     contents_of,
     list_effects,
 )
+from rasterjit.plan_lights import lighting_of
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.color import linear_color
-from rasterjit.scene.light import AmbientLight, DirectionalLight, Light, PointLight
+from rasterjit.scene.light import (
+    AmbientLight,
+    DirectionalLight,
+    Light,
+    PointLight,
+    SpotLight,
+)
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Node, Scene, Wireframe
@@ -52,10 +59,6 @@ MODELS = {
     "phong": records.PHONG,
     "pbr": records.PBR,
 }
-
-FARTHEST_LIGHT = 1e18
-"""Coordinates of a light relative to the eye are held within it: their squares stay finite in
-float32, and no light of an allowed intensity is seen from there."""
 
 HEADLIGHT_DIRECTION = (-0.3, -0.5, -1.0)
 """Direction of the default light in view space: over the viewer's right shoulder."""
@@ -216,7 +219,7 @@ def check_scene(scene: Scene) -> None:
     """Raise ``ValueError`` if something in the scene's lists is not what belongs there."""
     for name, items, kinds in (
         ("nodes", scene.nodes, (Node,)),
-        ("lights", scene.lights, (AmbientLight, DirectionalLight, PointLight)),
+        ("lights", scene.lights, (AmbientLight, DirectionalLight, PointLight, SpotLight)),
     ):
         if not isinstance(items, (list, tuple)):
             raise ValueError(f"scene.{name} must be a list, got {items!r}")
@@ -464,25 +467,7 @@ def cull_objects(cull: str, views: Views, face_starts: NDArray[np.int64]) -> Obj
 
 def _lighting(scene: Scene, camera: Camera, highlights: int) -> Lighting:
     """Return the lights as rows, relative to the eye; none in the scene means a headlight."""
-    lights = scene.lights or _headlight(camera)
-    eye_x, eye_y, eye_z = camera.eye_position().tolist()
-    rows, ambient = [], (0.0, 0.0, 0.0)
-    for light in lights:
-        red, green, blue = (part * light.intensity for part in light.color)
-        if isinstance(light, AmbientLight):
-            ambient = ambient[0] + red, ambient[1] + green, ambient[2] + blue
-        elif isinstance(light, PointLight):
-            x, y, z = light.position
-            rows.append((x - eye_x, y - eye_y, z - eye_z, 1.0, red, green, blue))
-        else:
-            x, y, z = light.direction
-            rows.append((-x, -y, -z, 0.0, red, green, blue))
-    held = [[max(-FARTHEST_LIGHT, min(FARTHEST_LIGHT, entry)) for entry in row] for row in rows]
-    return Lighting(
-        np.array(held, np.float32).reshape(-1, 7),
-        np.array(ambient, np.float32),
-        np.int64(highlights) if highlights else None,
-    )
+    return lighting_of(scene.lights or _headlight(camera), camera, highlights)
 
 
 def _headlight(camera: Camera) -> list[Light]:

@@ -140,7 +140,8 @@ def blinn_phong(color, normal, point, material, lights, ambient, viewer):
     ----------
     color, normal, point : three floats; the point is relative to the eye
     material : (specular, shininess)
-    lights : rows x, y, z, w, red, green, blue; light comes along ``xyz - w point``
+    lights : rows x, y, z, w, red, green, blue; light comes along ``xyz - w point``; and, where
+        they are longer, axis x, y, z, scale and offset of the cone, and one over the range squared
     ambient : three floats
     viewer : x, y, z, w; the point is seen along ``xyz - w point``
     """
@@ -153,6 +154,10 @@ def blinn_phong(color, normal, point, material, lights, ambient, viewer):
         distance = max(math.sqrt(dot(toward, toward)), SHORTEST)
         falloff = 1.0 / (distance * distance) if light[3] else 1.0
         toward = unit(toward)
+        if len(light) > 7:
+            along = -dot(toward, light[7:10])
+            falloff *= min(max(along * light[10] + light[11], 0.0), 1.0) ** 2
+            falloff *= min(max(1.0 - distance**4 * light[12] ** 2, 0.0), 1.0)
         facing = max(dot(normal, toward), 0.0)
         half = unit([t + e for t, e in zip(toward, eye, strict=True)])
         cosine = min(max(dot(normal, half), 0.0), 1.0)

@@ -108,8 +108,9 @@ def test_public_signature_is_typed(name, thing):
 def test_contract_of_names_is_kept():
     for name in (
         "load", "render", "explain", "rasterize", "Renderer", "Frame", "Mesh", "Scene", "Material",
-        "AmbientLight", "DirectionalLight", "PointLight", "PerspectiveCamera", "OrthographicCamera",
-        "MatrixCamera", "Quality", "fit_camera", "transforms", "Framebuffer", "Pipeline",
+        "AmbientLight", "DirectionalLight", "PointLight", "SpotLight", "Shadow",
+        "PerspectiveCamera", "OrthographicCamera", "MatrixCamera", "Quality", "fit_camera",
+        "transforms", "Framebuffer", "Pipeline",
     ):  # fmt: skip
         assert name in rj.__all__
     assert sorted(set(rj.__all__)) == sorted(rj.__all__)

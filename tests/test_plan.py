@@ -70,7 +70,7 @@ def test_normal_output_asks_for_normals_and_no_light(cube, camera):
 
 def test_scene_without_lights_gets_a_headlight(cube, camera):
     plan = rj.explain(cube, camera)
-    assert plan.lighting.lights.shape == (1, 7)
+    assert plan.lighting.lights.shape == (1, 13)
     assert plan.lighting.lights[0, 3] == 0.0
     assert np.linalg.norm(plan.lighting.ambient) > 0.0
     # It shines away from the viewer.
@@ -86,8 +86,10 @@ def test_lights_of_the_scene_are_planned_in_order(cube, camera):
     ]  # fmt: skip
     lighting = rj.explain(scene, camera).lighting
     relative = np.array([1, 2, 3]) - camera.eye
-    np.testing.assert_allclose(lighting.lights[0], [*relative, 1, 2, 2, 2], rtol=1e-6)
-    np.testing.assert_allclose(lighting.lights[1], [0, 1, 0, 0, 1, 0.5, 0], rtol=1e-6)
+    np.testing.assert_allclose(lighting.lights[0, :7], [*relative, 1, 2, 2, 2], rtol=1e-6)
+    np.testing.assert_allclose(lighting.lights[1, :7], [0, 1, 0, 0, 1, 0.5, 0], rtol=1e-6)
+    # Neither cone nor range.
+    assert (lighting.lights[:, 7:] == [0, 0, 0, 0, 1, 0]).all()
     assert lighting.ambient.tolist() == [0.75, 0.75, 0.75]
     assert lighting.lights.dtype == lighting.ambient.dtype == np.float32
 

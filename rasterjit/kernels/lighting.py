@@ -8,6 +8,7 @@ every CPU, which a math library's ``pow`` has not.
 References
 ----------
 .. [1] J. Blinn, "Models of Light Reflection for Computer Synthesized Pictures", SIGGRAPH 1977.
+.. [2] glTF 2.0 extension KHR_lights_punctual: range and cones.
 """
 
 from __future__ import annotations
@@ -42,6 +43,14 @@ SAMPLE_ROWS = 24
 
 SHORTEST_SQUARED = np.float32(1e-30)
 """Least squared length, scene units squared: a light at the very point it lights stays finite."""
+
+DIRECTION_X, DIRECTION_Y, DIRECTION_Z = 7, 8, 9
+"""Columns of ``Lighting.lights``: the axis of a cone, unit length, away from the light."""
+CONE_SCALE, CONE_OFFSET = 10, 11
+"""Columns: ramp in the cosine from the axis, held in 0..1 and squared; (0, 1) for no cone."""
+ENDING = 12
+"""Column: one over the range squared; 0 for no end."""
+LIGHT_COLUMNS = 13
 
 MANTISSA_BITS = np.int32(0x7FFFFF)
 SQRT_HALF_BITS = np.int32(0x3F3504F3)
@@ -130,6 +139,38 @@ def highlight(cosine, strength, shininess, highlights):
     return strength * power(cosine, shininess)
 
 
+@stage
+def reach(squared, ending):
+    """Return the share of light at a squared distance that its range lets through."""
+    one, zero = np.float32(1.0), np.float32(0.0)
+    share = squared * ending
+    return max(min(one - share * share, one), zero)
+
+
+@stage
+def cone(cosine, scale, offset):
+    """Return the share of light that its cone lets through at a cosine from its axis."""
+    one, zero = np.float32(1.0), np.float32(0.0)
+    share = max(min(cosine * scale + offset, one), zero)
+    return share * share
+
+
+@stage
+def light_at(light, px, py, pz):
+    """
+    Return the unit direction toward a light from a point, and the share of it that arrives.
+
+    A light without range and cone is multiplied by exactly 1 for them.
+    """
+    lx, ly, lz = light[0] - light[3] * px, light[1] - light[3] * py, light[2] - light[3] * pz
+    scale = unit_scale(lx, ly, lz)
+    falloff = light[3] * scale * scale + (np.float32(1.0) - light[3])
+    falloff *= reach(lx * lx + ly * ly + lz * lz, light[ENDING])
+    lx, ly, lz = lx * scale, ly * scale, lz * scale
+    cosine = -(lx * light[DIRECTION_X] + ly * light[DIRECTION_Y] + lz * light[DIRECTION_Z])
+    return lx, ly, lz, falloff * cone(cosine, light[CONE_SCALE], light[CONE_OFFSET])
+
+
 @disjoint_stage
 def add_light(
     light, toward_viewer, highlights, nx, ny, nz, px, py, pz, specular, shininess, lit,
@@ -138,15 +179,7 @@ def add_light(
     """Add what one light contributes to each sample."""
     one, zero = np.float32(1.0), np.float32(0.0)
     for i in range(out_red.shape[0]):
-        # Find the direction and the falloff of the light.
-        lx, ly, lz = (
-            light[0] - light[3] * px[i],
-            light[1] - light[3] * py[i],
-            light[2] - light[3] * pz[i],
-        )
-        scale = unit_scale(lx, ly, lz)
-        falloff = light[3] * scale * scale + (one - light[3])
-        lx, ly, lz = lx * scale, ly * scale, lz * scale
+        lx, ly, lz, falloff = light_at(light, px[i], py[i], pz[i])
         facing = max(nx[i] * lx + ny[i] * ly + nz[i] * lz, zero)
         # Find the half vector between light and viewer.
         vx, vy, vz = (

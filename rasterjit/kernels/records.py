@@ -153,7 +153,10 @@ class Lighting(NamedTuple):
     """The light that falls on the scene."""
 
     lights: Any
-    """(L, 7) float32: x, y, z, w, red, green, blue; light comes along ``xyz - w p``."""
+    """
+    (L, 13) float32: x, y, z, w, red, green, blue; light comes along ``xyz - w p``. Then cone and
+    range, see ``lighting``: axis x, y, z, scale, offset, ending.
+    """
     ambient: Any
     """(3,) float32, linear."""
     highlights: Any

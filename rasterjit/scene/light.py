@@ -9,10 +9,85 @@ from typing import Any, TypeAlias
 from numpy.typing import ArrayLike
 
 from rasterjit.scene.color import ColorLike, linear_color
-from rasterjit.validation import bounded_number, triple
+from rasterjit.validation import bounded_number, one_of, positive_number, triple
 
 Vector: TypeAlias = tuple[float, float, float]
 """Three floats: a world-space position, a unit direction, or linear RGB."""
+
+SHADOW_FILTERS = ("hard", "pcf", "soft")
+"""Ways of reading a shadow map."""
+
+LEAST_MAP, LARGEST_MAP = 16, 8192
+"""Side of a shadow map, texels."""
+
+LARGEST_BIAS = 100.0
+"""Largest bias, texels: beyond it nothing of a shadow would be left where things touch."""
+
+WIDEST_SUN = 90.0
+"""Largest angle that a light infinitely far away is seen under, degrees."""
+
+
+@dataclass(frozen=True)
+class Shadow:
+    """
+    How a light casts shadows: by a map of the depths that it sees.
+
+    The map is fitted to what the camera sees and what can cast a shadow there. A point light has up
+    to six, one for each side of a cube.
+
+    Parameters
+    ----------
+    size : int, texels
+        Side of the map, 16..8192. Doubling it halves the steps of a shadow's edge and takes four
+        times the memory.
+    filter : {"pcf", "hard", "soft"}
+        ``"hard"``: one comparison, edges in steps of a texel. ``"pcf"``: 3 x 3 comparisons, each
+        between four texels by their weight (percentage-closer filtering), an edge three texels
+        wide. ``"soft"``: the penumbra of a light that is as large as ``light_size`` says
+        (percentage-closer soft shadows): narrow at contact, wider with distance.
+    light_size : float, optional
+        For ``"soft"`` only, and needed there, above 0. Diameter of a point or spot light, scene
+        units; the angle that a directional light is seen under, degrees (the sun: 0.53).
+    bias : float, texels
+        How far in front of a surface something must lie to cast a shadow on it, 0..100, in texels
+        of the map along the light times one plus the slope of the surface to the light. Each
+        comparison is with the surface's own plane, so little is needed: more hides the steps of
+        coarse curved surfaces, and moves the shadow away from what casts it.
+
+    Raises
+    ------
+    ValueError
+        If the size, the filter or the bias is not one of these, or ``light_size`` is absent where
+        it is needed or given where it is not.
+
+    References
+    ----------
+    .. [1] L. Williams, "Casting Curved Shadows on Curved Surfaces", SIGGRAPH 1978.
+    .. [2] W. Reeves, D. Salesin, R. Cook, "Rendering Antialiased Shadows with Depth Maps",
+       SIGGRAPH 1987.
+    .. [3] R. Fernando, "Percentage-Closer Soft Shadows", SIGGRAPH 2005 sketches.
+    """
+
+    size: int = 1024
+    filter: str = "pcf"
+    light_size: float | None = None
+    bias: float = 0.5
+
+    def __post_init__(self) -> None:
+        one_of("filter", self.filter, SHADOW_FILTERS)
+        size = bounded_number("size", self.size, LEAST_MAP, LARGEST_MAP)
+        if size != int(size) or isinstance(self.size, bool):
+            raise ValueError(f"size must be a whole number of texels, got {self.size!r}")
+        _store(self, "size", int(size))
+        _store(self, "bias", bounded_number("bias", self.bias, 0.0, LARGEST_BIAS))
+        if self.filter == "soft":
+            if self.light_size is None:
+                raise ValueError("light_size must be above 0 where filter is 'soft', got None")
+            _store(self, "light_size", positive_number("light_size", self.light_size))
+        elif self.light_size is not None:
+            raise ValueError(
+                f"light_size must be None where filter is {self.filter!r}, got {self.light_size!r}"
+            )
 
 
 @dataclass(frozen=True)
@@ -54,21 +129,27 @@ class DirectionalLight:
     intensity : float
         Factor on the colour, at least 0. A white surface facing a white light of intensity 1 is
         white.
+    shadow : Shadow, optional
+        Default: it casts none.
 
     Raises
     ------
     ValueError
-        If the direction is zero or not finite, the colour is not one, or the intensity is not in
-        0..1e9.
+        If the direction is zero or not finite, the colour is not one, the intensity is not in
+        0..1e9, or the shadow is none or has a ``light_size`` above 90 degrees.
     """
 
     direction: ArrayLike = (0.0, 0.0, -1.0)
     color: ColorLike = "white"
     intensity: float = 1.0
+    shadow: Shadow | None = None
 
     def __post_init__(self) -> None:
         _store(self, "direction", _unit_vector("direction", self.direction))
         _check_color_and_intensity(self)
+        _check_shadow(self)
+        if self.shadow is not None and self.shadow.light_size is not None:
+            bounded_number("shadow.light_size", self.shadow.light_size, 0.0, WIDEST_SUN)
 
 
 @dataclass(frozen=True)
@@ -85,31 +166,108 @@ class PointLight:
     intensity : float
         Factor on the colour at a distance of one scene unit, at least 0; at distance d it is
         ``intensity / d**2``.
+    range : float, optional, scene units
+        Where the light ends, above 0: it is multiplied by ``1 - (d / range)**4``, at least 0.
+        Default: it has no end.
+    shadow : Shadow, optional
+        Default: it casts none.
 
     Raises
     ------
     ValueError
-        If the position is not finite, the colour is not one, or the intensity is not in
-        0..1e9.
+        If the position is not finite, the colour is not one, the intensity is not in 0..1e9, the
+        range is not above 0, or the shadow is none.
 
     References
     ----------
-    glTF 2.0 extension KHR_lights_punctual, range property absent.
+    glTF 2.0 extension KHR_lights_punctual.
     """
 
     position: ArrayLike
     color: ColorLike = "white"
     intensity: float = 1.0
+    range: float | None = None
+    shadow: Shadow | None = None
 
     def __post_init__(self) -> None:
         _store(self, "position", triple("position", self.position))
         _check_color_and_intensity(self)
+        _check_range(self)
+        _check_shadow(self)
 
+
+@dataclass(frozen=True)
+class SpotLight:
+    """
+    Light from one point into a cone, falling off with the square of the distance.
+
+    Parameters
+    ----------
+    position : (3,) array_like
+        World-space position, in scene units.
+    direction : (3,) array_like
+        World-space direction of the cone's axis, away from the light; stored with unit length.
+    color : str or array_like
+        Any colour of `rasterjit.scene.color.linear_color`; stored as linear RGB, alpha dropped.
+    intensity : float
+        Factor on the colour on the axis at a distance of one scene unit, at least 0; at distance d
+        it is ``intensity / d**2``.
+    inner_angle, outer_angle : float, degrees
+        Angles from the axis, ``0 <= inner <= outer <= 90`` and outer above 0: full light inside
+        the inner one, none outside the outer one, between them the square of a ramp in the cosine
+        (of which 0.001 is the narrowest).
+    range : float, optional, scene units
+        Where the light ends, as for `PointLight`.
+    shadow : Shadow, optional
+        Default: it casts none.
+
+    Raises
+    ------
+    ValueError
+        If the position or direction is not finite or the direction is zero, the colour is not one,
+        the intensity is not in 0..1e9, an angle is out of bounds, the inner angle is above the
+        outer one, the range is not above 0, or the shadow is none.
+
+    References
+    ----------
+    glTF 2.0 extension KHR_lights_punctual, its angles in degrees.
+    """
+
+    position: ArrayLike
+    direction: ArrayLike = (0.0, 0.0, -1.0)
+    color: ColorLike = "white"
+    intensity: float = 1.0
+    inner_angle: float = 0.0
+    outer_angle: float = 45.0
+    range: float | None = None
+    shadow: Shadow | None = None
+
+    def __post_init__(self) -> None:
+        _store(self, "position", triple("position", self.position))
+        _store(self, "direction", _unit_vector("direction", self.direction))
+        _check_color_and_intensity(self)
+        inner = bounded_number("inner_angle", self.inner_angle, 0.0, WIDEST_CONE)
+        outer = bounded_number("outer_angle", self.outer_angle, 0.0, WIDEST_CONE)
+        if outer == 0.0:
+            raise ValueError(f"outer_angle must be above 0, got {self.outer_angle!r}")
+        if inner > outer:
+            raise ValueError(
+                "inner_angle must be at most outer_angle, got inner_angle "
+                f"{self.inner_angle!r} and outer_angle {self.outer_angle!r}"
+            )
+        _store(self, "inner_angle", inner)
+        _store(self, "outer_angle", outer)
+        _check_range(self)
+        _check_shadow(self)
+
+
+WIDEST_CONE = 90.0
+"""Largest angle of a spot light from its axis, degrees."""
 
 BRIGHTEST = 1e9
 """Largest intensity: products of a light, a surface and a falloff stay finite in float32."""
 
-Light: TypeAlias = AmbientLight | DirectionalLight | PointLight
+Light: TypeAlias = AmbientLight | DirectionalLight | PointLight | SpotLight
 """Any light a scene takes."""
 
 
@@ -117,6 +275,18 @@ def _check_color_and_intensity(light: Any) -> None:
     """Store the light's colour as linear RGB and its intensity as a float at least 0."""
     _store(light, "color", tuple(linear_color("color", light.color)[:3].tolist()))
     _store(light, "intensity", bounded_number("intensity", light.intensity, 0.0, BRIGHTEST))
+
+
+def _check_range(light: Any) -> None:
+    """Store the light's range as a float above 0, or ``None``."""
+    if light.range is not None:
+        _store(light, "range", positive_number("range", light.range))
+
+
+def _check_shadow(light: Any) -> None:
+    """Raise ``ValueError`` if the light's shadow is something else."""
+    if light.shadow is not None and not isinstance(light.shadow, Shadow):
+        raise ValueError(f"shadow must be a Shadow or None, got {light.shadow!r}")
 
 
 def _unit_vector(name: str, value: ArrayLike) -> Vector:

@@ -10,8 +10,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import rasterjit as rj
 from rasterjit.kernels import lighting as lit
 from rasterjit.kernels.records import Lighting
+from rasterjit.plan_lights import lighting_of
 
 VIEWER = np.array([0.0, 0.0, 0.0, 1.0], np.float32)
 
@@ -101,8 +103,21 @@ def naive_colors(samples, lights, ambient, viewer, with_highlight=True):
     )  # fmt: skip
 
 
+NO_CONE, NO_END = (0.0, 0.0, 0.0, 0.0, 1.0), 0.0
+
+
+def whole_rows(lights):
+    """Return light rows of all columns; those of seven have neither cone nor range."""
+    lights = np.asarray(lights, np.float32)
+    if lights.size and lights.shape[-1] == lit.LIGHT_COLUMNS:
+        return lights
+    lights = lights.reshape(-1, 7)
+    rest = np.array([*NO_CONE, NO_END], np.float32)
+    return np.hstack([lights, np.tile(rest, (len(lights), 1))])
+
+
 def light(samples, lights, ambient, viewer=VIEWER, highlights=1):
-    lights = np.asarray(lights, np.float32).reshape(-1, 7)
+    lights = whole_rows(lights)
     record = Lighting(
         lights,
         np.asarray(ambient, np.float32),
@@ -201,3 +216,50 @@ def test_light_is_never_negative_or_nan(numbers):
     have = light(sample, [[*numbers[6:9], 0, 1, 1, 1], [*numbers[6:9], 1, 1, 1, 1]], AMBIENT)
     assert not np.isnan(have).any()
     assert (have >= 0.0).all()
+
+
+def shown(light_of_scene, point=(0.0, 0.0, 0.0)):
+    """Return the red that a light of a scene shows at a point, for an eye at the origin."""
+    record = lighting_of([light_of_scene], rj.MatrixCamera(np.eye(4), np.eye(4)), 0)
+    samples = one_sample((0, 0, 1), point, specular=0.0, color=(1, 1, 1))
+    lit.light_samples(samples, 1, record, VIEWER)
+    return float(samples[lit.OUT_RED, 0])
+
+
+@pytest.mark.parametrize("distance", [0.5, 1.0, 1.5, 1.9, 1.99, 2.0, 2.5, 1e6])
+def test_range_is_the_window_of_khr_lights_punctual(distance):
+    window = max(min(1.0 - (distance / 2.0) ** 4, 1.0), 0.0)
+    found = shown(rj.PointLight((0, 0, distance), range=2.0))
+    assert found == pytest.approx(window / distance**2, rel=1e-5, abs=1e-6)
+    assert (found == 0.0) == (distance >= 2.0)
+
+
+@pytest.mark.parametrize("scale", [1e-9, 1e-3, 1e6, 1e9])
+def test_range_is_the_same_at_any_scale(scale):
+    near = shown(rj.PointLight((0, 0, 1.0), range=2.0))
+    light = rj.PointLight((0, 0, scale), range=2.0 * scale)
+    assert shown(light) * scale**2 == pytest.approx(near, rel=1e-5)
+
+
+@pytest.mark.parametrize("angle", [0, 5, 10, 15, 20, 29, 30, 31, 60, 89, 120, 180])
+@pytest.mark.parametrize(("inner", "outer"), [(0, 30), (10, 30), (0, 90), (29.999, 30), (5, 15)])
+def test_cone_is_the_ramp_of_khr_lights_punctual(angle, inner, outer):
+    # The light hangs over the sample and looks down, tilted.
+    tilt = math.radians(angle)
+    light = rj.SpotLight(
+        (0, 0, 2), (math.sin(tilt), 0, -math.cos(tilt)), inner_angle=inner, outer_angle=outer
+    )
+    width = max(0.001, math.cos(math.radians(inner)) - math.cos(math.radians(outer)))
+    share = (math.cos(tilt) - math.cos(math.radians(outer))) / width
+    expected = min(max(share, 0.0), 1.0) ** 2 / 4.0
+    assert shown(light) == pytest.approx(expected, rel=2e-3 if width < 0.01 else 1e-5, abs=1e-6)
+
+
+def test_cone_and_range_that_end_nothing_leave_the_bits_of_a_point_light():
+    rng = np.random.default_rng(7)
+    samples, lights = random_samples(rng, 200), random_lights(rng)
+    wide = whole_rows(lights)
+    wide[:, lit.DIRECTION_X : lit.DIRECTION_Z + 1] = (0.6, 0.0, 0.8)
+    before = light(samples.copy(), lights, AMBIENT)
+    after = light(samples.copy(), wide, AMBIENT)
+    assert before.tobytes() == after.tobytes()
