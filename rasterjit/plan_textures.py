@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rasterjit.kernels import texturing
 from rasterjit.kernels.records import Textures
 from rasterjit.plan import join_uv, runs_of, writable
+from rasterjit.scene.material import Material
 from rasterjit.scene.mesh import Mesh
-from rasterjit.scene.texture import level_sizes
+from rasterjit.scene.texture import Pyramid, Texture, level_sizes
 
 WRAPS = {"repeat": texturing.REPEAT, "clamp": texturing.CLAMP, "mirror": texturing.MIRROR}
 
@@ -20,31 +22,71 @@ FILTERS = {
     "trilinear": texturing.TRILINEAR,
 }
 
+ABSENT = (-1,) + (0,) * (texturing.TABLE_COLUMNS - 1)
+"""Row of the table for an object without a texture of a kind."""
+
+UNMOVED = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
+"""The transform that changes nothing."""
+
+
+def textures_of(material: Material) -> tuple[Texture | None, ...]:
+    """Return the textures of a material, one of each kind, in the order of ``texturing``."""
+    return (material.base_color_texture, None, None, None, None)
+
 
 def join_textures(meshes: Sequence[Mesh]) -> Textures:
     """Join the textures of the objects, each picture once, and their texture coordinates."""
-    textures = list(
-        dict.fromkeys(
-            mesh.material.base_color_texture
-            for mesh in meshes
-            if mesh.material.base_color_texture is not None
-        )
+    runs = runs_of(meshes)
+    counts = [count for _, count in runs]
+    kinds = [textures_of(mesh.material) for mesh, _ in runs]
+    textures = [texture for row in kinds for texture in row if texture is not None]
+    texels, levels, places = _join_texels(textures)
+    table = [[_table_row(texture, places) for texture in row] for row in kinds]
+    transforms = None
+    if any(texture.transform is not None for texture in textures):
+        rows = [[_transform_row(texture) for texture in row] for row in kinds]
+        transforms = np.repeat(np.array(rows, np.float64), counts, axis=0)
+    anisotropic = sum(texture.anisotropy > 1 for texture in textures)
+    return Textures(
+        texels,
+        levels,
+        np.repeat(np.array(table, np.int64), counts, axis=0),
+        join_uv(meshes),
+        transforms,
+        anisotropic or None,
     )
-    levels, rows, first_texel = [], {}, 0
+
+
+def _join_texels(
+    textures: Sequence[Texture],
+) -> tuple[NDArray[np.float32], NDArray[np.int64], dict[Pyramid, tuple[int, int]]]:
+    """Return the texels and levels of all pictures, and the first level and how many of each."""
+    has_levels: dict[Pyramid, bool] = {}
     for texture in textures:
-        sizes = level_sizes(*texture.size) if texture.filter == "trilinear" else [texture.size]
-        wraps = [WRAPS[wrap] for wrap in texture.wrap]
-        rows[texture] = (len(levels), len(sizes), *wraps, FILTERS[texture.filter])
+        wants = texture.filter == "trilinear"
+        has_levels[texture.pyramid] = has_levels.get(texture.pyramid, False) or wants
+    texels, levels, places, first_texel = [], [], {}, 0
+    for pyramid, wants in has_levels.items():
+        texels.append(pyramid.chain() if wants else pyramid.image.reshape(-1, 4))
+        sizes = level_sizes(*pyramid.size) if wants else [pyramid.size]
+        places[pyramid] = (len(levels), len(sizes))
         for width, height in sizes:
             levels.append((first_texel, width, height))
             first_texel += width * height
-    texels = [texture.texels() for texture in textures]
-    absent = (-1, 0, 0, 0, 0)
-    runs = runs_of(meshes)
-    table = [rows.get(mesh.material.base_color_texture, absent) for mesh, _ in runs]
-    return Textures(
-        writable(texels[0]) if len(texels) == 1 else np.concatenate(texels),
-        np.array(levels, np.int64),
-        np.repeat(np.array(table, np.int64), [count for _, count in runs], axis=0),
-        join_uv(meshes),
-    )
+    joined = writable(texels[0]) if len(texels) == 1 else np.concatenate(texels)
+    return joined, np.array(levels, np.int64), places
+
+
+def _table_row(
+    texture: Texture | None, places: dict[Pyramid, tuple[int, int]]
+) -> tuple[int, ...]:
+    """Return what ``Textures.table`` holds of one texture of one object."""
+    if texture is None:
+        return ABSENT
+    wraps = (WRAPS[wrap] for wrap in texture.wrap)
+    return (*places[texture.pyramid], *wraps, FILTERS[texture.filter], texture.anisotropy)
+
+
+def _transform_row(texture: Texture | None) -> tuple[float, ...]:
+    """Return what ``Textures.transforms`` holds of one texture of one object."""
+    return UNMOVED if texture is None else texture.transform or UNMOVED

@@ -107,16 +107,24 @@ class Placement(NamedTuple):
 
 
 class Textures(NamedTuple):
-    """The textures of all objects, each with its mip levels."""
+    """
+    The textures of all objects, each with its mip levels.
+
+    K kinds of texture (``texturing.KINDS``): for the base colour, for normals ...
+    """
 
     texels: Any
     """(N, 4) float32, linear RGBA: level by level, row by row from the top."""
     levels: Any
-    """(K, 3) int64: first texel, width, height."""
+    """(M, 3) int64: first texel, width, height."""
     table: Any
-    """(O, 5) int64: first level or -1 for none, number of levels, wrap in u, in v, filter."""
+    """(O, K, 6) int64: first level or -1 for none, levels, wrap in u, in v, filter, anisotropy."""
     uv: Any
     """(V, 2) float32; v runs up."""
+    transforms: Any
+    """(O, K, 6) float64, ``u' = t0 u + t1 v + t2, v' = t3 u + t4 v + t5`` | None -> all as is."""
+    anisotropic: Any
+    """Number of textures with an anisotropy above 1 | None -> none."""
 
 
 UNLIT, FLAT, GOURAUD, PHONG, PBR = 0, 1, 2, 3, 4

@@ -25,14 +25,19 @@ from rasterjit.kernels.jit import stage
 from rasterjit.kernels.lighting import log2
 from rasterjit.kernels.setup import CLIPPED, edge
 
+BASE_COLOR, NORMAL, METALLIC_ROUGHNESS, OCCLUSION, EMISSIVE = 0, 1, 2, 3, 4
+"""What a texture is for, as ``Textures.table`` numbers it."""
+KINDS = 5
+
 REPEAT, CLAMP, MIRROR = 0, 1, 2
 """What lies outside the picture, as ``Textures.table`` numbers it."""
 
 NEAREST, BILINEAR, TRILINEAR = 0, 1, 2
 """Filters, as ``Textures.table`` numbers them."""
 
-FIRST_LEVEL, LEVEL_COUNT, WRAP_U, WRAP_V, FILTER = 0, 1, 2, 3, 4
+FIRST_LEVEL, LEVEL_COUNT, WRAP_U, WRAP_V, FILTER, ANISOTROPY = 0, 1, 2, 3, 4, 5
 """Columns of ``Textures.table``."""
+TABLE_COLUMNS = 6
 
 FIRST_TEXEL, LEVEL_WIDTH, LEVEL_HEIGHT = 0, 1, 2
 """Columns of ``Textures.levels``."""
@@ -245,20 +250,50 @@ def chosen_slopes(codes, snapped, exact, ws, pixel, size, bits):
 
 
 @stage
-def step_squared(slopes, place, place0, place1, place2, width, height):
-    """Return the squared length, in texels, of the step that the slopes make on the picture."""
+def place_step(slopes, place, place0, place1, place2):
+    """Return how far the coordinates move, u and v, where the weights change by the slopes."""
     rest = slopes[0] + slopes[1] + slopes[2]
-    u = (
+    return (
         slopes[1] * (place1[0] - place0[0])
         + slopes[2] * (place2[0] - place0[0])
-        - rest * (place[0] - place0[0])
-    ) * width
-    v = (
+        - rest * (place[0] - place0[0]),
         slopes[1] * (place1[1] - place0[1])
         + slopes[2] * (place2[1] - place0[1])
-        - rest * (place[1] - place0[1])
-    ) * height
+        - rest * (place[1] - place0[1]),
+    )
+
+
+@stage
+def length_squared(step, width, height):
+    """Return the squared length of a step, in texels of a level."""
+    u, v = step[0] * width, step[1] * height
     return u * u + v * v
+
+
+@stage
+def moved_place(place, owner, kind, transforms):
+    """Return coordinates as the texture of an object sees them; as they are without transforms."""
+    if transforms is None:
+        return place
+    u, v = place
+    return (
+        transforms[owner, kind, 0] * u + transforms[owner, kind, 1] * v
+        + transforms[owner, kind, 2],
+        transforms[owner, kind, 3] * u + transforms[owner, kind, 4] * v
+        + transforms[owner, kind, 5],
+    )  # fmt: skip
+
+
+@stage
+def moved_step(step, owner, kind, transforms):
+    """Return a step as the texture of an object sees it; as it is without transforms."""
+    if transforms is None:
+        return step
+    u, v = step
+    return (
+        transforms[owner, kind, 0] * u + transforms[owner, kind, 1] * v,
+        transforms[owner, kind, 3] * u + transforms[owner, kind, 4] * v,
+    )
 
 
 @stage
@@ -276,17 +311,46 @@ def vertex_place(uv, vertex):
 
 
 @stage
-def detail_at(corners, place, column, row, uv, level, geometry):
-    """Return the level of detail of a sample on the face with these corners."""
+def plain_footprint(right, down):
+    """Return the squared length of the longer of two steps, one tap, and no way between taps."""
+    return max(right, down), np.int64(1), (0.0, 0.0)
+
+
+@stage
+def long_footprint(right, down, step_right, step_down, limit):
+    """
+    Return what stands for a pixel's footprint: a squared length, a number of taps, and their way.
+
+    The footprint is divided along its longer step into at most ``limit`` parts, each as long as
+    the shorter step, or as a texel if that is shorter. Takes squared lengths in texels, and steps.
+    """
+    longest, shortest = max(right, down), max(min(right, down), 1.0)
+    if not (longest > shortest and limit > 1):
+        return plain_footprint(right, down)
+    parts = min(np.sqrt(longest / shortest), np.float64(limit))
+    way = step_right if right > down else step_down
+    return longest / (parts * parts), np.int64(np.ceil(parts)), way
+
+
+@stage
+def footprint(steps, size, limit, anisotropic):
+    """Return `long_footprint` of two steps; that of one tap if no texture is anisotropic."""
+    right = length_squared(steps[0], size[0], size[1])
+    down = length_squared(steps[1], size[0], size[1])
+    if anisotropic is None:
+        return plain_footprint(right, down)
+    return long_footprint(right, down, steps[0], steps[1], limit)
+
+
+@stage
+def steps_at(corners, place, column, row, owner, kind, uv, transforms, geometry):
+    """Return the steps, u and v, that a pixel to the right and a pixel down make on a texture."""
     a, b, c = corners
     right, down = weight_slopes(a, b, c, column, row, geometry)
     pa, pb, pc = vertex_place(uv, a), vertex_place(uv, b), vertex_place(uv, c)
-    _, width, height = level
-    return level_of_detail(
-        max(
-            step_squared(right, place, pa, pb, pc, width, height),
-            step_squared(down, place, pa, pb, pc, width, height),
-        )
+    return (
+        moved_step(place_step(right, place, pa, pb, pc), owner, kind, transforms),
+        moved_step(place_step(down, place, pa, pb, pc), owner, kind, transforms),
     )
 
 
@@ -297,6 +361,78 @@ def split_detail(detail, count):
     if finer >= count - 1:
         return count - 1, np.float32(0.0)
     return finer, detail - np.float32(finer)
+
+
+@stage
+def mix_levels(texels, levels, first, share, place, wraps):
+    """Return the bilinear mix of a level and, if it has a share, the next, at a place."""
+    level = level_at(levels, first)
+    color = mix_texels(texels, surrounding_texels(level, place[0], place[1], wraps))
+    if share > np.float32(0.0):
+        level = level_at(levels, first + 1)
+        coarse = mix_texels(texels, surrounding_texels(level, place[0], place[1], wraps))
+        color = mix(color, coarse, share)
+    return color
+
+
+@stage
+def tap_place(place, way, n, taps):
+    """Return where tap ``n`` of a footprint lies; a lone one in the middle."""
+    if taps == 1:
+        return place
+    shift = np.float64(2 * n + 1 - taps) / np.float64(2 * taps + 2)
+    return place[0] + shift * way[0], place[1] + shift * way[1]
+
+
+@stage
+def mix_taps(texels, levels, first, share, place, wraps, taps, way, anisotropic):
+    """Return the mean of the taps along a footprint; taps that are equal give exactly theirs."""
+    if anisotropic is None:
+        return mix_levels(texels, levels, first, share, place, wraps)
+    one = np.float32(1.0)
+    color = one, one, one, one
+    for n in range(taps):
+        tap = mix_levels(texels, levels, first, share, tap_place(place, way, n, taps), wraps)
+        color = mix(color, tap, one / np.float32(n + 1)) if n > 0 else tap
+    return color
+
+
+@stage
+def texture_color(owner, kind, place, corners, column, row, textures, geometry):
+    """
+    Return what the texture of an object shows at a sample, linear RGBA; white if it has none.
+
+    Takes the coordinates u and v there and the vertices of its face.
+    """
+    # The arrays are taken out of their record, and branches handle numbers alone: a branch that
+    # holds an array counts references to it, sample by sample.
+    texels, levels, table, uv = textures.texels, textures.levels, textures.table, textures.uv
+    transforms, anisotropic = textures.transforms, textures.anisotropic
+    one = np.float32(1.0)
+    color = one, one, one, one
+    first = table[owner, kind, FIRST_LEVEL]
+    if first >= 0:
+        wraps = table[owner, kind, WRAP_U], table[owner, kind, WRAP_V]
+        chosen = table[owner, kind, FILTER]
+        level = level_at(levels, first)
+        there = moved_place(place, owner, kind, transforms)
+        if chosen == NEAREST:
+            color = texel(texels, nearest_texel(level, there[0], there[1], wraps))
+        else:
+            finer, share, taps, way = np.int64(0), np.float32(0.0), np.int64(1), (0.0, 0.0)
+            if chosen == TRILINEAR:
+                steps = steps_at(
+                    corners, place, column, row, owner, kind, uv, transforms, geometry
+                )
+                size, limit = (level[1], level[2]), table[owner, kind, ANISOTROPY]
+                squared, taps, way = footprint(steps, size, limit, anisotropic)
+                finer, share = split_detail(
+                    level_of_detail(squared), table[owner, kind, LEVEL_COUNT]
+                )
+            color = mix_taps(
+                texels, levels, first + finer, share, there, wraps, taps, way, anisotropic
+            )
+    return color
 
 
 @stage
@@ -313,9 +449,9 @@ def note_place(scratch, n, weights, a, b, c, owner, textures):
 
 
 @stage
-def read_textures(scratch, where, count, row, textures, geometry):
+def read_textures(scratch, where, count, row, kind, textures, geometry):
     """
-    Write what the textures show at each sample of a row; white where an object has none.
+    Write what textures of one kind show at each sample of a row; white where an object has none.
 
     Parameters
     ----------
@@ -324,38 +460,20 @@ def read_textures(scratch, where, count, row, textures, geometry):
     where : (W,) int32
         The columns that the samples lie in.
     count, row : int
+    kind : int
+        ``BASE_COLOR`` ... ``EMISSIVE``. All of this is compiled into every place that calls it: for
+        several kinds, call it in a loop.
     textures, geometry : records
     """
-    # The arrays are taken out of their record, and branches handle numbers alone: a branch that
-    # holds an array counts references to it, sample by sample.
-    texels, levels, table, uv = textures.texels, textures.levels, textures.table, textures.uv
-    one = np.float32(1.0)
     for n in range(count):
-        owner = np.int64(scratch[OWNER, n])
-        u, v = scratch[U, n], scratch[V, n]
-        first, levels_held = table[owner, FIRST_LEVEL], table[owner, LEVEL_COUNT]
-        wraps, kind = (table[owner, WRAP_U], table[owner, WRAP_V]), table[owner, FILTER]
-        color = one, one, one, one
-        if first >= 0:
-            level = level_at(levels, first)
-            if kind == NEAREST:
-                color = texel(texels, nearest_texel(level, u, v, wraps))
-            else:
-                finer, share = np.int64(0), np.float32(0.0)
-                if kind == TRILINEAR:
-                    corners = (
-                        np.int64(scratch[CORNERS, n]),
-                        np.int64(scratch[CORNERS + 1, n]),
-                        np.int64(scratch[CORNERS + 2, n]),
-                    )
-                    column = np.int64(where[n])
-                    detail = detail_at(corners, (u, v), column, row, uv, level, geometry)
-                    finer, share = split_detail(detail, levels_held)
-                level = level_at(levels, first + finer)
-                color = mix_texels(texels, surrounding_texels(level, u, v, wraps))
-                if share > np.float32(0.0):
-                    level = level_at(levels, first + finer + 1)
-                    coarse = mix_texels(texels, surrounding_texels(level, u, v, wraps))
-                    color = mix(color, coarse, share)
+        corners = (
+            np.int64(scratch[CORNERS, n]),
+            np.int64(scratch[CORNERS + 1, n]),
+            np.int64(scratch[CORNERS + 2, n]),
+        )
+        color = texture_color(
+            np.int64(scratch[OWNER, n]), kind, (scratch[U, n], scratch[V, n]), corners,
+            np.int64(where[n]), row, textures, geometry,
+        )  # fmt: skip
         for k in range(4):
             scratch[SHOWN + k, n] = color[k]

@@ -1,4 +1,4 @@
-"""Textures: pictures that colour a surface, decoded to linear light once, with their mip chain."""
+"""Textures: pictures laid over a surface, decoded once, with their mip chain."""
 
 from __future__ import annotations
 
@@ -11,13 +11,30 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.scene.color import srgb_to_linear
-from rasterjit.validation import existing_file, one_of, read_only
+from rasterjit.transforms import sine_cosine
+from rasterjit.validation import (
+    bounded_number,
+    existing_file,
+    finite_array,
+    finite_number,
+    one_of,
+    read_only,
+)
 
 WRAPS = ("repeat", "clamp", "mirror")
 """What lies outside 0..1: the picture again; its border texels; the picture, turned every time."""
 
 FILTERS = ("nearest", "bilinear", "trilinear")
 """One texel; four texels, mixed by distance; the same from the two levels around the footprint."""
+
+COLOR_SPACES = ("srgb", "linear")
+"""What the integers of a picture are: codes of colours; shares of 1, as in a map of normals."""
+
+ANISOTROPIES = (1, 2, 4, 8, 16)
+"""Into how many parts, at most, the footprint of a pixel is divided."""
+
+FARTHEST_MOVE = 1e6
+"""Largest offset or scale of a texture: float64 keeps a position on it to 1/1000 texel."""
 
 MOST_LIGHT = 1e6
 """Largest value of a texel, linear: its product with the brightest light fits float32."""
@@ -32,6 +49,44 @@ _CONVERTED_MODES = ("1", "P", "PA", "La", "RGBa", "CMYK", "YCbCr", "LAB", "HSV")
 """Pillow's kinds of picture that are neither grey nor RGB as they lie in memory."""
 
 
+class Pyramid:
+    """
+    The texels of a picture and those of its mip levels, which are made when first asked for.
+
+    Parameters
+    ----------
+    image : (H, W, 4) float32, linear
+        Kept as it is, or copied to the head of the chain once there is one.
+    """
+
+    def __init__(self, image: NDArray[np.float32]) -> None:
+        self.size = image.shape[1], image.shape[0]
+        self._texels = image.reshape(-1, 4)
+
+    @property
+    def image(self) -> NDArray[np.float32]:
+        """The picture, (H, W, 4) float32, read-only."""
+        width, height = self.size
+        return self._texels[: width * height].reshape(height, width, 4)
+
+    @cached_property
+    def lowest_alpha(self) -> float:
+        """The least alpha of any texel."""
+        return float(self.image[:, :, 3].min())
+
+    def chain(self) -> NDArray[np.float32]:
+        """Return the texels of all levels, (N, 4) float32, read-only, row by row."""
+        image, sizes = self.image, level_sizes(*self.size)
+        if len(self._texels) < sum(width * height for width, height in sizes):
+            means, rows = image, [image.reshape(-1, 4)]
+            for _ in sizes[1:]:
+                means = _halved(_halved(means, 0), 1)
+                rows.append(means.astype(np.float32).reshape(-1, 4))
+            # The picture is kept once: in the chain.
+            self._texels = read_only(np.concatenate(rows))
+        return self._texels
+
+
 @dataclass(frozen=True, eq=False)
 class Texture:
     """
@@ -44,33 +99,56 @@ class Texture:
 
     Filtering happens in linear light. ``"trilinear"`` chooses its level from the longer side of
     the pixel's footprint in texels, so a surface seen at a grazing angle is blurred rather than
-    aliased.
+    aliased. With ``anisotropy`` the footprint is divided along its longer side, and the level
+    follows the shorter one: such a surface stays sharp.
+
+    The coordinates that a texture shows are ``offset + turn (scale (u, v))``, so that a scale of
+    2 repeats it twice where it was once: see `with_transform`.
 
     Parameters
     ----------
     image : (H, W) or (H, W, 1..4) array_like
-        Grey, grey and alpha, RGB or RGBA, row 0 on top. ``uint8`` and ``uint16`` are sRGB; floats
-        are linear light in 0..1e6. Alpha is linear in every form. Stored as (H, W, 4) float32,
-        linear, read-only.
+        Grey, grey and alpha, RGB or RGBA, row 0 on top. ``uint8`` and ``uint16`` are what
+        ``color_space`` says; floats are linear, in 0..1e6. Alpha is linear in every form.
+        Stored as (H, W, 4) float32, linear, read-only.
     wrap : {"repeat", "clamp", "mirror"} or a pair of them
         What coordinates outside 0..1 show; a pair gives u and v each their own. Stored as a pair.
     filter : {"trilinear", "bilinear", "nearest"}
         How texels become the colour of a pixel.
+    color_space : {"srgb", "linear"}
+        What integers are: sRGB codes of colours, or shares of 1 (``value / 255``, or 65535), as
+        in maps of normals, roughness or occlusion.
+    anisotropy : {1, 2, 4, 8, 16}
+        Into how many parts a long footprint is divided, at most; above 1 with ``"trilinear"``
+        only.
+    offset : (float, float)
+        Added to the coordinates last, in -1e6..1e6.
+    rotation : float
+        Degrees by which the coordinates turn about (0, 0), counter-clockwise: the picture is
+        seen to turn clockwise.
+    scale : (float, float)
+        What the coordinates are multiplied by first, in -1e6..1e6.
 
     Raises
     ------
     ValueError
         If the image has another shape or type, is empty or larger than 65536 on a side, holds a
-        NaN, infinite or negative number or one above 1e6, or if ``wrap`` or ``filter`` is unknown.
+        NaN, infinite or negative number or one above 1e6, or if any option is unknown, not finite
+        or out of range.
 
-    Notes
-    -----
-    The alpha of a texture is kept but not drawn: surfaces are opaque.
+    References
+    ----------
+    .. [1] The Khronos Group, "KHR_texture_transform".
     """
 
     image: ArrayLike = field(repr=False)
     wrap: str | tuple[str, str] = field(default="repeat", kw_only=True)
     filter: str = field(default="trilinear", kw_only=True)
+    color_space: str = field(default="srgb", kw_only=True)
+    anisotropy: int = field(default=1, kw_only=True)
+    offset: tuple[float, float] = field(default=(0.0, 0.0), kw_only=True)
+    rotation: float = field(default=0.0, kw_only=True)
+    scale: tuple[float, float] = field(default=(1.0, 1.0), kw_only=True)
 
     def __post_init__(self) -> None:
         wrap = (self.wrap, self.wrap) if isinstance(self.wrap, str) else self.wrap
@@ -78,13 +156,42 @@ class Texture:
             raise ValueError(f"wrap must be a name or a pair of names, got {self.wrap!r}")
         wrap = (one_of("wrap", wrap[0], WRAPS), one_of("wrap", wrap[1], WRAPS))
         one_of("filter", self.filter, FILTERS)
+        one_of("color_space", self.color_space, COLOR_SPACES)
+        one_of("anisotropy", self.anisotropy, ANISOTROPIES)
+        if self.anisotropy > 1 and self.filter != "trilinear":
+            raise ValueError(
+                f"anisotropy must be 1 unless filter is 'trilinear', got {self.anisotropy} with "
+                f"{self.filter!r}"
+            )
         object.__setattr__(self, "wrap", wrap)
-        object.__setattr__(self, "image", _linear_image(self.image))
+        self._set_transform(self.offset, self.rotation, self.scale)
+        # From here on the image is a part of the pyramid's texels, which copies share.
+        image = self.__dict__.pop("image")
+        object.__setattr__(self, "pyramid", Pyramid(_linear_image(image, self.color_space)))
+
+    def _set_transform(self, offset: Any, rotation: Any, scale: Any) -> None:
+        """Check and keep offset, rotation and scale."""
+        object.__setattr__(self, "offset", _pair("offset", offset))
+        object.__setattr__(self, "rotation", finite_number("rotation", rotation))
+        object.__setattr__(self, "scale", _pair("scale", scale))
+
+    def __getattr__(self, name: str) -> Any:
+        """Return the image, which lies where the texels of all levels do."""
+        if name == "image" and "pyramid" in self.__dict__:
+            return self.pyramid.image
+        raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what is copied or pickled: the image, and no mip levels."""
+        state = dict(self.__dict__)
+        del state["pyramid"]
+        return {**state, "image": self.image}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Fill a copy, or what was pickled; its texels are read-only too."""
-        for name, value in state.items():
-            self.__dict__[name] = read_only(value) if isinstance(value, np.ndarray) else value
+        state = dict(state)
+        self.__dict__["pyramid"] = Pyramid(read_only(state.pop("image")))
+        self.__dict__.update(state)
 
     @classmethod
     def from_file(
@@ -93,6 +200,8 @@ class Texture:
         *,
         wrap: str | tuple[str, str] = "repeat",
         filter: str = "trilinear",
+        color_space: str = "srgb",
+        anisotropy: int = 1,
     ) -> Texture:
         """
         Read a texture from a PNG, JPEG or any other picture that imageio reads.
@@ -101,7 +210,7 @@ class Texture:
         ----------
         path : str or path-like
             Of several pictures in a file, the first is taken.
-        wrap, filter
+        wrap, filter, color_space, anisotropy
             As `Texture` takes them.
 
         Raises
@@ -123,7 +232,34 @@ class Texture:
         if mode == "I":
             # Pillow's name for 16-bit grey in 32-bit integers.
             pixels = np.clip(pixels, 0, 65535).astype(np.uint16)
-        return cls(pixels, wrap=wrap, filter=filter)
+        return cls(
+            pixels, wrap=wrap, filter=filter, color_space=color_space, anisotropy=anisotropy
+        )
+
+    def with_transform(
+        self,
+        offset: tuple[float, float] = (0.0, 0.0),
+        rotation: float = 0.0,
+        scale: tuple[float, float] = (1.0, 1.0),
+    ) -> Texture:
+        """
+        Return the texture laid otherwise; texels and mip levels are shared, not copied.
+
+        Takes offset, rotation and scale as `Texture` does, in place of its own.
+        """
+        other = object.__new__(type(self))
+        other.__dict__.update(self.__dict__)
+        other._set_transform(offset, rotation, scale)
+        return other
+
+    @property
+    def transform(self) -> tuple[float, float, float, float, float, float] | None:
+        """``u' = t0 u + t1 v + t2, v' = t3 u + t4 v + t5``; ``None`` if nothing changes."""
+        (x, y), (across, up) = self.offset, self.scale
+        if (x, y, self.rotation, across, up) == (0.0, 0.0, 0.0, 1.0, 1.0):
+            return None
+        sine, cosine = sine_cosine(self.rotation)
+        return cosine * across, -sine * up, x, sine * across, cosine * up, y
 
     @property
     def size(self) -> tuple[int, int]:
@@ -136,6 +272,11 @@ class Texture:
         return bool((self.image[:, :, 3] >= 1.0).all())
 
     @property
+    def lowest_alpha(self) -> float:
+        """The least alpha of any texel: no filter shows less."""
+        return self.pyramid.lowest_alpha
+
+    @property
     def levels(self) -> tuple[NDArray[np.float32], ...]:
         """
         The mip chain, each level (h, w, 4) float32, linear, read-only; the first is the image.
@@ -144,28 +285,36 @@ class Texture:
         texel is left. Its texels are means, by area, of the texels below them, in float64: the
         mean of the image is kept on every level, and a constant stays itself.
         """
-        levels, start = [], 0
+        chain, levels, start = self.pyramid.chain(), [], 0
         for width, height in level_sizes(*self.size):
             stop = start + width * height
-            levels.append(self._chain[start:stop].reshape(height, width, 4))
+            levels.append(chain[start:stop].reshape(height, width, 4))
             start = stop
         return tuple(levels)
 
-    def texels(self) -> NDArray[np.float32]:
-        """Return what its filter reads, (N, 4): row by row, and level by level if trilinear."""
-        return self._chain if self.filter == "trilinear" else self.image.reshape(-1, 4)
 
-    @cached_property
-    def _chain(self) -> NDArray[np.float32]:
-        """The texels of all levels, (N, 4) float32, read-only; made when first asked for."""
-        means, rows = self.image, [self.image.reshape(-1, 4)]
-        for _ in level_sizes(*self.size)[1:]:
-            means = _halved(_halved(means, 0), 1)
-            rows.append(means.astype(np.float32).reshape(-1, 4))
-        chain = read_only(np.concatenate(rows))
-        # Keep the picture once: in the chain.
-        object.__setattr__(self, "image", chain[: len(rows[0])].reshape(self.image.shape))
-        return chain
+def turned_over(
+    offset: tuple[float, float], rotation: float, scale: tuple[float, float]
+) -> tuple[tuple[float, float], float, tuple[float, float]]:
+    """
+    Return offset, rotation and scale for v up, as `Texture` takes them, given those for v down.
+
+    In glTF v runs down, and ``offset + turn (scale (u, v))`` is meant with v as it is there. With
+    ``v = 1 - v'`` on both sides the scale stays, and so does the rotation, which is
+    counter-clockwise as seen in both; the offset takes in where the corner (0, 1) goes.
+
+    Parameters
+    ----------
+    offset, scale : (float, float)
+    rotation : float
+        Degrees (glTF writes radians), counter-clockwise as seen on the picture.
+
+    References
+    ----------
+    .. [1] The Khronos Group, "KHR_texture_transform".
+    """
+    sine, cosine = sine_cosine(rotation)
+    return (offset[0] + scale[1] * sine, 1.0 - offset[1] - scale[1] * cosine), rotation, scale
 
 
 def level_sizes(width: int, height: int) -> list[tuple[int, int]]:
@@ -191,7 +340,16 @@ def _halved(image: NDArray[Any], axis: int) -> NDArray[Any]:
     return np.moveaxis(means, 0, axis)
 
 
-def _linear_image(value: Any) -> NDArray[np.float32]:
+def _pair(name: str, value: Any) -> tuple[float, float]:
+    """Return two numbers that move a texture no farther than it is meant to, or raise."""
+    u, v = finite_array(name, value, (2,)).tolist()
+    return (
+        bounded_number(name, u, -FARTHEST_MOVE, FARTHEST_MOVE),
+        bounded_number(name, v, -FARTHEST_MOVE, FARTHEST_MOVE),
+    )
+
+
+def _linear_image(value: Any, color_space: str) -> NDArray[np.float32]:
     """Return an image as (H, W, 4) float32, linear, read-only, or raise ``ValueError``."""
     try:
         image = np.asarray(value)
@@ -217,10 +375,13 @@ def _linear_image(value: Any) -> NDArray[np.float32]:
         linear[:, :, :3] = image[:, :, :colors]
         linear[:, :, 3:] = image[:, :, colors:] if colors < channels else 1.0
     else:
-        decoded = srgb_to_linear if image.dtype == np.uint8 else _srgb_16_to_linear
-        linear[:, :, :3] = decoded(image[:, :, :colors])
+        most = np.float32(np.iinfo(image.dtype).max)
+        if color_space == "linear":
+            np.divide(image[:, :, :colors], most, out=linear[:, :, :3])
+        else:
+            decoded = srgb_to_linear if image.dtype == np.uint8 else _srgb_16_to_linear
+            linear[:, :, :3] = decoded(image[:, :, :colors])
         if colors < channels:
-            most = np.float32(np.iinfo(image.dtype).max)
             np.divide(image[:, :, colors:], most, out=linear[:, :, 3:])
     return read_only(linear)
 
