@@ -29,6 +29,7 @@ from rasterjit.plan_effects import (
     Grounds,
     contents_of,
     list_effects,
+    textures_read,
 )
 from rasterjit.plan_lights import lighting_of
 from rasterjit.scene.camera import Camera
@@ -208,10 +209,9 @@ def plan_render(
 def _refuse_texture(nodes: Sequence[Node]) -> None:
     """Raise ``ValueError`` naming the object that has a texture and nothing to lay it by."""
     for node in nodes:
-        if node.mesh.material.base_color_texture is not None and node.mesh.uv is None:
+        for name in textures_read(node.mesh.material) if node.mesh.uv is None else ():
             raise ValueError(
-                f"the mesh of {node.name!r} must have uv, for its material has a "
-                "base_color_texture; got none"
+                f"the mesh of {node.name!r} must have uv, for its material has a {name}; got none"
             )
 
 

@@ -6,9 +6,11 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+from rasterjit.scene.material import TEXTURE_FIELDS, Material
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Wireframe
+from rasterjit.scene.texture import Texture
 
 SMOOTH = frozenset(("gouraud", "phong", "pbr"))
 """Ways of shading that read vertex normals."""
@@ -27,7 +29,7 @@ class Contents(NamedTuple):
 
     shadings: frozenset[str]
     texture_filters: tuple[str, ...]
-    """One for each texture."""
+    """What each texture is for, and its filter."""
     has_uv: bool
     """Whether any object has texture coordinates."""
     lacks_uv: bool
@@ -94,12 +96,13 @@ def contents_of(meshes: Sequence[Mesh]) -> Contents:
     """Look through the meshes of all objects; each mesh is looked at once."""
     counts = Counter(meshes)
     textured = [mesh for mesh in counts if mesh.material.base_color_texture is not None]
-    textures = dict.fromkeys(mesh.material.base_color_texture for mesh in textured)
+    read = [(mesh, textures_read(mesh.material)) for mesh in counts]
+    textures = dict.fromkeys(pair for _, found in read for pair in found.items())
     return Contents(
         frozenset(mesh.material.shading for mesh in counts),
-        tuple(texture.filter for texture in textures if texture is not None),
+        tuple(_described(name, texture) for name, texture in textures),
         any(mesh.uv is not None for mesh in counts),
-        any(mesh.uv is None for mesh in textured),
+        any(mesh.uv is None and bool(found) for mesh, found in read),
         sum(
             count
             for mesh, count in counts.items()
@@ -109,6 +112,20 @@ def contents_of(meshes: Sequence[Mesh]) -> Contents:
             mesh.material.shading == "gouraud" and mesh.material.specular > 0.0 for mesh in textured
         ),
     )
+
+
+def textures_read(material: Material) -> dict[str, Texture]:
+    """Return the textures of a material that are read, by field; unlit, its base colour alone."""
+    names = TEXTURE_FIELDS[:1] if material.shading == "unlit" else TEXTURE_FIELDS
+    textures = {name: getattr(material, name) for name in names}
+    return {name: texture for name, texture in textures.items() if texture is not None}
+
+
+def _described(name: str, texture: Texture) -> str:
+    """Say what a texture is for, and how it is filtered."""
+    parts = f", {texture.anisotropy} times along" if texture.anisotropy > 1 else ""
+    kind = name.removesuffix("_texture").replace("_", " ")
+    return f"{texture.filter}{parts} ({kind})"
 
 
 def list_effects(grounds: Grounds) -> tuple[Effect, ...]:
@@ -147,7 +164,7 @@ def _light_reason(grounds: Grounds) -> str:
 def _texture_reason(grounds: Grounds) -> str:
     """Say what the textures are, or why none is read."""
     if not grounds.contents.texture_filters:
-        return "no material has a base_color_texture"
+        return "no material has a texture that is read"
     return _counted(grounds.contents.texture_filters) if grounds.shades else "nothing is shaded"
 
 

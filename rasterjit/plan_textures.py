@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from rasterjit.kernels import texturing
 from rasterjit.kernels.records import Textures
 from rasterjit.plan import join_uv, runs_of, writable
-from rasterjit.scene.material import Material
+from rasterjit.scene.material import TEXTURE_FIELDS, Material
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.texture import Pyramid, Texture, level_sizes
 
@@ -31,7 +31,7 @@ UNMOVED = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
 
 def textures_of(material: Material) -> tuple[Texture | None, ...]:
     """Return the textures of a material, one of each kind, in the order of ``texturing``."""
-    return (material.base_color_texture, None, None, None, None)
+    return tuple(getattr(material, name) for name in TEXTURE_FIELDS)
 
 
 def join_textures(meshes: Sequence[Mesh]) -> Textures:
@@ -46,7 +46,7 @@ def join_textures(meshes: Sequence[Mesh]) -> Textures:
     if any(texture.transform is not None for texture in textures):
         rows = [[_transform_row(texture) for texture in row] for row in kinds]
         transforms = np.repeat(np.array(rows, np.float64), counts, axis=0)
-    anisotropic = sum(texture.anisotropy > 1 for texture in textures)
+    anisotropic = sum(texture.anisotropy > 1 for texture in dict.fromkeys(textures))
     return Textures(
         texels,
         levels,
@@ -77,9 +77,7 @@ def _join_texels(
     return joined, np.array(levels, np.int64), places
 
 
-def _table_row(
-    texture: Texture | None, places: dict[Pyramid, tuple[int, int]]
-) -> tuple[int, ...]:
+def _table_row(texture: Texture | None, places: dict[Pyramid, tuple[int, int]]) -> tuple[int, ...]:
     """Return what ``Textures.table`` holds of one texture of one object."""
     if texture is None:
         return ABSENT

@@ -85,9 +85,7 @@ def texture_row(samples, where, count, row, scratch, geometry, textures, matt_ve
     """Apply the textures to the gathered samples of a row; nothing if there are none."""
     if textures is None:
         return
-    texturing.read_textures(
-        scratch, where, count, row, texturing.BASE_COLOR, textures, geometry
-    )
+    texturing.read_textures(scratch, where, count, row, texturing.BASE_COLOR, textures, geometry)
     apply_textures(samples, count, scratch, matt_vertices)
 
 

@@ -421,9 +421,7 @@ def texture_color(owner, kind, place, corners, column, row, textures, geometry):
         else:
             finer, share, taps, way = np.int64(0), np.float32(0.0), np.int64(1), (0.0, 0.0)
             if chosen == TRILINEAR:
-                steps = steps_at(
-                    corners, place, column, row, owner, kind, uv, transforms, geometry
-                )
+                steps = steps_at(corners, place, column, row, owner, kind, uv, transforms, geometry)
                 size, limit = (level[1], level[2]), table[owner, kind, ANISOTROPY]
                 squared, taps, way = footprint(steps, size, limit, anisotropic)
                 finer, share = split_detail(

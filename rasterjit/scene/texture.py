@@ -232,9 +232,7 @@ class Texture:
         if mode == "I":
             # Pillow's name for 16-bit grey in 32-bit integers.
             pixels = np.clip(pixels, 0, 65535).astype(np.uint16)
-        return cls(
-            pixels, wrap=wrap, filter=filter, color_space=color_space, anisotropy=anisotropy
-        )
+        return cls(pixels, wrap=wrap, filter=filter, color_space=color_space, anisotropy=anisotropy)
 
     def with_transform(
         self,
