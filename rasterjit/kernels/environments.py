@@ -1,0 +1,296 @@
+"""
+Look up the environment: what it sheds on a surface, what a surface mirrors of it, what is behind.
+
+The light that falls on a surface from all sides is a polynomial of its normal [1]_. What it mirrors
+is looked up once in a picture filtered for its roughness, and weighted by how much of the light a
+rough surface reflects at all, and how much after several bounces between its facets [2]_ [3]_ [4]_:
+a white surface under white light is white, however rough and however metallic.
+
+Directions become longitude and latitude by a polynomial of our own, whose bits are the same on
+every CPU.
+
+References
+----------
+.. [1] R. Ramamoorthi, P. Hanrahan, "An Efficient Representation for Irradiance Environment Maps",
+   SIGGRAPH 2001.
+.. [2] B. Karis, "Real Shading in Unreal Engine 4", SIGGRAPH 2013 courses: the split sum.
+.. [3] B. Karis, "Physically Based Shading on Mobile", 2014, after D. Lazarov, 2013: the fit.
+.. [4] C. Fdez-Agüera, "A Multiple-Scattering Microfacet Model for Real-Time Image-Based Lighting",
+   Journal of Computer Graphics Techniques 8(1), 2019.
+.. [5] S. Lagarde, C. de Rousiers, "Moving Frostbite to Physically Based Rendering", SIGGRAPH 2014
+   courses: where the lobe of a rough surface points.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rasterjit.kernels import lighting as lit
+from rasterjit.kernels.jit import disjoint_stage, stage
+from rasterjit.kernels.lighting import exp2, log2, unit_scale
+
+IRRADIANCE_TERMS = 9
+"""Of the polynomial: 1, x, y, z, xy, yz, zx, 3y² - 1, x² - z²."""
+
+ZENITH, HORIZON, GROUND = 0, 1, 2
+"""Rows of ``Environment.gradient``."""
+
+FIRST_TEXEL, LEVEL_WIDTH, LEVEL_HEIGHT = 0, 1, 2
+"""Columns of ``Reflections.levels``."""
+
+ROUGH_LEVELS = 8
+"""Filtered levels; from each to the next the roughness grows by sqrt(2), up to 1 for the last."""
+
+LEAST_ROUGHNESS = np.float32(0.08838835)
+"""Of the first filtered level, 2**-3.5; a smoother surface mirrors a mix of it and the picture."""
+
+TANGENT_OF_EIGHTH = np.float32(0.41421357)
+"""Of 22.5 degrees: above, a ratio is turned back by 45 degrees."""
+
+DIELECTRIC = np.float32(0.04)
+"""Share of light that what is not a metal mirrors head on, as glTF 2.0 has it."""
+
+
+@stage
+def turns(y, x):
+    """
+    Return the angle of (x, y) from the x axis in whole turns, -1/2..1/2, to 6e-8; float32.
+
+    Multiples of 45 degrees are exact. The arc tangent of a ratio up to tan(22.5 degrees), over 2 pi
+    turns, is a polynomial with an error of 1.8e-8. No direction at all gives 0.
+    """
+    zero, one = np.float32(0.0), np.float32(1.0)
+    ax, ay = abs(x), abs(y)
+    low, high = min(ax, ay), max(ax, ay)
+    ratio = low / high if high > zero else zero
+    is_steep = ratio > TANGENT_OF_EIGHTH
+    t = (ratio - one) / (ratio + one) if is_steep else ratio
+    s = t * t
+    series = np.float32(-0.01715644) * s + np.float32(0.03116409)
+    series = series * s + np.float32(-0.05302115)
+    series = series * s + np.float32(0.15915456)
+    angle = t * series + (np.float32(0.125) if is_steep else zero)
+    angle = np.float32(0.25) - angle if ay > ax else angle
+    angle = np.float32(0.5) - angle if x < zero else angle
+    return -angle if y < zero else angle
+
+
+@stage
+def held(value, least, most):
+    """Return a float32 held in least..most; NaN gives the least."""
+    value = value if value > least else least
+    return value if value < most else most
+
+
+@stage
+def place_of(x, y, z):
+    """Return where a direction of any length lies on a picture: shares of width and height."""
+    half = np.float32(0.5)
+    across = turns(z, x) + half
+    down = half - np.float32(2.0) * turns(y, np.sqrt(x * x + z * z))
+    return held(across, np.float32(0.0), np.float32(1.0)), held(
+        down, np.float32(0.0), np.float32(1.0)
+    )
+
+
+@stage
+def turned(x, z, turn):
+    """Return x and z of a direction as the picture has them, which is turned about y."""
+    return turn[0] * x - turn[1] * z, turn[1] * x + turn[0] * z
+
+
+@stage
+def blend3(one, other, share):
+    """Return the colour between two; equal ones give exactly themselves."""
+    return (
+        one[0] + share * (other[0] - one[0]),
+        one[1] + share * (other[1] - one[1]),
+        one[2] + share * (other[2] - one[2]),
+    )
+
+
+@stage
+def texel_at(texels, n):
+    """Return one texel, linear RGB."""
+    n = np.uintp(n)
+    return texels[n, 0], texels[n, 1], texels[n, 2]
+
+
+@stage
+def filtered_texel(texels, first, width, height, place):
+    """Return the bilinear mix of the four texels around a place; rows end at the poles."""
+    half = np.float32(0.5)
+    x = place[0] * np.float32(width) - half
+    y = held(place[1] * np.float32(height) - half, np.float32(0.0), np.float32(height - 1))
+    left, top = np.floor(x), np.floor(y)
+    column, row = np.int64(left), np.int64(top)
+    column0 = column if column >= 0 else width - 1
+    column1 = column + 1 if column + 1 < width else np.int64(0)
+    row0, row1 = first + row * width, first + min(row + 1, height - 1) * width
+    share = x - left
+    upper = blend3(texel_at(texels, row0 + column0), texel_at(texels, row0 + column1), share)
+    lower = blend3(texel_at(texels, row1 + column0), texel_at(texels, row1 + column1), share)
+    return blend3(upper, lower, y - top)
+
+
+@stage
+def gradient_color(gradient, height):
+    """Return the colour of a sky without picture, where the sine of the elevation is ``height``."""
+    side = ZENITH if height > np.float32(0.0) else GROUND
+    share = min(abs(height), np.float32(1.0))
+    low = gradient[HORIZON, 0], gradient[HORIZON, 1], gradient[HORIZON, 2]
+    return blend3(low, (gradient[side, 0], gradient[side, 1], gradient[side, 2]), share)
+
+
+@stage
+def sharp_color(x, y, z, texels, width, height, gradient):
+    """Return what is seen towards a direction of any length, which is turned already."""
+    if width == 0:
+        return gradient_color(gradient, y * unit_scale(x, y, z))
+    return filtered_texel(texels, np.int64(0), width, height, place_of(x, y, z))
+
+
+@stage
+def level_at_roughness(roughness):
+    """Return the level of a roughness in 0..1: 0 is the picture, then the filtered ones."""
+    if roughness < LEAST_ROUGHNESS:
+        return roughness / LEAST_ROUGHNESS
+    level = np.float32(ROUGH_LEVELS) + np.float32(2.0) * log2(roughness)
+    return held(level, np.float32(1.0), np.float32(ROUGH_LEVELS))
+
+
+@stage
+def level_color(level, direction, sharp, reflections):
+    """Return one level towards a direction; level 0 is ``sharp``, a picture or a gradient."""
+    x, y, z = direction
+    texels, width, height, gradient = sharp
+    if level == 0 or reflections.levels.shape[0] == 0:
+        return sharp_color(x, y, z, texels, width, height, gradient)
+    row = level - 1
+    levels = reflections.levels
+    return filtered_texel(
+        reflections.texels, levels[row, FIRST_TEXEL], levels[row, LEVEL_WIDTH],
+        levels[row, LEVEL_HEIGHT], place_of(x, y, z),
+    )  # fmt: skip
+
+
+@stage
+def mirrored_color(direction, roughness, environment, reflections):
+    """Return what a surface of this roughness, 0..1, mirrors from about a direction."""
+    x, y, z = direction
+    x, z = turned(x, z, environment.turn)
+    sharp = environment.texels, environment.width, environment.height, environment.gradient
+    level = level_at_roughness(roughness)
+    finer = np.int64(level)
+    share = level - np.float32(finer)
+    color = level_color(finer, (x, y, z), sharp, reflections)
+    if share > np.float32(0.0):
+        coarser = level_color(finer + 1, (x, y, z), sharp, reflections)
+        color = blend3(color, coarser, share)
+    return color
+
+
+@stage
+def light_from_all_sides(x, y, z, terms, k):
+    """Return the irradiance over pi of one channel, for a normal that is turned already."""
+    one, three = np.float32(1.0), np.float32(3.0)
+    total = terms[0, k] + terms[1, k] * x + terms[2, k] * y + terms[3, k] * z
+    total += terms[4, k] * (x * y) + terms[5, k] * (y * z) + terms[6, k] * (z * x)
+    total += terms[7, k] * (three * y * y - one) + terms[8, k] * (x * x - z * z)
+    return max(total, np.float32(0.0))
+
+
+@disjoint_stage
+def add_irradiance(
+    terms, turn, intensity, nx, ny, nz, shares, red, green, blue, out_red, out_green, out_blue
+):  # fmt: skip
+    """Add to each sample its share of the light from all sides, times its base colour."""
+    for i in range(out_red.shape[0]):
+        x, z = turn[0] * nx[i] - turn[1] * nz[i], turn[1] * nx[i] + turn[0] * nz[i]
+        arriving = shares[i] * intensity
+        out_red[i] += arriving * (red[i] * light_from_all_sides(x, ny[i], z, terms, 0))
+        out_green[i] += arriving * (green[i] * light_from_all_sides(x, ny[i], z, terms, 1))
+        out_blue[i] += arriving * (blue[i] * light_from_all_sides(x, ny[i], z, terms, 2))
+
+
+@stage
+def reflected_shares(cosine, roughness):
+    """
+    Return the scale and the offset of the head-on reflectance, for the cosine to the viewer.
+
+    Their sum is the share of light that facets which are perfect mirrors send on at once. Karis'
+    fit of the integral over all facets.
+    """
+    rest = np.float32(1.0) - roughness
+    low = np.float32(0.0425) - np.float32(0.0275) * roughness
+    steep = min(rest * rest, exp2(np.float32(-9.28) * cosine)) * rest + low
+    scale = np.float32(1.04) - np.float32(0.572) * roughness - np.float32(1.04) * steep
+    offset = np.float32(1.04) * steep - np.float32(0.04) + np.float32(0.022) * roughness
+    return scale, offset
+
+
+@stage
+def scattered(base, metallic, shares):
+    """Return which shares of the light of one channel leave after one bounce, and after several."""
+    one = np.float32(1.0)
+    scale, offset = shares
+    missing = one - (scale + offset)
+    head_on = DIELECTRIC + metallic * (base - DIELECTRIC)
+    once = head_on * scale + offset
+    mean = head_on + (one - head_on) * np.float32(1.0 / 21.0)
+    return once, missing * once * mean / (one - missing * mean)
+
+
+@stage
+def mirror_direction(samples, n, toward_viewer, alpha):
+    """Return where most of the mirrored light comes from, any length, and the viewer's cosine."""
+    nx, ny, nz = samples[lit.NORMAL_X, n], samples[lit.NORMAL_Y, n], samples[lit.NORMAL_Z, n]
+    vx = toward_viewer[0] - toward_viewer[3] * samples[lit.POINT_X, n]
+    vy = toward_viewer[1] - toward_viewer[3] * samples[lit.POINT_Y, n]
+    vz = toward_viewer[2] - toward_viewer[3] * samples[lit.POINT_Z, n]
+    scale = unit_scale(vx, vy, vz)
+    vx, vy, vz = vx * scale, vy * scale, vz * scale
+    facing = nx * vx + ny * vy + nz * vz
+    # The rougher, the closer to the normal.
+    smooth = np.float32(1.0) - alpha
+    bend = smooth * (np.sqrt(smooth) + alpha)
+    twice = np.float32(2.0) * facing
+    direction = (
+        nx + bend * (twice * nx - vx - nx),
+        ny + bend * (twice * ny - vy - ny),
+        nz + bend * (twice * nz - vz - nz),
+    )
+    return direction, held(facing, np.float32(0.0), np.float32(1.0))
+
+
+@stage
+def add_mirrored(samples, n, arriving, environment, reflections, toward_viewer):
+    """Add what one sample of a surface of facets sheds of the environment, by split sum."""
+    one = np.float32(1.0)
+    roughness = held(samples[lit.ROUGHNESS, n], np.float32(0.0), one)
+    metallic = samples[lit.METALLIC, n]
+    direction, facing = mirror_direction(samples, n, toward_viewer, roughness * roughness)
+    mirrored = mirrored_color(direction, roughness, environment, reflections)
+    shares = reflected_shares(facing, roughness)
+    red, green, blue = samples[lit.RED, n], samples[lit.GREEN, n], samples[lit.BLUE, n]
+    red_once, red_often = scattered(red, metallic, shares)
+    green_once, green_often = scattered(green, metallic, shares)
+    blue_once, blue_often = scattered(blue, metallic, shares)
+    # What is not mirrored goes into the surface, and comes back unless it is a metal.
+    sent = max(red_once + red_often, max(green_once + green_often, blue_once + blue_often))
+    inside = (one - metallic) * (one - sent)
+    terms = environment.irradiance
+    nx, ny, nz = samples[lit.NORMAL_X, n], samples[lit.NORMAL_Y, n], samples[lit.NORMAL_Z, n]
+    x, z = turned(nx, nz, environment.turn)
+    samples[lit.OUT_RED, n] += arriving * (
+        red_once * mirrored[0]
+        + (red_often + inside * red) * light_from_all_sides(x, ny, z, terms, 0)
+    )
+    samples[lit.OUT_GREEN, n] += arriving * (
+        green_once * mirrored[1]
+        + (green_often + inside * green) * light_from_all_sides(x, ny, z, terms, 1)
+    )
+    samples[lit.OUT_BLUE, n] += arriving * (
+        blue_once * mirrored[2]
+        + (blue_often + inside * blue) * light_from_all_sides(x, ny, z, terms, 2)
+    )

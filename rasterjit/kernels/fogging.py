@@ -1,0 +1,121 @@
+"""
+Cover what is seen with fog: each sample keeps a share of its colour that falls with distance.
+
+The share is 2**-x of an optical depth x: along a ray of length d through fog of even density it is
+d times the density. Where the density falls exponentially with height, its mean along the ray is
+the difference of the densities at both ends over that of their exponents [1]_.
+
+References
+----------
+.. [1] I. Quílez, "Better Fog", 2010.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rasterjit.kernels import lighting as lit
+from rasterjit.kernels.jit import disjoint_stage, stage
+from rasterjit.kernels.lighting import exp2
+
+LINEAR, EXPONENTIAL, EXPONENTIAL_SQUARED = 0, 1, 2
+"""Modes, as ``Fog.mode`` numbers them."""
+
+NEARLY_LEVEL = np.float32(0.25)
+"""Change of the density's binary exponent along a ray, below which a series gives the mean."""
+
+LN_2 = np.float32(0.69314718)
+
+
+@stage
+def distance_to(px, py, pz, toward_viewer):
+    """
+    Return how far a point is: from the eye, or from the camera's plane for a parallel projection.
+
+    Takes a viewer direction of length one, if there is one; behind the plane is at 0.
+    """
+    straight = np.sqrt(px * px + py * py + pz * pz)
+    along = -(px * toward_viewer[0] + py * toward_viewer[1] + pz * toward_viewer[2])
+    return straight if toward_viewer[3] > np.float32(0.0) else max(along, np.float32(0.0))
+
+
+@stage
+def mean_density(low, rise):
+    """
+    Return the mean of 2**-t for t from ``low`` to ``low + rise``, to 1e-6; float32.
+
+    The mean is at least the lesser of the ends, which also holds where both are beyond float32.
+    """
+    first, last = exp2(-low), exp2(-(low + rise))
+    is_level = abs(rise) < NEARLY_LEVEL
+    y = rise * LN_2
+    series = np.float32(-1.0 / 120.0) * y + np.float32(1.0 / 24.0)
+    series = series * y - np.float32(1.0 / 6.0)
+    series = np.float32(1.0) + y * (y * (-series) - np.float32(0.5))
+    divided = (first - last) / (np.float32(1.0) if is_level else y)
+    return first * series if is_level else max(divided, min(first, last))
+
+
+@disjoint_stage
+def cover_linearly(end, per_range, color, viewer, px, py, pz, red, green, blue):
+    """Cover samples with fog whose share grows evenly with distance."""
+    one, zero = np.float32(1.0), np.float32(0.0)
+    for i in range(red.shape[0]):
+        distance = distance_to(px[i], py[i], pz[i], viewer)
+        share = min(max((end - distance) * per_range, zero), one)
+        rest = one - share
+        red[i] = red[i] * share + color[0] * rest
+        green[i] = green[i] * share + color[1] * rest
+        blue[i] = blue[i] * share + color[2] * rest
+
+
+@disjoint_stage
+def cover_exponentially(
+    density, squares, above, falloff, color, viewer, px, py, pz, red, green, blue
+):  # fmt: skip
+    """Cover samples with fog that keeps a share 2**-x of the colour, or 2**-(x**2)."""
+    one = np.float32(1.0)
+    for i in range(red.shape[0]):
+        distance = distance_to(px[i], py[i], pz[i], viewer)
+        depth = density * distance * mean_density(above * falloff, py[i] * falloff)
+        depth *= depth * squares + (one - squares)
+        share = exp2(-depth)
+        rest = one - share
+        red[i] = red[i] * share + color[0] * rest
+        green[i] = green[i] * share + color[1] * rest
+        blue[i] = blue[i] * share + color[2] * rest
+
+
+@stage
+def cover_samples(samples, count, fog, toward_viewer):
+    """
+    Cover a row of samples with fog; nothing without fog.
+
+    Parameters
+    ----------
+    samples : (SAMPLE_ROWS, N) float32
+        Reads rows POINT_X.., writes rows OUT_RED.., of the first ``count`` samples.
+    count : int
+    fog : Fog or None
+    toward_viewer : (4,) float32
+        A point p, relative to the eye, is seen along ``xyz - w p``.
+    """
+    if fog is None:
+        return
+    x, y, z, w = toward_viewer
+    scale = lit.unit_scale(x, y, z)
+    viewer = x * scale, y * scale, z * scale, w
+    px, py, pz = samples[lit.POINT_X, :count], samples[lit.POINT_Y, :count], (
+        samples[lit.POINT_Z, :count]
+    )
+    red, green, blue = samples[lit.OUT_RED, :count], samples[lit.OUT_GREEN, :count], (
+        samples[lit.OUT_BLUE, :count]
+    )
+    if fog.mode == LINEAR:
+        cover_linearly(fog.end, fog.per_range, fog.color, viewer, px, py, pz, red, green, blue)
+        return
+    squares = np.float32(1.0) if fog.mode == EXPONENTIAL_SQUARED else np.float32(0.0)
+    cover_exponentially(
+        fog.density, squares, fog.above, fog.falloff, fog.color, viewer, px, py, pz, red, green,
+        blue,
+    )  # fmt: skip

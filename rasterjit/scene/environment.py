@@ -1,0 +1,230 @@
+"""Environments: the light that comes from everywhere around the scene, and is seen behind it."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rasterjit.scene.color import ColorLike, linear_color
+from rasterjit.scene.hdr_image import read_hdr_image
+from rasterjit.scene.light import BRIGHTEST
+from rasterjit.scene.texture import MAX_SIDE, MOST_LIGHT
+from rasterjit.validation import bounded_number, finite_number, read_only
+
+Color: TypeAlias = tuple[float, float, float]
+"""Linear red, green and blue."""
+
+
+@dataclass(frozen=True, eq=False)
+class Panorama:
+    """
+    A picture of everything around, equirectangular: columns are longitudes, rows latitudes.
+
+    Seen from inside, with y up: the middle of the picture lies towards +x, its left and right edge
+    meet towards -x, +z is a quarter of the width right of the middle, and row 0 is overhead (+y).
+    That is how glTF viewers and three.js lay it out. Texel (column i, row j) of W times H has its
+    centre at the longitude ``360 ((i + 0.5) / W - 0.5)`` from +x towards +z, and the latitude
+    ``180 (0.5 - (j + 0.5) / H)``.
+
+    Parameters
+    ----------
+    image : (H, W, 3) array_like of float
+        Linear light in 0..1e6; stored as float32, read-only. Usually W is 2 H.
+
+    Raises
+    ------
+    ValueError
+        If the image has another shape or type, is empty or larger than 65536 on a side, or holds a
+        NaN, infinite or negative number or one above 1e6.
+    """
+
+    image: ArrayLike
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "image", _linear_panorama(self.image))
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Fill a copy, or what was pickled; its texels are read-only too."""
+        self.__dict__["image"] = read_only(state["image"])
+
+    def __repr__(self) -> str:
+        height, width = self.image.shape[:2]
+        return f"Panorama({width}×{height})"
+
+
+@dataclass(frozen=True)
+class SkyGradient:
+    """
+    A sky of three colours, each linear RGB.
+
+    Towards a direction whose height is y (the sine of its elevation) it shows
+    ``horizon + y (zenith - horizon)`` above the horizon, and ``horizon - y (ground - horizon)``
+    below. Three equal colours are one colour everywhere.
+    """
+
+    zenith: Color
+    horizon: Color
+    ground: Color
+
+
+@dataclass(frozen=True, eq=False)
+class Environment:
+    """
+    Light from all around: it lights every surface, is mirrored by metals, and seen as background.
+
+    Make one from a picture with the class itself or `from_file`, without a picture with `constant`
+    or `gradient`. A scene that has one gets no headlight. It casts no shadows.
+
+    Parameters
+    ----------
+    sky : (H, W, 3) array_like of float, Panorama or SkyGradient
+        What is around. An array is an equirectangular picture of linear light, laid out as
+        `Panorama` says: its middle towards +x. Environments that share one `Panorama` share what
+        is prepared from it.
+    intensity : float
+        Factor on all of its light, in 0..1e9.
+    rotation : float, degrees
+        Turns what is around about the y axis, counter-clockwise as seen from above: what lay
+        towards +x comes from +z at -90 and from -z at 90.
+    background : bool
+        Whether it is seen where no face is, unless the render is given a background of its own.
+
+    Raises
+    ------
+    ValueError
+        If ``sky`` is none of these (see `Panorama`), the intensity is not in 0..1e9, the rotation
+        not a finite number, or ``background`` neither True nor False.
+    """
+
+    sky: ArrayLike | Panorama | SkyGradient
+    intensity: float = 1.0
+    rotation: float = 0.0
+    background: bool = True
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.sky, (Panorama, SkyGradient)):
+            object.__setattr__(self, "sky", Panorama(self.sky))
+        intensity = bounded_number("intensity", self.intensity, 0.0, BRIGHTEST)
+        object.__setattr__(self, "intensity", intensity)
+        object.__setattr__(self, "rotation", finite_number("rotation", self.rotation))
+        if not isinstance(self.background, (bool, np.bool_)):
+            raise ValueError(f"background must be True or False, got {self.background!r}")
+
+    @classmethod
+    def constant(
+        cls,
+        color: ColorLike = "white",
+        *,
+        intensity: float = 1.0,
+        background: bool = True,
+    ) -> Environment:
+        """
+        Make one that has the same colour everywhere.
+
+        Parameters
+        ----------
+        color : str or array_like
+            Any colour of `rasterjit.scene.color.linear_color`; alpha is dropped.
+        intensity, background
+            As `Environment` takes them.
+
+        Raises
+        ------
+        ValueError
+            If the colour is not one, or as `Environment` says.
+        """
+        return cls.gradient(color, color, color, intensity=intensity, background=background)
+
+    @classmethod
+    def gradient(
+        cls,
+        zenith: ColorLike = "#3a6fb0",
+        horizon: ColorLike = "#cfe0ee",
+        ground: ColorLike = "#57503f",
+        *,
+        intensity: float = 1.0,
+        background: bool = True,
+    ) -> Environment:
+        """
+        Make a sky from the colours overhead, at the horizon and underfoot; see `SkyGradient`.
+
+        Parameters
+        ----------
+        zenith, horizon, ground : str or array_like
+            Any colours of `rasterjit.scene.color.linear_color`; alpha is dropped.
+        intensity, background
+            As `Environment` takes them.
+
+        Raises
+        ------
+        ValueError
+            If a colour is not one, or as `Environment` says.
+        """
+        named = {"zenith": zenith, "horizon": horizon, "ground": ground}
+        colors = [tuple(linear_color(*item)[:3].tolist()) for item in named.items()]
+        return cls(SkyGradient(*colors), intensity, 0.0, background)
+
+    @classmethod
+    def from_file(
+        cls,
+        path: str | os.PathLike[str],
+        *,
+        intensity: float = 1.0,
+        rotation: float = 0.0,
+        background: bool = True,
+    ) -> Environment:
+        """
+        Read an equirectangular picture.
+
+        Parameters
+        ----------
+        path : str or path-like
+            ``.hdr`` or ``.pic`` (Radiance), ``.exr`` (needs OpenEXR, ``rasterjit[exr]``), or any
+            picture that imageio reads, which is decoded from sRGB.
+        intensity, rotation, background
+            As `Environment` takes them.
+
+        Raises
+        ------
+        ValueError
+            If the file is missing or holds no such picture; the message names it.
+        """
+        return cls(read_hdr_image(path), intensity, rotation, background)
+
+    @property
+    def lights(self) -> bool:
+        """Whether any light comes from it."""
+        if isinstance(self.sky, Panorama):
+            return self.intensity > 0.0
+        sky = self.sky
+        return self.intensity > 0.0 and any(sky.zenith + sky.horizon + sky.ground)
+
+
+def _linear_panorama(value: Any) -> NDArray[np.float32]:
+    """Return a picture as (H, W, 3) float32, linear, read-only, or raise ``ValueError``."""
+    try:
+        image = np.asarray(value)
+    except ValueError:
+        raise ValueError("sky must be an array of numbers, got rows of unequal length") from None
+    if image.dtype.kind != "f":
+        raise ValueError(
+            f"sky must hold floats, which are linear light, got {image.dtype}; "
+            "Environment.from_file decodes the codes of 8-bit pictures"
+        )
+    if image.ndim != 3 or image.shape[2] != 3:
+        raise ValueError(f"sky must have shape (H, W, 3), got {image.shape}")
+    height, width = image.shape[:2]
+    if not (1 <= height <= MAX_SIDE and 1 <= width <= MAX_SIDE):
+        raise ValueError(f"sky must be 1..{MAX_SIDE} texels wide and high, got {width}×{height}")
+    # NaN lies nowhere.
+    lowest, highest = float(image.min()), float(image.max())
+    if not (lowest >= 0.0 and highest <= MOST_LIGHT):
+        raise ValueError(
+            f"sky must hold linear light in 0..{MOST_LIGHT:g}, got numbers from {lowest} to "
+            f"{highest}"
+        )
+    return read_only(np.array(image, np.float32, order="C"))

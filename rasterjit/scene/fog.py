@@ -1,0 +1,117 @@
+"""Fog: what lies between the eye and a surface, and hides it with distance."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from rasterjit.scene.color import ColorLike, linear_color
+from rasterjit.validation import bounded_number, finite_number, one_of
+
+FOG_MODES = ("linear", "exp", "exp2")
+"""How much is seen at a distance d: (end - d) / (end - start); e^-(density d); its square."""
+
+DENSEST = 1e9
+"""Largest density and falloff, per scene unit."""
+
+FARTHEST = 1e18
+"""Largest distance and height, scene units: their squares are finite in float32."""
+
+
+@dataclass(frozen=True)
+class Fog:
+    """
+    Fog between the eye and all surfaces; the background is not covered: give it the fog's colour.
+
+    A surface at the distance d shows a share f of its own colour and 1 - f of the fog's, in linear
+    light. The distance is measured from the eye straight to the surface, in scene units; for a
+    parallel projection, which has no eye point, from the camera's plane along the line of sight.
+
+    - ``"linear"``: f = (end - d) / (end - start), held in 0..1.
+    - ``"exp"``: f = exp(-density d).
+    - ``"exp2"``: f = exp(-(density d)²).
+
+    With a ``height``, mode ``"exp"`` has fog that thins out upwards: at world height y it has the
+    density ``density * exp(-falloff (y - height))``, and f is the exponential of minus the exact
+    integral of that along the ray.
+
+    Parameters
+    ----------
+    color : str or array_like
+        Any colour of `rasterjit.scene.color.linear_color`; stored as linear RGB, alpha dropped.
+    mode : {"exp2", "exp", "linear"}
+    start, end : float, scene units
+        Mode linear alone: distances at which the fog begins, and where it hides everything.
+    density : float, per scene unit
+        Modes exp and exp2; at least 0.
+    height : float, scene units, optional
+        World y at which the fog has its density; mode exp alone.
+    falloff : float, per scene unit
+        With a height: how fast the fog thins out upwards, above 0.
+
+    Raises
+    ------
+    ValueError
+        Naming the field: the mode is unknown, a distance is negative or not finite, ``end`` is not
+        above ``start``, the density is negative, or a field is missing that the mode needs or
+        given that it has no use for.
+    """
+
+    color: ColorLike = "#b4bec8"
+    mode: str = "exp2"
+    start: float | None = None
+    end: float | None = None
+    density: float | None = None
+    height: float | None = None
+    falloff: float | None = None
+
+    def __post_init__(self) -> None:
+        one_of("mode", self.mode, FOG_MODES)
+        object.__setattr__(self, "color", tuple(linear_color("color", self.color)[:3].tolist()))
+        if self.mode == "linear":
+            self._refuse("density", "height", "falloff")
+            self._check_range()
+        else:
+            self._refuse("start", "end")
+            self._check_density()
+
+    def _refuse(self, *names: str) -> None:
+        """Raise ``ValueError`` for a field that the mode does not read."""
+        for name in names:
+            value = getattr(self, name)
+            if value is not None:
+                raise ValueError(f"{name} must be None for fog of mode {self.mode!r}, got {value!r}")
+
+    def _check_range(self) -> None:
+        """Store start and end as floats."""
+        start = bounded_number("start", 0.0 if self.start is None else self.start, 0.0, FARTHEST)
+        if self.end is None:
+            raise ValueError("end must be given for fog of mode 'linear', got None")
+        end = bounded_number("end", self.end, 0.0, FARTHEST)
+        if not end > start:
+            raise ValueError(f"end must be above start, {start!r}; got {end!r}")
+        object.__setattr__(self, "start", start)
+        object.__setattr__(self, "end", end)
+
+    def _check_density(self) -> None:
+        """Store density, height and falloff as floats."""
+        if self.density is None:
+            raise ValueError(f"density must be given for fog of mode {self.mode!r}, got None")
+        object.__setattr__(self, "density", bounded_number("density", self.density, 0.0, DENSEST))
+        if self.height is None:
+            self._refuse_falloff()
+            return
+        if self.mode != "exp":
+            raise ValueError(f"height must be None for fog of mode 'exp2', got {self.height!r}")
+        height = finite_number("height", self.height)
+        object.__setattr__(self, "height", bounded_number("height", height, -FARTHEST, FARTHEST))
+        if self.falloff is None:
+            raise ValueError("falloff must be given for fog with a height, got None")
+        falloff = bounded_number("falloff", self.falloff, 0.0, DENSEST)
+        if falloff == 0.0:
+            raise ValueError("falloff must be above 0; fog of even density has no height")
+        object.__setattr__(self, "falloff", falloff)
+
+    def _refuse_falloff(self) -> None:
+        """Raise ``ValueError`` for a falloff without a height."""
+        if self.falloff is not None:
+            raise ValueError(f"falloff must be None for fog without height, got {self.falloff!r}")

@@ -1,0 +1,156 @@
+"""
+Read pictures of linear light: Radiance's ``.hdr``, OpenEXR's ``.exr``, and 8-bit ones.
+
+References
+----------
+.. [1] G. Ward, "Real Pixels", Graphics Gems II, 1991: three mantissas share one exponent.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.scene.texture import MAX_SIDE, Texture
+from rasterjit.validation import existing_file
+
+RADIANCE_FORMATS = (".hdr", ".pic", ".rgbe")
+
+EXPONENT_BIAS = 136
+"""Of a shared exponent: 128, and 8 for the bits of the mantissas."""
+
+LEAST_PACKED, MOST_PACKED = 8, 32767
+"""Widths of rows that may be packed channel by channel."""
+
+LONGEST_COPY = 128
+"""A count up to this is followed by as many bytes; one above, less this, repeats one byte."""
+
+
+def read_hdr_image(path: str | os.PathLike[str]) -> NDArray[np.float32]:
+    """
+    Read a picture as linear light.
+
+    Parameters
+    ----------
+    path : str or path-like
+        ``.hdr``, ``.pic`` or ``.rgbe`` (Radiance), ``.exr`` (channels R, G and B, or Y alone;
+        needs OpenEXR), or anything that imageio reads, decoded from sRGB.
+
+    Returns
+    -------
+    (H, W, 3) float32
+        Linear light, row 0 on top; alpha is dropped.
+
+    Raises
+    ------
+    ValueError
+        If the file is missing or holds no such picture; the message names it.
+    """
+    file = existing_file("path", path)
+    suffix = file.suffix.lower()
+    if suffix in RADIANCE_FORMATS:
+        return _read_radiance(file)
+    if suffix == ".exr":
+        return _read_exr(file)
+    return np.ascontiguousarray(Texture.from_file(file).image[:, :, :3])
+
+
+def _read_exr(file: Path) -> NDArray[np.float32]:
+    """Read the colours of the first part of an OpenEXR file."""
+    try:
+        import OpenEXR
+    except ImportError:
+        raise ValueError(
+            f'path {str(file)!r}: .exr needs OpenEXR; pip install "rasterjit[exr]"'
+        ) from None
+    try:
+        with OpenEXR.File(str(file), separate_channels=True) as opened:
+            channels = {name: channel.pixels for name, channel in opened.channels().items()}
+    except Exception as error:
+        # OpenEXR's binding raises plain exceptions of several kinds.
+        raise ValueError(f"path must be a picture, but {str(file)!r} is not: {error}") from error
+    names = ("Y", "Y", "Y") if "Y" in channels and "R" not in channels else ("R", "G", "B")
+    missing = sorted(set(names) - set(channels))
+    if missing:
+        raise ValueError(
+            f"path must be a picture with the channels R, G, B or Y, but {str(file)!r} has "
+            f"{', '.join(sorted(channels)) or 'none'}"
+        )
+    return np.stack([channels[name].astype(np.float32) for name in names], axis=-1)
+
+
+def _read_radiance(file: Path) -> NDArray[np.float32]:
+    """Read a Radiance file, rows from the top."""
+    content = file.read_bytes()
+    try:
+        width, height, start = _radiance_header(content)
+        rgbe = _unpacked(np.frombuffer(content, np.uint8), start, width, height)
+    except (IndexError, ValueError) as error:
+        raise ValueError(f"path must be a picture, but {str(file)!r} is not: {error}") from error
+    exponents = rgbe[:, :, 3:].astype(np.int32) - EXPONENT_BIAS
+    linear = np.ldexp(rgbe[:, :, :3].astype(np.float32), exponents)
+    return np.where(rgbe[:, :, 3:] == 0, np.float32(0.0), linear)
+
+
+def _radiance_header(content: bytes) -> tuple[int, int, int]:
+    """Return width, height, and where the pixels begin."""
+    if not content.startswith((b"#?", b"\n", b"FORMAT")):
+        raise ValueError("it has no Radiance header")
+    end = content.index(b"\n\n")
+    if b"32-bit_rle_xyze" in content[:end]:
+        raise ValueError("its colours are XYZ")
+    stop = content.index(b"\n", end + 2)
+    words = content[end + 2 : stop].split()
+    if len(words) != 4 or (words[0], words[2]) != (b"-Y", b"+X"):
+        raise ValueError(f"its rows do not run from the top left: {words}")
+    height, width = int(words[1]), int(words[3])
+    if not (1 <= height <= MAX_SIDE and 1 <= width <= MAX_SIDE):
+        raise ValueError(f"it claims to be {width}×{height} texels")
+    return width, height, stop + 1
+
+
+def _unpacked(content: NDArray[np.uint8], start: int, width: int, height: int) -> NDArray[Any]:
+    """Return mantissas and exponent of each texel, (H, W, 4) uint8."""
+    mark = content[start : start + 4].tolist()
+    is_packed = LEAST_PACKED <= width <= MOST_PACKED and mark[:2] == [2, 2] and mark[2] < 128
+    if not is_packed:
+        flat = content[start : start + 4 * width * height]
+        if flat.size < 4 * width * height:
+            raise ValueError("it ends too early")
+        rgbe = flat.reshape(height, width, 4)
+        if (rgbe[:, :, :3] == 1).all(axis=2).any():
+            raise ValueError("it is packed in the way of before 1991")
+        return rgbe
+    rows = np.empty((height, 4 * width), np.uint8)
+    expected = [2, 2, width >> 8, width & 255]
+    at = start
+    for row in rows:
+        if content[at : at + 4].tolist() != expected:
+            raise ValueError("a row of it does not begin as rows do")
+        at = _unpack_row(content, at + 4, row)
+    return np.moveaxis(rows.reshape(height, 4, width), 1, 2)
+
+
+def _unpack_row(content: NDArray[np.uint8], at: int, row: NDArray[np.uint8]) -> int:
+    """Fill a row, channel after channel, from runs and copies; return where the next begins."""
+    filled, size = 0, len(row)
+    while filled < size:
+        count = int(content[at])
+        if count > LONGEST_COPY:
+            count -= LONGEST_COPY
+            row[filled : filled + count] = content[at + 1]
+            at += 2
+        else:
+            piece = content[at + 1 : at + 1 + count]
+            if count == 0 or len(piece) < count:
+                raise ValueError("it ends too early")
+            row[filled : filled + count] = piece[: size - filled]
+            at += 1 + count
+        filled += count
+    if filled > size:
+        raise ValueError("a run of it is longer than its row")
+    return at

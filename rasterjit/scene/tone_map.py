@@ -1,0 +1,74 @@
+"""Tone mapping: how light without an upper bound becomes what a screen shows."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from rasterjit.validation import bounded_number, finite_number, one_of
+
+CURVES = ("none", "reinhard", "aces", "neutral")
+"""Names of the tone curves."""
+
+MOST_STOPS = 32.0
+"""Largest exposure either way: four thousand million to one."""
+
+
+@dataclass(frozen=True)
+class ToneMap:
+    """
+    How linear colour is brought into 0..1 before it is encoded as sRGB.
+
+    It acts on the output ``"color"`` of surfaces and of an environment seen as background. A
+    background that is given as a colour is shown as given, and the output ``"linear"`` stays
+    linear in the light of the scene.
+
+    - ``"none"``: the exposure alone; what is above 1 is cut off.
+    - ``"reinhard"``: each colour is scaled so that its luminance L becomes
+      L (1 + L / white²) / (1 + L). White is the least luminance that becomes 1.
+    - ``"aces"``: Stephen Hill's fit of the Academy's reference rendering transform and that for an
+      sRGB display.
+    - ``"neutral"``: Khronos PBR Neutral, which keeps base colours as they are.
+
+    Parameters
+    ----------
+    curve : {"neutral", "aces", "reinhard", "none"}
+    exposure : float, stops
+        Light is multiplied by 2**exposure first; in -32..32.
+    white : float
+        Luminance that becomes white; ``inf`` leaves everything below it. Curve reinhard alone.
+
+    Raises
+    ------
+    ValueError
+        If the curve is unknown, the exposure is not in -32..32, or ``white`` is not above 0 or is
+        given for another curve.
+
+    References
+    ----------
+    .. [1] E. Reinhard, M. Stark, P. Shirley, J. Ferwerda, "Photographic Tone Reproduction for
+       Digital Images", SIGGRAPH 2002, equation 4.
+    .. [2] S. Hill, "ACES fitted", in M. Pettineo's BakingLab, 2016.
+    .. [3] The Khronos Group, "Khronos PBR Neutral Tone Mapper", 2024.
+    """
+
+    curve: str = "neutral"
+    exposure: float = 0.0
+    white: float = math.inf
+
+    def __post_init__(self) -> None:
+        one_of("curve", self.curve, CURVES)
+        exposure = bounded_number("exposure", self.exposure, -MOST_STOPS, MOST_STOPS)
+        object.__setattr__(self, "exposure", exposure)
+        if not (isinstance(self.white, float) and self.white == math.inf):
+            if self.curve != "reinhard":
+                raise ValueError(f"white must be inf for curve {self.curve!r}, got {self.white!r}")
+            white = finite_number("white", self.white)
+            if not white > 0.0:
+                raise ValueError(f"white must be above 0, got {white!r}")
+            object.__setattr__(self, "white", white)
+
+    @property
+    def is_neutral(self) -> bool:
+        """Whether it changes nothing."""
+        return self.curve == "none" and self.exposure == 0.0
