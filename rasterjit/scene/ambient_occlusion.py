@@ -1,0 +1,42 @@
+"""Ambient occlusion: how much of the light from all around does not get into corners."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from rasterjit.validation import bounded_number, positive_number
+
+RADIUS_OF_SCENE = 0.15
+"""Default radius, as a share of the radius of a sphere around the scene."""
+
+
+@dataclass(frozen=True)
+class AmbientOcclusion:
+    """
+    Ask for ambient light to be dimmed where near surfaces stand in its way.
+
+    It is found on the screen, from the depth and the faces that are seen: what the camera does not
+    see occludes nothing. It dims ambient light and the light of an environment, no other; a scene
+    without either is not changed by it.
+
+    Parameters
+    ----------
+    radius : float, scene units, optional
+        How far away something still occludes. Default: 0.15 times the radius of a sphere around
+        the scene.
+    strength : float
+        From 0, which changes nothing, to 1.
+
+    Raises
+    ------
+    ValueError
+        If the radius is not above 0 or the strength is not in 0..1.
+    """
+
+    radius: float | None = None
+    strength: float = 1.0
+
+    def __post_init__(self) -> None:
+        if self.radius is not None:
+            object.__setattr__(self, "radius", positive_number("radius", self.radius))
+        object.__setattr__(self, "strength", bounded_number("strength", self.strength, 0.0, 1.0))

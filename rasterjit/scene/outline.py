@@ -1,0 +1,75 @@
+"""Outlines: the edges that a draughtsman would draw."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rasterjit.scene.color import ColorLike, linear_color
+from rasterjit.validation import bounded_number
+
+EDGE_KINDS = ("silhouette", "object", "crease")
+"""What an outline may follow."""
+
+WIDEST = 64
+"""Widest line, pixels."""
+
+
+@dataclass(frozen=True)
+class Outline:
+    """
+    Ask for the edges of shapes to be drawn over the 8-bit colour.
+
+    Parameters
+    ----------
+    color : str or array_like
+        Any colour of `rasterjit.scene.color.linear_color`; stored as a tuple of linear RGBA. Lines
+        are opaque.
+    width : int
+        Of the lines, pixels, 1..64.
+    edges : sequence of str
+        Which edges. ``"silhouette"``: where a surface ends before a farther one, or before
+        nothing. ``"object"``: where two objects meet. ``"crease"``: where two faces of one object
+        meet at an angle.
+    crease_angle : float
+        By how much a crease turns at least, degrees, 0..180; in a plane it is 0.
+
+    Raises
+    ------
+    ValueError
+        If the colour is not one, the width or the angle is out of range, or an edge is unknown.
+    """
+
+    color: ColorLike = "black"
+    width: int = 1
+    edges: Sequence[str] = EDGE_KINDS
+    crease_angle: float = 40.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "color", tuple(linear_color("color", self.color).tolist()))
+        object.__setattr__(self, "width", _whole_width(self.width))
+        object.__setattr__(self, "edges", _known_edges(self.edges))
+        angle = bounded_number("crease_angle", self.crease_angle, 0.0, 180.0)
+        object.__setattr__(self, "crease_angle", angle)
+
+
+def _whole_width(value: int) -> int:
+    """Return a width in whole pixels, or raise ``ValueError``."""
+    is_whole = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
+    if not is_whole or not 1 <= value <= WIDEST:
+        raise ValueError(f"width must be a whole number in 1..{WIDEST}, got {value!r}")
+    return int(value)
+
+
+def _known_edges(value: Sequence[str]) -> tuple[str, ...]:
+    """Return kinds of edges without repeats, or raise ``ValueError``."""
+    kinds = (value,) if isinstance(value, str) else value
+    listed = ", ".join(EDGE_KINDS)
+    if not isinstance(kinds, (list, tuple, set, frozenset)) or not kinds:
+        raise ValueError(f"edges must name at least one of {listed}; got {value!r}")
+    for kind in kinds:
+        if kind not in EDGE_KINDS:
+            raise ValueError(f"edges has {kind!r}, which is unknown; possible are {listed}")
+    return tuple(kind for kind in EDGE_KINDS if kind in kinds)
