@@ -22,6 +22,7 @@ from rasterjit.pixel import explain_pixel
 from rasterjit.plan import RenderPlan
 from rasterjit.rasterize import Visibility, rasterize
 from rasterjit.render import Renderer, explain, render
+from rasterjit.scene.ambient_occlusion import AmbientOcclusion
 from rasterjit.scene.camera import (
     MatrixCamera,
     OrthographicCamera,
@@ -38,6 +39,7 @@ from rasterjit.scene.light import (
 )
 from rasterjit.scene.material import Material
 from rasterjit.scene.mesh import Mesh
+from rasterjit.scene.outline import Outline
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Node, Scene, Wireframe
 from rasterjit.scene.texture import Texture
@@ -46,6 +48,7 @@ __version__ = "0.1.0"
 
 __all__ = [
     "AmbientLight",
+    "AmbientOcclusion",
     "Diagnostics",
     "DirectionalLight",
     "Frame",
@@ -55,6 +58,7 @@ __all__ = [
     "Mesh",
     "Node",
     "OrthographicCamera",
+    "Outline",
     "OutputNotRequestedError",
     "PerspectiveCamera",
     "Pipeline",

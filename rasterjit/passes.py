@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit import stages
+from rasterjit import screen_effects, stages
 from rasterjit.kernels import interpolation
 from rasterjit.kernels.records import Geometry, Lighting, Placement, Surface
 from rasterjit.plan import RenderPlan
@@ -74,6 +74,11 @@ def find_lighting(
         return None
     # Draw the shadow maps.
     # Find how much ambient light reaches each pixel.
+    if plan.ambient_occlusion is not None:
+        occlusion = screen_effects.find_occlusion(
+            plan.ambient_occlusion, plan.camera, geometry, placement, coverage, workers
+        )
+        lighting = lighting._replace(occlusion=occlusion)
     return lighting
 
 
@@ -89,6 +94,8 @@ def find_surface(
     surface = looks.surface._replace(normals=looks.normals if plan.needs_normals else None)
     if plan.needs_gouraud and lighting is not None:
         light = prepared.shapes.arrays.vertex_starts, placement, surface
+        # Vertices are lit without what is known of pixels.
+        lighting = lighting._replace(occlusion=None)
         lit, matt = stages.light_vertices(*light, lighting, workers), None
         if plan.needs_matt_light:
             matt = stages.light_vertices(*light, lighting._replace(highlights=None), workers)
@@ -96,6 +103,21 @@ def find_surface(
     if plan.needs_textures:
         surface = surface._replace(textures=looks.textures)
     return surface
+
+
+def draw_outline(
+    plan: RenderPlan,
+    geometry: Geometry,
+    placement: Placement,
+    coverage: stages.Coverage,
+    result: dict[str, NDArray[Any]],
+    workers: stages.Workers,
+) -> None:
+    """Draw the edges of shapes over the colour."""
+    if plan.outline is not None:
+        screen_effects.draw_outlines(
+            plan.outline, plan.camera, geometry, placement, coverage, result["color"], workers
+        )
 
 
 def draw_wireframe(

@@ -10,7 +10,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from typing import Any, NamedTuple
 
@@ -32,6 +32,7 @@ from rasterjit.plan_effects import (
     textures_read,
 )
 from rasterjit.plan_lights import lighting_of
+from rasterjit.scene.ambient_occlusion import RADIUS_OF_SCENE, AmbientOcclusion
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.color import linear_color
 from rasterjit.scene.light import (
@@ -42,6 +43,7 @@ from rasterjit.scene.light import (
     SpotLight,
 )
 from rasterjit.scene.mesh import Mesh
+from rasterjit.scene.outline import Outline
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Node, Scene, Wireframe
 from rasterjit.validation import image_size, one_of
@@ -99,6 +101,8 @@ class RenderPlan:
     background: NDArray[np.float32]
     cull: str
     wireframe: Wireframe | None
+    ambient_occlusion: AmbientOcclusion | None
+    outline: Outline | None
     draws_faces: bool
     lighting: Lighting | None
     needs_normals: bool
@@ -118,7 +122,8 @@ class RenderPlan:
     def needs_depth(self) -> bool:
         """Whether the depth of the whole frame is kept."""
         hides_edges = self.wireframe is not None and self.draws_faces
-        return "depth" in self.outputs or hides_edges or self.diagnose
+        looks_around = self.ambient_occlusion is not None or self.outline is not None
+        return "depth" in self.outputs or hides_edges or looks_around or self.diagnose
 
     @property
     def needs_faces(self) -> bool:
@@ -179,6 +184,7 @@ def plan_render(
     grounds = Grounds(
         outputs, contents, kinds, scene.wireframe, diagnose, scene.environment, scene.fog,
         scene.tone_map, scene.ambient_occlusion, scene.outline, quality,
+        has_ambient_light(scene.lights),
     )  # fmt: skip
     if "uv" in outputs and not contents.has_uv:
         raise ValueError("outputs has 'uv', but no mesh of the scene has texture coordinates")
@@ -193,6 +199,8 @@ def plan_render(
         background=linear_color("background", background),
         cull=cull,
         wireframe=scene.wireframe if grounds.draws_edges else None,
+        ambient_occlusion=_sized_occlusion(scene) if grounds.occludes else None,
+        outline=scene.outline if grounds.draws_outlines else None,
         draws_faces=grounds.draws_faces,
         lighting=_lighting(scene, camera, contents.highlights) if is_lit else None,
         needs_normals=grounds.needs_normals,
@@ -204,6 +212,24 @@ def plan_render(
         grounds=grounds,
         encoding=Encoding(encoding_table()),
     )
+
+
+def has_ambient_light(lights: Sequence[Light]) -> bool:
+    """Tell whether any of a scene's lights has no direction; without lights, the headlight has."""
+    return not lights or any(
+        isinstance(light, AmbientLight) and light.intensity * max(light.color) > 0.0
+        for light in lights
+    )
+
+
+def _sized_occlusion(scene: Scene) -> AmbientOcclusion:
+    """Return the scene's ambient occlusion, with a radius in scene units."""
+    effect = scene.ambient_occlusion
+    if effect.radius is not None:
+        return effect
+    _, radius = scene.bounding_sphere()
+    # A scene of one point has no size; nothing occludes there.
+    return replace(effect, radius=RADIUS_OF_SCENE * radius if radius > 0.0 else 1.0)
 
 
 def _refuse_texture(nodes: Sequence[Node]) -> None:
@@ -233,6 +259,10 @@ def check_scene(scene: Scene) -> None:
         raise ValueError("scene must hold at least one mesh, got an empty scene")
     if scene.wireframe is not None and not isinstance(scene.wireframe, Wireframe):
         raise ValueError(f"scene.wireframe must be a Wireframe or None, got {scene.wireframe!r}")
+    for name, kind in (("ambient_occlusion", AmbientOcclusion), ("outline", Outline)):
+        value = getattr(scene, name)
+        if value is not None and not isinstance(value, kind):
+            raise ValueError(f"scene.{name} must be an {kind.__name__} or None, got {value!r}")
 
 
 def check_outputs(outputs: Sequence[str]) -> tuple[str, ...]:

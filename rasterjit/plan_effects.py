@@ -54,6 +54,7 @@ class Grounds(NamedTuple):
     ambient_occlusion: Any
     outline: Any
     quality: Quality
+    has_ambient_light: bool = False
 
     @property
     def is_colored(self) -> bool:
@@ -85,6 +86,23 @@ class Grounds(NamedTuple):
     def needs_textures(self) -> bool:
         """Whether textures are read."""
         return self.shades and bool(self.contents.texture_filters)
+
+    @property
+    def occludes(self) -> bool:
+        """Whether something dims ambient light, and there is some on what is lit by the pixel."""
+        effect = self.ambient_occlusion
+        return (
+            effect is not None
+            and effect.strength > 0.0
+            and self.is_lit
+            and bool(self.contents.shadings - {"unlit", "gouraud"})
+            and (self.has_ambient_light or self.environment is not None)
+        )
+
+    @property
+    def draws_outlines(self) -> bool:
+        """Whether outlines are drawn: they are 8-bit pixels, around faces."""
+        return self.outline is not None and "color" in self.outputs and self.draws_faces
 
     @property
     def draws_edges(self) -> bool:
@@ -140,6 +158,8 @@ def list_effects(grounds: Grounds) -> tuple[Effect, ...]:
             "shading " + ", ".join(smooth) if smooth else "no object is smooth",
         ),
         Effect("textures", grounds.needs_textures, _texture_reason(grounds)),
+        Effect("ambient occlusion", grounds.occludes, _occlusion_reason(grounds)),
+        Effect("outline", grounds.draws_outlines, _outline_reason(grounds)),
         Effect("wireframe", grounds.draws_edges, _wireframe_reason(grounds)),
         Effect("diagnostics", grounds.diagnose, f"diagnose={grounds.diagnose}"),
     )
@@ -166,6 +186,35 @@ def _texture_reason(grounds: Grounds) -> str:
     if not grounds.contents.texture_filters:
         return "no material has a texture that is read"
     return _counted(grounds.contents.texture_filters) if grounds.shades else "nothing is shaded"
+
+
+def _occlusion_reason(grounds: Grounds) -> str:
+    """Say why ambient light is dimmed in corners or not."""
+    effect = grounds.ambient_occlusion
+    if effect is None:
+        return "scene.ambient_occlusion is None"
+    if effect.strength == 0.0:
+        return "its strength is 0"
+    if not grounds.is_lit:
+        return "nothing is shaded, or every material is unlit"
+    if not grounds.contents.shadings - {"unlit", "gouraud"}:
+        return "what is lit is lit at its vertices"
+    if not (grounds.has_ambient_light or grounds.environment is not None):
+        return "no light comes from all around"
+    radius = "a share of the scene's size" if effect.radius is None else f"{effect.radius:g}"
+    return f"radius {radius}, strength {effect.strength:g}"
+
+
+def _outline_reason(grounds: Grounds) -> str:
+    """Say why the edges of shapes are drawn or not."""
+    outline = grounds.outline
+    if outline is None:
+        return "scene.outline is None"
+    if "color" not in grounds.outputs:
+        return "no output shows colour in 8 bits"
+    if not grounds.draws_faces:
+        return "only the wireframe is drawn"
+    return f"{', '.join(outline.edges)}, {outline.width} wide"
 
 
 def _wireframe_reason(grounds: Grounds) -> str:

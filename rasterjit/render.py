@@ -255,6 +255,9 @@ class Renderer:
         placement = placement_of(arrays, views)
         result = passes.shade_faces(plan, prepared, geometry, placement, coverage, workers)
         clock("shade, resolve")
+        if plan.outline is not None:
+            passes.draw_outline(plan, geometry, placement, coverage, result, workers)
+            clock("outline")
         if plan.wireframe is not None:
             edges = prepared.shapes.edges
             passes.draw_wireframe(plan, edges, geometry, coefficients, coverage, result, workers)

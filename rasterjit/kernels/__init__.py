@@ -16,6 +16,9 @@ file               stage
                    ``gathering``, ``runs``, ``stretches``, ``attributes``,
                    ``texturing``, ``lighting``)
 ``resolve``        linear colour -> sRGB ``uint8``
+``outlines``       depth and faces -> the edges of shapes, as pixels; and
+                   ``ambient_occlusion`` -> the ambient light that reaches them
+                   (both call ``lenses``)
 ``diagnosis``      lists and frame -> what became of every face
 ``wireframe``      edges -> clipped lines between pixels
 ``lines``          Bresenham lines into a colour array

@@ -5,7 +5,8 @@ Planes through the line of sight cut the hemisphere above a surface into slices.
 both sides of the line of sight, samples of the depth along a line on the screen tell how high the
 horizon stands; what is below is blocked, and the cosine-weighted share of it has a closed form.
 Each pixel looks along 2 of 32 directions, with steps of 1 of 16 lengths; every square of 4 by 4
-pixels holds all of them once, and the mean over such a square on the same surface is the result.
+pixels holds all of them once. The mean over such a square on the same surface, taken twice, is the
+result.
 
 Heights are measured above the plane of the pixel's own face, from differences of pixel numbers and
 depths alone: the points of one plane have height 0 but for how vertices are rounded to the sub-pixel
@@ -26,6 +27,7 @@ import numpy as np
 
 from rasterjit.kernels.interpolation import face_normal, find_object, lowest_first
 from rasterjit.kernels.jit import disjoint_stage, kernel, stage
+from rasterjit.kernels.lenses import change, locate
 from rasterjit.kernels.records import Geometry, Placement
 
 BLOCK_COLUMNS = 256
@@ -170,25 +172,13 @@ def place_block(
     cx, cy, cz, rise_a, rise_b, rise_c, slack, blocked, full, tolerance,
 ):  # fmt: skip
     """Find how points and heights change with column (a), row (b) and stored depth (c)."""
-    across, down, deeper, origin = lens
     one, two = np.float32(1.0), np.float32(2.0)
     for i in range(column.shape[0]):
         # Find the point, in radii, relative to the eye.
-        w = origin[3] + column[i] * across[3] + row * down[3] + depth[i] * deeper[3]
-        x = origin[0] + column[i] * across[0] + row * down[0] + depth[i] * deeper[0]
-        y = origin[1] + column[i] * across[1] + row * down[1] + depth[i] * deeper[1]
-        z = origin[2] + column[i] * across[2] + row * down[2] + depth[i] * deeper[2]
-        pw[i] = w
-        x, y, z = x / w, y / w, z / w
-        ax[i], ay[i], az[i] = (
-            across[0] - x * across[3], across[1] - y * across[3], across[2] - z * across[3]
-        )  # fmt: skip
-        bx[i], by[i], bz[i] = (
-            down[0] - x * down[3], down[1] - y * down[3], down[2] - z * down[3]
-        )  # fmt: skip
-        cx[i], cy[i], cz[i] = (
-            deeper[0] - x * deeper[3], deeper[1] - y * deeper[3], deeper[2] - z * deeper[3]
-        )  # fmt: skip
+        x, y, z, pw[i] = locate(lens, column[i], row, depth[i])
+        ax[i], ay[i], az[i] = change(lens[0], x, y, z)
+        bx[i], by[i], bz[i] = change(lens[1], x, y, z)
+        cx[i], cy[i], cz[i] = change(lens[2], x, y, z)
         # Turn the normal toward the viewer.
         ex, ey, ez = viewer[0] - viewer[3] * x, viewer[1] - viewer[3] * y, viewer[2] - viewer[3] * z
         scale = one / np.sqrt(ex * ex + ey * ey + ez * ez + LEAST)
@@ -361,9 +351,7 @@ def find_occlusion(
         Stored depth; -inf where nothing is.
     geometry, placement : records
     lens : (4, 4) float32
-        A column, a row, a unit of stored depth and the origin, each as the homogeneous point that
-        it adds: world axes, relative to the eye, in units of the radius. The w of what is seen is
-        above 0.
+        See ``lenses``; in units of the radius.
     snap : float
         Height that counts as none, as a share of that from one pixel to the next.
     pattern : (4, 4, 3) float32
@@ -403,9 +391,7 @@ def find_occlusion(
             for slice_number in range(2):
                 turned = np.float32(slice_number)
                 look_around(s, count, down, parts, size, depths, turned)
-            write_block(
-                s, count, faces, occlusion[row, left:right], tolerance[row, left:right]
-            )
+            write_block(s, count, faces, occlusion[row, left:right], tolerance[row, left:right])
 
 
 @disjoint_stage
@@ -428,15 +414,18 @@ def finish_row(total, number, strength, smooth):
 
 
 @kernel
-def smooth_occlusion(occlusion, rows, depth, tolerance, strength, smooth, scratch):
+def smooth_occlusion(occlusion, rows, first, depth, tolerance, strength, smooth, scratch):
     """
-    Average over the pixels of the pattern that show the same surface.
+    Average over the pixels of a square that show the same surface.
 
     Parameters
     ----------
     occlusion : (H, W) float32
     rows : (int, int)
         The first row, and one past the last.
+    first : int
+        Where the square begins, in x and in y, relative to the pixel: -2 or -1, one after the
+        other to be symmetrical.
     depth : (H, W) float32, stored depth
     tolerance : (H, W) float32
         How much the depth may differ on one surface.
@@ -452,16 +441,16 @@ def smooth_occlusion(occlusion, rows, depth, tolerance, strength, smooth, scratc
     for row in range(rows[0], rows[1]):
         for i in range(np.uintp(width)):
             total[i], number[i] = np.float32(0.0), np.float32(0.0)
-        for down in range(-(PATTERN // 2), PATTERN - PATTERN // 2):
+        for down in range(first, first + PATTERN):
             there = row + down
             if there < 0 or there >= height:
                 continue
-            for across in range(-(PATTERN // 2), PATTERN - PATTERN // 2):
-                first, last = max(0, -across), max(min(width, width - across), 0)
+            for across in range(first, first + PATTERN):
+                begin, end = max(0, -across), max(min(width, width - across), 0)
                 add_neighbour(
-                    depth[row, first:last], tolerance[row, first:last],
-                    depth[there, first + across : last + across],
-                    occlusion[there, first + across : last + across],
-                    total[first:last], number[first:last],
+                    depth[row, begin:end], tolerance[row, begin:end],
+                    depth[there, begin + across : end + across],
+                    occlusion[there, begin + across : end + across],
+                    total[begin:end], number[begin:end],
                 )  # fmt: skip
         finish_row(total, number, np.float32(strength), smooth[row])

@@ -105,11 +105,15 @@ def cover_samples(samples, count, fog, toward_viewer):
     x, y, z, w = toward_viewer
     scale = lit.unit_scale(x, y, z)
     viewer = x * scale, y * scale, z * scale, w
-    px, py, pz = samples[lit.POINT_X, :count], samples[lit.POINT_Y, :count], (
-        samples[lit.POINT_Z, :count]
+    px, py, pz = (
+        samples[lit.POINT_X, :count],
+        samples[lit.POINT_Y, :count],
+        (samples[lit.POINT_Z, :count]),
     )
-    red, green, blue = samples[lit.OUT_RED, :count], samples[lit.OUT_GREEN, :count], (
-        samples[lit.OUT_BLUE, :count]
+    red, green, blue = (
+        samples[lit.OUT_RED, :count],
+        samples[lit.OUT_GREEN, :count],
+        (samples[lit.OUT_BLUE, :count]),
     )
     if fog.mode == LINEAR:
         cover_linearly(fog.end, fog.per_range, fog.color, viewer, px, py, pz, red, green, blue)

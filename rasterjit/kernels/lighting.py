@@ -210,6 +210,17 @@ def start_light(samples, count, lighting):
     )  # fmt: skip
 
 
+@disjoint_stage
+def dim_colors(lit, share, red, green, blue):
+    """Scale the colours of what is lit; 1 leaves them as they are."""
+    one = np.float32(1.0)
+    for i in range(red.shape[0]):
+        scale = one - lit[i] * (one - share[i])
+        red[i] *= scale
+        green[i] *= scale
+        blue[i] *= scale
+
+
 @stage
 def add_lights(samples, count, n, lighting, toward_viewer):
     """Add what light number ``n`` contributes."""

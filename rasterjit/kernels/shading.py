@@ -90,6 +90,46 @@ def texture_row(samples, where, count, row, scratch, geometry, textures, matt_ve
 
 
 @stage
+def held_occlusion(samples, n, maps):
+    """Return the light from all around that a sample's own map lets through; all without maps."""
+    if maps is None:
+        return np.float32(1.0)
+    return samples[lit.OCCLUSION, n]
+
+
+@stage
+def occlude(samples, faces, left, row, occlusion, maps):
+    """Write how much ambient light reaches the gathered samples; nothing if all of it does."""
+    if occlusion is None:
+        return
+    n = np.uintp(0)
+    for at in range(np.uintp(faces.shape[0])):
+        if faces[at] >= 0:
+            own = held_occlusion(samples, n, maps)
+            samples[lit.OCCLUSION, n] = own * occlusion[row, left + np.int64(at)]
+            n += np.uintp(1)
+
+
+@stage
+def occlude_row(samples, faces, left, row, lighting, maps):
+    """Write how much ambient light reaches the gathered samples; nothing without light."""
+    if lighting is None:
+        return
+    occlude(samples, faces, left, row, lighting.occlusion, maps)
+
+
+@stage
+def dim_ambient(samples, count, occlusion):
+    """Take away the ambient light that does not arrive."""
+    if occlusion is None:
+        return
+    lit.dim_colors(
+        samples[lit.LIT, :count], samples[lit.OCCLUSION, :count],
+        samples[lit.OUT_RED, :count], samples[lit.OUT_GREEN, :count], samples[lit.OUT_BLUE, :count],
+    )  # fmt: skip
+
+
+@stage
 def span_end(faces, column):
     """Return the first column that is covered unlike this one."""
     end = column + 1
@@ -115,6 +155,7 @@ def light_row(samples, weights, faces, count, row, geometry, placement, lighting
     """Turn the base colours of gathered samples into seen colours."""
     # Start with ambient light.
     lit.start_light(samples, count, lighting)
+    dim_ambient(samples, count, lighting.occlusion)
     # Add the lights, each with its shadows.
     for n in range(lighting.lights.shape[0]):
         lit.add_lights(samples, count, n, lighting, toward_viewer)
@@ -264,6 +305,7 @@ def shade_rows(
                 surface.matt_vertices,
             )  # fmt: skip
             # Read the maps.
+            occlude_row(samples, faces, left, first_row + row, lighting, surface.maps)
             # Find alpha.
             colors = seen_colors(
                 samples, weights, faces, count, first_row + row, geometry, placement, lighting,

@@ -79,7 +79,9 @@ class Fog:
         for name in names:
             value = getattr(self, name)
             if value is not None:
-                raise ValueError(f"{name} must be None for fog of mode {self.mode!r}, got {value!r}")
+                raise ValueError(
+                    f"{name} must be None for fog of mode {self.mode!r}, got {value!r}"
+                )
 
     def _check_range(self) -> None:
         """Store start and end as floats."""
