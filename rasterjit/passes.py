@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit import screen_effects, stages
+from rasterjit import layered, screen_effects, stages
 from rasterjit.kernels import interpolation
-from rasterjit.kernels.records import Geometry, Lighting, Placement, Surface
+from rasterjit.kernels.records import Alphas, Geometry, Lighting, Placement, Surface
 from rasterjit.plan import RenderPlan
 from rasterjit.prepared import Prepared
 from rasterjit.scene.camera import Camera
@@ -44,16 +44,22 @@ def shade_faces(
     color = workers.memory.empty((height, width, 4), np.uint8) if "color" in plan.outputs else None
     lighting = find_lighting(plan, geometry, placement, coverage, workers)
     surface = find_surface(plan, prepared, placement, lighting, workers)
-    # Without faces all rows are alike: the first is shaded, the others are copies of it.
-    shown = coverage.face_id if plan.draws_faces else np.full((1, width), -1, np.int32)
-    stages.shade(
-        shown, geometry, placement, surface, lighting, plan.background,
-        None if linear is None else linear[: len(shown)],
-        None if color is None else color[: len(shown)], plan.encoding, workers,
-    )  # fmt: skip
-    for picture in (linear, color):
-        if picture is not None:
-            picture[len(shown) :] = picture[0]
+    if plan.layers is not None:
+        shader = layered.Shader(
+            geometry, placement, surface, lighting, plan.background, plan.encoding
+        )
+        layered.shade(plan.layers, coverage, shader, linear, color, workers)
+    else:
+        # Without faces all rows are alike: the first is shaded, the others are copies of it.
+        shown = coverage.face_id if plan.draws_faces else np.full((1, width), -1, np.int32)
+        stages.shade(
+            shown, geometry, placement, surface, lighting, plan.background,
+            None if linear is None else linear[: len(shown)],
+            None if color is None else color[: len(shown)], plan.encoding, workers,
+        )  # fmt: skip
+        for picture in (linear, color):
+            if picture is not None:
+                picture[len(shown) :] = picture[0]
     if linear is not None:
         result["linear"] = linear
     if color is not None:
@@ -102,6 +108,8 @@ def find_surface(
         surface = surface._replace(lit_vertices=lit, matt_vertices=matt)
     if plan.needs_textures:
         surface = surface._replace(textures=looks.textures)
+    if plan.layers is not None and plan.layers.has_blended:
+        surface = surface._replace(alphas=Alphas(plan.layers.is_blended))
     return surface
 
 

@@ -31,6 +31,7 @@ from rasterjit.plan_effects import (
     list_effects,
     textures_read,
 )
+from rasterjit.plan_layers import Layers, Transparency, find_transparency, is_outside
 from rasterjit.plan_lights import lighting_of
 from rasterjit.scene.ambient_occlusion import RADIUS_OF_SCENE, AmbientOcclusion
 from rasterjit.scene.camera import Camera
@@ -112,6 +113,8 @@ class RenderPlan:
     needs_matt_light: bool
     grounds: Grounds
     encoding: Encoding
+    layers: Layers | None
+    """What a pixel shows besides its nearest face; ``None`` -> nothing."""
 
     @cached_property
     def effects(self) -> tuple[Effect, ...]:
@@ -182,10 +185,20 @@ def plan_render(
         contents = contents_of([node.mesh for node in scene.nodes])
     kinds = tuple(type(light).__name__ for light in scene.lights)
     grounds = Grounds(
-        outputs, contents, kinds, scene.wireframe, diagnose, scene.environment, scene.fog,
-        scene.tone_map, scene.ambient_occlusion, scene.outline, quality,
-        has_ambient_light(scene.lights),
-    )  # fmt: skip
+        outputs=outputs,
+        contents=contents,
+        light_kinds=kinds,
+        wireframe=scene.wireframe,
+        diagnose=diagnose,
+        environment=scene.environment,
+        fog=scene.fog,
+        tone_map=scene.tone_map,
+        ambient_occlusion=scene.ambient_occlusion,
+        outline=scene.outline,
+        quality=quality,
+        has_ambient_light=has_ambient_light(scene.lights),
+        transparency=_transparency(scene, camera, size, outputs, contents),
+    )
     if "uv" in outputs and not contents.has_uv:
         raise ValueError("outputs has 'uv', but no mesh of the scene has texture coordinates")
     if grounds.shades and contents.lacks_uv:
@@ -211,6 +224,7 @@ def plan_render(
         needs_matt_light=is_lit and contents.has_textured_highlight,
         grounds=grounds,
         encoding=Encoding(encoding_table()),
+        layers=_layers(grounds),
     )
 
 
@@ -230,6 +244,41 @@ def _sized_occlusion(scene: Scene) -> AmbientOcclusion:
     _, radius = scene.bounding_sphere()
     # A scene of one point has no size; nothing occludes there.
     return replace(effect, radius=RADIUS_OF_SCENE * radius if radius > 0.0 else 1.0)
+
+
+def _transparency(
+    scene: Scene,
+    camera: Camera,
+    size: tuple[int, int],
+    outputs: tuple[str, ...],
+    contents: Contents,
+) -> Transparency:
+    """Decide which objects are laid over what lies behind them."""
+    only_edges = scene.wireframe is not None and scene.wireframe.mode == "only"
+    shades = not only_edges and not {"color", "linear"}.isdisjoint(outputs)
+    nodes = [scene.nodes[n] for n in contents.see_through] if shades else []
+    outside = []
+    if nodes:
+        views = view_nodes(nodes, camera, size)
+        outside = [
+            n
+            for n, node, matrix in zip(
+                contents.see_through, nodes, views.relative_from_model, strict=True
+            )
+            if is_outside(node.mesh, matrix, views.clip_from_relative)
+        ]
+    return find_transparency(
+        len(scene.nodes), shades, contents.has_blended, contents.see_through, outside,
+        [scene.nodes[n].name for n in outside],
+    )  # fmt: skip
+
+
+def _layers(grounds: Grounds) -> Layers | None:
+    """Return what pixels show besides their nearest faces; ``None`` if nothing."""
+    used, samples = grounds.transparency.used, grounds.quality.samples
+    if not used and not grounds.antialiases:
+        return None
+    return Layers(grounds.transparency.is_blended, used, samples)
 
 
 def _refuse_texture(nodes: Sequence[Node]) -> None:

@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+from rasterjit.plan_layers import Transparency, antialiasing_reason, is_see_through
 from rasterjit.scene.material import TEXTURE_FIELDS, Material
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.quality import Quality
@@ -38,6 +39,10 @@ class Contents(NamedTuple):
     """Number of objects with a specular highlight."""
     has_textured_highlight: bool
     """Whether the light of a textured object's vertices holds a highlight."""
+    has_blended: bool = False
+    """Whether any material is blended."""
+    see_through: tuple[int, ...] = ()
+    """Numbers of the objects that what lies behind them is seen through."""
 
 
 class Grounds(NamedTuple):
@@ -54,7 +59,8 @@ class Grounds(NamedTuple):
     ambient_occlusion: Any
     outline: Any
     quality: Quality
-    has_ambient_light: bool = False
+    has_ambient_light: bool
+    transparency: Transparency
 
     @property
     def is_colored(self) -> bool:
@@ -105,6 +111,11 @@ class Grounds(NamedTuple):
         return self.outline is not None and "color" in self.outputs and self.draws_faces
 
     @property
+    def antialiases(self) -> bool:
+        """Whether the colour of a pixel is that of several samples, or of areas."""
+        return self.shades and self.quality.samples != 1
+
+    @property
     def draws_edges(self) -> bool:
         """Whether edges are drawn: they are 8-bit pixels, so linear colour has none."""
         return self.wireframe is not None and "color" in self.outputs
@@ -116,6 +127,7 @@ def contents_of(meshes: Sequence[Mesh]) -> Contents:
     textured = [mesh for mesh in counts if mesh.material.base_color_texture is not None]
     read = [(mesh, textures_read(mesh.material)) for mesh in counts]
     textures = dict.fromkeys(pair for _, found in read for pair in found.items())
+    see_through = {mesh for mesh in counts if is_see_through(mesh)}
     return Contents(
         frozenset(mesh.material.shading for mesh in counts),
         tuple(_described(name, texture) for name, texture in textures),
@@ -129,6 +141,8 @@ def contents_of(meshes: Sequence[Mesh]) -> Contents:
         any(
             mesh.material.shading == "gouraud" and mesh.material.specular > 0.0 for mesh in textured
         ),
+        any(mesh.material.alpha_mode == "blend" for mesh in counts),
+        tuple(n for n, mesh in enumerate(meshes) if mesh in see_through),
     )
 
 
@@ -149,6 +163,7 @@ def _described(name: str, texture: Texture) -> str:
 def list_effects(grounds: Grounds) -> tuple[Effect, ...]:
     """Return what is in and what is out, with the reason."""
     smooth = sorted(SMOOTH & grounds.contents.shadings)
+    samples = grounds.quality.samples
     return (
         Effect("shading", grounds.shades, _shading_reason(grounds)),
         Effect("lights", grounds.is_lit, _light_reason(grounds)),
@@ -160,6 +175,12 @@ def list_effects(grounds: Grounds) -> tuple[Effect, ...]:
         Effect("textures", grounds.needs_textures, _texture_reason(grounds)),
         Effect("ambient occlusion", grounds.occludes, _occlusion_reason(grounds)),
         Effect("outline", grounds.draws_outlines, _outline_reason(grounds)),
+        Effect("transparency", grounds.transparency.used, grounds.transparency.reason),
+        Effect(
+            "anti-aliasing",
+            grounds.antialiases,
+            antialiasing_reason(samples, grounds.shades),
+        ),
         Effect("wireframe", grounds.draws_edges, _wireframe_reason(grounds)),
         Effect("diagnostics", grounds.diagnose, f"diagnose={grounds.diagnose}"),
     )

@@ -241,7 +241,7 @@ class Renderer:
             vertices, arrays.faces, objects, coefficients, viewport, workers, clock,
             keep_depth=plan.needs_depth,
             find_faces=plan.needs_faces,
-            keep_lists=plan.diagnose,
+            keep_lists=plan.diagnose or plan.layers is not None,
             keep_clip_positions=plan.diagnose or plan.wireframe is not None,
         )  # fmt: skip
         geometry = Geometry(

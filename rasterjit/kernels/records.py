@@ -134,6 +134,13 @@ MATERIAL_SPECULAR, MATERIAL_SHININESS, MATERIAL_MODEL = 4, 5, 6
 """Columns of ``Surface.materials`` behind the base colour."""
 
 
+class Alphas(NamedTuple):
+    """Which objects have an alpha of their own: that of material, colours and texture."""
+
+    is_blended: Any
+    """(O,) uint8: 1 where what lies behind an object is seen through it."""
+
+
 class Surface(NamedTuple):
     """What the objects look like."""
 
@@ -153,7 +160,7 @@ class Surface(NamedTuple):
     """None -> no object has a texture."""
     maps: Any = None
     """What else lies over the objects (normal maps, emission ...) | None -> nothing."""
-    alphas: Any = None
+    alphas: Alphas | None = None
     """What it takes to find the alpha of a sample | None -> all are opaque."""
 
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from rasterjit.kernels import lighting as lit
 from rasterjit.kernels import runs, stretches, texturing
+from rasterjit.kernels.alpha import alpha_at, alpha_row, find_alphas
 from rasterjit.kernels.attributes import material_tint
 from rasterjit.kernels.gathering import gather_row
 from rasterjit.kernels.interpolation import place_vertex, smooth_normal
@@ -176,12 +177,12 @@ def seen_colors(
 
 
 @stage
-def write_linear(colors, n, linear):
-    """Write a span of linear colour, alpha 1."""
+def write_linear(colors, alphas, n, linear):
+    """Write a span of linear colour and alpha."""
     for i in range(linear.shape[0]):
         for k in range(3):
             linear[i, k] = colors[k][n + i]
-        linear[i, 3] = 1.0
+        linear[i, 3] = alpha_at(alphas, n + i)
 
 
 @stage
@@ -195,7 +196,7 @@ def write_background(background, behind, linear, color):
 
 
 @stage
-def write_span(colors, first, count, encoding, linear, color):
+def write_span(colors, alphas, first, count, encoding, linear, color):
     """Write a span of gathered samples, from number ``first`` on."""
     stop = first + count
     if color.shape[0] > 0:
@@ -207,16 +208,16 @@ def write_span(colors, first, count, encoding, linear, color):
             color,
         )
     if linear.shape[0] > 0:
-        write_linear(colors, first, linear)
+        write_linear(colors, alphas, first, linear)
 
 
 @stage
-def write_row(faces, count, colors, background, encoding, linear, color):
+def write_row(faces, count, colors, alphas, background, encoding, linear, color):
     """Write a part of a row: its gathered samples in their places, background elsewhere."""
     behind = encode_pixel(background, encoding.table)
     columns = faces.shape[0]
     if count == columns:
-        write_span(colors, 0, count, encoding, linear, color)
+        write_span(colors, alphas, 0, count, encoding, linear, color)
         return
     if count == 0:
         write_background(background, behind, linear, color)
@@ -227,7 +228,7 @@ def write_row(faces, count, colors, background, encoding, linear, color):
         if faces[at] < 0:
             write_background(background, behind, linear[at:end], color[at:end])
         else:
-            write_span(colors, n, end - at, encoding, linear[at:end], color[at:end])
+            write_span(colors, alphas, n, end - at, encoding, linear[at:end], color[at:end])
             n += end - at
         at = end
 
@@ -281,8 +282,8 @@ def shade_rows(
     background : (4,) float32, linear
     encoding : Encoding
     linear : (R, W, 4) float32
-        Written: red, green, blue in linear light, and alpha (1 where there is a face). Unless it
-        is not wanted, then W is 0.
+        Written: red, green, blue in linear light, and alpha (1 where there is a face, unless
+        ``surface.alphas`` says less). Unless it is not wanted, then W is 0.
     color : (R, W) uint32
         Written: the same in sRGB codes, RGBA bytes from the lowest up. Or W is 0, too.
     scratch : tuple
@@ -307,13 +308,16 @@ def shade_rows(
             # Read the maps.
             occlude_row(samples, faces, left, first_row + row, lighting, surface.maps)
             # Find alpha.
+            find_alphas(
+                samples, weights, faces, places, geometry, placement, surface, surface.alphas
+            )
             colors = seen_colors(
                 samples, weights, faces, count, first_row + row, geometry, placement, lighting,
                 toward_viewer,
             )  # fmt: skip
             write_row(
-                faces, count, colors, background, encoding, linear[row, left:right],
-                color[row, left:right],
+                faces, count, colors, alpha_row(samples, surface.alphas), background, encoding,
+                linear[row, left:right], color[row, left:right],
             )  # fmt: skip
 
 

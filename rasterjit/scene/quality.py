@@ -6,6 +6,9 @@ from dataclasses import dataclass
 
 from rasterjit.validation import one_of
 
+SAMPLES = (1, 2, 4, 8, 16, "area")
+"""How edges are smoothed: so many samples of each pixel, or the areas that faces cover of it."""
+
 
 @dataclass(frozen=True)
 class Quality:
@@ -17,6 +20,12 @@ class Quality:
     subpixel_bits : {0, 4, 8, 12}
         Vertices are rounded to ``2**-subpixel_bits`` pixel. 8 is what Direct3D requires and what
         Mesa's rasterizer uses; 0 rounds to whole pixels, as in the classic exercise.
+    samples : {1, 2, 4, 8, 16, "area"}
+        What smooths edges: the nearest faces at so many places of each pixel, those that Direct3D
+        and Vulkan fix, or ``"area"``, the exact limit of ever more of them: the areas that faces
+        show of it. Each face is shaded once in a pixel, at its centre, or on the face where the
+        centre lies beside it. Colour is mixed in linear light, before tone mapping; all other
+        outputs come from the pixel centre.
 
     Raises
     ------
@@ -25,10 +34,18 @@ class Quality:
     """
 
     subpixel_bits: int = 8
+    samples: int | str = 1
 
     def __post_init__(self) -> None:
         bits = one_of("subpixel_bits", self.subpixel_bits, (0, 4, 8, 12))
         object.__setattr__(self, "subpixel_bits", int(bits))
+        samples = one_of("samples", self.samples, SAMPLES)
+        object.__setattr__(self, "samples", samples if samples == "area" else int(samples))
+        if samples != 1 and bits == 0:
+            raise ValueError(
+                f"samples must be 1 where subpixel_bits is 0, got {samples!r}: vertices on whole "
+                "pixels leave nothing to smooth"
+            )
 
     @classmethod
     def standard(cls) -> Quality:
