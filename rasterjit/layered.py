@@ -9,6 +9,7 @@ that they take more than ``MOST_BYTES`` is cut into bands with fewer rows.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
@@ -162,7 +163,7 @@ def shade_band(band: Band, shader: Shader, linear: NDArray[np.float32], scratch:
     images = [*band.transparent, band.opaque]
     if len(images) > 1:
         layers.start_sums(sums)
-    for faces, behind in zip(images, images[1:], strict=False):
+    for faces, behind in itertools.pairwise(images):
         shade(faces, colors)
         layers.lay_under(colors, faces, behind, sums)
     shade(band.opaque, linear)

@@ -13,12 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit import plan as planning
-from rasterjit import stages
+from rasterjit import plan_arrays, plan_views, stages
 from rasterjit.explanation import FaceAtPixel, LightTerm, LightTerms, PixelExplanation
 from rasterjit.io.meshes import as_scene
 from rasterjit.kernels import interpolation, records, resolve, setup, shading, visibility
 from rasterjit.kernels.records import Faces, Geometry, Lighting, Objects, Placement, Surface
-from rasterjit.plan import RenderPlan, SceneArrays
+from rasterjit.plan import RenderPlan
+from rasterjit.plan_arrays import SceneArrays
 from rasterjit.plan_textures import join_textures
 from rasterjit.render import choose_camera, placement_of, render
 from rasterjit.scene.camera import Camera
@@ -128,10 +129,10 @@ def _index(name: str, value: Any, count: int, kind: str) -> int:
 def _draw(scene: Scene, plan: RenderPlan) -> _Drawn:
     """Run the stages of `render` up to visibility."""
     workers = stages.Workers(1)
-    arrays = planning.join_geometry([node.mesh for node in scene.nodes])
-    views = planning.view_nodes(scene.nodes, plan.camera, plan.size)
+    arrays = plan_arrays.join_geometry([node.mesh for node in scene.nodes])
+    views = plan_views.view_nodes(scene.nodes, plan.camera, plan.size)
     viewport = planning.viewport_of(plan.size, plan.quality.subpixel_bits)
-    objects = planning.cull_objects(plan.cull, views, arrays.face_starts)
+    objects = plan_views.cull_objects(plan.cull, views, arrays.face_starts)
     vertices = stages.ModelVertices(
         arrays.positions, arrays.vertex_starts, views.relative_from_model,
         views.clip_from_relative,
@@ -329,9 +330,9 @@ def _light(drawn: _Drawn, x: int, y: int) -> tuple[LightTerms, NDArray[np.float3
     """Return the terms of a pixel's colour and the colour itself, (4,) float32, linear."""
     plan, lighting = drawn.plan, drawn.plan.lighting
     meshes = [node.mesh for node in drawn.scene.nodes]
-    normals = planning.join_normals(meshes) if plan.needs_normals else None
+    normals = plan_arrays.join_normals(meshes) if plan.needs_normals else None
     textures = join_textures(meshes) if plan.needs_textures else None
-    surface = planning.join_surface(meshes, normals)._replace(textures=textures)
+    surface = plan_arrays.join_surface(meshes, normals)._replace(textures=textures)
     face = int(drawn.coverage.face_id[y, x])
     owner = int(np.searchsorted(drawn.arrays.face_starts, face, side="right")) - 1
     material = meshes[owner].material

@@ -7,23 +7,19 @@ cast and joined here, once.
 
 from __future__ import annotations
 
-import itertools
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit import transforms
-from rasterjit.kernels import records
-from rasterjit.kernels.records import Encoding, Lighting, Objects, Surface, Viewport
+from rasterjit.kernels.records import Encoding, Lighting, Viewport
 from rasterjit.kernels.resolve import encoding_table
 from rasterjit.kernels.setup import GUARD_PIXELS
 from rasterjit.plan_effects import (
-    SMOOTH,
     Contents,
     Effect,
     Grounds,
@@ -33,6 +29,7 @@ from rasterjit.plan_effects import (
 )
 from rasterjit.plan_layers import Layers, Transparency, find_transparency, is_outside
 from rasterjit.plan_lights import lighting_of
+from rasterjit.plan_views import view_nodes
 from rasterjit.scene.ambient_occlusion import RADIUS_OF_SCENE, AmbientOcclusion
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.color import linear_color
@@ -43,7 +40,6 @@ from rasterjit.scene.light import (
     PointLight,
     SpotLight,
 )
-from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.outline import Outline
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Node, Scene, Wireframe
@@ -56,29 +52,11 @@ OUTPUTS = (
 
 CULL_MODES = ("none", "back", "front")
 
-MODELS = {
-    "unlit": records.UNLIT,
-    "flat": records.FLAT,
-    "gouraud": records.GOURAUD,
-    "phong": records.PHONG,
-    "pbr": records.PBR,
-}
-
 HEADLIGHT_DIRECTION = (-0.3, -0.5, -1.0)
 """Direction of the default light in view space: over the viewer's right shoulder."""
 HEADLIGHT_INTENSITY = 0.9
 HEADLIGHT_AMBIENT = 0.1
 """The default light's two parts add up to 1, so a white surface facing it is white."""
-
-
-class _WritableView:
-    """Shows the memory of a read-only array to NumPy as writable, and keeps it alive."""
-
-    def __init__(self, array: NDArray[Any]) -> None:
-        self.array = array
-        interface = dict(array.__array_interface__)
-        interface["data"] = (interface["data"][0], False)
-        self.__array_interface__ = interface
 
 
 @dataclass(frozen=True)
@@ -343,207 +321,6 @@ def viewport_of(size: tuple[int, int], subpixel_bits: int) -> Viewport:
     )
 
 
-class SceneArrays(NamedTuple):
-    """The meshes of a scene, joined into one; a scene of one mesh is joined without a copy."""
-
-    positions: NDArray[np.float64]
-    """(V, 3), model space."""
-    faces: NDArray[np.int32]
-    """(F, 3), vertex numbers."""
-    vertex_starts: NDArray[np.int64]
-    """(O+1,): object ``o`` owns vertices ``vertex_starts[o]:vertex_starts[o+1]``."""
-    face_starts: NDArray[np.int64]
-    """(O+1,): object ``o`` owns faces ``face_starts[o]:face_starts[o+1]``."""
-
-
-def join_geometry(meshes: Sequence[Mesh]) -> SceneArrays:
-    """Join positions and faces; faces are renumbered."""
-    runs = runs_of(meshes)
-    repeats = [count for _, count in runs]
-    vertex_starts = _starts([len(mesh.vertices) for mesh, _ in runs], repeats)
-    face_starts = _starts([len(mesh.faces) for mesh, _ in runs], repeats)
-    if max(vertex_starts[-1], face_starts[-1]) >= 2**31 - 2**28:
-        raise ValueError(
-            f"scene must have fewer than {2**31 - 2**28} vertices and faces in all, got "
-            f"{vertex_starts[-1]} and {face_starts[-1]}"
-        )
-    if len(meshes) == 1:
-        positions, faces = writable(meshes[0].vertices), writable(meshes[0].faces)
-        return SceneArrays(positions, faces, vertex_starts, face_starts)
-    positions = _repeated([(mesh.vertices, count) for mesh, count in runs])
-    faces = np.empty((face_starts[-1], 3), np.int32)
-    place = 0
-    for mesh, count in runs:
-        firsts = vertex_starts[place : place + count].astype(np.int32)[:, np.newaxis, np.newaxis]
-        rows = faces[face_starts[place] : face_starts[place + count]]
-        np.add(mesh.faces, firsts, out=rows.reshape(count, -1, 3))
-        place += count
-    return SceneArrays(positions, faces, vertex_starts, face_starts)
-
-
-def runs_of(meshes: Sequence[Mesh]) -> list[tuple[Mesh, int]]:
-    """Return each mesh with how often it follows itself: instances are joined at once."""
-    return [(mesh, sum(1 for _ in group)) for mesh, group in itertools.groupby(meshes)]
-
-
-def _starts(sizes: Sequence[int], repeats: Sequence[int]) -> NDArray[np.int64]:
-    """Return the running sum from 0 of sizes that repeat, (O+1,)."""
-    starts = np.zeros(sum(repeats) + 1, np.int64)
-    np.cumsum(np.repeat(np.array(sizes, np.int64), repeats), out=starts[1:])
-    return starts
-
-
-def _repeated(parts: Sequence[tuple[NDArray[Any], int]]) -> NDArray[Any]:
-    """Join arrays (n, k) row by row, each as often as it says."""
-    total = sum(len(array) * count for array, count in parts)
-    first = parts[0][0]
-    joined = np.empty((total, first.shape[1]), first.dtype)
-    start = 0
-    for array, count in parts:
-        stop = start + len(array) * count
-        joined[start:stop].reshape(count, *array.shape)[:] = array
-        start = stop
-    return joined
-
-
-def join_normals(meshes: Sequence[Mesh]) -> NDArray[np.float32]:
-    """Join the vertex normals of the smooth objects, (V, 3); zero for the others."""
-
-    def normals(mesh: Mesh) -> NDArray[np.float32] | None:
-        return mesh.vertex_normals() if mesh.material.shading in SMOOTH else None
-
-    parts = [(normals(mesh), len(mesh.vertices), count) for mesh, count in runs_of(meshes)]
-    return _join(parts, np.zeros(3, np.float32))
-
-
-def join_uv(meshes: Sequence[Mesh]) -> NDArray[np.float32]:
-    """Join the texture coordinates, (V, 2); NaN where an object has none."""
-    parts = [(mesh.uv, len(mesh.vertices), count) for mesh, count in runs_of(meshes)]
-    return _join(parts, np.full(2, np.nan, np.float32))
-
-
-def join_surface(meshes: Sequence[Mesh], normals: NDArray[np.float32] | None) -> Surface:
-    """Join what the objects look like; a kind of colour that no object has is ``None``."""
-    runs = runs_of(meshes)
-    rows = [
-        (
-            *mesh.material.base_color,
-            mesh.material.specular,
-            mesh.material.shininess,
-            MODELS[mesh.material.shading],
-        )
-        for mesh, _ in runs
-    ]
-    materials = np.repeat(np.array(rows, np.float32), [count for _, count in runs], axis=0)
-    white = np.ones(4, np.float32)
-    vertex_colors = face_colors = None
-    if any(mesh.vertex_colors is not None for mesh, _ in runs):
-        parts = [(mesh.vertex_colors, len(mesh.vertices), count) for mesh, count in runs]
-        vertex_colors = _join(parts, white)
-    if any(mesh.face_colors is not None for mesh, _ in runs):
-        parts = [(mesh.face_colors, len(mesh.faces), count) for mesh, count in runs]
-        face_colors = _join(parts, white)
-    return Surface(materials, vertex_colors, face_colors, normals, None, None, None)
-
-
-class Views(NamedTuple):
-    """The matrices of all objects, relative to the eye so that nothing is lost far from it."""
-
-    relative_from_model: NDArray[np.float64]
-    """(O, 4, 4): world axes, origin at the eye."""
-    clip_from_relative: NDArray[np.float64]
-    """(4, 4)."""
-    normal_matrices: NDArray[np.float64]
-    """(O, 3, 3), largest entry 1."""
-    mirrored: NDArray[np.float64]
-    """(O,): -1 where the transform turns faces inside out, else 1."""
-    toward_viewer: NDArray[np.float64]
-    """(4,): a point p, relative to the eye, is seen along ``xyz - w p``."""
-    screen_turn: int
-    """1 if the camera shows counter-clockwise faces counter-clockwise, -1 if it mirrors."""
-
-
-class Places(NamedTuple):
-    """Where the objects stand in the world, which no camera changes."""
-
-    world_from_model: NDArray[np.float64]
-    """(O, 4, 4)."""
-    normal_matrices: NDArray[np.float64]
-    """(O, 3, 3), largest entry 1."""
-    mirrored: NDArray[np.float64]
-    """(O,): -1 where the transform turns faces inside out, else 1."""
-
-
-def place_objects(matrices: Sequence[NDArray[np.float64]]) -> Places:
-    """Return where objects stand, given ``world_from_model``, (4, 4), of each."""
-    world_from_model = np.concatenate(matrices).reshape(-1, 4, 4)
-    normals = transforms.normal_matrices(world_from_model)
-    # So that normals keep a length near 1 in float32.
-    largest = np.abs(normals).max(axis=(1, 2), keepdims=True)
-    np.divide(normals, largest, out=normals, where=largest > 0.0)
-    return Places(world_from_model, normals, _mirrored(world_from_model[:, :3, :3]))
-
-
-def _mirrored(matrices: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return -1 for each 3x3 matrix of a negative determinant, (O,), else 1; see `_turn`."""
-    largest = np.abs(matrices).max(axis=2, keepdims=True)
-    scaled = np.divide(matrices, largest, out=np.zeros_like(matrices), where=largest > 0.0)
-    (a, b, c), (d, e, f), (g, h, i) = np.moveaxis(scaled, 0, 2)
-    determinants = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
-    return np.where(determinants < 0.0, -1.0, 1.0)
-
-
-def view_nodes(nodes: Sequence[Node], camera: Camera, size: tuple[int, int]) -> Views:
-    """Return the matrices that take each object to the screen."""
-    return view_places(place_objects([node.world_from_model for node in nodes]), camera, size)
-
-
-def view_places(places: Places, camera: Camera, size: tuple[int, int]) -> Views:
-    """Return the matrices that take objects at their places to the screen."""
-    eye = camera.eye_position()
-    relative_from_model = places.world_from_model.copy()
-    relative_from_model[:, :3, 3] -= eye
-    view_from_relative = transforms.compose(camera.view_matrix(), transforms.translate(eye))
-    clip_from_view = camera.projection_matrix(size)
-    *screen_axes, depth_row, away = (row[:3] for row in clip_from_view.tolist())
-    toward_viewer = np.array([0.0, 0.0, 0.0, 1.0])
-    if not any(away):
-        # A parallel projection: depth grows with z in clip space; the viewer is the other way.
-        away = depth_row
-        axis = clip_from_view[2, :3, np.newaxis]
-        toward_viewer[:3] = -(axis * view_from_relative[:3, :3]).sum(axis=0)
-        toward_viewer[3] = 0.0
-    view_axes = [row[:3] for row in view_from_relative[:3].tolist()]
-    handedness = _turn([*screen_axes, away]) * _turn(view_axes)
-    return Views(
-        relative_from_model,
-        transforms.compose(clip_from_view, view_from_relative),
-        places.normal_matrices,
-        places.mirrored,
-        toward_viewer,
-        1 if handedness < 0.0 else -1,
-    )
-
-
-def _turn(rows: Sequence[Sequence[float]]) -> float:
-    """Return the sign of a 3x3 determinant; rows are scaled first, so that none overflows."""
-    scaled = []
-    for row in rows:
-        largest = max(map(abs, row))
-        if largest == 0.0:
-            return 0.0
-        scaled.append([entry / largest for entry in row])
-    (a, b, c), (d, e, f), (g, h, i) = scaled
-    determinant = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
-    return math.copysign(1.0, determinant) if determinant != 0.0 else 0.0
-
-
-def cull_objects(cull: str, views: Views, face_starts: NDArray[np.int64]) -> Objects:
-    """Return which way the faces of each object turn that are dropped (+1: clockwise)."""
-    sign = {"none": 0, "back": 1, "front": -1}[cull] * views.screen_turn
-    return Objects(face_starts, (sign * views.mirrored).astype(np.int8))
-
-
 def _lighting(scene: Scene, camera: Camera, highlights: int) -> Lighting:
     """Return the lights as rows, relative to the eye; none in the scene means a headlight."""
     return lighting_of(scene.lights or _headlight(camera), camera, highlights)
@@ -562,28 +339,3 @@ def _headlight(camera: Camera) -> list[Light]:
 def _headlight_ambient() -> AmbientLight:
     """Return the part of the default light that has no direction."""
     return AmbientLight(intensity=HEADLIGHT_AMBIENT)
-
-
-def _join(
-    parts: Sequence[tuple[NDArray[np.float32] | None, int, int]], fill: NDArray[np.float32]
-) -> NDArray[np.float32]:
-    """Join (array, rows, repeats) row by row, with ``fill`` for the rows of an absent array."""
-    array, _, count = parts[0]
-    if len(parts) == 1 and count == 1 and array is not None:
-        return writable(array)
-    return _repeated(
-        [
-            (np.broadcast_to(fill, (rows, len(fill))) if array is None else array, count)
-            for array, rows, count in parts
-        ]
-    )
-
-
-def writable(array: NDArray[Any]) -> NDArray[Any]:
-    """
-    Return the array in the one layout that kernels are compiled for, without a copy if it can be.
-
-    A read-only array is a type of its own to Numba; kernels never write to a mesh, so it is passed
-    as a writable view of the same memory.
-    """
-    return array if array.flags.writeable else np.asarray(_WritableView(array))

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rasterjit.kernels import texturing
 from rasterjit.kernels.records import Textures
-from rasterjit.plan import join_uv, runs_of, writable
+from rasterjit.plan_arrays import join_uv, runs_of, writable
 from rasterjit.scene.material import TEXTURE_FIELDS, Material
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.texture import Pyramid, Texture, level_sizes

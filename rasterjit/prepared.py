@@ -10,12 +10,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit import plan as planning
-from rasterjit import stages
+from rasterjit import plan_arrays, plan_views, stages
 from rasterjit.kernels.records import Surface, Textures
-from rasterjit.plan import Places, SceneArrays
+from rasterjit.plan_arrays import SceneArrays
 from rasterjit.plan_effects import SMOOTH, Contents, contents_of
 from rasterjit.plan_textures import join_textures
+from rasterjit.plan_views import Places
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.scene import Node, matrices_of, meshes_of
 
@@ -37,12 +37,12 @@ class Shapes:
     @cached_property
     def arrays(self) -> SceneArrays:
         """The joined geometry."""
-        return planning.join_geometry(self.meshes)
+        return plan_arrays.join_geometry(self.meshes)
 
     @cached_property
     def uv(self) -> NDArray[np.float32]:
         """Texture coordinates, (V, 2); NaN where an object has none."""
-        return planning.join_uv(self.meshes)
+        return plan_arrays.join_uv(self.meshes)
 
     @cached_property
     def edges(self) -> NDArray[np.int32]:
@@ -81,12 +81,12 @@ class Looks:
     @cached_property
     def surface(self) -> Surface:
         """Materials and colours, without normals, light or textures."""
-        return planning.join_surface(self._shapes.meshes, None)
+        return plan_arrays.join_surface(self._shapes.meshes, None)
 
     @cached_property
     def normals(self) -> NDArray[np.float32]:
         """Vertex normals of the smooth objects, (V, 3); zero for the others."""
-        return planning.join_normals(self._shapes.meshes)
+        return plan_arrays.join_normals(self._shapes.meshes)
 
     @cached_property
     def textures(self) -> Textures:
@@ -136,7 +136,7 @@ def prepare(nodes: Sequence[Node], known: Prepared | None) -> Prepared:
     else:
         looks = known.looks
     if known is None or not _are_same(known.matrices, matrices):
-        places = planning.place_objects(matrices)
+        places = plan_views.place_objects(matrices)
     else:
         places = known.places
     return Prepared(shapes, looks, matrices, places)

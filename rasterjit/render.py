@@ -14,13 +14,15 @@ from typing import Any
 import numpy as np
 
 from rasterjit import diagnostics as diagnosing
-from rasterjit import passes, stages
+from rasterjit import passes, plan_views, stages
 from rasterjit import plan as planning
 from rasterjit.frame import Frame, Stats
 from rasterjit.io.meshes import as_scene
 from rasterjit.kernels.jit import COMPILE_CLOCK
 from rasterjit.kernels.records import Geometry, Placement
-from rasterjit.plan import RenderPlan, SceneArrays, Views
+from rasterjit.plan import RenderPlan
+from rasterjit.plan_arrays import SceneArrays
+from rasterjit.plan_views import Views
 from rasterjit.prepared import Prepared, prepare
 from rasterjit.scene.camera import (
     Camera,
@@ -228,9 +230,9 @@ class Renderer:
             prepared.looks.contents,
         )  # fmt: skip
         arrays = prepared.shapes.arrays
-        views = planning.view_places(prepared.places, camera, self.size)
+        views = plan_views.view_places(prepared.places, camera, self.size)
         viewport = planning.viewport_of(self.size, self.quality.subpixel_bits)
-        objects = planning.cull_objects(cull, views, arrays.face_starts)
+        objects = plan_views.cull_objects(cull, views, arrays.face_starts)
         coefficients = camera.depth_coefficients()
         clock("plan")
         vertices = stages.ModelVertices(

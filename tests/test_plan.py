@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit.plan import OUTPUTS, check_outputs, view_nodes, viewport_of
+from rasterjit.plan import OUTPUTS, check_outputs, viewport_of
+from rasterjit.plan_views import view_nodes
 
 
 def scene_of(*materials, cube):

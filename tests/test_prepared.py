@@ -10,7 +10,7 @@ import pytest
 
 import rasterjit as rj
 from rasterjit import plan as planning
-from rasterjit import prepared, stages
+from rasterjit import plan_arrays, prepared, stages
 from rasterjit.plan import OUTPUTS
 from rasterjit.plan_effects import contents_of
 
@@ -216,8 +216,9 @@ def test_instances_are_joined_like_copies(cube, sphere, order):
     instances = [kinds[int(digit)] for digit in order]
     copies = [copy.copy(mesh) for mesh in instances]
     for join in (
-        planning.join_geometry, planning.join_normals, planning.join_uv, prepared.join_textures,
-        lambda meshes: planning.join_surface(meshes, None),
+        plan_arrays.join_geometry, plan_arrays.join_normals, plan_arrays.join_uv,
+        prepared.join_textures,
+        lambda meshes: plan_arrays.join_surface(meshes, None),
     ):  # fmt: skip
         if join is prepared.join_textures and "1" not in order:
             continue
@@ -234,7 +235,7 @@ def test_instances_are_joined_like_copies(cube, sphere, order):
 
 def test_joined_arrays_are_the_meshes_one_after_another(cube, sphere):
     meshes = [cube, cube, sphere, cube]
-    arrays = planning.join_geometry(meshes)
+    arrays = plan_arrays.join_geometry(meshes)
     assert arrays.positions.tobytes() == b"".join(mesh.vertices.tobytes() for mesh in meshes)
     for number, mesh in enumerate(meshes):
         first = arrays.vertex_starts[number]

@@ -8,9 +8,9 @@ Each pixel looks along 2 of 32 directions, with steps of 1 of 16 lengths; every 
 pixels holds all of them once. The mean over such a square on the same surface, taken twice, is the
 result.
 
-Heights are measured above the plane of the pixel's own face, from differences of pixel numbers and
-depths alone: the points of one plane have height 0 but for how vertices are rounded to the sub-pixel
-grid, and that much is taken off. So a plane, and whatever bends away from it, gets exactly 1.
+Heights are measured above the plane of the pixel's own face, from differences of pixel numbers
+and depths alone: the points of one plane have height 0 but for how vertices are rounded to the
+sub-pixel grid, and that much is taken off. So a plane, and whatever bends away from it, gets exactly 1.
 
 References
 ----------

@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit import oracle, passes, stages
+from rasterjit import oracle, passes, plan_arrays, stages
 from rasterjit import plan as planning
 from rasterjit import transforms as tf
 
@@ -375,7 +375,7 @@ def test_flat_shading_asks_for_no_vertex_normals_and_shows_the_same(forbid):
     up = [(0, 0, 1)] * 4
     smooth = draw(scene_of(square("phong", up, specular=0.5), lights=[SUN]))
     assert smooth.plan.needs_normals
-    forbid(planning, "join_normals")
+    forbid(plan_arrays, "join_normals")
     flat = draw(scene_of(square("flat", up, specular=0.5), lights=[SUN]))
     assert not flat.plan.needs_normals
     assert same(flat, smooth)
@@ -383,7 +383,7 @@ def test_flat_shading_asks_for_no_vertex_normals_and_shows_the_same(forbid):
 
 @pytest.mark.case("G06")
 def test_one_normal_that_leans_is_seen(calls):
-    joined = calls(planning, "join_normals")
+    joined = calls(plan_arrays, "join_normals")
     up = [(0, 0, 1)] * 3
     frames = [
         draw(scene_of(square("phong", [*up, last]), lights=[SUN]))
@@ -656,8 +656,8 @@ def test_an_output_that_nobody_asked_for_is_not_made(sphere, camera, forbid):
     mesh = rj.Mesh(sphere.vertices, sphere.faces, uv=uv, material=rj.Material("flat"))
     everything = draw(mesh, camera, planning.OUTPUTS)
     for module, name in (
-        (stages, "fill_rows"), (stages, "fill_barycentric"), (planning, "join_uv"),
-        (planning, "join_normals"), (passes, "metric_depth"),
+        (stages, "fill_rows"), (stages, "fill_barycentric"), (plan_arrays, "join_uv"),
+        (plan_arrays, "join_normals"), (passes, "metric_depth"),
     ):  # fmt: skip
         forbid(module, name)
     frame = draw(mesh, camera, ("color",))

@@ -171,4 +171,4 @@ def test_no_kernel_that_makes_another_output_knows_of_tiles():
     }
     # The lists of triangles, what they hide, drawing them, and counting what was drawn.
     lists = {"setup.py", "binning.py", "occlusion.py"}
-    assert knows == lists | {"visibility.py", "diagnosis.py"}
+    assert knows == lists | {"visibility.py", "diagnosis.py", "transparency.py"}

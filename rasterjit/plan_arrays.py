@@ -1,0 +1,165 @@
+"""
+Join the meshes of a scene into the arrays that kernels read.
+
+The border to the kernels: what they read is cast and joined here, once.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.kernels import records
+from rasterjit.kernels.records import Surface
+from rasterjit.plan_effects import SMOOTH
+from rasterjit.scene.mesh import Mesh
+
+MODELS = {
+    "unlit": records.UNLIT,
+    "flat": records.FLAT,
+    "gouraud": records.GOURAUD,
+    "phong": records.PHONG,
+    "pbr": records.PBR,
+}
+
+
+class SceneArrays(NamedTuple):
+    """The meshes of a scene, joined into one; a scene of one mesh is joined without a copy."""
+
+    positions: NDArray[np.float64]
+    """(V, 3), model space."""
+    faces: NDArray[np.int32]
+    """(F, 3), vertex numbers."""
+    vertex_starts: NDArray[np.int64]
+    """(O+1,): object ``o`` owns vertices ``vertex_starts[o]:vertex_starts[o+1]``."""
+    face_starts: NDArray[np.int64]
+    """(O+1,): object ``o`` owns faces ``face_starts[o]:face_starts[o+1]``."""
+
+
+def join_geometry(meshes: Sequence[Mesh]) -> SceneArrays:
+    """Join positions and faces; faces are renumbered."""
+    runs = runs_of(meshes)
+    repeats = [count for _, count in runs]
+    vertex_starts = _starts([len(mesh.vertices) for mesh, _ in runs], repeats)
+    face_starts = _starts([len(mesh.faces) for mesh, _ in runs], repeats)
+    if max(vertex_starts[-1], face_starts[-1]) >= 2**31 - 2**28:
+        raise ValueError(
+            f"scene must have fewer than {2**31 - 2**28} vertices and faces in all, got "
+            f"{vertex_starts[-1]} and {face_starts[-1]}"
+        )
+    if len(meshes) == 1:
+        positions, faces = writable(meshes[0].vertices), writable(meshes[0].faces)
+        return SceneArrays(positions, faces, vertex_starts, face_starts)
+    positions = _repeated([(mesh.vertices, count) for mesh, count in runs])
+    faces = np.empty((face_starts[-1], 3), np.int32)
+    place = 0
+    for mesh, count in runs:
+        firsts = vertex_starts[place : place + count].astype(np.int32)[:, np.newaxis, np.newaxis]
+        rows = faces[face_starts[place] : face_starts[place + count]]
+        np.add(mesh.faces, firsts, out=rows.reshape(count, -1, 3))
+        place += count
+    return SceneArrays(positions, faces, vertex_starts, face_starts)
+
+
+def runs_of(meshes: Sequence[Mesh]) -> list[tuple[Mesh, int]]:
+    """Return each mesh with how often it follows itself: instances are joined at once."""
+    return [(mesh, sum(1 for _ in group)) for mesh, group in itertools.groupby(meshes)]
+
+
+def _starts(sizes: Sequence[int], repeats: Sequence[int]) -> NDArray[np.int64]:
+    """Return the running sum from 0 of sizes that repeat, (O+1,)."""
+    starts = np.zeros(sum(repeats) + 1, np.int64)
+    np.cumsum(np.repeat(np.array(sizes, np.int64), repeats), out=starts[1:])
+    return starts
+
+
+def _repeated(parts: Sequence[tuple[NDArray[Any], int]]) -> NDArray[Any]:
+    """Join arrays (n, k) row by row, each as often as it says."""
+    total = sum(len(array) * count for array, count in parts)
+    first = parts[0][0]
+    joined = np.empty((total, first.shape[1]), first.dtype)
+    start = 0
+    for array, count in parts:
+        stop = start + len(array) * count
+        joined[start:stop].reshape(count, *array.shape)[:] = array
+        start = stop
+    return joined
+
+
+def join_normals(meshes: Sequence[Mesh]) -> NDArray[np.float32]:
+    """Join the vertex normals of the smooth objects, (V, 3); zero for the others."""
+
+    def normals(mesh: Mesh) -> NDArray[np.float32] | None:
+        return mesh.vertex_normals() if mesh.material.shading in SMOOTH else None
+
+    parts = [(normals(mesh), len(mesh.vertices), count) for mesh, count in runs_of(meshes)]
+    return _join(parts, np.zeros(3, np.float32))
+
+
+def join_uv(meshes: Sequence[Mesh]) -> NDArray[np.float32]:
+    """Join the texture coordinates, (V, 2); NaN where an object has none."""
+    parts = [(mesh.uv, len(mesh.vertices), count) for mesh, count in runs_of(meshes)]
+    return _join(parts, np.full(2, np.nan, np.float32))
+
+
+def join_surface(meshes: Sequence[Mesh], normals: NDArray[np.float32] | None) -> Surface:
+    """Join what the objects look like; a kind of colour that no object has is ``None``."""
+    runs = runs_of(meshes)
+    rows = [
+        (
+            *mesh.material.base_color,
+            mesh.material.specular,
+            mesh.material.shininess,
+            MODELS[mesh.material.shading],
+        )
+        for mesh, _ in runs
+    ]
+    materials = np.repeat(np.array(rows, np.float32), [count for _, count in runs], axis=0)
+    white = np.ones(4, np.float32)
+    vertex_colors = face_colors = None
+    if any(mesh.vertex_colors is not None for mesh, _ in runs):
+        parts = [(mesh.vertex_colors, len(mesh.vertices), count) for mesh, count in runs]
+        vertex_colors = _join(parts, white)
+    if any(mesh.face_colors is not None for mesh, _ in runs):
+        parts = [(mesh.face_colors, len(mesh.faces), count) for mesh, count in runs]
+        face_colors = _join(parts, white)
+    return Surface(materials, vertex_colors, face_colors, normals, None, None, None)
+
+
+def _join(
+    parts: Sequence[tuple[NDArray[np.float32] | None, int, int]], fill: NDArray[np.float32]
+) -> NDArray[np.float32]:
+    """Join (array, rows, repeats) row by row, with ``fill`` for the rows of an absent array."""
+    array, _, count = parts[0]
+    if len(parts) == 1 and count == 1 and array is not None:
+        return writable(array)
+    return _repeated(
+        [
+            (np.broadcast_to(fill, (rows, len(fill))) if array is None else array, count)
+            for array, rows, count in parts
+        ]
+    )
+
+
+def writable(array: NDArray[Any]) -> NDArray[Any]:
+    """
+    Return the array in the one layout that kernels are compiled for, without a copy if it can be.
+
+    A read-only array is a type of its own to Numba; kernels never write to a mesh, so it is passed
+    as a writable view of the same memory.
+    """
+    return array if array.flags.writeable else np.asarray(_WritableView(array))
+
+
+class _WritableView:
+    """Shows the memory of a read-only array to NumPy as writable, and keeps it alive."""
+
+    def __init__(self, array: NDArray[Any]) -> None:
+        self.array = array
+        interface = dict(array.__array_interface__)
+        interface["data"] = (interface["data"][0], False)
+        self.__array_interface__ = interface

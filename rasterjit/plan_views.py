@@ -1,0 +1,113 @@
+"""Where the objects of a scene stand, and the matrices that take them to the screen."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit import transforms
+from rasterjit.kernels.records import Objects
+from rasterjit.scene.camera import Camera
+from rasterjit.scene.scene import Node
+
+
+class Views(NamedTuple):
+    """The matrices of all objects, relative to the eye so that nothing is lost far from it."""
+
+    relative_from_model: NDArray[np.float64]
+    """(O, 4, 4): world axes, origin at the eye."""
+    clip_from_relative: NDArray[np.float64]
+    """(4, 4)."""
+    normal_matrices: NDArray[np.float64]
+    """(O, 3, 3), largest entry 1."""
+    mirrored: NDArray[np.float64]
+    """(O,): -1 where the transform turns faces inside out, else 1."""
+    toward_viewer: NDArray[np.float64]
+    """(4,): a point p, relative to the eye, is seen along ``xyz - w p``."""
+    screen_turn: int
+    """1 if the camera shows counter-clockwise faces counter-clockwise, -1 if it mirrors."""
+
+
+class Places(NamedTuple):
+    """Where the objects stand in the world, which no camera changes."""
+
+    world_from_model: NDArray[np.float64]
+    """(O, 4, 4)."""
+    normal_matrices: NDArray[np.float64]
+    """(O, 3, 3), largest entry 1."""
+    mirrored: NDArray[np.float64]
+    """(O,): -1 where the transform turns faces inside out, else 1."""
+
+
+def place_objects(matrices: Sequence[NDArray[np.float64]]) -> Places:
+    """Return where objects stand, given ``world_from_model``, (4, 4), of each."""
+    world_from_model = np.concatenate(matrices).reshape(-1, 4, 4)
+    normals = transforms.normal_matrices(world_from_model)
+    # So that normals keep a length near 1 in float32.
+    largest = np.abs(normals).max(axis=(1, 2), keepdims=True)
+    np.divide(normals, largest, out=normals, where=largest > 0.0)
+    return Places(world_from_model, normals, _mirrored(world_from_model[:, :3, :3]))
+
+
+def _mirrored(matrices: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return -1 for each 3x3 matrix of a negative determinant, (O,), else 1; see `_turn`."""
+    largest = np.abs(matrices).max(axis=2, keepdims=True)
+    scaled = np.divide(matrices, largest, out=np.zeros_like(matrices), where=largest > 0.0)
+    (a, b, c), (d, e, f), (g, h, i) = np.moveaxis(scaled, 0, 2)
+    determinants = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
+    return np.where(determinants < 0.0, -1.0, 1.0)
+
+
+def view_nodes(nodes: Sequence[Node], camera: Camera, size: tuple[int, int]) -> Views:
+    """Return the matrices that take each object to the screen."""
+    return view_places(place_objects([node.world_from_model for node in nodes]), camera, size)
+
+
+def view_places(places: Places, camera: Camera, size: tuple[int, int]) -> Views:
+    """Return the matrices that take objects at their places to the screen."""
+    eye = camera.eye_position()
+    relative_from_model = places.world_from_model.copy()
+    relative_from_model[:, :3, 3] -= eye
+    view_from_relative = transforms.compose(camera.view_matrix(), transforms.translate(eye))
+    clip_from_view = camera.projection_matrix(size)
+    *screen_axes, depth_row, away = (row[:3] for row in clip_from_view.tolist())
+    toward_viewer = np.array([0.0, 0.0, 0.0, 1.0])
+    if not any(away):
+        # A parallel projection: depth grows with z in clip space; the viewer is the other way.
+        away = depth_row
+        axis = clip_from_view[2, :3, np.newaxis]
+        toward_viewer[:3] = -(axis * view_from_relative[:3, :3]).sum(axis=0)
+        toward_viewer[3] = 0.0
+    view_axes = [row[:3] for row in view_from_relative[:3].tolist()]
+    handedness = _turn([*screen_axes, away]) * _turn(view_axes)
+    return Views(
+        relative_from_model,
+        transforms.compose(clip_from_view, view_from_relative),
+        places.normal_matrices,
+        places.mirrored,
+        toward_viewer,
+        1 if handedness < 0.0 else -1,
+    )
+
+
+def _turn(rows: Sequence[Sequence[float]]) -> float:
+    """Return the sign of a 3x3 determinant; rows are scaled first, so that none overflows."""
+    scaled = []
+    for row in rows:
+        largest = max(map(abs, row))
+        if largest == 0.0:
+            return 0.0
+        scaled.append([entry / largest for entry in row])
+    (a, b, c), (d, e, f), (g, h, i) = scaled
+    determinant = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
+    return math.copysign(1.0, determinant) if determinant != 0.0 else 0.0
+
+
+def cull_objects(cull: str, views: Views, face_starts: NDArray[np.int64]) -> Objects:
+    """Return which way the faces of each object turn that are dropped (+1: clockwise)."""
+    sign = {"none": 0, "back": 1, "front": -1}[cull] * views.screen_turn
+    return Objects(face_starts, (sign * views.mirrored).astype(np.int8))
