@@ -10,7 +10,8 @@ result.
 
 Heights are measured above the plane of the pixel's own face, from differences of pixel numbers
 and depths alone: the points of one plane have height 0 but for how vertices are rounded to the
-sub-pixel grid, and that much is taken off. So a plane, and whatever bends away from it, gets exactly 1.
+sub-pixel grid, and that much is taken off. So a plane, and whatever bends away from it, gets
+exactly 1.
 
 References
 ----------

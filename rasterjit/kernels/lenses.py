@@ -2,8 +2,8 @@
 Find where the surface at a pixel lies from its stored depth, for any camera.
 
 Clip x, y, w and the stored depth times w are linear in the homogeneous point. So the point is
-linear in column, row, stored depth and 1: a lens holds what each of them adds to it, (4, 4) float32, as
-homogeneous points in world axes relative to the eye. w of what is seen is above 0.
+linear in column, row, stored depth and 1: a lens holds what each of them adds to it, (4, 4)
+float32, as homogeneous points in world axes relative to the eye. w of what is seen is above 0.
 """
 
 from __future__ import annotations
