@@ -21,6 +21,7 @@ from rasterjit.kernels.records import Faces, Geometry, Lighting, Objects, Placem
 from rasterjit.plan import RenderPlan
 from rasterjit.plan_arrays import SceneArrays
 from rasterjit.plan_textures import join_textures
+from rasterjit.prepared import prepare
 from rasterjit.render import choose_camera, placement_of, render
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.light import AmbientLight
@@ -137,9 +138,10 @@ def _draw(scene: Scene, plan: RenderPlan) -> _Drawn:
         arrays.positions, arrays.vertex_starts, views.relative_from_model,
         views.clip_from_relative,
     )  # fmt: skip
+    cutouts = prepare(scene.nodes, None).looks.cutouts if plan.needs_cutouts else None
     coverage = stages.find_visible(
         vertices, arrays.faces, objects, plan.camera.depth_coefficients(), viewport, workers,
-        lambda _: None, keep_lists=True, keep_clip_positions=True,
+        lambda _: None, keep_lists=True, keep_clip_positions=True, cutouts=cutouts,
     )  # fmt: skip
     lists = coverage.lists
     if plan.cull != "none":
@@ -208,7 +210,7 @@ def _find_faces(drawn: _Drawn, x: int, y: int) -> list[FaceAtPixel]:
     for triangle in near:
         visibility.draw_tiles(
             np.array([tile], np.int32), one, np.array([triangle], np.int32), bottomless, faces,
-            coverage.screen, viewport, (depth, face_id), scratch,
+            coverage.screen, viewport, (depth, face_id), scratch, None,
         )  # fmt: skip
         if face_id[y, x] >= 0:
             found.append((triangle not in kept, -float(depth[y, x]), int(face_id[y, x]), triangle))

@@ -25,6 +25,7 @@ from rasterjit.plan_effects import (
     Grounds,
     contents_of,
     list_effects,
+    may_have_holes,
     textures_read,
 )
 from rasterjit.plan_layers import Layers, Transparency, find_transparency, is_outside
@@ -109,7 +110,12 @@ class RenderPlan:
     @property
     def needs_faces(self) -> bool:
         """Whether the face at every pixel is found: shown, in front of edges, or in a buffer."""
-        return self.draws_faces or self.diagnose or bool({*self.outputs} - {"color", "linear"})
+        return self.grounds.finds_faces
+
+    @property
+    def needs_cutouts(self) -> bool:
+        """Whether faces are drawn with their holes."""
+        return self.grounds.needs_cutouts
 
     @property
     def needs_color(self) -> bool:
@@ -181,6 +187,8 @@ def plan_render(
         raise ValueError("outputs has 'uv', but no mesh of the scene has texture coordinates")
     if grounds.shades and contents.lacks_uv:
         _refuse_texture(scene.nodes)
+    if grounds.needs_cutouts and contents.lacks_mask_uv:
+        _refuse_texture([node for node in scene.nodes if may_have_holes(node.mesh)])
     is_lit = grounds.is_lit
     return RenderPlan(
         size=size,

@@ -6,6 +6,8 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from rasterjit.plan_layers import Transparency, antialiasing_reason, is_see_through
 from rasterjit.scene.material import TEXTURE_FIELDS, Material
 from rasterjit.scene.mesh import Mesh
@@ -39,6 +41,14 @@ class Contents(NamedTuple):
     """Number of objects with a specular highlight."""
     has_textured_highlight: bool
     """Whether the light of a textured object's vertices holds a highlight."""
+    masked: int
+    """Number of objects whose material has an alpha mask."""
+    cut_out: int
+    """Number of those that can have a hole."""
+    has_textured_hole: bool
+    """Whether any of those has a base colour texture."""
+    lacks_mask_uv: bool
+    """Whether any of those has nothing to lay it by."""
     has_blended: bool = False
     """Whether any material is blended."""
     see_through: tuple[int, ...] = ()
@@ -87,6 +97,16 @@ class Grounds(NamedTuple):
         """Whether vertex normals are read."""
         is_smooth = not SMOOTH.isdisjoint(self.contents.shadings)
         return is_smooth and (self.is_lit or "normal" in self.outputs)
+
+    @property
+    def finds_faces(self) -> bool:
+        """Whether the face at every pixel is found: shown, counted, or in a buffer."""
+        return self.draws_faces or self.diagnose or bool({*self.outputs} - {"color", "linear"})
+
+    @property
+    def needs_cutouts(self) -> bool:
+        """Whether faces are drawn with their holes."""
+        return self.finds_faces and self.contents.cut_out > 0
 
     @property
     def needs_textures(self) -> bool:
@@ -141,6 +161,10 @@ def contents_of(meshes: Sequence[Mesh]) -> Contents:
         any(
             mesh.material.shading == "gouraud" and mesh.material.specular > 0.0 for mesh in textured
         ),
+        sum(count for mesh, count in counts.items() if mesh.material.alpha_mode == "mask"),
+        sum(count for mesh, count in counts.items() if may_have_holes(mesh)),
+        any(may_have_holes(mesh) for mesh in textured),
+        any(mesh.uv is None and may_have_holes(mesh) for mesh in textured),
         any(mesh.material.alpha_mode == "blend" for mesh in counts),
         tuple(n for n, mesh in enumerate(meshes) if mesh in see_through),
     )
@@ -151,6 +175,20 @@ def textures_read(material: Material) -> dict[str, Texture]:
     names = TEXTURE_FIELDS[:1] if material.shading == "unlit" else TEXTURE_FIELDS
     textures = {name: getattr(material, name) for name in names}
     return {name: texture for name, texture in textures.items() if texture is not None}
+
+
+def may_have_holes(mesh: Mesh) -> bool:
+    """Return whether the alpha of a mesh with an alpha mask is below the cutoff anywhere."""
+    material = mesh.material
+    if material.alpha_mode != "mask":
+        return False
+    lowest = np.float32(material.base_color[3])
+    for colors in (mesh.vertex_colors, mesh.face_colors):
+        if colors is not None and len(colors) > 0:
+            lowest = lowest * colors[:, 3].min()
+    if material.base_color_texture is not None:
+        lowest = lowest * np.float32(material.base_color_texture.lowest_alpha)
+    return bool(lowest < np.float32(material.alpha_cutoff))
 
 
 def _described(name: str, texture: Texture) -> str:
@@ -173,6 +211,7 @@ def list_effects(grounds: Grounds) -> tuple[Effect, ...]:
             "shading " + ", ".join(smooth) if smooth else "no object is smooth",
         ),
         Effect("textures", grounds.needs_textures, _texture_reason(grounds)),
+        Effect("alpha masks", grounds.needs_cutouts, _mask_reason(grounds)),
         Effect("ambient occlusion", grounds.occludes, _occlusion_reason(grounds)),
         Effect("outline", grounds.draws_outlines, _outline_reason(grounds)),
         Effect("transparency", grounds.transparency.used, grounds.transparency.reason),
@@ -207,6 +246,18 @@ def _texture_reason(grounds: Grounds) -> str:
     if not grounds.contents.texture_filters:
         return "no material has a texture that is read"
     return _counted(grounds.contents.texture_filters) if grounds.shades else "nothing is shaded"
+
+
+def _mask_reason(grounds: Grounds) -> str:
+    """Say what has holes, or why nothing has."""
+    contents = grounds.contents
+    if contents.masked == 0:
+        return "no material has the alpha_mode 'mask'"
+    if contents.cut_out == 0:
+        return "no alpha of an object with a mask is below its alpha_cutoff"
+    if not grounds.finds_faces:
+        return "only the wireframe is drawn"
+    return f"{contents.cut_out} of {contents.masked} objects with a mask can have holes"
 
 
 def _occlusion_reason(grounds: Grounds) -> str:

@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.kernels import texturing
-from rasterjit.kernels.records import Textures
+from rasterjit.kernels.records import Cutouts, Surface, Textures
 from rasterjit.plan_arrays import join_uv, runs_of, writable
+from rasterjit.plan_effects import may_have_holes
 from rasterjit.scene.material import TEXTURE_FIELDS, Material
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.texture import Pyramid, Texture, level_sizes
@@ -54,6 +55,27 @@ def join_textures(meshes: Sequence[Mesh]) -> Textures:
         join_uv(meshes),
         transforms,
         anisotropic or None,
+    )
+
+
+def join_cutouts(
+    meshes: Sequence[Mesh],
+    face_starts: NDArray[np.int64],
+    surface: Surface,
+    textures: Textures | None,
+) -> Cutouts:
+    """Return which objects have holes, and what decides where; no textures if none has any."""
+    cutoffs = {
+        mesh: mesh.material.alpha_cutoff if may_have_holes(mesh) else 0.0
+        for mesh in dict.fromkeys(meshes)
+    }
+    return Cutouts(
+        np.array([cutoffs[mesh] for mesh in meshes], np.float32),
+        face_starts,
+        surface.materials,
+        surface.vertex_colors,
+        surface.face_colors,
+        textures,
     )
 
 

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit import plan_arrays, plan_views, stages
-from rasterjit.kernels.records import Surface, Textures
+from rasterjit.kernels.records import Cutouts, Surface, Textures
 from rasterjit.plan_arrays import SceneArrays
 from rasterjit.plan_effects import SMOOTH, Contents, contents_of
-from rasterjit.plan_textures import join_textures
+from rasterjit.plan_textures import join_cutouts, join_textures
 from rasterjit.plan_views import Places
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.scene import Node, matrices_of, meshes_of
@@ -92,6 +92,13 @@ class Looks:
     def textures(self) -> Textures:
         """The textures of all objects and their texture coordinates."""
         return join_textures(self._shapes.meshes)
+
+    @cached_property
+    def cutouts(self) -> Cutouts:
+        """The objects that have holes, and what decides where."""
+        textures = self.textures if self.contents.has_textured_hole else None
+        starts = self._shapes.arrays.face_starts
+        return join_cutouts(self._shapes.meshes, starts, self.surface, textures)
 
     @cached_property
     def is_smooth(self) -> NDArray[np.uint8]:

@@ -245,6 +245,7 @@ class Renderer:
             find_faces=plan.needs_faces,
             keep_lists=plan.diagnose or plan.layers is not None,
             keep_clip_positions=plan.diagnose or plan.wireframe is not None,
+            cutouts=prepared.looks.cutouts if plan.needs_cutouts else None,
         )  # fmt: skip
         geometry = Geometry(
             arrays.faces,

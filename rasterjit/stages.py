@@ -25,6 +25,7 @@ from rasterjit.kernels import (
     wireframe,
 )
 from rasterjit.kernels.records import (
+    Cutouts,
     Encoding,
     Faces,
     Geometry,
@@ -310,6 +311,7 @@ def find_visible(
     find_faces: bool = True,
     keep_lists: bool = False,
     keep_clip_positions: bool = False,
+    cutouts: Cutouts | None = None,
 ) -> Coverage:
     """
     Run transform, projection, clipping, set-up, binning and visibility.
@@ -333,6 +335,8 @@ def find_visible(
         Whether the tiles' lists outlive the drawing.
     keep_clip_positions : bool
         Whether the clip positions are made even if no vertex has a ``CLIPPED`` code.
+    cutouts : Cutouts, optional
+        The objects that have holes, for any picture: its geometry is put in here.
     """
     if isinstance(vertices, ModelVertices):
         screen, seen = transform_and_project(vertices, depth_coefficients, viewport, workers)
@@ -350,12 +354,18 @@ def find_visible(
             clip_positions, faces, depth_coefficients, viewport, screen, workers.memory
         )
     clock("clip")
-    starts, binned, floors, sums = set_up_and_bin(all_faces, objects, screen, viewport, workers)
+    if cutouts is not None:
+        geometry = Geometry(faces, screen.xy, screen.codes, screen.w, clip_positions, viewport)
+        cutouts = cutouts._replace(geometry=geometry)
+    starts, binned, floors, sums = set_up_and_bin(
+        all_faces, objects, screen, viewport, workers, cutouts
+    )
     clock("set up, bin")
     depth = workers.memory.empty((viewport.height, viewport.width * keep_depth), np.float32)
     face_id = workers.memory.empty((viewport.height, viewport.width), np.int32)
     if find_faces:
-        draw(starts, binned, floors, all_faces, screen, viewport, (depth, face_id), workers)
+        frame = depth, face_id
+        draw(starts, binned, floors, all_faces, screen, viewport, frame, workers, cutouts)
     else:
         depth.fill(-np.inf)
         face_id.fill(visibility.NOTHING)
@@ -368,7 +378,12 @@ def find_visible(
 
 
 def set_up_and_bin(
-    faces: Faces, objects: Objects, screen: ScreenVertices, viewport: Viewport, workers: Workers
+    faces: Faces,
+    objects: Objects,
+    screen: ScreenVertices,
+    viewport: Viewport,
+    workers: Workers,
+    cutouts: Cutouts | None = None,
 ) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.float32], NDArray[np.int64]]:
     """Return each tile's start in the list of binned triangles, that list, floors, and totals."""
     columns = -(-viewport.width // visibility.TILE_SIZE)
@@ -410,10 +425,13 @@ def set_up_and_bin(
     workers.run(
         occlusion.find_floors,
         [
-            (triangles[parts[n]], boxes[parts[n]], columns, faces, screen, viewport, floors[row])
+            (
+                triangles[parts[n]], boxes[parts[n]], columns, faces, screen, viewport, floors[row],
+                cutouts,
+            )
             for row, n in enumerate(with_large)
         ],
-    )
+    )  # fmt: skip
     return starts, binned, floors.max(axis=0), sums.sum(axis=0)
 
 
@@ -426,14 +444,17 @@ def draw(
     viewport: Viewport,
     frame: tuple[NDArray[np.float32], NDArray[np.int32]],
     workers: Workers,
+    cutouts: Cutouts | None = None,
 ) -> None:
     """Draw all tiles, each by one thread."""
     tiles = np.arange(len(starts) - 1, dtype=np.int32)
     per_task = _per_task(len(tiles), TILES_PER_TASK, workers)
 
     def draw_some(some: NDArray[np.int32]) -> None:
-        scratch = visibility.scratch_memory()
-        visibility.draw_tiles(some, starts, binned, floors, faces, screen, viewport, frame, scratch)
+        scratch = visibility.scratch_memory(cutouts is not None)
+        visibility.draw_tiles(
+            some, starts, binned, floors, faces, screen, viewport, frame, scratch, cutouts
+        )
 
     workers.run(draw_some, [(tiles[n : n + per_task],) for n in range(0, len(tiles), per_task)])
 

@@ -176,7 +176,7 @@ def count_samples(
             corners, face = triangle_of(own, pieces, piece_faces, np.int64(binned[k]))
             draw_listed(
                 binned[k : k + 1], (own, pieces, piece_faces), screen, window, viewport.grid_bits,
-                np.float32(-np.inf), drawing,
+                np.float32(-np.inf), drawing, None,
             )  # fmt: skip
             box = box_in_tile(corners, screen, viewport, origin)
             samples[k] = take_samples(face, box, origin, (tile_depth, tile_numbers), frame, ties)

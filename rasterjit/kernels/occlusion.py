@@ -4,15 +4,16 @@ Find, for each tile, a depth that nothing behind it can show: the floor.
 A triangle that covers every sample of a tile leaves none of them deeper than the lowest depth that
 it has there. What lies below the highest of these floors is hidden in the whole tile, wherever it
 stands in the list, so visibility passes over it. Floors are bounds from below of what is stored,
-rounding included, so no sample changes by a bit.
+rounding included, so no sample changes by a bit. A triangle with holes raises none.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
+from rasterjit.kernels.cutouts import has_holes
 from rasterjit.kernels.jit import kernel, stage
-from rasterjit.kernels.records import Faces, ScreenVertices, Viewport
+from rasterjit.kernels.records import Cutouts, Faces, ScreenVertices, Viewport
 from rasterjit.kernels.setup import TILE_BITS, edge, is_large, sign_at, triangle_of
 from rasterjit.kernels.visibility import (
     TILE_SIZE,
@@ -61,10 +62,12 @@ def worst(value, across, down, columns, rows):
 
 
 @stage
-def raise_floors(triangle, box, columns, faces, screen, viewport, floors):
+def raise_floors(triangle, box, columns, faces, screen, viewport, floors, cutouts):
     """Raise the floors of the tiles in its box that one large triangle covers."""
     bits = viewport.grid_bits
-    corners, _ = triangle_of(faces[0], faces[1], faces[2], triangle)
+    corners, face = triangle_of(faces[0], faces[1], faces[2], triangle)
+    if has_holes(face, cutouts):
+        return
     i, j, k = clockwise_from_top(corners, screen)
     ax, ay = np.int64(screen.xy[i, 0]), np.int64(screen.xy[i, 1])
     bx, by = np.int64(screen.xy[j, 0]), np.int64(screen.xy[j, 1])
@@ -97,8 +100,9 @@ def raise_floors(triangle, box, columns, faces, screen, viewport, floors):
 
 @kernel
 def find_floors(
-    triangles, boxes, columns, faces: Faces, screen: ScreenVertices, viewport: Viewport, floors
-):
+    triangles, boxes, columns, faces: Faces, screen: ScreenVertices, viewport: Viewport, floors,
+    cutouts: Cutouts | None,
+):  # fmt: skip
     """
     Raise the floors of the tiles that large triangles cover.
 
@@ -112,6 +116,7 @@ def find_floors(
     faces, screen, viewport : records
     floors : (tiles,) float32
         Stored depth (greater is nearer); raised in place.
+    cutouts : Cutouts or None
     """
     parts = faces.faces, faces.pieces, faces.piece_faces
     for n in range(triangles.shape[0]):
@@ -119,4 +124,4 @@ def find_floors(
         box = left, top, np.int64(boxes[n, 2]), np.int64(boxes[n, 3])
         if is_large(box):
             triangle = np.int64(triangles[n])
-            raise_floors(triangle, box, columns, parts, screen, viewport, floors)
+            raise_floors(triangle, box, columns, parts, screen, viewport, floors, cutouts)

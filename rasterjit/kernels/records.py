@@ -127,6 +127,25 @@ class Textures(NamedTuple):
     """Number of textures with an anisotropy above 1 | None -> none."""
 
 
+class Cutouts(NamedTuple):
+    """The objects that have holes: a sample whose alpha is below the cutoff is not covered."""
+
+    cutoffs: Any
+    """(O,) float32; 0 for an object without holes."""
+    face_starts: Any
+    """(O+1,) int64: object ``o`` owns faces ``face_starts[o]:face_starts[o+1]``."""
+    materials: Any
+    """(O, 7) float32, as ``Surface.materials``."""
+    vertex_colors: Any
+    """(V, 4) float32 | None -> their alpha is 1."""
+    face_colors: Any
+    """(F, 4) float32 | None -> their alpha is 1."""
+    textures: Textures | None
+    """None -> their alpha is 1."""
+    geometry: Geometry | None = None
+    """Of the picture that is drawn; None as long as its vertices are not on the screen."""
+
+
 UNLIT, FLAT, GOURAUD, PHONG, PBR = 0, 1, 2, 3, 4
 """Shading models, as ``Surface.materials`` numbers them."""
 

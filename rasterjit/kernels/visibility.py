@@ -69,8 +69,9 @@ from rasterjit.kernels.batches import (
     gather_triangles,
     plan_triangles,
 )
+from rasterjit.kernels.cutouts import keep_shown, tile_for
 from rasterjit.kernels.jit import disjoint_stage, kernel, stage
-from rasterjit.kernels.records import Faces, ScreenVertices, Viewport
+from rasterjit.kernels.records import Cutouts, Faces, ScreenVertices, Viewport
 from rasterjit.kernels.setup import (
     TILE_BITS,
     TILE_SIZE,
@@ -407,18 +408,21 @@ def tile_window(number, columns, viewport):
 
 
 @stage
-def draw_listed(listed, faces, screen, window, bits, floor, scratch):
+def draw_listed(listed, faces, screen, window, bits, floor, scratch, cutouts):
     """
     Draw at most ``BATCH`` listed triangles, one after the other, into a tile.
 
-    Takes the parts of a ``Faces``, a `tile_window`, the tile's floor and `scratch_memory`.
+    Takes the parts of a ``Faces``, a `tile_window`, the tile's floor, `scratch_memory`, and the
+    cut-outs or ``None``.
     """
     tile_depth, tile_numbers, whole, real = scratch[:4]
     gather_triangles(listed, faces, screen, whole, real)
     plan_triangles(listed.shape[0], window, bits, whole, real)
-    tile, spans = (tile_depth.reshape(-1), tile_numbers.reshape(-1)), scratch[4:]
+    tile, spans = (tile_depth.reshape(-1), tile_numbers.reshape(-1)), scratch[4:9]
     for n in range(np.uintp(listed.shape[0])):
-        draw_triangle(n, whole, real, window, bits, floor, tile, spans)
+        target = tile_for(whole[FACE, n], tile, scratch, cutouts)
+        draw_triangle(n, whole, real, window, bits, floor, target, spans)
+        keep_shown(n, whole, window, scratch, cutouts)
 
 
 @stage
@@ -430,8 +434,13 @@ def clear_tile(depths, numbers):
             numbers[row, column] = NOTHING
 
 
-def scratch_memory() -> tuple[NDArray[Any], ...]:
-    """Return the memory that a thread needs to draw: a tile, and what is known of a batch."""
+def scratch_memory(has_cutouts: bool = False) -> tuple[NDArray[Any], ...]:
+    """
+    Return the memory that a thread needs to draw: a tile, and what is known of a batch.
+
+    With cut-outs, a second tile as well, which is empty.
+    """
+    own = np.full(SCRATCH_SHAPE, -np.inf, np.float32), np.empty(SCRATCH_SHAPE, np.int32)
     return (
         np.empty(SCRATCH_SHAPE, np.float32),
         np.empty(SCRATCH_SHAPE, np.int32),
@@ -442,13 +451,14 @@ def scratch_memory() -> tuple[NDArray[Any], ...]:
         np.empty(TILE_SIZE, np.float64),
         np.empty(TILE_SIZE, np.int32),
         np.empty(TILE_SIZE, np.float32),
+        *(own if has_cutouts else ()),
     )
 
 
 @kernel
 def draw_tiles(
     tiles, starts, binned, floors, faces: Faces, screen: ScreenVertices, viewport: Viewport, frame,
-    scratch,
+    scratch, cutouts: Cutouts | None,
 ):  # fmt: skip
     """
     Draw some of the frame's tiles.
@@ -469,6 +479,8 @@ def draw_tiles(
         and face number (-1 where nothing is). A depth that is not wanted has W = 0.
     scratch : tuple
         This thread's own, from `scratch_memory`.
+    cutouts : Cutouts or None
+        ``None``: no object has holes.
     """
     depth, face_id = frame
     tile_depth, tile_numbers = scratch[0], scratch[1]
@@ -480,7 +492,9 @@ def draw_tiles(
         clear_tile(tile_depth, tile_numbers)
         for first in range(starts[number], starts[number + 1], BATCH):
             listed = binned[first : min(first + BATCH, starts[number + 1])]
-            draw_listed(listed, parts, screen, window, viewport.grid_bits, floors[number], scratch)
+            draw_listed(
+                listed, parts, screen, window, viewport.grid_bits, floors[number], scratch, cutouts
+            )
         # Write the tile to the frame.
         left, top = window[0], window[1]
         width = window[2] + 1 - left

@@ -96,5 +96,7 @@ def draw_tile(positions, faces, column, row, bits=8):
     frame = np.empty(LARGEST, np.float32), np.empty(LARGEST, np.int32)
     scratch = visibility.scratch_memory()
     tiles = np.array([row * (LARGEST[0] // TILE) + column], np.int32)
-    visibility.draw_tiles(tiles, starts, binned, floors, drawn, screen, viewport, frame, scratch)
+    visibility.draw_tiles(
+        tiles, starts, binned, floors, drawn, screen, viewport, frame, scratch, None
+    )
     return frame[1][row * TILE : (row + 1) * TILE, column * TILE : (column + 1) * TILE].copy()
