@@ -30,6 +30,8 @@ from rasterjit.scene.camera import (
     fit_camera,
     orbit_direction,
 )
+from rasterjit.scene.environment import Environment
+from rasterjit.scene.fog import Fog
 from rasterjit.scene.light import (
     AmbientLight,
     DirectionalLight,
@@ -43,6 +45,7 @@ from rasterjit.scene.outline import Outline
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Node, Scene, Wireframe
 from rasterjit.scene.texture import Texture
+from rasterjit.scene.tone_map import ToneMap
 
 __version__ = "0.1.0"
 
@@ -51,6 +54,8 @@ __all__ = [
     "AmbientOcclusion",
     "Diagnostics",
     "DirectionalLight",
+    "Environment",
+    "Fog",
     "Frame",
     "Framebuffer",
     "Material",
@@ -72,6 +77,7 @@ __all__ = [
     "SpotLight",
     "Stats",
     "Texture",
+    "ToneMap",
     "Visibility",
     "Wireframe",
     "explain",

@@ -16,7 +16,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.kernels import layers, resolve, shading, transparency
+from rasterjit import stages
+from rasterjit.kernels import backgrounds, layers, resolve, shading, transparency
 from rasterjit.kernels.records import (
     Encoding,
     Faces,
@@ -60,6 +61,8 @@ class Shader(NamedTuple):
     background: NDArray[np.float32]
     """(4,) linear."""
     encoding: Encoding
+    sky: stages.Sky | None = None
+    """The environment, if it is seen where no face is."""
 
 
 class Lists(NamedTuple):
@@ -167,6 +170,10 @@ def shade_band(band: Band, shader: Shader, linear: NDArray[np.float32], scratch:
         shade(faces, colors)
         layers.lay_under(colors, faces, behind, sums)
     shade(band.opaque, linear)
+    if shader.sky is not None:
+        backgrounds.show_environment(
+            band.opaque, band.first_row, *shader.sky, shader.encoding, linear, no_color
+        )
     if len(images) > 1:
         layers.finish_sums(sums, linear)
 
@@ -202,6 +209,10 @@ def shade(
     viewport, surface = shader.geometry.viewport, shader.surface
     lists = part_lists(coverage, shader.placement.face_starts, plan.is_blended)
     rows = shading.sample_rows(surface, shader.lighting)
+    encoding, behind = shader.encoding, shader.background
+    if encoding.tone is not None:
+        # What is given as a colour is shown as given: it comes behind when tones are mapped.
+        shader = shader._replace(background=np.zeros(4, np.float32))
 
     def shade_tiles(first: int) -> None:
         scratch = shading.scratch_memory(rows, surface.textures is not None)
@@ -216,6 +227,9 @@ def shade(
                 shade_band(some, shader, target, scratch)
                 if color is not None:
                     packed = color.view(np.uint32)[place, :, 0]
-                    resolve.encode_rows(target, shader.encoding.table, packed)
+                    if encoding.tone is None:
+                        resolve.encode_rows(target, encoding.table, packed)
+                    else:
+                        backgrounds.show_over(target, behind, encoding, packed)
 
     workers.run(shade_tiles, [(first,) for first in range(0, viewport.height, TILE_SIZE)])

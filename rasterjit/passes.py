@@ -13,9 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit import layered, screen_effects, stages
+from rasterjit.environment_maps import backdrop_record, environment_record
 from rasterjit.kernels import interpolation
 from rasterjit.kernels.records import Alphas, Geometry, Lighting, Placement, Surface
 from rasterjit.plan import RenderPlan
+from rasterjit.plan_atmosphere import background_rays
 from rasterjit.prepared import Prepared
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.color import linear_to_srgb
@@ -44,9 +46,10 @@ def shade_faces(
     color = workers.memory.empty((height, width, 4), np.uint8) if "color" in plan.outputs else None
     lighting = find_lighting(plan, geometry, placement, coverage, workers)
     surface = find_surface(plan, prepared, placement, lighting, workers)
+    sky = find_sky(plan)
     if plan.layers is not None:
         shader = layered.Shader(
-            geometry, placement, surface, lighting, plan.background, plan.encoding
+            geometry, placement, surface, lighting, plan.background, plan.encoding, sky
         )
         layered.shade(plan.layers, coverage, shader, linear, color, workers)
     else:
@@ -60,11 +63,22 @@ def shade_faces(
         for picture in (linear, color):
             if picture is not None:
                 picture[len(shown) :] = picture[0]
+        if sky is not None:
+            empty = shown if plan.draws_faces else np.full((height, width), -1, np.int32)
+            stages.show_environment(empty, sky, plan.encoding, linear, color, workers)
     if linear is not None:
         result["linear"] = linear
     if color is not None:
         result["color"] = color
     return result
+
+
+def find_sky(plan: RenderPlan) -> stages.Sky | None:
+    """Return the environment, if it is seen where no face is."""
+    if plan.backdrop is None:
+        return None
+    rays = background_rays(plan.camera, plan.size)
+    return stages.Sky(rays, plan.size, backdrop_record(plan.backdrop))
 
 
 def find_lighting(
@@ -78,6 +92,10 @@ def find_lighting(
     lighting = plan.lighting
     if lighting is None:
         return None
+    if plan.environment is not None:
+        is_mirrored = "pbr" in plan.grounds.contents.shadings
+        environment = environment_record(plan.environment, is_mirrored, workers)
+        lighting = lighting._replace(environment=environment)
     # Draw the shadow maps.
     # Find how much ambient light reaches each pixel.
     if plan.ambient_occlusion is not None:

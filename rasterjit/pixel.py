@@ -63,7 +63,7 @@ def explain_pixel(
     *,
     quality: Quality | None = None,
     cull: str = "none",
-    background: Any = "white",
+    background: Any = None,
 ) -> PixelExplanation:
     """
     Say what happened at one pixel, stage by stage.

@@ -19,6 +19,7 @@ from rasterjit import transforms
 from rasterjit.kernels.records import Encoding, Lighting, Viewport
 from rasterjit.kernels.resolve import encoding_table
 from rasterjit.kernels.setup import GUARD_PIXELS
+from rasterjit.plan_atmosphere import check_atmosphere, fog_record, is_fog_in_reach, tone_record
 from rasterjit.plan_effects import (
     Contents,
     Effect,
@@ -34,6 +35,7 @@ from rasterjit.plan_views import view_nodes
 from rasterjit.scene.ambient_occlusion import RADIUS_OF_SCENE, AmbientOcclusion
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.color import linear_color
+from rasterjit.scene.environment import Environment
 from rasterjit.scene.light import (
     AmbientLight,
     DirectionalLight,
@@ -94,6 +96,10 @@ class RenderPlan:
     encoding: Encoding
     layers: Layers | None
     """What a pixel shows besides its nearest face; ``None`` -> nothing."""
+    environment: Environment | None
+    """What lights the scene from all around."""
+    backdrop: Environment | None
+    """What is seen where no face is."""
 
     @cached_property
     def effects(self) -> tuple[Effect, ...]:
@@ -182,6 +188,8 @@ def plan_render(
         quality=quality,
         has_ambient_light=has_ambient_light(scene.lights),
         transparency=_transparency(scene, camera, size, outputs, contents),
+        has_background=background is not None,
+        fog_reaches=is_fog_in_reach(scene.fog, scene.nodes, camera),
     )
     if "uv" in outputs and not contents.has_uv:
         raise ValueError("outputs has 'uv', but no mesh of the scene has texture coordinates")
@@ -195,13 +203,13 @@ def plan_render(
         camera=camera,
         quality=quality,
         outputs=outputs,
-        background=linear_color("background", background),
+        background=linear_color("background", "white" if background is None else background),
         cull=cull,
         wireframe=scene.wireframe if grounds.draws_edges else None,
         ambient_occlusion=_sized_occlusion(scene) if grounds.occludes else None,
         outline=scene.outline if grounds.draws_outlines else None,
         draws_faces=grounds.draws_faces,
-        lighting=_lighting(scene, camera, contents.highlights) if is_lit else None,
+        lighting=_lighting(scene, camera, contents.highlights, grounds),
         needs_normals=grounds.needs_normals,
         needs_gouraud=is_lit and "gouraud" in contents.shadings,
         diagnose=diagnose,
@@ -209,7 +217,12 @@ def plan_render(
         # The highlights of vertices lie on top of a texture: they are added up apart.
         needs_matt_light=is_lit and contents.has_textured_highlight,
         grounds=grounds,
-        encoding=Encoding(encoding_table()),
+        encoding=Encoding(
+            encoding_table(),
+            None if not grounds.maps_tones else tone_record(scene.tone_map),
+        ),
+        environment=scene.environment if grounds.has_environment_light else None,
+        backdrop=scene.environment if grounds.shows_environment else None,
         layers=_layers(grounds),
     )
 
@@ -298,6 +311,7 @@ def check_scene(scene: Scene) -> None:
         value = getattr(scene, name)
         if value is not None and not isinstance(value, kind):
             raise ValueError(f"scene.{name} must be an {kind.__name__} or None, got {value!r}")
+    check_atmosphere(scene)
 
 
 def check_outputs(outputs: Sequence[str]) -> tuple[str, ...]:
@@ -329,9 +343,19 @@ def viewport_of(size: tuple[int, int], subpixel_bits: int) -> Viewport:
     )
 
 
-def _lighting(scene: Scene, camera: Camera, highlights: int) -> Lighting:
-    """Return the lights as rows, relative to the eye; none in the scene means a headlight."""
-    return lighting_of(scene.lights or _headlight(camera), camera, highlights)
+def _lighting(scene: Scene, camera: Camera, highlights: int, grounds: Grounds) -> Lighting | None:
+    """
+    Return the lights as rows, relative to the eye, and the fog; ``None`` if there is neither.
+
+    No lights in the scene, and no environment, mean a headlight.
+    """
+    fog = fog_record(scene.fog, camera) if grounds.has_fog else None
+    if not grounds.is_lit:
+        return None if fog is None else lighting_of([], camera, 0)._replace(fog=fog)
+    lights = scene.lights
+    if not lights and scene.environment is None:
+        lights = _headlight(camera)
+    return lighting_of(lights, camera, highlights)._replace(fog=fog)
 
 
 def _headlight(camera: Camera) -> list[Light]:

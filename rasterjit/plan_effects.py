@@ -71,6 +71,10 @@ class Grounds(NamedTuple):
     quality: Quality
     has_ambient_light: bool
     transparency: Transparency
+    has_background: bool
+    """Whether the render was given a background."""
+    fog_reaches: bool
+    """Whether fog may cover anything."""
 
     @property
     def is_colored(self) -> bool:
@@ -134,6 +138,28 @@ class Grounds(NamedTuple):
     def antialiases(self) -> bool:
         """Whether the colour of a pixel is that of several samples, or of areas."""
         return self.shades and self.quality.samples != 1
+
+    @property
+    def has_environment_light(self) -> bool:
+        """Whether any light from all around reaches a colour that is asked for."""
+        return self.is_lit and self.environment is not None and self.environment.lights
+
+    @property
+    def shows_environment(self) -> bool:
+        """Whether the environment is seen where no face is."""
+        is_wanted = self.environment is not None and self.environment.background
+        return is_wanted and self.is_colored and not self.has_background
+
+    @property
+    def has_fog(self) -> bool:
+        """Whether fog may cover a colour that is asked for."""
+        return self.shades and self.fog_reaches
+
+    @property
+    def maps_tones(self) -> bool:
+        """Whether light is exposed, or a tone curve applied: to 8-bit colour alone."""
+        is_wanted = self.tone_map is not None and not self.tone_map.is_neutral
+        return is_wanted and "color" in self.outputs
 
     @property
     def draws_edges(self) -> bool:
@@ -212,6 +238,10 @@ def list_effects(grounds: Grounds) -> tuple[Effect, ...]:
         ),
         Effect("textures", grounds.needs_textures, _texture_reason(grounds)),
         Effect("alpha masks", grounds.needs_cutouts, _mask_reason(grounds)),
+        Effect("environment light", grounds.has_environment_light, _sky_light_reason(grounds)),
+        Effect("environment background", grounds.shows_environment, _sky_reason(grounds)),
+        Effect("fog", grounds.has_fog, _fog_reason(grounds)),
+        Effect("tone mapping", grounds.maps_tones, _tone_reason(grounds)),
         Effect("ambient occlusion", grounds.occludes, _occlusion_reason(grounds)),
         Effect("outline", grounds.draws_outlines, _outline_reason(grounds)),
         Effect("transparency", grounds.transparency.used, grounds.transparency.reason),
@@ -238,6 +268,8 @@ def _light_reason(grounds: Grounds) -> str:
     """Say what lights the scene, or why nothing needs to."""
     if not grounds.is_lit:
         return "nothing is shaded, or every material is unlit"
+    if not grounds.light_kinds and grounds.environment is not None:
+        return "no headlight, for the scene has an environment"
     return _counted(grounds.light_kinds) or "a headlight, for the scene has no lights"
 
 
@@ -287,6 +319,54 @@ def _outline_reason(grounds: Grounds) -> str:
     if not grounds.draws_faces:
         return "only the wireframe is drawn"
     return f"{', '.join(outline.edges)}, {outline.width} wide"
+
+
+def _sky_light_reason(grounds: Grounds) -> str:
+    """Say what light comes from all around, or why none does."""
+    if grounds.environment is None:
+        return "scene.environment is None"
+    if not grounds.is_lit:
+        return "nothing is shaded, or every material is unlit"
+    if not grounds.environment.lights:
+        return "the environment is black"
+    mirrored = ", mirrored by pbr" if "pbr" in grounds.contents.shadings else ""
+    return f"{grounds.environment.described}{mirrored}"
+
+
+def _sky_reason(grounds: Grounds) -> str:
+    """Say what is seen where no face is, as far as environments go."""
+    if grounds.environment is None:
+        return "scene.environment is None"
+    if not grounds.is_colored:
+        return "no output shows colour"
+    if grounds.has_background:
+        return "the render was given a background"
+    if not grounds.environment.background:
+        return "its background is False"
+    return "where no face is"
+
+
+def _fog_reason(grounds: Grounds) -> str:
+    """Say what fog there is, or why it covers nothing."""
+    if grounds.fog is None:
+        return "scene.fog is None"
+    if not grounds.shades:
+        return "no face is shaded"
+    if not grounds.fog_reaches:
+        empty = grounds.fog.density == 0.0
+        return "its density is 0" if empty else "it begins beyond everything"
+    return f"mode {grounds.fog.mode}" + (", by height" if grounds.fog.height is not None else "")
+
+
+def _tone_reason(grounds: Grounds) -> str:
+    """Say how light is brought onto the screen."""
+    if grounds.tone_map is None:
+        return "scene.tone_map is None"
+    if "color" not in grounds.outputs:
+        return "no output shows colour in 8 bits"
+    if grounds.tone_map.is_neutral:
+        return "curve none, exposure 0"
+    return f"curve {grounds.tone_map.curve}, exposure {grounds.tone_map.exposure:g}"
 
 
 def _wireframe_reason(grounds: Grounds) -> str:

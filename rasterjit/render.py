@@ -44,7 +44,7 @@ def render(
     size: tuple[int, int] = (1280, 720),
     quality: Quality | None = None,
     outputs: Sequence[str] = ("color",),
-    background: Any = "white",
+    background: Any = None,
     cull: str = "none",
     diagnose: bool = False,
     threads: int | None = None,
@@ -63,8 +63,9 @@ def render(
         Default ``Quality.standard()``.
     outputs : sequence of str
         Any of color, depth, face_id, object_id, barycentric, uv, normal, position, linear.
-    background : color
+    background : color, optional
         ``"white"``, ``"#rrggbb"``, ``"transparent"``, or linear floats (see ``linear_color``).
+        Default: the scene's environment, if it is a background; else white.
     cull : {"none", "back", "front"}
         Faces that are dropped. Counter-clockwise is the front.
     diagnose : bool
@@ -94,7 +95,7 @@ def explain(
     *,
     size: tuple[int, int] = (1280, 720),
     outputs: Sequence[str] = ("color",),
-    background: Any = "white",
+    background: Any = None,
     cull: str = "none",
     diagnose: bool = False,
 ) -> RenderPlan:
@@ -203,7 +204,7 @@ class Renderer:
         camera: Camera | None = None,
         *,
         outputs: Sequence[str] = ("color",),
-        background: Any = "white",
+        background: Any = None,
         cull: str = "none",
         diagnose: bool = False,
     ) -> Frame:

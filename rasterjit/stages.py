@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.kernels import (
+    backgrounds,
     binning,
     clipping,
     interpolation,
@@ -27,6 +28,7 @@ from rasterjit.kernels import (
 from rasterjit.kernels.records import (
     Cutouts,
     Encoding,
+    Environment,
     Faces,
     Geometry,
     Lighting,
@@ -119,6 +121,16 @@ class Coverage(NamedTuple):
     totals: Totals
     lists: TileLists | None
     """``None`` unless they were asked for."""
+
+
+class Sky(NamedTuple):
+    """The environment as a background, as ``backgrounds.show_environment`` takes it."""
+
+    rays: NDArray[np.float64]
+    """(3, 3): direction at the middle of the frame, and its change with x and y."""
+    size: tuple[int, int]
+    """Width and height of the frame, pixels."""
+    environment: Environment
 
 
 def transform(
@@ -479,7 +491,7 @@ def light_vertices(
     workers: Workers,
 ) -> NDArray[np.float32]:
     """Light the vertices of the objects shaded by Gouraud; (V, 2, 3), zero for the others."""
-    count = len(placement.positions)
+    count, lighting = len(placement.positions), vertex_lighting(lighting)
     lit = np.zeros((count, 2, 3), np.float32)
     per_task = _per_task(count, LEAST_LIT_VERTICES, workers)
 
@@ -489,6 +501,14 @@ def light_vertices(
 
     workers.run(light_some, [(n,) for n in range(0, count, per_task)])
     return lit
+
+
+def vertex_lighting(lighting: Lighting) -> Lighting:
+    """Return the light that falls on vertices: no fog, which lies over pixels, no mirrors."""
+    environment = lighting.environment
+    if environment is not None:
+        environment = environment._replace(reflections=None)
+    return lighting._replace(environment=environment, fog=None)
 
 
 def shade(
@@ -535,6 +555,42 @@ def shade(
         )  # fmt: skip
 
     workers.run(shade_band, [(first,) for first in range(0, height, per_task)])
+
+
+def show_environment(
+    face_id: NDArray[np.int32],
+    sky: Sky,
+    encoding: Encoding,
+    linear: NDArray[np.float32] | None,
+    color: NDArray[np.uint8] | None,
+    workers: Workers,
+) -> None:
+    """
+    Write the environment to the pixels without a face, in bands of rows.
+
+    Parameters
+    ----------
+    face_id : (H, W) int32
+    sky : Sky
+    encoding : Encoding
+    linear : (H, W, 4) float32 or None
+    color : (H, W, 4) uint8 or None
+        Written, if the frame has them.
+    workers : Workers
+    """
+    height = len(face_id)
+    packed = np.empty((height, 0), np.uint32) if color is None else color.view(np.uint32)[:, :, 0]
+    if linear is None:
+        linear = np.empty((height, 0, 4), np.float32)
+    per_task = rows_per_task(face_id.shape, workers)
+
+    def show_band(first: int) -> None:
+        band = slice(first, min(first + per_task, height))
+        backgrounds.show_environment(
+            face_id[band], first, *sky, encoding, linear[band], packed[band]
+        )
+
+    workers.run(show_band, [(first,) for first in range(0, height, per_task)])
 
 
 def unique_edges(faces: NDArray[np.int32]) -> NDArray[np.int32]:

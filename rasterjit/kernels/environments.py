@@ -200,14 +200,23 @@ def light_from_all_sides(x, y, z, terms, k):
     return max(total, np.float32(0.0))
 
 
+@stage
+def share_reached(occlusion, i):
+    """Return the share of light from all sides that reaches a sample: 1 if nothing hides it."""
+    if occlusion is None:
+        return np.float32(1.0)
+    return occlusion[i]
+
+
 @disjoint_stage
 def add_irradiance(
-    terms, turn, intensity, nx, ny, nz, shares, red, green, blue, out_red, out_green, out_blue
+    terms, turn, intensity, occlusion, nx, ny, nz, shares, red, green, blue, out_red, out_green,
+    out_blue,
 ):  # fmt: skip
     """Add to each sample its share of the light from all sides, times its base colour."""
     for i in range(out_red.shape[0]):
         x, z = turn[0] * nx[i] - turn[1] * nz[i], turn[1] * nx[i] + turn[0] * nz[i]
-        arriving = shares[i] * intensity
+        arriving = shares[i] * intensity * share_reached(occlusion, i)
         out_red[i] += arriving * (red[i] * light_from_all_sides(x, ny[i], z, terms, 0))
         out_green[i] += arriving * (green[i] * light_from_all_sides(x, ny[i], z, terms, 1))
         out_blue[i] += arriving * (blue[i] * light_from_all_sides(x, ny[i], z, terms, 2))
@@ -294,3 +303,44 @@ def add_mirrored(samples, n, arriving, environment, reflections, toward_viewer):
         blue_once * mirrored[2]
         + (blue_often + inside * blue) * light_from_all_sides(x, ny, z, terms, 2)
     )
+
+
+@stage
+def add_reflections(samples, count, occlusion, environment, reflections, toward_viewer):
+    """Add the environment to the samples of microfacets; nothing if there are none."""
+    if reflections is None:
+        return
+    for n in range(count):
+        share = samples[lit.MICROFACET, n]
+        if share > np.float32(0.0):
+            arriving = share * environment.intensity * share_reached(occlusion, n)
+            add_mirrored(samples, n, arriving, environment, reflections, toward_viewer)
+
+
+@stage
+def add_environment(samples, count, occlusion, environment, toward_viewer):
+    """
+    Add what the environment sheds on a row of samples; nothing without one.
+
+    Parameters
+    ----------
+    samples : (SAMPLE_ROWS, N) float32
+        Reads the rows up to LIT, normals of length one, and those of microfacets if anything
+        mirrors the environment; adds to rows OUT_RED.. of the first ``count`` samples.
+    count : int
+    occlusion : (N,) float32 or None
+        The share of light from all sides that reaches each sample; ``None``: all of it.
+    environment : Environment or None
+    toward_viewer : (4,) float32
+        A point p, relative to the eye, is seen along ``xyz - w p``.
+    """
+    if environment is None:
+        return
+    add_irradiance(
+        environment.irradiance, environment.turn, environment.intensity, occlusion,
+        samples[lit.NORMAL_X, :count], samples[lit.NORMAL_Y, :count],
+        samples[lit.NORMAL_Z, :count], samples[lit.LIT, :count], samples[lit.RED, :count],
+        samples[lit.GREEN, :count], samples[lit.BLUE, :count], samples[lit.OUT_RED, :count],
+        samples[lit.OUT_GREEN, :count], samples[lit.OUT_BLUE, :count],
+    )  # fmt: skip
+    add_reflections(samples, count, occlusion, environment, environment.reflections, toward_viewer)

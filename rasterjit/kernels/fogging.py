@@ -24,6 +24,9 @@ LINEAR, EXPONENTIAL, EXPONENTIAL_SQUARED = 0, 1, 2
 NEARLY_LEVEL = np.float32(0.25)
 """Change of the density's binary exponent along a ray, below which a series gives the mean."""
 
+DEEPEST = np.float32(1e9)
+"""Optical depths are held below: their squares stay finite."""
+
 LN_2 = np.float32(0.69314718)
 
 
@@ -78,6 +81,7 @@ def cover_exponentially(
     for i in range(red.shape[0]):
         distance = distance_to(px[i], py[i], pz[i], viewer)
         depth = density * distance * mean_density(above * falloff, py[i] * falloff)
+        depth = min(depth, DEEPEST)
         depth *= depth * squares + (one - squares)
         share = exp2(-depth)
         rest = one - share

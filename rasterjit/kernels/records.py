@@ -183,6 +183,65 @@ class Surface(NamedTuple):
     """What it takes to find the alpha of a sample | None -> all are opaque."""
 
 
+class Reflections(NamedTuple):
+    """What is around the scene, filtered for rough surfaces."""
+
+    texels: Any
+    """(N, 3) float32, linear RGB: level by level, row by row from the top."""
+    levels: Any
+    """(8, 3) int64: first texel, width, height | (0, 3): all are alike."""
+
+
+class Environment(NamedTuple):
+    """Light from all around, and what is seen behind all faces."""
+
+    irradiance: Any
+    """(9, 3) float32: the light on a surface over pi, as a polynomial of its normal."""
+    turn: Any
+    """(2,) float32: cosine and sine of the angle that it is turned by about y."""
+    intensity: Any
+    """float32, factor on all of its light."""
+    texels: Any
+    """(N, 3) float32, linear RGB: an equirectangular picture, row by row from the top."""
+    width: int
+    """Of the picture, texels; 0 if there is none."""
+    height: int
+    gradient: Any
+    """(3, 3) float32, linear RGB: zenith, horizon and ground, where there is no picture."""
+    reflections: Reflections | None
+    """None -> no object mirrors it."""
+
+
+class Fog(NamedTuple):
+    """What lies between the surfaces and the eye."""
+
+    mode: int
+    """See ``fogging``."""
+    color: Any
+    """(3,) float32, linear."""
+    end: Any
+    """float32, scene units: distance that nothing is seen beyond."""
+    per_range: Any
+    """float32: one over the distance from where the fog begins to its end."""
+    density: Any
+    """float32: halvings a scene unit."""
+    above: Any
+    """float32, scene units: height of the eye over where the fog has its density."""
+    falloff: Any
+    """float32: halvings of the density a scene unit upwards; 0 for even density."""
+
+
+class ToneMap(NamedTuple):
+    """How light becomes what a screen shows."""
+
+    curve: int
+    """See ``resolve``."""
+    stops: Any
+    """float32, exposure."""
+    per_white: Any
+    """float32: one over the square of the luminance that becomes white."""
+
+
 class Lighting(NamedTuple):
     """The light that falls on the scene."""
 

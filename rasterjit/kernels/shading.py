@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
+from rasterjit.kernels import environments, fogging, runs, stretches, texturing
 from rasterjit.kernels import lighting as lit
-from rasterjit.kernels import runs, stretches, texturing
 from rasterjit.kernels.alpha import alpha_at, alpha_row, find_alphas
 from rasterjit.kernels.attributes import material_tint
 from rasterjit.kernels.gathering import gather_row
@@ -32,6 +32,7 @@ from rasterjit.kernels.records import (
 )
 from rasterjit.kernels.resolve import encode_pixel, encode_span
 from rasterjit.kernels.setup import last_at_most
+from rasterjit.kernels.tone_mapping import toned
 
 PADDING = stretches.VECTOR
 """
@@ -120,6 +121,14 @@ def occlude_row(samples, faces, left, row, lighting, maps):
 
 
 @stage
+def occlusion_row(samples, occlusion):
+    """Return how much ambient light reaches each sample; nothing if all of it does."""
+    if occlusion is None:
+        return None
+    return samples[lit.OCCLUSION]
+
+
+@stage
 def dim_ambient(samples, count, occlusion):
     """Take away the ambient light that does not arrive."""
     if occlusion is None:
@@ -161,8 +170,11 @@ def light_row(samples, weights, faces, count, row, geometry, placement, lighting
     for n in range(lighting.lights.shape[0]):
         lit.add_lights(samples, count, n, lighting, toward_viewer)
     # Add the environment.
+    occlusion = occlusion_row(samples, lighting.occlusion)
+    environments.add_environment(samples, count, occlusion, lighting.environment, toward_viewer)
     # Add what the surfaces send out.
     # Lay the fog over all.
+    fogging.cover_samples(samples, count, lighting.fog, toward_viewer)
 
 
 @stage
@@ -196,28 +208,28 @@ def write_background(background, behind, linear, color):
 
 
 @stage
-def write_span(colors, alphas, first, count, encoding, linear, color):
+def write_span(colors, shown, alphas, first, count, encoding, linear, color):
     """Write a span of gathered samples, from number ``first`` on."""
     stop = first + count
     if color.shape[0] > 0:
         encode_span(
-            colors[0][first:stop],
-            colors[1][first:stop],
-            colors[2][first:stop],
-            encoding.table,
-            color,
+            shown[0][first:stop], shown[1][first:stop], shown[2][first:stop], encoding.table, color
         )
     if linear.shape[0] > 0:
         write_linear(colors, alphas, first, linear)
 
 
 @stage
-def write_row(faces, count, colors, alphas, background, encoding, linear, color):
-    """Write a part of a row: its gathered samples in their places, background elsewhere."""
+def write_row(faces, count, colors, shown, alphas, background, encoding, linear, color):
+    """
+    Write a part of a row: its gathered samples in their places, background elsewhere.
+
+    Takes the rows of linear colour, and those of the colour to show.
+    """
     behind = encode_pixel(background, encoding.table)
     columns = faces.shape[0]
     if count == columns:
-        write_span(colors, alphas, 0, count, encoding, linear, color)
+        write_span(colors, shown, alphas, 0, count, encoding, linear, color)
         return
     if count == 0:
         write_background(background, behind, linear, color)
@@ -228,7 +240,7 @@ def write_row(faces, count, colors, alphas, background, encoding, linear, color)
         if faces[at] < 0:
             write_background(background, behind, linear[at:end], color[at:end])
         else:
-            write_span(colors, alphas, n, end - at, encoding, linear[at:end], color[at:end])
+            write_span(colors, shown, alphas, n, end - at, encoding, linear[at:end], color[at:end])
             n += end - at
         at = end
 
@@ -315,9 +327,10 @@ def shade_rows(
                 samples, weights, faces, count, first_row + row, geometry, placement, lighting,
                 toward_viewer,
             )  # fmt: skip
+            shown = toned(samples, count, colors, encoding.tone)
             write_row(
-                faces, count, colors, alpha_row(samples, surface.alphas), background, encoding,
-                linear[row, left:right], color[row, left:right],
+                faces, count, colors, shown, alpha_row(samples, surface.alphas), background,
+                encoding, linear[row, left:right], color[row, left:right],
             )  # fmt: skip
 
 
@@ -344,6 +357,7 @@ def light_block(first, count, owner, placement, surface, lighting, lit_vertices,
             samples[lit.SHININESS, n] = surface.materials[owner, MATERIAL_SHININESS]
             samples[lit.LIT, n] = 1.0
         lit.light_samples(samples, count, lighting, toward_viewer)
+        environments.add_environment(samples, count, None, lighting.environment, toward_viewer)
         for n in range(count):
             for k in range(3):
                 lit_vertices[first + n, side, k] = samples[lit.OUT_RED + k, n]

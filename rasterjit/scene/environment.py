@@ -203,6 +203,15 @@ class Environment:
         sky = self.sky
         return self.intensity > 0.0 and any(sky.zenith + sky.horizon + sky.ground)
 
+    @property
+    def described(self) -> str:
+        """What it is, in words."""
+        if isinstance(self.sky, Panorama):
+            height, width = self.sky.image.shape[:2]
+            return f"a picture of {width}×{height} texels"
+        sky = self.sky
+        return "one colour" if sky.zenith == sky.horizon == sky.ground else "a sky gradient"
+
 
 def _linear_panorama(value: Any) -> NDArray[np.float32]:
     """Return a picture as (H, W, 3) float32, linear, read-only, or raise ``ValueError``."""

@@ -87,7 +87,7 @@ class Fog:
         """Store start and end as floats."""
         start = bounded_number("start", 0.0 if self.start is None else self.start, 0.0, FARTHEST)
         if self.end is None:
-            raise ValueError("end must be given for fog of mode 'linear', got None")
+            raise ValueError("end must be given for mode 'linear', got None")
         end = bounded_number("end", self.end, 0.0, FARTHEST)
         if not end > start:
             raise ValueError(f"end must be above start, {start!r}; got {end!r}")
@@ -97,13 +97,13 @@ class Fog:
     def _check_density(self) -> None:
         """Store density, height and falloff as floats."""
         if self.density is None:
-            raise ValueError(f"density must be given for fog of mode {self.mode!r}, got None")
+            raise ValueError(f"density must be given for mode {self.mode!r}, got None")
         object.__setattr__(self, "density", bounded_number("density", self.density, 0.0, DENSEST))
         if self.height is None:
             self._refuse_falloff()
             return
         if self.mode != "exp":
-            raise ValueError(f"height must be None for fog of mode 'exp2', got {self.height!r}")
+            raise ValueError(f"height must be None for mode 'exp2', got {self.height!r}")
         height = finite_number("height", self.height)
         object.__setattr__(self, "height", bounded_number("height", height, -FARTHEST, FARTHEST))
         if self.falloff is None:

@@ -92,7 +92,8 @@ def _read_radiance(file: Path) -> NDArray[np.float32]:
     except (IndexError, ValueError) as error:
         raise ValueError(f"path must be a picture, but {str(file)!r} is not: {error}") from error
     exponents = rgbe[:, :, 3:].astype(np.int32) - EXPONENT_BIAS
-    linear = np.ldexp(rgbe[:, :, :3].astype(np.float32), exponents)
+    with np.errstate(under="ignore"):
+        linear = np.ldexp(rgbe[:, :, :3].astype(np.float32), exponents)
     return np.where(rgbe[:, :, 3:] == 0, np.float32(0.0), linear)
 
 

@@ -11,8 +11,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.scene.color import ColorLike, linear_color
+from rasterjit.scene.environment import Environment
+from rasterjit.scene.fog import Fog
 from rasterjit.scene.light import Light
 from rasterjit.scene.mesh import Mesh
+from rasterjit.scene.tone_map import ToneMap
 from rasterjit.transforms import transform_instances
 from rasterjit.validation import finite_array, one_of, read_only
 
@@ -127,10 +130,14 @@ class Scene:
     nodes : list of Node
         In the order they were added; a node's index is its object number.
     lights : list of AmbientLight, DirectionalLight or PointLight
-        Empty means that the renderer adds a headlight.
+        Empty means that the renderer adds a headlight, unless there is an environment.
     camera : PerspectiveCamera, OrthographicCamera, MatrixCamera or None
         The camera a file brought, if any.
     wireframe : Wireframe or None
+    environment : Environment or None
+        Light from all around, seen behind all faces; with one there is no headlight.
+    fog : Fog or None
+    tone_map : ToneMap or None
     """
 
     def __init__(self) -> None:
@@ -138,9 +145,9 @@ class Scene:
         self.lights: list[Light] = []
         self.camera: PerspectiveCamera | OrthographicCamera | MatrixCamera | None = None
         self.wireframe: Wireframe | None = None
-        self.environment: Any = None
-        self.fog: Any = None
-        self.tone_map: Any = None
+        self.environment: Environment | None = None
+        self.fog: Fog | None = None
+        self.tone_map: ToneMap | None = None
         self.ambient_occlusion: Any = None
         self.outline: Any = None
 

@@ -5,13 +5,16 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from rasterjit.validation import bounded_number, finite_number, one_of
+from rasterjit.validation import bounded_number, one_of
 
 CURVES = ("none", "reinhard", "aces", "neutral")
 """Names of the tone curves."""
 
 MOST_STOPS = 32.0
 """Largest exposure either way: four thousand million to one."""
+
+WHITES = 1e-6, 1e12
+"""Least and largest white, if it is not infinite: one over its square is finite in float32."""
 
 
 @dataclass(frozen=True)
@@ -41,8 +44,8 @@ class ToneMap:
     Raises
     ------
     ValueError
-        If the curve is unknown, the exposure is not in -32..32, or ``white`` is not above 0 or is
-        given for another curve.
+        If the curve is unknown, the exposure is not in -32..32, or ``white`` is neither inf nor in
+        1e-6..1e12 or is given for another curve.
 
     References
     ----------
@@ -63,10 +66,7 @@ class ToneMap:
         if not (isinstance(self.white, float) and self.white == math.inf):
             if self.curve != "reinhard":
                 raise ValueError(f"white must be inf for curve {self.curve!r}, got {self.white!r}")
-            white = finite_number("white", self.white)
-            if not white > 0.0:
-                raise ValueError(f"white must be above 0, got {white!r}")
-            object.__setattr__(self, "white", white)
+            object.__setattr__(self, "white", bounded_number("white", self.white, *WHITES))
 
     @property
     def is_neutral(self) -> bool:
