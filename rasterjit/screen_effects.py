@@ -24,7 +24,7 @@ EDGE_BITS = {
 }
 
 
-def lens_of(camera: Camera, size: tuple[int, int], unit: float | None) -> NDArray[np.float32]:
+def lens_of(camera: Camera, size: tuple[int, int], unit: float) -> NDArray[np.float32]:
     """
     Return how the point at a pixel follows from its stored depth; see ``kernels.lenses``.
 
@@ -33,8 +33,8 @@ def lens_of(camera: Camera, size: tuple[int, int], unit: float | None) -> NDArra
     camera : Camera
     size : (int, int)
         Width and height, pixels.
-    unit : float or None, scene units
-        What lengths are measured in; ``None`` makes the largest entry 1.
+    unit : float, scene units
+        What lengths are measured in.
 
     Returns
     -------
@@ -59,8 +59,9 @@ def lens_of(camera: Camera, size: tuple[int, int], unit: float | None) -> NDArra
             rest + right * (1.0 / width - 1.0) + up * (1.0 - 1.0 / height),
         ]
     )
-    lens[:, :3] /= np.abs(lens[:, :3]).max() if unit is None else unit
-    return lens.astype(np.float32)
+    lens[:, :3] /= unit
+    # Homogeneous points may have any scale: so that float32 holds them.
+    return (lens / np.abs(lens[:, :3]).max()).astype(np.float32)
 
 
 def _inverse(rows: list[list[float]]) -> list[list[float]]:
@@ -160,7 +161,7 @@ def draw_outlines(
     """
     face_id, depth = coverage.face_id, coverage.depth
     height, width = face_id.shape
-    lens = lens_of(camera, (width, height), None)
+    lens = lens_of(camera, (width, height), 1.0)
     snap = math.ldexp(outlines.SNAP_SLACK, -geometry.viewport.subpixel_bits)
     kinds = functools.reduce(operator.or_, (EDGE_BITS[kind] for kind in effect.edges))
     _, least_cosine = transforms.sine_cosine(effect.crease_angle)

@@ -31,7 +31,7 @@ from rasterjit.kernels.jit import disjoint_stage, kernel, stage
 from rasterjit.kernels.lenses import change, locate
 from rasterjit.kernels.records import Geometry, Placement
 
-BLOCK_COLUMNS = 256
+BLOCK_COLUMNS = 128
 """Columns looked at together: their scratch memory stays in a core's own cache."""
 
 STEPS = 4
@@ -87,7 +87,9 @@ BLOCKED, OPEN = 34, 35
 """Rows: sums over the slices."""
 TOLERANCE = 36
 """Row: largest difference of depth to pixels of the same surface."""
-SCRATCH_ROWS = 37
+STRETCH = 37
+"""Row: one over the length of the normal in the slice."""
+SCRATCH_ROWS = 38
 
 
 def screen_pattern() -> np.ndarray:
@@ -202,7 +204,7 @@ def place_block(
 @disjoint_stage
 def place_slice(
     turned, dx, dy, nx, ny, nz, vx, vy, vz, ax, ay, az, bx, by, bz, cx, cy, cz, pw, way_a, way_b,
-    way_c, share, eye_cosine, eye_sine, reach, ahead, behind,
+    way_c, share, stretch, eye_cosine, eye_sine, reach, ahead, behind,
 ):  # fmt: skip
     """Lay a slice along the direction of each pixel, or at a right angle to it if ``turned``."""
     one = np.float32(1.0)
@@ -223,8 +225,8 @@ def place_slice(
         n_along = nx[i] * ex + ny[i] * ey + nz[i] * ez
         n_toward = nx[i] * vx[i] + ny[i] * vy[i] + nz[i] * vz[i]
         share[i] = np.sqrt(n_along * n_along + n_toward * n_toward)
-        scale = one / (share[i] + LEAST)
-        eye_cosine[i], eye_sine[i] = -n_along * scale, n_toward * scale
+        stretch[i] = one / (share[i] + LEAST)
+        eye_cosine[i], eye_sine[i] = -n_along * stretch[i], n_toward * stretch[i]
         tx = eye_sine[i] * ex + eye_cosine[i] * vx[i]
         ty = eye_sine[i] * ey + eye_cosine[i] * vy[i]
         tz = eye_sine[i] * ez + eye_cosine[i] * vz[i]
@@ -237,7 +239,7 @@ def place_slice(
 @disjoint_stage
 def raise_horizon(
     side, turned, number, row, lens, size, depths, dx, dy, jitter, column, depth, pw, rise_a,
-    rise_b, rise_c, slack, way_a, way_b, way_c, share, reach, horizon,
+    rise_b, rise_c, slack, way_a, way_b, way_c, stretch, reach, horizon,
 ):  # fmt: skip
     """Take one sample for each pixel, on one side of its slice."""
     across, down, deeper, _ = lens
@@ -252,19 +254,21 @@ def raise_horizon(
         is_inside = (x >= zero) & (x < size[0]) & (y >= zero) & (y < size[1])
         x, y = min(max(x, zero), size[0] - one), min(max(y, zero), size[1] - one)
         place = np.uint32(np.uint32(np.int32(y)) * np.uint32(size[0]) + np.uint32(np.int32(x)))
-        there = depths[np.uintp(place)]
+        there = depths[np.uintp(place & np.uint32(0x7FFFFFFF))]
         is_inside = is_inside & (there > np.float32(-np.inf))
         # Find how far along the plane it is, and how high above.
         change = there - depth[i] if is_inside else zero
         flat = side * (right * way_a[i] + low * way_b[i] + change * way_c[i])
         rounding = DEPTH_ROUNDING * (abs(there) + abs(depth[i])) * abs(rise_c[i])
         height = right * rise_a[i] + low * rise_b[i] + change * rise_c[i] - slack[i] - rounding
-        high = height / (share[i] + LEAST)
-        squared = flat * flat + high * high
-        cosine = flat / np.sqrt(squared + LEAST)
+        high = height * stretch[i]
+        squared = flat * flat + high * high + LEAST
+        length = np.sqrt(squared)
         # Let what is farther away than the radius count for nothing.
         w = pw[i] + right * across[3] + low * down[3] + change * deeper[3]
-        weight = min(one, two - two * squared / (w * w))
+        scale = one / (length * w * w)
+        weight = min(one, two - two * squared * length * scale)
+        cosine = flat * w * w * scale
         is_above = is_inside & (height > zero) & (weight > zero)
         faded = one - weight * (one - cosine)
         horizon[i] = min(horizon[i], faded) if is_above else horizon[i]
@@ -293,8 +297,8 @@ def look_around(s, count, row, lens, size, depths, turned):
         s[DOWN, :count], s[DOWN + 1, :count], s[DOWN + 2, :count],
         s[DEEPER, :count], s[DEEPER + 1, :count], s[DEEPER + 2, :count],
         s[PW, :count], s[WAY_ACROSS, :count], s[WAY_DOWN, :count], s[WAY_DEEPER, :count],
-        s[SHARE, :count], s[EYE_COSINE, :count], s[EYE_SINE, :count], s[REACH, :count],
-        s[AHEAD, :count], s[BEHIND, :count],
+        s[SHARE, :count], s[STRETCH, :count], s[EYE_COSINE, :count], s[EYE_SINE, :count],
+        s[REACH, :count], s[AHEAD, :count], s[BEHIND, :count],
     )  # fmt: skip
     for side in range(2):
         for number in range(STEPS):
@@ -304,7 +308,7 @@ def look_around(s, count, row, lens, size, depths, turned):
                 s[COLUMN, :count], s[DEPTH, :count], s[PW, :count],
                 s[RISE_ACROSS, :count], s[RISE_DOWN, :count], s[RISE_DEEPER, :count],
                 s[SLACK, :count], s[WAY_ACROSS, :count], s[WAY_DOWN, :count],
-                s[WAY_DEEPER, :count], s[SHARE, :count], s[REACH, :count],
+                s[WAY_DEEPER, :count], s[STRETCH, :count], s[REACH, :count],
                 s[AHEAD + side, :count],
             )  # fmt: skip
     add_slice(
