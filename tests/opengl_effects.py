@@ -315,9 +315,9 @@ def light_uniforms(lights: Sequence[Any]) -> dict[str, Any]:
             place = (*np.negative(light.direction), 0.0)
             rows.append((place, color, np.inf, (0.0, 0.0, 0.0), NO_CONE))
         else:
-            limit = getattr(light, "range", None) or np.inf
+            limit = np.inf if light.range is None else light.range
             axis, cone = (0.0, 0.0, 0.0), NO_CONE
-            if hasattr(light, "outer_angle"):
+            if isinstance(light, rj.SpotLight):
                 axis = light.direction
                 cone = tuple(np.cos(np.radians([light.inner_angle, light.outer_angle])))
             rows.append(((*light.position, 1.0), color, limit, axis, cone))
