@@ -12,6 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -323,7 +324,11 @@ FAMILIES: dict[str, Callable[[int], Scene]] = {
 }
 
 
-def find_scene(name: str) -> Scene:
-    """Return the scene of a name in ``SCENES``, or of ``family:number``."""
+def find_scene(name: str) -> Any:
+    """Return the scene of a name in ``SCENES``, of ``family:number`` or of ``effect:variant``."""
     family, colon, number = name.partition(":")
+    if family == "effect":
+        from benchmarks.effects_scenes import find_variant
+
+        return find_variant(number)
     return FAMILIES[family](int(number)) if colon else SCENES[name]()

@@ -51,6 +51,13 @@ MODULES = {
 }
 """The key of a contestant, and its file."""
 
+OF_EFFECTS = {
+    "rasterjit_effects": "rasterjit_effects",
+    "opengl_effects": "opengl_effects",
+    "opengl_sorted": "opengl_sorted",
+}
+"""Those who draw an `benchmarks.effects_scenes.EffectScene`, and nothing else."""
+
 
 class Prepared(Protocol):
     """A scene that is ready to be drawn again and again."""
@@ -99,4 +106,4 @@ class Contestant(Protocol):
 
 def contestant(key: str) -> ModuleType:
     """Return a contestant's module; its own packages are imported when it prepares."""
-    return import_module(f"benchmarks.contestants.{MODULES[key]}")
+    return import_module(f"benchmarks.contestants.{(MODULES | OF_EFFECTS)[key]}")
