@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from rasterjit.kernels import prefiltering
 from rasterjit.kernels.environments import IRRADIANCE_TERMS, ROUGH_LEVELS
 from rasterjit.kernels.records import Environment, Reflections
-from rasterjit.plan import writable
+from rasterjit.plan_arrays import writable
 from rasterjit.scene.environment import Environment as SceneEnvironment
 from rasterjit.scene.environment import Panorama, SkyGradient
 from rasterjit.transforms import sine_cosine

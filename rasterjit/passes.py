@@ -44,7 +44,7 @@ def shade_faces(
         workers.memory.empty((height, width, 4), np.float32) if "linear" in plan.outputs else None
     )
     color = workers.memory.empty((height, width, 4), np.uint8) if "color" in plan.outputs else None
-    lighting = find_lighting(plan, geometry, placement, coverage, workers)
+    lighting = find_lighting(plan, prepared, geometry, placement, coverage, workers)
     surface = find_surface(plan, prepared, placement, lighting, workers)
     sky = find_sky(plan)
     if plan.layers is not None:
@@ -83,6 +83,7 @@ def find_sky(plan: RenderPlan) -> stages.Sky | None:
 
 def find_lighting(
     plan: RenderPlan,
+    prepared: Prepared,
     geometry: Geometry,
     placement: Placement,
     coverage: stages.Coverage,
@@ -92,6 +93,8 @@ def find_lighting(
     lighting = plan.lighting
     if lighting is None:
         return None
+    if plan.needs_microfacets:
+        lighting = lighting._replace(microfacets=prepared.looks.microfacets)
     if plan.environment is not None:
         is_mirrored = "pbr" in plan.grounds.contents.shadings
         environment = environment_record(plan.environment, is_mirrored, workers)
@@ -128,6 +131,8 @@ def find_surface(
         surface = surface._replace(textures=looks.textures)
     if plan.layers is not None and plan.layers.has_blended:
         surface = surface._replace(alphas=Alphas(plan.layers.is_blended))
+    if plan.needs_maps:
+        surface = surface._replace(maps=looks.maps)
     return surface
 
 

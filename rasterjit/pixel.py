@@ -133,7 +133,8 @@ def _draw(scene: Scene, plan: RenderPlan) -> _Drawn:
     arrays = plan_arrays.join_geometry([node.mesh for node in scene.nodes])
     views = plan_views.view_nodes(scene.nodes, plan.camera, plan.size)
     viewport = planning.viewport_of(plan.size, plan.quality.subpixel_bits)
-    objects = plan_views.cull_objects(plan.cull, views, arrays.face_starts)
+    is_single_sided = plan_arrays.single_sided([node.mesh for node in scene.nodes])
+    objects = plan_views.cull_objects(plan.cull, views, arrays.face_starts, is_single_sided)
     vertices = stages.ModelVertices(
         arrays.positions, arrays.vertex_starts, views.relative_from_model,
         views.clip_from_relative,
@@ -144,7 +145,7 @@ def _draw(scene: Scene, plan: RenderPlan) -> _Drawn:
         lambda _: None, keep_lists=True, keep_clip_positions=True, cutouts=cutouts,
     )  # fmt: skip
     lists = coverage.lists
-    if plan.cull != "none":
+    if objects.culled_turns.any():
         # List the culled faces as well.
         everything = Objects(objects.face_starts, np.zeros_like(objects.culled_turns))
         starts, binned, _, _ = stages.set_up_and_bin(

@@ -92,6 +92,8 @@ class RenderPlan:
     diagnose: bool
     needs_textures: bool
     needs_matt_light: bool
+    needs_microfacets: bool
+    needs_maps: bool
     grounds: Grounds
     encoding: Encoding
     layers: Layers | None
@@ -216,6 +218,8 @@ def plan_render(
         needs_textures=grounds.needs_textures,
         # The highlights of vertices lie on top of a texture: they are added up apart.
         needs_matt_light=is_lit and contents.has_textured_highlight,
+        needs_microfacets=grounds.needs_microfacets,
+        needs_maps=grounds.needs_maps,
         grounds=grounds,
         encoding=Encoding(
             encoding_table(),

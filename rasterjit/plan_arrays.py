@@ -130,6 +130,11 @@ def join_surface(meshes: Sequence[Mesh], normals: NDArray[np.float32] | None) ->
     return Surface(materials, vertex_colors, face_colors, normals, None, None, None)
 
 
+def single_sided(meshes: Sequence[Mesh]) -> NDArray[np.bool_]:
+    """Return whether the back faces of each object are not drawn, (O,)."""
+    return np.array([not mesh.material.double_sided for mesh in meshes], bool)
+
+
 def _join(
     parts: Sequence[tuple[NDArray[np.float32] | None, int, int]], fill: NDArray[np.float32]
 ) -> NDArray[np.float32]:

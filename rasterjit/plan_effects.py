@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from rasterjit.plan_answers import Answers, Effect, answer_effects, answers_of
 from rasterjit.plan_layers import Transparency, antialiasing_reason, is_see_through
 from rasterjit.scene.material import TEXTURE_FIELDS, Material
 from rasterjit.scene.mesh import Mesh
@@ -18,13 +19,8 @@ from rasterjit.scene.texture import Texture
 SMOOTH = frozenset(("gouraud", "phong", "pbr"))
 """Ways of shading that read vertex normals."""
 
-
-class Effect(NamedTuple):
-    """One thing that a frame may need, and why it does or does not."""
-
-    name: str
-    used: bool
-    reason: str
+BLINN_PHONG = frozenset(("flat", "gouraud", "phong"))
+"""Ways of shading that have a Blinn-Phong highlight."""
 
 
 class Contents(NamedTuple):
@@ -53,6 +49,8 @@ class Contents(NamedTuple):
     """Whether any material is blended."""
     see_through: tuple[int, ...] = ()
     """Numbers of the objects that what lies behind them is seen through."""
+    answers: Answers = Answers()
+    """How materials answer light, beyond colours and highlights."""
 
 
 class Grounds(NamedTuple):
@@ -140,6 +138,16 @@ class Grounds(NamedTuple):
         return self.shades and self.quality.samples != 1
 
     @property
+    def needs_microfacets(self) -> bool:
+        """Whether light falls on metallic-roughness materials."""
+        return self.is_lit and self.contents.answers.faceted > 0
+
+    @property
+    def needs_maps(self) -> bool:
+        """Whether more lies over the objects than a base colour."""
+        return self.shades and self.contents.answers.has_maps
+
+    @property
     def has_environment_light(self) -> bool:
         """Whether any light from all around reaches a colour that is asked for."""
         return self.is_lit and self.environment is not None and self.environment.lights
@@ -182,7 +190,7 @@ def contents_of(meshes: Sequence[Mesh]) -> Contents:
         sum(
             count
             for mesh, count in counts.items()
-            if mesh.material.shading != "unlit" and mesh.material.specular > 0.0
+            if mesh.material.shading in BLINN_PHONG and mesh.material.specular > 0.0
         ),
         any(
             mesh.material.shading == "gouraud" and mesh.material.specular > 0.0 for mesh in textured
@@ -193,14 +201,14 @@ def contents_of(meshes: Sequence[Mesh]) -> Contents:
         any(mesh.uv is None and may_have_holes(mesh) for mesh in textured),
         any(mesh.material.alpha_mode == "blend" for mesh in counts),
         tuple(n for n, mesh in enumerate(meshes) if mesh in see_through),
+        answers_of(counts),
     )
 
 
 def textures_read(material: Material) -> dict[str, Texture]:
-    """Return the textures of a material that are read, by field; unlit, its base colour alone."""
-    names = TEXTURE_FIELDS[:1] if material.shading == "unlit" else TEXTURE_FIELDS
-    textures = {name: getattr(material, name) for name in names}
-    return {name: texture for name, texture in textures.items() if texture is not None}
+    """Return the textures of a material that are read, by field."""
+    textures = zip(TEXTURE_FIELDS, material.textures_read(), strict=True)
+    return {name: texture for name, texture in textures if texture is not None}
 
 
 def may_have_holes(mesh: Mesh) -> bool:
@@ -238,6 +246,7 @@ def list_effects(grounds: Grounds) -> tuple[Effect, ...]:
         ),
         Effect("textures", grounds.needs_textures, _texture_reason(grounds)),
         Effect("alpha masks", grounds.needs_cutouts, _mask_reason(grounds)),
+        *answer_effects(grounds.contents.answers, grounds.shades, grounds.is_lit),
         Effect("environment light", grounds.has_environment_light, _sky_light_reason(grounds)),
         Effect("environment background", grounds.shows_environment, _sky_reason(grounds)),
         Effect("fog", grounds.has_fog, _fog_reason(grounds)),

@@ -11,7 +11,6 @@ from rasterjit.kernels import texturing
 from rasterjit.kernels.records import Cutouts, Surface, Textures
 from rasterjit.plan_arrays import join_uv, runs_of, writable
 from rasterjit.plan_effects import may_have_holes
-from rasterjit.scene.material import TEXTURE_FIELDS, Material
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.texture import Pyramid, Texture, level_sizes
 
@@ -30,16 +29,11 @@ UNMOVED = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
 """The transform that changes nothing."""
 
 
-def textures_of(material: Material) -> tuple[Texture | None, ...]:
-    """Return the textures of a material, one of each kind, in the order of ``texturing``."""
-    return tuple(getattr(material, name) for name in TEXTURE_FIELDS)
-
-
 def join_textures(meshes: Sequence[Mesh]) -> Textures:
     """Join the textures of the objects, each picture once, and their texture coordinates."""
     runs = runs_of(meshes)
     counts = [count for _, count in runs]
-    kinds = [textures_of(mesh.material) for mesh, _ in runs]
+    kinds = [mesh.material.textures_read() for mesh, _ in runs]
     textures = [texture for row in kinds for texture in row if texture is not None]
     texels, levels, places = _join_texels(textures)
     table = [[_table_row(texture, places) for texture in row] for row in kinds]

@@ -107,7 +107,14 @@ def _turn(rows: Sequence[Sequence[float]]) -> float:
     return math.copysign(1.0, determinant) if determinant != 0.0 else 0.0
 
 
-def cull_objects(cull: str, views: Views, face_starts: NDArray[np.int64]) -> Objects:
-    """Return which way the faces of each object turn that are dropped (+1: clockwise)."""
-    sign = {"none": 0, "back": 1, "front": -1}[cull] * views.screen_turn
-    return Objects(face_starts, (sign * views.mirrored).astype(np.int8))
+def cull_objects(
+    cull: str, views: Views, face_starts: NDArray[np.int64], is_single_sided: NDArray[np.bool_]
+) -> Objects:
+    """
+    Return which way the faces of each object turn that are dropped (+1: clockwise).
+
+    Single-sided objects lose their back faces, unless front faces are asked to be dropped.
+    """
+    sign = {"none": 0, "back": 1, "front": -1}[cull]
+    signs = np.where(is_single_sided & (sign == 0), 1, sign) * views.screen_turn
+    return Objects(face_starts, (signs * views.mirrored).astype(np.int8))

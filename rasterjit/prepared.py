@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit import plan_arrays, plan_views, stages
-from rasterjit.kernels.records import Cutouts, Surface, Textures
+from rasterjit.kernels.records import Cutouts, Maps, Microfacets, Surface, Textures
 from rasterjit.plan_arrays import SceneArrays
 from rasterjit.plan_effects import SMOOTH, Contents, contents_of
+from rasterjit.plan_materials import join_maps, join_microfacets
 from rasterjit.plan_textures import join_cutouts, join_textures
 from rasterjit.plan_views import Places
 from rasterjit.scene.mesh import Mesh
@@ -99,6 +100,21 @@ class Looks:
         textures = self.textures if self.contents.has_textured_hole else None
         starts = self._shapes.arrays.face_starts
         return join_cutouts(self._shapes.meshes, starts, self.surface, textures)
+
+    @cached_property
+    def microfacets(self) -> Microfacets:
+        """Metallic and roughness of all objects."""
+        return join_microfacets(self._shapes.meshes)
+
+    @cached_property
+    def maps(self) -> Maps:
+        """What lies over all objects besides a base colour."""
+        return join_maps(self._shapes.meshes)
+
+    @cached_property
+    def is_single_sided(self) -> NDArray[np.bool_]:
+        """Whether the back faces of each object are not drawn, (O,)."""
+        return plan_arrays.single_sided(self._shapes.meshes)
 
     @cached_property
     def is_smooth(self) -> NDArray[np.uint8]:

@@ -233,7 +233,9 @@ class Renderer:
         arrays = prepared.shapes.arrays
         views = plan_views.view_places(prepared.places, camera, self.size)
         viewport = planning.viewport_of(self.size, self.quality.subpixel_bits)
-        objects = plan_views.cull_objects(cull, views, arrays.face_starts)
+        objects = plan_views.cull_objects(
+            cull, views, arrays.face_starts, prepared.looks.is_single_sided
+        )
         coefficients = camera.depth_coefficients()
         clock("plan")
         vertices = stages.ModelVertices(

@@ -1,10 +1,18 @@
-"""What a glTF file says beyond trimesh's reading of it: lights, cameras, unlit materials."""
+"""
+Turn a glTF file into a scene: nodes, meshes, materials, cameras and lights, as it says.
+
+Read from the file itself: trimesh drops lights, tangents, samplers and further sets of texture
+coordinates, and what hangs on the node of a camera.
+
+References
+----------
+.. [1] The Khronos Group, "glTF 2.0 Specification" (ISO/IEC 12113:2022).
+.. [2] The Khronos Group, "KHR_lights_punctual".
+"""
 
 from __future__ import annotations
 
-import json
 import math
-import struct
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -12,164 +20,184 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.io.left_out import LeftOut
-from rasterjit.io.trimesh_textures import gltf_samplers
+from rasterjit.io.gltf_file import GltfFile
+from rasterjit.io.gltf_materials import MaterialReader
+from rasterjit.io.gltf_meshes import MeshReader
+from rasterjit.io.left_out import LeftOut, MeshFileError
 from rasterjit.scene.camera import OrthographicCamera, PerspectiveCamera
-from rasterjit.scene.light import DirectionalLight, Light, PointLight
+from rasterjit.scene.light import DirectionalLight, PointLight, SpotLight
+from rasterjit.scene.scene import Scene
 from rasterjit.transforms import compose
 
+GLTF_FORMATS = ("gltf", "glb")
+
 _LIGHTS = "KHR_lights_punctual"
-_UNLIT = "KHR_materials_unlit"
-_GLB_MAGIC = b"glTF"
-_JSON_CHUNK = 0x4E4F534A
+
+UNDERSTOOD = frozenset(
+    (
+        _LIGHTS, "KHR_materials_unlit", "KHR_materials_emissive_strength", "KHR_texture_transform",
+        "KHR_mesh_quantization", "EXT_texture_webp", "KHR_materials_pbrSpecularGlossiness",
+        "KHR_draco_mesh_compression", "KHR_xmp_json_ld", "KHR_xmp",
+    )
+)  # fmt: skip
+"""Extensions that are read, have nothing to show, or are named where they stop something."""
+
+MOVING = {"skins": "skin", "animations": "animation"}
+"""Lists of the header for what moves; it is shown at rest."""
 
 
-class GltfExtras:
+def load_gltf(path: Path, on_invalid: str, crease_angle: float, left_out: LeftOut) -> Scene:
     """
-    Lights, camera and unlit materials of a glTF file.
+    Read a ``.gltf`` or ``.glb`` file.
 
     Parameters
     ----------
-    header : dict
-        The file's JSON.
+    path : Path
+    on_invalid : {"raise", "drop"}
+        What to do about NaN or infinite vertices, as in `Mesh`.
+    crease_angle : float
+        Degrees in 0..180, for meshes without normals.
     left_out : LeftOut
-        Notes what cannot be shown.
+        Notes what the file has and the scene has not.
 
-    Attributes
-    ----------
-    camera : PerspectiveCamera, OrthographicCamera or None
-        The first camera of the scene.
-    lights : list of DirectionalLight or PointLight
-        Intensities are taken as they are: candela and lux are the engine's units of 1.
-    unlit : set of str or None
-        Names of the materials to show without light.
-    parent_from_node : dict of str to (4, 4) float64
-        Every node's own transform, by the name that trimesh gives it.
-    samplers : dict of str or None to dict
-        How materials sample their base colour, by name.
+    Raises
+    ------
+    MeshFileError
+        If the file cannot be read or shows no faces.
     """
+    try:
+        file = GltfFile(path)
+        return _GltfScene(file, str(path), on_invalid, crease_angle, left_out).scene
+    except MeshFileError:
+        raise
+    except Exception as error:
+        # A damaged file can put anything in the place of anything.
+        reason = " ".join(str(error).split())[:300] or type(error).__name__
+        kind = path.suffix.lower()
+        raise MeshFileError(f"{path} could not be read as {kind}: {reason}") from error
 
-    def __init__(self, header: dict[str, Any], left_out: LeftOut) -> None:
-        self.camera: PerspectiveCamera | OrthographicCamera | None = None
-        self.lights: list[Light] = []
-        self.unlit: set[str | None] = _unlit_names(header.get("materials", []))
-        self.parent_from_node = _named_transforms(header.get("nodes", []))
-        self.samplers = gltf_samplers(header, left_out)
-        cameras = header.get("cameras", [])
-        lights = header.get("extensions", {}).get(_LIGHTS, {}).get("lights", [])
-        for node, world_from_node in _walk(header):
-            if "camera" in node:
-                self._add_camera(cameras[node["camera"]], world_from_node, left_out)
-            light = node.get("extensions", {}).get(_LIGHTS, {}).get("light")
-            if light is not None:
-                self._add_light(lights[light], world_from_node, left_out)
 
-    def _add_camera(
-        self, camera: dict[str, Any], world_from_node: NDArray[np.float64], left_out: LeftOut
+class _GltfScene:
+    """Turns the file's default scene into ``scene``."""
+
+    def __init__(
+        self, file: GltfFile, source: str, on_invalid: str, crease_angle: float, left_out: LeftOut
     ) -> None:
-        """Keep the first camera, which looks along its node's -z."""
-        if self.camera is not None:
-            left_out.note("further camera")
+        self.scene = Scene()
+        self._file = file
+        self._source = source
+        self._left_out = left_out
+        materials = MaterialReader(file, left_out)
+        self._meshes = MeshReader(file, source, materials, on_invalid, crease_angle, left_out)
+        self._note_what_is_not_read()
+        for number, node, world_from_node in walk_nodes(file.header):
+            self._add_node(str(node.get("name", number)), node, world_from_node)
+        if not self.scene.nodes:
+            held = "no faces" if self._meshes.is_empty else "meshes but places none in its scene"
+            named = f" ({left_out})" if str(left_out) else ""
+            raise MeshFileError(f"{source} holds {held}{named}")
+
+    def _note_what_is_not_read(self) -> None:
+        """Note the extensions and movements that are not shown, by name."""
+        header = self._file.header
+        for name in dict.fromkeys(header.get("extensionsUsed", [])):
+            if name not in UNDERSTOOD:
+                self._left_out.note(f"extension {name}")
+        for section, what in MOVING.items():
+            if header.get(section):
+                self._left_out.note(what, len(header[section]))
+
+    def _add_node(self, name: str, node: dict[str, Any], world_from_node: NDArray) -> None:
+        """Add what stands at a node."""
+        if "camera" in node:
+            self._add_camera(node["camera"], world_from_node)
+        light = node.get("extensions", {}).get(_LIGHTS, {}).get("light")
+        if light is not None:
+            self._add_light(light, world_from_node)
+        if "mesh" not in node:
             return
-        kind = camera.get("type")
-        values = camera.get(kind, {})
+        for part, mesh in enumerate(self._meshes.read(node["mesh"])):
+            label = f"{name} part {part + 1}" if part else name
+            try:
+                self.scene.add(mesh, world_from_node, label)
+            except ValueError as error:
+                raise MeshFileError(f"{self._source}: node {label!r}: {error}") from error
+
+    def _add_camera(self, number: Any, world_from_node: NDArray) -> None:
+        """Keep the first camera, which looks along its node's -z."""
+        if self.scene.camera is not None:
+            self._left_out.note("further camera")
+            return
         eye, ahead, up = world_from_node[:3, 3], -world_from_node[:3, 2], world_from_node[:3, 1]
         try:
+            camera = self._file.entry("cameras", number)
+            values = camera[camera["type"]]
             clip = {"near": values["znear"], "far": values.get("zfar", math.inf)}
-            if kind == "orthographic":
-                self.camera = OrthographicCamera(
+            if camera["type"] == "orthographic":
+                self.scene.camera = OrthographicCamera(
                     eye, eye + ahead, up, height=2.0 * values["ymag"], **clip
                 )
             else:
                 fov_y = math.degrees(values["yfov"])
-                self.camera = PerspectiveCamera(eye, eye + ahead, up, fov_y=fov_y, **clip)
-        except (KeyError, TypeError, ValueError):
-            left_out.note("incomplete camera")
+                self.scene.camera = PerspectiveCamera(eye, eye + ahead, up, fov_y=fov_y, **clip)
+        except (LookupError, TypeError, ValueError, AttributeError):
+            self._left_out.note("incomplete camera")
 
-    def _add_light(
-        self, light: dict[str, Any], world_from_node: NDArray[np.float64], left_out: LeftOut
-    ) -> None:
+    def _add_light(self, number: Any, world_from_node: NDArray) -> None:
         """
         Add a light, which shines along its node's -z or from its origin.
 
         glTF's diffuse surface sends back 1/pi of the light that falls on it (lux, or candela over
         distance squared); ours, all of it. So intensities are divided by pi.
         """
-        kind, color = light.get("type"), light.get("color", (1.0, 1.0, 1.0))
+        position, direction = world_from_node[:3, 3], -world_from_node[:3, 2]
         try:
+            light = self._file.header["extensions"][_LIGHTS]["lights"][number]
+            kind, color = light["type"], light.get("color", (1.0, 1.0, 1.0))
             intensity = light.get("intensity", 1.0) / math.pi
             if kind == "directional":
-                self.lights.append(DirectionalLight(-world_from_node[:3, 2], color, intensity))
+                self.scene.lights.append(DirectionalLight(direction, color, intensity))
             elif kind == "point":
-                self.lights.append(PointLight(world_from_node[:3, 3], color, intensity))
+                reach = light.get("range")
+                self.scene.lights.append(PointLight(position, color, intensity, range=reach))
+            elif kind == "spot":
+                cone = light.get("spot", {})
+                angles = cone.get("innerConeAngle", 0.0), cone.get("outerConeAngle", math.pi / 4)
+                self.scene.lights.append(
+                    SpotLight(
+                        position, direction, color, intensity,
+                        *map(math.degrees, angles), range=light.get("range"),
+                    )
+                )  # fmt: skip
             else:
-                left_out.note(f"{kind} light")
-                return
-        except (TypeError, ValueError):
-            left_out.note("incomplete light")
-            return
-        if "range" in light:
-            left_out.note("range of a light")
+                self._left_out.note(f"{kind} light")
+        except (LookupError, TypeError, ValueError, AttributeError):
+            self._left_out.note("incomplete light")
 
 
-def read_gltf_header(path: Path) -> dict[str, Any]:
-    """
-    Return the JSON of a ``.gltf`` or ``.glb`` file.
-
-    Raises
-    ------
-    ValueError
-        If it holds none.
-    """
-    data = path.read_bytes()
-    if data[:4] == _GLB_MAGIC:
-        length, kind = struct.unpack_from("<II", data, 12)
-        if kind != _JSON_CHUNK:
-            raise ValueError("the first chunk is not JSON")
-        data = data[20 : 20 + length]
-    header = json.loads(data)
-    if not isinstance(header, dict):
-        raise ValueError("the JSON is not an object")
-    return header
-
-
-def _unlit_names(materials: list[dict[str, Any]]) -> set[str | None]:
-    """Return the names that stand for unlit materials only."""
-    unlit = {m.get("name") for m in materials if _UNLIT in m.get("extensions", {})}
-    return unlit - {m.get("name") for m in materials if _UNLIT not in m.get("extensions", {})}
-
-
-def _named_transforms(nodes: list[dict[str, Any]]) -> dict[str, NDArray[np.float64]]:
-    """Return the nodes' own transforms by the names that trimesh makes unique, in its order."""
-    from trimesh.util import unique_name
-
-    named: dict[str, NDArray[np.float64]] = {}
-    counts: dict[str | None, int] = {}
-    for number, node in enumerate(nodes):
-        name = unique_name(node.get("name", str(number)), named, counts=counts)
-        named[name] = _parent_from_node(node)
-    return named
-
-
-def _walk(header: dict[str, Any]) -> Iterator[tuple[dict[str, Any], NDArray[np.float64]]]:
-    """Yield every node of the file's scene with its ``world_from_node``."""
+def walk_nodes(header: dict[str, Any]) -> Iterator[tuple[int, dict[str, Any], NDArray]]:
+    """Yield number, entry and ``world_from_node`` of every node of the file's scene, in order."""
     nodes, scenes = header.get("nodes", []), header.get("scenes", [])
-    if not scenes:
-        return
-    waiting = [(i, np.eye(4)) for i in reversed(scenes[header.get("scene", 0)].get("nodes", []))]
+    if scenes:
+        roots = scenes[header.get("scene", 0)].get("nodes", [])
+    else:
+        # A file without scenes is shown whole.
+        hanging = {child for node in nodes for child in node.get("children", [])}
+        roots = [number for number in range(len(nodes)) if number not in hanging]
+    waiting = [(number, np.eye(4)) for number in reversed(roots)]
     seen: set[int] = set()
     while waiting:
-        index, world_from_parent = waiting.pop()
-        if index in seen:
+        number, world_from_parent = waiting.pop()
+        if number in seen:
             continue
-        seen.add(index)
-        node = nodes[index]
-        world_from_node = compose(world_from_parent, _parent_from_node(node))
-        yield node, world_from_node
+        seen.add(number)
+        node = nodes[number]
+        world_from_node = compose(world_from_parent, parent_from_node(node))
+        yield number, node, world_from_node
         waiting += [(child, world_from_node) for child in reversed(node.get("children", []))]
 
 
-def _parent_from_node(node: dict[str, Any]) -> NDArray[np.float64]:
+def parent_from_node(node: dict[str, Any]) -> NDArray[np.float64]:
     """Return a node's own transform: its matrix, or translation, rotation and scale."""
     if "matrix" in node:
         # glTF writes matrices column by column.

@@ -8,9 +8,9 @@ import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rasterjit.io.gltf import GltfExtras, read_gltf_header
+from rasterjit.io.gltf import GLTF_FORMATS, load_gltf
 from rasterjit.io.left_out import LeftOut, LoadWarning, MeshFileError
-from rasterjit.io.trimesh_scene import GLTF_FORMATS, TrimeshAdapter
+from rasterjit.io.trimesh_scene import TrimeshAdapter
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.scene import Scene
 from rasterjit.validation import bounded_number, existing_file
@@ -37,7 +37,8 @@ def load(
 
     Faces keep the file's order; polygons are triangulated. The scene has one `Mesh` for each mesh
     of the file and one node for each place where it stands, with vertex and face colours, uv,
-    materials with base-colour textures, lights and camera as far as the file has them.
+    materials with textures, lights and camera as far as the file has them. Materials of glTF stay
+    metallic-roughness; those of OBJ and other formats become Blinn-Phong.
 
     Parameters
     ----------
@@ -61,22 +62,16 @@ def load(
     Warns
     -----
     LoadWarning
-        Once, naming what the file has and the scene has not, such as normal maps.
+        Once, naming what the file has and the scene has not, such as animations.
     """
     bounded_number("crease_angle", crease_angle, 0.0, 180.0)
     file = _checked_path(path)
-    loaded = _read(file)
     left_out = LeftOut()
-    extras = None
     if _extension(file) in GLTF_FORMATS:
-        # trimesh drops lights, unlit materials and most cameras: read the header again.
-        try:
-            extras = GltfExtras(read_gltf_header(file), left_out)
-        except (ValueError, LookupError, TypeError, AttributeError):
-            left_out.note("lights and cameras")
-    scene = TrimeshAdapter(str(file), True, on_invalid, crease_angle, left_out, extras).scene(
-        loaded
-    )
+        scene = load_gltf(file, on_invalid, crease_angle, left_out)
+    else:
+        adapter = TrimeshAdapter(str(file), True, on_invalid, crease_angle, left_out)
+        scene = adapter.scene(_read(file))
     left_out.warn(str(file))
     return scene
 
@@ -123,7 +118,7 @@ def from_trimesh(
         )
     left_out = LeftOut()
     source = f"trimesh {type(what).__name__}"
-    scene = TrimeshAdapter(source, False, on_invalid, crease_angle, left_out, None).scene(what)
+    scene = TrimeshAdapter(source, False, on_invalid, crease_angle, left_out).scene(what)
     left_out.warn(source)
     return scene
 

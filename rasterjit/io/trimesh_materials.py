@@ -10,18 +10,23 @@ from numpy.typing import NDArray
 from rasterjit.io.left_out import LeftOut
 from rasterjit.io.trimesh_textures import TextureReader
 from rasterjit.scene.color import srgb_to_linear
-from rasterjit.scene.material import Material
+from rasterjit.scene.material import BRIGHTEST_EMISSION, Material
 from rasterjit.scene.texture import Texture
 
 _TRIMESH_GREY = (102, 102, 102, 255)
 """The colour that trimesh gives a material whose file names none."""
 
-_UNREAD_TEXTURES = (
-    "metallicRoughnessTexture",
-    "normalTexture",
-    "occlusionTexture",
-    "emissiveTexture",
-)
+TEXTURES = {
+    "base_color_texture": ("baseColorTexture", "srgb"),
+    "normal_texture": ("normalTexture", "linear"),
+    "metallic_roughness_texture": ("metallicRoughnessTexture", "linear"),
+    "occlusion_texture": ("occlusionTexture", "linear"),
+    "emissive_texture": ("emissiveTexture", "srgb"),
+}
+"""What a field of `Material` is called by trimesh, and what the numbers of its picture are."""
+
+ALPHA_MODES = {"MASK": "mask", "BLEND": "blend"}
+
 _DIELECTRIC = 0.04
 """Reflectance of a non-metal seen head-on, as glTF 2.0 fixes it (appendix B)."""
 
@@ -31,26 +36,22 @@ _MOST_SHININESS = 1000.0
 
 def material_from_trimesh(
     material: Any,
-    linear_bytes: bool,
-    unlit: set[str | None],
+    is_gltf: bool,
     left_out: LeftOut,
     textures: TextureReader | None = None,
 ) -> Material | None:
     """
-    Translate a material as trimesh read it.
+    Translate a material as trimesh has it.
 
     Parameters
     ----------
     material : trimesh.visual.material.Material
-    linear_bytes : bool
-        Whether the factors of a PBR material are linear light, as in glTF, or sRGB, as in COLLADA.
-    unlit : set of str or None
-        Names of the materials to show without light.
+    is_gltf : bool
+        Whether a PBR material is one as glTF has them, or, as in COLLADA, another model's values
+        under its names: then its factors are sRGB, and it becomes Blinn-Phong.
     left_out : LeftOut
-        Notes texture images of other kinds than base colour, transparency and emission, which are
-        not shown.
+        Notes what is not shown.
     textures : TextureReader, optional
-        Reads the base-colour textures; default: one that knows of no samplers.
 
     Returns
     -------
@@ -58,17 +59,17 @@ def material_from_trimesh(
         None for a kind that says nothing.
     """
     kind = type(material).__name__
-    images = [getattr(material, name, None) for name in _UNREAD_TEXTURES]
-    left_out_images = sum(image is not None for image in images)
-    if left_out_images:
-        left_out.note("texture image", left_out_images)
-    textures = TextureReader({}, left_out) if textures is None else textures
+    textures = TextureReader(left_out) if textures is None else textures
+    label = f"material {material.name!r}"
     if kind == "SimpleMaterial":
-        texture = textures.read(material.image, material.name)
+        texture = textures.read(material.image, f"base_color_texture of {label}")
         return _from_simple(material, texture, left_out)
     if kind == "PBRMaterial":
-        texture = textures.read(material.baseColorTexture, material.name)
-        return _from_pbr(material, texture, linear_bytes, unlit, left_out)
+        found = {
+            field: textures.read(getattr(material, name, None), f"{field} of {label}", color_space)
+            for field, (name, color_space) in TEXTURES.items()
+        }
+        return (_from_gltf if is_gltf else _from_pbr)(material, found, left_out)
     left_out.note(kind)
     return None
 
@@ -85,7 +86,7 @@ def colors_from_trimesh(
     linear_bytes : bool
         Whether the bytes are linear light, as in glTF, or sRGB, as elsewhere.
     left_out : LeftOut
-        Notes transparency and colours whose number fits neither vertices nor faces.
+        Notes colours whose number fits neither vertices nor faces.
 
     Returns
     -------
@@ -112,8 +113,6 @@ def colors_from_trimesh(
     else:
         most = 1.0 if colors.dtype.kind == "f" else float(np.iinfo(colors.dtype).max)
         rgba[:, : colors.shape[1]] = np.clip(np.nan_to_num(colors / most), 0.0, 1.0)
-    if rgba[:, 3].min() < 1.0:
-        left_out.note("transparency of colours")
     return rgba
 
 
@@ -132,10 +131,7 @@ def _from_simple(material: Any, texture: Texture | None, left_out: LeftOut) -> M
         rgb = srgb_to_linear(np.asarray(material.diffuse, dtype=np.uint8)[:3])
         color = (*rgb.tolist(), float(material.diffuse[3]) / 255.0)
     opacity = _opacity(said)
-    if opacity < 1.0 or color[3] < 1.0:
-        left_out.note("transparency of a material")
-    if texture is not None and not texture.is_opaque:
-        left_out.note("transparency of a texture image")
+    alpha = color[3] * opacity
     specular, shininess = default.specular, default.shininess
     if "ks" in said:
         ks = np.asarray(material.specular, dtype=np.uint8)[:3]
@@ -146,7 +142,8 @@ def _from_simple(material: Any, texture: Texture | None, left_out: LeftOut) -> M
             # Exporters write 0 for matt; an exponent of 1 would wash over the whole object.
             specular = 0.0
     return Material(
-        base_color=(*color[:3], color[3] * opacity),
+        base_color=(*color[:3], alpha),
+        alpha_mode="opaque" if alpha == 1.0 else "blend",
         specular=specular,
         shininess=shininess,
         name=material.name,
@@ -166,15 +163,45 @@ def _opacity(said: dict[str, Any]) -> float:
     return min(max(opacity, 0.0), 1.0)
 
 
-def _from_pbr(
-    material: Any,
-    texture: Texture | None,
-    linear_bytes: bool,
-    unlit: set[str | None],
-    left_out: LeftOut,
-) -> Material:
+def _from_gltf(material: Any, textures: dict[str, Texture | None], left_out: LeftOut) -> Material:
+    """Return a metallic-roughness material of glTF as one of ours."""
+    mode = ALPHA_MODES.get(material.alphaMode, "opaque")
+    red, green, blue, alpha = _base_color(material, True)
+    cutoff = 0.5 if material.alphaCutoff is None else material.alphaCutoff
+    emitted = (0.0, 0.0, 0.0) if material.emissiveFactor is None else material.emissiveFactor
+    return Material(
+        shading="pbr",
+        base_color=(red, green, blue, 1.0 if mode == "opaque" else alpha),
+        metallic=_share(material.metallicFactor),
+        roughness=_share(material.roughnessFactor),
+        emissive=np.clip(np.nan_to_num(np.asarray(emitted, np.float64)), 0.0, BRIGHTEST_EMISSION),
+        name=material.name,
+        alpha_mode=mode,
+        alpha_cutoff=min(max(float(cutoff), 0.0), 1.0),
+        double_sided=bool(material.doubleSided),
+        **textures,
+    )
+
+
+def _base_color(material: Any, linear_bytes: bool) -> tuple[float, float, float, float]:
+    """Return the base colour of a PBR material, linear RGBA."""
+    factor = material.baseColorFactor
+    if factor is None:
+        return (1.0, 1.0, 1.0, 1.0)
+    rgba = (np.asarray(factor, dtype=np.float64) / 255.0).tolist()
+    if not linear_bytes:
+        rgba[:3] = srgb_to_linear(np.asarray(factor, dtype=np.uint8)[:3]).tolist()
+    return tuple(rgba)
+
+
+def _share(factor: float | None) -> float:
+    """Return a factor of a PBR material, 1 where there is none, held in 0..1."""
+    return 1.0 if factor is None else min(max(float(factor), 0.0), 1.0)
+
+
+def _from_pbr(material: Any, textures: dict[str, Texture | None], left_out: LeftOut) -> Material:
     """
-    Translate a metallic-roughness material to Blinn-Phong.
+    Translate a metallic-roughness material, its colours in sRGB, to Blinn-Phong.
 
     With roughness r, the microfacet width is α = r², the exponent n = 2/α² - 2, limited to
     1..1000. The strength is ``min(1, F0 (n + 8) / 8)``, the height of the normalised lobe over
@@ -187,22 +214,14 @@ def _from_pbr(
     B. Walter et al., "Microfacet models for refraction through rough surfaces", EGSR 2007.
     T. Akenine-Möller et al., "Real-Time Rendering", 4th edition, section 9.8.
     """
-    factor = material.baseColorFactor
-    rgba = (1.0, 1.0, 1.0, 1.0)
-    if factor is not None:
-        rgba = tuple((np.asarray(factor, dtype=np.float64) / 255.0).tolist())
-        if not linear_bytes:
-            rgb = srgb_to_linear(np.asarray(factor, dtype=np.uint8)[:3])
-            rgba = (*rgb.tolist(), rgba[3])
-    if material.alphaMode in (None, "OPAQUE"):
+    rgba = _base_color(material, False)
+    mode = ALPHA_MODES.get(material.alphaMode, "opaque")
+    if mode == "opaque":
         rgba = (*rgba[:3], 1.0)
-    if material.alphaMode in ("MASK", "BLEND"):
-        left_out.note("transparency of a material")
-    if material.emissiveFactor is not None and material.emissiveFactor.max() > 0.0:
-        left_out.note("emission of a material")
-    roughness = 1.0 if material.roughnessFactor is None else material.roughnessFactor
-    metallic = 1.0 if material.metallicFactor is None else material.metallicFactor
-    roughness, metallic = min(max(roughness, 0.0), 1.0), min(max(metallic, 0.0), 1.0)
+    emitted = (0.0, 0.0, 0.0) if material.emissiveFactor is None else material.emissiveFactor
+    if textures["metallic_roughness_texture"] is not None:
+        left_out.note(f"metallic_roughness_texture of material {material.name!r}")
+    roughness, metallic = _share(material.roughnessFactor), _share(material.metallicFactor)
     shininess = _MOST_SHININESS
     # A power is the math library's affair; products have the same bits everywhere.
     alpha = roughness * roughness
@@ -211,10 +230,11 @@ def _from_pbr(
     mean = sum(rgba[:3]) / 3.0
     reflectance = _DIELECTRIC + (mean - _DIELECTRIC) * metallic * (1.0 - roughness)
     return Material(
-        shading="unlit" if material.name in unlit else "phong",
         base_color=rgba,
         specular=min(1.0, max(0.0, reflectance) * (shininess + 8.0) / 8.0),
         shininess=shininess,
         name=material.name,
-        base_color_texture=texture,
+        emissive=np.clip(np.nan_to_num(np.asarray(emitted, np.float64)), 0.0, BRIGHTEST_EMISSION),
+        alpha_mode=mode,
+        **{**textures, "metallic_roughness_texture": None},
     )

@@ -11,23 +11,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.io.gltf import GltfExtras
+from rasterjit.io.gltf import GLTF_FORMATS
 from rasterjit.io.left_out import LeftOut, MeshFileError
 from rasterjit.io.trimesh_materials import colors_from_trimesh, material_from_trimesh
 from rasterjit.io.trimesh_textures import TextureReader
 from rasterjit.scene.camera import PerspectiveCamera
 from rasterjit.scene.light import DirectionalLight, PointLight
-from rasterjit.scene.material import Material
+from rasterjit.scene.material import TEXTURE_FIELDS, Material
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.scene import Scene
 from rasterjit.transforms import compose
 
-GLTF_FORMATS = ("gltf", "glb")
-"""Formats whose colours are linear light."""
-
 _TRIMESH_FAR = 1000.0
 """The far distance of a trimesh camera that nobody set; taken as no far plane at all."""
-
 
 _SAME_TRANSFORM = 1e-4
 """Share of its largest entry by which two ways to compute a transform may differ: ten times what
@@ -50,8 +46,6 @@ class TrimeshAdapter:
         Degrees in 0..180, for meshes without normals of their own.
     left_out : LeftOut
         Notes what is not shown.
-    extras : GltfExtras or None
-        What a glTF says beyond trimesh's reading of it.
     """
 
     def __init__(
@@ -61,14 +55,12 @@ class TrimeshAdapter:
         on_invalid: str,
         crease_angle: float,
         left_out: LeftOut,
-        extras: GltfExtras | None,
     ) -> None:
         self.source = source
         self.on_invalid = on_invalid
         self.crease_angle = crease_angle
         self.left_out = left_out
-        self.extras = extras
-        self.textures = TextureReader({} if extras is None else extras.samplers, left_out)
+        self.textures = TextureReader(left_out)
         self.materials: dict[int, Material | None] = {}
         self.from_file = from_file
 
@@ -102,11 +94,8 @@ class TrimeshAdapter:
                 self._place(scene, meshes[name], transform, str(node))
         if not scene.nodes:
             raise MeshFileError(f"{self.source} holds meshes but places none of them in its scene")
-        if self.extras is not None:
-            scene.camera, scene.lights = self.extras.camera, self.extras.lights
-        else:
-            self._take_camera(loaded, scene)
-            self._take_lights(loaded, scene)
+        self._take_camera(loaded, scene)
+        self._take_lights(loaded, scene)
         return scene
 
     def _world_from_node(
@@ -115,20 +104,17 @@ class TrimeshAdapter:
         """
         Return a node's transform, multiplied in an order that is the same on every CPU.
 
-        trimesh takes products from BLAS, makes rotations from quaternions with it, drops
-        transforms within 1e-8 of the identity and passes what is nearly rigid through an SVD.
+        trimesh takes products from BLAS, drops transforms within 1e-8 of the identity and passes
+        what is nearly rigid through an SVD.
         ``rough`` is its transform, which stays where the steps do not lead to it.
         """
-        own = {} if self.extras is None else self.extras.parent_from_node
         steps = graph.transforms.edge_data
         path = graph.transforms.shortest_path(graph.base_frame, node)
         factors = []
         for parent, child in pairwise(path):
             if "matrix" not in steps.get((parent, child), {}):
                 return rough
-            given = steps[parent, child]["matrix"]
-            exact = own.get(child, given)
-            factors.append(exact if _nearly_equal(exact, given) else given)
+            factors.append(steps[parent, child]["matrix"])
         try:
             product = compose(*factors)
         except ValueError:
@@ -148,12 +134,11 @@ class TrimeshAdapter:
         colors = colors_from_trimesh(geometry, source in GLTF_FORMATS, self.left_out)
         material, uv = None, None
         if geometry.visual.kind == "texture":
-            # A material made in memory is linear, as trimesh documents it.
+            # A PBR material made in memory is glTF's, as trimesh documents it.
             material = self._material(geometry.visual.material, source in (None, *GLTF_FORMATS))
             uv = self._finite_rows("uv", geometry.visual.uv, (len(geometry.vertices), 2))
-            if uv is None and material is not None and material.base_color_texture is not None:
-                self.left_out.note("texture image without texture coordinates")
-                material = replace(material, base_color_texture=None)
+            if uv is None and material is not None:
+                material = self._without_textures(name, material)
         normals = self._own_normals(geometry)
         try:
             mesh = Mesh(
@@ -169,14 +154,21 @@ class TrimeshAdapter:
         except ValueError as error:
             raise MeshFileError(f"{self.source}: mesh {name!r}: {error}") from error
 
-    def _material(self, material: Any, linear_bytes: bool) -> Material | None:
+    def _material(self, material: Any, is_gltf: bool) -> Material | None:
         """Return a trimesh material as a `Material`, one for all meshes that share it."""
         if id(material) not in self.materials:
-            unlit = set() if self.extras is None else self.extras.unlit
             self.materials[id(material)] = material_from_trimesh(
-                material, linear_bytes, unlit, self.left_out, self.textures
+                material, is_gltf, self.left_out, self.textures
             )
         return self.materials[id(material)]
+
+    def _without_textures(self, name: str, material: Material) -> Material:
+        """Return a material for a mesh without texture coordinates: without textures."""
+        fields = [field for field in TEXTURE_FIELDS if getattr(material, field) is not None]
+        if not fields:
+            return material
+        self.left_out.note(f"texture image without texture coordinates, of mesh {name!r}")
+        return replace(material, **dict.fromkeys(fields))
 
     def _own_normals(self, geometry: Any) -> NDArray[np.float64] | None:
         """Return the normals that somebody gave the mesh, not those that trimesh averaged."""

@@ -13,12 +13,15 @@ from rasterjit.kernels import lighting as lit
 from rasterjit.kernels import texturing
 from rasterjit.kernels.interpolation import blend, interpolate
 from rasterjit.kernels.jit import stage
+from rasterjit.kernels.maps import write_emission
+from rasterjit.kernels.microfacets import write_facets
 from rasterjit.kernels.records import (
     FLAT,
     GOURAUD,
     MATERIAL_MODEL,
     MATERIAL_SHININESS,
     MATERIAL_SPECULAR,
+    PBR,
     PHONG,
 )
 
@@ -123,6 +126,14 @@ def write_highlight(samples, run, model, owner, materials, lighting):
         samples[lit.SPECULAR, n] = specular
         samples[lit.SHININESS, n] = shininess
         samples[lit.LIT, n] = share
+    write_facets(samples, run, model == PBR, owner, lighting.microfacets)
+
+
+@stage
+def write_answers(samples, run, model, owner, surface, lighting):
+    """Write how an object answers light along a run, and the light it sends out."""
+    write_highlight(samples, run, model, owner, surface.materials, lighting)
+    write_emission(samples, run, owner, surface.maps)
 
 
 @stage

@@ -104,14 +104,22 @@ def power(x, exponent):
     return exp2(exponent * log2(max(x, SMALLEST_NORMAL)))
 
 
+@stage
+def occlusion_share(occlusion, i):
+    """Return the share of ambient light that reaches a sample: all of it if there are none."""
+    if occlusion is None:
+        return np.float32(1.0)
+    return occlusion[i]
+
+
 @disjoint_stage
-def start_colors(red, green, blue, lit, ambient, out_red, out_green, out_blue):
+def start_colors(red, green, blue, lit, ambient, occlusion, out_red, out_green, out_blue):
     """Write the unlit colour, or the share of it that ambient light shows."""
     for i in range(out_red.shape[0]):
-        shown = np.float32(1.0) - lit[i]
-        out_red[i] = red[i] * (shown + lit[i] * ambient[0])
-        out_green[i] = green[i] * (shown + lit[i] * ambient[1])
-        out_blue[i] = blue[i] * (shown + lit[i] * ambient[2])
+        shown, reached = np.float32(1.0) - lit[i], lit[i] * occlusion_share(occlusion, i)
+        out_red[i] = red[i] * (shown + reached * ambient[0])
+        out_green[i] = green[i] * (shown + reached * ambient[1])
+        out_blue[i] = blue[i] * (shown + reached * ambient[2])
 
 
 @disjoint_stage
@@ -200,25 +208,14 @@ def add_light(
 
 
 @stage
-def start_light(samples, count, lighting):
+def start_light(samples, count, lighting, occlusion):
     """Scale the normals to length one and write what ambient light shows."""
     normalize_rows(samples[NORMAL_X, :count], samples[NORMAL_Y, :count], samples[NORMAL_Z, :count])
     start_colors(
         samples[RED, :count], samples[GREEN, :count], samples[BLUE, :count],
-        samples[LIT, :count], lighting.ambient,
+        samples[LIT, :count], lighting.ambient, occlusion,
         samples[OUT_RED, :count], samples[OUT_GREEN, :count], samples[OUT_BLUE, :count],
     )  # fmt: skip
-
-
-@disjoint_stage
-def dim_colors(lit, share, red, green, blue):
-    """Scale the colours of what is lit; 1 leaves them as they are."""
-    one = np.float32(1.0)
-    for i in range(red.shape[0]):
-        scale = one - lit[i] * (one - share[i])
-        red[i] *= scale
-        green[i] *= scale
-        blue[i] *= scale
 
 
 @stage
@@ -248,6 +245,6 @@ def light_samples(samples, count, lighting, toward_viewer):
     toward_viewer : (4,) float32
         A point p, relative to the eye, is seen along ``xyz - w p``.
     """
-    start_light(samples, count, lighting)
+    start_light(samples, count, lighting, None)
     for n in range(lighting.lights.shape[0]):
         add_lights(samples, count, n, lighting, toward_viewer)

@@ -160,6 +160,18 @@ class Alphas(NamedTuple):
     """(O,) uint8: 1 where what lies behind an object is seen through it."""
 
 
+class Maps(NamedTuple):
+    """What textures and factors give the objects besides a base colour: see ``kernels.maps``."""
+
+    factors: Any
+    """(O, 5) float32: normal scale, occlusion strength, emitted red, green, blue (linear)."""
+    counts: Any
+    """(5,) int64, number of objects with a texture of each kind, as ``texturing`` numbers them."""
+    tangents: Any
+    """(V, 2, 4) float32, model space: where u grows, and the sign of where v does, for faces whose
+    texture is not mirrored and for those where it is; (0, 2, 4) if no object has a normal map."""
+
+
 class Surface(NamedTuple):
     """What the objects look like."""
 
@@ -177,7 +189,7 @@ class Surface(NamedTuple):
     """(V, 2, 3) float32, the same without highlights | None -> no highlight over a texture."""
     textures: Textures | None
     """None -> no object has a texture."""
-    maps: Any = None
+    maps: Maps | None = None
     """What else lies over the objects (normal maps, emission ...) | None -> nothing."""
     alphas: Alphas | None = None
     """What it takes to find the alpha of a sample | None -> all are opaque."""
@@ -242,6 +254,13 @@ class ToneMap(NamedTuple):
     """float32: one over the square of the luminance that becomes white."""
 
 
+class Microfacets(NamedTuple):
+    """The metallic-roughness materials of all objects."""
+
+    factors: Any
+    """(O, 2) float32: metallic, roughness."""
+
+
 class Lighting(NamedTuple):
     """The light that falls on the scene."""
 
@@ -254,7 +273,7 @@ class Lighting(NamedTuple):
     """(3,) float32, linear."""
     highlights: Any
     """Number of objects with a specular highlight | None -> none."""
-    microfacets: Any = None
+    microfacets: Microfacets | None = None
     """Metallic-roughness materials | None -> none."""
     shadows: Any = None
     """Shadow maps | None -> no light casts shadows."""

@@ -18,7 +18,7 @@ from rasterjit.kernels.attributes import (
     normal_at,
     note_textured,
     point_at,
-    write_highlight,
+    write_answers,
 )
 from rasterjit.kernels.interpolation import (
     face_normal,
@@ -325,7 +325,7 @@ def gather_run(
     model = np.int64(surface.materials[owner, MATERIAL_MODEL])
     colors = colors_at(real)
     normal, point = places_at(whole, real, placement, lighting)
-    write_highlight(samples, run, model, owner, surface.materials, lighting)
+    write_answers(samples, run, model, owner, surface, lighting)
     doubtful = whole[IS_CLIPPED]
     if not doubtful:
         doubtful = weights_along_row(

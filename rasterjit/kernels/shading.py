@@ -19,6 +19,8 @@ from rasterjit.kernels.attributes import material_tint
 from rasterjit.kernels.gathering import gather_row
 from rasterjit.kernels.interpolation import place_vertex, smooth_normal
 from rasterjit.kernels.jit import kernel, stage
+from rasterjit.kernels.maps import add_emission_row, occlusion_of, read_maps
+from rasterjit.kernels.microfacets import add_facet_lights, kinds_shown, start_facet_row
 from rasterjit.kernels.records import (
     GOURAUD,
     MATERIAL_MODEL,
@@ -121,22 +123,11 @@ def occlude_row(samples, faces, left, row, lighting, maps):
 
 
 @stage
-def occlusion_row(samples, occlusion):
-    """Return how much ambient light reaches each sample; nothing if all of it does."""
+def occlusion_row(samples, count, occlusion, maps):
+    """Return the shares of ambient light that reach the gathered samples; None if it is all."""
     if occlusion is None:
-        return None
-    return samples[lit.OCCLUSION]
-
-
-@stage
-def dim_ambient(samples, count, occlusion):
-    """Take away the ambient light that does not arrive."""
-    if occlusion is None:
-        return
-    lit.dim_colors(
-        samples[lit.LIT, :count], samples[lit.OCCLUSION, :count],
-        samples[lit.OUT_RED, :count], samples[lit.OUT_GREEN, :count], samples[lit.OUT_BLUE, :count],
-    )  # fmt: skip
+        return occlusion_of(samples, count, maps)
+    return samples[lit.OCCLUSION, :count]
 
 
 @stage
@@ -161,30 +152,41 @@ def viewer_of(placement):
 
 
 @stage
-def light_row(samples, weights, faces, count, row, geometry, placement, lighting, toward_viewer):
+def light_row(
+    samples, weights, faces, count, row, geometry, placement, lighting, toward_viewer, maps
+):  # fmt: skip
     """Turn the base colours of gathered samples into seen colours."""
     # Start with ambient light.
-    lit.start_light(samples, count, lighting)
-    dim_ambient(samples, count, lighting.occlusion)
+    occlusion = occlusion_row(samples, count, lighting.occlusion, maps)
+    lit.start_light(samples, count, lighting, occlusion)
+    start_facet_row(samples, count, lighting, toward_viewer, occlusion, lighting.microfacets)
     # Add the lights, each with its shadows.
+    shows_matt, shows_facets = kinds_shown(samples, count, lighting.microfacets)
     for n in range(lighting.lights.shape[0]):
-        lit.add_lights(samples, count, n, lighting, toward_viewer)
+        if shows_matt:
+            lit.add_lights(samples, count, n, lighting, toward_viewer)
+        if shows_facets:
+            light = lighting.lights[n]
+            add_facet_lights(samples, count, light, toward_viewer, lighting.microfacets)
     # Add the environment.
-    occlusion = occlusion_row(samples, lighting.occlusion)
     environments.add_environment(samples, count, occlusion, lighting.environment, toward_viewer)
     # Add what the surfaces send out.
+    add_emission_row(samples, count, lit.OUT_RED, maps)
     # Lay the fog over all.
     fogging.cover_samples(samples, count, lighting.fog, toward_viewer)
 
 
 @stage
 def seen_colors(
-    samples, weights, faces, count, row, geometry, placement, lighting, toward_viewer
+    samples, weights, faces, count, row, geometry, placement, lighting, toward_viewer, maps
 ):  # fmt: skip
     """Light the gathered samples; return red, green and blue. Without light, the base colours."""
     if lighting is None:
+        add_emission_row(samples, count, lit.RED, maps)
         return samples[lit.RED], samples[lit.GREEN], samples[lit.BLUE]
-    light_row(samples, weights, faces, count, row, geometry, placement, lighting, toward_viewer)
+    light_row(
+        samples, weights, faces, count, row, geometry, placement, lighting, toward_viewer, maps
+    )
     return samples[lit.OUT_RED], samples[lit.OUT_GREEN], samples[lit.OUT_BLUE]
 
 
@@ -317,7 +319,10 @@ def shade_rows(
                 samples, where, count, first_row + row, places, geometry, surface.textures,
                 surface.matt_vertices,
             )  # fmt: skip
-            # Read the maps.
+            read_maps(
+                samples, weights, where, count, first_row + row, places, geometry, placement,
+                surface, lighting, surface.maps,
+            )  # fmt: skip
             occlude_row(samples, faces, left, first_row + row, lighting, surface.maps)
             # Find alpha.
             find_alphas(
@@ -325,7 +330,7 @@ def shade_rows(
             )
             colors = seen_colors(
                 samples, weights, faces, count, first_row + row, geometry, placement, lighting,
-                toward_viewer,
+                toward_viewer, surface.maps,
             )  # fmt: skip
             shown = toned(samples, count, colors, encoding.tone)
             write_row(

@@ -17,7 +17,7 @@ from rasterjit.kernels.attributes import (
     normal_at,
     note_textured,
     point_at,
-    write_highlight,
+    write_answers,
 )
 from rasterjit.kernels.batches import narrow_edge
 from rasterjit.kernels.interpolation import (
@@ -482,7 +482,7 @@ def gather_stretch(
     find_weights(
         weights, run, patches, column, row, owner, whole, real, geometry, placement, lighting
     )
-    write_highlight(samples, run, model, owner, surface.materials, lighting)
+    write_answers(samples, run, model, owner, surface, lighting)
     gather_colors(samples, run, weights, patches, faces, owner, model, whole, single, surface)
     gather_places(
         samples, run, weights, patches, model, owner, whole, real, single, placement, surface,

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from rasterjit.scene.color import ColorLike, linear_color
 from rasterjit.scene.texture import Texture
-from rasterjit.validation import bounded_number, one_of
+from rasterjit.validation import bounded_number, one_of, vector
 
 SHADINGS = ("unlit", "flat", "gouraud", "phong", "pbr")
 """The ways to shade: no light; one normal a face; light per vertex; light per pixel; light per
@@ -23,6 +25,18 @@ TEXTURE_FIELDS = (
 
 BRIGHTEST_EMISSION = 1e6
 """Largest emission, linear: as bright as a texel may be."""
+
+NUMBERS = {
+    "metallic": (0.0, 1.0),
+    "roughness": (0.0, 1.0),
+    "normal_scale": (-1e3, 1e3),
+    "occlusion_strength": (0.0, 1.0),
+    "alpha_cutoff": (0.0, 1e6),
+}
+"""Fields that are numbers, and their bounds."""
+
+MAPPED = frozenset(("flat", "phong", "pbr"))
+"""Ways of shading that read normal and occlusion maps: those that light every pixel."""
 
 MOST_SPECULAR = 1e6
 """Largest strength of a highlight: its product with the brightest light fits float32."""
@@ -59,17 +73,24 @@ class Material:
     base_color_texture : Texture, optional
         Laid over the mesh by its ``uv``, which it then has to have. The highlight lies on top.
     metallic, roughness : float
-        In 0..1, for ``"pbr"``.
-    normal_texture, metallic_roughness_texture : Texture, optional
-    occlusion_texture, emissive_texture : Texture, optional
-        As glTF 2.0 defines them: tangent-space normals; roughness in green, metallic in blue;
-        occlusion in red; emission in sRGB.
+        In 0..1, for ``"pbr"``: how much of the surface is metal, and how rough it is.
+    normal_texture : Texture, optional
+        Normals in tangent space, as glTF 2.0 defines them: ``2 rgb - 1`` is x along the tangent,
+        where u grows, y where v grows, z along the normal. Its ``color_space`` is ``"linear"``.
     normal_scale : float
-        Factor on the x and y of the normals of ``normal_texture``.
+        Factor on their x and y, in -1000..1000.
+    metallic_roughness_texture : Texture, optional
+        Green multiplies ``roughness``, blue ``metallic``; for ``"pbr"``. ``"linear"`` as well.
+    occlusion_texture : Texture, optional
+        Red is the share of ambient and environment light that arrives. ``"linear"`` as well.
     occlusion_strength : float
-        In 0..1: how much of the occlusion is applied.
-    emissive : str or array_like
-        Light that the surface sends out by itself, linear RGB; ``emissive_texture`` multiplies it.
+        In 0..1: how much of that applies.
+    emissive : str or array_like, optional
+        Light that the surface sends out by itself: a colour, or three floats in 0..1e6, linear.
+        The lit colour is added to it; nothing else is lit by it. Default: none, or white with an
+        ``emissive_texture``.
+    emissive_texture : Texture, optional
+        Multiplies ``emissive``.
     alpha_mode : {"opaque", "mask", "blend"}
         Whether alpha does nothing, cuts holes where it is below ``alpha_cutoff``, or lets through
         what lies behind.
@@ -80,12 +101,18 @@ class Material:
     Raises
     ------
     ValueError
-        If the shading is unknown, the colour or the texture is not one, or ``specular`` or
-        ``shininess`` is out of range.
+        If the shading or the alpha mode is unknown, a colour or a texture is not one, or a number
+        is out of range.
+
+    Notes
+    -----
+    Normal and occlusion maps apply where every pixel is lit: not to ``"gouraud"`` and ``"unlit"``.
 
     References
     ----------
-    J. F. Blinn, "Models of light reflection for computer synthesized pictures", SIGGRAPH 1977.
+    .. [1] J. F. Blinn, "Models of light reflection for computer synthesized pictures", SIGGRAPH
+       1977.
+    .. [2] The Khronos Group, "glTF 2.0 Specification" (ISO/IEC 12113:2022), section 3.9.
     """
 
     shading: str = "phong"
@@ -101,7 +128,7 @@ class Material:
     metallic_roughness_texture: Texture | None = field(default=None, kw_only=True)
     occlusion_texture: Texture | None = field(default=None, kw_only=True)
     occlusion_strength: float = field(default=1.0, kw_only=True)
-    emissive: ColorLike = field(default=(0.0, 0.0, 0.0), kw_only=True)
+    emissive: ColorLike | None = field(default=None, kw_only=True)
     emissive_texture: Texture | None = field(default=None, kw_only=True)
     alpha_mode: str = field(default="opaque", kw_only=True)
     alpha_cutoff: float = field(default=0.5, kw_only=True)
@@ -119,16 +146,43 @@ class Material:
         one_of("alpha_mode", self.alpha_mode, ALPHA_MODES)
         if not isinstance(self.double_sided, bool):
             raise ValueError(f"double_sided must be True or False, got {self.double_sided!r}")
-        for name, most in (
-            ("metallic", 1.0), ("roughness", 1.0), ("normal_scale", 1e3),
-            ("occlusion_strength", 1.0), ("alpha_cutoff", 1e6),
-        ):  # fmt: skip
-            object.__setattr__(self, name, bounded_number(name, getattr(self, name), 0.0, most))
+        for name, (low, high) in NUMBERS.items():
+            object.__setattr__(self, name, bounded_number(name, getattr(self, name), low, high))
         if self.base_color is None:
             object.__setattr__(self, "base_color", LIGHT_GREY if texture is None else "white")
         base_color = tuple(linear_color("base_color", self.base_color).tolist())
         object.__setattr__(self, "base_color", base_color)
-        emissive = tuple(linear_color("emissive", self.emissive)[:3].tolist())
-        object.__setattr__(self, "emissive", emissive)
+        if self.emissive is None:
+            dark = self.emissive_texture is None
+            object.__setattr__(self, "emissive", "black" if dark else "white")
+        object.__setattr__(self, "emissive", _emission(self.emissive))
         object.__setattr__(self, "specular", specular)
         object.__setattr__(self, "shininess", shininess)
+
+    @property
+    def emits(self) -> bool:
+        """Whether the surface sends out light."""
+        return any(part > 0.0 for part in self.emissive)
+
+    def textures_read(self) -> tuple[Texture | None, ...]:
+        """Return the textures that make a difference, in the order of ``TEXTURE_FIELDS``."""
+        is_mapped = self.shading in MAPPED
+        return (
+            self.base_color_texture,
+            self.normal_texture if is_mapped else None,
+            self.metallic_roughness_texture if self.shading == "pbr" else None,
+            self.occlusion_texture if is_mapped else None,
+            self.emissive_texture if self.emits else None,
+        )
+
+
+def _emission(value: ColorLike) -> tuple[float, float, float]:
+    """Return light that is sent out as linear RGB, which may be brighter than white, or raise."""
+    if not isinstance(value, str) and np.asarray(value).dtype != np.uint8:
+        red, green, blue = (
+            bounded_number("emissive", part, 0.0, BRIGHTEST_EMISSION)
+            for part in vector("emissive", value).tolist()
+        )
+        return red, green, blue
+    red, green, blue, _ = linear_color("emissive", value).tolist()
+    return red, green, blue

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from rasterjit.scene.color import linear_rows
 from rasterjit.scene.material import Material
 from rasterjit.scene.normals import crease_normals, safe_scale, smooth_normals, unit_rows
+from rasterjit.scene.tangents import GROUPS, vertex_tangents
 from rasterjit.validation import finite_number, one_of, read_only
 
 _CHUNK = 1 << 18
@@ -38,6 +39,10 @@ class Mesh:
         Model-space vertex normals of any length; a zero normal stays zero.
     uv : (V, 2) array_like, optional
         Texture coordinates.
+    tangents : (V, 4) array_like, optional
+        For normal maps: the model-space direction in which u grows, of any length, and 1 where v
+        grows to the left of it seen from the front, -1 where to the right. Default: what ``uv``
+        says.
     material : Material, optional
         Default ``Material()``, with a white ``base_color`` if the mesh has colours.
     on_invalid : {"raise", "drop"}
@@ -64,6 +69,7 @@ class Mesh:
         colors: ArrayLike | None = None,
         normals: ArrayLike | None = None,
         uv: ArrayLike | None = None,
+        tangents: ArrayLike | None = None,
         material: Material | None = None,
         on_invalid: str = "raise",
     ) -> None:
@@ -81,6 +87,9 @@ class Mesh:
         self._uv: NDArray[np.float32] | None = None
         if uv is not None:
             self._uv = read_only(_uv_array(uv, len(self._vertices)))
+        self._tangents: NDArray[np.float32] | None = None
+        if tangents is not None:
+            self._tangents = read_only(_tangent_array(tangents, len(self._vertices)))
         if material is None:
             material = Material() if colors is None else Material(base_color="white")
         self.material = material
@@ -116,6 +125,11 @@ class Mesh:
     def uv(self) -> NDArray[np.float32] | None:
         """(V, 2) float32, read-only: texture coordinates, or None."""
         return self._uv
+
+    @property
+    def tangents(self) -> NDArray[np.float32] | None:
+        """(V, 4) float32, read-only: given tangents, of unit or zero length, and sides, or None."""
+        return self._tangents
 
     @property
     def material(self) -> Material:
@@ -196,6 +210,31 @@ class Mesh:
             self._vertex_normals = read_only(normals)
         return self._vertex_normals
 
+    def vertex_tangents(self, transform: tuple[float, ...] | None = None) -> NDArray[np.float32]:
+        """
+        Return the given tangents, or those that ``uv`` says.
+
+        Parameters
+        ----------
+        transform : six floats, optional
+            What `Texture.transform` makes of ``uv``; given tangents stay as they are.
+
+        Returns
+        -------
+        (V, 2, 4) float32
+            As `tangents.vertex_tangents` does; both groups are the same where tangents are given.
+
+        Raises
+        ------
+        ValueError
+            If the mesh has neither.
+        """
+        if self.tangents is not None:
+            return np.repeat(self.tangents[:, np.newaxis], GROUPS, axis=1)
+        if self.uv is None:
+            raise ValueError("mesh must have uv or tangents to have tangents, got neither")
+        return vertex_tangents(self.vertices, self.faces, self.uv, self._scale(), transform)
+
     def split_creases(self, angle: float = 40.0) -> Mesh:
         """
         Return the mesh with sharp edges sharp and curved surfaces smooth.
@@ -204,7 +243,8 @@ class Mesh:
         position that lie within ``angle`` of the normal of its own face. Positions are the same
         when their coordinates are the same bits, whatever vertex they belong to, so the seams of
         a texture and the loose triangles of an STL file are smooth too. Vertices are duplicated
-        where their corners differ, and merged if they carry neither colours nor ``uv``.
+        where their corners differ, and merged if they carry neither colours nor ``uv`` nor
+        ``tangents``.
 
         Parameters
         ----------
@@ -224,7 +264,7 @@ class Mesh:
         angle = finite_number("angle", angle)
         if not 0.0 <= angle <= 180.0:
             raise ValueError(f"angle must lie in 0..180 degrees, got {angle!r}")
-        plain = self.vertex_colors is None and self.uv is None
+        plain = self.vertex_colors is None and self.uv is None and self.tangents is None
         split = crease_normals(self.vertices, self.faces, self._scale(), angle, merge=plain)
         # The arrays come from a checked mesh: fill the new one without checking them again.
         result = Mesh.__new__(Mesh)
@@ -235,6 +275,9 @@ class Mesh:
             result._vertex_colors = read_only(self.vertex_colors[split.sources])
         result._face_colors = self.face_colors
         result._uv = None if self.uv is None else read_only(self.uv[split.sources])
+        result._tangents = None
+        if self.tangents is not None:
+            result._tangents = read_only(self.tangents[split.sources])
         result._normals = result._vertex_normals = read_only(split.normals)
         result._material = self.material
         result.invalid_vertices = _count_invalid(result.vertices, "drop")
@@ -339,3 +382,12 @@ def _normal_array(value: ArrayLike, vertex_count: int) -> NDArray[np.float32]:
         rows = slice(start, start + _CHUNK)
         normals[rows] = unit_rows(array[rows].astype(np.float64))
     return normals
+
+
+def _tangent_array(value: ArrayLike, vertex_count: int) -> NDArray[np.float32]:
+    """Return tangents as (V, 4) float32: of unit or zero length, and a side; or raise."""
+    array = _vertex_rows("tangents", value, (vertex_count, 4)).astype(np.float64)
+    tangents = np.empty((vertex_count, 4), dtype=np.float32)
+    tangents[:, :3] = unit_rows(array[:, :3])
+    tangents[:, 3] = np.where(array[:, 3] < 0.0, -1.0, 1.0)
+    return tangents

@@ -1,0 +1,44 @@
+"""Read the pictures inside mesh files with Pillow: as `Texture` takes them, or not at all."""
+
+from __future__ import annotations
+
+import io
+import warnings
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from PIL import Image
+
+SAMPLED_AS_THEY_ARE = ("L", "LA", "RGB", "RGBA", "I;16")
+"""Pillow's kinds of picture that lie in memory as `Texture` takes them; others become RGBA."""
+
+
+def picture_pixels(content: bytes) -> NDArray[Any]:
+    """
+    Decode a picture's file.
+
+    Returns
+    -------
+    (H, W) or (H, W, 2..4) uint8 or uint16
+
+    Raises
+    ------
+    Exception
+        Whatever Pillow raises about a picture that is damaged, of no known format, or so large
+        (above 89 million pixels) that it would take gigabytes.
+    """
+    from PIL import Image
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        warnings.simplefilter("error", Image.DecompressionBombWarning)
+        with Image.open(io.BytesIO(content)) as image:
+            return image_pixels(image)
+
+
+def image_pixels(image: Image.Image) -> NDArray[Any]:
+    """Return the pixels of a Pillow image as `Texture` takes them."""
+    return np.asarray(image if image.mode in SAMPLED_AS_THEY_ARE else image.convert("RGBA"))

@@ -1,0 +1,244 @@
+"""
+Add up the light on metallic-roughness samples: the microfacet model that glTF 2.0 defines.
+
+A surface is a mix of a dielectric and a metal, with facets whose normals are spread by GGX. Light
+of intensity 1 that falls straight on a white, matt surface makes it white, as with every other
+material here: the factor 1/pi of diffuse light is left out, so the highlight is multiplied by pi.
+
+Ambient light comes alike from all sides. What facets send on of it at once has no closed form; it
+is a fit [3]_. What they send on after several bounces is added [4]_, and the rest goes into the
+surface: under white ambient light a white surface is white, however rough and however metallic.
+
+References
+----------
+.. [1] The Khronos Group, "glTF 2.0 Specification" (ISO/IEC 12113:2022), appendix B.
+.. [2] B. Walter et al., "Microfacet Models for Refraction through Rough Surfaces", EGSR 2007;
+   E. Heitz, "Understanding the Masking-Shadowing Function", JCGT 3(2), 2014.
+.. [3] B. Karis, "Physically Based Shading on Mobile", 2014, after D. Lazarov, 2013.
+.. [4] C. Fdez-Agüera, "A Multiple-Scattering Microfacet Model for Real-Time Image-Based Lighting",
+   JCGT 8(1), 2019.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rasterjit.kernels import lighting as lit
+from rasterjit.kernels.jit import disjoint_stage, stage
+from rasterjit.kernels.lighting import exp2, light_at, occlusion_share, unit_scale
+
+DIELECTRIC = np.float32(0.04)
+"""Share of the light straight on that what is no metal mirrors."""
+
+LEAST_ALPHA = np.float32(0.002)
+"""Smallest width of the facets' normals: a mirror would show no light that is a point."""
+
+LEAST_COSINE = np.float32(1e-4)
+"""Smallest cosine of the viewer, for normals that turn away from the face that is seen."""
+
+
+@stage
+def facets_along(n_h, cross_squared, alpha_squared):
+    """
+    Return pi times the GGX density of facets along the half vector.
+
+    Takes the cosine and the squared sine between normal and half vector: near 0 the sine from a
+    cross product is exact where 1 minus a squared cosine is rounding. None face backwards.
+    """
+    spread = max(cross_squared + n_h * n_h * alpha_squared, alpha_squared)
+    density = alpha_squared / (spread * spread)
+    return density if n_h > np.float32(0.0) else np.float32(0.0)
+
+
+@stage
+def facets_seen(n_l, n_v, alpha_squared):
+    """Return Smith's visibility of facets, over four times both cosines; heights correlated."""
+    rest = np.float32(1.0) - alpha_squared
+    lit_part = n_v * np.sqrt(n_l * n_l * rest + alpha_squared)
+    seen_part = n_l * np.sqrt(n_v * n_v * rest + alpha_squared)
+    return np.float32(0.5) / (lit_part + seen_part)
+
+
+@stage
+def grazing(cosine):
+    """Return Schlick's (1 - cosine)**5."""
+    rest = np.float32(1.0) - min(cosine, np.float32(1.0))
+    squared = rest * rest
+    return squared * squared * rest
+
+
+@stage
+def mirrored_head_on(base, metallic):
+    """Return the share of one channel that is mirrored of light straight on."""
+    return DIELECTRIC + metallic * (base - DIELECTRIC)
+
+
+@stage
+def reflected_shares(n_v, roughness):
+    """
+    Return the scale and the offset of the reflectance straight on that give a sample's share.
+
+    Their sum is the share of light from all sides that facets which are perfect mirrors send to the
+    viewer at once.
+    """
+    rest = np.float32(1.0) - roughness
+    low = np.float32(0.0425) - np.float32(0.0275) * roughness
+    steep = min(rest * rest, exp2(np.float32(-9.28) * n_v)) * rest + low
+    scale = np.float32(1.04) - np.float32(0.572) * roughness - np.float32(1.04) * steep
+    offset = np.float32(1.04) * steep - np.float32(0.04) + np.float32(0.022) * roughness
+    return scale, offset
+
+
+@stage
+def scattered(head_on, shares):
+    """Return the share of one channel that facets send on, after one bounce or several."""
+    one = np.float32(1.0)
+    missing = one - (shares[0] + shares[1])
+    once = max(head_on * shares[0] + shares[1], np.float32(0.0))
+    mean = head_on + (one - head_on) * np.float32(1.0 / 21.0)
+    return once + missing * once * mean / (one - missing * mean)
+
+
+@disjoint_stage
+def start_facets(
+    ambient, toward_viewer, occlusion, nx, ny, nz, px, py, pz, metallic, roughness, microfacet,
+    red, green, blue, out_red, out_green, out_blue,
+):  # fmt: skip
+    """Write what ambient light shows of metallic-roughness samples; others stay as they are."""
+    one, zero = np.float32(1.0), np.float32(0.0)
+    for i in range(out_red.shape[0]):
+        vx, vy, vz = (
+            toward_viewer[0] - toward_viewer[3] * px[i],
+            toward_viewer[1] - toward_viewer[3] * py[i],
+            toward_viewer[2] - toward_viewer[3] * pz[i],
+        )
+        n_v = (nx[i] * vx + ny[i] * vy + nz[i] * vz) * unit_scale(vx, vy, vz)
+        shares = reflected_shares(max(n_v, zero), roughness[i])
+        r = scattered(mirrored_head_on(red[i], metallic[i]), shares)
+        g = scattered(mirrored_head_on(green[i], metallic[i]), shares)
+        b = scattered(mirrored_head_on(blue[i], metallic[i]), shares)
+        # What is not mirrored goes into the surface, and comes back unless it is a metal.
+        inside = (one - metallic[i]) * (one - max(r, max(g, b)))
+        share, is_faceted = occlusion_share(occlusion, i), microfacet[i] > zero
+        shown = share * ambient[0] * (r + inside * red[i])
+        out_red[i] = shown if is_faceted else out_red[i]
+        shown = share * ambient[1] * (g + inside * green[i])
+        out_green[i] = shown if is_faceted else out_green[i]
+        shown = share * ambient[2] * (b + inside * blue[i])
+        out_blue[i] = shown if is_faceted else out_blue[i]
+
+
+@disjoint_stage
+def add_facet_light(
+    light, toward_viewer, nx, ny, nz, px, py, pz, metallic, roughness, microfacet,
+    red, green, blue, out_red, out_green, out_blue,
+):  # fmt: skip
+    """Add what one light contributes to each metallic-roughness sample."""
+    one, zero = np.float32(1.0), np.float32(0.0)
+    for i in range(out_red.shape[0]):
+        # Find the half vector between light and viewer, and the cosines.
+        lx, ly, lz, falloff = light_at(light, px[i], py[i], pz[i])
+        vx, vy, vz = (
+            toward_viewer[0] - toward_viewer[3] * px[i],
+            toward_viewer[1] - toward_viewer[3] * py[i],
+            toward_viewer[2] - toward_viewer[3] * pz[i],
+        )
+        scale = unit_scale(vx, vy, vz)
+        vx, vy, vz = vx * scale, vy * scale, vz * scale
+        hx, hy, hz = lx + vx, ly + vy, lz + vz
+        scale = unit_scale(hx, hy, hz)
+        hx, hy, hz = hx * scale, hy * scale, hz * scale
+        x, y, z = nx[i], ny[i], nz[i]
+        n_l = max(x * lx + y * ly + z * lz, zero)
+        n_v = max(x * vx + y * vy + z * vz, LEAST_COSINE)
+        n_h = x * hx + y * hy + z * hz
+        v_h = max(vx * hx + vy * hy + vz * hz, zero)
+        cx, cy, cz = y * hz - z * hy, z * hx - x * hz, x * hy - y * hx
+        # Find the highlight, and what is left for the light that goes into the surface.
+        alpha = max(roughness[i] * roughness[i], LEAST_ALPHA)
+        squared = alpha * alpha
+        shine = facets_along(n_h, cx * cx + cy * cy + cz * cz, squared)
+        shine *= facets_seen(n_l, n_v, squared)
+        bent = grazing(v_h)
+        diffuse = (one - metallic[i]) * (one - (DIELECTRIC + (one - DIELECTRIC) * bent))
+        # Add both.
+        arriving = microfacet[i] * falloff * n_l
+        head_on = mirrored_head_on(red[i], metallic[i])
+        mirrored = shine * (head_on + (one - head_on) * bent)
+        out_red[i] += arriving * light[4] * (red[i] * diffuse + mirrored)
+        head_on = mirrored_head_on(green[i], metallic[i])
+        mirrored = shine * (head_on + (one - head_on) * bent)
+        out_green[i] += arriving * light[5] * (green[i] * diffuse + mirrored)
+        head_on = mirrored_head_on(blue[i], metallic[i])
+        mirrored = shine * (head_on + (one - head_on) * bent)
+        out_blue[i] += arriving * light[6] * (blue[i] * diffuse + mirrored)
+
+
+@stage
+def largest(row):
+    """Return the largest number of a row, at least 0."""
+    most = np.float32(0.0)
+    for i in range(row.shape[0]):
+        most = max(most, row[i])
+    return most
+
+
+@stage
+def kinds_shown(samples, count, microfacets):
+    """
+    Return whether any gathered sample is lit otherwise, and whether any is a microfacet one.
+
+    Where no object is one, the answer is known when this is compiled.
+    """
+    if microfacets is None:
+        return True, False
+    return (
+        largest(samples[lit.LIT, :count]) > np.float32(0.0),
+        largest(samples[lit.MICROFACET, :count]) > np.float32(0.0),
+    )
+
+
+@stage
+def start_facet_row(samples, count, lighting, toward_viewer, occlusion, microfacets):
+    """Write what ambient light shows of the gathered samples; nothing where none is faceted."""
+    if microfacets is None:
+        return
+    start_facets(
+        lighting.ambient, toward_viewer, occlusion,
+        samples[lit.NORMAL_X, :count], samples[lit.NORMAL_Y, :count],
+        samples[lit.NORMAL_Z, :count], samples[lit.POINT_X, :count],
+        samples[lit.POINT_Y, :count], samples[lit.POINT_Z, :count],
+        samples[lit.METALLIC, :count], samples[lit.ROUGHNESS, :count],
+        samples[lit.MICROFACET, :count], samples[lit.RED, :count], samples[lit.GREEN, :count],
+        samples[lit.BLUE, :count], samples[lit.OUT_RED, :count], samples[lit.OUT_GREEN, :count],
+        samples[lit.OUT_BLUE, :count],
+    )  # fmt: skip
+
+
+@stage
+def add_facet_lights(samples, count, light, toward_viewer, microfacets):
+    """Add what one light contributes to the gathered samples; nothing where none is faceted."""
+    if microfacets is None:
+        return
+    add_facet_light(
+        light, toward_viewer, samples[lit.NORMAL_X, :count], samples[lit.NORMAL_Y, :count],
+        samples[lit.NORMAL_Z, :count], samples[lit.POINT_X, :count],
+        samples[lit.POINT_Y, :count], samples[lit.POINT_Z, :count],
+        samples[lit.METALLIC, :count], samples[lit.ROUGHNESS, :count],
+        samples[lit.MICROFACET, :count], samples[lit.RED, :count], samples[lit.GREEN, :count],
+        samples[lit.BLUE, :count], samples[lit.OUT_RED, :count], samples[lit.OUT_GREEN, :count],
+        samples[lit.OUT_BLUE, :count],
+    )  # fmt: skip
+
+
+@stage
+def write_facets(samples, run, is_faceted, owner, microfacets):
+    """Write metallic and roughness along a run, and whether the object is of this kind."""
+    if microfacets is None:
+        return
+    share = np.float32(1.0 if is_faceted else 0.0)
+    metallic, roughness = microfacets.factors[owner, 0], microfacets.factors[owner, 1]
+    for n in range(np.uintp(run[0]), np.uintp(run[1])):
+        samples[lit.METALLIC, n] = metallic
+        samples[lit.ROUGHNESS, n] = roughness
+        samples[lit.MICROFACET, n] = share
