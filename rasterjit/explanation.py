@@ -34,6 +34,9 @@ STORED_DECIMALS = 9
 SMALLEST_FIXED, LARGEST_FIXED = 1e-3, 1e6
 """Coordinates whose largest is outside of these are shown with a power of ten."""
 
+LOST = ("culled", "cut out")
+"""Standings of faces that are not drawn at a pixel, however near."""
+
 FAINTEST = 5e-6
 """Highlights that would print as zero are left out of the table."""
 
@@ -43,8 +46,8 @@ class FaceAtPixel:
     """One face whose samples include the pixel's centre, and every number on its way there."""
 
     standing: str
-    """``"visible"``, ``"hidden"``, ``"tied"`` (as near, but with a higher number) or
-    ``"culled"``."""
+    """``"visible"``, ``"hidden"``, ``"tied"`` (as near, but with a higher number), ``"culled"``, or
+    ``"cut out"`` (alpha is below the cutoff of its mask)."""
     face: int
     """As ``Frame.face_id`` counts, through all objects."""
     object_number: int
@@ -132,7 +135,7 @@ class PixelExplanation:
     """Width and height of the image, pixels."""
     faces: tuple[FaceAtPixel, ...]
     """Every face that covers the pixel's centre: the visible one, those behind it from near to far,
-    then culled ones."""
+    then culled ones and ones with a hole there."""
     reasons: tuple[str, ...]
     """Why no face is visible; empty if one is."""
     light: LightTerms | None
@@ -147,7 +150,7 @@ class PixelExplanation:
     @property
     def winner(self) -> FaceAtPixel | None:
         """The visible face; None where the background shows."""
-        return self.faces[0] if self.faces and self.faces[0].standing != "culled" else None
+        return self.faces[0] if self.faces and self.faces[0].standing not in LOST else None
 
     def __str__(self) -> str:
         tables: list[Any] = [_heading(self)]
@@ -194,7 +197,7 @@ def _face_table(pixel: PixelExplanation) -> Table:
     listed = list(zip(faces, depths, stored, strict=True))
     for face, (depth,), (near,) in listed[:MOST_FACES]:
         owner = f"{face.object_number} {face.object_name}"
-        standing = face.standing if pixel.light or face.standing == "culled" else "not drawn"
+        standing = face.standing if pixel.light or face.standing in LOST else "not drawn"
         table.add_row(str(face.face), owner, depth, near, standing)
     if len(listed) > MOST_FACES:
         table.add_row("...", f"and {len(listed) - MOST_FACES:,} more", "", "", "")

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from rasterjit import stages
 from rasterjit.kernels import backgrounds, layers, resolve, shading, transparency
 from rasterjit.kernels.records import (
+    Cutouts,
     Encoding,
     Faces,
     Geometry,
@@ -76,6 +77,7 @@ class Lists(NamedTuple):
     """(M,)."""
     faces: Faces
     screen: ScreenVertices
+    cutouts: Cutouts | None
 
 
 class Band(NamedTuple):
@@ -100,7 +102,7 @@ def part_lists(
     transparency.split_lists(
         lists.starts, lists.binned, lists.faces, face_starts, is_blended, parted, middles
     )
-    return Lists(lists.starts, middles, parted, lists.faces, coverage.screen)
+    return Lists(lists.starts, middles, parted, lists.faces, coverage.screen, coverage.cutouts)
 
 
 def find_layers(
@@ -133,7 +135,7 @@ def find_layers(
         used = np.empty((1, -(-width // TILE_SIZE)), np.int64)
         needed, column, row = transparency.find_layers(
             rows, lists.starts, lists.middles, lists.parted, lists.faces, lists.screen, viewport,
-            CENTRE, opaque, found, used, scratch,
+            CENTRE, opaque, found, used, scratch, lists.cutouts,
         )  # fmt: skip
         if needed <= room:
             yield Band(rows[0], opaque[0], found[1][0, :needed])
@@ -217,7 +219,8 @@ def shade(
     def shade_tiles(first: int) -> None:
         scratch = shading.scratch_memory(rows, surface.textures is not None)
         all_rows = first, min(first + TILE_SIZE, viewport.height)
-        for band in find_layers(all_rows, lists, shader.geometry, transparency.scratch_memory()):
+        room = transparency.scratch_memory(lists.cutouts is not None)
+        for band in find_layers(all_rows, lists, shader.geometry, room):
             for start in range(0, len(band.opaque), ROWS_AT_ONCE):
                 part = slice(start, start + ROWS_AT_ONCE)
                 some = Band(band.first_row + start, band.opaque[part], band.transparent[:, part])

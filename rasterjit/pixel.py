@@ -188,7 +188,7 @@ def _centre(x: int, y: int, grid_bits: int) -> tuple[int, int]:
 
 
 def _find_faces(drawn: _Drawn, x: int, y: int) -> list[FaceAtPixel]:
-    """Return the faces that cover a pixel's centre: seen, hidden by depth, culled."""
+    """Return the faces that cover a pixel's centre: seen, hidden by depth, culled, cut out."""
     starts, binned, faces = drawn.lists
     coverage, viewport = drawn.coverage, drawn.geometry.viewport
     columns = -(-viewport.width // visibility.TILE_SIZE)
@@ -209,12 +209,19 @@ def _find_faces(drawn: _Drawn, x: int, y: int) -> list[FaceAtPixel]:
     kept = set(coverage.lists.binned[coverage.lists.starts[tile] : coverage.lists.starts[tile + 1]])
     found = []
     for triangle in near:
-        visibility.draw_tiles(
+        arguments = (
             np.array([tile], np.int32), one, np.array([triangle], np.int32), bottomless, faces,
-            coverage.screen, viewport, (depth, face_id), scratch, None,
+            coverage.screen, viewport, (depth, face_id),
         )  # fmt: skip
-        if face_id[y, x] >= 0:
-            found.append((triangle not in kept, -float(depth[y, x]), int(face_id[y, x]), triangle))
+        visibility.draw_tiles(*arguments, scratch, None)
+        if face_id[y, x] < 0:
+            continue
+        entry = -float(depth[y, x]), int(face_id[y, x]), triangle
+        lost = "" if triangle in kept else "culled"
+        if not lost and coverage.cutouts is not None:
+            visibility.draw_tiles(*arguments, visibility.scratch_memory(True), coverage.cutouts)
+            lost = "" if face_id[y, x] >= 0 else "cut out"
+        found.append((lost, *entry))
     return [_face_at(drawn, x, y, *entry) for entry in sorted(found)]
 
 
@@ -227,7 +234,7 @@ def _edges(
 
 
 def _face_at(
-    drawn: _Drawn, x: int, y: int, culled: bool, nearness: float, face: int, triangle: np.int32
+    drawn: _Drawn, x: int, y: int, lost: str, nearness: float, face: int, triangle: np.int32
 ) -> FaceAtPixel:
     """Gather all numbers of one face at one pixel."""
     arrays, geometry, coverage = drawn.arrays, drawn.geometry, drawn.coverage
@@ -250,8 +257,8 @@ def _face_at(
     affine, weights = _weights(snapped.tolist(), clip, clipped, point, (x, y), drawn.plan.size)
     stored = np.float32(-nearness)
     standing = "hidden"
-    if culled:
-        standing = "culled"
+    if lost:
+        standing = lost
     elif face == coverage.face_id[y, x]:
         standing = "visible"
     elif stored == coverage.depth[y, x]:
@@ -438,8 +445,9 @@ def _reasons(drawn: _Drawn, faces: tuple[FaceAtPixel, ...], x: int, y: int) -> t
     """Say why no face is visible at a pixel."""
     reasons = []
     if faces:
-        names = ", ".join(str(face.face) for face in faces)
-        reasons.append(f"culled faces cover it: {names}")
+        for lost in dict.fromkeys(face.standing for face in faces):
+            names = ", ".join(str(face.face) for face in faces if face.standing == lost)
+            reasons.append(f"{lost} faces cover it: {names}")
     else:
         reasons.append("no face covers the pixel's centre")
     totals = drawn.coverage.totals

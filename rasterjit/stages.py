@@ -121,6 +121,8 @@ class Coverage(NamedTuple):
     totals: Totals
     lists: TileLists | None
     """``None`` unless they were asked for."""
+    cutouts: Cutouts | None = None
+    """With its geometry; ``None`` if no object has holes."""
 
 
 class Sky(NamedTuple):
@@ -386,7 +388,7 @@ def find_visible(
     drawn = len(faces) - (outside + degenerate + culled + unsampled + invalid)
     totals = Totals(len(faces), outside, degenerate, culled, unsampled, invalid, drawn, clipped)
     lists = TileLists(starts, binned, all_faces) if keep_lists else None
-    return Coverage(depth, face_id, screen, clip_positions, totals, lists)
+    return Coverage(depth, face_id, screen, clip_positions, totals, lists, cutouts)
 
 
 def set_up_and_bin(

@@ -8,7 +8,7 @@ are those of the same triangle without holes, bit for bit.
 Alpha is that of the material times that of the vertex or face colours times that of the base colour
 texture, each as shading would show it at that sample: the same weights, also where a face was
 clipped, and the same filter, with the mip level that the picture at hand calls for (a shadow map
-has levels of its own).
+has levels of its own). Samples beside a pixel's centre have their own alpha, at the centre's level.
 """
 
 from __future__ import annotations
@@ -16,9 +16,14 @@ from __future__ import annotations
 import numpy as np
 
 from rasterjit.kernels.batches import BOTTOM, FACE, LEFT, RIGHT, TOP
-from rasterjit.kernels.interpolation import interpolate, lowest_first, sample_weights
+from rasterjit.kernels.interpolation import (
+    clipped_weights,
+    interpolate,
+    lowest_first,
+    snapped_weights_at,
+)
 from rasterjit.kernels.jit import stage
-from rasterjit.kernels.setup import last_at_most
+from rasterjit.kernels.setup import CLIPPED, last_at_most
 from rasterjit.kernels.texturing import BASE_COLOR, texture_color, vertex_place
 
 ALPHA = 3
@@ -87,11 +92,35 @@ def texture_alpha(owner, weights, a, b, c, column, row, textures, geometry):
 
 
 @stage
-def sample_alpha(face, owner, column, row, cutouts):
-    """Return the alpha of a face at a pixel's centre."""
+def shifted_weights(a, b, c, column, row, shift, geometry):
+    """
+    Return the perspective-correct weights of vertices a, b, c at a sample of a pixel.
+
+    Takes its way to the pixel's centre in units of the sub-pixel grid. Where that is nothing they
+    are those of `interpolation.sample_weights`.
+    """
+    bits = geometry.viewport.grid_bits
+    unit, half = np.int64(1) << bits, np.int64(1) << (bits - 1)
+    if (geometry.codes[a] | geometry.codes[b] | geometry.codes[c]) & CLIPPED:
+        x = np.float64(column) - np.float64(shift[0]) / np.float64(unit)
+        y = np.float64(row) - np.float64(shift[1]) / np.float64(unit)
+        w0, w1, w2 = clipped_weights(a, b, c, x, y, geometry)
+    else:
+        px = (np.int64(column) << bits) + half - np.int64(shift[0])
+        py = (np.int64(row) << bits) + half - np.int64(shift[1])
+        w0, w1, w2 = snapped_weights_at(a, b, c, px, py, geometry)
+    total = w0 + w1 + w2
+    if total == 0.0:
+        return 1.0, 0.0, 0.0
+    return w0 / total, w1 / total, w2 / total
+
+
+@stage
+def sample_alpha(face, owner, column, row, shift, cutouts):
+    """Return the alpha of a face at a sample of a pixel."""
     geometry = cutouts.geometry
     a, b, c = lowest_first(geometry.faces, face)
-    weights = sample_weights(a, b, c, column, row, geometry)
+    weights = shifted_weights(a, b, c, column, row, shift, geometry)
     return (
         cutouts.materials[owner, ALPHA]
         * vertex_alpha(weights, a, b, c, cutouts.vertex_colors)
@@ -101,12 +130,12 @@ def sample_alpha(face, owner, column, row, cutouts):
 
 
 @stage
-def keep_shown(n, whole, window, scratch, cutouts):
+def keep_shown(n, whole, window, shift, scratch, cutouts):
     """
     Move what a triangle with holes shows from its own tile to the tile at hand, and clear it.
 
-    Does nothing for any other triangle. Takes the triangle's number in its batch and the tile's
-    window, as visibility has them.
+    Does nothing for any other triangle. Takes the triangle's number in its batch, the tile's
+    window, and what the vertices were moved by on the sub-pixel grid.
     """
     if cutouts is None:
         return
@@ -121,7 +150,9 @@ def keep_shown(n, whole, window, scratch, cutouts):
         for column in range(max(np.int64(whole[LEFT, n]), left), np.int64(whole[RIGHT, n]) + 1):
             i, j = row - top, column - left
             stored = own[i, j]
-            if stored > depths[i, j] and sample_alpha(face, owner, column, row, cutouts) >= cutoff:
-                depths[i, j] = stored
-                numbers[i, j] = np.int32(face)
+            if stored > depths[i, j]:
+                alpha = sample_alpha(face, owner, column, row, shift, cutouts)
+                if alpha >= cutoff:
+                    depths[i, j] = stored
+                    numbers[i, j] = np.int32(face)
             own[i, j] = -np.inf

@@ -68,6 +68,12 @@ def snapped_weights(a, b, c, column, row, geometry):
     bits = geometry.viewport.grid_bits
     half = np.int64(1) << (bits - 1)
     px, py = (np.int64(column) << bits) + half, (np.int64(row) << bits) + half
+    return snapped_weights_at(a, b, c, px, py, geometry)
+
+
+@stage
+def snapped_weights_at(a, b, c, px, py, geometry):
+    """Return `snapped_weights` at a point of the sub-pixel grid."""
     ax, ay = np.int64(geometry.xy[a, 0]), np.int64(geometry.xy[a, 1])
     bx, by = np.int64(geometry.xy[b, 0]), np.int64(geometry.xy[b, 1])
     cx, cy = np.int64(geometry.xy[c, 0]), np.int64(geometry.xy[c, 1])

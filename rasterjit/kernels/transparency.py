@@ -37,8 +37,9 @@ from rasterjit.kernels.batches import (
     gather_triangles,
     plan_triangles,
 )
+from rasterjit.kernels.cutouts import keep_shown, tile_for
 from rasterjit.kernels.jit import disjoint_stage, kernel, stage
-from rasterjit.kernels.records import Faces, ScreenVertices, Viewport
+from rasterjit.kernels.records import Cutouts, Faces, ScreenVertices, Viewport
 from rasterjit.kernels.setup import TILE_BITS, TILE_SIZE
 from rasterjit.kernels.visibility import NOTHING, clear_tile, draw_triangle, tile_window
 
@@ -95,7 +96,7 @@ def gather_shifted(listed, parts, screen, window, bits, shift, whole, real):
 
 
 @stage
-def draw_opaque(listed, parts, screen, window, bits, shift, scratch):
+def draw_opaque(listed, parts, screen, window, bits, shift, scratch, cutouts):
     """Draw the listed triangles of a tile; the nearest is seen."""
     tile_depth, tile_numbers, whole, real = scratch[:4]
     tile = tile_depth.reshape(-1), tile_numbers.reshape(-1)
@@ -103,7 +104,9 @@ def draw_opaque(listed, parts, screen, window, bits, shift, scratch):
         some = listed[first : min(first + BATCH, listed.shape[0])]
         gather_shifted(some, parts, screen, window, bits, shift, whole, real)
         for n in range(np.uintp(some.shape[0])):
-            draw_triangle(n, whole, real, window, bits, np.float32(-np.inf), tile, scratch[4:])
+            target = tile_for(whole[FACE, n], tile, scratch, cutouts)
+            draw_triangle(n, whole, real, window, bits, np.float32(-np.inf), target, scratch[4:9])
+            keep_shown(n, whole, window, shift, scratch, cutouts)
 
 
 @disjoint_stage
@@ -199,7 +202,7 @@ def insert_listed(
         some = listed[first : min(first + BATCH, listed.shape[0])]
         gather_shifted(some, parts, screen, window, bits, shift, whole, real)
         for n in range(np.uintp(some.shape[0])):
-            draw_triangle(n, whole, real, window, bits, np.float32(-np.inf), tile, scratch[4:])
+            draw_triangle(n, whole, real, window, bits, np.float32(-np.inf), tile, scratch[4:9])
             used = insert_triangle(
                 n, whole, window, drawn, (scratch[0], scratch[1]), counts, layers, sample, used,
                 (spare[3], spare[4]),
@@ -224,7 +227,9 @@ def copy_row(source, target):
         target[i] = source[i]
 
 
-def scratch_memory() -> tuple[tuple[NDArray[Any], ...], tuple[NDArray[Any], ...]]:
+def scratch_memory(
+    has_cutouts: bool = False,
+) -> tuple[tuple[NDArray[Any], ...], tuple[NDArray[Any], ...]]:
     """Return the memory that a thread needs: to draw, and to draw a triangle alone."""
     alone = (
         np.full(visibility.SCRATCH_SHAPE, -np.inf, np.float32),
@@ -233,13 +238,13 @@ def scratch_memory() -> tuple[tuple[NDArray[Any], ...], tuple[NDArray[Any], ...]
         np.empty(TILE_SIZE, np.float32),
         np.empty(TILE_SIZE, np.int32),
     )
-    return visibility.scratch_memory(), alone
+    return visibility.scratch_memory(has_cutouts), alone
 
 
 @kernel
 def find_layers(
     rows, starts, middles, parted, faces: Faces, screen: ScreenVertices, viewport: Viewport, shifts,
-    opaque, layers, used, scratch,
+    opaque, layers, used, scratch, cutouts: Cutouts | None,
 ):  # fmt: skip
     """
     Find the opaque surface and the transparent ones before it, for some rows of the frame.
@@ -263,6 +268,8 @@ def find_layers(
         Scratch memory.
     scratch : tuple
         This thread's own, from `scratch_memory`.
+    cutouts : Cutouts or None
+        ``None``: no object has holes.
 
     Returns
     -------
@@ -283,7 +290,7 @@ def find_layers(
             window = left, np.int64(rows[0]), right, np.int64(rows[1]) - 1
             clear_tile(drawing[0], drawing[1])
             listed = parted[starts[tile] : middles[tile]]
-            draw_opaque(listed, parts, screen, window, viewport.grid_bits, shift, drawing)
+            draw_opaque(listed, parts, screen, window, viewport.grid_bits, shift, drawing, cutouts)
             for row in range(rows[1] - rows[0]):
                 copy_row(drawing[1][row, : right + 1 - left], opaque[sample, row, left : right + 1])
             used[sample, column] = 0

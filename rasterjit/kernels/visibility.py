@@ -422,7 +422,7 @@ def draw_listed(listed, faces, screen, window, bits, floor, scratch, cutouts):
     for n in range(np.uintp(listed.shape[0])):
         target = tile_for(whole[FACE, n], tile, scratch, cutouts)
         draw_triangle(n, whole, real, window, bits, floor, target, spans)
-        keep_shown(n, whole, window, scratch, cutouts)
+        keep_shown(n, whole, window, (0, 0), scratch, cutouts)
 
 
 @stage
