@@ -114,16 +114,48 @@ DIFFERENCE = Fraction(1, 1 << 20)
 """Pixels by which coordinates are moved to find how fast they change."""
 
 
-def level_of_detail(point, triangle, ws, uvs, size):
-    """Return log2 of the longer step of a pixel on a texture, from differences around it."""
-    squares = []
+def steps_at(point, triangle, ws, uvs):
+    """Return the steps (u, v) of a pixel to the right and down, from differences around it."""
+    steps = []
     for dx, dy in ((DIFFERENCE, 0), (0, DIFFERENCE)):
         there = coordinates_at((point[0] + dx, point[1] + dy), triangle, ws, uvs)
         back = coordinates_at((point[0] - dx, point[1] - dy), triangle, ws, uvs)
-        steps = [(a - b) / (2 * DIFFERENCE) * n for a, b, n in zip(there, back, size, strict=True)]
-        squares.append(sum(step * step for step in steps))
-    longest = max(squares)
-    return 0.5 * math.log2(longest) if longest else -math.inf
+        steps.append([(a - b) / (2 * DIFFERENCE) for a, b in zip(there, back, strict=True)])
+    return steps
+
+
+def length(step, size):
+    """Return the length of a step in texels."""
+    return math.sqrt(sum((part * n) ** 2 for part, n in zip(step, size, strict=True)))
+
+
+def level_of_detail(point, triangle, ws, uvs, size):
+    """Return log2 of the longer step of a pixel on a texture, from differences around it."""
+    longest = max(length(step, size) for step in steps_at(point, triangle, ws, uvs))
+    return math.log2(longest) if longest else -math.inf
+
+
+def anisotropic(levels, wraps, footprint, limit):
+    """
+    Return the mean of taps along the longer step, and how far their number is from changing.
+
+    The taps are those of the Khronos Group's EXT_texture_filter_anisotropic, along a straight line;
+    the shorter step counts as a texel at least.
+    """
+    point, triangle, ws, uvs, size = footprint
+    u, v = coordinates_at(point, triangle, ws, uvs)
+    steps = steps_at(point, triangle, ws, uvs)
+    longer, shorter = sorted((length(step, size), step) for step in steps)[::-1]
+    ratio = longer[0] / max(shorter[0], 1.0)
+    parts = max(1.0, min(ratio, limit))
+    count = math.ceil(parts)
+    detail = math.log2(longer[0] / parts) if longer[0] > 0 else -math.inf
+    taps = []
+    for n in range(1, count + 1):
+        shift = Fraction(n, count + 1) - HALF
+        place = u + shift * longer[1][0], v + shift * longer[1][1]
+        taps.append(trilinear(levels, *place, wraps, detail))
+    return sum(taps) / count, count, abs(parts - round(parts))
 
 
 # --- what the engine shows ------------------------------------------------------------------------

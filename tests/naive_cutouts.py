@@ -1,0 +1,82 @@
+"""
+The slow, obvious twin of alpha masks: draw every face alone without holes, then drop samples.
+
+Alpha is exact: coordinates and weights are ``fractions.Fraction``.
+"""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import naive_textures as naive
+import numpy as np
+
+import rasterjit as rj
+from rasterjit import oracle, stages
+
+
+class Watching(rj.Renderer):
+    """A renderer that keeps the visibility buffer of its last frame."""
+
+    def _find_visible(self, *arguments, **options):
+        self.coverage = stages.find_visible(*arguments, **options)
+        return self.coverage
+
+
+def visibility(what, camera, size, threads=1, **options):
+    """Return the stored depth (-inf where nothing is) and the face at every pixel."""
+    with Watching(size, threads=threads) as renderer:
+        renderer.render(what, camera, outputs=("depth", "face_id"), **options)
+        depth, face_id = renderer.coverage.depth, renderer.coverage.face_id
+    return np.where(face_id >= 0, depth, -np.inf).astype(np.float32), face_id.copy()
+
+
+def texture_alpha(texture, uv, footprint):
+    """Return what the alpha of a texture is at exact coordinates."""
+    image = naive.exact_image(texture.image[..., 3])
+    if texture.filter == "nearest":
+        return naive.nearest(image, *uv, texture.wrap)
+    if texture.filter == "bilinear":
+        return naive.bilinear(image, *uv, texture.wrap)
+    levels = naive.mip_chain(image)
+    return naive.trilinear(levels, *uv, texture.wrap, naive.level_of_detail(*footprint))
+
+
+def cut(faces, camera, size, points, ws, texture, uvs, cutoff):
+    """
+    Return stored depth and face at every pixel of triangles with holes.
+
+    Parameters
+    ----------
+    faces : list of Mesh
+        One opaque triangle each.
+    camera : Camera
+    size : (int, int)
+    points : (N, 3, 2)
+        Where their vertices lie on the screen, pixels.
+    ws : (N, 3)
+    texture : Texture
+        Its alpha decides.
+    uvs : (N, 3, 2)
+    cutoff : float
+    """
+    depth = np.full(size[::-1], -np.inf, np.float32)
+    shown = np.full(size[::-1], -1, np.int32)
+    closest = np.inf
+    for n, mesh in enumerate(faces):
+        alone, covered = visibility(mesh, camera, size)
+        corners = [tuple(Fraction(c, 256) for c in p) for p in oracle.snap_triangle(points[n])]
+        exact_ws = [Fraction(w) for w in ws[n]]
+        exact_uv = [tuple(map(Fraction, place)) for place in uvs[n]]
+        for row, column in np.argwhere(covered >= 0).tolist():
+            if alone[row, column] <= depth[row, column]:
+                continue
+            point = (column + naive.HALF, row + naive.HALF)
+            place = naive.coordinates_at(point, corners, exact_ws, exact_uv)
+            footprint = point, corners, exact_ws, exact_uv, texture.size
+            alpha = texture_alpha(texture, place, footprint)
+            closest = min(closest, abs(float(alpha) - cutoff))
+            if alpha >= Fraction(float(np.float32(cutoff))):
+                depth[row, column] = alone[row, column]
+                shown[row, column] = n
+    return depth, shown, closest
