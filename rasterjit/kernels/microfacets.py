@@ -5,8 +5,8 @@ A surface is a mix of a dielectric and a metal, with facets whose normals are sp
 of intensity 1 that falls straight on a white, matt surface makes it white, as with every other
 material here: the factor 1/pi of diffuse light is left out, so the highlight is multiplied by pi.
 
-Ambient light comes alike from all sides. What facets send on of it at once has no closed form; it
-is a fit [3]_. What they send on after several bounces is added [4]_, and the rest goes into the
+Ambient light comes alike from all sides. What facets send on of it at once [3]_ has no closed form;
+it is a fit. What they send on after several bounces is added [4]_, and the rest goes into the
 surface: under white ambient light a white surface is white, however rough and however metallic.
 
 References
@@ -14,7 +14,7 @@ References
 .. [1] The Khronos Group, "glTF 2.0 Specification" (ISO/IEC 12113:2022), appendix B.
 .. [2] B. Walter et al., "Microfacet Models for Refraction through Rough Surfaces", EGSR 2007;
    E. Heitz, "Understanding the Masking-Shadowing Function", JCGT 3(2), 2014.
-.. [3] B. Karis, "Physically Based Shading on Mobile", 2014, after D. Lazarov, 2013.
+.. [3] B. Karis, "Real Shading in Unreal Engine 4", SIGGRAPH 2013 courses: the split sum.
 .. [4] C. Fdez-Agüera, "A Multiple-Scattering Microfacet Model for Real-Time Image-Based Lighting",
    JCGT 8(1), 2019.
 """
@@ -25,7 +25,7 @@ import numpy as np
 
 from rasterjit.kernels import lighting as lit
 from rasterjit.kernels.jit import disjoint_stage, stage
-from rasterjit.kernels.lighting import exp2, light_at, occlusion_share, unit_scale
+from rasterjit.kernels.lighting import light_at, occlusion_share, unit_scale
 
 DIELECTRIC = np.float32(0.04)
 """Share of the light straight on that what is no metal mirrors."""
@@ -74,19 +74,39 @@ def mirrored_head_on(base, metallic):
 
 
 @stage
+def cubic(x, a, b, c, d):
+    """Return a + b x + c x**2 + d x**3, float32."""
+    return np.float32(a) + x * (np.float32(b) + x * (np.float32(c) + x * np.float32(d)))
+
+
+@stage
 def reflected_shares(n_v, roughness):
     """
     Return the scale and the offset of the reflectance straight on that give a sample's share.
 
     Their sum is the share of light from all sides that facets which are perfect mirrors send to the
-    viewer at once.
+    viewer at once. Both are polynomials, fitted to the integral of the model by least squares;
+    their largest errors are 0.061 (the sum) and 0.069 (the offset), where the viewer's cosine is
+    below 0.1.
     """
-    rest = np.float32(1.0) - roughness
-    low = np.float32(0.0425) - np.float32(0.0275) * roughness
-    steep = min(rest * rest, exp2(np.float32(-9.28) * n_v)) * rest + low
-    scale = np.float32(1.04) - np.float32(0.572) * roughness - np.float32(1.04) * steep
-    offset = np.float32(1.04) * steep - np.float32(0.04) + np.float32(0.022) * roughness
-    return scale, offset
+    c, r, zero, one = n_v, roughness, np.float32(0.0), np.float32(1.0)
+    total = cubic(
+        c,
+        cubic(r, 1.03258, -1.20292, 2.74047, -1.69267),
+        cubic(r, -0.0462228, 4.95571, -15.7929, 9.5428),
+        cubic(r, -0.13758, -4.45289, 18.0092, -12.2217),
+        cubic(r, 0.126206, 1.18405, -6.3583, 4.58152),
+    )
+    offset = cubic(
+        c,
+        cubic(r, 1.01424, -2.06212, 0.775402, 0.347573),
+        cubic(r, -4.28602, 11.3499, -9.19793, 1.87035),
+        cubic(r, 5.91556, -18.5306, 19.3117, -6.39416),
+        cubic(r, -2.66093, 9.34343, -11.0615, 4.26546),
+    )
+    total = max(min(total, one), zero)
+    offset = max(min(offset, total), zero)
+    return total - offset, offset
 
 
 @stage
@@ -114,17 +134,19 @@ def start_facets(
         )
         n_v = (nx[i] * vx + ny[i] * vy + nz[i] * vz) * unit_scale(vx, vy, vz)
         shares = reflected_shares(max(n_v, zero), roughness[i])
-        r = scattered(mirrored_head_on(red[i], metallic[i]), shares)
-        g = scattered(mirrored_head_on(green[i], metallic[i]), shares)
-        b = scattered(mirrored_head_on(blue[i], metallic[i]), shares)
-        # What is not mirrored goes into the surface, and comes back unless it is a metal.
-        inside = (one - metallic[i]) * (one - max(r, max(g, b)))
+        # What a dielectric does not mirror goes into it, and comes back coloured.
+        mirrored = scattered(DIELECTRIC, shares)
+        inside = one - mirrored
+        r = metallic[i] * scattered(red[i], shares)
+        g = metallic[i] * scattered(green[i], shares)
+        b = metallic[i] * scattered(blue[i], shares)
         share, is_faceted = occlusion_share(occlusion, i), microfacet[i] > zero
-        shown = share * ambient[0] * (r + inside * red[i])
+        rest = one - metallic[i]
+        shown = share * ambient[0] * (r + rest * (mirrored + inside * red[i]))
         out_red[i] = shown if is_faceted else out_red[i]
-        shown = share * ambient[1] * (g + inside * green[i])
+        shown = share * ambient[1] * (g + rest * (mirrored + inside * green[i]))
         out_green[i] = shown if is_faceted else out_green[i]
-        shown = share * ambient[2] * (b + inside * blue[i])
+        shown = share * ambient[2] * (b + rest * (mirrored + inside * blue[i]))
         out_blue[i] = shown if is_faceted else out_blue[i]
 
 

@@ -1,0 +1,246 @@
+"""Microfacets equal glTF's BRDF in float64; they keep energy, and are the same both ways round."""
+
+from __future__ import annotations
+
+import math
+
+import naive_materials
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from rasterjit.kernels import lighting as lit
+from rasterjit.kernels import microfacets
+from rasterjit.kernels.records import Lighting, Microfacets
+
+VIEWER = np.array([0.0, 0.0, 0.0, 1.0], np.float32)
+DARK = np.zeros(3, np.float32)
+
+
+def random_samples(rng, count, least_roughness=0.2):
+    samples = np.zeros((lit.SAMPLE_ROWS, count), np.float32)
+    samples[lit.RED : lit.ALPHA + 1] = rng.uniform(0, 1, (4, count))
+    normals = rng.normal(size=(3, count))
+    samples[lit.NORMAL_X : lit.NORMAL_Z + 1] = normals / np.linalg.norm(normals, axis=0)
+    samples[lit.POINT_X : lit.POINT_Z + 1] = rng.normal(size=(3, count)) * 2 + [[0], [0], [-5]]
+    samples[lit.METALLIC] = rng.uniform(0, 1, count)
+    samples[lit.ROUGHNESS] = rng.uniform(least_roughness, 1, count)
+    samples[lit.MICROFACET] = 1.0
+    return samples
+
+
+def light_rows(*rows):
+    """Return lights without cone and range, given x, y, z, w, red, green, blue."""
+    lights = np.zeros((len(rows), lit.LIGHT_COLUMNS), np.float32)
+    for n, row in enumerate(rows):
+        lights[n, :7] = row
+    lights[:, lit.CONE_OFFSET] = 1.0
+    return lights
+
+
+def light(samples, lights, ambient=DARK, viewer=VIEWER):
+    """Return the seen colours, (N, 3), as the shading step makes them."""
+    count = samples.shape[1]
+    record = Lighting(
+        lights, np.asarray(ambient, np.float32), None, Microfacets(np.zeros((1, 2), np.float32))
+    )
+    lit.start_light(samples, count, record, None)
+    microfacets.start_facet_row(samples, count, record, viewer, None, record.microfacets)
+    for row in lights:
+        microfacets.add_facet_lights(samples, count, row, viewer, record.microfacets)
+    return samples[lit.OUT_RED : lit.OUT_BLUE + 1].T.copy()
+
+
+def one_sample(base=(1.0, 1.0, 1.0), metallic=0.0, roughness=0.5, normal=(0, 0, 1), count=1):
+    samples = np.zeros((lit.SAMPLE_ROWS, count), np.float32)
+    for k in range(3):
+        samples[lit.RED + k] = base[k]
+        samples[lit.NORMAL_X + k] = normal[k]
+    samples[lit.POINT_Z] = -4.0
+    samples[lit.METALLIC], samples[lit.ROUGHNESS], samples[lit.MICROFACET] = metallic, roughness, 1
+    return samples
+
+
+@pytest.mark.parametrize("viewer", [[0, 0, 0, 1], [0.3, 0.1, 1, 0]])
+@pytest.mark.parametrize("row", [(0.4, 0.5, 0.9, 0, 1, 0.5, 0.2), (1.0, 2.0, -1.0, 1, 3, 2, 9)])
+def test_light_equals_naive(viewer, row):
+    rng = np.random.default_rng(1)
+    samples, viewer = random_samples(rng, 600), np.array(viewer, np.float32)
+    columns = samples.astype(np.float64).T
+    have = light(samples, light_rows(row), viewer=viewer)
+    compared = 0
+    for n, column in enumerate(columns):
+        normal = column[lit.NORMAL_X : lit.NORMAL_Z + 1]
+        point = column[lit.POINT_X : lit.POINT_Z + 1]
+        seen = normal @ (viewer[:3] - viewer[3] * point)
+        if seen <= 0.02:
+            # A normal that turns away from the viewer is where the engine goes its own way.
+            continue
+        want = naive_materials.lit_by(
+            column[lit.RED : lit.ALPHA], column[lit.METALLIC], column[lit.ROUGHNESS], normal,
+            point, np.float32(row).astype(float), viewer.astype(float),
+        )  # fmt: skip
+        assert have[n] == pytest.approx(want, rel=2e-4, abs=1e-6)
+        compared += max(want) > 0.0
+    assert compared > 100
+
+
+def test_a_smooth_surface_equals_naive_in_the_middle_of_its_highlight():
+    toward = np.array([0.0, 0.0, 1.0])
+    for roughness in (0.0, 0.03, 0.1, 0.2):
+        for tilt in (0.0, 1e-4, 1e-3, 1e-2, 0.1):
+            normal = np.float32([math.sin(tilt), 0.0, math.cos(tilt)])
+            samples = one_sample(roughness=roughness, metallic=1.0, normal=normal)
+            normal = normal.astype(float) / np.linalg.norm(normal.astype(float))
+            have = light(samples, light_rows((0, 0, 1, 0, 1, 1, 1)))[0, 0]
+            want = math.pi * normal[2] * naive_materials.brdf(
+                (1.0,) * 3, 1.0, roughness, normal, toward, toward
+            )[0]
+            assert have == pytest.approx(want, rel=2e-3, abs=1e-6)
+
+
+def test_a_white_matt_dielectric_facing_light_of_intensity_1_is_nearly_white():
+    """0.04 of the light is mirrored; of that, little comes back from a rough surface."""
+    seen = light(one_sample(roughness=1.0), light_rows((0, 0, 1, 0, 1, 1, 1)))
+    assert seen[0] == pytest.approx([0.96 + 0.04 * 0.25] * 3, abs=1e-5)
+
+
+def test_light_is_the_same_both_ways_round():
+    """Helmholtz: exchanging light and viewer changes nothing but the cosine at the light."""
+    rng = np.random.default_rng(2)
+    for _ in range(200):
+        one, other = rng.normal(size=(2, 3))
+        one, other = one / np.linalg.norm(one), other / np.linalg.norm(other)
+        one[2], other[2] = abs(one[2]) + 0.1, abs(other[2]) + 0.1
+        one, other = one / np.linalg.norm(one), other / np.linalg.norm(other)
+        sample = one_sample((0.9, 0.5, 0.1), rng.uniform(), rng.uniform(0.2, 1.0))
+        there, back = (
+            light(
+                sample.copy(),
+                light_rows((*a, 0, 1, 1, 1)),
+                viewer=np.array([*b, 0], np.float32),
+            )[0]
+            / a[2]
+            for a, b in ((one, other), (other, one))
+        )
+        assert there == pytest.approx(back, rel=1e-4)
+
+
+def albedo(metallic, roughness, cosine, steps=400):
+    """Return the share of light from one side that is sent to all sides, as the engine has it."""
+    i, j = np.divmod(np.arange(steps * steps), steps)
+    squared, turn = (i + 0.5) / steps, 2.0 * np.pi * (j + 0.5) / steps
+    sine, height = np.sqrt(squared), np.sqrt(1.0 - squared)
+    viewer = np.array([math.sqrt(1.0 - cosine * cosine), 0.0, cosine, 0.0], np.float32)
+    total = 0.0
+    for direction in np.column_stack([sine * np.cos(turn), sine * np.sin(turn), height])[::97]:
+        row = light_rows((*direction, 0, 1, 1, 1))
+        seen = light(one_sample(metallic=metallic, roughness=roughness), row, viewer=viewer)[0, 0]
+        total += seen / direction[2]
+    return total / len(range(0, steps * steps, 97))
+
+
+@pytest.mark.parametrize("metallic", [0.0, 1.0])
+@pytest.mark.parametrize("roughness", [0.7, 1.0])
+@pytest.mark.parametrize("cosine", [0.3, 0.8])
+def test_no_surface_sends_more_light_on_than_falls_on_it(metallic, roughness, cosine):
+    """
+    In a furnace of white light, one light at a time, the engine sends on what the BRDF does.
+
+    glTF's mix lets a white dielectric send on up to 1.08 of what falls on it at grazing angles, and
+    metals of one bounce lose up to 70 %.
+    """
+    sent = albedo(metallic, roughness, cosine)
+    assert sent == pytest.approx(
+        naive_materials.directional_albedo(metallic, roughness, cosine, steps=64)[0], abs=0.002
+    )
+    assert 0.3 < sent < 1.02
+
+
+@pytest.mark.parametrize("metallic", [0.0, 0.5, 1.0])
+@pytest.mark.parametrize("roughness", [0.0, 0.3, 0.6, 1.0])
+def test_white_ambient_light_shows_a_white_surface_white(metallic, roughness):
+    """The furnace of light from all sides: several bounces are counted, so none is lost."""
+    for normal in ((0, 0, 1), (0.6, 0, 0.8), (0.99, 0, 0.14), (1, 0, 0)):
+        sample = one_sample(metallic=metallic, roughness=roughness, normal=normal)
+        seen = light(sample, light_rows(), ambient=(1, 1, 1))
+        assert seen[0] == pytest.approx([1.0] * 3, abs=1e-5)
+
+
+@pytest.mark.parametrize("metallic", [0.0, 1.0])
+@pytest.mark.parametrize("roughness", [0.0, 0.5, 1.0])
+def test_ambient_light_never_adds_nor_goes_below_zero(metallic, roughness):
+    for base in ((0, 0, 0), (0.02, 0.5, 1.0), (1, 0, 0)):
+        for normal in ((0, 0, 1), (0.9, 0, 0.44), (1, 0, 0)):
+            sample = one_sample(base, metallic, roughness, normal)
+            seen = light(sample, light_rows(), ambient=(1, 1, 1))[0]
+            assert (seen >= 0.0).all()
+            assert (seen <= 1.00001).all()
+
+
+@pytest.mark.parametrize("roughness", [0.5, 0.75, 1.0])
+@pytest.mark.parametrize("cosine", [0.2, 0.6, 1.0])
+def test_what_facets_mirror_of_ambient_light_at_once_is_the_integral(roughness, cosine):
+    """The fit against the integral of the naive BRDF, for perfect mirrors and for 0.04."""
+    scale, offset = microfacets.reflected_shares(np.float32(cosine), np.float32(roughness))
+    for base in (1.0, 0.04):
+        want = naive_materials.directional_albedo(1.0, roughness, cosine, (base,) * 3, steps=64)[0]
+        assert float(base * scale + offset) == pytest.approx(want, abs=0.05)
+
+
+def test_samples_of_other_kinds_keep_every_bit():
+    rng = np.random.default_rng(3)
+    samples = random_samples(rng, 64)
+    samples[lit.MICROFACET] = 0.0
+    samples[lit.OUT_RED : lit.OUT_BLUE + 1] = rng.uniform(0, 1, (3, 64))
+    before = samples[lit.OUT_RED : lit.OUT_BLUE + 1].copy()
+    record = Lighting(light_rows(), np.float32([1, 1, 1]), None, Microfacets(None))
+    microfacets.start_facet_row(samples, 64, record, VIEWER, None, record.microfacets)
+    row = light_rows((0.1, 0.2, 1, 0, 1, 1, 1))[0]
+    microfacets.add_facet_lights(samples, 64, row, VIEWER, record.microfacets)
+    assert samples[lit.OUT_RED : lit.OUT_BLUE + 1].tobytes() == before.tobytes()
+
+
+def test_occlusion_holds_back_ambient_light_alone():
+    sample, row = one_sample((0.8, 0.4, 0.2), 0.3, 0.4), light_rows((0, 0, 1, 0, 1, 1, 1))
+    record = Lighting(row, np.float32([0.5, 0.5, 0.5]), None, Microfacets(None))
+    shown = []
+    for share in (0.0, 0.5, 1.0):
+        samples = sample.copy()
+        occlusion = np.full(1, share, np.float32)
+        lit.start_light(samples, 1, record, occlusion)
+        microfacets.start_facet_row(samples, 1, record, VIEWER, occlusion, record.microfacets)
+        ambient = samples[lit.OUT_RED, 0]
+        microfacets.add_facet_lights(samples, 1, row[0], VIEWER, record.microfacets)
+        shown.append((ambient, samples[lit.OUT_RED, 0] - ambient))
+    assert shown[0][0] == 0.0
+    assert shown[1][0] == pytest.approx(0.5 * shown[2][0])
+    assert shown[0][1] == pytest.approx(shown[2][1], rel=1e-6)
+
+
+def test_kinds_shown_are_told_from_the_rows():
+    samples = np.zeros((lit.SAMPLE_ROWS, 5), np.float32)
+    record = Microfacets(None)
+    assert microfacets.kinds_shown(samples, 5, None) == (True, False)
+    assert microfacets.kinds_shown(samples, 5, record) == (False, False)
+    samples[lit.MICROFACET, 3] = 1.0
+    assert microfacets.kinds_shown(samples, 5, record) == (False, True)
+    samples[lit.LIT, 4] = 1.0
+    assert microfacets.kinds_shown(samples, 5, record) == (True, True)
+    assert microfacets.kinds_shown(samples, 3, record) == (False, False)
+
+
+@settings(max_examples=80)
+@given(
+    st.lists(st.floats(-1e4, 1e4, width=32), min_size=9, max_size=9),
+    st.floats(0, 1, width=32),
+    st.floats(0, 1, width=32),
+)
+def test_light_is_never_negative_or_nan(numbers, metallic, roughness):
+    sample = one_sample((1.0, 0.5, 0.0), metallic, roughness, numbers[:3])
+    sample[lit.POINT_X : lit.POINT_Z + 1, 0] = numbers[3:6]
+    rows = light_rows((*numbers[6:9], 0, 1, 1, 1), (*numbers[6:9], 1, 1, 1, 1))
+    have = light(sample, rows, ambient=(0.1, 0.1, 0.1))
+    assert not np.isnan(have).any()
+    assert (have >= 0.0).all()
