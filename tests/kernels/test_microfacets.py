@@ -94,9 +94,11 @@ def test_a_smooth_surface_equals_naive_in_the_middle_of_its_highlight():
             samples = one_sample(roughness=roughness, metallic=1.0, normal=normal)
             normal = normal.astype(float) / np.linalg.norm(normal.astype(float))
             have = light(samples, light_rows((0, 0, 1, 0, 1, 1, 1)))[0, 0]
-            want = math.pi * normal[2] * naive_materials.brdf(
-                (1.0,) * 3, 1.0, roughness, normal, toward, toward
-            )[0]
+            want = (
+                math.pi
+                * normal[2]
+                * naive_materials.brdf((1.0,) * 3, 1.0, roughness, normal, toward, toward)[0]
+            )
             assert have == pytest.approx(want, rel=2e-3, abs=1e-6)
 
 
