@@ -12,15 +12,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit import layered, screen_effects, stages
+from rasterjit import layered, screen_effects, shadow_maps, stages
 from rasterjit.environment_maps import backdrop_record, environment_record
 from rasterjit.kernels import interpolation
-from rasterjit.kernels.records import Alphas, Geometry, Lighting, Placement, Surface
+from rasterjit.kernels.records import Alphas, Geometry, Lighting, Placement, Shadows, Surface
 from rasterjit.plan import RenderPlan
 from rasterjit.plan_atmosphere import background_rays
 from rasterjit.prepared import Prepared
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.color import linear_to_srgb
+from rasterjit.scene.light import AmbientLight
 
 SAMPLES_AT_ONCE = 1 << 15
 """Samples whose depth is converted at once: their float64 copies stay in L2, and a small frame
@@ -100,6 +101,9 @@ def find_lighting(
         environment = environment_record(plan.environment, is_mirrored, workers)
         lighting = lighting._replace(environment=environment)
     # Draw the shadow maps.
+    if plan.casts_shadows:
+        shadows = find_shadows(plan, prepared, geometry, placement, coverage, workers)
+        lighting = lighting._replace(shadows=shadows)
     # Find how much ambient light reaches each pixel.
     if plan.ambient_occlusion is not None:
         occlusion = screen_effects.find_occlusion(
@@ -107,6 +111,33 @@ def find_lighting(
         )
         lighting = lighting._replace(occlusion=occlusion)
     return lighting
+
+
+def find_shadows(
+    plan: RenderPlan,
+    prepared: Prepared,
+    geometry: Geometry,
+    placement: Placement,
+    coverage: stages.Coverage,
+    workers: stages.Workers,
+) -> Shadows | None:
+    """Fit the shadow maps to what is seen and draw them; None if there is nothing to draw."""
+    arrays, meshes = prepared.shapes.arrays, prepared.shapes.meshes
+    # The vertices of an object are lit wherever they are, and behind glass more is seen.
+    see_through = plan.grounds.contents.see_through
+    is_whole = [bool(see_through) or mesh.material.shading == "gouraud" for mesh in meshes]
+    casts = np.ones(len(meshes), bool)
+    casts[list(see_through)] = False
+    vertices = stages.ModelVertices(
+        arrays.positions, arrays.vertex_starts, placement.relative_from_model, np.eye(4)
+    )
+    scenery = shadow_maps.scenery_of(
+        vertices, arrays.faces, placement, prepared.shapes.boxes, casts, np.array(is_whole),
+        shadow_maps.seen_cells(plan.camera, geometry, coverage.depth, workers),
+        plan.camera, prepared.looks.cutouts if plan.needs_cutouts else None,
+    )  # fmt: skip
+    lights = [light for light in plan.lights.lights if not isinstance(light, AmbientLight)]
+    return shadow_maps.draw_shadows(lights, plan.camera.eye_position(), scenery, workers)
 
 
 def find_surface(

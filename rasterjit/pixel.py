@@ -436,7 +436,7 @@ def _lit_vertices(
     for vertex in drawn.arrays.faces[face].tolist():
         shading.light_vertices(
             (vertex, vertex + 1), drawn.arrays.vertex_starts, drawn.placement, surface, lighting,
-            lit, shading.scratch_memory(),
+            lit, shading.scratch_memory(shading.sample_rows(surface, lighting)),
         )  # fmt: skip
     return lit
 

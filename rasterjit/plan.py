@@ -30,7 +30,7 @@ from rasterjit.plan_effects import (
     textures_read,
 )
 from rasterjit.plan_layers import Layers, Transparency, find_transparency, is_outside
-from rasterjit.plan_lights import lighting_of
+from rasterjit.plan_lights import PlannedLights, lighting_of, plan_lights
 from rasterjit.plan_views import view_nodes
 from rasterjit.scene.ambient_occlusion import RADIUS_OF_SCENE, AmbientOcclusion
 from rasterjit.scene.camera import Camera
@@ -87,6 +87,7 @@ class RenderPlan:
     outline: Outline | None
     draws_faces: bool
     lighting: Lighting | None
+    lights: PlannedLights
     needs_normals: bool
     needs_gouraud: bool
     diagnose: bool
@@ -113,7 +114,13 @@ class RenderPlan:
         """Whether the depth of the whole frame is kept."""
         hides_edges = self.wireframe is not None and self.draws_faces
         looks_around = self.ambient_occlusion is not None or self.outline is not None
+        looks_around = looks_around or self.casts_shadows
         return "depth" in self.outputs or hides_edges or looks_around or self.diagnose
+
+    @property
+    def casts_shadows(self) -> bool:
+        """Whether any light may cast shadows on what is seen."""
+        return self.lighting is not None and self.lights.have_shadows
 
     @property
     def needs_faces(self) -> bool:
@@ -192,6 +199,7 @@ def plan_render(
         transparency=_transparency(scene, camera, size, outputs, contents),
         has_background=background is not None,
         fog_reaches=is_fog_in_reach(scene.fog, scene.nodes, camera),
+        lights=plan_lights(scene.lights, scene.nodes, camera, size),
     )
     if "uv" in outputs and not contents.has_uv:
         raise ValueError("outputs has 'uv', but no mesh of the scene has texture coordinates")
@@ -200,6 +208,7 @@ def plan_render(
     if grounds.needs_cutouts and contents.lacks_mask_uv:
         _refuse_texture([node for node in scene.nodes if may_have_holes(node.mesh)])
     is_lit = grounds.is_lit
+    lights = grounds.lights
     return RenderPlan(
         size=size,
         camera=camera,
@@ -212,6 +221,7 @@ def plan_render(
         outline=scene.outline if grounds.draws_outlines else None,
         draws_faces=grounds.draws_faces,
         lighting=_lighting(scene, camera, contents.highlights, grounds),
+        lights=lights,
         needs_normals=grounds.needs_normals,
         needs_gouraud=is_lit and "gouraud" in contents.shadings,
         diagnose=diagnose,
@@ -356,8 +366,8 @@ def _lighting(scene: Scene, camera: Camera, highlights: int, grounds: Grounds) -
     fog = fog_record(scene.fog, camera) if grounds.has_fog else None
     if not grounds.is_lit:
         return None if fog is None else lighting_of([], camera, 0)._replace(fog=fog)
-    lights = scene.lights
-    if not lights and scene.environment is None:
+    lights: Sequence[Light] = grounds.lights.lights
+    if not scene.lights and scene.environment is None:
         lights = _headlight(camera)
     return lighting_of(lights, camera, highlights)._replace(fog=fog)
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from rasterjit.plan_answers import Answers, Effect, answer_effects, answers_of
 from rasterjit.plan_layers import Transparency, antialiasing_reason, is_see_through
+from rasterjit.plan_lights import PlannedLights, describe_shadows
 from rasterjit.scene.material import TEXTURE_FIELDS, Material
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.quality import Quality
@@ -73,6 +74,7 @@ class Grounds(NamedTuple):
     """Whether the render was given a background."""
     fog_reaches: bool
     """Whether fog may cover anything."""
+    lights: PlannedLights
 
     @property
     def is_colored(self) -> bool:
@@ -239,6 +241,7 @@ def list_effects(grounds: Grounds) -> tuple[Effect, ...]:
     return (
         Effect("shading", grounds.shades, _shading_reason(grounds)),
         Effect("lights", grounds.is_lit, _light_reason(grounds)),
+        Effect("shadows", grounds.is_lit and grounds.lights.have_shadows, _shadow_reason(grounds)),
         Effect(
             "smooth normals",
             grounds.needs_normals,
@@ -279,7 +282,18 @@ def _light_reason(grounds: Grounds) -> str:
         return "nothing is shaded, or every material is unlit"
     if not grounds.light_kinds and grounds.environment is not None:
         return "no headlight, for the scene has an environment"
-    return _counted(grounds.light_kinds) or "a headlight, for the scene has no lights"
+    kinds = _counted(grounds.light_kinds) or "a headlight, for the scene has no lights"
+    return "; ".join((kinds, *grounds.lights.notes))
+
+
+def _shadow_reason(grounds: Grounds) -> str:
+    """Say which maps are drawn, or why none is."""
+    if not grounds.is_lit:
+        return "nothing is lit"
+    notes = grounds.lights.shadow_notes
+    if grounds.lights.have_shadows:
+        return "; ".join((describe_shadows(grounds.lights.lights), *notes))
+    return "; ".join(notes) or "no light casts them"
 
 
 def _texture_reason(grounds: Grounds) -> str:

@@ -14,6 +14,7 @@ from rasterjit import plan_arrays, plan_views, stages
 from rasterjit.kernels.records import Cutouts, Maps, Microfacets, Surface, Textures
 from rasterjit.plan_arrays import SceneArrays
 from rasterjit.plan_effects import SMOOTH, Contents, contents_of
+from rasterjit.plan_lights import mesh_boxes
 from rasterjit.plan_materials import join_maps, join_microfacets
 from rasterjit.plan_textures import join_cutouts, join_textures
 from rasterjit.plan_views import Places
@@ -44,6 +45,11 @@ class Shapes:
     def uv(self) -> NDArray[np.float32]:
         """Texture coordinates, (V, 2); NaN where an object has none."""
         return plan_arrays.join_uv(self.meshes)
+
+    @cached_property
+    def boxes(self) -> NDArray[np.float64]:
+        """Low and high corner of each object, (O, 2, 3), model space; NaN if it has none."""
+        return mesh_boxes(self.meshes)
 
     @cached_property
     def edges(self) -> NDArray[np.int32]:

@@ -22,6 +22,7 @@ from rasterjit.kernels import (
     projection,
     setup,
     shading,
+    shadowing,
     visibility,
     wireframe,
 )
@@ -326,6 +327,8 @@ def find_visible(
     keep_lists: bool = False,
     keep_clip_positions: bool = False,
     cutouts: Cutouts | None = None,
+    keep_faces: bool = True,
+    depth: NDArray[np.float32] | None = None,
 ) -> Coverage:
     """
     Run transform, projection, clipping, set-up, binning and visibility.
@@ -351,6 +354,10 @@ def find_visible(
         Whether the clip positions are made even if no vertex has a ``CLIPPED`` code.
     cutouts : Cutouts, optional
         The objects that have holes, for any picture: its geometry is put in here.
+    keep_faces : bool
+        Whether the face at each pixel outlives the drawing; else ``face_id`` is (H, 0).
+    depth : (H, W) float32, optional
+        Where the depth is written.
     """
     if isinstance(vertices, ModelVertices):
         screen, seen = transform_and_project(vertices, depth_coefficients, viewport, workers)
@@ -375,8 +382,9 @@ def find_visible(
         all_faces, objects, screen, viewport, workers, cutouts
     )
     clock("set up, bin")
-    depth = workers.memory.empty((viewport.height, viewport.width * keep_depth), np.float32)
-    face_id = workers.memory.empty((viewport.height, viewport.width), np.int32)
+    if depth is None:
+        depth = workers.memory.empty((viewport.height, viewport.width * keep_depth), np.float32)
+    face_id = workers.memory.empty((viewport.height, viewport.width * keep_faces), np.int32)
     if find_faces:
         frame = depth, face_id
         draw(starts, binned, floors, all_faces, screen, viewport, frame, workers, cutouts)
@@ -498,7 +506,8 @@ def light_vertices(
     per_task = _per_task(count, LEAST_LIT_VERTICES, workers)
 
     def light_some(first: int) -> None:
-        some, scratch = (first, min(first + per_task, count)), shading.scratch_memory()
+        some = first, min(first + per_task, count)
+        scratch = shading.scratch_memory(shading.sample_rows(surface, lighting))
         shading.light_vertices(some, vertex_starts, placement, surface, lighting, lit, scratch)
 
     workers.run(light_some, [(n,) for n in range(0, count, per_task)])
@@ -593,6 +602,24 @@ def show_environment(
         )
 
     workers.run(show_band, [(first,) for first in range(0, height, per_task)])
+
+
+def find_depth_ranges(
+    depth: NDArray[np.float32], workers: Workers
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return the lowest and highest stored depth in cells of a frame; inf, -inf for nothing."""
+    height, width = depth.shape
+    side = shadowing.CELL
+    rows, columns = -(-height // side), -(-width // side)
+    lowest, highest = (np.empty((rows, columns), np.float32) for _ in range(2))
+    per_task = -(-rows_per_task(depth.shape, workers) // side)
+
+    def find_some(first: int) -> None:
+        cells, scratch = (first, min(first + per_task, rows)), np.empty((2, width), np.float32)
+        shadowing.find_depth_ranges(depth, cells, lowest, highest, scratch)
+
+    workers.run(find_some, [(n,) for n in range(0, rows, per_task)])
+    return lowest, highest
 
 
 def unique_edges(faces: NDArray[np.int32]) -> NDArray[np.int32]:

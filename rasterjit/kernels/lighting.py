@@ -179,12 +179,20 @@ def light_at(light, px, py, pz):
     return lx, ly, lz, falloff * cone(cosine, light[CONE_SCALE], light[CONE_OFFSET])
 
 
+@stage
+def shaded(arriving, reached, i):
+    """Return the light that arrives at a sample where part of it is in shadow."""
+    if reached is None:
+        return arriving
+    return arriving * reached[i]
+
+
 @disjoint_stage
 def add_light(
-    light, toward_viewer, highlights, nx, ny, nz, px, py, pz, specular, shininess, lit,
+    light, toward_viewer, highlights, nx, ny, nz, px, py, pz, specular, shininess, lit, reached,
     red, green, blue, out_red, out_green, out_blue,
 ):  # fmt: skip
-    """Add what one light contributes to each sample."""
+    """Add what one light contributes to each sample, as far as it is reached (None: wholly)."""
     one, zero = np.float32(1.0), np.float32(0.0)
     for i in range(out_red.shape[0]):
         lx, ly, lz, falloff = light_at(light, px[i], py[i], pz[i])
@@ -201,7 +209,7 @@ def add_light(
         shine = highlight(min(cosine, one), specular[i], shininess[i], highlights)
         shine = shine if facing > zero else zero
         # Add the diffuse and the specular part.
-        arriving = lit[i] * falloff
+        arriving = shaded(lit[i] * falloff, reached, i)
         out_red[i] += arriving * light[4] * (red[i] * facing + shine)
         out_green[i] += arriving * light[5] * (green[i] * facing + shine)
         out_blue[i] += arriving * light[6] * (blue[i] * facing + shine)
@@ -219,13 +227,13 @@ def start_light(samples, count, lighting, occlusion):
 
 
 @stage
-def add_lights(samples, count, n, lighting, toward_viewer):
-    """Add what light number ``n`` contributes."""
+def add_lights(samples, count, n, lighting, toward_viewer, reached):
+    """Add what light number ``n`` contributes, as far as samples are reached (None: wholly)."""
     add_light(
         lighting.lights[n], toward_viewer, lighting.highlights,
         samples[NORMAL_X, :count], samples[NORMAL_Y, :count], samples[NORMAL_Z, :count],
         samples[POINT_X, :count], samples[POINT_Y, :count], samples[POINT_Z, :count],
-        samples[SPECULAR, :count], samples[SHININESS, :count], samples[LIT, :count],
+        samples[SPECULAR, :count], samples[SHININESS, :count], samples[LIT, :count], reached,
         samples[RED, :count], samples[GREEN, :count], samples[BLUE, :count],
         samples[OUT_RED, :count], samples[OUT_GREEN, :count], samples[OUT_BLUE, :count],
     )  # fmt: skip
@@ -247,4 +255,4 @@ def light_samples(samples, count, lighting, toward_viewer):
     """
     start_light(samples, count, lighting, None)
     for n in range(lighting.lights.shape[0]):
-        add_lights(samples, count, n, lighting, toward_viewer)
+        add_lights(samples, count, n, lighting, toward_viewer, None)

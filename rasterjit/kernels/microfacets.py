@@ -25,7 +25,7 @@ import numpy as np
 
 from rasterjit.kernels import lighting as lit
 from rasterjit.kernels.jit import disjoint_stage, stage
-from rasterjit.kernels.lighting import light_at, occlusion_share, unit_scale
+from rasterjit.kernels.lighting import light_at, occlusion_share, shaded, unit_scale
 
 DIELECTRIC = np.float32(0.04)
 """Share of the light straight on that what is no metal mirrors."""
@@ -152,10 +152,10 @@ def start_facets(
 
 @disjoint_stage
 def add_facet_light(
-    light, toward_viewer, nx, ny, nz, px, py, pz, metallic, roughness, microfacet,
+    light, toward_viewer, nx, ny, nz, px, py, pz, metallic, roughness, microfacet, reached,
     red, green, blue, out_red, out_green, out_blue,
 ):  # fmt: skip
-    """Add what one light contributes to each metallic-roughness sample."""
+    """Add what one light contributes to each metallic-roughness sample, as far as it is reached."""
     one, zero = np.float32(1.0), np.float32(0.0)
     for i in range(out_red.shape[0]):
         # Find the half vector between light and viewer, and the cosines.
@@ -184,7 +184,7 @@ def add_facet_light(
         bent = grazing(v_h)
         diffuse = (one - metallic[i]) * (one - (DIELECTRIC + (one - DIELECTRIC) * bent))
         # Add both.
-        arriving = microfacet[i] * falloff * n_l
+        arriving = shaded(microfacet[i] * falloff * n_l, reached, i)
         head_on = mirrored_head_on(red[i], metallic[i])
         mirrored = shine * (head_on + (one - head_on) * bent)
         out_red[i] += arriving * light[4] * (red[i] * diffuse + mirrored)
@@ -238,7 +238,7 @@ def start_facet_row(samples, count, lighting, toward_viewer, occlusion, microfac
 
 
 @stage
-def add_facet_lights(samples, count, light, toward_viewer, microfacets):
+def add_facet_lights(samples, count, light, toward_viewer, reached, microfacets):
     """Add what one light contributes to the gathered samples; nothing where none is faceted."""
     if microfacets is None:
         return
@@ -247,8 +247,8 @@ def add_facet_lights(samples, count, light, toward_viewer, microfacets):
         samples[lit.NORMAL_Z, :count], samples[lit.POINT_X, :count],
         samples[lit.POINT_Y, :count], samples[lit.POINT_Z, :count],
         samples[lit.METALLIC, :count], samples[lit.ROUGHNESS, :count],
-        samples[lit.MICROFACET, :count], samples[lit.RED, :count], samples[lit.GREEN, :count],
-        samples[lit.BLUE, :count], samples[lit.OUT_RED, :count], samples[lit.OUT_GREEN, :count],
+        samples[lit.MICROFACET, :count], reached, samples[lit.RED, :count],
+        samples[lit.GREEN, :count], samples[lit.BLUE, :count], samples[lit.OUT_RED, :count], samples[lit.OUT_GREEN, :count],
         samples[lit.OUT_BLUE, :count],
     )  # fmt: skip
 

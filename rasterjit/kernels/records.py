@@ -261,6 +261,19 @@ class Microfacets(NamedTuple):
     """(O, 2) float32: metallic, roughness."""
 
 
+class Shadows(NamedTuple):
+    """The shadow maps of all lights; see ``shadowing`` for the columns."""
+
+    maps: Any
+    """(L, 23) float64: how a point comes to lie in a light's map."""
+    places: Any
+    """(L, 4) int64: first texel or -1 for no map, side, filter, number of maps."""
+    texels: Any
+    """(N,) float32, stored depth: greater is nearer to the light, -inf where nothing is."""
+    pattern: Any
+    """(P, 2) float32: points of the unit disk where soft shadows are compared."""
+
+
 class Lighting(NamedTuple):
     """The light that falls on the scene."""
 
@@ -275,7 +288,7 @@ class Lighting(NamedTuple):
     """Number of objects with a specular highlight | None -> none."""
     microfacets: Microfacets | None = None
     """Metallic-roughness materials | None -> none."""
-    shadows: Any = None
+    shadows: Shadows | None = None
     """Shadow maps | None -> no light casts shadows."""
     environment: Any = None
     """Light from all around | None -> none."""

@@ -34,6 +34,13 @@ from rasterjit.kernels.records import (
 )
 from rasterjit.kernels.resolve import encode_pixel, encode_span
 from rasterjit.kernels.setup import last_at_most
+from rasterjit.kernels.shadowing import (
+    SHADOW_ROWS,
+    WEIGHT_ROWS,
+    find_receivers,
+    note_vertex,
+    shadow_row,
+)
 from rasterjit.kernels.tone_mapping import toned
 
 PADDING = stretches.VECTOR
@@ -161,13 +168,15 @@ def light_row(
     lit.start_light(samples, count, lighting, occlusion)
     start_facet_row(samples, count, lighting, toward_viewer, occlusion, lighting.microfacets)
     # Add the lights, each with its shadows.
+    find_receivers(weights, faces, geometry, placement, lighting.shadows)
     shows_matt, shows_facets = kinds_shown(samples, count, lighting.microfacets)
     for n in range(lighting.lights.shape[0]):
+        reached = shadow_row(samples, weights, count, n, lighting.shadows)
         if shows_matt:
-            lit.add_lights(samples, count, n, lighting, toward_viewer)
+            lit.add_lights(samples, count, n, lighting, toward_viewer, reached)
         if shows_facets:
             light = lighting.lights[n]
-            add_facet_lights(samples, count, light, toward_viewer, lighting.microfacets)
+            add_facet_lights(samples, count, light, toward_viewer, reached, lighting.microfacets)
     # Add the environment.
     environments.add_environment(samples, count, occlusion, lighting.environment, toward_viewer)
     # Add what the surfaces send out.
@@ -250,9 +259,11 @@ def write_row(faces, count, colors, shown, alphas, background, encoding, linear,
 def sample_rows(surface: Surface, lighting: Lighting | None) -> int:
     """Return how many quantities of a sample are kept: more if an effect needs them."""
     needed = [surface.maps, surface.alphas]
+    if lighting is not None and lighting.shadows is not None:
+        return SHADOW_ROWS
     if lighting is not None:
         needed += [
-            lighting.microfacets, lighting.shadows, lighting.environment, lighting.occlusion,
+            lighting.microfacets, lighting.environment, lighting.occlusion,
             lighting.fog,
         ]  # fmt: skip
     return lit.PLAIN_ROWS if all(record is None for record in needed) else lit.SAMPLE_ROWS
@@ -263,7 +274,7 @@ def scratch_memory(rows: int = lit.PLAIN_ROWS, has_textures: bool = False) -> tu
     room = BLOCK_COLUMNS + PADDING
     return (
         np.empty((rows, room), np.float32),
-        np.empty((2, room), np.float64),
+        np.empty((2 if rows < SHADOW_ROWS else WEIGHT_ROWS, room), np.float64),
         np.empty((texturing.SCRATCH_ROWS, room), np.float64) if has_textures else None,
         np.empty(room, np.int32),
         np.empty((runs.SLOTS, runs.WHOLE_COLUMNS), np.int64),
@@ -340,8 +351,9 @@ def shade_rows(
 
 
 @stage
-def light_block(first, count, owner, placement, surface, lighting, lit_vertices, samples):
+def light_block(first, count, owner, placement, surface, lighting, lit_vertices, scratch):
     """Light some vertices of one object, for a viewer in front and one behind."""
+    samples, weights = scratch[0], scratch[1]
     toward_viewer = viewer_of(placement)
     tint = material_tint(surface.materials, owner)
     only = (1.0, 0.0, 0.0)
@@ -361,7 +373,11 @@ def light_block(first, count, owner, placement, surface, lighting, lit_vertices,
             samples[lit.SPECULAR, n] = surface.materials[owner, MATERIAL_SPECULAR]
             samples[lit.SHININESS, n] = surface.materials[owner, MATERIAL_SHININESS]
             samples[lit.LIT, n] = 1.0
-        lit.light_samples(samples, count, lighting, toward_viewer)
+            note_vertex(weights, n, point, normal, lighting.shadows)
+        lit.start_light(samples, count, lighting, None)
+        for n in range(lighting.lights.shape[0]):
+            reached = shadow_row(samples, weights, count, n, lighting.shadows)
+            lit.add_lights(samples, count, n, lighting, toward_viewer, reached)
         environments.add_environment(samples, count, None, lighting.environment, toward_viewer)
         for n in range(count):
             for k in range(3):
@@ -399,6 +415,6 @@ def light_vertices(
             for start in range(first, end, BLOCK_COLUMNS):
                 count = min(end - start, BLOCK_COLUMNS)
                 light_block(
-                    start, count, owner, placement, surface, lighting, lit_vertices, scratch[0]
+                    start, count, owner, placement, surface, lighting, lit_vertices, scratch
                 )
         first = end

@@ -476,7 +476,7 @@ def draw_tiles(
     faces, screen, viewport : records
     frame : (depth (H, W) float32, face_id (H, W) int32)
         Writes every pixel of the tiles: stored depth (greater is nearer, -inf where nothing is)
-        and face number (-1 where nothing is). A depth that is not wanted has W = 0.
+        and face number (-1 where nothing is). What is not wanted has W = 0.
     scratch : tuple
         This thread's own, from `scratch_memory`.
     cutouts : Cutouts or None
@@ -503,5 +503,5 @@ def draw_tiles(
             frame_numbers = face_id[top + row, left : left + width]
             for column in range(frame_depth.shape[0]):
                 frame_depth[column] = tile_depth[row, column]
-            for column in range(width):
+            for column in range(frame_numbers.shape[0]):
                 frame_numbers[column] = tile_numbers[row, column]

@@ -9,7 +9,7 @@ import naive_textures as naive
 import numpy as np
 import pytest
 from naive_textures import box, draw, square
-from test_texturing import DETAIL_ERROR, MIX_ROUNDINGS, NOISE, SIZE, TRIANGLES, draw_triangle
+from test_texturing import DETAIL_ERROR, MIX_ROUNDINGS, NOISE, TRIANGLES, draw_triangle
 
 import rasterjit as rj
 from rasterjit import oracle

@@ -1,0 +1,520 @@
+"""
+Fit and draw the shadow maps: which part of space each shows, and what can cast a shadow into it.
+
+A map shows what the camera sees, as the depth buffer tells: the cells of a grid over the picture,
+each from its nearest to its farthest sample, are taken to the light's axes, and the map reaches
+around them. It begins at the nearest object that lies between them and the light, and ends behind
+the farthest of them. Then it is drawn like a picture, by the same stages.
+
+References
+----------
+.. [1] A. Lauritzen, M. Salvi, A. Lefohn, "Sample Distribution Shadow Maps", I3D 2011.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit import stages, transforms
+from rasterjit.kernels import shadowing
+from rasterjit.kernels.records import Cutouts, Geometry, Objects, Placement, Shadows
+from rasterjit.plan import viewport_of
+from rasterjit.plan_lights import along, axes_of, has_cube, place_boxes
+from rasterjit.scene.camera import Camera
+from rasterjit.scene.light import DirectionalLight, Light, Shadow
+
+Float64 = NDArray[np.float64]
+
+FILTERS = {"hard": shadowing.HARD, "pcf": shadowing.PCF, "soft": shadowing.SOFT}
+
+BORDER = 3
+"""Texels around what a map is fitted to: as many as the 3 x 3 comparisons reach, and one."""
+
+SOFT_BORDER = 1.0 / 16.0
+"""The same for each of the six maps of a soft point light, as a share of a map's side."""
+
+NEAREST = 1e-5
+"""Least near plane of a light's map, as a share of its far plane."""
+
+SLACK = 1e-6
+"""Widening of what a map shows, as a share: above the rounding of corners in float64 and of stored
+depths in float32, well below a texel."""
+
+SUBPIXEL_BITS = 8
+"""Grid that the vertices are rounded to in a map."""
+
+COMPARISONS = 32
+"""Points of the disk where soft shadows are compared."""
+
+GOLDEN_TURN = 137.50776405003785
+"""Degrees between the points of a sunflower: 180 (3 - sqrt 5)."""
+
+
+class Scenery(NamedTuple):
+    """What there is to cast shadows, and what they fall on; in world axes, relative to the eye."""
+
+    vertices: stages.ModelVertices
+    """The camera's; a light's takes another matrix to clip space."""
+    faces: NDArray[np.int32]
+    """(F, 3), of what casts shadows."""
+    face_starts: NDArray[np.int64]
+    """(O+1,)."""
+    boxes: Float64
+    """(B, 8, 3): corners of the boxes around what casts shadows."""
+    cells: Float64
+    """(N, 8, 3): corners of the cells that hold all that is seen."""
+    cutouts: Cutouts | None
+    """Of what casts shadows."""
+    right: tuple[float, ...]
+    """The camera's x axis. Maps run along it as far as they can: they fit the view more closely,
+    and neighbouring pixels read neighbouring texels."""
+
+
+class Window(NamedTuple):
+    """What a map has to show: bounds along its axes (over the depth, if not parallel)."""
+
+    low: tuple[float, float]
+    high: tuple[float, float]
+    near: float
+    far: float
+
+
+def draw_shadows(
+    lights: Sequence[Light], eye: Float64, scenery: Scenery, workers: stages.Workers
+) -> Shadows | None:
+    """
+    Draw the shadow maps of the lights that cast shadows on something seen.
+
+    Parameters
+    ----------
+    lights : sequence of Light
+        Those of ``Lighting.lights``, in that order.
+    eye : (3,) float64, world space
+    scenery : Scenery
+    workers : Workers
+
+    Returns
+    -------
+    Shadows or None
+        ``None``: no light has a map.
+    """
+    rows = np.zeros((len(lights), shadowing.MAP_COLUMNS))
+    places = np.zeros((len(lights), shadowing.PLACE_COLUMNS), np.int64)
+    places[:, shadowing.FIRST] = -1
+    drawings, count = [], 0
+    for n, light in enumerate(lights):
+        if light.shadow is None:
+            continue
+        fitted = _fit(light, eye, scenery, rows[n])
+        if any(matrix is not None for matrix in fitted):
+            size = light.shadow.size
+            places[n] = count, size, FILTERS[light.shadow.filter], len(fitted)
+            drawings += [
+                (n, slice(count + k * size * size, count + (k + 1) * size * size), matrix)
+                for k, matrix in enumerate(fitted)
+            ]
+            count += len(fitted) * size * size
+    if not drawings:
+        return None
+    texels = workers.memory.empty((count,), np.float32)
+    for n, part, matrix in drawings:
+        size = lights[n].shadow.size
+        _draw(matrix, rows[n], texels[part].reshape(size, size), scenery, workers)
+    for n, light in enumerate(lights):
+        if light.shadow is not None and light.shadow.filter == "soft":
+            parts = [texels[part] for number, part, _ in drawings if number == n]
+            rows[n, shadowing.HIGHEST] = max((float(part.max()) for part in parts), default=0.0)
+    return Shadows(rows, places, texels, _pattern())
+
+
+def _pattern() -> NDArray[np.float32]:
+    """Return points spread evenly over the unit disk, (COMPARISONS, 2), as in a sunflower."""
+    points = []
+    for n in range(COMPARISONS):
+        radius = math.sqrt((n + 0.5) / COMPARISONS)
+        sine, cosine = transforms.sine_cosine(n * GOLDEN_TURN)
+        points.append((radius * cosine, radius * sine))
+    return np.array(points, np.float32)
+
+
+def _draw(
+    matrix: Float64 | None,
+    row: Float64,
+    texels: NDArray[np.float32],
+    scenery: Scenery,
+    workers: stages.Workers,
+) -> None:
+    """Draw one map; without a matrix nothing is in it."""
+    if matrix is None:
+        texels.fill(-np.inf)
+        return
+    size = len(texels)
+    nobody = np.zeros(len(scenery.face_starts) - 1, np.int8)
+    coefficients = (0.5, -0.5, 0.0) if row[shadowing.PARALLEL] else (row[shadowing.NEAR], 0.0, 0.0)
+    stages.find_visible(
+        scenery.vertices._replace(clip_from_relative=matrix),
+        scenery.faces,
+        Objects(scenery.face_starts, nobody),
+        tuple(map(float, coefficients)),
+        viewport_of((size, size), SUBPIXEL_BITS),
+        workers,
+        lambda _: None,
+        cutouts=scenery.cutouts,
+        keep_faces=False,
+        depth=texels,
+    )
+
+
+def _fit(light: Any, eye: Float64, scenery: Scenery, row: Float64) -> list[Float64 | None]:
+    """
+    Fit a light's map or its six; write its row; return ``clip_from_relative`` of each.
+
+    ``None`` stands for a map that shows nothing that is seen, or nothing in front of it.
+    """
+    shadow = light.shadow
+    row[shadowing.BIAS_TEXELS] = shadow.bias
+    if isinstance(light, DirectionalLight):
+        return [_fit_parallel(light, scenery, row)]
+    place = np.array(light.position) - eye
+    if not has_cube(light):
+        return [_fit_spot(light, place, scenery, row)]
+    return _fit_cube(light, place, scenery, row)
+
+
+def _fit_parallel(light: Any, scenery: Scenery, row: Float64) -> Float64 | None:
+    """Fit the map of a directional light."""
+    axes, shadow = axes_of(light.direction, scenery.right), light.shadow
+    cells, boxes = along(axes, scenery.cells), along(axes, scenery.boxes)
+    if not len(cells) or not len(boxes):
+        return None
+    low, high = cells.min(axis=(0, 1)), cells.max(axis=(0, 1))
+    box_low, box_high = boxes.min(axis=1), boxes.max(axis=1)
+    nearest = float(box_low[:, 2].min())
+    tangent = _half_tangent(shadow)
+    # Make room for what shades from aside.
+    room = min(tangent * max(float(high[2]) - nearest, 0.0), float((high - low)[:2].max()) / 2.0)
+    low[:2] -= room
+    high[:2] += room
+    between = (
+        (box_high[:, :2] >= low[:2]).all(axis=1)
+        & (box_low[:, :2] <= high[:2]).all(axis=1)
+        & (box_low[:, 2] <= high[2])
+    )
+    if not between.any():
+        return None
+    nearest = min(float(box_low[between, 2].min()), float(low[2]))
+    slack = SLACK * max(float((high - low).max()), float(high[2]) - nearest, 1e-300)
+    window = Window(
+        (float(low[0]) - slack, float(low[1]) - slack),
+        (float(high[0]) + slack, float(high[1]) + slack),
+        nearest - slack,
+        float(high[2]) + slack,
+    )
+    _write_row(row, axes, (0.0, 0.0, 0.0), window, shadow, BORDER)
+    span, focal = window.far - window.near, row[shadowing.FOCAL : shadowing.FOCAL + 2]
+    row[shadowing.PARALLEL], row[shadowing.SPAN] = 1.0, span
+    row[shadowing.TEXEL] = 1.0 / (float(focal.min()) * span)
+    row[shadowing.WIDENING] = tangent * float(focal.min()) * span
+    depth = (*(2.0 * axes[2] / span).tolist(), -(window.near + window.far) / span)
+    return _clip_matrix(row, shadow.size, depth)
+
+
+def _half_tangent(shadow: Shadow) -> float:
+    """Return the tangent of half the angle that a directional light is seen under."""
+    if shadow.light_size is None:
+        return 0.0
+    sine, cosine = transforms.sine_cosine(shadow.light_size / 2.0)
+    return sine / cosine
+
+
+def _fit_spot(light: Any, place: Float64, scenery: Scenery, row: Float64) -> Float64 | None:
+    """Fit the map of a spot light to what is seen inside its cone."""
+    axes, shadow = axes_of(light.direction, scenery.right), light.shadow
+    sine, cosine = transforms.sine_cosine(light.outer_angle)
+    cells = along(axes, scenery.cells - place)
+    boxes = along(axes, scenery.boxes - place)
+    window = _window(cells, boxes, sine / cosine, light.range, shadow)
+    if window is None:
+        return None
+    origin = tuple(along(axes, place).tolist())
+    _write_row(row, axes, origin, window, shadow, BORDER)
+    _write_depth(row, window, shadow)
+    return _clip_matrix(row, shadow.size, _depth_row(row, axes[2], window))
+
+
+def _fit_cube(light: Any, place: Float64, scenery: Scenery, row: Float64) -> list[Float64 | None]:
+    """Fit the six maps of a point light: the sides of a cube, a little larger each."""
+    shadow, sides = light.shadow, []
+    border = BORDER if shadow.filter != "soft" else max(BORDER, int(SOFT_BORDER * shadow.size))
+    border = min(border, shadow.size // 4)
+    reach = shadow.size / (shadow.size - 2.0 * border)
+    for k in range(3):
+        for sign in (1.0, -1.0):
+            axes = np.zeros((3, 3))
+            axes[0, (k + 1) % 3] = axes[1, (k + 2) % 3] = 1.0
+            axes[2, k] = sign
+            cells = along(axes, scenery.cells - place)
+            boxes = along(axes, scenery.boxes - place)
+            sides.append((axes, _window(cells, boxes, reach, light.range, shadow)))
+    windows = [window for _, window in sides if window is not None]
+    if not windows:
+        return [None] * 6
+    near, far = min(w.near for w in windows), max(w.far for w in windows)
+    window = Window((-reach, -reach), (reach, reach), max(near, NEAREST * far), far)
+    _write_row(row, np.eye(3), tuple(place.tolist()), window, shadow, 0)
+    _write_depth(row, window, shadow)
+    matrices: list[Float64 | None] = []
+    for axes, seen in sides:
+        side = row.copy()
+        _write_row(side, axes, tuple(along(axes, place).tolist()), window, shadow, 0)
+        depth = _depth_row(side, axes[2], window)
+        matrices.append(None if seen is None else _clip_matrix(side, shadow.size, depth))
+    return matrices
+
+
+def _window(
+    cells: Float64, boxes: Float64, tangent: float, end: float | None, shadow: Shadow
+) -> Window | None:
+    """
+    Return what the map of a light that shines from a point has to show, if anything.
+
+    Parameters
+    ----------
+    cells, boxes : (N, 8, 3) and (B, 8, 3) float64
+        Corners along the axes of the map, from the light: across, down, away.
+    tangent : float
+        How far aside the map reaches at most, over the depth.
+    end : float or None
+        Range of the light, scene units.
+    shadow : Shadow
+    """
+    low, high = _sides(cells, tangent)
+    end = math.inf if end is None else end
+    seen = (low <= high).all(axis=1) & (low[:, 2] < end)
+    if not seen.any():
+        return None
+    bounds = low[seen].min(axis=0), high[seen].max(axis=0)
+    far = min(float(bounds[1][2]), end)
+    box_low, box_high = _sides(boxes, tangent)
+    half = 0.0 if shadow.light_size is None else shadow.light_size / 2.0
+    # Make room for what shades from aside: at most half as much again.
+    nearest = max(float(box_low[:, 2].min(initial=math.inf)), NEAREST * far)
+    room = min(half / min(nearest, far), float((bounds[1] - bounds[0])[:2].max()) / 2.0)
+    least = np.maximum(bounds[0][:2] - room, -tangent)
+    most = np.minimum(bounds[1][:2] + room, tangent)
+    between = (
+        (box_low <= box_high).all(axis=1)
+        & (box_high[:, :2] >= least).all(axis=1)
+        & (box_low[:, :2] <= most).all(axis=1)
+        & (box_low[:, 2] <= far)
+    )
+    if not between.any():
+        return None
+    near = min(float(box_low[between, 2].min()), float(bounds[0][2]))
+    slack = SLACK * (1.0 + tangent)
+    return Window(
+        (float(least[0]) - slack, float(least[1]) - slack),
+        (float(most[0]) + slack, float(most[1]) + slack),
+        max(near * (1.0 - 1e-3), NEAREST * far),
+        far * (1.0 + 1e-3),
+    )
+
+
+def _sides(corners: Float64, tangent: float) -> tuple[Float64, Float64]:
+    """
+    Return bounds, (N, 3), of boxes as a light sees them: aside over the depth, and the depth.
+
+    What reaches behind the light may be anywhere; what is all behind it, or beside the map, has its
+    lower bound above its upper one.
+    """
+    depth = corners[..., 2]
+    nearest, farthest = depth.min(axis=1), depth.max(axis=1)
+    before = nearest > 0.0
+    over = np.where(before[:, np.newaxis], depth, 1.0)
+    low, high = np.empty((len(corners), 3)), np.empty((len(corners), 3))
+    for k in range(2):
+        aside = corners[..., k] / over
+        low[:, k] = np.where(before, np.maximum(aside.min(axis=1), -tangent), -tangent)
+        high[:, k] = np.where(before, np.minimum(aside.max(axis=1), tangent), tangent)
+    low[:, 2], high[:, 2] = np.maximum(nearest, 0.0), np.where(farthest > 0.0, farthest, -1.0)
+    return low, high
+
+
+def _write_row(
+    row: Float64,
+    axes: Float64,
+    origin: tuple[float, ...],
+    window: Window,
+    shadow: Shadow,
+    border: int,
+) -> None:
+    """Write axes, origin and scale of a map."""
+    row[:9] = axes.ravel()
+    row[shadowing.ORIGIN : shadowing.ORIGIN + 3] = origin
+    room = shadow.size - 2.0 * border
+    focal = [room / (high - low) for low, high in zip(window.low, window.high, strict=True)]
+    if shadow.filter == "soft":
+        # A penumbra is round: texels are square.
+        focal = [min(focal)] * 2
+    row[shadowing.FOCAL : shadowing.FOCAL + 2] = focal
+    for k in range(2):
+        row[shadowing.CENTER + k] = border - focal[k] * window.low[k]
+    row[shadowing.NEAR], row[shadowing.FAR], row[shadowing.SPAN] = window.near, window.far, 1.0
+
+
+def _write_depth(row: Float64, window: Window, shadow: Shadow) -> None:
+    """Write what a texel is in depth, for a light that shines from a point."""
+    focal = float(row[shadowing.FOCAL : shadowing.FOCAL + 2].min())
+    row[shadowing.TEXEL] = 1.0 / focal
+    half = 0.0 if shadow.light_size is None else shadow.light_size / 2.0
+    row[shadowing.WIDENING] = focal * half / window.near
+
+
+def _depth_row(row: Float64, away: Float64, window: Window) -> tuple[float, ...]:
+    """Return the row of a perspective matrix that makes z."""
+    scale = (window.far + window.near) / (window.far - window.near)
+    offset = -2.0 * window.far * window.near / (window.far - window.near)
+    return (*(scale * away).tolist(), offset - scale * float(row[shadowing.ORIGIN + 2]))
+
+
+def _clip_matrix(row: Float64, size: int, depth: tuple[float, ...]) -> Float64:
+    """Return ``clip_from_relative``, (4, 4), that puts points where `shadowing` looks for them."""
+    axes, origin = row[:9].reshape(3, 3), row[shadowing.ORIGIN : shadowing.ORIGIN + 3]
+    matrix = np.zeros((4, 4))
+    if row[shadowing.PARALLEL]:
+        matrix[3, 3] = 1.0
+    else:
+        matrix[3] = (*axes[2].tolist(), -float(origin[2]))
+    for k, sign in ((0, 1.0), (1, -1.0)):
+        scale = 2.0 / size
+        focal, center = float(row[shadowing.FOCAL + k]), float(row[shadowing.CENTER + k])
+        aside = np.array((*axes[k].tolist(), -float(origin[k])))
+        matrix[k] = sign * (scale * focal * aside + (scale * center - 1.0) * matrix[3])
+    matrix[2] = depth
+    return matrix
+
+
+def scenery_of(
+    vertices: stages.ModelVertices,
+    faces: NDArray[np.int32],
+    placement: Placement,
+    bounds: Float64,
+    casts: NDArray[np.bool_],
+    is_whole: NDArray[np.bool_],
+    cells: Float64,
+    camera: Camera,
+    cutouts: Cutouts | None,
+) -> Scenery:
+    """
+    Return what casts shadows and what they fall on.
+
+    Parameters
+    ----------
+    vertices : ModelVertices
+    faces : (F, 3) int32
+    placement : Placement
+    bounds : (O, 2, 3) float64
+        Low and high corner of each object, model space; NaN for one without any.
+    casts : (O,) bool
+        Which objects cast shadows.
+    is_whole : (O,) bool
+        Which objects shadows are looked up on wherever they are, seen or not.
+    cells : (N, 8, 3) float64
+        What is seen, see `seen_cells`.
+    camera : Camera
+    cutouts : Cutouts or None
+        The objects that have holes.
+    """
+    boxes = place_boxes(bounds, placement.relative_from_model)
+    finite = np.isfinite(boxes).all(axis=(1, 2))
+    starts = placement.face_starts
+    if not casts.all():
+        counts = np.where(casts, np.diff(starts), 0)
+        kept = np.repeat(casts, np.diff(starts))
+        faces = np.ascontiguousarray(faces[kept])
+        starts = np.concatenate(([0], np.cumsum(counts)))
+        if cutouts is not None:
+            colors = cutouts.face_colors
+            colors = None if colors is None else np.ascontiguousarray(colors[kept])
+            cutouts = cutouts._replace(face_starts=starts, face_colors=colors)
+    return Scenery(
+        vertices, faces, starts, boxes[finite & casts],
+        np.concatenate([cells, boxes[finite & is_whole]]),
+        cutouts, _right_of(camera),
+    )  # fmt: skip
+
+
+def _right_of(camera: Camera) -> tuple[float, ...]:
+    """Return the x axis of a camera in the world, of length one."""
+    right = camera.view_matrix()[0, :3]
+    return tuple(transforms.unit_vector("axis", right).tolist()) if right.any() else (1.0, 0.0, 0.0)
+
+
+def seen_cells(
+    camera: Camera, geometry: Geometry, depth: NDArray[np.float32], workers: stages.Workers
+) -> Float64:
+    """
+    Return the corners, (N, 8, 3), of cells that hold all that is seen.
+
+    In world axes, relative to the eye; each cell holds what some neighbouring pixels show.
+    """
+    viewport = geometry.viewport
+    relative_from_screen = _inverse(_screen_matrix(camera, (viewport.width, viewport.height)))
+    lowest, highest = stages.find_depth_ranges(depth, workers)
+    rows, columns = np.nonzero(lowest <= highest)
+    if relative_from_screen is None or not len(rows):
+        return np.empty((0, 8, 3))
+    side = shadowing.CELL
+    corners = np.empty((len(rows), 8, 3))
+    for n in range(8):
+        x = np.minimum((columns + (n & 1)) * side, viewport.width)
+        y = np.minimum((rows + (n >> 1 & 1)) * side, viewport.height)
+        corners[:, n, 0] = 2.0 * x / viewport.width - 1.0
+        corners[:, n, 1] = 1.0 - 2.0 * y / viewport.height
+        corners[:, n, 2] = (highest if n >> 2 & 1 else lowest)[rows, columns]
+    x, y, z = corners[..., 0], corners[..., 1], corners[..., 2]
+    m = relative_from_screen
+    w = m[3][0] * x + m[3][1] * y + m[3][2] * z + m[3][3]
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        points = np.stack(
+            [(m[k][0] * x + m[k][1] * y + m[k][2] * z + m[k][3]) / w for k in range(3)], axis=-1
+        )
+    return points[np.isfinite(points).all(axis=(1, 2))]
+
+
+def _screen_matrix(camera: Camera, size: tuple[int, int]) -> list[list[float]]:
+    """Return the matrix from (position relative to the eye, 1) to (NDC x, y, stored depth, 1) w."""
+    view_from_relative = transforms.compose(
+        camera.view_matrix(), transforms.translate(camera.eye_position())
+    )
+    clip = transforms.compose(camera.projection_matrix(size), view_from_relative)
+    c0, c1, c2 = camera.depth_coefficients()
+    depth = c1 * clip[2] + c2 * clip[3]
+    depth[3] += c0
+    return [clip[0].tolist(), clip[1].tolist(), depth.tolist(), clip[3].tolist()]
+
+
+def _inverse(matrix: list[list[float]]) -> list[list[float]] | None:
+    """Return the inverse of a 4x4 matrix by Gauss and Jordan, or ``None`` if there is none."""
+    rows = [[*row, *(float(n == k) for k in range(4))] for n, row in enumerate(matrix)]
+    for k in range(4):
+        # Take the row whose entry is the largest beside the others of its row.
+        def share(n: int, k: int = k) -> float:
+            largest = max(map(abs, rows[n][:4]))
+            return abs(rows[n][k]) / largest if largest > 0.0 else 0.0
+
+        pivot = max(range(k, 4), key=share)
+        if rows[pivot][k] == 0.0:
+            return None
+        rows[k], rows[pivot] = rows[pivot], rows[k]
+        rows[k] = [entry / rows[k][k] for entry in rows[k]]
+        for n in range(4):
+            if n != k:
+                factor = rows[n][k]
+                rows[n] = [a - factor * b for a, b in zip(rows[n], rows[k], strict=True)]
+    return [row[4:] for row in rows]
