@@ -9,8 +9,8 @@ that they take more than ``MOST_BYTES`` is cut into bands with fewer rows.
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterator
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -29,11 +29,12 @@ from rasterjit.kernels.records import (
     Surface,
 )
 from rasterjit.kernels.setup import TILE_SIZE
+from rasterjit.memory import Memory
 from rasterjit.plan_layers import Layers
 from rasterjit.stages import Coverage
 from rasterjit.workers import Workers
 
-FIRST_GUESS = 4
+FIRST_GUESS = 16
 """Layers that there is room for at first; more are made where a band has more."""
 
 MOST_LAYERS = 4096
@@ -106,7 +107,7 @@ def part_lists(
 
 
 def find_layers(
-    rows: tuple[int, int], lists: Lists, geometry: Geometry, scratch: Any
+    rows: tuple[int, int], lists: Lists, geometry: Geometry, scratch: Any, memory: Memory
 ) -> Iterator[Band]:
     """
     Yield the layers of some rows, in parts if they have many.
@@ -119,6 +120,7 @@ def find_layers(
     geometry : Geometry
     scratch : tuple
         From ``transparency.scratch_memory``.
+    memory : Memory
 
     Raises
     ------
@@ -130,8 +132,8 @@ def find_layers(
     room = FIRST_GUESS
     while True:
         shape = 1, room, height, width
-        found = np.empty(shape, np.float32), np.empty(shape, np.int32)
-        opaque = np.empty((1, height, width), np.int32)
+        found = memory.empty(shape, np.float32), memory.empty(shape, np.int32)
+        opaque = memory.empty((1, height, width), np.int32)
         used = np.empty((1, -(-width // TILE_SIZE)), np.int64)
         needed, column, row = transparency.find_layers(
             rows, lists.starts, lists.middles, lists.parted, lists.faces, lists.screen, viewport,
@@ -148,36 +150,41 @@ def find_layers(
             )
         if needed * height * width * BYTES_PER_FRAGMENT > MOST_BYTES:
             middle = rows[0] + height // 2
-            yield from find_layers((rows[0], middle), lists, geometry, scratch)
-            yield from find_layers((middle, rows[1]), lists, geometry, scratch)
+            yield from find_layers((rows[0], middle), lists, geometry, scratch, memory)
+            yield from find_layers((middle, rows[1]), lists, geometry, scratch, memory)
             return
         room = needed
 
 
-def shade_band(band: Band, shader: Shader, linear: NDArray[np.float32], scratch: Any) -> None:
+def shade_band(
+    band: Band, shader: Shader, linear: NDArray[np.float32], scratch: Any, memory: Memory
+) -> None:
     """Write the linear colour of some rows, (R, W, 4), the layers over each other."""
     no_color = np.empty((len(linear), 0), np.uint32)
-    colors, sums = np.empty_like(linear), np.empty_like(linear)
 
-    def shade(faces: NDArray[np.int32], target: NDArray[np.float32]) -> None:
+    def shade_image(faces: NDArray[np.int32], target: NDArray[np.float32]) -> None:
         shading.shade_rows(
             faces, band.first_row, shader.geometry, shader.placement, shader.surface,
             shader.lighting, shader.background, shader.encoding, target, no_color, scratch,
         )  # fmt: skip
 
-    images = [*band.transparent, band.opaque]
-    if len(images) > 1:
-        layers.start_sums(sums)
-    for faces, behind in itertools.pairwise(images):
-        shade(faces, colors)
+    def shade_behind() -> None:
+        shade_image(band.opaque, linear)
+        if shader.sky is not None:
+            backgrounds.show_environment(
+                band.opaque, band.first_row, *shader.sky, shader.encoding, linear, no_color
+            )
+
+    if len(band.transparent) == 0:
+        shade_behind()
+        return
+    colors, sums = memory.empty(linear.shape, np.float32), memory.empty(linear.shape, np.float32)
+    layers.start_sums(sums)
+    for faces, behind in pairwise([*band.transparent, band.opaque]):
+        shade_image(faces, colors)
         layers.lay_under(colors, faces, behind, sums)
-    shade(band.opaque, linear)
-    if shader.sky is not None:
-        backgrounds.show_environment(
-            band.opaque, band.first_row, *shader.sky, shader.encoding, linear, no_color
-        )
-    if len(images) > 1:
-        layers.finish_sums(sums, linear)
+    shade_behind()
+    layers.finish_sums(sums, linear)
 
 
 def shade(
@@ -208,7 +215,7 @@ def shade(
     ValueError
         If a pixel has more layers than are sorted.
     """
-    viewport, surface = shader.geometry.viewport, shader.surface
+    viewport, surface, memory = shader.geometry.viewport, shader.surface, workers.memory
     lists = part_lists(coverage, shader.placement.face_starts, plan.is_blended)
     rows = shading.sample_rows(surface, shader.lighting)
     encoding, behind = shader.encoding, shader.background
@@ -219,15 +226,15 @@ def shade(
     def shade_tiles(first: int) -> None:
         scratch = shading.scratch_memory(rows, surface.textures is not None)
         all_rows = first, min(first + TILE_SIZE, viewport.height)
-        room = transparency.scratch_memory(lists.cutouts is not None)
-        for band in find_layers(all_rows, lists, shader.geometry, room):
+        drawing = transparency.scratch_memory(lists.cutouts is not None)
+        for band in find_layers(all_rows, lists, shader.geometry, drawing, memory):
             for start in range(0, len(band.opaque), ROWS_AT_ONCE):
                 part = slice(start, start + ROWS_AT_ONCE)
                 some = Band(band.first_row + start, band.opaque[part], band.transparent[:, part])
                 shape = (*some.opaque.shape, 4)
                 place = slice(some.first_row, some.first_row + shape[0])
-                target = np.empty(shape, np.float32) if linear is None else linear[place]
-                shade_band(some, shader, target, scratch)
+                target = memory.empty(shape, np.float32) if linear is None else linear[place]
+                shade_band(some, shader, target, scratch, memory)
                 if color is not None:
                     packed = color.view(np.uint32)[place, :, 0]
                     if encoding.tone is None:

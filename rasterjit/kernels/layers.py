@@ -66,9 +66,9 @@ def lay_under(colors, faces, behind, sums):
             through = sums[row, i, THROUGH]
             if faces[row, i] >= 0:
                 alpha = held_alpha(colors[row, i, 3])
-                # What is not there is not multiplied: its colour may be infinite.
-                if alpha > none:
-                    share = through * alpha
+                share = through * alpha
+                # What is not seen is not multiplied: its colour may be infinite.
+                if share > none:
                     for k in range(3):
                         sums[row, i, k] += share * colors[row, i, k]
                     through *= one - alpha
