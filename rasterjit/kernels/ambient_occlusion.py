@@ -8,8 +8,8 @@ Each pixel looks along 2 of 32 directions, with steps of 1 of 16 lengths; every 
 pixels holds all of them once. The mean over such a square on the same surface, taken twice, is the
 result.
 
-Heights are measured above the plane of the pixel's own face, from differences of pixel numbers
-and depths alone: the points of one plane have height 0 but for how vertices are rounded to the
+Heights are measured above the plane of the pixel's own face, from differences of pixel numbers and
+depths alone: the points of one plane have height 0 but for how vertices are rounded to the
 sub-pixel grid, and that much is taken off. So a plane, and whatever bends away from it, gets
 exactly 1.
 
@@ -122,7 +122,7 @@ def arc_cosine(x):
     positive = min(abs(x), np.float32(1.0))
     series = np.float32(-0.0187293) * positive + np.float32(0.0742610)
     series = series * positive + np.float32(-0.2121144)
-    series = series * positive + PI_HALF
+    series = series * positive + np.float32(1.5707288)
     angle = np.sqrt(np.float32(1.0) - positive) * series
     return angle if x >= np.float32(0.0) else PI_HALF + PI_HALF - angle
 

@@ -36,8 +36,12 @@ Each by half a unit in x and in y; two depths are compared. Twice that, for roun
 DEPTH_ROUNDING = np.float32(2.0**-21)
 """Slack for the rounding of two float32 depths and their slopes, as a share of the depth."""
 
-SPANS = np.float32(4.0)
-"""Faces of one surface from one pixel to the next, at most: so steep it may be in their depths."""
+SPANS = np.float32(2.0)
+"""
+Faces of one surface that may follow each other from one pixel to the next, if they reach as far.
+
+So a face that is seen edge-on, whose slope says nothing, hides no jump.
+"""
 
 LEAST = np.float32(1e-30)
 """Added to what is divided by; the lens has entries up to 1."""
@@ -55,12 +59,19 @@ def scratch_memory(width: int) -> tuple[Any, Any]:
 
 
 @stage
-def depth_span(a, b, c, codes, depths):
-    """Return the range of a face's stored depths; infinite if it was clipped."""
+def steepest(a, b, c, axis, geometry, depths):
+    """Return the largest change of stored depth from one pixel to the next on faces like this."""
+    codes, xy = geometry.codes, geometry.xy
     if (codes[a] | codes[b] | codes[c]) & (CLIPPED | INVALID):
         return np.float32(np.inf)
     nearest = max(depths[a], max(depths[b], depths[c]))
-    return np.float32(nearest - min(depths[a], min(depths[b], depths[c])))
+    span = np.float32(nearest - min(depths[a], min(depths[b], depths[c])))
+    first = min(xy[a, axis], min(xy[b, axis], xy[c, axis]))
+    last = max(xy[a, axis], max(xy[b, axis], xy[c, axis]))
+    pixel = np.float32(np.int64(1) << geometry.viewport.grid_bits)
+    return (
+        SPANS * span * max(pixel / max(np.float32(last - first), np.float32(1.0)), np.float32(1.0))
+    )
 
 
 @stage
@@ -100,7 +111,7 @@ def fill_row(
     """Write normal, slopes, slack and object of each pixel of a row; object -1 where nothing is."""
     known, owner = np.int64(-1), np.int64(0)
     normal = np.float32(0.0), np.float32(0.0), np.float32(0.0)
-    steepest = np.float32(0.0)
+    most_x = most_y = np.float32(0.0)
     for column in range(np.uintp(faces.shape[0])):
         face = np.int64(faces[column])
         owners[column] = -1
@@ -112,14 +123,15 @@ def fill_row(
             a, b, c = lowest_first(geometry.faces, face)
             x, y, z = face_normal(a, b, c, owner, placement)
             normal = np.float32(x), np.float32(y), np.float32(z)
-            steepest = SPANS * depth_span(a, b, c, geometry.codes, vertex_depths)
+            most_x = steepest(a, b, c, 0, geometry, vertex_depths)
+            most_y = steepest(a, b, c, 1, geometry, vertex_depths)
         stored = depth[column]
         turned, slope_x, slope_y, footprint = slopes_at(
             lens, viewer, np.float32(column), np.float32(row), stored, normal
         )
         for k in range(3):
             s[NORMAL + k, column] = turned[k]
-        s[SLOPE_X, column], s[SLOPE_Y, column] = held(slope_x, steepest), held(slope_y, steepest)
+        s[SLOPE_X, column], s[SLOPE_Y, column] = held(slope_x, most_x), held(slope_y, most_y)
         s[SLACK, column] = (
             JUMP * footprint
             + snap * (abs(s[SLOPE_X, column]) + abs(s[SLOPE_Y, column]))
