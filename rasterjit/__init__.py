@@ -17,6 +17,7 @@ from rasterjit.explanation import PixelExplanation
 from rasterjit.frame import Frame, OutputNotRequestedError, Stats
 from rasterjit.framebuffer import Framebuffer
 from rasterjit.io.meshes import load
+from rasterjit.measurement import Measurement, measure
 from rasterjit.pipeline import Pipeline
 from rasterjit.pixel import explain_pixel
 from rasterjit.plan import RenderPlan
@@ -60,6 +61,7 @@ __all__ = [
     "Framebuffer",
     "Material",
     "MatrixCamera",
+    "Measurement",
     "Mesh",
     "Node",
     "OrthographicCamera",
@@ -84,6 +86,7 @@ __all__ = [
     "explain_pixel",
     "fit_camera",
     "load",
+    "measure",
     "oracle",
     "orbit_direction",
     "rasterize",

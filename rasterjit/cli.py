@@ -30,7 +30,7 @@ from rasterjit.cli_options import (
     look_options,
     view_options,
 )
-from rasterjit.cli_report import print_diagnostics, print_stats, status, with_progress
+from rasterjit.cli_report import print_diagnostics, print_measurement, print_stats, status, with_progress
 
 if TYPE_CHECKING:
     from rasterjit.frame import Frame
@@ -393,6 +393,9 @@ def turntable(
               metavar="NAMES", help=OUTPUTS_HELP)  # fmt: skip
 @click.option("--pixel", type=PixelType(),
               help="Say instead what happens at this column and row, step by step.")  # fmt: skip
+@click.option("--measure", is_flag=True,
+              help="Render it, too, and say what each stage and each effect costs.")  # fmt: skip
+@threads_option
 @debug_option
 def explain(
     file: Path,
@@ -401,6 +404,8 @@ def explain(
     cull: str,
     outputs: tuple[str, ...],
     pixel: tuple[int, int] | None,
+    measure: bool,
+    threads: int | None,
     **rest: Any,
 ) -> None:
     """Say what rendering FILE would do, without doing it; or what happens at one pixel."""
@@ -410,7 +415,10 @@ def explain(
         raise click.BadOptionUsage(
             "--pixel", f"--pixel: {pixel[0]},{pixel[1]} is not in the picture"
         )
+    if pixel is not None and measure:
+        raise click.BadOptionUsage("--measure", "--measure: one pixel has no cost of its own")
     from rasterjit.pixel import explain_pixel
+    from rasterjit.plan_resources import describe as describe_plan
     from rasterjit.render import explain as plan_of
 
     scene = _load(file, look, quiet=False)
@@ -420,8 +428,14 @@ def explain(
             str(explain_pixel(scene, camera, size, *pixel, background=background, cull=cull))
         )
         return
-    plan = plan_of(scene, camera, size=size, outputs=outputs, background=background, cull=cull)
-    click.echo(str(plan))
+    options = {"size": size, "outputs": outputs, "background": background, "cull": cull}
+    click.echo(describe_plan(plan_of(scene, camera, **options)))
+    if measure:
+        from rasterjit.measurement import measure as measure_frame
+
+        with status(f"Measuring {file.name} (what is new is compiled first)", quiet=False):
+            measured = measure_frame(scene, camera, threads=threads, **options)
+        print_measurement(measured)
 
 
 @program.command()

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, TypeVar
 if TYPE_CHECKING:
     from rasterjit.diagnostics import Diagnostics
     from rasterjit.frame import Frame
+    from rasterjit.measurement import Measurement
 
 Item = TypeVar("Item")
 
@@ -80,6 +81,33 @@ def print_stats(frame: Frame, seconds: dict[str, float], total: float) -> None:
     table.add_section()
     table.add_row("total", f"{1000.0 * total:,.1f} ms")
     Console(highlight=False).print(table)
+
+
+def print_measurement(measured: Measurement) -> None:
+    """Print the time of each stage, and what each effect costs."""
+    from rich.console import Console
+    from rich.table import Table
+
+    console = Console(highlight=False)
+    table = Table(title=f"{measured.rounds} frames each, {measured.threads} threads; medians")
+    table.add_column("stage")
+    table.add_column("time", justify="right")
+    for stage, seconds in measured.stages.items():
+        table.add_row(STAGE_NAMES.get(stage, stage), f"{1000.0 * seconds:,.2f} ms")
+    table.add_section()
+    table.add_row("frame", f"{1000.0 * measured.total:,.2f} ms")
+    console.print(table)
+    if not measured.changes:
+        return
+    table = Table()
+    for name in ("effect", "changed to", "frame", "difference"):
+        table.add_column(name, justify="right" if name in ("frame", "difference") else "left")
+    for change in measured.changes:
+        table.add_row(
+            change.name, change.what, f"{1000.0 * change.seconds:,.2f} ms",
+            f"{1000.0 * change.difference:+,.2f} ms",
+        )  # fmt: skip
+    console.print(table)
 
 
 def print_diagnostics(diagnostics: Diagnostics) -> None:

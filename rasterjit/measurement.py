@@ -1,0 +1,281 @@
+"""Measure what a frame costs: each of its stages, and each effect, by rendering without it."""
+
+from __future__ import annotations
+
+import copy
+import statistics
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+from rasterjit import plan_resources
+from rasterjit.frame import Frame
+from rasterjit.io.meshes import as_scene
+from rasterjit.plan import RenderPlan
+from rasterjit.plan_answers import MAPS
+from rasterjit.render import Renderer, choose_camera
+from rasterjit.scene.camera import Camera
+from rasterjit.scene.light import AmbientLight
+from rasterjit.scene.material import TEXTURE_FIELDS, Material
+from rasterjit.scene.quality import Quality, check_quality
+from rasterjit.scene.scene import Node, Scene
+from rasterjit.validation import image_size
+
+ROUNDS = 7
+"""Frames of each kind; their median counts."""
+
+SAMPLES_TO_TRY = 4
+"""Samples of a pixel whose cost is told where edges are not smoothed."""
+
+
+class Change(NamedTuple):
+    """What a frame costs with one thing changed."""
+
+    name: str
+    what: str
+    """``"off"``, or the setting that was tried."""
+    seconds: float
+    """Median time of such a frame."""
+    difference: float
+    """By how much it is slower than the frame as it is; below 0 if it is faster."""
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """
+    What a frame consists of and what that costs; prints as a table.
+
+    Attributes
+    ----------
+    plan : RenderPlan
+    threads : int
+    rounds : int
+        How many frames each time is the median of.
+    stages : dict of float
+        Seconds of each stage, in order; compiling is no part of them.
+    changes : tuple of Change
+        The same frame without each effect that is in, and with what it could have besides.
+    """
+
+    plan: RenderPlan
+    threads: int
+    rounds: int
+    stages: dict[str, float]
+    total: float
+    changes: tuple[Change, ...]
+
+    def __str__(self) -> str:
+        rows = [(stage, f"{1e3 * seconds:9.2f} ms") for stage, seconds in self.stages.items()]
+        rows.append(("frame", f"{1e3 * self.total:9.2f} ms"))
+        rows += [
+            (f"{change.name}: {change.what}", f"{1e3 * change.difference:+9.2f} ms")
+            for change in self.changes
+        ]
+        widest = max(len(name) for name, _ in rows)
+        times = "\n".join(f"  {name:<{widest}}  {text}" for name, text in rows)
+        heading = f"times (median of {self.rounds} frames, {self.threads} threads)"
+        return f"{plan_resources.describe(self.plan)}\n\n{heading}\n{times}"
+
+
+def measure(
+    what: Any,
+    camera: Camera | None = None,
+    quality: Quality | None = None,
+    *,
+    size: tuple[int, int] = (1280, 720),
+    outputs: Sequence[str] = ("color",),
+    background: Any = None,
+    cull: str = "none",
+    threads: int | None = None,
+    rounds: int = ROUNDS,
+) -> Measurement:
+    """
+    Render a frame some times, then without each effect that it uses.
+
+    The frames take turns, so that a machine that slows down slows all of them. Whatever has to be
+    compiled is compiled before.
+
+    Parameters
+    ----------
+    what, camera, quality, size, outputs, background, cull, threads
+        As `rasterjit.render` takes them.
+    rounds : int
+        Frames of each kind, at least 1.
+
+    Returns
+    -------
+    Measurement
+
+    Raises
+    ------
+    ValueError
+        Naming the argument that is wrong.
+    """
+    if isinstance(rounds, bool) or not isinstance(rounds, int) or rounds < 1:
+        raise ValueError(f"rounds must be a whole number above 0, got {rounds!r}")
+    scene, quality, size = as_scene(what), check_quality(quality), image_size("size", size)
+    camera = choose_camera(scene, camera, size)
+    options = {"outputs": outputs, "background": background, "cull": cull}
+    first = Subject(
+        "", "as it is", scene, quality, Renderer(size, quality=quality, threads=threads)
+    )
+    with first.renderer:
+        plan = first.draw(camera, options).plan
+        subjects = [first]
+        try:
+            for name, label, changed, other in variations(plan, scene, quality):
+                renderer = Renderer(size, quality=other, threads=threads)
+                subjects.append(Subject(name, label, changed, other, renderer))
+            frames = _take_turns(subjects, camera, options, rounds)
+        finally:
+            for subject in subjects[1:]:
+                subject.renderer.close()
+    own = [frame.stats.seconds for frame in frames[0]]
+    stages = {
+        stage: statistics.median(seconds[stage] for seconds in own)
+        for stage in own[0]
+        if stage != "compile"
+    }
+    times = [statistics.median(_duration(frame) for frame in some) for some in frames]
+    changes = tuple(
+        Change(subject.name, subject.what, time, time - times[0])
+        for subject, time in zip(subjects[1:], times[1:], strict=True)
+    )
+    used = first.renderer.threads
+    return Measurement(plan, used, rounds, stages, times[0], changes)
+
+
+class Subject(NamedTuple):
+    """One kind of frame that is measured."""
+
+    name: str
+    what: str
+    scene: Scene
+    quality: Quality
+    renderer: Renderer
+
+    def draw(self, camera: Camera, options: dict[str, Any]) -> Frame:
+        """Render it once."""
+        return self.renderer.render(self.scene, camera, **options)
+
+
+def _take_turns(
+    subjects: Sequence[Subject], camera: Camera, options: dict[str, Any], rounds: int
+) -> list[list[Frame]]:
+    """Draw every kind of frame so often, in turn; one more of each before, to compile."""
+    for subject in subjects:
+        subject.draw(camera, options)
+    frames: list[list[Frame]] = [[] for _ in subjects]
+    for _ in range(rounds):
+        for subject, taken in zip(subjects, frames, strict=True):
+            taken.append(subject.draw(camera, options))
+    return frames
+
+
+def _duration(frame: Frame) -> float:
+    """Return the seconds that a frame took, compiling apart."""
+    seconds = 0.0
+    for stage, duration in frame.stats.seconds.items():
+        seconds += duration if stage != "compile" else 0.0
+    return seconds
+
+
+Variation = tuple[str, str, Scene, Quality]
+"""Name of the effect, what was done with it, and what it gives."""
+
+
+def variations(plan: RenderPlan, scene: Scene, quality: Quality) -> list[Variation]:
+    """Return the scene without each effect that is in, and with more samples if it has one."""
+    used = {effect.name for effect in plan.effects if effect.used}
+    found: list[Variation] = [
+        (name, "off", without(scene), quality) for name, without in SWITCHES.items() if name in used
+    ]
+    if "anti-aliasing" in used:
+        found.append(("anti-aliasing", "off", scene, replace(quality, samples=1)))
+    elif "shading" in used and quality.subpixel_bits > 0:
+        more = replace(quality, samples=SAMPLES_TO_TRY)
+        found.append(("anti-aliasing", f"{SAMPLES_TO_TRY} samples", scene, more))
+    return found
+
+
+def _without_field(name: str) -> Callable[[Scene], Scene]:
+    """Return what takes a field of the scene away."""
+
+    def without(scene: Scene) -> Scene:
+        changed = copy.copy(scene)
+        setattr(changed, name, None)
+        return changed
+
+    return without
+
+
+def _without_environment_light(scene: Scene) -> Scene:
+    """Return the scene without what shines from all around; nor does a headlight take its place."""
+    changed = copy.copy(scene)
+    changed.environment = None
+    changed.lights = [*scene.lights] or [AmbientLight(intensity=0.0)]
+    return changed
+
+
+def _without_background(scene: Scene) -> Scene:
+    """Return the scene with an environment that is not seen."""
+    changed = copy.copy(scene)
+    changed.environment = replace(scene.environment, background=False)
+    return changed
+
+
+def _without_shadows(scene: Scene) -> Scene:
+    """Return the scene with lights that cast none."""
+    changed = copy.copy(scene)
+    changed.lights = [
+        replace(light, shadow=None) if getattr(light, "shadow", None) is not None else light
+        for light in scene.lights
+    ]
+    return changed
+
+
+def _with_materials(change: Callable[[Material], Material]) -> Callable[[Scene], Scene]:
+    """Return what changes all materials of a scene, on copies of its meshes."""
+
+    def changed_scene(scene: Scene) -> Scene:
+        changed, known = copy.copy(scene), {}
+        changed.nodes = []
+        for node in scene.nodes:
+            if node.mesh not in known:
+                known[node.mesh] = mesh = copy.copy(node.mesh)
+                mesh.material = change(mesh.material)
+            changed.nodes.append(Node(known[node.mesh], node.world_from_model, node.name))
+        return changed
+
+    return changed_scene
+
+
+def _plain(*names: str) -> Callable[[Scene], Scene]:
+    """Return what takes these textures away."""
+    return _with_materials(lambda material: replace(material, **dict.fromkeys(names)))
+
+
+SWITCHES: dict[str, Callable[[Scene], Scene]] = {
+    "textures": _plain("base_color_texture"),
+    "alpha masks": _with_materials(lambda material: replace(material, alpha_mode="opaque")),
+    "emission": _with_materials(
+        lambda material: replace(material, emissive=(0.0, 0.0, 0.0), emissive_texture=None)
+    ),
+    **{name: _plain(TEXTURE_FIELDS[kind]) for name, kind in MAPS.items()},
+    "shadows": _without_shadows,
+    "environment light": _without_environment_light,
+    "environment background": _without_background,
+    "fog": _without_field("fog"),
+    "tone mapping": _without_field("tone_map"),
+    "ambient occlusion": _without_field("ambient_occlusion"),
+    "outline": _without_field("outline"),
+    "transparency": _with_materials(lambda material: replace(material, alpha_mode="opaque")),
+    "wireframe": _without_field("wireframe"),
+}
+"""How to do without an effect, by its name in the plan."""
+
+PARTS_OF_OTHERS = (
+    "shading", "lights", "smooth normals", "microfacets", "single-sided objects", "diagnostics",
+    "anti-aliasing",
+)  # fmt: skip
+"""Effects that a frame is not itself without, or that `variations` switches in a way of its own."""

@@ -1,0 +1,170 @@
+"""List what a plan will run and hold: kernels with their variants, and buffers of the frame."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from rasterjit.plan import RenderPlan
+
+BYTES = {"uint8": 1, "int32": 4, "float32": 4}
+
+
+class Kernel(NamedTuple):
+    """One compiled entry point that a frame calls."""
+
+    name: str
+    """Module and function."""
+    variant: str
+    """What is compiled into it because the frame has it; empty if it has one form."""
+    condition: str
+    """What must happen for it to be called; empty if it always is."""
+
+
+class Buffer(NamedTuple):
+    """One array of the size of the frame."""
+
+    name: str
+    channels: int
+    kind: str
+    """Its dtype."""
+    size: tuple[int, int]
+    """Width and height, pixels."""
+
+    @property
+    def bytes(self) -> int:
+        """How much memory it takes."""
+        return self.size[0] * self.size[1] * self.channels * BYTES[self.kind]
+
+
+def list_kernels(plan: RenderPlan) -> tuple[Kernel, ...]:
+    """Return the kernels that a frame calls, in order."""
+    return tuple(Kernel(*row) for row in (*_geometry_rows(plan), *_picture_rows(plan)))
+
+
+Rows = list[tuple[str, str, str]]
+
+
+def _geometry_rows(plan: RenderPlan) -> Rows:
+    """Return the kernels up to visibility."""
+    holes = "holes" if plan.needs_cutouts else ""
+    crossed = "a face crosses the near or far plane or the guard band"
+    rows = [("projection.transform_vertices", "", "")]
+    keeps_positions = plan.diagnose or plan.wireframe is not None
+    rows += [("projection.transform_positions", "", "" if keeps_positions else crossed)]
+    rows += [
+        (f"clipping.{name}", "", crossed)
+        for name in ("find_clipped_faces", "count_clipped_vertices", "clip_faces")
+    ]
+    rows += [
+        ("projection.project_clipped_vertices", "", crossed),
+        ("setup.set_up_triangles", "", ""),
+        ("binning.start_lists", "", ""),
+        ("binning.bin_triangles", "", ""),
+        ("occlusion.find_floors", "", "a face covers whole tiles"),
+    ]
+    if plan.needs_faces:
+        rows.append(("visibility.draw_tiles", holes, ""))
+    return rows
+
+
+def _picture_rows(plan: RenderPlan) -> Rows:
+    """Return the kernels that follow visibility."""
+    rows: Rows = []
+    if plan.ambient_occlusion is not None and plan.lighting is not None:
+        rows += [("ambient_occlusion.find_occlusion", "", "")]
+        rows += [("ambient_occlusion.smooth_occlusion", "", "")]
+    if plan.needs_gouraud and plan.lighting is not None:
+        rows.append(("shading.light_vertices", _variant_of_light(plan), ""))
+    if plan.needs_color:
+        rows.append(("shading.shade_rows", _variant_of_shading(plan), ""))
+    if plan.outline is not None:
+        rows += [("outlines.find_edges", "", ""), ("outlines.draw_marks", "", "")]
+    if plan.wireframe is not None:
+        hiding = ["hidden lines removed"] if plan.draws_faces else [""]
+        rows += [("wireframe.find_pixels", "", "")]
+        rows += [("wireframe.fill_slack", "", "")] if plan.draws_faces else []
+        rows += [(f"wireframe.{name}", hiding[0], "") for name in ("project_edges", "draw_edges")]
+    fills = {
+        "barycentric": "fill_barycentric", "uv": "fill_attribute", "position": "fill_positions",
+        "normal": "fill_normals",
+    }  # fmt: skip
+    rows += [(f"interpolation.{fills[name]}", "", "") for name in plan.outputs if name in fills]
+    if plan.diagnose:
+        rows += [("diagnosis.find_fates", "", ""), ("diagnosis.count_samples", "", "")]
+        rows += [("diagnosis.largest_error", "", "")]
+    return rows
+
+
+def _variant_of_light(plan: RenderPlan) -> str:
+    """Return which parts of the light are there."""
+    lighting = plan.lighting
+    if lighting is None:
+        return ""
+    present = {
+        "highlights": lighting.highlights is not None,
+        "microfacets": plan.needs_microfacets,
+        "environment": plan.environment is not None,
+        "occlusion": plan.ambient_occlusion is not None,
+        "fog": lighting.fog is not None,
+    }
+    return ", ".join(["light", *(name for name, is_there in present.items() if is_there)])
+
+
+def _variant_of_shading(plan: RenderPlan) -> str:
+    """Return which records the shading kernel is compiled with."""
+    present = {
+        "normals": plan.needs_normals,
+        "lit vertices": plan.needs_gouraud,
+        "textures": plan.needs_textures,
+        "maps": plan.needs_maps,
+        "alphas": plan.layers is not None and plan.layers.has_blended,
+        "tone curve": plan.encoding.tone is not None,
+    }
+    light = _variant_of_light(plan)
+    names = [name for name, is_there in present.items() if is_there]
+    return ", ".join([light, *names] if light else names) or "base colours alone"
+
+
+def list_buffers(plan: RenderPlan) -> tuple[Buffer, ...]:
+    """Return the arrays of the size of the frame that it holds at once, outputs included."""
+    rows = [("faces seen", 1, "int32")]
+    if plan.needs_depth:
+        rows.append(("stored depth", 1, "float32"))
+    if plan.ambient_occlusion is not None:
+        rows.append(("ambient occlusion, smooth, rough and its range", 3, "float32"))
+    if plan.outline is not None:
+        rows.append(("marks of outlines", 1, "uint8"))
+    if plan.wireframe is not None and plan.draws_faces:
+        rows.append(("slack of hidden lines", 1, "float32"))
+    shapes = {
+        "color": (4, "uint8"), "linear": (4, "float32"), "depth": (1, "float32"),
+        "object_id": (1, "int32"), "barycentric": (3, "float32"), "uv": (2, "float32"),
+        "normal": (3, "float32"), "position": (3, "float32"),
+    }  # fmt: skip
+    rows += [(f"output {name}", *shapes[name]) for name in plan.outputs if name in shapes]
+    return tuple(Buffer(*row, plan.size) for row in rows)
+
+
+def describe(plan: RenderPlan) -> str:
+    """Return a plan as a table: what is in and out, kernels, and buffers."""
+    kernels = [
+        (kernel.name, "; ".join(filter(None, (kernel.variant, _where(kernel.condition)))))
+        for kernel in list_kernels(plan)
+    ]
+    buffers = [
+        (
+            f"{buffer.name}",
+            f"{buffer.channels} x {buffer.kind}, {buffer.bytes / 1e6:.1f} MB",
+        )
+        for buffer in list_buffers(plan)
+    ]
+    parts = [str(plan)]
+    for title, rows in (("kernels", kernels), ("buffers", buffers)):
+        widest = max(len(name) for name, _ in rows)
+        lines = [f"  {name:<{widest}}  {text}".rstrip() for name, text in rows]
+        parts.append("\n".join([title, *lines]))
+    return "\n\n".join(parts)
+
+
+def _where(condition: str) -> str:
+    return f"where {condition}" if condition else ""
