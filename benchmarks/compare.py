@@ -28,7 +28,7 @@ from benchmarks.pairing import (
 )
 from benchmarks.public_api import CASES
 
-ROUNDS, SECONDS = 15, 10.0
+EFFORT = Effort(15, 10.0)
 """Rounds, and seconds for either version of a scene."""
 COMPILE_ROUNDS = 2
 COMPILE_SECONDS = 300.0
@@ -71,7 +71,9 @@ class Tree:
         return json.loads(result.stdout)
 
 
-def time_scene(trees: Sequence[Tree], scene: str, threads: int, limit: float) -> Comparison:
+def time_scene(
+    trees: Sequence[Tree], scene: str, threads: int, limit: float, effort: Effort = EFFORT
+) -> Comparison:
     """Time both versions on a scene, in turns; the one that begins changes from round to round."""
     what = f"{scene}, {threads} thread{'s' if threads > 1 else ''}, ms"
     try:
@@ -84,7 +86,7 @@ def time_scene(trees: Sequence[Tree], scene: str, threads: int, limit: float) ->
             slowest = max(each["seconds"] for each in ready)
             wall: tuple[list[float], list[float]] = ([], [])
             processor: tuple[list[float], list[float]] = ([], [])
-            for turn in range(Effort(ROUNDS, SECONDS).rounds_of(slowest)):
+            for turn in range(effort.rounds_of(slowest)):
                 for number in (0, 1) if turn % 2 == 0 else (1, 0):
                     answer = workers[number].ask("draw")
                     wall[number].append(1e3 * answer["total"])

@@ -85,6 +85,10 @@ class EffectScene:
     """Whether corners are darkened in screen space."""
 
 
+TWIN = "opengl_effects"
+"""The contestant that draws the same by OpenGL."""
+
+
 class Effect(NamedTuple):
     """Two variants that differ by one effect."""
 
@@ -93,8 +97,10 @@ class Effect(NamedTuple):
     on: str
     target: Target | None = None
     """How many times as long as RasterJIT Mesa has to take with the effect."""
-    twins: tuple[str, ...] = ("opengl_effects",)
+    twins: tuple[str, ...] = (TWIN,)
     """Contestants that draw it as well."""
+    alike: float = 0.99
+    """Share of the pixels whose colours must be those of Mesa; less where rules differ."""
 
 
 def torus_part(rings: int = RINGS, sides: int = SIDES) -> Part:
@@ -188,14 +194,14 @@ VARIANTS: dict[str, Callable[[], EffectScene]] = {
     "layers": partial(layer_scene, alpha="blend"),
 }
 
-TWIN, SORTED = "opengl_effects", "opengl_sorted"
+SORTED = "opengl_sorted"
 FOUR_TIMES, TWICE = Target(4.0), Target(2.0)
 
 EFFECTS: tuple[Effect, ...] = (
-    Effect("texture, nearest", "unlit", "nearest", FOUR_TIMES),
+    Effect("texture, nearest", "unlit", "nearest", alike=0.97),
     Effect("texture, bilinear", "unlit", "bilinear", FOUR_TIMES),
     Effect("texture, trilinear", "unlit", "trilinear", FOUR_TIMES),
-    Effect(f"texture, anisotropic x{ANISOTROPY}", "unlit", "anisotropic"),
+    Effect(f"texture, anisotropic x{ANISOTROPY}", "unlit", "anisotropic", alike=0.0),
     Effect("alpha mask, bilinear", "bilinear", "mask"),
     Effect("Phong", "unlit", "phong"),
     Effect("microfacets", "unlit", "pbr"),

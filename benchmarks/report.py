@@ -25,7 +25,12 @@ COLUMNS = (
     "target",
     "goal", "met", "check",
 )  # fmt: skip
-RIGHT = frozenset(("threads", "draw ms", "ms", "CPU ms", "rounds", "rate", "x RasterJIT"))
+RIGHT = frozenset(
+    (
+        "threads", "draw ms", "ms", "CPU ms", "rounds", "rate", "x RasterJIT",
+        "off ms", "on ms", "on / off", "ns a pixel",
+    )
+)  # fmt: skip
 PACKAGES = (
     "numpy", "numba", "llvmlite", "moderngl", "panda3d", "wgpu", "scikit-image",
     "opencv-python-headless", "pillow", "datashader", "embreex", "trimesh", "open3d", "pyvista",
