@@ -42,6 +42,9 @@ OWN = "rasterjit_effects"
 FULL, QUICK, SMOKE = Effort(11, 10.0), Effort(3, 2.0), Effort(1, 1.0)
 """Rounds, and seconds for each contestant of a variant."""
 
+SMALL_ALIKE = 0.9
+"""Most that small pictures must share: their pixels are large beside texels and borders."""
+
 COLUMNS = (
     "effect", "contestant", "threads", "off ms", "on ms", "on / off", "ns a pixel", "rounds",
     "x RasterJIT", "target", "met", "check",
@@ -111,7 +114,8 @@ def measure_effect(
         own = pairs[0][1]
         first = first or own
         for off, on in pairs:
-            needed = EXACT if on is own else Needed(USUAL.covered, effect.alike)
+            least = min(effect.alike, SMALL_ALIKE) if is_small else effect.alike
+            needed = EXACT if on is own else Needed(USUAL.covered, least)
             note = check_picture(on, first if on is own else own, needed)
             row = row_of(effect, off, on, own, note)
             if effect.target is not None and on.entry.contestant == TWIN:

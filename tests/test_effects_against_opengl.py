@@ -315,7 +315,7 @@ def test_fog_is_opengl_s(mode, settings):
     seen = draw_scene([shape], FLOOR_CAMERA, SIZE, FOGGY, uniforms)
     where = same_faces(frame, seen)
     check(difference(frame.linear, seen.linear, where), mean=0.01, beyond=0)
-    assert np.ptp(frame.linear[where][:, 0]) > 0.1
+    assert np.ptp(frame.linear[where][:, 0]) > 0.05
 
 
 # Transparency
@@ -425,12 +425,19 @@ def test_a_mask_cuts_what_discard_cuts(filter):
     uploaded.release()
     same = frame.face_id == seen.face_id
     print(f"{(~same).sum()} pixels are cut by one side only")
-    allowed = {"nearest": 0.002, "bilinear": 0.002, "trilinear": 0.01}[filter]
-    assert (~same).mean() <= allowed
+    assert (~same).mean() <= 0.001
     shows_torus = same & (frame.face_id >= 0) & (frame.face_id < len(front.faces))
-    assert shows_torus.sum() > 10_000
-    beyond = {"nearest": 0.01, "bilinear": 0.01, "trilinear": 0.12}[filter]
-    check(difference(frame.linear, seen.linear, same), mean=0.5, beyond=beyond)
+    is_cut = same & (frame.face_id >= len(front.faces)) & drawn_uncut(front, TORUS_CAMERA)
+    assert min(shows_torus.sum(), is_cut.sum()) > 10_000
+    beyond = {"nearest": 0.005, "bilinear": 0.005, "trilinear": 0.1}[filter]
+    covered = same & (frame.face_id >= 0)
+    check(difference(frame.linear, seen.linear, covered), mean=0.3, beyond=beyond)
+
+
+def drawn_uncut(shape, camera) -> NDArray[np.bool_]:
+    """Return the pixels that a shape covers by itself."""
+    clip = to_clip(clip_from_world(camera, SIZE), shape.positions)
+    return rj.rasterize(clip, shape.faces, SIZE).face_id >= 0
 
 
 # Multisampling
@@ -531,7 +538,7 @@ def test_tone_curves_are_those_of_the_shader(curve, options):
     print(f"{where.sum()} pixels, largest {apart.max()}, {(apart > 0).mean():.4%} differ")
     assert frame.linear[where].max() > 2.0
     assert apart.max() <= 1.0
-    assert (apart > 0.0).mean() <= 0.002
+    assert (apart > 0.0).mean() <= 0.003
 
 
 # Shadows

@@ -21,12 +21,12 @@ NAME = "Mesa llvmpipe, sorted"
 
 def draws(scene: EffectScene) -> str | None:
     """Return ``None``, or the reason why it cannot draw this scene."""
-    return None if scene.alpha == "blend" else "it stands beside layers only"
+    return None if scene.parts[0].colors is not None else "it stands beside layers only"
 
 
 def prepare(scene: EffectScene, threads: int) -> Prepared:
     """Return the scene ready to draw."""
-    return Sorted(scene)
+    return Sorted(scene) if scene.alpha == "blend" else Picture(scene)
 
 
 class Sorted(Picture):
