@@ -30,7 +30,13 @@ from rasterjit.cli_options import (
     look_options,
     view_options,
 )
-from rasterjit.cli_report import print_diagnostics, print_measurement, print_stats, status, with_progress
+from rasterjit.cli_report import (
+    print_diagnostics,
+    print_measurement,
+    print_stats,
+    status,
+    with_progress,
+)
 
 if TYPE_CHECKING:
     from rasterjit.frame import Frame

@@ -232,8 +232,8 @@ def start_facet_row(samples, count, lighting, toward_viewer, occlusion, microfac
         samples[lit.POINT_Y, :count], samples[lit.POINT_Z, :count],
         samples[lit.METALLIC, :count], samples[lit.ROUGHNESS, :count],
         samples[lit.MICROFACET, :count], samples[lit.RED, :count], samples[lit.GREEN, :count],
-        samples[lit.BLUE, :count], samples[lit.OUT_RED, :count], samples[lit.OUT_GREEN, :count],
-        samples[lit.OUT_BLUE, :count],
+        samples[lit.BLUE, :count],
+        samples[lit.OUT_RED, :count], samples[lit.OUT_GREEN, :count], samples[lit.OUT_BLUE, :count],
     )  # fmt: skip
 
 
