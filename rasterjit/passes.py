@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit import layered, screen_effects, shadow_maps, stages
+from rasterjit import edge_lines, layered, screen_effects, shadow_maps, stages
 from rasterjit.environment_maps import backdrop_record, environment_record
 from rasterjit.kernels import interpolation
 from rasterjit.kernels.records import Alphas, Geometry, Lighting, Placement, Shadows, Surface
@@ -197,7 +197,7 @@ def draw_wireframe(
     encoded = linear_to_srgb(np.array(plan.wireframe.color[:3]))
     rgba = np.append(np.floor(255.0 * encoded + 0.5), 255.0).astype(np.uint8)
     hidden_by = (coverage.face_id, coverage.depth) if plan.draws_faces else None
-    stages.draw_edges(edges, geometry, coefficients, rgba, result["color"], hidden_by, workers)
+    edge_lines.draw_edges(edges, geometry, coefficients, rgba, result["color"], hidden_by, workers)
 
 
 def fill_buffers(

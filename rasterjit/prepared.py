@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit import plan_arrays, plan_views, stages
+from rasterjit import edge_lines, plan_arrays, plan_views
 from rasterjit.kernels.records import Cutouts, Maps, Microfacets, Surface, Textures
 from rasterjit.plan_arrays import SceneArrays
 from rasterjit.plan_effects import SMOOTH, Contents, contents_of
@@ -54,7 +54,7 @@ class Shapes:
     @cached_property
     def edges(self) -> NDArray[np.int32]:
         """Every edge of the faces once, (N, 2)."""
-        return stages.unique_edges(self.arrays.faces)
+        return edge_lines.unique_edges(self.arrays.faces)
 
     @cached_property
     def object_numbers(self) -> NDArray[np.int32]:

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
+from rasterjit import edge_lines, plan_arrays, prepared
 from rasterjit import plan as planning
-from rasterjit import plan_arrays, prepared, stages
 from rasterjit.plan import OUTPUTS
 from rasterjit.plan_effects import contents_of
 
@@ -282,8 +282,8 @@ def test_arrays_of_meshes_textures_and_nodes_cannot_be_written_to(cube, copied):
 
 def test_edges_are_found_once_a_mesh(cube, camera, monkeypatch):
     found = []
-    original = stages.unique_edges
-    monkeypatch.setattr(stages, "unique_edges", lambda *a: found.append(1) or original(*a))
+    original = edge_lines.unique_edges
+    monkeypatch.setattr(edge_lines, "unique_edges", lambda *a: found.append(1) or original(*a))
     scene = rj.Scene()
     scene.add(cube)
     scene.wireframe = rj.Wireframe()

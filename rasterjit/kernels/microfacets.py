@@ -248,8 +248,8 @@ def add_facet_lights(samples, count, light, toward_viewer, reached, microfacets)
         samples[lit.POINT_Y, :count], samples[lit.POINT_Z, :count],
         samples[lit.METALLIC, :count], samples[lit.ROUGHNESS, :count],
         samples[lit.MICROFACET, :count], reached, samples[lit.RED, :count],
-        samples[lit.GREEN, :count], samples[lit.BLUE, :count], samples[lit.OUT_RED, :count], samples[lit.OUT_GREEN, :count],
-        samples[lit.OUT_BLUE, :count],
+        samples[lit.GREEN, :count], samples[lit.BLUE, :count], samples[lit.OUT_RED, :count],
+        samples[lit.OUT_GREEN, :count], samples[lit.OUT_BLUE, :count],
     )  # fmt: skip
 
 

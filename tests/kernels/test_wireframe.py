@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import rasterjit as rj
-from rasterjit import oracle, stages
+from rasterjit import edge_lines, oracle, stages
 from rasterjit.kernels import wireframe
 from rasterjit.kernels.records import Geometry
 from rasterjit.plan import viewport_of
@@ -100,7 +100,7 @@ def test_ends_never_leave_the_guard_band(numbers):
 
 
 def test_every_edge_is_listed_once(cube):
-    edges = stages.unique_edges(cube.faces)
+    edges = edge_lines.unique_edges(cube.faces)
     pairs = {tuple(sorted((int(f[k]), int(f[k - 1])))) for f in cube.faces for k in range(3)}
     assert [tuple(edge) for edge in edges.tolist()] == sorted(pairs)
     assert len(edges) == 18
@@ -126,7 +126,7 @@ def edge_pixels(mesh, camera, edges, size=SIZE):
         positions, viewport,
     )  # fmt: skip
     color = np.zeros((size[1], size[0], 4), np.uint8)
-    stages.draw_edges(
+    edge_lines.draw_edges(
         np.array(edges, np.int32), geometry, camera.depth_coefficients(),
         np.full(4, 255, np.uint8), color, None, stages.Workers(1),
     )  # fmt: skip
@@ -165,7 +165,7 @@ def test_visible_edges_have_no_gaps_and_hidden_ones_are_hidden(cube, angles, siz
 
     visible = edges_of(cube.faces[facing > 0])
     overlay = render_edges(cube, camera, "overlay", size)
-    hidden = {tuple(edge) for edge in stages.unique_edges(cube.faces).tolist()} - visible
+    hidden = {tuple(edge) for edge in edge_lines.unique_edges(cube.faces).tolist()} - visible
     # A side seen nearly edge-on is thinner than a pixel: its far edge is hidden by the next side.
     for edge in sorted(edges_of(cube.faces[facing > 0.12])):
         run = edge_pixels(cube, camera, [edge], size)
@@ -180,7 +180,7 @@ def test_visible_edges_have_no_gaps_and_hidden_ones_are_hidden(cube, angles, siz
 
 def test_only_draws_all_edges_and_no_face(cube):
     camera, _ = orbit(20, 15)
-    all_edges = stages.unique_edges(cube.faces)
+    all_edges = edge_lines.unique_edges(cube.faces)
     only = render_edges(cube, camera, "only")
     assert only.tolist() == edge_pixels(cube, camera, all_edges).tolist()
     overlay = render_edges(cube, camera, "overlay")
@@ -207,7 +207,7 @@ def test_faces_that_nobody_looks_at_are_not_found(cube, camera, monkeypatch):
 
 @pytest.mark.parametrize("mode", ["only", "overlay"])
 def test_edges_are_the_same_for_any_number_of_threads(sphere, camera, monkeypatch, mode):
-    monkeypatch.setattr(stages, "EDGES_PER_TASK", 7)
+    monkeypatch.setattr(edge_lines, "EDGES_PER_TASK", 7)
     monkeypatch.setattr(stages, "PIXELS_PER_TASK", 1)
     scene = rj.Scene()
     scene.add(sphere)
