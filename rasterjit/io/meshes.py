@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from rasterjit.io.gltf import GLTF_FORMATS, load_gltf
 from rasterjit.io.left_out import LeftOut, LoadWarning, MeshFileError
+from rasterjit.io.mtl import MtlPictures
 from rasterjit.io.trimesh_scene import TrimeshAdapter
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.scene import Scene
@@ -70,8 +71,10 @@ def load(
     if _extension(file) in GLTF_FORMATS:
         scene = load_gltf(file, on_invalid, crease_angle, left_out)
     else:
-        adapter = TrimeshAdapter(str(file), True, on_invalid, crease_angle, left_out)
-        scene = adapter.scene(_read(file))
+        loaded = _read(file)
+        pictures = MtlPictures(file, left_out) if _extension(file) == "obj" else None
+        adapter = TrimeshAdapter(str(file), True, on_invalid, crease_angle, left_out, pictures)
+        scene = adapter.scene(loaded)
     left_out.warn(str(file))
     return scene
 

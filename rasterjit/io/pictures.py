@@ -42,3 +42,12 @@ def picture_pixels(content: bytes) -> NDArray[Any]:
 def image_pixels(image: Image.Image) -> NDArray[Any]:
     """Return the pixels of a Pillow image as `Texture` takes them."""
     return np.asarray(image if image.mode in SAMPLED_AS_THEY_ARE else image.convert("RGBA"))
+
+
+def resized(grey: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.uint8]:
+    """Return a grey picture in another size, (width, height); the same if it has it."""
+    if (grey.shape[1], grey.shape[0]) == size:
+        return grey
+    from PIL import Image
+
+    return np.asarray(Image.fromarray(np.ascontiguousarray(grey)).resize(size))

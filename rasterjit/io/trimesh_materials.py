@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.io.left_out import LeftOut
+from rasterjit.io.mtl import MtlPictures
 from rasterjit.io.trimesh_textures import TextureReader
 from rasterjit.scene.color import srgb_to_linear
 from rasterjit.scene.material import BRIGHTEST_EMISSION, Material
@@ -39,6 +40,7 @@ def material_from_trimesh(
     is_gltf: bool,
     left_out: LeftOut,
     textures: TextureReader | None = None,
+    pictures: MtlPictures | None = None,
 ) -> Material | None:
     """
     Translate a material as trimesh has it.
@@ -52,6 +54,8 @@ def material_from_trimesh(
     left_out : LeftOut
         Notes what is not shown.
     textures : TextureReader, optional
+    pictures : MtlPictures, optional
+        Those of an OBJ file, which then count instead of trimesh's.
 
     Returns
     -------
@@ -62,8 +66,11 @@ def material_from_trimesh(
     textures = TextureReader(left_out) if textures is None else textures
     label = f"material {material.name!r}"
     if kind == "SimpleMaterial":
+        if pictures is not None:
+            has_opacity = pictures.has_opacity(material.name)
+            return _from_simple(material, pictures.texture(material.name), has_opacity, left_out)
         texture = textures.read(material.image, f"base_color_texture of {label}")
-        return _from_simple(material, texture, left_out)
+        return _from_simple(material, texture, False, left_out)
     if kind == "PBRMaterial":
         found = {
             field: textures.read(getattr(material, name, None), f"{field} of {label}", color_space)
@@ -116,7 +123,9 @@ def colors_from_trimesh(
     return rgba
 
 
-def _from_simple(material: Any, texture: Texture | None, left_out: LeftOut) -> Material:
+def _from_simple(
+    material: Any, texture: Texture | None, has_opacity: bool, left_out: LeftOut
+) -> Material:
     """
     Translate an OBJ-style material.
 
@@ -132,6 +141,8 @@ def _from_simple(material: Any, texture: Texture | None, left_out: LeftOut) -> M
         color = (*rgb.tolist(), float(material.diffuse[3]) / 255.0)
     opacity = _opacity(said)
     alpha = color[3] * opacity
+    if texture is not None and not texture.is_opaque and not has_opacity:
+        left_out.note(f"alpha of the map_Kd of material {material.name!r}, which has no map_d")
     specular, shininess = default.specular, default.shininess
     if "ks" in said:
         ks = np.asarray(material.specular, dtype=np.uint8)[:3]
@@ -143,7 +154,7 @@ def _from_simple(material: Any, texture: Texture | None, left_out: LeftOut) -> M
             specular = 0.0
     return Material(
         base_color=(*color[:3], alpha),
-        alpha_mode="opaque" if alpha == 1.0 else "blend",
+        alpha_mode="blend" if alpha < 1.0 or has_opacity else "opaque",
         specular=specular,
         shininess=shininess,
         name=material.name,

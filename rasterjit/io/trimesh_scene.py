@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from rasterjit.io.gltf import GLTF_FORMATS
 from rasterjit.io.left_out import LeftOut, MeshFileError
+from rasterjit.io.mtl import MtlPictures
 from rasterjit.io.trimesh_materials import colors_from_trimesh, material_from_trimesh
 from rasterjit.io.trimesh_textures import TextureReader
 from rasterjit.scene.camera import PerspectiveCamera
@@ -46,6 +47,8 @@ class TrimeshAdapter:
         Degrees in 0..180, for meshes without normals of their own.
     left_out : LeftOut
         Notes what is not shown.
+    pictures : MtlPictures, optional
+        Of an OBJ file's materials.
     """
 
     def __init__(
@@ -55,12 +58,14 @@ class TrimeshAdapter:
         on_invalid: str,
         crease_angle: float,
         left_out: LeftOut,
+        pictures: MtlPictures | None = None,
     ) -> None:
         self.source = source
         self.on_invalid = on_invalid
         self.crease_angle = crease_angle
         self.left_out = left_out
         self.textures = TextureReader(left_out)
+        self.pictures = pictures
         self.materials: dict[int, Material | None] = {}
         self.from_file = from_file
 
@@ -158,7 +163,7 @@ class TrimeshAdapter:
         """Return a trimesh material as a `Material`, one for all meshes that share it."""
         if id(material) not in self.materials:
             self.materials[id(material)] = material_from_trimesh(
-                material, is_gltf, self.left_out, self.textures
+                material, is_gltf, self.left_out, self.textures, self.pictures
             )
         return self.materials[id(material)]
 

@@ -15,7 +15,7 @@ from PIL import Image
 import rasterjit as rj
 from rasterjit.io.left_out import LoadWarning
 from rasterjit.io.meshes import from_trimesh, load
-from rasterjit.scene.material import Material
+from rasterjit.scene.material import TEXTURE_FIELDS, Material
 
 CORNERS = np.array(
     [[[255, 0, 0], [0, 255, 0]], [[0, 0, 255], [255, 255, 0]]], np.uint8
@@ -170,16 +170,17 @@ def test_a_picture_is_read_once_for_each_way_to_sample_it(tmp_path):
     assert [texture.wrap[0] for texture in textures] == ["repeat", "clamp", "repeat"]
 
 
-@pytest.mark.parametrize(
-    ("texture", "message"),
-    [
-        ({"texCoord": 1}, "second set of texture coordinates"),
-        ({"extensions": {"KHR_texture_transform": {"scale": [2, 2]}}}, "transform of a texture"),
-    ],
-)
-def test_what_a_gltf_says_beyond_is_left_out_by_name(tmp_path, texture, message):
-    with pytest.warns(LoadWarning, match=message):
-        load(write_gltf(tmp_path, picture(), **texture))
+def test_a_set_of_coordinates_that_the_mesh_has_not_is_left_out_by_name(tmp_path):
+    path = write_gltf(tmp_path, picture(), texCoord=1)
+    with pytest.warns(LoadWarning, match=r"textures of mesh 0, which has no coordinates for them"):
+        assert only_mesh(load(path)).material.base_color_texture is None
+
+
+def test_the_transform_of_a_texture_is_that_of_the_file(tmp_path):
+    transform = {"offset": [0.5, 0.0], "scale": [2, 1], "rotation": 0.0}
+    path = write_gltf(tmp_path, picture(), extensions={"KHR_texture_transform": transform})
+    texture = only_mesh(load(path)).material.base_color_texture
+    assert texture.transform == (2.0, 0.0, 0.5, 0.0, 1.0, 0.0)
 
 
 @pytest.mark.parametrize("mode", ["1", "L", "LA", "P", "RGB", "RGBA", "CMYK", "I;16"])
@@ -212,21 +213,77 @@ def test_a_texture_without_uv_is_left_out_by_name_once(tmp_path):
 def test_a_damaged_texture_is_left_out_by_name(tmp_path):
     whole = picture(Image.effect_noise((64, 64), 50))
     path = write_obj(tmp_path, whole[: len(whole) // 2])
-    with pytest.warns(LoadWarning, match=r"texture image that cannot be read \(1\)"):
+    with pytest.warns(
+        LoadWarning, match=r"map_Kd of material 'skin', 'skin.png', that cannot be read: "
+    ):
         mesh = only_mesh(load(path))
     assert mesh.material.base_color_texture is None
 
 
-def test_a_transparent_texture_says_that_it_is_drawn_opaque(tmp_path):
+def test_a_texture_that_is_missing_is_left_out_by_name(tmp_path):
+    path = write_obj(tmp_path, picture())
+    (tmp_path / "skin.png").unlink()
+    with pytest.warns(
+        LoadWarning, match=r"map_Kd of material 'skin', 'skin.png', .* it is missing"
+    ):
+        assert only_mesh(load(path)).material.base_color_texture is None
+
+
+def test_alpha_of_a_map_kd_counts_for_nothing_without_a_map_d_and_says_so(tmp_path):
     path = write_obj(tmp_path, picture(np.full((4, 4, 4), 128, np.uint8)))
-    with pytest.warns(LoadWarning, match=r"transparency of a texture image \(1\)"):
-        load(path)
+    with pytest.warns(
+        LoadWarning, match=r"alpha of the map_Kd of material 'skin'.* no map_d \(1\)"
+    ):
+        assert only_mesh(load(path)).material.alpha_mode == "opaque"
 
 
-def test_a_normal_map_is_left_out_by_name():
+@pytest.mark.parametrize("has_color", [True, False])
+@pytest.mark.parametrize("size", [(2, 2), (6, 4)])
+def test_a_map_d_is_the_alpha_of_the_texture(tmp_path, has_color, size):
+    path = write_obj(tmp_path, picture(), more="map_d -imfchan m holes in it.png\n")
+    if not has_color:
+        text = (tmp_path / "a.mtl").read_text()
+        (tmp_path / "a.mtl").write_text(text.replace("map_Kd skin.png\n", ""))
+    holes = Image.fromarray(np.array([[0, 255], [255, 51]], np.uint8)).resize(size, Image.NEAREST)
+    (tmp_path / "holes in it.png").write_bytes(picture(holes))
+    material = only_mesh(load(path)).material
+    assert material.alpha_mode == "blend"
+    image = material.base_color_texture.image
+    corners = image[[0, 0, -1, -1], [0, -1, 0, -1]]
+    if size == (2, 2) or not has_color:
+        assert corners[:, 3] == pytest.approx([0.0, 1.0, 1.0, 0.2])
+    else:
+        assert image.shape == (2, 2, 4)
+    assert (corners[0, :3] == [1.0, 0.0 if has_color else 1.0, 0.0 if has_color else 1.0]).all()
+
+
+def test_options_before_the_name_of_a_picture_are_skipped(tmp_path):
+    path = write_obj(tmp_path, picture())
+    text = (tmp_path / "a.mtl").read_text()
+    for options in ("-s 1 1 1 -clamp on ", "-o 0.5 ", "-bm 1 -mm 0 1 "):
+        (tmp_path / "a.mtl").write_text(text.replace("map_Kd ", "map_Kd " + options))
+        assert only_mesh(load(path)).material.base_color_texture.size == (2, 2)
+
+
+def test_a_material_that_no_mtl_has_is_named(tmp_path):
+    path = write_obj(tmp_path, picture())
+    path.write_text(path.read_text().replace("usemtl skin", "usemtl fur"))
+    with pytest.warns(LoadWarning, match=r"reference to material 'fur', which no MTL file of it"):
+        assert only_mesh(load(path)).material.base_color_texture is None
+
+
+def test_the_pictures_of_a_trimesh_pbr_material_are_maps():
     image = Image.fromarray(CORNERS)
-    material = trimesh.visual.material.PBRMaterial(baseColorTexture=image, normalTexture=image)
+    names = ("baseColor", "normal", "metallicRoughness", "occlusion", "emissive")
+    material = trimesh.visual.material.PBRMaterial(
+        **{f"{name}Texture": image for name in names}, emissiveFactor=[1.0, 0.5, 0.0],
+        alphaMode="MASK", alphaCutoff=0.25, doubleSided=True, metallicFactor=0.5,
+    )  # fmt: skip
     visual = trimesh.visual.TextureVisuals(uv=UPRIGHT, material=material)
     mesh = trimesh.Trimesh(SQUARE, TWO_FACES, visual=visual, process=False)
-    with pytest.warns(LoadWarning, match=r"left out texture image \(1\)"):
-        assert only_mesh(from_trimesh(mesh)).material.base_color_texture is not None
+    have = only_mesh(from_trimesh(mesh)).material
+    assert (have.shading, have.metallic, have.roughness) == ("pbr", 0.5, 1.0)
+    assert (have.alpha_mode, have.alpha_cutoff, have.double_sided) == ("mask", 0.25, True)
+    assert have.emissive == (1.0, 0.5, 0.0)
+    spaces = [getattr(have, name).color_space for name in TEXTURE_FIELDS]
+    assert spaces == ["srgb", "linear", "linear", "linear", "srgb"]

@@ -17,7 +17,7 @@ from rasterjit.io.meshes import LoadWarning, MeshFileError, as_scene, from_trime
 from rasterjit.io.trimesh_materials import material_from_trimesh
 from rasterjit.scene.camera import OrthographicCamera, PerspectiveCamera
 from rasterjit.scene.color import srgb_to_linear
-from rasterjit.scene.light import DirectionalLight, PointLight
+from rasterjit.scene.light import DirectionalLight, PointLight, SpotLight
 from rasterjit.scene.material import Material
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.scene import Scene
@@ -161,12 +161,12 @@ def test_an_mtl_gives_colour_highlight_and_names(tmp_path):
     assert materials["felt"] == Material(base_color="#00ff00", name="felt")
 
 
-def test_a_transparent_mtl_keeps_its_opacity_and_says_so(tmp_path):
+def test_a_transparent_mtl_is_blended(tmp_path):
     write(tmp_path / "a.mtl", "newmtl glass\nKd 1 1 1\nd 0.25\n")
     text = f"mtllib a.mtl\n{OBJ_SQUARE}usemtl glass\nf 1 2 3\n"
-    with pytest.warns(LoadWarning, match=r"transparency of a material \(1\)"):
-        scene = load(write(tmp_path / "a.obj", text))
-    assert only_mesh(scene).material.base_color == (1.0, 1.0, 1.0, 0.25)
+    material = only_mesh(load(write(tmp_path / "a.obj", text))).material
+    assert material.base_color == (1.0, 1.0, 1.0, 0.25)
+    assert material.alpha_mode == "blend"
 
 
 def test_a_point_cloud_beside_meshes_is_left_out_by_name(tmp_path):
@@ -204,35 +204,40 @@ def test_gltf_factors_are_linear_and_opaque_unless_said(tmp_path):
         tmp_path / "a.gltf", [{"mesh": 0}], materials=materials, primitive={"material": 0}
     )
     material = only_mesh(load(path)).material
-    assert material.base_color == tuple(np.float32([1, 51 / 255, 0, 1]).tolist())
-    assert material.shininess == pytest.approx(30.0)
-    assert material.specular == pytest.approx(0.04 * 38 / 8)
+    assert material == Material(
+        shading="pbr", base_color=(1, 0.2, 0), metallic=0.0, roughness=0.5, name="m",
+        double_sided=False,
+    )  # fmt: skip
     materials[0]["alphaMode"] = "BLEND"
     path = write_gltf(
         tmp_path / "b.gltf", [{"mesh": 0}], materials=materials, primitive={"material": 0}
     )
-    with pytest.warns(LoadWarning, match="transparency of a material"):
-        assert only_mesh(load(path)).material.base_color[3] == np.float32(0.4)
+    blended = only_mesh(load(path)).material
+    assert (blended.alpha_mode, blended.base_color[3]) == ("blend", np.float32(0.4))
 
 
-@pytest.mark.parametrize(("linear", "value"), [(True, 128 / 255), (False, 0.215860500114)])
-def test_factors_are_linear_in_gltf_and_srgb_elsewhere(linear, value):
+@pytest.mark.parametrize(("is_gltf", "value"), [(True, 128 / 255), (False, 0.215860500114)])
+def test_factors_are_linear_in_gltf_and_srgb_elsewhere(is_gltf, value):
     source = trimesh.visual.material.PBRMaterial(baseColorFactor=[128, 128, 128, 255])
-    material = material_from_trimesh(source, linear, set(), LeftOut())
+    material = material_from_trimesh(source, is_gltf, LeftOut())
     assert material.base_color[0] == np.float32(value)
+    assert material.shading == ("pbr" if is_gltf else "phong")
 
 
-def test_a_trimesh_material_made_in_memory_is_linear():
+def test_a_trimesh_material_made_in_memory_is_gltfs():
     source = trimesh.creation.box()
     material = trimesh.visual.material.PBRMaterial(baseColorFactor=[128, 128, 128, 255])
     source.visual = trimesh.visual.TextureVisuals(material=material)
-    assert only_mesh(from_trimesh(source)).material.base_color[0] == np.float32(128 / 255)
+    have = only_mesh(from_trimesh(source)).material
+    assert have == Material(
+        shading="pbr", base_color=(128 / 255,) * 3, metallic=1.0, roughness=1.0, double_sided=False
+    )
 
 
-def test_a_smooth_metal_shines_more_than_a_rough_one():
+def test_outside_gltf_a_smooth_metal_shines_more_than_a_rough_one():
     def shine(**factors):
         source = trimesh.visual.material.PBRMaterial(baseColorFactor=[255] * 4, **factors)
-        return material_from_trimesh(source, True, set(), LeftOut())
+        return material_from_trimesh(source, False, LeftOut())
 
     rough, smooth = shine(), shine(metallicFactor=1.0, roughnessFactor=0.0)
     assert (rough.specular, rough.shininess) == (pytest.approx(0.04 * 9 / 8), 1.0)
@@ -261,7 +266,7 @@ def test_a_gltf_brings_its_camera_and_lights(tmp_path):
     lights = [
         {"type": "directional", "color": [1, 0, 0]},
         {"type": "point", "intensity": 7, "range": 3},
-        {"type": "spot"},
+        {"type": "spot", "spot": {"innerConeAngle": 0.25, "outerConeAngle": 0.5}, "range": 9},
     ]
     quarter = math.sqrt(0.5)
     nodes = [
@@ -280,16 +285,19 @@ def test_a_gltf_brings_its_camera_and_lights(tmp_path):
         extensions={"KHR_lights_punctual": {"lights": lights}},
         extensionsUsed=["KHR_lights_punctual"],
     )
-    with pytest.warns(LoadWarning, match=r"range of a light \(1\), spot light \(1\)"):
-        scene = load(path)
+    scene = load(path)
     assert isinstance(scene.camera, PerspectiveCamera)
     assert scene.camera.eye_position() == pytest.approx([1, 0, 4])
     assert (scene.camera.fov_y, scene.camera.near) == (math.degrees(1.0), 0.5)
     assert scene.camera.far == math.inf
-    sun, lamp = scene.lights
+    sun, lamp, spot = scene.lights
     assert sun.direction == pytest.approx((0, 1, 0))
     assert sun.color == (1, 0, 0)
-    assert lamp == PointLight((0, 0, 4), intensity=7 / math.pi)
+    assert lamp == PointLight((0, 0, 4), intensity=7 / math.pi, range=3)
+    assert spot == SpotLight(
+        (0, 0, 4), (0, 0, -1), intensity=1 / math.pi, inner_angle=math.degrees(0.25),
+        outer_angle=math.degrees(0.5), range=9,
+    )  # fmt: skip
 
 
 def test_a_gltf_camera_can_be_orthographic(tmp_path):
