@@ -1,0 +1,114 @@
+"""Fog equals its formula in float64; along a ray through fog that thins out, its integral."""
+
+from __future__ import annotations
+
+import math
+
+import naive_environment as naive
+import numpy as np
+import pytest
+
+import rasterjit as rj
+from rasterjit.kernels import fogging
+from rasterjit.kernels import lighting as lit
+from rasterjit.plan_atmosphere import fog_record
+
+FOGS = [
+    rj.Fog("#8090a0", "linear", start=2.0, end=9.0),
+    rj.Fog("#8090a0", "linear", end=30.0),
+    rj.Fog("red", "exp", density=0.2),
+    rj.Fog("red", "exp2", density=0.15),
+    rj.Fog("white", "exp", density=0.3, height=-1.0, falloff=0.5),
+    rj.Fog("white", "exp", density=0.01, height=2.0, falloff=3.0),
+    rj.Fog("white", "exp", density=0.4, height=0.0, falloff=1e-3),
+]
+
+
+def covered(fog, eye, points, viewer=(0.0, 0.0, 0.0, 1.0)):
+    """Return black and white samples at points relative to the eye, covered with fog."""
+    camera = rj.PerspectiveCamera(eye=eye, target=(eye[0], eye[1], eye[2] - 1.0))
+    samples = np.zeros((lit.SAMPLE_ROWS, len(points)), np.float32)
+    samples[lit.POINT_X : lit.POINT_Z + 1] = points.T
+    samples[lit.OUT_GREEN] = 1.0
+    record = fog_record(fog, camera)
+    fogging.cover_samples(samples, len(points), record, np.array(viewer, np.float32))
+    return samples[lit.OUT_RED : lit.OUT_BLUE + 1]
+
+
+@pytest.mark.parametrize("fog", FOGS)
+def test_fog_equals_its_formula(fog):
+    rng = np.random.default_rng(1)
+    eye = (3.0, 1.5, -2.0)
+    points = rng.normal(size=(60, 3)) * rng.uniform(0.1, 12.0, (60, 1))
+    points[:3] = (0.0, 0.0, 0.0), (0.0, 0.0, -5.0), (4.0, 1e-4, 0.0)
+    seen = covered(fog, eye, points.astype(np.float32))
+    for n, point in enumerate(points):
+        share = naive.fog_share(fog, np.array(eye) + point, eye)
+        for k, own in enumerate((0.0, 1.0, 0.0)):
+            wanted = own * share + fog.color[k] * (1.0 - share)
+            assert seen[k, n] == pytest.approx(wanted, abs=3e-6)
+
+
+def test_fog_ends_where_it_should():
+    points = np.array([[0, 0, -1.0], [0, 0, -2.0], [3.0, 0, -4.0], [0, 0, -1e6]], np.float32)
+    fog = rj.Fog("red", "linear", start=2.0, end=5.0)
+    red, green, _ = covered(fog, (0.0, 0.0, 0.0), points)
+    assert red.tolist() == [0.0, 0.0, 1.0, 1.0]
+    assert green.tolist() == [1.0, 1.0, 0.0, 0.0]
+
+
+def test_a_parallel_view_measures_from_the_plane_of_the_camera():
+    points = np.array([[7.0, -3.0, -4.0], [0.0, 0.0, -4.0], [1.0, 1.0, 5.0]], np.float32)
+    fog = rj.Fog("red", "exp", density=0.25)
+    red, _, _ = covered(fog, (0.0, 0.0, 0.0), points, viewer=(0.0, 0.0, 2.0, 0.0))
+    assert red[:2] == pytest.approx(1.0 - math.exp(-1.0), abs=1e-6)
+    assert red[0] == red[1]
+    assert red[2] == 0.0
+
+
+@pytest.mark.parametrize("fog", FOGS[2:])
+def test_fog_of_density_zero_changes_no_bit(fog):
+    rng = np.random.default_rng(2)
+    points = (rng.normal(size=(50, 3)) * 100.0).astype(np.float32)
+    record = fog_record(fog, rj.PerspectiveCamera((0, 0, 1), (0, 0, 0)))
+    samples = rng.uniform(0, 4, (lit.SAMPLE_ROWS, 50)).astype(np.float32)
+    samples[lit.POINT_X : lit.POINT_Z + 1] = points.T
+    before = samples.copy()
+    empty = record._replace(density=np.float32(0.0))
+    fogging.cover_samples(samples, 50, empty, np.array([0, 0, 0, 1], np.float32))
+    assert (samples == before).all()
+
+
+@pytest.mark.parametrize("height", [-1e15, -1e4, 0.0, 1e4, 1e15])
+@pytest.mark.parametrize("falloff", [1e-9, 1.0, 1e9])
+def test_extreme_fog_stays_between_the_colours(height, falloff):
+    points = np.array([[0, 0, 0], [0, 1e9, 0], [0, -1e9, 0], [1e12, 1, 1]], np.float32)
+    fog = rj.Fog("red", "exp", density=1e9, height=height, falloff=falloff)
+    seen = covered(fog, (0.0, 0.0, 0.0), points)
+    assert np.isfinite(seen).all()
+    assert seen.min() >= 0.0
+    assert seen.max() <= 1.0
+    assert (seen[0] + seen[1] == pytest.approx(1.0, abs=1e-6)) or seen[0, 0] == 0.0
+
+
+def test_far_below_its_height_fog_hides_everything():
+    fog = rj.Fog("red", "exp", density=1.0, height=1e4, falloff=1.0)
+    points = np.array([[0, 0, -1.0], [0, 3.0, -1.0], [0, -3.0, -1.0]], np.float32)
+    assert (covered(fog, (0.0, 0.0, 0.0), points)[0] == 1.0).all()
+
+
+def test_mean_density_keeps_its_error():
+    rng = np.random.default_rng(3)
+    rises = np.concatenate([rng.uniform(-20, 20, 300), rng.uniform(-0.3, 0.3, 300), [0.25, -0.25]])
+    for low, rise in zip(rng.uniform(-9, 9, len(rises)), rises, strict=True):
+        low, rise = np.float32(low), np.float32(rise)
+        a, b = float(low), float(rise)
+        exact = 2.0**-a * (-math.expm1(-b * math.log(2.0)) / (b * math.log(2.0)) if b else 1.0)
+        # The density at the eye is good to 4e-7 of itself, the difference of two to 1e-6 over 1/4.
+        assert float(fogging.mean_density(low, rise)) == pytest.approx(exact, rel=4e-6)
+
+
+def test_no_fog_does_nothing():
+    samples = np.ones((lit.SAMPLE_ROWS, 4), np.float32)
+    fogging.cover_samples(samples, 4, None, np.array([0, 0, 0, 1], np.float32))
+    assert (samples == 1.0).all()

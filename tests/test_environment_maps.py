@@ -1,0 +1,147 @@
+"""What is prepared of a sky: irradiance and filtered pictures equal sums over all texels."""
+
+from __future__ import annotations
+
+import gc
+
+import naive_environment as naive
+import numpy as np
+import pytest
+import skies
+
+import rasterjit as rj
+from rasterjit import environment_maps as maps
+from rasterjit.kernels.environments import ROUGH_LEVELS
+from rasterjit.workers import Workers
+
+
+def polynomial(terms, normal):
+    """Return the irradiance over pi for a normal."""
+    x, y, z = normal
+    basis = np.array([1, x, y, z, x * y, y * z, z * x, 3 * y * y - 1, x * x - z * z])
+    return basis @ terms.astype(np.float64)
+
+
+def units(seed, count):
+    vectors = np.random.default_rng(seed).normal(size=(count, 3))
+    return vectors / np.linalg.norm(vectors, axis=1)[:, None]
+
+
+def levels_of(reflections):
+    for first, width, height in reflections.levels.tolist():
+        yield reflections.texels[first : first + width * height].reshape(height, width, 3)
+
+
+@pytest.mark.parametrize("size", [(64, 32), (100, 37), (7, 5), (1, 1)])
+def test_a_picture_of_one_colour_is_that_colour(size):
+    color = np.array([0.25, 0.5, 3.0], np.float32)
+    sky = rj.Environment(np.broadcast_to(color, (size[1], size[0], 3))).sky
+    terms = maps._irradiance(sky)
+    assert terms[0] == pytest.approx(color, rel=1e-6)
+    assert np.abs(terms[1:]).max() < 1e-6
+    for level in levels_of(maps._reflections(sky, Workers(1))):
+        assert np.abs(level / color - 1.0).max() < 3e-5
+
+
+def test_irradiance_keeps_the_bound_of_nine_harmonics():
+    image = skies.sunny(256, 128, brightness=300.0)
+    terms = maps._irradiance(rj.Environment(image).sky)
+    total = (image * skies.solid_angles(256, 128)[..., None]).sum(axis=(0, 1), dtype=np.float64)
+    errors = [polynomial(terms, n) - naive.irradiance(image, n) for n in units(1, 300)]
+    # A single direction's light is off by at most 3/32, straight behind the horizon.
+    assert (np.abs(errors).max(axis=0) <= (3.0 / 32.0) * total / np.pi * 1.01).all()
+
+
+def test_smooth_light_is_met_closely():
+    d = skies.directions(256, 128)
+    image = (2.0 + d[..., :1] + 0.5 * d[..., 1:2] * d[..., 2:] + 0.25 * d[..., 2:] ** 2).repeat(
+        3, 2
+    )
+    terms = maps._irradiance(rj.Environment(image).sky)
+    for normal in units(2, 100):
+        assert polynomial(terms, normal) == pytest.approx(naive.irradiance(image, normal), rel=3e-4)
+
+
+def test_a_gradient_is_projected_in_closed_form():
+    environment = rj.Environment.gradient((0.1, 0.2, 0.9), (0.9, 0.8, 0.7), (0.3, 0.2, 0.1))
+    sky = environment.sky
+    closed = maps._irradiance(sky)
+    image = np.array([[naive.gradient(sky, d) for d in row] for row in skies.directions(2, 256)])
+    summed = maps._irradiance(rj.Environment(image.repeat(64, axis=1)).sky)
+    assert np.abs(closed - summed).max() < 2e-4
+
+
+@pytest.mark.parametrize("level", range(1, ROUGH_LEVELS + 1))
+def test_a_filtered_picture_is_the_mean_over_its_lobe(level):
+    image = skies.sunny(256, 128, brightness=50.0, degrees=4.0)
+    filtered = list(levels_of(maps._reflections(rj.Environment(image).sky, Workers(2))))
+    picture = filtered[level - 1]
+    height, width = picture.shape[:2]
+    roughness = 2.0 ** ((level - ROUGH_LEVELS) / 2)
+    rng = np.random.default_rng(level)
+    errors = []
+    for row, column in zip(rng.integers(0, height, 60), rng.integers(0, width, 60), strict=True):
+        exact = naive.mirrored(image, skies.directions(width, height)[row, column], roughness)
+        errors.append(np.abs(picture[row, column] - exact) / exact)
+    # Coarse copies blur the sun by a quarter of its distance from the middle of the lobe.
+    assert np.median(errors) < 0.01
+    assert np.max(errors) < 0.4
+
+
+def test_the_roughest_is_the_light_on_a_matt_surface():
+    image = skies.sunny(128, 64, brightness=5.0, degrees=10.0)
+    roughest = list(levels_of(maps._reflections(rj.Environment(image).sky, Workers(1))))[-1]
+    height, width = roughest.shape[:2]
+    for row, column in ((0, 0), (5, 20), (16, 60), (31, 3)):
+        normal = skies.directions(width, height)[row, column]
+        assert roughest[row, column] == pytest.approx(naive.irradiance(image, normal), rel=0.02)
+
+
+def test_light_is_kept_when_a_picture_is_scaled():
+    rng = np.random.default_rng(3)
+    image = rng.uniform(0, 9, (37, 100, 3)).astype(np.float32)
+    want = (image * skies.solid_angles(100, 37)[..., None]).sum(axis=(0, 1), dtype=np.float64)
+    for width in (1024, 128, 64):
+        scaled = maps._scaled(image, width)
+        areas = skies.solid_angles(width, width // 2)[..., None]
+        assert scaled.shape == (width // 2, width, 3)
+        assert (scaled * areas).sum(axis=(0, 1), dtype=np.float64) == pytest.approx(want, rel=1e-5)
+
+
+def test_a_picture_that_fits_is_not_scaled():
+    image = skies.sunny(128, 64)
+    assert maps._scaled(image, 128) is image
+
+
+def test_any_number_of_threads_prepares_the_same_bits():
+    sky = rj.Environment(skies.sunny(256, 128)).sky
+    one, three = (maps._reflections(sky, Workers(n)) for n in (1, 3))
+    assert (one.texels == three.texels).all()
+    assert (one.levels == three.levels).all()
+
+
+def test_a_sky_is_prepared_once_and_let_go(monkeypatch):
+    calls = []
+    filtered = maps._reflections
+    monkeypatch.setattr(maps, "_reflections", lambda *a: calls.append(a[0]) or filtered(*a))
+    before = len(maps._known)
+    environment = rj.Environment(skies.sunny(64, 32))
+    workers = Workers(1)
+    assert maps.environment_record(environment, False, workers).reflections is None
+    assert calls == []
+    first = maps.environment_record(environment, True, workers)
+    turned = rj.Environment(environment.sky, intensity=2.0, rotation=90.0)
+    second = maps.environment_record(turned, True, workers)
+    assert second.reflections is first.reflections
+    assert len(calls) == 1
+    assert (first.intensity, second.intensity) == (1.0, 2.0)
+    assert second.turn.tolist() == [0.0, 1.0]
+    calls.clear()
+    del environment, turned, first, second
+    gc.collect()
+    assert len(maps._known) == before
+
+
+def test_one_colour_is_not_filtered():
+    reflections = maps._reflections(rj.Environment.constant("red").sky, Workers(1))
+    assert reflections.levels.shape == (0, 3)
