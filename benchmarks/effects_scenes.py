@@ -27,6 +27,7 @@ EYE, FOV_Y = (0.4, -1.6, 3.3), 44.5
 TO_LIGHT = (0.48, 0.64, 0.6)
 """Unit, world space: toward the one directional light, white, of intensity 1."""
 AMBIENT = 0.1
+"""Of Phong; microfacets have no light from all sides, which has no short formula there."""
 SPECULAR, SHININESS = 0.25, 50.0
 METALLIC, ROUGHNESS = 0.5, 0.4
 

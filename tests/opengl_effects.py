@@ -112,24 +112,25 @@ uniform float metallic;
 uniform float roughness;
 const float PI = 3.14159265358979;
 
-// glTF 2.0, appendix B, but for the factor PI: light of intensity 1 makes a white surface white.
+// glTF 2.0, appendix B: a mix of a dielectric and a metal with facets spread by GGX. Smith's
+// shadowing with correlated heights, as in Khronos' own viewer; the appendix has the separable
+// form. Without the factor 1 / PI: light of intensity 1 makes a white surface white.
 vec3 metallic_roughness(vec3 base, vec3 normal, vec3 viewer, vec3 light, vec3 arriving) {
     vec3 half_way = normalize(light + viewer);
     float n_l = dot(normal, light);
-    float n_v = dot(normal, viewer);
+    float n_v = max(dot(normal, viewer), 1e-4);
     float n_h = dot(normal, half_way);
-    float v_h = dot(viewer, half_way);
     if (n_l <= 0.0) return vec3(0.0);
     float squared = pow(roughness, 4.0);
     float below = n_h * n_h * (squared - 1.0) + 1.0;
     float distribution = squared / (PI * below * below);
-    float light_side = n_l + sqrt(squared + (1.0 - squared) * n_l * n_l);
-    float viewer_side = abs(n_v) + sqrt(squared + (1.0 - squared) * n_v * n_v);
-    float visibility = 1.0 / (light_side * viewer_side);
-    vec3 reflectance = mix(vec3(0.04), base, metallic);
-    vec3 fresnel = reflectance + (1.0 - reflectance) * pow(1.0 - abs(v_h), 5.0);
-    vec3 diffuse = (1.0 - fresnel) * base * (1.0 - metallic) / PI;
-    return PI * arriving * n_l * (diffuse + fresnel * visibility * distribution);
+    float light_side = n_v * sqrt(n_l * n_l * (1.0 - squared) + squared);
+    float viewer_side = n_l * sqrt(n_v * n_v * (1.0 - squared) + squared);
+    float specular = distribution * 0.5 / (light_side + viewer_side);
+    float grazing = pow(1.0 - abs(dot(viewer, half_way)), 5.0);
+    vec3 metal = specular * (base + (1.0 - base) * grazing);
+    vec3 dielectric = mix(base / PI, vec3(specular), 0.04 + 0.96 * grazing);
+    return PI * arriving * n_l * mix(dielectric, metal, metallic);
 }
 """
 

@@ -116,22 +116,22 @@ vec3 lit(vec3 base) {
     vec3 middle = normalize(to_light + viewer);
     float facing = max(dot(normal, to_light), 0.0);
 #ifdef MICROFACETS
-    float n_v = abs(dot(normal, viewer)), n_h = dot(normal, middle), v_h = dot(viewer, middle);
+    float n_v = max(dot(normal, viewer), 1e-4), n_h = dot(normal, middle);
     float squared = roughness * roughness * roughness * roughness;
     float below = n_h * n_h * (squared - 1.0) + 1.0;
-    float light_side = facing + sqrt(squared + (1.0 - squared) * facing * facing);
-    float viewer_side = n_v + sqrt(squared + (1.0 - squared) * n_v * n_v);
-    vec3 reflectance = mix(vec3(0.04), base, metallic);
-    float grazing = 1.0 - abs(v_h);
-    float fifth = grazing * grazing * grazing * grazing * grazing;
-    vec3 fresnel = reflectance + (1.0 - reflectance) * fifth;
-    vec3 shine = fresnel * (squared / (below * below * light_side * viewer_side));
-    vec3 sum = ((1.0 - fresnel) * base * (1.0 - metallic) + shine) * facing * lit_share();
+    float light_side = n_v * sqrt(facing * facing * (1.0 - squared) + squared);
+    float viewer_side = facing * sqrt(n_v * n_v * (1.0 - squared) + squared);
+    float shine = squared * 0.5 / (below * below * (light_side + viewer_side));
+    float rest = 1.0 - abs(dot(viewer, middle));
+    float grazing = rest * rest * rest * rest * rest;
+    vec3 head_on = mix(vec3(0.04), base, metallic);
+    vec3 diffuse = base * (1.0 - metallic) * (0.96 - 0.96 * grazing);
+    vec3 mirrored = (head_on + (1.0 - head_on) * grazing) * shine;
+    return (diffuse + mirrored) * facing * lit_share();
 #else
     float shine = facing > 0.0 ? specular * pow(max(dot(normal, middle), 0.0), shininess) : 0.0;
-    vec3 sum = (base * facing + shine) * lit_share();
+    return base * ambient + (base * facing + shine) * lit_share();
 #endif
-    return base * ambient + sum;
 }
 #endif
 

@@ -71,10 +71,9 @@ def make_scene(scene: EffectScene) -> Any:
     if scene.shading != "unlit":
         shadow = rj.Shadow(size=fx.SHADOW_SIDE, filter="pcf") if scene.shadow else None
         options = {} if shadow is None else {"shadow": shadow}
-        made.lights = [
-            rj.AmbientLight(intensity=fx.AMBIENT),
-            rj.DirectionalLight(tuple(np.negative(fx.TO_LIGHT)), **options),
-        ]
+        made.lights = [rj.DirectionalLight(tuple(np.negative(fx.TO_LIGHT)), **options)]
+        if scene.shading == "phong":
+            made.lights.append(rj.AmbientLight(intensity=fx.AMBIENT))
     if scene.fog:
         made.fog = rj.Fog(fx.FOG_COLOR, mode="exp2", density=fx.FOG_DENSITY)
     if scene.tone_map:
