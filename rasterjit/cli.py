@@ -10,13 +10,14 @@ from __future__ import annotations
 import gc
 import sys
 import time
-import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from rasterjit.cli_effects import Effects, effect_options
+from rasterjit.cli_files import OWN_PROCESS, is_opaque, load_scene, plan_files, warn, write_files
 from rasterjit.cli_options import (
     OUTPUTS_HELP,
     ColorType,
@@ -40,19 +41,12 @@ from rasterjit.cli_report import (
 
 if TYPE_CHECKING:
     from rasterjit.frame import Frame
-    from rasterjit.scene.scene import Scene
 
 INTERRUPTED = 130
 """Exit status after Ctrl-C; the others are click's: 1 failed, 2 wrong usage."""
 
 GARBAGE_THRESHOLD = 100_000
 """Objects made between two looks for garbage; Python's own is 700."""
-
-OWN_PROCESS = "own process"
-"""The object of click's context where the process runs one command and ends."""
-
-GRAPHLESS_FORMATS = (".obj", ".ply", ".stl", ".off")
-"""Files that hold no scene graph."""
 
 DEBUG = "rasterjit.debug"
 """Key of the flag in click's context."""
@@ -102,11 +96,6 @@ def _say_error(message: str) -> None:
     click.echo("error: " + " ".join(message.split()), err=True)
 
 
-def _warn(message: str, quiet: bool) -> None:
-    if not quiet:
-        click.echo("warning: " + " ".join(message.split()), err=True)
-
-
 def _set_debug(context: click.Context, parameter: click.Parameter, value: bool) -> None:
     """Note the flag, wherever it stands on the line."""
     if value:
@@ -123,8 +112,8 @@ threads_option = click.option(
     help="Number of threads; default: all processors. The picture is the same for any.",
 )  # fmt: skip
 background_option = click.option(
-    "--background", type=ColorType(), default="white", show_default=True,
-    help="A colour name, #rrggbb, #rrggbbaa or transparent.",
+    "--background", type=ColorType(),
+    help="A colour name, #rrggbb, #rrggbbaa or transparent; default: the environment, or white.",
 )  # fmt: skip
 cull_option = click.option(
     "--cull", type=click.Choice(["none", "back", "front"]), default="none", show_default=True,
@@ -170,6 +159,7 @@ def program(context: click.Context, version: bool) -> None:
 @view_options
 @background_option
 @look_options
+@effect_options
 @cull_option
 @click.option(
     "--outputs", type=OutputsType(), default="color", show_default=True, metavar="NAMES",
@@ -194,7 +184,7 @@ def render(
     file: Path,
     output: Path,
     size: tuple[int, int],
-    background: str,
+    background: str | None,
     cull: str,
     outputs: tuple[str, ...],
     depth_file: Path | None,
@@ -210,36 +200,38 @@ def render(
     Without options for the camera it is the file's own, or one that fits the whole scene into
     the picture.
     """
-    view, look = gather(View, rest), gather(Look, rest)
+    view, look, effects = (gather(kind, rest) for kind in (View, Look, Effects))
     view.check()
-    if output.suffix.lower() in (".jpg", ".jpeg", ".bmp") and not _is_opaque(background):
+    if output.suffix.lower() in (".jpg", ".jpeg", ".bmp") and not is_opaque(background):
         raise click.BadOptionUsage(
             "--background", f"--background: {output.suffix} cannot be transparent; choose .png"
         )
-    wanted, places = _plan_files(output, outputs, depth_file)
+    wanted, places = plan_files(output, outputs, depth_file)
     from rasterjit.render import render as render_frame
     from rasterjit.warmup import two_processes
 
     start = time.perf_counter()
     options = {"outputs": wanted, "background": background, "cull": cull}
+    quality = effects.quality()
     with (
         status(f"Rendering {file.name} (a first run compiles, about 10 s)", quiet),
         two_processes(threads) as compile_all,
     ):
-        scene = _load(file, look, quiet)
+        scene = load_scene(file, look, effects, quiet)
         camera = view.camera(scene, size)
         loaded = time.perf_counter()
         if compile_all is not None:
-            compile_all(scene, camera, **options)
+            compile_all(scene, camera, quality, **options)
         compiled = time.perf_counter()
         frame = render_frame(
-            scene, camera, size=size, diagnose=diagnose, threads=threads, **options
-        )
+            scene, camera, size=size, quality=quality, diagnose=diagnose, threads=threads,
+            **options,
+        )  # fmt: skip
         rendered = time.perf_counter()
-        _write_files(frame, places, depth_scale)
+        write_files(frame, places, depth_scale)
     saved = time.perf_counter()
     if not _shows_anything(frame):
-        _warn("nothing is in view: the picture shows only the background", quiet)
+        warn("nothing is in view: the picture shows only the background", quiet)
     if not quiet:
         seconds = {"load": loaded - start, **frame.stats.seconds, "save": saved - rendered}
         seconds["compile"] += compiled - loaded
@@ -258,86 +250,6 @@ def _shows_anything(frame: Frame) -> bool:
     return stats.drawn + stats.unsampled + stats.degenerate > 0
 
 
-def _is_opaque(background: str) -> bool:
-    """Tell whether a colour covers what is behind it."""
-    from rasterjit.scene.color import linear_color
-
-    return bool(linear_color("background", background)[3] == 1.0)
-
-
-Places = dict[Path, tuple[str, ...] | str]
-"""What each file gets: arrays by name, or ``"picture"`` or ``"depth"``."""
-
-
-def _plan_files(
-    output: Path, outputs: tuple[str, ...], depth_file: Path | None
-) -> tuple[tuple[str, ...], Places]:
-    """Return the outputs to render and the files to write, or raise click's usage error."""
-    wanted = dict.fromkeys(outputs)
-    places: Places = {}
-    if output.suffix.lower() == ".npz":
-        places[output] = tuple(wanted)
-    else:
-        wanted["color"] = None
-        places[output] = "picture"
-        others = tuple(name for name in wanted if name != "color")
-        if others:
-            places[output.with_suffix(".npz")] = others
-    if depth_file is not None:
-        if any(depth_file.absolute() == place.absolute() for place in places):
-            raise click.BadOptionUsage(
-                "--depth", f"--depth: {depth_file} is the file of another output"
-            )
-        wanted["depth"] = None
-        places[depth_file] = "depth"
-    return tuple(wanted), places
-
-
-def _write_files(frame: Frame, places: Places, depth_scale: float) -> None:
-    """Write each file, whole or not at all."""
-    from rasterjit.io import images
-
-    for place, content in places.items():
-        if content == "picture":
-            images.save_image(place, frame.color)
-        elif content == "depth":
-            images.save_depth(place, frame.depth, scale=depth_scale)
-        else:
-            arrays = frame.arrays()
-            images.save_arrays(place, **{name: arrays[name] for name in content})
-
-
-def _load(file: Path, look: Look, quiet: bool) -> Scene:
-    """Read a scene, apply the look, and print what reading warns of as lines."""
-    from rasterjit.io.meshes import load
-
-    if click.get_current_context().find_root().obj == OWN_PROCESS:
-        _import_trimesh_for(file)
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("ignore")
-        warnings.simplefilter("always", UserWarning)
-        scene = load(file, on_invalid=look.on_invalid)
-    for warning in caught:
-        _warn(str(warning.message), quiet)
-    look.apply(scene)
-    return scene
-
-
-def _import_trimesh_for(file: Path) -> None:
-    """
-    Import trimesh; without networkx, half of the time it takes, if the file needs none.
-
-    It stays without, so this is for a process that reads one file and ends.
-    """
-    if file.suffix.lower() not in GRAPHLESS_FORMATS or "networkx" in sys.modules:
-        return
-    sys.modules["networkx"] = None
-    try:
-        import trimesh  # noqa: F401
-    finally:
-        del sys.modules["networkx"]
-
-
 @program.command()
 @file_argument
 @click.option(
@@ -354,6 +266,7 @@ def _import_trimesh_for(file: Path) -> None:
 @view_options(orbit=True)
 @background_option
 @look_options
+@effect_options
 @cull_option
 @threads_option
 @quiet_option
@@ -364,7 +277,7 @@ def turntable(
     frames: int,
     fps: int,
     size: tuple[int, int],
-    background: str,
+    background: str | None,
     cull: str,
     threads: int | None,
     quiet: bool,
@@ -374,11 +287,11 @@ def turntable(
     from rasterjit.io.animations import check_animation, save_animation
     from rasterjit.render import Renderer
 
-    view, look = gather(View, rest), gather(Look, rest)
-    check_animation(output, size, fps, _is_opaque(background))
+    view, look, effects = (gather(kind, rest) for kind in (View, Look, Effects))
+    check_animation(output, size, fps, is_opaque(background))
     start = time.perf_counter()
-    scene = _load(file, look, quiet)
-    with Renderer(size, threads=threads) as renderer:
+    scene = load_scene(file, look, effects, quiet)
+    with Renderer(size, quality=effects.quality(), threads=threads) as renderer:
         pictures = (
             renderer.render(scene, camera, background=background, cull=cull).color
             for camera in view.turn(scene, size, frames)
@@ -394,6 +307,7 @@ def turntable(
 @view_options
 @background_option
 @look_options
+@effect_options
 @cull_option
 @click.option("--outputs", type=OutputsType(), default="color", show_default=True,
               metavar="NAMES", help=OUTPUTS_HELP)  # fmt: skip
@@ -406,7 +320,7 @@ def turntable(
 def explain(
     file: Path,
     size: tuple[int, int],
-    background: str,
+    background: str | None,
     cull: str,
     outputs: tuple[str, ...],
     pixel: tuple[int, int] | None,
@@ -415,7 +329,7 @@ def explain(
     **rest: Any,
 ) -> None:
     """Say what rendering FILE would do, without doing it; or what happens at one pixel."""
-    view, look = gather(View, rest), gather(Look, rest)
+    view, look, effects = (gather(kind, rest) for kind in (View, Look, Effects))
     view.check()
     if pixel is not None and not (pixel[0] < size[0] and pixel[1] < size[1]):
         raise click.BadOptionUsage(
@@ -427,14 +341,19 @@ def explain(
     from rasterjit.plan_resources import describe as describe_plan
     from rasterjit.render import explain as plan_of
 
-    scene = _load(file, look, quiet=False)
+    scene = load_scene(file, look, effects, quiet=False)
     camera = view.camera(scene, size)
     if pixel is not None:
         click.echo(
-            str(explain_pixel(scene, camera, size, *pixel, background=background, cull=cull))
+            str(
+                explain_pixel(
+                    scene, camera, size, *pixel, effects.quality(), background=background, cull=cull
+                )
+            )
         )
         return
     options = {"size": size, "outputs": outputs, "background": background, "cull": cull}
+    options["quality"] = effects.quality()
     click.echo(describe_plan(plan_of(scene, camera, **options)))
     if measure:
         from rasterjit.measurement import measure as measure_frame

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     FittedCamera = PerspectiveCamera | OrthographicCamera
 
 Vector = tuple[float, float, float]
-Options = TypeVar("Options", bound="View | Look")
+Options = TypeVar("Options", bound=tuple)
 
 OUTPUTS_HELP = (
     "Comma-separated: color, depth, face_id, object_id, barycentric, uv, normal, position, linear."
@@ -330,7 +330,7 @@ def gather(kind: type[Options], options: dict[str, Any]) -> Options:
     return kind(**{name: options[name] for name in kind._fields if name in options})
 
 
-def _add(options: list[Callable], command: Callable) -> Callable:
+def add_options(options: list[Callable], command: Callable) -> Callable:
     """Decorate a command with options, in their order in the help."""
     for option in reversed(options):
         command = option(command)
@@ -339,8 +339,8 @@ def _add(options: list[Callable], command: Callable) -> Callable:
 
 def look_options(command: Callable) -> Callable:
     """Add the options of `Look` to a command."""
-    modes = click.Choice(["unlit", "flat", "gouraud", "phong"])
-    return _add(
+    modes = click.Choice(["unlit", "flat", "gouraud", "phong", "pbr"])
+    return add_options(
         [
             click.option("--shading", type=modes, help="Shade all objects this way."),
             click.option("--wireframe", type=click.Choice(["overlay", "only"]),
@@ -378,4 +378,4 @@ def view_options(command: Callable | None = None, *, orbit: bool = False) -> Cal
         click.option("--projection", type=click.Choice(["perspective", "orthographic"])),
         click.option("--up", type=VectorType(), help="Which way is up; default 0,1,0."),
     ]  # fmt: skip
-    return _add(placing + fitting, command)
+    return add_options(placing + fitting, command)

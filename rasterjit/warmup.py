@@ -25,8 +25,8 @@ from numpy.typing import NDArray
 from rasterjit import stages
 from rasterjit.framebuffer import FEW_PIXELS, Framebuffer
 from rasterjit.kernels.jit import cache_folder, is_cached
-from rasterjit.kernels.records import Viewport
-from rasterjit.kernels.setup import INVALID
+from rasterjit.kernels.records import Faces, Viewport
+from rasterjit.kernels.setup import INVALID, TILE_SIZE
 from rasterjit.kernels.shading import shade_rows
 from rasterjit.kernels.visibility import draw_tiles
 from rasterjit.pixel import explain_pixel
@@ -36,6 +36,7 @@ from rasterjit.render import Renderer, render
 from rasterjit.scene.camera import PerspectiveCamera, fit_camera
 from rasterjit.scene.material import SHADINGS, Material
 from rasterjit.scene.mesh import Mesh
+from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene, Wireframe
 from rasterjit.scene.texture import Texture
 from rasterjit.workers import Workers, available_processors
@@ -174,8 +175,9 @@ class BlankRenderer(Renderer):
         workers: Workers,
         clock: Callable[[str], None],
         *,
+        keep_lists: bool,
         keep_clip_positions: bool,
-        **_: bool,
+        **_: Any,
     ) -> stages.Coverage:
         """Return what the stages would, were nothing in view; it calls none of their kernels."""
         shape = viewport.height, viewport.width
@@ -191,8 +193,15 @@ class BlankRenderer(Renderer):
             screen,
             clip_positions,
             stages.Totals(len(faces), len(faces), 0, 0, 0, 0, 0, 0),
-            None,
+            _no_lists(faces, viewport) if keep_lists else None,
         )
+
+
+def _no_lists(faces: NDArray[np.int32], viewport: Viewport) -> stages.TileLists:
+    """Return lists of tiles that draw nothing."""
+    tiles = -(-viewport.width // TILE_SIZE) * -(-viewport.height // TILE_SIZE)
+    no_pieces = Faces(faces, np.empty((0, 3), np.int32), np.empty(0, np.int32))
+    return stages.TileLists(np.zeros(tiles + 1, np.int64), np.empty(0, np.int32), no_pieces)
 
 
 def compile_visibility() -> None:
@@ -234,8 +243,8 @@ def two_processes(threads: int | None) -> Iterator[Callable[..., None] | None]:
         stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
     )  # fmt: skip
 
-    def compile_all(what: Any, camera: Any, **options: Any) -> None:
-        BlankRenderer(SIZE, threads=1).render(what, camera, **options)
+    def compile_all(what: Any, camera: Any, quality: Quality | None, **options: Any) -> None:
+        BlankRenderer(SIZE, quality=quality, threads=1).render(what, camera, **options)
         with suppress(subprocess.TimeoutExpired):
             other.wait(PATIENCE)
 

@@ -119,7 +119,9 @@ def lamp(kind, elevation, scale=1.0, offset=(0.0, 0.0, 0.0), around=30.0, **shad
     place = -5.0 * scale * way + offset
     shadow = rj.Shadow(**shadow)
     if kind == "spot":
-        return rj.SpotLight(place, way, intensity=min(scale**2, 1e9), outer_angle=40.0, shadow=shadow)
+        return rj.SpotLight(
+            place, way, intensity=min(scale**2, 1e9), outer_angle=40.0, shadow=shadow
+        )
     return rj.PointLight(place, intensity=min(scale**2, 1e9), shadow=shadow)
 
 
