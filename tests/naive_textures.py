@@ -196,3 +196,40 @@ def probe(texture, places):
         uv += [place] * 4
     material = rj.Material("unlit", "white", base_color_texture=texture)
     return draw(rj.Mesh(vertices, faces, uv=uv, material=material), (count, 1))[0]
+
+
+SIZE = (40, 32)
+"""Width and height of the frames below."""
+
+NOISE = np.random.default_rng(7).random((16, 16, 3)).astype(np.float32)
+
+MIX_ROUNDINGS = 8 * 2.0**-24
+"""Roundings of float32 in a bilinear mix of texels below 1."""
+
+DETAIL_ERROR = 1e-6
+"""Of the level of detail up to 3: float32 in its logarithm, 1.2e-7 (1 + 3), and its roundings."""
+
+TRIANGLES = {
+    "near and far": ([(2.25, 3.5), (37.5, 8.25), (11.75, 30.0)], [1.0, 8.0, 2.0], 1.0),
+    "turned": ([(2.25, 3.5), (11.75, 30.0), (37.5, 8.25)], [3.0, 0.5, 64.0], 1.0),
+    "cut by the near plane": ([(2.25, 3.5), (37.5, 8.25), (11.75, 30.0)], [0.03125, 4.0, 2.0], 4.0),
+    "beside the picture": ([(-200.0, 10.0), (300.0, -50.0), (30.0, 300.0)], [4.0, 4.0, 1.0], 16.0),
+}
+
+
+def clip_camera():
+    """Return a camera whose view space is clip space with w in the place of z."""
+    clip_from_view = np.array([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, -1, -0.25], [0, 0, -1, 0.0]])
+    return rj.MatrixCamera(np.eye(4), clip_from_view)
+
+
+def draw_triangle(points, ws, uv, texture):
+    """Return what a triangle shows that lands on screen points with the given w."""
+    width, height = SIZE
+    corners = [
+        ((2 * x / width - 1) * w, (1 - 2 * y / height) * w, -w)
+        for (x, y), w in zip(points, ws, strict=True)
+    ]
+    material = rj.Material("unlit", "white", base_color_texture=texture)
+    mesh = rj.Mesh(corners, [(0, 1, 2)], uv=uv, material=material)
+    return rj.render(mesh, clip_camera(), size=SIZE, outputs=("linear", "face_id"), threads=1)

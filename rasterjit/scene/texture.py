@@ -267,7 +267,7 @@ class Texture:
     @property
     def is_opaque(self) -> bool:
         """Whether every texel has an alpha of 1 or more."""
-        return bool((self.image[:, :, 3] >= 1.0).all())
+        return self.lowest_alpha >= 1.0
 
     @property
     def lowest_alpha(self) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import naive_cutouts as naive
 import numpy as np
 import pytest
-from naive_textures import FRONT, box, square
+from naive_textures import FRONT, box, clip_camera, square
 
 import rasterjit as rj
 from rasterjit.kernels import cutouts, interpolation
@@ -36,12 +36,6 @@ def covered(mesh, size):
 def same_bits(one, other):
     for name in OUTPUTS:
         assert getattr(one, name).tobytes() == getattr(other, name).tobytes(), name
-
-
-def clip_camera():
-    """Return a camera whose view space is clip space with w in the place of z."""
-    clip_from_view = np.array([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, -1, -0.25], [0, 0, -1, 0.0]])
-    return rj.MatrixCamera(np.eye(4), clip_from_view)
 
 
 def corners_of(points, ws):

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
+import pickle
 from fractions import Fraction
 
 import naive_textures as naive
@@ -56,6 +58,69 @@ def test_grey_and_alpha_are_filled_in(pixel, rgba, kind):
     assert texture.image.shape == (1, 1, 4)
     assert texture.image[0, 0].tolist() == [np.float32(value) for value in rgba]
     assert texture.is_opaque == (rgba[3] == 1)
+
+
+@pytest.mark.parametrize("kind", [np.uint8, np.uint16])
+def test_integers_of_a_linear_picture_are_shares_of_one(kind):
+    most = np.iinfo(kind).max
+    codes = np.array([[[0, 1, most // 2], [most, 77, most - 1]]], kind)
+    texture = rj.Texture(codes, color_space="linear")
+    assert (texture.image[..., :3] == codes.astype(np.float32) / np.float32(most)).all()
+    assert (rj.Texture(codes).image[0, 0, 2] != texture.image[0, 0, 2]).all()
+    # Floats are linear anyway, and alpha is.
+    floats = np.random.default_rng(1).random((2, 2, 4))
+    assert (rj.Texture(floats, color_space="linear").image == rj.Texture(floats).image).all()
+    grey = np.array([[[0, most // 3]]], kind)
+    images = [rj.Texture(grey, color_space=space).image for space in ("srgb", "linear")]
+    assert (images[0] == images[1]).all()
+
+
+def test_a_moved_copy_shares_everything_but_the_transform():
+    texture = rj.Texture(np.random.default_rng(1).random((4, 6, 4)), wrap="clamp", anisotropy=4)
+    moved = texture.with_transform((0.5, 1), 30, [2, -1])
+    assert (moved.offset, moved.rotation, moved.scale) == ((0.5, 1.0), 30.0, (2.0, -1.0))
+    assert (moved.wrap, moved.filter, moved.anisotropy) == (("clamp", "clamp"), "trilinear", 4)
+    assert np.shares_memory(texture.image, moved.image)
+    assert np.shares_memory(texture.levels[1], moved.levels[1])
+    assert moved != texture
+    assert texture.transform is None
+    assert moved.with_transform().transform is None
+    sine, cosine = 0.5, np.sqrt(0.75)
+    assert moved.transform == (2 * cosine, sine, 0.5, 2 * sine, -cosine, 1.0)
+
+
+@pytest.mark.parametrize(
+    "make", [copy.copy, copy.deepcopy, lambda t: pickle.loads(pickle.dumps(t))]
+)
+def test_copies_keep_every_setting(make):
+    texture = rj.Texture(np.random.default_rng(1).random((4, 6, 4)), anisotropy=4).with_transform(
+        (0.5, 1), 30, (2, -1)
+    )
+    other = make(texture)
+    assert repr(other) == repr(texture)
+    assert (other.image == texture.image).all()
+    assert (other.levels[2] == texture.levels[2]).all()
+    assert not other.image.flags.writeable
+
+
+def test_the_lowest_alpha_is_that_of_any_texel():
+    pixels = np.ones((3, 4, 4))
+    assert rj.Texture(pixels).lowest_alpha == 1.0
+    pixels[2, 1, 3] = 0.25
+    assert rj.Texture(pixels).lowest_alpha == 0.25
+    assert not rj.Texture(pixels).is_opaque
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 7), (7, 1), (5, 3)])
+@pytest.mark.parametrize("filter", FILTERS)
+def test_pictures_of_any_size_are_drawn(shape, filter):
+    image = np.random.default_rng(3).random(shape).astype(np.float32)
+    places = [(0.0, 0.0), (0.25, 0.75), (0.5, 0.5), (1.0, 1.0), (-0.375, 2.125)]
+    shown = naive.probe(rj.Texture(image, filter=filter), places)[:, 0]
+    lookup = naive.nearest if filter == "nearest" else naive.bilinear
+    for (u, v), value in zip(places, shown, strict=True):
+        exact = lookup(naive.exact_image(image), Fraction(u), Fraction(v), ("repeat", "repeat"))
+        assert abs(value - float(exact)) <= 8 * 2.0**-24
 
 
 def test_a_texture_is_frozen_and_owns_its_picture():
@@ -127,6 +192,11 @@ def test_what_is_no_picture_is_refused(image, words):
     [
         {"wrap": "tile"}, {"wrap": None}, {"wrap": ("repeat",)}, {"wrap": ("repeat", 3)},
         {"wrap": ("repeat", "clamp", "mirror")}, {"filter": "cubic"}, {"filter": None},
+        {"color_space": "rgb"}, {"color_space": None}, {"anisotropy": 3}, {"anisotropy": 32},
+        {"anisotropy": True}, {"anisotropy": "2"}, {"anisotropy": 2, "filter": "bilinear"},
+        {"anisotropy": 16, "filter": "nearest"}, {"offset": 1.0}, {"offset": (0.0, float("nan"))},
+        {"offset": (0.0, 1e7)}, {"rotation": float("inf")}, {"rotation": "90"}, {"scale": (1.0,)},
+        {"scale": (1e7, 1.0)}, {"scale": (1.0, None)},
     ],
 )  # fmt: skip
 def test_unknown_options_are_refused_by_name(options):
@@ -195,6 +265,9 @@ def test_a_picture_file_is_a_texture(tmp_path, extension):
     assert (texture.image == rj.Texture(codes).image).all()
     assert (texture.wrap, texture.filter) == (("mirror", "mirror"), "bilinear")
     assert rj.Texture.from_file(str(path)).filter == "trilinear"
+    flat = rj.Texture.from_file(path, color_space="linear", anisotropy=8)
+    assert (flat.color_space, flat.anisotropy) == ("linear", 8)
+    assert flat.image.max() == 1.0
 
 
 @pytest.mark.parametrize("mode", ["1", "L", "LA", "P", "RGB", "RGBA"])
