@@ -121,6 +121,8 @@ class LightTerms:
     """(3,), linear: ambient light on the base colour; zero if the material is unlit."""
     lights: tuple[LightTerm, ...]
     """Empty if the material is unlit: the base colour is what is seen."""
+    emission: NDArray[np.float32]
+    """(3,), linear: what the surface sends out by itself."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -281,6 +283,8 @@ def _color_table(pixel: PixelExplanation) -> Table:
             table.add_row(f"{term.name}, diffuse", *_levels(term.diffuse))
             if term.specular.max() >= FAINTEST:
                 table.add_row(f"{term.name}, specular", *_levels(term.specular))
+        if light.emission.max() >= FAINTEST:
+            table.add_row("emission", *_levels(light.emission))
         table.add_section()
     name = "background" if light is None else "sum" if light.lights else "seen"
     table.add_row(name, *_levels(pixel.linear[:3]))

@@ -7,6 +7,7 @@ for one pixel. Where the engine rounds, the exact value is shown beside it, from
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -17,9 +18,11 @@ from rasterjit import plan_arrays, plan_views, stages
 from rasterjit.explanation import FaceAtPixel, LightTerm, LightTerms, PixelExplanation
 from rasterjit.io.meshes import as_scene
 from rasterjit.kernels import interpolation, records, resolve, setup, shading, visibility
+from rasterjit.kernels.maps import EMITTED
 from rasterjit.kernels.records import Faces, Geometry, Lighting, Objects, Placement, Surface
 from rasterjit.plan import RenderPlan
 from rasterjit.plan_arrays import SceneArrays
+from rasterjit.plan_materials import join_maps, join_microfacets
 from rasterjit.plan_textures import join_textures
 from rasterjit.prepared import prepare
 from rasterjit.render import choose_camera, placement_of, render
@@ -342,33 +345,74 @@ def _light(drawn: _Drawn, x: int, y: int) -> tuple[LightTerms, NDArray[np.float3
     meshes = [node.mesh for node in drawn.scene.nodes]
     normals = plan_arrays.join_normals(meshes) if plan.needs_normals else None
     textures = join_textures(meshes) if plan.needs_textures else None
-    surface = plan_arrays.join_surface(meshes, normals)._replace(textures=textures)
+    maps = join_maps(meshes) if plan.needs_maps else None
+    whole = plan_arrays.join_surface(meshes, normals)._replace(textures=textures, maps=maps)
+    if plan.needs_microfacets:
+        lighting = lighting._replace(microfacets=join_microfacets(meshes))
     face = int(drawn.coverage.face_id[y, x])
     owner = int(np.searchsorted(drawn.arrays.face_starts, face, side="right")) - 1
     material = meshes[owner].material
-    linear = _shade(drawn, surface, lighting, x, y)
+    linear = _shade(drawn, whole, lighting, x, y)
+    surface, zero = _without_emission(whole), np.zeros(3, np.float32)
     texture, uv = None, np.full(2, np.nan, np.float32)
     if textures is not None and material.base_color_texture is not None:
         texture = _shade(drawn, _white(surface), lighting, x, y)[:3]
         uv = _interpolate(drawn, textures.uv, x, y)
+    emission = zero
+    if material.emits:
+        emission = _shade(drawn, _unlit(whole, 0.0), lighting, x, y)[:3]
+    own = material.shading, texture, uv, emission
     if lighting is None or material.shading == "unlit":
-        zero = np.zeros(3, np.float32)
-        return LightTerms(material.shading, linear[:3].copy(), texture, uv, zero, ()), linear
-    # Let each light shine alone, on the colour without its highlight and on the highlight alone.
+        base = _shade(drawn, surface, lighting, x, y)[:3]
+        return LightTerms(own[0], base, *own[1:3], zero, (), emission), linear
+    nothing = lighting._replace(lights=lighting.lights[:0])
+    white = nothing._replace(ambient=np.ones(3, np.float32))
+    shown = _unlit(surface, 1.0) if material.shading == "pbr" else surface
+    base = _shade(drawn, shown, white, x, y)[:3]
+    ambient = _shade(drawn, surface, nothing, x, y)[:3]
+    terms = tuple(_light_terms(drawn, surface, lighting, x, y))
+    return LightTerms(own[0], base, *own[1:3], ambient, terms, emission), linear
+
+
+def _light_terms(
+    drawn: _Drawn, surface: Surface, lighting: Lighting, x: int, y: int
+) -> Iterator[LightTerm]:
+    """Let each light shine alone, on the surface without its highlight, and on that alone."""
     matt, black = surface.materials.copy(), surface.materials.copy()
     matt[:, records.MATERIAL_SPECULAR] = 0.0
-    black[:, :3] = 0.0
-    matt_surface, black_surface = (surface._replace(materials=m) for m in (matt, black))
-    dark, white = np.zeros(3, np.float32), np.ones(3, np.float32)
-    nothing = lighting._replace(lights=lighting.lights[:0])
-    terms = []
+    # Microfacets have their highlights from the base colour: they are told what to show.
+    black[black[:, records.MATERIAL_MODEL] != records.PBR, :3] = 0.0
+    kinds = []
+    for n, materials in enumerate((matt, black)):
+        facets = lighting.microfacets
+        if facets is not None:
+            facets = facets._replace(parts=np.eye(2, dtype=np.float32)[n])
+        kinds.append((surface._replace(materials=materials), facets))
+    dark = np.zeros(3, np.float32)
     for n, name in enumerate(_light_names(drawn.scene)):
         alone = lighting._replace(lights=lighting.lights[n : n + 1], ambient=dark)
-        diffuse = _shade(drawn, matt_surface, alone, x, y)[:3]
-        terms.append(LightTerm(name, diffuse, _shade(drawn, black_surface, alone, x, y)[:3]))
-    base = _shade(drawn, surface, nothing._replace(ambient=white), x, y)[:3]
-    ambient = _shade(drawn, surface, nothing, x, y)[:3]
-    return LightTerms(material.shading, base, texture, uv, ambient, tuple(terms)), linear
+        diffuse, specular = (
+            _shade(drawn, part, alone._replace(microfacets=facets), x, y)[:3]
+            for part, facets in kinds
+        )
+        yield LightTerm(name, diffuse, specular)
+
+
+def _without_emission(surface: Surface) -> Surface:
+    """Return a surface that sends out no light."""
+    if surface.maps is None:
+        return surface
+    factors = surface.maps.factors.copy()
+    factors[:, EMITTED:] = 0.0
+    return surface._replace(maps=surface.maps._replace(factors=factors))
+
+
+def _unlit(surface: Surface, share: float) -> Surface:
+    """Return a surface that shows a share of its base colour, whatever light falls on it."""
+    materials = surface.materials.copy()
+    materials[:, :3] *= np.float32(share)
+    materials[:, records.MATERIAL_MODEL] = records.UNLIT
+    return surface._replace(materials=materials)
 
 
 def _white(surface: Surface) -> Surface:

@@ -20,7 +20,7 @@ def join_microfacets(meshes: Sequence[Mesh]) -> Microfacets:
     """Join metallic and roughness of the objects."""
     runs = runs_of(meshes)
     rows = [(mesh.material.metallic, mesh.material.roughness) for mesh, _ in runs]
-    return Microfacets(_repeat(rows, runs, np.float32))
+    return Microfacets(_repeat(rows, runs, np.float32), np.ones(2, np.float32))
 
 
 def join_maps(meshes: Sequence[Mesh]) -> Maps:
@@ -31,7 +31,7 @@ def join_maps(meshes: Sequence[Mesh]) -> Maps:
         for mesh, _ in runs
     ]
     used = [[texture is not None for texture in mesh.material.textures_read()] for mesh, _ in runs]
-    counts = _repeat(used, runs, np.int64).sum(axis=0)
+    counts = np.count_nonzero(_repeat(used, runs, np.int64), axis=0).astype(np.int64)
     return Maps(
         _repeat(factors, runs, np.float32),
         counts,

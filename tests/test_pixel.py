@@ -306,6 +306,35 @@ def test_the_terms_of_light_add_up_to_the_colour(sphere, camera, shading, textur
     assert (shone > 0.0).all()
 
 
+def test_the_terms_of_light_on_microfacets_and_of_emission_add_up_to_the_colour(sphere, camera):
+    texel = np.full((1, 1, 3), [0.6, 0.4, 0.9], np.float32)
+    material = rj.Material(
+        "pbr", (0.9, 0.6, 0.3), metallic=0.6, roughness=0.5, emissive=(0.2, 0.1, 0.4),
+        normal_texture=rj.Texture(texel), metallic_roughness_texture=rj.Texture(texel),
+        emissive_texture=rj.Texture(texel), base_color_texture=rj.Texture(texel),
+    )  # fmt: skip
+    scene = rj.Scene()
+    uv = sphere.vertices[:, :2]
+    scene.add(rj.Mesh(sphere.vertices, sphere.faces, uv=uv, material=material))
+    scene.lights = [
+        rj.AmbientLight(intensity=0.2), rj.DirectionalLight((-1, 0, -1), intensity=0.4)
+    ]  # fmt: skip
+    frame = rj.render(scene, camera, size=SIZE, outputs=("face_id", "linear"), threads=1)
+    shone = 0
+    for y, x in np.argwhere(frame.face_id >= 0)[::97]:
+        told = rj.explain_pixel(scene, camera, SIZE, x, y)
+        light = told.light
+        assert told.linear.tobytes() == frame.linear[y, x].tobytes()
+        (sun,) = light.lights
+        total = light.ambient + sun.diffuse + sun.specular + light.emission
+        np.testing.assert_allclose(total, frame.linear[y, x, :3], rtol=SUMMED)
+        np.testing.assert_allclose(light.emission, [0.12, 0.04, 0.36], rtol=SUMMED)
+        np.testing.assert_allclose(light.base_color, [0.54, 0.24, 0.27], rtol=SUMMED)
+        shone += sun.specular.max() > 0.01 and sun.diffuse.max() > 0.01
+        assert "emission" in str(told)
+    assert shone > 5
+
+
 @pytest.mark.parametrize("shading", ["unlit", "phong"])
 @pytest.mark.parametrize("kind", ["nearest", "trilinear"])
 def test_the_texture_is_told_apart(sphere, camera, shading, kind):

@@ -152,7 +152,7 @@ def start_facets(
 
 @disjoint_stage
 def add_facet_light(
-    light, toward_viewer, nx, ny, nz, px, py, pz, metallic, roughness, microfacet, reached,
+    light, toward_viewer, parts, nx, ny, nz, px, py, pz, metallic, roughness, microfacet, reached,
     red, green, blue, out_red, out_green, out_blue,
 ):  # fmt: skip
     """Add what one light contributes to each metallic-roughness sample, as far as it is reached."""
@@ -180,9 +180,10 @@ def add_facet_light(
         alpha = max(roughness[i] * roughness[i], LEAST_ALPHA)
         squared = alpha * alpha
         shine = facets_along(n_h, cx * cx + cy * cy + cz * cz, squared)
-        shine *= facets_seen(n_l, n_v, squared)
+        shine *= parts[1] * facets_seen(n_l, n_v, squared)
         bent = grazing(v_h)
         diffuse = (one - metallic[i]) * (one - (DIELECTRIC + (one - DIELECTRIC) * bent))
+        diffuse *= parts[0]
         # Add both.
         arriving = shaded(microfacet[i] * falloff * n_l, reached, i)
         head_on = mirrored_head_on(red[i], metallic[i])
@@ -243,7 +244,8 @@ def add_facet_lights(samples, count, light, toward_viewer, reached, microfacets)
     if microfacets is None:
         return
     add_facet_light(
-        light, toward_viewer, samples[lit.NORMAL_X, :count], samples[lit.NORMAL_Y, :count],
+        light, toward_viewer, microfacets.parts,
+        samples[lit.NORMAL_X, :count], samples[lit.NORMAL_Y, :count],
         samples[lit.NORMAL_Z, :count], samples[lit.POINT_X, :count],
         samples[lit.POINT_Y, :count], samples[lit.POINT_Z, :count],
         samples[lit.METALLIC, :count], samples[lit.ROUGHNESS, :count],

@@ -259,6 +259,9 @@ class Microfacets(NamedTuple):
 
     factors: Any
     """(O, 2) float32: metallic, roughness."""
+    parts: Any
+    """(2,) float32: how much of the light that goes into a surface is shown, and of that mirrored;
+    1 and 1, but for who asks for one of them alone."""
 
 
 class Shadows(NamedTuple):

@@ -16,6 +16,7 @@ from rasterjit.kernels.records import Lighting, Microfacets
 
 VIEWER = np.array([0.0, 0.0, 0.0, 1.0], np.float32)
 DARK = np.zeros(3, np.float32)
+FACETS = Microfacets(np.zeros((1, 2), np.float32), np.ones(2, np.float32))
 
 
 def random_samples(rng, count, least_roughness=0.2):
@@ -42,9 +43,7 @@ def light_rows(*rows):
 def light(samples, lights, ambient=DARK, viewer=VIEWER):
     """Return the seen colours, (N, 3), as the shading step makes them."""
     count = samples.shape[1]
-    record = Lighting(
-        lights, np.asarray(ambient, np.float32), None, Microfacets(np.zeros((1, 2), np.float32))
-    )
+    record = Lighting(lights, np.asarray(ambient, np.float32), None, FACETS)
     lit.start_light(samples, count, record, None)
     microfacets.start_facet_row(samples, count, record, viewer, None, record.microfacets)
     for row in lights:
@@ -197,7 +196,7 @@ def test_samples_of_other_kinds_keep_every_bit():
     samples[lit.MICROFACET] = 0.0
     samples[lit.OUT_RED : lit.OUT_BLUE + 1] = rng.uniform(0, 1, (3, 64))
     before = samples[lit.OUT_RED : lit.OUT_BLUE + 1].copy()
-    record = Lighting(light_rows(), np.float32([1, 1, 1]), None, Microfacets(None))
+    record = Lighting(light_rows(), np.float32([1, 1, 1]), None, FACETS)
     microfacets.start_facet_row(samples, 64, record, VIEWER, None, record.microfacets)
     row = light_rows((0.1, 0.2, 1, 0, 1, 1, 1))[0]
     microfacets.add_facet_lights(samples, 64, row, VIEWER, record.microfacets)
@@ -206,7 +205,7 @@ def test_samples_of_other_kinds_keep_every_bit():
 
 def test_occlusion_holds_back_ambient_light_alone():
     sample, row = one_sample((0.8, 0.4, 0.2), 0.3, 0.4), light_rows((0, 0, 1, 0, 1, 1, 1))
-    record = Lighting(row, np.float32([0.5, 0.5, 0.5]), None, Microfacets(None))
+    record = Lighting(row, np.float32([0.5, 0.5, 0.5]), None, FACETS)
     shown = []
     for share in (0.0, 0.5, 1.0):
         samples = sample.copy()
@@ -221,9 +220,23 @@ def test_occlusion_holds_back_ambient_light_alone():
     assert shown[0][1] == pytest.approx(shown[2][1], rel=1e-6)
 
 
+def test_both_parts_of_the_light_add_up():
+    rng = np.random.default_rng(4)
+    samples, row = random_samples(rng, 200), light_rows((0.4, 0.5, 0.9, 0, 1, 0.5, 0.2))
+    whole = light(samples.copy(), row)
+    shown = []
+    for parts in np.eye(2, dtype=np.float32):
+        some = samples.copy()
+        microfacets.add_facet_lights(some, 200, row[0], VIEWER, FACETS._replace(parts=parts))
+        shown.append(some[lit.OUT_RED : lit.OUT_BLUE + 1].T)
+    assert shown[0] + shown[1] == pytest.approx(whole, rel=1e-5, abs=1e-6)
+    assert (shown[0] > 0).sum() > 100
+    assert (shown[1] > 0).sum() > 100
+
+
 def test_kinds_shown_are_told_from_the_rows():
     samples = np.zeros((lit.SAMPLE_ROWS, 5), np.float32)
-    record = Microfacets(None)
+    record = FACETS
     assert microfacets.kinds_shown(samples, 5, None) == (True, False)
     assert microfacets.kinds_shown(samples, 5, record) == (False, False)
     samples[lit.MICROFACET, 3] = 1.0
