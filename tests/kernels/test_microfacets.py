@@ -47,7 +47,7 @@ def light(samples, lights, ambient=DARK, viewer=VIEWER):
     lit.start_light(samples, count, record, None)
     microfacets.start_facet_row(samples, count, record, viewer, None, record.microfacets)
     for row in lights:
-        microfacets.add_facet_lights(samples, count, row, viewer, record.microfacets)
+        microfacets.add_facet_lights(samples, count, row, viewer, None, record.microfacets)
     return samples[lit.OUT_RED : lit.OUT_BLUE + 1].T.copy()
 
 
@@ -199,7 +199,7 @@ def test_samples_of_other_kinds_keep_every_bit():
     record = Lighting(light_rows(), np.float32([1, 1, 1]), None, FACETS)
     microfacets.start_facet_row(samples, 64, record, VIEWER, None, record.microfacets)
     row = light_rows((0.1, 0.2, 1, 0, 1, 1, 1))[0]
-    microfacets.add_facet_lights(samples, 64, row, VIEWER, record.microfacets)
+    microfacets.add_facet_lights(samples, 64, row, VIEWER, None, record.microfacets)
     assert samples[lit.OUT_RED : lit.OUT_BLUE + 1].tobytes() == before.tobytes()
 
 
@@ -213,7 +213,7 @@ def test_occlusion_holds_back_ambient_light_alone():
         lit.start_light(samples, 1, record, occlusion)
         microfacets.start_facet_row(samples, 1, record, VIEWER, occlusion, record.microfacets)
         ambient = samples[lit.OUT_RED, 0]
-        microfacets.add_facet_lights(samples, 1, row[0], VIEWER, record.microfacets)
+        microfacets.add_facet_lights(samples, 1, row[0], VIEWER, None, record.microfacets)
         shown.append((ambient, samples[lit.OUT_RED, 0] - ambient))
     assert shown[0][0] == 0.0
     assert shown[1][0] == pytest.approx(0.5 * shown[2][0])
@@ -227,7 +227,7 @@ def test_both_parts_of_the_light_add_up():
     shown = []
     for parts in np.eye(2, dtype=np.float32):
         some = samples.copy()
-        microfacets.add_facet_lights(some, 200, row[0], VIEWER, FACETS._replace(parts=parts))
+        microfacets.add_facet_lights(some, 200, row[0], VIEWER, None, FACETS._replace(parts=parts))
         shown.append(some[lit.OUT_RED : lit.OUT_BLUE + 1].T)
     assert shown[0] + shown[1] == pytest.approx(whole, rel=1e-5, abs=1e-6)
     assert (shown[0] > 0).sum() > 100
