@@ -137,7 +137,9 @@ def find_shadows(
         plan.camera, prepared.looks.cutouts if plan.needs_cutouts else None,
     )  # fmt: skip
     lights = [light for light in plan.lights.lights if not isinstance(light, AmbientLight)]
-    return shadow_maps.draw_shadows(lights, plan.camera.eye_position(), scenery, workers)
+    normals = prepared.looks.normals if plan.needs_normals else None
+    eye = plan.camera.eye_position()
+    return shadow_maps.draw_shadows(lights, eye, scenery, normals, workers)
 
 
 def find_surface(

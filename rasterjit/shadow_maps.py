@@ -85,7 +85,11 @@ class Window(NamedTuple):
 
 
 def draw_shadows(
-    lights: Sequence[Light], eye: Float64, scenery: Scenery, workers: stages.Workers
+    lights: Sequence[Light],
+    eye: Float64,
+    scenery: Scenery,
+    normals: NDArray[np.float32] | None,
+    workers: stages.Workers,
 ) -> Shadows | None:
     """
     Draw the shadow maps of the lights that cast shadows on something seen.
@@ -96,6 +100,8 @@ def draw_shadows(
         Those of ``Lighting.lights``, in that order.
     eye : (3,) float64, world space
     scenery : Scenery
+    normals : (V, 3) float32 or None
+        Vertex normals, if any object is smooth.
     workers : Workers
 
     Returns
@@ -129,7 +135,7 @@ def draw_shadows(
         if light.shadow is not None and light.shadow.filter == "soft":
             parts = [texels[part] for number, part, _ in drawings if number == n]
             rows[n, shadowing.HIGHEST] = max((float(part.max()) for part in parts), default=0.0)
-    return Shadows(rows, places, texels, _pattern())
+    return Shadows(rows, places, texels, _pattern(), normals)
 
 
 def _pattern() -> NDArray[np.float32]:

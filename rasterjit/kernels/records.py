@@ -268,13 +268,15 @@ class Shadows(NamedTuple):
     """The shadow maps of all lights; see ``shadowing`` for the columns."""
 
     maps: Any
-    """(L, 23) float64: how a point comes to lie in a light's map."""
+    """(L, 24) float64: how a point comes to lie in a light's map."""
     places: Any
     """(L, 4) int64: first texel or -1 for no map, side, filter, number of maps."""
     texels: Any
     """(N,) float32, stored depth: greater is nearer to the light, -inf where nothing is."""
     pattern: Any
     """(P, 2) float32: points of the unit disk where soft shadows are compared."""
+    normals: Any
+    """(V, 3) float32, as ``Surface.normals`` | None -> no object is smooth."""
 
 
 class Lighting(NamedTuple):

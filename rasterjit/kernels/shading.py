@@ -40,6 +40,7 @@ from rasterjit.kernels.shadowing import (
     find_receivers,
     note_vertex,
     shadow_row,
+    vertex_shadow_row,
 )
 from rasterjit.kernels.tone_mapping import toned
 
@@ -171,7 +172,9 @@ def light_row(
     find_receivers(weights, faces, geometry, placement, lighting.shadows)
     shows_matt, shows_facets = kinds_shown(samples, count, lighting.microfacets)
     for n in range(lighting.lights.shape[0]):
-        reached = shadow_row(samples, weights, count, n, lighting.shadows)
+        reached = shadow_row(
+            samples, weights, count, faces, n, lighting, geometry, placement, lighting.shadows
+        )
         if shows_matt:
             lit.add_lights(samples, count, n, lighting, toward_viewer, reached)
         if shows_facets:
@@ -376,7 +379,7 @@ def light_block(first, count, owner, placement, surface, lighting, lit_vertices,
             note_vertex(weights, n, point, normal, lighting.shadows)
         lit.start_light(samples, count, lighting, None)
         for n in range(lighting.lights.shape[0]):
-            reached = shadow_row(samples, weights, count, n, lighting.shadows)
+            reached = vertex_shadow_row(samples, weights, count, n, lighting.shadows)
             lit.add_lights(samples, count, n, lighting, toward_viewer, reached)
         environments.add_environment(samples, count, None, lighting.environment, toward_viewer)
         for n in range(count):

@@ -44,16 +44,22 @@ U, V, DEPTH = lit.SAMPLE_ROWS, lit.SAMPLE_ROWS + 1, lit.SAMPLE_ROWS + 2
 """Rows of samples: place in the map, texels from its left upper corner; stored depth."""
 ACROSS, DOWN, BIAS = lit.SAMPLE_ROWS + 3, lit.SAMPLE_ROWS + 4, lit.SAMPLE_ROWS + 5
 """Rows: gain in stored depth by a texel right and down; what is nearer by less casts nothing."""
+TURNED = lit.SAMPLE_ROWS + 8
+"""Row: 1 where a face turns away from the light at hand, which its shading normal faces."""
 FOUND, NEARER = lit.SAMPLE_ROWS + 6, lit.SAMPLE_ROWS + 7
 """Rows: how many texels hold what may shade a sample, and the sum of their stored depths."""
-SHADOW_ROWS = lit.SAMPLE_ROWS + 8
+SHADOW_ROWS = lit.SAMPLE_ROWS + 9
 """Rows of samples of a frame with shadows."""
 
 POINT, NORMAL, CORNERS = 2, 5, 8
 """Rows behind the two of weights: the point and the normal of the face, three each, world axes;
 and what is gathered to find them, nine."""
 SECOND, THIRD = CORNERS + 3, CORNERS + 6
-WEIGHT_ROWS = 17
+MOVED, AWAY = 17, 20
+"""Rows: point and normal, three each, as one light finds them that a face turns away from."""
+BENT = 23
+"""Rows: the normals of the three corners, model space, three each."""
+WEIGHT_ROWS = 32
 """Rows of weights of a frame with shadows."""
 
 ORIGIN, FOCAL, CENTER = 9, 12, 14
@@ -84,6 +90,13 @@ sixteen roundings of float32."""
 
 CELL = 16
 """Side of the cells that `find_depth_ranges` looks at, pixels."""
+
+SEARCHED = np.float32(2.5)
+"""Least radius that is searched for what may shade a sample, texels: the narrowest penumbra, and
+what lies between the points that are looked at."""
+
+NARROWEST = np.float32(1.5)
+"""Least radius of a penumbra, texels: its edge is as smooth as that of 3 x 3 comparisons."""
 
 LARGEST_RADIUS = np.float32(0.25)
 """Largest radius of a penumbra, sides of a map."""
@@ -141,6 +154,16 @@ def place_samples(weights, start, stop, owner, placement):
 
 
 @stage
+def patch_end(faces, column):
+    """Return where the next few samples end that show the face of this one."""
+    end = column + 1
+    last = min(column + LANES, np.int64(faces.shape[0]))
+    while end < last and faces[np.uintp(end)] == faces[np.uintp(column)]:
+        end += 1
+    return end
+
+
+@stage
 def find_receivers(weights, faces, geometry, placement, shadows):
     """
     Find where the gathered samples of a part of a row lie, and how their faces; for all lights.
@@ -158,13 +181,11 @@ def find_receivers(weights, faces, geometry, placement, shadows):
     if shadows is None:
         return
     n, start, column, owner = np.uintp(0), np.uintp(0), np.int64(0), np.int64(0)
-    columns = np.int64(faces.shape[0])
-    while column < columns:
+    while column < faces.shape[0]:
         face = np.int64(faces[np.uintp(column)])
         end = column + 1
         if face >= 0:
-            while end < columns and end - column < LANES and faces[np.uintp(end)] == face:
-                end += 1
+            end = patch_end(faces, column)
             found = find_object(face, placement.face_starts, owner)
             if found != owner:
                 place_samples(weights, start, n, owner, placement)
@@ -263,6 +284,146 @@ def map_cube_rows(px, py, pz, nx, ny, nz, row, size, u, v, depth, across, down, 
         bias[i] = np.float32(row[BIAS_TEXELS] * (texel + abs(right) + abs(below)))
 
 
+@disjoint_stage
+def find_turned(light, px, py, pz, ax, ay, az, nx, ny, nz, turned):
+    """
+    Write 1 where a face turns away from a light that its shading normal faces, else 0.
+
+    Return whether there is any.
+    """
+    found = np.int32(0)
+    for i in range(turned.shape[0]):
+        lx = np.float64(light[0]) - np.float64(light[3]) * px[i]
+        ly = np.float64(light[1]) - np.float64(light[3]) * py[i]
+        lz = np.float64(light[2]) - np.float64(light[3]) * pz[i]
+        x, y, z = np.float64(nx[i]), np.float64(ny[i]), np.float64(nz[i])
+        side = ax[i] * x + ay[i] * y + az[i] * z
+        face = (ax[i] * lx + ay[i] * ly + az[i] * lz) * side
+        is_turned = (x * lx + y * ly + z * lz > 0.0) & (face <= 0.0)
+        turned[i] = np.float32(1.0) if is_turned else np.float32(0.0)
+        found |= np.int32(is_turned)
+    return found
+
+
+@disjoint_stage
+def bulge_rows(
+    ax, ay, az, bx, by, bz, cx, cy, cz, na, nb, nc, oa, ob, oc, ea, eb, ec, second, third, m,
+    px, py, pz, nx, ny, nz, turned, qx, qy, qz,
+):  # fmt: skip
+    """
+    Write the points of samples of one object, those turned away moved out to the smooth surface.
+
+    The mean, by the weights of the corners, of where the point lies on the corners' tangent planes.
+    """
+    for i in range(qx.shape[0]):
+        b1, b2 = second[i], third[i]
+        b0 = 1.0 - b1 - b2
+        # The ways from the first corner to the others, and from each corner to the point.
+        ux, uy, uz = bx[i] - ax[i], by[i] - ay[i], bz[i] - az[i]
+        vx, vy, vz = cx[i] - ax[i], cy[i] - ay[i], cz[i] - az[i]
+        x, y, z = b1 * ux + b2 * vx, b1 * uy + b2 * vy, b1 * uz + b2 * vz
+        sx, sy, sz = na[i] + oa[i] + ea[i], nb[i] + ob[i] + eb[i], nc[i] + oc[i] + ec[i]
+        facing = (
+            np.float64(nx[i]) * (m[0] * sx + m[1] * sy + m[2] * sz)
+            + np.float64(ny[i]) * (m[3] * sx + m[4] * sy + m[5] * sz)
+            + np.float64(nz[i]) * (m[6] * sx + m[7] * sy + m[8] * sz)
+        )
+        side = 1.0 if facing >= 0.0 else -1.0
+        d0 = min(side * (x * na[i] + y * nb[i] + z * nc[i]), 0.0)
+        d1 = min(side * ((x - ux) * oa[i] + (y - uy) * ob[i] + (z - uz) * oc[i]), 0.0)
+        d2 = min(side * ((x - vx) * ea[i] + (y - vy) * eb[i] + (z - vz) * ec[i]), 0.0)
+        w0, w1, w2 = side * b0 * d0, side * b1 * d1, side * b2 * d2
+        x = w0 * na[i] + w1 * oa[i] + w2 * ea[i]
+        y = w0 * nb[i] + w1 * ob[i] + w2 * eb[i]
+        z = w0 * nc[i] + w1 * oc[i] + w2 * ec[i]
+        share = np.float64(turned[i])
+        qx[i] = px[i] - share * (m[0] * x + m[1] * y + m[2] * z)
+        qy[i] = py[i] - share * (m[3] * x + m[4] * y + m[5] * z)
+        qz[i] = pz[i] - share * (m[6] * x + m[7] * y + m[8] * z)
+
+
+@disjoint_stage
+def choose_normals(ax, ay, az, nx, ny, nz, turned, rx, ry, rz):
+    """Write the normals of the faces, but of those turned away the shading normals."""
+    for i in range(rx.shape[0]):
+        is_turned = turned[i] > np.float32(0.0)
+        rx[i] = np.float64(nx[i]) if is_turned else ax[i]
+        ry[i] = np.float64(ny[i]) if is_turned else ay[i]
+        rz[i] = np.float64(nz[i]) if is_turned else az[i]
+
+
+@stage
+def gather_bent(weights, n, face, geometry, normals):
+    """Write the vertex normals of a face for some samples, from sample ``n`` on."""
+    a, b, c = lowest_first(geometry.faces, np.uintp(face))
+    for k in range(3):
+        spread(weights[BENT + k], n, np.float64(normals[a, k]))
+        spread(weights[BENT + 3 + k], n, np.float64(normals[b, k]))
+        spread(weights[BENT + 6 + k], n, np.float64(normals[c, k]))
+
+
+@stage
+def bulge_samples(samples, weights, start, stop, owner, placement):
+    """Move the turned samples of one object out."""
+    w, s = weights, samples
+    bulge_rows(
+        w[CORNERS, start:stop], w[CORNERS + 1, start:stop], w[CORNERS + 2, start:stop],
+        w[SECOND, start:stop], w[SECOND + 1, start:stop], w[SECOND + 2, start:stop],
+        w[THIRD, start:stop], w[THIRD + 1, start:stop], w[THIRD + 2, start:stop],
+        w[BENT, start:stop], w[BENT + 1, start:stop], w[BENT + 2, start:stop],
+        w[BENT + 3, start:stop], w[BENT + 4, start:stop], w[BENT + 5, start:stop],
+        w[BENT + 6, start:stop], w[BENT + 7, start:stop], w[BENT + 8, start:stop],
+        w[0, start:stop], w[1, start:stop], matrix_of(placement.relative_from_model, owner),
+        w[POINT, start:stop], w[POINT + 1, start:stop], w[POINT + 2, start:stop],
+        s[lit.NORMAL_X, start:stop], s[lit.NORMAL_Y, start:stop], s[lit.NORMAL_Z, start:stop],
+        s[TURNED, start:stop],
+        w[MOVED, start:stop], w[MOVED + 1, start:stop], w[MOVED + 2, start:stop],
+    )  # fmt: skip
+
+
+@stage
+def move_turned(samples, weights, count, faces, light, geometry, placement, normals):
+    """
+    Move the samples out whose faces turn away from a light that their shading normals face.
+
+    Returns
+    -------
+    int
+        Where the points and normals are, for that light: row POINT or row MOVED.
+    """
+    if normals is None:
+        return POINT
+    w, s = weights, samples
+    found = find_turned(
+        light, w[POINT, :count], w[POINT + 1, :count], w[POINT + 2, :count],
+        w[NORMAL, :count], w[NORMAL + 1, :count], w[NORMAL + 2, :count],
+        s[lit.NORMAL_X, :count], s[lit.NORMAL_Y, :count], s[lit.NORMAL_Z, :count],
+        s[TURNED, :count],
+    )  # fmt: skip
+    if found == 0:
+        return POINT
+    n, start, column, owner = np.uintp(0), np.uintp(0), np.int64(0), np.int64(0)
+    while column < faces.shape[0]:
+        face = np.int64(faces[np.uintp(column)])
+        end = column + 1
+        if face >= 0:
+            end = patch_end(faces, column)
+            now = find_object(face, placement.face_starts, owner)
+            if now != owner:
+                bulge_samples(samples, weights, start, n, owner, placement)
+                start, owner = n, now
+            gather_bent(weights, n, face, geometry, normals)
+            n += np.uintp(end - column)
+        column = end
+    bulge_samples(samples, weights, start, n, owner, placement)
+    choose_normals(
+        w[NORMAL, :count], w[NORMAL + 1, :count], w[NORMAL + 2, :count],
+        s[lit.NORMAL_X, :count], s[lit.NORMAL_Y, :count], s[lit.NORMAL_Z, :count],
+        s[TURNED, :count], w[AWAY, :count], w[AWAY + 1, :count], w[AWAY + 2, :count],
+    )  # fmt: skip
+    return MOVED
+
+
 @stage
 def limits(v, size, sides):
     """Return the first row of the map that a sample lies in, and whether it lies in any."""
@@ -349,14 +510,14 @@ def find_shading(
     last, most = np.float32(size - 1), LARGEST_RADIUS * np.float32(size)
     for i in range(found.shape[0]):
         top = limits(v[i], size, sides)
-        radius = min(max(widening * (highest - depth[i]), one), most)
+        radius = min(max(widening * (highest - depth[i]), SEARCHED), most)
         column = min(max(np.floor(u[i] + dx * radius), zero), last)
         row = min(max(np.floor(v[i] + dy * radius), top), top + last)
         right, below = column + half - u[i], row + half - v[i]
         plane = depth[i] + across[i] * right + down[i] * below
         plane += bias[i] + DEPTH_ROUNDING * abs(depth[i])
         stored = texels[np.uintp(np.int32(row) * np.int32(size) + np.int32(column))]
-        reach = widening * (stored - depth[i]) + one
+        reach = widening * (stored - depth[i]) + SEARCHED
         shades = (stored > plane) & (right * right + below * below <= reach * reach)
         found[i] += one if shades else zero
         nearer[i] += stored if shades else zero
@@ -380,7 +541,7 @@ def read_penumbra(
     for i in range(share.shape[0]):
         top = limits(v[i], size, sides)
         mean = nearer[i] / max(found[i], one)
-        radius = min(max(widening * (mean - depth[i]), one), most)
+        radius = min(max(widening * (mean - depth[i]), NARROWEST), most)
         at_u, at_v = u[i] + dx * radius - half, v[i] + dy * radius - half
         left, above = np.floor(at_u), np.floor(at_v)
         right, below = at_u - left, at_v - above
@@ -431,33 +592,33 @@ def read_soft(
 
 
 @stage
-def map_samples(samples, weights, count, row, size, sides):
-    """Take samples to the map of a light, or to its six."""
-    w, s = weights, samples
+def map_samples(samples, weights, count, at, row, size, sides):
+    """Take samples, with points and normals from row ``at`` on, to a light's map or its six."""
+    w, s = weights[at : at + 6], samples
     if sides == 1:
         map_rows(
-            w[POINT, :count], w[POINT + 1, :count], w[POINT + 2, :count],
-            w[NORMAL, :count], w[NORMAL + 1, :count], w[NORMAL + 2, :count], row,
+            w[0, :count], w[1, :count], w[2, :count], w[3, :count], w[4, :count], w[5, :count],
+            row,
             s[U, :count], s[V, :count], s[DEPTH, :count], s[ACROSS, :count], s[DOWN, :count],
             s[BIAS, :count],
         )  # fmt: skip
     else:
         map_cube_rows(
-            w[POINT, :count], w[POINT + 1, :count], w[POINT + 2, :count],
-            w[NORMAL, :count], w[NORMAL + 1, :count], w[NORMAL + 2, :count], row, size,
+            w[0, :count], w[1, :count], w[2, :count], w[3, :count], w[4, :count], w[5, :count],
+            row, size,
             s[U, :count], s[V, :count], s[DEPTH, :count], s[ACROSS, :count], s[DOWN, :count],
             s[BIAS, :count],
         )  # fmt: skip
 
 
 @stage
-def read_map(samples, weights, count, n, shadows):
-    """Write the share of light number ``n``, which has a map."""
+def read_map(samples, weights, count, at, n, shadows):
+    """Write the share of light number ``n``, which has a map; points are from row ``at`` on."""
     row, s = shadows.maps[n], samples
     first, size = shadows.places[n, FIRST], shadows.places[n, SIZE]
     kind, sides = shadows.places[n, FILTER], shadows.places[n, SIDES]
     texels = shadows.texels[first : first + sides * size * size]
-    map_samples(samples, weights, count, row, size, sides)
+    map_samples(samples, weights, count, at, row, size, sides)
     u, v, depth = s[U, :count], s[V, :count], s[DEPTH, :count]
     across, down, bias = s[ACROSS, :count], s[DOWN, :count], s[BIAS, :count]
     share, stacked = s[lit.SHADOW, :count], np.float32(sides)
@@ -473,17 +634,21 @@ def read_map(samples, weights, count, n, shadows):
 
 
 @stage
-def shadow_row(samples, weights, count, n, shadows):
+def shadow_row(samples, weights, count, faces, n, lighting, geometry, placement, shadows):
     """
     Return the share of light number ``n`` that reaches each sample, 0..1.
 
     Parameters
     ----------
     samples : (SHADOW_ROWS, N) float32
-        Writes row SHADOW and those from U on.
+        Reads the normals, writes row SHADOW and those from U on.
     weights : (WEIGHT_ROWS, N) float64
-        Reads rows POINT and NORMAL, as `find_receivers` leaves them.
-    count, n : int
+        Reads rows POINT, NORMAL and CORNERS, as `find_receivers` leaves them.
+    count : int
+    faces : (C,) int32
+        The visible faces of the part; those of the samples are not negative.
+    n : int
+    lighting, geometry, placement : records
     shadows : Shadows or None
 
     Returns
@@ -493,11 +658,33 @@ def shadow_row(samples, weights, count, n, shadows):
     if shadows is None:
         return None
     if shadows.places[n, FIRST] >= 0:
-        read_map(samples, weights, count, n, shadows)
+        light = lighting.lights[n]
+        at = move_turned(
+            samples, weights, count, faces, light, geometry, placement, shadows.normals
+        )
+        read_map(samples, weights, count, at, n, shadows)
     else:
-        for i in range(count):
-            samples[lit.SHADOW, i] = np.float32(1.0)
+        fill_lit(samples, count)
     return samples[lit.SHADOW, :count]
+
+
+@stage
+def vertex_shadow_row(samples, weights, count, n, shadows):
+    """Return the share of light that reaches vertices, which `note_vertex` has noted."""
+    if shadows is None:
+        return None
+    if shadows.places[n, FIRST] >= 0:
+        read_map(samples, weights, count, POINT, n, shadows)
+    else:
+        fill_lit(samples, count)
+    return samples[lit.SHADOW, :count]
+
+
+@stage
+def fill_lit(samples, count):
+    """Let all of a light reach each sample."""
+    for i in range(count):
+        samples[lit.SHADOW, i] = np.float32(1.0)
 
 
 @stage
