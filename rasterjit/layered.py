@@ -27,6 +27,7 @@ from rasterjit.kernels.records import (
     Placement,
     ScreenVertices,
     Surface,
+    Viewport,
 )
 from rasterjit.kernels.setup import TILE_SIZE
 from rasterjit.memory import Memory
@@ -49,8 +50,27 @@ BYTES_PER_FRAGMENT = 8
 ROWS_AT_ONCE = 16
 """Rows of a band that are shaded and put together at once: their colours stay in L2."""
 
-CENTRE = np.zeros((1, 2), np.int32)
-"""The one sample of a pixel, as `transparency.find_layers` takes it."""
+STEPS = 16
+"""Positions of samples are whole sixteenths of a pixel."""
+
+SAMPLE_POSITIONS = {
+    1: ((0, 0),),
+    2: ((4, 4), (-4, -4)),
+    4: ((-2, -6), (6, -2), (-6, 2), (2, 6)),
+    8: ((1, -3), (-1, 3), (5, 1), (-3, -5), (-5, 5), (-7, -1), (3, 7), (7, -7)),
+    16: (
+        (1, 1), (-1, -3), (-3, 2), (4, -1), (-5, -2), (2, 5), (5, 3), (3, -5),
+        (-2, 6), (0, -7), (-4, -6), (-6, 4), (-8, 0), (7, -4), (6, 7), (-7, -8),
+    ),
+}  # fmt: skip
+"""
+Where the samples of a pixel lie, from its centre to the right and down, in sixteenths of a pixel.
+
+References
+----------
+.. [1] Microsoft, "D3D11_STANDARD_MULTISAMPLE_QUALITY_LEVELS".
+.. [2] The Khronos Group, "Vulkan 1.4 Specification", "Standard sample locations": the same.
+"""
 
 
 class Shader(NamedTuple):
@@ -65,6 +85,29 @@ class Shader(NamedTuple):
     encoding: Encoding
     sky: stages.Sky | None = None
     """The environment, if it is seen where no face is."""
+    cutouts: Cutouts | None = None
+    """The objects that have holes."""
+
+    def shade(
+        self, faces: NDArray[np.int32], first_row: int, linear: NDArray[np.float32], scratch: Any
+    ) -> None:
+        """Write the linear colour of an image of faces, (R, W), alone, as if in front of all."""
+        no_color = np.empty((len(linear), 0), np.uint32)
+        shading.shade_rows(
+            faces, first_row, self.geometry, self.placement, self.surface, self.lighting,
+            self.background, self.encoding, linear, no_color, scratch,
+        )  # fmt: skip
+
+    def shade_last(
+        self, faces: NDArray[np.int32], first_row: int, linear: NDArray[np.float32], scratch: Any
+    ) -> None:
+        """Write the same, and the environment where no face is."""
+        self.shade(faces, first_row, linear, scratch)
+        if self.sky is not None:
+            no_color = np.empty((len(linear), 0), np.uint32)
+            backgrounds.show_environment(
+                faces, first_row, *self.sky, self.encoding, linear, no_color
+            )
 
 
 class Lists(NamedTuple):
@@ -78,36 +121,54 @@ class Lists(NamedTuple):
     """(M,)."""
     faces: Faces
     screen: ScreenVertices
-    cutouts: Cutouts | None
 
 
 class Band(NamedTuple):
-    """The layers of some rows of the frame."""
+    """The layers of some rows of the frame, for N samples of each pixel."""
 
     first_row: int
     opaque: NDArray[np.int32]
-    """(R, W), the opaque face at each pixel, -1 where there is none."""
+    """(N, R, W), the opaque face at each sample, -1 where there is none."""
     transparent: NDArray[np.int32]
-    """(K, R, W), the transparent faces in front of it, nearest first, -1 where there are fewer."""
+    """(N, K, R, W), the transparent faces in front of it, nearest first, -1 where there are
+    fewer."""
+
+
+def sample_shifts(samples: int, grid_bits: int) -> NDArray[np.int32]:
+    """Return what moves each sample to the pixel's centre, (N, 2), units of the sub-pixel grid."""
+    return np.array(SAMPLE_POSITIONS[samples], np.int32) * -((1 << grid_bits) // STEPS)
+
+
+def sampled_viewport(viewport: Viewport, samples: int | str) -> Viewport:
+    """Return the viewport of a frame whose samples may lie anywhere in their pixels."""
+    if samples == 1:
+        return viewport
+    return viewport._replace(reach=1 << (viewport.grid_bits - 1))
 
 
 def part_lists(
-    coverage: Coverage, face_starts: NDArray[np.int64], is_blended: NDArray[np.uint8]
+    coverage: Coverage, viewport: Viewport, is_blended: NDArray[np.uint8], workers: Workers
 ) -> Lists:
     """Return the tiles' lists with the opaque triangles before the transparent ones."""
     lists = coverage.lists
-    if lists is None:
-        raise ValueError("coverage must hold the lists of its tiles, got None")
-    parted = np.empty(len(lists.binned), np.int32)
-    middles = np.empty(len(lists.starts) - 1, np.int64)
+    if lists is None or lists.objects is None:
+        raise ValueError("coverage must hold the lists of its tiles, got none")
+    starts, binned = lists.starts, lists.binned
+    if viewport.reach is not None:
+        # More triangles reach a tile if samples lie beside the centres.
+        starts, binned, _, _ = stages.set_up_and_bin(
+            lists.faces, lists.objects, coverage.screen, viewport, workers
+        )
+    parted = workers.memory.empty((len(binned),), np.int32)
+    middles = np.empty(len(starts) - 1, np.int64)
     transparency.split_lists(
-        lists.starts, lists.binned, lists.faces, face_starts, is_blended, parted, middles
+        starts, binned, lists.faces, lists.objects.face_starts, is_blended, parted, middles
     )
-    return Lists(lists.starts, middles, parted, lists.faces, coverage.screen, coverage.cutouts)
+    return Lists(starts, middles, parted, lists.faces, coverage.screen)
 
 
 def find_layers(
-    rows: tuple[int, int], lists: Lists, geometry: Geometry, scratch: Any, memory: Memory
+    rows: tuple[int, int], lists: Lists, samples: int, shader: Shader, memory: Memory
 ) -> Iterator[Band]:
     """
     Yield the layers of some rows, in parts if they have many.
@@ -117,9 +178,8 @@ def find_layers(
     rows : (int, int)
         First row, and one past the last, of one row of tiles.
     lists : Lists
-    geometry : Geometry
-    scratch : tuple
-        From ``transparency.scratch_memory``.
+    samples : int
+    shader : Shader
     memory : Memory
 
     Raises
@@ -127,64 +187,133 @@ def find_layers(
     ValueError
         If a pixel has more layers than are sorted.
     """
-    viewport = geometry.viewport
+    viewport = shader.geometry.viewport
     width, height = viewport.width, rows[1] - rows[0]
-    room = FIRST_GUESS
+    shifts = sample_shifts(samples, viewport.grid_bits)
+    scratch = transparency.scratch_memory(shader.cutouts is not None)
+    room = 0 if len(lists.parted) == 0 else FIRST_GUESS
     while True:
-        shape = 1, room, height, width
+        shape = samples, room, height, width
         found = memory.empty(shape, np.float32), memory.empty(shape, np.int32)
-        opaque = memory.empty((1, height, width), np.int32)
-        used = np.empty((1, -(-width // TILE_SIZE)), np.int64)
-        needed, column, row = transparency.find_layers(
+        opaque = memory.empty((samples, height, width), np.int32)
+        used = np.empty((samples, -(-width // TILE_SIZE)), np.int64)
+        deepest = transparency.find_layers(
             rows, lists.starts, lists.middles, lists.parted, lists.faces, lists.screen, viewport,
-            CENTRE, opaque, found, used, scratch, lists.cutouts,
+            shifts, opaque, found, used, scratch, shader.cutouts,
         )  # fmt: skip
+        needed, column, row = map(int, deepest)
         if needed <= room:
-            yield Band(rows[0], opaque[0], found[1][0, :needed])
+            yield Band(rows[0], opaque, found[1][:, :needed])
             return
-        most = min(MOST_LAYERS, MOST_BYTES // (BYTES_PER_FRAGMENT * width))
+        most = min(MOST_LAYERS, MOST_BYTES // (BYTES_PER_FRAGMENT * samples * width))
         if needed > most:
             raise ValueError(
                 f"the scene has {needed} transparent surfaces behind each other at the pixel in "
-                f"column {column}, row {row}; at most {most} are sorted in a frame {width} wide"
+                f"column {column}, row {row}; at most {most} are sorted in a frame {width} wide "
+                f"with {samples} samples"
             )
-        if needed * height * width * BYTES_PER_FRAGMENT > MOST_BYTES:
+        if needed * samples * height * width * BYTES_PER_FRAGMENT > MOST_BYTES:
             middle = rows[0] + height // 2
-            yield from find_layers((rows[0], middle), lists, geometry, scratch, memory)
-            yield from find_layers((middle, rows[1]), lists, geometry, scratch, memory)
+            yield from find_layers((rows[0], middle), lists, samples, shader, memory)
+            yield from find_layers((middle, rows[1]), lists, samples, shader, memory)
             return
         room = needed
 
 
-def shade_band(
+def parts_of(height: int, most: int) -> list[slice]:
+    """Return the parts of some rows that are shaded and put together at once."""
+    return [slice(first, first + most) for first in range(0, height, most)]
+
+
+def lay_layers(
     band: Band, shader: Shader, linear: NDArray[np.float32], scratch: Any, memory: Memory
 ) -> None:
-    """Write the linear colour of some rows, (R, W, 4), the layers over each other."""
-    no_color = np.empty((len(linear), 0), np.uint32)
+    """Write the linear colour of some rows, (R, W, 4), one sample each: layers over each other."""
+    for part in parts_of(len(linear), ROWS_AT_ONCE):
+        first, target = band.first_row + part.start, linear[part]
+        images = [*band.transparent[0, :, part], band.opaque[0, part]]
+        if len(images) == 1:
+            shader.shade_last(images[0], first, target, scratch)
+            continue
+        colors, sums = (memory.empty(target.shape, np.float32) for _ in range(2))
+        layers.start_sums(sums)
+        for faces, behind in pairwise(images):
+            shader.shade(faces, first, colors, scratch)
+            layers.lay_under(colors, faces, behind, sums)
+        shader.shade_last(images[-1], first, target, scratch)
+        layers.finish_sums(sums, target)
 
-    def shade_image(faces: NDArray[np.int32], target: NDArray[np.float32]) -> None:
-        shading.shade_rows(
-            faces, band.first_row, shader.geometry, shader.placement, shader.surface,
-            shader.lighting, shader.background, shader.encoding, target, no_color, scratch,
-        )  # fmt: skip
 
-    def shade_behind() -> None:
-        shade_image(band.opaque, linear)
-        if shader.sky is not None:
-            backgrounds.show_environment(
-                band.opaque, band.first_row, *shader.sky, shader.encoding, linear, no_color
-            )
+def mix_faces(
+    band: Band, shader: Shader, linear: NDArray[np.float32], scratch: Any, memory: Memory
+) -> None:
+    """Write the linear colour of some rows, (R, W, 4), of opaque faces at several samples."""
+    shape = band.opaque.shape
+    shown, shares = memory.empty(shape, np.int32), memory.empty(shape, np.float32)
+    rest, differences = memory.empty(shape[1:], np.float32), np.zeros(shape[2], np.int32)
+    count = int(layers.find_shares(band.opaque, shown, shares, rest, differences))
+    mix_shares(band.first_row, shown[:count], shares, rest, shader, linear, scratch, memory)
 
-    if len(band.transparent) == 0:
-        shade_behind()
-        return
-    colors, sums = memory.empty(linear.shape, np.float32), memory.empty(linear.shape, np.float32)
-    layers.start_sums(sums)
-    for faces, behind in pairwise([*band.transparent, band.opaque]):
-        shade_image(faces, colors)
-        layers.lay_under(colors, faces, behind, sums)
-    shade_behind()
-    layers.finish_sums(sums, linear)
+
+def mix_shares(
+    first_row: int,
+    shown: NDArray[np.int32],
+    shares: NDArray[np.float32],
+    rest: NDArray[np.float32],
+    shader: Shader,
+    linear: NDArray[np.float32],
+    scratch: Any,
+    memory: Memory,
+) -> None:
+    """
+    Write the linear colour of some rows whose pixels show shares of several faces.
+
+    Parameters
+    ----------
+    first_row : int
+    shown : (J, R, W) int32
+        The faces of each pixel, -1 behind the last.
+    shares : (J or more, R, W) float32
+    rest : (R, W) float32
+        The share that shows no face.
+    shader : Shader
+    linear : (R, W, 4) float32
+        Written.
+    scratch : tuple
+    memory : Memory
+    """
+    for part in parts_of(len(linear), ROWS_AT_ONCE):
+        first, target = first_row + part.start, linear[part]
+        colors = memory.empty(target.shape, np.float32)
+        shader.shade_last(shown[0, part], first, target, scratch)
+        shader.shade_last(np.full(target.shape[:2], -1, np.int32), first, colors, scratch)
+        layers.start_mix(colors, shares[0, part], rest[part], target)
+        for faces, own in zip(shown[1:, part], shares[1:, part], strict=False):
+            shader.shade(faces, first, colors, scratch)
+            layers.add_shares(colors, faces, own, target)
+        layers.finish_mix(shares[0, part], rest[part], target)
+
+
+def mix_layers(
+    band: Band, shader: Shader, linear: NDArray[np.float32], scratch: Any, memory: Memory
+) -> None:
+    """Write the linear colour of some rows, (R, W, 4), of layers at several samples."""
+    samples, levels, _, width = band.transparent.shape
+    # What is known of one face in one pixel: its number and its colour.
+    per_row = samples * (levels + 1) * width * (4 + 16)
+    rows = min(max(MOST_BYTES // 16 // per_row, 1), ROWS_AT_ONCE)
+    for part in parts_of(len(linear), rows):
+        first, target = band.first_row + part.start, linear[part]
+        opaque = np.ascontiguousarray(band.opaque[:, part])
+        transparent = np.ascontiguousarray(band.transparent[:, :, part])
+        shown = memory.empty((samples * (levels + 1), *target.shape[:2]), np.int32)
+        count = int(layers.list_faces(opaque, transparent, shown))
+        colors = memory.empty((count, *target.shape), np.float32)
+        behind = memory.empty(target.shape, np.float32)
+        for faces, color in zip(shown, colors, strict=False):
+            shader.shade(faces, first, color, scratch)
+        shader.shade_last(np.full(target.shape[:2], -1, np.int32), first, behind, scratch)
+        layers.mix_samples(opaque, transparent, colors, behind, target)
 
 
 def shade(
@@ -196,7 +325,7 @@ def shade(
     workers: Workers,
 ) -> None:
     """
-    Shade a frame with transparent surfaces.
+    Shade a frame whose pixels show several faces, over each other or beside each other.
 
     Parameters
     ----------
@@ -215,31 +344,52 @@ def shade(
     ValueError
         If a pixel has more layers than are sorted.
     """
-    viewport, surface, memory = shader.geometry.viewport, shader.surface, workers.memory
-    lists = part_lists(coverage, shader.placement.face_starts, plan.is_blended)
-    rows = shading.sample_rows(surface, shader.lighting)
+    viewport = sampled_viewport(shader.geometry.viewport, plan.samples)
+    lists = part_lists(coverage, viewport, plan.is_blended, workers)
     encoding, behind = shader.encoding, shader.background
-    if encoding.tone is not None:
-        # What is given as a colour is shown as given: it comes behind when tones are mapped.
-        shader = shader._replace(background=np.zeros(4, np.float32))
+    geometry, cutouts = shader.geometry._replace(viewport=viewport), shader.cutouts
+    shader = shader._replace(
+        geometry=geometry,
+        cutouts=None if cutouts is None else cutouts._replace(geometry=geometry),
+        # Where tones are mapped the background, which is shown as given, comes behind at the end.
+        background=behind if encoding.tone is None else np.zeros(4, np.float32),
+    )
 
     def shade_tiles(first: int) -> None:
-        scratch = shading.scratch_memory(rows, surface.textures is not None)
-        all_rows = first, min(first + TILE_SIZE, viewport.height)
-        drawing = transparency.scratch_memory(lists.cutouts is not None)
-        for band in find_layers(all_rows, lists, shader.geometry, drawing, memory):
-            for start in range(0, len(band.opaque), ROWS_AT_ONCE):
-                part = slice(start, start + ROWS_AT_ONCE)
-                some = Band(band.first_row + start, band.opaque[part], band.transparent[:, part])
-                shape = (*some.opaque.shape, 4)
-                place = slice(some.first_row, some.first_row + shape[0])
-                target = memory.empty(shape, np.float32) if linear is None else linear[place]
-                shade_band(some, shader, target, scratch, memory)
-                if color is not None:
-                    packed = color.view(np.uint32)[place, :, 0]
-                    if encoding.tone is None:
-                        resolve.encode_rows(target, encoding.table, packed)
-                    else:
-                        backgrounds.show_over(target, behind, encoding, packed)
+        last = min(first + TILE_SIZE, viewport.height)
+        shape = last - first, viewport.width, 4
+        target = workers.memory.empty(shape, np.float32) if linear is None else linear[first:last]
+        shade_rows((first, last), plan, lists, shader, target, workers.memory)
+        if encoding.tone is not None:
+            packed = workers.memory.empty(shape[:2], np.uint32)
+            if color is not None:
+                packed = color.view(np.uint32)[first:last, :, 0]
+            backgrounds.show_over(target, behind, encoding, packed)
+        elif color is not None:
+            packed = color.view(np.uint32)[first:last, :, 0]
+            resolve.encode_rows(target, encoding.table, packed)
 
     workers.run(shade_tiles, [(first,) for first in range(0, viewport.height, TILE_SIZE)])
+
+
+def shade_rows(
+    rows: tuple[int, int],
+    plan: Layers,
+    lists: Lists,
+    shader: Shader,
+    linear: NDArray[np.float32],
+    memory: Memory,
+) -> None:
+    """Write the linear colour of one row of tiles, (R, W, 4)."""
+    scratch = shading.scratch_memory(
+        shading.sample_rows(shader.surface, shader.lighting), shader.surface.textures is not None
+    )
+    for band in find_layers(rows, lists, plan.samples, shader, memory):
+        start = band.first_row - rows[0]
+        target = linear[start : start + band.opaque.shape[1]]
+        if plan.samples == 1:
+            lay_layers(band, shader, target, scratch, memory)
+        elif band.transparent.shape[1] == 0:
+            mix_faces(band, shader, target, scratch, memory)
+        else:
+            mix_layers(band, shader, target, scratch, memory)

@@ -50,7 +50,14 @@ def shade_faces(
     sky = find_sky(plan)
     if plan.layers is not None:
         shader = layered.Shader(
-            geometry, placement, surface, lighting, plan.background, plan.encoding, sky
+            geometry,
+            placement,
+            surface,
+            lighting,
+            plan.background,
+            plan.encoding,
+            sky,
+            prepared.looks.cutouts if plan.needs_cutouts else None,
         )
         layered.shade(plan.layers, coverage, shader, linear, color, workers)
     else:

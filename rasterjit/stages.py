@@ -90,6 +90,7 @@ class TileLists(NamedTuple):
     binned: NDArray[np.int32]
     """(M,): below F a face, ``F + p`` piece p."""
     faces: Faces
+    objects: Objects | None = None
 
 
 class ModelVertices(NamedTuple):
@@ -391,7 +392,7 @@ def find_visible(
     outside, degenerate, culled, unsampled, invalid = (int(n) for n in sums)
     drawn = len(faces) - (outside + degenerate + culled + unsampled + invalid)
     totals = Totals(len(faces), outside, degenerate, culled, unsampled, invalid, drawn, clipped)
-    lists = TileLists(starts, binned, all_faces) if keep_lists else None
+    lists = TileLists(starts, binned, all_faces, objects) if keep_lists else None
     return Coverage(depth, face_id, screen, clip_positions, totals, lists, cutouts)
 
 
@@ -438,7 +439,8 @@ def set_up_and_bin(
             for n, part in enumerate(parts)
         ],
     )
-    with_large = counts[:, tiles].nonzero()[0].tolist()
+    # What covers the centres of a tile need not cover all samples.
+    with_large = [] if viewport.reach is not None else counts[:, tiles].nonzero()[0].tolist()
     floors = np.full((len(with_large) + 1, tiles), -np.inf, np.float32)
     workers.run(
         occlusion.find_floors,

@@ -88,7 +88,7 @@ def bin_triangles(
                     list_in_tile(triangle, np.uintp(row * columns + column), cursors, binned)
         else:
             corners, _ = triangle_of(own, pieces, piece_faces, np.int64(triangle))
-            lines = tile_edges(corners[0], corners[1], corners[2], screen.xy, viewport.grid_bits)
+            lines = tile_edges(corners[0], corners[1], corners[2], screen.xy, viewport)
             steps = lines[0][1] << TILE_BITS, lines[1][1] << TILE_BITS, lines[2][1] << TILE_BITS
             for row in range(top, bottom + 1):
                 e0 = best_in_tile(lines[0], left, row)

@@ -58,6 +58,22 @@ def weights_without_zeros(edges, ws):
 
 
 @stage
+def held_edges(e0, e1, e2, reach):
+    """
+    Return three edges at a pixel's centre, where the samples of a face may lie beside it.
+
+    They are turned positive inside and held at zero and above: of a centre outside the face that
+    leaves a point of its border, and weights that mix nothing but what the vertices have. Inside,
+    and where a pixel has one sample, they are worth what they were.
+    """
+    if reach is None:
+        return e0, e1, e2
+    turn = np.int64(1) if e0 + e1 + e2 > 0 else np.int64(-1)
+    zero = np.int64(0)
+    return max(e0 * turn, zero), max(e1 * turn, zero), max(e2 * turn, zero)
+
+
+@stage
 def snapped_weights(a, b, c, column, row, geometry):
     """
     Return the weights on a face that was not clipped, not yet normalized.
@@ -78,9 +94,11 @@ def snapped_weights_at(a, b, c, px, py, geometry):
     bx, by = np.int64(geometry.xy[b, 0]), np.int64(geometry.xy[b, 1])
     cx, cy = np.int64(geometry.xy[c, 0]), np.int64(geometry.xy[c, 1])
     wa, wb, wc = geometry.w[a], geometry.w[b], geometry.w[c]
-    e0 = np.float64(edge(bx, by, cx, cy, px, py))
-    e1 = np.float64(edge(cx, cy, ax, ay, px, py))
-    e2 = np.float64(edge(ax, ay, bx, by, px, py))
+    k0, k1, k2 = held_edges(
+        edge(bx, by, cx, cy, px, py), edge(cx, cy, ax, ay, px, py), edge(ax, ay, bx, by, px, py),
+        geometry.viewport.reach,
+    )  # fmt: skip
+    e0, e1, e2 = np.float64(k0), np.float64(k1), np.float64(k2)
     smallest = min(wa, min(wb, wc))
     w0, w1, w2 = e0 * (smallest / wa), e1 * (smallest / wb), e2 * (smallest / wc)
     if abs(w0 + w1 + w2) > UNDERFLOW:
@@ -141,12 +159,13 @@ def weights_from_edges(e0, e1, e2, ratios):
 
 
 @disjoint_stage
-def weights_along_row(second, third, row_start):
+def weights_along_row(second, third, row_start, reach):
     """Write the weights of the second and third vertex along a row; return if any is doubtful."""
     (e0, e1, e2), steps, ratios = row_start
     doubtful = np.int64(0)
     for i in range(second.shape[0]):
-        second[i], third[i], is_doubtful = weights_from_edges(e0, e1, e2, ratios)
+        k0, k1, k2 = held_edges(e0, e1, e2, reach)
+        second[i], third[i], is_doubtful = weights_from_edges(k0, k1, k2, ratios)
         doubtful |= is_doubtful
         e0 += steps[0]
         e1 += steps[1]

@@ -1,9 +1,13 @@
 """
 Lay the colours of a pixel over each other, or mix them, in linear light.
 
-What is summed up is premultiplied: colour times alpha. A pixel's sum lies in four numbers: red,
-green, blue, and the share of light that comes through from behind (`lay_over`) or that is accounted
-for (`add_share`). What changes nothing leaves every bit of a colour as it is.
+What is summed up is premultiplied: colour times alpha. What changes nothing leaves every bit of a
+colour as it is: a layer with alpha 0, what lies behind one with alpha 1, and the mean of samples
+that all show the same.
+
+With several samples a pixel shows several faces, each shaded once. `find_shares` lists them with
+the share of the samples that show them; where something is transparent, the share of a face depends
+on the alpha of those before it, and `list_faces` keeps for each sample which faces it shows.
 
 References
 ----------
@@ -14,8 +18,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from rasterjit.kernels.jit import kernel, stage
+from rasterjit.kernels.jit import disjoint_stage, kernel, stage
 from rasterjit.kernels.visibility import NOTHING
+
+FILLED_COLUMNS = 8
+"""Columns of a gap between faces that is filled."""
 
 THROUGH = 3
 """Column of a sum: the share of light that comes through from behind."""
@@ -117,5 +124,327 @@ def finish_sums(sums, linear):
             total = sums[row, i, 0], sums[row, i, 1], sums[row, i, 2]
             own = linear[row, i, 0], linear[row, i, 1], linear[row, i, 2], linear[row, i, 3]
             shown = over_background(total, through, own)
+            for k in range(4):
+                linear[row, i, k] = shown[k]
+
+
+@disjoint_stage
+def note_differences(first, other, differences):
+    """Note where a sample shows another face than the first one."""
+    for i in range(first.shape[0]):
+        differences[i] |= np.int32(first[i] ^ other[i])
+
+
+@disjoint_stage
+def show_first(faces, shown, shares, rest):
+    """Write what pixels show if all samples show the face of the first one."""
+    one, none = np.float32(1.0), np.float32(0.0)
+    for i in range(faces.shape[0]):
+        shown[i] = faces[i]
+        shares[i] = none if faces[i] < 0 else one
+        rest[i] = one if faces[i] < 0 else none
+
+
+@disjoint_stage
+def empty_row(faces):
+    """Mark a row of a layer as empty."""
+    for i in range(faces.shape[0]):
+        faces[i] = NOTHING
+
+
+@stage
+def share_pixel(opaque, shown, shares, rest, row, i, most):
+    """List the faces of a pixel with their shares; return the most faces in a pixel so far."""
+    samples = opaque.shape[0]
+    part, none = np.float32(1.0) / np.float32(samples), np.float32(0.0)
+    count, empty = np.int64(0), none
+    for sample in range(samples):
+        face = opaque[sample, row, i]
+        if face < 0:
+            empty += part
+            continue
+        layer = np.int64(0)
+        while layer < count and shown[layer, row, i] != face:
+            layer += 1
+        if layer == count:
+            if layer == most:
+                # A layer more than any row had so far: empty in all of them.
+                for above in range(row + 1):
+                    empty_row(shown[layer, above])
+                most += 1
+            shown[layer, row, i] = face
+            shares[layer, row, i] = none
+            count += 1
+        shares[layer, row, i] += part
+    rest[row, i] = empty
+    return most
+
+
+@stage
+def fill_gaps(faces, shares):
+    """
+    Fill gaps of a few columns with the face before them, and a share of 0.
+
+    Neighbours are shaded together, which is faster than to begin anew behind each gap.
+    """
+    last = np.int64(-FILLED_COLUMNS - 1)
+    for i in range(faces.shape[0]):
+        face = faces[np.uintp(i)]
+        if face >= 0:
+            if i - last <= FILLED_COLUMNS:
+                for k in range(last + 1, i):
+                    faces[np.uintp(k)] = faces[np.uintp(last)]
+                    shares[np.uintp(k)] = np.float32(0.0)
+            last = i
+
+
+@kernel
+def find_shares(opaque, shown, shares, rest, differences):
+    """
+    List the faces that the samples of each pixel show, and which share of them does.
+
+    Parameters
+    ----------
+    opaque : (N, R, W) int32
+        The face at each sample, -1 where there is none.
+    shown : (N, R, W) int32
+        Written: the different faces of each pixel, in the order of the first sample that shows
+        them; -1 behind the last, or any face with a share of 0. As many layers as the pixels need.
+    shares : (N, R, W) float32
+        Written: their shares of the samples, in 0..1; for a face -1 anything.
+    rest : (R, W) float32
+        Written: the share that shows no face.
+    differences : (W,) int32
+        Scratch memory, all 0; left so.
+
+    Returns
+    -------
+    int
+        The most faces in a pixel.
+    """
+    samples, rows, columns = opaque.shape
+    most = np.int64(1)
+    for row in range(rows):
+        for layer in range(1, most):
+            empty_row(shown[layer, row])
+        for sample in range(1, samples):
+            note_differences(opaque[0, row], opaque[sample, row], differences)
+        show_first(opaque[0, row], shown[0, row], shares[0, row], rest[row])
+        differing = np.int32(0)
+        for i in range(columns):
+            differing |= differences[np.uintp(i)]
+        for i in range(columns if differing != 0 else 0):
+            if differences[np.uintp(i)] != 0:
+                differences[np.uintp(i)] = 0
+                most = share_pixel(opaque, shown, shares, rest, row, i, most)
+        for layer in range(1, most):
+            fill_gaps(shown[layer, row], shares[layer, row])
+    return most
+
+
+@stage
+def is_mixed(share, rest):
+    """Return whether a pixel shows more than one face, or a face and what is behind all."""
+    one = np.float32(1.0)
+    return (share != one) & (rest != one)
+
+
+@kernel
+def start_mix(behind, shares, rest, linear):
+    """
+    Begin to mix the faces of each pixel.
+
+    Parameters
+    ----------
+    behind : (R, W, 4) float32, linear, straight alpha
+        What is seen where no face is.
+    shares, rest : (R, W) float32
+        The shares of the first layer and of what is behind.
+    linear : (R, W, 4) float32
+        The first layer shaded; changed where a pixel is mixed: its share, premultiplied.
+    """
+    for row in range(rest.shape[0]):
+        for i in range(rest.shape[1]):
+            own, other = shares[row, i], rest[row, i]
+            if is_mixed(own, other):
+                through = other * behind[row, i, 3]
+                for k in range(3):
+                    color = own * linear[row, i, k]
+                    linear[row, i, k] = color + seen_share(through, behind[row, i, k])
+                linear[row, i, 3] = np.float32(1.0) - (other - through)
+
+
+@stage
+def seen_share(share, value):
+    """Return a share of a value, which may be infinite if the share is 0."""
+    none = np.float32(0.0)
+    return share * value if share > none else none
+
+
+@kernel
+def add_shares(colors, faces, shares, linear):
+    """
+    Add the shares of a layer to the mix.
+
+    Parameters
+    ----------
+    colors : (R, W, 4) float32, linear
+    faces : (R, W) int32
+    shares : (R, W) float32
+        Read where there is a face; one with a share of 0 adds nothing.
+    linear : (R, W, 4) float32
+        Changed.
+    """
+    for row in range(faces.shape[0]):
+        for i in range(faces.shape[1]):
+            if faces[row, i] >= 0:
+                share = shares[row, i]
+                for k in range(3):
+                    linear[row, i, k] += seen_share(share, colors[row, i, k])
+
+
+@kernel
+def finish_mix(shares, rest, linear):
+    """
+    Divide what was mixed by its alpha.
+
+    Parameters
+    ----------
+    shares, rest : (R, W) float32
+        As `start_mix` takes them.
+    linear : (R, W, 4) float32
+        Changed: straight alpha.
+    """
+    one, none = np.float32(1.0), np.float32(0.0)
+    for row in range(rest.shape[0]):
+        for i in range(rest.shape[1]):
+            alpha = linear[row, i, 3]
+            if is_mixed(shares[row, i], rest[row, i]) and none < alpha < one:
+                for k in range(3):
+                    linear[row, i, k] /= alpha
+
+
+@stage
+def number_of(face, shown, count, row, i):
+    """Return the number of a face among those of a pixel, which it joins if it is not there."""
+    if face < 0:
+        return np.int32(NOTHING), count
+    layer = np.int64(0)
+    while layer < count and shown[layer, row, i] != face:
+        layer += 1
+    if layer == count:
+        shown[layer, row, i] = face
+        count += 1
+    return np.int32(layer), count
+
+
+@kernel
+def list_faces(opaque, transparent, shown):
+    """
+    List the faces that the samples of each pixel show, and number them.
+
+    Parameters
+    ----------
+    opaque : (N, R, W) int32
+        The opaque face at each sample; -1 where there is none. Replaced by its number.
+    transparent : (N, K, R, W) int32
+        The transparent faces before it, nearest first. Replaced by their numbers.
+    shown : (N (K + 1), R, W) int32
+        Written: the different faces of each pixel, -1 behind the last.
+
+    Returns
+    -------
+    int
+        The most faces in a pixel.
+    """
+    samples, levels, rows, columns = transparent.shape
+    most = np.int64(0)
+    for row in range(rows):
+        for layer in range(shown.shape[0]):
+            empty_row(shown[layer, row])
+        for i in range(columns):
+            count = np.int64(0)
+            for sample in range(samples):
+                for level in range(levels):
+                    face = transparent[sample, level, row, i]
+                    number, count = number_of(face, shown, count, row, i)
+                    transparent[sample, level, row, i] = number
+                number, count = number_of(opaque[sample, row, i], shown, count, row, i)
+                opaque[sample, row, i] = number
+            most = max(most, count)
+    return most
+
+
+@stage
+def are_alike(opaque, transparent, row, i):
+    """Return whether all samples of a pixel show the same faces in the same order."""
+    for sample in range(1, opaque.shape[0]):
+        if opaque[sample, row, i] != opaque[0, row, i]:
+            return False
+        for level in range(transparent.shape[1]):
+            if transparent[sample, level, row, i] != transparent[0, level, row, i]:
+                return False
+    return True
+
+
+@stage
+def sample_color(sample, opaque, transparent, colors, behind, row, i):
+    """Return what a sample shows, linear RGBA with straight alpha."""
+    one, none = np.float32(1.0), np.float32(0.0)
+    red, green, blue, through = none, none, none, one
+    for level in range(transparent.shape[1]):
+        layer = transparent[sample, level, row, i]
+        if layer < 0:
+            break
+        alpha = held_alpha(colors[layer, row, i, 3])
+        share = through * alpha
+        if share > none:
+            red += share * colors[layer, row, i, 0]
+            green += share * colors[layer, row, i, 1]
+            blue += share * colors[layer, row, i, 2]
+            through *= one - alpha
+    layer = opaque[sample, row, i]
+    if layer >= 0:
+        own = colors[layer, row, i, 0], colors[layer, row, i, 1], colors[layer, row, i, 2], one
+    else:
+        own = behind[row, i, 0], behind[row, i, 1], behind[row, i, 2], behind[row, i, 3]
+    if through == one:
+        return own
+    return over_background((red, green, blue), through, own)
+
+
+@kernel
+def mix_samples(opaque, transparent, colors, behind, linear):
+    """
+    Write the mean of what the samples of each pixel show.
+
+    Parameters
+    ----------
+    opaque : (N, R, W) int32
+    transparent : (N, K, R, W) int32
+        Numbers of faces, from `list_faces`.
+    colors : (J, R, W, 4) float32
+        The colours of these faces in each pixel.
+    behind : (R, W, 4) float32
+        What is seen where no face is.
+    linear : (R, W, 4) float32
+        Written: linear RGBA with straight alpha.
+    """
+    samples, none = opaque.shape[0], np.float32(0.0)
+    part = np.float32(1.0) / np.float32(samples)
+    for row in range(linear.shape[0]):
+        for i in range(linear.shape[1]):
+            shown = sample_color(0, opaque, transparent, colors, behind, row, i)
+            if not are_alike(opaque, transparent, row, i):
+                red, green, blue, alpha = none, none, none, none
+                for sample in range(samples):
+                    shown = sample_color(sample, opaque, transparent, colors, behind, row, i)
+                    share = part * shown[3]
+                    red += seen_share(share, shown[0])
+                    green += seen_share(share, shown[1])
+                    blue += seen_share(share, shown[2])
+                    alpha += share
+                scale = alpha if alpha > none else np.float32(1.0)
+                shown = red / scale, green / scale, blue / scale, alpha
             for k in range(4):
                 linear[row, i, k] = shown[k]

@@ -32,6 +32,9 @@ class Viewport(NamedTuple):
     """Vertices are rounded to multiples of ``2**-subpixel_bits`` pixel."""
     grid_bits: int
     """Screen coordinates are integers in units of ``2**-grid_bits`` pixel."""
+    reach: Any = None
+    """How far around a pixel's centre its samples may lie, in those units | None -> there is one
+    sample, at the centre."""
 
 
 class ScreenVertices(NamedTuple):

@@ -330,7 +330,7 @@ def gather_run(
     if not doubtful:
         doubtful = weights_along_row(
             weights[0, n : n + count], weights[1, n : n + count],
-            row_start(whole, real, column, row),
+            row_start(whole, real, column, row), geometry.viewport.reach,
         )  # fmt: skip
     a, b, c = whole[CORNERS], whole[CORNERS + 1], whole[CORNERS + 2]
     if doubtful:

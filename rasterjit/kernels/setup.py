@@ -139,9 +139,34 @@ TALLY_BITS = 8
 
 
 @stage
-def samples_between(a, b, c, grid_bits):
-    """Return the first and the last pixel whose centre three coordinates enclose, int32."""
+def way_to_samples(grid_bits, reach):
+    """Return how far the nearest sample may lie from either side of its pixel."""
     half = 1 << (grid_bits - 1)
+    if reach is None:
+        return half
+    return half - reach
+
+
+@stage
+def without_sample(is_missed, reach):
+    """Return whether a triangle misses all samples; only of centres that is known."""
+    if reach is None:
+        return is_missed
+    return False
+
+
+@stage
+def rise_to_samples(across, down, grid_bits, reach):
+    """Return how much greater than at a pixel's centre an edge may be at its samples."""
+    if reach is None:
+        return np.int64(0)
+    return (((abs(across) + abs(down)) * reach) >> grid_bits) + 1
+
+
+@stage
+def samples_between(a, b, c, grid_bits, reach):
+    """Return the first and the last pixel with a sample that three coordinates enclose, int32."""
+    half = way_to_samples(grid_bits, reach)
     first = np.int32(np.int32(min(a, min(b, c)) + (half - 1)) >> grid_bits)
     last = np.int32(np.int32(max(a, max(b, c)) - half) >> grid_bits)
     return first, last
@@ -205,8 +230,8 @@ def survey_triangle(a, b, c, viewport, culled_turn):
     """
     # Masked, which changes nothing, the compiler sees that shifts do not leave 32 bits.
     bits = viewport.grid_bits & 15
-    first_column, last_column = samples_between(a[0], b[0], c[0], bits)
-    first_row, last_row = samples_between(a[1], b[1], c[1], bits)
+    first_column, last_column = samples_between(a[0], b[0], c[0], bits, viewport.reach)
+    first_row, last_row = samples_between(a[1], b[1], c[1], bits, viewport.reach)
     left, right = max(first_column, np.int32(0)), min(last_column, np.int32(viewport.width - 1))
     top, bottom = max(first_row, np.int32(0)), min(last_row, np.int32(viewport.height - 1))
     area = edge(
@@ -217,7 +242,9 @@ def survey_triangle(a, b, c, viewport, culled_turn):
     second = c[0] if turned else b[0], c[1] if turned else b[1]
     third = b[0] if turned else c[0], b[1] if turned else c[1]
     beyond = -np.int32(left == right), -np.int32(top == bottom)
-    is_missed = misses_samples(a, second, third, (left, top), beyond, bits)
+    is_missed = without_sample(
+        misses_samples(a, second, third, (left, top), beyond, bits), viewport.reach
+    )
     is_tiny = (last_column <= first_column + 1) & (last_row <= first_row + 1)
     box = (left >> TILE_BITS, top >> TILE_BITS, right >> TILE_BITS, bottom >> TILE_BITS)
     outcome = SURVIVES if (box[0] == box[2]) & (box[1] == box[3]) else SPREADS
@@ -236,24 +263,24 @@ def is_large(box):
 
 
 @stage
-def tile_edges(v0, v1, v2, xy, grid_bits):
+def tile_edges(v0, v1, v2, xy, viewport):
     """
     Return the three edges of a triangle, positive inside.
 
     Of each the biased value at the first pixel of the image and what it gains by a pixel to the
-    right and by one down.
+    right and by one down. Where samples lie beside the centres it is not less than theirs.
     """
+    bits, reach = viewport.grid_bits, viewport.reach
     ax, ay = np.int64(xy[v0, 0]), np.int64(xy[v0, 1])
     bx, by = np.int64(xy[v1, 0]), np.int64(xy[v1, 1])
     cx, cy = np.int64(xy[v2, 0]), np.int64(xy[v2, 1])
     if edge(ax, ay, bx, by, cx, cy) < 0:
         bx, by, cx, cy = cx, cy, bx, by
     zero = np.int64(0)
-    return (
-        (sign_at(bx, by, cx, cy, zero, zero, grid_bits), by - cy, cx - bx),
-        (sign_at(cx, cy, ax, ay, zero, zero, grid_bits), cy - ay, ax - cx),
-        (sign_at(ax, ay, bx, by, zero, zero, grid_bits), ay - by, bx - ax),
-    )
+    e0 = sign_at(bx, by, cx, cy, zero, zero, bits) + rise_to_samples(by - cy, cx - bx, bits, reach)
+    e1 = sign_at(cx, cy, ax, ay, zero, zero, bits) + rise_to_samples(cy - ay, ax - cx, bits, reach)
+    e2 = sign_at(ax, ay, bx, by, zero, zero, bits) + rise_to_samples(ay - by, bx - ax, bits, reach)
+    return (e0, by - cy, cx - bx), (e1, cy - ay, ax - cx), (e2, ay - by, bx - ax)
 
 
 @stage
@@ -269,14 +296,14 @@ def best_in_tile(line, column, row):
 
 
 @stage
-def count_tiles(v0, v1, v2, xy, grid_bits, box, columns, tile_counts):
+def count_tiles(v0, v1, v2, xy, viewport, box, columns, tile_counts):
     """Add one triangle to the count of every tile it reaches, and to the last if it is large."""
     if (box[0] == box[2]) | (box[1] == box[3]):
         for row in range(box[1], box[3] + 1):
             for column in range(box[0], box[2] + 1):
                 tile_counts[np.uintp(row * columns + column)] += 1
     else:
-        lines = tile_edges(v0, v1, v2, xy, grid_bits)
+        lines = tile_edges(v0, v1, v2, xy, viewport)
         steps = lines[0][1] << TILE_BITS, lines[1][1] << TILE_BITS, lines[2][1] << TILE_BITS
         for row in range(box[1], box[3] + 1):
             e0 = best_in_tile(lines[0], box[0], row)
@@ -322,9 +349,7 @@ def list_triangle(number, corners, outcome, box, end, survivors, screen, viewpor
         return end
     columns, tile_counts = counts
     list_survivor(number, pack_box(box), end, survivors)
-    count_tiles(
-        corners[0], corners[1], corners[2], screen.xy, viewport.grid_bits, box, columns, tile_counts
-    )
+    count_tiles(corners[0], corners[1], corners[2], screen.xy, viewport, box, columns, tile_counts)
     return end + 1
 
 

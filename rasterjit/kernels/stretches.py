@@ -21,6 +21,7 @@ from rasterjit.kernels.attributes import (
 )
 from rasterjit.kernels.batches import narrow_edge
 from rasterjit.kernels.interpolation import (
+    held_edges,
     interpolate,
     matrix_of,
     normal_of_points,
@@ -146,7 +147,9 @@ def gather_light(count, lit_vertices, whole, rows):
 
 
 @disjoint_stage
-def weigh(ax, ay, bx, by, cx, cy, wa, wb, wc, pixel, count, bits, unsure, second, third):
+def weigh(
+    ax, ay, bx, by, cx, cy, wa, wb, wc, pixel, count, bits, reach, unsure, second, third
+):  # fmt: skip
     """
     Write the weights of ``count`` neighbouring samples, the first of which is ``pixel``.
 
@@ -157,10 +160,16 @@ def weigh(ax, ay, bx, by, cx, cy, wa, wb, wc, pixel, count, bits, unsure, second
     for n in range(ax.shape[0]):
         px = np.int32(((pixel[0] + n) << bits) + half)
         smallest = min(wa[n], min(wb[n], wc[n]))
-        second[n], third[n], doubtful = weights_from_edges(
+        k0, k1, k2 = held_edges(
             narrow_edge(bx[n], by[n], cx[n], cy[n], px, py),
             narrow_edge(cx[n], cy[n], ax[n], ay[n], px, py),
             narrow_edge(ax[n], ay[n], bx[n], by[n], px, py),
+            reach,
+        )
+        second[n], third[n], doubtful = weights_from_edges(
+            k0,
+            k1,
+            k2,
             (smallest / wa[n], smallest / wb[n], smallest / wc[n]),
         )
         unsure[n] |= np.int32(doubtful)
@@ -436,8 +445,8 @@ def find_weights(
     unsure = weigh(
         whole[AX, :size], whole[AY, :size], whole[BX, :size], whole[BY, :size], whole[CX, :size],
         whole[CY, :size], real[0, :size], real[1, :size], real[2, :size], (column, row),
-        np.int64(whole[FIRST, patches]), geometry.viewport.grid_bits, whole[UNSURE, :size],
-        weights[0, start:stop], weights[1, start:stop],
+        np.int64(whole[FIRST, patches]), geometry.viewport.grid_bits, geometry.viewport.reach,
+        whole[UNSURE, :size], weights[0, start:stop], weights[1, start:stop],
     )  # fmt: skip
     note_sides(size, owner, whole, placement, lighting)
     if unsure != 0:
