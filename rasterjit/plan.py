@@ -363,7 +363,9 @@ def _lighting(scene: Scene, camera: Camera, highlights: int, grounds: Grounds) -
 
     No lights in the scene, and no environment, mean a headlight.
     """
-    fog = fog_record(scene.fog, camera) if grounds.has_fog else None
+    fog = None
+    if grounds.has_fog:
+        fog = fog_record(scene.fog, camera, "flat" in grounds.contents.shadings)
     if not grounds.is_lit:
         return None if fog is None else lighting_of([], camera, 0)._replace(fog=fog)
     lights: Sequence[Light] = grounds.lights.lights

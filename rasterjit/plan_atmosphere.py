@@ -74,8 +74,8 @@ def _farthest(nodes: Sequence[Node], eye: NDArray[np.float64]) -> float:
     return farthest
 
 
-def fog_record(fog: Fog, camera: Camera) -> records.Fog:
-    """Return fog as the kernels read it."""
+def fog_record(fog: Fog, camera: Camera, has_flat: bool = False) -> records.Fog:
+    """Return fog as the kernels read it, for a scene with or without objects shaded flat."""
     halvings = SQUARED_HALVINGS if fog.mode == "exp2" else HALVINGS
     start, end = fog.start or 0.0, fog.end or 0.0
     above = float(camera.eye_position()[1]) - (fog.height or 0.0)
@@ -87,6 +87,7 @@ def fog_record(fog: Fog, camera: Camera) -> records.Fog:
         np.float32((fog.density or 0.0) * halvings),
         np.float32(above),
         np.float32((fog.falloff or 0.0) * HALVINGS),
+        np.int64(1) if has_flat else None,
     )
 
 

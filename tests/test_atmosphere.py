@@ -211,7 +211,8 @@ def test_a_black_environment_changes_no_bit(sphere, camera, monkeypatch, shading
 
 
 def test_the_brighter_side_faces_the_light(sphere):
-    scene = scene_of(sphere, environment=rj.Environment(skies.sunny(64, 32, sun=(1, 0.2, 0))))
+    sky = skies.sunny(64, 32, sun=(1, 0.2, 0), brightness=30.0, degrees=15.0)
+    scene = scene_of(sphere, environment=rj.Environment(sky))
     camera = rj.OrthographicCamera((0, 0, 5), (0, 0, 0), height=2.2)
     frame = draw(scene, camera, ("linear", "face_id"), background="black")
     left, right = frame.linear[:, :20, 0].sum(), frame.linear[:, 20:, 0].sum()
@@ -250,9 +251,6 @@ def test_fog_covers_every_kind_of_surface(cube, camera, shading, fog):
     frame = draw(scene_of(cube, shading, lights=lights, fog=fog), camera, outputs)
     eye = camera.eye_position()
     for row, column in np.argwhere(frame.face_id >= 0)[::17]:
-        if shading == "flat":
-            # Lit, and fogged, at the middle of the face.
-            continue
         share = naive.fog_share(fog, frame.position[row, column], eye)
         assert frame.linear[row, column, 1] == pytest.approx(share, abs=1e-5)
         assert frame.linear[row, column, 0] == pytest.approx(1.0, abs=1e-6)

@@ -236,7 +236,9 @@ def reflected_shares(cosine, roughness):
     steep = min(rest * rest, exp2(np.float32(-9.28) * cosine)) * rest + low
     scale = np.float32(1.04) - np.float32(0.572) * roughness - np.float32(1.04) * steep
     offset = np.float32(1.04) * steep - np.float32(0.04) + np.float32(0.022) * roughness
-    return scale, max(offset, np.float32(0.0))
+    # At the ends of its range the fit leaves 0..1 by a little.
+    scale = max(scale, np.float32(0.0))
+    return scale, min(max(offset, np.float32(0.0)), np.float32(1.0) - scale)
 
 
 @stage

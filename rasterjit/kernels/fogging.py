@@ -15,6 +15,7 @@ from __future__ import annotations
 import numpy as np
 
 from rasterjit.kernels import lighting as lit
+from rasterjit.kernels.interpolation import find_object, lowest_first, place_sample
 from rasterjit.kernels.jit import disjoint_stage, stage
 from rasterjit.kernels.lighting import exp2
 
@@ -88,6 +89,46 @@ def cover_exponentially(
         red[i] = red[i] * share + color[0] * rest
         green[i] = green[i] * share + color[1] * rest
         blue[i] = blue[i] * share + color[2] * rest
+
+
+@stage
+def place_samples(samples, weights, faces, geometry, placement, flat):
+    """Write where the gathered samples lie; nothing if no face was lit at its middle."""
+    if flat is None:
+        return
+    n, owner = np.uintp(0), np.int64(0)
+    for column in range(np.uintp(faces.shape[0])):
+        face = np.int64(faces[column])
+        if face < 0:
+            continue
+        owner = find_object(face, placement.face_starts, owner)
+        a, b, c = lowest_first(geometry.faces, face)
+        at = 0.0, weights[0, n], weights[1, n]
+        point = place_sample(at, a, b, c, owner, placement)
+        for k in range(3):
+            samples[lit.POINT_X + k, n] = point[k]
+        n += np.uintp(1)
+
+
+@stage
+def find_places(samples, weights, faces, geometry, placement, fog):
+    """
+    Write where the gathered samples lie, if any may have been lit at the middle of its face.
+
+    Parameters
+    ----------
+    samples : (SAMPLE_ROWS, N) float32
+        Writes rows POINT_X...
+    weights : (2 or more, N) float64
+        Of the second and the third vertex.
+    faces : (C,) int32
+        The visible faces of the part of a row; those of the samples are not negative.
+    geometry, placement : records
+    fog : Fog or None
+    """
+    if fog is None:
+        return
+    place_samples(samples, weights, faces, geometry, placement, fog.flat)
 
 
 @stage

@@ -244,6 +244,8 @@ class Fog(NamedTuple):
     """float32, scene units: height of the eye over where the fog has its density."""
     falloff: Any
     """float32: halvings of the density a scene unit upwards; 0 for even density."""
+    flat: Any
+    """Number of ways of shading that light faces at their middles | None -> none."""
 
 
 class ToneMap(NamedTuple):

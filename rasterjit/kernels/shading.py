@@ -185,6 +185,7 @@ def light_row(
     # Add what the surfaces send out.
     add_emission_row(samples, count, lit.OUT_RED, maps)
     # Lay the fog over all.
+    fogging.find_places(samples, weights, faces, geometry, placement, lighting.fog)
     fogging.cover_samples(samples, count, lighting.fog, toward_viewer)
 
 
