@@ -10,11 +10,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rasterjit.scene.ambient_occlusion import AmbientOcclusion
 from rasterjit.scene.color import ColorLike, linear_color
 from rasterjit.scene.environment import Environment
 from rasterjit.scene.fog import Fog
 from rasterjit.scene.light import Light
 from rasterjit.scene.mesh import Mesh
+from rasterjit.scene.outline import Outline
 from rasterjit.scene.tone_map import ToneMap
 from rasterjit.transforms import transform_instances
 from rasterjit.validation import finite_array, one_of, read_only
@@ -138,6 +140,8 @@ class Scene:
         Light from all around, seen behind all faces; with one there is no headlight.
     fog : Fog or None
     tone_map : ToneMap or None
+    ambient_occlusion : AmbientOcclusion or None
+    outline : Outline or None
     """
 
     def __init__(self) -> None:
@@ -148,8 +152,8 @@ class Scene:
         self.environment: Environment | None = None
         self.fog: Fog | None = None
         self.tone_map: ToneMap | None = None
-        self.ambient_occlusion: Any = None
-        self.outline: Any = None
+        self.ambient_occlusion: AmbientOcclusion | None = None
+        self.outline: Outline | None = None
 
     def __repr__(self) -> str:
         faces = sum(len(node.mesh.faces) for node in self.nodes)

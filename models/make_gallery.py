@@ -1,0 +1,420 @@
+"""
+Render the gallery: ``python models/make_gallery.py [FOLDER [NAME ...]]``.
+
+One picture for each effect, or one sheet for the settings of one effect. Needs RasterJIT installed.
+Writes all pictures, or those named, into ``models/pictures/gallery`` unless told otherwise.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from gallery_parts import (
+    MODELS,
+    PLACE,
+    Picture,
+    Size,
+    arrows,
+    ball,
+    box,
+    bricks,
+    checks,
+    dressed,
+    floor,
+    grown,
+    in_row,
+    in_rows,
+    leaf,
+    model,
+    panel,
+    part_of,
+    shown,
+    studio,
+)
+from PIL import Image
+
+import rasterjit as rj
+
+SIZE = (480, 360)
+"""Width and height of a picture, pixels."""
+
+MOST_BYTES = 110_000
+"""Largest file in full colour."""
+
+GALLERY: dict[str, Callable[[Size], Picture]] = {}
+"""What makes each picture, by name; all take a size."""
+
+MATT = rj.Material(base_color="#d8d3ca", specular=0.0)
+SMOOTH = rj.Quality(samples=4)
+
+
+def picture(make: Callable[[Size], Picture]) -> Callable[[Size], Picture]:
+    """Enter a function in the gallery."""
+    GALLERY[make.__name__] = make
+    return make
+
+
+def sun(intensity: float = 0.8, **more: Any) -> rj.DirectionalLight:
+    """Return light from the upper left, from behind the viewer."""
+    return rj.DirectionalLight((0.55, -1.0, -0.7), intensity=intensity, **more)
+
+
+def teapot(material: rj.Material, ground: rj.Material = MATT) -> rj.Scene:
+    """Return a teapot on the ground."""
+    scene = rj.Scene()
+    scene.add(floor(40.0, ground), name="ground")
+    scene.add(dressed(model("teapot.obj"), material), PLACE.rotate_y(-25), name="teapot")
+    scene.lights = [rj.AmbientLight(intensity=0.25), sun()]
+    return scene
+
+
+TEAPOT_VIEW = rj.PerspectiveCamera(eye=(1.0, 5.2, 10.5), target=(0.15, 1.25, 0.0), fov_y=32.0)
+
+
+@picture
+def shading_models(size: Size) -> Picture:
+    """Unlit, flat, Gouraud and Phong."""
+    part, pictures = part_of(size, 2, 2), []
+    coarse = ball(12, 18)
+    for shading in ("unlit", "flat", "gouraud", "phong"):
+        look = rj.Material(shading=shading, base_color="#3d7ea6", specular=0.7, shininess=60)
+        scene = rj.Scene()
+        scene.add(dressed(model("torus_knot.obj"), look), PLACE.translate((-1.2, 0, 0)))
+        scene.add(dressed(coarse, look), PLACE.translate((3.6, -1.6, 1.5)))
+        scene.lights = [rj.AmbientLight(intensity=0.1), sun(0.9)]
+        camera = rj.PerspectiveCamera(eye=(0.6, 1.0, 14.0), target=(0.6, -0.1, 0), fov_y=32.0)
+        pictures.append(shown(scene, camera, part))
+    return in_rows(pictures, 2)
+
+
+@picture
+def texture_filters(size: Size) -> Picture:
+    """Nearest, bilinear, trilinear and 8 times anisotropic, on a floor to the horizon."""
+    part, pictures = part_of(size, 2, 2), []
+    board = checks(8, 256, 40, 235)
+    for options in (
+        {"filter": "nearest"}, {"filter": "bilinear"}, {"filter": "trilinear"},
+        {"filter": "trilinear", "anisotropy": 8},
+    ):  # fmt: skip
+        look = rj.Material(shading="unlit", base_color_texture=rj.Texture(board, **options))
+        scene = rj.Scene()
+        scene.add(floor(200.0, look, repeat=50.0))
+        camera = rj.PerspectiveCamera(eye=(0.0, 2.0, 6.0), target=(1.2, 0.9, 0.0), fov_y=45.0)
+        pictures.append(shown(scene, camera, part, background="#9db8d0"))
+    return in_rows(pictures, 2)
+
+
+@picture
+def texture_wrap(size: Size) -> Picture:
+    """Repeat, mirror and clamp, with coordinates from -1 to 2."""
+    part, pictures = part_of((size[0], size[1] // 2), 3), []
+    for wrap in ("repeat", "mirror", "clamp"):
+        texture = rj.Texture(arrows(), wrap=wrap)
+        square = panel(2.0, 2.0)
+        look = rj.Material(shading="unlit", base_color_texture=texture)
+        scene = rj.Scene()
+        scene.add(dressed(square, look, uv=np.asarray(square.uv) * 3.0 - 1.0))
+        camera = rj.PerspectiveCamera(eye=(0.7, -0.5, 3.4), target=(0.03, 0, 0), fov_y=42.0)
+        pictures.append(shown(scene, camera, part))
+    return in_row(pictures)
+
+
+@picture
+def alpha_mask(size: Size) -> Picture:
+    """Leaves cut out of squares by the alpha of a texture; so are their shadows."""
+    look = rj.Material(
+        base_color_texture=rj.Texture(leaf(), wrap="clamp"), specular=0.1, alpha_mode="mask"
+    )
+    square = dressed(panel(2.0, 2.0), look)
+    scene = rj.Scene()
+    scene.add(floor(30.0, replace(MATT, base_color="#e0d6c2")))
+    for number in range(9):
+        turn = number * 40.0
+        scene.add(
+            square,
+            PLACE.compose(
+                PLACE.rotate_y(turn), PLACE.translate((0.0, 1.15 + 0.35 * (number % 3), 0.75)),
+                PLACE.rotate_x(-38.0 + 9.0 * (number % 2)), PLACE.rotate_z(180.0),
+            ),
+        )  # fmt: skip
+    scene.lights = [rj.AmbientLight(intensity=0.35), sun(0.8, shadow=rj.Shadow(size=2048))]
+    camera = rj.PerspectiveCamera(eye=(1.5, 4.2, 7.2), target=(0.35, 1.0, 0), fov_y=27.0)
+    return shown(scene, camera, size, quality=SMOOTH)
+
+
+@picture
+def metallic_roughness(size: Size) -> Picture:
+    """Gold and a painted plastic, from smooth to rough, in a studio."""
+    scene, globe = rj.Scene(), ball()
+    for row, (color, metallic) in enumerate((("#e8b04a", 1.0), ("#a01e28", 0.0))):
+        for column in range(5):
+            look = rj.Material(
+                shading="pbr", base_color=color, metallic=metallic,
+                roughness=0.04 + 0.24 * column,
+            )  # fmt: skip
+            place = PLACE.translate((2.25 * (column - 2), 1.15 - 2.3 * row, 0.0))
+            scene.add(dressed(globe, look), place)
+    scene.environment = replace(studio(), rotation=-60.0, intensity=1.6, background=False)
+    scene.lights = [sun(0.5)]
+    scene.tone_map = rj.ToneMap("neutral")
+    camera = rj.PerspectiveCamera(eye=(0.0, 0.0, 24.0), target=(0, 0, 0), fov_y=21.0)
+    return shown(scene, camera, size, background="#cfd3d8", quality=SMOOTH)
+
+
+@picture
+def normal_map(size: Size) -> Picture:
+    """A wall of two triangles, without and with a map of its normals."""
+    part, pictures = part_of((size[0], size[1] * 2 // 3), 2), []
+    color, normals = bricks()
+    for texture in (None, rj.Texture(normals, color_space="linear", anisotropy=4)):
+        look = rj.Material(
+            shading="pbr", metallic=0.0, roughness=0.7, normal_texture=texture,
+            base_color_texture=rj.Texture(color, anisotropy=4),
+        )  # fmt: skip
+        scene = rj.Scene()
+        scene.add(dressed(panel(6.0, 6.0, 2.0), look))
+        scene.lights = [
+            rj.AmbientLight(intensity=0.12),
+            rj.PointLight((-1.8, 1.6, 0.9), color="#ffe3b8", intensity=5.5),
+        ]
+        camera = rj.PerspectiveCamera(eye=(1.7, -0.6, 4.6), target=(-0.1, 0.1, 0), fov_y=45.0)
+        pictures.append(shown(scene, camera, part))
+    return in_row(pictures)
+
+
+@picture
+def emission(size: Size) -> Picture:
+    """A knot that shines by itself, and lamps that light the ground."""
+    scene = rj.Scene()
+    scene.add(floor(30.0, rj.Material(shading="pbr", base_color="#55606e", roughness=0.45)))
+    glow = rj.Material(shading="pbr", base_color="#201008", emissive=(2.2, 0.75, 0.12))
+    knot = PLACE.compose(PLACE.translate((0, 2.6, 0)), PLACE.rotate_y(20), PLACE.scale(0.7))
+    scene.add(dressed(model("torus_knot.obj"), glow), knot)
+    dark = rj.Material(shading="pbr", base_color="#8f9db4", roughness=0.3)
+    for x, z in ((-3.6, 1.0), (3.4, 1.6), (0.4, 3.6)):
+        scene.add(
+            dressed(ball(), dark), PLACE.compose(PLACE.translate((x, 0.8, z)), PLACE.scale(0.8))
+        )
+    scene.lights = [
+        rj.AmbientLight(intensity=0.05),
+        rj.PointLight((0, 2.6, 0.9), color="#ff9a40", intensity=26.0),
+        rj.PointLight((0, 1.4, -0.9), color="#ff9a40", intensity=12.0),
+    ]
+    scene.tone_map = rj.ToneMap("aces")
+    camera = rj.PerspectiveCamera(eye=(0.6, 4.0, 11.5), target=(0, 1.75, 0), fov_y=34.0)
+    return shown(scene, camera, size, background="#0b0e13", quality=SMOOTH)
+
+
+@picture
+def lights(size: Size) -> Picture:
+    """Three spot lights, a point light with a range and a little light from all around."""
+    scene = rj.Scene()
+    scene.add(floor(40.0, replace(MATT, base_color="#c8c8c8")))
+    white = rj.Material(base_color="#e4e4e4", specular=0.5, shininess=80)
+    scene.add(dressed(model("teapot.obj"), white), PLACE.rotate_y(-25))
+    scene.lights = [rj.AmbientLight(intensity=0.03)]
+    for x, color in ((-4.0, "#ff5040"), (0.0, "#50e070"), (4.0, "#5070ff")):
+        at = np.array([x, 7.5, 5.0])
+        scene.lights.append(
+            rj.SpotLight(
+                at, np.array([x * 0.15, 0.6, -0.4]) - at, color=color, intensity=62.0,
+                inner_angle=13.0, outer_angle=17.0, shadow=rj.Shadow(size=1024),
+            )
+        )  # fmt: skip
+    scene.lights.append(rj.PointLight((5.2, 0.7, 1.2), color="#ffc060", intensity=2.5, range=4.0))
+    return shown(scene, replace(TEAPOT_VIEW, fov_y=38.0), size, background="black", quality=SMOOTH)
+
+
+@picture
+def environment(size: Size) -> Picture:
+    """A panorama lights a metal teapot, is mirrored by it, and seen behind it."""
+    metal = rj.Material(shading="pbr", base_color="#f2efe8", metallic=1.0, roughness=0.12)
+    scene = rj.Scene()
+    scene.add(dressed(model("teapot.obj"), metal), PLACE.rotate_y(-25))
+    scene.environment = replace(studio(), rotation=75.0)
+    scene.tone_map = rj.ToneMap("neutral", exposure=-0.3)
+    camera = rj.PerspectiveCamera(eye=(1.2, 2.4, 10.5), target=(0.15, 1.75, 0.0), fov_y=34.0)
+    return shown(scene, camera, size, quality=SMOOTH, background=None)
+
+
+@picture
+def shadows(size: Size) -> Picture:
+    """Hard, smoothed by percentage-closer filtering, and soft: wider away from contact."""
+    part, pictures = part_of((size[0], size[1] * 2 // 3), 3), []
+    pole = dressed(box(0.35, 4.0, 0.35), rj.Material(base_color="#c8643c", specular=0.2))
+    for shadow in (
+        rj.Shadow(size=512, filter="hard"), rj.Shadow(size=512, filter="pcf"),
+        rj.Shadow(size=1024, filter="soft", light_size=6.0),
+    ):  # fmt: skip
+        scene = rj.Scene()
+        scene.add(floor(30.0, MATT))
+        scene.add(pole, PLACE.translate((-1.0, 0.0, 0.0)))
+        globe = dressed(ball(), rj.Material(base_color="#4a7fb0", specular=0.4))
+        scene.add(globe, PLACE.compose(PLACE.translate((0.6, 0.7, 1.2)), PLACE.scale(0.7)))
+        light = rj.DirectionalLight((0.75, -1.0, 0.35), intensity=0.8, shadow=shadow)
+        scene.lights = [rj.AmbientLight(intensity=0.25), light]
+        camera = rj.PerspectiveCamera(eye=(0.9, 5.6, 9.0), target=(0.9, 1.25, 0.4), fov_y=44.0)
+        pictures.append(shown(scene, camera, part, quality=SMOOTH))
+    return in_row(pictures)
+
+
+@picture
+def transparency(size: Size) -> Picture:
+    """Panes of glass that pass through each other and a ball, in any order."""
+    scene = rj.Scene()
+    scene.add(floor(40.0, rj.Material(base_color_texture=rj.Texture(checks(2), anisotropy=4),
+                                      specular=0.0), repeat=20.0))  # fmt: skip
+    solid = rj.Material(base_color="#f0e4d0", specular=0.3)
+    scene.add(dressed(ball(), solid), PLACE.translate((0.0, 1.6, 0.0)))
+    for turn, color in ((15.0, "#d02030"), (75.0, "#1c9c48"), (135.0, "#2050d0")):
+        glass = rj.Material(base_color=(*rj_linear(color), 0.45), specular=0.6, alpha_mode="blend")
+        scene.add(
+            dressed(panel(5.2, 3.2), glass),
+            PLACE.compose(PLACE.rotate_y(turn), PLACE.translate((0, 1.62, 0))),
+        )
+    scene.lights = [rj.AmbientLight(intensity=0.4), sun(0.7, shadow=rj.Shadow())]
+    camera = rj.PerspectiveCamera(eye=(2.6, 4.6, 8.2), target=(0, 1.25, 0), fov_y=36.0)
+    return shown(scene, camera, size, background="#cfd8e0", quality=SMOOTH)
+
+
+def rj_linear(color: str) -> tuple[float, ...]:
+    """Return a colour as linear red, green and blue."""
+    return rj.Material(base_color=color).base_color[:3]
+
+
+@picture
+def fog(size: Size) -> Picture:
+    """None, linear, exponential squared, and exponential that lies on the ground."""
+    part, pictures = part_of(size, 2, 2), []
+    stone = rj.Material(base_color="#b08a62", specular=0.1)
+    pillar, gray = dressed(box(0.9, 4.2, 0.9), stone), "#b9c4cf"
+    for cover in (
+        None, rj.Fog(gray, mode="linear", start=6.0, end=42.0), rj.Fog(gray, density=0.045),
+        rj.Fog(gray, mode="exp", density=0.55, height=0.0, falloff=1.3),
+    ):  # fmt: skip
+        scene = rj.Scene()
+        scene.add(floor(400.0, replace(MATT, base_color="#8f9a6c")))
+        for row in range(8):
+            for side in (-2.6, 2.6):
+                scene.add(pillar, PLACE.translate((side, 0.0, 1.0 - 5.0 * row)))
+        scene.lights = [rj.AmbientLight(intensity=0.3), sun(0.8, shadow=rj.Shadow(size=2048))]
+        scene.fog = cover
+        camera = rj.PerspectiveCamera(eye=(0.9, 2.4, 9.0), target=(0, 1.9, 0), fov_y=44.0)
+        pictures.append(shown(scene, camera, part, background=gray, quality=SMOOTH))
+    return in_rows(pictures, 2)
+
+
+@picture
+def anti_aliasing(size: Size) -> Picture:
+    """1, 4 and 16 samples and exact areas, every pixel shown as 3 by 3."""
+    part, pictures = part_of(size, 2, 2), []
+    spoke = dressed(box(0.09, 2.0, 0.09), rj.Material(shading="unlit", base_color="#20242c"))
+    ring = dressed(model("torus_knot.obj"), rj.Material(base_color="#d07a2c", specular=0.4))
+    for samples in (1, 4, 16, "area"):
+        scene = rj.Scene()
+        for number in range(24):
+            place = PLACE.rotate_z(15.0 * number + 4.0), PLACE.translate((0.0, 0.4, -1.0))
+            scene.add(spoke, PLACE.compose(*place))
+        scene.add(ring, PLACE.compose(PLACE.translate((0, 0, 0.8)), PLACE.scale(0.22)))
+        camera = rj.PerspectiveCamera(eye=(0, 0, 9.0), target=(0, 0, 0), fov_y=28.0)
+        small = max(part[0] // 3, 1), max(part[1] // 3, 1)
+        found = shown(scene, camera, small, quality=rj.Quality(samples=samples))
+        pictures.append(grown(found, 3))
+    return in_rows(pictures, 2)
+
+
+@picture
+def ambient_occlusion(size: Size) -> Picture:
+    """Light from all around alone, without and with what keeps it out of corners."""
+    part, pictures = part_of(size, 2), []
+    for effect in (None, rj.AmbientOcclusion(radius=1.6)):
+        white = rj.Material(base_color="#ece9e2", specular=0.0)
+        scene = teapot(white, white)
+        knot = PLACE.compose(PLACE.translate((-2.2, 1.5, -3.2)), PLACE.scale(0.55))
+        scene.add(dressed(model("torus_knot.obj"), white), knot)
+        for n in range(3):
+            step = dressed(box(2.4, 0.5 * (n + 1), 1.0), white)
+            scene.add(step, PLACE.translate((2.4, 0.0, -2.6 - n)))
+        scene.lights = [rj.AmbientLight(intensity=0.85)]
+        scene.ambient_occlusion = effect
+        camera = rj.PerspectiveCamera(eye=(0.8, 5.4, 11.5), target=(0.1, 1.2, -0.6), fov_y=38.0)
+        pictures.append(shown(scene, camera, part, background="#d8d5cf", quality=SMOOTH))
+    return in_row(pictures)
+
+
+@picture
+def outline(size: Size) -> Picture:
+    """Silhouettes, the ends of objects and creases, over flat colours."""
+    scene = rj.Scene()
+    scene.add(floor(9.0, rj.Material(shading="unlit", base_color="#f3ead8")))
+    for name, color, place in (
+        ("teapot.obj", "#7fb3c8", PLACE.rotate_y(-25)),
+        ("torus_knot.obj", "#e8a15c",
+         PLACE.compose(PLACE.translate((-4.4, 2.0, -2.4)), PLACE.rotate_y(35), PLACE.scale(0.6))),
+    ):  # fmt: skip
+        look = rj.Material(shading="unlit", base_color=color)
+        scene.add(dressed(model(name), look), place)
+    cube = dressed(box(2.2, 2.2, 2.2), rj.Material(shading="unlit", base_color="#a9c48c"))
+    scene.add(cube, PLACE.compose(PLACE.translate((4.4, 0.0, -2.6)), PLACE.rotate_y(28)))
+    scene.outline = rj.Outline(color="#2a2420", width=2)
+    camera = rj.PerspectiveCamera(eye=(1.5, 5.8, 13.0), target=(0.1, 1.4, -0.6), fov_y=36.0)
+    return shown(scene, camera, size, background="#fffaf0", quality=SMOOTH)
+
+
+@picture
+def wireframe(size: Size) -> Picture:
+    """The edges of all faces over them, hidden ones removed; and all edges alone."""
+    part, pictures = part_of(size, 2), []
+    for mode, color in (("overlay", "#1d2b3a"), ("only", "#1d4a7a")):
+        scene = rj.Scene()
+        look = rj.Material(base_color="#9fc0d8", specular=0.2)
+        scene.add(dressed(model("teapot.obj"), look), PLACE.rotate_y(-25))
+        scene.wireframe = rj.Wireframe(color, mode)
+        pictures.append(shown(scene, replace(TEAPOT_VIEW, fov_y=44.0), part))
+    return in_row(pictures)
+
+
+@picture
+def tone_curves(size: Size) -> Picture:
+    """Cut off, Reinhard, ACES and Khronos neutral, on colours much too bright for a screen."""
+    part, pictures = part_of(size, 2, 2), []
+    for curve in ("none", "reinhard", "aces", "neutral"):
+        scene, globe = rj.Scene(), ball()
+        scene.add(floor(40.0, rj.Material(shading="pbr", base_color="#b0aca4", roughness=0.6)))
+        for number, color in enumerate(("#d02818", "#e0a010", "#289838", "#2048c8")):
+            look = rj.Material(shading="pbr", base_color=color, roughness=0.25)
+            scene.add(dressed(globe, look), PLACE.translate((2.3 * number - 3.45, 1.0, 0.0)))
+        scene.lights = [
+            rj.AmbientLight(intensity=0.25), sun(2.2, shadow=rj.Shadow(size=1024)),
+            rj.PointLight((4.5, 4.0, 3.0), intensity=60.0),
+        ]  # fmt: skip
+        scene.tone_map = rj.ToneMap(curve)
+        camera = rj.PerspectiveCamera(eye=(0.0, 4.2, 13.0), target=(0, 0.9, 0), fov_y=30.0)
+        pictures.append(shown(scene, camera, part, background="#cfd8e0", quality=SMOOTH))
+    return in_rows(pictures, 2)
+
+
+def save(found: Picture, path: Path) -> None:
+    """Write a picture as a PNG; in 256 colours of its own, dithered, if it would be large."""
+    image = Image.fromarray(found)
+    image.save(path, optimize=True)
+    if path.stat().st_size > MOST_BYTES:
+        palette = image.quantize(256, method=Image.Quantize.MEDIANCUT)
+        few = image.quantize(palette=palette, dither=Image.Dither.FLOYDSTEINBERG)
+        few.save(path, optimize=True)
+
+
+def main(folder: Path, names: list[str]) -> None:
+    """Write all pictures, or those named."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for name in names or GALLERY:
+        save(GALLERY[name](SIZE), folder / f"{name}.png")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]) if len(sys.argv) > 1 else MODELS / "pictures" / "gallery", sys.argv[2:])
