@@ -198,7 +198,8 @@ def main(
     rows: list[EffectRow] = []
     for effect in () if no_effects else chosen:
         rows += measure_effect(effect, counts, effort, smoke)
-    report.print_table("Effects, off and on", COLUMNS, [cells(row) for row in rows])
+    if rows:
+        report.print_table("Effects, off and on", COLUMNS, [cells(row) for row in rows])
     write(absent, rows)
     own = contestant(OWN).NAME
     wrong = [row for row in rows if row.contestant == own and row.ms is None]

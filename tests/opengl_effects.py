@@ -528,7 +528,7 @@ in vec4 clip_position;
 void main() { gl_Position = clip_position; }
 """
 
-SLOPE_OFFSET = (2.0, 4.0)
+SLOPE_OFFSET = (3.0, 4.0)
 """Of ``glPolygonOffset``: in slopes of the surface, and in least steps of the depth buffer."""
 
 

@@ -468,7 +468,8 @@ def test_four_samples_cover_what_opengl_s_cover(what):
         quality=rj.Quality(samples=4),
     )  # fmt: skip
     seen = draw_scene([shape], camera, SIZE, PLAIN, samples=4)
-    ours, theirs = frame.linear[:, :, 0], seen.linear[:, :, 0]
+    ours, theirs = frame.linear[:, :, 0], np.round(4.0 * seen.linear[:, :, 0]) / 4.0
+    np.testing.assert_allclose(theirs, seen.linear[:, :, 0], atol=1e-6)
     np.testing.assert_array_equal(4.0 * ours, np.round(4.0 * ours))
     partly = ((theirs > 0.0) & (theirs < 1.0)).sum()
     print(f"{partly} pixels partly covered, {(ours != theirs).sum()} covered otherwise")
@@ -566,12 +567,14 @@ NEAR_BORDER = (
 )
 
 MAP_SIDE = 2048
-BIAS = 2e-4
+BIAS = 5e-4
 """Of OpenGL's comparison, a share of the depths that its map spans."""
 BORDER_TEXELS = 4
 """How many texels of OpenGL's map from the border of a shadow both must agree."""
 BORDER_BIAS = 4e-3
 """So far in front of a surface is what darkens it, or texels on a slope would find each other."""
+GRAZING = 0.25
+"""Cosine between a face and the light below which OpenGL's map is too coarse for the face."""
 STAGE_CAMERA = rj.PerspectiveCamera((0.8, 3.0, 4.4), (0.0, -0.3, 0.2), fov_y=45.0)
 
 
@@ -580,13 +583,26 @@ def looking(eye, target, projection) -> NDArray[np.float64]:
     return projection @ tf.look_at(eye, target, (0.0, 0.0, -1.0))
 
 
+def face_cosines(shapes, place) -> NDArray[np.float64]:
+    """Return the cosine between each face, of all shapes, and the way to a light at x, y, z, w."""
+    found = []
+    for shape in shapes:
+        a, b, c = (shape.positions[shape.faces[:, n]] for n in range(3))
+        normal, toward = np.cross(b - a, c - a), place[:3] - place[3] * (a + b + c) / 3.0
+        lengths = np.linalg.norm(normal, axis=1) * np.linalg.norm(toward, axis=-1)
+        found.append((normal * toward).sum(axis=1) / np.maximum(lengths, 1e-30))
+    return np.concatenate(found)
+
+
 @pytest.mark.parametrize("kind", ["directional", "spot"])
 def test_shadows_are_those_of_a_map_that_opengl_drew(kind):
     """
     Our map is fitted in another way, so texels lie elsewhere: the borders of shadows are left out.
 
     A pixel is near a border if OpenGL's map is neither all light nor all dark within four texels
-    around it. The mean over all pixels, borders included, is held to one step as well.
+    around it, or if the light grazes its face: there the faces of a round mesh shadow themselves
+    while their normals are lit, and a map read without the face's own plane shows its texels. The
+    mean over all pixels, these included, is held to one step as well.
     """
     shadow = rj.Shadow(size=MAP_SIDE, filter="pcf")
     if kind == "directional":
@@ -615,9 +631,17 @@ def test_shadows_are_those_of_a_map_that_opengl_drew(kind):
     uniforms["shadow_bias"] = BORDER_BIAS
     near = draw_scene(shapes, STAGE_CAMERA, SIZE, NEAR_BORDER, uniforms, textures).linear[:, :, 0]
     uploaded.release()
+    place = (*np.negative(light.direction), 0.0)
+    if kind == "spot":
+        place = (*light.position, 1.0)
+    cosines = face_cosines(shapes, np.array(place))[frame.face_id]
     same, border = same_faces(frame, seen), (near > 0.0) & (near < 1.0)
-    print(f"{(same & border).sum()} pixels near a shadow's border are left out")
+    grazed = ~border & (np.abs(cosines) < GRAZING)
+    print(f"{(same & border).sum()} pixels near a shadow's border are left out,")
+    print(f"{(same & grazed).sum()} pixels of faces that the light grazes")
     assert (same & border).sum() < 0.1 * same.sum()
-    assert (same & (near == 0.0)).sum() > 5000
-    check(difference(frame.linear, seen.linear, same & ~border), mean=0.05, beyond=0.002)
-    check(difference(frame.linear, seen.linear, same), mean=1.0, beyond=0.1)
+    assert (same & grazed).sum() < 0.1 * same.sum()
+    assert (same & (near == 0.0)).sum() > 1000
+    compared = same & ~border & ~grazed
+    check(difference(frame.linear, seen.linear, compared), mean=0.01, beyond=0.002)
+    check(difference(frame.linear, seen.linear, same), mean=0.5, beyond=0.1)
