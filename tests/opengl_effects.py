@@ -184,6 +184,76 @@ float lit_share(int reach) {
 }
 """
 
+SKY = """
+uniform sampler2D panorama;
+const float TURN = 6.28318530717959;
+
+// What is seen in a direction: +x in the middle of the picture, +z right of it, +y on top.
+vec3 sky(vec3 direction) {
+    float around = atan(direction.z, direction.x) / TURN;
+    float up = asin(clamp(direction.y, -1.0, 1.0)) / (0.5 * TURN);
+    return textureLod(panorama, vec2(around + 0.5, up + 0.5), 0.0).rgb;
+}
+
+mat3 axes_about(vec3 middle) {
+    vec3 side = normalize(abs(middle.y) < 0.9 ? vec3(middle.z, 0.0, -middle.x)
+                                              : vec3(0.0, -middle.z, middle.y));
+    return mat3(side, cross(middle, side), middle);
+}
+"""
+
+MATT_UNDER_SKY = """
+uniform vec4 base_color;
+
+// The mean of the sky, weighted by the cosine, over rings of directions of the same weight.
+vec4 shade() {
+    mat3 axes = axes_about(turned_normal());
+    vec3 sum = vec3(0.0);
+    for (int ring = 0; ring < 24; ++ring) {
+        float squared = (ring + 0.5) / 24.0;
+        for (int n = 0; n < 48; ++n) {
+            float angle = TURN * (n + 0.5) / 48.0;
+            vec2 across = sqrt(squared) * vec2(cos(angle), sin(angle));
+            sum += sky(axes * vec3(across, sqrt(1.0 - squared)));
+        }
+    }
+    return vec4(base_color.rgb * sum / (24.0 * 48.0), 1.0);
+}
+"""
+
+WHITE_METAL_UNDER_SKY = """
+uniform float roughness;
+
+// The mean of the sky over what GGX facets mirror (Walter et al. 2007), each by its share. The
+// shares are brought to a sum of 1: what facets send on after several bounces is white as well.
+vec4 shade() {
+    vec3 normal = turned_normal(), viewer = normalize(eye - world);
+    if (roughness == 0.0) return vec4(sky(reflect(-viewer, normal)), 1.0);
+    mat3 axes = axes_about(normal);
+    float squared = pow(roughness, 4.0), n_v = max(dot(normal, viewer), 1e-4);
+    vec3 sum = vec3(0.0);
+    float shares = 0.0;
+    for (int ring = 0; ring < 32; ++ring) {
+        float u = (ring + 0.5) / 32.0;
+        float cosine = sqrt((1.0 - u) / (1.0 + (squared - 1.0) * u));
+        for (int n = 0; n < 32; ++n) {
+            float angle = TURN * (n + 0.5) / 32.0;
+            vec2 across = sqrt(1.0 - cosine * cosine) * vec2(cos(angle), sin(angle));
+            vec3 facet = axes * vec3(across, cosine);
+            vec3 light = reflect(-viewer, facet);
+            float n_l = dot(normal, light), v_h = dot(viewer, facet);
+            if (n_l <= 0.0 || v_h <= 0.0) continue;
+            float lit_part = n_v * sqrt(n_l * n_l * (1.0 - squared) + squared);
+            float seen_part = n_l * sqrt(n_v * n_v * (1.0 - squared) + squared);
+            float share = n_l * v_h / (cosine * (lit_part + seen_part));
+            sum += share * sky(light);
+            shares += share;
+        }
+    }
+    return vec4(sum / shares, 1.0);
+}
+"""
+
 TONE_CURVES = """
 uniform int curve;  // 0 none, 1 Reinhard, 2 ACES by Hill, 3 Khronos PBR Neutral
 uniform float exposure;

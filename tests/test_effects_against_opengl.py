@@ -19,11 +19,14 @@ from opengl_effects import (
     BLINN_PHONG,
     FOG,
     LIGHTS,
+    MATT_UNDER_SKY,
     MICROFACET_PARTS,
     PHONG_PARTS,
     SHADOW,
+    SKY,
     TO_UNIT,
     TONE_CURVES,
+    WHITE_METAL_UNDER_SKY,
     Difference,
     Seen,
     Shape,
@@ -501,6 +504,56 @@ def test_four_samples_of_lit_faces_are_opengl_s():
     )  # fmt: skip
     everywhere = np.ones(SIZE[::-1], bool)
     check(difference(frame.linear, seen.linear, everywhere), mean=0.05, beyond=0.01)
+
+
+# Environments
+
+
+def panorama() -> NDArray[np.float32]:
+    """Return a bright and a dim side, a warm ground and broad clouds, (64, 128, 3), linear."""
+    latitude = np.pi * (0.5 - (np.arange(64) + 0.5) / 64)[:, np.newaxis, np.newaxis]
+    longitude = 2.0 * np.pi * ((np.arange(128) + 0.5) / 128 - 0.5)[np.newaxis, :, np.newaxis]
+    up, side = np.sin(latitude), np.cos(latitude) * np.cos(longitude - 0.7)
+    clouds = 0.15 * np.cos(latitude) ** 2 * np.sin(3.0 * longitude)
+    image = 0.4 + [0.1, 0.15, 0.25] * up + [0.2, 0.15, 0.1] * side + clouds
+    return image.astype(np.float32)
+
+
+BALL_CAMERA = rj.PerspectiveCamera((0.6, 0.8, 2.8), (0.0, 0.0, 0.0), fov_y=45.0)
+
+
+def draw_under_sky(material, fragment):
+    """Return our frame and OpenGL's picture of a ball that nothing but the sky lights."""
+    shape, image = sphere(1.0, bands=48), panorama()
+    scene = scene_of([shape], [material])
+    scene.environment = rj.Environment(image, background=False)
+    frame = rj.render(scene, BALL_CAMERA, size=SIZE, outputs=OUTPUTS)
+    uploaded = upload(np.dstack([image, np.ones(image.shape[:2])]), "bilinear")
+    uploaded.repeat_y = False
+    uniforms = material_uniforms(material)
+    textures = {"panorama": uploaded}
+    seen = draw_scene([shape], BALL_CAMERA, SIZE, (SKY, fragment), uniforms, textures)
+    uploaded.release()
+    return frame, seen
+
+
+def test_a_matt_surface_under_a_sky_shows_the_mean_of_what_it_faces():
+    """Nine harmonics stand for the sky: OpenGL takes the mean over 1152 directions at each pixel."""
+    material = rj.Material("phong", base_color=(0.9, 0.7, 0.5), specular=0.0)
+    frame, seen = draw_under_sky(material, MATT_UNDER_SKY)
+    where = same_faces(frame, seen)
+    check(difference(frame.linear, seen.linear, where), mean=1.0, beyond=0.2)
+    assert np.ptp(frame.linear[where][:, 0]) > 0.2
+
+
+@pytest.mark.parametrize(("roughness", "mean"), [(0.0, 0.3), (0.3, 1.0), (0.6, 1.0)])
+def test_a_white_metal_under_a_sky_mirrors_what_its_facets_face(roughness, mean):
+    """One look into a filtered picture stands for the mean over 1024 facets at each pixel."""
+    material = rj.Material("pbr", base_color="white", metallic=1.0, roughness=roughness)
+    frame, seen = draw_under_sky(material, WHITE_METAL_UNDER_SKY)
+    where = same_faces(frame, seen)
+    check(difference(frame.linear, seen.linear, where), mean=mean, beyond=0.5)
+    assert np.ptp(frame.linear[where][:, 0]) > 0.2
 
 
 # Tone mapping
