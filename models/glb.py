@@ -30,11 +30,12 @@ LARGEST_STORED_BLOCK = 65535
 
 
 def encode_png(pixels: NDArray[np.uint8]) -> bytes:
-    """Encode ``pixels (H,W,3)``, sRGB, as an uncompressed PNG file."""
-    height, width, _ = pixels.shape
+    """Encode ``pixels (H,W,3)``, or 4 with alpha, as an uncompressed PNG file."""
+    height, width, channels = pixels.shape
     filter_none = np.zeros((height, 1), np.uint8)
-    scanlines = np.hstack([filter_none, pixels.reshape(height, width * 3)]).tobytes()
-    header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
+    scanlines = np.hstack([filter_none, pixels.reshape(height, width * channels)]).tobytes()
+    kind = {3: 2, 4: 6}[channels]
+    header = struct.pack(">IIBBBBB", width, height, 8, kind, 0, 0, 0)
     chunks = [(b"IHDR", header), (b"IDAT", _store_zlib(scanlines)), (b"IEND", b"")]
     return b"\x89PNG\r\n\x1a\n" + b"".join(_png_chunk(kind, data) for kind, data in chunks)
 
@@ -69,15 +70,28 @@ class GlbFile:
         entries.append(entry)
         return len(entries) - 1
 
+    def use(self, extension: str) -> None:
+        """List an extension as used."""
+        used = self._document.setdefault("extensionsUsed", [])
+        if extension not in used:
+            used.append(extension)
+
     def add_light(self, light: dict[str, Any]) -> int:
         """Append a light of the extension KHR_lights_punctual."""
-        self._document["extensionsUsed"] = ["KHR_lights_punctual"]
+        self.use("KHR_lights_punctual")
         extensions = self._document.setdefault(
             "extensions", {"KHR_lights_punctual": {"lights": []}}
         )
         lights = extensions["KHR_lights_punctual"]["lights"]
         lights.append(light)
         return len(lights) - 1
+
+    def add_texture(self, png: bytes, name: str, sampler: dict[str, int] | None = None) -> int:
+        """Append a PNG file, an image of it, a sampler and a texture that shows it."""
+        entry = {"source": self.add_image(png, name)}
+        if sampler is not None:
+            entry["sampler"] = self.add("samplers", sampler)
+        return self.add("textures", entry)
 
     def add_image(self, png: bytes, name: str) -> int:
         """Append a PNG file to the buffer and an image that points at it."""

@@ -1,0 +1,387 @@
+"""glTF files that are odd, incomplete or damaged: read as far as they go, the rest named."""
+
+from __future__ import annotations
+
+import io
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from PIL import Image
+from sample_models import QUAD_FACES, Model, encode_png, quad
+
+import rasterjit as rj
+from rasterjit.io.gltf_file import GltfFile
+from rasterjit.io.gltf_meshes import FAN, STRIP, TRIANGLES, join_corners
+from rasterjit.io.left_out import LoadWarning, MeshFileError
+
+GREY = np.full((2, 2, 3), 128, np.uint8)
+
+
+def textured(**fields):
+    """Return a model of one textured rectangle."""
+    model = Model()
+    texture = model.texture(GREY)
+    model.add(quad(-1, -1, 1, 1), model.material("wall", baseColorTexture=texture, **fields))
+    return model
+
+
+def load_with(path, *said):
+    """Load a file that warns once, with all of these."""
+    with pytest.warns(LoadWarning) as warned:
+        scene = rj.load(path)
+    assert len(warned) == 1
+    for part in said:
+        assert part in str(warned[0].message)
+    return scene
+
+
+def only_material(scene):
+    (node,) = scene.nodes
+    return node.mesh.material
+
+
+def document(model):
+    return model.glb._document
+
+
+# --- textures -------------------------------------------------------------------------------------
+
+
+def huge_png():
+    """Return the head of a picture of 30000 by 30000 pixels."""
+    stream = io.BytesIO()
+    Image.new("1", (30000, 30000)).save(stream, "PNG")
+    return stream.getvalue()
+
+
+def empty_png():
+    """Return a picture of no pixels."""
+    whole = encode_png(np.zeros((1, 1, 3), np.uint8))
+    return whole[:16] + b"\0\0\0\0" + whole[20:]
+
+
+BAD_PICTURES = {
+    "damaged": encode_png(GREY)[:50],
+    "no picture": b"GIF, or not",
+    "nothing": b"",
+    "KTX2": b"\xabKTX 20\xbb\r\n\x1a\n" + bytes(64),
+    "empty": empty_png(),
+    "huge": huge_png(),
+}
+
+
+@pytest.mark.parametrize("kind", BAD_PICTURES)
+@pytest.mark.parametrize("field", ["baseColorTexture", "normalTexture", "emissiveTexture"])
+def test_a_picture_that_cannot_be_used_is_left_out_by_name(tmp_path, kind, field):
+    model = Model()
+    index = model.glb.add_texture(BAD_PICTURES[kind], "bad")
+    material = model.material("wall", **{field: {"index": index}}, metallicFactor=0.25)
+    model.add(quad(-1, -1, 1, 1), material)
+    name = {"baseColorTexture": "base_color", "normalTexture": "normal"}.get(field, "emissive")
+    scene = load_with(
+        model.save(tmp_path / "a.glb"), f"{name}_texture of material 'wall' that cannot be read: "
+    )
+    assert only_material(scene).metallic == 0.25
+    assert only_material(scene).textures_read() == (None,) * 5
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        (lambda d: d["materials"][0]["pbrMetallicRoughness"]["baseColorTexture"].update(index=7),
+         "textures has no number 7"),
+        (lambda d: d["textures"][0].update(source=9), "images has no number 9"),
+        (lambda d: d["textures"][0].update(sampler=9), "samplers has no number 9"),
+        (lambda d: d["textures"][0].pop("source"), "no source"),
+        (lambda d: d["images"][0].update(bufferView=99), "bufferViews has no number 99"),
+        (lambda d: d.update(images=[{"uri": "gone.png"}]), "gone.png"),
+        (lambda d: d.update(images=[{"uri": "https://example.com/a.png"}]), "is not a file beside"),
+        (lambda d: d["textures"].__setitem__(0, {"extensions": {"KHR_texture_basisu": {}}}),
+         "its picture is given by KHR_texture_basisu"),
+        (lambda d: d["materials"][0]["pbrMetallicRoughness"].update(baseColorTexture=[1]), "list"),
+    ],
+)  # fmt: skip
+def test_a_texture_reference_that_leads_nowhere_is_named(tmp_path, change, reason):
+    model = textured()
+    change(document(model))
+    scene = load_with(
+        model.save(tmp_path / "a.glb"), "base_color_texture of material 'wall'", reason
+    )
+    assert only_material(scene).base_color_texture is None
+
+
+def test_a_picture_in_a_file_of_its_own_is_read(tmp_path):
+    model = textured()
+    (tmp_path / "a b.png").write_bytes(encode_png(GREY))
+    document(model)["images"] = [{"uri": "a%20b.png"}]
+    assert only_material(rj.load(model.save(tmp_path / "a.glb"))).base_color_texture.size == (2, 2)
+
+
+def test_a_webp_picture_is_read_where_there_is_another_to_fall_back_on(tmp_path):
+    stream = io.BytesIO()
+    Image.fromarray(np.zeros((5, 7, 3), np.uint8)).save(stream, "WEBP", lossless=True)
+    model = textured()
+    source = model.glb.add_image(stream.getvalue(), "webp")
+    document(model)["textures"][0]["extensions"] = {"EXT_texture_webp": {"source": source}}
+    document(model)["extensionsUsed"] = ["EXT_texture_webp"]
+    assert only_material(rj.load(model.save(tmp_path / "a.glb"))).base_color_texture.size == (7, 5)
+
+
+# --- materials ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("number", [5, -1, "0", 0.5])
+def test_a_material_reference_that_leads_nowhere_is_named(tmp_path, number):
+    model = textured()
+    document(model)["meshes"][0]["primitives"][0]["material"] = number
+    scene = load_with(
+        model.save(tmp_path / "a.glb"),
+        f"reference to material {number!r}, which the file has not (1)",
+    )
+    assert only_material(scene) == rj.Material()
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {"roughnessFactor": "rough"}, {"baseColorFactor": [1, 0]}, {"emissiveFactor": [None] * 3},
+        {"normalTexture": 3}, {"metallicFactor": float("nan")},
+    ],
+)  # fmt: skip
+def test_a_damaged_material_is_named(tmp_path, fields):
+    model = textured(**fields)
+    scene = load_with(model.save(tmp_path / "a.glb"), "material 'wall'")
+    assert len(scene.nodes) == 1
+
+
+def test_factors_out_of_range_are_held_in_it(tmp_path):
+    model = textured(
+        metallicFactor=7, roughnessFactor=-2, baseColorFactor=[2, -1, 0.5, 3],
+        emissiveFactor=[9, -1, 0], alphaMode="MASK", alphaCutoff=-3,
+    )  # fmt: skip
+    material = only_material(rj.load(model.save(tmp_path / "a.glb")))
+    assert (material.metallic, material.roughness) == (1.0, 0.0)
+    assert material.base_color == (1.0, 0.0, 0.5, 1.0)
+    assert material.emissive == (1.0, 0.0, 0.0)
+    assert material.alpha_cutoff == 0.0
+
+
+def test_specular_glossiness_becomes_the_nearest_dielectric_and_says_so(tmp_path):
+    model = Model()
+    texture = model.texture(GREY)
+    glossy = {
+        "diffuseFactor": [0.5, 0.25, 1, 1],
+        "glossinessFactor": 0.75,
+        "diffuseTexture": texture,
+    }
+    extensions = {"KHR_materials_pbrSpecularGlossiness": glossy}
+    model.add(quad(-1, -1, 1, 1), model.material("old", extensions=extensions))
+    material = only_material(
+        load_with(model.save(tmp_path / "a.glb"), "specular colour of material 'old' (1)")
+    )
+    assert (material.metallic, material.roughness) == (0.0, 0.25)
+    assert material.base_color == (0.5, 0.25, 1.0, 1.0)
+    assert material.base_color_texture is not None
+
+
+def test_what_is_not_read_is_named_once(tmp_path):
+    model = textured(extensions={"KHR_materials_clearcoat": {"clearcoatFactor": 1}})
+    document(model).update(skins=[{}, {}], animations=[{}])
+    document(model)["extensionsUsed"] += ["KHR_materials_transmission", "KHR_texture_basisu"]
+    document(model)["meshes"][0]["primitives"][0]["targets"] = [{}, {}, {}]
+    load_with(
+        model.save(tmp_path / "a.glb"), "extension KHR_materials_clearcoat (1)",
+        "extension KHR_materials_transmission (1)", "extension KHR_texture_basisu (1)",
+        "skin (2)", "animation (1)", "morph target (3)",
+    )  # fmt: skip
+
+
+# --- geometry -------------------------------------------------------------------------------------
+
+
+def second_mesh(change):
+    """Return a model of two rectangles, the second of which is changed."""
+    model = Model()
+    model.add(quad(-1, -1, 1, 1), model.material())
+    model.add(quad(2, -1, 3, 1), 0)
+    change(document(model)["meshes"][1], document(model))
+    return model
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        (lambda m, d: m["primitives"][0].update(mode=0), "points of mesh 'mesh 1'"),
+        (lambda m, d: m["primitives"][0].update(mode=3), "lines of mesh 'mesh 1'"),
+        (lambda m, d: m["primitives"][0].update(mode=9), "mesh 'mesh 1', which cannot be read"),
+        (lambda m, d: m["primitives"][0].update(indices=99), "accessors has no number 99"),
+        (lambda m, d: m["primitives"][0]["attributes"].pop("POSITION"), "'POSITION'"),
+        (lambda m, d: m["primitives"][0].update(
+            extensions={"KHR_draco_mesh_compression": {"bufferView": 0}}),
+         "mesh 'mesh 1', which is compressed by KHR_draco_mesh_compression"),
+        (lambda m, d: d["nodes"][1].update(mesh=7), "reference to mesh 7, which the file has not"),
+        (lambda m, d: d["accessors"][4].update(count=10**9), "mesh 'mesh 1', which cannot be read"),
+        (lambda m, d: d["accessors"][4].update(count=0), "mesh 'mesh 1', which"),
+        (lambda m, d: d["accessors"][4].update(byteOffset=10**9), "mesh 'mesh 1', which"),
+        (lambda m, d: d["accessors"][4].update(componentType=1), "mesh 'mesh 1', which"),
+        (lambda m, d: d["bufferViews"][4].update(buffer=3), "mesh 'mesh 1', which cannot be read"),
+    ],
+)  # fmt: skip
+def test_a_mesh_that_cannot_be_shown_is_left_out_by_name(tmp_path, change, reason):
+    scene = load_with(second_mesh(change).save(tmp_path / "a.glb"), reason)
+    assert len(scene.nodes) == 1
+
+
+def test_attributes_that_are_no_use_are_left_out_by_name(tmp_path):
+    model = textured()
+    attributes = {**quad(-1, -1, 1, 1), "COLOR_0": np.full((4, 4), np.nan, np.float32)}
+    attributes["NORMAL"] = attributes["NORMAL"][:3]
+    model.add(attributes, 0)
+    load_with(
+        model.save(tmp_path / "a.glb"), "NORMAL of mesh 'mesh 1', which does not fit the vertices",
+        "COLOR_0 of mesh 'mesh 1', which has NaN or infinity",
+    )  # fmt: skip
+
+
+def test_a_texture_without_coordinates_is_left_out_by_name(tmp_path):
+    model = Model()
+    attributes = quad(-1, -1, 1, 1)
+    attributes.pop("TEXCOORD_0")
+    model.add(attributes, model.material(baseColorTexture=model.texture(GREY)))
+    scene = load_with(
+        model.save(tmp_path / "a.glb"), "textures of mesh 'mesh 0', which has no coordinates"
+    )
+    assert only_material(scene).base_color_texture is None
+
+
+def test_a_file_without_faces_says_what_it_holds(tmp_path):
+    model = Model()
+    model.add(quad(-1, -1, 1, 1), model.material())
+    document(model)["meshes"][0]["primitives"][0]["mode"] = 0
+    with pytest.raises(MeshFileError, match=r"a\.glb holds no faces \(points of mesh 'mesh 0' \(1"):
+        rj.load(model.save(tmp_path / "a.glb"))
+    model = textured()
+    document(model)["nodes"] = [{}]
+    with pytest.raises(MeshFileError, match="holds no faces"):
+        rj.load(model.save(tmp_path / "b.glb"))
+
+
+@pytest.mark.parametrize("mode", [TRIANGLES, STRIP, FAN])
+def test_strips_and_fans_are_the_triangles_that_opengl_makes(mode):
+    corners = np.array([7, 3, 9, 4, 8])
+    want = {
+        TRIANGLES: [[7, 3, 9]],
+        STRIP: [[7, 3, 9], [3, 4, 9], [9, 4, 8]],
+        FAN: [[3, 9, 7], [9, 4, 7], [4, 8, 7]],
+    }[mode]
+    assert join_corners(corners, mode).tolist() == want
+    for few in range(3):
+        assert len(join_corners(corners[:few], mode)) == 0
+
+
+def test_a_mesh_without_indices_is_drawn_in_order(tmp_path):
+    model = Model()
+    attributes = {name: rows[QUAD_FACES.ravel()] for name, rows in quad(-1, -1, 1, 1).items()}
+    model.add(attributes, model.material())
+    document(model)["meshes"][0]["primitives"][0].pop("indices")
+    (node,) = rj.load(model.save(tmp_path / "a.glb")).nodes
+    assert node.mesh.faces.tolist() == [[0, 1, 2], [3, 4, 5]]
+
+
+def test_sparse_and_normalized_accessors_and_strides_are_decoded(tmp_path):
+    places = np.array([1, 3], "<u2").tobytes()
+    values = np.array([[9, 9], [-127, -128]], "<i1").tobytes()
+    rows = np.arange(4 * 4, dtype="<i1").tobytes()
+    content = rows + places + values
+    (tmp_path / "data.bin").write_bytes(content)
+    header = {
+        "asset": {"version": "2.0"},
+        "buffers": [{"uri": "data.bin", "byteLength": len(content)}],
+        "bufferViews": [
+            {"buffer": 0, "byteLength": 16, "byteStride": 4},
+            {"buffer": 0, "byteOffset": 16, "byteLength": 4},
+            {"buffer": 0, "byteOffset": 20, "byteLength": 4},
+        ],
+        "accessors": [
+            {
+                "bufferView": 0, "byteOffset": 1, "componentType": 5120, "type": "VEC2", "count": 4,
+                "normalized": normalized,
+                "sparse": {
+                    "count": 2, "indices": {"bufferView": 1, "componentType": 5123},
+                    "values": {"bufferView": 2},
+                },
+            }
+            for normalized in (False, True)
+        ],
+    }  # fmt: skip
+    path = tmp_path / "a.gltf"
+    path.write_text(json.dumps(header))
+    file = GltfFile(path)
+    plain = np.array([[1, 2], [9, 9], [9, 10], [-127, -128]])
+    assert np.array_equal(file.array(0), plain)
+    assert file.array(1) == pytest.approx(np.maximum(plain / 127, -1.0))
+
+
+def test_nothing_but_roots_is_shown_where_there_are_no_scenes(tmp_path):
+    model = textured()
+    path = model.save(tmp_path / "a.glb")
+    # The same file, whose scenes are called something else.
+    path.write_bytes(path.read_bytes().replace(b'"scenes"', b'"sceneX"'))
+    assert len(rj.load(path).nodes) == 1
+
+
+def test_what_hangs_on_the_node_of_a_camera_is_shown(tmp_path):
+    model = textured()
+    lens = {"type": "perspective", "perspective": {"yfov": 1.0, "znear": 0.1}}
+    number = model.glb.add("cameras", lens)
+    document(model)["nodes"][0]["camera"] = number
+    scene = rj.load(model.save(tmp_path / "a.glb"))
+    assert len(scene.nodes) == 1
+    assert scene.camera is not None
+
+
+def test_nodes_that_hang_on_themselves_end(tmp_path):
+    model = textured()
+    document(model)["nodes"][0]["children"] = [0]
+    assert len(rj.load(model.save(tmp_path / "a.glb")).nodes) == 1
+
+
+def test_a_mesh_in_parts_is_one_node_for_each(tmp_path):
+    model = textured()
+    primitives = document(model)["meshes"][0]["primitives"]
+    primitives.append({**primitives[0], "material": model.material("other")})
+    document(model)["nodes"][0]["name"] = "house"
+    scene = rj.load(model.save(tmp_path / "a.glb"))
+    assert [node.name for node in scene.nodes] == ["house", "house part 2"]
+    assert [node.mesh.material.name for node in scene.nodes] == ["wall", "other"]
+
+
+def test_gltf_1_is_refused_by_name(tmp_path):
+    path = tmp_path / "a.gltf"
+    path.write_text(json.dumps({"asset": {"version": "1.1"}}))
+    with pytest.raises(MeshFileError, match=r"a\.gltf could not be read as \.gltf: .* glTF 1\.1"):
+        rj.load(path)
+
+
+def test_given_tangents_are_kept_where_a_normal_map_needs_them(tmp_path):
+    model = Model()
+    texture = model.texture(GREY)
+    tangents = np.tile(np.float32([0, 1, 0, -1]), (4, 1))
+    for fields in ({"normalTexture": texture}, {"baseColorTexture": texture}):
+        model.add({**quad(-1, -1, 1, 1), "TANGENT": tangents}, model.material(**fields))
+    mapped, plain = rj.load(model.save(tmp_path / "a.glb")).nodes
+    assert np.array_equal(mapped.mesh.tangents, tangents)
+    assert plain.mesh.tangents is None
+
+
+def test_gltf_is_read_without_trimesh(tmp_path):
+    path = textured().save(tmp_path / "a.glb")
+    code = (
+        "import sys, rasterjit.io.meshes as m\n"
+        f"assert m.load({str(path)!r}).nodes\n"
+        "assert 'trimesh' not in sys.modules"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
