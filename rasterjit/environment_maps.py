@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 import weakref
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,7 +43,8 @@ ROWS_PER_TASK = 8
 """Rows of a filtered picture made by one task."""
 
 TEXELS_AROUND = 8.0
-"""Times one over alpha: texels around the finest copy that a lobe is read from, three across."""
+"""Columns of the finest copy that a lobe is read from, times alpha: the middle of the lobe, 150
+alpha degrees wide, is three texels across."""
 
 BEYOND = 3.0
 """One minus a cosine is never so much."""
@@ -129,18 +130,13 @@ def _gradient_irradiance(sky: SkyGradient) -> NDArray[np.float32]:
     A surface keeps 1, 2/3 and 1/4 of the harmonics of degree 0, 1 and 2, and |y| is
     1/2 + 5/16 (3y² - 1) + ...
     """
-    zenith, horizon, ground = (np.array(color, np.float64) for color in sky_colors(sky))
+    zenith, horizon, ground = np.array([sky.zenith, sky.horizon, sky.ground])
     up, down = zenith - horizon, ground - horizon
     terms = np.zeros((IRRADIANCE_TERMS, 3))
     terms[0] = horizon + (up + down) / 4.0
     terms[2] = (up - down) / 3.0
     terms[7] = (up + down) * (5.0 / 128.0)
     return terms.astype(np.float32)
-
-
-def sky_colors(sky: SkyGradient) -> tuple[Any, Any, Any]:
-    """Return zenith, horizon and ground, linear RGB."""
-    return sky.zenith, sky.horizon, sky.ground
 
 
 def _copy_width(width: int) -> int:
@@ -254,7 +250,7 @@ def _gradient_image(sky: SkyGradient) -> NDArray[np.float32]:
     """Return a picture of a gradient."""
     height = GRADIENT_SIZE // 2
     y = _latitudes(height)[0][:, np.newaxis]
-    zenith, horizon, ground = (np.array(color) for color in sky_colors(sky))
+    zenith, horizon, ground = np.array([sky.zenith, sky.horizon, sky.ground])
     rows = horizon + np.abs(y) * (np.where(y > 0.0, zenith, ground) - horizon)
     return np.repeat(rows.astype(np.float32)[:, np.newaxis], GRADIENT_SIZE, axis=1)
 
@@ -264,7 +260,6 @@ def _filtered(
 ) -> NDArray[np.float32]:
     """Return the picture that a surface of one degree of roughness mirrors, (H, W, 3)."""
     alpha = math.ldexp(1.0, level - ROUGH_LEVELS)
-    # The middle of the lobe is 150 alpha degrees across.
     finest = min(max(round(TEXELS_AROUND / alpha), NARROWEST), max(copies))
     width = min(finest, WIDEST_LEVEL)
     height = width // 2

@@ -7,6 +7,7 @@ for one pixel. Where the engine rounds, the exact value is shown beside it, from
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -40,6 +41,11 @@ OUTCODE_WORDS = {
     setup.LEFT: "left", setup.RIGHT: "right", setup.BOTTOM: "bottom", setup.TOP: "top",
     setup.NEAR: "near", setup.FAR: "far", setup.GUARD: "guard band",
 }  # fmt: skip
+
+EXPLAINED = frozenset(
+    ("shading", "lights", "smooth normals", "textures", "wireframe", "diagnostics")
+)
+"""Effects whose part in a pixel's colour is told; with any other, the colour is a frame's."""
 
 Weights = tuple["Fraction", "Fraction", "Fraction"]
 
@@ -110,6 +116,9 @@ def explain_pixel(
     color = np.empty((1, 1), np.uint32)
     resolve.encode_rows(linear.reshape(1, 1, 4), resolve.encoding_table(), color)
     plain = seen = color.view(np.uint8)[0]
+    if any(effect.used and effect.name not in EXPLAINED for effect in plan.effects):
+        plain, linear = _seen_without_edges(scene, plan, background, x, y)
+        seen = plain
     if plan.wireframe is not None:
         frame = render(
             scene, camera, size=size, quality=quality, background=background, cull=cull, threads=1
@@ -119,6 +128,19 @@ def explain_pixel(
     return PixelExplanation(
         x, y, size, faces, reasons, light, linear, seen, not np.array_equal(plain, seen)
     )
+
+
+def _seen_without_edges(
+    scene: Scene, plan: RenderPlan, background: Any, x: int, y: int
+) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+    """Return the colour of one pixel, as codes (4,) and linear (4,), before edges are drawn."""
+    without = copy.copy(scene)
+    without.wireframe = None
+    frame = render(
+        without, plan.camera, size=plan.size, quality=plan.quality, outputs=("color", "linear"),
+        background=background, cull=plan.cull, threads=1,
+    )  # fmt: skip
+    return frame.color[y, x], frame.linear[y, x]
 
 
 def _index(name: str, value: Any, count: int, kind: str) -> int:
@@ -342,6 +364,9 @@ def _weights(
 def _light(drawn: _Drawn, x: int, y: int) -> tuple[LightTerms, NDArray[np.float32]]:
     """Return the terms of a pixel's colour and the colour itself, (4,) float32, linear."""
     plan, lighting = drawn.plan, drawn.plan.lighting
+    if lighting is not None:
+        # It lies over the sum of all light.
+        lighting = lighting._replace(fog=None)
     meshes = [node.mesh for node in drawn.scene.nodes]
     normals = plan_arrays.join_normals(meshes) if plan.needs_normals else None
     textures = join_textures(meshes) if plan.needs_textures else None
@@ -439,7 +464,7 @@ def _interpolate(drawn: _Drawn, values: NDArray[np.float32], x: int, y: int) -> 
 def _light_names(scene: Scene) -> list[str]:
     """Name the lights that are not ambient, in the order the plan has them."""
     if not scene.lights:
-        return ["headlight"]
+        return ["headlight"] if scene.environment is None else []
     return [
         f"{type(light).__name__} {n}"
         for n, light in enumerate(scene.lights)

@@ -49,43 +49,6 @@ def mirrored(image, direction, roughness):
     return np.einsum("hw,hwc->c", weights, image.astype(np.float64)) / weights.sum()
 
 
-def reflected_shares(cosine, roughness, steps=400):
-    """
-    Return scale and offset of the head-on reflectance: the integral over facets, by quadrature.
-
-    Over the half vectors of GGX, by equal shares of their distribution.
-    """
-    alpha = roughness * roughness
-    view = np.array([math.sqrt(1.0 - cosine * cosine), 0.0, cosine])
-    u = (np.arange(steps) + 0.5) / steps
-    phi = 2.0 * np.pi * (np.arange(steps) + 0.5) / steps
-    cos_h = np.sqrt((1.0 - u) / (1.0 + (alpha**2 - 1.0) * u))
-    sin_h = np.sqrt(1.0 - cos_h**2)
-    half = np.stack(
-        [
-            np.outer(sin_h, np.cos(phi)),
-            np.outer(sin_h, np.sin(phi)),
-            np.outer(cos_h, 1.0 + 0 * phi),
-        ],
-        axis=-1,
-    )
-    v_h = half @ view
-    n_l = (2.0 * v_h[..., None] * half - view)[..., 2]
-    n_h = half[..., 2]
-
-    def visible(n_l):
-        # Heitz' joint masking and shadowing.
-        a = cosine * np.sqrt(alpha**2 + (1.0 - alpha**2) * n_l**2)
-        b = n_l * np.sqrt(alpha**2 + (1.0 - alpha**2) * cosine**2)
-        return 2.0 * n_l * cosine / (a + b)
-
-    seen = (n_l > 0.0) & (v_h > 0.0)
-    light = np.where(seen, n_l, 1.0)
-    share = np.where(seen, visible(light) * v_h / (n_h * cosine), 0.0)
-    bent = (1.0 - np.clip(v_h, 0.0, 1.0)) ** 5
-    return float((share * (1.0 - bent)).mean()), float((share * bent).mean())
-
-
 def fog_share(fog, point, eye):
     """Return the share of a colour that fog lets through, the ray cut into short pieces."""
     point, eye = np.array(point, np.float64), np.array(eye, np.float64)

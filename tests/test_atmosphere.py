@@ -27,6 +27,20 @@ def scene_of(mesh, shading="phong", **fields):
     return scene
 
 
+SHADINGS = "unlit", "flat", "gouraud", "phong"
+
+
+def row_of(mesh, **fields):
+    """Return a scene with a white mesh of each kind of shading, side by side."""
+    scene = scene_of(mesh, SHADINGS[0], **fields)
+    for n, shading in enumerate(SHADINGS[1:], 1):
+        material = rj.Material(shading, "white", specular=0.0)
+        scene.add(
+            rj.Mesh(mesh.vertices, mesh.faces, material=material), tf.translate((2.2 * n, 0, 0))
+        )
+    return scene
+
+
 def far_away(**fields):
     """Return a scene of which nothing is seen."""
     scene = scene_of(rj.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]), **fields)
@@ -160,24 +174,61 @@ def test_the_sky_is_seen_behind_edges_alone(cube, camera):
 # Light from all around.
 
 
-@pytest.mark.parametrize("shading", ["flat", "gouraud", "phong"])
-def test_one_colour_all_around_gives_exactly_that_colour(sphere, camera, shading):
+WIDE = rj.PerspectiveCamera((3.3, 2.0, 9.0), (3.3, 0.0, 0.0))
+"""Sees all of a row."""
+
+
+def test_one_colour_all_around_gives_exactly_that_colour(sphere):
     color = (0.5, 0.25, 0.125)
-    scene = scene_of(sphere, shading, environment=rj.Environment.constant(color))
-    frame = draw(scene, camera, ("linear", "face_id"))
-    seen = frame.linear[frame.face_id >= 0][:, :3]
-    if shading == "gouraud":
-        # Interpolated between three vertices that all have it.
-        assert seen == pytest.approx(np.broadcast_to(color, seen.shape), abs=1e-6)
-    else:
-        assert (seen == np.float32(color)).all()
-    assert (frame.linear[frame.face_id < 0][:, :3] == np.float32(color)).all()
+    scene = row_of(sphere, environment=rj.Environment.constant(color))
+    frame = draw(scene, WIDE, ("linear", "object_id"))
+    for number, shading in enumerate(SHADINGS):
+        seen = frame.linear[frame.object_id == number][:, :3]
+        assert len(seen) > 20
+        if shading == "gouraud":
+            # Interpolated between three vertices that all have it.
+            assert seen == pytest.approx(np.broadcast_to(color, seen.shape), abs=1e-6)
+        else:
+            assert (seen == np.float32(color if shading != "unlit" else 1.0)).all()
+    assert (frame.linear[frame.object_id < 0][:, :3] == np.float32(color)).all()
 
 
 def test_one_colour_all_around_equals_ambient_light(sphere, camera):
     lit = scene_of(sphere, environment=rj.Environment.constant("orange", background=False))
     ambient = scene_of(sphere, lights=[rj.AmbientLight("orange", 1.0)])
     assert same(draw(lit, camera), draw(ambient, camera))
+
+
+def test_one_colour_all_around_equals_ambient_light_on_microfacets(sphere, camera):
+    def lit_by(**fields):
+        scene = rj.Scene()
+        for n, (metallic, roughness) in enumerate(((0.0, 0.2), (1.0, 0.6), (0.5, 1.0))):
+            material = rj.Material("pbr", "orange", metallic=metallic, roughness=roughness)
+            scene.add(
+                rj.Mesh(sphere.vertices, sphere.faces, material=material),
+                tf.translate((0.5 * n, 0.3 * n, -n)),
+            )
+        for name, value in fields.items():
+            setattr(scene, name, value)
+        return draw(scene, camera, ("linear",), background="white").linear
+
+    around = lit_by(environment=rj.Environment.constant("#88aaff", intensity=0.7))
+    ambient = lit_by(lights=[rj.AmbientLight("#88aaff", 0.7)])
+    assert around == pytest.approx(ambient, abs=1e-6)
+
+
+def test_microfacets_mirror_the_sky_and_white_stays_white(sphere, camera):
+    scene = scene_of(sphere, "pbr", environment=rj.Environment.constant("white"))
+    assert draw(scene, camera).linear == pytest.approx(1.0, abs=2e-6)
+    scene = rj.Scene()
+    mirror = rj.Material("pbr", "white", metallic=1.0, roughness=0.0)
+    scene.add(rj.Mesh(sphere.vertices, sphere.faces, material=mirror))
+    scene.environment = rj.Environment.gradient("blue", "black", "red")
+    frame = draw(scene, rj.OrthographicCamera((0, 0, 5), (0, 0, 0), height=2.2))
+    assert "mirrored by pbr" in used(frame)["environment light"].reason
+    top, bottom = frame.linear[8, 20], frame.linear[21, 20]
+    assert top[2] > 0.5 > 0.1 > top[0]
+    assert bottom[0] > 0.5 > 0.1 > bottom[2]
 
 
 def test_unlit_objects_get_no_light(sphere, camera):
@@ -198,14 +249,13 @@ def test_an_environment_takes_the_place_of_the_headlight(sphere, camera):
     assert (light.used, light.reason) == (False, "the environment is black")
 
 
-@pytest.mark.parametrize("shading", ["flat", "gouraud", "phong"])
-def test_a_black_environment_changes_no_bit(sphere, camera, monkeypatch, shading):
+def test_a_black_environment_changes_no_bit(sphere, monkeypatch):
     lights = [rj.DirectionalLight((-1, -2, -1)), rj.AmbientLight(intensity=0.2)]
-    without = draw(scene_of(sphere, shading, lights=lights), camera)
+    without = draw(row_of(sphere, lights=lights), WIDE)
     black = rj.Environment(np.zeros((4, 8, 3)), background=False)
-    scene = scene_of(sphere, shading, lights=lights, environment=black)
+    scene = row_of(sphere, lights=lights, environment=black)
     monkeypatch.setattr(rj.Environment, "lights", True)
-    frame = draw(scene, camera)
+    frame = draw(scene, WIDE)
     assert used(frame)["environment light"].used
     assert same(frame, without)
 
@@ -235,7 +285,6 @@ def test_any_number_of_threads_gives_the_same_bits(sphere, camera):
 # Fog.
 
 
-@pytest.mark.parametrize("shading", ["unlit", "flat", "gouraud", "phong"])
 @pytest.mark.parametrize(
     "fog",
     [
@@ -245,16 +294,18 @@ def test_any_number_of_threads_gives_the_same_bits(sphere, camera):
         rj.Fog("red", "exp", density=0.5, height=0.0, falloff=1.0),
     ],
 )
-def test_fog_covers_every_kind_of_surface(cube, camera, shading, fog):
-    lights = [rj.AmbientLight(intensity=1.0)]
-    outputs = ("linear", "position", "face_id")
-    frame = draw(scene_of(cube, shading, lights=lights, fog=fog), camera, outputs)
-    eye = camera.eye_position()
-    for row, column in np.argwhere(frame.face_id >= 0)[::17]:
-        share = naive.fog_share(fog, frame.position[row, column], eye)
-        assert frame.linear[row, column, 1] == pytest.approx(share, abs=1e-5)
-        assert frame.linear[row, column, 0] == pytest.approx(1.0, abs=1e-6)
-    assert (frame.linear[frame.face_id < 0] == 1.0).all()
+def test_fog_covers_every_kind_of_surface(cube, fog):
+    scene = row_of(cube, lights=[rj.AmbientLight(intensity=1.0)], fog=fog)
+    frame = draw(scene, WIDE, ("linear", "position", "object_id"))
+    eye = WIDE.eye_position()
+    for number in range(len(SHADINGS)):
+        places = np.argwhere(frame.object_id == number)
+        assert len(places) > 20
+        for row, column in places[::7]:
+            share = naive.fog_share(fog, frame.position[row, column], eye)
+            assert frame.linear[row, column, 1] == pytest.approx(share, abs=1e-5)
+            assert frame.linear[row, column, 0] == pytest.approx(1.0, abs=1e-6)
+    assert (frame.linear[frame.object_id < 0] == 1.0).all()
 
 
 FOG_OUT = [
@@ -274,11 +325,10 @@ def test_fog_that_covers_nothing_is_left_out(cube, camera, fog, reason):
 
 
 @pytest.mark.parametrize("fog", [fog for fog, _ in FOG_OUT[1:]])
-@pytest.mark.parametrize("shading", ["unlit", "phong"])
-def test_fog_that_covers_nothing_changes_no_bit(cube, camera, monkeypatch, fog, shading):
-    without = draw(scene_of(cube, shading), camera)
+def test_fog_that_covers_nothing_changes_no_bit(cube, monkeypatch, fog):
+    without = draw(row_of(cube), WIDE)
     monkeypatch.setattr(planning, "is_fog_in_reach", lambda *_: True)
-    frame = draw(scene_of(cube, shading, fog=fog), camera)
+    frame = draw(row_of(cube, fog=fog), WIDE)
     assert used(frame)["fog"].used
     assert same(frame, without)
 
@@ -395,6 +445,22 @@ def test_glass_is_tone_mapped_over_a_background_as_given(camera, background):
     assert frame.color[15, 20, 3] == math.floor(255.0 * alpha + 0.5)
     plain = draw(glass(), camera, ("linear",), background=background)
     assert frame.linear == pytest.approx(plain.linear, abs=1e-6)
+
+
+# Single pixels.
+
+
+def test_a_pixel_is_explained_with_the_colour_of_the_frame(cube, camera):
+    scene = scene_of(
+        cube, environment=rj.Environment(SKY), fog=rj.Fog(density=0.1), tone_map=rj.ToneMap("aces")
+    )
+    frame = draw(scene, camera, ("color", "linear", "face_id"))
+    for row, column in ((0, 0), (15, 20)):
+        told = rj.explain_pixel(scene, camera, SIZE, column, row)
+        assert (told.color == frame.color[row, column]).all()
+        assert (told.linear == frame.linear[row, column]).all()
+        assert not told.under_wireframe
+    assert frame.face_id[0, 0] < 0 <= frame.face_id[15, 20]
 
 
 # Bad input.

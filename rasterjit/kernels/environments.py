@@ -2,9 +2,9 @@
 Look up the environment: what it sheds on a surface, what a surface mirrors of it, what is behind.
 
 The light that falls on a surface from all sides is a polynomial of its normal [1]_. What it mirrors
-is looked up once in a picture filtered for its roughness, and weighted by how much of the light a
-rough surface reflects at all, and how much after several bounces between its facets [2]_ [3]_ [4]_:
-a white surface under white light is white, however rough and however metallic.
+is looked up once in a picture filtered for its roughness, and weighted by the share of the light
+that its facets send on at once [2]_; what they send on after several bounces [3]_ comes from all
+sides. A white surface under white light is white, however rough and however metallic.
 
 Directions become longitude and latitude by a polynomial of our own, whose bits are the same on
 every CPU.
@@ -14,10 +14,9 @@ References
 .. [1] R. Ramamoorthi, P. Hanrahan, "An Efficient Representation for Irradiance Environment Maps",
    SIGGRAPH 2001.
 .. [2] B. Karis, "Real Shading in Unreal Engine 4", SIGGRAPH 2013 courses: the split sum.
-.. [3] B. Karis, "Physically Based Shading on Mobile", 2014, after D. Lazarov, 2013: the fit.
-.. [4] C. Fdez-Agüera, "A Multiple-Scattering Microfacet Model for Real-Time Image-Based Lighting",
+.. [3] C. Fdez-Agüera, "A Multiple-Scattering Microfacet Model for Real-Time Image-Based Lighting",
    Journal of Computer Graphics Techniques 8(1), 2019.
-.. [5] S. Lagarde, C. de Rousiers, "Moving Frostbite to Physically Based Rendering", SIGGRAPH 2014
+.. [4] S. Lagarde, C. de Rousiers, "Moving Frostbite to Physically Based Rendering", SIGGRAPH 2014
    courses: where the lobe of a rough surface points.
 """
 
@@ -27,7 +26,8 @@ import numpy as np
 
 from rasterjit.kernels import lighting as lit
 from rasterjit.kernels.jit import disjoint_stage, stage
-from rasterjit.kernels.lighting import exp2, log2, unit_scale
+from rasterjit.kernels.lighting import log2, occlusion_share, unit_scale
+from rasterjit.kernels.microfacets import DIELECTRIC, bounces, reflected_shares
 
 IRRADIANCE_TERMS = 9
 """Of the polynomial: 1, x, y, z, xy, yz, zx, 3y² - 1, x² - z²."""
@@ -46,9 +46,6 @@ LEAST_ROUGHNESS = np.float32(0.08838835)
 
 TANGENT_OF_EIGHTH = np.float32(0.41421357)
 """Of 22.5 degrees: above, a ratio is turned back by 45 degrees."""
-
-DIELECTRIC = np.float32(0.04)
-"""Share of light that what is not a metal mirrors head on, as glTF 2.0 has it."""
 
 
 @stage
@@ -200,14 +197,6 @@ def light_from_all_sides(x, y, z, terms, k):
     return max(total, np.float32(0.0))
 
 
-@stage
-def share_reached(occlusion, i):
-    """Return the share of light from all sides that reaches a sample: 1 if nothing hides it."""
-    if occlusion is None:
-        return np.float32(1.0)
-    return occlusion[i]
-
-
 @disjoint_stage
 def add_irradiance(
     terms, turn, intensity, occlusion, nx, ny, nz, shares, red, green, blue, out_red, out_green,
@@ -216,39 +205,10 @@ def add_irradiance(
     """Add to each sample its share of the light from all sides, times its base colour."""
     for i in range(out_red.shape[0]):
         x, z = turn[0] * nx[i] - turn[1] * nz[i], turn[1] * nx[i] + turn[0] * nz[i]
-        arriving = shares[i] * intensity * share_reached(occlusion, i)
+        arriving = shares[i] * intensity * occlusion_share(occlusion, i)
         out_red[i] += arriving * (red[i] * light_from_all_sides(x, ny[i], z, terms, 0))
         out_green[i] += arriving * (green[i] * light_from_all_sides(x, ny[i], z, terms, 1))
         out_blue[i] += arriving * (blue[i] * light_from_all_sides(x, ny[i], z, terms, 2))
-
-
-@stage
-def reflected_shares(cosine, roughness):
-    """
-    Return the scale and the offset of the head-on reflectance, for the cosine to the viewer.
-
-    Their sum is the share of light that facets which are perfect mirrors send on at once. Karis'
-    fit of the integral over all facets: the offset is good to 0.09, the scale to 0.2 for cosines
-    from 0.2 on and to 0.4 below; what it takes from one bounce is counted as several.
-    """
-    rest = np.float32(1.0) - roughness
-    low = np.float32(0.0425) - np.float32(0.0275) * roughness
-    steep = min(rest * rest, exp2(np.float32(-9.28) * cosine)) * rest + low
-    scale = np.float32(1.04) - np.float32(0.572) * roughness - np.float32(1.04) * steep
-    offset = np.float32(1.04) * steep - np.float32(0.04) + np.float32(0.022) * roughness
-    # At the ends of its range the fit leaves 0..1 by a little.
-    scale = max(scale, np.float32(0.0))
-    return scale, min(max(offset, np.float32(0.0)), np.float32(1.0) - scale)
-
-
-@stage
-def scattered(head_on, shares):
-    """Return which shares of the light leave after one bounce, and after several."""
-    one = np.float32(1.0)
-    missing = one - (shares[0] + shares[1])
-    once = head_on * shares[0] + shares[1]
-    mean = head_on + (one - head_on) * np.float32(1.0 / 21.0)
-    return once, missing * once * mean / (one - missing * mean)
 
 
 @stage
@@ -259,7 +219,7 @@ def shares_of_channel(base, metallic, dielectric, shares):
     A mix of a metal, which only mirrors, and a dielectric: what it does not mirror goes into the
     surface and comes back coloured.
     """
-    once, often = scattered(base, shares)
+    once, often = bounces(base, shares)
     inside = np.float32(1.0) - (dielectric[0] + dielectric[1])
     return (
         dielectric[0] + metallic * (once - dielectric[0]),
@@ -298,7 +258,7 @@ def add_mirrored(samples, n, arriving, environment, reflections, toward_viewer):
     direction, facing = mirror_direction(samples, n, toward_viewer, roughness * roughness)
     mirrored = mirrored_color(direction, roughness, environment, reflections)
     shares = reflected_shares(facing, roughness)
-    dielectric = scattered(DIELECTRIC, shares)
+    dielectric = bounces(DIELECTRIC, shares)
     nx, ny, nz = samples[lit.NORMAL_X, n], samples[lit.NORMAL_Y, n], samples[lit.NORMAL_Z, n]
     x, z = turned(nx, nz, environment.turn)
     for k in range(3):
@@ -315,7 +275,7 @@ def add_reflections(samples, count, occlusion, environment, reflections, toward_
     for n in range(count):
         share = samples[lit.MICROFACET, n]
         if share > np.float32(0.0):
-            arriving = share * environment.intensity * share_reached(occlusion, n)
+            arriving = share * environment.intensity * occlusion_share(occlusion, n)
             add_mirrored(samples, n, arriving, environment, reflections, toward_viewer)
 
 

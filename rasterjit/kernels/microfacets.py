@@ -110,13 +110,20 @@ def reflected_shares(n_v, roughness):
 
 
 @stage
-def scattered(head_on, shares):
-    """Return the share of one channel that facets send on, after one bounce or several."""
+def bounces(head_on, shares):
+    """Return the shares of one channel that facets send on after one bounce, and after several."""
     one = np.float32(1.0)
     missing = one - (shares[0] + shares[1])
     once = max(head_on * shares[0] + shares[1], np.float32(0.0))
     mean = head_on + (one - head_on) * np.float32(1.0 / 21.0)
-    return once + missing * once * mean / (one - missing * mean)
+    return once, missing * once * mean / (one - missing * mean)
+
+
+@stage
+def scattered(head_on, shares):
+    """Return the share of one channel that facets send on, after one bounce or several."""
+    once, often = bounces(head_on, shares)
+    return once + often
 
 
 @disjoint_stage
