@@ -330,8 +330,8 @@ def anti_aliasing(size: Size) -> Picture:
 
 @picture
 def ambient_occlusion(size: Size) -> Picture:
-    """Light from all around alone, without and with what keeps it out of corners."""
-    part, pictures = part_of(size, 2), []
+    """Light mostly from all around, without and with what keeps it out of corners."""
+    part, pictures = part_of(size, 1, 2), []
     for effect in (None, rj.AmbientOcclusion(radius=1.6)):
         white = rj.Material(base_color="#ece9e2", specular=0.0)
         scene = teapot(white, white)
@@ -340,11 +340,11 @@ def ambient_occlusion(size: Size) -> Picture:
         for n in range(3):
             step = dressed(box(2.4, 0.5 * (n + 1), 1.0), white)
             scene.add(step, PLACE.translate((2.4, 0.0, -2.6 - n)))
-        scene.lights = [rj.AmbientLight(intensity=0.85)]
+        scene.lights = [rj.AmbientLight(intensity=0.75), sun(0.2)]
         scene.ambient_occlusion = effect
-        camera = rj.PerspectiveCamera(eye=(0.8, 5.4, 11.5), target=(0.1, 1.2, -0.6), fov_y=38.0)
+        camera = rj.PerspectiveCamera(eye=(0.8, 4.2, 10.5), target=(0.3, 1.25, -0.6), fov_y=23.0)
         pictures.append(shown(scene, camera, part, background="#d8d5cf", quality=SMOOTH))
-    return in_row(pictures)
+    return in_rows(pictures, 1)
 
 
 @picture
@@ -369,13 +369,16 @@ def outline(size: Size) -> Picture:
 @picture
 def wireframe(size: Size) -> Picture:
     """The edges of all faces over them, hidden ones removed; and all edges alone."""
-    part, pictures = part_of(size, 2), []
+    part, pictures = part_of((size[0], size[1] * 2 // 3), 2), []
     for mode, color in (("overlay", "#1d2b3a"), ("only", "#1d4a7a")):
         scene = rj.Scene()
         look = rj.Material(base_color="#9fc0d8", specular=0.2)
-        scene.add(dressed(model("teapot.obj"), look), PLACE.rotate_y(-25))
+        scene.add(dressed(ball(16, 24), look), PLACE.translate((-0.75, 0.0, 0.0)))
+        cube = PLACE.compose(PLACE.translate((0.9, -1.0, 0.6)), PLACE.rotate_y(30))
+        scene.add(dressed(box(1.1, 1.1, 1.1), look), cube)
         scene.wireframe = rj.Wireframe(color, mode)
-        pictures.append(shown(scene, replace(TEAPOT_VIEW, fov_y=44.0), part))
+        camera = rj.PerspectiveCamera(eye=(0.8, 1.8, 6.0), target=(0.05, -0.15, 0), fov_y=28.0)
+        pictures.append(shown(scene, camera, part))
     return in_row(pictures)
 
 
