@@ -538,12 +538,12 @@ def draw_under_sky(material, fragment):
 
 
 def test_a_matt_surface_under_a_sky_shows_the_mean_of_what_it_faces():
-    """Nine harmonics stand for the sky: OpenGL takes the mean over 1152 directions at each pixel."""
+    """Nine harmonics stand for the sky; OpenGL takes the mean over 1152 directions a pixel."""
     material = rj.Material("phong", base_color=(0.9, 0.7, 0.5), specular=0.0)
     frame, seen = draw_under_sky(material, MATT_UNDER_SKY)
     where = same_faces(frame, seen)
     check(difference(frame.linear, seen.linear, where), mean=1.0, beyond=0.2)
-    assert np.ptp(frame.linear[where][:, 0]) > 0.2
+    assert np.ptp(frame.linear[where][:, 0]) > 0.1
 
 
 @pytest.mark.parametrize(("roughness", "mean"), [(0.0, 0.3), (0.3, 1.0), (0.6, 1.0)])
@@ -553,7 +553,7 @@ def test_a_white_metal_under_a_sky_mirrors_what_its_facets_face(roughness, mean)
     frame, seen = draw_under_sky(material, WHITE_METAL_UNDER_SKY)
     where = same_faces(frame, seen)
     check(difference(frame.linear, seen.linear, where), mean=mean, beyond=0.5)
-    assert np.ptp(frame.linear[where][:, 0]) > 0.2
+    assert np.ptp(frame.linear[where][:, 0]) > 0.1
 
 
 # Tone mapping
