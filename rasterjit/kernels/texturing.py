@@ -1,5 +1,5 @@
 """
-Look up textures: place the sample on the picture, wrap, filter, choose the mip level.
+Look up textures: place the sample on the picture, move, wrap, filter, choose the mip level.
 
 Coordinate u runs right and v up. They are reduced to one period in float64 before they are scaled
 to texels, so nothing is lost far from 0 but what float32 coordinates have lost already. Texels lie
@@ -9,11 +9,21 @@ The level of detail is ``log2 rho``; rho is the longer of the two steps on the p
 that one pixel to the right and one pixel down make. They are the exact derivatives of the
 perspective-correct coordinates at the pixel's centre: with weights ``W_k / sum W`` whose parts are
 linear on the screen, ``u = sum W_k u_k / sum W`` has the derivative ``sum W_k' (u_k - u) / sum W``.
+Where a texture is moved, turned or scaled, so are the steps.
+
+Anisotropic filtering divides the footprint of a pixel along its longer step. With the lengths of
+both steps, the shorter counted as one texel at least, and ``parts = min(longer / shorter,
+anisotropy)``, the level of detail is ``log2 (longer / parts)``, and ``N = ceil(parts)`` trilinear
+taps lie along the longer step, at ``i / (N + 1) - 1/2`` of it for i in 1..N [3]_. Their mean is
+found one by one, so that equal taps give exactly theirs. One tap is the trilinear filter, bit for
+bit.
 
 References
 ----------
 .. [1] L. Williams, "Pyramidal Parametrics", SIGGRAPH 1983.
 .. [2] The Khronos Group, "Vulkan 1.4 Specification", section 16.5.8, "Level of Detail Operation".
+.. [3] The Khronos Group, "EXT_texture_filter_anisotropic", and section 16.6.1 of [2]_, "Texel
+   Anisotropic Filtering".
 """
 
 from __future__ import annotations
