@@ -24,10 +24,26 @@ def texture(*texel, **options):
     return rj.Texture(np.full((2, 2, len(texel)), texel, np.float32), **options)
 
 
-def seen(mesh, transform=None, lights=None, threads=1, camera=CAMERA, size=SIZE):
-    """Return the linear colours, (H, W, 3)."""
+def companions():
+    """
+    Return objects that have all that materials can have, to be placed outside the picture.
+
+    With them a scene is shaded by the one kernel that knows everything, whatever else is in it.
+    """
+    full = texture(0.5, 0.5, 1.0)
+    everything = Material(
+        shading="pbr", base_color_texture=full, normal_texture=full, emissive="white",
+        metallic_roughness_texture=full, occlusion_texture=full, emissive_texture=full,
+    )  # fmt: skip
+    return [square(everything), square(Material(shading="phong"))]
+
+
+def seen(mesh, transform=None, lights=None, threads=1, camera=CAMERA, size=SIZE, alone=False):
+    """Return the linear colours, (H, W, 3); with companions unless the mesh is to be alone."""
     scene = rj.Scene()
     scene.add(mesh, transform)
+    for companion in () if alone else companions():
+        scene.add(companion, rj.transforms.translate((1000.0, 0, 0)))
     if lights is None:
         scene.lights = [rj.DirectionalLight(way, color) for way, color in AXES]
     else:
@@ -178,20 +194,31 @@ LIGHTS = [
 ]  # fmt: skip
 
 
+NEUTRAL = {
+    "normal_texture": (0.5, 0.5, 1.0), "metallic_roughness_texture": (1.0, 1.0, 1.0),
+    "occlusion_texture": (1.0, 1.0, 1.0), "emissive_texture": (1.0, 1.0, 1.0),
+}  # fmt: skip
+
+
 @pytest.mark.parametrize("model", ["pbr", "phong", "flat"])
-@pytest.mark.parametrize(
-    ("field", "texel"),
-    [
-        ("normal_texture", (0.5, 0.5, 1.0)), ("metallic_roughness_texture", (1.0, 1.0, 1.0)),
-        ("occlusion_texture", (1.0, 1.0, 1.0)), ("emissive_texture", (1.0, 1.0, 1.0)),
-    ],
-)  # fmt: skip
-def test_neutral_maps_equal_none_bit_for_bit(model, field, texel):
+@pytest.mark.parametrize("field", NEUTRAL)
+def test_a_neutral_map_equals_none_bit_for_bit(model, field):
     plain = replace(PBR, shading=model)
     normals = np.tile([0.3, 0.2, 1], (4, 1))
-    mapped = square(replace(plain, **{field: texture(*texel)}), normals=normals)
+    mapped = square(replace(plain, **{field: texture(*NEUTRAL[field])}), normals=normals)
     bare = square(plain, normals=normals)
     assert seen(mapped, lights=LIGHTS).tobytes() == seen(bare, lights=LIGHTS).tobytes()
+
+
+@pytest.mark.parametrize("model", ["pbr", "phong", "flat"])
+def test_neutral_maps_equal_a_kernel_that_knows_no_maps_bit_for_bit(model):
+    plain = replace(PBR, shading=model, emissive="black")
+    maps = {field: texture(*texel) for field, texel in NEUTRAL.items()}
+    normals = np.tile([0.3, 0.2, 1], (4, 1))
+    mapped = square(replace(plain, **maps, emissive="black"), normals=normals)
+    bare = square(plain, normals=normals)
+    have, want = seen(mapped, lights=LIGHTS), seen(bare, lights=LIGHTS, alone=True)
+    assert have.tobytes() == want.tobytes()
 
 
 @pytest.mark.parametrize("model", ["pbr", "phong", "flat", "gouraud", "unlit"])
@@ -235,8 +262,14 @@ def test_emission_is_added_to_what_light_shows(model):
 
 def test_emission_needs_no_texture_and_no_light():
     mesh = rj.Mesh(SQUARE, FACES, material=replace(MATT, base_color="black", emissive=(3, 2, 1)))
-    have = seen(mesh, lights=[rj.DirectionalLight((0, 0, 1))])
+    have = seen(mesh, lights=[rj.DirectionalLight((0, 0, 1))], alone=True)
     assert np.array_equal(have, np.broadcast_to([3.0, 2.0, 1.0], have.shape))
+
+
+def test_emission_is_added_where_nothing_is_lit():
+    glowing = Material(shading="unlit", base_color=(0.5, 0.25, 0.0), emissive=(0.25, 0.0, 2.0))
+    have = seen(square(glowing), alone=True)
+    assert np.array_equal(have, np.broadcast_to([0.75, 0.25, 2.0], have.shape))
 
 
 def test_each_object_has_its_own_maps():
@@ -258,6 +291,8 @@ def test_each_object_has_its_own_maps():
         scene.add(square(material), narrow)
         single = rj.Scene()
         single.add(square(material), narrow)
+        for companion in companions():
+            single.add(companion, rj.transforms.translate((1000.0, 0, 0)))
         alone.append(single)
     frames = []
     for each in (scene, *alone):
@@ -279,10 +314,10 @@ def test_a_scene_without_maps_that_are_read_has_no_rows_nor_records(monkeypatch)
     monkeypatch.setattr(
         passes, "find_surface", lambda *given: surfaces.append(whole(*given)) or surfaces[-1]
     )
-    seen(square(MATT))
+    seen(square(MATT), alone=True)
     assert surfaces[0].maps is None
     assert shading.sample_rows(surfaces[0], None) == lit.PLAIN_ROWS
-    seen(square(replace(MATT, metallic_roughness_texture=texture(0.5, 0.5, 0.5))))
+    seen(square(replace(MATT, metallic_roughness_texture=texture(0.5, 0.5, 0.5))), alone=True)
     assert surfaces[1].maps is None
     assert surfaces[1].textures is None
 
