@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit import stages
-from rasterjit.kernels import backgrounds, layers, resolve, shading, transparency
+from rasterjit.kernels import area, backgrounds, layers, resolve, shading, transparency
 from rasterjit.kernels.records import (
     Cutouts,
     Encoding,
@@ -202,9 +202,6 @@ def find_layers(
             shifts, opaque, found, used, scratch, shader.cutouts,
         )  # fmt: skip
         needed, column, row = map(int, deepest)
-        if needed <= room:
-            yield Band(rows[0], opaque, found[1][:, :needed])
-            return
         most = min(MOST_LAYERS, MOST_BYTES // (BYTES_PER_FRAGMENT * samples * width))
         if needed > most:
             raise ValueError(
@@ -212,6 +209,9 @@ def find_layers(
                 f"column {column}, row {row}; at most {most} are sorted in a frame {width} wide "
                 f"with {samples} samples"
             )
+        if needed <= room:
+            yield Band(rows[0], opaque, found[1][:, :needed])
+            return
         if needed * samples * height * width * BYTES_PER_FRAGMENT > MOST_BYTES:
             middle = rows[0] + height // 2
             yield from find_layers((rows[0], middle), lists, samples, shader, memory)
@@ -253,6 +253,39 @@ def mix_faces(
     rest, differences = memory.empty(shape[1:], np.float32), np.zeros(shape[2], np.int32)
     count = int(layers.find_shares(band.opaque, shown, shares, rest, differences))
     mix_shares(band.first_row, shown[:count], shares, rest, shader, linear, scratch, memory)
+
+
+def mix_areas(
+    rows: tuple[int, int],
+    lists: Lists,
+    shader: Shader,
+    linear: NDArray[np.float32],
+    scratch: Any,
+    memory: Memory,
+) -> None:
+    """Write the linear colour of one row of tiles, (R, W, 4), by the areas of opaque faces."""
+    viewport = shader.geometry.viewport
+    shape = rows[1] - rows[0], viewport.width
+    own = area.scratch_memory(int(np.diff(lists.starts).max()))
+    room = FIRST_GUESS
+    while True:
+        shown = memory.empty((room, *shape), np.int32)
+        shares = memory.empty((room, *shape), np.float32)
+        rest = memory.empty(shape, np.float32)
+        deepest = area.find_areas(
+            rows, lists.starts, lists.parted, lists.faces, lists.screen, viewport, shown, shares,
+            rest, own, shader.cutouts,
+        )  # fmt: skip
+        count, column, row = map(int, deepest)
+        if count < 0 or count * shape[0] * shape[1] * BYTES_PER_FRAGMENT > MOST_BYTES:
+            raise ValueError(
+                f"samples must be 1, 2, 4, 8 or 16 for this scene, got 'area': the pixel in column "
+                f"{column}, row {row} shows more faces than their areas can be found of"
+            )
+        if count <= room:
+            break
+        room = count
+    mix_shares(rows[0], shown[: max(count, 1)], shares, rest, shader, linear, scratch, memory)
 
 
 def mix_shares(
@@ -384,7 +417,10 @@ def shade_rows(
     scratch = shading.scratch_memory(
         shading.sample_rows(shader.surface, shader.lighting), shader.surface.textures is not None
     )
-    for band in find_layers(rows, lists, plan.samples, shader, memory):
+    if plan.samples == "area":
+        mix_areas(rows, lists, shader, linear, scratch, memory)
+        return
+    for band in find_layers(rows, lists, int(plan.samples), shader, memory):
         start = band.first_row - rows[0]
         target = linear[start : start + band.opaque.shape[1]]
         if plan.samples == 1:

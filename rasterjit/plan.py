@@ -291,6 +291,12 @@ def _layers(grounds: Grounds) -> Layers | None:
     used, samples = grounds.transparency.used, grounds.quality.samples
     if not used and not grounds.antialiases:
         return None
+    if used and samples == "area":
+        number = int(grounds.transparency.is_blended.argmax())
+        raise ValueError(
+            "quality.samples must be 1, 2, 4, 8 or 16 where a material is blended, got 'area' and "
+            f"object {number} with alpha_mode 'blend'"
+        )
     return Layers(grounds.transparency.is_blended, used, samples)
 
 

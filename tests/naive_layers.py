@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from fractions import Fraction
+from itertools import pairwise
 
 import naive
 import naive_visibility
@@ -10,6 +11,9 @@ import numpy as np
 
 import rasterjit as rj
 from rasterjit import oracle
+
+CENTRE = (Fraction(1, 2), Fraction(1, 2))
+"""Where a pixel is sampled, from its upper left corner."""
 
 CAMERA = rj.MatrixCamera(np.eye(4), np.eye(4))
 """A parallel projection whose clip space is the world: depth grows with z."""
@@ -34,7 +38,7 @@ def stored(depths):
     return [-0.5 * float(z) - 0.5 for z in depths]
 
 
-def exact_surfaces(triangles, size, place=(Fraction(1, 2), Fraction(1, 2))):
+def exact_surfaces(triangles, size, place=CENTRE):
     """
     Return the faces at a place of each pixel with exact depths, nearest first.
 
@@ -60,11 +64,12 @@ def exact_surfaces(triangles, size, place=(Fraction(1, 2), Fraction(1, 2))):
     return {pixel: sorted(surfaces) for pixel, surfaces in found.items()}
 
 
-def rounded_surfaces(triangles, size):
-    """Return the same at the centres, by depths as they are stored: (minus depth, face)."""
+def rounded_surfaces(triangles, size, place=CENTRE):
+    """Return the same by depths as they are stored: (minus depth, face)."""
     found = {}
+    way = [float(CENTRE[axis] - place[axis]) for axis in (0, 1)]
     for face, (points, depths) in enumerate(triangles):
-        seen = naive_visibility.stored_depths(points, stored(depths), size)
+        seen = naive_visibility.stored_depths(np.add(points, way), stored(depths), size)
         for row, column in np.argwhere(seen > -np.inf).tolist():
             found.setdefault((column, row), []).append((-seen[row, column], face))
     return {pixel: sorted(surfaces) for pixel, surfaces in found.items()}
@@ -91,3 +96,85 @@ def over(faces, colors, background):
         color = np.asarray(colors[face], float)
         seen = np.array([*color[:3], 1.0]) * color[3] + (1.0 - color[3]) * seen
     return np.append(seen[:3] / seen[3], seen[3]) if seen[3] > 0.0 else np.append(seen[:3], 0.0)
+
+
+def mean(colors):
+    """Return the mean of straight RGBA colours, (N, 4): of what is emitted, and of alpha."""
+    colors = np.asarray(colors, float)
+    premultiplied = colors[:, :3] * colors[:, 3:]
+    alpha = colors[:, 3].mean()
+    return np.append(premultiplied.mean(axis=0) / (alpha if alpha > 0.0 else 1.0), alpha)
+
+
+def crossings(lines):
+    """Return the heights where two of some lines ``a x + b y + c = 0`` meet, in 0..1."""
+    found = set()
+    for n, (a, b, c) in enumerate(lines):
+        for d, e, f in lines[:n]:
+            if a * e != b * d:
+                y = (c * d - a * f) / (a * e - b * d)
+                if 0 < y < 1:
+                    found.add(y)
+    return found
+
+
+def exact_shares(triangles, column, row):
+    """
+    Return the area of a pixel that shows each triangle, exactly.
+
+    The pixel is cut into strips between all heights where two edges, or an edge and a line of equal
+    depths, meet. In each strip the widths of what is seen are linear, so their mean is that at half
+    the height.
+
+    Parameters
+    ----------
+    triangles : list of (points (3, 2) pixels, depths (3,))
+        Points on 1/256 pixel. The smaller depth is nearer, the lower number wins a tie.
+    column, row : int
+
+    Returns
+    -------
+    dict of face: Fraction
+    """
+    half, planes, edges = Fraction(1, 2), [], []
+    for face, (points, depths) in enumerate(triangles):
+        corners = [
+            (Fraction(x, 256) - column, Fraction(y, 256) - row)
+            for x, y in oracle.snap_triangle(points)
+        ]
+        if oracle.edge(*corners) == 0 or oracle.pixel_area(corners, 0, 0) == 0:
+            continue
+        if oracle.edge(*corners) < 0:
+            corners, depths = corners[::-1], depths[::-1]
+        own = [
+            (p[1] - q[1], q[0] - p[0], (q[1] - p[1]) * p[0] - (q[0] - p[0]) * p[1])
+            for p, q in zip(corners, corners[1:] + corners[:1], strict=True)
+        ]
+        here, right, down = (
+            oracle.depth_at(corners, depths, place) for place in ((0, 0), (1, 0), (0, 1))
+        )
+        planes.append((right - here, down - here, here))
+        edges.append((face, own))
+    equal = [
+        tuple(p - q for p, q in zip(planes[n], planes[k], strict=True))
+        for n in range(len(planes)) for k in range(n)
+    ]  # fmt: skip
+    lines = [(1, 0, 0), (1, 0, -1), *(line for _, own in edges for line in own), *equal]
+    heights = sorted({Fraction(0), Fraction(1), *crossings(lines)} | {
+        -c / Fraction(b) for a, b, c in lines if a == 0 and b != 0 and 0 < -c / Fraction(b) < 1})  # fmt: skip
+    shares = {}
+    for low, high in pairwise(heights):
+        y = (low + high) * half
+        xs = {-(b * y + c) / Fraction(a) for a, b, c in lines if a != 0}
+        xs = sorted(x for x in xs if 0 <= x <= 1)
+        for left, right in pairwise(xs):
+            x = (left + right) * half
+            seen = [
+                (a * x + b * y + c, face)
+                for (a, b, c), (face, own) in zip(planes, edges, strict=True)
+                if all(p * x + q * y + r > 0 for p, q, r in own)
+            ]
+            if seen:
+                face = min(seen)[1]
+                shares[face] = shares.get(face, 0) + (right - left) * (high - low)
+    return shares
