@@ -160,8 +160,8 @@ def exact_shares(triangles, column, row):
         for n in range(len(planes)) for k in range(n)
     ]  # fmt: skip
     lines = [(1, 0, 0), (1, 0, -1), *(line for _, own in edges for line in own), *equal]
-    heights = sorted({Fraction(0), Fraction(1), *crossings(lines)} | {
-        -c / Fraction(b) for a, b, c in lines if a == 0 and b != 0 and 0 < -c / Fraction(b) < 1})  # fmt: skip
+    level = {-c / Fraction(b) for a, b, c in lines if a == 0 and b != 0}
+    heights = sorted({0, 1, *crossings(lines), *(y for y in level if 0 < y < 1)})
     shares = {}
     for low, high in pairwise(heights):
         y = (low + high) * half
