@@ -261,7 +261,9 @@ def is_hole(face, column, row, cutouts):
     if not has_holes(face, cutouts):
         return False
     owner = last_at_most(cutouts.face_starts, face)
-    return not sample_alpha(face, owner, column, row, cutouts) >= cutouts.cutoffs[owner]
+    centre = np.int64(0), np.int64(0)
+    alpha = sample_alpha(face, owner, np.int64(column), np.int64(row), centre, cutouts)
+    return not alpha >= cutouts.cutoffs[owner]
 
 
 @stage
