@@ -20,6 +20,7 @@ from rasterjit.scene.material import TEXTURE_FIELDS, Material
 from rasterjit.scene.quality import Quality, check_quality
 from rasterjit.scene.scene import Node, Scene
 from rasterjit.validation import image_size
+from rasterjit.workers import available_processors
 
 ROUNDS = 7
 """Frames of each kind; their median counts."""
@@ -141,7 +142,7 @@ def measure(
         Change(subject.name, subject.what, time, time - times[0])
         for subject, time in zip(subjects[1:], times[1:], strict=True)
     )
-    used = first.renderer.threads
+    used = available_processors() if threads is None else threads
     return Measurement(plan, used, rounds, stages, times[0], changes)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from rasterjit.plan import RenderPlan
+from rasterjit.scene.light import PointLight
 
 BYTES = {"uint8": 1, "int32": 4, "float32": 4}
 
@@ -21,7 +22,7 @@ class Kernel(NamedTuple):
 
 
 class Buffer(NamedTuple):
-    """One array of the size of the frame."""
+    """One array of the size of the frame, or of a map."""
 
     name: str
     channels: int
@@ -64,6 +65,10 @@ def _geometry_rows(plan: RenderPlan) -> Rows:
     ]
     if plan.needs_faces:
         rows.append(("visibility.draw_tiles", holes, ""))
+    if plan.casts_shadows:
+        # The maps are drawn by the kernels above, with the lights as cameras.
+        rows.append(("shadowing.find_depth_ranges", "", ""))
+        rows.append(("projection.project_vertices", "", "something casts a shadow on what is seen"))
     return rows
 
 
@@ -75,8 +80,16 @@ def _picture_rows(plan: RenderPlan) -> Rows:
         rows += [("ambient_occlusion.smooth_occlusion", "", "")]
     if plan.needs_gouraud and plan.lighting is not None:
         rows.append(("shading.light_vertices", _variant_of_light(plan), ""))
+    if plan.environment is not None or plan.backdrop is not None:
+        rows += [
+            (f"prefiltering.{name}", "", "a panorama is used for the first time")
+            for name in ("average_columns", "add_ring", "project_rows")
+        ]
     if plan.needs_color:
         rows.append(("shading.shade_rows", _variant_of_shading(plan), ""))
+        rows += _layer_rows(plan)
+    if plan.backdrop is not None:
+        rows.append(("backgrounds.show_environment", "", ""))
     if plan.outline is not None:
         rows += [("outlines.find_edges", "", ""), ("outlines.draw_marks", "", "")]
     if plan.wireframe is not None:
@@ -95,6 +108,26 @@ def _picture_rows(plan: RenderPlan) -> Rows:
     return rows
 
 
+def _layer_rows(plan: RenderPlan) -> Rows:
+    """Return the kernels that put together what a pixel shows besides its nearest face."""
+    if plan.layers is None:
+        return []
+    rows = [(f"transparency.{name}", "", "") for name in ("split_lists", "find_layers")]
+    several = "a pixel shows several faces"
+    if plan.layers.has_blended:
+        names = "start_sums", "lay_under", "finish_sums"
+        rows += [(f"layers.{name}", "", several) for name in names]
+    if plan.layers.samples == "area":
+        names = "find_shares", "start_mix", "add_shares", "finish_mix"
+        rows += [(f"layers.{name}", "", several) for name in names]
+    elif plan.layers.samples != 1:
+        rows += [(f"layers.{name}", "", several) for name in ("list_faces", "mix_samples")]
+    if "color" in plan.outputs:
+        is_toned = plan.encoding.tone is not None
+        rows.append(("backgrounds.show_over" if is_toned else "resolve.encode_rows", "", ""))
+    return rows
+
+
 def _variant_of_light(plan: RenderPlan) -> str:
     """Return which parts of the light are there."""
     lighting = plan.lighting
@@ -103,6 +136,7 @@ def _variant_of_light(plan: RenderPlan) -> str:
     present = {
         "highlights": lighting.highlights is not None,
         "microfacets": plan.needs_microfacets,
+        "shadows": plan.casts_shadows,
         "environment": plan.environment is not None,
         "occlusion": plan.ambient_occlusion is not None,
         "fog": lighting.fog is not None,
@@ -126,7 +160,7 @@ def _variant_of_shading(plan: RenderPlan) -> str:
 
 
 def list_buffers(plan: RenderPlan) -> tuple[Buffer, ...]:
-    """Return the arrays of the size of the frame that it holds at once, outputs included."""
+    """Return the large arrays of a frame, its outputs included."""
     rows = [("faces seen", 1, "int32")]
     if plan.needs_depth:
         rows.append(("stored depth", 1, "float32"))
@@ -142,7 +176,19 @@ def list_buffers(plan: RenderPlan) -> tuple[Buffer, ...]:
         "normal": (3, "float32"), "position": (3, "float32"),
     }  # fmt: skip
     rows += [(f"output {name}", *shapes[name]) for name in plan.outputs if name in shapes]
-    return tuple(Buffer(*row, plan.size) for row in rows)
+    return (*(Buffer(*row, plan.size) for row in rows), *_shadow_maps(plan))
+
+
+def _shadow_maps(plan: RenderPlan) -> list[Buffer]:
+    """Return the shadow maps; that of a point light has up to six sides."""
+    found = []
+    for light in plan.lights.lights if plan.casts_shadows else ():
+        shadow = getattr(light, "shadow", None)
+        if shadow is not None:
+            sides = 6 if isinstance(light, PointLight) else 1
+            size = shadow.size, shadow.size
+            found.append(Buffer(f"shadow map, {shadow.size} texels", sides, "float32", size))
+    return found
 
 
 def describe(plan: RenderPlan) -> str:

@@ -477,6 +477,23 @@ def test_explain_prints_the_plan():
     result = run("explain", CUBE, "--outputs", "depth", "--wireframe", "only")
     assert result.exit_code == 0
     assert "no output shows colour" in result.stdout
+    assert "visibility.draw_tiles" in result.stdout
+    assert "output depth" in result.stdout
+
+
+def test_explain_measures_stages_and_effects():
+    view = ("--size", "48x36", "--wireframe", "overlay", "--threads", "1")
+    result = run("explain", CUBE, *view, "--measure")
+    assert result.exit_code == 0, result.output
+    cells = [
+        [cell.strip() for cell in line.strip("│┃").replace("┃", "│").split("│")]
+        for line in result.stdout.splitlines()
+    ]
+    times = {row[0]: row[1] for row in cells if len(row) == 2}
+    assert {"visibility", "shade, resolve", "wireframe", "frame"} <= set(times)
+    changes = {tuple(row[:2]) for row in cells if len(row) == 4}
+    assert {("wireframe", "off"), ("anti-aliasing", "4 samples")} <= changes
+    assert_one_line(run("explain", CUBE, "--pixel", "3,4", "--measure"), 2)
 
 
 def test_diagnose_prints_what_the_frame_says(tmp_path):

@@ -91,8 +91,8 @@ Kernels that come from the disk cache show no assembly: compile them once more. 
 """
 
 FRAMES_OF_ALL_KERNELS = (
-    "gltf_scene", "flat_face_colours", "gouraud_vertex_colours", "wireframe_overlay", "soup",
-    "lines_and_curves", "many_lines", "filled_triangles",
+    "gltf_scene", "flat_face_colours", "gouraud_vertex_colours", "wireframe_overlay",
+    "occluded_and_outlined", "soup", "lines_and_curves", "many_lines", "filled_triangles",
 )  # fmt: skip
 
 

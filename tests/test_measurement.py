@@ -136,7 +136,9 @@ def called(monkeypatch):
     return names
 
 
-@pytest.mark.parametrize("case", ["plain", "rich", "gouraud", "buffers", "edges"])
+@pytest.mark.parametrize(
+    "case", ["plain", "rich", "gouraud", "buffers", "edges", "shadows", "area"]
+)
 def test_kernels_told_are_those_called(cube, called, case):
     scene, camera, outputs, diagnose = rj.Scene(), looking(), ("color",), False
     scene.add(cube)
@@ -148,8 +150,14 @@ def test_kernels_told_are_those_called(cube, called, case):
         outputs, diagnose = ("depth", "barycentric", "position", "normal", "object_id"), True
     elif case == "edges":
         scene.wireframe = rj.Wireframe("red", "only")
-    plan = rj.explain(scene, camera, size=SIZE, outputs=outputs, diagnose=diagnose)
-    rj.render(scene, camera, size=SIZE, outputs=outputs, diagnose=diagnose)
+    elif case == "shadows":
+        scene.lights = [rj.PointLight((0.5, 3.0, 1.0), intensity=9.0, shadow=rj.Shadow(size=64))]
+        scene.add(cube, rj.transforms.translate((0, -2.5, 0)))
+        scene.environment = rj.Environment.gradient()
+    options = {"size": SIZE, "outputs": outputs, "diagnose": diagnose}
+    options["quality"] = rj.Quality(samples="area" if case == "area" else 1)
+    plan = rj.explain(scene, camera, **options)
+    rj.render(scene, camera, **options)
     told = plan_resources.list_kernels(plan)
     assert set(called) <= {kernel.name for kernel in told}
     assert {kernel.name for kernel in told if not kernel.condition} <= set(called)

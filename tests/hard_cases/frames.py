@@ -307,6 +307,17 @@ def wireframe_clipped() -> Shot:
     return Shot(scene, looking((0.0, 0.5, 0.0), (1.0, 0.25, -2.0)), options={"background": "gray"})
 
 
+def occluded_and_outlined() -> Shot:
+    scene = scene_of(ball(), plane(6, 2.0), apart=0.0)
+    scene.lights = [
+        rj.AmbientLight(intensity=0.6),
+        rj.DirectionalLight((-1, -2, -3), intensity=0.4),
+    ]
+    scene.ambient_occlusion = rj.AmbientOcclusion(radius=0.75)
+    scene.outline = rj.Outline("#20304f", width=2, crease_angle=30.0)
+    return Shot(scene, looking())
+
+
 def culled_back() -> Shot:
     scene = scene_of(ball(4), plane(3, 2.0))
     return Shot(scene, looking((1.0, -2.0, 4.0)), options={"cull": "back"})
@@ -465,7 +476,7 @@ FRAMES: dict[str, Callable[[], Shot | Soup | Canvas]] = {
     for make in (
         teapot, torus_knot, gltf_scene, textures, cube, unlit_vertex_colours, flat_face_colours,
         gouraud_vertex_colours, phong_highlights, all_shadings, light_near_surface,
-        wireframe_overlay, wireframe_only, wireframe_clipped, culled_back,
+        wireframe_overlay, wireframe_only, wireframe_clipped, occluded_and_outlined, culled_back,
         culled_front_and_mirrored, parallel, mirroring_matrices, intrinsics,
         ground_to_the_horizon, inside_a_ball, slivers, far_from_the_origin, vast_and_tiny,
         whole_pixels, equal_depths, soup, wild_soup, lines_and_curves, many_lines,
