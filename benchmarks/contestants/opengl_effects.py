@@ -85,6 +85,7 @@ in vec4 mixed;
 #endif
 #ifdef SHADOW
 uniform sampler2DShadow shadow_map;
+const float BIAS = 1e-3;
 in vec3 in_shadow_map;
 #endif
 #ifdef PEELING
@@ -102,7 +103,7 @@ float lit_share() {
     float sum = 0.0;
     for (int down = -1; down <= 1; ++down)
         for (int across = -1; across <= 1; ++across)
-            sum += texture(shadow_map, in_shadow_map + vec3(across * step_, down * step_, 0.0));
+            sum += texture(shadow_map, in_shadow_map + vec3(across * step_, down * step_, -BIAS));
     return sum / 9.0;
 #else
     return 1.0;
@@ -193,7 +194,7 @@ void main() {
 }
 """
 
-SLOPE_OFFSET = (2.0, 4.0)
+SLOPE_OFFSET = (3.0, 4.0)
 """Of ``glPolygonOffset``, so that a lit surface casts no shadow on itself."""
 
 
