@@ -1,5 +1,5 @@
 """
-Thirty small frames that use every feature, and the recorded hashes of all their outputs.
+Forty small frames that use every feature, and the recorded hashes of all their outputs.
 
 Nothing here depends on a math library or a random generator: coordinates are whole numbers,
 quotients and square roots, whose bits IEEE 754 fixes, and the "random" ones are a small generator
@@ -11,6 +11,7 @@ hashes of this run instead, of all outputs or of those named behind it.
 
 from __future__ import annotations
 
+import copy
 import hashlib
 import json
 import math
@@ -45,11 +46,17 @@ class Shot:
     size: tuple[int, int] = (120, 80)
     outputs: tuple[str, ...] = EVERYTHING
     bits: int = 8
+    samples: int | str = 1
     options: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def quality(self) -> rj.Quality:
+        """How accurately it is rendered."""
+        return rj.Quality(self.bits, self.samples)
 
     def draw(self, threads: int = 1) -> Arrays:
         """Render in a renderer of its own."""
-        with rj.Renderer(self.size, quality=rj.Quality(self.bits), threads=threads) as renderer:
+        with rj.Renderer(self.size, quality=self.quality, threads=threads) as renderer:
             return self.draw_with(renderer)
 
     def draw_with(self, renderer: rj.Renderer) -> Arrays:
@@ -59,8 +66,8 @@ class Shot:
 
     def rotated(self, turn: int) -> Shot:
         """Return the same shot with every face spelled from another of its vertices."""
-        scene = rj.Scene()
-        scene.lights, scene.wireframe = self.scene.lights, self.scene.wireframe
+        scene = copy.copy(self.scene)
+        scene.nodes = []
         again: dict[int, rj.Mesh] = {}
         for node in self.scene.nodes:
             mesh = node.mesh
@@ -318,6 +325,84 @@ def occluded_and_outlined() -> Shot:
     return Shot(scene, looking())
 
 
+def checked(rows: int, columns: int, *colors: Any) -> np.ndarray:
+    """Return a board of colours in turn, (rows, columns, channels), linear."""
+    return np.array(colors)[np.indices((rows, columns)).sum(axis=0) % len(colors)]
+
+
+def sky() -> np.ndarray:
+    """Return a panorama that differs in every direction, (8, 16, 3), linear."""
+    return 2.0 * rainbow(128).reshape(8, 16, 3).astype(np.float64) ** 2
+
+
+def materials_under_a_sky() -> Shot:
+    scene = rj.Scene()
+    bumps = rj.Texture(
+        checked(8, 8, (0.3, 0.6, 0.9), (0.6, 0.4, 0.8)), color_space="linear", anisotropy=4
+    )
+    polish = rj.Texture(checked(4, 4, (0.9, 0.2, 1.0), (0.4, 0.8, 0.1)), color_space="linear")
+    glow = rj.Texture(checked(5, 3, (0.0, 0.0, 0.0), (0.9, 0.5, 0.1)))
+    metal = rj.Material(
+        "pbr", "orange", metallic=0.9, roughness=0.4, normal_texture=bumps,
+        metallic_roughness_texture=polish, occlusion_texture=polish,
+    )  # fmt: skip
+    lamp = rj.Material("pbr", "#203080", emissive=(1.0, 0.8, 0.5), emissive_texture=glow)
+    for n, material in enumerate((metal, lamp, rj.Material("gouraud"), rj.Material("unlit"))):
+        place = rj.transforms.translate((2.2 * n - 3.3, 0.0, 0.0))
+        shape = ball(5)
+        mesh = rj.Mesh(shape.vertices, shape.faces, uv=shape.vertices[:, :2], material=material)
+        scene.add(mesh, place)
+    scene.environment = rj.Environment(sky(), intensity=0.8, rotation=30.0)
+    scene.fog = rj.Fog("gray", "exp", density=0.05, height=0.0, falloff=0.5)
+    scene.tone_map = rj.ToneMap("neutral", 0.5)
+    return Shot(scene, looking((1.0, 1.5, 7.0)))
+
+
+def shadows_of_all_lights() -> Shot:
+    scene = rj.Scene()
+    floor = plane(3, 4.0)
+    board = rj.Texture(checked(6, 6, (1.0, 1.0, 1.0, 1.0), (1.0, 0.5, 0.2, 0.0)))
+    screen = rj.Material("phong", alpha_mode="mask", base_color_texture=board)
+    scene.add(floor, rj.transforms.translate((0.0, -1.0, 0.0)))
+    scene.add(ball(5, material=rj.Material("pbr", roughness=0.3)))
+    scene.add(
+        rj.Mesh(floor.vertices / 4.0, floor.faces, uv=floor.uv, material=screen),
+        rj.transforms.translate((-1.8, 0.5, 0.0)),
+    )
+    scene.lights = [
+        rj.DirectionalLight((-1, -2, -0.5), intensity=0.4, shadow=rj.Shadow(64, "pcf")),
+        rj.SpotLight((2, 3, 2), (-1, -2, -1), "yellow", 6.0, 10, 40, 9, rj.Shadow(64, "hard")),
+        rj.PointLight((-1, 2, 2), "cyan", 2.0, 7, rj.Shadow(32, "soft", 0.3)),
+    ]
+    return Shot(scene, looking((2.0, 2.0, 5.0)))
+
+
+def glass(samples: int | str, size: tuple[int, int]) -> Shot:
+    """Return surfaces that cross and are seen through each other, one with holes."""
+    scene = shadows_of_all_lights().scene
+    scene.lights = LIGHTS
+    clear = rj.Material("phong", (0.3, 0.6, 0.9, 0.4), alpha_mode="blend")
+    colors = np.hstack([rainbow(16) / 255.0, np.linspace(0.1, 1.0, 16)[:, np.newaxis]])
+    scene.add(ball(4, material=clear), rj.transforms.translate((0.5, 0.0, 0.5)))
+    scene.add(
+        rj.Mesh(plane(3, 2.0).vertices, plane(3, 2.0).faces, colors=colors, material=clear),
+        rj.transforms.rotate_x(70.0),
+    )
+    return Shot(scene, looking((2.0, 2.0, 5.0)), size, samples=samples)
+
+
+def layers_of_glass() -> Shot:
+    return glass(1, (120, 80))
+
+
+def layers_in_four_samples() -> Shot:
+    return glass(4, (120, 80))
+
+
+def areas() -> Shot:
+    return replace(shadows_of_all_lights(), size=(60, 40), samples="area")
+
+
 def culled_back() -> Shot:
     scene = scene_of(ball(4), plane(3, 2.0))
     return Shot(scene, looking((1.0, -2.0, 4.0)), options={"cull": "back"})
@@ -476,7 +561,9 @@ FRAMES: dict[str, Callable[[], Shot | Soup | Canvas]] = {
     for make in (
         teapot, torus_knot, gltf_scene, textures, cube, unlit_vertex_colours, flat_face_colours,
         gouraud_vertex_colours, phong_highlights, all_shadings, light_near_surface,
-        wireframe_overlay, wireframe_only, wireframe_clipped, occluded_and_outlined, culled_back,
+        wireframe_overlay, wireframe_only, wireframe_clipped, occluded_and_outlined,
+        materials_under_a_sky, shadows_of_all_lights, layers_of_glass, layers_in_four_samples,
+        areas, culled_back,
         culled_front_and_mirrored, parallel, mirroring_matrices, intrinsics,
         ground_to_the_horizon, inside_a_ball, slivers, far_from_the_origin, vast_and_tiny,
         whole_pixels, equal_depths, soup, wild_soup, lines_and_curves, many_lines,

@@ -103,7 +103,7 @@ def test_spelling_a_face_from_another_vertex_changes_no_bit(name, turn):
 def test_renderer_that_drew_something_else_draws_the_same_bits(name, first):
     shot = frames.FRAMES[name]()
     other = replace(frames.inside_a_ball(), size=shot.size)
-    with rj.Renderer(shot.size, quality=rj.Quality(shot.bits), threads=2) as renderer:
+    with rj.Renderer(shot.size, quality=shot.quality, threads=2) as renderer:
         for _ in range(2):
             other.draw_with(renderer)
             assert frames.digests(shot.draw_with(renderer)) == frames.digests(first[name])
