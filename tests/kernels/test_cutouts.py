@@ -318,6 +318,22 @@ def test_holes_show_under_a_transparent_surface():
     assert (shown[~hole] == np.float32([0.5, 0.5, 0.5, 1])).all()
 
 
+def test_every_sample_of_a_pixel_has_its_own_hole():
+    pixels = np.ones((1, 2, 4), np.float32)
+    pixels[0, 1, 3] = 0.0
+    half = square(rj.Texture(pixels, filter="nearest"), box((0, 0), (1, 1)))
+    half.material = masked(half.material.base_color_texture)
+    scene = rj.Scene()
+    scene.add(half, rj.transforms.scale((5, 1, 1)))
+    # The hole begins in the middle of the third column: two samples of four lie left of it.
+    frame = rj.render(
+        scene, FRONT, size=(5, 1), outputs=("linear", "face_id"), background="transparent",
+        quality=rj.Quality(samples=4), threads=1,
+    )  # fmt: skip
+    assert frame.linear[0, :, 3].tolist() == [1, 1, 0.5, 0, 0]
+    assert (frame.face_id[0] >= 0).tolist() == [True, True, False, False, False]
+
+
 def test_a_pixel_says_what_is_cut_out():
     front = square(rj.Texture(CHECKER, filter="nearest"), box((0, 0), (1, 1)))
     front.material = masked(front.material.base_color_texture)
