@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit import edge_lines, plan_arrays, prepared
-from rasterjit import plan as planning
+from rasterjit import edge_lines, plan_arrays, plan_views, prepared
 from rasterjit.plan import OUTPUTS
 from rasterjit.plan_effects import contents_of
 
@@ -165,12 +164,14 @@ def test_changes_of_a_lone_mesh_are_seen(cube, sphere, camera):
 
 
 def test_what_has_not_changed_is_made_once(scene, camera, monkeypatch):
-    counts = dict.fromkeys(
-        ["join_geometry", "join_surface", "join_normals", "join_uv", "place_objects"], 0
+    modules = dict.fromkeys(
+        ["join_geometry", "join_surface", "join_normals", "join_uv"], plan_arrays
     )
+    modules["place_objects"] = plan_views
+    counts = dict.fromkeys(modules, 0)
 
     def counted(name):
-        original = getattr(planning, name)
+        original = getattr(modules[name], name)
 
         def count(*arguments):
             counts[name] += 1
@@ -178,8 +179,8 @@ def test_what_has_not_changed_is_made_once(scene, camera, monkeypatch):
 
         return count
 
-    for name in counts:
-        monkeypatch.setattr(planning, name, counted(name))
+    for name, module in modules.items():
+        monkeypatch.setattr(module, name, counted(name))
     with rj.Renderer(SIZE, threads=1) as renderer:
         renderer.render(scene, camera, outputs=OUTPUTS)
         first = dict(counts)
