@@ -615,7 +615,7 @@ def test_a_wireframe_color_alone_draws_the_overlay(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "needs_graph"), [("teapot.obj", False), ("cube.ply", False), ("scene.glb", True)]
+    ("name", "needs_graph"), [("teapot.obj", False), ("cube.ply", False), ("scene.glb", False)]
 )
 def test_a_command_of_its_own_imports_what_the_file_needs(tmp_path, name, needs_graph):
     pytest.importorskip("networkx")

@@ -5,7 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from rasterjit.scene.material import SHADINGS, Material
+from rasterjit.scene.material import SHADINGS, TEXTURE_FIELDS, Material
+from rasterjit.scene.texture import Texture
 
 
 def test_the_default_is_a_light_grey_with_a_soft_highlight():
@@ -39,6 +40,19 @@ def test_an_unknown_shading_is_refused_listing_the_known_ones():
         ("shininess", 0.0),
         ("shininess", float("inf")),
         ("base_color", (2.0, 0.0, 0.0)),
+        ("metallic", 1.1),
+        ("roughness", -0.1),
+        ("normal_scale", 1001.0),
+        ("occlusion_strength", "all"),
+        ("alpha_cutoff", -1.0),
+        ("alpha_mode", "holes"),
+        ("double_sided", 1),
+        ("emissive", (0.0, -1.0, 0.0)),
+        ("emissive", (0.0, 2e6, 0.0)),
+        ("emissive", (1.0, 1.0)),
+        ("emissive", "glow"),
+        ("normal_texture", "bumps.png"),
+        ("emissive_texture", 3),
     ],
 )
 def test_values_out_of_range_are_refused_by_name(field, value):
@@ -51,3 +65,27 @@ def test_equal_materials_are_equal_and_frozen():
     assert len({Material(), Material()}) == 1
     with pytest.raises(dataclasses.FrozenInstanceError):
         Material().specular = 1.0
+
+
+def test_emission_may_be_brighter_than_white_and_is_white_with_a_texture_alone():
+    texture = Texture(np.ones((1, 1, 3), np.float32))
+    assert Material().emissive == (0.0, 0.0, 0.0)
+    assert not Material().emits
+    assert Material(emissive_texture=texture).emissive == (1.0, 1.0, 1.0)
+    assert Material(emissive_texture=texture, emissive="black").emissive == (0.0, 0.0, 0.0)
+    assert Material(emissive=(0, 7.5, 1e6)).emissive == (0.0, 7.5, 1e6)
+    assert Material(emissive=np.array([255, 0, 0], np.uint8)).emissive == (1.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("shading", "read"),
+    [
+        ("unlit", [0, 4]), ("gouraud", [0, 4]), ("flat", [0, 1, 3, 4]), ("phong", [0, 1, 3, 4]),
+        ("pbr", [0, 1, 2, 3, 4]),
+    ],
+)  # fmt: skip
+def test_each_shading_reads_the_textures_that_it_says(shading, read):
+    texture = Texture(np.ones((1, 1, 3), np.float32))
+    material = Material(shading=shading, **dict.fromkeys(TEXTURE_FIELDS, texture))
+    have = [n for n, found in enumerate(material.textures_read()) if found is not None]
+    assert have == read
