@@ -414,7 +414,7 @@ def _light_terms(
             facets = facets._replace(parts=np.eye(2, dtype=np.float32)[n])
         kinds.append((surface._replace(materials=materials), facets))
     dark = np.zeros(3, np.float32)
-    for n, name in enumerate(_light_names(drawn.scene)):
+    for n, name in enumerate(_light_names(drawn)):
         alone = lighting._replace(lights=lighting.lights[n : n + 1], ambient=dark)
         diffuse, specular = (
             _shade(drawn, part, alone._replace(microfacets=facets), x, y)[:3]
@@ -461,13 +461,13 @@ def _interpolate(drawn: _Drawn, values: NDArray[np.float32], x: int, y: int) -> 
     return attribute[y, x].copy()
 
 
-def _light_names(scene: Scene) -> list[str]:
+def _light_names(drawn: _Drawn) -> list[str]:
     """Name the lights that are not ambient, in the order the plan has them."""
     if not scene.lights:
         return ["headlight"] if scene.environment is None else []
     return [
         f"{type(light).__name__} {n}"
-        for n, light in enumerate(scene.lights)
+        for light, n in zip(planned.lights, planned.numbers, strict=True)
         if not isinstance(light, AmbientLight)
     ]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import naive_shadows
 import numpy as np
@@ -66,8 +67,6 @@ def without_shadow(scene):
 
 
 def unshadowed(light):
-    from dataclasses import replace
-
     return replace(light, shadow=None)
 
 
@@ -134,22 +133,12 @@ def light_of(kind, elevation, scale=1.0, offset=(0.0, 0.0, 0.0), **shadow):
 REACHES = {"hard": 1.5, "pcf": 3.5}
 """Texels from an edge of a shadow beyond which there is no sign of it."""
 
-
-@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3, 1e6])
-@pytest.mark.parametrize("elevation", [80.0, 40.0, 12.0, 3.0])
-@pytest.mark.parametrize("kind", ["directional", "spot", "point"])
-@pytest.mark.parametrize("kernel", ["hard", "pcf"])
-def test_no_acne_and_no_gap(kernel, kind, elevation, scale, drawn):
-    light = light_of(kind, elevation, scale, filter=kernel, size=512)
-    scene, camera = box_on_ground(light, scale)
-    share, dark, bright, _ = judge(scene, camera, light, _First(drawn), REACHES[kernel])
-    assert bright.sum() > 1000
-    assert (share[bright] == 1.0).all()
-    assert (share[dark] == 0.0).all()
-    assert dark.sum() > (20 if elevation < 60.0 else 0)
+CASES = [(elevation, 1.0) for elevation in (70.0, 40.0, 12.0, 3.0, 1.0)] + [
+    (elevation, scale) for elevation in (40.0, 3.0) for scale in (1e-3, 1e3, 1e6)
+]
 
 
-class _First:
+class First:
     """The maps of the first picture that was drawn with shadows."""
 
     def __init__(self, caught):
@@ -158,3 +147,327 @@ class _First:
     @property
     def maps(self):
         return next(shadows for shadows in self.caught if shadows is not None).maps
+
+
+@pytest.mark.parametrize(("elevation", "scale"), CASES)
+@pytest.mark.parametrize("kind", ["directional", "spot", "point"])
+@pytest.mark.parametrize("kernel", ["hard", "pcf"])
+def test_no_acne_and_no_gap(kernel, kind, elevation, scale, drawn):
+    light = light_of(kind, elevation, scale, filter=kernel, size=512)
+    scene, camera = box_on_ground(light, scale)
+    share, dark, bright, _ = judge(scene, camera, light, First(drawn), REACHES[kernel])
+    assert bright.sum() > 1000
+    assert (share[bright] == 1.0).all()
+    assert (share[dark] == 0.0).all()
+    assert dark.sum() > (20 if elevation < 60.0 else 0)
+
+
+@pytest.mark.parametrize("kind", ["directional", "spot", "point"])
+def test_far_from_the_origin_nothing_changes(kind, drawn):
+    offset = (3e6, -2e6, 1e6)
+    light = light_of(kind, 40.0, 1.0, offset, filter="pcf", size=256)
+    scene, camera = box_on_ground(light, 1.0, offset)
+    near = light_of(kind, 40.0, filter="pcf", size=256)
+    at_home, camera_at_home = box_on_ground(near)
+    far, _ = shares(scene, camera)
+    home, _ = shares(at_home, camera_at_home)
+    assert np.array_equal(np.isnan(far), np.isnan(home))
+    seen = np.isfinite(home)
+    assert np.abs(far[seen] - home[seen]).max() < 1e-3
+    assert (home[seen] == 0.0).any()
+
+
+def test_other_objects_of_all_kinds_are_shaded_alike(drawn):
+    # Many small faces, a mirrored and a stretched object, seen by a parallel camera.
+    light = sun(35.0, filter="hard", size=1024)
+    scene, _ = box_on_ground(light)
+    scene.add(box(), tf.compose(tf.translate((1.5, 0.5, 0.5)), tf.rotate((1, 2, 3), 50.0),
+                                tf.scale((0.3, -1.2, 0.6))))  # fmt: skip
+    camera = rj.OrthographicCamera((4.0, 6.0, 7.0), (0.5, 0.0, 0.0), height=6.0)
+    share, dark, bright, own = judge(scene, camera, light, First(drawn), 1.5)
+    facing = share == share
+    assert (share[bright & facing] == 1.0).all()
+    assert (share[dark & facing] == 0.0).all()
+    assert (dark & facing & (own < 2)).sum() > 100
+    assert (bright & facing & (own >= 14)).sum() > 20
+
+
+@pytest.mark.parametrize("kernel", ["hard", "pcf", "soft"])
+@pytest.mark.parametrize("kind", ["directional", "spot", "point"])
+@pytest.mark.parametrize("shading", ["phong", "flat", "gouraud", "pbr"])
+def test_what_nothing_shades_has_the_bits_of_light_without_shadows(kind, kernel, shading):
+    # The box lies behind the plane: it is in the map, and shades nothing that is seen.
+    soft = {"light_size": 0.5} if kernel == "soft" else {}
+    light = light_of(kind, 50.0, filter=kernel, size=128, **soft)
+    scene = rj.Scene()
+    plane = ground()
+    scene.add(rj.Mesh(plane.vertices, plane.faces, material=rj.Material(shading, "white")))
+    scene.add(box(), tf.translate((0.0, -3.0, 0.0)))
+    scene.add(box(), tf.translate((8.0, 0.5, 8.0)))
+    scene.lights = [rj.AmbientLight(), light]
+    camera = rj.PerspectiveCamera((0.0, 3.0, 2.0), (0.0, 0.0, 0.0), near=0.1)
+    shown = rj.render(scene, camera, size=SIZE, outputs=("linear",), threads=1)
+    plain = rj.render(without_shadow(scene), camera, size=SIZE, outputs=("linear",), threads=1)
+    assert shown.plan.casts_shadows
+    assert shown.linear.tobytes() == plain.linear.tobytes()
+
+
+@pytest.mark.parametrize("kernel", ["hard", "pcf", "soft"])
+@pytest.mark.parametrize("kind", ["directional", "spot", "point"])
+def test_any_number_of_threads_gives_the_same_bits(kind, kernel):
+    soft = {"light_size": 0.5} if kernel == "soft" else {}
+    scene, camera = box_on_ground(light_of(kind, 30.0, filter=kernel, size=300, **soft))
+    pictures = [
+        rj.render(scene, camera, size=(300, 260), outputs=("linear",), threads=threads).linear
+        for threads in (1, 2, 5)
+    ]
+    assert pictures[0].tobytes() == pictures[1].tobytes() == pictures[2].tobytes()
+
+
+def wall_and_ground(light):
+    """Return a half-plane of shadow: a wall that ends nowhere in sight, seen from above."""
+    scene = rj.Scene()
+    scene.add(ground(20.0))
+    wall = rj.Mesh([[0, 0, -30], [0, 0, 30], [0, 4, 30], [0, 4, -30]], [[0, 1, 2], [0, 2, 3]])
+    scene.add(wall)
+    scene.lights = [light]
+    return scene
+
+
+def across(scene, x, z=0.0, width=240, height=4.0):
+    """Return the shares along a line that a camera right above sees, and where they are."""
+    camera = rj.OrthographicCamera((x, 10.0, z), (x, 0.0, z), up=(0, 0, -1), height=height / 60.0)
+    share, frame = shares(scene, camera, (width, 4))
+    return share[2], frame.position[2, :, 0]
+
+
+def test_edge_of_a_filtered_shadow_rises_all_the_way():
+    light = rj.DirectionalLight((1.0, -1.0, 0.0), shadow=rj.Shadow(size=64))
+    share, _ = across(wall_and_ground(light), 4.0)
+    assert (share[0], share[-1]) == (0.0, 1.0)
+    assert (np.diff(share) >= -1e-6).all()
+    # In many steps: comparisons are weighted by texels.
+    assert len(np.unique(share)) > 10
+
+
+def test_penumbra_grows_with_distance_as_geometry_says():
+    # Half of the light's disk is hidden at the edge; the penumbra is as wide as the disk's angle.
+    angle = 4.0
+    widths = {}
+    for top in (1.0, 2.0, 4.0):
+        shadow = rj.Shadow(size=1024, filter="soft", light_size=angle)
+        scene = rj.Scene()
+        scene.add(ground(20.0))
+        sheet = [[-8, top, -8], [0, top, -8], [0, top, 8], [-8, top, 8]]
+        scene.add(rj.Mesh(sheet, [[0, 2, 1], [0, 3, 2]]))
+        scene.lights = [rj.DirectionalLight((1.0, -1.0, 0.0), shadow=shadow)]
+        # The sheet must not hide the edge of its shadow, at x = top.
+        share, x = across(scene, top + 0.0, height=2.0)
+        lit = share[x > 0.01]
+        where = x[x > 0.01]
+        inner = where[lit > 0.1][0]
+        outer = where[lit < 0.9][-1]
+        widths[top] = outer - inner
+        assert abs((inner + outer) / 2.0 - top) < 0.05
+    assert widths[1.0] < widths[2.0] < widths[4.0]
+    # On a plane at 45 degrees the disk of the way sqrt(2) top is sqrt(2) as wide again; of a disk,
+    # 10 % are behind the chord at 0.687 of its radius.
+    expected = 4.0 * 2.0 * 2.0 * math.tan(math.radians(angle / 2.0)) * 0.687
+    assert widths[4.0] == pytest.approx(expected, rel=0.2)
+
+
+def test_cone_ends_the_light_by_its_angle():
+    scene, camera = box_on_ground(lamp("spot", 60.0, filter="pcf", size=256))
+    narrow = rj.SpotLight(
+        scene.lights[0].position, scene.lights[0].direction, intensity=5.0, outer_angle=10.0,
+        shadow=rj.Shadow(size=256),
+    )  # fmt: skip
+    scene.lights = [narrow]
+    scene.nodes[1:] = []
+    frame = rj.render(scene, camera, size=SIZE, outputs=("linear", "position"), threads=1)
+    way = frame.position - np.array(narrow.position)
+    with np.errstate(invalid="ignore"):
+        angle = np.degrees(
+            np.arccos((way @ np.array(narrow.direction)) / np.linalg.norm(way, axis=-1))
+        )
+    assert (frame.linear[angle > 10.01][:, :3] == 0.0).all()
+    assert (frame.linear[angle < 9.0][:, 0] > 0.0).any()
+
+
+def test_wide_cone_has_six_maps_and_the_same_shadow():
+    place, way = (1.5, 4.0, 1.0), (-0.3, -1.0, -0.2)
+    pictures = []
+    for angle in (59.0, 61.0):
+        light = rj.SpotLight(
+            place, way, intensity=5.0, inner_angle=50.0, outer_angle=angle,
+            shadow=rj.Shadow(size=1024, filter="hard"),
+        )  # fmt: skip
+        scene, camera = box_on_ground(light)
+        pictures.append(shares(scene, camera)[0])
+    lit = np.isfinite(pictures[0]) & np.isfinite(pictures[1])
+    assert (pictures[0][lit] != pictures[1][lit]).mean() < 0.02
+    assert (pictures[0][lit] == 0.0).any()
+
+
+def test_vertices_of_gouraud_objects_are_shaded():
+    light = sun(60.0, filter="hard", size=512)
+    scene, camera = box_on_ground(light)
+    lines = np.linspace(-6.0, 6.0, 41)
+    x, z = (grid.ravel() for grid in np.meshgrid(lines, lines))
+    corner = (np.arange(40)[:, np.newaxis] * 41 + np.arange(40)).ravel()
+    faces = np.concatenate(
+        [
+            np.stack([corner, corner + 41, corner + 42], 1),
+            np.stack([corner, corner + 42, corner + 1], 1),
+        ]
+    )  # fmt: skip
+    mesh = rj.Mesh(
+        np.stack([x, 0.0 * x, z], 1), faces, material=rj.Material("gouraud", "white", specular=0.0)
+    )
+    scene.nodes.clear()
+    scene.add(mesh)
+    scene.add(box(), tf.translate((-0.5, 0.0, -0.5)))
+    share, frame = shares(scene, camera)
+    on_mesh = (frame.face_id >= 0) & (frame.face_id < len(faces))
+    assert (share[on_mesh] < 0.01).any()
+    # Where all is bright, nothing is lost.
+    far = on_mesh & (np.abs(frame.position[..., 0]) > 2.5)
+    assert (share[far] == 1.0).all()
+
+
+def test_holes_of_a_mask_let_light_through():
+    pixels = np.zeros((8, 8, 4), np.uint8)
+    pixels[..., :3] = 255
+    pixels[:, :4, 3] = 255
+    texture = rj.Texture(pixels, filter="nearest")
+    leaf = rj.Mesh(
+        [[-1, 1, -1], [1, 1, -1], [1, 1, 1], [-1, 1, 1]], [[0, 2, 1], [0, 3, 2]],
+        uv=[[0, 0], [1, 0], [1, 1], [0, 1]],
+        material=rj.Material("flat", base_color_texture=texture, alpha_mode="mask"),
+    )  # fmt: skip
+    scene = rj.Scene()
+    scene.add(ground())
+    scene.add(leaf)
+    scene.lights = [rj.DirectionalLight((0, -1, 0), shadow=rj.Shadow(filter="hard"))]
+    camera = rj.PerspectiveCamera((0.0, 0.7, 4.0), (0.0, 0.0, 0.0))
+    share, frame = shares(scene, camera)
+    x, z = frame.position[..., 0], frame.position[..., 2]
+    on_ground = (frame.face_id < 2) & (frame.face_id >= 0) & (np.abs(z) < 0.9)
+    assert (share[on_ground & (x > 0.05)] == 1.0).all()
+    under = on_ground & (x > -0.95) & (x < -0.05)
+    assert under.sum() > 100
+    assert (share[under] == 0.0).all()
+
+
+def test_what_is_seen_through_casts_no_shadow_and_receives_them():
+    light = rj.DirectionalLight((0.2, -1, 0), shadow=rj.Shadow(filter="hard"))
+    glass = rj.Material("phong", (1, 1, 1, 0.5), alpha_mode="blend")
+    pane = rj.Mesh([[-1, 1, -1], [1, 1, -1], [1, 1, 1], [-1, 1, 1]], [[0, 2, 1], [0, 3, 2]],
+                   material=glass)  # fmt: skip
+    camera = rj.PerspectiveCamera((0.0, 3.0, 5.0), (0.0, 0.0, 0.0))
+    scene = rj.Scene()
+    scene.add(ground())
+    scene.add(pane)
+    scene.lights = [light]
+    shown = rj.render(scene, camera, size=SIZE, outputs=("linear",)).linear
+    plain = rj.render(without_shadow(scene), camera, size=SIZE, outputs=("linear",)).linear
+    assert shown.tobytes() == plain.tobytes()
+    scene.add(box(), tf.translate((-0.5, 2.0, -0.5)))
+    both = [
+        rj.render(each, camera, size=SIZE, outputs=("linear", "object_id"))
+        for each in (scene, without_shadow(scene))
+    ]
+    on_pane = both[0].object_id == 1
+    darker = (both[0].linear < both[1].linear)[..., 0]
+    assert (on_pane & darker).sum() > 20
+
+
+def ball(columns, rows):
+    """Return a coarse sphere."""
+    u = np.linspace(0.0, 2.0 * np.pi, columns, endpoint=False)
+    v = np.linspace(0.0, np.pi, rows + 1)[1:-1, np.newaxis]
+    rings = np.stack(
+        [np.sin(v) * np.cos(u), np.cos(v) + 0.0 * u, np.sin(v) * np.sin(u)], axis=-1
+    ).reshape(-1, 3)
+    points = np.vstack([[[0.0, 1.0, 0.0]], rings, [[0.0, -1.0, 0.0]]])
+    last, faces = len(points) - 1, []
+    for i in range(columns):
+        j = (i + 1) % columns
+        faces.append((0, 1 + j, 1 + i))
+        faces.append((last, last - columns + i, last - columns + j))
+        for row in range(rows - 2):
+            a, b = 1 + row * columns + i, 1 + row * columns + j
+            faces += [(a, b, b + columns), (a, b + columns, a + columns)]
+    return rj.Mesh(points, faces, material=rj.Material("phong", "white", specular=0.0))
+
+
+@pytest.mark.parametrize("kernel", ["hard", "pcf"])
+@pytest.mark.parametrize("columns", [8, 16, 48])
+def test_a_ball_does_not_shade_itself_where_its_normals_face_the_light(columns, kernel):
+    scene = rj.Scene()
+    scene.add(ball(columns, columns // 2))
+    scene.add(box(), tf.translate((0.0, -9.0, 0.0)))
+    for way in ((-1.0, -0.6, -0.3), (0.3, -1.0, 0.2), (-1.0, 0.0, 0.0)):
+        scene.lights = [rj.DirectionalLight(way, shadow=rj.Shadow(size=512, filter=kernel))]
+        camera = rj.PerspectiveCamera((0.0, 1.0, 4.0), (0.0, 0.0, 0.0), fov_y=35.0)
+        share, _ = shares(scene, camera, (160, 120))
+        bright = rj.render(without_shadow(scene), camera, size=(160, 120), outputs=("linear",))
+        lost = np.where(np.isfinite(share), 1.0 - share, 0.0) * bright.linear[..., 0]
+        # What is lost stays below what an 8-bit picture shows near black, but for single pixels.
+        assert (lost > 0.02).mean() < 2e-3
+
+
+def test_light_that_reaches_nothing_is_left_out():
+    near, far = rj.PointLight((0, 2, 0), range=5.0), rj.PointLight((0, 90, 0), range=50.0)
+    scene, camera = box_on_ground(near)
+    scene.lights = [rj.AmbientLight(), far, near]
+    plan = rj.explain(scene, camera, size=SIZE)
+    assert len(plan.lighting.lights) == 1
+    assert plan.lights.numbers == (0, 2)
+    reason = next(effect.reason for effect in plan.effects if effect.name == "lights")
+    assert reason.endswith("light 1: its range of 50 ends before all that is seen")
+    frame = rj.render(scene, camera, size=SIZE, outputs=("linear",))
+    scene.lights = [rj.AmbientLight(), near]
+    again = rj.render(scene, camera, size=SIZE, outputs=("linear",))
+    assert frame.linear.tobytes() == again.linear.tobytes()
+
+
+def shadow_row_of(scene, camera, **arguments):
+    plan = rj.explain(scene, camera, size=SIZE, **arguments)
+    return next(effect for effect in plan.effects if effect.name == "shadows"), plan
+
+
+def test_plan_says_which_maps_there_are_and_why():
+    scene, camera = box_on_ground(rj.DirectionalLight((0, -1, 0)))
+    assert shadow_row_of(scene, camera)[0][1:] == (False, "no light casts them")
+    scene.lights = [sun(30.0, size=1024)]
+    row, plan = shadow_row_of(scene, camera)
+    assert row[1:] == (True, "1 map of 1024 x 1024, 4.2 MB")
+    assert plan.casts_shadows
+    assert plan.needs_depth
+    scene.lights = [sun(30.0, size=1024), lamp("point", 40.0, size=256)]
+    row = shadow_row_of(scene, camera)[0]
+    assert row.reason == "1 map of 1024 x 1024, 6 maps of 256 x 256, 5.8 MB"
+    only = rj.Scene()
+    only.add(ground())
+    only.lights = [sun(30.0)]
+    row, plan = shadow_row_of(only, camera)
+    assert row[1:] == (False, "light 0: nothing lies between it and what is seen")
+    assert not plan.casts_shadows
+    row = shadow_row_of(scene, camera, outputs=("depth",))[0]
+    assert row[1:] == (False, "nothing is lit")
+
+
+def test_a_light_in_front_of_which_nothing_lies_draws_no_map(drawn):
+    scene, camera = box_on_ground(sun(40.0))
+    scene.nodes[1:] = []
+    scene.add(box(), tf.translate((0.0, -5.0, 40.0)))
+    rj.render(scene, camera, size=SIZE)
+    assert drawn == []
+
+
+def test_scene_without_shadows_reads_no_maps(monkeypatch):
+    scene, camera = box_on_ground(rj.DirectionalLight((0, -1, 0)))
+    monkeypatch.setattr(shadow_maps, "draw_shadows", None)
+    monkeypatch.setattr(shadow_maps, "seen_cells", None)
+    rj.render(scene, camera, size=SIZE)

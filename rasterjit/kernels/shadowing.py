@@ -7,8 +7,8 @@ distance from the far side for a parallel light, and near / w for one that shine
 the plane of the sample's own face tells its depth at every texel near the sample, and a texel casts
 a shadow where what it holds is nearer than that plane, by more than a bias. The plane lies in the
 map as it was drawn, but for the rounding of its vertices to the sub-pixel grid, and the bias covers
-that at every slope: it is some texels of depth times one plus the slope. Nothing of this has a
-unit, so it holds at any scale.
+that at every slope: it is some texels of depth times one plus the slope, up to a limit. Nothing of
+this has a unit, so it holds at any scale.
 
 A sample is taken to the light in four steps, each a loop over the samples of a part of a row: the
 corners of its face are gathered; its point and the normal of its face are found, in world axes
@@ -83,6 +83,16 @@ PLACE_COLUMNS = 4
 
 STEEPEST = 4096.0
 """Largest slope of a face to the light: light that falls on a steeper one adds less than 1/4096."""
+
+SLOPING = 8.0
+"""Slope up to which the bias grows with it: more would let light through what is near."""
+
+SNAPPING = 1.0 / 64.0
+"""Bias for the slope beyond that, texels: four times what vertices are rounded by in a map."""
+
+EDGEWISE = 1.0 / 16.0
+"""A face turns away from a light if it faces it by less than this share of what its shading normal
+does: the plane of one that is seen edgewise says nothing about its neighbours."""
 
 DEPTH_ROUNDING = np.float32(2.0**-20)
 """Share of a stored depth that rounding of it, of the plane and of their difference may reach:
@@ -232,6 +242,12 @@ def held_slope(across, down, texel):
     return across * share, down * share
 
 
+@stage
+def bias_of(texel, gain, texels):
+    """Return how much nearer to the light something must be, in stored depth, to shade a plane."""
+    return texels * (texel + min(gain, SLOPING * texel)) + SNAPPING * gain
+
+
 @disjoint_stage
 def map_rows(px, py, pz, nx, ny, nz, row, u, v, depth, across, down, bias):
     """Take samples to the map of a light, and write their planes and biases there."""
@@ -251,7 +267,7 @@ def map_rows(px, py, pz, nx, ny, nz, row, u, v, depth, across, down, bias):
         right, below = held_slope(right, below, texel)
         u[i], v[i] = np.float32(at_u if before else -1.0), np.float32(at_v)
         depth[i], across[i], down[i] = np.float32(d), np.float32(right), np.float32(below)
-        bias[i] = np.float32(row[BIAS_TEXELS] * (texel + abs(right) + abs(below)))
+        bias[i] = np.float32(bias_of(texel, abs(right) + abs(below), row[BIAS_TEXELS]))
 
 
 @disjoint_stage
@@ -281,7 +297,7 @@ def map_cube_rows(px, py, pz, nx, ny, nz, row, size, u, v, depth, across, down, 
         u[i] = np.float32(at_u) if before else np.float32(-1.0)
         v[i] = np.float32(at_v) + side * np.float32(size)
         depth[i], across[i], down[i] = np.float32(d), np.float32(right), np.float32(below)
-        bias[i] = np.float32(row[BIAS_TEXELS] * (texel + abs(right) + abs(below)))
+        bias[i] = np.float32(bias_of(texel, abs(right) + abs(below), row[BIAS_TEXELS]))
 
 
 @disjoint_stage
@@ -298,8 +314,11 @@ def find_turned(light, px, py, pz, ax, ay, az, nx, ny, nz, turned):
         lz = np.float64(light[2]) - np.float64(light[3]) * pz[i]
         x, y, z = np.float64(nx[i]), np.float64(ny[i]), np.float64(nz[i])
         side = ax[i] * x + ay[i] * y + az[i] * z
-        face = (ax[i] * lx + ay[i] * ly + az[i] * lz) * side
-        is_turned = (x * lx + y * ly + z * lz > 0.0) & (face <= 0.0)
+        face = ax[i] * lx + ay[i] * ly + az[i] * lz
+        face = face if side >= 0.0 else -face
+        length = np.sqrt(ax[i] * ax[i] + ay[i] * ay[i] + az[i] * az[i])
+        smooth = x * lx + y * ly + z * lz
+        is_turned = (smooth > 0.0) & (face <= EDGEWISE * smooth * length)
         turned[i] = np.float32(1.0) if is_turned else np.float32(0.0)
         found |= np.int32(is_turned)
     return found

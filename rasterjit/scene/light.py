@@ -50,9 +50,9 @@ class Shadow:
         units; the angle that a directional light is seen under, degrees (the sun: 0.53).
     bias : float, texels
         How far in front of a surface something must lie to cast a shadow on it, 0..100, in texels
-        of the map along the light times one plus the slope of the surface to the light. Each
-        comparison is with the surface's own plane, so little is needed: more hides the steps of
-        coarse curved surfaces, and moves the shadow away from what casts it.
+        of the map along the light times one plus the slope of the surface to the light (of which 8
+        counts at most). Each comparison is with the surface's own plane, so little is needed: more
+        hides the steps of coarse curved surfaces, and moves the shadow away from what casts it.
 
     Raises
     ------
