@@ -463,6 +463,7 @@ def _interpolate(drawn: _Drawn, values: NDArray[np.float32], x: int, y: int) -> 
 
 def _light_names(drawn: _Drawn) -> list[str]:
     """Name the lights that are not ambient, in the order the plan has them."""
+    scene, planned = drawn.scene, drawn.plan.lights
     if not scene.lights:
         return ["headlight"] if scene.environment is None else []
     return [
