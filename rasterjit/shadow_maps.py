@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit import stages, transforms
-from rasterjit.kernels import shadowing
+from rasterjit.kernels import shadow_filters, shadow_receivers, shadowing
 from rasterjit.kernels.records import Cutouts, Geometry, Objects, Placement, Shadows
 from rasterjit.plan import viewport_of
 from rasterjit.plan_lights import along, axes_of, has_cube, place_boxes
@@ -30,7 +30,7 @@ from rasterjit.scene.light import DirectionalLight, Light, Shadow
 
 Float64 = NDArray[np.float64]
 
-FILTERS = {"hard": shadowing.HARD, "pcf": shadowing.PCF, "soft": shadowing.SOFT}
+FILTERS = {"hard": shadow_filters.HARD, "pcf": shadow_filters.PCF, "soft": shadow_filters.SOFT}
 
 BORDER = 3
 """Texels around what a map is fitted to: as many as the 3 x 3 comparisons reach, and one."""
@@ -475,7 +475,7 @@ def seen_cells(
     rows, columns = np.nonzero(lowest <= highest)
     if relative_from_screen is None or not len(rows):
         return np.empty((0, 8, 3))
-    side = shadowing.CELL
+    side = shadow_receivers.CELL
     corners = np.empty((len(rows), 8, 3))
     for n in range(8):
         x = np.minimum((columns + (n & 1)) * side, viewport.width)

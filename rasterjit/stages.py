@@ -22,7 +22,7 @@ from rasterjit.kernels import (
     projection,
     setup,
     shading,
-    shadowing,
+    shadow_receivers,
     visibility,
 )
 from rasterjit.kernels.records import (
@@ -607,14 +607,14 @@ def find_depth_ranges(
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Return the lowest and highest stored depth in cells of a frame; inf, -inf for nothing."""
     height, width = depth.shape
-    side = shadowing.CELL
+    side = shadow_receivers.CELL
     rows, columns = -(-height // side), -(-width // side)
     lowest, highest = (np.empty((rows, columns), np.float32) for _ in range(2))
     per_task = -(-rows_per_task(depth.shape, workers) // side)
 
     def find_some(first: int) -> None:
         cells, scratch = (first, min(first + per_task, rows)), np.empty((2, width), np.float32)
-        shadowing.find_depth_ranges(depth, cells, lowest, highest, scratch)
+        shadow_receivers.find_depth_ranges(depth, cells, lowest, highest, scratch)
 
     workers.run(find_some, [(n,) for n in range(0, rows, per_task)])
     return lowest, highest

@@ -186,6 +186,7 @@ ALLOWED = {
     ("scene/color.py", "sum"): "whole numbers: counts for a message",
     ("validation.py", "sum"): "whole numbers: counts for a message",
     ("scene/scene.py", "sum"): "whole numbers: counts for a repr",
+    ("plan_lights.py", "sum"): "whole numbers: counts of texels and of objects",
     ("plan.py", "sum"): "three terms, and counts: NumPy splits sums from eight terms on",
     ("io/trimesh_materials.py", "sum"): "three terms in a row, and counts",
     ("io/trimesh_materials.py", "mean"): "three terms: NumPy splits sums from eight terms on",

@@ -237,22 +237,3 @@ def add_lights(samples, count, n, lighting, toward_viewer, reached):
         samples[RED, :count], samples[GREEN, :count], samples[BLUE, :count],
         samples[OUT_RED, :count], samples[OUT_GREEN, :count], samples[OUT_BLUE, :count],
     )  # fmt: skip
-
-
-@stage
-def light_samples(samples, count, lighting, toward_viewer):
-    """
-    Turn base colours into seen colours, without shadows.
-
-    Parameters
-    ----------
-    samples : (SAMPLE_ROWS or PLAIN_ROWS, N) float32
-        Reads rows RED..LIT, writes rows OUT_RED..OUT_BLUE, of the first ``count`` samples.
-    count : int
-    lighting : Lighting
-    toward_viewer : (4,) float32
-        A point p, relative to the eye, is seen along ``xyz - w p``.
-    """
-    start_light(samples, count, lighting, None)
-    for n in range(lighting.lights.shape[0]):
-        add_lights(samples, count, n, lighting, toward_viewer, None)

@@ -34,14 +34,8 @@ from rasterjit.kernels.records import (
 )
 from rasterjit.kernels.resolve import encode_pixel, encode_span
 from rasterjit.kernels.setup import last_at_most
-from rasterjit.kernels.shadowing import (
-    SHADOW_ROWS,
-    WEIGHT_ROWS,
-    find_receivers,
-    note_vertex,
-    shadow_row,
-    vertex_shadow_row,
-)
+from rasterjit.kernels.shadow_receivers import WEIGHT_ROWS, find_receivers, note_vertex
+from rasterjit.kernels.shadowing import SHADOW_ROWS, shadow_row, vertex_shadow_row
 from rasterjit.kernels.tone_mapping import toned
 
 PADDING = stretches.VECTOR

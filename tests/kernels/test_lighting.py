@@ -106,6 +106,13 @@ def naive_colors(samples, lights, ambient, viewer, with_highlight=True):
 NO_CONE, NO_END = (0.0, 0.0, 0.0, 0.0, 1.0), 0.0
 
 
+def light_samples(samples, count, lighting, viewer):
+    """Turn base colours into seen colours, without shadows."""
+    lit.start_light(samples, count, lighting, None)
+    for n in range(len(lighting.lights)):
+        lit.add_lights(samples, count, n, lighting, viewer, None)
+
+
 def whole_rows(lights):
     """Return light rows of all columns; those of seven have neither cone nor range."""
     lights = np.asarray(lights, np.float32)
@@ -123,7 +130,7 @@ def light(samples, lights, ambient, viewer=VIEWER, highlights=1):
         np.asarray(ambient, np.float32),
         None if highlights is None else np.int64(highlights),
     )
-    lit.light_samples(samples, samples.shape[1], record, viewer)
+    light_samples(samples, samples.shape[1], record, viewer)
     return samples[lit.OUT_RED : lit.OUT_BLUE + 1].T.copy()
 
 
@@ -222,7 +229,7 @@ def shown(light_of_scene, point=(0.0, 0.0, 0.0)):
     """Return the red that a light of a scene shows at a point, for an eye at the origin."""
     record = lighting_of([light_of_scene], rj.MatrixCamera(np.eye(4), np.eye(4)), 0)
     samples = one_sample((0, 0, 1), point, specular=0.0, color=(1, 1, 1))
-    lit.light_samples(samples, 1, record, VIEWER)
+    light_samples(samples, 1, record, VIEWER)
     return float(samples[lit.OUT_RED, 0])
 
 
