@@ -162,8 +162,9 @@ def metallic_roughness(size: Size) -> Picture:
     scene.environment = replace(studio(), rotation=-60.0, intensity=1.6, background=False)
     scene.lights = [sun(0.5)]
     scene.tone_map = rj.ToneMap("neutral")
-    camera = rj.PerspectiveCamera(eye=(0.0, 0.0, 24.0), target=(0, 0, 0), fov_y=21.0)
-    return shown(scene, camera, size, background="#cfd3d8", quality=SMOOTH)
+    camera = rj.PerspectiveCamera(eye=(0.0, 0.0, 24.0), target=(0, 0, 0), fov_y=14.5)
+    wide = size[0], size[1] * 2 // 3
+    return shown(scene, camera, wide, background="#cfd3d8", quality=SMOOTH)
 
 
 @picture
@@ -222,7 +223,7 @@ def lights(size: Size) -> Picture:
         at = np.array([x, 7.5, 5.0])
         scene.lights.append(
             rj.SpotLight(
-                at, np.array([x * 0.15, 0.6, -0.4]) - at, color=color, intensity=62.0,
+                at, np.array([x * 0.5, 0.3, 0.5]) - at, color=color, intensity=62.0,
                 inner_angle=13.0, outer_angle=17.0, shadow=rj.Shadow(size=1024),
             )
         )  # fmt: skip
@@ -253,10 +254,10 @@ def shadows(size: Size) -> Picture:
     ):  # fmt: skip
         scene = rj.Scene()
         scene.add(floor(30.0, MATT))
-        scene.add(pole, PLACE.translate((-1.0, 0.0, 0.0)))
+        scene.add(pole, PLACE.translate((-1.4, 0.0, -0.6)))
         globe = dressed(ball(), rj.Material(base_color="#4a7fb0", specular=0.4))
-        scene.add(globe, PLACE.compose(PLACE.translate((0.6, 0.7, 1.2)), PLACE.scale(0.7)))
-        light = rj.DirectionalLight((0.75, -1.0, 0.35), intensity=0.8, shadow=shadow)
+        scene.add(globe, PLACE.compose(PLACE.translate((0.1, 0.6, 2.6)), PLACE.scale(0.6)))
+        light = rj.DirectionalLight((0.8, -1.0, 0.25), intensity=0.8, shadow=shadow)
         scene.lights = [rj.AmbientLight(intensity=0.25), light]
         camera = rj.PerspectiveCamera(eye=(0.9, 5.6, 9.0), target=(0.9, 1.25, 0.4), fov_y=44.0)
         pictures.append(shown(scene, camera, part, quality=SMOOTH))
@@ -342,7 +343,7 @@ def ambient_occlusion(size: Size) -> Picture:
             scene.add(step, PLACE.translate((2.4, 0.0, -2.6 - n)))
         scene.lights = [rj.AmbientLight(intensity=0.75), sun(0.2)]
         scene.ambient_occlusion = effect
-        camera = rj.PerspectiveCamera(eye=(0.8, 4.2, 10.5), target=(0.3, 1.25, -0.6), fov_y=23.0)
+        camera = rj.PerspectiveCamera(eye=(0.8, 4.2, 10.5), target=(0.3, 1.2, -0.6), fov_y=25.0)
         pictures.append(shown(scene, camera, part, background="#d8d5cf", quality=SMOOTH))
     return in_rows(pictures, 1)
 
@@ -377,7 +378,7 @@ def wireframe(size: Size) -> Picture:
         cube = PLACE.compose(PLACE.translate((0.9, -1.0, 0.6)), PLACE.rotate_y(30))
         scene.add(dressed(box(1.1, 1.1, 1.1), look), cube)
         scene.wireframe = rj.Wireframe(color, mode)
-        camera = rj.PerspectiveCamera(eye=(0.8, 1.8, 6.0), target=(0.05, -0.15, 0), fov_y=28.0)
+        camera = rj.PerspectiveCamera(eye=(0.8, 1.8, 6.0), target=(0.1, -0.1, 0), fov_y=37.0)
         pictures.append(shown(scene, camera, part))
     return in_row(pictures)
 

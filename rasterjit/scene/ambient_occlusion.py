@@ -17,7 +17,9 @@ class AmbientOcclusion:
 
     It is found on the screen, from the depth and the faces that are seen: what the camera does not
     see occludes nothing. It dims ambient light and the light of an environment, no other; a scene
-    without either is not changed by it.
+    without either is not changed by it, nor are objects that are lit at their vertices (Gouraud).
+    A pixel has one share, that of the nearest surface at its centre, transparent or not: whatever
+    else it shows gets the same.
 
     Parameters
     ----------

@@ -22,6 +22,9 @@ class Outline:
     """
     Ask for the edges of shapes to be drawn over the 8-bit colour.
 
+    They are found between pixels, from the nearest faces at their centres, transparent or not, and
+    are not smoothed by more samples.
+
     Parameters
     ----------
     color : str or array_like
