@@ -169,7 +169,7 @@ def _count_samples(
     workers: stages.Workers,
 ) -> tuple[NDArray[np.int64], int]:
     """Return the samples of each triangle, faces before pieces, and the pixels with a tie."""
-    starts, binned, faces, _ = lists
+    starts, binned, faces = lists.starts, lists.binned, lists.faces
     counts = np.zeros(len(binned), np.int32), np.zeros(len(starts) - 1, np.int64)
 
     def count_some(tiles: NDArray[np.int32]) -> None:

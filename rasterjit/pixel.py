@@ -214,7 +214,8 @@ def _centre(x: int, y: int, grid_bits: int) -> tuple[int, int]:
 
 def _find_faces(drawn: _Drawn, x: int, y: int) -> list[FaceAtPixel]:
     """Return the faces that cover a pixel's centre: seen, hidden by depth, culled, cut out."""
-    starts, binned, faces, _ = drawn.lists
+    lists = drawn.lists
+    starts, binned, faces = lists.starts, lists.binned, lists.faces
     coverage, viewport = drawn.coverage, drawn.geometry.viewport
     columns = -(-viewport.width // visibility.TILE_SIZE)
     tile = (y // visibility.TILE_SIZE) * columns + x // visibility.TILE_SIZE

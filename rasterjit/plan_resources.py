@@ -112,16 +112,16 @@ def _layer_rows(plan: RenderPlan) -> Rows:
     """Return the kernels that put together what a pixel shows besides its nearest face."""
     if plan.layers is None:
         return []
-    rows = [(f"transparency.{name}", "", "") for name in ("split_lists", "find_layers")]
-    several = "a pixel shows several faces"
+    samples, several = plan.layers.samples, "a pixel shows several faces"
+    finder = "area.find_areas" if samples == "area" else "transparency.find_layers"
+    rows = [("transparency.split_lists", "", ""), (finder, "", "")]
+    names: list[str] = []
     if plan.layers.has_blended:
-        names = "start_sums", "lay_under", "finish_sums"
-        rows += [(f"layers.{name}", "", several) for name in names]
-    if plan.layers.samples == "area":
-        names = "find_shares", "start_mix", "add_shares", "finish_mix"
-        rows += [(f"layers.{name}", "", several) for name in names]
-    elif plan.layers.samples != 1:
-        rows += [(f"layers.{name}", "", several) for name in ("list_faces", "mix_samples")]
+        names += ["start_sums", "lay_under", "finish_sums"]
+    if samples != 1:
+        names += ["find_shares", "start_mix", "add_shares", "finish_mix"]
+        names += ["list_faces", "mix_samples"]
+    rows += [(f"layers.{name}", "", several) for name in names]
     if "color" in plan.outputs:
         is_toned = plan.encoding.tone is not None
         rows.append(("backgrounds.show_over" if is_toned else "resolve.encode_rows", "", ""))
