@@ -250,7 +250,7 @@ def shadows(size: Size) -> Picture:
     pole = dressed(box(0.35, 4.0, 0.35), rj.Material(base_color="#c8643c", specular=0.2))
     for shadow in (
         rj.Shadow(size=512, filter="hard"), rj.Shadow(size=512, filter="pcf"),
-        rj.Shadow(size=1024, filter="soft", light_size=6.0),
+        rj.Shadow(size=2048, filter="soft", light_size=6.0),
     ):  # fmt: skip
         scene = rj.Scene()
         scene.add(floor(30.0, MATT))
@@ -259,7 +259,7 @@ def shadows(size: Size) -> Picture:
         scene.add(globe, PLACE.compose(PLACE.translate((0.1, 0.6, 2.6)), PLACE.scale(0.6)))
         light = rj.DirectionalLight((0.8, -1.0, 0.25), intensity=0.8, shadow=shadow)
         scene.lights = [rj.AmbientLight(intensity=0.25), light]
-        camera = rj.PerspectiveCamera(eye=(0.9, 5.6, 9.0), target=(0.9, 1.25, 0.4), fov_y=44.0)
+        camera = rj.PerspectiveCamera(eye=(0.7, 5.6, 9.0), target=(0.6, 1.25, 0.4), fov_y=46.0)
         pictures.append(shown(scene, camera, part, quality=SMOOTH))
     return in_row(pictures)
 
