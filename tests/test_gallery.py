@@ -15,10 +15,10 @@ MODELS = Path(__file__).parent.parent / "models"
 PICTURES = MODELS / "pictures" / "gallery"
 SMALL = (60, 45)
 
-MOST_VARIANTS = 120
+MOST_VARIANTS = 75
 """Compiled forms of all kernels that the whole gallery may take."""
 
-MOST_OF_ONE = 40
+MOST_OF_ONE = 24
 """Compiled forms of any one kernel: that which shades has the most."""
 
 MOST_BYTES = 120_000
