@@ -2,9 +2,9 @@
 What a scene does not call for is left out, and leaving it out changes no bit.
 
 For each gate: the exact condition under which skipping loses nothing, a frame in which the work is
-provably not done, and a case a single pixel away in which it must be done. Effects that are not
-drawn yet (samples, shadows, layers, fog) hold the condition alone, on the engine's own
-coverage, depth and texture coordinates.
+provably not done, and a case a single pixel away in which it must be done. For samples, shadows,
+layers and fog this file holds the condition, on the engine's own coverage, depth and texture
+coordinates; ``test_hard_drawn_effects`` holds the pictures.
 """
 
 from __future__ import annotations
@@ -565,7 +565,8 @@ def test_linear_output_alone_is_not_encoded(calls):
 
 
 # --- coefficients of zero -------------------------------------------------------------------------
-# Fog, environment and post effects are not there yet; ambient light and the wireframe are.
+# Of ambient light and the wireframe; fog, environments and tone curves are in
+# ``test_hard_drawn_effects``.
 
 
 @pytest.mark.case("G11")
