@@ -315,12 +315,16 @@ def mix_shares(
     scratch : tuple
     memory : Memory
     """
+    behind = memory.empty((min(ROWS_AT_ONCE, len(linear)), *linear.shape[1:]), np.float32)
     for part in parts_of(len(linear), ROWS_AT_ONCE):
         first, target = first_row + part.start, linear[part]
         colors = memory.empty(target.shape, np.float32)
         shader.shade_last(shown[0, part], first, target, scratch)
-        shader.shade_last(np.full(target.shape[:2], -1, np.int32), first, colors, scratch)
-        layers.start_mix(colors, shares[0, part], rest[part], target)
+        if part.start == 0 or shader.sky is not None:
+            # A background of one colour is the same in all parts.
+            nothing = np.full(behind.shape[:2], -1, np.int32)
+            shader.shade_last(nothing, first, behind, scratch)
+        layers.start_mix(behind, shares[0, part], rest[part], target)
         for faces, own in zip(shown[1:, part], shares[1:, part], strict=False):
             shader.shade(faces, first, colors, scratch)
             layers.add_shares(colors, faces, own, target)
