@@ -8,27 +8,22 @@ for one pixel. Where the engine rounds, the exact value is shown beside it, from
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit import plan as planning
 from rasterjit import plan_arrays, plan_views, stages
-from rasterjit.explanation import FaceAtPixel, LightTerm, LightTerms, PixelExplanation
+from rasterjit.explanation import FaceAtPixel, PixelExplanation
 from rasterjit.io.meshes import as_scene
-from rasterjit.kernels import interpolation, records, resolve, setup, shading, visibility
-from rasterjit.kernels.maps import EMITTED
-from rasterjit.kernels.records import Faces, Geometry, Lighting, Objects, Placement, Surface
+from rasterjit.kernels import resolve, setup, visibility
+from rasterjit.kernels.records import Faces, Geometry, Objects
+from rasterjit.pixel_light import Drawn, light_of
 from rasterjit.plan import RenderPlan
-from rasterjit.plan_arrays import SceneArrays
-from rasterjit.plan_materials import join_maps, join_microfacets
-from rasterjit.plan_textures import join_textures
 from rasterjit.prepared import prepare
 from rasterjit.render import choose_camera, placement_of, render
 from rasterjit.scene.camera import Camera
-from rasterjit.scene.light import AmbientLight
 from rasterjit.scene.quality import Quality, check_quality
 from rasterjit.scene.scene import Scene
 from rasterjit.transforms import transform_points
@@ -48,19 +43,6 @@ EXPLAINED = frozenset(
 """Effects whose part in a pixel's colour is told; with any other, the colour is a frame's."""
 
 Weights = tuple["Fraction", "Fraction", "Fraction"]
-
-
-class _Drawn(NamedTuple):
-    """A scene drawn as far as visibility."""
-
-    scene: Scene
-    plan: RenderPlan
-    arrays: SceneArrays
-    geometry: Geometry
-    placement: Placement
-    coverage: stages.Coverage
-    lists: stages.TileLists
-    """With culled faces."""
 
 
 def explain_pixel(
@@ -112,7 +94,7 @@ def explain_pixel(
     faces = tuple(_find_faces(drawn, x, y))
     light, linear = None, plan.background
     if drawn.coverage.face_id[y, x] >= 0 and plan.draws_faces:
-        light, linear = _light(drawn, x, y)
+        light, linear = light_of(drawn, x, y)
     color = np.empty((1, 1), np.uint32)
     resolve.encode_rows(linear.reshape(1, 1, 4), resolve.encoding_table(), color)
     plain = seen = color.view(np.uint8)[0]
@@ -152,7 +134,7 @@ def _index(name: str, value: Any, count: int, kind: str) -> int:
     return int(value)
 
 
-def _draw(scene: Scene, plan: RenderPlan) -> _Drawn:
+def _draw(scene: Scene, plan: RenderPlan) -> Drawn:
     """Run the stages of `render` up to visibility."""
     workers = stages.Workers(1)
     arrays = plan_arrays.join_geometry([node.mesh for node in scene.nodes])
@@ -186,7 +168,7 @@ def _draw(scene: Scene, plan: RenderPlan) -> _Drawn:
         viewport,
     )
     placement = placement_of(arrays, views)
-    return _Drawn(scene, plan, arrays, geometry, placement, coverage, lists)
+    return Drawn(scene, plan, arrays, geometry, placement, coverage, lists)
 
 
 def _corners(triangles: NDArray[np.int32], faces: Faces) -> NDArray[np.int32]:
@@ -212,7 +194,7 @@ def _centre(x: int, y: int, grid_bits: int) -> tuple[int, int]:
     return (x << grid_bits) + half, (y << grid_bits) + half
 
 
-def _find_faces(drawn: _Drawn, x: int, y: int) -> list[FaceAtPixel]:
+def _find_faces(drawn: Drawn, x: int, y: int) -> list[FaceAtPixel]:
     """Return the faces that cover a pixel's centre: seen, hidden by depth, culled, cut out."""
     lists = drawn.lists
     starts, binned, faces = lists.starts, lists.binned, lists.faces
@@ -260,7 +242,7 @@ def _edges(
 
 
 def _face_at(
-    drawn: _Drawn, x: int, y: int, lost: str, nearness: float, face: int, triangle: np.int32
+    drawn: Drawn, x: int, y: int, lost: str, nearness: float, face: int, triangle: np.int32
 ) -> FaceAtPixel:
     """Gather all numbers of one face at one pixel."""
     arrays, geometry, coverage = drawn.arrays, drawn.geometry, drawn.coverage
@@ -362,157 +344,7 @@ def _weights(
     return affine, tuple(share / sum(held) for share in held)
 
 
-def _light(drawn: _Drawn, x: int, y: int) -> tuple[LightTerms, NDArray[np.float32]]:
-    """Return the terms of a pixel's colour and the colour itself, (4,) float32, linear."""
-    plan, lighting = drawn.plan, drawn.plan.lighting
-    if lighting is not None:
-        # It lies over the sum of all light.
-        lighting = lighting._replace(fog=None)
-    meshes = [node.mesh for node in drawn.scene.nodes]
-    normals = plan_arrays.join_normals(meshes) if plan.needs_normals else None
-    textures = join_textures(meshes) if plan.needs_textures else None
-    maps = join_maps(meshes) if plan.needs_maps else None
-    whole = plan_arrays.join_surface(meshes, normals)._replace(textures=textures, maps=maps)
-    if plan.needs_microfacets:
-        lighting = lighting._replace(microfacets=join_microfacets(meshes))
-    face = int(drawn.coverage.face_id[y, x])
-    owner = int(np.searchsorted(drawn.arrays.face_starts, face, side="right")) - 1
-    material = meshes[owner].material
-    linear = _shade(drawn, whole, lighting, x, y)
-    surface, zero = _without_emission(whole), np.zeros(3, np.float32)
-    texture, uv = None, np.full(2, np.nan, np.float32)
-    if textures is not None and material.base_color_texture is not None:
-        texture = _shade(drawn, _white(surface), lighting, x, y)[:3]
-        uv = _interpolate(drawn, textures.uv, x, y)
-    emission = zero
-    if material.emits:
-        emission = _shade(drawn, _unlit(whole, 0.0), lighting, x, y)[:3]
-    own = material.shading, texture, uv, emission
-    if lighting is None or material.shading == "unlit":
-        base = _shade(drawn, surface, lighting, x, y)[:3]
-        return LightTerms(own[0], base, *own[1:3], zero, (), emission), linear
-    nothing = lighting._replace(lights=lighting.lights[:0])
-    white = nothing._replace(ambient=np.ones(3, np.float32))
-    shown = _unlit(surface, 1.0) if material.shading == "pbr" else surface
-    base = _shade(drawn, shown, white, x, y)[:3]
-    ambient = _shade(drawn, surface, nothing, x, y)[:3]
-    terms = tuple(_light_terms(drawn, surface, lighting, x, y))
-    return LightTerms(own[0], base, *own[1:3], ambient, terms, emission), linear
-
-
-def _light_terms(
-    drawn: _Drawn, surface: Surface, lighting: Lighting, x: int, y: int
-) -> Iterator[LightTerm]:
-    """Let each light shine alone, on the surface without its highlight, and on that alone."""
-    matt, black = surface.materials.copy(), surface.materials.copy()
-    matt[:, records.MATERIAL_SPECULAR] = 0.0
-    # Microfacets have their highlights from the base colour: they are told what to show.
-    black[black[:, records.MATERIAL_MODEL] != records.PBR, :3] = 0.0
-    kinds = []
-    for n, materials in enumerate((matt, black)):
-        facets = lighting.microfacets
-        if facets is not None:
-            facets = facets._replace(parts=np.eye(2, dtype=np.float32)[n])
-        kinds.append((surface._replace(materials=materials), facets))
-    dark = np.zeros(3, np.float32)
-    for n, name in enumerate(_light_names(drawn)):
-        alone = lighting._replace(lights=lighting.lights[n : n + 1], ambient=dark)
-        diffuse, specular = (
-            _shade(drawn, part, alone._replace(microfacets=facets), x, y)[:3]
-            for part, facets in kinds
-        )
-        yield LightTerm(name, diffuse, specular)
-
-
-def _without_emission(surface: Surface) -> Surface:
-    """Return a surface that sends out no light."""
-    if surface.maps is None:
-        return surface
-    factors = surface.maps.factors.copy()
-    factors[:, EMITTED:] = 0.0
-    return surface._replace(maps=surface.maps._replace(factors=factors))
-
-
-def _unlit(surface: Surface, share: float) -> Surface:
-    """Return a surface that shows a share of its base colour, whatever light falls on it."""
-    materials = surface.materials.copy()
-    materials[:, :3] *= np.float32(share)
-    materials[:, records.MATERIAL_MODEL] = records.UNLIT
-    return surface._replace(materials=materials)
-
-
-def _white(surface: Surface) -> Surface:
-    """Return a surface whose colours are white, unlit: what is seen is the texture."""
-    materials = surface.materials.copy()
-    materials[:, :4] = 1.0
-    materials[:, records.MATERIAL_MODEL] = records.UNLIT
-    colors = {
-        name: None if value is None else np.ones_like(value)
-        for name, value in surface._asdict().items()
-        if name in ("vertex_colors", "face_colors")
-    }
-    return surface._replace(materials=materials, **colors)
-
-
-def _interpolate(drawn: _Drawn, values: NDArray[np.float32], x: int, y: int) -> NDArray[np.float32]:
-    """Return what an attribute of vertices, (V, K), is at a pixel, (K,)."""
-    face_id = drawn.coverage.face_id
-    attribute = np.empty((*face_id.shape, values.shape[1]), np.float32)
-    interpolation.fill_attribute(face_id, (y, y + 1), drawn.geometry, values, attribute)
-    return attribute[y, x].copy()
-
-
-def _light_names(drawn: _Drawn) -> list[str]:
-    """Name the lights that are not ambient, in the order the plan has them."""
-    scene, planned = drawn.scene, drawn.plan.lights
-    if not scene.lights:
-        return ["headlight"] if scene.environment is None else []
-    return [
-        f"{type(light).__name__} {n}"
-        for light, n in zip(planned.lights, planned.numbers, strict=True)
-        if not isinstance(light, AmbientLight)
-    ]
-
-
-def _shade(
-    drawn: _Drawn, surface: Surface, lighting: Lighting | None, x: int, y: int
-) -> NDArray[np.float32]:
-    """Shade one pixel with the engine's kernel; return its linear colour, (4,) float32."""
-    geometry, placement, plan = drawn.geometry, drawn.placement, drawn.plan
-    face = int(drawn.coverage.face_id[y, x])
-    if plan.needs_gouraud and lighting is not None:
-        lit = _lit_vertices(drawn, surface, lighting, face)
-        matt = None
-        if plan.needs_matt_light:
-            matt = _lit_vertices(drawn, surface, lighting._replace(highlights=None), face)
-        surface = surface._replace(lit_vertices=lit, matt_vertices=matt)
-    row = np.full((1, plan.size[0]), visibility.NOTHING, np.int32)
-    row[0, x] = face
-    linear, no_color = np.empty((1, plan.size[0], 4), np.float32), np.empty((1, 0), np.uint32)
-    shading.shade_rows(
-        row, y, geometry, placement, surface, lighting, plan.background, plan.encoding,
-        linear, no_color,
-        shading.scratch_memory(
-            shading.sample_rows(surface, lighting), surface.textures is not None
-        ),
-    )  # fmt: skip
-    return linear[0, x].copy()
-
-
-def _lit_vertices(
-    drawn: _Drawn, surface: Surface, lighting: Lighting, face: int
-) -> NDArray[np.float32]:
-    """Light the vertices of one face, if its object is shaded by Gouraud; (V, 2, 3)."""
-    lit = np.zeros((len(drawn.arrays.positions), 2, 3), np.float32)
-    for vertex in drawn.arrays.faces[face].tolist():
-        shading.light_vertices(
-            (vertex, vertex + 1), drawn.arrays.vertex_starts, drawn.placement, surface, lighting,
-            lit, shading.scratch_memory(shading.sample_rows(surface, lighting)),
-        )  # fmt: skip
-    return lit
-
-
-def _reasons(drawn: _Drawn, faces: tuple[FaceAtPixel, ...], x: int, y: int) -> tuple[str, ...]:
+def _reasons(drawn: Drawn, faces: tuple[FaceAtPixel, ...], x: int, y: int) -> tuple[str, ...]:
     """Say why no face is visible at a pixel."""
     reasons = []
     if faces:
@@ -535,7 +367,7 @@ def _reasons(drawn: _Drawn, faces: tuple[FaceAtPixel, ...], x: int, y: int) -> t
     return tuple(reasons)
 
 
-def _nearest(drawn: _Drawn, x: int, y: int) -> tuple[int, float]:
+def _nearest(drawn: Drawn, x: int, y: int) -> tuple[int, float]:
     """Return the drawn face nearest to a pixel's centre on the screen, and its distance, pixels."""
     triangles = np.unique(drawn.coverage.lists.binned)
     unit = float(1 << drawn.geometry.viewport.grid_bits)

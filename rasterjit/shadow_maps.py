@@ -471,7 +471,7 @@ def seen_cells(
     """
     viewport = geometry.viewport
     relative_from_screen = _inverse(_screen_matrix(camera, (viewport.width, viewport.height)))
-    lowest, highest = stages.find_depth_ranges(depth, workers)
+    lowest, highest = find_depth_ranges(depth, workers)
     rows, columns = np.nonzero(lowest <= highest)
     if relative_from_screen is None or not len(rows):
         return np.empty((0, 8, 3))
@@ -524,3 +524,21 @@ def _inverse(matrix: list[list[float]]) -> list[list[float]] | None:
                 factor = rows[n][k]
                 rows[n] = [a - factor * b for a, b in zip(rows[n], rows[k], strict=True)]
     return [row[4:] for row in rows]
+
+
+def find_depth_ranges(
+    depth: NDArray[np.float32], workers: stages.Workers
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return the lowest and highest stored depth in cells of a frame; inf, -inf for nothing."""
+    height, width = depth.shape
+    side = shadow_receivers.CELL
+    rows, columns = -(-height // side), -(-width // side)
+    lowest, highest = (np.empty((rows, columns), np.float32) for _ in range(2))
+    per_task = -(-stages.rows_per_task(depth.shape, workers) // side)
+
+    def find_some(first: int) -> None:
+        cells, scratch = (first, min(first + per_task, rows)), np.empty((2, width), np.float32)
+        shadow_receivers.find_depth_ranges(depth, cells, lowest, highest, scratch)
+
+    workers.run(find_some, [(n,) for n in range(0, rows, per_task)])
+    return lowest, highest

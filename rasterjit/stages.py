@@ -22,7 +22,6 @@ from rasterjit.kernels import (
     projection,
     setup,
     shading,
-    shadow_receivers,
     visibility,
 )
 from rasterjit.kernels.records import (
@@ -600,24 +599,6 @@ def show_environment(
         )
 
     workers.run(show_band, [(first,) for first in range(0, height, per_task)])
-
-
-def find_depth_ranges(
-    depth: NDArray[np.float32], workers: Workers
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Return the lowest and highest stored depth in cells of a frame; inf, -inf for nothing."""
-    height, width = depth.shape
-    side = shadow_receivers.CELL
-    rows, columns = -(-height // side), -(-width // side)
-    lowest, highest = (np.empty((rows, columns), np.float32) for _ in range(2))
-    per_task = -(-rows_per_task(depth.shape, workers) // side)
-
-    def find_some(first: int) -> None:
-        cells, scratch = (first, min(first + per_task, rows)), np.empty((2, width), np.float32)
-        shadow_receivers.find_depth_ranges(depth, cells, lowest, highest, scratch)
-
-    workers.run(find_some, [(n,) for n in range(0, rows, per_task)])
-    return lowest, highest
 
 
 def fill_rows(kernel: Any, face_id: NDArray[np.int32], arguments: tuple, workers: Workers) -> None:

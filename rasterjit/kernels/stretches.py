@@ -160,18 +160,14 @@ def weigh(
     for n in range(ax.shape[0]):
         px = np.int32(((pixel[0] + n) << bits) + half)
         smallest = min(wa[n], min(wb[n], wc[n]))
-        k0, k1, k2 = held_edges(
+        edges = held_edges(
             narrow_edge(bx[n], by[n], cx[n], cy[n], px, py),
             narrow_edge(cx[n], cy[n], ax[n], ay[n], px, py),
             narrow_edge(ax[n], ay[n], bx[n], by[n], px, py),
             reach,
         )
-        second[n], third[n], doubtful = weights_from_edges(
-            k0,
-            k1,
-            k2,
-            (smallest / wa[n], smallest / wb[n], smallest / wc[n]),
-        )
+        ratios = smallest / wa[n], smallest / wb[n], smallest / wc[n]
+        second[n], third[n], doubtful = weights_from_edges(*edges, ratios)
         unsure[n] |= np.int32(doubtful)
         found |= unsure[n] if n < count else np.int32(0)
     return found
