@@ -34,11 +34,14 @@ from rasterjit.plan import OUTPUTS
 from rasterjit.rasterize import rasterize
 from rasterjit.render import Renderer, render
 from rasterjit.scene.camera import PerspectiveCamera, fit_camera
+from rasterjit.scene.environment import Environment
+from rasterjit.scene.light import DirectionalLight, Shadow
 from rasterjit.scene.material import SHADINGS, Material
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene, Wireframe
 from rasterjit.scene.texture import Texture
+from rasterjit.transforms import translate
 from rasterjit.workers import Workers, available_processors
 
 SIZE = (16, 16)
@@ -96,6 +99,10 @@ def steps() -> list[Step]:
         Step(f"wireframe, {mode}", partial(_draw_wireframe, mode)) for mode in ("overlay", "only")
     ]
     found += [
+        Step("shadows", _draw_shadows),
+        Step("environment", _draw_environment),
+        Step("transparency", partial(_draw_layers, "blend", 1)),
+        Step("anti-aliasing", partial(_draw_layers, "opaque", 4)),
         Step("diagnostics", _diagnose),
         Step("rasterize", _rasterize),
         Step("framebuffer lines and curves", _draw_lines),
@@ -134,6 +141,27 @@ def _draw_wireframe(mode: str) -> None:
     scene = _square()
     scene.wireframe = Wireframe(mode=mode)
     render(scene, fit_camera(scene), size=SIZE, threads=1)
+
+
+def _draw_shadows() -> None:
+    scene = _square()
+    scene.lights.append(DirectionalLight(shadow=Shadow(32)))
+    # Something that may cast shadows must lie between the light and what is seen.
+    scene.add(scene.nodes[0].mesh, translate((0.0, 0.0, 1.0)))
+    render(scene, size=SIZE, threads=1)
+
+
+def _draw_environment() -> None:
+    scene = _square("pbr")
+    scene.environment = Environment.gradient()
+    render(scene, size=SIZE, threads=1)
+
+
+def _draw_layers(alpha_mode: str, samples: int) -> None:
+    material = Material(base_color=(1.0, 1.0, 1.0, 0.5), alpha_mode=alpha_mode)
+    scene = Scene()
+    scene.add(Mesh(VERTICES, FACES, material=material))
+    render(scene, size=SIZE, quality=Quality(samples=samples), threads=1)
 
 
 def _diagnose() -> None:

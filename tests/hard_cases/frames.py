@@ -1,5 +1,5 @@
 """
-Forty small frames that use every feature, and the recorded hashes of all their outputs.
+Thirty-seven small frames that use every feature, and the recorded hashes of all their outputs.
 
 Nothing here depends on a math library or a random generator: coordinates are whole numbers,
 quotients and square roots, whose bits IEEE 754 fixes, and the "random" ones are a small generator
