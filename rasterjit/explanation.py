@@ -37,6 +37,9 @@ SMALLEST_FIXED, LARGEST_FIXED = 1e-3, 1e6
 LOST = ("culled", "cut out")
 """Standings of faces that are not drawn at a pixel, however near."""
 
+NOT_LIGHTS = ("environment", "fog", "other faces")
+"""Names of terms that are not told apart into diffuse and specular."""
+
 FAINTEST = 5e-6
 """Highlights that would print as zero are left out of the table."""
 
@@ -95,10 +98,11 @@ class FaceAtPixel:
 
 @dataclass(frozen=True, eq=False)
 class LightTerm:
-    """What one light adds to the pixel."""
+    """What one light adds to the pixel, or fog, or the other faces that it shows."""
 
     name: str
-    """Kind of light and its number in ``Scene.lights``, or ``"headlight"``."""
+    """Kind of light and its number in ``Scene.lights``, ``"headlight"``, ``"environment"``,
+    ``"fog"`` (which takes light away as well) or ``"other faces"``."""
     diffuse: NDArray[np.float32]
     """(3,), linear red, green, blue."""
     specular: NDArray[np.float32]
@@ -280,7 +284,8 @@ def _color_table(pixel: PixelExplanation) -> Table:
         if light.shading != "unlit":
             table.add_row("ambient", *_levels(light.ambient))
         for term in light.lights:
-            table.add_row(f"{term.name}, diffuse", *_levels(term.diffuse))
+            kind = term.name if term.name in NOT_LIGHTS else f"{term.name}, diffuse"
+            table.add_row(kind, *_levels(term.diffuse))
             if term.specular.max() >= FAINTEST:
                 table.add_row(f"{term.name}, specular", *_levels(term.specular))
         if light.emission.max() >= FAINTEST:

@@ -8,14 +8,15 @@ for one pixel. Where the engine rounds, the exact value is shown beside it, from
 from __future__ import annotations
 
 import copy
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit import plan as planning
-from rasterjit import plan_arrays, plan_views, stages
-from rasterjit.explanation import FaceAtPixel, PixelExplanation
+from rasterjit import plan_views, stages
+from rasterjit.explanation import FaceAtPixel, LightTerm, PixelExplanation
 from rasterjit.io.meshes import as_scene
 from rasterjit.kernels import resolve, setup, visibility
 from rasterjit.kernels.records import Faces, Geometry, Objects
@@ -99,8 +100,11 @@ def explain_pixel(
     resolve.encode_rows(linear.reshape(1, 1, 4), resolve.encoding_table(), color)
     plain = seen = color.view(np.uint8)[0]
     if any(effect.used and effect.name not in EXPLAINED for effect in plan.effects):
-        plain, linear = _seen_without_edges(scene, plan, background, x, y)
-        seen = plain
+        plain, seen_linear = _seen_without_edges(scene, plan, background, x, y)
+        if light is not None and plan.layers is not None:
+            others = LightTerm("other faces", seen_linear[:3] - linear[:3], np.zeros(3, np.float32))
+            light = replace(light, lights=(*light.lights, others))
+        seen, linear = plain, seen_linear
     if plan.wireframe is not None:
         frame = render(
             scene, camera, size=size, quality=quality, background=background, cull=cull, threads=1
@@ -137,16 +141,18 @@ def _index(name: str, value: Any, count: int, kind: str) -> int:
 def _draw(scene: Scene, plan: RenderPlan) -> Drawn:
     """Run the stages of `render` up to visibility."""
     workers = stages.Workers(1)
-    arrays = plan_arrays.join_geometry([node.mesh for node in scene.nodes])
+    prepared = prepare(scene.nodes, None)
+    arrays = prepared.shapes.arrays
     views = plan_views.view_nodes(scene.nodes, plan.camera, plan.size)
     viewport = planning.viewport_of(plan.size, plan.quality.subpixel_bits)
-    is_single_sided = plan_arrays.single_sided([node.mesh for node in scene.nodes])
-    objects = plan_views.cull_objects(plan.cull, views, arrays.face_starts, is_single_sided)
+    objects = plan_views.cull_objects(
+        plan.cull, views, arrays.face_starts, prepared.looks.is_single_sided
+    )
     vertices = stages.ModelVertices(
         arrays.positions, arrays.vertex_starts, views.relative_from_model,
         views.clip_from_relative,
     )  # fmt: skip
-    cutouts = prepare(scene.nodes, None).looks.cutouts if plan.needs_cutouts else None
+    cutouts = prepared.looks.cutouts if plan.needs_cutouts else None
     coverage = stages.find_visible(
         vertices, arrays.faces, objects, plan.camera.depth_coefficients(), viewport, workers,
         lambda _: None, keep_lists=True, keep_clip_positions=True, cutouts=cutouts,
@@ -168,7 +174,7 @@ def _draw(scene: Scene, plan: RenderPlan) -> Drawn:
         viewport,
     )
     placement = placement_of(arrays, views)
-    return Drawn(scene, plan, arrays, geometry, placement, coverage, lists)
+    return Drawn(scene, prepared, plan, arrays, geometry, placement, coverage, lists)
 
 
 def _corners(triangles: NDArray[np.int32], faces: Faces) -> NDArray[np.int32]:

@@ -8,23 +8,33 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit import plan_arrays, stages
+from rasterjit import passes, stages
 from rasterjit.explanation import LightTerm, LightTerms
-from rasterjit.kernels import interpolation, records, shading, visibility
+from rasterjit.kernels import fogging, interpolation, records, shading, visibility
 from rasterjit.kernels.maps import EMITTED
-from rasterjit.kernels.records import Geometry, Lighting, Placement, Surface
+from rasterjit.kernels.records import (
+    Environment,
+    Fog,
+    Geometry,
+    Lighting,
+    Placement,
+    Surface,
+)
 from rasterjit.plan import RenderPlan
 from rasterjit.plan_arrays import SceneArrays
-from rasterjit.plan_materials import join_maps, join_microfacets
-from rasterjit.plan_textures import join_textures
+from rasterjit.prepared import Prepared
 from rasterjit.scene.light import AmbientLight
 from rasterjit.scene.scene import Scene
+
+COLOR = slice(4, 7)
+"""Columns of ``Lighting.lights``."""
 
 
 class Drawn(NamedTuple):
     """A scene drawn as far as visibility."""
 
     scene: Scene
+    prepared: Prepared
     plan: RenderPlan
     arrays: SceneArrays
     geometry: Geometry
@@ -36,40 +46,45 @@ class Drawn(NamedTuple):
 
 def light_of(drawn: Drawn, x: int, y: int) -> tuple[LightTerms, NDArray[np.float32]]:
     """Return the terms of a pixel's colour and the colour itself, (4,) float32, linear."""
-    plan, lighting = drawn.plan, drawn.plan.lighting
-    if lighting is not None:
-        # It lies over the sum of all light.
-        lighting = lighting._replace(fog=None)
-    meshes = [node.mesh for node in drawn.scene.nodes]
-    normals = plan_arrays.join_normals(meshes) if plan.needs_normals else None
-    textures = join_textures(meshes) if plan.needs_textures else None
-    maps = join_maps(meshes) if plan.needs_maps else None
-    whole = plan_arrays.join_surface(meshes, normals)._replace(textures=textures, maps=maps)
-    if plan.needs_microfacets:
-        lighting = lighting._replace(microfacets=join_microfacets(meshes))
+    plan, prepared, workers = drawn.plan, drawn.prepared, stages.Workers(1)
+    lighting = passes.find_lighting(
+        plan, prepared, drawn.geometry, drawn.placement, drawn.coverage, workers
+    )
+    whole = passes.find_surface(plan, prepared, drawn.placement, None, workers)
     face = int(drawn.coverage.face_id[y, x])
     owner = int(np.searchsorted(drawn.arrays.face_starts, face, side="right")) - 1
-    material = meshes[owner].material
+    material = prepared.shapes.meshes[owner].material
     linear = _shade(drawn, whole, lighting, x, y)
+    # Fog lies over the sum of all light.
+    clear = None if lighting is None else lighting._replace(fog=_no_fog(lighting.fog))
     surface, zero = _without_emission(whole), np.zeros(3, np.float32)
     texture, uv = None, np.full(2, np.nan, np.float32)
-    if textures is not None and material.base_color_texture is not None:
-        texture = _shade(drawn, _white(surface), lighting, x, y)[:3]
-        uv = _interpolate(drawn, textures.uv, x, y)
+    if whole.textures is not None and material.base_color_texture is not None:
+        texture = _shade(drawn, _white(surface), clear, x, y)[:3]
+        uv = _interpolate(drawn, whole.textures.uv, x, y)
     emission = zero
     if material.emits:
-        emission = _shade(drawn, _unlit(whole, 0.0), lighting, x, y)[:3]
+        emission = _shade(drawn, _unlit(whole, 0.0), clear, x, y)[:3]
+    fog = ()
+    if lighting is not None and lighting.fog is not None:
+        fog = (LightTerm("fog", linear[:3] - _shade(drawn, whole, clear, x, y)[:3], zero),)
     own = material.shading, texture, uv, emission
-    if lighting is None or material.shading == "unlit":
-        base = _shade(drawn, surface, lighting, x, y)[:3]
-        return LightTerms(own[0], base, *own[1:3], zero, (), emission), linear
-    nothing = lighting._replace(lights=lighting.lights[:0])
-    white = nothing._replace(ambient=np.ones(3, np.float32))
+    if clear is None or material.shading == "unlit":
+        base = _shade(drawn, surface, clear, x, y)[:3]
+        return LightTerms(own[0], base, *own[1:3], zero, fog, emission), linear
+    dark = clear._replace(lights=clear.lights[:0], ambient=zero)
+    no_sky = _no_environment(clear.environment)
+    ambient = dark._replace(ambient=clear.ambient, environment=no_sky)
+    white = dark._replace(ambient=np.ones(3, np.float32), environment=no_sky)
+    if clear.occlusion is not None:
+        white = white._replace(occlusion=np.ones_like(clear.occlusion))
     shown = _unlit(surface, 1.0) if material.shading == "pbr" else surface
     base = _shade(drawn, shown, white, x, y)[:3]
-    ambient = _shade(drawn, surface, nothing, x, y)[:3]
-    terms = tuple(_light_terms(drawn, surface, lighting, x, y))
-    return LightTerms(own[0], base, *own[1:3], ambient, terms, emission), linear
+    terms = tuple(_light_terms(drawn, surface, clear, x, y))
+    if clear.environment is not None:
+        terms += (LightTerm("environment", _shade(drawn, surface, dark, x, y)[:3], zero),)
+    shed = _shade(drawn, surface, ambient, x, y)[:3]
+    return LightTerms(own[0], base, *own[1:3], shed, terms + fog, emission), linear
 
 
 def _light_terms(
@@ -88,12 +103,29 @@ def _light_terms(
         kinds.append((surface._replace(materials=materials), facets))
     dark = np.zeros(3, np.float32)
     for n, name in enumerate(_light_names(drawn)):
-        alone = lighting._replace(lights=lighting.lights[n : n + 1], ambient=dark)
+        # The others stay, without light: shadow maps are numbered by light.
+        lights = lighting.lights.copy()
+        lights[:n, COLOR], lights[n + 1 :, COLOR] = 0.0, 0.0
+        no_sky = _no_environment(lighting.environment)
+        alone = lighting._replace(lights=lights, ambient=dark, environment=no_sky)
         diffuse, specular = (
             _shade(drawn, part, alone._replace(microfacets=facets), x, y)[:3]
             for part, facets in kinds
         )
         yield LightTerm(name, diffuse, specular)
+
+
+def _no_fog(fog: Fog | None) -> Fog | None:
+    """Return fog that covers nothing: as data, so that no other form of a kernel is compiled."""
+    zero = np.float32(0.0)
+    return (
+        None if fog is None else fog._replace(mode=fogging.EXPONENTIAL, density=zero, falloff=zero)
+    )
+
+
+def _no_environment(environment: Environment | None) -> Environment | None:
+    """Return an environment without light, as data."""
+    return None if environment is None else environment._replace(intensity=np.float32(0.0))
 
 
 def _without_emission(surface: Surface) -> Surface:
