@@ -347,7 +347,13 @@ def explain(
         click.echo(
             str(
                 explain_pixel(
-                    scene, camera, size, *pixel, effects.quality(), background=background, cull=cull
+                    scene,
+                    camera,
+                    size,
+                    *pixel,
+                    quality=effects.quality(),
+                    background=background,
+                    cull=cull,
                 )
             )
         )

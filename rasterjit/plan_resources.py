@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from rasterjit.plan import RenderPlan
-from rasterjit.scene.light import PointLight
+from rasterjit.plan_lights import has_cube
 
 BYTES = {"uint8": 1, "int32": 4, "float32": 4}
 
@@ -67,8 +67,10 @@ def _geometry_rows(plan: RenderPlan) -> Rows:
         rows.append(("visibility.draw_tiles", holes, ""))
     if plan.casts_shadows:
         # The maps are drawn by the kernels above, with the lights as cameras.
-        rows.append(("shadowing.find_depth_ranges", "", ""))
-        rows.append(("projection.project_vertices", "", "something casts a shadow on what is seen"))
+        rows.append(("shadow_receivers.find_depth_ranges", "", ""))
+        rows.append(
+            ("projection.transform_vertices", "", "something casts a shadow on what is seen")
+        )
     return rows
 
 
@@ -185,7 +187,7 @@ def _shadow_maps(plan: RenderPlan) -> list[Buffer]:
     for light in plan.lights.lights if plan.casts_shadows else ():
         shadow = getattr(light, "shadow", None)
         if shadow is not None:
-            sides = 6 if isinstance(light, PointLight) else 1
+            sides = 6 if has_cube(light) else 1
             size = shadow.size, shadow.size
             found.append(Buffer(f"shadow map, {shadow.size} texels", sides, "float32", size))
     return found

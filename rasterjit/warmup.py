@@ -271,7 +271,7 @@ def two_processes(threads: int | None) -> Iterator[Callable[..., None] | None]:
         stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
     )  # fmt: skip
 
-    def compile_all(what: Any, camera: Any, quality: Quality | None, **options: Any) -> None:
+    def compile_all(what: Any, camera: Any, quality: Quality | None = None, **options: Any) -> None:
         BlankRenderer(SIZE, quality=quality, threads=1).render(what, camera, **options)
         with suppress(subprocess.TimeoutExpired):
             other.wait(PATIENCE)

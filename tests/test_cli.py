@@ -234,7 +234,10 @@ def test_help_names_every_output():
 
 
 def test_quiet_silences_warnings_and_otherwise_they_are_one_line_each(tmp_path):
-    arguments = ("render", MODELS / "scene.glb", "-o", tmp_path / "a.png", "--size", "48x36")
+    mesh = tmp_path / "lost.obj"
+    mesh.write_text("mtllib lost.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl nowhere\nf 1 2 3\n")
+    (tmp_path / "lost.mtl").write_text("newmtl here\nmap_Kd lost.png\n")
+    arguments = ("render", mesh, "-o", tmp_path / "a.png", "--size", "48x36")
     loud, quiet = run(*arguments), run(*arguments, "--quiet")
     assert loud.exit_code == quiet.exit_code == 0
     assert loud.stderr.startswith("warning: ")

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit import plan, stages
+from rasterjit import plan_arrays, plan_views, stages
 from rasterjit.kernels import diagnosis
 from rasterjit.plan import OUTPUTS
 
@@ -209,8 +209,8 @@ def test_stored_weights_are_within_the_bound(cube):
     camera = rj.PerspectiveCamera((1.4, 0.2, 1.3), (0, 0, 0), near=0.5)
     size = (24, 16)
     frame = look(cube, camera, size, ("barycentric", "face_id"))
-    arrays = plan.join_geometry([cube])
-    views = plan.view_nodes([rj.Node(cube, np.eye(4), "cube")], camera, size)
+    arrays = plan_arrays.join_geometry([cube])
+    views = plan_views.view_nodes([rj.Node(cube, np.eye(4), "cube")], camera, size)
     clip = stages.transform(
         arrays.positions, arrays.vertex_starts, views.relative_from_model,
         views.clip_from_relative, stages.Workers(1),

@@ -95,13 +95,14 @@ def test_layers_are_those_of_the_stored_depths_bit_by_bit(monkeypatch):
     # Some triangles are there twice: exact ties, that the lower face wins.
     triangles[20:30] = triangles[5:15]
     is_blended = np.arange(count) % 7 != 3
-    shade_band = layered.shade_band
+    lay_layers = layered.lay_layers
 
     def note(band, *others):
-        bands.append(layered.Band(band.first_row, band.opaque.copy(), band.transparent.copy()))
-        return shade_band(band, *others)
+        opaque, transparent = band.opaque[0].copy(), band.transparent[0].copy()
+        bands.append(layered.Band(band.first_row, opaque, transparent))
+        return lay_layers(band, *others)
 
-    monkeypatch.setattr(layered, "shade_band", note)
+    monkeypatch.setattr(layered, "lay_layers", note)
     draw(meshes_of(triangles, colors_of(rng, count), is_blended))
     want = naive_layers.rounded_surfaces(triangles, SIZE)
     rows = 0

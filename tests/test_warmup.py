@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit import stages, warmup
+from rasterjit import edge_lines, stages, warmup
 from rasterjit.kernels import jit, setup
 from rasterjit.kernels.shading import shade_rows
 from rasterjit.kernels.visibility import draw_tiles
@@ -224,14 +224,14 @@ def test_a_blank_frame_calls_no_kernel_of_visibility_and_shows_the_background():
 @pytest.mark.parametrize("mode", ["only", "overlay"])
 @pytest.mark.parametrize("count", [3, 2 * stages.SPARE_VERTICES])
 def test_a_blank_frame_has_no_edges_and_knows_all_vertices(monkeypatch, mode, count):
-    project_edges, calls = stages.wireframe.project_edges, []
+    project_edges, calls = edge_lines.wireframe.project_edges, []
 
     def project(edges, vertices, *others):
         seen = project_edges(edges, vertices, *others)
         calls.append((edges.copy(), *(array.copy() for array in vertices), seen))
         return seen
 
-    monkeypatch.setattr(stages.wireframe, "project_edges", project)
+    monkeypatch.setattr(edge_lines.wireframe, "project_edges", project)
     around = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
     vertices = np.column_stack([np.cos(around), np.sin(around), np.zeros(count)])
     last = np.arange(2, count)

@@ -252,11 +252,11 @@ def test_row(depths, numbers, first, lanes, values, steps, thresholds, plane, fa
             numbers[sample] = face
 
 
-def scratch_memory() -> tuple[NDArray[Any], ...]:
+def scratch_memory(has_cutouts: bool = False) -> tuple[NDArray[Any], ...]:
     """Return the memory that a thread needs to draw, its real numbers in float32."""
     return tuple(
         np.empty(array.shape, np.float32) if array.dtype == np.float64 else array
-        for array in visibility.scratch_memory()
+        for array in visibility.scratch_memory(has_cutouts)
     )
 
 

@@ -19,9 +19,10 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit import oracle, passes, plan_arrays, stages
+from rasterjit import edge_lines, oracle, passes, plan_arrays, stages
 from rasterjit import plan as planning
 from rasterjit import transforms as tf
+from rasterjit.scene.texture import Pyramid
 
 rendering = importlib.import_module("rasterjit.render")  # rj.render is the function
 
@@ -291,14 +292,15 @@ def draw_picture(filter, pixels):
 @pytest.fixture
 def poisoned(monkeypatch):
     """Make every texel of the coarser mip levels NaN, so that reading one is seen."""
-    texels = rj.Texture.texels
+    chain_of = Pyramid.chain
 
-    def with_poison(texture):
-        chain = np.array(texels(texture))
-        chain[texture.size[0] * texture.size[1] :] = np.nan
+    def with_poison(pyramid):
+        chain = np.array(chain_of(pyramid))
+        width, height = pyramid.size
+        chain[width * height :] = np.nan
         return chain
 
-    monkeypatch.setattr(rj.Texture, "texels", with_poison)
+    monkeypatch.setattr(Pyramid, "chain", with_poison)
 
 
 @pytest.mark.case("G04")
@@ -583,12 +585,12 @@ def test_a_coefficient_of_zero_is_an_effect_that_is_absent(shading):
 @pytest.mark.case("G11")
 def test_no_wireframe_draws_no_edge(forbid, calls):
     scene = scene_of(square(), lights=[SUN])
-    drawn = calls(stages, "draw_edges")
+    drawn = calls(edge_lines, "draw_edges")
     scene.wireframe = rj.Wireframe("red")
     with_edges = draw(scene)
     assert len(drawn) == 1
     assert with_edges.plan.wireframe is scene.wireframe
-    forbid(stages, "draw_edges")
+    forbid(edge_lines, "draw_edges")
     # Edges are drawn in 8 bits only, so linear light alone has none.
     linear = draw(scene, outputs="linear")
     assert linear.plan.wireframe is None
@@ -628,10 +630,11 @@ def test_a_light_in_a_frame_without_colour_asks_for_nothing(sphere, camera, forb
     scene = scene_of(sphere, lights=[SUN, rj.AmbientLight()])
     scene.wireframe = rj.Wireframe()
     wanted = draw(scene, camera, ("color", "depth", "face_id"))
-    for name in ("shade", "light_vertices", "draw_edges"):
+    for name in ("shade", "light_vertices"):
         forbid(stages, name)
+    forbid(edge_lines, "draw_edges")
     for name in ("join_normals", "join_surface"):
-        forbid(planning, name)
+        forbid(plan_arrays, name)
     frame = draw(scene, camera, ("depth", "face_id"))
     assert frame.plan.lighting is None
     assert not any(effect.used for effect in frame.plan.effects)
@@ -643,8 +646,8 @@ def test_a_light_in_a_frame_without_colour_asks_for_nothing(sphere, camera, forb
 def test_a_scene_of_unlit_objects_is_not_lit_by_its_lights(sphere, camera, forbid):
     unlit = rj.Mesh(sphere.vertices, sphere.faces, material=rj.Material("unlit", "orange"))
     dark = draw(unlit, camera)
-    for name in ("_lighting", "join_normals"):
-        forbid(planning, name)
+    forbid(planning, "lighting_of")
+    forbid(plan_arrays, "join_normals")
     forbid(stages, "light_vertices")
     frame = draw(scene_of(unlit, lights=[SUN, rj.PointLight((0, 0, 3))]), camera)
     assert frame.plan.lighting is None

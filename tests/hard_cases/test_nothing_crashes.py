@@ -142,6 +142,56 @@ def test_lights_and_materials_take_or_refuse_anything(numbers, vector, name):
     attempt(rj.Quality, a)
 
 
+FIELDS = {
+    rj.SpotLight: ("position", "direction", "color", "intensity", "inner_angle", "outer_angle",
+                   "range", "shadow"),
+    rj.PointLight: ("range", "shadow"),
+    rj.DirectionalLight: ("shadow",),
+    rj.Shadow: ("size", "filter", "light_size", "bias"),
+    rj.Environment: ("sky", "intensity", "rotation", "background"),
+    rj.Fog: ("color", "mode", "start", "end", "density", "height", "falloff"),
+    rj.ToneMap: ("curve", "exposure", "white"),
+    rj.AmbientOcclusion: ("radius", "strength"),
+    rj.Outline: ("color", "width", "edges", "crease_angle"),
+    rj.Material: ("metallic", "roughness", "normal_texture", "normal_scale", "occlusion_strength",
+                  "emissive", "alpha_mode", "alpha_cutoff", "double_sided"),
+    rj.Texture: ("color_space", "anisotropy", "offset", "rotation", "scale"),
+    rj.Quality: ("subpixel_bits", "samples"),
+}  # fmt: skip
+"""What effects are asked for with."""
+
+NEEDED = {
+    rj.PointLight: {"position": (0, 0, 0)},
+    rj.SpotLight: {"position": (0, 0, 0)},
+    rj.Environment: {"sky": [[[1.0, 1.0, 1.0]] * 2]},
+    rj.Texture: {"image": [[0.5]]},
+}
+
+
+@few(200)
+@given(kind=st.sampled_from(list(FIELDS)), data=st.data())
+def test_effects_take_or_refuse_anything(kind, data):
+    fields = data.draw(st.sets(st.sampled_from(FIELDS[kind]), min_size=1, max_size=3))
+    values = {name: data.draw(st.one_of(anything, names, vectors()), name) for name in fields}
+    attempt(kind, **{**NEEDED.get(kind, {}), **values})
+
+
+@few(30)
+@given(value=st.one_of(anything, names), field=st.sampled_from(
+    ["environment", "fog", "tone_map", "ambient_occlusion", "outline", "lights"]
+))  # fmt: skip
+def test_a_scene_takes_no_effect_that_is_none(value, field):
+    scene = rj.Scene()
+    scene.add(ball)
+    setattr(scene, field, value)
+    is_none = value in ([], ()) if field == "lights" else value is None
+    if is_none:
+        assert rj.explain(scene, size=(4, 3))
+    else:
+        with pytest.raises(ValueError, match=rf"scene\.{field}"):
+            rj.explain(scene, size=(4, 3))
+
+
 @few(80)
 @given(
     image=st.one_of(anything, rows(2, 3, wild), rows(3, 1)), wrap=st.one_of(anything, names),
@@ -528,6 +578,7 @@ ELSEWHERE = {
     "OutputNotRequestedError": "an error that reading a frame raises",
     "Diagnostics": "what a frame is made with, checked where it is made",
     **dict.fromkeys(("Frame", "Stats"), "what render returns; check_frame holds what they promise"),
+    **dict.fromkeys(("measure", "Measurement"), "it renders what explain plans, several times"),
     "Visibility": "what rasterize returns; its invariants are held here",
     "RenderPlan": "what explain returns; here it is printed",
     "Node": "what Scene.add returns",

@@ -52,7 +52,7 @@ def run_frames(arguments=(), **environment):
 
 
 def test_recorded_frames_are_those_of_the_module():
-    assert len(NAMES) == 32
+    assert len(NAMES) == 37
     assert list(frames.recorded()) == NAMES
 
 
@@ -171,4 +171,4 @@ def test_no_kernel_that_makes_another_output_knows_of_tiles():
     }
     # The lists of triangles, what they hide, drawing them, and counting what was drawn.
     lists = {"setup.py", "binning.py", "occlusion.py"}
-    assert knows == lists | {"visibility.py", "diagnosis.py", "transparency.py"}
+    assert knows == lists | {"visibility.py", "diagnosis.py", "transparency.py", "area.py"}

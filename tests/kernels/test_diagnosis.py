@@ -42,7 +42,8 @@ def draw(clip_positions, faces=((0, 1, 2),), size=SIZE, bits=8, turn=0):
 
 def count(coverage, geometry):
     """Return the samples of each triangle and the pixels with a tie of each tile."""
-    starts, binned, faces = coverage.lists
+    lists = coverage.lists
+    starts, binned, faces = lists.starts, lists.binned, lists.faces
     side = visibility.TILE_SIZE
     scratch = visibility.scratch_memory(), np.zeros((side, side), np.uint8)
     counts = np.zeros(len(binned), np.int32), np.zeros(len(starts) - 1, np.int64)

@@ -107,7 +107,7 @@ def rows_of(scratch):
 
 @pytest.mark.parametrize("has_textures", [False, True])
 def test_rows_have_room_for_what_is_written_behind_the_last_sample(has_textures):
-    parts = rows_of(shading.scratch_memory(has_textures))
+    parts = rows_of(shading.scratch_memory(has_textures=has_textures))
     assert len(parts) == 6 + has_textures
     for part in parts:
         # A stretch in whole vectors may begin with the last sample, and so may a patch.
@@ -125,7 +125,7 @@ def test_nothing_is_written_beyond_the_rows(split, monkeypatch):
     # No two neighbours show one face, and from ``split`` on they show the other object.
     face_id = np.arange(shading.BLOCK_COLUMNS, dtype=np.int32)[np.newaxis] % 5
     face_id[0, split:] += 2 * len(WIDTHS)
-    scratch = shading.scratch_memory(True)
+    scratch = shading.scratch_memory(has_textures=True)
     spare, mark = 64, 77
     roomy = [np.full((*p.shape[:-1], p.shape[-1] + spare), mark, p.dtype) for p in rows_of(scratch)]
     samples, weights, places, where, *gathered = roomy
