@@ -51,6 +51,9 @@ SUBPIXEL_BITS = 8
 COMPARISONS = 32
 """Points of the disk where soft shadows are compared."""
 
+SPIRAL_GROWTH = 1.0905077326652577
+"""Growth of the radius between two points of a spiral: eight to an octave."""
+
 GOLDEN_TURN = 137.50776405003785
 """Degrees between the points of a sunflower: 180 (3 - sqrt 5)."""
 
@@ -135,7 +138,8 @@ def draw_shadows(
         if light.shadow is not None and light.shadow.filter == "soft":
             parts = [texels[part] for number, part, _ in drawings if number == n]
             rows[n, shadowing.HIGHEST] = max((float(part.max()) for part in parts), default=0.0)
-    return Shadows(rows, places, texels, _pattern(), normals)
+    largest = max(int(side) for side in places[:, shadowing.SIZE])
+    return Shadows(rows, places, texels, _pattern(), _spiral(largest), normals)
 
 
 def _pattern() -> NDArray[np.float32]:
@@ -145,6 +149,20 @@ def _pattern() -> NDArray[np.float32]:
         radius = math.sqrt((n + 0.5) / COMPARISONS)
         sine, cosine = transforms.sine_cosine(n * GOLDEN_TURN)
         points.append((radius * cosine, radius * sine))
+    return np.array(points, np.float32)
+
+
+def _spiral(size: int) -> NDArray[np.float32]:
+    """
+    Return points around a sample in a map, (S, 2), texels: as dense as they are near.
+
+    What shades a sample may be just above it or far: of each, the points see the same share.
+    """
+    points, radius = [], 1.0
+    while radius <= float(shadow_filters.LARGEST_RADIUS) * size + 1.0:
+        sine, cosine = transforms.sine_cosine(len(points) * GOLDEN_TURN)
+        points.append((radius * cosine, radius * sine))
+        radius *= SPIRAL_GROWTH
     return np.array(points, np.float32)
 
 

@@ -102,3 +102,29 @@ def clear_shadow(points, own, triangles, light, aside):
         dark &= shaded
         bright &= ~shaded
     return dark, bright
+
+
+def share_beside_ball(points, center, radius, light, lines=41):
+    """
+    Return the share of a directional light's round disk that a ball leaves, (N,).
+
+    Rays to a square grid of ``lines`` times ``lines`` points, those of them on the disk.
+    """
+    ways = np.eye(3)
+    toward_light = -np.array(light.direction)
+    u = np.cross(toward_light, ways[np.abs(toward_light).argmin()])
+    u /= np.linalg.norm(u)
+    v = np.cross(toward_light, u)
+    tangent = math.tan(math.radians(light.shadow.light_size / 2.0))
+    steps = np.linspace(-1.0, 1.0, lines)
+    left, rays = np.zeros(len(points)), 0
+    for x in steps:
+        for y in steps[np.abs(steps) <= math.sqrt(1.0 - x * x)]:
+            way = toward_light + tangent * (x * u + y * v)
+            way = way / np.linalg.norm(way)
+            to_center = np.array(center) - points
+            along = to_center @ way
+            aside = (to_center**2).sum(axis=1) - along**2
+            left += (along < 0.0) | (aside > radius**2)
+            rays += 1
+    return left / rays

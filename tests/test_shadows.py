@@ -402,6 +402,39 @@ def ball(columns, rows):
     return rj.Mesh(points, faces, material=rj.Material("phong", "white", specular=0.0))
 
 
+def ball_over_ground(height, size, angle):
+    """Return a ball of radius 0.6, a camera right above that sees a strip of ground, and light."""
+    scene = rj.Scene()
+    scene.add(ground(8.0))
+    scene.add(ball(64, 32), tf.compose(tf.translate((0.0, height, 0.0)), tf.scale(0.6)))
+    shadow = rj.Shadow(size=size, filter="soft", light_size=angle)
+    scene.lights = [rj.DirectionalLight((1.0, -1.0, 0.0), shadow=shadow)]
+    camera = rj.OrthographicCamera((1.0, 10.0, 0.0), (1.0, 0.0, 0.0), up=(0, 0, -1), height=2.0)
+    return scene, camera
+
+
+@pytest.mark.parametrize("size", [1024, 2048])
+@pytest.mark.parametrize("height", [0.6, 1.5])
+def test_soft_shadow_of_a_ball_is_smooth_and_what_it_hides_of_the_light(height, size):
+    # The strip is long: its far end is nearer to the light than the ball, by much.
+    scene, camera = ball_over_ground(height, size, 6.0)
+    share, frame = shares(scene, camera, (600, 80))
+    seen = (frame.face_id >= 0) & (frame.face_id < 2)
+    points = frame.position[seen].astype(float)
+    truth = naive_shadows.share_beside_ball(points, (0.0, height, 0.0), 0.6, scene.lights[0])
+    assert ((truth > 0.2) & (truth < 0.8)).sum() > 200
+    wrong = np.abs(share[seen] - truth)
+    assert wrong.max() < 0.18
+    assert wrong.mean() < 0.003
+    # From where it is darkest the light grows on both sides, along rows and columns.
+    beside_ball = share[:, frame.position[40, :, 0] > 0.65]
+    assert np.isfinite(beside_ball).all()
+    for line in (*beside_ball, *beside_ball.T):
+        darkest = np.flatnonzero(line == line.min())
+        for way in (line[darkest[-1] :], line[: darkest[0] + 1][::-1]):
+            assert (np.maximum.accumulate(way) - way).max() < 0.04
+
+
 @pytest.mark.parametrize("kernel", ["hard", "pcf"])
 @pytest.mark.parametrize("columns", [8, 16, 48])
 def test_a_ball_does_not_shade_itself_where_its_normals_face_the_light(columns, kernel):

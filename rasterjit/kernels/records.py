@@ -280,6 +280,9 @@ class Shadows(NamedTuple):
     """(N,) float32, stored depth: greater is nearer to the light, -inf where nothing is."""
     pattern: Any
     """(P, 2) float32: points of the unit disk where soft shadows are compared."""
+    spiral: Any
+    """(S, 2) float32, texels: where soft shadows look for what may shade a sample, from the
+    nearest on."""
     normals: Any
     """(V, 3) float32, as ``Surface.normals`` | None -> no object is smooth."""
 

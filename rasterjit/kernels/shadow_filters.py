@@ -30,6 +30,10 @@ SEARCHED = np.float32(2.5)
 """Least radius that is searched for what may shade a sample, texels: the narrowest penumbra, and
 what lies between the points that are looked at."""
 
+SPREAD = np.float32(1.5)
+"""How many times as far aside as the light's disk reaches is searched: what the points that are
+looked at miss at that radius hides none of the disk yet."""
+
 NARROWEST = np.float32(1.5)
 """Least radius of a penumbra, texels: its edge is as smooth as that of 3 x 3 comparisons."""
 
@@ -111,29 +115,34 @@ def read_pcf(u, v, depth, across, down, bias, texels, size, sides, share):
 
 @disjoint_stage
 def find_shading(
-    u, v, depth, across, down, bias, texels, size, sides, widening, highest, dx, dy, found, nearer
+    u, v, depth, across, down, bias, texels, size, sides, widening, dx, dy, found, nearer
 ):  # fmt: skip
     """
-    Look at one texel near each sample for what may shade it.
+    Look at the texel ``dx``, ``dy`` texels from each sample for what may shade it.
 
     It does if it is nearer to the light than the plane of the sample's face, and hides some of the
-    light's disk: as seen from the sample no farther aside than the disk reaches.
+    light's disk: as seen from the sample not much farther aside than the disk reaches. It counts by
+    the share of the disk that it hides, with the texels around it that no other point looks at.
     """
     half, one, zero = np.float32(0.5), np.float32(1.0), np.float32(0.0)
-    last, most = np.float32(size - 1), LARGEST_RADIUS * np.float32(size)
+    last = np.float32(size - 1)
+    area = dx * dx + dy * dy
     for i in range(found.shape[0]):
         top = limits(v[i], size, sides)
-        radius = min(max(widening * (highest - depth[i]), SEARCHED), most)
-        column = min(max(np.floor(u[i] + dx * radius), zero), last)
-        row = min(max(np.floor(v[i] + dy * radius), top), top + last)
+        at_u, at_v = np.floor(u[i] + dx), np.floor(v[i] + dy)
+        column, row = min(max(at_u, zero), last), min(max(at_v, top), top + last)
         right, below = column + half - u[i], row + half - v[i]
         plane = depth[i] + across[i] * right + down[i] * below
         plane += bias[i] + DEPTH_ROUNDING * abs(depth[i])
         stored = texels[np.uintp(np.int32(row) * np.int32(size) + np.int32(column))]
-        reach = widening * (stored - depth[i]) + SEARCHED
-        shades = (stored > plane) & (right * right + below * below <= reach * reach)
-        found[i] += one if shades else zero
-        nearer[i] += stored if shades else zero
+        reach = widening * (stored - depth[i])
+        looked = SPREAD * reach + SEARCHED
+        shades = (stored > plane) & (right * right + below * below <= looked * looked)
+        shades = shades & (column == at_u) & (row == at_v)
+        reach = max(reach, zero) + NARROWEST
+        weight = area / (reach * reach) if shades else zero
+        found[i] += weight
+        nearer[i] += weight * (stored - depth[i]) if shades else zero
 
 
 @stage
@@ -153,12 +162,12 @@ def read_penumbra(
     last, most = np.float32(size - 2), LARGEST_RADIUS * np.float32(size)
     for i in range(share.shape[0]):
         top = limits(v[i], size, sides)
-        mean = nearer[i] / max(found[i], one)
-        radius = min(max(widening * (mean - depth[i]), NARROWEST), most)
+        above = nearer[i] / (found[i] if found[i] > zero else one)
+        radius = min(max(widening * above, NARROWEST), most)
         at_u, at_v = u[i] + dx * radius - half, v[i] + dy * radius - half
-        left, above = np.floor(at_u), np.floor(at_v)
-        right, below = at_u - left, at_v - above
-        column, row = min(max(left, zero), last), min(max(above, top), top + last)
+        left, upper = np.floor(at_u), np.floor(at_v)
+        right, below = at_u - left, at_v - upper
+        column, row = min(max(left, zero), last), min(max(upper, top), top + last)
         plane = depth[i] + across[i] * (column + half - u[i]) + down[i] * (row + half - v[i])
         plane += bias[i] + DEPTH_ROUNDING * abs(depth[i])
         at = np.int32(row) * np.int32(size) + np.int32(column)
@@ -179,19 +188,33 @@ def finish_penumbra(u, v, size, sides, comparisons, share):
 
 
 @stage
+def farthest_shading(depth, size, widening, highest):
+    """Return how far from any of the samples something may lie that shades it, texels."""
+    lowest = highest
+    for i in range(depth.shape[0]):
+        lowest = min(lowest, depth[i])
+    looked = SPREAD * widening * (highest - lowest) + SEARCHED
+    return min(looked, LARGEST_RADIUS * np.float32(size))
+
+
+@stage
 def read_soft(
-    u, v, depth, across, down, bias, texels, size, sides, widening, highest, pattern, found,
-    nearer, share,
+    u, v, depth, across, down, bias, texels, size, sides, widening, highest, pattern, spiral,
+    found, nearer, share,
 ):  # fmt: skip
     """Estimate the penumbra of each sample from what shades it, and compare all over it."""
     comparisons = np.float32(pattern.shape[0])
     for i in range(share.shape[0]):
         found[i], nearer[i], share[i] = np.float32(0.0), np.float32(0.0), comparisons
-    for k in range(pattern.shape[0]):
-        find_shading(
-            u, v, depth, across, down, bias, texels, size, sides, widening, highest,
-            pattern[k, 0], pattern[k, 1], found, nearer,
-        )  # fmt: skip
+    # A point looks at the texel that it lies in, whose middle is less than one nearer.
+    farthest = farthest_shading(depth, size, widening, highest) + np.float32(1.0)
+    for k in range(spiral.shape[0]):
+        dx, dy = spiral[k, 0], spiral[k, 1]
+        if dx * dx + dy * dy <= farthest * farthest:
+            find_shading(
+                u, v, depth, across, down, bias, texels, size, sides, widening, dx, dy, found,
+                nearer,
+            )  # fmt: skip
     shaded = np.float32(0.0)
     for i in range(share.shape[0]):
         shaded = max(shaded, found[i])

@@ -34,7 +34,8 @@ U, V, DEPTH = TURNED + 1, TURNED + 2, TURNED + 3
 ACROSS, DOWN, BIAS = TURNED + 4, TURNED + 5, TURNED + 6
 """Rows: gain in stored depth by a texel right and down; what is nearer by less casts nothing."""
 FOUND, NEARER = TURNED + 7, TURNED + 8
-"""Rows: how many texels hold what may shade a sample, and the sum of their stored depths."""
+"""Rows: what may shade a sample, by the share of the light that it hides, and that times how much
+nearer to the light it is, in stored depth."""
 SHADOW_ROWS = TURNED + 9
 """Rows of samples of a frame with shadows."""
 
@@ -199,7 +200,8 @@ def read_map(samples, weights, count, at, n, shadows):
     else:
         read_soft(
             u, v, depth, across, down, bias, texels, size, stacked, np.float32(row[WIDENING]),
-            np.float32(row[HIGHEST]), shadows.pattern, s[FOUND, :count], s[NEARER, :count], share,
+            np.float32(row[HIGHEST]), shadows.pattern, shadows.spiral, s[FOUND, :count],
+            s[NEARER, :count], share,
         )  # fmt: skip
 
 
