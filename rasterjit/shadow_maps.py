@@ -134,12 +134,26 @@ def draw_shadows(
     for n, part, matrix in drawings:
         size = lights[n].shadow.size
         _draw(matrix, rows[n], texels[part].reshape(size, size), scenery, workers)
-    for n, light in enumerate(lights):
-        if light.shadow is not None and light.shadow.filter == "soft":
-            parts = [texels[part] for number, part, _ in drawings if number == n]
-            rows[n, shadowing.HIGHEST] = max((float(part.max()) for part in parts), default=0.0)
+    highest = np.full(
+        (len(lights), 6, shadow_filters.CELLS, shadow_filters.CELLS), -np.inf, np.float32
+    )
+    for n, part, _ in drawings:
+        if lights[n].shadow.filter == "soft":
+            size, k = (
+                lights[n].shadow.size,
+                (part.start - places[n, shadowing.FIRST]) // (part.stop - part.start),
+            )
+            _write_highest(texels[part].reshape(size, size), highest[n, k])
     largest = max(int(side) for side in places[:, shadowing.SIZE])
-    return Shadows(rows, places, texels, _pattern(), _spiral(largest), normals)
+    return Shadows(
+        rows,
+        places,
+        texels,
+        _pattern(),
+        _spiral(largest),
+        highest.reshape(len(lights), -1, shadow_filters.CELLS),
+        normals,
+    )
 
 
 def _pattern() -> NDArray[np.float32]:
@@ -150,6 +164,15 @@ def _pattern() -> NDArray[np.float32]:
         sine, cosine = transforms.sine_cosine(n * GOLDEN_TURN)
         points.append((radius * cosine, radius * sine))
     return np.array(points, np.float32)
+
+
+def _write_highest(texels: NDArray[np.float32], highest: NDArray[np.float32]) -> None:
+    """Write the greatest stored depth in each cell of a map."""
+    size = len(texels)
+    side = -(-size // shadow_filters.CELLS)
+    starts = np.arange(0, size, side)
+    rows = np.maximum.reduceat(texels, starts, axis=0)
+    highest[: len(starts), : len(starts)] = np.maximum.reduceat(rows, starts, axis=1)
 
 
 def _spiral(size: int) -> NDArray[np.float32]:

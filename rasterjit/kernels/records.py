@@ -273,7 +273,7 @@ class Shadows(NamedTuple):
     """The shadow maps of all lights; see ``shadowing`` for the columns."""
 
     maps: Any
-    """(L, 24) float64: how a point comes to lie in a light's map."""
+    """(L, 23) float64: how a point comes to lie in a light's map."""
     places: Any
     """(L, 4) int64: first texel or -1 for no map, side, filter, number of maps."""
     texels: Any
@@ -283,6 +283,8 @@ class Shadows(NamedTuple):
     spiral: Any
     """(S, 2) float32, texels: where soft shadows look for what may shade a sample, from the
     nearest on."""
+    highest: Any
+    """(L, 96, 16) float32: the greatest stored depth in each cell of the maps of a soft light."""
     normals: Any
     """(V, 3) float32, as ``Surface.normals`` | None -> no object is smooth."""
 

@@ -40,6 +40,12 @@ NARROWEST = np.float32(1.5)
 LARGEST_RADIUS = np.float32(0.25)
 """Largest radius of a penumbra, sides of a map."""
 
+CELLS = 16
+"""Cells along the side of a map of a soft light: of each, the greatest stored depth is known."""
+
+NARROWINGS = 3
+"""How often what lies too far to shade some samples is left out, by the cells."""
+
 
 @stage
 def limits(v, size, sides):
@@ -48,6 +54,12 @@ def limits(v, size, sides):
     side = np.floor(v / length)
     side = min(max(side, np.float32(0.0)), np.float32(sides - np.float32(1.0)))
     return side * length
+
+
+@stage
+def cell_side(size):
+    """Return the side of a cell of a map, texels; those at the end may be smaller."""
+    return (size + CELLS - 1) // CELLS
 
 
 @stage
@@ -124,7 +136,7 @@ def find_shading(
     light's disk: as seen from the sample not much farther aside than the disk reaches. It counts by
     the share of the disk that it hides, with the texels around it that no other point looks at.
     """
-    half, one, zero = np.float32(0.5), np.float32(1.0), np.float32(0.0)
+    half, zero = np.float32(0.5), np.float32(0.0)
     last = np.float32(size - 1)
     area = dx * dx + dy * dy
     for i in range(found.shape[0]):
@@ -188,13 +200,58 @@ def finish_penumbra(u, v, size, sides, comparisons, share):
 
 
 @stage
-def farthest_shading(depth, size, widening, highest):
-    """Return how far from any of the samples something may lie that shades it, texels."""
-    lowest = highest
-    for i in range(depth.shape[0]):
-        lowest = min(lowest, depth[i])
-    looked = SPREAD * widening * (highest - lowest) + SEARCHED
-    return min(looked, LARGEST_RADIUS * np.float32(size))
+def cell_of(row, size):
+    """Return the row of cells that a row of the maps lies in."""
+    side = np.int64(row) // size
+    return side * CELLS + (np.int64(row) - side * size) // cell_side(size)
+
+
+@stage
+def highest_between(highest, left, right, upper, lower, size):
+    """Return the greatest stored depth of the cells from texel to texel, both included."""
+    found, side = np.float32(-np.inf), cell_side(size)
+    for j in range(cell_of(upper, size), cell_of(lower, size) + 1):
+        for i in range(np.int64(left) // side, np.int64(right) // side + 1):
+            found = max(found, highest[j, i])
+    return found
+
+
+@disjoint_stage
+def range_of(x):
+    """Return the lowest and the highest of some numbers."""
+    low, high = x[0], x[0]
+    for i in range(x.shape[0]):
+        low = x[i] if x[i] < low else low
+        high = x[i] if x[i] > high else high
+    return low, high
+
+
+@stage
+def farthest_shading(u, v, depth, size, sides, widening, highest):
+    """
+    Return how far from any of the samples something may lie that shades it, texels.
+
+    As far as the highest thing would, and then, as nothing farther shades them, the highest of
+    what lies no farther from them than that.
+    """
+    zero, last = np.float32(0.0), np.float32(size - 1)
+    lowest, _ = range_of(depth)
+    left, right = range_of(u)
+    upper, lower = range_of(v)
+    farthest = LARGEST_RADIUS * np.float32(size)
+    for _ in range(NARROWINGS):
+        # A point looks at the texel that it lies in, whose middle is less than one away.
+        around = farthest + np.float32(1.0)
+        most = highest_between(
+            highest,
+            min(max(left - around, zero), last), min(max(right + around, zero), last),
+            min(max(upper - around, zero), sides * np.float32(size) - np.float32(1.0)),
+            min(max(lower + around, zero), sides * np.float32(size) - np.float32(1.0)),
+            size,
+        )  # fmt: skip
+        reach = SPREAD * widening * max(most - lowest, zero) + SEARCHED
+        farthest = min(farthest, reach)
+    return farthest + np.float32(1.0)
 
 
 @stage
@@ -203,11 +260,12 @@ def read_soft(
     found, nearer, share,
 ):  # fmt: skip
     """Estimate the penumbra of each sample from what shades it, and compare all over it."""
+    if share.shape[0] == 0:
+        return
     comparisons = np.float32(pattern.shape[0])
     for i in range(share.shape[0]):
         found[i], nearer[i], share[i] = np.float32(0.0), np.float32(0.0), comparisons
-    # A point looks at the texel that it lies in, whose middle is less than one nearer.
-    farthest = farthest_shading(depth, size, widening, highest) + np.float32(1.0)
+    farthest = farthest_shading(u, v, depth, size, sides, widening, highest)
     for k in range(spiral.shape[0]):
         dx, dy = spiral[k, 0], spiral[k, 1]
         if dx * dx + dy * dy <= farthest * farthest:

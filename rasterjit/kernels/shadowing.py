@@ -48,10 +48,10 @@ shines from a point), across and down; the texel below the origin, across and do
 NEAR, FAR, SPAN, TEXEL = 16, 17, 18, 19
 """Columns: the stored depth is near / w, or (far - w) / span; how much of it a texel is (times the
 stored depth, if the light shines from a point)."""
-PARALLEL, BIAS_TEXELS, WIDENING, HIGHEST = 20, 21, 22, 23
+PARALLEL, BIAS_TEXELS, WIDENING = 20, 21, 22
 """Columns: 1 for a parallel light, else 0; bias in texels; texels of radius of a penumbra for each
-unit of stored depth between the surface and what shades it; greatest stored depth in the map."""
-MAP_COLUMNS = 24
+unit of stored depth between the surface and what shades it."""
+MAP_COLUMNS = 23
 
 FIRST, SIZE, FILTER, SIDES = 0, 1, 2, 3
 """Columns of ``Shadows.places``: first texel of the light's maps, or -1 if it has none; side of
@@ -200,7 +200,7 @@ def read_map(samples, weights, count, at, n, shadows):
     else:
         read_soft(
             u, v, depth, across, down, bias, texels, size, stacked, np.float32(row[WIDENING]),
-            np.float32(row[HIGHEST]), shadows.pattern, shadows.spiral, s[FOUND, :count],
+            shadows.highest[n], shadows.pattern, shadows.spiral, s[FOUND, :count],
             s[NEARER, :count], share,
         )  # fmt: skip
 
