@@ -381,6 +381,7 @@ def glass(samples: int | str, size: tuple[int, int]) -> Shot:
     """Return surfaces that cross and are seen through each other, one with holes."""
     scene = shadows_of_all_lights().scene
     scene.lights = LIGHTS
+    scene.tone_map = rj.ToneMap("aces")
     clear = rj.Material("phong", (0.3, 0.6, 0.9, 0.4), alpha_mode="blend")
     colors = np.hstack([rainbow(16) / 255.0, np.linspace(0.1, 1.0, 16)[:, np.newaxis]])
     scene.add(ball(4, material=clear), rj.transforms.translate((0.5, 0.0, 0.5)))
