@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit import stages, transforms
+from rasterjit import soft_shadows, stages, transforms
 from rasterjit.kernels import shadow_filters, shadow_receivers, shadowing
 from rasterjit.kernels.records import Cutouts, Geometry, Objects, Placement, Shadows
 from rasterjit.plan import viewport_of
@@ -47,15 +47,6 @@ depths in float32, well below a texel."""
 
 SUBPIXEL_BITS = 8
 """Grid that the vertices are rounded to in a map."""
-
-COMPARISONS = 32
-"""Points of the disk where soft shadows are compared."""
-
-SPIRAL_GROWTH = 1.0905077326652577
-"""Growth of the radius between two points of a spiral: eight to an octave."""
-
-GOLDEN_TURN = 137.50776405003785
-"""Degrees between the points of a sunflower: 180 (3 - sqrt 5)."""
 
 
 class Scenery(NamedTuple):
@@ -143,50 +134,17 @@ def draw_shadows(
                 lights[n].shadow.size,
                 (part.start - places[n, shadowing.FIRST]) // (part.stop - part.start),
             )
-            _write_highest(texels[part].reshape(size, size), highest[n, k])
+            soft_shadows.write_highest(texels[part].reshape(size, size), highest[n, k])
     largest = max(int(side) for side in places[:, shadowing.SIZE])
     return Shadows(
         rows,
         places,
         texels,
-        _pattern(),
-        _spiral(largest),
+        soft_shadows.disk_points(),
+        soft_shadows.spiral(largest),
         highest.reshape(len(lights), -1, shadow_filters.CELLS),
         normals,
     )
-
-
-def _pattern() -> NDArray[np.float32]:
-    """Return points spread evenly over the unit disk, (COMPARISONS, 2), as in a sunflower."""
-    points = []
-    for n in range(COMPARISONS):
-        radius = math.sqrt((n + 0.5) / COMPARISONS)
-        sine, cosine = transforms.sine_cosine(n * GOLDEN_TURN)
-        points.append((radius * cosine, radius * sine))
-    return np.array(points, np.float32)
-
-
-def _write_highest(texels: NDArray[np.float32], highest: NDArray[np.float32]) -> None:
-    """Write the greatest stored depth in each cell of a map."""
-    size = len(texels)
-    side = -(-size // shadow_filters.CELLS)
-    starts = np.arange(0, size, side)
-    rows = np.maximum.reduceat(texels, starts, axis=0)
-    highest[: len(starts), : len(starts)] = np.maximum.reduceat(rows, starts, axis=1)
-
-
-def _spiral(size: int) -> NDArray[np.float32]:
-    """
-    Return points around a sample in a map, (S, 2), texels: as dense as they are near.
-
-    What shades a sample may be just above it or far: of each, the points see the same share.
-    """
-    points, radius = [], 1.0
-    while radius <= float(shadow_filters.LARGEST_RADIUS) * size + 1.0:
-        sine, cosine = transforms.sine_cosine(len(points) * GOLDEN_TURN)
-        points.append((radius * cosine, radius * sine))
-        radius *= SPIRAL_GROWTH
-    return np.array(points, np.float32)
 
 
 def _draw(
