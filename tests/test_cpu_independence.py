@@ -93,6 +93,8 @@ Kernels that come from the disk cache show no assembly: compile them once more. 
 FRAMES_OF_ALL_KERNELS = (
     "gltf_scene", "flat_face_colours", "gouraud_vertex_colours", "wireframe_overlay",
     "occluded_and_outlined", "soup", "lines_and_curves", "many_lines", "filled_triangles",
+    "materials_under_a_sky", "shadows_of_all_lights", "layers_of_glass",
+    "layers_in_four_samples", "areas",
 )  # fmt: skip
 
 
