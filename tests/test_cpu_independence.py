@@ -94,7 +94,8 @@ FRAMES_OF_ALL_KERNELS = (
     "gltf_scene", "flat_face_colours", "gouraud_vertex_colours", "wireframe_overlay",
     "occluded_and_outlined", "soup", "lines_and_curves", "many_lines", "filled_triangles",
     "materials_under_a_sky", "shadows_of_all_lights", "layers_of_glass",
-    "layers_in_four_samples", "areas",
+    "layers_in_four_samples",
+    "edges_in_eight_samples", "areas",
 )  # fmt: skip
 
 
