@@ -284,6 +284,8 @@ def _color_table(pixel: PixelExplanation) -> Table:
         if light.shading != "unlit":
             table.add_row("ambient", *_levels(light.ambient))
         for term in light.lights:
+            if term.name in NOT_LIGHTS and abs(term.diffuse).max() < FAINTEST:
+                continue
             kind = term.name if term.name in NOT_LIGHTS else f"{term.name}, diffuse"
             table.add_row(kind, *_levels(term.diffuse))
             if term.specular.max() >= FAINTEST:

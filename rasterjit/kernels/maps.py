@@ -24,8 +24,6 @@ from rasterjit.kernels.jit import disjoint_stage, stage
 NORMAL_SCALE, OCCLUSION_STRENGTH, EMITTED = 0, 1, 2
 """Columns of ``Maps.factors``; the last begins three."""
 
-FACTOR_COLUMNS = 5
-
 LEAST_TANGENT = 1e-10
 """Share of a tangent's squared length that must be left when it is made perpendicular."""
 

@@ -252,7 +252,7 @@ class ToneMap(NamedTuple):
     """How light becomes what a screen shows."""
 
     curve: int
-    """See ``resolve``."""
+    """See ``tone_mapping``."""
     stops: Any
     """float32, exposure."""
     per_white: Any

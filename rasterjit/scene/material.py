@@ -93,8 +93,9 @@ class Material:
         Multiplies ``emissive``.
     alpha_mode : {"opaque", "mask", "blend"}
         Whether alpha does nothing, cuts holes where it is below ``alpha_cutoff``, or lets through
-        what lies behind.
+        what lies behind. What is blended receives shadows and casts none, whatever its alpha.
     alpha_cutoff : float
+        In 0..1e6; what has at least this alpha is shown.
     double_sided : bool
         Whether back faces are drawn.
 

@@ -41,8 +41,8 @@ class Wireframe:
     color : str or array_like
         Any colour of `rasterjit.scene.color.linear_color`; stored as a tuple of linear RGBA.
     mode : {"overlay", "only"}
-        ``"overlay"`` draws the visible edges over the shaded faces; ``"only"`` draws every edge
-        and no face.
+        ``"overlay"`` draws the visible edges over the shaded faces, where any nearer face hides an
+        edge, transparent or not; ``"only"`` draws every edge and no face.
 
     Raises
     ------
@@ -131,7 +131,7 @@ class Scene:
     ----------
     nodes : list of Node
         In the order they were added; a node's index is its object number.
-    lights : list of AmbientLight, DirectionalLight or PointLight
+    lights : list of AmbientLight, DirectionalLight, PointLight or SpotLight
         Empty means that the renderer adds a headlight, unless there is an environment.
     camera : PerspectiveCamera, OrthographicCamera, MatrixCamera or None
         The camera a file brought, if any.
