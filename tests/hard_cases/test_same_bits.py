@@ -1,7 +1,7 @@
 """
 The same bits for every thread count, tile size, spelling of a face, run, process and CPU.
 
-The hashes of thirty-two frames (``frames.py``) are in ``frame_hashes.json``. A change that is meant
+The hashes of the frames (``frames.py``) are in ``frame_hashes.json``. A change that is meant
 to change bits writes them anew with ``python tests/hard_cases/frames.py``.
 """
 
@@ -14,6 +14,7 @@ import shutil
 import subprocess
 import sys
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import frames
@@ -30,10 +31,10 @@ OTHER_TILE_BITS = (4, 5)
 """Tiles of 16 and 32 pixels. Larger ones than the 64 of everyday do not fit a thread's scratch."""
 
 
-@pytest.fixture(scope="module")
-def first():
-    """Every frame, drawn once by one thread."""
-    return {name: make().draw(threads=1) for name, make in frames.FRAMES.items()}
+@cache
+def first_digests(name):
+    """Return the hashes of a frame, drawn once by one thread."""
+    return frames.digests(frames.FRAMES[name]().draw(threads=1))
 
 
 def differing(want, got):
@@ -59,28 +60,27 @@ def test_recorded_frames_are_those_of_the_module():
 # The lanes of .ci/run draw them again: with checked bounds, in plain Python, for any CPU.
 @pytest.mark.case("P01")
 @pytest.mark.parametrize("name", NAMES)
-def test_frame_has_its_recorded_bits(name, first):
-    assert differing(frames.recorded()[name], frames.digests(first[name])) == []
+def test_frame_has_its_recorded_bits(name):
+    assert differing(frames.recorded()[name], first_digests(name)) == []
 
 
 @pytest.mark.needs_jit
 @pytest.mark.parametrize("name", NAMES)
-def test_drawing_again_gives_the_same_bits(name, first):
-    assert frames.digests(frames.FRAMES[name]().draw()) == frames.digests(first[name])
+def test_drawing_again_gives_the_same_bits(name):
+    assert frames.digests(frames.FRAMES[name]().draw()) == first_digests(name)
 
 
 @pytest.mark.needs_jit
 @pytest.mark.parametrize("threads", [2, 3, 5])
 @pytest.mark.parametrize("name", PARALLEL)
-def test_any_number_of_threads_gives_the_same_bits(name, threads, first):
-    assert frames.digests(frames.FRAMES[name]().draw(threads)) == frames.digests(first[name])
+def test_any_number_of_threads_gives_the_same_bits(name, threads):
+    assert frames.digests(frames.FRAMES[name]().draw(threads)) == first_digests(name)
 
 
 @pytest.mark.needs_jit
 @pytest.mark.parametrize("threads", [1, 3])
-def test_large_frame_of_many_tasks_has_the_same_bits_for_any_number_of_threads(threads, first):
+def test_large_frame_of_many_tasks_has_the_same_bits_for_any_number_of_threads(threads):
     # Many tiles, bands and rows: more tasks than threads in every stage but vertices.
-    del first
     shot = replace(frames.teapot(), size=(700, 500), outputs=("color", "depth", "normal"))
     assert frames.digests(shot.draw(threads)) == frames.digests(shot.draw(5))
 
@@ -100,13 +100,13 @@ def test_spelling_a_face_from_another_vertex_changes_no_bit(name, turn):
 
 @pytest.mark.needs_jit
 @pytest.mark.parametrize("name", SHOTS)
-def test_renderer_that_drew_something_else_draws_the_same_bits(name, first):
+def test_renderer_that_drew_something_else_draws_the_same_bits(name):
     shot = frames.FRAMES[name]()
     other = replace(frames.inside_a_ball(), size=shot.size)
     with rj.Renderer(shot.size, quality=shot.quality, threads=2) as renderer:
         for _ in range(2):
             other.draw_with(renderer)
-            assert frames.digests(shot.draw_with(renderer)) == frames.digests(first[name])
+            assert frames.digests(shot.draw_with(renderer)) == first_digests(name)
 
 
 def test_order_of_faces_changes_nothing_but_their_numbers():

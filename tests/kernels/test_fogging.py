@@ -31,7 +31,9 @@ def covered(fog, eye, points, viewer=(0.0, 0.0, 0.0, 1.0)):
     samples[lit.POINT_X : lit.POINT_Z + 1] = points.T
     samples[lit.OUT_GREEN] = 1.0
     record = fog_record(fog, camera)
-    fogging.cover_samples(samples, len(points), record, np.array(viewer, np.float32))
+    # Without the compiler NumPy warns where a density overflows on purpose.
+    with np.errstate(over="ignore"):
+        fogging.cover_samples(samples, len(points), record, np.array(viewer, np.float32))
     return samples[lit.OUT_RED : lit.OUT_BLUE + 1]
 
 

@@ -322,6 +322,7 @@ def test_a_scene_without_maps_that_are_read_has_no_rows_nor_records(monkeypatch)
     assert surfaces[1].textures is None
 
 
+@pytest.mark.needs_jit
 def test_threads_change_no_bit():
     rng = np.random.default_rng(6)
     bumpy = rj.Texture(rng.uniform(0.3, 1.0, (8, 8, 3)).astype(np.float32))

@@ -203,6 +203,7 @@ def test_scale_changes_nothing(scale, cube):
     assert (picture(1.0) != picture(scale)).mean() < 1e-3
 
 
+@pytest.mark.needs_jit
 @pytest.mark.parametrize("threads", [2, 5])
 def test_threads_change_no_bit(threads, sphere, cube):
     scene = scene_of(sphere, cube, plane(), width=3)

@@ -19,7 +19,9 @@ def mapped(tone, colors):
     """Return colours, (N, 3), as they are shown."""
     colors = np.ascontiguousarray(np.array(colors, np.float32).T)
     shown = np.empty_like(colors)
-    tone_mapping.map_tones(tone_record(tone), *colors, *shown)
+    # Without the compiler NumPy warns where a colour overflows on purpose.
+    with np.errstate(over="ignore"):
+        tone_mapping.map_tones(tone_record(tone), *colors, *shown)
     return shown.T
 
 
