@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from rasterjit.kernels import lighting as lit
-from rasterjit.kernels import texturing
+from rasterjit.kernels import texture_rows
 from rasterjit.kernels.interpolation import find_object, interpolate, lowest_first
 from rasterjit.kernels.jit import stage
 
@@ -46,7 +46,7 @@ def texel_alpha(places, n):
     """Return the alpha that the texture shows; 1 if there are none."""
     if places is None:
         return np.float32(1.0)
-    return np.float32(places[texturing.SHOWN + OPACITY, n])
+    return np.float32(places[texture_rows.SHOWN + OPACITY, n])
 
 
 @stage

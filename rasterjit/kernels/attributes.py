@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from rasterjit.kernels import lighting as lit
-from rasterjit.kernels import texturing
+from rasterjit.kernels import texture_rows
 from rasterjit.kernels.interpolation import blend, interpolate
 from rasterjit.kernels.jit import stage
 from rasterjit.kernels.maps import write_emission
@@ -65,13 +65,17 @@ def matt_light(weights, a, b, c, behind, model, matt_vertices, tint):
 
 
 @stage
-def note_matt_light(places, n, weights, a, b, c, behind, model, matt_vertices, tint):
-    """Write the colour without the highlights of vertices, if any lies over a texture."""
+def note_matt_light(places, run, weights, a, b, c, behind, owner, samples, surface, matt_vertices):
+    """Write the colours without the highlights of vertices, if any lies over a texture."""
     if matt_vertices is None:
         return
-    matt = matt_light(weights, a, b, c, behind, model, matt_vertices, tint)
-    for k in range(3):
-        places[texturing.MATT + k, n] = matt[k]
+    model = np.int64(surface.materials[owner, MATERIAL_MODEL])
+    for n in range(run[0], run[1]):
+        at = (0.0, weights[0, n], weights[1, n])
+        tint = samples[lit.RED, n], samples[lit.GREEN, n], samples[lit.BLUE, n]
+        matt = matt_light(at, a, b, c, behind, model, matt_vertices, tint)
+        for k in range(3):
+            places[texture_rows.MATT + k, n] = matt[k]
 
 
 @stage
@@ -137,16 +141,9 @@ def write_answers(samples, run, model, owner, surface, lighting):
 
 
 @stage
-def note_textured(
-    places, where, run, column, weights, a, b, c, behind, owner, samples, surface
-):  # fmt: skip
-    """Note what it takes to texture a run; nothing if there are no textures."""
-    if places is None:
-        return
-    model = np.int64(surface.materials[owner, MATERIAL_MODEL])
-    for n in range(run[0], run[1]):
-        at = (0.0, weights[0, n], weights[1, n])
-        where[n] = column + n - run[0]
-        tint = samples[lit.RED, n], samples[lit.GREEN, n], samples[lit.BLUE, n]
-        note_matt_light(places, n, at, a, b, c, behind, model, surface.matt_vertices, tint)
-        texturing.note_place(places, n, at, a, b, c, owner, surface.textures)
+def note_textured(places, run, weights, a, b, c, behind, owner, samples, surface):
+    """Note what samples of one face take to be textured, besides coordinates and steps."""
+    note_matt_light(
+        places, run, weights, a, b, c, behind, owner, samples, surface, surface.matt_vertices
+    )
+    texture_rows.note_corners(places, run, a, b, c, surface.maps)

@@ -41,7 +41,7 @@ def stretch_end(faces, column, first, last):
 
 @stage
 def gather_row(
-    faces, samples, weights, places, where, whole, real, gathered, left, row, geometry, placement,
+    faces, samples, weights, places, whole, real, gathered, left, row, geometry, placement,
     surface, lighting,
 ):  # fmt: skip
     """Gather the covered samples of a part of a row, which starts at ``left``; count them."""
@@ -61,13 +61,13 @@ def gather_row(
                     face, owner, whole[slot], real[slot], geometry, placement, surface, lighting
                 )
             runs.gather_run(
-                samples, weights, places, where, count, end - at, left + at, row, whole[slot],
+                samples, weights, places, count, end - at, left + at, row, whole[slot],
                 real[slot], geometry, placement, surface, lighting,
             )  # fmt: skip
         else:
             end = stretch_end(faces, at, starts[owner], starts[owner + 1])
             gather_stretch(
-                faces[at:end], samples, weights, places, where, count, left + at, row, owner,
+                faces[at:end], samples, weights, places, count, left + at, row, owner,
                 numbers, doubles, singles, geometry, placement, surface, lighting,
             )  # fmt: skip
         count += end - at

@@ -17,7 +17,7 @@ from __future__ import annotations
 import numpy as np
 
 from rasterjit.kernels import lighting as lit
-from rasterjit.kernels import texturing
+from rasterjit.kernels import texture_rows, texturing
 from rasterjit.kernels.interpolation import blend, matrix_of, seen_from_behind
 from rasterjit.kernels.jit import disjoint_stage, stage
 
@@ -27,7 +27,7 @@ NORMAL_SCALE, OCCLUSION_STRENGTH, EMITTED = 0, 1, 2
 LEAST_TANGENT = 1e-10
 """Share of a tangent's squared length that must be left when it is made perpendicular."""
 
-KEPT_ALPHA = texturing.MATT
+KEPT_ALPHA = texture_rows.MATT
 """Scratch row, which is free by then: the alpha that the base colour's texture shows."""
 
 
@@ -113,17 +113,18 @@ def bend_normals(samples, weights, count, places, geometry, placement, textures,
     a, b, c = np.int64(-1), np.int64(-1), np.int64(-1)
     side, handed, group = 1.0, 1.0, np.int64(0)
     for n in range(count):
-        owner = np.int64(places[texturing.OWNER, n])
+        owner = np.int64(places[texture_rows.OWNER, n])
         if table[owner, texturing.NORMAL, texturing.FIRST_LEVEL] < 0:
             continue
         scale = 2.0 * np.float64(factors[owner, NORMAL_SCALE])
-        along = scale * (places[texturing.SHOWN, n] - 0.5)
-        aside = scale * (places[texturing.SHOWN + 1, n] - 0.5)
+        along = scale * (places[texture_rows.SHOWN, n] - 0.5)
+        aside = scale * (places[texture_rows.SHOWN + 1, n] - 0.5)
         if along == 0.0 and aside == 0.0:
             continue
-        corner = np.int64(places[texturing.CORNERS, n])
+        corner = np.int64(places[texture_rows.CORNERS, n])
         second, third = (
-            np.int64(places[texturing.CORNERS + 1, n]), np.int64(places[texturing.CORNERS + 2, n])
+            np.int64(places[texture_rows.CORNERS + 1, n]),
+            np.int64(places[texture_rows.CORNERS + 2, n]),
         )  # fmt: skip
         if corner != a or second != b or third != c:
             a, b, c = corner, second, third
@@ -139,7 +140,7 @@ def bend_normals(samples, weights, count, places, geometry, placement, textures,
             np.float64(samples[lit.NORMAL_Z, n]),
         )  # fmt: skip
         # A back shows the same surface: its normal, which is the other way round there.
-        ahead = 2.0 * places[texturing.SHOWN + 2, n] - 1.0
+        ahead = 2.0 * places[texture_rows.SHOWN + 2, n] - 1.0
         bent = bent_normal(normal, tangent, side * along, handed * aside, ahead)
         samples[lit.NORMAL_X, n] = np.float32(bent[0])
         samples[lit.NORMAL_Y, n] = np.float32(bent[1])
@@ -160,8 +161,8 @@ def bend_normals_if_lit(
 def scale_facets(samples, count, places):
     """Multiply metallic and roughness by what the textures show in blue and green."""
     for n in range(count):
-        samples[lit.METALLIC, n] *= np.float32(places[texturing.SHOWN + 2, n])
-        samples[lit.ROUGHNESS, n] *= np.float32(places[texturing.SHOWN + 1, n])
+        samples[lit.METALLIC, n] *= np.float32(places[texture_rows.SHOWN + 2, n])
+        samples[lit.ROUGHNESS, n] *= np.float32(places[texture_rows.SHOWN + 1, n])
 
 
 @stage
@@ -169,8 +170,8 @@ def scale_occlusion(samples, count, places, factors):
     """Hold back ambient light by what the textures show in red."""
     one = np.float32(1.0)
     for n in range(count):
-        owner = np.int64(places[texturing.OWNER, n])
-        shown = np.float32(places[texturing.SHOWN, n])
+        owner = np.int64(places[texture_rows.OWNER, n])
+        shown = np.float32(places[texture_rows.SHOWN, n])
         share = one + factors[owner, OCCLUSION_STRENGTH] * (shown - one)
         samples[lit.OCCLUSION, n] *= max(min(share, one), np.float32(0.0))
 
@@ -180,7 +181,7 @@ def scale_emission(samples, count, places):
     """Multiply the light that is sent out by what the textures show."""
     for k in range(3):
         for n in range(count):
-            samples[lit.EMISSIVE_RED + k, n] *= np.float32(places[texturing.SHOWN + k, n])
+            samples[lit.EMISSIVE_RED + k, n] *= np.float32(places[texture_rows.SHOWN + k, n])
 
 
 @stage
@@ -192,17 +193,17 @@ def copy_row(places, count, source, target):
 
 @stage
 def read_textured_maps(
-    samples, weights, where, count, row, places, geometry, placement, textures, lighting, maps
+    samples, weights, lookup, count, places, geometry, placement, textures, lighting, maps
 ):  # fmt: skip
     """Apply the textures of all kinds but base colour; nothing if no object has a texture."""
     if textures is None:
         return
-    alpha = texturing.SHOWN + 3
+    alpha = texture_rows.SHOWN + 3
     copy_row(places, count, alpha, KEPT_ALPHA)
     for kind in range(texturing.NORMAL, texturing.KINDS):
         if maps.counts[kind] == 0:
             continue
-        texturing.read_textures(places, where, count, row, kind, textures, geometry)
+        texture_rows.read_textures(places, lookup, count, kind, textures)
         if kind == texturing.NORMAL:
             bend_normals_if_lit(
                 samples, weights, count, places, geometry, placement, textures, lighting, maps
@@ -218,7 +219,7 @@ def read_textured_maps(
 
 @stage
 def read_maps(
-    samples, weights, where, count, row, places, geometry, placement, surface, lighting, maps
+    samples, weights, lookup, count, places, geometry, placement, surface, lighting, maps
 ):  # fmt: skip
     """
     Apply what lies over the gathered samples of a part of a row; nothing if there are no maps.
@@ -228,17 +229,17 @@ def read_maps(
     samples : (SAMPLE_ROWS, N) float32
         Changes the normals and rows METALLIC, ROUGHNESS, OCCLUSION and EMISSIVE_*.
     weights : (2, N) float64
-    where : (N,) int32
-        The columns that the samples lie in.
-    count, row : int
-    places : (texturing.SCRATCH_ROWS, N) float64, or None without textures
+    lookup : tuple, or None without textures
+        What `texture_rows.lookup_memory` gave.
+    count : int
+    places : (texture_rows.SCRATCH_ROWS, N) float64, or None without textures
         Rows U..OWNER are read, rows SHOWN.. and MATT.. are overwritten, but for the alpha shown.
     geometry, placement, surface, lighting, maps : records
     """
     if maps is None:
         return
     read_textured_maps(
-        samples, weights, where, count, row, places, geometry, placement, surface.textures,
+        samples, weights, lookup, count, places, geometry, placement, surface.textures,
         lighting, maps,
     )  # fmt: skip
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from rasterjit.kernels import lighting as lit
+from rasterjit.kernels import texture_rows
 from rasterjit.kernels.attributes import (
     color_at,
     face_tint,
@@ -316,8 +317,25 @@ def places_at(whole, real, placement, lighting):
 
 
 @stage
+def note_run(
+    places, weights, run, column, row, corners, owner, behind, whole, real, samples, geometry,
+    surface,
+):  # fmt: skip
+    """Note what it takes to texture a run; nothing if there are no textures."""
+    if places is None:
+        return
+    a, b, c = corners
+    note_textured(places, run, weights, a, b, c, behind, owner, samples, surface)
+    texture_rows.note_run(
+        places, weights, run, column, row, corners, owner, whole[IS_CLIPPED] != 0,
+        row_start(whole, real, column, row), (whole[DOWN], whole[DOWN + 1], whole[DOWN + 2]),
+        surface.textures, geometry,
+    )  # fmt: skip
+
+
+@stage
 def gather_run(
-    samples, weights, places, where, n, count, column, row, whole, real, geometry, placement,
+    samples, weights, places, n, count, column, row, whole, real, geometry, placement,
     surface, lighting,
 ):  # fmt: skip
     """Interpolate everything that shading needs along one run of a face that is set up."""
@@ -339,7 +357,10 @@ def gather_run(
             weights[0, n + i], weights[1, n + i] = exact[1], exact[2]
     gather_many(samples, weights, run, colors, normal, point)
     behind = whole[BEHIND] != 0
-    note_textured(places, where, run, column, weights, a, b, c, behind, owner, samples, surface)
+    note_run(
+        places, weights, run, column, row, (a, b, c), owner, behind, whole, real, samples, geometry,
+        surface,
+    )  # fmt: skip
 
 
 @stage

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from rasterjit.kernels import environments, fogging, runs, stretches, texturing
+from rasterjit.kernels import environments, fogging, runs, stretches, texture_rows, texturing
 from rasterjit.kernels import lighting as lit
 from rasterjit.kernels.alpha import alpha_at, alpha_row, find_alphas
 from rasterjit.kernels.attributes import material_tint
@@ -79,19 +79,19 @@ def apply_textures(samples, count, scratch, matt_vertices):
     """Multiply the gathered base colours by what the textures show."""
     for k in range(3):
         for n in range(count):
-            color, texel = samples[lit.RED + k, n], np.float32(scratch[texturing.SHOWN + k, n])
+            color, texel = samples[lit.RED + k, n], np.float32(scratch[texture_rows.SHOWN + k, n])
             matt = color
             if matt_vertices is not None:
-                matt = np.float32(scratch[texturing.MATT + k, n])
+                matt = np.float32(scratch[texture_rows.MATT + k, n])
             samples[lit.RED + k, n] = absorb(color, texel, matt)
 
 
 @stage
-def texture_row(samples, where, count, row, scratch, geometry, textures, matt_vertices):
+def texture_row(samples, lookup, count, scratch, textures, matt_vertices):
     """Apply the textures to the gathered samples of a row; nothing if there are none."""
     if textures is None:
         return
-    texturing.read_textures(scratch, where, count, row, texturing.BASE_COLOR, textures, geometry)
+    texture_rows.read_textures(scratch, lookup, count, texturing.BASE_COLOR, textures)
     apply_textures(samples, count, scratch, matt_vertices)
 
 
@@ -273,8 +273,8 @@ def scratch_memory(rows: int = lit.PLAIN_ROWS, has_textures: bool = False) -> tu
     return (
         np.empty((rows, room), np.float32),
         np.empty((2 if rows < SHADOW_ROWS else WEIGHT_ROWS, room), np.float64),
-        np.empty((texturing.SCRATCH_ROWS, room), np.float64) if has_textures else None,
-        np.empty(room, np.int32),
+        np.empty((texture_rows.SCRATCH_ROWS, room), np.float64) if has_textures else None,
+        texture_rows.lookup_memory(room) if has_textures else None,
         np.empty((runs.SLOTS, runs.WHOLE_COLUMNS), np.int64),
         np.empty((runs.SLOTS, runs.REAL_COLUMNS), np.float64),
         (
@@ -313,7 +313,7 @@ def shade_rows(
         This thread's own, from `scratch_memory`.
     """
     rows, columns = face_id.shape
-    samples, weights, places, where, whole, real, gathered = scratch
+    samples, weights, places, lookup, whole, real, gathered = scratch
     toward_viewer = viewer_of(placement)
     runs.forget_faces(whole)
     for row in range(rows):
@@ -321,15 +321,14 @@ def shade_rows(
             right = min(left + BLOCK_COLUMNS, columns)
             faces = face_id[row, left:right]
             count = gather_row(
-                faces, samples, weights, places, where, whole, real, gathered, left,
+                faces, samples, weights, places, whole, real, gathered, left,
                 first_row + row, geometry, placement, surface, lighting,
             )  # fmt: skip
             texture_row(
-                samples, where, count, first_row + row, places, geometry, surface.textures,
-                surface.matt_vertices,
+                samples, lookup, count, places, surface.textures, surface.matt_vertices
             )  # fmt: skip
             read_maps(
-                samples, weights, where, count, first_row + row, places, geometry, placement,
+                samples, weights, lookup, count, places, geometry, placement,
                 surface, lighting, surface.maps,
             )  # fmt: skip
             occlude_row(samples, faces, left, first_row + row, lighting, surface.maps)

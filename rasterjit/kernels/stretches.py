@@ -12,6 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from rasterjit.kernels import lighting as lit
+from rasterjit.kernels import texture_rows
 from rasterjit.kernels.attributes import (
     material_tint,
     normal_at,
@@ -46,8 +47,7 @@ WHOLE_ROWS = 12
 VERTEX_ROWS = 9
 """Rows of real numbers, float64 and float32: three for each vertex."""
 
-VECTOR = 16
-"""Samples of the longest vectors. Loops run over whole ones: what lies behind is overwritten."""
+VECTOR = texture_rows.VECTOR
 
 
 @stage
@@ -452,45 +452,103 @@ def find_weights(
 
 
 @stage
-def note_stretch(places, where, start, patches, column, weights, owner, samples, whole, surface):
+def gather_coordinates(count, uv, whole, rows):
+    """Gather the texture coordinates of each vertex of each sample's face."""
+    for r in range(count):
+        a, b, c = np.uintp(whole[A, r]), np.uintp(whole[B, r]), np.uintp(whole[C, r])
+        n = np.uintp(whole[FIRST, r])
+        spread(rows[0], n, uv[a, 0])
+        spread(rows[1], n, uv[a, 1])
+        spread(rows[2], n, uv[b, 0])
+        spread(rows[3], n, uv[b, 1])
+        spread(rows[4], n, uv[c, 0])
+        spread(rows[5], n, uv[c, 1])
+
+
+@stage
+def note_steps(places, run, patches, column, row, whole, real, single, textures, geometry):
+    """Write what a pixel to the right and a pixel down add to the coordinates of each sample."""
+    start, stop = run
+    size = stop - start
+    texture_rows.mix_steps(
+        places[texture_rows.STEPS, start:stop], places[texture_rows.STEPS + 1, start:stop],
+        places[texture_rows.STEPS + 2, start:stop], places[texture_rows.STEPS + 3, start:stop],
+        places[texture_rows.U, start:stop], places[texture_rows.V, start:stop],
+        single[0, :size], single[1, :size], single[2, :size], single[3, :size], single[4, :size],
+        single[5, :size], whole[AX, :size], whole[AY, :size], whole[BX, :size], whole[BY, :size],
+        whole[CX, :size], whole[CY, :size], real[0, :size], real[1, :size], real[2, :size],
+        column, row, geometry.viewport.grid_bits,
+    )  # fmt: skip
+    if geometry.clip_positions.shape[0] == 0:
+        return
+    for r in range(patches):
+        a, b, c = np.uintp(whole[A, r]), np.uintp(whole[B, r]), np.uintp(whole[C, r])
+        for i in range(whole[FIRST, r], whole[FIRST, r + np.uintp(1)]):
+            if whole[UNSURE, i] != 0:
+                texture_rows.note_exact_steps(
+                    places, start + i, a, b, c, column + i, row, textures.uv, geometry
+                )
+
+
+@stage
+def note_stretch(
+    places, run, patches, column, row, weights, owner, samples, whole, real, single, geometry,
+    surface, textures,
+):  # fmt: skip
     """Note what it takes to texture a stretch; nothing if there are no textures."""
-    if places is None:
+    if textures is None:
+        return
+    start, stop = run
+    size = stop - start
+    gather_coordinates(patches, textures.uv, whole, single)
+    texture_rows.mix_places(
+        places[texture_rows.U, start:stop], places[texture_rows.V, start:stop],
+        places[texture_rows.OWNER, start:stop], single[0, :size], single[1, :size],
+        single[2, :size], single[3, :size], single[4, :size], single[5, :size],
+        weights[0, start:stop], weights[1, start:stop], np.float64(owner),
+    )  # fmt: skip
+    if texture_rows.wants_steps(owner, textures.table):
+        note_steps(places, run, patches, column, row, whole, real, single, textures, geometry)
+    note_patches(places, start, patches, weights, owner, samples, whole, surface)
+
+
+@stage
+def note_patches(places, start, patches, weights, owner, samples, whole, surface):
+    """Note what each patch takes to be textured; nothing if no effect asks for it."""
+    if surface.matt_vertices is None and surface.maps is None:
         return
     for r in range(patches):
         a, b, c = np.uintp(whole[A, r]), np.uintp(whole[B, r]), np.uintp(whole[C, r])
         first, end = whole[FIRST, r], whole[FIRST, r + np.uintp(1)]
         behind = whole[BEHIND, first] != 0
         note_textured(
-            places, where, (start + first, start + end), column + first, weights, a, b, c, behind,
-            owner, samples, surface,
-        )  # fmt: skip
-
-
-@stage
-def whole_vectors(count):
-    """Return a count rounded up to whole vectors."""
-    return (np.int64(count) + (VECTOR - 1)) & -VECTOR
+            places, (start + first, start + end), weights, a, b, c, behind, owner, samples, surface
+        )
 
 
 @stage
 def gather_stretch(
-    faces, samples, weights, places, where, n, column, row, owner, whole, real, single, geometry,
+    faces, samples, weights, places, n, column, row, owner, whole, real, single, geometry,
     placement, surface, lighting,
 ):  # fmt: skip
     """Gather the samples of one object that some neighbouring columns show."""
-    run = n, n + whole_vectors(faces.shape[0])
+    run = n, n + texture_rows.whole_vectors(faces.shape[0])
     model = np.int64(surface.materials[owner, MATERIAL_MODEL])
     patches = list_patches(faces, whole)
     gather_corners(patches, faces, geometry.faces, whole)
-    size = whole_vectors(patches)
+    size = texture_rows.whole_vectors(patches)
     turn_corners(whole[A, :size], whole[B, :size], whole[C, :size])
     find_weights(
         weights, run, patches, column, row, owner, whole, real, geometry, placement, lighting
     )
     write_answers(samples, run, model, owner, surface, lighting)
     gather_colors(samples, run, weights, patches, faces, owner, model, whole, single, surface)
+    # As long as the vertices' w are there.
+    note_stretch(
+        places, run, patches, column, row, weights, owner, samples, whole, real, single, geometry,
+        surface, surface.textures,
+    )  # fmt: skip
     gather_places(
         samples, run, weights, patches, model, owner, whole, real, single, placement, surface,
         lighting,
     )  # fmt: skip
-    note_stretch(places, where, n, patches, column, weights, owner, samples, whole, surface)

@@ -30,7 +30,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from rasterjit.kernels.interpolation import interpolate
 from rasterjit.kernels.jit import stage
 from rasterjit.kernels.lighting import log2
 from rasterjit.kernels.setup import CLIPPED, edge
@@ -51,18 +50,6 @@ TABLE_COLUMNS = 6
 
 FIRST_TEXEL, LEVEL_WIDTH, LEVEL_HEIGHT = 0, 1, 2
 """Columns of ``Textures.levels``."""
-
-U, V = 0, 1
-"""Scratch rows: texture coordinates."""
-CORNERS = 2
-"""Three scratch rows: vertex numbers of the face, lowest first."""
-OWNER = 5
-"""Scratch row: the object."""
-SHOWN = 6
-"""Four scratch rows: what the texture shows, linear RGBA."""
-MATT = 10
-"""Three scratch rows: the part of the colour that the texture absorbs light from, linear."""
-SCRATCH_ROWS = 13
 
 TEXEL_STEPS = 2.0**24
 """
@@ -193,11 +180,25 @@ def snapped_slopes(at, ws, column, row, bits):
         + np.float64(edge(cx, cy, ax, ay, px, py)) * q
         + np.float64(edge(ax, ay, bx, by, px, py)) * r
     )
-    per_sum = np.float64(np.int64(1) << bits) / total
-    p, q, r = p * per_sum, q * per_sum, r * per_sum
+    return scaled_slopes(
+        np.float64(np.int64(1) << bits) / total,
+        (p, q, r),
+        (np.float64(by - cy), np.float64(cy - ay), np.float64(ay - by)),
+        (np.float64(cx - bx), np.float64(ax - cx), np.float64(bx - ax)),
+    )
+
+
+@stage
+def scaled_slopes(per_sum, ratios, across, down):
+    """
+    Return the slopes of weights whose edge functions gain so much by a pixel right and down.
+
+    Takes one over the weights' sum, in the unit of the gains, and the smallest w over each.
+    """
+    p, q, r = ratios[0] * per_sum, ratios[1] * per_sum, ratios[2] * per_sum
     return (
-        (p * np.float64(by - cy), q * np.float64(cy - ay), r * np.float64(ay - by)),
-        (p * np.float64(cx - bx), q * np.float64(ax - cx), r * np.float64(bx - ax)),
+        (p * across[0], q * across[1], r * across[2]),
+        (p * down[0], q * down[1], r * down[2]),
     )
 
 
@@ -441,47 +442,3 @@ def texture_color(owner, kind, place, corners, column, row, textures, geometry):
                 texels, levels, first + finer, share, there, wraps, taps, way, anisotropic
             )
     return color
-
-
-@stage
-def note_place(scratch, n, weights, a, b, c, owner, textures):
-    """Write where on the picture a sample lies, and what it takes to find its level of detail."""
-    if textures is None:
-        return
-    uv = textures.uv
-    pa, pb, pc = vertex_place(uv, a), vertex_place(uv, b), vertex_place(uv, c)
-    scratch[U, n] = interpolate(weights, pa[0], pb[0], pc[0])
-    scratch[V, n] = interpolate(weights, pa[1], pb[1], pc[1])
-    scratch[CORNERS, n], scratch[CORNERS + 1, n], scratch[CORNERS + 2, n] = a, b, c
-    scratch[OWNER, n] = owner
-
-
-@stage
-def read_textures(scratch, where, count, row, kind, textures, geometry):
-    """
-    Write what textures of one kind show at each sample of a row; white where an object has none.
-
-    Parameters
-    ----------
-    scratch : (SCRATCH_ROWS, W) float64
-        Reads rows U..OWNER of ``count`` samples, writes rows SHOWN.. (linear RGBA).
-    where : (W,) int32
-        The columns that the samples lie in.
-    count, row : int
-    kind : int
-        ``BASE_COLOR`` ... ``EMISSIVE``. All of this is compiled into every place that calls it: for
-        several kinds, call it in a loop.
-    textures, geometry : records
-    """
-    for n in range(count):
-        corners = (
-            np.int64(scratch[CORNERS, n]),
-            np.int64(scratch[CORNERS + 1, n]),
-            np.int64(scratch[CORNERS + 2, n]),
-        )
-        color = texture_color(
-            np.int64(scratch[OWNER, n]), kind, (scratch[U, n], scratch[V, n]), corners,
-            np.int64(where[n]), row, textures, geometry,
-        )  # fmt: skip
-        for k in range(4):
-            scratch[SHOWN + k, n] = color[k]
