@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from rasterjit.kernels.jit import disjoint_stage, stage
-from rasterjit.kernels.setup import edge_bias, first_sample, last_sample, triangle_of
+from rasterjit.kernels.setup import edge_bias, first_sample, last_sample, narrow_edge, triangle_of
 
 SMALL_PIXELS = 8
 """Triangles with a bounding box up to this many pixels wide are tested sample by sample."""
@@ -71,14 +71,6 @@ def gather_triangles(listed, faces, screen, whole, real):
 def is_above(ax, ay, bx, by):
     """Return whether a lies above b, or left of it in the same row."""
     return (ay < by) | ((ay == by) & (ax < bx))
-
-
-@stage
-def narrow_edge(ax, ay, bx, by, px, py):
-    """Return `edge` of int32 coordinates; differences fit 32 bits, and their products are cheap."""
-    along_x, along_y = np.int32(bx - ax), np.int32(by - ay)
-    away_x, away_y = np.int32(px - ax), np.int32(py - ay)
-    return np.int64(along_x) * np.int64(away_y) - np.int64(along_y) * np.int64(away_x)
 
 
 @disjoint_stage

@@ -20,7 +20,6 @@ from rasterjit.kernels.attributes import (
     point_at,
     write_answers,
 )
-from rasterjit.kernels.batches import narrow_edge
 from rasterjit.kernels.interpolation import (
     held_edges,
     interpolate,
@@ -33,7 +32,7 @@ from rasterjit.kernels.interpolation import (
 )
 from rasterjit.kernels.jit import disjoint_stage, stage
 from rasterjit.kernels.records import FLAT, GOURAUD, MATERIAL_MODEL, PBR, PHONG
-from rasterjit.kernels.setup import CLIPPED
+from rasterjit.kernels.setup import CLIPPED, narrow_edge
 from rasterjit.kernels.vectors import LANES, spread
 
 A, B, C, FIRST = 0, 1, 2, 3

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 
 from rasterjit.kernels import texturing
-from rasterjit.kernels.batches import narrow_edge
 from rasterjit.kernels.interpolation import interpolate
 from rasterjit.kernels.jit import disjoint_stage, stage
+from rasterjit.kernels.setup import narrow_edge
 from rasterjit.kernels.texturing import (
     ANISOTROPY,
     CLAMP,

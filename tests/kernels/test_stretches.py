@@ -101,14 +101,15 @@ def test_neighbours_change_no_bit_of_a_face_colour(monkeypatch):
 
 def rows_of(scratch):
     """Return those parts of ``shading.scratch_memory`` that have a column for every sample."""
-    samples, weights, places, where, _, _, gathered = scratch
-    return [part for part in (samples, weights, places, where, *gathered) if part is not None]
+    samples, weights, places, lookup, _, _, gathered = scratch
+    own = (samples, weights, *gathered)
+    return list(own) if places is None else [*own, places, *lookup]
 
 
 @pytest.mark.parametrize("has_textures", [False, True])
 def test_rows_have_room_for_what_is_written_behind_the_last_sample(has_textures):
     parts = rows_of(shading.scratch_memory(has_textures=has_textures))
-    assert len(parts) == 6 + has_textures
+    assert len(parts) == 6 + 4 * has_textures
     for part in parts:
         # A stretch in whole vectors may begin with the last sample, and so may a patch.
         assert part.shape[-1] >= shading.BLOCK_COLUMNS + stretches.VECTOR - 1
@@ -128,8 +129,8 @@ def test_nothing_is_written_beyond_the_rows(split, monkeypatch):
     scratch = shading.scratch_memory(has_textures=True)
     spare, mark = 64, 77
     roomy = [np.full((*p.shape[:-1], p.shape[-1] + spare), mark, p.dtype) for p in rows_of(scratch)]
-    samples, weights, places, where, *gathered = roomy
-    given = samples, weights, places, where, *scratch[4:6], tuple(gathered)
+    samples, weights, whole, doubles, singles, places, *lookup = roomy
+    given = samples, weights, places, tuple(lookup), *scratch[4:6], (whole, doubles, singles)
     linear = np.empty((1, face_id.shape[1], 4), np.float32)
     color = np.empty(face_id.shape, np.uint32)
     shading.shade_rows(face_id, *call[1:8], linear, color, given)
