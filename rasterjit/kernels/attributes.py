@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from rasterjit.kernels import lighting as lit
-from rasterjit.kernels import texture_rows
+from rasterjit.kernels import texture_places, texture_rows
 from rasterjit.kernels.interpolation import blend, interpolate
 from rasterjit.kernels.jit import stage
 from rasterjit.kernels.maps import write_emission
@@ -146,4 +146,4 @@ def note_textured(places, run, weights, a, b, c, behind, owner, samples, surface
     note_matt_light(
         places, run, weights, a, b, c, behind, owner, samples, surface, surface.matt_vertices
     )
-    texture_rows.note_corners(places, run, a, b, c, surface.maps)
+    texture_places.note_corners(places, run, a, b, c, surface.maps)

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from rasterjit.kernels import lighting as lit
-from rasterjit.kernels import texture_rows
+from rasterjit.kernels import texture_places
 from rasterjit.kernels.attributes import (
     color_at,
     face_tint,
@@ -326,7 +326,7 @@ def note_run(
         return
     a, b, c = corners
     note_textured(places, run, weights, a, b, c, behind, owner, samples, surface)
-    texture_rows.note_run(
+    texture_places.note_run(
         places, weights, run, column, row, corners, owner, whole[IS_CLIPPED] != 0,
         row_start(whole, real, column, row), (whole[DOWN], whole[DOWN + 1], whole[DOWN + 2]),
         surface.textures, geometry,

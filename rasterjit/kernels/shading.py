@@ -12,7 +12,15 @@ from typing import Any
 
 import numpy as np
 
-from rasterjit.kernels import environments, fogging, runs, stretches, texture_rows, texturing
+from rasterjit.kernels import (
+    environments,
+    fogging,
+    patches,
+    runs,
+    stretches,
+    texture_rows,
+    texturing,
+)
 from rasterjit.kernels import lighting as lit
 from rasterjit.kernels.alpha import alpha_at, alpha_row, find_alphas
 from rasterjit.kernels.attributes import material_tint
@@ -278,9 +286,9 @@ def scratch_memory(rows: int = lit.PLAIN_ROWS, has_textures: bool = False) -> tu
         np.empty((runs.SLOTS, runs.WHOLE_COLUMNS), np.int64),
         np.empty((runs.SLOTS, runs.REAL_COLUMNS), np.float64),
         (
-            np.empty((stretches.WHOLE_ROWS, room), np.int32),
-            np.empty((stretches.VERTEX_ROWS, room), np.float64),
-            np.empty((stretches.VERTEX_ROWS, room), np.float32),
+            np.empty((patches.WHOLE_ROWS, room), np.int32),
+            np.empty((patches.VERTEX_ROWS, room), np.float64),
+            np.empty((patches.VERTEX_ROWS, room), np.float32),
         ),
     )
 
