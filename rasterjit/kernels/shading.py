@@ -26,7 +26,7 @@ from rasterjit.kernels.alpha import alpha_at, alpha_row, find_alphas
 from rasterjit.kernels.attributes import material_tint
 from rasterjit.kernels.gathering import gather_row
 from rasterjit.kernels.interpolation import place_vertex, smooth_normal
-from rasterjit.kernels.jit import kernel, stage
+from rasterjit.kernels.jit import disjoint_stage, kernel, stage
 from rasterjit.kernels.maps import add_emission_row, occlusion_of, read_maps
 from rasterjit.kernels.microfacets import add_facet_lights, kinds_shown, start_facet_row
 from rasterjit.kernels.records import (
@@ -83,15 +83,37 @@ def absorb(color, texel, matt):
 
 
 @stage
+def matt_part(color, matts, n):
+    """Return the part of a colour that a texture absorbs light from; all of it without others."""
+    if matts is None:
+        return color
+    return np.float32(matts[n])
+
+
+@disjoint_stage
+def absorb_row(colors, texels, matts):
+    """Multiply one channel of the base colours by what the textures show."""
+    for n in range(colors.shape[0]):
+        color = colors[n]
+        colors[n] = absorb(color, np.float32(texels[n]), matt_part(color, matts, n))
+
+
+@stage
+def matt_row(scratch, k, count, matt_vertices):
+    """Return one channel of the colours without highlights; None if no vertex has any."""
+    if matt_vertices is None:
+        return None
+    return scratch[texture_rows.MATT + k, :count]
+
+
+@stage
 def apply_textures(samples, count, scratch, matt_vertices):
     """Multiply the gathered base colours by what the textures show."""
     for k in range(3):
-        for n in range(count):
-            color, texel = samples[lit.RED + k, n], np.float32(scratch[texture_rows.SHOWN + k, n])
-            matt = color
-            if matt_vertices is not None:
-                matt = np.float32(scratch[texture_rows.MATT + k, n])
-            samples[lit.RED + k, n] = absorb(color, texel, matt)
+        absorb_row(
+            samples[lit.RED + k, :count], scratch[texture_rows.SHOWN + k, :count],
+            matt_row(scratch, k, count, matt_vertices),
+        )  # fmt: skip
 
 
 @stage
