@@ -249,6 +249,31 @@ def is_mixed(share, rest):
     return (share != one) & (rest != one)
 
 
+@stage
+def seen_share(share, value):
+    """Return a share of a value, which may be infinite if the share is 0."""
+    none = np.float32(0.0)
+    return share * value if share > none else none
+
+
+@disjoint_stage
+def start_mixed_row(behind, shares, rest, linear):
+    """Begin to mix a row of pixels, four numbers each; without branches."""
+    for i in range(rest.shape[0]):
+        own, other = shares[i], rest[i]
+        mixed = is_mixed(own, other)
+        at = np.uintp(4 * i)
+        red, green, blue = linear[at], linear[at + np.uintp(1)], linear[at + np.uintp(2)]
+        alpha, through = linear[at + np.uintp(3)], other * behind[at + np.uintp(3)]
+        red1 = own * red + seen_share(through, behind[at])
+        green1 = own * green + seen_share(through, behind[at + np.uintp(1)])
+        blue1 = own * blue + seen_share(through, behind[at + np.uintp(2)])
+        linear[at] = red1 if mixed else red
+        linear[at + np.uintp(1)] = green1 if mixed else green
+        linear[at + np.uintp(2)] = blue1 if mixed else blue
+        linear[at + np.uintp(3)] = np.float32(1.0) - (other - through) if mixed else alpha
+
+
 @kernel
 def start_mix(behind, shares, rest, linear):
     """
@@ -264,21 +289,7 @@ def start_mix(behind, shares, rest, linear):
         The first layer shaded; changed where a pixel is mixed: its share, premultiplied.
     """
     for row in range(rest.shape[0]):
-        for i in range(rest.shape[1]):
-            own, other = shares[row, i], rest[row, i]
-            if is_mixed(own, other):
-                through = other * behind[row, i, 3]
-                for k in range(3):
-                    color = own * linear[row, i, k]
-                    linear[row, i, k] = color + seen_share(through, behind[row, i, k])
-                linear[row, i, 3] = np.float32(1.0) - (other - through)
-
-
-@stage
-def seen_share(share, value):
-    """Return a share of a value, which may be infinite if the share is 0."""
-    none = np.float32(0.0)
-    return share * value if share > none else none
+        start_mixed_row(behind[row].reshape(-1), shares[row], rest[row], linear[row].reshape(-1))
 
 
 @kernel
@@ -303,6 +314,20 @@ def add_shares(colors, faces, shares, linear):
                     linear[row, i, k] += seen_share(share, colors[row, i, k])
 
 
+@disjoint_stage
+def divide_row(shares, rest, linear):
+    """Divide the mixed pixels of a row, four numbers each, by their alpha; without branches."""
+    one, none = np.float32(1.0), np.float32(0.0)
+    for i in range(rest.shape[0]):
+        at = np.uintp(4 * i)
+        alpha = linear[at + np.uintp(3)]
+        is_divided = is_mixed(shares[i], rest[i]) & (none < alpha) & (alpha < one)
+        alpha = alpha if is_divided else one
+        linear[at] /= alpha
+        linear[at + np.uintp(1)] /= alpha
+        linear[at + np.uintp(2)] /= alpha
+
+
 @kernel
 def finish_mix(shares, rest, linear):
     """
@@ -315,13 +340,8 @@ def finish_mix(shares, rest, linear):
     linear : (R, W, 4) float32
         Changed: straight alpha.
     """
-    one, none = np.float32(1.0), np.float32(0.0)
     for row in range(rest.shape[0]):
-        for i in range(rest.shape[1]):
-            alpha = linear[row, i, 3]
-            if is_mixed(shares[row, i], rest[row, i]) and none < alpha < one:
-                for k in range(3):
-                    linear[row, i, k] /= alpha
+        divide_row(shares[row], rest[row], linear[row].reshape(-1))
 
 
 @stage
