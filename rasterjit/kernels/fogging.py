@@ -44,6 +44,13 @@ def distance_to(px, py, pz, toward_viewer):
 
 
 @stage
+def start_height(py, distance, toward_viewer):
+    """Return how far above the eye a ray starts: 0, or on the plane of a parallel camera."""
+    on_plane = py + distance * toward_viewer[1]
+    return np.float32(0.0) if toward_viewer[3] > np.float32(0.0) else on_plane
+
+
+@stage
 def mean_density(low, rise):
     """
     Return the mean of 2**-t for t from ``low`` to ``low + rise``, to 1e-6; float32.
@@ -81,7 +88,9 @@ def cover_exponentially(
     one = np.float32(1.0)
     for i in range(red.shape[0]):
         distance = distance_to(px[i], py[i], pz[i], viewer)
-        depth = density * distance * mean_density(above * falloff, py[i] * falloff)
+        start = start_height(py[i], distance, viewer)
+        low, rise = (above + start) * falloff, (py[i] - start) * falloff
+        depth = density * distance * mean_density(low, rise)
         depth = min(depth, DEEPEST)
         depth *= depth * squares + (one - squares)
         share = exp2(-depth)

@@ -68,6 +68,26 @@ def test_a_parallel_view_measures_from_the_plane_of_the_camera():
     assert red[2] == 0.0
 
 
+@pytest.mark.parametrize("fog", FOGS)
+def test_parallel_rays_start_on_the_plane_of_the_camera(fog):
+    # Each ray passes the densities between the plane and its own point, not those of the eye.
+    rng = np.random.default_rng(5)
+    eye, toward = np.array([3.0, 1.5, -2.0]), np.array([0.48, 0.64, 0.6])
+    points = (rng.normal(size=(60, 3)) * rng.uniform(0.1, 6.0, (60, 1))).astype(np.float32)
+    points = points[points @ toward < 0.0]
+    camera = rj.OrthographicCamera(eye=eye, target=eye - toward, height=2.0)
+    samples = np.zeros((lit.SAMPLE_ROWS, len(points)), np.float32)
+    samples[lit.POINT_X : lit.POINT_Z + 1] = points.T
+    viewer = np.array([*toward, 0.0], np.float32)
+    fogging.cover_samples(samples, len(points), fog_record(fog, camera), viewer)
+    for n, point in enumerate(points.astype(np.float64)):
+        on_plane = eye + point - (point @ toward) * toward
+        share = naive.fog_share(fog, eye + point, on_plane)
+        for k in range(3):
+            wanted = fog.color[k] * (1.0 - share)
+            assert samples[lit.OUT_RED + k, n] == pytest.approx(wanted, abs=3e-6)
+
+
 @pytest.mark.parametrize("fog", FOGS[2:])
 def test_fog_of_density_zero_changes_no_bit(fog):
     rng = np.random.default_rng(2)
