@@ -13,7 +13,7 @@ from rasterjit import stages, transforms
 from rasterjit.kernels import ambient_occlusion, outlines
 from rasterjit.kernels.records import Geometry, Placement
 from rasterjit.scene.ambient_occlusion import AmbientOcclusion
-from rasterjit.scene.camera import Camera
+from rasterjit.scene.camera import Camera, screen_from_relative
 from rasterjit.scene.color import linear_to_srgb
 from rasterjit.scene.outline import Outline
 
@@ -42,14 +42,8 @@ def lens_of(camera: Camera, size: tuple[int, int], unit: float) -> NDArray[np.fl
         Rows: what a column, a row, a unit of stored depth, and 1 add to the homogeneous point.
     """
     width, height = size
-    to_eye = transforms.translate(camera.eye_position())
-    view_from_relative = transforms.compose(camera.view_matrix(), to_eye)
-    clip = transforms.compose(camera.projection_matrix(size), view_from_relative).tolist()
-    c0, c1, c2 = camera.depth_coefficients()
-    stored = [c1 * z + c2 * w for z, w in zip(clip[2], clip[3], strict=True)]
-    stored[3] += c0
     # Rows of the inverse: x, y, z, w; columns: clip x, y, stored depth and 1, all over w.
-    inverse = np.array(_inverse([clip[0], clip[1], stored, clip[3]]))
+    inverse = transforms.inverse(screen_from_relative(camera, size))
     right, up, deeper, rest = inverse.T
     lens = np.array(
         [
@@ -62,28 +56,6 @@ def lens_of(camera: Camera, size: tuple[int, int], unit: float) -> NDArray[np.fl
     lens[:, :3] /= unit
     # Homogeneous points may have any scale: so that float32 holds them.
     return (lens / np.abs(lens[:, :3]).max()).astype(np.float32)
-
-
-def _inverse(rows: list[list[float]]) -> list[list[float]]:
-    """Return the inverse of a square matrix by elimination, each pivot the largest left."""
-    count = len(rows)
-    unit = [[float(i == j) for j in range(count)] for i in range(count)]
-    # Rows scaled to a largest entry of 1: the matrix holds pixels, lengths and depths.
-    sizes = [max(map(abs, row)) for row in rows]
-    work = [
-        [entry / size for entry in (*row, *other)]
-        for row, other, size in zip(rows, unit, sizes, strict=True)
-    ]
-    for k in range(count):
-        pivot = max(range(k, count), key=lambda n: abs(work[n][k]))
-        work[k], work[pivot] = work[pivot], work[k]
-        head = work[k][k]
-        work[k] = [entry / head for entry in work[k]]
-        for n in range(count):
-            if n != k:
-                factor = work[n][k]
-                work[n] = [a - factor * b for a, b in zip(work[n], work[k], strict=True)]
-    return [row[count:] for row in work]
 
 
 def find_occlusion(

@@ -25,7 +25,7 @@ from rasterjit.kernels import shadow_filters, shadow_receivers, shadowing
 from rasterjit.kernels.records import Cutouts, Geometry, Objects, Placement, Shadows
 from rasterjit.plan import viewport_of
 from rasterjit.plan_lights import along, axes_of, has_cube, place_boxes
-from rasterjit.scene.camera import Camera
+from rasterjit.scene.camera import Camera, screen_from_relative
 from rasterjit.scene.light import DirectionalLight, Light, Shadow
 
 Float64 = NDArray[np.float64]
@@ -469,10 +469,13 @@ def seen_cells(
     In world axes, relative to the eye; each cell holds what some neighbouring pixels show.
     """
     viewport = geometry.viewport
-    relative_from_screen = _inverse(_screen_matrix(camera, (viewport.width, viewport.height)))
+    screen = screen_from_relative(camera, (viewport.width, viewport.height))
     lowest, highest = find_depth_ranges(depth, workers)
     rows, columns = np.nonzero(lowest <= highest)
-    if relative_from_screen is None or not len(rows):
+    try:
+        relative_from_screen = transforms.inverse(screen)
+    except ValueError:
+        # A camera that flattens space: no point follows from its picture.
         return np.empty((0, 8, 3))
     side = shadow_receivers.CELL
     corners = np.empty((len(rows), 8, 3))
@@ -483,46 +486,13 @@ def seen_cells(
         corners[:, n, 1] = 1.0 - 2.0 * y / viewport.height
         corners[:, n, 2] = (highest if n >> 2 & 1 else lowest)[rows, columns]
     x, y, z = corners[..., 0], corners[..., 1], corners[..., 2]
-    m = relative_from_screen
+    m = relative_from_screen.tolist()
     w = m[3][0] * x + m[3][1] * y + m[3][2] * z + m[3][3]
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         points = np.stack(
             [(m[k][0] * x + m[k][1] * y + m[k][2] * z + m[k][3]) / w for k in range(3)], axis=-1
         )
     return points[np.isfinite(points).all(axis=(1, 2))]
-
-
-def _screen_matrix(camera: Camera, size: tuple[int, int]) -> list[list[float]]:
-    """Return the matrix from (position relative to the eye, 1) to (NDC x, y, stored depth, 1) w."""
-    view_from_relative = transforms.compose(
-        camera.view_matrix(), transforms.translate(camera.eye_position())
-    )
-    clip = transforms.compose(camera.projection_matrix(size), view_from_relative)
-    c0, c1, c2 = camera.depth_coefficients()
-    depth = c1 * clip[2] + c2 * clip[3]
-    depth[3] += c0
-    return [clip[0].tolist(), clip[1].tolist(), depth.tolist(), clip[3].tolist()]
-
-
-def _inverse(matrix: list[list[float]]) -> list[list[float]] | None:
-    """Return the inverse of a 4x4 matrix by Gauss and Jordan, or ``None`` if there is none."""
-    rows = [[*row, *(float(n == k) for k in range(4))] for n, row in enumerate(matrix)]
-    for k in range(4):
-        # Take the row whose entry is the largest beside the others of its row.
-        def share(n: int, k: int = k) -> float:
-            largest = max(map(abs, rows[n][:4]))
-            return abs(rows[n][k]) / largest if largest > 0.0 else 0.0
-
-        pivot = max(range(k, 4), key=share)
-        if rows[pivot][k] == 0.0:
-            return None
-        rows[k], rows[pivot] = rows[pivot], rows[k]
-        rows[k] = [entry / rows[k][k] for entry in rows[k]]
-        for n in range(4):
-            if n != k:
-                factor = rows[n][k]
-                rows[n] = [a - factor * b for a, b in zip(rows[n], rows[k], strict=True)]
-    return [row[4:] for row in rows]
 
 
 def find_depth_ranges(

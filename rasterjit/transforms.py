@@ -54,6 +54,9 @@ carries a rounding error of about 2e-16, so its direction keeps six digits down 
 _SMALLEST_FOV = 1e-300
 """Degrees; below it the focal length 1/tan(fov/2) overflows float64."""
 
+_MOST_EXPONENT = 1000
+"""Of the powers of two that rows are scaled by: larger ones overflow float64."""
+
 _LAST_ROW = (0.0, 0.0, 0.0, 1.0)
 
 _IDENTITY = [[float(row == column) for column in range(4)] for row in range(4)]
@@ -640,6 +643,50 @@ def normal_matrices(matrices: NDArray[np.float64]) -> NDArray[np.float64]:
     usable = np.isfinite(inverses).all(axis=(0, 1))
     fallback = np.where(determinants < 0.0, -cofactors, cofactors)
     return np.ascontiguousarray(np.moveaxis(np.where(usable, inverses, fallback) + 0.0, 2, 0))
+
+
+def inverse(matrix: ArrayLike) -> Matrix:
+    """
+    Return the inverse of a matrix, such as world from camera of camera from world.
+
+    By elimination in a fixed order, each pivot the entry that is largest beside its row: matrices
+    whose rows are of different sizes, pixels beside depths, keep their digits.
+
+    Parameters
+    ----------
+    matrix : (4, 4) array_like
+
+    Returns
+    -------
+    (4, 4) float64
+
+    Raises
+    ------
+    ValueError
+        If ``matrix`` is not a finite 4x4 matrix, or has no finite inverse.
+    """
+    rows = finite_array("matrix", matrix, (4, 4)).tolist()
+    # Powers of two are exact: rows whose largest entry is in [0.5, 1).
+    exponents = [min(-math.frexp(max(map(abs, row)))[1], _MOST_EXPONENT) for row in rows]
+    work = [
+        [math.ldexp(entry, exponent) for entry in (*row, *unit)]
+        for row, unit, exponent in zip(rows, _IDENTITY, exponents, strict=True)
+    ]
+    for k in range(4):
+        pivot = max(range(k, 4), key=lambda n: abs(work[n][k]))
+        work[k], work[pivot] = work[pivot], work[k]
+        head = work[k][k]
+        if head == 0.0:
+            raise ValueError(f"matrix must have an inverse, got {rows}")
+        work[k] = [entry / head for entry in work[k]]
+        for n in range(4):
+            if n != k:
+                factor = work[n][k]
+                work[n] = [a - factor * b for a, b in zip(work[n], work[k], strict=True)]
+    found = np.array([row[4:] for row in work]) + 0.0
+    if not np.isfinite(found).all():
+        raise ValueError(f"matrix must have a finite inverse, got {rows}")
+    return found
 
 
 def apply(matrix: ArrayLike, points: ArrayLike) -> NDArray[np.float64]:

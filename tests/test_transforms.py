@@ -292,6 +292,44 @@ def test_normal_matrix_of_a_thin_matrix_is_finite_and_keeps_the_side(thickness):
     assert matrix[2, 2] * math.copysign(1.0, thickness) > 0
 
 
+def fraction_inverse(matrix):
+    """Return the exact inverse, by minors, rounded."""
+    rows = [[Fraction(entry) for entry in row] for row in matrix.tolist()]
+
+    def minor(square, i, j):
+        return [row[:j] + row[j + 1 :] for n, row in enumerate(square) if n != i]
+
+    def determinant(square):
+        if len(square) == 1:
+            return square[0][0]
+        first = enumerate(square[0])
+        return sum((-1) ** j * entry * determinant(minor(square, 0, j)) for j, entry in first)
+
+    whole = determinant(rows)
+    places = range(len(rows))
+    return np.array(
+        [
+            [float((-1) ** (i + j) * determinant(minor(rows, j, i)) / whole) for j in places]
+            for i in places
+        ]
+    )
+
+
+def test_inverse_undoes_a_matrix_whose_rows_differ_in_size():
+    rng = np.random.default_rng(7)
+    for _ in range(200):
+        matrix = rng.normal(size=(4, 4)) * 10.0 ** rng.uniform(-9, 9, (4, 1))
+        exact = fraction_inverse(matrix)
+        error = np.abs(tf.inverse(matrix) - exact).max(axis=0) / np.abs(exact).max(axis=0)
+        assert error.max() < 1e-15 * np.linalg.cond(matrix / np.abs(matrix).max(axis=1)[:, None])
+
+
+def test_inverse_is_exact_where_it_can_be():
+    matrix = tf.compose(tf.translate((1, -2, 3)), tf.rotate_y(90), tf.scale((2, 0.5, -4)))
+    assert (tf.compose(tf.inverse(matrix), matrix) == np.eye(4)).all()
+    assert not np.signbit(tf.inverse(np.eye(4))).any()
+
+
 def test_normal_matrix_ignores_translation():
     assert np.array_equal(tf.normal_matrix(tf.translate((1, 2, 3))), np.eye(3))
 
@@ -366,6 +404,10 @@ AXIS, UP = (0, 0, 1), (0, 1, 0)
         (lambda: tf.orthographic(0, 1, 0, 1, 0, INF), "far"),
         (lambda: tf.viewport(10, 10, "corners"), "convention"),
         (lambda: tf.normal_matrix(np.eye(3)), "matrix"),
+        (lambda: tf.inverse(np.eye(3)), "matrix"),
+        (lambda: tf.inverse(np.full((4, 4), 1.0)), "matrix"),
+        (lambda: tf.inverse(np.zeros((4, 4))), "matrix"),
+        (lambda: tf.inverse(np.diag([1e-310, 1, 1, 1])), "matrix"),
         (lambda: tf.apply(np.full((4, 4), INF), [(0, 0, 0)]), "matrix"),
         (lambda: tf.apply(np.eye(4), [(0, 0)]), "points"),
         (lambda: tf.transform_points(np.eye(3), np.zeros((2, 3))), "matrix"),

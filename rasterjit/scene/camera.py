@@ -392,6 +392,31 @@ class MatrixCamera:
         return bool(self.clip_from_view[3, :3].any())
 
 
+def screen_from_relative(camera: Camera, size: tuple[int, int]) -> Matrix:
+    """
+    Return the matrix from positions relative to the eye to what a pixel stores of them.
+
+    Parameters
+    ----------
+    camera : Camera
+    size : (int, int)
+        Width and height, pixels.
+
+    Returns
+    -------
+    (4, 4) float64
+        From (x, y, z, 1) in world axes to (NDC x, NDC y, stored depth, 1) times w.
+    """
+    view_from_relative = transforms.compose(
+        camera.view_matrix(), transforms.translate(camera.eye_position())
+    )
+    matrix = transforms.compose(camera.projection_matrix(size), view_from_relative)
+    c0, c1, c2 = camera.depth_coefficients()
+    matrix[2] = c1 * matrix[2] + c2 * matrix[3]
+    matrix[2, 3] += c0
+    return matrix
+
+
 def orbit_direction(azimuth: float, elevation: float) -> tuple[float, float, float]:
     """
     Return the unit vector from a target towards a camera that orbits it.
