@@ -27,6 +27,12 @@ CUBE_FACES = np.array(
 
 def pytest_configure(config):
     config.addinivalue_line("markers", "needs_jit: too slow or without sense in plain Python")
+    config.addinivalue_line("markers", "compiles_first: fills the cache of kernels for other tests")
+
+
+def pytest_collection_modifyitems(items):
+    """Begin with what compiles most kernels: they are cached when other tests need them."""
+    items.sort(key=lambda item: item.get_closest_marker("compiles_first") is None)
 
 
 @pytest.fixture
