@@ -109,7 +109,7 @@ def rows_of(scratch):
 @pytest.mark.parametrize("has_textures", [False, True])
 def test_rows_have_room_for_what_is_written_behind_the_last_sample(has_textures):
     parts = rows_of(shading.scratch_memory(has_textures=has_textures))
-    assert len(parts) == 6 + 4 * has_textures
+    assert len(parts) == 5 + 4 * has_textures
     for part in parts:
         # A stretch in whole vectors may begin with the last sample, and so may a patch.
         assert part.shape[-1] >= shading.BLOCK_COLUMNS + stretches.VECTOR - 1
