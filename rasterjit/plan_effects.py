@@ -4,18 +4,23 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from rasterjit.plan_answers import Answers, Effect, answer_effects, answers_of
 from rasterjit.plan_layers import Transparency, antialiasing_reason, is_see_through
 from rasterjit.plan_lights import PlannedLights, describe_shadows
+from rasterjit.scene.ambient_occlusion import AmbientOcclusion
+from rasterjit.scene.environment import Environment
+from rasterjit.scene.fog import Fog
 from rasterjit.scene.material import TEXTURE_FIELDS, Material
 from rasterjit.scene.mesh import Mesh
+from rasterjit.scene.outline import Outline
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Wireframe
 from rasterjit.scene.texture import Texture
+from rasterjit.scene.tone_map import ToneMap
 
 SMOOTH = frozenset(("gouraud", "phong", "pbr"))
 """Ways of shading that read vertex normals."""
@@ -55,20 +60,29 @@ class Contents(NamedTuple):
 
 
 class Grounds(NamedTuple):
-    """The facts about a scene and the outputs, as they were when the frame was planned."""
+    """
+    The facts about a scene and the outputs, as they were when the frame was planned.
+
+    What a scene asks for is kept as it was asked, used or not; ``None`` where it was not.
+    """
 
     outputs: tuple[str, ...]
+    """Names of what the frame is to hold, of ``plan.OUTPUTS``, without repeats."""
     contents: Contents
     light_kinds: tuple[str, ...]
+    """Name of the class of each of the scene's lights, in order; empty means a headlight, unless
+    there is an environment."""
     wireframe: Wireframe | None
     diagnose: bool
-    environment: Any
-    fog: Any
-    tone_map: Any
-    ambient_occlusion: Any
-    outline: Any
+    """Whether the fates of faces are found."""
+    environment: Environment | None
+    fog: Fog | None
+    tone_map: ToneMap | None
+    ambient_occlusion: AmbientOcclusion | None
+    outline: Outline | None
     quality: Quality
     has_ambient_light: bool
+    """Whether a light without direction, the headlight's part too, sends anything."""
     transparency: Transparency
     has_background: bool
     """Whether the render was given a background."""

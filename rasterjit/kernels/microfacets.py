@@ -5,6 +5,12 @@ A surface is a mix of a dielectric and a metal, with facets whose normals are sp
 of intensity 1 that falls straight on a white, matt surface makes it white, as with every other
 material here: the factor 1/pi of diffuse light is left out, so the highlight is multiplied by pi.
 
+Facets that others hide are left out by Smith's term in its height-correlated form [2]_, which knows
+that facets high on the surface are both lit and seen. Appendix B of glTF writes the separable form,
+the product of a term for the light and one for the viewer, and leaves the choice free. That one is
+never the brighter of the two, darkest at grazing angles, and the same where the light or the viewer
+stands straight above.
+
 Ambient light comes alike from all sides. What facets send on of it at once [3]_ has no closed form;
 it is a fit. What they send on after several bounces is added [4]_, and the rest goes into the
 surface: under white ambient light a white surface is white, however rough and however metallic.
@@ -52,7 +58,13 @@ def facets_along(n_h, cross_squared, alpha_squared):
 
 @stage
 def facets_seen(n_l, n_v, alpha_squared):
-    """Return Smith's visibility of facets, over four times both cosines; heights correlated."""
+    """
+    Return Smith's term of the facets that are lit and seen, over four times both cosines.
+
+    Height-correlated: ``2 n_l n_v / (n_v s(n_l) + n_l s(n_v))``, ``s(c)`` being the root of
+    ``c**2 + alpha**2 (1 - c**2)``, where the separable form has
+    ``4 n_l n_v / ((n_l + s(n_l)) (n_v + s(n_v)))``.
+    """
     rest = np.float32(1.0) - alpha_squared
     lit_part = n_v * np.sqrt(n_l * n_l * rest + alpha_squared)
     seen_part = n_l * np.sqrt(n_v * n_v * rest + alpha_squared)

@@ -34,12 +34,16 @@ _LAST_ROW_ROUNDING = 1e-9
 @dataclass(frozen=True)
 class Wireframe:
     """
-    Ask for the edges of every face to be drawn.
+    Ask for the edges of every face to be drawn, over the 8-bit colour.
+
+    Lines are one pixel wide, by Bresenham between the pixels that hold the vertices, and not
+    smoothed by more samples. No other output than ``"color"`` shows them.
 
     Parameters
     ----------
     color : str or array_like
-        Any colour of `rasterjit.scene.color.linear_color`; stored as a tuple of linear RGBA.
+        Any colour of `rasterjit.scene.color.linear_color`; stored as a tuple of four floats, linear
+        RGBA. Lines replace what is there, alpha too: nothing is mixed.
     mode : {"overlay", "only"}
         ``"overlay"`` draws the visible edges over the shaded faces, where any nearer face hides an
         edge, transparent or not; ``"only"`` draws every edge and no face.
@@ -132,16 +136,24 @@ class Scene:
     nodes : list of Node
         In the order they were added; a node's index is its object number.
     lights : list of AmbientLight, DirectionalLight, PointLight or SpotLight
-        Empty means that the renderer adds a headlight, unless there is an environment.
+        In any order and number; a light's index is the number that plans and explanations call it
+        by. Their light adds up. Empty means that the renderer adds a headlight (a directional
+        light over the viewer's right shoulder, and a little ambient light), unless there is an
+        environment; a light of intensity 0 keeps it dark.
     camera : PerspectiveCamera, OrthographicCamera, MatrixCamera or None
         The camera a file brought, if any.
     wireframe : Wireframe or None
+        Lines along the edges of all faces.
     environment : Environment or None
         Light from all around, seen behind all faces; with one there is no headlight.
     fog : Fog or None
+        What hides surfaces with their distance.
     tone_map : ToneMap or None
+        How linear light becomes 8-bit colour; ``None`` cuts off what is above 1.
     ambient_occlusion : AmbientOcclusion or None
+        How ambient light is dimmed in corners.
     outline : Outline or None
+        Lines around shapes.
     """
 
     def __init__(self) -> None:

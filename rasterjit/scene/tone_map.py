@@ -36,9 +36,11 @@ class ToneMap:
     Parameters
     ----------
     curve : {"neutral", "aces", "reinhard", "none"}
+        Name of the tone curve, applied to exposed light; ``"none"`` without exposure changes
+        nothing.
     exposure : float, stops
         Light is multiplied by 2**exposure first; in -32..32.
-    white : float
+    white : float, linear
         Luminance that becomes white; ``inf`` leaves everything below it. Curve reinhard alone.
 
     Raises
