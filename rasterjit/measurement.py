@@ -1,4 +1,4 @@
-"""Measure what a frame costs: each of its stages, and each effect, by rendering without it."""
+"""Measure what a frame costs: each of its stages, each effect it has, and some it could have."""
 
 from __future__ import annotations
 
@@ -11,14 +11,19 @@ from typing import Any, NamedTuple
 from rasterjit import plan_resources
 from rasterjit.frame import Frame
 from rasterjit.io.meshes import as_scene
-from rasterjit.plan import RenderPlan
+from rasterjit.plan import RenderPlan, plan_render
 from rasterjit.plan_answers import MAPS
 from rasterjit.render import Renderer, choose_camera
+from rasterjit.scene.ambient_occlusion import AmbientOcclusion
 from rasterjit.scene.camera import Camera
-from rasterjit.scene.light import AmbientLight
+from rasterjit.scene.environment import Environment
+from rasterjit.scene.light import Shadow
 from rasterjit.scene.material import TEXTURE_FIELDS, Material
+from rasterjit.scene.outline import Outline
 from rasterjit.scene.quality import Quality, check_quality
 from rasterjit.scene.scene import Node, Scene
+from rasterjit.scene.texture import Texture
+from rasterjit.scene.tone_map import ToneMap
 from rasterjit.validation import image_size
 from rasterjit.workers import available_processors
 
@@ -34,7 +39,7 @@ class Change(NamedTuple):
 
     name: str
     what: str
-    """``"off"``, or the setting that was tried."""
+    """``"off"``, or in words what was tried."""
     seconds: float
     """Median time of such a frame."""
     difference: float
@@ -91,10 +96,11 @@ def measure(
     rounds: int = ROUNDS,
 ) -> Measurement:
     """
-    Render a frame some times, then without each effect that it uses.
+    Render a frame some times, without each effect that it uses, and with what it could use besides.
 
-    The frames take turns, so that a machine that slows down slows all of them. Whatever has to be
-    compiled is compiled before.
+    What it could use is what needs no more than the scene has: samples, mip levels, shadows of its
+    lights, ambient occlusion, an outline, a tone curve. The frames take turns, so that a machine
+    that slows down slows all of them. Whatever has to be compiled is compiled before.
 
     Parameters
     ----------
@@ -184,19 +190,37 @@ def _duration(frame: Frame) -> float:
 Variation = tuple[str, str, Scene, Quality]
 """Name of the effect, what was done with it, and what it gives."""
 
+Addition = Callable[[Scene], tuple[str, Scene | None]]
+"""Returns in words what it does to a scene, and a scene that has it; ``None`` if none could."""
+
+OFF = "off"
+
 
 def variations(plan: RenderPlan, scene: Scene, quality: Quality) -> list[Variation]:
-    """Return the scene without each effect that is in, and with more samples if it has one."""
+    """Return the scene without each effect that is in, and with each that it could have."""
     used = {effect.name for effect in plan.effects if effect.used}
     found: list[Variation] = [
-        (name, "off", without(scene), quality) for name, without in SWITCHES.items() if name in used
+        (name, OFF, without(scene), quality) for name, without in SWITCHES.items() if name in used
     ]
+    for name, addition in ADDITIONS:
+        what, changed = addition(scene)
+        if changed is not None and _is_used(name, plan, changed):
+            found.append((name, what, changed, quality))
     if "anti-aliasing" in used:
-        found.append(("anti-aliasing", "off", scene, replace(quality, samples=1)))
+        found.append(("anti-aliasing", OFF, scene, replace(quality, samples=1)))
     elif "shading" in used and quality.subpixel_bits > 0:
         more = replace(quality, samples=SAMPLES_TO_TRY)
         found.append(("anti-aliasing", f"{SAMPLES_TO_TRY} samples", scene, more))
     return found
+
+
+def _is_used(name: str, plan: RenderPlan, scene: Scene) -> bool:
+    """Tell whether another scene would have an effect in a frame that is else planned alike."""
+    background = plan.background if plan.grounds.has_background else None
+    changed = plan_render(
+        scene, plan.camera, plan.size, plan.quality, plan.outputs, background, plan.cull
+    )
+    return any(effect.used for effect in changed.effects if effect.name == name)
 
 
 def _without_field(name: str) -> Callable[[Scene], Scene]:
@@ -210,11 +234,18 @@ def _without_field(name: str) -> Callable[[Scene], Scene]:
     return without
 
 
+class SeenAlone(Environment):
+    """An environment that is seen behind everything, and lights nothing."""
+
+    lights = False
+
+
 def _without_environment_light(scene: Scene) -> Scene:
-    """Return the scene without what shines from all around; nor does a headlight take its place."""
-    changed = copy.copy(scene)
-    changed.environment = None
-    changed.lights = [*scene.lights] or [AmbientLight(intensity=0.0)]
+    """Return the scene with an environment that is seen alone: no headlight takes its place."""
+    changed, around = copy.copy(scene), scene.environment
+    changed.environment = SeenAlone(
+        around.sky, around.intensity, around.rotation, around.background
+    )
     return changed
 
 
@@ -256,8 +287,62 @@ def _plain(*names: str) -> Callable[[Scene], Scene]:
     return _with_materials(lambda material: replace(material, **dict.fromkeys(names)))
 
 
+def _with_field(name: str, value: Any, what: str) -> Addition:
+    """Return what gives the scene a field, unless it has one that does something."""
+
+    def addition(scene: Scene) -> tuple[str, Scene | None]:
+        held = getattr(scene, name)
+        if held is not None and not _does_nothing(held):
+            return what, None
+        changed = copy.copy(scene)
+        setattr(changed, name, value)
+        return what, changed
+
+    return addition
+
+
+def _does_nothing(value: Any) -> bool:
+    """Tell whether an effect that a scene asks for leaves it as it is."""
+    return getattr(value, "strength", 1.0) == 0.0 or getattr(value, "is_neutral", False)
+
+
+def _with_shadows(scene: Scene) -> tuple[str, Scene | None]:
+    """Return the scene with a shadow of every light that could cast one and does not."""
+    shadow = Shadow()
+    dark = [hasattr(light, "shadow") and light.shadow is None for light in scene.lights]
+    count = sum(dark)
+    what = f"of {count} more light{'s' if count > 1 else ''}, maps of {shadow.size} x {shadow.size}"
+    if not any(getattr(light, "shadow", None) is not None for light in scene.lights):
+        what = what.replace(" more", "")
+    changed = copy.copy(scene)
+    changed.lights = [
+        replace(light, shadow=shadow) if is_dark else light
+        for light, is_dark in zip(scene.lights, dark, strict=True)
+    ]
+    return what, changed if count else None
+
+
+def _with_mip_levels(scene: Scene) -> tuple[str, Scene | None]:
+    """Return the scene with all textures that have no mip levels filtered between two of them."""
+    known: dict[Texture, Texture] = {}
+
+    def filtered(texture: Texture | None) -> Texture | None:
+        if texture is None or texture.filter == "trilinear":
+            return texture
+        if texture not in known:
+            known[texture] = replace(texture, filter="trilinear")
+        return known[texture]
+
+    changed = _with_materials(
+        lambda material: replace(
+            material, **{name: filtered(getattr(material, name)) for name in TEXTURE_FIELDS}
+        )
+    )(scene)
+    return f"mip levels for {len(known)} of them", changed if known else None
+
+
 SWITCHES: dict[str, Callable[[Scene], Scene]] = {
-    "textures": _plain("base_color_texture"),
+    "textures": _plain(*TEXTURE_FIELDS),
     "alpha masks": _with_materials(lambda material: replace(material, alpha_mode="opaque")),
     "emission": _with_materials(
         lambda material: replace(material, emissive=(0.0, 0.0, 0.0), emissive_texture=None)
@@ -274,6 +359,15 @@ SWITCHES: dict[str, Callable[[Scene], Scene]] = {
     "wireframe": _without_field("wireframe"),
 }
 """How to do without an effect, by its name in the plan."""
+
+ADDITIONS: tuple[tuple[str, Addition], ...] = (
+    ("textures", _with_mip_levels),
+    ("shadows", _with_shadows),
+    ("tone mapping", _with_field("tone_map", ToneMap(), "curve neutral")),
+    ("ambient occlusion", _with_field("ambient_occlusion", AmbientOcclusion(), "on")),
+    ("outline", _with_field("outline", Outline(), "on, one pixel wide")),
+)
+"""What a scene could have besides, by its name in the plan."""
 
 PARTS_OF_OTHERS = (
     "shading", "lights", "smooth normals", "microfacets", "single-sided objects", "diagnostics",

@@ -140,7 +140,7 @@ class Grounds(NamedTuple):
             and effect.strength > 0.0
             and self.is_lit
             and bool(self.contents.shadings - {"unlit", "gouraud"})
-            and (self.has_ambient_light or self.environment is not None)
+            and (self.has_ambient_light or self.has_environment_light)
         )
 
     @property
@@ -340,7 +340,7 @@ def _occlusion_reason(grounds: Grounds) -> str:
         return "nothing is shaded, or every material is unlit"
     if not grounds.contents.shadings - {"unlit", "gouraud"}:
         return "what is lit is lit at its vertices"
-    if not (grounds.has_ambient_light or grounds.environment is not None):
+    if not (grounds.has_ambient_light or grounds.has_environment_light):
         return "no light comes from all around"
     radius = "a share of the scene's size" if effect.radius is None else f"{effect.radius:g}"
     return f"radius {radius}, strength {effect.strength:g}"

@@ -35,7 +35,9 @@ def rich_scene(cube):
     return scene
 
 
-def test_every_effect_that_is_in_is_measured_without(cube):
+def test_every_effect_that_is_in_is_measured_without(cube, monkeypatch):
+    # Another test draws what could be added; here its kernels would be compiled for nothing.
+    monkeypatch.setattr(measurement, "ADDITIONS", ())
     scene = rich_scene(cube)
     measured = rj.measure(scene, looking(), size=SIZE, rounds=2, threads=1)
     used = {effect.name for effect in measured.plan.effects if effect.used}
@@ -56,15 +58,122 @@ def test_every_effect_that_is_in_is_measured_without(cube):
     assert scene.nodes[1].mesh.material.alpha_mode == "blend"
 
 
-def test_variations_switch_off_what_they_name(cube):
+def rows_of(plan):
+    """Whether each effect is in, and why."""
+    return {effect.name: (effect.used, effect.reason) for effect in plan.effects}
+
+
+def test_variations_switch_what_they_name(cube):
     scene, camera, quality = rich_scene(cube), looking(), rj.Quality()
     plan = rj.explain(scene, camera, size=SIZE)
-    for name, what, changed, other in measurement.variations(plan, scene, quality):
-        again = rj.explain(changed, camera, other, size=SIZE)
-        before = {effect.name: effect.used for effect in plan.effects}
-        after = {effect.name: effect.used for effect in again.effects}
-        assert before[name] == (what == "off"), name
-        assert after[name] != before[name], name
+    found = measurement.variations(plan, scene, quality)
+    assert {what for _, what, _, _ in found} == {
+        "off", "of 1 light, maps of 1024 x 1024", "4 samples",
+    }  # fmt: skip
+    before = rows_of(plan)
+    for name, what, changed, other in found:
+        after = rows_of(rj.explain(changed, camera, other, size=SIZE))
+        assert before[name][0] == (what == "off"), name
+        assert after[name][0] != before[name][0], name
+
+
+def whites(side, **options):
+    return rj.Texture(np.ones((side, side, 4), np.float32), **options)
+
+
+def textured(cube, shading, **textures):
+    """A scene of one cube under textures."""
+    scene, material = rj.Scene(), rj.Material(shading, **textures)
+    scene.add(rj.Mesh(cube.vertices, cube.faces, uv=np.zeros((8, 2)), material=material))
+    return scene
+
+
+def test_textures_switched_off_are_those_of_all_maps(cube):
+    scene = textured(
+        cube, "pbr", base_color_texture=whites(2), normal_texture=whites(4),
+        metallic_roughness_texture=whites(4), occlusion_texture=whites(4),
+        emissive_texture=whites(4),
+    )  # fmt: skip
+    found = measurement.variations(rj.explain(scene, looking()), scene, rj.Quality())
+    (bare,) = [changed for name, what, changed, _ in found if name == "textures"]
+    assert not any(bare.nodes[0].mesh.material.textures_read())
+    rows = rows_of(rj.explain(bare, looking()))
+    assert [name for name, row in rows.items() if row[0] and ("map" in name or "tex" in name)] == []
+    assert rows["emission"][0]
+    assert all(scene.nodes[0].mesh.material.textures_read())
+
+
+def test_textures_are_tried_with_mip_levels(cube):
+    shared, normals = whites(2, filter="nearest", wrap="clamp"), whites(2)
+    scene = textured(
+        cube, "unlit", base_color_texture=shared, emissive_texture=shared, normal_texture=normals
+    )
+    found = measurement.variations(rj.explain(scene, looking()), scene, rj.Quality())
+    ((what, changed),) = [row[1:3] for row in found if row[0] == "textures" and row[1] != "off"]
+    material = changed.nodes[0].mesh.material
+    assert what == "mip levels for 1 of them"
+    assert material.base_color_texture is material.emissive_texture
+    assert (material.base_color_texture.filter, shared.filter) == ("trilinear", "nearest")
+    assert material.base_color_texture.wrap == ("clamp", "clamp")
+    assert material.normal_texture is normals
+
+
+def test_environment_light_goes_and_the_background_stays(cube):
+    scene, camera = rj.Scene(), looking()
+    scene.add(cube)
+    scene.environment = rj.Environment.gradient("blue", "white", "green")
+    found = measurement.variations(rj.explain(scene, camera), scene, rj.Quality())
+    changed = {name: scene for name, what, scene, _ in found if what == "off"}
+    unlit, unseen = (
+        rows_of(rj.explain(changed[name], camera))
+        for name in ("environment light", "environment background")
+    )
+    assert (unlit["environment light"][0], unlit["environment background"][0]) == (False, True)
+    assert (unseen["environment light"][0], unseen["environment background"][0]) == (True, False)
+    assert "headlight, for the scene has no lights" not in unlit["lights"][1]
+    options = {"size": (32, 24), "outputs": ("linear", "face_id")}
+    whole = rj.render(scene, camera, **options)
+    dark = rj.render(changed["environment light"], camera, **options)
+    sky = whole.face_id < 0
+    np.testing.assert_array_equal(dark.linear[sky], whole.linear[sky])
+    assert whole.linear[sky][:, :3].max() > 0.5
+    assert whole.linear[~sky][:, :3].max() > 0.1
+    assert dark.linear[~sky][:, :3].max() == 0.0
+
+
+def test_what_could_be_switched_on_is_what_the_scene_has_data_for(cube):
+    def tried(scene, **options):
+        plan = rj.explain(scene, looking(), size=SIZE, **options)
+        found = measurement.variations(plan, scene, rj.Quality())
+        return {name: what for name, what, _, _ in found if what != "off"}
+
+    scene = rj.Scene()
+    scene.add(cube)
+    besides = {
+        "tone mapping": "curve neutral", "ambient occlusion": "on",
+        "outline": "on, one pixel wide", "anti-aliasing": "4 samples",
+    }  # fmt: skip
+    assert tried(scene) == besides
+    # Neither an outline nor a tone curve is seen in linear light, and nothing in depths.
+    assert {*tried(scene, outputs=("linear",))} == {"ambient occlusion", "anti-aliasing"}
+    assert tried(scene, outputs=("depth",)) == {}
+    # What changes nothing could do something; what is there already could not do more.
+    scene.tone_map, scene.outline = rj.ToneMap("none"), rj.Outline()
+    scene.ambient_occlusion = rj.AmbientOcclusion(strength=0.0)
+    assert {*tried(scene)} == {*besides} - {"outline"}
+    # Ambient light alone is occluded; lights alone cast shadows, where something can.
+    scene.lights = [rj.PointLight((0.0, 9.0, 0.0))]
+    assert {*tried(scene)} == {"tone mapping", "anti-aliasing", "shadows"}
+    shadow = rj.Shadow(size=64)
+    scene.lights += [rj.DirectionalLight((0, -1, 0), shadow=shadow), rj.SpotLight((9.0, 0.0, 0.0))]
+    assert tried(scene)["shadows"] == "of 2 more lights, maps of 1024 x 1024"
+    plan = rj.explain(scene, looking())
+    (changed,) = [
+        changed
+        for name, what, changed, _ in measurement.variations(plan, scene, rj.Quality())
+        if name == "shadows" and what != "off"
+    ]
+    assert [light.shadow for light in changed.lights] == [rj.Shadow(), shadow, rj.Shadow()]
 
 
 def test_every_effect_has_a_switch_or_is_part_of_another(cube):
@@ -77,16 +186,15 @@ def test_every_effect_has_a_switch_or_is_part_of_another(cube):
 def test_samples_are_tried_where_edges_are_not_smoothed(cube):
     scene = rj.Scene()
     scene.add(cube)
-    plan = rj.explain(scene, looking())
-    (found,) = measurement.variations(plan, scene, rj.Quality())
-    assert found[:2] == ("anti-aliasing", "4 samples")
-    assert found[3].samples == 4
-    smooth = rj.Quality(samples=8)
-    plan = rj.explain(scene, looking(), smooth)
-    (found,) = measurement.variations(plan, scene, smooth)
-    assert (found[1], found[3].samples) == ("off", 1)
-    whole = rj.Quality(subpixel_bits=0)
-    assert measurement.variations(rj.explain(scene, looking(), whole), scene, whole) == []
+
+    def smoothed(quality):
+        plan = rj.explain(scene, looking(), quality)
+        found = measurement.variations(plan, scene, quality)
+        return [(what, other.samples) for name, what, _, other in found if name == "anti-aliasing"]
+
+    assert smoothed(rj.Quality()) == [("4 samples", 4)]
+    assert smoothed(rj.Quality(samples=8)) == [("off", 1)]
+    assert smoothed(rj.Quality(subpixel_bits=0)) == []
 
 
 def test_measurement_prints_plan_kernels_buffers_and_times(cube):
@@ -97,6 +205,7 @@ def test_measurement_prints_plan_kernels_buffers_and_times(cube):
     for words in (
         "outline", "kernels", "shading.shade_rows", "light, ", "outlines.find_edges", "buffers",
         "marks of outlines", "median of 1 frames", "outline: off", "visibility",
+        "ambient occlusion: on", "tone mapping: curve neutral", "anti-aliasing: 4 samples",
     ):  # fmt: skip
         assert words in text, words
 
