@@ -39,7 +39,7 @@ from benchmarks.pictures import EXACT, USUAL, Needed
 from benchmarks.rows import UNABLE, Row, check_picture
 
 OWN = "rasterjit_effects"
-FULL, QUICK, SMOKE = Effort(11, 10.0), Effort(3, 2.0), Effort(1, 1.0)
+FULL, QUICK, SMOKE = Effort(7, 6.0), Effort(3, 2.0), Effort(1, 1.0)
 """Rounds, and seconds for each contestant of a variant."""
 
 SMALL_ALIKE = 0.9

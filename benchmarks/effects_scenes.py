@@ -38,7 +38,15 @@ ANISOTROPY = 8
 ALPHA_CUTOFF = 0.5
 
 FOG_COLOR, FOG_DENSITY = (0.6, 0.7, 0.8), 0.2
+FOG_HEIGHT, FOG_FALLOFF = -0.5, 0.8
+"""World y where fog by height is that dense, and how fast it thins out upwards."""
 SHADOW_SIDE = 2048
+CUBE_SIDE = 1024
+"""Of each of the six maps around a point light."""
+LAMP, LAMP_INTENSITY, LAMP_ANGLES = (1.6, 2.2, 2.6), 12.0, (20.0, 50.0)
+"""Place of a point or spot light, its intensity, and the inner and outer angle of its cone."""
+SUN_ANGLE = 3.0
+"""Degrees under which the sun of soft shadows is seen."""
 SAMPLES = 4
 LAYERS, LAYER_ALPHA = 8, 0.5
 EXPOSURE = 1.5
@@ -72,18 +80,32 @@ class EffectScene:
     eye: tuple[float, float, float] = EYE
     size: tuple[int, int] = SIZE
     shading: str = "unlit"
-    """``"unlit"``, ``"phong"`` or ``"pbr"``: metallic-roughness."""
+    """``"unlit"``, ``"flat"``, ``"gouraud"``, ``"phong"`` or ``"pbr"``: metallic-roughness."""
     filter: str | None = None
     """Of a texture: ``"nearest"``, ``"bilinear"``, ``"trilinear"`` or ``"anisotropic"``."""
     alpha: str = "opaque"
     """``"opaque"``, ``"mask"`` or ``"blend"``."""
-    samples: int = 1
-    shadow: bool = False
-    fog: bool = False
-    tone_map: bool = False
+    maps: bool = False
+    """Whether textures give normals, metallic and roughness, occlusion and emission as well."""
+    samples: int | str = 1
+    """Of a pixel, or ``"area"``."""
+    light: str = "sun"
+    """``"sun"``: directional, toward ``TO_LIGHT``; ``"spot"`` or ``"point"``: at ``LAMP``."""
+    shadow: str | None = None
+    """``"pcf"`` or ``"soft"``."""
+    fog: str | None = None
+    """``"exp2"``, or ``"height"``: exponential, and denser below."""
+    tone_map: str | None = None
+    """The curve."""
     environment: bool = False
+    backdrop: bool = False
+    """Whether the environment is seen behind everything."""
     occlusion: bool = False
     """Whether corners are darkened in screen space."""
+    outline: tuple[str, ...] = ()
+    """Edges that lines are drawn along."""
+    wireframe: bool = False
+    """Whether the edges of all faces are drawn over them."""
 
 
 TWIN = "opengl_effects"
@@ -186,16 +208,36 @@ VARIANTS: dict[str, Callable[[], EffectScene]] = {
     "trilinear": partial(torus_scene, filter="trilinear"),
     "anisotropic": partial(torus_scene, filter="anisotropic"),
     "mask": partial(torus_scene, filter="bilinear", alpha="mask"),
+    "flat": partial(torus_scene, shading="flat"),
+    "gouraud": partial(torus_scene, shading="gouraud"),
     "phong": partial(torus_scene, shading="phong"),
     "pbr": partial(torus_scene, shading="pbr"),
+    "pbr_textured": partial(torus_scene, shading="pbr", filter="trilinear", environment=True),
+    "maps": partial(torus_scene, shading="pbr", filter="trilinear", environment=True, maps=True),
     "environment": partial(torus_scene, shading="pbr", environment=True),
-    "fog": partial(torus_scene, shading="phong", fog=True),
-    "tone_map": partial(torus_scene, shading="phong", tone_map=True),
+    "backdrop": partial(torus_scene, shading="pbr", environment=True, backdrop=True),
+    "fog": partial(torus_scene, shading="phong", fog="exp2"),
+    "height_fog": partial(torus_scene, shading="phong", fog="height"),
+    "tone_map": partial(torus_scene, shading="phong", tone_map="reinhard"),
+    "aces": partial(torus_scene, shading="phong", tone_map="aces"),
+    "neutral": partial(torus_scene, shading="phong", tone_map="neutral"),
     "occlusion": partial(wall_scene, occlusion=True),
+    "outline": partial(wall_scene, outline=("silhouette", "object")),
+    "creases": partial(wall_scene, outline=("silhouette", "object", "crease")),
+    "wireframe": partial(torus_scene, shading="phong", wireframe=True),
     "unlit_msaa": partial(torus_scene, samples=SAMPLES),
+    "phong_msaa_2": partial(torus_scene, shading="phong", samples=2),
     "phong_msaa": partial(torus_scene, shading="phong", samples=SAMPLES),
+    "phong_msaa_8": partial(torus_scene, shading="phong", samples=8),
+    "phong_msaa_16": partial(torus_scene, shading="phong", samples=16),
+    "phong_area": partial(torus_scene, shading="phong", samples="area"),
     "wall": wall_scene,
-    "shadow": partial(wall_scene, shadow=True),
+    "shadow": partial(wall_scene, shadow="pcf"),
+    "soft_shadow": partial(wall_scene, shadow="soft"),
+    "spot": partial(wall_scene, light="spot"),
+    "spot_shadow": partial(wall_scene, light="spot", shadow="pcf"),
+    "point": partial(wall_scene, light="point"),
+    "point_shadow": partial(wall_scene, light="point", shadow="pcf"),
     "opaque_layers": layer_scene,
     "layers": partial(layer_scene, alpha="blend"),
 }
@@ -209,15 +251,32 @@ EFFECTS: tuple[Effect, ...] = (
     Effect("texture, trilinear", "unlit", "trilinear", FOUR_TIMES),
     Effect(f"texture, anisotropic x{ANISOTROPY}", "unlit", "anisotropic", alike=0.0),
     Effect("alpha mask, bilinear", "bilinear", "mask"),
+    Effect("flat", "unlit", "flat", twins=()),
+    Effect("Gouraud", "unlit", "gouraud", twins=()),
     Effect("Phong", "unlit", "phong"),
     Effect("microfacets", "unlit", "pbr"),
+    Effect("four maps, trilinear", "pbr_textured", "maps", twins=()),
     Effect("environment light", "pbr", "environment", twins=()),
+    Effect("environment background", "environment", "backdrop", twins=()),
     Effect("fog, exp2", "phong", "fog"),
+    Effect("fog, by height", "phong", "height_fog"),
     Effect("tone map, Reinhard", "phong", "tone_map"),
+    Effect("tone map, ACES", "phong", "aces"),
+    Effect("tone map, neutral", "phong", "neutral"),
     Effect("ambient occlusion", "wall", "occlusion", twins=()),
+    Effect("outline, silhouettes", "wall", "outline", twins=()),
+    Effect("outline, creases too", "wall", "creases", twins=()),
+    Effect("wireframe over faces", "phong", "wireframe", twins=()),
     Effect(f"{SAMPLES}x MSAA, unlit", "unlit", "unlit_msaa", FOUR_TIMES),
+    Effect("2x MSAA, Phong", "phong", "phong_msaa_2", twins=()),
     Effect(f"{SAMPLES}x MSAA, Phong", "phong", "phong_msaa", FOUR_TIMES),
+    Effect("8x MSAA, Phong", "phong", "phong_msaa_8", twins=()),
+    Effect("16x MSAA, Phong", "phong", "phong_msaa_16", twins=()),
+    Effect("exact areas, Phong", "phong", "phong_area", twins=()),
     Effect(f"shadow map {SHADOW_SIDE}, PCF 3x3", "wall", "shadow", FOUR_TIMES),
+    Effect(f"soft shadow, {SHADOW_SIDE}", "wall", "soft_shadow", twins=()),
+    Effect(f"spot light's shadow, {SHADOW_SIDE}", "spot", "spot_shadow", twins=()),
+    Effect(f"point light's shadow, 6x {CUBE_SIDE}", "point", "point_shadow", twins=()),
     Effect(
         f"{LAYERS} transparent layers", "opaque_layers", "layers", TWICE, (TWIN, SORTED), 0.9
     ),
@@ -256,3 +315,19 @@ def picture() -> NDArray[np.uint8]:
     image[:, :, :3] += random.integers(0, 64, (TEXTURE_SIDE, TEXTURE_SIDE, 1), np.uint8)
     image[:, :, 3] = 255 * (((x % 128 - 64) ** 2 + (y % 128 - 64) ** 2) < 50**2)
     return image
+
+
+def map_pictures() -> dict[str, NDArray[np.uint8]]:
+    """Return the pictures of four maps, (TEXTURE_SIDE, TEXTURE_SIDE, 3) each, by their field."""
+    y, x = (2.0 * np.pi * 16.0 / TEXTURE_SIDE) * np.mgrid[0:TEXTURE_SIDE, 0:TEXTURE_SIDE]
+    bumps = np.stack([0.3 * np.sin(x), 0.3 * np.sin(y), np.ones_like(x)], axis=2)
+    bumps /= np.linalg.norm(bumps, axis=2, keepdims=True)
+    half = 0.5 + 0.5 * np.sin(x) * np.sin(y)
+    lamps = np.maximum(4.0 * half - 3.0, 0.0)
+    shares = {
+        "normal_texture": 0.5 + 0.5 * bumps,
+        "metallic_roughness_texture": np.stack([np.zeros_like(x), 1.0 - 0.5 * half, half], axis=2),
+        "occlusion_texture": np.stack([1.0 - 0.5 * half] * 3, axis=2),
+        "emissive_texture": np.stack([lamps, 0.5 * lamps, np.zeros_like(x)], axis=2),
+    }
+    return {name: np.rint(255.0 * share).astype(np.uint8) for name, share in shares.items()}

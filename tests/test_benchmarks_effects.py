@@ -14,6 +14,8 @@ import pytest
 from click.testing import CliRunner
 from opengl import skip_or_fail
 
+import rasterjit as rj
+
 sys.path.append(str(Path(__file__).parents[1]))
 absent = importlib.import_module("benchmarks.effects_absent")
 contestants = importlib.import_module("benchmarks.contestants")
@@ -24,6 +26,8 @@ pairing = importlib.import_module("benchmarks.pairing")
 pictures = importlib.import_module("benchmarks.pictures")
 report = importlib.import_module("benchmarks.report")
 scenes = importlib.import_module("benchmarks.scenes")
+
+own = importlib.import_module("benchmarks.contestants.rasterjit_effects")
 
 TWINS = [effect for effect in fx.EFFECTS if effect.twins]
 
@@ -68,7 +72,67 @@ def test_off_and_on_differ_by_one_effect(effect):
     assert len(differing) == 1
 
 
-@pytest.mark.parametrize("variant", ["bilinear", "phong", "shadow", "phong_msaa"])
+def effects_in(variant):
+    """Name and reason of each effect that a variant is planned with."""
+    scene = small(variant)
+    plan = rj.explain(
+        own.make_scene(scene), own.make_camera(scene), own.make_quality(scene), size=scene.size,
+        outputs=("color",), background=own.background_of(scene),
+    )  # fmt: skip
+    return {effect.name: effect.reason for effect in plan.effects if effect.used}
+
+
+CALLED_FOR = {
+    "nearest": "textures", "bilinear": "textures", "trilinear": "textures",
+    "anisotropic": "textures", "mask": "alpha masks", "flat": "lights", "gouraud": "lights",
+    "phong": "lights", "pbr": "microfacets", "environment": "environment light",
+    "backdrop": "environment background", "fog": "fog", "height_fog": "fog",
+    "tone_map": "tone mapping", "aces": "tone mapping", "neutral": "tone mapping",
+    "maps": "normal maps", "occlusion": "ambient occlusion", "outline": "outline",
+    "creases": "outline", "wireframe": "wireframe", "unlit_msaa": "anti-aliasing",
+    "phong_msaa_2": "anti-aliasing", "phong_msaa": "anti-aliasing",
+    "phong_msaa_8": "anti-aliasing", "phong_msaa_16": "anti-aliasing",
+    "phong_area": "anti-aliasing", "shadow": "shadows", "soft_shadow": "shadows",
+    "spot_shadow": "shadows", "point_shadow": "shadows", "layers": "transparency",
+}  # fmt: skip
+"""What each variant has that the one without the effect has not."""
+
+
+@pytest.mark.parametrize("effect", fx.EFFECTS, ids=lambda effect: effect.on)
+def test_rasterjit_draws_the_effect_and_else_the_same(effect):
+    off, on = effects_in(effect.off), effects_in(effect.on)
+    assert CALLED_FOR[effect.on] in on.keys() - off.keys()
+    assert off.keys() <= on.keys()
+    if effect.on == "maps":
+        kinds = {"normal maps", "metallic-roughness maps", "occlusion maps", "emission"}
+        assert kinds <= on.keys() - off.keys()
+
+
+@pytest.mark.parametrize("effect", fx.EFFECTS, ids=lambda effect: effect.on)
+def test_twins_are_named_where_there_are_any(effect):
+    theirs = contestants.contestant(fx.TWIN)
+    has_twin = all(theirs.draws(small(name)) is None for name in (effect.off, effect.on))
+    assert has_twin == bool(effect.twins)
+
+
+def test_shadows_are_those_that_the_titles_name():
+    lights = {
+        variant: own.make_light(fx.find_variant(variant))
+        for variant in ("shadow", "soft_shadow", "spot_shadow", "point_shadow")
+    }
+    assert [type(light) for light in lights.values()] == [
+        rj.DirectionalLight, rj.DirectionalLight, rj.SpotLight, rj.PointLight,
+    ]  # fmt: skip
+    filters = [light.shadow.filter for light in lights.values()]
+    assert filters == ["pcf", "soft", "pcf", "pcf"]
+    assert effects_in("spot_shadow")["shadows"].startswith("1 map of 2048")
+    assert effects_in("point_shadow")["shadows"].startswith("6 maps of 1024")
+
+
+@pytest.mark.parametrize(
+    "variant",
+    ["bilinear", "phong", "shadow", "phong_msaa", "height_fog", "tone_map", "aces", "neutral"],
+)
 def test_opengl_draws_the_picture_of_rasterjit(variant):
     own, theirs = (drawn_by(key, small(variant)) for key in ("rasterjit_effects", fx.TWIN))
     shares = pictures.agreement(own, theirs)

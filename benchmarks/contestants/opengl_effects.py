@@ -94,6 +94,8 @@ uniform sampler2D last_depth;
 uniform float alpha_cutoff;
 uniform vec3 fog_color;
 uniform float fog_density;
+uniform float fog_height;
+uniform float fog_falloff;
 uniform float exposure;
 out vec4 seen;
 
@@ -136,6 +138,35 @@ vec3 lit(vec3 base) {
 }
 #endif
 
+#ifdef TONE_MAP
+vec3 toned(vec3 light) {
+#ifdef REINHARD
+    return light / (1.0 + dot(light, vec3(0.2126, 0.7152, 0.0722)));
+#endif
+#ifdef ACES
+    // S. Hill's fit; matrices are written column by column.
+    const mat3 to_film = mat3(
+        0.59719, 0.07600, 0.02840, 0.35458, 0.90834, 0.13383, 0.04823, 0.01566, 0.83777);
+    const mat3 to_screen = mat3(
+        1.60475, -0.10208, -0.00327, -0.53108, 1.10813, -0.07276, -0.07367, -0.00605, 1.07602);
+    vec3 film = to_film * light;
+    film = (film * (film + 0.0245786) - 0.000090537)
+        / (film * (0.983729 * film + 0.4329510) + 0.238081);
+    return clamp(to_screen * film, 0.0, 1.0);
+#endif
+#ifdef NEUTRAL
+    const float start = 0.76;
+    float least = min(light.r, min(light.g, light.b));
+    light -= least < 0.08 ? least - 6.25 * least * least : 0.04;
+    float peak = max(light.r, max(light.g, light.b));
+    if (peak < start) return light;
+    float lowered = 1.0 - (1.0 - start) * (1.0 - start) / (peak + 1.0 - 2.0 * start);
+    float pale = 1.0 - 1.0 / (0.15 * (peak - lowered) + 1.0);
+    return mix(light * (lowered / peak), vec3(lowered), pale);
+#endif
+}
+#endif
+
 void main() {
 #ifdef PEELING
     const float step_of_depth = 1.0 / 16777216.0;
@@ -160,9 +191,14 @@ void main() {
     float far = fog_density * distance(eye, world);
     color.rgb = mix(fog_color, color.rgb, exp(-far * far));
 #endif
+#ifdef HEIGHT_FOG
+    float rise = fog_falloff * (world.y - eye.y);
+    float mean = abs(rise) > 1e-3 ? (1.0 - exp(-rise)) / rise : 1.0 - 0.5 * rise;
+    float depth = fog_density * exp(-fog_falloff * (eye.y - fog_height)) * mean;
+    color.rgb = mix(fog_color, color.rgb, exp(-depth * distance(eye, world)));
+#endif
 #ifdef TONE_MAP
-    color.rgb *= exp2(exposure);
-    color.rgb /= 1.0 + dot(color.rgb, vec3(0.2126, 0.7152, 0.0722));
+    color.rgb = toned(color.rgb * exp2(exposure));
 #endif
 #ifdef OPAQUE
     color.a = 1.0;
@@ -200,8 +236,13 @@ SLOPE_OFFSET = (3.0, 4.0)
 
 def draws(scene: EffectScene) -> str | None:
     """Return ``None``, or the reason why it cannot draw this scene."""
-    if scene.environment or scene.occlusion:
+    asked = (scene.environment, scene.maps, scene.occlusion, scene.outline, scene.wireframe)
+    if any(asked) or scene.shading in ("flat", "gouraud"):
         return "it has no twin here"
+    if scene.light != "sun" or scene.shadow == "soft":
+        return "it has no twin of this light here"
+    if scene.samples not in (1, fx.SAMPLES):
+        return f"llvmpipe has {fx.SAMPLES} samples of a pixel, or one"
     return None
 
 
@@ -219,12 +260,13 @@ def defines_of(scene: EffectScene) -> list[str]:
         "COLORS": scene.parts[0].colors is not None,
         "MASK": scene.alpha == "mask",
         "OPAQUE": scene.alpha == "opaque",
-        "FOG": scene.fog,
-        "TONE_MAP": scene.tone_map,
-        "SHADOW": scene.shadow,
-        "PEELING": False,
+        "FOG": scene.fog == "exp2",
+        "HEIGHT_FOG": scene.fog == "height",
+        "TONE_MAP": scene.tone_map is not None,
+        "SHADOW": scene.shadow is not None,
     }
-    return [name for name, is_asked in asked.items() if is_asked]
+    curve = [] if scene.tone_map is None else [scene.tone_map.upper()]
+    return [*(name for name, is_asked in asked.items() if is_asked), *curve]
 
 
 def with_defines(shader: str, defines: list[str]) -> str:
@@ -271,20 +313,21 @@ class Picture:
             "clip_from_world": scene.clip_from_world.T, "eye": scene.eye, "to_light": fx.TO_LIGHT,
             "ambient": fx.AMBIENT, "specular": fx.SPECULAR, "shininess": fx.SHININESS,
             "metallic": fx.METALLIC, "roughness": fx.ROUGHNESS, "alpha_cutoff": fx.ALPHA_CUTOFF,
-            "fog_color": fx.FOG_COLOR, "fog_density": fx.FOG_DENSITY, "exposure": fx.EXPOSURE,
+            "fog_color": fx.FOG_COLOR, "fog_density": fx.FOG_DENSITY, "fog_height": fx.FOG_HEIGHT,
+            "fog_falloff": fx.FOG_FALLOFF, "exposure": fx.EXPOSURE,
             "picture": 0, "shadow_map": 1, "last_depth": 2,
         }  # fmt: skip
         self._held: list[Any] = []
         self._buffers = [self._upload(part) for part in scene.parts]
         if scene.filter is not None:
             self._texture = self._upload_texture()
-        if scene.shadow:
+        if scene.shadow is not None:
             self._make_shadow_map()
         self.arrays = self.arrays_of(defines_of(scene))
         self.framebuffer = self.context.framebuffer(
             [self._target], self.context.depth_renderbuffer(scene.size)
         )
-        if scene.samples > 1:
+        if scene.samples != 1:
             self._resolved = self.framebuffer
             self.framebuffer = self.context.framebuffer(
                 [self.context.renderbuffer(scene.size, 4, samples=scene.samples)],
@@ -371,14 +414,14 @@ class Picture:
         context = self.context
         context.enable_only(context.DEPTH_TEST)
         context.depth_func, context.front_face = "<", "cw"
-        if self.scene.shadow:
+        if self.scene.shadow is not None:
             self._draw_shadow_map()
         self.framebuffer.use()
         context.viewport = (0, 0, *self.scene.size)
         self.framebuffer.clear(0.0, 0.0, 0.0, 0.0, depth=1.0)
         for array in self.arrays:
             array.render(context.TRIANGLES)
-        if self.scene.samples > 1:
+        if self.scene.samples != 1:
             context.copy_framebuffer(self._resolved, self.framebuffer)
         context.finish()
 

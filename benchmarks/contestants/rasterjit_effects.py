@@ -37,16 +37,14 @@ class Frames:
         import rasterjit as rj
 
         self._scene = make_scene(scene)
-        self._camera = rj.MatrixCamera(np.eye(4), scene.clip_from_world)
-        quality = rj.Quality.standard()
-        if scene.samples > 1:
-            quality = dataclasses.replace(quality, samples=scene.samples)
-        self._renderer = rj.Renderer(scene.size, quality=quality, threads=threads)
+        self._camera = make_camera(scene)
+        self._background = background_of(scene)
+        self._renderer = rj.Renderer(scene.size, quality=make_quality(scene), threads=threads)
 
     def draw(self) -> None:
         """Render; a frame's arrays are NumPy's, so that it is read back as well."""
         self._frame = self._renderer.render(
-            self._scene, self._camera, outputs=("color",), background="transparent"
+            self._scene, self._camera, outputs=("color",), background=self._background
         )
 
     def read(self) -> dict[str, NDArray[Any]]:
@@ -61,6 +59,25 @@ class Frames:
         return {"covered": alpha > 0, "color_linear": np.rint(linear).astype(np.uint8)}
 
 
+def make_camera(scene: EffectScene) -> Any:
+    """Return the ``rasterjit.MatrixCamera``."""
+    import rasterjit as rj
+
+    return rj.MatrixCamera(np.eye(4), scene.clip_from_world)
+
+
+def make_quality(scene: EffectScene) -> Any:
+    """Return the ``rasterjit.Quality``."""
+    import rasterjit as rj
+
+    return dataclasses.replace(rj.Quality.standard(), samples=scene.samples)
+
+
+def background_of(scene: EffectScene) -> str | None:
+    """Return what is asked for behind everything; ``None`` for the environment."""
+    return None if scene.backdrop else "transparent"
+
+
 def make_scene(scene: EffectScene) -> Any:
     """Return the ``rasterjit.Scene``."""
     import rasterjit as rj
@@ -69,20 +86,56 @@ def make_scene(scene: EffectScene) -> Any:
     for part in scene.parts:
         made.add(make_mesh(part, scene, material))
     if scene.shading != "unlit":
-        shadow = rj.Shadow(size=fx.SHADOW_SIDE, filter="pcf") if scene.shadow else None
-        options = {} if shadow is None else {"shadow": shadow}
-        made.lights = [rj.DirectionalLight(tuple(np.negative(fx.TO_LIGHT)), **options)]
-        if scene.shading == "phong":
+        made.lights = [make_light(scene)]
+        if scene.shading != "pbr":
             made.lights.append(rj.AmbientLight(intensity=fx.AMBIENT))
-    if scene.fog:
-        made.fog = rj.Fog(fx.FOG_COLOR, mode="exp2", density=fx.FOG_DENSITY)
-    if scene.tone_map:
-        made.tone_map = rj.ToneMap("reinhard", fx.EXPOSURE)
+    if scene.fog is not None:
+        made.fog = make_fog(scene.fog)
+    if scene.tone_map is not None:
+        made.tone_map = rj.ToneMap(scene.tone_map, fx.EXPOSURE)
     if scene.environment:
-        made.environment = rj.Environment.gradient(fx.SKY, fx.SKY, fx.GROUND, background=False)
+        made.environment = rj.Environment.gradient(
+            fx.SKY, fx.SKY, fx.GROUND, background=scene.backdrop
+        )
     if scene.occlusion:
         made.ambient_occlusion = rj.AmbientOcclusion()
+    if scene.outline:
+        made.outline = rj.Outline(edges=scene.outline)
+    if scene.wireframe:
+        made.wireframe = rj.Wireframe()
     return made
+
+
+def make_light(scene: EffectScene) -> Any:
+    """Return the one light that has a direction, with its shadow."""
+    import rasterjit as rj
+
+    sides = {"point": fx.CUBE_SIDE}
+    shadow = None
+    if scene.shadow is not None:
+        angle = fx.SUN_ANGLE if scene.shadow == "soft" else None
+        size = sides.get(scene.light, fx.SHADOW_SIDE)
+        shadow = rj.Shadow(size=size, filter=scene.shadow, light_size=angle)
+    if scene.light == "sun":
+        return rj.DirectionalLight(tuple(np.negative(fx.TO_LIGHT)), shadow=shadow)
+    options = {"intensity": fx.LAMP_INTENSITY, "shadow": shadow}
+    if scene.light == "point":
+        return rj.PointLight(fx.LAMP, **options)
+    inner, outer = fx.LAMP_ANGLES
+    toward = tuple(np.negative(fx.LAMP))
+    return rj.SpotLight(fx.LAMP, toward, inner_angle=inner, outer_angle=outer, **options)
+
+
+def make_fog(kind: str) -> Any:
+    """Return the ``rasterjit.Fog``."""
+    import rasterjit as rj
+
+    if kind == "height":
+        return rj.Fog(
+            fx.FOG_COLOR, mode="exp", density=fx.FOG_DENSITY, height=fx.FOG_HEIGHT,
+            falloff=fx.FOG_FALLOFF,
+        )  # fmt: skip
+    return rj.Fog(fx.FOG_COLOR, mode=kind, density=fx.FOG_DENSITY)
 
 
 def make_mesh(part: Part, scene: EffectScene, material: Any) -> Any:
@@ -92,7 +145,7 @@ def make_mesh(part: Part, scene: EffectScene, material: Any) -> Any:
     return rj.Mesh(
         part.positions, part.faces, material=material,
         colors=part.colors,
-        normals=part.normals if scene.shading != "unlit" else None,
+        normals=part.normals if scene.shading not in ("unlit", "flat") else None,
         uv=part.uv if scene.filter is not None else None,
     )  # fmt: skip
 
@@ -104,7 +157,11 @@ def make_material(scene: EffectScene) -> Any:
     options: dict[str, Any] = {}
     if scene.filter is not None:
         options["base_color_texture"] = make_texture(scene.filter)
-    if scene.shading == "phong":
+    if scene.maps:
+        for name, image in fx.map_pictures().items():
+            space = "srgb" if name == "emissive_texture" else "linear"
+            options[name] = rj.Texture(image, filter=scene.filter, color_space=space)
+    if scene.shading in ("flat", "gouraud", "phong"):
         options |= {"specular": fx.SPECULAR, "shininess": fx.SHININESS}
     if scene.shading == "pbr":
         options |= {"metallic": fx.METALLIC, "roughness": fx.ROUGHNESS}
