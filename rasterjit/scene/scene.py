@@ -43,7 +43,7 @@ class Wireframe:
     ----------
     color : str or array_like
         Any colour of `rasterjit.scene.color.linear_color`; stored as a tuple of four floats, linear
-        RGBA. Lines replace what is there, alpha too: nothing is mixed.
+        RGBA. Lines are opaque: its alpha is not read.
     mode : {"overlay", "only"}
         ``"overlay"`` draws the visible edges over the shaded faces, where any nearer face hides an
         edge, transparent or not; ``"only"`` draws every edge and no face.
