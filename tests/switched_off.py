@@ -1,0 +1,286 @@
+"""
+What kernels are called with, and which, as one effect after the other is switched off.
+
+Run as a program in plain Python (``NUMBA_DISABLE_JIT=1``), it draws a scene of all effects, then
+the scene without each, and prints as JSON, by the name in ``WITHOUT``: the form of all that
+``shade_rows`` and ``draw_tiles`` are given, and the kernels called. The form is what decides which
+code is compiled: of every field None, or its type and dimensions. No pixel is shaded.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+import json
+import pkgutil
+
+import numpy as np
+
+import rasterjit as rj
+from rasterjit import kernels
+from rasterjit.kernels import shading, visibility
+from rasterjit.scene.material import TEXTURE_FIELDS
+
+SIZE = (8, 6)
+SQUARE = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], float)
+FACES = [[0, 1, 2], [0, 2, 3]]
+UV = SQUARE[:, :2] / 2.0 + 0.5
+CAMERA = rj.PerspectiveCamera(eye=(0.5, 1.5, 6.0), target=(0, 0, 0), near=0.5, far=30.0)
+
+RECORDED = {
+    shading.shade_rows: (
+        "face_id", "first_row", "geometry", "placement", "surface", "lighting", "background",
+        "encoding", "linear", "color", "scratch",
+    ),
+    visibility.draw_tiles: (
+        "tiles", "starts", "binned", "floors", "faces", "screen", "viewport", "frame", "",
+        "cutouts",
+    ),
+}  # fmt: skip
+"""
+The names of the arguments of the kernels that effects are compiled into.
+
+One is not noted: drawing has more scratch memory where there are holes.
+"""
+
+
+def picture(side, **options):
+    image = np.full((side, side, 4), 0.5, np.float32)
+    return rj.Texture(image, filter="bilinear", color_space="linear", **options)
+
+
+def square(material, place, **arrays):
+    return rj.Mesh(SQUARE, FACES, uv=UV, material=material, **arrays), place
+
+
+def full_scene():
+    """A scene that calls for every effect: one square for each kind of material."""
+    colors = np.tile([0.9, 0.5, 0.4, 1.0], (4, 1))
+    colors[0, 3] = 0.0
+    squares = [
+        square(
+            rj.Material(
+                "pbr", base_color_texture=picture(2), normal_texture=picture(4),
+                metallic_roughness_texture=picture(4), occlusion_texture=picture(4),
+                emissive_texture=picture(2),
+            ),
+            (-1.2, 1.2, 0.0),
+        ),
+        square(rj.Material("phong", alpha_mode="mask"), (1.2, 1.2, 0.0), colors=colors),
+        square(
+            rj.Material(
+                "gouraud",
+                base_color_texture=rj.Texture(np.ones((4, 4, 4), np.float32), anisotropy=4),
+            ),
+            (-1.2, -1.2, 0.0),
+        ),
+        square(
+            rj.Material("flat", base_color_texture=picture(2).with_transform((0.1, 0.0))),
+            (1.2, -1.2, 0.0),
+        ),
+        square(rj.Material("phong", "red"), (0.0, 0.0, -1.0), colors=np.ones((2, 3))),
+        square(rj.Material("phong", (0.1, 0.2, 0.9, 0.5), alpha_mode="blend"), (0.3, 0.2, 1.0)),
+    ]  # fmt: skip
+    scene = rj.Scene()
+    for mesh, place in squares:
+        scene.add(mesh, rj.transforms.translate(place))
+    shadow = rj.Shadow(size=16)
+    scene.lights = [
+        rj.AmbientLight(), rj.DirectionalLight((-0.2, -0.3, -1.0), shadow=shadow),
+    ]  # fmt: skip
+    scene.environment = rj.Environment.gradient()
+    scene.fog = rj.Fog(density=0.05)
+    scene.tone_map = rj.ToneMap("aces")
+    scene.ambient_occlusion = rj.AmbientOcclusion(radius=1.0)
+    scene.outline = rj.Outline()
+    scene.wireframe = rj.Wireframe("black")
+    return scene
+
+
+def with_materials(scene, change):
+    for node in scene.nodes:
+        node.mesh.material = change(node.mesh.material)
+
+
+def lacking(**fields):
+    """Take fields of all materials away."""
+
+    def switch(scene):
+        with_materials(scene, lambda material: dataclasses.replace(material, **fields))
+
+    return switch
+
+
+def shaded(old, new):
+    """Shade otherwise what is shaded in one way."""
+
+    def switch(scene):
+        with_materials(
+            scene,
+            lambda material: (
+                dataclasses.replace(material, shading=new) if material.shading == old else material
+            ),
+        )
+
+    return switch
+
+
+def without_field(name):
+    def switch(scene):
+        setattr(scene, name, None)
+
+    return switch
+
+
+def without_shadows(scene):
+    scene.lights = [scene.lights[0], dataclasses.replace(scene.lights[1], shadow=None)]
+
+
+def without_background(scene):
+    scene.environment = dataclasses.replace(scene.environment, background=False)
+
+
+def without_environment_light(scene):
+    scene.environment = rj.Environment(scene.environment.sky, intensity=0.0)
+
+
+def without_colors(number):
+    def switch(scene):
+        mesh = scene.nodes[number].mesh
+        scene.nodes[number].mesh = rj.Mesh(SQUARE, FACES, uv=UV, material=mesh.material)
+
+    return switch
+
+
+def without_transform(scene):
+    texture = scene.nodes[3].mesh.material.base_color_texture
+    scene.nodes[3].mesh.material = dataclasses.replace(
+        scene.nodes[3].mesh.material, base_color_texture=texture.with_transform()
+    )
+
+
+def without_anisotropy(scene):
+    material = scene.nodes[2].mesh.material
+    texture = dataclasses.replace(material.base_color_texture, anisotropy=1)
+    scene.nodes[2].mesh.material = dataclasses.replace(material, base_color_texture=texture)
+
+
+def opaque(mode):
+    """Make opaque what has this alpha mode."""
+
+    def switch(scene):
+        with_materials(
+            scene,
+            lambda material: (
+                dataclasses.replace(material, alpha_mode="opaque")
+                if material.alpha_mode == mode
+                else material
+            ),
+        )
+
+    return switch
+
+
+MAPS = TEXTURE_FIELDS[1:]
+
+
+WITHOUT = {
+    "textures": lacking(**dict.fromkeys(TEXTURE_FIELDS)),
+    "texture transforms": without_transform,
+    "anisotropic filter": without_anisotropy,
+    "maps and emission": lacking(**dict.fromkeys(MAPS), emissive="black"),
+    "normal maps": lacking(normal_texture=None),
+    "alpha masks": opaque("mask"),
+    "vertex colors": without_colors(1),
+    "face colors": without_colors(4),
+    "highlights": lacking(specular=0.0),
+    "microfacets": shaded("pbr", "phong"),
+    "Gouraud": shaded("gouraud", "phong"),
+    "flat": shaded("flat", "phong"),
+    "shadows": without_shadows,
+    "environment light": without_environment_light,
+    "environment background": without_background,
+    "environment": without_field("environment"),
+    "fog": without_field("fog"),
+    "tone mapping": without_field("tone_map"),
+    "ambient occlusion": without_field("ambient_occlusion"),
+    "outline": without_field("outline"),
+    "wireframe": without_field("wireframe"),
+    "transparency": opaque("blend"),
+}
+
+
+def form(value, path, found):
+    """Note the form of a value and of all that is in it."""
+    if isinstance(value, tuple):
+        found[path] = type(value).__name__
+        names = getattr(value, "_fields", range(len(value)))
+        for name, part in zip(names, value, strict=True):
+            form(part, f"{path}.{name}", found)
+    elif isinstance(value, np.ndarray):
+        found[path] = f"{value.dtype} {value.ndim}"
+    else:
+        found[path] = None if value is None else type(value).__name__
+
+
+class Recorder:
+    """Stands in for the kernels and notes how they are called."""
+
+    def __init__(self):
+        self.names, self.forms = set(), {}
+        for found in pkgutil.iter_modules(kernels.__path__):
+            module = importlib.import_module(f"rasterjit.kernels.{found.name}")
+            for name, thing in list(vars(module).items()):
+                if any(thing is kernel for kernel in kernels.jit.KERNELS):
+                    setattr(module, name, self.watched(thing, f"{found.name}.{name}"))
+
+    def watched(self, kernel, name):
+        def call(*arguments):
+            self.names.add(name)
+            if kernel in RECORDED:
+                found = {}
+                for argument, value in zip(RECORDED[kernel], arguments, strict=True):
+                    if argument:
+                        form(value, argument, found)
+                self.forms.setdefault(name.partition(".")[2], []).append(found)
+            return None if name.partition(".")[0] in UNSEEN else kernel(*arguments)
+
+        return call
+
+    def frame(self, scene, samples):
+        """Return what the kernels of one frame were given."""
+        self.names, self.forms = set(), {}
+        rj.render(
+            scene, CAMERA, quality=rj.Quality(samples=samples), size=SIZE, threads=1,
+            outputs=("color", "linear"),
+        )  # fmt: skip
+        kinds = {}
+        for name, calls in self.forms.items():
+            # The maps of shadows are drawn with other viewports; the picture comes first.
+            assert name != "shade_rows" or all(call == calls[0] for call in calls)
+            kinds |= {f"{name}.{path}": kind for path, kind in calls[0].items()}
+        return {"forms": kinds, "kernels": sorted(self.names)}
+
+
+UNSEEN = {
+    "shading", "ambient_occlusion", "outlines", "wireframe", "backgrounds", "resolve",
+    "prefiltering",
+}  # fmt: skip
+"""Kernels that are noted and not run: nobody looks at the pixels that they write."""
+
+
+def main():
+    recorder = Recorder()
+    # What is not written divides by zero here and there.
+    with np.errstate(all="ignore"):
+        found = {"": recorder.frame(full_scene(), 4)}
+        found["anti-aliasing"] = recorder.frame(full_scene(), 1)
+        for name, switch in WITHOUT.items():
+            scene = full_scene()
+            switch(scene)
+            found[name] = recorder.frame(scene, 4)
+    print(json.dumps(found))
+
+
+if __name__ == "__main__":
+    main()
