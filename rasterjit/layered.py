@@ -17,7 +17,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit import stages
-from rasterjit.kernels import area, backgrounds, layers, resolve, shading, transparency
+from rasterjit.kernels import (
+    area,
+    backgrounds,
+    layers,
+    resolve,
+    shading,
+    transparency,
+)
+from rasterjit.kernels import shares as mixing
 from rasterjit.kernels.records import (
     Cutouts,
     Encoding,
@@ -108,6 +116,19 @@ class Shader(NamedTuple):
             backgrounds.show_environment(
                 faces, first_row, *self.sky, self.encoding, linear, no_color
             )
+
+    def backdrop(
+        self, first_row: int, shape: tuple[int, ...], memory: Memory
+    ) -> NDArray[np.float32]:
+        """Return what is seen behind all faces of some rows, (R, W, 4), or (1, W, 4) if alike."""
+        height, width, _ = shape
+        if self.sky is None:
+            return np.tile(self.background, (1, width, 1))
+        linear = memory.empty(shape, np.float32)
+        nothing = np.full((height, width), -1, np.int32)
+        no_color = np.empty((height, 0), np.uint32)
+        backgrounds.show_environment(nothing, first_row, *self.sky, self.encoding, linear, no_color)
+        return linear
 
 
 class Lists(NamedTuple):
@@ -248,11 +269,8 @@ def mix_faces(
     band: Band, shader: Shader, linear: NDArray[np.float32], scratch: Any, memory: Memory
 ) -> None:
     """Write the linear colour of some rows, (R, W, 4), of opaque faces at several samples."""
-    shape = band.opaque.shape
-    shown, shares = memory.empty(shape, np.int32), memory.empty(shape, np.float32)
-    rest, differences = memory.empty(shape[1:], np.float32), np.zeros(shape[2], np.int32)
-    count = int(layers.find_shares(band.opaque, shown, shares, rest, differences))
-    mix_shares(band.first_row, shown[:count], shares, rest, shader, linear, scratch, memory)
+    found = mixing.scratch_memory(len(band.opaque))
+    mix_shares(band.first_row, band.opaque, found, shader, linear, scratch, memory)
 
 
 def mix_areas(
@@ -285,50 +303,25 @@ def mix_areas(
         if count <= room:
             break
         room = count
-    mix_shares(rows[0], shown[: max(count, 1)], shares, rest, shader, linear, scratch, memory)
+    found = shown[: max(count, 1)], shares[: max(count, 1)], rest
+    mix_shares(rows[0], None, found, shader, linear, scratch, memory)
 
 
 def mix_shares(
     first_row: int,
-    shown: NDArray[np.int32],
-    shares: NDArray[np.float32],
-    rest: NDArray[np.float32],
+    opaque: NDArray[np.int32] | None,
+    found: tuple[NDArray[np.int32], NDArray[np.float32], NDArray[np.float32]],
     shader: Shader,
     linear: NDArray[np.float32],
     scratch: Any,
     memory: Memory,
 ) -> None:
-    """
-    Write the linear colour of some rows whose pixels show shares of several faces.
-
-    Parameters
-    ----------
-    first_row : int
-    shown : (J, R, W) int32
-        The faces of each pixel, -1 behind the last.
-    shares : (J or more, R, W) float32
-    rest : (R, W) float32
-        The share that shows no face.
-    shader : Shader
-    linear : (R, W, 4) float32
-        Written.
-    scratch : tuple
-    memory : Memory
-    """
-    behind = memory.empty((min(ROWS_AT_ONCE, len(linear)), *linear.shape[1:]), np.float32)
-    for part in parts_of(len(linear), ROWS_AT_ONCE):
-        first, target = first_row + part.start, linear[part]
-        colors = memory.empty(target.shape, np.float32)
-        shader.shade_last(shown[0, part], first, target, scratch)
-        if part.start == 0 or shader.sky is not None:
-            # A background of one colour is the same in all parts.
-            nothing = np.full(behind.shape[:2], -1, np.int32)
-            shader.shade_last(nothing, first, behind, scratch)
-        layers.start_mix(behind, shares[0, part], rest[part], target)
-        for faces, own in zip(shown[1:, part], shares[1:, part], strict=False):
-            shader.shade(faces, first, colors, scratch)
-            layers.add_shares(colors, faces, own, target)
-        layers.finish_mix(shares[0, part], rest[part], target)
+    """Write the linear colour of some rows whose pixels show shares of several faces."""
+    behind = shader.backdrop(first_row, linear.shape, memory)
+    mixing.mix_faces(
+        opaque, first_row, found, shader.geometry, shader.placement, shader.surface,
+        shader.lighting, behind, linear, scratch,
+    )  # fmt: skip
 
 
 def mix_layers(

@@ -25,9 +25,10 @@ from numpy.typing import NDArray
 
 from rasterjit.kernels.cutouts import has_holes, sample_alpha
 from rasterjit.kernels.jit import kernel, stage
-from rasterjit.kernels.layers import empty_row, fill_gaps
+from rasterjit.kernels.layers import empty_row
 from rasterjit.kernels.records import Cutouts, Faces, ScreenVertices, Viewport
 from rasterjit.kernels.setup import TILE_BITS, last_at_most, triangle_of
+from rasterjit.kernels.shares import fill_gaps
 from rasterjit.kernels.visibility import tile_window
 
 MOST_CORNERS = 40

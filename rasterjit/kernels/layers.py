@@ -5,9 +5,9 @@ What is summed up is premultiplied: colour times alpha. What changes nothing lea
 colour as it is: a layer with alpha 0, what lies behind one with alpha 1, and the mean of samples
 that all show the same.
 
-With several samples a pixel shows several faces, each shaded once. `find_shares` lists them with
-the share of the samples that show them; where something is transparent, the share of a face depends
-on the alpha of those before it, and `list_faces` keeps for each sample which faces it shows.
+With several samples a pixel shows several faces, each shaded once. Where something is transparent,
+the share of a face depends on the alpha of those before it, so `list_faces` keeps for each sample
+which faces it shows; ``shares`` mixes opaque ones.
 
 References
 ----------
@@ -20,9 +20,6 @@ import numpy as np
 
 from rasterjit.kernels.jit import disjoint_stage, kernel, stage
 from rasterjit.kernels.visibility import NOTHING
-
-FILLED_COLUMNS = 8
-"""Columns of a gap between faces that is filled."""
 
 THROUGH = 3
 """Column of a sum: the share of light that comes through from behind."""
@@ -129,23 +126,6 @@ def finish_sums(sums, linear):
 
 
 @disjoint_stage
-def note_differences(first, other, differences):
-    """Note where a sample shows another face than the first one."""
-    for i in range(first.shape[0]):
-        differences[i] |= np.int32(first[i] ^ other[i])
-
-
-@disjoint_stage
-def show_first(faces, shown, shares, rest):
-    """Write what pixels show if all samples show the face of the first one."""
-    one, none = np.float32(1.0), np.float32(0.0)
-    for i in range(faces.shape[0]):
-        shown[i] = faces[i]
-        shares[i] = none if faces[i] < 0 else one
-        rest[i] = one if faces[i] < 0 else none
-
-
-@disjoint_stage
 def empty_row(faces):
     """Mark a row of a layer as empty."""
     for i in range(faces.shape[0]):
@@ -153,195 +133,10 @@ def empty_row(faces):
 
 
 @stage
-def share_pixel(opaque, shown, shares, rest, row, i, most):
-    """List the faces of a pixel with their shares; return the most faces in a pixel so far."""
-    samples = opaque.shape[0]
-    part, none = np.float32(1.0) / np.float32(samples), np.float32(0.0)
-    count, empty = np.int64(0), none
-    for sample in range(samples):
-        face = opaque[sample, row, i]
-        if face < 0:
-            empty += part
-            continue
-        layer = np.int64(0)
-        while layer < count and shown[layer, row, i] != face:
-            layer += 1
-        if layer == count:
-            if layer == most:
-                # A layer more than any row had so far: empty in all of them.
-                for above in range(row + 1):
-                    empty_row(shown[layer, above])
-                most += 1
-            shown[layer, row, i] = face
-            shares[layer, row, i] = none
-            count += 1
-        shares[layer, row, i] += part
-    rest[row, i] = empty
-    return most
-
-
-@stage
-def fill_gaps(faces, shares):
-    """
-    Fill gaps of a few columns with the face before them, and a share of 0.
-
-    Neighbours are shaded together, which is faster than to begin anew behind each gap.
-    """
-    last = np.int64(-FILLED_COLUMNS - 1)
-    for i in range(faces.shape[0]):
-        face = faces[np.uintp(i)]
-        if face >= 0:
-            if i - last <= FILLED_COLUMNS:
-                for k in range(last + 1, i):
-                    faces[np.uintp(k)] = faces[np.uintp(last)]
-                    shares[np.uintp(k)] = np.float32(0.0)
-            last = i
-
-
-@kernel
-def find_shares(opaque, shown, shares, rest, differences):
-    """
-    List the faces that the samples of each pixel show, and which share of them does.
-
-    Parameters
-    ----------
-    opaque : (N, R, W) int32
-        The face at each sample, -1 where there is none.
-    shown : (N, R, W) int32
-        Written: the different faces of each pixel, in the order of the first sample that shows
-        them; -1 behind the last, or any face with a share of 0. As many layers as the pixels need.
-    shares : (N, R, W) float32
-        Written: their shares of the samples, in 0..1; for a face -1 anything.
-    rest : (R, W) float32
-        Written: the share that shows no face.
-    differences : (W,) int32
-        Scratch memory, all 0; left so.
-
-    Returns
-    -------
-    int
-        The most faces in a pixel.
-    """
-    samples, rows, columns = opaque.shape
-    most = np.int64(1)
-    for row in range(rows):
-        for layer in range(1, most):
-            empty_row(shown[layer, row])
-        for sample in range(1, samples):
-            note_differences(opaque[0, row], opaque[sample, row], differences)
-        show_first(opaque[0, row], shown[0, row], shares[0, row], rest[row])
-        differing = np.int32(0)
-        for i in range(columns):
-            differing |= differences[np.uintp(i)]
-        for i in range(columns if differing != 0 else 0):
-            if differences[np.uintp(i)] != 0:
-                differences[np.uintp(i)] = 0
-                most = share_pixel(opaque, shown, shares, rest, row, i, most)
-        for layer in range(1, most):
-            fill_gaps(shown[layer, row], shares[layer, row])
-    return most
-
-
-@stage
-def is_mixed(share, rest):
-    """Return whether a pixel shows more than one face, or a face and what is behind all."""
-    one = np.float32(1.0)
-    return (share != one) & (rest != one)
-
-
-@stage
 def seen_share(share, value):
     """Return a share of a value, which may be infinite if the share is 0."""
     none = np.float32(0.0)
     return share * value if share > none else none
-
-
-@disjoint_stage
-def start_mixed_row(behind, shares, rest, linear):
-    """Begin to mix a row of pixels, four numbers each; without branches."""
-    for i in range(rest.shape[0]):
-        own, other = shares[i], rest[i]
-        mixed = is_mixed(own, other)
-        at = np.uintp(4 * i)
-        red, green, blue = linear[at], linear[at + np.uintp(1)], linear[at + np.uintp(2)]
-        alpha, through = linear[at + np.uintp(3)], other * behind[at + np.uintp(3)]
-        red1 = own * red + seen_share(through, behind[at])
-        green1 = own * green + seen_share(through, behind[at + np.uintp(1)])
-        blue1 = own * blue + seen_share(through, behind[at + np.uintp(2)])
-        linear[at] = red1 if mixed else red
-        linear[at + np.uintp(1)] = green1 if mixed else green
-        linear[at + np.uintp(2)] = blue1 if mixed else blue
-        linear[at + np.uintp(3)] = np.float32(1.0) - (other - through) if mixed else alpha
-
-
-@kernel
-def start_mix(behind, shares, rest, linear):
-    """
-    Begin to mix the faces of each pixel.
-
-    Parameters
-    ----------
-    behind : (R, W, 4) float32, linear, straight alpha
-        What is seen where no face is.
-    shares, rest : (R, W) float32
-        The shares of the first layer and of what is behind.
-    linear : (R, W, 4) float32
-        The first layer shaded; changed where a pixel is mixed: its share, premultiplied.
-    """
-    for row in range(rest.shape[0]):
-        start_mixed_row(behind[row].reshape(-1), shares[row], rest[row], linear[row].reshape(-1))
-
-
-@kernel
-def add_shares(colors, faces, shares, linear):
-    """
-    Add the shares of a layer to the mix.
-
-    Parameters
-    ----------
-    colors : (R, W, 4) float32, linear
-    faces : (R, W) int32
-    shares : (R, W) float32
-        Read where there is a face; one with a share of 0 adds nothing.
-    linear : (R, W, 4) float32
-        Changed.
-    """
-    for row in range(faces.shape[0]):
-        for i in range(faces.shape[1]):
-            if faces[row, i] >= 0:
-                share = shares[row, i]
-                for k in range(3):
-                    linear[row, i, k] += seen_share(share, colors[row, i, k])
-
-
-@disjoint_stage
-def divide_row(shares, rest, linear):
-    """Divide the mixed pixels of a row, four numbers each, by their alpha; without branches."""
-    one, none = np.float32(1.0), np.float32(0.0)
-    for i in range(rest.shape[0]):
-        at = np.uintp(4 * i)
-        alpha = linear[at + np.uintp(3)]
-        is_divided = is_mixed(shares[i], rest[i]) & (none < alpha) & (alpha < one)
-        alpha = alpha if is_divided else one
-        linear[at] /= alpha
-        linear[at + np.uintp(1)] /= alpha
-        linear[at + np.uintp(2)] /= alpha
-
-
-@kernel
-def finish_mix(shares, rest, linear):
-    """
-    Divide what was mixed by its alpha.
-
-    Parameters
-    ----------
-    shares, rest : (R, W) float32
-        As `start_mix` takes them.
-    linear : (R, W, 4) float32
-        Changed: straight alpha.
-    """
-    for row in range(rest.shape[0]):
-        divide_row(shares[row], rest[row], linear[row].reshape(-1))
 
 
 @stage

@@ -315,6 +315,30 @@ def scratch_memory(rows: int = lit.PLAIN_ROWS, has_textures: bool = False) -> tu
     )
 
 
+@stage
+def shade_part(
+    faces, left, row, geometry, placement, surface, lighting, toward_viewer, scratch
+):  # fmt: skip
+    """Shade the covered samples of a part of a row; return how many, and their colours."""
+    samples, weights, places, lookup, whole, real, gathered = scratch
+    count = gather_row(
+        faces, samples, weights, places, whole, real, gathered, left, row, geometry, placement,
+        surface, lighting,
+    )  # fmt: skip
+    texture_row(samples, lookup, count, places, surface.textures, surface.matt_vertices)
+    read_maps(
+        samples, weights, lookup, count, places, geometry, placement, surface, lighting,
+        surface.maps,
+    )  # fmt: skip
+    occlude_row(samples, faces, left, row, lighting, surface.maps)
+    # Find alpha.
+    find_alphas(samples, weights, faces, places, geometry, placement, surface, surface.alphas)
+    return count, seen_colors(
+        samples, weights, faces, count, row, geometry, placement, lighting, toward_viewer,
+        surface.maps,
+    )  # fmt: skip
+
+
 @kernel
 def shade_rows(
     face_id, first_row, geometry: Geometry, placement: Placement, surface: Surface,
@@ -343,32 +367,15 @@ def shade_rows(
         This thread's own, from `scratch_memory`.
     """
     rows, columns = face_id.shape
-    samples, weights, places, lookup, whole, real, gathered = scratch
-    toward_viewer = viewer_of(placement)
-    runs.forget_faces(whole)
+    samples, toward_viewer = scratch[0], viewer_of(placement)
+    runs.forget_faces(scratch[4])
     for row in range(rows):
         for left in range(0, columns, BLOCK_COLUMNS):
             right = min(left + BLOCK_COLUMNS, columns)
             faces = face_id[row, left:right]
-            count = gather_row(
-                faces, samples, weights, places, whole, real, gathered, left,
-                first_row + row, geometry, placement, surface, lighting,
-            )  # fmt: skip
-            texture_row(
-                samples, lookup, count, places, surface.textures, surface.matt_vertices
-            )  # fmt: skip
-            read_maps(
-                samples, weights, lookup, count, places, geometry, placement,
-                surface, lighting, surface.maps,
-            )  # fmt: skip
-            occlude_row(samples, faces, left, first_row + row, lighting, surface.maps)
-            # Find alpha.
-            find_alphas(
-                samples, weights, faces, places, geometry, placement, surface, surface.alphas
-            )
-            colors = seen_colors(
-                samples, weights, faces, count, first_row + row, geometry, placement, lighting,
-                toward_viewer, surface.maps,
+            count, colors = shade_part(
+                faces, left, first_row + row, geometry, placement, surface, lighting,
+                toward_viewer, scratch,
             )  # fmt: skip
             shown = toned(samples, count, colors, encoding.tone)
             write_row(

@@ -1,0 +1,318 @@
+"""
+Mix the opaque faces of a pixel by the shares of it that show them, in linear light.
+
+A pixel shows several faces, each shaded once. Layers hold them: the first face of every pixel, the
+second one ... `find_shares` lists the faces of several samples with the share of the samples that
+show them; ``area`` lists those of exact areas.
+
+What is summed up is premultiplied: colour times alpha. A pixel that shows one face, or none, keeps
+every bit of its colour.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.kernels import runs
+from rasterjit.kernels.alpha import alpha_at, alpha_row
+from rasterjit.kernels.jit import disjoint_stage, kernel, stage
+from rasterjit.kernels.layers import seen_share
+from rasterjit.kernels.records import Geometry, Lighting, Placement, Surface
+from rasterjit.kernels.shading import BLOCK_COLUMNS, shade_part, span_end, viewer_of
+from rasterjit.kernels.visibility import NOTHING
+
+FILLED_COLUMNS = 8
+"""Columns of a gap between faces that is filled."""
+
+
+@disjoint_stage
+def is_empty(faces):
+    """Return whether a row of a layer is empty."""
+    found = np.int32(NOTHING)
+    for i in range(faces.shape[0]):
+        found = np.int32(found & faces[i])
+    return found < 0
+
+
+@disjoint_stage
+def start_shares(faces, part, shown, shares, rest):
+    """Write what a row of pixels shows at the first sample, which is a part of the pixel."""
+    none = np.float32(0.0)
+    for i in range(faces.shape[0]):
+        face = faces[i]
+        shown[i] = face
+        shares[i] = none if face < 0 else part
+        rest[i] = part if face < 0 else none
+
+
+@stage
+def add_to_layer(face, here, share, part):
+    """
+    Add a face to a layer if it is there already, or if the layer has none yet.
+
+    Returns the layer's face and its share, and the face if it is left to the layers behind.
+    """
+    is_here = (face == here) | (here < 0)
+    more = share + part
+    return (
+        face if is_here else here,
+        more if is_here & (face >= 0) else share,
+        np.int32(NOTHING) if is_here else face,
+    )
+
+
+@disjoint_stage
+def add_first(faces, part, shown, shares, rest, others):
+    """Add a sample to the first layer, and to the share that shows no face; see `add_sample`."""
+    found = np.int32(NOTHING)
+    for i in range(faces.shape[0]):
+        face = faces[i]
+        shown[i], shares[i], others[i] = add_to_layer(face, shown[i], shares[i], part)
+        rest[i] += part if face < 0 else np.float32(0.0)
+        found = np.int32(found & others[i])
+    return found >= 0
+
+
+@disjoint_stage
+def add_sample(faces, part, shown, shares, others):
+    """Add the faces of a sample to a layer; return whether any are left to the layers behind."""
+    found = np.int32(NOTHING)
+    for i in range(faces.shape[0]):
+        shown[i], shares[i], others[i] = add_to_layer(faces[i], shown[i], shares[i], part)
+        found = np.int32(found & others[i])
+    return found >= 0
+
+
+@disjoint_stage
+def clear_layer(shown, shares):
+    """Begin with a row of a layer that holds no face."""
+    for i in range(shown.shape[0]):
+        shown[i] = NOTHING
+        shares[i] = np.float32(0.0)
+
+
+@stage
+def fill_gaps(faces, shares):
+    """
+    Fill gaps of a few columns with the face before them, and a share of 0.
+
+    Neighbours are shaded together, which is faster than to begin anew behind each gap.
+    """
+    last = np.int64(-FILLED_COLUMNS - 1)
+    for i in range(faces.shape[0]):
+        face = faces[np.uintp(i)]
+        if face >= 0:
+            if i - last <= FILLED_COLUMNS:
+                for k in range(last + 1, i):
+                    faces[np.uintp(k)] = faces[np.uintp(last)]
+                    shares[np.uintp(k)] = np.float32(0.0)
+            last = i
+
+
+@stage
+def share_samples(opaque, row, left, right, shown, shares, rest, others):
+    """List the faces of a part of a row with their shares; return how many layers have any."""
+    samples, count = opaque.shape[0], right - left
+    part, used = np.float32(1.0) / np.float32(samples), np.int64(1)
+    start_shares(
+        opaque[0, row, left:right], part, shown[0, 0, :count], shares[0, 0, :count],
+        rest[0, :count],
+    )  # fmt: skip
+    for sample in range(1, samples):
+        faces = opaque[sample, row, left:right]
+        goes_on = add_first(
+            faces, part, shown[0, 0, :count], shares[0, 0, :count], rest[0, :count],
+            others[0, :count],
+        )  # fmt: skip
+        layer = np.int64(1)
+        while goes_on:
+            if layer == used:
+                clear_layer(shown[layer, 0, :count], shares[layer, 0, :count])
+                used += 1
+            # What is left over goes back and forth between two rows: arrays must not overlap.
+            goes_on = add_sample(
+                others[(layer - 1) & 1, :count], part, shown[layer, 0, :count],
+                shares[layer, 0, :count], others[layer & 1, :count],
+            )  # fmt: skip
+            layer += 1
+    for layer in range(1, used):
+        fill_gaps(shown[layer, 0, :count], shares[layer, 0, :count])
+    return used
+
+
+@stage
+def find_shares(opaque, row, left, right, shown, shares, rest, others):
+    """
+    Find the faces of a part of a row and their shares: those of its samples, if there are any.
+
+    Returns how many layers there are, and where in them the part begins: row and column.
+    """
+    if opaque is None:
+        return shown.shape[0], row, left
+    used = share_samples(opaque, row, left, right, shown, shares, rest, others)
+    return used, np.int64(0), np.int64(0)
+
+
+@stage
+def is_mixed(share, rest):
+    """Return whether a pixel shows more than one face, or a face and what is behind all."""
+    one = np.float32(1.0)
+    return (share != one) & (rest != one)
+
+
+@disjoint_stage
+def copy_row(source, target):
+    """Copy a row."""
+    for i in range(target.shape[0]):
+        target[i] = source[i]
+
+
+@disjoint_stage
+def start_span(red, green, blue, alphas, shares, rest, linear):
+    """
+    Begin to mix a span of pixels that all show a face, four numbers each; without branches.
+
+    ``linear`` holds what is behind.
+    """
+    for i in range(shares.shape[0]):
+        own, other = shares[i], rest[i]
+        mixed = is_mixed(own, other)
+        at = np.uintp(4 * i)
+        through = other * linear[at + np.uintp(3)]
+        alpha = np.float32(1.0) - (other - through)
+        red1 = own * red[i] + seen_share(through, linear[at])
+        green1 = own * green[i] + seen_share(through, linear[at + np.uintp(1)])
+        blue1 = own * blue[i] + seen_share(through, linear[at + np.uintp(2)])
+        linear[at] = red1 if mixed else red[i]
+        linear[at + np.uintp(1)] = green1 if mixed else green[i]
+        linear[at + np.uintp(2)] = blue1 if mixed else blue[i]
+        linear[at + np.uintp(3)] = alpha if mixed else alpha_at(alphas, i)
+
+
+@disjoint_stage
+def add_span(red, green, blue, shares, linear):
+    """Add the shares of another face to a span of pixels; one with a share of 0 adds nothing."""
+    for i in range(shares.shape[0]):
+        at, share = np.uintp(4 * i), shares[i]
+        linear[at] += seen_share(share, red[i])
+        linear[at + np.uintp(1)] += seen_share(share, green[i])
+        linear[at + np.uintp(2)] += seen_share(share, blue[i])
+
+
+@disjoint_stage
+def divide_row(shares, rest, linear):
+    """Divide the mixed pixels of a row, four numbers each, by their alpha; without branches."""
+    one, none = np.float32(1.0), np.float32(0.0)
+    for i in range(rest.shape[0]):
+        at = np.uintp(4 * i)
+        alpha = linear[at + np.uintp(3)]
+        is_divided = is_mixed(shares[i], rest[i]) & (none < alpha) & (alpha < one)
+        alpha = alpha if is_divided else one
+        linear[at] /= alpha
+        linear[at + np.uintp(1)] /= alpha
+        linear[at + np.uintp(2)] /= alpha
+
+
+@disjoint_stage
+def shows_both(rest):
+    """Return whether any pixel of a row shows a face and what is behind all."""
+    found = np.int32(0)
+    for i in range(rest.shape[0]):
+        found |= np.int32((rest[i] != np.float32(0.0)) & (rest[i] != np.float32(1.0)))
+    return found != 0
+
+
+@stage
+def some_alphas(alphas, start, stop):
+    """Return the alphas of some gathered samples; ``None`` if all are opaque."""
+    if alphas is None:
+        return None
+    return alphas[start:stop]
+
+
+@stage
+def mix_layer(layer, faces, colors, alphas, shares, rest, linear):
+    """Mix the gathered samples of a layer into a part of a row."""
+    n, at, columns = np.int64(0), np.int64(0), faces.shape[0]
+    while at < columns:
+        end = span_end(faces, at)
+        if faces[at] >= 0:
+            stop = n + end - at
+            red, green, blue = colors[0][n:stop], colors[1][n:stop], colors[2][n:stop]
+            if layer == 0:
+                start_span(
+                    red, green, blue, some_alphas(alphas, n, stop), shares[at:end], rest[at:end],
+                    linear[4 * at : 4 * end],
+                )  # fmt: skip
+            else:
+                add_span(red, green, blue, shares[at:end], linear[4 * at : 4 * end])
+            n = stop
+        at = end
+
+
+def scratch_memory(samples: int) -> tuple[NDArray[Any], ...]:
+    """Return the memory that a thread needs to find the shares of samples."""
+    return (
+        np.empty((samples, 1, BLOCK_COLUMNS), np.int32),
+        np.empty((samples, 1, BLOCK_COLUMNS), np.float32),
+        np.empty((1, BLOCK_COLUMNS), np.float32),
+    )
+
+
+@kernel
+def mix_faces(
+    opaque, first_row, found, geometry: Geometry, placement: Placement, surface: Surface,
+    lighting: Lighting | None, behind, linear, scratch,
+):  # fmt: skip
+    """
+    Write the colour of rows whose pixels show shares of several opaque faces.
+
+    Parameters
+    ----------
+    opaque : (N, R, W) int32 or None
+        The face at each sample, -1 where there is none; ``None`` if the shares are known.
+    first_row : int
+        Where the rows lie in the frame.
+    found : (shown (J, R, W) int32, shares (J, R, W) float32, rest (R, W) float32)
+        The faces of each pixel, -1 behind the last; their shares, read where there is a face; the
+        share that shows no face. With samples, scratch memory from `scratch_memory`.
+    geometry, placement, surface : records
+    lighting : Lighting or None
+        ``None``: every object shows its own colour.
+    behind : (R or 1, W, 4) float32, linear, straight alpha
+        What is seen where no face is: of each row, or one that is the same in all.
+    linear : (R, W, 4) float32
+        Written: linear RGBA with straight alpha.
+    scratch : tuple
+        This thread's own, from ``shading.scratch_memory``.
+    """
+    shown, shares, rest = found
+    toward_viewer, others = viewer_of(placement), scratch[6][0]
+    runs.forget_faces(scratch[4])
+    for row in range(linear.shape[0]):
+        back = behind[min(row, behind.shape[0] - 1)].reshape(-1)
+        front = linear[row].reshape(-1)
+        for left in range(0, linear.shape[1], BLOCK_COLUMNS):
+            right = min(left + BLOCK_COLUMNS, linear.shape[1])
+            target = front[4 * left : 4 * right]
+            copy_row(back[4 * left : 4 * right], target)
+            layers, at, start = find_shares(opaque, row, left, right, shown, shares, rest, others)
+            stop = start + right - left
+            other = rest[at, start:stop]
+            for layer in range(layers):
+                faces = shown[layer, at, start:stop]
+                if is_empty(faces):
+                    continue
+                _, colors = shade_part(
+                    faces, left, first_row + row, geometry, placement, surface, lighting,
+                    toward_viewer, scratch,
+                )  # fmt: skip
+                alphas = alpha_row(scratch[0], surface.alphas)
+                mix_layer(
+                    layer, faces, colors, alphas, shares[layer, at, start:stop], other, target
+                )
+            if shows_both(other):
+                divide_row(shares[0, at, start:stop], other, target)
