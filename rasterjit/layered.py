@@ -23,9 +23,9 @@ from rasterjit.kernels import (
     layers,
     resolve,
     shading,
+    shares,
     transparency,
 )
-from rasterjit.kernels import shares as mixing
 from rasterjit.kernels.records import (
     Cutouts,
     Encoding,
@@ -118,17 +118,26 @@ class Shader(NamedTuple):
             )
 
     def backdrop(
-        self, first_row: int, shape: tuple[int, ...], memory: Memory
+        self, shape: tuple[int, int], first_row: int, memory: Memory
     ) -> NDArray[np.float32]:
-        """Return what is seen behind all faces of some rows, (R, W, 4), or (1, W, 4) if alike."""
-        height, width, _ = shape
+        """Return what is seen behind all faces of some rows, (R, 4, W), or (1, 4, W) if alike."""
+        height, width = shape
         if self.sky is None:
-            return np.tile(self.background, (1, width, 1))
-        linear = memory.empty(shape, np.float32)
+            return np.repeat(self.background, width).reshape(1, 4, width)
+        linear = memory.empty((*shape, 4), np.float32)
         nothing = np.full((height, width), -1, np.int32)
         no_color = np.empty((height, 0), np.uint32)
         backgrounds.show_environment(nothing, first_row, *self.sky, self.encoding, linear, no_color)
-        return linear
+        return np.ascontiguousarray(linear.transpose(0, 2, 1))
+
+
+class Target(NamedTuple):
+    """Some rows of the picture, as far as they are wanted."""
+
+    linear: NDArray[np.float32]
+    """(R, W, 4), or (R, 0, 4)."""
+    color: NDArray[np.uint32]
+    """(R, W), or (R, 0)."""
 
 
 class Lists(NamedTuple):
@@ -265,34 +274,28 @@ def lay_layers(
         layers.finish_sums(sums, target)
 
 
-def mix_faces(
-    band: Band, shader: Shader, linear: NDArray[np.float32], scratch: Any, memory: Memory
-) -> None:
-    """Write the linear colour of some rows, (R, W, 4), of opaque faces at several samples."""
-    found = mixing.scratch_memory(len(band.opaque))
-    mix_shares(band.first_row, band.opaque, found, shader, linear, scratch, memory)
-
-
 def mix_areas(
     rows: tuple[int, int],
     lists: Lists,
     shader: Shader,
-    linear: NDArray[np.float32],
+    target: Target,
     scratch: Any,
     memory: Memory,
 ) -> None:
-    """Write the linear colour of one row of tiles, (R, W, 4), by the areas of opaque faces."""
+    """Write the colour of one row of tiles by the areas of opaque faces."""
     viewport = shader.geometry.viewport
     shape = rows[1] - rows[0], viewport.width
     own = area.scratch_memory(int(np.diff(lists.starts).max()))
     room = FIRST_GUESS
     while True:
-        shown = memory.empty((room, *shape), np.int32)
-        shares = memory.empty((room, *shape), np.float32)
-        rest = memory.empty(shape, np.float32)
+        found = (
+            memory.empty((room, *shape), np.int32),
+            memory.empty((room, *shape), np.float32),
+            memory.empty(shape, np.float32),
+        )
         deepest = area.find_areas(
-            rows, lists.starts, lists.parted, lists.faces, lists.screen, viewport, shown, shares,
-            rest, own, shader.cutouts,
+            rows, lists.starts, lists.parted, lists.faces, lists.screen, viewport, *found, own,
+            shader.cutouts,
         )  # fmt: skip
         count, column, row = map(int, deepest)
         if count < 0 or count * shape[0] * shape[1] * BYTES_PER_FRAGMENT > MOST_BYTES:
@@ -303,24 +306,25 @@ def mix_areas(
         if count <= room:
             break
         room = count
-    found = shown[: max(count, 1)], shares[: max(count, 1)], rest
-    mix_shares(rows[0], None, found, shader, linear, scratch, memory)
+    found = found[0][: max(count, 1)], found[1], found[2]
+    mix_faces(rows[0], None, found, shader, target, scratch, memory)
 
 
-def mix_shares(
+def mix_faces(
     first_row: int,
     opaque: NDArray[np.int32] | None,
-    found: tuple[NDArray[np.int32], NDArray[np.float32], NDArray[np.float32]],
+    found: tuple[NDArray[Any], ...],
     shader: Shader,
-    linear: NDArray[np.float32],
+    target: Target,
     scratch: Any,
     memory: Memory,
 ) -> None:
-    """Write the linear colour of some rows whose pixels show shares of several faces."""
-    behind = shader.backdrop(first_row, linear.shape, memory)
-    mixing.mix_faces(
+    """Write the colour of some rows whose pixels show shares of several opaque faces."""
+    behind = shader.backdrop((len(target.color), shader.geometry.viewport.width), first_row, memory)
+    shares.mix_faces(
         opaque, first_row, found, shader.geometry, shader.placement, shader.surface,
-        shader.lighting, behind, linear, scratch,
+        shader.lighting, behind, shader.encoding, target.linear, target.color, scratch,
+        shares.scratch_memory(),
     )  # fmt: skip
 
 
@@ -385,19 +389,24 @@ def shade(
         background=behind if encoding.tone is None else np.zeros(4, np.float32),
     )
 
+    nothing = np.empty((viewport.height, 0), np.uint32)
+    packed = nothing if color is None else color.view(np.uint32)[:, :, 0]
+    # Opaque faces are mixed and encoded at once.
+    is_direct = plan.samples != 1 and not plan.has_blended and encoding.tone is None
+
     def shade_tiles(first: int) -> None:
         last = min(first + TILE_SIZE, viewport.height)
-        shape = last - first, viewport.width, 4
-        target = workers.memory.empty(shape, np.float32) if linear is None else linear[first:last]
+        shape = last - first, viewport.width * (linear is not None or not is_direct), 4
+        rows = workers.memory.empty(shape, np.float32) if linear is None else linear[first:last]
+        target = Target(rows, (packed if is_direct else nothing)[first:last])
         shade_rows((first, last), plan, lists, shader, target, workers.memory)
         if encoding.tone is not None:
-            packed = workers.memory.empty(shape[:2], np.uint32)
+            shown = workers.memory.empty(shape[:2], np.uint32)
             if color is not None:
-                packed = color.view(np.uint32)[first:last, :, 0]
-            backgrounds.show_over(target, behind, encoding, packed)
-        elif color is not None:
-            packed = color.view(np.uint32)[first:last, :, 0]
-            resolve.encode_rows(target, encoding.table, packed)
+                shown = packed[first:last]
+            backgrounds.show_over(rows, behind, encoding, shown)
+        elif color is not None and not is_direct:
+            resolve.encode_rows(rows, encoding.table, packed[first:last])
 
     workers.run(shade_tiles, [(first,) for first in range(0, viewport.height, TILE_SIZE)])
 
@@ -407,22 +416,23 @@ def shade_rows(
     plan: Layers,
     lists: Lists,
     shader: Shader,
-    linear: NDArray[np.float32],
+    target: Target,
     memory: Memory,
 ) -> None:
-    """Write the linear colour of one row of tiles, (R, W, 4)."""
+    """Write the linear colour of one row of tiles; encoded as well if none is see-through."""
     scratch = shading.scratch_memory(
         shading.sample_rows(shader.surface, shader.lighting), shader.surface.textures is not None
     )
     if plan.samples == "area":
-        mix_areas(rows, lists, shader, linear, scratch, memory)
+        mix_areas(rows, lists, shader, target, scratch, memory)
         return
+    found = shares.samples_memory(int(plan.samples))
     for band in find_layers(rows, lists, int(plan.samples), shader, memory):
         start = band.first_row - rows[0]
-        target = linear[start : start + band.opaque.shape[1]]
+        part = Target(*(image[start : start + band.opaque.shape[1]] for image in target))
         if plan.samples == 1:
-            lay_layers(band, shader, target, scratch, memory)
+            lay_layers(band, shader, part.linear, scratch, memory)
         elif band.transparent.shape[1] == 0:
-            mix_faces(band, shader, target, scratch, memory)
+            mix_faces(band.first_row, band.opaque, found, shader, part, scratch, memory)
         else:
-            mix_layers(band, shader, target, scratch, memory)
+            mix_layers(band, shader, part.linear, scratch, memory)

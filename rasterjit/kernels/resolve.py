@@ -127,6 +127,19 @@ def encode_pixel(linear, table):
 
 
 @disjoint_stage
+def encode_channels(red, green, blue, alpha, table, color):
+    """Encode a span of pixels, given by channel; without branches."""
+    for i in range(color.shape[0]):
+        share = between(alpha[i], np.float32(0.0))
+        color[i] = (
+            encode(red[i], table)
+            | encode(green[i], table) << np.uint32(8)
+            | encode(blue[i], table) << np.uint32(16)
+            | np.uint32(np.int32(np.float64(share) * 255.0 + 0.5)) << np.uint32(24)
+        )
+
+
+@disjoint_stage
 def encode_row(linear, table, color):
     """Encode a row of linear colour, four numbers each; without branches."""
     for i in range(color.shape[0]):

@@ -20,7 +20,8 @@ from rasterjit.kernels import runs
 from rasterjit.kernels.alpha import alpha_at, alpha_row
 from rasterjit.kernels.jit import disjoint_stage, kernel, stage
 from rasterjit.kernels.layers import seen_share
-from rasterjit.kernels.records import Geometry, Lighting, Placement, Surface
+from rasterjit.kernels.records import Encoding, Geometry, Lighting, Placement, Surface
+from rasterjit.kernels.resolve import encode_channels
 from rasterjit.kernels.shading import BLOCK_COLUMNS, shade_part, span_end, viewer_of
 from rasterjit.kernels.visibility import NOTHING
 
@@ -101,8 +102,8 @@ def fill_gaps(faces, shares):
 
     Neighbours are shaded together, which is faster than to begin anew behind each gap.
     """
-    last = np.int64(-FILLED_COLUMNS - 1)
-    for i in range(faces.shape[0]):
+    last, i = np.int64(-FILLED_COLUMNS - 1), np.int64(0)
+    while i < faces.shape[0]:
         face = faces[np.uintp(i)]
         if face >= 0:
             if i - last <= FILLED_COLUMNS:
@@ -110,13 +111,36 @@ def fill_gaps(faces, shares):
                     faces[np.uintp(k)] = faces[np.uintp(last)]
                     shares[np.uintp(k)] = np.float32(0.0)
             last = i
+        elif i + runs.LANES <= faces.shape[0] and is_empty(faces[i : i + runs.LANES]):
+            i += runs.LANES - 1
+        i += 1
+
+
+@disjoint_stage
+def differ(faces, others):
+    """Return whether two samples of a row of pixels show different faces anywhere."""
+    found = np.int32(0)
+    for i in range(faces.shape[0]):
+        found = np.int32(found | np.int32(faces[i] ^ others[i]))
+    return found != 0
+
+
+@stage
+def are_alike(opaque, row, left, right):
+    """Return whether all samples of each pixel of a part of a row show one face."""
+    for sample in range(1, opaque.shape[0]):
+        if differ(opaque[0, row, left:right], opaque[sample, row, left:right]):
+            return False
+    return True
 
 
 @stage
 def share_samples(opaque, row, left, right, shown, shares, rest, others):
     """List the faces of a part of a row with their shares; return how many layers have any."""
-    samples, count = opaque.shape[0], right - left
+    samples, count = np.int64(opaque.shape[0]), right - left
     part, used = np.float32(1.0) / np.float32(samples), np.int64(1)
+    if are_alike(opaque, row, left, right):
+        part, samples = np.float32(1.0), np.int64(1)
     start_shares(
         opaque[0, row, left:right], part, shown[0, 0, :count], shares[0, 0, :count],
         rest[0, :count],
@@ -171,49 +195,45 @@ def copy_row(source, target):
 
 
 @disjoint_stage
-def start_span(red, green, blue, alphas, shares, rest, linear):
-    """
-    Begin to mix a span of pixels that all show a face, four numbers each; without branches.
-
-    ``linear`` holds what is behind.
-    """
+def start_span(
+    red, green, blue, alphas, shares, rest, mixed_red, mixed_green, mixed_blue, mixed_alpha
+):
+    """Lay the first faces of a span of pixels, as far as they show them, over what is behind."""
     for i in range(shares.shape[0]):
         own, other = shares[i], rest[i]
         mixed = is_mixed(own, other)
-        at = np.uintp(4 * i)
-        through = other * linear[at + np.uintp(3)]
+        through = other * mixed_alpha[i]
         alpha = np.float32(1.0) - (other - through)
-        red1 = own * red[i] + seen_share(through, linear[at])
-        green1 = own * green[i] + seen_share(through, linear[at + np.uintp(1)])
-        blue1 = own * blue[i] + seen_share(through, linear[at + np.uintp(2)])
-        linear[at] = red1 if mixed else red[i]
-        linear[at + np.uintp(1)] = green1 if mixed else green[i]
-        linear[at + np.uintp(2)] = blue1 if mixed else blue[i]
-        linear[at + np.uintp(3)] = alpha if mixed else alpha_at(alphas, i)
+        red1 = own * red[i] + seen_share(through, mixed_red[i])
+        green1 = own * green[i] + seen_share(through, mixed_green[i])
+        blue1 = own * blue[i] + seen_share(through, mixed_blue[i])
+        mixed_red[i] = red1 if mixed else red[i]
+        mixed_green[i] = green1 if mixed else green[i]
+        mixed_blue[i] = blue1 if mixed else blue[i]
+        mixed_alpha[i] = alpha if mixed else alpha_at(alphas, i)
 
 
 @disjoint_stage
-def add_span(red, green, blue, shares, linear):
+def add_span(red, green, blue, shares, mixed_red, mixed_green, mixed_blue):
     """Add the shares of another face to a span of pixels; one with a share of 0 adds nothing."""
     for i in range(shares.shape[0]):
-        at, share = np.uintp(4 * i), shares[i]
-        linear[at] += seen_share(share, red[i])
-        linear[at + np.uintp(1)] += seen_share(share, green[i])
-        linear[at + np.uintp(2)] += seen_share(share, blue[i])
+        share = shares[i]
+        mixed_red[i] += seen_share(share, red[i])
+        mixed_green[i] += seen_share(share, green[i])
+        mixed_blue[i] += seen_share(share, blue[i])
 
 
 @disjoint_stage
-def divide_row(shares, rest, linear):
-    """Divide the mixed pixels of a row, four numbers each, by their alpha; without branches."""
+def divide_row(shares, rest, red, green, blue, alphas):
+    """Divide the mixed pixels of a row by their alpha; without branches."""
     one, none = np.float32(1.0), np.float32(0.0)
-    for i in range(rest.shape[0]):
-        at = np.uintp(4 * i)
-        alpha = linear[at + np.uintp(3)]
+    for i in range(shares.shape[0]):
+        alpha = alphas[i]
         is_divided = is_mixed(shares[i], rest[i]) & (none < alpha) & (alpha < one)
         alpha = alpha if is_divided else one
-        linear[at] /= alpha
-        linear[at + np.uintp(1)] /= alpha
-        linear[at + np.uintp(2)] /= alpha
+        red[i] /= alpha
+        green[i] /= alpha
+        blue[i] /= alpha
 
 
 @disjoint_stage
@@ -234,27 +254,41 @@ def some_alphas(alphas, start, stop):
 
 
 @stage
-def mix_layer(layer, faces, colors, alphas, shares, rest, linear):
-    """Mix the gathered samples of a layer into a part of a row."""
+def mix_layer(layer, faces, colors, alphas, shares, rest, mixed):
+    """Mix the gathered samples of a layer into a part of a row, given by channel."""
     n, at, columns = np.int64(0), np.int64(0), faces.shape[0]
     while at < columns:
         end = span_end(faces, at)
         if faces[at] >= 0:
             stop = n + end - at
-            red, green, blue = colors[0][n:stop], colors[1][n:stop], colors[2][n:stop]
+            own = colors[0][n:stop], colors[1][n:stop], colors[2][n:stop]
+            red, green, blue = mixed[0, at:end], mixed[1, at:end], mixed[2, at:end]
             if layer == 0:
                 start_span(
-                    red, green, blue, some_alphas(alphas, n, stop), shares[at:end], rest[at:end],
-                    linear[4 * at : 4 * end],
+                    own[0], own[1], own[2], some_alphas(alphas, n, stop), shares[at:end],
+                    rest[at:end], red, green, blue, mixed[3, at:end],
                 )  # fmt: skip
             else:
-                add_span(red, green, blue, shares[at:end], linear[4 * at : 4 * end])
+                add_span(own[0], own[1], own[2], shares[at:end], red, green, blue)
             n = stop
         at = end
 
 
-def scratch_memory(samples: int) -> tuple[NDArray[Any], ...]:
-    """Return the memory that a thread needs to find the shares of samples."""
+@stage
+def write_mixed(mixed, encoding, linear, color):
+    """Write a part of a row of mixed colours, given by channel."""
+    count = color.shape[0]
+    encode_channels(
+        mixed[0, :count], mixed[1, :count], mixed[2, :count], mixed[3, :count], encoding.table,
+        color,
+    )  # fmt: skip
+    for i in range(linear.shape[0]):
+        for k in range(4):
+            linear[i, k] = mixed[k, i]
+
+
+def samples_memory(samples: int) -> tuple[NDArray[Any], ...]:
+    """Return room for the faces of a part of a row, their shares, and the share of nothing."""
     return (
         np.empty((samples, 1, BLOCK_COLUMNS), np.int32),
         np.empty((samples, 1, BLOCK_COLUMNS), np.float32),
@@ -262,10 +296,16 @@ def scratch_memory(samples: int) -> tuple[NDArray[Any], ...]:
     )
 
 
+def scratch_memory() -> tuple[NDArray[Any], ...]:
+    """Return the memory that a thread needs to mix a part of a row."""
+    return np.empty((2, BLOCK_COLUMNS), np.int32), np.empty((4, BLOCK_COLUMNS), np.float32)
+
+
 @kernel
 def mix_faces(
     opaque, first_row, found, geometry: Geometry, placement: Placement, surface: Surface,
-    lighting: Lighting | None, behind, linear, scratch,
+    lighting: Lighting | None, behind, encoding: Encoding, linear, color, scratch,
+    room,
 ):  # fmt: skip
     """
     Write the colour of rows whose pixels show shares of several opaque faces.
@@ -278,27 +318,34 @@ def mix_faces(
         Where the rows lie in the frame.
     found : (shown (J, R, W) int32, shares (J, R, W) float32, rest (R, W) float32)
         The faces of each pixel, -1 behind the last; their shares, read where there is a face; the
-        share that shows no face. With samples, scratch memory from `scratch_memory`.
+        share that shows no face. With samples, scratch memory from `samples_memory`.
     geometry, placement, surface : records
     lighting : Lighting or None
         ``None``: every object shows its own colour.
-    behind : (R or 1, W, 4) float32, linear, straight alpha
+    behind : (R or 1, 4, W) float32, linear, straight alpha
         What is seen where no face is: of each row, or one that is the same in all.
+    encoding : Encoding
+        Tones are not mapped.
     linear : (R, W, 4) float32
-        Written: linear RGBA with straight alpha.
+        Written: linear RGBA with straight alpha. Unless it is not wanted, then W is 0.
+    color : (R, W) uint32
+        Written: the same in sRGB codes, RGBA bytes from the lowest up. Or W is 0, too.
     scratch : tuple
         This thread's own, from ``shading.scratch_memory``.
+    room : tuple
+        As well, from `scratch_memory`.
     """
     shown, shares, rest = found
-    toward_viewer, others = viewer_of(placement), scratch[6][0]
+    toward_viewer, (others, mixed) = viewer_of(placement), room
     runs.forget_faces(scratch[4])
+    columns = behind.shape[2]
     for row in range(linear.shape[0]):
-        back = behind[min(row, behind.shape[0] - 1)].reshape(-1)
-        front = linear[row].reshape(-1)
-        for left in range(0, linear.shape[1], BLOCK_COLUMNS):
-            right = min(left + BLOCK_COLUMNS, linear.shape[1])
-            target = front[4 * left : 4 * right]
-            copy_row(back[4 * left : 4 * right], target)
+        for left in range(0, columns, BLOCK_COLUMNS):
+            right = min(left + BLOCK_COLUMNS, columns)
+            for k in range(4):
+                copy_row(
+                    behind[min(row, behind.shape[0] - 1), k, left:right], mixed[k, : right - left]
+                )
             layers, at, start = find_shares(opaque, row, left, right, shown, shares, rest, others)
             stop = start + right - left
             other = rest[at, start:stop]
@@ -310,9 +357,10 @@ def mix_faces(
                     faces, left, first_row + row, geometry, placement, surface, lighting,
                     toward_viewer, scratch,
                 )  # fmt: skip
-                alphas = alpha_row(scratch[0], surface.alphas)
                 mix_layer(
-                    layer, faces, colors, alphas, shares[layer, at, start:stop], other, target
-                )
+                    layer, faces, colors, alpha_row(scratch[0], surface.alphas),
+                    shares[layer, at, start:stop], other, mixed,
+                )  # fmt: skip
             if shows_both(other):
-                divide_row(shares[0, at, start:stop], other, target)
+                divide_row(shares[0, at, start:stop], other, mixed[0], mixed[1], mixed[2], mixed[3])
+            write_mixed(mixed, encoding, linear[row, left:right], color[row, left:right])
