@@ -111,7 +111,7 @@ def fill_gaps(faces, shares):
                     faces[np.uintp(k)] = faces[np.uintp(last)]
                     shares[np.uintp(k)] = np.float32(0.0)
             last = i
-        elif i + runs.LANES <= faces.shape[0] and is_empty(faces[i : i + runs.LANES]):
+        elif i % runs.LANES == 0 and is_empty(faces[i : i + runs.LANES]):
             i += runs.LANES - 1
         i += 1
 
