@@ -88,7 +88,8 @@ def _picture_rows(plan: RenderPlan) -> Rows:
             for name in ("average_columns", "add_ring", "project_rows")
         ]
     if plan.needs_color:
-        rows.append(("shading.shade_rows", _variant_of_shading(plan), ""))
+        if plan.layers is None or plan.layers.samples == 1 or plan.layers.has_blended:
+            rows.append(("shading.shade_rows", _variant_of_shading(plan), ""))
         rows += _layer_rows(plan)
     if plan.backdrop is not None:
         rows.append(("backgrounds.show_environment", "", ""))
@@ -118,15 +119,17 @@ def _layer_rows(plan: RenderPlan) -> Rows:
     finder = "area.find_areas" if samples == "area" else "transparency.find_layers"
     rows = [("transparency.split_lists", "", ""), (finder, "", "")]
     names: list[str] = []
+    if samples != 1:
+        opaque = "a row of tiles is opaque" if plan.layers.has_blended else ""
+        rows.append(("shares.mix_faces", _variant_of_shading(plan), opaque))
     if plan.layers.has_blended:
         names += ["start_sums", "lay_under", "finish_sums"]
-    if samples != 1:
-        names += ["find_shares", "start_mix", "add_shares", "finish_mix"]
-        names += ["list_faces", "mix_samples"]
+        names += ["list_faces", "mix_samples"] if samples != 1 else []
     rows += [(f"layers.{name}", "", several) for name in names]
-    if "color" in plan.outputs:
-        is_toned = plan.encoding.tone is not None
-        rows.append(("backgrounds.show_over" if is_toned else "resolve.encode_rows", "", ""))
+    if plan.encoding.tone is not None:
+        rows.append(("backgrounds.show_over", "", ""))
+    elif "color" in plan.outputs and (samples == 1 or plan.layers.has_blended):
+        rows.append(("resolve.encode_rows", "", ""))
     return rows
 
 
