@@ -21,9 +21,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rasterjit.kernels.cutouts import has_holes, sample_alpha
+from rasterjit.kernels.cutouts import has_holes, pixel_alpha, pixel_memory
 from rasterjit.kernels.jit import kernel, stage
 from rasterjit.kernels.layers import empty_row
 from rasterjit.kernels.records import Cutouts, Faces, ScreenVertices, Viewport
@@ -255,15 +254,14 @@ def is_beside(triangle, first, place):
 
 
 @stage
-def is_hole(face, column, row, cutouts):
+def is_hole(face, column, row, memory, cutouts):
     """Return whether a face has a hole at a pixel's centre."""
     if cutouts is None:
         return False
     if not has_holes(face, cutouts):
         return False
     owner = last_at_most(cutouts.face_starts, face)
-    centre = np.int64(0), np.int64(0)
-    alpha = sample_alpha(face, owner, np.int64(column), np.int64(row), centre, cutouts)
+    alpha = pixel_alpha(face, owner, np.int32(column), np.int32(row), memory, cutouts)
     return not alpha >= cutouts.cutoffs[owner]
 
 
@@ -279,14 +277,14 @@ def reach_of(triangle, polygon, corners, column, row):
 
 @stage
 def find_candidates(in_row, many, triangles, column, row, candidates, polygons, corners, work,
-                    cutouts):  # fmt: skip
+                    memory, cutouts):  # fmt: skip
     """List the triangles in a pixel that none in front covers wholly; return how many."""
     count, floor = np.int64(0), -np.inf
     for n in range(many):
         triangle = triangles[in_row[n]]
         if is_beside(triangle, X, column):
             continue
-        if is_hole(np.int64(triangle[FACE]), column, row, cutouts):
+        if is_hole(np.int64(triangle[FACE]), column, row, memory, cutouts):
             continue
         size = cut_to_pixel(triangle, column, row, work[2][0], polygons[count])
         area = area_of(polygons[count], size)
@@ -355,7 +353,7 @@ def write_pixel(count, candidates, triangles, areas, total, shown, shares, rest,
     return faces
 
 
-def scratch_memory(most: int) -> tuple[NDArray[Any], ...]:
+def scratch_memory(most: int) -> tuple[Any, ...]:
     """Return the memory that a thread needs for tiles of at most so many triangles."""
     return (
         np.empty((most, TRIANGLE_COLUMNS), np.float64),
@@ -367,6 +365,7 @@ def scratch_memory(most: int) -> tuple[NDArray[Any], ...]:
         np.empty((2, MOST_PIECES, MOST_CORNERS, 2), np.float64),
         np.empty((2, MOST_PIECES), np.int64),
         np.empty((3, MOST_CORNERS, 2), np.float64),
+        pixel_memory(),
     )
 
 
@@ -404,7 +403,7 @@ def find_areas(
         missing; -1 for a pixel that falls into too many pieces.
     """
     triangles, in_row, candidates, polygons, corners, areas = scratch[:6]
-    work, parts = scratch[6:], (faces.faces, faces.pieces, faces.piece_faces)
+    work, parts = scratch[6:9], (faces.faces, faces.pieces, faces.piece_faces)
     columns = (np.int64(viewport.width) + (1 << TILE_BITS) - 1) >> TILE_BITS
     most = np.int64(0), np.int64(0), np.int64(0)
     for row in range(rows[1] - rows[0]):
@@ -424,8 +423,9 @@ def find_areas(
             for column in range(left, right + 1):
                 x = np.float64(column)
                 count = find_candidates(
-                    in_row, many, triangles, x, y, candidates, polygons, corners, work, cutouts
-                )
+                    in_row, many, triangles, x, y, candidates, polygons, corners, work, scratch[9],
+                    cutouts,
+                )  # fmt: skip
                 total = share_pixel(
                     count, candidates, triangles, x, y, polygons, corners, work, areas
                 )

@@ -145,6 +145,30 @@ def sample_weights(a, b, c, column, row, geometry):
 
 
 @stage
+def shifted_weights(a, b, c, column, row, shift, geometry):
+    """
+    Return the perspective-correct weights of vertices a, b, c at a sample of a pixel.
+
+    Takes its way to the pixel's centre in units of the sub-pixel grid. Where that is nothing they
+    are those of `sample_weights`.
+    """
+    bits = geometry.viewport.grid_bits
+    unit, half = np.int64(1) << bits, np.int64(1) << (bits - 1)
+    if (geometry.codes[a] | geometry.codes[b] | geometry.codes[c]) & CLIPPED:
+        x = np.float64(column) - np.float64(shift[0]) / np.float64(unit)
+        y = np.float64(row) - np.float64(shift[1]) / np.float64(unit)
+        w0, w1, w2 = clipped_weights(a, b, c, x, y, geometry)
+    else:
+        px = (np.int64(column) << bits) + half - np.int64(shift[0])
+        py = (np.int64(row) << bits) + half - np.int64(shift[1])
+        w0, w1, w2 = snapped_weights_at(a, b, c, px, py, geometry)
+    total = w0 + w1 + w2
+    if total == 0.0:
+        return 1.0, 0.0, 0.0
+    return w0 / total, w1 / total, w2 / total
+
+
+@stage
 def weights_from_edges(e0, e1, e2, ratios):
     """
     Return the normalized weights of the second and the third vertex of a face.

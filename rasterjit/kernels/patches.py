@@ -20,7 +20,9 @@ AX, AY, BX, BY, CX, CY = 4, 5, 6, 7, 8, 9
 """Rows of whole numbers: where the vertices lie on the sub-pixel grid."""
 UNSURE, BEHIND = 10, 11
 """Rows of whole numbers: not 0 if the sample takes another way; 1 if the face's back is seen."""
-WHOLE_ROWS = 12
+COLUMN, ROW = 12, 13
+"""Rows of whole numbers: the pixel of each sample."""
+WHOLE_ROWS = 14
 
 VERTEX_ROWS = 9
 """Rows of real numbers, float64 and float32: three for each vertex."""
@@ -47,6 +49,13 @@ def gather_corners(count, faces, own, whole):
     for r in range(count):
         face = np.uintp(faces[np.uintp(whole[FIRST, r])])
         whole[A, r], whole[B, r], whole[C, r] = own[face, 0], own[face, 1], own[face, 2]
+
+
+@disjoint_stage
+def number_pixels(columns, rows, column, row):
+    """Write the pixels of a stretch, of which the first is given."""
+    for n in range(columns.shape[0]):
+        columns[n], rows[n] = column + n, row
 
 
 @disjoint_stage

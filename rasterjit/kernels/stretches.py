@@ -26,8 +26,8 @@ from rasterjit.kernels.interpolation import (
     matrix_of,
     normal_of_points,
     place,
-    sample_weights,
     seen_from_behind,
+    shifted_weights,
     weights_from_edges,
 )
 from rasterjit.kernels.jit import disjoint_stage, stage
@@ -37,9 +37,11 @@ from rasterjit.kernels.patches import (
     BEHIND,
     BX,
     BY,
+    COLUMN,
     CX,
     CY,
     FIRST,
+    ROW,
     UNSURE,
     A,
     B,
@@ -50,6 +52,7 @@ from rasterjit.kernels.patches import (
     gather_screen,
     gather_values,
     list_patches,
+    number_pixels,
     turn_corners,
 )
 from rasterjit.kernels.records import FLAT, GOURAUD, MATERIAL_MODEL, PBR, PHONG
@@ -61,17 +64,19 @@ VECTOR = texture_rows.VECTOR
 
 @disjoint_stage
 def weigh(
-    ax, ay, bx, by, cx, cy, wa, wb, wc, pixel, count, bits, reach, unsure, second, third
+    ax, ay, bx, by, cx, cy, wa, wb, wc, columns, rows, shift, count, bits, reach, unsure, second,
+    third,
 ):  # fmt: skip
     """
-    Write the weights of ``count`` neighbouring samples, the first of which is ``pixel``.
+    Write the weights of ``count`` samples, each of a face of its own.
 
+    Takes their pixels, and their way from there to the pixels' centres on the sub-pixel grid.
     Return whether any of them takes another way: its face was clipped, or its weights are doubtful.
     """
     half, found = np.int32(1) << (bits - 1), np.int32(0)
-    py = np.int32((pixel[1] << bits) + half)
     for n in range(ax.shape[0]):
-        px = np.int32(((pixel[0] + n) << bits) + half)
+        px = np.int32((columns[n] << bits) + half - shift[0])
+        py = np.int32((rows[n] << bits) + half - shift[1])
         smallest = min(wa[n], min(wb[n], wc[n]))
         edges = held_edges(
             narrow_edge(bx[n], by[n], cx[n], cy[n], px, py),
@@ -115,14 +120,14 @@ def note_side(i, a, b, c, owner, whole, geometry, placement, lighting):
 
 @stage
 def weigh_exactly(
-    weights, start, patches, column, row, owner, whole, geometry, placement, lighting
-):
+    weights, start, patches, shift, owner, whole, geometry, placement, lighting
+):  # fmt: skip
     """Write the weights, and the side seen, of the samples that `weigh` can not tell."""
     for r in range(patches):
         a, b, c = np.uintp(whole[A, r]), np.uintp(whole[B, r]), np.uintp(whole[C, r])
         for i in range(whole[FIRST, r], whole[FIRST, r + np.uintp(1)]):
             if whole[UNSURE, i] != 0:
-                exact = sample_weights(a, b, c, column + i, row, geometry)
+                exact = shifted_weights(a, b, c, whole[COLUMN, i], whole[ROW, i], shift, geometry)
                 weights[0, start + i], weights[1, start + i] = exact[1], exact[2]
                 note_side(i, a, b, c, owner, whole, geometry, placement, lighting)
 
@@ -344,24 +349,37 @@ def gather_places(
 
 @stage
 def find_weights(
-    weights, run, patches, column, row, owner, whole, real, geometry, placement, lighting
+    weights, run, patches, shift, owner, whole, real, geometry, placement, lighting
 ):  # fmt: skip
-    """Write the weights of neighbouring samples whose vertices are known."""
+    """
+    Write the weights of samples whose vertices and pixels are known.
+
+    Takes their way to the pixels' centres on the sub-pixel grid.
+    """
     start, stop = run
     size = stop - start
     gather_screen(patches, geometry, whole, real)
     gather_codes(patches, size, geometry, whole)
     unsure = weigh(
         whole[AX, :size], whole[AY, :size], whole[BX, :size], whole[BY, :size], whole[CX, :size],
-        whole[CY, :size], real[0, :size], real[1, :size], real[2, :size], (column, row),
-        np.int64(whole[FIRST, patches]), geometry.viewport.grid_bits, geometry.viewport.reach,
-        whole[UNSURE, :size], weights[0, start:stop], weights[1, start:stop],
+        whole[CY, :size], real[0, :size], real[1, :size], real[2, :size], whole[COLUMN, :size],
+        whole[ROW, :size], shift, np.int64(whole[FIRST, patches]), geometry.viewport.grid_bits,
+        geometry.viewport.reach, whole[UNSURE, :size], weights[0, start:stop],
+        weights[1, start:stop],
     )  # fmt: skip
     note_sides(size, owner, whole, placement, lighting)
     if unsure != 0:
-        weigh_exactly(
-            weights, start, patches, column, row, owner, whole, geometry, placement, lighting
-        )
+        weigh_exactly(weights, start, patches, shift, owner, whole, geometry, placement, lighting)
+
+
+@stage
+def find_patches(faces, own, whole):
+    """List the patches of some samples, and gather their vertices, the lowest number first."""
+    patches = list_patches(faces, whole)
+    gather_corners(patches, faces, own, whole)
+    size = texture_rows.whole_vectors(patches)
+    turn_corners(whole[A, :size], whole[B, :size], whole[C, :size])
+    return patches
 
 
 @stage
@@ -390,19 +408,16 @@ def gather_stretch(
     """Gather the samples of one object that some neighbouring columns show."""
     run = n, n + texture_rows.whole_vectors(faces.shape[0])
     model = np.int64(surface.materials[owner, MATERIAL_MODEL])
-    patches = list_patches(faces, whole)
-    gather_corners(patches, faces, geometry.faces, whole)
-    size = texture_rows.whole_vectors(patches)
-    turn_corners(whole[A, :size], whole[B, :size], whole[C, :size])
-    find_weights(
-        weights, run, patches, column, row, owner, whole, real, geometry, placement, lighting
-    )
+    size = run[1] - n
+    number_pixels(whole[COLUMN, :size], whole[ROW, :size], np.int32(column), np.int32(row))
+    patches = find_patches(faces, geometry.faces, whole)
+    centre = np.int32(0), np.int32(0)
+    find_weights(weights, run, patches, centre, owner, whole, real, geometry, placement, lighting)
     write_answers(samples, run, model, owner, surface, lighting)
     gather_colors(samples, run, weights, patches, faces, owner, model, whole, single, surface)
     # As long as the vertices' w are there.
     note_stretch(
-        places, run, patches, column, row, weights, owner, whole, real, single, geometry,
-        surface.textures,
+        places, run, patches, weights, owner, whole, real, single, geometry, surface.textures,
     )  # fmt: skip
     note_patches(
         places, n, patches, weights, owner, samples, whole, surface, surface.matt_vertices,

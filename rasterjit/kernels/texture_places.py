@@ -17,9 +17,11 @@ from rasterjit.kernels.patches import (
     AY,
     BX,
     BY,
+    COLUMN,
     CX,
     CY,
     FIRST,
+    ROW,
     UNSURE,
     A,
     B,
@@ -138,13 +140,14 @@ def float_difference(one, other):
 @disjoint_stage
 def mix_steps(
     right_u, right_v, down_u, down_v, u, v, ua, va, ub, vb, uc, vc, ax, ay, bx, by, cx, cy,
-    wa, wb, wc, column, row, bits,
+    wa, wb, wc, columns, rows, bits,
 ):  # fmt: skip
     """Write the steps of samples, each of a face of its own that was not clipped."""
     half = np.int32(1) << (bits - 1)
-    unit, py = np.float64(np.int64(1) << bits), np.int32((row << bits) + half)
+    unit = np.float64(np.int64(1) << bits)
     for n in range(u.shape[0]):
-        px = np.int32(((column + n) << bits) + half)
+        px = np.int32((columns[n] << bits) + half)
+        py = np.int32((rows[n] << bits) + half)
         x0, y0, x1, y1, x2, y2 = ax[n], ay[n], bx[n], by[n], cx[n], cy[n]
         smallest = min(wa[n], min(wb[n], wc[n]))
         ratios = smallest / wa[n], smallest / wb[n], smallest / wc[n]
@@ -168,7 +171,7 @@ def mix_steps(
 
 
 @stage
-def note_steps(places, run, patches, column, row, whole, real, single, textures, geometry):
+def note_steps(places, run, patches, whole, real, single, textures, geometry):
     """Write what a pixel to the right and a pixel down add to the coordinates of each sample."""
     start, stop = run
     size = stop - start
@@ -179,7 +182,7 @@ def note_steps(places, run, patches, column, row, whole, real, single, textures,
         single[0, :size], single[1, :size], single[2, :size], single[3, :size], single[4, :size],
         single[5, :size], whole[AX, :size], whole[AY, :size], whole[BX, :size], whole[BY, :size],
         whole[CX, :size], whole[CY, :size], real[0, :size], real[1, :size], real[2, :size],
-        column, row, geometry.viewport.grid_bits,
+        whole[COLUMN, :size], whole[ROW, :size], geometry.viewport.grid_bits,
     )  # fmt: skip
     if geometry.clip_positions.shape[0] == 0:
         return
@@ -187,14 +190,15 @@ def note_steps(places, run, patches, column, row, whole, real, single, textures,
         a, b, c = np.uintp(whole[A, r]), np.uintp(whole[B, r]), np.uintp(whole[C, r])
         for i in range(whole[FIRST, r], whole[FIRST, r + np.uintp(1)]):
             if whole[UNSURE, i] != 0:
-                note_exact_steps(places, start + i, a, b, c, column + i, row, textures.uv, geometry)
+                column, row = whole[COLUMN, i], whole[ROW, i]
+                note_exact_steps(places, start + i, a, b, c, column, row, textures.uv, geometry)
 
 
 @stage
 def note_stretch(
-    places, run, patches, column, row, weights, owner, whole, real, single, geometry, textures
+    places, run, patches, weights, owner, whole, real, single, geometry, textures
 ):  # fmt: skip
-    """Write what it takes to look up textures along a stretch; nothing if there are none."""
+    """Write what it takes to look up textures at some samples; nothing if there are none."""
     if textures is None:
         return
     start, stop = run
@@ -207,4 +211,4 @@ def note_stretch(
         weights[0, start:stop], weights[1, start:stop], np.float64(owner),
     )  # fmt: skip
     if wants_steps(owner, textures.table):
-        note_steps(places, run, patches, column, row, whole, real, single, textures, geometry)
+        note_steps(places, run, patches, whole, real, single, textures, geometry)

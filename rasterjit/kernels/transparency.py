@@ -37,7 +37,7 @@ from rasterjit.kernels.batches import (
     gather_triangles,
     plan_triangles,
 )
-from rasterjit.kernels.cutouts import keep_shown, tile_for
+from rasterjit.kernels.cutouts import keep_shown, own_tile, owner_of, tile_for
 from rasterjit.kernels.jit import disjoint_stage, kernel, stage
 from rasterjit.kernels.records import Cutouts, Faces, ScreenVertices, Viewport
 from rasterjit.kernels.setup import TILE_BITS, TILE_SIZE
@@ -100,13 +100,16 @@ def draw_opaque(listed, parts, screen, window, bits, shift, scratch, cutouts):
     """Draw the listed triangles of a tile; the nearest is seen."""
     tile_depth, tile_numbers, whole, real = scratch[:4]
     tile = tile_depth.reshape(-1), tile_numbers.reshape(-1)
+    own = own_tile(tile, scratch, cutouts)
     for first in range(0, listed.shape[0], BATCH):
         some = listed[first : min(first + BATCH, listed.shape[0])]
         gather_shifted(some, parts, screen, window, bits, shift, whole, real)
-        for n in range(np.uintp(some.shape[0])):
-            target = tile_for(whole[FACE, n], tile, scratch, cutouts)
+        count, owner, waiting = np.uintp(some.shape[0]), np.int64(0), np.int64(0)
+        for n in range(count):
+            owner = owner_of(whole[FACE, n], owner, cutouts)
+            target = tile_for(owner, tile, own, cutouts)
             draw_triangle(n, whole, real, window, bits, np.float32(-np.inf), target, scratch[4:9])
-            keep_shown(n, whole, window, shift, scratch, cutouts)
+            waiting = keep_shown(n, count, owner, waiting, whole, window, shift, scratch, cutouts)
 
 
 @disjoint_stage

@@ -38,7 +38,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rasterjit.kernels.batches import (
     ACROSS,
@@ -69,7 +68,7 @@ from rasterjit.kernels.batches import (
     gather_triangles,
     plan_triangles,
 )
-from rasterjit.kernels.cutouts import keep_shown, tile_for
+from rasterjit.kernels.cutouts import keep_shown, own_tile, owner_of, tile_for, waiting_memory
 from rasterjit.kernels.jit import disjoint_stage, kernel, stage
 from rasterjit.kernels.records import Cutouts, Faces, ScreenVertices, Viewport
 from rasterjit.kernels.setup import (
@@ -419,10 +418,14 @@ def draw_listed(listed, faces, screen, window, bits, floor, scratch, cutouts):
     gather_triangles(listed, faces, screen, whole, real)
     plan_triangles(listed.shape[0], window, bits, whole, real)
     tile, spans = (tile_depth.reshape(-1), tile_numbers.reshape(-1)), scratch[4:9]
-    for n in range(np.uintp(listed.shape[0])):
-        target = tile_for(whole[FACE, n], tile, scratch, cutouts)
+    own = own_tile(tile, scratch, cutouts)
+    count, centre = np.uintp(listed.shape[0]), (np.int32(0), np.int32(0))
+    owner, waiting = np.int64(0), np.int64(0)
+    for n in range(count):
+        owner = owner_of(whole[FACE, n], owner, cutouts)
+        target = tile_for(owner, tile, own, cutouts)
         draw_triangle(n, whole, real, window, bits, floor, target, spans)
-        keep_shown(n, whole, window, (0, 0), scratch, cutouts)
+        waiting = keep_shown(n, count, owner, waiting, whole, window, centre, scratch, cutouts)
 
 
 @stage
@@ -434,13 +437,12 @@ def clear_tile(depths, numbers):
             numbers[row, column] = NOTHING
 
 
-def scratch_memory(has_cutouts: bool = False) -> tuple[NDArray[Any], ...]:
+def scratch_memory(has_cutouts: bool = False) -> tuple[Any, ...]:
     """
     Return the memory that a thread needs to draw: a tile, and what is known of a batch.
 
-    With cut-outs, a second tile as well, which is empty.
+    With cut-outs, a second tile as well, which is empty, and what the samples there wait in.
     """
-    own = np.full(SCRATCH_SHAPE, -np.inf, np.float32), np.empty(SCRATCH_SHAPE, np.int32)
     return (
         np.empty(SCRATCH_SHAPE, np.float32),
         np.empty(SCRATCH_SHAPE, np.int32),
@@ -451,8 +453,14 @@ def scratch_memory(has_cutouts: bool = False) -> tuple[NDArray[Any], ...]:
         np.empty(TILE_SIZE, np.float64),
         np.empty(TILE_SIZE, np.int32),
         np.empty(TILE_SIZE, np.float32),
-        *(own if has_cutouts else ()),
+        *(own_memory() if has_cutouts else ()),
     )
+
+
+def own_memory() -> tuple[Any, ...]:
+    """Return what a thread needs besides to draw triangles with holes."""
+    empty = np.full(SCRATCH_SHAPE, -np.inf, np.float32)
+    return empty, np.empty(SCRATCH_SHAPE, np.int32), waiting_memory()
 
 
 @kernel

@@ -8,8 +8,9 @@ import pytest
 from naive_textures import FRONT, box, clip_camera, square
 
 import rasterjit as rj
-from rasterjit.kernels import cutouts, interpolation
+from rasterjit.kernels import interpolation
 from rasterjit.kernels.records import Geometry, Viewport
+from rasterjit.kernels.setup import CLIPPED
 
 SIZE = (150, 100)
 """Six tiles, some of them cut off."""
@@ -47,6 +48,18 @@ def corners_of(points, ws):
     ]
 
 
+@pytest.fixture
+def stones():
+    """Return a rough field of small triangles, one layer, that reaches beyond the picture."""
+    side = np.linspace(-1.5, 1.5, 60)
+    x, y = (axis.ravel() for axis in np.meshgrid(side, side, indexing="ij"))
+    depth = np.random.default_rng(0).uniform(-0.3, 0.3, len(x))
+    i, j = (axis.ravel() for axis in np.indices((59, 59)))
+    a, b = 60 * i + j, 60 * i + j + 60
+    faces = np.concatenate([np.stack([a, b, b + 1], 1), np.stack([a, b + 1, a + 1], 1)])
+    return np.column_stack([x, y, depth]), faces
+
+
 # Absent equals neutral
 
 
@@ -78,6 +91,22 @@ def test_a_mask_without_holes_changes_no_bit(sphere, camera, kind, hidden_hole):
     assert [frame.plan.needs_cutouts for frame in frames] == [False, hidden_hole]
     assert frames[0].stats.pixels_covered > 100
     assert (frames[0].stats.clipped > 0) == (kind == "clipped")
+    same_bits(*frames)
+
+
+def test_the_border_of_the_picture_leaves_nothing_in_tiles_below(stones):
+    # The last tiles of a row are narrow, and triangles are drawn beyond them by whole groups.
+    pixels = np.ones((4, 16, 4), np.float32)
+    pixels[:, 12:, 3] = 0.0
+    texture = rj.Texture(pixels, filter="nearest", wrap="clamp")
+    vertices, faces = stones
+    uv = np.random.default_rng(2).uniform(0.0, 0.7, (len(vertices), 2))
+    frames = []
+    for mode in ("opaque", "mask"):
+        material = rj.Material("unlit", "white", base_color_texture=texture, alpha_mode=mode)
+        mesh = rj.Mesh(vertices, faces, uv=uv, material=material)
+        frames.append(rj.render(mesh, FRONT, size=(150, 140), outputs=OUTPUTS, threads=1))
+    assert frames[1].plan.needs_cutouts
     same_bits(*frames)
 
 
@@ -276,7 +305,7 @@ def random_geometry(is_clipped):
     xy = rng.integers(0, 60 * 256, (3, 2)).astype(np.int32)
     ndc = xy / 256.0 / (64.0, 48.0) * (2, -2) + (-1, 1)
     clip = np.column_stack([ndc * w[:, np.newaxis], w, w])
-    codes = np.full(3, cutouts.CLIPPED if is_clipped else 0, np.uint8)
+    codes = np.full(3, CLIPPED if is_clipped else 0, np.uint8)
     viewport = Viewport(64, 48, 2.0, 2.0, 8, 8)
     return Geometry(np.int32([[0, 1, 2]]), xy, codes, w, clip, viewport)
 
@@ -287,7 +316,7 @@ def test_weights_of_samples(is_clipped):
     middle = geometry.xy.mean(axis=0) / 256
     column, row = int(middle[0]), int(middle[1])
     centre = interpolation.sample_weights(0, 1, 2, column, row, geometry)
-    assert cutouts.shifted_weights(0, 1, 2, column, row, (0, 0), geometry) == centre
+    assert interpolation.shifted_weights(0, 1, 2, column, row, (0, 0), geometry) == centre
     # Moving the vertices one way is moving the sample the other way.
     for shift in ((-96, 32), (127, -128)):
         moved = geometry.xy + np.int32(shift)
@@ -295,7 +324,7 @@ def test_weights_of_samples(is_clipped):
         clip = np.column_stack([ndc * geometry.w[:, np.newaxis], geometry.w, geometry.w])
         there = geometry._replace(xy=moved.astype(np.int32), clip_positions=clip)
         expected = interpolation.sample_weights(0, 1, 2, column, row, there)
-        found = cutouts.shifted_weights(0, 1, 2, column, row, shift, geometry)
+        found = interpolation.shifted_weights(0, 1, 2, column, row, shift, geometry)
         assert np.abs(np.subtract(found, expected)).max() < 1e-12
         assert np.abs(np.subtract(found, centre)).max() > 1e-3
 
