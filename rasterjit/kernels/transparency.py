@@ -33,6 +33,7 @@ from rasterjit.kernels.batches import (
     FACE,
     LEFT,
     RIGHT,
+    SMALL_PIXELS,
     TOP,
     gather_triangles,
     plan_triangles,
@@ -131,6 +132,13 @@ def take_row(drawn, face, hiding_depth, hiding_face, counts, depths, faces):
     return found
 
 
+@stage
+def clear_beside(drawn, row, first):
+    """Empty the columns beside a box that triangles are drawn in by whole groups."""
+    for k in range(SMALL_PIXELS):
+        drawn[row, np.uintp(first + k)] = np.float32(-np.inf)
+
+
 @disjoint_stage
 def exchange_row(layer_depths, layer_faces, depths, faces):
     """Leave the nearer surface in the layer and take the other one; return if any is left."""
@@ -179,6 +187,7 @@ def insert_triangle(n, whole, window, drawn, hiding, counts, layers, sample, use
             drawn[row, left : right + 1], face, hiding[0][row, left : right + 1],
             hiding[1][row, left : right + 1], counts[row, left : right + 1], depths, faces,
         )  # fmt: skip
+        clear_beside(drawn, row, right + 1)
         level = np.int64(0)
         while found != 0 and level < layer_depths.shape[1]:
             if level == used:

@@ -110,6 +110,15 @@ def test_the_border_of_the_picture_leaves_nothing_in_tiles_below(stones):
     same_bits(*frames)
 
 
+def test_the_border_of_the_picture_leaves_no_glass_in_other_samples(stones):
+    glass = rj.Material("unlit", (1, 1, 1, 0.5), alpha_mode="blend")
+    frame = rj.render(
+        rj.Mesh(*stones, material=glass), FRONT, size=(150, 140), outputs="linear", threads=1,
+        quality=rj.Quality(samples=4), background="transparent",
+    )  # fmt: skip
+    assert (frame.linear[..., 3] == 0.5).all()
+
+
 # The exact twin
 
 LAYOUTS = {
