@@ -14,6 +14,7 @@ import numpy as np
 
 import rasterjit as rj
 from rasterjit import oracle
+from rasterjit.kernels import texture_rows
 
 HALF = Fraction(1, 2)
 
@@ -41,6 +42,18 @@ def texel(image, column, row, wraps):
     """Return the texel at any whole numbers; rows count from the bottom here."""
     height, width = len(image), len(image[0])
     return image[height - 1 - wrapped(row, height, wraps[1])][wrapped(column, width, wraps[0])]
+
+
+def texels_around(level, u, v, wraps, offset):
+    """Return the numbers of the four texels that the engine finds around a place, and shares."""
+    first, width, height = level
+    (u, v, widths, heights), firsts = np.float64([[u], [v], [width], [height]]), np.int64([first])
+    places, shares = np.empty((4, 1), np.int64), np.empty((2, 1), np.float32)
+    rules = tuple(texture_rows.axis_rule(wrap) for wrap in wraps)
+    with np.errstate(invalid="ignore"):
+        texture_rows.find_texels(u, v, widths, heights, firsts, rules, offset, *places, *shares)
+    left, right, low, high = places[:, 0].tolist()
+    return (low + left, low + right, high + left, high + right), shares[:, 0].tolist()
 
 
 def nearest(image, u, v, wraps):

@@ -1,8 +1,8 @@
 """
 Look up textures for a part of a row: in passes over rows of scratch memory, that vectorize.
 
-The formulas are those of ``texturing``, and give the same bits; here they are without branches.
-What tells wraps apart are numbers (`axis_rule`), and every sample has the size of its own level.
+The formulas are described in ``texturing``; here they are without branches. What tells wraps apart
+are numbers (`axis_rule`), and every sample has the size of its own level.
 Positions and texel numbers are whole numbers in float64, exact below 2**52. Only the texels are
 read one sample after the other, four channels at once.
 """
@@ -107,7 +107,11 @@ def axis_rule(wrap):
 
 @stage
 def place_on_axis(u, size, rule):
-    """Return `texturing.texel_position`, by numbers."""
+    """
+    Return where a coordinate lies along an axis, in texels, within about one period.
+
+    The middle of texel 0 stands for NaN and infinity.
+    """
     lowest, highest, before, periods, after, _, _, _ = rule
     scaled = before * min(max(u, lowest), highest)
     reduced = after * (scaled - periods * np.floor(scaled))
@@ -117,7 +121,7 @@ def place_on_axis(u, size, rule):
 
 @stage
 def texel_on_axis(i, size, rule):
-    """Return `texturing.wrap_index`, by numbers, of a texel at most one beyond a period."""
+    """Return the texel that stands at a whole number along an axis, at most one off a period."""
     _, _, _, _, _, moved, pictures, turned = rule
     by = moved * size
     i = i + (by if i < 0.0 else 0.0) - (by if i >= size else 0.0)
@@ -244,18 +248,14 @@ def find_details(
     anisotropic, level, share, taps, way_u, way_v,
 ):  # fmt: skip
     """Write the finer level of each sample, the share of the coarser, and the footprint's taps."""
-    zero = np.float32(0.0)
     for n in range(level.shape[0]):
         steps = (
             texturing.moved_step((right_u[n], right_v[n]), owner, kind, transforms),
             texturing.moved_step((down_u[n], down_v[n]), owner, kind, transforms),
         )
         squared, parts, way = texturing.footprint(steps, size, limit, anisotropic)
-        detail = texturing.level_of_detail(squared)
-        finer = np.int32(detail)
-        is_last = finer >= count - np.int32(1)
-        level[n] = first + np.int64(count - np.int32(1) if is_last else finer)
-        share[n] = zero if is_last else detail - np.float32(finer)
+        finer, share[n] = texturing.split_detail(texturing.level_of_detail(squared), count)
+        level[n] = first + np.int64(finer)
         taps[n], way_u[n], way_v[n] = parts, way[0], way[1]
 
 

@@ -1,5 +1,5 @@
 """
-Look up textures: place the sample on the picture, move, wrap, filter, choose the mip level.
+Say how textures are looked up, and find the mip level and the footprint of a sample.
 
 Coordinate u runs right and v up. They are reduced to one period in float64 before they are scaled
 to texels, so nothing is lost far from 0 but what float32 coordinates have lost already. Texels lie
@@ -61,100 +61,6 @@ coordinates: a sample on the middle of a texel shows that texel alone, one on a 
 
 LARGEST_STEP_SQUARED = 1e30
 """Squared texels a pixel: beyond the coarsest level of any texture, and finite in float32."""
-
-
-@stage
-def wrap_index(i, size, wrap):
-    """Return the texel, 0..size-1, that stands at any whole number along an axis."""
-    if 0 <= i < size:
-        return i
-    if wrap == CLAMP:
-        return np.int64(0) if i < 0 else size - 1
-    if wrap == REPEAT:
-        return i % size
-    turned = i % (2 * size)
-    return min(turned, 2 * size - 1 - turned)
-
-
-@stage
-def texel_position(u, size, wrap):
-    """
-    Return where a coordinate lies along an axis, in texels, within about one period.
-
-    The middle of texel 0 stands for NaN and infinity.
-    """
-    if not abs(u) < np.inf:
-        return 0.5
-    if wrap == CLAMP:
-        reduced = min(max(u, 0.0), 1.0)
-    elif wrap == REPEAT:
-        reduced = u - np.floor(u)
-    else:
-        reduced = 2.0 * (0.5 * u - np.floor(0.5 * u))
-    return np.floor(reduced * size * TEXEL_STEPS + 0.5) / TEXEL_STEPS
-
-
-@stage
-def texel_number(level, column, row):
-    """Return a texel's number; rows count from the bottom here, and only here are turned."""
-    first, width, height = level
-    return first + (height - 1 - row) * width + column
-
-
-@stage
-def nearest_texel(level, u, v, wraps):
-    """Return the texel that holds a coordinate; a border is part of the one right or above."""
-    _, width, height = level
-    x, y = texel_position(u, width, wraps[0]), texel_position(v, height, wraps[1])
-    column = wrap_index(np.int64(np.floor(x)), width, wraps[0])
-    row = wrap_index(np.int64(np.floor(y)), height, wraps[1])
-    return texel_number(level, column, row)
-
-
-@stage
-def surrounding_texels(level, u, v, wraps):
-    """Return the four texels around a coordinate, lower left first, and its shares right and up."""
-    _, width, height = level
-    x = texel_position(u, width, wraps[0]) - 0.5
-    y = texel_position(v, height, wraps[1]) - 0.5
-    left, low = np.floor(x), np.floor(y)
-    column0 = wrap_index(np.int64(left), width, wraps[0])
-    column1 = wrap_index(np.int64(left) + 1, width, wraps[0])
-    row0 = wrap_index(np.int64(low), height, wraps[1])
-    row1 = wrap_index(np.int64(low) + 1, height, wraps[1])
-    return (
-        texel_number(level, column0, row0),
-        texel_number(level, column1, row0),
-        texel_number(level, column0, row1),
-        texel_number(level, column1, row1),
-        np.float32(x - left),
-        np.float32(y - low),
-    )
-
-
-@stage
-def mix(one, other, share):
-    """Return the colour between two; equal ones give exactly themselves."""
-    return (
-        one[0] + share * (other[0] - one[0]),
-        one[1] + share * (other[1] - one[1]),
-        one[2] + share * (other[2] - one[2]),
-        one[3] + share * (other[3] - one[3]),
-    )
-
-
-@stage
-def texel(texels, n):
-    """Return one texel, linear RGBA."""
-    return texels[n, 0], texels[n, 1], texels[n, 2], texels[n, 3]
-
-
-@stage
-def mix_texels(texels, taps):
-    """Return the bilinear mix of `surrounding_texels`."""
-    lower = mix(texel(texels, taps[0]), texel(texels, taps[1]), taps[4])
-    upper = mix(texel(texels, taps[2]), texel(texels, taps[3]), taps[4])
-    return mix(lower, upper, taps[5])
 
 
 @stage
@@ -282,20 +188,6 @@ def length_squared(step, width, height):
 
 
 @stage
-def moved_place(place, owner, kind, transforms):
-    """Return coordinates as the texture of an object sees them; as they are without transforms."""
-    if transforms is None:
-        return place
-    u, v = place
-    return (
-        transforms[owner, kind, 0] * u + transforms[owner, kind, 1] * v
-        + transforms[owner, kind, 2],
-        transforms[owner, kind, 3] * u + transforms[owner, kind, 4] * v
-        + transforms[owner, kind, 5],
-    )  # fmt: skip
-
-
-@stage
 def moved_step(step, owner, kind, transforms):
     """Return a step as the texture of an object sees it; as it is without transforms."""
     if transforms is None:
@@ -354,36 +246,11 @@ def footprint(steps, size, limit, anisotropic):
 
 
 @stage
-def steps_at(corners, place, column, row, owner, kind, uv, transforms, geometry):
-    """Return the steps, u and v, that a pixel to the right and a pixel down make on a texture."""
-    a, b, c = corners
-    right, down = weight_slopes(a, b, c, column, row, geometry)
-    pa, pb, pc = vertex_place(uv, a), vertex_place(uv, b), vertex_place(uv, c)
-    return (
-        moved_step(place_step(right, place, pa, pb, pc), owner, kind, transforms),
-        moved_step(place_step(down, place, pa, pb, pc), owner, kind, transforms),
-    )
-
-
-@stage
 def split_detail(detail, count):
     """Return the finer level of the two around a level of detail, and the share of the coarser."""
-    finer = np.int64(detail)
-    if finer >= count - 1:
-        return count - 1, np.float32(0.0)
-    return finer, detail - np.float32(finer)
-
-
-@stage
-def mix_levels(texels, levels, first, share, place, wraps):
-    """Return the bilinear mix of a level and, if it has a share, the next, at a place."""
-    level = level_at(levels, first)
-    color = mix_texels(texels, surrounding_texels(level, place[0], place[1], wraps))
-    if share > np.float32(0.0):
-        level = level_at(levels, first + 1)
-        coarse = mix_texels(texels, surrounding_texels(level, place[0], place[1], wraps))
-        color = mix(color, coarse, share)
-    return color
+    finer, last = np.int32(detail), count - np.int32(1)
+    is_last = finer >= last
+    return last if is_last else finer, np.float32(0.0) if is_last else detail - np.float32(finer)
 
 
 @stage
@@ -393,52 +260,3 @@ def tap_place(place, way, n, taps):
         return place
     shift = np.float64(2 * n + 1 - taps) / np.float64(2 * taps + 2)
     return place[0] + shift * way[0], place[1] + shift * way[1]
-
-
-@stage
-def mix_taps(texels, levels, first, share, place, wraps, taps, way, anisotropic):
-    """Return the mean of the taps along a footprint; taps that are equal give exactly theirs."""
-    if anisotropic is None:
-        return mix_levels(texels, levels, first, share, place, wraps)
-    one = np.float32(1.0)
-    color = one, one, one, one
-    for n in range(taps):
-        tap = mix_levels(texels, levels, first, share, tap_place(place, way, n, taps), wraps)
-        color = mix(color, tap, one / np.float32(n + 1)) if n > 0 else tap
-    return color
-
-
-@stage
-def texture_color(owner, kind, place, corners, column, row, textures, geometry):
-    """
-    Return what the texture of an object shows at a sample, linear RGBA; white if it has none.
-
-    Takes the coordinates u and v there and the vertices of its face.
-    """
-    # The arrays are taken out of their record, and branches handle numbers alone: a branch that
-    # holds an array counts references to it, sample by sample.
-    texels, levels, table, uv = textures.texels, textures.levels, textures.table, textures.uv
-    transforms, anisotropic = textures.transforms, textures.anisotropic
-    one = np.float32(1.0)
-    color = one, one, one, one
-    first = table[owner, kind, FIRST_LEVEL]
-    if first >= 0:
-        wraps = table[owner, kind, WRAP_U], table[owner, kind, WRAP_V]
-        chosen = table[owner, kind, FILTER]
-        level = level_at(levels, first)
-        there = moved_place(place, owner, kind, transforms)
-        if chosen == NEAREST:
-            color = texel(texels, nearest_texel(level, there[0], there[1], wraps))
-        else:
-            finer, share, taps, way = np.int64(0), np.float32(0.0), np.int64(1), (0.0, 0.0)
-            if chosen == TRILINEAR:
-                steps = steps_at(corners, place, column, row, owner, kind, uv, transforms, geometry)
-                size, limit = (level[1], level[2]), table[owner, kind, ANISOTROPY]
-                squared, taps, way = footprint(steps, size, limit, anisotropic)
-                finer, share = split_detail(
-                    level_of_detail(squared), table[owner, kind, LEVEL_COUNT]
-                )
-            color = mix_taps(
-                texels, levels, first + finer, share, there, wraps, taps, way, anisotropic
-            )
-    return color

@@ -24,7 +24,7 @@ from naive_textures import (
 
 import rasterjit as rj
 from rasterjit import oracle
-from rasterjit.kernels import texturing
+from rasterjit.kernels import texture_rows, texturing
 from rasterjit.plan_textures import WRAPS
 from rasterjit.scene.material import SHADINGS
 from rasterjit.scene.texture import FILTERS
@@ -244,17 +244,18 @@ ANY_WRAPS = st.tuples(*[st.sampled_from(sorted(WRAPS.values()))] * 2)
 def test_any_coordinate_reads_a_texel_of_its_level(u, v, size, wraps):
     first, (width, height) = 1000, size
     level = (first, width, height)
-    texels = [texturing.nearest_texel(level, u, v, wraps)]
-    *taps, right, up = texturing.surrounding_texels(level, u, v, wraps)
-    assert all(first <= n < first + width * height for n in texels + taps)
-    assert 0.0 <= right < 1.0
-    assert 0.0 <= up < 1.0
+    for offset in (0.0, 0.5):
+        texels, shares = naive.texels_around(level, u, v, wraps, offset)
+        assert all(first <= n < first + width * height for n in texels)
+        assert all(0.0 <= share < 1.0 for share in shares)
 
 
 @settings(max_examples=300)
-@given(i=st.integers(-(2**40), 2**40), size=ANY_SIZE, wrap=st.sampled_from(sorted(WRAPS)))
-def test_any_number_wraps_as_the_twin(i, size, wrap):
-    assert texturing.wrap_index(i, size, WRAPS[wrap]) == naive.wrapped(i, size, wrap)
+@given(data=st.data(), size=ANY_SIZE, wrap=st.sampled_from(sorted(WRAPS)))
+def test_any_number_beside_a_period_wraps_as_the_twin(data, size, wrap):
+    i = data.draw(st.integers(-1, (2 if wrap == "mirror" else 1) * size))
+    rule = texture_rows.axis_rule(WRAPS[wrap])
+    assert texture_rows.texel_on_axis(float(i), float(size), rule) == naive.wrapped(i, size, wrap)
 
 
 @settings(max_examples=30)
