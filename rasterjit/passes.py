@@ -12,10 +12,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit import edge_lines, layered, screen_effects, shadow_maps, stages
+from rasterjit import edge_lines, layered, screen_effects, shadow_cells, shadow_maps, stages
 from rasterjit.environment_maps import backdrop_record, environment_record
 from rasterjit.kernels import interpolation
-from rasterjit.kernels.records import Alphas, Geometry, Lighting, Placement, Shadows, Surface
+from rasterjit.kernels.records import (
+    Alphas,
+    Cutouts,
+    Geometry,
+    Lighting,
+    Placement,
+    Shadows,
+    Surface,
+)
 from rasterjit.plan import RenderPlan
 from rasterjit.plan_atmosphere import background_rays
 from rasterjit.prepared import Prepared
@@ -81,6 +89,11 @@ def shade_faces(
     return result
 
 
+def find_cutouts(plan: RenderPlan, prepared: Prepared) -> Cutouts | None:
+    """Return what has holes in view; ``None`` if nothing has."""
+    return prepared.looks.cutouts(plan.has_textured_holes) if plan.needs_cutouts else None
+
+
 def find_sky(plan: RenderPlan) -> stages.Sky | None:
     """Return the environment, if it is seen where no face is."""
     if plan.backdrop is None:
@@ -104,7 +117,7 @@ def find_lighting(
     if plan.needs_microfacets:
         lighting = lighting._replace(microfacets=prepared.looks.microfacets)
     if plan.environment is not None:
-        is_mirrored = "pbr" in plan.grounds.contents.shadings
+        is_mirrored = plan.needs_microfacets
         environment = environment_record(plan.environment, is_mirrored, workers)
         lighting = lighting._replace(environment=environment)
     # Draw the shadow maps.
@@ -129,19 +142,22 @@ def find_shadows(
     workers: stages.Workers,
 ) -> Shadows | None:
     """Fit the shadow maps to what is seen and draw them; None if there is nothing to draw."""
-    arrays, meshes = prepared.shapes.arrays, prepared.shapes.meshes
-    # The vertices of an object are lit wherever they are, and behind glass more is seen.
-    see_through = plan.grounds.contents.see_through
-    is_whole = [bool(see_through) or mesh.material.shading == "gouraud" for mesh in meshes]
-    casts = np.ones(len(meshes), bool)
-    casts[list(see_through)] = False
+    arrays = prepared.shapes.arrays
+    grounds = plan.grounds
+    # The vertices of an object are lit wherever they are; behind glass, and between the centres of
+    # pixels, more is seen than the depth tells.
+    is_open = plan.in_view & (plan.layers is not None)
     vertices = stages.ModelVertices(
         arrays.positions, arrays.vertex_starts, placement.relative_from_model, np.eye(4)
     )
+    cutouts = None
+    if grounds.shades_through_holes:
+        cutouts = prepared.looks.cutouts(grounds.contents.textured_holes > 0)
     scenery = shadow_maps.scenery_of(
-        vertices, arrays.faces, placement, prepared.shapes.boxes, casts, np.array(is_whole),
-        shadow_maps.seen_cells(plan.camera, geometry, coverage.depth, workers),
-        plan.camera, prepared.looks.cutouts if plan.needs_cutouts else None,
+        vertices, arrays.faces, placement, prepared.shapes.boxes, ~grounds.facts.is_see_through,
+        plan.in_view & grounds.facts.is_gouraud, is_open,
+        shadow_cells.seen_cells(plan.camera, geometry, coverage.depth, workers),
+        plan.camera, plan.size, cutouts,
     )  # fmt: skip
     lights = [light for light in plan.lights.lights if not isinstance(light, AmbientLight)]
     normals = prepared.looks.normals if plan.needs_normals else None

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit import passes, plan_views, stages
 from rasterjit import plan as planning
-from rasterjit import plan_views, stages
 from rasterjit.explanation import FaceAtPixel, LightTerm, PixelExplanation
 from rasterjit.io.meshes import as_scene
 from rasterjit.kernels import resolve, setup, visibility
@@ -152,7 +152,7 @@ def _draw(scene: Scene, plan: RenderPlan) -> Drawn:
         arrays.positions, arrays.vertex_starts, views.relative_from_model,
         views.clip_from_relative,
     )  # fmt: skip
-    cutouts = prepared.looks.cutouts if plan.needs_cutouts else None
+    cutouts = passes.find_cutouts(plan, prepared)
     coverage = stages.find_visible(
         vertices, arrays.faces, objects, plan.camera.depth_coefficients(), viewport, workers,
         lambda _: None, keep_lists=True, keep_clip_positions=True, cutouts=cutouts,

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,18 +20,11 @@ from rasterjit.kernels.records import Encoding, Lighting, Viewport
 from rasterjit.kernels.resolve import encoding_table
 from rasterjit.kernels.setup import GUARD_PIXELS
 from rasterjit.plan_atmosphere import check_atmosphere, fog_record, is_fog_in_reach, tone_record
-from rasterjit.plan_effects import (
-    Contents,
-    Effect,
-    Grounds,
-    contents_of,
-    list_effects,
-    may_have_holes,
-    textures_read,
-)
-from rasterjit.plan_layers import Layers, Transparency, find_transparency, is_outside
-from rasterjit.plan_lights import PlannedLights, lighting_of, plan_lights
-from rasterjit.plan_views import view_nodes
+from rasterjit.plan_boxes import Boxes, mesh_boxes
+from rasterjit.plan_contents import Facts, may_have_holes, textures_read
+from rasterjit.plan_effects import Effect, Grounds, list_effects
+from rasterjit.plan_layers import Layers, find_transparency, layers_of
+from rasterjit.plan_lights import NO_LIGHTS, PlannedLights, lighting_of, plan_lights
 from rasterjit.scene.ambient_occlusion import RADIUS_OF_SCENE, AmbientOcclusion
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.color import linear_color
@@ -45,7 +38,7 @@ from rasterjit.scene.light import (
 )
 from rasterjit.scene.outline import Outline
 from rasterjit.scene.quality import Quality
-from rasterjit.scene.scene import Node, Scene, Wireframe
+from rasterjit.scene.scene import Node, Scene, Wireframe, matrices_of, meshes_of
 from rasterjit.validation import image_size, one_of
 
 OUTPUTS = (
@@ -120,7 +113,7 @@ class RenderPlan:
     @property
     def casts_shadows(self) -> bool:
         """Whether any light may cast shadows on what is seen."""
-        return self.lighting is not None and self.lights.have_shadows
+        return self.grounds.casts_shadows
 
     @property
     def needs_faces(self) -> bool:
@@ -131,6 +124,16 @@ class RenderPlan:
     def needs_cutouts(self) -> bool:
         """Whether faces are drawn with their holes."""
         return self.grounds.needs_cutouts
+
+    @property
+    def has_textured_holes(self) -> bool:
+        """Whether a texture decides where those holes are."""
+        return self.grounds.seen.textured_holes > 0
+
+    @property
+    def in_view(self) -> NDArray[np.bool_]:
+        """Which objects may be seen, (O,)."""
+        return self.grounds.in_view
 
     @property
     def needs_color(self) -> bool:
@@ -153,6 +156,23 @@ class RenderPlan:
         return "\n".join(f"{name:<{widest}}  {text}" for name, text in rows)
 
 
+class Stock(NamedTuple):
+    """What is known of a scene's objects before a camera looks at them."""
+
+    facts: Facts
+    """What they are."""
+    bounds: NDArray[np.float64]
+    """Low and high corner of each, (O, 2, 3), model space; NaN for one without a finite face."""
+    world_from_model: NDArray[np.float64]
+    """(O, 4, 4)."""
+
+
+def stock_of(nodes: Sequence[Node]) -> Stock:
+    """Look through the objects of a scene."""
+    meshes = meshes_of(nodes)
+    return Stock(Facts(meshes), mesh_boxes(meshes), np.array(matrices_of(nodes)))
+
+
 def plan_render(
     scene: Scene,
     camera: Camera,
@@ -162,12 +182,12 @@ def plan_render(
     background: Any,
     cull: str,
     diagnose: bool = False,
-    contents: Contents | None = None,
+    stock: Stock | None = None,
 ) -> RenderPlan:
     """
     Check the arguments of a frame and decide what it needs.
 
-    ``contents`` are those of the scene's meshes, where they are known already.
+    ``stock`` is that of the scene's nodes, where it is known already.
 
     Raises
     ------
@@ -179,33 +199,16 @@ def plan_render(
     one_of("cull", cull, CULL_MODES)
     if not isinstance(diagnose, bool):
         raise ValueError(f"diagnose must be True or False, got {diagnose!r}")
-    if contents is None:
+    if stock is None:
         check_scene(scene)
-        contents = contents_of([node.mesh for node in scene.nodes])
-    kinds = tuple(type(light).__name__ for light in scene.lights)
-    grounds = Grounds(
-        outputs=outputs,
-        contents=contents,
-        light_kinds=kinds,
-        wireframe=scene.wireframe,
-        diagnose=diagnose,
-        environment=scene.environment,
-        fog=scene.fog,
-        tone_map=scene.tone_map,
-        ambient_occlusion=scene.ambient_occlusion,
-        outline=scene.outline,
-        quality=quality,
-        has_ambient_light=has_ambient_light(scene.lights),
-        transparency=_transparency(scene, camera, size, outputs, contents),
-        has_background=background is not None,
-        fog_reaches=is_fog_in_reach(scene.fog, scene.nodes, camera),
-        lights=plan_lights(scene.lights, scene.nodes, camera, size),
-    )
-    if "uv" in outputs and not contents.has_uv:
+        stock = stock_of(scene.nodes)
+    grounds = _grounds(scene, camera, size, quality, outputs, background, diagnose, stock)
+    contents, seen = grounds.contents, grounds.seen
+    if "uv" in outputs and contents.laid == 0:
         raise ValueError("outputs has 'uv', but no mesh of the scene has texture coordinates")
-    if grounds.shades and contents.lacks_uv:
+    if grounds.colors_faces and contents.unlaid:
         _refuse_texture(scene.nodes)
-    if grounds.needs_cutouts and contents.lacks_mask_uv:
+    if contents.unlaid_holes and grounds.finds_faces:
         _refuse_texture([node for node in scene.nodes if may_have_holes(node.mesh)])
     is_lit = grounds.is_lit
     lights = grounds.lights
@@ -220,14 +223,14 @@ def plan_render(
         ambient_occlusion=_sized_occlusion(scene) if grounds.occludes else None,
         outline=scene.outline if grounds.draws_outlines else None,
         draws_faces=grounds.draws_faces,
-        lighting=_lighting(scene, camera, contents.highlights, grounds),
+        lighting=_lighting(scene, camera, seen.highlights, grounds),
         lights=lights,
         needs_normals=grounds.needs_normals,
-        needs_gouraud=is_lit and "gouraud" in contents.shadings,
+        needs_gouraud=is_lit and seen.gouraud > 0,
         diagnose=diagnose,
         needs_textures=grounds.needs_textures,
         # The highlights of vertices lie on top of a texture: they are added up apart.
-        needs_matt_light=is_lit and contents.has_textured_highlight,
+        needs_matt_light=is_lit and seen.textured_highlights > 0,
         needs_microfacets=grounds.needs_microfacets,
         needs_maps=grounds.needs_maps,
         grounds=grounds,
@@ -237,16 +240,54 @@ def plan_render(
         ),
         environment=scene.environment if grounds.has_environment_light else None,
         backdrop=scene.environment if grounds.shows_environment else None,
-        layers=_layers(grounds),
+        layers=layers_of(grounds.transparency, grounds.antialiases, quality.samples, scene.nodes),
     )
 
 
-def has_ambient_light(lights: Sequence[Light]) -> bool:
-    """Tell whether any of a scene's lights has no direction; without lights, the headlight has."""
-    return not lights or any(
-        isinstance(light, AmbientLight) and light.intensity * max(light.color) > 0.0
-        for light in lights
-    )
+def _grounds(
+    scene: Scene,
+    camera: Camera,
+    size: tuple[int, int],
+    quality: Quality,
+    outputs: tuple[str, ...],
+    background: Any,
+    diagnose: bool,
+    stock: Stock,
+) -> Grounds:
+    """Find what the decisions rest on."""
+    boxes, facts = Boxes(stock.bounds, stock.world_from_model, camera, size), stock.facts
+    only_edges = scene.wireframe is not None and scene.wireframe.mode == "only"
+    colors_faces = not only_edges and not {"color", "linear"}.isdisjoint(outputs)
+    grounds = Grounds(
+        outputs=outputs,
+        facts=facts,
+        in_view=boxes.in_view,
+        contents=facts.contents,
+        seen=facts.contents_of(boxes.in_view),
+        has_lights=bool(scene.lights),
+        wireframe=scene.wireframe,
+        diagnose=diagnose,
+        environment=scene.environment,
+        fog=scene.fog,
+        tone_map=scene.tone_map,
+        ambient_occlusion=scene.ambient_occlusion,
+        outline=scene.outline,
+        quality=quality,
+        transparency=find_transparency(
+            scene.nodes, colors_faces, facts.contents.blended > 0, facts.is_see_through,
+            boxes.in_view,
+        ),
+        has_background=background is not None,
+        fog_reaches=False,
+        lights=NO_LIGHTS,
+    )  # fmt: skip
+    # Look at fog and at lights only where a face shows them.
+    if grounds.shades:
+        grounds = grounds._replace(fog_reaches=is_fog_in_reach(scene.fog, boxes))
+    if grounds.is_lit:
+        lights = plan_lights(scene.lights, boxes, ~facts.is_see_through)
+        grounds = grounds._replace(lights=lights)
+    return grounds
 
 
 def _sized_occlusion(scene: Scene) -> AmbientOcclusion:
@@ -257,47 +298,6 @@ def _sized_occlusion(scene: Scene) -> AmbientOcclusion:
     _, radius = scene.bounding_sphere()
     # A scene of one point has no size; nothing occludes there.
     return replace(effect, radius=RADIUS_OF_SCENE * radius if radius > 0.0 else 1.0)
-
-
-def _transparency(
-    scene: Scene,
-    camera: Camera,
-    size: tuple[int, int],
-    outputs: tuple[str, ...],
-    contents: Contents,
-) -> Transparency:
-    """Decide which objects are laid over what lies behind them."""
-    only_edges = scene.wireframe is not None and scene.wireframe.mode == "only"
-    shades = not only_edges and not {"color", "linear"}.isdisjoint(outputs)
-    nodes = [scene.nodes[n] for n in contents.see_through] if shades else []
-    outside = []
-    if nodes:
-        views = view_nodes(nodes, camera, size)
-        outside = [
-            n
-            for n, node, matrix in zip(
-                contents.see_through, nodes, views.relative_from_model, strict=True
-            )
-            if is_outside(node.mesh, matrix, views.clip_from_relative)
-        ]
-    return find_transparency(
-        len(scene.nodes), shades, contents.has_blended, contents.see_through, outside,
-        [scene.nodes[n].name for n in outside],
-    )  # fmt: skip
-
-
-def _layers(grounds: Grounds) -> Layers | None:
-    """Return what pixels show besides their nearest faces; ``None`` if nothing."""
-    used, samples = grounds.transparency.used, grounds.quality.samples
-    if not used and not grounds.antialiases:
-        return None
-    if used and samples == "area":
-        number = int(grounds.transparency.is_blended.argmax())
-        raise ValueError(
-            "quality.samples must be 1, 2, 4, 8 or 16 where a material is blended, got 'area' and "
-            f"object {number} with alpha_mode 'blend'"
-        )
-    return Layers(grounds.transparency.is_blended, used, samples)
 
 
 def _refuse_texture(nodes: Sequence[Node]) -> None:
@@ -375,7 +375,7 @@ def _lighting(scene: Scene, camera: Camera, highlights: int, grounds: Grounds) -
     if not grounds.is_lit:
         return None if fog is None else lighting_of([], camera, 0)._replace(fog=fog)
     lights: Sequence[Light] = grounds.lights.lights
-    if not scene.lights and scene.environment is None:
+    if grounds.has_headlight:
         lights = _headlight(camera)
     return lighting_of(lights, camera, highlights)._replace(fog=fog)
 

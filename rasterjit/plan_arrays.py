@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from rasterjit.kernels import records
 from rasterjit.kernels.records import Surface
-from rasterjit.plan_effects import SMOOTH
+from rasterjit.plan_contents import SMOOTH
 from rasterjit.scene.mesh import Mesh
 
 MODELS = {

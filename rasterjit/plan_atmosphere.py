@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit import transforms
 from rasterjit.kernels import fogging, records, tone_mapping
+from rasterjit.plan_boxes import Boxes, clip_from_relative
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.environment import Environment
 from rasterjit.scene.fog import Fog
-from rasterjit.scene.scene import Node, Scene
+from rasterjit.scene.scene import Scene
 from rasterjit.scene.tone_map import ToneMap
 
 FOG_MODES = {
@@ -48,30 +47,13 @@ def check_atmosphere(scene: Scene) -> None:
             raise ValueError(f"scene.{name} must be {kind.__name__} or None, got {value!r}")
 
 
-def is_fog_in_reach(fog: Fog | None, nodes: Sequence[Node], camera: Camera) -> bool:
-    """Tell whether fog may cover anything: not if it is empty or begins beyond everything."""
+def is_fog_in_reach(fog: Fog | None, boxes: Boxes) -> bool:
+    """Tell whether fog may cover anything: not if it is empty or begins beyond all in view."""
     if fog is None or fog.density == 0.0:
         return False
     if fog.mode != "linear" or fog.start == 0.0:
         return True
-    eye = camera.eye_position()
-    return _farthest(nodes, eye) * DISTANCE_ROUNDING > fog.start
-
-
-def _farthest(nodes: Sequence[Node], eye: NDArray[np.float64]) -> float:
-    """Return a distance from the eye that no face is beyond."""
-    farthest = 0.0
-    for node in nodes:
-        try:
-            low, high = node.mesh.bounds()
-        except ValueError:
-            # It has no face that could be seen.
-            continue
-        chosen = np.array([[n >> k & 1 for k in range(3)] for n in range(8)], bool)
-        corners = np.where(chosen, high, low)
-        x, y, z = (transforms.apply(node.world_from_model, corners) - eye).T
-        farthest = max(farthest, math.sqrt(float((x * x + y * y + z * z).max())))
-    return farthest
+    return boxes.farthest() * DISTANCE_ROUNDING > fog.start
 
 
 def fog_record(fog: Fog, camera: Camera, has_flat: bool = False) -> records.Fog:
@@ -107,9 +89,7 @@ def background_rays(camera: Camera, size: tuple[int, int]) -> NDArray[np.float64
     Row 0 is the direction at the middle of the frame, rows 1 and 2 its change with x and y in
     normalized device coordinates; see ``kernels.backgrounds``. Only their ratios matter.
     """
-    eye = camera.eye_position()
-    view_from_relative = transforms.compose(camera.view_matrix(), transforms.translate(eye))
-    clip = transforms.compose(camera.projection_matrix(size), view_from_relative)
+    clip = clip_from_relative(camera, size)
     rows = clip[:, :3] / np.abs(clip[[0, 1, 3], :3]).max()
     x, y, depth, w = rows.tolist()
     middle = _cross(x, y)

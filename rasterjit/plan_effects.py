@@ -7,56 +7,20 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from rasterjit.plan_answers import Answers, Effect, answer_effects, answers_of
-from rasterjit.plan_layers import Transparency, antialiasing_reason, is_see_through
+from rasterjit.plan_answers import Effect, answer_effects
+from rasterjit.plan_contents import SMOOTH, Contents, Facts, in_words
+from rasterjit.plan_layers import Transparency, antialiasing_reason
 from rasterjit.plan_lights import PlannedLights, describe_shadows
 from rasterjit.scene.ambient_occlusion import AmbientOcclusion
 from rasterjit.scene.environment import Environment
 from rasterjit.scene.fog import Fog
-from rasterjit.scene.material import TEXTURE_FIELDS, Material
-from rasterjit.scene.mesh import Mesh
+from rasterjit.scene.light import AmbientLight
 from rasterjit.scene.outline import Outline
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Wireframe
-from rasterjit.scene.texture import Texture
 from rasterjit.scene.tone_map import ToneMap
-
-SMOOTH = frozenset(("gouraud", "phong", "pbr"))
-"""Ways of shading that read vertex normals."""
-
-BLINN_PHONG = frozenset(("flat", "gouraud", "phong"))
-"""Ways of shading that have a Blinn-Phong highlight."""
-
-
-class Contents(NamedTuple):
-    """What the objects of a scene are, as far as it decides what a frame needs."""
-
-    shadings: frozenset[str]
-    texture_filters: tuple[str, ...]
-    """What each texture is for, and its filter."""
-    has_uv: bool
-    """Whether any object has texture coordinates."""
-    lacks_uv: bool
-    """Whether any object has a texture and nothing to lay it by."""
-    highlights: int
-    """Number of objects with a specular highlight."""
-    has_textured_highlight: bool
-    """Whether the light of a textured object's vertices holds a highlight."""
-    masked: int
-    """Number of objects whose material has an alpha mask."""
-    cut_out: int
-    """Number of those that can have a hole."""
-    has_textured_hole: bool
-    """Whether any of those has a base colour texture."""
-    lacks_mask_uv: bool
-    """Whether any of those has nothing to lay it by."""
-    has_blended: bool = False
-    """Whether any material is blended."""
-    see_through: tuple[int, ...] = ()
-    """Numbers of the objects that what lies behind them is seen through."""
-    answers: Answers = Answers()
-    """How materials answer light, beyond colours and highlights."""
 
 
 class Grounds(NamedTuple):
@@ -68,10 +32,15 @@ class Grounds(NamedTuple):
 
     outputs: tuple[str, ...]
     """Names of what the frame is to hold, of ``plan.OUTPUTS``, without repeats."""
+    facts: Facts
+    in_view: NDArray[np.bool_]
+    """Which objects may be seen, (O,)."""
     contents: Contents
-    light_kinds: tuple[str, ...]
-    """Name of the class of each of the scene's lights, in order; empty means a headlight, unless
-    there is an environment."""
+    """Of all objects."""
+    seen: Contents
+    """Of those in view."""
+    has_lights: bool
+    """Whether the scene has any light, but for its environment."""
     wireframe: Wireframe | None
     diagnose: bool
     """Whether the fates of faces are found."""
@@ -81,14 +50,13 @@ class Grounds(NamedTuple):
     ambient_occlusion: AmbientOcclusion | None
     outline: Outline | None
     quality: Quality
-    has_ambient_light: bool
-    """Whether a light without direction, the headlight's part too, sends anything."""
     transparency: Transparency
     has_background: bool
     """Whether the render was given a background."""
     fog_reaches: bool
     """Whether fog may cover anything."""
     lights: PlannedLights
+    """Those of the scene's that reach what is seen."""
 
     @property
     def is_colored(self) -> bool:
@@ -101,19 +69,38 @@ class Grounds(NamedTuple):
         return self.wireframe is None or self.wireframe.mode == "overlay"
 
     @property
-    def shades(self) -> bool:
+    def colors_faces(self) -> bool:
         """Whether the colour of faces is asked for."""
         return self.is_colored and self.draws_faces
 
     @property
+    def shades(self) -> bool:
+        """Whether the colour of a face is asked for that may be seen."""
+        return self.colors_faces and self.seen.objects > 0
+
+    @property
     def is_lit(self) -> bool:
-        """Whether light reaches a colour that is asked for."""
-        return self.shades and self.contents.shadings != {"unlit"}
+        """Whether that colour depends on light."""
+        return self.shades and self.seen.unlit < self.seen.objects
+
+    @property
+    def has_headlight(self) -> bool:
+        """Whether the default light shines, for there is no other."""
+        return self.is_lit and not self.has_lights and self.environment is None
+
+    @property
+    def has_ambient_light(self) -> bool:
+        """Whether light comes from all around, of a light or the environment."""
+        return (
+            self.has_headlight
+            or self.has_environment_light
+            or any(isinstance(light, AmbientLight) for light in self.lights.lights)
+        )
 
     @property
     def needs_normals(self) -> bool:
         """Whether vertex normals are read."""
-        is_smooth = not SMOOTH.isdisjoint(self.contents.shadings)
+        is_smooth = not SMOOTH.isdisjoint(self.seen.shadings)
         return is_smooth and (self.is_lit or "normal" in self.outputs)
 
     @property
@@ -124,12 +111,22 @@ class Grounds(NamedTuple):
     @property
     def needs_cutouts(self) -> bool:
         """Whether faces are drawn with their holes."""
-        return self.finds_faces and self.contents.cut_out > 0
+        return self.finds_faces and self.seen.cut_out > 0
+
+    @property
+    def casts_shadows(self) -> bool:
+        """Whether any light may cast shadows on what is seen."""
+        return self.is_lit and self.lights.have_shadows
+
+    @property
+    def shades_through_holes(self) -> bool:
+        """Whether shadow maps are drawn with holes: what is out of view casts shadows as well."""
+        return self.casts_shadows and self.contents.cut_out > 0
 
     @property
     def needs_textures(self) -> bool:
         """Whether textures are read."""
-        return self.shades and bool(self.contents.texture_filters)
+        return self.shades and any(self.seen.textured)
 
     @property
     def occludes(self) -> bool:
@@ -139,8 +136,8 @@ class Grounds(NamedTuple):
             effect is not None
             and effect.strength > 0.0
             and self.is_lit
-            and bool(self.contents.shadings - {"unlit", "gouraud"})
-            and (self.has_ambient_light or self.has_environment_light)
+            and bool(self.seen.shadings - {"unlit", "gouraud"})
+            and self.has_ambient_light
         )
 
     @property
@@ -156,12 +153,12 @@ class Grounds(NamedTuple):
     @property
     def needs_microfacets(self) -> bool:
         """Whether light falls on metallic-roughness materials."""
-        return self.is_lit and self.contents.answers.faceted > 0
+        return self.is_lit and self.seen.pbr > 0
 
     @property
     def needs_maps(self) -> bool:
         """Whether more lies over the objects than a base colour."""
-        return self.shades and self.contents.answers.has_maps
+        return self.shades and self.seen.has_maps
 
     @property
     def has_environment_light(self) -> bool:
@@ -191,79 +188,21 @@ class Grounds(NamedTuple):
         return self.wireframe is not None and "color" in self.outputs
 
 
-def contents_of(meshes: Sequence[Mesh]) -> Contents:
-    """Look through the meshes of all objects; each mesh is looked at once."""
-    counts = Counter(meshes)
-    textured = [mesh for mesh in counts if mesh.material.base_color_texture is not None]
-    read = [(mesh, textures_read(mesh.material)) for mesh in counts]
-    textures = dict.fromkeys(pair for _, found in read for pair in found.items())
-    see_through = {mesh for mesh in counts if is_see_through(mesh)}
-    return Contents(
-        frozenset(mesh.material.shading for mesh in counts),
-        tuple(_described(name, texture) for name, texture in textures),
-        any(mesh.uv is not None for mesh in counts),
-        any(mesh.uv is None and bool(found) for mesh, found in read),
-        sum(
-            count
-            for mesh, count in counts.items()
-            if mesh.material.shading in BLINN_PHONG and mesh.material.specular > 0.0
-        ),
-        any(
-            mesh.material.shading == "gouraud" and mesh.material.specular > 0.0 for mesh in textured
-        ),
-        sum(count for mesh, count in counts.items() if mesh.material.alpha_mode == "mask"),
-        sum(count for mesh, count in counts.items() if may_have_holes(mesh)),
-        any(may_have_holes(mesh) for mesh in textured),
-        any(mesh.uv is None and may_have_holes(mesh) for mesh in textured),
-        any(mesh.material.alpha_mode == "blend" for mesh in counts),
-        tuple(n for n, mesh in enumerate(meshes) if mesh in see_through),
-        answers_of(counts),
-    )
-
-
-def textures_read(material: Material) -> dict[str, Texture]:
-    """Return the textures of a material that are read, by field."""
-    textures = zip(TEXTURE_FIELDS, material.textures_read(), strict=True)
-    return {name: texture for name, texture in textures if texture is not None}
-
-
-def may_have_holes(mesh: Mesh) -> bool:
-    """Return whether the alpha of a mesh with an alpha mask is below the cutoff anywhere."""
-    material = mesh.material
-    if material.alpha_mode != "mask":
-        return False
-    lowest = np.float32(material.base_color[3])
-    for colors in (mesh.vertex_colors, mesh.face_colors):
-        if colors is not None and len(colors) > 0:
-            lowest = lowest * colors[:, 3].min()
-    if material.base_color_texture is not None:
-        lowest = lowest * np.float32(material.base_color_texture.lowest_alpha)
-    return bool(lowest < np.float32(material.alpha_cutoff))
-
-
-def _described(name: str, texture: Texture) -> str:
-    """Say what a texture is for, and how it is filtered."""
-    parts = f", {texture.anisotropy} times along" if texture.anisotropy > 1 else ""
-    kind = name.removesuffix("_texture").replace("_", " ")
-    return f"{texture.filter}{parts} ({kind})"
-
-
 def list_effects(grounds: Grounds) -> tuple[Effect, ...]:
     """Return what is in and what is out, with the reason."""
-    smooth = sorted(SMOOTH & grounds.contents.shadings)
     samples = grounds.quality.samples
     return (
         Effect("shading", grounds.shades, _shading_reason(grounds)),
-        Effect("lights", grounds.is_lit, _light_reason(grounds)),
-        Effect("shadows", grounds.is_lit and grounds.lights.have_shadows, _shadow_reason(grounds)),
-        Effect(
-            "smooth normals",
-            grounds.needs_normals,
-            "shading " + ", ".join(smooth) if smooth else "no object is smooth",
-        ),
+        Effect("lights", _has_light(grounds), _light_reason(grounds)),
+        Effect("shadows", grounds.casts_shadows, _shadow_reason(grounds)),
+        Effect("smooth normals", grounds.needs_normals, _normal_reason(grounds)),
         Effect("textures", grounds.needs_textures, _texture_reason(grounds)),
-        Effect("alpha masks", grounds.needs_cutouts, _mask_reason(grounds)),
-        *answer_effects(grounds.contents.answers, grounds.shades, grounds.is_lit),
+        Effect(
+            "alpha masks",
+            grounds.needs_cutouts or grounds.shades_through_holes,
+            _mask_reason(grounds),
+        ),
+        *answer_effects(grounds.seen, grounds.contents, grounds.shades, grounds.is_lit),
         Effect("environment light", grounds.has_environment_light, _sky_light_reason(grounds)),
         Effect("environment background", grounds.shows_environment, _sky_reason(grounds)),
         Effect("fog", grounds.has_fog, _fog_reason(grounds)),
@@ -287,17 +226,33 @@ def _shading_reason(grounds: Grounds) -> str:
         return "no output shows colour"
     if not grounds.draws_faces:
         return "only the wireframe is drawn"
-    return ", ".join(sorted(grounds.contents.shadings))
+    return ", ".join(sorted(grounds.seen.shadings)) or "no object is in view"
+
+
+def _has_light(grounds: Grounds) -> bool:
+    """Tell whether any light shines on what is seen, but for the environment."""
+    return grounds.is_lit and (grounds.has_headlight or bool(grounds.lights.lights))
+
+
+def _unlit_reason(grounds: Grounds) -> str:
+    """Say why no light is needed."""
+    if grounds.shades and grounds.contents.unlit < grounds.contents.objects:
+        return "every material in view is unlit"
+    if grounds.colors_faces and not grounds.shades:
+        return "no object is in view"
+    return "nothing is shaded, or every material is unlit"
 
 
 def _light_reason(grounds: Grounds) -> str:
     """Say what lights the scene, or why nothing needs to."""
     if not grounds.is_lit:
-        return "nothing is shaded, or every material is unlit"
-    if not grounds.light_kinds and grounds.environment is not None:
+        return _unlit_reason(grounds)
+    if grounds.has_headlight:
+        return "a headlight, for the scene has no lights"
+    if not grounds.has_lights:
         return "no headlight, for the scene has an environment"
-    kinds = _counted(grounds.light_kinds) or "a headlight, for the scene has no lights"
-    return "; ".join((kinds, *grounds.lights.notes))
+    kinds = _counted([type(light).__name__ for light in grounds.lights.lights])
+    return "; ".join(filter(None, (kinds, *grounds.lights.notes)))
 
 
 def _shadow_reason(grounds: Grounds) -> str:
@@ -310,23 +265,39 @@ def _shadow_reason(grounds: Grounds) -> str:
     return "; ".join(notes) or "no light casts them"
 
 
+def _normal_reason(grounds: Grounds) -> str:
+    """Say which objects are smooth, if any."""
+    smooth = sorted(SMOOTH & grounds.seen.shadings)
+    if smooth:
+        return "shading " + ", ".join(smooth)
+    hidden = not SMOOTH.isdisjoint(grounds.contents.shadings)
+    return "no object in view is smooth" if hidden else "no object is smooth"
+
+
 def _texture_reason(grounds: Grounds) -> str:
     """Say what the textures are, or why none is read."""
-    if not grounds.contents.texture_filters:
+    if not any(grounds.contents.textured):
         return "no material has a texture that is read"
-    return _counted(grounds.contents.texture_filters) if grounds.shades else "nothing is shaded"
+    if not grounds.colors_faces:
+        return "nothing is shaded"
+    if not any(grounds.seen.textured):
+        return "no object in view has a texture that is read"
+    return _counted(grounds.facts.describe_textures(grounds.in_view))
 
 
 def _mask_reason(grounds: Grounds) -> str:
     """Say what has holes, or why nothing has."""
-    contents = grounds.contents
+    contents, seen = grounds.contents, grounds.seen
     if contents.masked == 0:
         return "no material has the alpha_mode 'mask'"
     if contents.cut_out == 0:
         return "no alpha of an object with a mask is below its alpha_cutoff"
     if not grounds.finds_faces:
         return "only the wireframe is drawn"
-    return f"{contents.cut_out} of {contents.masked} objects with a mask can have holes"
+    if seen.cut_out > 0:
+        return f"{seen.cut_out} of {seen.masked} objects with a mask can have holes"
+    outside = in_words(0, contents.cut_out)
+    return f"{outside}, in shadows alone" if grounds.shades_through_holes else outside
 
 
 def _occlusion_reason(grounds: Grounds) -> str:
@@ -337,10 +308,10 @@ def _occlusion_reason(grounds: Grounds) -> str:
     if effect.strength == 0.0:
         return "its strength is 0"
     if not grounds.is_lit:
-        return "nothing is shaded, or every material is unlit"
-    if not grounds.contents.shadings - {"unlit", "gouraud"}:
+        return _unlit_reason(grounds)
+    if not grounds.seen.shadings - {"unlit", "gouraud"}:
         return "what is lit is lit at its vertices"
-    if not (grounds.has_ambient_light or grounds.has_environment_light):
+    if not grounds.has_ambient_light:
         return "no light comes from all around"
     radius = "a share of the scene's size" if effect.radius is None else f"{effect.radius:g}"
     return f"radius {radius}, strength {effect.strength:g}"
@@ -363,10 +334,10 @@ def _sky_light_reason(grounds: Grounds) -> str:
     if grounds.environment is None:
         return "scene.environment is None"
     if not grounds.is_lit:
-        return "nothing is shaded, or every material is unlit"
+        return _unlit_reason(grounds)
     if not grounds.environment.lights:
         return "the environment is black"
-    mirrored = ", mirrored by pbr" if "pbr" in grounds.contents.shadings else ""
+    mirrored = ", mirrored by pbr" if grounds.seen.pbr else ""
     return f"{grounds.environment.described}{mirrored}"
 
 

@@ -8,14 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit import transforms
-from rasterjit.scene.mesh import Mesh
-
-BOX_CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], bool)
-
-BOX_MARGIN = 2.0**-20
-"""What a box must lie beyond a plane of the view volume by, of its own clip coordinates: far more
-than rounding and snapping move a vertex by."""
+from rasterjit.plan_contents import in_words
+from rasterjit.scene.scene import Node
 
 
 class Layers(NamedTuple):
@@ -37,79 +31,63 @@ class Transparency(NamedTuple):
     reason: str
 
 
-def is_see_through(mesh: Mesh) -> bool:
-    """Tell whether anything is seen through a mesh: blended, with an alpha below 1 somewhere."""
-    material = mesh.material
-    texture = material.base_color_texture
-    return material.alpha_mode == "blend" and not (
-        material.base_color[3] >= 1.0
-        and (mesh.vertex_colors is None or bool((mesh.vertex_colors[:, 3] >= 1.0).all()))
-        and (mesh.face_colors is None or bool((mesh.face_colors[:, 3] >= 1.0).all()))
-        and (texture is None or texture.is_opaque)
-    )
-
-
-def is_outside(
-    mesh: Mesh, relative_from_model: NDArray[np.float64], clip_from_relative: NDArray[np.float64]
-) -> bool:
-    """Tell whether all of a mesh surely lies outside the view volume."""
-    try:
-        low, high = mesh.bounds()
-    except ValueError:
-        # No face has a finite vertex.
-        return True
-    matrix = transforms.compose(clip_from_relative, relative_from_model)
-    x, y, z = np.where(BOX_CORNERS, high, low).T
-    clip = [a * x + b * y + c * z + d for a, b, c, d in matrix.tolist()]
-    margin = BOX_MARGIN * (abs(clip[0]) + abs(clip[1]) + abs(clip[2]) + abs(clip[3]))
-    return any(
-        bool((sign * axis > clip[3] + margin).all()) for axis in clip[:3] for sign in (1.0, -1.0)
-    )
-
-
 def find_transparency(
-    count: int,
+    nodes: Sequence[Node],
     shades: bool,
     is_any_blended: bool,
-    see_through: Sequence[int],
-    outside: Sequence[int],
-    names: Sequence[str],
+    is_see_through: NDArray[np.bool_],
+    in_view: NDArray[np.bool_],
 ) -> Transparency:
     """
     Decide which objects are laid over what lies behind them.
 
     Parameters
     ----------
-    count : int
-        Number of objects.
+    nodes : sequence of Node
     shades : bool
         Whether the colour of faces is asked for.
     is_any_blended : bool
         Whether any material is.
-    see_through : sequence of int
-        The objects that anything is seen through, wherever they are.
-    outside : sequence of int
-        Those of them that lie outside the view.
-    names : sequence of str
-        Of those outside.
+    is_see_through, in_view : (O,) bool
+        Which objects anything is seen through, wherever they are, and which may be seen.
     """
-    is_blended = np.zeros(count, np.uint8)
+    nothing = np.zeros(len(nodes), np.uint8)
     if not is_any_blended:
-        return Transparency(is_blended, False, "no material is blended")
+        return Transparency(nothing, False, "no material is blended")
     if not shades:
-        return Transparency(is_blended, False, "nothing is shaded")
-    if not see_through:
-        return Transparency(is_blended, False, "every blended surface has alpha 1")
-    is_blended[list(see_through)] = 1
-    is_blended[list(outside)] = 0
-    seen = len(see_through) - len(outside)
-    if seen == 0:
-        others = f" and {len(outside) - 1} others lie" if len(outside) > 1 else " lies"
-        return Transparency(is_blended, False, f"object {names[0]!r}{others} outside the view")
-    objects = "1 blended object" if seen == 1 else f"{seen} blended objects"
-    if outside:
-        objects += f", {len(outside)} more outside the view"
-    return Transparency(is_blended, True, objects)
+        return Transparency(nothing, False, "nothing is shaded")
+    count = np.count_nonzero(is_see_through)
+    if count == 0:
+        return Transparency(nothing, False, "every blended surface has alpha 1")
+    seen = is_see_through & in_view
+    if not seen.any():
+        name = nodes[int(is_see_through.argmax())].name
+        others = f" and {count - 1} others lie" if count > 1 else " lies"
+        return Transparency(nothing, False, f"object {name!r}{others} outside the view")
+    reason = in_words(int(np.count_nonzero(seen)), int(count), "blended object")
+    return Transparency(seen.astype(np.uint8), True, reason)
+
+
+def layers_of(
+    transparency: Transparency, antialiases: bool, samples: int | str, nodes: Sequence[Node]
+) -> Layers | None:
+    """
+    Return what pixels show besides their nearest faces; ``None`` if nothing.
+
+    Raises
+    ------
+    ValueError
+        Naming the object that is blended, where samples is ``"area"``.
+    """
+    if not transparency.used and not antialiases:
+        return None
+    if transparency.used and samples == "area":
+        number = int(transparency.is_blended.argmax())
+        raise ValueError(
+            "quality.samples must be 1, 2, 4, 8 or 16 where a material is blended, got 'area' and "
+            f"{nodes[number].name!r} (object {number}) with alpha_mode 'blend'"
+        )
+    return Layers(transparency.is_blended, transparency.used, samples)
 
 
 def antialiasing_reason(samples: int | str, shades: bool) -> str:

@@ -2,15 +2,18 @@
 Decide which lights reach what is seen and which cast shadows there, and why.
 
 What is known when a frame is planned are the boxes around the objects. A light is left out if it
-surely reaches none that may be seen, and casts no shadows if surely nothing lies between. What is
-left is the row of each light that kernels read; the maps are fitted when it is known what is seen.
+is black or surely reaches none that may be seen, and casts no shadows if surely nothing lies
+between. What is left is the row of each light that kernels read; the maps are fitted when it is
+known what is seen.
 """
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,11 +22,16 @@ from numpy.typing import NDArray
 from rasterjit import transforms
 from rasterjit.kernels.lighting import LIGHT_COLUMNS
 from rasterjit.kernels.records import Lighting
-from rasterjit.plan_layers import is_see_through
+from rasterjit.plan_boxes import Boxes
 from rasterjit.scene.camera import Camera
-from rasterjit.scene.light import AmbientLight, DirectionalLight, Light, PointLight, SpotLight
-from rasterjit.scene.mesh import Mesh
-from rasterjit.scene.scene import Node, matrices_of
+from rasterjit.scene.light import (
+    MOST_TEXELS,
+    AmbientLight,
+    DirectionalLight,
+    Light,
+    PointLight,
+    SpotLight,
+)
 
 FARTHEST_LIGHT = 1e18
 """Coordinates of a light relative to the eye are held within it: their squares stay finite in
@@ -38,6 +46,14 @@ WIDEST_MAP = 60.0
 
 MOST_PAIRS = 1 << 20
 """Pairs of objects that are looked at: in scenes of more, something always lies between."""
+
+FIRST_ROWS, MORE_ROWS = 4, 8
+"""Objects held against all others at first, and how many times as many each time nothing was
+found: mostly something is, at once."""
+
+LIGHT_ROUNDING = 2.0**-20
+"""Widening of what a light reaches, as a share of coordinates and of cosines: above the rounding
+of the light that kernels see, which is float32."""
 
 TEXEL_BYTES = 4
 
@@ -66,36 +82,77 @@ class PlannedLights(NamedTuple):
         return any(getattr(light, "shadow", None) is not None for light in self.lights)
 
 
-def plan_lights(
-    lights: Sequence[Light], nodes: Sequence[Node], camera: Camera, size: tuple[int, int]
-) -> PlannedLights:
+NO_LIGHTS = PlannedLights((), (), (), ())
+
+
+def plan_lights(lights: Sequence[Light], boxes: Boxes, casts: NDArray[np.bool_]) -> PlannedLights:
     """
     Return the lights that reach what is seen, and what became of the others.
 
     Parameters
     ----------
     lights : sequence of Light
-    nodes : sequence of Node
-    camera : Camera
-    size : (int, int)
-        Width and height of the picture, pixels.
+    boxes : Boxes
+        Around the objects.
+    casts : (O,) bool
+        Which objects cast shadows.
+
+    Raises
+    ------
+    ValueError
+        If the shadow maps have too many texels together; the message names the lights.
     """
     kept, numbers, notes, shadow_notes = [], [], [], []
-    ends = any(getattr(light, "range", None) is not None for light in lights)
-    casts = any(getattr(light, "shadow", None) is not None for light in lights)
-    if not (ends or casts):
-        return PlannedLights(tuple(lights), tuple(range(len(lights))), (), ())
-    scenery = _Boxes(nodes, camera, size)
+    scenery = _Scenery(boxes, casts)
     for n, light in enumerate(lights):
-        if getattr(light, "range", None) is not None and not scenery.is_reached(light):
-            notes.append(f"light {n}: its range of {light.range:g} ends before all that is seen")
+        reason, reached = _reason_against(light, scenery)
+        if reason:
+            notes.append(f"light {n}: {reason}")
             continue
-        if getattr(light, "shadow", None) is not None and not scenery.is_shaded(light):
+        if getattr(light, "shadow", None) is not None and not scenery.is_shaded(light, reached):
             shadow_notes.append(f"light {n}: nothing lies between it and what is seen")
             light = replace(light, shadow=None)
         kept.append(light)
         numbers.append(n)
-    return PlannedLights(tuple(kept), tuple(numbers), tuple(notes), tuple(shadow_notes))
+    planned = PlannedLights(tuple(kept), tuple(numbers), tuple(notes), tuple(shadow_notes))
+    _check_maps(planned)
+    return planned
+
+
+def _reason_against(light: Any, scenery: _Scenery) -> tuple[str, NDArray[np.bool_] | None]:
+    """Return why a light reaches nothing that is seen, or "" and what it reaches if not all."""
+    if light.intensity == 0.0:
+        return "its intensity is 0", None
+    if not any(light.color):
+        return "it is black", None
+    reached = None
+    if getattr(light, "range", None) is not None:
+        reached = scenery.in_range(light)
+        if not reached.any():
+            return f"its range of {light.range:g} ends before all that is seen", None
+    if isinstance(light, SpotLight):
+        reached = scenery.in_cone(light) if reached is None else reached & scenery.in_cone(light)
+        if not reached.any():
+            return "nothing in view is in its cone", None
+    return "", reached
+
+
+def _check_maps(planned: PlannedLights) -> None:
+    """Raise ``ValueError`` if the shadow maps have too many texels together."""
+    total, listed = 0, []
+    for n, light in zip(planned.numbers, planned.lights, strict=True):
+        shadow = getattr(light, "shadow", None)
+        if shadow is not None:
+            count = 6 if has_cube(light) else 1
+            total += count * shadow.size * shadow.size
+            listed.append(f"light {n} ({count} of {shadow.size} x {shadow.size})")
+    if total > MOST_TEXELS:
+        raise ValueError(
+            f"the shadow maps of all lights must have at most {MOST_TEXELS:,} texels together "
+            f"({MOST_TEXELS * TEXEL_BYTES / 1e9:.1f} GB), got {total:,} "
+            f"({total * TEXEL_BYTES / 1e9:.1f} GB): {', '.join(listed)}; take a smaller "
+            "shadow.size or fewer shadows"
+        )
 
 
 def describe_shadows(lights: Sequence[Light]) -> str:
@@ -118,79 +175,106 @@ def has_cube(light: Light) -> bool:
     return wide or isinstance(light, PointLight)
 
 
-def mesh_boxes(meshes: Sequence[Mesh]) -> NDArray[np.float64]:
-    """Return the low and high corner of each object, (O, 2, 3), model space; NaN if it has none."""
-    boxes: dict[Any, Any] = {}
-    for mesh in meshes:
-        if mesh not in boxes:
-            try:
-                boxes[mesh] = mesh.bounds()
-            except ValueError:
-                # No face has a finite vertex.
-                boxes[mesh] = np.full((2, 3), np.nan)
-    return np.array([boxes[mesh] for mesh in meshes])
+class _Scenery:
+    """What lights fall on and what stands in their way, relative to the eye."""
 
+    def __init__(self, boxes: Boxes, casts: NDArray[np.bool_]) -> None:
+        self._boxes = boxes
+        self.casts = casts
+        self.eye = boxes.eye
 
-def place_boxes(boxes: NDArray[np.float64], matrices: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the corners, (O, 8, 3), of boxes (O, 2, 3) that matrices (O, 3, 4) put somewhere."""
-    pick = np.array([[n & 1, n >> 1 & 1, n >> 2 & 1] for n in range(8)])
-    corners = boxes[:, pick, np.arange(3)]
-    x, y, z = (corners[:, :, k, np.newaxis] for k in range(3))
-    m = matrices[:, np.newaxis, :3, :]
-    with np.errstate(invalid="ignore", over="ignore"):
-        return x * m[..., 0] + y * m[..., 1] + z * m[..., 2] + m[..., 3]
+    @cached_property
+    def is_unsure(self) -> NDArray[np.bool_]:
+        """Whether it is not known how far an object reaches, though it may be seen, (O,)."""
+        return self._boxes.in_view & ~self._boxes.is_known
 
+    @cached_property
+    def ends(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Low and high corner along the world's axes, (O, 3) each."""
+        return self._boxes.corners.min(axis=1), self._boxes.corners.max(axis=1)
 
-class _Boxes:
-    """The boxes around the objects, relative to the eye."""
+    @cached_property
+    def slack(self) -> NDArray[np.float64]:
+        """How far off the corners may be as kernels see them, (O,)."""
+        low, high = self.ends
+        return LIGHT_ROUNDING * np.maximum(np.abs(low), np.abs(high)).max(axis=1)
 
-    def __init__(self, nodes: Sequence[Node], camera: Camera, size: tuple[int, int]) -> None:
-        self.eye = camera.eye_position()
-        matrices = np.array(matrices_of(nodes))
-        matrices[:, :3, 3] -= self.eye
-        boxes = mesh_boxes([node.mesh for node in nodes])
-        corners = place_boxes(boxes, matrices)
-        usable = np.isfinite(corners).all(axis=(1, 2))
-        self.corners = corners[usable]
-        self.is_flat = (boxes[usable, 0] == boxes[usable, 1]).any(axis=1)
-        self.casts = np.array([not is_see_through(node.mesh) for node in nodes])[usable]
-        self.is_seen = ~self._are_outside(camera, size)
-
-    def _are_outside(self, camera: Camera, size: tuple[int, int]) -> NDArray[np.bool_]:
-        """Tell of each box whether it lies beyond one of the planes of the view volume."""
-        view = transforms.compose(camera.view_matrix(), transforms.translate(self.eye))
-        matrix = transforms.compose(camera.projection_matrix(size), view)
-        x, y, z = (self.corners[..., k] for k in range(3))
-        a, b, c, w = (m[0] * x + m[1] * y + m[2] * z + m[3] for m in matrix.tolist())
-        beyond = [(side * part > w).all(axis=1) for part in (a, b, c) for side in (1.0, -1.0)]
-        return np.logical_or.reduce(beyond)
-
-    def is_reached(self, light: Any) -> bool:
-        """Tell whether a light's range reaches a box that may be seen."""
-        low, high = self.corners.min(axis=1), self.corners.max(axis=1)
+    def in_range(self, light: Any) -> NDArray[np.bool_]:
+        """Tell of each object, (O,), whether it may be seen and a light's range reaches it."""
+        low, high = self.ends
         place = np.array(light.position) - self.eye
-        x, y, z = np.maximum(np.maximum(low - place, place - high), 0.0).T / light.range
-        return bool((self.is_seen & (x * x + y * y + z * z < 1.0)).any())
+        slack = self.slack + LIGHT_ROUNDING * (np.abs(place).max() + light.range)
+        with np.errstate(invalid="ignore", over="ignore"):
+            gaps = np.maximum(low - place, place - high) - slack[:, np.newaxis]
+            x, y, z = np.maximum(gaps, 0.0).T / light.range
+            return self._boxes.in_view & (x * x + y * y + z * z < 1.0) | self.is_unsure
 
-    def is_shaded(self, light: Any) -> bool:
-        """Tell whether a box may lie between a light and one that may be seen."""
-        if self.is_seen.sum() * len(self.corners) > MOST_PAIRS:
+    def in_cone(self, light: SpotLight) -> NDArray[np.bool_]:
+        """Tell of each object, (O,), whether it may be seen and meets a light's cone."""
+        low, high = self.ends
+        place, axis = np.array(light.position) - self.eye, np.array(light.direction)
+        _, cosine = transforms.sine_cosine(light.outer_angle)
+        cosine = max(cosine - LIGHT_ROUNDING, -1.0)
+        sine = math.sqrt(1.0 - cosine * cosine)
+        with np.errstate(invalid="ignore", over="ignore"):
+            # Hold the sphere around each box against the cone's side, or behind it its tip.
+            x, y, z = ((low + high) / 2.0 - place).T
+            a, b, c = ((high - low) / 2.0).T
+            radius = np.sqrt(a * a + b * b + c * c) + self.slack
+            radius += LIGHT_ROUNDING * float(np.abs(place).max())
+            ahead = x * axis[0] + y * axis[1] + z * axis[2]
+            p, q, r = x - ahead * axis[0], y - ahead * axis[1], z - ahead * axis[2]
+            aside = np.sqrt(p * p + q * q + r * r)
+            beside = aside * cosine - ahead * sine
+            is_behind = aside * sine + ahead * cosine < 0.0
+            away = np.where(is_behind, np.sqrt(ahead * ahead + aside * aside), beside)
+            return self._boxes.in_view & ~(away > radius) | self.is_unsure
+
+    def is_shaded(self, light: Any, reached: NDArray[np.bool_] | None) -> bool:
+        """Tell whether anything may lie between a light and what it reaches, (O,) or all."""
+        receives = self._boxes.in_view if reached is None else reached
+        is_solid = self.casts & ~self._boxes.is_flat
+        if self.is_unsure.any() or (receives & is_solid).any():
+            # What has an inside may shade itself.
             return True
-        # What lies between a surface and the light meets the box around both.
+        casters = np.flatnonzero(self.casts & self._boxes.is_known)
+        receivers = np.flatnonzero(receives)
+        if len(receivers) * len(casters) > MOST_PAIRS:
+            return True
+        low, high = self.ends
         if isinstance(light, DirectionalLight):
-            corners = along(axes_of(light.direction), self.corners)
+            corners = along(axes_of(light.direction), self._boxes.corners)
             low, high = corners.min(axis=1), corners.max(axis=1)
-            first, last = low.copy(), high
+        # What lies between a surface and the light meets the box around both.
+        first, last = low[receivers], high[receivers]
+        if isinstance(light, DirectionalLight):
             first[:, 2] = -np.inf
         else:
             place = np.array(light.position) - self.eye
-            low, high = self.corners.min(axis=1), self.corners.max(axis=1)
-            first, last = np.minimum(low, place), np.maximum(high, place)
-        first, last = first[self.is_seen, np.newaxis], last[self.is_seen, np.newaxis]
-        meets = ((low <= last) & (high >= first)).all(axis=2) & self.casts
-        itself = np.nonzero(self.is_seen)[0]
-        meets[np.arange(len(itself)), itself] &= ~self.is_flat[itself]
-        return bool(meets.any())
+            first, last = np.minimum(first, place), np.maximum(last, place)
+        return _meets_another(first, last, receivers, low[casters], high[casters], casters)
+
+
+def _meets_another(
+    first: NDArray[np.float64],
+    last: NDArray[np.float64],
+    owners: NDArray[np.int64],
+    low: NDArray[np.float64],
+    high: NDArray[np.float64],
+    numbers: NDArray[np.int64],
+) -> bool:
+    """Tell whether any of N boxes (first, last) meets one of M (low, high) that is not its own."""
+    start, rows = 0, FIRST_ROWS
+    while start < len(first):
+        part = slice(start, start + rows)
+        meets = owners[part, np.newaxis] != numbers
+        for k in range(3):
+            meets &= low[:, k] <= last[part, k, np.newaxis]
+            meets &= high[:, k] >= first[part, k, np.newaxis]
+        if meets.any():
+            return True
+        start, rows = start + rows, rows * MORE_ROWS
+    return False
 
 
 def axes_of(

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from rasterjit.kernels import texturing
 from rasterjit.kernels.records import Cutouts, Surface, Textures
 from rasterjit.plan_arrays import join_uv, runs_of, writable
-from rasterjit.plan_effects import may_have_holes
+from rasterjit.plan_contents import may_have_holes
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.texture import Pyramid, Texture, level_sizes
 

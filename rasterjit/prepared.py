@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 
 from rasterjit import edge_lines, plan_arrays, plan_views
 from rasterjit.kernels.records import Cutouts, Maps, Microfacets, Surface, Textures
+from rasterjit.plan import Stock
 from rasterjit.plan_arrays import SceneArrays
-from rasterjit.plan_effects import SMOOTH, Contents, contents_of
-from rasterjit.plan_lights import mesh_boxes
+from rasterjit.plan_boxes import mesh_boxes
+from rasterjit.plan_contents import SMOOTH, Facts
 from rasterjit.plan_materials import join_maps, join_microfacets
 from rasterjit.plan_textures import join_cutouts, join_textures
 from rasterjit.plan_views import Places
@@ -79,11 +80,12 @@ class Looks:
     def __init__(self, shapes: Shapes, materials: list[Any]) -> None:
         self._shapes = shapes
         self.materials = materials
+        self._cutouts: dict[bool, Cutouts] = {}
 
     @cached_property
-    def contents(self) -> Contents:
+    def facts(self) -> Facts:
         """What decides which effects a frame needs."""
-        return contents_of(self._shapes.meshes)
+        return Facts(self._shapes.meshes)
 
     @cached_property
     def surface(self) -> Surface:
@@ -100,12 +102,15 @@ class Looks:
         """The textures of all objects and their texture coordinates."""
         return join_textures(self._shapes.meshes)
 
-    @cached_property
-    def cutouts(self) -> Cutouts:
-        """The objects that have holes, and what decides where."""
-        textures = self.textures if self.contents.has_textured_hole else None
-        starts = self._shapes.arrays.face_starts
-        return join_cutouts(self._shapes.meshes, starts, self.surface, textures)
+    def cutouts(self, has_textures: bool) -> Cutouts:
+        """Return which objects have holes, and what decides where, with textures or without."""
+        if has_textures not in self._cutouts:
+            starts = self._shapes.arrays.face_starts
+            textures = self.textures if has_textures else None
+            self._cutouts[has_textures] = join_cutouts(
+                self._shapes.meshes, starts, self.surface, textures
+            )
+        return self._cutouts[has_textures]
 
     @cached_property
     def microfacets(self) -> Microfacets:
@@ -139,6 +144,11 @@ class Prepared(NamedTuple):
     matrices: list[NDArray[np.float64]]
     """``world_from_model`` of each object."""
     places: Places
+
+    @property
+    def stock(self) -> Stock:
+        """What a plan needs to know of them."""
+        return Stock(self.looks.facts, self.shapes.boxes, self.places.world_from_model)
 
 
 def prepare(nodes: Sequence[Node], known: Prepared | None) -> Prepared:

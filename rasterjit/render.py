@@ -228,7 +228,7 @@ class Renderer:
         self._prepared = prepared = prepare(scene.nodes, self._prepared)
         plan = planning.plan_render(
             scene, camera, self.size, self.quality, outputs, background, cull, diagnose,
-            prepared.looks.contents,
+            prepared.stock,
         )  # fmt: skip
         arrays = prepared.shapes.arrays
         views = plan_views.view_places(prepared.places, camera, self.size)
@@ -248,7 +248,7 @@ class Renderer:
             find_faces=plan.needs_faces,
             keep_lists=plan.diagnose or plan.layers is not None,
             keep_clip_positions=plan.diagnose or plan.wireframe is not None,
-            cutouts=prepared.looks.cutouts if plan.needs_cutouts else None,
+            cutouts=passes.find_cutouts(plan, prepared),
         )  # fmt: skip
         geometry = Geometry(
             arrays.faces,

@@ -21,12 +21,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit import soft_shadows, stages, transforms
-from rasterjit.kernels import shadow_filters, shadow_receivers, shadowing
-from rasterjit.kernels.records import Cutouts, Geometry, Objects, Placement, Shadows
+from rasterjit.kernels import shadow_filters, shadowing
+from rasterjit.kernels.records import Cutouts, Objects, Placement, Shadows
 from rasterjit.plan import viewport_of
-from rasterjit.plan_lights import along, axes_of, has_cube, place_boxes
-from rasterjit.scene.camera import Camera, screen_from_relative
+from rasterjit.plan_boxes import place_boxes
+from rasterjit.plan_lights import along, axes_of, has_cube
+from rasterjit.scene.camera import Camera
 from rasterjit.scene.light import DirectionalLight, Light, Shadow
+from rasterjit.shadow_cells import view_cells
 
 Float64 = NDArray[np.float64]
 
@@ -411,8 +413,10 @@ def scenery_of(
     bounds: Float64,
     casts: NDArray[np.bool_],
     is_whole: NDArray[np.bool_],
+    is_open: NDArray[np.bool_],
     cells: Float64,
     camera: Camera,
+    size: tuple[int, int],
     cutouts: Cutouts | None,
 ) -> Scenery:
     """
@@ -429,9 +433,13 @@ def scenery_of(
         Which objects cast shadows.
     is_whole : (O,) bool
         Which objects shadows are looked up on wherever they are, seen or not.
+    is_open : (O,) bool
+        Which of the others may be seen where the depth of the frame does not tell.
     cells : (N, 8, 3) float64
-        What is seen, see `seen_cells`.
+        What the depth of the frame says is seen, see `shadow_cells`.
     camera : Camera
+    size : (int, int)
+        Width and height of the picture, pixels.
     cutouts : Cutouts or None
         The objects that have holes.
     """
@@ -449,7 +457,13 @@ def scenery_of(
             cutouts = cutouts._replace(face_starts=starts, face_colors=colors)
     return Scenery(
         vertices, faces, starts, boxes[finite & casts],
-        np.concatenate([cells, boxes[finite & is_whole]]),
+        np.concatenate(
+            [
+                cells,
+                boxes[finite & is_whole],
+                view_cells(camera, size, boxes[finite & is_open & ~is_whole]),
+            ]
+        ),
         cutouts, _right_of(camera),
     )  # fmt: skip
 
@@ -458,56 +472,3 @@ def _right_of(camera: Camera) -> tuple[float, ...]:
     """Return the x axis of a camera in the world, of length one."""
     right = camera.view_matrix()[0, :3]
     return tuple(transforms.unit_vector("axis", right).tolist()) if right.any() else (1.0, 0.0, 0.0)
-
-
-def seen_cells(
-    camera: Camera, geometry: Geometry, depth: NDArray[np.float32], workers: stages.Workers
-) -> Float64:
-    """
-    Return the corners, (N, 8, 3), of cells that hold all that is seen.
-
-    In world axes, relative to the eye; each cell holds what some neighbouring pixels show.
-    """
-    viewport = geometry.viewport
-    screen = screen_from_relative(camera, (viewport.width, viewport.height))
-    lowest, highest = find_depth_ranges(depth, workers)
-    rows, columns = np.nonzero(lowest <= highest)
-    try:
-        relative_from_screen = transforms.inverse(screen)
-    except ValueError:
-        # A camera that flattens space: no point follows from its picture.
-        return np.empty((0, 8, 3))
-    side = shadow_receivers.CELL
-    corners = np.empty((len(rows), 8, 3))
-    for n in range(8):
-        x = np.minimum((columns + (n & 1)) * side, viewport.width)
-        y = np.minimum((rows + (n >> 1 & 1)) * side, viewport.height)
-        corners[:, n, 0] = 2.0 * x / viewport.width - 1.0
-        corners[:, n, 1] = 1.0 - 2.0 * y / viewport.height
-        corners[:, n, 2] = (highest if n >> 2 & 1 else lowest)[rows, columns]
-    x, y, z = corners[..., 0], corners[..., 1], corners[..., 2]
-    m = relative_from_screen.tolist()
-    w = m[3][0] * x + m[3][1] * y + m[3][2] * z + m[3][3]
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        points = np.stack(
-            [(m[k][0] * x + m[k][1] * y + m[k][2] * z + m[k][3]) / w for k in range(3)], axis=-1
-        )
-    return points[np.isfinite(points).all(axis=(1, 2))]
-
-
-def find_depth_ranges(
-    depth: NDArray[np.float32], workers: stages.Workers
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Return the lowest and highest stored depth in cells of a frame; inf, -inf for nothing."""
-    height, width = depth.shape
-    side = shadow_receivers.CELL
-    rows, columns = -(-height // side), -(-width // side)
-    lowest, highest = (np.empty((rows, columns), np.float32) for _ in range(2))
-    per_task = -(-stages.rows_per_task(depth.shape, workers) // side)
-
-    def find_some(first: int) -> None:
-        cells, scratch = (first, min(first + per_task, rows)), np.empty((2, width), np.float32)
-        shadow_receivers.find_depth_ranges(depth, cells, lowest, highest, scratch)
-
-    workers.run(find_some, [(n,) for n in range(0, rows, per_task)])
-    return lowest, highest

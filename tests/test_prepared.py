@@ -11,7 +11,7 @@ import pytest
 import rasterjit as rj
 from rasterjit import edge_lines, plan_arrays, plan_views, prepared
 from rasterjit.plan import OUTPUTS
-from rasterjit.plan_effects import contents_of
+from rasterjit.plan_contents import Facts
 
 SIZE = (48, 40)
 
@@ -229,9 +229,7 @@ def test_instances_are_joined_like_copies(cube, sphere, order):
                 assert (a.dtype, a.shape, a.tobytes()) == (b.dtype, b.shape, b.tobytes())
             else:
                 assert b is None
-    assert contents_of(instances) == contents_of(copies)._replace(
-        texture_filters=contents_of(instances).texture_filters
-    )
+    assert Facts(instances).contents == Facts(copies).contents
 
 
 def test_joined_arrays_are_the_meshes_one_after_another(cube, sphere):

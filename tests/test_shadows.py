@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit import shadow_maps
+from rasterjit import shadow_cells, shadow_maps
 from rasterjit import transforms as tf
 from rasterjit.kernels import shadowing
 
@@ -503,5 +503,5 @@ def test_a_light_in_front_of_which_nothing_lies_draws_no_map(drawn):
 def test_scene_without_shadows_reads_no_maps(monkeypatch):
     scene, camera = box_on_ground(rj.DirectionalLight((0, -1, 0)))
     monkeypatch.setattr(shadow_maps, "draw_shadows", None)
-    monkeypatch.setattr(shadow_maps, "seen_cells", None)
+    monkeypatch.setattr(shadow_cells, "seen_cells", None)
     rj.render(scene, camera, size=SIZE)

@@ -20,6 +20,9 @@ SHADOW_FILTERS = ("hard", "pcf", "soft")
 LEAST_MAP, LARGEST_MAP = 16, 8192
 """Side of a shadow map, texels."""
 
+MOST_TEXELS = 1 << 30
+"""Texels of all shadow maps of a frame together, 4 bytes each."""
+
 LARGEST_BIAS = 100.0
 """Largest bias, texels: beyond it nothing of a shadow would be left where things touch."""
 
@@ -39,7 +42,9 @@ class Shadow:
     ----------
     size : int, texels
         Side of the map, 16..8192. Doubling it halves the steps of a shadow's edge and takes four
-        times the memory.
+        times the memory. All maps of a frame have at most 2**30 texels together, of 4 bytes each
+        (4.3 GB): sixteen of 8192, six for each point light. Rendering raises ``ValueError`` for
+        more.
     filter : {"pcf", "hard", "soft"}
         ``"hard"``: one comparison, edges in steps of a texel. ``"pcf"``: 3 x 3 comparisons, each
         between four texels by their weight (percentage-closer filtering), an edge three texels

@@ -1,0 +1,147 @@
+"""
+Find the cells of space that hold all that is seen, for shadow maps to be fitted to.
+
+The depth of the frame tells, pixel by pixel; where more is seen than that, behind glass and between
+the centres of pixels, the boxes around the objects do.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit import stages
+from rasterjit.kernels import shadow_receivers
+from rasterjit.kernels.records import Geometry
+from rasterjit.plan_boxes import CORNERS, clip_from_relative
+from rasterjit.scene.camera import Camera
+
+Float64 = NDArray[np.float64]
+
+
+def seen_cells(
+    camera: Camera, geometry: Geometry, depth: NDArray[np.float32], workers: stages.Workers
+) -> Float64:
+    """
+    Return the corners, (N, 8, 3), of cells that hold all that is seen.
+
+    In world axes, relative to the eye; each cell holds what some neighbouring pixels show.
+    """
+    viewport = geometry.viewport
+    relative_from_screen = _inverse(_screen_matrix(camera, (viewport.width, viewport.height)))
+    lowest, highest = find_depth_ranges(depth, workers)
+    rows, columns = np.nonzero(lowest <= highest)
+    if relative_from_screen is None or not len(rows):
+        return np.empty((0, 8, 3))
+    side = shadow_receivers.CELL
+    corners = np.empty((len(rows), 8, 3))
+    for n in range(8):
+        x = np.minimum((columns + (n & 1)) * side, viewport.width)
+        y = np.minimum((rows + (n >> 1 & 1)) * side, viewport.height)
+        corners[:, n, 0] = 2.0 * x / viewport.width - 1.0
+        corners[:, n, 1] = 1.0 - 2.0 * y / viewport.height
+        corners[:, n, 2] = (highest if n >> 2 & 1 else lowest)[rows, columns]
+    points = _projected(relative_from_screen, corners)
+    return points[np.isfinite(points).all(axis=(1, 2))]
+
+
+def view_cells(camera: Camera, size: tuple[int, int], boxes: Float64) -> Float64:
+    """
+    Return the corners, (B, 8, 3), of cells that hold what may be seen of boxes (B, 8, 3).
+
+    In world axes, relative to the eye. A cell is the part of the view around a box, between its
+    nearest and its farthest corner, or the box itself, whichever is smaller.
+    """
+    screen = _screen_matrix(camera, size)
+    relative_from_screen = _inverse(screen)
+    nearest = _nearest_depth(camera, size, screen)
+    if relative_from_screen is None or not np.isfinite(nearest) or not len(boxes):
+        return boxes
+    points, ahead = _projected(screen, boxes), _times(screen[3:], boxes)[..., 0] > 0.0
+    depth, is_ahead = points[..., 2], ahead.all(axis=1)[:, np.newaxis, np.newaxis]
+    # What reaches behind the eye may be anywhere on the screen.
+    low = np.where(is_ahead, np.maximum(points.min(axis=1, keepdims=True), -1.0), -1.0)
+    high = np.where(is_ahead, np.minimum(points.max(axis=1, keepdims=True), 1.0), 1.0)
+    low[:, 0, 2] = depth.min(axis=1, where=ahead, initial=nearest)
+    high[:, 0, 2] = np.where(is_ahead[:, 0, 0], np.minimum(depth.max(axis=1), nearest), nearest)
+    cells = _projected(relative_from_screen, np.where(CORNERS, high, low))
+    with np.errstate(invalid="ignore", over="ignore"):
+        return np.where((_extent(cells) < _extent(boxes))[:, np.newaxis, np.newaxis], cells, boxes)
+
+
+def _extent(corners: Float64) -> Float64:
+    """Return the square of the diagonal of the box around eight corners, (B,)."""
+    x, y, z = (corners.max(axis=1) - corners.min(axis=1)).T
+    return (x * x + y * y) + z * z
+
+
+def _nearest_depth(camera: Camera, size: tuple[int, int], screen: list[list[float]]) -> float:
+    """Return the largest stored depth on the near plane of the view."""
+    relative_from_clip = _inverse(clip_from_relative(camera, size).tolist())
+    if relative_from_clip is None:
+        return math.nan
+    corners = np.array([[x, y, -1.0] for x in (-1.0, 1.0) for y in (-1.0, 1.0)])
+    return float(_projected(screen, _projected(relative_from_clip, corners))[:, 2].max())
+
+
+def _times(rows: list[list[float]], points: Float64) -> Float64:
+    """Return rows of a 4x4 matrix times the points (..., 3) and 1."""
+    x, y, z = points[..., 0], points[..., 1], points[..., 2]
+    return np.stack([m[0] * x + m[1] * y + m[2] * z + m[3] for m in rows], axis=-1)
+
+
+def _projected(matrix: list[list[float]], points: Float64) -> Float64:
+    """Return points (..., 3) taken through a 4x4 matrix, divided by w."""
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        homogeneous = _times(matrix, points)
+        return homogeneous[..., :3] / homogeneous[..., 3:]
+
+
+def _screen_matrix(camera: Camera, size: tuple[int, int]) -> list[list[float]]:
+    """Return the matrix from (position relative to the eye, 1) to (NDC x, y, stored depth, 1) w."""
+    clip = clip_from_relative(camera, size)
+    c0, c1, c2 = camera.depth_coefficients()
+    depth = c1 * clip[2] + c2 * clip[3]
+    depth[3] += c0
+    return [clip[0].tolist(), clip[1].tolist(), depth.tolist(), clip[3].tolist()]
+
+
+def _inverse(matrix: list[list[float]]) -> list[list[float]] | None:
+    """Return the inverse of a 4x4 matrix by Gauss and Jordan, or ``None`` if there is none."""
+    rows = [[*row, *(float(n == k) for k in range(4))] for n, row in enumerate(matrix)]
+    for k in range(4):
+        # Take the row whose entry is the largest beside the others of its row.
+        def share(n: int, k: int = k) -> float:
+            largest = max(map(abs, rows[n][:4]))
+            return abs(rows[n][k]) / largest if largest > 0.0 else 0.0
+
+        pivot = max(range(k, 4), key=share)
+        if rows[pivot][k] == 0.0:
+            return None
+        rows[k], rows[pivot] = rows[pivot], rows[k]
+        rows[k] = [entry / rows[k][k] for entry in rows[k]]
+        for n in range(4):
+            if n != k:
+                factor = rows[n][k]
+                rows[n] = [a - factor * b for a, b in zip(rows[n], rows[k], strict=True)]
+    return [row[4:] for row in rows]
+
+
+def find_depth_ranges(
+    depth: NDArray[np.float32], workers: stages.Workers
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return the lowest and highest stored depth in cells of a frame; inf, -inf for nothing."""
+    height, width = depth.shape
+    side = shadow_receivers.CELL
+    rows, columns = -(-height // side), -(-width // side)
+    lowest, highest = (np.empty((rows, columns), np.float32) for _ in range(2))
+    per_task = -(-stages.rows_per_task(depth.shape, workers) // side)
+
+    def find_some(first: int) -> None:
+        cells, scratch = (first, min(first + per_task, rows)), np.empty((2, width), np.float32)
+        shadow_receivers.find_depth_ranges(depth, cells, lowest, highest, scratch)
+
+    workers.run(find_some, [(n,) for n in range(0, rows, per_task)])
+    return lowest, highest
