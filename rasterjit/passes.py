@@ -65,7 +65,7 @@ def shade_faces(
             plan.background,
             plan.encoding,
             sky,
-            prepared.looks.cutouts if plan.needs_cutouts else None,
+            find_cutouts(plan, prepared),
         )
         layered.shade(plan.layers, coverage, shader, linear, color, workers)
     else:
