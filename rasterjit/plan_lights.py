@@ -214,7 +214,7 @@ class _Scenery:
         low, high = self.ends
         place, axis = np.array(light.position) - self.eye, np.array(light.direction)
         _, cosine = transforms.sine_cosine(light.outer_angle)
-        cosine = max(cosine - LIGHT_ROUNDING, -1.0)
+        cosine = max(cosine - LIGHT_ROUNDING, 0.0)
         sine = math.sqrt(1.0 - cosine * cosine)
         with np.errstate(invalid="ignore", over="ignore"):
             # Hold the sphere around each box against the cone's side, or behind it its tip.

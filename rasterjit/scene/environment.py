@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -12,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from rasterjit.scene.color import ColorLike, linear_color
 from rasterjit.scene.hdr_image import read_hdr_image
 from rasterjit.scene.light import BRIGHTEST
-from rasterjit.scene.texture import MAX_SIDE, MOST_LIGHT
+from rasterjit.scene.texture import MOST_LIGHT, check_extent
 from rasterjit.validation import bounded_number, finite_number, read_only
 
 Color: TypeAlias = tuple[float, float, float]
@@ -38,8 +39,8 @@ class Panorama:
     Raises
     ------
     ValueError
-        If the image has another shape or type, is empty or larger than 65536 on a side, or holds a
-        NaN, infinite or negative number or one above 1e6.
+        If the image has another shape or type, is empty, larger than 65536 on a side or has more
+        than 2**27 texels, or holds a NaN, infinite or negative number or one above 1e6.
     """
 
     image: ArrayLike
@@ -50,6 +51,11 @@ class Panorama:
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Fill a copy, or what was pickled; its texels are read-only too."""
         self.__dict__["image"] = read_only(state["image"])
+
+    @cached_property
+    def is_black(self) -> bool:
+        """Whether no texel holds any light."""
+        return not self.image.any()
 
     def __repr__(self) -> str:
         height, width = self.image.shape[:2]
@@ -199,7 +205,7 @@ class Environment:
     def lights(self) -> bool:
         """Whether any light comes from it."""
         if isinstance(self.sky, Panorama):
-            return self.intensity > 0.0
+            return self.intensity > 0.0 and not self.sky.is_black
         sky = self.sky
         return self.intensity > 0.0 and any(sky.zenith + sky.horizon + sky.ground)
 
@@ -227,8 +233,7 @@ def _linear_panorama(value: Any) -> NDArray[np.float32]:
     if image.ndim != 3 or image.shape[2] != 3:
         raise ValueError(f"sky must have shape (H, W, 3), got {image.shape}")
     height, width = image.shape[:2]
-    if not (1 <= height <= MAX_SIDE and 1 <= width <= MAX_SIDE):
-        raise ValueError(f"sky must be 1..{MAX_SIDE} texels wide and high, got {width}×{height}")
+    check_extent("sky", width, height)
     # NaN lies nowhere.
     lowest, highest = float(image.min()), float(image.max())
     if not (lowest >= 0.0 and highest <= MOST_LIGHT):
