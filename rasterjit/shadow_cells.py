@@ -51,8 +51,9 @@ def view_cells(camera: Camera, size: tuple[int, int], boxes: Float64) -> Float64
     """
     Return the corners, (B, 8, 3), of cells that hold what may be seen of boxes (B, 8, 3).
 
-    In world axes, relative to the eye. A cell is the part of the view around a box, between its
-    nearest and its farthest corner, or the box itself, whichever is smaller.
+    In world axes, relative to the eye. Around a box is a part of the view, between its nearest and
+    its farthest corner. The cell is what that and the box have in common along the world's axes, or
+    the box itself if that is not larger.
     """
     screen = _screen_matrix(camera, size)
     relative_from_screen = _inverse(screen)
@@ -66,7 +67,10 @@ def view_cells(camera: Camera, size: tuple[int, int], boxes: Float64) -> Float64
     high = np.where(is_ahead, np.minimum(points.max(axis=1, keepdims=True), 1.0), 1.0)
     low[:, 0, 2] = depth.min(axis=1, where=ahead, initial=nearest)
     high[:, 0, 2] = np.where(is_ahead[:, 0, 0], np.minimum(depth.max(axis=1), nearest), nearest)
-    cells = _projected(relative_from_screen, np.where(CORNERS, high, low))
+    parts = _projected(relative_from_screen, np.where(CORNERS, high, low))
+    low = np.maximum(parts.min(axis=1), boxes.min(axis=1))[:, np.newaxis]
+    high = np.minimum(parts.max(axis=1), boxes.max(axis=1))[:, np.newaxis]
+    cells = np.where(CORNERS, np.maximum(low, high), low)
     with np.errstate(invalid="ignore", over="ignore"):
         return np.where((_extent(cells) < _extent(boxes))[:, np.newaxis, np.newaxis], cells, boxes)
 
