@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.scene.texture import opened_picture
+
 if TYPE_CHECKING:
     from PIL import Image
 
@@ -27,15 +29,12 @@ def picture_pixels(content: bytes) -> NDArray[Any]:
     Raises
     ------
     Exception
-        Whatever Pillow raises about a picture that is damaged, of no known format, or so large
-        (above 89 million pixels) that it would take gigabytes.
+        Whatever Pillow raises about a picture that is damaged or of no known format;
+        `PictureSizeError` for one with more texels than `Texture` takes.
     """
-    from PIL import Image
-
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        warnings.simplefilter("error", Image.DecompressionBombWarning)
-        with Image.open(io.BytesIO(content)) as image:
+        with opened_picture("it", io.BytesIO(content)) as image:
             return image_pixels(image)
 
 

@@ -17,6 +17,10 @@ FARTHEST = 1e18
 """Largest distance and height, scene units: their squares are finite in float32."""
 
 
+SHORTEST_RAMP = 1e-18
+"""Least distance from start to end, scene units: its inverse is finite in float32."""
+
+
 @dataclass(frozen=True)
 class Fog:
     """
@@ -52,8 +56,8 @@ class Fog:
     ------
     ValueError
         Naming the field: the mode is unknown, a distance is negative or not finite, ``end`` is not
-        above ``start``, the density is negative, or a field is missing that the mode needs or
-        given that it has no use for.
+        above ``start`` by 1e-18 at least, the density is negative, or a field is missing that the
+        mode needs or given that it has no use for.
     """
 
     color: ColorLike = "#b4bec8"
@@ -91,6 +95,10 @@ class Fog:
         end = bounded_number("end", self.end, 0.0, FARTHEST)
         if not end > start:
             raise ValueError(f"end must be above start, {start!r}; got {end!r}")
+        if end - start < SHORTEST_RAMP:
+            raise ValueError(
+                f"end must be at least {SHORTEST_RAMP:g} above start, {start!r}; got {end!r}"
+            )
         object.__setattr__(self, "start", start)
         object.__setattr__(self, "end", end)
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.scene.texture import MAX_SIDE, Texture
+from rasterjit.scene.texture import Texture, check_extent
 from rasterjit.validation import existing_file
 
 RADIANCE_FORMATS = (".hdr", ".pic", ".rgbe")
@@ -109,8 +109,7 @@ def _radiance_header(content: bytes) -> tuple[int, int, int]:
     if len(words) != 4 or (words[0], words[2]) != (b"-Y", b"+X"):
         raise ValueError(f"its rows do not run from the top left: {words}")
     height, width = int(words[1]), int(words[3])
-    if not (1 <= height <= MAX_SIDE and 1 <= width <= MAX_SIDE):
-        raise ValueError(f"it claims to be {width}×{height} texels")
+    check_extent("it", width, height)
     return width, height, stop + 1
 
 

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import os
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cache, cached_property
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,6 +24,9 @@ from rasterjit.validation import (
     one_of,
     read_only,
 )
+
+if TYPE_CHECKING:
+    from PIL import Image
 
 WRAPS = ("repeat", "clamp", "mirror")
 """What lies outside 0..1: the picture again; its border texels; the picture, turned every time."""
@@ -42,11 +49,18 @@ MOST_LIGHT = 1e6
 MAX_SIDE = 65536
 """Most texels in a row or column: positions along it keep their fraction."""
 
+MOST_TEXELS = 1 << 27
+"""Most texels of a picture: 2.1 GB as float32, and a third more with its mip levels."""
+
 _NEWTON_STEPS = 12
 """From ``base**2``, at most 3.3 times too large, 8 reach the last bit of float32; 12 leave room."""
 
 _CONVERTED_MODES = ("1", "P", "PA", "La", "RGBa", "CMYK", "YCbCr", "LAB", "HSV")
 """Pillow's kinds of picture that are neither grey nor RGB as they lie in memory."""
+
+
+class PictureSizeError(ValueError):
+    """A picture is empty, or larger than what is taken."""
 
 
 class Pyramid:
@@ -132,9 +146,9 @@ class Texture:
     Raises
     ------
     ValueError
-        If the image has another shape or type, is empty or larger than 65536 on a side, holds a
-        NaN, infinite or negative number or one above 1e6, or if any option is unknown, not finite
-        or out of range.
+        If the image has another shape or type, is empty, larger than 65536 on a side or has more
+        than 2**27 texels (16384 x 8192), holds a NaN, infinite or negative number or one above
+        1e6, or if any option is unknown, not finite or out of range.
 
     References
     ----------
@@ -216,22 +230,11 @@ class Texture:
         Raises
         ------
         ValueError
-            If the file is missing or holds no picture; the message names it.
+            If the file is missing, holds no picture, or a picture that is larger than `Texture`
+            takes; the message names it.
         """
-        import imageio.v3 as iio
-
         file = existing_file("path", path)
-        try:
-            mode = iio.immeta(file, index=0, plugin="pillow").get("mode")
-            options = {"mode": "RGBA"} if mode in _CONVERTED_MODES else {}
-            pixels = iio.imread(file, index=0, plugin="pillow", **options)
-        except (OSError, SyntaxError, ValueError) as error:
-            raise ValueError(
-                f"path must be a picture, but {str(file)!r} is not: {error}"
-            ) from error
-        if mode == "I":
-            # Pillow's name for 16-bit grey in 32-bit integers.
-            pixels = np.clip(pixels, 0, 65535).astype(np.uint16)
+        pixels = _read_picture(file)
         return cls(pixels, wrap=wrap, filter=filter, color_space=color_space, anisotropy=anisotropy)
 
     def with_transform(
@@ -289,6 +292,59 @@ class Texture:
             levels.append(chain[start:stop].reshape(height, width, 4))
             start = stop
         return tuple(levels)
+
+
+@contextmanager
+def opened_picture(name: str, source: Any) -> Iterator[Image.Image]:
+    """
+    Open a picture's file with Pillow, if it is no larger than `Texture` takes.
+
+    Parameters
+    ----------
+    name : str
+        What a message calls it.
+    source : Path or binary file
+
+    Raises
+    ------
+    PictureSizeError
+        If it has too many texels; the message says how many it may have.
+    Exception
+        Whatever Pillow raises about a picture that is damaged or of no known format.
+    """
+    from PIL import Image
+
+    with warnings.catch_warnings():
+        # Pillow warns of half as many texels as it refuses: the limit here lies in between.
+        warnings.simplefilter("ignore", Image.DecompressionBombWarning)
+        try:
+            image = Image.open(source)
+        except Image.DecompressionBombError as error:
+            raise PictureSizeError(
+                f"{name} must have at most {MOST_TEXELS:,} texels; Pillow says: {error}"
+            ) from error
+        with image:
+            check_extent(name, *image.size)
+            yield image
+
+
+def _read_picture(file: Path) -> NDArray[Any]:
+    """Decode the first picture of a file, or raise ``ValueError`` naming the file."""
+    import imageio.v3 as iio
+
+    try:
+        with opened_picture(f"the picture {str(file)!r}", file) as image:
+            mode = image.mode
+            options = {"mode": "RGBA"} if mode in _CONVERTED_MODES else {}
+            pixels = iio.imread(file, index=0, plugin="pillow", **options)
+    except PictureSizeError:
+        raise
+    except (OSError, SyntaxError, ValueError) as error:
+        raise ValueError(f"path must be a picture, but {str(file)!r} is not: {error}") from error
+    if mode == "I":
+        # Pillow's name for 16-bit grey in 32-bit integers.
+        pixels = np.clip(pixels, 0, 65535).astype(np.uint16)
+    return pixels
 
 
 def turned_over(
@@ -363,8 +419,7 @@ def _linear_image(value: Any, color_space: str) -> NDArray[np.float32]:
     if image.ndim != 3 or image.shape[2] not in (1, 2, 3, 4):
         raise ValueError(f"image must have shape (H, W) or (H, W, 1..4), got {shape}")
     height, width, channels = image.shape
-    if not (1 <= height <= MAX_SIDE and 1 <= width <= MAX_SIDE):
-        raise ValueError(f"image must be 1..{MAX_SIDE} texels wide and high, got {width}×{height}")
+    check_extent("image", width, height)
     colors = channels - 1 if channels in (2, 4) else channels
     linear = np.ones((height, width, 4), np.float32)
     if image.dtype.kind == "f":
@@ -382,6 +437,19 @@ def _linear_image(value: Any, color_space: str) -> NDArray[np.float32]:
         if colors < channels:
             np.divide(image[:, :, colors:], most, out=linear[:, :, 3:])
     return read_only(linear)
+
+
+def check_extent(name: str, width: int, height: int) -> None:
+    """Raise `PictureSizeError` if a picture of that size is empty or too large."""
+    if not (1 <= height <= MAX_SIDE and 1 <= width <= MAX_SIDE):
+        raise PictureSizeError(
+            f"{name} must be 1..{MAX_SIDE} texels wide and high, got {width}×{height}"
+        )
+    if width * height > MOST_TEXELS:
+        raise PictureSizeError(
+            f"{name} must have at most {MOST_TEXELS:,} texels, got {width}×{height}, which is "
+            f"{width * height:,}"
+        )
 
 
 def _check_light(values: NDArray[Any], what: str, most: float) -> None:
