@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.kernels import fogging, records, tone_mapping
-from rasterjit.plan_boxes import Boxes, clip_from_relative
-from rasterjit.scene.camera import Camera
+from rasterjit.plan_boxes import Boxes
+from rasterjit.scene.camera import Camera, clip_from_relative
 from rasterjit.scene.environment import Environment
 from rasterjit.scene.fog import Fog
 from rasterjit.scene.scene import Scene

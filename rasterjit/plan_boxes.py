@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit import transforms
-from rasterjit.scene.camera import Camera
+from rasterjit.scene.camera import Camera, clip_from_relative
 from rasterjit.scene.mesh import Mesh
 
 Float64 = NDArray[np.float64]
@@ -112,12 +111,6 @@ def _product(points: Float64, planes: Float64) -> Float64:
     """Return the sum over x, y, z of points (O, 3) times planes (6, 4): (O, 6)."""
     x, y, z = (points[:, k, np.newaxis] * planes[:, k] for k in range(3))
     return (x + y) + z
-
-
-def clip_from_relative(camera: Camera, size: tuple[int, int]) -> Float64:
-    """Return the matrix, (4, 4), to clip space from world axes with the origin at the eye."""
-    view = transforms.compose(camera.view_matrix(), transforms.translate(camera.eye_position()))
-    return transforms.compose(camera.projection_matrix(size), view)
 
 
 def mesh_boxes(meshes: Sequence[Mesh]) -> Float64:

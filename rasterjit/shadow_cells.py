@@ -7,16 +7,14 @@ the centres of pixels, the boxes around the objects do.
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit import stages
+from rasterjit import stages, transforms
 from rasterjit.kernels import shadow_receivers
 from rasterjit.kernels.records import Geometry
-from rasterjit.plan_boxes import CORNERS, clip_from_relative
-from rasterjit.scene.camera import Camera
+from rasterjit.plan_boxes import CORNERS
+from rasterjit.scene.camera import Camera, clip_from_relative, screen_from_relative
 
 Float64 = NDArray[np.float64]
 
@@ -30,10 +28,13 @@ def seen_cells(
     In world axes, relative to the eye; each cell holds what some neighbouring pixels show.
     """
     viewport = geometry.viewport
-    relative_from_screen = _inverse(_screen_matrix(camera, (viewport.width, viewport.height)))
+    screen = screen_from_relative(camera, (viewport.width, viewport.height))
     lowest, highest = find_depth_ranges(depth, workers)
     rows, columns = np.nonzero(lowest <= highest)
-    if relative_from_screen is None or not len(rows):
+    try:
+        relative_from_screen = transforms.inverse(screen)
+    except ValueError:
+        # A camera that flattens space: no point follows from its picture.
         return np.empty((0, 8, 3))
     side = shadow_receivers.CELL
     corners = np.empty((len(rows), 8, 3))
@@ -55,10 +56,13 @@ def view_cells(camera: Camera, size: tuple[int, int], boxes: Float64) -> Float64
     its farthest corner. The cell is what that and the box have in common along the world's axes, or
     the box itself if that is not larger.
     """
-    screen = _screen_matrix(camera, size)
-    relative_from_screen = _inverse(screen)
-    nearest = _nearest_depth(camera, size, screen)
-    if relative_from_screen is None or not np.isfinite(nearest) or not len(boxes):
+    screen = screen_from_relative(camera, size)
+    try:
+        relative_from_screen = transforms.inverse(screen)
+        nearest = _nearest_depth(camera, size, screen)
+    except ValueError:
+        return boxes
+    if not np.isfinite(nearest) or not len(boxes):
         return boxes
     points, ahead = _projected(screen, boxes), _times(screen[3:], boxes)[..., 0] > 0.0
     depth, is_ahead = points[..., 2], ahead.all(axis=1)[:, np.newaxis, np.newaxis]
@@ -81,56 +85,24 @@ def _extent(corners: Float64) -> Float64:
     return (x * x + y * y) + z * z
 
 
-def _nearest_depth(camera: Camera, size: tuple[int, int], screen: list[list[float]]) -> float:
+def _nearest_depth(camera: Camera, size: tuple[int, int], screen: Float64) -> float:
     """Return the largest stored depth on the near plane of the view."""
-    relative_from_clip = _inverse(clip_from_relative(camera, size).tolist())
-    if relative_from_clip is None:
-        return math.nan
+    relative_from_clip = transforms.inverse(clip_from_relative(camera, size))
     corners = np.array([[x, y, -1.0] for x in (-1.0, 1.0) for y in (-1.0, 1.0)])
     return float(_projected(screen, _projected(relative_from_clip, corners))[:, 2].max())
 
 
-def _times(rows: list[list[float]], points: Float64) -> Float64:
+def _times(rows: Float64, points: Float64) -> Float64:
     """Return rows of a 4x4 matrix times the points (..., 3) and 1."""
     x, y, z = points[..., 0], points[..., 1], points[..., 2]
     return np.stack([m[0] * x + m[1] * y + m[2] * z + m[3] for m in rows], axis=-1)
 
 
-def _projected(matrix: list[list[float]], points: Float64) -> Float64:
+def _projected(matrix: Float64, points: Float64) -> Float64:
     """Return points (..., 3) taken through a 4x4 matrix, divided by w."""
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         homogeneous = _times(matrix, points)
         return homogeneous[..., :3] / homogeneous[..., 3:]
-
-
-def _screen_matrix(camera: Camera, size: tuple[int, int]) -> list[list[float]]:
-    """Return the matrix from (position relative to the eye, 1) to (NDC x, y, stored depth, 1) w."""
-    clip = clip_from_relative(camera, size)
-    c0, c1, c2 = camera.depth_coefficients()
-    depth = c1 * clip[2] + c2 * clip[3]
-    depth[3] += c0
-    return [clip[0].tolist(), clip[1].tolist(), depth.tolist(), clip[3].tolist()]
-
-
-def _inverse(matrix: list[list[float]]) -> list[list[float]] | None:
-    """Return the inverse of a 4x4 matrix by Gauss and Jordan, or ``None`` if there is none."""
-    rows = [[*row, *(float(n == k) for k in range(4))] for n, row in enumerate(matrix)]
-    for k in range(4):
-        # Take the row whose entry is the largest beside the others of its row.
-        def share(n: int, k: int = k) -> float:
-            largest = max(map(abs, rows[n][:4]))
-            return abs(rows[n][k]) / largest if largest > 0.0 else 0.0
-
-        pivot = max(range(k, 4), key=share)
-        if rows[pivot][k] == 0.0:
-            return None
-        rows[k], rows[pivot] = rows[pivot], rows[k]
-        rows[k] = [entry / rows[k][k] for entry in rows[k]]
-        for n in range(4):
-            if n != k:
-                factor = rows[n][k]
-                rows[n] = [a - factor * b for a, b in zip(rows[n], rows[k], strict=True)]
-    return [row[4:] for row in rows]
 
 
 def find_depth_ranges(

@@ -392,6 +392,12 @@ class MatrixCamera:
         return bool(self.clip_from_view[3, :3].any())
 
 
+def clip_from_relative(camera: Camera, size: tuple[int, int]) -> Matrix:
+    """Return the matrix, (4, 4), to clip space from world axes with the origin at the eye."""
+    view = transforms.compose(camera.view_matrix(), transforms.translate(camera.eye_position()))
+    return transforms.compose(camera.projection_matrix(size), view)
+
+
 def screen_from_relative(camera: Camera, size: tuple[int, int]) -> Matrix:
     """
     Return the matrix from positions relative to the eye to what a pixel stores of them.
@@ -407,10 +413,7 @@ def screen_from_relative(camera: Camera, size: tuple[int, int]) -> Matrix:
     (4, 4) float64
         From (x, y, z, 1) in world axes to (NDC x, NDC y, stored depth, 1) times w.
     """
-    view_from_relative = transforms.compose(
-        camera.view_matrix(), transforms.translate(camera.eye_position())
-    )
-    matrix = transforms.compose(camera.projection_matrix(size), view_from_relative)
+    matrix = clip_from_relative(camera, size)
     c0, c1, c2 = camera.depth_coefficients()
     matrix[2] = c1 * matrix[2] + c2 * matrix[3]
     matrix[2, 3] += c0
