@@ -1,0 +1,125 @@
+"""Every two effects together: the same bits for any threads, sane numbers, and each is seen."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from combined import ROWS, SIZE, SWITCHES, all_pairs, pairs_of, scene_of, settings_of
+
+import rasterjit as rj
+from rasterjit import stages
+
+pytestmark = pytest.mark.needs_jit
+
+BUFFERS = ("depth", "face_id", "object_id", "barycentric", "normal", "position")
+COLORS = ("color", "linear")
+
+SHAPES = {"mask", "facets", "parallel"}
+"""Switches that move what is seen; the others change colours alone."""
+
+CODED = {"outline", "wireframe", "tone"}
+"""Switches that 8-bit colour shows, and linear colour does not."""
+
+SUMMED = 2e-5
+"""Rounding of sums of terms in another order, of the largest of them."""
+
+
+def named(row):
+    return "+".join([*(n for n, on in zip(SWITCHES, row, strict=False) if on), row[-1]])
+
+
+rows = pytest.mark.parametrize("row", [settings_of(*row) for row in ROWS], ids=named)
+
+
+def drawn(row, outputs=(*COLORS, *BUFFERS), threads=1):
+    scene, camera, quality = scene_of(row)
+    return rj.render(
+        scene, camera, quality=quality, size=SIZE, outputs=outputs, threads=threads
+    ).arrays()
+
+
+def flipped(row, name):
+    n = SWITCHES.index(name)
+    return (*row[:n], not row[n], *row[n + 1 :])
+
+
+def test_every_two_settings_meet():
+    found = [pairs_of(settings_of(*row)) for row in ROWS]
+    assert set().union(*found) == all_pairs()
+    assert all(len(bits) == len(SWITCHES) for bits, _ in ROWS)
+
+
+@rows
+def test_two_threads_draw_the_same_bits(row, monkeypatch):
+    # Small frames are one task otherwise.
+    monkeypatch.setattr(stages, "PIXELS_PER_TASK", 256)
+    monkeypatch.setattr(stages, "TILES_PER_TASK", 1)
+    one, two = drawn(row), drawn(row, threads=2)
+    for name, array in one.items():
+        assert array.tobytes() == two[name].tobytes(), name
+
+
+@rows
+def test_all_numbers_are_finite_and_no_light_is_negative(row):
+    found = drawn(row)
+    seen = found["face_id"] >= 0
+    assert 0.2 < seen.mean() < 0.98
+    for name in ("depth", "barycentric", "normal", "position"):
+        assert np.isfinite(found[name][seen]).all(), name
+    assert np.isinf(found["depth"][~seen]).all()
+    linear = found["linear"]
+    assert np.isfinite(linear).all()
+    assert linear.min() >= 0.0
+    assert linear[:, :, :3].max() < 50.0
+    assert ((linear[:, :, 3] > 0.99) & (linear[:, :, 3] < 1.0 + 1e-5)).all()
+
+
+@rows
+def test_buffers_are_those_of_the_bare_scene(row):
+    scene, camera, _ = scene_of(row)
+    for name in ("environment", "fog", "tone_map", "ambient_occlusion", "outline", "wireframe"):
+        setattr(scene, name, None)
+    scene.lights = []
+    # Nothing is shaded, and a pixel has one sample.
+    bare = rj.render(scene, camera, size=SIZE, outputs=BUFFERS, threads=1)
+    assert not any(effect.used for effect in bare.plan.effects if effect.name == "shading")
+    found = drawn(row)
+    for name, array in bare.arrays().items():
+        np.testing.assert_array_equal(found[name], array, err_msg=name)
+
+
+@rows
+def test_every_effect_shows_beside_the_others(row):
+    found = drawn(row)
+    for name in SWITCHES:
+        if name == "highlight" and not (
+            row[SWITCHES.index("spot")] or row[SWITCHES.index("point")]
+        ):
+            # No light that could be mirrored.
+            continue
+        other = drawn(flipped(row, name))
+        changed = {key for key in found if found[key].tobytes() != other[key].tobytes()}
+        if name in SHAPES:
+            assert {"color", "linear", "face_id"} <= changed, name
+        else:
+            assert changed == ({"color"} if name in CODED else {"color", "linear"}), name
+
+
+@pytest.mark.parametrize(
+    "row", [settings_of(*row) for row in ROWS if row[1] == "nearest"], ids=named
+)
+def test_the_terms_of_a_pixel_add_up(row):
+    scene, camera, quality = scene_of(row)
+    found, told_of = drawn(row), set()
+    for y, x in np.argwhere(found["face_id"] >= 0)[40::311]:
+        told = rj.explain_pixel(scene, camera, SIZE, int(x), int(y), quality=quality)
+        assert told.linear.tobytes() == found["linear"][y, x].tobytes()
+        assert told.color.tobytes() == found["color"][y, x].tobytes() or scene.outline is not None
+        light = told.light
+        parts = [light.ambient, light.emission]
+        parts += [part for term in light.lights for part in (term.diffuse, term.specular)]
+        largest = max(float(np.abs(part).max()) for part in parts)
+        total = np.sum(parts, axis=0)
+        np.testing.assert_allclose(total, told.linear[:3], atol=SUMMED * largest, rtol=0.0)
+        told_of |= {term.name for term in light.lights}
+    assert told_of == {"SpotLight 1", "PointLight 2", "environment", "fog"}
