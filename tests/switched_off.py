@@ -278,7 +278,8 @@ def main():
         for name, switch in WITHOUT.items():
             scene = full_scene()
             switch(scene)
-            found[name] = recorder.frame(scene, 4)
+            # Opaque faces at several samples have a kernel of their own.
+            found[name] = recorder.frame(scene, 1 if name == "transparency" else 4)
     print(json.dumps(found))
 
 

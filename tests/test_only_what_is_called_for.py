@@ -113,6 +113,7 @@ GONE = {
 
 FILTERED = {"prefiltering.add_ring", "prefiltering.average_columns"}
 MIXED = {"layers.list_faces", "layers.mix_samples"}
+LAID = {"layers.start_sums", "layers.lay_under", "layers.finish_sums"}
 
 KERNELS_GONE = {
     "microfacets": FILTERED,
@@ -130,17 +131,16 @@ KERNELS_GONE = {
         "projection.transform_positions", "wireframe.draw_edges", "wireframe.fill_slack",
         "wireframe.find_pixels", "wireframe.project_edges",
     },
-    "transparency": MIXED,
+    "transparency": {
+        *LAID, "transparency.split_lists", "transparency.find_layers", "backgrounds.show_over",
+    },
     "anti-aliasing": MIXED,
 }  # fmt: skip
 """Kernels that are not called without an effect; none where it is not named."""
 
 KERNELS_INSTEAD = {
     "tone mapping": {"resolve.encode_rows"},
-    "transparency": {
-        "layers.find_shares", "layers.start_mix", "layers.add_shares", "layers.finish_mix",
-    },
-    "anti-aliasing": {"layers.start_sums", "layers.lay_under", "layers.finish_sums"},
+    "anti-aliasing": LAID,
 }  # fmt: skip
 """Simpler ones that do in their place."""
 
@@ -153,6 +153,11 @@ def recorded():
         env={**os.environ, "NUMBA_DISABLE_JIT": "1"}, cwd=Path(switched_off.__file__).parent,
     )  # fmt: skip
     return json.loads(done.stdout)
+
+
+def with_and_without(recorded, name):
+    """What is called for with an effect and without it; where faces blend, with one sample."""
+    return recorded["anti-aliasing" if name == "transparency" else ""], recorded[name]
 
 
 def test_every_effect_is_in_the_full_scene(recorded):
@@ -168,7 +173,7 @@ def test_every_effect_is_in_the_full_scene(recorded):
 
 @pytest.mark.parametrize("name", GONE)
 def test_without_an_effect_its_records_alone_are_none(recorded, name):
-    before, after = recorded[""]["forms"], recorded[name]["forms"]
+    before, after = (found["forms"] for found in with_and_without(recorded, name))
     gone = {path if path.startswith(DRAW) else SHADE + path for path in GONE[name]}
     within = tuple(f"{path}." for path in gone)
     assert {path for path in before if before[path] and path in after and not after[path]} == gone
@@ -182,7 +187,7 @@ def test_without_an_effect_its_records_alone_are_none(recorded, name):
 
 @pytest.mark.parametrize("name", GONE)
 def test_without_an_effect_its_kernels_alone_are_not_called(recorded, name):
-    before, after = ({*recorded[key]["kernels"]} for key in ("", name))
+    before, after = ({*found["kernels"]} for found in with_and_without(recorded, name))
     assert before - after == KERNELS_GONE.get(name, set())
     # What is no longer seen through casts a shadow, wherever its map ends.
     new = {kernel for kernel in after - before if "clip" not in kernel}
