@@ -42,7 +42,8 @@ print(json.dumps(sorted(compiled)))
 
 OF_EVERY_SCENE = {
     "attributes", "batches", "binning", "clipping", "gathering", "interpolation", "lighting",
-    "occlusion", "projection", "resolve", "runs", "setup", "shading", "stretches", "visibility",
+    "occlusion", "patches", "projection", "resolve", "runs", "setup", "shading", "stretches",
+    "visibility",
 }  # fmt: skip
 """Kernel files that a lit mesh needs; all others belong to effects, buffers or edges."""
 
