@@ -12,7 +12,7 @@ from test_layered import colors_of, meshes_of, reason, soup
 
 import rasterjit as rj
 from rasterjit import layered
-from rasterjit.kernels import transparency
+from rasterjit.kernels import resolve, transparency
 
 SIZE = (64, 32)
 SAMPLES = (2, 4, 8, 16)
@@ -77,6 +77,29 @@ def test_opaque_faces_have_the_shares_of_the_samples_that_show_them(samples, bac
     have = draw(meshes_of(triangles, colors, is_blended, SIZE), samples, background=background)
     want = expected(triangles, colors, is_blended, samples, background)
     np.testing.assert_allclose(have.linear, want, rtol=0, atol=2e-6)
+
+
+@pytest.mark.parametrize("samples", [4, 16])
+def test_rows_of_several_parts_are_mixed_and_encoded_like_short_ones(samples):
+    # Rows are mixed in parts of 128 columns.
+    rng, size, background = np.random.default_rng(73), (512, 2), (0.3, 0.2, 0.1, 0.25)
+    triangles = soup(rng, 12, size, 0.8)
+    for _ in range(240):
+        points = rng.uniform(0, 1, 2) * size + rng.uniform(-2, 2, (3, 2))
+        triangles.append(((np.round(points * 256) / 256).tolist(), np.full(3, rng.uniform(0, 0.9))))
+    colors, is_blended = colors_of(rng, len(triangles)), np.zeros(len(triangles), bool)
+    meshes = meshes_of(triangles, colors, is_blended, size)
+    options = {"size": size, "background": background}
+    both = draw(meshes, samples, outputs=("linear", "color"), **options)
+    want = expected(triangles, colors, is_blended, samples, background, size)
+    np.testing.assert_allclose(both.linear, want, rtol=0, atol=2e-6)
+    mixed = np.abs(both.linear - np.float32(background)).max(axis=2) > 1e-4
+    assert all(mixed[:, first : first + 128].sum() > 20 for first in range(0, 512, 128))
+    codes = np.searchsorted(resolve.code_thresholds(), both.linear[:, :, :3], side="right")
+    assert (both.color[:, :, :3] == codes).all()
+    assert (both.color[:, :, 3] == np.floor(255.0 * both.linear[:, :, 3].astype(float) + 0.5)).all()
+    alone = draw(meshes, samples, outputs=("color",), **options)
+    assert alone.color.tobytes() == both.color.tobytes()
 
 
 @pytest.mark.parametrize("samples", [2, 4, 16])

@@ -246,7 +246,7 @@ def called(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    "case", ["plain", "rich", "gouraud", "buffers", "edges", "shadows", "area"]
+    "case", ["plain", "rich", "gouraud", "buffers", "edges", "shadows", "area", "samples"]
 )
 def test_kernels_told_are_those_called(cube, called, case):
     scene, camera, outputs, diagnose = rj.Scene(), looking(), ("color",), False
@@ -264,7 +264,7 @@ def test_kernels_told_are_those_called(cube, called, case):
         scene.add(cube, rj.transforms.translate((0, -2.5, 0)))
         scene.environment = rj.Environment.gradient()
     options = {"size": SIZE, "outputs": outputs, "diagnose": diagnose}
-    options["quality"] = rj.Quality(samples="area" if case == "area" else 1)
+    options["quality"] = rj.Quality(samples={"area": "area", "samples": 4}.get(case, 1))
     plan = rj.explain(scene, camera, **options)
     rj.render(scene, camera, **options)
     told = plan_resources.list_kernels(plan)
