@@ -371,7 +371,7 @@ def _lighting(scene: Scene, camera: Camera, highlights: int, grounds: Grounds) -
     """
     fog = None
     if grounds.has_fog:
-        fog = fog_record(scene.fog, camera, "flat" in grounds.contents.shadings)
+        fog = fog_record(scene.fog, camera, grounds.seen.flat > 0)
     if not grounds.is_lit:
         return None if fog is None else lighting_of([], camera, 0)._replace(fog=fog)
     lights: Sequence[Light] = grounds.lights.lights
