@@ -24,7 +24,7 @@ from rasterjit.kernels.alpha import face_alpha, texel_alpha
 from rasterjit.kernels.batches import BOTTOM, FACE, LEFT, RIGHT, TOP
 from rasterjit.kernels.interpolation import find_object, interpolate
 from rasterjit.kernels.jit import disjoint_stage, stage
-from rasterjit.kernels.patches import COLUMN, FIRST, ROW, A, B, C
+from rasterjit.kernels.patches import COLUMN, FIRST, ROW, A, B, C, whole_vectors
 from rasterjit.kernels.setup import TILE_SIZE, last_at_most
 from rasterjit.kernels.stretches import find_patches, find_weights
 from rasterjit.kernels.texture_places import note_stretch
@@ -135,7 +135,7 @@ def multiply_texture_alphas(
         return
     if textures.table[owner, BASE_COLOR, FIRST_LEVEL] < 0:
         return
-    run = np.int64(0), texture_rows.whole_vectors(count)
+    run = np.int64(0), whole_vectors(count)
     note_stretch(
         places, run, patches, weights, owner, whole, real, single, geometry, textures
     )  # fmt: skip
@@ -153,7 +153,7 @@ def find_alphas(owner, faces, shift, memory, cutouts):
     """
     geometry, count = cutouts.geometry, faces.shape[0]
     alphas, weights, places, lookup, (whole, real, single) = memory
-    run = np.int64(0), texture_rows.whole_vectors(count)
+    run = np.int64(0), whole_vectors(count)
     patches = find_patches(faces, geometry.faces, whole)
     find_weights(weights, run, patches, shift, owner, whole, real, geometry, None, None)
     fill_alphas(alphas[: run[1]], cutouts.materials[owner, ALPHA])
@@ -286,7 +286,7 @@ def keep_shown(n, count, owner, waiting, whole, window, shift, scratch, cutouts)
 
 def alpha_memory(room: int = PART) -> tuple[Any, ...]:
     """Return the memory that a thread needs to find the alphas of so many samples together."""
-    room = texture_rows.whole_vectors(room) + LANES
+    room = whole_vectors(room) + LANES
     return (
         np.empty(room, np.float32),
         np.empty((2, room), np.float64),

@@ -27,6 +27,15 @@ WHOLE_ROWS = 14
 VERTEX_ROWS = 9
 """Rows of real numbers, float64 and float32: three for each vertex."""
 
+VECTOR = 16
+"""Samples of the longest vectors. Loops run over whole ones: what lies behind is overwritten."""
+
+
+@stage
+def whole_vectors(count):
+    """Return a count rounded up to whole vectors."""
+    return (np.int64(count) + (VECTOR - 1)) & -VECTOR
+
 
 @stage
 def list_patches(faces, whole):

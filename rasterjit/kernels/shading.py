@@ -17,7 +17,6 @@ from rasterjit.kernels import (
     fogging,
     patches,
     runs,
-    stretches,
     texture_rows,
     texturing,
 )
@@ -46,7 +45,7 @@ from rasterjit.kernels.shadow_receivers import WEIGHT_ROWS, find_receivers, note
 from rasterjit.kernels.shadowing import SHADOW_ROWS, shadow_row, vertex_shadow_row
 from rasterjit.kernels.tone_mapping import toned
 
-PADDING = stretches.VECTOR
+PADDING = patches.VECTOR
 """
 Columns of scratch memory that hold no sample, but what a last vector writes beyond it.
 

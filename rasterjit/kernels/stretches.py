@@ -12,7 +12,6 @@ from __future__ import annotations
 import numpy as np
 
 from rasterjit.kernels import lighting as lit
-from rasterjit.kernels import texture_rows
 from rasterjit.kernels.attributes import (
     material_tint,
     normal_at,
@@ -54,12 +53,11 @@ from rasterjit.kernels.patches import (
     list_patches,
     number_pixels,
     turn_corners,
+    whole_vectors,
 )
 from rasterjit.kernels.records import FLAT, GOURAUD, MATERIAL_MODEL, PBR, PHONG
 from rasterjit.kernels.setup import narrow_edge
 from rasterjit.kernels.texture_places import note_stretch
-
-VECTOR = texture_rows.VECTOR
 
 
 @disjoint_stage
@@ -377,7 +375,7 @@ def find_patches(faces, own, whole):
     """List the patches of some samples, and gather their vertices, the lowest number first."""
     patches = list_patches(faces, whole)
     gather_corners(patches, faces, own, whole)
-    size = texture_rows.whole_vectors(patches)
+    size = whole_vectors(patches)
     turn_corners(whole[A, :size], whole[B, :size], whole[C, :size])
     return patches
 
@@ -406,7 +404,7 @@ def gather_stretch(
     placement, surface, lighting,
 ):  # fmt: skip
     """Gather the samples of one object that some neighbouring columns show."""
-    run = n, n + texture_rows.whole_vectors(faces.shape[0])
+    run = n, n + whole_vectors(faces.shape[0])
     model = np.int64(surface.materials[owner, MATERIAL_MODEL])
     size = run[1] - n
     number_pixels(whole[COLUMN, :size], whole[ROW, :size], np.int32(column), np.int32(row))

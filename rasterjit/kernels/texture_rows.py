@@ -15,6 +15,7 @@ import numpy as np
 
 from rasterjit.kernels import texturing
 from rasterjit.kernels.jit import disjoint_stage, stage
+from rasterjit.kernels.patches import whole_vectors
 from rasterjit.kernels.texturing import (
     ANISOTROPY,
     CLAMP,
@@ -69,18 +70,9 @@ MIXED, COARSE, TAP = 0, 1, 2
 """Rows of colours, four channels a sample: the result, a coarser level, one tap."""
 COLOR_ROWS = 3
 
-VECTOR = 16
-"""Samples of the longest vectors. Loops run over whole ones: what lies behind is overwritten."""
-
 WHOLE_SHIFT = 2.0**52
 """A float64 of this size or more, below twice that, holds a whole number in its last bits."""
 SHIFT_BITS = np.int64(0x4330000000000000)
-
-
-@stage
-def whole_vectors(count):
-    """Return a count rounded up to whole vectors."""
-    return (np.int64(count) + (VECTOR - 1)) & -VECTOR
 
 
 @stage

@@ -7,7 +7,7 @@ import pytest
 
 import rasterjit as rj
 from rasterjit import stages
-from rasterjit.kernels import shading, stretches, vectors
+from rasterjit.kernels import patches, shading, vectors
 
 SIZE = (200, 12)
 WIDTHS = [1, 2, 3, 1, 40, 1, 1, 16, 5, 17, 1, 64, 2, 31, 7, 8, 1]
@@ -112,7 +112,7 @@ def test_rows_have_room_for_what_is_written_behind_the_last_sample(has_textures)
     assert len(parts) == 5 + 4 * has_textures
     for part in parts:
         # A stretch in whole vectors may begin with the last sample, and so may a patch.
-        assert part.shape[-1] >= shading.BLOCK_COLUMNS + stretches.VECTOR - 1
+        assert part.shape[-1] >= shading.BLOCK_COLUMNS + patches.VECTOR - 1
         assert part.shape[-1] >= shading.BLOCK_COLUMNS - 1 + vectors.LANES
 
 
@@ -138,6 +138,6 @@ def test_nothing_is_written_beyond_the_rows(split, monkeypatch):
     for part in roomy:
         assert (part[..., -spare:] == mark).all()
     count = shading.BLOCK_COLUMNS - split
-    end = split + -(-count // stretches.VECTOR) * stretches.VECTOR
+    end = split + -(-count // patches.VECTOR) * patches.VECTOR
     assert (weights[:, end - 1] != mark).all()
     assert (weights[:, end:] == mark).all()
