@@ -231,8 +231,9 @@ def test_absent_equals_all_light_bit_for_bit(shading, cube):
     """On what bends away the effect is computed and takes nothing."""
     cube.material = rj.Material(shading=shading, base_color="#4080c0", specular=0.4)
     scene, camera = scene_of((cube, None), radius=1.0), seen_from(25.0, 4.0)
+    # Another kind of material is in view, though hidden inside.
     flat = rj.Mesh(cube.vertices, cube.faces, material=replace(WHITE, base_color="red"))
-    scene.add(flat, MOVE((30, 0, 0)))
+    scene.add(flat, rj.transforms.scale(0.5))
     frame = rj.render(scene, camera, size=(90, 70), outputs=("color", "linear"))
     assert frame.plan.ambient_occlusion is not None
     scene.ambient_occlusion = None
