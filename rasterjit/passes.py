@@ -256,8 +256,10 @@ def fill_buffers(
         result["position"] = position
     if "normal" in plan.outputs:
         normal = workers.memory.empty((*face_id.shape, 3), np.float32)
-        normals = looks.normals if plan.needs_normals else np.zeros((1, 3), np.float32)
-        arguments = (geometry, placement, (normals, looks.is_smooth), normal)
+        smooth = looks.normals, looks.is_smooth
+        if not plan.needs_normals:
+            smooth = np.zeros((1, 3), np.float32), np.zeros_like(looks.is_smooth)
+        arguments = (geometry, placement, smooth, normal)
         stages.fill_rows(interpolation.fill_normals, face_id, arguments, workers)
         result["normal"] = normal
 

@@ -7,6 +7,7 @@ not sure counts as in view.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from functools import cached_property
 from typing import Any
@@ -25,10 +26,6 @@ more than float64 rounds them by. Snapping moves no vertex over the border of th
 
 CORNERS = np.array([[n & 1, n >> 1 & 1, n >> 2 & 1] for n in range(8)])
 """Which end of its box each corner lies at, by axis."""
-
-
-PLANE_SIGNS = np.array([[-1.0], [1.0]] * 3)
-"""Of the coordinates that are added to w: two planes for each of x, y and z."""
 
 
 class Boxes:
@@ -62,24 +59,31 @@ class Boxes:
 
     def _may_be_seen(self, matrix: Float64) -> NDArray[np.bool_]:
         """Tell which boxes are not all beyond a plane of the view volume."""
-        low, high = self._bounds[:, 0], self._bounds[:, 1]
-        m = self._relative_from_model
-        # A plane holds inside what has a x + b y + c z + d >= 0: rows w - x, w + x, and so on.
-        planes = matrix[3] + PLANE_SIGNS * matrix[[0, 0, 1, 1, 2, 2]]
+        low, high = np.ascontiguousarray(self._bounds.transpose(1, 2, 0))
+        # Rows and columns of the matrices first, so that each entry is a row of all objects.
+        m = np.ascontiguousarray(self._relative_from_model[:, :3].transpose(1, 2, 0))
+        outside = np.isnan(low[0])
         with np.errstate(invalid="ignore", over="ignore"):
             middle, half = low / 2.0 + high / 2.0, high / 2.0 - low / 2.0
-            # Measure the corner of each box that lies farthest inside of each plane.
-            most = planes[:, 3] + _product(m[:, :3, 3], planes)
-            for k in range(3):
-                along = _product(m[:, :3, k], planes)
-                most += along * middle[:, k, np.newaxis] + np.abs(along) * half[:, k, np.newaxis]
-            size = np.abs(m[:, :3, 3])
-            for k in range(3):
-                size += np.abs(m[:, :3, k]) * (np.abs(middle) + half)[:, k, np.newaxis]
-            terms = np.abs(planes[:, 3]) + _product(size, np.abs(planes))
-            # What is not a number is not sure.
-            outside = (most < -ROUNDING * terms).any(axis=1)
-        return ~(outside | np.isnan(low[:, 0]))
+            farthest = np.abs(middle) + half
+            sizes = [
+                np.abs(x) * farthest[0] + np.abs(y) * farthest[1] + np.abs(z) * farthest[2]
+                + np.abs(w)
+                for x, y, z, w in m
+            ]  # fmt: skip
+            # A plane holds inside what has a x + b y + c z + d >= 0: rows w - x, w + x, and so on.
+            for row, sign in itertools.product(matrix[:3], (-1.0, 1.0)):
+                plane = (matrix[3] + sign * row).tolist()
+                # Measure the corner of each box that lies farthest inside.
+                most = _along(plane, m[:, 3]) + plane[3]
+                for k in range(3):
+                    along = _along(plane, m[:, k])
+                    most += along * middle[k] + np.abs(along) * half[k]
+                # Of both rows: what is drawn compares them, and they may nearly cancel.
+                reach = (np.abs(matrix[3]) + np.abs(row)).tolist()
+                # What is not a number is not sure.
+                outside |= most < -ROUNDING * (_along(reach, sizes) + reach[3])
+        return ~outside
 
     @cached_property
     def corners(self) -> Float64:
@@ -107,10 +111,9 @@ class Boxes:
         return float(np.sqrt(squares.max(initial=0.0)))
 
 
-def _product(points: Float64, planes: Float64) -> Float64:
-    """Return the sum over x, y, z of points (O, 3) times planes (6, 4): (O, 6)."""
-    x, y, z = (points[:, k, np.newaxis] * planes[:, k] for k in range(3))
-    return (x + y) + z
+def _along(plane: Sequence[float], points: Sequence[Float64]) -> Float64:
+    """Return a x + b y + c z of a plane (a, b, c, ...) for the coordinates x, y, z, (O,) each."""
+    return (plane[0] * points[0] + plane[1] * points[1]) + plane[2] * points[2]
 
 
 def mesh_boxes(meshes: Sequence[Mesh]) -> Float64:

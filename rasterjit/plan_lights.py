@@ -30,6 +30,7 @@ from rasterjit.scene.light import (
     DirectionalLight,
     Light,
     PointLight,
+    Shadow,
     SpotLight,
 )
 
@@ -43,6 +44,9 @@ the edge of a cone whose angles are the same is no step."""
 
 WIDEST_MAP = 60.0
 """Spot lights wider than so many degrees from their axis get six maps, as point lights do."""
+
+FILTER_TEXELS = 6.0
+"""Texels that a filter looks aside at most, of a map that is fitted to more than is seen."""
 
 MOST_PAIRS = 1 << 20
 """Pairs of objects that are looked at: in scenes of more, something always lies between."""
@@ -248,11 +252,31 @@ class _Scenery:
         # What lies between a surface and the light meets the box around both.
         first, last = low[receivers], high[receivers]
         if isinstance(light, DirectionalLight):
+            nearest = low[casters, 2].min(initial=np.inf)
+            room = _room_aside(light.shadow, first[:, :2], last[:, :2])
+            room += half_tangent(light.shadow) * max(last[:, 2].max(initial=-np.inf) - nearest, 0.0)
             first[:, 2] = -np.inf
         else:
             place = np.array(light.position) - self.eye
             first, last = np.minimum(first, place), np.maximum(last, place)
+            room = _room_aside(light.shadow, first, last) + (light.shadow.light_size or 0.0) / 2.0
+        first, last = first - room, last + room
         return _meets_another(first, last, receivers, low[casters], high[casters], casters)
+
+
+def _room_aside(shadow: Shadow, first: NDArray[np.float64], last: NDArray[np.float64]) -> float:
+    """Return how far beside what it falls on a filter may find a shadow, scene units."""
+    if shadow.filter == "hard" or not len(first):
+        return 0.0
+    return FILTER_TEXELS / shadow.size * float((last.max(axis=0) - first.min(axis=0)).max())
+
+
+def half_tangent(shadow: Shadow) -> float:
+    """Return the tangent of half the angle that a directional light is seen under."""
+    if shadow.light_size is None:
+        return 0.0
+    sine, cosine = transforms.sine_cosine(shadow.light_size / 2.0)
+    return sine / cosine
 
 
 def _meets_another(

@@ -25,7 +25,7 @@ from rasterjit.kernels import shadow_filters, shadowing
 from rasterjit.kernels.records import Cutouts, Objects, Placement, Shadows
 from rasterjit.plan import viewport_of
 from rasterjit.plan_boxes import place_boxes
-from rasterjit.plan_lights import along, axes_of, has_cube
+from rasterjit.plan_lights import along, axes_of, half_tangent, has_cube
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.light import DirectionalLight, Light, Shadow
 from rasterjit.shadow_cells import view_cells
@@ -202,7 +202,7 @@ def _fit_parallel(light: Any, scenery: Scenery, row: Float64) -> Float64 | None:
     low, high = cells.min(axis=(0, 1)), cells.max(axis=(0, 1))
     box_low, box_high = boxes.min(axis=1), boxes.max(axis=1)
     nearest = float(box_low[:, 2].min())
-    tangent = _half_tangent(shadow)
+    tangent = half_tangent(shadow)
     # Make room for what shades from aside.
     room = min(tangent * max(float(high[2]) - nearest, 0.0), float((high - low)[:2].max()) / 2.0)
     low[:2] -= room
@@ -229,14 +229,6 @@ def _fit_parallel(light: Any, scenery: Scenery, row: Float64) -> Float64 | None:
     row[shadowing.WIDENING] = tangent * float(focal.min()) * span
     depth = (*(2.0 * axes[2] / span).tolist(), -(window.near + window.far) / span)
     return _clip_matrix(row, shadow.size, depth)
-
-
-def _half_tangent(shadow: Shadow) -> float:
-    """Return the tangent of half the angle that a directional light is seen under."""
-    if shadow.light_size is None:
-        return 0.0
-    sine, cosine = transforms.sine_cosine(shadow.light_size / 2.0)
-    return sine / cosine
 
 
 def _fit_spot(light: Any, place: Float64, scenery: Scenery, row: Float64) -> Float64 | None:

@@ -2,8 +2,9 @@
 Scenes that combine effects, so that every two of them meet in one, for few compiled kernels.
 
 What is not in a scene is there as data that does next to nothing, not as None: an object behind the
-camera, a light of intensity 0, fog of next to no density. So all scenes share the forms of kernels
-that the ways of mixing faces ask for: one face a pixel, blended layers of four samples, and areas.
+ground, a light of next to no intensity, fog of next to no density. So all scenes share the forms of
+kernels that the ways of mixing faces ask for: one face a pixel, blended layers of four samples, and
+areas.
 """
 
 from __future__ import annotations
@@ -28,8 +29,8 @@ MIXES = ("nearest", "layers", "area")
 
 SQUARE = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], float)
 FACES = [[0, 1, 2], [0, 2, 3]]
-BEHIND = (0.0, 0.0, 40.0)
-"""Behind the camera."""
+BEHIND = (0.0, 0.0, -4.0)
+"""In view, but for the ground before it."""
 
 
 def pairs_of(row):
@@ -109,9 +110,12 @@ def scene_of(row):
     scene.lights = [
         rj.AmbientLight(intensity=0.2),
         rj.SpotLight(
-            (1.0, 2.0, 4.0), (-0.2, -0.5, -1.0), intensity=9.0 if on["spot"] else 0.0, shadow=shadow
+            (1.0, 2.0, 4.0),
+            (-0.2, -0.5, -1.0),
+            intensity=9.0 if on["spot"] else 1e-9,
+            shadow=shadow,
         ),
-        rj.PointLight((-1.0, 1.0, 2.5), intensity=4.0 if on["point"] else 0.0, shadow=shadow),
+        rj.PointLight((-1.0, 1.0, 2.5), intensity=4.0 if on["point"] else 1e-9, shadow=shadow),
     ]
     scene.environment = rj.Environment(SKY, intensity=0.7 if on["environment"] else 1e-9)
     scene.fog = rj.Fog("#8090a0", density=0.1 if on["fog"] else 1e-9)

@@ -186,6 +186,7 @@ ALLOWED = {
     ("stages.py", "sum"): "whole numbers: counts of triangles",
     ("framebuffer.py", "sum"): "whole numbers: pixels of lines",
     ("memory.py", "prod"): "whole numbers of Python",
+    ("measurement.py", "sum"): "whole numbers: counts for a text",
     ("plan_contents.py", "sum"): "whole numbers: counts of objects",
     ("scene/mesh.py", "sum"): "whole numbers: counts for a message",
     ("scene/color.py", "sum"): "whole numbers: counts for a message",

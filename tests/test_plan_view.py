@@ -10,6 +10,7 @@ from rasterjit import passes, plan_lights, shadow_cells
 from rasterjit import plan as planning
 from rasterjit import transforms as tf
 from rasterjit.plan_boxes import Boxes, mesh_boxes, place_boxes
+from rasterjit.scene.camera import clip_from_relative
 
 SQUARE = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], float)
 FACES = [[0, 1, 2], [0, 2, 3]]
@@ -134,6 +135,20 @@ def test_boxes_in_view_are_those_with_a_corner_inside_of_every_plane():
         assert boxes.in_view[0] == (not any(beyond))
         found.append(boxes.in_view[0])
     assert 40 < sum(found) < 180
+
+
+@pytest.mark.parametrize(("near", "far"), [(0.1, 1e4), (0.1, 1e5), (0.001, 1e5)])
+def test_what_lies_on_the_far_plane_is_in_view_wherever_it_is_drawn(near, far):
+    """Where far / near is large, both sides of the comparison nearly cancel."""
+    rng, drawn = np.random.default_rng(3), 0
+    for direction in rng.normal(size=(1000, 3)):
+        camera = rj.PerspectiveCamera((0, 0, 0), direction, near=near, far=far)
+        point = -camera.view_matrix()[2, :3] * far
+        clip = clip_from_relative(camera, SIZE) @ [*point, 1.0]
+        if clip[2] <= clip[3]:
+            drawn += 1
+            assert Boxes(np.array([[point, point]]), np.eye(4)[None], camera, SIZE).in_view[0]
+    assert drawn > 100
 
 
 def test_what_no_number_says_is_in_view_unless_there_is_nothing():
@@ -329,6 +344,31 @@ def test_glass_out_of_view_does_not_widen_shadow_maps(fitted):
     shaded_ground((BOX, np.eye(4)), (glass, near), (BOX, far))
     assert fitted[2].cells.tobytes() == fitted[3].cells.tobytes()
     assert np.abs(fitted[3].cells).max() < 100.0
+
+
+LOOKING_DOWN = rj.PerspectiveCamera((0, 3, 0), (0, 0, 0), up=(0, 0, -1), fov_y=25.0)
+DOWN = tf.rotate_x(-90.0)
+
+
+@pytest.mark.parametrize(
+    ("light", "edge", "height"),
+    [
+        # The roof hides a part of the light as it is seen from the floor, though not its middle.
+        (rj.SpotLight((0, 10, 0), (0, -1, 0), shadow=rj.Shadow(256, "soft", 4.0)), 0.55, 2.0),
+        (rj.PointLight((0, 10, 0), shadow=rj.Shadow(256, "soft", 4.0)), 0.55, 2.0),
+        (rj.DirectionalLight((1e-3, -1, 0), shadow=rj.Shadow(256, "soft", 60.0)), 1.6, 6.0),
+        # Comparisons beside a surface's own texel find the roof.
+        (rj.DirectionalLight((1e-3, -1, 0), shadow=rj.Shadow(16, "pcf")), 0.52, 2.0),
+    ],
+)
+def test_filters_find_what_casts_a_shadow_from_aside(light, edge, height):
+    floor = square(shading="flat"), tf.compose(DOWN, tf.scale(0.5))
+    lit = scene_of(floor, lights=[light])
+    assert not rj.explain(lit, LOOKING_DOWN, size=SIZE).casts_shadows
+    for x, casts in ((edge, True), (100.0, False)):
+        place = tf.compose(tf.translate((x + 2.0, height, 0.0)), DOWN, tf.scale(2.0))
+        scene = scene_of(floor, (square(shading="flat"), place), lights=[light])
+        assert rj.explain(scene, LOOKING_DOWN, size=SIZE).casts_shadows == casts
 
 
 SLIVER_LIGHTS = [

@@ -503,14 +503,14 @@ def test_one_layer_that_is_almost_opaque_matters_where_it_is_seen_and_nowhere_el
 @pytest.mark.case("G09")
 @pytest.mark.parametrize("model", ["flat", "gouraud", "phong"])
 def test_no_highlight_equals_a_highlight_elsewhere(sphere, camera, model):
-    # A second object out of sight has a highlight, so the highlight code runs.
+    # A second object inside of the first has a highlight, so the highlight code runs.
     def ball(specular):
         material = rj.Material(model, "white", specular=specular)
         return rj.Mesh(sphere.vertices, sphere.faces, material=material)
 
     lights = [rj.AmbientLight(intensity=0.15), SUN, rj.PointLight((2, 1, 3), intensity=4.0)]
     alone, company = scene_of(ball(0.0), lights=lights), scene_of(ball(0.0), lights=lights)
-    company.add(ball(1.0), tf.translate((0, 0, 1000)))
+    company.add(ball(1.0), tf.scale(0.5))
     frames = draw(alone, camera), draw(company, camera)
     assert frames[0].plan.lighting.highlights is None
     assert frames[1].plan.lighting.highlights == 1

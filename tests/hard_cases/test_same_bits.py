@@ -171,4 +171,5 @@ def test_no_kernel_that_makes_another_output_knows_of_tiles():
     }
     # The lists of triangles, what they hide, drawing them, and counting what was drawn.
     lists = {"setup.py", "binning.py", "occlusion.py"}
-    assert knows == lists | {"visibility.py", "diagnosis.py", "transparency.py", "area.py"}
+    drawing = {"visibility.py", "cutouts.py", "transparency.py", "area.py"}
+    assert knows == lists | drawing | {"diagnosis.py"}

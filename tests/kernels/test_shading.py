@@ -13,6 +13,9 @@ import rasterjit as rj
 SIZE = (40, 32)
 BITS = ("linear", "color")
 
+INSIDE = rj.transforms.scale(0.5)
+"""Where the sphere is in view and hidden by itself."""
+
 
 def scene_of(mesh, lights="some", transform=None):
     scene = rj.Scene()
@@ -155,7 +158,7 @@ def test_white_face_colours_equal_none(sphere, camera, model):
 
 
 def test_unlit_object_equals_an_unlit_scene(sphere, camera):
-    # A lit object out of sight switches the light on for the frame.
+    # A lit object inside of what is seen switches the light on for the frame.
     rng = np.random.default_rng(2)
     unlit = remake(
         sphere,
@@ -163,7 +166,7 @@ def test_unlit_object_equals_an_unlit_scene(sphere, camera):
         colors=rng.uniform(0, 1, (len(sphere.vertices), 3)),
     )
     alone, company = scene_of(unlit), scene_of(unlit)
-    company.add(remake(sphere), rj.transforms.translate((0, 0, 1000)))
+    company.add(remake(sphere), INSIDE)
     frames = shade(alone, camera), shade(company, camera)
     assert frames[0].plan.lighting is None
     assert frames[1].plan.lighting is not None
@@ -174,16 +177,14 @@ def test_unlit_object_equals_an_unlit_scene(sphere, camera):
 def test_gouraud_elsewhere_changes_no_bit(sphere, camera, model):
     mesh = remake(sphere, material=rj.Material(model, "orange"))
     alone, company = scene_of(mesh), scene_of(mesh)
-    company.add(
-        remake(sphere, material=rj.Material("gouraud")), rj.transforms.translate((0, 0, 1000))
-    )
+    company.add(remake(sphere, material=rj.Material("gouraud")), INSIDE)
     assert same(shade(alone, camera), shade(company, camera))
 
 
 def test_smooth_objects_elsewhere_change_no_bit_of_a_flat_one(sphere, camera):
     mesh = remake(sphere, material=rj.Material("flat", "orange"))
     alone, company = scene_of(mesh), scene_of(mesh)
-    company.add(remake(sphere), rj.transforms.translate((0, 0, 1000)))
+    company.add(remake(sphere), INSIDE)
     assert same(shade(alone, camera), shade(company, camera))
 
 
