@@ -13,6 +13,7 @@ from rasterjit.frame import Frame
 from rasterjit.io.meshes import as_scene
 from rasterjit.plan import RenderPlan, plan_render
 from rasterjit.plan_answers import MAPS
+from rasterjit.plan_lights import has_cube
 from rasterjit.render import Renderer, choose_camera
 from rasterjit.scene.ambient_occlusion import AmbientOcclusion
 from rasterjit.scene.camera import Camera
@@ -29,6 +30,9 @@ from rasterjit.workers import available_processors
 
 ROUNDS = 7
 """Frames of each kind; their median counts."""
+
+MOST_TEXELS_TO_TRY = 1 << 26
+"""Of the shadow maps that are tried where nobody asked for them: 268 MB."""
 
 SAMPLES_TO_TRY = 4
 """Samples of a pixel whose cost is told where edges are not smoothed."""
@@ -319,7 +323,9 @@ def _with_shadows(scene: Scene) -> tuple[str, Scene | None]:
         replace(light, shadow=shadow) if is_dark else light
         for light, is_dark in zip(scene.lights, dark, strict=True)
     ]
-    return what, changed if count else None
+    maps = sum(6 if has_cube(light) else 1 for light in changed.lights if hasattr(light, "shadow"))
+    is_bounded = maps * shadow.size * shadow.size <= MOST_TEXELS_TO_TRY
+    return what, changed if count and is_bounded else None
 
 
 def _with_mip_levels(scene: Scene) -> tuple[str, Scene | None]:

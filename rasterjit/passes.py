@@ -26,6 +26,7 @@ from rasterjit.kernels.records import (
 )
 from rasterjit.plan import RenderPlan
 from rasterjit.plan_atmosphere import background_rays
+from rasterjit.plan_boxes import place_boxes
 from rasterjit.prepared import Prepared
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.color import linear_to_srgb
@@ -144,9 +145,13 @@ def find_shadows(
     """Fit the shadow maps to what is seen and draw them; None if there is nothing to draw."""
     arrays = prepared.shapes.arrays
     grounds = plan.grounds
-    # The vertices of an object are lit wherever they are; behind glass, and between the centres of
-    # pixels, more is seen than the depth tells.
+    # The vertices of an object are lit wherever they are.
+    is_whole = plan.in_view & grounds.facts.is_gouraud
+    # Behind glass, and between the centres of pixels, more is seen than the depth tells.
     is_open = plan.in_view & (plan.layers is not None)
+    if plan.layers is not None and not plan.layers.has_blended:
+        boxes = place_boxes(prepared.shapes.boxes, placement.relative_from_model)
+        is_open &= shadow_cells.missed_objects(plan.camera, boxes, placement.face_starts, coverage)
     vertices = stages.ModelVertices(
         arrays.positions, arrays.vertex_starts, placement.relative_from_model, np.eye(4)
     )
@@ -155,7 +160,7 @@ def find_shadows(
         cutouts = prepared.looks.cutouts(grounds.contents.textured_holes > 0)
     scenery = shadow_maps.scenery_of(
         vertices, arrays.faces, placement, prepared.shapes.boxes, ~grounds.facts.is_see_through,
-        plan.in_view & grounds.facts.is_gouraud, is_open,
+        is_whole, is_open,
         shadow_cells.seen_cells(plan.camera, geometry, coverage.depth, workers),
         plan.camera, plan.size, cutouts,
     )  # fmt: skip

@@ -17,6 +17,7 @@ from rasterjit.plan_boxes import CORNERS
 from rasterjit.scene.camera import Camera, clip_from_relative, screen_from_relative
 
 Float64 = NDArray[np.float64]
+Counts = NDArray[np.int64]
 
 
 def seen_cells(
@@ -77,6 +78,61 @@ def view_cells(camera: Camera, size: tuple[int, int], boxes: Float64) -> Float64
     cells = np.where(CORNERS, np.maximum(low, high), low)
     with np.errstate(invalid="ignore", over="ignore"):
         return np.where((_extent(cells) < _extent(boxes))[:, np.newaxis, np.newaxis], cells, boxes)
+
+
+def missed_objects(
+    camera: Camera, boxes: Float64, face_starts: NDArray[np.int64], coverage: stages.Coverage
+) -> NDArray[np.bool_]:
+    """
+    Tell of each object, (O,), whether no centre of a pixel shows it, and nothing surely hides it.
+
+    Takes boxes (O, 8, 3) in world axes, relative to the eye, and the first face of each object.
+    """
+    face_id, depth = coverage.face_id, coverage.depth
+    is_shown = np.zeros(int(face_starts[-1]) + 1, bool)
+    # What is -1 marks the place behind the last face.
+    is_shown[face_id] = True
+    counts = np.concatenate(([0], np.cumsum(is_shown[:-1])))
+    is_missed = counts[face_starts[1:]] == counts[face_starts[:-1]]
+    height, width = depth.shape
+    screen, some = screen_from_relative(camera, (width, height)), np.flatnonzero(is_missed)
+    points = _projected(screen, boxes[some])
+    is_ahead = (_times(screen[3:], boxes[some])[..., 0] > 0.0).all(axis=1)
+    side = shadow_receivers.CELL
+    rows, columns = np.arange(0, height, side), np.arange(0, width, side)
+    farthest = np.minimum.reduceat(np.minimum.reduceat(depth, rows, axis=0), columns, axis=1)
+    with np.errstate(invalid="ignore"):
+        x = (points[..., 0] + 1.0) * (width / 2.0)
+        y = (1.0 - points[..., 1]) * (height / 2.0)
+        # With a pixel around: what is seen between centres may be hidden at each of them.
+        ends = [
+            np.clip(np.nan_to_num((place + by) // side), 0, count - 1).astype(np.int64)
+            for place, by, count in (
+                (y.min(axis=1), -1.0, len(rows)), (y.max(axis=1), 1.0, len(rows)),
+                (x.min(axis=1), -1.0, len(columns)), (x.max(axis=1), 1.0, len(columns)),
+            )
+        ]  # fmt: skip
+        is_hidden = is_ahead & (points[..., 2].max(axis=1) < _least_within(farthest, *ends))
+    is_missed[some[is_hidden]] = False
+    return is_missed
+
+
+def _least_within(
+    values: NDArray[np.float32], top: Counts, bottom: Counts, left: Counts, right: Counts
+) -> NDArray[np.float32]:
+    """Return the least value, or less, of rectangles of an image, (B,), ends included."""
+    least = np.empty(len(top), np.float32)
+    span = np.maximum(bottom - top, right - left)
+    for level in range((int(span.max(initial=1)) - 1).bit_length() + 1):
+        # Of entries that stand for 2**level values each way, a rectangle has two by two at most.
+        at = np.flatnonzero((span <= 1 << level) & ((span > 1 << level >> 1) | (level == 0)))
+        ends = [[end[at] >> level for end in pair] for pair in ((top, bottom), (left, right))]
+        least[at] = np.minimum.reduce(
+            [values[row, column] for row in ends[0] for column in ends[1]]
+        )
+        rows, columns = np.arange(0, values.shape[0], 2), np.arange(0, values.shape[1], 2)
+        values = np.minimum.reduceat(np.minimum.reduceat(values, rows, axis=0), columns, axis=1)
+    return least
 
 
 def _extent(corners: Float64) -> Float64:

@@ -35,6 +35,16 @@ def rich_scene(cube):
     return scene
 
 
+def test_shadows_are_tried_where_their_maps_are_of_a_bounded_size(cube):
+    for count, is_tried in ((2, True), (200, False)):
+        scene = rj.Scene()
+        scene.add(cube)
+        scene.add(cube, rj.transforms.translate((0.0, 2.5, 0.0)))
+        scene.lights = [rj.PointLight((0.0, 5.0, float(n)), intensity=9.0) for n in range(count)]
+        found = measurement.variations(rj.explain(scene, looking()), scene, rj.Quality())
+        assert any(name == "shadows" for name, *_ in found) == is_tried
+
+
 def test_every_effect_that_is_in_is_measured_without(cube, monkeypatch):
     # Another test draws what could be added; here its kernels would be compiled for nothing.
     monkeypatch.setattr(measurement, "ADDITIONS", ())

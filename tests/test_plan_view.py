@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit import passes, plan_lights, shadow_cells
+from rasterjit import passes, plan_lights, shadow_cells, shadow_maps
 from rasterjit import plan as planning
 from rasterjit import transforms as tf
+from rasterjit.kernels import shadowing
 from rasterjit.plan_boxes import Boxes, mesh_boxes, place_boxes
 from rasterjit.scene.camera import clip_from_relative
 
@@ -405,6 +406,48 @@ def test_a_sliver_that_no_centre_of_a_pixel_sees_lies_in_shadow(samples, light):
     assert dark.plan.in_view.tolist() == [True, True, False]
     assert (dark.linear[:, 40:, :3] == 0.0).all()
     assert (dark.linear[:, :40] == bright.linear[:, :40]).all()
+
+
+@pytest.mark.parametrize("samples", [4, "area"])
+def test_what_is_hidden_at_every_sample_does_not_widen_shadow_maps(samples, monkeypatch):
+    """Ground that goes far behind a wall that fills the picture."""
+    fitted, fit = [], shadow_maps._fit_parallel
+
+    def watch(light, scenery, row):
+        matrix = fit(light, scenery, row)
+        fitted.append(row.copy())
+        return matrix
+
+    monkeypatch.setattr(shadow_maps, "_fit_parallel", watch)
+    wall = square(shading="flat"), tf.scale(6.0)
+    pane = square(shading="flat"), tf.compose(tf.translate((0.3, 0.2, 0.5)), tf.scale(0.3))
+    ground = square(shading="flat"), tf.compose(tf.translate((0, -5, -504)), DOWN, tf.scale(500.0))
+    light = rj.DirectionalLight((-0.3, -1, -1), shadow=rj.Shadow(64))
+    for placed in ((wall, pane), (wall, pane, ground)):
+        for count in (1, samples):
+            rj.render(
+                scene_of(*placed, lights=[light]), CAMERA, size=SIZE, outputs=("linear",),
+                quality=rj.Quality(samples=count), threads=1,
+            )  # fmt: skip
+    assert len(fitted) == 4
+    assert (fitted[3] == fitted[2]).all()
+    assert fitted[3][shadowing.FOCAL] == pytest.approx(fitted[0][shadowing.FOCAL], rel=0.01)
+
+
+def test_least_values_of_rectangles_are_not_above_those_of_a_loop():
+    rng = np.random.default_rng(12)
+    for height, width in ((1, 1), (1, 7), (9, 5), (23, 40)):
+        values = rng.normal(size=(height, width)).astype(np.float32)
+        rows, columns = (np.sort(rng.integers(0, n, (2, 300)), axis=0) for n in (height, width))
+        found = shadow_cells._least_within(values, *rows, *columns)
+        want = [
+            values[top : bottom + 1, left : right + 1].min()
+            for top, bottom, left, right in zip(*rows, *columns, strict=True)
+        ]
+        assert (found <= want).all()
+        single = np.maximum(rows[1] - rows[0], columns[1] - columns[0]) <= 1
+        assert (found == want)[single].all()
+        assert (found == want).mean() > 0.2
 
 
 def test_cells_of_what_is_open_hold_all_of_it_that_is_in_view():
