@@ -68,9 +68,11 @@ def _geometry_rows(plan: RenderPlan) -> Rows:
     if plan.casts_shadows:
         # The maps are drawn by the kernels above, with the lights as cameras.
         rows.append(("shadow_receivers.find_depth_ranges", "", ""))
-        rows.append(
-            ("projection.transform_vertices", "", "something casts a shadow on what is seen")
-        )
+        cast = "something casts a shadow on what is seen"
+        rows.append(("projection.transform_vertices", "", cast))
+        through = "holes" if plan.grounds.shades_through_holes else ""
+        if through != holes or not plan.needs_faces:
+            rows.append(("visibility.draw_tiles", through, cast))
     return rows
 
 

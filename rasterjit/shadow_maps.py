@@ -3,8 +3,10 @@ Fit and draw the shadow maps: which part of space each shows, and what can cast 
 
 A map shows what the camera sees, as the depth buffer tells: the cells of a grid over the picture,
 each from its nearest to its farthest sample, are taken to the light's axes, and the map reaches
-around them. It begins at the nearest object that lies between them and the light, and ends behind
-the farthest of them. Then it is drawn like a picture, by the same stages.
+around them. Where the depth does not tell, behind glass and between the centres of pixels, it
+reaches around what the view holds of the objects that may be seen there. It begins at the nearest
+object that lies between all this and the light, and ends behind the farthest of it. Then it is
+drawn like a picture, by the same stages.
 
 References
 ----------

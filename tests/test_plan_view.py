@@ -11,6 +11,7 @@ from rasterjit import plan as planning
 from rasterjit import transforms as tf
 from rasterjit.kernels import shadowing
 from rasterjit.plan_boxes import Boxes, mesh_boxes, place_boxes
+from rasterjit.plan_resources import list_kernels
 from rasterjit.scene.camera import clip_from_relative
 
 SQUARE = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], float)
@@ -309,6 +310,8 @@ def test_an_object_out_of_view_casts_shadows_with_the_holes_of_its_mask(textured
     assert told["alpha masks"] == (True, "1 object outside the view, in shadows alone")
     assert told["textures"][0] is False
     assert not half.plan.needs_cutouts
+    drawing = [k.variant for k in list_kernels(half.plan) if k.name == "visibility.draw_tiles"]
+    assert drawing == ["", "holes"]
     darkened = [bright.linear.sum() - frame.linear.sum() for frame in (half, full)]
     assert darkened[1] > 10.0
     assert darkened[0] == pytest.approx(darkened[1] / 2.0, rel=0.1)

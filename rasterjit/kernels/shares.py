@@ -23,6 +23,7 @@ from rasterjit.kernels.layers import seen_share
 from rasterjit.kernels.records import Encoding, Geometry, Lighting, Placement, Surface
 from rasterjit.kernels.resolve import encode_channels
 from rasterjit.kernels.shading import BLOCK_COLUMNS, shade_part, span_end, viewer_of
+from rasterjit.kernels.transparency import copy_row
 from rasterjit.kernels.visibility import NOTHING
 
 FILLED_COLUMNS = 8
@@ -185,13 +186,6 @@ def is_mixed(share, rest):
     """Return whether a pixel shows more than one face, or a face and what is behind all."""
     one = np.float32(1.0)
     return (share != one) & (rest != one)
-
-
-@disjoint_stage
-def copy_row(source, target):
-    """Copy a row."""
-    for i in range(target.shape[0]):
-        target[i] = source[i]
 
 
 @disjoint_stage
