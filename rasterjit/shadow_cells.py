@@ -86,7 +86,8 @@ def missed_objects(
     """
     Tell of each object, (O,), whether no centre of a pixel shows it, and nothing surely hides it.
 
-    Takes boxes (O, 8, 3) in world axes, relative to the eye, and the first face of each object.
+    An object all around the eye counts as hidden. Takes boxes (O, 8, 3) in world axes, relative to
+    the eye, and the first face of each object.
     """
     face_id, depth = coverage.face_id, coverage.depth
     is_shown = np.zeros(int(face_starts[-1]) + 1, bool)
@@ -112,7 +113,8 @@ def missed_objects(
                 (x.min(axis=1), -1.0, len(columns)), (x.max(axis=1), 1.0, len(columns)),
             )
         ]  # fmt: skip
-        is_hidden = is_ahead & (points[..., 2].max(axis=1) < _least_within(farthest, *ends))
+        # Around the eye lies what is large: what of it no centre shows is not worth its size.
+        is_hidden = ~is_ahead | (points[..., 2].max(axis=1) < _least_within(farthest, *ends))
     is_missed[some[is_hidden]] = False
     return is_missed
 

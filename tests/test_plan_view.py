@@ -411,9 +411,10 @@ def test_a_sliver_that_no_centre_of_a_pixel_sees_lies_in_shadow(samples, light):
     assert (dark.linear[:, :40] == bright.linear[:, :40]).all()
 
 
+@pytest.mark.parametrize("z", [-504.0, 0.0])
 @pytest.mark.parametrize("samples", [4, "area"])
-def test_what_is_hidden_at_every_sample_does_not_widen_shadow_maps(samples, monkeypatch):
-    """Ground that goes far behind a wall that fills the picture."""
+def test_what_is_hidden_at_every_sample_does_not_widen_shadow_maps(samples, z, monkeypatch):
+    """Ground that goes far behind a wall that fills the picture, or under the camera as well."""
     fitted, fit = [], shadow_maps._fit_parallel
 
     def watch(light, scenery, row):
@@ -424,7 +425,7 @@ def test_what_is_hidden_at_every_sample_does_not_widen_shadow_maps(samples, monk
     monkeypatch.setattr(shadow_maps, "_fit_parallel", watch)
     wall = square(shading="flat"), tf.scale(6.0)
     pane = square(shading="flat"), tf.compose(tf.translate((0.3, 0.2, 0.5)), tf.scale(0.3))
-    ground = square(shading="flat"), tf.compose(tf.translate((0, -5, -504)), DOWN, tf.scale(500.0))
+    ground = square(shading="flat"), tf.compose(tf.translate((0, -5, z)), DOWN, tf.scale(500.0))
     light = rj.DirectionalLight((-0.3, -1, -1), shadow=rj.Shadow(64))
     for placed in ((wall, pane), (wall, pane, ground)):
         for count in (1, samples):
