@@ -25,6 +25,7 @@ from rasterjit.plan_contents import Facts, may_have_holes, textures_read
 from rasterjit.plan_effects import Effect, Grounds, list_effects
 from rasterjit.plan_layers import Layers, find_transparency, layers_of
 from rasterjit.plan_lights import NO_LIGHTS, PlannedLights, lighting_of, plan_lights
+from rasterjit.plan_views import Views, view_nodes
 from rasterjit.scene.ambient_occlusion import RADIUS_OF_SCENE, AmbientOcclusion
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.color import linear_color
@@ -38,7 +39,7 @@ from rasterjit.scene.light import (
 )
 from rasterjit.scene.outline import Outline
 from rasterjit.scene.quality import Quality
-from rasterjit.scene.scene import Node, Scene, Wireframe, matrices_of, meshes_of
+from rasterjit.scene.scene import Node, Scene, Wireframe, meshes_of
 from rasterjit.validation import image_size, one_of
 
 OUTPUTS = (
@@ -163,14 +164,12 @@ class Stock(NamedTuple):
     """What they are."""
     bounds: NDArray[np.float64]
     """Low and high corner of each, (O, 2, 3), model space; NaN for one without a finite face."""
-    world_from_model: NDArray[np.float64]
-    """(O, 4, 4)."""
 
 
 def stock_of(nodes: Sequence[Node]) -> Stock:
     """Look through the objects of a scene."""
     meshes = meshes_of(nodes)
-    return Stock(Facts(meshes), mesh_boxes(meshes), np.array(matrices_of(nodes)))
+    return Stock(Facts(meshes), mesh_boxes(meshes))
 
 
 def plan_render(
@@ -183,11 +182,12 @@ def plan_render(
     cull: str,
     diagnose: bool = False,
     stock: Stock | None = None,
+    views: Views | None = None,
 ) -> RenderPlan:
     """
     Check the arguments of a frame and decide what it needs.
 
-    ``stock`` is that of the scene's nodes, where it is known already.
+    ``stock`` and ``views`` are those of the scene's nodes, where they are known already.
 
     Raises
     ------
@@ -202,7 +202,12 @@ def plan_render(
     if stock is None:
         check_scene(scene)
         stock = stock_of(scene.nodes)
-    grounds = _grounds(scene, camera, size, quality, outputs, background, diagnose, stock)
+    if views is None:
+        views = view_nodes(scene.nodes, camera, size)
+    boxes = Boxes(
+        stock.bounds, camera.eye_position(), views.relative_from_model, views.clip_from_relative
+    )
+    grounds = _grounds(scene, boxes, stock.facts, quality, outputs, background, diagnose)
     contents, seen = grounds.contents, grounds.seen
     if "uv" in outputs and contents.laid == 0:
         raise ValueError("outputs has 'uv', but no mesh of the scene has texture coordinates")
@@ -246,16 +251,14 @@ def plan_render(
 
 def _grounds(
     scene: Scene,
-    camera: Camera,
-    size: tuple[int, int],
+    boxes: Boxes,
+    facts: Facts,
     quality: Quality,
     outputs: tuple[str, ...],
     background: Any,
     diagnose: bool,
-    stock: Stock,
 ) -> Grounds:
     """Find what the decisions rest on."""
-    boxes, facts = Boxes(stock.bounds, stock.world_from_model, camera, size), stock.facts
     only_edges = scene.wireframe is not None and scene.wireframe.mode == "only"
     colors_faces = not only_edges and not {"color", "linear"}.isdisjoint(outputs)
     grounds = Grounds(

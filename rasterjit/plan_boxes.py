@@ -7,7 +7,6 @@ not sure counts as in view.
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from functools import cached_property
 from typing import Any
@@ -15,7 +14,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.scene.camera import Camera, clip_from_relative
 from rasterjit.scene.mesh import Mesh
 
 Float64 = NDArray[np.float64]
@@ -36,10 +34,10 @@ class Boxes:
     ----------
     bounds : (O, 2, 3) float64
         Low and high corner of each object, model space; NaN for one without a finite face.
-    world_from_model : (O, 4, 4) float64
-    camera : Camera
-    size : (int, int)
-        Width and height of the picture, pixels.
+    eye : (3,) float64, world space
+    relative_from_model : (O, 4, 4) float64
+        To world axes with the origin at the eye.
+    clip_from_relative : (4, 4) float64
 
     Attributes
     ----------
@@ -49,13 +47,13 @@ class Boxes:
     """
 
     def __init__(
-        self, bounds: Float64, world_from_model: Float64, camera: Camera, size: tuple[int, int]
-    ) -> None:
-        self.eye = camera.eye_position()
+        self, bounds: Float64, eye: Float64, relative_from_model: Float64,
+        clip_from_relative: Float64,
+    ) -> None:  # fmt: skip
+        self.eye = eye
         self._bounds = bounds
-        self._relative_from_model = world_from_model.copy()
-        self._relative_from_model[:, :3, 3] -= self.eye
-        self.in_view = self._may_be_seen(clip_from_relative(camera, size))
+        self._relative_from_model = relative_from_model
+        self.in_view = self._may_be_seen(clip_from_relative)
 
     def _may_be_seen(self, matrix: Float64) -> NDArray[np.bool_]:
         """Tell which boxes are not all beyond a plane of the view volume."""
@@ -66,23 +64,23 @@ class Boxes:
         with np.errstate(invalid="ignore", over="ignore"):
             middle, half = low / 2.0 + high / 2.0, high / 2.0 - low / 2.0
             farthest = np.abs(middle) + half
-            sizes = [
-                np.abs(x) * farthest[0] + np.abs(y) * farthest[1] + np.abs(z) * farthest[2]
-                + np.abs(w)
-                for x, y, z, w in m
-            ]  # fmt: skip
+            sizes = np.abs(m[:, 0]) * farthest[0] + np.abs(m[:, 1]) * farthest[1]
+            sizes += np.abs(m[:, 2]) * farthest[2]
+            sizes += np.abs(m[:, 3])
             # A plane holds inside what has a x + b y + c z + d >= 0: rows w - x, w + x, and so on.
-            for row, sign in itertools.product(matrix[:3], (-1.0, 1.0)):
-                plane = (matrix[3] + sign * row).tolist()
-                # Measure the corner of each box that lies farthest inside.
-                most = _along(plane, m[:, 3]) + plane[3]
-                for k in range(3):
-                    along = _along(plane, m[:, k])
-                    most += along * middle[k] + np.abs(along) * half[k]
-                # Of both rows: what is drawn compares them, and they may nearly cancel.
-                reach = (np.abs(matrix[3]) + np.abs(row)).tolist()
-                # What is not a number is not sure.
-                outside |= most < -ROUNDING * (_along(reach, sizes) + reach[3])
+            planes = np.concatenate((matrix[3] - matrix[:3], matrix[3] + matrix[:3]))
+            # Measure the corner of each box that lies farthest inside.
+            along = _along(planes, m)
+            parts = along[:, :3] * middle + np.abs(along[:, :3]) * half
+            most = along[:, 3] + planes[:, 3, np.newaxis]
+            for k in range(3):
+                most += parts[:, k]
+            # Of both rows: what is drawn compares them, and they may nearly cancel.
+            rows = np.abs(matrix[3]) + np.abs(matrix[:3])
+            reach = _along(rows, sizes) + rows[:, 3, np.newaxis]
+            # What is not a number is not sure.
+            beyond = most.reshape(2, 3, -1) < -ROUNDING * reach
+        outside |= beyond.any(axis=(0, 1))
         return ~outside
 
     @cached_property
@@ -111,9 +109,10 @@ class Boxes:
         return float(np.sqrt(squares.max(initial=0.0)))
 
 
-def _along(plane: Sequence[float], points: Sequence[Float64]) -> Float64:
-    """Return a x + b y + c z of a plane (a, b, c, ...) for the coordinates x, y, z, (O,) each."""
-    return (plane[0] * points[0] + plane[1] * points[1]) + plane[2] * points[2]
+def _along(planes: Float64, points: Float64) -> Float64:
+    """Return a x + b y + c z of planes (P, 4) for coordinates x, y, z: (P, ...) of (3, ...)."""
+    a, b, c = planes[:, :3].T.reshape(3, -1, *(1,) * (points.ndim - 1))
+    return (a * points[0] + b * points[1]) + c * points[2]
 
 
 def mesh_boxes(meshes: Sequence[Mesh]) -> Float64:

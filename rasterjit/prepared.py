@@ -148,7 +148,7 @@ class Prepared(NamedTuple):
     @property
     def stock(self) -> Stock:
         """What a plan needs to know of them."""
-        return Stock(self.looks.facts, self.shapes.boxes, self.places.world_from_model)
+        return Stock(self.looks.facts, self.shapes.boxes)
 
 
 def prepare(nodes: Sequence[Node], known: Prepared | None) -> Prepared:

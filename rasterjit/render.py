@@ -226,12 +226,12 @@ class Renderer:
         scene = self._scene(what)
         camera = choose_camera(scene, camera, self.size)
         self._prepared = prepared = prepare(scene.nodes, self._prepared)
+        views = plan_views.view_places(prepared.places, camera, self.size)
         plan = planning.plan_render(
             scene, camera, self.size, self.quality, outputs, background, cull, diagnose,
-            prepared.stock,
+            prepared.stock, views,
         )  # fmt: skip
         arrays = prepared.shapes.arrays
-        views = plan_views.view_places(prepared.places, camera, self.size)
         viewport = planning.viewport_of(self.size, self.quality.subpixel_bits)
         objects = plan_views.cull_objects(
             cull, views, arrays.face_starts, prepared.looks.is_single_sided

@@ -12,6 +12,7 @@ from rasterjit import transforms as tf
 from rasterjit.kernels import shadowing
 from rasterjit.plan_boxes import Boxes, mesh_boxes, place_boxes
 from rasterjit.plan_resources import list_kernels
+from rasterjit.plan_views import place_objects, view_places
 from rasterjit.scene.camera import clip_from_relative
 
 SQUARE = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], float)
@@ -121,6 +122,11 @@ def random_camera(rng):
     return rj.OrthographicCamera(eye, target, height=2.0, near=-1.0, far=8.0)
 
 
+def boxes_of(bounds, matrices, camera, size):
+    views = view_places(place_objects(list(matrices)), camera, size)
+    return Boxes(bounds, camera.eye_position(), views.relative_from_model, views.clip_from_relative)
+
+
 def test_boxes_in_view_are_those_with_a_corner_inside_of_every_plane():
     """Slow and obvious: all eight corners, one plane at a time."""
     rng, size, found = np.random.default_rng(8), (64, 48), []
@@ -128,7 +134,7 @@ def test_boxes_in_view_are_those_with_a_corner_inside_of_every_plane():
         camera, matrix = random_camera(rng), np.eye(4)
         matrix[:3] = rng.normal(size=(3, 4)) * 2.0
         mesh = rj.Mesh(rng.normal(size=(4, 3)), [[0, 1, 2], [1, 2, 3]])
-        boxes = Boxes(mesh_boxes([mesh]), matrix[np.newaxis], camera, size)
+        boxes = boxes_of(mesh_boxes([mesh]), matrix[np.newaxis], camera, size)
         low, high = mesh.bounds()
         corners = [[*np.where([n & 1, n & 2, n & 4], high, low), 1.0] for n in range(8)]
         whole = camera.projection_matrix(size) @ camera.view_matrix() @ matrix
@@ -149,7 +155,7 @@ def test_what_lies_on_the_far_plane_is_in_view_wherever_it_is_drawn(near, far):
         clip = clip_from_relative(camera, SIZE) @ [*point, 1.0]
         if clip[2] <= clip[3]:
             drawn += 1
-            assert Boxes(np.array([[point, point]]), np.eye(4)[None], camera, SIZE).in_view[0]
+            assert boxes_of(np.array([[point, point]]), [np.eye(4)], camera, SIZE).in_view[0]
     assert drawn > 100
 
 
@@ -157,7 +163,7 @@ def test_what_no_number_says_is_in_view_unless_there_is_nothing():
     huge = rj.Mesh(SQUARE * 1e308, FACES)
     lost = rj.Mesh(np.full((3, 3), np.nan), [[0, 1, 2]], on_invalid="drop")
     places = np.array([tf.scale(1e10), np.eye(4)])
-    boxes = Boxes(mesh_boxes([huge, lost]), places, CAMERA, SIZE)
+    boxes = boxes_of(mesh_boxes([huge, lost]), places, CAMERA, SIZE)
     assert boxes.in_view.tolist() == [True, False]
 
 
