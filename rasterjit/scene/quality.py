@@ -2,12 +2,38 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
+from typing import Any
 
-from rasterjit.validation import one_of
+from rasterjit.validation import bounded_number, one_of
 
-SAMPLES = (1, 2, 4, 8, 16, "area")
-"""How edges are smoothed: so many samples of each pixel, or the areas that faces cover of it."""
+LEVELS: dict[str, tuple[Any, ...]] = {
+    "subpixel_bits": (0, 4, 8, 12),
+    "samples": (1, 2, 4, 8, 16, "area", 64, 256),
+    "interpolation": ("affine", "perspective"),
+    "depth_format": ("unorm16", "unorm24", "float32", "float32-reversed", "float64"),
+    "precision": ("float32", "float64"),
+    "shading": ("face", "vertex", "pixel"),
+    "renormalize": (False, True),
+    "texture_filter": (
+        "nearest", "bilinear", "trilinear", "anisotropic2", "anisotropic4", "anisotropic8",
+        "anisotropic16",
+    ),
+    "shadow_size": (256, 512, 1024, 2048, 4096, 8192),
+    "shadow_taps": (1, 9),
+    "transparency_layers": (1, 2, 4, 8, "all"),
+    "blending": ("srgb8", "linear"),
+    "math": ("polynomial", "library"),
+    "lines": ("bresenham", "coverage"),
+}  # fmt: skip
+"""The settings of `Quality`, each with its levels, from the least accurate one on."""
+
+SUPERSAMPLED = (64, 256)
+"""Numbers of samples for which whole pictures are drawn and averaged."""
+
+LEAST_SHADOW, LARGEST_SHADOW = 16, 8192
+"""Side of a shadow map, texels."""
 
 
 @dataclass(frozen=True)
@@ -20,14 +46,46 @@ class Quality:
     subpixel_bits : {0, 4, 8, 12}
         Vertices are rounded to ``2**-subpixel_bits`` pixel. 8 is what Direct3D requires and what
         Mesa's rasterizer uses; 0 rounds to whole pixels, as in the classic exercise.
-    samples : {1, 2, 4, 8, 16, "area"}
+    samples : {1, 2, 4, 8, 16, "area", 64, 256}
         What smooths edges: the nearest faces at so many places of each pixel, those that Direct3D
         and Vulkan fix, or ``"area"``, the exact limit of ever more of them: the areas that faces
         show of it. Each face is shaded once in a pixel, at its centre, or on the face where the
-        centre lies beside it. Colour is mixed in linear light, before tone mapping; all other
-        outputs come from the pixel centre. ``"area"`` is not for scenes that show blended
-        materials (``alpha_mode`` "blend" with an alpha below 1): rendering them raises
-        ``ValueError``, naming an object that has one.
+        centre lies beside it. With 64 and 256 every sample is shaded by itself: whole pictures
+        are drawn, moved by parts of a pixel, and averaged. Colour is mixed in linear light, before
+        tone mapping; all other outputs come from the pixel centre. ``"area"`` is not for scenes
+        that show blended materials (``alpha_mode`` "blend" with an alpha below 1): rendering them
+        raises ``ValueError``, naming an object that has one.
+    interpolation : {"affine", "perspective"}
+        What lies between the vertices of a face: linear on the screen, as consoles without a
+        divider drew it, or linear on the face.
+    depth_format : {"unorm16", "unorm24", "float32", "float32-reversed", "float64"}
+        What the depths of faces are rounded to before they are compared: 16 or 24 bits, or a
+        float, of the depth from 0 at the near plane to 1 at the far one; a float of the reversed
+        depth, which falls with distance and so keeps its digits; or such a float64.
+    precision : {"float32", "float64"}
+        Arithmetic that takes vertices from model space to the screen.
+    shading : {"face", "vertex", "pixel"}
+        The finest unit that is lit by itself: materials that ask for more are shaded like
+        ``"flat"`` or ``"gouraud"`` ones. Metallic-roughness is lit by the pixel always.
+    renormalize : bool
+        Whether interpolated normals are scaled to length one at every pixel.
+    texture_filter : str, optional
+        ``"nearest"``, ``"bilinear"``, ``"trilinear"``, ``"anisotropic2"`` .. ``"anisotropic16"``,
+        for all textures. Default: what each texture says.
+    shadow_size : int, optional
+        Side of all shadow maps, texels, 16..8192. Default: what each light says.
+    shadow_taps : {1, 9}, optional
+        Comparisons with a shadow map: one, or 3 x 3 filtered ones. Default: what each light says.
+    transparency_layers : {1, 2, 4, 8, "all"}
+        How many of the nearest transparent surfaces are seen at a pixel.
+    blending : {"srgb8", "linear"}
+        What transparent surfaces and samples are mixed in: 8-bit codes, as old programs do it, or
+        light.
+    math : {"polynomial", "library"}
+        Powers and exponentials of highlights, fog and tone curves: the engine's own, to 2e-7, which
+        has the same bits on every CPU; or the math library's, to the last bit or two.
+    lines : {"bresenham", "coverage"}
+        Edges of a wireframe: one pixel after the other, or by how far the line covers each.
 
     Raises
     ------
@@ -37,22 +95,111 @@ class Quality:
 
     subpixel_bits: int = 8
     samples: int | str = 1
+    interpolation: str = "perspective"
+    depth_format: str = "float32-reversed"
+    precision: str = "float64"
+    shading: str = "pixel"
+    renormalize: bool = True
+    texture_filter: str | None = None
+    shadow_size: int | None = None
+    shadow_taps: int | None = None
+    transparency_layers: int | str = "all"
+    blending: str = "linear"
+    math: str = "polynomial"
+    lines: str = "bresenham"
 
     def __post_init__(self) -> None:
-        bits = one_of("subpixel_bits", self.subpixel_bits, (0, 4, 8, 12))
-        object.__setattr__(self, "subpixel_bits", int(bits))
-        samples = one_of("samples", self.samples, SAMPLES)
-        object.__setattr__(self, "samples", samples if samples == "area" else int(samples))
-        if samples != 1 and bits == 0:
+        for name in LEVELS:
+            object.__setattr__(self, name, _level(name, getattr(self, name)))
+        if self.samples != 1 and self.subpixel_bits == 0:
             raise ValueError(
-                f"samples must be 1 where subpixel_bits is 0, got {samples!r}: vertices on whole "
-                "pixels leave nothing to smooth"
+                f"samples must be 1 where subpixel_bits is 0, got {self.samples!r}: vertices on "
+                "whole pixels leave nothing to smooth"
             )
+
+    @classmethod
+    def draft(cls) -> Quality:
+        """Return settings for a picture that is only glanced at."""
+        return cls(
+            shading="vertex", renormalize=False, texture_filter="nearest", shadow_size=512,
+            shadow_taps=1, transparency_layers=2,
+        )  # fmt: skip
 
     @classmethod
     def standard(cls) -> Quality:
         """Return the default settings."""
         return cls()
+
+    @classmethod
+    def high(cls) -> Quality:
+        """Return settings for a picture that is looked at closely."""
+        return cls(
+            samples=8, texture_filter="anisotropic8", shadow_size=2048, shadow_taps=9,
+            lines="coverage",
+        )  # fmt: skip
+
+    @classmethod
+    def reference(cls) -> Quality:
+        """Return the most accurate settings, which errors are measured against."""
+        return cls(
+            samples=256, subpixel_bits=12, depth_format="float64", texture_filter="anisotropic16",
+            shadow_size=4096, shadow_taps=1, math="library", lines="coverage",
+        )  # fmt: skip
+
+
+PRESETS = {name: getattr(Quality, name) for name in ("draft", "standard", "high", "reference")}
+"""The named qualities, from the fastest on."""
+
+_OPTIONAL = ("texture_filter", "shadow_size", "shadow_taps")
+"""Settings that may be None: as the scene says."""
+
+
+def _level(name: str, value: Any) -> Any:
+    """Return a setting's value, or raise ``ValueError`` naming it."""
+    if value is None and name in _OPTIONAL:
+        return None
+    if name == "shadow_size":
+        size = bounded_number(name, value, LEAST_SHADOW, LARGEST_SHADOW)
+        if size != int(size) or isinstance(value, bool):
+            raise ValueError(f"{name} must be a whole number of texels, got {value!r}")
+        return int(size)
+    levels = LEVELS[name]
+    if name == "renormalize":
+        if not isinstance(value, bool):
+            raise ValueError(f"{name} must be True or False, got {value!r}")
+        return value
+    level = one_of(name, value, levels)
+    # One of the levels itself: 8.0 and numpy's 8 are 8.
+    return levels[levels.index(level)]
+
+
+def parse_setting(text: str) -> dict[str, Any]:
+    """
+    Return ``{name: level}`` for a text like ``"samples=8"``.
+
+    Raises
+    ------
+    ValueError
+        Naming the setting or the level that is unknown, and listing those that are possible.
+    """
+    name, equals, wanted = text.partition("=")
+    if not equals or name not in LEVELS:
+        raise ValueError(
+            f"a setting must read NAME=LEVEL, with a name of {', '.join(LEVELS)}; got {text!r}"
+        )
+    for level in LEVELS[name]:
+        if wanted.lower() == str(level).lower():
+            return {name: level}
+    if name == "shadow_size" and wanted.isdecimal():
+        return {name: _level(name, int(wanted))}
+    levels = ", ".join(str(level) for level in LEVELS[name])
+    raise ValueError(f"{name} must be one of {levels}; got {wanted!r}")
+
+
+def differences(quality: Quality, other: Quality) -> dict[str, Any]:
+    """Return the settings of ``quality`` that are unlike those of ``other``."""
+    values = dataclasses.asdict(quality)
+    return {name: value for name, value in values.items() if value != getattr(other, name)}
 
 
 def check_quality(value: Quality | None) -> Quality:
