@@ -1,0 +1,1 @@
+"""Measure what each accuracy setting costs in time and what it buys in error."""

@@ -1,0 +1,148 @@
+"""What a study found: times and errors of every quality that was tried."""
+
+from __future__ import annotations
+
+import statistics
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.scene.quality import Quality
+
+STANDARD = "standard"
+"""Name of the quality that single settings are changed from."""
+
+COMBINATIONS = "combinations"
+"""What stands for the setting where several are changed at once."""
+
+
+class Errors(NamedTuple):
+    """How far a picture is from the reference; ``None`` where that has no meaning."""
+
+    rmse: float
+    """Root of the mean squared difference of linear red, green and blue."""
+    largest: float
+    """Largest of these differences."""
+    psnr: float
+    """Peak signal-to-noise ratio of that rmse for a peak of 1, decibels; ``inf`` without error."""
+    flip: float | None
+    """Mean FLIP error, 0..1; ``None`` without NVIDIA's ``flip-evaluator``."""
+    wrong_faces: int
+    """Pixels whose nearest face is another than the reference's."""
+    depth_ulp: float | None
+    """Largest difference of depth where the face is the same, float32 units in the last place."""
+    depth_units: float | None
+    """The same in scene units."""
+    uv_texels: float | None
+    """Largest difference of texture coordinates there, texels of the base colour texture."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """
+    One quality, measured.
+
+    Attributes
+    ----------
+    setting : str
+        The setting that was changed, `COMBINATIONS`, or `STANDARD` for the standard itself.
+    level : str
+        Its level; or all changes, like ``"samples=4 shading=vertex"``.
+    quality : Quality
+    seconds : tuple of float
+        Times of its frames, raw, in the order they were taken; without compiling.
+    ratios : tuple of float
+        The same, each over the time of the standard's frame of the same round.
+    stages : dict of float
+        Median seconds of each stage.
+    errors : Errors
+    color : (H, W, 3) uint8, sRGB
+        The picture.
+    error_map : (H, W) float32
+        Largest difference of the linear channels at each pixel.
+    dominated_by : str or None
+        Label of a level of the same setting that is neither slower nor less accurate.
+    """
+
+    setting: str
+    level: str
+    quality: Quality
+    seconds: tuple[float, ...]
+    ratios: tuple[float, ...]
+    stages: dict[str, float]
+    errors: Errors
+    color: NDArray[np.uint8] = field(repr=False)
+    error_map: NDArray[np.float32] = field(repr=False)
+    dominated_by: str | None = None
+
+    @property
+    def label(self) -> str:
+        """What to call it."""
+        is_one = self.setting not in (COMBINATIONS, STANDARD)
+        return f"{self.setting}={self.level}" if is_one else self.level
+
+    @property
+    def median(self) -> float:
+        """Median seconds of a frame."""
+        return statistics.median(self.seconds)
+
+    @property
+    def ratio(self) -> float:
+        """Median time over that of the standard, round by round."""
+        return statistics.median(self.ratios)
+
+    @property
+    def spread(self) -> tuple[float, float]:
+        """Lower and upper quartile of the ratios."""
+        if len(self.ratios) < 2:
+            return self.ratio, self.ratio
+        low, _, high = statistics.quantiles(self.ratios, n=4, method="inclusive")
+        return low, high
+
+
+@dataclass(frozen=True)
+class Study:
+    """
+    What a study found.
+
+    Attributes
+    ----------
+    scene : str
+        Name of the file or of the scene.
+    size : (int, int)
+        Pixels.
+    threads, rounds : int
+    machine, versions : dict of str
+    standard : Trial
+        The quality that single settings are changed from; its ratios are 1.
+    trials : tuple of Trial
+        All others, setting by setting, from the least accurate level on; combinations last.
+    front : tuple of str
+        Labels on the Pareto front of all trials: nothing is both faster and more accurate.
+    without_effect : dict of str
+        Settings that change nothing here, with the reason in words.
+    left_out : tuple of str
+        Labels that the budget left no time for, or that were interrupted.
+    reference_color : (H, W, 3) uint8, sRGB
+    reference_seconds : float
+    """
+
+    scene: str
+    size: tuple[int, int]
+    threads: int
+    rounds: int
+    machine: dict[str, str]
+    versions: dict[str, str]
+    standard: Trial
+    trials: tuple[Trial, ...]
+    front: tuple[str, ...]
+    without_effect: dict[str, str]
+    left_out: tuple[str, ...]
+    reference_color: NDArray[np.uint8] = field(repr=False)
+    reference_seconds: float = 0.0
+
+    def of(self, setting: str) -> list[Trial]:
+        """Return the trials of one setting, from its least accurate level on."""
+        return [trial for trial in self.trials if trial.setting == setting]
