@@ -7,6 +7,7 @@ no use for it.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -141,15 +142,21 @@ def find_shadows(
     placement: Placement,
     coverage: stages.Coverage,
     workers: stages.Workers,
+    more_cells: Sequence[NDArray[np.float64]] = (),
 ) -> Shadows | None:
-    """Fit the shadow maps to what is seen and draw them; None if there is nothing to draw."""
+    """
+    Fit the shadow maps to what is seen and draw them; None if there is nothing to draw.
+
+    ``more_cells``, (N, 8, 3) each, hold what is seen besides, see `shadow_cells.seen_cells`.
+    """
     arrays = prepared.shapes.arrays
     grounds = plan.grounds
     # The vertices of an object are lit wherever they are.
     is_whole = plan.in_view & grounds.facts.is_gouraud
     # Behind glass, and between the centres of pixels, more is seen than the depth tells.
-    is_open = plan.in_view & (plan.layers is not None)
-    if plan.layers is not None and not plan.layers.has_blended:
+    has_blended = plan.layers is not None and plan.layers.has_blended
+    is_open = plan.in_view & (plan.layers is not None or plan.pictures > 1)
+    if is_open.any() and not has_blended:
         boxes = place_boxes(prepared.shapes.boxes, placement.relative_from_model)
         is_open &= shadow_cells.missed_objects(plan.camera, boxes, placement.face_starts, coverage)
     vertices = stages.ModelVertices(
@@ -161,7 +168,9 @@ def find_shadows(
     scenery = shadow_maps.scenery_of(
         vertices, arrays.faces, placement, prepared.shapes.boxes, ~grounds.facts.is_see_through,
         is_whole, is_open,
-        shadow_cells.seen_cells(plan.camera, geometry, coverage.depth, workers),
+        np.concatenate(
+            [shadow_cells.seen_cells(plan.camera, geometry, coverage.depth, workers), *more_cells]
+        ),
         plan.camera, plan.size, cutouts,
     )  # fmt: skip
     lights = [light for light in plan.lights.lights if not isinstance(light, AmbientLight)]

@@ -101,7 +101,7 @@ def explain_pixel(
     plain = seen = color.view(np.uint8)[0]
     if any(effect.used and effect.name not in EXPLAINED for effect in plan.effects):
         plain, seen_linear = _seen_without_edges(scene, plan, background, x, y)
-        if light is not None and plan.layers is not None:
+        if light is not None and (plan.layers is not None or plan.pictures > 1):
             others = LightTerm("other faces", seen_linear[:3] - linear[:3], np.zeros(3, np.float32))
             light = replace(light, lights=(*light.lights, others))
         seen, linear = plain, seen_linear

@@ -93,6 +93,9 @@ class RenderPlan:
     encoding: Encoding
     layers: Layers | None
     """What a pixel shows besides its nearest face; ``None`` -> nothing."""
+    pictures: int
+    """How many pictures, each moved by a part of a pixel, the colours are the mean of; 1 -> the
+    frame is the picture."""
     environment: Environment | None
     """What lights the scene from all around."""
     backdrop: Environment | None
@@ -149,6 +152,8 @@ class RenderPlan:
             ("sub-pixel bits", str(self.quality.subpixel_bits)),
             ("culling", self.cull),
         ]
+        if self.pictures > 1:
+            rows.append(("pictures", f"{self.pictures} of {self.quality.samples}"))
         rows += [
             (effect.name, f"{'in ' if effect.used else 'out'} ({effect.reason})")
             for effect in self.effects
@@ -245,7 +250,8 @@ def plan_render(
         ),
         environment=scene.environment if grounds.has_environment_light else None,
         backdrop=scene.environment if grounds.shows_environment else None,
-        layers=layers_of(grounds.transparency, grounds.antialiases, quality.samples, scene.nodes),
+        layers=layers_of(grounds.transparency, grounds.mixes_samples, quality.samples, scene.nodes),
+        pictures=grounds.pictures,
     )
 
 

@@ -18,7 +18,7 @@ from rasterjit.scene.environment import Environment
 from rasterjit.scene.fog import Fog
 from rasterjit.scene.light import AmbientLight
 from rasterjit.scene.outline import Outline
-from rasterjit.scene.quality import Quality
+from rasterjit.scene.quality import SUPERSAMPLED, Quality
 from rasterjit.scene.scene import Wireframe
 from rasterjit.scene.tone_map import ToneMap
 
@@ -146,9 +146,21 @@ class Grounds(NamedTuple):
         return self.outline is not None and "color" in self.outputs and self.draws_faces
 
     @property
+    def pictures(self) -> int:
+        """How many whole pictures are averaged, of faces or of what lies behind them all."""
+        has_edges = self.shades or self.shows_environment
+        samples = self.quality.samples
+        return int(samples) if has_edges and samples in SUPERSAMPLED else 1
+
+    @property
+    def mixes_samples(self) -> bool:
+        """Whether a pixel of one picture shows several samples, or areas."""
+        return self.shades and self.quality.samples not in (1, *SUPERSAMPLED)
+
+    @property
     def antialiases(self) -> bool:
         """Whether the colour of a pixel is that of several samples, or of areas."""
-        return self.shades and self.quality.samples != 1
+        return self.mixes_samples or self.pictures > 1
 
     @property
     def needs_microfacets(self) -> bool:
@@ -213,7 +225,7 @@ def list_effects(grounds: Grounds) -> tuple[Effect, ...]:
         Effect(
             "anti-aliasing",
             grounds.antialiases,
-            antialiasing_reason(samples, grounds.shades),
+            antialiasing_reason(samples, grounds.pictures, grounds.shades),
         ),
         Effect("wireframe", grounds.draws_edges, _wireframe_reason(grounds)),
         Effect("diagnostics", grounds.diagnose, f"diagnose={grounds.diagnose}"),

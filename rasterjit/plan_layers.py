@@ -87,13 +87,16 @@ def layers_of(
             "quality.samples must be 1, 2, 4, 8 or 16 where a material is blended, got 'area' and "
             f"{nodes[number].name!r} (object {number}) with alpha_mode 'blend'"
         )
-    return Layers(transparency.is_blended, transparency.used, samples)
+    # Each of many pictures lays its layers at one sample.
+    return Layers(transparency.is_blended, transparency.used, samples if antialiases else 1)
 
 
-def antialiasing_reason(samples: int | str, shades: bool) -> str:
+def antialiasing_reason(samples: int | str, pictures: int, shades: bool) -> str:
     """Say why edges are smoothed or not."""
     if samples == 1:
         return "quality.samples is 1"
+    if pictures > 1:
+        return f"{samples} pictures, moved by parts of a pixel, each shaded by itself"
     if not shades:
         return "nothing is shaded"
     if samples == "area":

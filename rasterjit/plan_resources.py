@@ -7,7 +7,7 @@ from typing import NamedTuple
 from rasterjit.plan import RenderPlan
 from rasterjit.plan_lights import has_cube
 
-BYTES = {"uint8": 1, "int32": 4, "float32": 4}
+BYTES = {"uint8": 1, "int32": 4, "float32": 4, "float64": 8}
 
 
 class Kernel(NamedTuple):
@@ -95,6 +95,13 @@ def _picture_rows(plan: RenderPlan) -> Rows:
         rows += _layer_rows(plan)
     if plan.backdrop is not None:
         rows.append(("backgrounds.show_environment", "", ""))
+    if plan.pictures > 1:
+        rows += [(f"accumulation.{name}", "", "") for name in ("add_picture", "write_mean")]
+    if plan.pictures > 1 and plan.layers is None:
+        if plan.encoding.tone is not None:
+            rows.append(("backgrounds.show_over", "", ""))
+        elif "color" in plan.outputs:
+            rows.append(("resolve.encode_rows", "", ""))
     if plan.outline is not None:
         rows += [("outlines.find_edges", "", ""), ("outlines.draw_marks", "", "")]
     if plan.wireframe is not None:
@@ -159,7 +166,7 @@ def _variant_of_shading(plan: RenderPlan) -> str:
         "textures": plan.needs_textures,
         "maps": plan.needs_maps,
         "alphas": plan.layers is not None and plan.layers.has_blended,
-        "tone curve": plan.encoding.tone is not None,
+        "tone curve": plan.encoding.tone is not None and plan.pictures == 1,
     }
     light = _variant_of_light(plan)
     names = [name for name, is_there in present.items() if is_there]
@@ -171,6 +178,8 @@ def list_buffers(plan: RenderPlan) -> tuple[Buffer, ...]:
     rows = [("faces seen", 1, "int32")]
     if plan.needs_depth:
         rows.append(("stored depth", 1, "float32"))
+    if plan.pictures > 1:
+        rows += [("sums of all pictures", 4, "float64"), ("one of the pictures", 4, "float32")]
     if plan.ambient_occlusion is not None:
         rows.append(("ambient occlusion, smooth, rough and its range", 3, "float32"))
     if plan.outline is not None:

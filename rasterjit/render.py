@@ -7,14 +7,14 @@ See ``Renderer.render``; the stages themselves are in ``stages`` and ``kernels``
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from types import TracebackType
 from typing import Any
 
 import numpy as np
 
 from rasterjit import diagnostics as diagnosing
-from rasterjit import passes, plan_views, stages
+from rasterjit import passes, plan_views, stages, supersampling
 from rasterjit import plan as planning
 from rasterjit.frame import Frame, Stats
 from rasterjit.io.meshes import as_scene
@@ -34,6 +34,7 @@ from rasterjit.scene.camera import (
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.quality import Quality, check_quality
 from rasterjit.scene.scene import Scene
+from rasterjit.supersampling import Accumulation, Seen
 from rasterjit.validation import image_size, thread_count
 
 
@@ -221,20 +222,88 @@ class Renderer:
         ValueError
             Naming the argument that is wrong, before any kernel runs.
         """
-        clock, workers = StageClock(), self._workers
-        workers.memory.next_frame()
+        clock = StageClock()
+        (plan,), prepared, views = self._plan(
+            [self.quality], what, camera, outputs, background, cull, diagnose
+        )
+        return self._draw(plan, prepared, views, clock, Accumulation())
+
+    def refine(
+        self,
+        what: Any,
+        camera: Camera | None = None,
+        *,
+        outputs: Sequence[str] = ("color",),
+        background: Any = None,
+        cull: str = "none",
+        diagnose: bool = False,
+    ) -> Iterator[Frame]:
+        """
+        Render one frame again and again, each time more accurately.
+
+        Takes what `rasterjit.render` takes, whatever the quality of this renderer. The scene must
+        stay as it is while frames are taken; other frames may be rendered in between.
+
+        Yields
+        ------
+        Frame
+            One of ``Quality.draft()``, one of ``Quality.standard()``, and then the mean of the
+            first 4, 16, 64 and at last all 256 pictures of ``Quality.reference()``: the bits that
+            ``render`` gives. ``frame.plan.quality`` and ``frame.plan.pictures`` say which it is.
+            No picture is drawn twice.
+
+        Raises
+        ------
+        ValueError
+            At once, naming the argument that is wrong.
+        """
+        qualities = [Quality.draft(), Quality.standard(), Quality.reference()]
+        (draft, standard, reference), prepared, views = self._plan(
+            qualities, what, camera, outputs, background, cull, diagnose
+        )
+        plans = [draft, standard, *supersampling.steps(reference)]
+        return self._draw_all(plans, prepared, views)
+
+    def _draw_all(
+        self, plans: Sequence[RenderPlan], prepared: Prepared, views: Views
+    ) -> Iterator[Frame]:
+        """Draw frames one after the other, each from the pictures of those before it."""
+        accumulation = Accumulation()
+        for plan in plans:
+            yield self._draw(plan, prepared, views, StageClock(), accumulation)
+
+    def _plan(
+        self,
+        qualities: Sequence[Quality],
+        what: Any,
+        camera: Camera | None,
+        outputs: Sequence[str],
+        background: Any,
+        cull: str,
+        diagnose: bool,
+    ) -> tuple[list[RenderPlan], Prepared, Views]:
+        """Check the arguments of a frame, and decide what it needs for each quality."""
         scene = self._scene(what)
         camera = choose_camera(scene, camera, self.size)
         self._prepared = prepared = prepare(scene.nodes, self._prepared)
         views = plan_views.view_places(prepared.places, camera, self.size)
-        plan = planning.plan_render(
-            scene, camera, self.size, self.quality, outputs, background, cull, diagnose,
-            prepared.stock, views,
-        )  # fmt: skip
-        arrays = prepared.shapes.arrays
-        viewport = planning.viewport_of(self.size, self.quality.subpixel_bits)
+        plans = [
+            planning.plan_render(
+                scene, camera, self.size, quality, outputs, background, cull, diagnose,
+                prepared.stock, views,
+            )
+            for quality in qualities
+        ]  # fmt: skip
+        return plans, prepared, views
+
+    def _find_faces(
+        self, plan: RenderPlan, prepared: Prepared, views: Views, clock: StageClock
+    ) -> Seen:
+        """Find the face at every pixel."""
+        camera, workers, arrays = plan.camera, self._workers, prepared.shapes.arrays
+        viewport = planning.viewport_of(self.size, plan.quality.subpixel_bits)
         objects = plan_views.cull_objects(
-            cull, views, arrays.face_starts, prepared.looks.is_single_sided
+            plan.cull, views, arrays.face_starts, prepared.looks.is_single_sided
         )
         coefficients = camera.depth_coefficients()
         clock("plan")
@@ -258,8 +327,32 @@ class Renderer:
             coverage.clip_positions,
             viewport,
         )
-        placement = placement_of(arrays, views)
-        result = passes.shade_faces(plan, prepared, geometry, placement, coverage, workers)
+        return Seen(objects, coefficients, geometry, placement_of(arrays, views), coverage)
+
+    def _draw(
+        self,
+        plan: RenderPlan,
+        prepared: Prepared,
+        views: Views,
+        clock: StageClock,
+        accumulation: Accumulation,
+    ) -> Frame:
+        """Run all stages of a frame."""
+        workers = self._workers
+        workers.memory.next_frame()
+        seen = self._find_faces(plan, prepared, views, clock)
+        objects, coefficients, geometry, placement, coverage = seen
+        if plan.pictures == 1:
+            result = passes.shade_faces(plan, prepared, geometry, placement, coverage, workers)
+        else:
+
+            def find(moved: RenderPlan) -> Seen:
+                others = plan_views.view_places(prepared.places, moved.camera, self.size)
+                return self._find_faces(moved, prepared, others, clock)
+
+            result = supersampling.shade_faces(
+                plan, prepared, seen, accumulation, find, clock, workers
+            )
         clock("shade, resolve")
         if plan.outline is not None:
             passes.draw_outline(plan, geometry, placement, coverage, result, workers)
@@ -272,7 +365,7 @@ class Renderer:
         clock("buffers")
         diagnostics = None
         if plan.diagnose:
-            diagnostics = diagnosing.diagnose(coverage, objects, geometry, camera, workers)
+            diagnostics = diagnosing.diagnose(coverage, objects, geometry, plan.camera, workers)
             clock("diagnostics")
         stats = _stats(coverage, clock.seconds)
         if "face_id" in plan.outputs:

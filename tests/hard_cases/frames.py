@@ -1,5 +1,5 @@
 """
-Thirty-eight small frames that use every feature, and the recorded hashes of all their outputs.
+Thirty-nine small frames that use every feature, and the recorded hashes of all their outputs.
 
 Nothing here depends on a math library or a random generator: coordinates are whole numbers,
 quotients and square roots, whose bits IEEE 754 fixes, and the "random" ones are a small generator
@@ -405,6 +405,13 @@ def edges_in_eight_samples() -> Shot:
     return Shot(scene, looking(), samples=8)
 
 
+def many_pictures() -> Shot:
+    """Return each of 64 samples shaded by itself, before a background that is seen through."""
+    shot = glass(64, (12, 9))
+    shot.scene.lights = shadows_of_all_lights().scene.lights
+    return replace(shot, options={"background": (0.2, 0.4, 0.6, 0.5)})
+
+
 def areas() -> Shot:
     return replace(shadows_of_all_lights(), size=(60, 40), samples="area")
 
@@ -569,7 +576,7 @@ FRAMES: dict[str, Callable[[], Shot | Soup | Canvas]] = {
         gouraud_vertex_colours, phong_highlights, all_shadings, light_near_surface,
         wireframe_overlay, wireframe_only, wireframe_clipped, occluded_and_outlined,
         materials_under_a_sky, shadows_of_all_lights, layers_of_glass, layers_in_four_samples,
-        edges_in_eight_samples, areas, culled_back,
+        edges_in_eight_samples, many_pictures, areas, culled_back,
         culled_front_and_mirrored, parallel, mirroring_matrices, intrinsics,
         ground_to_the_horizon, inside_a_ball, slivers, far_from_the_origin, vast_and_tiny,
         whole_pixels, equal_depths, soup, wild_soup, lines_and_curves, many_lines,

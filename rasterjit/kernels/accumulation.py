@@ -1,0 +1,69 @@
+"""
+Add up whole pictures and take their mean, in linear light.
+
+What is summed up is premultiplied: colour times alpha. A product of two float32 is exact in float64
+and a sum of some hundred of them nearly so; the mean of equal colours has their bits.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rasterjit.kernels.jit import disjoint_stage, kernel
+
+
+@disjoint_stage
+def add_row(linear, sums):
+    """Add a row of linear colour, four numbers each, to its sums."""
+    for i in range(sums.shape[0] >> 2):
+        at = np.uintp(4 * i)
+        red, green, blue = at, at + np.uintp(1), at + np.uintp(2)
+        alpha = np.float64(linear[at + np.uintp(3)])
+        # What is not seen is not multiplied: its colour may be infinite.
+        is_seen = alpha > 0.0
+        sums[red] += alpha * np.float64(linear[red]) if is_seen else 0.0
+        sums[green] += alpha * np.float64(linear[green]) if is_seen else 0.0
+        sums[blue] += alpha * np.float64(linear[blue]) if is_seen else 0.0
+        sums[at + np.uintp(3)] += alpha
+
+
+@kernel
+def add_picture(linear, sums):
+    """
+    Add rows of linear colour to their sums.
+
+    Parameters
+    ----------
+    linear : (R, W, 4) float32
+        Straight alpha, 0..1.
+    sums : (R, W, 4) float64
+        Changed: the sums of colour times alpha, and of alpha.
+    """
+    for row in range(linear.shape[0]):
+        add_row(linear[row].reshape(-1), sums[row].reshape(-1))
+
+
+@kernel
+def write_mean(sums, count, behind, linear):
+    """
+    Write the mean of pictures.
+
+    Parameters
+    ----------
+    sums : (R, W, 4) float64
+        Of `add_picture`.
+    count : int
+        Number of pictures.
+    behind : (4,) float32
+        Their background: its colour is kept where alpha is 0 in all of them.
+    linear : (R, W, 4) float32
+        Written: linear colour with straight alpha.
+    """
+    for row in range(linear.shape[0]):
+        for i in range(linear.shape[1]):
+            alpha = sums[row, i, 3]
+            is_seen = alpha > 0.0
+            for k in range(3):
+                mean = sums[row, i, k] / (alpha if is_seen else 1.0)
+                linear[row, i, k] = np.float32(mean) if is_seen else behind[k]
+            linear[row, i, 3] = np.float32(alpha / count)

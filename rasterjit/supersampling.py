@@ -1,0 +1,290 @@
+"""
+Draw whole pictures, each moved by a part of a pixel, and average them in linear light.
+
+Every sample of a pixel is found and shaded by itself: nothing is shared between the pictures but
+the shadow maps, which are drawn once and reach around what any of them shows.
+
+The samples are the centres of the cells of a grid over the pixel. They come in an order of which
+the first 4, 16, 64 ... are spread evenly: one to each quarter, to each quarter of a quarter, and so
+on. Within the quarter that it stands for, a sample lies in the smaller quarter that a turn by 90
+degrees leads to: the first ones form rotated grids [1]_, whose middle is that of the pixel.
+
+References
+----------
+.. [1] T. Akenine-Möller, E. Haines, N. Hoffman and others, "Real-Time Rendering", 4th edition,
+   2018, section 5.4.2.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rasterjit import passes, shadow_cells, stages
+from rasterjit.kernels import accumulation as accumulating
+from rasterjit.kernels import backgrounds, resolve
+from rasterjit.kernels.records import Geometry, Objects, Placement, Shadows
+from rasterjit.plan import RenderPlan
+from rasterjit.plan_lights import NO_LIGHTS
+from rasterjit.prepared import Prepared
+from rasterjit.scene.camera import Camera
+from rasterjit.transforms import Matrix
+
+Offset = tuple[float, float]
+"""From the centre of a pixel to the right and down, pixels."""
+
+QUARTERS = ((0, 0), (1, 1), (1, 0), (0, 1))
+"""Column and row of the quarters of a square, in the order in which samples come to them."""
+
+
+class Seen(NamedTuple):
+    """What a picture shows, and where."""
+
+    objects: Objects
+    depth_coefficients: tuple[float, float, float]
+    geometry: Geometry
+    placement: Placement
+    coverage: stages.Coverage
+
+
+class Accumulation:
+    """
+    The pictures of a frame so far.
+
+    Attributes
+    ----------
+    count : int
+        How many there are.
+    sums : (H, W, 4) float64 or None
+        The sum of their linear colours times alpha, and of alpha; ``None`` before the first.
+    shadows : Shadows or None
+        What all of them share.
+    """
+
+    def __init__(self) -> None:
+        self.count = 0
+        self.sums: NDArray[np.float64] | None = None
+        self.shadows: Shadows | None = None
+
+
+@dataclass(frozen=True)
+class MovedCamera:
+    """
+    A camera that sees at the centres of pixels what another one sees beside them.
+
+    Parameters
+    ----------
+    camera : Camera
+    offset : (float, float)
+        Where beside them: to the right and down, pixels.
+    """
+
+    camera: Camera
+    offset: Offset
+
+    def view_matrix(self) -> Matrix:
+        """Return ``view_from_world`` of the camera."""
+        return self.camera.view_matrix()
+
+    def projection_matrix(self, size: tuple[int, int]) -> Matrix:
+        """Return ``clip_from_view``, moved across the screen by a multiple of w."""
+        matrix = self.camera.projection_matrix(size).copy()
+        (x, y), (width, height) = self.offset, size
+        matrix[0] -= (2.0 * x / width) * matrix[3]
+        matrix[1] += (2.0 * y / height) * matrix[3]
+        return matrix
+
+    def eye_position(self) -> NDArray[np.float64]:
+        """Return the eye of the camera, world space."""
+        return self.camera.eye_position()
+
+    def depth_coefficients(self) -> tuple[float, float, float]:
+        """Return those of the camera."""
+        return self.camera.depth_coefficients()
+
+    def view_depth(self, stored: ArrayLike) -> NDArray[np.float64]:
+        """Return depths as the camera does."""
+        return self.camera.view_depth(stored)
+
+
+def sample_offsets(samples: int) -> list[Offset]:
+    """
+    Return where the samples of a pixel lie, the first ones spread as evenly as all of them.
+
+    Parameters
+    ----------
+    samples : int
+        A power of 4.
+
+    Examples
+    --------
+    >>> sample_offsets(4)
+    [(-0.25, -0.25), (0.25, 0.25), (0.25, -0.25), (-0.25, 0.25)]
+    """
+    levels = (samples.bit_length() - 1) // 2
+    side, offsets = 1 << levels, []
+    for number in range(samples):
+        column, row, turned = 0, 0, (0, 0)
+        for level in range(levels):
+            # Digits of the number choose the quarters, the first one the largest.
+            x, y = QUARTERS[number >> 2 * level & 3]
+            x, y = x ^ turned[0], y ^ turned[1]
+            column, row, turned = 2 * column + x, 2 * row + y, (1 - y, x)
+        offsets.append(((column + 0.5) / side - 0.5, (row + 0.5) / side - 0.5))
+    return offsets
+
+
+def steps(plan: RenderPlan) -> list[RenderPlan]:
+    """Return the plans of a frame of 4 pictures, of 16 ..., and of all; of one if that is all."""
+    counts = [plan.pictures]
+    while counts[0] > 4:
+        counts.insert(0, counts[0] // 4)
+    return [replace(plan, pictures=count) for count in counts]
+
+
+def shade_faces(
+    plan: RenderPlan,
+    prepared: Prepared,
+    seen: Seen,
+    accumulation: Accumulation,
+    find: Callable[[RenderPlan], Seen],
+    clock: Callable[[str], None],
+    workers: stages.Workers,
+) -> dict[str, NDArray[Any]]:
+    """
+    Make the colour outputs from as many pictures as the plan has.
+
+    Parameters
+    ----------
+    plan : RenderPlan
+    prepared : Prepared
+    seen : Seen
+        At the centres of pixels.
+    accumulation : Accumulation
+        Pictures of the same frame that are there already; changed: those that were missing.
+    find : callable
+        Returns what the picture of another plan shows.
+    clock : callable
+        Called with a stage's name when it ends.
+    workers : Workers
+    """
+    offsets = sample_offsets(int(plan.quality.samples))
+    if accumulation.sums is None:
+        accumulation.sums = workers.memory.empty((*seen.coverage.face_id.shape, 4), np.float64)
+        accumulation.sums.fill(0.0)
+        if plan.casts_shadows:
+            accumulation.shadows = _find_shadows(plan, prepared, seen, offsets, find, workers)
+            clock("shade, resolve")
+    picture = _plan_picture(plan, accumulation.shadows)
+    for offset in offsets[accumulation.count : plan.pictures]:
+        moved = _moved(picture, offset)
+        own = find(moved)
+        shown = passes.shade_faces(
+            moved, prepared, own.geometry, own.placement, own.coverage, workers
+        )
+        clock("shade, resolve")
+        _add_picture(shown["linear"], accumulation.sums, workers)
+        accumulation.count += 1
+        clock("average")
+    result = _average(plan, picture, accumulation, workers)
+    clock("average")
+    return result
+
+
+def _moved(plan: RenderPlan, offset: Offset) -> RenderPlan:
+    """Return the plan of a picture that shows what lies beside the centres of pixels."""
+    return replace(plan, camera=MovedCamera(plan.camera, offset))
+
+
+def _plan_picture(plan: RenderPlan, shadows: Shadows | None) -> RenderPlan:
+    """Return the plan of one picture: its linear light alone, by shadow maps that are drawn."""
+    background = plan.background
+    if plan.encoding.tone is not None:
+        # Where tones are mapped the background, which is shown as given, comes behind at the end.
+        background = np.zeros(4, np.float32)
+    lighting = plan.lighting
+    if lighting is not None:
+        lighting = lighting._replace(shadows=shadows)
+    return replace(
+        plan,
+        outputs=("linear",),
+        background=background,
+        encoding=plan.encoding._replace(tone=None),
+        lighting=lighting,
+        grounds=plan.grounds._replace(lights=NO_LIGHTS),
+        wireframe=None,
+        outline=None,
+        diagnose=False,
+        pictures=1,
+    )
+
+
+def _find_shadows(
+    plan: RenderPlan,
+    prepared: Prepared,
+    seen: Seen,
+    offsets: list[Offset],
+    find: Callable[[RenderPlan], Seen],
+    workers: stages.Workers,
+) -> Shadows | None:
+    """
+    Draw the shadow maps for all pictures.
+
+    They are fitted to what is seen at the centres of pixels and at the samples farthest from them
+    in all four directions: what planes show at any other lies between.
+    """
+    farthest = max(max(offset) for offset in offsets)
+    cells = []
+    for x in (-farthest, farthest):
+        for y in (-farthest, farthest):
+            moved = _moved(plan, (x, y))
+            own = find(moved)
+            cells.append(
+                shadow_cells.seen_cells(moved.camera, own.geometry, own.coverage.depth, workers)
+            )
+    return passes.find_shadows(
+        plan, prepared, seen.geometry, seen.placement, seen.coverage, workers, cells
+    )
+
+
+def _bands(shape: tuple[int, ...], workers: stages.Workers) -> list[tuple[slice]]:
+    """Return the bands of rows of a frame, (H, W, ...), that threads share."""
+    per_task = stages.rows_per_task(shape, workers)
+    return [(slice(first, first + per_task),) for first in range(0, shape[0], per_task)]
+
+
+def _add_picture(
+    linear: NDArray[np.float32], sums: NDArray[np.float64], workers: stages.Workers
+) -> None:
+    """Add the linear colour of a picture to the sums, both (H, W, 4)."""
+
+    def add_band(band: slice) -> None:
+        accumulating.add_picture(linear[band], sums[band])
+
+    workers.run(add_band, _bands(linear.shape, workers))
+
+
+def _average(
+    plan: RenderPlan, picture: RenderPlan, accumulation: Accumulation, workers: stages.Workers
+) -> dict[str, NDArray[Any]]:
+    """Return the colour outputs of the mean of all pictures."""
+    sums = accumulation.sums
+    height, width, _ = sums.shape
+    linear = workers.memory.empty((height, width, 4), np.float32)
+    color = workers.memory.empty((height, width, 4), np.uint8) if "color" in plan.outputs else None
+    packed = np.empty((height, 0), np.uint32) if color is None else color.view(np.uint32)[:, :, 0]
+
+    def write_band(band: slice) -> None:
+        accumulating.write_mean(sums[band], accumulation.count, picture.background, linear[band])
+        if plan.encoding.tone is not None:
+            backgrounds.show_over(linear[band], plan.background, plan.encoding, packed[band])
+        elif color is not None:
+            resolve.encode_rows(linear[band], plan.encoding.table, packed[band])
+
+    workers.run(write_band, _bands(sums.shape, workers))
+    result: dict[str, NDArray[Any]] = {"linear": linear, "color": color}
+    return {name: result[name] for name in ("linear", "color") if name in plan.outputs}

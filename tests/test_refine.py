@@ -1,0 +1,168 @@
+"""Frames from draft to reference: each is whole, the last is the reference, none is done twice."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_supersampling import CAMERAS, GROUND, ROOF, SUN, averaged, rich_scene, scene_of
+
+import rasterjit as rj
+from rasterjit import passes, shadow_maps
+
+SIZE = (20, 14)
+CAMERA = CAMERAS["perspective"]
+OUTPUTS = ("color", "linear", "depth", "face_id", "position")
+STEPS = [1, 1, 4, 16, 64, 256]
+
+
+def refined(scene, camera=CAMERA, size=SIZE, threads=None, **options):
+    with rj.Renderer(size, threads=threads) as renderer:
+        return list(renderer.refine(scene, camera, **options))
+
+
+def assert_same_bits(frame, other):
+    assert frame.arrays().keys() == other.arrays().keys()
+    for name, array in frame.arrays().items():
+        assert array.tobytes() == other.arrays()[name].tobytes(), name
+
+
+def test_steps_go_from_draft_to_reference():
+    scene = rich_scene(lights=[SUN], outline=rj.Outline(), tone_map=rj.ToneMap("aces"))
+    frames = refined(scene, outputs=OUTPUTS)
+    draft, standard, reference = rj.Quality.draft(), rj.Quality.standard(), rj.Quality.reference()
+    assert [frame.plan.quality for frame in frames] == [draft, standard, *[reference] * 4]
+    assert [frame.plan.pictures for frame in frames] == STEPS
+    for frame, quality in zip((frames[0], frames[1], frames[-1]), (draft, standard, reference),
+                              strict=True):  # fmt: skip
+        assert_same_bits(frame, rj.render(scene, CAMERA, size=SIZE, quality=quality,
+                                          outputs=OUTPUTS))  # fmt: skip
+    assert "16 of 256" in str(frames[3].plan)
+    assert all(frame.stats.seconds["average"] > 0.0 for frame in frames[2:])
+
+
+def test_every_step_is_the_mean_of_the_pictures_so_far():
+    scene = rich_scene()
+    frames = refined(scene, outputs=("linear",))
+    quality = replace(rj.Quality.reference(), samples=1)
+    for frame in frames[2:4]:
+        expected = averaged(scene, CAMERA, SIZE, 256, frame.plan.pictures, quality=quality)
+        assert frame.linear.tobytes() == expected.astype(np.float32).tobytes()
+
+
+def test_error_falls_from_step_to_step():
+    frames = refined(rich_scene(), outputs=("linear",))
+    last = frames[-1].linear.astype(float)
+    errors = [float(np.sqrt(((frame.linear - last) ** 2).mean())) for frame in frames[1:-1]]
+    assert all(after < before / 1.5 for before, after in itertools.pairwise(errors))
+    assert errors[-1] < errors[0] / 10.0
+
+
+def test_no_picture_and_no_shadow_map_is_drawn_twice(monkeypatch):
+    pictures, maps = [], []
+    shade, draw = passes.shade_faces, shadow_maps.draw_shadows
+
+    def watch(plan, *arguments):
+        pictures.append(getattr(plan.camera, "offset", None))
+        return shade(plan, *arguments)
+
+    def watch_maps(*arguments):
+        maps.append(arguments)
+        return draw(*arguments)
+
+    monkeypatch.setattr(passes, "shade_faces", watch)
+    monkeypatch.setattr(shadow_maps, "draw_shadows", watch_maps)
+    counts = []
+    with rj.Renderer(SIZE) as renderer:
+        for _ in renderer.refine(scene_of(GROUND, ROOF, lights=[SUN]), CAMERA):
+            counts.append((len(pictures), len(maps)))
+    assert counts == [(1, 1), (2, 2), (6, 3), (18, 3), (66, 3), (258, 3)]
+    assert len(set(pictures[2:])) == 256
+
+
+def test_frames_are_their_owners():
+    """Nobody writes to a frame that was handed out, and what its owner writes is seen by nobody."""
+    scene = rich_scene()
+    expected = refined(scene, outputs=OUTPUTS)
+    with rj.Renderer(SIZE) as renderer:
+        for frame, same in zip(renderer.refine(scene, CAMERA, outputs=OUTPUTS), expected,
+                               strict=True):  # fmt: skip
+            assert_same_bits(frame, same)
+            for array in frame.arrays().values():
+                array.fill(7)
+
+
+@pytest.mark.parametrize("taken", range(6))
+def test_renderer_goes_on_when_steps_are_left_out(taken):
+    scene, other = rich_scene(), scene_of(GROUND, ROOF, lights=[SUN])
+    with rj.Renderer(SIZE, threads=2) as renderer:
+        steps = renderer.refine(scene, CAMERA)
+        for _ in range(taken):
+            next(steps)
+        steps.close()
+        frame = renderer.render(other, CAMERA)
+        with pytest.raises(StopIteration):
+            next(steps)
+    assert_same_bits(frame, rj.render(other, CAMERA, size=SIZE))
+
+
+def test_other_frames_may_be_rendered_in_between():
+    scene, other = rich_scene(lights=[SUN]), scene_of(GROUND, ROOF, lights=[SUN])
+    with rj.Renderer(SIZE) as renderer:
+        both = zip(
+            renderer.refine(scene, CAMERA), renderer.refine(other, CAMERA, cull="back"),
+            strict=True,
+        )  # fmt: skip
+        for frames in both:
+            renderer.render(other, CAMERAS["parallel"])
+            renderer.close()
+            one, two = frames
+    reference = rj.Quality.reference()
+    assert_same_bits(one, rj.render(scene, CAMERA, size=SIZE, quality=reference))
+    assert_same_bits(two, rj.render(other, CAMERA, size=SIZE, quality=reference, cull="back"))
+
+
+def test_arguments_are_those_of_render():
+    scene = rich_scene()
+    options = {"background": (0.1, 0.2, 0.3, 0.5), "cull": "back", "diagnose": True}
+    frames = refined(scene, CAMERAS["parallel"], outputs=OUTPUTS, **options)
+    last = rj.render(scene, CAMERAS["parallel"], size=SIZE, quality=rj.Quality.reference(),
+                     outputs=OUTPUTS, **options)  # fmt: skip
+    assert_same_bits(frames[-1], last)
+    assert all(frame.diagnostics.samples > 0 for frame in frames)
+    # A mesh alone, and a camera that fits it.
+    mesh = scene.nodes[0].mesh
+    (*_, last) = refined(mesh, None)
+    assert_same_bits(last, rj.render(mesh, size=SIZE, quality=rj.Quality.reference()))
+
+
+def test_what_has_no_colour_takes_three_steps():
+    frames = refined(rich_scene(), outputs=("depth",))
+    assert [frame.plan.pictures for frame in frames] == [1, 1, 1]
+    assert frames[-1].plan.quality == rj.Quality.reference()
+
+
+def test_steps_of_any_number_of_threads_have_the_same_bits():
+    scene = rich_scene(lights=[SUN])
+    for one, two in zip(
+        refined(scene, size=(70, 66), threads=1), refined(scene, size=(70, 66), threads=3),
+        strict=True,
+    ):  # fmt: skip
+        assert_same_bits(one, two)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [({"outputs": ("beauty",)}, "outputs has 'beauty'"), ({"cull": "left"}, "cull must be"),
+     ({"background": "no colour"}, "background"), ({"camera": "here"}, "camera must be"),
+     ({"diagnose": 3}, "diagnose must be")],
+)  # fmt: skip
+def test_wrong_arguments_are_errors_before_the_first_step(options, message, monkeypatch):
+    monkeypatch.setattr(rj.Renderer, "_find_visible", None)
+    with rj.Renderer(SIZE) as renderer:
+        with pytest.raises(ValueError, match=message):
+            renderer.refine(rich_scene(), **{"camera": CAMERA, **options})
+        with pytest.raises(ValueError, match="at least one mesh"):
+            renderer.refine(rj.Scene())
