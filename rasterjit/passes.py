@@ -154,9 +154,8 @@ def find_shadows(
     # The vertices of an object are lit wherever they are.
     is_whole = plan.in_view & grounds.facts.is_gouraud
     # Behind glass, and between the centres of pixels, more is seen than the depth tells.
-    has_blended = plan.layers is not None and plan.layers.has_blended
-    is_open = plan.in_view & (plan.layers is not None or plan.pictures > 1)
-    if is_open.any() and not has_blended:
+    is_open = plan.in_view & (plan.layers is not None)
+    if plan.layers is not None and not plan.layers.has_blended:
         boxes = place_boxes(prepared.shapes.boxes, placement.relative_from_model)
         is_open &= shadow_cells.missed_objects(plan.camera, boxes, placement.face_starts, coverage)
     vertices = stages.ModelVertices(

@@ -1,8 +1,9 @@
 """
 Draw whole pictures, each moved by a part of a pixel, and average them in linear light.
 
-Every sample of a pixel is found and shaded by itself: nothing is shared between the pictures but
-the shadow maps, which are drawn once and reach around what any of them shows.
+Every sample of a pixel is found and shaded by itself: nothing is shared between pictures but shadow
+maps. These are drawn four times at most, for the first 4 pictures, for what is missing of 16, and
+so on: each time the faces of all these pictures are found first, and the maps reach around them.
 
 The samples are the centres of the cells of a grid over the pixel. They come in an order of which
 the first 4, 16, 64 ... are spread evenly: one to each quarter, to each quarter of a quarter, and so
@@ -61,14 +62,11 @@ class Accumulation:
         How many there are.
     sums : (H, W, 4) float64 or None
         The sum of their linear colours times alpha, and of alpha; ``None`` before the first.
-    shadows : Shadows or None
-        What all of them share.
     """
 
     def __init__(self) -> None:
         self.count = 0
         self.sums: NDArray[np.float64] | None = None
-        self.shadows: Shadows | None = None
 
 
 @dataclass(frozen=True)
@@ -140,10 +138,15 @@ def sample_offsets(samples: int) -> list[Offset]:
 
 def steps(plan: RenderPlan) -> list[RenderPlan]:
     """Return the plans of a frame of 4 pictures, of 16 ..., and of all; of one if that is all."""
-    counts = [plan.pictures]
+    return [replace(plan, pictures=count) for count in _counts(plan.pictures)]
+
+
+def _counts(pictures: int) -> list[int]:
+    """Return after how many pictures they are spread evenly: 4, 16, 64 ..."""
+    counts = [pictures]
     while counts[0] > 4:
         counts.insert(0, counts[0] // 4)
-    return [replace(plan, pictures=count) for count in counts]
+    return counts
 
 
 def shade_faces(
@@ -176,21 +179,25 @@ def shade_faces(
     if accumulation.sums is None:
         accumulation.sums = workers.memory.empty((*seen.coverage.face_id.shape, 4), np.float64)
         accumulation.sums.fill(0.0)
-        if plan.casts_shadows:
-            accumulation.shadows = _find_shadows(plan, prepared, seen, offsets, find, workers)
+    # In the same steps for any number of pictures: those of one step share shadow maps.
+    for count in _counts(plan.pictures):
+        new = offsets[accumulation.count : count]
+        shadows = None
+        if plan.casts_shadows and new:
+            shadows = _find_shadows(plan, prepared, seen, new, find, workers)
             clock("shade, resolve")
-    picture = _plan_picture(plan, accumulation.shadows)
-    for offset in offsets[accumulation.count : plan.pictures]:
-        moved = _moved(picture, offset)
-        own = find(moved)
-        shown = passes.shade_faces(
-            moved, prepared, own.geometry, own.placement, own.coverage, workers
-        )
-        clock("shade, resolve")
-        _add_picture(shown["linear"], accumulation.sums, workers)
-        accumulation.count += 1
-        clock("average")
-    result = _average(plan, picture, accumulation, workers)
+        picture = _plan_picture(plan, shadows)
+        for offset in new:
+            moved = _moved(picture, offset)
+            own = find(moved)
+            shown = passes.shade_faces(
+                moved, prepared, own.geometry, own.placement, own.coverage, workers
+            )
+            clock("shade, resolve")
+            _add_picture(shown["linear"], accumulation.sums, workers)
+            accumulation.count += 1
+            clock("average")
+    result = _average(plan, accumulation, workers)
     clock("average")
     return result
 
@@ -200,21 +207,21 @@ def _moved(plan: RenderPlan, offset: Offset) -> RenderPlan:
     return replace(plan, camera=MovedCamera(plan.camera, offset))
 
 
+def _background(plan: RenderPlan) -> NDArray[np.float32]:
+    """Return what lies behind the faces of each picture, (4,) linear."""
+    # Where tones are mapped the background, which is shown as given, comes behind at the end.
+    return plan.background if plan.encoding.tone is None else np.zeros(4, np.float32)
+
+
 def _plan_picture(plan: RenderPlan, shadows: Shadows | None) -> RenderPlan:
     """Return the plan of one picture: its linear light alone, by shadow maps that are drawn."""
-    background = plan.background
-    if plan.encoding.tone is not None:
-        # Where tones are mapped the background, which is shown as given, comes behind at the end.
-        background = np.zeros(4, np.float32)
     lighting = plan.lighting
-    if lighting is not None:
-        lighting = lighting._replace(shadows=shadows)
     return replace(
         plan,
         outputs=("linear",),
-        background=background,
+        background=_background(plan),
         encoding=plan.encoding._replace(tone=None),
-        lighting=lighting,
+        lighting=None if lighting is None else lighting._replace(shadows=shadows),
         grounds=plan.grounds._replace(lights=NO_LIGHTS),
         wireframe=None,
         outline=None,
@@ -231,21 +238,14 @@ def _find_shadows(
     find: Callable[[RenderPlan], Seen],
     workers: stages.Workers,
 ) -> Shadows | None:
-    """
-    Draw the shadow maps for all pictures.
-
-    They are fitted to what is seen at the centres of pixels and at the samples farthest from them
-    in all four directions: what planes show at any other lies between.
-    """
-    farthest = max(max(offset) for offset in offsets)
+    """Draw the shadow maps of some pictures, fitted to what any of them shows."""
     cells = []
-    for x in (-farthest, farthest):
-        for y in (-farthest, farthest):
-            moved = _moved(plan, (x, y))
-            own = find(moved)
-            cells.append(
-                shadow_cells.seen_cells(moved.camera, own.geometry, own.coverage.depth, workers)
-            )
+    for offset in offsets:
+        moved = _moved(plan, offset)
+        own = find(moved)
+        cells.append(
+            shadow_cells.seen_cells(moved.camera, own.geometry, own.coverage.depth, workers)
+        )
     return passes.find_shadows(
         plan, prepared, seen.geometry, seen.placement, seen.coverage, workers, cells
     )
@@ -269,17 +269,17 @@ def _add_picture(
 
 
 def _average(
-    plan: RenderPlan, picture: RenderPlan, accumulation: Accumulation, workers: stages.Workers
+    plan: RenderPlan, accumulation: Accumulation, workers: stages.Workers
 ) -> dict[str, NDArray[Any]]:
     """Return the colour outputs of the mean of all pictures."""
-    sums = accumulation.sums
+    sums, behind = accumulation.sums, _background(plan)
     height, width, _ = sums.shape
     linear = workers.memory.empty((height, width, 4), np.float32)
     color = workers.memory.empty((height, width, 4), np.uint8) if "color" in plan.outputs else None
     packed = np.empty((height, 0), np.uint32) if color is None else color.view(np.uint32)[:, :, 0]
 
     def write_band(band: slice) -> None:
-        accumulating.write_mean(sums[band], accumulation.count, picture.background, linear[band])
+        accumulating.write_mean(sums[band], accumulation.count, behind, linear[band])
         if plan.encoding.tone is not None:
             backgrounds.show_over(linear[band], plan.background, plan.encoding, packed[band])
         elif color is not None:
