@@ -131,85 +131,122 @@ def test_every_picture_shows_the_faces_that_rays_meet_first(name, camera_name):
 
 
 SHADOW_SIZE = 1024
+TEXEL = 1.6 / SHADOW_SIZE
+"""More than a texel of the map, which shows a scene of size 1, scene units."""
 LIGHT = np.array((-0.5, -1.0, -0.4)) / np.linalg.norm((-0.5, -1.0, -0.4))
-START = 1e-3
-"""How far from a surface rays to the light begin, scene units: beyond Embree's rounding, and what
-lies nearer than that before a surface is not to be told from it in a map."""
+STARTS = (1e-4, 8.0 * TEXEL)
+"""How far from a surface rays to the light begin, scene units: beyond Embree's rounding, and beyond
+the depth that a map does not tell from that of the surface."""
 
 
-def around(directions):
-    """Return two unit vectors at right angles to a direction."""
-    first = np.cross(directions, (1.0, 0.0, 0.0))
-    first /= np.linalg.norm(first)
-    return first, np.cross(directions, first)
-
-
-def is_hidden(name, points):
+def is_hidden(name, points, start):
     """Tell by rays which points the light does not reach."""
     directions = np.broadcast_to(-LIGHT, points.shape)
-    return trace(name, points + START * directions, directions)["primID"] >= 0
+    return trace(name, points + start * directions, directions)["primID"] >= 0
 
 
-@functools.cache
-def shadowed_scene(name, size):
+def rays_to_the_light(name, points, normals):
+    """
+    Tell which points the light does not reach, and where that is sure.
+
+    It is if it holds for all points of the surface's plane within a texel and a half, seen from the
+    light, and wherever the rays begin.
+    """
+    hidden = is_hidden(name, points, STARTS[0])
+    across = np.cross(LIGHT, (1.0, 0.0, 0.0))
+    across /= np.linalg.norm(across)
+    down, sure = np.cross(LIGHT, across), np.ones(len(points), bool)
+    for turn in np.arange(8) * np.pi / 4.0:
+        aside = 1.5 * TEXEL * (np.cos(turn) * across + np.sin(turn) * down)
+        along = (normals @ aside) / (normals @ LIGHT)
+        for start in STARTS:
+            beside = points + aside - along[:, np.newaxis] * LIGHT
+            sure &= is_hidden(name, beside, start) == hidden
+    return hidden, sure
+
+
+def lit_scene(name, shadow):
     scene = rj.Scene()
     scene.nodes = make_scene(name).nodes
-    shadow = rj.Shadow(size, "hard")
     scene.lights = [rj.DirectionalLight(tuple(LIGHT), shadow=shadow)]
     return scene
 
 
+@pytest.mark.parametrize("number", [0, 1, 255])
 @pytest.mark.parametrize("name", ["torus knot", "instances"])
-def test_shadows_fall_where_rays_to_the_light_are_stopped(name):
-    camera, offset = CAMERAS["perspective"], sample_offsets(256)[1]
-    size, quality = (200, 150), replace(PICTURE, shadow_size=SHADOW_SIZE)
-    frame = rj.render(shadowed_scene(name, SHADOW_SIZE), MovedCamera(camera, offset), size=size,
-                      quality=quality, outputs=("linear", "position", "normal", "face_id"),
-                      background="black")  # fmt: skip
+def test_shadows_fall_where_rays_to_the_light_are_stopped(name, number):
+    camera = MovedCamera(CAMERAS["perspective"], sample_offsets(256)[number])
+    frame = rj.render(lit_scene(name, rj.Shadow(SHADOW_SIZE, "hard")), camera, size=(200, 150),
+                      quality=replace(PICTURE, shadow_size=SHADOW_SIZE), background="black",
+                      outputs=("linear", "position", "normal", "face_id"))  # fmt: skip
     toward = -(frame.normal.astype(float) @ LIGHT)
-    chosen = (frame.face_id >= 0) & (toward > 0.15)
-    points = frame.position[chosen].astype(float)
-    # The map shows a scene of size 1: a texel is smaller than this.
-    texel = 1.6 / SHADOW_SIZE
-    hidden = is_hidden(name, points)
-    first, second = around(LIGHT)
-    clear = np.ones(len(points), bool)
-    for turn in np.arange(8) * np.pi / 4.0:
-        aside = 2.0 * texel * (np.cos(turn) * first + np.sin(turn) * second)
-        clear &= is_hidden(name, points + aside) == hidden
-    # A ray that begins beside a surface that slopes begins under it; these are left to chance.
-    clear &= toward[chosen] > 0.3
+    chosen = (frame.face_id >= 0) & (toward > 0.2)
+    points, normals = (found[chosen].astype(float) for found in (frame.position, frame.normal))
+    hidden, sure = rays_to_the_light(name, points, normals)
     ours = frame.linear[chosen][:, 0] == 0.0
-    assert clear.mean() > 0.6
-    assert min(hidden[clear].sum(), (~hidden)[clear].sum()) > 300
-    assert (ours != hidden)[clear].mean() < 1e-3
+    print(f"{sure.mean():.2f} of {len(sure)} are sure, {hidden[sure].mean():.2f} of them dark")
+    assert sure.mean() > 0.65
+    assert min(hidden[sure].sum(), (~hidden)[sure].sum()) > 500
+    np.testing.assert_array_equal(ours[sure], hidden[sure])
+
+
+def test_a_pixel_is_the_mean_of_the_light_that_rays_find_at_its_samples():
+    name, camera, size = "torus knot", CAMERAS["perspective"], (48, 36)
+    expected, bright = np.zeros((2, size[1], size[0]))
+    with rj.Renderer(size, quality=PICTURE) as renderer:
+        for offset in sample_offsets(256):
+            frame = renderer.render(lit_scene(name, None), MovedCamera(camera, offset),
+                                    background="black",
+                                    outputs=("linear", "position", "face_id"))  # fmt: skip
+            seen, own = frame.face_id >= 0, frame.linear[..., 0].astype(float)
+            reached = np.zeros(size[::-1])
+            reached[seen] = ~is_hidden(name, frame.position[seen].astype(float), STARTS[0])
+            expected += own * reached / 256.0
+            bright += own / 256.0
+    have = rj.render(lit_scene(name, rj.Shadow(SHADOW_SIZE, "hard")), camera, size=size,
+                     quality=replace(REFERENCE, shadow_size=SHADOW_SIZE), outputs=("linear",),
+                     background="black").linear[..., 0]  # fmt: skip
+    error = np.abs(have - expected)
+    is_shaded = np.abs(bright - expected) > 0.02
+    print(f"{is_shaded.sum()} pixels in shadow, {error.mean():.5f} {error.max():.3f} apart")
+    assert is_shaded.sum() > 100
+    # A texel is a tenth of a pixel, and errors along an edge cancel out.
+    assert error.mean() < 0.0003
+    assert error.max() < 0.03
+    one = rj.render(lit_scene(name, rj.Shadow(SHADOW_SIZE, "hard")), camera, size=size,
+                    outputs=("linear",), background="black").linear[..., 0]  # fmt: skip
+    assert np.abs(one - expected).mean() > 10.0 * error.mean()
 
 
 # Against integrals
 
 
 def errors_of_steps(scene, camera, size, exact, channel=0):
-    """Return how far the means of 4, 16, 64 and 256 pictures are from an integral, RMS."""
+    """
+    Return how far the means of 4, 16, 64 and 256 pictures are from an integral, RMS.
+
+    Where that is NaN nobody looks.
+    """
     with rj.Renderer(size) as renderer:
         frames = list(renderer.refine(scene, camera, outputs=("linear",), background="black"))[2:]
     assert [frame.plan.pictures for frame in frames] == [4, 16, 64, 256]
     apart = [frame.linear[..., channel].astype(float) - exact for frame in frames]
-    return [float(np.sqrt((some * some).mean())) for some in apart]
+    return [float(np.sqrt(np.nanmean(some * some))) for some in apart]
 
 
 def assert_rate(errors, exponent):
-    """Hold errors against n**-exponent: from the first to the last, and half of it each time."""
+    """Hold errors against n**-exponent: over all steps, and a part of it in each."""
     print([f"{error:.2e}" for error in errors])
     assert errors[-1] < errors[0] * 64.0**-exponent
     for before, after in itertools.pairwise(errors):
-        assert after < before * 4.0 ** (-exponent / 2.0)
+        assert after < before / 1.5
 
 
 def test_error_of_edges_falls_with_the_number_of_samples():
-    """Areas of faces that nothing hides: exact, and for edges of all slopes n**-0.75 or less."""
-    size, rng = (48, 32), np.random.default_rng(7)
+    """Areas of faces that nothing hides, their edges of all slopes: by chance it were n**-0.5."""
+    size, rng = (64, 32), np.random.default_rng(7)
     scene, exact = rj.Scene(), np.zeros(size[::-1])
-    for column, row in itertools.product(range(6), range(4)):
+    for column, row in itertools.product(range(8), range(4)):
         points = rng.uniform(0.2, 7.8, (3, 2)) + (8 * column, 8 * row)
         points = np.round(points * 256) / 256
         scene.add(naive_layers.mesh_of(points.tolist(), [0.0] * 3, size, base_color="white"))
@@ -217,8 +254,8 @@ def test_error_of_edges_falls_with_the_number_of_samples():
             place = 8 * column + i, 8 * row + j
             exact[place[::-1]] = oracle.pixel_area(points.tolist(), *place)
     errors = errors_of_steps(scene, naive_layers.CAMERA, size, exact)
-    assert_rate(errors, 0.75)
-    assert errors[-1] < 0.005
+    assert_rate(errors, 0.7)
+    assert errors[-1] < 0.003
 
 
 def bends(positions, values):
@@ -253,11 +290,11 @@ def mean_over_pixels(positions, values, across, down, first, size):
 
 def test_error_of_a_texture_falls_with_the_number_of_samples():
     """Texels of several pixels, mixed linearly between their middles, at a slant."""
-    size, texels = (48, 32), np.float32(np.random.default_rng(8).uniform(0.0, 1.0, 8))
+    size, texels = (64, 32), np.float32(np.random.default_rng(8).uniform(0.0, 1.0, 8))
     image = np.repeat(texels[np.newaxis, :, np.newaxis], 3, axis=2)
     texture = rj.Texture(image, filter="bilinear", wrap="clamp", color_space="linear")
-    across, down, first = 0.131, 0.083, 0.11
-    corners = np.array([(0.0, 0.0), (48.0, 0.0), (48.0, 32.0), (0.0, 32.0)])
+    across, down, first = 0.101, 0.083, 0.11
+    corners = np.array([(0.0, 0.0), (64.0, 0.0), (64.0, 32.0), (0.0, 32.0)])
     u = (first + corners @ (across, down)) / 8.0
     halves = [
         naive_layers.mesh_of(corners[[0, 1, 2]], [0.0] * 3, size),
@@ -276,7 +313,7 @@ def test_error_of_a_texture_falls_with_the_number_of_samples():
 
 
 def test_error_of_a_colour_that_changes_in_perspective_falls_with_the_number_of_samples():
-    """A floor to the horizon, whose colour falls with distance: its mean over rows is known."""
+    """A floor whose colour grows with distance: its mean over rows is known."""
     # On the screen the distance along the floor is h / y, below the horizon by y.
     size, height = (6, 40), 1.0
     camera = rj.PerspectiveCamera((0, height, 0), (0, height, -1), fov_y=90.0, near=0.05)
@@ -291,9 +328,14 @@ def test_error_of_a_colour_that_changes_in_perspective_falls_with_the_number_of_
     # The integral of (1 + 1 / y) / 65 is (y + log y) / 65.
     whole = (below + np.log(below)) / 65.0 * 20.0
     exact = np.diff(whole)[:, np.newaxis].repeat(6, axis=1)
+    # Rows hold one edge, the horizon.
+    exact[:22] = np.nan
     errors = errors_of_steps(mesh, camera, size, exact)
-    assert_rate(errors, 0.6)
-    assert errors[-1] < 1e-3
+    # In 4, 8, 16 and 16 rows of samples; the error is of the second order.
+    assert errors[1] < errors[0] / 3.0
+    assert errors[2] < errors[1] / 3.0
+    assert errors[3] < errors[0] / 12.0
+    assert errors[3] < 5e-6
 
 
 def test_reference_is_nearer_to_the_truth_than_any_samples_shaded_once():
