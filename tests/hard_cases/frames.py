@@ -407,9 +407,13 @@ def edges_in_eight_samples() -> Shot:
 
 def many_pictures() -> Shot:
     """Return each of 64 samples shaded by itself, before a background that is seen through."""
-    shot = glass(64, (12, 9))
-    shot.scene.lights = shadows_of_all_lights().scene.lights
-    return replace(shot, options={"background": (0.2, 0.4, 0.6, 0.5)})
+    clear = rj.Material("phong", (0.3, 0.6, 0.9, 0.4), alpha_mode="blend")
+    scene = scene_of(ball(1), plane(1, 2.0), rj.Mesh(ball(1).vertices * 1.5, ball(1).faces,
+                     material=clear))  # fmt: skip
+    scene.lights = [rj.DirectionalLight((-1.0, -2.0, -0.5), shadow=rj.Shadow(16))]
+    scene.tone_map = rj.ToneMap("aces")
+    options = {"background": (0.2, 0.4, 0.6, 0.5)}
+    return Shot(scene, looking(), (12, 9), samples=64, options=options)
 
 
 def areas() -> Shot:
