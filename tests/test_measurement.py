@@ -256,12 +256,14 @@ def called(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    "case", ["plain", "rich", "gouraud", "buffers", "edges", "shadows", "area", "samples"]
-)
+    "case",
+    ["plain", "rich", "gouraud", "buffers", "edges", "shadows", "area", "samples", "pictures",
+     "rich pictures"],
+)  # fmt: skip
 def test_kernels_told_are_those_called(cube, called, case):
     scene, camera, outputs, diagnose = rj.Scene(), looking(), ("color",), False
     scene.add(cube)
-    if case == "rich":
+    if case.startswith("rich"):
         scene = rich_scene(cube)
     elif case == "gouraud":
         cube.material = dataclasses.replace(cube.material, shading="gouraud")
@@ -275,6 +277,8 @@ def test_kernels_told_are_those_called(cube, called, case):
         scene.environment = rj.Environment.gradient()
     options = {"size": SIZE, "outputs": outputs, "diagnose": diagnose}
     options["quality"] = rj.Quality(samples={"area": "area", "samples": 4}.get(case, 1))
+    if case.endswith("pictures"):
+        options["quality"], options["size"] = rj.Quality(samples=64), (24, 18)
     plan = rj.explain(scene, camera, **options)
     rj.render(scene, camera, **options)
     told = plan_resources.list_kernels(plan)
