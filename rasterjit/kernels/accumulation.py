@@ -13,17 +13,35 @@ from rasterjit.kernels.jit import disjoint_stage, kernel
 
 
 @disjoint_stage
+def is_opaque(linear):
+    """Return whether alpha is 1 in all of a row of linear colour, four numbers each."""
+    found = np.uint32(0)
+    for i in range(linear.shape[0] >> 2):
+        found |= np.uint32(linear[np.uintp(4 * i + 3)] != np.float32(1.0))
+    return found == np.uint32(0)
+
+
+@disjoint_stage
+def add_opaque_row(linear, sums):
+    """Add a row in which alpha is 1: the same bits as `add_row`, in half the time."""
+    for i in range(sums.shape[0]):
+        sums[i] += np.float64(linear[i])
+
+
+@disjoint_stage
 def add_row(linear, sums):
-    """Add a row of linear colour, four numbers each, to its sums."""
+    """Add a row of linear colour, four numbers each, to its sums; without branches."""
     for i in range(sums.shape[0] >> 2):
         at = np.uintp(4 * i)
-        red, green, blue = at, at + np.uintp(1), at + np.uintp(2)
         alpha = np.float64(linear[at + np.uintp(3)])
-        # What is not seen is not multiplied: its colour may be infinite.
+        red = alpha * np.float64(linear[at])
+        green = alpha * np.float64(linear[at + np.uintp(1)])
+        blue = alpha * np.float64(linear[at + np.uintp(2)])
+        # What is not seen counts nothing: its colour may be infinite.
         is_seen = alpha > 0.0
-        sums[red] += alpha * np.float64(linear[red]) if is_seen else 0.0
-        sums[green] += alpha * np.float64(linear[green]) if is_seen else 0.0
-        sums[blue] += alpha * np.float64(linear[blue]) if is_seen else 0.0
+        sums[at] += red if is_seen else 0.0
+        sums[at + np.uintp(1)] += green if is_seen else 0.0
+        sums[at + np.uintp(2)] += blue if is_seen else 0.0
         sums[at + np.uintp(3)] += alpha
 
 
@@ -40,7 +58,11 @@ def add_picture(linear, sums):
         Changed: the sums of colour times alpha, and of alpha.
     """
     for row in range(linear.shape[0]):
-        add_row(linear[row].reshape(-1), sums[row].reshape(-1))
+        own, total = linear[row].reshape(-1), sums[row].reshape(-1)
+        if is_opaque(own):
+            add_opaque_row(own, total)
+        else:
+            add_row(own, total)
 
 
 @kernel

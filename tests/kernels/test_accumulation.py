@@ -58,6 +58,18 @@ def test_sums_go_on_where_they_were_left():
     assert parts.tobytes() == whole.tobytes()
 
 
+def test_rows_that_are_opaque_have_the_bits_of_others():
+    pictures = pictures_of(6, 5, (2, 37))
+    # The last pixel of a row alone says how the row is added.
+    pictures[..., 3] = 1.0
+    other = pictures.copy()
+    other[..., -1, 3] = 0.5
+    mean, expected = mean_of(pictures), mean_of(other)
+    assert mean[:, :-1].tobytes() == expected[:, :-1].tobytes()
+    assert (mean[:, -1, 3] == 1.0).all()
+    assert (expected[:, -1, 3] == 0.5).all()
+
+
 def test_what_is_not_seen_counts_nothing_however_bright():
     pictures = np.ones((2, 1, 3, 4), np.float32)
     pictures[0] = (np.inf, np.nan, 1e30, 0.0)
