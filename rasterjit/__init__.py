@@ -13,8 +13,9 @@ from types import ModuleType
 
 from rasterjit import transforms
 from rasterjit.diagnostics import Diagnostics
+from rasterjit.dial import CalibrationWarning
 from rasterjit.explanation import PixelExplanation
-from rasterjit.frame import Frame, OutputNotRequestedError, Stats
+from rasterjit.frame import Choice, Frame, OutputNotRequestedError, Stats
 from rasterjit.framebuffer import Framebuffer
 from rasterjit.io.meshes import load
 from rasterjit.measurement import Measurement, measure
@@ -53,6 +54,8 @@ __version__ = "0.1.0"
 __all__ = [
     "AmbientLight",
     "AmbientOcclusion",
+    "CalibrationWarning",
+    "Choice",
     "Diagnostics",
     "DirectionalLight",
     "Environment",

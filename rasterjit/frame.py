@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from rasterjit.diagnostics import Diagnostics
 from rasterjit.io import images
 from rasterjit.plan import OUTPUTS, RenderPlan
+from rasterjit.scene.quality import Quality
 
 
 class OutputNotRequestedError(AttributeError, ValueError):
@@ -73,6 +74,28 @@ class Stats:
         return covered
 
 
+@dataclass(frozen=True)
+class Choice:
+    """
+    Which quality was chosen for a frame, and what was expected of it.
+
+    Attributes
+    ----------
+    quality : Quality
+    predicted_seconds : float or None
+        What the frame was expected to take; ``None`` where nobody knew.
+    seconds : float
+        What it took, without compiling.
+    predicted_error : float or None
+        Root mean square difference from the reference in linear light, where it was asked for.
+    """
+
+    quality: Quality
+    predicted_seconds: float | None
+    seconds: float
+    predicted_error: float | None = None
+
+
 class Frame:
     """
     One rendered frame.
@@ -85,6 +108,8 @@ class Frame:
     plan : RenderPlan
         What was decided for this frame.
     stats : Stats
+    choice : Choice or None
+        Which quality was chosen, where ``max_error`` or ``time_budget`` asked for it.
     """
 
     def __init__(
@@ -97,6 +122,7 @@ class Frame:
         self._outputs = outputs
         self.plan = plan
         self.stats = stats
+        self.choice: Choice | None = None
         self._diagnostics = diagnostics
 
     def __repr__(self) -> str:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from rasterjit import diagnostics as diagnosing
-from rasterjit import passes, plan_views, stages, supersampling
+from rasterjit import dial, passes, plan_views, stages, supersampling
 from rasterjit import plan as planning
 from rasterjit.frame import Frame, Stats
 from rasterjit.io.meshes import as_scene
@@ -35,7 +35,7 @@ from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.quality import Quality, check_quality
 from rasterjit.scene.scene import Scene
 from rasterjit.supersampling import Accumulation, Seen
-from rasterjit.validation import image_size, thread_count
+from rasterjit.validation import image_size, positive_number, thread_count
 
 
 def render(
@@ -44,6 +44,8 @@ def render(
     *,
     size: tuple[int, int] = (1280, 720),
     quality: Quality | None = None,
+    max_error: float | None = None,
+    time_budget: float | None = None,
     outputs: Sequence[str] = ("color",),
     background: Any = None,
     cull: str = "none",
@@ -62,6 +64,15 @@ def render(
         Width and height, pixels, each in 1..16384.
     quality : Quality, optional
         Default ``Quality.standard()``.
+    max_error : float, optional
+        In place of a quality: the fastest is chosen whose picture is that near to the one of
+        ``Quality.reference()``, as the root mean square difference in linear light. Small pictures
+        are drawn first to find out, and take their time.
+    time_budget : float, optional
+        In place of a quality: the most accurate one is chosen that is drawn in so many seconds,
+        compiling apart. When a scene is seen first, frames of it are drawn to find out;
+        ``Frame.choice`` tells what was expected and what came of it. If even the fastest quality
+        takes longer, that is drawn.
     outputs : sequence of str
         Any of color, depth, face_id, object_id, barycentric, uv, normal, position, linear.
     background : color, optional
@@ -83,10 +94,14 @@ def render(
     ValueError
         Naming the argument that is wrong, before any kernel runs.
     """
+    for name, value in (("max_error", max_error), ("time_budget", time_budget)):
+        if value is not None and quality is not None:
+            raise ValueError(f"quality must be None where {name} is given, got {quality!r}")
     with Renderer(size, quality=quality, threads=threads) as renderer:
         return renderer.render(
-            what, camera, outputs=outputs, background=background, cull=cull, diagnose=diagnose
-        )
+            what, camera, max_error=max_error, time_budget=time_budget, outputs=outputs,
+            background=background, cull=cull, diagnose=diagnose,
+        )  # fmt: skip
 
 
 def explain(
@@ -204,6 +219,8 @@ class Renderer:
         what: Any,
         camera: Camera | None = None,
         *,
+        max_error: float | None = None,
+        time_budget: float | None = None,
         outputs: Sequence[str] = ("color",),
         background: Any = None,
         cull: str = "none",
@@ -211,6 +228,8 @@ class Renderer:
     ) -> Frame:
         """
         Render one frame; takes what `rasterjit.render` takes.
+
+        With ``max_error`` or ``time_budget`` the quality of this renderer does not count.
 
         Returns
         -------
@@ -222,11 +241,58 @@ class Renderer:
         ValueError
             Naming the argument that is wrong, before any kernel runs.
         """
+        options = outputs, background, cull, diagnose
+        if max_error is not None:
+            return self._render_within(max_error, time_budget, what, camera, options)
+        if time_budget is not None:
+            return self._render_in_time(time_budget, what, camera, options)
+        return self._render(self.quality, what, camera, *options)
+
+    def _render(self, quality: Quality, *arguments: Any) -> Frame:
+        """Render one frame of a quality."""
         clock = StageClock()
-        (plan,), prepared, views = self._plan(
-            [self.quality], what, camera, outputs, background, cull, diagnose
-        )
+        (plan,), prepared, views = self._plan([quality], *arguments)
         return self._draw(plan, prepared, views, clock, Accumulation())
+
+    def _render_in_time(
+        self, time_budget: float, what: Any, camera: Camera | None, options: tuple
+    ) -> Frame:
+        """Render one frame in the best quality that a time allows."""
+        budget = positive_number("time_budget", time_budget)
+        scene = self._scene(what)
+        outputs, _, _, diagnose = options
+        circumstances = (
+            self.size, self._workers.threads, planning.check_outputs(outputs), bool(diagnose),
+        )  # fmt: skip
+        times = dial.times_of(what, circumstances)
+        return dial.draw_in_time(
+            budget, times, lambda quality: self._render(quality, scene, camera, *options)
+        )
+
+    def _render_within(
+        self,
+        max_error: float,
+        time_budget: float | None,
+        what: Any,
+        camera: Camera | None,
+        options: tuple,
+    ) -> Frame:
+        """Render one frame in the fastest quality that is near enough to the reference."""
+        bound = positive_number("max_error", max_error)
+        if time_budget is not None:
+            raise ValueError(
+                f"time_budget must be None where max_error is given, got {time_budget!r}"
+            )
+        scene = self._scene(what)
+        camera = choose_camera(scene, camera, self.size)
+        _, background, cull, _ = options
+        shown = (("color", "linear"), background, cull, False)
+        with Renderer(dial.probe_size(self.size), threads=self._workers.threads) as small:
+            return dial.draw_within_error(
+                bound,
+                lambda quality: self._render(quality, scene, camera, *options),
+                lambda quality: small._render(quality, scene, camera, *shown),
+            )
 
     def refine(
         self,

@@ -1,0 +1,256 @@
+"""
+Choose the quality of a frame: the best one that a time allows, or the fastest for an error.
+
+For a time, the dial remembers what frames of a scene took. The first time that it sees a scene it
+draws frames of ever better qualities until one takes too long; with a profile of the machine
+(``rasterjit accuracy --calibrate``) one frame tells what the others would take. From then on each
+frame corrects what is known, so that the dial follows a camera that moves and a machine that slows
+down.
+
+For an error nothing is remembered: the picture is drawn small, as the reference and in ever better
+qualities, until one is near enough.
+"""
+
+from __future__ import annotations
+
+import statistics
+import warnings
+import weakref
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.frame import Choice, Frame
+from rasterjit.profile import LADDER, load_profile
+from rasterjit.scene.color import srgb_to_linear
+from rasterjit.scene.quality import Quality
+
+HEADROOM = 0.9
+"""Share of a time budget that a frame is planned to take: times vary."""
+
+TOO_LONG = 1.5
+"""Calibrating stops at a quality that takes so many times the budget: better ones take longer."""
+
+FRAMES = 3
+"""Frames of each quality that calibrating takes the median of."""
+
+MEMORY = 0.5
+"""Weight of what was known in what is known after another frame."""
+
+MARGIN = 1.5
+"""How much smaller than the bound the error of the small picture must be: the picture itself has
+other pixels."""
+
+PROBE_SHARE = 2
+"""How many times smaller than the picture the small one is, each way."""
+
+LEAST_PROBE = 48
+"""Side of the small picture, pixels, unless the picture itself is smaller."""
+
+PROBE_SAMPLES = 64
+"""Pictures that the reference of the small picture is the mean of."""
+
+Draw: TypeAlias = Callable[[Quality], Frame]
+
+
+class CalibrationWarning(UserWarning):
+    """A scene was drawn some times to find out what qualities take, for no profile was there."""
+
+
+class Times:
+    """
+    What frames of one scene take in each quality.
+
+    Parameters
+    ----------
+    ladder : sequence of Quality
+        The qualities to choose from, from the fastest on.
+    ratios : dict of float
+        Their times over that of the standard, as far as they are known of the machine.
+    """
+
+    def __init__(self, ladder: Sequence[Quality], ratios: dict[Quality, float]) -> None:
+        self.ladder = tuple(ladder)
+        self._ratios = ratios
+        self._seconds: dict[Quality, float] = {}
+        self._load = 1.0
+
+    @property
+    def is_known(self) -> bool:
+        """Whether the time of any quality is known."""
+        return bool(self._seconds)
+
+    def calibrate(self, budget: float, draw: Draw) -> None:
+        """
+        Find out what qualities take, from the fastest on, until one takes too long.
+
+        Where the machine is known the fastest tells the others; those are measured that are chosen.
+        """
+        for quality in self.ladder:
+            self._measure(quality, draw)
+            if self._ratios or self._seconds[quality] > TOO_LONG * budget:
+                break
+        while (chosen := self.best(budget)) not in self._seconds:
+            self._measure(chosen, draw)
+
+    def _measure(self, quality: Quality, draw: Draw) -> None:
+        """Find out what a quality takes."""
+        # The first frame compiles, and gets memory.
+        draw(quality)
+        times = [seconds_of(draw(quality)) for _ in range(FRAMES)]
+        self._seconds[quality] = statistics.median(times)
+
+    def predict(self, quality: Quality) -> float | None:
+        """Return what a frame will take, seconds; ``None`` if that is not known."""
+        if quality in self._seconds:
+            return self._seconds[quality] * self._load
+        if quality not in self._ratios:
+            return None
+        # By the best quality that is known: it is the nearest.
+        known = [one for one in self.ladder if one in self._seconds and one in self._ratios]
+        if not known:
+            return None
+        share = self._ratios[quality] / self._ratios[known[-1]]
+        return self._seconds[known[-1]] * share * self._load
+
+    def best(self, budget: float) -> Quality:
+        """Return the most accurate quality that stays in a budget; the fastest if none does."""
+        for quality in reversed(self.ladder):
+            seconds = self.predict(quality)
+            if seconds is not None and seconds <= HEADROOM * budget:
+                return quality
+        return self.ladder[0]
+
+    def learn(self, quality: Quality, seconds: float) -> None:
+        """Correct what is known by what a frame took."""
+        if quality not in self._seconds:
+            self._seconds[quality] = seconds / self._load
+        self._load = MEMORY * self._load + (1.0 - MEMORY) * seconds / self._seconds[quality]
+
+
+def draw_in_time(budget: float, times: Times, draw: Draw) -> Frame:
+    """
+    Draw a frame in the most accurate quality that a time allows.
+
+    Parameters
+    ----------
+    budget : float
+        Seconds, above 0. If even the fastest quality takes longer, that is drawn.
+    times : Times
+        What is known of the scene; changed.
+    draw : callable
+        Draws a frame of a quality.
+
+    Returns
+    -------
+    Frame
+        Its ``choice`` tells which one it is.
+    """
+    if not times.is_known:
+        times.calibrate(budget, draw)
+    quality = times.best(budget)
+    predicted = times.predict(quality)
+    frame = draw(quality)
+    seconds = seconds_of(frame)
+    times.learn(quality, seconds)
+    frame.choice = Choice(quality, predicted, seconds)
+    return frame
+
+
+def draw_within_error(bound: float, draw: Draw, draw_small: Draw) -> Frame:
+    """
+    Draw a frame in the fastest quality that is near enough to the reference.
+
+    Parameters
+    ----------
+    bound : float
+        Largest root mean square difference from the reference, in linear light, above 0.
+    draw, draw_small : callable
+        Draw a frame of a quality; in a small picture.
+
+    Returns
+    -------
+    Frame
+        Its ``choice`` tells which one it is.
+    """
+    reference = light_of(draw_small(replace(Quality.reference(), samples=PROBE_SAMPLES)))
+    quality, error = Quality.reference(), 0.0
+    profile = load_profile()
+    for candidate in LADDER if profile is None else profile.ladder:
+        if candidate.samples in (PROBE_SAMPLES, Quality.reference().samples):
+            # As accurate as the small reference: what it is off by can not be told.
+            break
+        found = root_mean_square(light_of(draw_small(candidate)) - reference)
+        if MARGIN * found <= bound:
+            quality, error = candidate, found
+            break
+    frame = draw(quality)
+    frame.choice = Choice(quality, None, seconds_of(frame), error)
+    return frame
+
+
+def probe_size(size: tuple[int, int]) -> tuple[int, int]:
+    """Return the size of the small picture that errors are told from."""
+    width, height = (min(side, max(LEAST_PROBE, -(-side // PROBE_SHARE))) for side in size)
+    return width, height
+
+
+def light_of(frame: Frame) -> NDArray[np.float32]:
+    """
+    Return the light that a frame shows, (H, W, 3) float32, linear red, green and blue.
+
+    Lines lie over the 8-bit colour alone: with a wireframe it is that colour, decoded.
+    """
+    if frame.plan.wireframe is not None:
+        return srgb_to_linear(frame.color[:, :, :3])
+    return frame.linear[:, :, :3]
+
+
+def root_mean_square(differences: NDArray[np.float32]) -> float:
+    """Return the root of the mean square."""
+    return float(np.sqrt(np.mean(np.square(differences, dtype=np.float64))))
+
+
+def seconds_of(frame: Frame) -> float:
+    """Return what a frame took, seconds, without compiling."""
+    return sum(time for stage, time in frame.stats.seconds.items() if stage != "compile")
+
+
+def times_of(what: Any, circumstances: Any) -> Times:
+    """
+    Return what is known of the times of a scene, as long as the scene is there.
+
+    Parameters
+    ----------
+    what : object
+        What is drawn.
+    circumstances : hashable
+        What else times depend on.
+
+    Warns
+    -----
+    CalibrationWarning
+        If nothing is known of the scene, nor of the machine.
+    """
+    key = id(what), circumstances
+    if key not in _TIMES:
+        profile = load_profile()
+        if profile is None:
+            warnings.warn(
+                "time_budget: there is no profile of this machine, so frames of this scene are "
+                "timed first; `rasterjit accuracy --calibrate` makes one",
+                CalibrationWarning,
+                stacklevel=4,
+            )
+        ladder, ratios = (LADDER, {}) if profile is None else (profile.ladder, profile.times())
+        _TIMES[key] = Times(ladder, ratios)
+        # Another scene may come to lie at the same address.
+        weakref.finalize(what, _TIMES.pop, key, None)
+    return _TIMES[key]
+
+
+_TIMES: dict[Any, Times] = {}
+"""What is known of scenes, by their address and the circumstances."""

@@ -1,0 +1,196 @@
+"""The dial: the best quality that a time allows, or the fastest one for an error."""
+
+from __future__ import annotations
+
+import types
+import warnings
+
+import numpy as np
+import pytest
+
+import rasterjit as rj
+from rasterjit import dial
+from rasterjit import profile as profiles
+from rasterjit.dial import Times, draw_in_time, draw_within_error, light_of, root_mean_square
+from rasterjit.profile import LADDER, Profile, Step
+
+SIZE = (96, 72)
+
+
+class Painter:
+    """Draws frames that take what a table says, times what the machine is busy with."""
+
+    def __init__(self, seconds):
+        self.seconds, self.load, self.drawn = dict(zip(LADDER, seconds, strict=True)), 1.0, []
+
+    def __call__(self, quality):
+        self.drawn.append(quality)
+        stages = {"compile": 9.0, "shade": 0.75 * self.load * self.seconds[quality]}
+        stages["visibility"] = 0.25 * self.load * self.seconds[quality]
+        return types.SimpleNamespace(stats=types.SimpleNamespace(seconds=stages), choice=None)
+
+
+MILLISECONDS = [1e-3 * time for time in (2, 4, 7, 11, 25, 40, 300, 1200)]
+
+
+@pytest.fixture(autouse=True)
+def without_profile(tmp_path, monkeypatch):
+    monkeypatch.setattr(profiles, "cache_folder", lambda: tmp_path)
+    dial._TIMES.clear()
+
+
+@pytest.mark.parametrize(("budget", "step"), [(1e-4, 0), (3e-3, 0), (5e-3, 1), (0.02, 3), (9, 7)])
+def test_the_best_quality_that_fits_is_drawn(budget, step):
+    paint = Painter(MILLISECONDS)
+    frame = draw_in_time(budget, Times(LADDER, {}), paint)
+    assert frame.choice.quality == LADDER[step] == paint.drawn[-1]
+    assert frame.choice.predicted_seconds == pytest.approx(MILLISECONDS[step])
+    assert frame.choice.seconds == pytest.approx(MILLISECONDS[step])
+
+
+def test_calibrating_stops_at_what_takes_too_long():
+    paint = Painter(MILLISECONDS)
+    draw_in_time(0.008, Times(LADDER, {}), paint)
+    assert set(paint.drawn) == set(LADDER[:5])
+
+
+def test_a_scene_is_calibrated_once():
+    paint, times = Painter(MILLISECONDS), Times(LADDER, {})
+    draw_in_time(0.02, times, paint)
+    count = len(paint.drawn)
+    for _ in range(3):
+        draw_in_time(0.02, times, paint)
+    assert len(paint.drawn) == count + 3
+
+
+def test_with_a_profile_only_the_fastest_and_the_chosen_are_timed():
+    paint = Painter(MILLISECONDS)
+    ratios = {quality: time / MILLISECONDS[1] for quality, time in paint.seconds.items()}
+    frame = draw_in_time(0.02, Times(LADDER, ratios), paint)
+    assert frame.choice.quality == LADDER[3]
+    assert set(paint.drawn) == {LADDER[0], LADDER[3]}
+
+
+def test_a_profile_that_errs_is_corrected_before_the_frame():
+    """The machine's ratios promise twice the speed that this scene has."""
+    paint = Painter(MILLISECONDS)
+    ratios = {quality: time for quality, time in paint.seconds.items()}
+    ratios[LADDER[0]] *= 2.0
+    frame = draw_in_time(0.02, Times(LADDER, ratios), paint)
+    assert frame.choice.seconds <= 0.02
+
+
+def test_the_dial_follows_a_machine_that_slows_down_and_recovers():
+    paint, times = Painter(MILLISECONDS), Times(LADDER, {})
+    assert draw_in_time(0.02, times, paint).choice.quality == LADDER[3]
+    paint.load = 2.5
+    frames = [draw_in_time(0.02, times, paint) for _ in range(6)]
+    assert frames[-1].choice.quality == LADDER[2]
+    assert frames[-1].choice.seconds <= 0.02
+    paint.load = 1.0
+    frames = [draw_in_time(0.02, times, paint) for _ in range(8)]
+    assert frames[-1].choice.quality == LADDER[3]
+
+
+def flat(value):
+    light = np.full((4, 4, 4), value, np.float32)
+    plan = types.SimpleNamespace(wireframe=None)
+    stats = types.SimpleNamespace(seconds={"shade": 0.5, "compile": 3.0})
+    return types.SimpleNamespace(linear=light, plan=plan, stats=stats, choice=None)
+
+
+def test_the_fastest_quality_that_is_near_enough_is_drawn():
+    errors = dict(zip(LADDER, (0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.0, 0.0), strict=True))
+    for bound, step in ((0.9, 0), (0.31, 1), (0.16, 2), (0.04, 4), (1e-6, 7)):
+        drawn = []
+        frame = draw_within_error(
+            bound,
+            lambda quality, drawn=drawn: drawn.append(quality) or flat(0.0),
+            lambda quality: flat(errors[quality]),
+        )
+        assert drawn == [LADDER[step]]
+        assert frame.choice.quality == LADDER[step]
+        assert dial.MARGIN * frame.choice.predicted_error <= bound
+
+
+def cube_and_floor():
+    scene = rj.Scene()
+    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
+    faces = [
+        (0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5), (0, 4, 5), (0, 5, 1), (2, 3, 7), (2, 7, 6),
+        (0, 2, 6), (0, 6, 4), (1, 5, 7), (1, 7, 3),
+    ]  # fmt: skip
+    scene.add(rj.Mesh(corners, faces, material=rj.Material("flat", "orange")))
+    floor = [(-5, -1, -5), (-5, -1, 5), (5, -1, 5), (5, -1, -5)]
+    scene.add(rj.Mesh(floor, [(0, 1, 2), (0, 2, 3)], material=rj.Material("unlit", "#204080")))
+    return scene
+
+
+CAMERA = rj.PerspectiveCamera((3, 2.5, 6), (0, 0, 0))
+
+
+@pytest.mark.parametrize("bound", [0.05, 0.012])
+def test_the_error_stays_within_its_bound(bound):
+    scene = cube_and_floor()
+    frame = rj.render(scene, CAMERA, size=SIZE, max_error=bound, outputs=("linear",))
+    exact = rj.render(scene, CAMERA, size=SIZE, quality=rj.Quality.reference(), outputs=("linear",))
+    error = root_mean_square(light_of(frame) - light_of(exact))
+    assert error <= bound
+    assert frame.plan.quality == frame.choice.quality
+    standard = rj.render(scene, CAMERA, size=SIZE, outputs=("linear",))
+    if root_mean_square(light_of(standard) - light_of(exact)) > bound:
+        assert frame.choice.quality not in LADDER[:2]
+
+
+def test_a_time_budget_is_asked_for_the_first_time_with_a_warning_and_then_without():
+    scene = cube_and_floor()
+    with pytest.warns(rj.CalibrationWarning, match="rasterjit accuracy --calibrate"):
+        first = rj.render(scene, CAMERA, size=SIZE, time_budget=1e-5)
+    assert first.choice.quality == LADDER[0] == first.plan.quality
+    assert first.choice.seconds > 1e-5
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        again = rj.render(scene, CAMERA, size=SIZE, time_budget=1e-5)
+    assert (again.color == first.color).all()
+
+
+def test_a_frame_is_that_of_its_quality_bit_for_bit():
+    profiles.save_profile(Profile((Step(rj.Quality(samples=4), 1.0, 1.0),), 1), {})
+    scene = cube_and_floor()
+    with rj.Renderer(SIZE) as renderer:
+        frame = renderer.render(scene, CAMERA, time_budget=5.0)
+    assert frame.choice.quality == rj.Quality(samples=4)
+    same = rj.render(scene, CAMERA, size=SIZE, quality=rj.Quality(samples=4))
+    assert (frame.color == same.color).all()
+    assert same.choice is None
+
+
+def test_what_is_known_of_a_scene_goes_with_it():
+    profiles.save_profile(Profile((Step(rj.Quality(), 1.0, 1.0),), 1), {})
+    scene = cube_and_floor()
+    rj.render(scene, CAMERA, size=SIZE, time_budget=5.0)
+    assert len(dial._TIMES) == 1
+    del scene
+    assert not dial._TIMES
+
+
+@pytest.mark.parametrize("value", [0, -1.0, float("nan"), float("inf"), "fast"])
+@pytest.mark.parametrize("name", ["time_budget", "max_error"])
+def test_a_goal_is_a_number_above_zero(name, value):
+    with pytest.raises(ValueError, match=name):
+        rj.render(cube_and_floor(), CAMERA, size=SIZE, **{name: value})
+
+
+def test_there_is_one_goal():
+    scene = cube_and_floor()
+    with pytest.raises(ValueError, match="time_budget must be None where max_error is given"):
+        rj.render(scene, CAMERA, size=SIZE, max_error=0.1, time_budget=0.1)
+    with pytest.raises(ValueError, match="quality must be None where time_budget is given"):
+        rj.render(scene, CAMERA, size=SIZE, quality=rj.Quality(), time_budget=0.1)
+
+
+def test_other_arguments_are_checked_as_ever():
+    with pytest.raises(ValueError, match="outputs has 'colour'"):
+        rj.render(cube_and_floor(), CAMERA, size=SIZE, time_budget=0.1, outputs=("colour",))
+    with pytest.raises(ValueError, match="must be a"):
+        rj.render(3, time_budget=0.1)

@@ -1,0 +1,87 @@
+"""What was measured of a machine is kept whole, and what cannot be read is as good as none."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+import rasterjit as rj
+from rasterjit import profile as profiles
+from rasterjit.profile import LADDER, Profile, Step, front_of, load_profile, save_profile
+from rasterjit.scene.quality import Quality
+
+STEPS = (
+    Step(Quality.draft(), 0.5, 3.0),
+    Step(Quality.standard(), 1.0, 1.0),
+    Step(Quality.high(), 6.5, 0.125),
+)
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.setattr(profiles, "cache_folder", lambda: tmp_path / "cache")
+    return tmp_path / "cache"
+
+
+def test_a_profile_is_read_as_it_was_kept(folder):
+    assert load_profile() is None
+    path = save_profile(Profile(STEPS, 2), {"cpu": "any"})
+    assert path.parent == folder
+    assert load_profile() == Profile(STEPS, 2)
+    assert [file.name for file in folder.iterdir()] == ["profile.json"]
+
+
+def test_what_others_dominate_is_not_chosen_from():
+    slow = Step(rj.Quality(samples=2), 7.0, 0.5)
+    alike = Step(rj.Quality(samples=4), 6.5, 0.125)
+    assert front_of((*STEPS[::-1], slow, alike)) in (STEPS, (*STEPS[:2], alike))
+    front = front_of((*STEPS, slow))
+    assert [step.time for step in front] == sorted(step.time for step in front)
+    assert [step.error for step in front] == sorted((s.error for s in front), reverse=True)
+    assert slow not in front
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        "", "[]", "{", '{"format": 1}', '{"format": 1, "steps": [], "threads": 1}',
+        '{"format": 1, "steps": [{"settings": {"samples": 3}, "time": 1, "error": 1}], '
+        '"threads": 1}',
+        '{"format": 1, "steps": [{"settings": {"color": 3}, "time": 1, "error": 1}], "threads": 1}',
+    ],
+)  # fmt: skip
+def test_a_broken_profile_is_none(folder, content):
+    save_profile(Profile(STEPS, 2), {})
+    profiles.profile_file().write_text(content)
+    assert load_profile() is None
+
+
+def test_a_profile_of_another_format_is_none(folder):
+    path = save_profile(Profile(STEPS, 2), {})
+    content = json.loads(path.read_text())
+    content["format"] += 1
+    path.write_text(json.dumps(content))
+    assert load_profile() is None
+
+
+def test_a_folder_that_cannot_be_written_is_named(folder):
+    folder.write_text("a file, not a folder")
+    with pytest.raises(ValueError, match=r"cache folder must be one to write to, but '.*cache'"):
+        save_profile(Profile(STEPS, 2), {})
+    assert load_profile() is None
+
+
+def test_the_folder_is_the_users_own(monkeypatch, tmp_path):
+    monkeypatch.setattr(profiles.sys, "platform", "linux")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert profiles.cache_folder() == tmp_path / "rasterjit"
+    monkeypatch.delenv("XDG_CACHE_HOME")
+    assert profiles.cache_folder().name == "rasterjit"
+    assert profiles.cache_folder().parent.name == ".cache"
+
+
+def test_the_ladder_begins_with_the_draft_and_ends_with_the_reference():
+    assert LADDER[0] == Quality.draft()
+    assert LADDER[-1] == Quality.reference()
+    assert len(set(LADDER)) == len(LADDER)
