@@ -95,6 +95,8 @@ class Shader(NamedTuple):
     """The environment, if it is seen where no face is."""
     cutouts: Cutouts | None = None
     """The objects that have holes."""
+    coding: Encoding | None = None
+    """How colours become codes before they are mixed; ``None`` -> light is mixed."""
 
     def shade(
         self, faces: NDArray[np.int32], first_row: int, linear: NDArray[np.float32], scratch: Any
@@ -122,6 +124,8 @@ class Shader(NamedTuple):
     ) -> NDArray[np.float32]:
         """Return what is seen behind all faces of some rows, (R, 4, W), or (1, 4, W) if alike."""
         height, width = shape
+        if self.coding is not None:
+            return self._coded_backdrop(shape, first_row, memory)
         if self.sky is None:
             return np.repeat(self.background, width).reshape(1, 4, width)
         linear = memory.empty((*shape, 4), np.float32)
@@ -129,6 +133,58 @@ class Shader(NamedTuple):
         no_color = np.empty((height, 0), np.uint32)
         backgrounds.show_environment(nothing, first_row, *self.sky, self.encoding, linear, no_color)
         return np.ascontiguousarray(linear.transpose(0, 2, 1))
+
+    def _coded_backdrop(
+        self, shape: tuple[int, int], first_row: int, memory: Memory
+    ) -> NDArray[np.float32]:
+        """Return the same in codes, 0..255, as float32; alpha is divided by 255."""
+        color = memory.empty(shape if self.sky is not None else (1, shape[1]), np.uint32)
+        self.code_backdrop(first_row, color)
+        codes = color.view(np.uint8).reshape(*color.shape, 4).transpose(0, 2, 1)
+        codes = np.ascontiguousarray(codes, np.float32)
+        codes[:, 3] /= np.float32(255.0)
+        return codes
+
+    def code_backdrop(self, first_row: int, color: NDArray[np.uint32]) -> None:
+        """Write what is seen behind all faces of some rows, (R, W), in RGBA codes."""
+        pixel = np.empty((1, 1), np.uint32)
+        resolve.encode_rows(self.background.reshape(1, 1, 4), self.encoding.table, pixel)
+        color[:] = pixel
+        self._code_sky(np.full(color.shape, -1, np.int32), first_row, color)
+
+    def code(
+        self, faces: NDArray[np.int32], first_row: int, color: NDArray[np.uint32], scratch: Any
+    ) -> None:
+        """Write an image of faces, (R, W), alone, in RGBA codes; 0 where no face is."""
+        nothing = np.zeros(4, np.float32)
+        self._replace(background=nothing)._code(faces, first_row, color, scratch)
+
+    def code_last(
+        self, faces: NDArray[np.int32], first_row: int, color: NDArray[np.uint32], scratch: Any
+    ) -> None:
+        """Write the same, and what is seen behind all faces where no face is."""
+        self._code(faces, first_row, color, scratch)
+        self._code_sky(faces, first_row, color)
+
+    def _code(
+        self, faces: NDArray[np.int32], first_row: int, color: NDArray[np.uint32], scratch: Any
+    ) -> None:
+        """Write an image of faces in RGBA codes, and the background colour."""
+        no_linear = np.empty((len(color), 0, 4), np.float32)
+        shading.shade_rows(
+            faces, first_row, self.geometry, self.placement, self.surface, self.lighting,
+            self.background, self.encoding, no_linear, color, scratch,
+        )  # fmt: skip
+
+    def _code_sky(
+        self, faces: NDArray[np.int32], first_row: int, color: NDArray[np.uint32]
+    ) -> None:
+        """Write the environment in RGBA codes where no face is, if it is seen."""
+        if self.sky is not None:
+            no_linear = np.empty((len(color), 0, 4), np.float32)
+            backgrounds.show_environment(
+                faces, first_row, *self.sky, self.encoding, no_linear, color
+            )
 
 
 class Target(NamedTuple):
@@ -176,6 +232,14 @@ def sampled_viewport(viewport: Viewport, samples: int | str) -> Viewport:
     return viewport._replace(reach=1 << (viewport.grid_bits - 1))
 
 
+def at_samples(shader: Shader, samples: int | str) -> Shader:
+    """Return what it takes to shade a frame whose samples may lie anywhere in their pixels."""
+    geometry = shader.geometry
+    geometry = geometry._replace(viewport=sampled_viewport(geometry.viewport, samples))
+    cutouts = None if shader.cutouts is None else shader.cutouts._replace(geometry=geometry)
+    return shader._replace(geometry=geometry, cutouts=cutouts)
+
+
 def part_lists(
     coverage: Coverage, viewport: Viewport, is_blended: NDArray[np.uint8], workers: Workers
 ) -> Lists:
@@ -198,7 +262,12 @@ def part_lists(
 
 
 def find_layers(
-    rows: tuple[int, int], lists: Lists, samples: int, shader: Shader, memory: Memory
+    rows: tuple[int, int],
+    lists: Lists,
+    samples: int,
+    shader: Shader,
+    memory: Memory,
+    kept: int | None = None,
 ) -> Iterator[Band]:
     """
     Yield the layers of some rows, in parts if they have many.
@@ -211,17 +280,19 @@ def find_layers(
     samples : int
     shader : Shader
     memory : Memory
+    kept : int, optional
+        Layers of a sample that are kept, the nearest ones: there is no room for others.
 
     Raises
     ------
     ValueError
-        If a pixel has more layers than are sorted.
+        If a pixel has more layers than are sorted, and all are kept.
     """
     viewport = shader.geometry.viewport
     width, height = viewport.width, rows[1] - rows[0]
     shifts = sample_shifts(samples, viewport.grid_bits)
     scratch = transparency.scratch_memory(shader.cutouts is not None)
-    room = 0 if len(lists.parted) == 0 else FIRST_GUESS
+    room = 0 if len(lists.parted) == 0 else min(FIRST_GUESS, kept or FIRST_GUESS)
     while True:
         shape = samples, room, height, width
         found = memory.empty(shape, np.float32), memory.empty(shape, np.int32)
@@ -232,6 +303,7 @@ def find_layers(
             shifts, opaque, found, used, scratch, shader.cutouts,
         )  # fmt: skip
         needed, column, row = map(int, deepest)
+        needed = needed if kept is None else min(needed, kept)
         most = min(MOST_LAYERS, MOST_BYTES // (BYTES_PER_FRAGMENT * samples * width))
         if needed > most:
             raise ValueError(
@@ -244,8 +316,8 @@ def find_layers(
             return
         if needed * samples * height * width * BYTES_PER_FRAGMENT > MOST_BYTES:
             middle = rows[0] + height // 2
-            yield from find_layers((rows[0], middle), lists, samples, shader, memory)
-            yield from find_layers((middle, rows[1]), lists, samples, shader, memory)
+            yield from find_layers((rows[0], middle), lists, samples, shader, memory, kept)
+            yield from find_layers((middle, rows[1]), lists, samples, shader, memory, kept)
             return
         room = needed
 
@@ -324,7 +396,7 @@ def mix_faces(
     shares.mix_faces(
         opaque, first_row, found, shader.geometry, shader.placement, shader.surface,
         shader.lighting, behind, shader.encoding, target.linear, target.color, scratch,
-        shares.scratch_memory(),
+        shares.scratch_memory(), shader.coding,
     )  # fmt: skip
 
 
@@ -378,16 +450,13 @@ def shade(
     ValueError
         If a pixel has more layers than are sorted.
     """
-    viewport = sampled_viewport(shader.geometry.viewport, plan.samples)
-    lists = part_lists(coverage, viewport, plan.is_blended, workers)
     encoding, behind = shader.encoding, shader.background
-    geometry, cutouts = shader.geometry._replace(viewport=viewport), shader.cutouts
-    shader = shader._replace(
-        geometry=geometry,
-        cutouts=None if cutouts is None else cutouts._replace(geometry=geometry),
+    shader = at_samples(shader, plan.samples)
+    viewport = shader.geometry.viewport
+    lists = part_lists(coverage, viewport, plan.is_blended, workers)
+    if encoding.tone is not None:
         # Where tones are mapped the background, which is shown as given, comes behind at the end.
-        background=behind if encoding.tone is None else np.zeros(4, np.float32),
-    )
+        shader = shader._replace(background=np.zeros(4, np.float32))
 
     nothing = np.empty((viewport.height, 0), np.uint32)
     packed = nothing if color is None else color.view(np.uint32)[:, :, 0]
@@ -427,7 +496,7 @@ def shade_rows(
         mix_areas(rows, lists, shader, target, scratch, memory)
         return
     found = shares.samples_memory(int(plan.samples))
-    for band in find_layers(rows, lists, int(plan.samples), shader, memory):
+    for band in find_layers(rows, lists, int(plan.samples), shader, memory, plan.most):
         start = band.first_row - rows[0]
         part = Target(*(image[start : start + band.opaque.shape[1]] for image in target))
         if plan.samples == 1:

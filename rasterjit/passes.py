@@ -13,7 +13,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit import edge_lines, layered, screen_effects, shadow_cells, shadow_maps, stages
+from rasterjit import (
+    edge_lines,
+    layered,
+    layered_codes,
+    screen_effects,
+    shadow_cells,
+    shadow_maps,
+    stages,
+)
 from rasterjit.environment_maps import backdrop_record, environment_record
 from rasterjit.kernels import interpolation
 from rasterjit.kernels.records import (
@@ -32,6 +40,7 @@ from rasterjit.prepared import Prepared
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.color import linear_to_srgb
 from rasterjit.scene.light import AmbientLight
+from rasterjit.scene.srgb import decoding_table
 
 SAMPLES_AT_ONCE = 1 << 15
 """Samples whose depth is converted at once: their float64 copies stay in L2, and a small frame
@@ -69,7 +78,8 @@ def shade_faces(
             sky,
             find_cutouts(plan, prepared),
         )
-        layered.shade(plan.layers, coverage, shader, linear, color, workers)
+        shade = layered_codes.shade if plan.layers.mixes_codes else layered.shade
+        shade(plan.layers, coverage, shader, linear, color, workers)
     else:
         # Without faces all rows are alike: the first is shaded, the others are copies of it.
         shown = coverage.face_id if plan.draws_faces else np.full((1, width), -1, np.int32)
@@ -235,7 +245,12 @@ def draw_wireframe(
     encoded = linear_to_srgb(np.array(plan.wireframe.color[:3]))
     rgba = np.append(np.floor(255.0 * encoded + 0.5), 255.0).astype(np.uint8)
     hidden_by = (coverage.face_id, coverage.depth) if plan.draws_faces else None
-    edge_lines.draw_edges(edges, geometry, coefficients, rgba, result["color"], hidden_by, workers)
+    lines = edges, geometry, coefficients, rgba, result["color"], hidden_by
+    if plan.quality.lines == "bresenham":
+        edge_lines.draw_edges(*lines, workers)
+        return
+    light = None if plan.quality.blending == "srgb8" else decoding_table().copy()
+    edge_lines.cover_edges(*lines, light, workers)
 
 
 def fill_buffers(

@@ -250,7 +250,9 @@ def plan_render(
         ),
         environment=scene.environment if grounds.has_environment_light else None,
         backdrop=scene.environment if grounds.shows_environment else None,
-        layers=layers_of(grounds.transparency, grounds.mixes_samples, quality.samples, scene.nodes),
+        layers=layers_of(
+            grounds.transparency, grounds.mixes_samples, quality.samples, scene.nodes, quality
+        ),
         pictures=grounds.pictures,
     )
 

@@ -11,7 +11,12 @@ from numpy.typing import NDArray
 
 from rasterjit.plan_answers import Effect, answer_effects
 from rasterjit.plan_contents import SMOOTH, Contents, Facts, in_words
-from rasterjit.plan_layers import Transparency, antialiasing_reason
+from rasterjit.plan_layers import (
+    Transparency,
+    antialiasing_reason,
+    mixing_note,
+    transparency_reason,
+)
 from rasterjit.plan_lights import PlannedLights, describe_shadows
 from rasterjit.scene.ambient_occlusion import AmbientOcclusion
 from rasterjit.scene.environment import Environment
@@ -192,7 +197,13 @@ class Grounds(NamedTuple):
     def maps_tones(self) -> bool:
         """Whether light is exposed, or a tone curve applied: to 8-bit colour alone."""
         is_wanted = self.tone_map is not None and not self.tone_map.is_neutral
-        return is_wanted and "color" in self.outputs
+        return is_wanted and ("color" in self.outputs or self.mixes_codes)
+
+    @property
+    def mixes_codes(self) -> bool:
+        """Whether what a pixel shows is mixed as 8-bit sRGB codes, which all colour then is."""
+        is_mixed = self.transparency.used or self.antialiases
+        return is_mixed and self.quality.blending == "srgb8"
 
     @property
     def draws_edges(self) -> bool:
@@ -221,11 +232,17 @@ def list_effects(grounds: Grounds) -> tuple[Effect, ...]:
         Effect("tone mapping", grounds.maps_tones, _tone_reason(grounds)),
         Effect("ambient occlusion", grounds.occludes, _occlusion_reason(grounds)),
         Effect("outline", grounds.draws_outlines, _outline_reason(grounds)),
-        Effect("transparency", grounds.transparency.used, grounds.transparency.reason),
+        Effect(
+            "transparency",
+            grounds.transparency.used,
+            transparency_reason(grounds.transparency, grounds.quality),
+        ),
         Effect(
             "anti-aliasing",
             grounds.antialiases,
-            antialiasing_reason(samples, grounds.pictures, grounds.shades),
+            antialiasing_reason(
+                samples, grounds.pictures, grounds.shades, mixing_note(grounds.quality)
+            ),
         ),
         Effect("wireframe", grounds.draws_edges, _wireframe_reason(grounds)),
         Effect("diagnostics", grounds.diagnose, f"diagnose={grounds.diagnose}"),
@@ -382,7 +399,7 @@ def _tone_reason(grounds: Grounds) -> str:
     """Say how light is brought onto the screen."""
     if grounds.tone_map is None:
         return "scene.tone_map is None"
-    if "color" not in grounds.outputs:
+    if "color" not in grounds.outputs and not grounds.mixes_codes:
         return "no output shows colour in 8 bits"
     if grounds.tone_map.is_neutral:
         return "curve none, exposure 0"
@@ -395,7 +412,9 @@ def _wireframe_reason(grounds: Grounds) -> str:
         return "scene.wireframe is None"
     if not grounds.draws_edges:
         return "no output shows colour in 8 bits"
-    return f"mode {grounds.wireframe.mode}"
+    if grounds.quality.lines == "bresenham":
+        return f"mode {grounds.wireframe.mode}"
+    return f"mode {grounds.wireframe.mode}, by coverage{mixing_note(grounds.quality)}"
 
 
 def _counted(kinds: Sequence[str]) -> str:

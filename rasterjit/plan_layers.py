@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.plan_contents import in_words
+from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Node
 
 
@@ -20,6 +21,10 @@ class Layers(NamedTuple):
     has_blended: bool
     samples: int | str
     """Samples of each pixel, or ``"area"``."""
+    most: int | None = None
+    """Transparent surfaces seen at a sample, the nearest ones; ``None`` -> all."""
+    mixes_codes: bool = False
+    """Whether colours are mixed as 8-bit sRGB codes, not as light."""
 
 
 class Transparency(NamedTuple):
@@ -69,10 +74,16 @@ def find_transparency(
 
 
 def layers_of(
-    transparency: Transparency, antialiases: bool, samples: int | str, nodes: Sequence[Node]
+    transparency: Transparency,
+    antialiases: bool,
+    samples: int | str,
+    nodes: Sequence[Node],
+    quality: Quality,
 ) -> Layers | None:
     """
     Return what pixels show besides their nearest faces; ``None`` if nothing.
+
+    Of the quality only how many transparent surfaces are seen, and how colours are mixed.
 
     Raises
     ------
@@ -88,11 +99,32 @@ def layers_of(
             f"{nodes[number].name!r} (object {number}) with alpha_mode 'blend'"
         )
     # Each of many pictures lays its layers at one sample.
-    return Layers(transparency.is_blended, transparency.used, samples if antialiases else 1)
+    own = samples if antialiases else 1
+    most = None if quality.transparency_layers == "all" else int(quality.transparency_layers)
+    mixes_codes = quality.blending == "srgb8"
+    return Layers(transparency.is_blended, transparency.used, own, most, mixes_codes)
 
 
-def antialiasing_reason(samples: int | str, pictures: int, shades: bool) -> str:
-    """Say why edges are smoothed or not."""
+def transparency_reason(transparency: Transparency, quality: Quality) -> str:
+    """Say why anything is seen through, how much of it, and what it is mixed in."""
+    if not transparency.used:
+        return transparency.reason
+    most = quality.transparency_layers
+    nearest = "" if most == "all" else f", the nearest {most} at a sample"
+    if most == 1:
+        nearest = ", the nearest one at a sample"
+    return transparency.reason + nearest + mixing_note(quality)
+
+
+def mixing_note(quality: Quality) -> str:
+    """Say what colours are mixed in, if not in light."""
+    return ", mixed in 8-bit sRGB codes" if quality.blending == "srgb8" else ""
+
+
+def antialiasing_reason(
+    samples: int | str, pictures: int, shades: bool, note: str = ""
+) -> str:
+    """Say why edges are smoothed or not, and, if they are, what else is to note."""
     if samples == 1:
         return "quality.samples is 1"
     if pictures > 1:
@@ -100,5 +132,5 @@ def antialiasing_reason(samples: int | str, pictures: int, shades: bool) -> str:
     if not shades:
         return "nothing is shaded"
     if samples == "area":
-        return "exact areas, shaded once per face and pixel"
-    return f"{samples} samples a pixel, shaded once per face and pixel"
+        return f"exact areas, shaded once per face and pixel{note}"
+    return f"{samples} samples a pixel, shaded once per face and pixel{note}"

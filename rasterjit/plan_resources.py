@@ -105,10 +105,7 @@ def _picture_rows(plan: RenderPlan) -> Rows:
     if plan.outline is not None:
         rows += [("outlines.find_edges", "", ""), ("outlines.draw_marks", "", "")]
     if plan.wireframe is not None:
-        hiding = ["hidden lines removed"] if plan.draws_faces else [""]
-        rows += [("wireframe.find_pixels", "", "")]
-        rows += [("wireframe.fill_slack", "", "")] if plan.draws_faces else []
-        rows += [(f"wireframe.{name}", hiding[0], "") for name in ("project_edges", "draw_edges")]
+        rows += _line_rows(plan)
     fills = {
         "barycentric": "fill_barycentric", "uv": "fill_attribute", "position": "fill_positions",
         "normal": "fill_normals",
@@ -118,6 +115,25 @@ def _picture_rows(plan: RenderPlan) -> Rows:
         rows += [("diagnosis.find_fates", "", ""), ("diagnosis.count_samples", "", "")]
         rows += [("diagnosis.largest_error", "", "")]
     return rows
+
+
+def _line_rows(plan: RenderPlan) -> Rows:
+    """Return the kernels that draw the edges of a wireframe."""
+    hiding = "hidden lines removed" if plan.draws_faces else ""
+    rows = [("wireframe.fill_slack", "", "")] if plan.draws_faces else []
+    if plan.quality.lines == "bresenham":
+        rows.insert(0, ("wireframe.find_pixels", "", ""))
+        return rows + [
+            (f"wireframe.{name}", hiding, "") for name in ("project_edges", "draw_edges")
+        ]
+    mixed = "codes" if plan.quality.blending == "srgb8" else "light"
+    return [
+        *rows,
+        ("line_coverage.project_lines", hiding, ""),
+        ("line_coverage.list_lines", "", ""),
+        ("line_coverage.cover_lines", hiding, ""),
+        ("line_coverage.lay_lines", mixed, ""),
+    ]
 
 
 def _layer_rows(plan: RenderPlan) -> Rows:
@@ -131,6 +147,8 @@ def _layer_rows(plan: RenderPlan) -> Rows:
     if samples != 1:
         opaque = "a row of tiles is opaque" if plan.layers.has_blended else ""
         rows.append(("shares.mix_faces", _variant_of_shading(plan), opaque))
+    if plan.layers.mixes_codes:
+        return rows + _code_rows(plan, several)
     if plan.layers.has_blended:
         names += ["start_sums", "lay_under", "finish_sums"]
         names += ["list_faces", "mix_samples"] if samples != 1 else []
@@ -139,6 +157,21 @@ def _layer_rows(plan: RenderPlan) -> Rows:
         rows.append(("backgrounds.show_over", "", ""))
     elif "color" in plan.outputs and (samples == 1 or plan.layers.has_blended):
         rows.append(("resolve.encode_rows", "", ""))
+    return rows
+
+
+def _code_rows(plan: RenderPlan, several: str) -> Rows:
+    """Return the kernels that mix codes."""
+    rows: Rows = []
+    samples, has_blended = plan.layers.samples, plan.layers.has_blended
+    if has_blended and samples == 1:
+        rows += [(f"code_blending.{name}", "", several) for name in ("hide_behind", "lay_codes")]
+    elif has_blended:
+        rows += [("layers.list_faces", "", several), ("code_blending.mix_codes", "", several)]
+    if samples != 1:
+        rows.append(("resolve.encode_rows", "", ""))
+    if "linear" in plan.outputs:
+        rows.append(("code_blending.decode_rows", "", ""))
     return rows
 
 

@@ -39,7 +39,7 @@ from rasterjit.kernels.records import (
     Placement,
     Surface,
 )
-from rasterjit.kernels.resolve import encode_pixel, encode_span
+from rasterjit.kernels.resolve import encode_channels, encode_pixel, encode_span
 from rasterjit.kernels.setup import last_at_most
 from rasterjit.kernels.shadow_receivers import WEIGHT_ROWS, find_receivers, note_vertex
 from rasterjit.kernels.shadowing import SHADOW_ROWS, shadow_row, vertex_shadow_row
@@ -246,13 +246,23 @@ def write_background(background, behind, linear, color):
 
 
 @stage
+def encode_shown(red, green, blue, alphas, first, stop, table, color):
+    """Write a span of colours in codes, with the alpha of samples ``first`` to ``stop``."""
+    if alphas is None:
+        encode_span(red, green, blue, table, color)
+        return
+    encode_channels(red, green, blue, alphas[first:stop], table, color)
+
+
+@stage
 def write_span(colors, shown, alphas, first, count, encoding, linear, color):
     """Write a span of gathered samples, from number ``first`` on."""
     stop = first + count
     if color.shape[0] > 0:
-        encode_span(
-            shown[0][first:stop], shown[1][first:stop], shown[2][first:stop], encoding.table, color
-        )
+        encode_shown(
+            shown[0][first:stop], shown[1][first:stop], shown[2][first:stop], alphas, first, stop,
+            encoding.table, color,
+        )  # fmt: skip
     if linear.shape[0] > 0:
         write_linear(colors, alphas, first, linear)
 
@@ -361,7 +371,8 @@ def shade_rows(
         Written: red, green, blue in linear light, and alpha (1 where there is a face, unless
         ``surface.alphas`` says less). Unless it is not wanted, then W is 0.
     color : (R, W) uint32
-        Written: the same in sRGB codes, RGBA bytes from the lowest up. Or W is 0, too.
+        Written: what is to be shown of it in sRGB codes, RGBA bytes from the lowest up. Or W is 0,
+        too.
     scratch : tuple
         This thread's own, from `scratch_memory`.
     """

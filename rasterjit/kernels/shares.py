@@ -1,5 +1,5 @@
 """
-Mix the opaque faces of a pixel by the shares of it that show them, in linear light.
+Mix the opaque faces of a pixel by the shares of it that show them, in linear light or in codes.
 
 A pixel shows several faces, each shaded once. Layers hold them: the first face of every pixel, the
 second one ... `find_shares` lists the faces of several samples with the share of the samples that
@@ -21,8 +21,9 @@ from rasterjit.kernels.alpha import alpha_at, alpha_row
 from rasterjit.kernels.jit import disjoint_stage, kernel, stage
 from rasterjit.kernels.layers import seen_share
 from rasterjit.kernels.records import Encoding, Geometry, Lighting, Placement, Surface
-from rasterjit.kernels.resolve import encode_channels
+from rasterjit.kernels.resolve import between, encode, encode_channels
 from rasterjit.kernels.shading import BLOCK_COLUMNS, shade_part, span_end, viewer_of
+from rasterjit.kernels.tone_mapping import toned
 from rasterjit.kernels.transparency import copy_row
 from rasterjit.kernels.visibility import NOTHING
 
@@ -268,10 +269,52 @@ def mix_layer(layer, faces, colors, alphas, shares, rest, mixed):
         at = end
 
 
+@disjoint_stage
+def to_codes(red, green, blue, table):
+    """Replace light by its codes, 0..255, as float32."""
+    for i in range(red.shape[0]):
+        red[i] = np.float32(encode(red[i], table))
+        green[i] = np.float32(encode(green[i], table))
+        blue[i] = np.float32(encode(blue[i], table))
+
+
 @stage
-def write_mixed(mixed, encoding, linear, color):
+def colors_to_mix(samples, count, colors, coding):
+    """Return the rows of red, green and blue to mix: light, or codes of what is to be shown."""
+    if coding is None:
+        return colors
+    shown = toned(samples, count, colors, coding.tone)
+    to_codes(shown[0][:count], shown[1][:count], shown[2][:count], coding.table)
+    return shown
+
+
+@stage
+def whole_code(value):
+    """Return a mixed code rounded half up; what rounding left above 255 gives 255."""
+    value = value if value < np.float32(255.0) else np.float32(255.0)
+    return np.uint32(np.int32(value + np.float32(0.5)))
+
+
+@disjoint_stage
+def pack_codes(red, green, blue, alpha, color):
+    """Write mixed codes, given by channel; alpha is 0..1."""
+    for i in range(color.shape[0]):
+        share = between(alpha[i], np.float32(0.0))
+        color[i] = (
+            whole_code(red[i])
+            | whole_code(green[i]) << np.uint32(8)
+            | whole_code(blue[i]) << np.uint32(16)
+            | np.uint32(np.int32(np.float64(share) * 255.0 + 0.5)) << np.uint32(24)
+        )
+
+
+@stage
+def write_mixed(mixed, encoding, linear, color, coding):
     """Write a part of a row of mixed colours, given by channel."""
     count = color.shape[0]
+    if coding is not None:
+        pack_codes(mixed[0, :count], mixed[1, :count], mixed[2, :count], mixed[3, :count], color)
+        return
     encode_channels(
         mixed[0, :count], mixed[1, :count], mixed[2, :count], mixed[3, :count], encoding.table,
         color,
@@ -299,7 +342,7 @@ def scratch_memory() -> tuple[NDArray[Any], ...]:
 def mix_faces(
     opaque, first_row, found, geometry: Geometry, placement: Placement, surface: Surface,
     lighting: Lighting | None, behind, encoding: Encoding, linear, color, scratch,
-    room,
+    room, coding: Encoding | None,
 ):  # fmt: skip
     """
     Write the colour of rows whose pixels show shares of several opaque faces.
@@ -317,7 +360,8 @@ def mix_faces(
     lighting : Lighting or None
         ``None``: every object shows its own colour.
     behind : (R or 1, 4, W) float32, linear, straight alpha
-        What is seen where no face is: of each row, or one that is the same in all.
+        What is seen where no face is: of each row, or one that is the same in all. In codes, but
+        for alpha, if codes are mixed.
     encoding : Encoding
         Tones are not mapped.
     linear : (R, W, 4) float32
@@ -328,6 +372,9 @@ def mix_faces(
         This thread's own, from ``shading.scratch_memory``.
     room : tuple
         As well, from `scratch_memory`.
+    coding : Encoding or None
+        ``None``: light is mixed. Else the tones of each colour are mapped, it is rounded to codes,
+        and codes are mixed; no linear colour is wanted then.
     """
     shown, shares, rest = found
     toward_viewer, (others, mixed) = viewer_of(placement), room
@@ -347,14 +394,15 @@ def mix_faces(
                 faces = shown[layer, at, start:stop]
                 if is_empty(faces):
                     continue
-                _, colors = shade_part(
+                count, colors = shade_part(
                     faces, left, first_row + row, geometry, placement, surface, lighting,
                     toward_viewer, scratch,
                 )  # fmt: skip
+                colors = colors_to_mix(scratch[0], count, colors, coding)
                 mix_layer(
                     layer, faces, colors, alpha_row(scratch[0], surface.alphas),
                     shares[layer, at, start:stop], other, mixed,
                 )  # fmt: skip
             if shows_both(other):
                 divide_row(shares[0, at, start:stop], other, mixed[0], mixed[1], mixed[2], mixed[3])
-            write_mixed(mixed, encoding, linear[row, left:right], color[row, left:right])
+            write_mixed(mixed, encoding, linear[row, left:right], color[row, left:right], coding)

@@ -77,15 +77,22 @@ class Quality:
     shadow_taps : {1, 9}, optional
         Comparisons with a shadow map: one, or 3 x 3 filtered ones. Default: what each light says.
     transparency_layers : {1, 2, 4, 8, "all"}
-        How many of the nearest transparent surfaces are seen at a pixel.
+        How many of the nearest transparent surfaces are seen at a sample, by depth: those behind
+        them are not shaded, and what is opaque is seen through them. With ``"all"`` more than 4096
+        behind each other are an error.
     blending : {"srgb8", "linear"}
-        What transparent surfaces and samples are mixed in: 8-bit codes, as old programs do it, or
-        light.
+        What transparent surfaces, samples and the lines of a wireframe are mixed in: 8-bit sRGB
+        codes, as old programs do it, or light. With codes every colour is tone mapped and rounded
+        to 8 bits by itself, alpha as well, and so is what comes of laying one over another; the
+        output ``"linear"`` is then what the codes stand for. Where a frame mixes nothing it has
+        the same bits either way.
     math : {"polynomial", "library"}
         Powers and exponentials of highlights, fog and tone curves: the engine's own, to 2e-7, which
         has the same bits on every CPU; or the math library's, to the last bit or two.
     lines : {"bresenham", "coverage"}
-        Edges of a wireframe: one pixel after the other, or by how far the line covers each.
+        Edges of a wireframe: one pixel after the other, between the pixels that hold the vertices;
+        or by the area of each pixel that is covered by a line one pixel wide between the vertices
+        on their grid.
 
     Raises
     ------

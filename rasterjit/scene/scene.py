@@ -36,8 +36,9 @@ class Wireframe:
     """
     Ask for the edges of every face to be drawn, over the 8-bit colour.
 
-    Lines are one pixel wide, by Bresenham between the pixels that hold the vertices, and not
-    smoothed by more samples. No other output than ``"color"`` shows them.
+    Lines are one pixel wide, by Bresenham between the pixels that hold the vertices, or smooth with
+    ``Quality(lines="coverage")``; more samples do not change them. No other output than
+    ``"color"`` shows them.
 
     Parameters
     ----------
