@@ -100,3 +100,56 @@ def lines_of_bands(ends, size, rows):
             ]
         )
     return bands
+
+
+def cut_polygon(polygon, normal, most):
+    """Return what of a convex polygon has ``normal . p <= most``."""
+    kept = []
+    for (px, py), (qx, qy) in zip(polygon, polygon[1:] + polygon[:1], strict=True):
+        here, there = (
+            normal[0] * x + normal[1] * y - most for x, y in ((px, py), (qx, qy))
+        )  # fmt: skip
+        if here <= 0.0:
+            kept.append((px, py))
+        if here * there < 0.0:
+            t = here / (here - there)
+            kept.append((px + t * (qx - px), py + t * (qy - py)))
+    return kept
+
+
+def polygon_area(polygon):
+    """Return the area of a polygon, whichever way it runs."""
+    pairs = zip(polygon, polygon[1:] + polygon[:1], strict=True)
+    return 0.5 * abs(sum(px * qy - qx * py for (px, py), (qx, qy) in pairs))
+
+
+def rectangle_of(start, end):
+    """Return the half-planes (normal, most) of a line one pixel wide, and its direction."""
+    dx, dy = end[0] - start[0], end[1] - start[1]
+    length = math.sqrt(dx * dx + dy * dy)
+    x, y = (dx / length, dy / length) if length > 0.0 else (1.0, 0.0)
+    middle = 0.5 * (start[0] + end[0]), 0.5 * (start[1] + end[1])
+    planes = []
+    for (nx, ny), half in (((x, y), 0.5 * length + 0.5), ((-y, x), 0.5)):
+        place = nx * middle[0] + ny * middle[1]
+        planes += [((nx, ny), place + half), ((-nx, -ny), half - place)]
+    return planes
+
+
+def line_share(start, end, column, row):
+    """Return the part of a pixel that a line covers: its square, cut along all four sides."""
+    square = [(column, row), (column + 1, row), (column + 1, row + 1), (column, row + 1)]
+    for normal, most in rectangle_of(start, end):
+        square = cut_polygon(square, normal, most) if square else square
+    return polygon_area(square) if square else 0.0
+
+
+def is_cut_by_end_and_side(start, end, column, row):
+    """Return whether an end and a long side of a line both cut a pixel."""
+    corners = [(column + i, row + j) for i in (0, 1) for j in (0, 1)]
+    cut = [
+        min(nx * x + ny * y for x, y in corners) < most - 1e-9
+        and max(nx * x + ny * y for x, y in corners) > most + 1e-9
+        for (nx, ny), most in rectangle_of(start, end)
+    ]
+    return (cut[0] or cut[1]) and (cut[2] or cut[3])

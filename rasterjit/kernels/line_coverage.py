@@ -288,7 +288,7 @@ def cover_line(line, ends, depths, rows, viewport, depth, slack, cover):
     middle_x = 0.5 - np.float64(x0 + x1) * (0.5 * per_pixel)
     middle_y = 0.5 - np.float64(y0 + y1) * (0.5 * per_pixel)
     reach = np.float64(profile[0]) + MARGIN
-    down = half_length * abs(along_y) + HALF_WIDTH * abs(along_x) + 0.5 + MARGIN
+    down = (half_length + reach) * abs(along_y) + (HALF_WIDTH + reach) * abs(along_x)
     top = max(np.int64(np.ceil(-down - middle_y)), np.int64(rows[0]))
     bottom = min(np.int64(np.floor(down - middle_y)), np.int64(rows[1]) - 1)
     for row in range(top, bottom + 1):
