@@ -416,3 +416,132 @@ def test_wireframe_alone_shades_no_layers(cube, camera):
     assert rj.render(scene, camera, size=(32, 24)).plan.layers is None
     scene.wireframe = rj.Wireframe(mode="overlay")
     assert rj.render(scene, camera, size=(32, 24)).plan.layers is not None
+
+
+# --- the nearest layers alone ---------------------------------------------------------------------
+
+LEVELS = [1, 2, 4, 8]
+
+
+def nearest(surfaces, is_blended, most):
+    """Return the faces that are seen if so many transparent ones are: the opaque one always is."""
+    faces = naive_layers.seen_faces(surfaces, is_blended)
+    transparent = [face for face in faces if is_blended[face]]
+    return transparent[:most] + [face for face in faces if not is_blended[face]]
+
+
+@pytest.mark.parametrize("most", LEVELS)
+def test_the_nearest_transparent_faces_alone_are_seen(most):
+    rng, count, background = np.random.default_rng(57), 30, (0.1, 0.2, 0.3, 1.0)
+    triangles = soup(rng, count)
+    # Exact ties: the lower face is nearer.
+    triangles[20:] = triangles[5:15]
+    colors, is_blended = colors_of(rng, count, (0.1, 0.9)), rng.random(count) < 0.9
+    own = [
+        [*c[:3], c[3] if blended else 1.0] for c, blended in zip(colors, is_blended, strict=True)
+    ]
+    surfaces = naive_layers.rounded_surfaces(triangles, SIZE)
+    want = np.empty((SIZE[1], SIZE[0], 4))
+    want[:] = background
+    for (column, row), found in surfaces.items():
+        faces = nearest(found, is_blended, most)
+        want[row, column] = naive_layers.over(faces, own, background)
+    meshes = meshes_of(triangles, colors, is_blended)
+    quality = rj.Quality(transparency_layers=most)
+    frame = draw(meshes, quality=quality)
+    np.testing.assert_allclose(frame.linear, want, rtol=0, atol=3e-6)
+    assert np.abs(frame.linear - draw(meshes).linear).max() > (0.01 if most < 8 else 0.0)
+    # Neither order of insertion nor threads change a bit but where faces tie.
+    again = draw(meshes, quality=quality, threads=3)
+    assert again.linear.tobytes() == frame.linear.tobytes()
+
+
+def test_order_of_insertion_decides_nothing_of_what_is_left_out():
+    rng, count = np.random.default_rng(58), 20
+    triangles = soup(rng, count)
+    meshes = meshes_of(triangles, colors_of(rng, count), rng.random(count) < 0.9)
+    for most in (1, 4):
+        quality = rj.Quality(transparency_layers=most)
+        first = draw(meshes, quality=quality).linear.tobytes()
+        for _ in range(2):
+            order = rng.permutation(count)
+            other = draw([meshes[n] for n in order], quality=quality)
+            assert other.linear.tobytes() == first
+
+
+@pytest.mark.parametrize("samples", [1, 4])
+def test_as_many_layers_as_there_are_is_all_of_them_bit_by_bit(samples):
+    rng, count = np.random.default_rng(59), 8
+    meshes = meshes_of(soup(rng, count), colors_of(rng, count), np.ones(count, bool))
+    one, other = (
+        draw(meshes, quality=rj.Quality(samples=samples, transparency_layers=most))
+        for most in (8, "all")
+    )
+    assert one.linear.tobytes() == other.linear.tobytes()
+
+
+def test_each_sample_has_its_own_nearest_layers():
+    # Two panes that cross within pixels: at each sample another one is nearer.
+    rng, count, background = np.random.default_rng(60), 10, (0.1, 0.2, 0.3, 1.0)
+    size = (32, 16)
+    triangles = soup(rng, count, size)
+    colors, is_blended = colors_of(rng, count, (0.2, 0.8)), np.ones(count, bool)
+    shown = np.empty((4, size[1], size[0], 4))
+    shown[:] = background
+    offsets = [(6, 2), (14, 6), (2, 10), (10, 14)]
+    for n, (x, y) in enumerate(offsets):
+        place = naive_layers.Fraction(x, 16), naive_layers.Fraction(y, 16)
+        for (column, row), found in naive_layers.rounded_surfaces(triangles, size, place).items():
+            faces = nearest(found, is_blended, 2)
+            shown[n, row, column] = naive_layers.over(faces, colors, background)
+    want = np.apply_along_axis(
+        lambda flat: naive_layers.mean(flat.reshape(4, 4)), 1,
+        shown.transpose(1, 2, 0, 3).reshape(-1, 16),
+    ).reshape(size[1], size[0], 4)  # fmt: skip
+    quality = rj.Quality(samples=4, transparency_layers=2)
+    have = draw(meshes_of(triangles, colors, is_blended, size), size, quality=quality)
+    np.testing.assert_allclose(have.linear, want, rtol=0, atol=3e-6)
+
+
+def test_any_number_of_surfaces_lies_behind_those_that_are_seen(monkeypatch):
+    monkeypatch.setattr(layered, "MOST_LAYERS", 9)
+    size = (64, 64)
+    quality = rj.Quality(transparency_layers=8)
+    frame = draw([deep(300, size)], size, background=(0, 0, 0, 1), quality=quality)
+    assert frame.linear[8, 8, 0] == pytest.approx(1.0 - 0.99**8, abs=1e-6)
+    with pytest.raises(ValueError, match="300 transparent surfaces"):
+        draw([deep(300, size)], size)
+
+
+def test_no_more_layers_are_held_or_shaded_than_are_seen(monkeypatch):
+    shaded, rooms = [], []
+    shade, find = layered.Shader.shade, transparency.find_layers
+    monkeypatch.setattr(layered.Shader, "shade", lambda *a: shaded.append(1) or shade(*a))
+    monkeypatch.setattr(
+        transparency, "find_layers",
+        lambda *a: rooms.append(a[9][1].shape[1]) or find(*a),
+    )  # fmt: skip
+    size = (16, 16)
+    for most in LEVELS:
+        shaded.clear()
+        rooms.clear()
+        draw([deep(40, size)], size, quality=rj.Quality(transparency_layers=most))
+        # And once for what is opaque.
+        assert len(shaded) == most + 1
+        assert rooms == [most]
+
+
+def test_plan_says_how_many_layers_are_seen(cube, camera):
+    scene = scene_of([rj.Mesh(cube.vertices, cube.faces, material=glass())])
+    for most, text in ((1, ", the nearest one at a sample"), (4, ", the nearest 4 at a sample")):
+        plan = rj.explain(scene, camera, rj.Quality(transparency_layers=most))
+        assert reason(plan, "transparency") == (True, "1 blended object" + text)
+        assert plan.layers.most == most
+    plain = rj.explain(scene_of([cube]), camera, rj.Quality(transparency_layers=2))
+    assert reason(plain, "transparency") == (False, "no material is blended")
+
+
+@pytest.mark.parametrize("most", [0, 3, -1, 16, 1.5, "one", None, True])
+def test_bad_number_of_layers_is_refused(most):
+    with pytest.raises(ValueError, match=r"transparency_layers.*1, 2, 4, 8"):
+        rj.Quality(transparency_layers=most)
