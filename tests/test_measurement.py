@@ -255,30 +255,45 @@ def called(monkeypatch):
     return names
 
 
+MIXED = {
+    "rich codes": {"blending": "srgb8"},
+    "rich codes of samples": {"blending": "srgb8", "samples": 4},
+    "codes of samples": {"blending": "srgb8", "samples": 4},
+    "codes of areas": {"blending": "srgb8", "samples": "area"},
+    "covered edges": {"lines": "coverage"},
+    "rich covered edges": {"lines": "coverage", "blending": "srgb8"},
+    "area": {"samples": "area"},
+    "samples": {"samples": 4},
+    "pictures": {"samples": 64},
+    "rich pictures": {"samples": 64},
+}
+"""Settings of the quality by the cases that have any."""
+
+
 @pytest.mark.parametrize(
-    "case",
-    ["plain", "rich", "gouraud", "buffers", "edges", "shadows", "area", "samples", "pictures",
-     "rich pictures"],
-)  # fmt: skip
+    "case", ["plain", "rich", "gouraud", "buffers", "edges", "shadows", *MIXED]
+)
 def test_kernels_told_are_those_called(cube, called, case):
     scene, camera, outputs, diagnose = rj.Scene(), looking(), ("color",), False
     scene.add(cube)
-    if case.startswith("rich"):
+    if "codes" in case:
+        outputs = ("color", "linear")
+    if "rich" in case:
         scene = rich_scene(cube)
     elif case == "gouraud":
         cube.material = dataclasses.replace(cube.material, shading="gouraud")
     elif case == "buffers":
         outputs, diagnose = ("depth", "barycentric", "position", "normal", "object_id"), True
-    elif case == "edges":
+    elif "edges" in case:
         scene.wireframe = rj.Wireframe("red", "only")
     elif case == "shadows":
         scene.lights = [rj.PointLight((0.5, 3.0, 1.0), intensity=9.0, shadow=rj.Shadow(size=64))]
         scene.add(cube, rj.transforms.translate((0, -2.5, 0)))
         scene.environment = rj.Environment.gradient()
     options = {"size": SIZE, "outputs": outputs, "diagnose": diagnose}
-    options["quality"] = rj.Quality(samples={"area": "area", "samples": 4}.get(case, 1))
+    options["quality"] = rj.Quality(**MIXED.get(case, {}))
     if case.endswith("pictures"):
-        options["quality"], options["size"] = rj.Quality(samples=64), (24, 18)
+        options["size"] = (24, 18)
     plan = rj.explain(scene, camera, **options)
     rj.render(scene, camera, **options)
     told = plan_resources.list_kernels(plan)

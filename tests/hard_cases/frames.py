@@ -1,5 +1,5 @@
 """
-Thirty-nine small frames that use every feature, and the recorded hashes of all their outputs.
+Forty-four small frames that use every feature, and the recorded hashes of all their outputs.
 
 Nothing here depends on a math library or a random generator: coordinates are whole numbers,
 quotients and square roots, whose bits IEEE 754 fixes, and the "random" ones are a small generator
@@ -48,11 +48,13 @@ class Shot:
     bits: int = 8
     samples: int | str = 1
     options: dict[str, Any] = field(default_factory=dict)
+    settings: dict[str, Any] = field(default_factory=dict)
+    """Of the quality, besides."""
 
     @property
     def quality(self) -> rj.Quality:
         """How accurately it is rendered."""
-        return rj.Quality(self.bits, self.samples)
+        return rj.Quality(self.bits, self.samples, **self.settings)
 
     def draw(self, threads: int = 1) -> Arrays:
         """Render in a renderer of its own."""
@@ -420,6 +422,31 @@ def areas() -> Shot:
     return replace(shadows_of_all_lights(), size=(60, 40), samples="area")
 
 
+def codes_of_glass() -> Shot:
+    settings = {"blending": "srgb8", "transparency_layers": 2}
+    return replace(glass(1, (120, 80)), settings=settings)
+
+
+def codes_in_four_samples() -> Shot:
+    shot = glass(4, (60, 40))
+    return replace(shot, settings={"blending": "srgb8"}, options={"background": "transparent"})
+
+
+def codes_at_edges() -> Shot:
+    return replace(edges_in_eight_samples(), settings={"blending": "srgb8"})
+
+
+def lines_by_coverage() -> Shot:
+    return replace(wireframe_overlay(), settings={"lines": "coverage"})
+
+
+def lines_by_coverage_in_codes() -> Shot:
+    shot = wireframe_clipped()
+    shot.scene.wireframe = rj.Wireframe("#c04020", "only")
+    settings = {"lines": "coverage", "blending": "srgb8"}
+    return replace(shot, settings=settings, options={"background": "transparent"})
+
+
 def culled_back() -> Shot:
     scene = scene_of(ball(4), plane(3, 2.0))
     return Shot(scene, looking((1.0, -2.0, 4.0)), options={"cull": "back"})
@@ -580,7 +607,8 @@ FRAMES: dict[str, Callable[[], Shot | Soup | Canvas]] = {
         gouraud_vertex_colours, phong_highlights, all_shadings, light_near_surface,
         wireframe_overlay, wireframe_only, wireframe_clipped, occluded_and_outlined,
         materials_under_a_sky, shadows_of_all_lights, layers_of_glass, layers_in_four_samples,
-        edges_in_eight_samples, many_pictures, areas, culled_back,
+        edges_in_eight_samples, many_pictures, areas, codes_of_glass, codes_in_four_samples, codes_at_edges,
+        lines_by_coverage, lines_by_coverage_in_codes, culled_back,
         culled_front_and_mirrored, parallel, mirroring_matrices, intrinsics,
         ground_to_the_horizon, inside_a_ball, slivers, far_from_the_origin, vast_and_tiny,
         whole_pixels, equal_depths, soup, wild_soup, lines_and_curves, many_lines,

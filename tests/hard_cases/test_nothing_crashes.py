@@ -156,7 +156,7 @@ FIELDS = {
     rj.Material: ("metallic", "roughness", "normal_texture", "normal_scale", "occlusion_strength",
                   "emissive", "alpha_mode", "alpha_cutoff", "double_sided"),
     rj.Texture: ("color_space", "anisotropy", "offset", "rotation", "scale"),
-    rj.Quality: ("subpixel_bits", "samples"),
+    rj.Quality: ("subpixel_bits", "samples", "transparency_layers", "blending", "lines"),
 }  # fmt: skip
 """What effects are asked for with."""
 
