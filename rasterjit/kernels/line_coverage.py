@@ -51,6 +51,9 @@ BAND_BITS = 5
 
 BAND_ROWS = 1 << BAND_BITS
 
+GROUP = 8
+"""Pixels of a row that are looked at together: as many as a vector register has float64."""
+
 MARGIN = 1.0 / 16.0
 """Pixels beside a line that are looked at to no avail: rounding decides nothing."""
 
@@ -263,12 +266,22 @@ def ramp_of(depths, line, length):
 
 
 @stage
-def bound_columns(low, high, across, middle, reach):
-    """Return the part of low..high in which ``x * across`` is no farther from middle than reach."""
+def strip_of(across, along, reach):
+    """Return slope and half width of the columns ``x`` with ``|x across - y along| <= reach``."""
     if across == 0.0:
-        return low, high
-    centre, half = middle / across, reach / abs(across)
-    return max(low, centre - half), min(high, centre + half)
+        return 0.0, np.inf
+    return along / across, reach / abs(across)
+
+
+@stage
+def some_groups(low, high, width):
+    """Return columns low..high, as far as there are any, widened to whole groups if there are."""
+    first, stop = np.int64(np.ceil(low)), np.int64(np.floor(high)) + 1
+    if first >= stop:
+        return np.int64(0), np.int64(0)
+    columns = ((stop - first - 1) | (GROUP - 1)) + 1
+    first = max(min(first, width - columns), np.int64(0))
+    return first, min(first + columns, width)
 
 
 @stage
@@ -289,16 +302,17 @@ def cover_line(line, ends, depths, rows, viewport, depth, slack, cover):
     middle_y = 0.5 - np.float64(y0 + y1) * (0.5 * per_pixel)
     reach = np.float64(profile[0]) + MARGIN
     down = (half_length + reach) * abs(along_y) + (HALF_WIDTH + reach) * abs(along_x)
+    sides = strip_of(along_y, along_x, HALF_WIDTH + reach)
+    tips = strip_of(along_x, -along_y, half_length + reach)
     top = max(np.int64(np.ceil(-down - middle_y)), np.int64(rows[0]))
     bottom = min(np.int64(np.floor(down - middle_y)), np.int64(rows[1]) - 1)
     for row in range(top, bottom + 1):
         y = np.float64(row) + middle_y
         y_along, y_across = y * along_y, y * along_x
-        low, high = middle_x, np.float64(viewport.width - 1) + middle_x
-        low, high = bound_columns(low, high, along_y, y_across, HALF_WIDTH + reach)
-        low, high = bound_columns(low, high, along_x, -y_along, half_length + reach)
-        first = np.int64(np.ceil(low - middle_x))
-        stop = np.int64(np.floor(high - middle_x)) + 1
+        aside, ahead = y * sides[0] - middle_x, y * tips[0] - middle_x
+        low = max(max(aside - sides[1], ahead - tips[1]), 0.0)
+        high = min(min(aside + sides[1], ahead + tips[1]), np.float64(viewport.width - 1))
+        first, stop = some_groups(low, high, viewport.width)
         if first < stop:
             cover_run(
                 cover[row - rows[0], first:stop], np.float64(first) + middle_x, y_along, y_across,
