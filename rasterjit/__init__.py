@@ -85,6 +85,7 @@ __all__ = [
     "ToneMap",
     "Visibility",
     "Wireframe",
+    "accuracy",
     "explain",
     "explain_pixel",
     "fit_camera",
@@ -103,7 +104,7 @@ def __dir__() -> list[str]:
 
 
 def __getattr__(name: str) -> ModuleType:
-    """Load the oracle when it is first named: rendering needs none of what it imports."""
-    if name == "oracle":
-        return import_module("rasterjit.oracle")
+    """Load what rendering needs nothing of when it is first named."""
+    if name in ("accuracy", "oracle"):
+        return import_module(f"rasterjit.{name}")
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

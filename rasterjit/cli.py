@@ -1,5 +1,5 @@
 """
-The command line: ``rasterjit render | turntable | explain | warmup | doctor``.
+The command line: ``rasterjit render | turntable | explain | accuracy | warmup | doctor``.
 
 Exit status: 0 done, 1 failed, 2 wrong usage, 130 interrupted. Errors are one line on standard
 error. What is slow to import is imported by the command that needs it.
@@ -21,7 +21,10 @@ from rasterjit.cli_files import OWN_PROCESS, is_opaque, load_scene, plan_files, 
 from rasterjit.cli_options import (
     OUTPUTS_HELP,
     ColorType,
+    FiniteType,
+    KnobsType,
     Look,
+    MadeSceneType,
     OutputsType,
     PixelType,
     PlaceType,
@@ -367,6 +370,43 @@ def explain(
         with status(f"Measuring {file.name} (what is new is compiled first)", quiet=False):
             measured = measure_frame(scene, camera, threads=threads, **options)
         print_measurement(measured)
+
+
+@program.command()
+@click.argument("file", type=click.Path(path_type=Path), required=False)
+@click.option("--scene", "made", type=MadeSceneType(), metavar="NAME",
+              help="Instead of FILE, a scene that is made for some of the settings.")  # fmt: skip
+@click.option("--knobs", type=KnobsType(), metavar="NAMES",
+              help="Comma-separated names of the settings to try; default: all.")  # fmt: skip
+@click.option("--budget", type=FiniteType(0.0, min_open=True), metavar="SECONDS",
+              help="Time that it may take, about; default 90.")  # fmt: skip
+@click.option("-o", "--output", type=click.Path(path_type=Path), required=True, metavar="FOLDER",
+              help="Where the report is written; made if there is none.")  # fmt: skip
+@click.option("--size", type=SizeType(), metavar="WxH",
+              help="Size of the picture, pixels; default 640x480.")  # fmt: skip
+@view_options
+@look_options
+@effect_options(quality=False)
+@threads_option
+@quiet_option
+@debug_option
+@click.pass_context
+def accuracy(context: click.Context, file: Path | None, made: str | None, **rest: Any) -> None:
+    """
+    Measure what each accuracy setting costs in time and buys in error.
+
+    Draws FILE with every level of every setting that matters to it, from the standard quality on,
+    and compares time and picture with those of the reference.
+    """
+    if (file is None) == (made is None):
+        raise click.UsageError("give either a FILE or --scene NAME")
+    from rasterjit.cli_accuracy import study_scene
+
+    view, look, effects = (gather(kind, rest) for kind in (View, Look, Effects))
+    view.check()
+    found = study_scene(made or file, view, look, effects, rest)
+    if found.interrupted:
+        context.exit(INTERRUPTED)
 
 
 @program.command()

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
-from rasterjit.cli_options import ColorType, FiniteType, add_options
+from rasterjit.cli_options import ColorType, FiniteType, SettingType, add_options
+from rasterjit.scene.quality import LEVELS, PRESETS, Quality
 
 if TYPE_CHECKING:
-    from rasterjit.scene.quality import Quality
     from rasterjit.scene.scene import Scene
 
-SAMPLES = ("1", "2", "4", "8", "16", "area")
+SAMPLES = tuple(str(level) for level in LEVELS["samples"])
 """Choices of ``Quality.samples``."""
 
 SKY = "sky"
@@ -29,19 +29,29 @@ FILL_INTENSITY = 0.15
 class Effects(NamedTuple):
     """Options that add effects."""
 
-    samples: str
+    samples: str | None
     shadows: bool
     environment: str | None
     ambient_occlusion: bool
     outline: str | None
     tone_map: str | None
     exposure: float | None
+    preset: str = "standard"
+    changes: tuple[dict[str, Any], ...] = ()
 
     def quality(self) -> Quality:
-        """Return the quality that was asked for."""
-        from rasterjit.scene.quality import Quality
-
-        return Quality(samples=self.samples if self.samples == "area" else int(self.samples))
+        """Return the quality that was asked for, or raise click's usage error."""
+        changed: dict[str, Any] = {}
+        if self.samples is not None:
+            changed["samples"] = self.samples if self.samples == "area" else int(self.samples)
+        for change in self.changes:
+            for name, level in change.items():
+                if changed.setdefault(name, level) != level:
+                    raise click.UsageError(f"{name} is given twice: {changed[name]} and {level}")
+        try:
+            return dataclasses.replace(PRESETS[self.preset](), **changed)
+        except ValueError as error:
+            raise click.UsageError(str(error)) from None
 
     def apply(self, scene: Scene) -> None:
         """Add the effects to a scene."""
@@ -81,12 +91,22 @@ def _cast_shadows(scene: Scene) -> None:
     ]
 
 
-def effect_options(command: Callable) -> Callable:
-    """Add the options of `Effects` to a command."""
+def effect_options(command: Callable | None = None, *, quality: bool = True) -> Callable:
+    """Add the options of `Effects` to a command, perhaps without those of quality."""
+    if command is None:
+        return lambda command: effect_options(command, quality=quality)
+    settings = [
+        click.option("--quality", "preset", type=click.Choice(tuple(PRESETS)), default="standard",
+                     show_default=True, help="How accurately to render."),
+        click.option("--set", "changes", type=SettingType(), multiple=True,
+                     help="Change one accuracy setting, as shadow_size=2048; may be repeated."),
+        click.option("--samples", type=click.Choice(SAMPLES),
+                     help="Samples of each pixel against jagged edges; area is exact, slow. "
+                          "Short for --set samples=..."),
+    ]  # fmt: skip
     return add_options(
         [
-            click.option("--samples", type=click.Choice(SAMPLES), default="1", show_default=True,
-                         help="Samples of each pixel against jagged edges; area is exact, slow."),
+            *(settings if quality else ()),
             click.option("--shadows", is_flag=True,
                          help="Let the lights cast shadows; without lights, a sun."),
             click.option("--environment", metavar="FILE|sky",

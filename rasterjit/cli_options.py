@@ -152,6 +152,60 @@ class OutputsType(click.ParamType):
             self.fail(str(error), parameter, context)
 
 
+class SettingType(click.ParamType):
+    """An accuracy setting and its level, ``samples=8``."""
+
+    name = "NAME=LEVEL"
+
+    def convert(
+        self, value: Any, parameter: click.Parameter | None, context: click.Context | None
+    ) -> dict[str, Any]:
+        """Return ``{name: level}``, or raise click's usage error."""
+        from rasterjit.scene.quality import parse_setting
+
+        if isinstance(value, dict):
+            return value
+        try:
+            return parse_setting(value)
+        except ValueError as error:
+            self.fail(str(error), parameter, context)
+
+
+class KnobsType(click.ParamType):
+    """Names of accuracy settings, ``samples,shading``."""
+
+    name = "names"
+
+    def convert(
+        self, value: Any, parameter: click.Parameter | None, context: click.Context | None
+    ) -> tuple[str, ...]:
+        """Return the names, or raise click's usage error."""
+        from rasterjit.accuracy.knobs import check_knobs
+
+        if isinstance(value, tuple):
+            return value
+        try:
+            return check_knobs([name.strip() for name in value.split(",")])
+        except ValueError as error:
+            self.fail(str(error), parameter, context)
+
+
+class MadeSceneType(click.ParamType):
+    """The name of a scene that is made, not read."""
+
+    name = "name"
+
+    def convert(
+        self, value: Any, parameter: click.Parameter | None, context: click.Context | None
+    ) -> str:
+        """Return the name, or raise click's usage error."""
+        from rasterjit.accuracy.scenes import SCENES
+
+        if value not in SCENES:
+            self.fail(f"{value!r} is none of {', '.join(SCENES)}", parameter, context)
+        return value
+
+
 class PlaceType(click.ParamType):
     """
     A file to write: its format is known and its folder can be written to.

@@ -29,6 +29,7 @@ EXTRAS = {
     "formats": FORMATS_EXTRA,
     "video": ("imageio_ffmpeg",),
     "exr": ("OpenEXR",),
+    "accuracy": ("matplotlib", "flip_evaluator"),
 }
 """Modules that each optional extra brings."""
 

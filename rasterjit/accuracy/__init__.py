@@ -1,1 +1,28 @@
-"""Measure what each accuracy setting costs in time and what it buys in error."""
+"""
+Measure what each accuracy setting costs in time and what it buys in error.
+
+>>> import rasterjit as rj
+>>> found = rj.accuracy.study(rj.load("models/teapot.obj"), budget=30, output="report")
+>>> found.front
+"""
+
+from rasterjit.accuracy.files import can_make_page, write_files, write_report
+from rasterjit.accuracy.results import Errors, Study, Trial
+from rasterjit.accuracy.scenes import MADE_FOR, SCENES, MadeScene, make
+from rasterjit.accuracy.sentences import sentences
+from rasterjit.accuracy.study import study
+
+__all__ = [
+    "MADE_FOR",
+    "SCENES",
+    "Errors",
+    "MadeScene",
+    "Study",
+    "Trial",
+    "can_make_page",
+    "make",
+    "sentences",
+    "study",
+    "write_files",
+    "write_report",
+]

@@ -127,6 +127,10 @@ class Study:
         Labels that the budget left no time for, or that were interrupted.
     reference_color : (H, W, 3) uint8, sRGB
     reference_seconds : float
+    impossible : dict of str
+        Labels of what cannot be rendered here, with the reason in words.
+    interrupted : bool
+        Whether Ctrl-C ended it early.
     """
 
     scene: str
@@ -142,6 +146,8 @@ class Study:
     left_out: tuple[str, ...]
     reference_color: NDArray[np.uint8] = field(repr=False)
     reference_seconds: float = 0.0
+    impossible: dict[str, str] = field(default_factory=dict)
+    interrupted: bool = False
 
     def of(self, setting: str) -> list[Trial]:
         """Return the trials of one setting, from its least accurate level on."""

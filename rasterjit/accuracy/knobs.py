@@ -1,0 +1,209 @@
+"""Decide what to try of a scene: which settings matter in it, and which levels of them."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+from rasterjit.accuracy.results import COMBINATIONS
+from rasterjit.plan import RenderPlan
+from rasterjit.plan_effects import Grounds
+from rasterjit.scene.camera import OrthographicCamera
+from rasterjit.scene.quality import LEVELS, PRESETS, SUPERSAMPLED, Quality, differences
+
+TRIED_PRESETS = ("draft", "high")
+"""Presets that are tried besides the standard and the reference, which are drawn anyway."""
+
+AXES: dict[str, tuple[Any, ...]] = {
+    "samples": (2, 4, 8, 16),
+    "shading": ("vertex",),
+    "texture_filter": ("nearest", "anisotropic8"),
+    "shadow_size": (512, 2048),
+    "transparency_layers": (2,),
+    "lines": ("coverage",),
+}
+"""Levels that are combined, besides the standard's: those whose price is highest."""
+
+MOST_COMBINATIONS = 24
+"""Products of settings that are tried; of more, as many are taken evenly."""
+
+
+class Attempt(NamedTuple):
+    """A quality to be tried, named as `Trial` is."""
+
+    setting: str
+    level: str
+    quality: Quality
+
+    @property
+    def label(self) -> str:
+        """What to call it."""
+        return self.level if self.setting == COMBINATIONS else f"{self.setting}={self.level}"
+
+    @property
+    def passes(self) -> int:
+        """How many whole pictures it draws."""
+        samples = self.quality.samples
+        return samples if samples in SUPERSAMPLED else 1
+
+
+def check_knobs(knobs: Iterable[str] | None) -> tuple[str, ...]:
+    """Return the settings that are named, all for None, or raise ``ValueError``."""
+    if knobs is None:
+        return tuple(LEVELS)
+    names = (knobs,) if isinstance(knobs, str) else tuple(knobs)
+    for name in names:
+        if name not in LEVELS:
+            raise ValueError(
+                f"knobs has {name!r}, which is unknown; possible are {', '.join(LEVELS)}"
+            )
+    if not names:
+        raise ValueError(f"knobs must name at least one of {', '.join(LEVELS)}; got none")
+    return tuple(name for name in LEVELS if name in names)
+
+
+def without_effect(plan: RenderPlan, knobs: Sequence[str]) -> dict[str, str]:
+    """Return which of some settings change nothing in a frame, with the reason in words."""
+    grounds = plan.grounds
+    if not grounds.seen.objects:
+        return dict.fromkeys(knobs, "no object is in view")
+    reasons = {name: REASONS[name](plan) for name in knobs if name in REASONS}
+    return {name: reason for name, reason in reasons.items() if reason is not None}
+
+
+def single_attempts(knobs: Sequence[str]) -> list[Attempt]:
+    """Return the levels of some settings, each changed from the standard alone."""
+    standard = Quality.standard()
+    return [
+        Attempt(name, str(level), replace(standard, **{name: level}))
+        for name in knobs
+        for level in LEVELS[name]
+        if level != getattr(standard, name) and is_possible(standard, {name: level})
+    ]
+
+
+def combined_attempts(knobs: Sequence[str]) -> list[Attempt]:
+    """Return presets, and products of some settings, that change more than one of them."""
+    standard, found = Quality.standard(), []
+    for preset in TRIED_PRESETS:
+        changes = differences(PRESETS[preset](), standard)
+        changes = {name: level for name, level in changes.items() if name in knobs}
+        if len(changes) > 1:
+            found.append(Attempt(COMBINATIONS, preset, replace(standard, **changes)))
+    products = [changes for changes in _products(knobs) if is_possible(standard, changes)]
+    for changes in evenly(products, MOST_COMBINATIONS):
+        quality = replace(standard, **changes)
+        if all(quality != other.quality for other in found):
+            found.append(Attempt(COMBINATIONS, in_words(changes), quality))
+    return found
+
+
+def _products(knobs: Sequence[str]) -> list[dict[str, Any]]:
+    """Return all choices of levels from the axes that change two settings or more."""
+    axes = [(name, AXES[name]) for name in AXES if name in knobs]
+    standard = Quality.standard()
+    choices = [[(name, level) for level in (getattr(standard, name), *axis)] for name, axis in axes]
+    found = []
+    for choice in itertools.product(*choices):
+        changes = {name: level for name, level in choice if level != getattr(standard, name)}
+        if len(changes) > 1:
+            found.append(changes)
+    return sorted(found, key=len)
+
+
+def evenly(items: Sequence[Any], count: int) -> list[Any]:
+    """Return ``count`` of the items, from the first on and equally far apart, or all of fewer."""
+    if len(items) <= count:
+        return list(items)
+    return [items[number * len(items) // count] for number in range(count)]
+
+
+def in_words(changes: dict[str, Any]) -> str:
+    """Return changed settings as they are written on the command line."""
+    return " ".join(f"{name}={level}" for name, level in changes.items())
+
+
+def is_possible(quality: Quality, changes: dict[str, Any]) -> bool:
+    """Tell whether a quality takes some changes."""
+    try:
+        replace(quality, **changes)
+    except ValueError:
+        return False
+    return True
+
+
+def _effect_reason(plan: RenderPlan, name: str) -> str | None:
+    """Return why an effect of the plan is out; None if it is in."""
+    effect = next(effect for effect in plan.effects if effect.name == name)
+    return None if effect.used else effect.reason
+
+
+def _not_shaded(plan: RenderPlan) -> str | None:
+    """Say why no face is shaded."""
+    return _effect_reason(plan, "shading")
+
+
+def _not_interpolated(plan: RenderPlan) -> str | None:
+    """Say why nothing is interpolated over a face."""
+    if isinstance(plan.camera, OrthographicCamera):
+        return "the camera is orthographic: what is linear on a face is linear on the screen"
+    grounds = plan.grounds
+    if grounds.is_lit or grounds.needs_textures or grounds.has_fog or grounds.needs_cutouts:
+        return None
+    return _not_shaded(plan)
+
+
+def _not_lit_finely(plan: RenderPlan) -> str | None:
+    """Say why no material is lit by the vertex or the pixel that could do with less."""
+    if not plan.grounds.is_lit:
+        return _lighting_reason(plan.grounds)
+    if not plan.grounds.seen.shadings & {"gouraud", "phong"}:
+        return "no material in view is gouraud or phong"
+    return None
+
+
+def _lighting_reason(grounds: Grounds) -> str:
+    """Say why nothing is lit."""
+    return "every material in view is unlit" if grounds.shades else "no face is shaded"
+
+
+def _without_pixel_normals(plan: RenderPlan) -> str | None:
+    """Say why no normals are interpolated."""
+    if not plan.grounds.is_lit:
+        return _lighting_reason(plan.grounds)
+    if not plan.grounds.seen.shadings & {"phong", "pbr"}:
+        return "no material in view is phong or pbr: no normals are interpolated"
+    return None
+
+
+def _not_blended(plan: RenderPlan) -> str | None:
+    """Say why nothing is mixed."""
+    reason = _effect_reason(plan, "transparency")
+    return None if reason is None else f"{reason}, and the standard has one sample a pixel"
+
+
+def _without_powers(plan: RenderPlan) -> str | None:
+    """Say why no powers or exponentials are taken."""
+    grounds = plan.grounds
+    has_highlights = grounds.is_lit and (grounds.seen.highlights or grounds.seen.pbr)
+    if has_highlights or grounds.has_fog or grounds.maps_tones:
+        return None
+    return "there are no highlights, no fog and no tone curve"
+
+
+REASONS: dict[str, Callable[[RenderPlan], str | None]] = {
+    "samples": _not_shaded,
+    "interpolation": _not_interpolated,
+    "shading": _not_lit_finely,
+    "renormalize": _without_pixel_normals,
+    "texture_filter": lambda plan: _effect_reason(plan, "textures"),
+    "shadow_size": lambda plan: _effect_reason(plan, "shadows"),
+    "shadow_taps": lambda plan: _effect_reason(plan, "shadows"),
+    "transparency_layers": lambda plan: _effect_reason(plan, "transparency"),
+    "blending": _not_blended,
+    "math": _without_powers,
+    "lines": lambda plan: _effect_reason(plan, "wireframe"),
+}
+"""What says why a setting has no effect in a frame, or None; the others always may have one."""

@@ -1,0 +1,296 @@
+"""Small scenes, each made so that some accuracy setting matters to it more than in most."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit import transforms
+from rasterjit.scene.camera import PerspectiveCamera
+from rasterjit.scene.light import AmbientLight, DirectionalLight, Shadow
+from rasterjit.scene.material import Material
+from rasterjit.scene.mesh import Mesh
+from rasterjit.scene.scene import Scene, Wireframe
+from rasterjit.scene.texture import Texture
+from rasterjit.validation import one_of
+
+SIZE = (480, 360)
+"""Pixels of their pictures."""
+
+QUAD = np.array([(0, 1, 2), (0, 2, 3)])
+"""Faces of four corners, given counter-clockwise."""
+
+OTHER_QUAD = np.array([(0, 1, 3), (1, 2, 3)])
+"""The same, cut along the other diagonal."""
+
+Points = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class MadeScene:
+    """
+    A scene, who looks at it, and how large its picture is.
+
+    Attributes
+    ----------
+    scene : Scene
+    camera : PerspectiveCamera
+    size : (int, int)
+        Pixels.
+    """
+
+    scene: Scene
+    camera: PerspectiveCamera
+    size: tuple[int, int] = SIZE
+
+
+def make(name: str) -> MadeScene:
+    """
+    Make one of ``SCENES``.
+
+    Raises
+    ------
+    ValueError
+        Naming the scene that is unknown, and listing those that are possible.
+    """
+    return SCENES[one_of("scene", name, tuple(SCENES))]()
+
+
+def floor() -> MadeScene:
+    """Return a tiled floor of two triangles, seen at a grazing angle up to the horizon."""
+    texels = np.full((64, 64, 3), 225, np.uint8)
+    texels[:32, :32] = texels[32:, 32:] = (60, 80, 120)
+    texels[::16] = texels[:, ::16] = (200, 60, 30)
+    corners = [(-40.0, 0.0, 2.0), (40.0, 0.0, 2.0), (40.0, 0.0, -118.0), (-40.0, 0.0, -118.0)]
+    uv = [(0.0, 0.0), (40.0, 0.0), (40.0, 60.0), (0.0, 60.0)]
+    material = Material(shading="unlit", base_color_texture=Texture(texels))
+    scene = Scene()
+    scene.add(Mesh(corners, QUAD, uv=uv, material=material), name="floor")
+    return MadeScene(scene, PerspectiveCamera((1.0, 1.6, 0.0), (4.0, 0.0, -9.0), fov_y=50.0))
+
+
+def wires() -> MadeScene:
+    """Return wires much thinner than a pixel, straight and round."""
+    scene = Scene()
+    dark = Material(shading="unlit", base_color=(0.02, 0.03, 0.08))
+    for number in range(36):
+        sine, cosine = transforms.sine_cosine(5.0 * number + 1.3)
+        away = np.array([cosine, sine, 0.0])
+        scene.add(Mesh(*_strip(0.25 * away, 1.4 * away, 0.0022), material=dark), name="spoke")
+    red = Material(shading="unlit", base_color=(0.5, 0.03, 0.02))
+    for radius in (0.25, 0.55, 0.85, 1.15):
+        scene.add(Mesh(*_ring(radius, 0.002), material=red), name="ring")
+    return MadeScene(scene, PerspectiveCamera((0.013, 0.007, 3.0), (0.013, 0.007, 0.0)))
+
+
+def slivers() -> MadeScene:
+    """Return a smooth pattern held by slivers a few pixels wide, which show where they stand."""
+    rows, columns = 4, 240
+    y, x = np.mgrid[0 : rows + 1, 0 : columns + 1].astype(np.float64)
+    vertices = np.stack([x / columns - 0.5, y / rows - 0.5, 0.0 * x], axis=-1).reshape(-1, 3)
+    red = _wave(vertices[:, 0] * 9.0 + vertices[:, 1])
+    green = _wave(vertices[:, 0] * 7.0 - 2.0 * vertices[:, 1])
+    colors = np.stack([red, green, 0.5 * (red + green)], axis=1)
+    material = Material(shading="unlit", base_color="white")
+    scene = Scene()
+    mesh = Mesh(vertices, _grid_faces(rows, columns), colors=colors, material=material)
+    scene.add(
+        mesh,
+        transforms.compose(transforms.rotate_z(7.0), transforms.scale((4.0, 3.3, 1.0))),
+        name="slivers",
+    )
+    return MadeScene(scene, PerspectiveCamera((0.0, 0.0, 2.5), (0.0, 0.0, 0.0)))
+
+
+def near_and_far() -> MadeScene:
+    """Return plates from 0.3 to 300 m away, each 1 mm in front of another one."""
+    scene = Scene()
+    front = Material(shading="unlit", base_color=(0.85, 0.35, 0.05))
+    behind = Material(shading="unlit", base_color=(0.05, 0.15, 0.6))
+    tilt = transforms.rotate((1.0, 0.7, 0.0), 35.0)
+    distances = (0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0)
+    for number, distance in enumerate(distances):
+        column, row = number % 4, number // 4
+        place = np.array([0.52 * (column - 1.5) + 0.26 * row, 0.3 - 0.6 * row, -1.0]) * distance
+        # The plates turn their normal to the eye, or nearly so.
+        for gap, side, material in ((0.0, 0.2, front), (0.001, 0.24, behind)):
+            corners = side * np.array([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)])
+            shape = transforms.apply(tilt, corners * distance + (0.0, 0.0, -gap)) + place
+            scene.add(Mesh(shape, QUAD, material=material), name=f"plate at {distance:g} m")
+    camera = PerspectiveCamera((0.0, 0.0, 0.0), (0.0, 0.0, -1.0), near=0.1, far=1000.0)
+    return MadeScene(scene, camera)
+
+
+def far_from_origin() -> MadeScene:
+    """Return a bumpy ground a thousand kilometres from the origin of its coordinates, in metres."""
+    origin = np.array([1.0e6 + 0.3, 3.7, -2.0e6 + 0.1])
+    vertices, faces = _bumps(48, 6.0, 0.35)
+    scene = Scene()
+    material = Material(base_color=(0.5, 0.55, 0.35), specular=0.2, shininess=30.0)
+    scene.add(Mesh(vertices + origin, faces, material=material), name="ground")
+    scene.lights += [AmbientLight(intensity=0.15), DirectionalLight((-1.0, -0.8, -0.4))]
+    return MadeScene(scene, PerspectiveCamera(origin + (0.3, 2.2, 4.0), origin))
+
+
+def coplanar() -> MadeScene:
+    """Return sheets a hundredth of a millimetre apart, turned and cut otherwise each, 10 m away."""
+    scene = Scene()
+    corners = np.array([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)], np.float64)
+    tilt = transforms.rotate((1.0, 0.3, 0.0), 50.0)
+    for number in range(8):
+        hue = _wave(number / 8.0 + np.array([0.0, 0.33, 0.66]))
+        material = Material(shading="unlit", base_color=tuple(hue.tolist()))
+        turn = transforms.rotate_z(11.0 * number)
+        sheet = transforms.apply(turn, corners * (3.4 - 0.35 * number)) + (0.0, 0.0, 1e-5 * number)
+        faces = QUAD if number % 2 else OTHER_QUAD
+        scene.add(Mesh(transforms.apply(tilt, sheet), faces, material=material), name="sheet")
+    camera = PerspectiveCamera((0.0, 0.0, 10.0), (0.0, 0.0, 0.0), near=0.1, far=100.0)
+    return MadeScene(scene, camera)
+
+
+def highlights() -> MadeScene:
+    """Return a coarse mesh with smooth normals and sharp highlights, which fills the picture."""
+    vertices, faces = _bumps(10, 6.0, 0.5)
+    scene = Scene()
+    material = Material(base_color=(0.08, 0.14, 0.3), specular=0.9, shininess=90.0)
+    scene.add(Mesh(vertices, faces, material=material), name="coarse")
+    scene.lights += [
+        AmbientLight(intensity=0.2),
+        DirectionalLight((-0.3, -1.0, -0.25), intensity=0.8),
+        DirectionalLight((0.5, -0.8, -0.4), color=(1.0, 0.6, 0.3), intensity=0.5),
+    ]
+    return MadeScene(scene, PerspectiveCamera((0.2, 3.1, 1.6), (0.0, 0.0, 0.0)))
+
+
+def shadows() -> MadeScene:
+    """Return a fence whose shadow falls on the ground, sharp nearby and far."""
+    scene = Scene()
+    ground = Material(base_color=(0.7, 0.68, 0.6), specular=0.0)
+    corners = [(-9.0, 0.0, 6.0), (9.0, 0.0, 6.0), (9.0, 0.0, -14.0), (-9.0, 0.0, -14.0)]
+    scene.add(Mesh(corners, QUAD, material=ground), name="ground")
+    wood = Material(base_color=(0.35, 0.18, 0.08), specular=0.0)
+    for number in range(14):
+        x = 1.1 * (number - 6.5)
+        scene.add(Mesh(*_box((x, 0.9, -3.0), (0.09, 0.9, 0.05)), material=wood), name="post")
+    for height in (0.6, 1.4):
+        scene.add(Mesh(*_box((0.0, height, -3.0), (7.6, 0.06, 0.05)), material=wood), name="rail")
+    light = DirectionalLight((0.55, -0.8, 0.75), intensity=0.9, shadow=Shadow())
+    scene.lights += [AmbientLight(intensity=0.12), light]
+    return MadeScene(scene, PerspectiveCamera((2.0, 4.2, 4.5), (0.0, 0.3, -1.5)))
+
+
+def glass() -> MadeScene:
+    """Return panes of coloured glass, up to sixteen behind each other."""
+    scene = Scene()
+    wall = Material(shading="unlit", base_color=(0.9, 0.9, 0.85))
+    scene.add(Mesh(_plate((0.0, 0.0, -9.0), 9.0, 7.0), QUAD, material=wall), name="wall")
+    for number in range(16):
+        hue = 0.1 + 0.8 * _wave(number / 5.0 + np.array([0.0, 0.33, 0.66]))
+        material = Material(shading="unlit", base_color=(*hue.tolist(), 0.35), alpha_mode="blend")
+        x, y = 0.11 * (number - 8), 0.07 * (number % 5 - 2)
+        corners = _plate((x, y, -0.4 * number), 1.1, 0.8)
+        scene.add(Mesh(corners, QUAD, material=material), name="pane")
+    return MadeScene(scene, PerspectiveCamera((0.0, 0.0, 4.0), (0.0, 0.0, 0.0)))
+
+
+def wireframe() -> MadeScene:
+    """Return a bumpy ground with its edges drawn."""
+    vertices, faces = _bumps(16, 6.0, 0.4)
+    scene = Scene()
+    material = Material(base_color=(0.75, 0.75, 0.7), specular=0.0)
+    scene.add(Mesh(vertices, faces, material=material), name="ground")
+    scene.wireframe = Wireframe("black")
+    return MadeScene(scene, PerspectiveCamera((0.6, 3.4, 4.0), (0.0, 0.0, 0.0)))
+
+
+SCENES: dict[str, Callable[[], MadeScene]] = {
+    "floor": floor,
+    "wires": wires,
+    "slivers": slivers,
+    "near-and-far": near_and_far,
+    "far-from-origin": far_from_origin,
+    "coplanar": coplanar,
+    "highlights": highlights,
+    "shadows": shadows,
+    "glass": glass,
+    "wireframe": wireframe,
+}
+"""What makes each scene, by its name on the command line."""
+
+MADE_FOR = {
+    "subpixel_bits": "slivers",
+    "samples": "wires",
+    "interpolation": "floor",
+    "depth_format": "near-and-far",
+    "precision": "far-from-origin",
+    "shading": "highlights",
+    "renormalize": "highlights",
+    "texture_filter": "floor",
+    "shadow_size": "shadows",
+    "shadow_taps": "shadows",
+    "transparency_layers": "glass",
+    "blending": "glass",
+    "math": "highlights",
+    "lines": "wireframe",
+}
+"""The scene that each setting matters most to."""
+
+
+def _wave(turns: Points) -> Points:
+    """Return 0..1: a smooth wave of a period of 1, of two parabolas for each period."""
+    phase = turns - np.floor(turns)
+    arch = np.where(phase < 0.5, phase, phase - 0.5)
+    swing = 16.0 * arch * (0.5 - arch)
+    return 0.5 + 0.5 * np.where(phase < 0.5, swing, -swing)
+
+
+def _grid_faces(rows: int, columns: int) -> NDArray[np.int64]:
+    """Return the faces of a grid of so many squares, whose vertices run row by row."""
+    first = (np.arange(rows)[:, np.newaxis] * (columns + 1) + np.arange(columns)).ravel()
+    above = first + columns + 1
+    lower = np.stack([first, first + 1, above + 1], axis=1)
+    return np.concatenate([lower, np.stack([first, above + 1, above], axis=1)])
+
+
+def _bumps(squares: int, side: float, height: float) -> tuple[Points, NDArray[np.int64]]:
+    """Return a ground of so many squares each way, y up, that goes up and down."""
+    z, x = np.mgrid[0 : squares + 1, 0 : squares + 1] / squares - 0.5
+    y = height * (_wave(1.9 * x + 0.2) + _wave(1.6 * z - 0.35 * x) - 1.0)
+    # Rows run away from the viewer, so that the faces' fronts are above.
+    vertices = np.stack([side * x, y, -side * z], axis=-1).reshape(-1, 3)
+    return vertices, _grid_faces(squares, squares)
+
+
+def _plate(center: tuple[float, float, float], wide: float, high: float) -> Points:
+    """Return the corners of a rectangle that faces +z."""
+    corners = np.array([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)], np.float64)
+    return corners * (wide, high, 0.0) + center
+
+
+def _box(
+    center: tuple[float, float, float], half: tuple[float, float, float]
+) -> tuple[Points, NDArray[np.int64]]:
+    """Return the corners and faces of a box."""
+    corner = np.arange(8)
+    signs = np.stack([corner & 1, corner >> 1 & 1, corner >> 2], axis=1) * 2.0 - 1.0
+    sides = [(0, 4, 6, 2), (5, 1, 3, 7), (0, 1, 5, 4), (6, 7, 3, 2), (1, 0, 2, 3), (4, 5, 7, 6)]
+    faces = np.array([np.take(side, triangle) for side in sides for triangle in QUAD])
+    return signs * half + center, faces
+
+
+def _strip(start: Points, end: Points, half: float) -> tuple[Points, NDArray[np.int64]]:
+    """Return a flat strip between two points of a plane of constant z, ``2 half`` wide."""
+    x, y, _ = end - start
+    aside = np.array([-y, x, 0.0]) * (half / math.sqrt(x * x + y * y))
+    return np.array([start - aside, end - aside, end + aside, start + aside]), QUAD
+
+
+def _ring(radius: float, half: float, parts: int = 90) -> tuple[Points, NDArray[np.int64]]:
+    """Return a flat ring around the z axis, ``2 half`` wide."""
+    turns = [transforms.sine_cosine(360.0 * number / parts) for number in range(parts + 1)]
+    rim = np.array([(cosine, sine, 0.0) for sine, cosine in turns])
+    return np.concatenate([rim * (radius + half), rim * (radius - half)]), _grid_faces(1, parts)

@@ -1,0 +1,303 @@
+"""Draw a scene in every quality that matters to it; measure the time and the error of each."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import platform
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from types import TracebackType
+from typing import Any, NamedTuple
+
+from rasterjit.accuracy import errors as measures
+from rasterjit.accuracy.files import prepare_folder, write_report
+from rasterjit.accuracy.knobs import (
+    Attempt,
+    check_knobs,
+    combined_attempts,
+    single_attempts,
+    without_effect,
+)
+from rasterjit.accuracy.ranking import mark_dominated, pareto_front
+from rasterjit.accuracy.results import STANDARD, Study
+from rasterjit.accuracy.timing import (
+    Allowance,
+    Contestant,
+    Progress,
+    Stages,
+    fits,
+    standard_trial,
+    take_turns,
+    total,
+)
+from rasterjit.frame import Frame
+from rasterjit.io.meshes import as_scene
+from rasterjit.kernels.jit import cpu_features
+from rasterjit.render import Renderer, choose_camera, explain
+from rasterjit.scene.camera import Camera
+from rasterjit.scene.quality import Quality
+from rasterjit.scene.scene import Scene
+from rasterjit.validation import image_size, positive_number, thread_count
+from rasterjit.workers import available_processors
+
+SIZE = (640, 480)
+"""Pixels of the pictures, unless another size is asked for."""
+
+BUDGET = 90.0
+"""Seconds of a study, unless others are asked for."""
+
+PACKAGES = ("rasterjit", "numpy", "numba", "llvmlite", "flip-evaluator")
+
+COMPILE = "compile"
+"""The stage that no time counts."""
+
+
+def study(
+    what: Any,
+    camera: Camera | None = None,
+    *,
+    size: tuple[int, int] = SIZE,
+    knobs: Iterable[str] | None = None,
+    budget: float | None = None,
+    threads: int | None = None,
+    progress: Progress | None = None,
+    output: str | Path | None = None,
+    name: str = "scene",
+) -> Study:
+    """
+    Measure what each accuracy setting costs in time and buys in error, on a scene of one's own.
+
+    The reference is drawn first, then every level of every setting that has an effect on the scene,
+    changed from ``Quality.standard()`` alone, then combinations of them. Once all is compiled they
+    are timed by turns, round after round. Errors are the same bits in every run on a machine;
+    times are not.
+
+    Ctrl-C ends a study early: what is done by then is returned, and written.
+
+    Parameters
+    ----------
+    what, camera
+        As `rasterjit.render` takes them.
+    size : (int, int)
+        Width and height, pixels.
+    knobs : iterable of str, optional
+        Names of the settings to try. Default: all.
+    budget : float, optional
+        Seconds, about, that it may take. What there is no time for is left out and named; the
+        reference, the standard and one round are drawn in any case. Default 90.
+    threads : int, optional
+        Default: all processors.
+    progress : callable, optional
+        Called with what is being done, how much of it is done, and how much there is.
+    output : str or Path, optional
+        Folder for ``accuracy.json``, ``accuracy.csv`` and, where matplotlib is installed,
+        ``index.html``; made if there is none.
+    name : str
+        What the study calls the scene.
+
+    Returns
+    -------
+    Study
+
+    Raises
+    ------
+    ValueError
+        Naming the argument that is wrong, before anything is drawn.
+    KeyboardInterrupt
+        On Ctrl-C before there is anything to compare.
+    """
+    chosen, size = check_knobs(knobs), image_size("size", size)
+    allowance = Allowance(BUDGET if budget is None else positive_number("budget", budget))
+    thread_count("threads", threads)
+    folder = None if output is None else prepare_folder(output)
+    scene = as_scene(what)
+    camera = choose_camera(scene, camera, size)
+    tell = progress or _say_nothing
+    idle = without_effect(explain(scene, camera, size=size), chosen)
+    active = [knob for knob in chosen if knob not in idle]
+    attempts, impossible = _possible(
+        [*single_attempts(active), *combined_attempts(active)], scene, camera, size
+    )
+    with Studio(scene, camera, size, threads) as studio:
+        tell("drawing the reference", 0, len(attempts) + 2)
+        reference, reference_seconds = studio.reference()
+        tell("drawing standard", 1, len(attempts) + 2)
+        standard, _ = studio.prepare(Attempt(STANDARD, STANDARD, Quality.standard()), reference)
+        prepared, left_out, interrupted = _measure(
+            studio, reference, standard, attempts, allowance, tell
+        )
+    trials = mark_dominated([one.trial(standard) for one in prepared], standard_trial(standard))
+    found = Study(
+        scene=name,
+        size=size,
+        threads=threads or available_processors(),
+        rounds=len(standard.frames),
+        machine=machine(),
+        versions=versions(),
+        standard=standard_trial(standard),
+        trials=trials,
+        front=pareto_front([standard_trial(standard), *trials]),
+        without_effect=idle,
+        left_out=tuple(left_out),
+        reference_color=reference.picture.color[:, :, :3].copy(),
+        reference_seconds=reference_seconds,
+        impossible=impossible,
+        interrupted=interrupted,
+    )
+    if folder is not None:
+        write_report(found, folder)
+    return found
+
+
+class Studio:
+    """
+    Draws one scene at one size in any quality.
+
+    Parameters
+    ----------
+    scene, camera, size, threads
+        As `rasterjit.render` takes them.
+    """
+
+    def __init__(
+        self, scene: Scene, camera: Camera, size: tuple[int, int], threads: int | None
+    ) -> None:
+        self._scene, self._camera = scene, camera
+        self._buffers = measures.buffers_of(scene)
+        # One for all: what is prepared of the scene, and the memory, they have in common.
+        self._renderer = Renderer(size, threads=threads)
+
+    def __enter__(self) -> Studio:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._renderer.close()
+
+    def draw(self, quality: Quality, outputs: Sequence[str]) -> Frame:
+        """Draw a frame."""
+        self._renderer.quality = quality
+        return self._renderer.render(self._scene, self._camera, outputs=outputs)
+
+    def seconds(self, quality: Quality) -> Stages:
+        """Draw the colour alone, as most frames are, and return the seconds of each stage."""
+        return _without_compiling(self.draw(quality, ("color",)))
+
+    def reference(self) -> tuple[measures.Reference, float]:
+        """Return what errors are measured against, and the seconds that its picture took."""
+        quality = reference_quality()
+        picture = self.draw(quality, measures.PICTURE_OUTPUTS)
+        # The samples are for colour: buffers come from the pixel centre.
+        buffers = self.draw(replace(quality, samples=1), self._buffers)
+        seconds = total(_without_compiling(picture))
+        return measures.reference_of(self._scene, picture, buffers), seconds
+
+    def prepare(self, attempt: Attempt, reference: measures.Reference) -> tuple[Contestant, float]:
+        """Compile what a quality needs and measure its errors; return that took to compile, too."""
+        outputs = (*measures.PICTURE_OUTPUTS, *self._buffers)
+        frame = self.draw(attempt.quality, outputs)
+        errors, error_map = measures.compare(frame, reference)
+        colored = self.draw(attempt.quality, ("color",))
+        seconds = frame.stats.seconds[COMPILE] + colored.stats.seconds[COMPILE]
+        color = frame.color[:, :, :3].copy()
+        first = self.seconds(attempt.quality)
+        return Contestant(attempt, errors, color, error_map, first), seconds
+
+
+class Measured(NamedTuple):
+    """What became of the attempts."""
+
+    prepared: list[Contestant]
+    left_out: list[str]
+    interrupted: bool
+
+
+def _measure(
+    studio: Studio,
+    reference: measures.Reference,
+    standard: Contestant,
+    attempts: Sequence[Attempt],
+    allowance: Allowance,
+    tell: Progress,
+) -> Measured:
+    """Prepare what there is time for and time it, or be interrupted."""
+    prepared: list[Contestant] = []
+    compile_seconds, interrupted = 0.0, False
+    try:
+        for number, attempt in enumerate(_by_cost(attempts)):
+            tell(f"drawing {attempt.label}", number + 2, len(attempts) + 2)
+            average = compile_seconds / max(len(prepared), 1)
+            if fits(attempt, standard, prepared, average, allowance):
+                contestant, seconds = studio.prepare(attempt, reference)
+                prepared.append(contestant)
+                compile_seconds += seconds
+        take_turns(studio, standard, prepared, allowance, tell)
+    except KeyboardInterrupt:
+        interrupted = True
+    order = [attempt.label for attempt in attempts]
+    prepared.sort(key=lambda one: order.index(one.attempt.label))
+    done = {one.attempt.label for one in prepared}
+    return Measured(prepared, [label for label in order if label not in done], interrupted)
+
+
+def _by_cost(attempts: Sequence[Attempt]) -> list[Attempt]:
+    """Return single settings first, and last what draws many pictures: if any, those lack time."""
+    return sorted(attempts, key=lambda attempt: attempt.passes)
+
+
+def _possible(
+    attempts: Sequence[Attempt], scene: Scene, camera: Camera, size: tuple[int, int]
+) -> tuple[list[Attempt], dict[str, str]]:
+    """Return the attempts that can be rendered, and why the others can not."""
+    possible, impossible = [], {}
+    for attempt in attempts:
+        try:
+            explain(scene, camera, attempt.quality, size=size)
+        except ValueError as error:
+            impossible[attempt.label] = str(error)
+        else:
+            possible.append(attempt)
+    return possible, impossible
+
+
+def reference_quality() -> Quality:
+    """Return the quality that errors are measured against."""
+    return Quality.reference()
+
+
+def _without_compiling(frame: Frame) -> Stages:
+    """Return the seconds of each stage but compiling."""
+    seconds = frame.stats.seconds.items()
+    return {stage: duration for stage, duration in seconds if stage != COMPILE}
+
+
+def _say_nothing(text: str, done: int, count: int) -> None:
+    """Take no notice of progress."""
+
+
+def machine() -> dict[str, str]:
+    """Return what the times depend on."""
+    return {
+        "cpu": cpu_features()[0],
+        "architecture": platform.machine(),
+        "processors": str(available_processors()),
+        "system": platform.platform(terse=True),
+        "python": platform.python_version(),
+    }
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of the packages that matter, as far as they are installed."""
+    found = {}
+    for package in PACKAGES:
+        try:
+            found[package] = importlib.metadata.version(package)
+        except importlib.metadata.PackageNotFoundError:
+            # It runs from a folder of sources, or is an extra that is not there.
+            continue
+    return found
