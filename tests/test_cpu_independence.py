@@ -215,6 +215,7 @@ OFF_THE_PATH = {
     "kernels/jit.py": "compiles",
     "cli_report.py": "text",
     "__main__.py": "nothing but a call",
+    "accuracy/compiling.py": "draws what nobody looks at",
     "accuracy/errors.py": "compares pictures, makes none",
     "accuracy/files.py": "text",
     "accuracy/ranking.py": "compares times and errors",

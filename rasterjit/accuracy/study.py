@@ -5,11 +5,13 @@ from __future__ import annotations
 import importlib.metadata
 import platform
 from collections.abc import Iterable, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any, NamedTuple
 
+from rasterjit.accuracy import compiling
 from rasterjit.accuracy import errors as measures
 from rasterjit.accuracy.files import prepare_folder, write_report
 from rasterjit.accuracy.knobs import (
@@ -48,6 +50,9 @@ BUDGET = 90.0
 """Seconds of a study, unless others are asked for."""
 
 PACKAGES = ("rasterjit", "numpy", "numba", "llvmlite", "flip-evaluator")
+
+COLOR_ALONE = ("color",)
+"""Outputs of the frames that are timed."""
 
 COMPILE = "compile"
 """The stage that no time counts."""
@@ -113,41 +118,96 @@ def study(
     folder = None if output is None else prepare_folder(output)
     scene = as_scene(what)
     camera = choose_camera(scene, camera, size)
-    tell = progress or _say_nothing
     idle = without_effect(explain(scene, camera, size=size), chosen)
     active = [knob for knob in chosen if knob not in idle]
     attempts, impossible = _possible(
         [*single_attempts(active), *combined_attempts(active)], scene, camera, size
     )
     with Studio(scene, camera, size, threads) as studio:
-        tell("drawing the reference", 0, len(attempts) + 2)
-        reference, reference_seconds = studio.reference()
-        tell("drawing standard", 1, len(attempts) + 2)
-        standard, _ = studio.prepare(Attempt(STANDARD, STANDARD, Quality.standard()), reference)
-        prepared, left_out, interrupted = _measure(
-            studio, reference, standard, attempts, allowance, tell
-        )
-    trials = mark_dominated([one.trial(standard) for one in prepared], standard_trial(standard))
+        measured = _measure(studio, attempts, allowance, progress or _say_nothing)
     found = Study(
         scene=name,
         size=size,
         threads=threads or available_processors(),
-        rounds=len(standard.frames),
+        rounds=len(measured.standard.frames),
         machine=machine(),
         versions=versions(),
-        standard=standard_trial(standard),
-        trials=trials,
-        front=pareto_front([standard_trial(standard), *trials]),
         without_effect=idle,
-        left_out=tuple(left_out),
-        reference_color=reference.picture.color[:, :, :3].copy(),
-        reference_seconds=reference_seconds,
         impossible=impossible,
-        interrupted=interrupted,
+        **_results(measured, [attempt.label for attempt in attempts]),
     )
     if folder is not None:
         write_report(found, folder)
     return found
+
+
+class Measured(NamedTuple):
+    """What was measured, before it is put in order."""
+
+    reference: measures.Reference
+    reference_seconds: float
+    standard: Contestant
+    contestants: list[Contestant]
+    interrupted: bool
+
+
+def _measure(
+    studio: Studio, attempts: Sequence[Attempt], allowance: Allowance, tell: Progress
+) -> Measured:
+    """Draw the reference and the standard; then, until interrupted, what there is time for."""
+    tell("drawing the reference", 0, len(attempts) + 2)
+    reference, reference_seconds = studio.reference()
+    tell("drawing standard", 1, len(attempts) + 2)
+    usual = Attempt(STANDARD, STANDARD, Quality.standard())
+    standard, compile_seconds = studio.prepare(usual, reference)
+    measured = Measured(reference, reference_seconds, standard, [], False)
+    attempts = _by_cost(attempts)
+    try:
+        with studio.compiling(attempts, compile_seconds):
+            _prepare(studio, measured, attempts, allowance, tell)
+        take_turns(studio, standard, measured.contestants, allowance, tell)
+    except KeyboardInterrupt:
+        return measured._replace(interrupted=True)
+    return measured
+
+
+def _prepare(
+    studio: Studio,
+    measured: Measured,
+    attempts: Sequence[Attempt],
+    allowance: Allowance,
+    tell: Progress,
+) -> None:
+    """Add a contestant for each of the attempts that there is time for."""
+    contestants, compile_seconds = measured.contestants, 0.0
+    for number, attempt in enumerate(attempts):
+        tell(f"drawing {attempt.label}", number + 2, len(attempts) + 2)
+        average = compile_seconds / max(len(contestants), 1)
+        if fits(attempt, measured.standard, contestants, average, allowance):
+            contestant, seconds = studio.prepare(attempt, measured.reference)
+            contestants.append(contestant)
+            compile_seconds += seconds
+
+
+def _results(measured: Measured, labels: Sequence[str]) -> dict[str, Any]:
+    """Return the fields of a `Study` that were measured, given all labels in order."""
+    standard = standard_trial(measured.standard)
+    contestants = sorted(
+        measured.contestants, key=lambda contestant: labels.index(contestant.attempt.label)
+    )
+    trials = mark_dominated(
+        [contestant.trial(measured.standard) for contestant in contestants], standard
+    )
+    done = {trial.label for trial in trials}
+    return {
+        "standard": standard,
+        "trials": trials,
+        "front": pareto_front([standard, *trials]),
+        "left_out": tuple(label for label in labels if label not in done),
+        "reference_color": measured.reference.picture.color[:, :, :3].copy(),
+        "reference_seconds": measured.reference_seconds,
+        "interrupted": measured.interrupted,
+    }
 
 
 class Studio:
@@ -163,8 +223,9 @@ class Studio:
     def __init__(
         self, scene: Scene, camera: Camera, size: tuple[int, int], threads: int | None
     ) -> None:
-        self._scene, self._camera = scene, camera
+        self._scene, self._camera, self._size, self._threads = scene, camera, size, threads
         self._buffers = measures.buffers_of(scene)
+        self._outputs = (*measures.PICTURE_OUTPUTS, *self._buffers)
         # One for all: what is prepared of the scene, and the memory, they have in common.
         self._renderer = Renderer(size, threads=threads)
 
@@ -184,9 +245,19 @@ class Studio:
         self._renderer.quality = quality
         return self._renderer.render(self._scene, self._camera, outputs=outputs)
 
+    def compiling(
+        self, attempts: Sequence[Attempt], compile_seconds: float
+    ) -> AbstractContextManager[None]:
+        """Return a context in which another process compiles for attempts, if that is of use."""
+        if not compiling.is_worthwhile(compile_seconds, self._threads):
+            return nullcontext()
+        qualities = [attempt.quality for attempt in attempts if attempt.passes == 1]
+        outputs = self._outputs, COLOR_ALONE
+        return compiling.beside(self._scene, self._camera, self._size, qualities, outputs)
+
     def seconds(self, quality: Quality) -> Stages:
         """Draw the colour alone, as most frames are, and return the seconds of each stage."""
-        return _without_compiling(self.draw(quality, ("color",)))
+        return _without_compiling(self.draw(quality, COLOR_ALONE))
 
     def reference(self) -> tuple[measures.Reference, float]:
         """Return what errors are measured against, and the seconds that its picture took."""
@@ -199,50 +270,13 @@ class Studio:
 
     def prepare(self, attempt: Attempt, reference: measures.Reference) -> tuple[Contestant, float]:
         """Compile what a quality needs and measure its errors; return that took to compile, too."""
-        outputs = (*measures.PICTURE_OUTPUTS, *self._buffers)
-        frame = self.draw(attempt.quality, outputs)
+        frame = self.draw(attempt.quality, self._outputs)
         errors, error_map = measures.compare(frame, reference)
-        colored = self.draw(attempt.quality, ("color",))
+        colored = self.draw(attempt.quality, COLOR_ALONE)
         seconds = frame.stats.seconds[COMPILE] + colored.stats.seconds[COMPILE]
         color = frame.color[:, :, :3].copy()
         first = self.seconds(attempt.quality)
         return Contestant(attempt, errors, color, error_map, first), seconds
-
-
-class Measured(NamedTuple):
-    """What became of the attempts."""
-
-    prepared: list[Contestant]
-    left_out: list[str]
-    interrupted: bool
-
-
-def _measure(
-    studio: Studio,
-    reference: measures.Reference,
-    standard: Contestant,
-    attempts: Sequence[Attempt],
-    allowance: Allowance,
-    tell: Progress,
-) -> Measured:
-    """Prepare what there is time for and time it, or be interrupted."""
-    prepared: list[Contestant] = []
-    compile_seconds, interrupted = 0.0, False
-    try:
-        for number, attempt in enumerate(_by_cost(attempts)):
-            tell(f"drawing {attempt.label}", number + 2, len(attempts) + 2)
-            average = compile_seconds / max(len(prepared), 1)
-            if fits(attempt, standard, prepared, average, allowance):
-                contestant, seconds = studio.prepare(attempt, reference)
-                prepared.append(contestant)
-                compile_seconds += seconds
-        take_turns(studio, standard, prepared, allowance, tell)
-    except KeyboardInterrupt:
-        interrupted = True
-    order = [attempt.label for attempt in attempts]
-    prepared.sort(key=lambda one: order.index(one.attempt.label))
-    done = {one.attempt.label for one in prepared}
-    return Measured(prepared, [label for label in order if label not in done], interrupted)
 
 
 def _by_cost(attempts: Sequence[Attempt]) -> list[Attempt]:
