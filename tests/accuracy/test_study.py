@@ -1,0 +1,174 @@
+import json
+
+import numpy as np
+import pytest
+
+import rasterjit as rj
+from rasterjit.accuracy import study as studying
+from rasterjit.accuracy import timing
+from rasterjit.accuracy.results import STANDARD
+
+SIZE = (32, 24)
+
+
+@pytest.fixture(autouse=True)
+def few_rounds(monkeypatch):
+    monkeypatch.setattr(timing, "MOST_ROUNDS", 2)
+
+
+def scene():
+    made = rj.Scene()
+    vertices = np.array([(-1.0, -1, 0), (1, -0.8, 0), (0.2, 1, 0), (-0.7, 0.5, 0.6)])
+    material = rj.Material(shading="unlit", base_color="teal")
+    made.add(rj.Mesh(vertices, [(0, 1, 2), (0, 1, 3)], material=material))
+    return made
+
+
+def run(**options):
+    options = {"knobs": ("subpixel_bits", "samples"), "budget": 1000.0} | options
+    return rj.accuracy.study(scene(), size=SIZE, threads=1, **options)
+
+
+@pytest.fixture(scope="module")
+def found():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(timing, "MOST_ROUNDS", 2)
+        return run(name="two triangles")
+
+
+def test_a_study_tries_every_level_of_the_knobs(found):
+    assert [trial.level for trial in found.of("subpixel_bits")] == ["0", "4", "12"]
+    assert [trial.level for trial in found.of("samples")][:5] == ["2", "4", "8", "16", "area"]
+    assert found.standard.label == STANDARD
+    assert (found.scene, found.size, found.threads, found.rounds) == ("two triangles", SIZE, 1, 2)
+    assert found.left_out == ()
+    assert found.without_effect == {}
+    assert not found.interrupted
+
+
+def test_every_trial_has_times_errors_and_pictures(found):
+    for trial in (found.standard, *found.trials):
+        assert len(trial.seconds) == len(trial.ratios) > 0
+        assert min(trial.seconds) > 0.0
+        assert "compile" not in trial.stages
+        assert sum(trial.stages.values()) > 0.0
+        assert trial.color.shape == (*SIZE[::-1], 3)
+        assert trial.error_map.max() == np.float32(trial.errors.largest)
+    assert found.standard.ratio == 1.0
+    assert found.reference_color.shape == (*SIZE[::-1], 3)
+    assert found.reference_seconds > 0.0
+
+
+def test_more_samples_and_finer_grids_are_more_accurate(found):
+    errors = [found.standard, *found.of("samples")[:4]]
+    rmse = [trial.errors.rmse for trial in errors]
+    assert rmse == sorted(rmse, reverse=True)
+    coarse, fine, exact = (trial.errors.wrong_faces for trial in found.of("subpixel_bits"))
+    assert coarse > fine >= found.standard.errors.wrong_faces >= exact == 0
+
+
+def test_errors_are_the_same_bits_in_every_run(found):
+    again = run()
+    for one, other in zip(
+        (found.standard, *found.trials), (again.standard, *again.trials), strict=True
+    ):
+        assert one.label == other.label
+        assert one.errors == other.errors
+        assert one.color.tobytes() == other.color.tobytes()
+        assert one.error_map.tobytes() == other.error_map.tobytes()
+
+
+def test_the_front_is_of_trials_of_the_study(found):
+    labels = {trial.label for trial in (found.standard, *found.trials)}
+    assert set(found.front) <= labels
+    assert all(trial.dominated_by in {None, *labels} for trial in found.trials)
+
+
+def test_progress_is_told():
+    told = []
+    run(knobs=("subpixel_bits",), progress=lambda *what: told.append(what))
+    assert told[0][0] == "drawing the reference"
+    assert told[-1][0] == "timing"
+    assert "drawing subpixel_bits=4" in [text for text, _, _ in told]
+    assert all(0 <= done <= count for _, done, count in told)
+
+
+def interrupt_at(text):
+    def progress(what, done, count):
+        if what == text:
+            raise KeyboardInterrupt
+
+    return progress
+
+
+def test_the_files_of_an_interrupted_study_are_readable(tmp_path):
+    progress = interrupt_at("drawing samples=4")
+    found = run(progress=progress, output=tmp_path / "report")
+    assert found.interrupted
+    assert [trial.label for trial in found.trials] == [
+        "subpixel_bits=0", "subpixel_bits=4", "subpixel_bits=12", "samples=2",
+    ]  # fmt: skip
+    assert found.left_out[0] == "samples=4"
+    held = json.loads((tmp_path / "report" / "accuracy.json").read_text())
+    assert held["interrupted"]
+    assert len(held["trials"]) == 4
+    assert held["left_out"] == list(found.left_out)
+
+
+def test_interrupted_rounds_leave_the_first_times(tmp_path):
+    found = run(knobs=("subpixel_bits",), progress=interrupt_at("timing"), output=tmp_path)
+    assert found.rounds == 0
+    assert {len(trial.seconds) for trial in found.trials} == {1}
+
+
+def test_interrupted_before_there_is_anything_it_is_over():
+    with pytest.raises(KeyboardInterrupt):
+        run(progress=interrupt_at("drawing standard"))
+
+
+def test_what_there_is_no_time_for_is_named():
+    found = run(budget=1e-6)
+    assert found.trials == ()
+    assert "samples=8" in found.left_out
+    assert len(found.standard.seconds) == 1
+
+
+def test_what_cannot_be_rendered_is_named_with_its_reason():
+    made = scene()
+    glass = rj.Material(shading="unlit", base_color=(1, 0, 0, 0.5), alpha_mode="blend")
+    made.nodes[0].mesh.material = glass
+    possible, impossible = studying._possible(
+        rj.accuracy.knobs.single_attempts(("samples",)), made,
+        rj.fit_camera(made), SIZE,
+    )  # fmt: skip
+    assert "samples=8" in [attempt.label for attempt in possible]
+    assert list(impossible) == ["samples=area"]
+    assert "blended" in impossible["samples=area"]
+
+
+def test_a_setting_without_effect_is_not_tried():
+    found = run(knobs=("subpixel_bits", "texture_filter", "shadow_size"))
+    assert set(found.without_effect) == {"texture_filter", "shadow_size"}
+    assert {trial.setting for trial in found.trials} == {"subpixel_bits"}
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"budget": 0.0}, "budget must be above 0, got 0.0"),
+        ({"budget": -3}, "budget must be above 0, got -3"),
+        ({"budget": float("nan")}, "budget must be finite"),
+        ({"budget": "long"}, "budget must be a number, got 'long'"),
+        ({"knobs": ["colour"]}, "knobs has 'colour', which is unknown"),
+        ({"output": 3}, "output must be a folder, got 3"),
+        ({"threads": 0}, "threads must be in 1..1024"),
+    ],
+)
+def test_bad_arguments_are_named(options, words):
+    with pytest.raises(ValueError, match=words):
+        rj.accuracy.study(scene(), **{"size": SIZE, "threads": 1, **options})
+
+
+def test_a_size_that_is_none_is_named():
+    with pytest.raises(ValueError, match=r"size must be \(width, height\)"):
+        rj.accuracy.study(scene(), size=5)

@@ -1,0 +1,141 @@
+import pytest
+from made_trials import errors
+
+import rasterjit as rj
+from rasterjit.accuracy import timing
+from rasterjit.accuracy.knobs import Attempt
+from rasterjit.accuracy.timing import Allowance, Contestant, fits, rounds_between, take_turns
+
+
+class Clock:
+    def __init__(self):
+        self.now = 100.0
+
+    def __call__(self):
+        return self.now
+
+
+class Painter:
+    """Takes as long as each quality is said to, and notes what it drew."""
+
+    def __init__(self, clock, seconds):
+        self.clock, self.costs, self.drawn = clock, seconds, []
+        self.interrupt_after = None
+
+    def seconds(self, quality):
+        if len(self.drawn) == self.interrupt_after:
+            raise KeyboardInterrupt
+        self.drawn.append(quality.samples)
+        cost = self.costs[quality.samples]
+        self.clock.now += cost
+        return {"plan": 0.25 * cost, "shade": 0.75 * cost}
+
+
+def contestant(samples, cost):
+    attempt = Attempt("samples", str(samples), rj.Quality(samples=samples))
+    return Contestant(attempt, errors(), None, None, {"shade": cost})
+
+
+def run(seconds, budget):
+    clock = Clock()
+    painter = Painter(clock, seconds)
+    standard, *others = (contestant(samples, cost) for samples, cost in seconds.items())
+    told = []
+    take_turns(painter, standard, others, Allowance(budget, clock), lambda *what: told.append(what))
+    return painter, standard, others, told
+
+
+def test_every_round_draws_the_standard_and_each_quality_once():
+    painter, standard, others, _ = run({1: 0.2, 4: 0.5, 8: 0.7}, 1000.0)
+    assert len(painter.drawn) == 3 * timing.MOST_ROUNDS
+    for number in range(timing.MOST_ROUNDS):
+        assert sorted(painter.drawn[3 * number : 3 * number + 3]) == [1, 4, 8]
+    assert {len(one.frames) for one in (standard, *others)} == {timing.MOST_ROUNDS}
+
+
+def test_rounds_begin_with_another_quality_each():
+    painter, *_ = run({1: 0.2, 4: 0.5, 8: 0.7}, 1000.0)
+    assert painter.drawn[0:12:3] == [1, 4, 8, 1]
+
+
+def test_short_frames_are_drawn_twice_and_the_second_counts():
+    painter, standard, _, _ = run({1: 0.01, 4: 0.5}, 1000.0)
+    assert painter.drawn[:3] == [1, 1, 4]
+    assert len(standard.frames) == timing.MOST_ROUNDS
+
+
+def test_no_round_begins_that_would_not_end_in_time():
+    painter, standard, _, _ = run({1: 0.2, 4: 0.8}, 3.5)
+    assert len(standard.frames) == 3
+    assert painter.clock.now <= 100.0 + 3.5
+
+
+def test_one_round_is_drawn_whatever_the_budget():
+    _, standard, others, _ = run({1: 1.0, 4: 2.0}, 0.001)
+    assert [len(one.frames) for one in (standard, *others)] == [1, 1]
+
+
+def test_slow_qualities_take_part_in_fewer_rounds():
+    _, standard, (slow,), _ = run({1: 0.2, 256: 0.2 * 3 * timing.SLOW}, 1000.0)
+    assert rounds_between(slow, standard) == 3
+    assert len(slow.frames) == timing.MOST_ROUNDS // 3
+
+
+def test_ratios_are_over_the_standard_of_the_same_round():
+    clock = Clock()
+    painter = Painter(clock, {1: 0.2, 4: 0.5})
+    standard, other = contestant(1, 0.2), contestant(4, 0.5)
+
+    class Slowing(Painter):
+        def seconds(self, quality):
+            for samples in self.costs:
+                self.costs[samples] *= 1.0 + 1e-3
+            return super().seconds(quality)
+
+    painter = Slowing(clock, {1: 0.2, 4: 0.5})
+    take_turns(painter, standard, [other], Allowance(1000.0, clock), lambda *what: None)
+    trial = other.trial(standard)
+    assert trial.ratios == pytest.approx([2.5] * timing.MOST_ROUNDS, rel=2e-3)
+    assert trial.seconds[-1] > 1.03 * trial.seconds[0]
+    assert trial.median == pytest.approx(sum(trial.stages.values()))
+
+
+def test_the_ratios_of_the_standard_are_one():
+    _, standard, _, _ = run({1: 0.2, 4: 0.5}, 1000.0)
+    trial = timing.standard_trial(standard)
+    assert trial.label == "standard"
+    assert set(trial.ratios) == {1.0}
+    assert len(trial.ratios) == len(trial.seconds)
+
+
+def test_an_interrupted_round_is_forgotten():
+    clock = Clock()
+    painter = Painter(clock, {1: 0.2, 4: 0.5})
+    painter.interrupt_after = 5
+    standard, other = contestant(1, 0.2), contestant(4, 0.5)
+    with pytest.raises(KeyboardInterrupt):
+        take_turns(painter, standard, [other], Allowance(1e3, clock), lambda *what: None)
+    assert [len(one.frames) for one in (standard, other)] == [2, 2]
+
+
+def test_what_was_not_timed_in_rounds_has_the_time_of_its_first_frame():
+    standard, other = contestant(1, 0.2), contestant(4, 0.5)
+    assert other.trial(standard).ratios == (2.5,)
+    assert timing.standard_trial(standard).seconds == (0.2,)
+
+
+def test_what_would_leave_no_time_for_the_rounds_is_not_prepared():
+    clock = Clock()
+    standard, prepared = contestant(1, 0.1), [contestant(4, 0.4)]
+    attempt = Attempt("samples", "64", rj.Quality(samples=64))
+    # 3 drawings of 64 pictures, and 3 rounds of 2 (0.1 + 0.4 + 6.4).
+    wanted = 3 * 6.4 + 3 * 2 * 6.9
+    assert fits(attempt, standard, prepared, 0.0, Allowance(wanted + 0.01, clock))
+    assert not fits(attempt, standard, prepared, 0.0, Allowance(wanted - 0.01, clock))
+    assert not fits(attempt, standard, prepared, 5.0, Allowance(wanted + 4.99, clock))
+
+
+def test_progress_goes_from_none_to_all():
+    *_, told = run({1: 0.2, 4: 0.8}, 3.5)
+    assert told[0] == ("timing", 0, timing.MOST_ROUNDS)
+    assert told[-1] == ("timing", timing.MOST_ROUNDS, timing.MOST_ROUNDS)
