@@ -77,8 +77,8 @@ def wires() -> MadeScene:
     """Return wires much thinner than a pixel, straight and round."""
     scene = Scene()
     dark = Material(shading="unlit", base_color=(0.02, 0.03, 0.08))
-    for number in range(36):
-        sine, cosine = transforms.sine_cosine(5.0 * number + 1.3)
+    for number in range(48):
+        sine, cosine = transforms.sine_cosine(7.5 * number + 1.3)
         away = np.array([cosine, sine, 0.0])
         scene.add(Mesh(*_strip(0.25 * away, 1.4 * away, 0.0022), material=dark), name="spoke")
     red = Material(shading="unlit", base_color=(0.5, 0.03, 0.02))
@@ -115,9 +115,8 @@ def near_and_far() -> MadeScene:
     distances = (0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0)
     for number, distance in enumerate(distances):
         column, row = number % 4, number // 4
-        place = np.array([0.52 * (column - 1.5) + 0.26 * row, 0.3 - 0.6 * row, -1.0]) * distance
-        # The plates turn their normal to the eye, or nearly so.
-        for gap, side, material in ((0.0, 0.2, front), (0.001, 0.24, behind)):
+        place = np.array([0.26 * (column - 1.5) + 0.13 * row, 0.2 - 0.4 * row, -1.0]) * distance
+        for gap, side, material in ((0.0, 0.1, front), (0.001, 0.12, behind)):
             corners = side * np.array([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)])
             shape = transforms.apply(tilt, corners * distance + (0.0, 0.0, -gap)) + place
             scene.add(Mesh(shape, QUAD, material=material), name=f"plate at {distance:g} m")
@@ -148,7 +147,8 @@ def coplanar() -> MadeScene:
         sheet = transforms.apply(turn, corners * (3.4 - 0.35 * number)) + (0.0, 0.0, 1e-5 * number)
         faces = QUAD if number % 2 else OTHER_QUAD
         scene.add(Mesh(transforms.apply(tilt, sheet), faces, material=material), name="sheet")
-    camera = PerspectiveCamera((0.0, 0.0, 10.0), (0.0, 0.0, 0.0), near=0.1, far=100.0)
+    eye, middle = (0.0, 0.0, 10.0), (0.0, 0.0, 0.0)
+    camera = PerspectiveCamera(eye, middle, fov_y=30.0, near=0.1, far=100.0)
     return MadeScene(scene, camera)
 
 
@@ -156,7 +156,7 @@ def highlights() -> MadeScene:
     """Return a coarse mesh with smooth normals and sharp highlights, which fills the picture."""
     vertices, faces = _bumps(10, 6.0, 0.5)
     scene = Scene()
-    material = Material(base_color=(0.08, 0.14, 0.3), specular=0.9, shininess=90.0)
+    material = Material(base_color=(0.08, 0.14, 0.3), specular=0.9, shininess=200.0)
     scene.add(Mesh(vertices, faces, material=material), name="coarse")
     scene.lights += [
         AmbientLight(intensity=0.2),
@@ -189,12 +189,12 @@ def glass() -> MadeScene:
     wall = Material(shading="unlit", base_color=(0.9, 0.9, 0.85))
     scene.add(Mesh(_plate((0.0, 0.0, -9.0), 9.0, 7.0), QUAD, material=wall), name="wall")
     for number in range(16):
-        hue = 0.1 + 0.8 * _wave(number / 5.0 + np.array([0.0, 0.33, 0.66]))
-        material = Material(shading="unlit", base_color=(*hue.tolist(), 0.35), alpha_mode="blend")
-        x, y = 0.11 * (number - 8), 0.07 * (number % 5 - 2)
-        corners = _plate((x, y, -0.4 * number), 1.1, 0.8)
+        hue = 0.9 * _wave(number / 5.0 + np.array([0.0, 0.33, 0.66]))
+        material = Material(shading="unlit", base_color=(*hue.tolist(), 0.5), alpha_mode="blend")
+        sine, cosine = transforms.sine_cosine(137.5 * number)
+        corners = _plate((0.6 * cosine, 0.45 * sine, -0.2 * number), 1.0, 0.75)
         scene.add(Mesh(corners, QUAD, material=material), name="pane")
-    return MadeScene(scene, PerspectiveCamera((0.0, 0.0, 4.0), (0.0, 0.0, 0.0)))
+    return MadeScene(scene, PerspectiveCamera((0.0, 0.0, 3.2), (0.0, 0.0, 0.0)))
 
 
 def wireframe() -> MadeScene:

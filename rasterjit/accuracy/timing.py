@@ -22,10 +22,6 @@ SLOW = 8.0
 """Frames that take longer than so many of the standard's are drawn in fewer rounds: so often that
 on average they take no longer."""
 
-LONG = 0.1
-"""Seconds of a frame that is timed as it comes. Shorter ones are drawn twice and the second counts:
-another quality was drawn before, and memory and caches are not as for the next frame of many."""
-
 DRAWINGS = 3
 """Frames that are drawn of each quality before the rounds."""
 
@@ -163,7 +159,9 @@ def take_turns(
     Draw all contestants and the standard once a round, until nothing is left of the allowance.
 
     What disturbs the machine so falls on all of them. They begin with another one every round.
-    The first round is drawn in any case. One that is interrupted is forgotten.
+    A frame is drawn twice and the second counts, for another quality was drawn before: what is kept
+    from frame to frame is not as for the next of many. The first round is drawn in any case. One
+    that is interrupted is forgotten.
     """
     everyone = [standard, *contestants]
     longest = 0.0
@@ -177,7 +175,7 @@ def take_turns(
         frames = {}
         for one in present[first:] + present[:first]:
             quality = one.attempt.quality
-            if one.cost < LONG:
+            if one.attempt.passes == 1:
                 painter.seconds(quality)
             frames[id(one)] = painter.seconds(quality)
         for one in present:
