@@ -29,13 +29,13 @@ FILL_INTENSITY = 0.15
 class Effects(NamedTuple):
     """Options that add effects."""
 
-    samples: str | None
     shadows: bool
     environment: str | None
     ambient_occlusion: bool
     outline: str | None
     tone_map: str | None
     exposure: float | None
+    samples: str | None = None
     preset: str = "standard"
     changes: tuple[dict[str, Any], ...] = ()
 
