@@ -24,6 +24,12 @@ if TYPE_CHECKING:
 
 PAGE_NAME = "index.html"
 
+WIDE = 120
+"""Columns of a terminal that show PSNR and FLIP as well."""
+
+FILE_WIDTH = 140
+"""Columns where nobody's terminal sets the width."""
+
 
 def study_scene(
     what: str | Path, view: View, look: Look, effects: Effects, options: dict[str, Any]
@@ -88,6 +94,8 @@ def _print(found: Study, folder: Path) -> None:
     from rich.console import Console
 
     console = Console(highlight=False, markup=False, emoji=False)
+    if not console.is_terminal:
+        console = Console(width=FILE_WIDTH, highlight=False, markup=False, emoji=False)
     _print_table(found, console)
     for sentence in sentences(found).values():
         console.print(f"- {sentence}")
@@ -107,47 +115,45 @@ def _print(found: Study, folder: Path) -> None:
 
 def _print_table(found: Study, console: Console) -> None:
     """Print time and error of each trial."""
+    from rich import box
     from rich.table import Table
 
-    width, height = found.size
-    table = Table(
-        title=f"{found.scene}, {width} x {height}, {found.threads} threads, {found.rounds} rounds; "
-        "* on the Pareto front",
-        padding=(0, 1),
-    )
-    table.add_column("setting", no_wrap=True)
-    table.add_column("level")
-    has_flip = found.standard.errors.flip is not None
-    names = ["ms", "× standard", "rmse", "PSNR", *(["FLIP"] if has_flip else []), "wrong px"]
+    is_wide = console.width >= WIDE
+    names = ["ms", "× standard", "rmse", *(["PSNR", "FLIP"] if is_wide else []), "wrong px"]
+    table = Table("setting", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
+    table.add_column("level", min_width=10)
     for name in names:
         table.add_column(name, justify="right", no_wrap=True)
     table.add_column("dominated by")
     last = None
     for trial in (found.standard, *found.trials):
+        cells = _cells(trial, found)
+        shown = {name: cells[name] for name in ("level", *names, "dominated by")}
         if trial.setting != last:
             table.add_section()
-        table.add_row(*_cells(trial, found, trial.setting != last))
+        table.add_row(trial.setting if trial.setting != last else "", *shown.values())
         last = trial.setting
+    width, height = found.size
+    console.print(
+        f"{found.scene}, {width} x {height} pixels, {found.threads} threads, medians of up to "
+        f"{max(found.rounds, 1)} frames; * on the Pareto front"
+    )
     console.print(table)
 
 
-def _cells(trial: Trial, found: Study, is_first: bool) -> list[str]:
-    """Return a row of the table."""
+def _cells(trial: Trial, found: Study) -> dict[str, str]:
+    """Return what a row of the table may show."""
     errors, (low, high) = trial.errors, trial.spread
-    mark = " *" if trial.label in found.front else ""
-    cells = [
-        trial.setting if is_first else "",
-        trial.level + mark,
-        f"{1e3 * trial.median:.2f}",
-        f"{trial.ratio:.2f} ±{(high - low) / 2.0:.2f}",
-        f"{errors.rmse:.2e}",
-        f"{errors.psnr:.1f}",
-    ]
-    if found.standard.errors.flip is not None:
-        cells.append("-" if errors.flip is None else f"{errors.flip:.4f}")
-    cells.append(f"{errors.wrong_faces:,}")
-    cells.append(short(trial.dominated_by, trial.setting))
-    return cells
+    return {
+        "level": trial.level + (" *" if trial.label in found.front else ""),
+        "ms": f"{1e3 * trial.median:.2f}",
+        "× standard": f"{trial.ratio:.2f} ±{(high - low) / 2.0:.2f}",
+        "rmse": f"{errors.rmse:.2e}",
+        "PSNR": f"{errors.psnr:.1f}",
+        "FLIP": "-" if errors.flip is None else f"{errors.flip:.4f}",
+        "wrong px": f"{errors.wrong_faces:,}",
+        "dominated by": short(trial.dominated_by, trial.setting),
+    }
 
 
 def short(label: str | None, setting: str) -> str:

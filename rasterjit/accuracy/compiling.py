@@ -10,11 +10,13 @@ from __future__ import annotations
 import pickle
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
+from contextlib import suppress
+from types import TracebackType
 from typing import BinaryIO, NamedTuple
 
-from rasterjit.kernels.jit import cache_folder
+from rasterjit.kernels.jit import cache_folder, is_cached
+from rasterjit.kernels.shading import shade_rows
 from rasterjit.render import Renderer
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.quality import Quality
@@ -22,8 +24,7 @@ from rasterjit.scene.scene import Scene
 from rasterjit.workers import available_processors
 
 COLD = 3.0
-"""Seconds to compile the first frames above which they were not in the disk cache: the others are
-not likely to be there either. Loading them takes about a tenth."""
+"""Seconds of compiling that tell that the disk cache lacks more. Loading from it takes a tenth."""
 
 OTHER_PROCESS = """
 import os, sys, threading
@@ -65,57 +66,60 @@ def read_job(stream: BinaryIO) -> Job:
     return pickle.load(stream)
 
 
-def is_worthwhile(compile_seconds: float, threads: int | None) -> bool:
+class Companion:
     """
-    Tell whether another process helps.
+    Another process, started when it turns out to be of use, and ended with the context.
 
     Parameters
     ----------
-    compile_seconds : float
-        What the first frames took to compile, or to load.
     threads : int or None
         What the user allows; with 1 everything is left to this process.
     """
-    return (
-        compile_seconds > COLD
-        and threads != 1
-        and available_processors() > 1
-        and cache_folder() is not None
-        and bool(sys.executable)
-        and not getattr(sys, "frozen", False)
-        and not sys.flags.isolated
-    )
 
+    def __init__(self, threads: int | None) -> None:
+        self._is_possible = (
+            threads != 1
+            and available_processors() > 1
+            and cache_folder() is not None
+            and bool(sys.executable)
+            and not getattr(sys, "frozen", False)
+            and not sys.flags.isolated
+        )
+        self._process: subprocess.Popen[bytes] | None = None
 
-@contextmanager
-def beside(
-    scene: Scene,
-    camera: Camera,
-    size: tuple[int, int],
-    qualities: Sequence[Quality],
-    outputs: Sequence[tuple[str, ...]],
-) -> Iterator[None]:
-    """
-    Draw a scene in another process as long as this context lasts, from the last quality on.
+    def __enter__(self) -> Companion:
+        return self
 
-    A scene or camera that cannot be sent to another process is left to this one.
-    """
-    try:
-        job = pickle.dumps(Job(scene, camera, size, list(qualities)[::-1], list(outputs)))
-    except (pickle.PicklingError, AttributeError, TypeError):
-        yield
-        return
-    other = subprocess.Popen(
-        [sys.executable, "-c", OTHER_PROCESS, *sys.path],
-        stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-    )  # fmt: skip
-    try:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if self._process is not None:
+            self._process.kill()
+            with suppress(OSError):
+                self._process.communicate()
+
+    def help(self, compile_seconds: float, find_job: Callable[[], Job]) -> None:
+        """
+        Start, unless it has been, if so many seconds of compiling tell that there is more of it.
+
+        A scene or camera that cannot be sent to another process is left to this one.
+        """
+        is_cold = compile_seconds > COLD or not is_cached(shade_rows)
+        if not is_cold or not self._is_possible or self._process is not None:
+            return
+        try:
+            job = pickle.dumps(find_job())
+        except (pickle.PicklingError, AttributeError, TypeError):
+            self._is_possible = False
+            return
+        self._process = subprocess.Popen(
+            [sys.executable, "-c", OTHER_PROCESS, *sys.path],
+            stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+        )  # fmt: skip
         # If it has failed already, this process compiles everything.
         with suppress(OSError):
-            other.stdin.write(job)
-            other.stdin.flush()
-        yield
-    finally:
-        other.kill()
-        with suppress(OSError):
-            other.communicate()
+            self._process.stdin.write(job)
+            self._process.stdin.flush()

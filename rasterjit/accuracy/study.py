@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib.metadata
 import platform
 from collections.abc import Iterable, Sequence
-from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
@@ -46,8 +45,11 @@ from rasterjit.workers import available_processors
 SIZE = (640, 480)
 """Pixels of the pictures, unless another size is asked for."""
 
-BUDGET = 90.0
+BUDGET = 120.0
 """Seconds of a study, unless others are asked for."""
+
+KEPT = 0.5
+"""Share of them that is kept for levels, however long the reference took."""
 
 PACKAGES = ("rasterjit", "numpy", "numba", "llvmlite", "flip-evaluator")
 
@@ -89,8 +91,8 @@ def study(
     knobs : iterable of str, optional
         Names of the settings to try. Default: all.
     budget : float, optional
-        Seconds, about, that it may take. What there is no time for is left out and named; the
-        reference, the standard and one round are drawn in any case. Default 90.
+        Seconds, about, that it may take; half of them are kept for what follows the reference and
+        the standard. What there is no time for is left out and named. Default 120.
     threads : int, optional
         Default: all processors.
     progress : callable, optional
@@ -113,18 +115,18 @@ def study(
         On Ctrl-C before there is anything to compare.
     """
     chosen, size = check_knobs(knobs), image_size("size", size)
-    allowance = Allowance(BUDGET if budget is None else positive_number("budget", budget))
+    seconds = BUDGET if budget is None else positive_number("budget", budget)
     thread_count("threads", threads)
     folder = None if output is None else prepare_folder(output)
     scene = as_scene(what)
     camera = choose_camera(scene, camera, size)
     idle = without_effect(explain(scene, camera, size=size), chosen)
     active = [knob for knob in chosen if knob not in idle]
-    attempts, impossible = _possible(
+    attempts, impossible = possible_attempts(
         [*single_attempts(active), *combined_attempts(active)], scene, camera, size
     )
     with Studio(scene, camera, size, threads) as studio:
-        measured = _measure(studio, attempts, allowance, progress or _say_nothing)
+        measured = _measure(studio, attempts, seconds, progress or _say_nothing)
     found = Study(
         scene=name,
         size=size,
@@ -148,24 +150,30 @@ class Measured(NamedTuple):
     reference_seconds: float
     standard: Contestant
     contestants: list[Contestant]
-    interrupted: bool
+    interrupted: bool = False
 
 
 def _measure(
-    studio: Studio, attempts: Sequence[Attempt], allowance: Allowance, tell: Progress
+    studio: Studio, attempts: Sequence[Attempt], seconds: float, tell: Progress
 ) -> Measured:
     """Draw the reference and the standard; then, until interrupted, what there is time for."""
-    tell("drawing the reference", 0, len(attempts) + 2)
-    reference, reference_seconds = studio.reference()
-    tell("drawing standard", 1, len(attempts) + 2)
-    usual = Attempt(STANDARD, STANDARD, Quality.standard())
-    standard, compile_seconds = studio.prepare(usual, reference)
-    measured = Measured(reference, reference_seconds, standard, [], False)
+    allowance = Allowance(seconds)
     attempts = _by_cost(attempts)
+    usual = Attempt(STANDARD, STANDARD, Quality.standard())
+    with compiling.Companion(studio.threads) as companion:
+        companion.help(0.0, lambda: studio.job(attempts))
+        tell("drawing the reference", 0, len(attempts) + 2)
+        reference, reference_seconds = studio.reference()
+        tell("drawing standard", 1, len(attempts) + 2)
+        measured = Measured(reference, reference_seconds, studio.prepare(usual, reference), [])
+        # What is drawn in any case may take long to compile.
+        allowance.keep(KEPT * seconds)
+        try:
+            _prepare(studio, companion, measured, attempts, allowance, tell)
+        except KeyboardInterrupt:
+            return measured._replace(interrupted=True)
     try:
-        with studio.compiling(attempts, compile_seconds):
-            _prepare(studio, measured, attempts, allowance, tell)
-        take_turns(studio, standard, measured.contestants, allowance, tell)
+        take_turns(studio, measured.standard, measured.contestants, allowance, tell)
     except KeyboardInterrupt:
         return measured._replace(interrupted=True)
     return measured
@@ -173,20 +181,21 @@ def _measure(
 
 def _prepare(
     studio: Studio,
+    companion: compiling.Companion,
     measured: Measured,
     attempts: Sequence[Attempt],
     allowance: Allowance,
     tell: Progress,
 ) -> None:
     """Add a contestant for each of the attempts that there is time for."""
-    contestants, compile_seconds = measured.contestants, 0.0
+    contestants, before = measured.contestants, studio.compile_seconds
     for number, attempt in enumerate(attempts):
         tell(f"drawing {attempt.label}", number + 2, len(attempts) + 2)
-        average = compile_seconds / max(len(contestants), 1)
+        rest = attempts[number:]
+        companion.help(studio.compile_seconds, lambda rest=rest: studio.job(rest))
+        average = (studio.compile_seconds - before) / max(len(contestants), 1)
         if fits(attempt, measured.standard, contestants, average, allowance):
-            contestant, seconds = studio.prepare(attempt, measured.reference)
-            contestants.append(contestant)
-            compile_seconds += seconds
+            contestants.append(studio.prepare(attempt, measured.reference))
 
 
 def _results(measured: Measured, labels: Sequence[str]) -> dict[str, Any]:
@@ -218,12 +227,20 @@ class Studio:
     ----------
     scene, camera, size, threads
         As `rasterjit.render` takes them.
+
+    Attributes
+    ----------
+    threads : int or None
+    compile_seconds : float
+        What has been compiled, or loaded, so far took.
     """
 
     def __init__(
         self, scene: Scene, camera: Camera, size: tuple[int, int], threads: int | None
     ) -> None:
-        self._scene, self._camera, self._size, self._threads = scene, camera, size, threads
+        self.threads = threads
+        self.compile_seconds = 0.0
+        self._scene, self._camera, self._size = scene, camera, size
         self._buffers = measures.buffers_of(scene)
         self._outputs = (*measures.PICTURE_OUTPUTS, *self._buffers)
         # One for all: what is prepared of the scene, and the memory, they have in common.
@@ -243,17 +260,15 @@ class Studio:
     def draw(self, quality: Quality, outputs: Sequence[str]) -> Frame:
         """Draw a frame."""
         self._renderer.quality = quality
-        return self._renderer.render(self._scene, self._camera, outputs=outputs)
+        frame = self._renderer.render(self._scene, self._camera, outputs=outputs)
+        self.compile_seconds += frame.stats.seconds[COMPILE]
+        return frame
 
-    def compiling(
-        self, attempts: Sequence[Attempt], compile_seconds: float
-    ) -> AbstractContextManager[None]:
-        """Return a context in which another process compiles for attempts, if that is of use."""
-        if not compiling.is_worthwhile(compile_seconds, self._threads):
-            return nullcontext()
+    def job(self, attempts: Sequence[Attempt]) -> compiling.Job:
+        """Return what another process can draw to compile for attempts, the last of them first."""
         qualities = [attempt.quality for attempt in attempts if attempt.passes == 1]
-        outputs = self._outputs, COLOR_ALONE
-        return compiling.beside(self._scene, self._camera, self._size, qualities, outputs)
+        outputs = [self._outputs, COLOR_ALONE]
+        return compiling.Job(self._scene, self._camera, self._size, qualities[::-1], outputs)
 
     def seconds(self, quality: Quality) -> Stages:
         """Draw the colour alone, as most frames are, and return the seconds of each stage."""
@@ -268,15 +283,14 @@ class Studio:
         seconds = total(_without_compiling(picture))
         return measures.reference_of(self._scene, picture, buffers), seconds
 
-    def prepare(self, attempt: Attempt, reference: measures.Reference) -> tuple[Contestant, float]:
-        """Compile what a quality needs and measure its errors; return that took to compile, too."""
+    def prepare(self, attempt: Attempt, reference: measures.Reference) -> Contestant:
+        """Compile what a quality needs, measure its errors and see how long it takes, about."""
         frame = self.draw(attempt.quality, self._outputs)
         errors, error_map = measures.compare(frame, reference)
-        colored = self.draw(attempt.quality, COLOR_ALONE)
-        seconds = frame.stats.seconds[COMPILE] + colored.stats.seconds[COMPILE]
         color = frame.color[:, :, :3].copy()
-        first = self.seconds(attempt.quality)
-        return Contestant(attempt, errors, color, error_map, first), seconds
+        if attempt.passes == 1:
+            self.seconds(attempt.quality)
+        return Contestant(attempt, errors, color, error_map, self.seconds(attempt.quality))
 
 
 def _by_cost(attempts: Sequence[Attempt]) -> list[Attempt]:
@@ -284,7 +298,7 @@ def _by_cost(attempts: Sequence[Attempt]) -> list[Attempt]:
     return sorted(attempts, key=lambda attempt: attempt.passes)
 
 
-def _possible(
+def possible_attempts(
     attempts: Sequence[Attempt], scene: Scene, camera: Camera, size: tuple[int, int]
 ) -> tuple[list[Attempt], dict[str, str]]:
     """Return the attempts that can be rendered, and why the others can not."""

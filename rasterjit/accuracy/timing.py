@@ -58,6 +58,10 @@ class Allowance:
         """Return how many are left; below zero if none are."""
         return self._end - self._clock()
 
+    def keep(self, seconds: float) -> None:
+        """Add what is missing from so many, if fewer are left."""
+        self._end += max(0.0, seconds - self.left())
+
 
 @dataclass
 class Contestant:

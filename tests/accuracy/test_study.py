@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit.accuracy import study as studying
 from rasterjit.accuracy import timing
 from rasterjit.accuracy.results import STANDARD
+from rasterjit.accuracy.study import possible_attempts
 
 SIZE = (32, 24)
 
@@ -137,7 +137,7 @@ def test_what_cannot_be_rendered_is_named_with_its_reason():
     made = scene()
     glass = rj.Material(shading="unlit", base_color=(1, 0, 0, 0.5), alpha_mode="blend")
     made.nodes[0].mesh.material = glass
-    possible, impossible = studying._possible(
+    possible, impossible = possible_attempts(
         rj.accuracy.knobs.single_attempts(("samples",)), made,
         rj.fit_camera(made), SIZE,
     )  # fmt: skip

@@ -139,3 +139,14 @@ def test_progress_goes_from_none_to_all():
     *_, told = run({1: 0.2, 4: 0.8}, 3.5)
     assert told[0] == ("timing", 0, timing.MOST_ROUNDS)
     assert told[-1] == ("timing", timing.MOST_ROUNDS, timing.MOST_ROUNDS)
+
+
+def test_an_allowance_keeps_what_was_promised_and_no_more():
+    clock = Clock()
+    allowance = Allowance(10.0, clock)
+    clock.now += 3.0
+    allowance.keep(5.0)
+    assert allowance.left() == pytest.approx(7.0)
+    clock.now += 30.0
+    allowance.keep(5.0)
+    assert allowance.left() == pytest.approx(5.0)
