@@ -19,7 +19,7 @@ def few_rounds(monkeypatch):
 def scene():
     made = rj.Scene()
     vertices = np.array([(-1.0, -1, 0), (1, -0.8, 0), (0.2, 1, 0), (-0.7, 0.5, 0.6)])
-    material = rj.Material(shading="unlit", base_color="teal")
+    material = rj.Material(shading="unlit", base_color="cyan")
     made.add(rj.Mesh(vertices, [(0, 1, 2), (0, 1, 3)], material=material))
     return made
 
