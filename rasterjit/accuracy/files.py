@@ -98,7 +98,7 @@ def write_report(study: Study, output: str | Path) -> list[Path]:
         # It brings matplotlib, which takes a second.
         from rasterjit.accuracy.page import write_page
 
-        places.append(write_page(study, Path(output)))
+        places.append(write_page(study, output, sentences(study)))
     return places
 
 

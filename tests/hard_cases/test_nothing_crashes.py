@@ -583,6 +583,7 @@ ELSEWHERE = {
     "RenderPlan": "what explain returns; here it is printed",
     "Node": "what Scene.add returns",
     "PixelExplanation": "what explain_pixel returns",
+    "accuracy": "a module; tests/accuracy refuses its bad input",
 }
 """Public names that no test here calls, with the reason."""
 
