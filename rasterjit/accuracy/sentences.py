@@ -89,6 +89,9 @@ def _sentence(trial: Trial, standard: Trial) -> str:
     wrong, true = trial.errors.wrong_faces, standard.errors.wrong_faces
     if wrong != true:
         parts.append(f"{wrong:,} wrong pixels instead of {true:,}")
+    depth, usual_depth = trial.errors.depth_units, standard.errors.depth_units
+    if depth is not None and usual_depth is not None and not _are_alike(depth, usual_depth):
+        parts.append(f"depth wrong by up to {depth:.1g} units instead of {usual_depth:.1g}")
     text = f"{level} instead of {usual}: {', '.join(parts)}"
     if trial.dominated_by is not None:
         text += "; not worth it here"
@@ -120,9 +123,15 @@ def _error_in_words(trial: Trial, standard: Trial) -> str:
         return "the same error"
     if low == 0.0:
         return "no error left" if error == 0.0 else f"error {error:.2g} instead of none"
-    if high / low < ALIKE:
+    if _are_alike(low, high):
         return "nearly the same error"
     return f"error {_times(high / low)}× {'higher' if error > usual else 'lower'}"
+
+
+def _are_alike(error: float, other: float) -> bool:
+    """Tell whether two errors are not told apart."""
+    low, high = sorted((error, other))
+    return high <= low * ALIKE
 
 
 def _times(factor: float) -> str:

@@ -28,6 +28,7 @@ def test_the_sentence_of_the_issue():
         (samples(8, 1.001, rmse=0.3), "the same time within the noise, error 3.0× higher"),
         (samples(8, 0.5, rmse=0.1001), "−50 % time, nearly the same error"),
         (samples(8, 0.5, rmse=0.104), "−50 % time, error 1.04× higher"),
+        (samples(8, 0.5, depth_units=0.03), "depth wrong by up to 0.03 units instead of 0"),
         (samples(8, 0.5, wrong_faces=1234), "the same error, 1,234 wrong pixels instead of 0"),
     ],
 )

@@ -1,0 +1,73 @@
+"""Each setting on the scene that was made for it: a higher level is not less accurate."""
+
+import dataclasses
+from functools import cache
+
+import pytest
+
+import rasterjit as rj
+from rasterjit.accuracy.errors import PICTURE_OUTPUTS, buffers_of, compare, reference_of
+from rasterjit.accuracy.scenes import MADE_FOR, make
+from rasterjit.scene.quality import LEVELS
+
+SIZE = (96, 72)
+
+SLACK = 1e-3
+"""Share of an error by which it may grow: what else is wrong in the picture falls here or there."""
+
+CHAINS = {
+    "samples": [(1, 2, 4, 8, 16, "area"), (1, 2, 4, 8, 16, 64, 256)],
+    "shadow_size": [(256, 512, 1024, 2048, 4096)],
+}
+"""Levels that are in order, where not all are: exact areas are shaded once in a pixel, 64 samples
+one by one; and no map is nearer to the reference than one of its own size."""
+
+
+@cache
+def errors(setting):
+    """Return the errors of each level of a setting."""
+    made = make(MADE_FOR[setting])
+    with rj.Renderer(SIZE) as renderer:
+
+        def draw(quality, outputs):
+            renderer.quality = quality
+            return renderer.render(made.scene, made.camera, outputs=outputs)
+
+        best, buffers = rj.Quality.reference(), buffers_of(made.scene)
+        reference = reference_of(
+            made.scene,
+            draw(best, PICTURE_OUTPUTS),
+            draw(dataclasses.replace(best, samples=1), buffers),
+        )
+        return {
+            level: compare(
+                draw(rj.Quality(**{setting: level}), (*PICTURE_OUTPUTS, *buffers)), reference
+            )[0]
+            for level in LEVELS[setting]
+        }
+
+
+@pytest.mark.parametrize("setting", list(LEVELS))
+def test_error_does_not_grow_as_the_level_rises(setting):
+    found = errors(setting)
+    for chain in CHAINS.get(setting, [LEVELS[setting]]):
+        rmse = [found[level].rmse for level in chain]
+        for lower, higher in zip(rmse, rmse[1:], strict=False):
+            assert higher <= lower * (1.0 + SLACK), dict(zip(chain, rmse, strict=True))
+
+
+MATTERING = ("subpixel_bits", "samples")
+"""Settings whose least level is seen in the picture of their scene."""
+
+
+@pytest.mark.parametrize("setting", MATTERING)
+def test_a_scene_shows_what_its_setting_is_for(setting):
+    found = list(errors(setting).values())
+    assert found[-1].rmse < 0.9 * found[0].rmse
+    assert found[-1].wrong_faces <= found[0].wrong_faces
+
+
+def test_finer_grids_show_fewer_wrong_faces():
+    wrong = [one.wrong_faces for one in errors("subpixel_bits").values()]
+    assert wrong == sorted(wrong, reverse=True)
+    assert wrong[0] > 0 == wrong[-1]
