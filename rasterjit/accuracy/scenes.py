@@ -107,19 +107,20 @@ def slivers() -> MadeScene:
 
 
 def near_and_far() -> MadeScene:
-    """Return plates from 0.3 to 300 m away, each 1 mm in front of another one."""
+    """Return orange plates from 0.3 to 300 m away, each 1 mm in front of a blue one."""
     scene = Scene()
     front = Material(shading="unlit", base_color=(0.85, 0.35, 0.05))
     behind = Material(shading="unlit", base_color=(0.05, 0.15, 0.6))
-    tilt = transforms.rotate((1.0, 0.7, 0.0), 35.0)
-    distances = (0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0)
-    for number, distance in enumerate(distances):
+    corners = 0.11 * np.array([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)])
+    tilted = transforms.apply(transforms.rotate((1.0, 0.7, 0.0), 35.0), corners)
+    for number, distance in enumerate((0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0)):
         column, row = number % 4, number // 4
-        place = np.array([0.26 * (column - 1.5) + 0.13 * row, 0.2 - 0.4 * row, -1.0]) * distance
-        for gap, side, material in ((0.0, 0.1, front), (0.001, 0.12, behind)):
-            corners = side * np.array([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)])
-            shape = transforms.apply(tilt, corners * distance + (0.0, 0.0, -gap)) + place
-            scene.add(Mesh(shape, QUAD, material=material), name=f"plate at {distance:g} m")
+        place = np.array([0.26 * (column - 1.5) + 0.13 * row, 0.2 - 0.4 * row, -1.0])
+        # Seen from the eye, at the origin, one plate covers the other exactly; the blue one comes
+        # first, so that it is what is seen where they are told to be as near.
+        for depth, material in ((distance + 0.001, behind), (distance, front)):
+            plate = Mesh((tilted + place) * depth, QUAD, material=material)
+            scene.add(plate, name=f"plate at {depth:g} m")
     camera = PerspectiveCamera((0.0, 0.0, 0.0), (0.0, 0.0, -1.0), near=0.1, far=1000.0)
     return MadeScene(scene, camera)
 

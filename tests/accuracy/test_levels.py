@@ -1,6 +1,7 @@
 """Each setting on the scene that was made for it: a higher level is not less accurate."""
 
 import dataclasses
+import itertools
 from functools import cache
 
 import pytest
@@ -52,7 +53,7 @@ def test_error_does_not_grow_as_the_level_rises(setting):
     found = errors(setting)
     for chain in CHAINS.get(setting, [LEVELS[setting]]):
         rmse = [found[level].rmse for level in chain]
-        for lower, higher in zip(rmse, rmse[1:], strict=False):
+        for lower, higher in itertools.pairwise(rmse):
             assert higher <= lower * (1.0 + SLACK), dict(zip(chain, rmse, strict=True))
 
 
