@@ -65,12 +65,13 @@ def floor() -> MadeScene:
     texels = np.full((64, 64, 3), 225, np.uint8)
     texels[:32, :32] = texels[32:, 32:] = (60, 80, 120)
     texels[::16] = texels[:, ::16] = (200, 60, 30)
-    corners = [(-40.0, 0.0, 2.0), (40.0, 0.0, 2.0), (40.0, 0.0, -118.0), (-40.0, 0.0, -118.0)]
-    uv = [(0.0, 0.0), (40.0, 0.0), (40.0, 60.0), (0.0, 60.0)]
-    material = Material(shading="unlit", base_color_texture=Texture(texels))
+    # All of it lies before the eye: faces that are cut are not interpolated on the screen.
+    corners = [(-30.0, 0.0, -1.2), (30.0, 0.0, -1.2), (30.0, 0.0, -91.2), (-30.0, 0.0, -91.2)]
+    uv = [(0.0, 0.0), (30.0, 0.0), (30.0, 45.0), (0.0, 45.0)]
+    material = Material(shading="unlit", base_color_texture=Texture(texels, rotation=20.0))
     scene = Scene()
     scene.add(Mesh(corners, QUAD, uv=uv, material=material), name="floor")
-    return MadeScene(scene, PerspectiveCamera((1.0, 1.6, 0.0), (4.0, 0.0, -9.0), fov_y=50.0))
+    return MadeScene(scene, PerspectiveCamera((0.0, 1.6, 0.0), (0.0, 0.0, -9.0), fov_y=50.0))
 
 
 def wires() -> MadeScene:
