@@ -61,16 +61,19 @@ def make(name: str) -> MadeScene:
 
 
 def floor() -> MadeScene:
-    """Return a tiled floor of two triangles, seen at a grazing angle up to the horizon."""
+    """Return a tiled floor of large triangles, seen at a grazing angle up to the horizon."""
     texels = np.full((64, 64, 3), 225, np.uint8)
     texels[:32, :32] = texels[32:, 32:] = (60, 80, 120)
     texels[::16] = texels[:, ::16] = (200, 60, 30)
     # All of it lies before the eye: faces that are cut are not interpolated on the screen.
-    corners = [(-30.0, 0.0, -1.2), (30.0, 0.0, -1.2), (30.0, 0.0, -91.2), (-30.0, 0.0, -91.2)]
-    uv = [(0.0, 0.0), (30.0, 0.0), (30.0, 45.0), (0.0, 45.0)]
+    rows, columns = 9, 6
+    z, x = np.mgrid[0 : rows + 1, 0 : columns + 1] * 10.0
+    vertices = np.stack([x - 30.0, 0.0 * x, -1.2 - z], axis=-1).reshape(-1, 3)
+    uv = 0.5 * np.stack([x, z], axis=-1).reshape(-1, 2)
     material = Material(shading="unlit", base_color_texture=Texture(texels, rotation=20.0))
     scene = Scene()
-    scene.add(Mesh(corners, QUAD, uv=uv, material=material), name="floor")
+    mesh = Mesh(vertices, _grid_faces(rows, columns), uv=uv, material=material)
+    scene.add(mesh, name="floor")
     return MadeScene(scene, PerspectiveCamera((0.0, 1.6, 0.0), (0.0, 0.0, -9.0), fov_y=50.0))
 
 
