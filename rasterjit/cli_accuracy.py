@@ -135,8 +135,8 @@ def _print_table(found: Study, console: Console) -> None:
         last = trial.setting
     width, height = found.size
     console.print(
-        f"{found.scene}, {width} x {height} pixels, {found.threads} threads, medians of up to "
-        f"{max(found.rounds, 1)} frames; * on the Pareto front"
+        f"{found.scene}, {width} x {height} pixels, {found.threads} threads, medians of "
+        f"{len(found.standard.seconds)} frames (fewer of slow ones); * on the Pareto front"
     )
     console.print(table)
 

@@ -188,13 +188,12 @@ def _prepare(
     tell: Progress,
 ) -> None:
     """Add a contestant for each of the attempts that there is time for."""
-    contestants, before = measured.contestants, studio.compile_seconds
+    contestants = measured.contestants
     for number, attempt in enumerate(attempts):
         tell(f"drawing {attempt.label}", number + 2, len(attempts) + 2)
         rest = attempts[number:]
         companion.help(studio.compile_seconds, lambda rest=rest: studio.job(rest))
-        average = (studio.compile_seconds - before) / max(len(contestants), 1)
-        if fits(attempt, measured.standard, contestants, average, allowance):
+        if fits(attempt, measured.standard, contestants, allowance):
             contestants.append(studio.prepare(attempt, measured.reference))
 
 

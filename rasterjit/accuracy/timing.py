@@ -133,17 +133,16 @@ def fits(
     attempt: Attempt,
     standard: Contestant,
     prepared: Sequence[Contestant],
-    compile_seconds: float,
     allowance: Allowance,
 ) -> bool:
     """
     Tell whether there is time to prepare one more quality, and for rounds of all of them after.
 
-    ``compile_seconds`` is what preparing one takes besides drawing, on average.
+    Whether it has to be compiled nobody knows; after one that took too long none fits.
     """
     cost = attempt.passes * standard.cost
     round_seconds = 2.0 * (standard.cost + cost + sum(one.cost for one in prepared))
-    wanted = compile_seconds + DRAWINGS * cost + LEAST_ROUNDS * round_seconds
+    wanted = DRAWINGS * cost + LEAST_ROUNDS * round_seconds
     return wanted <= allowance.left()
 
 
