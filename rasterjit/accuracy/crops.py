@@ -1,0 +1,136 @@
+"""Choose where to look closely at pictures, and encode them for a page."""
+
+from __future__ import annotations
+
+import base64
+import io
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+CROP_SIZE = (48, 36)
+"""Columns and rows of a crop: few enough to see single pixels when it is enlarged."""
+
+HEAT_COLORS = "inferno"
+"""matplotlib's colour map of errors: dark is small; its brightness rises evenly."""
+
+SLACK = 1e-6
+"""Share by which an error may exceed the top of the scale: float32 rounds 0.2 up."""
+
+SCALE_WIDTH = 128
+"""Columns of the scale of errors."""
+
+THUMBNAIL_WIDTH = 160
+"""Columns, or rows where there are more of them, of the picture that shows where crops lie."""
+
+
+class Crop(NamedTuple):
+    """A part of a picture, pixels."""
+
+    column: int
+    row: int
+    width: int
+    height: int
+
+    def of(self, picture: NDArray) -> NDArray:
+        """Return that part of an (H, W, ...) array."""
+        rows = slice(self.row, self.row + self.height)
+        return picture[rows, self.column : self.column + self.width]
+
+
+def choose_crop(error_maps: Sequence[NDArray[np.float32]]) -> Crop:
+    """
+    Return where to look to see what a setting changes.
+
+    Parameters
+    ----------
+    error_maps : sequence of (H, W) float32
+        Errors of its levels, at least one.
+
+    Returns
+    -------
+    Crop
+        Around the window of half its size over which the squared difference between the largest
+        and the least error of a pixel adds up to most; where all levels have the same errors, the
+        squared error. The uppermost, then leftmost of equal ones. Smaller than `CROP_SIZE` where
+        the picture is.
+    """
+    stack = np.stack(error_maps).astype(np.float64)
+    differing = stack.max(axis=0) - stack.min(axis=0)
+    weights = (differing if differing.any() else stack.max(axis=0)) ** 2
+    rows, columns = weights.shape
+    width, height = min(CROP_SIZE[0], columns), min(CROP_SIZE[1], rows)
+    inner_width, inner_height = (width + 1) // 2, (height + 1) // 2
+    row, column = _heaviest_window(weights, inner_width, inner_height)
+    row = min(max(row - (height - inner_height) // 2, 0), rows - height)
+    column = min(max(column - (width - inner_width) // 2, 0), columns - width)
+    return Crop(column, row, width, height)
+
+
+def _heaviest_window(weights: NDArray[np.float64], width: int, height: int) -> tuple[int, int]:
+    """Return row and column of the window with the largest sum, by a summed-area table."""
+    sums = np.pad(weights.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
+    windows = (
+        sums[height:, width:] - sums[:-height, width:]
+        - sums[height:, :-width] + sums[:-height, :-width]
+    )  # fmt: skip
+    row, column = np.unravel_index(int(windows.argmax()), windows.shape)
+    return int(row), int(column)
+
+
+def heat_top(errors: Sequence[NDArray[np.float32]]) -> float:
+    """Return the error that is shown brightest: the largest, rounded up to 1, 2 or 5 times 10^n."""
+    largest = max(float(error.max()) for error in errors)
+    if largest <= 0.0:
+        return 1.0
+    decade = math.floor(math.log10(largest))
+    tops = [float(f"{digit}e{decade}") for digit in (1, 2, 5, 10)]
+    return next(top for top in tops if largest <= top * (1.0 + SLACK))
+
+
+def heat(error: NDArray[np.float32], top: float) -> NDArray[np.uint8]:
+    """
+    Return errors as colours, on a linear scale from 0 to ``top``.
+
+    Parameters
+    ----------
+    error : (H, W) float32
+    top : float
+        What is shown brightest, above 0.
+
+    Returns
+    -------
+    (H, W, 3) uint8, sRGB
+    """
+    import matplotlib
+
+    table = np.array(matplotlib.colormaps[HEAT_COLORS].colors)
+    codes = np.floor(table * 255.0 + 0.5).astype(np.uint8)
+    share = np.clip(np.asarray(error, np.float64) / top, 0.0, 1.0)
+    return codes[np.floor(share * (len(codes) - 1) + 0.5).astype(np.int64)]
+
+
+def heat_scale() -> NDArray[np.uint8]:
+    """Return one row of the colours of errors from 0 to the top, (1, W, 3) uint8."""
+    return heat(np.linspace(0.0, 1.0, SCALE_WIDTH, dtype=np.float32)[None], 1.0)
+
+
+def thumbnail(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return an (H, W, 3) picture made small enough to show where a crop lies."""
+    from PIL import Image
+
+    image = Image.fromarray(picture)
+    image.thumbnail((THUMBNAIL_WIDTH, THUMBNAIL_WIDTH))
+    return np.asarray(image)
+
+
+def png_uri(picture: NDArray[np.uint8]) -> str:
+    """Return an (H, W, 3) uint8 picture as a PNG in a ``data:`` address."""
+    from PIL import Image
+
+    buffer = io.BytesIO()
+    Image.fromarray(np.ascontiguousarray(picture)).save(buffer, "PNG", optimize=True)
+    return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")

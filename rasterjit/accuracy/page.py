@@ -1,0 +1,327 @@
+"""
+Write what a study found as one page: plots, sentences, tables and enlarged pictures.
+
+The page loads nothing: pictures are in it as ``data:`` addresses, plots as inline SVG. The same
+study makes the same bytes.
+"""
+
+from __future__ import annotations
+
+import html
+import os
+import re
+import statistics
+from collections.abc import Sequence
+from importlib import resources
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.accuracy import crops
+from rasterjit.accuracy.crops import Crop
+from rasterjit.accuracy.plots import DARK, LIGHT, plot_front, plot_setting, require_matplotlib
+from rasterjit.accuracy.results import COMBINATIONS, Study, Trial
+from rasterjit.accuracy.rows import front_trials, settings_of, with_standard
+from rasterjit.accuracy.scales import duration, number
+from rasterjit.accuracy.tables import level_name, results_table, stages_table
+from rasterjit.io.images import replacing
+
+NAME = "index.html"
+"""What the page is called in its folder."""
+
+THUMBNAIL = "whole-picture"
+"""Id of the small picture in which all crops are shown."""
+
+
+class Section(NamedTuple):
+    """A part of the page: its anchor, its heading as text, and what follows as HTML."""
+
+    anchor: str
+    title: str
+    body: str
+
+
+def write_page(study: Study, folder: str | Path, sentences: dict[str, str]) -> Path:
+    """
+    Write the page of a study, whole or not at all.
+
+    Parameters
+    ----------
+    study : Study
+        Finished or interrupted: what is missing is named.
+    folder : str or Path
+        Where ``index.html`` goes; made if it does not exist.
+    sentences : dict of str
+        For settings, what their levels cost and buy, in words.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    ValueError
+        If ``folder`` is not a folder, or matplotlib is not installed.
+    OSError
+        If the folder or the file cannot be written; a page that was there is left as it was.
+    """
+    require_matplotlib()
+    if not isinstance(folder, (str, os.PathLike)):
+        raise ValueError(f"folder must be the name of a folder, got {folder!r}")
+    place = Path(folder)
+    if place.exists() and not place.is_dir():
+        raise ValueError(f"folder must be a folder, got {str(place)!r}, which is a file")
+    text = page(study, sentences)
+    place.mkdir(parents=True, exist_ok=True)
+    with replacing(place / NAME) as temporary:
+        temporary.write_text(text, encoding="utf-8", newline="\n")
+    return place / NAME
+
+
+def page(study: Study, sentences: dict[str, str]) -> str:
+    """Return the page of a study as HTML; see `write_page`."""
+    sections = [
+        _front(study),
+        _sentences(study, sentences),
+        *(_setting(study, setting, sentences) for setting in settings_of(study)),
+        _combinations(study),
+        _without_effect(study),
+        _left_out(study),
+        _variation(study),
+        _machine(study),
+    ]
+    shown = [section for section in sections if section.body]
+    title = html.escape(f"What accuracy costs: {study.scene}")
+    return (
+        '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        f'<link rel="icon" href="data:,">\n<title>{title}</title>\n'
+        f"<style>\n{_style()}</style>\n</head>\n<body>\n"
+        f"{_header(study, title, shown)}\n<main>\n"
+        + "\n".join(_as_html(section) for section in shown)
+        + "\n</main>\n</body>\n</html>\n"
+    )
+
+
+def _as_html(section: Section) -> str:
+    heading = f"<h2>{html.escape(section.title)}</h2>"
+    return f'<section id="{section.anchor}">\n{heading}\n{section.body}\n</section>'
+
+
+def _anchor(name: str) -> str:
+    """Return a name as an id."""
+    return re.sub(r"[^A-Za-z0-9_-]", "-", name)
+
+
+def _style() -> str:
+    """Return the style sheet, with the colours of plots for a light and a dark page."""
+
+    def variables(colors: dict[str, str]) -> str:
+        return " ".join(f"--{name}: {color};" for name, color in colors.items())
+
+    return (
+        f":root {{ color-scheme: light dark; {variables(LIGHT)} }}\n"
+        f"@media (prefers-color-scheme: dark) {{ :root {{ {variables(DARK)} }} }}\n"
+        + resources.files("rasterjit.accuracy").joinpath("page.css").read_text(encoding="utf-8")
+    )
+
+
+def _header(study: Study, title: str, sections: Sequence[Section]) -> str:
+    """Return the title, what was measured, the pictures, and links to all sections."""
+    columns, rows = study.size
+    links = "".join(
+        f'<li><a href="#{section.anchor}">{html.escape(section.title)}</a></li>\n'
+        for section in sections
+    )
+    small = crops.thumbnail(study.reference_color)
+    pictures = _whole_picture(
+        study, study.standard.color, "standard quality", duration(study.standard.median)
+    ) + _whole_picture(
+        study, study.reference_color, "reference of all errors", duration(study.reference_seconds)
+    )
+    return (
+        f"<header>\n<h1>{title}</h1>\n"
+        f"<p>{columns} × {rows} pixels, {_counted(study.threads, 'thread')}, "
+        f"{_counted(study.rounds, 'round')}. Every time is the median over the rounds, divided by "
+        "that of the standard quality in the same round; every error is against the reference."
+        f'</p>\n<div class="whole">\n{pictures}</div>\n<nav><ul>\n{links}</ul></nav>\n'
+        f'<svg width="0" height="0" style="position: absolute" aria-hidden="true"><defs>'
+        f'<image id="{THUMBNAIL}" width="{columns}" height="{rows}" '
+        f'href="{crops.png_uri(small)}" preserveAspectRatio="none"/></defs></svg>\n</header>'
+    )
+
+
+def _whole_picture(study: Study, picture: NDArray[np.uint8], name: str, took: str) -> str:
+    """Return a picture that is shown no larger than it is."""
+    columns, rows = study.size
+    return (
+        f'<figure style="max-width: {columns}px"><img src="{crops.png_uri(picture)}" '
+        f'width="{columns}" height="{rows}" alt="{html.escape(study.scene)}, {name}">'
+        f"<figcaption>{name.capitalize()}: {took}</figcaption></figure>\n"
+    )
+
+
+def _counted(count: int, noun: str) -> str:
+    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
+
+
+def _front(study: Study) -> Section:
+    """Return the plot of everything, and what its numbers stand for."""
+    found = front_trials(study)
+    rows = results_table(study, found, numbered=True)
+    body = (
+        "<p>Nothing that was tried is both faster and more accurate than the numbered ones.</p>\n"
+        f"<figure>{plot_front(study, 'front-')}\n<figcaption>"
+        '<span class="key">●</span> on the front, <span class="key standard">◆</span> standard, '
+        '<span class="key dominated">○</span> all others; bars from the lower to the upper '
+        f"quartile of the times.</figcaption></figure>\n{rows}"
+    )
+    return Section("front", "All that was tried", body)
+
+
+def _sentences(study: Study, sentences: dict[str, str]) -> Section:
+    """Return the sentences, each linked to the section of its setting."""
+    sections = {*settings_of(study), COMBINATIONS}
+    items = []
+    for name, sentence in sentences.items():
+        shown = f"<code>{html.escape(name)}</code>"
+        if name in sections:
+            shown = f'<a href="#{_anchor(name)}">{shown}</a>'
+        items.append(f"<li>{shown}: {html.escape(sentence)}</li>")
+    body = "<ul>\n" + "\n".join(items) + "\n</ul>" if items else ""
+    return Section("sentences", "In one sentence each", body)
+
+
+def _setting(study: Study, setting: str, sentences: dict[str, str]) -> Section:
+    """Return plot, table and crops of one setting."""
+    trials = with_standard(study, setting)
+    sentence = sentences.get(setting)
+    lead = f'<p class="lead">{html.escape(sentence)}</p>\n' if sentence else ""
+    stages = stages_table(study, trials, setting)
+    if stages:
+        stages = f"<details><summary>Time of each stage</summary>\n{stages}\n</details>\n"
+    has_dominated = any(trial.dominated_by for trial in trials)
+    dominated = ', <span class="key dominated">○</span> dominated: another level is neither slower '
+    body = (
+        f"{lead}<figure>{plot_setting(study, setting, f'{_anchor(setting)}-')}\n<figcaption>"
+        '<span class="key">●</span> level, <span class="key standard">◆</span> standard'
+        f"{dominated + 'nor less accurate' if has_dominated else ''}; bars from the lower to the "
+        f"upper quartile of the times.</figcaption></figure>\n"
+        f"{results_table(study, trials, setting)}\n{stages}{_crops(study, setting, trials)}"
+    )
+    return Section(_anchor(setting), setting, body)
+
+
+def _crops(study: Study, setting: str, trials: Sequence[Trial]) -> str:
+    """Return enlarged parts of the reference and of each level, with their errors as colours."""
+    crop = crops.choose_crop([trial.error_map for trial in trials])
+    errors = [crop.of(trial.error_map) for trial in trials]
+    top = crops.heat_top(errors)
+    where = f"columns {crop.column} to {crop.column + crop.width - 1}, rows {crop.row} to " + str(
+        crop.row + crop.height - 1
+    )
+    shown = html.escape(setting)
+    figures = [_reference_crop(study, crop, top)]
+    for trial, error in zip(trials, errors, strict=True):
+        name = html.escape(level_name(study, trial, setting))
+        rmse = number(float(np.sqrt(np.mean(np.square(error, dtype=np.float64)))))
+        figures.append(
+            f'<figure class="{"dominated" if trial.dominated_by else "level"}">'
+            + _enlarged(crop.of(trial.color), f"{shown}: {name}, enlarged")
+            + _enlarged(crops.heat(error, top), f"{shown}: error of {name}, enlarged")
+            + f"<figcaption>{name}<br>RMSE here {rmse}</figcaption></figure>"
+        )
+    return (
+        f"<h3>Where the levels differ most: {where}</h3>\n"
+        '<p class="aside">Above the picture, below its error at each pixel: the largest difference '
+        "of linear red, green and blue.</p>\n"
+        f'<div class="crops" style="--columns: {crop.width}; --rows: {crop.height}">\n'
+        + "\n".join(figures)
+        + "\n</div>"
+    )
+
+
+def _reference_crop(study: Study, crop: Crop, top: float) -> str:
+    """Return the reference's part, where it lies in the picture, and the scale of the errors."""
+    columns, rows = study.size
+    scale = crops.png_uri(crops.heat_scale())
+    return (
+        "<figure>" + _enlarged(crop.of(study.reference_color), "reference, enlarged")
+        + f'<svg class="where" viewBox="0 0 {columns} {rows}" role="img" '
+        f'aria-label="where this part lies in the picture"><use href="#{THUMBNAIL}"/>'
+        f'<rect x="{crop.column}" y="{crop.row}" width="{crop.width}" height="{crop.height}" '
+        f'stroke-width="{max(columns / 120.0, 1.0):.3g}"/></svg>'
+        f'<figcaption>Reference, and where this is<img class="scale" src="{scale}" '
+        f'alt="colours of errors from 0 to {number(top)}"><span class="ends"><span>0</span>'
+        f"<span>error</span><span>{number(top)}</span></span></figcaption></figure>"
+    )  # fmt: skip
+
+
+def _enlarged(picture: NDArray[np.uint8], described: str) -> str:
+    """Return an image whose pixels the style sheet enlarges; ``described`` is HTML."""
+    height, width = picture.shape[:2]
+    return (
+        f'<img class="pixels" src="{crops.png_uri(picture)}" width="{width}" height="{height}" '
+        f'alt="{described}">'
+    )
+
+
+def _combinations(study: Study) -> Section:
+    """Return the table of what changes several settings."""
+    trials = study.of(COMBINATIONS)
+    body = results_table(study, [study.standard, *trials]) if trials else ""
+    return Section(COMBINATIONS, "Several settings at once", body)
+
+
+def _without_effect(study: Study) -> Section:
+    """Return the settings that change nothing, with the reasons."""
+    items = "\n".join(
+        f"<dt><code>{html.escape(name)}</code></dt><dd>{html.escape(reason)}</dd>"
+        for name, reason in study.without_effect.items()
+    )
+    return Section(
+        "without-effect", "Settings without effect here", f"<dl>\n{items}\n</dl>" if items else ""
+    )
+
+
+def _left_out(study: Study) -> Section:
+    """Return what there was no time for."""
+    names = ", ".join(f"<code>{html.escape(name)}</code>" for name in study.left_out)
+    body = f"<p>There was no time for these, or the study was interrupted: {names}.</p>"
+    return Section("left-out", "What was left out", body if names else "")
+
+
+def _variation(study: Study) -> Section:
+    """Return how far the times of the rounds lay apart."""
+    spreads = [
+        ((trial.spread[1] - trial.spread[0]) / trial.ratio, trial)
+        for trial in study.trials
+        if len(trial.ratios) > 1
+    ]
+    if not spreads:
+        body = "<p>Everything was timed once, so how much times vary is not known.</p>"
+        return Section("variation", "How much times varied", body)
+    typical = statistics.median(spread for spread, _ in spreads)
+    most, trial = max(spreads, key=lambda found: found[0])
+    body = (
+        f"<p>The middle half of the times of a typical level spans {100.0 * typical:.2g} % of "
+        f"their median; {100.0 * most:.2g} % for "
+        f"<code>{html.escape(trial.label)}</code>, which varied most. Frames of the standard took "
+        f"{duration(min(study.standard.seconds))} to "
+        f"{duration(max(study.standard.seconds))}. Differences of times below that mean "
+        "nothing. Errors do not vary: the same scene gives the same ones in every run.</p>"
+    )
+    return Section("variation", "How much times varied", body)
+
+
+def _machine(study: Study) -> Section:
+    """Return on what the times were taken."""
+    items = "\n".join(
+        f"<dt>{html.escape(name)}</dt><dd>{html.escape(value)}</dd>"
+        for name, value in {**study.machine, **study.versions}.items()
+    )
+    body = f"<dl>\n{items}\n</dl>" if items else ""
+    return Section("machine", "Machine and versions", body)

@@ -1,0 +1,86 @@
+"""Choose limits and ticks of logarithmic axes, and write numbers shortly."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+MANTISSAS = ((1,), (1, 3), (1, 2, 5), (1, 1.5, 2, 3, 5, 7))
+"""Ticks of each decade, from the sparsest choice on."""
+
+STEPS = (1.0, 2.0, 2.5, 5.0)
+"""Distances of evenly spaced ticks, times a power of ten."""
+
+MOST_TICKS = 7
+
+LEAST_LOGARITHMIC = 3.0
+"""Ratio of the ends of an axis from which multiples of powers of ten are its ticks."""
+
+SLACK = 1e-9
+"""Share of a step by which rounding may move a tick beyond the limits."""
+
+
+def number(value: float) -> str:
+    """Return a number with three significant digits, short: ``0.0213``, ``1.2e-7``, ``0``."""
+    text = f"{value:.3g}"
+    mantissa, letter, exponent = text.partition("e")
+    return f"{mantissa}e{int(exponent)}" if letter else text
+
+
+def duration(seconds: float) -> str:
+    """Return a time with its unit: ``12.3 ms``, ``3.04 s``."""
+    if seconds < 0.9995:
+        return f"{number(1000.0 * seconds)} ms"
+    return f"{seconds:.3g} s" if seconds < 999.5 else f"{seconds:,.0f} s"
+
+
+def log_limits(values: Sequence[float], least: float, margin: float) -> tuple[float, float]:
+    """
+    Return the ends of a logarithmic axis.
+
+    Parameters
+    ----------
+    values : sequence of float
+        What must lie on it; all above 0, at least one.
+    least : float
+        Least ratio of the ends, before the margin.
+    margin : float
+        Share of its length that is added at each end.
+    """
+    low, high = math.log(min(values)), math.log(max(values))
+    missing = max(math.log(least) - (high - low), 0.0)
+    low, high = low - 0.5 * missing, high + 0.5 * missing
+    more = margin * (high - low)
+    return math.exp(low - more), math.exp(high + more)
+
+
+def log_ticks(low: float, high: float) -> list[float]:
+    """Return two to seven round numbers within an axis, evenly spread as far as that goes."""
+    if high / low < LEAST_LOGARITHMIC:
+        return _evenly_spaced(low, high)
+    choices = [_of_decades(low, high, mantissas) for mantissas in MANTISSAS]
+    fitting = [ticks for ticks in choices if len(ticks) <= MOST_TICKS]
+    if not fitting:
+        return choices[0][:: math.ceil(len(choices[0]) / MOST_TICKS)]
+    return fitting[-1]
+
+
+def _of_decades(low: float, high: float, mantissas: Sequence[float]) -> list[float]:
+    """Return the given multiples of powers of ten that lie within low..high."""
+    decades = range(math.floor(math.log10(low)), math.floor(math.log10(high)) + 1)
+    ticks = [float(f"{mantissa}e{decade}") for decade in decades for mantissa in mantissas]
+    return [tick for tick in ticks if low <= tick <= high]
+
+
+def _evenly_spaced(low: float, high: float) -> list[float]:
+    """Return multiples of a round step within low..high."""
+    length = high - low
+    decade = 10.0 ** math.floor(math.log10(length / MOST_TICKS))
+    step = next(
+        size * factor
+        for factor in (decade, 10.0 * decade)
+        for size in STEPS
+        if length / (size * factor) <= MOST_TICKS - 1
+    )
+    first, last = math.ceil(low / step - SLACK), math.floor(high / step + SLACK)
+    return [float(f"{k * step:.12g}") for k in range(first, last + 1)]
