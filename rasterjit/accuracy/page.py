@@ -89,6 +89,7 @@ def page(study: Study, sentences: dict[str, str]) -> str:
         *(_setting(study, setting, sentences) for setting in settings_of(study)),
         _combinations(study),
         _without_effect(study),
+        _impossible(study),
         _left_out(study),
         _variation(study),
         _machine(study),
@@ -171,7 +172,7 @@ def _counted(count: int, noun: str) -> str:
 def _front(study: Study) -> Section:
     """Return the plot of everything, and what its numbers stand for."""
     found = front_trials(study)
-    rows = results_table(study, found, numbered=True)
+    rows = results_table(study, found)
     body = (
         "<p>Nothing that was tried is both faster and more accurate than the numbered ones.</p>\n"
         f"<figure>{plot_front(study, 'front-')}\n<figcaption>"
@@ -278,20 +279,28 @@ def _combinations(study: Study) -> Section:
 
 def _without_effect(study: Study) -> Section:
     """Return the settings that change nothing, with the reasons."""
+    return Section("without-effect", "Settings without effect here", _list(study.without_effect))
+
+
+def _impossible(study: Study) -> Section:
+    """Return what cannot be rendered, with the reasons."""
+    return Section("impossible", "What cannot be rendered here", _list(study.impossible))
+
+
+def _list(described: dict[str, str], tag: str = "code") -> str:
+    """Return names with what is said of each, or nothing if there are none."""
     items = "\n".join(
-        f"<dt><code>{html.escape(name)}</code></dt><dd>{html.escape(reason)}</dd>"
-        for name, reason in study.without_effect.items()
+        f"<dt><{tag}>{html.escape(name)}</{tag}></dt><dd>{html.escape(said)}</dd>"
+        for name, said in described.items()
     )
-    return Section(
-        "without-effect", "Settings without effect here", f"<dl>\n{items}\n</dl>" if items else ""
-    )
+    return f"<dl>\n{items}\n</dl>" if items else ""
 
 
 def _left_out(study: Study) -> Section:
     """Return what there was no time for."""
     names = ", ".join(f"<code>{html.escape(name)}</code>" for name in study.left_out)
-    body = f"<p>There was no time for these, or the study was interrupted: {names}.</p>"
-    return Section("left-out", "What was left out", body if names else "")
+    why = "The study was interrupted before" if study.interrupted else "There was no time left for"
+    return Section("left-out", "What was left out", f"<p>{why}: {names}.</p>" if names else "")
 
 
 def _variation(study: Study) -> Section:
@@ -319,9 +328,5 @@ def _variation(study: Study) -> Section:
 
 def _machine(study: Study) -> Section:
     """Return on what the times were taken."""
-    items = "\n".join(
-        f"<dt>{html.escape(name)}</dt><dd>{html.escape(value)}</dd>"
-        for name, value in {**study.machine, **study.versions}.items()
-    )
-    body = f"<dl>\n{items}\n</dl>" if items else ""
+    body = _list({**study.machine, **study.versions}, tag="span")
     return Section("machine", "Machine and versions", body)

@@ -21,7 +21,9 @@ SLACK = 1e-9
 
 
 def number(value: float) -> str:
-    """Return a number with three significant digits, short: ``0.0213``, ``1.2e-7``, ``0``."""
+    """Return a number with three digits, or all before the point: ``0.0213``, ``1,234``."""
+    if 999.5 <= abs(value) < 999_999.5:
+        return f"{value:,.0f}"
     text = f"{value:.3g}"
     mantissa, letter, exponent = text.partition("e")
     return f"{mantissa}e{int(exponent)}" if letter else text

@@ -7,8 +7,9 @@ import math
 from collections.abc import Sequence
 
 from rasterjit.accuracy.results import STANDARD, Study, Trial
-from rasterjit.accuracy.rows import standard_level
+from rasterjit.accuracy.rows import front_trials, standard_level
 from rasterjit.accuracy.scales import number
+from rasterjit.scene.quality import differences
 
 NOTHING = "–"
 """What stands where a number has no meaning."""
@@ -28,9 +29,7 @@ RESULTS = (
 """Columns of what was measured, with their units."""
 
 
-def results_table(
-    study: Study, trials: Sequence[Trial], setting: str | None = None, *, numbered: bool = False
-) -> str:
+def results_table(study: Study, trials: Sequence[Trial], setting: str | None = None) -> str:
     """
     Return time and errors of trials as a table.
 
@@ -38,16 +37,17 @@ def results_table(
     ----------
     study : Study
     trials : sequence of Trial
-        One row each; the dominated ones are grey and name what dominates them.
+        One row each; what is dominated is grey and names what dominates it.
     setting : str, optional
-        Whose levels they are. Default: rows are called by their full labels.
-    numbered : bool
-        Whether the names are preceded by 1, 2, ...
+        Whose levels they are. Default: rows are called by their full labels, numbered if they are
+        on the front, grey if they are not.
     """
-    names = [_row_name(study, trial, setting) for trial in trials]
-    if numbered:
-        names = [f'<span class="key">{n}</span> {name}' for n, name in enumerate(names, 1)]
-    rows = [_row(trial, name, _results(trial)) for name, trial in zip(names, trials, strict=True)]
+    rows = []
+    for trial in trials:
+        kind = _kind(trial)
+        if setting is None and kind == "level" and trial.label not in study.front:
+            kind = "other"
+        rows.append(_row(kind, _row_name(study, trial, setting), _results(trial)))
     return _table("level" if setting else "changed from the standard", RESULTS, rows)
 
 
@@ -60,7 +60,7 @@ def stages_table(study: Study, trials: Sequence[Trial], setting: str) -> str:
     for trial in trials:
         values = [trial.stages.get(stage) for stage in stages]
         cells = [NOTHING if value is None else milliseconds(value) for value in values]
-        rows.append(_row(trial, _row_name(study, trial, setting), cells))
+        rows.append(_row(_kind(trial), _row_name(study, trial, setting), cells))
     return _table("level", [(stage, "ms") for stage in stages], rows)
 
 
@@ -78,10 +78,20 @@ def level_name(study: Study, trial: Trial, setting: str) -> str:
 
 def _row_name(study: Study, trial: Trial, setting: str | None) -> str:
     """Return the heading of a trial's row, naming what dominates it."""
-    name = html.escape(trial.label if setting is None else level_name(study, trial, setting))
-    if trial.dominated_by is None:
-        return name
-    return f"{name}<small>dominated by {html.escape(trial.dominated_by)}</small>"
+    dominating = ""
+    if trial.dominated_by is not None:
+        dominating = f"<small>dominated by {html.escape(trial.dominated_by)}</small>"
+    if setting is not None:
+        return html.escape(level_name(study, trial, setting)) + dominating
+    labels = [other.label for other in front_trials(study)]
+    name = html.escape(trial.label)
+    if trial.label in labels:
+        name = f'<span class="key">{labels.index(trial.label) + 1}</span> {name}'
+    changes = differences(trial.quality, study.standard.quality)
+    if changes and "=" not in trial.label:
+        shown = " ".join(f"{setting}={level}" for setting, level in changes.items())
+        name += f"<small>{html.escape(shown)}</small>"
+    return name + dominating
 
 
 def _results(trial: Trial) -> list[str]:
@@ -107,9 +117,15 @@ def _or_nothing(value: float | None) -> str:
     return NOTHING if value is None else number(value)
 
 
-def _row(trial: Trial, name: str, cells: Sequence[str]) -> str:
+def _kind(trial: Trial) -> str:
+    """Return the class of a trial's row."""
+    if trial.setting == STANDARD:
+        return STANDARD
+    return "level" if trial.dominated_by is None else "dominated"
+
+
+def _row(kind: str, name: str, cells: Sequence[str]) -> str:
     """Return a row; name and cells are HTML."""
-    kind = STANDARD if trial.setting == STANDARD else "dominated" if trial.dominated_by else "level"
     values = "".join(f"<td>{cell}</td>" for cell in cells)
     return f'<tr class="{kind}"><th scope="row">{name}</th>{values}</tr>'
 

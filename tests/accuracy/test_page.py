@@ -92,6 +92,7 @@ def test_everything_that_was_found_is_on_the_page(study, read):
         study.scene, "160 × 100 pixels", "2 threads", "9 rounds", *study.left_out,
         *study.machine, *study.machine.values(), *study.versions, *study.versions.values(),
         *study.without_effect, *study.without_effect.values(), *SENTENCES.values(), "3.21 s",
+        *study.impossible, *study.impossible.values(), "There was no time left for",
     ):  # fmt: skip
         assert " ".join(words.split()) in read.text, words
 
@@ -116,6 +117,8 @@ def test_dominated_levels_are_grey_and_name_what_dominates_them(read):
     )
     assert sorted(named) == sorted([*single, *single, *mixed]), "in results and in stages"
     assert len(rows) == len(named)
+    others = [attributes for attributes in read.all("tr") if attributes.get("class") == "other"]
+    assert len(others) == 1, "the combination that is not on the front"
 
 
 def test_levels_stand_in_their_order_with_the_standard_among_them(study, read):
@@ -248,10 +251,11 @@ def test_without_matplotlib_it_says_what_to_install(study, tmp_path, monkeypatch
 
 
 def test_an_interrupted_study_makes_a_page_too():
-    study = dataclasses.replace(made_up_study(settings=[]), left_out=("samples=2",))
+    study = made_up_study(settings=[])
+    study = dataclasses.replace(study, left_out=("samples=2",), interrupted=True)
     read = Read(page(study, {}))
     assert read.open == []
-    assert "samples=2" in read.text
+    assert "The study was interrupted before: samples=2" in read.text
     assert len(read.all("svg")) == 2, "the front and the hidden thumbnail"
 
 
@@ -269,10 +273,16 @@ def test_how_much_times_varied_is_said(study, read):
 
 
 def test_the_front_is_listed_from_the_fastest_on(study, read):
-    listed = [row[0] for row in read.rows if row and re.match(r"\d+ \S", row[0])]
-    listed = [name for name in listed if "(standard)" not in name]
+    listed = [row[0] for row in read.rows if row and re.match(r"\d+ [a-z]", row[0])]
     trials = front_trials(study)
-    assert listed == [f"{n} {trial.label}" for n, trial in enumerate(trials, 1)]
+    wanted = [f"{n} {trial.label}" for n, trial in enumerate(trials, 1)]
+    assert wanted[0] == "1 draft"
+    assert listed[0].startswith("1 draftshading=vertex renormalize=False texture_filter=nearest")
+    assert listed[1 : len(wanted)] == wanted[1:]
+    # Then those of them that are combinations, once more.
+    assert {name.partition("=")[0] for name in listed[len(wanted) :]} < {
+        name.partition("=")[0] for name in listed[: len(wanted)]
+    }
     assert [t.ratio for t in trials] == sorted(t.ratio for t in trials)
     assert [t.errors.rmse for t in trials] == sorted((t.errors.rmse for t in trials), reverse=True)
 
