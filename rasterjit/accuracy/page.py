@@ -228,17 +228,17 @@ def _crops(study: Study, setting: str, trials: Sequence[Trial]) -> str:
     figures = [_reference_crop(study, crop, top)]
     for trial, error in zip(trials, errors, strict=True):
         name = html.escape(level_name(study, trial, setting))
-        rmse = number(float(np.sqrt(np.mean(np.square(error, dtype=np.float64)))))
+        rms = number(float(np.sqrt(np.mean(np.square(error, dtype=np.float64)))))
         figures.append(
             f'<figure class="{"dominated" if trial.dominated_by else "level"}">'
             + _enlarged(crop.of(trial.color), f"{shown}: {name}, enlarged")
             + _enlarged(crops.heat(error, top), f"{shown}: error of {name}, enlarged")
-            + f"<figcaption>{name}<br>RMSE here {rmse}</figcaption></figure>"
+            + f"<figcaption>{name}<br>RMS {rms}</figcaption></figure>"
         )
     return (
         f"<h3>Where the levels differ most: {where}</h3>\n"
-        '<p class="aside">Above the picture, below its error at each pixel: the largest difference '
-        "of linear red, green and blue.</p>\n"
+        '<p class="aside">Above the picture; below its error at each pixel, the largest difference '
+        "of linear red, green and blue, with the root mean square of what is shown.</p>\n"
         f'<div class="crops" style="--columns: {crop.width}; --rows: {crop.height}">\n'
         + "\n".join(figures)
         + "\n</div>"

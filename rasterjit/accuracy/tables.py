@@ -31,7 +31,7 @@ RESULTS = (
 
 def results_table(study: Study, trials: Sequence[Trial], setting: str | None = None) -> str:
     """
-    Return time and errors of trials as a table.
+    Return time and errors of trials as a table, without columns in which nothing has a meaning.
 
     Parameters
     ----------
@@ -42,13 +42,16 @@ def results_table(study: Study, trials: Sequence[Trial], setting: str | None = N
         Whose levels they are. Default: rows are called by their full labels, numbered if they are
         on the front, grey if they are not.
     """
+    cells = [_results(trial) for trial in trials]
+    shown = [n for n in range(len(RESULTS)) if any(row[n] != NOTHING for row in cells)]
     rows = []
-    for trial in trials:
+    for trial, row in zip(trials, cells, strict=True):
         kind = _kind(trial)
         if setting is None and kind == "level" and trial.label not in study.front:
             kind = "other"
-        rows.append(_row(kind, _row_name(study, trial, setting), _results(trial)))
-    return _table("level" if setting else "changed from the standard", RESULTS, rows)
+        rows.append(_row(kind, _row_name(study, trial, setting), [row[n] for n in shown]))
+    first = "level" if setting else "changed from the standard"
+    return _table(first, [RESULTS[n] for n in shown], rows)
 
 
 def stages_table(study: Study, trials: Sequence[Trial], setting: str) -> str:
