@@ -205,11 +205,14 @@ def _setting(study: Study, setting: str, sentences: dict[str, str]) -> Section:
     if stages:
         stages = f"<details><summary>Time of each stage</summary>\n{stages}\n</details>\n"
     has_dominated = any(trial.dominated_by for trial in trials)
-    dominated = ', <span class="key dominated">○</span> dominated: another level is neither slower '
+    dominated = (
+        ', <span class="key dominated">○</span> dominated: another level is, as far as the times '
+        "tell, neither slower nor less accurate"
+    )
     body = (
         f"{lead}<figure>{plot_setting(study, setting, f'{_anchor(setting)}-')}\n<figcaption>"
         '<span class="key">●</span> level, <span class="key standard">◆</span> standard'
-        f"{dominated + 'nor less accurate' if has_dominated else ''}; bars from the lower to the "
+        f"{dominated if has_dominated else ''}; bars from the lower to the "
         f"upper quartile of the times.</figcaption></figure>\n"
         f"{results_table(study, trials, setting)}\n{stages}{_crops(study, setting, trials)}"
     )

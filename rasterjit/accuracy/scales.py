@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 
@@ -11,13 +12,14 @@ MANTISSAS = ((1,), (1, 3), (1, 2, 5), (1, 1.5, 2, 3, 5, 7))
 STEPS = (1.0, 2.0, 2.5, 5.0)
 """Distances of evenly spaced ticks, times a power of ten."""
 
-MOST_TICKS = 7
+LEAST_APART = 0.135
+"""Least distance of two ticks, as a share of the axis: their labels must not touch."""
 
 LEAST_LOGARITHMIC = 3.0
 """Ratio of the ends of an axis from which multiples of powers of ten are its ticks."""
 
-SLACK = 1e-9
-"""Share of a step by which rounding may move a tick beyond the limits."""
+END = 0.03
+"""Share of the axis at its ends where no tick is: its label would stand out."""
 
 
 def number(value: float) -> str:
@@ -57,14 +59,17 @@ def log_limits(values: Sequence[float], least: float, margin: float) -> tuple[fl
 
 
 def log_ticks(low: float, high: float) -> list[float]:
-    """Return two to seven round numbers within an axis, evenly spread as far as that goes."""
+    """Return one to eight round numbers within a logarithmic axis, well apart."""
+    length = math.log(high / low)
+    low, high = low * math.exp(END * length), high * math.exp(-END * length)
     if high / low < LEAST_LOGARITHMIC:
-        return _evenly_spaced(low, high)
+        return _evenly_spaced(low, high, LEAST_APART * length)
     choices = [_of_decades(low, high, mantissas) for mantissas in MANTISSAS]
-    fitting = [ticks for ticks in choices if len(ticks) <= MOST_TICKS]
-    if not fitting:
-        return choices[0][:: math.ceil(len(choices[0]) / MOST_TICKS)]
-    return fitting[-1]
+    fitting = [ticks for ticks in choices if _are_apart(ticks, LEAST_APART * length)]
+    if fitting:
+        return fitting[-1]
+    # Too many decades for a tick at each.
+    return choices[0][:: math.ceil(LEAST_APART * length / math.log(10.0))]
 
 
 def _of_decades(low: float, high: float, mantissas: Sequence[float]) -> list[float]:
@@ -74,15 +79,23 @@ def _of_decades(low: float, high: float, mantissas: Sequence[float]) -> list[flo
     return [tick for tick in ticks if low <= tick <= high]
 
 
-def _evenly_spaced(low: float, high: float) -> list[float]:
-    """Return multiples of a round step within low..high."""
-    length = high - low
-    decade = 10.0 ** math.floor(math.log10(length / MOST_TICKS))
-    step = next(
-        size * factor
-        for factor in (decade, 10.0 * decade)
+def _evenly_spaced(low: float, high: float, least: float) -> list[float]:
+    """Return multiples of the smallest round step that are apart on a logarithmic axis."""
+    decade = math.floor(math.log10(high - low)) - 1
+    choices = [
+        [k * size * 10.0**power for k in _multiples(low, high, size * 10.0**power)]
+        for power in (decade, decade + 1)
         for size in STEPS
-        if length / (size * factor) <= MOST_TICKS - 1
-    )
-    first, last = math.ceil(low / step - SLACK), math.floor(high / step + SLACK)
-    return [float(f"{k * step:.12g}") for k in range(first, last + 1)]
+    ]
+    fitting = [ticks for ticks in choices if _are_apart(ticks, least)]
+    return [float(f"{tick:.12g}") for tick in fitting[0]]
+
+
+def _multiples(low: float, high: float, step: float) -> range:
+    """Return the whole numbers of steps that lie within low..high."""
+    return range(math.ceil(low / step), math.floor(high / step) + 1)
+
+
+def _are_apart(ticks: Sequence[float], least: float) -> bool:
+    """Tell whether neighbours are in no smaller ratio than ``exp(least)``."""
+    return all(math.log(b / a) >= least for a, b in itertools.pairwise(ticks))

@@ -37,18 +37,18 @@ def results_table(study: Study, trials: Sequence[Trial], setting: str | None = N
     ----------
     study : Study
     trials : sequence of Trial
-        One row each; what is dominated is grey and names what dominates it.
+        One row each.
     setting : str, optional
-        Whose levels they are. Default: rows are called by their full labels, numbered if they are
-        on the front, grey if they are not.
+        Whose levels they are: the dominated ones are grey and name what dominates them. Default:
+        rows are called by their full labels, numbered if they are on the front, else grey.
     """
     cells = [_results(trial) for trial in trials]
     shown = [n for n in range(len(RESULTS)) if any(row[n] != NOTHING for row in cells)]
     rows = []
     for trial, row in zip(trials, cells, strict=True):
         kind = _kind(trial)
-        if setting is None and kind == "level" and trial.label not in study.front:
-            kind = "other"
+        if setting is None and kind != STANDARD:
+            kind = "level" if trial.label in study.front else "other"
         rows.append(_row(kind, _row_name(study, trial, setting), [row[n] for n in shown]))
     first = "level" if setting else "changed from the standard"
     return _table(first, [RESULTS[n] for n in shown], rows)
@@ -80,12 +80,12 @@ def level_name(study: Study, trial: Trial, setting: str) -> str:
 
 
 def _row_name(study: Study, trial: Trial, setting: str | None) -> str:
-    """Return the heading of a trial's row, naming what dominates it."""
-    dominating = ""
-    if trial.dominated_by is not None:
-        dominating = f"<small>dominated by {html.escape(trial.dominated_by)}</small>"
+    """Return the heading of a trial's row."""
     if setting is not None:
-        return html.escape(level_name(study, trial, setting)) + dominating
+        name = html.escape(level_name(study, trial, setting))
+        if trial.dominated_by is None:
+            return name
+        return f"{name}<small>dominated by {html.escape(trial.dominated_by)}</small>"
     labels = [other.label for other in front_trials(study)]
     name = html.escape(trial.label)
     if trial.label in labels:
@@ -94,7 +94,7 @@ def _row_name(study: Study, trial: Trial, setting: str | None) -> str:
     if changes and "=" not in trial.label:
         shown = " ".join(f"{setting}={level}" for setting, level in changes.items())
         name += f"<small>{html.escape(shown)}</small>"
-    return name + dominating
+    return name
 
 
 def _results(trial: Trial) -> list[str]:

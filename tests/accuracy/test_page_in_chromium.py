@@ -8,13 +8,11 @@ import sys
 import numpy as np
 import pytest
 from made_up_study import SENTENCES, made_up_study
-from opengl import skip_or_fail
+from opengl import optional_module, skip_or_fail
 from PIL import Image
 
 from rasterjit.accuracy import plots
 from rasterjit.accuracy.page import write_page
-
-pytest.importorskip("matplotlib", reason="the extra accuracy is not installed")
 
 DESKTOP, PHONE = 1280, 375
 WIDTHS = pytest.mark.parametrize(("width", "zoom"), [(DESKTOP, 5), (PHONE, 3)])
@@ -50,6 +48,7 @@ def tab(tmp_path_factory):
 @pytest.fixture(scope="module")
 def report(tmp_path_factory):
     """The page of the study that was made up."""
+    optional_module("matplotlib")
     return write_page(made_up_study(), tmp_path_factory.mktemp("report"), SENTENCES)
 
 
