@@ -319,12 +319,12 @@ def _variation(study: Study) -> Section:
     typical = statistics.median(spread for spread, _ in spreads)
     most, trial = max(spreads, key=lambda found: found[0])
     body = (
-        f"<p>The middle half of the times of a typical level spans {100.0 * typical:.2g} % of "
-        f"their median; {100.0 * most:.2g} % for "
+        f"<p>The middle half of the times of a typical level spans {number(100.0 * typical)} % of "
+        f"their median; {number(100.0 * most)} % for "
         f"<code>{html.escape(trial.label)}</code>, which varied most. Frames of the standard took "
         f"{duration(min(study.standard.seconds))} to "
-        f"{duration(max(study.standard.seconds))}. Differences of times below that mean "
-        "nothing. Errors do not vary: the same scene gives the same ones in every run.</p>"
+        f"{duration(max(study.standard.seconds))}. Smaller differences of times than these mean "
+        "little. Errors do not vary: the same scene gives the same ones in every run.</p>"
     )
     return Section("variation", "How much times varied", body)
 

@@ -270,7 +270,7 @@ def test_how_much_times_varied_is_said(study, read):
     trial = max(study.trials, key=lambda t: (t.spread[1] - t.spread[0]) / t.ratio)
     most = 100.0 * (trial.spread[1] - trial.spread[0]) / trial.ratio
     assert 1.0 < most < 6.0
-    assert f"{most:.2g} % for {trial.label} , which varied most" in read.text
+    assert f"{most:.3g} % for {trial.label} , which varied most" in read.text
 
 
 def test_the_front_is_listed_from_the_fastest_on(study, read):
