@@ -146,8 +146,8 @@ def _header(study: Study, title: str, sections: Sequence[Section]) -> str:
     return (
         f"<header>\n<h1>{title}</h1>\n"
         f"<p>{columns} × {rows} pixels, {_counted(study.threads, 'thread')}, "
-        f"{_counted(study.rounds, 'round')}. Every time is the median over the rounds, divided by "
-        "that of the standard quality in the same round; every error is against the reference."
+        f"{_counted(study.rounds, 'round')}. Times are medians over the rounds, each divided by "
+        "the standard's time in the same round; errors are against the reference."
         f'</p>\n<div class="whole">\n{pictures}</div>\n<nav><ul>\n{links}</ul></nav>\n'
         f'<svg width="0" height="0" style="position: absolute" aria-hidden="true"><defs>'
         f'<image id="{THUMBNAIL}" width="{columns}" height="{rows}" '
@@ -224,9 +224,14 @@ def _crops(study: Study, setting: str, trials: Sequence[Trial]) -> str:
     crop = crops.choose_crop([trial.error_map for trial in trials])
     errors = [crop.of(trial.error_map) for trial in trials]
     top = crops.heat_top(errors)
-    where = f"columns {crop.column} to {crop.column + crop.width - 1}, rows {crop.row} to " + str(
-        crop.row + crop.height - 1
+    same = all(np.array_equal(trial.error_map, trials[0].error_map) for trial in trials)
+    why = (
+        "All levels have the same errors, most of them here"
+        if same
+        else "Where the levels differ most"
     )
+    right, bottom = crop.column + crop.width - 1, crop.row + crop.height - 1
+    where = f"columns {crop.column} to {right}, rows {crop.row} to {bottom}"
     shown = html.escape(setting)
     figures = [_reference_crop(study, crop, top)]
     for trial, error in zip(trials, errors, strict=True):
@@ -239,7 +244,7 @@ def _crops(study: Study, setting: str, trials: Sequence[Trial]) -> str:
             + f"<figcaption>{name}<br>RMS {rms}</figcaption></figure>"
         )
     return (
-        f"<h3>Where the levels differ most: {where}</h3>\n"
+        f"<h3>{why}: {where}</h3>\n"
         '<p class="aside">Above the picture; below its error at each pixel, the largest difference '
         "of linear red, green and blue, with the root mean square of what is shown.</p>\n"
         f'<div class="crops" style="--columns: {crop.width}; --rows: {crop.height}">\n'

@@ -320,3 +320,12 @@ def test_brighter_is_more_wrong_up_to_the_stated_top():
     assert (np.diff(brightness) > 0.0).all()
     assert (colors[0, 0] == crops.heat(np.float32([[0.0]]), 0.3)[0, 0]).all()
     assert (colors[0, -1] == crops.heat(np.float32([[0.7]]), 0.5)[0, 0]).all()
+
+
+def test_levels_with_the_same_errors_are_said_to_have_them(read):
+    study = made_up_study(settings=["precision"])
+    study = changed(study, "precision", "float32", {"error_map": study.standard.error_map})
+    said = "All levels have the same errors, most of them here: columns"
+    assert said in Read(page(study, {})).text
+    assert said in read.text, "of blending"
+    assert "Where the levels differ most: columns" in read.text
