@@ -184,10 +184,12 @@ def _front(study: Study) -> Section:
 
 
 def _sentences(study: Study, sentences: dict[str, str]) -> Section:
-    """Return the sentences, each linked to the section of its setting."""
+    """Return the sentences of settings with an effect, linked to their sections."""
     sections = {*settings_of(study), COMBINATIONS}
     items = []
     for name, sentence in sentences.items():
+        if name in study.without_effect:
+            continue
         shown = f"<code>{html.escape(name)}</code>"
         if name in sections:
             shown = f'<a href="#{_anchor(name)}">{shown}</a>'

@@ -119,5 +119,5 @@ def changed(study, setting, level, fields):
 SENTENCES = {
     "samples": '4 samples instead of 1: +31 % time, error 2.0× lower; "area" <best>',
     "subpixel_bits": "12 bits instead of 8: no time, no error",
-    "shadow_taps": "nothing & nobody",
+    "lines": "nothing & nobody",
 }

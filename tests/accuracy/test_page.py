@@ -186,7 +186,7 @@ def test_any_level_scene_or_reason_can_be_shown(name):
     study = made_up_study(settings=["subpixel_bits"], scene=name)
     study = changed(study, "subpixel_bits", "12", {"level": name})
     study = dataclasses.replace(study, without_effect={name: name}, left_out=(name,))
-    read = Read(page(study, {name: name, "subpixel_bits": name}))
+    read = Read(page(study, {"subpixel_bits": name}))
     assert read.open == []
     assert any(row and row[0] == name for row in read.rows)
     assert " ".join(read.words).count(name) >= 6
@@ -329,3 +329,9 @@ def test_levels_with_the_same_errors_are_said_to_have_them(read):
     assert said in Read(page(study, {})).text
     assert said in read.text, "of blending"
     assert "Where the levels differ most: columns" in read.text
+
+
+def test_what_has_no_effect_is_said_once(study):
+    read = Read(page(study, {**SENTENCES, "shadow_taps": "changes nothing"}))
+    assert "changes nothing" not in read.text
+    assert read.text.count(study.without_effect["shadow_taps"]) == 1
