@@ -14,6 +14,7 @@ from rasterjit.io.meshes import as_scene
 from rasterjit.plan import RenderPlan, plan_render
 from rasterjit.plan_answers import MAPS
 from rasterjit.plan_lights import has_cube
+from rasterjit.plan_quality import shadow_under
 from rasterjit.render import Renderer, choose_camera
 from rasterjit.scene.ambient_occlusion import AmbientOcclusion
 from rasterjit.scene.camera import Camera
@@ -194,7 +195,7 @@ def _duration(frame: Frame) -> float:
 Variation = tuple[str, str, Scene, Quality]
 """Name of the effect, what was done with it, and what it gives."""
 
-Addition = Callable[[Scene], tuple[str, Scene | None]]
+Addition = Callable[[Scene, Quality], tuple[str, Scene | None]]
 """Returns in words what it does to a scene, and a scene that has it; ``None`` if none could."""
 
 OFF = "off"
@@ -207,7 +208,7 @@ def variations(plan: RenderPlan, scene: Scene, quality: Quality) -> list[Variati
         (name, OFF, without(scene), quality) for name, without in SWITCHES.items() if name in used
     ]
     for name, addition in ADDITIONS:
-        what, changed = addition(scene)
+        what, changed = addition(scene, quality)
         if changed is not None and _is_used(name, plan, changed):
             found.append((name, what, changed, quality))
     if "anti-aliasing" in used:
@@ -294,7 +295,7 @@ def _plain(*names: str) -> Callable[[Scene], Scene]:
 def _with_field(name: str, value: Any, what: str) -> Addition:
     """Return what gives the scene a field, unless it has one that does something."""
 
-    def addition(scene: Scene) -> tuple[str, Scene | None]:
+    def addition(scene: Scene, quality: Quality) -> tuple[str, Scene | None]:
         held = getattr(scene, name)
         if held is not None and not _does_nothing(held):
             return what, None
@@ -310,9 +311,9 @@ def _does_nothing(value: Any) -> bool:
     return getattr(value, "strength", 1.0) == 0.0 or getattr(value, "is_neutral", False)
 
 
-def _with_shadows(scene: Scene) -> tuple[str, Scene | None]:
+def _with_shadows(scene: Scene, quality: Quality) -> tuple[str, Scene | None]:
     """Return the scene with a shadow of every light that could cast one and does not."""
-    shadow = Shadow()
+    shadow = shadow_under(Shadow(), quality)
     dark = [hasattr(light, "shadow") and light.shadow is None for light in scene.lights]
     count = sum(dark)
     what = f"of {count} more light{'s' if count > 1 else ''}, maps of {shadow.size} x {shadow.size}"
@@ -328,8 +329,12 @@ def _with_shadows(scene: Scene) -> tuple[str, Scene | None]:
     return what, changed if count and is_bounded else None
 
 
-def _with_mip_levels(scene: Scene) -> tuple[str, Scene | None]:
-    """Return the scene with all textures that have no mip levels filtered between two of them."""
+def _with_mip_levels(scene: Scene, quality: Quality) -> tuple[str, Scene | None]:
+    """
+    Return the scene with all textures that have no mip levels filtered between two of them.
+
+    None where the quality says how they are filtered.
+    """
     known: dict[Texture, Texture] = {}
 
     def filtered(texture: Texture | None) -> Texture | None:
@@ -344,7 +349,8 @@ def _with_mip_levels(scene: Scene) -> tuple[str, Scene | None]:
             material, **{name: filtered(getattr(material, name)) for name in TEXTURE_FIELDS}
         )
     )(scene)
-    return f"mip levels for {len(known)} of them", changed if known else None
+    is_open = known and quality.texture_filter is None
+    return f"mip levels for {len(known)} of them", changed if is_open else None
 
 
 SWITCHES: dict[str, Callable[[Scene], Scene]] = {

@@ -36,6 +36,7 @@ from rasterjit.kernels.records import (
 from rasterjit.plan import RenderPlan
 from rasterjit.plan_atmosphere import background_rays
 from rasterjit.plan_boxes import place_boxes
+from rasterjit.plan_views import unit_matrices
 from rasterjit.prepared import Prepared
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.color import linear_to_srgb
@@ -64,6 +65,7 @@ def shade_faces(
         workers.memory.empty((height, width, 4), np.float32) if "linear" in plan.outputs else None
     )
     color = workers.memory.empty((height, width, 4), np.uint8) if "color" in plan.outputs else None
+    placement = placement_to_light(plan, placement)
     lighting = find_lighting(plan, prepared, geometry, placement, coverage, workers)
     surface = find_surface(plan, prepared, placement, lighting, workers)
     sky = find_sky(plan)
@@ -99,6 +101,13 @@ def shade_faces(
     if color is not None:
         result["color"] = color
     return result
+
+
+def placement_to_light(plan: RenderPlan, placement: Placement) -> Placement:
+    """Return a placement that keeps the length of normals, if no pixel scales them to one."""
+    if plan.lighting is None or plan.lighting.renormalizes:
+        return placement
+    return placement._replace(normal_matrices=unit_matrices(placement.normal_matrices))
 
 
 def find_cutouts(plan: RenderPlan, prepared: Prepared) -> Cutouts | None:

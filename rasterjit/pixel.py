@@ -141,7 +141,7 @@ def _index(name: str, value: Any, count: int, kind: str) -> int:
 def _draw(scene: Scene, plan: RenderPlan) -> Drawn:
     """Run the stages of `render` up to visibility."""
     workers = stages.Workers(1)
-    prepared = prepare(scene.nodes, None)
+    prepared = prepare(scene.nodes, None, plan.quality)
     arrays = prepared.shapes.arrays
     views = plan_views.view_nodes(scene.nodes, plan.camera, plan.size)
     viewport = planning.viewport_of(plan.size, plan.quality.subpixel_bits)
@@ -173,7 +173,7 @@ def _draw(scene: Scene, plan: RenderPlan) -> Drawn:
         coverage.clip_positions,
         viewport,
     )
-    placement = placement_of(arrays, views)
+    placement = passes.placement_to_light(plan, placement_of(arrays, views))
     return Drawn(scene, prepared, plan, arrays, geometry, placement, coverage, lists)
 
 

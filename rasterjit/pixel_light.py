@@ -53,7 +53,7 @@ def light_of(drawn: Drawn, x: int, y: int) -> tuple[LightTerms, NDArray[np.float
     whole = passes.find_surface(plan, prepared, drawn.placement, None, workers)
     face = int(drawn.coverage.face_id[y, x])
     owner = int(np.searchsorted(drawn.arrays.face_starts, face, side="right")) - 1
-    material = prepared.shapes.meshes[owner].material
+    material = prepared.looks.meshes[owner].material
     linear = _shade(drawn, whole, lighting, x, y)
     # Fog lies over the sum of all light.
     clear = None if lighting is None else lighting._replace(fog=_no_fog(lighting.fog))

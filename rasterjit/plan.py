@@ -25,7 +25,8 @@ from rasterjit.plan_contents import Facts, may_have_holes, textures_read
 from rasterjit.plan_effects import Effect, Grounds, list_effects
 from rasterjit.plan_layers import Layers, find_transparency, layers_of
 from rasterjit.plan_lights import NO_LIGHTS, PlannedLights, lighting_of, plan_lights
-from rasterjit.plan_views import Views, view_nodes
+from rasterjit.plan_quality import lights_under, meshes_under
+from rasterjit.plan_views import Views, are_even, view_nodes
 from rasterjit.scene.ambient_occlusion import RADIUS_OF_SCENE, AmbientOcclusion
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.color import linear_color
@@ -171,9 +172,9 @@ class Stock(NamedTuple):
     """Low and high corner of each, (O, 2, 3), model space; NaN for one without a finite face."""
 
 
-def stock_of(nodes: Sequence[Node]) -> Stock:
-    """Look through the objects of a scene."""
-    meshes = meshes_of(nodes)
+def stock_of(nodes: Sequence[Node], quality: Quality) -> Stock:
+    """Look through the objects of a scene, with the materials that are in force."""
+    meshes = meshes_under(meshes_of(nodes), quality)
     return Stock(Facts(meshes), mesh_boxes(meshes))
 
 
@@ -206,20 +207,20 @@ def plan_render(
         raise ValueError(f"diagnose must be True or False, got {diagnose!r}")
     if stock is None:
         check_scene(scene)
-        stock = stock_of(scene.nodes)
+        stock = stock_of(scene.nodes, quality)
     if views is None:
         views = view_nodes(scene.nodes, camera, size)
     boxes = Boxes(
         stock.bounds, camera.eye_position(), views.relative_from_model, views.clip_from_relative
     )
-    grounds = _grounds(scene, boxes, stock.facts, quality, outputs, background, diagnose)
+    grounds = _grounds(scene, boxes, views, stock.facts, quality, outputs, background, diagnose)
     contents, seen = grounds.contents, grounds.seen
     if "uv" in outputs and contents.laid == 0:
         raise ValueError("outputs has 'uv', but no mesh of the scene has texture coordinates")
     if grounds.colors_faces and contents.unlaid:
-        _refuse_texture(scene.nodes)
+        _refuse_texture(scene.nodes, quality)
     if contents.unlaid_holes and grounds.finds_faces:
-        _refuse_texture([node for node in scene.nodes if may_have_holes(node.mesh)])
+        _refuse_texture([node for node in scene.nodes if may_have_holes(node.mesh)], quality)
     is_lit = grounds.is_lit
     lights = grounds.lights
     return RenderPlan(
@@ -246,7 +247,7 @@ def plan_render(
         grounds=grounds,
         encoding=Encoding(
             encoding_table(),
-            None if not grounds.maps_tones else tone_record(scene.tone_map),
+            None if not grounds.maps_tones else tone_record(scene.tone_map, quality.math),
         ),
         environment=scene.environment if grounds.has_environment_light else None,
         backdrop=scene.environment if grounds.shows_environment else None,
@@ -260,6 +261,7 @@ def plan_render(
 def _grounds(
     scene: Scene,
     boxes: Boxes,
+    views: Views,
     facts: Facts,
     quality: Quality,
     outputs: tuple[str, ...],
@@ -291,12 +293,14 @@ def _grounds(
         has_background=background is not None,
         fog_reaches=False,
         lights=NO_LIGHTS,
+        is_uneven=not quality.renormalize
+        and not are_even(views.relative_from_model[boxes.in_view & facts.interpolates_normals]).all(),
     )  # fmt: skip
     # Look at fog and at lights only where a face shows them.
     if grounds.shades:
         grounds = grounds._replace(fog_reaches=is_fog_in_reach(scene.fog, boxes))
     if grounds.is_lit:
-        lights = plan_lights(scene.lights, boxes, ~facts.is_see_through)
+        lights = plan_lights(lights_under(scene.lights, quality), boxes, ~facts.is_see_through)
         grounds = grounds._replace(lights=lights)
     return grounds
 
@@ -311,10 +315,10 @@ def _sized_occlusion(scene: Scene) -> AmbientOcclusion:
     return replace(effect, radius=RADIUS_OF_SCENE * radius if radius > 0.0 else 1.0)
 
 
-def _refuse_texture(nodes: Sequence[Node]) -> None:
+def _refuse_texture(nodes: Sequence[Node], quality: Quality) -> None:
     """Raise ``ValueError`` naming the object that has a texture and nothing to lay it by."""
-    for node in nodes:
-        for name in textures_read(node.mesh.material) if node.mesh.uv is None else ():
+    for node, mesh in zip(nodes, meshes_under(meshes_of(nodes), quality), strict=True):
+        for name in textures_read(mesh.material) if mesh.uv is None else ():
             raise ValueError(
                 f"the mesh of {node.name!r} must have uv, for its material has a {name}; got none"
             )
@@ -380,15 +384,19 @@ def _lighting(scene: Scene, camera: Camera, highlights: int, grounds: Grounds) -
 
     No lights in the scene, and no environment, mean a headlight.
     """
-    fog = None
+    fog, powers = None, grounds.quality.math
     if grounds.has_fog:
-        fog = fog_record(scene.fog, camera, grounds.seen.flat > 0)
+        fog = fog_record(scene.fog, camera, grounds.seen.flat > 0, powers)
     if not grounds.is_lit:
         return None if fog is None else lighting_of([], camera, 0)._replace(fog=fog)
     lights: Sequence[Light] = grounds.lights.lights
     if grounds.has_headlight:
         lights = _headlight(camera)
-    return lighting_of(lights, camera, highlights)._replace(fog=fog)
+    return lighting_of(lights, camera, highlights)._replace(
+        fog=fog,
+        renormalizes=int(grounds.renormalizes),
+        library=np.int64(1) if highlights and powers == "library" else None,
+    )
 
 
 def _headlight(camera: Camera) -> list[Light]:

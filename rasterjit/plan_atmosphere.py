@@ -56,8 +56,14 @@ def is_fog_in_reach(fog: Fog | None, boxes: Boxes) -> bool:
     return boxes.farthest() * DISTANCE_ROUNDING > fog.start
 
 
-def fog_record(fog: Fog, camera: Camera, has_flat: bool = False) -> records.Fog:
-    """Return fog as the kernels read it, for a scene with or without objects shaded flat."""
+def fog_record(
+    fog: Fog, camera: Camera, has_flat: bool = False, powers: str = "polynomial"
+) -> records.Fog:
+    """
+    Return fog as the kernels read it, for a scene with or without objects shaded flat.
+
+    ``powers`` are what ``Quality.math`` says.
+    """
     halvings = SQUARED_HALVINGS if fog.mode == "exp2" else HALVINGS
     start, end = fog.start or 0.0, fog.end or 0.0
     above = float(camera.eye_position()[1]) - (fog.height or 0.0)
@@ -70,15 +76,22 @@ def fog_record(fog: Fog, camera: Camera, has_flat: bool = False) -> records.Fog:
         np.float32(above),
         np.float32((fog.falloff or 0.0) * HALVINGS),
         np.int64(1) if has_flat else None,
+        np.int64(1) if powers == "library" and fog.mode != "linear" else None,
     )
 
 
-def tone_record(tone_map: ToneMap) -> records.ToneMap:
-    """Return a tone map as the kernels read it."""
+def tone_record(tone_map: ToneMap, powers: str = "polynomial") -> records.ToneMap:
+    """
+    Return a tone map as the kernels read it; ``powers`` are what ``Quality.math`` says.
+
+    Whole powers of two are exact anyway.
+    """
+    asks = powers == "library" and not float(tone_map.exposure).is_integer()
     return records.ToneMap(
         CURVES[tone_map.curve],
         np.float32(tone_map.exposure),
         np.float32(1.0 / (tone_map.white * tone_map.white)),
+        np.int64(1) if asks else None,
     )
 
 

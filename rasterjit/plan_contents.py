@@ -125,6 +125,11 @@ class Facts:
         """Whether each object is lit at its vertices, (O,)."""
         return self._having("gouraud")
 
+    @cached_property
+    def interpolates_normals(self) -> NDArray[np.bool_]:
+        """Whether each object is lit by the pixel with normals between those of vertices, (O,)."""
+        return self._having("phong") | self._having("pbr")
+
     def describe_textures(self, chosen: NDArray[np.bool_]) -> list[str]:
         """Say of each texture that some objects, (O,) bool, have what it is for."""
         meshes = dict.fromkeys(self._numbers[chosen].tolist())

@@ -27,6 +27,9 @@ from rasterjit.scene.quality import SUPERSAMPLED, Quality
 from rasterjit.scene.scene import Wireframe
 from rasterjit.scene.tone_map import ToneMap
 
+STANDARD = Quality.standard()
+"""What nothing is said about."""
+
 
 class Grounds(NamedTuple):
     """
@@ -62,6 +65,9 @@ class Grounds(NamedTuple):
     """Whether fog may cover anything."""
     lights: PlannedLights
     """Those of the scene's that reach what is seen."""
+    is_uneven: bool
+    """Whether an object in view with interpolated normals is scaled unlike along its axes, as far
+    as it is of account."""
 
     @property
     def is_colored(self) -> bool:
@@ -178,6 +184,16 @@ class Grounds(NamedTuple):
         return self.shades and self.seen.has_maps
 
     @property
+    def renormalizes(self) -> bool:
+        """
+        Whether interpolated normals are scaled to length one at every pixel.
+
+        If not, they are of that length at the vertices all the same. Under normal maps, and where
+        an object is scaled unevenly, that takes scaling at every pixel.
+        """
+        return self.quality.renormalize or self.seen.normals > 0 or self.is_uneven
+
+    @property
     def has_environment_light(self) -> bool:
         """Whether any light from all around reaches a colour that is asked for."""
         return self.is_lit and self.environment is not None and self.environment.lights
@@ -255,7 +271,8 @@ def _shading_reason(grounds: Grounds) -> str:
         return "no output shows colour"
     if not grounds.draws_faces:
         return "only the wireframe is drawn"
-    return ", ".join(sorted(grounds.seen.shadings)) or "no object is in view"
+    shadings = ", ".join(sorted(grounds.seen.shadings))
+    return shadings + _asked(grounds, "shading") if shadings else "no object is in view"
 
 
 def _has_light(grounds: Grounds) -> bool:
@@ -276,12 +293,13 @@ def _light_reason(grounds: Grounds) -> str:
     """Say what lights the scene, or why nothing needs to."""
     if not grounds.is_lit:
         return _unlit_reason(grounds)
+    asked = _asked(grounds, "math") if grounds.seen.highlights else ""
     if grounds.has_headlight:
-        return "a headlight, for the scene has no lights"
+        return f"a headlight, for the scene has no lights{asked}"
     if not grounds.has_lights:
         return "no headlight, for the scene has an environment"
     kinds = _counted([type(light).__name__ for light in grounds.lights.lights])
-    return "; ".join(filter(None, (kinds, *grounds.lights.notes)))
+    return "; ".join(filter(None, (kinds, *grounds.lights.notes))) + asked
 
 
 def _shadow_reason(grounds: Grounds) -> str:
@@ -290,7 +308,8 @@ def _shadow_reason(grounds: Grounds) -> str:
         return "nothing is lit"
     notes = grounds.lights.shadow_notes
     if grounds.lights.have_shadows:
-        return "; ".join((describe_shadows(grounds.lights.lights), *notes))
+        asked = _asked(grounds, "shadow_size", "shadow_taps")
+        return "; ".join((describe_shadows(grounds.lights.lights), *notes)) + asked
     return "; ".join(notes) or "no light casts them"
 
 
@@ -298,9 +317,30 @@ def _normal_reason(grounds: Grounds) -> str:
     """Say which objects are smooth, if any."""
     smooth = sorted(SMOOTH & grounds.seen.shadings)
     if smooth:
-        return "shading " + ", ".join(smooth)
+        return "shading " + ", ".join(smooth) + _scaling(grounds)
     hidden = not SMOOTH.isdisjoint(grounds.contents.shadings)
     return "no object in view is smooth" if hidden else "no object is smooth"
+
+
+def _scaling(grounds: Grounds) -> str:
+    """Say, where the quality asks not to scale interpolated normals, what becomes of them."""
+    if grounds.quality.renormalize or {"phong", "pbr"}.isdisjoint(grounds.seen.shadings):
+        return ""
+    if grounds.seen.normals:
+        return "; quality.renormalize is False, but not under normal maps"
+    if grounds.is_uneven:
+        return "; quality.renormalize is False, but not where an object is scaled unevenly"
+    return "; quality.renormalize is False"
+
+
+def _asked(grounds: Grounds, *names: str) -> str:
+    """Say what the quality asks for by some of its settings, as far as it is no standard."""
+    values = {name: getattr(grounds.quality, name) for name in names}
+    return "".join(
+        f"; quality.{name} is {value!r}"
+        for name, value in values.items()
+        if value != getattr(STANDARD, name)
+    )
 
 
 def _texture_reason(grounds: Grounds) -> str:
@@ -311,7 +351,8 @@ def _texture_reason(grounds: Grounds) -> str:
         return "nothing is shaded"
     if not any(grounds.seen.textured):
         return "no object in view has a texture that is read"
-    return _counted(grounds.facts.describe_textures(grounds.in_view))
+    described = _counted(grounds.facts.describe_textures(grounds.in_view))
+    return described + _asked(grounds, "texture_filter")
 
 
 def _mask_reason(grounds: Grounds) -> str:
@@ -392,7 +433,9 @@ def _fog_reason(grounds: Grounds) -> str:
     if not grounds.fog_reaches:
         empty = grounds.fog.density == 0.0
         return "its density is 0" if empty else "it begins beyond everything"
-    return f"mode {grounds.fog.mode}" + (", by height" if grounds.fog.height is not None else "")
+    by_height = ", by height" if grounds.fog.height is not None else ""
+    asked = _asked(grounds, "math") if grounds.fog.mode != "linear" else ""
+    return f"mode {grounds.fog.mode}{by_height}{asked}"
 
 
 def _tone_reason(grounds: Grounds) -> str:
@@ -403,7 +446,9 @@ def _tone_reason(grounds: Grounds) -> str:
         return "no output shows colour in 8 bits"
     if grounds.tone_map.is_neutral:
         return "curve none, exposure 0"
-    return f"curve {grounds.tone_map.curve}, exposure {grounds.tone_map.exposure:g}"
+    exposure = float(grounds.tone_map.exposure)
+    asked = "" if exposure.is_integer() else _asked(grounds, "math")
+    return f"curve {grounds.tone_map.curve}, exposure {exposure:g}{asked}"
 
 
 def _wireframe_reason(grounds: Grounds) -> str:

@@ -155,7 +155,7 @@ def _check_maps(planned: PlannedLights) -> None:
             f"the shadow maps of all lights must have at most {MOST_TEXELS:,} texels together "
             f"({MOST_TEXELS * TEXEL_BYTES / 1e9:.1f} GB), got {total:,} "
             f"({total * TEXEL_BYTES / 1e9:.1f} GB): {', '.join(listed)}; take a smaller "
-            "shadow.size or fewer shadows"
+            "shadow.size or quality.shadow_size, or fewer shadows"
         )
 
 

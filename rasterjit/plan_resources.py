@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from rasterjit.kernels.records import Fog, Lighting, ToneMap
 from rasterjit.plan import RenderPlan
 from rasterjit.plan_lights import has_cube
 
@@ -187,8 +188,14 @@ def _variant_of_light(plan: RenderPlan) -> str:
         "environment": plan.environment is not None,
         "occlusion": plan.ambient_occlusion is not None,
         "fog": lighting.fog is not None,
+        "library powers": _calls_library(lighting) or _calls_library(lighting.fog),
     }
     return ", ".join(["light", *(name for name, is_there in present.items() if is_there)])
+
+
+def _calls_library(record: Lighting | Fog | ToneMap | None) -> bool:
+    """Tell whether the math library is called for what a record says."""
+    return record is not None and record.library is not None
 
 
 def _variant_of_shading(plan: RenderPlan) -> str:
@@ -200,6 +207,7 @@ def _variant_of_shading(plan: RenderPlan) -> str:
         "maps": plan.needs_maps,
         "alphas": plan.layers is not None and plan.layers.has_blended,
         "tone curve": plan.encoding.tone is not None and plan.pictures == 1,
+        "library exposure": _calls_library(plan.encoding.tone),
     }
     light = _variant_of_light(plan)
     names = [name for name, is_there in present.items() if is_there]

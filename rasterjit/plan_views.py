@@ -14,6 +14,10 @@ from rasterjit.kernels.records import Objects
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.scene import Node
 
+EVENNESS = 2.0**-12
+"""Share by which the squared lengths of an object's axes may differ, and their cosines: light on
+normals that are as much too long or too short is a sixteenth of a code of 8 bits off."""
+
 
 class Views(NamedTuple):
     """The matrices of all objects, relative to the eye so that nothing is lost far from it."""
@@ -60,6 +64,32 @@ def _mirrored(matrices: NDArray[np.float64]) -> NDArray[np.float64]:
     (a, b, c), (d, e, f), (g, h, i) = np.moveaxis(scaled, 0, 2)
     determinants = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
     return np.where(determinants < 0.0, -1.0, 1.0)
+
+
+def are_even(matrices: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Tell which of some matrices, (N, 4, 4), scale alike along all axes, (N,)."""
+    axes = matrices[:, :3, :3]
+    largest = np.abs(axes).max(axis=(1, 2), keepdims=True)
+    scaled = np.divide(axes, largest, out=np.zeros_like(axes), where=largest > 0.0)
+    a, b, c = np.moveaxis(scaled, 2, 0)
+    squares = np.stack([_products(a, a), _products(b, b), _products(c, c)])
+    skews = np.abs(np.stack([_products(a, b), _products(b, c), _products(c, a)]))
+    least, most = squares.min(axis=0), squares.max(axis=0)
+    return (most - least <= EVENNESS * most) & (skews.max(axis=0) <= EVENNESS * most) & (most > 0.0)
+
+
+def _products(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the dot product of each of N vectors with another, (N,)."""
+    return one[:, 0] * other[:, 0] + one[:, 1] * other[:, 1] + one[:, 2] * other[:, 2]
+
+
+def unit_matrices(normal_matrices: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return matrices of normals, (O, 3, 3), scaled so that the x axis keeps its length."""
+    x = normal_matrices[:, :, 0]
+    lengths = np.sqrt(_products(x, x))[:, np.newaxis, np.newaxis]
+    return np.divide(
+        normal_matrices, lengths, out=np.zeros_like(normal_matrices), where=lengths > 0.0
+    )
 
 
 def view_nodes(nodes: Sequence[Node], camera: Camera, size: tuple[int, int]) -> Views:

@@ -17,9 +17,11 @@ from rasterjit.plan_arrays import SceneArrays
 from rasterjit.plan_boxes import mesh_boxes
 from rasterjit.plan_contents import SMOOTH, Facts
 from rasterjit.plan_materials import join_maps, join_microfacets
+from rasterjit.plan_quality import look_of, meshes_under
 from rasterjit.plan_textures import join_cutouts, join_textures
 from rasterjit.plan_views import Places
 from rasterjit.scene.mesh import Mesh
+from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Node, matrices_of, meshes_of
 
 
@@ -75,63 +77,65 @@ class Looks:
     shapes : Shapes
     materials : list of Material
         Of each of the distinct meshes, as they are now.
+    quality : Quality
+        Decides, with those, which materials are in force.
     """
 
-    def __init__(self, shapes: Shapes, materials: list[Any]) -> None:
+    def __init__(self, shapes: Shapes, materials: list[Any], quality: Quality) -> None:
         self._shapes = shapes
         self.materials = materials
+        self.look = look_of(quality)
+        self.meshes = meshes_under(shapes.meshes, quality)
         self._cutouts: dict[bool, Cutouts] = {}
 
     @cached_property
     def facts(self) -> Facts:
         """What decides which effects a frame needs."""
-        return Facts(self._shapes.meshes)
+        return Facts(self.meshes)
 
     @cached_property
     def surface(self) -> Surface:
         """Materials and colours, without normals, light or textures."""
-        return plan_arrays.join_surface(self._shapes.meshes, None)
+        return plan_arrays.join_surface(self.meshes, None)
 
     @cached_property
     def normals(self) -> NDArray[np.float32]:
         """Vertex normals of the smooth objects, (V, 3); zero for the others."""
-        return plan_arrays.join_normals(self._shapes.meshes)
+        return plan_arrays.join_normals(self.meshes)
 
     @cached_property
     def textures(self) -> Textures:
         """The textures of all objects and their texture coordinates."""
-        return join_textures(self._shapes.meshes)
+        return join_textures(self.meshes)
 
     def cutouts(self, has_textures: bool) -> Cutouts:
         """Return which objects have holes, and what decides where, with textures or without."""
         if has_textures not in self._cutouts:
             starts = self._shapes.arrays.face_starts
             textures = self.textures if has_textures else None
-            self._cutouts[has_textures] = join_cutouts(
-                self._shapes.meshes, starts, self.surface, textures
-            )
+            self._cutouts[has_textures] = join_cutouts(self.meshes, starts, self.surface, textures)
         return self._cutouts[has_textures]
 
     @cached_property
     def microfacets(self) -> Microfacets:
         """Metallic and roughness of all objects."""
-        return join_microfacets(self._shapes.meshes)
+        return join_microfacets(self.meshes)
 
     @cached_property
     def maps(self) -> Maps:
         """What lies over all objects besides a base colour."""
-        return join_maps(self._shapes.meshes)
+        return join_maps(self.meshes)
 
     @cached_property
     def is_single_sided(self) -> NDArray[np.bool_]:
         """Whether the back faces of each object are not drawn, (O,)."""
-        return plan_arrays.single_sided(self._shapes.meshes)
+        return plan_arrays.single_sided(self.meshes)
 
     @cached_property
     def is_smooth(self) -> NDArray[np.uint8]:
         """1 for each object that has smooth normals, (O,)."""
         return np.array(
-            [mesh.material.shading in SMOOTH for mesh in self._shapes.meshes],
+            [mesh.material.shading in SMOOTH for mesh in self.meshes],
             np.uint8,
         )
 
@@ -151,7 +155,7 @@ class Prepared(NamedTuple):
         return Stock(self.looks.facts, self.shapes.boxes)
 
 
-def prepare(nodes: Sequence[Node], known: Prepared | None) -> Prepared:
+def prepare(nodes: Sequence[Node], known: Prepared | None, quality: Quality) -> Prepared:
     """
     Look through the nodes of a scene.
 
@@ -161,6 +165,7 @@ def prepare(nodes: Sequence[Node], known: Prepared | None) -> Prepared:
     known : Prepared or None
         Of an earlier frame: what has not changed since is taken from there. Meshes, materials and
         transforms are immutable, so each is the same if it is the same object.
+    quality : Quality
     """
     meshes, matrices = meshes_of(nodes), matrices_of(nodes)
     if known is None or not _are_same(known.shapes.meshes, meshes):
@@ -168,10 +173,10 @@ def prepare(nodes: Sequence[Node], known: Prepared | None) -> Prepared:
         known_materials = None
     else:
         shapes = known.shapes
-        known_materials = known.looks.materials
+        known_materials = known.looks.materials if known.looks.look == look_of(quality) else None
     materials = [mesh.material for mesh in shapes.distinct]
     if known is None or known_materials is None or not _are_same(known_materials, materials):
-        looks = Looks(shapes, materials)
+        looks = Looks(shapes, materials, quality)
     else:
         looks = known.looks
     if known is None or not _are_same(known.matrices, matrices):

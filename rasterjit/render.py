@@ -351,7 +351,7 @@ class Renderer:
         """Check the arguments of a frame, and decide what it needs for each quality."""
         scene = self._scene(what)
         camera = choose_camera(scene, camera, self.size)
-        self._prepared = prepared = prepare(scene.nodes, self._prepared)
+        self._prepared = prepared = prepare(scene.nodes, self._prepared, self.quality)
         views = plan_views.view_places(prepared.places, camera, self.size)
         plans = [
             planning.plan_render(

@@ -5,7 +5,8 @@ IEEE 754 fixes addition, multiplication, division and the square root. It does n
 logarithms and powers, which a math library rounds as it likes and NumPy computes with whatever
 instructions it finds; nor in which order a library sums; nor whether a compiler fuses a product
 and a sum. So the compiled kernels must call nothing and fuse nothing, and the Python around them
-may use nothing of the kind.
+may use nothing of the kind. Whoever asks for the math library, by ``Quality(math="library")``, gets
+it, for powers and exponentials alone.
 """
 
 from __future__ import annotations
@@ -122,6 +123,34 @@ def test_no_kernel_fuses_or_calls_a_math_library(compiled):
         assert cpu_dependent(assembly) == [], (name, signature)
 
 
+COMPILE_WITH_LIBRARY = """
+import json
+import rasterjit as rj
+from rasterjit.kernels import jit
+
+for kernel in jit.KERNELS:
+    kernel._cache.load_overload = lambda *signature: None
+scene = rj.Scene()
+scene.add(rj.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]))
+scene.fog, scene.tone_map = rj.Fog("red", "exp", density=0.1), rj.ToneMap(exposure=0.5)
+rj.render(scene, size=(16, 16), quality=rj.Quality(math="library"), threads=1)
+print(json.dumps([(k.__name__, k.inspect_asm(s)) for k in jit.KERNELS for s in k.signatures]))
+"""
+
+
+@compiled_only
+def test_the_library_is_called_where_it_is_asked_for_and_for_powers_alone():
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", COMPILE_WITH_LIBRARY],
+        capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    code = json.loads(done.stdout)
+    called = {name: cpu_dependent(assembly) for name, assembly in code}
+    assert [name for name, found in called.items() if found] == ["shade_rows"]
+    names = {re.sub(r"^(numba_|npy_)|@PLT$", "", name) for name in called["shade_rows"]}
+    assert names == {"pow", "exp2"}
+
+
 @pytest.mark.compiles_first
 @compiled_only
 def test_kernels_are_compiled_for_the_cpu_that_was_asked_for(compiled):
@@ -181,8 +210,8 @@ ALLOWED = {
     ("kernels/lighting.py", "power"): "our own, of the two above",
     ("kernels/texturing.py", "log2"): "that of kernels/lighting.py",
     ("kernels/environments.py", "log2"): "that of kernels/lighting.py",
-    ("kernels/fogging.py", "exp2"): "that of kernels/lighting.py",
-    ("kernels/tone_mapping.py", "exp2"): "that of kernels/lighting.py",
+    ("kernels/library_math.py", "exp2"): "for who asks for the math library",
+    ("kernels/library_math.py", "power"): "for who asks for the math library",
     ("kernels/resolve.py", "**"): "whole numbers of Python, without bound",
     ("stages.py", "sum"): "whole numbers: counts of triangles",
     ("framebuffer.py", "sum"): "whole numbers: pixels of lines",

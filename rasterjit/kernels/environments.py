@@ -287,8 +287,8 @@ def add_environment(samples, count, occlusion, environment, toward_viewer):
     Parameters
     ----------
     samples : (SAMPLE_ROWS, N) float32
-        Reads the rows up to LIT, normals of length one, and those of microfacets if anything
-        mirrors the environment; adds to rows OUT_RED.. of the first ``count`` samples.
+        Reads the rows up to LIT, normals as they are to be lit, and those of microfacets if
+        anything mirrors the environment; adds to rows OUT_RED.. of the first ``count`` samples.
     count : int
     occlusion : (N,) float32 or None
         The share of light from all sides that reaches each sample; ``None``: all of it.

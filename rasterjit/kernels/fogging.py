@@ -17,7 +17,7 @@ import numpy as np
 from rasterjit.kernels import lighting as lit
 from rasterjit.kernels.interpolation import find_object, lowest_first, place_sample
 from rasterjit.kernels.jit import disjoint_stage, stage
-from rasterjit.kernels.lighting import exp2
+from rasterjit.kernels.lighting import exp2_by
 
 LINEAR, EXPONENTIAL, EXPONENTIAL_SQUARED = 0, 1, 2
 """Modes, as ``Fog.mode`` numbers them."""
@@ -51,13 +51,14 @@ def start_height(py, distance, toward_viewer):
 
 
 @stage
-def mean_density(low, rise):
+def mean_density(low, rise, library):
     """
     Return the mean of 2**-t for t from ``low`` to ``low + rise``, to 1e-6; float32.
 
     The mean is at least the lesser of the ends, which also holds where both are beyond float32.
+    Powers are those of the math library where ``library`` is not None.
     """
-    first, last = exp2(-low), exp2(-(low + rise))
+    first, last = exp2_by(-low, library), exp2_by(-(low + rise), library)
     is_level = abs(rise) < NEARLY_LEVEL
     y = rise * LN_2
     series = np.float32(-1.0 / 120.0) * y + np.float32(1.0 / 24.0)
@@ -82,7 +83,7 @@ def cover_linearly(end, per_range, color, viewer, px, py, pz, red, green, blue):
 
 @disjoint_stage
 def cover_exponentially(
-    density, squares, above, falloff, color, viewer, px, py, pz, red, green, blue
+    density, squares, above, falloff, library, color, viewer, px, py, pz, red, green, blue
 ):  # fmt: skip
     """Cover samples with fog that keeps a share 2**-x of the colour, or 2**-(x**2)."""
     one = np.float32(1.0)
@@ -90,10 +91,10 @@ def cover_exponentially(
         distance = distance_to(px[i], py[i], pz[i], viewer)
         start = start_height(py[i], distance, viewer)
         low, rise = (above + start) * falloff, (py[i] - start) * falloff
-        depth = density * distance * mean_density(low, rise)
+        depth = density * distance * mean_density(low, rise, library)
         depth = min(depth, DEEPEST)
         depth *= depth * squares + (one - squares)
-        share = exp2(-depth)
+        share = exp2_by(-depth, library)
         rest = one - share
         red[i] = red[i] * share + color[0] * rest
         green[i] = green[i] * share + color[1] * rest
@@ -174,6 +175,6 @@ def cover_samples(samples, count, fog, toward_viewer):
         return
     squares = np.float32(1.0) if fog.mode == EXPONENTIAL_SQUARED else np.float32(0.0)
     cover_exponentially(
-        fog.density, squares, fog.above, fog.falloff, fog.color, viewer, px, py, pz, red, green,
-        blue,
+        fog.density, squares, fog.above, fog.falloff, fog.library, fog.color, viewer, px, py, pz,
+        red, green, blue,
     )  # fmt: skip

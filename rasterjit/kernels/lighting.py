@@ -3,7 +3,7 @@ Add up the light on a row of samples: ambient, Lambert's diffuse and Blinn's hig
 
 Samples are rows of scratch memory, one row for each quantity (structure of arrays), float32, so
 that the loops vectorize. ``power`` is built from IEEE operations alone: it has the same bits on
-every CPU, which a math library's ``pow`` has not.
+every CPU, which a math library's ``pow`` has not. That one is used where it is asked for.
 
 References
 ----------
@@ -16,6 +16,7 @@ from __future__ import annotations
 import numpy as np
 
 from rasterjit.kernels.jit import disjoint_stage, stage
+from rasterjit.kernels.library_math import library_exp2, library_power
 
 RED, GREEN, BLUE, ALPHA = 0, 1, 2, 3
 """Rows: base colour, linear."""
@@ -105,6 +106,22 @@ def power(x, exponent):
 
 
 @stage
+def exp2_by(x, library):
+    """Return `exp2`, or 2**x by the math library where it is asked for."""
+    if library is None:
+        return exp2(x)
+    return library_exp2(x)
+
+
+@stage
+def power_by(x, exponent, library):
+    """Return `power`, or that of the math library where it is asked for."""
+    if library is None:
+        return power(x, exponent)
+    return library_power(x, exponent)
+
+
+@stage
 def occlusion_share(occlusion, i):
     """Return the share of ambient light that reaches a sample: all of it if there are none."""
     if occlusion is None:
@@ -140,11 +157,11 @@ def unit_scale(x, y, z):
 
 
 @stage
-def highlight(cosine, strength, shininess, highlights):
+def highlight(cosine, strength, shininess, highlights, library):
     """Return the strength of the highlight; none if no object has one."""
     if highlights is None:
         return np.float32(0.0)
-    return strength * power(cosine, shininess)
+    return strength * power_by(cosine, shininess, library)
 
 
 @stage
@@ -189,8 +206,8 @@ def shaded(arriving, reached, i):
 
 @disjoint_stage
 def add_light(
-    light, toward_viewer, highlights, nx, ny, nz, px, py, pz, specular, shininess, lit, reached,
-    red, green, blue, out_red, out_green, out_blue,
+    light, toward_viewer, highlights, library, nx, ny, nz, px, py, pz, specular, shininess, lit,
+    reached, red, green, blue, out_red, out_green, out_blue,
 ):  # fmt: skip
     """Add what one light contributes to each sample, as far as it is reached (None: wholly)."""
     one, zero = np.float32(1.0), np.float32(0.0)
@@ -206,7 +223,7 @@ def add_light(
         scale = unit_scale(vx, vy, vz)
         hx, hy, hz = lx + vx * scale, ly + vy * scale, lz + vz * scale
         cosine = max((nx[i] * hx + ny[i] * hy + nz[i] * hz) * unit_scale(hx, hy, hz), zero)
-        shine = highlight(min(cosine, one), specular[i], shininess[i], highlights)
+        shine = highlight(min(cosine, one), specular[i], shininess[i], highlights, library)
         shine = shine if facing > zero else zero
         # Add the diffuse and the specular part.
         arriving = shaded(lit[i] * falloff, reached, i)
@@ -216,9 +233,21 @@ def add_light(
 
 
 @stage
+def scale_normals(samples, count):
+    """Scale the normals to length one."""
+    normalize_rows(samples[NORMAL_X, :count], samples[NORMAL_Y, :count], samples[NORMAL_Z, :count])
+
+
+@stage
 def start_light(samples, count, lighting, occlusion):
     """Scale the normals to length one and write what ambient light shows."""
-    normalize_rows(samples[NORMAL_X, :count], samples[NORMAL_Y, :count], samples[NORMAL_Z, :count])
+    scale_normals(samples, count)
+    show_ambient(samples, count, lighting, occlusion)
+
+
+@stage
+def show_ambient(samples, count, lighting, occlusion):
+    """Write what ambient light shows."""
     start_colors(
         samples[RED, :count], samples[GREEN, :count], samples[BLUE, :count],
         samples[LIT, :count], lighting.ambient, occlusion,
@@ -230,7 +259,7 @@ def start_light(samples, count, lighting, occlusion):
 def add_lights(samples, count, n, lighting, toward_viewer, reached):
     """Add what light number ``n`` contributes, as far as samples are reached (None: wholly)."""
     add_light(
-        lighting.lights[n], toward_viewer, lighting.highlights,
+        lighting.lights[n], toward_viewer, lighting.highlights, lighting.library,
         samples[NORMAL_X, :count], samples[NORMAL_Y, :count], samples[NORMAL_Z, :count],
         samples[POINT_X, :count], samples[POINT_Y, :count], samples[POINT_Z, :count],
         samples[SPECULAR, :count], samples[SHININESS, :count], samples[LIT, :count], reached,

@@ -246,6 +246,8 @@ class Fog(NamedTuple):
     """float32: halvings of the density a scene unit upwards; 0 for even density."""
     flat: Any
     """Number of ways of shading that light faces at their middles | None -> none."""
+    library: Any = None
+    """Not None: powers by the math library | None -> by the engine's own polynomials."""
 
 
 class ToneMap(NamedTuple):
@@ -257,6 +259,8 @@ class ToneMap(NamedTuple):
     """float32, exposure."""
     per_white: Any
     """float32: one over the square of the luminance that becomes white."""
+    library: Any = None
+    """Not None: powers by the math library | None -> by the engine's own polynomials."""
 
 
 class Microfacets(NamedTuple):
@@ -311,6 +315,10 @@ class Lighting(NamedTuple):
     """(H, W) float32, the share of ambient light that reaches a pixel | None -> all of it."""
     fog: Any = None
     """What lies between the surfaces and the eye | None -> nothing."""
+    renormalizes: int = 1
+    """Not 0: interpolated normals are scaled to length one; 0: they are taken as they are."""
+    library: Any = None
+    """Not None: powers of highlights by the math library | None -> by our own polynomials."""
 
 
 class Encoding(NamedTuple):

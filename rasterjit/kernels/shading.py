@@ -189,7 +189,9 @@ def light_row(
     """Turn the base colours of gathered samples into seen colours."""
     # Start with ambient light.
     occlusion = occlusion_row(samples, count, lighting.occlusion, maps)
-    lit.start_light(samples, count, lighting, occlusion)
+    if lighting.renormalizes != 0:
+        lit.scale_normals(samples, count)
+    lit.show_ambient(samples, count, lighting, occlusion)
     start_facet_row(samples, count, lighting, toward_viewer, occlusion, lighting.microfacets)
     # Add the lights, each with its shadows.
     find_receivers(weights, faces, geometry, placement, lighting.shadows)

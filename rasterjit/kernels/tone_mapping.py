@@ -18,7 +18,7 @@ import numpy as np
 
 from rasterjit.kernels import lighting as lit
 from rasterjit.kernels.jit import disjoint_stage, stage
-from rasterjit.kernels.lighting import exp2
+from rasterjit.kernels.lighting import exp2_by
 
 NONE, REINHARD, ACES, NEUTRAL = 0, 1, 2, 3
 """Curves, as ``ToneMap.curve`` numbers them."""
@@ -136,7 +136,8 @@ def neutral_span(red, green, blue):
 @stage
 def map_tones(tone, red, green, blue, out_red, out_green, out_blue):
     """Write what is to be shown of a span of light; the arrays do not overlap."""
-    expose_span(exp2(tone.stops), red, green, blue, out_red, out_green, out_blue)
+    factor = exp2_by(tone.stops, tone.library)
+    expose_span(factor, red, green, blue, out_red, out_green, out_blue)
     if tone.curve == REINHARD:
         reinhard_span(tone.per_white, out_red, out_green, out_blue)
     elif tone.curve == ACES:
@@ -150,7 +151,7 @@ def map_pixel(tone, red, green, blue):
     """Return what is to be shown of one colour; the colour itself without a tone map."""
     if tone is None:
         return red, green, blue
-    factor = exp2(tone.stops)
+    factor = exp2_by(tone.stops, tone.library)
     red, green, blue = exposed(red, factor), exposed(green, factor), exposed(blue, factor)
     if tone.curve == REINHARD:
         return reinhard(red, green, blue, tone.per_white)

@@ -169,19 +169,25 @@ class Texture:
         if not isinstance(wrap, (tuple, list)) or len(wrap) != 2:
             raise ValueError(f"wrap must be a name or a pair of names, got {self.wrap!r}")
         wrap = (one_of("wrap", wrap[0], WRAPS), one_of("wrap", wrap[1], WRAPS))
-        one_of("filter", self.filter, FILTERS)
+        self._set_filter(self.filter, self.anisotropy)
         one_of("color_space", self.color_space, COLOR_SPACES)
-        one_of("anisotropy", self.anisotropy, ANISOTROPIES)
-        if self.anisotropy > 1 and self.filter != "trilinear":
-            raise ValueError(
-                f"anisotropy must be 1 unless filter is 'trilinear', got {self.anisotropy} with "
-                f"{self.filter!r}"
-            )
         object.__setattr__(self, "wrap", wrap)
         self._set_transform(self.offset, self.rotation, self.scale)
         # From here on the image is a part of the pyramid's texels, which copies share.
         image = self.__dict__.pop("image")
         object.__setattr__(self, "pyramid", Pyramid(_linear_image(image, self.color_space)))
+
+    def _set_filter(self, filter: Any, anisotropy: Any) -> None:
+        """Check and keep filter and anisotropy."""
+        one_of("filter", filter, FILTERS)
+        one_of("anisotropy", anisotropy, ANISOTROPIES)
+        if anisotropy > 1 and filter != "trilinear":
+            raise ValueError(
+                f"anisotropy must be 1 unless filter is 'trilinear', got {anisotropy} with "
+                f"{filter!r}"
+            )
+        object.__setattr__(self, "filter", filter)
+        object.__setattr__(self, "anisotropy", anisotropy)
 
     def _set_transform(self, offset: Any, rotation: Any, scale: Any) -> None:
         """Check and keep offset, rotation and scale."""
@@ -248,9 +254,24 @@ class Texture:
 
         Takes offset, rotation and scale as `Texture` does, in place of its own.
         """
+        other = self._sharing()
+        other._set_transform(offset, rotation, scale)
+        return other
+
+    def with_filter(self, filter: str, anisotropy: int = 1) -> Texture:
+        """
+        Return the texture filtered otherwise; texels and mip levels are shared, not copied.
+
+        Takes filter and anisotropy as `Texture` does, in place of its own.
+        """
+        other = self._sharing()
+        other._set_filter(filter, anisotropy)
+        return other
+
+    def _sharing(self) -> Texture:
+        """Return a copy that shares texels and mip levels."""
         other = object.__new__(type(self))
         other.__dict__.update(self.__dict__)
-        other._set_transform(offset, rotation, scale)
         return other
 
     @property

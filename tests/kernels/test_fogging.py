@@ -127,7 +127,7 @@ def test_mean_density_keeps_its_error():
         a, b = float(low), float(rise)
         exact = 2.0**-a * (-math.expm1(-b * math.log(2.0)) / (b * math.log(2.0)) if b else 1.0)
         # The density at the eye is good to 4e-7 of itself, the difference of two to 1e-6 over 1/4.
-        assert float(fogging.mean_density(low, rise)) == pytest.approx(exact, rel=4e-6)
+        assert float(fogging.mean_density(low, rise, None)) == pytest.approx(exact, rel=4e-6)
 
 
 def test_no_fog_does_nothing():

@@ -1,0 +1,107 @@
+"""Decide what materials, textures and lights are under a quality that sets something for all."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, cast
+
+from rasterjit.scene.light import Light, Shadow
+from rasterjit.scene.material import TEXTURE_FIELDS, Material
+from rasterjit.scene.mesh import Mesh
+from rasterjit.scene.quality import Quality
+from rasterjit.scene.texture import Texture
+
+COARSER: dict[str, dict[str, str]] = {
+    "pixel": {},
+    "vertex": {"phong": "gouraud"},
+    "face": {"phong": "flat", "gouraud": "flat"},
+}
+"""What each ``Quality.shading`` puts in the place of ways of shading that are finer."""
+
+TAPS = {1: "hard", 9: "pcf"}
+"""The filter of shadows with so many comparisons."""
+
+AS_MESHES_SAY = ("pixel", None)
+"""`look_of` a quality that leaves all meshes as they are."""
+
+
+class Relooked:
+    """A mesh of another material; all else is that of the mesh, and kept there."""
+
+    def __init__(self, mesh: Mesh, material: Material) -> None:
+        self.mesh = mesh
+        self.material = material
+
+    def __getattr__(self, name: str) -> Any:
+        """Return what the mesh has."""
+        return getattr(self.mesh, name)
+
+
+def look_of(quality: Quality) -> tuple[str, str | None]:
+    """Return all of a quality that decides what meshes look like."""
+    return quality.shading, quality.texture_filter
+
+
+def meshes_under(meshes: Sequence[Mesh], quality: Quality) -> list[Mesh]:
+    """
+    Return the meshes as they look under a quality, each with the material in force.
+
+    A mesh whose material is not changed is returned itself; one that is there several times comes
+    back several times.
+    """
+    if look_of(quality) == AS_MESHES_SAY:
+        return list(meshes)
+    textures: dict[Texture, Texture] = {}
+    found: dict[Mesh, Mesh] = {}
+    for mesh in dict.fromkeys(meshes):
+        material = _material_under(mesh.material, quality, textures)
+        same = material is mesh.material
+        found[mesh] = mesh if same else cast(Mesh, Relooked(mesh, material))
+    return [found[mesh] for mesh in meshes]
+
+
+def _material_under(
+    material: Material, quality: Quality, known: dict[Texture, Texture]
+) -> Material:
+    """Return a material in force; ``known`` are the textures in force of those met before."""
+    changes: dict[str, Any] = {}
+    if material.shading in COARSER[quality.shading]:
+        changes["shading"] = COARSER[quality.shading][material.shading]
+    if quality.texture_filter is not None:
+        for name in TEXTURE_FIELDS:
+            texture = getattr(material, name)
+            if texture is None:
+                continue
+            if texture not in known:
+                known[texture] = texture.with_filter(*filter_of(quality.texture_filter))
+            changes[name] = known[texture]
+    return replace(material, **changes) if changes else material
+
+
+def filter_of(setting: str) -> tuple[str, int]:
+    """Return filter and anisotropy of a ``Quality.texture_filter``."""
+    parts = setting.removeprefix("anisotropic")
+    return (setting, 1) if parts == setting else ("trilinear", int(parts))
+
+
+def lights_under(lights: Sequence[Light], quality: Quality) -> Sequence[Light]:
+    """Return the lights as they are under a quality, each with the shadow in force."""
+    if quality.shadow_size is None and quality.shadow_taps is None:
+        return lights
+    return [
+        replace(light, shadow=shadow_under(light.shadow, quality))
+        if getattr(light, "shadow", None) is not None
+        else light
+        for light in lights
+    ]
+
+
+def shadow_under(shadow: Shadow, quality: Quality) -> Shadow:
+    """Return a shadow in force."""
+    changes: dict[str, Any] = {}
+    if quality.shadow_size is not None:
+        changes["size"] = quality.shadow_size
+    if quality.shadow_taps is not None:
+        changes |= {"filter": TAPS[quality.shadow_taps], "light_size": None}
+    return replace(shadow, **changes)
