@@ -76,7 +76,7 @@ def test_both_kinds_of_power_are_near_each_other():
 @pytest.mark.parametrize("shading", ["phong", "gouraud", "flat"])
 def test_highlights_are_near_those_of_polynomials(scene, camera, shading):
     mesh = scene.nodes[0].mesh
-    mesh.material = rj.Material(shading, specular=1.0, shininess=37.5)
+    mesh.material = rj.Material(shading, "black", specular=1.0, shininess=3.7)
     own, library = shown(scene, camera, None).linear, shown(scene, camera).linear
     assert np.abs(own - library).max() <= NEAR * max(1.0, float(own.max()))
     assert own.tobytes() != library.tobytes()

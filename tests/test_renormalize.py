@@ -53,22 +53,25 @@ def test_normals_as_they_are_give_lambert_of_short_normals():
     wanted = 0.7 * np.maximum(normals @ toward, 0.0)
     found = frame.linear[frame.face_id >= 0][:, :3].astype(np.float64)
     assert found == pytest.approx(np.repeat(wanted[:, np.newaxis], 3, axis=1), rel=SUMMED, abs=1e-6)
-    assert np.linalg.norm(normals, axis=1).min() < 0.5
+    assert np.linalg.norm(normals, axis=1).min() < 0.6
 
 
 @pytest.mark.parametrize("shading", ["phong", "pbr"])
 def test_short_normals_are_lit_less_and_those_of_vertices_alike(shading):
-    scene = scene_of(triangle(shading=shading, roughness=1.0))
-    standard = shown(scene, quality=None).linear[..., :3]
+    # Three faces around a vertex in the middle of the middle pixel.
+    fan = rj.Mesh(
+        [*CORNERS, (0, 0, 0)], [(0, 1, 3), (1, 2, 3), (2, 0, 3)], normals=[*BENT, (0.6, 0, 0.8)],
+        material=rj.Material(shading, "white", specular=0.0, roughness=1.0),
+    )  # fmt: skip
+    scene = scene_of(fan)
+    standard = shown(scene, quality=None, outputs=("linear", "face_id"))
+    inside, standard = standard.face_id >= 0, standard.linear[..., :3]
     found = shown(scene).linear[..., :3]
-    columns, rows = (16 + CORNERS[:, 0]).astype(int), (16 - CORNERS[:, 1]).astype(int)
-    inside = shown(scene, outputs=("face_id",)).face_id >= 0
-    vertices = np.zeros(inside.shape, bool)
-    vertices[rows, columns] = inside[rows, columns]
-    assert vertices.sum() >= 1
-    assert found[vertices] == pytest.approx(standard[vertices], rel=1e-6)
-    middle = found[16, 16], standard[16, 16]
-    assert (middle[0] < 0.7 * middle[1]).all()
+    assert found[16, 16] == pytest.approx(standard[16, 16], rel=1e-6)
+    inside[16, 16] = False
+    lit = inside & (standard[..., 0] > 0.0)
+    assert (found[lit] < standard[lit]).all()
+    assert (found[lit] / standard[lit]).min() < 0.8
 
 
 @pytest.mark.parametrize("shading", ["phong", "pbr", "gouraud", "flat", "unlit"])
@@ -102,7 +105,8 @@ def test_the_scale_of_an_object_does_not_change_its_light(scale):
     mesh = triangle()
     points = rj.transforms.transform_points(np.linalg.inv(turn), CORNERS)[:, :3]
     normals = BENT @ turn[:3, :3] / abs(scale[0])
-    placed = rj.Mesh(points, mesh.faces, normals=normals, material=mesh.material)
+    faces = mesh.faces if scale[2] > 0 else mesh.faces[:, ::-1]
+    placed = rj.Mesh(points, faces, normals=normals, material=mesh.material)
     found = shown(scene_of(placed, turn)).linear
     assert found == pytest.approx(shown(scene_of(mesh)).linear, rel=1e-5, abs=1e-6)
 
@@ -165,7 +169,7 @@ def test_even_scales_are_told_from_others():
     ]  # fmt: skip
     assert are_even(np.array(matrices)).all()
     uneven = [
-        tf.scale((1, 1, 1.01)), tf.shear(xy=0.01), tf.scale((1, 1, 0)), np.zeros((4, 4)),
+        tf.scale((1, 1, 1.01)), tf.shear(xy=0.01), np.diag((1.0, 1.0, 0.0, 1.0)), np.zeros((4, 4)),
         tf.scale((1e150, 1, 1)),
     ]  # fmt: skip
     assert not are_even(np.array(uneven)).any()

@@ -14,12 +14,14 @@ import pytest
 import rasterjit as rj
 from rasterjit import measurement
 from rasterjit import transforms as tf
-from rasterjit.plan import OUTPUTS
+from rasterjit.plan import OUTPUTS as ALL_OUTPUTS
 from rasterjit.plan_quality import COARSER, filter_of
 from rasterjit.scene.material import TEXTURE_FIELDS
 from rasterjit.scene.quality import LEVELS
 
 SIZE = (72, 56)
+OUTPUTS = tuple(name for name in ALL_OUTPUTS if name != "uv")
+"""Those of any scene."""
 CAMERA = rj.PerspectiveCamera((2.5, 2.0, 5.0), (0, 0, 0), near=0.5, far=30.0)
 
 
@@ -180,7 +182,7 @@ def test_what_a_coarser_level_does_not_read_is_not_asked_for(sphere):
     scene = rj.Scene()
     scene.add(rj.Mesh(sphere.vertices, sphere.faces, material=bumpy))
     with pytest.raises(ValueError, match="normal_texture"):
-        everything(scene)
+        rj.explain(scene, CAMERA)
     plan = rj.explain(scene, CAMERA, rj.Quality(shading="vertex"))
     assert not plan.needs_maps
     # Flat materials read them.

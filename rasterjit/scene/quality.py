@@ -68,7 +68,9 @@ class Quality:
         The finest unit that is lit by itself: materials that ask for more are shaded like
         ``"flat"`` or ``"gouraud"`` ones. Metallic-roughness is lit by the pixel always.
     renormalize : bool
-        Whether interpolated normals are scaled to length one at every pixel.
+        Whether interpolated normals are scaled to length one at every pixel. If not, they are too
+        short between vertices that differ, and lit less. Under normal maps, and where an object
+        in view is scaled unevenly, they are scaled all the same.
     texture_filter : str, optional
         ``"nearest"``, ``"bilinear"``, ``"trilinear"``, ``"anisotropic2"`` .. ``"anisotropic16"``,
         for all textures. Default: what each texture says.
@@ -88,7 +90,8 @@ class Quality:
         the same bits either way.
     math : {"polynomial", "library"}
         Powers and exponentials of highlights, fog and tone curves: the engine's own, to 2e-7, which
-        has the same bits on every CPU; or the math library's, to the last bit or two.
+        has the same bits on every CPU; or the math library's, to the last bit, which may be another
+        one on another machine.
     lines : {"bresenham", "coverage"}
         Edges of a wireframe: one pixel after the other, between the pixels that hold the vertices;
         or by the area of each pixel that is covered by a line one pixel wide between the vertices
