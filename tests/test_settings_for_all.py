@@ -168,8 +168,8 @@ def test_a_face_of_a_flat_level_has_one_colour_under_a_sun(sphere):
     colors = {}
     for level in LEVELS["shading"]:
         frame = rj.render(
-            scene, CAMERA, size=SIZE, quality=rj.Quality(shading=level), outputs=("linear",),
-            threads=1,
+            scene, CAMERA, size=SIZE, quality=rj.Quality(shading=level),
+            outputs=("linear", "face_id"), threads=1,
         )  # fmt: skip
         colors[level] = len(np.unique(frame.linear[frame.face_id >= 0], axis=0))
         faces = len(np.unique(frame.face_id[frame.face_id >= 0]))

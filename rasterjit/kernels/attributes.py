@@ -120,6 +120,38 @@ def point_at(second, third, point):
 
 
 @stage
+def stand_in_places(samples, run, model, lit_vertices, lighting):
+    """
+    Write any normals and positions along a run if nothing depends on them; return whether they do.
+
+    They do not where the object is lit at its vertices and no fog lies over it: the light that is
+    worked out with them counts for nothing, but it has to be a number.
+    """
+    if lighting is None:
+        return False
+    return stand_in_lit(samples, run, model, lit_vertices, lighting.fog)
+
+
+@stage
+def stand_in_lit(samples, run, model, lit_vertices, fog):
+    """Do so where there are lit vertices and no fog."""
+    if lit_vertices is None:
+        return False
+    if fog is not None:
+        return False
+    if model != GOURAUD:
+        return False
+    for n in range(np.uintp(run[0]), np.uintp(run[1])):
+        samples[lit.NORMAL_X, n] = np.float32(0.0)
+        samples[lit.NORMAL_Y, n] = np.float32(0.0)
+        samples[lit.NORMAL_Z, n] = np.float32(1.0)
+        samples[lit.POINT_X, n] = np.float32(0.0)
+        samples[lit.POINT_Y, n] = np.float32(0.0)
+        samples[lit.POINT_Z, n] = np.float32(0.0)
+    return True
+
+
+@stage
 def write_highlight(samples, run, model, owner, materials, lighting):
     """Write strength and exponent of the highlight along a run, and whether light falls on it."""
     if lighting is None:

@@ -226,14 +226,22 @@ def largest(row):
 
 
 @stage
-def kinds_shown(samples, count, microfacets):
+def matt_shown(samples, count, lit_vertices):
+    """Return whether light falls on any gathered sample; it does where no vertices are lit."""
+    if lit_vertices is None:
+        return True
+    return largest(samples[lit.LIT, :count]) > np.float32(0.0)
+
+
+@stage
+def kinds_shown(samples, count, microfacets, lit_vertices):
     """
     Return whether any gathered sample is lit otherwise, and whether any is a microfacet one.
 
-    Where no object is one, the answer is known when this is compiled.
+    Where no object is one, nor lit at its vertices, the answer is known when this is compiled.
     """
     if microfacets is None:
-        return True, False
+        return matt_shown(samples, count, lit_vertices), False
     return (
         largest(samples[lit.LIT, :count]) > np.float32(0.0),
         largest(samples[lit.MICROFACET, :count]) > np.float32(0.0),

@@ -19,6 +19,7 @@ from rasterjit.kernels.attributes import (
     normal_at,
     note_textured,
     point_at,
+    stand_in_places,
     write_answers,
 )
 from rasterjit.kernels.interpolation import (
@@ -228,15 +229,16 @@ def gather_places(samples, run, second, third, normal, point):
 
 
 @stage
-def gather_many(samples, weights, run, colors, normal, point):
-    """Interpolate along a run whose weights are known."""
+def gather_many(samples, weights, run, stands_in, colors, normal, point):
+    """Interpolate along a run whose weights are known; the colours alone if something stands in."""
     start, stop = run
     second, third = weights[0, start:stop], weights[1, start:stop]
     write_colors(
         samples[lit.RED, start:stop], samples[lit.GREEN, start:stop],
         samples[lit.BLUE, start:stop], second, third, colors,
     )  # fmt: skip
-    gather_places(samples, run, second, third, normal, point)
+    if not stands_in:
+        gather_places(samples, run, second, third, normal, point)
 
 
 @stage
@@ -355,7 +357,8 @@ def gather_run(
         for i in range(count):
             exact = sample_weights(a, b, c, column + i, row, geometry)
             weights[0, n + i], weights[1, n + i] = exact[1], exact[2]
-    gather_many(samples, weights, run, colors, normal, point)
+    stands_in = stand_in_places(samples, run, model, surface.lit_vertices, lighting)
+    gather_many(samples, weights, run, stands_in, colors, normal, point)
     behind = whole[BEHIND] != 0
     note_run(
         places, weights, run, column, row, (a, b, c), owner, behind, whole, real, samples, geometry,

@@ -183,19 +183,16 @@ def viewer_of(placement):
 
 
 @stage
-def light_row(
-    samples, weights, faces, count, row, geometry, placement, lighting, toward_viewer, maps
+def add_light_row(
+    samples, weights, faces, count, kinds, occlusion, geometry, placement, lighting, toward_viewer
 ):  # fmt: skip
-    """Turn the base colours of gathered samples into seen colours."""
-    # Start with ambient light.
-    occlusion = occlusion_row(samples, count, lighting.occlusion, maps)
+    """Add what lights and environment show of gathered samples; ``kinds`` are `kinds_shown`."""
+    shows_matt, shows_facets = kinds
     if lighting.renormalizes != 0:
         lit.scale_normals(samples, count)
-    lit.show_ambient(samples, count, lighting, occlusion)
     start_facet_row(samples, count, lighting, toward_viewer, occlusion, lighting.microfacets)
     # Add the lights, each with its shadows.
     find_receivers(weights, faces, geometry, placement, lighting.shadows)
-    shows_matt, shows_facets = kinds_shown(samples, count, lighting.microfacets)
     for n in range(lighting.lights.shape[0]):
         reached = shadow_row(
             samples, weights, count, faces, n, lighting, geometry, placement, lighting.shadows
@@ -207,6 +204,23 @@ def light_row(
             add_facet_lights(samples, count, light, toward_viewer, reached, lighting.microfacets)
     # Add the environment.
     environments.add_environment(samples, count, occlusion, lighting.environment, toward_viewer)
+
+
+@stage
+def light_row(
+    samples, weights, faces, count, row, geometry, placement, surface, lighting, toward_viewer
+):  # fmt: skip
+    """Turn the base colours of gathered samples into seen colours."""
+    maps = surface.maps
+    occlusion = occlusion_row(samples, count, lighting.occlusion, maps)
+    lit.show_ambient(samples, count, lighting, occlusion)
+    # Nothing more falls on what is unlit, or lit at its vertices.
+    kinds = kinds_shown(samples, count, lighting.microfacets, surface.lit_vertices)
+    if kinds[0] or kinds[1]:
+        add_light_row(
+            samples, weights, faces, count, kinds, occlusion, geometry, placement, lighting,
+            toward_viewer,
+        )  # fmt: skip
     # Add what the surfaces send out.
     add_emission_row(samples, count, lit.OUT_RED, maps)
     # Lay the fog over all.
@@ -216,14 +230,14 @@ def light_row(
 
 @stage
 def seen_colors(
-    samples, weights, faces, count, row, geometry, placement, lighting, toward_viewer, maps
+    samples, weights, faces, count, row, geometry, placement, surface, lighting, toward_viewer
 ):  # fmt: skip
     """Light the gathered samples; return red, green and blue. Without light, the base colours."""
     if lighting is None:
-        add_emission_row(samples, count, lit.RED, maps)
+        add_emission_row(samples, count, lit.RED, surface.maps)
         return samples[lit.RED], samples[lit.GREEN], samples[lit.BLUE]
     light_row(
-        samples, weights, faces, count, row, geometry, placement, lighting, toward_viewer, maps
+        samples, weights, faces, count, row, geometry, placement, surface, lighting, toward_viewer
     )
     return samples[lit.OUT_RED], samples[lit.OUT_GREEN], samples[lit.OUT_BLUE]
 
@@ -345,9 +359,8 @@ def shade_part(
     # Find alpha.
     find_alphas(samples, weights, faces, places, geometry, placement, surface, surface.alphas)
     return count, seen_colors(
-        samples, weights, faces, count, row, geometry, placement, lighting, toward_viewer,
-        surface.maps,
-    )  # fmt: skip
+        samples, weights, faces, count, row, geometry, placement, surface, lighting, toward_viewer
+    )
 
 
 @kernel

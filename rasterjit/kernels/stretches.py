@@ -17,6 +17,7 @@ from rasterjit.kernels.attributes import (
     normal_at,
     note_textured,
     point_at,
+    stand_in_places,
     write_answers,
 )
 from rasterjit.kernels.interpolation import (
@@ -311,6 +312,8 @@ def gather_places(
 ):  # fmt: skip
     """Write normals and positions; nothing if there is no light."""
     if lighting is None:
+        return
+    if stand_in_places(samples, run, model, surface.lit_vertices, lighting):
         return
     start, stop = run
     size = stop - start

@@ -237,13 +237,18 @@ def test_both_parts_of_the_light_add_up():
 def test_kinds_shown_are_told_from_the_rows():
     samples = np.zeros((lit.SAMPLE_ROWS, 5), np.float32)
     record = FACETS
-    assert microfacets.kinds_shown(samples, 5, None) == (True, False)
-    assert microfacets.kinds_shown(samples, 5, record) == (False, False)
-    samples[lit.MICROFACET, 3] = 1.0
-    assert microfacets.kinds_shown(samples, 5, record) == (False, True)
+    assert microfacets.kinds_shown(samples, 5, None, None) == (True, False)
+    lit_vertices = np.zeros((1, 2, 3), np.float32)
+    assert microfacets.kinds_shown(samples, 5, None, lit_vertices) == (False, False)
     samples[lit.LIT, 4] = 1.0
-    assert microfacets.kinds_shown(samples, 5, record) == (True, True)
-    assert microfacets.kinds_shown(samples, 3, record) == (False, False)
+    assert microfacets.kinds_shown(samples, 5, None, lit_vertices) == (True, False)
+    samples[lit.LIT, 4] = 0.0
+    assert microfacets.kinds_shown(samples, 5, record, None) == (False, False)
+    samples[lit.MICROFACET, 3] = 1.0
+    assert microfacets.kinds_shown(samples, 5, record, None) == (False, True)
+    samples[lit.LIT, 4] = 1.0
+    assert microfacets.kinds_shown(samples, 5, record, None) == (True, True)
+    assert microfacets.kinds_shown(samples, 3, record, None) == (False, False)
 
 
 @settings(max_examples=80)
