@@ -293,8 +293,7 @@ def _grounds(
         has_background=background is not None,
         fog_reaches=False,
         lights=NO_LIGHTS,
-        is_uneven=not quality.renormalize
-        and not are_even(views.relative_from_model[boxes.in_view & facts.interpolates_normals]).all(),
+        is_uneven=not quality.renormalize and _any_uneven(views, boxes, facts),
     )  # fmt: skip
     # Look at fog and at lights only where a face shows them.
     if grounds.shades:
@@ -303,6 +302,12 @@ def _grounds(
         lights = plan_lights(lights_under(scene.lights, quality), boxes, ~facts.is_see_through)
         grounds = grounds._replace(lights=lights)
     return grounds
+
+
+def _any_uneven(views: Views, boxes: Boxes, facts: Facts) -> bool:
+    """Tell whether an object in view with interpolated normals is scaled unlike along its axes."""
+    chosen = boxes.in_view & facts.interpolates_normals
+    return not are_even(views.relative_from_model[chosen]).all()
 
 
 def _sized_occlusion(scene: Scene) -> AmbientOcclusion:
