@@ -164,10 +164,12 @@ def with_and_without(recorded, name):
 def test_every_effect_is_in_the_full_scene(recorded):
     forms = recorded[""]["forms"]
     absent = {path for path, kind in forms.items() if kind is None}
-    # The picture's cutouts have no texture, and are drawn at the centres of pixels.
+    # The picture's cutouts have no texture, and are drawn at the centres of pixels. Nobody asks for
+    # the math library.
     assert absent == {
         "draw_tiles.viewport.reach", "draw_tiles.cutouts.geometry.viewport.reach",
-        "draw_tiles.cutouts.textures",
+        "draw_tiles.cutouts.textures", "shade_rows.lighting.library",
+        "shade_rows.lighting.fog.library", "shade_rows.encoding.tone.library",
     }  # fmt: skip
     assert recorded.keys() - {""} == GONE.keys() == {*switched_off.WITHOUT, "anti-aliasing"}
 

@@ -177,6 +177,23 @@ def test_a_face_of_a_flat_level_has_one_colour_under_a_sun(sphere):
     assert faces < colors["pixel"]
 
 
+def test_what_is_lit_at_its_vertices_looks_the_same_beside_what_is_not(cube, sphere):
+    scene = rj.Scene()
+    scene.add(rj.Mesh(cube.vertices, cube.faces, material=rj.Material("gouraud", "red")))
+    scene.lights = [rj.AmbientLight(), rj.PointLight((2, 3, 3), intensity=9.0)]
+    frames = []
+    for _ in range(2):
+        frames.append(
+            rj.render(scene, CAMERA, size=SIZE, outputs=("linear", "object_id"), threads=1)
+        )
+        scene.add(sphere, tf.compose(tf.translate((-1.2, 0.4, 1.5)), tf.scale((0.6, 0.6, 0.6))))
+    both = frames[1].object_id == 0
+    assert 100 < both.sum() < (frames[0].object_id == 0).sum()
+    # Some rows of pixels show both.
+    assert (both.any(axis=1) & (frames[1].object_id == 1).any(axis=1)).any()
+    assert frames[0].linear[both].tobytes() == frames[1].linear[both].tobytes()
+
+
 def test_what_a_coarser_level_does_not_read_is_not_asked_for(sphere):
     bumpy = rj.Material(normal_texture=checks(color_space="linear"))
     scene = rj.Scene()
