@@ -207,7 +207,7 @@ def _variant_of_shading(plan: RenderPlan) -> str:
         "maps": plan.needs_maps,
         "alphas": plan.layers is not None and plan.layers.has_blended,
         "tone curve": plan.encoding.tone is not None and plan.pictures == 1,
-        "library exposure": _calls_library(plan.encoding.tone),
+        "library exposure": _calls_library(plan.encoding.tone) and plan.pictures == 1,
     }
     light = _variant_of_light(plan)
     names = [name for name, is_there in present.items() if is_there]
