@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 from rasterjit import stages
 from rasterjit.kernels import diagnosis, setup, visibility
 from rasterjit.kernels.records import Geometry, Objects
+from rasterjit.plan_depth import DepthFormat
+from rasterjit.reversed_depth import metric_depth
 from rasterjit.scene.camera import Camera
 
 STORING = 2.0**-24
@@ -109,6 +111,7 @@ def diagnose(
     geometry: Geometry,
     camera: Camera,
     workers: stages.Workers,
+    depth_format: DepthFormat | None = None,
 ) -> Diagnostics:
     """
     Look at a drawn frame once more.
@@ -121,6 +124,8 @@ def diagnose(
     geometry : Geometry
     camera : Camera
     workers : Workers
+    depth_format : DepthFormat, optional
+        What its depths are rounded to; default: the camera's reversed depth in float32.
 
     Raises
     ------
@@ -138,7 +143,7 @@ def diagnose(
     diagnosis.find_fates(faces, objects, coverage.screen, viewport, (samples, shown), fates)
     counts = np.bincount(fates, minlength=diagnosis.FATES).tolist()
     codes = coverage.screen.codes[: len(geometry.clip_positions)]
-    depths = _ranges(coverage.depth[seen], camera)
+    depths = _ranges(coverage, camera, depth_format)
     error = _largest_error(face_id, geometry, workers)
     return Diagnostics(
         faces=len(fates),
@@ -174,7 +179,8 @@ def _count_samples(
 
     def count_some(tiles: NDArray[np.int32]) -> None:
         size = visibility.TILE_SIZE
-        scratch = visibility.scratch_memory(), np.zeros((size, size), np.uint8)
+        drawing = visibility.scratch_memory(depth_type=coverage.depth.dtype)
+        scratch = drawing, np.zeros((size, size), np.uint8)
         frame = (coverage.depth, coverage.face_id)
         diagnosis.count_samples(
             tiles, starts, binned, faces, coverage.screen, geometry.viewport, frame, scratch, counts
@@ -189,14 +195,20 @@ def _count_samples(
 
 
 def _ranges(
-    stored: NDArray[np.float32], camera: Camera
+    coverage: stages.Coverage, camera: Camera, depth_format: DepthFormat | None
 ) -> tuple[tuple[float, float] | None, tuple[float, float] | None]:
     """Return the range of the metric depth and that of the stored one, as outputs hold them."""
+    seen = coverage.face_id >= 0
+    stored = coverage.depth[seen]
     if not len(stored):
         return None, None
-    ends = np.array([stored.max(), stored.min()], np.float32)
-    with np.errstate(over="ignore"):
-        nearest, farthest = np.float32(camera.view_depth(ends)).tolist()
+    ends = np.array([stored.max(), stored.min()])
+    if depth_format is None or depth_format.is_reversed:
+        with np.errstate(over="ignore"):
+            nearest, farthest = np.float32(camera.view_depth(ends)).tolist()
+    else:
+        metric = metric_depth(depth_format, camera, coverage)[seen]
+        nearest, farthest = float(metric.min()), float(metric.max())
     return (nearest, farthest), (float(ends[1]), float(ends[0]))
 
 

@@ -53,7 +53,7 @@ MOST_BYTES = 1 << 28
 """Memory that the layers of one band may take, of each thread."""
 
 BYTES_PER_FRAGMENT = 8
-"""A float32 depth and an int32 face number."""
+"""A depth of 32 bits and an int32 face number."""
 
 ROWS_AT_ONCE = 16
 """Rows of a band that are shaded and put together at once: their colours stay in L2."""
@@ -207,6 +207,8 @@ class Lists(NamedTuple):
     """(M,)."""
     faces: Faces
     screen: ScreenVertices
+    depth_type: Any
+    """What depths are rounded to before they are compared."""
 
 
 class Band(NamedTuple):
@@ -258,7 +260,7 @@ def part_lists(
     transparency.split_lists(
         starts, binned, lists.faces, lists.objects.face_starts, is_blended, parted, middles
     )
-    return Lists(starts, middles, parted, lists.faces, coverage.screen)
+    return Lists(starts, middles, parted, lists.faces, coverage.screen, coverage.depth.dtype)
 
 
 def find_layers(
@@ -291,11 +293,11 @@ def find_layers(
     viewport = shader.geometry.viewport
     width, height = viewport.width, rows[1] - rows[0]
     shifts = sample_shifts(samples, viewport.grid_bits)
-    scratch = transparency.scratch_memory(shader.cutouts is not None)
+    scratch = transparency.scratch_memory(shader.cutouts is not None, lists.depth_type)
     room = 0 if len(lists.parted) == 0 else min(FIRST_GUESS, kept or FIRST_GUESS)
     while True:
         shape = samples, room, height, width
-        found = memory.empty(shape, np.float32), memory.empty(shape, np.int32)
+        found = memory.empty(shape, lists.depth_type), memory.empty(shape, np.int32)
         opaque = memory.empty((samples, height, width), np.int32)
         used = np.empty((samples, -(-width // TILE_SIZE)), np.int64)
         deepest = transparency.find_layers(

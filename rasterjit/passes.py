@@ -38,14 +38,10 @@ from rasterjit.plan_atmosphere import background_rays
 from rasterjit.plan_boxes import place_boxes
 from rasterjit.plan_views import unit_matrices
 from rasterjit.prepared import Prepared
-from rasterjit.scene.camera import Camera
+from rasterjit.reversed_depth import metric_depth
 from rasterjit.scene.color import linear_to_srgb
 from rasterjit.scene.light import AmbientLight
 from rasterjit.scene.srgb import decoding_table
-
-SAMPLES_AT_ONCE = 1 << 15
-"""Samples whose depth is converted at once: their float64 copies stay in L2, and a small frame
-is done in one step."""
 
 
 def shade_faces(
@@ -187,7 +183,10 @@ def find_shadows(
         vertices, arrays.faces, placement, prepared.shapes.boxes, ~grounds.facts.is_see_through,
         is_whole, is_open,
         np.concatenate(
-            [shadow_cells.seen_cells(plan.camera, geometry, coverage.depth, workers), *more_cells]
+            [
+                shadow_cells.seen_cells(plan.camera, geometry, coverage.reversed_depth, workers),
+                *more_cells,
+            ]
         ),
         plan.camera, plan.size, cutouts,
     )  # fmt: skip
@@ -253,7 +252,7 @@ def draw_wireframe(
         return
     encoded = linear_to_srgb(np.array(plan.wireframe.color[:3]))
     rgba = np.append(np.floor(255.0 * encoded + 0.5), 255.0).astype(np.uint8)
-    hidden_by = (coverage.face_id, coverage.depth) if plan.draws_faces else None
+    hidden_by = (coverage.face_id, coverage.reversed_depth) if plan.draws_faces else None
     lines = edges, geometry, coefficients, rgba, result["color"], hidden_by
     if plan.quality.lines == "bresenham":
         edge_lines.draw_edges(*lines, workers)
@@ -275,7 +274,7 @@ def fill_buffers(
     shapes, looks, face_id = prepared.shapes, prepared.looks, coverage.face_id
     result["face_id"] = face_id
     if "depth" in plan.outputs:
-        result["depth"] = metric_depth(plan.camera, coverage)
+        result["depth"] = metric_depth(plan.depth_format, plan.camera, coverage)
     if "object_id" in plan.outputs:
         result["object_id"] = shapes.object_numbers[face_id]
     if "barycentric" in plan.outputs:
@@ -299,16 +298,3 @@ def fill_buffers(
         arguments = (geometry, placement, smooth, normal)
         stages.fill_rows(interpolation.fill_normals, face_id, arguments, workers)
         result["normal"] = normal
-
-
-def metric_depth(camera: Camera, coverage: stages.Coverage) -> NDArray[np.float32]:
-    """Return the depth in scene units along the viewing axis; ``inf`` where nothing is."""
-    depth = np.full(coverage.depth.shape, np.inf, np.float32)
-    height, width = depth.shape
-    rows = max(1, SAMPLES_AT_ONCE // width)
-    for row in range(0, height, rows):
-        band = slice(row, row + rows)
-        seen = coverage.face_id[band] >= 0
-        with np.errstate(over="ignore"):
-            depth[band][seen] = camera.view_depth(coverage.depth[band][seen])
-    return depth

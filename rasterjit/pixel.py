@@ -19,11 +19,12 @@ from rasterjit import plan as planning
 from rasterjit.explanation import FaceAtPixel, LightTerm, PixelExplanation
 from rasterjit.io.meshes import as_scene
 from rasterjit.kernels import resolve, setup, visibility
-from rasterjit.kernels.records import Faces, Geometry, Objects
+from rasterjit.kernels.records import Faces, Objects
 from rasterjit.pixel_light import Drawn, light_of
 from rasterjit.plan import RenderPlan
 from rasterjit.prepared import prepare
 from rasterjit.render import choose_camera, placement_of, render
+from rasterjit.reversed_depth import add_reversed_depth
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.quality import Quality, check_quality
 from rasterjit.scene.scene import Scene
@@ -149,13 +150,14 @@ def _draw(scene: Scene, plan: RenderPlan) -> Drawn:
         plan.cull, views, arrays.face_starts, prepared.looks.is_single_sided
     )
     vertices = stages.ModelVertices(
-        arrays.positions, arrays.vertex_starts, views.relative_from_model,
-        views.clip_from_relative,
+        prepared.shapes.positions(plan.quality.precision), arrays.vertex_starts,
+        views.relative_from_model, views.clip_from_relative,
     )  # fmt: skip
     cutouts = passes.find_cutouts(plan, prepared)
     coverage = stages.find_visible(
-        vertices, arrays.faces, objects, plan.camera.depth_coefficients(), viewport, workers,
+        vertices, arrays.faces, objects, plan.depth_format.coefficients, viewport, workers,
         lambda _: None, keep_lists=True, keep_clip_positions=True, cutouts=cutouts,
+        depth_type=plan.depth_format.kind, is_affine=plan.is_affine,
     )  # fmt: skip
     lists = coverage.lists
     if objects.culled_turns.any():
@@ -165,14 +167,10 @@ def _draw(scene: Scene, plan: RenderPlan) -> Drawn:
             lists.faces, everything, coverage.screen, viewport, workers
         )
         lists = stages.TileLists(starts, binned, lists.faces)
-    geometry = Geometry(
-        arrays.faces,
-        coverage.screen.xy,
-        coverage.screen.codes,
-        coverage.screen.w,
-        coverage.clip_positions,
-        viewport,
+    geometry = stages.geometry_of(
+        arrays.faces, coverage.screen, coverage.clip_positions, viewport, plan.is_affine
     )
+    coverage = add_reversed_depth(plan.depth_format, plan.camera, geometry, coverage, workers)
     placement = passes.placement_to_light(plan, placement_of(arrays, views))
     return Drawn(scene, prepared, plan, arrays, geometry, placement, coverage, lists)
 
@@ -214,10 +212,10 @@ def _find_faces(drawn: Drawn, x: int, y: int) -> list[FaceAtPixel]:
     sides = np.stack([_edges(b, c, point), _edges(c, a, point), _edges(a, b, point)])
     near = listed[(sides >= 0).all(axis=0) | (sides <= 0).all(axis=0)]
     # Draw each alone: what it covers, and how deep it is there, is the engine's word.
-    depth = np.empty((viewport.height, viewport.width), np.float32)
+    depth = np.empty((viewport.height, viewport.width), coverage.depth.dtype)
     face_id = np.empty((viewport.height, viewport.width), np.int32)
-    scratch = visibility.scratch_memory()
-    bottomless = np.full(len(starts) - 1, -np.inf, np.float32)
+    scratch = visibility.scratch_memory(depth_type=depth.dtype)
+    bottomless = np.full(len(starts) - 1, visibility.empty_depth(depth.dtype))
     one = np.zeros(len(starts), np.int64)
     one[tile + 1 :] = 1
     kept = set(coverage.lists.binned[coverage.lists.starts[tile] : coverage.lists.starts[tile + 1]])
@@ -233,7 +231,8 @@ def _find_faces(drawn: Drawn, x: int, y: int) -> list[FaceAtPixel]:
         entry = -float(depth[y, x]), int(face_id[y, x]), triangle
         lost = "" if triangle in kept else "culled"
         if not lost and coverage.cutouts is not None:
-            visibility.draw_tiles(*arguments, visibility.scratch_memory(True), coverage.cutouts)
+            with_holes = visibility.scratch_memory(True, depth.dtype)
+            visibility.draw_tiles(*arguments, with_holes, coverage.cutouts)
             lost = "" if face_id[y, x] >= 0 else "cut out"
         found.append((lost, *entry))
     return [_face_at(drawn, x, y, *entry) for entry in sorted(found)]
@@ -269,7 +268,9 @@ def _face_at(
     point = _centre(x, y, geometry.viewport.grid_bits)
     edges, biases = _edge_functions(snapped.tolist(), point)
     affine, weights = _weights(snapped.tolist(), clip, clipped, point, (x, y), drawn.plan.size)
-    stored = np.float32(-nearness)
+    stored = coverage.depth.dtype.type(-nearness)
+    if drawn.plan.is_affine and not clipped:
+        weights = affine
     standing = "hidden"
     if lost:
         standing = lost
@@ -277,8 +278,10 @@ def _face_at(
         standing = "visible"
     elif stored == coverage.depth[y, x]:
         standing = "tied"
+    ndc_x, ndc_y = (2.0 * x + 1.0) / width - 1.0, 1.0 - (2.0 * y + 1.0) / height
     with np.errstate(over="ignore"):
-        depth = float(np.float32(drawn.plan.camera.view_depth(stored)))
+        reversed_depth = drawn.plan.depth_format.reversed_depth(stored, ndc_x, ndc_y)
+        depth = float(np.float32(drawn.plan.camera.view_depth(reversed_depth)))
     return FaceAtPixel(
         standing=standing,
         face=face,

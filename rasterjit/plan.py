@@ -22,6 +22,7 @@ from rasterjit.kernels.setup import GUARD_PIXELS
 from rasterjit.plan_atmosphere import check_atmosphere, fog_record, is_fog_in_reach, tone_record
 from rasterjit.plan_boxes import Boxes, mesh_boxes
 from rasterjit.plan_contents import Facts, may_have_holes, textures_read
+from rasterjit.plan_depth import DepthFormat, depth_format
 from rasterjit.plan_effects import Effect, Grounds, list_effects
 from rasterjit.plan_layers import Layers, find_transparency, layers_of
 from rasterjit.plan_lights import NO_LIGHTS, PlannedLights, lighting_of, plan_lights
@@ -39,7 +40,7 @@ from rasterjit.scene.light import (
     SpotLight,
 )
 from rasterjit.scene.outline import Outline
-from rasterjit.scene.quality import Quality
+from rasterjit.scene.quality import Quality, differences
 from rasterjit.scene.scene import Node, Scene, Wireframe, meshes_of
 from rasterjit.validation import image_size, one_of
 
@@ -49,6 +50,9 @@ OUTPUTS = (
 """What a frame can hold."""
 
 CULL_MODES = ("none", "back", "front")
+
+GEOMETRY = ("depth_format", "precision", "interpolation")
+"""Settings of the way from vertices to weights that a plan names where they are not standard."""
 
 HEADLIGHT_DIRECTION = (-0.3, -0.5, -1.0)
 """Direction of the default light in view space: over the viewer's right shoulder."""
@@ -101,6 +105,8 @@ class RenderPlan:
     """What lights the scene from all around."""
     backdrop: Environment | None
     """What is seen where no face is."""
+    depth_format: DepthFormat
+    """What depths are rounded to before they are compared."""
 
     @cached_property
     def effects(self) -> tuple[Effect, ...]:
@@ -110,10 +116,19 @@ class RenderPlan:
     @property
     def needs_depth(self) -> bool:
         """Whether the depth of the whole frame is kept."""
+        return "depth" in self.outputs or self.reads_depth or self.diagnose
+
+    @property
+    def reads_depth(self) -> bool:
+        """Whether a pass that follows visibility looks at the depth."""
         hides_edges = self.wireframe is not None and self.draws_faces
         looks_around = self.ambient_occlusion is not None or self.outline is not None
-        looks_around = looks_around or self.casts_shadows
-        return "depth" in self.outputs or hides_edges or looks_around or self.diagnose
+        return hides_edges or looks_around or self.casts_shadows
+
+    @property
+    def is_affine(self) -> bool:
+        """Whether values are interpolated on the screen, not on the face."""
+        return self.quality.interpolation == "affine"
 
     @property
     def casts_shadows(self) -> bool:
@@ -155,6 +170,8 @@ class RenderPlan:
         ]
         if self.pictures > 1:
             rows.append(("pictures", f"{self.pictures} of {self.quality.samples}"))
+        changed = differences(self.quality, Quality.standard())
+        rows += [(name.replace("_", " "), changed[name]) for name in GEOMETRY if name in changed]
         rows += [
             (effect.name, f"{'in ' if effect.used else 'out'} ({effect.reason})")
             for effect in self.effects
@@ -255,6 +272,7 @@ def plan_render(
             grounds.transparency, grounds.mixes_samples, quality.samples, scene.nodes, quality
         ),
         pictures=grounds.pictures,
+        depth_format=depth_format(quality.depth_format, camera, size),
     )
 
 

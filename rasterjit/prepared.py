@@ -45,6 +45,16 @@ class Shapes:
         return plan_arrays.join_geometry(self.meshes)
 
     @cached_property
+    def _single_positions(self) -> NDArray[np.float32]:
+        """Vertices in float32, (V, 3), model space; infinite beyond its range."""
+        with np.errstate(over="ignore"):
+            return self.arrays.positions.astype(np.float32)
+
+    def positions(self, precision: str) -> NDArray[Any]:
+        """Return the vertices, (V, 3), model space, in ``"float32"`` or ``"float64"``."""
+        return self._single_positions if precision == "float32" else self.arrays.positions
+
+    @cached_property
     def uv(self) -> NDArray[np.float32]:
         """Texture coordinates, (V, 2); NaN where an object has none."""
         return plan_arrays.join_uv(self.meshes)
@@ -84,7 +94,6 @@ class Looks:
     def __init__(self, shapes: Shapes, materials: list[Any], quality: Quality) -> None:
         self._shapes = shapes
         self.materials = materials
-        self.look = look_of(quality)
         self.meshes = meshes_under(shapes.meshes, quality)
         self._cutouts: dict[bool, Cutouts] = {}
 
@@ -148,6 +157,8 @@ class Prepared(NamedTuple):
     matrices: list[NDArray[np.float64]]
     """``world_from_model`` of each object."""
     places: Places
+    all_looks: dict[Any, Looks]
+    """Those of all qualities that the objects were drawn in, by what of a quality they follow."""
 
     @property
     def stock(self) -> Stock:
@@ -169,21 +180,18 @@ def prepare(nodes: Sequence[Node], known: Prepared | None, quality: Quality) -> 
     """
     meshes, matrices = meshes_of(nodes), matrices_of(nodes)
     if known is None or not _are_same(known.shapes.meshes, meshes):
-        shapes = Shapes(meshes)
-        known_materials = None
+        shapes, all_looks = Shapes(meshes), {}
     else:
-        shapes = known.shapes
-        known_materials = known.looks.materials if known.looks.look == look_of(quality) else None
+        shapes, all_looks = known.shapes, known.all_looks
     materials = [mesh.material for mesh in shapes.distinct]
-    if known is None or known_materials is None or not _are_same(known_materials, materials):
-        looks = Looks(shapes, materials, quality)
-    else:
-        looks = known.looks
+    look = look_of(quality)
+    if look not in all_looks or not _are_same(all_looks[look].materials, materials):
+        all_looks[look] = Looks(shapes, materials, quality)
     if known is None or not _are_same(known.matrices, matrices):
         places = plan_views.place_objects(matrices)
     else:
         places = known.places
-    return Prepared(shapes, looks, matrices, places)
+    return Prepared(shapes, all_looks[look], matrices, places, all_looks)
 
 
 def _are_same(known: Sequence[Any], wanted: Sequence[Any]) -> bool:

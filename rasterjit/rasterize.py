@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from rasterjit import stages
 from rasterjit.kernels.records import Geometry, Objects
 from rasterjit.plan import CULL_MODES, viewport_of
+from rasterjit.plan_depth import DepthFormat, ndc_format
 from rasterjit.scene.mesh import face_array
 from rasterjit.scene.quality import Quality, check_quality
 from rasterjit.validation import image_size, one_of, thread_count
@@ -27,16 +28,26 @@ class Visibility:
     face_id : (H, W) int32
         -1 where nothing is.
     depth : (H, W) float32
-        NDC z as given, z / w; ``inf`` where nothing is.
+        NDC z as given, z / w, as far as the depth format tells; ``inf`` where nothing is.
     totals : Totals
         What became of the faces.
     """
 
-    def __init__(self, coverage: stages.Coverage, geometry: Geometry, sign: float) -> None:
+    def __init__(
+        self,
+        coverage: stages.Coverage,
+        geometry: Geometry,
+        sign: float,
+        depth_format: DepthFormat | None = None,
+    ) -> None:
         self.face_id: NDArray[np.int32] = coverage.face_id
         self.totals = coverage.totals
+        depth = coverage.depth
+        if depth_format is not None and not depth_format.is_standard:
+            nowhere = np.zeros(1)
+            depth = depth_format.reversed_depth(depth, nowhere, nowhere).astype(np.float32)
         self.depth: NDArray[np.float32] = np.where(
-            coverage.face_id >= 0, np.float32(sign) * coverage.depth, np.float32(np.inf)
+            coverage.face_id >= 0, np.float32(sign) * depth, np.float32(np.inf)
         )
         self._geometry = geometry
 
@@ -45,7 +56,8 @@ class Visibility:
         """
         Return the weights of the face's own three vertices, clipped or not.
 
-        (H, W, 3) float32, perspective-correct, 0 where nothing is. Computed when first read.
+        (H, W, 3) float32, perspective-correct (or affine, as ``quality`` says), 0 where nothing
+        is. Computed when first read.
         """
         return stages.fill_barycentric(self.face_id, self._geometry, stages.Workers(1))
 
@@ -94,26 +106,23 @@ def rasterize(
     one_of("depth", depth, DEPTH_MODES)
     positions = _clip_array(clip_positions)
     face_numbers = face_array(faces, len(positions))
-    viewport = viewport_of(width_height, check_quality(quality).subpixel_bits)
+    quality = check_quality(quality)
+    viewport = viewport_of(width_height, quality.subpixel_bits)
     workers = stages.Workers(thread_count("threads", threads))
     turn = {"none": 0, "back": 1, "front": -1}[cull]
     objects = Objects(np.array([0, len(face_numbers)], np.int64), np.array([turn], np.int8))
     sign = -1.0 if depth == "standard" else 1.0
+    depth_format = ndc_format(quality.depth_format, sign)
     try:
         coverage = stages.find_visible(
-            positions, face_numbers, objects, (0.0, sign, 0.0), viewport, workers, lambda _: None
-        )
+            positions, face_numbers, objects, depth_format.coefficients, viewport, workers,
+            lambda _: None, depth_type=depth_format.kind, precision=quality.precision,
+        )  # fmt: skip
     finally:
         workers.close()
-    geometry = Geometry(
-        face_numbers,
-        coverage.screen.xy,
-        coverage.screen.codes,
-        coverage.screen.w,
-        positions,
-        viewport,
-    )
-    return Visibility(coverage, geometry, sign)
+    is_affine = quality.interpolation == "affine"
+    geometry = stages.geometry_of(face_numbers, coverage.screen, positions, viewport, is_affine)
+    return Visibility(coverage, geometry, sign, depth_format)
 
 
 def _clip_array(value: Any) -> NDArray[np.float64]:

@@ -19,11 +19,12 @@ from rasterjit import plan as planning
 from rasterjit.frame import Frame, Stats
 from rasterjit.io.meshes import as_scene
 from rasterjit.kernels.jit import COMPILE_CLOCK
-from rasterjit.kernels.records import Geometry, Placement
+from rasterjit.kernels.records import Placement
 from rasterjit.plan import RenderPlan
 from rasterjit.plan_arrays import SceneArrays
 from rasterjit.plan_views import Views
 from rasterjit.prepared import Prepared, prepare
+from rasterjit.reversed_depth import add_reversed_depth
 from rasterjit.scene.camera import (
     Camera,
     MatrixCamera,
@@ -251,8 +252,8 @@ class Renderer:
     def _render(self, quality: Quality, *arguments: Any) -> Frame:
         """Render one frame of a quality."""
         clock = StageClock()
-        (plan,), prepared, views = self._plan([quality], *arguments)
-        return self._draw(plan, prepared, views, clock, Accumulation())
+        planned = self._plan(quality, *arguments)
+        return self._draw(*planned, clock, Accumulation())
 
     def _render_in_time(
         self, time_budget: float, what: Any, camera: Camera | None, options: tuple
@@ -323,44 +324,38 @@ class Renderer:
         ValueError
             At once, naming the argument that is wrong.
         """
-        qualities = [Quality.draft(), Quality.standard(), Quality.reference()]
-        (draft, standard, reference), prepared, views = self._plan(
-            qualities, what, camera, outputs, background, cull, diagnose
-        )
-        plans = [draft, standard, *supersampling.steps(reference)]
-        return self._draw_all(plans, prepared, views)
+        qualities = Quality.draft(), Quality.standard(), Quality.reference()
+        arguments = what, camera, outputs, background, cull, diagnose
+        *first, (plan, prepared, views) = [self._plan(one, *arguments) for one in qualities]
+        last = [(step, prepared, views) for step in supersampling.steps(plan)]
+        return self._draw_all([*first, *last])
 
-    def _draw_all(
-        self, plans: Sequence[RenderPlan], prepared: Prepared, views: Views
-    ) -> Iterator[Frame]:
+    def _draw_all(self, planned: Sequence[tuple[RenderPlan, Prepared, Views]]) -> Iterator[Frame]:
         """Draw frames one after the other, each from the pictures of those before it."""
         accumulation = Accumulation()
-        for plan in plans:
+        for plan, prepared, views in planned:
             yield self._draw(plan, prepared, views, StageClock(), accumulation)
 
     def _plan(
         self,
-        qualities: Sequence[Quality],
+        quality: Quality,
         what: Any,
         camera: Camera | None,
         outputs: Sequence[str],
         background: Any,
         cull: str,
         diagnose: bool,
-    ) -> tuple[list[RenderPlan], Prepared, Views]:
-        """Check the arguments of a frame, and decide what it needs for each quality."""
+    ) -> tuple[RenderPlan, Prepared, Views]:
+        """Check the arguments of a frame, and decide what it needs."""
         scene = self._scene(what)
         camera = choose_camera(scene, camera, self.size)
-        self._prepared = prepared = prepare(scene.nodes, self._prepared, self.quality)
+        self._prepared = prepared = prepare(scene.nodes, self._prepared, quality)
         views = plan_views.view_places(prepared.places, camera, self.size)
-        plans = [
-            planning.plan_render(
-                scene, camera, self.size, quality, outputs, background, cull, diagnose,
-                prepared.stock, views,
-            )
-            for quality in qualities
-        ]  # fmt: skip
-        return plans, prepared, views
+        plan = planning.plan_render(
+            scene, camera, self.size, quality, outputs, background, cull, diagnose,
+            prepared.stock, views,
+        )  # fmt: skip
+        return plan, prepared, views
 
     def _find_faces(
         self, plan: RenderPlan, prepared: Prepared, views: Views, clock: StageClock
@@ -374,25 +369,27 @@ class Renderer:
         coefficients = camera.depth_coefficients()
         clock("plan")
         vertices = stages.ModelVertices(
-            arrays.positions, arrays.vertex_starts, views.relative_from_model,
-            views.clip_from_relative,
+            prepared.shapes.positions(plan.quality.precision), arrays.vertex_starts,
+            views.relative_from_model, views.clip_from_relative,
         )  # fmt: skip
         coverage = self._find_visible(
-            vertices, arrays.faces, objects, coefficients, viewport, workers, clock,
+            vertices, arrays.faces, objects, plan.depth_format.coefficients, viewport, workers,
+            clock,
             keep_depth=plan.needs_depth,
             find_faces=plan.needs_faces,
             keep_lists=plan.diagnose or plan.layers is not None,
             keep_clip_positions=plan.diagnose or plan.wireframe is not None,
             cutouts=passes.find_cutouts(plan, prepared),
+            depth_type=plan.depth_format.kind,
+            is_affine=plan.is_affine,
         )  # fmt: skip
-        geometry = Geometry(
-            arrays.faces,
-            coverage.screen.xy,
-            coverage.screen.codes,
-            coverage.screen.w,
-            coverage.clip_positions,
-            viewport,
+        geometry = stages.geometry_of(
+            arrays.faces, coverage.screen, coverage.clip_positions, viewport, plan.is_affine
         )
+        if plan.reads_depth:
+            coverage = add_reversed_depth(plan.depth_format, camera, geometry, coverage, workers)
+            if not plan.depth_format.is_standard:
+                clock("reversed depth")
         return Seen(objects, coefficients, geometry, placement_of(arrays, views), coverage)
 
     def _draw(
@@ -431,7 +428,9 @@ class Renderer:
         clock("buffers")
         diagnostics = None
         if plan.diagnose:
-            diagnostics = diagnosing.diagnose(coverage, objects, geometry, plan.camera, workers)
+            diagnostics = diagnosing.diagnose(
+                coverage, objects, geometry, plan.camera, workers, plan.depth_format
+            )
             clock("diagnostics")
         stats = _stats(coverage, clock.seconds)
         if "face_id" in plan.outputs:

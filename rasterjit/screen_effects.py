@@ -75,10 +75,10 @@ def find_occlusion(
         With a radius.
     camera : Camera
     geometry, placement, coverage
-        Of the visible faces; the depth is kept.
+        Of the visible faces; with its reversed depth.
     workers : Workers
     """
-    face_id, depth, empty = coverage.face_id, coverage.depth, workers.memory.empty
+    face_id, depth, empty = coverage.face_id, coverage.reversed_depth, workers.memory.empty
     height, width = face_id.shape
     lens = lens_of(camera, (width, height), effect.radius)
     snap = math.ldexp(ambient_occlusion.SNAP_SLACK, -geometry.viewport.subpixel_bits)
@@ -126,12 +126,12 @@ def draw_outlines(
     effect : Outline
     camera : Camera
     geometry, placement, coverage
-        Of the visible faces; the depth is kept.
+        Of the visible faces; with its reversed depth.
     color : (H, W, 4) uint8
         Written where there are edges, with alpha 255.
     workers : Workers
     """
-    face_id, depth = coverage.face_id, coverage.depth
+    face_id, depth = coverage.face_id, coverage.reversed_depth
     height, width = face_id.shape
     lens = lens_of(camera, (width, height), 1.0)
     snap = math.ldexp(outlines.SNAP_SLACK, -geometry.viewport.subpixel_bits)
@@ -146,8 +146,8 @@ def draw_outlines(
 
     def find_band(rows: tuple[int, int]) -> None:
         outlines.find_edges(
-            face_id, rows, depth, coverage.screen.depth, geometry, placement, lens, snap, kinds,
-            least_cosine, marks, outlines.scratch_memory(width),
+            face_id, rows, depth, coverage.reversed_vertex_depth, geometry, placement, lens, snap,
+            kinds, least_cosine, marks, outlines.scratch_memory(width),
         )  # fmt: skip
 
     def draw_band(rows: tuple[int, int]) -> None:

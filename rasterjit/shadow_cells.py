@@ -89,7 +89,7 @@ def missed_objects(
     An object all around the eye counts as hidden. Takes boxes (O, 8, 3) in world axes, relative to
     the eye, and the first face of each object.
     """
-    face_id, depth = coverage.face_id, coverage.depth
+    face_id, depth = coverage.face_id, coverage.reversed_depth
     is_shown = np.zeros(int(face_starts[-1]) + 1, bool)
     # What is -1 marks the place behind the last face.
     is_shown[face_id] = True

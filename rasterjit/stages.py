@@ -95,8 +95,8 @@ class TileLists(NamedTuple):
 class ModelVertices(NamedTuple):
     """The vertices of all objects, and the way to clip space: what `transform` takes."""
 
-    positions: NDArray[np.float64]
-    """(V, 3), model space."""
+    positions: NDArray[np.float64] | NDArray[np.float32]
+    """(V, 3), model space. They are taken to the screen in arithmetic of their type."""
     vertex_starts: NDArray[np.int64]
     """(O+1,): object ``o`` owns vertices ``vertex_starts[o]:vertex_starts[o+1]``."""
     relative_from_model: NDArray[np.float64]
@@ -108,8 +108,9 @@ class ModelVertices(NamedTuple):
 class Coverage(NamedTuple):
     """The visibility buffer and the geometry that it points into."""
 
-    depth: NDArray[np.float32]
-    """(H, W), stored depth: greater is nearer, -inf where nothing is; (H, 0) if not kept."""
+    depth: NDArray[Any]
+    """(H, W), stored depth: greater is nearer; ``visibility.empty_depth`` where nothing is; (H, 0)
+    if not kept."""
     face_id: NDArray[np.int32]
     """(H, W), -1 where nothing is."""
     screen: ScreenVertices
@@ -120,6 +121,11 @@ class Coverage(NamedTuple):
     """``None`` unless they were asked for."""
     cutouts: Cutouts | None = None
     """With its geometry; ``None`` if no object has holes."""
+    reversed_depth: NDArray[np.float32] | None = None
+    """(H, W), reversed depth of the faces seen, -inf where nothing is, for the passes that follow;
+    ``None`` if none reads it."""
+    reversed_vertex_depth: NDArray[np.float64] | None = None
+    """(V+E,), that of the vertices."""
 
 
 class Sky(NamedTuple):
@@ -147,7 +153,7 @@ def transform(
 
     Parameters
     ----------
-    positions : (V, 3) float64, model space
+    positions : (V, 3) float64 or float32, model space
     vertex_starts : (O+1,) int64
         Object ``o`` owns vertices ``vertex_starts[o]:vertex_starts[o+1]``.
     relative_from_model : (O, 4, 4) float64
@@ -158,18 +164,26 @@ def transform(
     Returns
     -------
     (V, 4) float64, clip space
+        Found in arithmetic of the positions' type.
     """
-    count = len(positions)
+    count, kind = len(positions), positions.dtype
     clip_positions = workers.memory.empty((count, 4), np.float64)
-    objects = vertex_starts, np.ascontiguousarray(relative_from_model)
-    matrix = np.ascontiguousarray(clip_from_relative)
+    objects = vertex_starts, _rounded(relative_from_model, kind)
+    matrix = _rounded(clip_from_relative, kind)
 
     def transform_some(first: int) -> None:
-        some, scratch = (first, min(first + VERTICES_PER_TASK, count)), projection.scratch_memory()
+        some = first, min(first + VERTICES_PER_TASK, count)
+        scratch = projection.scratch_memory(kind)
         projection.transform_positions(some, positions, objects, matrix, clip_positions, scratch)
 
     workers.run(transform_some, [(n,) for n in range(0, count, VERTICES_PER_TASK)])
     return clip_positions
+
+
+def _rounded(matrices: NDArray[np.float64], kind: Any) -> NDArray[Any]:
+    """Return matrices in the type of the vertices that they take elsewhere."""
+    with np.errstate(over="ignore"):
+        return np.ascontiguousarray(matrices, kind)
 
 
 def project(
@@ -177,6 +191,7 @@ def project(
     depth_coefficients: tuple[float, float, float],
     viewport: Viewport,
     workers: Workers,
+    precision: Any = np.float64,
 ) -> tuple[ScreenVertices, int]:
     """
     Take all vertices from clip space to the screen.
@@ -187,6 +202,8 @@ def project(
     depth_coefficients : (float, float, float)
     viewport : Viewport
     workers : Workers
+    precision : dtype
+        Of the arithmetic: float64 or float32.
 
     Returns
     -------
@@ -195,8 +212,8 @@ def project(
     int
         The outcode bits set for any vertex.
     """
-    arguments = clip_positions, depth_coefficients, viewport
-    return _to_screen(projection.project_vertices, len(clip_positions), arguments, workers)
+    arguments, count = (clip_positions, depth_coefficients, viewport), len(clip_positions)
+    return _to_screen(projection.project_vertices, count, arguments, workers, precision)
 
 
 def transform_and_project(
@@ -224,22 +241,22 @@ def transform_and_project(
     int
         The outcode bits set for any vertex.
     """
-    objects = vertices.vertex_starts, np.ascontiguousarray(vertices.relative_from_model)
-    matrix = np.ascontiguousarray(vertices.clip_from_relative)
+    count, kind = len(vertices.positions), vertices.positions.dtype
+    objects = vertices.vertex_starts, _rounded(vertices.relative_from_model, kind)
+    matrix = _rounded(vertices.clip_from_relative, kind)
     arguments = vertices.positions, objects, matrix, depth_coefficients, viewport
-    count = len(vertices.positions)
-    return _to_screen(projection.transform_vertices, count, arguments, workers)
+    return _to_screen(projection.transform_vertices, count, arguments, workers, kind)
 
 
 def _to_screen(
-    kernel: Callable[..., int], count: int, arguments: tuple, workers: Workers
+    kernel: Callable[..., int], count: int, arguments: tuple, workers: Workers, precision: Any
 ) -> tuple[ScreenVertices, int]:
     """Call a kernel that fills the screen vertices for all of them."""
     screen = screen_arrays(count + SPARE_VERTICES, workers.memory)
 
     def fill_some(first: int) -> int:
         some = first, min(first + VERTICES_PER_TASK, count)
-        return kernel(some, *arguments, screen, projection.scratch_memory())
+        return kernel(some, *arguments, screen, projection.scratch_memory(precision))
 
     seen = 0
     for bits in workers.run(fill_some, [(n,) for n in range(0, count, VERTICES_PER_TASK)]):
@@ -325,6 +342,9 @@ def find_visible(
     cutouts: Cutouts | None = None,
     keep_faces: bool = True,
     depth: NDArray[np.float32] | None = None,
+    depth_type: Any = np.float32,
+    precision: Any = np.float64,
+    is_affine: bool = False,
 ) -> Coverage:
     """
     Run transform, projection, clipping, set-up, binning and visibility.
@@ -354,6 +374,14 @@ def find_visible(
         Whether the face at each pixel outlives the drawing; else ``face_id`` is (H, 0).
     depth : (H, W) float32, optional
         Where the depth is written.
+    depth_type : dtype
+        What depths are rounded to before they are compared: float32, float64, or int32, which cuts
+        off what is behind the point.
+    precision : dtype
+        Of the arithmetic that takes clip positions to the screen; that of model positions is their
+        own.
+    is_affine : bool
+        Whether holes lie where interpolation on the screen puts them.
     """
     if isinstance(vertices, ModelVertices):
         screen, seen = transform_and_project(vertices, depth_coefficients, viewport, workers)
@@ -362,7 +390,7 @@ def find_visible(
             clip_positions = transform(*vertices, workers)
     else:
         clip_positions = vertices
-        screen, seen = project(clip_positions, depth_coefficients, viewport, workers)
+        screen, seen = project(clip_positions, depth_coefficients, viewport, workers, precision)
     clock("transform")
     clipped = 0
     all_faces = Faces(faces, np.empty((0, 3), np.int32), np.empty(0, np.int32))
@@ -372,20 +400,20 @@ def find_visible(
         )
     clock("clip")
     if cutouts is not None:
-        geometry = Geometry(faces, screen.xy, screen.codes, screen.w, clip_positions, viewport)
+        geometry = geometry_of(faces, screen, clip_positions, viewport, is_affine)
         cutouts = cutouts._replace(geometry=geometry)
     starts, binned, floors, sums = set_up_and_bin(
-        all_faces, objects, screen, viewport, workers, cutouts
+        all_faces, objects, screen, viewport, workers, cutouts, depth_type
     )
     clock("set up, bin")
     if depth is None:
-        depth = workers.memory.empty((viewport.height, viewport.width * keep_depth), np.float32)
+        depth = workers.memory.empty((viewport.height, viewport.width * keep_depth), depth_type)
     face_id = workers.memory.empty((viewport.height, viewport.width * keep_faces), np.int32)
     if find_faces:
         frame = depth, face_id
         draw(starts, binned, floors, all_faces, screen, viewport, frame, workers, cutouts)
     else:
-        depth.fill(-np.inf)
+        depth.fill(visibility.empty_depth(depth_type))
         face_id.fill(visibility.NOTHING)
     clock("visibility")
     outside, degenerate, culled, unsampled, invalid = (int(n) for n in sums)
@@ -395,6 +423,18 @@ def find_visible(
     return Coverage(depth, face_id, screen, clip_positions, totals, lists, cutouts)
 
 
+def geometry_of(
+    faces: NDArray[np.int32],
+    screen: ScreenVertices,
+    clip_positions: NDArray[np.float64],
+    viewport: Viewport,
+    is_affine: bool = False,
+) -> Geometry:
+    """Return what it takes to interpolate: perspective-correct, or affine on the screen."""
+    w = None if is_affine else screen.w
+    return Geometry(faces, screen.xy, screen.codes, w, clip_positions, viewport)
+
+
 def set_up_and_bin(
     faces: Faces,
     objects: Objects,
@@ -402,7 +442,8 @@ def set_up_and_bin(
     viewport: Viewport,
     workers: Workers,
     cutouts: Cutouts | None = None,
-) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.float32], NDArray[np.int64]]:
+    depth_type: Any = np.float32,
+) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[Any], NDArray[np.int64]]:
     """Return each tile's start in the list of binned triangles, that list, floors, and totals."""
     columns = -(-viewport.width // visibility.TILE_SIZE)
     tiles = columns * -(-viewport.height // visibility.TILE_SIZE)
@@ -440,7 +481,7 @@ def set_up_and_bin(
     )
     # What covers the centres of a tile need not cover all samples.
     with_large = [] if viewport.reach is not None else counts[:, tiles].nonzero()[0].tolist()
-    floors = np.full((len(with_large) + 1, tiles), -np.inf, np.float32)
+    floors = np.full((len(with_large) + 1, tiles), visibility.empty_depth(depth_type))
     workers.run(
         occlusion.find_floors,
         [
@@ -457,11 +498,11 @@ def set_up_and_bin(
 def draw(
     starts: NDArray[np.int64],
     binned: NDArray[np.int32],
-    floors: NDArray[np.float32],
+    floors: NDArray[Any],
     faces: Faces,
     screen: ScreenVertices,
     viewport: Viewport,
-    frame: tuple[NDArray[np.float32], NDArray[np.int32]],
+    frame: tuple[NDArray[Any], NDArray[np.int32]],
     workers: Workers,
     cutouts: Cutouts | None = None,
 ) -> None:
@@ -470,7 +511,7 @@ def draw(
     per_task = _per_task(len(tiles), TILES_PER_TASK, workers)
 
     def draw_some(some: NDArray[np.int32]) -> None:
-        scratch = visibility.scratch_memory(cutouts is not None)
+        scratch = visibility.scratch_memory(cutouts is not None, frame[0].dtype)
         visibility.draw_tiles(
             some, starts, binned, floors, faces, screen, viewport, frame, scratch, cutouts
         )

@@ -244,7 +244,7 @@ def _find_shadows(
         moved = _moved(plan, offset)
         own = find(moved)
         cells.append(
-            shadow_cells.seen_cells(moved.camera, own.geometry, own.coverage.depth, workers)
+            shadow_cells.seen_cells(moved.camera, own.geometry, own.coverage.reversed_depth, workers)
         )
     return passes.find_shadows(
         plan, prepared, seen.geometry, seen.placement, seen.coverage, workers, cells

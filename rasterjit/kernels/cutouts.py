@@ -34,8 +34,11 @@ from rasterjit.kernels.vectors import LANES, spread
 ALPHA = 3
 """Column of colours and of materials."""
 
-OWN_DEPTH, OWN_NUMBERS, WAITING = 9, 10, 11
-"""Where scratch memory holds the tile that a triangle with holes is drawn into, and what waits."""
+EMPTY, OWN_DEPTH, OWN_NUMBERS, WAITING = 9, 10, 11, 12
+"""
+Where scratch memory holds the depth of nothing, the tile that a triangle with holes is drawn into,
+and what waits.
+"""
 
 ENOUGH = 192
 """Samples that wait no longer."""
@@ -181,7 +184,7 @@ def pixel_alpha(face, owner, column, row, memory, cutouts):
 
 
 @stage
-def note_neighbours(own, depths, i, j, last, places, stored, waiting):
+def note_neighbours(own, depths, empty, i, j, last, places, stored, waiting):
     """
     Note which of a few samples of a row are nearer than the tile at hand, and empty them.
 
@@ -199,14 +202,14 @@ def note_neighbours(own, depths, i, j, last, places, stored, waiting):
             stored[place] = own[i, column]
             waiting += np.int64((own[i, column] > depths[i, column]) & (j + k <= last))
     for k in range(LANES):
-        own[i, np.uintp(j + k)] = np.float32(-np.inf)
+        own[i, np.uintp(j + k)] = empty
     return waiting
 
 
 @stage
 def note_nearer(n, waiting, whole, window, scratch):
     """Let the samples of a triangle wait that are nearer than the tile at hand; count all."""
-    depths, own = scratch[0], scratch[OWN_DEPTH]
+    depths, own, empty = scratch[0], scratch[OWN_DEPTH], scratch[EMPTY][0]
     places, faces, stored = scratch[WAITING][0]
     before = waiting
     first = max(np.int64(whole[LEFT, n]), window[0]) - window[0]
@@ -215,7 +218,7 @@ def note_nearer(n, waiting, whole, window, scratch):
     for row in range(top, bottom + 1):
         for column in range(first, last + 1, LANES):
             waiting = note_neighbours(
-                own, depths, np.uintp(row), column, last, places, stored, waiting
+                own, depths, empty, np.uintp(row), column, last, places, stored, waiting
             )
     for k in range(before, waiting, LANES):
         spread(faces, np.uintp(k), whole[FACE, n])
@@ -305,8 +308,8 @@ def pixel_memory() -> tuple[Any, ...]:
     return np.empty(1, np.int32), alpha_memory(1)
 
 
-def waiting_memory() -> tuple[tuple[Any, ...], tuple[Any, ...]]:
+def waiting_memory(depth_type: Any) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
     """Return the memory for the samples that wait in one tile: all of one triangle, and some."""
     room = ENOUGH + TILE_SIZE * TILE_SIZE + LANES
-    lists = np.empty(room, np.int32), np.empty(room, np.int32), np.empty(room, np.float32)
+    lists = np.empty(room, np.int32), np.empty(room, np.int32), np.empty(room, depth_type)
     return lists, alpha_memory()

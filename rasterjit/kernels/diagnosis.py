@@ -54,6 +54,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from rasterjit.kernels.cutouts import EMPTY
 from rasterjit.kernels.interpolation import lowest_first, seen_from_sample
 from rasterjit.kernels.jit import kernel, stage
 from rasterjit.kernels.records import Faces, Geometry, Objects, ScreenVertices, Viewport
@@ -110,7 +111,7 @@ def box_in_tile(corners, screen, viewport, origin):
 
 
 @stage
-def take_samples(face, box, origin, tile, frame, ties):
+def take_samples(face, box, origin, tile, empty, frame, ties):
     """Count and clear the samples of the one triangle in the tile; mark where it lost a tie."""
     depths, numbers = tile
     frame_depth, face_id = frame
@@ -123,7 +124,7 @@ def take_samples(face, box, origin, tile, frame, ties):
             count += np.int32(1)
             if face_id[y, x] != face and frame_depth[y, x] == depths[row, column]:
                 ties[row, column] = 1
-            depths[row, column] = -np.inf
+            depths[row, column] = empty
             numbers[row, column] = NOTHING
     return count
 
@@ -154,20 +155,20 @@ def count_samples(
     binned : (M,) int32
         As `visibility.draw_tiles` takes them.
     faces, screen, viewport : records
-    frame : (depth (H, W) float32, face_id (H, W) int32)
+    frame : (depth (H, W), face_id (H, W) int32)
         What `visibility.draw_tiles` wrote.
     scratch : (visibility.scratch_memory(), ties (64, 64) uint8)
-        This thread's own; the ties are zero.
+        This thread's own, of the same type of depths; the ties are zero.
     counts : (samples (M,) int32, ties (tiles,) int64)
         Writes the samples that each entry of the lists covers in its tile, seen or not; and for
         each tile the pixels where a face lost to another of exactly equal depth.
     """
     samples, tied = counts
     drawing, ties = scratch
-    tile_depth, tile_numbers = drawing[0], drawing[1]
+    tile_depth, tile_numbers, empty = drawing[0], drawing[1], drawing[EMPTY][0]
     columns = (np.int64(viewport.width) + TILE_SIZE - 1) >> TILE_BITS
     own, pieces, piece_faces = faces.faces, faces.pieces, faces.piece_faces
-    clear_tile(tile_depth, tile_numbers)
+    clear_tile(tile_depth, tile_numbers, empty)
     for n in range(tiles.shape[0]):
         tile = np.int64(tiles[n])
         window = tile_window(tile, columns, viewport)
@@ -176,10 +177,12 @@ def count_samples(
             corners, face = triangle_of(own, pieces, piece_faces, np.int64(binned[k]))
             draw_listed(
                 binned[k : k + 1], (own, pieces, piece_faces), screen, window, viewport.grid_bits,
-                np.float32(-np.inf), drawing, None,
+                empty, drawing, None,
             )  # fmt: skip
             box = box_in_tile(corners, screen, viewport, origin)
-            samples[k] = take_samples(face, box, origin, (tile_depth, tile_numbers), frame, ties)
+            samples[k] = take_samples(
+                face, box, origin, (tile_depth, tile_numbers), empty, frame, ties
+            )
         tied[tile] = count_and_clear(ties)
 
 

@@ -8,6 +8,10 @@ its clip positions: the sample with normalized device coordinates (X, Y) lies on
 ``sum b_k (x_k - X w_k) = sum b_k (y_k - Y w_k) = 0``, so ``b`` is the cross product of the two
 coefficient rows. They are held at zero and above, for the sample may lie a rounding outside.
 
+Without w (``Geometry.w`` is None) the weights are affine: linear on the screen, edge functions over
+their sum, one division for a whole face. A face that was clipped has no others than the
+perspective-correct ones, for it has no vertices on the screen.
+
 Vertices are taken starting from the lowest number, so rotating a face changes no bit.
 
 References
@@ -74,36 +78,52 @@ def held_edges(e0, e1, e2, reach):
 
 
 @stage
-def snapped_weights(a, b, c, column, row, geometry):
-    """
-    Return the weights on a face that was not clipped, not yet normalized.
-
-    Edges are multiplied by the smallest w over w: it is in 0..1, and 1 where all are equal. A
-    vertex opposite an edge that the sample lies on has no part in it.
-    """
-    bits = geometry.viewport.grid_bits
-    half = np.int64(1) << (bits - 1)
-    px, py = (np.int64(column) << bits) + half, (np.int64(row) << bits) + half
-    return snapped_weights_at(a, b, c, px, py, geometry)
+def normalized(w0, w1, w2):
+    """Return weights over their sum; if that is 0, all goes to the first."""
+    total = w0 + w1 + w2
+    if total == 0.0:
+        return 1.0, 0.0, 0.0
+    return w0 / total, w1 / total, w2 / total
 
 
 @stage
-def snapped_weights_at(a, b, c, px, py, geometry):
-    """Return `snapped_weights` at a point of the sub-pixel grid."""
-    ax, ay = np.int64(geometry.xy[a, 0]), np.int64(geometry.xy[a, 1])
-    bx, by = np.int64(geometry.xy[b, 0]), np.int64(geometry.xy[b, 1])
-    cx, cy = np.int64(geometry.xy[c, 0]), np.int64(geometry.xy[c, 1])
-    wa, wb, wc = geometry.w[a], geometry.w[b], geometry.w[c]
-    k0, k1, k2 = held_edges(
-        edge(bx, by, cx, cy, px, py), edge(cx, cy, ax, ay, px, py), edge(ax, ay, bx, by, px, py),
-        geometry.viewport.reach,
-    )  # fmt: skip
-    e0, e1, e2 = np.float64(k0), np.float64(k1), np.float64(k2)
+def affine_weights(e0, e1, e2):
+    """Return whole edge functions over their sum, which is the same on all of a face."""
+    over = 1.0 / np.float64(e0 + e1 + e2)
+    return np.float64(e0) * over, np.float64(e1) * over, np.float64(e2) * over
+
+
+@stage
+def weights_over_w(edges, a, b, c, w):
+    """
+    Return the weights of three vertices, given the edge functions opposite them.
+
+    Edges are multiplied by the smallest w over w: it is in 0..1, and 1 where all are equal. A
+    vertex opposite an edge that the sample lies on has no part in it. Without w they are affine.
+    """
+    if w is None:
+        return affine_weights(edges[0], edges[1], edges[2])
+    wa, wb, wc = w[a], w[b], w[c]
+    e0, e1, e2 = np.float64(edges[0]), np.float64(edges[1]), np.float64(edges[2])
     smallest = min(wa, min(wb, wc))
     w0, w1, w2 = e0 * (smallest / wa), e1 * (smallest / wb), e2 * (smallest / wc)
     if abs(w0 + w1 + w2) > UNDERFLOW:
-        return w0, w1, w2
-    return weights_without_zeros((e0, e1, e2), (wa, wb, wc))
+        return normalized(w0, w1, w2)
+    w0, w1, w2 = weights_without_zeros((e0, e1, e2), (wa, wb, wc))
+    return normalized(w0, w1, w2)
+
+
+@stage
+def snapped_weights(a, b, c, px, py, geometry):
+    """Return the weights on a face that was not clipped, at a point of the sub-pixel grid."""
+    ax, ay = np.int64(geometry.xy[a, 0]), np.int64(geometry.xy[a, 1])
+    bx, by = np.int64(geometry.xy[b, 0]), np.int64(geometry.xy[b, 1])
+    cx, cy = np.int64(geometry.xy[c, 0]), np.int64(geometry.xy[c, 1])
+    edges = held_edges(
+        edge(bx, by, cx, cy, px, py), edge(cx, cy, ax, ay, px, py), edge(ax, ay, bx, by, px, py),
+        geometry.viewport.reach,
+    )  # fmt: skip
+    return weights_over_w(edges, a, b, c, geometry.w)
 
 
 @stage
@@ -133,21 +153,20 @@ def clipped_weights(a, b, c, column, row, geometry):
 
 @stage
 def sample_weights(a, b, c, column, row, geometry):
-    """Return the perspective-correct weights of vertices a, b, c at a pixel's centre."""
+    """Return the weights of vertices a, b, c at a pixel's centre."""
     if (geometry.codes[a] | geometry.codes[b] | geometry.codes[c]) & CLIPPED:
         w0, w1, w2 = clipped_weights(a, b, c, column, row, geometry)
-    else:
-        w0, w1, w2 = snapped_weights(a, b, c, column, row, geometry)
-    total = w0 + w1 + w2
-    if total == 0.0:
-        return 1.0, 0.0, 0.0
-    return w0 / total, w1 / total, w2 / total
+        return normalized(w0, w1, w2)
+    bits = geometry.viewport.grid_bits
+    half = np.int64(1) << (bits - 1)
+    px, py = (np.int64(column) << bits) + half, (np.int64(row) << bits) + half
+    return snapped_weights(a, b, c, px, py, geometry)
 
 
 @stage
 def shifted_weights(a, b, c, column, row, shift, geometry):
     """
-    Return the perspective-correct weights of vertices a, b, c at a sample of a pixel.
+    Return the weights of vertices a, b, c at a sample of a pixel.
 
     Takes its way to the pixel's centre in units of the sub-pixel grid. Where that is nothing they
     are those of `sample_weights`.
@@ -158,14 +177,10 @@ def shifted_weights(a, b, c, column, row, shift, geometry):
         x = np.float64(column) - np.float64(shift[0]) / np.float64(unit)
         y = np.float64(row) - np.float64(shift[1]) / np.float64(unit)
         w0, w1, w2 = clipped_weights(a, b, c, x, y, geometry)
-    else:
-        px = (np.int64(column) << bits) + half - np.int64(shift[0])
-        py = (np.int64(row) << bits) + half - np.int64(shift[1])
-        w0, w1, w2 = snapped_weights_at(a, b, c, px, py, geometry)
-    total = w0 + w1 + w2
-    if total == 0.0:
-        return 1.0, 0.0, 0.0
-    return w0 / total, w1 / total, w2 / total
+        return normalized(w0, w1, w2)
+    px = (np.int64(column) << bits) + half - np.int64(shift[0])
+    py = (np.int64(row) << bits) + half - np.int64(shift[1])
+    return snapped_weights(a, b, c, px, py, geometry)
 
 
 @stage
@@ -173,8 +188,12 @@ def weights_from_edges(e0, e1, e2, ratios):
     """
     Return the normalized weights of the second and the third vertex of a face.
 
-    And 1 if their sum may have lost something to underflow; `sample_weights` knows then.
+    And 1 if their sum may have lost something to underflow; `sample_weights` knows then. Without
+    ratios of w they are affine.
     """
+    if ratios is None:
+        _, second, third = affine_weights(e0, e1, e2)
+        return second, third, np.int64(0)
     w0 = np.float64(e0) * ratios[0]
     w1 = np.float64(e1) * ratios[1]
     w2 = np.float64(e2) * ratios[2]
@@ -195,6 +214,36 @@ def weights_along_row(second, third, row_start, reach):
         e1 += steps[1]
         e2 += steps[2]
     return doubtful
+
+
+@disjoint_stage
+def affine_along_row(second, third, row_start):
+    """Write the affine weights of the second and third vertex along a row; none is doubtful."""
+    (e0, e1, e2), steps, _ = row_start
+    over = 1.0 / np.float64(e0 + e1 + e2)
+    for i in range(second.shape[0]):
+        second[i], third[i] = np.float64(e1) * over, np.float64(e2) * over
+        e1 += steps[1]
+        e2 += steps[2]
+    return np.int64(0)
+
+
+@stage
+def weights_along_run(second, third, row_start, ratios, reach):
+    """Write the weights along a row of one face; return if any is doubtful."""
+    if ratios is None:  # noqa: SIM102 - what is absent is compiled out
+        if reach is None:
+            return affine_along_row(second, third, row_start)
+    return weights_along_row(second, third, row_start, reach)
+
+
+@stage
+def ratios_at(wa, wb, wc, n):
+    """Return the smallest w over each, of the three vertices of one of many faces; or None."""
+    if wa is None:
+        return None
+    smallest = min(wa[n], min(wb[n], wc[n]))
+    return smallest / wa[n], smallest / wb[n], smallest / wc[n]
 
 
 @stage
@@ -347,7 +396,7 @@ def vertex_normal(normals, vertex):
 @kernel
 def fill_barycentric(face_id, rows, geometry: Geometry, barycentric):
     """
-    Write the perspective-correct weights of each sample, in the order of its face's vertices.
+    Write the weights of each sample, in the order of its face's vertices.
 
     Parameters
     ----------

@@ -95,7 +95,7 @@ def raise_floors(triangle, box, columns, faces, screen, viewport, floors, cutout
             whole = x, y, x + width - 1, y + height - 1
             lowest, _ = depth_at_corners(plane, (ax, ay), (bx, by), (cx, cy), whole, bits)
             tile = row * columns + column
-            floors[tile] = max(floors[tile], lowest)
+            floors[tile] = max(floors[tile], floors.dtype.type(lowest))
 
 
 @kernel
@@ -114,7 +114,7 @@ def find_floors(
     columns : int
         Tiles in a row of the image.
     faces, screen, viewport : records
-    floors : (tiles,) float32
+    floors : (tiles,) float32, float64 or int32
         Stored depth (greater is nearer); raised in place.
     cutouts : Cutouts or None
     """

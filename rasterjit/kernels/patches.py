@@ -79,9 +79,27 @@ def turn_corners(a, b, c):
 
 
 @stage
+def gather_w(a, b, c, n, w, real):
+    """Gather w of one patch's vertices; nothing where interpolation is affine."""
+    if w is None:
+        return
+    spread(real[0], n, w[a])
+    spread(real[1], n, w[b])
+    spread(real[2], n, w[c])
+
+
+@stage
+def row_of_w(real, k, size, w):
+    """Return the row of gathered w of one of three vertices; None where there are none."""
+    if w is None:
+        return None
+    return real[k, :size]
+
+
+@stage
 def gather_screen(count, geometry, whole, real):
     """Gather where the vertices of each sample's face lie on the screen, and w."""
-    xy, w = geometry.xy, geometry.w
+    xy = geometry.xy
     for r in range(count):
         a, b, c = np.uintp(whole[A, r]), np.uintp(whole[B, r]), np.uintp(whole[C, r])
         n = np.uintp(whole[FIRST, r])
@@ -91,9 +109,7 @@ def gather_screen(count, geometry, whole, real):
         spread(whole[BY], n, xy[b, 1])
         spread(whole[CX], n, xy[c, 0])
         spread(whole[CY], n, xy[c, 1])
-        spread(real[0], n, w[a])
-        spread(real[1], n, w[b])
-        spread(real[2], n, w[c])
+        gather_w(a, b, c, n, geometry.w, real)
 
 
 @stage

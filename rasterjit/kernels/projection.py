@@ -7,9 +7,14 @@ them and putting them into their records goes vertex by vertex.
 
 Every matrix product is ((m0 x + m1 y) + m2 z) + m3 with each operation rounded once, first to the
 eye's axes, then to clip space, as `transforms.transform_points` does it: both give the same bits.
+
+All of it is float64, or float32 where the positions and the scratch memory are, but for the last
+step: a vertex is rounded to the grid in float64, which tells its units apart in any image.
 """
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 
@@ -28,6 +33,9 @@ from rasterjit.kernels.setup import (
     last_at_most,
 )
 
+LARGEST_SINGLE = 1e18
+"""`LARGEST_COORDINATE` of float32: products of two stay finite there."""
+
 BLOCK = 256
 """Vertices taken to the screen together: their rows of scratch memory, 15 KiB, stay in L1."""
 
@@ -40,21 +48,20 @@ SNAPPED_X, SNAPPED_Y, CODE = 0, 1, 2
 """Rows of the integer scratch."""
 
 
-def scratch_memory() -> tuple[np.ndarray, np.ndarray]:
-    """Return the scratch that one call of a kernel of this file needs."""
-    return np.empty((5, BLOCK), np.float64), np.empty((3, BLOCK), np.int32)
+def scratch_memory(precision: Any = np.float64) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return what a call of a kernel of this file needs to compute in float64 or in float32."""
+    kind = np.dtype(precision)
+    largest = LARGEST_COORDINATE if kind == np.float64 else LARGEST_SINGLE
+    return np.empty((5, BLOCK), kind), np.empty((3, BLOCK), np.int32), np.full(1, largest, kind)
 
 
 @stage
-def outcode(x, y, z, w, viewport):
+def outcode(x, y, z, w, guard_x, guard_y, largest):
     """Return the outcode of one clip position, without a branch."""
     valid = (
-        (abs(x) <= LARGEST_COORDINATE)
-        & (abs(y) <= LARGEST_COORDINATE)
-        & (abs(z) <= LARGEST_COORDINATE)
-        & (abs(w) <= LARGEST_COORDINATE)
-    )
-    inside = (w > 0.0) & (abs(x) <= viewport.guard_x * w) & (abs(y) <= viewport.guard_y * w)
+        (abs(x) <= largest) & (abs(y) <= largest) & (abs(z) <= largest) & (abs(w) <= largest)
+    )  # fmt: skip
+    inside = (w > 0.0) & (abs(x) <= guard_x * w) & (abs(y) <= guard_y * w)
     code = np.int32(LEFT) if x < -w else np.int32(0)
     code |= np.int32(RIGHT) if x > w else np.int32(0)
     code |= np.int32(BOTTOM) if y < -w else np.int32(0)
@@ -66,20 +73,26 @@ def outcode(x, y, z, w, viewport):
 
 
 @stage
-def snap(coordinate, half_extent, viewport):
+def extents_of(rows, viewport):
+    """Return 1 and half the image's width and height, pixels, in the type of some rows."""
+    kind = rows.dtype.type
+    return kind(1.0), kind(0.5 * viewport.width), kind(0.5 * viewport.height)
+
+
+@stage
+def snap(coordinate, one, half_extent, viewport):
     """Return a coordinate in grid units: ``(coordinate + 1) * half_extent`` pixels, rounded."""
-    steps = (coordinate + 1.0) * half_extent * np.float64(1 << viewport.subpixel_bits)
+    pixels = np.float64((coordinate + one) * half_extent)
+    steps = pixels * np.float64(1 << viewport.subpixel_bits)
     rounded = (steps + ROUNDER) - ROUNDER
     return np.int32(rounded) << np.int32(viewport.grid_bits - viewport.subpixel_bits)
 
 
 @stage
-def snap_vertex(ndc_x, ndc_y, viewport):
-    """Return the snapped screen position of a vertex."""
-    return (
-        snap(ndc_x, 0.5 * viewport.width, viewport),
-        snap(-ndc_y, 0.5 * viewport.height, viewport),
-    )
+def snap_vertex(ndc_x, ndc_y, extents, viewport):
+    """Return the snapped screen position of a vertex; takes `extents_of` its coordinates' type."""
+    one, half_width, half_height = extents
+    return snap(ndc_x, one, half_width, viewport), snap(-ndc_y, one, half_height, viewport)
 
 
 @stage
@@ -166,18 +179,26 @@ def transform_rows(matrix, x, y, z, w):
 
 
 @disjoint_stage
-def project_rows(depth_coefficients, viewport, x, y, z, w, depth, snapped_x, snapped_y, codes):
+def project_rows(
+    depth_coefficients, viewport, largest, x, y, z, w, depth, snapped_x, snapped_y, codes
+):
     """Write the depth, the snapped position and the outcode of rows of clip positions."""
+    # In the type of the rows, or the loop turns to float64.
+    kind = x.dtype.type
+    guard_x, guard_y = kind(viewport.guard_x), kind(viewport.guard_y)
+    c0, c1, c2 = depth_coefficients
+    coefficients = kind(c0), kind(c1), kind(c2)
+    zero, one, extents = kind(0.0), kind(1.0), extents_of(x, viewport)
     for i in range(x.shape[0]):
-        code = outcode(x[i], y[i], z[i], w[i], viewport)
+        code = outcode(x[i], y[i], z[i], w[i], guard_x, guard_y, largest)
         # The divide and the rounding are for all: give the vertices they are not for the centre.
         away = (code & np.int32(GUARD | INVALID)) != 0
-        divisor = 1.0 if away else w[i]
-        ndc_x = (0.0 if away else x[i]) / divisor
-        ndc_y = (0.0 if away else y[i]) / divisor
+        divisor = one if away else w[i]
+        ndc_x = (zero if away else x[i]) / divisor
+        ndc_y = (zero if away else y[i]) / divisor
         codes[i] = code
-        depth[i] = stored_depth(z[i], divisor, depth_coefficients)
-        snapped_x[i], snapped_y[i] = snap_vertex(ndc_x, ndc_y, viewport)
+        depth[i] = stored_depth(z[i], divisor, coefficients)
+        snapped_x[i], snapped_y[i] = snap_vertex(ndc_x, ndc_y, extents, viewport)
 
 
 @stage
@@ -199,10 +220,10 @@ def put_rows(first, count, numbers, whole, screen):
 @stage
 def project_block(first, count, depth_coefficients, viewport, screen, scratch):
     """Take a block from clip space to the screen; return the bits set in any outcode."""
-    numbers, whole = scratch
+    numbers, whole, largest = scratch
     project_rows(
-        depth_coefficients, viewport, numbers[X, :count], numbers[Y, :count], numbers[Z, :count],
-        numbers[W, :count], numbers[DEPTH, :count], whole[SNAPPED_X, :count],
+        depth_coefficients, viewport, largest[0], numbers[X, :count], numbers[Y, :count],
+        numbers[Z, :count], numbers[W, :count], numbers[DEPTH, :count], whole[SNAPPED_X, :count],
         whole[SNAPPED_Y, :count], whole[CODE, :count],
     )  # fmt: skip
     return put_rows(first, count, numbers, whole, screen)
@@ -231,18 +252,19 @@ def transform_vertices(
     ----------
     vertices : (int, int)
         The first, and one past the last; they may belong to several objects.
-    positions : (V, 3) float64, model space
-    objects : (vertex_starts (O+1,) int64, relative_from_model (O, 4, 4) float64)
+    positions : (V, 3) float64 or float32, model space
+    objects : (vertex_starts (O+1,) int64, relative_from_model (O, 4, 4) of the same type)
         Object ``o`` owns vertices ``vertex_starts[o]:vertex_starts[o+1]``; its matrix takes them
         to world axes with the origin at the eye.
-    clip_from_relative : (4, 4) float64
+    clip_from_relative : (4, 4) of the same type
     depth_coefficients : (float, float, float)
         The stored depth is ``(c0 + c1 z + c2 w) / w``; greater is nearer.
     viewport : Viewport
     screen : ScreenVertices
         Writes the rows of these vertices. Of one outside the guard band only the outcode counts:
         faces that use it are cut first.
-    scratch : ((5, BLOCK) float64, (3, BLOCK) int32)
+    scratch : tuple
+        This call's own, from `scratch_memory`, of the same type.
 
     Returns
     -------
@@ -301,7 +323,8 @@ def project_vertices(
     viewport : Viewport
     screen : ScreenVertices
         Written as by `transform_vertices`.
-    scratch : ((5, BLOCK) float64, (3, BLOCK) int32)
+    scratch : tuple
+        This call's own, from `scratch_memory`, of the type to compute in.
 
     Returns
     -------
@@ -357,6 +380,7 @@ def project_clipped_vertices(
         Writes rows ``first .. first + E``.
     """
     clipped_faces, faces, starts, own_positions = cut
+    extents = extents_of(clip_positions, viewport)
     for n in range(clipped_faces.shape[0]):
         lowest, highest = depth_range(faces[clipped_faces[n]], own_positions, depth_coefficients)
         for e in range(starts[n], starts[n + 1]):
@@ -366,6 +390,6 @@ def project_clipped_vertices(
             y = min(max(clip_positions[e, 1] / w, -viewport.guard_y), viewport.guard_y)
             depth = stored_depth(z, w, depth_coefficients)
             screen.codes[first + e] = 0
-            screen.xy[first + e, 0], screen.xy[first + e, 1] = snap_vertex(x, y, viewport)
+            screen.xy[first + e, 0], screen.xy[first + e, 1] = snap_vertex(x, y, extents, viewport)
             screen.depth[first + e] = min(max(depth, lowest), highest)
             screen.w[first + e] = w

@@ -84,7 +84,8 @@ class Geometry(NamedTuple):
     codes: Any
     """(V+E,) uint8, outcodes."""
     w: Any
-    """(V+E,) float64, clip space."""
+    """(V+E,) float64, clip space | None -> faces that were not clipped are interpolated on the
+    screen."""
     clip_positions: Any
     """(V, 4) float64 | (0, 4) if no vertex has a ``CLIPPED`` code and nothing else reads them."""
     viewport: Viewport

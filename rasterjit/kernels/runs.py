@@ -31,7 +31,7 @@ from rasterjit.kernels.interpolation import (
     sample_weights,
     seen_from_behind,
     vertex_normal,
-    weights_along_row,
+    weights_along_run,
 )
 from rasterjit.kernels.jit import disjoint_stage, stage
 from rasterjit.kernels.records import FLAT, GOURAUD, MATERIAL_MODEL, PBR, PHONG
@@ -89,22 +89,38 @@ def put_edge(ax, ay, bx, by, k, bits, row):
 
 
 @stage
-def put_corners(face, geometry, whole, real):
-    """Write vertices, edge functions and ratios of a face into its rows; return the vertices."""
-    a, b, c = lowest_first(geometry.faces, np.uintp(face))
-    xy, w, bits = geometry.xy, geometry.w, geometry.viewport.grid_bits
-    ax, ay = np.int64(xy[a, 0]), np.int64(xy[a, 1])
-    bx, by = np.int64(xy[b, 0]), np.int64(xy[b, 1])
-    cx, cy = np.int64(xy[c, 0]), np.int64(xy[c, 1])
-    put_edge(bx, by, cx, cy, 0, bits, whole)
-    put_edge(cx, cy, ax, ay, 1, bits, whole)
-    put_edge(ax, ay, bx, by, 2, bits, whole)
+def put_ratios(a, b, c, w, real):
+    """Write the smallest w of a face over each; nothing where interpolation is affine."""
+    if w is None:
+        return
     smallest = min(w[a], min(w[b], w[c]))
     real[RATIO], real[RATIO + 1], real[RATIO + 2] = (
         smallest / w[a],
         smallest / w[b],
         smallest / w[c],
     )
+
+
+@stage
+def kept_ratios(real, w):
+    """Return the ratios of a face that is set up; None where interpolation is affine."""
+    if w is None:
+        return None
+    return real[RATIO], real[RATIO + 1], real[RATIO + 2]
+
+
+@stage
+def put_corners(face, geometry, whole, real):
+    """Write vertices, edge functions and ratios of a face into its rows; return the vertices."""
+    a, b, c = lowest_first(geometry.faces, np.uintp(face))
+    xy, bits = geometry.xy, geometry.viewport.grid_bits
+    ax, ay = np.int64(xy[a, 0]), np.int64(xy[a, 1])
+    bx, by = np.int64(xy[b, 0]), np.int64(xy[b, 1])
+    cx, cy = np.int64(xy[c, 0]), np.int64(xy[c, 1])
+    put_edge(bx, by, cx, cy, 0, bits, whole)
+    put_edge(cx, cy, ax, ay, 1, bits, whole)
+    put_edge(ax, ay, bx, by, 2, bits, whole)
+    put_ratios(a, b, c, geometry.w, real)
     whole[FACE] = face
     whole[IS_CLIPPED] = (geometry.codes[a] | geometry.codes[b] | geometry.codes[c]) & CLIPPED
     whole[CORNERS], whole[CORNERS + 1], whole[CORNERS + 2] = a, b, c
@@ -112,7 +128,7 @@ def put_corners(face, geometry, whole, real):
 
 
 @stage
-def row_start(whole, real, column, row):
+def row_start(whole, real, column, row, w):
     """Return what `interpolation.weights_along_row` takes, from a pixel on."""
     return (
         (
@@ -121,7 +137,7 @@ def row_start(whole, real, column, row):
             whole[EDGE + 2] + column * whole[ACROSS + 2] + row * whole[DOWN + 2],
         ),
         (whole[ACROSS], whole[ACROSS + 1], whole[ACROSS + 2]),
-        (real[RATIO], real[RATIO + 1], real[RATIO + 2]),
+        kept_ratios(real, w),
     )
 
 
@@ -330,8 +346,8 @@ def note_run(
     note_textured(places, run, weights, a, b, c, behind, owner, samples, surface)
     texture_places.note_run(
         places, weights, run, column, row, corners, owner, whole[IS_CLIPPED] != 0,
-        row_start(whole, real, column, row), (whole[DOWN], whole[DOWN + 1], whole[DOWN + 2]),
-        surface.textures, geometry,
+        row_start(whole, real, column, row, geometry.w),
+        (whole[DOWN], whole[DOWN + 1], whole[DOWN + 2]), surface.textures, geometry,
     )  # fmt: skip
 
 
@@ -348,9 +364,10 @@ def gather_run(
     write_answers(samples, run, model, owner, surface, lighting)
     doubtful = whole[IS_CLIPPED]
     if not doubtful:
-        doubtful = weights_along_row(
-            weights[0, n : n + count], weights[1, n : n + count],
-            row_start(whole, real, column, row), geometry.viewport.reach,
+        start = row_start(whole, real, column, row, geometry.w)
+        doubtful = weights_along_run(
+            weights[0, n : n + count], weights[1, n : n + count], start, start[2],
+            geometry.viewport.reach,
         )  # fmt: skip
     a, b, c = whole[CORNERS], whole[CORNERS + 1], whole[CORNERS + 2]
     if doubtful:

@@ -26,6 +26,7 @@ from rasterjit.kernels.interpolation import (
     matrix_of,
     normal_of_points,
     place,
+    ratios_at,
     seen_from_behind,
     shifted_weights,
     weights_from_edges,
@@ -53,6 +54,7 @@ from rasterjit.kernels.patches import (
     gather_values,
     list_patches,
     number_pixels,
+    row_of_w,
     turn_corners,
     whole_vectors,
 )
@@ -76,14 +78,13 @@ def weigh(
     for n in range(ax.shape[0]):
         px = np.int32((columns[n] << bits) + half - shift[0])
         py = np.int32((rows[n] << bits) + half - shift[1])
-        smallest = min(wa[n], min(wb[n], wc[n]))
         edges = held_edges(
             narrow_edge(bx[n], by[n], cx[n], cy[n], px, py),
             narrow_edge(cx[n], cy[n], ax[n], ay[n], px, py),
             narrow_edge(ax[n], ay[n], bx[n], by[n], px, py),
             reach,
         )
-        ratios = smallest / wa[n], smallest / wb[n], smallest / wc[n]
+        ratios = ratios_at(wa, wb, wc, n)
         second[n], third[n], doubtful = weights_from_edges(*edges, ratios)
         unsure[n] |= np.int32(doubtful)
         found |= unsure[n] if n < count else np.int32(0)
@@ -358,15 +359,15 @@ def find_weights(
     Takes their way to the pixels' centres on the sub-pixel grid.
     """
     start, stop = run
-    size = stop - start
+    size, w = stop - start, geometry.w
     gather_screen(patches, geometry, whole, real)
     gather_codes(patches, size, geometry, whole)
     unsure = weigh(
         whole[AX, :size], whole[AY, :size], whole[BX, :size], whole[BY, :size], whole[CX, :size],
-        whole[CY, :size], real[0, :size], real[1, :size], real[2, :size], whole[COLUMN, :size],
-        whole[ROW, :size], shift, np.int64(whole[FIRST, patches]), geometry.viewport.grid_bits,
-        geometry.viewport.reach, whole[UNSURE, :size], weights[0, start:stop],
-        weights[1, start:stop],
+        whole[CY, :size], row_of_w(real, 0, size, w), row_of_w(real, 1, size, w),
+        row_of_w(real, 2, size, w), whole[COLUMN, :size], whole[ROW, :size], shift,
+        np.int64(whole[FIRST, patches]), geometry.viewport.grid_bits, geometry.viewport.reach,
+        whole[UNSURE, :size], weights[0, start:stop], weights[1, start:stop],
     )  # fmt: skip
     note_sides(size, owner, whole, placement, lighting)
     if unsure != 0:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from rasterjit.kernels import texturing
-from rasterjit.kernels.interpolation import interpolate
+from rasterjit.kernels.interpolation import interpolate, ratios_at
 from rasterjit.kernels.jit import disjoint_stage, stage
 from rasterjit.kernels.patches import (
     AX,
@@ -27,6 +27,7 @@ from rasterjit.kernels.patches import (
     B,
     C,
     gather_coordinates,
+    row_of_w,
 )
 from rasterjit.kernels.setup import narrow_edge
 from rasterjit.kernels.texture_rows import CORNERS, OWNER, STEPS, U, V
@@ -61,7 +62,7 @@ def fill_steps(right_u, right_v, down_u, down_v, u, v, ends, row_start, downs, b
     across = np.float64(x0 >> bits), np.float64(x1 >> bits), np.float64(x2 >> bits)
     fall = np.float64(downs[0] >> bits), np.float64(downs[1] >> bits), np.float64(downs[2] >> bits)
     for n in range(u.shape[0]):
-        total = np.float64(e0) * ratios[0] + np.float64(e1) * ratios[1] + np.float64(e2) * ratios[2]
+        total = texturing.sum_of_weights(e0, e1, e2, ratios)
         right, down = texturing.scaled_slopes(unit / total, ratios, across, fall)
         place = u[n], v[n]
         right_u[n], right_v[n] = texturing.place_step(right, place, ends[0], ends[1], ends[2])
@@ -149,13 +150,11 @@ def mix_steps(
         px = np.int32((columns[n] << bits) + half)
         py = np.int32((rows[n] << bits) + half)
         x0, y0, x1, y1, x2, y2 = ax[n], ay[n], bx[n], by[n], cx[n], cy[n]
-        smallest = min(wa[n], min(wb[n], wc[n]))
-        ratios = smallest / wa[n], smallest / wb[n], smallest / wc[n]
-        total = (
-            np.float64(narrow_edge(x1, y1, x2, y2, px, py)) * ratios[0]
-            + np.float64(narrow_edge(x2, y2, x0, y0, px, py)) * ratios[1]
-            + np.float64(narrow_edge(x0, y0, x1, y1, px, py)) * ratios[2]
-        )
+        ratios = ratios_at(wa, wb, wc, n)
+        total = texturing.sum_of_weights(
+            narrow_edge(x1, y1, x2, y2, px, py), narrow_edge(x2, y2, x0, y0, px, py),
+            narrow_edge(x0, y0, x1, y1, px, py), ratios,
+        )  # fmt: skip
         right, down = texturing.scaled_slopes(
             unit / total,
             ratios,
@@ -181,7 +180,8 @@ def note_steps(places, run, patches, whole, real, single, textures, geometry):
         places[U, start:stop], places[V, start:stop],
         single[0, :size], single[1, :size], single[2, :size], single[3, :size], single[4, :size],
         single[5, :size], whole[AX, :size], whole[AY, :size], whole[BX, :size], whole[BY, :size],
-        whole[CX, :size], whole[CY, :size], real[0, :size], real[1, :size], real[2, :size],
+        whole[CX, :size], whole[CY, :size], row_of_w(real, 0, size, geometry.w),
+        row_of_w(real, 1, size, geometry.w), row_of_w(real, 2, size, geometry.w),
         whole[COLUMN, :size], whole[ROW, :size], geometry.viewport.grid_bits,
     )  # fmt: skip
     if geometry.clip_positions.shape[0] == 0:

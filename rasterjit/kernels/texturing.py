@@ -9,7 +9,8 @@ The level of detail is ``log2 rho``; rho is the longer of the two steps on the p
 that one pixel to the right and one pixel down make. They are the exact derivatives of the
 perspective-correct coordinates at the pixel's centre: with weights ``W_k / sum W`` whose parts are
 linear on the screen, ``u = sum W_k u_k / sum W`` has the derivative ``sum W_k' (u_k - u) / sum W``.
-Where a texture is moved, turned or scaled, so are the steps.
+Where a texture is moved, turned or scaled, so are the steps. Affine coordinates have the same
+derivatives all over a face: those of its edge functions over their sum.
 
 Anisotropic filtering divides the footprint of a pixel along its longer step. With the lengths of
 both steps, the shorter counted as one texel at least, and ``parts = min(longer / shorter,
@@ -95,13 +96,29 @@ def snapped_slopes(at, ws, column, row, bits):
 
 
 @stage
+def sum_of_weights(e0, e1, e2, ratios):
+    """Return the sum of a face's weights: that of its edge functions if they are affine."""
+    if ratios is None:
+        return np.float64(e0 + e1 + e2)
+    return np.float64(e0) * ratios[0] + np.float64(e1) * ratios[1] + np.float64(e2) * ratios[2]
+
+
+@stage
+def over_sum(ratios, per_sum):
+    """Return the ratios of a face over the sum of its weights; without ratios all are alike."""
+    if ratios is None:
+        return per_sum, per_sum, per_sum
+    return ratios[0] * per_sum, ratios[1] * per_sum, ratios[2] * per_sum
+
+
+@stage
 def scaled_slopes(per_sum, ratios, across, down):
     """
     Return the slopes of weights whose edge functions gain so much by a pixel right and down.
 
     Takes one over the weights' sum, in the unit of the gains, and the smallest w over each.
     """
-    p, q, r = ratios[0] * per_sum, ratios[1] * per_sum, ratios[2] * per_sum
+    p, q, r = over_sum(ratios, per_sum)
     return (
         (p * across[0], q * across[1], r * across[2]),
         (p * down[0], q * down[1], r * down[2]),
@@ -129,13 +146,21 @@ def clipped_slopes(at, ws, column, row, width, height):
 
 
 @stage
+def ws_of(a, b, c, w):
+    """Return w of three vertices; all are 1 where interpolation is affine."""
+    if w is None:
+        return 1.0, 1.0, 1.0
+    return w[a], w[b], w[c]
+
+
+@stage
 def unsnapped_corners(a, b, c, codes, geometry):
     """Return x, y of a clipped face's vertices in clip space, 0 for any other face, and all w."""
-    clip, w = geometry.clip_positions, geometry.w
+    clip = geometry.clip_positions
     if codes & CLIPPED:
         exact = (clip[a, 0], clip[a, 1]), (clip[b, 0], clip[b, 1]), (clip[c, 0], clip[c, 1])
         return exact, (clip[a, 3], clip[b, 3], clip[c, 3])
-    return ((0.0, 0.0), (0.0, 0.0), (0.0, 0.0)), (w[a], w[b], w[c])
+    return ((0.0, 0.0), (0.0, 0.0), (0.0, 0.0)), ws_of(a, b, c, geometry.w)
 
 
 @stage

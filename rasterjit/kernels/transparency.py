@@ -38,7 +38,7 @@ from rasterjit.kernels.batches import (
     gather_triangles,
     plan_triangles,
 )
-from rasterjit.kernels.cutouts import keep_shown, own_tile, owner_of, tile_for
+from rasterjit.kernels.cutouts import EMPTY, keep_shown, own_tile, owner_of, tile_for
 from rasterjit.kernels.jit import disjoint_stage, kernel, stage
 from rasterjit.kernels.records import Cutouts, Faces, ScreenVertices, Viewport
 from rasterjit.kernels.setup import TILE_BITS, TILE_SIZE
@@ -109,12 +109,12 @@ def draw_opaque(listed, parts, screen, window, bits, shift, scratch, cutouts):
         for n in range(count):
             owner = owner_of(whole[FACE, n], owner, cutouts)
             target = tile_for(owner, tile, own, cutouts)
-            draw_triangle(n, whole, real, window, bits, np.float32(-np.inf), target, scratch[4:9])
+            draw_triangle(n, whole, real, window, bits, scratch[EMPTY][0], target, scratch[4:9])
             waiting = keep_shown(n, count, owner, waiting, whole, window, shift, scratch, cutouts)
 
 
 @disjoint_stage
-def take_row(drawn, face, hiding_depth, hiding_face, counts, depths, faces):
+def take_row(drawn, empty, face, hiding_depth, hiding_face, counts, depths, faces):
     """
     Take what a triangle covers of a row, as far as nothing opaque hides it; empty the row.
 
@@ -124,8 +124,8 @@ def take_row(drawn, face, hiding_depth, hiding_face, counts, depths, faces):
     for i in range(drawn.shape[0]):
         depth = drawn[i]
         is_seen = (depth > hiding_depth[i]) | ((depth == hiding_depth[i]) & (face < hiding_face[i]))
-        drawn[i] = np.float32(-np.inf)
-        depths[i] = depth if is_seen else np.float32(-np.inf)
+        drawn[i] = empty
+        depths[i] = depth if is_seen else empty
         faces[i] = face
         counts[i] += np.int32(is_seen)
         found |= np.int32(is_seen)
@@ -133,32 +133,32 @@ def take_row(drawn, face, hiding_depth, hiding_face, counts, depths, faces):
 
 
 @stage
-def clear_beside(drawn, row, first):
+def clear_beside(drawn, empty, row, first):
     """Empty the columns beside a box that triangles are drawn in by whole groups."""
     for k in range(SMALL_PIXELS):
-        drawn[row, np.uintp(first + k)] = np.float32(-np.inf)
+        drawn[row, np.uintp(first + k)] = empty
 
 
 @disjoint_stage
-def exchange_row(layer_depths, layer_faces, depths, faces):
+def exchange_row(layer_depths, layer_faces, depths, empty, faces):
     """Leave the nearer surface in the layer and take the other one; return if any is left."""
     found = np.int32(0)
     for i in range(depths.shape[0]):
         here, there = layer_depths[i], depths[i]
         face_here, face_there = layer_faces[i], faces[i]
-        # What is empty has depth -inf and changes places with nothing: in a layer its face is -1.
+        # What is empty lies deepest and changes places with nothing: in a layer its face is -1.
         is_nearer = (there > here) | ((there == here) & (face_there < face_here))
         layer_depths[i] = there if is_nearer else here
         layer_faces[i] = face_there if is_nearer else face_here
         left = here if is_nearer else there
         depths[i] = left
         faces[i] = face_here if is_nearer else face_there
-        found |= np.int32(left > np.float32(-np.inf))
+        found |= np.int32(left > empty)
     return found
 
 
 @stage
-def clear_layer(layers, sample, level, left, right):
+def clear_layer(layers, empty, sample, level, left, right):
     """Empty some columns of a layer."""
     depths, faces = layers
     for row in range(depths.shape[2]):
@@ -166,13 +166,15 @@ def clear_layer(layers, sample, level, left, right):
         depth_row = depths[sample, level, row, left:right]
         face_row = faces[sample, level, row, left:right]
         for i in range(depth_row.shape[0]):
-            depth_row[i] = np.float32(-np.inf)
+            depth_row[i] = empty
         for i in range(face_row.shape[0]):
             face_row[i] = NOTHING
 
 
 @stage
-def insert_triangle(n, whole, window, drawn, hiding, counts, layers, sample, used, carried):
+def insert_triangle(
+    n, whole, window, drawn, empty, hiding, counts, layers, sample, used, carried
+):  # fmt: skip
     """Insert what one triangle covers of a tile into its layers; return how many are in use."""
     left, right = np.int64(whole[LEFT, n]) - window[0], np.int64(whole[RIGHT, n]) - window[0]
     top, bottom = np.int64(whole[TOP, n]) - window[1], np.int64(whole[BOTTOM, n]) - window[1]
@@ -184,18 +186,18 @@ def insert_triangle(n, whole, window, drawn, hiding, counts, layers, sample, use
     first, end = window[0] + left, window[0] + right + 1
     for row in range(top, bottom + 1):
         found = take_row(
-            drawn[row, left : right + 1], face, hiding[0][row, left : right + 1],
+            drawn[row, left : right + 1], empty, face, hiding[0][row, left : right + 1],
             hiding[1][row, left : right + 1], counts[row, left : right + 1], depths, faces,
         )  # fmt: skip
-        clear_beside(drawn, row, right + 1)
+        clear_beside(drawn, empty, row, right + 1)
         level = np.int64(0)
         while found != 0 and level < layer_depths.shape[1]:
             if level == used:
-                clear_layer(layers, sample, level, window[0], window[2] + 1)
+                clear_layer(layers, empty, sample, level, window[0], window[2] + 1)
                 used += 1
             found = exchange_row(
                 layer_depths[sample, level, row, first:end],
-                layer_faces[sample, level, row, first:end], depths, faces,
+                layer_faces[sample, level, row, first:end], depths, empty, faces,
             )  # fmt: skip
             level += 1
     return used
@@ -206,7 +208,7 @@ def insert_listed(
     listed, parts, screen, window, bits, shift, layers, sample, scratch, spare
 ):  # fmt: skip
     """Insert the listed triangles of a tile into its layers; return how many are in use."""
-    whole, real = scratch[2], scratch[3]
+    whole, real, empty = scratch[2], scratch[3], scratch[EMPTY][0]
     drawn, numbers, counts = spare[0], spare[1], spare[2]
     used = np.int64(0)
     tile = drawn.reshape(-1), numbers.reshape(-1)
@@ -214,10 +216,10 @@ def insert_listed(
         some = listed[first : min(first + BATCH, listed.shape[0])]
         gather_shifted(some, parts, screen, window, bits, shift, whole, real)
         for n in range(np.uintp(some.shape[0])):
-            draw_triangle(n, whole, real, window, bits, np.float32(-np.inf), tile, scratch[4:9])
+            draw_triangle(n, whole, real, window, bits, empty, tile, scratch[4:9])
             used = insert_triangle(
-                n, whole, window, drawn, (scratch[0], scratch[1]), counts, layers, sample, used,
-                (spare[3], spare[4]),
+                n, whole, window, drawn, empty, (scratch[0], scratch[1]), counts, layers, sample,
+                used, (spare[3], spare[4]),
             )  # fmt: skip
     return used
 
@@ -240,17 +242,17 @@ def copy_row(source, target):
 
 
 def scratch_memory(
-    has_cutouts: bool = False,
+    has_cutouts: bool = False, depth_type: Any = np.float32
 ) -> tuple[tuple[NDArray[Any], ...], tuple[NDArray[Any], ...]]:
     """Return the memory that a thread needs: to draw, and to draw a triangle alone."""
     alone = (
-        np.full(visibility.SCRATCH_SHAPE, -np.inf, np.float32),
+        np.full(visibility.SCRATCH_SHAPE, visibility.empty_depth(depth_type)),
         np.empty(visibility.SCRATCH_SHAPE, np.int32),
         np.empty((TILE_SIZE, TILE_SIZE), np.int32),
-        np.empty(TILE_SIZE, np.float32),
+        np.empty(TILE_SIZE, depth_type),
         np.empty(TILE_SIZE, np.int32),
     )
-    return visibility.scratch_memory(has_cutouts), alone
+    return visibility.scratch_memory(has_cutouts, depth_type), alone
 
 
 @kernel
@@ -273,9 +275,10 @@ def find_layers(
         the sub-pixel grid.
     opaque : (N, R, W) int32
         Written: the nearest opaque face at each sample, -1 where there is none.
-    layers : (depths (N, K, R, W) float32, faces (N, K, R, W) int32)
-        Written: the transparent surfaces in front of it, nearest first: stored depth and face
-        number, of as many layers as the samples have; -1 where a sample has fewer.
+    layers : (depths (N, K, R, W), faces (N, K, R, W) int32)
+        Written: the transparent surfaces in front of it, nearest first: stored depth, of the type
+        of the scratch memory's, and face number, of as many layers as the samples have; -1 where a
+        sample has fewer.
     used : (N, tiles in a row) int64
         Scratch memory.
     scratch : tuple
@@ -293,14 +296,14 @@ def find_layers(
     drawing, spare = scratch
     columns = used.shape[1]
     most = np.int64(0), np.int64(0), np.int64(0)
-    counts = spare[2]
+    counts, empty = spare[2], drawing[EMPTY][0]
     for sample in range(shifts.shape[0]):
         shift = shifts[sample, 0], shifts[sample, 1]
         for column in range(columns):
             tile = (rows[0] >> TILE_BITS) * columns + column
             left, _, right, _ = tile_window(tile, columns, viewport)
             window = left, np.int64(rows[0]), right, np.int64(rows[1]) - 1
-            clear_tile(drawing[0], drawing[1])
+            clear_tile(drawing[0], drawing[1], empty)
             listed = parted[starts[tile] : middles[tile]]
             draw_opaque(listed, parts, screen, window, viewport.grid_bits, shift, drawing, cutouts)
             for row in range(rows[1] - rows[0]):
@@ -323,5 +326,5 @@ def find_layers(
         for column in range(columns):
             left, right = column << TILE_BITS, min((column + 1) << TILE_BITS, layers[1].shape[3])
             for level in range(used[sample, column], needed):
-                clear_layer(layers, sample, level, left, right)
+                clear_layer(layers, empty, sample, level, left, right)
     return most

@@ -31,6 +31,10 @@ the vertices. Vertices are taken in a fixed order (topmost, then leftmost first,
 neither rotation nor winding of the face changes a bit.
 
 A sample keeps the first of equal depths. Lists ascend by face: the lower face number wins a tie.
+
+Depths are compared as they are stored: in the type of the arrays that hold them. What is between
+two values is rounded to one of them (float32, float64) or cut off behind the point (int32), which
+keeps their order, so that what bounds depths before bounds them after as well.
 """
 
 from __future__ import annotations
@@ -68,7 +72,14 @@ from rasterjit.kernels.batches import (
     gather_triangles,
     plan_triangles,
 )
-from rasterjit.kernels.cutouts import keep_shown, own_tile, owner_of, tile_for, waiting_memory
+from rasterjit.kernels.cutouts import (
+    EMPTY,
+    keep_shown,
+    own_tile,
+    owner_of,
+    tile_for,
+    waiting_memory,
+)
 from rasterjit.kernels.jit import disjoint_stage, kernel, stage
 from rasterjit.kernels.records import Cutouts, Faces, ScreenVertices, Viewport
 from rasterjit.kernels.setup import (
@@ -187,7 +198,7 @@ def depth_from(plane, edge_bc, edge_ca):
 @stage
 def depth_at_corners(plane, a, b, c, box, grid_bits):
     """
-    Return the lowest and the highest depth that may be stored in a box of samples.
+    Return the lowest and the highest depth of a box of samples, before they are stored.
 
     A plane has them at corners of the box; what rounding may add is added.
     """
@@ -206,10 +217,9 @@ def depth_at_corners(plane, a, b, c, box, grid_bits):
 
 @stage
 def held(depth, plane):
-    """Return the depth as it is stored, inside the range of the vertices."""
+    """Return the depth inside the range of the vertices."""
     depth = plane[4] if depth < plane[4] else depth
-    depth = plane[5] if depth > plane[5] else depth
-    return np.float32(depth)
+    return plane[5] if depth > plane[5] else depth
 
 
 @disjoint_stage
@@ -221,7 +231,8 @@ def fill_span(depths, numbers, first, count, depth, steps, plane, face):
     """
     for i in range(((count - 1) | 3) + 1):
         sample = first + np.uintp(i)
-        stored = held(depth + np.float64(np.int32(np.int32(i) + steps)) * plane[3], plane)
+        along = np.float64(np.int32(np.int32(i) + steps)) * plane[3]
+        stored = depths.dtype.type(held(depth + along, plane))
         if (stored > depths[sample]) & (np.int32(i) < np.int32(count)):
             depths[sample] = stored
             numbers[sample] = face
@@ -232,15 +243,15 @@ def find_samples(begins, ends, starts, steps, before, corner, plane, places, sto
     """
     Write where in the tile the sample ``steps`` right of the first of each row lies, and its depth.
 
-    The depth is -inf, which is nearer than nothing, where the row has no such sample.
+    Where the row has no such sample, that is one that nobody reads.
     """
     for i in range(begins.shape[0]):
         column = np.int32(begins[i] + np.int32(steps))
         is_covered = (column >= before) & (column < ends[i])
         depth = held(starts[i] + np.float64(np.int32(steps)) * plane[3], plane)
+        stored[i] = stored.dtype.type(depth)
         place = np.int32(np.int32(i) * np.int32(SCRATCH_SHAPE[1]) + np.int32(corner))
-        places[i] = np.int32(place + column) if is_covered else np.int32(0)
-        stored[i] = depth if is_covered else np.float32(-np.inf)
+        places[i] = np.int32(place + column) if is_covered else np.int32(SPARE_SAMPLE)
 
 
 @disjoint_stage
@@ -263,7 +274,7 @@ def test_row(depths, numbers, first, lanes, values, steps, thresholds, plane, fa
         e0 = values[0] + column * steps[0]
         e1 = values[1] + column * steps[1]
         e2 = values[2] + column * steps[2]
-        stored = held(depth_from(plane, e0, e1), plane)
+        stored = depths.dtype.type(held(depth_from(plane, e0, e1), plane))
         if (
             (e0 >= thresholds[0])
             & (e1 >= thresholds[1])
@@ -367,7 +378,7 @@ def draw_triangle(n, whole, real, origin, bits, floor, tile, spans):
     Nothing is drawn if it lies below ``floor`` in the whole tile.
     """
     lowest, highest = real[RANGE, n], real[RANGE + 1, n]
-    if np.float32(highest) < floor:
+    if tile[0].dtype.type(highest) < floor:
         return
     weight_a, weight_b = real[WEIGHT, n], real[WEIGHT + 1, n]
     step = real[ACROSS, n] * weight_a + real[ACROSS + 1, n] * weight_b
@@ -386,9 +397,9 @@ def draw_triangle(n, whole, real, origin, bits, floor, tile, spans):
         np.int64(whole[RIGHT, n]),
         np.int64(whole[BOTTOM, n]),
     )
-    if floor > -np.inf:
+    if tile[0].dtype.type(lowest) < floor:
         _, nearest = depth_at_corners(plane, a, b, c, box, bits)
-        if nearest < floor:
+        if tile[0].dtype.type(nearest) < floor:
             return
     face = np.int32(whole[FACE, n])
     draw_spans(a, b, c, plane, box, face, origin, bits, tile, spans)
@@ -429,22 +440,29 @@ def draw_listed(listed, faces, screen, window, bits, floor, scratch, cutouts):
 
 
 @stage
-def clear_tile(depths, numbers):
+def clear_tile(depths, numbers, empty):
     """Mark every sample of a tile as empty."""
     for row in range(depths.shape[0]):
         for column in range(depths.shape[1]):
-            depths[row, column] = -np.inf
+            depths[row, column] = empty
             numbers[row, column] = NOTHING
 
 
-def scratch_memory(has_cutouts: bool = False) -> tuple[Any, ...]:
+def empty_depth(depth_type: Any) -> Any:
+    """Return the depth where nothing is, of a type of depths: below all that is stored."""
+    kind = np.dtype(depth_type)
+    return kind.type(-1 if kind.kind == "i" else -np.inf)
+
+
+def scratch_memory(has_cutouts: bool = False, depth_type: Any = np.float32) -> tuple[Any, ...]:
     """
     Return the memory that a thread needs to draw: a tile, and what is known of a batch.
 
-    With cut-outs, a second tile as well, which is empty, and what the samples there wait in.
+    With cut-outs, a second tile as well, which is empty, and what the samples there wait in. Depths
+    are stored in the given type: float32, float64 or int32.
     """
     return (
-        np.empty(SCRATCH_SHAPE, np.float32),
+        np.empty(SCRATCH_SHAPE, depth_type),
         np.empty(SCRATCH_SHAPE, np.int32),
         np.empty((WHOLE_ROWS, ROOM), np.int32),
         np.empty((REAL_ROWS, ROOM), np.float64),
@@ -452,15 +470,16 @@ def scratch_memory(has_cutouts: bool = False) -> tuple[Any, ...]:
         np.empty(TILE_SIZE, np.int32),
         np.empty(TILE_SIZE, np.float64),
         np.empty(TILE_SIZE, np.int32),
-        np.empty(TILE_SIZE, np.float32),
-        *(own_memory() if has_cutouts else ()),
+        np.empty(TILE_SIZE, depth_type),
+        np.full(1, empty_depth(depth_type)),
+        *(own_memory(depth_type) if has_cutouts else ()),
     )
 
 
-def own_memory() -> tuple[Any, ...]:
+def own_memory(depth_type: Any) -> tuple[Any, ...]:
     """Return what a thread needs besides to draw triangles with holes."""
-    empty = np.full(SCRATCH_SHAPE, -np.inf, np.float32)
-    return empty, np.empty(SCRATCH_SHAPE, np.int32), waiting_memory()
+    empty = np.full(SCRATCH_SHAPE, empty_depth(depth_type))
+    return empty, np.empty(SCRATCH_SHAPE, np.int32), waiting_memory(depth_type)
 
 
 @kernel
@@ -479,12 +498,12 @@ def draw_tiles(
         Tile ``k`` draws ``binned[starts[k]:starts[k + 1]]``.
     binned : (M,) int32
         Triangle numbers, ascending within a tile: below F a face, ``F + p`` piece p.
-    floors : (tiles,) float32
-        Triangles below it are left out of a tile; -inf leaves out none.
+    floors : (tiles,) float32, float64 or int32, stored depth
+        Triangles below it are left out of a tile; `empty_depth` leaves out none.
     faces, screen, viewport : records
-    frame : (depth (H, W) float32, face_id (H, W) int32)
-        Writes every pixel of the tiles: stored depth (greater is nearer, -inf where nothing is)
-        and face number (-1 where nothing is). What is not wanted has W = 0.
+    frame : (depth (H, W) of the same type, face_id (H, W) int32)
+        Writes every pixel of the tiles: stored depth (greater is nearer, `empty_depth` where
+        nothing is) and face number (-1 where nothing is). What is not wanted has W = 0.
     scratch : tuple
         This thread's own, from `scratch_memory`.
     cutouts : Cutouts or None
@@ -497,7 +516,7 @@ def draw_tiles(
     for n in range(tiles.shape[0]):
         number = np.int64(tiles[n])
         window = tile_window(number, columns, viewport)
-        clear_tile(tile_depth, tile_numbers)
+        clear_tile(tile_depth, tile_numbers, scratch[EMPTY][0])
         for first in range(starts[number], starts[number + 1], BATCH):
             listed = binned[first : min(first + BATCH, starts[number + 1])]
             draw_listed(
