@@ -184,14 +184,14 @@ def shifted_weights(a, b, c, column, row, shift, geometry):
 
 
 @stage
-def weights_from_edges(e0, e1, e2, ratios):
+def weights_from_edges(e0, e1, e2, ratios, w):
     """
     Return the normalized weights of the second and the third vertex of a face.
 
-    And 1 if their sum may have lost something to underflow; `sample_weights` knows then. Without
-    ratios of w they are affine.
+    And 1 if their sum may have lost something to underflow; `sample_weights` knows then. Without w
+    they are affine.
     """
-    if ratios is None:
+    if w is None:
         _, second, third = affine_weights(e0, e1, e2)
         return second, third, np.int64(0)
     w0 = np.float64(e0) * ratios[0]
@@ -202,13 +202,13 @@ def weights_from_edges(e0, e1, e2, ratios):
 
 
 @disjoint_stage
-def weights_along_row(second, third, row_start, reach):
+def weights_along_row(second, third, row_start, reach, w):
     """Write the weights of the second and third vertex along a row; return if any is doubtful."""
     (e0, e1, e2), steps, ratios = row_start
     doubtful = np.int64(0)
     for i in range(second.shape[0]):
         k0, k1, k2 = held_edges(e0, e1, e2, reach)
-        second[i], third[i], is_doubtful = weights_from_edges(k0, k1, k2, ratios)
+        second[i], third[i], is_doubtful = weights_from_edges(k0, k1, k2, ratios, w)
         doubtful |= is_doubtful
         e0 += steps[0]
         e1 += steps[1]
@@ -229,19 +229,19 @@ def affine_along_row(second, third, row_start):
 
 
 @stage
-def weights_along_run(second, third, row_start, ratios, reach):
+def weights_along_run(second, third, row_start, reach, w):
     """Write the weights along a row of one face; return if any is doubtful."""
-    if ratios is None:  # noqa: SIM102 - what is absent is compiled out
+    if w is None:  # noqa: SIM102 - what is absent is compiled out
         if reach is None:
             return affine_along_row(second, third, row_start)
-    return weights_along_row(second, third, row_start, reach)
+    return weights_along_row(second, third, row_start, reach, w)
 
 
 @stage
-def ratios_at(wa, wb, wc, n):
-    """Return the smallest w over each, of the three vertices of one of many faces; or None."""
-    if wa is None:
-        return None
+def ratios_at(wa, wb, wc, n, w):
+    """Return the smallest w over each, of the vertices of one of many faces; 1 without w."""
+    if w is None:
+        return 1.0, 1.0, 1.0
     smallest = min(wa[n], min(wb[n], wc[n]))
     return smallest / wa[n], smallest / wb[n], smallest / wc[n]
 

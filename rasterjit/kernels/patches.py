@@ -89,14 +89,6 @@ def gather_w(a, b, c, n, w, real):
 
 
 @stage
-def row_of_w(real, k, size, w):
-    """Return the row of gathered w of one of three vertices; None where there are none."""
-    if w is None:
-        return None
-    return real[k, :size]
-
-
-@stage
 def gather_screen(count, geometry, whole, real):
     """Gather where the vertices of each sample's face lie on the screen, and w."""
     xy = geometry.xy

@@ -90,8 +90,9 @@ def put_edge(ax, ay, bx, by, k, bits, row):
 
 @stage
 def put_ratios(a, b, c, w, real):
-    """Write the smallest w of a face over each; nothing where interpolation is affine."""
+    """Write the smallest w of a face over each; 1 without w."""
     if w is None:
+        real[RATIO], real[RATIO + 1], real[RATIO + 2] = 1.0, 1.0, 1.0
         return
     smallest = min(w[a], min(w[b], w[c]))
     real[RATIO], real[RATIO + 1], real[RATIO + 2] = (
@@ -99,14 +100,6 @@ def put_ratios(a, b, c, w, real):
         smallest / w[b],
         smallest / w[c],
     )
-
-
-@stage
-def kept_ratios(real, w):
-    """Return the ratios of a face that is set up; None where interpolation is affine."""
-    if w is None:
-        return None
-    return real[RATIO], real[RATIO + 1], real[RATIO + 2]
 
 
 @stage
@@ -128,7 +121,7 @@ def put_corners(face, geometry, whole, real):
 
 
 @stage
-def row_start(whole, real, column, row, w):
+def row_start(whole, real, column, row):
     """Return what `interpolation.weights_along_row` takes, from a pixel on."""
     return (
         (
@@ -137,7 +130,7 @@ def row_start(whole, real, column, row, w):
             whole[EDGE + 2] + column * whole[ACROSS + 2] + row * whole[DOWN + 2],
         ),
         (whole[ACROSS], whole[ACROSS + 1], whole[ACROSS + 2]),
-        kept_ratios(real, w),
+        (real[RATIO], real[RATIO + 1], real[RATIO + 2]),
     )
 
 
@@ -346,8 +339,8 @@ def note_run(
     note_textured(places, run, weights, a, b, c, behind, owner, samples, surface)
     texture_places.note_run(
         places, weights, run, column, row, corners, owner, whole[IS_CLIPPED] != 0,
-        row_start(whole, real, column, row, geometry.w),
-        (whole[DOWN], whole[DOWN + 1], whole[DOWN + 2]), surface.textures, geometry,
+        row_start(whole, real, column, row), (whole[DOWN], whole[DOWN + 1], whole[DOWN + 2]),
+        surface.textures, geometry,
     )  # fmt: skip
 
 
@@ -364,10 +357,9 @@ def gather_run(
     write_answers(samples, run, model, owner, surface, lighting)
     doubtful = whole[IS_CLIPPED]
     if not doubtful:
-        start = row_start(whole, real, column, row, geometry.w)
         doubtful = weights_along_run(
-            weights[0, n : n + count], weights[1, n : n + count], start, start[2],
-            geometry.viewport.reach,
+            weights[0, n : n + count], weights[1, n : n + count],
+            row_start(whole, real, column, row), geometry.viewport.reach, geometry.w,
         )  # fmt: skip
     a, b, c = whole[CORNERS], whole[CORNERS + 1], whole[CORNERS + 2]
     if doubtful:

@@ -54,7 +54,6 @@ from rasterjit.kernels.patches import (
     gather_values,
     list_patches,
     number_pixels,
-    row_of_w,
     turn_corners,
     whole_vectors,
 )
@@ -65,7 +64,7 @@ from rasterjit.kernels.texture_places import note_stretch
 
 @disjoint_stage
 def weigh(
-    ax, ay, bx, by, cx, cy, wa, wb, wc, columns, rows, shift, count, bits, reach, unsure, second,
+    ax, ay, bx, by, cx, cy, wa, wb, wc, columns, rows, shift, count, bits, reach, w, unsure, second,
     third,
 ):  # fmt: skip
     """
@@ -84,8 +83,8 @@ def weigh(
             narrow_edge(ax[n], ay[n], bx[n], by[n], px, py),
             reach,
         )
-        ratios = ratios_at(wa, wb, wc, n)
-        second[n], third[n], doubtful = weights_from_edges(*edges, ratios)
+        ratios = ratios_at(wa, wb, wc, n, w)
+        second[n], third[n], doubtful = weights_from_edges(*edges, ratios, w)
         unsure[n] |= np.int32(doubtful)
         found |= unsure[n] if n < count else np.int32(0)
     return found
@@ -359,15 +358,15 @@ def find_weights(
     Takes their way to the pixels' centres on the sub-pixel grid.
     """
     start, stop = run
-    size, w = stop - start, geometry.w
+    size = stop - start
     gather_screen(patches, geometry, whole, real)
     gather_codes(patches, size, geometry, whole)
     unsure = weigh(
         whole[AX, :size], whole[AY, :size], whole[BX, :size], whole[BY, :size], whole[CX, :size],
-        whole[CY, :size], row_of_w(real, 0, size, w), row_of_w(real, 1, size, w),
-        row_of_w(real, 2, size, w), whole[COLUMN, :size], whole[ROW, :size], shift,
-        np.int64(whole[FIRST, patches]), geometry.viewport.grid_bits, geometry.viewport.reach,
-        whole[UNSURE, :size], weights[0, start:stop], weights[1, start:stop],
+        whole[CY, :size], real[0, :size], real[1, :size], real[2, :size], whole[COLUMN, :size],
+        whole[ROW, :size], shift, np.int64(whole[FIRST, patches]), geometry.viewport.grid_bits,
+        geometry.viewport.reach, geometry.w, whole[UNSURE, :size], weights[0, start:stop],
+        weights[1, start:stop],
     )  # fmt: skip
     note_sides(size, owner, whole, placement, lighting)
     if unsure != 0:

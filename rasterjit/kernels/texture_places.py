@@ -27,7 +27,6 @@ from rasterjit.kernels.patches import (
     B,
     C,
     gather_coordinates,
-    row_of_w,
 )
 from rasterjit.kernels.setup import narrow_edge
 from rasterjit.kernels.texture_rows import CORNERS, OWNER, STEPS, U, V
@@ -55,14 +54,14 @@ def fill_places(u, v, owners, second, third, ends, owner):
 
 
 @disjoint_stage
-def fill_steps(right_u, right_v, down_u, down_v, u, v, ends, row_start, downs, bits):
+def fill_steps(right_u, right_v, down_u, down_v, u, v, ends, row_start, downs, bits, w):
     """Write the steps of neighbouring samples of one face that was not clipped."""
     (e0, e1, e2), (x0, x1, x2), ratios = row_start
     unit = np.float64(np.int64(1) << bits)
     across = np.float64(x0 >> bits), np.float64(x1 >> bits), np.float64(x2 >> bits)
     fall = np.float64(downs[0] >> bits), np.float64(downs[1] >> bits), np.float64(downs[2] >> bits)
     for n in range(u.shape[0]):
-        total = texturing.sum_of_weights(e0, e1, e2, ratios)
+        total = texturing.sum_of_weights(e0, e1, e2, ratios, w)
         right, down = texturing.scaled_slopes(unit / total, ratios, across, fall)
         place = u[n], v[n]
         right_u[n], right_v[n] = texturing.place_step(right, place, ends[0], ends[1], ends[2])
@@ -119,6 +118,7 @@ def note_run(
     fill_steps(
         places[STEPS, start:stop], places[STEPS + 1, start:stop], places[STEPS + 2, start:stop],
         places[STEPS + 3, start:stop], u, v, ends, row_start, downs, geometry.viewport.grid_bits,
+        geometry.w,
     )  # fmt: skip
 
 
@@ -141,7 +141,7 @@ def float_difference(one, other):
 @disjoint_stage
 def mix_steps(
     right_u, right_v, down_u, down_v, u, v, ua, va, ub, vb, uc, vc, ax, ay, bx, by, cx, cy,
-    wa, wb, wc, columns, rows, bits,
+    wa, wb, wc, columns, rows, bits, w,
 ):  # fmt: skip
     """Write the steps of samples, each of a face of its own that was not clipped."""
     half = np.int32(1) << (bits - 1)
@@ -150,10 +150,10 @@ def mix_steps(
         px = np.int32((columns[n] << bits) + half)
         py = np.int32((rows[n] << bits) + half)
         x0, y0, x1, y1, x2, y2 = ax[n], ay[n], bx[n], by[n], cx[n], cy[n]
-        ratios = ratios_at(wa, wb, wc, n)
+        ratios = ratios_at(wa, wb, wc, n, w)
         total = texturing.sum_of_weights(
             narrow_edge(x1, y1, x2, y2, px, py), narrow_edge(x2, y2, x0, y0, px, py),
-            narrow_edge(x0, y0, x1, y1, px, py), ratios,
+            narrow_edge(x0, y0, x1, y1, px, py), ratios, w,
         )  # fmt: skip
         right, down = texturing.scaled_slopes(
             unit / total,
@@ -180,9 +180,8 @@ def note_steps(places, run, patches, whole, real, single, textures, geometry):
         places[U, start:stop], places[V, start:stop],
         single[0, :size], single[1, :size], single[2, :size], single[3, :size], single[4, :size],
         single[5, :size], whole[AX, :size], whole[AY, :size], whole[BX, :size], whole[BY, :size],
-        whole[CX, :size], whole[CY, :size], row_of_w(real, 0, size, geometry.w),
-        row_of_w(real, 1, size, geometry.w), row_of_w(real, 2, size, geometry.w),
-        whole[COLUMN, :size], whole[ROW, :size], geometry.viewport.grid_bits,
+        whole[CX, :size], whole[CY, :size], real[0, :size], real[1, :size], real[2, :size],
+        whole[COLUMN, :size], whole[ROW, :size], geometry.viewport.grid_bits, geometry.w,
     )  # fmt: skip
     if geometry.clip_positions.shape[0] == 0:
         return

@@ -96,19 +96,11 @@ def snapped_slopes(at, ws, column, row, bits):
 
 
 @stage
-def sum_of_weights(e0, e1, e2, ratios):
-    """Return the sum of a face's weights: that of its edge functions if they are affine."""
-    if ratios is None:
+def sum_of_weights(e0, e1, e2, ratios, w):
+    """Return the sum of a face's weights: that of its edge functions without w."""
+    if w is None:
         return np.float64(e0 + e1 + e2)
     return np.float64(e0) * ratios[0] + np.float64(e1) * ratios[1] + np.float64(e2) * ratios[2]
-
-
-@stage
-def over_sum(ratios, per_sum):
-    """Return the ratios of a face over the sum of its weights; without ratios all are alike."""
-    if ratios is None:
-        return per_sum, per_sum, per_sum
-    return ratios[0] * per_sum, ratios[1] * per_sum, ratios[2] * per_sum
 
 
 @stage
@@ -118,7 +110,7 @@ def scaled_slopes(per_sum, ratios, across, down):
 
     Takes one over the weights' sum, in the unit of the gains, and the smallest w over each.
     """
-    p, q, r = over_sum(ratios, per_sum)
+    p, q, r = ratios[0] * per_sum, ratios[1] * per_sum, ratios[2] * per_sum
     return (
         (p * across[0], q * across[1], r * across[2]),
         (p * down[0], q * down[1], r * down[2]),
