@@ -121,9 +121,7 @@ def mixing_note(quality: Quality) -> str:
     return ", mixed in 8-bit sRGB codes" if quality.blending == "srgb8" else ""
 
 
-def antialiasing_reason(
-    samples: int | str, pictures: int, shades: bool, note: str = ""
-) -> str:
+def antialiasing_reason(samples: int | str, pictures: int, shades: bool, note: str = "") -> str:
     """Say why edges are smoothed or not, and, if they are, what else is to note."""
     if samples == 1:
         return "quality.samples is 1"

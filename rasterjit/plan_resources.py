@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numpy as np
+
 from rasterjit.kernels.records import Fog, Lighting, ToneMap
 from rasterjit.plan import RenderPlan
 from rasterjit.plan_lights import has_cube
@@ -48,11 +50,13 @@ Rows = list[tuple[str, str, str]]
 
 def _geometry_rows(plan: RenderPlan) -> Rows:
     """Return the kernels up to visibility."""
-    holes = "holes" if plan.needs_cutouts else ""
+    depth = _kind_of_depth(plan)
+    holes = ", ".join(filter(None, ("holes" if plan.needs_cutouts else "", depth)))
     crossed = "a face crosses the near or far plane or the guard band"
-    rows = [("projection.transform_vertices", "", "")]
+    single = "float32 vertices" if plan.quality.precision == "float32" else ""
+    rows = [("projection.transform_vertices", single, "")]
     keeps_positions = plan.diagnose or plan.wireframe is not None
-    rows += [("projection.transform_positions", "", "" if keeps_positions else crossed)]
+    rows += [("projection.transform_positions", single, "" if keeps_positions else crossed)]
     rows += [
         (f"clipping.{name}", "", crossed)
         for name in ("find_clipped_faces", "count_clipped_vertices", "clip_faces")
@@ -62,7 +66,7 @@ def _geometry_rows(plan: RenderPlan) -> Rows:
         ("setup.set_up_triangles", "", ""),
         ("binning.start_lists", "", ""),
         ("binning.bin_triangles", "", ""),
-        ("occlusion.find_floors", "", "a face covers whole tiles"),
+        ("occlusion.find_floors", depth, "a face covers whole tiles"),
     ]
     if plan.needs_faces:
         rows.append(("visibility.draw_tiles", holes, ""))
@@ -80,6 +84,8 @@ def _geometry_rows(plan: RenderPlan) -> Rows:
 def _picture_rows(plan: RenderPlan) -> Rows:
     """Return the kernels that follow visibility."""
     rows: Rows = []
+    if plan.reads_depth and not plan.depth_format.is_reversed:
+        rows.append(("depths.fill_depths", _way_of_weights(plan), ""))
     if plan.ambient_occlusion is not None and plan.lighting is not None:
         rows += [("ambient_occlusion.find_occlusion", "", "")]
         rows += [("ambient_occlusion.smooth_occlusion", "", "")]
@@ -111,7 +117,8 @@ def _picture_rows(plan: RenderPlan) -> Rows:
         "barycentric": "fill_barycentric", "uv": "fill_attribute", "position": "fill_positions",
         "normal": "fill_normals",
     }  # fmt: skip
-    rows += [(f"interpolation.{fills[name]}", "", "") for name in plan.outputs if name in fills]
+    way = _way_of_weights(plan)
+    rows += [(f"interpolation.{fills[name]}", way, "") for name in plan.outputs if name in fills]
     if plan.diagnose:
         rows += [("diagnosis.find_fates", "", ""), ("diagnosis.count_samples", "", "")]
         rows += [("diagnosis.largest_error", "", "")]
@@ -137,13 +144,26 @@ def _line_rows(plan: RenderPlan) -> Rows:
     ]
 
 
+def _kind_of_depth(plan: RenderPlan) -> str:
+    """Return the type that depths are compared in, if it is not float32."""
+    kind = np.dtype(plan.depth_format.kind).name
+    return "" if kind == "float32" else f"{kind} depth"
+
+
+def _way_of_weights(plan: RenderPlan) -> str:
+    """Return how values are interpolated, if not perspective-correctly."""
+    return "affine weights" if plan.is_affine else ""
+
+
 def _layer_rows(plan: RenderPlan) -> Rows:
     """Return the kernels that put together what a pixel shows besides its nearest face."""
     if plan.layers is None:
         return []
     samples, several = plan.layers.samples, "a pixel shows several faces"
-    finder = "area.find_areas" if samples == "area" else "transparency.find_layers"
-    rows = [("transparency.split_lists", "", ""), (finder, "", "")]
+    finder = ("transparency.find_layers", _kind_of_depth(plan), "")
+    if samples == "area":
+        finder = ("area.find_areas", "", "")
+    rows = [("transparency.split_lists", "", ""), finder]
     names: list[str] = []
     if samples != 1:
         opaque = "a row of tiles is opaque" if plan.layers.has_blended else ""
@@ -208,6 +228,7 @@ def _variant_of_shading(plan: RenderPlan) -> str:
         "alphas": plan.layers is not None and plan.layers.has_blended,
         "tone curve": plan.encoding.tone is not None and plan.pictures == 1,
         "library exposure": _calls_library(plan.encoding.tone) and plan.pictures == 1,
+        _way_of_weights(plan): plan.is_affine,
     }
     light = _variant_of_light(plan)
     names = [name for name, is_there in present.items() if is_there]
@@ -218,7 +239,9 @@ def list_buffers(plan: RenderPlan) -> tuple[Buffer, ...]:
     """Return the large arrays of a frame, its outputs included."""
     rows = [("faces seen", 1, "int32")]
     if plan.needs_depth:
-        rows.append(("stored depth", 1, "float32"))
+        rows.append(("stored depth", 1, np.dtype(plan.depth_format.kind).name))
+    if plan.reads_depth and not plan.depth_format.is_standard:
+        rows.append(("reversed depth", 1, "float32"))
     if plan.pictures > 1:
         rows += [("sums of all pictures", 4, "float64"), ("one of the pictures", 4, "float32")]
     if plan.ambient_occlusion is not None:

@@ -243,9 +243,8 @@ def _find_shadows(
     for offset in offsets:
         moved = _moved(plan, offset)
         own = find(moved)
-        cells.append(
-            shadow_cells.seen_cells(moved.camera, own.geometry, own.coverage.reversed_depth, workers)
-        )
+        depth = own.coverage.reversed_depth
+        cells.append(shadow_cells.seen_cells(moved.camera, own.geometry, depth, workers))
     return passes.find_shadows(
         plan, prepared, seen.geometry, seen.placement, seen.coverage, workers, cells
     )
