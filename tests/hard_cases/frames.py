@@ -1,5 +1,5 @@
 """
-Forty-four small frames that use every feature, and the recorded hashes of all their outputs.
+Forty-five small frames that use every feature, and the recorded hashes of all their outputs.
 
 Nothing here depends on a math library or a random generator: coordinates are whole numbers,
 quotients and square roots, whose bits IEEE 754 fixes, and the "random" ones are a small generator
@@ -327,6 +327,12 @@ def occluded_and_outlined() -> Shot:
     return Shot(scene, looking())
 
 
+def coarse_geometry() -> Shot:
+    """Return a shot whose depths, vertices and weights are those of the least accurate settings."""
+    settings = {"depth_format": "unorm16", "precision": "float32", "interpolation": "affine"}
+    return replace(occluded_and_outlined(), settings=settings)
+
+
 def checked(rows: int, columns: int, *colors: Any) -> np.ndarray:
     """Return a board of colours in turn, (rows, columns, channels), linear."""
     return np.array(colors)[np.indices((rows, columns)).sum(axis=0) % len(colors)]
@@ -608,8 +614,8 @@ FRAMES: dict[str, Callable[[], Shot | Soup | Canvas]] = {
         wireframe_overlay, wireframe_only, wireframe_clipped, occluded_and_outlined,
         materials_under_a_sky, shadows_of_all_lights, layers_of_glass, layers_in_four_samples,
         edges_in_eight_samples, many_pictures, areas, codes_of_glass, codes_in_four_samples,
-        codes_at_edges,
-        lines_by_coverage, lines_by_coverage_in_codes, culled_back,
+        codes_at_edges, lines_by_coverage, lines_by_coverage_in_codes, coarse_geometry,
+        culled_back,
         culled_front_and_mirrored, parallel, mirroring_matrices, intrinsics,
         ground_to_the_horizon, inside_a_ball, slivers, far_from_the_origin, vast_and_tiny,
         whole_pixels, equal_depths, soup, wild_soup, lines_and_curves, many_lines,

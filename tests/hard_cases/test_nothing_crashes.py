@@ -156,7 +156,8 @@ FIELDS = {
     rj.Material: ("metallic", "roughness", "normal_texture", "normal_scale", "occlusion_strength",
                   "emissive", "alpha_mode", "alpha_cutoff", "double_sided"),
     rj.Texture: ("color_space", "anisotropy", "offset", "rotation", "scale"),
-    rj.Quality: ("subpixel_bits", "samples", "transparency_layers", "blending", "lines"),
+    rj.Quality: ("subpixel_bits", "samples", "transparency_layers", "blending", "lines",
+                 "depth_format", "precision", "interpolation"),
 }  # fmt: skip
 """What effects are asked for with."""
 
