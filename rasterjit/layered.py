@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit import stages
+from rasterjit.backdrops import Sky
 from rasterjit.kernels import (
     area,
     backgrounds,
@@ -91,7 +92,7 @@ class Shader(NamedTuple):
     background: NDArray[np.float32]
     """(4,) linear."""
     encoding: Encoding
-    sky: stages.Sky | None = None
+    sky: Sky | None = None
     """The environment, if it is seen where no face is."""
     cutouts: Cutouts | None = None
     """The objects that have holes."""

@@ -22,6 +22,8 @@ from rasterjit import (
     shadow_maps,
     stages,
 )
+from rasterjit import edge_lines, layered, screen_effects, shadow_cells, shadow_maps, stages
+from rasterjit.backdrops import Sky, show_environment
 from rasterjit.environment_maps import backdrop_record, environment_record
 from rasterjit.kernels import interpolation
 from rasterjit.kernels.records import (
@@ -91,7 +93,7 @@ def shade_faces(
                 picture[len(shown) :] = picture[0]
         if sky is not None:
             empty = shown if plan.draws_faces else np.full((height, width), -1, np.int32)
-            stages.show_environment(empty, sky, plan.encoding, linear, color, workers)
+            show_environment(empty, sky, plan.encoding, linear, color, workers)
     if linear is not None:
         result["linear"] = linear
     if color is not None:
@@ -111,12 +113,12 @@ def find_cutouts(plan: RenderPlan, prepared: Prepared) -> Cutouts | None:
     return prepared.looks.cutouts(plan.has_textured_holes) if plan.needs_cutouts else None
 
 
-def find_sky(plan: RenderPlan) -> stages.Sky | None:
+def find_sky(plan: RenderPlan) -> Sky | None:
     """Return the environment, if it is seen where no face is."""
     if plan.backdrop is None:
         return None
     rays = background_rays(plan.camera, plan.size)
-    return stages.Sky(rays, plan.size, backdrop_record(plan.backdrop))
+    return Sky(rays, plan.size, backdrop_record(plan.backdrop))
 
 
 def find_lighting(

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.kernels import (
-    backgrounds,
     binning,
     clipping,
     interpolation,
@@ -27,7 +26,6 @@ from rasterjit.kernels import (
 from rasterjit.kernels.records import (
     Cutouts,
     Encoding,
-    Environment,
     Faces,
     Geometry,
     Lighting,
@@ -126,16 +124,6 @@ class Coverage(NamedTuple):
     ``None`` if none reads it."""
     reversed_vertex_depth: NDArray[np.float64] | None = None
     """(V+E,), that of the vertices."""
-
-
-class Sky(NamedTuple):
-    """The environment as a background, as ``backgrounds.show_environment`` takes it."""
-
-    rays: NDArray[np.float64]
-    """(3, 3): direction at the middle of the frame, and its change with x and y."""
-    size: tuple[int, int]
-    """Width and height of the frame, pixels."""
-    environment: Environment
 
 
 def transform(
@@ -604,42 +592,6 @@ def shade(
         )  # fmt: skip
 
     workers.run(shade_band, [(first,) for first in range(0, height, per_task)])
-
-
-def show_environment(
-    face_id: NDArray[np.int32],
-    sky: Sky,
-    encoding: Encoding,
-    linear: NDArray[np.float32] | None,
-    color: NDArray[np.uint8] | None,
-    workers: Workers,
-) -> None:
-    """
-    Write the environment to the pixels without a face, in bands of rows.
-
-    Parameters
-    ----------
-    face_id : (H, W) int32
-    sky : Sky
-    encoding : Encoding
-    linear : (H, W, 4) float32 or None
-    color : (H, W, 4) uint8 or None
-        Written, if the frame has them.
-    workers : Workers
-    """
-    height = len(face_id)
-    packed = np.empty((height, 0), np.uint32) if color is None else color.view(np.uint32)[:, :, 0]
-    if linear is None:
-        linear = np.empty((height, 0, 4), np.float32)
-    per_task = rows_per_task(face_id.shape, workers)
-
-    def show_band(first: int) -> None:
-        band = slice(first, min(first + per_task, height))
-        backgrounds.show_environment(
-            face_id[band], first, *sky, encoding, linear[band], packed[band]
-        )
-
-    workers.run(show_band, [(first,) for first in range(0, height, per_task)])
 
 
 def fill_rows(kernel: Any, face_id: NDArray[np.int32], arguments: tuple, workers: Workers) -> None:

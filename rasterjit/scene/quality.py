@@ -57,13 +57,21 @@ class Quality:
         raises ``ValueError``, naming an object that has one.
     interpolation : {"affine", "perspective"}
         What lies between the vertices of a face: linear on the screen, as consoles without a
-        divider drew it, or linear on the face.
+        divider drew it, or linear on the face. Faces that cross the near or far plane, or reach
+        far beside the image, are interpolated on the face always. Depth and shadow maps are not
+        touched by it.
     depth_format : {"unorm16", "unorm24", "float32", "float32-reversed", "float64"}
         What the depths of faces are rounded to before they are compared: 16 or 24 bits, or a
         float, of the depth from 0 at the near plane to 1 at the far one; a float of the reversed
-        depth, which falls with distance and so keeps its digits; or such a float64.
+        depth, which falls with distance and so keeps its digits; or such a float64. What comes out
+        equal shows the face with the lower number. The depth output has the steps of the format;
+        shadows, ambient occlusion, outlines and hidden lines take the depth of the face that was
+        found. Shadow maps are float32 always, and the areas of ``samples="area"`` are those of
+        depths that were not rounded.
     precision : {"float32", "float64"}
-        Arithmetic that takes vertices from model space to the screen.
+        Arithmetic that takes vertices from model space to the screen, by way of the eye; the
+        matrices are found in float64. In float32 the vertices take half the memory, and those
+        beyond 1e18 in clip space are left out. Shadow maps keep float64.
     shading : {"face", "vertex", "pixel"}
         The finest unit that is lit by itself: materials that ask for more are shaded like
         ``"flat"`` or ``"gouraud"`` ones. Metallic-roughness is lit by the pixel always.
