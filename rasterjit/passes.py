@@ -22,7 +22,6 @@ from rasterjit import (
     shadow_maps,
     stages,
 )
-from rasterjit import edge_lines, layered, screen_effects, shadow_cells, shadow_maps, stages
 from rasterjit.backdrops import Sky, show_environment
 from rasterjit.environment_maps import backdrop_record, environment_record
 from rasterjit.kernels import interpolation
