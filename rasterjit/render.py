@@ -6,6 +6,7 @@ See ``Renderer.render``; the stages themselves are in ``stages`` and ``kernels``
 
 from __future__ import annotations
 
+import functools
 import time
 from collections.abc import Iterator, Sequence
 from types import TracebackType
@@ -358,10 +359,12 @@ class Renderer:
         return plan, prepared, views
 
     def _find_faces(
-        self, plan: RenderPlan, prepared: Prepared, views: Views, clock: StageClock
+        self, plan: RenderPlan, prepared: Prepared, clock: StageClock, views: Views | None = None
     ) -> Seen:
-        """Find the face at every pixel."""
+        """Find the face at every pixel; ``views`` are those of the plan's camera, where known."""
         camera, workers, arrays = plan.camera, self._workers, prepared.shapes.arrays
+        if views is None:
+            views = plan_views.view_places(prepared.places, camera, self.size)
         viewport = planning.viewport_of(self.size, plan.quality.subpixel_bits)
         objects = plan_views.cull_objects(
             plan.cull, views, arrays.face_starts, prepared.looks.is_single_sided
@@ -403,16 +406,12 @@ class Renderer:
         """Run all stages of a frame."""
         workers = self._workers
         workers.memory.next_frame()
-        seen = self._find_faces(plan, prepared, views, clock)
+        seen = self._find_faces(plan, prepared, clock, views)
         objects, coefficients, geometry, placement, coverage = seen
         if plan.pictures == 1:
             result = passes.shade_faces(plan, prepared, geometry, placement, coverage, workers)
         else:
-
-            def find(moved: RenderPlan) -> Seen:
-                others = plan_views.view_places(prepared.places, moved.camera, self.size)
-                return self._find_faces(moved, prepared, others, clock)
-
+            find = functools.partial(self._find_faces, prepared=prepared, clock=clock)
             result = supersampling.shade_faces(
                 plan, prepared, seen, accumulation, find, clock, workers
             )
