@@ -188,18 +188,30 @@ def shade_faces(
             clock("shade, resolve")
         picture = _plan_picture(plan, shadows)
         for offset in new:
-            moved = _moved(picture, offset)
-            own = find(moved)
-            shown = passes.shade_faces(
-                moved, prepared, own.geometry, own.placement, own.coverage, workers
-            )
+            linear = _draw_picture(_moved(picture, offset), prepared, find, workers)
             clock("shade, resolve")
-            _add_picture(shown["linear"], accumulation.sums, workers)
+            _add_picture(linear, accumulation.sums, workers)
+            # So that the next picture takes its memory.
+            del linear
             accumulation.count += 1
             clock("average")
     result = _average(plan, accumulation, workers)
     clock("average")
     return result
+
+
+def _draw_picture(
+    plan: RenderPlan,
+    prepared: Prepared,
+    find: Callable[[RenderPlan], Seen],
+    workers: stages.Workers,
+) -> NDArray[np.float32]:
+    """Return the linear colour of one picture, (H, W, 4)."""
+    seen = find(plan)
+    shown = passes.shade_faces(
+        plan, prepared, seen.geometry, seen.placement, seen.coverage, workers
+    )
+    return shown["linear"]
 
 
 def _moved(plan: RenderPlan, offset: Offset) -> RenderPlan:
