@@ -103,12 +103,7 @@ def _picture_rows(plan: RenderPlan) -> Rows:
     if plan.backdrop is not None:
         rows.append(("backgrounds.show_environment", "", ""))
     if plan.pictures > 1:
-        rows += [(f"accumulation.{name}", "", "") for name in ("add_picture", "write_mean")]
-    if plan.pictures > 1 and plan.layers is None:
-        if plan.encoding.tone is not None:
-            rows.append(("backgrounds.show_over", "", ""))
-        elif "color" in plan.outputs:
-            rows.append(("resolve.encode_rows", "", ""))
+        rows += _average_rows(plan)
     if plan.outline is not None:
         rows += [("outlines.find_edges", "", ""), ("outlines.draw_marks", "", "")]
     if plan.wireframe is not None:
@@ -122,6 +117,22 @@ def _picture_rows(plan: RenderPlan) -> Rows:
     if plan.diagnose:
         rows += [("diagnosis.find_fates", "", ""), ("diagnosis.count_samples", "", "")]
         rows += [("diagnosis.largest_error", "", "")]
+    return rows
+
+
+def _average_rows(plan: RenderPlan) -> Rows:
+    """Return the kernels that average whole pictures."""
+    if plan.grounds.mixes_codes:
+        rows = [(f"code_blending.{name}", "", "") for name in ("add_codes", "write_mean_codes")]
+        rows.append(("resolve.encode_rows", "", ""))
+        if plan.layers is None and "linear" in plan.outputs:
+            rows.append(("code_blending.decode_rows", "", ""))
+        return rows
+    rows = [(f"accumulation.{name}", "", "") for name in ("add_picture", "write_mean")]
+    if plan.layers is None and plan.encoding.tone is not None:
+        rows.append(("backgrounds.show_over", "", ""))
+    elif plan.layers is None and "color" in plan.outputs:
+        rows.append(("resolve.encode_rows", "", ""))
     return rows
 
 
@@ -220,14 +231,15 @@ def _calls_library(record: Lighting | Fog | ToneMap | None) -> bool:
 
 def _variant_of_shading(plan: RenderPlan) -> str:
     """Return which records the shading kernel is compiled with."""
+    shows_tones = plan.pictures == 1 or plan.grounds.mixes_codes
     present = {
         "normals": plan.needs_normals,
         "lit vertices": plan.needs_gouraud,
         "textures": plan.needs_textures,
         "maps": plan.needs_maps,
         "alphas": plan.layers is not None and plan.layers.has_blended,
-        "tone curve": plan.encoding.tone is not None and plan.pictures == 1,
-        "library exposure": _calls_library(plan.encoding.tone) and plan.pictures == 1,
+        "tone curve": shows_tones and plan.encoding.tone is not None,
+        "library exposure": shows_tones and _calls_library(plan.encoding.tone),
         _way_of_weights(plan): plan.is_affine,
     }
     light = _variant_of_light(plan)

@@ -1,5 +1,5 @@
 """
-Draw whole pictures, each moved by a part of a pixel, and average them in linear light.
+Draw whole pictures, each moved by a part of a pixel, and average them in linear light or in codes.
 
 Every sample of a pixel is found and shaded by itself: nothing is shared between pictures but shadow
 maps. These are drawn four times at most, for the first 4 pictures, for what is missing of 16, and
@@ -27,12 +27,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from rasterjit import passes, shadow_cells, stages
 from rasterjit.kernels import accumulation as accumulating
-from rasterjit.kernels import backgrounds, resolve
+from rasterjit.kernels import backgrounds, code_blending, resolve
 from rasterjit.kernels.records import Geometry, Objects, Placement, Shadows
 from rasterjit.plan import RenderPlan
 from rasterjit.plan_lights import NO_LIGHTS
 from rasterjit.prepared import Prepared
 from rasterjit.scene.camera import Camera
+from rasterjit.scene.srgb import decoding_table
 from rasterjit.transforms import Matrix
 
 Offset = tuple[float, float]
@@ -61,7 +62,8 @@ class Accumulation:
     count : int
         How many there are.
     sums : (H, W, 4) float64 or None
-        The sum of their linear colours times alpha, and of alpha; ``None`` before the first.
+        The sum of their linear colours, or codes, times alpha, and of alpha; ``None`` before the
+        first.
     """
 
     def __init__(self) -> None:
@@ -176,6 +178,8 @@ def shade_faces(
     workers : Workers
     """
     offsets = sample_offsets(int(plan.quality.samples))
+    has_codes = plan.grounds.mixes_codes
+    add, average = (_add_codes, _average_codes) if has_codes else (_add_picture, _average)
     if accumulation.sums is None:
         accumulation.sums = workers.memory.empty((*seen.coverage.face_id.shape, 4), np.float64)
         accumulation.sums.fill(0.0)
@@ -188,14 +192,14 @@ def shade_faces(
             clock("shade, resolve")
         picture = _plan_picture(plan, shadows)
         for offset in new:
-            linear = _draw_picture(_moved(picture, offset), prepared, find, workers)
+            drawn = _draw_picture(_moved(picture, offset), prepared, find, workers)
             clock("shade, resolve")
-            _add_picture(linear, accumulation.sums, workers)
+            add(drawn, accumulation.sums, workers)
             # So that the next picture takes its memory.
-            del linear
+            del drawn
             accumulation.count += 1
             clock("average")
-    result = _average(plan, accumulation, workers)
+    result = average(plan, accumulation, workers)
     clock("average")
     return result
 
@@ -205,13 +209,13 @@ def _draw_picture(
     prepared: Prepared,
     find: Callable[[RenderPlan], Seen],
     workers: stages.Workers,
-) -> NDArray[np.float32]:
-    """Return the linear colour of one picture, (H, W, 4)."""
+) -> NDArray[Any]:
+    """Return the linear colour of one picture, or its codes, (H, W, 4)."""
     seen = find(plan)
     shown = passes.shade_faces(
         plan, prepared, seen.geometry, seen.placement, seen.coverage, workers
     )
-    return shown["linear"]
+    return shown[plan.outputs[0]]
 
 
 def _moved(plan: RenderPlan, offset: Offset) -> RenderPlan:
@@ -226,13 +230,13 @@ def _background(plan: RenderPlan) -> NDArray[np.float32]:
 
 
 def _plan_picture(plan: RenderPlan, shadows: Shadows | None) -> RenderPlan:
-    """Return the plan of one picture: its linear light alone, by shadow maps that are drawn."""
-    lighting = plan.lighting
+    """Return the plan of one picture: its light, or codes, alone, by shadow maps that are drawn."""
+    lighting, has_codes = plan.lighting, plan.grounds.mixes_codes
     return replace(
         plan,
-        outputs=("linear",),
-        background=_background(plan),
-        encoding=plan.encoding._replace(tone=None),
+        outputs=("color",) if has_codes else ("linear",),
+        background=plan.background if has_codes else _background(plan),
+        encoding=plan.encoding if has_codes else plan.encoding._replace(tone=None),
         lighting=None if lighting is None else lighting._replace(shadows=shadows),
         grounds=plan.grounds._replace(lights=NO_LIGHTS),
         wireframe=None,
@@ -277,6 +281,40 @@ def _add_picture(
         accumulating.add_picture(linear[band], sums[band])
 
     workers.run(add_band, _bands(linear.shape, workers))
+
+
+def _add_codes(
+    color: NDArray[np.uint8], sums: NDArray[np.float64], workers: stages.Workers
+) -> None:
+    """Add the codes of a picture to the sums, both (H, W, 4)."""
+    packed = color.view(np.uint32)[:, :, 0]
+
+    def add_band(band: slice) -> None:
+        code_blending.add_codes(packed[band], sums[band])
+
+    workers.run(add_band, _bands(color.shape, workers))
+
+
+def _average_codes(
+    plan: RenderPlan, accumulation: Accumulation, workers: stages.Workers
+) -> dict[str, NDArray[Any]]:
+    """Return the colour outputs of the mean of the codes of all pictures."""
+    sums, table = accumulation.sums, plan.encoding.table
+    shape, light = sums.shape[:2], decoding_table().copy()
+    color = workers.memory.empty((*shape, 4), np.uint8)
+    has_linear = "linear" in plan.outputs
+    linear = workers.memory.empty((*shape, 4), np.float32) if has_linear else None
+    packed, behind = color.view(np.uint32)[:, :, 0], np.empty((1, 1), np.uint32)
+    resolve.encode_rows(plan.background.reshape(1, 1, 4), table, behind)
+
+    def write_band(band: slice) -> None:
+        code_blending.write_mean_codes(sums[band], accumulation.count, behind, packed[band])
+        if linear is not None:
+            code_blending.decode_rows(packed[band], light, linear[band])
+
+    workers.run(write_band, _bands(sums.shape, workers))
+    result: dict[str, NDArray[Any]] = {"linear": linear, "color": color}
+    return {name: result[name] for name in ("linear", "color") if name in plan.outputs}
 
 
 def _average(

@@ -98,7 +98,7 @@ FRAMES_OF_ALL_KERNELS = (
     "materials_under_a_sky", "shadows_of_all_lights", "layers_of_glass",
     "layers_in_four_samples",
     "edges_in_eight_samples", "many_pictures", "areas", "codes_of_glass", "codes_in_four_samples",
-    "lines_by_coverage", "coarse_geometry",
+    "codes_of_many_pictures", "lines_by_coverage", "coarse_geometry",
 )  # fmt: skip
 
 

@@ -11,7 +11,7 @@ from test_antialiasing import places
 from test_layered import colors_of, meshes_of, reason, soup
 
 import rasterjit as rj
-from rasterjit import layered
+from rasterjit import layered, supersampling
 from rasterjit.kernels import code_blending
 from rasterjit.scene.color import srgb_to_linear
 
@@ -268,3 +268,46 @@ def test_codes_are_darker_between_bright_and_dark_than_light_is():
     for blending, want in (("linear", 188), ("srgb8", 128)):
         frame = draw(veil, background="black", outputs=("color",), blending=blending)
         assert (frame.color == (want, want, want, 255)).all()
+
+
+def test_many_pictures_are_averaged_code_by_code():
+    rng, size, count = np.random.default_rng(61), (16, 8), 9
+    background = BACKGROUNDS[1]
+    triangles = soup(rng, count, size, 0.8)
+    colors, is_blended = colors_of(rng, count, (0.1, 0.9)), rng.random(count) < 0.6
+    meshes = meshes_of(triangles, colors, is_blended, size)
+    quality = rj.Quality(samples=64, blending="srgb8", subpixel_bits=12)
+    tone_map = rj.ToneMap("reinhard")
+    frame = draw_with(meshes, quality, size, background, tone_map)
+    # Each picture alone, by a camera that is moved to its samples.
+    sums = np.zeros((size[1], size[0], 4), int)
+    one = rj.Quality(blending="srgb8", subpixel_bits=12)
+    for x, y in supersampling.sample_offsets(64):
+        camera = supersampling.MovedCamera(CAMERA, (x, y))
+        moved = rj.MatrixCamera(camera.view_matrix(), camera.projection_matrix(size))
+        codes = draw_with(meshes, one, size, background, tone_map, moved).color.astype(int)
+        sums[..., :3] += codes[..., :3] * codes[..., 3:]
+        sums[..., 3] += codes[..., 3]
+    want = np.empty_like(sums)
+    want[..., :3] = (2 * sums[..., :3] + sums[..., 3:]) // (2 * sums[..., 3:])
+    want[..., 3] = (2 * sums[..., 3] + 64) // 128
+    np.testing.assert_array_equal(frame.color, want)
+    np.testing.assert_array_equal(frame.linear[..., :3], srgb_to_linear(frame.color[..., :3]))
+
+
+def draw_with(meshes, quality, size, background, tone_map, camera=CAMERA):
+    scene = scene_of(meshes)
+    scene.tone_map = tone_map
+    return rj.render(
+        scene, camera, size=size, background=background, quality=quality, threads=1,
+        outputs=("color", "linear"),
+    )  # fmt: skip
+
+
+def test_where_nothing_covers_a_pixel_the_mean_of_pictures_keeps_the_colour_behind():
+    mesh = meshes_of([([(0, 0), (4, 0), (0, 4)], [0.0] * 3)], np.ones((1, 4)), [False], (16, 8))
+    for behind, want in (((0, 0, 0, 0), (0, 0, 0, 0)), ((1, 0, 0, 0), (255, 0, 0, 0))):
+        quality = rj.Quality(samples=64, blending="srgb8")
+        frame = draw_with(mesh, quality, (16, 8), behind, None)
+        assert tuple(frame.color[7, 15].tolist()) == want
+        assert tuple(frame.color[0, 0].tolist()) == (255, 255, 255, 255)

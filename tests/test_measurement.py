@@ -266,6 +266,8 @@ MIXED = {
     "samples": {"samples": 4},
     "pictures": {"samples": 64},
     "rich pictures": {"samples": 64},
+    "pictures of codes": {"samples": 64, "blending": "srgb8"},
+    "rich pictures of codes": {"samples": 64, "blending": "srgb8"},
 }
 """Settings of the quality by the cases that have any."""
 
@@ -292,7 +294,7 @@ def test_kernels_told_are_those_called(cube, called, case):
         scene.environment = rj.Environment.gradient()
     options = {"size": SIZE, "outputs": outputs, "diagnose": diagnose}
     options["quality"] = rj.Quality(**MIXED.get(case, {}))
-    if case.endswith("pictures"):
+    if "pictures" in case:
         options["size"] = (24, 18)
     plan = rj.explain(scene, camera, **options)
     rj.render(scene, camera, **options)

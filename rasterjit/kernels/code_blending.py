@@ -206,6 +206,55 @@ def mix_codes(opaque, transparent, colors, behind, color):
 
 
 @kernel
+def add_codes(color, sums):
+    """
+    Add rows of pixels to their sums.
+
+    Parameters
+    ----------
+    color : (R, W) uint32
+    sums : (R, W, 4) float64
+        Changed: the sums of codes times alpha, and of alpha; whole numbers below 2**53.
+    """
+    for row in range(color.shape[0]):
+        for i in range(np.uintp(color.shape[1])):
+            alpha = channel(color[row, i], 3)
+            for k in range(3):
+                sums[row, i, k] += np.float64(alpha * channel(color[row, i], k))
+            sums[row, i, 3] += np.float64(alpha)
+
+
+@kernel
+def write_mean_codes(sums, count, behind, color):
+    """
+    Write the mean of pictures, each code rounded half up.
+
+    Parameters
+    ----------
+    sums : (R, W, 4) float64
+        Of `add_codes`.
+    count : int
+        Number of pictures.
+    behind : (1, 1) uint32
+        Their background: its colour is kept where alpha is 0 in all of them.
+    color : (R, W) uint32
+        Written.
+    """
+    for row in range(color.shape[0]):
+        for i in range(np.uintp(color.shape[1])):
+            total = np.int64(sums[row, i, 3])
+            if total == 0:
+                color[row, i] = np.uint32(behind[0, 0] & np.uint32(0xFFFFFF))
+                continue
+            color[row, i] = packed(
+                rounded(np.int64(sums[row, i, 0]), total),
+                rounded(np.int64(sums[row, i, 1]), total),
+                rounded(np.int64(sums[row, i, 2]), total),
+                rounded(total, np.int64(count)),
+            )
+
+
+@kernel
 def decode_rows(color, light, linear):
     """
     Write what codes stand for.

@@ -1,5 +1,5 @@
 """
-Forty-five small frames that use every feature, and the recorded hashes of all their outputs.
+Forty-six small frames that use every feature, and the recorded hashes of all their outputs.
 
 Nothing here depends on a math library or a random generator: coordinates are whole numbers,
 quotients and square roots, whose bits IEEE 754 fixes, and the "random" ones are a small generator
@@ -438,6 +438,10 @@ def codes_in_four_samples() -> Shot:
     return replace(shot, settings={"blending": "srgb8"}, options={"background": "transparent"})
 
 
+def codes_of_many_pictures() -> Shot:
+    return replace(many_pictures(), settings={"blending": "srgb8"})
+
+
 def codes_at_edges() -> Shot:
     return replace(edges_in_eight_samples(), settings={"blending": "srgb8"})
 
@@ -614,7 +618,8 @@ FRAMES: dict[str, Callable[[], Shot | Soup | Canvas]] = {
         wireframe_overlay, wireframe_only, wireframe_clipped, occluded_and_outlined,
         materials_under_a_sky, shadows_of_all_lights, layers_of_glass, layers_in_four_samples,
         edges_in_eight_samples, many_pictures, areas, codes_of_glass, codes_in_four_samples,
-        codes_at_edges, lines_by_coverage, lines_by_coverage_in_codes, coarse_geometry,
+        codes_of_many_pictures, codes_at_edges, lines_by_coverage, lines_by_coverage_in_codes,
+        coarse_geometry,
         culled_back,
         culled_front_and_mirrored, parallel, mirroring_matrices, intrinsics,
         ground_to_the_horizon, inside_a_ball, slivers, far_from_the_origin, vast_and_tiny,
