@@ -204,6 +204,20 @@ def test_several_samples_compare_depths_in_the_same_format(name):
     assert (red[0] > 0.0) == (name in ("unorm16", "unorm24", "float32"))
 
 
+@pytest.mark.parametrize(("name", "standing"), [("unorm16", "tied"), ("float64", "hidden")])
+def test_a_pixel_is_explained_by_the_depths_of_the_format(name, standing):
+    scene = rj.Scene()
+    for distance in (100.0, 100.001):
+        scene.add(card(distance))
+    camera = looking(0.1, 1000.0)
+    told = rj.explain_pixel(scene, camera, (4, 3), 2, 1, quality=quality(name)).faces
+    assert [face.standing for face in told] == ["visible", standing]
+    for face, distance in zip(told, (Fraction(100), Fraction("100.001")), strict=True):
+        exact = exact_depth(name, distance, Fraction(1, 10), Fraction(1000))
+        assert face.stored_depth == pytest.approx(float(exact), rel=1e-12)
+        assert face.depth == pytest.approx(100.0, rel=0.01 if name == "unorm16" else 2e-5)
+
+
 # --- cameras --------------------------------------------------------------------------------------
 
 
