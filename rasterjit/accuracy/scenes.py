@@ -132,10 +132,15 @@ def near_and_far() -> MadeScene:
 def far_from_origin() -> MadeScene:
     """Return a bumpy ground a thousand kilometres from the origin of its coordinates, in metres."""
     origin = np.array([1.0e6 + 0.3, 3.7, -2.0e6 + 0.1])
-    vertices, faces = _bumps(48, 6.0, 0.35)
+    squares = 48
+    vertices, faces = _bumps(squares, 6.0, 0.35)
+    row, column = np.divmod(np.arange(squares * squares), squares)
+    is_light = np.tile((row // 4 + column // 4) % 2 == 1, 2)[:, np.newaxis]
+    colors = np.where(is_light, (0.7, 0.7, 0.5), (0.2, 0.3, 0.15))
     scene = Scene()
-    material = Material(base_color=(0.5, 0.55, 0.35), specular=0.2, shininess=30.0)
-    scene.add(Mesh(vertices + origin, faces, material=material), name="ground")
+    material = Material(base_color="white", specular=0.2, shininess=30.0)
+    mesh = Mesh(vertices + origin, faces, colors=colors, material=material)
+    scene.add(mesh, name="ground")
     scene.lights += [AmbientLight(intensity=0.15), DirectionalLight((-1.0, -0.8, -0.4))]
     return MadeScene(scene, PerspectiveCamera(origin + (0.3, 2.2, 4.0), origin))
 

@@ -57,14 +57,17 @@ def test_error_does_not_grow_as_the_level_rises(setting):
             assert higher <= lower * (1.0 + SLACK), dict(zip(chain, rmse, strict=True))
 
 
-MATTERING = ("subpixel_bits", "samples")
-"""Settings whose least level is seen in the picture of their scene."""
+FALL = 0.98
+"""Share of the error of its least level that a setting's best may have at most."""
+
+MATTERING = [setting for setting in LEVELS if setting != "math"]
+"""Settings whose least level is seen; polynomials are as good as the library, to 2e-7."""
 
 
 @pytest.mark.parametrize("setting", MATTERING)
 def test_a_scene_shows_what_its_setting_is_for(setting):
     found = list(errors(setting).values())
-    assert found[-1].rmse < 0.9 * found[0].rmse
+    assert found[-1].rmse < FALL * found[0].rmse
     assert found[-1].wrong_faces <= found[0].wrong_faces
 
 
