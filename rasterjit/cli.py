@@ -380,7 +380,12 @@ def explain(
               help="Comma-separated names of the settings to try; default: all.")  # fmt: skip
 @click.option("--budget", type=FiniteType(0.0, min_open=True), metavar="SECONDS",
               help="Time that it may take, about; default 120.")  # fmt: skip
-@click.option("-o", "--output", type=click.Path(path_type=Path), required=True, metavar="FOLDER",
+@click.option(
+    "--calibrate",
+    is_flag=True,
+    help="Measure this machine once, for time_budget and max_error, and keep it.",
+)
+@click.option("-o", "--output", type=click.Path(path_type=Path), metavar="FOLDER",
               help="Where the report is written; made if there is none.")  # fmt: skip
 @click.option("--size", type=SizeType(), metavar="WxH",
               help="Size of the picture, pixels; default 640x480.")  # fmt: skip
@@ -391,17 +396,26 @@ def explain(
 @quiet_option
 @debug_option
 @click.pass_context
-def accuracy(context: click.Context, file: Path | None, made: str | None, **rest: Any) -> None:
+def accuracy(
+    context: click.Context, file: Path | None, made: str | None, calibrate: bool, **rest: Any
+) -> None:
     """
     Measure what each accuracy setting costs in time and buys in error.
 
     Draws FILE with every level of every setting that matters to it, from the standard quality on,
     and compares time and picture with those of the reference.
     """
+    from rasterjit.cli_accuracy import calibrate_machine, study_scene
+
+    if calibrate:
+        if file is not None or made is not None or rest["output"] is not None:
+            raise click.UsageError("--calibrate draws scenes of its own and writes no report")
+        calibrate_machine(rest["threads"], rest["quiet"])
+        return
     if (file is None) == (made is None):
         raise click.UsageError("give either a FILE or --scene NAME")
-    from rasterjit.cli_accuracy import study_scene
-
+    if rest["output"] is None:
+        raise click.UsageError("Missing option '-o' / '--output'.")
     view, look, effects = (gather(kind, rest) for kind in (View, Look, Effects))
     view.check()
     found = study_scene(made or file, view, look, effects, rest)

@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from rasterjit.accuracy import Study, Trial, can_make_page, make, sentences, study
+from rasterjit.accuracy import Study, Trial, calibrate, can_make_page, make, sentences, study
 from rasterjit.accuracy.files import CSV_NAME, JSON_NAME, prepare_folder
 from rasterjit.accuracy.results import COMBINATIONS
 from rasterjit.accuracy.study import SIZE
 from rasterjit.cli_effects import Effects
 from rasterjit.cli_files import load_scene
 from rasterjit.cli_options import Look, View
+from rasterjit.scene.quality import PRESETS, Quality, differences
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -69,6 +70,27 @@ def study_scene(
     return found
 
 
+def calibrate_machine(threads: int | None, quiet: bool) -> None:
+    """Measure what qualities cost and buy on this machine, print it, and say where it is kept."""
+    from rich.table import Table
+
+    with _progress(quiet) as progress:
+        profile, path = calibrate(threads=threads, progress=progress)
+    if quiet:
+        return
+    table = Table(title=f"Of standard frames, {profile.threads} threads", padding=(0, 1))
+    table.add_column("quality")
+    table.add_column("time", justify="right")
+    table.add_column("error", justify="right")
+    for step in profile.steps:
+        changes = differences(step.quality, Quality.standard())
+        name = next((name for name, make in PRESETS.items() if make() == step.quality), None)
+        said = ", ".join(f"{setting}={level}" for setting, level in changes.items())
+        table.add_row(name or said, f"{step.time:.2f}", f"{step.error:.3f}")
+    _console().print(table)
+    click.echo(f"wrote {path}")
+
+
 @contextmanager
 def _progress(quiet: bool) -> Iterator[Progress | None]:
     """Give what shows progress on standard error, if somebody is looking."""
@@ -89,13 +111,19 @@ def _progress(quiet: bool) -> Iterator[Progress | None]:
         yield show
 
 
-def _print(found: Study, folder: Path) -> None:
-    """Print the table, the sentences, what is missing from them, and the files."""
+def _console() -> Console:
+    """Return where tables are printed; wide, where nobody's terminal sets the width."""
     from rich.console import Console
 
     console = Console(highlight=False, markup=False, emoji=False)
-    if not console.is_terminal:
-        console = Console(width=FILE_WIDTH, highlight=False, markup=False, emoji=False)
+    if console.is_terminal:
+        return console
+    return Console(width=FILE_WIDTH, highlight=False, markup=False, emoji=False)
+
+
+def _print(found: Study, folder: Path) -> None:
+    """Print the table, the sentences, what is missing from them, and the files."""
+    console = _console()
     _print_table(found, console)
     for sentence in sentences(found).values():
         console.print(f"- {sentence}")

@@ -209,7 +209,7 @@ def light_of(frame: Frame) -> NDArray[np.float32]:
     return frame.linear[:, :, :3]
 
 
-def root_mean_square(differences: NDArray[np.float32]) -> float:
+def root_mean_square(differences: NDArray[Any]) -> float:
     """Return the root of the mean square."""
     return float(np.sqrt(np.mean(np.square(differences, dtype=np.float64))))
 

@@ -6,6 +6,7 @@ Measure what each accuracy setting costs in time and what it buys in error.
 >>> found.front
 """
 
+from rasterjit.accuracy.calibration import calibrate
 from rasterjit.accuracy.files import can_make_page, write_files, write_report
 from rasterjit.accuracy.results import Errors, Study, Trial
 from rasterjit.accuracy.scenes import MADE_FOR, SCENES, MadeScene, make
@@ -19,6 +20,7 @@ __all__ = [
     "MadeScene",
     "Study",
     "Trial",
+    "calibrate",
     "can_make_page",
     "make",
     "sentences",

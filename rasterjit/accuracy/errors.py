@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.accuracy.results import Errors
+from rasterjit.dial import light_of, root_mean_square
 from rasterjit.frame import Frame
-from rasterjit.scene.color import srgb_to_linear
 from rasterjit.scene.scene import Scene
 
 PICTURE_OUTPUTS = ("color", "linear")
@@ -57,17 +57,6 @@ def buffers_of(scene: Scene) -> tuple[str, ...]:
     return ("depth", "face_id", "uv") if is_laid else ("depth", "face_id")
 
 
-def light_of(frame: Frame) -> NDArray[np.float32]:
-    """
-    Return the light that a frame shows, (H, W, 3) float32, linear red, green and blue.
-
-    Lines lie over the 8-bit colour alone: with a wireframe it is that colour, decoded.
-    """
-    if frame.plan.wireframe is not None:
-        return srgb_to_linear(frame.color[:, :, :3])
-    return frame.linear[:, :, :3]
-
-
 def compare(frame: Frame, reference: Reference) -> tuple[Errors, NDArray[np.float32]]:
     """
     Return the errors of a frame.
@@ -85,7 +74,7 @@ def compare(frame: Frame, reference: Reference) -> tuple[Errors, NDArray[np.floa
         Largest difference of the linear channels at each pixel.
     """
     difference = np.abs(light_of(frame).astype(np.float64) - light_of(reference.picture))
-    rmse = math.sqrt(float(np.mean(difference * difference)))
+    rmse = root_mean_square(difference)
     faces, true_faces = frame.face_id, reference.buffers.face_id
     is_same = (faces == true_faces) & (faces >= 0)
     ulp, units = _depth_errors(frame.depth[is_same], reference.buffers.depth[is_same])

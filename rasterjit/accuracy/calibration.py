@@ -1,0 +1,101 @@
+"""Measure once what the qualities of the dial cost and buy on this machine, and keep it."""
+
+from __future__ import annotations
+
+import statistics
+from pathlib import Path
+
+from rasterjit.accuracy.scenes import make
+from rasterjit.accuracy.study import COLOR_ALONE, Studio, machine
+from rasterjit.accuracy.timing import Progress, total
+from rasterjit.dial import light_of, root_mean_square
+from rasterjit.profile import LADDER, Profile, Step, front_of, save_profile
+from rasterjit.scene.quality import SUPERSAMPLED, Quality
+from rasterjit.validation import thread_count
+from rasterjit.workers import available_processors
+
+SCENES_DRAWN = ("highlights", "shadows", "glass", "floor")
+"""Made scenes that differ in what they cost: light, shadows, layers, textures."""
+
+ROUNDS = 7
+"""Frames of each quality, by turns, that a time is the median of; of many pictures, one."""
+
+LIGHT = ("color", "linear")
+"""Outputs that errors are told from."""
+
+
+def calibrate(
+    *, threads: int | None = None, progress: Progress | None = None
+) -> tuple[Profile, Path]:
+    """
+    Draw made scenes in the qualities of the dial; keep times and errors in the cache folder.
+
+    What ``render(time_budget=...)`` and ``max_error`` choose from are those qualities that no other
+    is both faster and more accurate than.
+
+    Parameters
+    ----------
+    threads : int, optional
+        Default: all processors.
+    progress : callable, optional
+        Called with what is being done, how much of it is done, and how much there is.
+
+    Returns
+    -------
+    Profile
+    Path
+        The file that it is kept in, whole.
+
+    Raises
+    ------
+    ValueError
+        If the number of threads is wrong, or the cache folder cannot be written.
+    """
+    thread_count("threads", threads)
+    times: dict[Quality, list[float]] = {quality: [] for quality in LADDER}
+    errors: dict[Quality, list[float]] = {quality: [] for quality in LADDER}
+    for number, name in enumerate(SCENES_DRAWN):
+        if progress is not None:
+            progress(f"drawing {name}", number, len(SCENES_DRAWN))
+        made = make(name)
+        with Studio(made.scene, made.camera, made.size, threads) as studio:
+            for quality, error in _errors(studio).items():
+                errors[quality].append(error)
+            for quality, time in _times(studio).items():
+                times[quality].append(time)
+    steps = [
+        Step(quality, statistics.median(times[quality]), statistics.median(errors[quality]))
+        for quality in LADDER
+    ]
+    profile = Profile(front_of(steps), threads or available_processors())
+    return profile, save_profile(profile, machine())
+
+
+def _errors(studio: Studio) -> dict[Quality, float]:
+    """Return the error of each quality over that of the standard; compiles what it takes."""
+    reference = light_of(studio.draw(Quality.reference(), LIGHT))
+    found = {
+        quality: root_mean_square(light_of(studio.draw(quality, LIGHT)) - reference)
+        for quality in LADDER[:-1]
+    }
+    found[LADDER[-1]] = 0.0
+    usual = found[Quality.standard()]
+    return {quality: error / usual for quality, error in found.items()}
+
+
+def _times(studio: Studio) -> dict[Quality, float]:
+    """Return the time of each quality over that of the standard, by turns."""
+    ratios: dict[Quality, list[float]] = {quality: [] for quality in LADDER}
+    for quality in LADDER:
+        if quality.samples not in SUPERSAMPLED:
+            studio.draw(quality, COLOR_ALONE)
+    for turn in range(ROUNDS):
+        seconds = {
+            quality: total(studio.seconds(quality))
+            for quality in LADDER
+            if turn == 0 or quality.samples not in SUPERSAMPLED
+        }
+        usual = seconds[Quality.standard()]
+        for quality, time in seconds.items():
+            ratios[quality].append(time / usual)
+    return {quality: statistics.median(some) for quality, some in ratios.items()}
