@@ -103,6 +103,7 @@ def steps() -> list[Step]:
         Step("environment", _draw_environment),
         Step("transparency", partial(_draw_layers, "blend", 1)),
         Step("anti-aliasing", partial(_draw_layers, "opaque", 4)),
+        Step("whole pictures averaged", partial(_draw_layers, "opaque", 64)),
         Step("diagnostics", _diagnose),
         Step("rasterize", _rasterize),
         Step("framebuffer lines and curves", _draw_lines),
