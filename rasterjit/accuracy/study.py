@@ -45,7 +45,7 @@ from rasterjit.workers import available_processors
 SIZE = (640, 480)
 """Pixels of the pictures, unless another size is asked for."""
 
-BUDGET = 120.0
+BUDGET = 100.0
 """Seconds of a study, unless others are asked for."""
 
 KEPT = 0.5
@@ -92,7 +92,7 @@ def study(
         Names of the settings to try. Default: all.
     budget : float, optional
         Seconds, about, that it may take; half of them are kept for what follows the reference and
-        the standard. What there is no time for is left out and named. Default 120.
+        the standard. What there is no time for is left out and named. Default 100.
     threads : int, optional
         Default: all processors.
     progress : callable, optional
