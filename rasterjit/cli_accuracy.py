@@ -164,7 +164,7 @@ def _print_table(found: Study, console: Console) -> None:
     width, height = found.size
     console.print(
         f"{found.scene}, {width} x {height} pixels, {found.threads} threads, medians of "
-        f"{len(found.standard.seconds)} frames (fewer of slow ones); * on the Pareto front"
+        f"{max(found.rounds, 1)} frames (fewer of slow ones); * on the Pareto front"
     )
     console.print(table)
 

@@ -22,6 +22,9 @@ SLOW = 8.0
 """Frames that take longer than so many of the standard's are drawn in fewer rounds: so often that
 on average they take no longer."""
 
+STANDARDS = 3
+"""Frames of the standard in a round of many."""
+
 DRAWINGS = 3
 """Frames that are drawn of each quality before the rounds."""
 
@@ -85,7 +88,7 @@ class Contestant:
     first: Stages
     frames: list[Stages] = field(default_factory=list)
     usual: list[float] = field(default_factory=list)
-    """Seconds of the standard's frame in the round of each of ``frames``."""
+    """Seconds of the standard in the round of each of ``frames``."""
 
     @property
     def cost(self) -> float:
@@ -159,30 +162,45 @@ def take_turns(
     progress: Progress,
 ) -> None:
     """
-    Draw all contestants and the standard once a round, until nothing is left of the allowance.
+    Draw all contestants once a round, until nothing is left of the allowance.
 
-    What disturbs the machine so falls on all of them. They begin with another one every round.
+    The standard is drawn three times, and the median counts: all others are held against it. What
+    disturbs the machine so falls on all of them. They begin with another one every round.
     A frame is drawn twice and the second counts, for another quality was drawn before: what is kept
     from frame to frame is not as for the next of many. The first round is drawn in any case. One
     that is interrupted is forgotten.
     """
-    everyone = [standard, *contestants]
     longest = 0.0
     for number in range(MOST_ROUNDS):
         progress("timing", number, MOST_ROUNDS)
         before = allowance.left()
         if number > 0 and before < longest:
             break
-        present = [one for one in everyone if number % rounds_between(one, standard) == 0]
-        first = number % len(present)
-        frames = {}
-        for one in present[first:] + present[:first]:
-            quality = one.attempt.quality
-            if one.attempt.passes == 1:
-                painter.seconds(quality)
-            frames[id(one)] = painter.seconds(quality)
-        for one in present:
-            one.frames.append(frames[id(one)])
-            one.usual.append(total(frames[id(standard)]))
+        present = [one for one in contestants if number % rounds_between(one, standard) == 0]
+        first = number % max(len(present), 1)
+        drawn = [
+            (one, _timed(painter, one.attempt))
+            for one in with_standard(present[first:] + present[:first], standard)
+        ]
+        usual = statistics.median(total(frame) for one, frame in drawn if one is standard)
+        for one, frame in drawn:
+            one.frames.append(frame)
+            one.usual.append(usual)
         longest = max(longest, before - allowance.left())
     progress("timing", MOST_ROUNDS, MOST_ROUNDS)
+
+
+def with_standard(turn: Sequence[Contestant], standard: Contestant) -> list[Contestant]:
+    """Return who is drawn in a round: the standard before each third of the others."""
+    third = max(-(-len(turn) // STANDARDS), 1)
+    order: list[Contestant] = []
+    for start in range(0, max(len(turn), 1), third):
+        order += [standard, *turn[start : start + third]]
+    return order
+
+
+def _timed(painter: Painter, attempt: Attempt) -> Stages:
+    """Return the seconds of a frame that is not the first of its quality."""
+    if attempt.passes == 1:
+        painter.seconds(attempt.quality)
+    return painter.seconds(attempt.quality)

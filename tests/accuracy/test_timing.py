@@ -45,17 +45,19 @@ def run(seconds, budget):
     return painter, standard, others, told
 
 
-def test_every_round_draws_the_standard_and_each_quality_once():
+def test_every_round_draws_each_quality_and_the_standard_between_them():
     painter, standard, others, _ = run({1: 0.2, 4: 0.5, 8: 0.7}, 1000.0)
-    assert len(painter.drawn) == 6 * timing.MOST_ROUNDS
+    assert len(painter.drawn) == 8 * timing.MOST_ROUNDS
     for number in range(timing.MOST_ROUNDS):
-        assert sorted(painter.drawn[6 * number : 6 * number + 6]) == [1, 1, 4, 4, 8, 8]
-    assert {len(one.frames) for one in (standard, *others)} == {timing.MOST_ROUNDS}
+        a, b = ((4, 8), (8, 4))[number % 2]
+        assert painter.drawn[8 * number : 8 * number + 8] == [1, 1, a, a, 1, 1, b, b]
+    assert {len(one.frames) for one in others} == {timing.MOST_ROUNDS}
+    assert len(standard.frames) == 2 * timing.MOST_ROUNDS
 
 
 def test_rounds_begin_with_another_quality_each():
-    painter, *_ = run({1: 0.2, 4: 0.5, 8: 0.7}, 1000.0)
-    assert painter.drawn[0:24:6] == [1, 4, 8, 1]
+    painter, *_ = run({1: 0.2, 2: 0.3, 4: 0.5, 8: 0.7}, 1000.0)
+    assert painter.drawn[2:50:12] == [2, 4, 8, 2]
 
 
 def test_frames_of_one_picture_are_drawn_twice_and_the_second_counts():
@@ -149,3 +151,28 @@ def test_an_allowance_keeps_what_was_promised_and_no_more():
     clock.now += 30.0
     allowance.keep(5.0)
     assert allowance.left() == pytest.approx(5.0)
+
+
+@pytest.mark.parametrize(("others", "times"), [(0, 1), (1, 1), (2, 2), (3, 3), (9, 3), (40, 3)])
+def test_the_standard_is_drawn_up_to_three_times_in_a_round(others, times):
+    standard, turn = contestant(1, 0.1), [contestant(4, 0.1) for _ in range(others)]
+    order = timing.with_standard(turn, standard)
+    assert [one for one in order if one is not standard] == turn
+    assert sum(one is standard for one in order) == times
+    assert order[0] is standard
+
+
+def test_one_disturbed_frame_of_the_standard_changes_no_ratio():
+    clock = Clock()
+
+    class Disturbed(Painter):
+        def seconds(self, quality):
+            stages = super().seconds(quality)
+            is_late = quality.samples == 1 and len(self.drawn) == 2
+            return {name: seconds * (9.0 if is_late else 1.0) for name, seconds in stages.items()}
+
+    painter = Disturbed(clock, {1: 0.2, 2: 0.3, 4: 0.5, 8: 0.7})
+    standard, *others = (contestant(samples, cost) for samples, cost in painter.costs.items())
+    take_turns(painter, standard, others, Allowance(1000.0, clock), lambda *what: None)
+    assert max(standard.frames[0].values()) > 1.0
+    assert others[0].trial(standard).ratios == pytest.approx([1.5] * timing.MOST_ROUNDS)
