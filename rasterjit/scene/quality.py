@@ -54,7 +54,9 @@ class Quality:
         are drawn, moved by parts of a pixel, and averaged. Colour is mixed in linear light, before
         tone mapping; all other outputs come from the pixel centre. ``"area"`` is not for scenes
         that show blended materials (``alpha_mode`` "blend" with an alpha below 1): rendering them
-        raises ``ValueError``, naming an object that has one.
+        raises ``ValueError``, naming an object that has one. Edges of the holes of an alpha mask
+        are smoothed as all others with 2 to 16 samples, each of which has its own alpha; with
+        ``"area"`` a face has one alpha in a pixel, at its centre, so they stay hard.
     interpolation : {"affine", "perspective"}
         What lies between the vertices of a face: linear on the screen, as consoles without a
         divider drew it, or linear on the face. Faces that cross the near or far plane, or reach
