@@ -383,7 +383,7 @@ def explain(
 @click.option("--budget", type=FiniteType(0.0, min_open=True), metavar="SECONDS",
               help="Time that it may take, about; default 100.")  # fmt: skip
 @click.option("--calibrate", is_flag=True,
-              help="Measure this machine once, for time_budget and max_error, and keep it.")  # fmt: skip
+              help="Measure this machine once, for time_budget and max_error.")  # fmt: skip
 @click.option("-o", "--output", type=click.Path(path_type=Path), metavar="FOLDER",
               help="Where the report is written; made if there is none.")  # fmt: skip
 @click.option("--size", type=SizeType(), metavar="WxH",

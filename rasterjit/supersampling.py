@@ -179,7 +179,7 @@ def shade_faces(
     """
     offsets = sample_offsets(int(plan.quality.samples))
     has_codes = plan.grounds.mixes_codes
-    add, average = (_add_codes, _average_codes) if has_codes else (_add_picture, _average)
+    add, finish = (_add_codes, _average_codes) if has_codes else (_add_picture, _average)
     if accumulation.sums is None:
         accumulation.sums = workers.memory.empty((*seen.coverage.face_id.shape, 4), np.float64)
         accumulation.sums.fill(0.0)
@@ -199,7 +199,7 @@ def shade_faces(
             del drawn
             accumulation.count += 1
             clock("average")
-    result = average(plan, accumulation, workers)
+    result = finish(plan, accumulation, workers)
     clock("average")
     return result
 
