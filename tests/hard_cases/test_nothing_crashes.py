@@ -22,6 +22,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import rasterjit as rj
+from rasterjit.scene.quality import LEVELS
 from rasterjit.scene.texture import FILTERS, WRAPS
 
 pytestmark = pytest.mark.usefixtures("hang_is_a_failure")
@@ -156,8 +157,7 @@ FIELDS = {
     rj.Material: ("metallic", "roughness", "normal_texture", "normal_scale", "occlusion_strength",
                   "emissive", "alpha_mode", "alpha_cutoff", "double_sided"),
     rj.Texture: ("color_space", "anisotropy", "offset", "rotation", "scale"),
-    rj.Quality: ("subpixel_bits", "samples", "transparency_layers", "blending", "lines",
-                 "depth_format", "precision", "interpolation"),
+    rj.Quality: tuple(LEVELS),
 }  # fmt: skip
 """What effects are asked for with."""
 
@@ -583,6 +583,8 @@ ELSEWHERE = {
     "Visibility": "what rasterize returns; its invariants are held here",
     "RenderPlan": "what explain returns; here it is printed",
     "Node": "what Scene.add returns",
+    "CalibrationWarning": "a warning of the dial",
+    "Choice": "what the dial notes on a frame",
     "PixelExplanation": "what explain_pixel returns",
     "accuracy": "a module; tests/accuracy refuses its bad input",
 }
