@@ -32,30 +32,30 @@ def parts_of(
     y: int,
 ) -> tuple[ColorPart, ...]:
     """
-    Return the parts of a pixel's colour, the visible face first; none if it alone is seen.
+    Return the parts of a pixel's colour, the visible face first; none if nothing else is seen.
 
     Parameters
     ----------
     drawn : Drawn
     surface, lighting : records
     own : (4,) float32, linear
-        The colour of the visible face.
+        The colour of the visible face, or what is behind all, where its centre shows none.
     linear : (4,) float32, linear
         The pixel's, which the parts add up to.
     x, y : int
     """
     winner, quality = int(drawn.coverage.face_id[y, x]), drawn.plan.quality
-    if quality.samples in SUPERSAMPLED:
+    if quality.samples in SUPERSAMPLED and winner >= 0:
         mean = f"what the mean of {quality.samples} samples, each shaded by itself, differs by"
         return (
             ColorPart(_name_of(drawn, winner), winner, 1.0, 1.0, own[:3]),
             ColorPart(mean, None, 1.0, 1.0, linear[:3] - own[:3]),
         )
-    if drawn.plan.layers is None:
+    if drawn.plan.layers is None or quality.samples in SUPERSAMPLED:
         return ()
     drawn = _at_samples(drawn)
-    colors = {winner: own}
-    shares: Shares = {winner: 0.0}
+    colors = {winner: own} if winner >= 0 else {}
+    shares: Shares = dict.fromkeys(colors, 0.0)
     behind = 0.0
     for faces, weight in _find_samples(drawn, surface, lighting, x, y):
         through = weight
@@ -67,7 +67,7 @@ def parts_of(
             through *= 1.0 - alpha
         behind += through
     shares = {face: share for face, share in shares.items() if share > 0.0 or face == winner}
-    if shares == {winner: 1.0}:
+    if shares in ({winner: 1.0}, {}):
         return ()
     opacity = float(linear[3]) or 1.0
     parts = [
