@@ -55,7 +55,10 @@ MAIN = (OWN, OPENGL, TINYDISPLAY)
 """Those that targets are about: they take part in more rounds, and in quick runs."""
 OTHERS_PATIENCE = 0.25
 
-ELSEWHERE = ("float_edges", "numpy", "pure_python", "full_screen")
+ELSEWHERE = (
+    "float_edges", "single_vertices", "standard_depth", "checked_bounds", "numpy", "pure_python",
+    "full_screen",
+)  # fmt: skip
 """Contestants with rows of their own."""
 
 

@@ -1,4 +1,10 @@
-"""What being exact costs: the same stages with float edge functions and lists in any order."""
+"""
+What promises cost: RasterJIT beside itself without one of them.
+
+Exact coverage and an order that repeats, against float edge functions and vertices in any order;
+float64 vertices, against float32; reversed depth, against standard depth. And what checking every
+index would cost, which the tests do so that no picture has to.
+"""
 
 from __future__ import annotations
 
@@ -16,6 +22,16 @@ SCENES = {
     "visibility_fill_back_to_front": "exact coverage, 20 quads back to front",
     "visibility_fill_front_to_back": "exact coverage, 20 quads front to back",
 }
+
+PROMISES = {
+    "single_vertices": ("float64 vertices, 1 M triangles", "float64 vertices cost {:+.1f} %"),
+    "standard_depth": ("reversed depth, 1 M triangles", "reversed depth costs {:+.1f} %"),
+    "checked_bounds": ("checked bounds, 1 M triangles", "checking them would cost {:+.1f} %"),
+}
+"""Contestants that break another promise, with the title and the price of their row."""
+
+PROMISED = "mesh_1m"
+"""The scene that they draw."""
 
 MORE_ROUNDS = 3
 """Times as many rounds as for other rows: a few percent want more of them than a factor does."""
@@ -44,4 +60,27 @@ def measure_exactness(options: Options) -> list[Row]:
                 row.aim_above(row.ratio, EXACTNESS)
                 row.rate = f"being exact costs {100 / row.ratio - 100:+.1f} %"
             rows.append(row)
+    return rows + measure_promises(replace(options, effort=effort))
+
+
+def measure_promises(options: Options) -> list[Row]:
+    """Time RasterJIT and those that break one promise each."""
+    scene = find_scene(PROMISED)
+    runs = [
+        planned(key, PROMISED, scene, threads)
+        for threads in options.threads
+        for key in (OWN, *PROMISES)
+    ]
+    measure(runs, options.effort)
+    rows = []
+    for run in runs:
+        key = run.entry.contestant
+        note = check_picture(run, runs[0], USUAL)
+        title, price = PROMISES.get(key, (f"promises, {scene.work / 1e6:.0f} M triangles", ""))
+        row = row_of(title, run, note, find_run(runs, OWN, run.entry.threads))
+        if row.ratio is not None and key == "checked_bounds":
+            row.rate = price.format(100 * row.ratio - 100)
+        elif row.ratio is not None and key != OWN:
+            row.rate = price.format(100 / row.ratio - 100)
+        rows.append(row)
     return rows

@@ -32,7 +32,10 @@ trimesh_offscreen = importlib.import_module("benchmarks.contestants.trimesh_offs
 
 contestant = contestants.contestant
 
-HERE = ("opengl", "opengl_color", "embreex", "float_edges", "numpy", "pure_python", "full_screen")
+HERE = (
+    "opengl", "opengl_color", "embreex", "float_edges", "single_vertices",
+    "standard_depth", "checked_bounds", "numpy", "pure_python", "full_screen",
+)  # fmt: skip
 LARGE = ("open3d", "pyvista")
 """Peers of some hundred megabytes, which the extra ``bench`` leaves out."""
 PEERS = sorted(contestants.MODULES.keys() - {*HERE, "rasterjit"})

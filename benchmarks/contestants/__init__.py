@@ -33,6 +33,9 @@ from benchmarks.scenes import Scene
 MODULES = {
     "rasterjit": "rasterjit_",
     "float_edges": "float_edges",
+    "single_vertices": "single_vertices",
+    "standard_depth": "standard_depth",
+    "checked_bounds": "checked_bounds",
     "opengl": "opengl",
     "opengl_color": "opengl_color",
     "tinydisplay": "tinydisplay",

@@ -56,6 +56,21 @@ def prepare(scene: Scene, threads: int) -> Prepared:
     return ready
 
 
+def refuses_all_but_colors(scene: Scene) -> str | None:
+    """Return ``None`` for a mesh with colours, or that nothing else is drawn."""
+    has_colors = not isinstance(scene, LineScene) and "colors" in needs(scene)
+    return None if has_colors else "it draws meshes with colours only"
+
+
+def prepare_picture(scene: Scene, threads: int, **settings: Any) -> Prepared:
+    """Return a mesh ready to draw with some settings of the quality, its kernels compiled."""
+    if isinstance(scene, LineScene):
+        raise ValueError("lines know no quality")
+    ready = Pictures(scene, threads, **settings)
+    ready.draw()
+    return ready
+
+
 class Visibility:
     """Transform, projection, clipping, set-up, binning and visibility."""
 
@@ -104,14 +119,15 @@ class Visibility:
 class Pictures:
     """``Renderer.render``, from a scene to sRGB or, without colours, to face numbers."""
 
-    def __init__(self, scene: TriangleScene, threads: int) -> None:
+    def __init__(self, scene: TriangleScene, threads: int, **settings: Any) -> None:
         import rasterjit as rj
 
         self._scene = make_scene(scene)
         self._cull = scene.cull
         self._output = "face_id" if "faces" in needs(scene) else "color"
         self._cameras = [rj.MatrixCamera(np.eye(4), matrix) for matrix in matrices(scene)]
-        self._renderer = rj.Renderer(scene.size, threads=threads)
+        quality = rj.Quality(**settings)
+        self._renderer = rj.Renderer(scene.size, quality=quality, threads=threads)
 
     def draw(self) -> None:
         """Render every view; a frame's arrays are NumPy's, so that it is read back as well."""
