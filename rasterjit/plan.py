@@ -325,7 +325,8 @@ def check_scene(scene: Scene) -> None:
         for n, item in enumerate(items):
             if not isinstance(item, kinds):
                 wanted = " or ".join(kind.__name__ for kind in kinds)
-                raise ValueError(f"scene.{name}[{n}] must be a {wanted}, got {item!r}")
+                article = "an" if wanted[0] in "AEIOU" else "a"
+                raise ValueError(f"scene.{name}[{n}] must be {article} {wanted}, got {item!r}")
     if not scene.nodes:
         raise ValueError("scene must hold at least one mesh, got an empty scene")
     if scene.wireframe is not None and not isinstance(scene.wireframe, Wireframe):

@@ -83,9 +83,10 @@ def layers_of(
         return None
     if transparency.used and samples == "area":
         number = int(transparency.is_blended.argmax())
+        name, place = nodes[number].name, f"object {number}"
         raise ValueError(
             "quality.samples must be 1, 2, 4, 8 or 16 where a material is blended, got 'area' and "
-            f"{nodes[number].name!r} (object {number}) with alpha_mode 'blend'"
+            f"{place if name == place else f'{name!r} ({place})'} with alpha_mode 'blend'"
         )
     return Layers(transparency.is_blended, transparency.used, samples)
 

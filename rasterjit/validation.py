@@ -18,6 +18,9 @@ MAX_SIZE = 16384
 MATRIX_SIZE = 16
 """Entries of a 4x4 matrix."""
 
+LONGEST_VALUE = 80
+"""Characters of a value that a message shows."""
+
 MAX_THREADS = 1024
 """Most threads a render takes: more than processors in one machine, and few enough to start."""
 
@@ -39,7 +42,7 @@ def bounded_number(name: str, value: Any, low: float, high: float) -> float:
     """Return ``value`` as a float in [low, high], or raise ``ValueError``."""
     number = finite_number(name, value)
     if not low <= number <= high:
-        raise ValueError(f"{name} must be in {low:g}..{high:g}, got {number!r}")
+        raise ValueError(f"{name} must be in {low:g}..{high:g}, got {_as_given(value, number)!r}")
     return number
 
 
@@ -47,8 +50,13 @@ def positive_number(name: str, value: Any) -> float:
     """Return ``value`` as a finite float above zero, or raise ``ValueError``."""
     number = finite_number(name, value)
     if number <= 0.0:
-        raise ValueError(f"{name} must be above 0, got {number!r}")
+        raise ValueError(f"{name} must be above 0, got {_as_given(value, number)!r}")
     return number
+
+
+def _as_given(value: Any, number: float) -> int | float:
+    """Return a number as it was written: 10, not 10.0."""
+    return value if type(value) is int else number
 
 
 def finite_array(name: str, value: ArrayLike, shape: Sequence[int | None]) -> NDArray[np.float64]:
@@ -129,6 +137,28 @@ def one_of(name: str, value: Any, choices: Sequence[Any]) -> Any:
         listed = ", ".join(repr(choice) for choice in choices)
         raise ValueError(f"{name} must be one of {listed}; got {value!r}")
     return value
+
+
+def in_short(value: Any) -> str:
+    """Return what a message says of a value: itself if it is short and plain, else its type."""
+    if isinstance(value, np.ndarray):
+        return f"an array of {value.dtype} with shape {value.shape}"
+    if value is not None and not isinstance(value, (str, bytes, int, float, os.PathLike)):
+        return type(value).__name__
+    shown = repr(value)
+    return shown if len(shown) <= LONGEST_VALUE else shown[:LONGEST_VALUE] + "..."
+
+
+def check_field(owner: Any, name: str, fields: Sequence[str]) -> None:
+    """
+    Raise ``AttributeError`` if an object that is assigned to has no such field.
+
+    Names that begin with an underscore are the object's own, or those of a class made from it.
+    """
+    if name not in fields and not name.startswith("_"):
+        listed = ", ".join(fields)
+        kind = type(owner).__name__
+        raise AttributeError(f"{kind} has no {name!r}; what can be assigned is {listed}")
 
 
 def thread_count(name: str, value: Any) -> int | None:

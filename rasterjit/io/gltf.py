@@ -23,11 +23,12 @@ from numpy.typing import NDArray
 from rasterjit.io.gltf_file import GltfFile
 from rasterjit.io.gltf_materials import MaterialReader
 from rasterjit.io.gltf_meshes import MeshReader
-from rasterjit.io.left_out import LeftOut, MeshFileError
+from rasterjit.io.left_out import LeftOut, MeshFileError, reason_of
 from rasterjit.scene.camera import OrthographicCamera, PerspectiveCamera
 from rasterjit.scene.light import DirectionalLight, PointLight, SpotLight
 from rasterjit.scene.scene import Scene
 from rasterjit.transforms import compose
+from rasterjit.validation import in_short
 
 GLTF_FORMATS = ("gltf", "glb")
 
@@ -140,8 +141,8 @@ class _GltfScene:
             else:
                 fov_y = math.degrees(values["yfov"])
                 self.scene.camera = PerspectiveCamera(eye, eye + ahead, up, fov_y=fov_y, **clip)
-        except (LookupError, TypeError, ValueError, AttributeError):
-            self._left_out.note("incomplete camera")
+        except (LookupError, TypeError, ValueError, AttributeError) as error:
+            self._left_out.note(f"camera {number!r}, which cannot be used: {reason_of(error)}")
 
     def _add_light(self, number: Any, world_from_node: NDArray) -> None:
         """
@@ -152,9 +153,12 @@ class _GltfScene:
         """
         position, direction = world_from_node[:3, 3], -world_from_node[:3, 2]
         try:
-            light = self._file.header["extensions"][_LIGHTS]["lights"][number]
+            lights = self._file.header.get("extensions", {}).get(_LIGHTS, {}).get("lights", [])
+            if not isinstance(number, int) or not 0 <= number < len(lights):
+                raise LookupError(f"the file has {len(lights)} lights")
+            light = lights[number]
             kind, color = light["type"], light.get("color", (1.0, 1.0, 1.0))
-            intensity = light.get("intensity", 1.0) / math.pi
+            intensity = _intensity(light) / math.pi
             if kind == "directional":
                 self.scene.lights.append(DirectionalLight(direction, color, intensity))
             elif kind == "point":
@@ -171,8 +175,16 @@ class _GltfScene:
                 )  # fmt: skip
             else:
                 self._left_out.note(f"{kind} light")
-        except (LookupError, TypeError, ValueError, AttributeError):
-            self._left_out.note("incomplete light")
+        except (LookupError, TypeError, ValueError, AttributeError) as error:
+            self._left_out.note(f"light {number!r}, which cannot be used: {reason_of(error)}")
+
+
+def _intensity(light: dict[str, Any]) -> float:
+    """Return how bright a light is, as the file says it, or raise ``ValueError``."""
+    value = light.get("intensity", 1.0)
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not value >= 0.0:
+        raise ValueError(f"intensity must be a number at least 0, got {in_short(value)}")
+    return value
 
 
 def walk_nodes(header: dict[str, Any]) -> Iterator[tuple[int, dict[str, Any], NDArray]]:

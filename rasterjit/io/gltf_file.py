@@ -18,14 +18,25 @@ from urllib.parse import unquote_to_bytes
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.io.left_out import MissingFileError, reason_of
+
 _GLB_MAGIC = b"glTF"
 _JSON_CHUNK, _BINARY_CHUNK = 0x4E4F534A, 0x004E4942
+_HEAD = 20
+"""Bytes before the JSON of a ``.glb``: the file's header, and the length and kind of a chunk."""
 
 COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 """Types of numbers, by their OpenGL names."""
 
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 """Numbers in a row of an accessor."""
+
+ONE_OF = {
+    "accessors": "accessor", "buffers": "buffer", "bufferViews": "buffer view",
+    "cameras": "camera", "images": "image", "materials": "material", "meshes": "mesh",
+    "samplers": "sampler", "textures": "texture",
+}  # fmt: skip
+"""What an entry of a list of the header is called."""
 
 MOST_ZEROS = 1 << 26
 """Most rows of an accessor that takes no bytes of the file: a damaged count asks for no memory."""
@@ -47,14 +58,17 @@ class GltfFile:
     Raises
     ------
     ValueError
-        If it holds no JSON object, or one of glTF 1.0.
+        If it ends too early, or holds no JSON object, or one of glTF 1.0.
     """
 
     def __init__(self, path: Path) -> None:
         self._folder = path.parent
         self._buffers: dict[int, bytes] = {}
         text, self._chunk = _split_chunks(path.read_bytes())
-        self.header: dict[str, Any] = json.loads(text)
+        try:
+            self.header: dict[str, Any] = json.loads(text)
+        except ValueError as error:
+            raise ValueError(f"its JSON is damaged or ends too early: {error}") from None
         if not isinstance(self.header, dict):
             raise ValueError("the JSON is not an object")
         version = str(self.header.get("asset", {}).get("version", "2.0"))
@@ -72,7 +86,8 @@ class GltfFile:
         """
         entries = self.header.get(section, [])
         if not isinstance(number, int) or not 0 <= number < len(entries):
-            raise LookupError(f"{section} has no number {number!r}")
+            kind = ONE_OF.get(section, section)
+            raise LookupError(f"the file has no {kind} {number!r} (it has {len(entries)})")
         return entries[number]
 
     def array(self, number: Any) -> NDArray[Any]:
@@ -153,6 +168,14 @@ class GltfFile:
             return self._view_bytes(self.entry("bufferViews", image["bufferView"]))
         return self._uri_bytes(image["uri"])
 
+    def picture_name(self, number: Any) -> str:
+        """Return what a message calls a picture: its number, and its name or its file's, if any."""
+        image = self.entry("images", number)
+        uri = image.get("uri")
+        file = uri if isinstance(uri, str) and not uri.startswith("data:") else None
+        name = file or image.get("name")
+        return f"image {number}" + (f", {str(name)[:80]!r}" if name else "")
+
     def _uri_bytes(self, uri: str) -> bytes:
         """Return what a data URI holds, or a file beside this one."""
         if uri.startswith("data:"):
@@ -162,23 +185,34 @@ class GltfFile:
             return unquote_to_bytes(content)
         if "://" in uri:
             raise ValueError(f"{uri[:80]} is not a file beside this one")
-        return (self._folder / unquote_to_bytes(uri).decode("utf-8")).read_bytes()
+        try:
+            return (self._folder / unquote_to_bytes(uri).decode("utf-8")).read_bytes()
+        except FileNotFoundError:
+            raise MissingFileError(f"the file {uri[:80]!r} beside it is missing") from None
+        except OSError as error:
+            raise ValueError(f"the file {uri[:80]!r}: {reason_of(error)}") from None
 
 
 def _split_chunks(content: bytes) -> tuple[bytes, bytes | None]:
     """Return the JSON of a file and its binary chunk, if it has one."""
     if content[:4] != _GLB_MAGIC:
         return content, None
-    _, version, _, length, kind = struct.unpack_from("<4sIIII", content)
+    if len(content) < _HEAD:
+        raise ValueError(f"it ends too early, after {len(content)} bytes")
+    _, version, whole, length, kind = struct.unpack_from("<4sIIII", content)
     if version != 2:
         raise ValueError(f"it is of glTF {version}, not 2.0")
     if kind != _JSON_CHUNK:
         raise ValueError("the first chunk is not JSON")
-    end = 20 + length
+    end = _HEAD + length
+    if len(content) < end:
+        raise ValueError(
+            f"it ends too early, in its JSON: it has {len(content)} of {max(whole, end)} bytes"
+        )
     if len(content) < end + 8:
-        return content[20:end], None
+        return content[_HEAD:end], None
     length, kind = struct.unpack_from("<II", content, end)
-    return content[20:end], content[end + 8 : end + 8 + length] if kind == _BINARY_CHUNK else None
+    return content[_HEAD:end], content[end + 8 : end + 8 + length] if kind == _BINARY_CHUNK else None
 
 
 def _whole(value: Any) -> int:

@@ -13,11 +13,14 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from numpy.typing import NDArray
+
 from rasterjit.io.gltf_file import GltfFile
-from rasterjit.io.left_out import LeftOut
+from rasterjit.io.left_out import LeftOut, reason_of
 from rasterjit.io.pictures import picture_pixels
 from rasterjit.scene.material import BRIGHTEST_EMISSION, Material
 from rasterjit.scene.texture import Texture, turned_over
+from rasterjit.validation import in_short
 
 _WRAPS = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
 _NEAREST, _LINEAR = 9728, 9729
@@ -75,8 +78,8 @@ class MaterialReader:
             label = f"material {entry.get('name', number)!r}"
             try:
                 self._known[number] = self._material(entry, label)
-            except (TypeError, ValueError, AttributeError):
-                self._left_out.note(f"{label}, which is damaged")
+            except (TypeError, ValueError, AttributeError) as error:
+                self._left_out.note(f"{label}, which is damaged: {reason_of(error)}")
                 return None, 0
         return self._known[number]
 
@@ -107,8 +110,8 @@ class MaterialReader:
             shading="pbr",
             metallic=_number(values, "metallicFactor", 1.0, 1.0),
             roughness=_number(values, "roughnessFactor", 1.0, 1.0),
-            normal_scale=_number(values.get("normalTexture", {}), "scale", 1.0, 1e3, -1e3),
-            occlusion_strength=_number(values.get("occlusionTexture", {}), "strength", 1.0, 1.0),
+            normal_scale=_number(_object(values, "normalTexture"), "scale", 1.0, 1e3, -1e3),
+            occlusion_strength=_number(_object(values, "occlusionTexture"), "strength", 1.0, 1.0),
             emissive=tuple(strength * part for part in emitted),
             **options,
             **textures,
@@ -131,7 +134,7 @@ class MaterialReader:
                 texture = self._texture(use, transform, color_space)
             except Exception as error:
                 # Pictures of files are decoded by Pillow, which raises what it likes.
-                reason = " ".join(str(error).split())[:200] or type(error).__name__
+                reason = reason_of(error)
                 self._left_out.note(f"{field} of {label} that cannot be read: {reason}")
                 continue
             if uv_set not in (None, number):
@@ -154,7 +157,7 @@ class MaterialReader:
         options = self._sampler(entry.get("sampler"))
         key = (picture, color_space, *options.values())
         if key not in self._textures:
-            pixels = picture_pixels(self._file.picture(picture))
+            pixels = self._pixels(picture)
             self._textures[key] = Texture(pixels, color_space=color_space, **options)
         texture = self._textures[key]
         if not transform:
@@ -164,6 +167,15 @@ class MaterialReader:
         return texture.with_transform(
             *turned_over(offset, degrees, _pair(transform.get("scale", (1.0, 1.0))))
         )
+
+    def _pixels(self, picture: Any) -> NDArray[Any]:
+        """Return the texels of a picture, or raise ``ValueError`` naming it."""
+        name = self._file.picture_name(picture)
+        try:
+            return picture_pixels(self._file.picture(picture))
+        except Exception as error:
+            # Pillow raises what it likes about a damaged picture.
+            raise ValueError(f"its picture, {name}: {reason_of(error)}") from error
 
     def _sampler(self, number: int | None) -> dict[str, Any]:
         """
@@ -194,10 +206,18 @@ def _of_glossiness(values: dict[str, Any]) -> dict[str, Any]:
 
 def _number(values: dict[str, Any], key: str, default: float, most: float, least=0.0) -> float:
     """Return a number held within its range; what is not one raises ``ValueError``."""
-    number = float(values.get(key, default))
-    if math.isnan(number):
-        raise ValueError(f"{key} is not a number")
-    return min(max(number, least), most)
+    value = values.get(key, default)
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or math.isnan(value):
+        raise ValueError(f"{key} must be a number, got {in_short(value)}")
+    return float(min(max(value, least), most))
+
+
+def _object(values: dict[str, Any], key: str) -> dict[str, Any]:
+    """Return an object of JSON, empty if there is none, or raise ``ValueError``."""
+    value = values.get(key, {})
+    if not isinstance(value, dict):
+        raise ValueError(f"{key} must be an object, got {in_short(value)}")
+    return value
 
 
 def _numbers(
@@ -205,8 +225,9 @@ def _numbers(
 ) -> tuple[float, ...]:
     """Return as many numbers as the default has, held within 0..most."""
     given = values.get(key, default)
-    if len(given) != len(default):
-        raise ValueError(f"{key} has {len(given)} numbers")
+    if not isinstance(given, (list, tuple)) or len(given) != len(default):
+        got = f"{len(given)}" if isinstance(given, (list, tuple)) else in_short(given)
+        raise ValueError(f"{key} must be {len(default)} numbers, got {got}")
     return tuple(_number({key: part}, key, 0.0, most) for part in given)
 
 

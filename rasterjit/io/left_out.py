@@ -14,6 +14,24 @@ class LoadWarning(UserWarning):
     """Part of a file or scene was left out; the rest is there."""
 
 
+class MissingFileError(ValueError):
+    """A file that another one names is not there."""
+
+
+LONGEST_REASON = 200
+"""Characters of a reason that a message shows."""
+
+
+def reason_of(error: Exception) -> str:
+    """Return in one line why something cannot be read, whatever was raised about it."""
+    if isinstance(error, (MissingFileError, FileNotFoundError)):
+        return "it is missing"
+    if isinstance(error, KeyError) and error.args and isinstance(error.args[0], str):
+        return f"{error.args[0]} is missing"
+    text = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+    return " ".join(text.split())[:LONGEST_REASON] or type(error).__name__
+
+
 class LeftOut:
     """Count what is left out by kind, to warn about everything at once."""
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.io.left_out import LeftOut
+from rasterjit.io.left_out import LeftOut, reason_of
 from rasterjit.io.pictures import picture_pixels, resized
 from rasterjit.scene.texture import Texture
 
@@ -113,8 +113,9 @@ class MtlPictures:
             return picture_pixels(place.read_bytes())
         except Exception as error:
             # Pillow raises what it likes about a damaged picture.
-            reason = "it is missing" if not place.is_file() else " ".join(str(error).split())[:200]
-            self._left_out.note(f"{key} of {label}, {name!r}, that cannot be read: {reason}")
+            self._left_out.note(
+                f"{key} of {label}, {name!r}, that cannot be read: {reason_of(error)}"
+            )
             return None
 
 

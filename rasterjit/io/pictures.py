@@ -28,14 +28,22 @@ def picture_pixels(content: bytes) -> NDArray[Any]:
 
     Raises
     ------
+    ValueError
+        If it is of no known format; `PictureSizeError` for one with more texels than `Texture`
+        takes.
     Exception
-        Whatever Pillow raises about a picture that is damaged or of no known format;
-        `PictureSizeError` for one with more texels than `Texture` takes.
+        Whatever Pillow raises about a picture that is damaged.
     """
+    from PIL import UnidentifiedImageError
+
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        with opened_picture("it", io.BytesIO(content)) as image:
-            return image_pixels(image)
+        try:
+            with opened_picture("it", io.BytesIO(content)) as image:
+                return image_pixels(image)
+        except UnidentifiedImageError:
+            # Pillow names the place in memory.
+            raise ValueError("it is empty" if not content else "it is no known picture") from None
 
 
 def image_pixels(image: Image.Image) -> NDArray[Any]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from rasterjit.scene.color import ColorLike, linear_color
 from rasterjit.scene.texture import Texture
-from rasterjit.validation import bounded_number, one_of, vector
+from rasterjit.validation import bounded_number, in_short, one_of, vector
 
 SHADINGS = ("unlit", "flat", "gouraud", "phong", "pbr")
 """The ways to shade: no light; one normal a face; light per vertex; light per pixel; light per
@@ -142,7 +142,9 @@ class Material:
         for name in TEXTURE_FIELDS:
             texture = getattr(self, name)
             if texture is not None and not isinstance(texture, Texture):
-                raise ValueError(f"{name} must be a Texture or None, got {texture!r}")
+                raise ValueError(
+                    f"{name} must be a Texture or None, got {in_short(texture)}"
+                )
         texture = self.base_color_texture
         one_of("alpha_mode", self.alpha_mode, ALPHA_MODES)
         if not isinstance(self.double_sided, bool):

@@ -11,7 +11,7 @@ from rasterjit.scene.color import linear_rows
 from rasterjit.scene.material import Material
 from rasterjit.scene.normals import crease_normals, safe_scale, smooth_normals, unit_rows
 from rasterjit.scene.tangents import GROUPS, vertex_tangents
-from rasterjit.validation import finite_number, one_of, read_only
+from rasterjit.validation import check_field, finite_number, in_short, one_of, read_only
 
 _CHUNK = 1 << 18
 
@@ -59,6 +59,8 @@ class Mesh:
     ValueError
         If an array has the wrong shape or type or is empty, a face points outside the vertices, a
         value is NaN or infinite where it may not be, or no vertex is finite.
+    AttributeError
+        If anything else than ``material`` is assigned.
     """
 
     def __init__(
@@ -76,7 +78,7 @@ class Mesh:
         one_of("on_invalid", on_invalid, ("raise", "drop"))
         self._vertices = read_only(_vertex_array(vertices))
         self._faces = read_only(face_array(faces, len(self._vertices)))
-        self.invalid_vertices: int = _count_invalid(self._vertices, on_invalid)
+        self._invalid_vertices = _count_invalid(self._vertices, on_invalid)
         self._vertex_colors: NDArray[np.float32] | None = None
         self._face_colors: NDArray[np.float32] | None = None
         if colors is not None:
@@ -139,8 +141,18 @@ class Mesh:
     @material.setter
     def material(self, value: Material) -> None:
         if not isinstance(value, Material):
-            raise ValueError(f"material must be a Material, got {value!r}")
+            raise ValueError(f"material must be a Material, got {in_short(value)}")
         self._material = value
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if not isinstance(getattr(type(self), name, None), property):
+            check_field(self, name, ("material",))
+        super().__setattr__(name, value)
+
+    @property
+    def invalid_vertices(self) -> int:
+        """Number of vertices with a NaN or infinite coordinate."""
+        return self._invalid_vertices
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Fill a copy, or what was pickled; its arrays are read-only too."""
@@ -280,7 +292,7 @@ class Mesh:
             result._tangents = read_only(self.tangents[split.sources])
         result._normals = result._vertex_normals = read_only(split.normals)
         result._material = self.material
-        result.invalid_vertices = _count_invalid(result.vertices, "drop")
+        result._invalid_vertices = _count_invalid(result.vertices, "drop")
         result._bounds = self._bounds
         return result
 

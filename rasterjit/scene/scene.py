@@ -19,7 +19,7 @@ from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.outline import Outline
 from rasterjit.scene.tone_map import ToneMap
 from rasterjit.transforms import transform_instances
-from rasterjit.validation import finite_array, one_of, read_only
+from rasterjit.validation import check_field, finite_array, one_of, read_only
 
 if TYPE_CHECKING:
     from rasterjit.scene.camera import MatrixCamera, OrthographicCamera, PerspectiveCamera
@@ -78,12 +78,20 @@ class Node:
     ------
     ValueError
         If ``mesh`` is not a `Mesh`, or the transform is not 4×4, finite and affine.
+    AttributeError
+        If anything else is assigned than these three.
     """
+
+    _FIELDS = ("mesh", "world_from_model", "name")
 
     def __init__(self, mesh: Mesh, world_from_model: ArrayLike, name: str) -> None:
         self.mesh = mesh
         self.world_from_model = world_from_model
         self.name = name
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        check_field(self, name, self._FIELDS)
+        super().__setattr__(name, value)
 
     @property
     def mesh(self) -> Mesh:
@@ -154,7 +162,17 @@ class Scene:
         How ambient light is dimmed in corners.
     outline : Outline or None
         Lines around shapes.
+
+    Raises
+    ------
+    AttributeError
+        If anything else is assigned than these.
     """
+
+    _FIELDS = (
+        "nodes", "lights", "camera", "wireframe", "environment", "fog", "tone_map",
+        "ambient_occlusion", "outline",
+    )  # fmt: skip
 
     def __init__(self) -> None:
         self.nodes: list[Node] = []
@@ -166,6 +184,10 @@ class Scene:
         self.tone_map: ToneMap | None = None
         self.ambient_occlusion: AmbientOcclusion | None = None
         self.outline: Outline | None = None
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        check_field(self, name, self._FIELDS)
+        super().__setattr__(name, value)
 
     def __repr__(self) -> str:
         faces = sum(len(node.mesh.faces) for node in self.nodes)

@@ -21,6 +21,7 @@ from rasterjit.validation import (
     existing_file,
     finite_array,
     finite_number,
+    in_short,
     one_of,
     read_only,
 )
@@ -216,15 +217,20 @@ class Texture:
         filter: str = "trilinear",
         color_space: str = "srgb",
         anisotropy: int = 1,
+        offset: tuple[float, float] = (0.0, 0.0),
+        rotation: float = 0.0,
+        scale: tuple[float, float] = (1.0, 1.0),
     ) -> Texture:
         """
         Read a texture from a PNG, JPEG or any other picture that imageio reads.
+
+        Grey, 16-bit grey, RGB and RGBA pictures are taken as they are, others as RGBA.
 
         Parameters
         ----------
         path : str or path-like
             Of several pictures in a file, the first is taken.
-        wrap, filter, color_space, anisotropy
+        wrap, filter, color_space, anisotropy, offset, rotation, scale
             As `Texture` takes them.
 
         Raises
@@ -233,9 +239,11 @@ class Texture:
             If the file is missing, holds no picture, or a picture that is larger than `Texture`
             takes; the message names it.
         """
-        file = existing_file("path", path)
-        pixels = _read_picture(file)
-        return cls(pixels, wrap=wrap, filter=filter, color_space=color_space, anisotropy=anisotropy)
+        return cls(
+            _read_picture(existing_file("path", path)), wrap=wrap, filter=filter,
+            color_space=color_space, anisotropy=anisotropy, offset=offset, rotation=rotation,
+            scale=scale,
+        )  # fmt: skip
 
     def with_transform(
         self,
@@ -339,8 +347,10 @@ def _read_picture(file: Path) -> NDArray[Any]:
             pixels = iio.imread(file, index=0, plugin="pillow", **options)
     except PictureSizeError:
         raise
-    except (OSError, SyntaxError, ValueError) as error:
-        raise ValueError(f"path must be a picture, but {str(file)!r} is not: {error}") from error
+    except Exception as error:
+        # Pillow raises what it likes about a damaged picture.
+        reason = str(error) or type(error).__name__
+        raise ValueError(f"path must be a picture, but {str(file)!r} is not: {reason}") from error
     if mode == "I":
         # Pillow's name for 16-bit grey in 32-bit integers.
         pixels = np.clip(pixels, 0, 65535).astype(np.uint16)
@@ -405,14 +415,16 @@ def _pair(name: str, value: Any) -> tuple[float, float]:
 
 def _linear_image(value: Any, color_space: str) -> NDArray[np.float32]:
     """Return an image as (H, W, 4) float32, linear, read-only, or raise ``ValueError``."""
+    wanted = "image must be an array of uint8, uint16 (sRGB) or float (linear light)"
+    if isinstance(value, (str, os.PathLike)):
+        raise ValueError(f"{wanted}, got {in_short(value)}; Texture.from_file reads pictures")
     try:
         image = np.asarray(value)
     except ValueError:
         raise ValueError("image must be an array of numbers, got rows of unequal length") from None
     if image.dtype not in (np.uint8, np.uint16) and image.dtype.kind != "f":
-        raise ValueError(
-            f"image must be uint8 or uint16 (sRGB) or float (linear light), got {image.dtype}"
-        )
+        got = in_short(value) if image.dtype == object else f"one of {image.dtype}"
+        raise ValueError(f"{wanted}, got {got}")
     shape = image.shape
     if len(shape) == 2:
         image = image[:, :, np.newaxis]
@@ -457,6 +469,9 @@ def _check_light(values: NDArray[Any], what: str, most: float) -> None:
     if values.size == 0:
         return
     lowest, highest = float(values.min()), float(values.max())
+    if lowest != lowest:
+        count = int(np.isnan(values).sum())
+        raise ValueError(f"image must hold {what} in 0..{most:g}, got {count} NaN among its numbers")
     if not (lowest >= 0.0 and highest <= most):
         raise ValueError(
             f"image must hold {what} in 0..{most:g}, got numbers from {lowest} to {highest}; 8-bit "

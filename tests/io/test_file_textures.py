@@ -220,6 +220,12 @@ def test_a_damaged_texture_is_left_out_by_name(tmp_path):
     assert mesh.material.base_color_texture is None
 
 
+def test_what_is_no_picture_is_named_without_its_place_in_memory(tmp_path):
+    path = write_obj(tmp_path, b"no picture")
+    with pytest.warns(LoadWarning, match=r"'skin.png', that cannot be read: it is no known picture"):
+        load(path)
+
+
 def test_a_texture_that_is_missing_is_left_out_by_name(tmp_path):
     path = write_obj(tmp_path, picture())
     (tmp_path / "skin.png").unlink()

@@ -84,6 +84,9 @@ def test_a_picture_that_cannot_be_used_is_left_out_by_name(tmp_path, kind, field
     scene = load_with(
         model.save(tmp_path / "a.glb"), f"{name}_texture of material 'wall' that cannot be read: "
     )
+    with pytest.warns(LoadWarning, match=r"its picture, image 0, 'bad': ") as said:
+        rj.load(tmp_path / "a.glb")
+    assert " at 0x" not in str(said[0].message)
     assert only_material(scene).metallic == 0.25
     assert only_material(scene).textures_read() == (None,) * 5
 
@@ -92,12 +95,14 @@ def test_a_picture_that_cannot_be_used_is_left_out_by_name(tmp_path, kind, field
     ("change", "reason"),
     [
         (lambda d: d["materials"][0]["pbrMetallicRoughness"]["baseColorTexture"].update(index=7),
-         "textures has no number 7"),
-        (lambda d: d["textures"][0].update(source=9), "images has no number 9"),
-        (lambda d: d["textures"][0].update(sampler=9), "samplers has no number 9"),
+         "the file has no texture 7 (it has "),
+        (lambda d: d["textures"][0].update(source=9), "the file has no image 9 (it has "),
+        (lambda d: d["textures"][0].update(sampler=9), "the file has no sampler 9 (it has "),
         (lambda d: d["textures"][0].pop("source"), "no source"),
-        (lambda d: d["images"][0].update(bufferView=99), "bufferViews has no number 99"),
-        (lambda d: d.update(images=[{"uri": "gone.png"}]), "gone.png"),
+        (lambda d: d["images"][0].update(bufferView=99), "the file has no buffer view 99 (it has "),
+        (lambda d: d.update(images=[{"uri": "gone.png"}]),
+         "its picture, image 0, 'gone.png': it is missing"),
+        (lambda d: d["images"][0].pop("bufferView"), "its picture, image 0, 'picture': uri is mis"),
         (lambda d: d.update(images=[{"uri": "https://example.com/a.png"}]), "is not a file beside"),
         (lambda d: d["textures"].__setitem__(0, {"extensions": {"KHR_texture_basisu": {}}}),
          "its picture is given by KHR_texture_basisu"),
@@ -148,12 +153,16 @@ def test_a_material_reference_that_leads_nowhere_is_named(tmp_path, number):
     "fields",
     [
         {"roughnessFactor": "rough"}, {"baseColorFactor": [1, 0]}, {"emissiveFactor": [None] * 3},
-        {"normalTexture": 3}, {"metallicFactor": float("nan")},
+        {"normalTexture": 3}, {"metallicFactor": float("nan")}, {"baseColorFactor": 1.0},
+        {"occlusionTexture": "dark"}, {"alphaCutoff": True},
     ],
 )  # fmt: skip
-def test_a_damaged_material_is_named(tmp_path, fields):
+def test_a_damaged_material_is_named_with_the_field(tmp_path, fields):
     model = textured(**fields)
-    scene = load_with(model.save(tmp_path / "a.glb"), "material 'wall'")
+    (field,) = fields
+    scene = load_with(
+        model.save(tmp_path / "a.glb"), f"material 'wall', which is damaged: {field} must be "
+    )
     assert len(scene.nodes) == 1
 
 
@@ -217,7 +226,7 @@ def second_mesh(change):
         (lambda m, d: m["primitives"][0].update(mode=0), "points of mesh 'mesh 1'"),
         (lambda m, d: m["primitives"][0].update(mode=3), "lines of mesh 'mesh 1'"),
         (lambda m, d: m["primitives"][0].update(mode=9), "mesh 'mesh 1', which cannot be read"),
-        (lambda m, d: m["primitives"][0].update(indices=99), "accessors has no number 99"),
+        (lambda m, d: m["primitives"][0].update(indices=99), "the file has no accessor 99 (it has "),
         (lambda m, d: m["primitives"][0]["attributes"].pop("POSITION"), "'POSITION'"),
         (lambda m, d: m["primitives"][0].update(
             extensions={"KHR_draco_mesh_compression": {"bufferView": 0}}),
@@ -357,6 +366,62 @@ def test_a_mesh_in_parts_is_one_node_for_each(tmp_path):
     scene = rj.load(model.save(tmp_path / "a.glb"))
     assert [node.name for node in scene.nodes] == ["house", "house part 2"]
     assert [node.mesh.material.name for node in scene.nodes] == ["wall", "other"]
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        ({"intensity": -3}, "light 0, which cannot be used: intensity must be a number at least 0, "
+         "got -3 (1)"),
+        ({"intensity": "bright"}, "intensity must be a number at least 0, got 'bright'"),
+        ({"intensity": float("nan")}, "intensity must be a number at least 0, got nan"),
+        ({"range": -2}, "light 0, which cannot be used: range must be above 0, got -2"),
+        ({"color": [1, 2]}, "color must "),
+        ({"type": None}, "None light"),
+    ],
+)  # fmt: skip
+def test_a_light_that_cannot_be_used_is_named_with_the_field(tmp_path, change, reason):
+    model = textured()
+    document(model)["nodes"][0]["extensions"] = {"KHR_lights_punctual": {"light": 0}}
+    light = {"type": "point", **change}
+    document(model)["extensions"] = {"KHR_lights_punctual": {"lights": [light]}}
+    assert load_with(model.save(tmp_path / "a.glb"), reason).lights == []
+
+
+@pytest.mark.parametrize("number", [1, -1, "sun"])
+def test_a_light_that_the_file_has_not_is_named(tmp_path, number):
+    model = textured()
+    document(model)["nodes"][0]["extensions"] = {"KHR_lights_punctual": {"light": number}}
+    document(model)["extensions"] = {"KHR_lights_punctual": {"lights": [{"type": "point"}]}}
+    load_with(model.save(tmp_path / "a.glb"), f"light {number!r}, which cannot", "has 1 lights")
+
+
+def test_a_camera_that_cannot_be_used_is_named_with_the_field(tmp_path):
+    model = textured()
+    number = model.glb.add("cameras", {"type": "perspective", "perspective": {"yfov": 1.0}})
+    document(model)["nodes"][0]["camera"] = number
+    said = "camera 0, which cannot be used: znear is missing"
+    assert load_with(model.save(tmp_path / "a.glb"), said).camera is None
+
+
+@pytest.mark.parametrize("length", [6, 19, 20, 300, -200])
+def test_a_file_that_ends_too_early_is_refused_with_this_reason(tmp_path, length):
+    path = textured().save(tmp_path / "a.glb")
+    whole = path.read_bytes()
+    head = 20 + int.from_bytes(whole[12:16], "little")
+    path.write_bytes(whole[: length if length > 0 else head + length])
+    with pytest.raises(MeshFileError, match=r"could not be read as \.glb: it ends too early, "):
+        rj.load(path)
+
+
+def test_damaged_json_is_refused_with_this_reason(tmp_path):
+    (tmp_path / "a.gltf").write_text('{"asset": {"version": "2.0"}, "nodes": [')
+    with pytest.raises(MeshFileError, match="its JSON is damaged or ends too early"):
+        rj.load(tmp_path / "a.gltf")
+
+
+def test_a_file_error_is_a_value_error():
+    assert issubclass(MeshFileError, ValueError)
 
 
 def test_gltf_1_is_refused_by_name(tmp_path):

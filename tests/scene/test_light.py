@@ -136,3 +136,16 @@ def test_a_sun_wider_than_a_quarter_of_the_sky_is_refused():
     with pytest.raises(ValueError, match=r"shadow\.light_size must be in 0\.\.90"):
         DirectionalLight(shadow=wide)
     assert point(shadow=wide).shadow is wide
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: Shadow(10), "size must be in 16..8192, got 10"),
+        (lambda: Shadow(9000.5), "size must be in 16..8192, got 9000.5"),
+        (lambda: PointLight((0, 0, 0), range=-2), "range must be above 0, got -2"),
+    ],
+)
+def test_a_number_is_shown_as_it_was_given(make, words):
+    with pytest.raises(ValueError, match=f"{words}$"):
+        make()

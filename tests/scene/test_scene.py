@@ -1,8 +1,12 @@
 """Laws of scenes: places, instances, bounds."""
 
+import copy
+import pickle
+
 import numpy as np
 import pytest
 
+import rasterjit as rj
 from rasterjit.scene import scene as scene_module
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.scene import Scene, Wireframe
@@ -23,6 +27,29 @@ def moved(x, y, z):
 def test_a_new_scene_is_empty():
     scene = Scene()
     assert (scene.nodes, scene.lights, scene.camera, scene.wireframe) == ([], [], None, None)
+
+
+def test_a_mistyped_field_is_refused_and_the_right_ones_are_listed():
+    scene, mesh = rj.Scene(), rj.Mesh(np.eye(3), [[0, 1, 2]])
+    node = scene.add(mesh)
+    with pytest.raises(AttributeError, match=r"Scene has no 'tonemap'; .* fog, tone_map, ambient"):
+        scene.tonemap = rj.ToneMap()
+    with pytest.raises(AttributeError, match=r"Node has no 'transform'; .* mesh, world_from_model"):
+        node.transform = np.eye(4)
+    with pytest.raises(AttributeError, match=r"Mesh has no 'texture'; .* material"):
+        mesh.texture = None
+    for thing in (scene, node, mesh):
+        twin = pickle.loads(pickle.dumps(copy.copy(thing)))
+        assert vars(twin).keys() == vars(thing).keys()
+        with pytest.raises(AttributeError, match="has no 'colour'"):
+            twin.colour = "red"
+
+
+def test_every_field_of_a_scene_may_be_assigned():
+    scene = rj.Scene()
+    for name, value in vars(rj.Scene()).items():
+        setattr(scene, name, value)
+    assert set(vars(scene)) == set(rj.Scene._FIELDS)
 
 
 def test_objects_are_numbered_in_the_order_they_were_added():

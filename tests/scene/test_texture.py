@@ -6,7 +6,9 @@ import copy
 import dataclasses
 import pickle
 from fractions import Fraction
+from pathlib import Path
 
+import imageio.v3 as iio
 import naive_textures as naive
 import numpy as np
 import pytest
@@ -172,9 +174,12 @@ def test_one_wrap_stands_for_both_axes(wrap):
         (np.zeros((2, 2), np.int64), "int64"),
         (np.zeros((2, 2), bool), "bool"),
         (np.zeros((2, 2), complex), "complex"),
-        ("wood.png", "uint8"),
-        (None, "uint8"),
-        ([[float("nan")]], "linear light"),
+        ("wood.png", r"uint8, .*got 'wood\.png'; Texture\.from_file reads pictures"),
+        (Path("wood.png"), r"wood\.png.*; Texture\.from_file reads pictures"),
+        (None, "uint8, .*got None"),
+        ({}, "uint8, .*got dict"),
+        (np.zeros((2, 2), object), r"got an array of object with shape \(2, 2\)"),
+        ([[float("nan")]], "linear light in 0..1e.06, got 1 NaN among"),
         ([[float("inf")]], "linear light"),
         ([[-0.001]], "linear light"),
         ([[MOST_LIGHT * 1.01]], "linear light"),
@@ -213,6 +218,8 @@ def test_a_material_takes_a_texture_and_turns_white(filter):
     assert material == rj.Material(base_color_texture=texture)
     with pytest.raises(ValueError, match="base_color_texture must be a Texture"):
         rj.Material(base_color_texture="wood.png")
+    with pytest.raises(ValueError, match=r"got an array of float64 with shape \(4, 4, 3\)$"):
+        rj.Material(base_color_texture=np.zeros((4, 4, 3)))
 
 
 # Mip levels
@@ -265,6 +272,9 @@ def test_a_picture_file_is_a_texture(tmp_path, extension):
     assert (texture.image == rj.Texture(codes).image).all()
     assert (texture.wrap, texture.filter) == (("mirror", "mirror"), "bilinear")
     assert rj.Texture.from_file(str(path)).filter == "trilinear"
+    moved = {"offset": (0.5, 0.25), "rotation": 30.0, "scale": (2.0, 3.0)}
+    laid = rj.Texture.from_file(path, **moved)
+    assert {name: getattr(laid, name) for name in moved} == moved
     flat = rj.Texture.from_file(path, color_space="linear", anisotropy=8)
     assert (flat.color_space, flat.anisotropy) == ("linear", 8)
     assert flat.image.max() == 1.0
@@ -299,3 +309,20 @@ def test_a_file_that_is_no_picture_is_named(tmp_path):
     (tmp_path / "half.png").write_bytes((tmp_path / "half.png").read_bytes()[:2000])
     with pytest.raises(ValueError, match=r"half\.png' is not: "):
         rj.Texture.from_file(tmp_path / "half.png")
+    (tmp_path / "empty.png").write_bytes(b"")
+    with pytest.raises(ValueError, match=r"empty\.png' is empty"):
+        rj.Texture.from_file(tmp_path / "empty.png")
+    Image.new("1", (30000, 30000)).save(tmp_path / "huge.png")
+    with pytest.raises(ValueError, match=r"huge\.png' must have at most"):
+        rj.Texture.from_file(tmp_path / "huge.png")
+
+
+def test_whatever_pillow_raises_about_a_file_names_it(tmp_path, monkeypatch):
+    Image.new("L", (2, 2)).save(tmp_path / "odd.png")
+
+    def fails(*arguments, **options):
+        raise OverflowError
+
+    monkeypatch.setattr(iio, "imread", fails)
+    with pytest.raises(ValueError, match=r"odd\.png' is not: OverflowError"):
+        rj.Texture.from_file(tmp_path / "odd.png")
