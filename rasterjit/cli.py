@@ -32,6 +32,7 @@ from rasterjit.cli_options import (
     view_options,
 )
 from rasterjit.cli_report import (
+    compile_notice,
     print_diagnostics,
     print_measurement,
     print_stats,
@@ -214,7 +215,8 @@ def render(
     options = {"outputs": wanted, "background": background, "cull": cull}
     quality = effects.quality()
     with (
-        status(f"Rendering {file.name} (a first run compiles, about 10 s)", quiet),
+        status(f"Rendering {file.name}", quiet),
+        compile_notice(quiet),
         two_processes(threads) as compile_all,
     ):
         scene = load_scene(file, look, effects, quiet)
@@ -291,7 +293,10 @@ def turntable(
     check_animation(output, size, fps, is_opaque(background))
     start = time.perf_counter()
     scene = load_scene(file, look, effects, quiet)
-    with Renderer(size, quality=effects.quality(), threads=threads) as renderer:
+    with (
+        compile_notice(quiet),
+        Renderer(size, quality=effects.quality(), threads=threads) as renderer,
+    ):
         pictures = (
             renderer.render(scene, camera, background=background, cull=cull).color
             for camera in view.turn(scene, size, frames)
@@ -314,7 +319,8 @@ def turntable(
 @click.option("--pixel", type=PixelType(),
               help="Say instead what happens at this column and row, step by step.")  # fmt: skip
 @click.option("--measure", is_flag=True,
-              help="Render it, too, and say what each stage and each effect costs.")  # fmt: skip
+              help="Render it, too, and say what each stage and each effect costs. Whatever is "
+              "tried is compiled first: minutes, the first time.")  # fmt: skip
 @threads_option
 @debug_option
 def explain(
@@ -344,19 +350,12 @@ def explain(
     scene = load_scene(file, look, effects, quiet=False)
     camera = view.camera(scene, size)
     if pixel is not None:
-        click.echo(
-            str(
-                explain_pixel(
-                    scene,
-                    camera,
-                    size,
-                    *pixel,
-                    quality=effects.quality(),
-                    background=background,
-                    cull=cull,
-                )
-            )
-        )
+        with compile_notice(quiet=False):
+            told = explain_pixel(
+                scene, camera, size, *pixel, quality=effects.quality(), background=background,
+                cull=cull,
+            )  # fmt: skip
+        click.echo(str(told))
         return
     options = {"size": size, "outputs": outputs, "background": background, "cull": cull}
     options["quality"] = effects.quality()
@@ -364,7 +363,10 @@ def explain(
     if measure:
         from rasterjit.measurement import measure as measure_frame
 
-        with status(f"Measuring {file.name} (what is new is compiled first)", quiet=False):
+        with (
+            status(f"Measuring {file.name} (what is new is compiled first)", quiet=False),
+            compile_notice(quiet=False),
+        ):
             measured = measure_frame(scene, camera, threads=threads, **options)
         print_measurement(measured)
 
@@ -395,10 +397,11 @@ def doctor() -> None:
     from rasterjit.doctor import examine
 
     healthy = True
-    for finding in examine():
-        mark = {True: "ok      ", False: "FAILED  ", None: "        "}[finding.passed]
-        click.echo(f"{mark}{finding.name:<22}{finding.text}")
-        healthy = healthy and finding.passed is not False
+    with compile_notice(quiet=False):
+        for finding in examine():
+            mark = {True: "ok      ", False: "FAILED  ", None: "        "}[finding.passed]
+            click.echo(f"{mark}{finding.name:<22}{finding.text}")
+            healthy = healthy and finding.passed is not False
     if not healthy:
         raise click.ClickException("the self-check failed; see the lines marked FAILED")
 

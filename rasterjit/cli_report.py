@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import sys
+import threading
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, nullcontext
 from typing import TYPE_CHECKING, TypeVar
+
+import click
 
 if TYPE_CHECKING:
     from rasterjit.diagnostics import Diagnostics
@@ -16,6 +19,49 @@ Item = TypeVar("Item")
 
 STAGE_NAMES = {"compile": "compile, or load compiled"}
 """What the table calls a stage whose own name is not plain enough."""
+
+
+PATIENCE = 2.0
+"""Seconds of compiling that are not spoken of."""
+
+LOOKS = 0.1
+"""Seconds between two looks at the clock."""
+
+
+@contextmanager
+def compile_notice(quiet: bool) -> Iterator[None]:
+    """Say once, on standard error, that kernels are compiled, if that takes long."""
+    if quiet:
+        yield
+        return
+    done = threading.Event()
+    watch = threading.Thread(target=_watch_compiler, args=(done,), daemon=True)
+    watch.start()
+    try:
+        yield
+    finally:
+        done.set()
+        watch.join()
+
+
+def _watch_compiler(done: threading.Event) -> None:
+    """Print the notice once the compiler has run for some time, unless all is done before."""
+    # What the command imports is imported by the command: not by two threads at once.
+    while "rasterjit.kernels.jit" not in sys.modules:
+        if done.wait(LOOKS):
+            return
+    from rasterjit.kernels.jit import COMPILER_CLOCK, cache_folder
+
+    start = COMPILER_CLOCK.read()
+    while COMPILER_CLOCK.read() - start < PATIENCE:
+        if done.wait(LOOKS):
+            return
+    kept = "they are kept on disk" if cache_folder() else "no folder can keep them on disk"
+    click.echo(
+        "compiling kernels for this combination of effects, which takes 10 s to two minutes, once: "
+        f"{kept}",
+        err=True,
+    )
 
 
 @contextmanager

@@ -240,6 +240,23 @@ def test_holes_are_there_for_every_sample():
             assert (seen[:, 32:] == red[1]).all()
 
 
+@pytest.mark.parametrize(("samples", "edge"), [(1, {1.0}), (4, {0.75}), ("area", {1.0})])
+def test_edges_of_holes_are_as_soft_as_the_samples_and_hard_with_areas(samples, edge):
+    image = np.ones((1, 2, 4), np.float32)
+    image[0, 0, 3] = 0.0
+    texture = rj.Texture(image, filter="nearest", wrap="clamp")
+    points = [(-16, -16), (48, -16), (-16, 48)]
+    plain = mesh_of(points, [0.0] * 3, (16, 16))
+    # The hole ends in column 8, a quarter of a pixel behind its left edge.
+    uv = [((x - 0.25) / 16, 0.5) for x, _ in points]
+    leaf = rj.Mesh(plain.vertices, plain.faces, uv=uv, material=rj.Material(
+        "unlit", base_color_texture=texture, alpha_mode="mask"))  # fmt: skip
+    seen = draw([leaf], samples, (16, 16), background="black").linear[..., 0]
+    assert (seen[:, :8] == 0.0).all()
+    assert set(seen[:, 8].tolist()) == edge
+    assert (seen[:, 9:] == 1.0).all()
+
+
 def test_more_layers_than_fit_are_an_error(monkeypatch):
     monkeypatch.setattr(layered, "MOST_LAYERS", 3)
     veils = [mesh_of([(0, 0), (64, 0), (0, 64)], [0.1 * n] * 3, SIZE, base_color=(1, 0, 0, 0.5),

@@ -1,5 +1,6 @@
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import imageio.v3 as iio
@@ -10,8 +11,9 @@ from click.testing import CliRunner
 from PIL import Image, ImageSequence
 
 import rasterjit as rj
-from rasterjit import cli, warmup
+from rasterjit import cli, cli_report, measurement, warmup
 from rasterjit.cli_options import DEFAULT_DIRECTION, OUTPUTS_HELP, View
+from rasterjit.kernels import jit
 from rasterjit.plan import OUTPUTS
 
 MODELS = Path(__file__).parents[1] / "models"
@@ -530,6 +532,63 @@ def test_explain_pixel_prints_what_the_library_says():
 @pytest.mark.parametrize("pixel", ["48,0", "0,36", "-1,0", "1", "1,2,3", "a,b", "1.5,2"])
 def test_a_pixel_outside_the_picture_is_wrong_usage(pixel):
     assert_one_line(run("explain", CUBE, "--size", "48x36", f"--pixel={pixel}"), 2)
+
+
+# Compiling
+
+
+class Clock:
+    """A clock that shows one time after the other, then the last."""
+
+    def __init__(self, *times):
+        self._times = list(times)
+
+    def read(self):
+        return self._times.pop(0) if len(self._times) > 1 else self._times[0]
+
+
+@pytest.mark.parametrize("is_kept", [True, False])
+def test_compiling_that_goes_on_is_told_once(monkeypatch, capsys, is_kept):
+    monkeypatch.setattr(jit, "COMPILER_CLOCK", Clock(7.0, 7.0, 8.0, 8.9, 9.1, 30.0))
+    monkeypatch.setattr(jit, "cache_folder", lambda: Path("/cache") if is_kept else None)
+    monkeypatch.setattr(cli_report, "LOOKS", 0.0)
+    cli_report._watch_compiler(threading.Event())
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert said.err.count("\n") == said.err.count("compiling kernels for this combination") == 1
+    assert ("are kept on disk" in said.err) == is_kept
+
+
+def test_compiling_that_is_soon_done_is_not_told(monkeypatch, capsys):
+    monkeypatch.setattr(jit, "COMPILER_CLOCK", Clock(7.0, 8.9))
+    with cli_report.compile_notice(quiet=False):
+        pass
+    assert capsys.readouterr() == ("", "")
+    assert not [thread for thread in threading.enumerate() if "_watch" in thread.name]
+
+
+@pytest.mark.parametrize(
+    ("command", "is_told"),
+    [
+        (("render", CUBE, "-o", "a.png", "--size", "8x6"), True),
+        (("render", CUBE, "-o", "a.png", "--size", "8x6", "--quiet"), False),
+        (("turntable", CUBE, "-o", "a.gif", "--size", "8x6", "--frames", "2"), True),
+        (("turntable", CUBE, "-o", "a.gif", "--size", "8x6", "--frames", "2", "-q"), False),
+        (("explain", CUBE, "--size", "8x6", "--pixel", "4,3"), True),
+        (("explain", CUBE, "--size", "8x6", "--measure"), True),
+        (("explain", CUBE, "--size", "8x6"), False),
+    ],
+)
+def test_every_command_that_renders_tells_of_compiling_unless_quiet(
+    monkeypatch, tmp_path, command, is_told
+):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(cli_report, "PATIENCE", -1.0)
+    monkeypatch.setattr(measurement, "variations", lambda *arguments: [])
+    result = run(*command)
+    assert result.exit_code == 0, result.output
+    assert result.stderr.count("compiling kernels for this combination") == is_told
+    assert "compiling" not in result.stdout
 
 
 def test_version_and_help_and_unknown_commands():

@@ -324,3 +324,23 @@ def test_objects_are_placed_together_as_each_is_alone(cube, camera):
         determinant = np.linalg.det(linear / max(np.abs(linear).max(), 1e-300))
         if abs(determinant) > 1e-3:
             assert together.mirrored[number] == np.sign(determinant)
+
+
+def test_what_is_no_light_or_node_is_refused_in_good_grammar(cube, camera):
+    scene = rj.Scene()
+    scene.add(cube)
+    scene.lights = ["sun"]
+    with pytest.raises(ValueError, match=r"^scene\.lights\[0\] must be an AmbientLight or Direc"):
+        rj.explain(scene, camera)
+    scene.lights, scene.nodes = [], [cube]
+    with pytest.raises(ValueError, match=r"^scene\.nodes\[0\] must be a Node, got Mesh"):
+        rj.explain(scene, camera)
+
+
+@pytest.mark.parametrize(("name", "label"), [(None, "object 0"), ("pane", r"'pane' \(object 0\)")])
+def test_an_object_without_a_name_is_called_by_its_number_once(cube, camera, name, label):
+    scene = rj.Scene()
+    material = rj.Material(base_color=(1, 0, 0, 0.5), alpha_mode="blend")
+    scene.add(rj.Mesh(cube.vertices, cube.faces, material=material), name=name)
+    with pytest.raises(ValueError, match=f"got 'area' and {label} with alpha_mode 'blend'$"):
+        rj.explain(scene, camera, rj.Quality(samples="area"))

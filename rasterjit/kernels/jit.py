@@ -34,7 +34,8 @@ import hashlib
 import pickle
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -86,7 +87,7 @@ SOURCES_HASH = _sources_hash()
 
 
 class CompileClock:
-    """Wall-clock seconds that this process spent compiling kernels or loading them from disk."""
+    """Wall-clock seconds that this process spent on something, in any thread."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -99,26 +100,42 @@ class CompileClock:
         """Seconds so far; time that several threads waited for one compiler counts once."""
         return self._seconds
 
+    def read(self) -> float:
+        """Return the seconds so far, with those of what is under way."""
+        with self._lock:
+            going_on = time.perf_counter() - self._since if self._active else 0.0
+            return self._seconds + going_on
+
+    @contextmanager
+    def running(self) -> Iterator[None]:
+        """Let the clock run."""
+        with self._lock:
+            if self._active == 0:
+                self._since = time.perf_counter()
+            self._active += 1
+        try:
+            yield
+        finally:
+            with self._lock:
+                self._active -= 1
+                if self._active == 0:
+                    self._seconds += time.perf_counter() - self._since
+
     def timed(self, compile_signature: Callable) -> Callable:
         """Return the function with its duration added to the clock."""
 
         def compile_and_count(*arguments: Any) -> Any:
-            with self._lock:
-                if self._active == 0:
-                    self._since = time.perf_counter()
-                self._active += 1
-            try:
+            with self.running():
                 return compile_signature(*arguments)
-            finally:
-                with self._lock:
-                    self._active -= 1
-                    if self._active == 0:
-                        self._seconds += time.perf_counter() - self._since
 
         return compile_and_count
 
 
 COMPILE_CLOCK = CompileClock()
+"""Runs while kernels are compiled or loaded from disk."""
+
+COMPILER_CLOCK = CompileClock()
+"""Runs while kernels are compiled, and not while they are loaded."""
 
 
 def _loader(cache: Any) -> Callable:
@@ -304,7 +321,8 @@ class _KernelCompiler(CompilerBase):
         collects = gc.isenabled()
         gc.disable()
         try:
-            return super().compile_extra(func)
+            with COMPILER_CLOCK.running():
+                return super().compile_extra(func)
         finally:
             if collects:
                 gc.enable()

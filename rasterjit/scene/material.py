@@ -95,7 +95,8 @@ class Material:
         Whether alpha does nothing, cuts holes where it is below ``alpha_cutoff``, or lets through
         what lies behind. What is blended receives shadows and casts none, whatever its alpha.
     alpha_cutoff : float
-        In 0..1e6; what has at least this alpha is shown.
+        In 0..1e6; what has at least this alpha is shown. Alpha is found at each sample of a pixel,
+        but once a face and pixel with ``Quality(samples="area")``: there edges of holes stay hard.
     double_sided : bool
         Whether back faces are drawn.
 

@@ -27,7 +27,9 @@ class Quality:
         centre lies beside it. Colour is mixed in linear light, before tone mapping; all other
         outputs come from the pixel centre. ``"area"`` is not for scenes that show blended
         materials (``alpha_mode`` "blend" with an alpha below 1): rendering them raises
-        ``ValueError``, naming an object that has one.
+        ``ValueError``, naming an object that has one. Edges of the holes of an alpha mask are
+        smoothed as all others with 2 to 16 samples, each of which has its own alpha; with
+        ``"area"`` a face has one alpha in a pixel, at its centre, so they stay hard.
 
     Raises
     ------

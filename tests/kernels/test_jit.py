@@ -70,6 +70,33 @@ def test_every_kernel_is_cached_and_releases_the_gil():
         assert kernel._cache._cache_file._source_stamp == jit.SOURCES_HASH
 
 
+def test_a_clock_counts_once_what_is_nested_and_what_is_under_way():
+    clock = jit.CompileClock()
+    with clock.running():
+        with clock.running():
+            first = clock.read()
+        second = clock.read()
+        assert clock.seconds == 0.0
+    assert 0.0 < first < second <= clock.seconds == clock.read()
+    with pytest.raises(KeyError), clock.running():
+        raise KeyError
+    assert clock.read() == clock.seconds > second
+
+
+@compiled_only
+def test_the_compilers_clock_runs_for_what_is_compiled_and_not_for_what_is_loaded(tmp_path):
+    code = SCRIPT + "print(jit.COMPILER_CLOCK.seconds > 0, jit.COMPILE_CLOCK.seconds > 0)"
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+    said = [
+        subprocess.run(
+            [sys.executable, "-c", "from rasterjit.kernels import jit" + code],
+            capture_output=True, text=True, check=True, env=environment,
+        ).stdout.splitlines()[-1]
+        for _ in range(2)
+    ]  # fmt: skip
+    assert said == ["True True", "False True"]
+
+
 @compiled_only
 def test_editing_a_helper_in_another_file_is_seen(tmp_path):
     shutil.copytree(PACKAGE, tmp_path / "rasterjit", ignore=shutil.ignore_patterns("__pycache__"))
