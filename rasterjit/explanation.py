@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -37,7 +37,10 @@ SMALLEST_FIXED, LARGEST_FIXED = 1e-3, 1e6
 LOST = ("culled", "cut out")
 """Standings of faces that are not drawn at a pixel, however near."""
 
-NOT_LIGHTS = ("environment", "fog", "other faces")
+SEEN_THROUGH, SEEN_BESIDE = "seen through the above", "seen beside the above"
+"""Standings of faces that are seen besides the visible one."""
+
+NOT_LIGHTS = ("environment", "fog")
 """Names of terms that are not told apart into diffuse and specular."""
 
 FAINTEST = 5e-6
@@ -49,8 +52,10 @@ class FaceAtPixel:
     """One face whose samples include the pixel's centre, and every number on its way there."""
 
     standing: str
-    """``"visible"``, ``"hidden"``, ``"tied"`` (as near, but with a higher number), ``"culled"``, or
-    ``"cut out"`` (alpha is below the cutoff of its mask)."""
+    """``"visible"``, ``"seen through the above"`` (all faces before it are transparent),
+    ``"seen beside the above"`` (at other samples of the pixel), ``"hidden"``, ``"tied"`` (as near,
+    but with a higher number), ``"culled"``, or ``"cut out"`` (alpha is below the cutoff of its
+    mask)."""
     face: int
     """As ``Frame.face_id`` counts, through all objects."""
     object_number: int
@@ -94,15 +99,17 @@ class FaceAtPixel:
     """As the depth test compared it, float32, no unit; greater is nearer."""
     depth: float
     """Scene units along the viewing axis, as ``Frame.depth`` holds it."""
+    alpha: float | None = None
+    """Share of what lies behind that the face covers, 0..1; None if the pixel shows one face."""
 
 
 @dataclass(frozen=True, eq=False)
 class LightTerm:
-    """What one light adds to the pixel, or fog, or the other faces that it shows."""
+    """What one light adds to the colour of the visible face, or fog."""
 
     name: str
-    """Kind of light and its number in ``Scene.lights``, ``"headlight"``, ``"environment"``,
-    ``"fog"`` (which takes light away as well) or ``"other faces"``."""
+    """Kind of light and its number in ``Scene.lights``, ``"headlight"``, ``"environment"``, or
+    ``"fog"`` (which takes light away as well)."""
     diffuse: NDArray[np.float32]
     """(3,), linear red, green, blue."""
     specular: NDArray[np.float32]
@@ -111,7 +118,7 @@ class LightTerm:
 
 @dataclass(frozen=True, eq=False)
 class LightTerms:
-    """How the colour of the visible face came about; the terms add up to ``linear``."""
+    """How the colour of the visible face came about, which its terms add up to."""
 
     shading: str
     """Shading model of the object's material."""
@@ -130,6 +137,24 @@ class LightTerms:
 
 
 @dataclass(frozen=True, eq=False)
+class ColorPart:
+    """What one face, or what lies behind all, adds to a pixel that shows several."""
+
+    name: str
+    """The face and its object, ``"background"`` or ``"environment"``; or what else the colour
+    differs by, where it is no sum of light."""
+    face: int | None
+    """As ``Frame.face_id`` counts; None for what lies behind all."""
+    alpha: float
+    """Share of what lies behind that it covers, 0..1."""
+    share: float
+    """Share of its own colour in that of the pixel, 0..1: its alpha, times what comes through those
+    before it, times the part of the pixel that shows it."""
+    color: NDArray[np.float32]
+    """(3,), linear red, green, blue: its colour times the share."""
+
+
+@dataclass(frozen=True, eq=False)
 class PixelExplanation:
     """What happened at one pixel, stage by stage; prints as tables."""
 
@@ -141,11 +166,14 @@ class PixelExplanation:
     """Width and height of the image, pixels."""
     faces: tuple[FaceAtPixel, ...]
     """Every face that covers the pixel's centre: the visible one, those behind it from near to far,
-    then culled ones and ones with a hole there."""
+    of which some may be seen, then culled ones and ones with a hole there."""
     reasons: tuple[str, ...]
     """Why no face is visible; empty if one is."""
     light: LightTerms | None
     """Of the visible face; None if there is none, or faces are not drawn."""
+    parts: tuple[ColorPart, ...]
+    """What ``linear`` is mixed from, the visible face first, where more is seen than that face:
+    through it, or at other samples. They add up to ``linear``. Else empty, and ``light`` does."""
     linear: NDArray[np.float32]
     """(4,), linear red, green, blue and alpha, before rounding."""
     color: NDArray[np.uint8]
@@ -204,6 +232,8 @@ def _face_table(pixel: PixelExplanation) -> Table:
     for face, (depth,), (near,) in listed[:MOST_FACES]:
         owner = f"{face.object_number} {face.object_name}"
         standing = face.standing if pixel.light or face.standing in LOST else "not drawn"
+        if face.alpha is not None and face.alpha < 1.0:
+            standing += f", alpha {face.alpha:.4g}"
         table.add_row(str(face.face), owner, depth, near, standing)
     if len(listed) > MOST_FACES:
         table.add_row("...", f"and {len(listed) - MOST_FACES:,} more", "", "", "")
@@ -293,7 +323,12 @@ def _color_table(pixel: PixelExplanation) -> Table:
         if light.emission.max() >= FAINTEST:
             table.add_row("emission", *_levels(light.emission))
         table.add_section()
-    name = "background" if light is None else "sum" if light.lights else "seen"
+    for name, color in _mixture(pixel):
+        table.add_row(name, *_levels(color))
+    if pixel.parts:
+        table.add_section()
+    summed = pixel.parts or (light is not None and light.lights)
+    name = "background" if light is None else "sum" if summed else "seen"
     table.add_row(name, *_levels(pixel.linear[:3]))
     if pixel.under_wireframe:
         table.add_row("a line of the wireframe covers it", "", "", "")
@@ -301,6 +336,24 @@ def _color_table(pixel: PixelExplanation) -> Table:
     alpha = "" if pixel.color[3] == 255 else f", alpha {pixel.color[3]}"
     table.add_row(f"8 bits, sRGB{alpha}", *codes)
     return table
+
+
+def _mixture(pixel: PixelExplanation) -> Iterator[tuple[str, NDArray[np.float32]]]:
+    """Yield what a pixel's colour is mixed from: how it is called, and its linear colour."""
+    through = {face.face for face in pixel.faces if face.standing == SEEN_THROUGH}
+    parts = pixel.parts
+    for n, part in enumerate(parts[:MOST_FACES]):
+        name = f"all of this, face {part.face}"
+        if n:
+            where = "through" if part.face in through else "beside"
+            name = part.name if part.face is None else f"{where} it, {part.name}"
+        alpha = "" if part.alpha == 1.0 else f", alpha {part.alpha:.4g}"
+        yield f"{name}{alpha}: x {part.share:.4f}", part.color
+    if len(parts) > MOST_FACES:
+        others = parts[MOST_FACES:]
+        share = sum(part.share for part in others)
+        name = f"and {len(others):,} more: x {share:.4f}"
+        yield name, np.sum([part.color for part in others], axis=0)
 
 
 def _table(title: str, *columns: str) -> Table:

@@ -283,6 +283,14 @@ def mix_areas(
     memory: Memory,
 ) -> None:
     """Write the colour of one row of tiles by the areas of opaque faces."""
+    found = find_areas(rows, lists, shader, memory)
+    mix_faces(rows[0], None, found, shader, target, scratch, memory)
+
+
+def find_areas(
+    rows: tuple[int, int], lists: Lists, shader: Shader, memory: Memory
+) -> tuple[NDArray[np.int32], NDArray[np.float32], NDArray[np.float32]]:
+    """Return the faces that show in each pixel, their shares, and the share that shows none."""
     viewport = shader.geometry.viewport
     shape = rows[1] - rows[0], viewport.width
     own = area.scratch_memory(int(np.diff(lists.starts).max()))
@@ -306,8 +314,7 @@ def mix_areas(
         if count <= room:
             break
         room = count
-    found = found[0][: max(count, 1)], found[1], found[2]
-    mix_faces(rows[0], None, found, shader, target, scratch, memory)
+    return found[0][: max(count, 1)], found[1], found[2]
 
 
 def mix_faces(

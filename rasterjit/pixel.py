@@ -8,6 +8,7 @@ for one pixel. Where the engine rounds, the exact value is shown beside it, from
 from __future__ import annotations
 
 import copy
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -16,11 +17,19 @@ from numpy.typing import NDArray
 
 from rasterjit import passes, plan_views, stages
 from rasterjit import plan as planning
-from rasterjit.explanation import FaceAtPixel, LightTerm, PixelExplanation
+from rasterjit.explanation import (
+    LOST,
+    SEEN_BESIDE,
+    SEEN_THROUGH,
+    ColorPart,
+    FaceAtPixel,
+    PixelExplanation,
+)
 from rasterjit.io.meshes import as_scene
 from rasterjit.kernels import resolve, setup, visibility
 from rasterjit.kernels.records import Faces, Geometry, Objects
-from rasterjit.pixel_light import Drawn, light_of
+from rasterjit.pixel_light import Drawn, find_look, light_of
+from rasterjit.pixel_mix import parts_of
 from rasterjit.plan import RenderPlan
 from rasterjit.prepared import prepare
 from rasterjit.render import choose_camera, placement_of, render
@@ -93,17 +102,18 @@ def explain_pixel(
     )  # fmt: skip
     drawn = _draw(scene, plan)
     faces = tuple(_find_faces(drawn, x, y))
-    light, linear = None, plan.background
+    light, linear, parts = None, plan.background, ()
     if drawn.coverage.face_id[y, x] >= 0 and plan.draws_faces:
-        light, linear = light_of(drawn, x, y)
+        look = find_look(drawn)
+        light, linear = light_of(drawn, *look, x, y)
     color = np.empty((1, 1), np.uint32)
     resolve.encode_rows(linear.reshape(1, 1, 4), resolve.encoding_table(), color)
     plain = seen = color.view(np.uint8)[0]
     if any(effect.used and effect.name not in EXPLAINED for effect in plan.effects):
         plain, seen_linear = _seen_without_edges(scene, plan, background, x, y)
-        if light is not None and plan.layers is not None:
-            others = LightTerm("other faces", seen_linear[:3] - linear[:3], np.zeros(3, np.float32))
-            light = replace(light, lights=(*light.lights, others))
+        if light is not None:
+            parts = parts_of(drawn, *look, linear, seen_linear, x, y)
+            faces = tuple(_told_apart(faces, parts))
         seen, linear = plain, seen_linear
     if plan.wireframe is not None:
         frame = render(
@@ -112,8 +122,25 @@ def explain_pixel(
         seen = frame.color[y, x]
     reasons = () if drawn.coverage.face_id[y, x] >= 0 else _reasons(drawn, faces, x, y)
     return PixelExplanation(
-        x, y, size, faces, reasons, light, linear, seen, not np.array_equal(plain, seen)
+        x, y, size, faces, reasons, light, parts, linear, seen, not np.array_equal(plain, seen)
     )
+
+
+def _told_apart(
+    faces: tuple[FaceAtPixel, ...], parts: tuple[ColorPart, ...]
+) -> Iterator[FaceAtPixel]:
+    """Yield the faces, those that are seen behind the visible one marked so."""
+    alphas = {part.face: part.alpha for part in parts if part.share > 0.0}
+    is_open = True
+    for face in faces:
+        if face.standing in LOST:
+            yield face
+            continue
+        standing = face.standing
+        if standing != "visible" and face.face in alphas:
+            standing = SEEN_THROUGH if is_open else SEEN_BESIDE
+        is_open &= alphas.get(face.face, 1.0) < 1.0
+        yield replace(face, standing=standing, alpha=alphas.get(face.face))
 
 
 def _seen_without_edges(

@@ -44,33 +44,39 @@ class Drawn(NamedTuple):
     """With culled faces."""
 
 
-def light_of(drawn: Drawn, x: int, y: int) -> tuple[LightTerms, NDArray[np.float32]]:
-    """Return the terms of a pixel's colour and the colour itself, (4,) float32, linear."""
+def find_look(drawn: Drawn) -> tuple[Surface, Lighting | None]:
+    """Return what the objects look like and what lights them; vertices are not lit yet."""
     plan, prepared, workers = drawn.plan, drawn.prepared, stages.Workers(1)
     lighting = passes.find_lighting(
         plan, prepared, drawn.geometry, drawn.placement, drawn.coverage, workers
     )
-    whole = passes.find_surface(plan, prepared, drawn.placement, None, workers)
+    return passes.find_surface(plan, prepared, drawn.placement, None, workers), lighting
+
+
+def light_of(
+    drawn: Drawn, whole: Surface, lighting: Lighting | None, x: int, y: int
+) -> tuple[LightTerms, NDArray[np.float32]]:
+    """Return the terms of the visible face's colour and the colour, (4,) float32, linear."""
     face = int(drawn.coverage.face_id[y, x])
     owner = int(np.searchsorted(drawn.arrays.face_starts, face, side="right")) - 1
-    material = prepared.shapes.meshes[owner].material
-    linear = _shade(drawn, whole, lighting, x, y)
+    material = drawn.prepared.shapes.meshes[owner].material
+    linear = shade(drawn, whole, lighting, x, y)
     # Fog lies over the sum of all light.
     clear = None if lighting is None else lighting._replace(fog=_no_fog(lighting.fog))
     surface, zero = _without_emission(whole), np.zeros(3, np.float32)
     texture, uv = None, np.full(2, np.nan, np.float32)
     if whole.textures is not None and material.base_color_texture is not None:
-        texture = _shade(drawn, _white(surface), clear, x, y)[:3]
+        texture = shade(drawn, _white(surface), clear, x, y)[:3]
         uv = _interpolate(drawn, whole.textures.uv, x, y)
     emission = zero
     if material.emits:
-        emission = _shade(drawn, _unlit(whole, 0.0), clear, x, y)[:3]
+        emission = shade(drawn, _unlit(whole, 0.0), clear, x, y)[:3]
     fog = ()
     if lighting is not None and lighting.fog is not None:
-        fog = (LightTerm("fog", linear[:3] - _shade(drawn, whole, clear, x, y)[:3], zero),)
+        fog = (LightTerm("fog", linear[:3] - shade(drawn, whole, clear, x, y)[:3], zero),)
     own = material.shading, texture, uv, emission
     if clear is None or material.shading == "unlit":
-        base = _shade(drawn, surface, clear, x, y)[:3]
+        base = shade(drawn, surface, clear, x, y)[:3]
         return LightTerms(own[0], base, *own[1:3], zero, fog, emission), linear
     dark = clear._replace(lights=clear.lights[:0], ambient=zero)
     no_sky = _no_environment(clear.environment)
@@ -79,11 +85,11 @@ def light_of(drawn: Drawn, x: int, y: int) -> tuple[LightTerms, NDArray[np.float
     if clear.occlusion is not None:
         white = white._replace(occlusion=np.ones_like(clear.occlusion))
     shown = _unlit(surface, 1.0) if material.shading == "pbr" else surface
-    base = _shade(drawn, shown, white, x, y)[:3]
+    base = shade(drawn, shown, white, x, y)[:3]
     terms = tuple(_light_terms(drawn, surface, clear, x, y))
     if clear.environment is not None:
-        terms += (LightTerm("environment", _shade(drawn, surface, dark, x, y)[:3], zero),)
-    shed = _shade(drawn, surface, ambient, x, y)[:3]
+        terms += (LightTerm("environment", shade(drawn, surface, dark, x, y)[:3], zero),)
+    shed = shade(drawn, surface, ambient, x, y)[:3]
     return LightTerms(own[0], base, *own[1:3], shed, terms + fog, emission), linear
 
 
@@ -109,7 +115,7 @@ def _light_terms(
         no_sky = _no_environment(lighting.environment)
         alone = lighting._replace(lights=lights, ambient=dark, environment=no_sky)
         diffuse, specular = (
-            _shade(drawn, part, alone._replace(microfacets=facets), x, y)[:3]
+            shade(drawn, part, alone._replace(microfacets=facets), x, y)[:3]
             for part, facets in kinds
         )
         yield LightTerm(name, diffuse, specular)
@@ -178,12 +184,21 @@ def _light_names(drawn: Drawn) -> list[str]:
     ]
 
 
-def _shade(
-    drawn: Drawn, surface: Surface, lighting: Lighting | None, x: int, y: int
+def shade(
+    drawn: Drawn,
+    surface: Surface,
+    lighting: Lighting | None,
+    x: int,
+    y: int,
+    face: int | None = None,
 ) -> NDArray[np.float32]:
-    """Shade one pixel with the engine's kernel; return its linear colour, (4,) float32."""
+    """
+    Shade one pixel with the engine's kernel; return its linear colour, (4,) float32.
+
+    ``face`` is the one to shade; default the visible one.
+    """
     geometry, placement, plan = drawn.geometry, drawn.placement, drawn.plan
-    face = int(drawn.coverage.face_id[y, x])
+    face = int(drawn.coverage.face_id[y, x]) if face is None else face
     if plan.needs_gouraud and lighting is not None:
         lit = _lit_vertices(drawn, surface, lighting, face)
         matt = None

@@ -370,6 +370,111 @@ def test_an_unlit_face_shows_its_base_colour(cube, camera):
     assert not told.light.ambient.any()
 
 
+# --- more faces than one --------------------------------------------------------------------------
+
+
+def glazed(*panes, floor=True):
+    """Return a scene of panes, given by alpha and z, in front of a floor that they stick out of."""
+    scene = rj.Scene()
+    square = np.array([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)], float)
+    faces = [[0, 1, 2], [0, 2, 3]]
+    if floor:
+        scene.add(rj.Mesh(0.7 * square, faces, material=rj.Material("phong", "red")), name="floor")
+    for n, (alpha, z) in enumerate(panes):
+        material = rj.Material(
+            "phong", (0.2, 0.9, 0.05 * n, alpha), emissive=(0.0, 0.0, 0.1), alpha_mode="blend"
+        )
+        place = transforms.translate((0.1, 0.05, z)) @ transforms.rotate_z(20.0)
+        scene.add(rj.Mesh(square, faces, material=material), place, f"pane {n}")
+    scene.lights = [rj.AmbientLight(intensity=0.3), rj.DirectionalLight((-0.2, -0.3, -1))]
+    scene.fog = rj.Fog("white", density=0.05)
+    return scene
+
+
+FEW = (14, 11)
+AHEAD = rj.PerspectiveCamera((0.1, 0.2, 4.0), (0, 0, 0), fov_y=38.0)
+
+
+@pytest.mark.parametrize("background", [None, "transparent", (0.3, 0.2, 0.8, 0.5)])
+@pytest.mark.parametrize(
+    ("panes", "samples"),
+    [(((0.25, 0.5), (0.5, 0.2)), 1), (((0.25, 0.5), (0.5, 0.2)), 4), ((), 4), ((), "area")],
+    ids=["panes", "panes, 4 samples", "4 samples", "area"],
+)  # fmt: skip
+def test_the_parts_of_a_mixed_pixel_add_up_to_its_colour(panes, samples, background):
+    scene, quality = glazed(*panes), rj.Quality(samples=samples)
+    if background is None:
+        scene.environment = rj.Environment.gradient(background=True)
+    options = {"quality": quality, "background": background}
+    frame = rj.render(
+        scene, AHEAD, size=FEW, outputs=("linear", "color", "face_id"), threads=1, **options
+    )
+    names = set()
+    for y, x in np.argwhere(frame.face_id >= 0)[::5]:
+        told = rj.explain_pixel(scene, AHEAD, FEW, int(x), int(y), **options)
+        assert told.linear.tobytes() == frame.linear[y, x].tobytes()
+        assert told.color.tolist() == frame.color[y, x].tolist()
+        own = told.light.ambient + told.light.emission
+        own = own + sum(term.diffuse + term.specular for term in told.light.lights)
+        if not told.parts:
+            np.testing.assert_allclose(own, told.linear[:3], rtol=SUMMED)
+            continue
+        total = sum(part.color for part in told.parts)
+        np.testing.assert_allclose(total, told.linear[:3], rtol=SUMMED, atol=1e-6)
+        assert sum(part.share for part in told.parts) == pytest.approx(1.0, abs=1e-6)
+        assert told.parts[0].face == told.winner.face
+        np.testing.assert_allclose(told.parts[0].color, told.parts[0].share * own, rtol=1e-5)
+        for part in told.parts:
+            assert (part.color >= -1e-7).all()
+            names.add(part.name.split(" of ")[-1])
+        assert str(told).isascii()
+        assert "other faces" not in str(told)
+    behind = {None: {"environment"}, "transparent": set()}.get(background, {"background"})
+    owners = {"object 0 floor", *(f"object {n + 1} pane {n}" for n in range(len(panes)))}
+    assert names == owners | behind
+
+
+def test_what_is_seen_through_glass_is_marked_and_its_shares_are_those_of_the_alphas():
+    scene = glazed((0.25, 0.5), (0.5, 0.2))
+    scene.add(rj.Mesh([(-9, -9, -1), (9, -9, -1), (0, 9, -1)], [[0, 1, 2]]), name="wall")
+    told = rj.explain_pixel(scene, AHEAD, FEW, 7, 5)
+    standings = {face.object_name: (face.standing, face.alpha) for face in told.faces}
+    assert standings == {
+        "pane 0": ("visible", 0.25), "pane 1": ("seen through the above", 0.5),
+        "floor": ("seen through the above", 1.0), "wall": ("hidden", None),
+    }  # fmt: skip
+    assert [part.share for part in told.parts] == pytest.approx([0.25, 0.375, 0.375])
+    assert [part.alpha for part in told.parts] == pytest.approx([0.25, 0.5, 1.0])
+    shown = str(told)
+    assert "seen through the above, alpha 0.5\n" in shown
+    assert f"all of this, face {told.winner.face}, alpha 0.25: x 0.2500" in shown
+    assert "through it, face 0 of object 0 floor: x 0.3750" in shown
+
+
+def test_faces_that_only_other_samples_show_are_marked_so():
+    scene = rj.Scene()
+    for z, x in ((0.0, -0.8), (-0.5, -9.0)):
+        scene.add(rj.Mesh([(x, -9, z), (9, -9, z), (9, 9, z), (x, 9, z)], [[0, 1, 2], [0, 2, 3]]))
+    camera = rj.OrthographicCamera((0, 0, 5), (0, 0, 0), height=8.5, far=9.0)
+    quality = rj.Quality(samples=16)
+    found = set()
+    for x in range(6):
+        told = rj.explain_pixel(scene, camera, (8, 8), x, 2, quality=quality)
+        found |= {face.standing for face in told.faces}
+        for part in told.parts[1:]:
+            assert 0.0 < part.share < 1.0
+            assert f"beside it, {part.name}: x " in str(told)
+    assert found == {"visible", "hidden", "seen beside the above"}
+
+
+def test_many_parts_print_as_their_sum():
+    scene = glazed(*((0.1, 0.02 * n) for n in range(1, 20)), floor=False)
+    told = rj.explain_pixel(scene, AHEAD, FEW, 7, 5)
+    assert len(told.parts) == 20
+    rest = sum(part.share for part in told.parts[12:])
+    assert f"and 8 more: x {rest:.4f}" in str(told)
+
+
 # --- nothing there, and wrong arguments -----------------------------------------------------------
 
 

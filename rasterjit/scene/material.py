@@ -143,9 +143,7 @@ class Material:
         for name in TEXTURE_FIELDS:
             texture = getattr(self, name)
             if texture is not None and not isinstance(texture, Texture):
-                raise ValueError(
-                    f"{name} must be a Texture or None, got {in_short(texture)}"
-                )
+                raise ValueError(f"{name} must be a Texture or None, got {in_short(texture)}")
         texture = self.base_color_texture
         one_of("alpha_mode", self.alpha_mode, ALPHA_MODES)
         if not isinstance(self.double_sided, bool):

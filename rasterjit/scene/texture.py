@@ -471,7 +471,9 @@ def _check_light(values: NDArray[Any], what: str, most: float) -> None:
     lowest, highest = float(values.min()), float(values.max())
     if lowest != lowest:
         count = int(np.isnan(values).sum())
-        raise ValueError(f"image must hold {what} in 0..{most:g}, got {count} NaN among its numbers")
+        raise ValueError(
+            f"image must hold {what} in 0..{most:g}, got {count} NaN among its numbers"
+        )
     if not (lowest >= 0.0 and highest <= most):
         raise ValueError(
             f"image must hold {what} in 0..{most:g}, got numbers from {lowest} to {highest}; 8-bit "
