@@ -12,11 +12,7 @@ from rasterjit.explanation import ColorPart
 from rasterjit.kernels.records import Lighting, Surface
 from rasterjit.kernels.setup import TILE_SIZE
 from rasterjit.pixel_light import Drawn, shade
-from rasterjit.scene.quality import SUPERSAMPLED
 from rasterjit.workers import Workers
-
-CODES = ", and what mixing 8-bit codes differs by"
-"""Codes do not add up as light does."""
 
 Shares = dict[int, float]
 """How much of a pixel each face makes up, from 0 to 1; the visible one comes first."""
@@ -44,13 +40,7 @@ def parts_of(
         The pixel's, which the parts add up to.
     x, y : int
     """
-    winner, quality = int(drawn.coverage.face_id[y, x]), drawn.plan.quality
-    if quality.samples in SUPERSAMPLED:
-        mean = f"what the mean of {quality.samples} samples, each shaded by itself, differs by"
-        return (
-            ColorPart(_name_of(drawn, winner), winner, 1.0, 1.0, own[:3]),
-            ColorPart(mean, None, 1.0, 1.0, linear[:3] - own[:3]),
-        )
+    winner = int(drawn.coverage.face_id[y, x])
     if drawn.plan.layers is None:
         return ()
     drawn = _at_samples(drawn)
@@ -82,10 +72,7 @@ def parts_of(
     alpha = 1.0 if has_sky else float(drawn.plan.background[3])
     if behind * alpha > 0.0:
         name = "environment" if has_sky else "background"
-        name += CODES if quality.blending == "srgb8" else ""
         parts.append(ColorPart(name, None, alpha, behind * alpha / opacity, rest))
-    elif quality.blending == "srgb8":
-        parts.append(ColorPart(CODES.removeprefix(", and "), None, 1.0, 1.0, rest))
     return tuple(parts)
 
 
