@@ -56,6 +56,7 @@ def parts_of(
             shares[face] = shares.get(face, 0.0) + through * alpha
             through *= 1.0 - alpha
         behind += through
+    shares = {face: share for face, share in shares.items() if share > 0.0 or face == winner}
     if shares == {winner: 1.0}:
         return ()
     opacity = float(linear[3]) or 1.0
@@ -65,7 +66,6 @@ def parts_of(
             _scaled(share / opacity, colors[face][:3]),
         )
         for face, share in shares.items()
-        if share > 0.0 or face == winner
     ]  # fmt: skip
     rest = linear[:3] - sum(part.color for part in parts)
     has_sky = drawn.plan.backdrop is not None

@@ -123,3 +123,24 @@ def test_the_terms_of_a_pixel_add_up(row):
         np.testing.assert_allclose(total, told.linear[:3], atol=SUMMED * largest, rtol=0.0)
         told_of |= {term.name for term in light.lights}
     assert told_of == {"SpotLight 1", "PointLight 2", "environment", "fog"}
+
+
+@pytest.mark.parametrize(
+    "row", [settings_of(*row) for row in ROWS if row[1] != "nearest"], ids=named
+)
+def test_the_parts_of_a_mixed_pixel_add_up(row):
+    scene, camera, quality = scene_of(row)
+    found, mixed = drawn(row), 0
+    objects = found["object_id"]
+    is_edge = (objects[:, :-1] >= 0) & (objects[:, :-1] != objects[:, 1:])
+    for y, x in np.argwhere(is_edge)[2::9]:
+        told = rj.explain_pixel(scene, camera, SIZE, int(x), int(y), quality=quality)
+        assert told.linear.tobytes() == found["linear"][y, x].tobytes()
+        if told.parts:
+            largest = max(float(np.abs(part.color).max()) for part in told.parts)
+            total = sum(part.color for part in told.parts)
+            np.testing.assert_allclose(total, told.linear[:3], atol=SUMMED * largest, rtol=0.0)
+            assert sum(part.share for part in told.parts) == pytest.approx(1.0, abs=SUMMED)
+            assert len(told.parts) > 1
+            mixed += 1
+    assert mixed
