@@ -328,7 +328,7 @@ def _color_table(pixel: PixelExplanation) -> Table:
     if pixel.parts:
         table.add_section()
     summed = pixel.parts or (light is not None and light.lights)
-    name = "background" if light is None else "sum" if summed else "seen"
+    name = "sum" if summed else "background" if light is None else "seen"
     table.add_row(name, *_levels(pixel.linear[:3]))
     if pixel.under_wireframe:
         table.add_row("a line of the wireframe covers it", "", "", "")
@@ -344,9 +344,10 @@ def _mixture(pixel: PixelExplanation) -> Iterator[tuple[str, NDArray[np.float32]
     parts = pixel.parts
     for n, part in enumerate(parts[:MOST_FACES]):
         name = f"all of this, face {part.face}"
-        if n:
+        if n or pixel.winner is None:
             where = "through" if part.face in through else "beside"
-            name = part.name if part.face is None else f"{where} it, {part.name}"
+            where = f"{where} it, " if pixel.winner else "beside the centre, "
+            name = part.name if part.face is None else where + part.name
         alpha = "" if part.alpha == 1.0 else f", alpha {part.alpha:.4g}"
         yield f"{name}{alpha}: x {part.share:.4f}", part.color
     if len(parts) > MOST_FACES:

@@ -102,7 +102,7 @@ def explain_pixel(
     )  # fmt: skip
     drawn = _draw(scene, plan)
     faces = tuple(_find_faces(drawn, x, y))
-    light, linear, parts = None, plan.background, ()
+    light, linear, look, parts = None, plan.background, None, ()
     if drawn.coverage.face_id[y, x] >= 0 and plan.draws_faces:
         look = find_look(drawn)
         light, linear = light_of(drawn, *look, x, y)
@@ -111,7 +111,8 @@ def explain_pixel(
     plain = seen = color.view(np.uint8)[0]
     if any(effect.used and effect.name not in EXPLAINED for effect in plan.effects):
         plain, seen_linear = _seen_without_edges(scene, plan, background, x, y)
-        if light is not None:
+        if plan.draws_faces and (light is not None or plan.layers is not None):
+            look = look or find_look(drawn)
             parts = parts_of(drawn, *look, linear, seen_linear, x, y)
             faces = tuple(_told_apart(faces, parts))
         seen, linear = plain, seen_linear

@@ -28,14 +28,14 @@ def parts_of(
     y: int,
 ) -> tuple[ColorPart, ...]:
     """
-    Return the parts of a pixel's colour, the visible face first; none if it alone is seen.
+    Return the parts of a pixel's colour, the visible face first; none if nothing else is seen.
 
     Parameters
     ----------
     drawn : Drawn
     surface, lighting : records
     own : (4,) float32, linear
-        The colour of the visible face.
+        The colour of the visible face, or what is behind all, where its centre shows none.
     linear : (4,) float32, linear
         The pixel's, which the parts add up to.
     x, y : int
@@ -44,8 +44,8 @@ def parts_of(
     if drawn.plan.layers is None:
         return ()
     drawn = _at_samples(drawn)
-    colors = {winner: own}
-    shares: Shares = {winner: 0.0}
+    colors = {winner: own} if winner >= 0 else {}
+    shares: Shares = dict.fromkeys(colors, 0.0)
     behind = 0.0
     for faces, weight in _find_samples(drawn, surface, lighting, x, y):
         through = weight
@@ -57,7 +57,7 @@ def parts_of(
             through *= 1.0 - alpha
         behind += through
     shares = {face: share for face, share in shares.items() if share > 0.0 or face == winner}
-    if shares == {winner: 1.0}:
+    if shares in ({winner: 1.0}, {}):
         return ()
     opacity = float(linear[3]) or 1.0
     parts = [

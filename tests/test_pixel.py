@@ -410,10 +410,17 @@ def test_the_parts_of_a_mixed_pixel_add_up_to_its_colour(panes, samples, backgro
         scene, AHEAD, size=FEW, outputs=("linear", "color", "face_id"), threads=1, **options
     )
     names = set()
-    for y, x in np.argwhere(frame.face_id >= 0)[::5]:
+    beside = 0
+    for y, x in (*np.argwhere(frame.face_id >= 0)[::5], *np.argwhere(frame.face_id < 0)[::7]):
         told = rj.explain_pixel(scene, AHEAD, FEW, int(x), int(y), **options)
         assert told.linear.tobytes() == frame.linear[y, x].tobytes()
         assert told.color.tolist() == frame.color[y, x].tolist()
+        if told.winner is None:
+            total = sum(part.color for part in told.parts) if told.parts else told.linear[:3]
+            np.testing.assert_allclose(total, told.linear[:3], rtol=SUMMED, atol=1e-6)
+            assert ("beside the centre, face" in str(told)) == bool(told.parts)
+            beside += bool(told.parts)
+            continue
         own = told.light.ambient + told.light.emission
         own = own + sum(term.diffuse + term.specular for term in told.light.lights)
         if not told.parts:
@@ -432,6 +439,7 @@ def test_the_parts_of_a_mixed_pixel_add_up_to_its_colour(panes, samples, backgro
     behind = {None: {"environment"}, "transparent": set()}.get(background, {"background"})
     owners = {"object 0 floor", *(f"object {n + 1} pane {n}" for n in range(len(panes)))}
     assert names == owners | behind
+    assert (beside > 0) == (samples != 1)
 
 
 def test_what_is_seen_through_glass_is_marked_and_its_shares_are_those_of_the_alphas():
