@@ -159,7 +159,7 @@ def test_too_many_pieces_are_an_error_that_says_where(monkeypatch):
 def test_blended_materials_are_refused():
     mesh = mesh_of([(3, 3), (20, 4), (5, 14)], [0.25] * 3, SIZE, base_color=(1, 0, 0, 0.5),
                    alpha_mode="blend")  # fmt: skip
-    with pytest.raises(ValueError, match=r"samples must be .* 'area' and 'object 0' .* alpha_mode"):
+    with pytest.raises(ValueError, match=r"samples must be .* 'area' and object 0 with alpha_mode"):
         draw([mesh])
 
 
