@@ -240,6 +240,7 @@ OFF_THE_PATH = {
     "diagnostics.py": "pictures of a frame's cost, not of its scene",
     "pixel.py": "text about one pixel",
     "pixel_light.py": "text about one pixel",
+    "pixel_mix.py": "text about one pixel",
     "scene/srgb.py": "whole numbers and fractions",
     "kernels/jit.py": "compiles",
     "cli_report.py": "text",
