@@ -245,7 +245,6 @@ OFF_THE_PATH = {
     "kernels/jit.py": "compiles",
     "cli_report.py": "text",
     "__main__.py": "nothing but a call",
-    "pixel_mix.py": "text about one pixel",
     "dial.py": "compares pictures and times",
     "accuracy/compiling.py": "draws what nobody looks at",
     "accuracy/crops.py": "a page about pictures",
