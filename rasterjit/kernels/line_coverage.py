@@ -67,7 +67,8 @@ def snapped_end(x, y, w, viewport):
     # Rounding may leave a cut end a little outside the guard band, or far if w cancels.
     x = min(max(x / w, -viewport.guard_x), viewport.guard_x)
     y = min(max(y / w, -viewport.guard_y), viewport.guard_y)
-    return snap_vertex(x, y, viewport)
+    extents = 1.0, 0.5 * viewport.width, 0.5 * viewport.height
+    return snap_vertex(x, y, extents, viewport)
 
 
 @stage
