@@ -28,7 +28,7 @@ from rasterjit.explanation import (
 from rasterjit.io.meshes import as_scene
 from rasterjit.kernels import resolve, setup, visibility
 from rasterjit.kernels.records import Faces, Objects
-from rasterjit.pixel_light import Drawn, find_look, light_of
+from rasterjit.pixel_light import Drawn, find_look, light_of, owner_of
 from rasterjit.pixel_mix import parts_of
 from rasterjit.plan import RenderPlan
 from rasterjit.prepared import prepare
@@ -279,7 +279,7 @@ def _face_at(
 ) -> FaceAtPixel:
     """Gather all numbers of one face at one pixel."""
     arrays, geometry, coverage = drawn.arrays, drawn.geometry, drawn.coverage
-    owner = int(np.searchsorted(arrays.face_starts, face, side="right")) - 1
+    owner = owner_of(drawn, face)
     node, vertices = drawn.scene.nodes[owner], arrays.faces[face]
     model = arrays.positions[vertices]
     world = transform_points(node.world_from_model, model)[:, :3]

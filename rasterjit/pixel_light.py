@@ -44,6 +44,11 @@ class Drawn(NamedTuple):
     """With culled faces."""
 
 
+def owner_of(drawn: Drawn, face: int) -> int:
+    """Return the number of the object that has a face."""
+    return int(np.searchsorted(drawn.arrays.face_starts, face, side="right")) - 1
+
+
 def find_look(drawn: Drawn) -> tuple[Surface, Lighting | None]:
     """Return what the objects look like and what lights them; vertices are not lit yet."""
     plan, prepared, workers = drawn.plan, drawn.prepared, stages.Workers(1)
@@ -58,7 +63,7 @@ def light_of(
 ) -> tuple[LightTerms, NDArray[np.float32]]:
     """Return the terms of the visible face's colour and the colour, (4,) float32, linear."""
     face = int(drawn.coverage.face_id[y, x])
-    owner = int(np.searchsorted(drawn.arrays.face_starts, face, side="right")) - 1
+    owner = owner_of(drawn, face)
     material = drawn.prepared.looks.meshes[owner].material
     linear = shade(drawn, whole, lighting, x, y)
     # Fog lies over the sum of all light.

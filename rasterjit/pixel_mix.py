@@ -11,7 +11,7 @@ from rasterjit import layered, passes
 from rasterjit.explanation import ColorPart
 from rasterjit.kernels.records import Lighting, Surface
 from rasterjit.kernels.setup import TILE_SIZE
-from rasterjit.pixel_light import Drawn, shade
+from rasterjit.pixel_light import Drawn, owner_of, shade
 from rasterjit.scene.quality import SUPERSAMPLED
 from rasterjit.workers import Workers
 
@@ -127,21 +127,16 @@ def _find_samples(
             yield [face for face in (*transparent, opaque) if face >= 0], 1.0 / samples
 
 
-def _owner_of(drawn: Drawn, face: int) -> int:
-    """Return the number of the object that has a face."""
-    return int(np.searchsorted(drawn.arrays.face_starts, face, side="right")) - 1
-
-
 def _alpha_of(drawn: Drawn, face: int, color: NDArray[np.float32]) -> float:
     """Return how much of what lies behind a face it covers."""
-    if not drawn.plan.layers.is_blended[_owner_of(drawn, face)]:
+    if not drawn.plan.layers.is_blended[owner_of(drawn, face)]:
         return 1.0
     return float(min(max(color[3], 0.0), 1.0))
 
 
 def _name_of(drawn: Drawn, face: int) -> str:
     """Name a face by its number and its object."""
-    owner = _owner_of(drawn, face)
+    owner = owner_of(drawn, face)
     name, place = drawn.scene.nodes[owner].name, f"object {owner}"
     return f"face {face} of {place if name == place else f'{place} {name}'}"
 

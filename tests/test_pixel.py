@@ -395,6 +395,15 @@ FEW = (14, 11)
 AHEAD = rj.PerspectiveCamera((0.1, 0.2, 4.0), (0, 0, 0), fov_y=38.0)
 
 
+def color_behind(environment, background):
+    """Return what is seen where nothing is, (H, W, 3), linear: all is behind the eye."""
+    scene = rj.Scene()
+    scene.add(rj.Mesh([(0, 0, 9), (1, 0, 9), (0, 1, 9)], [[0, 1, 2]]))
+    scene.environment = environment
+    frame = rj.render(scene, AHEAD, size=FEW, outputs=("linear",), background=background)
+    return frame.linear[:, :, :3]
+
+
 @pytest.mark.parametrize("background", [None, "transparent", (0.3, 0.2, 0.8, 0.5)])
 @pytest.mark.parametrize(
     ("panes", "samples"),
@@ -409,12 +418,16 @@ def test_the_parts_of_a_mixed_pixel_add_up_to_its_colour(panes, samples, backgro
     frame = rj.render(
         scene, AHEAD, size=FEW, outputs=("linear", "color", "face_id"), threads=1, **options
     )
+    behind = color_behind(scene.environment, background)
     names = set()
     beside = 0
     for y, x in (*np.argwhere(frame.face_id >= 0)[::5], *np.argwhere(frame.face_id < 0)[::7]):
         told = rj.explain_pixel(scene, AHEAD, FEW, int(x), int(y), **options)
         assert told.linear.tobytes() == frame.linear[y, x].tobytes()
         assert told.color.tolist() == frame.color[y, x].tolist()
+        for part in told.parts:
+            if part.face is None:
+                np.testing.assert_allclose(part.color, part.share * behind[y, x], atol=2e-6)
         if told.winner is None:
             total = sum(part.color for part in told.parts) if told.parts else told.linear[:3]
             np.testing.assert_allclose(total, told.linear[:3], rtol=SUMMED, atol=1e-6)
@@ -436,9 +449,9 @@ def test_the_parts_of_a_mixed_pixel_add_up_to_its_colour(panes, samples, backgro
             names.add(part.name.split(" of ")[-1])
         assert str(told).isascii()
         assert "other faces" not in str(told)
-    behind = {None: {"environment"}, "transparent": set()}.get(background, {"background"})
+    backdrops = {None: {"environment"}, "transparent": set()}.get(background, {"background"})
     owners = {"object 0 floor", *(f"object {n + 1} pane {n}" for n in range(len(panes)))}
-    assert names == owners | behind
+    assert names == owners | backdrops
     assert (beside > 0) == (samples != 1)
 
 

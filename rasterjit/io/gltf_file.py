@@ -212,9 +212,8 @@ def _split_chunks(content: bytes) -> tuple[bytes, bytes | None]:
     if len(content) < end + 8:
         return content[_HEAD:end], None
     length, kind = struct.unpack_from("<II", content, end)
-    return content[_HEAD:end], content[
-        end + 8 : end + 8 + length
-    ] if kind == _BINARY_CHUNK else None
+    binary = content[end + 8 : end + 8 + length] if kind == _BINARY_CHUNK else None
+    return content[_HEAD:end], binary
 
 
 def _whole(value: Any) -> int:
