@@ -177,10 +177,10 @@ def highlights() -> MadeScene:
 
 
 def shadows() -> MadeScene:
-    """Return a fence whose shadow falls on the ground, sharp nearby and far."""
+    """Return a fence whose shadow falls on a ground so wide that a shadow map is coarse there."""
     scene = Scene()
     ground = Material(base_color=(0.7, 0.68, 0.6), specular=0.0)
-    corners = [(-9.0, 0.0, 6.0), (9.0, 0.0, 6.0), (9.0, 0.0, -14.0), (-9.0, 0.0, -14.0)]
+    corners = [(-60.0, 0.0, 6.0), (60.0, 0.0, 6.0), (60.0, 0.0, -60.0), (-60.0, 0.0, -60.0)]
     scene.add(Mesh(corners, QUAD, material=ground), name="ground")
     wood = Material(base_color=(0.35, 0.18, 0.08), specular=0.0)
     for number in range(14):
@@ -190,7 +190,7 @@ def shadows() -> MadeScene:
         scene.add(Mesh(*_box((0.0, height, -3.0), (7.6, 0.06, 0.05)), material=wood), name="rail")
     light = DirectionalLight((0.55, -0.8, 0.75), intensity=0.9, shadow=Shadow())
     scene.lights += [AmbientLight(intensity=0.12), light]
-    return MadeScene(scene, PerspectiveCamera((2.0, 4.2, 4.5), (0.0, 0.3, -1.5)))
+    return MadeScene(scene, PerspectiveCamera((1.0, 2.0, 1.5), (0.0, 0.3, -2.0)))
 
 
 def glass() -> MadeScene:
