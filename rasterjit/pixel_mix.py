@@ -116,8 +116,8 @@ def _find_samples(
         yield [], float(rest[y - first, x])
         return
     samples = int(plan.layers.samples)
-    kept = plan.layers.kept
-    for band in layered.find_layers(rows, lists, samples, shader, workers.memory, kept):
+    most = plan.layers.most
+    for band in layered.find_layers(rows, lists, samples, shader, workers.memory, most):
         row = y - band.first_row
         if not 0 <= row < band.opaque.shape[1]:
             continue

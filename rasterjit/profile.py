@@ -23,6 +23,7 @@ LADDER = (
     Quality(samples=4),
     Quality.high(),
     replace(Quality.high(), samples=16),
+    replace(Quality.reference(), samples=16, shadow_taps=9, math="polynomial"),
     replace(Quality.reference(), samples=64),
     Quality.reference(),
 )

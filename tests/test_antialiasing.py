@@ -11,7 +11,7 @@ from naive_layers import CAMERA, mesh_of, scene_of
 from test_layered import colors_of, meshes_of, reason, soup
 
 import rasterjit as rj
-from rasterjit import layered
+from rasterjit import accuracy, layered
 from rasterjit.kernels import resolve, transparency
 
 SIZE = (64, 32)
@@ -294,3 +294,20 @@ def test_plan_says_why_edges_are_smoothed(cube, camera, monkeypatch):
     monkeypatch.setattr(transparency, "find_layers", refuse)
     options = dict(size=(20, 20), quality=four, outputs=("depth",))
     assert np.isfinite(rj.render(cube, camera, **options).depth).any()
+
+
+def test_slivers_are_shaded_near_the_pixels_that_show_them():
+    """Beside a sliver's pixels lie its far ends: a point of it that is not near shows another hue."""
+    made = accuracy.make("slivers")
+    one, several, best = (
+        rj.render(
+            made.scene, made.camera, size=(96, 72), outputs=("linear",), quality=quality
+        ).linear
+        for quality in (
+            rj.Quality(subpixel_bits=12),
+            rj.Quality(subpixel_bits=12, samples=8),
+            rj.Quality.reference(),
+        )
+    )
+    error, errors = ((frame - best)[:, :, :3].std() for frame in (one, several))
+    assert errors < 0.6 * error

@@ -38,7 +38,7 @@ def scene_of(*meshes, **fields):
 
 def on_screen(scene, precision, size=SIZE):
     """Return the screen vertices, the matrices and the positions that they were found from."""
-    known = prepared.prepare(scene.nodes, None)
+    known = prepared.prepare(scene.nodes, None, rj.Quality())
     views = plan_views.view_places(known.places, camera(), size)
     arrays, positions = known.shapes.arrays, known.shapes.positions(precision)
     vertices = stages.ModelVertices(

@@ -11,6 +11,8 @@ README = Path(__file__).parent.parent / "README.md"
 PROGRAMS = re.findall(r"```python\n(.*?)```", README.read_text(encoding="utf-8"), re.DOTALL)
 
 
+# The machine may not be calibrated yet.
+@pytest.mark.filterwarnings("ignore::rasterjit.CalibrationWarning")
 @pytest.mark.parametrize("program", PROGRAMS, ids=range(1, len(PROGRAMS) + 1))
 def test_program_runs(program, tmp_path, monkeypatch, capsys):
     (tmp_path / "models").symlink_to(README.parent / "models")

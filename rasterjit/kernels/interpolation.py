@@ -62,19 +62,61 @@ def weights_without_zeros(edges, ws):
 
 
 @stage
-def held_edges(e0, e1, e2, reach):
+def dot(right, down, other_right, other_down):
+    """Return the scalar product of two steps, one pixel right and one down each."""
+    return np.float64(right) * np.float64(other_right) + np.float64(down) * np.float64(other_down)
+
+
+@stage
+def held_to_border(outside, others, sizes):
+    """
+    Return two edges at the foot of a perpendicular on a third one, whose value is ``outside``.
+
+    Takes the scalar products of the steps: the third's with itself and with both others'. Inside
+    the third edge they are worth what they were.
+    """
+    way = min(outside, 0.0) / sizes[0]
+    return others[0] - way * sizes[1], others[1] - way * sizes[2]
+
+
+@stage
+def held_edges(edges, right, down, reach):
     """
     Return three edges at a pixel's centre, where the samples of a face may lie beside it.
 
-    They are turned positive inside and held at zero and above: of a centre outside the face that
-    leaves a point of its border, and weights that mix nothing but what the vertices have. Inside,
-    and where a pixel has one sample, they are worth what they were.
+    They are turned positive inside. Of a centre beside the face they are those of a point of its
+    border that is near: the foot of the perpendicular on the edge that it lies beside, or a vertex.
+    Scaling the others to make up for an edge below zero would slide along a sliver as far as it is
+    long. Inside, and where a pixel has one sample, they are worth what they were.
+
+    Parameters
+    ----------
+    edges : tuple of 3 whole numbers
+    right, down : tuple of 3 whole numbers
+        How edges change from pixel to pixel, in any unit.
+    reach
+        None where a pixel has one sample.
     """
     if reach is None:
-        return e0, e1, e2
-    turn = np.int64(1) if e0 + e1 + e2 > 0 else np.int64(-1)
-    zero = np.int64(0)
-    return max(e0 * turn, zero), max(e1 * turn, zero), max(e2 * turn, zero)
+        return edges
+    turn = 1.0 if edges[0] + edges[1] + edges[2] > 0 else -1.0
+    e0, e1, e2 = (
+        turn * np.float64(edges[0]),
+        turn * np.float64(edges[1]),
+        turn * np.float64(edges[2]),
+    )
+    d01 = dot(right[0], down[0], right[1], down[1])
+    d12 = dot(right[1], down[1], right[2], down[2])
+    d20 = dot(right[2], down[2], right[0], down[0])
+    d00 = dot(right[0], down[0], right[0], down[0])
+    d11 = dot(right[1], down[1], right[1], down[1])
+    d22 = dot(right[2], down[2], right[2], down[2])
+    k1, k2 = held_to_border(e0, (e1, e2), (d00, d01, d20))
+    k0 = max(e0, 0.0)
+    k2, k0 = held_to_border(k1, (k2, k0), (d11, d12, d01))
+    k1 = max(k1, 0.0)
+    k0, k1 = held_to_border(k2, (k0, k1), (d22, d20, d12))
+    return max(k0, 0.0), max(k1, 0.0), max(k2, 0.0)
 
 
 @stage
@@ -119,10 +161,11 @@ def snapped_weights(a, b, c, px, py, geometry):
     ax, ay = np.int64(geometry.xy[a, 0]), np.int64(geometry.xy[a, 1])
     bx, by = np.int64(geometry.xy[b, 0]), np.int64(geometry.xy[b, 1])
     cx, cy = np.int64(geometry.xy[c, 0]), np.int64(geometry.xy[c, 1])
-    edges = held_edges(
+    edges = (
         edge(bx, by, cx, cy, px, py), edge(cx, cy, ax, ay, px, py), edge(ax, ay, bx, by, px, py),
-        geometry.viewport.reach,
     )  # fmt: skip
+    right, down = (by - cy, cy - ay, ay - by), (cx - bx, ax - cx, bx - ax)
+    edges = held_edges(edges, right, down, geometry.viewport.reach)
     return weights_over_w(edges, a, b, c, geometry.w)
 
 
@@ -204,10 +247,10 @@ def weights_from_edges(e0, e1, e2, ratios, w):
 @disjoint_stage
 def weights_along_row(second, third, row_start, reach, w):
     """Write the weights of the second and third vertex along a row; return if any is doubtful."""
-    (e0, e1, e2), steps, ratios = row_start
+    (e0, e1, e2), steps, downs, ratios = row_start
     doubtful = np.int64(0)
     for i in range(second.shape[0]):
-        k0, k1, k2 = held_edges(e0, e1, e2, reach)
+        k0, k1, k2 = held_edges((e0, e1, e2), steps, downs, reach)
         second[i], third[i], is_doubtful = weights_from_edges(k0, k1, k2, ratios, w)
         doubtful |= is_doubtful
         e0 += steps[0]
@@ -219,7 +262,7 @@ def weights_along_row(second, third, row_start, reach, w):
 @disjoint_stage
 def affine_along_row(second, third, row_start):
     """Write the affine weights of the second and third vertex along a row; none is doubtful."""
-    (e0, e1, e2), steps, _ = row_start
+    (e0, e1, e2), steps, _, _ = row_start
     over = 1.0 / np.float64(e0 + e1 + e2)
     for i in range(second.shape[0]):
         second[i], third[i] = np.float64(e1) * over, np.float64(e2) * over

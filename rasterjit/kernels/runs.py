@@ -130,6 +130,7 @@ def row_start(whole, real, column, row):
             whole[EDGE + 2] + column * whole[ACROSS + 2] + row * whole[DOWN + 2],
         ),
         (whole[ACROSS], whole[ACROSS + 1], whole[ACROSS + 2]),
+        (whole[DOWN], whole[DOWN + 1], whole[DOWN + 2]),
         (real[RATIO], real[RATIO + 1], real[RATIO + 2]),
     )
 
@@ -339,8 +340,7 @@ def note_run(
     note_textured(places, run, weights, a, b, c, behind, owner, samples, surface)
     texture_places.note_run(
         places, weights, run, column, row, corners, owner, whole[IS_CLIPPED] != 0,
-        row_start(whole, real, column, row), (whole[DOWN], whole[DOWN + 1], whole[DOWN + 2]),
-        surface.textures, geometry,
+        row_start(whole, real, column, row), surface.textures, geometry,
     )  # fmt: skip
 
 

@@ -77,12 +77,14 @@ def weigh(
     for n in range(ax.shape[0]):
         px = np.int32((columns[n] << bits) + half - shift[0])
         py = np.int32((rows[n] << bits) + half - shift[1])
-        edges = held_edges(
+        edges = (
             narrow_edge(bx[n], by[n], cx[n], cy[n], px, py),
             narrow_edge(cx[n], cy[n], ax[n], ay[n], px, py),
             narrow_edge(ax[n], ay[n], bx[n], by[n], px, py),
-            reach,
         )
+        right = by[n] - cy[n], cy[n] - ay[n], ay[n] - by[n]
+        down = cx[n] - bx[n], ax[n] - cx[n], bx[n] - ax[n]
+        edges = held_edges(edges, right, down, reach)
         ratios = ratios_at(wa, wb, wc, n, w)
         second[n], third[n], doubtful = weights_from_edges(*edges, ratios, w)
         unsure[n] |= np.int32(doubtful)

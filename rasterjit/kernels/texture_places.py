@@ -54,9 +54,9 @@ def fill_places(u, v, owners, second, third, ends, owner):
 
 
 @disjoint_stage
-def fill_steps(right_u, right_v, down_u, down_v, u, v, ends, row_start, downs, bits, w):
+def fill_steps(right_u, right_v, down_u, down_v, u, v, ends, row_start, bits, w):
     """Write the steps of neighbouring samples of one face that was not clipped."""
-    (e0, e1, e2), (x0, x1, x2), ratios = row_start
+    (e0, e1, e2), (x0, x1, x2), downs, ratios = row_start
     unit = np.float64(np.int64(1) << bits)
     across = np.float64(x0 >> bits), np.float64(x1 >> bits), np.float64(x2 >> bits)
     fall = np.float64(downs[0] >> bits), np.float64(downs[1] >> bits), np.float64(downs[2] >> bits)
@@ -96,7 +96,7 @@ def note_corners(places, run, a, b, c, maps):
 
 @stage
 def note_run(
-    places, weights, run, column, row, corners, owner, is_clipped, row_start, downs, textures,
+    places, weights, run, column, row, corners, owner, is_clipped, row_start, textures,
     geometry,
 ):  # fmt: skip
     """Write what it takes to look up textures along a run of one face."""
@@ -117,7 +117,7 @@ def note_run(
         return
     fill_steps(
         places[STEPS, start:stop], places[STEPS + 1, start:stop], places[STEPS + 2, start:stop],
-        places[STEPS + 3, start:stop], u, v, ends, row_start, downs, geometry.viewport.grid_bits,
+        places[STEPS + 3, start:stop], u, v, ends, row_start, geometry.viewport.grid_bits,
         geometry.w,
     )  # fmt: skip
 
