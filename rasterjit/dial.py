@@ -90,9 +90,12 @@ class Times:
 
         Where the machine is known the fastest tells the others; those are measured that are chosen.
         """
-        for quality in self.ladder:
+        for step, quality in enumerate(self.ladder):
             self._measure(quality, draw)
-            if self._ratios or self._seconds[quality] > TOO_LONG * budget:
+            # The first two may be the other way round: there are scenes that fewer lit vertices, or
+            # smaller shadow maps, make no faster.
+            is_too_long = step > 0 and self._seconds[quality] > TOO_LONG * budget
+            if self._ratios or is_too_long:
                 break
         while (chosen := self.best(budget)) not in self._seconds:
             self._measure(chosen, draw)
@@ -119,11 +122,12 @@ class Times:
 
     def best(self, budget: float) -> Quality:
         """Return the most accurate quality that stays in a budget; the fastest if none does."""
-        for quality in reversed(self.ladder):
-            seconds = self.predict(quality)
-            if seconds is not None and seconds <= HEADROOM * budget:
+        predicted = {quality: self.predict(quality) for quality in reversed(self.ladder)}
+        known = {quality: seconds for quality, seconds in predicted.items() if seconds is not None}
+        for quality, seconds in known.items():
+            if seconds <= HEADROOM * budget:
                 return quality
-        return self.ladder[0]
+        return min(known, key=known.__getitem__)
 
     def learn(self, quality: Quality, seconds: float) -> None:
         """Correct what is known by what a frame took."""

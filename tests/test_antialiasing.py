@@ -297,7 +297,7 @@ def test_plan_says_why_edges_are_smoothed(cube, camera, monkeypatch):
 
 
 def test_slivers_are_shaded_near_the_pixels_that_show_them():
-    """Beside a sliver's pixels lie its far ends: a point of it that is not near shows another hue."""
+    """A sliver's ends are far from most of its pixels, and have another hue."""
     made = accuracy.make("slivers")
     one, several, best = (
         rj.render(

@@ -90,8 +90,11 @@ def _sentence(trial: Trial, standard: Trial) -> str:
     if wrong != true:
         parts.append(f"{wrong:,} wrong pixels instead of {true:,}")
     depth, usual_depth = trial.errors.depth_units, standard.errors.depth_units
-    if depth is not None and usual_depth is not None and not _are_alike(depth, usual_depth):
-        parts.append(f"depth wrong by up to {depth:.1g} units instead of {usual_depth:.1g}")
+    if depth is not None and usual_depth is not None:
+        # What prints alike is alike.
+        mine, other = f"{depth:.1g}", f"{usual_depth:.1g}"
+        if mine != other:
+            parts.append(f"depth wrong by up to {mine} units instead of {other}")
     text = f"{level} instead of {usual}: {', '.join(parts)}"
     if trial.dominated_by is not None:
         text += "; not worth it here"

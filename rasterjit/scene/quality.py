@@ -141,8 +141,8 @@ class Quality:
     def draft(cls) -> Quality:
         """Return settings for a picture that is only glanced at."""
         return cls(
-            shading="vertex", renormalize=False, texture_filter="nearest", shadow_size=512,
-            shadow_taps=1, transparency_layers=2,
+            shading="vertex", texture_filter="nearest", shadow_size=512, shadow_taps=1,
+            transparency_layers=2,
         )  # fmt: skip
 
     @classmethod
@@ -154,8 +154,8 @@ class Quality:
     def high(cls) -> Quality:
         """Return settings for a picture that is looked at closely."""
         return cls(
-            samples=8, texture_filter="anisotropic8", shadow_size=2048, shadow_taps=9,
-            lines="coverage",
+            samples=8, subpixel_bits=12, texture_filter="anisotropic8", shadow_size=2048,
+            shadow_taps=9, lines="coverage",
         )  # fmt: skip
 
     @classmethod
