@@ -9,6 +9,7 @@ from __future__ import annotations
 import functools
 import time
 from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
 from types import TracebackType
 from typing import Any
 
@@ -289,11 +290,18 @@ class Renderer:
         camera = choose_camera(scene, camera, self.size)
         _, background, cull, _ = options
         shown = (("color", "linear"), background, cull, False)
-        with Renderer(dial.probe_size(self.size), threads=self._workers.threads) as small:
+        with ExitStack() as stack:
+            small = [
+                stack.enter_context(Renderer(size, threads=self._workers.threads))
+                for size in dial.probe_sizes(self.size)
+            ]
             return dial.draw_within_error(
                 bound,
                 lambda quality: self._render(quality, scene, camera, *options),
-                lambda quality: small._render(quality, scene, camera, *shown),
+                [
+                    lambda quality, one=one: one._render(quality, scene, camera, *shown)
+                    for one in small
+                ],
             )
 
     def refine(

@@ -107,14 +107,14 @@ def flat(value):
 
 
 def test_the_fastest_quality_that_is_near_enough_is_drawn():
-    lights = (0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005, 1e-4, 0.0)
+    lights = (0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005, 0.0, 0.0)
     errors = dict(zip(LADDER, lights, strict=True))
-    for bound, step in ((0.9, 0), (0.36, 1), (0.18, 2), (0.04, 4), (1e-3, 7), (1e-6, 8)):
+    for bound, step in ((0.9, 0), (0.36, 1), (0.18, 2), (0.04, 4), (1e-3, 8)):
         drawn = []
         frame = draw_within_error(
             bound,
             lambda quality, drawn=drawn: drawn.append(quality) or flat(0.0),
-            lambda quality: flat(errors[quality]),
+            [lambda quality: flat(0.0), lambda quality: flat(errors[quality])],
         )
         assert drawn == [LADDER[step]]
         assert frame.choice.quality == LADDER[step]
@@ -126,7 +126,7 @@ def test_what_is_better_than_its_betters_is_not_trusted():
     lights = dict(zip(LADDER, (0.5, 0.2, 0.1, 0.001, 0.05, 0.01, 0.005, 0.0, 0.0), strict=True))
     drawn = []
     draw_within_error(
-        0.04, lambda quality: drawn.append(quality) or flat(0.0), lambda q: flat(lights[q])
+        0.04, lambda quality: drawn.append(quality) or flat(0.0), [lambda q: flat(lights[q])]
     )
     assert drawn == [LADDER[5]]
 
@@ -158,6 +158,25 @@ def test_the_error_stays_within_its_bound(bound):
     standard = rj.render(scene, CAMERA, size=SIZE, outputs=("linear",))
     if root_mean_square(light_of(standard) - light_of(exact)) > bound:
         assert frame.choice.quality not in LADDER[:2]
+
+
+@pytest.mark.parametrize("name", ["floor", "highlights", "shadows", "glass", "slivers"])
+def test_errors_stay_within_their_bounds(name):
+    made, size = rj.accuracy.make(name), (160, 120)
+    exact, standard = (
+        light_of(
+            rj.render(made.scene, made.camera, size=size, quality=quality, outputs=("linear",))
+        )
+        for quality in (rj.Quality.reference(), rj.Quality())
+    )
+    usual, chosen = root_mean_square(standard - exact), set()
+    for factor in (20.0, 3.0, 1.0, 0.3):
+        frame = rj.render(
+            made.scene, made.camera, size=size, max_error=factor * usual, outputs=("linear",)
+        )
+        assert root_mean_square(light_of(frame) - exact) <= factor * usual
+        chosen.add(frame.choice.quality)
+    assert len(chosen) >= 2
 
 
 def test_a_time_budget_is_asked_for_the_first_time_with_a_warning_and_then_without():
