@@ -26,7 +26,6 @@ from rich.table import Table
 import rasterjit as rj
 from rasterjit import accuracy, transforms
 from rasterjit.dial import light_of, root_mean_square
-from rasterjit.scene.quality import differences
 
 TEAPOT = Path(__file__).parents[1] / "models" / "teapot.obj"
 
@@ -135,16 +134,6 @@ def keep_to_error(orbit: Orbit, size: tuple[int, int]) -> Iterator[Bounded]:
         yield Bounded(bound, error, frame.choice.quality, seconds / whole)
 
 
-def in_words(quality: rj.Quality) -> str:
-    """Name a quality: a preset, or its settings that are unlike the nearest preset's."""
-    presets = {
-        name: getattr(rj.Quality, name)() for name in ("draft", "standard", "high", "reference")
-    }
-    name = min(presets, key=lambda name: len(differences(quality, presets[name])))
-    changes = differences(quality, presets[name])
-    return " ".join([name, *(f"{setting}={level}" for setting, level in changes.items())])
-
-
 def table_of_times(budget: float) -> Table:
     """Return the empty table of ``time_budget``."""
     table = Table(title=f"time_budget={budget:g}")
@@ -163,7 +152,7 @@ def row_of_times(name: str, kept: Kept, budget: float) -> tuple[str, ...]:
     (quality, _), *_ = Counter(kept.qualities).most_common(1)
     return (
         name, f"{100.0 * kept.share(budget):.0f} %", f"{1e3 * statistics.median(kept.seconds):.1f}",
-        f"{1e3 * max(kept.seconds):.1f}", f"{100.0 * off:.0f} %", in_words(quality),
+        f"{1e3 * max(kept.seconds):.1f}", f"{100.0 * off:.0f} %", str(quality),
     )  # fmt: skip
 
 
@@ -190,7 +179,7 @@ def main(context: click.Context, budget: float, frames: int, size: tuple[int, in
             faults += not found.holds
             errors.add_row(
                 orbit.name, f"{found.bound:.5f}", f"{found.error:.5f}",
-                "yes" if found.holds else "NO", f"{found.time:.2f}", in_words(found.quality),
+                "yes" if found.holds else "NO", f"{found.time:.2f}", str(found.quality),
             )  # fmt: skip
     console = Console(width=None if Console().is_terminal else 140)
     console.print(times)

@@ -16,7 +16,6 @@ from rasterjit.accuracy.study import SIZE
 from rasterjit.cli_effects import Effects
 from rasterjit.cli_files import load_scene
 from rasterjit.cli_options import Look, View
-from rasterjit.scene.quality import PRESETS, Quality, differences
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -83,10 +82,7 @@ def calibrate_machine(threads: int | None, quiet: bool) -> None:
     table.add_column("time", justify="right")
     table.add_column("error", justify="right")
     for step in profile.steps:
-        changes = differences(step.quality, Quality.standard())
-        name = next((name for name, make in PRESETS.items() if make() == step.quality), None)
-        said = ", ".join(f"{setting}={level}" for setting, level in changes.items())
-        table.add_row(name or said, f"{step.time:.2f}", f"{step.error:.3f}")
+        table.add_row(str(step.quality), f"{step.time:.2f}", f"{step.error:.3f}")
     _console().print(table)
     click.echo(f"wrote {path}")
 

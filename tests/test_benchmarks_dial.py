@@ -55,8 +55,3 @@ def test_the_camera_goes_around_its_target(one_small_scene):
     turned = one_small_scene.turned(90.0)
     way, new = (np.subtract(one.eye, one.target) for one in (camera, turned))
     np.testing.assert_allclose(new, (way[2], way[1], -way[0]), atol=1e-12)
-
-
-def test_qualities_are_named_after_the_nearest_preset():
-    assert program.in_words(rj.Quality.draft()) == "draft"
-    assert program.in_words(rj.Quality(samples=4)) == "standard samples=4"

@@ -14,8 +14,9 @@ With ``NUMBA_DISABLE_JIT=1`` all return the plain Python function; a kernel is t
 overflow and NaN as when it is compiled.
 
 Numba's disk cache stamps a kernel with the hash of *its own* source file, so it would not see an
-edit in a helper that lives in another file. The stamp is therefore replaced by one hash over all
-files in this folder: a change anywhere in the kernels recompiles, an unchanged tree loads.
+edit in a helper that lives in another file, nor whether indices are to be checked
+(``NUMBA_BOUNDSCHECK``). The stamp is therefore replaced by one hash over that and all files in this
+folder: a change anywhere in the kernels recompiles, an unchanged tree loads.
 
 Kernels allocate nothing: whoever calls them gives them their scratch memory. So they are compiled
 without Numba's memory runtime (``_nrt=False``), which would count references to every slice with
@@ -75,8 +76,8 @@ KERNELS: list[Any] = []
 
 
 def _sources_hash() -> str:
-    """Return one hash over the source of every kernel file."""
-    digest = hashlib.sha256()
+    """Return one hash over the source of every kernel file, and whether indices are checked."""
+    digest = hashlib.sha256(str(bool(numba.config.BOUNDSCHECK)).encode())
     for path in sorted(Path(__file__).parent.glob("*.py")):
         digest.update(path.name.encode())
         digest.update(path.read_bytes())

@@ -137,6 +137,12 @@ class Quality:
                 "whole pixels leave nothing to smooth"
             )
 
+    def __str__(self) -> str:
+        """Name the nearest preset, and the settings that are not its own."""
+        name = min(PRESETS, key=lambda name: len(differences(self, PRESETS[name]())))
+        changes = differences(self, PRESETS[name]())
+        return " ".join([name, *(f"{setting}={level}" for setting, level in changes.items())])
+
     @classmethod
     def draft(cls) -> Quality:
         """Return settings for a picture that is only glanced at."""
