@@ -42,6 +42,7 @@ from rasterjit.cli_report import (
     status,
     with_progress,
 )
+from rasterjit.scene.quality import LEVELS
 
 if TYPE_CHECKING:
     from rasterjit.frame import Frame
@@ -377,13 +378,18 @@ def explain(
 @program.command()
 @click.argument("file", type=click.Path(path_type=Path), required=False)
 @click.option("--scene", "made", type=MadeSceneType(), metavar="NAME",
-              help="Instead of FILE, a scene that is made for some of the settings.")  # fmt: skip
+              help="Instead of FILE, a scene made for some of the settings: floor, wires, "
+                   "slivers, near-and-far, far-from-origin, coplanar, highlights, shadows, glass, "
+                   "wireframe.")  # fmt: skip
 @click.option("--knobs", type=KnobsType(), metavar="NAMES",
-              help="Comma-separated names of the settings to try; default: all.")  # fmt: skip
+              help="Settings to try, separated by commas; default: all: "
+                   f"{', '.join(LEVELS)}.")  # fmt: skip
 @click.option("--budget", type=FiniteType(0.0, min_open=True), metavar="SECONDS",
-              help="Time that it may take, about; default 100.")  # fmt: skip
+              help="Time that it may take, about, default 100; what there is no time for is "
+                   "left out and named.")  # fmt: skip
 @click.option("--calibrate", is_flag=True,
-              help="Measure this machine once, for time_budget and max_error.")  # fmt: skip
+              help="Measure this machine once, for time_budget and max_error: a minute, or "
+                   "three where kernels have to be compiled.")  # fmt: skip
 @click.option("-o", "--output", type=click.Path(path_type=Path), metavar="FOLDER",
               help="Where the report is written; made if there is none.")  # fmt: skip
 @click.option("--size", type=SizeType(), metavar="WxH",

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rasterjit.accuracy import Study, Trial, calibrate, can_make_page, make, sentences, study
-from rasterjit.accuracy.files import CSV_NAME, JSON_NAME, prepare_folder
+from rasterjit.accuracy.files import CSV_NAME, JSON_NAME, PAGE_NAME, prepare_folder
+from rasterjit.accuracy.ranking import is_timed
 from rasterjit.accuracy.results import COMBINATIONS
 from rasterjit.accuracy.study import SIZE
 from rasterjit.cli_effects import Effects
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
 
     from rasterjit.accuracy.timing import Progress
 
-PAGE_NAME = "index.html"
 
 WIDE = 120
 """Columns of a terminal that show PSNR and FLIP as well."""
@@ -77,10 +77,11 @@ def calibrate_machine(threads: int | None, quiet: bool) -> None:
         profile, path = calibrate(threads=threads, progress=progress)
     if quiet:
         return
-    table = Table(title=f"Of standard frames, {profile.threads} threads", padding=(0, 1))
+    title = f"Time and error over those of a standard frame, {profile.threads} threads"
+    table = Table(title=title, padding=(0, 1))
     table.add_column("quality")
-    table.add_column("time", justify="right")
-    table.add_column("error", justify="right")
+    table.add_column("× time", justify="right")
+    table.add_column("× error", justify="right")
     for step in profile.steps:
         table.add_row(str(step.quality), f"{step.time:.2f}", f"{step.error:.3f}")
     _console().print(table)
@@ -159,8 +160,9 @@ def _print_table(found: Study, console: Console) -> None:
         last = trial.setting
     width, height = found.size
     console.print(
-        f"{found.scene}, {width} x {height} pixels, {found.threads} threads, medians of "
-        f"{max(found.rounds, 1)} frames (fewer of slow ones); * on the Pareto front"
+        f"{found.scene}, {width} x {height} pixels, {found.threads} threads; times are medians of "
+        f"{max(found.rounds, 1)} rounds (fewer of slow frames) ± half of what lies between the "
+        "quartiles (? of fewer than 3 rounds); * on the Pareto front of the medians"
     )
     console.print(table)
 
@@ -168,10 +170,11 @@ def _print_table(found: Study, console: Console) -> None:
 def _cells(trial: Trial, found: Study) -> dict[str, str]:
     """Return what a row of the table may show."""
     errors, (low, high) = trial.errors, trial.spread
+    spread = f"{(high - low) / 2.0:.2f}" if is_timed(trial) else "?"
     return {
         "level": trial.level + (" *" if trial.label in found.front else ""),
         "ms": f"{1e3 * trial.median:.2f}",
-        "× standard": f"{trial.ratio:.2f} ±{(high - low) / 2.0:.2f}",
+        "× standard": f"{trial.ratio:.2f} ±{spread}",
         "rmse": f"{errors.rmse:.2e}",
         "PSNR": f"{errors.psnr:.1f}",
         "FLIP": "-" if errors.flip is None else f"{errors.flip:.4f}",

@@ -14,6 +14,7 @@ qualities, as long as those are near enough. Where none is, the frame is the ref
 from __future__ import annotations
 
 import statistics
+import threading
 import warnings
 import weakref
 from collections.abc import Callable, Sequence
@@ -26,7 +27,7 @@ from numpy.typing import NDArray
 from rasterjit.frame import Choice, Frame
 from rasterjit.profile import LADDER, load_profile
 from rasterjit.scene.color import srgb_to_linear
-from rasterjit.scene.quality import Quality
+from rasterjit.scene.quality import SUPERSAMPLED, Quality
 
 HEADROOM = 0.9
 """Share of a time budget that a frame is planned to take: times vary."""
@@ -34,11 +35,24 @@ HEADROOM = 0.9
 TOO_LONG = 1.5
 """Calibrating stops at a quality that takes so many times the budget: better ones take longer."""
 
+HOPELESS = 3.0
+"""A quality whose first frame, which also gets memory, takes so many times the budget is not drawn
+again."""
+
 FRAMES = 3
-"""Frames of each quality that calibrating takes the median of."""
+"""Frames of each quality that calibrating takes the median of; one of those of many pictures."""
 
 MEMORY = 0.5
-"""Weight of what was known in what is known after another frame."""
+"""Weight of what was known of the machine's load in what is known after another frame."""
+
+OWN_MEMORY = 0.8
+"""The same of the time of the quality itself."""
+
+MOST_SHARE = 2.0
+"""How many times longer, or shorter, than expected a frame counts at most."""
+
+MOST_KNOWN = 64
+"""Scenes, in their circumstances, whose times are remembered: those that were first seen last."""
 
 MARGIN = 1.75
 """How much smaller than the bound the error of the small pictures must be: the picture itself has
@@ -53,6 +67,9 @@ LEAST_PROBE = 48
 
 PROBE_SAMPLES = 64
 """Pictures whose mean stands for the reference of a small picture: a quarter of what that takes."""
+
+CODES = 255.0
+"""Largest 8-bit code."""
 
 Draw: TypeAlias = Callable[[Quality], Frame]
 
@@ -75,6 +92,8 @@ class Times:
 
     def __init__(self, ladder: Sequence[Quality], ratios: dict[Quality, float]) -> None:
         self.ladder = tuple(ladder)
+        self.lock = threading.Lock()
+        """Held by who calibrates: another thread's frames would be timed with its own."""
         self._ratios = ratios
         self._seconds: dict[Quality, float] = {}
         self._load = 1.0
@@ -91,19 +110,30 @@ class Times:
         Where the machine is known the fastest tells the others; those are measured that are chosen.
         """
         for step, quality in enumerate(self.ladder):
-            self._measure(quality, draw)
             # The first two may be the other way round: there are scenes that fewer lit vertices, or
             # smaller shadow maps, make no faster.
+            if step > 1 and self._least(quality) > TOO_LONG * budget:
+                break
+            self._measure(quality, budget, draw)
             is_too_long = step > 0 and self._seconds[quality] > TOO_LONG * budget
             if self._ratios or is_too_long:
                 break
         while (chosen := self.best(budget)) not in self._seconds:
-            self._measure(chosen, draw)
+            self._measure(chosen, budget, draw)
 
-    def _measure(self, quality: Quality, draw: Draw) -> None:
+    def _least(self, quality: Quality) -> float:
+        """Return what a quality takes at least, seconds: that of all its pictures; else 0."""
+        if quality.samples not in SUPERSAMPLED:
+            return 0.0
+        return int(quality.samples) * min(self._seconds.values())
+
+    def _measure(self, quality: Quality, budget: float, draw: Draw) -> None:
         """Find out what a quality takes."""
         # The first frame compiles, and gets memory.
-        draw(quality)
+        first = seconds_of(draw(quality))
+        if quality.samples in SUPERSAMPLED or first > HOPELESS * budget:
+            self._seconds[quality] = first
+            return
         times = [seconds_of(draw(quality)) for _ in range(FRAMES)]
         self._seconds[quality] = statistics.median(times)
 
@@ -130,10 +160,19 @@ class Times:
         return min(known, key=known.__getitem__)
 
     def learn(self, quality: Quality, seconds: float) -> None:
-        """Correct what is known by what a frame took."""
+        """
+        Correct what is known by what a frame took.
+
+        Most of it is put down to what the machine is busy with: a frame that was disturbed is soon
+        forgotten. What it says of the quality lasts.
+        """
         if quality not in self._seconds:
-            self._seconds[quality] = seconds / self._load
-        self._load = MEMORY * self._load + (1.0 - MEMORY) * seconds / self._seconds[quality]
+            predicted = self.predict(quality)
+            self._seconds[quality] = (seconds if predicted is None else predicted) / self._load
+        share = seconds / (self._seconds[quality] * self._load)
+        share = min(max(share, 1.0 / MOST_SHARE), MOST_SHARE)
+        self._load *= MEMORY + (1.0 - MEMORY) * share
+        self._seconds[quality] *= OWN_MEMORY + (1.0 - OWN_MEMORY) * share
 
 
 def draw_in_time(budget: float, times: Times, draw: Draw) -> Frame:
@@ -154,8 +193,9 @@ def draw_in_time(budget: float, times: Times, draw: Draw) -> Frame:
     Frame
         Its ``choice`` tells which one it is.
     """
-    if not times.is_known:
-        times.calibrate(budget, draw)
+    with times.lock:
+        if not times.is_known:
+            times.calibrate(budget, draw)
     quality = times.best(budget)
     predicted = times.predict(quality)
     frame = draw(quality)
@@ -232,11 +272,19 @@ def light_of(frame: Frame) -> NDArray[np.float32]:
     """
     Return the light that a frame shows, (H, W, 3) float32, linear red, green and blue.
 
-    Lines lie over the 8-bit colour alone: with a wireframe it is that colour, decoded.
+    Before a background that is seen through it is what the surfaces add to whatever comes behind
+    them, and the alpha is a fourth channel. Lines lie over the 8-bit colour alone: with a wireframe
+    it is that colour, decoded.
     """
-    if frame.plan.wireframe is not None:
-        return srgb_to_linear(frame.color[:, :, :3])
-    return frame.linear[:, :, :3]
+    plan = frame.plan
+    if plan.wireframe is not None:
+        light = srgb_to_linear(frame.color[:, :, :3])
+        alpha = frame.color[:, :, 3:].astype(np.float32) / np.float32(CODES)
+    else:
+        light, alpha = frame.linear[:, :, :3], frame.linear[:, :, 3:]
+    if plan.backdrop is not None or plan.background[3] >= 1.0:
+        return light
+    return np.concatenate([light * alpha, alpha], axis=2)
 
 
 def root_mean_square(differences: NDArray[Any]) -> float:
@@ -266,21 +314,26 @@ def times_of(what: Any, circumstances: Any) -> Times:
         If nothing is known of the scene, nor of the machine.
     """
     key = id(what), circumstances
-    if key not in _TIMES:
+    with _LOCK:
+        if key in _TIMES:
+            return _TIMES[key]
         profile = load_profile()
-        if profile is None:
-            warnings.warn(
-                "time_budget: there is no profile of this machine, so frames of this scene are "
-                "timed first; `rasterjit accuracy --calibrate` makes one",
-                CalibrationWarning,
-                stacklevel=4,
-            )
         ladder, ratios = (LADDER, {}) if profile is None else (profile.ladder, profile.times())
-        _TIMES[key] = Times(ladder, ratios)
+        _TIMES[key] = times = Times(ladder, ratios)
         # Another scene may come to lie at the same address.
         weakref.finalize(what, _TIMES.pop, key, None)
-    return _TIMES[key]
+        while len(_TIMES) > MOST_KNOWN:
+            del _TIMES[next(iter(_TIMES))]
+    if profile is None:
+        warnings.warn(
+            "time_budget: there is no profile of this machine, so frames of this scene are timed "
+            "first; `rasterjit accuracy --calibrate` makes one",
+            CalibrationWarning,
+            stacklevel=4,
+        )
+    return times
 
 
+_LOCK = threading.Lock()
 _TIMES: dict[Any, Times] = {}
 """What is known of scenes, by their address and the circumstances."""

@@ -3,18 +3,27 @@
 from __future__ import annotations
 
 import json
+import math
 import os
+import platform
 import sys
-import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
+from rasterjit.io.images import replacing
+from rasterjit.kernels.jit import cpu_features
 from rasterjit.scene.quality import Quality, differences
+from rasterjit.workers import available_processors
+
+Item = TypeVar("Item")
 
 FORMAT = 1
 """Of the file; one of another format is as good as none."""
+
+DECIDING = ("cpu", "architecture", "processors")
+"""What of the machine decides how qualities compare: with another one there is no profile."""
 
 LADDER = (
     Quality.draft(),
@@ -66,13 +75,29 @@ class Profile:
         return {step.quality: step.time for step in self.steps}
 
 
-def front_of(steps: Sequence[Step]) -> tuple[Step, ...]:
+def front_of(items: Iterable[Item], cost: Callable[[Item], tuple[float, float]]) -> list[Item]:
+    """Return the items that no other is both faster and more accurate than, the fastest first."""
+    front: list[Item] = []
+    for item in sorted(items, key=cost):
+        if not front or cost(item)[1] < cost(front[-1])[1]:
+            front.append(item)
+    return front
+
+
+def front_of_steps(steps: Iterable[Step]) -> tuple[Step, ...]:
     """Return the steps that no other is both faster and more accurate than, the fastest first."""
-    front: list[Step] = []
-    for step in sorted(steps, key=lambda step: (step.time, step.error)):
-        if not front or step.error < front[-1].error:
-            front.append(step)
-    return tuple(front)
+    return tuple(front_of(steps, lambda step: (step.time, step.error)))
+
+
+def machine() -> dict[str, str]:
+    """Return what times depend on."""
+    return {
+        "cpu": cpu_features()[0],
+        "architecture": platform.machine(),
+        "processors": str(available_processors()),
+        "system": platform.platform(terse=True),
+        "python": platform.python_version(),
+    }
 
 
 def cache_folder() -> Path:
@@ -91,7 +116,7 @@ def profile_file() -> Path:
     return cache_folder() / "profile.json"
 
 
-def save_profile(profile: Profile, machine: Mapping[str, str]) -> Path:
+def save_profile(profile: Profile) -> Path:
     """
     Keep the profile of this machine; the file is there whole or not at all.
 
@@ -102,7 +127,7 @@ def save_profile(profile: Profile, machine: Mapping[str, str]) -> Path:
     """
     content = {
         "format": FORMAT,
-        "machine": dict(machine),
+        "machine": machine(),
         "threads": profile.threads,
         "steps": [
             {
@@ -116,9 +141,8 @@ def save_profile(profile: Profile, machine: Mapping[str, str]) -> Path:
     path = profile_file()
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile("w", dir=path.parent, delete=False) as file:
-            json.dump(content, file, indent=1)
-        os.replace(file.name, path)
+        with replacing(path) as temporary:
+            temporary.write_text(json.dumps(content, indent=1))
     except OSError as error:
         raise ValueError(
             f"the cache folder must be one to write to, but {str(path.parent)!r} is not: {error}"
@@ -127,17 +151,22 @@ def save_profile(profile: Profile, machine: Mapping[str, str]) -> Path:
 
 
 def load_profile() -> Profile | None:
-    """Return the profile of this machine; ``None`` if there is none that can be read."""
+    """Return the profile of this machine; ``None`` if there is none, or none that can be read."""
     try:
         content = json.loads(profile_file().read_text())
-        steps = front_of([_step(entry) for entry in content["steps"]])
-        if content["format"] != FORMAT or not steps:
+        here = machine()
+        is_of_here = all(content["machine"][name] == here[name] for name in DECIDING)
+        steps = front_of_steps([_step(entry) for entry in content["steps"]])
+        if content["format"] != FORMAT or not is_of_here or not steps:
             return None
         return Profile(steps, int(content["threads"]))
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, ValueError, KeyError, TypeError, OverflowError, RecursionError):
         return None
 
 
 def _step(entry: Any) -> Step:
-    """Return a step as it was kept."""
-    return Step(Quality(**entry["settings"]), float(entry["time"]), float(entry["error"]))
+    """Return a step as it was kept; raise ``ValueError`` for times and errors that cannot be."""
+    time, error = float(entry["time"]), float(entry["error"])
+    if not (0.0 < time < math.inf and 0.0 <= error < math.inf):
+        raise ValueError(f"a step must take time and have an error, got {entry!r}")
+    return Step(Quality(**entry["settings"]), time, error)

@@ -68,9 +68,10 @@ def render(
     quality : Quality, optional
         Default ``Quality.standard()``.
     max_error : float, optional
-        In place of a quality: the fastest is chosen whose picture is that near to the one of
-        ``Quality.reference()``, as the root mean square difference in linear light. Small pictures
-        are drawn first to find out, and take their time.
+        In place of a quality: the fastest is chosen whose picture is expected to be that near to
+        the one of ``Quality.reference()``, as the root mean square difference in linear light (and
+        of alpha, before a background that is seen through). Two small pictures are drawn first to
+        find out, and take their time.
     time_budget : float, optional
         In place of a quality: the most accurate one is chosen that is drawn in so many seconds,
         compiling apart. When a scene is seen first, frames of it are drawn to find out;
@@ -101,6 +102,9 @@ def render(
         if value is not None and quality is not None:
             raise ValueError(f"quality must be None where {name} is given, got {quality!r}")
     with Renderer(size, quality=quality, threads=threads) as renderer:
+        if time_budget is not None and max_error is None:
+            options = outputs, background, cull, diagnose
+            return renderer._render_in_time(time_budget, what, camera, options, is_lone=True)
         return renderer.render(
             what, camera, max_error=max_error, time_budget=time_budget, outputs=outputs,
             background=background, cull=cull, diagnose=diagnose,
@@ -258,19 +262,30 @@ class Renderer:
         return self._draw(*planned, clock, Accumulation())
 
     def _render_in_time(
-        self, time_budget: float, what: Any, camera: Camera | None, options: tuple
+        self,
+        time_budget: float,
+        what: Any,
+        camera: Camera | None,
+        options: tuple,
+        is_lone: bool = False,
     ) -> Frame:
-        """Render one frame in the best quality that a time allows."""
+        """Render one frame in the best quality that a time allows; a lone one keeps nothing."""
         budget = positive_number("time_budget", time_budget)
         scene = self._scene(what)
         outputs, _, _, diagnose = options
         circumstances = (
             self.size, self._workers.threads, planning.check_outputs(outputs), bool(diagnose),
+            is_lone,
         )  # fmt: skip
-        times = dial.times_of(what, circumstances)
-        return dial.draw_in_time(
-            budget, times, lambda quality: self._render(quality, scene, camera, *options)
-        )
+
+        def draw(quality: Quality) -> Frame:
+            if not is_lone:
+                return self._render(quality, scene, camera, *options)
+            # What is kept from frame to frame is not there for a lone one.
+            with Renderer(self.size, threads=self._workers.threads) as lone:
+                return lone._render(quality, scene, camera, *options)
+
+        return dial.draw_in_time(budget, dial.times_of(what, circumstances), draw)
 
     def _render_within(
         self,
@@ -289,6 +304,8 @@ class Renderer:
         scene = self._scene(what)
         camera = choose_camera(scene, camera, self.size)
         _, background, cull, _ = options
+        # What is wrong is wrong before anything is drawn.
+        self._plan(Quality.standard(), scene, camera, *options)
         shown = (("color", "linear"), background, cull, False)
         with ExitStack() as stack:
             small = [

@@ -8,7 +8,7 @@ import pytest
 
 import rasterjit as rj
 from rasterjit import profile as profiles
-from rasterjit.profile import LADDER, Profile, Step, front_of, load_profile, save_profile
+from rasterjit.profile import LADDER, Profile, Step, front_of_steps, load_profile, save_profile
 from rasterjit.scene.quality import Quality
 
 STEPS = (
@@ -26,7 +26,7 @@ def folder(tmp_path, monkeypatch):
 
 def test_a_profile_is_read_as_it_was_kept(folder):
     assert load_profile() is None
-    path = save_profile(Profile(STEPS, 2), {"cpu": "any"})
+    path = save_profile(Profile(STEPS, 2))
     assert path.parent == folder
     assert load_profile() == Profile(STEPS, 2)
     assert [file.name for file in folder.iterdir()] == ["profile.json"]
@@ -35,8 +35,8 @@ def test_a_profile_is_read_as_it_was_kept(folder):
 def test_what_others_dominate_is_not_chosen_from():
     slow = Step(rj.Quality(samples=2), 7.0, 0.5)
     alike = Step(rj.Quality(samples=4), 6.5, 0.125)
-    assert front_of((*STEPS[::-1], slow, alike)) in (STEPS, (*STEPS[:2], alike))
-    front = front_of((*STEPS, slow))
+    assert front_of_steps((*STEPS[::-1], slow, alike)) in (STEPS, (*STEPS[:2], alike))
+    front = front_of_steps((*STEPS, slow))
     assert [step.time for step in front] == sorted(step.time for step in front)
     assert [step.error for step in front] == sorted((s.error for s in front), reverse=True)
     assert slow not in front
@@ -52,23 +52,46 @@ def test_what_others_dominate_is_not_chosen_from():
     ],
 )  # fmt: skip
 def test_a_broken_profile_is_none(folder, content):
-    save_profile(Profile(STEPS, 2), {})
+    save_profile(Profile(STEPS, 2))
     profiles.profile_file().write_text(content)
     assert load_profile() is None
 
 
-def test_a_profile_of_another_format_is_none(folder):
-    path = save_profile(Profile(STEPS, 2), {})
+@pytest.mark.parametrize("value", ["Infinity", "[" * 100_000, "0", "-1.0", "NaN", "1e999"])
+def test_numbers_that_no_time_can_be_make_it_none(folder, value):
+    path = save_profile(Profile(STEPS, 2))
+    path.write_text(path.read_text().replace('"time": 0.5', f'"time": {value}'))
+    assert load_profile() is None
+
+
+def test_an_infinite_number_of_threads_makes_it_none(folder):
+    edited(save_profile(Profile(STEPS, 2)), lambda content: content.update(threads=float("inf")))
+    assert load_profile() is None
+
+
+def edited(path, change):
     content = json.loads(path.read_text())
-    content["format"] += 1
+    change(content)
     path.write_text(json.dumps(content))
+
+
+def test_a_profile_of_another_format_is_none(folder):
+    edited(save_profile(Profile(STEPS, 2)), lambda content: content.update(format=2))
+    assert load_profile() is None
+
+
+@pytest.mark.parametrize("name", ["cpu", "architecture", "processors"])
+def test_a_profile_of_another_machine_is_none(folder, name):
+    edited(
+        save_profile(Profile(STEPS, 2)), lambda content: content["machine"].update({name: "other"})
+    )
     assert load_profile() is None
 
 
 def test_a_folder_that_cannot_be_written_is_named(folder):
     folder.write_text("a file, not a folder")
     with pytest.raises(ValueError, match=r"cache folder must be one to write to, but '.*cache'"):
-        save_profile(Profile(STEPS, 2), {})
+        save_profile(Profile(STEPS, 2))
     assert load_profile() is None
 
 

@@ -6,10 +6,10 @@ import statistics
 from pathlib import Path
 
 from rasterjit.accuracy.scenes import make
-from rasterjit.accuracy.study import COLOR_ALONE, Studio, machine
+from rasterjit.accuracy.study import Studio
 from rasterjit.accuracy.timing import Progress, total
 from rasterjit.dial import light_of, root_mean_square
-from rasterjit.profile import LADDER, Profile, Step, front_of, save_profile
+from rasterjit.profile import LADDER, Profile, Step, front_of_steps, save_profile
 from rasterjit.scene.quality import SUPERSAMPLED, Quality
 from rasterjit.validation import thread_count
 from rasterjit.workers import available_processors
@@ -67,8 +67,8 @@ def calibrate(
         Step(quality, statistics.median(times[quality]), statistics.median(errors[quality]))
         for quality in LADDER
     ]
-    profile = Profile(front_of(steps), threads or available_processors())
-    return profile, save_profile(profile, machine())
+    profile = Profile(front_of_steps(steps), threads or available_processors())
+    return profile, save_profile(profile)
 
 
 def _errors(studio: Studio) -> dict[Quality, float]:
@@ -86,16 +86,26 @@ def _errors(studio: Studio) -> dict[Quality, float]:
 def _times(studio: Studio) -> dict[Quality, float]:
     """Return the time of each quality over that of the standard, by turns."""
     ratios: dict[Quality, list[float]] = {quality: [] for quality in LADDER}
-    for quality in LADDER:
-        if quality.samples not in SUPERSAMPLED:
-            studio.draw(quality, COLOR_ALONE)
     for turn in range(ROUNDS):
+        present = [quality for quality in LADDER if turn == 0 or not _draws_many(quality)]
+        # Another one begins every round.
+        first = turn % len(present)
         seconds = {
-            quality: total(studio.seconds(quality))
-            for quality in LADDER
-            if turn == 0 or quality.samples not in SUPERSAMPLED
+            quality: _seconds(studio, quality) for quality in present[first:] + present[:first]
         }
         usual = seconds[Quality.standard()]
         for quality, time in seconds.items():
             ratios[quality].append(time / usual)
     return {quality: statistics.median(some) for quality, some in ratios.items()}
+
+
+def _draws_many(quality: Quality) -> bool:
+    """Tell whether a quality draws many whole pictures."""
+    return quality.samples in SUPERSAMPLED
+
+
+def _seconds(studio: Studio, quality: Quality) -> float:
+    """Return the seconds of a frame that follows one of its own quality, or of many pictures."""
+    if not _draws_many(quality):
+        studio.seconds(quality)
+    return total(studio.seconds(quality))

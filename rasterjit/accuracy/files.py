@@ -16,7 +16,7 @@ from rasterjit.accuracy.results import Study, Trial
 from rasterjit.accuracy.sentences import sentences
 from rasterjit.io.images import replacing
 
-JSON_NAME, CSV_NAME = "accuracy.json", "accuracy.csv"
+JSON_NAME, CSV_NAME, PAGE_NAME = "accuracy.json", "accuracy.csv", "index.html"
 
 COLUMNS = (
     "scene", "width", "height", "threads", "cpu", "rasterjit", "setting", "level",

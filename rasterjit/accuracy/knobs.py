@@ -53,9 +53,11 @@ def check_knobs(knobs: Iterable[str] | None) -> tuple[str, ...]:
     """Return the settings that are named, all for None, or raise ``ValueError``."""
     if knobs is None:
         return tuple(LEVELS)
+    if not isinstance(knobs, Iterable):
+        raise ValueError(f"knobs must be names of settings, {', '.join(LEVELS)}; got {knobs!r}")
     names = (knobs,) if isinstance(knobs, str) else tuple(knobs)
     for name in names:
-        if name not in LEVELS:
+        if name not in tuple(LEVELS):
             raise ValueError(
                 f"knobs has {name!r}, which is unknown; possible are {', '.join(LEVELS)}"
             )

@@ -21,15 +21,13 @@ from numpy.typing import NDArray
 
 from rasterjit.accuracy import crops
 from rasterjit.accuracy.crops import Crop
+from rasterjit.accuracy.files import PAGE_NAME
 from rasterjit.accuracy.plots import DARK, LIGHT, plot_front, plot_setting, require_matplotlib
 from rasterjit.accuracy.results import COMBINATIONS, Study, Trial
 from rasterjit.accuracy.rows import front_trials, settings_of, with_standard
 from rasterjit.accuracy.scales import duration, number
 from rasterjit.accuracy.tables import level_name, results_table, stages_table
 from rasterjit.io.images import replacing
-
-NAME = "index.html"
-"""What the page is called in its folder."""
 
 THUMBNAIL = "whole-picture"
 """Id of the small picture in which all crops are shown."""
@@ -76,9 +74,9 @@ def write_page(study: Study, folder: str | Path, sentences: dict[str, str]) -> P
         raise ValueError(f"folder must be a folder, got {str(place)!r}, which is a file")
     text = page(study, sentences)
     place.mkdir(parents=True, exist_ok=True)
-    with replacing(place / NAME) as temporary:
+    with replacing(place / PAGE_NAME) as temporary:
         temporary.write_text(text, encoding="utf-8", newline="\n")
-    return place / NAME
+    return place / PAGE_NAME
 
 
 def page(study: Study, sentences: dict[str, str]) -> str:

@@ -7,9 +7,16 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 from rasterjit.accuracy.results import COMBINATIONS, Trial
+from rasterjit.profile import front_of
 
 NOTCH = 1.57
 """Interquartile ranges, over the root of their number, that a median of samples is known to."""
+
+TOLD_APART = 3
+"""Rounds from which on a time is told to be another one, unless it is so by far."""
+
+ROUGH = 0.5
+"""Share of a time that it is known to where it was taken in fewer rounds."""
 
 LEAST_NOISE = 0.01
 """Share of the standard's time that is never told apart, however alike the samples are."""
@@ -24,8 +31,15 @@ def noise(trial: Trial) -> float:
     .. [1] R. McGill, J. W. Tukey, W. A. Larsen, "Variations of Box Plots", The American
        Statistician 32 (1), 1978: the notch.
     """
+    if not is_timed(trial):
+        return ROUGH * trial.ratio
     low, high = trial.spread
     return max(NOTCH * (high - low) / math.sqrt(len(trial.ratios)), LEAST_NOISE)
+
+
+def is_timed(trial: Trial) -> bool:
+    """Tell whether a trial was drawn often enough to say how much its time varies."""
+    return len(trial.ratios) >= TOLD_APART
 
 
 def is_slower(trial: Trial, other: Trial) -> bool:
@@ -47,7 +61,8 @@ def dominates(trial: Trial, other: Trial) -> bool:
     pairs = list(zip(inaccuracies(trial), inaccuracies(other), strict=True))
     if is_slower(trial, other) or any(a > b for a, b in pairs):
         return False
-    return is_slower(other, trial) or any(a < b for a, b in pairs)
+    are_timed = is_timed(trial) and is_timed(other)
+    return is_slower(other, trial) or (are_timed and any(a < b for a, b in pairs))
 
 
 def mark_dominated(trials: Iterable[Trial], standard: Trial) -> tuple[Trial, ...]:
@@ -66,9 +81,5 @@ def mark_dominated(trials: Iterable[Trial], standard: Trial) -> tuple[Trial, ...
 
 def pareto_front(trials: Sequence[Trial]) -> tuple[str, ...]:
     """Return the labels of those that no other is faster and more accurate than, fastest first."""
-    ordered = sorted(trials, key=lambda trial: (trial.ratio, trial.errors.rmse))
-    front: list[Trial] = []
-    for trial in ordered:
-        if not front or trial.errors.rmse < front[-1].errors.rmse:
-            front.append(trial)
+    front = front_of(trials, lambda trial: (trial.ratio, trial.errors.rmse))
     return tuple(trial.label for trial in front)

@@ -102,7 +102,7 @@ class Trial:
         return low, high
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Study:
     """
     What a study found.
@@ -144,10 +144,18 @@ class Study:
     front: tuple[str, ...]
     without_effect: dict[str, str]
     left_out: tuple[str, ...]
-    reference_color: NDArray[np.uint8] = field(repr=False)
+    reference_color: NDArray[np.uint8]
     reference_seconds: float = 0.0
     impossible: dict[str, str] = field(default_factory=dict)
     interrupted: bool = False
+
+    def __repr__(self) -> str:
+        """Name the scene and count what was tried; `sentences` says what was found."""
+        width, height = self.size
+        return (
+            f"Study({self.scene!r}, {width} x {height}, {self.threads} threads, "
+            f"{len(self.trials)} trials, {self.rounds} rounds)"
+        )
 
     def of(self, setting: str) -> list[Trial]:
         """Return the trials of one setting, from its least accurate level on."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from rasterjit.accuracy.ranking import is_slower
+from rasterjit.accuracy.ranking import is_slower, is_timed
 from rasterjit.accuracy.results import Study, Trial
 from rasterjit.scene.quality import LEVELS, SUPERSAMPLED
 
@@ -58,7 +58,8 @@ def most_telling(trials: list[Trial], standard: Trial) -> Trial:
     Return the level of a setting that says most of it.
 
     Where more accuracy than the standard's is to be had, that is the level that buys most of it
-    for the time. Elsewhere it is the fastest level that is worth its time, or the fastest of all.
+    for the time. Elsewhere it is the one, of those worth their time if there are any, that saves
+    most time for the accuracy.
     """
     standard_error = standard.errors.rmse
     tried = [trial for trial in trials if trial.quality.samples not in SUPERSAMPLED] or trials
@@ -70,11 +71,13 @@ def most_telling(trials: list[Trial], standard: Trial) -> Trial:
     if better:
         return max(better, key=lambda trial: _gain(trial, standard_error))
     worth = [trial for trial in tried if trial.dominated_by is None]
-    return min(worth or tried, key=lambda trial: trial.ratio)
+    return max(worth or tried, key=lambda trial: _gain(trial, standard_error))
 
 
 def _gain(trial: Trial, standard_error: float) -> float:
     """Return how many times the error falls for each time that the frame takes longer."""
+    if trial.errors.rmse == standard_error:
+        return 1.0 / trial.ratio
     if trial.errors.rmse == 0.0:
         return float("inf")
     return standard_error / trial.errors.rmse / trial.ratio
@@ -111,6 +114,8 @@ def _phrase(setting: str, level: object) -> str:
 def _time_in_words(trial: Trial, standard: Trial) -> str:
     """Return how much longer a frame takes."""
     if not is_slower(trial, standard) and not is_slower(standard, trial):
+        if not is_timed(trial):
+            return "a time that so few rounds do not tell"
         return "the same time within the noise"
     if trial.ratio >= 2.0:
         return f"{trial.ratio:.1f}× the time"

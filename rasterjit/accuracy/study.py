@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.metadata
-import platform
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -21,7 +20,7 @@ from rasterjit.accuracy.knobs import (
     without_effect,
 )
 from rasterjit.accuracy.ranking import mark_dominated, pareto_front
-from rasterjit.accuracy.results import STANDARD, Study
+from rasterjit.accuracy.results import COMBINATIONS, STANDARD, Study
 from rasterjit.accuracy.timing import (
     Allowance,
     Contestant,
@@ -34,7 +33,7 @@ from rasterjit.accuracy.timing import (
 )
 from rasterjit.frame import Frame
 from rasterjit.io.meshes import as_scene
-from rasterjit.kernels.jit import cpu_features
+from rasterjit.profile import machine
 from rasterjit.render import Renderer, choose_camera, explain
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.quality import Quality
@@ -91,8 +90,9 @@ def study(
     knobs : iterable of str, optional
         Names of the settings to try. Default: all.
     budget : float, optional
-        Seconds, about, that it may take; half of them are kept for what follows the reference and
-        the standard. What there is no time for is left out and named. Default 100.
+        Seconds, about, that it may take. Half of them are kept for what follows the reference and
+        the standard, however long those take to compile. What there is no time for is left out and
+        named; the next study of the scene finds its kernels compiled and gets further. Default 100.
     threads : int, optional
         Default: all processors.
     progress : callable, optional
@@ -135,7 +135,7 @@ def study(
         machine=machine(),
         versions=versions(),
         without_effect=idle,
-        impossible=impossible,
+        impossible=impossible | measured.impossible,
         **_results(measured, [attempt.label for attempt in attempts]),
     )
     if folder is not None:
@@ -150,6 +150,8 @@ class Measured(NamedTuple):
     reference_seconds: float
     standard: Contestant
     contestants: list[Contestant]
+    impossible: dict[str, str]
+    """Why what was not drawn could not be, by label."""
     interrupted: bool = False
 
     @property
@@ -171,7 +173,7 @@ def _measure(
         tell("drawing the reference", 0, len(attempts) + 2)
         reference, reference_seconds = studio.reference()
         tell("drawing standard", 1, len(attempts) + 2)
-        measured = Measured(reference, reference_seconds, studio.prepare(usual, reference), [])
+        measured = Measured(reference, reference_seconds, studio.prepare(usual, reference), [], {})
         # What is drawn in any case may take long to compile.
         allowance.keep(KEPT * seconds)
         try:
@@ -199,8 +201,13 @@ def _prepare(
         tell(f"drawing {attempt.label}", number + 2, len(attempts) + 2)
         rest = attempts[number:]
         companion.help(studio.compile_seconds, lambda rest=rest: studio.job(rest))
-        if fits(attempt, measured.standard, contestants, allowance):
+        if not fits(attempt, measured.standard, contestants, allowance):
+            continue
+        try:
             contestants.append(studio.prepare(attempt, measured.reference))
+        except (ValueError, MemoryError) as error:
+            # Some limits show only as the picture is drawn: of layers at many samples, of memory.
+            measured.impossible[attempt.label] = str(error) or "there is not enough memory"
 
 
 def _results(measured: Measured, labels: Sequence[str]) -> dict[str, Any]:
@@ -217,7 +224,9 @@ def _results(measured: Measured, labels: Sequence[str]) -> dict[str, Any]:
         "standard": standard,
         "trials": trials,
         "front": pareto_front([standard, *trials]),
-        "left_out": tuple(label for label in labels if label not in done),
+        "left_out": tuple(
+            label for label in labels if label not in done and label not in measured.impossible
+        ),
         "reference_color": measured.reference.picture.color[:, :, :3].copy(),
         "reference_seconds": measured.reference_seconds,
         "interrupted": measured.interrupted,
@@ -299,8 +308,17 @@ class Studio:
 
 
 def _by_cost(attempts: Sequence[Attempt]) -> list[Attempt]:
-    """Return single settings first, and last what draws many pictures: if any, those lack time."""
-    return sorted(attempts, key=lambda attempt: attempt.passes)
+    """
+    Return a level of each setting first, then another of each, then combinations.
+
+    Last comes what draws many pictures: if any, those lack time.
+    """
+    turns: dict[str, int] = {}
+    order = {}
+    for attempt in attempts:
+        turn = turns[attempt.setting] = turns.get(attempt.setting, 0) + 1
+        order[attempt.label] = attempt.passes, attempt.setting == COMBINATIONS, turn
+    return sorted(attempts, key=lambda attempt: order[attempt.label])
 
 
 def possible_attempts(
@@ -331,17 +349,6 @@ def _without_compiling(frame: Frame) -> Stages:
 
 def _say_nothing(text: str, done: int, count: int) -> None:
     """Take no notice of progress."""
-
-
-def machine() -> dict[str, str]:
-    """Return what the times depend on."""
-    return {
-        "cpu": cpu_features()[0],
-        "architecture": platform.machine(),
-        "processors": str(available_processors()),
-        "system": platform.platform(terse=True),
-        "python": platform.python_version(),
-    }
 
 
 def versions() -> dict[str, str]:

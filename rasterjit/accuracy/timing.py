@@ -164,7 +164,7 @@ def take_turns(
     """
     Draw all contestants once a round, until nothing is left of the allowance.
 
-    The standard is drawn three times, and the median counts: all others are held against it. What
+    The standard is drawn up to three times, and the median counts: all are held against it. What
     disturbs the machine so falls on all of them. They begin with another one every round.
     A frame is drawn twice and the second counts, for another quality was drawn before: what is kept
     from frame to frame is not as for the next of many. The first round is drawn in any case. One

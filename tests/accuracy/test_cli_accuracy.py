@@ -216,3 +216,9 @@ def test_area_with_glass_is_refused_with_what_is_possible(tmp_path):
     (tmp_path / "glass.mtl").write_text("newmtl glass\nKd 1 0 0\nd 0.5\n")
     result = run("render", scene, "-o", tmp_path / "o.png", "--set", "samples=area")
     assert_one_line(result, "samples must be 1, 2, 4, 8", "'area'", code=1)
+
+
+def test_the_help_names_all_scenes_and_settings():
+    told = " ".join(CliRunner().invoke(cli.program, ["accuracy", "--help"]).output.split())
+    assert f"some of the settings: {', '.join(rj.accuracy.SCENES)}." in told
+    assert f"default: all: {', '.join(LEVELS)}." in told

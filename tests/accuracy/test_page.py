@@ -16,7 +16,8 @@ from made_up_study import MIXED, SAMPLES, SENTENCES, SUBPIXEL, changed, made_up_
 from PIL import Image
 
 from rasterjit.accuracy import crops, plots
-from rasterjit.accuracy.page import NAME, page, write_page
+from rasterjit.accuracy.files import PAGE_NAME
+from rasterjit.accuracy.page import page, write_page
 from rasterjit.accuracy.results import COMBINATIONS, STANDARD
 from rasterjit.accuracy.rows import front_trials, settings_of, with_standard
 from rasterjit.accuracy.tables import NOTHING
@@ -207,14 +208,14 @@ def test_the_same_study_makes_the_same_bytes(study, tmp_path):
         check=True, env={**os.environ, "PYTHONPATH": where, "SOURCE_DATE_EPOCH": "1"},
     )  # fmt: skip
     here = write_page(study, tmp_path / "here", SENTENCES)
-    assert here.read_bytes() == (other / NAME).read_bytes()
+    assert here.read_bytes() == (other / PAGE_NAME).read_bytes()
     plots.save_front(study, tmp_path / "here" / "front.png")
     assert (tmp_path / "here" / "front.png").read_bytes() == (other / "front.png").read_bytes()
 
 
 def test_a_page_is_written_whole_or_not_at_all(study, tmp_path, monkeypatch):
     place = write_page(study, tmp_path / "new" / "report", {})
-    assert place == tmp_path / "new" / "report" / NAME
+    assert place == tmp_path / "new" / "report" / PAGE_NAME
     before = place.read_bytes()
     assert before.endswith(b"</html>\n")
 
@@ -278,7 +279,7 @@ def test_the_front_is_listed_from_the_fastest_on(study, read):
     trials = front_trials(study)
     wanted = [f"{n} {trial.label}" for n, trial in enumerate(trials, 1)]
     assert wanted[0] == "1 draft"
-    assert listed[0].startswith("1 draftshading=vertex renormalize=False texture_filter=nearest")
+    assert listed[0].startswith("1 draftshading=vertex texture_filter=nearest")
     assert listed[1 : len(wanted)] == wanted[1:]
     # Then those of them that are combinations, once more.
     assert {name.partition("=")[0] for name in listed[len(wanted) :]} < {

@@ -84,3 +84,13 @@ def test_more_rounds_tell_smaller_differences():
     assert noise(many) < noise(few)
     assert is_slower(many, trial())
     assert not is_slower(few, trial())
+
+
+def test_times_of_too_few_rounds_are_told_apart_only_if_they_are_far_apart():
+    once, standard = trial("samples=2", (1.2,), rmse=0.2), trial(rmse=0.1)
+    assert not is_slower(once, standard)
+    assert not dominates(standard, once)
+    assert dominates(standard, trial("samples=2", (1.2,) * 3, rmse=0.2))
+    slow = trial("samples=256", (300.0,), rmse=0.2)
+    assert is_slower(slow, standard)
+    assert dominates(standard, slow)

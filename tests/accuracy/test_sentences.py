@@ -67,3 +67,17 @@ def test_every_level_of_every_setting_has_words():
             text = said(one)
             assert text[0].isupper() or text[0].isdigit()
             assert "{" not in text
+
+
+def test_where_nothing_is_more_accurate_the_best_bargain_is_told():
+    levels = [
+        trial("transparency_layers=1", (0.37,) * 5, rmse=1.3),
+        trial("transparency_layers=4", (0.54,) * 5, rmse=0.16),
+        trial("transparency_layers=8", (0.76,) * 5, rmse=0.1001),
+    ]
+    assert most_telling(levels, trial(rmse=0.1)).level == "8"
+
+
+def test_a_time_of_one_round_is_no_claim():
+    once = study([trial("samples=2", (1.3,), rmse=0.05)])
+    assert "few rounds" in sentences(once)["samples"]

@@ -6,7 +6,7 @@ import pytest
 import rasterjit as rj
 from rasterjit.accuracy import timing
 from rasterjit.accuracy.results import STANDARD
-from rasterjit.accuracy.study import possible_attempts
+from rasterjit.accuracy.study import Studio, possible_attempts
 
 SIZE = (32, 24)
 
@@ -106,7 +106,7 @@ def test_the_files_of_an_interrupted_study_are_readable(tmp_path):
     found = run(progress=progress, output=tmp_path / "report")
     assert found.interrupted
     assert [trial.label for trial in found.trials] == [
-        "subpixel_bits=0", "subpixel_bits=4", "subpixel_bits=12", "samples=2",
+        "subpixel_bits=0", "subpixel_bits=4", "samples=2",
     ]  # fmt: skip
     assert found.left_out[0] == "samples=4"
     held = json.loads((tmp_path / "report" / "accuracy.json").read_text())
@@ -172,3 +172,29 @@ def test_bad_arguments_are_named(options, words):
 def test_a_size_that_is_none_is_named():
     with pytest.raises(ValueError, match=r"size must be \(width, height\)"):
         rj.accuracy.study(scene(), size=5)
+
+
+def test_a_level_of_each_setting_is_tried_before_another_of_any():
+    told = []
+    found = run(knobs=("samples", "subpixel_bits"), progress=lambda *what: told.append(what[0]))
+    singles = [text for text in told if text.startswith("drawing s") and " " not in text[8:]]
+    assert singles[1:5] == [
+        "drawing subpixel_bits=0", "drawing samples=2", "drawing subpixel_bits=4",
+        "drawing samples=4",
+    ]  # fmt: skip
+    assert [trial.label for trial in found.trials][:2] == ["subpixel_bits=0", "subpixel_bits=4"]
+
+
+def test_what_turns_out_not_to_be_possible_is_named_and_the_rest_is_studied(monkeypatch):
+    prepare = Studio.prepare
+
+    def refuse(studio, attempt, reference):
+        if attempt.label == "samples=4":
+            raise ValueError("too many layers")
+        return prepare(studio, attempt, reference)
+
+    monkeypatch.setattr(Studio, "prepare", refuse)
+    found = run(knobs=("samples",))
+    assert found.impossible["samples=4"] == "too many layers"
+    assert "samples=4" not in found.left_out
+    assert "samples=8" in [trial.label for trial in found.trials]
