@@ -170,9 +170,12 @@ def _counted(count: int, noun: str) -> str:
 def _front(study: Study) -> Section:
     """Return the plot of everything, and what its numbers stand for."""
     found = front_trials(study)
-    rows = results_table(study, found)
+    ahead = [] if study.standard in found else [study.standard]
+    rows = results_table(study, [*ahead, *found])
     body = (
-        "<p>Nothing that was tried is both faster and more accurate than the numbered ones.</p>\n"
+        "<p>Nothing that was tried is both faster, by its median, and more accurate than the "
+        "numbered ones. What is called dominated further down may be one: faster, but by less "
+        "than the noise.</p>\n"
         f"<figure>{plot_front(study, 'front-')}\n<figcaption>"
         '<span class="key">●</span> on the front, <span class="key standard">◆</span> standard, '
         '<span class="key dominated">○</span> all others; bars from the lower to the upper '

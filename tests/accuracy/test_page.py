@@ -281,6 +281,10 @@ def test_the_front_is_listed_from_the_fastest_on(study, read):
     assert wanted[0] == "1 draft"
     assert listed[0].startswith("1 draftshading=vertex texture_filter=nearest")
     assert listed[1 : len(wanted)] == wanted[1:]
+    assert STANDARD not in study.front
+    rows = [row for row in read.rows if row]
+    first = next(n for n, row in enumerate(rows) if row[0] == listed[0])
+    assert rows[first - 1][0] == "standard"
     # Then those of them that are combinations, once more.
     assert {name.partition("=")[0] for name in listed[len(wanted) :]} < {
         name.partition("=")[0] for name in listed[: len(wanted)]

@@ -111,7 +111,7 @@ def test_the_files_of_an_interrupted_study_are_readable(tmp_path):
     assert found.left_out[:2] == ("subpixel_bits=12", "samples=4")
     held = json.loads((tmp_path / "report" / "accuracy.json").read_text())
     assert held["interrupted"]
-    assert len(held["trials"]) == 4
+    assert len(held["trials"]) == 3
     assert held["left_out"] == list(found.left_out)
 
 
