@@ -62,7 +62,7 @@ def weights_without_zeros(edges, ws):
 
 
 @stage
-def dot(right, down, other_right, other_down):
+def scalar_product(right, down, other_right, other_down):
     """Return the scalar product of two steps, one pixel right and one down each."""
     return np.float64(right) * np.float64(other_right) + np.float64(down) * np.float64(other_down)
 
@@ -105,12 +105,12 @@ def held_edges(edges, right, down, reach):
         turn * np.float64(edges[1]),
         turn * np.float64(edges[2]),
     )
-    d01 = dot(right[0], down[0], right[1], down[1])
-    d12 = dot(right[1], down[1], right[2], down[2])
-    d20 = dot(right[2], down[2], right[0], down[0])
-    d00 = dot(right[0], down[0], right[0], down[0])
-    d11 = dot(right[1], down[1], right[1], down[1])
-    d22 = dot(right[2], down[2], right[2], down[2])
+    d01 = scalar_product(right[0], down[0], right[1], down[1])
+    d12 = scalar_product(right[1], down[1], right[2], down[2])
+    d20 = scalar_product(right[2], down[2], right[0], down[0])
+    d00 = scalar_product(right[0], down[0], right[0], down[0])
+    d11 = scalar_product(right[1], down[1], right[1], down[1])
+    d22 = scalar_product(right[2], down[2], right[2], down[2])
     k1, k2 = held_to_border(e0, (e1, e2), (d00, d01, d20))
     k0 = max(e0, 0.0)
     k2, k0 = held_to_border(k1, (k2, k0), (d11, d12, d01))
