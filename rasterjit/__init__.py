@@ -48,6 +48,7 @@ from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Node, Scene, Wireframe
 from rasterjit.scene.texture import Texture
 from rasterjit.scene.tone_map import ToneMap
+from rasterjit.scene.view import View
 
 __version__ = "0.1.0"
 
@@ -83,6 +84,7 @@ __all__ = [
     "Stats",
     "Texture",
     "ToneMap",
+    "View",
     "Visibility",
     "Wireframe",
     "accuracy",
