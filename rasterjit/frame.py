@@ -310,3 +310,24 @@ class Frame:
                 f"this frame has {', '.join(o for o in OUTPUTS if o in self._outputs)}"
             )
         return self._outputs[name]
+
+
+class LayeredFrame(Frame):
+    """
+    The nearest surfaces of each pixel, one behind the other; `render_layers` returns it.
+
+    Outputs are those of a `Frame` with an axis of K layers in front, nearest first: ``depth`` is
+    (K, H, W), ``normal`` (K, H, W, 3), and so on. Where a pixel has fewer surfaces they hold what
+    they hold where nothing is.
+
+    Attributes
+    ----------
+    plan : RenderPlan
+    stats : Stats
+        Of the first layer.
+    """
+
+    def __repr__(self) -> str:
+        width, height = self.plan.size
+        count = self.plan.surfaces
+        return f"LayeredFrame({count} layers, {width} x {height}: {', '.join(self._outputs)})"

@@ -556,7 +556,7 @@ class Renderer:
                 coverage, objects, geometry, plan.camera, workers, plan.depth_format
             )
             clock("diagnostics")
-        stats = _stats(coverage, clock.seconds)
+        stats = stats_of(coverage, clock.seconds)
         if "face_id" in plan.outputs:
             # The caller may write to it.
             _ = stats.pixels_covered
@@ -588,7 +588,7 @@ def placement_of(arrays: SceneArrays, views: Views) -> Placement:
     )
 
 
-def _stats(coverage: stages.Coverage, seconds: dict[str, float]) -> Stats:
+def stats_of(coverage: stages.Coverage, seconds: dict[str, float]) -> Stats:
     """Return the frame's statistics."""
     totals = coverage.totals
     return Stats(
