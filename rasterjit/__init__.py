@@ -15,10 +15,11 @@ from rasterjit import transforms
 from rasterjit.diagnostics import Diagnostics
 from rasterjit.dial import CalibrationWarning
 from rasterjit.explanation import PixelExplanation
-from rasterjit.frame import Choice, Frame, OutputNotRequestedError, Stats
+from rasterjit.frame import Choice, Frame, LayeredFrame, OutputNotRequestedError, Stats
 from rasterjit.framebuffer import Framebuffer
 from rasterjit.io.meshes import load
 from rasterjit.measurement import Measurement, measure
+from rasterjit.peeling import render_layers
 from rasterjit.pipeline import Pipeline
 from rasterjit.pixel import explain_pixel
 from rasterjit.plan import RenderPlan
@@ -48,6 +49,7 @@ from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Node, Scene, Wireframe
 from rasterjit.scene.texture import Texture
 from rasterjit.scene.tone_map import ToneMap
+from rasterjit.scene.view import View
 
 __version__ = "0.1.0"
 
@@ -62,6 +64,7 @@ __all__ = [
     "Fog",
     "Frame",
     "Framebuffer",
+    "LayeredFrame",
     "Material",
     "MatrixCamera",
     "Measurement",
@@ -83,6 +86,7 @@ __all__ = [
     "Stats",
     "Texture",
     "ToneMap",
+    "View",
     "Visibility",
     "Wireframe",
     "accuracy",
@@ -95,6 +99,7 @@ __all__ = [
     "orbit_direction",
     "rasterize",
     "render",
+    "render_layers",
     "transforms",
 ]
 

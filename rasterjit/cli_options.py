@@ -25,7 +25,9 @@ Vector = tuple[float, float, float]
 Options = TypeVar("Options", bound=tuple)
 
 OUTPUTS_HELP = (
-    "Comma-separated: color, depth, face_id, object_id, barycentric, uv, normal, position, linear."
+    "Comma-separated: color, linear, depth, distance, face_id, object_id, instance_id, "
+    "material_id, barycentric, uv, normal, geometric_normal, position, object_position, nocs, "
+    "coverage."
 )
 
 DEFAULT_DIRECTION = (0.6, 0.5, 1.0)

@@ -21,6 +21,7 @@ from rasterjit.scene.camera import PerspectiveCamera
 from rasterjit.scene.material import Material
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.scene import Scene
+from rasterjit.scene.view import View
 from rasterjit.workers import available_processors
 
 PACKAGES = ("rasterjit", "numpy", "numba", "llvmlite", "trimesh", "imageio")
@@ -149,7 +150,9 @@ def check_threads() -> Finding:
     scene.add(_ball(24, 12))
     outputs = tuple(name for name in OUTPUTS if name != "uv")
     frames = [
-        render(scene, size=(4 * SIDE, 3 * SIDE), outputs=outputs, threads=threads).arrays()
+        render(
+            scene, size=(4 * SIDE, 3 * SIDE), outputs=outputs, previous=View(), threads=threads
+        ).arrays()
         for threads in (1, 3)
     ]
     different = [name for name in outputs if frames[0][name].tobytes() != frames[1][name].tobytes()]

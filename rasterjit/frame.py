@@ -175,6 +175,95 @@ class Frame:
         return self._output("position")
 
     @property
+    def distance(self) -> NDArray[np.float32]:
+        """
+        (H, W) float32: scene units from the eye to the point, along the ray; ``inf`` if nothing.
+
+        Lines of sight that are parallel start at the plane of the eye: it is the depth.
+        """
+        return self._output("distance")
+
+    @property
+    def object_position(self) -> NDArray[np.float32]:
+        """(H, W, 3) float32: model-space position, units of the mesh; NaN where nothing is."""
+        return self._output("object_position")
+
+    @property
+    def nocs(self) -> NDArray[np.float32]:
+        """
+        (H, W, 3) float32: normalized object coordinates, 0..1; NaN where nothing is.
+
+        The model-space position in the box of the finite vertices that belong to a face of the
+        object, whose middle is at (1/2, 1/2, 1/2) and whose diagonal has length 1 [1]_.
+
+        References
+        ----------
+        .. [1] H. Wang and others, "Normalized Object Coordinate Space for Category-Level 6D Object
+           Pose and Size Estimation", CVPR 2019.
+        """
+        return self._output("nocs")
+
+    @property
+    def geometric_normal(self) -> NDArray[np.float32]:
+        """
+        (H, W, 3) float32: world-space unit normal of the face's plane, of the side that is seen.
+
+        Without unit; 0 where nothing is. ``normal`` is interpolated on smooth objects instead.
+        """
+        return self._output("geometric_normal")
+
+    @property
+    def material_id(self) -> NDArray[np.int32]:
+        """
+        (H, W) int32: number of the object's material as first used in the scene; -1 if nothing.
+
+        Materials that are equal have one number: equal settings, the same name and textures.
+        """
+        return self._output("material_id")
+
+    @property
+    def instance_id(self) -> NDArray[np.int32]:
+        """
+        (H, W) int32: number of the object among those that share its mesh; -1 where nothing is.
+
+        From 0 in the order of the scene. Objects of one `Mesh` are its instances, while
+        ``object_id`` counts through all objects.
+        """
+        return self._output("instance_id")
+
+    @property
+    def coverage(self) -> NDArray[np.float32]:
+        """
+        (H, W) float32: share of the pixel that any face covers, 0..1, whatever its alpha.
+
+        Of its ``quality.samples``, or of its area with ``"area"``. Cut-out holes are not covered.
+        """
+        return self._output("coverage")
+
+    @property
+    def motion(self) -> NDArray[np.float32]:
+        """
+        (H, W, 2) float32: where the point is now less where it was before, pixels right and down.
+
+        NaN where nothing is, or where the point was not in front of the eye. Subtracting it from a
+        pixel's centre leads to its place in the previous picture: backward optical flow is its
+        negative.
+        """
+        return self._output("motion")
+
+    @property
+    def motion_visible(self) -> NDArray[np.bool_]:
+        """
+        (H, W) bool: whether the point was seen before; False where nothing is.
+
+        That is: it was inside the previous picture and its view volume, its face was drawn, and
+        nothing hid it. Of what the previous picture shows at the centre of the pixel that held the
+        point, another face hides it if its plane is nearer both at that centre, than the plane of
+        the point's own face, and at the point. So edges are as fine as pixels.
+        """
+        return self._output("motion_visible")
+
+    @property
     def diagnostics(self) -> Diagnostics:
         """What became of every face, and how precise the numbers are; needs ``diagnose=True``."""
         if self._diagnostics is None:
@@ -221,3 +310,24 @@ class Frame:
                 f"this frame has {', '.join(o for o in OUTPUTS if o in self._outputs)}"
             )
         return self._outputs[name]
+
+
+class LayeredFrame(Frame):
+    """
+    The nearest surfaces of each pixel, one behind the other; `render_layers` returns it.
+
+    Outputs are those of a `Frame` with an axis of K layers in front, nearest first: ``depth`` is
+    (K, H, W), ``normal`` (K, H, W, 3), and so on. Where a pixel has fewer surfaces they hold what
+    they hold where nothing is.
+
+    Attributes
+    ----------
+    plan : RenderPlan
+    stats : Stats
+        Of the first layer.
+    """
+
+    def __repr__(self) -> str:
+        width, height = self.plan.size
+        count = self.plan.surfaces
+        return f"LayeredFrame({count} layers, {width} x {height}: {', '.join(self._outputs)})"

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -188,6 +188,16 @@ class Shader(NamedTuple):
             )
 
 
+class Sight(NamedTuple):
+    """What it takes to find the faces of an image, without shading them."""
+
+    geometry: Geometry
+    cutouts: Cutouts | None
+
+
+Seer = TypeVar("Seer", Shader, Sight)
+
+
 class Target(NamedTuple):
     """Some rows of the picture, as far as they are wanted."""
 
@@ -221,6 +231,8 @@ class Band(NamedTuple):
     transparent: NDArray[np.int32]
     """(N, K, R, W), the transparent faces in front of it, nearest first, -1 where there are
     fewer."""
+    depths: NDArray[Any]
+    """(N, K, R, W), their stored depths."""
 
 
 def sample_shifts(samples: int, grid_bits: int) -> NDArray[np.int32]:
@@ -235,8 +247,8 @@ def sampled_viewport(viewport: Viewport, samples: int | str) -> Viewport:
     return viewport._replace(reach=1 << (viewport.grid_bits - 1))
 
 
-def at_samples(shader: Shader, samples: int | str) -> Shader:
-    """Return what it takes to shade a frame whose samples may lie anywhere in their pixels."""
+def at_samples(shader: Seer, samples: int | str) -> Seer:
+    """Return what it takes to see a frame whose samples may lie anywhere in their pixels."""
     geometry = shader.geometry
     geometry = geometry._replace(viewport=sampled_viewport(geometry.viewport, samples))
     cutouts = None if shader.cutouts is None else shader.cutouts._replace(geometry=geometry)
@@ -268,7 +280,7 @@ def find_layers(
     rows: tuple[int, int],
     lists: Lists,
     samples: int,
-    shader: Shader,
+    shader: Shader | Sight,
     memory: Memory,
     kept: int | None = None,
 ) -> Iterator[Band]:
@@ -315,7 +327,7 @@ def find_layers(
                 f"with {samples} samples"
             )
         if needed <= room:
-            yield Band(rows[0], opaque, found[1][:, :needed])
+            yield Band(rows[0], opaque, found[1][:, :needed], found[0][:, :needed])
             return
         if needed * samples * height * width * BYTES_PER_FRAGMENT > MOST_BYTES:
             middle = rows[0] + height // 2
@@ -363,7 +375,7 @@ def mix_areas(
 
 
 def find_areas(
-    rows: tuple[int, int], lists: Lists, shader: Shader, memory: Memory
+    rows: tuple[int, int], lists: Lists, shader: Shader | Sight, memory: Memory
 ) -> tuple[NDArray[np.int32], NDArray[np.float32], NDArray[np.float32]]:
     """Return the faces that show in each pixel, their shares, and the share that shows none."""
     viewport = shader.geometry.viewport
@@ -390,6 +402,45 @@ def find_areas(
             break
         room = count
     return found[0][: max(count, 1)], found[1], found[2]
+
+
+def cover_pixels(
+    samples: int | str, coverage: Coverage, sight: Sight, workers: Workers
+) -> NDArray[np.float32]:
+    """
+    Return the share of each pixel's samples that any face covers, (H, W), or of its area.
+
+    Parameters
+    ----------
+    samples : int or str
+        1 to 16, or ``"area"``.
+    coverage : Coverage
+        With its lists.
+    sight : Sight
+    workers : Workers
+    """
+    if samples == 1:
+        return (coverage.face_id >= 0).astype(np.float32)
+    sight = at_samples(sight, samples)
+    viewport = sight.geometry.viewport
+    nothing = np.zeros(len(coverage.lists.objects.face_starts) - 1, np.uint8)
+    lists = part_lists(coverage, viewport, nothing, workers)
+    covered = workers.memory.empty((viewport.height, viewport.width), np.float32)
+
+    def cover_tiles(first: int) -> None:
+        rows = first, min(first + TILE_SIZE, viewport.height)
+        if samples == "area":
+            _, _, rest = find_areas(rows, lists, sight, workers.memory)
+            np.subtract(np.float32(1.0), rest, out=covered[slice(*rows)])
+            return
+        for band in find_layers(rows, lists, int(samples), sight, workers.memory):
+            counts = np.count_nonzero(band.opaque >= 0, axis=0)
+            target = covered[band.first_row : band.first_row + len(counts)]
+            # The number of samples is a power of two.
+            target[:] = counts / np.float32(samples)
+
+    workers.run(cover_tiles, [(first,) for first in range(0, viewport.height, TILE_SIZE)])
+    return covered
 
 
 def mix_faces(

@@ -1,5 +1,5 @@
 """
-The passes of a frame that follow visibility: colour, edges, and the ground-truth buffers.
+The passes of a frame that follow visibility: colour and edges.
 
 Each makes some of the frame's outputs from the visibility buffer, or does nothing if the plan has
 no use for it.
@@ -24,7 +24,6 @@ from rasterjit import (
 )
 from rasterjit.backdrops import Sky, show_environment
 from rasterjit.environment_maps import backdrop_record, environment_record
-from rasterjit.kernels import interpolation
 from rasterjit.kernels.records import (
     Alphas,
     Cutouts,
@@ -39,7 +38,6 @@ from rasterjit.plan_atmosphere import background_rays
 from rasterjit.plan_boxes import place_boxes
 from rasterjit.plan_views import unit_matrices
 from rasterjit.prepared import Prepared
-from rasterjit.reversed_depth import metric_depth
 from rasterjit.scene.color import linear_to_srgb
 from rasterjit.scene.light import AmbientLight
 from rasterjit.scene.srgb import decoding_table
@@ -260,42 +258,3 @@ def draw_wireframe(
         return
     light = None if plan.quality.blending == "srgb8" else decoding_table().copy()
     edge_lines.cover_edges(*lines, light, workers)
-
-
-def fill_buffers(
-    plan: RenderPlan,
-    prepared: Prepared,
-    geometry: Geometry,
-    placement: Placement,
-    coverage: stages.Coverage,
-    result: dict[str, NDArray[Any]],
-    workers: stages.Workers,
-) -> None:
-    """Make the ground-truth buffers that were asked for."""
-    shapes, looks, face_id = prepared.shapes, prepared.looks, coverage.face_id
-    result["face_id"] = face_id
-    if "depth" in plan.outputs:
-        result["depth"] = metric_depth(plan.depth_format, plan.camera, coverage)
-    if "object_id" in plan.outputs:
-        result["object_id"] = shapes.object_numbers[face_id]
-    if "barycentric" in plan.outputs:
-        result["barycentric"] = stages.fill_barycentric(face_id, geometry, workers)
-    if "uv" in plan.outputs:
-        uv = workers.memory.empty((*face_id.shape, 2), np.float32)
-        arguments = geometry, shapes.uv, uv
-        stages.fill_rows(interpolation.fill_attribute, face_id, arguments, workers)
-        result["uv"] = uv
-    if "position" in plan.outputs:
-        position = workers.memory.empty((*face_id.shape, 3), np.float32)
-        matrices = np.ascontiguousarray(prepared.places.world_from_model[:, :3])
-        arguments = (geometry, placement, matrices, position)
-        stages.fill_rows(interpolation.fill_positions, face_id, arguments, workers)
-        result["position"] = position
-    if "normal" in plan.outputs:
-        normal = workers.memory.empty((*face_id.shape, 3), np.float32)
-        smooth = looks.normals, looks.is_smooth
-        if not plan.needs_normals:
-            smooth = np.zeros((1, 3), np.float32), np.zeros_like(looks.is_smooth)
-        arguments = (geometry, placement, smooth, normal)
-        stages.fill_rows(interpolation.fill_normals, face_id, arguments, workers)
-        result["normal"] = normal

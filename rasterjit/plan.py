@@ -46,8 +46,13 @@ from rasterjit.validation import image_size, one_of
 
 OUTPUTS = (
     "color", "depth", "face_id", "object_id", "barycentric", "uv", "normal", "position", "linear",
+    "distance", "object_position", "nocs", "geometric_normal", "material_id", "instance_id",
+    "coverage", "motion", "motion_visible",
 )  # fmt: skip
 """What a frame can hold."""
+
+MOTION_OUTPUTS = ("motion", "motion_visible")
+"""Those that compare what is seen with an earlier view."""
 
 CULL_MODES = ("none", "back", "front")
 
@@ -107,6 +112,10 @@ class RenderPlan:
     """What is seen where no face is."""
     depth_format: DepthFormat
     """What depths are rounded to before they are compared."""
+    previous: RenderPlan | None = None
+    """What the scene was seen like before; ``None`` -> nobody asks."""
+    surfaces: int = 1
+    """How many surfaces of each pixel are found, the nearest ones."""
 
     @cached_property
     def effects(self) -> tuple[Effect, ...]:
@@ -124,6 +133,17 @@ class RenderPlan:
         hides_edges = self.wireframe is not None and self.draws_faces
         looks_around = self.ambient_occlusion is not None or self.outline is not None
         return hides_edges or looks_around or self.casts_shadows
+
+    @property
+    def keeps_lists(self) -> bool:
+        """Whether a pass that follows visibility draws the tiles once more."""
+        draws_again = self.layers is not None or "coverage" in self.outputs
+        return self.diagnose or draws_again or self.surfaces > 1
+
+    @property
+    def compares_views(self) -> bool:
+        """Whether what is seen is compared with an earlier view."""
+        return not set(MOTION_OUTPUTS).isdisjoint(self.outputs)
 
     @property
     def is_affine(self) -> bool:
@@ -170,6 +190,10 @@ class RenderPlan:
         ]
         if self.pictures > 1:
             rows.append(("pictures", f"{self.pictures} of {self.quality.samples}"))
+        if self.surfaces > 1:
+            rows.append(("surfaces", f"the nearest {self.surfaces} of each pixel"))
+        if self.previous is not None:
+            rows.append(("previous view", self._describe_previous(self.previous)))
         changed = differences(self.quality, Quality.standard())
         rows += [(name.replace("_", " "), changed[name]) for name in GEOMETRY if name in changed]
         rows += [
@@ -178,6 +202,12 @@ class RenderPlan:
         ]
         widest = max(len(name) for name, _ in rows)
         return "\n".join(f"{name:<{widest}}  {text}" for name, text in rows)
+
+    def _describe_previous(self, previous: RenderPlan) -> str:
+        """Say what motion is found against."""
+        camera = "the same camera" if previous.camera is self.camera else "another camera"
+        looks = "motion_visible" in self.outputs
+        return f"{camera}; " + ("its faces are found" if looks else "its faces are not looked at")
 
 
 class Stock(NamedTuple):

@@ -9,8 +9,9 @@ import numpy as np
 from rasterjit.kernels.records import Fog, Lighting, ToneMap
 from rasterjit.plan import RenderPlan
 from rasterjit.plan_lights import has_cube
+from rasterjit.scene.quality import SUPERSAMPLED
 
-BYTES = {"uint8": 1, "int32": 4, "float32": 4, "float64": 8}
+BYTES = {"bool": 1, "uint8": 1, "int32": 4, "float32": 4, "float64": 8}
 
 
 class Kernel(NamedTuple):
@@ -110,14 +111,31 @@ def _picture_rows(plan: RenderPlan) -> Rows:
         rows += _line_rows(plan)
     fills = {
         "barycentric": "fill_barycentric", "uv": "fill_attribute", "position": "fill_positions",
-        "normal": "fill_normals",
+        "normal": "fill_normals", "geometric_normal": "fill_normals", "distance": "fill_positions",
+        "object_position": "fill_positions", "nocs": "fill_positions",
     }  # fmt: skip
     way = _way_of_weights(plan)
-    rows += [(f"interpolation.{fills[name]}", way, "") for name in plan.outputs if name in fills]
+    names = dict.fromkeys(fills[name] for name in plan.outputs if name in fills)
+    rows += [(f"interpolation.{name}", way, "") for name in names]
+    fills = {"motion": "fill_motion", "motion_visible": "fill_visible"}
+    rows += [(f"motion.{fills[name]}", way, "") for name in plan.outputs if name in fills]
+    if "coverage" in plan.outputs:
+        rows += [row for row in _coverage_rows(plan) if row not in rows]
     if plan.diagnose:
         rows += [("diagnosis.find_fates", "", ""), ("diagnosis.count_samples", "", "")]
         rows += [("diagnosis.largest_error", "", "")]
     return rows
+
+
+def _coverage_rows(plan: RenderPlan) -> Rows:
+    """Return the kernels that find what of each pixel is covered."""
+    samples = plan.quality.samples
+    if samples == 1 or samples in SUPERSAMPLED:
+        return []
+    finder = ("transparency.find_layers", _kind_of_depth(plan), "")
+    if samples == "area":
+        finder = ("area.find_areas", "", "")
+    return [("transparency.split_lists", "", ""), finder]
 
 
 def _average_rows(plan: RenderPlan) -> Rows:
@@ -265,7 +283,11 @@ def list_buffers(plan: RenderPlan) -> tuple[Buffer, ...]:
     shapes = {
         "color": (4, "uint8"), "linear": (4, "float32"), "depth": (1, "float32"),
         "object_id": (1, "int32"), "barycentric": (3, "float32"), "uv": (2, "float32"),
-        "normal": (3, "float32"), "position": (3, "float32"),
+        "normal": (3, "float32"), "position": (3, "float32"), "distance": (1, "float32"),
+        "object_position": (3, "float32"), "nocs": (3, "float32"),
+        "geometric_normal": (3, "float32"), "material_id": (1, "int32"),
+        "instance_id": (1, "int32"), "coverage": (1, "float32"), "motion": (2, "float32"),
+        "motion_visible": (1, "bool"),
     }  # fmt: skip
     rows += [(f"output {name}", *shapes[name]) for name in plan.outputs if name in shapes]
     return (*(Buffer(*row, plan.size) for row in rows), *_shadow_maps(plan))

@@ -77,6 +77,20 @@ class Shapes:
         numbers[-1] = -1
         return np.repeat(numbers, counts)
 
+    @cached_property
+    def instance_numbers(self) -> NDArray[np.int32]:
+        """
+        Number of each object among those that share its mesh, (O+1,), from 0 in their order.
+
+        The last entry, which object -1 finds, is -1.
+        """
+        counts: dict[Mesh, int] = {}
+        numbers = []
+        for mesh in self.meshes:
+            numbers.append(counts.get(mesh, 0))
+            counts[mesh] = numbers[-1] + 1
+        return np.array([*numbers, -1], np.int32)
+
 
 class Looks:
     """

@@ -9,20 +9,21 @@ from __future__ import annotations
 import functools
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 from types import TracebackType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from rasterjit import diagnostics as diagnosing
-from rasterjit import dial, passes, plan_views, stages, supersampling
+from rasterjit import dial, ground_truth, motion, passes, plan_views, stages, supersampling
 from rasterjit import plan as planning
 from rasterjit.frame import Frame, Stats
 from rasterjit.io.meshes import as_scene
 from rasterjit.kernels.jit import COMPILE_CLOCK
 from rasterjit.kernels.records import Placement
-from rasterjit.plan import RenderPlan
+from rasterjit.plan import RenderPlan, Stock
 from rasterjit.plan_arrays import SceneArrays
 from rasterjit.plan_views import Views
 from rasterjit.prepared import Prepared, prepare
@@ -37,8 +38,9 @@ from rasterjit.scene.camera import (
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.quality import Quality, check_quality
 from rasterjit.scene.scene import Scene
+from rasterjit.scene.view import View
 from rasterjit.supersampling import Accumulation, Seen
-from rasterjit.validation import image_size, positive_number, thread_count
+from rasterjit.validation import image_size, in_short, positive_number, thread_count
 
 
 def render(
@@ -53,6 +55,7 @@ def render(
     background: Any = None,
     cull: str = "none",
     diagnose: bool = False,
+    previous: View | None = None,
     threads: int | None = None,
 ) -> Frame:
     """
@@ -78,7 +81,10 @@ def render(
         ``Frame.choice`` tells what was expected and what came of it. If even the fastest quality
         takes longer, that is drawn.
     outputs : sequence of str
-        Any of color, depth, face_id, object_id, barycentric, uv, normal, position, linear.
+        Any of color, linear, depth, distance, face_id, object_id, instance_id, material_id,
+        barycentric, uv, normal, geometric_normal, position, object_position, nocs, coverage,
+        motion and motion_visible: see `Frame`. All but color, linear and coverage are those of the
+        nearest face at the pixel's centre.
     background : color, optional
         ``"white"``, ``"#rrggbb"``, ``"transparent"``, or linear floats (see ``linear_color``).
         Default: the scene's environment, if it is a background; else white.
@@ -86,6 +92,8 @@ def render(
         Faces that are dropped. Counter-clockwise is the front.
     diagnose : bool
         Whether to count what became of every face; see ``Frame.diagnostics``.
+    previous : View, optional
+        How things were before, for the outputs motion and motion_visible, which need it.
     threads : int, optional
         Default: all processors. The frame has the same bits for any number.
 
@@ -103,11 +111,11 @@ def render(
             raise ValueError(f"quality must be None where {name} is given, got {quality!r}")
     with Renderer(size, quality=quality, threads=threads) as renderer:
         if time_budget is not None and max_error is None:
-            options = outputs, background, cull, diagnose
+            options = outputs, background, cull, diagnose, previous
             return renderer._render_in_time(time_budget, what, camera, options, is_lone=True)
         return renderer.render(
             what, camera, max_error=max_error, time_budget=time_budget, outputs=outputs,
-            background=background, cull=cull, diagnose=diagnose,
+            background=background, cull=cull, diagnose=diagnose, previous=previous,
         )  # fmt: skip
 
 
@@ -121,6 +129,7 @@ def explain(
     background: Any = None,
     cull: str = "none",
     diagnose: bool = False,
+    previous: View | None = None,
 ) -> RenderPlan:
     """
     Say what a render of these arguments would do, without doing it.
@@ -135,9 +144,11 @@ def explain(
     scene = as_scene(what)
     size = image_size("size", size)
     camera = choose_camera(scene, camera, size)
-    return planning.plan_render(
+    plan = planning.plan_render(
         scene, camera, size, check_quality(quality), outputs, background, cull, diagnose
     )
+    earlier = find_earlier(previous, plan, scene)
+    return plan if earlier is None else replace(plan, previous=_plan_earlier(plan, *earlier))
 
 
 def choose_camera(scene: Scene, camera: Camera | None, size: tuple[int, int]) -> Camera:
@@ -157,6 +168,67 @@ def choose_camera(scene: Scene, camera: Camera | None, size: tuple[int, int]) ->
             f"{type(camera).__name__}"
         )
     return camera
+
+
+def find_earlier(
+    previous: View | None, plan: RenderPlan, scene: Scene
+) -> tuple[Scene, Camera] | None:
+    """
+    Return the scene and the camera that a frame is compared with, ``None`` if it is with none.
+
+    Raises
+    ------
+    ValueError
+        Naming what is wrong with ``previous``, or that it is missing.
+    """
+    if previous is not None and not isinstance(previous, View):
+        raise ValueError(f"previous must be a View or None, got {in_short(previous)}")
+    if not plan.compares_views:
+        return None
+    if previous is None:
+        wanted = next(name for name in plan.outputs if name in planning.MOTION_OUTPUTS)
+        raise ValueError(
+            f"previous must be a View where outputs has {wanted!r}, which tells what has changed "
+            "since; got None"
+        )
+    earlier, camera = scene, plan.camera
+    if previous.scene is not None:
+        with naming("previous.scene"):
+            earlier = as_scene(previous.scene)
+            planning.check_scene(earlier)
+        motion.check_same_objects(scene.nodes, earlier.nodes)
+    if previous.camera is not None:
+        with naming("previous.camera"):
+            camera = choose_camera(earlier, previous.camera, plan.size)
+    return earlier, camera
+
+
+@contextmanager
+def naming(name: str) -> Iterator[None]:
+    """Let an error about an argument begin with the name that the caller knows it by."""
+    try:
+        yield
+    except ValueError as error:
+        raise ValueError(f"{name}: {error}") from None
+
+
+def _plan_earlier(
+    plan: RenderPlan, scene: Scene, camera: Camera, *known: Stock | Views
+) -> RenderPlan:
+    """Return the plan of an earlier view: which faces were seen, as now they are."""
+    return planning.plan_render(
+        scene, camera, plan.size, plan.quality, ("face_id",), None, plan.cull, False, *known
+    )
+
+
+class Planned(NamedTuple):
+    """A frame that is decided on."""
+
+    plan: RenderPlan
+    prepared: Prepared
+    views: Views
+    earlier: Planned | None = None
+    """What it is compared with; ``None`` -> nothing."""
 
 
 class StageClock:
@@ -232,6 +304,7 @@ class Renderer:
         background: Any = None,
         cull: str = "none",
         diagnose: bool = False,
+        previous: View | None = None,
     ) -> Frame:
         """
         Render one frame; takes what `rasterjit.render` takes.
@@ -248,7 +321,7 @@ class Renderer:
         ValueError
             Naming the argument that is wrong, before any kernel runs.
         """
-        options = outputs, background, cull, diagnose
+        options = outputs, background, cull, diagnose, previous
         if max_error is not None:
             return self._render_within(max_error, time_budget, what, camera, options)
         if time_budget is not None:
@@ -259,7 +332,7 @@ class Renderer:
         """Render one frame of a quality."""
         clock = StageClock()
         planned = self._plan(quality, *arguments)
-        return self._draw(*planned, clock, Accumulation())
+        return self._draw(planned, clock, Accumulation())
 
     def _render_in_time(
         self,
@@ -272,7 +345,7 @@ class Renderer:
         """Render one frame in the best quality that a time allows; a lone one keeps nothing."""
         budget = positive_number("time_budget", time_budget)
         scene = self._scene(what)
-        outputs, _, _, diagnose = options
+        outputs, _, _, diagnose, _ = options
         circumstances = (
             self.size, self._workers.threads, planning.check_outputs(outputs), bool(diagnose),
             is_lone,
@@ -303,10 +376,10 @@ class Renderer:
             )
         scene = self._scene(what)
         camera = choose_camera(scene, camera, self.size)
-        _, background, cull, _ = options
+        _, background, cull, *_ = options
         # What is wrong is wrong before anything is drawn.
         self._plan(Quality.standard(), scene, camera, *options)
-        shown = (("color", "linear"), background, cull, False)
+        shown = (("color", "linear"), background, cull, False, None)
         with ExitStack() as stack:
             small = [
                 stack.enter_context(Renderer(size, threads=self._workers.threads))
@@ -330,6 +403,7 @@ class Renderer:
         background: Any = None,
         cull: str = "none",
         diagnose: bool = False,
+        previous: View | None = None,
     ) -> Iterator[Frame]:
         """
         Render one frame again and again, each time more accurately.
@@ -351,16 +425,16 @@ class Renderer:
             At once, naming the argument that is wrong.
         """
         qualities = Quality.draft(), Quality.standard(), Quality.reference()
-        arguments = what, camera, outputs, background, cull, diagnose
-        *first, (plan, prepared, views) = [self._plan(one, *arguments) for one in qualities]
-        last = [(step, prepared, views) for step in supersampling.steps(plan)]
+        arguments = what, camera, outputs, background, cull, diagnose, previous
+        *first, best = [self._plan(one, *arguments) for one in qualities]
+        last = [best._replace(plan=step) for step in supersampling.steps(best.plan)]
         return self._draw_all([*first, *last])
 
-    def _draw_all(self, planned: Sequence[tuple[RenderPlan, Prepared, Views]]) -> Iterator[Frame]:
+    def _draw_all(self, planned: Sequence[Planned]) -> Iterator[Frame]:
         """Draw frames one after the other, each from the pictures of those before it."""
         accumulation = Accumulation()
-        for plan, prepared, views in planned:
-            yield self._draw(plan, prepared, views, StageClock(), accumulation)
+        for one in planned:
+            yield self._draw(one, StageClock(), accumulation)
 
     def _plan(
         self,
@@ -371,7 +445,8 @@ class Renderer:
         background: Any,
         cull: str,
         diagnose: bool,
-    ) -> tuple[RenderPlan, Prepared, Views]:
+        previous: View | None,
+    ) -> Planned:
         """Check the arguments of a frame, and decide what it needs."""
         scene = self._scene(what)
         camera = choose_camera(scene, camera, self.size)
@@ -381,7 +456,15 @@ class Renderer:
             scene, camera, self.size, quality, outputs, background, cull, diagnose,
             prepared.stock, views,
         )  # fmt: skip
-        return plan, prepared, views
+        earlier = find_earlier(previous, plan, scene)
+        if earlier is None:
+            return Planned(plan, prepared, views)
+        old = prepare(earlier[0].nodes, prepared, quality)
+        old_views = plan_views.view_places(old.places, earlier[1], self.size)
+        old_plan = _plan_earlier(plan, *earlier, old.stock, old_views)
+        return Planned(
+            replace(plan, previous=old_plan), prepared, views, Planned(old_plan, old, old_views)
+        )
 
     def _find_faces(
         self, plan: RenderPlan, prepared: Prepared, clock: StageClock, views: Views | None = None
@@ -405,7 +488,7 @@ class Renderer:
             clock,
             keep_depth=plan.needs_depth,
             find_faces=plan.needs_faces,
-            keep_lists=plan.diagnose or plan.layers is not None,
+            keep_lists=plan.keeps_lists,
             keep_clip_positions=plan.diagnose or plan.wireframe is not None,
             cutouts=passes.find_cutouts(plan, prepared),
             depth_type=plan.depth_format.kind,
@@ -420,23 +503,32 @@ class Renderer:
                 clock("reversed depth")
         return Seen(objects, coefficients, geometry, placement_of(arrays, views), coverage)
 
-    def _draw(
-        self,
-        plan: RenderPlan,
-        prepared: Prepared,
-        views: Views,
-        clock: StageClock,
-        accumulation: Accumulation,
-    ) -> Frame:
+    def _compare(self, planned: Planned, clock: StageClock) -> motion.Motion | None:
+        """Return what it takes to compare a frame with its earlier view; ``None`` without one."""
+        if planned.earlier is None:
+            return None
+        moments = [
+            motion.moment_of(one.prepared.shapes.arrays, one.views, one.plan.camera, self.size)
+            for one in (planned, planned.earlier)
+        ]
+        sighting = None
+        if "motion_visible" in planned.plan.outputs:
+            plan, prepared, views, _ = planned.earlier
+            seen = self._find_faces(plan, prepared, clock, views)
+            sighting = motion.Sighting(seen.coverage.face_id, seen.objects.culled_turns)
+        return motion.Motion(*moments, sighting)
+
+    def _draw(self, planned: Planned, clock: StageClock, accumulation: Accumulation) -> Frame:
         """Run all stages of a frame."""
+        plan, prepared, views, _ = planned
         workers = self._workers
         workers.memory.next_frame()
         seen = self._find_faces(plan, prepared, clock, views)
         objects, coefficients, geometry, placement, coverage = seen
+        find = functools.partial(self._find_faces, prepared=prepared, clock=clock)
         if plan.pictures == 1:
             result = passes.shade_faces(plan, prepared, geometry, placement, coverage, workers)
         else:
-            find = functools.partial(self._find_faces, prepared=prepared, clock=clock)
             result = supersampling.shade_faces(
                 plan, prepared, seen, accumulation, find, clock, workers
             )
@@ -448,7 +540,15 @@ class Renderer:
             edges = prepared.shapes.edges
             passes.draw_wireframe(plan, edges, geometry, coefficients, coverage, result, workers)
             clock("wireframe")
-        passes.fill_buffers(plan, prepared, geometry, placement, coverage, result, workers)
+        if "coverage" in plan.outputs:
+            result["coverage"] = supersampling.cover_pixels(
+                plan, prepared, seen, accumulation, find, workers
+            )
+            clock("coverage")
+        ground_truth.fill_buffers(
+            plan, prepared, geometry, placement, coverage, self._compare(planned, clock), result,
+            workers,
+        )  # fmt: skip
         clock("buffers")
         diagnostics = None
         if plan.diagnose:
@@ -456,7 +556,7 @@ class Renderer:
                 coverage, objects, geometry, plan.camera, workers, plan.depth_format
             )
             clock("diagnostics")
-        stats = _stats(coverage, clock.seconds)
+        stats = stats_of(coverage, clock.seconds)
         if "face_id" in plan.outputs:
             # The caller may write to it.
             _ = stats.pixels_covered
@@ -488,7 +588,7 @@ def placement_of(arrays: SceneArrays, views: Views) -> Placement:
     )
 
 
-def _stats(coverage: stages.Coverage, seconds: dict[str, float]) -> Stats:
+def stats_of(coverage: stages.Coverage, seconds: dict[str, float]) -> Stats:
     """Return the frame's statistics."""
     totals = coverage.totals
     return Stats(

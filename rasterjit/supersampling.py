@@ -25,7 +25,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rasterjit import passes, shadow_cells, stages
+from rasterjit import layered, passes, shadow_cells, stages
 from rasterjit.kernels import accumulation as accumulating
 from rasterjit.kernels import backgrounds, code_blending, resolve
 from rasterjit.kernels.records import Geometry, Objects, Placement, Shadows
@@ -33,6 +33,7 @@ from rasterjit.plan import RenderPlan
 from rasterjit.plan_lights import NO_LIGHTS
 from rasterjit.prepared import Prepared
 from rasterjit.scene.camera import Camera
+from rasterjit.scene.quality import SUPERSAMPLED
 from rasterjit.scene.srgb import decoding_table
 from rasterjit.transforms import Matrix
 
@@ -64,11 +65,17 @@ class Accumulation:
     sums : (H, W, 4) float64 or None
         The sum of their linear colours, or codes, times alpha, and of alpha; ``None`` before the
         first.
+    covering : int
+        How many of them have been looked at for what they cover.
+    covered : (H, W) int32 or None
+        How many of those a face covers; ``None`` before the first.
     """
 
     def __init__(self) -> None:
         self.count = 0
         self.sums: NDArray[np.float64] | None = None
+        self.covering = 0
+        self.covered: NDArray[np.int32] | None = None
 
 
 @dataclass(frozen=True)
@@ -202,6 +209,35 @@ def shade_faces(
     result = finish(plan, accumulation, workers)
     clock("average")
     return result
+
+
+def cover_pixels(
+    plan: RenderPlan,
+    prepared: Prepared,
+    seen: Seen,
+    accumulation: Accumulation,
+    find: Callable[[RenderPlan], Seen],
+    workers: stages.Workers,
+) -> NDArray[np.float32]:
+    """
+    Return the share of each pixel's samples that any face covers, (H, W), or of its area.
+
+    Takes what `shade_faces` takes; of a frame of fewer pictures than the quality has samples it is
+    the share of these.
+    """
+    samples = plan.quality.samples
+    if samples not in SUPERSAMPLED:
+        sight = layered.Sight(seen.geometry, passes.find_cutouts(plan, prepared))
+        return layered.cover_pixels(samples, seen.coverage, sight, workers)
+    if accumulation.covered is None:
+        accumulation.covered = np.zeros(seen.coverage.face_id.shape, np.int32)
+    count = plan.pictures if plan.pictures > 1 else int(samples)
+    picture = replace(_plan_picture(plan, None), outputs=("face_id",), layers=None)
+    picture = replace(picture, lighting=None, ambient_occlusion=None)
+    for offset in sample_offsets(int(samples))[accumulation.covering : count]:
+        accumulation.covered += find(_moved(picture, offset)).coverage.face_id >= 0
+        accumulation.covering += 1
+    return (accumulation.covered / accumulation.covering).astype(np.float32)
 
 
 def _draw_picture(

@@ -25,10 +25,11 @@ from numpy.typing import NDArray
 from rasterjit import stages
 from rasterjit.framebuffer import FEW_PIXELS, Framebuffer
 from rasterjit.kernels.jit import cache_folder, is_cached
-from rasterjit.kernels.records import Faces, Viewport
+from rasterjit.kernels.records import Faces, Objects, Viewport
 from rasterjit.kernels.setup import INVALID, TILE_SIZE
 from rasterjit.kernels.shading import shade_rows
 from rasterjit.kernels.visibility import draw_tiles
+from rasterjit.peeling import render_layers
 from rasterjit.pixel import explain_pixel
 from rasterjit.plan import OUTPUTS
 from rasterjit.rasterize import rasterize
@@ -41,6 +42,7 @@ from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene, Wireframe
 from rasterjit.scene.texture import Texture
+from rasterjit.scene.view import View
 from rasterjit.transforms import translate
 from rasterjit.workers import Workers, available_processors
 
@@ -128,7 +130,8 @@ def _draw_shaded(shading: str, coloring: str, specular: float) -> None:
 
 
 def _draw_buffers() -> None:
-    render(_square(), size=SEVERAL_TILES, outputs=OUTPUTS, threads=1)
+    render(_square(), size=SEVERAL_TILES, outputs=OUTPUTS, previous=View(), threads=1)
+    render_layers(_square(), k=2, size=SIZE, threads=1)
     # Without smooth normals the normals kernel is the same: it is given an empty table.
     render(_square("flat"), size=SIZE, outputs=("normal",), threads=1)
 
@@ -198,7 +201,7 @@ class BlankRenderer(Renderer):
         self,
         vertices: stages.ModelVertices,
         faces: NDArray[np.int32],
-        objects: Any,
+        objects: Objects,
         depth_coefficients: tuple[float, float, float],
         viewport: Viewport,
         workers: Workers,
@@ -222,15 +225,16 @@ class BlankRenderer(Renderer):
             screen,
             clip_positions,
             stages.Totals(len(faces), len(faces), 0, 0, 0, 0, 0, 0),
-            _no_lists(faces, viewport) if keep_lists else None,
+            _no_lists(faces, viewport, objects) if keep_lists else None,
         )
 
 
-def _no_lists(faces: NDArray[np.int32], viewport: Viewport) -> stages.TileLists:
+def _no_lists(faces: NDArray[np.int32], viewport: Viewport, objects: Objects) -> stages.TileLists:
     """Return lists of tiles that draw nothing."""
     tiles = -(-viewport.width // TILE_SIZE) * -(-viewport.height // TILE_SIZE)
     no_pieces = Faces(faces, np.empty((0, 3), np.int32), np.empty(0, np.int32))
-    return stages.TileLists(np.zeros(tiles + 1, np.int64), np.empty(0, np.int32), no_pieces)
+    starts, nothing = np.zeros(tiles + 1, np.int64), np.empty(0, np.int32)
+    return stages.TileLists(starts, nothing, no_pieces, objects)
 
 
 def compile_visibility() -> None:
