@@ -328,8 +328,8 @@ class View(NamedTuple):
     ) -> FittedCamera:
         """Return the camera that fits the scene, its direction given for y up."""
         from rasterjit import transforms
-        from rasterjit.controls import frame_of
         from rasterjit.scene.camera import fit_camera
+        from rasterjit.viewpoint import frame_of
 
         frame = frame_of(self.up or (0.0, 1.0, 0.0))
         return fit_camera(

@@ -17,7 +17,6 @@ import math
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from rasterjit import transforms
@@ -28,10 +27,25 @@ from rasterjit.scene.camera import (
     fit_camera,
     orbit_direction,
 )
-from rasterjit.transforms import Matrix
 from rasterjit.validation import finite_number, positive_number
+from rasterjit.viewpoint import (
+    CLEARANCE,
+    COORDINATE_SHARE,
+    Ball,
+    Sight,
+    Vector,
+    along,
+    between,
+    camera_at,
+    cross,
+    dot,
+    frame_of,
+    length,
+    minus,
+    pixel_size,
+    triple_of,
+)
 
-Vector = tuple[float, float, float]
 Event = dict[str, Any]
 
 SMOOTHING = 0.05
@@ -51,15 +65,6 @@ KEY_ZOOM = 0.8
 
 LEAST_DISTANCE, LARGEST_DISTANCE = 1e-4, 1e3
 """Of an orbit, in radii of the scene."""
-
-COORDINATE_SHARE = 2.0**-30
-"""Least distance as a share of the largest coordinate: float64 still tells eye from target."""
-
-NEAREST = 1e-4
-"""Least near plane, in radii of the scene or in distances from its centre, the larger."""
-
-CLEARANCE = 0.01
-"""Share of its distance by which the near plane is nearer than the scene."""
 
 RUN = 4.0
 """How many times faster Shift flies."""
@@ -94,24 +99,6 @@ MOVES = {
 """Right, up and forward of what held keys fly towards."""
 
 
-class Ball(NamedTuple):
-    """The sphere around a scene, world space."""
-
-    center: Vector
-    radius: float
-
-    @classmethod
-    def around(cls, scene: Bounded) -> Ball:
-        """Return the bounding sphere of a scene; of radius 1 around a single point."""
-        center, radius = scene.bounding_sphere()
-        x, y, z = np.asarray(center, dtype=np.float64).tolist()
-        return cls((x, y, z), float(radius) or 1.0)
-
-    def bounding_sphere(self) -> tuple[Vector, float]:
-        """Return the centre, (3,), and the radius in world space."""
-        return self.center, self.radius
-
-
 class Pose(NamedTuple):
     """Where an orbiting camera is; angles in degrees, as `orbit_direction` takes them."""
 
@@ -123,7 +110,7 @@ class Pose(NamedTuple):
     def toward(self, goal: Pose, share: float) -> Pose:
         """Return the pose that is a share of the way from here to another."""
         return Pose(
-            _between(self.target, goal.target, share),
+            between(self.target, goal.target, share),
             self.distance + share * (goal.distance - self.distance),
             self.azimuth + share * (goal.azimuth - self.azimuth),
             self.elevation + share * (goal.elevation - self.elevation),
@@ -187,19 +174,19 @@ class Orbit:
             If ``up`` is zero, or the scene has no bounds.
         """
         ball = Ball.around(scene)
-        upward = _triple(transforms.unit_vector("up", up))
-        sight = _Sight.of(camera)
-        distance = _dot(_minus(ball.center, sight.eye), sight.forward)
+        upward = triple_of(transforms.unit_vector("up", up))
+        sight = Sight.of(camera)
+        distance = dot(minus(ball.center, sight.eye), sight.forward)
         if sight.height is not None:
             distance = 0.5 * sight.height * transforms.focal_length(sight.fov_y)
         elif distance < CLEARANCE * ball.radius:
             # Behind or beside the scene: it turns around what is in front of the eye.
             distance = ball.radius
         azimuth, elevation = sight.angles(upward)
-        target = _along(sight.eye, sight.forward, distance)
+        target = along(sight.eye, sight.forward, distance)
         if sight.height is not None:
-            depth = _dot(_minus(ball.center, sight.eye), sight.forward)
-            target = _along(sight.eye, sight.forward, depth)
+            depth = dot(minus(ball.center, sight.eye), sight.forward)
+            target = along(sight.eye, sight.forward, depth)
         pose = Pose(target, distance, azimuth, elevation)
         return cls(ball, pose, pose, pose, sight.fov_y, upward)
 
@@ -251,16 +238,16 @@ class Orbit:
         """Return the camera as it stands; its near plane is before the scene or near the eye."""
         frame = frame_of(self.up)
         target, distance, azimuth, elevation = self.pose
-        toward = _triple(transforms.apply(frame, orbit_direction(azimuth, elevation)))
-        upward = _triple(transforms.apply(frame, orbit_direction(azimuth, elevation + 90.0)))
-        eye = _along(target, toward, distance)
-        return _camera(eye, target, upward, self.fov_y, self.ball)
+        toward = triple_of(transforms.apply(frame, orbit_direction(azimuth, elevation)))
+        upward = triple_of(transforms.apply(frame, orbit_direction(azimuth, elevation + 90.0)))
+        eye = along(target, toward, distance)
+        return camera_at(eye, target, upward, self.fov_y, self.ball)
 
     @property
     def is_resting(self) -> bool:
         """Whether time changes nothing that can be seen."""
         pose, goal = self.pose, self.goal
-        off = _length(_minus(pose.target, goal.target)) + abs(pose.distance - goal.distance)
+        off = length(minus(pose.target, goal.target)) + abs(pose.distance - goal.distance)
         angle = abs(pose.azimuth - goal.azimuth) + abs(pose.elevation - goal.elevation)
         is_near = off <= REST * goal.distance and angle <= REST_ANGLE
         return is_near and not any(key in TURNS for key in self.held)
@@ -279,10 +266,10 @@ class Orbit:
 
     def pan(self, dx: float, dy: float, size: tuple[int, int]) -> Orbit:
         """Send it so that what is at the target's distance moves by (dx, dy) pixels."""
-        unit = _pixel_size(self.goal.distance, self.fov_y, size)
+        unit = pixel_size(self.goal.distance, self.fov_y, size)
         right, upward, _ = self._axes()
-        target = _along(self.goal.target, right, -unit * finite_number("dx", dx))
-        return self._go(target=_along(target, upward, unit * finite_number("dy", dy)))
+        target = along(self.goal.target, right, -unit * finite_number("dx", dx))
+        return self._go(target=along(target, upward, unit * finite_number("dy", dy)))
 
     def zoom(
         self,
@@ -314,20 +301,20 @@ class Orbit:
         factor = distance / goal.distance
         away = goal.distance if depth is None or not math.isfinite(depth) else depth
         # The point under the cursor, as seen from the target.
-        unit = _pixel_size(away, self.fov_y, size)
+        unit = pixel_size(away, self.fov_y, size)
         right, upward, toward = self._axes()
-        point = _along(goal.target, toward, goal.distance - away)
-        point = _along(point, right, unit * (cursor[0] - 0.5 * size[0]))
-        point = _along(point, upward, unit * (0.5 * size[1] - cursor[1]))
+        point = along(goal.target, toward, goal.distance - away)
+        point = along(point, right, unit * (cursor[0] - 0.5 * size[0]))
+        point = along(point, upward, unit * (0.5 * size[1] - cursor[1]))
         # Eye and target both shrink towards it, so the direction to it stays.
-        return self._go(target=_between(point, goal.target, factor), distance=distance)
+        return self._go(target=between(point, goal.target, factor), distance=distance)
 
     def fit(self, size: tuple[int, int]) -> Orbit:
         """Send it to where the whole scene is seen from the same direction."""
         _, upward, toward = self._axes()
         fitted = fit_camera(self.ball, toward, self.fov_y, up=upward, aspect=size[0] / size[1])
         return self._go(
-            target=self.ball.center, distance=_length(_minus(fitted.eye, self.ball.center))
+            target=self.ball.center, distance=length(minus(fitted.eye, self.ball.center))
         )
 
     def reset(self) -> Orbit:
@@ -376,10 +363,10 @@ class Orbit:
         frame = frame_of(self.up)
         azimuth, elevation = self.goal.azimuth, self.goal.elevation
         upward, toward = (
-            _triple(transforms.apply(frame, orbit_direction(azimuth, angle)))
+            triple_of(transforms.apply(frame, orbit_direction(azimuth, angle)))
             for angle in (elevation + 90.0, elevation)
         )
-        return _cross(upward, toward), upward, toward
+        return cross(upward, toward), upward, toward
 
     def _distances(self) -> tuple[float, float]:
         """Return the least and the largest distance."""
@@ -441,11 +428,11 @@ class Fly:
         Takes what `Orbit.from_camera` takes; a parallel camera becomes one that stands where an
         orbit would begin.
         """
-        sight = _Sight.of(camera)
+        sight = Sight.of(camera)
         if sight.height is not None:
-            sight = _Sight.of(Orbit.from_camera(camera, scene, up).camera())
+            sight = Sight.of(Orbit.from_camera(camera, scene, up).camera())
         ball = Ball.around(scene)
-        upward = _triple(transforms.unit_vector("up", up))
+        upward = triple_of(transforms.unit_vector("up", up))
         azimuth, elevation = sight.angles(upward)
         elevation = _clamped(elevation, LARGEST_PITCH)
         speed = 2.0 * ball.radius / CROSSING_TIME
@@ -476,30 +463,30 @@ class Fly:
         wanted = self._wanted()
         rest = math.exp(-seconds / self.smoothing)
         lost = self.smoothing * (1.0 - rest)
-        excess = _minus(self.velocity, wanted)
+        excess = minus(self.velocity, wanted)
         eye = self.eye
         for axis, velocity, more in zip(self._axes(), wanted, excess, strict=True):
-            eye = _along(eye, axis, velocity * seconds + more * lost)
-        return replace(self, eye=eye, velocity=_along(wanted, excess, rest))
+            eye = along(eye, axis, velocity * seconds + more * lost)
+        return replace(self, eye=eye, velocity=along(wanted, excess, rest))
 
     def camera(self) -> PerspectiveCamera:
         """Return the camera as it stands; its near plane is before the scene or near the eye."""
         _, upward, forward = self._axes()
-        return _camera(
-            self.eye, _along(self.eye, forward, self.ball.radius), upward, self.fov_y, self.ball
+        return camera_at(
+            self.eye, along(self.eye, forward, self.ball.radius), upward, self.fov_y, self.ball
         )
 
     @property
     def is_resting(self) -> bool:
         """Whether time changes nothing that can be seen."""
         is_steered = any(map(abs, self._wanted()))
-        return not is_steered and _length(self.velocity) * self.smoothing <= REST * self.ball.radius
+        return not is_steered and length(self.velocity) * self.smoothing <= REST * self.ball.radius
 
     def settled(self) -> Fly:
         """Return the state when it has come to a stop, all keys let go."""
         eye = self.eye
         for axis, velocity in zip(self._axes(), self.velocity, strict=True):
-            eye = _along(eye, axis, velocity * self.smoothing)
+            eye = along(eye, axis, velocity * self.smoothing)
         return replace(self, eye=eye, velocity=(0.0, 0.0, 0.0), held=frozenset())
 
     def look(self, azimuth: float, elevation: float) -> Fly:
@@ -542,7 +529,7 @@ class Fly:
     def _wanted(self) -> Vector:
         """Return the velocity that the held keys ask for."""
         right, upward, forward = _sum_of(MOVES, self.held)
-        length = _length((right, upward, forward))
+        length = length((right, upward, forward))
         if length == 0.0:
             return 0.0, 0.0, 0.0
         speed = self.speed * (RUN if "Shift" in self.held else 1.0) / length
@@ -552,10 +539,10 @@ class Fly:
         """Return right, up and forward, world space."""
         frame = frame_of(self.up)
         upward, toward = (
-            _triple(transforms.apply(frame, orbit_direction(self.azimuth, angle)))
+            triple_of(transforms.apply(frame, orbit_direction(self.azimuth, angle)))
             for angle in (self.elevation + 90.0, self.elevation)
         )
-        return _cross(upward, toward), upward, tuple(-part for part in toward)
+        return cross(upward, toward), upward, tuple(-part for part in toward)
 
     def _allowed(self, speed: float) -> float:
         """Return a speed that is neither lost nor out of the scene at once."""
@@ -565,70 +552,10 @@ class Fly:
 Controls = Orbit | Fly
 
 
-def frame_of(up: ArrayLike) -> Matrix:
-    """Return the shortest rotation, (4, 4), that takes y to ``up``; z up makes -y the front."""
-    x, y, z = transforms.unit_vector("up", up).tolist()
-    # The axis is the cross product of y and up; its length is the sine.
-    sine = math.sqrt(x * x + z * z)
-    axis = (z, 0.0, -x) if sine > 0.0 else (1.0, 0.0, 0.0)
-    return transforms.rotate(axis, transforms.arc_tangent(sine, y))
-
-
-class _Sight(NamedTuple):
-    """Where a camera is and how it looks."""
-
-    eye: Vector
-    forward: Vector
-    upward: Vector
-    fov_y: float
-    height: float | None
-    """What a parallel camera shows from bottom to top, scene units."""
-
-    @classmethod
-    def of(cls, camera: Camera) -> _Sight:
-        """Return that of any camera."""
-        view = camera.view_matrix()
-        projection = camera.projection_matrix((1, 1))
-        eye = _triple(camera.eye_position())
-        forward = _triple(-transforms.unit_vector("view", view[2, :3]))
-        upward = _triple(transforms.unit_vector("view", view[1, :3]))
-        focal = abs(float(projection[1, 1]))
-        if not projection[3, :3].any():
-            return cls(eye, forward, upward, 45.0, 2.0 / focal)
-        return cls(eye, forward, upward, 2.0 * transforms.arc_tangent(1.0, focal), None)
-
-    def angles(self, up: Vector) -> tuple[float, float]:
-        """Return azimuth and elevation, degrees, of the direction it looks from."""
-        frame = frame_of(up)[:3, :3].T
-        x, y, z = (-_dot(_triple(row), self.forward) for row in frame)
-        across = math.sqrt(x * x + z * z)
-        elevation = transforms.arc_tangent(y, across)
-        if across < COORDINATE_SHARE:
-            # At a pole, what is up in the picture tells the azimuth.
-            sign = -math.copysign(1.0, y)
-            x, _, z = (sign * _dot(_triple(row), self.upward) for row in frame)
-        return transforms.arc_tangent(x, z), elevation
-
-
-def _camera(
-    eye: Vector, target: Vector, upward: Vector, fov_y: float, ball: Ball
-) -> PerspectiveCamera:
-    """Return the camera with a near plane before the scene, or near the eye."""
-    distance = _length(_minus(ball.center, eye))
-    before = (distance - ball.radius) * (1.0 - CLEARANCE)
-    near = max(before, NEAREST * distance, NEAREST * ball.radius)
-    return PerspectiveCamera(eye, target, upward, fov_y, near)
-
-
 def _wheel_factor(event: Event) -> float:
     """Return what a turn of the wheel multiplies distances by."""
     turned = WHEEL_SHARE * float(event.get("dy", 0.0))
     return min(max(math.exp(min(turned, LARGEST_FACTOR)), 1.0 / LARGEST_FACTOR), LARGEST_FACTOR)
-
-
-def _pixel_size(depth: float, fov_y: float, size: tuple[int, int]) -> float:
-    """Return the side of a pixel at a depth, scene units."""
-    return 2.0 * depth / transforms.focal_length(fov_y) / size[1]
 
 
 def _time_to_pole(elevation: float, rate: float) -> float:
@@ -646,44 +573,3 @@ def _sum_of(directions: dict[str, tuple[float, ...]], held: frozenset[str]) -> t
 def _clamped(angle: float, largest: float) -> float:
     """Return an angle within a range around 0."""
     return min(max(angle, -largest), largest)
-
-
-def _triple(values: ArrayLike) -> Vector:
-    """Return three numbers as a tuple of float."""
-    x, y, z = np.asarray(values, dtype=np.float64).tolist()
-    return x, y, z
-
-
-def _along(start: Vector, direction: Vector, length: float) -> Vector:
-    """Return start + length * direction."""
-    x, y, z = (a + length * b for a, b in zip(start, direction, strict=True))
-    return x, y, z
-
-
-def _minus(a: Vector, b: Vector) -> Vector:
-    """Return a - b."""
-    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
-
-
-def _between(a: Vector, b: Vector, share: float) -> Vector:
-    """Return a + share * (b - a)."""
-    return _along(a, _minus(b, a), share)
-
-
-def _dot(a: Vector, b: Vector) -> float:
-    """Return the scalar product."""
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-def _cross(a: Vector, b: Vector) -> Vector:
-    """Return the vector product."""
-    return (
-        a[1] * b[2] - a[2] * b[1],
-        a[2] * b[0] - a[0] * b[2],
-        a[0] * b[1] - a[1] * b[0],
-    )
-
-
-def _length(a: Vector) -> float:
-    """Return the length."""
-    return math.sqrt(_dot(a, a))

@@ -10,7 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import rasterjit as rj
-from rasterjit.controls import Ball, Fly, Orbit
+from rasterjit.controls import Fly, Orbit
+from rasterjit.viewpoint import Ball
 
 SIZE = (64, 48)
 ALL = settings(max_examples=60)
