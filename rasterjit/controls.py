@@ -529,10 +529,10 @@ class Fly:
     def _wanted(self) -> Vector:
         """Return the velocity that the held keys ask for."""
         right, upward, forward = _sum_of(MOVES, self.held)
-        length = length((right, upward, forward))
-        if length == 0.0:
+        total = length((right, upward, forward))
+        if total == 0.0:
             return 0.0, 0.0, 0.0
-        speed = self.speed * (RUN if "Shift" in self.held else 1.0) / length
+        speed = self.speed * (RUN if "Shift" in self.held else 1.0) / total
         return right * speed, upward * speed, forward * speed
 
     def _axes(self) -> tuple[Vector, Vector, Vector]:
