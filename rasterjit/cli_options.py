@@ -13,9 +13,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 import click
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
     from rasterjit.scene.camera import OrthographicCamera, PerspectiveCamera
     from rasterjit.scene.scene import Scene
 
@@ -334,8 +331,9 @@ class View(NamedTuple):
         """Return the camera that fits the scene, its direction given for y up."""
         from rasterjit import transforms
         from rasterjit.scene.camera import fit_camera
+        from rasterjit.viewpoint import frame_of
 
-        frame = _frame_of(self.up or (0.0, 1.0, 0.0))
+        frame = frame_of(self.up or (0.0, 1.0, 0.0))
         return fit_camera(
             scene,
             transforms.apply(frame, direction),
@@ -368,17 +366,6 @@ class View(NamedTuple):
             before_scene = (distance - radius) * (1.0 - CLEARANCE)
             near, far = max(before_scene, distance * NEAREST, radius * NEAREST) or 1.0, math.inf
         return dataclasses.replace(fitted, eye=eye, target=target, up=up, near=near, far=far)
-
-
-def _frame_of(up: Vector) -> NDArray[np.float64]:
-    """Return the shortest rotation, (4, 4), that takes y to ``up``; z up makes -y the front."""
-    from rasterjit import transforms
-
-    x, y, z = transforms.unit_vector("up", up).tolist()
-    # The axis is the cross product of y and up; its length is the sine.
-    sine = math.sqrt(x * x + z * z)
-    axis = (z, 0.0, -x) if sine > 0.0 else (1.0, 0.0, 0.0)
-    return transforms.rotate(axis, transforms.arc_tangent(sine, y))
 
 
 def gather(kind: type[Options], options: dict[str, Any]) -> Options:

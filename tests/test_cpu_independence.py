@@ -234,6 +234,8 @@ ALLOWED = {
 
 OFF_THE_PATH = {
     "doctor.py": "checks an installation, draws nothing for anybody",
+    "viewpoint.py": "places the cameras of controls.py",
+    "controls.py": "follows a hand: where a person leaves the camera is in no file",
     "warmup.py": "compiles kernels, keeps no picture",
     "oracle.py": "whole numbers and fractions",
     "explanation.py": "text",
