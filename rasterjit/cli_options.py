@@ -141,14 +141,21 @@ class OutputsType(click.ParamType):
         self, value: Any, parameter: click.Parameter | None, context: click.Context | None
     ) -> tuple[str, ...]:
         """Return the names, or raise click's usage error."""
-        from rasterjit.plan import check_outputs
+        from rasterjit.plan import MOTION_OUTPUTS, check_outputs
 
         if isinstance(value, tuple):
             return value
         try:
-            return check_outputs([name.strip() for name in value.split(",")])
+            names = check_outputs([name.strip() for name in value.split(",")])
         except ValueError as error:
             self.fail(str(error), parameter, context)
+        for name in MOTION_OUTPUTS:
+            if name in names:
+                self.fail(
+                    f"{name} is found against an earlier view, which rasterjit.render takes",
+                    parameter, context,
+                )  # fmt: skip
+        return names
 
 
 class SettingType(click.ParamType):

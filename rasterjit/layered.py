@@ -231,7 +231,7 @@ class Band(NamedTuple):
     transparent: NDArray[np.int32]
     """(N, K, R, W), the transparent faces in front of it, nearest first, -1 where there are
     fewer."""
-    depths: NDArray[Any]
+    depths: NDArray[Any] | None = None
     """(N, K, R, W), their stored depths."""
 
 

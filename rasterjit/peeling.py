@@ -162,6 +162,7 @@ def peel(
     faces : (K, H, W) int32
         -1 where a pixel has fewer surfaces.
     """
+    sight = layered.at_samples(sight, 1)
     viewport = sight.geometry.viewport
     everything = np.ones(len(coverage.lists.objects.face_starts) - 1, np.uint8)
     lists = layered.part_lists(coverage, viewport, everything, workers)

@@ -114,8 +114,8 @@ class RenderPlan:
     """What depths are rounded to before they are compared."""
     previous: RenderPlan | None = None
     """What the scene was seen like before; ``None`` -> nobody asks."""
-    surfaces: int = 1
-    """How many surfaces of each pixel are found, the nearest ones."""
+    surfaces: int | None = None
+    """How many surfaces of each pixel are found, the nearest ones; ``None`` -> one, as always."""
 
     @cached_property
     def effects(self) -> tuple[Effect, ...]:
@@ -138,7 +138,7 @@ class RenderPlan:
     def keeps_lists(self) -> bool:
         """Whether a pass that follows visibility draws the tiles once more."""
         draws_again = self.layers is not None or "coverage" in self.outputs
-        return self.diagnose or draws_again or self.surfaces > 1
+        return self.diagnose or draws_again or self.surfaces is not None
 
     @property
     def compares_views(self) -> bool:
@@ -190,7 +190,7 @@ class RenderPlan:
         ]
         if self.pictures > 1:
             rows.append(("pictures", f"{self.pictures} of {self.quality.samples}"))
-        if self.surfaces > 1:
+        if self.surfaces is not None:
             rows.append(("surfaces", f"the nearest {self.surfaces} of each pixel"))
         if self.previous is not None:
             rows.append(("previous view", self._describe_previous(self.previous)))

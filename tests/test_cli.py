@@ -11,14 +11,14 @@ from click.testing import CliRunner
 from PIL import Image, ImageSequence
 
 import rasterjit as rj
-from rasterjit import cli, cli_report, measurement, warmup
+from rasterjit import cli, cli_report, measurement, plan, warmup
 from rasterjit.cli_options import DEFAULT_DIRECTION, OUTPUTS_HELP, View
 from rasterjit.kernels import jit
-from rasterjit.plan import OUTPUTS
 
 MODELS = Path(__file__).parents[1] / "models"
 CUBE = str(MODELS / "cube.ply")
 KNOT = str(MODELS / "torus_knot.obj")
+OUTPUTS = tuple(name for name in plan.OUTPUTS if name not in plan.MOTION_OUTPUTS)
 SIZE = (48, 36)
 SMALL = ("--size", "48x36", "--quiet")
 
@@ -231,8 +231,17 @@ def test_depth_is_written_as_sixteen_bits_on_request(tmp_path):
 
 
 def test_help_names_every_output():
-    for name in OUTPUTS:
-        assert name in OUTPUTS_HELP
+    names = OUTPUTS_HELP.removeprefix("Comma-separated: ").removesuffix(".").split(", ")
+    assert sorted(names) == sorted(OUTPUTS)
+
+
+@pytest.mark.parametrize("name", plan.MOTION_OUTPUTS)
+def test_motion_needs_an_earlier_view_which_the_command_line_does_not_have(tmp_path, name):
+    for arguments in (("render", CUBE, "-o", tmp_path / "a.npz"), ("explain", CUBE)):
+        result = run(*arguments, "--outputs", f"depth,{name}")
+        assert_one_line(result, 2)
+        assert f"{name} is found against an earlier view" in result.stderr
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_quiet_silences_warnings_and_otherwise_they_are_one_line_each(tmp_path):

@@ -14,7 +14,13 @@ TYPES = {
     "color": (np.uint8, (4,)), "linear": (np.float32, (4,)), "depth": (np.float32, ()),
     "face_id": (np.int32, ()), "object_id": (np.int32, ()), "barycentric": (np.float32, (3,)),
     "uv": (np.float32, (2,)), "normal": (np.float32, (3,)), "position": (np.float32, (3,)),
+    "distance": (np.float32, ()), "object_position": (np.float32, (3,)), "nocs": (np.float32, (3,)),
+    "geometric_normal": (np.float32, (3,)), "material_id": (np.int32, ()),
+    "instance_id": (np.int32, ()), "coverage": (np.float32, ()), "motion": (np.float32, (2,)),
+    "motion_visible": (np.bool_, ()),
 }  # fmt: skip
+SAME = rj.View()
+"""Nothing has moved."""
 
 
 @pytest.fixture
@@ -24,7 +30,7 @@ def mesh(cube):
 
 @pytest.mark.parametrize("output", OUTPUTS)
 def test_each_output_has_its_shape_and_type(mesh, camera, output):
-    frame = rj.render(mesh, camera, size=SIZE, outputs=output, threads=1)
+    frame = rj.render(mesh, camera, size=SIZE, outputs=output, previous=SAME, threads=1)
     dtype, channels = TYPES[output]
     array = getattr(frame, output)
     assert array.dtype == dtype
@@ -44,25 +50,32 @@ def test_output_that_was_not_asked_for_is_named(mesh, camera, output):
 
 
 def test_one_output_does_not_change_another(mesh, camera):
-    everything = rj.render(mesh, camera, size=SIZE, outputs=OUTPUTS, threads=1).arrays()
+    everything = rj.render(
+        mesh, camera, size=SIZE, outputs=OUTPUTS, previous=SAME, threads=1
+    ).arrays()
     for output in OUTPUTS:
-        alone = rj.render(mesh, camera, size=SIZE, outputs=output, threads=1).arrays()
+        alone = rj.render(
+            mesh, camera, size=SIZE, outputs=output, previous=SAME, threads=1
+        ).arrays()
         assert alone[output].tobytes() == everything[output].tobytes()
 
 
 def test_arrays_are_the_callers(mesh, camera):
     with rj.Renderer(SIZE, threads=1) as renderer:
-        first = renderer.render(mesh, camera, outputs=OUTPUTS)
+        first = renderer.render(mesh, camera, outputs=OUTPUTS, previous=SAME)
         copies = {name: array.copy() for name, array in first.arrays().items()}
         for array in first.arrays().values():
             assert array.flags.writeable
-        renderer.render(mesh, rj.PerspectiveCamera((0, 0, 9), (0, 0, 0)), outputs=OUTPUTS)
+        other = rj.PerspectiveCamera((0, 0, 9), (0, 0, 0))
+        renderer.render(mesh, other, outputs=OUTPUTS, previous=SAME)
     for name, array in first.arrays().items():
         assert array.tobytes() == copies[name].tobytes()
 
 
 def test_outputs_agree_about_what_is_covered(mesh, camera):
-    frame = rj.render(mesh, camera, size=SIZE, outputs=OUTPUTS, background="transparent", threads=1)
+    frame = rj.render(
+        mesh, camera, size=SIZE, outputs=OUTPUTS, background="transparent", previous=SAME, threads=1
+    )
     hit = frame.face_id >= 0
     assert hit.any()
     assert not hit.all()
@@ -71,7 +84,14 @@ def test_outputs_agree_about_what_is_covered(mesh, camera):
     assert ((frame.object_id == -1) == ~hit).all()
     assert ((frame.color[..., 3] == 255) == hit).all()
     assert (frame.color[~hit] == 0).all()
-    assert (np.isfinite(frame.uv).all(axis=2) == hit).all()
+    for name in ("uv", "position", "object_position", "nocs", "motion"):
+        assert (np.isfinite(getattr(frame, name)).all(axis=2) == hit).all(), name
+    for name in ("distance", "depth"):
+        assert (np.isfinite(getattr(frame, name)) == hit).all(), name
+    for name in ("material_id", "instance_id"):
+        assert ((getattr(frame, name) >= 0) == hit).all(), name
+    for name in ("coverage", "motion_visible"):
+        assert (getattr(frame, name) == hit).all(), name
     assert frame.stats.pixels_covered == hit.sum()
 
 

@@ -145,7 +145,7 @@ def was_seen(face, owner, point, corners, x, y, before, face_starts):
     if other < 0:
         return True
     there = find_object(other, face_starts, owner)
-    hiding = corners_of(faces, other)
+    hiding = lowest_first(faces, other)
     nearest, _ = plane_at(hiding, there, positions, matrices, center_x, center_y)
     if not is_nearer(nearest, own):
         return True

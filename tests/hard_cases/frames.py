@@ -33,6 +33,11 @@ RECORDED = HERE / "frame_hashes.json"
 BUFFERS = ("depth", "face_id", "object_id", "barycentric", "normal", "position")
 """What any scene can show, but for its colours."""
 EVERYTHING = ("color", "linear", *BUFFERS)
+GROUND_TRUTH = (
+    "distance", "object_position", "nocs", "geometric_normal", "material_id", "instance_id",
+    "coverage", "motion", "motion_visible",
+)  # fmt: skip
+"""What else it can show, of motion beside an earlier view."""
 
 Arrays = dict[str, np.ndarray]
 
@@ -68,15 +73,34 @@ class Shot:
 
     def rotated(self, turn: int) -> Shot:
         """Return the same shot with every face spelled from another of its vertices."""
-        scene = copy.copy(self.scene)
-        scene.nodes = []
         again: dict[int, rj.Mesh] = {}
-        for node in self.scene.nodes:
-            mesh = node.mesh
-            if id(mesh) not in again:
-                again[id(mesh)] = with_faces(mesh, np.roll(mesh.faces, -turn, axis=1))
-            scene.add(again[id(mesh)], node.world_from_model, node.name)
-        return replace(self, scene=scene)
+        scene, options = respelled(self.scene, turn, again), dict(self.options)
+        if "previous" in options:
+            previous = options["previous"]
+            earlier = respelled(previous.scene, turn, again)
+            options["previous"] = replace(previous, scene=earlier)
+        return replace(self, scene=scene, options=options)
+
+
+@dataclass(frozen=True)
+class Peeled:
+    """A scene and what `rasterjit.render_layers` is asked about it."""
+
+    shot: Shot
+    layers: int
+
+    def draw(self, threads: int = 1) -> Arrays:
+        """Find the layers."""
+        shot = self.shot
+        frame = rj.render_layers(
+            shot.scene, shot.camera, k=self.layers, size=shot.size, quality=shot.quality,
+            outputs=shot.outputs, threads=threads, **shot.options,
+        )  # fmt: skip
+        return frame.arrays()
+
+    def rotated(self, turn: int) -> Peeled:
+        """Return the same with every face spelled from another of its vertices."""
+        return replace(self, shot=self.shot.rotated(turn))
 
 
 @dataclass(frozen=True)
@@ -118,6 +142,18 @@ class Canvas:
     def rotated(self, turn: int) -> Canvas:
         """Return the same canvas with every triangle spelled from another of its vertices."""
         return replace(self, turn=turn)
+
+
+def respelled(scene: rj.Scene, turn: int, again: dict[int, rj.Mesh]) -> rj.Scene:
+    """Return a scene with every face spelled from another vertex; ``again`` holds the meshes."""
+    found = copy.copy(scene)
+    found.nodes = []
+    for node in scene.nodes:
+        mesh = node.mesh
+        if id(mesh) not in again:
+            again[id(mesh)] = with_faces(mesh, np.roll(mesh.faces, -turn, axis=1))
+        found.add(again[id(mesh)], node.world_from_model, node.name)
+    return found
 
 
 def with_faces(mesh: rj.Mesh, faces: np.ndarray) -> rj.Mesh:
@@ -424,6 +460,38 @@ def many_pictures() -> Shot:
     return Shot(scene, looking(), (12, 9), samples=64, options=options)
 
 
+def ground_truth() -> Shot:
+    """Return what is known of each pixel, and how far it has moved since."""
+    bent = rj.Mesh(ball(4).vertices * (1.0, 0.8, 1.3), ball(4).faces)
+    places = [rj.transforms.translate((0.4 * n, 0.1 * n, -0.9 * n)) for n in range(3)]
+    scenes = [rj.Scene(), rj.Scene()]
+    for n, place in enumerate(places):
+        scenes[0].add(ball(4) if n == 1 else bent, place)
+        scenes[1].add(bent, places[n - 1])
+    for scene in scenes:
+        scene.add(plane(3, 2.0))
+    previous = rj.View(scenes[1], looking((0.3, 1.4, 4.2), (0.1, 0.0, 0.0), fov_y=44.0))
+    options = {"previous": previous, "cull": "back"}
+    return Shot(scenes[0], looking(), outputs=GROUND_TRUTH, samples=4, options=options)
+
+
+def layers_peeled() -> Peeled:
+    """Return the layers of glass and of what has holes."""
+    scene = rj.Scene()
+    clear = rj.Material(base_color=(0.3, 0.6, 0.9, 0.4), alpha_mode="blend")
+    scene.add(rj.Mesh(ball(4).vertices * 1.5, ball(4).faces, material=clear))
+    strip = plane(3, 1.5)
+    alphas = np.dstack([np.ones((4, 5, 3)), rainbow(20)[:, 0].reshape(4, 5) / 255.0])
+    holes = rj.Material(base_color_texture=rj.Texture(alphas), alpha_mode="mask", alpha_cutoff=0.4)
+    for n in range(4):
+        place = rj.transforms.compose(
+            rj.transforms.translate((0.0, 0.0, 0.5 * n)), rj.transforms.rotate_x(70.0 + 10.0 * n)
+        )
+        scene.add(rj.Mesh(strip.vertices, strip.faces, uv=strip.uv, material=holes), place)
+    outputs = "depth", "face_id", "normal", "position", "distance"
+    return Peeled(Shot(scene, looking(), (90, 70), outputs), 6)
+
+
 def areas() -> Shot:
     return replace(shadows_of_all_lights(), size=(60, 40), samples="area")
 
@@ -617,7 +685,7 @@ FRAMES: dict[str, Callable[[], Shot | Soup | Canvas]] = {
         gouraud_vertex_colours, phong_highlights, all_shadings, light_near_surface,
         wireframe_overlay, wireframe_only, wireframe_clipped, occluded_and_outlined,
         materials_under_a_sky, shadows_of_all_lights, layers_of_glass, layers_in_four_samples,
-        edges_in_eight_samples, many_pictures, areas, codes_of_glass, codes_in_four_samples,
+        edges_in_eight_samples, ground_truth, layers_peeled, many_pictures, areas, codes_of_glass, codes_in_four_samples,
         codes_of_many_pictures, codes_at_edges, lines_by_coverage, lines_by_coverage_in_codes,
         coarse_geometry,
         culled_back,

@@ -19,7 +19,15 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit import edge_lines, oracle, passes, plan_arrays, stages
+from rasterjit import (
+    edge_lines,
+    ground_truth,
+    layered,
+    motion,
+    oracle,
+    plan_arrays,
+    stages,
+)
 from rasterjit import plan as planning
 from rasterjit import transforms as tf
 from rasterjit.scene.texture import Pyramid
@@ -658,10 +666,12 @@ def test_a_scene_of_unlit_objects_is_not_lit_by_its_lights(sphere, camera, forbi
 def test_an_output_that_nobody_asked_for_is_not_made(sphere, camera, forbid):
     uv = np.zeros((len(sphere.vertices), 2))
     mesh = rj.Mesh(sphere.vertices, sphere.faces, uv=uv, material=rj.Material("flat"))
-    everything = draw(mesh, camera, planning.OUTPUTS)
+    wanted = tuple(name for name in planning.OUTPUTS if name not in planning.MOTION_OUTPUTS)
+    everything = draw(mesh, camera, wanted)
     for module, name in (
         (stages, "fill_rows"), (stages, "fill_barycentric"), (plan_arrays, "join_uv"),
-        (plan_arrays, "join_normals"), (passes, "metric_depth"),
+        (plan_arrays, "join_normals"), (ground_truth, "metric_depth"), (ground_truth, "box_matrices"),
+        (ground_truth, "material_numbers"), (layered, "cover_pixels"), (motion, "moment_of"),
     ):  # fmt: skip
         forbid(module, name)
     frame = draw(mesh, camera, ("color",))

@@ -22,6 +22,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import rasterjit as rj
+from rasterjit.plan import OUTPUTS
 from rasterjit.scene.quality import LEVELS
 from rasterjit.scene.texture import FILTERS, WRAPS
 
@@ -79,6 +80,26 @@ def attempt(function, *arguments, **named):
         assert message.isprintable() or "\n" in message
         assert any(name.rstrip("s") in message for name in known), (function, message)
         return None
+
+
+def check_ground_truth(frame):
+    """Hold the invariants of the other buffers, where nothing has moved."""
+    seen = frame.face_id >= 0
+    assert not np.isnan(frame.distance).any()
+    assert np.isposinf(frame.distance[~seen]).all()
+    assert (frame.distance[seen] >= 0.0).all()
+    assert ((frame.nocs[seen] >= 0.0) & (frame.nocs[seen] <= 1.0)).all()
+    for name in ("nocs", "object_position", "motion"):
+        assert np.isnan(getattr(frame, name)[~seen]).all()
+    assert not np.isnan(frame.object_position[seen]).any()
+    assert not np.isnan(frame.geometric_normal).any()
+    for name in ("material_id", "instance_id"):
+        assert ((getattr(frame, name) >= 0) == seen).all()
+    assert (frame.coverage == seen).all()
+    assert not frame.motion_visible[~seen].any()
+    moved = frame.motion[seen]
+    # What is too large for the matrices to place moves by nothing that is a number.
+    assert ((moved == 0.0) | np.isnan(moved)).all()
 
 
 def check_frame(frame, faces, objects, size):
@@ -318,15 +339,16 @@ def test_whatever_is_rendered_keeps_the_invariants(
         lamp = attempt(rj.PointLight, light[:3], intensity=light[3])
         scene.lights = [rj.AmbientLight(intensity=1e9)] + ([] if lamp is None else [lamp])
     options = {"quality": rj.Quality(bits), "size": size}
-    plan = attempt(rj.explain, scene, camera, outputs=frames.EVERYTHING, cull=cull, **options)
+    options |= {"outputs": (*frames.EVERYTHING, *frames.GROUND_TRUTH), "previous": rj.View()}
+    plan = attempt(rj.explain, scene, camera, cull=cull, **options)
     frame = attempt(
-        rj.render, scene, camera, outputs=frames.EVERYTHING, cull=cull, threads=threads,
-        diagnose=diagnose, **options,
-    )  # fmt: skip
+        rj.render, scene, camera, cull=cull, threads=threads, diagnose=diagnose, **options
+    )
     assert (plan is None) == (frame is None)
     if frame is not None:
         assert str(plan)
         check_frame(frame, len(ball.faces) + len(faces), 2, size)
+        check_ground_truth(frame)
         assert not diagnose or str(frame.diagnostics)
     x, y = size[0] // 2, size[1] // 2
     told = attempt(rj.explain_pixel, scene, camera, size, x, y, cull=cull, quality=rj.Quality(bits))
@@ -334,6 +356,19 @@ def test_whatever_is_rendered_keeps_the_invariants(
     if told is not None:
         assert str(told)
         assert told.color.tolist() == frame.color[y, x].tolist()
+
+
+@few(60)
+@given(
+    k=whole, value=st.one_of(anything, names), field=st.sampled_from(["scene", "camera", "view"]),
+    outputs=st.lists(st.sampled_from(OUTPUTS), max_size=3),
+)  # fmt: skip
+def test_layers_and_views_are_taken_or_refused(k, value, field, outputs):
+    previous = value if field == "view" else rj.View(**{field: value})
+    options = {"size": (4, 3), "outputs": outputs, "threads": 1}
+    attempt(rj.render, ball, None, previous=previous, **options)
+    k = min(k, 9) if isinstance(k, int) else k
+    attempt(rj.render_layers, ball, None, k=k, previous=previous, **options)
 
 
 @few(150)
@@ -587,6 +622,7 @@ ELSEWHERE = {
     "Choice": "what the dial notes on a frame",
     "PixelExplanation": "what explain_pixel returns",
     "accuracy": "a module; tests/accuracy refuses its bad input",
+    "LayeredFrame": "what render_layers returns",
 }
 """Public names that no test here calls, with the reason."""
 

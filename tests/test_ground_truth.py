@@ -1,0 +1,303 @@
+"""Buffers of the nearest face hold what plain arithmetic finds from its number and weights."""
+
+from __future__ import annotations
+
+import math
+from fractions import Fraction
+
+import naive
+import naive_layers
+import numpy as np
+import pytest
+
+import rasterjit as rj
+from rasterjit import oracle
+from rasterjit.layered import SAMPLE_POSITIONS
+
+SIZE = (48, 36)
+BUFFERS = (
+    "distance", "object_position", "nocs", "geometric_normal", "material_id", "instance_id",
+    "coverage",
+)  # fmt: skip
+TRUTH = ("face_id", "object_id", "barycentric", "position", "depth")
+T = rj.transforms
+
+
+@pytest.fixture(scope="module")
+def scene():
+    """Two meshes, one three times: turned, stretched and mirrored; three materials, two equal."""
+    rng = np.random.default_rng(4)
+    shiny, matt = rj.Material("phong", "red"), rj.Material("flat", "blue", specular=0.0)
+    spiky = np.array([[0, 0, 1], [0.8, 0.1, -0.5], [-0.7, 0.6, -0.4], [-0.2, -0.9, -0.6]])
+    sides = [[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]]
+    rock = rj.Mesh(spiky + (3.0, 0.0, -1.0), sides, material=matt)
+    sheet = rj.Mesh(rng.random((12, 3)), np.arange(12).reshape(4, 3), material=shiny)
+    twin = rj.Mesh(spiky, sides, material=rj.Material("phong", "red"))
+    found = rj.Scene()
+    found.add(sheet, T.compose(T.translate((-1.0, -1.0, 0.5)), T.scale((2.0, 2.0, 0.2))))
+    found.add(rock, T.translate((-3.5, 0.8, 1.2)))
+    found.add(twin, T.translate((1.0, -0.7, 0.5)))
+    found.add(rock, T.compose(T.translate((1.0, 0.6, 3.3)), T.rotate_y(90.0)))
+    found.add(rock, T.compose(T.scale((-1.0, 0.5, 1.0)), T.translate((-2.0, -0.2, 1.0))))
+    return found
+
+
+CAMERAS = {
+    "perspective": rj.PerspectiveCamera((1.0, 1.2, 4.5), (0, 0, 0), near=0.5, far=30.0),
+    "near plane through it": rj.PerspectiveCamera((0.6, 0.8, 2.6), (0, 0, 0), near=1.5),
+    "parallel": rj.OrthographicCamera((1.0, 1.2, 4.5), (0, 0, 0), height=3.5, far=20.0),
+}
+
+
+@pytest.fixture(scope="module", params=list(CAMERAS))
+def seen(scene, request):
+    """A frame, with the camera and what is known of each pixel that shows a face."""
+    camera = CAMERAS[request.param]
+    frame = rj.render(scene, camera, size=SIZE, outputs=(*BUFFERS, *TRUTH))
+    owners = [(n, face) for n, node in enumerate(scene.nodes) for face in node.mesh.faces]
+    pixels = []
+    for row, column in np.argwhere(frame.face_id >= 0).tolist():
+        number, face = owners[frame.face_id[row, column]]
+        weights = frame.barycentric[row, column].astype(float)
+        pixels.append((row, column, scene.nodes[number], face, weights))
+    assert len({id(pixel[2]) for pixel in pixels}) == len(scene.nodes)
+    return frame, camera, pixels
+
+
+def test_nothing_is_where_no_face_is(seen):
+    frame, _, _ = seen
+    empty = frame.face_id < 0
+    assert empty.any()
+    assert (frame.distance[empty] == np.inf).all()
+    assert np.isnan(frame.object_position[empty]).all()
+    assert np.isnan(frame.nocs[empty]).all()
+    for name, value in (("geometric_normal", 0), ("material_id", -1), ("instance_id", -1)):
+        assert (getattr(frame, name)[empty] == value).all()
+
+
+def test_object_position_is_that_of_the_weights(seen):
+    frame, _, pixels = seen
+    for row, column, node, face, weights in pixels:
+        want = weights @ node.mesh.vertices[face]
+        np.testing.assert_allclose(frame.object_position[row, column], want, atol=2e-6)
+
+
+def test_object_position_is_placed_where_the_position_is(seen):
+    frame, _, pixels = seen
+    for row, column, node, _, _ in pixels:
+        model = frame.object_position[row, column].astype(float)
+        want = T.apply(node.world_from_model, model)
+        np.testing.assert_allclose(frame.position[row, column], want, atol=1e-5)
+
+
+def test_nocs_is_the_place_in_the_box_of_unit_diagonal(seen):
+    frame, _, pixels = seen
+    for row, column, node, face, weights in pixels:
+        used = node.mesh.vertices[np.unique(node.mesh.faces)]
+        low, high = used.min(axis=0), used.max(axis=0)
+        place = weights @ node.mesh.vertices[face]
+        want = (place - (low + high) / 2.0) / math.dist(low, high) + 0.5
+        np.testing.assert_allclose(frame.nocs[row, column], want, atol=2e-6)
+        assert (frame.nocs[row, column] >= 0.0).all()
+        assert (frame.nocs[row, column] <= 1.0).all()
+
+
+def test_distance_is_the_length_of_the_ray(seen):
+    frame, camera, pixels = seen
+    forward = -np.array(camera.view_matrix())[2, :3]
+    for row, column, node, face, weights in pixels:
+        world = T.apply(node.world_from_model, weights @ node.mesh.vertices[face])
+        way = world - camera.eye_position()
+        parallel = isinstance(camera, rj.OrthographicCamera)
+        want = way @ forward if parallel else np.linalg.norm(way)
+        assert frame.distance[row, column] == pytest.approx(want, rel=1e-6)
+
+
+def test_distance_of_parallel_rays_is_the_depth(scene):
+    frame = rj.render(scene, CAMERAS["parallel"], size=SIZE, outputs=("distance", "depth"))
+    np.testing.assert_allclose(frame.distance, frame.depth, rtol=1e-5)
+
+
+def test_distance_and_depth_are_those_of_one_pixel_ray():
+    # A wall across the axis: the depth is the same everywhere, the distance grows sideways.
+    wall = rj.Mesh([[-50, -50, -2], [50, -50, -2], [0, 90, -2]], [[0, 1, 2]])
+    camera = rj.PerspectiveCamera((0, 0, 0), (0, 0, -1), fov_y=90.0)
+    frame = rj.render(wall, camera, size=(5, 5), outputs=("distance", "depth"))
+    x = (np.arange(5) + 0.5) / 2.5 - 1.0
+    want = 2.0 * np.sqrt(1.0 + x**2 + x[:, np.newaxis] ** 2)
+    np.testing.assert_allclose(frame.distance, want, rtol=1e-6)
+    np.testing.assert_allclose(frame.depth, 2.0, rtol=1e-6)
+
+
+def test_geometric_normal_is_that_of_the_plane_that_is_seen(seen):
+    frame, camera, pixels = seen
+    for row, column, node, face, weights in pixels:
+        a, b, c = T.apply(node.world_from_model, node.mesh.vertices[face])
+        normal = np.array(naive.unit(np.cross(b - a, c - a)))
+        to_eye = camera.eye_position() - (weights[0] * a + weights[1] * b + weights[2] * c)
+        if isinstance(camera, rj.OrthographicCamera):
+            to_eye = np.array(camera.view_matrix())[2, :3]
+        want = normal if normal @ to_eye >= 0.0 else -normal
+        np.testing.assert_allclose(frame.geometric_normal[row, column], want, atol=2e-6)
+
+
+def test_geometric_normal_of_a_flat_object_is_its_normal(scene):
+    outputs = ("normal", "geometric_normal", "object_id")
+    frame = rj.render(scene, CAMERAS["perspective"], size=SIZE, outputs=outputs)
+    flat = np.isin(frame.object_id, (1, 3, 4))
+    assert flat.any()
+    assert (frame.normal[flat] == frame.geometric_normal[flat]).all()
+    smooth = frame.object_id == 2
+    assert np.abs(frame.normal[smooth] - frame.geometric_normal[smooth]).max() > 0.1
+
+
+def test_materials_are_numbered_as_first_used_and_equal_ones_are_one(seen):
+    frame, _, _ = seen
+    want = np.array([0, 1, 0, 1, 1, -1])[frame.object_id]
+    assert (frame.material_id == want).all()
+    assert frame.material_id.dtype == np.int32
+
+
+def test_materials_that_differ_in_their_name_are_two(cube):
+    scene = rj.Scene()
+    for n in (0, 1, 2):
+        material = rj.Material(name="ab"[n % 2])
+        scene.add(rj.Mesh(cube.vertices, cube.faces, material=material), T.translate((3 * n, 0, 0)))
+    frame = rj.render(scene, size=SIZE, outputs=("material_id", "object_id"))
+    assert (frame.material_id == np.array([0, 1, 0, -1])[frame.object_id]).all()
+    assert set(np.unique(frame.material_id)) == {-1, 0, 1}
+
+
+def test_instances_of_one_mesh_are_counted(seen):
+    frame, _, _ = seen
+    want = np.array([0, 0, 0, 1, 2, -1])[frame.object_id]
+    assert (frame.instance_id == want).all()
+    assert frame.instance_id.dtype == np.int32
+
+
+def test_nocs_of_a_vast_and_of_a_tiny_object_are_those_of_any_other(cube):
+    found = []
+    for size in (1.0, 1e-200, 1e-30, 1e30, 1e120):
+        scene = rj.Scene()
+        scene.add(rj.Mesh(cube.vertices * size, cube.faces), T.scale((1.0 / size,) * 3))
+        camera = rj.PerspectiveCamera((2.5, 3.0, 4.0), (0, 0, 0))
+        found.append(rj.render(scene, camera, size=(12, 9), outputs="nocs").nocs)
+    # Half the side of the cube whose diagonal is 1.
+    side = 0.5 / math.sqrt(3.0)
+    inside = found[0][np.isfinite(found[0])]
+    assert inside.max() == pytest.approx(0.5 + side, abs=1e-6)
+    assert 0.5 - side <= inside.min() < 0.25
+    for nocs in found[1:]:
+        np.testing.assert_allclose(nocs, found[0], rtol=0, atol=1e-6)
+
+
+# Coverage
+
+
+def test_coverage_of_one_sample_is_whether_a_face_is_seen(seen):
+    frame, _, _ = seen
+    assert (frame.coverage == (frame.face_id >= 0)).all()
+
+
+@pytest.mark.parametrize("samples", [2, 4, 8, 16])
+def test_coverage_counts_the_samples_that_exact_arithmetic_covers(samples):
+    size, rng = (16, 8), np.random.default_rng(5)
+    triangles = [
+        (np.round(rng.uniform(-2.0, 11.0, (3, 2)) * 64.0) / 64.0, (0.5, 0.25, -0.5))
+        for _ in range(3)
+    ]
+    counts = np.zeros((size[1], size[0]), int)
+    for x, y in SAMPLE_POSITIONS[samples]:
+        place = Fraction(8 + x, 16), Fraction(8 + y, 16)
+        covered = set()
+        for points, _ in triangles:
+            covered |= oracle.covered_pixels(points, size, sample=place)
+        for column, row in covered:
+            counts[row, column] += 1
+    scene = naive_layers.scene_of(naive_layers.mesh_of(*one, size) for one in triangles)
+    quality = rj.Quality(samples=samples)
+    frame = rj.render(scene, naive_layers.CAMERA, size=size, outputs="coverage", quality=quality)
+    assert (frame.coverage == counts / samples).all()
+    assert np.count_nonzero((counts > 0) & (counts < samples)) > 5
+
+
+@pytest.mark.parametrize("samples", [1, 4, 16, "area", 64])
+def test_coverage_is_the_alpha_of_an_opaque_scene_before_nothing(scene, samples):
+    frame = rj.render(
+        scene, CAMERAS["perspective"], size=(24, 18), quality=rj.Quality(samples=samples),
+        outputs=("linear", "coverage"), background="transparent",
+    )  # fmt: skip
+    np.testing.assert_allclose(frame.coverage, frame.linear[..., 3], rtol=0, atol=1e-6)
+    partly = (frame.coverage > 0.0) & (frame.coverage < 1.0)
+    assert partly.any() == (samples != 1)
+
+
+def test_coverage_by_area_is_the_exact_area_of_a_triangle():
+    size, points = (8, 8), np.array([(0.5, 0.25), (7.5, 1.75), (1.25, 6.5)])
+    scene = naive_layers.scene_of([naive_layers.mesh_of(points, (0, 0, 0), size)])
+    quality = rj.Quality(samples="area")
+    frame = rj.render(scene, naive_layers.CAMERA, size=size, outputs="coverage", quality=quality)
+    for row, column in np.ndindex(*frame.coverage.shape):
+        want = float(oracle.pixel_area(points.tolist(), column, row))
+        assert frame.coverage[row, column] == pytest.approx(want, abs=1e-6)
+
+
+@pytest.mark.parametrize("samples", [1, 4, 64])
+def test_what_is_seen_through_covers_as_well(scene, samples):
+    clear = rj.Scene()
+    for node in scene.nodes:
+        mesh, glass = node.mesh, rj.Material(base_color=(1, 1, 1, 0.1), alpha_mode="blend")
+        clear.add(rj.Mesh(mesh.vertices, mesh.faces, material=glass), node.world_from_model)
+    options = {"size": (24, 18), "quality": rj.Quality(samples=samples), "outputs": "coverage"}
+    want = rj.render(scene, CAMERAS["perspective"], **options).coverage
+    assert (rj.render(clear, CAMERAS["perspective"], **options).coverage == want).all()
+
+
+@pytest.mark.parametrize("samples", [1, 4, "area", 64])
+def test_holes_are_not_covered(samples):
+    # The left half of the square is a hole.
+    square = [[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]
+    alphas = np.array([[[1.0, 1.0, 1.0, 0.0], [1.0, 1.0, 1.0, 1.0]]])
+    material = rj.Material(
+        "unlit", base_color_texture=rj.Texture(alphas, filter="nearest"), alpha_mode="mask"
+    )
+    mesh = rj.Mesh(square, [[0, 1, 2], [0, 2, 3]], uv=np.array(square)[:, :2] / 2 + 0.5,
+                   material=material)  # fmt: skip
+    camera = rj.OrthographicCamera((0, 0, 3), (0, 0, 0), height=2.0)
+    quality = rj.Quality(samples=samples)
+    frame = rj.render(mesh, camera, size=(8, 8), outputs="coverage", quality=quality)
+    assert (frame.coverage[:, :4] == 0.0).all()
+    np.testing.assert_allclose(frame.coverage[:, 4:], 1.0, rtol=0, atol=1e-6)
+
+
+def test_refining_ends_with_the_coverage_of_the_best_quality(scene):
+    size, camera = (12, 9), CAMERAS["perspective"]
+    with rj.Renderer(size, quality=rj.Quality.reference(), threads=1) as renderer:
+        frames = list(renderer.refine(scene, camera, outputs=("linear", "coverage")))
+        alone = renderer.render(scene, camera, outputs="coverage")
+    assert frames[-1].coverage.tobytes() == alone.coverage.tobytes()
+    for frame in frames[2:]:
+        steps = frame.coverage * frame.plan.pictures
+        assert (steps == np.round(steps)).all()
+
+
+def test_any_number_of_threads_gives_the_same_bits(scene):
+    for samples in (1, 4, "area"):
+        found = [
+            rj.render(
+                scene, CAMERAS["perspective"], size=(150, 130), outputs=BUFFERS, threads=threads,
+                quality=rj.Quality(samples=samples),
+            ).arrays()
+            for threads in (1, 3)
+        ]  # fmt: skip
+        for name in BUFFERS:
+            assert found[0][name].tobytes() == found[1][name].tobytes(), name
+
+
+def test_all_buffers_are_saved(scene, tmp_path):
+    frame = rj.render(scene, size=(8, 6), outputs=BUFFERS)
+    frame.save(tmp_path / "frame.npz")
+    with np.load(tmp_path / "frame.npz") as saved:
+        assert set(saved.files) == set(BUFFERS)
+        for name in BUFFERS:
+            assert saved[name].tobytes() == getattr(frame, name).tobytes()
