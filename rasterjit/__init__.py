@@ -9,7 +9,7 @@ Meshes to pictures and exact ground-truth buffers on a CPU, with nothing but pip
 """
 
 from importlib import import_module
-from types import ModuleType
+from typing import Any
 
 from rasterjit import transforms
 from rasterjit.diagnostics import Diagnostics
@@ -100,6 +100,7 @@ __all__ = [
     "rasterize",
     "render",
     "render_layers",
+    "show",
     "transforms",
 ]
 
@@ -108,8 +109,10 @@ def __dir__() -> list[str]:
     return sorted({*globals(), *__all__})
 
 
-def __getattr__(name: str) -> ModuleType:
+def __getattr__(name: str) -> Any:
     """Load what rendering needs nothing of when it is first named."""
+    if name == "show":
+        return import_module("rasterjit.show").show
     if name in ("accuracy", "oracle"):
         return import_module(f"rasterjit.{name}")
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,5 +1,5 @@
 """
-The command line: ``rasterjit render | turntable | explain | accuracy | warmup | doctor``.
+The command line: ``rasterjit render | turntable | view | explain | accuracy | warmup | doctor``.
 
 Exit status: 0 done, 1 failed, 2 wrong usage, 130 interrupted. Errors are one line on standard
 error. What is slow to import is imported by the command that needs it.
@@ -42,6 +42,7 @@ from rasterjit.cli_report import (
     status,
     with_progress,
 )
+from rasterjit.cli_view import show_options, view_file
 from rasterjit.scene.quality import LEVELS
 
 if TYPE_CHECKING:
@@ -308,6 +309,27 @@ def turntable(
         save_animation(output, with_progress(pictures, frames, "Rendering", quiet), fps)
     if not quiet:
         click.echo(f"wrote {output}: {frames} frames in {time.perf_counter() - start:.1f} s")
+
+
+@program.command()
+@file_argument
+@show_options
+@size_option("960x720")
+@view_options
+@background_option
+@look_options
+@effect_options(quality=False)
+@cull_option
+@threads_option
+@quiet_option
+@debug_option
+def view(file: Path, **options: Any) -> None:
+    """
+    Show FILE and let the mouse and keys move the camera; H tells how.
+
+    The picture is a draft while something moves, and then becomes ever more accurate.
+    """
+    view_file(file, options)
 
 
 @program.command()

@@ -1,0 +1,63 @@
+"""The command ``rasterjit view``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from rasterjit.cli_effects import Effects
+from rasterjit.cli_files import load_scene
+from rasterjit.cli_options import Look, View, gather
+from rasterjit.cli_report import compile_notice
+
+BACKENDS = ("auto", "window", "browser", "terminal")
+
+
+def view_file(file: Path, options: dict[str, Any]) -> None:
+    """
+    Show a file to who moves the camera, until the window is closed.
+
+    Parameters
+    ----------
+    file : Path
+    options : dict
+        Of the command line.
+    """
+    from rasterjit.show import show
+
+    view, look, effects = (gather(kind, options) for kind in (View, Look, Effects))
+    view.check()
+    scene = load_scene(file, look, effects, options["quiet"])
+    camera = view.camera(scene, options["size"])
+    with compile_notice(options["quiet"]):
+        show(
+            scene, camera, backend=options["backend"], size=options["size"],
+            background=options["background"], cull=options["cull"],
+            up=view.up or (0.0, 1.0, 0.0), time_budget=options["time_budget"], title=file.name,
+            host=options["host"], port=options["port"], threads=options["threads"],
+        )  # fmt: skip
+
+
+def show_options(command: Any) -> Any:
+    """Add the options of where and how it is shown."""
+    from rasterjit.cli_options import FiniteType, add_options
+
+    return add_options(
+        [
+            click.option("--backend", type=click.Choice(BACKENDS), default="auto",
+                         show_default=True,
+                         help="Where it is shown; auto: a window if there is a display, else a "
+                         "page for the browser."),
+            click.option("--host", default="127.0.0.1", show_default=True,
+                         help="Where the page is served: by default where only this machine "
+                         "reaches it."),
+            click.option("--port", type=click.IntRange(0, 65535), default=8765, show_default=True,
+                         help="Of the page; 0 takes any that is free."),
+            click.option("--time-budget", type=FiniteType(0.0, min_open=True), metavar="SECONDS",
+                         help="For a picture while something moves: the best quality that is "
+                         "drawn in it; default: a draft, however long it takes."),
+        ],
+        command,
+    )  # fmt: skip

@@ -1,0 +1,484 @@
+"""
+The viewer, without a window: events and time go in, pictures come out.
+
+`Viewer.draw` returns a picture at once, in draft quality while something moves. When nothing does,
+each `Viewer.step` makes the picture more accurate, and may run in another thread: whatever moves
+meanwhile ends it. Windows, pages, notebooks and terminals are made of these two by
+``viewer_canvas``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit import viewer_effects
+from rasterjit.controls import Event, Fly, Orbit
+from rasterjit.dial import seconds_of
+from rasterjit.explanation import PixelExplanation
+from rasterjit.frame import Frame
+from rasterjit.io.meshes import as_scene
+from rasterjit.measurement import SWITCHES
+from rasterjit.pixel import explain_pixel
+from rasterjit.render import Renderer, choose_camera, explain
+from rasterjit.scene.camera import Camera, PerspectiveCamera
+from rasterjit.scene.quality import Quality
+from rasterjit.scene.scene import Scene
+from rasterjit.validation import image_size, positive_number
+from rasterjit.viewer_pictures import OUTPUTS_OF, picture_of
+from rasterjit.viewer_text import Row, write_panel
+from rasterjit.viewpoint import Ball
+
+KINDS = {"1": "color", "2": "depth", "3": "normal", "4": "object_id", "5": "face_id"}
+"""Keys, and the kind of picture that each shows."""
+
+NAMES = {
+    "color": "colour", "depth": "depth", "normal": "normals", "object_id": "objects",
+    "face_id": "faces",
+}  # fmt: skip
+"""What each kind of picture is called."""
+
+CLICK = 3.0
+"""How far a pointer may move between press and release of a click, pixels."""
+
+LONGEST_STEP = 0.1
+"""Most time that passes at once for a camera, seconds: after a pause it does not jump."""
+
+HELP: tuple[Row, ...] = (
+    ("drag", "turn (look around, when flying)"),
+    ("right drag, Shift drag", "pan"),
+    ("wheel", "zoom to the cursor (speed, when flying)"),
+    ("arrows, + -", "turn, zoom"),
+    ("C", "orbit or fly: W A S D, Q E down and up, Shift faster"),
+    ("F  R", "fit the scene, return to the start"),
+    ("1 2 3 4 5", "colour, depth, normals, objects, faces"),
+    ("G", "wireframe: over the faces, alone, off"),
+    ("O K T L", "ambient occlusion, outline, tone mapping, shadows"),
+    ("B V N X", "sky, light of the sky, fog, textures"),
+    ("M", "what the effects cost"),
+    ("click", "explain a pixel; Escape closes it"),
+    ("I  H", "hide or show the line below, this help"),
+)
+
+
+class _OutdatedError(Exception):
+    """What is being rendered is no longer wanted."""
+
+
+class _Interruptible(Renderer):
+    """Renders as long as what it renders is wanted; is asked before each of a frame's pictures."""
+
+    def __init__(self, viewer: Viewer, size: tuple[int, int], threads: int | None) -> None:
+        super().__init__(size, threads=threads)
+        self._viewer, self._version = viewer, viewer.version
+
+    def _find_visible(self, *arguments: Any, **options: Any) -> Any:
+        if self._viewer.version != self._version:
+            raise _OutdatedError
+        return super()._find_visible(*arguments, **options)
+
+
+class Viewer:
+    """
+    Shows a scene to somebody who moves the camera.
+
+    Parameters
+    ----------
+    what : Scene, Mesh, trimesh.Trimesh or trimesh.Scene
+        Not changed, and not to be changed while it is shown.
+    camera : Camera, optional
+        Where it starts. Default: the scene's own camera, else one that fits the scene.
+    size : (int, int)
+        Width and height of the pictures, pixels.
+    background : color, optional
+        As `rasterjit.render` takes it; what is transparent is shown before white.
+    cull : {"none", "back", "front"}
+        Faces that are dropped.
+    up : (3,) array_like, world space
+        What stays up when the camera turns.
+    time_budget : float, optional
+        Seconds for a picture while something moves: the accuracy dial chooses its quality. Default:
+        ``Quality.draft()``, however long it takes.
+    name : str
+        What is shown, for the line at the bottom.
+    threads : int, optional
+        Default: all processors.
+
+    Attributes
+    ----------
+    controls : Orbit or Fly
+        The camera that is moved.
+    version : int
+        Grows whenever what is seen changes.
+
+    Raises
+    ------
+    ValueError
+        Naming the argument that is wrong, or if there is nothing to look at.
+    """
+
+    def __init__(
+        self,
+        what: Any,
+        camera: Camera | None = None,
+        *,
+        size: tuple[int, int] = (640, 480),
+        background: Any = None,
+        cull: str = "none",
+        up: Any = (0.0, 1.0, 0.0),
+        time_budget: float | None = None,
+        name: str = "",
+        threads: int | None = None,
+    ) -> None:
+        self.scene: Scene = as_scene(what)
+        self.size = image_size("size", size)
+        self.ratio = 1.0
+        self.name = name
+        self._options = {"background": background, "cull": cull}
+        self._budget = None if time_budget is None else positive_number("time_budget", time_budget)
+        first = choose_camera(self.scene, camera, self.size)
+        self._ball = Ball.around(self.scene)
+        self.controls: Orbit | Fly = Orbit.from_camera(first, self._ball, up)
+        self._threads = threads
+        self.version = 0
+        self.kind = "color"
+        self._switched: list[str] = []
+        self._wireframe = getattr(self.scene.wireframe, "mode", None)
+        self._shown = self.scene
+        self._message = ""
+        self._shows_help, self._shows_line, self._shows_costs = False, True, False
+        self._pressed: tuple[float, float] | None = None
+        self._wanted_pixel: tuple[int, int] | None = None
+        self.explanation: PixelExplanation | None = None
+        self.costs: dict[str, float] | None = None
+        self._frame: Frame | None = None
+        self._frame_version = -1
+        self._seconds = 0.0
+        self._moving = Renderer(self.size, quality=Quality.draft(), threads=threads)
+        self._steps: Iterator[bool] = iter(())
+        self._steps_version, self._finished = -1, False
+        self._count = 0
+        # What is wrong is said at once.
+        explain(self.scene, self.camera, size=self.size, **self._options)
+
+    def close(self) -> None:
+        """End what is being rendered, and let the threads go."""
+        self.version += 1
+        self._moving.close()
+
+    @property
+    def camera(self) -> PerspectiveCamera:
+        """The camera as it stands."""
+        return self.controls.camera()
+
+    @property
+    def shown(self) -> Scene:
+        """The scene as it is shown: with effects switched."""
+        return self._shown
+
+    @property
+    def is_moving(self) -> bool:
+        """Whether time changes the picture."""
+        return not self.controls.is_resting
+
+    @property
+    def is_done(self) -> bool:
+        """Whether the picture stays as it is until something happens."""
+        return (
+            not self.is_moving
+            and self._frame_version == self.version
+            and self._steps_version == self.version
+            and self._finished
+        )
+
+    @property
+    def line(self) -> str:
+        """What is shown, and how: the line at the bottom."""
+        width, height = self.size
+        parts = [self.name] if self.name else []
+        parts += [NAMES[self.kind], f"{width} x {height}"]
+        if self._frame is not None:
+            plan = self._frame.plan
+            quality = str(plan.quality).split(" ")[0]
+            if plan.pictures > 1:
+                quality += f" {plan.pictures}"
+            parts.append(f"{quality} {1e3 * self._seconds:.1f} ms")
+        parts += [self._message] if self._message else []
+        if isinstance(self.controls, Fly):
+            parts.append(f"flying at {self.controls.speed:.3g}/s")
+        return "   ".join([*parts, "H help"])
+
+    @property
+    def stamp(self) -> tuple[Any, ...]:
+        """What the picture depends on: while it is the same, so is what `draw` returns."""
+        panels = self._shows_help, self._shows_line, self._shows_costs, self.costs is None
+        return self.version, self._count, *panels, id(self.explanation), self._message
+
+    def fail(self, error: Exception) -> None:
+        """Say what went wrong in a step, and do not try it again."""
+        self._message, self._finished = f"{type(error).__name__}: {error}", True
+
+    def resize(self, size: tuple[int, int], ratio: float = 1.0) -> None:
+        """
+        Make pictures of another size from now on.
+
+        Parameters
+        ----------
+        size : (int, int)
+            Width and height, pixels.
+        ratio : float
+            Pixels of the picture for one that events count in.
+        """
+        size, ratio = image_size("size", size), positive_number("ratio", ratio)
+        if (size, ratio) == (self.size, self.ratio):
+            return
+        self.size, self.ratio = size, ratio
+        self._moving.close()
+        self._moving = Renderer(size, quality=Quality.draft(), threads=self._threads)
+        self._change()
+
+    def handle(self, event: Event) -> None:
+        """Take an event in, a dictionary of ``rendercanvas``; those it does not know do nothing."""
+        kind = event.get("event_type")
+        if kind == "key_down" and self._press(str(event.get("key", ""))):
+            return
+        if kind == "pointer_down":
+            self._pressed = (event["x"], event["y"]) if event.get("button") == 1 else None
+        elif kind == "pointer_up" and self._pressed is not None:
+            place = event["x"], event["y"]
+            if math.dist(place, self._pressed) <= CLICK:
+                self.pick(int(place[0] * self.ratio), int(place[1] * self.ratio))
+            self._pressed = None
+        depth = self._depth_under(event) if kind == "wheel" else None
+        width, height = self.size
+        logical = width / self.ratio, height / self.ratio
+        before = self.camera
+        self.controls = self.controls.handle(event, logical, depth)
+        if self.camera != before:
+            self._change()
+
+    def advance(self, seconds: float) -> None:
+        """Let time pass, seconds."""
+        if not self.is_moving:
+            return
+        self.controls = self.controls.advance(min(seconds, LONGEST_STEP))
+        if self.controls.is_resting:
+            self.controls = self.controls.settled()
+        self._change()
+
+    def pick(self, column: int, row: int) -> None:
+        """Ask to explain a pixel; a later `step` does it."""
+        width, height = self.size
+        if 0 <= column < width and 0 <= row < height:
+            self._wanted_pixel = column, row
+            self._restart()
+
+    def draw(self) -> NDArray[np.uint8]:
+        """
+        Return the picture, (H, W, 4) uint8, sRGB, opaque: the best there is of what is to be seen.
+
+        If there is none it is drawn now, as a draft.
+        """
+        if self._frame_version != self.version:
+            version = self.version
+            choice = {} if self._budget is None else {"time_budget": self._budget}
+            frame = self._moving.render(
+                self._shown, self.camera, outputs=OUTPUTS_OF[self.kind], **choice, **self._options
+            )
+            self._keep(frame, version)
+        picture = picture_of(self._frame, self.kind)
+        self._write_on(picture)
+        return picture
+
+    def step(self) -> bool:
+        """
+        Do the next thing that makes the picture at rest better, and tell whether it did.
+
+        It may run in another thread than all else; not in two at a time.
+        """
+        if self.is_moving:
+            return False
+        if self._steps_version != self.version:
+            self._steps_version, self._finished = self.version, False
+            self._steps = self._improve(self.version)
+        try:
+            return next(self._steps)
+        except (_OutdatedError, StopIteration) as end:
+            if isinstance(end, StopIteration):
+                self._finished = True
+            return False
+
+    def _improve(self, version: int) -> Iterator[bool]:
+        """Do one thing after the other, as long as nothing changes."""
+        scene, camera, kind = self._shown, self.camera, self.kind
+        with _Interruptible(self, self.size, self._threads) as renderer:
+            if kind != "color":
+                outputs = OUTPUTS_OF[kind]
+                self._keep(
+                    renderer.render(scene, camera, outputs=outputs, **self._options), version
+                )
+                yield True
+            if self._wanted_pixel is not None:
+                pixel, self._wanted_pixel = self._wanted_pixel, None
+                self.explanation = explain_pixel(scene, camera, self.size, *pixel, **self._options)
+                yield True
+            frames = (
+                renderer.refine(scene, camera, outputs=OUTPUTS_OF[kind], **self._options)
+                if kind == "color"
+                else iter(())
+            )
+            for number, frame in enumerate(frames):
+                self._keep(frame, version)
+                yield True
+                if number == 1 and self._shows_costs and self.costs is None:
+                    used = viewer_effects.used_effects(scene, camera, self.size)
+                    names = [name for name in SWITCHES if name in used]
+                    self.costs = viewer_effects.costs(renderer, scene, camera, names)
+                    yield True
+
+    def _keep(self, frame: Frame, version: int) -> None:
+        """Show a frame, unless something else is to be seen by now."""
+        if version == self.version:
+            self._frame, self._frame_version = frame, version
+            self._seconds = seconds_of(frame)
+            self._count += 1
+
+    def _change(self) -> None:
+        """Note that what is seen changes."""
+        self.version += 1
+        self.explanation = None
+
+    def _restart(self) -> None:
+        """Begin what is done at rest anew, with the same picture."""
+        is_current = self._frame_version == self.version
+        self.version += 1
+        if is_current:
+            self._frame_version = self.version
+
+    def _press(self, key: str) -> bool:
+        """Do what a key asks for, and tell whether it is one of the viewer's own."""
+        key = key.lower() if len(key) == 1 else key
+        if key in KINDS:
+            self.kind = KINDS[key]
+            self._change()
+        elif key == "h":
+            self._shows_help = not self._shows_help
+        elif key == "i":
+            self._shows_line = not self._shows_line
+        elif key == "Escape":
+            self._shows_help, self.explanation = False, None
+        elif key == "m":
+            self._shows_costs = not self._shows_costs
+            self._restart()
+        elif key == "c":
+            kind = Fly if isinstance(self.controls, Orbit) else Orbit
+            self.controls = kind.from_camera(self.camera, self._ball, self.controls.up)
+            self._change()
+        elif key == "g":
+            modes = viewer_effects.WIREFRAMES
+            self._wireframe = modes[(modes.index(self._wireframe) + 1) % len(modes)]
+            self._rebuild()
+        elif key in viewer_effects.KEYS:
+            self._switch(viewer_effects.KEYS[key])
+        else:
+            return False
+        return True
+
+    def _switch(self, name: str) -> None:
+        """Switch an effect."""
+        if name in self._switched:
+            self._switched.remove(name)
+        else:
+            self._switched.append(name)
+        if not self._rebuild():
+            self._switched.remove(name)
+            self._message = f"the scene has nothing for {name}"
+
+    def _rebuild(self) -> bool:
+        """Make the scene that is shown from the one given, and tell whether all is possible."""
+        scene = self.scene
+        used = viewer_effects.used_effects(scene, self.camera, self.size)
+        for name in self._switched:
+            changed = viewer_effects.switched(scene, name, used)
+            if changed is None:
+                return False
+            scene = changed
+        if self._wireframe != getattr(scene.wireframe, "mode", None):
+            scene = viewer_effects.with_wireframe(scene, self._wireframe)
+        self._shown, self.costs = scene, None
+        off = [f"{name} {'off' if name in used else 'on'}" for name in self._switched]
+        self._message = ", ".join(off)
+        self._change()
+        return True
+
+    def _depth_under(self, event: Event) -> float | None:
+        """Return the depth under the cursor, scene units; None where it is unknown."""
+        frame = self._frame
+        if frame is None or frame.plan.size != self.size:
+            return None
+        column, row = (int(event[axis] * self.ratio) for axis in ("x", "y"))
+        width, height = self.size
+        if not (0 <= column < width and 0 <= row < height):
+            return None
+        depth = float(frame.depth[row, column])
+        return depth if math.isfinite(depth) else None
+
+    def _write_on(self, picture: NDArray[np.uint8]) -> None:
+        """Write what is to be read on a picture."""
+        if self._shows_help:
+            write_panel(picture, HELP, "top left", self.ratio)
+        elif self.explanation is not None:
+            write_panel(picture, rows_of(self.explanation), "top left", self.ratio)
+        if self._shows_costs:
+            write_panel(picture, self._cost_rows(), "top right", self.ratio)
+        if self._shows_line:
+            write_panel(picture, [(self.line,)], "bottom left", self.ratio)
+
+    def _cost_rows(self) -> list[Row]:
+        """Return what the effects cost, as rows."""
+        if self.costs is None:
+            return [("measuring ...",)]
+        rows = [(name, f"{1e3 * seconds:+.2f} ms") for name, seconds in self.costs.items()]
+        whole = ("frame", f"{1e3 * self.costs['frame']:.2f} ms")
+        return [("standard quality",), whole, *rows[1:]]
+
+
+def rows_of(explained: PixelExplanation) -> list[Row]:
+    """Return the most important of what is known of a pixel, as rows."""
+    red, green, blue, _ = explained.color.tolist()
+    face = explained.winner
+    rows: list[Row] = [(f"pixel ({explained.x}, {explained.y})",)]
+    if face is None:
+        rows.append(("shows", "the background"))
+        rows += [("", reason) for reason in explained.reasons]
+    else:
+        place = [sum(float(w) * v for w, v in zip(face.weights, face.world[:, k], strict=True))
+                 for k in range(3)]  # fmt: skip
+        rows += [
+            ("object", f"{face.object_number} {face.object_name}"),
+            ("face", f"{face.face} (of the object: {face.mesh_face})"),
+            ("depth", f"{face.depth:.6g}"),
+            ("world position", "  ".join(f"{part:.5g}" for part in place)),
+            ("weights", "  ".join(f"{float(weight):.4f}" for weight in face.weights)),
+            ("faces here", str(len(explained.faces))),
+        ]
+    light = explained.light
+    if light is not None:
+        rows.append((f"base colour ({light.shading})", _numbers(light.base_color)))
+        if light.lights:
+            rows.append(("ambient", _numbers(light.ambient)))
+        for term in light.lights:
+            rows.append((f"{term.name}, diffuse", _numbers(term.diffuse)))
+            if term.specular.any():
+                rows.append((f"{term.name}, specular", _numbers(term.specular)))
+    rows.append(("linear", _numbers(explained.linear[:3])))
+    return [*rows, ("sRGB", f"{red}  {green}  {blue}")]
+
+
+def _numbers(values: Any) -> str:
+    """Return numbers as text."""
+    return "  ".join(f"{float(value):.3f}" for value in values)

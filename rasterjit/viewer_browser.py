@@ -1,0 +1,155 @@
+"""The viewer in a web page, which this process serves."""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Awaitable, Callable
+from typing import Any
+
+from rasterjit.viewer import Viewer
+from rasterjit.viewer_canvas import FRAME_RATE, Connection
+
+DEFAULT_HOST, DEFAULT_PORT = "127.0.0.1", 8765
+
+LARGEST_PORT = 65535
+
+LOOPBACK = ("localhost", "127.0.0.1", "::1")
+"""Names that only programs on the same machine reach."""
+
+GRACE = 1
+"""Time for pages to go when the server is stopped, seconds."""
+
+BAD_REQUEST, POLICY_VIOLATION = 400, 1008
+"""Status of HTTP, and code of a websocket, for who may not come in."""
+
+PAGE = """<!DOCTYPE html>
+<html lang="en">
+<head>
+  <meta charset="utf-8">
+  <title>RasterJIT</title>
+  <link rel="icon" href="data:,">
+  <link rel="stylesheet" href="renderview.css">
+  <style>html, body {margin: 0; height: 100%; overflow: hidden; background: #222;}</style>
+  <script type="module" src="renderview.js"></script>
+  <script type="module" src="renderview-client.js"></script>
+</head>
+<body><div id="canvas" class="renderview-wrapper" style="width: 100%; height: 100%"></div></body>
+</html>
+"""
+
+App = Callable[[dict[str, Any], Any, Any], Awaitable[None]]
+
+
+def bind(host: str, port: int) -> socket.socket:
+    """
+    Return a socket that listens at a place, or at any free port for 0.
+
+    Raises
+    ------
+    ValueError
+        If the port is none or in use, or the host is not one of this machine.
+    """
+    if isinstance(port, bool) or not isinstance(port, int) or not 0 <= port <= LARGEST_PORT:
+        raise ValueError(f"port must be a whole number in 0..{LARGEST_PORT}, got {port!r}")
+    try:
+        family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
+        return socket.create_server((host, port), family=family)
+    except (socket.gaierror, UnicodeError) as error:
+        raise ValueError(f"host must be a name or address of this machine, got {host!r}") from error
+    except PermissionError as error:
+        raise ValueError(
+            f"port must be one that may be opened, got {port}: {error.strerror}"
+        ) from error
+    except OSError as error:
+        raise ValueError(
+            f"host and port must be free to listen at, got {host}:{port} ({error.strerror}); port "
+            "0 takes any that is free"
+        ) from error
+
+
+def serve(
+    viewer: Viewer,
+    host: str = DEFAULT_HOST,
+    port: int = DEFAULT_PORT,
+    announce: Callable[[str], None] = print,
+) -> None:
+    """
+    Serve a page that shows a viewer, until the process is interrupted.
+
+    Who opens the page first moves the camera; others see the same. Pages of other sites are kept
+    out, but not people: whoever reaches the host may look.
+
+    Parameters
+    ----------
+    viewer : Viewer
+    host : str
+        Default: the machine itself, which no other reaches.
+    port : int
+        0 takes any that is free.
+    announce : callable
+        Is told where the page is, in words.
+
+    Raises
+    ------
+    ImportError
+        If what it needs is not installed, naming what to install.
+    ValueError
+        If it cannot listen there.
+    """
+    try:
+        import uvicorn
+        import websockets  # noqa: F401
+        from rendercanvas import http
+    except ImportError as error:
+        raise ImportError(
+            f'the browser needs a server: pip install "rasterjit[browser]" ({error})'
+        ) from error
+    with bind(host, port) as listening:
+        place = listening.getsockname()[1]
+        http.resources["index.html"] = "text/html", PAGE
+        canvas = http.RenderCanvas(size=viewer.size, title=viewer.name, max_fps=FRAME_RATE)
+        Connection(viewer, canvas)
+        shown = f"[{host}]" if ":" in host else host
+        announce(f"open http://{shown}:{place} in a browser; Ctrl-C ends it")
+        if host not in LOOPBACK:
+            announce(f"whoever reaches {host} can look at it and move the camera")
+        config = uvicorn.Config(
+            guarded(http.asgi, host), log_level="warning", timeout_graceful_shutdown=GRACE
+        )
+        try:
+            uvicorn.Server(config).run(sockets=[listening])
+        finally:
+            canvas.close()
+
+
+def guarded(app: App, host: str) -> App:
+    """
+    Return an application that pages of other sites cannot use.
+
+    A page may open a websocket to any address, this machine's own too, and a name of another site
+    may be made to lead here; both say so in the headers ``Origin`` and ``Host``.
+    """
+
+    async def guard(scope: dict[str, Any], receive: Any, send: Any) -> None:
+        if scope["type"] == "lifespan" or _may_enter(scope, host):
+            await app(scope, receive, send)
+        elif scope["type"] == "websocket":
+            await send({"type": "websocket.close", "code": POLICY_VIOLATION})
+        else:
+            headers = [(b"content-type", b"text/plain")]
+            start = {"type": "http.response.start", "status": BAD_REQUEST, "headers": headers}
+            await send(start)
+            await send({"type": "http.response.body", "body": b"unknown host"})
+
+    return guard
+
+
+def _may_enter(scope: dict[str, Any], host: str) -> bool:
+    """Tell whether a request is for this host, and from its own page."""
+    headers = {name.lower(): value.decode("latin-1") for name, value in scope["headers"]}
+    asked = headers.get(b"host", "")
+    name = asked.rsplit(":", 1)[0].strip("[]")
+    if host in LOOPBACK and name not in LOOPBACK:
+        return False
+    origin = headers.get(b"origin")
+    return origin is None or origin.split("://", 1)[-1] == asked

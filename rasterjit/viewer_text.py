@@ -1,0 +1,93 @@
+"""Write on a picture: panels of text, by Pillow's own font."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+FONT_SIZE = 13
+"""Of text at a pixel ratio of 1, pixels."""
+
+MARGIN = 6
+"""Around text, at a pixel ratio of 1, pixels."""
+
+COLUMN_GAP = 14
+"""Between columns, at a pixel ratio of 1, pixels."""
+
+PANEL, TEXT, FAINT = (24, 26, 30), (240, 240, 236), (168, 172, 178)
+"""Colours, sRGB: of panels, of their first column, and of what follows it."""
+
+OPACITY = 0.82
+"""Of a panel."""
+
+LEAST_SIDE = 120
+"""Height of a picture that is written on, pixels: text would cover a smaller one."""
+
+
+Row = tuple[str, ...]
+"""Cells of a line, from the left."""
+
+
+def write_panel(
+    picture: NDArray[np.uint8], rows: Sequence[Row], corner: str, ratio: float = 1.0
+) -> None:
+    """
+    Write rows of text on a picture, in a dark panel.
+
+    Parameters
+    ----------
+    picture : (H, W, 4) uint8, sRGB
+        Changed; as it is if it is too small for text. What does not fit is cut off.
+    rows : sequence of tuple of str
+        Columns are as wide as their widest cell.
+    corner : {"top left", "top right", "bottom left"}
+        Where the panel lies.
+    ratio : float
+        Pixels of the picture for one of the screen.
+    """
+    if not rows or picture.shape[0] < LEAST_SIDE * ratio:
+        return
+    panel, opacity = _panel(tuple(rows), float(ratio))
+    height, width = (min(a, b) for a, b in zip(panel.shape, picture.shape[:2], strict=False))
+    gap = min(round(MARGIN * ratio), picture.shape[0] - height, picture.shape[1] - width)
+    top = gap if corner.startswith("top") else picture.shape[0] - height - gap
+    left = gap if corner.endswith("left") else picture.shape[1] - width - gap
+    under = picture[top : top + height, left : left + width]
+    share = opacity[:height, :width]
+    mixed = panel[:height, :width] * share + under[:, :, :3] * (1.0 - share)
+    under[:, :, :3] = mixed + 0.5
+    under[:, :, 3] = 255
+
+
+@lru_cache(maxsize=64)
+def _panel(rows: tuple[Row, ...], ratio: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return the colours of a panel, (H, W, 3) float32 in 0..255, and its opacity, (H, W, 1)."""
+    from PIL import Image, ImageDraw, ImageFont
+
+    font = ImageFont.load_default(FONT_SIZE * ratio)
+    margin, gap = MARGIN * ratio, COLUMN_GAP * ratio
+    ascent, descent = font.getmetrics()
+    line = ascent + descent + round(ratio)
+    columns = max(map(len, rows))
+    # A cell that is alone in its row is a heading, and makes no column wider.
+    widths = [
+        max((font.getlength(row[k]) for row in rows if k < len(row) > 1), default=0.0)
+        for k in range(columns)
+    ]
+    starts = [margin]
+    for cells in widths[:-1]:
+        starts.append(starts[-1] + cells + gap)
+    ends = (starts[k] + font.getlength(cell) for row in rows for k, cell in enumerate(row))
+    size = round(max(ends) + margin), round(len(rows) * line + 2.0 * margin)
+    image = Image.new("RGB", size, PANEL)
+    draw = ImageDraw.Draw(image)
+    for number, row in enumerate(rows):
+        for k, (start, cell) in enumerate(zip(starts, row, strict=False)):
+            place = start, margin + number * line
+            draw.text(place, cell, fill=FAINT if k else TEXT, font=font)
+    colors = np.asarray(image, dtype=np.float32)
+    is_text = (colors != np.float32(PANEL)).any(axis=2, keepdims=True)
+    return colors, np.where(is_text, 1.0, OPACITY).astype(np.float32)
