@@ -587,6 +587,7 @@ ELSEWHERE = {
     "Choice": "what the dial notes on a frame",
     "PixelExplanation": "what explain_pixel returns",
     "accuracy": "a module; tests/accuracy refuses its bad input",
+    "cameras": "a module; tests/test_cameras.py refuses its bad input",
     "masks": "a module; tests/test_masks.py refuses its bad input",
 }
 """Public names that no test here calls, with the reason."""
