@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -82,6 +83,7 @@ def convert(
     points : (MatrixCamera, (int, int), float), optional
         Camera, viewport and size in pixels of points; without it they are left out.
     """
+    is_lit = not flags & RenderFlags.FLAT
     drawn, owners, wires, is_blended = scenes.Scene(), [], [], False
     for node in scene._ordered():
         mesh = node.mesh
@@ -94,13 +96,15 @@ def convert(
             for instance in [np.eye(4)] if primitive.poses is None else primitive.poses:
                 place = transforms.compose(pose, instance)
                 if primitive.mode == GLTF.POINTS:
-                    squares = None if points is None else _squares(primitive, place, *points)
+                    squares = (
+                        None if points is None else _squares(primitive, place, is_lit, *points)
+                    )
                     if squares is None:
                         continue
                     squares.material = look
                     drawn.add(squares, name=node.name or "points")
                 else:
-                    shape = primitive.drawn()
+                    shape = primitive.drawn(is_lit)
                     shape.material = look
                     drawn.add(shape, place, node.name)
                     wires.append((_is_wire(primitive, flags), look))
@@ -116,12 +120,16 @@ def _material(primitive: Primitive, flags: RenderFlags, shapes_alone: bool) -> M
     is_culled = not flags & RenderFlags.SKIP_CULL_FACES and primitive.mode != GLTF.POINTS
     if shapes_alone:
         return Material("unlit", double_sided=primitive.material.doubleSided or not is_culled)
-    return primitive.material.drawn(
+    look = primitive.material.drawn(
         has_uv=primitive.texcoord_0 is not None and primitive.mode != GLTF.POINTS,
         is_lit=not flags & RenderFlags.FLAT,
         is_culled=is_culled,
         least_alpha=primitive.least_alpha,
     )
+    if primitive.mode == GLTF.POINTS and flags & RenderFlags.SHADOWS_ALL:
+        # What is blended casts no shadow: squares that face the camera would shade each other.
+        look = replace(look, alpha_mode="blend")
+    return look
 
 
 def _is_wire(primitive: Primitive, flags: RenderFlags) -> bool:
@@ -157,6 +165,7 @@ def _light(drawn: scenes.Scene, scene: Scene, flags: RenderFlags) -> None:
 def _squares(
     primitive: Primitive,
     place: Float64,
+    is_lit: bool,
     camera: MatrixCamera,
     size: tuple[int, int],
     point_size: float,
@@ -182,7 +191,8 @@ def _squares(
         rows = transforms.normal_matrix(place)[:, :, None]
         x, y, z = primitive.normals.T
         normals = (rows[:, 0] * x + rows[:, 1] * y + rows[:, 2] * z).T
-    colors = None if primitive.color_0 is None else np.repeat(primitive.color_0[seen], 4, axis=0)
+    colors = primitive.colors(is_lit)
     return SceneMesh(
-        corners.reshape(-1, 3), faces, normals=np.repeat(normals[seen], 4, axis=0), colors=colors
-    )
+        corners.reshape(-1, 3), faces, normals=np.repeat(normals[seen], 4, axis=0),
+        colors=None if colors is None else np.repeat(colors[seen], 4, axis=0),
+    )  # fmt: skip

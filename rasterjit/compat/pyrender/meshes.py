@@ -125,7 +125,7 @@ class Primitive:
         return self._drawn[is_lit]
 
     def colors(self, is_lit: bool) -> NDArray[np.float64] | None:
-        """Return its colours, (V, 4) float64 of linear light: those without light are shown as given."""
+        """Return its colours, (V, 4) float64, as linear light; without lights they are codes."""
         if self.color_0 is None or is_lit:
             return self.color_0
         return as_shown(self.color_0)

@@ -327,7 +327,7 @@ class Scene:
         return {node for node in self._parents if matches(node)}
 
     def _ordered(self) -> list[Node]:
-        """Return all nodes in the order in which they were added: pictures do not depend on sets."""
+        """Return all nodes in the order in which they were added, which sets do not have."""
         return list(self._parents)
 
     def _forget(self, node: Node) -> None:
