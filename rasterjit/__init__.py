@@ -90,10 +90,12 @@ __all__ = [
     "Visibility",
     "Wireframe",
     "accuracy",
+    "cameras",
     "explain",
     "explain_pixel",
     "fit_camera",
     "load",
+    "masks",
     "measure",
     "oracle",
     "orbit_direction",
@@ -112,7 +114,7 @@ def __dir__() -> list[str]:
 def __getattr__(name: str) -> Any:
     """Load what rendering needs nothing of when it is first named."""
     if name == "show":
-        return import_module("rasterjit.show").show
-    if name in ("accuracy", "oracle"):
+        return import_module("rasterjit.showing").show
+    if name in ("accuracy", "cameras", "masks", "oracle"):
         return import_module(f"rasterjit.{name}")
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
