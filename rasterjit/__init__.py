@@ -86,6 +86,7 @@ __all__ = [
     "Visibility",
     "Wireframe",
     "accuracy",
+    "animation",
     "explain",
     "explain_pixel",
     "fit_camera",
@@ -105,6 +106,6 @@ def __dir__() -> list[str]:
 
 def __getattr__(name: str) -> ModuleType:
     """Load what rendering needs nothing of when it is first named."""
-    if name in ("accuracy", "oracle"):
+    if name in ("accuracy", "animation", "oracle"):
         return import_module(f"rasterjit.{name}")
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

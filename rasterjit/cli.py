@@ -92,6 +92,8 @@ def describe(error: Exception) -> str:
         return f"{error.filename}: {error.strerror}" if error.filename else error.strerror
     if isinstance(error, (ValueError, OSError)) and str(error):
         return str(error)
+    if isinstance(error, ImportError) and "pip install" in str(error):
+        return str(error)
     if isinstance(error, MemoryError):
         return f"not enough memory: {error}" if str(error) else "not enough memory"
     return f"{type(error).__name__}: {error} (--debug shows where)"
@@ -260,7 +262,7 @@ def _shows_anything(frame: Frame) -> bool:
 @file_argument
 @click.option(
     "-o", "--output", type=PlaceType("animation"), required=True, metavar="OUT",
-    help="Animation to write: .gif, .webp, or .mp4 (needs rasterjit[video]).",
+    help="Animation to write: .gif; .mp4, .webp or .apng (need rasterjit[video]).",
 )  # fmt: skip
 @click.option(
     "--frames", type=click.IntRange(1, 3600), default=36, show_default=True,
@@ -290,7 +292,8 @@ def turntable(
     **rest: Any,
 ) -> None:
     """Render FILE from a camera that goes once around it, to an animation."""
-    from rasterjit.io.animations import check_animation, save_animation
+    from rasterjit import animation
+    from rasterjit.io.animations import check_animation
     from rasterjit.render import Renderer
 
     view, look, effects = (gather(kind, rest) for kind in (View, Look, Effects))
@@ -301,11 +304,11 @@ def turntable(
         compile_notice(quiet),
         Renderer(size, quality=effects.quality(), threads=threads) as renderer,
     ):
-        pictures = (
-            renderer.render(scene, camera, background=background, cull=cull).color
-            for camera in view.turn(scene, size, frames)
+        times = [number / frames for number in range(frames)]
+        turning = animation.frames(
+            renderer, scene, times, camera=view.turn(scene, size), background=background, cull=cull
         )
-        save_animation(output, with_progress(pictures, frames, "Rendering", quiet), fps)
+        animation.save(with_progress(turning, frames, "Rendering", quiet), output, fps=fps)
     if not quiet:
         click.echo(f"wrote {output}: {frames} frames in {time.perf_counter() - start:.1f} s")
 

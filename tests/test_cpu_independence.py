@@ -246,6 +246,7 @@ OFF_THE_PATH = {
     "cli_report.py": "text",
     "__main__.py": "nothing but a call",
     "dial.py": "compares pictures and times",
+    "animation/tracks.py": "where something is between two keys is SciPy's affair",
     "accuracy/compiling.py": "draws what nobody looks at",
     "accuracy/crops.py": "a page about pictures",
     "accuracy/errors.py": "compares pictures, makes none",

@@ -587,6 +587,7 @@ ELSEWHERE = {
     "Choice": "what the dial notes on a frame",
     "PixelExplanation": "what explain_pixel returns",
     "accuracy": "a module; tests/accuracy refuses its bad input",
+    "animation": "a module; tests/animation refuses its bad input",
 }
 """Public names that no test here calls, with the reason."""
 

@@ -1,0 +1,93 @@
+"""Cameras that go around a scene."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Literal
+
+from numpy.typing import ArrayLike
+
+from rasterjit import transforms
+from rasterjit.scene.camera import (
+    Bounded,
+    OrthographicCamera,
+    PerspectiveCamera,
+    fit_camera,
+    orbit_direction,
+)
+from rasterjit.transforms import Matrix
+from rasterjit.validation import bounded_number, finite_number, positive_number
+
+FULL_TURN = 360.0
+"""Degrees."""
+
+
+def turntable(
+    scene: Bounded,
+    *,
+    seconds: float = 1.0,
+    azimuth: float = 31.0,
+    elevation: float = 23.0,
+    fov_y: float = 45.0,
+    up: ArrayLike = (0.0, 1.0, 0.0),
+    zoom: float = 1.0,
+    projection: Literal["perspective", "orthographic"] = "perspective",
+    aspect: float = 1.0,
+) -> Callable[[float], PerspectiveCamera | OrthographicCamera]:
+    """
+    Return a camera that goes around a scene, as a function of time.
+
+    Parameters
+    ----------
+    scene : Scene
+        What it looks at, from a distance at which the whole of it is seen from every side.
+    seconds : float
+        How long one turn takes: at times 0 and ``seconds`` the camera is at one place.
+    azimuth, elevation : float, degrees
+        Where it begins, as in `rasterjit.orbit_direction`; the elevation is in -90..90.
+    fov_y : float, degrees
+        Vertical field of view at zoom 1.
+    up : (3,) array_like, world space
+        The axis it turns around; azimuth 0 then is at -y for z up.
+    zoom : float
+        How many times bigger the scene appears.
+    projection : {"perspective", "orthographic"}
+    aspect : float
+        Width over height of the pictures.
+
+    Raises
+    ------
+    ValueError
+        If ``seconds`` is not above 0, or what `rasterjit.fit_camera` refuses.
+    """
+    period = positive_number("seconds", seconds)
+    start = finite_number("azimuth", azimuth)
+    height = bounded_number("elevation", elevation, -90.0, 90.0)
+    frame = frame_of(up)
+
+    def camera_at(time: float) -> PerspectiveCamera | OrthographicCamera:
+        """Return the camera at a time, seconds."""
+        turned = start + FULL_TURN * (finite_number("time", time) / period)
+        # Ninety degrees above the camera is up for it, at the poles as well.
+        return fit_camera(
+            scene,
+            transforms.apply(frame, orbit_direction(turned, height)),
+            fov_y,
+            up=transforms.apply(frame, orbit_direction(turned, height + FULL_TURN / 4.0)),
+            zoom=zoom,
+            projection=projection,
+            aspect=aspect,
+        )
+
+    camera_at(0.0)
+    return camera_at
+
+
+def frame_of(up: ArrayLike) -> Matrix:
+    """Return the shortest rotation, (4, 4), that takes y to ``up``; z up makes -y the front."""
+    x, y, z = transforms.unit_vector("up", up).tolist()
+    # The axis is the cross product of y and up; its length is the sine.
+    sine = math.sqrt(x * x + z * z)
+    axis = (z, 0.0, -x) if sine > 0.0 else (1.0, 0.0, 0.0)
+    return transforms.rotate(axis, transforms.arc_tangent(sine, y))
