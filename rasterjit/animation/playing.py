@@ -137,4 +137,5 @@ def save(
     Whatever is raised, Ctrl-C and errors of ``frames`` included, a file that was there before is
     left as it was, and no other remains.
     """
-    save_animation(path, (getattr(frame, "color", frame) for frame in frames), fps)
+    pictures = (frame.color if isinstance(frame, Frame) else frame for frame in frames)
+    save_animation(path, pictures, fps)

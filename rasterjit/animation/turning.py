@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Literal
+from typing import Literal, NamedTuple
 
-from numpy.typing import ArrayLike
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from rasterjit import transforms
 from rasterjit.scene.camera import (
@@ -41,7 +42,8 @@ def turntable(
     Parameters
     ----------
     scene : Scene
-        What it looks at, from a distance at which the whole of it is seen from every side.
+        What it looks at, from a distance at which the whole of it is seen from every side. It is
+        measured now: the camera keeps its distance whatever moves later.
     seconds : float
         How long one turn takes: at times 0 and ``seconds`` the camera is at one place.
     azimuth, elevation : float, degrees
@@ -65,13 +67,14 @@ def turntable(
     start = finite_number("azimuth", azimuth)
     height = bounded_number("elevation", elevation, -90.0, 90.0)
     frame = frame_of(up)
+    measured = _measured(scene)
 
     def camera_at(time: float) -> PerspectiveCamera | OrthographicCamera:
         """Return the camera at a time, seconds."""
         turned = start + FULL_TURN * (finite_number("time", time) / period)
         # Ninety degrees above the camera is up for it, at the poles as well.
         return fit_camera(
-            scene,
+            measured,
             transforms.apply(frame, orbit_direction(turned, height)),
             fov_y,
             up=transforms.apply(frame, orbit_direction(turned, height + FULL_TURN / 4.0)),
@@ -82,6 +85,22 @@ def turntable(
 
     camera_at(0.0)
     return camera_at
+
+
+class _Sphere(NamedTuple):
+    """What a scene measured."""
+
+    center: NDArray[np.float64]
+    radius: float
+
+    def bounding_sphere(self) -> tuple[NDArray[np.float64], float]:
+        """Return the centre, (3,), and the radius in world space."""
+        return self.center, self.radius
+
+
+def _measured(scene: Bounded) -> Bounded:
+    """Return the sphere around a scene; what has none is for the fit to refuse."""
+    return _Sphere(*scene.bounding_sphere()) if hasattr(scene, "bounding_sphere") else scene
 
 
 def frame_of(up: ArrayLike) -> Matrix:

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.io.images import checked_path, replacing
+from rasterjit.validation import in_short
 
 if TYPE_CHECKING:
     from PIL import Image
@@ -130,9 +131,12 @@ def save_animation(
     place = checked_path(path, ANIMATION_FORMATS)
     suffix = place.suffix.lower()
     check_speed(fps, suffix)
+    if not isinstance(pictures, Iterable):
+        raise ValueError(f"pictures must be an iterable of pictures, got {in_short(pictures)}")
     pictures = iter(pictures)
-    first = next(pictures, None)
-    if first is None:
+    nothing = object()
+    first = next(pictures, nothing)
+    if first is nothing:
         raise ValueError("pictures must hold at least one picture, got none")
     shape = np.shape(first)
     check_animation(place, (*shape[1::-1], 0, 0)[:2], fps, opaque=True)
