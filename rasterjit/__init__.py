@@ -87,10 +87,12 @@ __all__ = [
     "Wireframe",
     "accuracy",
     "animation",
+    "cameras",
     "explain",
     "explain_pixel",
     "fit_camera",
     "load",
+    "masks",
     "measure",
     "oracle",
     "orbit_direction",
@@ -106,6 +108,6 @@ def __dir__() -> list[str]:
 
 def __getattr__(name: str) -> ModuleType:
     """Load what rendering needs nothing of when it is first named."""
-    if name in ("accuracy", "animation", "oracle"):
+    if name in ("accuracy", "animation", "cameras", "masks", "oracle"):
         return import_module(f"rasterjit.{name}")
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

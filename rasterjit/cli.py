@@ -160,7 +160,8 @@ def program(context: click.Context, version: bool) -> None:
 @file_argument
 @click.option(
     "-o", "--output", type=PlaceType("image"), required=True, metavar="OUT",
-    help="Picture to write (.png, .jpg, .webp, .tif ...), or .npz for every output in one file.",
+    help="Picture to write (.png, .jpg, .webp, .tif ...), or .npz or .exr for every output in one "
+    "file.",
 )  # fmt: skip
 @size_option("1280x720")
 @view_options
@@ -170,7 +171,8 @@ def program(context: click.Context, version: bool) -> None:
 @cull_option
 @click.option(
     "--outputs", type=OutputsType(), default="color", show_default=True, metavar="NAMES",
-    help=OUTPUTS_HELP + " Beside a picture, all but the colour go to OUT with the suffix .npz.",
+    help=OUTPUTS_HELP + " Beside a picture, all but the colour go to OUT with the suffix .npz; one "
+    "alone, but the colour, is a 16-bit .png where OUT is.",
 )  # fmt: skip
 @click.option(
     "--depth", "depth_file", type=PlaceType("depth"), metavar="FILE",

@@ -39,7 +39,7 @@ def is_opaque(background: str | None) -> bool:
 
 
 Places = dict[Path, tuple[str, ...] | str]
-"""What each file gets: arrays by name, or ``"picture"`` or ``"depth"``."""
+"""What each file gets: outputs by name, or ``"picture"`` or ``"depth"``."""
 
 
 def plan_files(
@@ -48,7 +48,11 @@ def plan_files(
     """Return the outputs to render and the files to write, or raise click's usage error."""
     wanted = dict.fromkeys(outputs)
     places: Places = {}
-    if output.suffix.lower() == ".npz":
+    suffix = output.suffix.lower()
+    if suffix == ".exr":
+        # It holds light, not codes.
+        wanted = dict.fromkeys("linear" if name == "color" else name for name in outputs)
+    if suffix in (".npz", ".exr") or (suffix == ".png" and _is_buffer(outputs)):
         places[output] = tuple(wanted)
     else:
         wanted["color"] = None
@@ -66,6 +70,11 @@ def plan_files(
     return tuple(wanted), places
 
 
+def _is_buffer(outputs: tuple[str, ...]) -> bool:
+    """Tell whether one output is asked for that a 16-bit PNG can hold."""
+    return len(outputs) == 1 and outputs[0] not in ("color", "linear")
+
+
 def write_files(frame: Frame, places: Places, depth_scale: float) -> None:
     """Write each file, whole or not at all."""
     from rasterjit.io import images
@@ -76,8 +85,7 @@ def write_files(frame: Frame, places: Places, depth_scale: float) -> None:
         elif content == "depth":
             images.save_depth(place, frame.depth, scale=depth_scale)
         else:
-            arrays = frame.arrays()
-            images.save_arrays(place, **{name: arrays[name] for name in content})
+            frame.save(place, content)
 
 
 def load_scene(file: Path, look: Look, effects: Effects, quiet: bool) -> Scene:

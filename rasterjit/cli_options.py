@@ -240,7 +240,7 @@ def _formats(kind: str) -> tuple[str, ...]:
     from rasterjit.io import animations, images
 
     return {
-        "image": (*images.IMAGE_FORMATS, ".npz"),
+        "image": (*images.IMAGE_FORMATS, ".npz", ".exr"),
         "depth": images.DEPTH_FORMATS,
         "animation": animations.ANIMATION_FORMATS,
     }[kind]

@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Iterable
 from dataclasses import InitVar, dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.diagnostics import Diagnostics
 from rasterjit.io import images
+from rasterjit.io import outputs as saving
 from rasterjit.plan import OUTPUTS, RenderPlan
 from rasterjit.scene.quality import Quality
+
+if TYPE_CHECKING:
+    from rasterjit.masks import ObjectMask
 
 
 class OutputNotRequestedError(AttributeError, ValueError):
@@ -187,22 +192,90 @@ class Frame:
         """Return all outputs by name."""
         return dict(self._outputs)
 
-    def save(self, path: str | Path) -> None:
+    def save(
+        self,
+        path: str | Path,
+        outputs: str | Iterable[str] | None = None,
+        *,
+        scale: float | None = None,
+    ) -> None:
         """
-        Write the colour to an image file, or every output to a ``.npz``.
+        Write the colour to an image file, or outputs to a file that holds them exactly.
+
+        Parameters
+        ----------
+        path : str or Path
+            The format follows the extension:
+
+            - ``.npz``: arrays by name; ``.npy``: one array.
+            - ``.exr`` (needs ``rasterjit[exr]``): float32 channels under the names that other
+              programs know: R, G, B, A (linear light, multiplied by alpha), Z for the depth,
+              ``normal.X``, ``position.X``, ``uv.U``, ``distance`` and so on; numbers of faces and
+              objects as uint32, one more than they are.
+            - ``.png`` of any output but the colour: 16 bits a channel, see below.
+            - Other images (``.jpg``, ``.webp``, ``.tif`` ...): the colour.
+        outputs : str or iterable of str, optional
+            What to write. Default: the colour to an image, everything to the other formats.
+        scale : float, optional
+            For a ``.png`` of floats: scene units a code; 0.001 stores millimetres of metres. By
+            default chosen from this frame's own range, so give it where frames are compared.
 
         Raises
         ------
         ValueError
-            If the format is unknown, the folder does not exist, or there is no colour to write.
+            If the format is unknown, the folder does not exist, this frame does not have the
+            output, or it does not fit the format. Nothing is written.
+        ImportError
+            If an EXR is asked for and OpenEXR is not installed.
         OSError
             If the system refuses to write the file; what was there before is whole.
+
+        Notes
+        -----
+        In a 16-bit PNG code 0 is nothing, and the others mean ``code * scale + offset``; both are
+        in its text, with the unit. Numbers are one more than they are, normals
+        ``32768 + 32767 n``, motion ``32768 + 64 pixels`` as in the KITTI flow benchmark.
         """
-        place = images.checked_path(path, (".npz", *images.IMAGE_FORMATS))
-        if place.suffix.lower() == ".npz":
-            images.save_arrays(path, **self._outputs)
+        formats = dict.fromkeys((*saving.FORMATS, *images.IMAGE_FORMATS))
+        place = images.checked_path(path, formats)
+        suffix = place.suffix.lower()
+        is_image = suffix in images.IMAGE_FORMATS
+        if outputs is None and is_image:
+            self._output("color")
+            outputs = "color"
+        arrays = saving.chosen(self._outputs, outputs)
+        if suffix in saving.FORMATS:
+            saving.save_outputs(place, arrays, scale=scale)
+        elif list(arrays) == ["color"] and scale is None:
+            images.save_image(place, self.color)
         else:
-            images.save_image(path, self.color)
+            raise ValueError(
+                f"path {str(path)!r}: {suffix} holds the colour alone, without a scale; "
+                f"got outputs {', '.join(arrays)}: choose one of {', '.join(saving.FORMATS)}"
+            )
+
+    def masks(self, output: str = "object_id") -> tuple[ObjectMask, ...]:
+        """
+        Return the pixels of each object that is seen, with its box, its area and its COCO code.
+
+        Parameters
+        ----------
+        output : str
+            Output of whole numbers that tells things apart: ``"object_id"``, ``"face_id"``, ...
+
+        Returns
+        -------
+        tuple of ObjectMask
+            In the order of the numbers; see `rasterjit.masks`.
+
+        Raises
+        ------
+        ValueError
+            If this frame does not have the output, or it holds no whole numbers.
+        """
+        from rasterjit.masks import find
+
+        return find(self._output(output))
 
     def _repr_png_(self) -> bytes | None:
         """Show the colour in a notebook."""

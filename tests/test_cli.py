@@ -8,6 +8,7 @@ import imageio_ffmpeg
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from opengl import optional_module
 from PIL import Image, ImageSequence
 
 import rasterjit as rj
@@ -229,6 +230,28 @@ def test_depth_is_written_as_sixteen_bits_on_request(tmp_path):
     expected = np.where(np.isfinite(depth), np.floor(100 * depth + 0.5), 0)
     assert np.array_equal(np.array(Image.open(path)), expected)
     assert sorted(place.name for place in tmp_path.iterdir()) == ["depth.png", "out.png"]
+
+
+def test_one_output_alone_is_a_picture_of_its_codes(tmp_path):
+    path = tmp_path / "ids.png"
+    assert run("render", CUBE, "-o", path, *SMALL, "--outputs", "object_id").exit_code == 0
+    assert np.array_equal(
+        np.array(Image.open(path)), rendered(outputs=("object_id",)).object_id + 1
+    )
+    assert [place.name for place in tmp_path.iterdir()] == ["ids.png"]
+
+
+def test_an_exr_holds_every_output_and_light_for_colour(tmp_path):
+    openexr = optional_module("OpenEXR")
+    path = tmp_path / "all.exr"
+    assert run("render", CUBE, "-o", path, *SMALL, "--outputs", "color,depth").exit_code == 0
+    frame = rendered(outputs=("linear", "depth"))
+    with openexr.File(str(path), separate_channels=True) as file:
+        channels = {name: channel.pixels.copy() for name, channel in file.channels().items()}
+    assert sorted(channels) == ["A", "B", "G", "R", "Z"]
+    assert np.array_equal(channels["Z"], frame.depth)
+    assert np.array_equal(channels["G"], frame.linear[..., 1])
+    assert [place.name for place in tmp_path.iterdir()] == ["all.exr"]
 
 
 def test_help_names_every_output():

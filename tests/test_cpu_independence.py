@@ -217,6 +217,7 @@ ALLOWED = {
     ("framebuffer.py", "sum"): "whole numbers: pixels of lines",
     ("memory.py", "prod"): "whole numbers of Python",
     ("measurement.py", "sum"): "whole numbers: counts for a text",
+    ("masks.py", "sum"): "whole numbers: counts of pixels",
     ("plan_contents.py", "sum"): "whole numbers: counts of objects",
     ("scene/mesh.py", "sum"): "whole numbers: counts for a message",
     ("scene/color.py", "sum"): "whole numbers: counts for a message",

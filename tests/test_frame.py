@@ -142,3 +142,37 @@ def test_covered_pixels_are_those_of_the_frame_as_it_was_drawn(mesh, camera, out
             array[:] = 0
         assert frame.stats.pixels_covered == frame.stats.pixels_covered == expected.sum()
     assert f"clipped=0, pixels_covered={expected.sum()}, seconds=" in repr(frame.stats)
+
+
+def test_outputs_are_saved_by_name(mesh, camera, tmp_path):
+    names = ("color", "depth", "object_id", "normal")
+    frame = rj.render(mesh, camera, size=SIZE, outputs=names, threads=1)
+    frame.save(tmp_path / "some.npz", ("depth", "object_id"))
+    with np.load(tmp_path / "some.npz") as stored:
+        assert sorted(stored) == ["depth", "object_id"]
+    frame.save(tmp_path / "depth.npy", "depth")
+    assert np.array_equal(np.load(tmp_path / "depth.npy"), frame.depth)
+    frame.save(tmp_path / "depth.png", "depth", scale=0.001)
+    expected = np.where(np.isfinite(frame.depth), np.floor(frame.depth * 1e3 + 0.5), 0)
+    assert abs(iio.imread(tmp_path / "depth.png") - expected).max() <= 1
+    frame.save(tmp_path / "id.png", "object_id")
+    assert np.array_equal(iio.imread(tmp_path / "id.png"), frame.object_id + 1)
+    frame.save(tmp_path / "color.png", "color")
+    assert np.array_equal(iio.imread(tmp_path / "color.png"), frame.color)
+    frame.save(tmp_path / "color.tif", "color")
+    assert np.array_equal(iio.imread(tmp_path / "color.tif"), frame.color)
+
+
+@pytest.mark.parametrize(
+    ("name", "outputs", "scale", "named"),
+    [
+        ("a.jpg", "depth", None, "depth"), ("a.png", "face_id", None, "face_id"),
+        ("a.npz", 7, None, "outputs"), ("a.npz", (), None, "outputs"),
+        ("a.jpg", None, 2.0, "scale"), ("a.png", None, 2.0, "scale"), ("a.png", [7], None, "7"),
+    ],
+)  # fmt: skip
+def test_what_a_file_cannot_hold_is_an_error(mesh, camera, tmp_path, name, outputs, scale, named):
+    frame = rj.render(mesh, camera, size=SIZE, outputs=("color", "depth"), threads=1)
+    with pytest.raises(ValueError, match=named):
+        frame.save(tmp_path / name, outputs, scale=scale)
+    assert list(tmp_path.iterdir()) == []

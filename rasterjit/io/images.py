@@ -127,7 +127,9 @@ def save_depth(path: str | Path, depth: NDArray[np.float32], *, scale: float = 1
         with replacing(place) as temporary:
             _write_pixels(temporary, pixels, {})
     else:
-        _write_exr(place, values)
+        from rasterjit.io import exr
+
+        exr.write(place, {"Z": values})
 
 
 def _depth_as_uint16(depth: NDArray[np.float32], scale: float) -> NDArray[np.uint16]:
@@ -154,22 +156,6 @@ def _write_pixels(path: Path, pixels: NDArray[Any], options: dict[str, Any]) -> 
     import imageio.v3 as iio
 
     iio.imwrite(path, pixels, plugin="pillow", **options)
-
-
-def _write_exr(place: Path, depth: NDArray[np.float32]) -> None:
-    """Write one float32 channel named Z."""
-    try:
-        import OpenEXR
-    except ImportError:
-        raise ValueError(
-            f'path {str(place)!r}: .exr needs OpenEXR; pip install "rasterjit[exr]"'
-        ) from None
-    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
-    with (
-        replacing(place) as temporary,
-        OpenEXR.File(header, {"Z": np.ascontiguousarray(depth)}) as file,
-    ):
-        file.write(str(temporary))
 
 
 def checked_path(path: str | Path, formats: Iterable[str]) -> Path:
