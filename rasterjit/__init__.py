@@ -88,6 +88,7 @@ __all__ = [
     "accuracy",
     "animation",
     "cameras",
+    "dataset",
     "explain",
     "explain_pixel",
     "fit_camera",
@@ -108,6 +109,6 @@ def __dir__() -> list[str]:
 
 def __getattr__(name: str) -> ModuleType:
     """Load what rendering needs nothing of when it is first named."""
-    if name in ("accuracy", "animation", "cameras", "masks", "oracle"):
+    if name in ("accuracy", "animation", "cameras", "dataset", "masks", "oracle"):
         return import_module(f"rasterjit.{name}")
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,5 +1,5 @@
 """
-The command line: ``rasterjit render | turntable | explain | accuracy | warmup | doctor``.
+The command line: ``rasterjit render | turntable | dataset | explain | accuracy | warmup | doctor``.
 
 Exit status: 0 done, 1 failed, 2 wrong usage, 130 interrupted. Errors are one line on standard
 error. What is slow to import is imported by the command that needs it.
@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from rasterjit.cli_dataset import dataset_options
 from rasterjit.cli_effects import Effects, effect_options
 from rasterjit.cli_files import OWN_PROCESS, is_opaque, load_scene, plan_files, warn, write_files
 from rasterjit.cli_options import (
@@ -313,6 +314,23 @@ def turntable(
         animation.save(with_progress(turning, frames, "Rendering", quiet), output, fps=fps)
     if not quiet:
         click.echo(f"wrote {output}: {frames} frames in {time.perf_counter() - start:.1f} s")
+
+
+@program.command()
+@dataset_options
+@quiet_option
+@debug_option
+def dataset(**options: Any) -> None:
+    """
+    Render every mesh file below FOLDER from all sides, with the cameras as NeRF wants them.
+
+    Each mesh gets a folder of its name in OUT, with pictures and a transforms.json. What is
+    interrupted goes on where it stopped when it is run again. Files that cannot be read are left
+    out and listed in failures.json.
+    """
+    from rasterjit.cli_dataset import make_dataset
+
+    make_dataset(**options)
 
 
 @program.command()

@@ -588,6 +588,7 @@ ELSEWHERE = {
     "PixelExplanation": "what explain_pixel returns",
     "accuracy": "a module; tests/accuracy refuses its bad input",
     "animation": "a module; tests/animation refuses its bad input",
+    "dataset": "a module; tests/dataset refuses its bad input",
     "cameras": "a module; tests/test_cameras.py refuses its bad input",
     "masks": "a module; tests/test_masks.py refuses its bad input",
 }
