@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import dataclass
@@ -212,9 +213,9 @@ def _checked_output(output: Any, source: Path) -> Path:
 
 def _begin(place: Path, recipe: Recipe) -> None:
     """Note how the data set is made, or see that it is the same; clear away what was not ended."""
-    from rasterjit import __version__
-
-    wanted = {"rasterjit": __version__, **recipe.describe()}
+    # Importing the package by name would make all of it something that this module needs.
+    version = sys.modules["rasterjit"].__version__
+    wanted = {"rasterjit": version, **recipe.describe()}
     settings = place / SETTINGS
     if settings.is_file():
         try:
