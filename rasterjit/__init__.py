@@ -90,7 +90,9 @@ __all__ = [
     "Visibility",
     "Wireframe",
     "accuracy",
+    "animation",
     "cameras",
+    "dataset",
     "explain",
     "explain_pixel",
     "fit_camera",
@@ -115,6 +117,6 @@ def __getattr__(name: str) -> Any:
     """Load what rendering needs nothing of when it is first named."""
     if name == "show":
         return import_module("rasterjit.showing").show
-    if name in ("accuracy", "cameras", "masks", "oracle"):
+    if name in ("accuracy", "animation", "cameras", "dataset", "masks", "oracle"):
         return import_module(f"rasterjit.{name}")
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,5 +1,6 @@
 """
-The command line: ``rasterjit render | turntable | view | explain | accuracy | warmup | doctor``.
+The command line: ``rasterjit render | turntable | view | dataset | explain | accuracy | warmup |
+doctor``.
 
 Exit status: 0 done, 1 failed, 2 wrong usage, 130 interrupted. Errors are one line on standard
 error. What is slow to import is imported by the command that needs it.
@@ -16,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from rasterjit.cli_dataset import dataset_options
 from rasterjit.cli_effects import Effects, effect_options
 from rasterjit.cli_files import OWN_PROCESS, is_opaque, load_scene, plan_files, warn, write_files
 from rasterjit.cli_options import (
@@ -92,6 +94,8 @@ def describe(error: Exception) -> str:
     if isinstance(error, OSError) and error.strerror:
         return f"{error.filename}: {error.strerror}" if error.filename else error.strerror
     if isinstance(error, (ValueError, OSError)) and str(error):
+        return str(error)
+    if isinstance(error, ImportError) and "pip install" in str(error):
         return str(error)
     if isinstance(error, MemoryError):
         return f"not enough memory: {error}" if str(error) else "not enough memory"
@@ -263,7 +267,7 @@ def _shows_anything(frame: Frame) -> bool:
 @file_argument
 @click.option(
     "-o", "--output", type=PlaceType("animation"), required=True, metavar="OUT",
-    help="Animation to write: .gif, .webp, or .mp4 (needs rasterjit[video]).",
+    help="Animation to write: .gif; .mp4, .webp or .apng (need rasterjit[video]).",
 )  # fmt: skip
 @click.option(
     "--frames", type=click.IntRange(1, 3600), default=36, show_default=True,
@@ -293,7 +297,8 @@ def turntable(
     **rest: Any,
 ) -> None:
     """Render FILE from a camera that goes once around it, to an animation."""
-    from rasterjit.io.animations import check_animation, save_animation
+    from rasterjit import animation
+    from rasterjit.io.animations import check_animation
     from rasterjit.render import Renderer
 
     view, look, effects = (gather(kind, rest) for kind in (View, Look, Effects))
@@ -304,13 +309,30 @@ def turntable(
         compile_notice(quiet),
         Renderer(size, quality=effects.quality(), threads=threads) as renderer,
     ):
-        pictures = (
-            renderer.render(scene, camera, background=background, cull=cull).color
-            for camera in view.turn(scene, size, frames)
+        times = [number / frames for number in range(frames)]
+        turning = animation.frames(
+            renderer, scene, times, camera=view.turn(scene, size), background=background, cull=cull
         )
-        save_animation(output, with_progress(pictures, frames, "Rendering", quiet), fps)
+        animation.save(with_progress(turning, frames, "Rendering", quiet), output, fps=fps)
     if not quiet:
         click.echo(f"wrote {output}: {frames} frames in {time.perf_counter() - start:.1f} s")
+
+
+@program.command()
+@dataset_options
+@quiet_option
+@debug_option
+def dataset(**options: Any) -> None:
+    """
+    Render every mesh file below FOLDER from all sides, with the cameras as NeRF wants them.
+
+    Each mesh gets a folder of its name in OUT, with pictures and a transforms.json. What is
+    interrupted goes on where it stopped when it is run again. Files that cannot be read are left
+    out and listed in failures.json.
+    """
+    from rasterjit.cli_dataset import make_dataset
+
+    make_dataset(**options)
 
 
 @program.command()

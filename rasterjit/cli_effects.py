@@ -91,10 +91,8 @@ def _cast_shadows(scene: Scene) -> None:
     ]
 
 
-def effect_options(command: Callable | None = None, *, quality: bool = True) -> Callable:
-    """Add the options of `Effects` to a command, perhaps without those of quality."""
-    if command is None:
-        return lambda command: effect_options(command, quality=quality)
+def quality_options(command: Callable) -> Callable:
+    """Add the options of `Effects` to a command that say how accurately to render."""
     settings = [
         click.option("--quality", "preset", type=click.Choice(tuple(PRESETS)), default="standard",
                      show_default=True, help="How accurately to render."),
@@ -104,9 +102,15 @@ def effect_options(command: Callable | None = None, *, quality: bool = True) -> 
                      help="Samples of each pixel against jagged edges; area is exact, slow. "
                           "Short for --set samples=..."),
     ]  # fmt: skip
-    return add_options(
+    return add_options(settings, command)
+
+
+def effect_options(command: Callable | None = None, *, quality: bool = True) -> Callable:
+    """Add the options of `Effects` to a command, perhaps without those of quality."""
+    if command is None:
+        return lambda command: effect_options(command, quality=quality)
+    command = add_options(
         [
-            *(settings if quality else ()),
             click.option("--shadows", is_flag=True,
                          help="Let the lights cast shadows; without lights, a sun."),
             click.option("--environment", metavar="FILE|sky",
@@ -120,3 +124,4 @@ def effect_options(command: Callable | None = None, *, quality: bool = True) -> 
         ],
         command,
     )  # fmt: skip
+    return quality_options(command) if quality else command

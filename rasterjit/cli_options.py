@@ -6,7 +6,7 @@ import dataclasses
 import math
 import os
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
@@ -314,42 +314,40 @@ class View(NamedTuple):
         if self.position is not None:
             return self._placed(scene, size)
         if self.azimuth is None and self.elevation is None:
-            return self._fit(scene, size, DEFAULT_DIRECTION, (0.0, 1.0, 0.0))
-        azimuth = DEFAULT_AZIMUTH if self.azimuth is None else self.azimuth
-        return self._orbiting(scene, size, azimuth)
+            return self._fit(scene, size)
+        return self.turn(scene, size)(0.0)
 
-    def turn(self, scene: Scene, size: tuple[int, int], frames: int) -> Iterator[FittedCamera]:
-        """Yield the cameras of one turn, all at one distance from one point."""
-        start = DEFAULT_AZIMUTH if self.azimuth is None else self.azimuth
-        for number in range(frames):
-            yield self._orbiting(scene, size, start + 360.0 * number / frames)
+    def turn(self, scene: Scene, size: tuple[int, int]) -> Callable[[float], FittedCamera]:
+        """Return the camera of one turn as a function of its share, 0..1; it is always fitted."""
+        from rasterjit.animation.turning import turntable
 
-    def _orbiting(self, scene: Scene, size: tuple[int, int], azimuth: float) -> FittedCamera:
-        """Return the fitted camera at an azimuth; its up is right at the poles as well."""
-        from rasterjit.scene.camera import orbit_direction
+        return turntable(
+            scene,
+            azimuth=DEFAULT_AZIMUTH if self.azimuth is None else self.azimuth,
+            elevation=DEFAULT_ELEVATION if self.elevation is None else self.elevation,
+            **self._fitting(size),
+        )
 
-        elevation = DEFAULT_ELEVATION if self.elevation is None else self.elevation
-        upward = orbit_direction(azimuth, elevation + 90.0)
-        return self._fit(scene, size, orbit_direction(azimuth, elevation), upward)
+    def _fitting(self, size: tuple[int, int]) -> dict[str, Any]:
+        """Return what cameras that fit the scene have in common."""
+        return {
+            "fov_y": DEFAULT_FOV if self.fov is None else self.fov,
+            "up": self.up or (0.0, 1.0, 0.0),
+            "zoom": 1.0 if self.zoom is None else self.zoom,
+            "projection": self.projection or "perspective",
+            "aspect": size[0] / size[1],
+        }
 
-    def _fit(
-        self, scene: Scene, size: tuple[int, int], direction: Vector, upward: Vector
-    ) -> FittedCamera:
-        """Return the camera that fits the scene, its direction given for y up."""
+    def _fit(self, scene: Scene, size: tuple[int, int]) -> FittedCamera:
+        """Return the camera that fits the scene, seen from where it is seen by default."""
         from rasterjit import transforms
         from rasterjit.scene.camera import fit_camera
         from rasterjit.viewpoint import frame_of
 
-        frame = frame_of(self.up or (0.0, 1.0, 0.0))
-        return fit_camera(
-            scene,
-            transforms.apply(frame, direction),
-            DEFAULT_FOV if self.fov is None else self.fov,
-            up=transforms.apply(frame, upward),
-            zoom=1.0 if self.zoom is None else self.zoom,
-            projection=self.projection or "perspective",
-            aspect=size[0] / size[1],
-        )
+        fitting = self._fitting(size)
+        frame = frame_of(fitting["up"])
+        fitting["up"] = transforms.apply(frame, (0.0, 1.0, 0.0))
+        return fit_camera(scene, transforms.apply(frame, DEFAULT_DIRECTION), **fitting)
 
     def _placed(self, scene: Scene, size: tuple[int, int]) -> FittedCamera:
         """Return the camera at ``position``, its near and far plane around the scene."""
@@ -358,7 +356,7 @@ class View(NamedTuple):
         from rasterjit.transforms import are_parallel
 
         center, radius = scene.bounding_sphere()
-        fitted = self._fit(scene, size, DEFAULT_DIRECTION, (0.0, 1.0, 0.0))
+        fitted = self._fit(scene, size)
         eye = np.array(self.position)
         target = center if self.target is None else np.array(self.target)
         up = self.up or (0.0, 1.0, 0.0)

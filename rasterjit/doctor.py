@@ -29,6 +29,8 @@ PACKAGES = ("rasterjit", "numpy", "numba", "llvmlite", "trimesh", "imageio")
 EXTRAS = {
     "formats": FORMATS_EXTRA,
     "video": ("imageio_ffmpeg",),
+    "animation": ("scipy",),
+    "distributed": ("dask", "distributed"),
     "exr": ("OpenEXR",),
     "accuracy": ("matplotlib", "flip_evaluator"),
 }

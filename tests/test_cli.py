@@ -145,7 +145,8 @@ def test_z_up_orbits_around_z_with_minus_y_in_front():
 def test_a_turn_keeps_its_distance_and_never_repeats(up, elevation):
     scene = rj.load(CUBE)
     view = View(None, elevation, None, None, None, tuple(map(float, up)))
-    cameras = list(view.turn(scene, (10, 10), 7))
+    turn = view.turn(scene, (10, 10))
+    cameras = [turn(number / 7) for number in range(7)]
     eyes = np.array([camera.eye for camera in cameras])
     target = cameras[0].target
     assert {camera.target for camera in cameras} == {target}

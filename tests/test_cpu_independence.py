@@ -228,6 +228,7 @@ ALLOWED = {
     ("plan_textures.py", "sum"): "whole numbers: counts of textures",
     ("scene/texture.py", "sum"): "whole numbers: counts of texels",
     ("plan_views.py", "sum"): "three terms: NumPy splits sums from eight terms on",
+    ("dataset/views.py", "random"): "Python's own numbers, the same for a text everywhere",
     ("io/trimesh_materials.py", "sum"): "three terms in a row, and counts",
     ("io/trimesh_materials.py", "mean"): "three terms: NumPy splits sums from eight terms on",
 }
@@ -249,6 +250,7 @@ OFF_THE_PATH = {
     "cli_report.py": "text",
     "__main__.py": "nothing but a call",
     "dial.py": "compares pictures and times",
+    "animation/tracks.py": "where something is between two keys is SciPy's affair",
     "accuracy/compiling.py": "draws what nobody looks at",
     "accuracy/crops.py": "a page about pictures",
     "accuracy/errors.py": "compares pictures, makes none",

@@ -623,6 +623,8 @@ ELSEWHERE = {
     "PixelExplanation": "what explain_pixel returns",
     "accuracy": "a module; tests/accuracy refuses its bad input",
     "LayeredFrame": "what render_layers returns",
+    "animation": "a module; tests/animation refuses its bad input",
+    "dataset": "a module; tests/dataset refuses its bad input",
     "cameras": "a module; tests/test_cameras.py refuses its bad input",
     "masks": "a module; tests/test_masks.py refuses its bad input",
 }

@@ -1,0 +1,290 @@
+"""
+Tracks: functions of time that go from key to key.
+
+SciPy draws the curves. ``"linear"`` joins the keys by straight lines and turns at a constant speed
+(spherical linear interpolation of quaternions); ``"smooth"`` goes through the same keys without a
+jolt: natural cubic splines, and splines of rotations with a continuous angular acceleration. Before
+the first key and after the last a track stands still.
+
+References
+----------
+Ken Shoemake, "Animating rotation with quaternion curves", SIGGRAPH 1985.
+Ken Shoemake and Tom Duff, "Matrix animation and polar decomposition", Graphics Interface 1992.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rasterjit.scene.camera import OrthographicCamera, PerspectiveCamera
+from rasterjit.scene.mesh import Mesh
+from rasterjit.validation import finite_array, finite_number, in_short, one_of
+
+Float64 = NDArray[np.float64]
+Interpolation = Literal["linear", "smooth"]
+Curve = Callable[[float], Any]
+
+
+class _Track:
+    """Keys at times, and what is common to all that goes between them."""
+
+    def __init__(self, times: ArrayLike, keys: Sequence[Any], interpolation: Interpolation) -> None:
+        self.times = _key_times(times)
+        self.keys = tuple(keys)
+        self.interpolation = one_of("interpolation", interpolation, ("linear", "smooth"))
+        if len(self.keys) != len(self.times):
+            raise ValueError(
+                f"times and keys must be as many, got {len(self.times)} times and "
+                f"{len(self.keys)} keys"
+            )
+
+    def __repr__(self) -> str:
+        return (
+            f"{type(self).__name__}({len(self.keys)} keys in {self.times[0]:g}.."
+            f"{self.times[-1]:g} s, {self.interpolation})"
+        )
+
+    def _key_at(self, time: float) -> tuple[float, Any]:
+        """Return the time, and the key if it is that of one, or is before or after all."""
+        time = finite_number("time", time)
+        time = min(max(time, float(self.times[0])), float(self.times[-1]))
+        nearest = int(np.searchsorted(self.times, time))
+        return time, self.keys[nearest] if self.times[nearest] == time else None
+
+
+class CameraTrack(_Track):
+    """
+    A camera that goes from key to key.
+
+    What is looked at moves along one curve, the direction turns, and the distance changes by a
+    constant factor a second between two keys. So a camera whose keys look at one point goes around
+    it and looks at it all the time.
+
+    Parameters
+    ----------
+    times : (K,) array_like of float, seconds
+        Growing.
+    cameras : sequence of K PerspectiveCamera, or of K OrthographicCamera
+        All of one kind. ``far`` is infinite for all or for none.
+    interpolation : {"linear", "smooth"}
+
+    Raises
+    ------
+    ValueError
+        If times or cameras are not such.
+    ImportError
+        If SciPy is not installed, which the extra ``rasterjit[animation]`` brings.
+    """
+
+    def __init__(
+        self,
+        times: ArrayLike,
+        cameras: Sequence[PerspectiveCamera | OrthographicCamera],
+        interpolation: Interpolation = "linear",
+    ) -> None:
+        super().__init__(times, cameras, interpolation)
+        kind = type(self.keys[0])
+        if kind not in (PerspectiveCamera, OrthographicCamera):
+            raise ValueError(
+                "cameras must be PerspectiveCamera or OrthographicCamera, got "
+                f"{in_short(self.keys[0])}"
+            )
+        for camera in self.keys:
+            if type(camera) is not kind:
+                raise ValueError(
+                    f"cameras must be of one kind, got {kind.__name__} and {in_short(camera)}"
+                )
+        views = np.array([camera.view_matrix()[:3, :3] for camera in self.keys])
+        targets = np.array([camera.target for camera in self.keys])
+        eyes = np.array([camera.eye for camera in self.keys])
+        distances = np.sqrt(np.square(eyes - targets).sum(axis=1))
+        self._target = _curve(self.times, targets, interpolation)
+        self._turn = _turning(self.times, views.transpose(0, 2, 1), interpolation)
+        self._log_distance = _monotone(self.times, np.log(distances), interpolation)
+        names = {field.name for field in dataclasses.fields(kind)} - {"eye", "target", "up"}
+        self._numbers = {name: self._number(name) for name in sorted(names)}
+
+    def __call__(self, time: float) -> PerspectiveCamera | OrthographicCamera:
+        """Return the camera at a time, seconds; at the time of a key, that key."""
+        time, key = self._key_at(time)
+        if key is not None:
+            return key
+        axes = self._turn(time)
+        target = self._target(time)
+        numbers = {name: float(curve(time)) for name, curve in self._numbers.items()}
+        eye = target + np.exp(self._log_distance(time)) * axes[:, 2]
+        return type(self.keys[0])(eye, target, axes[:, 1], **numbers)
+
+    def _number(self, name: str) -> Curve:
+        """Return the curve of one of the cameras' numbers."""
+        values = np.array([getattr(camera, name) for camera in self.keys])
+        if (values == values[0]).all():
+            return lambda time: values[0]
+        if not np.isfinite(values).all():
+            raise ValueError(f"cameras must all have a finite {name}, or none, got {values}")
+        return _monotone(self.times, values, self.interpolation)
+
+
+class TransformTrack(_Track):
+    """
+    A transform that goes from key to key.
+
+    Each key is taken apart into a translation, a rotation and a stretch (its polar decomposition),
+    so nothing shrinks while it turns. A turn goes the short way, by at most 180 degrees from key to
+    key.
+
+    Parameters
+    ----------
+    times : (K,) array_like of float, seconds
+        Growing.
+    transforms : (K, 4, 4) array_like
+        ``world_from_model``, affine.
+    interpolation : {"linear", "smooth"}
+
+    Raises
+    ------
+    ValueError
+        If times or transforms are not such.
+    ImportError
+        If SciPy is not installed, which the extra ``rasterjit[animation]`` brings.
+    """
+
+    def __init__(
+        self, times: ArrayLike, transforms: ArrayLike, interpolation: Interpolation = "linear"
+    ) -> None:
+        matrices = finite_array("transforms", transforms, (None, 4, 4)).copy()
+        super().__init__(times, matrices, interpolation)
+        if not (matrices[:, 3] == (0.0, 0.0, 0.0, 1.0)).all():
+            raise ValueError("transforms must have last rows (0, 0, 0, 1)")
+        polar = _scipy("linalg").polar
+        rotations, stretches = [], []
+        for matrix in matrices:
+            rotation, stretch = polar(matrix[:3, :3])
+            # What mirrors goes into the stretch.
+            sign = np.sign(_determinant(rotation))
+            rotations.append(sign * rotation)
+            stretches.append(sign * stretch)
+        self._turn = _turning(self.times, np.array(rotations), interpolation)
+        self._stretch = _curve(self.times, np.array(stretches), interpolation)
+        self._offset = _curve(self.times, matrices[:, :3, 3], interpolation)
+
+    def __call__(self, time: float) -> Float64:
+        """Return ``world_from_model``, (4, 4) float64, at a time; at that of a key, that key."""
+        time, key = self._key_at(time)
+        if key is not None:
+            return key.copy()
+        matrix = np.eye(4)
+        matrix[:3, :3] = self._turn(time) @ self._stretch(time)
+        matrix[:3, 3] = self._offset(time)
+        return matrix
+
+
+class MorphTrack(_Track):
+    """
+    A mesh whose vertices go from key to key.
+
+    Parameters
+    ----------
+    times : (K,) array_like of float, seconds
+        Growing.
+    mesh : Mesh
+        Gives faces, colours, uv and material.
+    vertices : (K, V, 3) array_like, model space
+        What its vertices are at each time.
+    interpolation : {"linear", "smooth"}
+
+    Notes
+    -----
+    Normals are those of the shape at the time: averages over the faces around each vertex.
+
+    Raises
+    ------
+    ValueError
+        If times or vertices are not such.
+    ImportError
+        If SciPy is not installed, which the extra ``rasterjit[animation]`` brings.
+    """
+
+    def __init__(
+        self,
+        times: ArrayLike,
+        mesh: Mesh,
+        vertices: ArrayLike,
+        interpolation: Interpolation = "linear",
+    ) -> None:
+        if not isinstance(mesh, Mesh):
+            raise ValueError(f"mesh must be a Mesh, got {in_short(mesh)}")
+        shapes = finite_array("vertices", vertices, (None, len(mesh.vertices), 3))
+        super().__init__(times, shapes, interpolation)
+        self.mesh = mesh
+        self._curve = _curve(self.times, shapes, interpolation)
+
+    def __call__(self, time: float) -> Mesh:
+        """Return the mesh at a time, seconds; at the time of a key, its vertices."""
+        time, key = self._key_at(time)
+        mesh = self.mesh
+        colors = mesh.face_colors if mesh.vertex_colors is None else mesh.vertex_colors
+        return Mesh(
+            self._curve(time) if key is None else key,
+            mesh.faces,
+            colors=colors,
+            uv=mesh.uv,
+            material=mesh.material,
+        )
+
+
+def _key_times(times: ArrayLike) -> Float64:
+    """Return the times of keys, (K,) float64, or raise ``ValueError``."""
+    found = finite_array("times", times, (None,)).copy()
+    if not len(found) or not (np.diff(found) > 0.0).all():
+        raise ValueError(f"times must be one or more growing numbers, got {found.tolist()}")
+    return found
+
+
+def _curve(times: Float64, values: Float64, interpolation: Interpolation) -> Curve:
+    """Return a curve through rows of values: straight, or a natural cubic spline."""
+    if len(times) == 1:
+        return lambda time: values[0]
+    interpolate = _scipy("interpolate")
+    if interpolation == "linear":
+        return interpolate.make_interp_spline(times, values, k=1)
+    return interpolate.CubicSpline(times, values, bc_type="natural")
+
+
+def _monotone(times: Float64, values: Float64, interpolation: Interpolation) -> Curve:
+    """Return a curve through values that stays between each two neighbours."""
+    if len(times) == 1 or interpolation == "linear":
+        return _curve(times, values, "linear")
+    return _scipy("interpolate").PchipInterpolator(times, values)
+
+
+def _turning(times: Float64, rotations: Float64, interpolation: Interpolation) -> Curve:
+    """Return the rotations, (3, 3), between those given, (K, 3, 3)."""
+    if len(times) == 1:
+        return lambda time: rotations[0]
+    spatial = _scipy("spatial.transform")
+    kind = spatial.Slerp if interpolation == "linear" else spatial.RotationSpline
+    turn = kind(times, spatial.Rotation.from_matrix(rotations))
+    return lambda time: turn(time).as_matrix()
+
+
+def _determinant(matrix: Float64) -> float:
+    """Return the determinant of a (3, 3) matrix."""
+    return float(np.cross(matrix[0], matrix[1]) @ matrix[2])
+
+
+def _scipy(name: str) -> Any:
+    """Import a part of SciPy, or say what brings it."""
+    from importlib import import_module
+
+    try:
+        return import_module(f"scipy.{name}")
+    except ImportError:
+        raise ImportError(
+            'tracks between keys need SciPy; pip install "rasterjit[animation]"'
+        ) from None

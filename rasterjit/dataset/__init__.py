@@ -1,0 +1,29 @@
+"""
+Data sets of pictures: a folder of meshes becomes a folder of views with their cameras.
+
+For each mesh file there is a folder of its name, with pictures and a ``transforms.json`` as NeRF,
+instant-ngp and nerfstudio read it. The bytes are the same for any number of workers, and whether
+the work was interrupted or not:
+
+>>> from rasterjit import dataset
+>>> recipe = dataset.Recipe(views=24, outputs=("color", "depth", "mask"), size=(256, 256))
+>>> if __name__ == "__main__":
+...     summary = dataset.make("meshes", "pictures", recipe, workers=4)
+"""
+
+from rasterjit.dataset.crews import LostWorkersError
+from rasterjit.dataset.making import Outcome, Summary, make, mesh_files
+from rasterjit.dataset.mesh import render_views
+from rasterjit.dataset.recipe import Recipe
+from rasterjit.dataset.views import view_cameras
+
+__all__ = [
+    "LostWorkersError",
+    "Outcome",
+    "Recipe",
+    "Summary",
+    "make",
+    "mesh_files",
+    "render_views",
+    "view_cameras",
+]

@@ -1,0 +1,302 @@
+"""
+One mesh of a data set: its views, and the folder that they are kept in.
+
+A folder is built under another name and moved to its place when it is whole, so that a mesh is done
+if and only if its ``transforms.json`` is there.
+
+References
+----------
+B. Mildenhall et al., "NeRF: Representing Scenes as Neural Radiance Fields for View Synthesis",
+ECCV 2020: ``camera_angle_x``, ``frames``, ``transform_matrix``.
+instant-ngp, ``docs/nerf_dataset_tips.md`` and ``src/nerf_loader.cu``: ``fl_x`` and so on,
+``scale``, ``offset``, ``depth_path``, ``integer_depth_scale``.
+nerfstudio, "Data conventions": ``camera_model``, ``depth_file_path``, ``mask_path``.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import shutil
+import uuid
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit import masks, transforms
+from rasterjit.dataset.recipe import Recipe
+from rasterjit.dataset.views import view_cameras
+from rasterjit.frame import Frame
+from rasterjit.io import images
+from rasterjit.io.meshes import load
+from rasterjit.render import Renderer
+from rasterjit.scene.camera import PerspectiveCamera
+from rasterjit.scene.scene import Scene
+
+DONE = "transforms.json"
+"""The file that says that a mesh is done."""
+
+PARTIAL = ".partial-"
+"""What the name of a folder begins with that is being built."""
+
+DEPTH_CODES = 65535
+"""Of a 16-bit PNG: the far plane has the last."""
+
+FOLDERS = {"color": "images"}
+"""Folders that are not called as their output."""
+
+PATH_KEYS = {
+    "color": ("file_path",),
+    "depth": ("depth_path", "depth_file_path"),
+    "mask": ("mask_path",),
+}
+"""What readers call the files; others are called ``<output>_path``."""
+
+LONGEST_REASON = 300
+"""Characters of a reason why a mesh has failed."""
+
+KEPT_DIGITS = 12
+"""Significant digits of what is told to readers and not used here."""
+
+
+class MeshError(Exception):
+    """A mesh cannot be read or rendered; the data set goes on without it."""
+
+
+class Stopped(Exception):  # noqa: N818
+    """The work was called off between two views."""
+
+
+def _go_on() -> None:
+    """Do nothing: nobody calls off the work."""
+
+
+def make_mesh(
+    source: Path,
+    name: str,
+    output: Path,
+    recipe: Recipe,
+    threads: int | None,
+    check: Callable[[], None] = _go_on,
+) -> str | None:
+    """
+    Render all views of a mesh file into ``output / name``, whole or not at all.
+
+    Parameters
+    ----------
+    source : Path
+        The mesh file.
+    name : str
+        Of its folder.
+    output : Path
+        Folder of the data set.
+    recipe : Recipe
+    threads : int or None
+    check : callable
+        Called before each view; what it raises ends the work.
+
+    Returns
+    -------
+    str or None
+        Why the mesh cannot be read or rendered, in one line; ``None`` when it is done.
+
+    Raises
+    ------
+    OSError
+        If a file cannot be written.
+    """
+    try:
+        with built_whole(output, name) as folder:
+            with _failing(source, name):
+                scene = _load(source, recipe)
+            render_views(scene, folder, recipe, name=name, threads=threads, check=check)
+    except MeshError as error:
+        return str(error)
+    return None
+
+
+def render_views(
+    scene: Scene,
+    folder: str | Path,
+    recipe: Recipe,
+    *,
+    name: str = "",
+    threads: int | None = None,
+    check: Callable[[], None] = _go_on,
+) -> None:
+    """
+    Render all views of a scene into a folder, and write ``transforms.json`` last.
+
+    Parameters
+    ----------
+    scene : Scene
+    folder : str or Path
+        An existing folder; files of the same names are replaced.
+    recipe : Recipe
+    name : str
+        Of the mesh, for views at random.
+    threads : int, optional
+        Default: all processors. The files are the same for any number.
+    check : callable
+        Called before each view; what it raises ends the work.
+
+    Raises
+    ------
+    MeshError
+        If the scene cannot be rendered.
+    OSError
+        If a file cannot be written.
+    """
+    place = Path(folder)
+    with _failing(place, name):
+        cameras = view_cameras(scene, recipe, name)
+        units_a_code = max(camera.far for camera in cameras) / DEPTH_CODES
+    frames, annotated = [], []
+    for output in recipe.outputs:
+        if output != "coco":
+            (place / _folder(output)).mkdir(exist_ok=True)
+    with Renderer(recipe.size, quality=recipe.quality, threads=threads) as renderer:
+        for number, camera in enumerate(cameras):
+            check()
+            with _failing(place, name):
+                frame = renderer.render(
+                    scene, camera, outputs=recipe.frame_outputs(), background=recipe.background
+                )
+            try:
+                paths = _write(frame, place, number, recipe, units_a_code)
+            except ValueError as error:
+                # A depth that has no code, or the like.
+                raise MeshError(_one_line(error)) from error
+            frames.append({**paths, "transform_matrix": _pose(camera)})
+            if "coco" in recipe.outputs:
+                annotated.append((f"{_folder('color')}/{number:04d}.png", frame.object_id.copy()))
+    if annotated:
+        names = [node.name for node in scene.nodes]
+        masks.save_coco(place / "coco.json", annotated, names)
+    document = _intrinsics(cameras[0], recipe.size) | _box(scene)
+    if "depth" in recipe.outputs:
+        document |= {"enable_depth_loading": True, "integer_depth_scale": units_a_code}
+    write_json(place / DONE, {**document, "frames": frames})
+
+
+def write_json(path: Path, document: Any) -> None:
+    """Write JSON, whole or not at all."""
+    text = json.dumps(document, indent=1, ensure_ascii=False) + "\n"
+    with images.replacing(path) as temporary:
+        temporary.write_text(text, encoding="utf-8", newline="\n")
+
+
+@contextmanager
+def built_whole(output: Path, name: str) -> Iterator[Path]:
+    """Give a folder to build in; move it to ``output / name`` on success, else remove it."""
+    partial = output / f"{PARTIAL}{uuid.uuid4().hex}"
+    partial.mkdir()
+    try:
+        yield partial
+        place = output / name
+        place.parent.mkdir(parents=True, exist_ok=True)
+        if place.is_dir():
+            shutil.rmtree(place)
+        os.replace(partial, place)
+    except OSError as error:
+        # Name what was to be written, not where it was built.
+        named = str(error.filename or "").replace(str(partial), str(output / name))
+        error.filename = named or str(output / name)
+        raise
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+
+
+@contextmanager
+def _failing(source: Path, name: str) -> Iterator[None]:
+    """Turn whatever reading or rendering raises into the failure of this mesh."""
+    try:
+        yield
+    except MemoryError:
+        raise MeshError("not enough memory") from None
+    except Exception as error:
+        # The same words wherever the meshes are.
+        raise MeshError(_one_line(error).replace(str(source), name)[:LONGEST_REASON]) from error
+
+
+def _one_line(error: Exception) -> str:
+    """Return what went wrong as one line."""
+    return " ".join(str(error).split()) or type(error).__name__
+
+
+def _load(source: Path, recipe: Recipe) -> Scene:
+    """Read a mesh file; what is left out of it is no failure."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return load(source, on_invalid=recipe.on_invalid)
+
+
+def _folder(output: str) -> str:
+    """Return the name of the folder of an output."""
+    return FOLDERS.get(output, output)
+
+
+def _write(
+    frame: Frame, place: Path, number: int, recipe: Recipe, units_a_code: float
+) -> dict[str, str]:
+    """Write the files of one view; return their paths by what readers call them."""
+    paths: dict[str, str] = {}
+    for output in recipe.outputs:
+        if output == "coco":
+            continue
+        is_picture = output in ("color", "depth", "normal", "mask")
+        path = f"{_folder(output)}/{number:04d}{'.png' if is_picture else '.npz'}"
+        if output == "mask":
+            images.save_image(place / path, _mask(frame))
+        else:
+            scale = units_a_code if output == "depth" else None
+            frame.save(place / path, output, scale=scale)
+        paths |= dict.fromkeys(PATH_KEYS.get(output, (f"{output}_path",)), path)
+    return paths
+
+
+def _mask(frame: Frame) -> NDArray[np.uint8]:
+    """Return 255 where an object is, (H, W) uint8."""
+    return np.where(frame.object_id >= 0, np.uint8(255), np.uint8(0))
+
+
+def _pose(camera: PerspectiveCamera) -> list[list[float]]:
+    """Return the camera's place, ``world_from_view``: x right, y up, z backwards."""
+    return transforms.inverse(camera.view_matrix()).tolist()
+
+
+def _intrinsics(camera: PerspectiveCamera, size: tuple[int, int]) -> dict[str, Any]:
+    """Return what the views have in common; pixels have their centres at halves."""
+    width, height = size
+    focal = transforms.focal_length(camera.fov_y) * height / 2.0
+    angles = [2.0 * transforms.arc_tangent(side, 2.0 * focal) for side in size]
+    return {
+        "camera_model": "OPENCV",
+        "camera_angle_x": math.radians(angles[0]),
+        "camera_angle_y": math.radians(angles[1]),
+        "fl_x": focal,
+        "fl_y": focal,
+        "cx": width / 2.0,
+        "cy": height / 2.0,
+        "w": width,
+        "h": height,
+    }
+
+
+def _box(scene: Scene) -> dict[str, Any]:
+    """Return how instant-ngp gets the scene into its unit cube: ``scale * x + offset``."""
+    center, radius = scene.bounding_sphere()
+    scale = _rounded(0.5 / radius) if radius > 0.0 else 1.0
+    offset = [_rounded(0.5 - scale * x) for x in center.tolist()]
+    return {"aabb_scale": 1, "scale": scale, "offset": offset}
+
+
+def _rounded(value: float) -> float:
+    """Return a number that is as short to write as it need be exact."""
+    return float(f"{value:.{KEPT_DIGITS}g}")

@@ -1,0 +1,131 @@
+"""What a data set is to hold: checked once, the same for every mesh."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+from rasterjit import transforms
+from rasterjit.plan import OUTPUTS
+from rasterjit.scene.color import ColorLike, linear_color
+from rasterjit.scene.quality import Quality, check_quality
+from rasterjit.validation import bounded_number, image_size, in_short, one_of, triple
+
+LAYOUTS = ("sphere", "random", "ring")
+"""How cameras are placed."""
+
+MOST_VIEWS = 10_000
+"""Views of one mesh: their names have four digits."""
+
+MADE_OF = {"mask": "object_id", "coco": "object_id"}
+"""Outputs of a data set that no frame has, and what they are made of."""
+
+CHOICES = ("color", "depth", "normal", "mask", "coco", *OUTPUTS)
+"""Outputs that a data set can hold."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Recipe:
+    """
+    How each mesh of a data set is shown, and what is kept of it.
+
+    Parameters
+    ----------
+    views : int
+        Pictures of each mesh, 1..10000.
+    outputs : sequence of str
+        ``"color"`` (PNG, RGBA), ``"depth"`` (16-bit PNG), ``"normal"`` (16-bit PNG, world space),
+        ``"mask"`` (PNG, 255 where the mesh is), ``"coco"`` (one ``coco.json``, an annotation of
+        every object in every view), and any other output of a frame (``.npz``).
+    size : (int, int)
+        Width and height, pixels.
+    layout : {"sphere", "random", "ring"}
+        Cameras all around, evenly (a Fibonacci lattice); all around, at random; or evenly on a
+        circle.
+    seed : int
+        Of ``"random"``. Each mesh has views of its own, which depend on the seed and its name.
+    elevation : float, degrees
+        Of ``"ring"``, in -90..90.
+    fov_y : float, degrees
+        Vertical field of view.
+    up : (3,) array_like
+        Which way is up in the meshes.
+    background : color
+        As in `rasterjit.render`.
+    quality : Quality, optional
+        Default ``Quality.standard()``.
+    on_invalid : {"raise", "drop"}
+        What to do about NaN or infinite vertices: to leave out the mesh, or the faces.
+
+    Raises
+    ------
+    ValueError
+        Naming the argument that is wrong.
+    """
+
+    views: int = 24
+    outputs: Sequence[str] = ("color", "depth", "normal", "mask")
+    size: tuple[int, int] = (512, 512)
+    layout: str = "sphere"
+    seed: int = 0
+    elevation: float = 20.0
+    fov_y: float = 45.0
+    up: tuple[float, float, float] = (0.0, 1.0, 0.0)
+    background: ColorLike = "transparent"
+    quality: Quality | None = None
+    on_invalid: str = "raise"
+
+    def __post_init__(self) -> None:
+        transforms.focal_length(self.fov_y)
+        transforms.unit_vector("up", self.up)
+        checked = {
+            "views": _whole("views", self.views, 1, MOST_VIEWS),
+            "outputs": _outputs(self.outputs),
+            "size": image_size("size", self.size),
+            "layout": one_of("layout", self.layout, LAYOUTS),
+            "seed": _whole("seed", self.seed, 0, 2**63 - 1),
+            "elevation": bounded_number("elevation", self.elevation, -90.0, 90.0),
+            "fov_y": float(self.fov_y),
+            "up": triple("up", self.up),
+            "background": _color(self.background),
+            "quality": check_quality(self.quality),
+            "on_invalid": one_of("on_invalid", self.on_invalid, ("raise", "drop")),
+        }
+        for name, value in checked.items():
+            object.__setattr__(self, name, value)
+
+    def frame_outputs(self) -> tuple[str, ...]:
+        """Return the outputs that each frame is rendered with."""
+        return tuple(dict.fromkeys(MADE_OF.get(name, name) for name in self.outputs))
+
+    def describe(self) -> dict[str, Any]:
+        """Return all of it in types of JSON: equal for equal recipes."""
+        return {
+            key: list(value) if isinstance(value, tuple) else value
+            for key, value in dataclasses.asdict(self).items()
+        }
+
+
+def _whole(name: str, value: Any, low: int, high: int) -> int:
+    """Return a whole number in a range, or raise ``ValueError``."""
+    if isinstance(value, bool) or not hasattr(value, "__index__") or not low <= value <= high:
+        raise ValueError(f"{name} must be a whole number in {low}..{high}, got {in_short(value)}")
+    return int(value)
+
+
+def _outputs(names: Any) -> tuple[str, ...]:
+    """Return names of outputs without repeats, or raise ``ValueError``."""
+    given = (names,) if isinstance(names, str) else names
+    if not isinstance(given, (list, tuple, set, frozenset)) or not given:
+        raise ValueError(f"outputs must name at least one output, got {in_short(names)}")
+    for name in given:
+        one_of("outputs", name, tuple(dict.fromkeys(CHOICES)))
+    # One order, whatever that of a set is.
+    return tuple(name for name in dict.fromkeys(CHOICES) if name in given)
+
+
+def _color(value: Any) -> Any:
+    """Return a colour as it can be compared and written: a text, or a tuple of floats."""
+    linear = linear_color("background", value)
+    return value if isinstance(value, str) else tuple(linear.tolist())

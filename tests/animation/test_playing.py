@@ -1,0 +1,152 @@
+"""Frames of what moves: rendered when asked for, and everything is put back afterwards."""
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import rasterjit as rj
+from rasterjit import animation, transforms
+
+SIZE = (24, 18)
+
+
+@pytest.fixture
+def scene(cube):
+    made = rj.Scene()
+    made.add(cube)
+    made.add(cube, transforms.translate((3.0, 0.0, 0.0)))
+    return made
+
+
+@pytest.fixture(scope="module")
+def renderer():
+    with rj.Renderer(SIZE, threads=1) as made:
+        yield made
+
+
+def test_a_turntable_goes_around_once(scene):
+    turn = animation.turntable(scene, seconds=4.0, azimuth=10.0, elevation=20.0, aspect=4 / 3)
+    fitted = rj.fit_camera(
+        scene, rj.orbit_direction(100.0, 20.0), up=rj.orbit_direction(100.0, 110.0), aspect=4 / 3
+    )
+    assert turn(1.0) == fitted
+    assert turn(0.0) == turn(4.0)
+    center, _ = scene.bounding_sphere()
+    distances = [np.linalg.norm(turn(time).eye - center) for time in np.linspace(0, 4, 9)]
+    assert np.ptp(distances) < 1e-9
+
+
+def test_a_turntable_turns_around_the_axis_that_is_up(scene):
+    turn = animation.turntable(scene, up=(0, 0, 1), azimuth=0.0, elevation=30.0)
+    center, _ = scene.bounding_sphere()
+    eyes = np.array([turn(time).eye for time in (0.0, 0.25, 0.5)]) - center
+    assert np.ptp(eyes[:, 2]) < 1e-9
+    assert eyes[0, 1] < 0 < eyes[2, 1]
+    assert eyes[1, 0] > 0
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"seconds": 0.0}, "seconds must be above 0"),
+        ({"azimuth": np.inf}, "azimuth must be finite"),
+        ({"elevation": 91.0}, "elevation must be in"),
+        ({"up": (0, 0, 0)}, "up must"),
+        ({"zoom": -1.0}, "zoom must"),
+        ({"projection": "fisheye"}, "projection must"),
+    ],
+)
+def test_a_wrong_turntable_is_refused_at_once(scene, options, message):
+    with pytest.raises(ValueError, match=message):
+        animation.turntable(scene, **options)
+
+
+def test_frames_are_what_render_gives_at_each_time(scene, renderer):
+    turn = animation.turntable(scene, aspect=4 / 3)
+    drop = animation.TransformTrack((0, 1), [np.eye(4), transforms.translate((0, -2, 0))])
+    node, times = scene.nodes[0], (0.0, 0.3, 0.9)
+    played = list(animation.frames(renderer, scene, times, camera=turn, transforms={node: drop}))
+    for time, frame in zip(times, played, strict=True):
+        still = rj.Scene()
+        still.add(node.mesh, drop(time))
+        still.add(node.mesh, scene.nodes[1].world_from_model)
+        expected = rj.render(still, turn(time), size=SIZE, threads=1)
+        assert np.array_equal(frame.color, expected.color)
+    assert len({frame.color.tobytes() for frame in played}) == 3
+
+
+def test_a_morph_is_drawn(scene, renderer, cube, camera):
+    track = animation.MorphTrack((0, 1), cube, [cube.vertices, 0.3 * cube.vertices])
+    full, small = animation.frames(
+        renderer, scene, (0, 1), camera=camera, meshes={scene.nodes[0]: track},
+        outputs=("object_id",),
+    )  # fmt: skip
+    assert (small.object_id == 0).sum() < (full.object_id == 0).sum()
+
+
+def test_everything_is_put_back_whatever_happens(scene, renderer, camera, cube):
+    node = scene.nodes[0]
+    place, mesh = node.world_from_model, node.mesh
+
+    def track(time):
+        if time > 1:
+            raise RuntimeError("no further")
+        return transforms.translate((time, 0, 0))
+
+    options = {"camera": camera, "transforms": {node: track}, "meshes": {node: lambda t: cube}}
+    playing = animation.frames(renderer, scene, (0.5, 1, 2), **options)
+    next(playing)
+    assert node.world_from_model[0, 3] == 0.5
+    with pytest.raises(RuntimeError, match="no further"):
+        list(playing)
+    assert node.world_from_model is place or np.array_equal(node.world_from_model, place)
+    assert node.mesh is mesh
+    playing = animation.frames(renderer, scene, (0.5,), **options)
+    next(playing)
+    playing.close()
+    assert np.array_equal(node.world_from_model, place)
+
+
+def test_no_frame_is_rendered_before_it_is_asked_for(scene, renderer, camera):
+    asked = []
+    playing = animation.frames(
+        renderer, scene, range(10**9), camera=lambda time: asked.append(time) or camera
+    )
+    next(playing), next(playing)
+    assert asked == [0, 1]
+
+
+def test_frames_and_arrays_are_saved_alike(tmp_path, scene, renderer):
+    turn = animation.turntable(scene, aspect=4 / 3)
+    frames = list(animation.frames(renderer, scene, (0, 0.25, 0.5), camera=turn))
+    animation.save(frames, tmp_path / "a.apng", fps=5)
+    animation.save([frame.color for frame in frames], tmp_path / "b.apng", fps=5)
+    assert (tmp_path / "a.apng").read_bytes() == (tmp_path / "b.apng").read_bytes()
+    with Image.open(tmp_path / "a.apng") as read:
+        for number, frame in enumerate(frames):
+            read.seek(number)
+            assert np.array_equal(np.array(read.convert("RGBA")), frame.color)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"transforms": {"cube": lambda time: np.eye(4)}}, "nodes of the scene"),
+        ({"meshes": {rj.Node(rj.Mesh(np.eye(3), [[0, 1, 2]]), np.eye(4), "x"): len}}, "nodes of"),
+    ],
+)
+def test_nodes_of_another_scene_are_refused_at_once(scene, renderer, options, message):
+    with pytest.raises(ValueError, match=message):
+        animation.frames(renderer, scene, (0,), **options)
+
+
+def test_what_is_no_function_of_time_is_refused_at_once(scene, renderer):
+    with pytest.raises(ValueError, match="functions of time"):
+        animation.frames(renderer, scene, (0,), transforms={scene.nodes[0]: np.eye(4)})
+
+
+def test_a_frame_without_colour_cannot_be_saved(tmp_path, scene, renderer, camera):
+    frames = animation.frames(renderer, scene, (0,), camera=camera, outputs=("depth",))
+    with pytest.raises(rj.OutputNotRequestedError, match="color was not rendered"):
+        animation.save(frames, tmp_path / "a.gif")
+    assert list(tmp_path.iterdir()) == []
