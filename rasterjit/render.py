@@ -389,8 +389,8 @@ class Renderer:
         """Find the face at every pixel; ``views`` are those of the plan's camera, where known."""
         camera, workers, arrays = plan.camera, self._workers, prepared.shapes.arrays
         if views is None:
-            views = plan_views.view_places(prepared.places, camera, self.size)
-        viewport = planning.viewport_of(self.size, plan.quality.subpixel_bits)
+            views = plan_views.view_places(prepared.places, camera, plan.size)
+        viewport = planning.viewport_of(plan.size, plan.quality.subpixel_bits, plan.region)
         objects = plan_views.cull_objects(
             plan.cull, views, arrays.face_starts, prepared.looks.is_single_sided
         )
