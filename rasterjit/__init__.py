@@ -18,6 +18,7 @@ from rasterjit.explanation import PixelExplanation
 from rasterjit.frame import Choice, Frame, OutputNotRequestedError, Stats
 from rasterjit.framebuffer import Framebuffer
 from rasterjit.io.meshes import load
+from rasterjit.many import render_many
 from rasterjit.measurement import Measurement, measure
 from rasterjit.pipeline import Pipeline
 from rasterjit.pixel import explain_pixel
@@ -86,6 +87,7 @@ __all__ = [
     "Visibility",
     "Wireframe",
     "accuracy",
+    "distributed",
     "explain",
     "explain_pixel",
     "fit_camera",
@@ -95,6 +97,7 @@ __all__ = [
     "orbit_direction",
     "rasterize",
     "render",
+    "render_many",
     "transforms",
 ]
 
@@ -105,6 +108,6 @@ def __dir__() -> list[str]:
 
 def __getattr__(name: str) -> ModuleType:
     """Load what rendering needs nothing of when it is first named."""
-    if name in ("accuracy", "oracle"):
+    if name in ("accuracy", "distributed", "oracle"):
         return import_module(f"rasterjit.{name}")
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -147,13 +147,18 @@ def choose_camera(scene: Scene, camera: Camera | None, size: tuple[int, int]) ->
         camera = scene.camera
     if camera is None:
         return fit_camera(scene, aspect=size[0] / size[1])
+    return check_camera("camera", camera)
+
+
+def check_camera(name: str, camera: Any) -> Camera:
+    """Return a camera, or raise ``ValueError`` naming what is none."""
     known = PerspectiveCamera, OrthographicCamera, MatrixCamera
     # A protocol takes 20 microseconds to look for its methods.
     if not isinstance(camera, known) and (
         isinstance(camera, type) or not isinstance(camera, Camera)
     ):
         raise ValueError(
-            "camera must be a PerspectiveCamera, OrthographicCamera or MatrixCamera, got "
+            f"{name} must be a PerspectiveCamera, OrthographicCamera or MatrixCamera, got "
             f"{type(camera).__name__}"
         )
     return camera
