@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Iterator
+from concurrent.futures import CancelledError
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
@@ -21,8 +22,11 @@ LOOK_EVERY = 1.0
 RECONNECT_WITHIN = 10.0
 """Seconds that a client may take to find its scheduler again."""
 
-CLOSE_WITHIN = 20.0
-"""Seconds that a cluster of our own has to end."""
+CONNECT_WITHIN = 20.0
+"""Seconds that a client takes to find a cluster of our own."""
+
+WORKER_WITHIN = 60.0
+"""Seconds that a cluster has to start its first worker."""
 
 
 def require_dask() -> Any:
@@ -69,7 +73,7 @@ def connected(client: Client | None) -> Iterator[Client]:
             n_workers=available_processors(), threads_per_worker=1, processes=True,
             dashboard_address=":0",
         ) as cluster,
-        distributed.Client(cluster, timeout=CLOSE_WITHIN) as own,
+        distributed.Client(cluster, timeout=CONNECT_WITHIN) as own,
     ):  # fmt: skip
         LOGGER.info("dashboard: %s", own.dashboard_link)
         yield own
@@ -91,35 +95,51 @@ def result_of(future: Future, client: Client) -> Any:
         What the task raises.
     """
     distributed = require_dask()
-    lost_since: float | None = None
-    address = client.scheduler.address if client.scheduler is not None else "?"
+    address, lost_since = address_of(client), None
     while True:
         try:
-            distributed.wait([future], timeout=LOOK_EVERY)
-        except TimeoutError:
-            pass
-        except Exception as error:
-            # Of a client without a scheduler, waiting fails in several ways.
-            if client.status == "running":
+            return future.result(timeout=LOOK_EVERY)
+        except distributed.KilledWorker as error:
+            raise RuntimeError(
+                "a task lost one worker after the other, which mostly means that they had too "
+                f"little memory (see the workers' memory limit): {error}"
+            ) from None
+        except (TimeoutError, CancelledError):
+            if client.status == "running" and future.status != "pending":
                 raise
-            LOGGER.debug("waiting failed: %r", error)
-        if client.status != "running":
-            now = time.monotonic()
-            lost_since = now if lost_since is None else lost_since
-            if client.status in ("closed", "closing") or now - lost_since > RECONNECT_WITHIN:
-                raise ConnectionError(
-                    f"the Dask scheduler at {address} is lost, and what it held with it: start it "
-                    "again, connect a new client, and render again"
-                )
-            time.sleep(min(LOOK_EVERY, 0.2))
+        # A client that lost its scheduler looks for it again for a while.
+        if client.status == "running":
+            lost_since = None
             continue
-        lost_since = None
-        if future.status != "pending":
-            break
+        lost_since = lost_since or time.monotonic()
+        is_over = client.status in ("closed", "closing")
+        if is_over or time.monotonic() - lost_since > RECONNECT_WITHIN:
+            raise ConnectionError(
+                f"the Dask scheduler at {address} is lost, and what it held with it: start it "
+                "again, connect a new client, and render again"
+            )
+        time.sleep(LOOK_EVERY / 5.0)
+
+
+def send(data: Any, client: Client) -> Future:
+    """
+    Send data to every worker that is there; later ones take it from those.
+
+    Raises
+    ------
+    ConnectionError
+        If no worker comes.
+    """
     try:
-        return future.result(timeout=RECONNECT_WITHIN + LOOK_EVERY)
-    except distributed.KilledWorker as error:
-        raise RuntimeError(
-            "a task lost one worker after the other, which mostly means that they had too little "
-            f"memory (see the workers' memory limit): {error}"
+        (sent,) = client.scatter([data], broadcast=True, hash=False, timeout=WORKER_WITHIN)
+    except TimeoutError:
+        raise ConnectionError(
+            f"no worker came to the Dask scheduler at {address_of(client)} in {WORKER_WITHIN:g} s: "
+            "start one (dask worker ADDRESS), or give an adaptive cluster a minimum of 1"
         ) from None
+    return sent
+
+
+def address_of(client: Client) -> str:
+    """Return where a client's scheduler is, or was."""
+    return "?" if client.scheduler is None else client.scheduler.address

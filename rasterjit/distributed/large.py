@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.distributed.clusters import check_client, result_of
+from rasterjit.distributed.clusters import check_client, result_of, send
 from rasterjit.io.images import checked_path, replacing
 from rasterjit.plan import Region
 from rasterjit.regions import RegionRenderer, Survey, regions_of
@@ -151,7 +151,7 @@ class TileFarm:
     def _send(self, more: tuple[Any, ...]) -> None:
         """Send the scene, and what else all tasks need, to every worker."""
         data = (*self._task, *more)
-        (self._sent,) = self._client.scatter([data], broadcast=True, hash=False)
+        self._sent = send(data, self._client)
 
     def _begin(self, function: Callable[..., Any], region: Region) -> Any:
         """Begin a tile."""

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from numpy.typing import NDArray
 
 from rasterjit import plan as planning
-from rasterjit.distributed.clusters import check_client, result_of
+from rasterjit.distributed.clusters import check_client, result_of, send
 from rasterjit.frame import Frame, Stats
 from rasterjit.plan import RenderPlan
 from rasterjit.render import Renderer
@@ -139,7 +139,7 @@ class Farm:
                 f"all workers that held the scene were lost, {MOST_ATTEMPTS} times: see their "
                 "logs, and their memory limit"
             )
-        (self._sent,) = self._client.scatter([self._scene], broadcast=True, hash=False)
+        self._sent = send(self._scene, self._client)
 
 
 def farm_out(

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rasterjit.distributed import layers
-from rasterjit.distributed.clusters import LOGGER, connected, require_dask, result_of
+from rasterjit.distributed.clusters import LOGGER, connected, require_dask, result_of, send
 from rasterjit.frame import Frame
 from rasterjit.render import check_camera
 from rasterjit.scene.camera import Camera
@@ -137,7 +137,7 @@ def _render_once(
     """Send what is here, draw and merge."""
     import dask
 
-    shared = client.scatter([setting], broadcast=True, hash=False)[0]
+    shared = send(setting, client)
     held = [n for n, part in enumerate(parts) if isinstance(part, (Mesh, tuple, list))]
     sent = dict(zip(held, _scatter([parts[n] for n in held], client), strict=True))
     draw = dask.delayed(layers.draw_layer, pure=False)
