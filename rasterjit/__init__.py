@@ -18,6 +18,7 @@ from rasterjit.explanation import PixelExplanation
 from rasterjit.frame import Choice, Frame, LayeredFrame, OutputNotRequestedError, Stats
 from rasterjit.framebuffer import Framebuffer
 from rasterjit.io.meshes import load
+from rasterjit.many import render_many
 from rasterjit.measurement import Measurement, measure
 from rasterjit.peeling import render_layers
 from rasterjit.pipeline import Pipeline
@@ -93,6 +94,7 @@ __all__ = [
     "animation",
     "cameras",
     "dataset",
+    "distributed",
     "explain",
     "explain_pixel",
     "fit_camera",
@@ -104,9 +106,13 @@ __all__ = [
     "rasterize",
     "render",
     "render_layers",
+    "render_many",
     "show",
     "transforms",
 ]
+
+_MODULES = ("accuracy", "animation", "cameras", "dataset", "distributed", "masks", "oracle")
+"""Those that are loaded when they are first named."""
 
 
 def __dir__() -> list[str]:
@@ -117,6 +123,6 @@ def __getattr__(name: str) -> Any:
     """Load what rendering needs nothing of when it is first named."""
     if name == "show":
         return import_module("rasterjit.showing").show
-    if name in ("accuracy", "animation", "cameras", "dataset", "masks", "oracle"):
+    if name in _MODULES:
         return import_module(f"rasterjit.{name}")
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,8 +19,15 @@ class Sky(NamedTuple):
     rays: NDArray[np.float64]
     """(3, 3): direction at the middle of the frame, and its change with x and y."""
     size: tuple[int, int]
-    """Width and height of the frame, pixels."""
+    """Width and height of the whole frame, pixels."""
     environment: Environment
+    corner: tuple[int, int] = (0, 0)
+    """Column and row of the first pixel that is drawn, in the whole frame."""
+
+    def from_row(self, first_row: int) -> tuple[Any, ...]:
+        """Return what the kernel takes to show it from a row of what is drawn on."""
+        left, top = self.corner
+        return (left, top + first_row), self.rays, self.size, self.environment
 
 
 def show_environment(
@@ -53,7 +60,7 @@ def show_environment(
     def show_band(first: int) -> None:
         band = slice(first, min(first + per_task, height))
         backgrounds.show_environment(
-            face_id[band], first, *sky, encoding, linear[band], packed[band]
+            face_id[band], *sky.from_row(first), encoding, linear[band], packed[band]
         )
 
     workers.run(show_band, [(first,) for first in range(0, height, per_task)])

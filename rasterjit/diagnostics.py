@@ -207,7 +207,7 @@ def _ranges(
         with np.errstate(over="ignore"):
             nearest, farthest = np.float32(camera.view_depth(ends)).tolist()
     else:
-        metric = metric_depth(depth_format, camera, coverage)[seen]
+        metric = metric_depth(depth_format, camera, coverage, seen.shape[::-1])[seen]
         nearest, farthest = float(metric.min()), float(metric.max())
     return (nearest, farthest), (float(ends[1]), float(ends[0]))
 

@@ -39,7 +39,9 @@ def fill_buffers(
     shapes, face_id = prepared.shapes, coverage.face_id
     result["face_id"] = face_id
     if "depth" in plan.outputs:
-        result["depth"] = metric_depth(plan.depth_format, plan.camera, coverage)
+        result["depth"] = metric_depth(
+            plan.depth_format, plan.camera, coverage, plan.size, plan.corner
+        )
     if "barycentric" in plan.outputs:
         result["barycentric"] = stages.fill_barycentric(face_id, geometry, workers)
     if "uv" in plan.outputs:

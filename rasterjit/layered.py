@@ -117,7 +117,7 @@ class Shader(NamedTuple):
         if self.sky is not None:
             no_color = np.empty((len(linear), 0), np.uint32)
             backgrounds.show_environment(
-                faces, first_row, *self.sky, self.encoding, linear, no_color
+                faces, *self.sky.from_row(first_row), self.encoding, linear, no_color
             )
 
     def backdrop(
@@ -132,7 +132,9 @@ class Shader(NamedTuple):
         linear = memory.empty((*shape, 4), np.float32)
         nothing = np.full((height, width), -1, np.int32)
         no_color = np.empty((height, 0), np.uint32)
-        backgrounds.show_environment(nothing, first_row, *self.sky, self.encoding, linear, no_color)
+        backgrounds.show_environment(
+            nothing, *self.sky.from_row(first_row), self.encoding, linear, no_color
+        )
         return np.ascontiguousarray(linear.transpose(0, 2, 1))
 
     def _coded_backdrop(
@@ -184,7 +186,7 @@ class Shader(NamedTuple):
         if self.sky is not None:
             no_linear = np.empty((len(color), 0, 4), np.float32)
             backgrounds.show_environment(
-                faces, first_row, *self.sky, self.encoding, no_linear, color
+                faces, *self.sky.from_row(first_row), self.encoding, no_linear, color
             )
 
 

@@ -115,7 +115,7 @@ def find_sky(plan: RenderPlan) -> Sky | None:
     if plan.backdrop is None:
         return None
     rays = background_rays(plan.camera, plan.size)
-    return Sky(rays, plan.size, backdrop_record(plan.backdrop))
+    return Sky(rays, plan.size, backdrop_record(plan.backdrop), plan.corner)
 
 
 def find_lighting(
@@ -138,7 +138,11 @@ def find_lighting(
         lighting = lighting._replace(environment=environment)
     # Draw the shadow maps.
     if plan.casts_shadows:
-        shadows = find_shadows(plan, prepared, geometry, placement, coverage, workers)
+        if plan.shadow_maps is not None:
+            (shadows,) = plan.shadow_maps
+        else:
+            seen = see_receivers(plan, coverage, placement, workers)
+            shadows = find_shadows(plan, prepared, placement, seen, workers)
         lighting = lighting._replace(shadows=shadows)
     # Find how much ambient light reaches each pixel.
     if plan.ambient_occlusion is not None:
@@ -149,12 +153,20 @@ def find_lighting(
     return lighting
 
 
+def see_receivers(
+    plan: RenderPlan, coverage: stages.Coverage, placement: Placement, workers: stages.Workers
+) -> shadow_cells.SeenDepth:
+    """Return what shadow maps are fitted to, as far as the depth of a picture tells."""
+    is_open = plan.layers is not None and not plan.layers.has_blended
+    faces = int(placement.face_starts[-1]) if is_open else None
+    return shadow_cells.see_depth(coverage, workers, faces)
+
+
 def find_shadows(
     plan: RenderPlan,
     prepared: Prepared,
-    geometry: Geometry,
     placement: Placement,
-    coverage: stages.Coverage,
+    seen: shadow_cells.SeenDepth,
     workers: stages.Workers,
     more_cells: Sequence[NDArray[np.float64]] = (),
 ) -> Shadows | None:
@@ -171,7 +183,7 @@ def find_shadows(
     is_open = plan.in_view & (plan.layers is not None)
     if plan.layers is not None and not plan.layers.has_blended:
         boxes = place_boxes(prepared.shapes.boxes, placement.relative_from_model)
-        is_open &= shadow_cells.missed_objects(plan.camera, boxes, placement.face_starts, coverage)
+        is_open &= shadow_cells.missed_objects(plan.camera, boxes, placement.face_starts, seen)
     vertices = stages.ModelVertices(
         arrays.positions, arrays.vertex_starts, placement.relative_from_model, np.eye(4)
     )
@@ -181,12 +193,7 @@ def find_shadows(
     scenery = shadow_maps.scenery_of(
         vertices, arrays.faces, placement, prepared.shapes.boxes, ~grounds.facts.is_see_through,
         is_whole, is_open,
-        np.concatenate(
-            [
-                shadow_cells.seen_cells(plan.camera, geometry, coverage.reversed_depth, workers),
-                *more_cells,
-            ]
-        ),
+        np.concatenate([shadow_cells.seen_cells(plan.camera, seen), *more_cells]),
         plan.camera, plan.size, cutouts,
     )  # fmt: skip
     lights = [light for light in plan.lights.lights if not isinstance(light, AmbientLight)]

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit import transforms
-from rasterjit.kernels.records import Encoding, Lighting, Viewport
+from rasterjit.kernels.records import Encoding, Lighting, Shadows, Viewport
 from rasterjit.kernels.resolve import encoding_table
 from rasterjit.kernels.setup import GUARD_PIXELS
 from rasterjit.plan_atmosphere import check_atmosphere, fog_record, is_fog_in_reach, tone_record
@@ -42,7 +42,7 @@ from rasterjit.scene.light import (
 from rasterjit.scene.outline import Outline
 from rasterjit.scene.quality import Quality, differences
 from rasterjit.scene.scene import Node, Scene, Wireframe, meshes_of
-from rasterjit.validation import image_size, one_of
+from rasterjit.validation import one_of, whole_size
 
 OUTPUTS = (
     "color", "depth", "face_id", "object_id", "barycentric", "uv", "normal", "position", "linear",
@@ -64,6 +64,15 @@ HEADLIGHT_DIRECTION = (-0.3, -0.5, -1.0)
 HEADLIGHT_INTENSITY = 0.9
 HEADLIGHT_AMBIENT = 0.1
 """The default light's two parts add up to 1, so a white surface facing it is white."""
+
+
+class Region(NamedTuple):
+    """A part of a picture, pixels."""
+
+    left: int
+    top: int
+    width: int
+    height: int
 
 
 @dataclass(frozen=True)
@@ -116,6 +125,15 @@ class RenderPlan:
     """What the scene was seen like before; ``None`` -> nobody asks."""
     surfaces: int | None = None
     """How many surfaces of each pixel are found, the nearest ones; ``None`` -> one, as always."""
+    region: Region | None = None
+    """The part of the picture that is drawn; ``None`` -> all of it."""
+    shadow_maps: tuple[Shadows | None, ...] | None = None
+    """Those that are drawn already, for each step of pictures; ``None`` -> none are."""
+
+    @property
+    def corner(self) -> tuple[int, int]:
+        """Column and row, in the whole picture, of the first pixel that is drawn."""
+        return (0, 0) if self.region is None else self.region[:2]
 
     @cached_property
     def effects(self) -> tuple[Effect, ...]:
@@ -247,7 +265,7 @@ def plan_render(
     ValueError
         Naming the argument that is wrong.
     """
-    size = image_size("size", size)
+    size = whole_size("size", size, quality.subpixel_bits)
     outputs = check_outputs(outputs)
     one_of("cull", cull, CULL_MODES)
     if not isinstance(diagnose, bool):
@@ -419,16 +437,23 @@ def check_outputs(outputs: Sequence[str]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(outputs))
 
 
-def viewport_of(size: tuple[int, int], subpixel_bits: int) -> Viewport:
-    """Return the viewport record of an image (width, height), with its guard band."""
+def viewport_of(
+    size: tuple[int, int], subpixel_bits: int, region: Region | None = None
+) -> Viewport:
+    """Return the viewport record of an image (width, height), or of a part, with its guard band."""
     width, height = size
+    left, top, columns, rows = region or (0, 0, width, height)
     return Viewport(
-        width,
-        height,
+        columns,
+        rows,
         1.0 + 2.0 * GUARD_PIXELS / width,
         1.0 + 2.0 * GUARD_PIXELS / height,
         subpixel_bits,
         max(subpixel_bits, 1),
+        left=left,
+        top=top,
+        right=width - left - columns,
+        bottom=height - top - rows,
     )
 
 

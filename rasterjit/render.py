@@ -158,13 +158,18 @@ def choose_camera(scene: Scene, camera: Camera | None, size: tuple[int, int]) ->
         camera = scene.camera
     if camera is None:
         return fit_camera(scene, aspect=size[0] / size[1])
+    return check_camera("camera", camera)
+
+
+def check_camera(name: str, camera: Any) -> Camera:
+    """Return a camera, or raise ``ValueError`` naming what is none."""
     known = PerspectiveCamera, OrthographicCamera, MatrixCamera
     # A protocol takes 20 microseconds to look for its methods.
     if not isinstance(camera, known) and (
         isinstance(camera, type) or not isinstance(camera, Camera)
     ):
         raise ValueError(
-            "camera must be a PerspectiveCamera, OrthographicCamera or MatrixCamera, got "
+            f"{name} must be a PerspectiveCamera, OrthographicCamera or MatrixCamera, got "
             f"{type(camera).__name__}"
         )
     return camera
@@ -472,8 +477,8 @@ class Renderer:
         """Find the face at every pixel; ``views`` are those of the plan's camera, where known."""
         camera, workers, arrays = plan.camera, self._workers, prepared.shapes.arrays
         if views is None:
-            views = plan_views.view_places(prepared.places, camera, self.size)
-        viewport = planning.viewport_of(self.size, plan.quality.subpixel_bits)
+            views = plan_views.view_places(prepared.places, camera, plan.size)
+        viewport = planning.viewport_of(plan.size, plan.quality.subpixel_bits, plan.region)
         objects = plan_views.cull_objects(
             plan.cull, views, arrays.face_starts, prepared.looks.is_single_sided
         )

@@ -65,24 +65,29 @@ def _reversed_vertices(
 
 
 def metric_depth(
-    depth_format: DepthFormat, camera: Camera, coverage: stages.Coverage
+    depth_format: DepthFormat,
+    camera: Camera,
+    coverage: stages.Coverage,
+    size: tuple[int, int],
+    corner: tuple[int, int] = (0, 0),
 ) -> NDArray[np.float32]:
     """
     Return the depth in scene units along the viewing axis; ``inf`` where nothing is.
 
-    What the depth format holds: infinite beyond its last step before an infinite far plane.
+    What the depth format holds: infinite beyond its last step before an infinite far plane. Takes
+    the size of the whole picture, and column and row of the first pixel of this part of it.
     """
     depth = np.full(coverage.depth.shape, np.inf, np.float32)
-    height, width = depth.shape
-    rows = max(1, SAMPLES_AT_ONCE // width)
-    for row in range(0, height, rows):
+    (width, height), (left, top) = size, corner
+    rows = max(1, SAMPLES_AT_ONCE // depth.shape[1])
+    for row in range(0, len(depth), rows):
         band = slice(row, row + rows)
         seen = coverage.face_id[band] >= 0
         stored = coverage.depth[band][seen]
         if not depth_format.is_reversed:
             down, across = np.nonzero(seen)
-            x = (2.0 * across + 1.0) / width - 1.0
-            y = 1.0 - (2.0 * (row + down) + 1.0) / height
+            x = (2.0 * (left + across) + 1.0) / width - 1.0
+            y = 1.0 - (2.0 * (top + row + down) + 1.0) / height
             stored = depth_format.reversed_depth(stored, x, y)
         with np.errstate(over="ignore"):
             depth[band][seen] = camera.view_depth(stored)

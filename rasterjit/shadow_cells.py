@@ -7,12 +7,14 @@ the centres of pixels, the boxes around the objects do.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit import stages, transforms
 from rasterjit.kernels import shadow_receivers
-from rasterjit.kernels.records import Geometry
 from rasterjit.plan_boxes import CORNERS
 from rasterjit.scene.camera import Camera, clip_from_relative, screen_from_relative
 
@@ -20,17 +22,84 @@ Float64 = NDArray[np.float64]
 Counts = NDArray[np.int64]
 
 
-def seen_cells(
-    camera: Camera, geometry: Geometry, depth: NDArray[np.float32], workers: stages.Workers
-) -> Float64:
+class SeenDepth(NamedTuple):
+    """What the depth of a picture tells of where its faces are, a value for each of R x C cells."""
+
+    size: tuple[int, int]
+    """Width and height of the picture, pixels."""
+    lowest: NDArray[np.float32]
+    """(R, C), stored depth of the farthest face; inf for none."""
+    highest: NDArray[np.float32]
+    """(R, C), of the nearest face; -inf for none."""
+    farthest: NDArray[np.float32] | None = None
+    """(R, C), the same as ``lowest``, but -inf where any pixel is empty; ``None``: nobody asks."""
+    is_shown: NDArray[np.bool_] | None = None
+    """(F+1,), whether a pixel shows a face; the last is for empty pixels. ``None``: nobody asks."""
+
+
+def see_depth(
+    coverage: stages.Coverage, workers: stages.Workers, faces: int | None = None
+) -> SeenDepth:
+    """
+    Return what the depth of a picture tells.
+
+    ``faces`` is their number in the scene, where objects that no pixel shows are looked for.
+    """
+    depth = coverage.reversed_depth
+    height, width = depth.shape
+    lowest, highest = find_depth_ranges(depth, workers)
+    if faces is None:
+        return SeenDepth((width, height), lowest, highest)
+    is_shown = np.zeros(faces + 1, bool)
+    # What is -1 marks the place behind the last face.
+    is_shown[coverage.face_id] = True
+    side = shadow_receivers.CELL
+    rows, columns = np.arange(0, height, side), np.arange(0, width, side)
+    farthest = np.minimum.reduceat(np.minimum.reduceat(depth, rows, axis=0), columns, axis=1)
+    return SeenDepth((width, height), lowest, highest, farthest, is_shown)
+
+
+def join_depths(
+    size: tuple[int, int], parts: Sequence[tuple[tuple[int, int], SeenDepth]]
+) -> SeenDepth:
+    """
+    Return what the depth of a picture tells from that of its parts.
+
+    Parameters
+    ----------
+    size : (int, int)
+        Width and height of the whole, pixels.
+    parts : sequence of ((int, int), SeenDepth)
+        Column and row of the first pixel of each, multiples of ``shadow_receivers.CELL``, and what
+        it tells. Together they are the whole.
+    """
+    side = shadow_receivers.CELL
+    shape = -(-size[1] // side), -(-size[0] // side)
+    first = parts[0][1]
+    joined = {
+        name: np.empty(shape, np.float32)
+        for name in ("lowest", "highest", "farthest")
+        if getattr(first, name) is not None
+    }
+    for (left, top), part in parts:
+        column, row = left // side, top // side
+        for name, values in joined.items():
+            own = getattr(part, name)
+            values[row : row + own.shape[0], column : column + own.shape[1]] = own
+    is_shown = first.is_shown
+    if is_shown is not None:
+        is_shown = np.logical_or.reduce([part.is_shown for _, part in parts])
+    return SeenDepth(size, **joined, is_shown=is_shown)
+
+
+def seen_cells(camera: Camera, seen: SeenDepth) -> Float64:
     """
     Return the corners, (N, 8, 3), of cells that hold all that is seen.
 
     In world axes, relative to the eye; each cell holds what some neighbouring pixels show.
     """
-    viewport = geometry.viewport
-    screen = screen_from_relative(camera, (viewport.width, viewport.height))
-    lowest, highest = find_depth_ranges(depth, workers)
+    (width, height), lowest, highest = seen[:3]
+    screen = screen_from_relative(camera, (width, height))
     rows, columns = np.nonzero(lowest <= highest)
     try:
         relative_from_screen = transforms.inverse(screen)
@@ -40,10 +109,10 @@ def seen_cells(
     side = shadow_receivers.CELL
     corners = np.empty((len(rows), 8, 3))
     for n in range(8):
-        x = np.minimum((columns + (n & 1)) * side, viewport.width)
-        y = np.minimum((rows + (n >> 1 & 1)) * side, viewport.height)
-        corners[:, n, 0] = 2.0 * x / viewport.width - 1.0
-        corners[:, n, 1] = 1.0 - 2.0 * y / viewport.height
+        x = np.minimum((columns + (n & 1)) * side, width)
+        y = np.minimum((rows + (n >> 1 & 1)) * side, height)
+        corners[:, n, 0] = 2.0 * x / width - 1.0
+        corners[:, n, 1] = 1.0 - 2.0 * y / height
         corners[:, n, 2] = (highest if n >> 2 & 1 else lowest)[rows, columns]
     points = _projected(relative_from_screen, corners)
     return points[np.isfinite(points).all(axis=(1, 2))]
@@ -81,7 +150,7 @@ def view_cells(camera: Camera, size: tuple[int, int], boxes: Float64) -> Float64
 
 
 def missed_objects(
-    camera: Camera, boxes: Float64, face_starts: NDArray[np.int64], coverage: stages.Coverage
+    camera: Camera, boxes: Float64, face_starts: NDArray[np.int64], seen: SeenDepth
 ) -> NDArray[np.bool_]:
     """
     Tell of each object, (O,), whether no centre of a pixel shows it, and nothing surely hides it.
@@ -89,19 +158,13 @@ def missed_objects(
     An object all around the eye counts as hidden. Takes boxes (O, 8, 3) in world axes, relative to
     the eye, and the first face of each object.
     """
-    face_id, depth = coverage.face_id, coverage.reversed_depth
-    is_shown = np.zeros(int(face_starts[-1]) + 1, bool)
-    # What is -1 marks the place behind the last face.
-    is_shown[face_id] = True
-    counts = np.concatenate(([0], np.cumsum(is_shown[:-1])))
+    (width, height), farthest = seen.size, seen.farthest
+    counts = np.concatenate(([0], np.cumsum(seen.is_shown[:-1])))
     is_missed = counts[face_starts[1:]] == counts[face_starts[:-1]]
-    height, width = depth.shape
     screen, some = screen_from_relative(camera, (width, height)), np.flatnonzero(is_missed)
     points = _projected(screen, boxes[some])
     is_ahead = (_times(screen[3:], boxes[some])[..., 0] > 0.0).all(axis=1)
-    side = shadow_receivers.CELL
-    rows, columns = np.arange(0, height, side), np.arange(0, width, side)
-    farthest = np.minimum.reduceat(np.minimum.reduceat(depth, rows, axis=0), columns, axis=1)
+    side, (rows, columns) = shadow_receivers.CELL, farthest.shape
     with np.errstate(invalid="ignore"):
         x = (points[..., 0] + 1.0) * (width / 2.0)
         y = (1.0 - points[..., 1]) * (height / 2.0)
@@ -109,8 +172,8 @@ def missed_objects(
         ends = [
             np.clip(np.nan_to_num((place + by) // side), 0, count - 1).astype(np.int64)
             for place, by, count in (
-                (y.min(axis=1), -1.0, len(rows)), (y.max(axis=1), 1.0, len(rows)),
-                (x.min(axis=1), -1.0, len(columns)), (x.max(axis=1), 1.0, len(columns)),
+                (y.min(axis=1), -1.0, rows), (y.max(axis=1), 1.0, rows),
+                (x.min(axis=1), -1.0, columns), (x.max(axis=1), 1.0, columns),
             )
         ]  # fmt: skip
         # Around the eye lies what is large: what of it no centre shows is not worth its size.

@@ -18,7 +18,7 @@ References
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -191,15 +191,18 @@ def shade_faces(
         accumulation.sums = workers.memory.empty((*seen.coverage.face_id.shape, 4), np.float64)
         accumulation.sums.fill(0.0)
     # In the same steps for any number of pictures: those of one step share shadow maps.
-    for count in _counts(plan.pictures):
+    counts = _counts(plan.pictures)
+    for count in counts:
         new = offsets[accumulation.count : count]
         shadows = None
-        if plan.casts_shadows and new:
+        if plan.shadow_maps is not None:
+            shadows = plan.shadow_maps[counts.index(count)]
+        elif plan.casts_shadows and new:
             shadows = _find_shadows(plan, prepared, seen, new, find, workers)
             clock("shade, resolve")
         picture = _plan_picture(plan, shadows)
         for offset in new:
-            drawn = _draw_picture(_moved(picture, offset), prepared, find, workers)
+            drawn = _draw_picture(moved(picture, offset), prepared, find, workers)
             clock("shade, resolve")
             add(drawn, accumulation.sums, workers)
             # So that the next picture takes its memory.
@@ -254,7 +257,7 @@ def _draw_picture(
     return shown[plan.outputs[0]]
 
 
-def _moved(plan: RenderPlan, offset: Offset) -> RenderPlan:
+def moved(plan: RenderPlan, offset: Offset) -> RenderPlan:
     """Return the plan of a picture that shows what lies beside the centres of pixels."""
     return replace(plan, camera=MovedCamera(plan.camera, offset))
 
@@ -291,15 +294,29 @@ def _find_shadows(
     workers: stages.Workers,
 ) -> Shadows | None:
     """Draw the shadow maps of some pictures, fitted to what any of them shows."""
-    cells = []
-    for offset in offsets:
-        moved = _moved(plan, offset)
-        own = find(moved)
-        depth = own.coverage.reversed_depth
-        cells.append(shadow_cells.seen_cells(moved.camera, own.geometry, depth, workers))
-    return passes.find_shadows(
-        plan, prepared, seen.geometry, seen.placement, seen.coverage, workers, cells
-    )
+    middle = passes.see_receivers(plan, seen.coverage, seen.placement, workers)
+    depths = [
+        shadow_cells.see_depth(find(moved(plan, offset)).coverage, workers) for offset in offsets
+    ]
+    cells = cells_beside(plan, offsets, depths)
+    return passes.find_shadows(plan, prepared, seen.placement, middle, workers, cells)
+
+
+def cells_beside(
+    plan: RenderPlan, offsets: Sequence[Offset], depths: Sequence[shadow_cells.SeenDepth]
+) -> list[NDArray[np.float64]]:
+    """Return the cells of all that pictures show beside the centres of pixels, (N, 8, 3) each."""
+    return [
+        shadow_cells.seen_cells(moved(plan, offset).camera, depth)
+        for offset, depth in zip(offsets, depths, strict=True)
+    ]
+
+
+def step_offsets(plan: RenderPlan) -> list[list[Offset]]:
+    """Return where the pictures of each step lie, whose shadow maps are drawn together."""
+    offsets = sample_offsets(int(plan.quality.samples))
+    counts = _counts(plan.pictures)
+    return [offsets[a:b] for a, b in zip([0, *counts[:-1]], counts, strict=True)]
 
 
 def _bands(shape: tuple[int, ...], workers: stages.Workers) -> list[tuple[slice]]:

@@ -14,6 +14,11 @@ from numpy.typing import ArrayLike, NDArray
 MAX_SIZE = 16384
 """Largest image side, pixels: the edge functions are proved exact up to it."""
 
+MAX_WHOLE_SIZE = 1 << 17
+"""Largest side of an image that is drawn in parts, pixels."""
+
+MAX_UNITS = 1 << 27
+"""Most units of the sub-pixel grid from one side of the guard bands to the other; see ``setup``."""
 
 MATRIX_SIZE = 16
 """Entries of a 4x4 matrix."""
@@ -172,8 +177,30 @@ def thread_count(name: str, value: Any) -> int | None:
     return int(value)
 
 
+def whole_size(name: str, value: Any, subpixel_bits: int) -> tuple[int, int]:
+    """
+    Return ``(width, height)`` of a picture that is drawn in parts, or raise ``ValueError``.
+
+    Each is in 1..131072, or less on a grid of more than 9 sub-pixel bits: what is exact of a
+    picture of 16384 pixels on the finest grid is exact of a larger one on a coarser grid.
+    """
+    width, height = _two_sides(name, value, MAX_WHOLE_SIZE)
+    largest = MAX_UNITS // (1 << subpixel_bits) - MAX_SIZE
+    if max(width, height) > largest:
+        raise ValueError(
+            f"{name} must be two whole numbers in 1..{largest} with {subpixel_bits} sub-pixel "
+            f"bits, got {value!r}; quality.subpixel_bits below {subpixel_bits} allows more"
+        )
+    return width, height
+
+
 def image_size(name: str, value: Any) -> tuple[int, int]:
     """Return ``(width, height)`` in pixels, each in 1..16384, or raise ``ValueError``."""
+    return _two_sides(name, value, MAX_SIZE)
+
+
+def _two_sides(name: str, value: Any, largest: int) -> tuple[int, int]:
+    """Return two whole numbers of pixels, each in 1..largest, or raise ``ValueError``."""
     try:
         width, height = value
         sides = (int(width), int(height))
@@ -182,8 +209,8 @@ def image_size(name: str, value: Any) -> tuple[int, int]:
             raise TypeError
     except (TypeError, ValueError, OverflowError):
         raise ValueError(f"{name} must be (width, height) in pixels, got {value!r}") from None
-    if not whole or not all(1 <= side <= MAX_SIZE for side in sides):
-        raise ValueError(f"{name} must be two whole numbers in 1..{MAX_SIZE}, got {value!r}")
+    if not whole or not all(1 <= side <= largest for side in sides):
+        raise ValueError(f"{name} must be two whole numbers in 1..{largest}, got {value!r}")
     return sides
 
 

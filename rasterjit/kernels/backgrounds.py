@@ -43,7 +43,7 @@ def color_along(ray, environment):
 
 @kernel
 def show_environment(
-    face_id, first_row, rays, size, environment: Environment, encoding: Encoding, linear, color
+    face_id, first, rays, size, environment: Environment, encoding: Encoding, linear, color
 ):  # fmt: skip
     """
     Write the environment to the pixels of some rows that show no face.
@@ -52,13 +52,13 @@ def show_environment(
     ----------
     face_id : (R, W) int32
         The visible faces of these rows.
-    first_row : int
-        Where they lie in the frame.
+    first : (int, int)
+        Column and row of the first pixel in the whole frame.
     rays : (3, 3) float64
         Direction, in world axes, at the middle of the frame, and its change with x and y in
         normalized device coordinates.
     size : (int, int)
-        Width and height of the frame, pixels.
+        Width and height of the whole frame, pixels.
     environment, encoding : records
     linear : (R, W, 4) float32
         Written: linear red, green, blue, and alpha 1. Or W is 0.
@@ -66,11 +66,11 @@ def show_environment(
         Written: the same, tone mapped, in sRGB codes. Or W is 0.
     """
     for row in range(face_id.shape[0]):
-        y = 1.0 - (2.0 * (first_row + row) + 1.0) / size[1]
+        y = 1.0 - (2.0 * (first[1] + row) + 1.0) / size[1]
         for column in range(face_id.shape[1]):
             if face_id[row, column] >= 0:
                 continue
-            x = (2.0 * column + 1.0) / size[0] - 1.0
+            x = (2.0 * (first[0] + column) + 1.0) / size[0] - 1.0
             red, green, blue = color_along(ray_at(rays, x, y), environment)
             if linear.shape[1] > 0:
                 linear[row, column, 0] = red

@@ -26,7 +26,7 @@ import numpy as np
 
 from rasterjit.kernels.jit import disjoint_stage, kernel, stage
 from rasterjit.kernels.records import Geometry, Placement
-from rasterjit.kernels.setup import CLIPPED, corners_of, edge, last_at_most
+from rasterjit.kernels.setup import CLIPPED, corners_of, edge, last_at_most, whole_size
 
 UNDERFLOW = 2.0**-900
 """
@@ -172,8 +172,10 @@ def snapped_weights(a, b, c, px, py, geometry):
 @stage
 def seen_from_sample(a, b, c, column, row, geometry):
     """Return x - X w and y - Y w of three vertices, (X, Y) being a pixel's centre in NDC."""
-    x = (2.0 * column + 1.0) / geometry.viewport.width - 1.0
-    y = 1.0 - (2.0 * row + 1.0) / geometry.viewport.height
+    viewport = geometry.viewport
+    width, height = whole_size(viewport)
+    x = (2.0 * (viewport.left + column) + 1.0) / width - 1.0
+    y = 1.0 - (2.0 * (viewport.top + row) + 1.0) / height
     clip = geometry.clip_positions
     u0 = clip[a, 0] - x * clip[a, 3]
     u1 = clip[b, 0] - x * clip[b, 3]

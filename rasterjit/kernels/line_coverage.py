@@ -37,7 +37,7 @@ from rasterjit.kernels.jit import disjoint_stage, kernel, stage
 from rasterjit.kernels.projection import snap_vertex
 from rasterjit.kernels.records import Geometry, Viewport
 from rasterjit.kernels.resolve import encode_alpha, encode_pixel
-from rasterjit.kernels.setup import CLIPPED, FAR, INVALID, NEAR
+from rasterjit.kernels.setup import CLIPPED, FAR, INVALID, NEAR, whole_size
 from rasterjit.kernels.wireframe import clip_segment, cut_end, put_depth
 
 HALF_WIDTH = 0.5
@@ -67,8 +67,8 @@ def snapped_end(x, y, w, viewport):
     # Rounding may leave a cut end a little outside the guard band, or far if w cancels.
     x = min(max(x / w, -viewport.guard_x), viewport.guard_x)
     y = min(max(y / w, -viewport.guard_y), viewport.guard_y)
-    extents = 1.0, 0.5 * viewport.width, 0.5 * viewport.height
-    return snap_vertex(x, y, extents, viewport)
+    width, height = whole_size(viewport)
+    return snap_vertex(x, y, (1.0, 0.5 * width, 0.5 * height), viewport)
 
 
 @stage

@@ -31,6 +31,7 @@ from rasterjit.kernels.setup import (
     RIGHT,
     TOP,
     last_at_most,
+    whole_size,
 )
 
 LARGEST_SINGLE = 1e18
@@ -74,9 +75,10 @@ def outcode(x, y, z, w, guard_x, guard_y, largest):
 
 @stage
 def extents_of(rows, viewport):
-    """Return 1 and half the image's width and height, pixels, in the type of some rows."""
+    """Return 1 and half the whole picture's width and height, pixels, in the type of some rows."""
     kind = rows.dtype.type
-    return kind(1.0), kind(0.5 * viewport.width), kind(0.5 * viewport.height)
+    width, height = whole_size(viewport)
+    return kind(1.0), kind(0.5 * width), kind(0.5 * height)
 
 
 @stage
@@ -92,7 +94,12 @@ def snap(coordinate, one, half_extent, viewport):
 def snap_vertex(ndc_x, ndc_y, extents, viewport):
     """Return the snapped screen position of a vertex; takes `extents_of` its coordinates' type."""
     one, half_width, half_height = extents
-    return snap(ndc_x, one, half_width, viewport), snap(-ndc_y, one, half_height, viewport)
+    left = np.int32(viewport.left) << np.int32(viewport.grid_bits)
+    top = np.int32(viewport.top) << np.int32(viewport.grid_bits)
+    return (
+        np.int32(snap(ndc_x, one, half_width, viewport) - left),
+        np.int32(snap(-ndc_y, one, half_height, viewport) - top),
+    )
 
 
 @stage

@@ -15,6 +15,9 @@ class Viewport(NamedTuple):
     """
     Where normalized device coordinates land, and on which grid.
 
+    A picture may be a part of a larger one: its vertices are snapped as the whole would snap them,
+    then moved by whole pixels, so that every integer that follows is the one of the whole picture.
+
     ``subpixel_bits`` is the grid that vertices are rounded to, ``grid_bits`` the grid that their
     coordinates are counted on. They are the same but for 0 sub-pixel bits, where a second unit per
     pixel is needed to name a pixel's centre.
@@ -35,6 +38,14 @@ class Viewport(NamedTuple):
     reach: Any = None
     """How far around a pixel's centre its samples may lie, in those units | None -> there is one
     sample, at the centre."""
+    left: int = 0
+    """Columns of the whole picture before the first of this part."""
+    top: int = 0
+    """Rows of the whole picture above this part."""
+    right: int = 0
+    """Columns of the whole picture behind the last of this part."""
+    bottom: int = 0
+    """Rows of the whole picture below this part."""
 
 
 class ScreenVertices(NamedTuple):

@@ -15,6 +15,11 @@ products, at most 2**55: int64 holds all of them with 8 bits to spare. (Twice th
 inside a square is at most the square, so no edge function really exceeds 2**54.)
 ``E >> grid_bits`` is at most 2**43, so a float64 division finds its quotients exactly (see
 ``visibility``).
+
+A part of a larger picture keeps to the same 2**27 units: the whole is at most 2**17 pixels wide and
+high, and smaller where the grid is so fine that it and its guard band would leave them (see
+``validation.whole_size``). Then ``E >> grid_bits`` is at most 2**47 on any grid, which a float64
+division still finds exactly, and a snapped vertex, moved by the place of the part, fits int32.
 """
 
 from __future__ import annotations
@@ -66,6 +71,15 @@ def last_at_most(starts, number):
         else:
             high = middle
     return low - 1
+
+
+@stage
+def whole_size(viewport):
+    """Return the width and the height of the whole picture, pixels."""
+    return (
+        viewport.left + viewport.width + viewport.right,
+        viewport.top + viewport.height + viewport.bottom,
+    )
 
 
 @stage

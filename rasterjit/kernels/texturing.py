@@ -33,7 +33,7 @@ import numpy as np
 
 from rasterjit.kernels.jit import stage
 from rasterjit.kernels.lighting import log2
-from rasterjit.kernels.setup import CLIPPED, edge
+from rasterjit.kernels.setup import CLIPPED, edge, whole_size
 
 BASE_COLOR, NORMAL, METALLIC_ROUGHNESS, OCCLUSION, EMISSIVE = 0, 1, 2, 3, 4
 """What a texture is for, as ``Textures.table`` numbers it."""
@@ -171,15 +171,21 @@ def weight_slopes(a, b, c, column, row, geometry):
     )
     codes = geometry.codes[a] | geometry.codes[b] | geometry.codes[c]
     exact, ws = unsnapped_corners(a, b, c, codes, geometry)
-    width, height, bits = viewport.width, viewport.height, viewport.grid_bits
-    return chosen_slopes(codes, snapped, exact, ws, (column, row), (width, height), bits)
+    parts = (column, row), (viewport.left, viewport.top), whole_size(viewport)
+    return chosen_slopes(codes, snapped, exact, ws, parts, viewport.grid_bits)
 
 
 @stage
-def chosen_slopes(codes, snapped, exact, ws, pixel, size, bits):
-    """Return the slopes of a clipped face or of one that was not."""
+def chosen_slopes(codes, snapped, exact, ws, places, bits):
+    """
+    Return the slopes of a clipped face or of one that was not.
+
+    Takes a pixel, the first one of the picture in the whole one, and the size of that.
+    """
+    pixel, first, size = places
     if codes & CLIPPED:
-        return clipped_slopes(exact, ws, pixel[0], pixel[1], size[0], size[1])
+        column, row = first[0] + pixel[0], first[1] + pixel[1]
+        return clipped_slopes(exact, ws, column, row, size[0], size[1])
     return snapped_slopes(snapped, ws, pixel[0], pixel[1], bits)
 
 

@@ -22,7 +22,7 @@ from rasterjit.kernels.jit import kernel, stage
 from rasterjit.kernels.lines import draw_plain_line
 from rasterjit.kernels.projection import stored_depth
 from rasterjit.kernels.records import Geometry, Viewport
-from rasterjit.kernels.setup import CLIPPED, FRUSTUM, INVALID
+from rasterjit.kernels.setup import CLIPPED, FRUSTUM, INVALID, whole_size
 
 DEPTH_ROUNDING = np.float32(1e-6)
 """Slack for the rounding of float32 depths, as a share of the depth: 8 ulp."""
@@ -68,8 +68,9 @@ def pixel_of(x, y, w, viewport):
     # Rounding may leave a cut end a little outside the guard band, or far if w cancels.
     x = min(max(x / w, -viewport.guard_x), viewport.guard_x)
     y = min(max(y / w, -viewport.guard_y), viewport.guard_y)
-    column = np.floor((x + 1.0) * (0.5 * viewport.width))
-    row = np.floor((1.0 - y) * (0.5 * viewport.height))
+    width, height = whole_size(viewport)
+    column = np.floor((x + 1.0) * (0.5 * width)) - viewport.left
+    row = np.floor((1.0 - y) * (0.5 * height)) - viewport.top
     return np.int32(column), np.int32(row)
 
 
@@ -242,7 +243,8 @@ def depth_slope(p, q, r, coefficients, viewport):
         - q[0] * (d0 * r[3] - d2 * p[3])
         + r[0] * (d0 * q[3] - d1 * p[3])
     ) / determinant
-    return 2.0 * abs(along_x) / viewport.width + 2.0 * abs(along_y) / viewport.height
+    width, height = whole_size(viewport)
+    return 2.0 * abs(along_x) / width + 2.0 * abs(along_y) / height
 
 
 @stage

@@ -1,0 +1,284 @@
+"""Draw pictures that are larger than one frame, and write them tile by tile."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import CancelledError
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.distributed.clusters import check_client, result_of, send
+from rasterjit.io.images import checked_path, replacing
+from rasterjit.plan import Region
+from rasterjit.regions import RegionRenderer, Survey, regions_of
+from rasterjit.scene.camera import Camera
+from rasterjit.scene.quality import Quality
+from rasterjit.validation import thread_count
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+FORMATS = (".tif", ".tiff", ".zarr")
+
+MOST_ATTEMPTS = 5
+"""Times that a tile is begun anew because the scene is lost with the workers that had it."""
+
+AHEAD = 2
+"""Tiles under way for each thread of a cluster."""
+
+Tiles = Iterator[tuple[Region, NDArray[np.uint8]]]
+
+
+def render_large(
+    what: Any,
+    camera: Camera | None,
+    size: tuple[int, int],
+    path: str | Path,
+    *,
+    tile: int = 1024,
+    quality: Quality | None = None,
+    background: Any = None,
+    cull: str = "none",
+    threads: int | None = None,
+    client: Client | None = None,
+) -> None:
+    """
+    Render a picture that is too large for one frame, and write it tile by tile.
+
+    Each tile has the bits that the whole picture has there. No more than one tile, or with a
+    cluster two for each of its threads, is held at a time. The scene must fit each machine.
+
+    Parameters
+    ----------
+    what : Scene, Mesh, trimesh.Trimesh or trimesh.Scene
+    camera : Camera or None
+        None takes the scene's own camera, else one that fits the scene.
+    size : (int, int)
+        Width and height, pixels, each in 1..131072, or less with more than 9 sub-pixel bits.
+    path : str or Path
+        ``.tif`` or ``.tiff``: a tiled BigTIFF, RGBA, losslessly compressed. ``.zarr``: an array
+        (H, W, 4) uint8, a chunk for each tile. Written whole or not at all; what was there before
+        is replaced.
+    tile : int
+        Side of the tiles, pixels: a multiple of 64 up to 16384. Every tile takes all vertices to
+        the screen, so small tiles of a large mesh cost time, and large ones memory.
+    quality, background, cull
+        As `rasterjit.render` takes them.
+    threads : int, optional
+        Default: all processors; with a client, 1 for each task.
+    client : distributed.Client, optional
+        A cluster that draws the tiles. Default: this process does.
+
+    Raises
+    ------
+    ValueError
+        Naming the argument that is wrong, or the effect that looks beyond the edges of a tile:
+        ambient occlusion and outlines.
+    ImportError
+        If what writes the file is not installed.
+    """
+    place = _checked_place(path)
+    regions_of((1, 1), tile)
+    write = _writer(place)
+    arguments = {
+        "camera": camera, "size": size, "quality": quality, "background": background, "cull": cull,
+    }  # fmt: skip
+    count = thread_count("threads", threads)
+    own = None if client is None else check_client(client)
+    with RegionRenderer(what, threads=count, **arguments) as renderer:
+        whole = renderer.size
+        if own is None:
+            tiles = _draw_here(renderer, tile)
+        else:
+            arguments["camera"] = renderer.plan.camera
+            tiles = _draw_there(TileFarm(own, what, arguments, count or 1), renderer, tile)
+        write(tiles, whole, tile)
+
+
+def _draw_here(renderer: RegionRenderer, tile: int) -> Tiles:
+    """Yield the tiles, row by row."""
+    for region, frame in renderer.render_regions(tile):
+        yield region, frame.color
+
+
+class TileFarm:
+    """
+    The tiles of one picture that a cluster draws.
+
+    Parameters
+    ----------
+    client : Client
+    what : Scene or mesh
+    arguments : dict
+        Of `RegionRenderer`.
+    threads : int
+        Of each task.
+    """
+
+    def __init__(self, client: Client, what: Any, arguments: dict[str, Any], threads: int) -> None:
+        self._client = client
+        self._task: tuple[Any, ...] = what, arguments, threads
+        self._sent: Any = None
+
+    def run(
+        self, function: Callable[..., Any], regions: Sequence[Region], *more: Any
+    ) -> Iterator[tuple[Region, Any]]:
+        """Yield what a function gives of each region on a worker, in order, few ahead."""
+        ahead = AHEAD * max(1, sum(self._client.nthreads().values()))
+        self._send(more)
+        begun: deque[tuple[Region, Any]] = deque()
+        waiting = iter(regions)
+        try:
+            while True:
+                while len(begun) < ahead and (region := next(waiting, None)) is not None:
+                    begun.append((region, self._begin(function, region)))
+                if not begun:
+                    return
+                region, future = begun.popleft()
+                yield region, self._take(function, region, future, more)
+                del future
+        finally:
+            if self._client.status == "running":
+                self._client.cancel([*(future for _, future in begun), self._sent], force=True)
+
+    def _send(self, more: tuple[Any, ...]) -> None:
+        """Send the scene, and what else all tasks need, to every worker."""
+        data = (*self._task, *more)
+        self._sent = send(data, self._client)
+
+    def _begin(self, function: Callable[..., Any], region: Region) -> Any:
+        """Begin a tile."""
+        return self._client.submit(function, self._sent, region, pure=False)
+
+    def _take(
+        self, function: Callable[..., Any], region: Region, future: Any, more: tuple[Any, ...]
+    ) -> Any:
+        """Return what a task gives, begun anew if the scene was lost with the workers."""
+        for _ in range(MOST_ATTEMPTS):
+            try:
+                return result_of(future, self._client)
+            except CancelledError:
+                if self._sent.status != "finished":
+                    self._send(more)
+                future = self._begin(function, region)
+        raise RuntimeError(
+            f"all workers that held the scene were lost, {MOST_ATTEMPTS} times: see their logs, "
+            "and their memory limit"
+        )
+
+
+def _draw_there(farm: TileFarm, renderer: RegionRenderer, tile: int) -> Tiles:
+    """Yield the tiles that a cluster draws, row by row; survey first where shadows need it."""
+    regions = regions_of(renderer.size, tile)
+    if not renderer.needs_surveys:
+        yield from farm.run(_draw_tile, regions)
+        return
+    surveys = dict(farm.run(_survey_tile, regions))
+    yield from farm.run(_draw_tile, regions, surveys)
+
+
+_KEPT: dict[str, Any] = {}
+"""What a worker was sent last, and the renderer of it."""
+
+
+@contextmanager
+def _renderer_of(sent: tuple[Any, ...]) -> Iterator[RegionRenderer]:
+    """Give a renderer of what was sent, taken from the last task where it is free."""
+    kept = _KEPT.pop("last", None)
+    if kept is None or kept[0] is not sent:
+        what, arguments, threads, *surveys = sent
+        kept = sent, RegionRenderer(what, threads=threads, **arguments)
+        if surveys:
+            kept[1].take_surveys(surveys[0])
+    yield kept[1]
+    _KEPT["last"] = kept
+
+
+def _survey_tile(sent: tuple[Any, ...], region: Region) -> Survey:
+    """Survey a tile on a worker."""
+    with _renderer_of(sent) as renderer:
+        return renderer.survey(region)
+
+
+def _draw_tile(sent: tuple[Any, ...], region: Region) -> NDArray[np.uint8]:
+    """Draw a tile on a worker; (h, w, 4)."""
+    with _renderer_of(sent) as renderer:
+        return renderer.render_region(region).color
+
+
+def _checked_place(path: Any) -> Path:
+    """Return the path of the picture, or raise ``ValueError``; a Zarr array may be replaced."""
+    if isinstance(path, (str, os.PathLike)) and str(path).lower().endswith(".zarr"):
+        place = Path(path)
+        if place.exists() and not (place / "zarr.json").is_file():
+            raise ValueError(f"path {str(place)!r} is there, but is no Zarr array to be replaced")
+        return checked_path(place.with_name(f"{place.name}.zarr"), FORMATS).with_name(place.name)
+    return checked_path(path, FORMATS)
+
+
+def _writer(place: Path) -> Callable[[Tiles, tuple[int, int], int], None]:
+    """Return what writes tiles to a place, with the library that it needs there."""
+    try:
+        if place.suffix.lower() == ".zarr":
+            import zarr
+
+            return lambda tiles, size, tile: _write_zarr(zarr, place, tiles, size, tile)
+        import tifffile
+
+        return lambda tiles, size, tile: _write_tiff(tifffile, place, tiles, size, tile)
+    except ImportError as error:
+        raise ImportError(
+            f'writing a {place.suffix} tile by tile needs: pip install "rasterjit[large]"'
+        ) from error
+
+
+def _write_tiff(tifffile: Any, place: Path, tiles: Tiles, size: tuple[int, int], tile: int) -> None:
+    """Write tiles to a BigTIFF."""
+    width, height = size
+
+    def padded() -> Iterator[NDArray[np.uint8]]:
+        # A tile of a TIFF is whole; what lies beyond the picture is not shown.
+        for region, color in tiles:
+            square = np.zeros((tile, tile, 4), np.uint8)
+            square[: region.height, : region.width] = color
+            yield square
+
+    with replacing(place) as temporary, tifffile.TiffWriter(temporary, bigtiff=True) as file:
+        file.write(
+            padded(), shape=(height, width, 4), dtype=np.uint8, tile=(tile, tile),
+            photometric="rgb", extrasamples=["unassalpha"], compression="zlib",
+            software="RasterJIT",
+        )  # fmt: skip
+
+
+def _write_zarr(zarr: Any, place: Path, tiles: Tiles, size: tuple[int, int], tile: int) -> None:
+    """Write tiles to the chunks of a Zarr array."""
+    width, height = size
+    with _replacing_folder(place) as temporary:
+        array = zarr.create_array(
+            store=str(temporary), shape=(height, width, 4), chunks=(tile, tile, 4), dtype="uint8",
+            dimension_names=("row", "column", "channel"),
+        )  # fmt: skip
+        for region, color in tiles:
+            rows = slice(region.top, region.top + region.height)
+            array[rows, region.left : region.left + region.width] = color
+
+
+@contextmanager
+def _replacing_folder(place: Path) -> Iterator[Path]:
+    """Give a temporary folder beside a place; move it there on success, else remove it."""
+    temporary = place.with_name(f".{os.getpid()}.{os.urandom(8).hex()}.zarr")
+    try:
+        yield temporary
+        if place.exists():
+            shutil.rmtree(place)
+        os.replace(temporary, place)
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)

@@ -1,0 +1,207 @@
+"""
+Draw a part of a mesh, and merge what two parts show: the nearest face at every pixel.
+
+Depths are compared as they are stored while a mesh is drawn, and what is equal goes to the lower
+face number; of two parts that is the first one's. So merging neighbours in any order gives what
+drawing all faces together gives.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit import plan as planning
+from rasterjit import stages
+from rasterjit.frame import Frame, Stats
+from rasterjit.plan import RenderPlan
+from rasterjit.plan_contents import SMOOTH
+from rasterjit.render import Renderer
+from rasterjit.scene.camera import Camera
+from rasterjit.scene.material import Material
+from rasterjit.scene.mesh import Mesh
+from rasterjit.scene.scene import Scene
+from rasterjit.streams import Options
+from rasterjit.validation import in_short
+
+LARGEST_FACE = 2**31 - 1
+"""Most faces of all parts: their numbers are int32."""
+
+COUNTS = (
+    "triangles_in", "outside", "culled", "degenerate", "unsampled", "invalid", "drawn", "clipped",
+)  # fmt: skip
+"""Statistics that add up."""
+
+
+@dataclass
+class Layer:
+    """What some neighbouring parts of a mesh show."""
+
+    faces: int
+    """How many they have."""
+    depth: NDArray[Any]
+    """(H, W), as stored: greater is nearer."""
+    outputs: dict[str, NDArray[Any]]
+    """(H, W, ...) each; ``face_id`` counts from the first of these faces."""
+    counts: dict[str, int]
+    seconds: dict[str, float]
+    plan: RenderPlan
+
+    def frame(self) -> Frame:
+        """Return the picture of all parts."""
+        outputs = {name: self.outputs[name] for name in self.plan.outputs}
+        stats = Stats(**self.counts, seconds=self.seconds, face_id=self.outputs["face_id"])
+        _ = stats.pixels_covered
+        return Frame(outputs, self.plan, stats)
+
+
+class _DepthKeeper(Renderer):
+    """A renderer that keeps the visibility buffer of its last frame."""
+
+    def _find_visible(self, *arguments: Any, **options: Any) -> stages.Coverage:
+        options["keep_depth"] = options["find_faces"] = True
+        self.coverage = super()._find_visible(*arguments, **options)
+        return self.coverage
+
+
+def mesh_of(part: Any, material: Material | None) -> Mesh | None:
+    """
+    Return a part of a mesh, wherever it comes from; ``None`` if it has no face.
+
+    Parameters
+    ----------
+    part : Mesh, (vertices, faces), a list of such pairs, or a callable that returns one of them
+        Vertices (V, 3), world space, and faces (F, 3), vertex numbers.
+    material : Material or None
+        For what comes without one.
+
+    Raises
+    ------
+    ValueError
+        If it is none of these.
+    """
+    if callable(part):
+        part = part()
+    if isinstance(part, Mesh):
+        return part
+    pairs = [part] if isinstance(part, tuple) else part
+    if not isinstance(pairs, (list, tuple)) or not all(
+        isinstance(pair, (list, tuple)) and len(pair) == 2 for pair in pairs
+    ):
+        raise ValueError(
+            "partitions must give a Mesh, (vertices, faces), or a list of such pairs; got "
+            f"{in_short(part)}"
+        )
+    starts = np.cumsum([0, *(len(vertices) for vertices, _ in pairs)])
+    faces = [
+        np.asarray(own).reshape(-1, 3) + first
+        for (_, own), first in zip(pairs, starts[:-1], strict=True)
+    ]
+    if not sum(map(len, faces)):
+        return None
+    vertices = np.concatenate([np.asarray(own, np.float64) for own, _ in pairs])
+    return Mesh(vertices, np.concatenate(faces), material=material or Material(shading="flat"))
+
+
+def draw_layer(
+    part: Any,
+    setting: Scene,
+    material: Material | None,
+    camera: Camera,
+    options: Options,
+    threads: int,
+) -> Layer | None:
+    """Draw one part with the light of the whole; ``None`` if it has no face."""
+    mesh = mesh_of(part, material)
+    if mesh is None or not len(mesh.faces):
+        return None
+    _refuse_neighbours(mesh)
+    scene = Scene()
+    for name in ("lights", "environment", "fog", "tone_map"):
+        setattr(scene, name, getattr(setting, name))
+    scene.add(mesh)
+    outputs = tuple(dict.fromkeys((*options.outputs, "face_id")))
+    with _DepthKeeper(options.size, quality=options.quality, threads=threads) as renderer:
+        asked = planning.plan_render(
+            scene, camera, options.size, options.quality, options.outputs, options.background,
+            options.cull,
+        )  # fmt: skip
+        _refuse_mixing(asked)
+        frame = renderer.render(
+            scene, camera, outputs=outputs, background=options.background, cull=options.cull
+        )
+        depth = renderer.coverage.depth
+    counts = {name: getattr(frame.stats, name) for name in COUNTS}
+    return Layer(len(mesh.faces), depth, frame.arrays(), counts, frame.stats.seconds, asked)
+
+
+def _refuse_neighbours(mesh: Mesh) -> None:
+    """Raise ``ValueError`` for what faces of other parts have a share in."""
+    material = mesh.material
+    if material.shading in SMOOTH and mesh.normals is None:
+        raise ValueError(
+            f"partitions must have normals where they are shaded by {material.shading!r}, for "
+            "those at their edges follow from faces of other partitions; give a Mesh with normals, "
+            "or shading 'flat' or 'unlit'"
+        )
+    if material.normal_texture is not None:
+        raise ValueError(
+            "partitions must have no normal_texture: the tangents at their edges follow from faces "
+            "of other partitions"
+        )
+
+
+def _refuse_mixing(plan: RenderPlan) -> None:
+    """Raise ``ValueError`` if a pixel shows more than its nearest face."""
+    if plan.layers is not None or plan.pictures > 1:
+        raise ValueError(
+            "partitions must be opaque: what is seen through a face, or mixed at its edges, may "
+            "lie in another partition; use alpha_mode 'opaque' or 'mask' and quality.samples of 1"
+        )
+
+
+def merge_layers(first: Layer | None, second: Layer | None) -> Layer | None:
+    """
+    Return what two neighbours show together; the first one's faces have the lower numbers.
+
+    Raises
+    ------
+    ValueError
+        If they have more faces together than numbers reach.
+    """
+    if first is None or second is None:
+        return first if second is None else second
+    faces = first.faces + second.faces
+    if faces > LARGEST_FACE:
+        raise ValueError(f"partitions must have at most {LARGEST_FACE} faces together, got {faces}")
+    is_nearer = second.depth > first.depth
+    outputs = {}
+    for name, own in first.outputs.items():
+        other = second.outputs[name]
+        if name == "face_id":
+            other = np.where(other >= 0, other + np.int32(first.faces), other)
+        mask = is_nearer.reshape(*is_nearer.shape, *(1,) * (own.ndim - 2))
+        outputs[name] = np.where(mask, other, own)
+    return Layer(
+        faces,
+        np.where(is_nearer, second.depth, first.depth),
+        outputs,
+        {name: first.counts[name] + second.counts[name] for name in COUNTS},
+        {
+            name: first.seconds.get(name, 0.0) + second.seconds.get(name, 0.0)
+            for name in dict.fromkeys((*first.seconds, *second.seconds))
+        },
+        first.plan,
+    )
+
+
+def merge_tree(layers: Sequence[Any], merge: Callable[[Any, Any], Any]) -> Any:
+    """Merge neighbours, then neighbours of those, until one is left."""
+    while len(layers) > 1:
+        pairs = [merge(*layers[n : n + 2]) for n in range(0, len(layers) - 1, 2)]
+        layers = [*pairs, *layers[len(pairs) * 2 :]]
+    return layers[0]

@@ -1,0 +1,219 @@
+"""
+Sort-last rendering: draw the parts of a mesh where they are, and keep the nearest faces.
+
+S. Molnar, M. Cox, D. Ellsworth and H. Fuchs, "A Sorting Classification of Parallel Rendering", IEEE
+Computer Graphics and Applications 14(4), 1994, name it so.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from concurrent.futures import CancelledError
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rasterjit.distributed import layers
+from rasterjit.distributed.clusters import LOGGER, connected, require_dask, result_of, send
+from rasterjit.frame import Frame
+from rasterjit.render import check_camera
+from rasterjit.scene.camera import Camera
+from rasterjit.scene.light import AmbientLight
+from rasterjit.scene.material import Material
+from rasterjit.scene.mesh import Mesh
+from rasterjit.scene.quality import Quality
+from rasterjit.scene.scene import Scene
+from rasterjit.streams import Options, check_arguments
+from rasterjit.validation import in_short, thread_count
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+MOST_ATTEMPTS = 5
+"""Times that all is begun anew because parts that this process sent are lost."""
+
+
+def render_partitions(
+    partitions: Any,
+    camera: Camera,
+    *,
+    setting: Scene | None = None,
+    material: Material | None = None,
+    size: tuple[int, int] = (1280, 720),
+    quality: Quality | None = None,
+    outputs: Sequence[str] = ("color",),
+    background: Any = None,
+    cull: str = "none",
+    threads: int | None = None,
+    client: Client | None = None,
+) -> Frame:
+    """
+    Render a mesh that no machine holds as a whole, each part of it where it is.
+
+    Each part becomes colours, depths and face numbers; of two neighbours the nearer one is kept at
+    every pixel, of equal depths the lower face number; then of two such results, up to the last.
+    The frame has the bits of one machine that draws one mesh of all parts in order. Parts of a
+    worker that is lost are loaded and drawn again by another one.
+
+    Parameters
+    ----------
+    partitions : sequence or Bag
+        The parts, in the order of their face numbers. Each is a ``Mesh``, or (vertices, (V, 3)
+        float, world space; faces, (F, 3) int, vertex numbers of this part), or a list of such
+        pairs, or a callable without arguments, or a ``dask.delayed.Delayed``, that gives one of
+        these on a worker. A ``dask.bag.Bag`` holds such pairs. What this process holds is sent;
+        what is loaded by the workers never comes here.
+    camera : Camera
+    setting : Scene, optional
+        A scene without meshes: its lights, environment, fog and tone map hold for all parts.
+        Default: a headlight.
+    material : Material, optional
+        For parts that are no ``Mesh``. Default: flat shading.
+    size, quality, outputs, background, cull
+        As `rasterjit.render` takes them. There is one object; ``quality.samples`` must be 1.
+    threads : int, optional
+        Threads of each task. Default 1.
+    client : distributed.Client, optional
+        Default: that of a local cluster, which is closed at the end.
+
+    Returns
+    -------
+    Frame
+        ``stats`` are the sums over all parts; ``plan`` is that of the first part.
+
+    Raises
+    ------
+    ValueError
+        Naming the argument that is wrong. Also for what cannot be told from one part alone:
+        transparency, several samples, shadows, ambient occlusion, outlines, wireframes, normal
+        maps, and smooth shading without normals.
+    ImportError
+        If Dask is not installed.
+    ConnectionError
+        If the scheduler is lost.
+    """
+    require_dask()
+    setting = _check_setting(setting)
+    probe = Scene()
+    probe.add(Mesh(np.eye(3), [(0, 1, 2)]))
+    _, options = check_arguments(probe, size, quality, outputs, background, cull)
+    if "uv" in options.outputs:
+        _check_uv(partitions)
+    if options.quality.samples != 1:
+        raise ValueError(
+            f"quality.samples must be 1 where parts are merged, got {options.quality.samples!r}"
+        )
+    if material is not None and not isinstance(material, Material):
+        raise ValueError(f"material must be a Material or None, got {in_short(material)}")
+    camera = check_camera("camera", camera)
+    parts = _parts_of(partitions)
+    own = thread_count("threads", threads) or 1
+    with connected(client) as chosen:
+        for attempt in range(MOST_ATTEMPTS):
+            try:
+                layer = _render_once(parts, setting, material, camera, options, own, chosen)
+                break
+            except CancelledError:
+                LOGGER.warning("parts that were sent are lost with their workers: begin anew")
+                if attempt == MOST_ATTEMPTS - 1:
+                    raise RuntimeError(
+                        f"the workers that held the partitions were lost {MOST_ATTEMPTS} times: "
+                        "see their logs, and their memory limit"
+                    ) from None
+    if layer is None:
+        raise ValueError("partitions must have at least one face together, got none")
+    return layer.frame()
+
+
+def _render_once(
+    parts: Sequence[Any],
+    setting: Scene,
+    material: Material | None,
+    camera: Camera,
+    options: Options,
+    threads: int,
+    client: Client,
+) -> layers.Layer | None:
+    """Send what is here, draw and merge."""
+    import dask
+
+    shared = send(setting, client)
+    held = [n for n, part in enumerate(parts) if isinstance(part, (Mesh, tuple, list))]
+    sent = dict(zip(held, _scatter([parts[n] for n in held], client), strict=True))
+    draw = dask.delayed(layers.draw_layer, pure=False)
+    merge = dask.delayed(layers.merge_layers, pure=False)
+    drawn = [
+        draw(sent.get(n, part), shared, material, camera, options, threads)
+        for n, part in enumerate(parts)
+    ]
+    future = client.compute(layers.merge_tree(drawn, merge), optimize_graph=False)
+    try:
+        return result_of(future, client)
+    finally:
+        if client.status == "running":
+            client.cancel([future], force=True)
+
+
+def _scatter(parts: list[Any], client: Client) -> list[Any]:
+    """Send parts to the workers, each to one."""
+    return list(client.scatter(parts, hash=False)) if parts else []
+
+
+def _parts_of(partitions: Any) -> list[Any]:
+    """Return the parts: meshes, pairs, callables or delayed ones; or raise ``ValueError``."""
+    from dask.bag import Bag
+    from dask.delayed import Delayed
+
+    if isinstance(partitions, Bag):
+        return partitions.to_delayed(optimize_graph=True)
+    if isinstance(partitions, (str, bytes, dict, Mesh, np.ndarray)) or not isinstance(
+        partitions, Iterable
+    ):
+        raise ValueError(
+            f"partitions must be a sequence of parts or a dask Bag, got {in_short(partitions)}"
+        )
+    parts = list(partitions)
+    if not parts:
+        raise ValueError("partitions must hold at least one part, got none")
+    for number, part in enumerate(parts):
+        if isinstance(part, (Mesh, Delayed)) or callable(part):
+            continue
+        if not isinstance(part, (list, tuple)):
+            raise ValueError(
+                f"partitions[{number}] must be a Mesh, (vertices, faces), a list of such pairs, a "
+                f"callable or a Delayed; got {in_short(part)}"
+            )
+        # What is here is looked at here, before anything is sent.
+        layers.mesh_of(part, None)
+    return parts
+
+
+def _check_uv(partitions: Any) -> None:
+    """Raise ``ValueError`` if texture coordinates are asked of what has none."""
+    if isinstance(partitions, (list, tuple)) and any(isinstance(p, tuple) for p in partitions):
+        raise ValueError("outputs has 'uv', but partitions of (vertices, faces) have none")
+
+
+def _check_setting(setting: Any) -> Scene:
+    """Return the light of the whole, or raise ``ValueError`` for what parts cannot show alone."""
+    if setting is None:
+        return Scene()
+    if not isinstance(setting, Scene):
+        raise ValueError(f"setting must be a Scene or None, got {in_short(setting)}")
+    if setting.nodes:
+        raise ValueError(
+            f"setting must be a scene without meshes, got {len(setting.nodes)}: its lights, "
+            "environment, fog and tone map hold for all partitions"
+        )
+    for name in ("wireframe", "ambient_occlusion", "outline"):
+        if getattr(setting, name) is not None:
+            raise ValueError(
+                f"setting.{name} must be None: it looks at faces of several partitions at once"
+            )
+    for number, light in enumerate(setting.lights):
+        if not isinstance(light, AmbientLight) and light.shadow is not None:
+            raise ValueError(
+                f"setting.lights[{number}] must cast no shadow: what casts it may lie in another "
+                "partition"
+            )
+    return setting

@@ -1,0 +1,189 @@
+"""Frames that a cluster draws: the same bits in the same order, whatever becomes of the workers."""
+
+from __future__ import annotations
+
+import logging
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import numpy as np
+import pytest
+
+import rasterjit as rj
+
+pytestmark = pytest.mark.needs_jit
+
+SIZE = (32, 24)
+PATIENCE = 60.0
+
+
+def cameras(count):
+    for angle in np.linspace(0.0, 5.0, count):
+        eye = 4.0 * np.cos(angle), 1.5, 4.0 * np.sin(angle)
+        yield rj.PerspectiveCamera(eye=eye, target=(0.0, 0.0, 0.0))
+
+
+def are_those_of_render(frames, scene, outputs=("color",)):
+    wanted = [rj.render(scene, one, size=SIZE, outputs=outputs) for one in cameras(len(frames))]
+    return all(
+        frame.arrays()[name].tobytes() == other.arrays()[name].tobytes()
+        for frame, other in zip(frames, wanted, strict=True)
+        for name in outputs
+    )
+
+
+def test_frames_are_those_of_render_in_order(cube, client):
+    outputs = "color", "depth", "face_id"
+    frames = list(
+        rj.render_many(cube, cameras(9), size=SIZE, outputs=outputs, client=client)
+    )  # fmt: skip
+    assert len(frames) == 9
+    assert are_those_of_render(frames, cube, outputs)
+
+
+def test_frame_has_its_plan_and_its_statistics(cube, client):
+    (frame,) = rj.render_many(cube, cameras(1), size=SIZE, client=client)
+    (other,) = rj.render_many(cube, cameras(1), size=SIZE, threads=1)
+    assert str(frame.plan) == str(other.plan)
+    assert repr(frame) == repr(other) == "Frame(32 x 24: color)"
+    assert frame.stats.pixels_covered == other.stats.pixels_covered > 0
+    assert frame.stats.drawn == other.stats.drawn
+
+
+def test_no_more_than_prefetch_frames_are_under_way(cube, client):
+    asked = 0
+
+    def counted():
+        nonlocal asked
+        for camera in cameras(8):
+            asked += 1
+            yield camera
+
+    frames = rj.render_many(cube, counted(), size=SIZE, prefetch=3, client=client)
+    for taken, _ in enumerate(frames, 1):
+        assert asked - taken < 3
+    assert taken == asked == 8
+
+
+def test_scene_goes_to_a_worker_once(cube, client):
+    frames = rj.render_many(cube, cameras(6), size=SIZE, prefetch=4, client=client)
+    next(frames)
+    held = [key for keys in client.has_what().values() for key in keys if "Scene" in key]
+    assert len(held) == len(client.has_what()) == 2
+    frames.close()
+
+
+def test_closing_early_leaves_nothing_on_the_cluster(cube, client):
+    frames = rj.render_many(cube, cameras(9), size=SIZE, client=client)
+    next(frames)
+    frames.close()
+    deadline = time.monotonic() + PATIENCE
+    while any(client.has_what().values()) and time.monotonic() < deadline:
+        time.sleep(0.1)
+    assert not any(client.has_what().values())
+    assert not client.futures
+
+
+def test_worker_killed_in_the_middle_loses_no_frame(cube, client):
+    frames = rj.render_many(cube, cameras(12), size=SIZE, prefetch=6, client=client)
+    taken = [next(frames)]
+    victim = next(iter(client.run(os.getpid).values()))
+    os.kill(victim, signal.SIGKILL)
+    taken += frames
+    assert len(taken) == 12
+    assert are_those_of_render(taken, cube)
+    client.wait_for_workers(2, timeout=PATIENCE)
+    assert victim not in client.run(os.getpid).values()
+
+
+def test_all_workers_killed_lose_no_frame(cube, client):
+    frames = rj.render_many(cube, cameras(8), size=SIZE, prefetch=2, client=client)
+    taken = [next(frames)]
+    for victim in client.run(os.getpid).values():
+        os.kill(victim, signal.SIGKILL)
+    taken += frames
+    assert len(taken) == 8
+    assert are_those_of_render(taken, cube)
+    client.wait_for_workers(2, timeout=PATIENCE)
+
+
+def test_error_on_a_worker_comes_through(cube, client):
+    cube.material = rj.Material(base_color=(1.0, 1.0, 1.0, 0.5), alpha_mode="blend")
+    quality = rj.Quality(samples="area")
+    frames = rj.render_many(cube, cameras(3), size=SIZE, quality=quality, client=client)
+    with pytest.raises(ValueError, match="area"):
+        next(frames)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"client": "tcp://127.0.0.1:8786"}, "client must be a distributed.Client, got str"),
+        ({"workers": 2}, "workers must be None where a client is given, got 2"),
+        ({"prefetch": 0}, "prefetch must be a whole number of at least 1"),
+    ],
+)
+def test_wrong_arguments_are_refused_at_once(cube, client, wrong, message):
+    with pytest.raises(ValueError, match=message):
+        rj.render_many(cube, cameras(1), size=SIZE, **{"client": client, **wrong})
+
+
+def test_item_that_is_no_camera_is_named(cube, client):
+    frames = rj.render_many(cube, [*cameras(2), None], size=SIZE, client=client)
+    assert are_those_of_render([next(frames), next(frames)], cube)
+    with pytest.raises(ValueError, match=r"cameras\[2\] must be a .*got NoneType"):
+        next(frames)
+
+
+def test_lost_scheduler_is_a_clear_error(cube, tmp_path):
+    from distributed import Client
+
+    place = tmp_path / "scheduler.json"
+    run = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--no-dashboard", "--port", "0"]
+    work = [sys.executable, "-m", "distributed.cli.dask_worker", "--no-dashboard", "--no-nanny"]
+    silent = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    with subprocess.Popen([*run, "--scheduler-file", str(place)], **silent) as scheduler:
+        try:
+            client = Client(scheduler_file=str(place), timeout=PATIENCE, set_as_default=False)
+            with (
+                client,
+                subprocess.Popen([*work, "--scheduler-file", str(place)], **silent) as worker,
+            ):
+                try:
+                    frames = rj.render_many(
+                        cube, cameras(4), size=SIZE, prefetch=1, client=client
+                    )  # fmt: skip
+                    next(frames)
+                    address = client.scheduler.address
+                    scheduler.kill()
+                    scheduler.wait(PATIENCE)
+                    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+                    began = time.monotonic()
+                    with pytest.raises(ConnectionError, match=f"scheduler at {address} is lost"):
+                        next(frames)
+                    assert time.monotonic() - began < PATIENCE
+                finally:
+                    worker.kill()
+        finally:
+            scheduler.kill()
+            logging.getLogger("distributed").setLevel(logging.NOTSET)
+
+
+def test_two_threads_share_a_client(cube, client):
+    taken = {}
+
+    def take(name):
+        taken[name] = list(rj.render_many(cube, cameras(5), size=SIZE, client=client))
+
+    takers = [threading.Thread(target=take, args=(n,), daemon=True) for n in range(2)]
+    for one in takers:
+        one.start()
+    for one in takers:
+        one.join(PATIENCE)
+        assert not one.is_alive()
+    assert are_those_of_render(taken[0], cube)
+    assert are_those_of_render(taken[1], cube)
