@@ -71,8 +71,10 @@ class RegionRenderer(Renderer):
         self.size = whole
         scene = self._scene(what)
         camera = choose_camera(scene, camera, whole)
-        self._planned = self._plan(quality, scene, camera, outputs, background, cull, False)
-        _refuse_neighbours(self._planned[0])
+        self._planned = self._plan(
+            quality, scene, camera, outputs, background, cull, False, None
+        )
+        _refuse_neighbours(self._planned.plan)
 
     def __enter__(self) -> RegionRenderer:
         return self
@@ -88,7 +90,7 @@ class RegionRenderer(Renderer):
     @property
     def plan(self) -> RenderPlan:
         """What was decided for the whole picture."""
-        return self._planned[0]
+        return self._planned.plan
 
     @property
     def needs_surveys(self) -> bool:
@@ -109,7 +111,7 @@ class RegionRenderer(Renderer):
         tuple of SeenDepth
             For `take_surveys`.
         """
-        plan, prepared, views = self._planned
+        plan, prepared, views, _ = self._planned
         region = check_region(region, plan.size)
         part = replace(plan, region=region)
         find = functools.partial(self._find_faces, prepared=prepared, clock=_no_clock)
@@ -135,7 +137,7 @@ class RegionRenderer(Renderer):
         ----------
         surveys : mapping of Region to what `survey` returns
         """
-        plan, prepared, views = self._planned
+        plan, prepared, views, _ = self._planned
         corners = [(region[0], region[1]) for region in surveys]
         middle, *beside = [
             shadow_cells.join_depths(plan.size, list(zip(corners, depths, strict=True)))
@@ -150,7 +152,7 @@ class RegionRenderer(Renderer):
             maps.append(
                 passes.find_shadows(plan, prepared, placement, middle, self._workers, cells)
             )
-        self._planned = replace(plan, shadow_maps=tuple(maps)), prepared, views
+        self._planned = self._planned._replace(plan=replace(plan, shadow_maps=tuple(maps)))
 
     def render_region(self, region: Region) -> Frame:
         """
@@ -174,12 +176,12 @@ class RegionRenderer(Renderer):
         RuntimeError
             If shadows fall on the picture, and it has not been surveyed.
         """
-        plan, prepared, views = self._planned
+        plan = self._planned.plan
         region = check_region(region, plan.size)
         if self.needs_surveys:
             raise RuntimeError("shadows need all regions to be surveyed first: see take_surveys")
         part = replace(plan, region=region)
-        return self._draw(part, prepared, views, StageClock(), Accumulation())
+        return self._draw(self._planned._replace(plan=part), StageClock(), Accumulation())
 
     def render_regions(self, tile: int) -> Iterator[tuple[Region, Frame]]:
         """

@@ -238,7 +238,7 @@ def cover_pixels(
     picture = replace(_plan_picture(plan, None), outputs=("face_id",), layers=None)
     picture = replace(picture, lighting=None, ambient_occlusion=None)
     for offset in sample_offsets(int(samples))[accumulation.covering : count]:
-        accumulation.covered += find(_moved(picture, offset)).coverage.face_id >= 0
+        accumulation.covered += find(moved(picture, offset)).coverage.face_id >= 0
         accumulation.covering += 1
     return (accumulation.covered / accumulation.covering).astype(np.float32)
 

@@ -54,8 +54,8 @@ class Viewer:
     ------
     ValueError
         If the scene is none, or something cannot be drawn.
-    NotImplementedError
-        If this version of RasterJIT has no viewer.
+    ImportError
+        If nothing is installed that could show it, naming the extra to install.
     """
 
     def __init__(
@@ -68,21 +68,15 @@ class Viewer:
         run_in_thread: bool = False,
         **kwargs: Any,
     ) -> None:
-        import rasterjit
-
         if not isinstance(scene, Scene):
             raise ValueError(f"scene must be a Scene of this module, got {in_short(scene)}")
         size = image_size("viewport_size", (640, 480) if viewport_size is None else viewport_size)
         options = {**(render_flags or {}), **(viewer_flags or {}), **kwargs}
         self.scene, self.viewport_size = scene, size
         shown = scene_to_show(scene, size, options)
-        show = getattr(rasterjit, "show", None)
-        if show is None:
-            raise NotImplementedError(
-                "this version of RasterJIT has no viewer; OffscreenRenderer(640, 480).render(scene)"
-                " gives the picture"
-            )
-        show(shown)
+        from rasterjit.showing import show
+
+        show(shown, size=size)
 
 
 def scene_to_show(scene: Scene, size: tuple[int, int], options: Mapping[str, Any]) -> DrawnScene:
