@@ -50,7 +50,7 @@ class RegionRenderer(Renderer):
     ------
     ValueError
         Naming the argument that is wrong, or the effect that looks beyond the edges of a region:
-        ambient occlusion and outlines.
+        ambient occlusion, outlines, and see-through surfaces with 2 to 16 samples.
     """
 
     def __init__(
@@ -262,6 +262,15 @@ def _refuse_neighbours(plan: RenderPlan) -> None:
                 f"scene.{name} must be None where a picture is drawn in regions: it looks at "
                 "neighbouring pixels, which other regions hold"
             )
+    layers = plan.layers
+    if layers is not None and layers.has_blended and layers.samples != 1:
+        # A row of tiles without anything see-through is mixed face by face, another one sample by
+        # sample: the last bit of a pixel depends on what the whole row shows.
+        raise ValueError(
+            "quality.samples must be 1, 64 or 256 where a picture that shows see-through surfaces "
+            f"is drawn in regions, got {plan.quality.samples!r}: the last bit of what 2 to 16 "
+            "samples are mixed to depends on other regions"
+        )
 
 
 def _no_clock(stage: str) -> None:

@@ -184,7 +184,7 @@ def whole_size(name: str, value: Any, subpixel_bits: int) -> tuple[int, int]:
     Each is in 1..131072, or less on a grid of more than 9 sub-pixel bits: what is exact of a
     picture of 16384 pixels on the finest grid is exact of a larger one on a coarser grid.
     """
-    width, height = _two_sides(name, value, MAX_WHOLE_SIZE)
+    width, height = picture_size(name, value)
     largest = MAX_UNITS // (1 << subpixel_bits) - MAX_SIZE
     if max(width, height) > largest:
         raise ValueError(
@@ -192,6 +192,11 @@ def whole_size(name: str, value: Any, subpixel_bits: int) -> tuple[int, int]:
             f"bits, got {value!r}; quality.subpixel_bits below {subpixel_bits} allows more"
         )
     return width, height
+
+
+def picture_size(name: str, value: Any) -> tuple[int, int]:
+    """Return ``(width, height)`` of any picture, each in 1..131072, or raise ``ValueError``."""
+    return _two_sides(name, value, MAX_WHOLE_SIZE)
 
 
 def image_size(name: str, value: Any) -> tuple[int, int]:

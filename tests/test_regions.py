@@ -109,10 +109,11 @@ def assert_same_bits(scene, quality, **options):
         ("", {"subpixel_bits": 0}),
         ("texture", {"texture_filter": "anisotropic8"}),
         ("fog environment", {}),
-        ("glass environment", {"samples": 4, "blending": "srgb8"}),
+        ("glass environment", {"blending": "srgb8"}),
         ("shadow", {}),
-        ("shadow environment", {"samples": 64, "shadow_taps": 1}),
-        ("texture glass shadow fog environment", {"samples": 4}),
+        ("shadow", {"samples": 4}),
+        ("texture glass shadow fog environment", {}),
+        ("glass shadow", {"samples": 64}),
         ("wireframe", {"lines": "bresenham"}),
         ("wireframe", {"lines": "coverage"}),
     ],
@@ -176,6 +177,13 @@ def test_what_looks_at_neighbours_is_refused(name, effect):
     setattr(scene, name, effect)
     with pytest.raises(ValueError, match=rf"scene\.{name} must be None where a picture is drawn"):
         RegionRenderer(scene, CAMERA, size=SIZE)
+
+
+@pytest.mark.parametrize("blending", ["linear", "srgb8"])
+def test_glass_of_several_samples_is_refused(blending):
+    quality = rj.Quality(samples=4, blending=blending)
+    with pytest.raises(ValueError, match=r"quality\.samples must be 1, 64 or 256 where a picture"):
+        RegionRenderer(scene_with("glass"), CAMERA, size=SIZE, quality=quality)
 
 
 @pytest.mark.parametrize(

@@ -80,7 +80,7 @@ def render_large(
     ------
     ValueError
         Naming the argument that is wrong, or the effect that looks beyond the edges of a tile:
-        ambient occlusion and outlines.
+        ambient occlusion, outlines, and see-through surfaces with 2 to 16 samples.
     ImportError
         If what writes the file is not installed.
     """

@@ -24,8 +24,8 @@ from rasterjit.transforms import Matrix
 from rasterjit.validation import (
     finite_array,
     finite_number,
-    image_size,
     one_of,
+    picture_size,
     positive_number,
     triple,
     vector,
@@ -139,7 +139,7 @@ class PerspectiveCamera:
 
     def projection_matrix(self, size: tuple[int, int]) -> Matrix:
         """Return ``clip_from_view``, (4, 4) float64, for an image of (width, height) pixels."""
-        width, height = image_size("size", size)
+        width, height = picture_size("size", size)
         return transforms.perspective(self.fov_y, width / height, self.near, self.far)
 
     def eye_position(self) -> Float64:
@@ -198,7 +198,7 @@ class OrthographicCamera:
 
     def projection_matrix(self, size: tuple[int, int]) -> Matrix:
         """Return ``clip_from_view``, (4, 4) float64, for an image of (width, height) pixels."""
-        width, height = image_size("size", size)
+        width, height = picture_size("size", size)
         top = self.height / 2.0
         right = top * (width / height)
         return transforms.orthographic(-right, right, -top, top, self.near, self.far)
@@ -308,7 +308,7 @@ class MatrixCamera:
         camera has y down and z forward: with its 4x4 pose ``camera_from_world``,
         ``view_from_world = compose(scale((1, -1, -1)), camera_from_world)``.
         """
-        width, height = image_size("size", size)
+        width, height = picture_size("size", size)
         clip = np.zeros((4, 4))
         clip[0, 0] = 2.0 * positive_number("fx", fx) / width
         clip[1, 1] = 2.0 * positive_number("fy", fy) / height
@@ -324,7 +324,7 @@ class MatrixCamera:
 
     def projection_matrix(self, size: tuple[int, int]) -> Matrix:
         """Return ``clip_from_view``, (4, 4) float64, whatever the size."""
-        image_size("size", size)
+        picture_size("size", size)
         return self.clip_from_view.copy()
 
     def eye_position(self) -> Float64:
