@@ -2,16 +2,13 @@
 The command line: ``rasterjit render | turntable | view | dataset | explain | accuracy | warmup |
 doctor``.
 
-Exit status: 0 done, 1 failed, 2 wrong usage, 130 interrupted. Errors are one line on standard
-error. What is slow to import is imported by the command that needs it.
+What is slow to import is imported by the command that needs it.
 """
 
 from __future__ import annotations
 
 import gc
-import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,7 +19,6 @@ from rasterjit.cli_effects import Effects, effect_options
 from rasterjit.cli_files import OWN_PROCESS, is_opaque, load_scene, plan_files, warn, write_files
 from rasterjit.cli_options import (
     OUTPUTS_HELP,
-    ColorType,
     FiniteType,
     KnobsType,
     Look,
@@ -35,6 +31,17 @@ from rasterjit.cli_options import (
     gather,
     look_options,
     view_options,
+)
+from rasterjit.cli_program import (
+    INTERRUPTED,
+    Program,
+    background_option,
+    cull_option,
+    debug_option,
+    file_argument,
+    quiet_option,
+    size_option,
+    threads_option,
 )
 from rasterjit.cli_report import (
     compile_notice,
@@ -50,94 +57,8 @@ from rasterjit.scene.quality import LEVELS
 if TYPE_CHECKING:
     from rasterjit.frame import Frame
 
-INTERRUPTED = 130
-"""Exit status after Ctrl-C; the others are click's: 1 failed, 2 wrong usage."""
-
 GARBAGE_THRESHOLD = 100_000
 """Objects made between two looks for garbage; Python's own is 700."""
-
-DEBUG = "rasterjit.debug"
-"""Key of the flag in click's context."""
-
-
-class Program(click.Group):
-    """A group of commands whose errors are one line."""
-
-    def main(self, *arguments: Any, standalone_mode: bool = True, **extra: Any) -> Any:
-        """Run; print an error as one line and end with its status."""
-        if not standalone_mode:
-            return super().main(*arguments, standalone_mode=False, **extra)
-        try:
-            code = super().main(*arguments, standalone_mode=False, **extra)
-        except click.ClickException as error:
-            _say_error(error.format_message())
-            code = error.exit_code
-        except click.Abort:
-            _say_error("interrupted")
-            code = INTERRUPTED
-        sys.exit(code or 0)
-
-    def invoke(self, context: click.Context) -> Any:
-        """Run the command; what it raises becomes a `click.ClickException`, save for --debug."""
-        try:
-            return super().invoke(context)
-        except (click.ClickException, click.exceptions.Exit, click.Abort, BrokenPipeError):
-            raise
-        except Exception as error:
-            if context.meta.get(DEBUG):
-                raise
-            raise click.ClickException(describe(error)) from error
-
-
-def describe(error: Exception) -> str:
-    """Return what went wrong, without a traceback."""
-    if isinstance(error, OSError) and error.strerror:
-        return f"{error.filename}: {error.strerror}" if error.filename else error.strerror
-    if isinstance(error, (ValueError, OSError)) and str(error):
-        return str(error)
-    if isinstance(error, ImportError) and "pip install" in str(error):
-        return str(error)
-    if isinstance(error, MemoryError):
-        return f"not enough memory: {error}" if str(error) else "not enough memory"
-    return f"{type(error).__name__}: {error} (--debug shows where)"
-
-
-def _say_error(message: str) -> None:
-    click.echo("error: " + " ".join(message.split()), err=True)
-
-
-def _set_debug(context: click.Context, parameter: click.Parameter, value: bool) -> None:
-    """Note the flag, wherever it stands on the line."""
-    if value:
-        context.meta[DEBUG] = True
-
-
-debug_option = click.option(
-    "--debug", is_flag=True, expose_value=False, callback=_set_debug,
-    help="Show the traceback of an error.",
-)  # fmt: skip
-quiet_option = click.option("-q", "--quiet", is_flag=True, help="Print nothing but errors.")
-threads_option = click.option(
-    "--threads", type=click.IntRange(1, 1024),
-    help="Number of threads; default: all processors. The picture is the same for any.",
-)  # fmt: skip
-background_option = click.option(
-    "--background", type=ColorType(),
-    help="A colour name, #rrggbb, #rrggbbaa or transparent; default: the environment, or white.",
-)  # fmt: skip
-cull_option = click.option(
-    "--cull", type=click.Choice(["none", "back", "front"]), default="none", show_default=True,
-    help="Faces to leave out. Counter-clockwise is the front.",
-)  # fmt: skip
-file_argument = click.argument("file", type=click.Path(path_type=Path))
-
-
-def size_option(default: str) -> Callable:
-    """Return the option ``--size``."""
-    return click.option(
-        "--size", type=SizeType(), default=default, show_default=True, metavar="WxH",
-        help="Size of the picture, pixels.",
-    )  # fmt: skip
 
 
 @click.group(
