@@ -33,7 +33,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rasterjit import transforms
-from rasterjit.scene.camera import Camera, MatrixCamera
+from rasterjit.scene.camera import Camera, MatrixCamera, check_camera
 from rasterjit.transforms import Matrix
 from rasterjit.validation import (
     finite_array,
@@ -286,7 +286,7 @@ def to_opengl(camera: Camera, size: tuple[int, int]) -> OpenGLCamera:
     ValueError
         If the size is wrong, or the camera is none.
     """
-    _check_camera(camera)
+    check_camera("camera", camera)
     return OpenGLCamera(camera.view_matrix(), camera.projection_matrix(image_size("size", size)))
 
 
@@ -560,7 +560,7 @@ def _camera(pinhole: _Pinhole, size: tuple[int, int], view: Matrix) -> MatrixCam
 
 def _pinhole(camera: Camera, size: tuple[int, int]) -> _Pinhole:
     """Return what a perspective camera is as a pinhole, or raise ``ValueError``."""
-    _check_camera(camera)
+    check_camera("camera", camera)
     width, height = image_size("size", size)
     clip = camera.projection_matrix((width, height))
     if clip[3, 2] >= 0.0 or clip[3, [0, 1, 3]].any() or clip[:2, 3].any() or clip[1, 0] != 0.0:
@@ -594,15 +594,9 @@ def _parallel(
     return (clip[0, 0], clip[0, 3]), (clip[1, 1], clip[1, 3]), near, far
 
 
-def _check_camera(camera: Any) -> None:
-    """Raise ``ValueError`` if it is no camera."""
-    if isinstance(camera, type) or not isinstance(camera, Camera):
-        raise ValueError(f"camera must be one of rasterjit's, got {in_short(camera)}")
-
-
 def _rigid_view(camera: Camera) -> Matrix:
     """Return a camera's view if it only turns and moves, or raise ``ValueError``."""
-    _check_camera(camera)
+    check_camera("camera", camera)
     view = camera.view_matrix()
     _check_rotation("camera", view[:3, :3])
     return view

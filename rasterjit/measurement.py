@@ -9,13 +9,14 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 from rasterjit import plan_resources
+from rasterjit.arguments import choose_camera
 from rasterjit.frame import Frame
 from rasterjit.io.meshes import as_scene
 from rasterjit.plan import RenderPlan, plan_render
 from rasterjit.plan_answers import MAPS
 from rasterjit.plan_lights import has_cube
 from rasterjit.plan_quality import shadow_under
-from rasterjit.render import Renderer, choose_camera
+from rasterjit.render import Renderer
 from rasterjit.scene.ambient_occlusion import AmbientOcclusion
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.environment import Environment

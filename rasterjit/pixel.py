@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from rasterjit import passes, plan_views, stages
 from rasterjit import plan as planning
+from rasterjit.arguments import choose_camera
 from rasterjit.explanation import (
     LOST,
     SEEN_BESIDE,
@@ -32,7 +33,7 @@ from rasterjit.pixel_light import Drawn, find_look, light_of, owner_of
 from rasterjit.pixel_mix import parts_of
 from rasterjit.plan import RenderPlan
 from rasterjit.prepared import prepare
-from rasterjit.render import choose_camera, placement_of, render
+from rasterjit.render import placement_of, render
 from rasterjit.reversed_depth import add_reversed_depth
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.quality import Quality, check_quality

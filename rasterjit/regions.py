@@ -16,10 +16,11 @@ from types import TracebackType
 from typing import Any
 
 from rasterjit import passes, shadow_cells, supersampling
+from rasterjit.arguments import choose_camera
 from rasterjit.frame import Frame
 from rasterjit.kernels.setup import TILE_SIZE
 from rasterjit.plan import Region, RenderPlan
-from rasterjit.render import Renderer, StageClock, choose_camera, placement_of
+from rasterjit.render import Renderer, StageClock, placement_of
 from rasterjit.scene.quality import Quality, check_quality
 from rasterjit.supersampling import Accumulation
 from rasterjit.validation import MAX_SIZE, thread_count, whole_size
@@ -71,9 +72,7 @@ class RegionRenderer(Renderer):
         self.size = whole
         scene = self._scene(what)
         camera = choose_camera(scene, camera, whole)
-        self._planned = self._plan(
-            quality, scene, camera, outputs, background, cull, False, None
-        )
+        self._planned = self._plan(quality, scene, camera, outputs, background, cull, False, None)
         _refuse_neighbours(self._planned.plan)
 
     def __enter__(self) -> RegionRenderer:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import functools
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from dataclasses import replace
 from types import TracebackType
 from typing import Any, NamedTuple
@@ -19,28 +19,23 @@ import numpy as np
 from rasterjit import diagnostics as diagnosing
 from rasterjit import dial, ground_truth, motion, passes, plan_views, stages, supersampling
 from rasterjit import plan as planning
+from rasterjit.arguments import choose_camera, find_earlier, plan_earlier
 from rasterjit.frame import Frame, Stats
 from rasterjit.io.meshes import as_scene
 from rasterjit.kernels.jit import COMPILE_CLOCK
 from rasterjit.kernels.records import Placement
-from rasterjit.plan import RenderPlan, Stock
+from rasterjit.plan import RenderPlan
 from rasterjit.plan_arrays import SceneArrays
 from rasterjit.plan_views import Views
 from rasterjit.prepared import Prepared, prepare
 from rasterjit.reversed_depth import add_reversed_depth
-from rasterjit.scene.camera import (
-    Camera,
-    MatrixCamera,
-    OrthographicCamera,
-    PerspectiveCamera,
-    fit_camera,
-)
+from rasterjit.scene.camera import Camera
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.quality import Quality, check_quality
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.view import View
 from rasterjit.supersampling import Accumulation, Seen
-from rasterjit.validation import image_size, in_short, positive_number, thread_count
+from rasterjit.validation import image_size, positive_number, thread_count
 
 
 def render(
@@ -148,82 +143,7 @@ def explain(
         scene, camera, size, check_quality(quality), outputs, background, cull, diagnose
     )
     earlier = find_earlier(previous, plan, scene)
-    return plan if earlier is None else replace(plan, previous=_plan_earlier(plan, *earlier))
-
-
-def choose_camera(scene: Scene, camera: Camera | None, size: tuple[int, int]) -> Camera:
-    """Return the camera given, else the scene's own, else one that fits the scene."""
-    planning.check_scene(scene)
-    if camera is None:
-        camera = scene.camera
-    if camera is None:
-        return fit_camera(scene, aspect=size[0] / size[1])
-    return check_camera("camera", camera)
-
-
-def check_camera(name: str, camera: Any) -> Camera:
-    """Return a camera, or raise ``ValueError`` naming what is none."""
-    known = PerspectiveCamera, OrthographicCamera, MatrixCamera
-    # A protocol takes 20 microseconds to look for its methods.
-    if not isinstance(camera, known) and (
-        isinstance(camera, type) or not isinstance(camera, Camera)
-    ):
-        raise ValueError(
-            f"{name} must be a PerspectiveCamera, OrthographicCamera or MatrixCamera, got "
-            f"{type(camera).__name__}"
-        )
-    return camera
-
-
-def find_earlier(
-    previous: View | None, plan: RenderPlan, scene: Scene
-) -> tuple[Scene, Camera] | None:
-    """
-    Return the scene and the camera that a frame is compared with, ``None`` if it is with none.
-
-    Raises
-    ------
-    ValueError
-        Naming what is wrong with ``previous``, or that it is missing.
-    """
-    if previous is not None and not isinstance(previous, View):
-        raise ValueError(f"previous must be a View or None, got {in_short(previous)}")
-    if not plan.compares_views:
-        return None
-    if previous is None:
-        wanted = next(name for name in plan.outputs if name in planning.MOTION_OUTPUTS)
-        raise ValueError(
-            f"previous must be a View where outputs has {wanted!r}, which tells what has changed "
-            "since; got None"
-        )
-    earlier, camera = scene, plan.camera
-    if previous.scene is not None:
-        with naming("previous.scene"):
-            earlier = as_scene(previous.scene)
-            planning.check_scene(earlier)
-        motion.check_same_objects(scene.nodes, earlier.nodes)
-    if previous.camera is not None:
-        with naming("previous.camera"):
-            camera = choose_camera(earlier, previous.camera, plan.size)
-    return earlier, camera
-
-
-@contextmanager
-def naming(name: str) -> Iterator[None]:
-    """Let an error about an argument begin with the name that the caller knows it by."""
-    try:
-        yield
-    except ValueError as error:
-        raise ValueError(f"{name}: {error}") from None
-
-
-def _plan_earlier(
-    plan: RenderPlan, scene: Scene, camera: Camera, *known: Stock | Views
-) -> RenderPlan:
-    """Return the plan of an earlier view: which faces were seen, as now they are."""
-    return planning.plan_render(
-        scene, camera, plan.size, plan.quality, ("face_id",), None, plan.cull, False, *known
-    )
+    return plan if earlier is None else replace(plan, previous=plan_earlier(plan, *earlier))
 
 
 class Planned(NamedTuple):
@@ -466,7 +386,7 @@ class Renderer:
             return Planned(plan, prepared, views)
         old = prepare(earlier[0].nodes, prepared, quality)
         old_views = plan_views.view_places(old.places, earlier[1], self.size)
-        old_plan = _plan_earlier(plan, *earlier, old.stock, old_views)
+        old_plan = plan_earlier(plan, *earlier, old.stock, old_views)
         return Planned(
             replace(plan, previous=old_plan), prepared, views, Planned(old_plan, old, old_views)
         )

@@ -21,8 +21,8 @@ from rasterjit import plan as planning
 from rasterjit.frame import Frame
 from rasterjit.io.meshes import as_scene
 from rasterjit.prepared import prepare
-from rasterjit.render import Renderer, check_camera
-from rasterjit.scene.camera import Camera
+from rasterjit.render import Renderer
+from rasterjit.scene.camera import Camera, check_camera
 from rasterjit.scene.color import linear_color
 from rasterjit.scene.quality import Quality, check_quality
 from rasterjit.scene.scene import Scene

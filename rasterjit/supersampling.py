@@ -25,7 +25,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rasterjit import layered, passes, shadow_cells, stages
+from rasterjit import layered, passes, pixel_coverage, shadow_cells, stages
 from rasterjit.kernels import accumulation as accumulating
 from rasterjit.kernels import backgrounds, code_blending, resolve
 from rasterjit.kernels.records import Geometry, Objects, Placement, Shadows
@@ -231,7 +231,7 @@ def cover_pixels(
     samples = plan.quality.samples
     if samples not in SUPERSAMPLED:
         sight = layered.Sight(seen.geometry, passes.find_cutouts(plan, prepared))
-        return layered.cover_pixels(samples, seen.coverage, sight, workers)
+        return pixel_coverage.cover_pixels(samples, seen.coverage, sight, workers)
     if accumulation.covered is None:
         accumulation.covered = np.zeros(seen.coverage.face_id.shape, np.int32)
     count = plan.pictures if plan.pictures > 1 else int(samples)

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit import viewer_effects
+from rasterjit.arguments import choose_camera
 from rasterjit.controls import Event, Fly, Orbit
 from rasterjit.dial import seconds_of
 from rasterjit.explanation import PixelExplanation
@@ -24,7 +25,7 @@ from rasterjit.frame import Frame
 from rasterjit.io.meshes import as_scene
 from rasterjit.measurement import SWITCHES
 from rasterjit.pixel import explain_pixel
-from rasterjit.render import Renderer, choose_camera, explain
+from rasterjit.render import Renderer, explain
 from rasterjit.scene.camera import Camera, PerspectiveCamera
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene

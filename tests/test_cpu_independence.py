@@ -97,7 +97,8 @@ FRAMES_OF_ALL_KERNELS = (
     "occluded_and_outlined", "soup", "lines_and_curves", "many_lines", "filled_triangles",
     "materials_under_a_sky", "shadows_of_all_lights", "layers_of_glass",
     "layers_in_four_samples",
-    "edges_in_eight_samples", "ground_truth", "layers_peeled", "many_pictures", "areas", "codes_of_glass", "codes_in_four_samples",
+    "edges_in_eight_samples", "ground_truth", "layers_peeled", "many_pictures", "areas",
+    "codes_of_glass", "codes_in_four_samples",
     "codes_of_many_pictures", "lines_by_coverage", "coarse_geometry",
 )  # fmt: skip
 

@@ -31,10 +31,11 @@ from rasterjit.accuracy.timing import (
     take_turns,
     total,
 )
+from rasterjit.arguments import choose_camera
 from rasterjit.frame import Frame
 from rasterjit.io.meshes import as_scene
 from rasterjit.profile import machine
-from rasterjit.render import Renderer, choose_camera, explain
+from rasterjit.render import Renderer, explain
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene

@@ -16,8 +16,7 @@ import numpy as np
 from rasterjit.distributed import layers
 from rasterjit.distributed.clusters import LOGGER, connected, require_dask, result_of, send
 from rasterjit.frame import Frame
-from rasterjit.render import check_camera
-from rasterjit.scene.camera import Camera
+from rasterjit.scene.camera import Camera, check_camera
 from rasterjit.scene.light import AmbientLight
 from rasterjit.scene.material import Material
 from rasterjit.scene.mesh import Mesh

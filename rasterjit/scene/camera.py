@@ -441,6 +441,20 @@ def orbit_direction(azimuth: float, elevation: float) -> tuple[float, float, flo
     return sin_a * cos_e, sin_e, cos_a * cos_e
 
 
+def check_camera(name: str, camera: Any) -> Camera:
+    """Return a camera, or raise ``ValueError`` naming what is none."""
+    known = PerspectiveCamera, OrthographicCamera, MatrixCamera
+    # A protocol takes 20 microseconds to look for its methods.
+    if not isinstance(camera, known) and (
+        isinstance(camera, type) or not isinstance(camera, Camera)
+    ):
+        raise ValueError(
+            f"{name} must be a PerspectiveCamera, OrthographicCamera or MatrixCamera, got "
+            f"{type(camera).__name__}"
+        )
+    return camera
+
+
 def fit_camera(
     scene: Bounded,
     direction: ArrayLike = (0.6, 0.5, 1.0),

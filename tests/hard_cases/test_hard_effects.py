@@ -22,9 +22,9 @@ import rasterjit as rj
 from rasterjit import (
     edge_lines,
     ground_truth,
-    layered,
     motion,
     oracle,
+    pixel_coverage,
     plan_arrays,
     stages,
 )
@@ -670,8 +670,9 @@ def test_an_output_that_nobody_asked_for_is_not_made(sphere, camera, forbid):
     everything = draw(mesh, camera, wanted)
     for module, name in (
         (stages, "fill_rows"), (stages, "fill_barycentric"), (plan_arrays, "join_uv"),
-        (plan_arrays, "join_normals"), (ground_truth, "metric_depth"), (ground_truth, "box_matrices"),
-        (ground_truth, "material_numbers"), (layered, "cover_pixels"), (motion, "moment_of"),
+        (plan_arrays, "join_normals"), (ground_truth, "metric_depth"),
+        (ground_truth, "box_matrices"), (ground_truth, "material_numbers"),
+        (pixel_coverage, "cover_pixels"), (motion, "moment_of"),
     ):  # fmt: skip
         forbid(module, name)
     frame = draw(mesh, camera, ("color",))
