@@ -150,6 +150,30 @@ class _Pinhole(NamedTuple):
     far: float
 
 
+def view_from_pose(pose: ArrayLike, name: str = "pose") -> Matrix:
+    """
+    Return ``view_from_world`` of a camera that stands somewhere.
+
+    Parameters
+    ----------
+    pose : (4, 4) array_like
+        World from camera, which looks along its -z with y up; its scale does not count.
+    name : str
+        What the message calls the pose.
+
+    Raises
+    ------
+    ValueError
+        If it is not affine, or mirrors or shears.
+    """
+    place = finite_array(name, pose, (4, 4))
+    if place[3].tolist() != [0.0, 0.0, 0.0, 1.0]:
+        raise ValueError(f"{name} must have last row (0, 0, 0, 1), got {place[3].tolist()}")
+    axes = np.stack([transforms.unit_vector(name, place[:3, k]) for k in range(3)], axis=1)
+    _check_rotation(name, axes)
+    return _inverse(_affine(axes, place[:3, 3]))
+
+
 def from_opencv(
     intrinsics: ArrayLike,
     size: tuple[int, int],
@@ -399,7 +423,7 @@ def from_blender(
     width, height = image_size("size", size)
     one_of("type", type, ("PERSP", "ORTHO"))
     one_of("sensor_fit", sensor_fit, ("AUTO", "HORIZONTAL", "VERTICAL"))
-    view = _view_of("matrix_world", matrix_world)
+    view = view_from_pose(matrix_world, "matrix_world")
     fits_width = sensor_fit == "HORIZONTAL" or (sensor_fit == "AUTO" and width >= height)
     side = float(width if fits_width else height)
     right, up = finite_number("shift_x", shift_x), finite_number("shift_y", shift_y)
@@ -484,7 +508,7 @@ def from_trimesh(camera: trimesh.scene.Camera, transform: ArrayLike) -> MatrixCa
     except (AttributeError, TypeError):
         raise ValueError(f"camera must be a trimesh.scene.Camera, got {in_short(camera)}") from None
     pinhole = _Pinhole(fx, fy, 0.0, size[0] / 2.0, size[1] / 2.0, near, far)
-    return _camera(pinhole, size, _view_of("transform", transform))
+    return _camera(pinhole, size, view_from_pose(transform, "transform"))
 
 
 def to_trimesh(camera: Camera, size: tuple[int, int]) -> TrimeshCamera:
@@ -613,16 +637,6 @@ def _check_rotation(name: str, turn: Float64) -> None:
         raise ValueError(
             f"{name} must hold a rotation, neither scaled nor mirrored, got {turn.tolist()}"
         )
-
-
-def _view_of(name: str, value: ArrayLike) -> Matrix:
-    """Return the view of a camera's pose in the world, whose scale does not count."""
-    pose = finite_array(name, value, (4, 4))
-    if pose[3].tolist() != [0.0, 0.0, 0.0, 1.0]:
-        raise ValueError(f"{name} must have last row (0, 0, 0, 1), got {pose[3].tolist()}")
-    axes = np.stack([transforms.unit_vector(name, pose[:3, k]) for k in range(3)], axis=1)
-    _check_rotation(name, axes)
-    return _inverse(_affine(axes, pose[:3, 3]))
 
 
 def _inverse(pose: Matrix) -> Matrix:

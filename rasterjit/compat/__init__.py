@@ -1,0 +1,1 @@
+"""Interfaces of other renderers over this one, for scripts that were written for them."""

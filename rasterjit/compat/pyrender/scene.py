@@ -1,0 +1,344 @@
+"""Scenes: a tree of nodes, a background and ambient light."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rasterjit import transforms
+from rasterjit.compat.pyrender.cameras import Camera
+from rasterjit.compat.pyrender.lights import DirectionalLight, Light, PointLight, SpotLight
+from rasterjit.compat.pyrender.materials import color_of
+from rasterjit.compat.pyrender.meshes import Mesh
+from rasterjit.compat.pyrender.node import Node
+from rasterjit.validation import in_short
+
+if TYPE_CHECKING:
+    import trimesh
+
+
+class Scene:
+    """
+    What is drawn.
+
+    Parameters
+    ----------
+    nodes : iterable of Node, optional
+    bg_color : (3,) or (4,) array_like, optional
+        Background as the picture shows it: floats in 0..1 or bytes; default white.
+    ambient_light : (3,) array_like, optional
+        Linear RGB; default none.
+    name : str, optional
+
+    Raises
+    ------
+    ValueError
+        If a colour is none, or a node has two parents.
+    """
+
+    def __init__(
+        self,
+        nodes: Iterable[Node] | None = None,
+        bg_color: ArrayLike | None = None,
+        ambient_light: ArrayLike | None = None,
+        name: str | None = None,
+    ) -> None:
+        self.name = name
+        self.bg_color = bg_color
+        self.ambient_light = ambient_light
+        self._parents: dict[Node, Node | None] = {}
+        self._main_camera_node: Node | None = None
+        given = list(nodes or ())
+        below = [child for node in given for child in node.children]
+        for node in given:
+            if node not in below:
+                self.add_node(node)
+
+    @property
+    def bg_color(self) -> NDArray[np.float64]:
+        """(4,) float64: background as the picture shows it, and alpha."""
+        return self._bg_color
+
+    @bg_color.setter
+    def bg_color(self, value: ArrayLike | None) -> None:
+        self._bg_color = color_of("bg_color", np.ones(4) if value is None else value, 4)
+
+    @property
+    def ambient_light(self) -> NDArray[np.float64]:
+        """(3,) float64: linear RGB."""
+        return self._ambient_light
+
+    @ambient_light.setter
+    def ambient_light(self, value: ArrayLike | None) -> None:
+        self._ambient_light = color_of("ambient_light", np.zeros(3) if value is None else value, 3)
+
+    @property
+    def nodes(self) -> set[Node]:
+        """All nodes."""
+        return set(self._parents)
+
+    @property
+    def mesh_nodes(self) -> set[Node]:
+        """Nodes that hold a mesh."""
+        return self._holding(lambda node: node.mesh is not None)
+
+    @property
+    def camera_nodes(self) -> set[Node]:
+        """Nodes that hold a camera."""
+        return self._holding(lambda node: node.camera is not None)
+
+    @property
+    def light_nodes(self) -> set[Node]:
+        """Nodes that hold a light."""
+        return self._holding(lambda node: node.light is not None)
+
+    @property
+    def directional_light_nodes(self) -> set[Node]:
+        """Nodes that hold a directional light."""
+        return self._holding(lambda node: isinstance(node.light, DirectionalLight))
+
+    @property
+    def spot_light_nodes(self) -> set[Node]:
+        """Nodes that hold a spot light."""
+        return self._holding(lambda node: isinstance(node.light, SpotLight))
+
+    @property
+    def point_light_nodes(self) -> set[Node]:
+        """Nodes that hold a point light."""
+        return self._holding(lambda node: type(node.light) is PointLight)
+
+    @property
+    def meshes(self) -> set[Mesh]:
+        """All meshes."""
+        return {node.mesh for node in self.mesh_nodes if node.mesh is not None}
+
+    @property
+    def lights(self) -> set[Light]:
+        """All lights."""
+        return {node.light for node in self.light_nodes if node.light is not None}
+
+    @property
+    def cameras(self) -> set[Camera]:
+        """All cameras."""
+        return {node.camera for node in self.camera_nodes if node.camera is not None}
+
+    @property
+    def main_camera_node(self) -> Node | None:
+        """The node of the camera that is looked through: at first the first that was added."""
+        return self._main_camera_node
+
+    @main_camera_node.setter
+    def main_camera_node(self, value: Node) -> None:
+        if value not in self._parents or value.camera is None:
+            raise ValueError(f"main_camera_node must be a camera's node of the scene, got {value}")
+        self._main_camera_node = value
+
+    @property
+    def bounds(self) -> NDArray[np.float64]:
+        """(2, 3) float64: corners of a box around all meshes, 0 if there are none."""
+        corners = [
+            transforms.apply(self.get_pose(node), _corners(node.mesh.bounds))
+            for node in self.mesh_nodes
+        ]
+        if not corners:
+            return np.zeros((2, 3))
+        points = np.concatenate(corners)
+        return np.stack([points.min(axis=0), points.max(axis=0)])
+
+    @property
+    def centroid(self) -> NDArray[np.float64]:
+        """(3,) float64: the middle of the bounds."""
+        low, high = self.bounds
+        return (low + high) / 2.0
+
+    @property
+    def extents(self) -> NDArray[np.float64]:
+        """(3,) float64: the sides of the bounds."""
+        low, high = self.bounds
+        return high - low
+
+    @property
+    def scale(self) -> float:
+        """The diagonal of the bounds."""
+        x, y, z = self.extents.tolist()
+        return float(np.sqrt(x * x + y * y + z * z))
+
+    def add(
+        self,
+        obj: Mesh | Light | Camera,
+        name: str | None = None,
+        pose: ArrayLike | None = None,
+        parent_node: Node | None = None,
+        parent_name: str | None = None,
+    ) -> Node:
+        """
+        Place a mesh, a light or a camera, and return its new node.
+
+        Parameters
+        ----------
+        obj : Mesh, Light or Camera
+        name : str, optional
+            Of the node.
+        pose : (4, 4) array_like, optional
+            Relative to the parent; default the identity.
+        parent_node : Node, optional
+            Default: none.
+        parent_name : str, optional
+            The same by its name.
+
+        Raises
+        ------
+        TypeError
+            If ``obj`` is something else.
+        ValueError
+            If the parent is not in the scene, or not one.
+        """
+        held = {"mesh": Mesh, "light": Light, "camera": Camera}
+        kinds = [kind for kind, sort in held.items() if isinstance(obj, sort)]
+        if not kinds:
+            raise TypeError(f"obj must be a Mesh, a Light or a Camera, got {in_short(obj)}")
+        node = Node(name=name, matrix=np.eye(4) if pose is None else pose, **{kinds[0]: obj})
+        if parent_node is None and parent_name is not None:
+            named = self.get_nodes(name=parent_name)
+            if len(named) != 1:
+                raise ValueError(f"parent_name must be one node's, {parent_name!r} is {len(named)}")
+            (parent_node,) = named
+        self.add_node(node, parent_node)
+        return node
+
+    def add_node(self, node: Node, parent_node: Node | None = None) -> None:
+        """
+        Add a node and all below it.
+
+        Raises
+        ------
+        ValueError
+            If it is in the scene already, or its parent is not.
+        """
+        if node in self._parents:
+            raise ValueError(f"node must not be in the scene, got {node}")
+        if parent_node is not None:
+            if parent_node not in self._parents:
+                raise ValueError(f"parent_node must be in the scene, got {parent_node}")
+            if node not in parent_node.children:
+                parent_node.children.append(node)
+        self._parents[node] = parent_node
+        if node.camera is not None and self._main_camera_node is None:
+            self._main_camera_node = node
+        for child in node.children:
+            self.add_node(child, node)
+
+    def has_node(self, node: Node) -> bool:
+        """Tell whether a node is in the scene."""
+        return node in self._parents
+
+    def get_nodes(
+        self,
+        node: Node | None = None,
+        name: str | None = None,
+        obj: Any = None,
+        obj_name: str | None = None,
+    ) -> set[Node]:
+        """Return the nodes that match all that is given."""
+
+        def matches(one: Node) -> bool:
+            held = [thing for thing in (one.mesh, one.light, one.camera) if thing is not None]
+            return (
+                (node is None or one is node)
+                and (name is None or one.name == name)
+                and (obj is None or any(thing is obj for thing in held))
+                and (obj_name is None or any(thing.name == obj_name for thing in held))
+            )
+
+        return self._holding(matches)
+
+    def remove_node(self, node: Node) -> None:
+        """
+        Take a node and all below it out of the scene.
+
+        Raises
+        ------
+        ValueError
+            If it is not in the scene.
+        """
+        if node not in self._parents:
+            raise ValueError(f"node must be in the scene, got {node}")
+        parent = self._parents[node]
+        if parent is not None:
+            parent.children.remove(node)
+        self._forget(node)
+
+    def get_pose(self, node: Node) -> NDArray[np.float64]:
+        """
+        Return a node's pose in the world, (4, 4) float64.
+
+        Raises
+        ------
+        ValueError
+            If it is not in the scene.
+        """
+        if node not in self._parents:
+            raise ValueError(f"node must be in the scene, got {node}")
+        chain, above = [node.matrix], self._parents[node]
+        while above is not None:
+            chain.append(above.matrix)
+            above = self._parents[above]
+        return transforms.compose(*reversed(chain))
+
+    def set_pose(self, node: Node, pose: ArrayLike) -> None:
+        """
+        Move a node: its pose relative to its parent becomes ``pose``, (4, 4).
+
+        Raises
+        ------
+        ValueError
+            If it is not in the scene, or the pose is none.
+        """
+        if node not in self._parents:
+            raise ValueError(f"node must be in the scene, got {node}")
+        node.matrix = pose
+
+    def clear(self) -> None:
+        """Take all nodes out."""
+        self._parents.clear()
+        self._main_camera_node = None
+
+    @staticmethod
+    def from_trimesh_scene(
+        trimesh_scene: trimesh.Scene,
+        bg_color: ArrayLike | None = None,
+        ambient_light: ArrayLike | None = None,
+    ) -> Scene:
+        """Return the meshes of a trimesh scene, where they stand; other arguments as `Scene`."""
+        smooth = {
+            name: Mesh.from_trimesh(one, smooth=one.visual.kind != "face")
+            for name, one in trimesh_scene.geometry.items()
+        }
+        scene = Scene(bg_color=bg_color, ambient_light=ambient_light)
+        for node in trimesh_scene.graph.nodes_geometry:
+            pose, name = trimesh_scene.graph[node]
+            scene.add(smooth[name], pose=pose)
+        return scene
+
+    def _holding(self, matches: Callable[[Node], bool]) -> set[Node]:
+        return {node for node in self._parents if matches(node)}
+
+    def _ordered(self) -> list[Node]:
+        """Return all nodes in the order in which they were added, which sets do not have."""
+        return list(self._parents)
+
+    def _forget(self, node: Node) -> None:
+        for child in node.children:
+            self._forget(child)
+        del self._parents[node]
+        if self._main_camera_node is node:
+            cameras = [one for one in self._parents if one.camera is not None]
+            self._main_camera_node = cameras[0] if cameras else None
+
+
+def _corners(bounds: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the eight corners of a box, (8, 3)."""
+    return np.array([[x, y, z] for x in bounds[:, 0] for y in bounds[:, 1] for z in bounds[:, 2]])

@@ -1,0 +1,119 @@
+"""Show scenes in a window."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit import transforms
+from rasterjit.compat.pyrender.constants import RenderFlags
+from rasterjit.compat.pyrender.drawing import camera_of, check_flags, convert
+from rasterjit.compat.pyrender.lights import DirectionalLight
+from rasterjit.compat.pyrender.scene import Scene
+from rasterjit.scene.camera import fit_camera
+from rasterjit.scene.scene import Scene as DrawnScene
+from rasterjit.validation import image_size, in_short
+
+_RAYMOND_AZIMUTHS = (0.0, 120.0, 240.0)
+_RAYMOND_TILT = 30.0
+"""Degrees: three lights around the viewer, each 30 from where it looks from."""
+
+_FLAGS = {
+    "flip_wireframe": RenderFlags.FLIP_WIREFRAME,
+    "all_wireframe": RenderFlags.ALL_WIREFRAME,
+    "all_solid": RenderFlags.ALL_SOLID,
+    "shadows": RenderFlags.SHADOWS_DIRECTIONAL | RenderFlags.SHADOWS_SPOT,
+    "vertex_normals": RenderFlags.VERTEX_NORMALS,
+    "face_normals": RenderFlags.FACE_NORMALS,
+}
+"""Options that are flags."""
+
+
+class Viewer:
+    """
+    A window that shows a scene, with RasterJIT's own viewer and its keys.
+
+    Parameters
+    ----------
+    scene : Scene
+        Shown through its main camera, or whole if it has none. Points are left out.
+    viewport_size : (int, int), optional
+        Width and height, pixels; default 640 by 480.
+    render_flags, viewer_flags : mapping, optional
+        Of pyrender: ``shadows``, ``all_wireframe``, ``all_solid``, ``cull_faces``,
+        ``use_raymond_lighting`` and ``use_direct_lighting`` count; others have no effect.
+    registered_keys, run_in_thread
+        Taken and without effect.
+    **kwargs
+        The same by keyword.
+
+    Raises
+    ------
+    ValueError
+        If the scene is none, or something cannot be drawn.
+    NotImplementedError
+        If this version of RasterJIT has no viewer.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        viewport_size: tuple[int, int] | None = None,
+        render_flags: Mapping[str, Any] | None = None,
+        viewer_flags: Mapping[str, Any] | None = None,
+        registered_keys: Any = None,
+        run_in_thread: bool = False,
+        **kwargs: Any,
+    ) -> None:
+        import rasterjit
+
+        if not isinstance(scene, Scene):
+            raise ValueError(f"scene must be a Scene of this module, got {in_short(scene)}")
+        size = image_size("viewport_size", (640, 480) if viewport_size is None else viewport_size)
+        options = {**(render_flags or {}), **(viewer_flags or {}), **kwargs}
+        self.scene, self.viewport_size = scene, size
+        shown = scene_to_show(scene, size, options)
+        show = getattr(rasterjit, "show", None)
+        if show is None:
+            raise NotImplementedError(
+                "this version of RasterJIT has no viewer; OffscreenRenderer(640, 480).render(scene)"
+                " gives the picture"
+            )
+        show(shown)
+
+
+def scene_to_show(scene: Scene, size: tuple[int, int], options: Mapping[str, Any]) -> DrawnScene:
+    """Return what the viewer shows: the scene with its camera, and the lights asked for."""
+    flags = RenderFlags.NONE if options.get("cull_faces", True) else RenderFlags.SKIP_CULL_FACES
+    for name, flag in _FLAGS.items():
+        if options.get(name):
+            flags |= flag
+    drawn = convert(scene, check_flags(flags)).scene
+    if scene.main_camera_node is not None:
+        drawn.camera = camera_of(scene, size)
+        pose = scene.get_pose(scene.main_camera_node)
+    else:
+        drawn.camera = fit_camera(drawn, aspect=size[0] / size[1])
+        pose = np.eye(4)
+        pose[:3, :3] = drawn.camera.view_matrix()[:3, :3].T
+    added = []
+    if options.get("use_raymond_lighting"):
+        added += [transforms.compose(pose, turn) for turn in _raymond_turns()]
+    if options.get("use_direct_lighting"):
+        added.append(pose)
+    drawn.lights += [DirectionalLight().placed(place, None) for place in added]
+    if not scene.light_nodes and not added and not scene.ambient_light.any():
+        # A window that is black helps nobody: RasterJIT's headlight.
+        drawn.lights.clear()
+    return drawn
+
+
+def _raymond_turns() -> list[NDArray[np.float64]]:
+    """Return where the three lights stand, (4, 4) each, relative to the camera."""
+    return [
+        transforms.compose(transforms.rotate_z(around), transforms.rotate_y(_RAYMOND_TILT))
+        for around in _RAYMOND_AZIMUTHS
+    ]
