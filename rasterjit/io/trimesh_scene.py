@@ -17,7 +17,7 @@ from rasterjit.io.mtl import MtlPictures
 from rasterjit.io.trimesh_materials import colors_from_trimesh, material_from_trimesh
 from rasterjit.io.trimesh_textures import TextureReader
 from rasterjit.scene.camera import PerspectiveCamera
-from rasterjit.scene.light import DirectionalLight, PointLight
+from rasterjit.scene.light import WIDEST_CONE, DirectionalLight, PointLight, SpotLight
 from rasterjit.scene.material import TEXTURE_FIELDS, Material
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.scene import Scene
@@ -241,8 +241,28 @@ class TrimeshAdapter:
                 scene.lights.append(DirectionalLight(-pose[:3, 2], color, light.intensity))
             elif kind == "PointLight":
                 scene.lights.append(PointLight(pose[:3, 3], color, light.intensity))
+            elif kind == "SpotLight":
+                self._take_spot(light, pose, color, scene)
             else:
                 self.left_out.note(kind)
+
+    def _take_spot(
+        self, light: Any, pose: NDArray[np.float64], color: NDArray[np.float64], scene: Scene
+    ) -> None:
+        """Take a spot light, whose angles trimesh has in radians."""
+        try:
+            spot = SpotLight(
+                pose[:3, 3],
+                -pose[:3, 2],
+                color,
+                light.intensity,
+                inner_angle=math.degrees(light.innerConeAngle),
+                outer_angle=min(math.degrees(light.outerConeAngle), WIDEST_CONE),
+            )
+        except ValueError:
+            self.left_out.note("SpotLight without a usable cone")
+        else:
+            scene.lights.append(spot)
 
 
 def _nearly_equal(a: NDArray[np.float64], b: NDArray[np.float64]) -> bool:

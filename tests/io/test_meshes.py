@@ -11,7 +11,9 @@ import numpy as np
 import pytest
 import trimesh
 from opengl import optional_module
+from PIL import Image
 
+import rasterjit as rj
 from rasterjit.io.left_out import LeftOut
 from rasterjit.io.meshes import LoadWarning, MeshFileError, as_scene, from_trimesh, load
 from rasterjit.io.trimesh_materials import material_from_trimesh
@@ -471,11 +473,51 @@ def test_a_trimesh_scene_brings_its_camera_and_lights():
     assert lamp == PointLight((1, 2, 3), (0, 51 / 255, 0))
 
 
-def test_spot_lights_are_left_out_by_name():
+def test_spot_lights_of_a_trimesh_scene_shine_along_their_axis():
     source = trimesh.Scene(trimesh.creation.box())
-    source.lights = [trimesh.scene.lighting.SpotLight(name="spot")]
-    with pytest.warns(LoadWarning, match=r"SpotLight \(1\)"):
-        assert from_trimesh(source).lights == []
+    spot = trimesh.scene.lighting.SpotLight(
+        name="spot", color=[255, 0, 0, 255], intensity=3, innerConeAngle=np.pi / 12,
+        outerConeAngle=np.pi / 6,
+    )  # fmt: skip
+    source.lights = [spot]
+    turn = trimesh.transformations.rotation_matrix(np.pi / 2, [0, 1, 0], [0, 0, 0])
+    source.graph["spot"] = turn + lift(5, 1, 0)
+    (found,) = from_trimesh(source).lights
+    assert found.position == pytest.approx((5, 1, 0))
+    assert found.direction == pytest.approx((-1, 0, 0))
+    assert (found.inner_angle, found.outer_angle) == pytest.approx((15, 30))
+    assert (found.color, found.intensity) == ((1.0, 0.0, 0.0), 3)
+
+
+def test_a_trimesh_scene_is_drawn_in_one_call_with_all_it_has():
+    quad = trimesh.Trimesh(SQUARE, TWO_FACES, process=False)
+    picture = Image.fromarray(np.repeat([[[255, 0, 0], [0, 0, 255]]], 2, axis=1).astype(np.uint8))
+    quad.visual = trimesh.visual.TextureVisuals(
+        uv=np.asarray(SQUARE)[:, :2], image=picture,
+        material=trimesh.visual.material.SimpleMaterial(
+            image=picture, diffuse=[255] * 4, specular=[0, 0, 0, 255], ks=[0, 0, 0]
+        ),
+    )  # fmt: skip
+    low, high = quad.bounds
+    source = trimesh.Scene(quad)
+    source.camera = trimesh.scene.Camera(resolution=(40, 30), fov=(60, 46.8))
+    eye = (low + high) / 2 + (0.3, 0, 1.5)
+    source.camera_transform = np.eye(4) + lift(*eye)
+    sun = trimesh.scene.lighting.DirectionalLight(name="sun", color=[255] * 4, intensity=0.5)
+    source.lights = [sun]
+    source.graph["sun"] = np.eye(4)
+    frame = rj.render(source, size=(40, 30), outputs=("color", "depth"), threads=1)
+    seen = np.isfinite(frame.depth)
+    # The camera is the scene's: 1.5 away, and to the right of the square.
+    assert frame.depth[seen] == pytest.approx(1.5)
+    columns = np.nonzero(seen)[1]
+    focal = 15 / math.tan(math.radians(23.4))
+    assert columns.mean() + 0.5 == pytest.approx(20 - 0.3 / 1.5 * focal, abs=0.6)
+    # So are texture and light: half of red, half of blue, whose sRGB code is 188.
+    quarter = round(focal / 1.5 / 4)
+    left, right = frame.color[15, [columns.min() + quarter, columns.max() - quarter]]
+    assert left[:3].tolist() == [188, 0, 0]
+    assert right[:3].tolist() == [0, 0, 188]
 
 
 def test_lights_and_cameras_that_trimesh_makes_up_are_not_the_scenes():

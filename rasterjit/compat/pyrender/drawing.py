@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -120,16 +119,12 @@ def _material(primitive: Primitive, flags: RenderFlags, shapes_alone: bool) -> M
     is_culled = not flags & RenderFlags.SKIP_CULL_FACES and primitive.mode != GLTF.POINTS
     if shapes_alone:
         return Material("unlit", double_sided=primitive.material.doubleSided or not is_culled)
-    look = primitive.material.drawn(
+    return primitive.material.drawn(
         has_uv=primitive.texcoord_0 is not None and primitive.mode != GLTF.POINTS,
         is_lit=not flags & RenderFlags.FLAT,
         is_culled=is_culled,
         least_alpha=primitive.least_alpha,
     )
-    if primitive.mode == GLTF.POINTS and flags & RenderFlags.SHADOWS_ALL:
-        # What is blended casts no shadow: squares that face the camera would shade each other.
-        look = replace(look, alpha_mode="blend")
-    return look
 
 
 def _is_wire(primitive: Primitive, flags: RenderFlags) -> bool:
