@@ -426,7 +426,7 @@ def test_debug_shows_the_traceback_wherever_it_stands(tmp_path, before):
 # Turntable
 
 
-@pytest.mark.parametrize("suffix", [".gif", ".webp", ".mp4"])
+@pytest.mark.parametrize("suffix", [".gif", ".webp", ".apng", ".mp4"])
 def test_a_turntable_has_its_frames(tmp_path, suffix):
     path = tmp_path / f"turn{suffix}"
     result = run("turntable", KNOT, "-o", path, "--frames", 5, "--fps", 10, *SMALL)
@@ -489,7 +489,7 @@ def test_mp4_without_ffmpeg_names_the_extra(tmp_path, monkeypatch):
     assert 'pip install "rasterjit[video]"' in result.stderr
 
 
-@pytest.mark.parametrize("suffix", [".gif", ".webp", ".mp4"])
+@pytest.mark.parametrize("suffix", [".gif", ".webp", ".apng", ".mp4"])
 def test_a_turntable_that_fails_leaves_the_old_animation(tmp_path, monkeypatch, suffix):
     calls = []
 

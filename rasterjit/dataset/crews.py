@@ -5,7 +5,7 @@ from __future__ import annotations
 import multiprocessing
 import signal
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent import futures
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
@@ -37,12 +37,15 @@ def run_here(task: Task, jobs: Iterable[Job]) -> Iterator[tuple[Job, Any]]:
         yield job, task(*job, None)
 
 
-def run_in_processes(task: Task, jobs: Iterable[Job], count: int) -> Iterator[tuple[Job, Any]]:
+def run_in_processes(task: Task, jobs: Sequence[Job], count: int) -> Iterator[tuple[Job, Any]]:
     """
-    Share jobs among processes; yield each with its result, in the order in which they are done.
+    Share jobs among some processes; yield each with its result, in the order they are done.
 
     When the iterator is closed, or anything is raised, the processes end after the view at hand.
     """
+    count = min(count, len(jobs))
+    if count == 0:
+        return
     context = multiprocessing.get_context("spawn")
     calls_off = context.Event()
     threads = max(1, available_processors() // count)
@@ -83,7 +86,7 @@ def run_on_dask(task: Task, jobs: Iterable[Job], address: str) -> Iterator[tuple
             'a scheduler\'s workers need Dask; pip install "rasterjit[distributed]"'
         ) from None
     try:
-        client = distributed.Client(address, timeout=PATIENCE, set_as_default=False)
+        client = distributed.Client(address, timeout=PATIENCE)
     except (OSError, ValueError) as error:
         said = " ".join(str(error).split()).splitlines()
         raise LostWorkersError(

@@ -159,7 +159,7 @@ def make(
         raise ValueError(f"folder must hold mesh files, got none in {str(source)!r}")
     _begin(place, recipe)
     todo = [name for name in names if not (place / name / DONE).is_file()]
-    jobs = ((names[name], name, place, recipe) for name in todo)
+    jobs = [(names[name], name, place, recipe) for name in todo]
     failures: dict[str, str] = {}
     # Closing it lets the workers go, whatever happens here.
     with closing(crew(make_mesh, jobs)) as results:

@@ -1,0 +1,301 @@
+"""Data sets: what is in them, what is left out, and that they are whole."""
+
+import errno
+import json
+import shutil
+
+import numpy as np
+import pytest
+import trimesh
+from made_meshes import BROKEN, GOOD, codes_of, contents, make_meshes
+from PIL import Image
+
+import rasterjit as rj
+from rasterjit import dataset
+from rasterjit.dataset import Recipe, making, mesh
+
+W, H = SIZE = (24, 16)
+RECIPE = Recipe(
+    views=3, size=SIZE, outputs=("color", "depth", "normal", "mask", "coco", "position")
+)
+
+
+@pytest.fixture(scope="module")
+def meshes(tmp_path_factory):
+    return make_meshes(tmp_path_factory.mktemp("meshes"))
+
+
+@pytest.fixture(scope="module")
+def made(meshes, tmp_path_factory):
+    """The data set, made without interruption."""
+    place = tmp_path_factory.mktemp("made") / "set"
+    reports = []
+    summary = dataset.make(meshes, place, RECIPE, report=lambda *what: reports.append(what))
+    return place, summary, reports
+
+
+def transforms_of(place, name):
+    return json.loads((place / name / "transforms.json").read_text())
+
+
+def test_mesh_files_are_found_in_order(meshes):
+    found = [file.relative_to(meshes).as_posix() for file in dataset.mesh_files(meshes)]
+    assert found == sorted((*GOOD, *BROKEN))
+
+
+def test_every_mesh_is_done_or_listed_with_the_reason(made, meshes):
+    place, summary, reports = made
+    assert (summary.made, summary.present) == (len(GOOD), 0)
+    assert list(summary.failures) == sorted(BROKEN)
+    listed = json.loads((place / "failures.json").read_text())
+    assert {one["file"]: one["reason"] for one in listed} == summary.failures
+    assert all(one["reason"] and str(meshes) not in one["reason"] for one in listed)
+    assert "is empty" in summary.failures["empty.obj"]
+    assert "ends too early" in summary.failures["cut.glb"]
+    assert "no faces" in summary.failures["parts/text.stl"]
+    assert [(done, total) for _, done, total in reports] == [(n, 8) for n in range(1, 9)]
+    assert {outcome.name for outcome, _, _ in reports if outcome.failure} == set(BROKEN)
+
+
+def test_a_folder_holds_what_was_asked_for_and_nothing_else(made):
+    place, _, _ = made
+    expected = {"dataset.json", "failures.json"}
+    for name in GOOD:
+        expected |= {f"{name}/transforms.json", f"{name}/coco.json"}
+        for number in range(3):
+            expected |= {f"{name}/{kind}/000{number}.png" for kind in ("images", "depth")}
+            expected |= {f"{name}/{kind}/000{number}.png" for kind in ("normal", "mask")}
+            expected.add(f"{name}/position/000{number}.npz")
+    assert set(contents(place)) == expected
+
+
+@pytest.mark.parametrize("name", GOOD)
+def test_a_frame_says_where_its_files_are(made, name):
+    place, _, _ = made
+    frames = transforms_of(place, name)["frames"]
+    assert len(frames) == 3
+    for number, frame in enumerate(frames):
+        assert frame["file_path"] == f"images/000{number}.png"
+        assert frame["depth_path"] == frame["depth_file_path"]
+        for key, path in frame.items():
+            assert key == "transform_matrix" or (place / name / path).is_file()
+
+
+@pytest.mark.parametrize("name", GOOD)
+def test_the_cameras_and_the_depth_give_back_the_surface(made, meshes, name):
+    """As a reader of NeRF's convention would do it, from the files alone."""
+    place, _, _ = made
+    document = transforms_of(place, name)
+    scene = rj.load(meshes / name)
+    triangles = trimesh.util.concatenate(
+        [
+            trimesh.Trimesh(rj.transforms.apply(n.world_from_model, n.mesh.vertices), n.mesh.faces)
+            for n in scene.nodes
+        ]
+    )
+    _, radius = scene.bounding_sphere()
+    columns, rows = np.meshgrid(np.arange(W) + 0.5, np.arange(H) + 0.5)
+    for frame in document["frames"]:
+        codes = np.array(Image.open(place / name / frame["depth_path"])).astype(float)
+        depth = codes * document["integer_depth_scale"]
+        seen = codes > 0
+        assert np.array_equal(seen, np.array(Image.open(place / name / frame["mask_path"])) == 255)
+        assert seen.any()
+        view = np.stack(
+            [
+                (columns - document["cx"]) / document["fl_x"] * depth,
+                -(rows - document["cy"]) / document["fl_y"] * depth,
+                -depth,
+                np.ones_like(depth),
+            ],
+            axis=-1,
+        )[seen]
+        world = view @ np.array(frame["transform_matrix"]).T
+        distance = _distances(triangles, world[:, :3])
+        # A code is 7e-5 of the radius; vertices snap to 1/256 of a pixel, which is 3e-4.
+        assert distance.max() < 1e-3 * radius
+
+
+def _distances(mesh, points):
+    """How far points are from a mesh: from the nearest of all its triangles."""
+    found = np.full(len(points), np.inf)
+    for triangle in mesh.triangles:
+        nearest = trimesh.triangles.closest_point(np.repeat(triangle[None], len(points), 0), points)
+        found = np.minimum(found, np.linalg.norm(nearest - points, axis=1))
+    return found
+
+
+def test_the_angle_fits_the_focal_length(made):
+    document = transforms_of(made[0], "box.stl")
+    assert (document["w"], document["h"]) == SIZE
+    assert document["camera_angle_y"] == pytest.approx(np.radians(45.0))
+    assert np.tan(document["camera_angle_x"] / 2) == pytest.approx(W / 2 / document["fl_x"])
+    assert document["fl_x"] == document["fl_y"]
+
+
+def test_the_scale_takes_a_mesh_of_any_unit_into_the_unit_cube(made, meshes):
+    for name in GOOD:
+        document = transforms_of(made[0], name)
+        low, high = rj.load(meshes / name).bounds()
+        corners = document["scale"] * np.array([low, high]) + document["offset"]
+        assert corners.min() >= -1e-9
+        assert corners.max() <= 1 + 1e-9
+
+
+def test_pictures_are_what_render_gives(made, meshes):
+    place, _, _ = made
+    scene = rj.load(meshes / "box.stl")
+    camera = dataset.view_cameras(scene, RECIPE, "box.stl")[1]
+    frame = rj.render(
+        scene, camera, size=SIZE, outputs=("color", "normal"), background="transparent"
+    )
+    assert np.array_equal(np.array(Image.open(place / "box.stl/images/0001.png")), frame.color)
+    codes = codes_of(place / "box.stl/normal/0001.png").astype(float)
+    seen = codes.any(axis=2)
+    assert np.array_equal(seen, frame.normal.any(axis=2))
+    assert np.abs((codes[seen] - 32768) / 32767 - frame.normal[seen]).max() < 1e-4
+
+
+def test_annotations_cover_the_masks(made):
+    place, _, _ = made
+    annotation = json.loads((place / "box.stl/coco.json").read_text())
+    assert [image["file_name"] for image in annotation["images"]] == [
+        f"images/000{number}.png" for number in range(3)
+    ]
+    for number, one in enumerate(annotation["annotations"]):
+        mask = np.array(Image.open(place / f"box.stl/mask/000{number}.png")) == 255
+        assert one["area"] == mask.sum()
+
+
+def test_one_more_run_changes_nothing(made, meshes, monkeypatch):
+    place, summary, _ = made
+    before = contents(place)
+    rendered = []
+    real = mesh.render_views
+    monkeypatch.setattr(mesh, "render_views", lambda *a, **k: rendered.append(a) or real(*a, **k))
+    again = dataset.make(meshes, place, RECIPE)
+    assert again == dataset.Summary(0, len(GOOD), summary.failures)
+    assert rendered == []
+    assert contents(place) == before
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, OSError(errno.ENOSPC, "No space left")])
+@pytest.mark.parametrize("after", [1, 7, 20])
+def test_what_was_interrupted_is_gone_on_with(made, meshes, tmp_path, monkeypatch, error, after):
+    """Between any two files: what is there is whole, and in the end it is all there."""
+    saved = []
+    real = rj.Frame.save
+
+    def save(self, path, *arguments, **options):
+        if len(saved) == after:
+            raise error
+        saved.append(path)
+        real(self, path, *arguments, **options)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(rj.Frame, "save", save)
+        with pytest.raises(type(error) if isinstance(error, OSError) else error):
+            dataset.make(meshes, tmp_path / "set", RECIPE)
+    whole = contents(made[0])
+    assert contents(tmp_path / "set").items() <= whole.items()
+    assert not list((tmp_path / "set").glob(".*"))
+    dataset.make(meshes, tmp_path / "set", RECIPE)
+    assert contents(tmp_path / "set") == whole
+
+
+def test_a_full_disk_is_told_with_the_mesh_that_did_not_fit(meshes, tmp_path, monkeypatch):
+    def save(self, path, *arguments, **options):
+        raise OSError(errno.ENOSPC, "No space left on device", str(path))
+
+    monkeypatch.setattr(rj.Frame, "save", save)
+    with pytest.raises(OSError, match="No space left on device") as caught:
+        dataset.make(meshes, tmp_path / "set", RECIPE)
+    assert caught.value.filename == str(tmp_path / "set/ball.ply/images/0000.png")
+
+
+def test_leftovers_of_a_killed_run_are_cleared_away(made, meshes, tmp_path):
+    place = tmp_path / "set"
+    shutil.copytree(made[0], place)
+    (place / "box.stl/transforms.json").unlink()
+    (place / "box.stl/images/9999.png").write_bytes(b"half")
+    (place / ".partial-0123").mkdir()
+    (place / ".partial-0123/x.png").write_bytes(b"half")
+    summary = dataset.make(meshes, place, RECIPE)
+    assert summary.made == 1
+    assert contents(place) == contents(made[0])
+
+
+def test_a_mesh_that_fails_to_render_is_listed_and_leaves_nothing(meshes, tmp_path, monkeypatch):
+    real = rj.Renderer.render
+
+    def render(self, scene, *arguments, **options):
+        if len(scene.nodes[0].mesh.faces) == 1:
+            raise MemoryError
+        return real(self, scene, *arguments, **options)
+
+    monkeypatch.setattr(rj.Renderer, "render", render)
+    summary = dataset.make(meshes, tmp_path / "set", RECIPE)
+    assert summary.failures["tri angle.obj"] == "not enough memory"
+    assert not (tmp_path / "set/tri angle.obj").exists()
+
+
+def test_failures_that_are_mended_are_no_longer_listed(tmp_path):
+    folder = tmp_path / "meshes"
+    folder.mkdir()
+    (folder / "a.obj").write_text("")
+    (folder / "b.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    recipe = Recipe(views=1, size=(8, 6), outputs=("mask",))
+    assert list(dataset.make(folder, tmp_path / "set", recipe).failures) == ["a.obj"]
+    shutil.copy(folder / "b.obj", folder / "a.obj")
+    assert dataset.make(folder, tmp_path / "set", recipe) == dataset.Summary(1, 1, {})
+    assert not (tmp_path / "set/failures.json").exists()
+
+
+def test_another_recipe_is_refused_and_named(made, meshes):
+    before = contents(made[0])
+    with pytest.raises(ValueError, match="made otherwise: views 3, not 4"):
+        dataset.make(meshes, made[0], Recipe(views=4, size=SIZE, outputs=RECIPE.outputs))
+    assert contents(made[0]) == before
+
+
+@pytest.mark.parametrize(
+    ("folder", "output", "options", "message"),
+    [
+        ("nowhere", "set", {}, "folder must be an existing folder"),
+        (7, "set", {}, "folder must be an existing folder"),
+        ("meshes", "meshes", {}, "output must not hold the meshes"),
+        ("meshes", ".", {}, "output must not hold the meshes"),
+        ("meshes", "full", {}, "output must be empty or a data set"),
+        ("meshes", "full/file", {}, "is a file"),
+        ("meshes", None, {}, "output must be a folder"),
+        ("full", "set", {}, "must hold mesh files"),
+        ("meshes", "set", {"workers": 0}, "workers must be in 1..256"),
+        ("meshes", "set", {"workers": 1.5}, "workers must be in"),
+        ("meshes", "set", {"workers": "host"}, "workers must be a number, or an address"),
+        ("meshes", "set", {"recipe": {"views": 3}}, "recipe must be a Recipe"),
+    ],
+)
+def test_what_cannot_be_made_is_refused(tmp_path, monkeypatch, folder, output, options, message):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "meshes").mkdir()
+    (tmp_path / "meshes/a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full/file").write_text("mine")
+    with pytest.raises(ValueError, match=message):
+        dataset.make(folder, output, **options)
+    assert (tmp_path / "full/file").read_text() == "mine"
+    assert not (tmp_path / "meshes/dataset.json").exists()
+
+
+def test_a_data_set_inside_the_folder_of_meshes_is_not_taken_for_one(tmp_path):
+    (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    (tmp_path / "set").mkdir()
+    recipe = Recipe(views=1, size=(8, 6), outputs=("mask",))
+    assert dataset.make(tmp_path, tmp_path / "set", recipe).made == 1
+    shutil.copy(tmp_path / "a.obj", tmp_path / "set/b.obj")
+    assert dataset.make(tmp_path, tmp_path / "set", recipe) == dataset.Summary(0, 1, {})
+
+
+def test_files_that_need_an_extra_are_not_passed_over():
+    assert {".dae", ".3mf", ".obj", ".stl", ".glb"} <= making.mesh_suffixes()
+    assert not {".json", ".zip", ".png", ".mtl"} & making.mesh_suffixes()
