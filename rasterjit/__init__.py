@@ -107,7 +107,7 @@ def __dir__() -> list[str]:
 def __getattr__(name: str) -> Any:
     """Load what rendering needs nothing of when it is first named."""
     if name == "show":
-        return import_module("rasterjit.show").show
+        return import_module("rasterjit.viewer_show").show
     if name in ("accuracy", "oracle"):
         return import_module(f"rasterjit.{name}")
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
