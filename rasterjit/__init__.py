@@ -19,6 +19,7 @@ from rasterjit.frame import Choice, Frame, OutputNotRequestedError, Stats
 from rasterjit.framebuffer import Framebuffer
 from rasterjit.io.meshes import load
 from rasterjit.measurement import Measurement, measure
+from rasterjit.notebook import preview
 from rasterjit.pipeline import Pipeline
 from rasterjit.pixel import explain_pixel
 from rasterjit.plan import RenderPlan
@@ -44,10 +45,14 @@ from rasterjit.scene.light import (
 from rasterjit.scene.material import Material
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.outline import Outline
+from rasterjit.scene.preview import set_painter
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Node, Scene, Wireframe
 from rasterjit.scene.texture import Texture
 from rasterjit.scene.tone_map import ToneMap
+
+set_painter(preview)
+del preview, set_painter
 
 __version__ = "0.1.0"
 
@@ -91,6 +96,7 @@ __all__ = [
     "fit_camera",
     "load",
     "measure",
+    "mpl",
     "oracle",
     "orbit_direction",
     "rasterize",
@@ -108,6 +114,6 @@ def __getattr__(name: str) -> Any:
     """Load what rendering needs nothing of when it is first named."""
     if name == "show":
         return import_module("rasterjit.viewer_show").show
-    if name in ("accuracy", "oracle"):
+    if name in ("accuracy", "mpl", "oracle"):
         return import_module(f"rasterjit.{name}")
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -100,7 +100,7 @@ def wait_for(page, wanted):
             if "png" in kind and not far.any():
                 return
         time.sleep(0.1)
-     pytest.fail(f"{kind} differs in {None if far is None else (far > 0).sum()} pixels")
+    pytest.fail(f"{kind} differs in {None if far is None else (far > 0).sum()} pixels")
 
 
 def mouse(page, kind, x, y, **more):
@@ -182,7 +182,7 @@ def ask(address, lines):
     host, port = address.removeprefix("http://").split(":")
     with socket.create_connection((host, int(port)), timeout=PATIENCE) as connection:
         connection.sendall("\r\n".join([*lines, "", ""]).encode())
-        return connection.makefile().readline()
+        return connection.makefile(encoding="latin-1").readline()
 
 
 UPGRADE = [
