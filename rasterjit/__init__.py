@@ -20,6 +20,7 @@ from rasterjit.framebuffer import Framebuffer
 from rasterjit.io.meshes import load
 from rasterjit.many import render_many
 from rasterjit.measurement import Measurement, measure
+from rasterjit.notebook import preview
 from rasterjit.peeling import render_layers
 from rasterjit.pipeline import Pipeline
 from rasterjit.pixel import explain_pixel
@@ -46,11 +47,15 @@ from rasterjit.scene.light import (
 from rasterjit.scene.material import Material
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.outline import Outline
+from rasterjit.scene.preview import set_painter
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Node, Scene, Wireframe
 from rasterjit.scene.texture import Texture
 from rasterjit.scene.tone_map import ToneMap
 from rasterjit.scene.view import View
+
+set_painter(preview)
+del preview, set_painter
 
 __version__ = "0.1.0"
 
@@ -101,6 +106,7 @@ __all__ = [
     "load",
     "masks",
     "measure",
+    "mpl",
     "oracle",
     "orbit_direction",
     "rasterize",
@@ -111,7 +117,7 @@ __all__ = [
     "transforms",
 ]
 
-_MODULES = ("accuracy", "animation", "cameras", "dataset", "distributed", "masks", "oracle")
+_MODULES = ("accuracy", "animation", "cameras", "dataset", "distributed", "masks", "mpl", "oracle")
 """Those that are loaded when they are first named."""
 
 
@@ -122,7 +128,7 @@ def __dir__() -> list[str]:
 def __getattr__(name: str) -> Any:
     """Load what rendering needs nothing of when it is first named."""
     if name == "show":
-        return import_module("rasterjit.showing").show
+        return import_module("rasterjit.viewer_show").show
     if name in _MODULES:
         return import_module(f"rasterjit.{name}")
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -25,7 +25,7 @@ def view_file(file: Path, options: dict[str, Any]) -> None:
     options : dict
         Of the command line.
     """
-    from rasterjit.showing import show
+    from rasterjit.viewer_show import show
 
     view, look, effects = (gather(kind, options) for kind in (View, Look, Effects))
     view.check()

@@ -215,10 +215,9 @@ class Orbit:
         if kind == "pointer_down":
             is_pan = event.get("button") in (2, 3) or "Shift" in event.get("modifiers", ())
             return replace(self, drag="pan" if is_pan else "turn", pointer=place)
-        if kind == "pointer_up":
-            return replace(self, drag="", pointer=place)
+        # A release may come without the last move.
         dx, dy = place[0] - self.pointer[0], place[1] - self.pointer[1]
-        moved = replace(self, pointer=place)
+        moved = replace(self, drag=self.drag if kind == "pointer_move" else "", pointer=place)
         if self.drag == "turn":
             share = HALF_TURN / size[1]
             return moved.turn(-dx * share, dy * share)
@@ -451,10 +450,11 @@ class Fly:
         if kind not in ("pointer_down", "pointer_move", "pointer_up"):
             return self
         place = float(event["x"]), float(event["y"])
-        if kind != "pointer_move":
-            return replace(self, drag="look" if kind == "pointer_down" else "", pointer=place)
+        if kind == "pointer_down":
+            return replace(self, drag="look", pointer=place)
+        # A release may come without the last move.
         dx, dy = place[0] - self.pointer[0], place[1] - self.pointer[1]
-        moved = replace(self, pointer=place)
+        moved = replace(self, drag=self.drag if kind == "pointer_move" else "", pointer=place)
         share = self.fov_y / size[1]
         return moved.look(-dx * share, dy * share) if self.drag else moved
 

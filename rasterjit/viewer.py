@@ -26,7 +26,7 @@ from rasterjit.io.meshes import as_scene
 from rasterjit.measurement import SWITCHES
 from rasterjit.pixel import explain_pixel
 from rasterjit.render import Renderer, explain
-from rasterjit.scene.camera import Camera, PerspectiveCamera
+from rasterjit.scene.camera import Camera, PerspectiveCamera, fit_camera
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
 from rasterjit.validation import image_size, positive_number
@@ -142,6 +142,7 @@ class Viewer:
         self._options = {"background": background, "cull": cull}
         self._budget = None if time_budget is None else positive_number("time_budget", time_budget)
         first = choose_camera(self.scene, camera, self.size)
+        self._is_fitted = camera is None and self.scene.camera is None
         self._ball = Ball.around(self.scene)
         self.controls: Orbit | Fly = Orbit.from_camera(first, self._ball, up)
         self._threads = threads
@@ -217,7 +218,8 @@ class Viewer:
     def stamp(self) -> tuple[Any, ...]:
         """What the picture depends on: while it is the same, so is what `draw` returns."""
         panels = self._shows_help, self._shows_line, self._shows_costs, self.costs is None
-        return self.version, self._count, *panels, id(self.explanation), self._message
+        shown = self.version, self._count, id(self.explanation), self._message
+        return *shown, *panels, self.is_done
 
     def fail(self, error: Exception) -> None:
         """Say what went wrong in a step, and do not try it again."""
@@ -226,6 +228,8 @@ class Viewer:
     def resize(self, size: tuple[int, int], ratio: float = 1.0) -> None:
         """
         Make pictures of another size from now on.
+
+        A scene that was fitted into the picture, and not moved since, is fitted again.
 
         Parameters
         ----------
@@ -240,6 +244,10 @@ class Viewer:
         self.size, self.ratio = size, ratio
         self._moving.close()
         self._moving = Renderer(size, quality=Quality.draft(), threads=self._threads)
+        controls = self.controls
+        if self._is_fitted and isinstance(controls, Orbit) and controls.goal == controls.home:
+            fitted = fit_camera(self._ball, aspect=size[0] / size[1])
+            self.controls = Orbit.from_camera(fitted, self._ball, controls.up)
         self._change()
 
     def handle(self, event: Event) -> None:

@@ -26,10 +26,14 @@ PAGE = """<!DOCTYPE html>
 <html lang="en">
 <head>
   <meta charset="utf-8">
+  <meta name="viewport" content="width=device-width, initial-scale=1">
   <title>RasterJIT</title>
   <link rel="icon" href="data:,">
   <link rel="stylesheet" href="renderview.css">
-  <style>html, body {margin: 0; height: 100%; overflow: hidden; background: #222;}</style>
+  <style>
+    html, body {margin: 0; height: 100%; overflow: hidden; background: #222;}
+    #canvas {border: none;}
+  </style>
   <script type="module" src="renderview.js"></script>
   <script type="module" src="renderview-client.js"></script>
 </head>
@@ -107,7 +111,9 @@ def serve(
     with bind(host, port) as listening:
         place = listening.getsockname()[1]
         http.resources["index.html"] = "text/html", PAGE
-        canvas = http.RenderCanvas(size=viewer.size, title=viewer.name, max_fps=FRAME_RATE)
+        canvas = _complete(http.RenderCanvas)(
+            size=viewer.size, title=viewer.name, max_fps=FRAME_RATE
+        )
         Connection(viewer, canvas)
         shown = f"[{host}]" if ":" in host else host
         announce(f"open http://{shown}:{place} in a browser; Ctrl-C ends it")
@@ -116,10 +122,35 @@ def serve(
         config = uvicorn.Config(
             guarded(http.asgi, host), log_level="warning", timeout_graceful_shutdown=GRACE
         )
+        server = uvicorn.Server(config)
+
+        def stop(event: dict[str, Any]) -> None:
+            server.should_exit = True
+
+        # The canvas takes Ctrl-C for itself, and closes.
+        canvas.add_event_handler(stop, "close")
         try:
-            uvicorn.Server(config).run(sockets=[listening])
+            server.run(sockets=[listening])
         finally:
             canvas.close()
+
+
+def _complete(canvas: type) -> type:
+    """
+    Return a kind of canvas whose last picture always arrives.
+
+    That of rendercanvas 2.7 drops a picture that is ready while two are on their way, if no other
+    follows: the page would keep the compressed one.
+    """
+
+    class Page(canvas):
+        """Looks for a picture that waits whenever the page has shown one."""
+
+        def _maybe_draw(self) -> None:
+            super()._maybe_draw()
+            self._send_last_frame_to_ready_clients()
+
+    return Page
 
 
 def guarded(app: App, host: str) -> App:

@@ -51,7 +51,9 @@ class Connection:
         """Pass an event on, at the time it comes."""
         self._pass_time()
         self.viewer.handle(event)
-        self._canvas.request_draw()
+        # A page takes the wish for another picture as a reason not to send this one uncompressed.
+        if self.viewer.is_moving or self.viewer.stamp != self._stamp:
+            self._canvas.request_draw()
 
     def _pass_time(self) -> None:
         """Let the time since the last call pass in the viewer."""
@@ -67,10 +69,14 @@ class Connection:
         self._work()
         if viewer.is_moving or self._step is not None:
             canvas.request_draw()
-        if viewer.stamp == self._stamp:
+        # Before the drawing: what the thread changes meanwhile is for the next picture.
+        stamp = viewer.stamp
+        if stamp == self._stamp:
             raise DrawCancelled
         self._context.set_bitmap(viewer.draw())
-        self._stamp = viewer.stamp
+        self._stamp = stamp
+        if viewer.stamp != stamp:
+            canvas.request_draw()
         self.frames += 1
 
     def _work(self) -> None:

@@ -14,7 +14,10 @@ from rasterjit.viewer_canvas import FRAME_RATE, Connection
 TOOLKITS = ("PySide6", "PyQt6", "PySide2", "PyQt5", "glfw")
 """Packages that open windows, the preferred first. Qt shows pictures without a GPU's driver."""
 
-NO_TOOLKIT = 'a window needs a toolkit: pip install "rasterjit[viewer]" (GLFW), or "rasterjit[viewer-qt]" (Qt)'
+NO_TOOLKIT = (
+    'a window needs a toolkit: pip install "rasterjit[viewer]" for GLFW, or '
+    '"rasterjit[viewer-qt]" for Qt'
+)
 
 
 def toolkit() -> str | None:

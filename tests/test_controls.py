@@ -54,6 +54,14 @@ def pixel_of(camera, point, size=SIZE):
     return (0.5 + 0.5 * x) * size[0], (0.5 - 0.5 * y) * size[1]
 
 
+@pytest.mark.parametrize("start", ["orbit", "flight"])
+def test_release_counts_as_a_move(start):
+    state = pointer({"orbit": orbit, "flight": flight}[start](), "down", 3, 4)
+    released = pointer(state, "up", 20, 9)
+    assert released == pointer(pointer(state, "move", 20, 9), "up", 20, 9)
+    assert pointer(released, "up", 40, 40).camera() == released.camera()
+
+
 def distance_of(camera):
     return math.dist(camera.eye, camera.target)
 

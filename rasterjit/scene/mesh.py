@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from rasterjit.scene.color import linear_rows
 from rasterjit.scene.material import Material
 from rasterjit.scene.normals import crease_normals, safe_scale, smooth_normals, unit_rows
+from rasterjit.scene.preview import Previewed
 from rasterjit.scene.tangents import GROUPS, vertex_tangents
 from rasterjit.validation import check_field, finite_number, in_short, one_of, read_only
 
@@ -19,7 +20,7 @@ _LARGEST_FLOAT32 = float(np.finfo(np.float32).max)
 """Vertices looked at at once where a temporary of the whole mesh would cost memory."""
 
 
-class Mesh:
+class Mesh(Previewed):
     """
     Triangles that share vertices, with optional colours, normals and texture coordinates.
 

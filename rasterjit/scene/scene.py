@@ -17,6 +17,7 @@ from rasterjit.scene.fog import Fog
 from rasterjit.scene.light import Light
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.outline import Outline
+from rasterjit.scene.preview import Previewed
 from rasterjit.scene.tone_map import ToneMap
 from rasterjit.transforms import transform_instances
 from rasterjit.validation import check_field, finite_array, one_of, read_only
@@ -136,7 +137,7 @@ def matrices_of(nodes: Sequence[Node]) -> list[NDArray[np.float64]]:
     return [node._world_from_model for node in nodes]
 
 
-class Scene:
+class Scene(Previewed):
     """
     Meshes at their places, with lights and perhaps a camera.
 

@@ -74,7 +74,7 @@ class Viewer:
         options = {**(render_flags or {}), **(viewer_flags or {}), **kwargs}
         self.scene, self.viewport_size = scene, size
         shown = scene_to_show(scene, size, options)
-        from rasterjit.showing import show
+        from rasterjit.viewer_show import show
 
         show(shown, size=size)
 
