@@ -6,17 +6,15 @@ Measure how fast many pictures of one scene are drawn: by threads, and by proces
 Draws the teapot from all sides with `rasterjit.render_many`: by one renderer that has all threads,
 and by renderers of one thread each; then on a cluster of one worker process and of two. Ways that
 are compared take turns, and medians are compared. Then prints what a million frames take on
-clusters of several sizes, by a model of the measured numbers: workers draw at the rate of one
-worker times their number, times what two of them were worth; the scheduler and the client see to
-one frame after the other, in no less time than a task without work takes and the bytes of a frame
-take to come here.
+clusters of several sizes, by a model of the measured numbers: each worker draws as fast as one of
+the two did; the scheduler and the client see to one frame after the other, in no less time than a
+task without work takes and the bytes of a frame take to come here.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-import math
 import statistics
 import time
 from collections.abc import Callable, Iterator
@@ -102,7 +100,7 @@ def measure_cluster(
         clients = []
         for workers in (1, 2):
             cluster = LocalCluster(
-                n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=None
+                n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=":0"
             )
             stack.enter_context(cluster)
             clients.append(stack.enter_context(Client(cluster, set_as_default=False)))
@@ -148,13 +146,11 @@ def size_sent(value: Any) -> int:
 
 def model(found: dict[str, float]) -> list[tuple[int, float, float, str]]:
     """Return workers, seconds and processor-hours of a million frames, and what bounds them."""
-    one, two = found["1 worker"], found["2 workers"]
-    # Each doubling of the workers is worth what the first one was.
-    worth = min(two / one, 2.0)
     serial = found["seconds a task"] + found["bytes a frame"] / found["bytes a second"]
     rows = []
     for workers in CLUSTERS:
-        drawing = MILLION / (one * worth ** math.log2(workers))
+        rate = found["1 worker"] if workers == 1 else workers * found["2 workers"] / 2.0
+        drawing = MILLION / rate
         waiting = MILLION * serial
         bound = "drawing" if drawing >= waiting else "scheduler and client"
         seconds = max(drawing, waiting)

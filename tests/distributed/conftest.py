@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from contextlib import contextmanager
 
 import pytest
 
@@ -16,26 +17,52 @@ PATIENCE = 60.0
 """Seconds after which something hangs."""
 
 
-@pytest.fixture(scope="session")
-def cluster():
-    """Two processes of one thread each, restarted when they die."""
+@contextmanager
+def two_processes():
+    """Give a cluster of two processes of one thread each, restarted when they die."""
+    import dask
     from distributed import LocalCluster
 
-    with LocalCluster(
-        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None,
-        memory_limit=0,
-    ) as made:  # fmt: skip
-        yield made
+    # Who looks for a worker that is dead does not look for half a minute.
+    with (
+        dask.config.set({"distributed.comm.timeouts.connect": "5s"}),
+        LocalCluster(
+            n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0",
+            memory_limit=0,
+        ) as cluster,
+    ):  # fmt: skip
+        yield cluster
 
 
-@pytest.fixture
-def client(cluster):
-    """A client of the cluster, with both workers there."""
+@contextmanager
+def client_of(cluster):
+    """Give a client of a cluster, with both workers there."""
     from distributed import Client
 
     with Client(cluster, timeout=PATIENCE) as made:
         made.wait_for_workers(2, timeout=PATIENCE)
         yield made
+
+
+@pytest.fixture(scope="session")
+def cluster():
+    """The cluster of all tests that do it no harm."""
+    with two_processes() as made:
+        yield made
+
+
+@pytest.fixture
+def client(cluster):
+    """A client of that cluster."""
+    with client_of(cluster) as made:
+        yield made
+
+
+@pytest.fixture
+def doomed():
+    """A client of a cluster whose workers may be killed."""
+    with two_processes() as made, client_of(made) as client:
+        yield client
 
 
 @pytest.fixture

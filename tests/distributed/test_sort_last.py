@@ -149,7 +149,7 @@ def test_bag_is_the_whole(client, view):
 
 @pytest.mark.needs_jit
 @pytest.mark.parametrize("are_here", [False, True], ids=["loaded there", "sent from here"])
-def test_worker_killed_in_the_middle_changes_no_bit(client, view, tmp_path, are_here):
+def test_worker_killed_in_the_middle_changes_no_bit(doomed, view, tmp_path, are_here):
     slow = [
         functools.partial(load_slowly, pair, str(tmp_path / str(n))) for n, pair in enumerate(PAIRS)
     ]
@@ -158,10 +158,10 @@ def test_worker_killed_in_the_middle_changes_no_bit(client, view, tmp_path, are_
 
     def render():
         found["frame"] = rj.distributed.render_partitions(
-            parts, view, size=SIZE, outputs=OUTPUTS, client=client
+            parts, view, size=SIZE, outputs=OUTPUTS, client=doomed
         )
 
-    victim = next(iter(client.run(os.getpid).values()))
+    victim = next(iter(doomed.run(os.getpid).values()))
     taker = threading.Thread(target=render, daemon=True)
     taker.start()
     deadline = time.monotonic() + PATIENCE
@@ -173,8 +173,7 @@ def test_worker_killed_in_the_middle_changes_no_bit(client, view, tmp_path, are_
     taker.join(PATIENCE)
     assert not taker.is_alive()
     assert_same_bits(found["frame"], whole(PAIRS, view))
-    client.wait_for_workers(2, timeout=PATIENCE)
-    assert victim not in client.run(os.getpid).values()
+    assert victim not in doomed.run(os.getpid).values()
 
 
 @pytest.mark.needs_jit
