@@ -6,6 +6,46 @@ Meshes to pictures and exact ground-truth buffers on a CPU, with nothing but pip
 >>> camera = rj.PerspectiveCamera(eye=(4, 5, 9), target=(0, 1.5, 0), fov_y=40.0)
 >>> frame = rj.render(scene, camera, size=(640, 480), outputs=("color", "depth", "face_id"))
 >>> frame.save("teapot.png")
+
+The names, by what they are for; ``help(rj.render)`` and so on tell the rest.
+
+What is drawn
+    `load` reads any mesh file; `Mesh`, `Node` and `Scene` hold what it had, or what you make.
+    `Material` and `Texture` are what surfaces look like; `AmbientLight`, `DirectionalLight`,
+    `PointLight` and `SpotLight`, each with a `Shadow` or without, and an `Environment` light them.
+    `Fog`, `AmbientOcclusion`, `Outline`, `Wireframe` and `ToneMap` are effects of a whole scene.
+From where
+    `PerspectiveCamera`, `OrthographicCamera`, `MatrixCamera`; `fit_camera` and `orbit_direction`
+    place one. `cameras` converts those of OpenCV, OpenGL, PyTorch3D, Blender and trimesh.
+    `transforms` has the matrices.
+Pictures and ground truth
+    `render` draws one `Frame`: colour, and any of the buffers that `Frame` describes, of motion
+    since an earlier `View` as well. `Renderer` keeps what frames have in common; `render_many`
+    draws a stream of them; `render_layers` finds the surfaces behind the nearest one
+    (`LayeredFrame`). `Frame.save` writes them; `masks` makes COCO annotations of them.
+Moving pictures, data sets, clusters
+    `animation` has keys, turntables, morphs and GIF, APNG, WebP and MP4; `dataset` renders folders
+    of meshes from all sides; `distributed` draws on a Dask cluster what one machine has no time,
+    or no memory, for.
+To look at
+    `show` opens a window, a page, a notebook's widget or a terminal; `mpl` draws scenes into
+    matplotlib's axes. Frames, scenes and meshes show themselves in notebooks.
+How accurate, how fast, and why
+    `Quality` has every setting of accuracy; `accuracy` measures what each costs and buys. `explain`
+    tells the `RenderPlan` of a frame, `measure` what its parts take (`Measurement`), `explain_pixel`
+    how one pixel came about (`PixelExplanation`); `Stats`, `Choice` and `Diagnostics` belong to a
+    frame. `oracle` is the slow, exact reference to check any of it with.
+The parts alone
+    `Framebuffer` draws lines, triangles, circles and curves into an array; `Pipeline` is one
+    object's chain of transforms; `rasterize` finds the visible faces of geometry of your own
+    (`Visibility`). ``rasterjit.compat.pyrender`` runs scripts that were written for pyrender.
+
+What is wrong with an argument is told by a `ValueError` that names it, before anything is drawn;
+reading an output that was not asked for raises `OutputNotRequestedError`. A `CalibrationWarning`
+says that a time budget had to be learnt first.
+
+World space is right-handed, y up; angles are degrees, colours in and out sRGB where they are 8-bit
+and linear where they are floats; row 0 of a picture is on top.
 """
 
 from importlib import import_module
