@@ -117,11 +117,16 @@ def test_contract_of_names_is_kept():
     assert all(hasattr(rj, name) for name in rj.__all__)
 
 
+@pytest.mark.parametrize("name", rj.__all__)
+def test_the_manual_names_every_public_name(name):
+    assert re.search(rf"`(?:Frame\.)?{name}`", rj.__doc__)
+
+
 def test_importing_loads_nothing_heavy():
     code = (
         "import sys, rasterjit; "
-        "print([m for m in ('trimesh', 'networkx', 'imageio', 'rich', 'click', 'matplotlib') "
-        "if m in sys.modules])"
+        "print([m for m in ('trimesh', 'networkx', 'imageio', 'rich', 'click', 'matplotlib', "
+        "'dask', 'rendercanvas', 'PIL') if m in sys.modules])"
     )
     done = subprocess.run(
         [sys.executable, "-W", "error", "-c", code],
