@@ -212,12 +212,23 @@ def test_a_blank_frame_calls_no_kernel_of_visibility_and_shows_the_background():
     with pytest.raises(AssertionError, match="was called"):
         rj.render(warmup._square(), size=(9, 7), threads=1)
     frame = warmup.BlankRenderer((9, 7), threads=1).render(
-        warmup._square(), background="red", outputs=OUTPUTS
+        warmup._square(), background="red", outputs=OUTPUTS, previous=rj.View()
     )
     assert (frame.color == (255, 0, 0, 255)).all()
     assert (frame.face_id == -1).all()
     assert np.isinf(frame.depth).all()
     assert frame.stats.pixels_covered == 0
+
+
+@pytest.mark.parametrize(("alpha_mode", "samples"), [("blend", 1), ("blend", 4), ("opaque", 4)])
+def test_a_blank_frame_of_layers_shows_the_background(alpha_mode, samples):
+    square = warmup._square().nodes[0].mesh
+    material = rj.Material(base_color=(1.0, 1.0, 1.0, 0.5), alpha_mode=alpha_mode)
+    mesh = rj.Mesh(square.vertices, square.faces, material=material)
+    with warmup.BlankRenderer((9, 7), quality=rj.Quality(samples=samples), threads=1) as renderer:
+        frame = renderer.render(mesh, background="red", outputs=("color", "coverage"))
+    assert (frame.color == (255, 0, 0, 255)).all()
+    assert not frame.coverage.any()
 
 
 @pytest.mark.usefixtures("nothing_before_shading")
