@@ -30,6 +30,8 @@ from rasterjit.validation import in_short
 
 _GROUP_BITS, _GROUP, _SIGN, _MORE, _ZERO = 5, 0x1F, 0x10, 0x20, 48
 """Of a compressed length: bits a character holds, their mask, the sign, that more follow, "0"."""
+_MOST_SHORT = 65535
+"""Largest number of 16 bits."""
 _MOST_GROUPS = 13
 """Characters that a 64-bit number takes at most."""
 
@@ -93,12 +95,17 @@ def find(ids: ArrayLike) -> tuple[ObjectMask, ...]:
     places = np.flatnonzero(columns >= 0)
     if not len(places):
         return ()
+    keys = columns[places]
+    if keys.max() <= _MOST_SHORT:
+        # NumPy sorts 16 bits by their digits, in half the time.
+        keys = keys.astype(np.uint16)
     # Column by column inside each number.
-    places = places[np.argsort(columns[places], kind="stable")]
-    found, starts = np.unique(columns[places], return_index=True)
+    order = np.argsort(keys, kind="stable")
+    places, keys = places[order], keys[order]
+    starts = np.flatnonzero(np.diff(keys.astype(np.int64), prepend=-1))
     return tuple(
-        _mask(int(number), own, numbers.shape)
-        for number, own in zip(found, np.split(places, starts[1:]), strict=True)
+        _mask(int(keys[start]), own, numbers.shape)
+        for start, own in zip(starts, np.split(places, starts[1:]), strict=True)
     )
 
 

@@ -31,6 +31,8 @@ UNITS = {
     "distance": "scene units from the eye",
     "position": "scene units, world space",
     "object_position": "scene units, the object's own space",
+    "normal": "unit vector, world space",
+    "geometric_normal": "unit vector, world space",
     "motion": "pixels, x right and y down",
     "uv": "texture coordinates",
     "barycentric": "weights of the face's vertices",
@@ -194,7 +196,7 @@ def as_codes(name: str, array: NDArray[Any], scale: float | None = None) -> Code
     unit = UNITS.get(name, "")
     if "normal" in name and channels == 3:
         _refuse_scale(name, scale)
-        return _vectors(values, seen & values.any(axis=2), 1.0 / 32767, -32768.0 / 32767, "")
+        return _vectors(values, seen & values.any(axis=2), 1.0 / 32767, -32768.0 / 32767, unit)
     if name in _UNIT_CUBE and channels == 3:
         _refuse_scale(name, scale)
         shown = seen & values.any(axis=2) if name == "barycentric" else seen

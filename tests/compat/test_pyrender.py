@@ -12,6 +12,7 @@ import trimesh
 
 import rasterjit
 import rasterjit.compat.pyrender as pyrender
+from rasterjit import viewer_show
 from rasterjit.compat.pyrender import RenderFlags
 from rasterjit.compat.pyrender.drawing import convert
 from rasterjit.compat.pyrender.viewer import scene_to_show
@@ -335,11 +336,18 @@ def test_a_trimesh_scene_is_taken():
 
 
 def test_the_viewer_hands_the_scene_to_show(monkeypatch):
-    scene, _ = box_scene()
+    scene, _ = box_scene(bg_color=[1.0, 0.0, 0.2])
+    scene.main_camera_node.camera.aspectRatio = None
     shown = []
-    monkeypatch.setattr(rasterjit, "show", lambda what, **_: shown.append(what), raising=False)
+
+    def show(what, *, size, background):
+        shown.append((what, size, background.tolist()))
+
+    monkeypatch.setattr(viewer_show, "show", show)
     pyrender.Viewer(scene, use_raymond_lighting=True, viewport_size=(64, 48))
-    ((drawn,),) = [shown]
+    ((drawn, size, background),) = shown
+    assert (size, background) == ((64, 48), [255, 0, 51, 255])
+    assert drawn.camera.fov_y == pytest.approx(60.0)
     directions = np.array([light.direction for light in drawn.lights[1:]])
     assert len(directions) == 3
     # All three shine away from the viewer, 30 degrees off.

@@ -144,7 +144,8 @@ def test_numbers_are_one_more_and_nothing_is_zero(tmp_path):
 
 
 def test_normals_come_back_to_half_a_code(tmp_path):
-    codes, values, _ = saved(tmp_path, "geometric_normal", NORMAL)
+    codes, values, texts = saved(tmp_path, "geometric_normal", NORMAL)
+    assert texts["unit"] == "unit vector, world space"
     seen = NORMAL.any(axis=2)
     assert ((codes != 0).all(axis=2) == seen).all()
     assert not codes[~seen].any()

@@ -51,6 +51,11 @@ def check_flags(flags: int) -> RenderFlags:
     return found
 
 
+def background_codes(scene: Scene) -> NDArray[np.uint8]:
+    """Return the background, (4,) uint8, as the picture shows it."""
+    return np.floor(np.clip(scene.bg_color, 0.0, 1.0) * 255.0 + 0.5).astype(np.uint8)
+
+
 def camera_of(scene: Scene, size: tuple[int, int]) -> MatrixCamera:
     """Return the main camera for a viewport, or raise ``ValueError`` if there is none."""
     node = scene.main_camera_node

@@ -9,7 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.compat.pyrender.constants import RenderFlags
-from rasterjit.compat.pyrender.drawing import Drawing, camera_of, check_flags, convert
+from rasterjit.compat.pyrender.drawing import (
+    Drawing,
+    background_codes,
+    camera_of,
+    check_flags,
+    convert,
+)
 from rasterjit.compat.pyrender.node import Node
 from rasterjit.compat.pyrender.scene import Scene
 from rasterjit.frame import Frame
@@ -95,7 +101,7 @@ class OffscreenRenderer:
         self, scene: Scene, camera: MatrixCamera, flags: RenderFlags, points: Any
     ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
         """Render colour and depth."""
-        codes = np.floor(np.clip(scene.bg_color, 0.0, 1.0) * 255.0 + 0.5).astype(np.uint8)
+        codes = background_codes(scene)
         channels = 4 if flags & RenderFlags.RGBA else 3
         if channels == 3:
             codes[3] = 255

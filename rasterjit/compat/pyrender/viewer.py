@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -9,11 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit import transforms
+from rasterjit.compat.pyrender.cameras import PerspectiveCamera as OurPerspective
 from rasterjit.compat.pyrender.constants import RenderFlags
-from rasterjit.compat.pyrender.drawing import camera_of, check_flags, convert
+from rasterjit.compat.pyrender.drawing import background_codes, camera_of, check_flags, convert
 from rasterjit.compat.pyrender.lights import DirectionalLight
 from rasterjit.compat.pyrender.scene import Scene
-from rasterjit.scene.camera import fit_camera
+from rasterjit.scene.camera import PerspectiveCamera, fit_camera
 from rasterjit.scene.scene import Scene as DrawnScene
 from rasterjit.validation import image_size, in_short
 
@@ -76,7 +78,7 @@ class Viewer:
         shown = scene_to_show(scene, size, options)
         from rasterjit.viewer_show import show
 
-        show(shown, size=size)
+        show(shown, size=size, background=background_codes(scene))
 
 
 def scene_to_show(scene: Scene, size: tuple[int, int], options: Mapping[str, Any]) -> DrawnScene:
@@ -87,8 +89,8 @@ def scene_to_show(scene: Scene, size: tuple[int, int], options: Mapping[str, Any
             flags |= flag
     drawn = convert(scene, check_flags(flags)).scene
     if scene.main_camera_node is not None:
-        drawn.camera = camera_of(scene, size)
         pose = scene.get_pose(scene.main_camera_node)
+        drawn.camera = _movable(scene.main_camera_node.camera, pose) or camera_of(scene, size)
     else:
         drawn.camera = fit_camera(drawn, aspect=size[0] / size[1])
         pose = np.eye(4)
@@ -103,6 +105,16 @@ def scene_to_show(scene: Scene, size: tuple[int, int], options: Mapping[str, Any
         # A window that is black helps nobody: RasterJIT's headlight.
         drawn.lights.clear()
     return drawn
+
+
+def _movable(camera: Any, pose: NDArray[np.float64]) -> PerspectiveCamera | None:
+    """Return a camera of the viewport's own shape as one that a hand can move."""
+    if not isinstance(camera, OurPerspective) or camera.aspectRatio is not None:
+        return None
+    eye, back, up = pose[:3, 3], pose[:3, 2], pose[:3, 1]
+    far = math.inf if camera.zfar is None else camera.zfar
+    fov_y = math.degrees(camera.yfov)
+    return PerspectiveCamera(eye, eye - back, up, fov_y=fov_y, near=camera.znear, far=far)
 
 
 def _raymond_turns() -> list[NDArray[np.float64]]:
