@@ -31,10 +31,10 @@ To look at
     `show` opens a window, a page, a notebook's widget or a terminal; `mpl` draws scenes into
     matplotlib's axes. Frames, scenes and meshes show themselves in notebooks.
 How accurate, how fast, and why
-    `Quality` has every setting of accuracy; `accuracy` measures what each costs and buys. `explain`
-    tells the `RenderPlan` of a frame, `measure` what its parts take (`Measurement`), `explain_pixel`
-    how one pixel came about (`PixelExplanation`); `Stats`, `Choice` and `Diagnostics` belong to a
-    frame. `oracle` is the slow, exact reference to check any of it with.
+    `Quality` has every setting of accuracy; `accuracy` measures what each costs and buys.
+    `explain` tells the `RenderPlan` of a frame, `measure` what its parts take (`Measurement`),
+    `explain_pixel` how one pixel came about (`PixelExplanation`); `Stats`, `Choice` and
+    `Diagnostics` belong to a frame. `oracle` is the slow, exact reference to check any of it with.
 The parts alone
     `Framebuffer` draws lines, triangles, circles and curves into an array; `Pipeline` is one
     object's chain of transforms; `rasterize` finds the visible faces of geometry of your own
