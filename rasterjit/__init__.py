@@ -146,7 +146,6 @@ __all__ = [
     "load",
     "masks",
     "measure",
-    "mpl",
     "oracle",
     "orbit_direction",
     "rasterize",
@@ -158,7 +157,7 @@ __all__ = [
 ]
 
 _MODULES = ("accuracy", "animation", "cameras", "dataset", "distributed", "masks", "mpl", "oracle")
-"""Those that are loaded when they are first named."""
+"""Those that are loaded when they are first named; ``mpl`` cannot be without matplotlib."""
 
 
 def __dir__() -> list[str]:

@@ -117,6 +117,21 @@ def test_contract_of_names_is_kept():
     assert all(hasattr(rj, name) for name in rj.__all__)
 
 
+def test_the_core_install_has_every_name():
+    extras = (
+        "matplotlib", "scipy", "dask", "distributed", "rendercanvas", "anywidget", "glfw", "OpenEXR",
+        "tifffile", "zarr", "flip_evaluator", "embreex", "pytest",
+    )  # fmt: skip
+    code = (
+        f"import sys; sys.modules.update(dict.fromkeys({extras})); import pydoc, rasterjit\n"
+        "from rasterjit import *\n"
+        "print(pydoc.render_doc(rasterjit)[:12], render_layers.__name__, animation.__name__)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.endswith("render_layers rasterjit.animation\n")
+
+
 @pytest.mark.parametrize("name", rj.__all__)
 def test_the_manual_names_every_public_name(name):
     assert re.search(rf"`(?:Frame\.)?{name}`", rj.__doc__)
