@@ -1,23 +1,67 @@
-"""The programs of the README run as they are printed."""
+"""The programs and commands of the pages for readers run as they are printed."""
 
 from __future__ import annotations
 
+import os
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
-README = Path(__file__).parent.parent / "README.md"
-PROGRAMS = re.findall(r"```python\n(.*?)```", README.read_text(encoding="utf-8"), re.DOTALL)
+ROOT = Path(__file__).parent.parent
+PAGES = ("README.md", "models/README.md")
+SET_UP = "pip install"
+"""Commands that make an environment of their own: CI runs them."""
 
 
-# The machine may not be calibrated yet.
-@pytest.mark.filterwarnings("ignore::rasterjit.CalibrationWarning")
-@pytest.mark.parametrize("program", PROGRAMS, ids=range(1, len(PROGRAMS) + 1))
-def test_program_runs(program, tmp_path, monkeypatch, capsys):
-    (tmp_path / "models").symlink_to(README.parent / "models")
+def blocks(language):
+    """Return the blocks of a language, each with its page and number."""
+    found = []
+    for page in PAGES:
+        text = (ROOT / page).read_text(encoding="utf-8")
+        texts = re.findall(rf"```{language}\n(.*?)```", text, re.DOTALL)
+        found += [pytest.param(t, id=f"{page}-{n}") for n, t in enumerate(texts, 1)]
+    return found
+
+
+COMMANDS = [block for block in blocks("sh") if SET_UP not in block.values[0]]
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """Return an empty folder to work in, with the models."""
+    (tmp_path / "models").symlink_to(ROOT / "models")
     monkeypatch.chdir(tmp_path)
-    exec(compile(program, "README.md", "exec"), {"__name__": "__main__"})
-    assert capsys.readouterr().out.strip()
-    for name in re.findall(r'save\("(.*?)"\)', program):
-        assert (tmp_path / name).stat().st_size > 1000
+    return tmp_path
+
+
+# The machine may not be calibrated yet, and a main program starts processes.
+@pytest.mark.parametrize("program", blocks("python"))
+def test_program_runs(program, folder):
+    (folder / "program.py").write_text(program, encoding="utf-8")
+    done = subprocess.run(
+        [sys.executable, "-W", "ignore::UserWarning:rasterjit", "program.py"],
+        cwd=folder, capture_output=True, text=True, env=environment(), timeout=600,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip()
+    written = re.findall(r'(?:save|save_\w+|render_large)\((?:[^()"]*, )?"(.*?)"', program)
+    for name in written:
+        assert (folder / name).stat().st_size > 300
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_command_runs(command, folder):
+    own = f"rasterjit() {{ {sys.executable} -m rasterjit \"$@\"; }}\n"
+    done = subprocess.run(
+        ["bash", "-ec", own + command],
+        cwd=folder, capture_output=True, text=True, env=environment(), timeout=600,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+
+
+def environment():
+    """Return the environment of a process that finds this package, wherever it works."""
+    return os.environ | {"PYTHONPATH": str(ROOT)}
