@@ -27,7 +27,7 @@ _calls_off: Any = None
 """In a process of a crew: the event that calls off its work."""
 
 
-class LostWorkersError(RuntimeError):
+class LostWorkersError(ConnectionError):
     """Those who do the work are gone, or never were there; what is done is whole."""
 
 
