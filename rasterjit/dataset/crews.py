@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import multiprocessing
 import signal
 import sys
@@ -87,7 +88,7 @@ def run_on_dask(task: Task, jobs: Iterable[Job], address: str) -> Iterator[tuple
         ) from None
     try:
         client = distributed.Client(address, timeout=PATIENCE)
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, asyncio.TimeoutError) as error:
         said = " ".join(str(error).split()).splitlines()
         raise LostWorkersError(
             f"no scheduler answers at {address}" + (f": {said[0]}" if said else "")
