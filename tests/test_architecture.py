@@ -120,8 +120,8 @@ def test_contract_of_names_is_kept():
 def test_importing_loads_nothing_heavy():
     code = (
         "import sys, rasterjit; "
-        "print([m for m in ('trimesh', 'networkx', 'imageio', 'rich', 'click', 'matplotlib', 'dask') "
-        "if m in sys.modules])"
+        "print([m for m in ('trimesh', 'networkx', 'imageio', 'rich', 'click', 'matplotlib', "
+        "'dask') if m in sys.modules])"
     )
     done = subprocess.run(
         [sys.executable, "-W", "error", "-c", code],
