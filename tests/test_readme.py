@@ -54,7 +54,7 @@ def test_program_runs(program, folder):
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_command_runs(command, folder):
-    own = f"rasterjit() {{ {sys.executable} -m rasterjit \"$@\"; }}\n"
+    own = f'rasterjit() {{ {sys.executable} -m rasterjit "$@"; }}\n'
     done = subprocess.run(
         ["bash", "-ec", own + command],
         cwd=folder, capture_output=True, text=True, env=environment(), timeout=600,

@@ -66,14 +66,14 @@ def turntable(
     start = finite_number("azimuth", azimuth)
     height = bounded_number("elevation", elevation, -90.0, 90.0)
     frame = frame_of(up)
-    measured = _measured(scene)
+    sphere = measured(scene)
 
     def camera_at(time: float) -> PerspectiveCamera | OrthographicCamera:
         """Return the camera at a time, seconds."""
         turned = start + FULL_TURN * (finite_number("time", time) / period)
         # Ninety degrees above the camera is up for it, at the poles as well.
         return fit_camera(
-            measured,
+            sphere,
             transforms.apply(frame, orbit_direction(turned, height)),
             fov_y,
             up=transforms.apply(frame, orbit_direction(turned, height + FULL_TURN / 4.0)),
@@ -97,6 +97,6 @@ class _Sphere(NamedTuple):
         return self.center, self.radius
 
 
-def _measured(scene: Bounded) -> Bounded:
-    """Return the sphere around a scene; what has none is for the fit to refuse."""
+def measured(scene: Bounded) -> Bounded:
+    """Return the sphere around a scene, measured once; what has none is for a fit to refuse."""
     return _Sphere(*scene.bounding_sphere()) if hasattr(scene, "bounding_sphere") else scene

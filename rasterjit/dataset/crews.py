@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import multiprocessing
 import signal
 import sys
@@ -27,7 +28,7 @@ _calls_off: Any = None
 """In a process of a crew: the event that calls off its work."""
 
 
-class LostWorkersError(RuntimeError):
+class LostWorkersError(ConnectionError):
     """Those who do the work are gone, or never were there; what is done is whole."""
 
 
@@ -87,7 +88,7 @@ def run_on_dask(task: Task, jobs: Iterable[Job], address: str) -> Iterator[tuple
         ) from None
     try:
         client = distributed.Client(address, timeout=PATIENCE)
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, asyncio.TimeoutError) as error:
         said = " ".join(str(error).split()).splitlines()
         raise LostWorkersError(
             f"no scheduler answers at {address}" + (f": {said[0]}" if said else "")

@@ -7,7 +7,7 @@ import random
 from collections.abc import Iterator
 
 from rasterjit import transforms
-from rasterjit.animation.turning import FULL_TURN
+from rasterjit.animation.turning import FULL_TURN, measured
 from rasterjit.dataset.recipe import Recipe
 from rasterjit.scene.camera import Bounded, PerspectiveCamera, fit_camera, orbit_direction
 from rasterjit.viewpoint import frame_of
@@ -38,9 +38,10 @@ def view_cameras(scene: Bounded, recipe: Recipe, name: str = "") -> list[Perspec
     """
     frame = frame_of(recipe.up)
     upward = transforms.apply(frame, (0.0, 1.0, 0.0))
+    sphere = measured(scene)
     return [
         fit_camera(
-            scene,
+            sphere,
             transforms.apply(frame, direction),
             recipe.fov_y,
             up=upward,

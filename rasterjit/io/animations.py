@@ -219,7 +219,8 @@ def _write_with_ffmpeg(path: Path, pictures: Pictures, fps: float, size: tuple[i
             try:
                 writer.send(np.ascontiguousarray(pixels))
             except OSError as error:
-                raise OSError(f"ffmpeg ended early: {str(error).splitlines()[0]}") from None
+                reason = str(error).splitlines()[0]
+                raise OSError(f"ffmpeg ended early ({reason}); the disk may be full") from None
     if not _is_whole(path, count):
         raise OSError(f"ffmpeg wrote fewer than {count} frames; the disk may be full")
 

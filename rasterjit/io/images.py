@@ -186,8 +186,9 @@ def replacing(place: Path) -> Iterator[Path]:
         yield temporary
         os.replace(temporary, place)
     except OSError as error:
-        # Name the file that was asked for, not the temporary one.
-        if error.filename == str(temporary) and error.filename2 is None:
+        # Name the file that was asked for, not the temporary one, nor none.
+        named = error.filename in (None, str(temporary)) and error.filename2 is None
+        if named and error.errno is not None:
             error.filename = str(place)
         raise
     finally:

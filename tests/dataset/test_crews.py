@@ -15,6 +15,8 @@ from made_meshes import BROKEN, GOOD, contents, make_meshes
 from rasterjit import dataset
 from rasterjit.dataset import Recipe
 
+pytestmark = pytest.mark.needs_jit
+
 RECIPE = Recipe(views=3, size=(24, 16), outputs=("color", "depth", "normal", "mask"))
 OPTIONS = ("--views", "3", "--size", "24x16", "--outputs", "mask,normal,depth,color")
 
@@ -37,6 +39,13 @@ def command(meshes, place, *options):
         sys.executable, "-m", "rasterjit", "dataset", str(meshes), "-o", str(place), *OPTIONS,
         *options,
     ]  # fmt: skip
+
+
+def is_begun(place):
+    """Tell whether a mesh is done; os.walk does not mind that folders come and go meanwhile."""
+    return any(
+        "transforms.json" in files and "partial" not in at for at, _, files in os.walk(place)
+    )
 
 
 def test_two_processes_give_the_same_bytes_as_one(meshes, whole, tmp_path):
@@ -81,7 +90,7 @@ def test_ctrl_c_ends_cleanly_and_the_next_run_goes_on(meshes, whole, tmp_path):
         start_new_session=True,
     ) as running:  # fmt: skip
         deadline = time.monotonic() + 200
-        while not list(place.rglob("transforms.json")) and time.monotonic() < deadline:
+        while not is_begun(place) and time.monotonic() < deadline:
             assert running.poll() is None, running.stderr.read()
             time.sleep(0.01)
         os.killpg(running.pid, signal.SIGINT)
@@ -114,7 +123,7 @@ def test_a_worker_that_dies_is_told_and_the_next_run_goes_on(meshes, whole, tmp_
     arguments[1:3] = [str(script)]
     done = subprocess.run(arguments, capture_output=True, text=True, check=False, timeout=200)
     assert done.returncode == 1
-    assert "a worker process died" in done.stderr
+    assert done.stderr.startswith("error: a worker process died")
     assert contents(place).items() <= whole.items()
     dataset.make(meshes, place, RECIPE)
     assert contents(place) == whole
@@ -180,7 +189,7 @@ def test_a_scheduler_that_is_lost_is_told_and_the_next_run_goes_on(
         arguments, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment
     ) as running:
         deadline = time.monotonic() + 200
-        while not list(place.glob("**/transforms.json")) and time.monotonic() < deadline:
+        while not is_begun(place) and time.monotonic() < deadline:
             assert running.poll() is None, running.stderr.read()
             time.sleep(0.001)
         scheduler[1].kill()

@@ -179,6 +179,7 @@ def test_one_more_run_changes_nothing(made, meshes, monkeypatch):
     assert contents(place) == before
 
 
+@pytest.mark.needs_jit
 @pytest.mark.parametrize("error", [KeyboardInterrupt, OSError(errno.ENOSPC, "No space left")])
 @pytest.mark.parametrize("after", [1, 7, 20])
 def test_what_was_interrupted_is_gone_on_with(made, meshes, tmp_path, monkeypatch, error, after):

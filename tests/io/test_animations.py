@@ -1,5 +1,6 @@
 """Animations are written frame by frame, whole or not at all."""
 
+import errno
 import gc
 import signal
 import subprocess
@@ -247,4 +248,14 @@ def test_without_ffmpeg_the_extra_is_named(tmp_path, monkeypatch, suffix):
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
     with pytest.raises(ImportError, match=r'pip install "rasterjit\[video\]"'):
         save_animation(tmp_path / f"a{suffix}", [picture(0)], 10)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_full_disk_names_the_file(tmp_path, monkeypatch):
+    def full(*arguments, **options):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("PIL.GifImagePlugin.getdata", full)
+    with pytest.raises(OSError, match=r"No space left on device: '.*a\.gif'"):
+        save_animation(tmp_path / "a.gif", [picture(0)], 10)
     assert list(tmp_path.iterdir()) == []
