@@ -119,8 +119,8 @@ def test_contract_of_names_is_kept():
 
 def test_the_core_install_has_every_name():
     extras = (
-        "matplotlib", "scipy", "dask", "distributed", "rendercanvas", "anywidget", "glfw", "OpenEXR",
-        "tifffile", "zarr", "flip_evaluator", "embreex", "pytest",
+        "matplotlib", "scipy", "dask", "distributed", "rendercanvas", "anywidget", "glfw",
+        "OpenEXR", "tifffile", "zarr", "flip_evaluator", "embreex", "pytest",
     )  # fmt: skip
     code = (
         f"import sys; sys.modules.update(dict.fromkeys({extras})); import pydoc, rasterjit\n"
