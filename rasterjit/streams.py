@@ -57,10 +57,13 @@ def check_arguments(
     planning.check_scene(scene)
     linear_color("background", "white" if background is None else background)
     one_of("cull", cull, planning.CULL_MODES)
-    return scene, Options(
-        image_size("size", size), check_quality(quality), planning.check_outputs(outputs),
-        background, cull,
-    )  # fmt: skip
+    names = planning.check_outputs(outputs)
+    for name in names:
+        if name in planning.MOTION_OUTPUTS:
+            raise ValueError(
+                f"outputs has {name!r}, which needs an earlier view: see rasterjit.render"
+            )
+    return scene, Options(image_size("size", size), check_quality(quality), names, background, cull)
 
 
 def check_iterable(cameras: Any) -> None:

@@ -153,6 +153,7 @@ def test_frames_of_several_sizes_are_refused(cube):
         ({"quality": "high"}, "quality must be"),
         ({"background": "no colour"}, "background"),
         ({"cull": "both"}, "cull must be one of"),
+        ({"outputs": ("motion",)}, "outputs has 'motion', which needs an earlier view"),
         ({"threads": 0}, "threads must be in 1"),
         ({"workers": 1.5}, "workers must be a whole number"),
         ({"prefetch": 0}, "prefetch must be a whole number of at least 1, got 0"),

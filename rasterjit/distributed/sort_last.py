@@ -98,6 +98,10 @@ def render_partitions(
     _, options = check_arguments(probe, size, quality, outputs, background, cull)
     if "uv" in options.outputs:
         _check_uv(partitions)
+    if "nocs" in options.outputs:
+        raise ValueError(
+            "outputs has 'nocs', which needs the box of the whole mesh; ask for 'object_position'"
+        )
     if options.quality.samples != 1:
         raise ValueError(
             f"quality.samples must be 1 where parts are merged, got {options.quality.samples!r}"

@@ -252,6 +252,7 @@ def full():
         ({"material": "red"}, "material must be a Material or None"),
         ({"quality": rj.Quality(samples=4)}, "quality.samples must be 1 where parts are merged"),
         ({"outputs": ("uv",)}, "have none"),
+        ({"outputs": ("nocs",)}, "needs the box of the whole mesh"),
         ({"size": (0, 1)}, "size must be"),
         ({"client": 3}, "client must be a distributed.Client, got int"),
     ],
