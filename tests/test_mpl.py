@@ -44,7 +44,7 @@ def spatial(unlit, proj_type="persp", dpi=50):
     return drawn, axes, rj.mpl.SceneArtist(axes, unlit, quality=ONE)
 
 
-@pytest.mark.parametrize("dpi", [50, 80])
+@pytest.mark.parametrize("dpi", [50, 100])
 def test_flat_axes_hold_the_rendered_pixels(unlit, dpi):
     drawn, axes = figure(dpi)
     axes.set_axis_off()

@@ -178,6 +178,7 @@ def test_costs_are_those_of_the_effects_shown(viewer):
 def test_click_explains_the_pixel(viewer):
     pointer(viewer, "down", 20, 15)
     pointer(viewer, "up", 21, 15)
+    settle(viewer)
     while viewer.explanation is None:
         assert viewer.step()
     told = viewer.explanation
@@ -301,7 +302,7 @@ def test_wrong_arguments_are_refused(cube):
         Viewer(cube, background="no colour")
     with pytest.raises(ValueError, match="time_budget must be above 0"):
         Viewer(cube, time_budget=0.0)
-    with pytest.raises(ValueError, match="no face"):
+    with pytest.raises(ValueError, match="empty scene"):
         Viewer(rj.Scene())
     with pytest.raises(ValueError, match="backend must be one of 'auto'"):
         rj.show(cube, backend="paper")
