@@ -60,7 +60,7 @@ async def play():
 loop.add_task(play)
 loop.run()
 np.savez(folder + "/seen.npz", first=seen[0], second=seen[1])
-print(json.dumps([viewer_window.toolkit(), list(viewer.camera.eye)]))
+print(json.dumps([viewer_window.toolkits()[0], list(viewer.camera.eye)]))
 """
 
 
@@ -79,7 +79,7 @@ def found_in(screen, picture):
 @pytest.mark.needs_jit
 def test_window_shows_what_the_controls_foretell(tmp_path):
     missing = [name for name in ("Xvfb", "xvfb-run") if shutil.which(name) is None]
-    if missing or viewer_window.toolkit() is None:
+    if missing or not viewer_window.toolkits():
         assert not os.environ.get("CI"), missing
         pytest.skip(f"needs {missing or 'glfw'}")
     mesh = json.dumps([CUBE_VERTICES.tolist(), CUBE_FACES.tolist(), str(tmp_path)])
@@ -108,13 +108,13 @@ def test_no_display_is_said(cube, monkeypatch):
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     monkeypatch.setattr(sys, "platform", "linux")
-    monkeypatch.setattr(viewer_window, "toolkit", lambda: "glfw")
+    monkeypatch.setattr(viewer_window, "toolkits", lambda: ["glfw"])
     with pytest.raises(ValueError, match="needs no display here"):
         rj.show(cube, backend="window", size=(8, 6))
     assert viewer_show.choose_backend("auto") == "browser"
     monkeypatch.setenv("DISPLAY", ":7")
     assert viewer_show.choose_backend("auto") == "window"
-    monkeypatch.setattr(viewer_window, "toolkit", lambda: None)
+    monkeypatch.setattr(viewer_window, "toolkits", list)
     assert viewer_show.choose_backend("auto") == "browser"
 
 
