@@ -48,6 +48,8 @@ def write_panel(
     ratio : float
         Pixels of the picture for one of the screen.
     """
+    # In a terminal one pixel is as large as many of the screen.
+    ratio = max(ratio, 1.0)
     if not rows or picture.shape[0] < LEAST_SIDE * ratio:
         return
     panel, opacity = _panel(tuple(rows), float(ratio))
