@@ -39,6 +39,7 @@ from rasterjit.cli_report import (
     print_diagnostics,
     print_measurement,
     print_stats,
+    shows_anything,
     status,
     with_progress,
 )
@@ -46,7 +47,7 @@ from rasterjit.cli_view import show_options, view_file
 from rasterjit.scene.quality import LEVELS
 
 if TYPE_CHECKING:
-    from rasterjit.frame import Frame
+    pass
 
 INTERRUPTED = 130
 """Exit status after Ctrl-C; the others are click's: 1 failed, 2 wrong usage."""
@@ -237,7 +238,7 @@ def render(
         rendered = time.perf_counter()
         write_files(frame, places, depth_scale)
     saved = time.perf_counter()
-    if not _shows_anything(frame):
+    if not shows_anything(frame):
         warn("nothing is in view: the picture shows only the background", quiet)
     if not quiet:
         seconds = {"load": loaded - start, **frame.stats.seconds, "save": saved - rendered}
@@ -247,14 +248,6 @@ def render(
             print_diagnostics(frame.diagnostics)
         for place in places:
             click.echo(f"wrote {place}")
-
-
-def _shows_anything(frame: Frame) -> bool:
-    """Tell whether a face covers a pixel or, of edges alone, whether any may be in view."""
-    stats = frame.stats
-    if frame.plan.needs_faces:
-        return stats.pixels_covered > 0
-    return stats.drawn + stats.unsampled + stats.degenerate > 0
 
 
 @program.command()
@@ -314,7 +307,6 @@ def turntable(
 @program.command()
 @file_argument
 @show_options
-@size_option("960x720")
 @view_options
 @background_option
 @look_options
@@ -324,11 +316,7 @@ def turntable(
 @quiet_option
 @debug_option
 def view(file: Path, **options: Any) -> None:
-    """
-    Show FILE and let the mouse and keys move the camera; H tells how.
-
-    The picture is a draft while something moves, and then becomes ever more accurate.
-    """
+    """Show FILE and let mouse and keys move the camera; H tells how."""
     view_file(file, options)
 
 

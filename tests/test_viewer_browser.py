@@ -26,7 +26,7 @@ SIZE = (160, 120)
 FOCUS = 0.5
 """Seconds after which a page that was clicked listens to keys."""
 
-PATIENCE = 45.0
+PATIENCE = 60.0
 """Seconds to wait for a picture; a loaded machine compiles slowly."""
 
 

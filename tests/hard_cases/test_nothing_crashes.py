@@ -587,6 +587,8 @@ ELSEWHERE = {
     "Choice": "what the dial notes on a frame",
     "PixelExplanation": "what explain_pixel returns",
     "accuracy": "a module; tests/accuracy refuses its bad input",
+    "mpl": "a module; tests/test_mpl.py refuses its bad input",
+    "show": "it opens a window; tests/test_viewer.py refuses its bad input",
 }
 """Public names that no test here calls, with the reason."""
 
