@@ -12,7 +12,7 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
@@ -45,9 +45,6 @@ from rasterjit.cli_report import (
 )
 from rasterjit.cli_view import show_options, view_file
 from rasterjit.scene.quality import LEVELS
-
-if TYPE_CHECKING:
-    pass
 
 INTERRUPTED = 130
 """Exit status after Ctrl-C; the others are click's: 1 failed, 2 wrong usage."""

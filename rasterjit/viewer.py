@@ -206,8 +206,8 @@ class Viewer:
             plan = self._frame.plan
             quality = str(plan.quality).split(" ")[0]
             if plan.pictures > 1:
-                quality += f" {plan.pictures}"
-            parts.append(f"{quality} {1e3 * self._seconds:.1f} ms")
+                quality += f" of {plan.pictures} pictures"
+            parts.append(f"{quality} in {1e3 * self._seconds:.0f} ms")
         parts += [self._message] if self._message else []
         if isinstance(self.controls, Fly):
             parts.append(f"flying at {self.controls.speed:.3g}/s")

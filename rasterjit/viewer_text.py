@@ -20,7 +20,7 @@ COLUMN_GAP = 14
 PANEL, TEXT, FAINT = (24, 26, 30), (240, 240, 236), (168, 172, 178)
 """Colours, sRGB: of panels, of their first column, and of what follows it."""
 
-OPACITY = 0.82
+OPACITY = 0.88
 """Of a panel."""
 
 LEAST_SIDE = 120
