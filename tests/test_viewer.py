@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit import viewer_effects
+from rasterjit import dial, viewer_effects
 from rasterjit.controls import Fly
 from rasterjit.viewer import LONGEST_STEP, Viewer, rows_of
 from rasterjit.viewer_pictures import picture_of
@@ -306,3 +306,13 @@ def test_wrong_arguments_are_refused(cube):
         Viewer(rj.Scene())
     with pytest.raises(ValueError, match="backend must be one of 'auto'"):
         rj.show(cube, backend="paper")
+
+
+def test_time_budget_lets_the_dial_choose(cube, monkeypatch):
+    monkeypatch.setattr(dial, "load_profile", lambda: None)
+    viewer = Viewer(cube, size=SIZE, time_budget=1e-9)
+    with pytest.warns(rj.CalibrationWarning):
+        picture = viewer.draw()
+    choices = [rendered(viewer, quality) for quality in (DRAFT, STANDARD)]
+    assert any((picture == choice).all() for choice in choices)
+    viewer.close()
