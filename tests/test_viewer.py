@@ -10,7 +10,7 @@ from rasterjit import dial, viewer_effects
 from rasterjit.controls import Fly
 from rasterjit.viewer import LONGEST_STEP, Viewer, rows_of
 from rasterjit.viewer_pictures import picture_of
-from rasterjit.viewer_text import write_panel
+from rasterjit.viewer_text import mark_pixel, write_panel
 
 SIZE = (40, 30)
 DRAFT, STANDARD, REFERENCE = (
@@ -271,6 +271,17 @@ def test_text_changes_only_its_corner():
     small = np.full((30, 40, 4), 255, np.uint8)
     write_panel(small, [("much too long for it",)], "top right")
     assert (small == 255).all()
+
+
+@pytest.mark.parametrize(("column", "row"), [(0, 0), (39, 29), (20, 15)])
+def test_mark_lies_around_the_pixel(column, row):
+    picture = np.full((30, 40, 4), 255, np.uint8)
+    mark_pixel(picture, column, row)
+    rows, columns = np.nonzero((picture != 255).any(axis=2))
+    away = np.abs(rows - row) + np.abs(columns - column)
+    assert ((rows == row) | (columns == column)).all()
+    assert away.min() == 3
+    assert away.max() <= 8
 
 
 @pytest.mark.parametrize("size", [(125, 125), (900, 130)])
