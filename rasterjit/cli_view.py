@@ -31,13 +31,16 @@ def view_file(file: Path, options: dict[str, Any]) -> None:
     view.check()
     scene = load_scene(file, look, effects, options["quiet"])
     camera = view.camera(scene, options["size"])
-    with compile_notice(options["quiet"]):
-        show(
-            scene, camera, backend=options["backend"], size=options["size"],
-            background=options["background"], cull=options["cull"],
-            up=view.up or (0.0, 1.0, 0.0), time_budget=options["time_budget"], title=file.name,
-            host=options["host"], port=options["port"], threads=options["threads"],
-        )  # fmt: skip
+    try:
+        with compile_notice(options["quiet"]):
+            show(
+                scene, camera, backend=options["backend"], size=options["size"],
+                background=options["background"], cull=options["cull"],
+                up=view.up or (0.0, 1.0, 0.0), time_budget=options["time_budget"], title=file.name,
+                host=options["host"], port=options["port"], threads=options["threads"],
+            )  # fmt: skip
+    except ImportError as error:
+        raise click.ClickException(str(error)) from error
 
 
 def show_options(command: Any) -> Any:

@@ -129,3 +129,19 @@ def test_pipe_is_no_terminal(tmp_path, cube):
     )  # fmt: skip
     assert done.returncode == 1
     assert "error: backend must not be 'terminal' where standard input or output" in done.stderr
+
+
+def test_missing_package_is_one_line(tmp_path):
+    path = tmp_path / "face.obj"
+    path.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    code = (
+        "import sys; sys.modules['uvicorn'] = None; from rasterjit.cli import main; "
+        f"sys.argv = ['rasterjit', 'view', {str(path)!r}, '--backend', 'browser', '--quiet']; "
+        "main()"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=PATIENCE
+    )
+    assert done.returncode == 1
+    assert done.stderr.startswith('error: the browser needs a server: pip install "rasterjit[')
+    assert done.stderr.count("\n") == 1
