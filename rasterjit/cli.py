@@ -10,7 +10,7 @@ from __future__ import annotations
 import gc
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
@@ -48,14 +48,12 @@ from rasterjit.cli_report import (
     print_diagnostics,
     print_measurement,
     print_stats,
+    shows_anything,
     status,
     with_progress,
 )
 from rasterjit.cli_view import show_options, view_file
 from rasterjit.scene.quality import LEVELS
-
-if TYPE_CHECKING:
-    from rasterjit.frame import Frame
 
 GARBAGE_THRESHOLD = 100_000
 """Objects made between two looks for garbage; Python's own is 700."""
@@ -164,7 +162,7 @@ def render(
         rendered = time.perf_counter()
         write_files(frame, places, depth_scale)
     saved = time.perf_counter()
-    if not _shows_anything(frame):
+    if not shows_anything(frame):
         warn("nothing is in view: the picture shows only the background", quiet)
     if not quiet:
         seconds = {"load": loaded - start, **frame.stats.seconds, "save": saved - rendered}
@@ -174,14 +172,6 @@ def render(
             print_diagnostics(frame.diagnostics)
         for place in places:
             click.echo(f"wrote {place}")
-
-
-def _shows_anything(frame: Frame) -> bool:
-    """Tell whether a face covers a pixel or, of edges alone, whether any may be in view."""
-    stats = frame.stats
-    if frame.plan.needs_faces:
-        return stats.pixels_covered > 0
-    return stats.drawn + stats.unsampled + stats.degenerate > 0
 
 
 @program.command()
@@ -259,7 +249,6 @@ def dataset(**options: Any) -> None:
 @program.command()
 @file_argument
 @show_options
-@size_option("960x720")
 @view_options
 @background_option
 @look_options
@@ -269,11 +258,7 @@ def dataset(**options: Any) -> None:
 @quiet_option
 @debug_option
 def view(file: Path, **options: Any) -> None:
-    """
-    Show FILE and let the mouse and keys move the camera; H tells how.
-
-    The picture is a draft while something moves, and then becomes ever more accurate.
-    """
+    """Show FILE and let mouse and keys move the camera; H tells how."""
     view_file(file, options)
 
 

@@ -13,7 +13,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 try:
     from matplotlib import artist
@@ -29,6 +29,7 @@ except ImportError as error:
         f'pictures in axes need matplotlib: pip install "rasterjit[mpl]" ({error})'
     ) from error
 
+from rasterjit import transforms
 from rasterjit.frame import Frame
 from rasterjit.io.meshes import as_scene
 from rasterjit.render import Renderer, choose_camera
@@ -49,6 +50,9 @@ on it is."""
 
 STEP = 0.5
 """Distance of the places where a line is compared with the depth, pixels."""
+
+ROUNDING = 1e-6
+"""How far sides that ought to be whole pixels may be off them."""
 
 LONGEST = 64
 """Most places of a segment that are compared, in sides of the picture: it may reach far beside."""
@@ -152,10 +156,9 @@ class SceneArtist(artist.Artist):
         box = self.axes.get_window_extent(renderer)
         # Vector formats count in 1/72 inch; their pictures have the resolution asked for.
         scale = renderer.get_image_magnification()
-        left, bottom = math.floor(box.x0 * scale), math.floor(box.y0 * scale)
-        size = (
-            max(math.ceil(box.x1 * scale) - left, 1), max(math.ceil(box.y1 * scale) - bottom, 1),
-        )  # fmt: skip
+        left, bottom = (math.floor(side * scale + ROUNDING) for side in (box.x0, box.y0))
+        right, top = (math.ceil(side * scale - ROUNDING) for side in (box.x1, box.y1))
+        size = max(right - left, 1), max(top - bottom, 1)
         area = Bbox.from_bounds(left / scale, bottom / scale, size[0] / scale, size[1] / scale)
         camera = self._camera_of(area) if self._is_spatial else self._camera
         frame = self._render(camera, size)
@@ -177,7 +180,8 @@ class SceneArtist(artist.Artist):
     def _render(self, camera: Camera | None, size: tuple[int, int]) -> Frame:
         """Return the frame of a view, that of the last one again if nothing changed."""
         is_matrix = isinstance(camera, MatrixCamera)
-        key = size, camera.clip_from_view.tobytes() if is_matrix else camera
+        seen = (camera.clip_from_view @ camera.view_from_world).tobytes() if is_matrix else camera
+        key = size, seen
         if key not in self._frames:
             with Renderer(size, quality=self._quality) as renderer:
                 frame = renderer.render(
@@ -200,7 +204,8 @@ class SceneArtist(artist.Artist):
         )
         clip[3] = projection[3]
         clip[2] = self._depth_row(projection)
-        return MatrixCamera(np.eye(4), clip)
+        view = _view_of(clip, self._ball.center)
+        return MatrixCamera(view, clip @ transforms.inverse(view))
 
     def _depth_row(self, projection: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the row of clip z: from -1 before everything to 1 behind it."""
@@ -226,7 +231,7 @@ class SceneArtist(artist.Artist):
             shown = Line2D(*places.T)
             shown.update_from(line)
             shown.set(transform=IdentityTransform(), figure=self.figure, **{hidden: "None"})
-            shown.set_clip_box(self.axes.bbox)
+            shown.set(antialiased=line.get_antialiased(), clip_box=self.axes.bbox)
             shown.draw(renderer)
 
 
@@ -278,7 +283,7 @@ class _View(NamedTuple):
 
     def _clip(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return points in clip space, (V, 4)."""
-        matrix = self.camera.clip_from_view
+        matrix = self.camera.clip_from_view @ self.camera.view_from_world
         return points @ matrix[:, :3].T + matrix[:, 3]
 
     def _depths(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -288,6 +293,20 @@ class _View(NamedTuple):
         with np.errstate(divide="ignore", invalid="ignore"):
             stored = (c0 + c1 * clip[:, 2] + c2 * clip[:, 3]) / clip[:, 3]
         return self.camera.view_depth(stored)
+
+
+def _view_of(clip_from_world: NDArray[np.float64], center: ArrayLike) -> NDArray[np.float64]:
+    """Return ``view_from_world`` of who sees a centre so, z up: it tells where a headlight is."""
+    rows = clip_from_world
+    if rows[3, :3].any():
+        eye = MatrixCamera(np.eye(4), rows).eye_position()
+        forward = np.asarray(center) - eye
+    else:
+        eye = np.asarray(center, dtype=np.float64)
+        forward = np.cross(rows[0, :3], rows[1, :3])
+        forward *= np.sign(forward @ rows[2, :3])
+    is_upright = not transforms.are_parallel(forward, (0.0, 0.0, 1.0))
+    return transforms.look_at(eye, eye + forward, (0.0, 0.0, 1.0) if is_upright else rows[1, :3])
 
 
 def _draw_points(

@@ -31,7 +31,7 @@ from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
 from rasterjit.validation import image_size, positive_number
 from rasterjit.viewer_pictures import OUTPUTS_OF, picture_of
-from rasterjit.viewer_text import Row, write_panel
+from rasterjit.viewer_text import Row, mark_pixel, write_panel
 from rasterjit.viewpoint import Ball
 
 KINDS = {"1": "color", "2": "depth", "3": "normal", "4": "object_id", "5": "face_id"}
@@ -170,6 +170,7 @@ class Viewer:
     def close(self) -> None:
         """End what is being rendered, and let the threads go."""
         self.version += 1
+        self._steps = iter(())
         self._moving.close()
 
     @property
@@ -207,8 +208,8 @@ class Viewer:
             plan = self._frame.plan
             quality = str(plan.quality).split(" ")[0]
             if plan.pictures > 1:
-                quality += f" {plan.pictures}"
-            parts.append(f"{quality} {1e3 * self._seconds:.1f} ms")
+                quality += f" of {plan.pictures} pictures"
+            parts.append(f"{quality} in {1e3 * self._seconds:.0f} ms")
         parts += [self._message] if self._message else []
         if isinstance(self.controls, Fly):
             parts.append(f"flying at {self.controls.speed:.3g}/s")
@@ -438,6 +439,9 @@ class Viewer:
 
     def _write_on(self, picture: NDArray[np.uint8]) -> None:
         """Write what is to be read on a picture."""
+        told = self.explanation
+        if told is not None and told.size == self.size:
+            mark_pixel(picture, told.x, told.y, self.ratio)
         if self._shows_help:
             write_panel(picture, HELP, "top left", self.ratio)
         elif self.explanation is not None:

@@ -95,6 +95,6 @@ def choose_backend(backend: str) -> str:
         return backend
     if viewer_notebook.in_notebook():
         return "notebook"
-    if viewer_window.has_display() and viewer_window.toolkit() is not None:
+    if viewer_window.has_display() and viewer_window.toolkits():
         return "window"
     return "browser"

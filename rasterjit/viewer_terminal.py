@@ -10,6 +10,9 @@ from rasterjit.viewer_canvas import Connection
 FRAME_RATE = 20.0
 """Most pictures a second: a terminal takes long to show one."""
 
+KEYS = "arrows turn, + - zoom, F fits, R returns, Ctrl-C ends"
+"""What the title says: most terminals are too small for a help panel."""
+
 
 def run_in_terminal(viewer: Viewer, title: str) -> None:
     """
@@ -33,7 +36,7 @@ def run_in_terminal(viewer: Viewer, title: str) -> None:
         raise ImportError(
             f'the terminal needs a package: pip install "rasterjit[terminal]" ({error})'
         ) from error
-    canvas = terminal.RenderCanvas(title=title, max_fps=FRAME_RATE)
+    canvas = terminal.RenderCanvas(title=f"{title}: {KEYS}", max_fps=FRAME_RATE)
     Connection(viewer, canvas)
     try:
         terminal.loop.run()

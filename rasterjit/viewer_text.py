@@ -20,8 +20,14 @@ COLUMN_GAP = 14
 PANEL, TEXT, FAINT = (24, 26, 30), (240, 240, 236), (168, 172, 178)
 """Colours, sRGB: of panels, of their first column, and of what follows it."""
 
-OPACITY = 0.82
+OPACITY = 0.88
 """Of a panel."""
+
+MARK = (3, 8)
+"""From where to where the lines around a pixel reach, at a pixel ratio of 1, pixels."""
+
+MARK_COLOR = (230, 40, 30)
+"""Of those lines, sRGB."""
 
 LEAST_SIDE = 120
 """Height of a picture that is written on, pixels: text would cover a smaller one."""
@@ -48,6 +54,8 @@ def write_panel(
     ratio : float
         Pixels of the picture for one of the screen.
     """
+    # In a terminal one pixel is as large as many of the screen.
+    ratio = max(ratio, 1.0)
     if not rows or picture.shape[0] < LEAST_SIDE * ratio:
         return
     panel, opacity = _panel(tuple(rows), float(ratio))
@@ -60,6 +68,25 @@ def write_panel(
     mixed = panel[:height, :width] * share + under[:, :, :3] * (1.0 - share)
     under[:, :, :3] = mixed + 0.5
     under[:, :, 3] = 255
+
+
+def mark_pixel(picture: NDArray[np.uint8], column: int, row: int, ratio: float = 1.0) -> None:
+    """
+    Draw four short lines around a pixel, which stays as it is.
+
+    Parameters
+    ----------
+    picture : (H, W, 4) uint8, sRGB
+        Changed.
+    column, row : int
+        Of the pixel.
+    ratio : float
+        Pixels of the picture for one of the screen.
+    """
+    near, far = (round(reach * max(ratio, 1.0)) for reach in MARK)
+    for low, high in ((-far, 1 - near), (near, far + 1)):
+        picture[row, max(column + low, 0) : max(column + high, 0), :3] = MARK_COLOR
+        picture[max(row + low, 0) : max(row + high, 0), column, :3] = MARK_COLOR
 
 
 @lru_cache(maxsize=64)

@@ -1,4 +1,4 @@
-"""The viewer in a window: of Qt, where it is installed, else of GLFW."""
+"""The viewer in a window: of GLFW, or of Qt."""
 
 from __future__ import annotations
 
@@ -11,8 +11,13 @@ from typing import Any
 from rasterjit.viewer import Viewer
 from rasterjit.viewer_canvas import FRAME_RATE, Connection
 
-TOOLKITS = ("PySide6", "PyQt6", "PySide2", "PyQt5", "glfw")
-"""Packages that open windows, the preferred first. Qt shows pictures without a GPU's driver."""
+TOOLKITS = {
+    "glfw": ("glfw", "wgpu"),
+    **{name: (name,) for name in ("PySide6", "PyQt6", "PySide2", "PyQt5")},
+}
+"""Packages that open windows, the preferred first, and what each one needs. Pictures come into a
+window of GLFW by wgpu, which needs a driver for the GPU, or for the CPU in its place; Qt needs none
+but, where it misses a library of the system, ends the process."""
 
 NO_TOOLKIT = (
     'a window needs a toolkit: pip install "rasterjit[viewer]" for GLFW, or '
@@ -20,11 +25,15 @@ NO_TOOLKIT = (
 )
 
 
-def toolkit() -> str | None:
-    """Return the first package that is installed of those that open windows; None if none is."""
+def toolkits() -> list[str]:
+    """Return the packages that are installed of those that open windows, the preferred first."""
     # One that runs already has the event loop.
     names = sorted(TOOLKITS, key=lambda name: name not in sys.modules)
-    return next((name for name in names if importlib.util.find_spec(name) is not None), None)
+    return [
+        name
+        for name in names
+        if all(importlib.util.find_spec(needed) is not None for needed in TOOLKITS[name])
+    ]
 
 
 def has_display() -> bool:
@@ -53,18 +62,28 @@ def open_window(viewer: Viewer, title: str) -> None:
 
 def window(viewer: Viewer, title: str) -> tuple[Any, Any]:
     """Return a canvas in a new window that shows a viewer, and the loop that it needs."""
-    name = toolkit()
-    if name is None:
+    found = toolkits()
+    if not found:
         raise ImportError(NO_TOOLKIT)
     if not has_display():
         raise ValueError(
             "backend must be one that needs no display here (browser, terminal or notebook), got "
             "'window': neither DISPLAY nor WAYLAND_DISPLAY is set"
         )
-    try:
-        backend = importlib.import_module(f"rendercanvas.{name.lower()}")
-        canvas = backend.RenderCanvas(size=viewer.size, title=title, max_fps=FRAME_RATE)
-        Connection(viewer, canvas)
-    except ModuleNotFoundError as error:
-        raise ImportError(f"{NO_TOOLKIT}: {error}") from error
-    return canvas, backend.loop
+    problems = []
+    for name in found:
+        canvas = None
+        try:
+            backend = importlib.import_module(f"rendercanvas.{name.lower()}")
+            canvas = backend.RenderCanvas(size=viewer.size, title=title, max_fps=FRAME_RATE)
+            Connection(viewer, canvas)
+        except Exception as error:
+            if canvas is not None:
+                canvas.close()
+            problems.append(f"{name}: {type(error).__name__}: {error}")
+        else:
+            return canvas, backend.loop
+    raise ValueError(
+        "backend must be one that works here (browser, terminal or notebook), got 'window': "
+        + "; ".join(problems)
+    )

@@ -238,6 +238,9 @@ ALLOWED = {
 OFF_THE_PATH = {
     "doctor.py": "checks an installation, draws nothing for anybody",
     "viewpoint.py": "places the cameras of controls.py",
+    "viewer.py": "what a person clicks, and text",
+    "viewer_text.py": "text",
+    "mpl.py": "works in the matrices of matplotlib, which come from BLAS",
     "controls.py": "follows a hand: where a person leaves the camera is in no file",
     "warmup.py": "compiles kernels, keeps no picture",
     "oracle.py": "whole numbers and fractions",

@@ -1,0 +1,329 @@
+"""The viewer without a window: events in, pictures out."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import rasterjit as rj
+from rasterjit import dial, viewer_effects
+from rasterjit.controls import Fly
+from rasterjit.viewer import LONGEST_STEP, Viewer, rows_of
+from rasterjit.viewer_pictures import picture_of
+from rasterjit.viewer_text import mark_pixel, write_panel
+
+SIZE = (40, 30)
+DRAFT, STANDARD, REFERENCE = (
+    getattr(rj.Quality, name)() for name in ("draft", "standard", "reference")
+)
+
+
+@pytest.fixture
+def viewer(cube):
+    viewer = Viewer(cube, size=SIZE)
+    yield viewer
+    viewer.close()
+
+
+def key(viewer, name):
+    for kind in ("key_down", "key_up"):
+        viewer.handle({"event_type": kind, "key": name})
+
+
+def pointer(viewer, kind, x, y):
+    viewer.handle({"event_type": f"pointer_{kind}", "x": x, "y": y, "button": 1, "modifiers": ()})
+
+
+def settle(viewer):
+    while viewer.is_moving:
+        viewer.advance(0.05)
+
+
+def rendered(viewer, quality):
+    return rj.render(viewer.shown, viewer.camera, size=viewer.size, quality=quality).color
+
+
+def test_moving_is_a_draft_and_rest_ends_in_the_reference(viewer):
+    np.testing.assert_array_equal(viewer.draw(), rendered(viewer, DRAFT))
+    pointer(viewer, "down", 5, 5)
+    pointer(viewer, "move", 15, 9)
+    viewer.advance(0.02)
+    assert viewer.is_moving
+    assert not viewer.step()
+    np.testing.assert_array_equal(viewer.draw(), rendered(viewer, DRAFT))
+    settle(viewer)
+    steps = 0
+    while viewer.step():
+        steps += 1
+        assert not viewer.is_done
+    assert steps == 6
+    assert viewer.is_done
+    np.testing.assert_array_equal(viewer.draw(), rendered(viewer, REFERENCE))
+
+
+def test_dragging_shows_what_the_controls_foretell(viewer):
+    foretold = viewer.controls
+    for kind, x, y in (("down", 5, 5), ("move", 12, 8), ("up", 12, 8)):
+        pointer(viewer, kind, x, y)
+        event = {"event_type": f"pointer_{kind}", "x": x, "y": y, "button": 1}
+        foretold = foretold.handle(event, SIZE)
+    settle(viewer)
+    assert viewer.camera == foretold.settled().camera()
+    np.testing.assert_array_equal(viewer.draw(), rendered(viewer, DRAFT))
+
+
+def test_what_moves_ends_the_step_that_runs(viewer, monkeypatch):
+    viewer.draw()
+    assert viewer.step()
+    assert viewer.step()
+    find = rj.Renderer._find_visible
+    drawn = []
+
+    def moving(self, *arguments, **options):
+        drawn.append(1)
+        if len(drawn) == 1:
+            key(viewer, "ArrowLeft")
+            viewer.version += 1
+        return find(self, *arguments, **options)
+
+    monkeypatch.setattr(rj.Renderer, "_find_visible", moving)
+    before = viewer.draw().copy()
+    drawn.clear()
+    assert not viewer.step()
+    assert len(drawn) == 1
+    assert not viewer.is_done
+    viewer._frame_version = viewer.version
+    np.testing.assert_array_equal(viewer.draw(), before)
+
+
+@pytest.mark.parametrize(
+    ("name", "kind"),
+    [("2", "depth"), ("3", "normal"), ("4", "object_id"), ("5", "face_id"), ("1", "color")],
+)
+def test_number_keys_show_the_buffers(viewer, name, kind):
+    key(viewer, name)
+    outputs = {"color", "depth", kind}
+    frame = rj.render(viewer.scene, viewer.camera, size=SIZE, quality=DRAFT, outputs=tuple(outputs))
+    np.testing.assert_array_equal(viewer.draw(), picture_of(frame, kind))
+
+
+def test_buffers_are_told_apart(cube, camera):
+    outputs = ("depth", "normal", "object_id", "face_id")
+    frame = rj.render(cube, camera, size=SIZE, outputs=outputs)
+    seen = frame.face_id >= 0
+    depth = picture_of(frame, "depth")[:, :, 0].astype(int)
+    order = np.argsort(frame.depth[seen])
+    assert (np.diff(depth[seen][order]) <= 0).all()
+    assert depth[seen].min() > depth[~seen].max()
+    faces = picture_of(frame, "face_id")
+    colors = {tuple(faces[frame.face_id == one][0]) for one in np.unique(frame.face_id[seen])}
+    assert len(colors) == len(np.unique(frame.face_id[seen]))
+    normal = picture_of(frame, "normal")[seen][:, :3].astype(float)
+    np.testing.assert_allclose(normal / 127.5 - 1.0, frame.normal[seen], atol=0.01)
+    empty = rj.render(cube, camera, size=(1, 1), outputs=("depth",))
+    assert picture_of(empty, "depth").shape == (1, 1, 4)
+
+
+def test_wireframe_key_goes_over_alone_and_off(viewer):
+    modes = []
+    for _ in range(3):
+        key(viewer, "g")
+        modes.append(getattr(viewer.shown.wireframe, "mode", None))
+        np.testing.assert_array_equal(viewer.draw(), rendered(viewer, DRAFT))
+    assert modes == ["overlay", "only", None]
+    assert viewer.scene.wireframe is None
+
+
+@pytest.mark.parametrize(
+    ("name", "field"), [("o", "ambient_occlusion"), ("k", "outline"), ("t", "tone_map")]
+)
+def test_effect_key_switches_and_switches_back(viewer, name, field):
+    first = viewer.shown
+    key(viewer, name)
+    assert getattr(viewer.shown, field) is not None
+    assert getattr(viewer.scene, field) is None
+    assert "on" in viewer.line
+    key(viewer, name)
+    assert viewer.shown is first
+
+
+def test_effect_of_the_scene_is_switched_off(cube):
+    scene = rj.Scene()
+    scene.add(cube)
+    scene.outline = rj.Outline()
+    viewer = Viewer(scene, size=SIZE)
+    key(viewer, "k")
+    assert viewer.shown.outline is None
+    assert "outline off" in viewer.line
+    viewer.close()
+
+
+def test_effect_that_cannot_be_is_said(viewer):
+    version = viewer.version
+    key(viewer, "l")
+    assert viewer.shown is viewer.scene
+    assert "nothing for shadows" in viewer.line
+    assert viewer.version == version
+
+
+def test_costs_are_those_of_the_effects_shown(viewer):
+    key(viewer, "k")
+    key(viewer, "m")
+    while viewer.step():
+        pass
+    assert set(viewer.costs) == {"frame", "outline"}
+    assert viewer.costs["frame"] > 0.0
+
+
+def test_click_explains_the_pixel(viewer):
+    pointer(viewer, "down", 20, 15)
+    pointer(viewer, "up", 21, 15)
+    settle(viewer)
+    while viewer.explanation is None:
+        assert viewer.step()
+    told = viewer.explanation
+    assert (told.x, told.y, told.size) == (21, 15, SIZE)
+    frame = rj.render(
+        viewer.scene, viewer.camera, size=SIZE, outputs=("color", "position", "face_id")
+    )
+    rows = dict(row for row in rows_of(told) if len(row) == 2)
+    assert rows["face"].startswith(f"{frame.face_id[15, 21]} ")
+    shown = [float(part) for part in rows["world position"].split()]
+    np.testing.assert_allclose(shown, frame.position[15, 21], atol=1e-3)
+    assert rows["sRGB"] == "  ".join(map(str, frame.color[15, 21, :3]))
+    key(viewer, "Escape")
+    assert viewer.explanation is None
+
+
+def test_pixel_of_the_background_is_explained(viewer):
+    viewer.pick(0, 0)
+    assert viewer.step()
+    assert ("shows", "the background") in rows_of(viewer.explanation)
+
+
+def test_drag_is_no_click(viewer):
+    pointer(viewer, "down", 20, 15)
+    pointer(viewer, "move", 28, 15)
+    pointer(viewer, "up", 28, 15)
+    settle(viewer)
+    viewer.step()
+    assert viewer.explanation is None
+
+
+def test_wheel_zooms_to_the_surface_under_the_cursor(viewer):
+    viewer.draw()
+    before = viewer.camera
+    frame = rj.render(viewer.scene, before, size=SIZE, outputs=("position",), quality=DRAFT)
+    point = frame.position[12, 17].astype(float)
+    viewer.handle({"event_type": "wheel", "dx": 0, "dy": -300, "x": 17.5, "y": 12.5})
+    settle(viewer)
+    after = viewer.camera
+    share = np.linalg.norm(np.subtract(after.eye, point)) / np.linalg.norm(point - before.eye)
+    assert share == pytest.approx(np.exp(-0.3), rel=0.02)
+
+
+def test_keys_fly(viewer):
+    before = viewer.camera
+    key(viewer, "c")
+    assert isinstance(viewer.controls, Fly)
+    np.testing.assert_allclose(viewer.camera.eye, before.eye, atol=1e-9)
+    viewer.handle({"event_type": "key_down", "key": "w"})
+    viewer.advance(10.0)
+    travelled = np.linalg.norm(np.subtract(viewer.camera.eye, before.eye))
+    assert 0.0 < travelled <= LONGEST_STEP * viewer.controls.speed
+    pointer(viewer, "down", 3, 3)
+    version = viewer.version
+    pointer(viewer, "move", 9, 3)
+    assert viewer.version > version
+
+
+def test_window_of_another_shape_fits_the_scene_again(viewer, cube):
+    viewer.resize((30, 60))
+    assert viewer.draw().shape == (60, 30, 4)
+    other = Viewer(cube, size=(30, 60))
+    assert viewer.camera == other.camera
+    placed = Viewer(cube, rj.PerspectiveCamera(eye=(3, 4, 9), target=(0, 0, 0)), size=SIZE)
+    before = placed.camera
+    placed.resize((30, 60))
+    assert placed.camera == before
+    for one in (other, placed):
+        one.close()
+
+
+def test_events_count_in_screen_pixels(cube):
+    viewer, dense = Viewer(cube, size=SIZE), Viewer(cube, size=SIZE)
+    dense.resize((80, 60), 2.0)
+    for one in (viewer, dense):
+        pointer(one, "down", 5, 5)
+        pointer(one, "up", 18, 9)
+        settle(one)
+        one.close()
+    assert viewer.camera == dense.camera
+
+
+def test_text_changes_only_its_corner():
+    picture = np.full((200, 300, 4), 255, np.uint8)
+    write_panel(picture, [("one",), ("two", "three")], "bottom left")
+    rows, columns = np.nonzero((picture != 255).any(axis=2))
+    assert rows.min() > 140
+    assert columns.max() < 120
+    assert picture[rows.min() : rows.max(), columns.min() : columns.max(), 0].min() < 40
+    small = np.full((30, 40, 4), 255, np.uint8)
+    write_panel(small, [("much too long for it",)], "top right")
+    assert (small == 255).all()
+
+
+@pytest.mark.parametrize(("column", "row"), [(0, 0), (39, 29), (20, 15)])
+def test_mark_lies_around_the_pixel(column, row):
+    picture = np.full((30, 40, 4), 255, np.uint8)
+    mark_pixel(picture, column, row)
+    rows, columns = np.nonzero((picture != 255).any(axis=2))
+    away = np.abs(rows - row) + np.abs(columns - column)
+    assert ((rows == row) | (columns == column)).all()
+    assert away.min() == 3
+    assert away.max() <= 8
+
+
+@pytest.mark.parametrize("size", [(125, 125), (900, 130)])
+def test_help_fits_into_any_picture(cube, size):
+    viewer = Viewer(cube, size=size)
+    key(viewer, "i")
+    without = viewer.draw()
+    key(viewer, "h")
+    assert (viewer.draw() != without).any()
+    key(viewer, "h")
+    np.testing.assert_array_equal(viewer.draw(), without)
+    viewer.close()
+
+
+def test_every_effect_key_is_known_and_told():
+    assert set(viewer_effects.KEYS.values()) <= set(viewer_effects.SWITCHES)
+
+
+def test_error_of_a_step_is_shown_once(viewer):
+    viewer.draw()
+    viewer.step()
+    viewer.fail(MemoryError("too large"))
+    assert "MemoryError: too large" in viewer.line
+    assert viewer.is_done
+
+
+def test_wrong_arguments_are_refused(cube):
+    with pytest.raises(ValueError, match="background"):
+        Viewer(cube, background="no colour")
+    with pytest.raises(ValueError, match="time_budget must be above 0"):
+        Viewer(cube, time_budget=0.0)
+    with pytest.raises(ValueError, match="empty scene"):
+        Viewer(rj.Scene())
+    with pytest.raises(ValueError, match="backend must be one of 'auto'"):
+        rj.show(cube, backend="paper")
+
+
+def test_time_budget_lets_the_dial_choose(cube, monkeypatch):
+    monkeypatch.setattr(dial, "load_profile", lambda: None)
+    viewer = Viewer(cube, size=SIZE, time_budget=1e-9)
+    with pytest.warns(rj.CalibrationWarning):
+        picture = viewer.draw()
+    choices = [rendered(viewer, quality) for quality in (DRAFT, STANDARD)]
+    assert any((picture == choice).all() for choice in choices)
+    viewer.close()

@@ -1,0 +1,149 @@
+"""The viewer in a window, on a screen that is not there."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import os
+import shutil
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from conftest import CUBE_FACES, CUBE_VERTICES
+from PIL import Image
+
+import rasterjit as rj
+from rasterjit import viewer_show, viewer_window
+from rasterjit.viewer import Viewer
+
+SIZE = (200, 150)
+PATIENCE = 120
+"""Seconds for a window to open, and be drawn into, on a loaded machine."""
+
+SCRIPT = """
+import json, sys, time
+import numpy as np
+from PIL import ImageGrab
+import rasterjit as rj
+from rasterjit import viewer_window
+from rasterjit.viewer import Viewer
+
+vertices, faces, folder = json.loads(sys.argv[1])
+viewer = Viewer(rj.Mesh(vertices, faces), size=(200, 150))
+viewer.handle({"event_type": "key_down", "key": "i"})
+canvas, loop = viewer_window.window(viewer, "cube")
+seen = []
+
+def look():
+    seen.append(np.asarray(ImageGrab.grab(xdisplay="").convert("RGB")))
+
+def act(number):
+    for kind, x, y in (("down", 50, 50), ("move", 90, 70), ("up", 90, 70)):
+        canvas.submit_event({"event_type": "pointer_" + kind, "x": x, "y": y, "button": 1,
+                             "buttons": (1,), "modifiers": ()})
+
+async def play():
+    from rendercanvas.utils.asyncs import sleep
+    for number in range(2):
+        limit = time.monotonic() + 40
+        await sleep(0.5)
+        while not viewer.is_done and time.monotonic() < limit:
+            await sleep(0.1)
+        await sleep(1.0)
+        look()
+        if number == 0:
+            act(number)
+    canvas.close()
+
+loop.add_task(play)
+loop.run()
+np.savez(folder + "/seen.npz", first=seen[0], second=seen[1])
+print(json.dumps([viewer_window.toolkits()[0], list(viewer.camera.eye)]))
+"""
+
+
+def found_in(screen, picture):
+    """Tell whether a picture is somewhere on the screen, pixel by pixel."""
+    height, width = picture.shape[:2]
+    for top in range(screen.shape[0] - height + 1):
+        for left in range(screen.shape[1] - width + 1):
+            place = screen[top : top + height, left : left + width]
+            middle = height // 2, width // 2
+            if (place[middle] == picture[middle]).all() and (place == picture).all():
+                return True
+    return False
+
+
+@pytest.mark.needs_jit
+def test_window_shows_what_the_controls_foretell(tmp_path):
+    missing = [name for name in ("Xvfb", "xvfb-run") if shutil.which(name) is None]
+    if missing or not viewer_window.toolkits():
+        assert not os.environ.get("CI"), missing
+        pytest.skip(f"needs {missing or 'glfw'}")
+    mesh = json.dumps([CUBE_VERTICES.tolist(), CUBE_FACES.tolist(), str(tmp_path)])
+    done = subprocess.run(
+        ["xvfb-run", "-a", "-s", "-screen 0 240x190x24", sys.executable, "-c", SCRIPT, mesh],
+        capture_output=True, text=True, timeout=PATIENCE, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout + done.stderr
+    _, eye = json.loads(done.stdout.splitlines()[-1])
+    mine = Viewer(rj.Mesh(CUBE_VERTICES, CUBE_FACES), size=SIZE)
+    with np.load(tmp_path / "seen.npz") as screens:
+        for name in ("first", "second"):
+            Image.fromarray(screens[name]).save(tmp_path / f"{name}.png")
+            frame = rj.render(mine.scene, mine.camera, size=SIZE, quality=rj.Quality.reference())
+            assert found_in(screens[name], frame.color[:, :, :3]), name
+            for kind, x, y in (("down", 50, 50), ("move", 90, 70), ("up", 90, 70)):
+                mine.handle({"event_type": f"pointer_{kind}", "x": x, "y": y, "button": 1})
+            while name == "first" and mine.is_moving:
+                mine.advance(0.05)
+            if name == "first":
+                assert mine.camera.eye == pytest.approx(eye)
+    mine.close()
+
+
+def test_no_display_is_said(cube, monkeypatch):
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    monkeypatch.setattr(sys, "platform", "linux")
+    monkeypatch.setattr(viewer_window, "toolkits", lambda: ["glfw"])
+    with pytest.raises(ValueError, match="needs no display here"):
+        rj.show(cube, backend="window", size=(8, 6))
+    assert viewer_show.choose_backend("auto") == "browser"
+    monkeypatch.setenv("DISPLAY", ":7")
+    assert viewer_show.choose_backend("auto") == "window"
+    monkeypatch.setattr(viewer_window, "toolkits", list)
+    assert viewer_show.choose_backend("auto") == "browser"
+
+
+@pytest.mark.parametrize(
+    ("backend", "missing", "extra"),
+    [
+        ("window", ("glfw", "PySide6", "PyQt6", "PySide2", "PyQt5"), "viewer"),
+        ("browser", ("uvicorn",), "browser"),
+        ("terminal", ("blessed",), "terminal"),
+        ("notebook", ("anywidget",), "notebook"),
+        ("window", ("rendercanvas",), "viewer"),
+    ],
+)
+def test_missing_extra_is_named(cube, monkeypatch, backend, missing, extra):
+    find = importlib.util.find_spec
+    monkeypatch.setattr(
+        importlib.util, "find_spec", lambda name: None if name in missing else find(name)
+    )
+    for name in list(sys.modules):
+        if name.split(".")[0] in (*missing, "rendercanvas"):
+            monkeypatch.delitem(sys.modules, name)
+    for name in missing:
+        monkeypatch.setitem(sys.modules, name, None)
+
+    class Terminal:
+        def isatty(self):
+            return True
+
+    monkeypatch.setattr(sys, "__stdout__", Terminal())
+    monkeypatch.setattr(sys, "__stdin__", Terminal())
+    with pytest.raises(ImportError, match=rf'pip install "rasterjit\[{extra}\]"'):
+        rj.show(cube, backend=backend, size=(8, 6))
