@@ -587,6 +587,8 @@ ELSEWHERE = {
     "Choice": "what the dial notes on a frame",
     "PixelExplanation": "what explain_pixel returns",
     "accuracy": "a module; tests/accuracy refuses its bad input",
+    "distributed": "a module; tests/distributed refuses its bad input",
+    "render_many": "tests/test_many.py refuses its bad input; each frame is one of render",
 }
 """Public names that no test here calls, with the reason."""
 
