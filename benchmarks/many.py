@@ -55,6 +55,16 @@ def seconds_of(draw: Callable[[], Any]) -> float:
     return time.perf_counter() - started
 
 
+def processor_seconds(draw: Callable[[], Any], rounds: int) -> float:
+    """Return how long processors work for drawing, all threads together; the median of rounds."""
+    values = []
+    for _ in range(rounds):
+        started = time.process_time()
+        draw()
+        values.append(time.process_time() - started)
+    return statistics.median(values)
+
+
 def take_turns(ways: dict[str, Callable[[], Any]], rounds: int, frames: int) -> dict[str, float]:
     """Return the frames a second of each way: medians of rounds in which all take turns."""
     for draw in ways.values():
@@ -81,7 +91,12 @@ def measure_threads(
 
         return draw_all
 
-    return take_turns({"one renderer": draw(1), "one a thread": draw(threads)}, rounds, frames)
+    ways = {"one renderer": draw(1), "one a thread": draw(threads)}
+    found = take_turns(ways, rounds, frames)
+    # What other programs on the machine change least.
+    for name, draw_all in ways.items():
+        found[f"{name}, processor seconds"] = processor_seconds(draw_all, rounds) / frames
+    return found
 
 
 def measure_cluster(
@@ -176,6 +191,8 @@ def main() -> None:
     print(
         f"one renderer a thread / one with all: {found['one a thread'] / found['one renderer']:.2f}"
     )
+    for name in ("one renderer", "one a thread"):
+        print(f"{name}: {1e3 * found[f'{name}, processor seconds']:.2f} processor-ms a frame")
     print(f"2 workers / 1 worker: {found['2 workers'] / found['1 worker']:.2f}")
     print(f"a frame is {found['bytes a frame'] / 2**20:.2f} MiB on its way")
     print(f"{found['bytes a second'] / 2**20:.0f} MiB/s from a worker")
