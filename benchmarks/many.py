@@ -5,7 +5,8 @@ Measure how fast many pictures of one scene are drawn: by threads, and by proces
 
 Draws the teapot from all sides with `rasterjit.render_many`: by one renderer that has all threads,
 and by renderers of one thread each; then on a cluster of one worker process and of two. Ways that
-are compared take turns, and medians are compared. Then prints what a million frames take on
+are compared take turns, and the fastest round of each counts: the one that other programs disturbed
+least. Then prints what a million frames take on
 clusters of several sizes, by a model of the measured numbers: each worker draws as fast as one of
 the two did; the scheduler and the client see to one frame after the other, in no less time than a
 task without work takes and the bytes of a frame take to come here.
@@ -66,7 +67,7 @@ def processor_seconds(draw: Callable[[], Any], rounds: int) -> float:
 
 
 def take_turns(ways: dict[str, Callable[[], Any]], rounds: int, frames: int) -> dict[str, float]:
-    """Return the frames a second of each way: medians of rounds in which all take turns."""
+    """Return the frames a second of each way: the best of rounds in which all take turns."""
     for draw in ways.values():
         draw()
     seconds: dict[str, list[float]] = {name: [] for name in ways}
@@ -74,7 +75,7 @@ def take_turns(ways: dict[str, Callable[[], Any]], rounds: int, frames: int) -> 
         order = list(ways) if number % 2 == 0 else list(reversed(ways))
         for name in order:
             seconds[name].append(seconds_of(ways[name]))
-    return {name: frames / statistics.median(values) for name, values in seconds.items()}
+    return {name: frames / min(values) for name, values in seconds.items()}
 
 
 def measure_threads(
