@@ -6,10 +6,10 @@ Measure how fast many pictures of one scene are drawn: by threads, and by proces
 Draws the teapot from all sides with `rasterjit.render_many`: by one renderer that has all threads,
 and by renderers of one thread each; then on a cluster of one worker process and of two. Ways that
 are compared take turns, and the fastest round of each counts: the one that other programs disturbed
-least. Then prints what a million frames take on
-clusters of several sizes, by a model of the measured numbers: each worker draws as fast as one of
-the two did; the scheduler and the client see to one frame after the other, in no less time than a
-task without work takes and the bytes of a frame take to come here.
+least. Then prints what a million frames take on clusters of several sizes, by a model of the
+measured numbers: each worker draws as fast as one of the two did; the scheduler and the client see
+to one frame after the other, in no less time than a task without work takes and the bytes of a
+frame take to come here.
 """
 
 from __future__ import annotations
