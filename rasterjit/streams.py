@@ -2,8 +2,8 @@
 Draw a stream of frames in order, several at once, and few ahead of who takes them.
 
 A frame is drawn by one thread of its own where there are as many frames as threads: nothing waits
-for the slowest part of a stage, and stages that one thread runs alone do not keep the others idle
-(measured by ``benchmarks/many.py``).
+for the slowest part of a stage, and stages that one thread runs alone do not keep the others idle;
+``benchmarks/many.py`` measures what that is worth.
 """
 
 from __future__ import annotations

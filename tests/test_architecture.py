@@ -141,7 +141,7 @@ def test_importing_loads_nothing_heavy():
     code = (
         "import sys, rasterjit; "
         "print([m for m in ('trimesh', 'networkx', 'imageio', 'rich', 'click', 'matplotlib', "
-        "'dask', 'rendercanvas', 'PIL') if m in sys.modules])"
+        "'dask', 'distributed', 'rendercanvas', 'tifffile', 'zarr', 'PIL') if m in sys.modules])"
     )
     done = subprocess.run(
         [sys.executable, "-W", "error", "-c", code],

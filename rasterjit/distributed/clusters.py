@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import threading
 import time
 from collections.abc import Iterator
 from concurrent.futures import CancelledError
@@ -21,6 +22,9 @@ LOOK_EVERY = 1.0
 
 RECONNECT_WITHIN = 10.0
 """Seconds that a client may take to find its scheduler again."""
+
+TRANSFER_WITHIN = 3600.0
+"""Seconds that a result may take from a worker to here."""
 
 CONNECT_WITHIN = 20.0
 """Seconds that a client takes to find a cluster of our own."""
@@ -95,21 +99,32 @@ def result_of(future: Future, client: Client) -> Any:
         What the task raises.
     """
     distributed = require_dask()
+    _wait(future, client)
+    try:
+        return future.result(timeout=TRANSFER_WITHIN)
+    except distributed.KilledWorker as error:
+        raise RuntimeError(
+            "a task lost one worker after the other, which mostly means that they had too little "
+            f"memory (see the workers' memory limit): {error}"
+        ) from None
+    except CancelledError:
+        # Of a scheduler that is lost, too: say that.
+        _wait(future, client)
+        raise
+
+
+def _wait(future: Future, client: Client) -> None:
+    """Return when a task is done, or raise ``ConnectionError`` if its scheduler is lost."""
     address, lost_since = address_of(client), None
+    is_done = threading.Event()
+    future.add_done_callback(lambda _: is_done.set())
     while True:
-        try:
-            return future.result(timeout=LOOK_EVERY)
-        except distributed.KilledWorker as error:
-            raise RuntimeError(
-                "a task lost one worker after the other, which mostly means that they had too "
-                f"little memory (see the workers' memory limit): {error}"
-            ) from None
-        except (TimeoutError, CancelledError):
-            if client.status == "running" and future.status != "pending":
-                raise
+        came = is_done.wait(LOOK_EVERY if lost_since is None else LOOK_EVERY / 5.0)
         # A client that lost its scheduler looks for it again for a while.
         if client.status == "running":
             lost_since = None
+            if came or future.status != "pending":
+                return
             continue
         lost_since = lost_since or time.monotonic()
         is_over = client.status in ("closed", "closing")
@@ -118,7 +133,8 @@ def result_of(future: Future, client: Client) -> Any:
                 f"the Dask scheduler at {address} is lost, and what it held with it: start it "
                 "again, connect a new client, and render again"
             )
-        time.sleep(LOOK_EVERY / 5.0)
+        if came:
+            time.sleep(LOOK_EVERY / 5.0)
 
 
 def send(data: Any, client: Client) -> Future:

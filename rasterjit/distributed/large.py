@@ -64,8 +64,8 @@ def render_large(
         Width and height, pixels, each in 1..131072, or less with more than 9 sub-pixel bits.
     path : str or Path
         ``.tif`` or ``.tiff``: a tiled BigTIFF, RGBA, losslessly compressed. ``.zarr``: an array
-        (H, W, 4) uint8, a chunk for each tile. Written whole or not at all; what was there before
-        is replaced.
+        (H, W, 4) uint8 of format 3, a chunk for each tile; needs Python 3.11. Written whole or not
+        at all; what was there before is replaced.
     tile : int
         Side of the tiles, pixels: a multiple of 64 up to 16384. Every tile takes all vertices to
         the screen, so small tiles of a large mesh cost time, and large ones memory.
