@@ -7,6 +7,7 @@ Needs RasterJIT installed. Writes into ``models/pictures`` unless told otherwise
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -75,17 +76,52 @@ def color_numbers(numbers: NDArray[np.int32]) -> NDArray[np.uint8]:
     return np.where(numbers[..., None] < 0, 0, 60 + mixed % 196).astype(np.uint8)
 
 
-def strip(scene: rj.Scene, camera: rj.PerspectiveCamera) -> NDArray[np.uint8]:
-    """Return colour, depth, normals and face numbers side by side."""
-    frame = rj.render(scene, camera, size=PANEL, outputs=("color", "depth", "normal", "face_id"))
-    normals = np.floor(127.5 * frame.normal + 128.0).astype(np.uint8)
-    panels = [
+def color_coordinates(coordinates: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """Return 0..1 along three axes as red, green and blue, the background black."""
+    return (255.0 * np.nan_to_num(coordinates)).astype(np.uint8)
+
+
+def color_normals(normals: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """Return -1..1 along three axes as red, green and blue, the background grey."""
+    return np.floor(127.5 * normals + 128.0).astype(np.uint8)
+
+
+def color_motion(motion: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """Return motion to the right as red, down as green; grey where none, the background black."""
+    seen = np.isfinite(motion).all(axis=2)
+    largest = np.abs(motion[seen]).max()
+    colors = np.zeros((*seen.shape, 3))
+    colors[seen, :2] = 0.5 + 0.5 * motion[seen] / largest
+    colors[seen, 2] = 0.5
+    return (255.0 * colors).astype(np.uint8)
+
+
+def strips(scene: rj.Scene, camera: rj.PerspectiveCamera) -> NDArray[np.uint8]:
+    """
+    Return ground truth side by side.
+
+    Colour, depth, normals and face numbers; below them object numbers, normalized object
+    coordinates, motion since the camera stood further to the left, and the normals of the second
+    surface of each pixel.
+    """
+    outputs = "color", "depth", "normal", "face_id", "object_id", "nocs", "motion"
+    x, y, z = camera.eye
+    before = rj.View(camera=replace(camera, eye=(x - 1.0, y, z)))
+    frame = rj.render(scene, camera, size=PANEL, outputs=outputs, previous=before)
+    layers = rj.render_layers(scene, camera, k=2, size=PANEL, outputs=("normal",))
+    above = [
         frame.color[..., :3],
         shade_depth(frame.depth),
-        normals,
+        color_normals(frame.normal),
         color_numbers(frame.face_id),
     ]
-    return np.hstack(panels)
+    below = [
+        color_numbers(frame.object_id),
+        color_coordinates(frame.nocs),
+        color_motion(frame.motion),
+        color_normals(layers.normal[1]),
+    ]
+    return np.vstack([np.hstack(above), np.hstack(below)])
 
 
 def main(folder: Path) -> None:
@@ -96,7 +132,7 @@ def main(folder: Path) -> None:
     rj.render(scene, camera, size=(1200, 560)).save(folder / "still_life.png")
     from rasterjit.io.images import save_image
 
-    save_image(folder / "buffers.png", strip(scene, camera))
+    save_image(folder / "buffers.png", strips(scene, camera))
     teapot = rj.load(MODELS / "teapot.obj")
     rj.render(teapot, size=(640, 480)).save(folder / "teapot.png")
     cube = rj.load(MODELS / "cube.ply")
