@@ -102,8 +102,9 @@ def test_diagnose_is_true_or_false(cube, camera, wrong):
 
 def test_diagnosing_changes_no_bit_of_the_frame(soup, eye):
     outputs = [output for output in OUTPUTS if output != "uv"]
-    plain = rj.render(soup, eye, size=SIZE, outputs=outputs, threads=1).arrays()
-    frame = look(soup, eye, outputs=outputs)
+    options = {"outputs": outputs, "previous": rj.View()}
+    plain = rj.render(soup, eye, size=SIZE, threads=1, **options).arrays()
+    frame = look(soup, eye, **options)
     for name, array in frame.arrays().items():
         assert array.tobytes() == plain[name].tobytes()
     assert frame.stats.seconds["diagnostics"] > 0.0
