@@ -16,6 +16,7 @@ from rasterjit.cli_files import warn
 from rasterjit.cli_options import (
     ColorType,
     FiniteType,
+    NamesType,
     SizeType,
     VectorType,
     add_options,
@@ -41,23 +42,14 @@ class SquareType(SizeType):
         return super().convert(value, parameter, context)
 
 
-class KeptType(click.ParamType):
+class KeptType(NamesType):
     """Names of what is kept of each view, ``color,depth``."""
 
-    name = "names"
-
-    def convert(
-        self, value: Any, parameter: click.Parameter | None, context: click.Context | None
-    ) -> tuple[str, ...]:
-        """Return the names, or raise click's usage error."""
+    def check(self, names: list[str]) -> tuple[str, ...]:
+        """Return the names, or raise ``ValueError``."""
         from rasterjit.dataset.recipe import Recipe
 
-        if isinstance(value, tuple):
-            return value
-        try:
-            return Recipe(outputs=[name.strip() for name in value.split(",")]).outputs
-        except ValueError as error:
-            self.fail(str(error), parameter, context)
+        return Recipe(outputs=names).outputs
 
 
 class WorkersType(click.ParamType):

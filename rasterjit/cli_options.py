@@ -6,6 +6,7 @@ import dataclasses
 import math
 import os
 import re
+from abc import abstractmethod
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
@@ -132,8 +133,8 @@ class ColorType(click.ParamType):
         return value
 
 
-class OutputsType(click.ParamType):
-    """Names of outputs, ``color,depth``."""
+class NamesType(click.ParamType):
+    """Names between commas, each kind with a check of its own."""
 
     name = "names"
 
@@ -141,21 +142,32 @@ class OutputsType(click.ParamType):
         self, value: Any, parameter: click.Parameter | None, context: click.Context | None
     ) -> tuple[str, ...]:
         """Return the names, or raise click's usage error."""
-        from rasterjit.plan import MOTION_OUTPUTS, check_outputs
-
         if isinstance(value, tuple):
             return value
         try:
-            names = check_outputs([name.strip() for name in value.split(",")])
+            return self.check([name.strip() for name in value.split(",")])
         except ValueError as error:
             self.fail(str(error), parameter, context)
+
+    @abstractmethod
+    def check(self, names: list[str]) -> tuple[str, ...]:
+        """Return the names, or raise ``ValueError``."""
+
+
+class OutputsType(NamesType):
+    """Names of outputs, ``color,depth``."""
+
+    def check(self, names: list[str]) -> tuple[str, ...]:
+        """Return the names, or raise ``ValueError``."""
+        from rasterjit.plan import MOTION_OUTPUTS, check_outputs
+
+        outputs = check_outputs(names)
         for name in MOTION_OUTPUTS:
-            if name in names:
-                self.fail(
-                    f"{name} is found against an earlier view, which rasterjit.render takes",
-                    parameter, context,
-                )  # fmt: skip
-        return names
+            if name in outputs:
+                raise ValueError(
+                    f"{name} is found against an earlier view, which rasterjit.render takes"
+                )
+        return outputs
 
 
 class SettingType(click.ParamType):
@@ -177,23 +189,14 @@ class SettingType(click.ParamType):
             self.fail(str(error), parameter, context)
 
 
-class KnobsType(click.ParamType):
+class KnobsType(NamesType):
     """Names of accuracy settings, ``samples,shading``."""
 
-    name = "names"
-
-    def convert(
-        self, value: Any, parameter: click.Parameter | None, context: click.Context | None
-    ) -> tuple[str, ...]:
-        """Return the names, or raise click's usage error."""
+    def check(self, names: list[str]) -> tuple[str, ...]:
+        """Return the names, or raise ``ValueError``."""
         from rasterjit.accuracy.knobs import check_knobs
 
-        if isinstance(value, tuple):
-            return value
-        try:
-            return check_knobs([name.strip() for name in value.split(",")])
-        except ValueError as error:
-            self.fail(str(error), parameter, context)
+        return check_knobs(names)
 
 
 class MadeSceneType(click.ParamType):
