@@ -13,7 +13,7 @@ import pytest
 ROOT = Path(__file__).parent.parent
 PAGES = ("README.md", "models/README.md")
 SET_UP = "pip install"
-"""Commands that make an environment of their own: CI runs them."""
+"""Commands that make an environment of their own: ``.ci/run`` runs them."""
 
 
 def blocks(language):
