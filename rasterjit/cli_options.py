@@ -102,8 +102,8 @@ class VectorType(click.ParamType):
         return x, y, z
 
 
-class FiniteType(click.FloatRange):
-    """A number that is not infinite nor NaN, in a range."""
+class NumberType(click.types.FloatParamType):
+    """A number that is not infinite nor NaN."""
 
     def convert(
         self, value: Any, parameter: click.Parameter | None, context: click.Context | None
@@ -113,6 +113,10 @@ class FiniteType(click.FloatRange):
         if not math.isfinite(number):
             self.fail(f"{value!r} must be finite", parameter, context)
         return number
+
+
+class FiniteType(NumberType, click.FloatRange):
+    """Such a number, in a range."""
 
 
 class ColorType(click.ParamType):
@@ -417,7 +421,7 @@ def view_options(command: Callable | None = None, *, orbit: bool = False) -> Cal
                      help="What it looks at; default: the middle of the scene."),
     ]  # fmt: skip
     fitting = [
-        click.option("--azimuth", metavar="DEG", type=FiniteType(),
+        click.option("--azimuth", metavar="DEG", type=NumberType(),
                      help=f"Degrees around the scene{start}: 0 is +z, 90 is +x (z up: -y, +x)."),
         click.option("--elevation", metavar="DEG", type=FiniteType(-90.0, 90.0),
                      help="Degrees above the scene."),
