@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import CancelledError
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -33,7 +34,7 @@ MOST_ATTEMPTS = 5
 AHEAD = 2
 """Tiles under way for each thread of a cluster."""
 
-Tiles = Iterator[tuple[Region, NDArray[np.uint8]]]
+Tiles = Generator[tuple[Region, NDArray[np.uint8]], None, None]
 
 
 def render_large(
@@ -52,8 +53,8 @@ def render_large(
     """
     Render a picture that is too large for one frame, and write it tile by tile.
 
-    Each tile has the bits that the whole picture has there. No more than one tile, or with a
-    cluster two for each of its threads, is held at a time. The scene must fit each machine.
+    Each tile has the bits that the whole picture has there. No more than two tiles, or with a
+    cluster two for each of its threads, are held at a time. The scene must fit each machine.
 
     Parameters
     ----------
@@ -83,6 +84,8 @@ def render_large(
         ambient occlusion, outlines, and see-through surfaces with 2 to 16 samples.
     ImportError
         If what writes the file is not installed.
+    OSError
+        If the file cannot be written, as on a full disk; what was there before is kept.
     """
     place = _checked_place(path)
     regions_of((1, 1), tile)
@@ -99,13 +102,16 @@ def render_large(
         else:
             arguments["camera"] = renderer.plan.camera
             tiles = _draw_there(TileFarm(own, what, arguments, count or 1), renderer, tile)
-        write(tiles, whole, tile)
+        with closing(tiles):
+            write(tiles, whole, tile)
 
 
 def _draw_here(renderer: RegionRenderer, tile: int) -> Tiles:
     """Yield the tiles, row by row."""
     for region, frame in renderer.render_regions(tile):
         yield region, frame.color
+        # Not held while the next one is drawn.
+        del frame
 
 
 class TileFarm:
@@ -217,10 +223,19 @@ def _checked_place(path: Any) -> Path:
     """Return the path of the picture, or raise ``ValueError``; a Zarr array may be replaced."""
     if isinstance(path, (str, os.PathLike)) and str(path).lower().endswith(".zarr"):
         place = Path(path)
-        if place.exists() and not (place / "zarr.json").is_file():
+        if os.path.lexists(place) and not _is_array(place):
             raise ValueError(f"path {str(place)!r} is there, but is no Zarr array to be replaced")
         return checked_path(place.with_name(f"{place.name}.zarr"), FORMATS).with_name(place.name)
     return checked_path(path, FORMATS)
+
+
+def _is_array(place: Path) -> bool:
+    """Tell whether a folder is a Zarr array, not a group of them or anything else."""
+    try:
+        about = json.loads((place / "zarr.json").read_bytes())
+    except (OSError, ValueError):
+        return False
+    return isinstance(about, dict) and about.get("node_type") == "array"
 
 
 def _writer(place: Path) -> Callable[[Tiles, tuple[int, int], int], None]:
@@ -244,41 +259,78 @@ def _write_tiff(tifffile: Any, place: Path, tiles: Tiles, size: tuple[int, int],
     width, height = size
 
     def padded() -> Iterator[NDArray[np.uint8]]:
-        # A tile of a TIFF is whole; what lies beyond the picture is not shown.
-        for region, color in tiles:
-            square = np.zeros((tile, tile, 4), np.uint8)
-            square[: region.height, : region.width] = color
-            yield square
+        for _, color in tiles:
+            yield _squared(color, tile)
+            # Not held while the next one is drawn.
+            del color
 
     with replacing(place) as temporary, tifffile.TiffWriter(temporary, bigtiff=True) as file:
         file.write(
             padded(), shape=(height, width, 4), dtype=np.uint8, tile=(tile, tile),
             photometric="rgb", extrasamples=["unassalpha"], compression="zlib",
             software="RasterJIT",
+            # With more workers it reads tiles ahead, up to 512 MiB of them.
+            maxworkers=1,
         )  # fmt: skip
+
+
+def _squared(color: NDArray[np.uint8], tile: int) -> NDArray[np.uint8]:
+    """Return a whole tile, as those of a TIFF are; what lies beyond the picture is not shown."""
+    height, width, _ = color.shape
+    if height == width == tile:
+        return color
+    return np.pad(color, ((0, tile - height), (0, tile - width), (0, 0)))
 
 
 def _write_zarr(zarr: Any, place: Path, tiles: Tiles, size: tuple[int, int], tile: int) -> None:
     """Write tiles to the chunks of a Zarr array."""
     width, height = size
     with _replacing_folder(place) as temporary:
-        array = zarr.create_array(
-            store=str(temporary), shape=(height, width, 4), chunks=(tile, tile, 4), dtype="uint8",
-            dimension_names=("row", "column", "channel"),
-        )  # fmt: skip
+        with _naming(place):
+            array = zarr.create_array(
+                store=str(temporary), shape=(height, width, 4), chunks=(tile, tile, 4),
+                dtype="uint8", dimension_names=("row", "column", "channel"),
+            )  # fmt: skip
         for region, color in tiles:
             rows = slice(region.top, region.top + region.height)
-            array[rows, region.left : region.left + region.width] = color
+            with _naming(place):
+                array[rows, region.left : region.left + region.width] = color
+            del color
 
 
 @contextmanager
 def _replacing_folder(place: Path) -> Iterator[Path]:
     """Give a temporary folder beside a place; move it there on success, else remove it."""
-    temporary = place.with_name(f".{os.getpid()}.{os.urandom(8).hex()}.zarr")
+    name = f".{os.getpid()}.{os.urandom(8).hex()}"
+    temporary, aside = place.with_name(f"{name}.zarr"), place.with_name(f"{name}.old.zarr")
     try:
         yield temporary
-        if place.exists():
-            shutil.rmtree(place)
-        os.replace(temporary, place)
+        with _naming(place):
+            if os.path.lexists(place):
+                os.rename(place, aside)
+            os.replace(temporary, place)
     finally:
-        shutil.rmtree(temporary, ignore_errors=True)
+        # What was there goes only when the new one is there, whatever came between.
+        if os.path.lexists(aside) and not os.path.lexists(place):
+            os.rename(aside, place)
+        for left in (temporary, aside):
+            _remove(left)
+
+
+def _remove(place: Path) -> None:
+    """Remove a folder, or the link to one, if it is there."""
+    if place.is_symlink():
+        place.unlink()
+    else:
+        shutil.rmtree(place, ignore_errors=True)
+
+
+@contextmanager
+def _naming(place: Path) -> Iterator[None]:
+    """Let an error of the system name the picture, not one of the files it is made of."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno is None:
+            raise
+        raise OSError(error.errno, error.strerror, str(place)) from error
