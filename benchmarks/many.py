@@ -116,8 +116,9 @@ def measure_cluster(
         clients = []
         for workers in (1, 2):
             cluster = LocalCluster(
-                n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=":0"
-            )
+                n_workers=workers, threads_per_worker=1, processes=True,
+                dashboard_address="127.0.0.1:0",
+            )  # fmt: skip
             stack.enter_context(cluster)
             clients.append(stack.enter_context(Client(cluster, set_as_default=False)))
 

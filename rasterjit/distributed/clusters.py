@@ -75,7 +75,7 @@ def connected(client: Client | None) -> Iterator[Client]:
     with (
         distributed.LocalCluster(
             n_workers=available_processors(), threads_per_worker=1, processes=True,
-            dashboard_address=":0",
+            dashboard_address="127.0.0.1:0",
         ) as cluster,
         distributed.Client(cluster, timeout=CONNECT_WITHIN) as own,
     ):  # fmt: skip

@@ -27,8 +27,8 @@ def two_processes():
     with (
         dask.config.set({"distributed.comm.timeouts.connect": "5s"}),
         LocalCluster(
-            n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0",
-            memory_limit=0,
+            n_workers=2, threads_per_worker=1, processes=True,
+            dashboard_address="127.0.0.1:0", memory_limit=0,
         ) as cluster,
     ):  # fmt: skip
         yield cluster
