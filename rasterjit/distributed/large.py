@@ -95,7 +95,8 @@ def render_large(
     }  # fmt: skip
     count = thread_count("threads", threads)
     own = None if client is None else check_client(client)
-    with RegionRenderer(what, threads=count, **arguments) as renderer:
+    renderer = RegionRenderer(what, threads=count, **arguments)
+    with renderer:
         whole = renderer.size
         if own is None:
             tiles = _draw_here(renderer, tile)
