@@ -132,7 +132,10 @@ def test_wrong_arguments_are_refused_at_once(cube, client, wrong, message):
 
 
 def test_item_that_is_no_camera_is_named(cube, client):
-    frames = rj.render_many(cube, [*cameras(2), None], size=SIZE, client=client)
+    given = [*cameras(2), None]
+    with pytest.raises(ValueError, match=r"cameras\[2\] must be a .*got NoneType"):
+        rj.render_many(cube, given, size=SIZE, client=client)
+    frames = rj.render_many(cube, iter(given), size=SIZE, client=client)
     assert are_those_of_render([next(frames), next(frames)], cube)
     with pytest.raises(ValueError, match=r"cameras\[2\] must be a .*got NoneType"):
         next(frames)
