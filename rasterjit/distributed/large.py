@@ -7,7 +7,6 @@ import os
 import shutil
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
-from concurrent.futures import CancelledError
 from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.distributed.clusters import check_client, result_of, send
+from rasterjit.distributed.clusters import SharedScene, check_client, result_of, retried, send
 from rasterjit.io.images import checked_path, replacing
 from rasterjit.plan import Region
 from rasterjit.regions import RegionRenderer, Survey, regions_of
@@ -27,9 +26,6 @@ if TYPE_CHECKING:
     from distributed import Client
 
 FORMATS = (".tif", ".tiff", ".zarr")
-
-MOST_ATTEMPTS = 5
-"""Times that a tile is begun anew because the scene is lost with the workers that had it."""
 
 AHEAD = 2
 """Tiles under way for each thread of a cluster."""
@@ -157,8 +153,7 @@ class TileFarm:
 
     def _send(self, more: tuple[Any, ...]) -> None:
         """Send the scene, and what else all tasks need, to every worker."""
-        data = (*self._task, *more)
-        self._sent = send(data, self._client)
+        self._sent = send(SharedScene(_region_renderer, *self._task, *more), self._client)
 
     def _begin(self, function: Callable[..., Any], region: Region) -> Any:
         """Begin a tile."""
@@ -168,17 +163,14 @@ class TileFarm:
         self, function: Callable[..., Any], region: Region, future: Any, more: tuple[Any, ...]
     ) -> Any:
         """Return what a task gives, begun anew if the scene was lost with the workers."""
-        for _ in range(MOST_ATTEMPTS):
-            try:
-                return result_of(future, self._client)
-            except CancelledError:
-                if self._sent.status != "finished":
-                    self._send(more)
-                future = self._begin(function, region)
-        raise RuntimeError(
-            f"all workers that held the scene were lost, {MOST_ATTEMPTS} times: see their logs, "
-            "and their memory limit"
-        )
+
+        def again() -> None:
+            nonlocal future
+            if self._sent.status != "finished":
+                self._send(more)
+            future = self._begin(function, region)
+
+        return retried(lambda: result_of(future, self._client), "the scene", again)
 
 
 def _draw_there(farm: TileFarm, renderer: RegionRenderer, tile: int) -> Tiles:
@@ -191,32 +183,25 @@ def _draw_there(farm: TileFarm, renderer: RegionRenderer, tile: int) -> Tiles:
     yield from farm.run(_draw_tile, regions, surveys)
 
 
-_KEPT: dict[str, Any] = {}
-"""What a worker was sent last, and the renderer of it."""
+def _region_renderer(
+    what: Any, arguments: dict[str, Any], threads: int, *surveys: dict[Region, Survey]
+) -> RegionRenderer:
+    """Return a renderer on a worker."""
+    renderer = RegionRenderer(what, threads=threads, **arguments)
+    if surveys:
+        renderer.take_surveys(surveys[0])
+    return renderer
 
 
-@contextmanager
-def _renderer_of(sent: tuple[Any, ...]) -> Iterator[RegionRenderer]:
-    """Give a renderer of what was sent, taken from the last task where it is free."""
-    kept = _KEPT.pop("last", None)
-    if kept is None or kept[0] is not sent:
-        what, arguments, threads, *surveys = sent
-        kept = sent, RegionRenderer(what, threads=threads, **arguments)
-        if surveys:
-            kept[1].take_surveys(surveys[0])
-    yield kept[1]
-    _KEPT["last"] = kept
-
-
-def _survey_tile(sent: tuple[Any, ...], region: Region) -> Survey:
+def _survey_tile(shared: SharedScene, region: Region) -> Survey:
     """Survey a tile on a worker."""
-    with _renderer_of(sent) as renderer:
+    with shared.renderer() as renderer:
         return renderer.survey(region)
 
 
-def _draw_tile(sent: tuple[Any, ...], region: Region) -> NDArray[np.uint8]:
+def _draw_tile(shared: SharedScene, region: Region) -> NDArray[np.uint8]:
     """Draw a tile on a worker; (h, w, 4)."""
-    with _renderer_of(sent) as renderer:
+    with shared.renderer() as renderer:
         return renderer.render_region(region).color
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import time
 from contextlib import contextmanager
 
 import pytest
@@ -63,6 +64,29 @@ def doomed():
     """A client of a cluster whose workers may be killed."""
     with two_processes() as made, client_of(made) as client:
         yield client
+
+
+def renderers_there():
+    """Return how many renderers a process holds; it runs on workers."""
+    import gc
+
+    from rasterjit.render import Renderer
+
+    gc.collect()
+    return sum(isinstance(one, Renderer) for one in gc.get_objects())
+
+
+@pytest.fixture
+def wait_for_no_renderers():
+    """Waits until no worker holds a renderer, and returns how many they hold then."""
+
+    def wait(client):
+        deadline = time.monotonic() + PATIENCE / 6.0
+        while any(left := client.run(renderers_there).values()) and time.monotonic() < deadline:
+            time.sleep(0.1)
+        return sum(left)
+
+    return wait
 
 
 @pytest.fixture

@@ -101,6 +101,14 @@ def test_file_is_replaced_whole_or_kept(scene, view, tmp_path, monkeypatch, suff
 
 
 @pytest.mark.needs_jit
+def test_workers_keep_renderers_no_longer_than_the_picture_is_drawn(
+    scene, view, tmp_path, client, wait_for_no_renderers
+):
+    rj.distributed.render_large(scene, view, SIZE, tmp_path / "large.tif", tile=64, client=client)
+    assert wait_for_no_renderers(client) == 0
+
+
+@pytest.mark.needs_jit
 def test_worker_killed_in_the_middle_changes_no_bit(scene, view, tmp_path, doomed):
     place, size = tmp_path / "large.zarr", (640, 640)
     task = threading.Thread(

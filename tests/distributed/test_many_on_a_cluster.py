@@ -89,6 +89,15 @@ def test_closing_early_leaves_nothing_on_the_cluster(cube, client):
     assert not client.futures
 
 
+def test_workers_keep_renderers_no_longer_than_frames_are_taken(
+    cube, client, wait_for_no_renderers
+):
+    frames = rj.render_many(cube, cameras(9), size=SIZE, client=client)
+    next(frames)
+    frames.close()
+    assert wait_for_no_renderers(client) == 0
+
+
 def test_worker_killed_in_the_middle_loses_no_frame(cube, doomed):
     frames = rj.render_many(cube, cameras(12), size=SIZE, prefetch=6, client=doomed)
     taken = [next(frames)]
