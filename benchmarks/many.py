@@ -108,7 +108,7 @@ def measure_cluster(
 
     from distributed import Client, LocalCluster
 
-    from rasterjit.distributed.many import draw_frame
+    from rasterjit.distributed.many import draw_frame, share_scene
     from rasterjit.streams import Options
 
     cameras = list(around(scene, frames))
@@ -116,8 +116,9 @@ def measure_cluster(
         clients = []
         for workers in (1, 2):
             cluster = LocalCluster(
-                n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=":0"
-            )
+                n_workers=workers, threads_per_worker=1, processes=True,
+                dashboard_address="127.0.0.1:0",
+            )  # fmt: skip
             stack.enter_context(cluster)
             clients.append(stack.enter_context(Client(cluster, set_as_default=False)))
 
@@ -133,7 +134,7 @@ def measure_cluster(
         found["seconds a task"] = task_seconds(clients[1])
         found["bytes a second"] = transfer_rate(clients[1])
     options = Options(size, rj.Quality.standard(), ("color",), None, "none")
-    found["bytes a frame"] = size_sent(draw_frame(scene, cameras[0], options, 1))
+    found["bytes a frame"] = size_sent(draw_frame(share_scene(scene, options, 1), cameras[0]))
     return found
 
 

@@ -13,13 +13,13 @@ from rasterjit.streams import (
     PROGRESS,
     RendererPool,
     check_arguments,
-    check_iterable,
+    check_cameras,
     check_prefetch,
     draw_all,
+    share_threads,
     with_bar,
 )
-from rasterjit.validation import one_of, thread_count
-from rasterjit.workers import available_processors
+from rasterjit.validation import one_of
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -57,11 +57,12 @@ def render_many(
     size, quality, outputs, background, cull
         As `rasterjit.render` takes them, the same for all frames.
     threads : int, optional
-        Threads of all workers together. Default: all processors.
+        Threads of all workers together. Default: all processors, or ``workers`` if that is more.
+        With a client: threads of each task, default 1.
     workers : int, optional
-        How many frames are drawn at once, each by ``threads // workers`` threads. Default: as many
-        as threads, which draws most frames a second; 1 draws the next frame soonest. With a client
-        it must be None: its cluster has workers of its own.
+        How many frames are drawn at once, each by ``threads // workers`` threads; at most
+        ``threads``. Default: as many as threads, which draws most frames a second; 1 draws the next
+        frame soonest. With a client it must be None: its cluster has workers of its own.
     prefetch : int, optional
         Most frames that are drawn, or being drawn, ahead of the one taken last. Default: two for
         each worker.
@@ -77,22 +78,21 @@ def render_many(
     Raises
     ------
     ValueError
-        Naming the argument that is wrong: at once, or, for an item of ``cameras``, after the frames
-        before it.
+        Naming the argument that is wrong, at once; an item of ``cameras`` that are no sequence, but
+        come as they are asked for, after the frames before it.
     RuntimeError
         If frames are taken in a forked process from an iterator that its parent began.
     """
     if workers is not None and client is not None:
         raise ValueError(f"workers must be None where a client is given, got {workers!r}")
     scene, options = check_arguments(what, size, quality, outputs, background, cull)
-    check_iterable(cameras)
+    check_cameras(cameras)
     one_of("progress", progress, PROGRESS)
     if client is not None:
         from rasterjit.distributed.many import farm_out
 
         return farm_out(scene, cameras, options, threads, prefetch, progress, client)
-    total = thread_count("threads", threads) or available_processors()
-    count = thread_count("workers", workers) or total
+    count, own = share_threads(threads, workers)
     most = check_prefetch(prefetch) or AHEAD * count
-    pool = RendererPool(scene, options, count, max(1, total // count))
+    pool = RendererPool(scene, options, count, own)
     return with_bar(draw_all(pool, cameras, most), cameras, progress)

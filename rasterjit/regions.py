@@ -10,9 +10,9 @@ part by part first.
 from __future__ import annotations
 
 import functools
+import operator
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from types import TracebackType
 from typing import Any
 
 from rasterjit import passes, shadow_cells, supersampling
@@ -74,17 +74,6 @@ class RegionRenderer(Renderer):
         camera = choose_camera(scene, camera, whole)
         self._planned = self._plan(quality, scene, camera, outputs, background, cull, False, None)
         _refuse_neighbours(self._planned.plan)
-
-    def __enter__(self) -> RegionRenderer:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
     @property
     def plan(self) -> RenderPlan:
@@ -228,22 +217,25 @@ def regions_of(size: tuple[int, int], tile: int) -> list[Region]:
 
 def check_tile(tile: Any) -> int:
     """Return the side of tiles, or raise ``ValueError``."""
-    if isinstance(tile, bool) or not isinstance(tile, int) or not 0 < tile <= MAX_SIZE:
+    try:
+        side = _whole(tile)
+    except TypeError:
+        side = 0
+    if not 0 < side <= MAX_SIZE:
         raise ValueError(f"tile must be a multiple of {TILE_SIZE} in 64..{MAX_SIZE}, got {tile!r}")
-    if tile % TILE_SIZE:
+    if side % TILE_SIZE:
         raise ValueError(f"tile must be a multiple of {TILE_SIZE} pixels, got {tile!r}")
-    return tile
+    return side
 
 
 def check_region(region: Any, size: tuple[int, int]) -> Region:
     """Return a part of a picture, or raise ``ValueError`` saying what is wrong with it."""
     try:
-        left, top, width, height = (int(value) for value in region)
-        is_whole = (left, top, width, height) == tuple(region)
+        left, top, width, height = map(_whole, region)
     except (TypeError, ValueError):
-        is_whole = False
-    if not is_whole:
-        raise ValueError(f"region must be (left, top, width, height) in pixels, got {region!r}")
+        raise ValueError(
+            f"region must be (left, top, width, height) in pixels, got {region!r}"
+        ) from None
     if left % TILE_SIZE or top % TILE_SIZE:
         raise ValueError(f"region must begin at multiples of {TILE_SIZE} pixels, got {region!r}")
     if not (1 <= width <= MAX_SIZE and 1 <= height <= MAX_SIZE):
@@ -251,6 +243,13 @@ def check_region(region: Any, size: tuple[int, int]) -> Region:
     if min(left, top) < 0 or left + width > size[0] or top + height > size[1]:
         raise ValueError(f"region must lie in the picture of {size} pixels, got {region!r}")
     return Region(left, top, width, height)
+
+
+def _whole(value: Any) -> int:
+    """Return a whole number, also one of NumPy, or raise ``TypeError``."""
+    if isinstance(value, bool):
+        raise TypeError
+    return operator.index(value)
 
 
 def _refuse_neighbours(plan: RenderPlan) -> None:

@@ -26,7 +26,8 @@ from rasterjit.scene.camera import Camera, check_camera
 from rasterjit.scene.color import linear_color
 from rasterjit.scene.quality import Quality, check_quality
 from rasterjit.scene.scene import Scene
-from rasterjit.validation import image_size, one_of
+from rasterjit.validation import image_size, one_of, thread_count
+from rasterjit.workers import available_processors
 
 AHEAD = 2
 """Frames begun for each worker before any is taken: one that is drawn, one that waits."""
@@ -66,22 +67,42 @@ def check_arguments(
     return scene, Options(image_size("size", size), check_quality(quality), names, background, cull)
 
 
-def check_iterable(cameras: Any) -> None:
-    """Raise ``ValueError`` if nothing can be taken from it."""
+def check_cameras(cameras: Any) -> None:
+    """Raise ``ValueError`` if nothing can be taken from it, or if a sequence has a wrong item."""
     if not isinstance(cameras, Iterable) or isinstance(cameras, (str, bytes, dict)):
         raise ValueError(
             f"cameras must be an iterable of cameras, got {type(cameras).__name__}: "
             "put a single one into a list"
         )
+    if isinstance(cameras, Sequence):
+        for number, camera in enumerate(cameras):
+            _check_item(number, camera)
 
 
 def check_prefetch(prefetch: Any) -> int | None:
     """Return the number of frames ahead, or raise ``ValueError``."""
     if prefetch is None:
         return None
-    if isinstance(prefetch, bool) or not isinstance(prefetch, int) or prefetch < 1:
+    try:
+        count = 0 if isinstance(prefetch, bool) else operator.index(prefetch)
+    except TypeError:
+        count = 0
+    if count < 1:
         raise ValueError(f"prefetch must be a whole number of at least 1, got {prefetch!r}")
-    return prefetch
+    return count
+
+
+def share_threads(threads: Any, workers: Any) -> tuple[int, int]:
+    """Return how many renderers there are, and threads of each, or raise ``ValueError``."""
+    asked, count = thread_count("threads", threads), thread_count("workers", workers)
+    if asked is not None and count is not None and count > asked:
+        raise ValueError(
+            "workers must be at most threads, for each has one of its own; got "
+            f"workers={count} and threads={asked}"
+        )
+    total = asked or max(available_processors(), count or 1)
+    count = count or total
+    return count, total // count
 
 
 class RendererPool:

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
+from rasterjit import streams
 
 SIZE = (24, 16)
 CAMERA = rj.PerspectiveCamera(eye=(0.0, 0.0, 4.0), target=(0.0, 0.0, 0.0))
@@ -44,7 +45,9 @@ def own_threads():
     return [one for one in threading.enumerate() if one.name.startswith("rasterjit-many")]
 
 
-@pytest.mark.parametrize(("threads", "workers"), [(1, None), (2, None), (4, 2), (2, 1), (1, 3)])
+@pytest.mark.parametrize(
+    ("threads", "workers"), [(1, None), (2, None), (4, 2), (2, 1), (None, 3), (3, 3), (5, 3)]
+)
 def test_frames_are_those_of_render_in_order(cube, threads, workers):
     outputs = "color", "depth", "face_id"
     frames = rj.render_many(
@@ -114,7 +117,7 @@ def test_no_cameras_make_no_frames(cube):
 
 def test_what_is_wrong_with_a_camera_comes_after_the_frames_before_it(cube):
     given = [*cameras(3), "a camera", *cameras(2)]
-    frames = rj.render_many(cube, given, size=SIZE, threads=2)
+    frames = rj.render_many(cube, iter(given), size=SIZE, threads=2)
     assert are_same([next(frames) for _ in range(3)], one_by_one(cube, 3))
     with pytest.raises(ValueError, match=r"cameras\[3\] must be a PerspectiveCamera.*got str"):
         next(frames)
@@ -136,10 +139,36 @@ def test_error_of_the_cameras_comes_through(cube):
 
 def test_frames_of_several_sizes_are_refused(cube):
     camera = next(cameras(1))
-    frames = rj.render_many(cube, [camera, (camera, (8, 8))], size=SIZE)
+    given = [camera, (camera, (8, 8))]
+    message = r"cameras\[1\] must be a camera, got a tuple of 2: all"
+    with pytest.raises(ValueError, match=message):
+        rj.render_many(cube, given, size=SIZE)
+    frames = rj.render_many(cube, iter(given), size=SIZE)
     next(frames)
-    with pytest.raises(ValueError, match=r"cameras\[1\] must be a camera, got a tuple of 2: all"):
+    with pytest.raises(ValueError, match=message):
         next(frames)
+
+
+@pytest.mark.parametrize("kind", [list, tuple])
+@pytest.mark.parametrize("item", ["a camera", None, (CAMERA, SIZE), [CAMERA]])
+def test_wrong_item_of_a_sequence_is_refused_before_anything_is_drawn(cube, kind, item):
+    with pytest.raises(ValueError, match=r"cameras\[2\] must be a "):
+        rj.render_many(cube, kind([CAMERA, CAMERA, item, CAMERA]), size=SIZE)
+
+
+def test_workers_share_the_threads_that_there_are(monkeypatch):
+    monkeypatch.setattr(streams, "available_processors", lambda: 4)
+    assert streams.share_threads(None, None) == (4, 1)
+    assert streams.share_threads(None, 2) == (2, 2)
+    assert streams.share_threads(None, 6) == (6, 1)
+    assert streams.share_threads(7, 2) == (2, 3)
+    assert streams.share_threads(np.int64(3), np.int64(3)) == (3, 1)
+
+
+def test_prefetch_may_be_a_number_of_numpy(cube):
+    for prefetch in (np.int64(2), np.uint8(2)):
+        frames = rj.render_many(cube, cameras(3), size=SIZE, threads=1, prefetch=prefetch)
+        assert len(list(frames)) == 3
 
 
 @pytest.mark.parametrize(
@@ -158,6 +187,9 @@ def test_frames_of_several_sizes_are_refused(cube):
         ({"workers": 1.5}, "workers must be a whole number"),
         ({"prefetch": 0}, "prefetch must be a whole number of at least 1, got 0"),
         ({"prefetch": True}, "prefetch must be a whole number of at least 1"),
+        ({"prefetch": np.True_}, "prefetch must be a whole number of at least 1"),
+        ({"prefetch": 2.0}, "prefetch must be a whole number of at least 1, got 2.0"),
+        ({"threads": 1, "workers": 6}, "must be at most threads.*workers=6 and threads=1"),
         ({"progress": True}, "progress must be one of 'none', 'bar'"),
         ({"what": rj.Scene()}, "scene must hold at least one mesh"),
     ],

@@ -9,7 +9,7 @@ import pytest
 
 import rasterjit as rj
 from rasterjit.plan import Region
-from rasterjit.regions import RegionRenderer, regions_of
+from rasterjit.regions import RegionRenderer, check_region, regions_of
 from rasterjit.validation import MAX_SIZE, MAX_UNITS, whole_size
 
 SIZE = (150, 100)
@@ -191,6 +191,9 @@ def test_glass_of_several_samples_is_refused(blending):
     [
         ((0, 0, 64), r"region must be \(left, top, width, height\)"),
         ((0.5, 0, 4, 4), r"region must be \(left, top, width, height\)"),
+        ((64.0, 0, 4, 4), r"region must be \(left, top, width, height\)"),
+        ((0, 0, True, 4), r"region must be \(left, top, width, height\)"),
+        (3, r"region must be \(left, top, width, height\)"),
         ((1, 0, 64, 64), "region must begin at multiples of 64"),
         ((0, 0, 0, 64), "region must be 1..16384 pixels wide"),
         ((64, 64, 64, 64), "region must lie in the picture"),
@@ -212,10 +215,20 @@ def test_tiles_are_the_whole_without_overlap():
     assert (count == 1).all()
 
 
-@pytest.mark.parametrize("tile", [0, 63, 100, MAX_SIZE + 64, 64.0, True, None])
+@pytest.mark.parametrize("tile", [0, 63, 100, MAX_SIZE + 64, 64.0, True, np.True_, None])
 def test_wrong_tile_is_refused(tile):
     with pytest.raises(ValueError, match="tile must be a multiple of 64"):
         regions_of((100, 100), tile)
+
+
+@pytest.mark.parametrize("kind", [np.int64, np.uint16])
+def test_whole_numbers_of_numpy_are_taken(kind):
+    regions = regions_of((200, 300), kind(128))
+    assert regions == regions_of((200, 300), 128)
+    assert {type(value) for region in regions for value in region} == {int}
+    region = check_region(np.array([64, 0, 100, 30], kind), (200, 300))
+    assert region == (64, 0, 100, 30)
+    assert {type(value) for value in region} == {int}
 
 
 @pytest.mark.parametrize("bits", [0, 4, 8, 12])

@@ -37,7 +37,10 @@ must keep what they run behind ``if __name__ == "__main__":``.
   have.
 - The scheduler keeps nothing on disk: without it all is lost, and a ``ConnectionError`` says so.
 
-The dashboard's address is logged by the logger ``rasterjit.distributed`` (level INFO).
+The dashboard's address is logged by the logger ``rasterjit.distributed`` (level INFO). It shows
+what the cluster does if ``bokeh`` is installed where the scheduler runs, and else says that it is
+missing; nothing else needs it. The dashboard of the cluster that `render_partitions` makes can be
+reached from this machine alone.
 """
 
 from rasterjit.distributed.large import render_large

@@ -5,15 +5,17 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from rasterjit.workers import available_processors
 
 if TYPE_CHECKING:
     from distributed import Client, Future
+
+T = TypeVar("T")
 
 LOGGER = logging.getLogger("rasterjit.distributed")
 
@@ -31,6 +33,9 @@ CONNECT_WITHIN = 20.0
 
 WORKER_WITHIN = 60.0
 """Seconds that a cluster has to start its first worker."""
+
+MOST_ATTEMPTS = 5
+"""Times that something is tried because data that it needs is lost with the workers that had it."""
 
 
 def require_dask() -> Any:
@@ -75,7 +80,7 @@ def connected(client: Client | None) -> Iterator[Client]:
     with (
         distributed.LocalCluster(
             n_workers=available_processors(), threads_per_worker=1, processes=True,
-            dashboard_address=":0",
+            dashboard_address="127.0.0.1:0",
         ) as cluster,
         distributed.Client(cluster, timeout=CONNECT_WITHIN) as own,
     ):  # fmt: skip
@@ -154,6 +159,69 @@ def send(data: Any, client: Client) -> Future:
             "start one (dask worker ADDRESS), or give an adaptive cluster a minimum of 1"
         ) from None
     return sent
+
+
+def retried(take: Callable[[], T], what: str, again: Callable[[], None] | None = None) -> T:
+    """
+    Return what ``take`` gives, trying anew where data that was sent is lost with its workers.
+
+    Parameters
+    ----------
+    take : callable
+        Raises ``CancelledError`` where data is lost.
+    what : str
+        What a message calls the data.
+    again : callable, optional
+        Called before another attempt: it sends what is lost.
+
+    Raises
+    ------
+    RuntimeError
+        If it is lost `MOST_ATTEMPTS` times.
+    """
+    for attempt in range(1, MOST_ATTEMPTS + 1):
+        try:
+            return take()
+        except CancelledError:
+            LOGGER.warning("all workers that held %s were lost: attempt %d", what, attempt)
+        if again is not None and attempt < MOST_ATTEMPTS:
+            again()
+    raise RuntimeError(
+        f"all workers that held {what} were lost, {MOST_ATTEMPTS} times: see their logs, and their "
+        "memory limit"
+    )
+
+
+class SharedScene:
+    """
+    What all tasks have in common; on a worker, also the renderers that are made of it.
+
+    They are kept for later tasks, one for each thread, and go when the worker lets the data go.
+
+    Parameters
+    ----------
+    make : callable
+        Makes a renderer of the arguments.
+    *arguments
+    """
+
+    def __init__(self, make: Callable[..., Any], *arguments: Any) -> None:
+        self.make, self.arguments = make, arguments
+        self._idle: list[Any] = []
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # Renderers stay where they are.
+        return SharedScene, (self.make, *self.arguments)
+
+    @contextmanager
+    def renderer(self) -> Iterator[Any]:
+        """Give a renderer that no other thread has."""
+        try:
+            one = self._idle.pop()
+        except IndexError:
+            one = self.make(*self.arguments)
+        yield one
+        self._idle.append(one)
 
 
 def address_of(client: Client) -> str:

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import CancelledError
-from contextlib import contextmanager
+from collections.abc import Callable, Generator, Iterator, Sequence
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.distributed.clusters import check_client, result_of, send
+from rasterjit.distributed.clusters import SharedScene, check_client, result_of, retried, send
 from rasterjit.io.images import checked_path, replacing
 from rasterjit.plan import Region
 from rasterjit.regions import RegionRenderer, Survey, regions_of
@@ -27,13 +27,10 @@ if TYPE_CHECKING:
 
 FORMATS = (".tif", ".tiff", ".zarr")
 
-MOST_ATTEMPTS = 5
-"""Times that a tile is begun anew because the scene is lost with the workers that had it."""
-
 AHEAD = 2
 """Tiles under way for each thread of a cluster."""
 
-Tiles = Iterator[tuple[Region, NDArray[np.uint8]]]
+Tiles = Generator[tuple[Region, NDArray[np.uint8]], None, None]
 
 
 def render_large(
@@ -52,8 +49,8 @@ def render_large(
     """
     Render a picture that is too large for one frame, and write it tile by tile.
 
-    Each tile has the bits that the whole picture has there. No more than one tile, or with a
-    cluster two for each of its threads, is held at a time. The scene must fit each machine.
+    Each tile has the bits that the whole picture has there. No more than two tiles, or with a
+    cluster two for each of its threads, are held at a time. The scene must fit each machine.
 
     Parameters
     ----------
@@ -83,6 +80,8 @@ def render_large(
         ambient occlusion, outlines, and see-through surfaces with 2 to 16 samples.
     ImportError
         If what writes the file is not installed.
+    OSError
+        If the file cannot be written, as on a full disk; what was there before is kept.
     """
     place = _checked_place(path)
     regions_of((1, 1), tile)
@@ -92,20 +91,24 @@ def render_large(
     }  # fmt: skip
     count = thread_count("threads", threads)
     own = None if client is None else check_client(client)
-    with RegionRenderer(what, threads=count, **arguments) as renderer:
+    renderer = RegionRenderer(what, threads=count, **arguments)
+    with renderer:
         whole = renderer.size
         if own is None:
             tiles = _draw_here(renderer, tile)
         else:
             arguments["camera"] = renderer.plan.camera
             tiles = _draw_there(TileFarm(own, what, arguments, count or 1), renderer, tile)
-        write(tiles, whole, tile)
+        with closing(tiles):
+            write(tiles, whole, tile)
 
 
 def _draw_here(renderer: RegionRenderer, tile: int) -> Tiles:
     """Yield the tiles, row by row."""
     for region, frame in renderer.render_regions(tile):
         yield region, frame.color
+        # Not held while the next one is drawn.
+        del frame
 
 
 class TileFarm:
@@ -150,8 +153,7 @@ class TileFarm:
 
     def _send(self, more: tuple[Any, ...]) -> None:
         """Send the scene, and what else all tasks need, to every worker."""
-        data = (*self._task, *more)
-        self._sent = send(data, self._client)
+        self._sent = send(SharedScene(_region_renderer, *self._task, *more), self._client)
 
     def _begin(self, function: Callable[..., Any], region: Region) -> Any:
         """Begin a tile."""
@@ -161,17 +163,14 @@ class TileFarm:
         self, function: Callable[..., Any], region: Region, future: Any, more: tuple[Any, ...]
     ) -> Any:
         """Return what a task gives, begun anew if the scene was lost with the workers."""
-        for _ in range(MOST_ATTEMPTS):
-            try:
-                return result_of(future, self._client)
-            except CancelledError:
-                if self._sent.status != "finished":
-                    self._send(more)
-                future = self._begin(function, region)
-        raise RuntimeError(
-            f"all workers that held the scene were lost, {MOST_ATTEMPTS} times: see their logs, "
-            "and their memory limit"
-        )
+
+        def again() -> None:
+            nonlocal future
+            if self._sent.status != "finished":
+                self._send(more)
+            future = self._begin(function, region)
+
+        return retried(lambda: result_of(future, self._client), "the scene", again)
 
 
 def _draw_there(farm: TileFarm, renderer: RegionRenderer, tile: int) -> Tiles:
@@ -184,32 +183,25 @@ def _draw_there(farm: TileFarm, renderer: RegionRenderer, tile: int) -> Tiles:
     yield from farm.run(_draw_tile, regions, surveys)
 
 
-_KEPT: dict[str, Any] = {}
-"""What a worker was sent last, and the renderer of it."""
+def _region_renderer(
+    what: Any, arguments: dict[str, Any], threads: int, *surveys: dict[Region, Survey]
+) -> RegionRenderer:
+    """Return a renderer on a worker."""
+    renderer = RegionRenderer(what, threads=threads, **arguments)
+    if surveys:
+        renderer.take_surveys(surveys[0])
+    return renderer
 
 
-@contextmanager
-def _renderer_of(sent: tuple[Any, ...]) -> Iterator[RegionRenderer]:
-    """Give a renderer of what was sent, taken from the last task where it is free."""
-    kept = _KEPT.pop("last", None)
-    if kept is None or kept[0] is not sent:
-        what, arguments, threads, *surveys = sent
-        kept = sent, RegionRenderer(what, threads=threads, **arguments)
-        if surveys:
-            kept[1].take_surveys(surveys[0])
-    yield kept[1]
-    _KEPT["last"] = kept
-
-
-def _survey_tile(sent: tuple[Any, ...], region: Region) -> Survey:
+def _survey_tile(shared: SharedScene, region: Region) -> Survey:
     """Survey a tile on a worker."""
-    with _renderer_of(sent) as renderer:
+    with shared.renderer() as renderer:
         return renderer.survey(region)
 
 
-def _draw_tile(sent: tuple[Any, ...], region: Region) -> NDArray[np.uint8]:
+def _draw_tile(shared: SharedScene, region: Region) -> NDArray[np.uint8]:
     """Draw a tile on a worker; (h, w, 4)."""
-    with _renderer_of(sent) as renderer:
+    with shared.renderer() as renderer:
         return renderer.render_region(region).color
 
 
@@ -217,10 +209,19 @@ def _checked_place(path: Any) -> Path:
     """Return the path of the picture, or raise ``ValueError``; a Zarr array may be replaced."""
     if isinstance(path, (str, os.PathLike)) and str(path).lower().endswith(".zarr"):
         place = Path(path)
-        if place.exists() and not (place / "zarr.json").is_file():
+        if os.path.lexists(place) and not _is_array(place):
             raise ValueError(f"path {str(place)!r} is there, but is no Zarr array to be replaced")
         return checked_path(place.with_name(f"{place.name}.zarr"), FORMATS).with_name(place.name)
     return checked_path(path, FORMATS)
+
+
+def _is_array(place: Path) -> bool:
+    """Tell whether a folder is a Zarr array, not a group of them or anything else."""
+    try:
+        about = json.loads((place / "zarr.json").read_bytes())
+    except (OSError, ValueError):
+        return False
+    return isinstance(about, dict) and about.get("node_type") == "array"
 
 
 def _writer(place: Path) -> Callable[[Tiles, tuple[int, int], int], None]:
@@ -244,41 +245,78 @@ def _write_tiff(tifffile: Any, place: Path, tiles: Tiles, size: tuple[int, int],
     width, height = size
 
     def padded() -> Iterator[NDArray[np.uint8]]:
-        # A tile of a TIFF is whole; what lies beyond the picture is not shown.
-        for region, color in tiles:
-            square = np.zeros((tile, tile, 4), np.uint8)
-            square[: region.height, : region.width] = color
-            yield square
+        for _, color in tiles:
+            yield _squared(color, tile)
+            # Not held while the next one is drawn.
+            del color
 
     with replacing(place) as temporary, tifffile.TiffWriter(temporary, bigtiff=True) as file:
         file.write(
             padded(), shape=(height, width, 4), dtype=np.uint8, tile=(tile, tile),
             photometric="rgb", extrasamples=["unassalpha"], compression="zlib",
             software="RasterJIT",
+            # With more workers it reads tiles ahead, up to 512 MiB of them.
+            maxworkers=1,
         )  # fmt: skip
+
+
+def _squared(color: NDArray[np.uint8], tile: int) -> NDArray[np.uint8]:
+    """Return a whole tile, as those of a TIFF are; what lies beyond the picture is not shown."""
+    height, width, _ = color.shape
+    if height == width == tile:
+        return color
+    return np.pad(color, ((0, tile - height), (0, tile - width), (0, 0)))
 
 
 def _write_zarr(zarr: Any, place: Path, tiles: Tiles, size: tuple[int, int], tile: int) -> None:
     """Write tiles to the chunks of a Zarr array."""
     width, height = size
     with _replacing_folder(place) as temporary:
-        array = zarr.create_array(
-            store=str(temporary), shape=(height, width, 4), chunks=(tile, tile, 4), dtype="uint8",
-            dimension_names=("row", "column", "channel"),
-        )  # fmt: skip
+        with _naming(place):
+            array = zarr.create_array(
+                store=str(temporary), shape=(height, width, 4), chunks=(tile, tile, 4),
+                dtype="uint8", dimension_names=("row", "column", "channel"),
+            )  # fmt: skip
         for region, color in tiles:
             rows = slice(region.top, region.top + region.height)
-            array[rows, region.left : region.left + region.width] = color
+            with _naming(place):
+                array[rows, region.left : region.left + region.width] = color
+            del color
 
 
 @contextmanager
 def _replacing_folder(place: Path) -> Iterator[Path]:
     """Give a temporary folder beside a place; move it there on success, else remove it."""
-    temporary = place.with_name(f".{os.getpid()}.{os.urandom(8).hex()}.zarr")
+    name = f".{os.getpid()}.{os.urandom(8).hex()}"
+    temporary, aside = place.with_name(f"{name}.zarr"), place.with_name(f"{name}.old.zarr")
     try:
         yield temporary
-        if place.exists():
-            shutil.rmtree(place)
-        os.replace(temporary, place)
+        with _naming(place):
+            if os.path.lexists(place):
+                os.rename(place, aside)
+            os.replace(temporary, place)
     finally:
-        shutil.rmtree(temporary, ignore_errors=True)
+        # What was there goes only when the new one is there, whatever came between.
+        if os.path.lexists(aside) and not os.path.lexists(place):
+            os.rename(aside, place)
+        for left in (temporary, aside):
+            _remove(left)
+
+
+def _remove(place: Path) -> None:
+    """Remove a folder, or the link to one, if it is there."""
+    if place.is_symlink():
+        place.unlink()
+    else:
+        shutil.rmtree(place, ignore_errors=True)
+
+
+@contextmanager
+def _naming(place: Path) -> Iterator[None]:
+    """Let an error of the system name the picture, not one of the files it is made of."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno is None:
+            raise
+        raise OSError(error.errno, error.strerror, str(place)) from error

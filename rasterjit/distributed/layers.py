@@ -116,7 +116,33 @@ def draw_layer(
     threads: int,
 ) -> Layer | None:
     """Draw one part with the light of the whole; ``None`` if it has no face."""
-    mesh = mesh_of(part, material)
+    checked = plan_part(mesh_of(part, material), setting, camera, options)
+    if checked is None:
+        return None
+    scene, asked = checked
+    outputs = tuple(dict.fromkeys((*options.outputs, "face_id")))
+    with _DepthKeeper(options.size, quality=options.quality, threads=threads) as renderer:
+        frame = renderer.render(
+            scene, camera, outputs=outputs, background=options.background, cull=options.cull
+        )
+        depth = renderer.coverage.depth
+    counts = {name: getattr(frame.stats, name) for name in COUNTS}
+    (node,) = scene.nodes
+    faces = len(node.mesh.faces)
+    return Layer(faces, depth, frame.arrays(), counts, frame.stats.seconds, asked)
+
+
+def plan_part(
+    mesh: Mesh | None, setting: Scene, camera: Camera, options: Options
+) -> tuple[Scene, RenderPlan] | None:
+    """
+    Return a part in the light of the whole, and the plan of it; ``None`` if it has no face.
+
+    Raises
+    ------
+    ValueError
+        If it shows what cannot be told from one part alone.
+    """
     if mesh is None or not len(mesh.faces):
         return None
     _refuse_neighbours(mesh)
@@ -124,19 +150,12 @@ def draw_layer(
     for name in ("lights", "environment", "fog", "tone_map"):
         setattr(scene, name, getattr(setting, name))
     scene.add(mesh)
-    outputs = tuple(dict.fromkeys((*options.outputs, "face_id")))
-    with _DepthKeeper(options.size, quality=options.quality, threads=threads) as renderer:
-        asked = planning.plan_render(
-            scene, camera, options.size, options.quality, options.outputs, options.background,
-            options.cull,
-        )  # fmt: skip
-        _refuse_mixing(asked)
-        frame = renderer.render(
-            scene, camera, outputs=outputs, background=options.background, cull=options.cull
-        )
-        depth = renderer.coverage.depth
-    counts = {name: getattr(frame.stats, name) for name in COUNTS}
-    return Layer(len(mesh.faces), depth, frame.arrays(), counts, frame.stats.seconds, asked)
+    plan = planning.plan_render(
+        scene, camera, options.size, options.quality, options.outputs, options.background,
+        options.cull,
+    )  # fmt: skip
+    _refuse_mixing(plan)
+    return scene, plan
 
 
 def _refuse_neighbours(mesh: Mesh) -> None:

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Iterable, Iterator
-from concurrent.futures import CancelledError
 from typing import TYPE_CHECKING, Any
 
 from numpy.typing import NDArray
 
 from rasterjit import plan as planning
-from rasterjit.distributed.clusters import check_client, result_of, send
+from rasterjit.distributed.clusters import SharedScene, check_client, result_of, retried, send
 from rasterjit.frame import Frame, Stats
 from rasterjit.plan import RenderPlan
 from rasterjit.render import Renderer
@@ -24,12 +22,6 @@ if TYPE_CHECKING:
 
 Drawn = tuple[dict[str, NDArray[Any]], Stats]
 """What a worker sends back of a frame."""
-
-MOST_ATTEMPTS = 5
-"""Times that a scene is sent anew because every worker that had it is lost."""
-
-_KEPT = threading.local()
-"""The last scene that a thread of a worker drew, and its renderer."""
 
 
 class FarFrame(Frame):
@@ -56,16 +48,23 @@ class FarFrame(Frame):
         self._plan = value
 
 
-def draw_frame(scene: Scene, camera: Camera, options: Options, threads: int) -> Drawn:
+def share_scene(scene: Scene, options: Options, threads: int) -> SharedScene:
+    """Return what all frames have in common; ``threads`` are those of each task."""
+    return SharedScene(_renderer, scene, options, threads)
+
+
+def _renderer(scene: Scene, options: Options, threads: int) -> Renderer:
+    """Return a renderer on a worker."""
+    return Renderer(options.size, quality=options.quality, threads=threads)
+
+
+def draw_frame(shared: SharedScene, camera: Camera) -> Drawn:
     """Draw a frame on a worker, which keeps what frames of one scene have in common."""
-    wanted = scene, options.size, options.quality, threads
-    kept = getattr(_KEPT, "renderer", None)
-    if kept is None or kept[0][0] is not scene or kept[0][1:] != wanted[1:]:
-        kept = wanted, Renderer(options.size, quality=options.quality, threads=threads)
-        _KEPT.renderer = kept
-    frame = kept[1].render(
-        scene, camera, outputs=options.outputs, background=options.background, cull=options.cull
-    )
+    scene, options, _ = shared.arguments
+    with shared.renderer() as renderer:
+        frame = renderer.render(
+            scene, camera, outputs=options.outputs, background=options.background, cull=options.cull
+        )
     # Counted where the faces are: they do not travel for it.
     _ = frame.stats.pixels_covered
     return frame.arrays(), frame.stats
@@ -85,10 +84,9 @@ class Farm:
     """
 
     def __init__(self, client: Client, scene: Scene, options: Options, threads: int) -> None:
-        self._client, self._scene = client, scene
-        self._options, self._threads = options, threads
+        self._client, self._scene, self._options = client, scene, options
+        self._shared = share_scene(scene, options, threads)
         self._sent: Future | None = None
-        self._attempts = 0
         self._begun: dict[int, Future] = {}
         self._count = 0
 
@@ -111,35 +109,26 @@ class Farm:
     def take(self, begun: tuple[int, Camera]) -> Frame:
         """Return a frame when it is done, wherever that is."""
         number, camera = begun
-        while True:
-            sent = self._sent
-            try:
-                drawn = result_of(self._begun[number], self._client)
-                break
-            except CancelledError:
-                # All workers that had the scene are lost. Others may have seen to it already.
-                if self._sent is sent and sent.status != "finished":
-                    self._send()
-                self._begin(number, camera)
+
+        def again() -> None:
+            # An earlier frame may have seen to it already.
+            if self._sent.status != "finished":
+                self._send()
+            self._begin(number, camera)
+
+        drawn = retried(lambda: result_of(self._begun[number], self._client), "the scene", again)
         del self._begun[number]
         return FarFrame(drawn, self._scene, camera, self._options)
 
     def _begin(self, number: int, camera: Camera) -> None:
         """Send a task; those of earlier frames go first."""
         self._begun[number] = self._client.submit(
-            draw_frame, self._sent, camera, self._options, self._threads,
-            pure=False, priority=-number,
-        )  # fmt: skip
+            draw_frame, self._sent, camera, pure=False, priority=-number
+        )
 
     def _send(self) -> None:
         """Send the scene to every worker."""
-        self._attempts += 1
-        if self._attempts > MOST_ATTEMPTS:
-            raise RuntimeError(
-                f"all workers that held the scene were lost, {MOST_ATTEMPTS} times: see their "
-                "logs, and their memory limit"
-            )
-        self._sent = send(self._scene, self._client)
+        self._sent = send(self._shared, self._client)
 
 
 def farm_out(

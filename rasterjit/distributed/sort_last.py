@@ -8,13 +8,12 @@ Computer Graphics and Applications 14(4), 1994, name it so.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from concurrent.futures import CancelledError
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from rasterjit.distributed import layers
-from rasterjit.distributed.clusters import LOGGER, connected, require_dask, result_of, send
+from rasterjit.distributed.clusters import connected, require_dask, result_of, retried, send
 from rasterjit.frame import Frame
 from rasterjit.scene.camera import Camera, check_camera
 from rasterjit.scene.light import AmbientLight
@@ -27,9 +26,6 @@ from rasterjit.validation import in_short, thread_count
 
 if TYPE_CHECKING:
     from distributed import Client
-
-MOST_ATTEMPTS = 5
-"""Times that all is begun anew because parts that this process sent are lost."""
 
 
 def render_partitions(
@@ -96,8 +92,6 @@ def render_partitions(
     probe = Scene()
     probe.add(Mesh(np.eye(3), [(0, 1, 2)]))
     _, options = check_arguments(probe, size, quality, outputs, background, cull)
-    if "uv" in options.outputs:
-        _check_uv(partitions)
     if "nocs" in options.outputs:
         raise ValueError(
             "outputs has 'nocs', which needs the box of the whole mesh; ask for 'object_position'"
@@ -110,19 +104,17 @@ def render_partitions(
         raise ValueError(f"material must be a Material or None, got {in_short(material)}")
     camera = check_camera("camera", camera)
     parts = _parts_of(partitions)
+    if "uv" in options.outputs:
+        _check_uv(partitions, parts)
+    for part in filter(_is_here, parts):
+        # What is here is looked at here, before anything is sent.
+        layers.plan_part(layers.mesh_of(part, material), setting, camera, options)
     own = thread_count("threads", threads) or 1
     with connected(client) as chosen:
-        for attempt in range(MOST_ATTEMPTS):
-            try:
-                layer = _render_once(parts, setting, material, camera, options, own, chosen)
-                break
-            except CancelledError:
-                LOGGER.warning("parts that were sent are lost with their workers: begin anew")
-                if attempt == MOST_ATTEMPTS - 1:
-                    raise RuntimeError(
-                        f"the workers that held the partitions were lost {MOST_ATTEMPTS} times: "
-                        "see their logs, and their memory limit"
-                    ) from None
+        layer = retried(
+            lambda: _render_once(parts, setting, material, camera, options, own, chosen),
+            "the partitions",
+        )
     if layer is None:
         raise ValueError("partitions must have at least one face together, got none")
     return layer.frame()
@@ -141,7 +133,7 @@ def _render_once(
     import dask
 
     shared = send(setting, client)
-    held = [n for n, part in enumerate(parts) if isinstance(part, (Mesh, tuple, list))]
+    held = [n for n, part in enumerate(parts) if _is_here(part)]
     sent = dict(zip(held, _scatter([parts[n] for n in held], client), strict=True))
     draw = dask.delayed(layers.draw_layer, pure=False)
     merge = dask.delayed(layers.merge_layers, pure=False)
@@ -186,14 +178,19 @@ def _parts_of(partitions: Any) -> list[Any]:
                 f"partitions[{number}] must be a Mesh, (vertices, faces), a list of such pairs, a "
                 f"callable or a Delayed; got {in_short(part)}"
             )
-        # What is here is looked at here, before anything is sent.
-        layers.mesh_of(part, None)
     return parts
 
 
-def _check_uv(partitions: Any) -> None:
+def _is_here(part: Any) -> bool:
+    """Tell whether this process holds a part; others are loaded by workers."""
+    return isinstance(part, (Mesh, tuple, list))
+
+
+def _check_uv(partitions: Any, parts: Sequence[Any]) -> None:
     """Raise ``ValueError`` if texture coordinates are asked of what has none."""
-    if isinstance(partitions, (list, tuple)) and any(isinstance(p, tuple) for p in partitions):
+    from dask.bag import Bag
+
+    if isinstance(partitions, Bag) or any(isinstance(part, (tuple, list)) for part in parts):
         raise ValueError("outputs has 'uv', but partitions of (vertices, faces) have none")
 
 

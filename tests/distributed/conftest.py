@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import time
 from contextlib import contextmanager
 
 import pytest
@@ -27,8 +28,8 @@ def two_processes():
     with (
         dask.config.set({"distributed.comm.timeouts.connect": "5s"}),
         LocalCluster(
-            n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0",
-            memory_limit=0,
+            n_workers=2, threads_per_worker=1, processes=True,
+            dashboard_address="127.0.0.1:0", memory_limit=0,
         ) as cluster,
     ):  # fmt: skip
         yield cluster
@@ -63,6 +64,29 @@ def doomed():
     """A client of a cluster whose workers may be killed."""
     with two_processes() as made, client_of(made) as client:
         yield client
+
+
+def renderers_there():
+    """Return how many renderers a process holds; it runs on workers."""
+    import gc
+
+    from rasterjit.render import Renderer
+
+    gc.collect()
+    return sum(isinstance(one, Renderer) for one in gc.get_objects())
+
+
+@pytest.fixture
+def wait_for_no_renderers():
+    """Waits until no worker holds a renderer, and returns how many they hold then."""
+
+    def wait(client):
+        deadline = time.monotonic() + PATIENCE / 6.0
+        while any(left := client.run(renderers_there).values()) and time.monotonic() < deadline:
+            time.sleep(0.1)
+        return sum(left)
+
+    return wait
 
 
 @pytest.fixture

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import signal
 import sys
 import threading
 import time
+import weakref
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -98,6 +101,14 @@ def test_file_is_replaced_whole_or_kept(scene, view, tmp_path, monkeypatch, suff
 
 
 @pytest.mark.needs_jit
+def test_workers_keep_renderers_no_longer_than_the_picture_is_drawn(
+    scene, view, tmp_path, client, wait_for_no_renderers
+):
+    rj.distributed.render_large(scene, view, SIZE, tmp_path / "large.tif", tile=64, client=client)
+    assert wait_for_no_renderers(client) == 0
+
+
+@pytest.mark.needs_jit
 def test_worker_killed_in_the_middle_changes_no_bit(scene, view, tmp_path, doomed):
     place, size = tmp_path / "large.zarr", (640, 640)
     task = threading.Thread(
@@ -139,13 +150,130 @@ def test_wrong_arguments_are_refused(scene, view, tmp_path, monkeypatch, wrong, 
     assert not os.listdir(tmp_path)
 
 
-def test_folder_that_is_no_array_is_kept(scene, view, tmp_path):
+@pytest.mark.parametrize("about", [None, '{"node_type": "group"}', "[]", '"array"', "{", ""])
+def test_folder_that_is_no_array_is_kept(scene, view, tmp_path, about):
     place = tmp_path / "large.zarr"
     place.mkdir()
     (place / "notes.txt").write_text("mine")
+    if about is not None:
+        (place / "zarr.json").write_text(about)
     with pytest.raises(ValueError, match="is no Zarr array to be replaced"):
         rj.distributed.render_large(scene, view, SIZE, place)
     assert (place / "notes.txt").read_text() == "mine"
+
+
+def test_group_of_arrays_is_kept(scene, view, tmp_path):
+    import zarr
+
+    place = tmp_path / "large.zarr"
+    zarr.open_group(str(place), mode="w").create_array("mine", shape=(2,), dtype="uint8")[:] = 7
+    with pytest.raises(ValueError, match="is no Zarr array to be replaced"):
+        rj.distributed.render_large(scene, view, SIZE, place)
+    assert zarr.open_group(str(place), mode="r")["mine"][:].tolist() == [7, 7]
+
+
+@pytest.mark.needs_jit
+@pytest.mark.parametrize("when", ["before", "after"])
+def test_interrupt_while_the_array_is_replaced_loses_none(scene, view, tmp_path, monkeypatch, when):
+    place = tmp_path / "large.zarr"
+    rj.distributed.render_large(scene, view, SIZE, place, tile=64)
+    before, replace = read(place), os.replace
+
+    def interrupted(source, target):
+        if when == "after" or Path(target) != place:
+            replace(source, target)
+        if Path(target) == place:
+            raise KeyboardInterrupt
+
+    with monkeypatch.context() as patched:
+        patched.setattr(os, "replace", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            rj.distributed.render_large(scene, view, (90, 70), place, tile=64)
+    assert os.listdir(tmp_path) == [place.name]
+    if when == "before":
+        assert read(place).tobytes() == before.tobytes()
+    else:
+        assert read(place).shape == (70, 90, 4)
+
+
+@pytest.mark.needs_jit
+def test_link_to_an_array_is_replaced_and_the_array_kept(scene, view, tmp_path):
+    there, place = tmp_path / "there.zarr", tmp_path / "large.zarr"
+    rj.distributed.render_large(scene, view, SIZE, there, tile=64)
+    try:
+        place.symlink_to(there, target_is_directory=True)
+    except OSError:
+        pytest.skip("this system makes no links")
+    rj.distributed.render_large(scene, view, (90, 70), place, tile=64)
+    assert read(place).shape == (70, 90, 4)
+    assert read(there).shape == (100, 150, 4)
+    assert sorted(os.listdir(tmp_path)) == ["large.zarr", "there.zarr"]
+
+
+@pytest.mark.needs_jit
+def test_full_disk_names_the_array(scene, view, tmp_path, monkeypatch):
+    import zarr
+
+    def full(array, place, value):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(zarr.Array, "__setitem__", full)
+    place = tmp_path / "large.zarr"
+    with pytest.raises(OSError, match="No space left on device") as caught:
+        rj.distributed.render_large(scene, view, SIZE, place, tile=64)
+    assert (caught.value.errno, caught.value.filename) == (errno.ENOSPC, str(place))
+    assert not os.listdir(tmp_path)
+
+
+@pytest.mark.needs_jit
+def test_drawing_ends_when_the_writer_fails(scene, view, tmp_path, monkeypatch):
+    import zarr
+
+    from rasterjit.regions import RegionRenderer
+
+    ended, render_regions = [], RegionRenderer.render_regions
+
+    def noted(self, tile):
+        try:
+            yield from render_regions(self, tile)
+        finally:
+            ended.append(tile)
+
+    def failing(array, place, value):
+        raise RuntimeError("a bad chunk")
+
+    monkeypatch.setattr(RegionRenderer, "render_regions", noted)
+    monkeypatch.setattr(zarr.Array, "__setitem__", failing)
+    # The error holds the writer's frames, and the tiles with them.
+    with pytest.raises(RuntimeError, match="a bad chunk") as caught:
+        rj.distributed.render_large(scene, view, SIZE, tmp_path / "large.zarr", tile=64)
+    assert caught.value.__traceback__ is not None
+    assert ended == [64]
+
+
+@pytest.mark.needs_jit
+@pytest.mark.parametrize("suffix", [".tif", ".zarr"])
+def test_no_more_than_two_tiles_are_held(scene, view, tmp_path, monkeypatch, suffix):
+    import tifffile
+
+    from rasterjit.regions import RegionRenderer
+
+    # As on a machine with many processors.
+    monkeypatch.setattr(tifffile.TIFF, "MAXWORKERS", 8, raising=False)
+    drawn, most, render_region = [], [], RegionRenderer.render_region
+
+    def counted(self, region):
+        most.append(sum(one() is not None for one in drawn))
+        frame = render_region(self, region)
+        drawn.append(weakref.ref(frame.color))
+        return frame
+
+    monkeypatch.setattr(RegionRenderer, "render_region", counted)
+    place = tmp_path / f"large{suffix}"
+    rj.distributed.render_large(scene, view, (1024, 256), place, tile=128)
+    assert len(most) == 16
+    # One more, and the one that is drawn then.
+    assert max(most) <= 1
 
 
 @pytest.mark.parametrize(("suffix", "module"), [(".tif", "tifffile"), (".zarr", "zarr")])

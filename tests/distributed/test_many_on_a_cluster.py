@@ -89,6 +89,15 @@ def test_closing_early_leaves_nothing_on_the_cluster(cube, client):
     assert not client.futures
 
 
+def test_workers_keep_renderers_no_longer_than_frames_are_taken(
+    cube, client, wait_for_no_renderers
+):
+    frames = rj.render_many(cube, cameras(9), size=SIZE, client=client)
+    next(frames)
+    frames.close()
+    assert wait_for_no_renderers(client) == 0
+
+
 def test_worker_killed_in_the_middle_loses_no_frame(cube, doomed):
     frames = rj.render_many(cube, cameras(12), size=SIZE, prefetch=6, client=doomed)
     taken = [next(frames)]
@@ -132,7 +141,10 @@ def test_wrong_arguments_are_refused_at_once(cube, client, wrong, message):
 
 
 def test_item_that_is_no_camera_is_named(cube, client):
-    frames = rj.render_many(cube, [*cameras(2), None], size=SIZE, client=client)
+    given = [*cameras(2), None]
+    with pytest.raises(ValueError, match=r"cameras\[2\] must be a .*got NoneType"):
+        rj.render_many(cube, given, size=SIZE, client=client)
+    frames = rj.render_many(cube, iter(given), size=SIZE, client=client)
     assert are_those_of_render([next(frames), next(frames)], cube)
     with pytest.raises(ValueError, match=r"cameras\[2\] must be a .*got NoneType"):
         next(frames)

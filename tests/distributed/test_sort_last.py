@@ -263,6 +263,53 @@ def test_wrong_arguments_are_refused_before_anything_is_drawn(view, wrong, messa
         rj.distributed.render_partitions(given.pop("partitions"), given.pop("camera"), **given)
 
 
+@pytest.mark.parametrize(
+    ("part", "options", "message"),
+    [
+        (rj.Mesh(*PAIRS[0], material=rj.Material(shading="phong")), {}, "must have normals where"),
+        (PAIRS[0], {"material": rj.Material(shading="phong")}, "must have normals where"),
+        (
+            rj.Mesh(
+                *PAIRS[0],
+                material=rj.Material(
+                    shading="flat", normal_texture=rj.Texture(np.zeros((2, 2, 4), np.uint8))
+                ),
+            ),
+            {},
+            "partitions must have no normal_texture",
+        ),
+        (
+            PAIRS[0],
+            {
+                "material": rj.Material(
+                    shading="flat", base_color=(1.0, 1.0, 1.0, 0.5), alpha_mode="blend"
+                )
+            },
+            "partitions must be opaque",
+        ),
+        ([PAIRS[0], PAIRS[1]], {"outputs": ("uv",)}, "have none"),
+        (rj.Mesh(*PAIRS[0], material=FLAT), {"outputs": ("uv",)}, "no mesh of the scene has"),
+    ],
+    ids=["smooth", "smooth pair", "normal texture", "glass", "uv of a list", "uv of a mesh"],
+)
+def test_part_that_is_here_is_refused_before_others_are_drawn(view, client, part, options, message):
+    def forbidden():
+        raise AssertionError("another part was loaded")
+
+    parts = iter([forbidden, part])
+    with pytest.raises(ValueError, match=message):
+        rj.distributed.render_partitions(parts, view, size=SIZE, client=client, **options)
+    assert not any(client.has_what().values())
+
+
+def test_uv_of_a_bag_is_refused(view, client):
+    import dask.bag
+
+    bag = dask.bag.from_sequence(range(2), npartitions=2).map(blob)
+    with pytest.raises(ValueError, match="outputs has 'uv'"):
+        rj.distributed.render_partitions(bag, view, size=SIZE, outputs=("uv",), client=client)
+
+
 ALONE = """
 import logging, multiprocessing, sys
 import numpy as np
