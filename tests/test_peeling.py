@@ -174,7 +174,7 @@ def test_layers_are_saved_and_say_what_they_are(cube, camera, tmp_path):
         assert saved["depth"].shape == (2, 32, 32)
     with pytest.raises(rj.OutputNotRequestedError, match="normal"):
         frame.normal  # noqa: B018
-    with pytest.raises(ValueError, match=".png holds one layer"):
+    with pytest.raises(ValueError, match=r"\.png holds one layer"):
         frame.save(tmp_path / "layers.png")
 
 
