@@ -368,6 +368,7 @@ def test_another_recipe_is_refused_and_named(made, meshes):
         ("meshes", "set", {"workers": 1.5}, "workers must be in"),
         ("meshes", "set", {"workers": "host"}, "workers must be a number, or an address"),
         ("meshes", "set", {"recipe": {"views": 3}}, "recipe must be a Recipe"),
+        ("meshes", "set", {"report": 3}, "report must be a function, got 3"),
     ],
 )
 def test_what_cannot_be_made_is_refused(tmp_path, monkeypatch, folder, output, options, message):
@@ -380,6 +381,7 @@ def test_what_cannot_be_made_is_refused(tmp_path, monkeypatch, folder, output, o
         dataset.make(folder, output, **options)
     assert (tmp_path / "full/file").read_text() == "mine"
     assert not (tmp_path / "meshes/dataset.json").exists()
+    assert not (tmp_path / "set").exists()
 
 
 def test_a_data_set_inside_the_folder_of_meshes_is_not_taken_for_one(tmp_path):
