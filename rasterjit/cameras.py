@@ -209,6 +209,8 @@ def from_opencv(
     k = finite_array("intrinsics", intrinsics, (3, 3))
     if k[1, 0] != 0.0 or k[2].tolist() != [0.0, 0.0, 1.0]:
         raise ValueError(f"intrinsics must be upper triangular, last entry 1, got {k.tolist()}")
+    if k[0, 0] <= 0.0 or k[1, 1] <= 0.0:
+        raise ValueError(f"intrinsics must have focal lengths above 0, got {k.tolist()}")
     if camera_from_world is not None:
         if rotation is not None or translation is not None:
             raise ValueError("camera_from_world must be None where rotation or translation is not")
@@ -332,6 +334,8 @@ def from_pytorch3d(
     matrix = finite_array("R", rotation, (3, 3))
     focal = np.ravel(_without_batch(focal_length, 1))
     fx, fy = finite_array("focal_length", np.repeat(focal, 2) if len(focal) == 1 else focal, (2,))
+    if fx <= 0.0 or fy <= 0.0:
+        raise ValueError(f"focal_length must be above 0, got {focal.tolist()}")
     unit = min(width, height) / 2.0 if space == "ndc" else 1.0
     cx, cy = width / 2.0, height / 2.0
     if principal_point is not None:
@@ -430,13 +434,19 @@ def from_blender(
     if type == "ORTHO":
         if clip_end == math.inf:
             raise ValueError("clip_end must be finite for type 'ORTHO', got inf")
+        start, end = finite_number("clip_start", clip_start), finite_number("clip_end", clip_end)
+        if end <= start:
+            raise ValueError(f"clip_end must be above clip_start = {start!r}, got {end!r}")
         pixel = positive_number("ortho_scale", ortho_scale) / side
         x, y = (width * pixel / 2.0, height * pixel / 2.0)
         right, up = right * side * pixel, up * side * pixel
         clip = transforms.orthographic(right - x, right + x, up - y, up + y, clip_start, clip_end)
         return MatrixCamera(view, clip)
-    sensor = sensor_height if sensor_fit == "VERTICAL" else sensor_width
-    wide = positive_number("sensor_width, sensor_height", sensor)
+    _check_planes(("clip_start", "clip_end"), clip_start, clip_end)
+    if sensor_fit == "VERTICAL":
+        wide = positive_number("sensor_height", sensor_height)
+    else:
+        wide = positive_number("sensor_width", sensor_width)
     if fov is not None:
         if lens is not None:
             raise ValueError(f"lens must be None where fov is given, got {lens!r}")
@@ -507,6 +517,9 @@ def from_trimesh(camera: trimesh.scene.Camera, transform: ArrayLike) -> MatrixCa
         near, far = float(camera.z_near), float(camera.z_far)
     except (AttributeError, TypeError):
         raise ValueError(f"camera must be a trimesh.scene.Camera, got {in_short(camera)}") from None
+    for length in (fx, fy):
+        positive_number("camera.focal", length)
+    _check_planes(("camera.z_near", "camera.z_far"), near, far)
     pinhole = _Pinhole(fx, fy, 0.0, size[0] / 2.0, size[1] / 2.0, near, far)
     return _camera(pinhole, size, view_from_pose(transform, "transform"))
 
@@ -542,6 +555,14 @@ def to_trimesh(camera: Camera, size: tuple[int, int]) -> TrimeshCamera:
         z_far=pinhole.far,
     )  # fmt: skip
     return TrimeshCamera(made, _inverse(_rigid_view(camera)))
+
+
+def _check_planes(names: tuple[str, str], near: float, far: float) -> None:
+    """Raise ``ValueError`` if there is no room between a near and a far plane."""
+    start = positive_number(names[0], near)
+    end = math.inf if far == math.inf else finite_number(names[1], far)
+    if end <= start:
+        raise ValueError(f"{names[1]} must be above {names[0]} = {start!r}, got {end!r}")
 
 
 def _camera(pinhole: _Pinhole, size: tuple[int, int], view: Matrix) -> MatrixCamera:

@@ -6,6 +6,7 @@ import importlib.metadata
 import importlib.util
 import os
 import platform
+import sys
 from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
@@ -30,9 +31,16 @@ EXTRAS = {
     "formats": FORMATS_EXTRA,
     "video": ("imageio_ffmpeg",),
     "animation": ("scipy",),
-    "distributed": ("dask", "distributed"),
     "exr": ("OpenEXR",),
     "accuracy": ("matplotlib", "flip_evaluator"),
+    "viewer": ("rendercanvas", "glfw", "wgpu"),
+    "viewer-qt": ("rendercanvas", "PySide6"),
+    "browser": ("rendercanvas", "uvicorn", "websockets", "simplejpeg"),
+    "terminal": ("rendercanvas", "blessed"),
+    "notebook": ("rendercanvas", "anywidget", "simplejpeg"),
+    "mpl": ("matplotlib",),
+    "distributed": ("dask", "distributed"),
+    "large": ("tifffile",) if sys.version_info < (3, 11) else ("tifffile", "zarr"),
 }
 """Modules that each optional extra brings."""
 

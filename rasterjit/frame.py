@@ -404,3 +404,53 @@ class LayeredFrame(Frame):
         width, height = self.plan.size
         count = self.plan.surfaces
         return f"LayeredFrame({count} layers, {width} x {height}: {', '.join(self._outputs)})"
+
+    def save(
+        self,
+        path: str | Path,
+        outputs: str | Iterable[str] | None = None,
+        *,
+        scale: float | None = None,
+    ) -> None:
+        """
+        Write all layers of outputs to a file that holds them exactly.
+
+        Parameters
+        ----------
+        path : str or Path
+            The format follows the extension: ``.npz`` (arrays by name, (K, H, W, ...)), ``.npy``
+            (one array), or ``.exr`` (needs ``rasterjit[exr]``): the channels of `Frame.save` for
+            each layer, ``layer0.Z``, ``layer1.normal.X`` and so on.
+        outputs : str or iterable of str, optional
+            What to write. Default: everything.
+        scale : None
+            For pictures, which hold no layers.
+
+        Raises
+        ------
+        ValueError
+            If the format holds no layers, the folder does not exist, this frame does not have the
+            output, or it does not fit the format. Nothing is written.
+        ImportError
+            If an EXR is asked for and OpenEXR is not installed.
+        OSError
+            If the system refuses to write the file; what was there before is whole.
+        """
+        if scale is not None:
+            raise ValueError(f"scale must be None for layers, got {scale!r}")
+        saving.save_layers(path, saving.chosen(self._outputs, outputs))
+
+    def masks(self, output: str = "object_id") -> tuple[ObjectMask, ...]:
+        """
+        Refuse: a mask is of one layer.
+
+        Raises
+        ------
+        ValueError
+            That says how to find those of a layer.
+        """
+        self._output(output)
+        raise ValueError(
+            f"masks are of one layer, and this frame has {self.plan.surfaces}: use "
+            f"rasterjit.masks.find(frame.{output}[0]) for the first"
+        )

@@ -34,6 +34,8 @@ _MOST_SHORT = 65535
 """Largest number of 16 bits."""
 _MOST_GROUPS = 13
 """Characters that a 64-bit number takes at most."""
+_LONGEST = 1 << 63
+"""First length that 64 bits do not hold."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,10 +150,15 @@ def decode(rle: Mapping[str, Any]) -> NDArray[np.bool_]:
         counts = rle["counts"]
         if isinstance(counts, (str, bytes)):
             counts = decompress(counts)
-        lengths = np.asarray(counts, dtype=np.int64)
-    except (KeyError, TypeError, ValueError):
+        lengths = np.asarray(counts)
+        if lengths.size and lengths.dtype.kind not in "iu":
+            raise TypeError
+        lengths = lengths.astype(np.int64)
+    except (KeyError, IndexError, TypeError, ValueError, OverflowError):
         raise ValueError(f"rle must hold size [H, W] and counts, got {in_short(rle)}") from None
-    if lengths.ndim != 1 or (lengths < 0).any() or int(lengths.sum()) != height * width:
+    if height < 0 or width < 0:
+        raise ValueError(f"rle must have a size of at least 0, got {height} x {width}")
+    if lengths.ndim != 1 or (lengths < 0).any() or sum(lengths.tolist()) != height * width:
         raise ValueError(f"rle must have counts that add up to {height} x {width} pixels")
     inside = np.arange(len(lengths)) % 2 == 1
     return np.ascontiguousarray(np.repeat(inside, lengths).reshape(width, height).T)
@@ -200,12 +207,14 @@ def decompress(text: str | bytes) -> NDArray[np.int64]:
     ValueError
         If ``text`` is no such string.
     """
-    data = text.encode("ascii", "replace") if isinstance(text, str) else bytes(text)
+    if not isinstance(text, (str, bytes, bytearray)):
+        raise ValueError(f"text must be a compressed mask, got {in_short(text)}")
+    data = text.encode("utf-8", "surrogatepass") if isinstance(text, str) else bytes(text)
     lengths: list[int] = []
     value = shift = 0
     for byte in data:
         code = byte - _ZERO
-        if not 0 <= code < 2 * _MORE:
+        if not 0 <= code < 2 * _MORE or shift >= _MOST_GROUPS * _GROUP_BITS:
             raise ValueError(f"text must be a compressed mask, got {in_short(text)}")
         value |= (code & _GROUP) << shift
         shift += _GROUP_BITS
@@ -215,6 +224,8 @@ def decompress(text: str | bytes) -> NDArray[np.int64]:
             value -= 1 << shift
         lengths.append(value + (lengths[-2] if len(lengths) > 2 else 0))
         value = shift = 0
+        if not -_LONGEST <= lengths[-1] < _LONGEST:
+            raise ValueError(f"text must be a compressed mask, got {in_short(text)}")
     if shift:
         raise ValueError(f"text must be a whole compressed mask, got {in_short(text)}")
     return np.array(lengths, np.int64)

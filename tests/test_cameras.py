@@ -374,3 +374,43 @@ def test_trimesh_and_back():
 def test_bad_input_is_named(call, named):
     with pytest.raises(ValueError, match=named):
         call()
+
+
+@pytest.mark.parametrize(
+    ("call", "told"),
+    [
+        (lambda: cameras.from_opencv(np.diag([-2.0, 1.0, 1.0]), SIZE),
+         r"^intrinsics must have focal lengths above 0, got \[\[-2.0"),
+        (lambda: cameras.from_opencv(np.eye(3), SIZE, near=2.0, far=1.0),
+         "^far must be above near"),
+        (lambda: cameras.from_pytorch3d(np.eye(3), [0, 0, 0], -1.5, SIZE),
+         r"^focal_length must be above 0, got \[-1.5\]"),
+        (lambda: cameras.from_pytorch3d(np.eye(3), [0, 0, 0], [2.0, 0.0], SIZE, space="screen"),
+         r"^focal_length must be above 0, got \[2.0, 0.0\]"),
+        (lambda: cameras.from_blender(np.eye(4), SIZE, clip_start=0.0),
+         "^clip_start must be above 0, got 0.0"),
+        (lambda: cameras.from_blender(np.eye(4), SIZE, clip_start=4.0, clip_end=2.0),
+         "^clip_end must be above clip_start = 4.0, got 2.0"),
+        (lambda: cameras.from_blender(np.eye(4), SIZE, clip_end=math.nan),
+         "^clip_end must be finite"),
+        (lambda: cameras.from_blender(np.eye(4), SIZE, type="ORTHO", clip_end=0.1),
+         "^clip_end must be above clip_start = 0.1, got 0.1"),
+        (lambda: cameras.from_blender(np.eye(4), SIZE, type="ORTHO", clip_start="a", clip_end=1.0),
+         "^clip_start must be a number, got 'a'"),
+        (lambda: cameras.from_blender(np.eye(4), SIZE, sensor_width=0.0),
+         "^sensor_width must be above 0, got 0.0"),
+        (lambda: cameras.from_blender(np.eye(4), SIZE, sensor_fit="VERTICAL", sensor_height=-1.0),
+         "^sensor_height must be above 0, got -1.0"),
+    ],
+)  # fmt: skip
+def test_the_message_names_what_the_caller_gave(call, told):
+    with pytest.raises(ValueError, match=told):
+        call()
+
+
+def test_the_message_about_a_camera_of_trimesh_names_its_part():
+    from trimesh.scene import Camera
+
+    camera = Camera(resolution=(8, 6), focal=(5.0, 5.0), z_near=3.0, z_far=2.0)
+    with pytest.raises(ValueError, match=r"^camera\.z_far must be above camera\.z_near"):
+        cameras.from_trimesh(camera, np.eye(4))

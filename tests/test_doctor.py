@@ -1,4 +1,5 @@
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -16,7 +17,8 @@ def test_doctor_finds_this_installation_healthy():
     result = CliRunner().invoke(cli.program, ["doctor"])
     assert result.exit_code == 0, result.output
     assert "FAILED" not in result.stdout
-    assert result.stdout.count("ok      ") == len(doctor.CHECKS) + 1
+    passed = [line for line in result.stdout.splitlines() if line.startswith("ok      ")]
+    assert len(passed) == len(doctor.CHECKS) + 1
     for word in (*doctor.PACKAGES, "python", "cpu", "threads", "extra video", "kernel cache"):
         assert word in result.stdout
 
@@ -89,3 +91,26 @@ def test_doctor_is_healthy_without_compiling():
     )  # fmt: skip
     assert done.returncode == 0, done.stdout + done.stderr
     assert "NUMBA_DISABLE_JIT is set" in done.stdout
+
+
+MODULES = {
+    "imageio[ffmpeg]": "imageio_ffmpeg", "flip-evaluator": "flip_evaluator",
+    "pyside6-essentials": "PySide6", "openexr": "OpenEXR", "pycollada": "collada",
+}  # fmt: skip
+"""Modules that are not called as their package is."""
+
+
+def test_the_extras_are_those_that_pip_knows():
+    """All that a user can ask for, each with what it brings; Pillow is always there."""
+    tomllib = pytest.importorskip("tomllib", reason="Python 3.10 reads no TOML")
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    extras = {
+        extra: {
+            MODULES.get(name, name)
+            for needed in needs
+            if (name := re.match(r"[\w\[\]-]+", needed)[0].lower()) != "pillow"
+        }
+        for extra, needs in project["optional-dependencies"].items()
+        if extra not in ("test", "bench", "bench-large")
+    }
+    assert {extra: set(modules) for extra, modules in doctor.EXTRAS.items()} == extras

@@ -197,3 +197,28 @@ def test_pycocotools_opens_the_annotation_file(frame, tmp_path):
 def test_bad_input_is_named(call, named):
     with pytest.raises(ValueError, match=named):
         call()
+
+
+@pytest.mark.parametrize(
+    "text",
+    [5, None, 3.5, [48], "o" * 40 + "0", "ooooooooooooo0", b"\xff", "0\u20ac", "oooooooooooo?"],
+)
+def test_what_is_no_compressed_mask_is_refused(text):
+    with pytest.raises(ValueError, match="text must be a"):
+        rj.masks.decompress(text)
+
+
+@pytest.mark.parametrize(
+    "rle",
+    [
+        {"size": [2, 2], "counts": "o" * 40 + "0"}, {"size": [2, 2], "counts": [2**70]},
+        {"size": [2, 2], "counts": [2.5, 1.5]}, {"size": [2, 2], "counts": None},
+        {"size": [np.inf, 2], "counts": [4]}, {"size": [-2, -2], "counts": [4]},
+        {"size": [2, 2], "counts": [2**62] * 4 + [4]}, {"size": 4, "counts": [4]},
+        [1], 5, None, "a",
+    ],
+    ids=repr,
+)  # fmt: skip
+def test_what_is_no_code_of_a_mask_is_refused(rle):
+    with pytest.raises(ValueError, match="rle must h"):
+        rj.masks.decode(rle)

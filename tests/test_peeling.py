@@ -5,6 +5,7 @@ from __future__ import annotations
 import naive_layers
 import numpy as np
 import pytest
+from opengl import optional_module
 
 import rasterjit as rj
 
@@ -173,7 +174,7 @@ def test_layers_are_saved_and_say_what_they_are(cube, camera, tmp_path):
         assert saved["depth"].shape == (2, 32, 32)
     with pytest.raises(rj.OutputNotRequestedError, match="normal"):
         frame.normal  # noqa: B018
-    with pytest.raises(rj.OutputNotRequestedError, match="color"):
+    with pytest.raises(ValueError, match=r"\.png holds one layer"):
         frame.save(tmp_path / "layers.png")
 
 
@@ -200,3 +201,69 @@ def test_layers_are_saved_and_say_what_they_are(cube, camera, tmp_path):
 def test_bad_arguments_are_refused_by_name(cube, camera, options, message):
     with pytest.raises(ValueError, match=message):
         rj.render_layers(cube, camera, **{"k": 2, "size": SIZE, **options})
+
+
+SAVED = ("depth", "normal", "object_id", "uv")
+
+
+@pytest.fixture
+def narrow(scene, camera):
+    """Two columns: as many as channels that an output may have."""
+    return rj.render_layers(scene, camera, k=3, size=(2, 5), outputs=SAVED)
+
+
+@pytest.mark.parametrize("names", [None, "depth", ("normal", "object_id")])
+def test_layers_come_back_from_their_file(narrow, tmp_path, names):
+    narrow.save(tmp_path / "l.npz", names)
+    expected = SAVED if names is None else (names,) if isinstance(names, str) else names
+    with np.load(tmp_path / "l.npz") as found:
+        assert set(found) == set(expected)
+        for name in expected:
+            assert found[name].tobytes() == getattr(narrow, name).tobytes()
+            assert found[name].shape[:3] == (3, 5, 2)
+    narrow.save(str(tmp_path / "l.npy"), "normal")
+    assert np.load(tmp_path / "l.npy").tobytes() == narrow.normal.tobytes()
+
+
+def test_an_exr_has_the_channels_of_each_layer(narrow, tmp_path):
+    openexr = optional_module("OpenEXR")
+    narrow.save(tmp_path / "l.exr")
+    with openexr.File(str(tmp_path / "l.exr"), separate_channels=True) as file:
+        found = {name: np.array(one.pixels) for name, one in file.channels().items()}
+        header = dict(file.header())
+    parts = ("Z", "normal.X", "normal.Y", "normal.Z", "object_id", "uv.U", "uv.V")
+    assert set(found) == {f"layer{n}.{part}" for n in range(3) for part in parts}
+    for n in range(3):
+        assert found[f"layer{n}.Z"].tobytes() == narrow.depth[n].tobytes()
+        assert (found[f"layer{n}.object_id"].astype(int) - 1 == narrow.object_id[n]).all()
+        for axis, part in enumerate("XYZ"):
+            assert (found[f"layer{n}.normal.{part}"] == narrow.normal[n, :, :, axis]).all()
+    assert header["rasterjit.object_id"] == "number + 1; 0 where nothing is there"
+
+
+@pytest.mark.parametrize(
+    ("path", "options", "message"),
+    [
+        ("l.png", {"outputs": "depth"}, "choose one of .npz"),
+        ("l.jpg", {}, "choose one of .npz"),
+        ("l.txt", {}, "must end in one of"),
+        ("none/l.npz", {}, "does not exist"),
+        ("l.npy", {}, "must name one output for .npy"),
+        ("l.npz", {"outputs": ()}, "at least one output"),
+        ("l.npz", {"outputs": "position"}, "among what was rendered"),
+        ("l.npz", {"scale": 1.0}, "scale must be None for layers, got 1.0"),
+    ],
+)
+def test_what_layers_cannot_be_saved_as_is_refused(narrow, tmp_path, path, options, message):
+    with pytest.raises(ValueError, match=message):
+        narrow.save(tmp_path / path, **options)
+    assert not list(tmp_path.iterdir())
+
+
+def test_masks_are_of_one_layer(narrow):
+    with pytest.raises(ValueError, match=r"rasterjit.masks.find\(frame.object_id\[0\]\)"):
+        narrow.masks()
+    with pytest.raises(ValueError, match="position was not rendered"):
+        narrow.masks("position")
+    found = rj.masks.find(narrow.object_id[0])
+    assert sum(mask.area for mask in found) == np.count_nonzero(narrow.object_id[0] >= 0)

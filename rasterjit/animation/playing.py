@@ -63,18 +63,27 @@ def frames(
     Raises
     ------
     ValueError
-        At once, if a node is not one of the scene's or something that should be called cannot be;
-        with the first frame, what `rasterjit.render` refuses.
+        At once, if a node is not one of the scene's or another argument is not such; with the
+        first frame, what `rasterjit.render` refuses.
     """
-    moved, morphed = dict(transforms or {}), dict(meshes or {})
+    if not isinstance(renderer, Renderer):
+        raise ValueError(f"renderer must be a Renderer, got {in_short(renderer)}")
+    if not isinstance(scene, Scene):
+        raise ValueError(f"scene must be a Scene, got {in_short(scene)}")
+    if not isinstance(times, Iterable):
+        raise ValueError(f"times must be numbers, got {in_short(times)}")
+    moved = {} if transforms is None else transforms
+    morphed = {} if meshes is None else meshes
     for name, tracks in (("transforms", moved), ("meshes", morphed)):
+        if not isinstance(tracks, Mapping):
+            raise ValueError(f"{name} must be functions by node, got {in_short(tracks)}")
         for node, track in tracks.items():
             if not any(node is one for one in scene.nodes):
                 raise ValueError(f"{name} must have nodes of the scene as keys, got {node!r}")
             if not callable(track):
                 raise ValueError(f"{name} must hold functions of time, got {in_short(track)}")
     options = {"outputs": outputs, "background": background, "cull": cull}
-    return _play(renderer, scene, times, camera, moved, morphed, options)
+    return _play(renderer, scene, times, camera, dict(moved), dict(morphed), options)
 
 
 def _play(
@@ -135,7 +144,15 @@ def save(
     Notes
     -----
     Whatever is raised, Ctrl-C and errors of ``frames`` included, a file that was there before is
-    left as it was, and no other remains.
+    left as it was, and no other remains; an iterator of frames is closed, so that the nodes that
+    `frames` moves are where they were.
     """
+    if not isinstance(frames, Iterable):
+        raise ValueError(f"frames must be an iterable of frames, got {in_short(frames)}")
     pictures = (frame.color if isinstance(frame, Frame) else frame for frame in frames)
-    save_animation(path, pictures, fps)
+    try:
+        save_animation(path, pictures, fps)
+    finally:
+        # What is played puts the nodes back when it is closed, not when the last frame is shown.
+        if isinstance(frames, Iterator) and hasattr(frames, "close"):
+            frames.close()

@@ -15,7 +15,7 @@ Ken Shoemake and Tom Duff, "Matrix animation and polar decomposition", Graphics 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, Literal
 
 import numpy as np
@@ -87,6 +87,8 @@ class CameraTrack(_Track):
         cameras: Sequence[PerspectiveCamera | OrthographicCamera],
         interpolation: Interpolation = "linear",
     ) -> None:
+        if not isinstance(cameras, Iterable):
+            raise ValueError(f"cameras must be a sequence of cameras, got {in_short(cameras)}")
         super().__init__(times, cameras, interpolation)
         kind = type(self.keys[0])
         if kind not in (PerspectiveCamera, OrthographicCamera):

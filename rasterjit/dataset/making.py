@@ -14,6 +14,7 @@ from typing import Any
 
 from rasterjit.dataset import crews
 from rasterjit.dataset.mesh import DONE, PARTIAL, make_mesh, write_json
+from rasterjit.dataset.owner import LOCK, owned
 from rasterjit.dataset.recipe import Recipe
 from rasterjit.validation import in_short
 
@@ -135,7 +136,8 @@ def make(
     Raises
     ------
     ValueError
-        If an argument is wrong, there is no mesh, or ``output`` holds something else.
+        If an argument is wrong, there is no mesh, ``output`` holds something else, or another run
+        is writing to it. No folder is made then.
     ImportError
         If a scheduler is given and the extra ``rasterjit[distributed]`` is not installed.
     LostWorkersError
@@ -157,7 +159,23 @@ def make(
     names = {name: file for name, file in names.items() if not file.is_relative_to(place)}
     if not names:
         raise ValueError(f"folder must hold mesh files, got none in {str(source)!r}")
-    _begin(place, recipe)
+    if report is not None and not callable(report):
+        raise ValueError(f"report must be a function, got {in_short(report)}")
+    _check_settings(place, recipe)
+    place.mkdir(parents=True, exist_ok=True)
+    with owned(place):
+        _begin(place, recipe)
+        return _make_all(names, place, recipe, crew, report)
+
+
+def _make_all(
+    names: dict[str, Path],
+    place: Path,
+    recipe: Recipe,
+    crew: Callable[..., Iterator[tuple[Any, str | None]]],
+    report: Callable[[Outcome, int, int], None] | None,
+) -> Summary:
+    """Render the meshes that are not done, and list those that fail."""
     todo = [name for name in names if not (place / name / DONE).is_file()]
     jobs = [(names[name], name, place, recipe) for name in todo]
     failures: dict[str, str] = {}
@@ -197,7 +215,7 @@ def _folder(name: str, value: Any) -> Path:
 
 
 def _checked_output(output: Any, source: Path) -> Path:
-    """Return the full path of the folder to write to, made if need be; or raise ``ValueError``."""
+    """Return the full path of the folder to write to, or raise ``ValueError``."""
     if not isinstance(output, (str, os.PathLike)):
         raise ValueError(f"output must be a folder, got {in_short(output)}")
     place = Path(output).resolve()
@@ -205,14 +223,23 @@ def _checked_output(output: Any, source: Path) -> Path:
         raise ValueError(f"output must not hold the meshes, got {str(output)!r}")
     if place.exists() and not place.is_dir():
         raise ValueError(f"output must be a folder, but {str(output)!r} is a file")
-    if place.is_dir() and any(place.iterdir()) and not (place / SETTINGS).is_file():
+    is_full = place.is_dir() and any(not one.name.startswith(LOCK) for one in place.iterdir())
+    if is_full and not (place / SETTINGS).is_file():
         raise ValueError(f"output must be empty or a data set, but {str(output)!r} holds files")
-    place.mkdir(parents=True, exist_ok=True)
     return place
 
 
 def _begin(place: Path, recipe: Recipe) -> None:
     """Note how the data set is made, or see that it is the same; clear away what was not ended."""
+    wanted = _check_settings(place, recipe)
+    if not (place / SETTINGS).is_file():
+        write_json(place / SETTINGS, wanted)
+    for leftover in place.glob(f"{PARTIAL}*"):
+        shutil.rmtree(leftover, ignore_errors=True)
+
+
+def _check_settings(place: Path, recipe: Recipe) -> dict[str, Any]:
+    """Return how the data set is to be made; raise ``ValueError`` if it was made otherwise."""
     # Importing the package by name would make all of it something that this module needs.
     version = sys.modules["rasterjit"].__version__
     wanted = {"rasterjit": version, **recipe.describe()}
@@ -226,10 +253,7 @@ def _begin(place: Path, recipe: Recipe) -> None:
         if changed:
             shown = ", ".join(f"{k} {found.get(k)!r}, not {wanted.get(k)!r}" for k in changed)
             raise ValueError(f"output holds a data set made otherwise: {shown}")
-    else:
-        write_json(settings, json.loads(json.dumps(wanted)))
-    for leftover in place.glob(f"{PARTIAL}*"):
-        shutil.rmtree(leftover, ignore_errors=True)
+    return wanted
 
 
 def _list_failures(place: Path, failures: dict[str, str]) -> None:

@@ -38,6 +38,7 @@ from rasterjit.io.meshes import load
 from rasterjit.render import Renderer
 from rasterjit.scene.camera import PerspectiveCamera
 from rasterjit.scene.scene import Scene
+from rasterjit.validation import in_short
 
 DONE = "transforms.json"
 """The file that says that a mesh is done."""
@@ -148,16 +149,19 @@ def render_views(
 
     Raises
     ------
+    ValueError
+        Naming the argument that is wrong.
     MeshError
         If the scene cannot be rendered.
     OSError
         If a file cannot be written.
     """
-    place = Path(folder)
+    place = _checked(scene, folder, recipe, name, check)
     with _failing(place, name):
         cameras = view_cameras(scene, recipe, name)
         units_a_code = max(camera.far for camera in cameras) / DEPTH_CODES
-    frames, annotated = [], []
+    frames: list[dict[str, Any]] = []
+    annotation: dict[str, Any] = {}
     for output in recipe.outputs:
         if output != "coco":
             (place / _folder(output)).mkdir(exist_ok=True)
@@ -175,11 +179,13 @@ def render_views(
                 raise MeshError(_one_line(error)) from error
             frames.append({**paths, "transform_matrix": _pose(camera)})
             if "coco" in recipe.outputs:
-                annotated.append((f"{_folder('color')}/{number:04d}.png", frame.object_id.copy()))
-    if annotated:
-        names = [node.name for node in scene.nodes]
-        masks.save_coco(place / "coco.json", annotated, names)
-    document = _intrinsics(cameras[0], recipe.size) | _box(scene)
+                with _failing(place, name):
+                    _annotate(annotation, paths["file_path"], frame.object_id, scene)
+    if annotation:
+        with images.replacing(place / "coco.json") as temporary:
+            temporary.write_text(json.dumps(annotation), encoding="utf-8")
+    with _failing(place, name):
+        document = _intrinsics(cameras[0], recipe.size) | _box(scene)
     if "depth" in recipe.outputs:
         document |= {"enable_depth_loading": True, "integer_depth_scale": units_a_code}
     write_json(place / DONE, {**document, "frames": frames})
@@ -225,6 +231,21 @@ def _failing(source: Path, name: str) -> Iterator[None]:
         raise MeshError(_one_line(error).replace(str(source), name)[:LONGEST_REASON]) from error
 
 
+def _checked(scene: Any, folder: Any, recipe: Any, name: Any, check: Any) -> Path:
+    """Return the folder to render into if all arguments are good, or raise ``ValueError``."""
+    if not isinstance(scene, Scene):
+        raise ValueError(f"scene must be a Scene, got {in_short(scene)}")
+    if not isinstance(folder, (str, os.PathLike)) or not Path(folder).is_dir():
+        raise ValueError(f"folder must be an existing folder, got {in_short(folder)}")
+    if not isinstance(recipe, Recipe):
+        raise ValueError(f"recipe must be a Recipe, got {in_short(recipe)}")
+    if not isinstance(name, str):
+        raise ValueError(f"name must be a text, got {in_short(name)}")
+    if not callable(check):
+        raise ValueError(f"check must be a function, got {in_short(check)}")
+    return Path(folder)
+
+
 def _one_line(error: Exception) -> str:
     """Return what went wrong as one line."""
     return " ".join(str(error).split()) or type(error).__name__
@@ -264,6 +285,20 @@ def _write(
 def _mask(frame: Frame) -> NDArray[np.uint8]:
     """Return 255 where an object is, (H, W) uint8."""
     return np.where(frame.object_id >= 0, np.uint8(255), np.uint8(0))
+
+
+def _annotate(annotation: dict[str, Any], path: str, ids: NDArray[np.int32], scene: Scene) -> None:
+    """Add one view to a COCO annotation, which is empty at first."""
+    names = [str(node.name) or f"object {number}" for number, node in enumerate(scene.nodes)]
+    view = masks.coco([(path, ids)], names)
+    if not annotation:
+        annotation.update(view)
+        return
+    image_id, before = len(annotation["images"]) + 1, len(annotation["annotations"])
+    annotation["images"] += [image | {"id": image_id} for image in view["images"]]
+    annotation["annotations"] += [
+        one | {"id": before + one["id"], "image_id": image_id} for one in view["annotations"]
+    ]
 
 
 def _pose(camera: PerspectiveCamera) -> list[list[float]]:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from rasterjit import transforms
-from rasterjit.plan import OUTPUTS
+from rasterjit.plan import MOTION_OUTPUTS, OUTPUTS
 from rasterjit.scene.color import ColorLike, linear_color
 from rasterjit.scene.quality import Quality, check_quality
 from rasterjit.validation import bounded_number, image_size, in_short, one_of, triple
@@ -21,8 +21,12 @@ MOST_VIEWS = 10_000
 MADE_OF = {"mask": "object_id", "coco": "object_id"}
 """Outputs of a data set that no frame has, and what they are made of."""
 
-CHOICES = ("color", "depth", "normal", "mask", "coco", *OUTPUTS)
-"""Outputs that a data set can hold."""
+CHOICES = tuple(
+    name
+    for name in dict.fromkeys(("color", "depth", "normal", "mask", "coco", *OUTPUTS))
+    if name not in MOTION_OUTPUTS
+)
+"""Outputs that a data set can hold; motion needs an earlier view, which a mesh at rest has not."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -37,7 +41,8 @@ class Recipe:
     outputs : sequence of str
         ``"color"`` (PNG, RGBA), ``"depth"`` (16-bit PNG), ``"normal"`` (16-bit PNG, world space),
         ``"mask"`` (PNG, 255 where the mesh is), ``"coco"`` (one ``coco.json``, an annotation of
-        every object in every view), and any other output of a frame (``.npz``).
+        every object in every view; with ``"color"`` only, whose pictures it names), and any other
+        output of a frame but motion (``.npz``).
     size : (int, int)
         Width and height, pixels.
     layout : {"sphere", "random", "ring"}
@@ -120,9 +125,14 @@ def _outputs(names: Any) -> tuple[str, ...]:
     if not isinstance(given, (list, tuple, set, frozenset)) or not given:
         raise ValueError(f"outputs must name at least one output, got {in_short(names)}")
     for name in given:
-        one_of("outputs", name, tuple(dict.fromkeys(CHOICES)))
+        one_of("outputs", name, CHOICES)
+    if "coco" in given and "color" not in given:
+        raise ValueError(
+            "outputs must name color with coco, which annotates the pictures; got "
+            + ", ".join(given)
+        )
     # One order, whatever that of a set is.
-    return tuple(name for name in dict.fromkeys(CHOICES) if name in given)
+    return tuple(name for name in CHOICES if name in given)
 
 
 def _color(value: Any) -> Any:

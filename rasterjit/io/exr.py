@@ -11,6 +11,8 @@ References
 
 from __future__ import annotations
 
+import errno
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -94,4 +96,16 @@ def write(
     }
     pixels = {name: np.ascontiguousarray(array) for name, array in channels.items()}
     with replacing(place) as temporary, OpenEXR.File(header, pixels) as file:
-        file.write(str(temporary))
+        try:
+            file.write(str(temporary))
+        except RuntimeError as error:
+            raise _as_os_error(error, temporary, place) from None
+
+
+def _as_os_error(error: RuntimeError, temporary: Path, place: Path) -> OSError:
+    """Return what OpenEXR says in words alone as the system's error, naming the file wanted."""
+    said = str(error)
+    for code in sorted(errno.errorcode):
+        if os.strerror(code) in said:
+            return OSError(code, os.strerror(code), str(place))
+    return OSError(errno.EIO, said.replace(str(temporary), str(place)), str(place))

@@ -21,6 +21,9 @@ from rasterjit.validation import in_short, positive_number
 FORMATS = (".npz", ".npy", ".exr", ".png")
 """Extensions that ``save_outputs`` writes."""
 
+LAYER_FORMATS = (".npz", ".npy", ".exr")
+"""Extensions that ``save_layers`` writes."""
+
 MOST = 65535
 """Largest code."""
 
@@ -108,13 +111,7 @@ def save_outputs(
     """
     place = images.checked_path(path, FORMATS)
     suffix = place.suffix.lower()
-    if not arrays:
-        raise ValueError("outputs must name at least one output, got none")
-    if suffix in (".npy", ".png") and len(arrays) > 1:
-        raise ValueError(
-            f"outputs must name one output for {suffix}, got {', '.join(arrays)}; "
-            ".npz and .exr hold several"
-        )
+    _check_count(suffix, arrays)
     if scale is not None and suffix != ".png":
         raise ValueError(f"scale must be None for {suffix}, which holds the values, got {scale!r}")
     for name, array in arrays.items():
@@ -127,10 +124,70 @@ def save_outputs(
     else:
         ((name, array),) = arrays.items()
         if suffix == ".npy":
-            with images.replacing(place) as temporary:
-                np.save(temporary, array)
+            _save_array(place, array)
         else:
             _save_png(place, name, array, scale)
+
+
+def save_layers(path: str | Path, arrays: Mapping[str, NDArray[Any]]) -> None:
+    """
+    Write the layers of outputs to a file; the format follows the extension.
+
+    Parameters
+    ----------
+    path : str or Path
+        ``.npz`` and ``.exr`` hold any number of outputs, ``.npy`` one.
+    arrays : mapping of str to (K, H, W) or (K, H, W, C) array
+        Outputs by name, nearest layer first. An EXR names the channels of each layer
+        ``layer0.Z``, ``layer1.normal.X`` and so on.
+
+    Raises
+    ------
+    ValueError
+        If the extension is another one, the folder does not exist, there is no output or more than
+        the format holds, or an output does not fit the format. Nothing is written.
+    ImportError
+        If an EXR is asked for and OpenEXR is not installed.
+    OSError
+        If the file cannot be written; an existing one is left as it was.
+    """
+    place = images.checked_path(path, dict.fromkeys((*FORMATS, *images.IMAGE_FORMATS)))
+    suffix = place.suffix.lower()
+    if suffix not in LAYER_FORMATS:
+        raise ValueError(
+            f"path {str(path)!r}: {suffix} holds one layer: choose one of "
+            f"{', '.join(LAYER_FORMATS)}, or save what rasterjit.render returns, the first layer"
+        )
+    _check_count(suffix, arrays)
+    if suffix == ".npz":
+        images.save_arrays(place, **arrays)
+    elif suffix == ".npy":
+        (array,) = arrays.values()
+        _save_array(place, array)
+    else:
+        channels: dict[str, NDArray[Any]] = {}
+        count = len(next(iter(arrays.values())))
+        for n in range(count):
+            layer = exr_channels({name: array[n] for name, array in arrays.items()})
+            channels |= {f"layer{n}.{channel}": plane for channel, plane in layer.items()}
+        exr.write(place, channels, _attributes({name: array[0] for name, array in arrays.items()}))
+
+
+def _check_count(suffix: str, arrays: Mapping[str, NDArray[Any]]) -> None:
+    """Raise ``ValueError`` if there is no output, or more than a format holds."""
+    if not arrays:
+        raise ValueError("outputs must name at least one output, got none")
+    if suffix in (".npy", ".png") and len(arrays) > 1:
+        raise ValueError(
+            f"outputs must name one output for {suffix}, got {', '.join(arrays)}; "
+            ".npz and .exr hold several"
+        )
+
+
+def _save_array(place: Path, array: NDArray[Any]) -> None:
+    """Write an array, whole or not at all."""
+    with images.replacing(place) as temporary:
+        np.save(temporary, array)
 
 
 def _save_png(place: Path, name: str, array: NDArray[Any], scale: float | None) -> None:

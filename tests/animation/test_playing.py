@@ -150,3 +150,44 @@ def test_a_frame_without_colour_cannot_be_saved(tmp_path, scene, renderer, camer
     with pytest.raises(rj.OutputNotRequestedError, match="color was not rendered"):
         animation.save(frames, tmp_path / "a.gif")
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"renderer": None}, "renderer must be a Renderer, got None"),
+        ({"scene": None}, "scene must be a Scene, got None"),
+        ({"times": 5}, "times must be numbers, got 5"),
+        ({"transforms": [1]}, "transforms must be functions by node, got list"),
+        ({"meshes": 3}, "meshes must be functions by node, got 3"),
+        ({"transforms": {1: print}}, "transforms must have nodes of the scene as keys"),
+    ],
+)
+def test_wrong_arguments_are_named_at_once(scene, renderer, change, message):
+    arguments = {"renderer": renderer, "scene": scene, "times": [0.0]} | change
+    with pytest.raises(ValueError, match=message):
+        animation.frames(**arguments)
+
+
+def test_no_frames_at_all_are_refused(tmp_path):
+    with pytest.raises(ValueError, match="frames must be an iterable of frames, got 5"):
+        animation.save(5, tmp_path / "a.gif")
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, OSError(28, "No space left on device")])
+def test_a_save_that_fails_puts_the_nodes_back(scene, renderer, tmp_path, monkeypatch, error):
+    """Also while the iterator is still there, as a variable of the caller's."""
+
+    def fail(path, pictures, *_):
+        next(pictures)
+        raise error
+
+    monkeypatch.setattr("rasterjit.io.animations._write_gif", fail)
+    node = scene.nodes[1]
+    before = node.world_from_model.tobytes()
+    tracks = {node: lambda time: transforms.translate((time + 1.0, 2.0, 3.0))}
+    playing = animation.frames(renderer, scene, [0.0, 1.0, 2.0], transforms=tracks)
+    with pytest.raises(type(error) if isinstance(error, OSError) else error):
+        animation.save(playing, tmp_path / "a.gif")
+    assert node.world_from_model.tobytes() == before
+    assert next(playing, None) is None

@@ -202,3 +202,9 @@ def test_without_scipy_the_extra_is_named(monkeypatch):
     with pytest.raises(ImportError, match=r'pip install "rasterjit\[animation\]"'):
         CameraTrack(TIMES, cameras())
     assert tracks.CameraTrack is CameraTrack
+
+
+@pytest.mark.parametrize("cameras", [5, None, rj.PerspectiveCamera((0, 0, 1), (0, 0, 0))])
+def test_cameras_that_are_no_sequence_are_refused(cameras):
+    with pytest.raises(ValueError, match="cameras must be a sequence of cameras, got "):
+        CameraTrack([0], cameras)

@@ -11,7 +11,7 @@ from made_meshes import BROKEN, GOOD, codes_of, contents, make_meshes
 from PIL import Image
 
 import rasterjit as rj
-from rasterjit import dataset
+from rasterjit import dataset, masks
 from rasterjit.dataset import Recipe, making, mesh
 
 W, H = SIZE = (24, 16)
@@ -167,6 +167,100 @@ def test_annotations_cover_the_masks(made):
         assert one["area"] == mask.sum()
 
 
+def two_boxes(names):
+    """Return a scene of two boxes beside each other."""
+    box = trimesh.creation.box((1.0, 1.0, 1.0))
+    scene, drawn = rj.Scene(), rj.Mesh(box.vertices, box.faces)
+    for place, name in zip((-2.0, 2.0), names, strict=True):
+        scene.add(drawn, rj.transforms.translate((place, 0.0, 0.0)), name)
+    return scene
+
+
+def test_objects_without_a_name_are_called_by_their_number(tmp_path):
+    """As glTF allows; the annotation of a mesh is no reason to end the data set."""
+    folder = tmp_path / "meshes"
+    folder.mkdir()
+    scene = trimesh.Scene()
+    scene.add_geometry(trimesh.creation.box((1.0, 1.0, 1.0)), node_name="box")
+    scene.export(folder / "a.gltf", merge_buffers=True)
+    document = json.loads((folder / "a.gltf").read_text())
+    for node in document["nodes"]:
+        node["name"] = ""
+    (folder / "a.gltf").write_text(json.dumps(document))
+    assert rj.load(folder / "a.gltf").nodes[0].name == ""
+    recipe = Recipe(views=1, size=(8, 6), outputs=("color", "coco"))
+    assert dataset.make(folder, tmp_path / "set", recipe).failures == {}
+    annotation = json.loads((tmp_path / "set/a.gltf/coco.json").read_text())
+    assert [one["name"] for one in annotation["categories"]] == ["object 0"]
+
+
+def test_an_annotation_that_fails_is_the_failure_of_its_mesh(meshes, tmp_path, monkeypatch):
+    real = masks.coco
+
+    def coco(images, categories):
+        if np.count_nonzero(images[0][1] >= 0) < 40:
+            raise MemoryError
+        return real(images, categories)
+
+    monkeypatch.setattr(masks, "coco", coco)
+    summary = dataset.make(meshes, tmp_path / "set", RECIPE)
+    assert summary.made > 0
+    assert "not enough memory" in summary.failures.values()
+
+
+def test_the_annotation_of_all_views_is_that_of_their_images(tmp_path):
+    scene = two_boxes(("left", ""))
+    recipe = Recipe(views=5, size=SIZE, outputs=("color", "coco"))
+    dataset.render_views(scene, tmp_path, recipe)
+    images = [
+        (
+            f"images/{number:04d}.png",
+            rj.render(scene, camera, size=SIZE, outputs=("object_id",)).object_id,
+        )
+        for number, camera in enumerate(dataset.view_cameras(scene, recipe))
+    ]
+    expected = masks.coco(images, ["left", "object 1"])
+    assert json.loads((tmp_path / "coco.json").read_text()) == expected
+    assert len({one["id"] for one in expected["annotations"]}) == len(expected["annotations"]) > 5
+
+
+def test_each_view_is_annotated_before_the_next_is_rendered(tmp_path, monkeypatch):
+    """So none is kept: the memory that a data set takes does not grow with its views."""
+    steps = []
+    render, coco = rj.Renderer.render, masks.coco
+    monkeypatch.setattr(
+        rj.Renderer, "render", lambda *a, **k: steps.append("render") or render(*a, **k)
+    )
+    monkeypatch.setattr(masks, "coco", lambda *a: steps.append("annotate") or coco(*a))
+    recipe = Recipe(views=4, size=SIZE, outputs=("color", "coco"))
+    dataset.render_views(two_boxes("ab"), tmp_path, recipe)
+    assert steps == ["render", "annotate"] * 4
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"scene": "a.obj"}, "scene must be a Scene, got 'a.obj'"),
+        ({"folder": "nowhere"}, "folder must be an existing folder, got 'nowhere'"),
+        ({"folder": None}, "folder must be an existing folder, got None"),
+        ({"recipe": {"views": 3}}, "recipe must be a Recipe, got dict"),
+        ({"name": 7}, "name must be a text, got 7"),
+        ({"threads": 0}, "threads must be in"),
+        ({"check": 3}, "check must be a function, got 3"),
+    ],
+)
+def test_wrong_arguments_of_views_are_named(tmp_path, change, message):
+    arguments = {"scene": two_boxes("ab"), "folder": tmp_path, "recipe": RECIPE} | change
+    with pytest.raises(ValueError, match=message):
+        dataset.render_views(**arguments)
+    assert not (tmp_path / "transforms.json").exists()
+
+
+def test_a_scene_that_no_camera_fits_is_a_mesh_error(tmp_path):
+    with pytest.raises(dataset.MeshError):
+        dataset.render_views(rj.Scene(), tmp_path, RECIPE)
+
+
 def test_one_more_run_changes_nothing(made, meshes, monkeypatch):
     place, summary, _ = made
     before = contents(place)
@@ -274,6 +368,7 @@ def test_another_recipe_is_refused_and_named(made, meshes):
         ("meshes", "set", {"workers": 1.5}, "workers must be in"),
         ("meshes", "set", {"workers": "host"}, "workers must be a number, or an address"),
         ("meshes", "set", {"recipe": {"views": 3}}, "recipe must be a Recipe"),
+        ("meshes", "set", {"report": 3}, "report must be a function, got 3"),
     ],
 )
 def test_what_cannot_be_made_is_refused(tmp_path, monkeypatch, folder, output, options, message):
@@ -286,6 +381,7 @@ def test_what_cannot_be_made_is_refused(tmp_path, monkeypatch, folder, output, o
         dataset.make(folder, output, **options)
     assert (tmp_path / "full/file").read_text() == "mine"
     assert not (tmp_path / "meshes/dataset.json").exists()
+    assert not (tmp_path / "set").exists()
 
 
 def test_a_data_set_inside_the_folder_of_meshes_is_not_taken_for_one(tmp_path):

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import struct
+import subprocess
 import sys
 import zlib
 
@@ -274,3 +276,58 @@ def test_channels_are_named_by_their_number():
     assert exr.channel_names("coverage", 1) == ("coverage",)
     assert exr.channel_names("nocs", 3) == ("nocs.X", "nocs.Y", "nocs.Z")
     assert exr.channel_names("color", 4) == ("color.R", "color.G", "color.B", "color.A")
+
+
+FULL = """
+import errno, resource, signal, sys
+from pathlib import Path
+import numpy as np
+from rasterjit.io import exr
+
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
+pixels = np.random.default_rng(0).random((200, 200)).astype(np.float32)
+try:
+    exr.write(Path(sys.argv[1]), {"Z": pixels})
+except OSError as error:
+    assert error.errno == errno.EFBIG, error
+    assert error.filename == sys.argv[1], error
+    print("told")
+"""
+"""The system lets no file grow beyond 4 kB, as on a disk that is full."""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows limits no file's size")
+def test_an_exr_that_the_disk_does_not_hold_is_the_systems_error(tmp_path):
+    optional_module("OpenEXR")
+    place = tmp_path / "a.exr"
+    place.write_bytes(b"before")
+    done = subprocess.run(
+        [sys.executable, "-c", FULL, str(place)], capture_output=True, text=True, check=False
+    )
+    assert done.stdout == "told\n", done.stderr
+    assert place.read_bytes() == b"before"
+    assert list(tmp_path.iterdir()) == [place]
+
+
+@pytest.mark.parametrize(
+    ("said", "code", "told"),
+    [
+        ("cannot write {}. No space left on device.", errno.ENOSPC, "No space left on device"),
+        ("{} broke.", errno.EIO, "{} broke."),
+    ],
+)
+def test_what_openexr_says_in_words_names_the_file_that_was_asked_for(
+    tmp_path, monkeypatch, said, code, told
+):
+    openexr = optional_module("OpenEXR")
+    place = tmp_path / "a.exr"
+
+    def write(self, path):
+        raise RuntimeError(said.format(path))
+
+    monkeypatch.setattr(openexr.File, "write", write)
+    with pytest.raises(OSError, match="exr") as caught:
+        exr.write(place, {"Z": DEPTH})
+    assert (caught.value.errno, caught.value.filename) == (code, str(place))
+    assert caught.value.strerror == told.format(place)
