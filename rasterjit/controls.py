@@ -483,11 +483,11 @@ class Fly:
         return not is_steered and length(self.velocity) * self.smoothing <= REST * self.ball.radius
 
     def settled(self) -> Fly:
-        """Return the state when it has come to a stop, all keys let go."""
+        """Return the state when it has come to a stop; keys that are down stay down."""
         eye = self.eye
         for axis, velocity in zip(self._axes(), self.velocity, strict=True):
             eye = along(eye, axis, velocity * self.smoothing)
-        return replace(self, eye=eye, velocity=(0.0, 0.0, 0.0), held=frozenset())
+        return replace(self, eye=eye, velocity=(0.0, 0.0, 0.0))
 
     def look(self, azimuth: float, elevation: float) -> Fly:
         """Turn the head by angles, degrees; the elevation is that of the direction it looks from"""

@@ -9,7 +9,7 @@ are handed to `SceneArtist.hide` are hidden where a face is nearer.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -32,7 +32,7 @@ except ImportError as error:
 from rasterjit import transforms
 from rasterjit.frame import Frame
 from rasterjit.io.meshes import as_scene
-from rasterjit.render import Renderer, choose_camera
+from rasterjit.render import Renderer, choose_camera, explain
 from rasterjit.scene.camera import Camera, MatrixCamera
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
@@ -105,10 +105,13 @@ class SceneArtist(artist.Artist):
         if self._is_spatial and camera is not None:
             raise ValueError("camera must be None in 3-D axes, which have their own view")
         if not self._is_spatial:
-            camera = choose_camera(self.scene, camera, (1, 1)) if camera else self.scene.camera
+            camera = (
+                self.scene.camera if camera is None else choose_camera(self.scene, camera, (1, 1))
+            )
         self._camera, self._background = camera, background
         self._quality = Quality(samples=8) if quality is None else quality
-        Renderer((1, 1), quality=self._quality).close()
+        # What is wrong is said at once.
+        explain(self.scene, camera, self._quality, size=(1, 1), background=background)
         self._ball = Ball.around(self.scene)
         self._frames: dict[Any, Frame] = {}
         self._own_draws: dict[Line3D | PathCollection, Callable[[RendererBase], None]] = {}
@@ -149,9 +152,18 @@ class SceneArtist(artist.Artist):
                 thing.draw = _draw_nothing
         self.stale = True
 
+    def remove(self) -> None:
+        """Take it out of the axes; what it hid draws itself again."""
+        super().remove()
+        for thing, draw in self._own_draws.items():
+            thing.draw = draw
+        self._own_draws.clear()
+
     def draw(self, renderer: RendererBase) -> None:
-        """Draw the scene and what it hides."""
+        """Draw the scene and what it hides; if it is invisible, those alone, as they are."""
         if not self.get_visible():
+            for _, draw in self._held():
+                draw(renderer)
             return
         box = self.axes.get_window_extent(renderer)
         # Vector formats count in 1/72 inch; their pictures have the resolution asked for.
@@ -168,14 +180,18 @@ class SceneArtist(artist.Artist):
         renderer.draw_image(context, area.x0, area.y0, frame.color[::-1])
         context.restore()
         view = _View(camera, frame, area, BIAS * self._ball.radius) if self._own_draws else None
-        for thing, draw in self._own_draws.items():
-            if not thing.get_visible():
-                continue
+        for thing, draw in self._held():
             if isinstance(thing, Line3D):
                 self._draw_line(renderer, thing, view)
             else:
                 _draw_points(renderer, thing, draw, view)
         self.stale = False
+
+    def _held(self) -> Iterator[tuple[Line3D | PathCollection, Callable[[RendererBase], None]]]:
+        """Yield what is drawn with the scene, and how it draws itself, as far as it is there."""
+        for thing, draw in self._own_draws.items():
+            if thing.get_visible() and thing.axes is self.axes:
+                yield thing, draw
 
     def _render(self, camera: Camera | None, size: tuple[int, int]) -> Frame:
         """Return the frame of a view, that of the last one again if nothing changed."""

@@ -10,6 +10,7 @@ meanwhile ends it. Windows, pages, notebooks and terminals are made of these two
 from __future__ import annotations
 
 import math
+import threading
 from collections.abc import Iterator
 from typing import Any
 
@@ -47,7 +48,8 @@ CLICK = 3.0
 """How far a pointer may move between press and release of a click, pixels."""
 
 LONGEST_STEP = 0.1
-"""Most time that passes at once for a camera, seconds: after a pause it does not jump."""
+"""Most time that passes at once for a camera, beside that of drawing a picture, seconds: after a
+pause it does not jump."""
 
 HELP: tuple[Row, ...] = (
     ("drag", "turn (look around, when flying)"),
@@ -73,9 +75,9 @@ class _OutdatedError(Exception):
 class _Interruptible(Renderer):
     """Renders as long as what it renders is wanted; is asked before each of a frame's pictures."""
 
-    def __init__(self, viewer: Viewer, size: tuple[int, int], threads: int | None) -> None:
-        super().__init__(size, threads=threads)
-        self._viewer, self._version = viewer, viewer.version
+    def __init__(self, viewer: Viewer, version: int, threads: int | None) -> None:
+        super().__init__(viewer.size, threads=threads)
+        self._viewer, self._version = viewer, version
 
     def _find_visible(self, *arguments: Any, **options: Any) -> Any:
         if self._viewer.version != self._version:
@@ -146,6 +148,8 @@ class Viewer:
         self._ball = Ball.around(self.scene)
         self.controls: Orbit | Fly = Orbit.from_camera(first, self._ball, up)
         self._threads = threads
+        # Held by who takes what was found for a version, and by who begins another.
+        self._lock = threading.Lock()
         self.version = 0
         self.kind = "color"
         self._switched: list[str] = []
@@ -159,7 +163,7 @@ class Viewer:
         self.costs: dict[str, float] | None = None
         self._frame: Frame | None = None
         self._frame_version = -1
-        self._seconds = 0.0
+        self._seconds = self._drawing = 0.0
         self._moving = Renderer(self.size, quality=Quality.draft(), threads=threads)
         self._steps: Iterator[bool] = iter(())
         self._steps_version, self._finished = -1, False
@@ -169,7 +173,8 @@ class Viewer:
 
     def close(self) -> None:
         """End what is being rendered, and let the threads go."""
-        self.version += 1
+        with self._lock:
+            self.version += 1
         self._steps = iter(())
         self._moving.close()
 
@@ -275,7 +280,7 @@ class Viewer:
         """Let time pass, seconds."""
         if not self.is_moving:
             return
-        self.controls = self.controls.advance(min(seconds, LONGEST_STEP))
+        self.controls = self.controls.advance(min(seconds, LONGEST_STEP + self._drawing))
         if self.controls.is_resting:
             self.controls = self.controls.settled()
         self._change()
@@ -293,14 +298,17 @@ class Viewer:
 
         If there is none it is drawn now, as a draft.
         """
-        if self._frame_version != self.version:
+        with self._lock:
+            frame, is_current = self._frame, self._frame_version == self.version
+        if not is_current:
             version = self.version
             choice = {} if self._budget is None else {"time_budget": self._budget}
             frame = self._moving.render(
                 self._shown, self.camera, outputs=OUTPUTS_OF[self.kind], **choice, **self._options
             )
             self._keep(frame, version)
-        picture = picture_of(self._frame, self.kind)
+            self._drawing = seconds_of(frame)
+        picture = picture_of(frame, self.kind)
         self._write_on(picture)
         return picture
 
@@ -325,7 +333,7 @@ class Viewer:
     def _improve(self, version: int) -> Iterator[bool]:
         """Do one thing after the other, as long as nothing changes."""
         scene, camera, kind = self._shown, self.camera, self.kind
-        with _Interruptible(self, self.size, self._threads) as renderer:
+        with _Interruptible(self, version, self._threads) as renderer:
             if kind != "color":
                 outputs = OUTPUTS_OF[kind]
                 self._keep(
@@ -334,7 +342,13 @@ class Viewer:
                 yield True
             if self._wanted_pixel is not None:
                 pixel, self._wanted_pixel = self._wanted_pixel, None
-                self.explanation = explain_pixel(scene, camera, self.size, *pixel, **self._options)
+                told = explain_pixel(scene, camera, renderer.size, *pixel, **self._options)
+                with self._lock:
+                    if version == self.version:
+                        self.explanation = told
+                    elif self._wanted_pixel is None and self.camera == camera:
+                        # The same pixel of the same view is to be explained anew.
+                        self._wanted_pixel = pixel
                 yield True
             frames = (
                 renderer.refine(scene, camera, outputs=OUTPUTS_OF[kind], **self._options)
@@ -345,29 +359,35 @@ class Viewer:
                 self._keep(frame, version)
                 yield True
                 if number == 1 and self._shows_costs and self.costs is None:
-                    used = viewer_effects.used_effects(scene, camera, self.size)
+                    used = viewer_effects.used_effects(scene, camera, renderer.size)
                     names = [name for name in SWITCHES if name in used]
-                    self.costs = viewer_effects.costs(renderer, scene, camera, names)
+                    costs = viewer_effects.costs(renderer, scene, camera, names)
+                    with self._lock:
+                        if version == self.version:
+                            self.costs = costs
                     yield True
 
     def _keep(self, frame: Frame, version: int) -> None:
         """Show a frame, unless something else is to be seen by now."""
-        if version == self.version:
-            self._frame, self._frame_version = frame, version
-            self._seconds = seconds_of(frame)
-            self._count += 1
+        with self._lock:
+            if version == self.version:
+                self._frame, self._frame_version = frame, version
+                self._seconds = seconds_of(frame)
+                self._count += 1
 
     def _change(self) -> None:
         """Note that what is seen changes."""
-        self.version += 1
-        self.explanation = None
+        with self._lock:
+            self.version += 1
+            self.explanation = None
 
     def _restart(self) -> None:
         """Begin what is done at rest anew, with the same picture."""
-        is_current = self._frame_version == self.version
-        self.version += 1
-        if is_current:
-            self._frame_version = self.version
+        with self._lock:
+            is_current = self._frame_version == self.version
+            self.version += 1
+            if is_current:
+                self._frame_version = self.version
 
     def _press(self, key: str) -> bool:
         """Do what a key asks for, and tell whether it is one of the viewer's own."""
@@ -419,10 +439,12 @@ class Viewer:
             scene = changed
         if self._wireframe != getattr(scene.wireframe, "mode", None):
             scene = viewer_effects.with_wireframe(scene, self._wireframe)
-        self._shown, self.costs = scene, None
+        self._shown = scene
         off = [f"{name} {'off' if name in used else 'on'}" for name in self._switched]
         self._message = ", ".join(off)
         self._change()
+        # What a step finds of the scene before does not come after this.
+        self.costs = None
         return True
 
     def _depth_under(self, event: Event) -> float | None:

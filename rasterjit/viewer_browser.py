@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ipaddress
 import socket
 from collections.abc import Awaitable, Callable
 from typing import Any
@@ -12,9 +13,6 @@ from rasterjit.viewer_canvas import FRAME_RATE, Connection
 DEFAULT_HOST, DEFAULT_PORT = "127.0.0.1", 8765
 
 LARGEST_PORT = 65535
-
-LOOPBACK = ("localhost", "127.0.0.1", "::1")
-"""Names that only programs on the same machine reach."""
 
 GRACE = 1
 """Time for pages to go when the server is stopped, seconds."""
@@ -53,6 +51,8 @@ def bind(host: str, port: int) -> socket.socket:
     ValueError
         If the port is none or in use, or the host is not one of this machine.
     """
+    if not isinstance(host, str):
+        raise ValueError(f"host must be a name or address of this machine, got {host!r}")
     if isinstance(port, bool) or not isinstance(port, int) or not 0 <= port <= LARGEST_PORT:
         raise ValueError(f"port must be a whole number in 0..{LARGEST_PORT}, got {port!r}")
     try:
@@ -98,7 +98,7 @@ def serve(
     ImportError
         If what it needs is not installed, naming what to install.
     ValueError
-        If it cannot listen there.
+        If it cannot listen there; before anything is drawn.
     """
     try:
         import uvicorn
@@ -110,6 +110,8 @@ def serve(
         ) from error
     with bind(host, port) as listening:
         place = listening.getsockname()[1]
+        # What has to be compiled is compiled before a page can ask for it.
+        viewer.draw()
         http.resources["index.html"] = "text/html", PAGE
         canvas = _complete(http.RenderCanvas)(
             size=viewer.size, title=viewer.name, max_fps=FRAME_RATE
@@ -117,7 +119,7 @@ def serve(
         Connection(viewer, canvas)
         shown = f"[{host}]" if ":" in host else host
         announce(f"open http://{shown}:{place} in a browser; Ctrl-C ends it")
-        if host not in LOOPBACK:
+        if not _is_loopback(host):
             announce(f"whoever reaches {host} can look at it and move the camera")
         config = uvicorn.Config(
             guarded(http.asgi, host), log_level="warning", timeout_graceful_shutdown=GRACE
@@ -158,11 +160,15 @@ def guarded(app: App, host: str) -> App:
     Return an application that pages of other sites cannot use.
 
     A page may open a websocket to any address, this machine's own too, and a name of another site
-    may be made to lead here; both say so in the headers ``Origin`` and ``Host``.
+    may be made to lead here; both say so in the headers ``Origin`` and ``Host``. Addresses in
+    numbers are nobody's name.
     """
+    own = {host.casefold(), "localhost"}
+    if not _is_loopback(host):
+        own |= _names_of_this_machine()
 
     async def guard(scope: dict[str, Any], receive: Any, send: Any) -> None:
-        if scope["type"] == "lifespan" or _may_enter(scope, host):
+        if scope["type"] == "lifespan" or _may_enter(scope, host, own):
             await app(scope, receive, send)
         elif scope["type"] == "websocket":
             await send({"type": "websocket.close", "code": POLICY_VIOLATION})
@@ -175,12 +181,34 @@ def guarded(app: App, host: str) -> App:
     return guard
 
 
-def _may_enter(scope: dict[str, Any], host: str) -> bool:
-    """Tell whether a request is for this host, and from its own page."""
+def _may_enter(scope: dict[str, Any], host: str, own: set[str]) -> bool:
+    """Tell whether a request is for this host, by a name of its own, and from its own page."""
     headers = {name.lower(): value.decode("latin-1") for name, value in scope["headers"]}
-    asked = headers.get(b"host", "")
-    name = asked.rsplit(":", 1)[0].strip("[]")
-    if host in LOOPBACK and name not in LOOPBACK:
+    asked = headers.get(b"host", "").casefold()
+    name = asked[1:].split("]", 1)[0] if asked.startswith("[") else asked.rsplit(":", 1)[0]
+    # Who listens to this machine alone is asked by it alone.
+    is_number = _is_loopback(name) if _is_loopback(host) else _address(name) is not None
+    if name not in own and not is_number:
         return False
     origin = headers.get(b"origin")
-    return origin is None or origin.split("://", 1)[-1] == asked
+    return origin is None or origin.casefold().split("://", 1)[-1] == asked
+
+
+def _address(name: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:
+    """Return an address in numbers; None for a name."""
+    try:
+        return ipaddress.ip_address(name)
+    except ValueError:
+        return None
+
+
+def _is_loopback(host: str) -> bool:
+    """Tell whether a host is one that only programs on the same machine reach."""
+    address = _address(host)
+    return host.casefold() == "localhost" if address is None else address.is_loopback
+
+
+def _names_of_this_machine() -> set[str]:
+    """Return the names by which others know this machine, lower case."""
+    name = socket.gethostname().casefold()
+    return {name, socket.getfqdn().casefold(), f"{name.split('.', 1)[0]}.local"}

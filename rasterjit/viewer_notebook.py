@@ -31,6 +31,8 @@ def widget(viewer: Viewer) -> Any:
         raise ImportError(
             f'a widget needs packages: pip install "rasterjit[notebook]" ({error})'
         ) from error
+    # What has to be compiled is compiled before a widget stands there, not answering.
+    viewer.draw()
     canvas = RenderCanvas(size=viewer.size, max_fps=FRAME_RATE)
     Connection(viewer, canvas)
     return canvas

@@ -74,8 +74,6 @@ def show(
         what, camera, size=size, background=background, cull=cull, up=up, time_budget=time_budget,
         name=title, threads=threads,
     )  # fmt: skip
-    # What has to be compiled is compiled before a window stands there, not answering.
-    viewer.draw()
     if chosen == "notebook":
         return viewer_notebook.widget(viewer)
     run: dict[str, Callable[[], None]] = {

@@ -36,6 +36,8 @@ def run_in_terminal(viewer: Viewer, title: str) -> None:
         raise ImportError(
             f'the terminal needs a package: pip install "rasterjit[terminal]" ({error})'
         ) from error
+    # What has to be compiled is compiled before the terminal changes.
+    viewer.draw()
     canvas = terminal.RenderCanvas(title=f"{title}: {KEYS}", max_fps=FRAME_RATE)
     Connection(viewer, canvas)
     try:

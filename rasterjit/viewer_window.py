@@ -70,6 +70,8 @@ def window(viewer: Viewer, title: str) -> tuple[Any, Any]:
             "backend must be one that needs no display here (browser, terminal or notebook), got "
             "'window': neither DISPLAY nor WAYLAND_DISPLAY is set"
         )
+    # What has to be compiled is compiled before a window stands there, not answering.
+    viewer.draw()
     problems = []
     for name in found:
         canvas = None

@@ -280,3 +280,12 @@ def test_wrong_numbers_are_refused():
         orbit().turn(math.nan, 0.0)
     with pytest.raises(ValueError, match="up"):
         Orbit.from_camera(orbit().camera(), scene, (0, 0, 0))
+
+
+def test_key_that_stays_down_flies_on_when_its_opposite_is_let_go():
+    state = key(key(flight(), "w"), "s").advance(0.1)
+    assert state.is_resting
+    state = key(state.settled(), "s", "key_up")
+    assert not state.is_resting
+    assert state == key(flight(), "w").settled()
+    assert state.advance(0.5).eye != state.eye

@@ -176,3 +176,37 @@ def test_wrong_arguments_are_refused(unlit, camera):
         rj.mpl.SceneArtist(space, unlit, camera)
     with pytest.raises(ValueError, match="things must be lines or points"):
         artist.hide(axes.lines[0])
+    _, axes = figure()
+    with pytest.raises(ValueError, match="background"):
+        rj.mpl.SceneArtist(axes, unlit, background="nonsense")
+    with pytest.raises(ValueError, match="camera"):
+        rj.mpl.SceneArtist(axes, unlit, 0)
+    assert not axes.artists
+
+
+def test_what_is_hidden_is_drawn_plainly_without_the_scene(unlit):
+    drawn, axes, artist = spatial(unlit)
+    axes.view_init(elev=0, azim=0)
+    (line,) = axes.plot([-2.0, -2.0], [-0.5, 0.5], [0.0, 0.0], color=RED, lw=1.0, aa=False)
+    points = axes.scatter([-2.0], [0.2], [0.5], c=[(0, 1, 0)], s=30, depthshade=False)
+    artist.set_visible(False)
+    plain = pixels(drawn)
+    assert (plain == (0, 255, 0)).all(axis=2).any()
+    artist.set_visible(True)
+    artist.hide(line, points)
+    assert not (pixels(drawn) == (0, 255, 0)).all(axis=2).any()
+    artist.set_visible(False)
+    np.testing.assert_array_equal(pixels(drawn), plain)
+    artist.remove()
+    np.testing.assert_array_equal(pixels(drawn), plain)
+
+
+def test_hidden_line_that_is_removed_is_gone(unlit):
+    drawn, axes, artist = spatial(unlit)
+    axes.view_init(elev=0, azim=0)
+    without = pixels(drawn)
+    (line,) = axes.plot([2.0, 2.0], [-0.5, 0.5], [0.0, 0.0], color=RED, lw=1.0, aa=False)
+    artist.hide(line)
+    assert (pixels(drawn) != without).any()
+    line.remove()
+    np.testing.assert_array_equal(pixels(drawn), without)

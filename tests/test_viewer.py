@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import threading
+
 import numpy as np
 import pytest
 
 import rasterjit as rj
 from rasterjit import dial, viewer_effects
+from rasterjit import viewer as viewer_module
 from rasterjit.controls import Fly
 from rasterjit.viewer import LONGEST_STEP, Viewer, rows_of
 from rasterjit.viewer_pictures import picture_of
@@ -94,6 +97,105 @@ def test_what_moves_ends_the_step_that_runs(viewer, monkeypatch):
     assert not viewer.is_done
     viewer._frame_version = viewer.version
     np.testing.assert_array_equal(viewer.draw(), before)
+
+
+def test_explanation_of_a_picture_that_is_gone_is_not_shown(viewer, monkeypatch):
+    explain = viewer_module.explain_pixel
+    meanwhile = []
+
+    def slow(*arguments, **options):
+        told = explain(*arguments, **options)
+        meanwhile.pop()()
+        return told
+
+    def drag():
+        pointer(viewer, "down", 5, 5)
+        pointer(viewer, "move", 25, 9)
+        pointer(viewer, "up", 25, 9)
+        settle(viewer)
+
+    monkeypatch.setattr(viewer_module, "explain_pixel", slow)
+    viewer.pick(20, 15)
+    meanwhile[:] = [drag]
+    assert viewer.step()
+    assert viewer.explanation is None
+    while viewer.step():
+        pass
+    assert viewer.explanation is None
+    # Where only the work begins anew, the same pixel is explained after all.
+    viewer.pick(20, 15)
+    meanwhile[:] = [lambda: None, lambda: key(viewer, "m")]
+    assert viewer.step()
+    assert viewer.explanation is None
+    assert viewer.step()
+    assert (viewer.explanation.x, viewer.explanation.y) == (20, 15)
+
+
+def test_costs_of_a_scene_that_is_gone_are_not_shown(viewer, monkeypatch):
+    measure = viewer_effects.costs
+
+    def slow(*arguments):
+        monkeypatch.setattr(viewer_effects, "costs", measure)
+        found = measure(*arguments)
+        key(viewer, "k")
+        return found
+
+    key(viewer, "m")
+    monkeypatch.setattr(viewer_effects, "costs", slow)
+    while viewer_effects.costs is slow:
+        assert viewer.step()
+    assert viewer.costs is None
+    while viewer.step():
+        pass
+    assert set(viewer.costs) == {"frame", "outline"}
+
+
+def test_frame_of_a_picture_that_is_gone_never_takes_the_place_of_another(cube):
+    class Watched(Viewer):
+        """Has another thread change and draw the picture between looking and keeping."""
+
+        other = None
+
+        @property
+        def version(self):
+            seen = self._seen_version
+            if self.other is not None and threading.current_thread() is not self.other:
+                other, self.other = self.other, None
+                other.start()
+                other.join(0.3)
+            return seen
+
+        @version.setter
+        def version(self, value):
+            self._seen_version = value
+
+    def change():
+        key(viewer, "3")
+        viewer.draw()
+
+    viewer = Watched(cube, size=SIZE)
+    old = rj.render(cube, viewer.camera, size=SIZE, quality=DRAFT)
+    viewer.other = other = threading.Thread(target=change)
+    viewer._keep(old, 0)
+    other.join()
+    assert viewer.version == viewer._frame_version == 1
+    viewer.close()
+
+
+def test_drawing_shows_its_own_frame_whatever_comes_meanwhile(viewer, monkeypatch):
+    viewer.draw()
+    old, keep = viewer._frame, viewer._keep
+
+    def late(frame, version):
+        keep(frame, version)
+        viewer._frame = old
+
+    monkeypatch.setattr(viewer, "_keep", late)
+    key(viewer, "3")
+    frame = rj.render(
+        viewer.scene, viewer.camera, size=SIZE, quality=DRAFT, outputs=("normal", "depth")
+    )
+    np.testing.assert_array_equal(viewer.draw(), picture_of(frame, "normal"))
 
 
 @pytest.mark.parametrize(
@@ -235,6 +337,20 @@ def test_keys_fly(viewer):
     version = viewer.version
     pointer(viewer, "move", 9, 3)
     assert viewer.version > version
+
+
+def test_held_key_moves_as_far_at_any_rate_of_frames(viewer, monkeypatch):
+    key(viewer, "c")
+    viewer.handle({"event_type": "key_down", "key": "w"})
+    monkeypatch.setattr(viewer_module, "seconds_of", lambda frame: 0.4)
+    viewer.draw()
+    expected = viewer.controls.advance(0.4)
+    viewer.advance(0.4)
+    assert viewer.controls == expected
+    # A pause is none of its steps.
+    expected = viewer.controls.advance(0.4 + LONGEST_STEP)
+    viewer.advance(60.0)
+    assert viewer.controls == expected
 
 
 def test_window_of_another_shape_fits_the_scene_again(viewer, cube):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import base64
 import io
 import os
@@ -202,6 +203,68 @@ def test_other_sites_are_kept_out(server):
     assert " 403 " in ask(address, [*page, *UPGRADE, "Origin: http://elsewhere.example"])
 
 
+def status(bound, asked, origin=None):
+    """Return the status with which a page that is served at a host answers a request."""
+
+    async def app(scope, receive, send):
+        await send({"type": "http.response.start", "status": 200, "headers": []})
+
+    async def send(message):
+        said.append(message)
+
+    headers = [(b"host", asked.encode())] if asked is not None else []
+    headers += [] if origin is None else [(b"origin", origin.encode())]
+    said = []
+    scope = {"type": "http", "headers": headers}
+    asyncio.run(viewer_browser.guarded(app, bound)(scope, None, send))
+    return said[0]["status"]
+
+
+EVERYWHERE = ("0.0.0.0", "::", "192.168.1.5", "fe80::1")
+LOOPBACK = ("127.0.0.1", "127.0.0.2", "localhost", "LOCALHOST", "::1")
+
+
+@pytest.mark.parametrize("bound", [*LOOPBACK, *EVERYWHERE])
+def test_name_of_another_site_that_leads_here_is_kept_out(bound):
+    for asked in ("elsewhere.example:8765", "elsewhere.example", "localhost.elsewhere.example"):
+        assert status(bound, asked) == 400
+        assert status(bound, asked, f"http://{asked}") == 400
+    assert status(bound, None) == 400
+
+
+@pytest.mark.parametrize("bound", LOOPBACK)
+def test_this_machine_is_asked_by_all_its_own_names(bound):
+    for asked in ("localhost:8765", "LocalHost", "127.0.0.1:8765", "127.0.0.2", "[::1]", "[::1]:8"):
+        assert status(bound, asked) == 200
+        assert status(bound, asked, f"http://{asked.upper()}") == 200
+    assert status(bound, "192.168.1.5:8765") == 400
+    assert status(bound, "localhost:8765", "http://elsewhere.example") == 400
+
+
+@pytest.mark.parametrize("bound", EVERYWHERE)
+def test_others_ask_by_an_address_or_a_name_of_this_machine(bound, monkeypatch):
+    monkeypatch.setattr(socket, "gethostname", lambda: "Box")
+    monkeypatch.setattr(socket, "getfqdn", lambda: "box.home.example")
+    for asked in ("192.168.1.5:8765", "[fe80::1]", "box", "BOX.local:8765", "box.home.example"):
+        assert status(bound, asked) == 200
+    assert status(bound, "other.home.example") == 400
+
+
+def test_name_that_it_is_bound_to_is_its_own():
+    assert status("Viewer.Example", "viewer.example:80") == 200
+
+
+def test_nothing_is_drawn_before_the_place_is_there(cube, monkeypatch):
+    def draw(self):
+        pytest.fail("drawn")
+
+    monkeypatch.setattr(Viewer, "draw", draw)
+    places = ("127.0.0.1", -1, "port"), ("nowhere.invalid", 0, "host"), (5, 0, "host")
+    for host, port, named in places:
+        with pytest.raises(ValueError, match=f"{named} must be"):
+            rj.show(cube, backend="browser", host=host, port=port, size=(8, 6))
+
+
 def test_port_in_use_is_said(server, model):
     _, address = server
     port = address.rsplit(":", 1)[1]
@@ -223,6 +286,8 @@ def test_port_in_use_is_said(server, model):
         ("127.0.0.1", -1, "port must be a whole number in 0..65535, got -1"),
         ("127.0.0.1", 65536, "port must be"),
         ("127.0.0.1", True, "port must be"),
+        (5, 0, "host must be a name or address of this machine, got 5"),
+        (None, 0, "host must be"),
     ],
 )
 def test_place_that_is_none_is_refused(host, port, message):

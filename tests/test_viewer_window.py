@@ -109,6 +109,7 @@ def test_no_display_is_said(cube, monkeypatch):
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     monkeypatch.setattr(sys, "platform", "linux")
     monkeypatch.setattr(viewer_window, "toolkits", lambda: ["glfw"])
+    monkeypatch.setattr(Viewer, "draw", lambda self: pytest.fail("drawn"))
     with pytest.raises(ValueError, match="needs no display here"):
         rj.show(cube, backend="window", size=(8, 6))
     assert viewer_show.choose_backend("auto") == "browser"
@@ -143,6 +144,8 @@ def test_missing_extra_is_named(cube, monkeypatch, backend, missing, extra):
         def isatty(self):
             return True
 
+    # Nobody waits for a picture to hear of it.
+    monkeypatch.setattr(Viewer, "draw", lambda self: pytest.fail("drawn"))
     monkeypatch.setattr(sys, "__stdout__", Terminal())
     monkeypatch.setattr(sys, "__stdin__", Terminal())
     with pytest.raises(ImportError, match=rf'pip install "rasterjit\[{extra}\]"'):

@@ -12,7 +12,7 @@ import trimesh
 
 import rasterjit
 import rasterjit.compat.pyrender as pyrender
-from rasterjit import viewer_show
+from rasterjit import viewer_notebook, viewer_show
 from rasterjit.compat.pyrender import RenderFlags
 from rasterjit.compat.pyrender.drawing import convert
 from rasterjit.compat.pyrender.viewer import scene_to_show
@@ -354,6 +354,77 @@ def test_the_viewer_hands_the_scene_to_show(monkeypatch):
     np.testing.assert_allclose(directions[:, 2], -math.cos(math.radians(30.0)))
     assert drawn.camera.eye_position().tolist() == [0, 0, 3]
     assert scene_to_show(scene, (64, 48), {}).lights == []
+
+
+def test_widget_of_a_notebook_is_displayed(monkeypatch):
+    display = pytest.importorskip("IPython.display")
+    scene, _ = box_scene()
+    shown = []
+    monkeypatch.setattr(viewer_notebook, "in_notebook", lambda: True)
+    monkeypatch.setattr(viewer_show, "show", lambda what, **options: "widget")
+    monkeypatch.setattr(display, "display", shown.append)
+    # A notebook goes on at once, with or without a thread.
+    for run_in_thread in (False, True):
+        pyrender.Viewer(scene, run_in_thread=run_in_thread)
+    assert shown == ["widget", "widget"]
+
+
+def test_thread_is_refused_before_a_window_stays_for_ever(monkeypatch):
+    monkeypatch.setattr(viewer_show, "show", lambda what, **options: pytest.fail("shown"))
+    with pytest.raises(ValueError, match="run_in_thread must be False"):
+        pyrender.Viewer(box_scene()[0], run_in_thread=True)
+
+
+def test_second_drawing_leaves_the_first_as_it_is():
+    scene, box = box_scene()
+    first = convert(scene, RenderFlags.NONE).scene.nodes[0].mesh
+    look = first.material
+    assert convert(scene, RenderFlags.NONE).scene.nodes[0].mesh is first
+    box.mesh.primitives[0].material.baseColorFactor = [1.0, 0.0, 0.0, 1.0]
+    second = convert(scene, RenderFlags.NONE).scene.nodes[0].mesh
+    assert first.material is look
+    assert second.material.base_color[:3] == (1.0, 0.0, 0.0)
+    assert np.shares_memory(second.vertices, first.vertices)
+
+
+@pytest.mark.parametrize(
+    ("value", "expected"),
+    [
+        ([1, 1, 1], [1 / 255, 1 / 255, 1 / 255, 1.0]),
+        (np.array([255, 51, 0, 102], np.uint8), [1.0, 0.2, 0.0, 0.4]),
+        ([1.0, 0.5, 0.25], [1.0, 0.5, 0.25, 1.0]),
+        (0.5, [0.5, 0.5, 0.5, 0.5]),
+        (51, [0.2, 0.2, 0.2, 0.2]),
+        ([0.5], [0.5, 1.0, 1.0, 1.0]),
+    ],
+)
+def test_whole_numbers_of_colours_are_shares_of_255(value, expected):
+    np.testing.assert_allclose(pyrender.Scene(bg_color=value).bg_color, expected)
+
+
+def test_parts_of_a_node_are_those_of_its_matrix():
+    half = math.sqrt(0.5)
+    node = pyrender.Node(translation=[1, 2, 3])
+    node.rotation = [0, 0, 2 * half, 2 * half]
+    node.scale = [2, 3, 4]
+    made = pyrender.Node(rotation=[0, 0, half, half], scale=[2, 3, 4], translation=[1, 2, 3])
+    np.testing.assert_allclose(node.matrix, made.matrix, atol=1e-12)
+    np.testing.assert_allclose(node.rotation, [0, 0, half, half])
+    for mirror in (1.0, -1.0):
+        read = pyrender.Node(matrix=made.matrix @ np.diag([mirror, 1, 1, 1]))
+        np.testing.assert_allclose(read.scale, [2 * mirror, 3, 4])
+        np.testing.assert_allclose(read.rotation, [0, 0, half, half], atol=1e-12)
+        read.scale = 1.0
+        np.testing.assert_allclose(
+            read.matrix, at(1, 2, 3) @ rasterjit.transforms.rotate_z(90.0), atol=1e-12
+        )
+        read.translation = [0, 0, 0]
+        read.rotation = [0, 0, 0, 1]
+        np.testing.assert_allclose(read.matrix, np.eye(4), atol=1e-12)
+    flat = pyrender.Node(matrix=np.diag([1.0, 0.0, 1.0, 1.0]))
+    assert flat.scale.tolist() == [1.0, 0.0, 1.0]
+    with pytest.raises(ValueError, match="rotation must not be 0"):
+        node.rotation = [0, 0, 0, 0]
 
 
 @pytest.mark.parametrize(

@@ -108,9 +108,7 @@ def convert(
                     squares.material = look
                     drawn.add(squares, name=node.name or "points")
                 else:
-                    shape = primitive.drawn(is_lit)
-                    shape.material = look
-                    drawn.add(shape, place, node.name)
+                    drawn.add(primitive.drawn(is_lit, look), place, node.name)
                     wires.append((_is_wire(primitive, flags), look))
                 owners.append(node)
     drawn.wireframe = _wireframe(wires)

@@ -273,10 +273,16 @@ class MetallicRoughnessMaterial(Material):
 
 
 def color_of(name: str, value: ArrayLike, channels: int) -> NDArray[np.float64]:
-    """Return a colour as floats: bytes are shares of 255, what is missing is 1."""
-    array = np.atleast_1d(np.asarray(value))
-    if array.dtype.kind in "iu" and array.max(initial=0) > 1:
+    """
+    Return a colour as floats: one number is that of all channels, channels that are missing are 1.
+
+    Whole numbers are shares of 255, 1 as well; floats are taken as they are.
+    """
+    array = np.asarray(value)
+    if array.dtype.kind in "iu":
         array = array / 255.0
+    if array.ndim == 0:
+        array = np.repeat(array, channels)
     color = np.ones(channels)
     given = array[:channels]
     color[: len(given)] = finite_array(name, given, (len(given),))

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from rasterjit.compat.pyrender.constants import GLTF
 from rasterjit.compat.pyrender.materials import MetallicRoughnessMaterial, as_shown
 from rasterjit.io.trimesh_textures import is_placeholder
+from rasterjit.scene.material import Material
 from rasterjit.scene.mesh import Mesh as SceneMesh
 from rasterjit.validation import finite_array, in_short
 
@@ -109,8 +110,8 @@ class Primitive:
         """The least alpha of any vertex."""
         return 1.0 if self.color_0 is None else float(self.color_0[:, 3].min())
 
-    def drawn(self, is_lit: bool) -> SceneMesh:
-        """Return its triangles as RasterJIT has them; made once, with any material."""
+    def drawn(self, is_lit: bool, look: Material) -> SceneMesh:
+        """Return its triangles as RasterJIT has them; the same as long as the look is the same."""
         if is_lit not in self._drawn:
             indices = self.indices
             if indices is None:
@@ -118,10 +119,17 @@ class Primitive:
                 if count % 3:
                     raise ValueError(f"positions must be three a triangle, got {count}")
                 indices = np.arange(count).reshape(-1, 3)
-            self._drawn[is_lit] = SceneMesh(
+            self._drawn[is_lit] = made = SceneMesh(
                 self.positions, indices, normals=self.normals, uv=self.texcoord_0,
-                colors=self.colors(is_lit),
+                colors=self.colors(is_lit), material=look,
             )  # fmt: skip
+            if is_lit:
+                # Copies have them, too.
+                made.vertex_normals()
+        if self._drawn[is_lit].material != look:
+            # What was drawn before keeps its own.
+            self._drawn[is_lit] = copy.copy(self._drawn[is_lit])
+            self._drawn[is_lit].material = look
         return self._drawn[is_lit]
 
     def colors(self, is_lit: bool) -> NDArray[np.float64] | None:

@@ -47,15 +47,18 @@ class Viewer:
     render_flags, viewer_flags : mapping, optional
         Of pyrender: ``shadows``, ``all_wireframe``, ``all_solid``, ``cull_faces``,
         ``use_raymond_lighting`` and ``use_direct_lighting`` count; others have no effect.
-    registered_keys, run_in_thread
+    registered_keys
         Taken and without effect.
+    run_in_thread : bool
+        Refused but in a notebook, which goes on at once: elsewhere this returns when the window is
+        closed.
     **kwargs
         The same by keyword.
 
     Raises
     ------
     ValueError
-        If the scene is none, or something cannot be drawn.
+        If the scene is none, something cannot be drawn, or it is to run in a thread.
     ImportError
         If nothing is installed that could show it, naming the extra to install.
     """
@@ -72,13 +75,24 @@ class Viewer:
     ) -> None:
         if not isinstance(scene, Scene):
             raise ValueError(f"scene must be a Scene of this module, got {in_short(scene)}")
+        from rasterjit import viewer_show
+
+        is_notebook = viewer_show.choose_backend("auto") == "notebook"
+        if run_in_thread and not is_notebook:
+            raise ValueError(
+                "run_in_thread must be False, got True: the window runs until it is closed; to go "
+                "on meanwhile, show it in a process of its own (multiprocessing) or in a notebook"
+            )
         size = image_size("viewport_size", (640, 480) if viewport_size is None else viewport_size)
         options = {**(render_flags or {}), **(viewer_flags or {}), **kwargs}
         self.scene, self.viewport_size = scene, size
         shown = scene_to_show(scene, size, options)
-        from rasterjit.viewer_show import show
+        shown_in = viewer_show.show(shown, size=size, background=background_codes(scene))
+        if is_notebook and shown_in is not None:
+            from IPython.display import display
 
-        show(shown, size=size, background=background_codes(scene))
+            # Wherever in its cell: the other windows, too, open when they are made.
+            display(shown_in)
 
 
 def scene_to_show(scene: Scene, size: tuple[int, int], options: Mapping[str, Any]) -> DrawnScene:
