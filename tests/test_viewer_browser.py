@@ -16,7 +16,7 @@ import time
 import chromium
 import numpy as np
 import pytest
-from conftest import CUBE_FACES, CUBE_VERTICES
+from cubes import CUBE_FACES, CUBE_VERTICES
 from PIL import Image
 
 import rasterjit as rj

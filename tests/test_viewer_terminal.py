@@ -16,7 +16,7 @@ from contextlib import suppress
 
 import numpy as np
 import pytest
-from conftest import CUBE_FACES, CUBE_VERTICES
+from cubes import CUBE_FACES, CUBE_VERTICES
 
 import rasterjit as rj
 

@@ -11,7 +11,7 @@ import sys
 
 import numpy as np
 import pytest
-from conftest import CUBE_FACES, CUBE_VERTICES
+from cubes import CUBE_FACES, CUBE_VERTICES
 from PIL import Image
 
 import rasterjit as rj
