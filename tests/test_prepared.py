@@ -15,6 +15,9 @@ from rasterjit.plan_contents import Facts
 
 SIZE = (48, 40)
 
+SAME = rj.View()
+"""An earlier view in which everything is as it is: outputs of motion need one."""
+
 
 def everything(frame):
     return {name: array.tobytes() for name, array in frame.arrays().items()}
@@ -118,10 +121,10 @@ CHANGES = (
 @pytest.mark.parametrize("change", CHANGES)
 def test_what_is_changed_between_frames_is_seen(scene, camera, change):
     with rj.Renderer(SIZE, threads=1) as renderer:
-        before = renderer.render(scene, camera, outputs=OUTPUTS)
+        before = renderer.render(scene, camera, outputs=OUTPUTS, previous=SAME)
         change(scene)
-        after = renderer.render(scene, camera, outputs=OUTPUTS)
-    alone = rj.render(scene, camera, size=SIZE, outputs=OUTPUTS, threads=1)
+        after = renderer.render(scene, camera, outputs=OUTPUTS, previous=SAME)
+    alone = rj.render(scene, camera, size=SIZE, outputs=OUTPUTS, previous=SAME, threads=1)
     assert everything(after) == everything(alone)
     assert everything(after) != everything(before)
     assert str(after.plan) == str(alone.plan)
@@ -136,8 +139,8 @@ def test_every_order_of_changes_is_seen(scene, camera):
             outputs = [name for name in OUTPUTS if rng.integers(2)] or ["color"]
             if "uv" in outputs and all(node.mesh.uv is None for node in scene.nodes):
                 outputs = ["color"]
-            frame = renderer.render(scene, camera, outputs=outputs)
-            alone = rj.render(scene, camera, size=SIZE, outputs=outputs, threads=1)
+            frame = renderer.render(scene, camera, outputs=outputs, previous=SAME)
+            alone = rj.render(scene, camera, size=SIZE, outputs=outputs, previous=SAME, threads=1)
             assert everything(frame) == everything(alone)
 
 
@@ -182,16 +185,16 @@ def test_what_has_not_changed_is_made_once(scene, camera, monkeypatch):
     for name, module in modules.items():
         monkeypatch.setattr(module, name, counted(name))
     with rj.Renderer(SIZE, threads=1) as renderer:
-        renderer.render(scene, camera, outputs=OUTPUTS)
+        renderer.render(scene, camera, outputs=OUTPUTS, previous=SAME)
         first = dict(counts)
         for _ in range(3):
-            renderer.render(scene, camera, outputs=OUTPUTS)
+            renderer.render(scene, camera, outputs=OUTPUTS, previous=SAME)
         assert counts == first
         move(scene)
-        renderer.render(scene, camera, outputs=OUTPUTS)
+        renderer.render(scene, camera, outputs=OUTPUTS, previous=SAME)
         assert counts == {**first, "place_objects": first["place_objects"] + 1}
         set_color(scene)
-        renderer.render(scene, camera, outputs=OUTPUTS)
+        renderer.render(scene, camera, outputs=OUTPUTS, previous=SAME)
         assert counts["join_geometry"] == first["join_geometry"]
         assert counts["join_surface"] == first["join_surface"] + 1
 

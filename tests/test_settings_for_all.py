@@ -115,7 +115,13 @@ def with_filter(setting):
 
 def everything(scene, **settings):
     frame = rj.render(
-        scene, CAMERA, size=SIZE, quality=rj.Quality(**settings), outputs=OUTPUTS, threads=1
+        scene,
+        CAMERA,
+        size=SIZE,
+        quality=rj.Quality(**settings),
+        outputs=OUTPUTS,
+        previous=rj.View(),
+        threads=1,
     )
     return {name: array.tobytes() for name, array in frame.arrays().items()}
 
@@ -317,7 +323,7 @@ def test_a_renderer_follows_its_quality(scene):
     with rj.Renderer(SIZE, threads=1) as renderer:
         for settings in (*SETTINGS, *reversed(SETTINGS)):
             renderer.quality = rj.Quality(**settings)
-            frame = renderer.render(scene, CAMERA, outputs=OUTPUTS)
+            frame = renderer.render(scene, CAMERA, outputs=OUTPUTS, previous=rj.View())
             found = {name: array.tobytes() for name, array in frame.arrays().items()}
             assert found == everything(scene, **settings)
 

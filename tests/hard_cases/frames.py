@@ -472,7 +472,8 @@ def ground_truth() -> Shot:
         scene.add(plane(3, 2.0))
     previous = rj.View(scenes[1], looking((0.3, 1.4, 4.2), (0.1, 0.0, 0.0), fov_y=44.0))
     options = {"previous": previous, "cull": "back"}
-    return Shot(scenes[0], looking(), outputs=GROUND_TRUTH, samples=4, options=options)
+    outputs = ("depth", "face_id", *GROUND_TRUTH)
+    return Shot(scenes[0], looking(), outputs=outputs, samples=4, options=options)
 
 
 def layers_peeled() -> Peeled:

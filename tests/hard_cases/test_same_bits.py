@@ -160,6 +160,7 @@ def test_any_tile_size_gives_the_same_bits(bits, tmp_path):
         name: {k: v for k, v in frames.recorded()[name].items() if k in ("depth", "face_id")}
         for name in PARALLEL
     }
+    assert all(wanted.values())
     assert found == wanted
 
 

@@ -375,7 +375,7 @@ FLAT_BOX = np.diag([1.0, 1.0, 0.0, 1.0])
         (lambda: orthographic_camera(near=INF), "near"),
         (lambda: orthographic_camera(far=INF), "far"),
         (lambda: orthographic_camera(far=-1), "far"),
-        (lambda: orthographic_camera().projection_matrix((5, 99999)), "size"),
+        (lambda: orthographic_camera().projection_matrix((5, 199999)), "size"),
         (lambda: MatrixCamera(np.eye(3), LENS), "view_from_world"),
         (lambda: MatrixCamera(LENS, LENS), "view_from_world"),
         (lambda: MatrixCamera(np.diag([1.0, 1.0, 0.0, 1.0]), LENS), "view_from_world"),
