@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import signal
+
 import numpy as np
 import pytest
 from cubes import CUBE_FACES, CUBE_VERTICES
@@ -14,6 +16,8 @@ settings.load_profile("repeatable")
 
 
 def pytest_configure(config):
+    # A shell lets what it runs in the background ignore Ctrl-C, which some tests send to others.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     config.addinivalue_line("markers", "needs_jit: too slow or without sense in plain Python")
     config.addinivalue_line("markers", "compiles_first: fills the cache of kernels for other tests")
 

@@ -1,5 +1,6 @@
 """Whoever does the work, and however often it is interrupted, the bytes are the same."""
 
+import contextlib
 import importlib.util
 import json
 import os
@@ -9,6 +10,7 @@ import sys
 import time
 from pathlib import Path
 
+import psutil
 import pytest
 from made_meshes import BROKEN, GOOD, contents, make_meshes
 
@@ -105,6 +107,37 @@ def test_ctrl_c_ends_cleanly_and_the_next_run_goes_on(meshes, whole, tmp_path):
     assert not list(place.glob(".*"))
     assert dataset.make(meshes, place, RECIPE).present == len(done)
     assert contents(place) == whole
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no groups of processes")
+def test_processes_end_with_the_one_that_is_killed(meshes, tmp_path):
+    script = tmp_path / "slowly.py"
+    script.write_text(SLOWLY)
+    arguments = command(meshes, tmp_path / "set", "--workers", "2")
+    arguments[1:3] = [str(script)]
+    with subprocess.Popen(
+        arguments, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
+    ) as running:
+        deadline = time.monotonic() + 200
+        while not is_begun(tmp_path / "set") and time.monotonic() < deadline:
+            assert running.poll() is None
+            time.sleep(0.01)
+        assert len(alive(running.pid)) > 2
+        running.kill()
+    deadline = time.monotonic() + 20
+    while (left := alive(running.pid)) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert not left
+
+
+def alive(group):
+    """Return the processes of a group that have not ended."""
+    found = []
+    for process in psutil.process_iter():
+        with contextlib.suppress(ProcessLookupError, psutil.NoSuchProcess):
+            if os.getpgid(process.pid) == group and process.status() != psutil.STATUS_ZOMBIE:
+                found.append(process.pid)
+    return found
 
 
 def test_a_worker_that_dies_is_told_and_the_next_run_goes_on(meshes, whole, tmp_path):
