@@ -155,15 +155,16 @@ def _parts_of(matrix: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray
     """Return rotation and scale of a matrix; one that mirrors has a negative factor of x."""
     from trimesh.transformations import quaternion_from_matrix
 
-    x, y, z = matrix[:3, 0], matrix[:3, 1], matrix[:3, 2]
-    scale = np.array([math.hypot(*axis) for axis in (x, y, z)])
+    x, y, z = matrix[:3, :3]
+    scale = np.sqrt((x * x + y * y) + z * z)
     if not scale.all():
         # What is flat may be turned anyhow.
         return np.array([0.0, 0.0, 0.0, 1.0]), scale
     turn = np.eye(4)
     turn[:3, :3] = matrix[:3, :3] / scale
     i, j, k = turn[:3, 0], turn[:3, 1], turn[:3, 2]
-    if float((np.cross(i, j) * k).sum()) < 0.0:
+    x, y, z = (np.cross(i, j) * k).tolist()
+    if (x + y) + z < 0.0:
         scale[0] = -scale[0]
         turn[:3, 0] = -i
     w, *vector = quaternion_from_matrix(turn, isprecise=True).tolist()
