@@ -176,7 +176,9 @@ def insert_triangle(
     n, whole, window, drawn, empty, hiding, counts, layers, sample, used, carried
 ):  # fmt: skip
     """Insert what one triangle covers of a tile into its layers; return how many are in use."""
-    left, right = np.int64(whole[LEFT, n]) - window[0], np.int64(whole[RIGHT, n]) - window[0]
+    # A wide triangle's box begins where its block of columns does, which may be left of the tile.
+    left = max(np.int64(whole[LEFT, n]) - window[0], np.int64(0))
+    right = np.int64(whole[RIGHT, n]) - window[0]
     top, bottom = np.int64(whole[TOP, n]) - window[1], np.int64(whole[BOTTOM, n]) - window[1]
     face, count = np.int32(whole[FACE, n]), right + 1 - left
     layer_depths, layer_faces = layers
