@@ -17,7 +17,7 @@ import statistics
 import threading
 import warnings
 import weakref
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any, TypeAlias
 
@@ -94,32 +94,43 @@ class Times:
         self.ladder = tuple(ladder)
         self.lock = threading.Lock()
         """Held by who calibrates: another thread's frames would be timed with its own."""
+        self.is_calibrated = False
+        """Whether all is known that `calibrate` finds out."""
         self._ratios = ratios
         self._seconds: dict[Quality, float] = {}
         self._load = 1.0
 
-    @property
-    def is_known(self) -> bool:
-        """Whether the time of any quality is known."""
-        return bool(self._seconds)
-
-    def calibrate(self, budget: float, draw: Draw) -> None:
+    def calibrate(self, budget: float, draw: Draw) -> Iterator[Quality]:
         """
         Find out what qualities take, from the fastest on, until one takes too long.
 
         Where the machine is known the fastest tells the others; those are measured that are chosen.
+
+        Yields
+        ------
+        Quality
+            The one that was measured. Who stops here, and comes again, goes on with the next.
         """
         for step, quality in enumerate(self.ladder):
             # The first two may be the other way round: there are scenes that fewer lit vertices, or
             # smaller shadow maps, make no faster.
             if step > 1 and self._least(quality) > TOO_LONG * budget:
                 break
-            self._measure(quality, budget, draw)
+            if quality not in self._seconds:
+                self._measure(quality, budget, draw)
+                yield quality
             is_too_long = step > 0 and self._seconds[quality] > TOO_LONG * budget
-            if self._ratios or is_too_long:
+            if self.is_of_known_machine or is_too_long:
                 break
         while (chosen := self.best(budget)) not in self._seconds:
             self._measure(chosen, budget, draw)
+            yield chosen
+        self.is_calibrated = True
+
+    @property
+    def is_of_known_machine(self) -> bool:
+        """Whether one quality tells what the others take."""
+        return bool(self._ratios)
 
     def _least(self, quality: Quality) -> float:
         """Return what a quality takes at least, seconds: that of all its pictures; else 0."""
@@ -194,8 +205,9 @@ def draw_in_time(budget: float, times: Times, draw: Draw) -> Frame:
         Its ``choice`` tells which one it is.
     """
     with times.lock:
-        if not times.is_known:
-            times.calibrate(budget, draw)
+        if not times.is_calibrated:
+            for _ in times.calibrate(budget, draw):
+                pass
     quality = times.best(budget)
     predicted = times.predict(quality)
     frame = draw(quality)
@@ -297,6 +309,12 @@ def seconds_of(frame: Frame) -> float:
     return sum(time for stage, time in frame.stats.seconds.items() if stage != "compile")
 
 
+def new_times() -> Times:
+    """Return what is known of a scene that was not seen yet: what the machine's profile tells."""
+    profile = load_profile()
+    return Times(LADDER, {}) if profile is None else Times(profile.ladder, profile.times())
+
+
 def times_of(what: Any, circumstances: Any) -> Times:
     """
     Return what is known of the times of a scene, as long as the scene is there.
@@ -317,14 +335,12 @@ def times_of(what: Any, circumstances: Any) -> Times:
     with _LOCK:
         if key in _TIMES:
             return _TIMES[key]
-        profile = load_profile()
-        ladder, ratios = (LADDER, {}) if profile is None else (profile.ladder, profile.times())
-        _TIMES[key] = times = Times(ladder, ratios)
+        _TIMES[key] = times = new_times()
         # Another scene may come to lie at the same address.
         weakref.finalize(what, _TIMES.pop, key, None)
         while len(_TIMES) > MOST_KNOWN:
             del _TIMES[next(iter(_TIMES))]
-    if profile is None:
+    if not times.is_of_known_machine:
         warnings.warn(
             "time_budget: there is no profile of this machine, so frames of this scene are timed "
             "first; `rasterjit accuracy --calibrate` makes one",

@@ -1,10 +1,11 @@
 """
 The viewer, without a window: events and time go in, pictures come out.
 
-`Viewer.draw` returns a picture at once, in draft quality while something moves. When nothing does,
-each `Viewer.step` makes the picture more accurate, and may run in another thread: whatever moves
-meanwhile ends it. Windows, pages, notebooks and terminals are made of these two by
-``viewer_canvas``.
+`Viewer.draw` returns a picture at once: while something moves in the quality that the accuracy dial
+chooses for the time there is, in draft quality until the dial knows what the scene takes. When
+nothing moves, each `Viewer.step` makes the picture more accurate, or tells the dial more, and may
+run in another thread: whatever moves meanwhile ends it. Windows, pages, notebooks and terminals are
+made of these two by ``viewer_canvas``.
 """
 
 from __future__ import annotations
@@ -17,10 +18,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit import viewer_effects
+from rasterjit import dial, viewer_effects
 from rasterjit.arguments import choose_camera
 from rasterjit.controls import Event, Fly, Orbit
-from rasterjit.dial import seconds_of
 from rasterjit.explanation import PixelExplanation
 from rasterjit.frame import Frame
 from rasterjit.io.meshes import as_scene
@@ -50,6 +50,9 @@ CLICK = 3.0
 LONGEST_STEP = 0.1
 """Most time that passes at once for a camera, beside that of drawing a picture, seconds: after a
 pause it does not jump."""
+
+SMOOTH = 0.02
+"""Seconds for a picture while something moves: with what it takes to show it, 30 in a second."""
 
 HELP: tuple[Row, ...] = (
     ("drag", "turn (look around, when flying)"),
@@ -103,9 +106,9 @@ class Viewer:
         Faces that are dropped.
     up : (3,) array_like, world space
         What stays up when the camera turns.
-    time_budget : float, optional
-        Seconds for a picture while something moves: the accuracy dial chooses its quality. Default:
-        ``Quality.draft()``, however long it takes.
+    time_budget : float
+        Seconds for a picture while something moves, for which the accuracy dial chooses a quality.
+        What the scene takes is found out at rest; until then it is ``Quality.draft()``.
     name : str
         What is shown, for the line at the bottom.
     threads : int, optional
@@ -133,7 +136,7 @@ class Viewer:
         background: Any = None,
         cull: str = "none",
         up: Any = (0.0, 1.0, 0.0),
-        time_budget: float | None = None,
+        time_budget: float = SMOOTH,
         name: str = "",
         threads: int | None = None,
     ) -> None:
@@ -142,7 +145,8 @@ class Viewer:
         self.ratio = 1.0
         self.name = name
         self._options = {"background": background, "cull": cull}
-        self._budget = None if time_budget is None else positive_number("time_budget", time_budget)
+        self._budget = positive_number("time_budget", time_budget)
+        self._times = dial.new_times()
         first = choose_camera(self.scene, camera, self.size)
         self._is_fitted = camera is None and self.scene.camera is None
         self._ball = Ball.around(self.scene)
@@ -164,7 +168,7 @@ class Viewer:
         self._frame: Frame | None = None
         self._frame_version = -1
         self._seconds = self._drawing = 0.0
-        self._moving = Renderer(self.size, quality=Quality.draft(), threads=threads)
+        self._moving = Renderer(self.size, threads=threads)
         self._steps: Iterator[bool] = iter(())
         self._steps_version, self._finished = -1, False
         self._count = 0
@@ -211,7 +215,7 @@ class Viewer:
         parts += [NAMES[self.kind], f"{width} x {height}"]
         if self._frame is not None:
             plan = self._frame.plan
-            quality = str(plan.quality).split(" ")[0]
+            quality = " ".join(str(plan.quality).split(" ")[:2])
             if plan.pictures > 1:
                 quality += f" of {plan.pictures} pictures"
             parts.append(f"{quality} in {1e3 * self._seconds:.0f} ms")
@@ -249,7 +253,8 @@ class Viewer:
             return
         self.size, self.ratio = size, ratio
         self._moving.close()
-        self._moving = Renderer(size, quality=Quality.draft(), threads=self._threads)
+        self._moving = Renderer(size, threads=self._threads)
+        self._times = dial.new_times()
         controls = self.controls
         if self._is_fitted and isinstance(controls, Orbit) and controls.goal == controls.home:
             fitted = fit_camera(self._ball, aspect=size[0] / size[1])
@@ -296,25 +301,39 @@ class Viewer:
         """
         Return the picture, (H, W, 4) uint8, sRGB, opaque: the best there is of what is to be seen.
 
-        If there is none it is drawn now, as a draft.
+        If there is none it is drawn now, in the time that there is for it.
         """
         with self._lock:
             frame, is_current = self._frame, self._frame_version == self.version
         if not is_current:
             version = self.version
-            choice = {} if self._budget is None else {"time_budget": self._budget}
-            frame = self._moving.render(
-                self._shown, self.camera, outputs=OUTPUTS_OF[self.kind], **choice, **self._options
-            )
+            frame = self._draw_in_time()
             self._keep(frame, version)
-            self._drawing = seconds_of(frame)
+            self._drawing = dial.seconds_of(frame)
         picture = picture_of(frame, self.kind)
         self._write_on(picture)
         return picture
 
+    def _draw_in_time(self) -> Frame:
+        """Draw what is to be seen, buffers and what the dial does not know yet as a draft."""
+        draw = self._drawer(self._moving, self._shown, self.camera)
+        if self.kind != "color" or not self._times.is_calibrated:
+            return draw(Quality.draft())
+        return dial.draw_in_time(self._budget, self._times, draw)
+
+    def _drawer(self, renderer: Renderer, scene: Scene, camera: Camera) -> dial.Draw:
+        """Return what draws a scene in a quality."""
+        outputs = OUTPUTS_OF[self.kind]
+
+        def draw(quality: Quality) -> Frame:
+            renderer.quality = quality
+            return renderer.render(scene, camera, outputs=outputs, **self._options)
+
+        return draw
+
     def step(self) -> bool:
         """
-        Do the next thing that makes the picture at rest better, and tell whether it did.
+        Do the next thing that makes pictures better, and tell whether it did.
 
         It may run in another thread than all else; not in two at a time.
         """
@@ -332,7 +351,7 @@ class Viewer:
 
     def _improve(self, version: int) -> Iterator[bool]:
         """Do one thing after the other, as long as nothing changes."""
-        scene, camera, kind = self._shown, self.camera, self.kind
+        scene, camera, kind, times = self._shown, self.camera, self.kind, self._times
         with _Interruptible(self, version, self._threads) as renderer:
             if kind != "color":
                 outputs = OUTPUTS_OF[kind]
@@ -366,13 +385,17 @@ class Viewer:
                         if version == self.version:
                             self.costs = costs
                     yield True
+                if number == 1 and not times.is_calibrated:
+                    draw = self._drawer(renderer, scene, camera)
+                    for _ in times.calibrate(self._budget, draw):
+                        yield True
 
     def _keep(self, frame: Frame, version: int) -> None:
         """Show a frame, unless something else is to be seen by now."""
         with self._lock:
             if version == self.version:
                 self._frame, self._frame_version = frame, version
-                self._seconds = seconds_of(frame)
+                self._seconds = dial.seconds_of(frame)
                 self._count += 1
 
     def _change(self) -> None:
@@ -444,7 +467,7 @@ class Viewer:
         self._message = ", ".join(off)
         self._change()
         # What a step finds of the scene before does not come after this.
-        self.costs = None
+        self.costs, self._times = None, dial.new_times()
         return True
 
     def _depth_under(self, event: Event) -> float | None:

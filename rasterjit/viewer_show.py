@@ -9,7 +9,7 @@ from typing import Any
 from rasterjit import viewer_browser, viewer_notebook, viewer_terminal, viewer_window
 from rasterjit.scene.camera import Camera
 from rasterjit.validation import one_of
-from rasterjit.viewer import Viewer
+from rasterjit.viewer import SMOOTH, Viewer
 
 BACKENDS = ("auto", "window", "browser", "notebook", "terminal")
 
@@ -23,7 +23,7 @@ def show(
     background: Any = None,
     cull: str = "none",
     up: Any = (0.0, 1.0, 0.0),
-    time_budget: float | None = None,
+    time_budget: float = SMOOTH,
     title: str = "RasterJIT",
     host: str = viewer_browser.DEFAULT_HOST,
     port: int = viewer_browser.DEFAULT_PORT,
@@ -32,8 +32,9 @@ def show(
     """
     Show a scene to somebody who moves the camera; H tells how.
 
-    The picture is a draft while something moves, and becomes that of ``Quality.reference()`` when
-    nothing does. The scene must stay as it is meanwhile.
+    While something moves the accuracy dial chooses the quality of the picture, a draft until it
+    knows the scene; when nothing does it becomes that of ``Quality.reference()``. The scene must
+    stay as it is meanwhile.
 
     Parameters
     ----------
@@ -46,9 +47,9 @@ def show(
         Width and height at first, pixels; pages and terminals have their own.
     up : (3,) array_like, world space
         What stays up when the camera turns.
-    time_budget : float, optional
+    time_budget : float
         Seconds for a picture while something moves: its quality is the best that is drawn in that
-        time. Default: ``Quality.draft()``, however long it takes.
+        time.
     title : str
         Of the window.
     host, port : str, int
@@ -69,7 +70,8 @@ def show(
     """
     chosen = choose_backend(one_of("backend", backend, BACKENDS))
     if importlib.util.find_spec("rendercanvas") is None:
-        raise ImportError('showing needs a canvas: pip install "rasterjit[viewer]"')
+        extra = "viewer" if chosen == "window" else chosen
+        raise ImportError(f'showing needs a canvas: pip install "rasterjit[{extra}]"')
     viewer = Viewer(
         what, camera, size=size, background=background, cull=cull, up=up, time_budget=time_budget,
         name=title, threads=threads,

@@ -111,6 +111,22 @@ def test_a_scene_is_calibrated_once():
     assert len(paint.drawn) == count + 3
 
 
+def test_calibrating_goes_on_where_it_was_interrupted():
+    paint, times = Painter(MILLISECONDS), Times(LADDER, {})
+
+    def interrupted(quality):
+        if quality == LADDER[2]:
+            raise KeyboardInterrupt
+        return paint(quality)
+
+    with pytest.raises(KeyboardInterrupt):
+        draw_in_time(0.02, times, interrupted)
+    assert set(paint.drawn) == set(LADDER[:2])
+    paint.drawn.clear()
+    assert draw_in_time(0.02, times, paint).choice.quality == LADDER[3]
+    assert set(paint.drawn) == set(LADDER[2:6])
+
+
 def test_with_a_profile_only_the_fastest_and_the_chosen_are_timed():
     paint = Painter(MILLISECONDS)
     ratios = {quality: time / MILLISECONDS[1] for quality, time in paint.seconds.items()}

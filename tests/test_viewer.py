@@ -11,18 +11,20 @@ import rasterjit as rj
 from rasterjit import dial, viewer_effects
 from rasterjit import viewer as viewer_module
 from rasterjit.controls import Fly
+from rasterjit.profile import LADDER
+from rasterjit.render import Renderer
 from rasterjit.viewer import LONGEST_STEP, Viewer, rows_of
 from rasterjit.viewer_pictures import picture_of
 from rasterjit.viewer_text import mark_pixel, write_panel
 
 SIZE = (40, 30)
-DRAFT, STANDARD, REFERENCE = (
-    getattr(rj.Quality, name)() for name in ("draft", "standard", "reference")
-)
+DRAFT, REFERENCE = rj.Quality.draft(), rj.Quality.reference()
 
 
 @pytest.fixture
-def viewer(cube):
+def viewer(cube, monkeypatch):
+    """A viewer whose dial never comes to know anything: what moves is a draft."""
+    monkeypatch.setattr(dial.Times, "calibrate", lambda *_: iter(()))
     viewer = Viewer(cube, size=SIZE)
     yield viewer
     viewer.close()
@@ -37,6 +39,12 @@ def pointer(viewer, kind, x, y):
     viewer.handle({"event_type": f"pointer_{kind}", "x": x, "y": y, "button": 1, "modifiers": ()})
 
 
+def drag(viewer):
+    pointer(viewer, "down", 5, 5)
+    pointer(viewer, "move", 15, 9)
+    viewer.advance(0.02)
+
+
 def settle(viewer):
     while viewer.is_moving:
         viewer.advance(0.05)
@@ -48,9 +56,7 @@ def rendered(viewer, quality):
 
 def test_moving_is_a_draft_and_rest_ends_in_the_reference(viewer):
     np.testing.assert_array_equal(viewer.draw(), rendered(viewer, DRAFT))
-    pointer(viewer, "down", 5, 5)
-    pointer(viewer, "move", 15, 9)
-    viewer.advance(0.02)
+    drag(viewer)
     assert viewer.is_moving
     assert not viewer.step()
     np.testing.assert_array_equal(viewer.draw(), rendered(viewer, DRAFT))
@@ -342,7 +348,7 @@ def test_keys_fly(viewer):
 def test_held_key_moves_as_far_at_any_rate_of_frames(viewer, monkeypatch):
     key(viewer, "c")
     viewer.handle({"event_type": "key_down", "key": "w"})
-    monkeypatch.setattr(viewer_module, "seconds_of", lambda frame: 0.4)
+    monkeypatch.setattr(dial, "seconds_of", lambda frame: 0.4)
     viewer.draw()
     expected = viewer.controls.advance(0.4)
     viewer.advance(0.4)
@@ -435,11 +441,72 @@ def test_wrong_arguments_are_refused(cube):
         rj.show(cube, backend="paper")
 
 
-def test_time_budget_lets_the_dial_choose(cube, monkeypatch):
+MILLISECONDS = dict(zip(LADDER, (2, 4, 7, 11, 25, 40, 50, 300, 1200), strict=True))
+"""What the qualities are said to take."""
+
+
+@pytest.fixture
+def timed(cube, monkeypatch):
+    """A viewer that is said to draw in these times, and the qualities whose times it asked for."""
+    asked = []
+
+    def seconds_of(frame):
+        asked.append(frame.plan.quality)
+        return 1e-3 * MILLISECONDS[frame.plan.quality]
+
     monkeypatch.setattr(dial, "load_profile", lambda: None)
-    viewer = Viewer(cube, size=SIZE, time_budget=1e-9)
-    with pytest.warns(rj.CalibrationWarning):
-        picture = viewer.draw()
-    choices = [rendered(viewer, quality) for quality in (DRAFT, STANDARD)]
-    assert any((picture == choice).all() for choice in choices)
+    monkeypatch.setattr(dial, "seconds_of", seconds_of)
+    viewer = Viewer(cube, size=SIZE)
+    yield viewer, asked
     viewer.close()
+
+
+def test_dial_chooses_the_moving_picture_once_it_knows_the_scene(timed):
+    viewer, asked = timed
+    np.testing.assert_array_equal(viewer.draw(), rendered(viewer, DRAFT))
+    while viewer.step():
+        pass
+    np.testing.assert_array_equal(viewer.draw(), rendered(viewer, REFERENCE))
+    drag(viewer)
+    # 11 ms is the most that 20 leave room for; 40 was too much.
+    np.testing.assert_array_equal(viewer.draw(), rendered(viewer, LADDER[3]))
+    assert LADDER[5] in asked
+    assert LADDER[6] not in asked
+    # A scene with another effect is another scene, buffers show no more in a better quality.
+    key(viewer, "k")
+    np.testing.assert_array_equal(viewer.draw(), rendered(viewer, DRAFT))
+    key(viewer, "k")
+    settle(viewer)
+    while viewer.step():
+        pass
+    key(viewer, "3")
+    viewer.draw()
+    assert viewer._frame.plan.quality == DRAFT
+
+
+def test_what_moves_while_the_dial_learns_loses_nothing(timed, monkeypatch):
+    viewer, asked = timed
+    render = Renderer.render
+
+    def moved(renderer, *arguments, **options):
+        if renderer.quality == LADDER[2]:
+            monkeypatch.setattr(Renderer, "render", render)
+            drag(viewer)
+        return render(renderer, *arguments, **options)
+
+    monkeypatch.setattr(Renderer, "render", moved)
+    while viewer.step():
+        pass
+    assert viewer.is_moving
+    assert asked.count(LADDER[1]) == 1 + dial.FRAMES + 1
+    assert LADDER[2] not in asked
+    np.testing.assert_array_equal(viewer.draw(), rendered(viewer, DRAFT))
+    settle(viewer)
+    asked.clear()
+    while viewer.step():
+        pass
+    # Shown once; measured before.
+    assert asked.count(LADDER[1]) == 1
+    assert asked.count(LADDER[2]) == 1 + dial.FRAMES
+    drag(viewer)
+    np.testing.assert_array_equal(viewer.draw(), rendered(viewer, LADDER[3]))
