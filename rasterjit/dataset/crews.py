@@ -76,18 +76,24 @@ def run_in_processes(task: Task, jobs: Sequence[Job], count: int) -> Iterator[tu
         pool.shutdown(wait=True, cancel_futures=True)
 
 
-def run_on_dask(task: Task, jobs: Iterable[Job], address: str) -> Iterator[tuple[Job, Any]]:
-    """
-    Share jobs among the workers of a Dask cluster, which see the same files under the same paths.
-
-    Yields each job with its result, in the order in which they are done.
-    """
+def need_dask() -> Any:
+    """Return ``dask.distributed``, or raise ``ImportError`` naming what to install."""
     try:
         from dask import distributed
     except ImportError:
         raise ImportError(
             'a scheduler\'s workers need Dask; pip install "rasterjit[distributed]"'
         ) from None
+    return distributed
+
+
+def run_on_dask(task: Task, jobs: Iterable[Job], address: str) -> Iterator[tuple[Job, Any]]:
+    """
+    Share jobs among the workers of a Dask cluster, which see the same files under the same paths.
+
+    Yields each job with its result, in the order in which they are done.
+    """
+    distributed = need_dask()
     try:
         client = distributed.Client(address, timeout=PATIENCE)
     except (OSError, ValueError, asyncio.TimeoutError) as error:

@@ -137,7 +137,7 @@ def make(
     ------
     ValueError
         If an argument is wrong, there is no mesh, ``output`` holds something else, or another run
-        is writing to it. No folder is made then.
+        is writing to it. No folder is made then, nor where an extra is missing.
     ImportError
         If a scheduler is given and the extra ``rasterjit[distributed]`` is not installed.
     LostWorkersError
@@ -198,6 +198,7 @@ def _crew(workers: Any) -> Callable[..., Iterator[tuple[Any, str | None]]]:
             raise ValueError(
                 f"workers must be a number, or an address such as tcp://host:8786, got {workers!r}"
             )
+        crews.need_dask()
         return lambda task, jobs: crews.run_on_dask(task, jobs, workers)
     is_count = hasattr(workers, "__index__") and not isinstance(workers, bool)
     if not is_count or not 1 <= workers <= MOST_WORKERS:

@@ -36,7 +36,7 @@ class Shadow:
     How a light casts shadows: by a map of the depths that it sees.
 
     The map is fitted to what the camera sees and what can cast a shadow there. A point light has up
-    to six, one for each side of a cube. Materials of ``alpha_mode`` "blend" cast no shadow.
+    to six, one for each side of a cube. What is blended casts no shadow.
 
     Parameters
     ----------

@@ -93,7 +93,8 @@ class Material:
         Multiplies ``emissive``.
     alpha_mode : {"opaque", "mask", "blend"}
         Whether alpha does nothing, cuts holes where it is below ``alpha_cutoff``, or lets through
-        what lies behind. What is blended receives shadows and casts none, whatever its alpha.
+        what lies behind. What is blended receives shadows and casts none, unless its alpha is 1
+        all over: then it is opaque.
     alpha_cutoff : float
         In 0..1e6; what has at least this alpha is shown. Alpha is found at each sample of a pixel,
         but once a face and pixel with ``Quality(samples="area")``: there edges of holes stay hard.

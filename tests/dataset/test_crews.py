@@ -246,6 +246,7 @@ def test_without_dask_the_extra_is_named(meshes, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "dask", None)
     with pytest.raises(ImportError, match=r'pip install "rasterjit\[distributed\]"'):
         dataset.make(meshes, tmp_path / "set", RECIPE, workers="tcp://127.0.0.1:9")
+    assert not (tmp_path / "set").exists()
 
 
 @pytest.mark.parametrize(
