@@ -81,7 +81,7 @@ def wait_for_no_renderers():
     """Waits until no worker holds a renderer, and returns how many they hold then."""
 
     def wait(client):
-        deadline = time.monotonic() + PATIENCE / 6.0
+        deadline = time.monotonic() + PATIENCE
         while any(left := client.run(renderers_there).values()) and time.monotonic() < deadline:
             time.sleep(0.1)
         return sum(left)
