@@ -66,19 +66,18 @@ def doomed():
         yield client
 
 
-def renderers_there():
-    """Return how many renderers a process holds; it runs on workers."""
-    import gc
-
-    from rasterjit.render import Renderer
-
-    gc.collect()
-    return sum(isinstance(one, Renderer) for one in gc.get_objects())
-
-
 @pytest.fixture
 def wait_for_no_renderers():
     """Waits until no worker holds a renderer, and returns how many they hold then."""
+
+    # In here Dask sends it as it is, and not as a name that is another module's on the worker.
+    def renderers_there():
+        import gc
+
+        from rasterjit.render import Renderer
+
+        gc.collect()
+        return sum(isinstance(one, Renderer) for one in gc.get_objects())
 
     def wait(client):
         deadline = time.monotonic() + PATIENCE
