@@ -61,7 +61,7 @@ def show_options(command: Any) -> Any:
             click.option("--time-budget", type=FiniteType(0.0, min_open=True), default=0.02,
                          show_default=True, metavar="SECONDS",
                          help="For a picture while something moves: the best quality that is "
-                         "drawn in it."),
+                         "drawn in it, or the fastest; a draft until that is known."),
         ],
         command,
     )  # fmt: skip

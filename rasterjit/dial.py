@@ -93,9 +93,9 @@ class Times:
     def __init__(self, ladder: Sequence[Quality], ratios: dict[Quality, float]) -> None:
         self.ladder = tuple(ladder)
         self.lock = threading.Lock()
-        """Held by who calibrates: another thread's frames would be timed with its own."""
+        """Held by `draw_in_time` while it calibrates: other threads' frames would be timed too."""
         self.is_calibrated = False
-        """Whether all is known that `calibrate` finds out."""
+        """Whether `calibrate` came to its end."""
         self._ratios = ratios
         self._seconds: dict[Quality, float] = {}
         self._load = 1.0
@@ -109,7 +109,8 @@ class Times:
         Yields
         ------
         Quality
-            The one that was measured. Who stops here, and comes again, goes on with the next.
+            The one that was measured. Who stops here, and comes again, goes on with the next; who
+            comes again after the end goes on where frames have become faster.
         """
         for step, quality in enumerate(self.ladder):
             # The first two may be the other way round: there are scenes that fewer lit vertices, or
@@ -119,8 +120,8 @@ class Times:
             if quality not in self._seconds:
                 self._measure(quality, budget, draw)
                 yield quality
-            is_too_long = step > 0 and self._seconds[quality] > TOO_LONG * budget
-            if self.is_of_known_machine or is_too_long:
+            is_too_long = step > 0 and self._seconds[quality] * self._load > TOO_LONG * budget
+            if self._ratios or is_too_long:
                 break
         while (chosen := self.best(budget)) not in self._seconds:
             self._measure(chosen, budget, draw)
@@ -128,25 +129,25 @@ class Times:
         self.is_calibrated = True
 
     @property
-    def is_of_known_machine(self) -> bool:
-        """Whether one quality tells what the others take."""
-        return bool(self._ratios)
+    def is_known(self) -> bool:
+        """Whether the time of any quality is known."""
+        return bool(self._seconds)
 
     def _least(self, quality: Quality) -> float:
         """Return what a quality takes at least, seconds: that of all its pictures; else 0."""
         if quality.samples not in SUPERSAMPLED:
             return 0.0
-        return int(quality.samples) * min(self._seconds.values())
+        return int(quality.samples) * min(self._seconds.values()) * self._load
 
     def _measure(self, quality: Quality, budget: float, draw: Draw) -> None:
         """Find out what a quality takes."""
         # The first frame compiles, and gets memory.
         first = seconds_of(draw(quality))
         if quality.samples in SUPERSAMPLED or first > HOPELESS * budget:
-            self._seconds[quality] = first
+            self._seconds[quality] = first / self._load
             return
         times = [seconds_of(draw(quality)) for _ in range(FRAMES)]
-        self._seconds[quality] = statistics.median(times)
+        self._seconds[quality] = statistics.median(times) / self._load
 
     def predict(self, quality: Quality) -> float | None:
         """Return what a frame will take, seconds; ``None`` if that is not known."""
@@ -208,11 +209,22 @@ def draw_in_time(budget: float, times: Times, draw: Draw) -> Frame:
         if not times.is_calibrated:
             for _ in times.calibrate(budget, draw):
                 pass
+    return draw_as_known(budget, times, draw)
+
+
+def draw_as_known(budget: float, times: Times, draw: Draw) -> Frame:
+    """
+    Draw a frame in the most accurate quality of which it is known that a time allows it.
+
+    Takes and returns what `draw_in_time` does, but measures nothing first: some time must be known.
+    """
     quality = times.best(budget)
     predicted = times.predict(quality)
     frame = draw(quality)
     seconds = seconds_of(frame)
-    times.learn(quality, seconds)
+    # One during which something compiled, here or in another thread, tells little.
+    if frame.stats.seconds["compile"] == 0.0:
+        times.learn(quality, seconds)
     frame.choice = Choice(quality, predicted, seconds)
     return frame
 
@@ -245,7 +257,7 @@ def draw_within_error(bound: float, draw: Draw, small_draws: Sequence[Draw]) -> 
     quality, error = best, 0.0
     # From the most accurate one down: what comes out better than its betters does so by luck. What
     # 64 pictures are off by, 256 small ones would tell: the reference itself takes no longer.
-    for candidate in reversed(_ladder()):
+    for candidate in reversed(known_ladder()):
         if candidate not in (best, nearly):
             found = max(error, _largest_error(lights(candidate), true))
             if MARGIN * found > bound:
@@ -263,7 +275,7 @@ def _largest_error(
     return max(root_mean_square(light - other) for light, other in zip(lights, others, strict=True))
 
 
-def _ladder() -> tuple[Quality, ...]:
+def known_ladder() -> tuple[Quality, ...]:
     """Return the qualities to choose from, from the fastest on."""
     profile = load_profile()
     return LADDER if profile is None else profile.ladder
@@ -309,12 +321,6 @@ def seconds_of(frame: Frame) -> float:
     return sum(time for stage, time in frame.stats.seconds.items() if stage != "compile")
 
 
-def new_times() -> Times:
-    """Return what is known of a scene that was not seen yet: what the machine's profile tells."""
-    profile = load_profile()
-    return Times(LADDER, {}) if profile is None else Times(profile.ladder, profile.times())
-
-
 def times_of(what: Any, circumstances: Any) -> Times:
     """
     Return what is known of the times of a scene, as long as the scene is there.
@@ -335,12 +341,14 @@ def times_of(what: Any, circumstances: Any) -> Times:
     with _LOCK:
         if key in _TIMES:
             return _TIMES[key]
-        _TIMES[key] = times = new_times()
+        profile = load_profile()
+        ladder, ratios = (LADDER, {}) if profile is None else (profile.ladder, profile.times())
+        _TIMES[key] = times = Times(ladder, ratios)
         # Another scene may come to lie at the same address.
         weakref.finalize(what, _TIMES.pop, key, None)
         while len(_TIMES) > MOST_KNOWN:
             del _TIMES[next(iter(_TIMES))]
-    if not times.is_of_known_machine:
+    if profile is None:
         warnings.warn(
             "time_budget: there is no profile of this machine, so frames of this scene are timed "
             "first; `rasterjit accuracy --calibrate` makes one",

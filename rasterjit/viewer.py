@@ -32,7 +32,7 @@ from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
 from rasterjit.validation import image_size, positive_number
 from rasterjit.viewer_pictures import OUTPUTS_OF, picture_of
-from rasterjit.viewer_text import Row, mark_pixel, write_panel
+from rasterjit.viewer_text import Row, mark_pixel, rows_of, write_panel
 from rasterjit.viewpoint import Ball
 
 KINDS = {"1": "color", "2": "depth", "3": "normal", "4": "object_id", "5": "face_id"}
@@ -107,8 +107,9 @@ class Viewer:
     up : (3,) array_like, world space
         What stays up when the camera turns.
     time_budget : float
-        Seconds for a picture while something moves, for which the accuracy dial chooses a quality.
-        What the scene takes is found out at rest; until then it is ``Quality.draft()``.
+        Seconds for a picture while something moves, for which the accuracy dial chooses a quality:
+        the fastest, if none is drawn in it. What the scene takes is found out at rest; until then
+        it is ``Quality.draft()``, as it is for depth, normals and numbers.
     name : str
         What is shown, for the line at the bottom.
     threads : int, optional
@@ -146,7 +147,7 @@ class Viewer:
         self.name = name
         self._options = {"background": background, "cull": cull}
         self._budget = positive_number("time_budget", time_budget)
-        self._times = dial.new_times()
+        self._times = self._new_times()
         first = choose_camera(self.scene, camera, self.size)
         self._is_fitted = camera is None and self.scene.camera is None
         self._ball = Ball.around(self.scene)
@@ -215,7 +216,9 @@ class Viewer:
         parts += [NAMES[self.kind], f"{width} x {height}"]
         if self._frame is not None:
             plan = self._frame.plan
-            quality = " ".join(str(plan.quality).split(" ")[:2])
+            # The first two words say most: standard samples=4.
+            words = str(plan.quality).split(" ")
+            quality = " ".join([*words[:2], "..."] if len(words) > 2 else words)
             if plan.pictures > 1:
                 quality += f" of {plan.pictures} pictures"
             parts.append(f"{quality} in {1e3 * self._seconds:.0f} ms")
@@ -254,7 +257,7 @@ class Viewer:
         self.size, self.ratio = size, ratio
         self._moving.close()
         self._moving = Renderer(size, threads=self._threads)
-        self._times = dial.new_times()
+        self._times = self._new_times()
         controls = self.controls
         if self._is_fitted and isinstance(controls, Orbit) and controls.goal == controls.home:
             fitted = fit_camera(self._ball, aspect=size[0] / size[1])
@@ -316,20 +319,24 @@ class Viewer:
 
     def _draw_in_time(self) -> Frame:
         """Draw what is to be seen, buffers and what the dial does not know yet as a draft."""
-        draw = self._drawer(self._moving, self._shown, self.camera)
-        if self.kind != "color" or not self._times.is_calibrated:
-            return draw(Quality.draft())
-        return dial.draw_in_time(self._budget, self._times, draw)
-
-    def _drawer(self, renderer: Renderer, scene: Scene, camera: Camera) -> dial.Draw:
-        """Return what draws a scene in a quality."""
-        outputs = OUTPUTS_OF[self.kind]
+        scene, camera, outputs = self._shown, self.camera, OUTPUTS_OF[self.kind]
 
         def draw(quality: Quality) -> Frame:
-            renderer.quality = quality
-            return renderer.render(scene, camera, outputs=outputs, **self._options)
+            self._moving.quality = quality
+            return self._moving.render(scene, camera, outputs=outputs, **self._options)
 
-        return draw
+        if self.kind != "color" or not self._times.is_known:
+            return draw(Quality.draft())
+        return dial.draw_as_known(self._budget, self._times, draw)
+
+    def _new_times(self) -> dial.Times:
+        """
+        Return what is known of a scene that was not seen yet: nothing.
+
+        What the machine's profile tells of qualities that were not drawn yet would be chosen while
+        something moves, and compiled then.
+        """
+        return dial.Times(dial.known_ladder(), {})
 
     def step(self) -> bool:
         """
@@ -385,10 +392,25 @@ class Viewer:
                         if version == self.version:
                             self.costs = costs
                     yield True
-                if number == 1 and not times.is_calibrated:
-                    draw = self._drawer(renderer, scene, camera)
+                if number == 2:
+                    draw = self._timed_drawer(renderer, version, scene, camera)
                     for _ in times.calibrate(self._budget, draw):
                         yield True
+
+    def _timed_drawer(
+        self, renderer: Renderer, version: int, scene: Scene, camera: Camera
+    ) -> dial.Draw:
+        """Return what draws a scene in a quality, to be timed."""
+
+        def draw(quality: Quality) -> Frame:
+            renderer.quality = quality
+            frame = renderer.render(scene, camera, outputs=OUTPUTS_OF["color"], **self._options)
+            # It shared the processors with what moves.
+            if self.version != version:
+                raise _OutdatedError
+            return frame
+
+        return draw
 
     def _keep(self, frame: Frame, version: int) -> None:
         """Show a frame, unless something else is to be seen by now."""
@@ -464,10 +486,10 @@ class Viewer:
             scene = viewer_effects.with_wireframe(scene, self._wireframe)
         self._shown = scene
         off = [f"{name} {'off' if name in used else 'on'}" for name in self._switched]
-        self._message = ", ".join(off)
+        self._message, self._times = ", ".join(off), self._new_times()
         self._change()
         # What a step finds of the scene before does not come after this.
-        self.costs, self._times = None, dial.new_times()
+        self.costs = None
         return True
 
     def _depth_under(self, event: Event) -> float | None:
@@ -503,40 +525,3 @@ class Viewer:
         rows = [(name, f"{1e3 * seconds:+.2f} ms") for name, seconds in self.costs.items()]
         whole = ("frame", f"{1e3 * self.costs['frame']:.2f} ms")
         return [("standard quality",), whole, *rows[1:]]
-
-
-def rows_of(explained: PixelExplanation) -> list[Row]:
-    """Return the most important of what is known of a pixel, as rows."""
-    red, green, blue, _ = explained.color.tolist()
-    face = explained.winner
-    rows: list[Row] = [(f"pixel ({explained.x}, {explained.y})",)]
-    if face is None:
-        rows.append(("shows", "the background"))
-        rows += [("", reason) for reason in explained.reasons]
-    else:
-        place = [sum(float(w) * v for w, v in zip(face.weights, face.world[:, k], strict=True))
-                 for k in range(3)]  # fmt: skip
-        rows += [
-            ("object", f"{face.object_number} {face.object_name}"),
-            ("face", f"{face.face} (of the object: {face.mesh_face})"),
-            ("depth", f"{face.depth:.6g}"),
-            ("world position", "  ".join(f"{part:.5g}" for part in place)),
-            ("weights", "  ".join(f"{float(weight):.4f}" for weight in face.weights)),
-            ("faces here", str(len(explained.faces))),
-        ]
-    light = explained.light
-    if light is not None:
-        rows.append((f"base colour ({light.shading})", _numbers(light.base_color)))
-        if light.lights:
-            rows.append(("ambient", _numbers(light.ambient)))
-        for term in light.lights:
-            rows.append((f"{term.name}, diffuse", _numbers(term.diffuse)))
-            if term.specular.any():
-                rows.append((f"{term.name}, specular", _numbers(term.specular)))
-    rows.append(("linear", _numbers(explained.linear[:3])))
-    return [*rows, ("sRGB", f"{red}  {green}  {blue}")]
-
-
-def _numbers(values: Any) -> str:
-    """Return numbers as text."""
-    return "  ".join(f"{float(value):.3f}" for value in values)

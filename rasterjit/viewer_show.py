@@ -32,9 +32,9 @@ def show(
     """
     Show a scene to somebody who moves the camera; H tells how.
 
-    While something moves the accuracy dial chooses the quality of the picture, a draft until it
-    knows the scene; when nothing does it becomes that of ``Quality.reference()``. The scene must
-    stay as it is meanwhile.
+    While something moves the accuracy dial chooses the quality of the picture; it is a draft until
+    the dial knows the scene, and for depth, normals and numbers. When nothing moves it becomes that
+    of ``Quality.reference()``. The scene must stay as it is meanwhile.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ def show(
         What stays up when the camera turns.
     time_budget : float
         Seconds for a picture while something moves: its quality is the best that is drawn in that
-        time.
+        time, or the fastest.
     title : str
         Of the window.
     host, port : str, int

@@ -1,12 +1,15 @@
-"""Write on a picture: panels of text, by Pillow's own font."""
+"""Write on a picture: panels of text, by Pillow's own font, and what is known of a pixel."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from rasterjit.explanation import PixelExplanation
 
 FONT_SIZE = 13
 """Of text at a pixel ratio of 1, pixels."""
@@ -118,3 +121,40 @@ def _panel(rows: tuple[Row, ...], ratio: float) -> tuple[NDArray[np.float32], ND
     colors = np.asarray(image, dtype=np.float32)
     is_text = (colors != np.float32(PANEL)).any(axis=2, keepdims=True)
     return colors, np.where(is_text, 1.0, OPACITY).astype(np.float32)
+
+
+def rows_of(explained: PixelExplanation) -> list[Row]:
+    """Return the most important of what is known of a pixel, as rows."""
+    red, green, blue, _ = explained.color.tolist()
+    face = explained.winner
+    rows: list[Row] = [(f"pixel ({explained.x}, {explained.y})",)]
+    if face is None:
+        rows.append(("shows", "the background"))
+        rows += [("", reason) for reason in explained.reasons]
+    else:
+        place = [sum(float(w) * v for w, v in zip(face.weights, face.world[:, k], strict=True))
+                 for k in range(3)]  # fmt: skip
+        rows += [
+            ("object", f"{face.object_number} {face.object_name}"),
+            ("face", f"{face.face} (of the object: {face.mesh_face})"),
+            ("depth", f"{face.depth:.6g}"),
+            ("world position", "  ".join(f"{part:.5g}" for part in place)),
+            ("weights", "  ".join(f"{float(weight):.4f}" for weight in face.weights)),
+            ("faces here", str(len(explained.faces))),
+        ]
+    light = explained.light
+    if light is not None:
+        rows.append((f"base colour ({light.shading})", _numbers(light.base_color)))
+        if light.lights:
+            rows.append(("ambient", _numbers(light.ambient)))
+        for term in light.lights:
+            rows.append((f"{term.name}, diffuse", _numbers(term.diffuse)))
+            if term.specular.any():
+                rows.append((f"{term.name}, specular", _numbers(term.specular)))
+    rows.append(("linear", _numbers(explained.linear[:3])))
+    return [*rows, ("sRGB", f"{red}  {green}  {blue}")]
+
+
+def _numbers(values: Any) -> str:
+    """Return numbers as text."""
+    return "  ".join(f"{float(value):.3f}" for value in values)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 import types
 import warnings
 
@@ -12,20 +13,27 @@ import rasterjit as rj
 from rasterjit import dial
 from rasterjit import profile as profiles
 from rasterjit.dial import Times, draw_in_time, draw_within_error, light_of, root_mean_square
+from rasterjit.kernels.jit import COMPILE_CLOCK
 from rasterjit.profile import LADDER, Profile, Step
+from rasterjit.render import StageClock
 
 SIZE = (96, 72)
 
 
 class Painter:
-    """Draws frames that take what a table says, times what the machine is busy with."""
+    """
+    Draws frames that take what a table says, times what the machine is busy with.
+
+    The first of a quality compiles.
+    """
 
     def __init__(self, seconds):
         self.seconds, self.load, self.drawn = dict(zip(LADDER, seconds, strict=True)), 1.0, []
 
     def __call__(self, quality):
+        compile_seconds = 0.0 if quality in self.drawn else 9.0
         self.drawn.append(quality)
-        stages = {"compile": 9.0, "shade": 0.75 * self.load * self.seconds[quality]}
+        stages = {"compile": compile_seconds, "shade": 0.75 * self.load * self.seconds[quality]}
         stages["visibility"] = 0.25 * self.load * self.seconds[quality]
         return types.SimpleNamespace(stats=types.SimpleNamespace(seconds=stages), choice=None)
 
@@ -66,8 +74,9 @@ def test_one_frame_that_is_disturbed_is_forgotten():
     ratios = {quality: time / MILLISECONDS[1] for quality, time in paint.seconds.items()}
     times = Times(LADDER, ratios)
     assert draw_in_time(0.005, times, paint).choice.quality == LADDER[1]
+    paint(LADDER[6])
     paint.load = 4.0
-    # The first frame of this quality ever.
+    # The first frame of this quality that is learned from.
     assert draw_in_time(0.06, times, paint).choice.quality == LADDER[6]
     paint.load = 1.0
     frames = [draw_in_time(0.06, times, paint) for _ in range(12)]
@@ -109,6 +118,43 @@ def test_a_scene_is_calibrated_once():
     for _ in range(3):
         draw_in_time(0.02, times, paint)
     assert len(paint.drawn) == count + 3
+
+
+def test_what_another_thread_compiles_makes_no_stage_shorter_than_nothing():
+    with COMPILE_CLOCK.running():
+        time.sleep(0.5)
+        clock = StageClock()
+    clock("plan")
+    assert 0.0 <= clock.seconds["plan"] < 0.5
+    assert 0.0 < clock.seconds["compile"] < 0.5
+
+
+def test_nothing_is_learned_of_frames_while_something_compiles():
+    paint, times = Painter(MILLISECONDS), Times(LADDER, {})
+    draw_in_time(0.02, times, paint)
+    paint.load = 3.0
+    for _ in range(9):
+        paint.drawn.clear()
+        assert draw_in_time(0.02, times, paint).choice.quality == LADDER[3]
+    assert draw_in_time(0.02, times, paint).choice.quality == LADDER[3]
+    assert draw_in_time(0.02, times, paint).choice.quality != LADDER[3]
+
+
+def test_calibrating_again_goes_on_where_frames_became_faster():
+    paint, times = Painter(MILLISECONDS), Times(LADDER, {})
+    paint.load = 10.0
+    assert draw_in_time(0.05, times, paint).choice.quality == LADDER[1]
+    assert set(paint.drawn) == set(LADDER[:4])
+    assert not list(times.calibrate(0.05, paint))
+    paint.load = 1.0
+    for _ in range(20):
+        draw_in_time(0.05, times, paint)
+    again = list(times.calibrate(0.05, paint))
+    # 64 pictures of 2 ms take too long.
+    assert again == list(LADDER[4:7])
+    chosen = draw_in_time(0.05, times, paint).choice
+    assert chosen.quality == LADDER[5]
+    assert chosen.predicted_seconds == pytest.approx(MILLISECONDS[5], rel=0.1)
 
 
 def test_calibrating_goes_on_where_it_was_interrupted():

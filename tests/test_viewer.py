@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import importlib.util
+import inspect
 import threading
 
 import numpy as np
@@ -10,12 +12,13 @@ import pytest
 import rasterjit as rj
 from rasterjit import dial, viewer_effects
 from rasterjit import viewer as viewer_module
+from rasterjit.cli import program
 from rasterjit.controls import Fly
 from rasterjit.profile import LADDER
 from rasterjit.render import Renderer
-from rasterjit.viewer import LONGEST_STEP, Viewer, rows_of
+from rasterjit.viewer import LONGEST_STEP, Viewer
 from rasterjit.viewer_pictures import picture_of
-from rasterjit.viewer_text import mark_pixel, write_panel
+from rasterjit.viewer_text import mark_pixel, rows_of, write_panel
 
 SIZE = (40, 30)
 DRAFT, REFERENCE = rj.Quality.draft(), rj.Quality.reference()
@@ -484,6 +487,58 @@ def test_dial_chooses_the_moving_picture_once_it_knows_the_scene(timed):
     assert viewer._frame.plan.quality == DRAFT
 
 
+def test_what_shared_the_processors_with_what_moves_is_not_learned(timed, monkeypatch):
+    viewer, asked = timed
+    render = Renderer.render
+
+    def disturbed(renderer, *arguments, **options):
+        frame = render(renderer, *arguments, **options)
+        if renderer.quality == LADDER[2]:
+            monkeypatch.setattr(Renderer, "render", render)
+            drag(viewer)
+        return frame
+
+    monkeypatch.setattr(Renderer, "render", disturbed)
+    while viewer.step():
+        pass
+    assert viewer.is_moving
+    assert LADDER[1] in asked
+    assert LADDER[2] not in asked
+
+
+def test_a_picture_of_another_size_is_measured_anew(timed):
+    viewer, _ = timed
+    while viewer.step():
+        pass
+    viewer.resize((60, 40))
+    drag(viewer)
+    np.testing.assert_array_equal(viewer.draw(), rendered(viewer, DRAFT))
+    settle(viewer)
+    while viewer.step():
+        pass
+    drag(viewer)
+    np.testing.assert_array_equal(viewer.draw(), rendered(viewer, LADDER[3]))
+
+
+def test_the_command_has_the_time_of_the_function():
+    shown = inspect.signature(rj.show).parameters["time_budget"].default
+    (option,) = [one for one in program.commands["view"].params if one.name == "time_budget"]
+    assert option.default == shown
+
+
+@pytest.mark.parametrize(
+    ("backend", "extra"),
+    [("window", "viewer"), ("browser", "browser"), ("terminal", "terminal")],
+)
+def test_without_a_canvas_the_extra_is_named(cube, monkeypatch, backend, extra):
+    find = importlib.util.find_spec
+    monkeypatch.setattr(
+        importlib.util, "find_spec", lambda name: None if name == "rendercanvas" else find(name)
+    )
+    with pytest.raises(ImportError, match=rf'pip install "rasterjit\[{extra}\]"'):
+        rj.show(cube, backend=backend)
+
+
 def test_what_moves_while_the_dial_learns_loses_nothing(timed, monkeypatch):
     viewer, asked = timed
     render = Renderer.render
@@ -500,7 +555,8 @@ def test_what_moves_while_the_dial_learns_loses_nothing(timed, monkeypatch):
     assert viewer.is_moving
     assert asked.count(LADDER[1]) == 1 + dial.FRAMES + 1
     assert LADDER[2] not in asked
-    np.testing.assert_array_equal(viewer.draw(), rendered(viewer, DRAFT))
+    # Of what it knows by now that is the best.
+    np.testing.assert_array_equal(viewer.draw(), rendered(viewer, LADDER[1]))
     settle(viewer)
     asked.clear()
     while viewer.step():

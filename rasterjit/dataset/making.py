@@ -137,7 +137,7 @@ def make(
     ------
     ValueError
         If an argument is wrong, there is no mesh, ``output`` holds something else, or another run
-        is writing to it. No folder is made then, nor where an extra is missing.
+        is writing to it. No folder is made then, nor where Dask is missing.
     ImportError
         If a scheduler is given and the extra ``rasterjit[distributed]`` is not installed.
     LostWorkersError

@@ -36,7 +36,8 @@ class Shadow:
     How a light casts shadows: by a map of the depths that it sees.
 
     The map is fitted to what the camera sees and what can cast a shadow there. A point light has up
-    to six, one for each side of a cube. What is blended casts no shadow.
+    to six, one for each side of a cube. What is blended casts no shadow,
+    unless its alpha is 1 all over.
 
     Parameters
     ----------
