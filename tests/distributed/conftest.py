@@ -80,7 +80,7 @@ def wait_for_no_renderers():
         return sum(isinstance(one, Renderer) for one in gc.get_objects())
 
     def wait(client):
-        deadline = time.monotonic() + PATIENCE
+        deadline = time.monotonic() + PATIENCE / 6.0
         while any(left := client.run(renderers_there).values()) and time.monotonic() < deadline:
             time.sleep(0.1)
         return sum(left)
