@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import gc
+import importlib.util
 import re
 from collections.abc import Iterable
-from typing import Any
 
 INSTRUCTION = re.compile(r"^\t(?!\.)[a-z]\w*", re.MULTILINE)
 """A line of assembly that is no directive, label or comment."""
@@ -18,29 +18,38 @@ def count(text: str) -> dict[str, int]:
     return {"instructions": len(INSTRUCTION.findall(text)), "wide": len(WIDE.findall(text))}
 
 
-def dispatchers() -> Iterable[Any]:
-    """Return every function of ``rasterjit`` that Numba compiles and keeps on disk: kernels."""
+def of_store() -> Iterable[tuple[str, str]]:
+    """Yield the name and the assembly of every kernel and stage in use, compiled once more."""
+    from rasterjit.runtime import compiler, jit, store
+
+    for kernel in jit.KERNELS:
+        for form in kernel.forms:
+            yield store.full_name(kernel), compiler.assembly(kernel, form.kind, store.host())
+    for stage in jit.STAGES:
+        if stage.is_in_use:
+            yield store.full_name(stage), compiler.assembly(stage, stage.kind, store.host())
+
+
+def of_numba() -> Iterable[tuple[str, str]]:
+    """Yield the same in versions that let Numba keep kernels: start those with an empty cache."""
     from numba.core.caching import FunctionCache
     from numba.core.dispatcher import Dispatcher
 
     for thing in gc.get_objects():
         is_kernel = isinstance(thing, Dispatcher) and isinstance(thing._cache, FunctionCache)
         if is_kernel and thing.py_func.__module__.startswith("rasterjit."):
-            yield thing
+            for text in thing.inspect_asm().values():
+                yield f"{thing.py_func.__module__}.{thing.py_func.__qualname__}", text
 
 
 def kernels() -> dict[str, dict[str, int]]:
-    """
-    Return the counts of every kernel that was compiled by this process, over all its forms.
-
-    Kernels that were loaded from disk have no assembly; start with an empty cache.
-    """
-    found = {}
-    for dispatcher in dispatchers():
-        texts = list(dispatcher.inspect_asm().values())
-        if texts:
-            name = f"{dispatcher.py_func.__module__}.{dispatcher.py_func.__qualname__}"
-            forms = [count(text) for text in texts]
-            found[name] = {key: sum(form[key] for form in forms) for key in forms[0]}
-            found[name]["forms"] = len(forms)
+    """Return the counts of every kernel that this process has in use, over all its forms."""
+    has_store = importlib.util.find_spec("rasterjit.runtime") is not None
+    texts = of_store() if has_store else of_numba()
+    found: dict[str, dict[str, int]] = {}
+    for name, text in texts:
+        row = found.setdefault(name, {"instructions": 0, "wide": 0, "forms": 0})
+        for key, number in count(text).items():
+            row[key] += number
+        row["forms"] += 1
     return dict(sorted(found.items()))

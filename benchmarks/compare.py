@@ -24,6 +24,7 @@ from benchmarks.pairing import (
     Effort,
     Worker,
     WorkerError,
+    cache_environment,
     package_environment,
 )
 from benchmarks.public_api import CASES
@@ -32,6 +33,9 @@ EFFORT = Effort(15, 10.0)
 """Rounds, and seconds for either version of a scene."""
 COMPILE_ROUNDS = 2
 COMPILE_SECONDS = 300.0
+
+CACHE_VARIABLES = ("RASTERJIT_CACHE_DIR", "NUMBA_CACHE_DIR")
+"""What names the folder of compiled kernels; the second in versions that let Numba keep them."""
 
 COLUMNS = ("what", "A", "B", "B / A", "quartiles", "verdict", "note")
 
@@ -48,7 +52,7 @@ class Tree:
         """Return the environment of a worker, with one of the version's caches."""
         place = self._cache / cache
         place.mkdir(parents=True, exist_ok=True)
-        return package_environment({"NUMBA_CACHE_DIR": str(place)})
+        return package_environment(cache_environment(place))
 
     def worker(self, scene: str, threads: int) -> Worker:
         """Start a worker that draws a scene."""

@@ -28,7 +28,7 @@ from rich.table import Table
 
 import rasterjit as rj
 from rasterjit import accuracy, transforms
-from rasterjit.dial import light_of, root_mean_square
+from rasterjit.rendering.budget import light_of, root_mean_square
 
 TEAPOT = Path(__file__).parents[1] / "models" / "teapot.obj"
 

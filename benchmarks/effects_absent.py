@@ -8,7 +8,8 @@ from pathlib import Path
 
 from benchmarks.checkouts import RevisionError, checkouts
 from benchmarks.compare import Tree, time_scene
-from benchmarks.effects_fresh import compiled_forms, fresh
+from benchmarks.compiling_worker import compiled_forms
+from benchmarks.effects_fresh import fresh
 from benchmarks.judging import Comparison
 from benchmarks.pairing import Effort, WorkerError
 
@@ -77,7 +78,10 @@ def compare_fresh(trees: Sequence[Tree], scene: str) -> list[Comparison]:
     title, cache = PLAIN[scene], f"fresh-{scene}"
     try:
         compiling = [fresh(tree.folder, scene, tree.environment(cache)) for tree in trees]
-        forms = [compiled_forms(Path(tree.environment(cache)["NUMBA_CACHE_DIR"])) for tree in trees]
+        forms = [
+            compiled_forms(Path(tree.environment(cache)["RASTERJIT_CACHE_DIR"])).values()
+            for tree in trees
+        ]
         loading = [fresh(tree.folder, scene, tree.environment(cache)) for tree in trees]
     except WorkerError as error:
         return [Comparison(f"{title}: a fresh process", note=f"failed: {error}")]

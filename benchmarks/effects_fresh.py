@@ -23,8 +23,6 @@ from benchmarks.public_api import drawer
 from benchmarks.scenes import find_scene
 
 FRESH_SECONDS = 300.0
-COMPILED_FORMS = "*.nbc"
-"""Files of Numba's cache: one for each form of a kernel that was compiled."""
 
 
 def draw_twice(folder: str, scene: str) -> dict[str, Any]:
@@ -49,11 +47,6 @@ def fresh(folder: Path, scene: str, environment: dict[str, str]) -> dict[str, An
     if result.returncode != 0:
         raise WorkerError((result.stderr.strip().splitlines() or ["no message"])[-1])
     return json.loads(result.stdout.splitlines()[-1])
-
-
-def compiled_forms(cache: Path) -> list[str]:
-    """Return the names of the kernels in a cache, one for each of their forms."""
-    return sorted(path.name.split("-")[0] for path in cache.rglob(COMPILED_FORMS))
 
 
 if __name__ == "__main__":

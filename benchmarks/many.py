@@ -26,7 +26,7 @@ import numpy as np
 
 import rasterjit as rj
 from benchmarks.report import machine
-from rasterjit.workers import available_processors
+from rasterjit.runtime.threads import available_processors
 
 MILLION = 1_000_000
 CLUSTERS = (1, 2, 8, 32, 128, 512)
@@ -109,7 +109,7 @@ def measure_cluster(
     from distributed import Client, LocalCluster
 
     from rasterjit.distributed.many import draw_frame, share_scene
-    from rasterjit.streams import Options
+    from rasterjit.rendering.stream import Options
 
     cameras = list(around(scene, frames))
     with ExitStack() as stack:

@@ -22,6 +22,9 @@ from benchmarks.contestants import contestant
 
 ROOT = Path(__file__).parent.parent
 
+CACHES = ("NUMBA_CACHE_DIR", "RASTERJIT_CACHE_DIR")
+"""Environment variables that name the folders in which compiled code is kept."""
+
 PREPARE_SECONDS, DRAW_SECONDS = 120.0, 60.0
 """A worker that is not ready, or gives no picture, by then is ended."""
 
@@ -152,10 +155,15 @@ class Worker:
             return
 
 
-def package_environment(changes: dict[str, str]) -> dict[str, str]:
-    """Return this process's environment with this checkout's packages first, and changes."""
-    paths = [str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]
+def package_environment(changes: dict[str, str], checkout: Path = ROOT) -> dict[str, str]:
+    """Return this process's environment with a checkout's packages first, and changes."""
+    paths = [str(checkout), *filter(None, [os.environ.get("PYTHONPATH")])]
     return {**os.environ, "PYTHONPATH": os.pathsep.join(paths), **changes}
+
+
+def cache_environment(folder: Path) -> dict[str, str]:
+    """Return what makes programs keep compiled code in a folder, Numba's and the package's own."""
+    return dict.fromkeys(CACHES, str(folder))
 
 
 class Drawer(Worker):

@@ -15,9 +15,10 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
-from benchmarks.pairing import ROOT, package_environment
+from benchmarks.pairing import ROOT, cache_environment, package_environment
 from benchmarks.scenes import TEAPOT
 
 SIZE = (640, 480)
@@ -30,20 +31,31 @@ def time_command(cache: Path, picture: Path) -> tuple[float, float]:
 
     Returns the seconds by the wall clock, and those of the processor.
     """
-    size = "x".join(map(str, SIZE))
-    arguments = ("render", str(TEAPOT), "-o", str(picture), "--size", size)
+    environment = package_environment(cache_environment(cache))
+    times = time_program(render_arguments(picture), environment, ROOT)
+    if not picture.exists():
+        raise RuntimeError("rasterjit render wrote no picture")
+    return times
+
+
+def render_arguments(picture: Path) -> tuple[str, ...]:
+    """Return the arguments with which the command line draws the teapot."""
+    return "render", str(TEAPOT), "-o", str(picture), "--size", "x".join(map(str, SIZE))
+
+
+def time_program(
+    arguments: Sequence[str], environment: dict[str, str], checkout: Path
+) -> tuple[float, float]:
+    """Time a checkout's command line: seconds by the wall clock, and of the processor."""
     started, processor = time.perf_counter(), children_seconds()
     subprocess.run(
         [sys.executable, "-m", "rasterjit", *arguments],
         check=True,
         capture_output=True,
-        cwd=ROOT,
-        env=package_environment({"NUMBA_CACHE_DIR": str(cache)}),
+        cwd=checkout,
+        env=environment,
     )
-    seconds = time.perf_counter() - started
-    if not picture.exists():
-        raise RuntimeError("rasterjit render wrote no picture")
-    return seconds, children_seconds() - processor
+    return time.perf_counter() - started, children_seconds() - processor
 
 
 def children_seconds() -> float:
@@ -71,7 +83,7 @@ def measure_parts(rounds: int) -> tuple[dict[str, float], list[dict[str, float]]
                 capture_output=True,
                 text=True,
                 cwd=ROOT,
-                env=package_environment({"NUMBA_CACHE_DIR": folder}),
+                env=package_environment(cache_environment(Path(folder))),
             )
             found.append(json.loads(result.stdout))
         return found[0], found[1:]

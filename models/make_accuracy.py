@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 import rasterjit as rj
-from rasterjit.accuracy.plots import save_front
+from rasterjit.accuracy.report.plots import save_front
 
 MODELS = Path(__file__).parent
 README = MODELS.parent / "README.md"

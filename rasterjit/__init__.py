@@ -13,7 +13,8 @@ What is drawn
     `load` reads any mesh file; `Mesh`, `Node` and `Scene` hold what it had, or what you make.
     `Material` and `Texture` are what surfaces look like; `AmbientLight`, `DirectionalLight`,
     `PointLight` and `SpotLight`, each with a `Shadow` or without, and an `Environment` light them.
-    `Fog`, `AmbientOcclusion`, `Outline`, `Wireframe` and `ToneMap` are effects of a whole scene.
+    `Fog`, `AmbientOcclusion`, `Outline`, `Wireframe`,
+    `ToneMap` and `Vignette` are effects of a whole scene.
 From where
     `PerspectiveCamera`, `OrthographicCamera`, `MatrixCamera`; `fit_camera` and `orbit_direction`
     place one. `cameras` converts those of OpenCV, OpenGL, PyTorch3D, Blender and trimesh.
@@ -51,48 +52,37 @@ and linear where they are floats; row 0 of a picture is on top.
 from importlib import import_module
 from typing import Any
 
-from rasterjit import transforms
-from rasterjit.diagnostics import Diagnostics
-from rasterjit.dial import CalibrationWarning
-from rasterjit.explanation import PixelExplanation
-from rasterjit.frame import Choice, Frame, LayeredFrame, OutputNotRequestedError, Stats
-from rasterjit.framebuffer import Framebuffer
+from rasterjit.classics.framebuffer import Framebuffer
+from rasterjit.classics.pipeline import Pipeline
+from rasterjit.distributed.many import render_many
+from rasterjit.inspect.measure import Measurement, measure
+from rasterjit.inspect.pixel import explain_pixel
+from rasterjit.inspect.pixel_report import PixelExplanation
 from rasterjit.io.meshes import load
-from rasterjit.many import render_many
-from rasterjit.measurement import Measurement, measure
-from rasterjit.notebook import preview
-from rasterjit.peeling import render_layers
-from rasterjit.pipeline import Pipeline
-from rasterjit.pixel import explain_pixel
-from rasterjit.plan import RenderPlan
-from rasterjit.rasterize import Visibility, rasterize
-from rasterjit.render import Renderer, explain, render
+from rasterjit.outputs.diagnostics import Diagnostics
+from rasterjit.outputs.frame import Choice, Frame, LayeredFrame, OutputNotRequestedError, Stats
+from rasterjit.rendering.budget import CalibrationWarning
+from rasterjit.rendering.peel import render_layers
+from rasterjit.rendering.plan import RenderPlan
+from rasterjit.rendering.preview import preview
+from rasterjit.rendering.rasterize import Visibility, rasterize
+from rasterjit.rendering.renderer import Renderer, explain, render
+from rasterjit.scene import transforms
 from rasterjit.scene.ambient_occlusion import AmbientOcclusion
-from rasterjit.scene.camera import (
-    MatrixCamera,
-    OrthographicCamera,
-    PerspectiveCamera,
-    fit_camera,
-    orbit_direction,
-)
+from rasterjit.scene.camera import MatrixCamera, OrthographicCamera, PerspectiveCamera
 from rasterjit.scene.environment import Environment
 from rasterjit.scene.fog import Fog
-from rasterjit.scene.light import (
-    AmbientLight,
-    DirectionalLight,
-    PointLight,
-    Shadow,
-    SpotLight,
-)
+from rasterjit.scene.framing import fit_camera, orbit_direction
+from rasterjit.scene.light import AmbientLight, DirectionalLight, PointLight, Shadow, SpotLight
 from rasterjit.scene.material import Material
-from rasterjit.scene.mesh import Mesh
+from rasterjit.scene.mesh import Mesh, set_painter
 from rasterjit.scene.outline import Outline
-from rasterjit.scene.preview import set_painter
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Node, Scene, Wireframe
 from rasterjit.scene.texture import Texture
 from rasterjit.scene.tone_map import ToneMap
 from rasterjit.scene.view import View
+from rasterjit.scene.vignette import Vignette
 
 set_painter(preview)
 del preview, set_painter
@@ -133,6 +123,7 @@ __all__ = [
     "Texture",
     "ToneMap",
     "View",
+    "Vignette",
     "Visibility",
     "Wireframe",
     "accuracy",
@@ -167,7 +158,7 @@ def __dir__() -> list[str]:
 def __getattr__(name: str) -> Any:
     """Load what rendering needs nothing of when it is first named."""
     if name == "show":
-        return import_module("rasterjit.viewer_show").show
+        return import_module("rasterjit.viewer.show").show
     if name in _MODULES:
         return import_module(f"rasterjit.{name}")
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,5 +1,5 @@
 """Run the command line with ``python -m rasterjit``."""
 
-from rasterjit.cli import main
+from rasterjit.cli.commands import main
 
 main()

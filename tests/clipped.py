@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from rasterjit.kernels import clipping
-from rasterjit.kernels.records import Viewport
+from rasterjit.pipeline.geometry import clipping
+from rasterjit.pipeline.records import Viewport
 
 WITHIN = Viewport(64, 64, 1.0, 1.0, 8, 8)
 """A viewport whose guard band is the image: clipping then cuts to the view volume itself."""

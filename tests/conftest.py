@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import signal
+import tempfile
 
 import numpy as np
 import pytest
@@ -10,6 +12,7 @@ from cubes import CUBE_FACES, CUBE_VERTICES
 from hypothesis import settings
 
 import rasterjit as rj
+from rasterjit.runtime import store
 
 settings.register_profile("repeatable", derandomize=True, deadline=None, database=None)
 settings.load_profile("repeatable")
@@ -18,8 +21,22 @@ settings.load_profile("repeatable")
 def pytest_configure(config):
     # A shell lets what it runs in the background ignore Ctrl-C, which some tests send to others.
     signal.signal(signal.SIGINT, signal.default_int_handler)
+    _share_store(config)
     config.addinivalue_line("markers", "needs_jit: too slow or without sense in plain Python")
     config.addinivalue_line("markers", "compiles_first: fills the cache of kernels for other tests")
+
+
+def _share_store(config):
+    """Name the folder of compiled kernels for this run, its workers and what tests start."""
+    if os.environ.get(store.FOLDER_VARIABLE):
+        return
+    place = store.folder()
+    if place is None:
+        folder = tempfile.TemporaryDirectory(prefix="rasterjit-")
+        config.add_cleanup(folder.cleanup)
+        place = folder.name
+        store.folder.cache_clear()
+    os.environ[store.FOLDER_VARIABLE] = str(place)
 
 
 def pytest_collection_modifyitems(items):

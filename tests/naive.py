@@ -13,7 +13,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from rasterjit import oracle
+from rasterjit.inspect import oracle
 
 HALF = Fraction(1, 2)
 

@@ -6,7 +6,7 @@ from fractions import Fraction
 
 import numpy as np
 
-from rasterjit import oracle
+from rasterjit.inspect import oracle
 from rasterjit.scene.color import linear_to_srgb
 
 CLEAR = (0, 0, 0, 0)

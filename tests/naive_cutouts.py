@@ -11,23 +11,25 @@ from fractions import Fraction
 import naive_textures as naive
 import numpy as np
 
-import rasterjit as rj
-from rasterjit import oracle, stages
-
-
-class Watching(rj.Renderer):
-    """A renderer that keeps the visibility buffer of its last frame."""
-
-    def _find_visible(self, *arguments, **options):
-        self.coverage = stages.find_visible(*arguments, **options)
-        return self.coverage
+from rasterjit.inspect import oracle
+from rasterjit.io.meshes import as_scene
+from rasterjit.rendering.renderer import draw_frame
+from rasterjit.rendering.views import plan_views
+from rasterjit.runtime.threads import Workers
+from rasterjit.scene.quality import check_quality
 
 
 def visibility(what, camera, size, threads=1, **options):
     """Return the stored depth (-inf where nothing is) and the face at every pixel."""
-    with Watching(size, threads=threads) as renderer:
-        renderer.render(what, camera, outputs=("depth", "face_id"), **options)
-        depth, face_id = renderer.coverage.depth, renderer.coverage.face_id
+    arguments = {"background": None, "cull": "none", **options}
+    planned = plan_views(
+        size, check_quality(arguments.pop("quality", None)), as_scene(what), camera,
+        ("depth", "face_id"), diagnose=False, previous=None, **arguments,
+    )  # fmt: skip
+    workers = Workers(threads)
+    _, seen = draw_frame(planned, workers)
+    workers.close()
+    depth, face_id = seen.coverage.depth, seen.coverage.face_id
     return np.where(face_id >= 0, depth, -np.inf).astype(np.float32), face_id.copy()
 
 

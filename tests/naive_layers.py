@@ -10,7 +10,7 @@ import naive_visibility
 import numpy as np
 
 import rasterjit as rj
-from rasterjit import oracle
+from rasterjit.inspect import oracle
 
 CENTRE = (Fraction(1, 2), Fraction(1, 2))
 """Where a pixel is sampled, from its upper left corner."""

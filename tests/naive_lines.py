@@ -8,7 +8,7 @@ from fractions import Fraction
 
 import numpy as np
 
-from rasterjit import oracle
+from rasterjit.inspect import oracle
 
 
 def draw_line(image, start, end, start_color, end_color, steps=None):

@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 import rasterjit as rj
-from rasterjit import transforms
+from rasterjit.scene import transforms
 
 
 def world_triangles(scene):

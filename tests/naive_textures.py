@@ -13,8 +13,8 @@ from fractions import Fraction
 import numpy as np
 
 import rasterjit as rj
-from rasterjit import oracle
-from rasterjit.kernels import texture_rows
+from rasterjit.inspect import oracle
+from rasterjit.pipeline.surface import texture_lookup
 
 HALF = Fraction(1, 2)
 
@@ -49,9 +49,9 @@ def texels_around(level, u, v, wraps, offset):
     first, width, height = level
     (u, v, widths, heights), firsts = np.float64([[u], [v], [width], [height]]), np.int64([first])
     places, shares = np.empty((4, 1), np.int64), np.empty((2, 1), np.float32)
-    rules = tuple(texture_rows.axis_rule(wrap) for wrap in wraps)
+    rules = tuple(texture_lookup.axis_rule(wrap) for wrap in wraps)
     with np.errstate(invalid="ignore"):
-        texture_rows.find_texels(u, v, widths, heights, firsts, rules, offset, *places, *shares)
+        texture_lookup.find_texels(u, v, widths, heights, firsts, rules, offset, *places, *shares)
     left, right, low, high = places[:, 0].tolist()
     return (low + left, low + right, high + left, high + right), shares[:, 0].tolist()
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rasterjit import oracle
+from rasterjit.inspect import oracle
 
 BLOCK = 64
 """Depth along a row of a wide triangle starts anew every so many columns."""

@@ -1,24 +1,14 @@
-"""
-What kernels are called with, and which, as one effect after the other is switched off.
-
-Run as a program in plain Python (``NUMBA_DISABLE_JIT=1``), it draws a scene of all effects, then
-the scene without each, and prints as JSON, by the name in ``WITHOUT``: the form of all that
-``shade_rows`` and ``draw_tiles`` are given, and the kernels called. The form is what decides which
-code is compiled: of every field None, or its type and dimensions. No pixel is shaded.
-"""
+"""A scene of all effects, and the scene without each; no pixel is drawn."""
 
 from __future__ import annotations
 
 import dataclasses
-import importlib
-import json
-import pkgutil
 
 import numpy as np
 
 import rasterjit as rj
-from rasterjit import kernels
-from rasterjit.kernels import shading, visibility
+from rasterjit.rendering.plan import list_kernels
+from rasterjit.rendering.sketch import list_stages
 from rasterjit.scene.material import TEXTURE_FIELDS
 
 SIZE = (8, 6)
@@ -26,22 +16,6 @@ SQUARE = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], float)
 FACES = [[0, 1, 2], [0, 2, 3]]
 UV = SQUARE[:, :2] / 2.0 + 0.5
 CAMERA = rj.PerspectiveCamera(eye=(0.5, 1.5, 6.0), target=(0, 0, 0), near=0.5, far=30.0)
-
-RECORDED = {
-    shading.shade_rows: (
-        "face_id", "first_row", "geometry", "placement", "surface", "lighting", "background",
-        "encoding", "linear", "color", "scratch",
-    ),
-    visibility.draw_tiles: (
-        "tiles", "starts", "binned", "floors", "faces", "screen", "viewport", "frame", "",
-        "cutouts",
-    ),
-}  # fmt: skip
-"""
-The names of the arguments of the kernels that effects are compiled into.
-
-One is not noted: drawing has more scratch memory where there are holes.
-"""
 
 
 def picture(side, **options):
@@ -93,6 +67,7 @@ def full_scene():
     scene.tone_map = rj.ToneMap("aces")
     scene.ambient_occlusion = rj.AmbientOcclusion(radius=1.0)
     scene.outline = rj.Outline()
+    scene.vignette = rj.Vignette()
     scene.wireframe = rj.Wireframe("black")
     return scene
 
@@ -204,84 +179,27 @@ WITHOUT = {
     "fog": without_field("fog"),
     "tone mapping": without_field("tone_map"),
     "ambient occlusion": without_field("ambient_occlusion"),
+    "vignette": without_field("vignette"),
     "outline": without_field("outline"),
     "wireframe": without_field("wireframe"),
     "transparency": opaque("blend"),
 }
 
 
-def form(value, path, found):
-    """Note the form of a value and of all that is in it."""
-    if isinstance(value, tuple):
-        found[path] = type(value).__name__
-        names = getattr(value, "_fields", range(len(value)))
-        for name, part in zip(names, value, strict=True):
-            form(part, f"{path}.{name}", found)
-    elif isinstance(value, np.ndarray):
-        found[path] = f"{value.dtype} {value.ndim}"
-    else:
-        found[path] = None if value is None else type(value).__name__
+def told(scene, samples):
+    """Return the names of the kernels and of the stages that a frame of a scene calls for."""
+    plan = rj.explain(
+        scene, CAMERA, rj.Quality(samples=samples), size=SIZE, outputs=("color", "linear")
+    )
+    return {one.name for one in (*list_kernels(plan), *list_stages(plan))}
 
 
-class Recorder:
-    """Stands in for the kernels and notes how they are called."""
-
-    def __init__(self):
-        self.names, self.forms = set(), {}
-        for found in pkgutil.iter_modules(kernels.__path__):
-            module = importlib.import_module(f"rasterjit.kernels.{found.name}")
-            for name, thing in list(vars(module).items()):
-                if any(thing is kernel for kernel in kernels.jit.KERNELS):
-                    setattr(module, name, self.watched(thing, f"{found.name}.{name}"))
-
-    def watched(self, kernel, name):
-        def call(*arguments):
-            self.names.add(name)
-            if kernel in RECORDED:
-                found = {}
-                for argument, value in zip(RECORDED[kernel], arguments, strict=True):
-                    if argument:
-                        form(value, argument, found)
-                self.forms.setdefault(name.partition(".")[2], []).append(found)
-            return None if name.partition(".")[0] in UNSEEN else kernel(*arguments)
-
-        return call
-
-    def frame(self, scene, samples):
-        """Return what the kernels of one frame were given."""
-        self.names, self.forms = set(), {}
-        rj.render(
-            scene, CAMERA, quality=rj.Quality(samples=samples), size=SIZE, threads=1,
-            outputs=("color", "linear"),
-        )  # fmt: skip
-        kinds = {}
-        for name, calls in self.forms.items():
-            # The maps of shadows are drawn with other viewports; the picture comes first.
-            assert name != "shade_rows" or all(call == calls[0] for call in calls)
-            kinds |= {f"{name}.{path}": kind for path, kind in calls[0].items()}
-        return {"forms": kinds, "kernels": sorted(self.names)}
-
-
-UNSEEN = {
-    "shading", "ambient_occlusion", "outlines", "wireframe", "backgrounds", "resolve",
-    "prefiltering",
-}  # fmt: skip
-"""Kernels that are noted and not run: nobody looks at the pixels that they write."""
-
-
-def main():
-    recorder = Recorder()
-    # What is not written divides by zero here and there.
-    with np.errstate(all="ignore"):
-        found = {"": recorder.frame(full_scene(), 4)}
-        found["anti-aliasing"] = recorder.frame(full_scene(), 1)
-        for name, switch in WITHOUT.items():
-            scene = full_scene()
-            switch(scene)
-            # Opaque faces at several samples have a kernel of their own.
-            found[name] = recorder.frame(scene, 1 if name == "transparency" else 4)
-    print(json.dumps(found))
-
-
-if __name__ == "__main__":
-    main()
+def told_with_and_without():
+    """Return what the scene of all effects calls for, and what without each, by its name."""
+    found = {"": told(full_scene(), 4), "anti-aliasing": told(full_scene(), 1)}
+    for name, switch in WITHOUT.items():
+        scene = full_scene()
+        switch(scene)
+        # Opaque faces at several samples have a kernel of their own.
+        found[name] = told(scene, 1 if name == "transparency" else 4)
+    return found

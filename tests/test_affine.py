@@ -9,10 +9,14 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit import oracle, stages, transforms
-from rasterjit.kernels import interpolation, texture_places
-from rasterjit.kernels.texture_rows import SCRATCH_ROWS, STEPS, U
-from rasterjit.plan import viewport_of
+from rasterjit.inspect import oracle
+from rasterjit.pipeline.geometry import barycentric
+from rasterjit.pipeline.surface import texture_gradients
+from rasterjit.pipeline.surface.texture_lookup import SCRATCH_ROWS, STEPS, U
+from rasterjit.pipeline.visibility import draw
+from rasterjit.pipeline.visibility.draw import viewport_of
+from rasterjit.runtime import threads
+from rasterjit.scene import transforms
 
 AFFINE = rj.Quality(interpolation="affine")
 SIZE = (64, 64)
@@ -198,21 +202,20 @@ def test_steps_are_the_differences_of_neighbouring_coordinates():
     rng = np.random.default_rng(3)
     points = np.array([[3.0, 5.0], [60.0, 11.0], [22.0, 58.0]])
     positions = naive.clip_from_screen(points, SIZE, 0.0, [1.0, 4.0, 16.0])
-    viewport, workers = viewport_of(SIZE, 8), stages.Workers(1)
-    screen, _ = stages.project(positions, (0.0, -1.0, 0.0), viewport, workers)
-    geometry = stages.geometry_of(
-        np.array([[0, 1, 2]], np.int32), screen, positions, viewport, True
-    )
-    assert geometry.w is None
+    viewport, workers = viewport_of(SIZE, 8), threads.Workers(1)
+    screen, _ = draw.project(positions, (0.0, -1.0, 0.0), viewport, workers)
+    geometry = draw.geometry_of(np.array([[0, 1, 2]], np.int32), screen, positions, viewport, True)
+    assert len(geometry.w) == 0
     uv = rng.uniform(-1, 1, (3, 2)).astype(np.float32)
     places = np.zeros((SCRATCH_ROWS, 4))
     corners = np.uintp(0), np.uintp(1), np.uintp(2)
     found = np.empty((3, 2))
     for n, (column, row) in enumerate(((25, 20), (26, 20), (25, 21))):
-        weights = interpolation.sample_weights(*corners, column, row, geometry)
+        weights = barycentric.sample_weights(*corners, column, row, geometry)
         found[n] = np.array(weights) @ uv.astype(float)
     places[U : U + 2, 0] = found[0]
-    texture_places.note_exact_steps(places, 0, *corners, 25, 20, uv, geometry)
+    on_screen = geometry._replace(w=None)
+    texture_gradients.note_exact_steps(places, 0, *corners, 25, 20, uv, on_screen)
     want = np.concatenate([found[1] - found[0], found[2] - found[0]])
     assert places[STEPS : STEPS + 4, 0] == pytest.approx(want, abs=1e-12)
 

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from opengl import Drawn, draw_faces, draw_lines
 
 import rasterjit as rj
-from rasterjit.edge_lines import unique_edges
+from rasterjit.survey.cache import unique_edges
 
 MODELS = Path(__file__).parent.parent / "models"
 SIZES = [(512, 512), (640, 480)]

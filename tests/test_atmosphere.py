@@ -10,8 +10,8 @@ import pytest
 import skies
 
 import rasterjit as rj
-from rasterjit import plan as planning
-from rasterjit import transforms as tf
+from rasterjit.effects import fog as fogging
+from rasterjit.scene import transforms as tf
 
 SIZE = (40, 30)
 SKY = np.random.default_rng(1).uniform(0.0, 2.0, (8, 16, 3)).astype(np.float32)
@@ -320,14 +320,14 @@ def test_fog_that_covers_nothing_is_left_out(cube, camera, fog, reason):
     frame = draw(scene_of(cube, fog=fog), camera)
     effect = used(frame)["fog"]
     assert (effect.used, effect.reason) == (False, reason)
-    assert frame.plan.lighting.fog is None
+    assert not frame.plan.has("fog")
     assert same(frame, draw(scene_of(cube), camera))
 
 
 @pytest.mark.parametrize("fog", [fog for fog, _ in FOG_OUT[1:]])
 def test_fog_that_covers_nothing_changes_no_bit(cube, monkeypatch, fog):
     without = draw(row_of(cube), WIDE)
-    monkeypatch.setattr(planning, "is_fog_in_reach", lambda *_: True)
+    monkeypatch.setattr(fogging, "is_fog_in_reach", lambda *_: True)
     frame = draw(row_of(cube, fog=fog), WIDE)
     assert used(frame)["fog"].used
     assert same(frame, without)
@@ -378,18 +378,18 @@ def test_a_tone_map_that_changes_nothing_is_left_out(sphere, camera, monkeypatch
     without = draw(scene_of(sphere), camera)
     scene = scene_of(sphere, tone_map=rj.ToneMap("none"))
     frame = draw(scene, camera)
-    assert frame.plan.encoding.tone is None
+    assert not frame.plan.has("tone mapping")
     assert used(frame)["tone mapping"].reason == "curve none, exposure 0"
     monkeypatch.setattr(rj.ToneMap, "is_neutral", False)
     mapped = draw(scene, camera)
-    assert mapped.plan.encoding.tone is not None
+    assert mapped.plan.has("tone mapping")
     assert same(mapped, without)
     assert same(frame, without)
 
 
 def test_linear_output_alone_needs_no_tone_map(sphere, camera):
     frame = draw(scene_of(sphere, tone_map=rj.ToneMap("aces")), camera, ("linear",))
-    assert frame.plan.encoding.tone is None
+    assert not frame.plan.has("tone mapping")
     assert used(frame)["tone mapping"].reason == "no output shows colour in 8 bits"
 
 

@@ -2,14 +2,16 @@
 Those who draw in the benchmarks: that they draw the same picture, and say what they cannot.
 
 RasterJIT's own rivals draw small scenes here; peers draw in a process of their own, as they do when
-they are timed. On continuous integration, which installs them, one that is missing is a failure;
-elsewhere, and where it is too large to install, its tests are skipped with its own reason.
+they are timed. On continuous integration a rival that is missing is a failure, and so is a peer
+where ``PEERS`` is set, for then the extra ``bench`` is installed. Else, and where it is too large
+to install, its tests are skipped with its own reason.
 """
 
 from __future__ import annotations
 
 import functools
 import importlib
+import os
 import subprocess
 import sys
 from dataclasses import replace
@@ -121,7 +123,8 @@ def require(key):
     """Skip the test of a contestant that cannot draw here; where CI installs it, fail."""
     reason = contestant(key).available()
     if reason is not None:
-        (pytest.skip if key in LARGE else skip_or_fail)(f"{contestant(key).NAME}: {reason}")
+        is_installed = key in HERE or (key not in LARGE and os.environ.get("PEERS"))
+        (skip_or_fail if is_installed else pytest.skip)(f"{contestant(key).NAME}: {reason}")
 
 
 @pytest.mark.parametrize(("key", "name"), pairs(HERE, SMALL, SMALL.get))

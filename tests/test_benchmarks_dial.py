@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner
 
 import rasterjit as rj
-from rasterjit import dial, profile
+from rasterjit.rendering import budget
 
 sys.path.append(str(Path(__file__).parents[1]))
 program = importlib.import_module("benchmarks.dial")
@@ -19,7 +19,7 @@ program = importlib.import_module("benchmarks.dial")
 
 @pytest.fixture(autouse=True)
 def one_small_scene(tmp_path, monkeypatch):
-    monkeypatch.setattr(profile, "cache_folder", lambda: tmp_path)
+    monkeypatch.setattr(budget, "cache_folder", lambda: tmp_path)
     made = rj.accuracy.make("wireframe")
     orbit = program.Orbit("ground", made.scene, made.camera)
     monkeypatch.setattr(program, "orbits", lambda: iter([orbit]))
@@ -39,7 +39,7 @@ def test_it_tells_times_and_errors_of_every_frame():
 
 
 def test_an_error_beyond_its_bound_is_a_fault(monkeypatch):
-    monkeypatch.setattr(dial, "MARGIN", 0.0)
+    monkeypatch.setattr(budget, "MARGIN", 0.0)
     done = run("--budget", "30")
     assert done.exit_code == 1
     assert "NO" in done.output

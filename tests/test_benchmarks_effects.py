@@ -20,7 +20,6 @@ sys.path.append(str(Path(__file__).parents[1]))
 absent = importlib.import_module("benchmarks.effects_absent")
 contestants = importlib.import_module("benchmarks.contestants")
 effects = importlib.import_module("benchmarks.effects")
-fresh = importlib.import_module("benchmarks.effects_fresh")
 fx = importlib.import_module("benchmarks.effects_scenes")
 pairing = importlib.import_module("benchmarks.pairing")
 pictures = importlib.import_module("benchmarks.pictures")
@@ -192,15 +191,6 @@ def test_without_history_the_table_of_plain_scenes_says_so(monkeypatch):
     assert "no git history" in effects.show_absent((1,), True)
 
 
-def test_every_compiled_form_is_counted(tmp_path):
-    for name in ("shade_rows-1.py311.1.nbc", "shade_rows-1.py311.2.nbc", "bin-7.py311.1.nbc"):
-        folder = tmp_path / name[:3]
-        folder.mkdir(exist_ok=True)
-        (folder / name).touch()
-        (folder / name).with_suffix(".nbi").touch()
-    assert fresh.compiled_forms(tmp_path) == ["bin", "shade_rows", "shade_rows"]
-
-
 def test_a_kernel_more_is_worse(monkeypatch, tmp_path):
     class Tree:
         folder = tmp_path
@@ -209,12 +199,12 @@ def test_a_kernel_more_is_worse(monkeypatch, tmp_path):
             self.number = number
 
         def environment(self, cache):
-            return {"NUMBA_CACHE_DIR": str(tmp_path / f"{cache}{self.number}")}
+            return {"RASTERJIT_CACHE_DIR": str(tmp_path / f"{cache}{self.number}")}
 
     def draw(folder, scene, environment):
-        cache = Path(environment["NUMBA_CACHE_DIR"])
+        cache = Path(environment["RASTERJIT_CACHE_DIR"])
         cache.mkdir(exist_ok=True)
-        names = ["a-1.nbc"] if cache.name.endswith("0") else ["a-1.nbc", "fog-1.nbc"]
+        names = ["a_1.kernel"] if cache.name.endswith("0") else ["a_1.kernel", "fog_1.kernel"]
         for name in names:
             (cache / name).touch()
         return {"seconds": 2.0, "peak": 3 << 20}

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit import cameras
+from rasterjit.io import cameras
 
 SIZE = (64, 48)
 W, H = SIZE

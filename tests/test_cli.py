@@ -12,22 +12,26 @@ from opengl import optional_module
 from PIL import Image, ImageSequence
 
 import rasterjit as rj
-from rasterjit import cli, cli_report, measurement, plan, warmup
-from rasterjit.cli_options import DEFAULT_DIRECTION, OUTPUTS_HELP, View
-from rasterjit.kernels import jit
+from rasterjit.cli import commands, report, warmup
+from rasterjit.cli.options import DEFAULT_DIRECTION, OUTPUTS_HELP, View
+from rasterjit.inspect import measure
+from rasterjit.outputs import table
+from rasterjit.runtime import jit, store
 
 MODELS = Path(__file__).parents[1] / "models"
 CUBE = str(MODELS / "cube.ply")
 KNOT = str(MODELS / "torus_knot.obj")
-OUTPUTS = tuple(name for name in plan.OUTPUTS if name not in plan.MOTION_OUTPUTS)
+OUTPUTS = tuple(name for name in table.OUTPUTS if name not in table.MOTION_OUTPUTS)
 SIZE = (48, 36)
 SMALL = ("--size", "48x36", "--quiet")
+
+needs_store = pytest.mark.skipif(jit.DISABLED or jit.CHECKED, reason="nothing is kept")
 
 TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
 
 
 def run(*arguments):
-    return CliRunner().invoke(cli.program, [str(argument) for argument in arguments])
+    return CliRunner().invoke(commands.program, [str(argument) for argument in arguments])
 
 
 def render(tmp_path, *options, file=CUBE):
@@ -259,7 +263,7 @@ def test_help_names_every_output():
     assert sorted(names) == sorted(OUTPUTS)
 
 
-@pytest.mark.parametrize("name", plan.MOTION_OUTPUTS)
+@pytest.mark.parametrize("name", table.MOTION_OUTPUTS)
 def test_motion_needs_an_earlier_view_which_the_command_line_does_not_have(tmp_path, name):
     for arguments in (("render", CUBE, "-o", tmp_path / "a.npz"), ("explain", CUBE)):
         result = run(*arguments, "--outputs", f"depth,{name}")
@@ -515,7 +519,7 @@ def test_explain_prints_the_plan():
     result = run("explain", CUBE, "--outputs", "depth", "--wireframe", "only")
     assert result.exit_code == 0
     assert "no output shows colour" in result.stdout
-    assert "visibility.draw_tiles" in result.stdout
+    assert "nearest.draw_tiles" in result.stdout
     assert "output depth" in result.stdout
 
 
@@ -583,18 +587,46 @@ class Clock:
 @pytest.mark.parametrize("is_kept", [True, False])
 def test_compiling_that_goes_on_is_told_once(monkeypatch, capsys, is_kept):
     monkeypatch.setattr(jit, "COMPILER_CLOCK", Clock(7.0, 7.0, 8.0, 8.9, 9.1, 30.0))
-    monkeypatch.setattr(jit, "cache_folder", lambda: Path("/cache") if is_kept else None)
-    monkeypatch.setattr(cli_report, "LOOKS", 0.0)
-    cli_report._watch_compiler(threading.Event())
+    monkeypatch.setattr(store, "folder", lambda: Path("/cache") if is_kept else None)
+    monkeypatch.setattr(report, "LOOKS", 0.0)
+    report._watch_compiler(threading.Event())
     said = capsys.readouterr()
     assert said.out == ""
-    assert said.err.count("\n") == said.err.count("compiling kernels for this combination") == 1
-    assert ("are kept on disk" in said.err) == is_kept
+    assert said.err.count("\n") == said.err.count("compiling kernels") == 1
+    assert ("(kept on disk)" in said.err) == is_kept
+
+
+class Line:
+    """A line on a terminal."""
+
+    def __init__(self, done, rounds):
+        self.status, self.said = "Rendering", []
+        self._done, self._rounds = done, rounds
+
+    def update(self, text):
+        self.said.append(text)
+        if len(self.said) == self._rounds:
+            self._done.set()
+
+
+def test_on_a_terminal_one_line_says_how_far_the_compiler_is(monkeypatch, capsys):
+    monkeypatch.setattr(jit, "COMPILER_CLOCK", Clock(7.0, 9.1))
+    monkeypatch.setattr(store, "USED", store.Used(["a.b"], ["c.d"]))
+    monkeypatch.setattr(store, "WANTED", {"a.b", "c.d", "e.f"})
+    monkeypatch.setattr(report, "LOOKS", 0.0)
+    done = threading.Event()
+    line = Line(done, rounds=2)
+    report._watch_compiler(done, line)
+    assert line.said[:2] == 2 * [line.said[0]]
+    assert line.said[0].startswith("Rendering: compiling kernels, once")
+    assert line.said[0].endswith(": 1 of 2")
+    assert line.said[2:] == ["Rendering"]
+    assert capsys.readouterr() == ("", "")
 
 
 def test_compiling_that_is_soon_done_is_not_told(monkeypatch, capsys):
     monkeypatch.setattr(jit, "COMPILER_CLOCK", Clock(7.0, 8.9))
-    with cli_report.compile_notice(quiet=False):
+    with report.compile_notice(quiet=False):
         pass
     assert capsys.readouterr() == ("", "")
     assert not [thread for thread in threading.enumerate() if "_watch" in thread.name]
@@ -616,18 +648,18 @@ def test_every_command_that_renders_tells_of_compiling_unless_quiet(
     monkeypatch, tmp_path, command, is_told
 ):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(cli_report, "PATIENCE", -1.0)
-    monkeypatch.setattr(measurement, "variations", lambda *arguments: [])
+    monkeypatch.setattr(report, "PATIENCE", -1.0)
+    monkeypatch.setattr(measure, "variations", lambda *arguments: [])
     result = run(*command)
     assert result.exit_code == 0, result.output
-    assert result.stderr.count("compiling kernels for this combination") == is_told
+    assert result.stderr.count("compiling kernels") == is_told
     assert "compiling" not in result.stdout
 
 
 def test_version_and_help_and_unknown_commands():
     assert run("--version").stdout == f"rasterjit {rj.__version__}\n"
     assert run().stdout == run("--help").stdout
-    for command in cli.program.commands:
+    for command in commands.program.commands:
         told = run(command, "--help")
         assert told.exit_code == 0
         assert "None]" not in told.output
@@ -643,89 +675,27 @@ def test_python_m_rasterjit_is_the_command_line():
     assert done.stdout == f"rasterjit {rj.__version__}\n"
 
 
-def test_warmup_runs_every_step_and_names_the_folder(monkeypatch):
-    done = []
-    few = [warmup.Step(name, lambda name=name: done.append(name)) for name in "ab"]
-    monkeypatch.setattr(warmup, "steps", lambda: few)
+@needs_store
+def test_warmup_shows_progress_and_names_the_folder(monkeypatch):
+    told = []
+    monkeypatch.setattr(warmup, "compile_all", lambda tell: told.append(tell("stages", 1, 2)))
     result = run("warmup")
     assert result.exit_code == 0, result.output
-    assert done == ["a", "b"]
-    assert "cache folder " in result.stdout
+    assert told == [None]
+    assert f"entries in {store.folder()}" in result.stdout
     assert run("warmup", "--quiet").output == ""
 
 
-NEXT_PROCESS = """
-import sys
-from rasterjit.cli import program
-from rasterjit.kernels.jit import KERNELS
-program.main(sys.argv[1:], standalone_mode=False)
-print([kernel.__name__ for kernel in KERNELS if kernel.stats.cache_misses])
-print(sum(len(kernel.stats.cache_hits) for kernel in KERNELS) > 5)
-"""
+@pytest.mark.parametrize("variable", ["DISABLED", "CHECKED"])
+def test_warmup_has_nothing_to_do_where_nothing_is_kept(monkeypatch, variable):
+    monkeypatch.setattr(jit, variable, True)
+    assert_one_line(run("warmup"), 1)
 
 
-def test_after_a_warmup_another_process_compiles_nothing(tmp_path, monkeypatch):
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
-    steps = ("all buffers", "clipping", "phong, shiny, plain", "diagnostics")
-    code = (
-        f"from rasterjit.warmup import steps\n[s.run() for s in steps() if s.name in {steps}]\n"
-        "from rasterjit.kernels.occlusion import find_floors\nassert find_floors.signatures"
-    )
-    subprocess.run([sys.executable, "-c", code], check=True, cwd=MODELS.parent)
-    inside = ("--position", "0,0,0", "--target", "0,0,1", "--outputs", ",".join(OUTPUTS))
-    for arguments in (
-        ("render", KNOT, "-o", str(tmp_path / "a.npz"), *SMALL, *inside),
-        ("render", KNOT, "-o", str(tmp_path / "a.png"), *SMALL, "--diagnose"),
-        ("explain", KNOT, "--size", "48x36", "--pixel", "24,10"),
-    ):
-        done = subprocess.run(
-            [sys.executable, "-c", NEXT_PROCESS, *arguments],
-            capture_output=True, text=True, check=True, cwd=MODELS.parent,
-        )  # fmt: skip
-        assert done.stdout.endswith("[]\nTrue\n")
-
-
-def test_a_format_without_alpha_refuses_a_transparent_background(tmp_path):
-    out = tmp_path / "a.jpg"
-    result = run("render", CUBE, "-o", out, "--background", "transparent", "--size", "8x8")
-    assert result.exit_code == 2
-    assert "--background" in result.stderr
-    assert not out.exists()
-
-
-def test_a_view_straight_down_needs_no_up(tmp_path):
-    out = tmp_path / "a.png"
-    result = run("render", CUBE, "-o", out, "--position", "0,9,0", "--target", "0,0,0",
-                 "--size", "16x12", "--quiet")  # fmt: skip
-    assert result.exit_code == 0, result.stderr
-    assert (iio.imread(out)[..., :3] != 255).any()
-
-
-def test_a_wireframe_color_alone_draws_the_overlay(tmp_path):
-    pictures = []
-    for options in (("--wireframe-color", "red"), ("--wireframe", "overlay", "--wireframe-color",
-                    "red"), ()):  # fmt: skip
-        out = tmp_path / "a.png"
-        assert run("render", CUBE, "-o", out, "--size", "24x16", *options).exit_code == 0
-        pictures.append(iio.imread(out).tobytes())
-    assert pictures[0] == pictures[1] != pictures[2]
-
-
-@pytest.mark.parametrize(
-    ("name", "needs_graph"), [("teapot.obj", False), ("cube.ply", False), ("scene.glb", False)]
-)
-def test_a_command_of_its_own_imports_what_the_file_needs(tmp_path, name, needs_graph):
-    pytest.importorskip("networkx")
-    script = (
-        "import sys; from rasterjit.cli import main\n"
-        "try: main()\n"
-        "finally: print('networkx' in sys.modules)"
-    )
-    file = Path(rj.__file__).parent.parent / "models" / name
-    arguments = ["render", str(file), "-o", str(tmp_path / "a.png"), "--size", "16x12"]
-    done = subprocess.run(
-        [sys.executable, "-c", script, *arguments], capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.splitlines()[-1] == str(needs_graph)
-    assert (tmp_path / "a.png").exists()
+def test_warmup_without_a_folder_says_how_to_name_one(monkeypatch):
+    monkeypatch.setattr(jit, "DISABLED", False)
+    monkeypatch.setattr(jit, "CHECKED", False)
+    monkeypatch.setattr(store, "folder", lambda: None)
+    result = run("warmup")
+    assert_one_line(result, 1)
+    assert "RASTERJIT_CACHE_DIR" in result.stderr

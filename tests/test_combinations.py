@@ -7,7 +7,8 @@ import pytest
 from combined import ROWS, SIZE, SWITCHES, all_pairs, pairs_of, scene_of, settings_of
 
 import rasterjit as rj
-from rasterjit import stages
+from rasterjit.pipeline.visibility import draw
+from rasterjit.runtime import threads as sharing
 
 pytestmark = pytest.mark.needs_jit
 
@@ -52,8 +53,8 @@ def test_every_two_settings_meet():
 @rows
 def test_two_threads_draw_the_same_bits(row, monkeypatch):
     # Small frames are one task otherwise.
-    monkeypatch.setattr(stages, "PIXELS_PER_TASK", 256)
-    monkeypatch.setattr(stages, "TILES_PER_TASK", 1)
+    monkeypatch.setattr(sharing, "PIXELS_PER_TASK", 256)
+    monkeypatch.setattr(draw, "TILES_PER_TASK", 1)
     one, two = drawn(row), drawn(row, threads=2)
     for name, array in one.items():
         assert array.tobytes() == two[name].tobytes(), name

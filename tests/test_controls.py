@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import rasterjit as rj
-from rasterjit.controls import Fly, Orbit
-from rasterjit.viewpoint import Ball
+from rasterjit.scene.framing import Ball
+from rasterjit.viewer.controls import Fly, Orbit
 
 SIZE = (64, 48)
 ALL = settings(max_examples=60)

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit import stages
-from rasterjit.plan import viewport_of
+from rasterjit.pipeline.visibility import draw
+from rasterjit.pipeline.visibility.draw import viewport_of
+from rasterjit.runtime import threads
 
 SIZE = (64, 64)
 LOOKING_DOWN_Z = {"eye": (0, 0, 0), "target": (0, 0, -1)}
@@ -64,8 +65,8 @@ def test_point_lands_on_its_pixel():
     matrix = view().projection_matrix(SIZE)
     clip = matrix @ [1, 2, -4, 1]
     np.testing.assert_allclose(clip[:2] / clip[3], [0.25, 0.5], rtol=1e-15)
-    screen, _ = stages.project(
-        clip[np.newaxis], (0.0, -1.0, 0.0), viewport_of(SIZE, 8), stages.Workers(1)
+    screen, _ = draw.project(
+        clip[np.newaxis], (0.0, -1.0, 0.0), viewport_of(SIZE, 8), threads.Workers(1)
     )
     assert screen.xy[0].tolist() == [40 * 256, 16 * 256]
 

@@ -5,8 +5,7 @@ IEEE 754 fixes addition, multiplication, division and the square root. It does n
 logarithms and powers, which a math library rounds as it likes and NumPy computes with whatever
 instructions it finds; nor in which order a library sums; nor whether a compiler fuses a product
 and a sum. So the compiled kernels must call nothing and fuse nothing, and the Python around them
-may use nothing of the kind. Whoever asks for the math library, by ``Quality(math="library")``, gets
-it, for powers and exponentials alone.
+may use nothing of the kind.
 """
 
 from __future__ import annotations
@@ -22,12 +21,12 @@ from pathlib import Path
 import numba
 import numpy as np
 import pytest
+from kernel_files import kernel_modules
 
 import rasterjit as rj
-from rasterjit.kernels import jit
+from rasterjit.runtime import store
 
 PACKAGE = Path(rj.__file__).parent
-HARD_CASES = Path(__file__).parent / "hard_cases"
 compiled_only = pytest.mark.skipif(
     bool(numba.config.DISABLE_JIT), reason="NUMBA_DISABLE_JIT is set: there is no machine code"
 )
@@ -70,45 +69,31 @@ def cpu_dependent(assembly):
     )
 
 
-COMPILE = """
+DISASSEMBLE = """
 import json
-import frames
-import rasterjit
-from rasterjit.kernels import jit
+from importlib import import_module
 
-for kernel in jit.KERNELS:
-    kernel._cache.load_overload = lambda *signature: None
+from rasterjit.runtime import compiler, jit, store
+
 for name in {names!r}:
-    frames.FRAMES[name]().draw()
-triangle = rasterjit.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
-rasterjit.explain_pixel(triangle, None, (16, 16), 8, 8)
-assert not any(kernel.stats.cache_hits for kernel in jit.KERNELS)
-code = [(k.__name__, str(s), k.inspect_asm(s)) for k in jit.KERNELS for s in k.signatures]
-drawing = [k.__name__ for k in jit.KERNELS if not k.py_func.__module__.endswith(".diagnosis")]
-print(json.dumps([drawing, code]))
+    import_module(name)
+forms = [(kernel, kind) for kernel in jit.KERNELS for kind in kernel.declared]
+forms += [(stage, stage.kind) for stage in jit.STAGES]
+names = [one.__name__ for one in (*jit.KERNELS, *jit.STAGES)]
+code = [
+    (one.__name__, str(kind), compiler.assembly(one, kind, store.host())) for one, kind in forms
+]
+print(json.dumps([names, code]))
 """
-"""
-Kernels that come from the disk cache show no assembly: compile them once more, and leave them there
-for the other tests. Those of ``diagnosis`` count and explain, and make no pixel.
-"""
-
-FRAMES_OF_ALL_KERNELS = (
-    "gltf_scene", "flat_face_colours", "gouraud_vertex_colours", "wireframe_overlay",
-    "occluded_and_outlined", "soup", "lines_and_curves", "many_lines", "filled_triangles",
-    "materials_under_a_sky", "shadows_of_all_lights", "layers_of_glass",
-    "layers_in_four_samples",
-    "edges_in_eight_samples", "ground_truth", "layers_peeled", "many_pictures", "areas",
-    "codes_of_glass", "codes_in_four_samples",
-    "codes_of_many_pictures", "lines_by_coverage", "coarse_geometry",
-)  # fmt: skip
+"""An entry of the store has no assembly: compile all forms of all kernels once more."""
 
 
 @pytest.fixture(scope="module")
 def compiled():
-    """The names of the kernels that draw, and (name, signature, assembly) of all compiled."""
+    """The names of the kernels, and (name, signature, assembly) of all their forms."""
     done = subprocess.run(
-        [sys.executable, "-W", "error", "-c", COMPILE.format(names=FRAMES_OF_ALL_KERNELS)],
-        cwd=HARD_CASES, capture_output=True, text=True, check=True,
+        [sys.executable, "-W", "error", "-c", DISASSEMBLE.format(names=kernel_modules())],
+        capture_output=True, text=True, check=True,
     )  # fmt: skip
     names, code = json.loads(done.stdout)
     return names, code
@@ -118,38 +103,10 @@ def compiled():
 @compiled_only
 def test_no_kernel_fuses_or_calls_a_math_library(compiled):
     names, code = compiled
-    assert {name for name, _, _ in code} >= set(names), "a kernel that no frame uses"
+    assert {name for name, _, _ in code} >= set(names), "a kernel that declares no form"
     for name, signature, assembly in code:
         assert name in assembly
         assert cpu_dependent(assembly) == [], (name, signature)
-
-
-COMPILE_WITH_LIBRARY = """
-import json
-import rasterjit as rj
-from rasterjit.kernels import jit
-
-for kernel in jit.KERNELS:
-    kernel._cache.load_overload = lambda *signature: None
-scene = rj.Scene()
-scene.add(rj.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]))
-scene.fog, scene.tone_map = rj.Fog("red", "exp", density=0.1), rj.ToneMap(exposure=0.5)
-rj.render(scene, size=(16, 16), quality=rj.Quality(math="library"), threads=1)
-print(json.dumps([(k.__name__, k.inspect_asm(s)) for k in jit.KERNELS for s in k.signatures]))
-"""
-
-
-@compiled_only
-def test_the_library_is_called_where_it_is_asked_for_and_for_powers_alone():
-    done = subprocess.run(
-        [sys.executable, "-W", "error", "-c", COMPILE_WITH_LIBRARY],
-        capture_output=True, text=True, check=True,
-    )  # fmt: skip
-    code = json.loads(done.stdout)
-    called = {name: cpu_dependent(assembly) for name, assembly in code}
-    assert [name for name, found in called.items() if found] == ["shade_rows"]
-    names = {re.sub(r"^(numba_|npy_)|@PLT$", "", name) for name in called["shade_rows"]}
-    assert names == {"pow", "exp2"}
 
 
 @pytest.mark.compiles_first
@@ -162,7 +119,7 @@ def test_kernels_are_compiled_for_the_cpu_that_was_asked_for(compiled):
     if numba.config.CPU_NAME == "generic":
         assert used["ymm"] == used["zmm"] == 0
         return
-    if "avx512f" not in jit.cpu_features()[1]:
+    if "avx512f" not in store.cpu_features()[1]:
         pytest.skip("this CPU has no AVX-512")
     assert used["zmm"] > 0
 
@@ -179,7 +136,7 @@ def test_look_at_machine_code_finds_math_functions():
 
 
 @compiled_only
-@pytest.mark.skipif("fma" not in jit.cpu_features()[1], reason="this CPU fuses nothing")
+@pytest.mark.skipif("fma" not in store.cpu_features()[1], reason="this CPU fuses nothing")
 @pytest.mark.skipif(numba.config.CPU_NAME == "generic", reason="compiled for a CPU without FMA")
 def test_look_at_machine_code_finds_fused_operations():
     @numba.njit(fastmath={"contract"})
@@ -206,66 +163,68 @@ FORBIDDEN = {
 FORBIDDEN_OPERATORS = {ast.MatMult: "@", ast.Pow: "**"}
 
 ALLOWED = {
-    ("kernels/lighting.py", "log2"): "our own polynomial, of IEEE operations alone",
-    ("kernels/lighting.py", "exp2"): "our own polynomial, of IEEE operations alone",
-    ("kernels/lighting.py", "power"): "our own, of the two above",
-    ("kernels/texturing.py", "log2"): "that of kernels/lighting.py",
-    ("kernels/environments.py", "log2"): "that of kernels/lighting.py",
-    ("kernels/library_math.py", "exp2"): "for who asks for the math library",
-    ("kernels/library_math.py", "power"): "for who asks for the math library",
-    ("kernels/resolve.py", "**"): "whole numbers of Python, without bound",
-    ("stages.py", "sum"): "whole numbers: counts of triangles",
-    ("framebuffer.py", "sum"): "whole numbers: pixels of lines",
+    ("runtime/float_math.py", "log2"): "our own polynomial, of IEEE operations alone",
+    ("runtime/float_math.py", "exp2"): "our own polynomial, of IEEE operations alone",
+    ("pipeline/lighting/blinn_phong.py", "power"): "that of runtime/float_math.py",
+    ("effects/fog/stage.py", "exp2"): "that of runtime/float_math.py",
+    ("effects/tone_map/stage.py", "exp2"): "that of runtime/float_math.py",
+    ("runtime/state.py", "sum"): "whole numbers: words of a block",
+    ("runtime/state.py", "prod"): "whole numbers: words of a block",
+    ("runtime/driver.py", "sum"): "whole numbers: words of a block",
+    ("runtime/store.py", "sum"): "whole numbers: counts of files",
+    ("pipeline/surface/textures.py", "log2"): "that of runtime/float_math.py",
+    ("effects/environment/stage.py", "log2"): "that of runtime/float_math.py",
+    ("pipeline/encode.py", "**"): "whole numbers of Python, without bound",
+    ("pipeline/visibility/draw.py", "sum"): "whole numbers: counts of triangles",
+    ("classics/framebuffer.py", "sum"): "whole numbers: pixels of lines",
     ("distributed/layers.py", "sum"): "whole numbers: counts of faces",
     ("distributed/many.py", "sum"): "whole numbers: threads of a cluster",
     ("distributed/large.py", "sum"): "whole numbers: threads of a cluster",
-    ("memory.py", "prod"): "whole numbers of Python",
-    ("measurement.py", "sum"): "whole numbers: counts for a text",
-    ("masks.py", "sum"): "whole numbers: counts of pixels",
-    ("plan_contents.py", "sum"): "whole numbers: counts of objects",
+    ("runtime/threads.py", "prod"): "whole numbers of Python",
+    ("outputs/masks.py", "sum"): "whole numbers: counts of pixels",
+    ("survey/contents.py", "sum"): "whole numbers: counts of objects",
     ("scene/mesh.py", "sum"): "whole numbers: counts for a message",
+    ("scene/validation.py", "sum"): "whole numbers: counts for a message",
     ("scene/color.py", "sum"): "whole numbers: counts for a message",
-    ("validation.py", "sum"): "whole numbers: counts for a message",
+    ("scene/color.py", "**"): "whole numbers and fractions",
+    ("scene/framing.py", "dot"): "our own, three terms of Python",
+    ("animation/tracks.py", "sum"): "between two keys all is SciPy's affair",
+    ("animation/tracks.py", "@"): "between two keys all is SciPy's affair",
+    ("animation/tracks.py", "log"): "between two keys all is SciPy's affair",
+    ("animation/tracks.py", "exp"): "between two keys all is SciPy's affair",
     ("scene/scene.py", "sum"): "whole numbers: counts for a repr",
-    ("plan_lights.py", "sum"): "whole numbers: counts of texels",
-    ("plan_arrays.py", "sum"): "whole numbers: counts of rows",
-    ("plan_textures.py", "sum"): "whole numbers: counts of textures",
+    ("effects/shadows/__init__.py", "sum"): "whole numbers: counts of texels, and for a text",
+    ("survey/arrays.py", "sum"): "whole numbers: counts of rows",
     ("scene/texture.py", "sum"): "whole numbers: counts of texels",
-    ("plan_views.py", "sum"): "three terms: NumPy splits sums from eight terms on",
-    ("dataset/views.py", "random"): "Python's own numbers, the same for a text everywhere",
-    ("io/trimesh_materials.py", "sum"): "three terms in a row, and counts",
-    ("io/trimesh_materials.py", "mean"): "three terms: NumPy splits sums from eight terms on",
+    ("survey/placement.py", "sum"): "three terms: NumPy splits sums from eight terms on",
+    ("dataset/recipe.py", "random"): "Python's own numbers, the same for a text everywhere",
+    ("io/trimesh/materials.py", "sum"): "three terms in a row, and counts",
+    ("io/trimesh/materials.py", "mean"): "three terms: NumPy splits sums from eight terms on",
 }
 """Uses in (file, name), with why their bits are the same everywhere."""
 
 OFF_THE_PATH = {
-    "doctor.py": "checks an installation, draws nothing for anybody",
-    "viewpoint.py": "places the cameras of controls.py",
-    "viewer.py": "what a person clicks, and text",
-    "viewer_text.py": "text",
-    "mpl.py": "works in the matrices of matplotlib, which come from BLAS",
-    "controls.py": "follows a hand: where a person leaves the camera is in no file",
-    "warmup.py": "compiles kernels, keeps no picture",
-    "oracle.py": "whole numbers and fractions",
-    "explanation.py": "text",
-    "diagnostics.py": "pictures of a frame's cost, not of its scene",
-    "pixel.py": "text about one pixel",
-    "pixel_light.py": "text about one pixel",
-    "pixel_mix.py": "text about one pixel",
-    "scene/srgb.py": "whole numbers and fractions",
-    "kernels/jit.py": "compiles",
-    "cli_report.py": "text",
+    "cli/doctor.py": "checks an installation, draws nothing for anybody",
+    "viewer/viewer.py": "what a person clicks, and text",
+    "viewer/overlay.py": "text",
+    "compat/matplotlib.py": "works in the matrices of matplotlib, which come from BLAS",
+    "viewer/controls.py": "follows a hand: where a person leaves the camera is in no file",
+    "cli/warmup.py": "compiles kernels, keeps no picture",
+    "inspect/oracle.py": "whole numbers and fractions",
+    "inspect/pixel_report.py": "text",
+    "outputs/diagnostics.py": "pictures of a frame's cost, not of its scene",
+    "inspect/pixel.py": "text about one pixel",
+    "inspect/pixel_color.py": "text about one pixel",
+    "runtime/jit.py": "compiles",
+    "cli/report.py": "text",
     "__main__.py": "nothing but a call",
-    "dial.py": "compares pictures and times",
-    "animation/tracks.py": "where something is between two keys is SciPy's affair",
-    "accuracy/compiling.py": "draws what nobody looks at",
-    "accuracy/crops.py": "a page about pictures",
+    "rendering/budget.py": "compares pictures and times",
+    "accuracy/report/crops.py": "a page about pictures",
     "accuracy/errors.py": "compares pictures, makes none",
-    "accuracy/files.py": "text",
-    "accuracy/labels.py": "a page about pictures",
-    "accuracy/page.py": "a page about pictures",
-    "accuracy/plots.py": "a page about pictures",
-    "accuracy/scales.py": "a page about pictures",
+    "accuracy/report/files.py": "text",
+    "accuracy/report/plots.py": "a page about pictures",
+    "accuracy/report/page.py": "a page about pictures",
+    "accuracy/report/scales.py": "a page about pictures",
     "accuracy/ranking.py": "compares times and errors",
     "accuracy/timing.py": "times",
 }

@@ -9,13 +9,16 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit import stages, transforms
-from rasterjit.kernels import visibility
-from rasterjit.kernels.records import Faces, Objects
-from rasterjit.plan import viewport_of
-from rasterjit.plan_depth import depth_format
-from rasterjit.plan_resources import list_buffers, list_kernels
+from rasterjit.pipeline.geometry import projection
+from rasterjit.pipeline.records import Faces, Objects
+from rasterjit.pipeline.visibility import draw as stages
+from rasterjit.pipeline.visibility import nearest as visibility
+from rasterjit.pipeline.visibility.draw import viewport_of
+from rasterjit.rendering.plan import list_buffers, list_kernels
+from rasterjit.runtime import threads
+from rasterjit.scene import transforms
 from rasterjit.scene.quality import LEVELS
+from rasterjit.survey.depth_format import depth_format
 
 FORMATS = LEVELS["depth_format"]
 OTHERS = [name for name in FORMATS if name != "float32-reversed"]
@@ -312,7 +315,7 @@ def large_triangles(rng, count):
 def test_leaving_out_what_a_floor_hides_changes_no_bit(name):
     rng, size, passed = np.random.default_rng(8), (192, 192), 0
     form = depth_format(name, rj.OrthographicCamera((0, 0, 0), (0, 0, -1)), size)
-    viewport, workers = viewport_of(size, 8), stages.Workers(1)
+    viewport, workers = viewport_of(size, 8), threads.Workers(1)
     for _ in range(6):
         points, z = large_triangles(rng, 25)
         positions = np.ones((len(points), 4))
@@ -429,25 +432,25 @@ def test_the_plan_names_a_format_that_is_not_standard(name):
     buffers = {buffer.name: buffer.kind for buffer in list_buffers(plan)}
     assert buffers["stored depth"] == kinds.get(name, "float32")
     assert ("reversed depth" in buffers) == (name != "float32-reversed")
-    drawing = next(one for one in list_kernels(plan) if one.name == "visibility.draw_tiles")
+    drawing = next(one for one in list_kernels(plan) if one.name.startswith("nearest.draw_tiles"))
     assert ("depth" in drawing.variant) == (name in kinds)
 
 
 def test_standard_settings_give_the_kernels_what_they_always_were_given(monkeypatch):
     """Float32 depths, float64 vertices, w: no other form of any kernel is compiled."""
     kinds = []
-    kernels = stages.visibility.draw_tiles, stages.projection.transform_vertices
+    kernels = visibility.draw_tiles_tested, projection.transform_vertices
 
     def draw(tiles, starts, binned, floors, faces, screen, viewport, frame, scratch, cutouts):
-        kinds.append((floors.dtype, frame[0].dtype, scratch[0].dtype, cutouts.geometry.w is None))
+        kinds.append((floors.dtype, frame[0].dtype, scratch[0].dtype, len(cutouts.geometry.w) == 0))
         kernels[0](tiles, starts, binned, floors, faces, screen, viewport, frame, scratch, cutouts)
 
     def transform(vertices, positions, *others):
         kinds.append((positions.dtype, others[0][1].dtype, others[1].dtype, others[-1][0].dtype))
         return kernels[1](vertices, positions, *others)
 
-    monkeypatch.setattr(stages.visibility, "draw_tiles", draw)
-    monkeypatch.setattr(stages.projection, "transform_vertices", transform)
+    monkeypatch.setattr(visibility, "draw_tiles_tested", draw)
+    monkeypatch.setattr(projection, "transform_vertices", transform)
     scene, camera = rich_scene()
     scene.lights = []
     rj.render(scene, camera, size=(16, 12), threads=1)

@@ -10,9 +10,12 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit import plan_arrays, plan_views, stages
-from rasterjit.kernels import diagnosis
-from rasterjit.plan import OUTPUTS
+from rasterjit.outputs import diagnostics_stage
+from rasterjit.outputs.table import OUTPUTS
+from rasterjit.pipeline.visibility import draw
+from rasterjit.runtime import threads as sharing
+from rasterjit.survey import arrays as plan_arrays
+from rasterjit.survey import placement
 
 SIZE = (128, 64)
 CLIP = rj.MatrixCamera(np.eye(4), np.eye(4))
@@ -68,15 +71,15 @@ def test_without_diagnose_no_kernel_runs_and_no_list_is_kept(cube, camera, monke
         raise AssertionError
 
     for name in ("count_samples", "find_fates", "largest_error"):
-        monkeypatch.setattr(diagnosis, name, forbidden)
+        monkeypatch.setattr(diagnostics_stage, name, forbidden)
     kept = []
-    find_visible = stages.find_visible
+    find_visible = draw.find_visible
 
     def watched(*arguments, **options):
         kept.append(find_visible(*arguments, **options))
         return kept[-1]
 
-    monkeypatch.setattr(stages, "find_visible", watched)
+    monkeypatch.setattr(draw, "find_visible", watched)
     frame = rj.render(cube, camera, size=(16, 8), threads=1)
     assert kept[0].lists is None
     assert "diagnostics" not in frame.stats.seconds
@@ -199,7 +202,7 @@ def test_clipping_costs_precision_and_storing_costs_most(cube, camera):
     whole = look(cube, camera).diagnostics
     near = look(cube, rj.PerspectiveCamera((1.4, 0.2, 1.3), (0, 0, 0), near=0.5)).diagnostics
     assert whole.clipped == 0
-    assert whole.interpolation_error == diagnosis.UNCLIPPED
+    assert whole.interpolation_error == diagnostics_stage.UNCLIPPED
     assert near.clipped > 0
     assert near.interpolation_error > whole.interpolation_error
     for found in (whole, near):
@@ -211,10 +214,10 @@ def test_stored_weights_are_within_the_bound(cube):
     size = (24, 16)
     frame = look(cube, camera, size, ("barycentric", "face_id"))
     arrays = plan_arrays.join_geometry([cube])
-    views = plan_views.view_nodes([rj.Node(cube, np.eye(4), "cube")], camera, size)
-    clip = stages.transform(
+    views = placement.view_nodes([rj.Node(cube, np.eye(4), "cube")], camera, size)
+    clip = draw.transform(
         arrays.positions, arrays.vertex_starts, views.relative_from_model,
-        views.clip_from_relative, stages.Workers(1),
+        views.clip_from_relative, sharing.Workers(1),
     )  # fmt: skip
     rows, columns = np.nonzero(frame.face_id >= 0)
     worst = 0.0
@@ -235,8 +238,8 @@ def test_threads_and_tasks_change_no_number(soup, eye, monkeypatch):
     expected = look(soup, eye, (200, 150)).diagnostics
     for threads in (2, 8):
         assert look(soup, eye, (200, 150), threads=threads).diagnostics == expected
-    monkeypatch.setattr(stages, "TILES_PER_TASK", 1)
-    monkeypatch.setattr(stages, "PIXELS_PER_TASK", 3)
+    monkeypatch.setattr(draw, "TILES_PER_TASK", 1)
+    monkeypatch.setattr(sharing, "PIXELS_PER_TASK", 3)
     assert look(soup, eye, (200, 150), threads=2).diagnostics == expected
 
 

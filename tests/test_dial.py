@@ -10,12 +10,19 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit import dial
-from rasterjit import profile as profiles
-from rasterjit.dial import Times, draw_in_time, draw_within_error, light_of, root_mean_square
-from rasterjit.kernels.jit import COMPILE_CLOCK
-from rasterjit.profile import LADDER, Profile, Step
-from rasterjit.render import StageClock
+from rasterjit.rendering import budget as dial
+from rasterjit.rendering.budget import (
+    LADDER,
+    Profile,
+    Step,
+    Times,
+    draw_in_time,
+    draw_within_error,
+    light_of,
+    root_mean_square,
+)
+from rasterjit.rendering.clock import StageClock
+from rasterjit.runtime.jit import COMPILE_CLOCK
 
 SIZE = (96, 72)
 
@@ -43,7 +50,7 @@ MILLISECONDS = [1e-3 * time for time in (2, 4, 7, 11, 25, 40, 50, 300, 1200)]
 
 @pytest.fixture(autouse=True)
 def without_profile(tmp_path, monkeypatch):
-    monkeypatch.setattr(profiles, "cache_folder", lambda: tmp_path)
+    monkeypatch.setattr(dial, "cache_folder", lambda: tmp_path)
     dial._TIMES.clear()
 
 
@@ -204,7 +211,9 @@ def test_the_dial_follows_a_machine_that_slows_down_and_recovers():
 
 def flat(value):
     light = np.full((4, 4, 4), value, np.float32)
-    plan = types.SimpleNamespace(wireframe=None, backdrop=None, background=(1.0, 1.0, 1.0, 1.0))
+    plan = types.SimpleNamespace(
+        has=lambda name: False, at=lambda place: [], background=(1.0, 1.0, 1.0, 1.0)
+    )
     stats = types.SimpleNamespace(seconds={"shade": 0.5, "compile": 3.0})
     return types.SimpleNamespace(linear=light, plan=plan, stats=stats, choice=None)
 
@@ -296,7 +305,7 @@ def test_a_time_budget_is_asked_for_the_first_time_with_a_warning_and_then_witho
 
 
 def test_a_frame_is_that_of_its_quality_bit_for_bit():
-    profiles.save_profile(Profile((Step(rj.Quality(samples=4), 1.0, 1.0),), 1))
+    dial.save_profile(Profile((Step(rj.Quality(samples=4), 1.0, 1.0),), 1))
     scene = cube_and_floor()
     with rj.Renderer(SIZE) as renderer:
         frame = renderer.render(scene, CAMERA, time_budget=5.0)
@@ -307,7 +316,7 @@ def test_a_frame_is_that_of_its_quality_bit_for_bit():
 
 
 def test_what_is_known_of_a_scene_goes_with_it():
-    profiles.save_profile(Profile((Step(rj.Quality(), 1.0, 1.0),), 1))
+    dial.save_profile(Profile((Step(rj.Quality(), 1.0, 1.0),), 1))
     scene = cube_and_floor()
     rj.render(scene, CAMERA, size=SIZE, time_budget=5.0)
     assert len(dial._TIMES) == 1

@@ -8,19 +8,95 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from rasterjit import cli, doctor
+from rasterjit.cli import commands, doctor
+from rasterjit.rendering import rasterize, renderer
+from rasterjit.runtime import jit, store
 
 ROOT = Path(__file__).parents[1]
 
 
 def test_doctor_finds_this_installation_healthy():
-    result = CliRunner().invoke(cli.program, ["doctor"])
+    result = CliRunner().invoke(commands.program, ["doctor"])
     assert result.exit_code == 0, result.output
     assert "FAILED" not in result.stdout
     passed = [line for line in result.stdout.splitlines() if line.startswith("ok      ")]
-    assert len(passed) == len(doctor.CHECKS) + 1
-    for word in (*doctor.PACKAGES, "python", "cpu", "threads", "extra video", "kernel cache"):
+    is_kept = not (jit.DISABLED or jit.CHECKED)
+    assert len(passed) == len(doctor.CHECKS) + is_kept
+    for word in (*doctor.PACKAGES, "python", "cpu", "threads", "extra video", "kernels"):
         assert word in result.stdout
+    assert ("kernel store" in result.stdout) == is_kept
+
+
+def entry(place, number, **changes):
+    """Write an entry of a kernel that nobody calls; return its path."""
+    triple, cpu, _ = store.host()
+    source = "rasterjit.pipeline.encode"
+    header = store.Header(
+        "none", f"{source}.nothing", "()", store.sources_hash(source), store.versions(), triple, cpu
+    )
+    path = place / f"nothing_{number}.0.kernel"
+    store.write(path, header._replace(**changes), b"code")
+    return path
+
+
+@pytest.fixture
+def place(monkeypatch, tmp_path):
+    """An empty store, of a process that compiled nothing."""
+    monkeypatch.setattr(jit, "DISABLED", False)
+    monkeypatch.setattr(jit, "CHECKED", False)
+    monkeypatch.setattr(store, "folder", lambda: tmp_path)
+    monkeypatch.setattr(store, "USED", store.Used([], []))
+    return tmp_path
+
+
+def test_doctor_lists_checks_and_mends_the_store(place):
+    for number, changes in enumerate([{}, {}, {"versions": "0 0"}, {"cpu": "another"}]):
+        entry(place, number, **changes)
+    damaged = [entry(place, 8), entry(place, 9)]
+    damaged[0].write_bytes(b"")
+    damaged[1].unlink()
+    (damaged[1] / "inside").mkdir(parents=True)
+    left = place / ".abc.part"
+    left.touch()
+    os.utime(left, (0, 0))
+    summary, *others = doctor._store()
+    assert summary.passed
+    assert "4 entries" in summary.text
+    assert str(place) in summary.text
+    said = "\n".join(finding.text for finding in others)
+    assert "1 made by other versions, 1 for other processors:" in said
+    assert "2 damaged removed" in said
+    assert "1 temporary files removed" in said
+    assert all(finding.passed is None for finding in others)
+    assert sorted(path.name for path in place.iterdir()) == [
+        f"nothing_{number}.0.kernel" for number in range(4)
+    ]
+    assert [finding.passed for finding in doctor._store()] == [True, None]
+
+
+def test_what_cannot_be_read_or_removed_is_told(place, monkeypatch):
+    paths = [entry(place, 0), entry(place, 1)]
+    found = store.contents(place)._replace(unreadable=paths[:1], damaged=paths[1:])
+    monkeypatch.setattr(store, "contents", lambda place: found)
+    monkeypatch.setattr(store, "mend", lambda found: found.damaged)
+    failed = [finding.text for finding in doctor._store() if finding.passed is False]
+    assert failed == [
+        f"{paths[1].name} cannot be removed: remove it",
+        f"{paths[0].name} cannot be read: remove it",
+    ]
+
+
+def test_nothing_kept_is_a_failure_that_names_the_variable(place, monkeypatch):
+    monkeypatch.setattr(store, "folder", lambda: None)
+    (finding,) = doctor._store()
+    assert finding.passed is False
+    assert "RASTERJIT_CACHE_DIR" in finding.text
+    monkeypatch.setattr(store, "folder", lambda: place)
+    monkeypatch.setattr(store, "USED", store.Used([], ["something"]))
+    monkeypatch.setattr(os, "access", lambda *arguments: False)
+    (finding,) = doctor._store()
+    assert finding.passed is False
+    assert "cannot be written (set RASTERJIT_CACHE_DIR)" in finding.text
 
 
 @pytest.mark.parametrize("check", doctor.CHECKS, ids=lambda check: check.__name__)
@@ -29,7 +105,7 @@ def test_a_check_that_raises_has_failed_and_so_has_the_command(monkeypatch, chec
         raise RuntimeError("broken")
 
     monkeypatch.setattr(doctor, "CHECKS", (check, check_of_nothing))
-    result = CliRunner().invoke(cli.program, ["doctor"])
+    result = CliRunner().invoke(commands.program, ["doctor"])
     assert result.exit_code == 1
     assert "FAILED  of nothing" in result.stdout
     assert "RuntimeError: broken" in result.stdout
@@ -39,7 +115,7 @@ def test_a_check_that_raises_has_failed_and_so_has_the_command(monkeypatch, chec
 
 @pytest.mark.parametrize("check", [doctor.check_shared_edge, doctor.check_top_left_rule])
 def test_wrong_pixels_are_found(monkeypatch, check):
-    original = doctor.rasterize
+    original = rasterize.rasterize
 
     def shifted(*arguments, **options):
         visibility = original(*arguments, **options)
@@ -53,7 +129,7 @@ def test_wrong_pixels_are_found(monkeypatch, check):
 
 
 def test_a_wrong_depth_and_a_difference_between_threads_are_found(monkeypatch):
-    original = doctor.render
+    original = renderer.render
 
     def broken(*arguments, threads, **options):
         frame = original(*arguments, threads=threads, **options)

@@ -47,7 +47,7 @@ from opengl_effects import (
 )
 
 import rasterjit as rj
-from rasterjit import transforms as tf
+from rasterjit.scene import transforms as tf
 
 SIZE = (320, 240)
 

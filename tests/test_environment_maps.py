@@ -10,9 +10,9 @@ import pytest
 import skies
 
 import rasterjit as rj
-from rasterjit import environment_maps as maps
-from rasterjit.kernels.environments import ROUGH_LEVELS
-from rasterjit.workers import Workers
+from rasterjit.effects.environment import prefilter as maps
+from rasterjit.effects.environment.stage import ROUGH_LEVELS
+from rasterjit.runtime.threads import Workers
 
 
 def polynomial(terms, normal):
@@ -127,7 +127,8 @@ def test_a_sky_is_prepared_once_and_let_go(monkeypatch):
     before = len(maps._known)
     environment = rj.Environment(skies.sunny(64, 32))
     workers = Workers(1)
-    assert maps.environment_record(environment, False, workers).reflections is None
+    unmirrored = maps.environment_record(environment, False, workers)
+    assert unmirrored.reflections is maps.NO_REFLECTIONS
     assert calls == []
     first = maps.environment_record(environment, True, workers)
     turned = rj.Environment(environment.sky, intensity=2.0, rotation=90.0)
@@ -137,7 +138,7 @@ def test_a_sky_is_prepared_once_and_let_go(monkeypatch):
     assert (first.intensity, second.intensity) == (1.0, 2.0)
     assert second.turn.tolist() == [0.0, 1.0]
     calls.clear()
-    del environment, turned, first, second
+    del environment, turned, first, second, unmirrored
     gc.collect()
     assert len(maps._known) == before
 

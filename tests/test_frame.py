@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit.plan import OUTPUTS
+from rasterjit.outputs.table import OUTPUTS, TABLE
 
 SIZE = (24, 16)
 TYPES = {
@@ -196,3 +196,22 @@ def test_what_a_file_cannot_hold_is_an_error(mesh, camera, tmp_path, name, outpu
     with pytest.raises(ValueError, match=named):
         frame.save(tmp_path / name, outputs, scale=scale)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_each_output_has_the_channels_type_and_empty_value_of_its_row(cube, camera):
+    scene = rj.Scene()
+    mesh = rj.Mesh(cube.vertices, cube.faces, uv=cube.vertices[:, :2])
+    scene.add(mesh)
+    frame = rj.render(
+        scene, camera, size=(32, 24), outputs=OUTPUTS, previous=rj.View(),
+        background=(0.0, 0.0, 0.0, 0.0), threads=1,
+    )  # fmt: skip
+    nothing = frame.face_id < 0
+    assert nothing.any()
+    assert not nothing.all()
+    for name, row in TABLE.items():
+        array = frame.arrays()[name]
+        assert array.dtype == row.dtype
+        assert array.shape == (24, 32) + ((row.channels,) if row.channels > 1 else ())
+        empty = np.full((), row.empty).astype(row.dtype)
+        np.testing.assert_array_equal(array[nothing], np.broadcast_to(empty, array[nothing].shape))

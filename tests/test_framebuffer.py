@@ -6,9 +6,9 @@ import naive_lines as naive
 import numpy as np
 import pytest
 
-from rasterjit import oracle
-from rasterjit.framebuffer import FEW_PIXELS, Framebuffer
-from rasterjit.workers import Workers
+from rasterjit.classics.framebuffer import FEW_PIXELS, Framebuffer
+from rasterjit.inspect import oracle
+from rasterjit.runtime.threads import Workers
 
 RED, GREEN, BLUE = (255, 0, 0), (0, 255, 0), (0, 0, 255)
 BLACK = [0, 0, 0, 255]
@@ -148,11 +148,11 @@ def test_bands_threads_and_batches_change_no_bit(monkeypatch, threads, rows, per
     ends, colors = crowd(np.random.default_rng(2), 200)
     few = Framebuffer(70, 60)
     few.draw_lines(ends, colors)
-    monkeypatch.setattr("rasterjit.framebuffer.FEW_PIXELS", 0)
-    monkeypatch.setattr("rasterjit.framebuffer.LEAST_ROWS", rows)
-    monkeypatch.setattr("rasterjit.framebuffer.BAND_BYTES", 70 * 4 * rows)
-    monkeypatch.setattr("rasterjit.framebuffer.LINES_PER_TASK", per_task)
-    monkeypatch.setattr("rasterjit.framebuffer.RECORDS_PER_BATCH", 60 * 5)
+    monkeypatch.setattr("rasterjit.classics.framebuffer.FEW_PIXELS", 0)
+    monkeypatch.setattr("rasterjit.classics.framebuffer.LEAST_ROWS", rows)
+    monkeypatch.setattr("rasterjit.classics.framebuffer.BAND_BYTES", 70 * 4 * rows)
+    monkeypatch.setattr("rasterjit.classics.framebuffer.LINES_PER_TASK", per_task)
+    monkeypatch.setattr("rasterjit.classics.framebuffer.RECORDS_PER_BATCH", 60 * 5)
     many = Framebuffer(70, 60, threads=threads)
     many.draw_lines(ends, colors)
     np.testing.assert_array_equal(many.color, few.color)

@@ -27,7 +27,7 @@ DRAW = """
 import collections, json, sys
 sys.path.insert(0, sys.argv[1])
 import make_gallery
-from rasterjit.kernels import jit
+from rasterjit.runtime import jit
 
 pictures = {}
 for name, make in make_gallery.GALLERY.items():
@@ -36,7 +36,7 @@ for name, make in make_gallery.GALLERY.items():
     pictures[name] = found.shape, str(found.dtype), len({tuple(row) for row in values.tolist()})
 variants = collections.Counter()
 for kernel in jit.KERNELS:
-    variants[kernel.py_func.__name__] += len(kernel.signatures)
+    variants[kernel.__name__] += len(kernel.forms)
 print(json.dumps([pictures, variants]))
 """
 

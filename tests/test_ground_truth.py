@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit import oracle
-from rasterjit.layered import SAMPLE_POSITIONS
+from rasterjit.inspect import oracle
+from rasterjit.pipeline.fragments.bands import SAMPLE_POSITIONS
 
 SIZE = (48, 36)
 BUFFERS = (

@@ -8,8 +8,9 @@ import pytest
 from naive_layers import CAMERA, mesh_of, scene_of
 
 import rasterjit as rj
-from rasterjit import layered
-from rasterjit.kernels import transparency
+from rasterjit.pipeline.fragments import bands as band_finding
+from rasterjit.pipeline.fragments import fragments
+from rasterjit.rendering import layers
 
 SIZE = (128, 64)
 """Powers of two, so that screen points are exact in clip space."""
@@ -95,14 +96,14 @@ def test_layers_are_those_of_the_stored_depths_bit_by_bit(monkeypatch):
     # Some triangles are there twice: exact ties, that the lower face wins.
     triangles[20:30] = triangles[5:15]
     is_blended = np.arange(count) % 7 != 3
-    lay_layers = layered.lay_layers
+    lay_layers = layers.lay_layers
 
     def note(band, *others):
         opaque, transparent = band.opaque[0].copy(), band.transparent[0].copy()
-        bands.append(layered.Band(band.first_row, opaque, transparent))
+        bands.append(band_finding.Band(band.first_row, opaque, transparent))
         return lay_layers(band, *others)
 
-    monkeypatch.setattr(layered, "lay_layers", note)
+    monkeypatch.setattr(layers, "lay_layers", note)
     draw(meshes_of(triangles, colors_of(rng, count), is_blended))
     want = naive_layers.rounded_surfaces(triangles, SIZE)
     rows = 0
@@ -284,14 +285,14 @@ def test_hundreds_of_layers_are_laid_over_each_other(monkeypatch):
     frame = draw([deep(count, size)], size, background=(0, 0, 0, 1))
     assert frame.linear[8, 8, 0] == pytest.approx(want, abs=1e-4)
     # A band with more than it may hold is cut into smaller ones.
-    monkeypatch.setattr(layered, "MOST_BYTES", count * 64 * 8 * 3)
+    monkeypatch.setattr(band_finding, "MOST_BYTES", count * 64 * 8 * 3)
     again = draw([deep(count, size)], size, background=(0, 0, 0, 1))
     assert again.linear.tobytes() == frame.linear.tobytes()
 
 
 def test_more_layers_than_are_sorted_is_an_error_that_says_where(monkeypatch):
     size = (64, 64)
-    monkeypatch.setattr(layered, "MOST_LAYERS", 99)
+    monkeypatch.setattr(band_finding, "MOST_LAYERS", 99)
     assert draw([deep(99, size)], size).linear[8, 8, 0] > 0.0
     with pytest.raises(ValueError, match=r"has 100 transparent surfaces .* column 8, row 8; at m"):
         draw([deep(100, size)], size)
@@ -401,7 +402,7 @@ def test_nothing_of_it_runs_where_nothing_is_transparent(monkeypatch, cube, came
         raise AssertionError("there is nothing transparent")
 
     for name in ("split_lists", "find_layers"):
-        monkeypatch.setattr(transparency, name, refuse)
+        monkeypatch.setattr(fragments, name, refuse)
     away = rj.Mesh(cube.vertices + [100.0, 0, 0], cube.faces, material=glass())
     scene = scene_of([cube, away])
     assert rj.render(scene, camera, size=(32, 24)).color.any()
@@ -504,7 +505,7 @@ def test_each_sample_has_its_own_nearest_layers():
 
 
 def test_any_number_of_surfaces_lies_behind_those_that_are_seen(monkeypatch):
-    monkeypatch.setattr(layered, "MOST_LAYERS", 9)
+    monkeypatch.setattr(band_finding, "MOST_LAYERS", 9)
     size = (64, 64)
     quality = rj.Quality(transparency_layers=8)
     frame = draw([deep(300, size)], size, background=(0, 0, 0, 1), quality=quality)
@@ -515,10 +516,10 @@ def test_any_number_of_surfaces_lies_behind_those_that_are_seen(monkeypatch):
 
 def test_no_more_layers_are_held_or_shaded_than_are_seen(monkeypatch):
     shaded, rooms = [], []
-    shade, find = layered.Shader.shade, transparency.find_layers
-    monkeypatch.setattr(layered.Shader, "shade", lambda *a: shaded.append(1) or shade(*a))
+    shade, find = layers.Shader.shade, fragments.find_layers
+    monkeypatch.setattr(layers.Shader, "shade", lambda *a: shaded.append(1) or shade(*a))
     monkeypatch.setattr(
-        transparency, "find_layers",
+        fragments, "find_layers",
         lambda *a: rooms.append(a[9][1].shape[1]) or find(*a),
     )  # fmt: skip
     size = (16, 16)

@@ -11,8 +11,8 @@ from test_antialiasing import places
 from test_layered import colors_of, meshes_of, reason, soup
 
 import rasterjit as rj
-from rasterjit import layered, supersampling
-from rasterjit.kernels import code_blending
+from rasterjit.pipeline.fragments import bands, encoded
+from rasterjit.rendering import supersample
 from rasterjit.scene.color import srgb_to_linear
 
 SIZE = (64, 32)
@@ -162,7 +162,7 @@ def test_order_of_insertion_threads_and_bands_change_no_bit(samples, monkeypatch
     order = rng.permutation(count)
     assert draw([meshes[n] for n in order], samples, size).color.tobytes() == first.color.tobytes()
     assert draw(meshes, samples, size, threads=3).color.tobytes() == first.color.tobytes()
-    monkeypatch.setattr(layered, "MOST_BYTES", size[0] * 8 * 40 * samples)
+    monkeypatch.setattr(bands, "MOST_BYTES", size[0] * 8 * 40 * samples)
     assert draw(meshes, samples, size).color.tobytes() == first.color.tobytes()
 
 
@@ -231,7 +231,7 @@ def test_where_nothing_is_mixed_codes_change_nothing(cube, camera, monkeypatch, 
         raise AssertionError("nothing is mixed")
 
     for name in ("lay_codes", "hide_behind", "mix_codes", "decode_rows"):
-        monkeypatch.setattr(code_blending, name, refuse)
+        monkeypatch.setattr(encoded, name, refuse)
     scene = scene_of([cube])
     scene.tone_map = rj.ToneMap("aces")
     light, codes = (
@@ -282,8 +282,8 @@ def test_many_pictures_are_averaged_code_by_code():
     # Each picture alone, by a camera that is moved to its samples.
     sums = np.zeros((size[1], size[0], 4), int)
     one = rj.Quality(blending="srgb8", subpixel_bits=12)
-    for x, y in supersampling.sample_offsets(64):
-        camera = supersampling.MovedCamera(CAMERA, (x, y))
+    for x, y in supersample.sample_offsets(64):
+        camera = supersample.MovedCamera(CAMERA, (x, y))
         moved = rj.MatrixCamera(camera.view_matrix(), camera.projection_matrix(size))
         codes = draw_with(meshes, one, size, background, tone_map, moved).color.astype(int)
         sums[..., :3] += codes[..., :3] * codes[..., 3:]

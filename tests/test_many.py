@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit import streams
+from rasterjit.rendering import stream
 
 SIZE = (24, 16)
 CAMERA = rj.PerspectiveCamera(eye=(0.0, 0.0, 4.0), target=(0.0, 0.0, 0.0))
@@ -157,12 +157,12 @@ def test_wrong_item_of_a_sequence_is_refused_before_anything_is_drawn(cube, kind
 
 
 def test_workers_share_the_threads_that_there_are(monkeypatch):
-    monkeypatch.setattr(streams, "available_processors", lambda: 4)
-    assert streams.share_threads(None, None) == (4, 1)
-    assert streams.share_threads(None, 2) == (2, 2)
-    assert streams.share_threads(None, 6) == (6, 1)
-    assert streams.share_threads(7, 2) == (2, 3)
-    assert streams.share_threads(np.int64(3), np.int64(3)) == (3, 1)
+    monkeypatch.setattr(stream, "available_processors", lambda: 4)
+    assert stream.share_threads(None, None) == (4, 1)
+    assert stream.share_threads(None, 2) == (2, 2)
+    assert stream.share_threads(None, 6) == (6, 1)
+    assert stream.share_threads(7, 2) == (2, 3)
+    assert stream.share_threads(np.int64(3), np.int64(3)) == (3, 1)
 
 
 def test_prefetch_may_be_a_number_of_numpy(cube):

@@ -12,7 +12,7 @@ from hypothesis.extra import numpy as arrays
 from opengl import optional_module
 
 import rasterjit as rj
-from rasterjit import masks
+from rasterjit.outputs import masks
 
 reads_with_pycocotools = pytest.mark.filterwarnings("ignore:__array__ impl:DeprecationWarning")
 """pycocotools 2.0.11 itself asks NumPy 2 for an array in the way of NumPy 1."""

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import dataclasses
 import importlib
-import pkgutil
 
 import numpy as np
 import pytest
+from kernel_files import kernel_modules, short_name
 
 import rasterjit as rj
-from rasterjit import kernels, measurement, plan_resources
+from rasterjit.inspect import measure
+from rasterjit.rendering import plan as planning
+from rasterjit.rendering.effects import EFFECTS
+from rasterjit.runtime import jit
+from rasterjit.runtime.driver import StageList
 
 SIZE = (64, 48)
 
@@ -41,13 +45,13 @@ def test_shadows_are_tried_where_their_maps_are_of_a_bounded_size(cube):
         scene.add(cube)
         scene.add(cube, rj.transforms.translate((0.0, 2.5, 0.0)))
         scene.lights = [rj.PointLight((0.0, 5.0, float(n)), intensity=9.0) for n in range(count)]
-        found = measurement.variations(rj.explain(scene, looking()), scene, rj.Quality())
+        found = measure.variations(rj.explain(scene, looking()), scene, rj.Quality())
         assert any(name == "shadows" for name, *_ in found) == is_tried
 
 
 def test_every_effect_that_is_in_is_measured_without(cube, monkeypatch):
     # Another test draws what could be added; here its kernels would be compiled for nothing.
-    monkeypatch.setattr(measurement, "ADDITIONS", ())
+    monkeypatch.setattr(measure, "EFFECTS", ())
     scene = rich_scene(cube)
     measured = rj.measure(scene, looking(), size=SIZE, rounds=2, threads=1)
     used = {effect.name for effect in measured.plan.effects if effect.used}
@@ -76,9 +80,9 @@ def rows_of(plan):
 def test_variations_switch_what_they_name(cube):
     scene, camera, quality = rich_scene(cube), looking(), rj.Quality()
     plan = rj.explain(scene, camera, size=SIZE)
-    found = measurement.variations(plan, scene, quality)
+    found = measure.variations(plan, scene, quality)
     assert {what for _, what, _, _ in found} == {
-        "off", "of 1 light, maps of 1024 x 1024", "4 samples",
+        "off", "of 1 light, maps of 1024 x 1024", "4 samples", "on",
     }  # fmt: skip
     before = rows_of(plan)
     for name, what, changed, other in found:
@@ -104,7 +108,7 @@ def test_textures_switched_off_are_those_of_all_maps(cube):
         metallic_roughness_texture=whites(4), occlusion_texture=whites(4),
         emissive_texture=whites(4),
     )  # fmt: skip
-    found = measurement.variations(rj.explain(scene, looking()), scene, rj.Quality())
+    found = measure.variations(rj.explain(scene, looking()), scene, rj.Quality())
     (bare,) = [changed for name, what, changed, _ in found if name == "textures"]
     assert not any(bare.nodes[0].mesh.material.textures_read())
     rows = rows_of(rj.explain(bare, looking()))
@@ -118,7 +122,7 @@ def test_textures_are_tried_with_mip_levels(cube):
     scene = textured(
         cube, "unlit", base_color_texture=shared, emissive_texture=shared, normal_texture=normals
     )
-    found = measurement.variations(rj.explain(scene, looking()), scene, rj.Quality())
+    found = measure.variations(rj.explain(scene, looking()), scene, rj.Quality())
     ((what, changed),) = [row[1:3] for row in found if row[0] == "textures" and row[1] != "off"]
     material = changed.nodes[0].mesh.material
     assert what == "mip levels for 1 of them"
@@ -132,7 +136,7 @@ def test_environment_light_goes_and_the_background_stays(cube):
     scene, camera = rj.Scene(), looking()
     scene.add(cube)
     scene.environment = rj.Environment.gradient("blue", "white", "green")
-    found = measurement.variations(rj.explain(scene, camera), scene, rj.Quality())
+    found = measure.variations(rj.explain(scene, camera), scene, rj.Quality())
     changed = {name: scene for name, what, scene, _ in found if what == "off"}
     unlit, unseen = (
         rows_of(rj.explain(changed[name], camera))
@@ -154,14 +158,14 @@ def test_environment_light_goes_and_the_background_stays(cube):
 def test_what_could_be_switched_on_is_what_the_scene_has_data_for(cube):
     def tried(scene, **options):
         plan = rj.explain(scene, looking(), size=SIZE, **options)
-        found = measurement.variations(plan, scene, rj.Quality())
+        found = measure.variations(plan, scene, rj.Quality())
         return {name: what for name, what, _, _ in found if what != "off"}
 
     scene = rj.Scene()
     scene.add(cube)
     besides = {
         "tone mapping": "curve neutral", "ambient occlusion": "on",
-        "outline": "on, one pixel wide", "anti-aliasing": "4 samples",
+        "outline": "on, one pixel wide", "anti-aliasing": "4 samples", "vignette": "on",
     }  # fmt: skip
     assert tried(scene) == besides
     # Neither an outline nor a tone curve is seen in linear light, and nothing in depths.
@@ -173,24 +177,33 @@ def test_what_could_be_switched_on_is_what_the_scene_has_data_for(cube):
     assert {*tried(scene)} == {*besides} - {"outline"}
     # Ambient light alone is occluded; lights alone cast shadows, where something can.
     scene.lights = [rj.PointLight((0.0, 9.0, 0.0))]
-    assert {*tried(scene)} == {"tone mapping", "anti-aliasing", "shadows"}
+    assert {*tried(scene)} == {"tone mapping", "anti-aliasing", "shadows", "vignette"}
     shadow = rj.Shadow(size=64)
     scene.lights += [rj.DirectionalLight((0, -1, 0), shadow=shadow), rj.SpotLight((9.0, 0.0, 0.0))]
     assert tried(scene)["shadows"] == "of 2 more lights, maps of 1024 x 1024"
     plan = rj.explain(scene, looking())
     (changed,) = [
         changed
-        for name, what, changed, _ in measurement.variations(plan, scene, rj.Quality())
+        for name, what, changed, _ in measure.variations(plan, scene, rj.Quality())
         if name == "shadows" and what != "off"
     ]
     assert [light.shadow for light in changed.lights] == [rj.Shadow(), shadow, rj.Shadow()]
 
 
+PARTS_OF_OTHERS = {
+    "shading", "lights", "smooth normals", "microfacets", "single-sided objects", "diagnostics",
+    "anti-aliasing",
+}  # fmt: skip
+"""Rows that a frame is not itself without, or that `variations` switches in a way of its own."""
+
+
 def test_every_effect_has_a_switch_or_is_part_of_another(cube):
-    scene = rj.Scene()
-    scene.add(cube)
-    names = {effect.name for effect in rj.explain(scene, looking()).effects}
-    assert names == {*measurement.SWITCHES, *measurement.PARTS_OF_OTHERS}
+    scene = rich_scene(cube)
+    scene.environment = rj.Environment.gradient()
+    rows = [effect.name for effect in rj.explain(scene, looking()).effects]
+    assert rows == [effect.name for effect in EFFECTS]
+    kept = {effect.name for effect in EFFECTS if effect.without(scene) is None}
+    assert kept == PARTS_OF_OTHERS
 
 
 def test_samples_are_tried_where_edges_are_not_smoothed(cube):
@@ -199,7 +212,7 @@ def test_samples_are_tried_where_edges_are_not_smoothed(cube):
 
     def smoothed(quality):
         plan = rj.explain(scene, looking(), quality)
-        found = measurement.variations(plan, scene, quality)
+        found = measure.variations(plan, scene, quality)
         return [(what, other.samples) for name, what, _, other in found if name == "anti-aliasing"]
 
     assert smoothed(rj.Quality()) == [("4 samples", 4)]
@@ -213,8 +226,8 @@ def test_measurement_prints_plan_kernels_buffers_and_times(cube):
     scene.outline = rj.Outline()
     text = str(rj.measure(scene, looking(), size=SIZE, rounds=1))
     for words in (
-        "outline", "kernels", "shading.shade_rows", "light, ", "outlines.find_edges", "buffers",
-        "marks of outlines", "median of 1 frames", "outline: off", "visibility",
+        "outline", "kernels", "outline.find_edges", "stages", "light_stages.show_ambient",
+        "buffers", "marks of outlines", "median of 1 frames", "outline: off", "visibility",
         "ambient occlusion: on", "tone mapping: curve neutral", "anti-aliasing: 4 samples",
     ):  # fmt: skip
         assert words in text, words
@@ -247,12 +260,25 @@ def called(monkeypatch):
 
         return call
 
-    for found in pkgutil.iter_modules(kernels.__path__):
-        module = importlib.import_module(f"rasterjit.kernels.{found.name}")
+    for found in kernel_modules():
+        module = importlib.import_module(found)
         for name, thing in list(vars(module).items()):
-            if any(thing is kernel for kernel in kernels.jit.KERNELS):
-                monkeypatch.setattr(module, name, watched(thing, f"{found.name}.{name}"))
+            if any(thing is kernel for kernel in jit.KERNELS):
+                monkeypatch.setattr(module, name, watched(thing, f"{short_name(found)}.{name}"))
     return names
+
+
+@pytest.fixture
+def ran(monkeypatch):
+    """The names of the stages of each list that was run, in order."""
+    lists, run = [], StageList.run
+
+    def noted(own, *arguments):
+        lists.append(tuple(step.stage.__name__ for step in own.steps()))
+        run(own, *arguments)
+
+    monkeypatch.setattr(StageList, "run", noted)
+    return lists
 
 
 MIXED = {
@@ -275,7 +301,7 @@ MIXED = {
 @pytest.mark.parametrize(
     "case", ["plain", "rich", "gouraud", "buffers", "edges", "shadows", *MIXED]
 )
-def test_kernels_told_are_those_called(cube, called, case):
+def test_kernels_and_stages_told_are_those_called(cube, called, ran, case):
     scene, camera, outputs, diagnose = rj.Scene(), looking(), ("color",), False
     scene.add(cube)
     if "codes" in case:
@@ -298,21 +324,29 @@ def test_kernels_told_are_those_called(cube, called, case):
         options["size"] = (24, 18)
     plan = rj.explain(scene, camera, **options)
     rj.render(scene, camera, **options)
-    told = plan_resources.list_kernels(plan)
+    told = planning.list_kernels(plan)
     assert set(called) <= {kernel.name for kernel in told}
     assert {kernel.name for kernel in told if not kernel.condition} <= set(called)
+    stages = [stage.name.partition(".")[2] for stage in planning.list_stages(plan)]
+    untouched = {*stages} - {name for names in ran for name in names}
+    # Of several samples with glass among them, rows of tiles without glass alone are mixed so.
+    assert untouched <= ({"code_samples", "mix_shares"} if "rich" in case else set())
+    assert {name for names in ran for name in names} <= {*stages}
+    # Where a picture is drawn in one go, in this order.
+    if len({*ran}) == 1 and not untouched:
+        assert [*ran[0]] == stages
 
 
 def test_buffers_have_the_bytes_of_arrays(cube):
     scene, outputs = rich_scene(cube), ("color", "linear", "depth", "normal", "object_id")
     plan = rj.explain(scene, looking(), size=SIZE, outputs=outputs)
     frame = rj.render(scene, looking(), size=SIZE, outputs=outputs)
-    told = {buffer.name: buffer.bytes for buffer in plan_resources.list_buffers(plan)}
+    told = {buffer.name: buffer.bytes for buffer in planning.list_buffers(plan)}
     for name, array in frame.arrays().items():
         assert told[f"output {name}"] == array.nbytes
     assert told["faces seen"] == np.zeros(SIZE, np.int32).nbytes
     plain = rj.explain(cube, looking(), size=SIZE)
-    assert [buffer.name for buffer in plan_resources.list_buffers(plain)] == [
+    assert [buffer.name for buffer in planning.list_buffers(plain)] == [
         "faces seen",
         "output color",
     ]

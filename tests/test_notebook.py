@@ -11,8 +11,8 @@ import pytest
 from PIL import Image
 
 import rasterjit as rj
-from rasterjit.notebook import SIZE
-from rasterjit.scene import preview
+from rasterjit.rendering.preview import SIZE
+from rasterjit.scene import mesh as preview
 
 PATIENCE = 240
 """Seconds for a cell, on a loaded machine."""

@@ -3,8 +3,8 @@ import math
 import numpy as np
 import pytest
 
-from rasterjit import transforms as tf
-from rasterjit.pipeline import Pipeline
+from rasterjit.classics.pipeline import Pipeline
+from rasterjit.scene import transforms as tf
 
 
 def full_pipeline() -> Pipeline:

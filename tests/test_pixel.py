@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit import transforms
+from rasterjit.scene import transforms
 
 SIZE = (96, 80)
 """Four tiles."""

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit.plan import OUTPUTS, check_outputs, viewport_of
-from rasterjit.plan_views import view_nodes
+from rasterjit.outputs.table import OUTPUTS, check_outputs
+from rasterjit.pipeline.visibility.draw import viewport_of
+from rasterjit.survey.placement import view_nodes
 
 
 def scene_of(*materials, cube):
@@ -104,7 +105,7 @@ def test_wireframe_only_shades_no_face(cube, camera):
     assert effects(plan)["wireframe"]
     scene.wireframe = rj.Wireframe(mode="overlay")
     assert rj.explain(scene, camera).draws_faces
-    assert rj.explain(scene, camera, outputs="depth").wireframe is None
+    assert not rj.explain(scene, camera, outputs="depth").has("wireframe")
 
 
 def test_plan_prints_as_a_table(cube, camera):
@@ -189,9 +190,9 @@ def test_linear_colour_alone_calls_for_no_wireframe(cube, camera):
     scene.add(cube)
     scene.wireframe = rj.Wireframe("red")
     plan = rj.explain(scene, camera, outputs=("linear",))
-    assert plan.wireframe is None
+    assert plan.data("wireframe") is None
     assert "no output shows colour in 8 bits" in str(plan)
-    assert rj.explain(scene, camera, outputs=("color",)).wireframe is scene.wireframe
+    assert rj.explain(scene, camera, outputs=("color",)).data("wireframe") is scene.wireframe
 
 
 @pytest.mark.parametrize("place", [3.5e38, -1e308])
@@ -273,6 +274,7 @@ def test_every_reason_is_spelled_out(cube, camera):
         "fog                      out (scene.fog is None)",
         "tone mapping             out (scene.tone_map is None)",
         "ambient occlusion        out (scene.ambient_occlusion is None)",
+        "vignette                 out (scene.vignette is None)",
         "outline                  out (scene.outline is None)",
         "transparency             out (no material is blended)",
         "anti-aliasing            out (quality.samples is 1)",

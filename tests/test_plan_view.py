@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit import passes, plan_lights, shadow_cells, shadow_maps
-from rasterjit import plan as planning
-from rasterjit import transforms as tf
-from rasterjit.kernels import shadowing
-from rasterjit.plan_boxes import Boxes, mesh_boxes, place_boxes
-from rasterjit.plan_resources import list_kernels
-from rasterjit.plan_views import place_objects, view_places
+from rasterjit.effects.shadows import maps, visible_depth
+from rasterjit.effects.shadows import stage as shadows_stage
+from rasterjit.rendering.plan import list_kernels
+from rasterjit.scene import transforms as tf
 from rasterjit.scene.camera import clip_from_relative
+from rasterjit.survey import facts
+from rasterjit.survey import lights as planned_lights
+from rasterjit.survey.placement import Boxes, mesh_boxes, place_boxes, place_objects, view_places
 
 SQUARE = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], float)
 FACES = [[0, 1, 2], [0, 2, 3]]
@@ -85,8 +85,8 @@ def test_nothing_is_prepared_for_what_is_out_of_view(monkeypatch):
               "alpha_mode": "mask"}  # fmt: skip
     scene = scene_of(PLAIN, (square(**fields), AWAY))
     for name in ("join_textures", "join_maps", "join_microfacets", "join_cutouts"):
-        monkeypatch.setattr(f"rasterjit.prepared.{name}", refuse)
-    monkeypatch.setattr("rasterjit.plan_arrays.join_normals", refuse)
+        monkeypatch.setattr(f"rasterjit.survey.cache.{name}", refuse)
+    monkeypatch.setattr("rasterjit.survey.arrays.join_normals", refuse)
     frame = rj.render(scene, CAMERA, size=SIZE, outputs=("linear",), threads=1)
     alone = rj.render(scene_of(PLAIN), CAMERA, size=SIZE, outputs=("linear",), threads=1)
     assert frame.linear.tobytes() == alone.linear.tobytes()
@@ -242,7 +242,7 @@ def test_a_cone_is_left_out_only_where_it_changes_no_bit(monkeypatch):
                 continue
             dropped += 1
             with monkeypatch.context() as patch:
-                patch.setattr(plan_lights._Scenery, "in_cone", lambda self, _: ~self.is_unsure)
+                patch.setattr(planned_lights._Scenery, "in_cone", lambda self, _: ~self.is_unsure)
                 frame = rj.render(scene, CAMERA, size=SIZE, outputs=("linear", "face_id"),
                                   threads=1)  # fmt: skip
                 assert len(frame.plan.lighting.lights) == 1
@@ -252,7 +252,7 @@ def test_a_cone_is_left_out_only_where_it_changes_no_bit(monkeypatch):
 
 
 def test_lights_are_not_looked_at_where_nothing_is_lit(monkeypatch):
-    monkeypatch.setattr(planning, "plan_lights", None)
+    monkeypatch.setattr(facts, "plan_lights", None)
     lights = [rj.PointLight((0, 0, 3), range=2.0, shadow=rj.Shadow(64))]
     lit = scene_of((square(), np.eye(4)), lights=lights)
     assert rj.explain(lit, CAMERA, outputs=("depth",)).lighting is None
@@ -267,7 +267,7 @@ def test_too_many_texels_of_shadow_maps_are_refused_by_the_names_of_their_lights
     lamp = rj.PointLight((0, 0, 4), shadow=rj.Shadow(8192))
     lights = [rj.AmbientLight(), lamp, lamp, lamp]
     scene = scene_of((box, np.eye(4)), lights=lights[:3])
-    assert rj.explain(scene, CAMERA).casts_shadows
+    assert rj.explain(scene, CAMERA).has("shadows")
     scene.lights = lights
     for call in (rj.explain, rj.render):
         with pytest.raises(ValueError, match=r"1,073,741,824 texels together \(4\.3 GB\)") as error:
@@ -316,8 +316,8 @@ def test_an_object_out_of_view_casts_shadows_with_the_holes_of_its_mask(textured
     assert told["alpha masks"] == (True, "1 object outside the view, in shadows alone")
     assert told["textures"][0] is False
     assert not half.plan.needs_cutouts
-    drawing = [k.variant for k in list_kernels(half.plan) if k.name == "visibility.draw_tiles"]
-    assert drawing == ["", "holes"]
+    drawing = [k.name for k in list_kernels(half.plan) if k.name.startswith("nearest.draw_tiles")]
+    assert drawing == ["nearest.draw_tiles", "nearest.draw_tiles_tested"]
     darkened = [bright.linear.sum() - frame.linear.sum() for frame in (half, full)]
     assert darkened[1] > 10.0
     assert darkened[0] == pytest.approx(darkened[1] / 2.0, rel=0.1)
@@ -326,13 +326,13 @@ def test_an_object_out_of_view_casts_shadows_with_the_holes_of_its_mask(textured
 @pytest.fixture
 def fitted(monkeypatch):
     """Catch the scenery that shadow maps are fitted to."""
-    caught, original = [], passes.shadow_maps.scenery_of
+    caught, original = [], maps.scenery_of
 
     def catch(*arguments):
         caught.append(original(*arguments))
         return caught[-1]
 
-    monkeypatch.setattr(passes.shadow_maps, "scenery_of", catch)
+    monkeypatch.setattr(maps, "scenery_of", catch)
     return caught
 
 
@@ -374,11 +374,11 @@ DOWN = tf.rotate_x(-90.0)
 def test_filters_find_what_casts_a_shadow_from_aside(light, edge, height):
     floor = square(shading="flat"), tf.compose(DOWN, tf.scale(0.5))
     lit = scene_of(floor, lights=[light])
-    assert not rj.explain(lit, LOOKING_DOWN, size=SIZE).casts_shadows
+    assert not rj.explain(lit, LOOKING_DOWN, size=SIZE).has("shadows")
     for x, casts in ((edge, True), (100.0, False)):
         place = tf.compose(tf.translate((x + 2.0, height, 0.0)), DOWN, tf.scale(2.0))
         scene = scene_of(floor, (square(shading="flat"), place), lights=[light])
-        assert rj.explain(scene, LOOKING_DOWN, size=SIZE).casts_shadows == casts
+        assert rj.explain(scene, LOOKING_DOWN, size=SIZE).has("shadows") == casts
 
 
 SLIVER_LIGHTS = [
@@ -421,14 +421,14 @@ def test_a_sliver_that_no_centre_of_a_pixel_sees_lies_in_shadow(samples, light):
 @pytest.mark.parametrize("samples", [4, "area"])
 def test_what_is_hidden_at_every_sample_does_not_widen_shadow_maps(samples, z, monkeypatch):
     """Ground that goes far behind a wall that fills the picture, or under the camera as well."""
-    fitted, fit = [], shadow_maps._fit_parallel
+    fitted, fit = [], maps._fit_parallel
 
     def watch(light, scenery, row):
         matrix = fit(light, scenery, row)
         fitted.append(row.copy())
         return matrix
 
-    monkeypatch.setattr(shadow_maps, "_fit_parallel", watch)
+    monkeypatch.setattr(maps, "_fit_parallel", watch)
     wall = square(shading="flat"), tf.scale(6.0)
     pane = square(shading="flat"), tf.compose(tf.translate((0.3, 0.2, 0.5)), tf.scale(0.3))
     ground = square(shading="flat"), tf.compose(tf.translate((0, -5, z)), DOWN, tf.scale(500.0))
@@ -441,7 +441,7 @@ def test_what_is_hidden_at_every_sample_does_not_widen_shadow_maps(samples, z, m
             )  # fmt: skip
     assert len(fitted) == 4
     assert (fitted[3] == fitted[2]).all()
-    assert fitted[3][shadowing.FOCAL] == pytest.approx(fitted[0][shadowing.FOCAL], rel=0.01)
+    assert fitted[3][shadows_stage.FOCAL] == pytest.approx(fitted[0][shadows_stage.FOCAL], rel=0.01)
 
 
 def test_least_values_of_rectangles_are_not_above_those_of_a_loop():
@@ -449,7 +449,7 @@ def test_least_values_of_rectangles_are_not_above_those_of_a_loop():
     for height, width in ((1, 1), (1, 7), (9, 5), (23, 40)):
         values = rng.normal(size=(height, width)).astype(np.float32)
         rows, columns = (np.sort(rng.integers(0, n, (2, 300)), axis=0) for n in (height, width))
-        found = shadow_cells._least_within(values, *rows, *columns)
+        found = visible_depth._least_within(values, *rows, *columns)
         want = [
             values[top : bottom + 1, left : right + 1].min()
             for top, bottom, left, right in zip(*rows, *columns, strict=True)
@@ -467,7 +467,7 @@ def test_cells_of_what_is_open_hold_all_of_it_that_is_in_view():
         camera, matrix = random_camera(rng), np.eye(4)
         matrix[:3] = rng.normal(size=(3, 4)) * 2.0
         boxes = place_boxes(np.array([[[-1.0] * 3, [1.0] * 3]]), matrix[np.newaxis])
-        (cell,) = shadow_cells.view_cells(camera, size, boxes - camera.eye_position())
+        (cell,) = visible_depth.view_cells(camera, size, boxes - camera.eye_position())
         clipped += not np.array_equal(cell, boxes[0] - camera.eye_position())
         points = rng.uniform(-1.0, 1.0, (2000, 3)) @ matrix[:3, :3].T + matrix[:3, 3]
         clip = (
@@ -503,7 +503,7 @@ def test_cells_of_what_is_open_hold_all_of_it_that_is_in_view():
 def test_ambient_occlusion_needs_light_from_all_around(fields, used):
     scene = scene_of((square(), np.eye(4)), ambient_occlusion=rj.AmbientOcclusion(1.0), **fields)
     plan = rj.explain(scene, CAMERA, size=SIZE)
-    assert (plan.ambient_occlusion is not None) == used
+    assert plan.has("ambient occlusion") == used
     told = effects(plan)["ambient occlusion"]
     assert told == ((True, "radius 1, strength 1") if used else
                     (False, "no light comes from all around"))  # fmt: skip
@@ -542,6 +542,6 @@ def test_areas_of_blended_objects_are_refused_by_name():
 
 def test_fog_asks_for_no_positions_of_flat_objects_out_of_view():
     scene = scene_of((square(shading="phong"), np.eye(4)), (PLAIN[0], AWAY), fog=rj.Fog(density=1))
-    assert rj.explain(scene, CAMERA, size=SIZE).lighting.fog.flat is None
+    assert rj.explain(scene, CAMERA, size=SIZE).data("fog").flat is None
     scene.nodes[1].world_from_model = np.eye(4)
-    assert rj.explain(scene, CAMERA, size=SIZE).lighting.fog.flat is not None
+    assert rj.explain(scene, CAMERA, size=SIZE).data("fog").flat is not None

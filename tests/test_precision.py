@@ -6,10 +6,13 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit import plan_views, prepared, stages, transforms
-from rasterjit.kernels.setup import INVALID
-from rasterjit.plan import viewport_of
+from rasterjit.pipeline.geometry.setup import INVALID
+from rasterjit.pipeline.visibility import draw
+from rasterjit.pipeline.visibility.draw import viewport_of
+from rasterjit.runtime import threads
+from rasterjit.scene import transforms
 from rasterjit.scene.camera import PerspectiveCamera
+from rasterjit.survey import cache, placement
 
 SINGLE = rj.Quality(precision="float32")
 SIZE = (96, 64)
@@ -38,17 +41,17 @@ def scene_of(*meshes, **fields):
 
 def on_screen(scene, precision, size=SIZE):
     """Return the screen vertices, the matrices and the positions that they were found from."""
-    known = prepared.prepare(scene.nodes, None, rj.Quality())
-    views = plan_views.view_places(known.places, camera(), size)
+    known = cache.prepare(scene.nodes, None, rj.Quality())
+    views = placement.view_places(known.places, camera(), size)
     arrays, positions = known.shapes.arrays, known.shapes.positions(precision)
-    vertices = stages.ModelVertices(
+    vertices = draw.ModelVertices(
         positions, arrays.vertex_starts, views.relative_from_model, views.clip_from_relative
     )
-    workers = stages.Workers(1)
-    screen, _ = stages.transform_and_project(
+    workers = threads.Workers(1)
+    screen, _ = draw.transform_and_project(
         vertices, camera().depth_coefficients(), viewport_of(size, 8), workers
     )
-    return screen, vertices, stages.transform(*vertices, workers)
+    return screen, vertices, draw.transform(*vertices, workers)
 
 
 def numpy_clip(vertices):

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit import edge_lines, plan_arrays, plan_views, prepared
-from rasterjit.plan import OUTPUTS
-from rasterjit.plan_contents import Facts
+from rasterjit.outputs.table import OUTPUTS
+from rasterjit.survey import arrays as plan_arrays
+from rasterjit.survey import cache, placement
+from rasterjit.survey.contents import Inventory
 
 SIZE = (48, 40)
 
@@ -170,7 +171,7 @@ def test_what_has_not_changed_is_made_once(scene, camera, monkeypatch):
     modules = dict.fromkeys(
         ["join_geometry", "join_surface", "join_normals", "join_uv"], plan_arrays
     )
-    modules["place_objects"] = plan_views
+    modules["place_objects"] = placement
     counts = dict.fromkeys(modules, 0)
 
     def counted(name):
@@ -221,10 +222,10 @@ def test_instances_are_joined_like_copies(cube, sphere, order):
     copies = [copy.copy(mesh) for mesh in instances]
     for join in (
         plan_arrays.join_geometry, plan_arrays.join_normals, plan_arrays.join_uv,
-        prepared.join_textures,
+        plan_arrays.join_textures,
         lambda meshes: plan_arrays.join_surface(meshes, None),
     ):  # fmt: skip
-        if join is prepared.join_textures and "1" not in order:
+        if join is plan_arrays.join_textures and "1" not in order:
             continue
         one, other = join(instances), join(copies)
         for a, b in zip(one, other, strict=True):
@@ -232,7 +233,7 @@ def test_instances_are_joined_like_copies(cube, sphere, order):
                 assert (a.dtype, a.shape, a.tobytes()) == (b.dtype, b.shape, b.tobytes())
             else:
                 assert b is None
-    assert Facts(instances).contents == Facts(copies).contents
+    assert Inventory(instances).contents == Inventory(copies).contents
 
 
 def test_joined_arrays_are_the_meshes_one_after_another(cube, sphere):
@@ -248,7 +249,7 @@ def test_joined_arrays_are_the_meshes_one_after_another(cube, sphere):
 
 def test_object_numbers_find_the_object_of_a_face(cube, sphere):
     meshes = [cube, sphere, cube]
-    numbers = prepared.Shapes(meshes).object_numbers
+    numbers = cache.Shapes(meshes).object_numbers
     assert numbers.dtype == np.int32
     expected = np.repeat([0, 1, 2], [len(mesh.faces) for mesh in meshes])
     assert numbers[:-1].tolist() == expected.tolist()
@@ -284,8 +285,8 @@ def test_arrays_of_meshes_textures_and_nodes_cannot_be_written_to(cube, copied):
 
 def test_edges_are_found_once_a_mesh(cube, camera, monkeypatch):
     found = []
-    original = edge_lines.unique_edges
-    monkeypatch.setattr(edge_lines, "unique_edges", lambda *a: found.append(1) or original(*a))
+    original = cache.unique_edges
+    monkeypatch.setattr(cache, "unique_edges", lambda *a: found.append(1) or original(*a))
     scene = rj.Scene()
     scene.add(cube)
     scene.wireframe = rj.Wireframe()

@@ -7,8 +7,15 @@ import json
 import pytest
 
 import rasterjit as rj
-from rasterjit import profile as profiles
-from rasterjit.profile import LADDER, Profile, Step, front_of_steps, load_profile, save_profile
+from rasterjit.rendering import budget as profiles
+from rasterjit.rendering.budget import (
+    LADDER,
+    Profile,
+    Step,
+    front_of_steps,
+    load_profile,
+    save_profile,
+)
 from rasterjit.scene.quality import Quality
 
 STEPS = (

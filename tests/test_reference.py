@@ -28,8 +28,8 @@ from test_against_embree import (
 )
 
 import rasterjit as rj
-from rasterjit import oracle
-from rasterjit.supersampling import MovedCamera, sample_offsets
+from rasterjit.inspect import oracle
+from rasterjit.rendering.supersample import MovedCamera, sample_offsets
 
 REFERENCE = rj.Quality.reference()
 PICTURE = replace(REFERENCE, samples=1)

@@ -10,7 +10,9 @@ import pytest
 from test_supersampling import CAMERAS, GROUND, ROOF, SUN, averaged, rich_scene, scene_of
 
 import rasterjit as rj
-from rasterjit import passes, shadow_maps
+from rasterjit.effects.shadows import maps as shadow_maps
+from rasterjit.rendering import renderer as rendering
+from rasterjit.rendering import shade as shade_passes
 
 SIZE = (20, 14)
 CAMERA = CAMERAS["perspective"]
@@ -62,17 +64,17 @@ def test_error_falls_from_step_to_step():
 
 def test_no_picture_and_no_shadow_map_is_drawn_twice(monkeypatch):
     pictures, maps = [], []
-    shade, draw = passes.shade_faces, shadow_maps.draw_shadows
+    shade, draw = shade_passes.shade_faces, shadow_maps.draw_shadows
 
-    def watch(plan, *arguments):
-        pictures.append(getattr(plan.camera, "offset", None))
-        return shade(plan, *arguments)
+    def watch(context):
+        pictures.append(getattr(context.plan.camera, "offset", None))
+        return shade(context)
 
     def watch_maps(*arguments):
         maps.append(arguments)
         return draw(*arguments)
 
-    monkeypatch.setattr(passes, "shade_faces", watch)
+    monkeypatch.setattr(shade_passes, "shade_faces", watch)
     monkeypatch.setattr(shadow_maps, "draw_shadows", watch_maps)
     counts = []
     with rj.Renderer(SIZE) as renderer:
@@ -159,7 +161,7 @@ def test_steps_of_any_number_of_threads_have_the_same_bits():
      ({"diagnose": 3}, "diagnose must be")],
 )  # fmt: skip
 def test_wrong_arguments_are_errors_before_the_first_step(options, message, monkeypatch):
-    monkeypatch.setattr(rj.Renderer, "_find_visible", None)
+    monkeypatch.setattr(rendering, "find_visible", None)
     with rj.Renderer(SIZE) as renderer:
         with pytest.raises(ValueError, match=message):
             renderer.refine(rich_scene(), **{"camera": CAMERA, **options})

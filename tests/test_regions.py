@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit.plan import Region
-from rasterjit.regions import RegionRenderer, check_region, regions_of
-from rasterjit.validation import MAX_SIZE, MAX_UNITS, whole_size
+from rasterjit.pipeline.visibility.draw import Region
+from rasterjit.rendering.tiles import RegionRenderer, check_region, regions_of
+from rasterjit.scene.validation import MAX_SIZE, MAX_UNITS, whole_size
 
 SIZE = (150, 100)
 """Tiles of 64 pixels, and smaller ones at the right and at the bottom."""

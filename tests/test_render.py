@@ -15,8 +15,9 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit import stages
-from rasterjit.plan import MOTION_OUTPUTS, OUTPUTS
+from rasterjit.outputs.table import MOTION_OUTPUTS, OUTPUTS
+from rasterjit.pipeline.visibility import draw
+from rasterjit.runtime import threads as sharing
 
 ROOT = Path(rj.__file__).parent.parent
 SIZE = (75, 70)
@@ -64,11 +65,9 @@ def test_threads_and_repeats_change_no_bit(busy, camera):
 
 def test_size_of_tasks_changes_no_bit(busy, camera, monkeypatch):
     expected = bits(rj.render(busy, camera, size=SIZE, outputs=PLAIN, threads=1))
-    for name, value in (
-        ("FACES_PER_TASK", 17), ("VERTICES_PER_TASK", 5), ("TILES_PER_TASK", 1),
-        ("PIXELS_PER_TASK", 3),
-    ):  # fmt: skip
-        monkeypatch.setattr(stages, name, value)
+    for name, value in (("FACES_PER_TASK", 17), ("VERTICES_PER_TASK", 5), ("TILES_PER_TASK", 1)):
+        monkeypatch.setattr(draw, name, value)
+    monkeypatch.setattr(sharing, "PIXELS_PER_TASK", 3)
     assert bits(rj.render(busy, camera, size=SIZE, outputs=PLAIN, threads=2)) == expected
 
 
@@ -85,12 +84,12 @@ def wavy_grid(side):
 
 def test_many_faces_in_several_tasks_change_no_bit():
     mesh = wavy_grid(190)
-    assert len(mesh.faces) > stages.FACES_PER_TASK
+    assert len(mesh.faces) > draw.FACES_PER_TASK
     camera = rj.PerspectiveCamera((0.5, -2.0, 1.2), (0, 0, 0), near=1.7)
     outputs = ("color", "depth", "face_id", "normal")
     frames = [rj.render(mesh, camera, size=SIZE, outputs=outputs, threads=n) for n in (1, 2, 3, 8)]
     assert frames[0].stats.clipped > 0
-    assert frames[0].face_id.max() > stages.FACES_PER_TASK
+    assert frames[0].face_id.max() > draw.FACES_PER_TASK
     for frame in frames[1:]:
         assert bits(frame) == bits(frames[0])
 
@@ -147,13 +146,13 @@ def test_another_process_gives_the_same_bits():
 
 def test_depth_of_the_frame_is_kept_where_something_asks_for_it(busy, camera, monkeypatch):
     kept = []
-    find_visible = stages.find_visible
+    find_visible = draw.find_visible
 
     def watched(*arguments, **options):
         kept.append(find_visible(*arguments, **options).depth.shape)
         return find_visible(*arguments, **options)
 
-    monkeypatch.setattr(stages, "find_visible", watched)
+    monkeypatch.setattr(draw, "find_visible", watched)
     ways = ({}, {"diagnose": True}, {"outputs": ("color", "depth")})
     frames = [
         rj.render(busy, camera, size=(24, 16), **{"outputs": ("color",), **way}) for way in ways

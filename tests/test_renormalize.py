@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import blocks
 import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit import transforms as tf
-from rasterjit.kernels import lighting as lit
-from rasterjit.plan_views import are_even, place_objects, unit_matrices
+from rasterjit.pipeline.lighting import light_stages
+from rasterjit.pipeline.surface import samples as block
+from rasterjit.scene import transforms as tf
+from rasterjit.survey.placement import are_even, place_objects, unit_matrices
 
 AS_IT_IS = rj.Quality(renormalize=False)
 SIZE = (33, 33)
@@ -188,7 +190,7 @@ def test_matrices_of_normals_keep_lengths_where_objects_are_scaled_evenly():
 
 
 def test_vertices_are_lit_with_normals_of_length_one():
-    samples = np.zeros((lit.SAMPLE_ROWS, 4), np.float32)
-    samples[lit.NORMAL_Z] = 0.5
-    lit.scale_normals(samples, 4)
-    assert (samples[lit.NORMAL_Z] == 1.0).all()
+    samples = np.zeros((block.BLOCK_ROWS, 4), np.float32)
+    samples[block.NORMAL_Z] = 0.5
+    blocks.run(samples, (light_stages.normalize_normals,))
+    assert (samples[block.NORMAL_Z] == 1.0).all()

@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit import measurement
-from rasterjit import transforms as tf
-from rasterjit.plan import OUTPUTS as ALL_OUTPUTS
-from rasterjit.plan_quality import COARSER, filter_of
+from rasterjit.inspect import measure
+from rasterjit.outputs.table import OUTPUTS as ALL_OUTPUTS
+from rasterjit.scene import transforms as tf
 from rasterjit.scene.material import TEXTURE_FIELDS
 from rasterjit.scene.quality import LEVELS
+from rasterjit.survey.overrides import COARSER, filter_of
 
 SIZE = (72, 56)
 OUTPUTS = tuple(name for name in ALL_OUTPUTS if name != "uv")
@@ -217,7 +217,7 @@ def test_faces_alone_need_no_normals_of_vertices(scene):
     plan = rj.explain(scene, CAMERA, rj.Quality(shading="face"), size=SIZE)
     assert not plan.needs_normals
     assert not plan.needs_gouraud
-    assert plan.grounds.seen.flat == 4
+    assert plan.facts.seen.flat == 4
     assert rj.explain(scene, CAMERA, size=SIZE).needs_gouraud
 
 
@@ -365,7 +365,7 @@ def test_measuring_offers_what_the_quality_leaves_open(scene):
     def found(**settings):
         quality = rj.Quality(**settings)
         plan = rj.explain(scene, CAMERA, quality, size=SIZE)
-        return {what for _, what, _, _ in measurement.variations(plan, scene, quality)}
+        return {what for _, what, _, _ in measure.variations(plan, scene, quality)}
 
     levels = "mip levels for 2 of them"
     assert levels in found()

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit import shadow_cells, shadow_maps
-from rasterjit import transforms as tf
-from rasterjit.kernels import shadowing
+from rasterjit.effects.shadows import maps as shadow_maps
+from rasterjit.effects.shadows import stage as shadows_stage
+from rasterjit.effects.shadows import visible_depth
+from rasterjit.scene import transforms as tf
 
 SIZE = (96, 72)
 BOX = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
@@ -82,7 +83,7 @@ def shares(scene, camera, size=SIZE):
 
 def texel_of(shadows, light, points):
     """Return how large a texel is at some points, scene units."""
-    focal = shadows.maps[0, shadowing.FOCAL : shadowing.FOCAL + 2].min()
+    focal = shadows.maps[0, shadows_stage.FOCAL : shadows_stage.FOCAL + 2].min()
     if isinstance(light, rj.DirectionalLight):
         return np.full(len(points), 1.0 / focal)
     # On the sides of a cube as well, the depth is at most the distance.
@@ -209,7 +210,7 @@ def test_what_nothing_shades_has_the_bits_of_light_without_shadows(kind, kernel,
     camera = rj.PerspectiveCamera((0.0, 3.0, 2.0), (0.0, 0.0, 0.0), near=0.1)
     shown = rj.render(scene, camera, size=SIZE, outputs=("linear",), threads=1)
     plain = rj.render(without_shadow(scene), camera, size=SIZE, outputs=("linear",), threads=1)
-    assert shown.plan.casts_shadows
+    assert shown.plan.has("shadows")
     assert shown.linear.tobytes() == plain.linear.tobytes()
 
 
@@ -473,11 +474,12 @@ def shadow_row_of(scene, camera, **arguments):
 
 def test_plan_says_which_maps_there_are_and_why():
     scene, camera = box_on_ground(rj.DirectionalLight((0, -1, 0)))
-    assert shadow_row_of(scene, camera)[0][1:] == (False, "no light casts them")
+    row = shadow_row_of(scene, camera)[0]
+    assert (row.used, row.reason) == (False, "no light casts them")
     scene.lights = [sun(30.0, size=1024)]
     row, plan = shadow_row_of(scene, camera)
-    assert row[1:] == (True, "1 map of 1024 x 1024, 4.2 MB")
-    assert plan.casts_shadows
+    assert (row.used, row.reason) == (True, "1 map of 1024 x 1024, 4.2 MB")
+    assert plan.has("shadows")
     assert plan.needs_depth
     scene.lights = [sun(30.0, size=1024), lamp("point", 40.0, size=256)]
     row = shadow_row_of(scene, camera)[0]
@@ -486,10 +488,10 @@ def test_plan_says_which_maps_there_are_and_why():
     only.add(ground())
     only.lights = [sun(30.0)]
     row, plan = shadow_row_of(only, camera)
-    assert row[1:] == (False, "light 0: nothing lies between it and what is seen")
-    assert not plan.casts_shadows
+    assert (row.used, row.reason) == (False, "light 0: nothing lies between it and what is seen")
+    assert not plan.has("shadows")
     row = shadow_row_of(scene, camera, outputs=("depth",))[0]
-    assert row[1:] == (False, "nothing is lit")
+    assert (row.used, row.reason) == (False, "nothing is lit")
 
 
 def test_a_light_in_front_of_which_nothing_lies_draws_no_map(drawn):
@@ -503,5 +505,5 @@ def test_a_light_in_front_of_which_nothing_lies_draws_no_map(drawn):
 def test_scene_without_shadows_reads_no_maps(monkeypatch):
     scene, camera = box_on_ground(rj.DirectionalLight((0, -1, 0)))
     monkeypatch.setattr(shadow_maps, "draw_shadows", None)
-    monkeypatch.setattr(shadow_cells, "seen_cells", None)
+    monkeypatch.setattr(visible_depth, "seen_cells", None)
     rj.render(scene, camera, size=SIZE)

@@ -11,10 +11,15 @@ import pytest
 from test_plan_view import effects
 
 import rasterjit as rj
-from rasterjit import passes, plan_resources, shadow_maps, stages, supersampling
-from rasterjit import transforms as tf
-from rasterjit.kernels import shadowing
-from rasterjit.supersampling import MovedCamera, sample_offsets
+from rasterjit.effects.shadows import maps
+from rasterjit.effects.shadows import stage as shadows_stage
+from rasterjit.pipeline.visibility import draw as drawing
+from rasterjit.rendering import plan as plan_resources
+from rasterjit.rendering import shade as shade_passes
+from rasterjit.rendering import supersample
+from rasterjit.rendering.supersample import MovedCamera, sample_offsets
+from rasterjit.runtime import threads as sharing
+from rasterjit.scene import transforms as tf
 
 SIZE = (20, 14)
 MANY = rj.Quality(samples=64)
@@ -245,8 +250,8 @@ def test_buffers_and_counts_are_those_of_one_sample():
 def test_threads_change_no_bit(monkeypatch):
     size = (70, 66)
     # Small frames are one task otherwise.
-    monkeypatch.setattr(stages, "PIXELS_PER_TASK", 256)
-    monkeypatch.setattr(stages, "TILES_PER_TASK", 1)
+    monkeypatch.setattr(sharing, "PIXELS_PER_TASK", 256)
+    monkeypatch.setattr(drawing, "TILES_PER_TASK", 1)
     for scene in (rich_scene(), scene_of(GROUND, ROOF, lights=[SUN])):
         frames = [
             draw(scene, size=size, outputs=("color", "linear"), threads=threads)
@@ -271,13 +276,13 @@ ROOF = (
 @pytest.fixture
 def drawn(monkeypatch):
     """Catch the shadow maps that are drawn."""
-    caught, draw_shadows = [], shadow_maps.draw_shadows
+    caught, draw_shadows = [], maps.draw_shadows
 
     def catch(*arguments):
         caught.append(draw_shadows(*arguments))
         return caught[-1]
 
-    monkeypatch.setattr(shadow_maps, "draw_shadows", catch)
+    monkeypatch.setattr(maps, "draw_shadows", catch)
     return caught
 
 
@@ -315,7 +320,7 @@ def test_no_map_is_drawn_where_nothing_casts_a_shadow_on_what_is_seen(drawn):
 
 def test_shadow_maps_reach_around_what_any_picture_shows(monkeypatch):
     """Ground whose nearest and farthest points lie between the centres of pixels and the border."""
-    fitted, fit = [], shadow_maps._fit_parallel
+    fitted, fit = [], maps._fit_parallel
 
     def watch(light, scenery, row):
         fitted.append(None)
@@ -323,7 +328,7 @@ def test_shadow_maps_reach_around_what_any_picture_shows(monkeypatch):
         fitted[-1] = row.copy()
         return matrix
 
-    monkeypatch.setattr(shadow_maps, "_fit_parallel", watch)
+    monkeypatch.setattr(maps, "_fit_parallel", watch)
     sun = rj.DirectionalLight((0.0, -1.0, 0.0), shadow=rj.Shadow(4096, "hard"))
     scene = scene_of(GROUND, ROOF, lights=[sun])
     camera = rj.PerspectiveCamera((0.0, 1.5, 3.0), (0, 0.4, 0), near=0.1)
@@ -339,8 +344,8 @@ def test_shadow_maps_reach_around_what_any_picture_shows(monkeypatch):
         points = seen.position[seen.face_id >= 0].astype(float) - camera.eye_position()
         for row in (everywhere, centres):
             places = [
-                points @ row[3 * k : 3 * k + 3] * row[shadowing.FOCAL + k]
-                + row[shadowing.CENTER + k]
+                points @ row[3 * k : 3 * k + 3] * row[shadows_stage.FOCAL + k]
+                + row[shadows_stage.CENTER + k]
                 for k in (0, 1)
             ]
             inside = [(place > 0.0) & (place < 4096.0) for place in places]
@@ -383,14 +388,14 @@ def test_buffers_of_pictures_are_told(cube, camera):
 
 def test_memory_does_not_grow_with_the_number_of_pictures(monkeypatch, cube, camera):
     held = []
-    add = supersampling._add_picture
+    add = supersample._add_picture
 
     def watch(linear, sums, workers):
         shelves = workers.memory._shelves.values()
         held.append(sum(block.nbytes for shelf in shelves for block in shelf))
         add(linear, sums, workers)
 
-    monkeypatch.setattr(supersampling, "_add_picture", watch)
+    monkeypatch.setattr(supersample, "_add_picture", watch)
     draw(cube, camera, size=(120, 80), threads=1)
     assert len(held) == 64
     assert held[0] == held[-1]
@@ -400,7 +405,7 @@ def test_measurement_switches_pictures_off(cube, camera):
     measured = rj.measure(cube, camera, MANY, size=SIZE, rounds=1)
     assert ("anti-aliasing", "off") in [(change.name, change.what) for change in measured.changes]
     assert measured.stages["average"] > 0.0
-    assert "accumulation.add_picture" in str(measured)
+    assert "weights.add_picture" in str(measured)
 
 
 def test_pixel_is_explained_by_its_centre_and_what_else_it_shows(cube, camera):
@@ -418,13 +423,13 @@ def test_pixel_is_explained_by_its_centre_and_what_else_it_shows(cube, camera):
 
 
 def test_one_sample_draws_no_picture_twice(monkeypatch, cube, camera):
-    calls, shade = [], passes.shade_faces
+    calls, shade = [], shade_passes.shade_faces
 
     def watch(*arguments):
         calls.append(arguments)
         return shade(*arguments)
 
-    monkeypatch.setattr(passes, "shade_faces", watch)
+    monkeypatch.setattr(shade_passes, "shade_faces", watch)
     for samples, count in ((1, 1), (16, 1), (64, 64), (256, 256)):
         calls.clear()
         draw(cube, camera, replace(MANY, samples=samples))

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rasterjit import transforms as tf
+from rasterjit.scene import transforms as tf
 
 BLOCK = 16384
 

@@ -10,15 +10,18 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit import dial, viewer_effects
-from rasterjit import viewer as viewer_module
-from rasterjit.cli import program
-from rasterjit.controls import Fly
-from rasterjit.profile import LADDER
-from rasterjit.render import Renderer
-from rasterjit.viewer import LONGEST_STEP, Viewer
-from rasterjit.viewer_pictures import picture_of
-from rasterjit.viewer_text import mark_pixel, rows_of, write_panel
+from rasterjit.cli.commands import program
+from rasterjit.inspect import pixel
+from rasterjit.rendering import budget
+from rasterjit.rendering import renderer as rendering
+from rasterjit.rendering.budget import LADDER
+from rasterjit.rendering.effects import EFFECTS
+from rasterjit.rendering.renderer import Renderer
+from rasterjit.viewer import switches
+from rasterjit.viewer import viewer as viewing
+from rasterjit.viewer.controls import Fly
+from rasterjit.viewer.overlay import mark_pixel, picture_of, rows_of, write_panel
+from rasterjit.viewer.viewer import LONGEST_STEP, Viewer
 
 SIZE = (40, 30)
 DRAFT, REFERENCE = rj.Quality.draft(), rj.Quality.reference()
@@ -27,7 +30,7 @@ DRAFT, REFERENCE = rj.Quality.draft(), rj.Quality.reference()
 @pytest.fixture
 def viewer(cube, monkeypatch):
     """A viewer whose dial never comes to know anything: what moves is a draft."""
-    monkeypatch.setattr(dial.Times, "calibrate", lambda *_: iter(()))
+    monkeypatch.setattr(budget.Times, "calibrate", lambda *_: iter(()))
     viewer = Viewer(cube, size=SIZE)
     yield viewer
     viewer.close()
@@ -88,17 +91,17 @@ def test_what_moves_ends_the_step_that_runs(viewer, monkeypatch):
     viewer.draw()
     assert viewer.step()
     assert viewer.step()
-    find = rj.Renderer._find_visible
+    find = rendering.find_visible
     drawn = []
 
-    def moving(self, *arguments, **options):
+    def moving(*arguments, **options):
         drawn.append(1)
         if len(drawn) == 1:
             key(viewer, "ArrowLeft")
             viewer.version += 1
-        return find(self, *arguments, **options)
+        return find(*arguments, **options)
 
-    monkeypatch.setattr(rj.Renderer, "_find_visible", moving)
+    monkeypatch.setattr(rendering, "find_visible", moving)
     before = viewer.draw().copy()
     drawn.clear()
     assert not viewer.step()
@@ -109,7 +112,7 @@ def test_what_moves_ends_the_step_that_runs(viewer, monkeypatch):
 
 
 def test_explanation_of_a_picture_that_is_gone_is_not_shown(viewer, monkeypatch):
-    explain = viewer_module.explain_pixel
+    explain = pixel.explain_pixel
     meanwhile = []
 
     def slow(*arguments, **options):
@@ -123,7 +126,7 @@ def test_explanation_of_a_picture_that_is_gone_is_not_shown(viewer, monkeypatch)
         pointer(viewer, "up", 25, 9)
         settle(viewer)
 
-    monkeypatch.setattr(viewer_module, "explain_pixel", slow)
+    monkeypatch.setattr(viewing, "explain_pixel", slow)
     viewer.pick(20, 15)
     meanwhile[:] = [drag]
     assert viewer.step()
@@ -141,17 +144,17 @@ def test_explanation_of_a_picture_that_is_gone_is_not_shown(viewer, monkeypatch)
 
 
 def test_costs_of_a_scene_that_is_gone_are_not_shown(viewer, monkeypatch):
-    measure = viewer_effects.costs
+    measure = switches.costs
 
     def slow(*arguments):
-        monkeypatch.setattr(viewer_effects, "costs", measure)
+        monkeypatch.setattr(switches, "costs", measure)
         found = measure(*arguments)
         key(viewer, "k")
         return found
 
     key(viewer, "m")
-    monkeypatch.setattr(viewer_effects, "costs", slow)
-    while viewer_effects.costs is slow:
+    monkeypatch.setattr(switches, "costs", slow)
+    while switches.costs is slow:
         assert viewer.step()
     assert viewer.costs is None
     while viewer.step():
@@ -351,7 +354,7 @@ def test_keys_fly(viewer):
 def test_held_key_moves_as_far_at_any_rate_of_frames(viewer, monkeypatch):
     key(viewer, "c")
     viewer.handle({"event_type": "key_down", "key": "w"})
-    monkeypatch.setattr(dial, "seconds_of", lambda frame: 0.4)
+    monkeypatch.setattr(budget, "seconds_of", lambda frame: 0.4)
     viewer.draw()
     expected = viewer.controls.advance(0.4)
     viewer.advance(0.4)
@@ -422,7 +425,13 @@ def test_help_fits_into_any_picture(cube, size):
 
 
 def test_every_effect_key_is_known_and_told():
-    assert set(viewer_effects.KEYS.values()) <= set(viewer_effects.SWITCHES)
+    names = {effect.name for effect in EFFECTS}
+    assert switches.KEYS == {
+        "o": "ambient occlusion", "k": "outline", "t": "tone mapping", "l": "shadows",
+        "b": "environment background", "v": "environment light", "n": "fog", "x": "textures",
+        "z": "vignette",
+    }  # fmt: skip
+    assert set(switches.KEYS.values()) <= names
 
 
 def test_error_of_a_step_is_shown_once(viewer):
@@ -457,8 +466,8 @@ def timed(cube, monkeypatch):
         asked.append(frame.plan.quality)
         return 1e-3 * MILLISECONDS[frame.plan.quality]
 
-    monkeypatch.setattr(dial, "load_profile", lambda: None)
-    monkeypatch.setattr(dial, "seconds_of", seconds_of)
+    monkeypatch.setattr(budget, "load_profile", lambda: None)
+    monkeypatch.setattr(budget, "seconds_of", seconds_of)
     viewer = Viewer(cube, size=SIZE)
     yield viewer, asked
     viewer.close()
@@ -553,7 +562,7 @@ def test_what_moves_while_the_dial_learns_loses_nothing(timed, monkeypatch):
     while viewer.step():
         pass
     assert viewer.is_moving
-    assert asked.count(LADDER[1]) == 1 + dial.FRAMES + 1
+    assert asked.count(LADDER[1]) == 1 + budget.FRAMES + 1
     assert LADDER[2] not in asked
     # Of what it knows by now that is the best.
     np.testing.assert_array_equal(viewer.draw(), rendered(viewer, LADDER[1]))
@@ -563,6 +572,6 @@ def test_what_moves_while_the_dial_learns_loses_nothing(timed, monkeypatch):
         pass
     # Shown once; measured before.
     assert asked.count(LADDER[1]) == 1
-    assert asked.count(LADDER[2]) == 1 + dial.FRAMES
+    assert asked.count(LADDER[2]) == 1 + budget.FRAMES
     drag(viewer)
     np.testing.assert_array_equal(viewer.draw(), rendered(viewer, LADDER[3]))

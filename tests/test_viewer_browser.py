@@ -20,8 +20,8 @@ from cubes import CUBE_FACES, CUBE_VERTICES
 from PIL import Image
 
 import rasterjit as rj
-from rasterjit import viewer_browser
-from rasterjit.viewer import Viewer
+from rasterjit.viewer import browser
+from rasterjit.viewer.viewer import Viewer
 
 SIZE = (160, 120)
 FOCUS = 0.5
@@ -216,7 +216,7 @@ def status(bound, asked, origin=None):
     headers += [] if origin is None else [(b"origin", origin.encode())]
     said = []
     scope = {"type": "http", "headers": headers}
-    asyncio.run(viewer_browser.guarded(app, bound)(scope, None, send))
+    asyncio.run(browser.guarded(app, bound)(scope, None, send))
     return said[0]["status"]
 
 
@@ -292,7 +292,7 @@ def test_port_in_use_is_said(server, model):
 )
 def test_place_that_is_none_is_refused(host, port, message):
     with pytest.raises(ValueError, match=message):
-        viewer_browser.bind(host, port)
+        browser.bind(host, port)
 
 
 def test_interrupt_ends_it(server):

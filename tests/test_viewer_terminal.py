@@ -135,7 +135,7 @@ def test_missing_package_is_one_line(tmp_path):
     path = tmp_path / "face.obj"
     path.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
     code = (
-        "import sys; sys.modules['uvicorn'] = None; from rasterjit.cli import main; "
+        "import sys; sys.modules['uvicorn'] = None; from rasterjit.cli.commands import main; "
         f"sys.argv = ['rasterjit', 'view', {str(path)!r}, '--backend', 'browser', '--quiet']; "
         "main()"
     )

@@ -15,8 +15,8 @@ from cubes import CUBE_FACES, CUBE_VERTICES
 from PIL import Image
 
 import rasterjit as rj
-from rasterjit import viewer_show, viewer_window
-from rasterjit.viewer import Viewer
+from rasterjit.viewer import canvas, show
+from rasterjit.viewer.viewer import Viewer
 
 SIZE = (200, 150)
 PATIENCE = 120
@@ -27,8 +27,8 @@ import json, sys, time
 import numpy as np
 from PIL import ImageGrab
 import rasterjit as rj
-from rasterjit import viewer_window
-from rasterjit.viewer import Viewer
+from rasterjit.viewer import canvas as viewer_window
+from rasterjit.viewer.viewer import Viewer
 
 vertices, faces, folder = json.loads(sys.argv[1])
 viewer = Viewer(rj.Mesh(vertices, faces), size=(200, 150))
@@ -79,7 +79,7 @@ def found_in(screen, picture):
 @pytest.mark.needs_jit
 def test_window_shows_what_the_controls_foretell(tmp_path):
     missing = [name for name in ("Xvfb", "xvfb-run") if shutil.which(name) is None]
-    if missing or not viewer_window.toolkits():
+    if missing or not canvas.toolkits():
         assert not os.environ.get("CI"), missing
         pytest.skip(f"needs {missing or 'glfw'}")
     mesh = json.dumps([CUBE_VERTICES.tolist(), CUBE_FACES.tolist(), str(tmp_path)])
@@ -108,15 +108,15 @@ def test_no_display_is_said(cube, monkeypatch):
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     monkeypatch.setattr(sys, "platform", "linux")
-    monkeypatch.setattr(viewer_window, "toolkits", lambda: ["glfw"])
+    monkeypatch.setattr(canvas, "toolkits", lambda: ["glfw"])
     monkeypatch.setattr(Viewer, "draw", lambda self: pytest.fail("drawn"))
     with pytest.raises(ValueError, match="needs no display here"):
         rj.show(cube, backend="window", size=(8, 6))
-    assert viewer_show.choose_backend("auto") == "browser"
+    assert show.choose_backend("auto") == "browser"
     monkeypatch.setenv("DISPLAY", ":7")
-    assert viewer_show.choose_backend("auto") == "window"
-    monkeypatch.setattr(viewer_window, "toolkits", list)
-    assert viewer_show.choose_backend("auto") == "browser"
+    assert show.choose_backend("auto") == "window"
+    monkeypatch.setattr(canvas, "toolkits", list)
+    assert show.choose_backend("auto") == "browser"
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ spelling of a face shows. Transform, snapping, tile lists and floors are RasterJ
 
 from __future__ import annotations
 
+import inspect
 from importlib.util import find_spec
 from types import FunctionType, ModuleType, SimpleNamespace
 from typing import Any
@@ -20,9 +21,11 @@ from benchmarks.contestants import Prepared
 from benchmarks.contestants.needs import refusal
 from benchmarks.contestants.rasterjit_ import Visibility
 from benchmarks.scenes import LineScene, Scene, TriangleScene
-from rasterjit import stages
-from rasterjit.kernels import batches, setup, visibility
-from rasterjit.kernels.jit import disjoint_stage, stage
+from rasterjit.pipeline.geometry import setup
+from rasterjit.pipeline.geometry import triangle_batches as batches
+from rasterjit.pipeline.visibility import draw, nearest
+from rasterjit.runtime.jit import Helper, disjoint_helper, helper
+from rasterjit.runtime.state import float32, float64
 
 NAME = "RasterJIT, float edges"
 
@@ -62,7 +65,7 @@ def prepare(scene: Scene, threads: int) -> Prepared:
 # --- set-up -----------------------------------------------------------------------------------
 
 
-@stage
+@helper
 def edge(ax, ay, bx, by, px, py):
     """Return the edge function of a -> b at p, rounded."""
     along_x, along_y = np.float32(np.int32(bx - ax)), np.float32(np.int32(by - ay))
@@ -70,7 +73,7 @@ def edge(ax, ay, bx, by, px, py):
     return along_x * away_y - along_y * away_x
 
 
-@stage
+@helper
 def edge_bias(ax, ay, bx, by):
     """Return 0: a tie belongs to both sides."""
     return np.int64(0)
@@ -79,61 +82,65 @@ def edge_bias(ax, ay, bx, by):
 # --- batches ----------------------------------------------------------------------------------
 
 
-@stage
-def is_above(ax, ay, bx, by):
-    """Return ``False``: the order of vertices stays, but for the turn."""
-    return False
-
-
-@disjoint_stage
-def bound_triangles(ax, ay, bx, by, cx, cy, window, bits, left, top, right, bottom, wide):
-    """Write the box of samples of each triangle inside a window; any vertex may be topmost."""
-    blocks = batches.BLOCK_BITS
-    for n in range(ax.shape[0]):
-        first = setup.first_sample(min(ax[n], min(bx[n], cx[n])), bits)
-        last = setup.last_sample(max(ax[n], max(bx[n], cx[n])), bits)
-        is_wide = last - first >= batches.SMALL_PIXELS
-        wide[n] = is_wide
-        left[n] = max(first, (window[0] >> blocks) << blocks if is_wide else window[0])
-        top[n] = max(setup.first_sample(min(ay[n], min(by[n], cy[n])), bits), window[1])
-        right[n] = min(last, window[2])
-        bottom[n] = min(setup.last_sample(max(ay[n], max(by[n], cy[n])), bits), window[3])
-
-
-@disjoint_stage
-def plan_depths(ax, ay, bx, by, cx, cy, da, db, dc, weight_a, weight_b, lowest, highest):
-    """Write the weights of E_bc and E_ca in the depth, and its range."""
-    for n in range(ax.shape[0]):
-        area = edge(ax[n], ay[n], bx[n], by[n], cx[n], cy[n])
-        weight_a[n], weight_b[n] = (da[n] - dc[n]) / area, (db[n] - dc[n]) / area
-        lowest[n] = min(da[n], min(db[n], dc[n]))
-        highest[n] = max(da[n], max(db[n], dc[n]))
-
-
-@disjoint_stage
-def plan_edge(ax, ay, bx, by, left, top, bits, value, across, down, least):
-    """Write the edge a -> b at the corner of the box, its steps, and its least value inside."""
+@disjoint_helper
+def plan_all(count, window, bits, whole, real):
+    """Work out what drawing triangles takes; vertices stay in their order, but for the turn."""
     unit, half = np.float32(np.int64(1) << bits), np.int64(1) << (bits - 1)
-    for n in range(ax.shape[0]):
-        px = np.int32((left[n] << bits) + half)
-        py = np.int32((top[n] << bits) + half)
-        value[n] = edge(ax[n], ay[n], bx[n], by[n], px, py)
-        across[n] = np.float32(np.int32(ay[n] - by[n])) * unit
-        down[n] = np.float32(np.int32(bx[n] - ax[n])) * unit
-        least[n] = np.float32(0.0)
+    block = (window[0] >> batches.BLOCK_BITS) << batches.BLOCK_BITS
+    for i in range(count):
+        n = np.uintp(i)
+        ax, ay, da = whole[batches.AX_AT + n], whole[batches.AY_AT + n], real[batches.DEPTH_0 + n]
+        x1, y1, d1 = whole[batches.BX_AT + n], whole[batches.BY_AT + n], real[batches.DEPTH_1 + n]
+        x2, y2, d2 = whole[batches.CX_AT + n], whole[batches.CY_AT + n], real[batches.DEPTH_2 + n]
+        is_turned = edge(ax, ay, x1, y1, x2, y2) < 0
+        bx, by, db = x2 if is_turned else x1, y2 if is_turned else y1, d2 if is_turned else d1
+        cx, cy, dc = x1 if is_turned else x2, y1 if is_turned else y2, d1 if is_turned else d2
+        whole[batches.BX_AT + n], whole[batches.BY_AT + n], real[batches.DEPTH_1 + n] = bx, by, db
+        whole[batches.CX_AT + n], whole[batches.CY_AT + n], real[batches.DEPTH_2 + n] = cx, cy, dc
+        # The box: any vertex may be topmost.
+        first = setup.first_sample(min(ax, min(bx, cx)), bits)
+        last = setup.last_sample(max(ax, max(bx, cx)), bits)
+        is_wide = last - first >= batches.SMALL_PIXELS
+        left = np.int32(max(first, block if is_wide else window[0]))
+        top = np.int32(max(setup.first_sample(min(ay, min(by, cy)), bits), window[1]))
+        whole[batches.WIDE_AT + n] = is_wide
+        whole[batches.LEFT_AT + n], whole[batches.TOP_AT + n] = left, top
+        whole[batches.RIGHT_AT + n] = min(last, window[2])
+        bottom = setup.last_sample(max(ay, max(by, cy)), bits)
+        whole[batches.BOTTOM_AT + n] = min(bottom, window[3])
+        # The plane of depths.
+        area = edge(ax, ay, bx, by, cx, cy)
+        real[batches.WEIGHT_0 + n] = (da - dc) / area
+        real[batches.WEIGHT_1 + n] = (db - dc) / area
+        real[batches.RANGE_0 + n] = min(da, min(db, dc))
+        real[batches.RANGE_1 + n] = max(da, max(db, dc))
+        # The edges at the corner of the box, their steps, and their least value inside.
+        px, py = np.int32((left << bits) + half), np.int32((top << bits) + half)
+        real[batches.EDGE_0 + n] = edge(bx, by, cx, cy, px, py)
+        real[batches.EDGE_1 + n] = edge(cx, cy, ax, ay, px, py)
+        real[batches.EDGE_2 + n] = edge(ax, ay, bx, by, px, py)
+        real[batches.ACROSS_0 + n] = np.float32(np.int32(by - cy)) * unit
+        real[batches.ACROSS_1 + n] = np.float32(np.int32(cy - ay)) * unit
+        real[batches.ACROSS_2 + n] = np.float32(np.int32(ay - by)) * unit
+        real[batches.DOWN_0 + n] = np.float32(np.int32(cx - bx)) * unit
+        real[batches.DOWN_1 + n] = np.float32(np.int32(ax - cx)) * unit
+        real[batches.DOWN_2 + n] = np.float32(np.int32(bx - ax)) * unit
+        real[batches.LEAST_0 + n] = np.float32(0.0)
+        real[batches.LEAST_1 + n] = np.float32(0.0)
+        real[batches.LEAST_2 + n] = np.float32(0.0)
 
 
 # --- visibility -------------------------------------------------------------------------------
 
 
-@stage
+@helper
 def edge_at(ax, ay, bx, by, column, row, grid_bits):
     """Return the edge function of a -> b at a pixel's centre."""
     half = np.int64(1) << (grid_bits - 1)
     return edge(ax, ay, bx, by, (column << grid_bits) + half, (row << grid_bits) + half)
 
 
-@stage
+@helper
 def line_at(a, b, column, row, grid_bits):
     """Return an edge as (value at a pixel, step to the next column, to the next row)."""
     value = edge_at(a[0], a[1], b[0], b[1], column, row, grid_bits)
@@ -144,7 +151,7 @@ def line_at(a, b, column, row, grid_bits):
     )
 
 
-@stage
+@helper
 def edges_at(a, b, c, column, row, grid_bits):
     """Return the three edges of a triangle, as `line_at` does."""
     return (
@@ -154,7 +161,7 @@ def edges_at(a, b, c, column, row, grid_bits):
     )
 
 
-@stage
+@helper
 def crossing_line(edge):
     """Return an edge as (value, step down, columns for each unit of them, side)."""
     value, across, down = edge
@@ -163,7 +170,7 @@ def crossing_line(edge):
     return value, down, np.float32(1.0) / abs(across), np.int64(across > 0)
 
 
-@stage
+@helper
 def bound_span(first, last, line, row):
     """Return the first and the last column that one edge leaves of a row."""
     value, down, columns, begins = line
@@ -174,7 +181,7 @@ def bound_span(first, last, line, row):
     )
 
 
-@disjoint_stage
+@disjoint_helper
 def find_spans(begins, ends, depths, lanes, lines, columns, inside_bc, inside_ca, plane):
     """
     Write, row by row, the first covered column, one past the last, and the depth at the first.
@@ -201,38 +208,38 @@ def find_spans(begins, ends, depths, lanes, lines, columns, inside_bc, inside_ca
     return np.int64(longest)
 
 
-@stage
+@helper
 def depth_from(plane, edge_bc, edge_ca):
     """Return the depth where two edge functions have the given values."""
     return plane[0] + (edge_bc * plane[1] + edge_ca * plane[2])
 
 
-@disjoint_stage
+@disjoint_helper
 def fill_span(depths, numbers, first, count, depth, steps, plane, face):
     """Depth-test ``count`` samples of a row, from ``first`` on, in groups of four."""
     for i in range(((count - 1) | 3) + 1):
         sample = first + np.uintp(i)
         along = np.float32(np.int32(np.int32(i) + steps))
-        stored = visibility.held(depth + along * plane[3], plane)
+        stored = nearest.held(depth + along * plane[3], plane)
         if (stored > depths[sample]) & (np.int32(i) < np.int32(count)):
             depths[sample] = stored
             numbers[sample] = face
 
 
-@disjoint_stage
+@disjoint_helper
 def find_samples(begins, ends, starts, steps, before, corner, plane, places, stored):
     """Write where the sample ``steps`` right of the first of each row lies, and its depth."""
     along = np.float32(np.int32(steps)) * plane[3]
     for i in range(begins.shape[0]):
         column = np.int32(begins[i] + np.int32(steps))
         is_covered = (column >= before) & (column < ends[i])
-        depth = visibility.held(starts[i] + along, plane)
-        place = np.int32(np.int32(i) * np.int32(visibility.SCRATCH_SHAPE[1]) + np.int32(corner))
+        depth = nearest.held(starts[i] + along, plane)
+        place = np.int32(np.int32(i) * np.int32(nearest.SCRATCH_SHAPE[1]) + np.int32(corner))
         places[i] = np.int32(place + column) if is_covered else np.int32(0)
         stored[i] = depth if is_covered else np.float32(-np.inf)
 
 
-@disjoint_stage
+@disjoint_helper
 def test_row(depths, numbers, first, lanes, values, steps, thresholds, plane, face):
     """Test one row of samples against the three edges and the depth; without branches."""
     for i in range(lanes):
@@ -241,7 +248,7 @@ def test_row(depths, numbers, first, lanes, values, steps, thresholds, plane, fa
         e0 = values[0] + column * steps[0]
         e1 = values[1] + column * steps[1]
         e2 = values[2] + column * steps[2]
-        stored = visibility.held(depth_from(plane, e0, e1), plane)
+        stored = nearest.held(depth_from(plane, e0, e1), plane)
         if (
             (e0 >= thresholds[0])
             & (e1 >= thresholds[1])
@@ -258,8 +265,15 @@ def scratch_memory(
     """Return the memory that a thread needs to draw, its real numbers in float32."""
     return tuple(
         np.empty(array.shape, np.float32) if array.dtype == np.float64 else array
-        for array in visibility.scratch_memory(has_cutouts, depth_type)
+        for array in nearest.scratch_memory(has_cutouts, depth_type)
     )
+
+
+SCRATCH = tuple(
+    kind._replace(dtype=float32.dtype) if kind.dtype == float64.dtype else kind
+    for kind in nearest.SCRATCH
+)
+"""The types of that memory."""
 
 
 # --- putting them in place --------------------------------------------------------------------
@@ -269,8 +283,8 @@ def twin(module: ModuleType, **others: Any) -> SimpleNamespace:
     """
     Return a module once more, with others in place of some of its functions.
 
-    Every function of the module is made again from its own code, compiled in its own way but kept
-    in no cache, so that it calls the others.
+    Every function of the module is made again from its own code, so that it calls the others, and
+    compiled in its own way. Kernels are this file's then: the store keeps them beside the others.
     """
     strangers = others.keys() - vars(module).keys()
     if strangers:
@@ -278,35 +292,35 @@ def twin(module: ModuleType, **others: Any) -> SimpleNamespace:
     names = {**vars(module), **others}
     for name in vars(module).keys() - others.keys():
         compiled = names[name]
-        function = getattr(compiled, "py_func", compiled)
+        function = inspect.unwrap(getattr(compiled, "function", compiled))
         if not isinstance(function, FunctionType) or function.__module__ != module.__name__:
             continue
         again = FunctionType(function.__code__, names, name, function.__defaults__)
-        again.__kwdefaults__ = function.__kwdefaults__
-        if function is not compiled:
-            pipeline = compiled._compiler.pipeline_class
-            options = compiled.targetoptions
-            again = type(compiled)(again, targetoptions=options, pipeline_class=pipeline)
+        again.__kwdefaults__, again.__annotations__ = (
+            function.__kwdefaults__, function.__annotations__,
+        )  # fmt: skip
+        again.__module__ = __name__
+        if isinstance(compiled, Helper):
+            again = Helper(again, compiled.is_disjoint)
+        elif not isinstance(compiled, FunctionType):
+            again = type(compiled)(again)
         names[name] = again
     return SimpleNamespace(**names)
 
 
 def careless_stages() -> SimpleNamespace:
-    """Return ``rasterjit.stages`` with the functions above in place of the exact ones."""
-    planning = twin(
-        batches, narrow_edge=edge, is_above=is_above, bound_triangles=bound_triangles,
-        plan_depths=plan_depths, plan_edge=plan_edge,
-    )  # fmt: skip
-    drawing = twin(
-        visibility, gather_triangles=planning.gather_triangles,
+    """Return ``pipeline.visibility.draw`` with the functions above in place of the exact ones."""
+    planning = twin(batches, plan_all=plan_all)
+    covering = twin(
+        nearest, gather_triangles=planning.gather_triangles,
         plan_triangles=planning.plan_triangles, edge_at=edge_at, edges_at=edges_at,
         crossing_line=crossing_line, find_spans=find_spans, depth_from=depth_from,
         fill_span=fill_span, find_samples=find_samples, test_row=test_row,
-        scratch_memory=scratch_memory,
+        scratch_memory=scratch_memory, SCRATCH=SCRATCH,
     )  # fmt: skip
     # Which tiles a triangle reaches is asked of few, and in whole numbers.
     listing = twin(setup, edge=edge, edge_bias=edge_bias, tile_edges=setup.tile_edges)
-    return twin(stages, setup=listing, visibility=drawing)
+    return twin(draw, setup=listing, nearest=covering)
 
 
 class FloatTriangles(Visibility):

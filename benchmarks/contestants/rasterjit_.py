@@ -75,18 +75,19 @@ class Visibility:
     """Transform, projection, clipping, set-up, binning and visibility."""
 
     def __init__(self, scene: TriangleScene, threads: int) -> None:
-        from rasterjit import plan, stages
-        from rasterjit.kernels.records import Objects
+        from rasterjit.pipeline.records import Objects
+        from rasterjit.pipeline.visibility import draw as drawing
+        from rasterjit.runtime import threads as sharing
 
-        self._stages = stages
+        self._stages = drawing
         self._positions = scene.positions.astype(np.float64)
         self._faces = scene.faces
         self._vertex_starts = np.array([0, len(scene.positions)], np.int64)
         self._objects = Objects(np.array([0, len(scene.faces)], np.int64), np.zeros(1, np.int8))
         self._relative_from_model = np.eye(4)[np.newaxis]
         self._clip_from_relative = scene.clip_from_model
-        self._viewport = plan.viewport_of(scene.size, SUBPIXEL_BITS)
-        self._workers = stages.Workers(threads)
+        self._viewport = drawing.viewport_of(scene.size, SUBPIXEL_BITS)
+        self._workers = sharing.Workers(threads)
 
     def draw(self) -> None:
         """Find the visible face and its depth at every pixel."""

@@ -7,7 +7,7 @@ Measure what each accuracy setting costs in time and what it buys in error.
 """
 
 from rasterjit.accuracy.calibration import calibrate
-from rasterjit.accuracy.files import can_make_page, write_files, write_report
+from rasterjit.accuracy.report.files import can_make_page, write_files, write_report
 from rasterjit.accuracy.results import Errors, Study, Trial
 from rasterjit.accuracy.scenes import MADE_FOR, SCENES, MadeScene, make
 from rasterjit.accuracy.sentences import sentences

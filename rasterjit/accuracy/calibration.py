@@ -8,11 +8,18 @@ from pathlib import Path
 from rasterjit.accuracy.scenes import make
 from rasterjit.accuracy.study import Studio
 from rasterjit.accuracy.timing import Progress, total
-from rasterjit.dial import light_of, root_mean_square
-from rasterjit.profile import LADDER, Profile, Step, front_of_steps, save_profile
+from rasterjit.rendering.budget import (
+    LADDER,
+    Profile,
+    Step,
+    front_of_steps,
+    light_of,
+    root_mean_square,
+    save_profile,
+)
+from rasterjit.runtime.threads import available_processors
 from rasterjit.scene.quality import SUPERSAMPLED, Quality
-from rasterjit.validation import thread_count
-from rasterjit.workers import available_processors
+from rasterjit.scene.validation import thread_count
 
 SCENES_DRAWN = ("highlights", "shadows", "glass", "floor")
 """Made scenes that differ in what they cost: light, shadows, layers, textures."""

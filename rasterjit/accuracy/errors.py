@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.accuracy.results import Errors
-from rasterjit.dial import light_of, root_mean_square
-from rasterjit.frame import Frame
+from rasterjit.outputs.frame import Frame
+from rasterjit.rendering.budget import light_of, root_mean_square
 from rasterjit.scene.scene import Scene
 
 PICTURE_OUTPUTS = ("color", "linear")

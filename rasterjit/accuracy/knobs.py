@@ -8,10 +8,10 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 from rasterjit.accuracy.results import COMBINATIONS
-from rasterjit.plan import RenderPlan
-from rasterjit.plan_effects import Grounds
+from rasterjit.rendering.plan import RenderPlan
 from rasterjit.scene.camera import OrthographicCamera
 from rasterjit.scene.quality import LEVELS, PRESETS, SUPERSAMPLED, Quality, differences
+from rasterjit.survey.facts import Facts
 
 TRIED_PRESETS = ("draft", "high")
 """Presets that are tried besides the standard and the reference, which are drawn anyway."""
@@ -68,8 +68,8 @@ def check_knobs(knobs: Iterable[str] | None) -> tuple[str, ...]:
 
 def without_effect(plan: RenderPlan, knobs: Sequence[str]) -> dict[str, str]:
     """Return which of some settings change nothing in a frame, with the reason in words."""
-    grounds = plan.grounds
-    if not grounds.seen.objects:
+    facts = plan.facts
+    if not facts.seen.objects:
         return dict.fromkeys(knobs, "no object is in view")
     reasons = {name: REASONS[name](plan) for name in knobs if name in REASONS}
     return {name: reason for name, reason in reasons.items() if reason is not None}
@@ -151,31 +151,31 @@ def _not_interpolated(plan: RenderPlan) -> str | None:
     """Say why nothing is interpolated over a face."""
     if isinstance(plan.camera, OrthographicCamera):
         return "the camera is orthographic: what is linear on a face is linear on the screen"
-    grounds = plan.grounds
-    if grounds.is_lit or grounds.needs_textures or grounds.has_fog or grounds.needs_cutouts:
+    facts = plan.facts
+    if facts.is_lit or facts.needs_textures or plan.has("fog") or facts.needs_cutouts:
         return None
     return _not_shaded(plan)
 
 
 def _not_lit_finely(plan: RenderPlan) -> str | None:
     """Say why no material is lit by the vertex or the pixel that could do with less."""
-    if not plan.grounds.is_lit:
-        return _lighting_reason(plan.grounds)
-    if not plan.grounds.seen.shadings & {"gouraud", "phong"}:
+    if not plan.facts.is_lit:
+        return _lighting_reason(plan.facts)
+    if not plan.facts.seen.shadings & {"gouraud", "phong"}:
         return "no material in view is gouraud or phong"
     return None
 
 
-def _lighting_reason(grounds: Grounds) -> str:
+def _lighting_reason(facts: Facts) -> str:
     """Say why nothing is lit."""
-    return "every material in view is unlit" if grounds.shades else "no face is shaded"
+    return "every material in view is unlit" if facts.shades else "no face is shaded"
 
 
 def _without_pixel_normals(plan: RenderPlan) -> str | None:
     """Say why no normals are interpolated."""
-    if not plan.grounds.is_lit:
-        return _lighting_reason(plan.grounds)
-    if not plan.grounds.seen.shadings & {"phong", "pbr"}:
+    if not plan.facts.is_lit:
+        return _lighting_reason(plan.facts)
+    if not plan.facts.seen.shadings & {"phong", "pbr"}:
         return "no material in view is phong or pbr: no normals are interpolated"
     return None
 
@@ -184,15 +184,6 @@ def _not_blended(plan: RenderPlan) -> str | None:
     """Say why nothing is mixed."""
     reason = _effect_reason(plan, "transparency")
     return None if reason is None else f"{reason}, and the standard has one sample a pixel"
-
-
-def _without_powers(plan: RenderPlan) -> str | None:
-    """Say why no powers or exponentials are taken."""
-    grounds = plan.grounds
-    has_highlights = grounds.is_lit and (grounds.seen.highlights or grounds.seen.pbr)
-    if has_highlights or grounds.has_fog or grounds.maps_tones:
-        return None
-    return "there are no highlights, no fog and no tone curve"
 
 
 REASONS: dict[str, Callable[[RenderPlan], str | None]] = {
@@ -205,7 +196,6 @@ REASONS: dict[str, Callable[[RenderPlan], str | None]] = {
     "shadow_taps": lambda plan: _effect_reason(plan, "shadows"),
     "transparency_layers": lambda plan: _effect_reason(plan, "transparency"),
     "blending": _not_blended,
-    "math": _without_powers,
     "lines": lambda plan: _effect_reason(plan, "wireframe"),
 }
 """What says why a setting has no effect in a frame, or None; the others always may have one."""

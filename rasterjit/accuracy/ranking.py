@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 from rasterjit.accuracy.results import COMBINATIONS, Trial
-from rasterjit.profile import front_of
+from rasterjit.rendering.budget import front_of
 
 NOTCH = 1.57
 """Interquartile ranges, over the root of their number, that a median of samples is known to."""

@@ -9,14 +9,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit import transforms
+from rasterjit.scene import transforms
 from rasterjit.scene.camera import PerspectiveCamera
 from rasterjit.scene.light import AmbientLight, DirectionalLight, Shadow
 from rasterjit.scene.material import Material
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.scene import Scene, Wireframe
 from rasterjit.scene.texture import Texture
-from rasterjit.validation import one_of
+from rasterjit.scene.validation import one_of
 
 SIZE = (480, 360)
 """Pixels of their pictures."""
@@ -244,7 +244,6 @@ MADE_FOR = {
     "shadow_taps": "shadows",
     "transparency_layers": "glass",
     "blending": "glass",
-    "math": "highlights",
     "lines": "wireframe",
 }
 """The scene that each setting matters most to."""

@@ -19,7 +19,6 @@ PHRASES = {
     "shadow_taps": "{} shadow comparisons",
     "transparency_layers": "{} transparent layers",
     "blending": "blending in {}",
-    "math": "{} math",
     "lines": "{} lines",
 }
 """What a level of each setting is called."""

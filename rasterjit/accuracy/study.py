@@ -9,9 +9,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, NamedTuple
 
-from rasterjit.accuracy import compiling
 from rasterjit.accuracy import errors as measures
-from rasterjit.accuracy.files import prepare_folder, write_report
 from rasterjit.accuracy.knobs import (
     Attempt,
     check_knobs,
@@ -20,6 +18,7 @@ from rasterjit.accuracy.knobs import (
     without_effect,
 )
 from rasterjit.accuracy.ranking import mark_dominated, pareto_front
+from rasterjit.accuracy.report.files import prepare_folder, write_report
 from rasterjit.accuracy.results import COMBINATIONS, STANDARD, Study
 from rasterjit.accuracy.timing import (
     Allowance,
@@ -31,16 +30,15 @@ from rasterjit.accuracy.timing import (
     take_turns,
     total,
 )
-from rasterjit.arguments import choose_camera
-from rasterjit.frame import Frame
 from rasterjit.io.meshes import as_scene
-from rasterjit.profile import machine
-from rasterjit.render import Renderer, explain
+from rasterjit.outputs.frame import Frame
+from rasterjit.rendering.budget import machine
+from rasterjit.rendering.renderer import Renderer, choose_camera, explain
+from rasterjit.runtime.threads import available_processors
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
-from rasterjit.validation import image_size, positive_number, thread_count
-from rasterjit.workers import available_processors
+from rasterjit.scene.validation import image_size, positive_number, thread_count
 
 SIZE = (640, 480)
 """Pixels of the pictures, unless another size is asked for."""
@@ -169,19 +167,14 @@ def _measure(
     allowance = Allowance(seconds)
     attempts = _by_cost(attempts)
     usual = Attempt(STANDARD, STANDARD, Quality.standard())
-    with compiling.Companion(studio.threads) as companion:
-        companion.help(0.0, lambda: studio.job(attempts))
-        tell("drawing the reference", 0, len(attempts) + 2)
-        reference, reference_seconds = studio.reference()
-        tell("drawing standard", 1, len(attempts) + 2)
-        measured = Measured(reference, reference_seconds, studio.prepare(usual, reference), [], {})
-        # What is drawn in any case may take long to compile.
-        allowance.keep(KEPT * seconds)
-        try:
-            _prepare(studio, companion, measured, attempts, allowance, tell)
-        except KeyboardInterrupt:
-            return measured._replace(interrupted=True)
+    tell("drawing the reference", 0, len(attempts) + 2)
+    reference, reference_seconds = studio.reference()
+    tell("drawing standard", 1, len(attempts) + 2)
+    measured = Measured(reference, reference_seconds, studio.prepare(usual, reference), [], {})
+    # What is drawn in any case may take long to compile.
+    allowance.keep(KEPT * seconds)
     try:
+        _prepare(studio, measured, attempts, allowance, tell)
         take_turns(studio, measured.standard, measured.contestants, allowance, tell)
     except KeyboardInterrupt:
         return measured._replace(interrupted=True)
@@ -190,7 +183,6 @@ def _measure(
 
 def _prepare(
     studio: Studio,
-    companion: compiling.Companion,
     measured: Measured,
     attempts: Sequence[Attempt],
     allowance: Allowance,
@@ -200,8 +192,6 @@ def _prepare(
     contestants = measured.contestants
     for number, attempt in enumerate(attempts):
         tell(f"drawing {attempt.label}", number + 2, len(attempts) + 2)
-        rest = attempts[number:]
-        companion.help(studio.compile_seconds, lambda rest=rest: studio.job(rest))
         if not fits(attempt, measured.standard, contestants, allowance):
             continue
         try:
@@ -242,19 +232,11 @@ class Studio:
     ----------
     scene, camera, size, threads
         As `rasterjit.render` takes them.
-
-    Attributes
-    ----------
-    threads : int or None
-    compile_seconds : float
-        What has been compiled, or loaded, so far took.
     """
 
     def __init__(
         self, scene: Scene, camera: Camera, size: tuple[int, int], threads: int | None
     ) -> None:
-        self.threads = threads
-        self.compile_seconds = 0.0
         self._scene, self._camera, self._size = scene, camera, size
         self._buffers = measures.buffers_of(scene)
         self._outputs = (*measures.PICTURE_OUTPUTS, *self._buffers)
@@ -275,15 +257,7 @@ class Studio:
     def draw(self, quality: Quality, outputs: Sequence[str]) -> Frame:
         """Draw a frame."""
         self._renderer.quality = quality
-        frame = self._renderer.render(self._scene, self._camera, outputs=outputs)
-        self.compile_seconds += frame.stats.seconds[COMPILE]
-        return frame
-
-    def job(self, attempts: Sequence[Attempt]) -> compiling.Job:
-        """Return what another process can draw to compile for attempts, the last of them first."""
-        qualities = [attempt.quality for attempt in attempts if attempt.passes == 1]
-        outputs = [self._outputs, COLOR_ALONE]
-        return compiling.Job(self._scene, self._camera, self._size, qualities[::-1], outputs)
+        return self._renderer.render(self._scene, self._camera, outputs=outputs)
 
     def seconds(self, quality: Quality) -> Stages:
         """Draw the colour alone, as most frames are, and return the seconds of each stage."""

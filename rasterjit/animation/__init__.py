@@ -14,7 +14,6 @@ they come, so that an animation of any length takes the memory of one frame:
 """
 
 from rasterjit.animation.playing import frames, save
-from rasterjit.animation.tracks import CameraTrack, MorphTrack, TransformTrack
-from rasterjit.animation.turning import turntable
+from rasterjit.animation.tracks import CameraTrack, MorphTrack, TransformTrack, turntable
 
 __all__ = ["CameraTrack", "MorphTrack", "TransformTrack", "frames", "save", "turntable"]

@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rasterjit.frame import Frame
-from rasterjit.io.animations import save_animation
-from rasterjit.render import Renderer
+from rasterjit.animation.video import save_animation
+from rasterjit.outputs.frame import Frame
+from rasterjit.rendering.renderer import Renderer
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.scene import Node, Scene
-from rasterjit.validation import finite_number, in_short
+from rasterjit.scene.validation import finite_number, in_short
 
 CameraAt = Callable[[float], Camera]
 TransformAt = Callable[[float], ArrayLike]

@@ -14,8 +14,7 @@ the work was interrupted or not:
 from rasterjit.dataset.crews import LostWorkersError
 from rasterjit.dataset.making import Outcome, Summary, make, mesh_files
 from rasterjit.dataset.mesh import MeshError, render_views
-from rasterjit.dataset.recipe import Recipe
-from rasterjit.dataset.views import view_cameras
+from rasterjit.dataset.recipe import Recipe, view_cameras
 
 __all__ = [
     "LostWorkersError",

@@ -15,7 +15,7 @@ from contextlib import contextmanager
 from typing import Any
 
 from rasterjit.dataset.mesh import Stopped
-from rasterjit.workers import available_processors
+from rasterjit.runtime.threads import available_processors
 
 Job = tuple[Any, ...]
 Task = Callable[..., Any]

@@ -13,10 +13,10 @@ from pathlib import Path
 from typing import Any
 
 from rasterjit.dataset import crews
+from rasterjit.dataset.lock import LOCK, owned
 from rasterjit.dataset.mesh import DONE, PARTIAL, make_mesh, write_json
-from rasterjit.dataset.owner import LOCK, owned
 from rasterjit.dataset.recipe import Recipe
-from rasterjit.validation import in_short
+from rasterjit.scene.validation import in_short
 
 SETTINGS = "dataset.json"
 """The file that says how a data set is made."""

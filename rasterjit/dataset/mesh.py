@@ -29,16 +29,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit import masks, transforms
-from rasterjit.dataset.recipe import Recipe
-from rasterjit.dataset.views import view_cameras
-from rasterjit.frame import Frame
+from rasterjit.dataset.recipe import Recipe, view_cameras
 from rasterjit.io import images
 from rasterjit.io.meshes import load
-from rasterjit.render import Renderer
+from rasterjit.outputs import masks
+from rasterjit.outputs.frame import Frame
+from rasterjit.rendering.renderer import Renderer
+from rasterjit.scene import transforms
 from rasterjit.scene.camera import PerspectiveCamera
 from rasterjit.scene.scene import Scene
-from rasterjit.validation import in_short
+from rasterjit.scene.validation import in_short
 
 DONE = "transforms.json"
 """The file that says that a mesh is done."""

@@ -1,16 +1,21 @@
-"""What a data set is to hold: checked once, the same for every mesh."""
+"""What a data set is made of, and from where its views are taken."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+import math
+import random
+from collections.abc import Iterator, Sequence
 from typing import Any
 
-from rasterjit import transforms
-from rasterjit.plan import MOTION_OUTPUTS, OUTPUTS
+from rasterjit.animation.tracks import FULL_TURN, measured
+from rasterjit.outputs.table import MOTION_OUTPUTS, OUTPUTS
+from rasterjit.scene import transforms
+from rasterjit.scene.camera import Bounded, PerspectiveCamera
 from rasterjit.scene.color import ColorLike, linear_color
+from rasterjit.scene.framing import fit_camera, frame_of, orbit_direction
 from rasterjit.scene.quality import Quality, check_quality
-from rasterjit.validation import bounded_number, image_size, in_short, one_of, triple
+from rasterjit.scene.validation import bounded_number, image_size, in_short, one_of, triple
 
 LAYOUTS = ("sphere", "random", "ring")
 """How cameras are placed."""
@@ -27,6 +32,11 @@ CHOICES = tuple(
     if name not in MOTION_OUTPUTS
 )
 """Outputs that a data set can hold; motion needs an earlier view, which a mesh at rest has not."""
+
+Direction = tuple[float, float, float]
+
+GOLDEN_ANGLE = FULL_TURN / 2.0 * (3.0 - math.sqrt(5.0))
+"""Degrees from one point of the lattice to the next: no two lie above each other."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -139,3 +149,60 @@ def _color(value: Any) -> Any:
     """Return a colour as it can be compared and written: a text, or a tuple of floats."""
     linear = linear_color("background", value)
     return value if isinstance(value, str) else tuple(linear.tolist())
+
+
+def view_cameras(scene: Bounded, recipe: Recipe, name: str = "") -> list[PerspectiveCamera]:
+    """
+    Return the cameras of a mesh, all at one distance from the middle of its bounding box.
+
+    The distance fits the bounding sphere into the picture; the units are those of the mesh.
+
+    Parameters
+    ----------
+    scene : Scene
+    recipe : Recipe
+    name : str
+        Of the mesh: with the recipe's seed it decides about views at random.
+
+    Raises
+    ------
+    ValueError
+        If the scene has no extent that a camera fits.
+    """
+    frame = frame_of(recipe.up)
+    upward = transforms.apply(frame, (0.0, 1.0, 0.0))
+    sphere = measured(scene)
+    return [
+        fit_camera(
+            sphere,
+            transforms.apply(frame, direction),
+            recipe.fov_y,
+            up=upward,
+            aspect=recipe.size[0] / recipe.size[1],
+        )
+        for direction in _directions(recipe, name)
+    ]
+
+
+def _directions(recipe: Recipe, name: str) -> Iterator[Direction]:
+    """Yield where the cameras are, seen from the mesh, y up, of unit length."""
+    count = recipe.views
+    if recipe.layout == "ring":
+        for number in range(count):
+            yield orbit_direction(FULL_TURN * number / count, recipe.elevation)
+    elif recipe.layout == "sphere":
+        for number in range(count):
+            yield _on_sphere(1.0 - (2 * number + 1) / count, GOLDEN_ANGLE * number)
+    else:
+        # Python promises the same numbers for the same text on every machine.
+        source = random.Random(f"{recipe.seed}/{name}")
+        for _ in range(count):
+            height = 2.0 * source.random() - 1.0
+            yield _on_sphere(height, FULL_TURN * source.random())
+
+
+def _on_sphere(height: float, azimuth: float) -> Direction:
+    """Return a point of the unit sphere; equal steps of height have equal areas (Archimedes)."""
+    sine, cosine = transforms.sine_cosine(azimuth)
+    radius = math.sqrt(1.0 - height * height)
+    return radius * sine, height, radius * cosine

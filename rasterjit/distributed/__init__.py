@@ -31,7 +31,7 @@ must keep what they run behind ``if __name__ == "__main__":``.
   as it is prepared, and a few frames. A worker that goes beyond 95 % of it is killed and
   restarted by its nanny, and its tasks are run again; a task that has lost four workers fails.
 - Compile first: ``rasterjit warmup`` once for each machine, or a cache of kernels that all of them
-  see (``NUMBA_CACHE_DIR``). Otherwise the first task of each worker takes a minute or more.
+  see (``RASTERJIT_CACHE_DIR``). Otherwise the first task of each worker takes a minute or more.
 - An adaptive cluster (``cluster.adapt(minimum=1, maximum=100)``) grows with what waits. How much
   waits is what ``prefetch`` allows: with an adaptive cluster pass two for each worker that it may
   have.

@@ -10,7 +10,7 @@ from concurrent.futures import CancelledError
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from rasterjit.workers import available_processors
+from rasterjit.runtime.threads import available_processors
 
 if TYPE_CHECKING:
     from distributed import Client, Future

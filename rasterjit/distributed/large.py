@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 
 from rasterjit.distributed.clusters import SharedScene, check_client, result_of, retried, send
 from rasterjit.io.images import checked_path, replacing
-from rasterjit.plan import Region
-from rasterjit.regions import RegionRenderer, Survey, regions_of
+from rasterjit.pipeline.visibility.draw import Region
+from rasterjit.rendering.tiles import RegionRenderer, Survey, regions_of
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.quality import Quality
-from rasterjit.validation import thread_count
+from rasterjit.scene.validation import thread_count
 
 if TYPE_CHECKING:
     from distributed import Client

@@ -15,18 +15,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit import plan as planning
-from rasterjit import stages
-from rasterjit.frame import Frame, Stats
-from rasterjit.plan import RenderPlan
-from rasterjit.plan_contents import SMOOTH
-from rasterjit.render import Renderer
+from rasterjit.outputs.frame import Frame, Stats
+from rasterjit.rendering import plan as planning
+from rasterjit.rendering.clock import StageClock
+from rasterjit.rendering.renderer import draw_frame
+from rasterjit.rendering.stream import Options
+from rasterjit.rendering.views import plan_views
+from rasterjit.runtime.threads import Workers
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.material import Material
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.scene import Scene
-from rasterjit.streams import Options
-from rasterjit.validation import in_short
+from rasterjit.scene.validation import in_short
+from rasterjit.survey.contents import SMOOTH
+from rasterjit.survey.plan import RenderPlan
 
 LARGEST_FACE = 2**31 - 1
 """Most faces of all parts: their numbers are int32."""
@@ -57,15 +59,6 @@ class Layer:
         stats = Stats(**self.counts, seconds=self.seconds, face_id=self.outputs["face_id"])
         _ = stats.pixels_covered
         return Frame(outputs, self.plan, stats)
-
-
-class _DepthKeeper(Renderer):
-    """A renderer that keeps the visibility buffer of its last frame."""
-
-    def _find_visible(self, *arguments: Any, **options: Any) -> stages.Coverage:
-        options["keep_depth"] = options["find_faces"] = True
-        self.coverage = super()._find_visible(*arguments, **options)
-        return self.coverage
 
 
 def mesh_of(part: Any, material: Material | None) -> Mesh | None:
@@ -121,15 +114,20 @@ def draw_layer(
         return None
     scene, asked = checked
     outputs = tuple(dict.fromkeys((*options.outputs, "face_id")))
-    with _DepthKeeper(options.size, quality=options.quality, threads=threads) as renderer:
-        frame = renderer.render(
-            scene, camera, outputs=outputs, background=options.background, cull=options.cull
-        )
-        depth = renderer.coverage.depth
+    clock, workers = StageClock(), Workers(threads)
+    try:
+        planned = plan_views(
+            options.size, options.quality, scene, camera, outputs, options.background,
+            options.cull, False, None,
+        )  # fmt: skip
+        kept = {"keep_depth": True, "find_faces": True}
+        frame, seen = draw_frame(planned, workers, clock=clock, **kept)
+    finally:
+        workers.close()
     counts = {name: getattr(frame.stats, name) for name in COUNTS}
     (node,) = scene.nodes
     faces = len(node.mesh.faces)
-    return Layer(faces, depth, frame.arrays(), counts, frame.stats.seconds, asked)
+    return Layer(faces, seen.coverage.depth, frame.arrays(), counts, frame.stats.seconds, asked)
 
 
 def plan_part(
@@ -150,7 +148,7 @@ def plan_part(
     for name in ("lights", "environment", "fog", "tone_map"):
         setattr(scene, name, getattr(setting, name))
     scene.add(mesh)
-    plan = planning.plan_render(
+    plan = planning.plan_frame(
         scene, camera, options.size, options.quality, options.outputs, options.background,
         options.cull,
     )  # fmt: skip

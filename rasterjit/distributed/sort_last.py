@@ -14,15 +14,15 @@ import numpy as np
 
 from rasterjit.distributed import layers
 from rasterjit.distributed.clusters import connected, require_dask, result_of, retried, send
-from rasterjit.frame import Frame
+from rasterjit.outputs.frame import Frame
+from rasterjit.rendering.stream import Options, check_arguments
 from rasterjit.scene.camera import Camera, check_camera
 from rasterjit.scene.light import AmbientLight
 from rasterjit.scene.material import Material
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
-from rasterjit.streams import Options, check_arguments
-from rasterjit.validation import in_short, thread_count
+from rasterjit.scene.validation import in_short, thread_count
 
 if TYPE_CHECKING:
     from distributed import Client

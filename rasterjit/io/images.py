@@ -3,13 +3,30 @@ Write pictures and arrays to files, whole or not at all.
 
 A file is written beside its place under a temporary name and then moved there in one step, so a
 picture that was there before is either kept or replaced, never left half-written.
+
+Write named channels to an OpenEXR file, and choose the names by which other programs know them.
+
+Encode 16-bit grey and RGB pictures with text as PNG.
+
+Pillow, and with it imageio, writes 16 bits a channel in grey alone; RGB has to be put together
+here, and grey is written the same way.
+
+References
+----------
+.. [1] Academy Software Foundation, "Technical Introduction to OpenEXR": R, G, B, A and Z are the
+   names of colour, opacity and depth, a layer's channels are ``layer.channel``, and colour is
+   multiplied by alpha.
+.. [2] Blender Manual, "Passes": multilayer files name vectors X, Y, Z and texture coordinates U, V.
 """
 
 from __future__ import annotations
 
+import errno
 import os
+import struct
 import uuid
-from collections.abc import Iterable, Iterator
+import zlib
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -17,7 +34,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.validation import positive_number
+from rasterjit.scene.validation import positive_number
 
 IMAGE_FORMATS = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".gif")
 """Extensions that ``save_image`` writes."""
@@ -36,6 +53,13 @@ DEPTH_FORMATS = (".exr", ".npz", ".npy", ".png")
 """Extensions that ``save_depth`` writes."""
 
 LARGEST_UINT16 = 65535
+
+_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+_GREY, _RGB = 0, 2
+"""PNG's colour types."""
+_UP = 2
+"""PNG's filter that stores the difference from the row above: smooth pictures pack better."""
+_LONGEST_KEY = 79
 
 
 def save_image(path: str | Path, image: NDArray[np.uint8]) -> None:
@@ -127,9 +151,7 @@ def save_depth(path: str | Path, depth: NDArray[np.float32], *, scale: float = 1
         with replacing(place) as temporary:
             _write_pixels(temporary, pixels, {})
     else:
-        from rasterjit.io import exr
-
-        exr.write(place, {"Z": values})
+        write_exr(place, {"Z": values})
 
 
 def _depth_as_uint16(depth: NDArray[np.float32], scale: float) -> NDArray[np.uint16]:
@@ -193,3 +215,115 @@ def replacing(place: Path) -> Iterator[Path]:
         raise
     finally:
         temporary.unlink(missing_ok=True)
+
+
+class MissingOpenEXRError(ImportError, ValueError):
+    """A file ends in ``.exr`` and OpenEXR is not installed."""
+
+
+def write_exr(
+    place: Path, channels: Mapping[str, NDArray[Any]], attributes: Mapping[str, str] | None = None
+) -> None:
+    """
+    Write channels to a scan-line file with lossless ZIP compression, whole or not at all.
+
+    Parameters
+    ----------
+    place : Path
+    channels : mapping of str to (H, W) float32 or uint32
+        All of one shape; the file's data window is columns 0..W-1 and rows 0..H-1.
+    attributes : mapping of str to str, optional
+        What the header says besides.
+
+    Raises
+    ------
+    MissingOpenEXRError
+        An ``ImportError`` and a ``ValueError``: if OpenEXR is not installed.
+    OSError
+        If the file cannot be written; an existing one is left as it was.
+    """
+    try:
+        import OpenEXR
+    except ImportError:
+        raise MissingOpenEXRError(
+            f'path {str(place)!r}: .exr needs OpenEXR; pip install "rasterjit[exr]"'
+        ) from None
+    header = {
+        **(attributes or {}),
+        "compression": OpenEXR.ZIP_COMPRESSION,
+        "type": OpenEXR.scanlineimage,
+    }
+    pixels = {name: np.ascontiguousarray(array) for name, array in channels.items()}
+    with replacing(place) as temporary, OpenEXR.File(header, pixels) as file:
+        try:
+            file.write(str(temporary))
+        except RuntimeError as error:
+            raise _as_os_error(error, temporary, place) from None
+
+
+def _as_os_error(error: RuntimeError, temporary: Path, place: Path) -> OSError:
+    """Return what OpenEXR says in words alone as the system's error, naming the file wanted."""
+    said = str(error)
+    for code in sorted(errno.errorcode):
+        if os.strerror(code) in said:
+            return OSError(code, os.strerror(code), str(place))
+    return OSError(errno.EIO, said.replace(str(temporary), str(place)), str(place))
+
+
+def encode_png16(pixels: NDArray[np.uint16], texts: Mapping[str, str]) -> bytes:
+    """
+    Return a PNG file of 16-bit grey or RGB pixels.
+
+    Parameters
+    ----------
+    pixels : (H, W) or (H, W, 3) uint16
+    texts : mapping of str to str
+        What its ``tEXt`` chunks say: keys of 1 to 79 characters and values, Latin-1.
+
+    Raises
+    ------
+    ValueError
+        If ``pixels`` is not such an array, or ``texts`` cannot be written as Latin-1.
+
+    References
+    ----------
+    Portable Network Graphics (PNG) Specification (Third Edition), W3C.
+    """
+    is_rgb = pixels.ndim == 3
+    if pixels.dtype != np.uint16 or pixels.size == 0 or pixels.shape[2:] not in ((), (3,)):
+        raise ValueError(
+            f"pixels must be (H, W) or (H, W, 3) uint16, not empty; got {pixels.shape} "
+            f"{pixels.dtype}"
+        )
+    height, width = pixels.shape[:2]
+    header = struct.pack(">IIBBBBB", width, height, 16, _RGB if is_rgb else _GREY, 0, 0, 0)
+    chunks = [(b"IHDR", header)]
+    chunks += [(b"tEXt", _text(key, value)) for key, value in texts.items()]
+    chunks += [(b"IDAT", zlib.compress(_filtered_rows(pixels), 6)), (b"IEND", b"")]
+    return _SIGNATURE + b"".join(_chunk(kind, data) for kind, data in chunks)
+
+
+def _filtered_rows(pixels: NDArray[np.uint16]) -> bytes:
+    """Return each row as its filter's number and its bytes less those of the row above."""
+    stored = np.ascontiguousarray(pixels, dtype=">u2").reshape(len(pixels), -1).view(np.uint8)
+    rows = np.empty((len(stored), stored.shape[1] + 1), np.uint8)
+    rows[:, 0] = _UP
+    rows[0, 1:] = stored[0]
+    np.subtract(stored[1:], stored[:-1], out=rows[1:, 1:])
+    return rows.tobytes()
+
+
+def _text(key: str, value: str) -> bytes:
+    """Return the content of a ``tEXt`` chunk."""
+    try:
+        name, said = key.encode("latin-1"), value.encode("latin-1")
+    except UnicodeEncodeError:
+        raise ValueError(f"texts must be Latin-1, got {key!r}: {value!r}") from None
+    if not 1 <= len(name) <= _LONGEST_KEY or b"\0" in name + said:
+        raise ValueError(f"texts must have keys of 1..{_LONGEST_KEY} characters, got {key!r}")
+    return name + b"\0" + said
+
+
+def _chunk(kind: bytes, data: bytes) -> bytes:
+    """Return a chunk: its length, name and content, and the check sum of the last two."""
+    return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))

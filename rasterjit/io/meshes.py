@@ -8,13 +8,13 @@ import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rasterjit.io.gltf import GLTF_FORMATS, load_gltf
-from rasterjit.io.left_out import LeftOut, LoadWarning, MeshFileError
-from rasterjit.io.mtl import MtlPictures
-from rasterjit.io.trimesh_scene import TrimeshAdapter
+from rasterjit.io.gltf.scene import GLTF_FORMATS, load_gltf
+from rasterjit.io.skipped import LeftOut, LoadWarning, MeshFileError
+from rasterjit.io.trimesh.materials import MtlPictures
+from rasterjit.io.trimesh.scene import TrimeshAdapter
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.scene import Scene
-from rasterjit.validation import bounded_number, existing_file
+from rasterjit.scene.validation import bounded_number, existing_file
 
 if TYPE_CHECKING:
     import trimesh

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from rasterjit.validation import bounded_number, positive_number
+from rasterjit.scene.validation import bounded_number, positive_number
 
 RADIUS_OF_SCENE = 0.15
 """Default radius, as a share of the radius of a sphere around the scene."""

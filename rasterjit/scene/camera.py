@@ -14,40 +14,23 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, Literal, Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rasterjit import transforms
-from rasterjit.transforms import Matrix
-from rasterjit.validation import (
+from rasterjit.scene import transforms
+from rasterjit.scene.transforms import Matrix
+from rasterjit.scene.validation import (
     finite_array,
     finite_number,
-    one_of,
     picture_size,
     positive_number,
     triple,
-    vector,
 )
 
 Float64 = NDArray[np.float64]
 DepthCoefficients = tuple[float, float, float]
-
-_DISTANCE_IN_RADII = 2.0
-"""Distance of a fitted parallel camera, whose picture does not depend on it."""
-
-_CLEARANCE = 0.01
-"""Share of the space before and behind a fitted sphere that its near and far plane leave free:
-well above the rounding of vertices, and less than a bit of depth precision."""
-
-_NEAREST = 1e-6
-"""Least near plane of a fitted camera, as a share of its distance: reached only when a field of
-view close to 180 degrees puts the eye on the sphere."""
-
-_SMALLEST_RADIUS = 2.0**-40
-"""Least radius framed, as a share of the centre's largest coordinate: float64 then still places
-the eye to one part in 4000 of its distance."""
 
 _LEAST_HEIGHT = 1e-300
 """Least height of what a parallel projection shows: its scale is finite at every aspect."""
@@ -420,27 +403,6 @@ def screen_from_relative(camera: Camera, size: tuple[int, int]) -> Matrix:
     return matrix
 
 
-def orbit_direction(azimuth: float, elevation: float) -> tuple[float, float, float]:
-    """
-    Return the unit vector from a target towards a camera that orbits it.
-
-    Parameters
-    ----------
-    azimuth : float, degrees
-        0 looks from +z; positive turns towards +x.
-    elevation : float, degrees
-        0 is level; positive is above.
-
-    Raises
-    ------
-    ValueError
-        If an angle is not finite.
-    """
-    sin_a, cos_a = transforms.sine_cosine(finite_number("azimuth", azimuth))
-    sin_e, cos_e = transforms.sine_cosine(finite_number("elevation", elevation))
-    return sin_a * cos_e, sin_e, cos_a * cos_e
-
-
 def check_camera(name: str, camera: Any) -> Camera:
     """Return a camera, or raise ``ValueError`` naming what is none."""
     known = PerspectiveCamera, OrthographicCamera, MatrixCamera
@@ -453,88 +415,6 @@ def check_camera(name: str, camera: Any) -> Camera:
             f"{type(camera).__name__}"
         )
     return camera
-
-
-def fit_camera(
-    scene: Bounded,
-    direction: ArrayLike = (0.6, 0.5, 1.0),
-    fov_y: float = 45.0,
-    *,
-    up: ArrayLike = (0.0, 1.0, 0.0),
-    margin: float = 1.05,
-    zoom: float = 1.0,
-    projection: Literal["perspective", "orthographic"] = "perspective",
-    aspect: float = 1.0,
-) -> PerspectiveCamera | OrthographicCamera:
-    """
-    Return the camera that frames a scene's bounding sphere, seen from a direction.
-
-    Parameters
-    ----------
-    scene : object with ``bounding_sphere() -> (centre (3,), radius)``
-    direction : (3,) array_like, world space
-        From the scene towards the camera, any length; see :func:`orbit_direction`.
-    fov_y : float, degrees
-        Vertical field of view of the perspective at zoom 1; sets how far away the camera is.
-    up : (3,) array_like, world space
-        If it is parallel to ``direction``, the camera takes world -z as up when it looks against
-        ``up`` and +z when it looks along it (or +y, where z is parallel as well).
-    margin : float
-        The sphere's radius is taken this many times larger; at least 1.
-    zoom : float
-        How many times bigger the scene appears: narrows the field of view (or the height) and
-        leaves the camera where it is.
-    projection : {"perspective", "orthographic"}
-    aspect : float
-        Width over height of the image it is for.
-
-    Returns
-    -------
-    PerspectiveCamera or OrthographicCamera
-        At zoom 1 the whole sphere is in the image, and at any zoom between the near and far plane.
-
-    Raises
-    ------
-    ValueError
-        If ``direction`` or ``up`` is zero, ``fov_y`` is outside (0, 180), ``margin`` is below 1,
-        ``zoom`` or ``aspect`` is not above 0, the sphere is not finite, or ``projection`` is
-        unknown.
-
-    Notes
-    -----
-    A sphere of radius 0 (a single point) is framed as one of radius 1, and one too small for
-    float64 beside its centre's coordinates as the smallest that is not.
-    """
-    one_of("projection", projection, ("perspective", "orthographic"))
-    towards = transforms.unit_vector("direction", direction)
-    upward = _upright(up, towards)
-    focal = transforms.focal_length(fov_y)
-    enlarged = finite_number("margin", margin)
-    if enlarged < 1.0:
-        raise ValueError(f"margin must be at least 1, got {enlarged!r}")
-    magnified = positive_number("zoom", zoom)
-    narrow = min(1.0, positive_number("aspect", aspect))
-    center, radius = _sphere(scene)
-    framed = radius * enlarged
-    if projection == "orthographic":
-        distance = _DISTANCE_IN_RADII * framed
-        shape: dict[str, float] = {"height": 2.0 * framed / narrow / magnified}
-    else:
-        # One over the sine of half the angle across the narrower side.
-        cotangent = focal / narrow
-        distance = framed * math.sqrt(1.0 + cotangent * cotangent)
-        shape = {"fov_y": _zoomed_fov(fov_y, magnified)}
-    depths = {
-        "near": max((distance - radius) * (1.0 - _CLEARANCE), distance * _NEAREST),
-        "far": (distance + radius) * (1.0 + _CLEARANCE),
-    }
-    if not all(map(math.isfinite, (*shape.values(), *depths.values()))):
-        raise ValueError(
-            "scene, fov_y, margin, zoom and aspect must lead to finite distances, got a distance "
-            f"of {distance!r} and {shape}"
-        )
-    kind = OrthographicCamera if projection == "orthographic" else PerspectiveCamera
-    return kind(center + distance * towards, center, upward, **shape, **depths)
 
 
 def _freeze(camera: Any, **fields: Any) -> None:
@@ -575,41 +455,3 @@ def _length(components: list[float]) -> float:
     """Return the length of a vector of three."""
     x, y, z = components
     return math.sqrt(x * x + y * y + z * z)
-
-
-def _upright(up: ArrayLike, towards: Float64) -> ArrayLike:
-    """Return ``up``, or a replacement if it is parallel to the direction of the camera."""
-    upward = transforms.unit_vector("up", up)
-    if not transforms.are_parallel(upward, towards):
-        return up
-    (x, y, z), (a, b, c) = upward.tolist(), towards.tolist()
-    above = x * a + y * b + z * c > 0.0
-    fallback = (0.0, 0.0, -1.0 if above else 1.0)
-    return (0.0, 1.0, 0.0) if transforms.are_parallel(fallback, towards) else fallback
-
-
-def _sphere(scene: Bounded) -> tuple[Float64, float]:
-    """Return the scene's bounding sphere, with a radius that float64 can frame."""
-    if not hasattr(scene, "bounding_sphere"):
-        raise ValueError(
-            f"scene must be a Scene, got {type(scene).__name__}; Scene.add puts a mesh into one"
-        )
-    center, size = scene.bounding_sphere()
-    # Adding zero turns -0 into 0: which of the two a minimum gives depends on the CPU.
-    center = vector("bounding sphere's center", center) + 0.0
-    radius = finite_number("bounding sphere's radius", size)
-    if radius < 0.0:
-        raise ValueError(f"bounding sphere's radius must not be negative, got {radius!r}")
-    smallest = float(np.abs(center).max()) * _SMALLEST_RADIUS
-    return center, max(1.0 if radius == 0.0 else radius, smallest)
-
-
-def _zoomed_fov(fov_y: float, zoom: float) -> float:
-    """Return the field of view, degrees, whose picture is ``zoom`` times bigger."""
-    if zoom == 1.0:
-        return float(fov_y)
-    magnified = transforms.focal_length(fov_y) * zoom
-    zoomed = 2.0 * transforms.arc_tangent(1.0, magnified) if magnified < math.inf else 0.0
-    if not 0.0 < zoomed < 180.0:
-        raise ValueError(f"zoom must leave a field of view within 0..180 degrees, got {zoom!r}")
-    return zoomed

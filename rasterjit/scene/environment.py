@@ -14,7 +14,7 @@ from rasterjit.scene.color import ColorLike, linear_color
 from rasterjit.scene.hdr_image import read_hdr_image
 from rasterjit.scene.light import BRIGHTEST
 from rasterjit.scene.texture import MOST_LIGHT, check_extent
-from rasterjit.validation import bounded_number, finite_number, read_only
+from rasterjit.scene.validation import bounded_number, finite_number, read_only
 
 Color: TypeAlias = tuple[float, float, float]
 """Linear red, green and blue."""

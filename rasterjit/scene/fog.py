@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from rasterjit.scene.color import ColorLike, linear_color
-from rasterjit.validation import bounded_number, finite_number, one_of
+from rasterjit.scene.validation import bounded_number, finite_number, one_of
 
 FOG_MODES = ("linear", "exp", "exp2")
 """How much is seen at a distance d: (end - d) / (end - start); e^-(density d); its square."""

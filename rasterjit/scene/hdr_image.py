@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.scene.texture import Texture, check_extent
-from rasterjit.validation import existing_file
+from rasterjit.scene.validation import existing_file
 
 RADIANCE_FORMATS = (".hdr", ".pic", ".rgbe")
 

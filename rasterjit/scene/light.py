@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 from numpy.typing import ArrayLike
 
 from rasterjit.scene.color import ColorLike, linear_color
-from rasterjit.validation import bounded_number, one_of, positive_number, triple
+from rasterjit.scene.validation import bounded_number, one_of, positive_number, triple
 
 Vector: TypeAlias = tuple[float, float, float]
 """Three floats: a world-space position, a unit direction, or linear RGB."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from rasterjit.scene.color import ColorLike, linear_color
 from rasterjit.scene.texture import Texture
-from rasterjit.validation import bounded_number, in_short, one_of, vector
+from rasterjit.scene.validation import bounded_number, in_short, one_of, vector
 
 SHADINGS = ("unlit", "flat", "gouraud", "phong", "pbr")
 """The ways to shade: no light; one normal a face; light per vertex; light per pixel; light per

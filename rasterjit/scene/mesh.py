@@ -1,7 +1,14 @@
-"""Indexed triangle meshes: checked once when made, shared by every scene that shows them."""
+"""
+Indexed triangle meshes: checked once when made, shared by every scene that shows them.
+
+How notebooks show what is no picture itself.
+
+Scenes know nothing of how they are rendered; who does is told here.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -9,15 +16,32 @@ from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.scene.color import linear_rows
 from rasterjit.scene.material import Material
-from rasterjit.scene.normals import crease_normals, safe_scale, smooth_normals, unit_rows
-from rasterjit.scene.preview import Previewed
-from rasterjit.scene.tangents import GROUPS, vertex_tangents
-from rasterjit.validation import check_field, finite_number, in_short, one_of, read_only
+from rasterjit.scene.normals import (
+    GROUPS,
+    crease_normals,
+    safe_scale,
+    smooth_normals,
+    unit_rows,
+    vertex_tangents,
+)
+from rasterjit.scene.validation import check_field, finite_number, in_short, one_of, read_only
 
 _CHUNK = 1 << 18
 
 _LARGEST_FLOAT32 = float(np.finfo(np.float32).max)
 """Vertices looked at at once where a temporary of the whole mesh would cost memory."""
+
+Painter = Callable[[Any], "bytes | None"]
+
+_PAINTERS: list[Painter] = []
+
+
+class Previewed:
+    """Shows itself in notebooks as a small picture."""
+
+    def _repr_png_(self) -> bytes | None:
+        """Return a small picture as PNG; None if there is nothing to see."""
+        return _PAINTERS[0](self) if _PAINTERS else None
 
 
 class Mesh(Previewed):
@@ -404,3 +428,8 @@ def _tangent_array(value: ArrayLike, vertex_count: int) -> NDArray[np.float32]:
     tangents[:, :3] = unit_rows(array[:, :3])
     tangents[:, 3] = np.where(array[:, 3] < 0.0, -1.0, 1.0)
     return tangents
+
+
+def set_painter(painter: Painter) -> None:
+    """Let a function draw the pictures from now on: it takes a scene or mesh, and returns a PNG."""
+    _PAINTERS[:] = [painter]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rasterjit.scene.color import ColorLike, linear_color
-from rasterjit.validation import bounded_number
+from rasterjit.scene.validation import bounded_number
 
 EDGE_KINDS = ("silhouette", "object", "crease")
 """What an outline may follow."""

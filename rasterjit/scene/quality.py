@@ -6,7 +6,7 @@ import dataclasses
 from dataclasses import dataclass
 from typing import Any
 
-from rasterjit.validation import bounded_number, one_of
+from rasterjit.scene.validation import bounded_number, one_of
 
 LEVELS: dict[str, tuple[Any, ...]] = {
     "subpixel_bits": (0, 4, 8, 12),
@@ -24,7 +24,6 @@ LEVELS: dict[str, tuple[Any, ...]] = {
     "shadow_taps": (1, 9),
     "transparency_layers": (1, 2, 4, 8, "all"),
     "blending": ("srgb8", "linear"),
-    "math": ("polynomial", "library"),
     "lines": ("bresenham", "coverage"),
 }  # fmt: skip
 """The settings of `Quality`, each with its levels, from the least accurate one on."""
@@ -98,10 +97,6 @@ class Quality:
         to 8 bits by itself, alpha as well, and so is what comes of laying one over another; the
         output ``"linear"`` is then what the codes stand for. Where a frame mixes nothing it has
         the same bits either way.
-    math : {"polynomial", "library"}
-        Powers and exponentials of highlights, fog and tone curves: the engine's own, to 2e-7, which
-        has the same bits on every CPU; or the math library's, to the last bit, which may be another
-        one on another machine.
     lines : {"bresenham", "coverage"}
         Edges of a wireframe: one pixel after the other, between the pixels that hold the vertices;
         or by the area of each pixel that is covered by a line one pixel wide between the vertices
@@ -125,7 +120,6 @@ class Quality:
     shadow_taps: int | None = None
     transparency_layers: int | str = "all"
     blending: str = "linear"
-    math: str = "polynomial"
     lines: str = "bresenham"
 
     def __post_init__(self) -> None:
@@ -169,7 +163,7 @@ class Quality:
         """Return the most accurate settings, which errors are measured against."""
         return cls(
             samples=256, subpixel_bits=12, depth_format="float64", texture_filter="anisotropic16",
-            shadow_size=4096, shadow_taps=1, math="library", lines="coverage",
+            shadow_size=4096, shadow_taps=1, lines="coverage",
         )  # fmt: skip
 
 

@@ -15,12 +15,12 @@ from rasterjit.scene.color import ColorLike, linear_color
 from rasterjit.scene.environment import Environment
 from rasterjit.scene.fog import Fog
 from rasterjit.scene.light import Light
-from rasterjit.scene.mesh import Mesh
+from rasterjit.scene.mesh import Mesh, Previewed
 from rasterjit.scene.outline import Outline
-from rasterjit.scene.preview import Previewed
 from rasterjit.scene.tone_map import ToneMap
-from rasterjit.transforms import transform_instances
-from rasterjit.validation import check_field, finite_array, one_of, read_only
+from rasterjit.scene.transforms import transform_instances
+from rasterjit.scene.validation import check_field, finite_array, one_of, read_only
+from rasterjit.scene.vignette import Vignette
 
 if TYPE_CHECKING:
     from rasterjit.scene.camera import MatrixCamera, OrthographicCamera, PerspectiveCamera
@@ -62,6 +62,18 @@ class Wireframe:
     def __post_init__(self) -> None:
         one_of("mode", self.mode, ("overlay", "only"))
         object.__setattr__(self, "color", tuple(linear_color("color", self.color).tolist()))
+
+
+EFFECT_FIELDS: dict[str, tuple[type, str]] = {
+    "wireframe": (Wireframe, "a Wireframe"),
+    "ambient_occlusion": (AmbientOcclusion, "an AmbientOcclusion"),
+    "outline": (Outline, "an Outline"),
+    "environment": (Environment, "Environment"),
+    "fog": (Fog, "Fog"),
+    "tone_map": (ToneMap, "ToneMap"),
+    "vignette": (Vignette, "a Vignette"),
+}
+"""The fields of a scene that ask for effects: what they hold if not None, and that in words."""
 
 
 class Node:
@@ -164,6 +176,8 @@ class Scene(Previewed):
         How ambient light is dimmed in corners.
     outline : Outline or None
         Lines around shapes.
+    vignette : Vignette or None
+        How much darker the corners of the picture are.
 
     Raises
     ------
@@ -171,10 +185,7 @@ class Scene(Previewed):
         If anything else is assigned than these.
     """
 
-    _FIELDS = (
-        "nodes", "lights", "camera", "wireframe", "environment", "fog", "tone_map",
-        "ambient_occlusion", "outline",
-    )  # fmt: skip
+    _FIELDS = ("nodes", "lights", "camera", *EFFECT_FIELDS)
 
     def __init__(self) -> None:
         self.nodes: list[Node] = []
@@ -186,6 +197,7 @@ class Scene(Previewed):
         self.tone_map: ToneMap | None = None
         self.ambient_occlusion: AmbientOcclusion | None = None
         self.outline: Outline | None = None
+        self.vignette: Vignette | None = None
 
     def __setattr__(self, name: str, value: Any) -> None:
         check_field(self, name, self._FIELDS)

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.scene.color import srgb_to_linear
-from rasterjit.transforms import sine_cosine
-from rasterjit.validation import (
+from rasterjit.scene.transforms import sine_cosine
+from rasterjit.scene.validation import (
     bounded_number,
     existing_file,
     finite_array,

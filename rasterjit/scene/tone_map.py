@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from rasterjit.validation import bounded_number, one_of
+from rasterjit.scene.validation import bounded_number, one_of
 
 CURVES = ("none", "reinhard", "aces", "neutral")
 """Names of the tone curves."""

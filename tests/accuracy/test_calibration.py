@@ -6,10 +6,10 @@ import pytest
 from click.testing import CliRunner
 
 import rasterjit as rj
-from rasterjit import profile as profiles
 from rasterjit.accuracy import calibration
-from rasterjit.cli import program
-from rasterjit.profile import load_profile
+from rasterjit.cli.commands import program
+from rasterjit.rendering import budget as profiles
+from rasterjit.rendering.budget import load_profile
 from rasterjit.scene.quality import Quality
 
 SMALL_LADDER = (Quality.draft(), Quality.standard(), Quality(samples=4), Quality.reference())

@@ -8,8 +8,9 @@ from made_trials import study as made_study
 from made_trials import trial
 
 import rasterjit as rj
-from rasterjit import cli, cli_accuracy
 from rasterjit.accuracy.scenes import SCENES
+from rasterjit.cli import accuracy as cli_accuracy
+from rasterjit.cli import commands, program
 from rasterjit.scene.quality import LEVELS
 
 CUBE = Path(__file__).parents[2] / "models" / "cube.ply"
@@ -17,7 +18,7 @@ SMALL = ("--size", "24x16", "--quiet")
 
 
 def run(*arguments):
-    return CliRunner().invoke(cli.program, [str(argument) for argument in arguments])
+    return CliRunner().invoke(commands.program, [str(argument) for argument in arguments])
 
 
 def assert_one_line(result, *words, code=2):
@@ -107,7 +108,7 @@ def test_the_terminal_shows_table_sentences_and_what_is_missing(tmp_path, studie
 def test_an_interrupted_study_says_so(tmp_path, monkeypatch):
     monkeypatch.setattr(cli_accuracy, "study", Studies(interrupted=True))
     result = accuracy(tmp_path, CUBE)
-    assert result.exit_code == cli.INTERRUPTED
+    assert result.exit_code == program.INTERRUPTED
     assert "left out (interrupted): samples=256" in result.stdout
 
 
@@ -219,6 +220,6 @@ def test_area_with_glass_is_refused_with_what_is_possible(tmp_path):
 
 
 def test_the_help_names_all_scenes_and_settings():
-    told = " ".join(CliRunner().invoke(cli.program, ["accuracy", "--help"]).output.split())
+    told = " ".join(CliRunner().invoke(commands.program, ["accuracy", "--help"]).output.split())
     assert f"some of the settings: {', '.join(rj.accuracy.SCENES)}." in told
     assert f"default: all: {', '.join(LEVELS)}." in told

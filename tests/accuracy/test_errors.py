@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit.accuracy import errors as measures
+from rasterjit.accuracy import errors as errors_module
 from rasterjit.accuracy.errors import PICTURE_OUTPUTS, buffers_of, compare, reference_of
+from rasterjit.rendering import budget as measures
 
 SIZE = (40, 30)
 TEXELS = (16, 8)
@@ -156,7 +157,7 @@ def test_flip_is_zero_for_the_same_and_grows_with_the_difference():
     rng = np.random.default_rng(3)
     picture = rng.integers(60, 200, (24, 32, 4), dtype=np.uint8)
     found = [
-        measures.mean_flip(picture, (picture + np.uint8(step)).astype(np.uint8))
+        errors_module.mean_flip(picture, (picture + np.uint8(step)).astype(np.uint8))
         for step in (0, 5, 20, 50)
     ]
     assert found[0] == 0.0
@@ -165,6 +166,6 @@ def test_flip_is_zero_for_the_same_and_grows_with_the_difference():
 
 
 def test_without_flip_there_is_none(monkeypatch):
-    monkeypatch.setattr(measures, "has_flip", lambda: False)
+    monkeypatch.setattr(errors_module, "has_flip", lambda: False)
     picture = np.zeros((4, 4, 3), np.uint8)
-    assert measures.mean_flip(picture, picture) is None
+    assert errors_module.mean_flip(picture, picture) is None

@@ -7,8 +7,8 @@ import pytest
 from made_trials import study, trial
 
 import rasterjit as rj
-from rasterjit.accuracy import files
-from rasterjit.accuracy.files import COLUMNS, prepare_folder, write_files
+from rasterjit.accuracy.report import files
+from rasterjit.accuracy.report.files import COLUMNS, prepare_folder, write_files
 
 
 @pytest.fixture

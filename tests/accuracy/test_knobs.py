@@ -104,7 +104,6 @@ def test_a_made_scene_needs_the_settings_that_it_was_made_for(name):
         ("shading", one("unlit"), "every material in view is unlit"),
         ("renormalize", one("gouraud"), "no normals are interpolated"),
         ("renormalize", one("unlit"), "every material in view is unlit"),
-        ("math", one(specular=0.0), "no highlights, no fog and no tone curve"),
     ],
 )
 def test_a_setting_without_effect_has_its_reason(setting, scene, words):
@@ -114,7 +113,7 @@ def test_a_setting_without_effect_has_its_reason(setting, scene, words):
 def test_what_a_plain_scene_needs():
     assert set(LEVELS) - set(idle(one())) == {
         "subpixel_bits", "samples", "interpolation", "depth_format", "precision", "shading",
-        "renormalize", "math",
+        "renormalize",
     }  # fmt: skip
 
 

@@ -61,11 +61,8 @@ def test_error_does_not_grow_as_the_level_rises(setting):
 FALL = 0.98
 """Share of the error of its least level that a setting's best may have at most."""
 
-MATTERING = [setting for setting in LEVELS if setting != "math"]
-"""Settings whose least level is seen; polynomials are as good as the library, to 2e-7."""
 
-
-@pytest.mark.parametrize("setting", MATTERING)
+@pytest.mark.parametrize("setting", LEVELS)
 def test_a_scene_shows_what_its_setting_is_for(setting):
     found = list(errors(setting).values())
     assert found[-1].rmse < FALL * found[0].rmse

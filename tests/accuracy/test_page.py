@@ -15,12 +15,15 @@ import pytest
 from made_up_study import MIXED, SAMPLES, SENTENCES, SUBPIXEL, changed, made_up_study
 from PIL import Image
 
-from rasterjit.accuracy import crops, plots
-from rasterjit.accuracy.files import PAGE_NAME
-from rasterjit.accuracy.page import page, write_page
-from rasterjit.accuracy.results import COMBINATIONS, STANDARD
-from rasterjit.accuracy.rows import front_trials, settings_of, with_standard
-from rasterjit.accuracy.tables import NOTHING
+from rasterjit.accuracy.report import crops, plots
+from rasterjit.accuracy.report.page import NOTHING, PAGE_NAME, page, write_page
+from rasterjit.accuracy.results import (
+    COMBINATIONS,
+    STANDARD,
+    front_trials,
+    settings_of,
+    with_standard,
+)
 
 pytest.importorskip("matplotlib", reason="the extra accuracy is not installed")
 
@@ -196,8 +199,8 @@ def test_any_level_scene_or_reason_can_be_shown(name):
 def test_the_same_study_makes_the_same_bytes(study, tmp_path):
     code = (
         "import sys; from made_up_study import SENTENCES, made_up_study\n"
-        "from rasterjit.accuracy.page import write_page\n"
-        "from rasterjit.accuracy.plots import save_front\n"
+        "from rasterjit.accuracy.report.page import write_page\n"
+        "from rasterjit.accuracy.report.plots import save_front\n"
         "write_page(made_up_study(), sys.argv[1], SENTENCES)\n"
         "save_front(made_up_study(), sys.argv[1] + '/front.png')"
     )

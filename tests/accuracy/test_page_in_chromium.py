@@ -11,8 +11,8 @@ from made_up_study import SENTENCES, made_up_study
 from opengl import optional_module, skip_or_fail
 from PIL import Image
 
-from rasterjit.accuracy import plots
-from rasterjit.accuracy.page import write_page
+from rasterjit.accuracy.report import plots
+from rasterjit.accuracy.report.page import write_page
 
 DESKTOP, PHONE = 1280, 375
 WIDTHS = pytest.mark.parametrize(("width", "zoom"), [(DESKTOP, 5), (PHONE, 3)])

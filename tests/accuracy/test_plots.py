@@ -8,7 +8,7 @@ import pytest
 from made_up_study import SAMPLES, changed, made_up_study
 from PIL import Image
 
-from rasterjit.accuracy import labels, plots, scales
+from rasterjit.accuracy.report import plots, scales
 
 matplotlib = pytest.importorskip("matplotlib", reason="the extra accuracy is not installed")
 
@@ -24,12 +24,14 @@ def placed(monkeypatch):
     """What the labels of plots take, gathered while they are drawn."""
     found = []
 
+    place_labels = plots.place_labels
+
     def recorded(axes, points, **options):
-        boxes = labels.place_labels(axes, points, **options)
+        boxes = place_labels(axes, points, **options)
         to_points = axes.transData.transform
         named = [point for point in points if point[2]]
         centres = {point[2]: to_points(point[:2]) for point in named}
-        found.append((labels.Box(*axes.bbox.extents), boxes, centres, named))
+        found.append((plots.Box(*axes.bbox.extents), boxes, centres, named))
         return boxes
 
     monkeypatch.setattr(plots, "place_labels", recorded)

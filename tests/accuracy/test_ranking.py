@@ -60,7 +60,7 @@ def test_combinations_are_left_to_the_front():
 
 
 def test_equal_levels_do_not_dominate_each_other():
-    same = [trial("math=library"), trial("math=polynomial")]
+    same = [trial("lines=coverage"), trial("lines=bresenham")]
     assert [one.dominated_by for one in mark_dominated(same, trial())] == [None, None]
 
 

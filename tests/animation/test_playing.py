@@ -5,7 +5,9 @@ import pytest
 from PIL import Image
 
 import rasterjit as rj
-from rasterjit import animation, transforms
+from rasterjit.animation import playing as playing_module
+from rasterjit.animation import tracks as animation
+from rasterjit.scene import transforms
 
 SIZE = (24, 18)
 
@@ -65,7 +67,9 @@ def test_frames_are_what_render_gives_at_each_time(scene, renderer):
     turn = animation.turntable(scene, aspect=4 / 3)
     drop = animation.TransformTrack((0, 1), [np.eye(4), transforms.translate((0, -2, 0))])
     node, times = scene.nodes[0], (0.0, 0.3, 0.9)
-    played = list(animation.frames(renderer, scene, times, camera=turn, transforms={node: drop}))
+    played = list(
+        playing_module.frames(renderer, scene, times, camera=turn, transforms={node: drop})
+    )
     for time, frame in zip(times, played, strict=True):
         still = rj.Scene()
         still.add(node.mesh, drop(time))
@@ -77,7 +81,7 @@ def test_frames_are_what_render_gives_at_each_time(scene, renderer):
 
 def test_a_morph_is_drawn(scene, renderer, cube, camera):
     track = animation.MorphTrack((0, 1), cube, [cube.vertices, 0.3 * cube.vertices])
-    full, small = animation.frames(
+    full, small = playing_module.frames(
         renderer, scene, (0, 1), camera=camera, meshes={scene.nodes[0]: track},
         outputs=("object_id",),
     )  # fmt: skip
@@ -94,14 +98,14 @@ def test_everything_is_put_back_whatever_happens(scene, renderer, camera, cube):
         return transforms.translate((time, 0, 0))
 
     options = {"camera": camera, "transforms": {node: track}, "meshes": {node: lambda t: cube}}
-    playing = animation.frames(renderer, scene, (0.5, 1, 2), **options)
+    playing = playing_module.frames(renderer, scene, (0.5, 1, 2), **options)
     next(playing)
     assert node.world_from_model[0, 3] == 0.5
     with pytest.raises(RuntimeError, match="no further"):
         list(playing)
     assert node.world_from_model is place or np.array_equal(node.world_from_model, place)
     assert node.mesh is mesh
-    playing = animation.frames(renderer, scene, (0.5,), **options)
+    playing = playing_module.frames(renderer, scene, (0.5,), **options)
     next(playing)
     playing.close()
     assert np.array_equal(node.world_from_model, place)
@@ -109,7 +113,7 @@ def test_everything_is_put_back_whatever_happens(scene, renderer, camera, cube):
 
 def test_no_frame_is_rendered_before_it_is_asked_for(scene, renderer, camera):
     asked = []
-    playing = animation.frames(
+    playing = playing_module.frames(
         renderer, scene, range(10**9), camera=lambda time: asked.append(time) or camera
     )
     next(playing), next(playing)
@@ -118,9 +122,9 @@ def test_no_frame_is_rendered_before_it_is_asked_for(scene, renderer, camera):
 
 def test_frames_and_arrays_are_saved_alike(tmp_path, scene, renderer):
     turn = animation.turntable(scene, aspect=4 / 3)
-    frames = list(animation.frames(renderer, scene, (0, 0.25, 0.5), camera=turn))
-    animation.save(frames, tmp_path / "a.apng", fps=5)
-    animation.save([frame.color for frame in frames], tmp_path / "b.apng", fps=5)
+    frames = list(playing_module.frames(renderer, scene, (0, 0.25, 0.5), camera=turn))
+    playing_module.save(frames, tmp_path / "a.apng", fps=5)
+    playing_module.save([frame.color for frame in frames], tmp_path / "b.apng", fps=5)
     assert (tmp_path / "a.apng").read_bytes() == (tmp_path / "b.apng").read_bytes()
     with Image.open(tmp_path / "a.apng") as read:
         for number, frame in enumerate(frames):
@@ -137,18 +141,18 @@ def test_frames_and_arrays_are_saved_alike(tmp_path, scene, renderer):
 )
 def test_nodes_of_another_scene_are_refused_at_once(scene, renderer, options, message):
     with pytest.raises(ValueError, match=message):
-        animation.frames(renderer, scene, (0,), **options)
+        playing_module.frames(renderer, scene, (0,), **options)
 
 
 def test_what_is_no_function_of_time_is_refused_at_once(scene, renderer):
     with pytest.raises(ValueError, match="functions of time"):
-        animation.frames(renderer, scene, (0,), transforms={scene.nodes[0]: np.eye(4)})
+        playing_module.frames(renderer, scene, (0,), transforms={scene.nodes[0]: np.eye(4)})
 
 
 def test_a_frame_without_colour_cannot_be_saved(tmp_path, scene, renderer, camera):
-    frames = animation.frames(renderer, scene, (0,), camera=camera, outputs=("depth",))
+    frames = playing_module.frames(renderer, scene, (0,), camera=camera, outputs=("depth",))
     with pytest.raises(rj.OutputNotRequestedError, match="color was not rendered"):
-        animation.save(frames, tmp_path / "a.gif")
+        playing_module.save(frames, tmp_path / "a.gif")
     assert list(tmp_path.iterdir()) == []
 
 
@@ -166,12 +170,12 @@ def test_a_frame_without_colour_cannot_be_saved(tmp_path, scene, renderer, camer
 def test_wrong_arguments_are_named_at_once(scene, renderer, change, message):
     arguments = {"renderer": renderer, "scene": scene, "times": [0.0]} | change
     with pytest.raises(ValueError, match=message):
-        animation.frames(**arguments)
+        playing_module.frames(**arguments)
 
 
 def test_no_frames_at_all_are_refused(tmp_path):
     with pytest.raises(ValueError, match="frames must be an iterable of frames, got 5"):
-        animation.save(5, tmp_path / "a.gif")
+        playing_module.save(5, tmp_path / "a.gif")
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, OSError(28, "No space left on device")])
@@ -182,12 +186,12 @@ def test_a_save_that_fails_puts_the_nodes_back(scene, renderer, tmp_path, monkey
         next(pictures)
         raise error
 
-    monkeypatch.setattr("rasterjit.io.animations._write_gif", fail)
+    monkeypatch.setattr("rasterjit.animation.video._write_gif", fail)
     node = scene.nodes[1]
     before = node.world_from_model.tobytes()
     tracks = {node: lambda time: transforms.translate((time + 1.0, 2.0, 3.0))}
-    playing = animation.frames(renderer, scene, [0.0, 1.0, 2.0], transforms=tracks)
+    playing = playing_module.frames(renderer, scene, [0.0, 1.0, 2.0], transforms=tracks)
     with pytest.raises(type(error) if isinstance(error, OSError) else error):
-        animation.save(playing, tmp_path / "a.gif")
+        playing_module.save(playing, tmp_path / "a.gif")
     assert node.world_from_model.tobytes() == before
     assert next(playing, None) is None

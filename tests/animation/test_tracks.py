@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit import transforms
-from rasterjit.animation import CameraTrack, MorphTrack, TransformTrack, tracks
+from rasterjit.animation import tracks
+from rasterjit.animation.tracks import CameraTrack, MorphTrack, TransformTrack
+from rasterjit.scene import transforms
 
 KINDS = ("linear", "smooth")
 TIMES = (0.0, 0.5, 2.0, 3.0)

@@ -11,11 +11,14 @@ import pytest
 import trimesh
 
 import rasterjit
-import rasterjit.compat.pyrender as pyrender
-from rasterjit import viewer_notebook, viewer_show
-from rasterjit.compat.pyrender import RenderFlags
+from rasterjit.compat.pyrender import cameras, lights, materials, meshes, offscreen, viewer
+from rasterjit.compat.pyrender import node as node_module
+from rasterjit.compat.pyrender import scene as pyrender
+from rasterjit.compat.pyrender.constants import RenderFlags
 from rasterjit.compat.pyrender.drawing import convert
 from rasterjit.compat.pyrender.viewer import scene_to_show
+from rasterjit.viewer import canvas
+from rasterjit.viewer import show as viewer_show
 
 W, H = 48, 36
 
@@ -91,14 +94,14 @@ def at(x=0.0, y=0.0, z=0.0):
 def box_scene(**options):
     """A unit box before a camera at z = 3."""
     scene = pyrender.Scene(**options)
-    node = scene.add(pyrender.Mesh.from_trimesh(trimesh.creation.box()), name="box")
-    scene.add(pyrender.PerspectiveCamera(yfov=math.pi / 3, aspectRatio=W / H), pose=at(z=3))
+    node = scene.add(meshes.Mesh.from_trimesh(trimesh.creation.box()), name="box")
+    scene.add(cameras.PerspectiveCamera(yfov=math.pi / 3, aspectRatio=W / H), pose=at(z=3))
     return scene, node
 
 
 @pytest.fixture
 def renderer():
-    made = pyrender.OffscreenRenderer(W, H)
+    made = offscreen.OffscreenRenderer(W, H)
     yield made
     made.delete()
 
@@ -116,11 +119,11 @@ def test_depth_is_along_the_axis_and_zero_where_nothing_is(renderer):
 
 
 def test_a_matt_white_surface_that_faces_a_light_of_pi_is_nearly_white(renderer):
-    white = pyrender.MetallicRoughnessMaterial(metallicFactor=0.0, roughnessFactor=1.0)
+    white = materials.MetallicRoughnessMaterial(metallicFactor=0.0, roughnessFactor=1.0)
     scene = pyrender.Scene()
-    scene.add(pyrender.Mesh.from_trimesh(trimesh.creation.box(), material=white))
-    scene.add(pyrender.OrthographicCamera(0.4, 0.4), pose=at(z=3))
-    light = scene.add(pyrender.DirectionalLight(intensity=math.pi), pose=at(z=3))
+    scene.add(meshes.Mesh.from_trimesh(trimesh.creation.box(), material=white))
+    scene.add(cameras.OrthographicCamera(0.4, 0.4), pose=at(z=3))
+    light = scene.add(lights.DirectionalLight(intensity=math.pi), pose=at(z=3))
     color, _ = renderer.render(scene)
     assert color[H // 2, W // 2].min() > 240
     light.light.intensity = math.pi / 4
@@ -149,9 +152,9 @@ def test_background_is_shown_as_given(renderer):
 
 def test_flat_shows_colours_as_they_are(renderer):
     scene = pyrender.Scene()
-    material = pyrender.MetallicRoughnessMaterial(baseColorFactor=[0.2, 0.4, 0.6, 1.0])
-    scene.add(pyrender.Mesh.from_trimesh(trimesh.creation.box(), material=material))
-    scene.add(pyrender.PerspectiveCamera(1.0), pose=at(z=3))
+    material = materials.MetallicRoughnessMaterial(baseColorFactor=[0.2, 0.4, 0.6, 1.0])
+    scene.add(meshes.Mesh.from_trimesh(trimesh.creation.box(), material=material))
+    scene.add(cameras.PerspectiveCamera(1.0), pose=at(z=3))
     color, _ = renderer.render(scene, RenderFlags.FLAT)
     assert color[H // 2, W // 2].tolist() == [51, 102, 153]
 
@@ -159,8 +162,8 @@ def test_flat_shows_colours_as_they_are(renderer):
 def test_segmentation_has_the_colours_of_the_map_and_no_others(renderer):
     scene, box = box_scene()
     ball = trimesh.creation.icosphere(subdivisions=1, radius=0.3)
-    first = scene.add(pyrender.Mesh.from_trimesh(ball), pose=at(-1.0))
-    scene.add(pyrender.Mesh.from_trimesh(ball), pose=at(1.0))
+    first = scene.add(meshes.Mesh.from_trimesh(ball), pose=at(-1.0))
+    scene.add(meshes.Mesh.from_trimesh(ball), pose=at(1.0))
     color, depth = renderer.render(scene, RenderFlags.SEG, {box: (255, 10, 0), first: 7})
     found = {tuple(row) for row in color.reshape(-1, 3).tolist()}
     assert found == {(0, 0, 0), (255, 10, 0), (7, 7, 7)}
@@ -172,9 +175,9 @@ def test_segmentation_has_the_colours_of_the_map_and_no_others(renderer):
 def test_back_faces_are_left_out_unless_somebody_asks(renderer):
     quad = trimesh.Trimesh([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], [[0, 2, 1], [0, 3, 2]])
     scene = pyrender.Scene(ambient_light=[1.0, 1.0, 1.0])
-    mesh = pyrender.Mesh.from_trimesh(quad)
+    mesh = meshes.Mesh.from_trimesh(quad)
     scene.add(mesh)
-    scene.add(pyrender.PerspectiveCamera(1.0), pose=at(z=3))
+    scene.add(cameras.PerspectiveCamera(1.0), pose=at(z=3))
     assert not renderer.render(scene)[1].any()
     assert renderer.render(scene, RenderFlags.SKIP_CULL_FACES)[1].any()
     mesh.primitives[0].material.doubleSided = True
@@ -184,10 +187,10 @@ def test_back_faces_are_left_out_unless_somebody_asks(renderer):
 def test_points_are_squares_of_their_size(renderer):
     scene = pyrender.Scene()
     # Two points that project onto the middles of pixels.
-    camera = pyrender.IntrinsicsCamera(40.0, 40.0, W / 2, H / 2)
+    camera = cameras.IntrinsicsCamera(40.0, 40.0, W / 2, H / 2)
     places = np.array([[0.5, 0.5, -40.0], [10.5, -3.5, -40.0], [0.0, 0.0, 5.0]])
     points = scene.add(
-        pyrender.Mesh.from_points(places, colors=[[1.0, 0, 0], [0, 1.0, 0], [1, 1, 1]])
+        meshes.Mesh.from_points(places, colors=[[1.0, 0, 0], [0, 1.0, 0], [1, 1, 1]])
     )
     scene.add(camera)
     color, depth = renderer.render(scene, RenderFlags.FLAT)
@@ -203,11 +206,11 @@ def test_points_are_squares_of_their_size(renderer):
 
 def test_transparent_surfaces_have_a_depth(renderer):
     scene, _ = box_scene(ambient_light=[1.0, 1.0, 1.0])
-    glass = pyrender.MetallicRoughnessMaterial(
+    glass = materials.MetallicRoughnessMaterial(
         baseColorFactor=[1.0, 0.0, 0.0, 0.5], alphaMode="BLEND", metallicFactor=0.0
     )
     ball = trimesh.creation.icosphere(subdivisions=1, radius=0.2)
-    scene.add(pyrender.Mesh.from_trimesh(ball, material=glass), pose=at(z=1.0))
+    scene.add(meshes.Mesh.from_trimesh(ball, material=glass), pose=at(z=1.0))
     color, depth = renderer.render(scene)
     assert depth[H // 2, W // 2] < 2.0
     red, green, _ = color[H // 2, W // 2].tolist()
@@ -224,7 +227,7 @@ def test_wireframes_leave_the_background_between_edges(renderer):
     again, _ = renderer.render(scene, RenderFlags.FLIP_WIREFRAME)
     np.testing.assert_array_equal(again, lines)
     np.testing.assert_array_equal(renderer.render(scene, RenderFlags.ALL_SOLID)[0], solid)
-    other = pyrender.Mesh.from_trimesh(trimesh.creation.box(), wireframe=True)
+    other = meshes.Mesh.from_trimesh(trimesh.creation.box(), wireframe=True)
     scene.add(other, pose=at(2.0))
     with pytest.raises(ValueError, match="wireframe"):
         renderer.render(scene)
@@ -232,11 +235,11 @@ def test_wireframes_leave_the_background_between_edges(renderer):
 
 def test_nodes_stand_below_their_parents(renderer):
     scene = pyrender.Scene()
-    parent = scene.add_node(pyrender.Node(name="arm", translation=[1.0, 0.0, 0.0]))
+    parent = scene.add_node(node_module.Node(name="arm", translation=[1.0, 0.0, 0.0]))
     assert parent is None
     (arm,) = scene.get_nodes(name="arm")
     hand = scene.add(
-        pyrender.Mesh.from_trimesh(trimesh.creation.box()), pose=at(y=2.0), parent_name="arm"
+        meshes.Mesh.from_trimesh(trimesh.creation.box()), pose=at(y=2.0), parent_name="arm"
     )
     assert hand in arm.children
     np.testing.assert_array_equal(scene.get_pose(hand), at(1.0, 2.0))
@@ -252,7 +255,7 @@ def test_nodes_stand_below_their_parents(renderer):
 
 def test_rotation_scale_and_translation_make_the_matrix():
     half = math.sqrt(0.5)
-    node = pyrender.Node(rotation=[0, 0, half, half], scale=[2, 3, 4], translation=[1, 2, 3])
+    node = node_module.Node(rotation=[0, 0, half, half], scale=[2, 3, 4], translation=[1, 2, 3])
     expected = at(1, 2, 3) @ rasterjit.transforms.rotate_z(90.0) @ np.diag([2, 3, 4, 1])
     np.testing.assert_allclose(node.matrix, expected, atol=1e-12)
 
@@ -260,7 +263,7 @@ def test_rotation_scale_and_translation_make_the_matrix():
 def test_instances_stand_at_their_poses():
     scene, _ = box_scene()
     poses = np.stack([at(1.0), at(-1.0)])
-    mesh = pyrender.Mesh.from_trimesh(trimesh.creation.box(), poses=poses)
+    mesh = meshes.Mesh.from_trimesh(trimesh.creation.box(), poses=poses)
     scene.add(mesh, pose=at(y=2.0))
     drawing = convert(scene, RenderFlags.NONE)
     places = [node.world_from_model[:3, 3].tolist() for node in drawing.scene.nodes]
@@ -270,18 +273,18 @@ def test_instances_stand_at_their_poses():
 
 
 def test_cameras_have_the_projections_of_their_arguments():
-    perspective = pyrender.PerspectiveCamera(yfov=math.pi / 2, znear=1.0, zfar=3.0)
+    perspective = cameras.PerspectiveCamera(yfov=math.pi / 2, znear=1.0, zfar=3.0)
     np.testing.assert_allclose(
         perspective.get_projection_matrix(200, 100),
         [[0.5, 0, 0, 0], [0, 1, 0, 0], [0, 0, -2, -3], [0, 0, -1, 0]],
         atol=1e-12,
     )
-    parallel = pyrender.OrthographicCamera(xmag=9.0, ymag=2.0, znear=1.0, zfar=3.0)
+    parallel = cameras.OrthographicCamera(xmag=9.0, ymag=2.0, znear=1.0, zfar=3.0)
     np.testing.assert_allclose(
         parallel.get_projection_matrix(200, 100),
         [[0.25, 0, 0, 0], [0, 0.5, 0, 0], [0, 0, -1, -2], [0, 0, 0, 1]],
     )
-    pinhole = pyrender.IntrinsicsCamera(50.0, 60.0, 30.0, 20.0, znear=1.0, zfar=3.0)
+    pinhole = cameras.IntrinsicsCamera(50.0, 60.0, 30.0, 20.0, znear=1.0, zfar=3.0)
     np.testing.assert_allclose(
         pinhole.get_projection_matrix(80, 60),
         [[1.25, 0, 0.25, 0], [0, 2, -1 / 3, 0], [0, 0, -2, -3], [0, 0, -1, 0]],
@@ -291,12 +294,12 @@ def test_cameras_have_the_projections_of_their_arguments():
 def test_shadows_darken_what_lies_behind(renderer):
     scene = pyrender.Scene()
     floor = trimesh.creation.box((6, 0.1, 6))
-    scene.add(pyrender.Mesh.from_trimesh(floor))
-    scene.add(pyrender.Mesh.from_trimesh(trimesh.creation.box()), pose=at(y=1.5))
+    scene.add(meshes.Mesh.from_trimesh(floor))
+    scene.add(meshes.Mesh.from_trimesh(trimesh.creation.box()), pose=at(y=1.5))
     turn = rasterjit.transforms.rotate_x(-90.0)
-    scene.add(pyrender.DirectionalLight(intensity=3.0), pose=turn)
+    scene.add(lights.DirectionalLight(intensity=3.0), pose=turn)
     scene.add(
-        pyrender.OrthographicCamera(3.0, 3.0), pose=at(y=3) @ rasterjit.transforms.rotate_x(-70.0)
+        cameras.OrthographicCamera(3.0, 3.0), pose=at(y=3) @ rasterjit.transforms.rotate_x(-70.0)
     )
     plain = renderer.render(scene)[0].astype(int)
     shadowed = renderer.render(scene, RenderFlags.SHADOWS_DIRECTIONAL)[0].astype(int)
@@ -317,8 +320,8 @@ def test_textures_are_laid_over_a_trimesh(renderer):
             uv=[[0, 0], [1, 0], [1, 1], [0, 1]], material=material
         )
         scene = pyrender.Scene()
-        scene.add(pyrender.Mesh.from_trimesh(quad))
-        scene.add(pyrender.PerspectiveCamera(1.0), pose=at(z=2.5))
+        scene.add(meshes.Mesh.from_trimesh(quad))
+        scene.add(cameras.PerspectiveCamera(1.0), pose=at(z=2.5))
         color, _ = renderer.render(scene, RenderFlags.FLAT)
         left, right = color[H // 2, W // 2 - 6].tolist(), color[H // 2, W // 2 + 6].tolist()
         assert left[0] > 200 > 100 > left[1]
@@ -344,7 +347,7 @@ def test_the_viewer_hands_the_scene_to_show(monkeypatch):
         shown.append((what, size, background.tolist()))
 
     monkeypatch.setattr(viewer_show, "show", show)
-    pyrender.Viewer(scene, use_raymond_lighting=True, viewport_size=(64, 48))
+    viewer.Viewer(scene, use_raymond_lighting=True, viewport_size=(64, 48))
     ((drawn, size, background),) = shown
     assert (size, background) == ((64, 48), [255, 0, 51, 255])
     assert drawn.camera.fov_y == pytest.approx(60.0)
@@ -360,19 +363,19 @@ def test_widget_of_a_notebook_is_displayed(monkeypatch):
     display = pytest.importorskip("IPython.display")
     scene, _ = box_scene()
     shown = []
-    monkeypatch.setattr(viewer_notebook, "in_notebook", lambda: True)
+    monkeypatch.setattr(canvas, "in_notebook", lambda: True)
     monkeypatch.setattr(viewer_show, "show", lambda what, **options: "widget")
     monkeypatch.setattr(display, "display", shown.append)
     # A notebook goes on at once, with or without a thread.
     for run_in_thread in (False, True):
-        pyrender.Viewer(scene, run_in_thread=run_in_thread)
+        viewer.Viewer(scene, run_in_thread=run_in_thread)
     assert shown == ["widget", "widget"]
 
 
 def test_thread_is_refused_before_a_window_stays_for_ever(monkeypatch):
     monkeypatch.setattr(viewer_show, "show", lambda what, **options: pytest.fail("shown"))
     with pytest.raises(ValueError, match="run_in_thread must be False"):
-        pyrender.Viewer(box_scene()[0], run_in_thread=True)
+        viewer.Viewer(box_scene()[0], run_in_thread=True)
 
 
 def test_second_drawing_leaves_the_first_as_it_is():
@@ -404,14 +407,14 @@ def test_whole_numbers_of_colours_are_shares_of_255(value, expected):
 
 def test_parts_of_a_node_are_those_of_its_matrix():
     half = math.sqrt(0.5)
-    node = pyrender.Node(translation=[1, 2, 3])
+    node = node_module.Node(translation=[1, 2, 3])
     node.rotation = [0, 0, 2 * half, 2 * half]
     node.scale = [2, 3, 4]
-    made = pyrender.Node(rotation=[0, 0, half, half], scale=[2, 3, 4], translation=[1, 2, 3])
+    made = node_module.Node(rotation=[0, 0, half, half], scale=[2, 3, 4], translation=[1, 2, 3])
     np.testing.assert_allclose(node.matrix, made.matrix, atol=1e-12)
     np.testing.assert_allclose(node.rotation, [0, 0, half, half])
     for mirror in (1.0, -1.0):
-        read = pyrender.Node(matrix=made.matrix @ np.diag([mirror, 1, 1, 1]))
+        read = node_module.Node(matrix=made.matrix @ np.diag([mirror, 1, 1, 1]))
         np.testing.assert_allclose(read.scale, [2 * mirror, 3, 4])
         np.testing.assert_allclose(read.rotation, [0, 0, half, half], atol=1e-12)
         read.scale = 1.0
@@ -421,7 +424,7 @@ def test_parts_of_a_node_are_those_of_its_matrix():
         read.translation = [0, 0, 0]
         read.rotation = [0, 0, 0, 1]
         np.testing.assert_allclose(read.matrix, np.eye(4), atol=1e-12)
-    flat = pyrender.Node(matrix=np.diag([1.0, 0.0, 1.0, 1.0]))
+    flat = node_module.Node(matrix=np.diag([1.0, 0.0, 1.0, 1.0]))
     assert flat.scale.tolist() == [1.0, 0.0, 1.0]
     with pytest.raises(ValueError, match="rotation must not be 0"):
         node.rotation = [0, 0, 0, 0]
@@ -430,26 +433,26 @@ def test_parts_of_a_node_are_those_of_its_matrix():
 @pytest.mark.parametrize(
     ("call", "error", "named"),
     [
-        (lambda: pyrender.PerspectiveCamera(0.0), ValueError, "yfov"),
-        (lambda: pyrender.PerspectiveCamera(1.0, znear=1.0, zfar=0.5), ValueError, "zfar"),
-        (lambda: pyrender.OrthographicCamera(1.0, -1.0), ValueError, "ymag"),
-        (lambda: pyrender.SpotLight(outerConeAngle=2.0), ValueError, "outerConeAngle"),
-        (lambda: pyrender.SpotLight(innerConeAngle=1.0), ValueError, "innerConeAngle"),
-        (lambda: pyrender.PointLight(intensity=-1.0), ValueError, "intensity"),
-        (lambda: pyrender.MetallicRoughnessMaterial(metallicFactor=2.0), ValueError, "metallic"),
-        (lambda: pyrender.MetallicRoughnessMaterial(alphaMode="x"), ValueError, "alphaMode"),
-        (lambda: pyrender.Texture(source="a.png"), ValueError, "source"),
-        (lambda: pyrender.Primitive([[0, 0, 0]], mode=1), ValueError, "mode"),
-        (lambda: pyrender.Mesh([]), ValueError, "primitives"),
-        (lambda: pyrender.Mesh.from_trimesh("a"), TypeError, "mesh"),
-        (lambda: pyrender.Node(matrix=np.eye(4), scale=2.0), ValueError, "matrix"),
-        (lambda: pyrender.Node(matrix=np.zeros((4, 4))), ValueError, "matrix"),
+        (lambda: cameras.PerspectiveCamera(0.0), ValueError, "yfov"),
+        (lambda: cameras.PerspectiveCamera(1.0, znear=1.0, zfar=0.5), ValueError, "zfar"),
+        (lambda: cameras.OrthographicCamera(1.0, -1.0), ValueError, "ymag"),
+        (lambda: lights.SpotLight(outerConeAngle=2.0), ValueError, "outerConeAngle"),
+        (lambda: lights.SpotLight(innerConeAngle=1.0), ValueError, "innerConeAngle"),
+        (lambda: lights.PointLight(intensity=-1.0), ValueError, "intensity"),
+        (lambda: materials.MetallicRoughnessMaterial(metallicFactor=2.0), ValueError, "metallic"),
+        (lambda: materials.MetallicRoughnessMaterial(alphaMode="x"), ValueError, "alphaMode"),
+        (lambda: materials.Texture(source="a.png"), ValueError, "source"),
+        (lambda: meshes.Primitive([[0, 0, 0]], mode=1), ValueError, "mode"),
+        (lambda: meshes.Mesh([]), ValueError, "primitives"),
+        (lambda: meshes.Mesh.from_trimesh("a"), TypeError, "mesh"),
+        (lambda: node_module.Node(matrix=np.eye(4), scale=2.0), ValueError, "matrix"),
+        (lambda: node_module.Node(matrix=np.zeros((4, 4))), ValueError, "matrix"),
         (lambda: pyrender.Scene().add("a"), TypeError, "obj"),
-        (lambda: pyrender.Scene().get_pose(pyrender.Node()), ValueError, "node"),
-        (lambda: pyrender.OffscreenRenderer(0, 4), ValueError, "viewport_width"),
-        (lambda: pyrender.OffscreenRenderer(4, 4).render(pyrender.Scene()), ValueError, "camera"),
-        (lambda: pyrender.OffscreenRenderer(4, 4).render(7), ValueError, "scene"),
-        (lambda: pyrender.OffscreenRenderer(4, 4).render(
+        (lambda: pyrender.Scene().get_pose(node_module.Node()), ValueError, "node"),
+        (lambda: offscreen.OffscreenRenderer(0, 4), ValueError, "viewport_width"),
+        (lambda: offscreen.OffscreenRenderer(4, 4).render(pyrender.Scene()), ValueError, "camera"),
+        (lambda: offscreen.OffscreenRenderer(4, 4).render(7), ValueError, "scene"),
+        (lambda: offscreen.OffscreenRenderer(4, 4).render(
             box_scene()[0], RenderFlags.VERTEX_NORMALS), ValueError, "flags"),
     ],
 )  # fmt: skip
@@ -460,7 +463,7 @@ def test_what_cannot_be_is_named(call, error, named):
 
 def test_an_empty_scene_is_its_background(renderer):
     scene = pyrender.Scene(bg_color=[255, 0, 0])
-    scene.add(pyrender.PerspectiveCamera(1.0))
+    scene.add(cameras.PerspectiveCamera(1.0))
     color, depth = renderer.render(scene)
     assert (color == (255, 0, 0)).all()
     assert not depth.any()

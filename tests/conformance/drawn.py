@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 import rasterjit as rj
-from rasterjit import oracle
+from rasterjit.inspect import oracle
 
 
 def triangle_list(count):

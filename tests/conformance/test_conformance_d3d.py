@@ -30,7 +30,7 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit import oracle
+from rasterjit.inspect import oracle
 
 SIZE = (8, 8)
 HALF = Fraction(1, 2)

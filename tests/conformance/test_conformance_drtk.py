@@ -24,7 +24,7 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit import oracle
+from rasterjit.inspect import oracle
 
 SIZE = (8, 8)
 OFF = Fraction(1, 2**14)

@@ -34,7 +34,7 @@ import pytest
 from drawn import PRIMITIVES, covered, draw, exactly_covered, flat, hits_as_exact, triangle_list
 
 import rasterjit as rj
-from rasterjit import oracle
+from rasterjit.inspect import oracle
 
 FULL = (256, 256)
 MEDIUM = (128, 128)

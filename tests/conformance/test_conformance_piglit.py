@@ -22,7 +22,7 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit import oracle
+from rasterjit.inspect import oracle
 
 GRID = 16
 """Steps of piglit's grid to the pixel."""

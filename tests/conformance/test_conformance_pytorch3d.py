@@ -32,7 +32,7 @@ import numpy as np
 import pytest
 from drawn import covered, draw, exactly_covered, picture
 
-from rasterjit import oracle
+from rasterjit.inspect import oracle
 
 NEAR = 0.05
 

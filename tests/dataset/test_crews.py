@@ -14,8 +14,8 @@ import psutil
 import pytest
 from made_meshes import BROKEN, GOOD, contents, make_meshes
 
-from rasterjit import dataset
-from rasterjit.dataset import Recipe
+from rasterjit.dataset import crews, making
+from rasterjit.dataset.recipe import Recipe
 
 pytestmark = pytest.mark.needs_jit
 
@@ -32,7 +32,7 @@ def meshes(tmp_path_factory):
 def whole(meshes, tmp_path_factory):
     """What the data set holds that this process makes without interruption."""
     place = tmp_path_factory.mktemp("whole")
-    dataset.make(meshes, place, RECIPE)
+    making.make(meshes, place, RECIPE)
     return contents(place)
 
 
@@ -64,7 +64,8 @@ def test_two_processes_give_the_same_bytes_as_one(meshes, whole, tmp_path):
 
 SLOWLY = """
 import sys, time
-from rasterjit import Frame, cli
+from rasterjit import Frame
+from rasterjit.cli import commands as cli
 
 real = Frame.save
 
@@ -105,7 +106,7 @@ def test_ctrl_c_ends_cleanly_and_the_next_run_goes_on(meshes, whole, tmp_path):
     assert 1 <= len(done) < len(GOOD)
     assert found.items() <= whole.items()
     assert not list(place.glob(".*"))
-    assert dataset.make(meshes, place, RECIPE).present == len(done)
+    assert making.make(meshes, place, RECIPE).present == len(done)
     assert contents(place) == whole
 
 
@@ -146,7 +147,8 @@ def test_a_worker_that_dies_is_told_and_the_next_run_goes_on(meshes, whole, tmp_
     script = tmp_path / "deadly.py"
     script.write_text(
         "import os, sys\n"
-        "from rasterjit import Frame, cli\n"
+        "from rasterjit import Frame\n"
+        "from rasterjit.cli import commands as cli\n"
         "if __name__ != '__main__':\n"
         "    Frame.save = lambda *arguments, **options: os._exit(9)\n"
         "else:\n"
@@ -158,7 +160,7 @@ def test_a_worker_that_dies_is_told_and_the_next_run_goes_on(meshes, whole, tmp_
     assert done.returncode == 1
     assert done.stderr.startswith("error: a worker process died")
     assert contents(place).items() <= whole.items()
-    dataset.make(meshes, place, RECIPE)
+    making.make(meshes, place, RECIPE)
     assert contents(place) == whole
 
 
@@ -231,21 +233,21 @@ def test_a_scheduler_that_is_lost_is_told_and_the_next_run_goes_on(
         pytest.skip("the work was done before the scheduler was gone")
     assert running.returncode == 1
     assert "run again to go on" in said
-    dataset.make(meshes, place, RECIPE)
+    making.make(meshes, place, RECIPE)
     assert contents(place) == whole
 
 
 @needs_dask
 def test_no_scheduler_is_an_error_that_names_the_address(meshes, tmp_path, monkeypatch):
     monkeypatch.setattr("rasterjit.dataset.crews.PATIENCE", 0.3)
-    with pytest.raises(dataset.LostWorkersError, match="no scheduler answers at tcp://127"):
-        dataset.make(meshes, tmp_path / "set", RECIPE, workers="tcp://127.0.0.1:9")
+    with pytest.raises(crews.LostWorkersError, match="no scheduler answers at tcp://127"):
+        making.make(meshes, tmp_path / "set", RECIPE, workers="tcp://127.0.0.1:9")
 
 
 def test_without_dask_the_extra_is_named(meshes, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "dask", None)
     with pytest.raises(ImportError, match=r'pip install "rasterjit\[distributed\]"'):
-        dataset.make(meshes, tmp_path / "set", RECIPE, workers="tcp://127.0.0.1:9")
+        making.make(meshes, tmp_path / "set", RECIPE, workers="tcp://127.0.0.1:9")
     assert not (tmp_path / "set").exists()
 
 
@@ -265,9 +267,11 @@ def test_without_dask_the_extra_is_named(meshes, tmp_path, monkeypatch):
 def test_a_wrong_option_is_one_line(meshes, tmp_path, options, code, text):
     from click.testing import CliRunner
 
-    from rasterjit import cli
+    from rasterjit.cli import commands
 
-    result = CliRunner().invoke(cli.program, [*command(meshes, tmp_path / "set")[3:], *options])
+    result = CliRunner().invoke(
+        commands.program, [*command(meshes, tmp_path / "set")[3:], *options]
+    )
     assert result.exit_code == code
     assert text in result.stderr
     assert result.stderr.count("\n") == 1

@@ -11,8 +11,10 @@ from made_meshes import BROKEN, GOOD, codes_of, contents, make_meshes
 from PIL import Image
 
 import rasterjit as rj
-from rasterjit import dataset, masks
-from rasterjit.dataset import Recipe, making, mesh
+from rasterjit.dataset import making, mesh
+from rasterjit.dataset import recipe as dataset
+from rasterjit.dataset.recipe import Recipe
+from rasterjit.outputs import masks
 
 W, H = SIZE = (24, 16)
 RECIPE = Recipe(
@@ -30,7 +32,7 @@ def made(meshes, tmp_path_factory):
     """The data set, made without interruption."""
     place = tmp_path_factory.mktemp("made") / "set"
     reports = []
-    summary = dataset.make(meshes, place, RECIPE, report=lambda *what: reports.append(what))
+    summary = making.make(meshes, place, RECIPE, report=lambda *what: reports.append(what))
     return place, summary, reports
 
 
@@ -39,7 +41,7 @@ def transforms_of(place, name):
 
 
 def test_mesh_files_are_found_in_order(meshes):
-    found = [file.relative_to(meshes).as_posix() for file in dataset.mesh_files(meshes)]
+    found = [file.relative_to(meshes).as_posix() for file in making.mesh_files(meshes)]
     assert found == sorted((*GOOD, *BROKEN))
 
 
@@ -189,7 +191,7 @@ def test_objects_without_a_name_are_called_by_their_number(tmp_path):
     (folder / "a.gltf").write_text(json.dumps(document))
     assert rj.load(folder / "a.gltf").nodes[0].name == ""
     recipe = Recipe(views=1, size=(8, 6), outputs=("color", "coco"))
-    assert dataset.make(folder, tmp_path / "set", recipe).failures == {}
+    assert making.make(folder, tmp_path / "set", recipe).failures == {}
     annotation = json.loads((tmp_path / "set/a.gltf/coco.json").read_text())
     assert [one["name"] for one in annotation["categories"]] == ["object 0"]
 
@@ -203,7 +205,7 @@ def test_an_annotation_that_fails_is_the_failure_of_its_mesh(meshes, tmp_path, m
         return real(images, categories)
 
     monkeypatch.setattr(masks, "coco", coco)
-    summary = dataset.make(meshes, tmp_path / "set", RECIPE)
+    summary = making.make(meshes, tmp_path / "set", RECIPE)
     assert summary.made > 0
     assert "not enough memory" in summary.failures.values()
 
@@ -211,7 +213,7 @@ def test_an_annotation_that_fails_is_the_failure_of_its_mesh(meshes, tmp_path, m
 def test_the_annotation_of_all_views_is_that_of_their_images(tmp_path):
     scene = two_boxes(("left", ""))
     recipe = Recipe(views=5, size=SIZE, outputs=("color", "coco"))
-    dataset.render_views(scene, tmp_path, recipe)
+    mesh.render_views(scene, tmp_path, recipe)
     images = [
         (
             f"images/{number:04d}.png",
@@ -233,7 +235,7 @@ def test_each_view_is_annotated_before_the_next_is_rendered(tmp_path, monkeypatc
     )
     monkeypatch.setattr(masks, "coco", lambda *a: steps.append("annotate") or coco(*a))
     recipe = Recipe(views=4, size=SIZE, outputs=("color", "coco"))
-    dataset.render_views(two_boxes("ab"), tmp_path, recipe)
+    mesh.render_views(two_boxes("ab"), tmp_path, recipe)
     assert steps == ["render", "annotate"] * 4
 
 
@@ -252,13 +254,13 @@ def test_each_view_is_annotated_before_the_next_is_rendered(tmp_path, monkeypatc
 def test_wrong_arguments_of_views_are_named(tmp_path, change, message):
     arguments = {"scene": two_boxes("ab"), "folder": tmp_path, "recipe": RECIPE} | change
     with pytest.raises(ValueError, match=message):
-        dataset.render_views(**arguments)
+        mesh.render_views(**arguments)
     assert not (tmp_path / "transforms.json").exists()
 
 
 def test_a_scene_that_no_camera_fits_is_a_mesh_error(tmp_path):
-    with pytest.raises(dataset.MeshError):
-        dataset.render_views(rj.Scene(), tmp_path, RECIPE)
+    with pytest.raises(mesh.MeshError):
+        mesh.render_views(rj.Scene(), tmp_path, RECIPE)
 
 
 def test_one_more_run_changes_nothing(made, meshes, monkeypatch):
@@ -267,8 +269,8 @@ def test_one_more_run_changes_nothing(made, meshes, monkeypatch):
     rendered = []
     real = mesh.render_views
     monkeypatch.setattr(mesh, "render_views", lambda *a, **k: rendered.append(a) or real(*a, **k))
-    again = dataset.make(meshes, place, RECIPE)
-    assert again == dataset.Summary(0, len(GOOD), summary.failures)
+    again = making.make(meshes, place, RECIPE)
+    assert again == making.Summary(0, len(GOOD), summary.failures)
     assert rendered == []
     assert contents(place) == before
 
@@ -290,11 +292,11 @@ def test_what_was_interrupted_is_gone_on_with(made, meshes, tmp_path, monkeypatc
     with monkeypatch.context() as patched:
         patched.setattr(rj.Frame, "save", save)
         with pytest.raises(type(error) if isinstance(error, OSError) else error):
-            dataset.make(meshes, tmp_path / "set", RECIPE)
+            making.make(meshes, tmp_path / "set", RECIPE)
     whole = contents(made[0])
     assert contents(tmp_path / "set").items() <= whole.items()
     assert not list((tmp_path / "set").glob(".*"))
-    dataset.make(meshes, tmp_path / "set", RECIPE)
+    making.make(meshes, tmp_path / "set", RECIPE)
     assert contents(tmp_path / "set") == whole
 
 
@@ -304,7 +306,7 @@ def test_a_full_disk_is_told_with_the_mesh_that_did_not_fit(meshes, tmp_path, mo
 
     monkeypatch.setattr(rj.Frame, "save", save)
     with pytest.raises(OSError, match="No space left on device") as caught:
-        dataset.make(meshes, tmp_path / "set", RECIPE)
+        making.make(meshes, tmp_path / "set", RECIPE)
     assert caught.value.filename == str(tmp_path / "set/ball.ply/images/0000.png")
 
 
@@ -315,7 +317,7 @@ def test_leftovers_of_a_killed_run_are_cleared_away(made, meshes, tmp_path):
     (place / "box.stl/images/9999.png").write_bytes(b"half")
     (place / ".partial-0123").mkdir()
     (place / ".partial-0123/x.png").write_bytes(b"half")
-    summary = dataset.make(meshes, place, RECIPE)
+    summary = making.make(meshes, place, RECIPE)
     assert summary.made == 1
     assert contents(place) == contents(made[0])
 
@@ -329,7 +331,7 @@ def test_a_mesh_that_fails_to_render_is_listed_and_leaves_nothing(meshes, tmp_pa
         return real(self, scene, *arguments, **options)
 
     monkeypatch.setattr(rj.Renderer, "render", render)
-    summary = dataset.make(meshes, tmp_path / "set", RECIPE)
+    summary = making.make(meshes, tmp_path / "set", RECIPE)
     assert summary.failures["tri angle.obj"] == "not enough memory"
     assert not (tmp_path / "set/tri angle.obj").exists()
 
@@ -340,16 +342,16 @@ def test_failures_that_are_mended_are_no_longer_listed(tmp_path):
     (folder / "a.obj").write_text("")
     (folder / "b.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
     recipe = Recipe(views=1, size=(8, 6), outputs=("mask",))
-    assert list(dataset.make(folder, tmp_path / "set", recipe).failures) == ["a.obj"]
+    assert list(making.make(folder, tmp_path / "set", recipe).failures) == ["a.obj"]
     shutil.copy(folder / "b.obj", folder / "a.obj")
-    assert dataset.make(folder, tmp_path / "set", recipe) == dataset.Summary(1, 1, {})
+    assert making.make(folder, tmp_path / "set", recipe) == making.Summary(1, 1, {})
     assert not (tmp_path / "set/failures.json").exists()
 
 
 def test_another_recipe_is_refused_and_named(made, meshes):
     before = contents(made[0])
     with pytest.raises(ValueError, match="made otherwise: views 3, not 4"):
-        dataset.make(meshes, made[0], Recipe(views=4, size=SIZE, outputs=RECIPE.outputs))
+        making.make(meshes, made[0], Recipe(views=4, size=SIZE, outputs=RECIPE.outputs))
     assert contents(made[0]) == before
 
 
@@ -378,7 +380,7 @@ def test_what_cannot_be_made_is_refused(tmp_path, monkeypatch, folder, output, o
     (tmp_path / "full").mkdir()
     (tmp_path / "full/file").write_text("mine")
     with pytest.raises(ValueError, match=message):
-        dataset.make(folder, output, **options)
+        making.make(folder, output, **options)
     assert (tmp_path / "full/file").read_text() == "mine"
     assert not (tmp_path / "meshes/dataset.json").exists()
     assert not (tmp_path / "set").exists()
@@ -388,9 +390,9 @@ def test_a_data_set_inside_the_folder_of_meshes_is_not_taken_for_one(tmp_path):
     (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
     (tmp_path / "set").mkdir()
     recipe = Recipe(views=1, size=(8, 6), outputs=("mask",))
-    assert dataset.make(tmp_path, tmp_path / "set", recipe).made == 1
+    assert making.make(tmp_path, tmp_path / "set", recipe).made == 1
     shutil.copy(tmp_path / "a.obj", tmp_path / "set/b.obj")
-    assert dataset.make(tmp_path, tmp_path / "set", recipe) == dataset.Summary(0, 1, {})
+    assert making.make(tmp_path, tmp_path / "set", recipe) == making.Summary(0, 1, {})
 
 
 def test_files_that_need_an_extra_are_not_passed_over():

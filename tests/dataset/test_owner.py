@@ -8,8 +8,8 @@ import sys
 
 import pytest
 
-from rasterjit import dataset
-from rasterjit.dataset import Recipe, owner
+from rasterjit.dataset import lock, making
+from rasterjit.dataset.recipe import Recipe
 
 RECIPE = Recipe(views=1, size=(8, 6), outputs=("mask",))
 
@@ -42,12 +42,12 @@ def test_a_second_run_is_refused_and_leaves_the_first_alone(meshes, tmp_path):
     def report(*_):
         (place / ".partial-of-the-first").mkdir(exist_ok=True)
         with pytest.raises(ValueError, match=f"another run, process {os.getpid()} on ") as caught:
-            dataset.make(meshes, place, RECIPE)
+            making.make(meshes, place, RECIPE)
         assert str(place / ".lock") in str(caught.value)
         assert (place / ".partial-of-the-first").is_dir()
         refused.append(caught)
 
-    assert dataset.make(meshes, place, RECIPE, report=report).made == 2
+    assert making.make(meshes, place, RECIPE, report=report).made == 2
     assert len(refused) == 2
     assert not (place / ".lock").exists()
 
@@ -61,9 +61,9 @@ def test_the_folder_is_given_back_whatever_is_raised(meshes, tmp_path, error):
         raise error
 
     with pytest.raises(error):
-        dataset.make(meshes, place, RECIPE, report=report)
+        making.make(meshes, place, RECIPE, report=report)
     assert not list(place.glob(".*"))
-    assert dataset.make(meshes, place, RECIPE).made == 1
+    assert making.make(meshes, place, RECIPE).made == 1
 
 
 def test_the_lock_of_a_process_that_goes_on_is_kept(meshes, tmp_path, sleeper):
@@ -71,11 +71,11 @@ def test_the_lock_of_a_process_that_goes_on_is_kept(meshes, tmp_path, sleeper):
     place.mkdir()
     (place / ".lock").write_text(lock_of(sleeper.pid))
     with pytest.raises(ValueError, match=f"another run, process {sleeper.pid} on "):
-        dataset.make(meshes, place, RECIPE)
+        making.make(meshes, place, RECIPE)
     assert [file.name for file in place.iterdir()] == [".lock"]
     sleeper.kill()
     sleeper.wait()
-    assert dataset.make(meshes, place, RECIPE).made == 2
+    assert making.make(meshes, place, RECIPE).made == 2
     assert not list(place.glob(".*"))
 
 
@@ -84,17 +84,17 @@ def test_the_lock_of_another_machine_is_kept(meshes, tmp_path):
     place.mkdir()
     (place / ".lock").write_text(lock_of(1, "elsewhere"))
     with pytest.raises(ValueError, match="process 1 on elsewhere"):
-        dataset.make(meshes, place, RECIPE)
+        making.make(meshes, place, RECIPE)
 
 
 @pytest.mark.parametrize("content", ["", "half", "[]", "own"])
 def test_a_lock_that_is_nobodys_is_taken_over(meshes, tmp_path, monkeypatch, content):
     """A number of a process is given again, to this one for instance."""
-    monkeypatch.setattr(owner, "HALF_WRITTEN", 0.01)
+    monkeypatch.setattr(lock, "HALF_WRITTEN", 0.01)
     place = tmp_path / "set"
     place.mkdir()
     (place / ".lock").write_text(lock_of(os.getpid()) if content == "own" else content)
-    assert dataset.make(meshes, place, RECIPE).made == 2
+    assert making.make(meshes, place, RECIPE).made == 2
     assert not list(place.glob(".*"))
 
 
@@ -113,5 +113,5 @@ def test_the_next_run_goes_on_after_one_that_was_killed(meshes, tmp_path):
     done = subprocess.run([sys.executable, "-c", KILLED, meshes, place], check=False)
     assert done.returncode == -9
     assert (place / ".lock").is_file()
-    assert dataset.make(meshes, place, RECIPE) == dataset.Summary(1, 1, {})
+    assert making.make(meshes, place, RECIPE) == making.Summary(1, 1, {})
     assert not list(place.glob(".*"))

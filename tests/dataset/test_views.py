@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit.dataset import Recipe, view_cameras
+from rasterjit.dataset.recipe import Recipe, view_cameras
 
 
 @pytest.fixture

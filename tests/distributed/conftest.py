@@ -74,7 +74,7 @@ def wait_for_no_renderers():
     def renderers_there():
         import gc
 
-        from rasterjit.render import Renderer
+        from rasterjit.rendering.renderer import Renderer
 
         gc.collect()
         return sum(isinstance(one, Renderer) for one in gc.get_objects())

@@ -18,7 +18,7 @@ from pieces import blob, joined
 
 import rasterjit as rj
 from rasterjit.distributed import layers
-from rasterjit.streams import Options
+from rasterjit.rendering.stream import Options
 
 SIZE = (48, 36)
 PATIENCE = 60.0

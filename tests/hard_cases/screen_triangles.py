@@ -7,10 +7,13 @@ import numpy as np
 import screen
 
 import rasterjit as rj
-from rasterjit import oracle, stages
-from rasterjit.kernels import setup, visibility
-from rasterjit.kernels.records import Faces, Objects
-from rasterjit.plan import viewport_of
+from rasterjit.inspect import oracle
+from rasterjit.pipeline.geometry import setup
+from rasterjit.pipeline.records import Faces, Objects
+from rasterjit.pipeline.visibility import draw as drawing
+from rasterjit.pipeline.visibility import nearest
+from rasterjit.pipeline.visibility.draw import viewport_of
+from rasterjit.runtime import threads
 
 EXACT_BITS = 14
 """Points are rounded to this many bits, finer than any grid, so that they reach the engine as they
@@ -19,7 +22,7 @@ are."""
 LARGEST = (16384, 16384)
 """The largest image, pixels."""
 
-TILE = visibility.TILE_SIZE
+TILE = setup.TILE_SIZE
 
 
 def dyadic(points):
@@ -83,20 +86,18 @@ def draw_tile(positions, faces, column, row, bits=8):
     that is touched.
     """
     positions, faces = np.asarray(positions, float), np.asarray(faces, np.int32)
-    viewport, workers = viewport_of(LARGEST, bits), stages.Workers(1)
+    viewport, workers = viewport_of(LARGEST, bits), threads.Workers(1)
     depth_coefficients = (0.0, -1.0, 0.0)
-    screen, seen = stages.project(positions, depth_coefficients, viewport, workers)
+    screen, seen = drawing.project(positions, depth_coefficients, viewport, workers)
     drawn = Faces(faces, np.empty((0, 3), np.int32), np.empty(0, np.int32))
     if seen & setup.CLIPPED:
-        drawn, screen, _ = stages.clip(
+        drawn, screen, _ = drawing.clip(
             positions, faces, depth_coefficients, viewport, screen, workers.memory
         )
     objects = Objects(np.array([0, len(faces)], np.int64), np.zeros(1, np.int8))
-    starts, binned, floors, _ = stages.set_up_and_bin(drawn, objects, screen, viewport, workers)
+    starts, binned, floors, _ = drawing.set_up_and_bin(drawn, objects, screen, viewport, workers)
     frame = np.empty(LARGEST, np.float32), np.empty(LARGEST, np.int32)
-    scratch = visibility.scratch_memory()
+    scratch = nearest.scratch_memory()
     tiles = np.array([row * (LARGEST[0] // TILE) + column], np.int32)
-    visibility.draw_tiles(
-        tiles, starts, binned, floors, drawn, screen, viewport, frame, scratch, None
-    )
+    nearest.draw_tiles(tiles, starts, binned, floors, drawn, screen, viewport, frame, scratch)
     return frame[1][row * TILE : (row + 1) * TILE, column * TILE : (column + 1) * TILE].copy()

@@ -12,10 +12,12 @@ import pytest
 from screen_triangles import LARGEST, TILE, draw_tile, pixels_of
 
 import rasterjit as rj
-from rasterjit import oracle, stages
-from rasterjit.kernels import setup, visibility
-from rasterjit.plan import viewport_of
-from rasterjit.validation import MAX_SIZE
+from rasterjit.inspect import oracle
+from rasterjit.pipeline.geometry import setup, triangle_batches
+from rasterjit.pipeline.visibility import draw, nearest
+from rasterjit.pipeline.visibility.draw import viewport_of
+from rasterjit.runtime import threads
+from rasterjit.scene.validation import MAX_SIZE
 
 BITS = (0, 4, 8, 12)
 GRIDS = {bits: viewport_of(LARGEST, bits).grid_bits for bits in BITS}
@@ -44,7 +46,7 @@ def largest_edge(vertex_box, sample_box):
 def test_vertices_reach_the_corners_of_the_guard_band(bits):
     corners = list(itertools.product((-2.0, 2.0), (-2.0, 2.0), (0.0,), (1.0,)))
     viewport = viewport_of(LARGEST, bits)
-    screen, seen = stages.project(np.array(corners), (0.0, -1.0, 0.0), viewport, stages.Workers(1))
+    screen, seen = draw.project(np.array(corners), (0.0, -1.0, 0.0), viewport, threads.Workers(1))
     assert not seen & setup.GUARD
     reached = screen.xy[:4].astype(object)
     assert (reached.min(), reached.max()) == (
@@ -72,7 +74,7 @@ def test_vertices_fit_32_bits(grid):
 def test_edge_functions_of_small_triangles_are_exact_in_float64(grid):
     # Columns of centres, and the parts of pixels beside them; groups of four samples end at most
     # three columns further right.
-    wide, high = (visibility.SMALL_PIXELS + 1) << grid, MOST_APART << grid
+    wide, high = (triangle_batches.SMALL_PIXELS + 1) << grid, MOST_APART << grid
     further = wide + (3 << grid)
     reached = largest_edge((0, 0, wide, high), (0, 0, further, high))
     assert reached < 2**44
@@ -90,8 +92,8 @@ def test_quotients_of_spans_are_below_half_an_ulp_from_exact(grid):
 
 
 def test_spans_end_where_exact_arithmetic_says():
-    crossing_line = getattr(visibility.crossing_line, "py_func", visibility.crossing_line)
-    bound_span = getattr(visibility.bound_span, "py_func", visibility.bound_span)
+    crossing_line = getattr(nearest.crossing_line, "function", nearest.crossing_line)
+    bound_span = getattr(nearest.bound_span, "function", nearest.bound_span)
     rng = np.random.default_rng(1)
     for _ in range(4000):
         slope = int(2 ** rng.uniform(0, 27))

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit import oracle
+from rasterjit.inspect import oracle
 
 tf = rj.transforms
 SIZE = (64, 64)

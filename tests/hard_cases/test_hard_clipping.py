@@ -13,8 +13,8 @@ import pytest
 from clipped import clip_all
 
 import rasterjit as rj
-from rasterjit import oracle
-from rasterjit.plan import viewport_of
+from rasterjit.inspect import oracle
+from rasterjit.pipeline.visibility.draw import viewport_of
 from rasterjit.scene.camera import MatrixCamera, OrthographicCamera, PerspectiveCamera
 
 tf = rj.transforms

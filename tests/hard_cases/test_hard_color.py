@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit import oracle
-from rasterjit.kernels import resolve
+from rasterjit.inspect import oracle
+from rasterjit.pipeline import encode as resolve
 from rasterjit.scene.color import linear_to_srgb, srgb_to_linear
 
 CODES = np.arange(256, dtype=np.uint8)

@@ -8,7 +8,7 @@ import pytest
 from screen_triangles import counts, draw, dyadic, fan, owners, pixels, pixels_of
 
 import rasterjit as rj
-from rasterjit import oracle
+from rasterjit.inspect import oracle
 
 SMALL = (16, 16)
 R09 = [(2.3, 1.7), (9.1, 3.2), (4.4, 10.6)]

@@ -10,7 +10,7 @@ import pytest
 from screen_triangles import LARGEST, TILE, draw, draw_tile, owners, pixels, pixels_of
 
 import rasterjit as rj
-from rasterjit import oracle
+from rasterjit.inspect import oracle
 
 SIZE = (64, 64)
 NAN, INF = math.nan, math.inf

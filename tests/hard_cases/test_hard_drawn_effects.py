@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit import oracle
+from rasterjit.inspect import oracle
 
 SIZE = (16, 16)
 LENS = rj.MatrixCamera(np.eye(4), np.eye(4))

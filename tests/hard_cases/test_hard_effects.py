@@ -10,29 +10,27 @@ coordinates; ``test_hard_drawn_effects`` holds the pictures.
 from __future__ import annotations
 
 import importlib
-import inspect
 import math
 from fractions import Fraction
 
 import naive
 import numpy as np
 import pytest
+import stages
 
 import rasterjit as rj
-from rasterjit import (
-    edge_lines,
-    ground_truth,
-    motion,
-    oracle,
-    pixel_coverage,
-    plan_arrays,
-    stages,
-)
-from rasterjit import plan as planning
-from rasterjit import transforms as tf
+from rasterjit.effects import wireframe
+from rasterjit.inspect import oracle
+from rasterjit.outputs import fill, motion, table
+from rasterjit.pipeline.geometry import clipping
+from rasterjit.pipeline.visibility import draw as drawing
+from rasterjit.rendering import coverage, shade
+from rasterjit.rendering import plan as planning
+from rasterjit.scene import transforms as tf
 from rasterjit.scene.texture import Pyramid
+from rasterjit.survey import arrays
 
-rendering = importlib.import_module("rasterjit.render")  # rj.render is the function
+rendering = importlib.import_module("rasterjit.rendering.renderer")  # rj.render is the function
 
 SIZE = (16, 16)
 SQUARE = [[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]
@@ -40,8 +38,6 @@ SQUARE_FACES = [[0, 1, 2], [0, 2, 3]]
 FRONT = rj.OrthographicCamera((0, 0, 1), (0, 0, 0), near=0.0, far=2.0)
 """Sees the square from +z, and nothing beside it."""
 BITS = ("linear", "color")
-SHADE_ROWS = stages.shading.shade_rows
-"""The kernel itself, whatever a test puts in its place."""
 
 
 def scene_of(*meshes, lights=()):
@@ -173,7 +169,7 @@ INSIDE = [[-1.0, -1, 0, 1], [1, -1, 0, 1], [0, 1, 0, 1]]
     ("axis", "last"), [(0, GUARD), (0, -GUARD), (1, GUARD), (1, -GUARD), (2, 1.0), (2, -1.0)]
 )
 def test_the_clipper_runs_only_for_a_vertex_beyond_its_planes(axis, last, calls):
-    clip = calls(stages, "clip")
+    clip = calls(drawing, "clip")
     for scale in (1.0, 3.0):
         positions = np.array(INSIDE)
         positions[2, axis] = last
@@ -189,7 +185,7 @@ def test_the_clipper_runs_only_for_a_vertex_beyond_its_planes(axis, last, calls)
 @pytest.mark.case("G02")
 @pytest.mark.parametrize("w", [0.0, -1.0])
 def test_the_clipper_runs_for_a_vertex_that_is_not_in_front(w, calls):
-    clip = calls(stages, "clip")
+    clip = calls(drawing, "clip")
     positions = np.array(INSIDE)
     positions[2] = 0, 1, 0, w
     rj.rasterize(positions, [[0, 1, 2]], SIZE, threads=1)
@@ -213,7 +209,7 @@ def test_clipping_something_hidden_changes_no_bit():
 @pytest.mark.case("G02")
 def test_a_face_that_crosses_the_near_plane_by_one_pixel_is_cut(calls):
     size = (8, 1)
-    clip = calls(stages, "clip")
+    clip = calls(drawing, "clip")
     # z = -1 at the image's left side, or half-way between the first two centres.
     for start, covered in ((0.0, 8), (1.0, 7)):
         points = [(0, -1), (64, -1), (0, 64)]
@@ -385,7 +381,7 @@ def test_flat_shading_asks_for_no_vertex_normals_and_shows_the_same(forbid):
     up = [(0, 0, 1)] * 4
     smooth = draw(scene_of(square("phong", up, specular=0.5), lights=[SUN]))
     assert smooth.plan.needs_normals
-    forbid(plan_arrays, "join_normals")
+    forbid(arrays, "join_normals")
     flat = draw(scene_of(square("flat", up, specular=0.5), lights=[SUN]))
     assert not flat.plan.needs_normals
     assert same(flat, smooth)
@@ -393,7 +389,7 @@ def test_flat_shading_asks_for_no_vertex_normals_and_shows_the_same(forbid):
 
 @pytest.mark.case("G06")
 def test_one_normal_that_leans_is_seen(calls):
-    joined = calls(plan_arrays, "join_normals")
+    joined = calls(arrays, "join_normals")
     up = [(0, 0, 1)] * 3
     frames = [
         draw(scene_of(square("phong", [*up, last]), lights=[SUN]))
@@ -561,17 +557,24 @@ def test_codes_that_are_mixed_do_not():
 
 
 @pytest.mark.case("G10")
-def test_linear_output_alone_is_not_encoded(calls):
+def test_linear_output_alone_is_not_encoded():
     lit = scene_of(square(), lights=[SUN])
-    shaded = calls(stages.shading, "shade_rows")
-    both = draw(lit)
-    names = list(inspect.signature(getattr(SHADE_ROWS, "py_func", SHADE_ROWS)).parameters)
-    assert all(arguments[names.index("color")].size for arguments in shaded)
-    shaded.clear()
-    alone = draw(lit, outputs="linear")
-    assert shaded
-    assert not any(arguments[names.index("color")].size for arguments in shaded)
+    with stages.lists_run() as lists:
+        both = draw(lit)
+    assert lists
+    assert all({"write_linear", "write_opaque_codes"} < {*names} for names in lists)
+    with stages.lists_run() as lists:
+        alone = draw(lit, outputs="linear")
+    assert lists
+    assert not any("codes" in name for names in lists for name in names)
+    with stages.bands_shaded() as bands:
+        draw(lit, outputs="linear")
+    assert not any(color.size for *_, color in bands)
     assert alone.linear.tobytes() == both.linear.tobytes()
+    with stages.lists_run() as lists:
+        color = draw(lit, outputs="color")
+    assert not any("write_linear" in names for names in lists)
+    assert color.color.tobytes() == both.color.tobytes()
 
 
 # --- coefficients of zero -------------------------------------------------------------------------
@@ -593,18 +596,18 @@ def test_a_coefficient_of_zero_is_an_effect_that_is_absent(shading):
 @pytest.mark.case("G11")
 def test_no_wireframe_draws_no_edge(forbid, calls):
     scene = scene_of(square(), lights=[SUN])
-    drawn = calls(edge_lines, "draw_edges")
+    drawn = calls(wireframe, "draw_edges")
     scene.wireframe = rj.Wireframe("red")
     with_edges = draw(scene)
     assert len(drawn) == 1
-    assert with_edges.plan.wireframe is scene.wireframe
-    forbid(edge_lines, "draw_edges")
+    assert with_edges.plan.data("wireframe") is scene.wireframe
+    forbid(wireframe, "draw_edges")
     # Edges are drawn in 8 bits only, so linear light alone has none.
     linear = draw(scene, outputs="linear")
-    assert linear.plan.wireframe is None
+    assert linear.plan.data("wireframe") is None
     scene.wireframe = None
     without = draw(scene)
-    assert without.plan.wireframe is None
+    assert without.plan.data("wireframe") is None
     assert linear.linear.tobytes() == without.linear.tobytes() == with_edges.linear.tobytes()
     assert with_edges.color.tobytes() != without.color.tobytes()
 
@@ -620,8 +623,8 @@ def test_an_object_behind_the_camera_is_neither_cut_nor_drawn(sphere, camera, ca
     alone = draw(scene_of(visible, lights=[SUN]), camera, outputs)
     both = scene_of(visible, lights=[SUN])
     both.add(visible, tf.translate(3 * np.array(camera.eye)))
-    set_up = calls(stages, "draw")
-    cut = calls(stages.clipping, "clip_faces")
+    set_up = calls(drawing, "draw")
+    cut = calls(clipping, "clip_faces")
     frame = draw(both, camera, outputs)
     assert same(frame, alone)
     assert frame.stats.outside == alone.stats.outside + len(sphere.faces)
@@ -638,11 +641,11 @@ def test_a_light_in_a_frame_without_colour_asks_for_nothing(sphere, camera, forb
     scene = scene_of(sphere, lights=[SUN, rj.AmbientLight()])
     scene.wireframe = rj.Wireframe()
     wanted = draw(scene, camera, ("color", "depth", "face_id"))
-    for name in ("shade", "light_vertices"):
-        forbid(stages, name)
-    forbid(edge_lines, "draw_edges")
+    for name in ("shade_in_bands", "light_vertices"):
+        forbid(shade, name)
+    forbid(wireframe, "draw_edges")
     for name in ("join_normals", "join_surface"):
-        forbid(plan_arrays, name)
+        forbid(arrays, name)
     frame = draw(scene, camera, ("depth", "face_id"))
     assert frame.plan.lighting is None
     assert not any(effect.used for effect in frame.plan.effects)
@@ -655,8 +658,8 @@ def test_a_scene_of_unlit_objects_is_not_lit_by_its_lights(sphere, camera, forbi
     unlit = rj.Mesh(sphere.vertices, sphere.faces, material=rj.Material("unlit", "orange"))
     dark = draw(unlit, camera)
     forbid(planning, "lighting_of")
-    forbid(plan_arrays, "join_normals")
-    forbid(stages, "light_vertices")
+    forbid(arrays, "join_normals")
+    forbid(shade, "light_vertices")
     frame = draw(scene_of(unlit, lights=[SUN, rj.PointLight((0, 0, 3))]), camera)
     assert frame.plan.lighting is None
     assert same(frame, dark)
@@ -666,13 +669,13 @@ def test_a_scene_of_unlit_objects_is_not_lit_by_its_lights(sphere, camera, forbi
 def test_an_output_that_nobody_asked_for_is_not_made(sphere, camera, forbid):
     uv = np.zeros((len(sphere.vertices), 2))
     mesh = rj.Mesh(sphere.vertices, sphere.faces, uv=uv, material=rj.Material("flat"))
-    wanted = tuple(name for name in planning.OUTPUTS if name not in planning.MOTION_OUTPUTS)
+    wanted = tuple(name for name in table.OUTPUTS if name not in table.MOTION_OUTPUTS)
     everything = draw(mesh, camera, wanted)
     for module, name in (
-        (stages, "fill_rows"), (stages, "fill_barycentric"), (plan_arrays, "join_uv"),
-        (plan_arrays, "join_normals"), (ground_truth, "metric_depth"),
-        (ground_truth, "box_matrices"), (ground_truth, "material_numbers"),
-        (pixel_coverage, "cover_pixels"), (motion, "moment_of"),
+        (fill, "fill_rows"), (fill, "fill_barycentric"), (arrays, "join_uv"),
+        (arrays, "join_normals"), (fill, "metric_depth"),
+        (fill, "box_matrices"), (fill, "material_numbers"),
+        (coverage, "cover_pixels"), (motion, "moment_of"),
     ):  # fmt: skip
         forbid(module, name)
     frame = draw(mesh, camera, ("color",))

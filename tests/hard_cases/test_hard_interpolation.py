@@ -12,10 +12,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import rasterjit as rj
-from rasterjit import stages
-from rasterjit.kernels import interpolation
-from rasterjit.kernels.records import Geometry
-from rasterjit.plan import viewport_of
+from rasterjit.pipeline.geometry import barycentric
+from rasterjit.pipeline.records import Geometry
+from rasterjit.pipeline.visibility import draw
+from rasterjit.pipeline.visibility.draw import viewport_of
+from rasterjit.runtime import threads
 
 SIZE = (16, 16)
 I01 = [(0, 0), (16, 0), (0, 16)]
@@ -168,7 +169,8 @@ def test_slivers_far_from_the_origin_lose_nothing(points, values, pixel, size, w
     face_id[row, column] = 0
     filled = np.empty((*face_id.shape, 1), np.float32)
     attribute = np.array(values, np.float32)[:, None]
-    interpolation.fill_attribute(face_id, (row, row + 1), geometry, attribute, filled)
+    whole = geometry
+    barycentric.fill_attribute(face_id, (row, row + 1), whole, attribute, filled)
     assert filled[row, column, 0] == np.float32(float(Fraction(want)))
 
 
@@ -176,7 +178,7 @@ def geometry_of(points, w, size):
     """Return what the kernels know of one face of screen points."""
     positions = screen.naive.clip_from_screen(points, size, 0.0, w)
     viewport = viewport_of(size, 8)
-    projected, _ = stages.project(positions, (0.0, -1.0, 0.0), viewport, stages.Workers(1))
+    projected, _ = draw.project(positions, (0.0, -1.0, 0.0), viewport, threads.Workers(1))
     return Geometry(
         np.array(FACE, np.int32), projected.xy, projected.codes, projected.w, positions, viewport
     )
@@ -336,7 +338,7 @@ def test_tiny_w_overflows_nothing(tiny):
     geometry = geometry_of(I01, ws, SIZE)
     for column, row in screen.covered(seen)[::7]:
         exact = rj.oracle.perspective_weights(I01, ws, screen.centre(column, row))
-        weights = interpolation.sample_weights(0, 1, 2, column, row, geometry)
+        weights = barycentric.sample_weights(0, 1, 2, column, row, geometry)
         for have, kernel, want in zip(seen.barycentric[row, column], weights, exact, strict=True):
             assert abs(Fraction(kernel) - want) <= Fraction(10) ** -12 * want
             # As float32 it is a rounding of that, 0 where it is too small for one.

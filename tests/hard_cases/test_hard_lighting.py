@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit import transforms as tf
+from rasterjit.scene import transforms as tf
 
 ROOT_HALF = math.sqrt(0.5)
 

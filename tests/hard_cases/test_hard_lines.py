@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit import oracle
+from rasterjit.inspect import oracle
 
 LOW, HIGH = -(2**31), 2**31 - 1
 WHITE = (255, 255, 255, 255)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 import os
+import pickle
 import subprocess
 import sys
 from fractions import Fraction
@@ -14,7 +15,9 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit import oracle, stages
+from rasterjit.inspect import oracle
+from rasterjit.pipeline.visibility import draw
+from rasterjit.runtime import threads as sharing
 
 ALL_OUTPUTS = ("color", "linear", "depth", "face_id", "object_id", "barycentric", "normal",
                "position")  # fmt: skip
@@ -241,10 +244,10 @@ def test_twenty_renders_by_any_number_of_threads_have_one_hash(busy, threads):
 def test_size_and_order_of_tasks_change_no_hash(busy, monkeypatch, size, order):
     want = hash_of(busy, 1)
     # One worker, so that the order is the one that is set.
-    monkeypatch.setattr(stages, "TILES_PER_TASK", size)
-    monkeypatch.setattr(stages, "PIXELS_PER_TASK", size)
-    monkeypatch.setattr(stages, "FACES_PER_TASK", 97 * size)
-    monkeypatch.setattr(stages, "VERTICES_PER_TASK", 5 * size)
+    monkeypatch.setattr(draw, "TILES_PER_TASK", size)
+    monkeypatch.setattr(sharing, "PIXELS_PER_TASK", size)
+    monkeypatch.setattr(draw, "FACES_PER_TASK", 97 * size)
+    monkeypatch.setattr(draw, "VERTICES_PER_TASK", 5 * size)
     tasks = []
 
     def run(self, task, arguments):
@@ -254,7 +257,7 @@ def test_size_and_order_of_tasks_change_no_hash(busy, monkeypatch, size, order):
             return [task(*call) for call in calls]
         return [task(*call) for call in calls[::-1]][::-1]
 
-    monkeypatch.setattr(stages.Workers, "run", run)
+    monkeypatch.setattr(sharing.Workers, "run", run)
     assert hash_of(busy, 2) == want
     assert max(tasks) > 1
 
@@ -399,6 +402,48 @@ def test_memory_of_lines_changes_no_bit():
         assert bits(ends, colors.astype(dtype)) == want, dtype
     for kind, same in layouts(colors):
         assert bits(ends, same) == want, kind
+
+
+@pytest.mark.case("P05")
+def test_memory_of_curves_and_depths_changes_no_bit():
+    points, depth = np.array([[1.0, 1], [12, 2], [3, 8]]), np.array([[1.0, 2, 3]])
+
+    def bits(points, depth):
+        canvas = rj.Framebuffer(16, 10)
+        canvas.draw_bezier(points, (255, 0, 9))
+        canvas.fill_triangle((0, 0), (9, 0), (0, 9), (1, 200, 0), depth=depth[0])
+        return digest(canvas.color, canvas.depth)
+
+    want = bits(points, depth)
+    for kind, same in layouts(points):
+        assert bits(same, depth) == want, kind
+    for kind, same in layouts(depth):
+        assert bits(points, same) == want, kind
+
+
+def shifted_copy(thing):
+    """Return what a pickle gives back whose arrays lie at odd addresses, as a network brings it."""
+    buffers = []
+    pickled = pickle.dumps(thing, protocol=5, buffer_callback=buffers.append)
+    odd = [memoryview(b"\0" + bytes(one.raw()))[1:] for one in buffers]
+    assert odd
+    return pickle.loads(pickled, buffers=odd)
+
+
+@pytest.mark.case("P05")
+def test_memory_of_what_was_pickled_changes_no_bit():
+    texels = np.linspace(0, 1, 48, dtype=np.float32).reshape(4, 4, 3)
+    material = rj.Material("phong", "white", base_color_texture=rj.Texture(texels))
+    scene = rj.Scene()
+    scene.add(rj.Mesh(CORNERS, FACES, colors=COLORS, uv=CORNERS[:, :2], material=material))
+    scene.environment = rj.Environment(np.ones((4, 8, 3), np.float32) * texels[0, 1])
+    scene.lights.append(rj.DirectionalLight((0, 0, -1)))
+    camera = rj.MatrixCamera(VIEW, CLIP)
+
+    def bits(scene, camera):
+        return digest(rj.render(scene, camera, size=(20, 20), threads=1).color)
+
+    assert bits(shifted_copy(scene), shifted_copy(camera)) == bits(scene, camera)
 
 
 @pytest.mark.case("P05")

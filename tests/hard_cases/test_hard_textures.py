@@ -12,13 +12,13 @@ import pytest
 from naive_textures import box, draw, probe, square
 
 import rasterjit as rj
-from rasterjit.kernels import texturing
+from rasterjit.pipeline.surface import textures
 from rasterjit.scene.texture import FILTERS, WRAPS, level_sizes
 
 WRAP_NUMBERS = {
-    "repeat": texturing.REPEAT,
-    "clamp": texturing.CLAMP,
-    "mirror": texturing.MIRROR,
+    "repeat": textures.REPEAT,
+    "clamp": textures.CLAMP,
+    "mirror": textures.MIRROR,
 }
 
 WHOLE = box((0, 0), (1, 1))

@@ -22,7 +22,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import rasterjit as rj
-from rasterjit.plan import OUTPUTS
+from rasterjit.outputs.table import OUTPUTS
 from rasterjit.scene.quality import LEVELS
 from rasterjit.scene.texture import FILTERS, WRAPS
 
@@ -174,6 +174,7 @@ FIELDS = {
     rj.Fog: ("color", "mode", "start", "end", "density", "height", "falloff"),
     rj.ToneMap: ("curve", "exposure", "white"),
     rj.AmbientOcclusion: ("radius", "strength"),
+    rj.Vignette: ("strength", "start"),
     rj.Outline: ("color", "width", "edges", "crease_angle"),
     rj.Material: ("metallic", "roughness", "normal_texture", "normal_scale", "occlusion_strength",
                   "emissive", "alpha_mode", "alpha_cutoff", "double_sided"),
@@ -200,7 +201,7 @@ def test_effects_take_or_refuse_anything(kind, data):
 
 @few(30)
 @given(value=st.one_of(anything, names), field=st.sampled_from(
-    ["environment", "fog", "tone_map", "ambient_occlusion", "outline", "lights"]
+    ["environment", "fog", "tone_map", "ambient_occlusion", "outline", "vignette", "lights"]
 ))  # fmt: skip
 def test_a_scene_takes_no_effect_that_is_none(value, field):
     scene = rj.Scene()

@@ -20,6 +20,7 @@ from pathlib import Path
 import frames
 import numpy as np
 import pytest
+from kernel_files import kernel_files
 
 import rasterjit as rj
 
@@ -143,12 +144,12 @@ def test_any_tile_size_gives_the_same_bits(bits, tmp_path):
     # Tile size is frozen into the kernels: draw with a copy of the package that has another.
     copy = tmp_path / "rasterjit"
     shutil.copytree(PACKAGE, copy, ignore=shutil.ignore_patterns("__pycache__"))
-    source = copy / "kernels" / "setup.py"
+    source = copy / "pipeline" / "geometry" / "setup.py"
     text = source.read_text()
     assert text.count("\nTILE_BITS = 6\n") == 1
     source.write_text(text.replace("\nTILE_BITS = 6\n", f"\nTILE_BITS = {bits}\n"))
-    environment = {"PYTHONPATH": str(tmp_path), "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
-    tiles = "from rasterjit.kernels import visibility; print(visibility.TILE_SIZE)"
+    environment = {"PYTHONPATH": str(tmp_path), "RASTERJIT_CACHE_DIR": str(tmp_path / "cache")}
+    tiles = "from rasterjit.pipeline.visibility import nearest; print(nearest.TILE_SIZE)"
     done = subprocess.run(
         [sys.executable, "-c", tiles],
         cwd=tmp_path, env={**os.environ, **environment}, capture_output=True, text=True, check=True,
@@ -166,11 +167,17 @@ def test_any_tile_size_gives_the_same_bits(bits, tmp_path):
 
 def test_no_kernel_that_makes_another_output_knows_of_tiles():
     knows = {
-        path.name
-        for path in (PACKAGE / "kernels").glob("*.py")
+        path.relative_to(PACKAGE).as_posix()
+        for path in kernel_files()
         if re.search(r"\bTILE_(BITS|SIZE)\b", path.read_text())
     }
     # The lists of triangles, what they hide, drawing them, and counting what was drawn.
-    lists = {"setup.py", "binning.py", "occlusion.py"}
-    drawing = {"visibility.py", "cutouts.py", "transparency.py", "area.py"}
-    assert knows == lists | drawing | {"diagnosis.py"}
+    lists = {
+        "pipeline/geometry/setup.py", "pipeline/geometry/binning.py",
+        "pipeline/visibility/tile_depths.py",
+    }  # fmt: skip
+    drawing = {
+        "pipeline/visibility/nearest.py", "pipeline/visibility/alpha_test.py",
+        "pipeline/fragments/fragments.py", "pipeline/fragments/areas.py",
+    }  # fmt: skip
+    assert knows == lists | drawing | {"outputs/diagnostics_stage.py"}

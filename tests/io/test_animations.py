@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from rasterjit.io import animations
-from rasterjit.io.animations import ANIMATION_FORMATS, save_animation
+from rasterjit.animation import video
+from rasterjit.animation.video import ANIMATION_FORMATS, save_animation
 
 LOSSLESS = (".webp", ".apng")
 W, H = 32, 20
@@ -108,7 +108,7 @@ def test_no_frame_is_kept(tmp_path, suffix):
 MEASURE = """
 import resource, sys
 import numpy as np
-from rasterjit.io.animations import save_animation
+from rasterjit.animation.video import save_animation
 
 def pictures(count):
     noise = np.random.default_rng(0)
@@ -156,7 +156,7 @@ def test_an_interrupted_animation_leaves_what_was_there(tmp_path, suffix, old, e
 STEADY = """
 import sys, time
 import numpy as np
-from rasterjit.io.animations import save_animation
+from rasterjit.animation.video import save_animation
 
 def pictures():
     while True:
@@ -190,7 +190,7 @@ def test_ctrl_c_leaves_no_file(tmp_path, suffix):
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 def test_ffmpeg_that_fails_is_an_error_and_leaves_no_file(tmp_path, monkeypatch):
     options = {".webp": {"quality": None, "codec": "no_such_codec"}}
-    monkeypatch.setattr(animations, "FFMPEG", options)
+    monkeypatch.setattr(video, "FFMPEG", options)
     with pytest.raises(OSError, match="ffmpeg"):
         save_animation(tmp_path / "a.webp", (picture(number % 20) for number in range(300)), 10)
     assert list(tmp_path.iterdir()) == []

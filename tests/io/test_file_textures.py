@@ -13,8 +13,8 @@ import trimesh
 from PIL import Image
 
 import rasterjit as rj
-from rasterjit.io.left_out import LoadWarning
 from rasterjit.io.meshes import from_trimesh, load
+from rasterjit.io.skipped import LoadWarning
 from rasterjit.scene.material import TEXTURE_FIELDS, Material
 
 CORNERS = np.array(

@@ -13,9 +13,9 @@ from PIL import Image
 from sample_models import QUAD_FACES, Model, encode_png, quad
 
 import rasterjit as rj
-from rasterjit.io.gltf_file import GltfFile
-from rasterjit.io.gltf_meshes import FAN, STRIP, TRIANGLES, join_corners
-from rasterjit.io.left_out import LoadWarning, MeshFileError
+from rasterjit.io.gltf.content import FAN, STRIP, TRIANGLES, join_corners
+from rasterjit.io.gltf.file import GltfFile
+from rasterjit.io.skipped import LoadWarning, MeshFileError
 
 GREY = np.full((2, 2, 3), 128, np.uint8)
 

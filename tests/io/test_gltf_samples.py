@@ -15,7 +15,7 @@ import pytest
 from sample_models import Model, ball_arrays, quad
 
 import rasterjit as rj
-from rasterjit.io.left_out import LoadWarning
+from rasterjit.io.skipped import LoadWarning
 
 NEAREST, LINEAR = 9728, 9729
 REPEAT, CLAMP, MIRROR = 10497, 33071, 33648

@@ -14,9 +14,9 @@ from opengl import optional_module
 from PIL import Image
 
 import rasterjit as rj
-from rasterjit.io.left_out import LeftOut
-from rasterjit.io.meshes import LoadWarning, MeshFileError, as_scene, from_trimesh, load
-from rasterjit.io.trimesh_materials import material_from_trimesh
+from rasterjit.io.meshes import as_scene, from_trimesh, load
+from rasterjit.io.skipped import LeftOut, LoadWarning, MeshFileError
+from rasterjit.io.trimesh.materials import material_from_trimesh
 from rasterjit.scene.camera import OrthographicCamera, PerspectiveCamera
 from rasterjit.scene.color import srgb_to_linear
 from rasterjit.scene.light import DirectionalLight, PointLight, SpotLight

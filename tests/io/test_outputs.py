@@ -13,7 +13,8 @@ import pytest
 from opengl import optional_module
 from PIL import Image
 
-from rasterjit.io import exr, outputs, png16
+from rasterjit.io import images
+from rasterjit.outputs import save
 
 inf, nan = np.inf, np.nan
 RNG = np.random.default_rng(7)
@@ -53,7 +54,7 @@ def decoded(data):
 def saved(folder, name, array, scale=None):
     """Save one output as PNG; return its codes, its values by the file's own words, its texts."""
     path = folder / "a.png"
-    outputs.save_outputs(path, {name: array}, scale=scale)
+    save.save_outputs(path, {name: array}, scale=scale)
     assert [place.name for place in folder.iterdir()] == ["a.png"]
     codes, texts = decoded(path.read_bytes())
     assert texts["Title"] == name
@@ -64,7 +65,7 @@ def saved(folder, name, array, scale=None):
 @pytest.mark.parametrize("shape", [(1, 1), (5, 7), (1, 9, 3), (6, 1, 3), (33, 20, 3)])
 def test_sixteen_bits_come_back(shape):
     pixels = RNG.integers(0, 65536, shape).astype(np.uint16)
-    codes, texts = decoded(png16.encode(pixels, {"a": "b", "unit": "é"}))
+    codes, texts = decoded(images.encode_png16(pixels, {"a": "b", "unit": "é"}))
     assert np.array_equal(codes.reshape(shape), pixels)
     assert texts == {"a": "b", "unit": "é"}
 
@@ -72,7 +73,7 @@ def test_sixteen_bits_come_back(shape):
 @pytest.mark.parametrize("shape", [(13, 17), (13, 17, 3)])
 def test_other_decoders_read_sixteen_bits(shape, tmp_path):
     pixels = RNG.integers(0, 65536, shape).astype(np.uint16)
-    (tmp_path / "a.png").write_bytes(png16.encode(pixels, {"a": "b"}))
+    (tmp_path / "a.png").write_bytes(images.encode_png16(pixels, {"a": "b"}))
     with Image.open(tmp_path / "a.png") as image:
         image.load()
         assert image.text == {"a": "b"}
@@ -96,7 +97,7 @@ def test_other_decoders_read_sixteen_bits(shape, tmp_path):
 )  # fmt: skip
 def test_what_no_png_holds_is_refused(pixels, texts):
     with pytest.raises(ValueError, match=r"pixels|texts"):
-        png16.encode(pixels, texts)
+        images.encode_png16(pixels, texts)
 
 
 def test_depth_comes_back_to_half_a_code_and_nothing_is_zero(tmp_path):
@@ -195,7 +196,7 @@ def test_shares_have_a_fixed_range(tmp_path):
 
 def test_yes_and_no_are_white_and_black(tmp_path):
     mask = np.array([[True, False]])
-    outputs.save_outputs(tmp_path / "a.png", {"motion_visible": mask})
+    save.save_outputs(tmp_path / "a.png", {"motion_visible": mask})
     assert np.array(Image.open(tmp_path / "a.png")).tolist() == [[255, 0]]
 
 
@@ -218,7 +219,7 @@ def test_yes_and_no_are_white_and_black(tmp_path):
 )  # fmt: skip
 def test_what_does_not_fit_is_named_and_nothing_is_written(tmp_path, arrays, suffix, scale, named):
     with pytest.raises(ValueError, match=named):
-        outputs.save_outputs(tmp_path / f"a{suffix}", arrays, scale=scale)
+        save.save_outputs(tmp_path / f"a{suffix}", arrays, scale=scale)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -235,7 +236,7 @@ def test_exr_holds_every_output_under_its_usual_name(tmp_path):
         "object_id": IDS, "motion_visible": IDS > 0, "distance": DEPTH * 2,
     }  # fmt: skip
     optional_module("OpenEXR")
-    outputs.save_outputs(tmp_path / "a.exr", arrays)
+    save.save_outputs(tmp_path / "a.exr", arrays)
     channels, header = read_exr(tmp_path / "a.exr")
     expected = {
         "A": light[..., 3], "Z": DEPTH, "distance": DEPTH * 2,
@@ -258,7 +259,7 @@ def test_exr_holds_every_output_under_its_usual_name(tmp_path):
 def test_exr_decodes_the_colour(tmp_path):
     optional_module("OpenEXR")
     color = np.array([[[255, 188, 0, 255], [255, 255, 255, 51]]], np.uint8)
-    outputs.save_outputs(tmp_path / "a.exr", {"color": color})
+    save.save_outputs(tmp_path / "a.exr", {"color": color})
     channels, _ = read_exr(tmp_path / "a.exr")
     assert sorted(channels) == ["A", "B", "G", "R"]
     assert channels["G"][0, 0] == pytest.approx(((188 / 255 + 0.055) / 1.055) ** 2.4, rel=1e-5)
@@ -268,27 +269,27 @@ def test_exr_decodes_the_colour(tmp_path):
 def test_exr_without_openexr_says_what_to_install(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "OpenEXR", None)
     with pytest.raises(ImportError, match=r"rasterjit\[exr\]"):
-        outputs.save_outputs(tmp_path / "a.exr", {"depth": DEPTH})
+        save.save_outputs(tmp_path / "a.exr", {"depth": DEPTH})
     assert list(tmp_path.iterdir()) == []
 
 
 def test_channels_are_named_by_their_number():
-    assert exr.channel_names("coverage", 1) == ("coverage",)
-    assert exr.channel_names("nocs", 3) == ("nocs.X", "nocs.Y", "nocs.Z")
-    assert exr.channel_names("color", 4) == ("color.R", "color.G", "color.B", "color.A")
+    assert save.channel_names("coverage", 1) == ("coverage",)
+    assert save.channel_names("nocs", 3) == ("nocs.X", "nocs.Y", "nocs.Z")
+    assert save.channel_names("color", 4) == ("color.R", "color.G", "color.B", "color.A")
 
 
 FULL = """
 import errno, resource, signal, sys
 from pathlib import Path
 import numpy as np
-from rasterjit.io import exr
+from rasterjit.io import images
 
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
 pixels = np.random.default_rng(0).random((200, 200)).astype(np.float32)
 try:
-    exr.write(Path(sys.argv[1]), {"Z": pixels})
+    images.write_exr(Path(sys.argv[1]), {"Z": pixels})
 except OSError as error:
     assert error.errno == errno.EFBIG, error
     assert error.filename == sys.argv[1], error
@@ -328,6 +329,6 @@ def test_what_openexr_says_in_words_names_the_file_that_was_asked_for(
 
     monkeypatch.setattr(openexr.File, "write", write)
     with pytest.raises(OSError, match="exr") as caught:
-        exr.write(place, {"Z": DEPTH})
+        images.write_exr(place, {"Z": DEPTH})
     assert (caught.value.errno, caught.value.filename) == (code, str(place))
     assert caught.value.strerror == told.format(place)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit.kernels import ambient_occlusion as ao
+from rasterjit.effects.ambient_occlusion import stage as ao
 
 WHITE = rj.Material(shading="flat", base_color="white", specular=0.0)
 ANGLES = [pytest.param(a, marks=pytest.mark.needs_jit) for a in (45.0, 60.0, 120.0, 150.0)]
@@ -235,10 +235,10 @@ def test_absent_equals_all_light_bit_for_bit(shading, cube):
     flat = rj.Mesh(cube.vertices, cube.faces, material=replace(WHITE, base_color="red"))
     scene.add(flat, rj.transforms.scale(0.5))
     frame = rj.render(scene, camera, size=(90, 70), outputs=("color", "linear"))
-    assert frame.plan.ambient_occlusion is not None
+    assert frame.plan.has("ambient occlusion")
     scene.ambient_occlusion = None
     without = rj.render(scene, camera, size=(90, 70), outputs=("color", "linear"))
-    assert without.plan.ambient_occlusion is None
+    assert not without.plan.has("ambient occlusion")
     assert np.array_equal(frame.color, without.color)
     assert np.array_equal(frame.linear, without.linear)
 
@@ -264,7 +264,7 @@ def planned(change, outputs=("color",)):
     change(scene)
     plan = rj.explain(scene, camera, size=(64, 48), outputs=outputs)
     (effect,) = [effect for effect in plan.effects if effect.name == "ambient occlusion"]
-    assert effect.used == (plan.ambient_occlusion is not None)
+    assert effect.used == plan.has("ambient occlusion")
     return effect
 
 

@@ -13,10 +13,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import rasterjit as rj
-from rasterjit import oracle, stages
-from rasterjit.kernels import clipping, setup
-from rasterjit.memory import Memory
-from rasterjit.plan import viewport_of
+from rasterjit.inspect import oracle
+from rasterjit.pipeline.geometry import clipping, setup
+from rasterjit.pipeline.visibility import draw
+from rasterjit.pipeline.visibility.draw import viewport_of
+from rasterjit.runtime import threads
+from rasterjit.runtime.threads import Memory
 
 SIZE = (64, 64)
 
@@ -122,7 +124,7 @@ def test_only_faces_that_cross_are_found():
     positions[::97, 1] = np.nan
     faces = rng.integers(0, 600, (900, 3)).astype(np.int32)
     viewport = viewport_of(SIZE, 8)
-    screen, _ = stages.project(positions, (0.0, -1.0, 0.0), viewport, stages.Workers(1))
+    screen, _ = draw.project(positions, (0.0, -1.0, 0.0), viewport, threads.Workers(1))
     codes = screen.codes[:600]
     want = []
     for n, (a, b, c) in enumerate(faces):
@@ -147,12 +149,12 @@ def test_every_clipped_vertex_is_snapped_inside_the_guard_band(seed):
     positions = rng.normal(size=(count, 4)) * 10.0 ** rng.uniform(0, 8, (count, 1))
     positions[:, 2:] = rng.uniform(-1, 1, (count, 2)) + [0.0, 0.7]
     faces = np.arange(count, dtype=np.int32).reshape(-1, 3)
-    viewport, workers = viewport_of(SIZE, 8), stages.Workers(1)
-    screen, _ = stages.project(positions, (0.0, -1.0, 0.0), viewport, workers)
+    viewport, workers = viewport_of(SIZE, 8), threads.Workers(1)
+    screen, _ = draw.project(positions, (0.0, -1.0, 0.0), viewport, workers)
     # What is not written keeps this mark.
     mark = np.iinfo(np.int32).min
     screen.xy[count:], screen.depth[count:] = mark, np.nan
-    all_faces, screen, cut = stages.clip(
+    all_faces, screen, cut = draw.clip(
         positions, faces, (0.0, -1.0, 0.0), viewport, screen, Memory()
     )
     assert cut > 50
@@ -200,7 +202,7 @@ def test_piece_of_a_clipped_face_reports_its_face():
 
 def test_many_more_clipped_faces_than_spare_room():
     # More new vertices than SPARE_VERTICES, so the arrays are copied to larger ones.
-    count = stages.SPARE_VERTICES
+    count = draw.SPARE_VERTICES
     one = from_d3d([[-0.5, 0, 0.5, 1], [0.5, 0, 0.5, 1], [0, -1, -0.5, -1]])
     positions = np.tile(one, (count, 1))
     faces = np.arange(3 * count).reshape(-1, 3)

@@ -9,11 +9,18 @@ import naive
 import numpy as np
 import pytest
 
-from rasterjit import oracle, stages
-from rasterjit.kernels import diagnosis, interpolation, visibility
-from rasterjit.kernels.records import Geometry, Objects
-from rasterjit.kernels.setup import CLIPPED
-from rasterjit.plan import viewport_of
+from rasterjit.inspect import oracle
+from rasterjit.outputs import diagnostics_stage
+from rasterjit.pipeline.geometry import barycentric, setup
+from rasterjit.pipeline.geometry.barycentric import interpolate, lowest_first, sample_weights
+from rasterjit.pipeline.geometry.setup import CLIPPED
+from rasterjit.pipeline.records import Geometry, Objects
+from rasterjit.pipeline.visibility import draw as drawing
+from rasterjit.pipeline.visibility import nearest
+from rasterjit.pipeline.visibility.draw import viewport_of
+from rasterjit.runtime import threads
+from rasterjit.runtime.jit import kernel
+from rasterjit.runtime.state import float64, int32, int64
 
 SIZE = (24, 16)
 WIDE = (100, 70)
@@ -30,8 +37,8 @@ def draw(clip_positions, faces=((0, 1, 2),), size=SIZE, bits=8, turn=0):
     faces = np.array(faces, np.int32)
     viewport = viewport_of(size, bits)
     objects = Objects(np.array([0, len(faces)]), np.array([turn], np.int8))
-    coverage = stages.find_visible(
-        positions, faces, objects, (0.0, -1.0, 0.0), viewport, stages.Workers(1), lambda _: None,
+    coverage = drawing.find_visible(
+        positions, faces, objects, (0.0, -1.0, 0.0), viewport, threads.Workers(1), lambda _: None,
         keep_lists=True,
     )  # fmt: skip
     geometry = Geometry(
@@ -44,12 +51,12 @@ def count(coverage, geometry):
     """Return the samples of each triangle and the pixels with a tie of each tile."""
     lists = coverage.lists
     starts, binned, faces = lists.starts, lists.binned, lists.faces
-    side = visibility.TILE_SIZE
-    scratch = visibility.scratch_memory(), np.zeros((side, side), np.uint8)
+    side = setup.TILE_SIZE
+    scratch = nearest.scratch_memory(), np.zeros((side, side), np.uint8)
     counts = np.zeros(len(binned), np.int32), np.zeros(len(starts) - 1, np.int64)
     tiles = np.arange(len(starts) - 1, dtype=np.int32)
     frame = coverage.depth, coverage.face_id
-    diagnosis.count_samples(
+    diagnostics_stage.count_samples(
         tiles, starts, binned, faces, coverage.screen, geometry.viewport, frame, scratch, counts
     )
     samples = np.zeros(len(faces.faces) + len(faces.pieces), np.int64)
@@ -57,12 +64,49 @@ def count(coverage, geometry):
     return samples, counts[1]
 
 
+@kernel
+def fill_unrounded(
+    face_id: int32[:, ::1], rows: (int64, int64), geometry: Geometry, values: float64[:, ::1],
+    computed: float64[:, :, ::1],
+):  # fmt: skip
+    """Interpolate as ``fill_attribute`` does, and store in float64."""
+    for row in range(rows[0], rows[1]):
+        for column in range(face_id.shape[1]):
+            face = face_id[row, column]
+            if face >= 0:
+                a, b, c = lowest_first(geometry.faces, face)
+                weights = sample_weights(a, b, c, column, row, geometry)
+                for k in range(values.shape[1]):
+                    computed[row, column, k] = interpolate(
+                        weights, values[a, k], values[b, k], values[c, k]
+                    )
+
+
+def test_values_are_interpolated_so_and_rounded():
+    rng = np.random.default_rng(2)
+    clip = naive.clip_from_screen([(2, 2), (30, 3), (4, 14)], (32, 16), w=[1, 2, 4])
+    coverage, geometry, _ = draw(clip, size=(32, 16))
+    values, shown = rng.uniform(-1, 1, (3, 4)).astype(np.float32), coverage.face_id == 0
+    unrounded, filled = (np.empty((*shown.shape, 4), kind) for kind in (np.float64, np.float32))
+    given = coverage.face_id, (0, len(shown)), geometry
+    fill_unrounded(*given, values.astype(np.float64), unrounded)
+    barycentric.fill_attribute(*given, values, filled)
+    assert shown.sum() > 50
+    assert (unrounded[shown].astype(np.float32) == filled[shown]).all()
+
+
+def largest_error(face_id, rows, geometry):
+    bound = np.zeros(1)
+    diagnostics_stage.largest_error(face_id, rows, geometry, bound)
+    return bound[0]
+
+
 def fates(coverage, geometry, objects):
     faces = coverage.lists.faces
     samples, _ = count(coverage, geometry)
     shown = np.isin(np.arange(len(faces.faces)), coverage.face_id).astype(np.uint8)
     found = np.full(len(faces.faces), 99, np.uint8)
-    diagnosis.find_fates(
+    diagnostics_stage.find_fates(
         faces, objects, coverage.screen, geometry.viewport, (samples, shown), found
     )
     return found.tolist()
@@ -143,19 +187,19 @@ def test_neighbours_do_not_tie():
 @pytest.mark.parametrize(
     ("points", "expected"),
     [
-        ([(2, 2), (12, 3), (4, 12)], diagnosis.VISIBLE),
-        ([(2, 2), (12, 2), (7, 2)], diagnosis.DEGENERATE),
-        ([(2.0, 2.0), (2.001, 2.0), (2.0, 2.001)], diagnosis.DEGENERATE),
+        ([(2, 2), (12, 3), (4, 12)], diagnostics_stage.VISIBLE),
+        ([(2, 2), (12, 2), (7, 2)], diagnostics_stage.DEGENERATE),
+        ([(2.0, 2.0), (2.001, 2.0), (2.0, 2.001)], diagnostics_stage.DEGENERATE),
         # Between centres, and a sliver whose box holds centres that it passes by.
-        ([(2.6, 2.6), (3.4, 2.6), (2.6, 3.4)], diagnosis.SUB_PIXEL),
-        ([(2.25, 2), (12.25, 12), (12.375, 12)], diagnosis.SUB_PIXEL),
+        ([(2.6, 2.6), (3.4, 2.6), (2.6, 3.4)], diagnostics_stage.SUB_PIXEL),
+        ([(2.25, 2), (12.25, 12), (12.375, 12)], diagnostics_stage.SUB_PIXEL),
         # Beside a side; past a corner, its box over the image; with an edge along a side.
-        ([(-9, 2), (-1, 3), (-4, 12)], diagnosis.OUTSIDE),
-        ([(-8, 4), (4, -8), (-8, -8)], diagnosis.OUTSIDE),
-        ([(-8, 2), (0, 2), (0, 8)], diagnosis.OUTSIDE),
+        ([(-9, 2), (-1, 3), (-4, 12)], diagnostics_stage.OUTSIDE),
+        ([(-8, 4), (4, -8), (-8, -8)], diagnostics_stage.OUTSIDE),
+        ([(-8, 2), (0, 2), (0, 8)], diagnostics_stage.OUTSIDE),
         # Touches the image too little to reach a centre.
-        ([(-8, 2), (0.25, 2), (0.25, 8)], diagnosis.SUB_PIXEL),
-        ([(-4, 4.25), (4.25, -4), (-4, -4)], diagnosis.SUB_PIXEL),
+        ([(-8, 2), (0.25, 2), (0.25, 8)], diagnostics_stage.SUB_PIXEL),
+        ([(-4, 4.25), (4.25, -4), (-4, -4)], diagnostics_stage.SUB_PIXEL),
     ],
 )  # fmt: skip
 def test_fate_of_a_face(points, expected):
@@ -165,16 +209,16 @@ def test_fate_of_a_face(points, expected):
 
 def test_culled_faces_are_those_of_the_culled_turn():
     clockwise = [(2, 2), (12, 3), (4, 12)]
-    assert fate(clockwise, (32, 16), turn=1) == diagnosis.CULLED
-    assert fate(clockwise, (32, 16), turn=-1) == diagnosis.VISIBLE
-    assert fate(clockwise[::-1], (32, 16), turn=-1) == diagnosis.CULLED
+    assert fate(clockwise, (32, 16), turn=1) == diagnostics_stage.CULLED
+    assert fate(clockwise, (32, 16), turn=-1) == diagnostics_stage.VISIBLE
+    assert fate(clockwise[::-1], (32, 16), turn=-1) == diagnostics_stage.CULLED
 
 
 def test_a_face_that_only_loses_is_hidden():
     points = [(2, 2), (30, 3), (4, 14)]
     clip = [naive.clip_from_screen(points, (32, 16), z) for z in (0.5, 0.25)]
     drawn = draw(np.concatenate(clip), [(0, 1, 2), (3, 4, 5)], (32, 16))
-    assert fates(*drawn) == [diagnosis.HIDDEN, diagnosis.VISIBLE]
+    assert fates(*drawn) == [diagnostics_stage.HIDDEN, diagnostics_stage.VISIBLE]
 
 
 def test_a_face_with_a_vertex_that_is_no_number_is_dropped():
@@ -182,7 +226,7 @@ def test_a_face_with_a_vertex_that_is_no_number_is_dropped():
     for wrong in (math.nan, math.inf, 2e150):
         broken = np.concatenate([clip, [[0.0, wrong, 0.0, 1.0]]])
         drawn = draw(broken, [(0, 1, 2), (0, 1, 3)], (32, 16))
-        assert fates(*drawn) == [diagnosis.VISIBLE, diagnosis.DROPPED]
+        assert fates(*drawn) == [diagnostics_stage.VISIBLE, diagnostics_stage.DROPPED]
 
 
 def test_a_clipped_face_has_one_fate():
@@ -191,10 +235,14 @@ def test_a_clipped_face_has_one_fate():
     # In front of the eye but left of the picture; its third vertex is behind.
     beside = [(-9.0, 0.0, 0.5, 1.0), (-8.0, 1.0, 0.5, 1.0), (-0.5, 0.0, -1.5, -1.0)]
     drawn = draw(np.array(behind + through + beside), np.arange(9).reshape(3, 3), WIDE)
-    assert fates(*drawn) == [diagnosis.OUTSIDE, diagnosis.VISIBLE, diagnosis.OUTSIDE]
+    assert fates(*drawn) == [
+        diagnostics_stage.OUTSIDE,
+        diagnostics_stage.VISIBLE,
+        diagnostics_stage.OUTSIDE,
+    ]
     assert drawn[0].totals.clipped >= 1
     culled = {fates(*draw(np.array(through), size=WIDE, turn=turn))[0] for turn in (-1, 1)}
-    assert culled == {diagnosis.CULLED, diagnosis.VISIBLE}
+    assert culled == {diagnostics_stage.CULLED, diagnostics_stage.VISIBLE}
 
 
 def test_a_clipped_face_of_which_nothing_is_left_is_outside():
@@ -202,7 +250,7 @@ def test_a_clipped_face_of_which_nothing_is_left_is_outside():
     clip = [(0.0, 0.0, -2.0, 1.0), (-400.0, 0.0, 0.0, 1.0), (-400.0, 1.0, -2.0, 1.0)]
     drawn = draw(np.array(clip), size=WIDE)
     assert (drawn[0].totals.clipped, len(drawn[0].lists.faces.pieces)) == (1, 0)
-    assert fates(*drawn) == [diagnosis.OUTSIDE]
+    assert fates(*drawn) == [diagnostics_stage.OUTSIDE]
 
 
 # --- error bound ----------------------------------------------------------------------------------
@@ -249,13 +297,13 @@ def shares_of_bound(clip, values):
     coverage, geometry, _ = draw(clip)
     width, height = SIZE
     computed = np.empty((height, width, values.shape[1]))
-    interpolation.fill_attribute(coverage.face_id, (0, height), geometry, values, computed)
+    fill_unrounded(coverage.face_id, (0, height), geometry, values, computed)
     largest = [Fraction(float(v)) for v in np.abs(values).max(axis=0)]
     shares, bounds = [], []
     for row, column in np.argwhere(coverage.face_id == 0).tolist():
         alone = np.full_like(coverage.face_id, -1)
         alone[row, column] = 0
-        bounds.append(diagnosis.largest_error(alone, (row, row + 1), geometry))
+        bounds.append(largest_error(alone, (row, row + 1), geometry))
         if bounds[-1] == np.inf:
             continue
         weights = exact_weights(geometry, column, row, SIZE)
@@ -282,19 +330,19 @@ def test_no_value_is_off_by_more_than_the_bound_and_some_come_near(kind, faces):
     assert max(shares) <= 1.0
     assert max(shares) > 1.0 / LOOSEST
     if kind is edge_on:
-        assert max(bounds) > 100.0 * diagnosis.UNCLIPPED
+        assert max(bounds) > 100.0 * diagnostics_stage.UNCLIPPED
     elif kind in (plain, grazing):
-        assert set(bounds) == {diagnosis.UNCLIPPED}
+        assert set(bounds) == {diagnostics_stage.UNCLIPPED}
 
 
 def test_a_clipped_face_seen_exactly_from_its_side_has_no_bound():
     clip = np.array([(1.0, 1.0, 0.8, 1.0), (2.0, 2.0, 1.8, 2.0), (-1.0, -1.0, -1.2, -1.0)])
     coverage, geometry, _ = draw(clip)
     face_id = np.zeros_like(coverage.face_id)
-    assert diagnosis.largest_error(face_id, (0, 1), geometry) == np.inf
+    assert largest_error(face_id, (0, 1), geometry) == np.inf
 
 
 def test_nothing_in_view_is_off_by_nothing():
     coverage, geometry, _ = draw(naive.clip_from_screen([(2, 2), (30, 3), (4, 14)], (32, 16)))
     nothing = np.full_like(coverage.face_id, -1)
-    assert diagnosis.largest_error(nothing, (0, len(nothing)), geometry) == 0.0
+    assert largest_error(nothing, (0, len(nothing)), geometry) == 0.0

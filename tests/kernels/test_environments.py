@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import math
 
+import blocks
 import naive_environment as naive
 import numpy as np
 import pytest
 import skies
 
 import rasterjit as rj
-from rasterjit import environment_maps as maps
-from rasterjit.kernels import environments
-from rasterjit.kernels import lighting as lit
-from rasterjit.kernels.microfacets import reflected_shares
-from rasterjit.workers import Workers
+from rasterjit.effects.environment import prefilter as maps
+from rasterjit.effects.environment import stage as environment_stage
+from rasterjit.pipeline.lighting.pbr import reflected_shares
+from rasterjit.pipeline.surface import samples as block
+from rasterjit.runtime.threads import Workers
 
 VIEWER = np.array([0.0, 0.0, 0.0, 1.0], np.float32)
 PARALLEL = np.array([0.6, 0.0, 0.8, 0.0], np.float32)
@@ -27,23 +28,28 @@ def units(rng, count):
 
 def samples_of(rng, count, *, faceted):
     """Return random samples; normals of length one."""
-    samples = np.zeros((lit.SAMPLE_ROWS, count), np.float32)
-    samples[lit.RED : lit.ALPHA + 1] = rng.uniform(0, 1, (4, count))
-    samples[lit.NORMAL_X : lit.NORMAL_Z + 1] = units(rng, count).T
-    samples[lit.POINT_X : lit.POINT_Z + 1] = -3.0 * units(rng, count).T
-    samples[lit.METALLIC] = rng.uniform(0, 1, count)
-    samples[lit.ROUGHNESS] = rng.uniform(0, 1, count)
-    samples[lit.MICROFACET] = faceted
-    samples[lit.LIT] = 1.0 - faceted
-    samples[lit.OUT_RED : lit.OUT_BLUE + 1] = rng.uniform(0, 1, (3, count))
+    samples = np.zeros((block.BLOCK_ROWS, count), np.float32)
+    samples[block.RED : block.ALPHA + 1] = rng.uniform(0, 1, (4, count))
+    samples[block.NORMAL_X : block.NORMAL_Z + 1] = units(rng, count).T
+    samples[block.POINT_X : block.POINT_Z + 1] = -3.0 * units(rng, count).T
+    samples[block.METALLIC] = rng.uniform(0, 1, count)
+    samples[block.ROUGHNESS] = rng.uniform(0, 1, count)
+    samples[block.MICROFACET] = faceted
+    samples[block.LIT] = 1.0 - faceted
+    samples[block.OUT_RED : block.OUT_BLUE + 1] = rng.uniform(0, 1, (3, count))
     return samples
 
 
 def add(samples, environment, *, viewer=VIEWER, occlusion=None):
     """Return what the environment adds."""
-    before = samples[lit.OUT_RED : lit.OUT_BLUE + 1].copy()
-    environments.add_environment(samples, samples.shape[1], occlusion, environment, viewer)
-    return samples[lit.OUT_RED : lit.OUT_BLUE + 1] - before
+    before = samples[block.OUT_RED : block.OUT_BLUE + 1].copy()
+    samples[block.OCCLUSION] = 1.0 if occlusion is None else occlusion
+    light = environment.irradiance, environment.turn, environment.intensity
+    blocks.run(
+        samples, (environment_stage.shed_light, *light),
+        (environment_stage.mirror_environment, environment, viewer),
+    )  # fmt: skip
+    return samples[block.OUT_RED : block.OUT_BLUE + 1] - before
 
 
 def record(environment, is_mirrored=True):
@@ -57,12 +63,12 @@ def test_angles_keep_their_error():
     ).astype(np.float32)
     for y, x in pairs:
         exact = math.atan2(float(y), float(x)) / (2.0 * math.pi)
-        assert abs(float(environments.turns(y, x)) - exact) <= 6e-8
+        assert abs(float(environment_stage.turns(y, x)) - exact) <= 6e-8
     eighths = {(0, 1): 0, (1, 1): 1, (1, 0): 2, (1, -1): 3, (-1, -1): -3, (-1, 0): -2, (-1, 1): -1}
     for (y, x), eighth in eighths.items():
-        assert environments.turns(np.float32(y), np.float32(x)) == eighth / 8
-    assert environments.turns(np.float32(0.0), np.float32(-2.0)) == 0.5
-    assert environments.turns(np.float32(0.0), np.float32(0.0)) == 0.0
+        assert environment_stage.turns(np.float32(y), np.float32(x)) == eighth / 8
+    assert environment_stage.turns(np.float32(0.0), np.float32(-2.0)) == 0.5
+    assert environment_stage.turns(np.float32(0.0), np.float32(0.0)) == 0.0
 
 
 @pytest.mark.parametrize(("width", "height"), [(1, 1), (2, 1), (8, 4), (33, 20)])
@@ -72,7 +78,7 @@ def test_a_picture_is_looked_up_like_its_twin(width, height):
     around = record(rj.Environment(image), False)
     poles = [(0, 1, 0), (0, -1, 0), (1, 0, 0), (-1, 0, 0), (0, 0, 1), (0, 0, -1), (-1, 0, -1e-9)]
     for x, y, z in np.concatenate([units(rng, 100), poles]).astype(np.float32):
-        found = environments.sharp_color(
+        found = environment_stage.sharp_color(
             x, y, z, around.texels, around.width, around.height, around.gradient
         )
         # Five values of light a texel, and places good to 1e-6 of the picture.
@@ -86,7 +92,7 @@ def test_the_middle_of_a_texel_shows_that_texel():
     around = record(rj.Environment(image), False)
     for (row, column), _ in np.ndenumerate(image[:, :, 0]):
         x, y, z = skies.directions(32, 16)[row, column].astype(np.float32)
-        found = environments.sharp_color(x, y, z, around.texels, 32, 16, around.gradient)
+        found = environment_stage.sharp_color(x, y, z, around.texels, 32, 16, around.gradient)
         assert np.abs(found - image[row, column]).max() < 2e-5
 
 
@@ -97,7 +103,7 @@ def test_what_is_no_direction_reads_a_texel_all_the_same():
         place = (np.float32(bad),) * 3
         # Without the compiler NumPy warns of what these directions do.
         with np.errstate(all="ignore"):
-            found = environments.sharp_color(*place, around.texels, 8, 4, around.gradient)
+            found = environment_stage.sharp_color(*place, around.texels, 8, 4, around.gradient)
         assert found == (0.25, 0.25, 0.25)
 
 
@@ -105,7 +111,7 @@ def test_a_gradient_is_looked_up_like_its_twin():
     environment = rj.Environment.gradient((0.1, 0.2, 0.9), (0.9, 0.8, 0.7), (0.3, 0.2, 0.1))
     around = record(environment, False)
     for x, y, z in units(np.random.default_rng(4), 50).astype(np.float32):
-        found = environments.sharp_color(x, y, z, around.texels, 0, 0, around.gradient)
+        found = environment_stage.sharp_color(x, y, z, around.texels, 0, 0, around.gradient)
         assert found == pytest.approx(naive.gradient(environment.sky, (x, y, z)), abs=3e-7)
 
 
@@ -115,15 +121,15 @@ def test_matt_samples_get_the_irradiance_times_their_colour(rotation):
     image = skies.sunny(64, 32, brightness=20.0, degrees=12.0)
     around = record(rj.Environment(image, 0.5, rotation), False)
     samples = samples_of(rng, 40, faceted=0.0)
-    samples[lit.LIT, ::4] = 0.0
+    samples[block.LIT, ::4] = 0.0
     occlusion = rng.uniform(0, 1, 40).astype(np.float32)
     added = add(samples, around, occlusion=occlusion)
     # Nine harmonics miss at most 3/32 of a light that comes from one direction.
     total = (image * skies.solid_angles(64, 32)[..., None]).sum(axis=(0, 1))
     for n in range(40):
-        normal = samples[lit.NORMAL_X : lit.NORMAL_Z + 1, n].astype(np.float64)
+        normal = samples[block.NORMAL_X : block.NORMAL_Z + 1, n].astype(np.float64)
         turned = rj.transforms.rotate_y(-rotation)[:3, :3] @ normal
-        share = samples[lit.LIT, n] * occlusion[n] * 0.5 * samples[lit.RED : lit.ALPHA, n]
+        share = samples[block.LIT, n] * occlusion[n] * 0.5 * samples[block.RED : block.ALPHA, n]
         wanted = share * naive.irradiance(image, turned)
         assert (np.abs(added[:, n] - wanted) <= share * (3.0 / 32.0) * total / np.pi + 1e-6).all()
 
@@ -133,11 +139,11 @@ def test_white_under_white_light_is_white(viewer):
     rng = np.random.default_rng(6)
     around = record(rj.Environment.constant("white"))
     samples = samples_of(rng, 500, faceted=1.0)
-    samples[lit.RED : lit.ALPHA] = 1.0
-    samples[lit.METALLIC, :100] = 0.0
-    samples[lit.METALLIC, 100:200] = 1.0
-    samples[lit.ROUGHNESS, 50:150] = 0.0
-    samples[lit.ROUGHNESS, 150:250] = 1.0
+    samples[block.RED : block.ALPHA] = 1.0
+    samples[block.METALLIC, :100] = 0.0
+    samples[block.METALLIC, 100:200] = 1.0
+    samples[block.ROUGHNESS, 50:150] = 0.0
+    samples[block.ROUGHNESS, 150:250] = 1.0
     added = add(samples, around, viewer=viewer)
     assert np.abs(added - 1.0).max() < 2e-6
 
@@ -154,10 +160,10 @@ def test_no_surface_gives_more_light_than_it_gets():
 def test_a_matt_surface_under_one_colour_is_that_colour():
     color = (0.25, 0.5, 0.125)
     samples = samples_of(np.random.default_rng(8), 64, faceted=0.0)
-    samples[lit.RED : lit.ALPHA] = 1.0
-    samples[lit.OUT_RED : lit.OUT_BLUE + 1] = 0.0
+    samples[block.RED : block.ALPHA] = 1.0
+    samples[block.OUT_RED : block.OUT_BLUE + 1] = 0.0
     add(samples, record(rj.Environment.constant(color), False))
-    assert (samples[lit.OUT_RED : lit.OUT_BLUE + 1] == np.float32(color)[:, None]).all()
+    assert (samples[block.OUT_RED : block.OUT_BLUE + 1] == np.float32(color)[:, None]).all()
 
 
 @pytest.mark.needs_jit
@@ -166,12 +172,12 @@ def test_a_mirror_shows_what_lies_in_the_mirrored_direction():
     image = skies.sunny(128, 64, brightness=3.0)
     around = record(rj.Environment(image, rotation=40.0))
     samples = samples_of(rng, 60, faceted=1.0)
-    samples[lit.METALLIC], samples[lit.ROUGHNESS] = 1.0, 0.0
-    samples[lit.RED : lit.ALPHA] = 1.0
+    samples[block.METALLIC], samples[block.ROUGHNESS] = 1.0, 0.0
+    samples[block.RED : block.ALPHA] = 1.0
     added = add(samples, around)
     for n in range(60):
-        normal = samples[lit.NORMAL_X : lit.NORMAL_Z + 1, n].astype(np.float64)
-        point = samples[lit.POINT_X : lit.POINT_Z + 1, n].astype(np.float64)
+        normal = samples[block.NORMAL_X : block.NORMAL_Z + 1, n].astype(np.float64)
+        point = samples[block.POINT_X : block.POINT_Z + 1, n].astype(np.float64)
         view = -point / np.linalg.norm(point)
         toward = rj.transforms.rotate_y(-40.0)[:3, :3] @ (2.0 * (normal @ view) * normal - view)
         # All of it but what the fit of the facets' integral leaves to several bounces.
@@ -185,15 +191,10 @@ def test_a_mirror_shows_what_lies_in_the_mirrored_direction():
 
 def test_levels_follow_roughness_without_steps():
     steps = np.linspace(0.0, 1.0, 2001).astype(np.float32)
-    levels = np.array([environments.level_at_roughness(r) for r in steps])
+    levels = np.array([environment_stage.level_at_roughness(r) for r in steps])
     assert (levels[0], levels[-1]) == (0.0, 8.0)
     assert (np.diff(levels) >= 0.0).all()
     assert np.diff(levels).max() < 0.02
     for level in range(1, 9):
         roughness = np.float32(2.0 ** ((level - 8) / 2))
-        assert environments.level_at_roughness(roughness) == pytest.approx(level, abs=1e-5)
-
-
-def test_nothing_is_added_without_an_environment():
-    samples = samples_of(np.random.default_rng(10), 9, faceted=1.0)
-    assert not add(samples, None).any()
+        assert environment_stage.level_at_roughness(roughness) == pytest.approx(level, abs=1e-5)

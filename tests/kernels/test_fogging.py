@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 
+import blocks
 import naive_environment as naive
 import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit.kernels import fogging
-from rasterjit.kernels import lighting as lit
-from rasterjit.plan_atmosphere import fog_record
+from rasterjit.effects.fog import FOG, fog_record
+from rasterjit.effects.fog import stage as fog_stage
+from rasterjit.pipeline.surface import samples as block
+from rasterjit.survey.effect import Look
 
 FOGS = [
     rj.Fog("#8090a0", "linear", start=2.0, end=9.0),
@@ -24,17 +27,23 @@ FOGS = [
 ]
 
 
+def cover(samples, record, viewer):
+    """Cover samples with fog."""
+    look = Look(SimpleNamespace(toward_viewer=viewer), None, None)
+    blocks.run(samples, *((one, *own) for one, own in FOG.places["sample"](record, look)))
+
+
 def covered(fog, eye, points, viewer=(0.0, 0.0, 0.0, 1.0)):
     """Return black and white samples at points relative to the eye, covered with fog."""
     camera = rj.PerspectiveCamera(eye=eye, target=(eye[0], eye[1], eye[2] - 1.0))
-    samples = np.zeros((lit.SAMPLE_ROWS, len(points)), np.float32)
-    samples[lit.POINT_X : lit.POINT_Z + 1] = points.T
-    samples[lit.OUT_GREEN] = 1.0
+    samples = np.zeros((block.BLOCK_ROWS, len(points)), np.float32)
+    samples[block.POINT_X : block.POINT_Z + 1] = points.T
+    samples[block.OUT_GREEN] = 1.0
     record = fog_record(fog, camera)
     # Without the compiler NumPy warns where a density overflows on purpose.
     with np.errstate(over="ignore"):
-        fogging.cover_samples(samples, len(points), record, np.array(viewer, np.float32))
-    return samples[lit.OUT_RED : lit.OUT_BLUE + 1]
+        cover(samples, record, np.array(viewer, np.float32))
+    return samples[block.OUT_RED : block.OUT_BLUE + 1]
 
 
 @pytest.mark.parametrize("fog", FOGS)
@@ -76,16 +85,16 @@ def test_parallel_rays_start_on_the_plane_of_the_camera(fog):
     points = (rng.normal(size=(60, 3)) * rng.uniform(0.1, 6.0, (60, 1))).astype(np.float32)
     points = points[points @ toward < 0.0]
     camera = rj.OrthographicCamera(eye=eye, target=eye - toward, height=2.0)
-    samples = np.zeros((lit.SAMPLE_ROWS, len(points)), np.float32)
-    samples[lit.POINT_X : lit.POINT_Z + 1] = points.T
+    samples = np.zeros((block.BLOCK_ROWS, len(points)), np.float32)
+    samples[block.POINT_X : block.POINT_Z + 1] = points.T
     viewer = np.array([*toward, 0.0], np.float32)
-    fogging.cover_samples(samples, len(points), fog_record(fog, camera), viewer)
+    cover(samples, fog_record(fog, camera), viewer)
     for n, point in enumerate(points.astype(np.float64)):
         on_plane = eye + point - (point @ toward) * toward
         share = naive.fog_share(fog, eye + point, on_plane)
         for k in range(3):
             wanted = fog.color[k] * (1.0 - share)
-            assert samples[lit.OUT_RED + k, n] == pytest.approx(wanted, abs=3e-6)
+            assert samples[block.OUT_RED + k, n] == pytest.approx(wanted, abs=3e-6)
 
 
 @pytest.mark.parametrize("fog", FOGS[2:])
@@ -93,11 +102,11 @@ def test_fog_of_density_zero_changes_no_bit(fog):
     rng = np.random.default_rng(2)
     points = (rng.normal(size=(50, 3)) * 100.0).astype(np.float32)
     record = fog_record(fog, rj.PerspectiveCamera((0, 0, 1), (0, 0, 0)))
-    samples = rng.uniform(0, 4, (lit.SAMPLE_ROWS, 50)).astype(np.float32)
-    samples[lit.POINT_X : lit.POINT_Z + 1] = points.T
+    samples = rng.uniform(0, 4, (block.BLOCK_ROWS, 50)).astype(np.float32)
+    samples[block.POINT_X : block.POINT_Z + 1] = points.T
     before = samples.copy()
     empty = record._replace(density=np.float32(0.0))
-    fogging.cover_samples(samples, 50, empty, np.array([0, 0, 0, 1], np.float32))
+    cover(samples, empty, np.array([0, 0, 0, 1], np.float32))
     assert (samples == before).all()
 
 
@@ -127,10 +136,4 @@ def test_mean_density_keeps_its_error():
         a, b = float(low), float(rise)
         exact = 2.0**-a * (-math.expm1(-b * math.log(2.0)) / (b * math.log(2.0)) if b else 1.0)
         # The density at the eye is good to 4e-7 of itself, the difference of two to 1e-6 over 1/4.
-        assert float(fogging.mean_density(low, rise, None)) == pytest.approx(exact, rel=4e-6)
-
-
-def test_no_fog_does_nothing():
-    samples = np.ones((lit.SAMPLE_ROWS, 4), np.float32)
-    fogging.cover_samples(samples, 4, None, np.array([0, 0, 0, 1], np.float32))
-    assert (samples == 1.0).all()
+        assert float(fog_stage.mean_density(low, rise)) == pytest.approx(exact, rel=4e-6)

@@ -20,11 +20,11 @@ from naive_textures import (
 )
 
 import rasterjit as rj
-from rasterjit import oracle
-from rasterjit.kernels import texturing
-from rasterjit.plan_textures import join_textures
+from rasterjit.inspect import oracle
+from rasterjit.pipeline.surface import textures as texturing
 from rasterjit.scene.material import TEXTURE_FIELDS
 from rasterjit.scene.texture import ANISOTROPIES, FILTERS, turned_over
+from rasterjit.survey.arrays import join_textures
 
 UV = np.array([(0.0, 0.25), (3.0, 0.5), (1.0, 4.0)])
 
@@ -212,4 +212,4 @@ def test_textures_that_share_a_picture_share_its_texels():
     assert len(record.texels) == NOISE.shape[0] * NOISE.shape[1]
     assert record.table[:, 0, texturing.FIRST_LEVEL].tolist() == [0, 0, 0]
     assert record.transforms[:, 0, 2].tolist() == [0.0, 0.5, 0.0]
-    assert record.anisotropic is None
+    assert record.table[:, 0, texturing.ANISOTROPY].tolist() == [1, 1, 1]

@@ -8,10 +8,12 @@ import naive
 import numpy as np
 
 import rasterjit as rj
-from rasterjit import oracle, stages
-from rasterjit.kernels import interpolation
-from rasterjit.kernels.records import Geometry
-from rasterjit.plan import viewport_of
+from rasterjit.inspect import oracle
+from rasterjit.pipeline.geometry import barycentric
+from rasterjit.pipeline.records import Geometry
+from rasterjit.pipeline.visibility import draw
+from rasterjit.pipeline.visibility.draw import viewport_of
+from rasterjit.runtime import threads
 
 SIZE = (16, 16)
 I01 = [(0, 0), (16, 0), (0, 16)]
@@ -26,13 +28,13 @@ def fill(points, values, size=SIZE, w=1.0, faces=((0, 1, 2),)):
     """Interpolate a vertex attribute over faces of screen points; (H, W, K)."""
     positions = naive.clip_from_screen(points, size, 0.0, w)
     faces = np.array(faces, np.int32)
-    viewport, workers = viewport_of(size, 8), stages.Workers(1)
-    screen, _ = stages.project(positions, (0.0, -1.0, 0.0), viewport, workers)
+    viewport, workers = viewport_of(size, 8), threads.Workers(1)
+    screen, _ = draw.project(positions, (0.0, -1.0, 0.0), viewport, workers)
     face_id = rj.rasterize(positions, faces, size, threads=1).face_id
     geometry = Geometry(faces, screen.xy, screen.codes, screen.w, positions, viewport)
     values = np.asarray(values, np.float32).reshape(len(points), -1)
     attribute = np.full((size[1], size[0], values.shape[1]), 7.0, np.float32)
-    interpolation.fill_attribute(face_id, (0, size[1]), geometry, values, attribute)
+    barycentric.fill_attribute(face_id, (0, size[1]), geometry, values, attribute)
     return attribute
 
 

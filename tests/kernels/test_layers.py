@@ -5,21 +5,21 @@ from __future__ import annotations
 import naive_layers
 import numpy as np
 
-from rasterjit.kernels import layers
+from rasterjit.pipeline.fragments import compositing
 
 
 def lay(colors, background):
     """Lay rows of colours, (K, 4), the nearest first, over a background."""
     sums, linear = np.empty((1, 1, 4), np.float32), np.empty((1, 1, 4), np.float32)
     linear[0, 0] = background
-    layers.start_sums(sums)
+    compositing.start_sums(sums)
     hidden = []
     for color in colors:
         behind = np.zeros((1, 1), np.int32)
         image = np.array(color, np.float32).reshape(1, 1, 4)
-        layers.lay_under(image, np.zeros((1, 1), np.int32), behind, sums)
+        compositing.lay_under(image, np.zeros((1, 1), np.int32), behind, sums)
         hidden.append(int(behind[0, 0]) == -1)
-    layers.finish_sums(sums, linear)
+    compositing.finish_sums(sums, linear)
     return linear[0, 0], hidden
 
 

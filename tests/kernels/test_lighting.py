@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import blocks
 import naive
 import numpy as np
 import pytest
@@ -11,9 +12,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import rasterjit as rj
-from rasterjit.kernels import lighting as lit
-from rasterjit.kernels.records import Lighting
-from rasterjit.plan_lights import lighting_of
+from rasterjit.pipeline.lighting import blinn_phong, light_stages
+from rasterjit.pipeline.records import Lighting
+from rasterjit.pipeline.surface import samples as block
+from rasterjit.runtime import float_math
+from rasterjit.survey.lights import lighting_of
 
 VIEWER = np.array([0.0, 0.0, 0.0, 1.0], np.float32)
 
@@ -30,9 +33,9 @@ def test_log2_keeps_its_error():
     split = np.float32(math.sqrt(0.5)) + np.arange(-20, 21).astype(np.float32) * np.float32(6e-8)
     for x in np.concatenate([every_binade(rng, -126, 40), near_one, split]):
         exact = math.log2(float(x))
-        assert abs(float(lit.log2(x)) - exact) <= 1.2e-7 * (1.0 + abs(exact))
+        assert abs(float(float_math.log2(x)) - exact) <= 1.2e-7 * (1.0 + abs(exact))
     for k in range(-126, 40):
-        assert lit.log2(np.float32(2.0**k)) == k
+        assert float_math.log2(np.float32(2.0**k)) == k
 
 
 def test_exp2_keeps_its_error():
@@ -47,11 +50,11 @@ def test_exp2_keeps_its_error():
     )
     for x in samples:
         exact = 2.0 ** float(x)
-        assert abs(float(lit.exp2(x)) - exact) <= 2e-7 * exact
+        assert abs(float(float_math.exp2(x)) - exact) <= 2e-7 * exact
     for k in range(-126, 127):
-        assert lit.exp2(np.float32(k)) == 2.0**k
+        assert float_math.exp2(np.float32(k)) == 2.0**k
     for x in (-127.0, -1e6, -np.inf):
-        assert lit.exp2(np.float32(x)) == np.float32(2.0**-126)
+        assert float_math.exp2(np.float32(x)) == np.float32(2.0**-126)
 
 
 def test_power_equals_the_math_library():
@@ -61,21 +64,21 @@ def test_power_equals_the_math_library():
             exact = math.pow(float(x), exponent)
             # log2's error, times the exponent, plus exp2's own.
             bound = 2e-7 + exponent * 1.3e-7 * (1.0 + abs(math.log2(max(float(x), 1e-38))))
-            have = float(lit.power(x, np.float32(exponent)))
+            have = float(float_math.power(x, np.float32(exponent)))
             assert abs(have - exact) <= exact * bound * 1.5 + 2.0**-125
-    assert lit.power(np.float32(1.0), np.float32(50.0)) == 1.0
-    assert 0.0 <= lit.power(np.float32(0.0), np.float32(50.0)) < 1e-30
-    assert lit.power(np.float32(0.0), np.float32(1e-3)) <= 1.0
+    assert float_math.power(np.float32(1.0), np.float32(50.0)) == 1.0
+    assert 0.0 <= float_math.power(np.float32(0.0), np.float32(50.0)) < 1e-30
+    assert float_math.power(np.float32(0.0), np.float32(1e-3)) <= 1.0
 
 
 def random_samples(rng, count):
-    samples = np.zeros((lit.SAMPLE_ROWS, count), np.float32)
-    samples[lit.RED : lit.ALPHA + 1] = rng.uniform(0, 1, (4, count))
-    samples[lit.NORMAL_X : lit.NORMAL_Z + 1] = rng.normal(size=(3, count))
-    samples[lit.POINT_X : lit.POINT_Z + 1] = rng.normal(size=(3, count)) * 2 + [[0], [0], [-5]]
-    samples[lit.SPECULAR] = rng.uniform(0, 1, count)
-    samples[lit.SHININESS] = rng.uniform(1, 60, count)
-    samples[lit.LIT] = 1.0
+    samples = np.zeros((block.BLOCK_ROWS, count), np.float32)
+    samples[block.RED : block.ALPHA + 1] = rng.uniform(0, 1, (4, count))
+    samples[block.NORMAL_X : block.NORMAL_Z + 1] = rng.normal(size=(3, count))
+    samples[block.POINT_X : block.POINT_Z + 1] = rng.normal(size=(3, count)) * 2 + [[0], [0], [-5]]
+    samples[block.SPECULAR] = rng.uniform(0, 1, count)
+    samples[block.SHININESS] = rng.uniform(1, 60, count)
+    samples[block.LIT] = 1.0
     return samples
 
 
@@ -93,9 +96,9 @@ def naive_colors(samples, lights, ambient, viewer, with_highlight=True):
     return np.array(
         [
             naive.blinn_phong(
-                s[lit.RED : lit.ALPHA], s[lit.NORMAL_X : lit.NORMAL_Z + 1],
-                s[lit.POINT_X : lit.POINT_Z + 1],
-                (s[lit.SPECULAR] if with_highlight else 0.0, s[lit.SHININESS]),
+                s[block.RED : block.ALPHA], s[block.NORMAL_X : block.NORMAL_Z + 1],
+                s[block.POINT_X : block.POINT_Z + 1],
+                (s[block.SPECULAR] if with_highlight else 0.0, s[block.SHININESS]),
                 lights.astype(float), ambient.astype(float), viewer.astype(float),
             )
             for s in columns
@@ -106,17 +109,22 @@ def naive_colors(samples, lights, ambient, viewer, with_highlight=True):
 NO_CONE, NO_END = (0.0, 0.0, 0.0, 0.0, 1.0), 0.0
 
 
-def light_samples(samples, count, lighting, viewer):
+def light_samples(samples, lighting, viewer):
     """Turn base colours into seen colours, without shadows."""
-    lit.start_light(samples, count, lighting, None)
-    for n in range(len(lighting.lights)):
-        lit.add_lights(samples, count, n, lighting, viewer, None)
+    samples[block.OCCLUSION] = samples[block.SHADOW] = 1.0
+    adds = light_stages.add_shiny_lights
+    if lighting.highlights is None:
+        adds = light_stages.add_diffuse_lights
+    blocks.run(
+        samples, (light_stages.show_ambient, lighting.ambient), (light_stages.normalize_normals,),
+        (adds, lighting.lights, 0, len(lighting.lights), viewer),
+    )  # fmt: skip
 
 
 def whole_rows(lights):
     """Return light rows of all columns; those of seven have neither cone nor range."""
     lights = np.asarray(lights, np.float32)
-    if lights.size and lights.shape[-1] == lit.LIGHT_COLUMNS:
+    if lights.size and lights.shape[-1] == blinn_phong.LIGHT_COLUMNS:
         return lights
     lights = lights.reshape(-1, 7)
     rest = np.array([*NO_CONE, NO_END], np.float32)
@@ -130,8 +138,8 @@ def light(samples, lights, ambient, viewer=VIEWER, highlights=1):
         np.asarray(ambient, np.float32),
         None if highlights is None else np.int64(highlights),
     )
-    light_samples(samples, samples.shape[1], record, viewer)
-    return samples[lit.OUT_RED : lit.OUT_BLUE + 1].T.copy()
+    light_samples(samples, record, viewer)
+    return samples[block.OUT_RED : block.OUT_BLUE + 1].T.copy()
 
 
 AMBIENT = np.array([0.1, 0.05, 0.2], np.float32)
@@ -152,7 +160,7 @@ def test_light_equals_naive(viewer, highlights):
 def test_no_highlight_equals_zero_strength_bit_for_bit():
     rng = np.random.default_rng(5)
     samples, lights = random_samples(rng, 300), random_lights(rng)
-    samples[lit.SPECULAR] = 0.0
+    samples[block.SPECULAR] = 0.0
     present = light(samples.copy(), lights, AMBIENT, highlights=1)
     absent = light(samples.copy(), lights, AMBIENT, highlights=None)
     assert present.tobytes() == absent.tobytes()
@@ -170,17 +178,17 @@ def test_black_light_changes_no_bit():
 def test_samples_that_are_not_lit_keep_their_colour():
     rng = np.random.default_rng(7)
     samples, lights = random_samples(rng, 50), random_lights(rng)
-    samples[lit.LIT] = 0.0
+    samples[block.LIT] = 0.0
     have = light(samples, lights, AMBIENT)
-    assert have.tobytes() == samples[lit.RED : lit.ALPHA].T.copy().tobytes()
+    assert have.tobytes() == samples[block.RED : block.ALPHA].T.copy().tobytes()
 
 
 def one_sample(normal, point=(0, 0, -4), shininess=32.0, specular=1.0, color=(0, 0, 0)):
-    sample = np.zeros((lit.SAMPLE_ROWS, 1), np.float32)
-    sample[lit.RED : lit.ALPHA, 0] = color
-    sample[lit.NORMAL_X : lit.NORMAL_Z + 1, 0] = normal
-    sample[lit.POINT_X : lit.POINT_Z + 1, 0] = point
-    sample[lit.SPECULAR], sample[lit.SHININESS], sample[lit.LIT] = specular, shininess, 1.0
+    sample = np.zeros((block.BLOCK_ROWS, 1), np.float32)
+    sample[block.RED : block.ALPHA, 0] = color
+    sample[block.NORMAL_X : block.NORMAL_Z + 1, 0] = normal
+    sample[block.POINT_X : block.POINT_Z + 1, 0] = point
+    sample[block.SPECULAR], sample[block.SHININESS], sample[block.LIT] = specular, shininess, 1.0
     return sample
 
 
@@ -213,7 +221,7 @@ def test_light_falls_off_with_the_square_of_the_distance():
 
 
 def test_no_samples_is_nothing():
-    light(np.zeros((lit.SAMPLE_ROWS, 0), np.float32), [[0, 0, 1, 0, 1, 1, 1]], DARK)
+    light(np.zeros((block.BLOCK_ROWS, 0), np.float32), [[0, 0, 1, 0, 1, 1, 1]], DARK)
 
 
 @settings(max_examples=60)
@@ -229,8 +237,8 @@ def shown(light_of_scene, point=(0.0, 0.0, 0.0)):
     """Return the red that a light of a scene shows at a point, for an eye at the origin."""
     record = lighting_of([light_of_scene], rj.MatrixCamera(np.eye(4), np.eye(4)), 0)
     samples = one_sample((0, 0, 1), point, specular=0.0, color=(1, 1, 1))
-    light_samples(samples, 1, record, VIEWER)
-    return float(samples[lit.OUT_RED, 0])
+    light_samples(samples, record, VIEWER)
+    return float(samples[block.OUT_RED, 0])
 
 
 @pytest.mark.parametrize("distance", [0.5, 1.0, 1.5, 1.9, 1.99, 2.0, 2.5, 1e6])
@@ -266,7 +274,7 @@ def test_cone_and_range_that_end_nothing_leave_the_bits_of_a_point_light():
     rng = np.random.default_rng(7)
     samples, lights = random_samples(rng, 200), random_lights(rng)
     wide = whole_rows(lights)
-    wide[:, lit.DIRECTION_X : lit.DIRECTION_Z + 1] = (0.6, 0.0, 0.8)
+    wide[:, blinn_phong.DIRECTION_X : blinn_phong.DIRECTION_Z + 1] = (0.6, 0.0, 0.8)
     before = light(samples.copy(), lights, AMBIENT)
     after = light(samples.copy(), wide, AMBIENT)
     assert before.tobytes() == after.tobytes()

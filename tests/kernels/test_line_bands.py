@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from test_lines import HIGH, LOW, draw, random_colors, visible_reference
 
-from rasterjit.framebuffer import _bin_lines, _draw_band
-from rasterjit.kernels.line_bands import CHUNK, SHORT_STEPS
+from rasterjit.classics.framebuffer import _bin_lines, _draw_band
+from rasterjit.classics.line_bands import CHUNK
+from rasterjit.pipeline.lines import SHORT_STEPS
 
 JIT = not numba.config.DISABLE_JIT
 

@@ -12,12 +12,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import rasterjit as rj
-from rasterjit import edge_lines, oracle, stages
-from rasterjit.kernels import line_coverage
-from rasterjit.kernels.records import Geometry
-from rasterjit.kernels.resolve import encoding_table
-from rasterjit.plan import viewport_of
-from rasterjit.scene.srgb import decoding_table
+from rasterjit.effects import wireframe
+from rasterjit.effects.wireframe import coverage
+from rasterjit.inspect import oracle
+from rasterjit.pipeline.encode import encoding_table
+from rasterjit.pipeline.records import Geometry
+from rasterjit.pipeline.visibility.draw import viewport_of
+from rasterjit.runtime import threads as sharing
+from rasterjit.scene.color import decoding_table
+from rasterjit.survey import cache
 
 SIZE = (40, 36)
 """More rows than one band has."""
@@ -31,9 +34,12 @@ def cover(lines, size=SIZE, bits=8, depths=None, depth=None, slack=None, rows=No
     ends = np.array(lines, np.int32).reshape(-1, 4)
     first, last = rows or (0, size[1])
     found = np.full((last - first, size[0]), 7.0, np.float32)
-    line_coverage.cover_lines(
-        np.arange(len(ends), dtype=np.int32), ends, depths, (first, last), viewport_of(size, bits),
-        depth, slack, found,
+    depths = np.empty((0, 2)) if depths is None else depths
+    depth = np.full((1, size[0]), -np.inf, np.float32) if depth is None else depth
+    slack = np.zeros(depth.shape, np.float32) if slack is None else slack
+    coverage.cover_lines(
+        np.arange(len(ends), dtype=np.int32), ends, depths, (first, last),
+        viewport_of(size, bits), depth, slack, found,
     )  # fmt: skip
     return found
 
@@ -52,7 +58,7 @@ def agree(line, size=SIZE):
     have = cover([line], size)
     want, is_near = naive_cover(line, size)
     np.testing.assert_allclose(have[~is_near], want[~is_near], rtol=0, atol=2e-6)
-    assert (np.abs(have - want)[is_near] < line_coverage.END_ERROR).all()
+    assert (np.abs(have - want)[is_near] < coverage.END_ERROR).all()
     return have, want
 
 
@@ -72,7 +78,7 @@ def test_a_pixel_is_covered_by_the_area_that_the_line_has_in_it(direction, corne
     have, want = agree((*start, *(start + direction)))
     length = np.hypot(*direction) / UNIT
     # Where an end and a side cut a pixel, nothing is lost on the whole.
-    assert have.sum() == pytest.approx(length + 1.0, abs=4 * line_coverage.END_ERROR)
+    assert have.sum() == pytest.approx(length + 1.0, abs=4 * coverage.END_ERROR)
     assert want.sum() == pytest.approx(length + 1.0, abs=1e-9)
 
 
@@ -94,7 +100,7 @@ def test_the_error_at_ends_is_bounded_and_the_bound_is_tight():
             line = (ends + [512 + 16 * place, 512 + 48 * (place % 5)] * 2).astype(int)
             have, (want, _) = cover([line], (10, 9)), naive_cover(line, (10, 9))
             most = max(most, np.abs(have - want).max())
-    assert 0.5 * line_coverage.END_ERROR < most < line_coverage.END_ERROR
+    assert 0.5 * coverage.END_ERROR < most < coverage.END_ERROR
 
 
 def test_line_through_pixel_centres_covers_them_wholly_and_nothing_beside():
@@ -132,7 +138,7 @@ def test_lines_that_go_on_in_each_other_leave_no_gap():
         whole = cover([(*start, *(start + 8 * step))])
         parts = [(*(start + n * step), *(start + (n + 1) * step)) for n in range(8)]
         joined = cover(parts)
-        tolerance = 2 * line_coverage.END_ERROR
+        tolerance = 2 * coverage.END_ERROR
         # A diagonal loses corners where its parts meet: less than a quarter of a pixel.
         assert (joined > whole - 0.25 - tolerance).all()
         if 0 in step:
@@ -232,7 +238,7 @@ def test_a_line_seen_end_on_shows_its_nearer_end():
 
 def lay(shares, rgba, pixels, light):
     color = np.array(pixels, np.uint8).reshape(1, -1, 4)
-    line_coverage.lay_lines(
+    coverage.lay_lines(
         np.array([shares], np.float32), np.array(rgba, np.uint8).view(np.uint32), light,
         encoding_table(), color.view(np.uint32)[:, :, 0],
     )  # fmt: skip
@@ -255,7 +261,7 @@ def test_colour_is_laid_over_in_codes_where_codes_are_mixed():
     for share in (0.0, 0.001, 0.3, 0.5, 1.0):
         front = (*rgba[:3], oracle.round_half_up(255.0 * float(np.float32(share))))
         want = [naive_codes.over(front, pixel) for pixel in pixels]
-        assert lay([share] * 3, rgba, pixels, None) == want
+        assert lay([share] * 3, rgba, pixels, np.empty(0, np.float32)) == want
 
 
 def test_a_transparent_background_takes_the_colour_of_the_line_and_its_share_as_alpha():
@@ -302,7 +308,7 @@ def test_picture_shows_lines_between_the_snapped_vertices(cube, camera, mode):
     ).T  # fmt: skip
     screen = (clip[:, :2] / clip[:, 3:] * (1, -1) + 1) * 32
     snapped = np.rint(screen * UNIT).astype(int)
-    edges = edge_lines.unique_edges(cube.faces)
+    edges = cache.unique_edges(cube.faces)
     want = cover(np.concatenate([snapped[edges[:, 0]], snapped[edges[:, 1]]], axis=1), size)
     np.testing.assert_allclose(shares_of(frame), want, rtol=0, atol=0.006)
     if mode == "overlay":
@@ -339,8 +345,8 @@ def test_edge_inside_a_closed_box_is_hidden(cube):
 def test_threads_and_tasks_change_no_bit(sphere, camera, monkeypatch, mode):
     size = (64, 70)
     want = draw(sphere, camera, mode, size).color.tobytes()
-    monkeypatch.setattr(edge_lines, "EDGES_PER_TASK", 7)
-    monkeypatch.setattr(stages, "PIXELS_PER_TASK", 1)
+    monkeypatch.setattr(wireframe, "EDGES_PER_TASK", 7)
+    monkeypatch.setattr(sharing, "PIXELS_PER_TASK", 1)
     for threads in (1, 3):
         assert draw(sphere, camera, mode, size, threads=threads).color.tobytes() == want
 
@@ -387,7 +393,7 @@ def test_plan_and_kernels_name_what_is_drawn(cube, camera, monkeypatch):
         raise AssertionError("nobody asked for it")
 
     for name in ("project_lines", "list_lines", "cover_lines", "lay_lines"):
-        monkeypatch.setattr(line_coverage, name, refuse)
+        monkeypatch.setattr(coverage, name, refuse)
     draw(cube, camera, quality=rj.Quality())
     plain = rj.Scene()
     plain.add(cube)
@@ -404,8 +410,8 @@ def test_no_edges_draw_nothing():
         nothing, viewport,
     )  # fmt: skip
     color = np.full((70, 16, 4), 9, np.uint8)
-    edge_lines.cover_edges(
+    wireframe.cover_edges(
         np.zeros((0, 2), np.int32), geometry, (1.0, 0.0, 0.0), np.full(4, 255, np.uint8), color,
-        None, decoding_table().copy(), stages.Workers(1),
+        None, decoding_table().copy(), sharing.Workers(1),
     )  # fmt: skip
     assert (color == 9).all()

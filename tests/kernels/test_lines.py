@@ -4,8 +4,9 @@ import naive_lines as naive
 import numba
 import numpy as np
 
-from rasterjit import oracle
-from rasterjit.kernels import lines, wireframe
+from rasterjit.effects.wireframe import stage as wireframe_stage
+from rasterjit.inspect import oracle
+from rasterjit.pipeline import lines
 
 JIT = not numba.config.DISABLE_JIT
 WHITE = (255, 255, 255, 255)
@@ -173,12 +174,12 @@ def draw_tested(depth, ends, line_depths, slack=None):
     depth = np.asarray(depth, np.float32)
     height, width = depth.shape
     image = np.zeros((height, width, 4), np.uint8)
-    wireframe.draw_edges(
+    wireframe_stage.draw_edges(
         image.view(np.uint32).reshape(height, width),
         depth,
-        slack,
+        np.zeros((height, width), np.float32) if slack is None else slack,
         np.array([ends], np.int32),
-        np.array([line_depths], np.float64),
+        np.array(line_depths, np.float64).reshape(-1, 2),
         np.array(TESTED_COLOR, np.uint8),
     )
     return image
@@ -217,14 +218,12 @@ def test_equal_depth_is_seen_and_nan_is_not():
     assert not draw_tested(depth, (0, 0, 3, 3), (np.nan, np.nan)).any()
 
 
-def test_no_slack_is_a_slack_of_zero():
+def test_a_line_without_depths_reads_neither_depth_nor_slack():
     rng = np.random.default_rng(7)
-    depth = rng.uniform(0, 1, (16, 16)).astype(np.float32)
-    zeros = np.zeros((16, 16), np.float32)
-    for ends in rng.integers(-5, 20, (20, 4)).tolist():
-        np.testing.assert_array_equal(
-            draw_tested(depth, ends, (0.1, 0.9)), draw_tested(depth, ends, (0.1, 0.9), zeros)
-        )
+    for unread in (np.full((16, 16), np.nan, np.float32), np.full((16, 16), np.inf, np.float32)):
+        for ends in rng.integers(-5, 20, (20, 4)).tolist():
+            image = draw_tested(unread, ends, (), slack=unread)
+            np.testing.assert_array_equal(image, draw((16, 16), ends, (TESTED_COLOR,) * 2))
 
 
 def test_depth_is_only_read():

@@ -7,10 +7,9 @@ from dataclasses import replace
 import naive_materials
 import numpy as np
 import pytest
+import stages
 
 import rasterjit as rj
-from rasterjit.kernels import lighting as lit
-from rasterjit.kernels import shading
 from rasterjit.scene.material import Material
 
 SIZE = (16, 12)
@@ -306,20 +305,27 @@ def test_each_object_has_its_own_maps():
         assert np.array_equal(frames[0].linear[shown], single.linear[shown])
 
 
-def test_a_scene_without_maps_that_are_read_has_no_rows_nor_records(monkeypatch):
-    from rasterjit import passes
+def test_a_scene_without_maps_that_are_read_has_no_stages_nor_records(monkeypatch):
+    from rasterjit.rendering import shade
 
-    surfaces = []
-    whole = passes.find_surface
+    surfaces, ran = [], []
+    whole = shade.find_surface
     monkeypatch.setattr(
-        passes, "find_surface", lambda *given: surfaces.append(whole(*given)) or surfaces[-1]
+        shade, "find_surface", lambda *given: surfaces.append(whole(*given)) or surfaces[-1]
     )
-    seen(square(MATT), alone=True)
-    assert surfaces[0].maps is None
-    assert shading.sample_rows(surfaces[0], None) == lit.PLAIN_ROWS
-    seen(square(replace(MATT, metallic_roughness_texture=texture(0.5, 0.5, 0.5))), alone=True)
-    assert surfaces[1].maps is None
-    assert surfaces[1].textures is None
+    plain = square(MATT)
+    unread = square(replace(MATT, metallic_roughness_texture=texture(0.5, 0.5, 0.5)))
+    read = square(replace(MATT, occlusion_texture=texture(0.5, 0.5, 0.5)))
+    for mesh in (plain, unread, read):
+        with stages.lists_run() as lists:
+            seen(mesh, alone=True)
+        ran.append(set().union(*lists))
+    assert [surface.maps is None for surface in surfaces] == [True, True, False]
+    assert [surface.textures is None for surface in surfaces] == [True, True, False]
+    assert ran[0] == ran[1]
+    of_maps = {"find_coordinates", "read_textures", "scale_occlusion_by_maps"}
+    assert ran[2] - ran[0] >= of_maps
+    assert ran[0] < ran[2]
 
 
 @pytest.mark.needs_jit

@@ -4,60 +4,76 @@ from __future__ import annotations
 
 import math
 
+import blocks
 import naive_materials
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rasterjit.kernels import lighting as lit
-from rasterjit.kernels import microfacets
-from rasterjit.kernels.records import Lighting, Microfacets
+from rasterjit.pipeline.lighting import blinn_phong, light_stages, pbr
+from rasterjit.pipeline.surface import samples as block
 
 VIEWER = np.array([0.0, 0.0, 0.0, 1.0], np.float32)
 DARK = np.zeros(3, np.float32)
-FACETS = Microfacets(np.zeros((1, 2), np.float32), np.ones(2, np.float32))
+PARTS = np.ones(2, np.float32)
+"""All of the light is shown."""
 
 
 def random_samples(rng, count, least_roughness=0.2):
-    samples = np.zeros((lit.SAMPLE_ROWS, count), np.float32)
-    samples[lit.RED : lit.ALPHA + 1] = rng.uniform(0, 1, (4, count))
+    samples = np.zeros((block.BLOCK_ROWS, count), np.float32)
+    samples[block.RED : block.ALPHA + 1] = rng.uniform(0, 1, (4, count))
     normals = rng.normal(size=(3, count))
-    samples[lit.NORMAL_X : lit.NORMAL_Z + 1] = normals / np.linalg.norm(normals, axis=0)
-    samples[lit.POINT_X : lit.POINT_Z + 1] = rng.normal(size=(3, count)) * 2 + [[0], [0], [-5]]
-    samples[lit.METALLIC] = rng.uniform(0, 1, count)
-    samples[lit.ROUGHNESS] = rng.uniform(least_roughness, 1, count)
-    samples[lit.MICROFACET] = 1.0
+    samples[block.NORMAL_X : block.NORMAL_Z + 1] = normals / np.linalg.norm(normals, axis=0)
+    samples[block.POINT_X : block.POINT_Z + 1] = rng.normal(size=(3, count)) * 2 + [[0], [0], [-5]]
+    samples[block.METALLIC] = rng.uniform(0, 1, count)
+    samples[block.ROUGHNESS] = rng.uniform(least_roughness, 1, count)
+    samples[block.MICROFACET] = 1.0
     return samples
 
 
 def light_rows(*rows):
     """Return lights without cone and range, given x, y, z, w, red, green, blue."""
-    lights = np.zeros((len(rows), lit.LIGHT_COLUMNS), np.float32)
+    lights = np.zeros((len(rows), blinn_phong.LIGHT_COLUMNS), np.float32)
     for n, row in enumerate(rows):
         lights[n, :7] = row
-    lights[:, lit.CONE_OFFSET] = 1.0
+    lights[:, blinn_phong.CONE_OFFSET] = 1.0
     return lights
+
+
+def start_light(samples, ambient, viewer=VIEWER):
+    """Write what ambient light shows, as row OCCLUSION lets it."""
+    blocks.run(
+        samples, (light_stages.show_ambient, ambient), (light_stages.normalize_normals,),
+        (light_stages.show_ambient_on_facets, ambient, viewer),
+    )  # fmt: skip
+
+
+def add_lights(samples, lights, viewer=VIEWER, parts=PARTS):
+    """Add lights, as row SHADOW lets them."""
+    lit = lights, 0, len(lights), viewer, parts
+    blocks.run(samples, (light_stages.add_lights_on_facets, *lit))
 
 
 def light(samples, lights, ambient=DARK, viewer=VIEWER):
     """Return the seen colours, (N, 3), as the shading step makes them."""
-    count = samples.shape[1]
-    record = Lighting(lights, np.asarray(ambient, np.float32), None, FACETS)
-    lit.start_light(samples, count, record, None)
-    microfacets.start_facet_row(samples, count, record, viewer, None, record.microfacets)
-    for row in lights:
-        microfacets.add_facet_lights(samples, count, row, viewer, None, record.microfacets)
-    return samples[lit.OUT_RED : lit.OUT_BLUE + 1].T.copy()
+    samples[block.OCCLUSION] = samples[block.SHADOW] = 1.0
+    start_light(samples, np.asarray(ambient, np.float32), viewer)
+    add_lights(samples, lights, viewer)
+    return samples[block.OUT_RED : block.OUT_BLUE + 1].T.copy()
 
 
 def one_sample(base=(1.0, 1.0, 1.0), metallic=0.0, roughness=0.5, normal=(0, 0, 1), count=1):
-    samples = np.zeros((lit.SAMPLE_ROWS, count), np.float32)
+    samples = np.zeros((block.BLOCK_ROWS, count), np.float32)
     for k in range(3):
-        samples[lit.RED + k] = base[k]
-        samples[lit.NORMAL_X + k] = normal[k]
-    samples[lit.POINT_Z] = -4.0
-    samples[lit.METALLIC], samples[lit.ROUGHNESS], samples[lit.MICROFACET] = metallic, roughness, 1
+        samples[block.RED + k] = base[k]
+        samples[block.NORMAL_X + k] = normal[k]
+    samples[block.POINT_Z] = -4.0
+    samples[block.METALLIC], samples[block.ROUGHNESS], samples[block.MICROFACET] = (
+        metallic,
+        roughness,
+        1,
+    )
     return samples
 
 
@@ -70,14 +86,15 @@ def test_light_equals_naive(viewer, row):
     have = light(samples, light_rows(row), viewer=viewer)
     compared = 0
     for n, column in enumerate(columns):
-        normal = column[lit.NORMAL_X : lit.NORMAL_Z + 1]
-        point = column[lit.POINT_X : lit.POINT_Z + 1]
+        normal = column[block.NORMAL_X : block.NORMAL_Z + 1]
+        point = column[block.POINT_X : block.POINT_Z + 1]
         seen = normal @ (viewer[:3] - viewer[3] * point)
         if seen <= 0.02:
             # A normal that turns away from the viewer is where the engine goes its own way.
             continue
         want = naive_materials.lit_by(
-            column[lit.RED : lit.ALPHA], column[lit.METALLIC], column[lit.ROUGHNESS], normal,
+            column[block.RED : block.ALPHA], column[block.METALLIC], column[block.ROUGHNESS],
+            normal,
             point, np.float32(row).astype(float), viewer.astype(float),
         )  # fmt: skip
         assert have[n] == pytest.approx(want, rel=2e-4, abs=1e-6)
@@ -184,7 +201,7 @@ def test_ambient_light_never_adds_nor_goes_below_zero(metallic, roughness):
 @pytest.mark.parametrize("cosine", [0.2, 0.6, 1.0])
 def test_what_facets_mirror_of_ambient_light_at_once_is_the_integral(roughness, cosine):
     """The fit against the integral of the naive BRDF, for perfect mirrors and for 0.04."""
-    scale, offset = microfacets.reflected_shares(np.float32(cosine), np.float32(roughness))
+    scale, offset = pbr.reflected_shares(np.float32(cosine), np.float32(roughness))
     for base in (1.0, 0.04):
         want = naive_materials.directional_albedo(1.0, roughness, cosine, (base,) * 3, steps=64)[0]
         assert float(base * scale + offset) == pytest.approx(want, abs=0.05)
@@ -193,28 +210,26 @@ def test_what_facets_mirror_of_ambient_light_at_once_is_the_integral(roughness, 
 def test_samples_of_other_kinds_keep_every_bit():
     rng = np.random.default_rng(3)
     samples = random_samples(rng, 64)
-    samples[lit.MICROFACET] = 0.0
-    samples[lit.OUT_RED : lit.OUT_BLUE + 1] = rng.uniform(0, 1, (3, 64))
-    before = samples[lit.OUT_RED : lit.OUT_BLUE + 1].copy()
-    record = Lighting(light_rows(), np.float32([1, 1, 1]), None, FACETS)
-    microfacets.start_facet_row(samples, 64, record, VIEWER, None, record.microfacets)
-    row = light_rows((0.1, 0.2, 1, 0, 1, 1, 1))[0]
-    microfacets.add_facet_lights(samples, 64, row, VIEWER, None, record.microfacets)
-    assert samples[lit.OUT_RED : lit.OUT_BLUE + 1].tobytes() == before.tobytes()
+    samples[block.MICROFACET] = 0.0
+    samples[block.OUT_RED : block.OUT_BLUE + 1] = rng.uniform(0, 1, (3, 64))
+    before = samples[block.OUT_RED : block.OUT_BLUE + 1].copy()
+    samples[block.OCCLUSION] = samples[block.SHADOW] = 1.0
+    ambient = np.float32([1, 1, 1])
+    blocks.run(samples, (light_stages.show_ambient_on_facets, ambient, VIEWER))
+    add_lights(samples, light_rows((0.1, 0.2, 1, 0, 1, 1, 1)))
+    assert samples[block.OUT_RED : block.OUT_BLUE + 1].tobytes() == before.tobytes()
 
 
 def test_occlusion_holds_back_ambient_light_alone():
     sample, row = one_sample((0.8, 0.4, 0.2), 0.3, 0.4), light_rows((0, 0, 1, 0, 1, 1, 1))
-    record = Lighting(row, np.float32([0.5, 0.5, 0.5]), None, FACETS)
     shown = []
     for share in (0.0, 0.5, 1.0):
         samples = sample.copy()
-        occlusion = np.full(1, share, np.float32)
-        lit.start_light(samples, 1, record, occlusion)
-        microfacets.start_facet_row(samples, 1, record, VIEWER, occlusion, record.microfacets)
-        ambient = samples[lit.OUT_RED, 0]
-        microfacets.add_facet_lights(samples, 1, row[0], VIEWER, None, record.microfacets)
-        shown.append((ambient, samples[lit.OUT_RED, 0] - ambient))
+        samples[block.OCCLUSION], samples[block.SHADOW] = share, 1.0
+        start_light(samples, np.float32([0.5, 0.5, 0.5]))
+        ambient = samples[block.OUT_RED, 0]
+        add_lights(samples, row)
+        shown.append((ambient, samples[block.OUT_RED, 0] - ambient))
     assert shown[0][0] == 0.0
     assert shown[1][0] == pytest.approx(0.5 * shown[2][0])
     assert shown[0][1] == pytest.approx(shown[2][1], rel=1e-6)
@@ -227,28 +242,12 @@ def test_both_parts_of_the_light_add_up():
     shown = []
     for parts in np.eye(2, dtype=np.float32):
         some = samples.copy()
-        microfacets.add_facet_lights(some, 200, row[0], VIEWER, None, FACETS._replace(parts=parts))
-        shown.append(some[lit.OUT_RED : lit.OUT_BLUE + 1].T)
+        some[block.SHADOW] = 1.0
+        add_lights(some, row, parts=parts)
+        shown.append(some[block.OUT_RED : block.OUT_BLUE + 1].T)
     assert shown[0] + shown[1] == pytest.approx(whole, rel=1e-5, abs=1e-6)
     assert (shown[0] > 0).sum() > 100
     assert (shown[1] > 0).sum() > 100
-
-
-def test_kinds_shown_are_told_from_the_rows():
-    samples = np.zeros((lit.SAMPLE_ROWS, 5), np.float32)
-    record = FACETS
-    assert microfacets.kinds_shown(samples, 5, None, None) == (True, False)
-    lit_vertices = np.zeros((1, 2, 3), np.float32)
-    assert microfacets.kinds_shown(samples, 5, None, lit_vertices) == (False, False)
-    samples[lit.LIT, 4] = 1.0
-    assert microfacets.kinds_shown(samples, 5, None, lit_vertices) == (True, False)
-    samples[lit.LIT, 4] = 0.0
-    assert microfacets.kinds_shown(samples, 5, record, None) == (False, False)
-    samples[lit.MICROFACET, 3] = 1.0
-    assert microfacets.kinds_shown(samples, 5, record, None) == (False, True)
-    samples[lit.LIT, 4] = 1.0
-    assert microfacets.kinds_shown(samples, 5, record, None) == (True, True)
-    assert microfacets.kinds_shown(samples, 3, record, None) == (False, False)
 
 
 @settings(max_examples=80)
@@ -259,7 +258,7 @@ def test_kinds_shown_are_told_from_the_rows():
 )
 def test_light_is_never_negative_or_nan(numbers, metallic, roughness):
     sample = one_sample((1.0, 0.5, 0.0), metallic, roughness, numbers[:3])
-    sample[lit.POINT_X : lit.POINT_Z + 1, 0] = numbers[3:6]
+    sample[block.POINT_X : block.POINT_Z + 1, 0] = numbers[3:6]
     rows = light_rows((*numbers[6:9], 0, 1, 1, 1), (*numbers[6:9], 1, 1, 1, 1))
     have = light(sample, rows, ambient=(0.1, 0.1, 0.1))
     assert not np.isnan(have).any()

@@ -5,11 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rasterjit import stages
-from rasterjit.kernels import batches, occlusion, setup
-from rasterjit.kernels.records import Faces, Objects
-from rasterjit.memory import Memory
-from rasterjit.plan import viewport_of
+from rasterjit.pipeline.geometry import setup, triangle_batches
+from rasterjit.pipeline.records import Faces, Objects
+from rasterjit.pipeline.visibility import draw as drawing
+from rasterjit.pipeline.visibility import tile_depths
+from rasterjit.pipeline.visibility.draw import viewport_of
+from rasterjit.runtime import threads
+from rasterjit.runtime.threads import Memory
 
 SIZE = (256, 192)
 COLUMNS, ROWS = 4, 3
@@ -18,17 +20,17 @@ SEEDS = [0, *(pytest.param(seed, marks=pytest.mark.needs_jit) for seed in range(
 
 
 def lists_of(points, depths, size=SIZE, bits=8):
-    """Return what `stages.draw` takes, of loose triangles on the screen."""
-    viewport, workers = viewport_of(size, bits), stages.Workers(1)
+    """Return what `draw.draw` takes, of loose triangles on the screen."""
+    viewport, workers = viewport_of(size, bits), threads.Workers(1)
     positions = np.ones((len(points), 4))
     positions[:, 0] = 2.0 * points[:, 0] / size[0] - 1.0
     positions[:, 1] = 1.0 - 2.0 * points[:, 1] / size[1]
     positions[:, 2] = depths
-    screen, _ = stages.project(positions, (0.0, 1.0, 0.0), viewport, workers)
+    screen, _ = drawing.project(positions, (0.0, 1.0, 0.0), viewport, workers)
     faces = np.arange(len(points), dtype=np.int32).reshape(-1, 3)
     objects = Objects(np.array([0, len(faces)], np.int64), np.zeros(1, np.int8))
     everything = Faces(faces, np.empty((0, 3), np.int32), np.empty(0, np.int32))
-    starts, binned, floors, _ = stages.set_up_and_bin(
+    starts, binned, floors, _ = drawing.set_up_and_bin(
         everything, objects, screen, viewport, workers
     )
     return starts, binned, floors, everything, screen, viewport
@@ -38,7 +40,7 @@ def draw(starts, binned, floors, faces, screen, viewport):
     """Return stored depth and face number of every pixel."""
     shape = viewport.height, viewport.width
     frame = np.empty(shape, np.float32), np.empty(shape, np.int32)
-    stages.draw(starts, binned, floors, faces, screen, viewport, frame, stages.Workers(1))
+    drawing.draw(starts, binned, floors, faces, screen, viewport, frame, threads.Workers(1))
     return frame
 
 
@@ -151,14 +153,22 @@ def corners_on_the_grid(rng, count, bits):
     return corners[turns != 0]
 
 
-def drawn_planes(corners, depths):
+def drawn_planes(corners, depths, bits):
     """Return vertices and depths in the order of drawing, weights, lowest and highest depth."""
-    whole = [np.ascontiguousarray(corners[:, k, axis]) for k in range(3) for axis in range(2)]
-    real = [np.ascontiguousarray(depths[:, k]) for k in range(3)]
-    batches.turn_triangles(*whole, *real)
-    planned = [np.empty(len(corners)) for _ in range(4)]
-    batches.plan_depths(*whole, *real, *planned)
-    return np.column_stack(whole), np.column_stack([*real, *planned])
+    batches, window = triangle_batches, (0, 0, 63, 63)
+    vertices, planes = np.empty((len(corners), 6), np.int32), np.empty((len(corners), 7))
+    shown = [*range(3), *range(batches.WEIGHT, batches.RANGE + 2)]
+    for first in range(0, len(corners), batches.BATCH):
+        some = slice(first, first + batches.BATCH)
+        count = len(corners[some])
+        whole = np.zeros((batches.WHOLE_ROWS, batches.ROOM), np.int32)
+        real = np.zeros((batches.REAL_ROWS, batches.ROOM))
+        whole[batches.AX : batches.LEFT, :count] = corners[some].reshape(-1, 6).T
+        real[:3, :count] = depths[some].T
+        batches.plan_triangles(count, window, bits, whole, real)
+        vertices[some] = whole[batches.AX : batches.LEFT, :count].T
+        planes[some] = real[shown, :count].T
+    return vertices, planes
 
 
 @pytest.mark.parametrize("subpixel_bits", [0, 4, 8, 12])
@@ -167,15 +177,15 @@ def test_floors_take_the_vertices_and_the_plane_that_are_drawn(subpixel_bits):
     rng = np.random.default_rng(200 + bits)
     corners = corners_on_the_grid(rng, 150, bits)
     depths = rng.uniform(-1, 1, (len(corners), 3)) * 10.0 ** rng.integers(-30, 5, (len(corners), 1))
-    drawn = drawn_planes(corners, depths)
+    drawn = drawn_planes(corners, depths, bits)
     assert (corners[:, 0, 1] == corners[:, 1, 1]).any()
-    screen = stages.screen_arrays(corners.size // 2, Memory())
+    screen = drawing.screen_arrays(corners.size // 2, Memory())
     screen.xy[:], screen.depth[:] = corners.reshape(-1, 2), depths.reshape(-1)
     for n in range(len(corners)):
-        order = list(occlusion.clockwise_from_top((3 * n, 3 * n + 1, 3 * n + 2), screen))
+        order = list(tile_depths.clockwise_from_top((3 * n, 3 * n + 1, 3 * n + 2), screen))
         xy, turned = screen.xy[order].reshape(-1), screen.depth[order]
         assert xy.tolist() == drawn[0][n].tolist()
-        plane = occlusion.depth_plane(*turned.tolist(), *xy.tolist(), bits)
+        plane = tile_depths.depth_plane(*turned.tolist(), *xy.tolist(), bits)
         found = np.array([*turned, plane[1], plane[2], plane[4], plane[5]])
         assert plane[0] == turned[2]
         assert found.tobytes() == drawn[1][n].tobytes()

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit import screen_effects
+from rasterjit.effects import outline as outline_effect
 
 MOVE, GROW = rj.transforms.translate, rj.transforms.scale
 SIZE = (120, 90)
@@ -214,7 +214,7 @@ def test_threads_change_no_bit(threads, sphere, cube):
 
 @pytest.mark.parametrize("width", [1, 2, 3, 4, 5, 8, 17, 64])
 def test_line_is_a_disc_around_every_marked_pixel(width):
-    rows = screen_effects.disc_rows(width)
+    rows = outline_effect.disc_rows(width)
     disc = np.zeros((width, width), bool)
     first = -(width // 2) + (1 - width % 2)
     for down, begin, end in rows.tolist():
@@ -227,7 +227,7 @@ def test_width_grows_the_lines(cube):
     thin, _ = lines(scene_of(cube), looking())
     thick, _ = lines(scene_of(cube, width=5), looking())
     grown = np.zeros_like(thin)
-    for down, begin, end in screen_effects.disc_rows(5).tolist():
+    for down, begin, end in outline_effect.disc_rows(5).tolist():
         for across in range(begin, end):
             moved = np.zeros_like(thin)
             here = [
@@ -259,7 +259,7 @@ def test_plan_says_why():
         plan = rj.explain(scene, looking(), outputs=outputs)
         (effect,) = [effect for effect in plan.effects if effect.name == "outline"]
         assert reason in effect.reason
-        assert effect.used == (plan.outline is not None) == reason.startswith("silhouette")
+        assert effect.used == plan.has("outline") == reason.startswith("silhouette")
 
 
 @pytest.mark.parametrize(

@@ -6,8 +6,8 @@ import numba
 import numpy as np
 import pytest
 
-from rasterjit import oracle
-from rasterjit.kernels import primitives
+from rasterjit.classics import primitives
+from rasterjit.inspect import oracle
 
 JIT = not numba.config.DISABLE_JIT
 METHODS = (primitives.fill_triangle, primitives.fill_triangle_scanline)
@@ -25,9 +25,9 @@ def fill(vertices, size, colors=WHITE, edges="top-left", method=METHODS[0], dept
     image, pixels = target(size)
     method(
         pixels,
-        depth,
+        np.empty((0, 0), np.float32) if depth is None else depth,
         np.array(vertices, np.int64),
-        None if z is None else np.array(z, np.float64),
+        np.full(3, np.nan) if z is None else np.array(z, np.float64),
         np.array(colors, np.uint8),
         BIAS[edges],
     )
@@ -310,7 +310,7 @@ def test_circle_writes_each_pixel_once(monkeypatch):
         writes.extend([(x, y), (-y, x), (-x, -y), (y, -x)])
 
     monkeypatch.setattr(primitives, "put_rotations", record)
-    plain_python = getattr(primitives.draw_circle, "py_func", primitives.draw_circle)
+    plain_python = getattr(primitives.draw_circle, "function", primitives.draw_circle)
     for radius in range(1, 60):
         writes.clear()
         plain_python(np.zeros((1, 1), np.uint32), 0, 0, radius, 1)

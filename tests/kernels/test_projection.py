@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit import stages
-from rasterjit.kernels import setup
-from rasterjit.plan import viewport_of
-from rasterjit.transforms import perspective, rotate, scale, transform_points, translate
+from rasterjit.pipeline.geometry import projection, setup
+from rasterjit.pipeline.visibility import draw
+from rasterjit.pipeline.visibility.draw import viewport_of
+from rasterjit.runtime import threads as sharing
+from rasterjit.scene.transforms import perspective, rotate, scale, transform_points, translate
 
 COEFFICIENTS = (0.25, -1.0, 0.125)
 CLIP_FROM_RELATIVE = perspective(60.0, 1.5, 0.1, 100.0)
@@ -95,7 +96,7 @@ def scene_of_vertices(counts, seed):
     relative_from_model = ways[rng.permutation(len(counts)) % len(ways)]
     starts = np.concatenate(([0], np.cumsum(counts)))
     positions = hard_positions(int(starts[-1]), rng)
-    return stages.ModelVertices(positions, starts, relative_from_model, CLIP_FROM_RELATIVE)
+    return draw.ModelVertices(positions, starts, relative_from_model, CLIP_FROM_RELATIVE)
 
 
 def by_hand(vertices):
@@ -117,14 +118,14 @@ def test_one_pass_equals_naive(size, bits):
     vertices = scene_of_vertices([300, 0, 1, 257, 60, 60, 0, 700, 3, 512, 255], bits)
     viewport, count = viewport_of(size, bits), len(vertices.positions)
     want = naive_project(by_hand(vertices), viewport)
-    screen, seen = stages.transform_and_project(vertices, COEFFICIENTS, viewport, stages.Workers(1))
+    screen, seen = draw.transform_and_project(vertices, COEFFICIENTS, viewport, sharing.Workers(1))
     assert listed(screen, count) == want
     assert seen == np.bitwise_or.reduce(want[0])
     assert seen == 255
     assert sum(place is not None for place in want[1]) > 300
     # So do the two stages, one after the other.
-    clip = stages.transform(*vertices, stages.Workers(1))
-    screen, seen = stages.project(clip, COEFFICIENTS, viewport, stages.Workers(1))
+    clip = draw.transform(*vertices, sharing.Workers(1))
+    screen, seen = draw.project(clip, COEFFICIENTS, viewport, sharing.Workers(1))
     assert listed(screen, count) == want
     assert seen == 255
 
@@ -134,22 +135,22 @@ def test_one_pass_equals_naive(size, bits):
 def test_tasks_and_threads_change_no_bit(step, threads, monkeypatch):
     vertices = scene_of_vertices([0, 5, 0, 0, 400, 1, 1, 1, 77, 300, 0], 5)
     want = naive_project(by_hand(vertices), IMAGE)
-    monkeypatch.setattr(stages, "VERTICES_PER_TASK", step)
-    workers = stages.Workers(threads)
-    screen, _ = stages.transform_and_project(vertices, COEFFICIENTS, IMAGE, workers)
+    monkeypatch.setattr(draw, "VERTICES_PER_TASK", step)
+    workers = sharing.Workers(threads)
+    screen, _ = draw.transform_and_project(vertices, COEFFICIENTS, IMAGE, workers)
     workers.close()
     assert listed(screen, len(vertices.positions)) == want
 
 
 def test_nothing_else_is_written():
     vertices = scene_of_vertices([300, 20], 6)
-    screen, _ = stages.transform_and_project(vertices, COEFFICIENTS, IMAGE, stages.Workers(1))
-    assert len(screen.codes) == 320 + stages.SPARE_VERTICES
+    screen, _ = draw.transform_and_project(vertices, COEFFICIENTS, IMAGE, sharing.Workers(1))
+    assert len(screen.codes) == 320 + draw.SPARE_VERTICES
     packed = screen.xy.base.view(np.float64).reshape(-1, 4)
     packed[:] = np.pi
-    some = stages.projection.scratch_memory()
+    some = projection.scratch_memory()
     objects = vertices.vertex_starts, vertices.relative_from_model
-    stages.projection.transform_vertices(
+    projection.transform_vertices(
         (10, 310), vertices.positions, objects, CLIP_FROM_RELATIVE, COEFFICIENTS, IMAGE, screen,
         some,
     )  # fmt: skip
@@ -159,23 +160,23 @@ def test_nothing_else_is_written():
 
 
 def test_no_vertices_are_nothing():
-    vertices = stages.ModelVertices(
+    vertices = draw.ModelVertices(
         np.empty((0, 3)), np.zeros(2, np.int64), np.eye(4)[np.newaxis], CLIP_FROM_RELATIVE
     )
-    screen, seen = stages.transform_and_project(vertices, COEFFICIENTS, IMAGE, stages.Workers(1))
+    screen, seen = draw.transform_and_project(vertices, COEFFICIENTS, IMAGE, sharing.Workers(1))
     assert seen == 0
-    assert len(screen.codes) == stages.SPARE_VERTICES
+    assert len(screen.codes) == draw.SPARE_VERTICES
 
 
 def test_clip_positions_are_made_only_where_they_are_read(cube, camera, monkeypatch):
     made = []
-    transform = stages.transform
+    transform = draw.transform
 
     def watched(*arguments):
         made.append(transform(*arguments))
         return made[-1]
 
-    monkeypatch.setattr(stages, "transform", watched)
+    monkeypatch.setattr(draw, "transform", watched)
     size, outputs = (24, 16), ("color", "barycentric", "normal", "position")
     rj.render(cube, camera, size=size, outputs=outputs, threads=1)
     assert not made

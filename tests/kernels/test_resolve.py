@@ -9,7 +9,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rasterjit.kernels import resolve
+from rasterjit.pipeline import encode as resolve
 from rasterjit.scene.color import linear_to_srgb
 
 TABLE = resolve.encoding_table()

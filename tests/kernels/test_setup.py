@@ -11,19 +11,22 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import rasterjit as rj
-from rasterjit import oracle, stages
-from rasterjit.kernels import setup
-from rasterjit.kernels.records import Faces, Objects
-from rasterjit.plan import viewport_of
+from rasterjit.inspect import oracle
+from rasterjit.pipeline import records
+from rasterjit.pipeline.geometry import setup
+from rasterjit.pipeline.records import Faces, Objects
+from rasterjit.pipeline.visibility import draw
+from rasterjit.pipeline.visibility.draw import viewport_of
+from rasterjit.runtime import threads
 
 
 def project(positions, size=(64, 64), bits=8):
     """Return the screen vertices of clip positions, and the outcode bits seen."""
     positions = np.ascontiguousarray(positions, np.float64)
-    screen, seen = stages.project(
-        positions, (0.0, -1.0, 0.0), viewport_of(size, bits), stages.Workers(1)
+    screen, seen = draw.project(
+        positions, (0.0, -1.0, 0.0), viewport_of(size, bits), threads.Workers(1)
     )
-    return stages.ScreenVertices(*(array[: len(positions)] for array in screen)), seen
+    return records.ScreenVertices(*(array[: len(positions)] for array in screen)), seen
 
 
 def test_snapping_rounds_half_to_even():
@@ -158,8 +161,8 @@ def test_a_batch_ends_where_an_object_does():
     screen, _ = project(corners)
     faces = np.tile(np.array([[0, 1, 2]], np.int32), (starts[-1], 1))
     everything = Faces(faces, np.empty((0, 3), np.int32), np.empty(0, np.int32))
-    _, binned, _, sums = stages.set_up_and_bin(
-        everything, Objects(starts, turns), screen, viewport_of((64, 64), 8), stages.Workers(1)
+    _, binned, _, sums = draw.set_up_and_bin(
+        everything, Objects(starts, turns), screen, viewport_of((64, 64), 8), threads.Workers(1)
     )
     kept = np.repeat(turns, counts) != 1
     assert binned.tolist() == np.flatnonzero(kept).tolist()

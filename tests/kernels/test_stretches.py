@@ -1,17 +1,33 @@
-"""A sample has the same bits whether it is gathered in a long run or among other faces."""
+"""A sample has the same bits in a span and in a mixed segment, and wherever blocks begin."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
+import stages
 
 import rasterjit as rj
-from rasterjit import stages
-from rasterjit.kernels import patches, shading, vectors
+from rasterjit.pipeline.surface.listing import LONG
+from rasterjit.pipeline.surface.samples import (
+    MIXED,
+    ROOM,
+    SAMPLES,
+    SPAN,
+    START,
+    STOP,
+    VECTOR,
+    Block,
+)
+from rasterjit.rendering.stage_list import BLOCK, BLOCKS
+from rasterjit.runtime import intrinsics, jit
 
 SIZE = (200, 12)
 WIDTHS = [1, 2, 3, 1, 40, 1, 1, 16, 5, 17, 1, 64, 2, 31, 7, 8, 1]
 """Columns of neighbouring strips: 201, about one pixel each."""
+
+ACROSS_SAMPLES = [name for name, kind in zip(Block._fields, BLOCK.fields, strict=True)
+                  if kind.shape[-1] % ROOM == 0]  # fmt: skip
+"""The arrays of a block that have columns for every sample."""
 
 
 def strips(model, texture=None, **options):
@@ -28,24 +44,29 @@ def strips(model, texture=None, **options):
     )  # fmt: skip
 
 
-def shaded(scene, camera, monkeypatch):
-    """Render; return what ``shade_rows`` was given."""
-    calls = []
-
-    def note(*given):
-        calls.append(given)
-        kernel(*given)
-
-    kernel = shading.shade_rows
-    monkeypatch.setattr(stages.shading, "shade_rows", note)
-    rj.render(scene, camera, size=SIZE, outputs=("linear", "color"), threads=1)
-    monkeypatch.setattr(stages.shading, "shade_rows", kernel)
-    return calls
+def camera(near=0.1):
+    return rj.PerspectiveCamera(eye=(0.4, 0.1, 4.0), target=(0, 0, 0), fov_y=10.0, near=near)
 
 
-def scene_of(mesh):
+def shaded(scene, camera):
+    """Render; return the bands that were shaded."""
+    with stages.bands_shaded() as bands:
+        rj.render(scene, camera, size=SIZE, outputs=("linear", "color"), threads=1)
+    assert bands
+    if not jit.DISABLED:
+        return bands
+    # Two rows take long enough in plain Python.
+    some = slice(5, 7)
+    return [
+        (shading, faces[some], first_row + 5, linear[some], color[some])
+        for shading, faces, first_row, linear, color in bands
+    ]
+
+
+def scene_of(*meshes):
     scene = rj.Scene()
-    scene.add(mesh)
+    for mesh in meshes:
+        scene.add(mesh)
     scene.lights = [
         rj.AmbientLight("white", 0.15),
         rj.DirectionalLight((-1, -2, -1.5), intensity=0.6),
@@ -54,90 +75,174 @@ def scene_of(mesh):
     return scene
 
 
-def assert_neighbours_do_not_matter(calls):
+def texture(side=16):
+    return rj.Texture(np.random.default_rng(7).uniform(0, 1, (side, side, 3)))
+
+
+def again(shading, faces, first_row):
+    """Shade some rows; return linear light and codes."""
+    linear = np.empty((*faces.shape, 4), np.float32)
+    color = np.empty(faces.shape, np.uint32)
+    shading.shade(np.ascontiguousarray(faces), first_row, linear, color)
+    return linear, color
+
+
+def assert_same_bits(one, other, shown):
+    """Two pictures of some rows, linear and in codes, show the same where told."""
+    for a, b in zip(one, other, strict=True):
+        assert a[:, shown].tobytes() == b[:, shown].tobytes()
+
+
+def assert_neighbours_do_not_matter(bands):
     """Shade once more, with some columns left out: what is left keeps its bits."""
-    for call in calls:
-        face_id, linear, color = call[0], call[8], call[9]
-        columns = np.arange(face_id.shape[1])
+    for shading, faces, first_row, *pictures in bands:
+        columns = np.arange(faces.shape[1])
         for period, kept in ((2, 1), (3, 2), (7, 5), (50, 33)):
             for shift in (0, 1):
                 shown = (columns + shift) % period < kept
-                some = np.where(shown, face_id, np.int32(-1))
-                again = np.empty_like(linear), np.empty_like(color)
-                shading.shade_rows(some, *call[1:8], *again, call[10])
-                assert again[0][:, shown].tobytes() == linear[:, shown].tobytes()
-                assert again[1][:, shown].tobytes() == color[:, shown].tobytes()
+                some = np.where(shown, faces, np.int32(-1))
+                assert_same_bits(again(shading, some, first_row), pictures, shown)
+                # Where runs are shorter than a span must be, none is left.
+                assert kept >= LONG or stages.samples_listed(some)[SPAN] == 0
 
 
 @pytest.mark.parametrize("model", ["unlit", "flat", "gouraud", "phong"])
 @pytest.mark.parametrize("near", [0.1, 3.9])
-def test_neighbours_change_no_bit_of_a_sample(model, near, monkeypatch):
+def test_neighbours_change_no_bit_of_a_sample(model, near):
     rng = np.random.default_rng(6)
     mesh = strips(model, colors=rng.uniform(0, 1, (2 * len(WIDTHS) + 2, 3)))
-    camera = rj.PerspectiveCamera(eye=(0.4, 0.1, 4.0), target=(0, 0, 0), fov_y=10.0, near=near)
-    calls = shaded(scene_of(mesh), camera, monkeypatch)
-    face_id = np.concatenate([call[0] for call in calls])
+    bands = shaded(scene_of(mesh), camera(near))
+    face_id = np.concatenate([faces for _, faces, *_ in bands])
     assert (face_id >= 0).any()
     changes = (np.diff(face_id) != 0).sum(axis=1)
     assert near > 1 or changes.max() >= 10
-    assert_neighbours_do_not_matter(calls)
+    assert_neighbours_do_not_matter(bands)
 
 
 @pytest.mark.parametrize("model", ["gouraud", "phong"])
-def test_neighbours_change_no_bit_of_a_textured_sample(model, monkeypatch):
-    texture = rj.Texture(np.random.default_rng(7).uniform(0, 1, (16, 16, 3)))
-    camera = rj.PerspectiveCamera(eye=(0.4, 0.1, 4.0), target=(0, 0, 0), fov_y=10.0, near=3.9)
-    calls = shaded(scene_of(strips(model, texture)), camera, monkeypatch)
-    assert any((call[0] >= 0).any() for call in calls)
-    assert_neighbours_do_not_matter(calls)
+def test_neighbours_change_no_bit_of_a_textured_sample(model):
+    bands = shaded(scene_of(strips(model, texture())), camera(3.9))
+    assert any((faces >= 0).any() for _, faces, *_ in bands)
+    assert_neighbours_do_not_matter(bands)
 
 
-def test_neighbours_change_no_bit_of_a_face_colour(monkeypatch):
+def test_neighbours_change_no_bit_of_a_face_colour():
     colors = np.random.default_rng(8).uniform(0, 1, (2 * len(WIDTHS), 3))
-    camera = rj.PerspectiveCamera(eye=(0.4, 0.1, 4.0), target=(0, 0, 0), fov_y=10.0)
-    calls = shaded(scene_of(strips("phong", colors=colors)), camera, monkeypatch)
-    assert_neighbours_do_not_matter(calls)
+    assert_neighbours_do_not_matter(shaded(scene_of(strips("phong", colors=colors)), camera()))
 
 
-def rows_of(scratch):
-    """Return those parts of ``shading.scratch_memory`` that have a column for every sample."""
-    samples, weights, places, lookup, _, _, gathered = scratch
-    own = (samples, weights, *gathered)
-    return list(own) if places is None else [*own, places, *lookup]
+@pytest.mark.parametrize("near", [0.1, 3.9])
+@pytest.mark.parametrize("name", ["plain", "textured", "normal map"])
+def test_a_face_in_a_span_has_the_bits_of_one_among_other_faces(name, near):
+    # One face all over, then the same with a neighbour in every 8th column.
+    material = {
+        "plain": rj.Material("phong", "orange", specular=0.4),
+        "textured": rj.Material("phong", specular=0.4, base_color_texture=texture()),
+        "normal map": rj.Material("pbr", normal_texture=texture(), base_color_texture=texture()),
+    }[name]
+    corners = np.array([(-60, -30, -1), (60, -30, 2), (0, 90, 0.5)])
+    mesh = rj.Mesh(
+        np.concatenate([corners, corners - (0, 0, 0.5)]), [[0, 1, 2], [3, 4, 5]],
+        uv=np.tile([(0, 0), (30, 1), (3, 40)], (2, 1)), material=material,
+    )  # fmt: skip
+    pictures = []
+    for shading, faces, first_row, *_ in shaded(scene_of(mesh), camera(near)):
+        own = np.zeros_like(faces)
+        alone = again(shading, own, first_row)
+        shown = np.arange(own.shape[1]) % 8 != 7
+        others = np.where(shown, own, np.int32(1))
+        assert stages.samples_listed(own)[SPAN] >= 0.9 * own.size
+        assert stages.samples_listed(others)[MIXED] == own.size
+        among = again(shading, others, first_row)
+        assert_same_bits(alone, among, shown)
+        pictures.append(alone[0])
+    assert len(np.unique(np.concatenate(pictures).reshape(-1, 4), axis=0)) > 100
 
 
-@pytest.mark.parametrize("has_textures", [False, True])
-def test_rows_have_room_for_what_is_written_behind_the_last_sample(has_textures):
-    parts = rows_of(shading.scratch_memory(has_textures=has_textures))
-    assert len(parts) == 5 + 4 * has_textures
-    for part in parts:
-        # A stretch in whole vectors may begin with the last sample, and so may a patch.
-        assert part.shape[-1] >= shading.BLOCK_COLUMNS + patches.VECTOR - 1
-        assert part.shape[-1] >= shading.BLOCK_COLUMNS - 1 + vectors.LANES
+def full_scene():
+    """A scene whose samples take most rows of the block."""
+    metal = rj.Material("pbr", normal_texture=texture(), base_color_texture=texture(4))
+    wall = strips("phong", texture())
+    scene = scene_of(wall, rj.Mesh(wall.vertices + (0, 0.2, 0.1), wall.faces, uv=wall.uv,
+                                   material=metal))  # fmt: skip
+    if not jit.DISABLED:
+        # Plain Python takes minutes to blur it.
+        scene.environment = rj.Environment.gradient(background=False)
+    scene.fog = rj.Fog(density=0.05)
+    return scene
 
 
-@pytest.mark.parametrize("split", [shading.BLOCK_COLUMNS - 1, 120, 113, 1])
-def test_nothing_is_written_beyond_the_rows(split, monkeypatch):
-    texture = rj.Texture(np.random.default_rng(9).uniform(0, 1, (4, 4, 3)))
-    scene = scene_of(strips("phong", texture))
-    scene.add(strips("phong", texture))
-    camera = rj.PerspectiveCamera(eye=(0.4, 0.1, 4.0), target=(0, 0, 0), fov_y=10.0)
-    call = shaded(scene, camera, monkeypatch)[0]
+@pytest.mark.needs_jit
+def test_where_a_block_begins_changes_no_bit():
+    for shading, faces, first_row, *pictures in shaded(full_scene(), camera()):
+        assert (faces >= 0).sum() > 3 * SAMPLES
+        # Each left out pixel of the first row lets all later blocks begin one sample later.
+        for count in (1, 7, 16, 100, 151):
+            some = faces.copy()
+            some[0, :count] = -1
+            linear, color = again(shading, some, first_row)
+            assert linear[0, count:].tobytes() == pictures[0][0, count:].tobytes()
+            assert linear[1:].tobytes() == pictures[0][1:].tobytes()
+            assert color[1:].tobytes() == pictures[1][1:].tobytes()
+        # Rows by themselves, and in bands.
+        for rows in (1, 2, 5):
+            for first in range(0, len(faces), rows):
+                cut = slice(first, first + rows)
+                linear, color = again(shading, faces[cut], first_row + first)
+                assert linear.tobytes() == pictures[0][cut].tobytes()
+                assert color.tobytes() == pictures[1][cut].tobytes()
+
+
+@pytest.mark.parametrize("garbage", [0, -1, 0x7FF0_0000_7F80_0000, 0x7FFF_FFFF_7FFF_FFFF])
+def test_what_a_block_held_before_changes_no_bit(garbage):
+    # 0, NaN or -1, infinities, NaN or the largest whole number; indices among them.
+    for shading, faces, first_row, *pictures in shaded(full_scene(), camera()):
+        for kept in (3, 40):
+            some = np.where(np.arange(faces.shape[1]) % 50 < kept, faces, np.int32(-1))
+            shown = some[0] >= 0 if kept == 40 else np.arange(faces.shape[1]) % 50 < kept
+            BLOCKS.block[:] = garbage
+            assert_same_bits(again(shading, some, first_row), pictures, shown)
+
+
+def test_rows_have_room_for_what_is_written_behind_the_last_sample():
+    assert {*Block._fields} - {*ACROSS_SAMPLES} == {"counts", "segments", "intervals"}
+    for name, kind in zip(Block._fields, BLOCK.fields, strict=True):
+        if name in ACROSS_SAMPLES:
+            room = kind.shape[-1] if kind.shape[-1] < 4 * ROOM else kind.shape[-1] // 4
+            # A segment in whole vectors may begin with the last sample, and so may a patch.
+            assert room >= SAMPLES + VECTOR - 1
+            assert room >= SAMPLES - 1 + intrinsics.LANES
+    lists = {"segments": SAMPLES, "intervals": SAMPLES}
+    for name, most in lists.items():
+        assert BLOCK.fields[Block._fields.index(name)].shape[0] >= most
+    # The first samples of patches, and one past the last sample.
+    assert BLOCK.fields[Block._fields.index("whole")].shape[1] > SAMPLES
+
+
+@pytest.mark.parametrize("split", [SAMPLES - 1, 120, 113, 1])
+def test_nothing_is_written_beyond_the_rows(split):
+    scene = scene_of(strips("phong", texture(4)), strips("phong", texture(4)))
+    shading = shaded(scene, camera())[0][0]
     # No two neighbours show one face, and from ``split`` on they show the other object.
-    face_id = np.arange(shading.BLOCK_COLUMNS, dtype=np.int32)[np.newaxis] % 5
-    face_id[0, split:] += 2 * len(WIDTHS)
-    scratch = shading.scratch_memory(has_textures=True)
-    spare, mark = 64, 77
-    roomy = [np.full((*p.shape[:-1], p.shape[-1] + spare), mark, p.dtype) for p in rows_of(scratch)]
-    samples, weights, whole, doubles, singles, places, *lookup = roomy
-    given = samples, weights, places, tuple(lookup), *scratch[4:6], (whole, doubles, singles)
-    linear = np.empty((1, face_id.shape[1], 4), np.float32)
-    color = np.empty(face_id.shape, np.uint32)
-    shading.shade_rows(face_id, *call[1:8], linear, color, given)
+    faces = np.arange(SAMPLES, dtype=np.int32)[np.newaxis] % 5
+    faces[0, split:] += 2 * len(WIDTHS)
+    mark = 0x4D4D_4D4D_4D4D_4D4D
+    BLOCKS.block[:] = mark
+    linear, _ = again(shading, faces, 0)
     assert np.isfinite(linear).all()
-    for part in roomy:
-        assert (part[..., -spare:] == mark).all()
-    count = shading.BLOCK_COLUMNS - split
-    end = split + -(-count // patches.VECTOR) * patches.VECTOR
+    block = stages.block_at_hand()
+
+    def is_marked(part):
+        return (np.ascontiguousarray(part).view(np.uint8) == 0x4D).all(axis=-1)
+
+    assert block.segments[:2, [START, STOP]].tolist() == [
+        [0, split], [split, SAMPLES],
+    ]  # fmt: skip
+    for name in ACROSS_SAMPLES:
+        part = getattr(block, name)
+        assert is_marked(part[..., part.shape[-1] // ROOM * (SAMPLES + VECTOR) :]).all()
+    # Between the arrays lies what fills their last cache line.
+    end = split + -(-(SAMPLES - split) // VECTOR) * VECTOR
+    weights = block.weights.view(np.int64)
     assert (weights[:, end - 1] != mark).all()
     assert (weights[:, end:] == mark).all()

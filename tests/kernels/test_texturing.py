@@ -23,11 +23,12 @@ from naive_textures import (
 )
 
 import rasterjit as rj
-from rasterjit import oracle
-from rasterjit.kernels import texture_rows, texturing
-from rasterjit.plan_textures import WRAPS
+from rasterjit.inspect import oracle
+from rasterjit.pipeline.surface import texture_lookup
+from rasterjit.pipeline.surface import textures as texturing
 from rasterjit.scene.material import SHADINGS
 from rasterjit.scene.texture import FILTERS
+from rasterjit.survey.arrays import WRAPS
 
 BITS = ("linear", "color")
 WHITE = np.ones((1, 1))
@@ -254,8 +255,8 @@ def test_any_coordinate_reads_a_texel_of_its_level(u, v, size, wraps):
 @given(data=st.data(), size=ANY_SIZE, wrap=st.sampled_from(sorted(WRAPS)))
 def test_any_number_beside_a_period_wraps_as_the_twin(data, size, wrap):
     i = data.draw(st.integers(-1, (2 if wrap == "mirror" else 1) * size))
-    rule = texture_rows.axis_rule(WRAPS[wrap])
-    assert texture_rows.texel_on_axis(float(i), float(size), rule) == naive.wrapped(i, size, wrap)
+    rule = texture_lookup.axis_rule(WRAPS[wrap])
+    assert texture_lookup.texel_on_axis(float(i), float(size), rule) == naive.wrapped(i, size, wrap)
 
 
 @settings(max_examples=30)

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit.kernels import tone_mapping
-from rasterjit.plan_atmosphere import tone_record
+from rasterjit.effects.tone_map import stage as tone_map_stage
+from rasterjit.effects.tone_map import tone_record
+from rasterjit.pipeline.records import Encoding
 
 CURVES = ["none", "reinhard", "aces", "neutral"]
 
@@ -21,7 +22,7 @@ def mapped(tone, colors):
     shown = np.empty_like(colors)
     # Without the compiler NumPy warns where a colour overflows on purpose.
     with np.errstate(over="ignore"):
-        tone_mapping.map_tones(tone_record(tone), *colors, *shown)
+        tone_map_stage.map_tones(tone_record(tone), *colors, *shown)
     return shown.T
 
 
@@ -59,8 +60,13 @@ def test_one_colour_alone_is_mapped_like_a_row(curve):
     tone = tone_record(rj.ToneMap(curve, 0.5))
     shown = mapped(rj.ToneMap(curve, 0.5), lights(40))
     for color, got in zip(lights(40), shown, strict=True):
-        assert (np.array(tone_mapping.map_pixel(tone, *color)) == got).all()
-    assert tone_mapping.map_pixel(None, 1.0, 2.0, 3.0) == (1.0, 2.0, 3.0)
+        assert (np.array(tone_map_stage.map_pixel(tone, *color)) == got).all()
+
+
+def test_a_colour_that_is_not_mapped_stays():
+    unmapped = Encoding(np.empty(0, np.int32)).tone
+    color = np.array([1.0, -2.0, 3e38], np.float32)
+    assert tone_map_stage.map_pixel(unmapped, *color) == tuple(color)
 
 
 @pytest.mark.parametrize("curve", CURVES)

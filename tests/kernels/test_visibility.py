@@ -10,10 +10,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import rasterjit as rj
-from rasterjit import oracle, stages
-from rasterjit.kernels import visibility
-from rasterjit.kernels.records import Faces, Objects
-from rasterjit.plan import viewport_of
+from rasterjit.inspect import oracle
+from rasterjit.pipeline.records import Faces, Objects
+from rasterjit.pipeline.visibility import draw as drawing
+from rasterjit.pipeline.visibility import nearest
+from rasterjit.pipeline.visibility.draw import viewport_of
+from rasterjit.runtime import threads
 
 SCREEN = (128, 128)
 
@@ -148,7 +150,7 @@ def test_reached_rows_are_those_where_each_edge_leaves_a_column():
         columns, rows = rng.integers(1, 65, 2).tolist()
         scale = 10 ** rng.uniform(0, 7, (3, 1))
         edges = np.rint(rng.uniform(-1, 1, (3, 3)) * [40, 1, 1] * scale).astype(np.int64)
-        first, last = visibility.reached_rows(tuple(map(tuple, edges)), columns, rows)
+        first, last = nearest.reached_rows(tuple(map(tuple, edges)), columns, rows)
         values = edges[:, :1] + edges[:, 1:2] * np.arange(columns)
         values = values[:, np.newaxis] + (edges[:, 2:] * np.arange(rows))[:, :, np.newaxis]
         sloping = edges[:, 2] != 0
@@ -163,16 +165,16 @@ def test_reached_rows_are_those_where_each_edge_leaves_a_column():
 
 def stored(points, depths, size=SCREEN, bits=8):
     """Return the depths that one triangle stores."""
-    viewport, workers = viewport_of(size, bits), stages.Workers(1)
+    viewport, workers = viewport_of(size, bits), threads.Workers(1)
     positions = naive.clip_from_screen(points, size, depths, 1.0)
-    screen, _ = stages.project(positions, (0.0, 1.0, 0.0), viewport, workers)
+    screen, _ = drawing.project(positions, (0.0, 1.0, 0.0), viewport, workers)
     faces = Faces(
         np.array([[0, 1, 2]], np.int32), np.empty((0, 3), np.int32), np.empty(0, np.int32)
     )
     objects = Objects(np.array([0, 1], np.int64), np.zeros(1, np.int8))
-    starts, binned, floors, _ = stages.set_up_and_bin(faces, objects, screen, viewport, workers)
+    starts, binned, floors, _ = drawing.set_up_and_bin(faces, objects, screen, viewport, workers)
     frame = np.empty(size[::-1], np.float32), np.empty(size[::-1], np.int32)
-    stages.draw(starts, binned, floors, faces, screen, viewport, frame, workers)
+    drawing.draw(starts, binned, floors, faces, screen, viewport, frame, workers)
     assert ((frame[0] > -np.inf) == (frame[1] == 0)).all()
     return frame[0]
 

@@ -9,10 +9,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import rasterjit as rj
-from rasterjit import edge_lines, oracle, stages
-from rasterjit.kernels import wireframe
-from rasterjit.kernels.records import Geometry
-from rasterjit.plan import viewport_of
+from rasterjit.effects import wireframe
+from rasterjit.effects.wireframe import stage as wireframe_stage
+from rasterjit.inspect import oracle
+from rasterjit.pipeline.records import Geometry
+from rasterjit.pipeline.visibility import draw as drawing
+from rasterjit.pipeline.visibility.draw import viewport_of
+from rasterjit.runtime import threads as sharing
+from rasterjit.survey import cache
 
 SIZE = (64, 64)
 NEAR_OVER_W = (1.0, 0.0, 0.0)
@@ -23,19 +27,21 @@ def project(positions, edges, size=SIZE, coefficients=NEAR_OVER_W):
     edges, viewport = np.array(edges, np.int32), viewport_of(size, 8)
     positions = np.ascontiguousarray(positions, np.float64)
     pixels, codes = np.full((len(positions), 2), -9, np.int32), codes_of(positions, viewport)
-    wireframe.find_pixels((0, len(positions)), positions, codes, viewport, pixels)
+    wireframe_stage.find_pixels((0, len(positions)), positions, codes, viewport, pixels)
     ends, depths = np.full((len(edges), 4), -9, np.int32), np.full((len(edges), 2), np.nan)
     vertices = positions, codes, pixels
-    count = wireframe.project_edges(edges, vertices, coefficients, viewport, ends, depths)
+    count = wireframe_stage.project_edges(edges, vertices, coefficients, viewport, ends, depths)
     without = np.full_like(ends, -9)
-    assert count == wireframe.project_edges(edges, vertices, coefficients, viewport, without, None)
+    assert count == wireframe_stage.project_edges(
+        edges, vertices, coefficients, viewport, without, np.empty((0, 2))
+    )
     np.testing.assert_array_equal(without[:count], ends[:count])
     return ends[:count], depths[:count]
 
 
 def codes_of(positions, viewport):
     """Return the outcodes of clip positions."""
-    screen, _ = stages.project(positions, NEAR_OVER_W, viewport, stages.Workers(1))
+    screen, _ = drawing.project(positions, NEAR_OVER_W, viewport, sharing.Workers(1))
     return screen.codes[: len(positions)]
 
 
@@ -100,7 +106,7 @@ def test_ends_never_leave_the_guard_band(numbers):
 
 
 def test_every_edge_is_listed_once(cube):
-    edges = edge_lines.unique_edges(cube.faces)
+    edges = cache.unique_edges(cube.faces)
     pairs = {tuple(sorted((int(f[k]), int(f[k - 1])))) for f in cube.faces for k in range(3)}
     assert [tuple(edge) for edge in edges.tolist()] == sorted(pairs)
     assert len(edges) == 18
@@ -126,9 +132,9 @@ def edge_pixels(mesh, camera, edges, size=SIZE):
         positions, viewport,
     )  # fmt: skip
     color = np.zeros((size[1], size[0], 4), np.uint8)
-    edge_lines.draw_edges(
+    wireframe.draw_edges(
         np.array(edges, np.int32), geometry, camera.depth_coefficients(),
-        np.full(4, 255, np.uint8), color, None, stages.Workers(1),
+        np.full(4, 255, np.uint8), color, None, sharing.Workers(1),
     )  # fmt: skip
     return color[..., 0] == 255
 
@@ -165,7 +171,7 @@ def test_visible_edges_have_no_gaps_and_hidden_ones_are_hidden(cube, angles, siz
 
     visible = edges_of(cube.faces[facing > 0])
     overlay = render_edges(cube, camera, "overlay", size)
-    hidden = {tuple(edge) for edge in edge_lines.unique_edges(cube.faces).tolist()} - visible
+    hidden = {tuple(edge) for edge in cache.unique_edges(cube.faces).tolist()} - visible
     # A side seen nearly edge-on is thinner than a pixel: its far edge is hidden by the next side.
     for edge in sorted(edges_of(cube.faces[facing > 0.12])):
         run = edge_pixels(cube, camera, [edge], size)
@@ -180,7 +186,7 @@ def test_visible_edges_have_no_gaps_and_hidden_ones_are_hidden(cube, angles, siz
 
 def test_only_draws_all_edges_and_no_face(cube):
     camera, _ = orbit(20, 15)
-    all_edges = edge_lines.unique_edges(cube.faces)
+    all_edges = cache.unique_edges(cube.faces)
     only = render_edges(cube, camera, "only")
     assert only.tolist() == edge_pixels(cube, camera, all_edges).tolist()
     overlay = render_edges(cube, camera, "overlay")
@@ -193,8 +199,8 @@ def test_faces_that_nobody_looks_at_are_not_found(cube, camera, monkeypatch):
     scene.add(cube)
     scene.wireframe = rj.Wireframe("red", "only")
     drawn = []
-    draw = stages.draw
-    monkeypatch.setattr(stages, "draw", lambda *a: drawn.append(1) or draw(*a))
+    draw = drawing.draw
+    monkeypatch.setattr(drawing, "draw", lambda *a: drawn.append(1) or draw(*a))
     alone = rj.render(scene, camera, size=SIZE, threads=1)
     assert not drawn
     assert alone.stats.drawn == 12
@@ -207,8 +213,8 @@ def test_faces_that_nobody_looks_at_are_not_found(cube, camera, monkeypatch):
 
 @pytest.mark.parametrize("mode", ["only", "overlay"])
 def test_edges_are_the_same_for_any_number_of_threads(sphere, camera, monkeypatch, mode):
-    monkeypatch.setattr(edge_lines, "EDGES_PER_TASK", 7)
-    monkeypatch.setattr(stages, "PIXELS_PER_TASK", 1)
+    monkeypatch.setattr(wireframe, "EDGES_PER_TASK", 7)
+    monkeypatch.setattr(sharing, "PIXELS_PER_TASK", 1)
     scene = rj.Scene()
     scene.add(sphere)
     scene.wireframe = rj.Wireframe("red", mode)

@@ -4,14 +4,9 @@ import math
 import numpy as np
 import pytest
 
-from rasterjit import transforms as tf
-from rasterjit.scene.camera import (
-    MatrixCamera,
-    OrthographicCamera,
-    PerspectiveCamera,
-    fit_camera,
-    orbit_direction,
-)
+from rasterjit.scene import transforms as tf
+from rasterjit.scene.camera import MatrixCamera, OrthographicCamera, PerspectiveCamera
+from rasterjit.scene.framing import fit_camera, orbit_direction
 
 SIZE = (640, 480)
 

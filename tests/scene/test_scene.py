@@ -32,7 +32,7 @@ def test_a_new_scene_is_empty():
 def test_a_mistyped_field_is_refused_and_the_right_ones_are_listed():
     scene, mesh = rj.Scene(), rj.Mesh(np.eye(3), [[0, 1, 2]])
     node = scene.add(mesh)
-    with pytest.raises(AttributeError, match=r"Scene has no 'tonemap'; .* fog, tone_map, ambient"):
+    with pytest.raises(AttributeError, match=r"Scene has no 'tonemap'; .* fog, tone_map, vignette"):
         scene.tonemap = rj.ToneMap()
     with pytest.raises(AttributeError, match=r"Node has no 'transform'; .* mesh, world_from_model"):
         node.transform = np.eye(4)

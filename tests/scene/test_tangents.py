@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from rasterjit.scene.mesh import Mesh
-from rasterjit.scene.tangents import vertex_tangents
+from rasterjit.scene.normals import vertex_tangents
 
 
 def test_the_tangents_of_a_triangle_are_those_of_the_map_from_the_picture():

@@ -7,8 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit import transforms
-from rasterjit.validation import finite_number, positive_number
+from rasterjit.scene import transforms
+from rasterjit.scene.validation import finite_number, positive_number
 
 Z_NEAR, Z_FAR = 0.05, 100.0
 """Distances of the near and far plane where none are given, scene units."""

@@ -7,14 +7,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit import transforms
-from rasterjit.cameras import view_from_pose
 from rasterjit.compat.pyrender.constants import GLTF, REFUSED, RenderFlags
 from rasterjit.compat.pyrender.lights import DirectionalLight, PointLight, SpotLight
 from rasterjit.compat.pyrender.meshes import Primitive
 from rasterjit.compat.pyrender.node import Node
 from rasterjit.compat.pyrender.scene import Scene
+from rasterjit.io.cameras import view_from_pose
 from rasterjit.scene import scene as scenes
+from rasterjit.scene import transforms
 from rasterjit.scene.camera import MatrixCamera
 from rasterjit.scene.light import AmbientLight, Shadow
 from rasterjit.scene.material import Material

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rasterjit.scene import light as lights
-from rasterjit.validation import bounded_number, finite_array, positive_number
+from rasterjit.scene import light
+from rasterjit.scene.validation import bounded_number, finite_array, positive_number
 
 BRIGHTEST = 1e6
 
@@ -64,11 +64,11 @@ class Light:
     def intensity(self, value: float) -> None:
         self._intensity = bounded_number("intensity", value, 0.0, BRIGHTEST)
 
-    def placed(self, pose: NDArray[np.float64], shadow: lights.Shadow | None) -> lights.Light:
+    def placed(self, pose: NDArray[np.float64], shadow: light.Shadow | None) -> light.Light:
         """Return the light as RasterJIT has it, at a node's pose."""
         raise NotImplementedError(f"{type(self).__name__} shines nowhere")
 
-    def _look(self, shadow: lights.Shadow | None) -> dict[str, Any]:
+    def _look(self, shadow: light.Shadow | None) -> dict[str, Any]:
         """Return colour, intensity and shadow as RasterJIT's lights take them."""
         most = max(1.0, float(self.color.max()))
         return {
@@ -81,9 +81,9 @@ class Light:
 class DirectionalLight(Light):
     """Light from infinitely far away; takes what `Light` takes."""
 
-    def placed(self, pose: NDArray[np.float64], shadow: lights.Shadow | None) -> lights.Light:
+    def placed(self, pose: NDArray[np.float64], shadow: light.Shadow | None) -> light.Light:
         """Return the light as RasterJIT has it, at a node's pose."""
-        return lights.DirectionalLight(-pose[:3, 2], **self._look(shadow))
+        return light.DirectionalLight(-pose[:3, 2], **self._look(shadow))
 
 
 class PointLight(Light):
@@ -108,9 +108,9 @@ class PointLight(Light):
         super().__init__(color, intensity, name)
         self.range = None if range is None else positive_number("range", range)
 
-    def placed(self, pose: NDArray[np.float64], shadow: lights.Shadow | None) -> lights.Light:
+    def placed(self, pose: NDArray[np.float64], shadow: light.Shadow | None) -> light.Light:
         """Return the light as RasterJIT has it, at a node's pose."""
-        return lights.PointLight(pose[:3, 3], **self._look(shadow))
+        return light.PointLight(pose[:3, 3], **self._look(shadow))
 
 
 class SpotLight(PointLight):
@@ -143,12 +143,12 @@ class SpotLight(PointLight):
         self.outerConeAngle = bounded_number("outerConeAngle", outerConeAngle, 0.0, math.pi / 2.0)
         self.innerConeAngle = bounded_number("innerConeAngle", innerConeAngle, 0.0, outerConeAngle)
 
-    def placed(self, pose: NDArray[np.float64], shadow: lights.Shadow | None) -> lights.Light:
+    def placed(self, pose: NDArray[np.float64], shadow: light.Shadow | None) -> light.Light:
         """Return the light as RasterJIT has it, at a node's pose."""
-        return lights.SpotLight(
+        return light.SpotLight(
             pose[:3, 3],
             -pose[:3, 2],
             inner_angle=math.degrees(self.innerConeAngle),
-            outer_angle=min(math.degrees(self.outerConeAngle), lights.WIDEST_CONE),
+            outer_angle=min(math.degrees(self.outerConeAngle), light.WIDEST_CONE),
             **self._look(shadow),
         )

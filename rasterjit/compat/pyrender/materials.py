@@ -9,10 +9,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.compat.pyrender.constants import GLTF
 from rasterjit.io.pictures import image_pixels
-from rasterjit.scene import material as materials
+from rasterjit.scene import material
 from rasterjit.scene.color import srgb_to_linear
 from rasterjit.scene.texture import Texture as SceneTexture
-from rasterjit.validation import bounded_number, finite_array, in_short, one_of
+from rasterjit.scene.validation import bounded_number, finite_array, in_short, one_of
 
 _WRAPS = {GLTF.REPEAT: "repeat", GLTF.CLAMP_TO_EDGE: "clamp", GLTF.MIRRORED_REPEAT: "mirror"}
 
@@ -223,7 +223,7 @@ class MetallicRoughnessMaterial(Material):
 
     def drawn(
         self, *, has_uv: bool, is_lit: bool, is_culled: bool, least_alpha: float
-    ) -> materials.Material:
+    ) -> material.Material:
         """
         Return the material as RasterJIT has it.
 
@@ -259,7 +259,7 @@ class MetallicRoughnessMaterial(Material):
         if mode == "opaque" or (mode == "blend" and is_opaque):
             # What hides all behind it needs no layers.
             mode, color[3] = "opaque", 1.0
-        return materials.Material(
+        return material.Material(
             "pbr" if is_lit else "unlit",
             color.tolist(),
             metallic=_share("metallicFactor", self.metallicFactor),

@@ -11,10 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.compat.pyrender.constants import GLTF
 from rasterjit.compat.pyrender.materials import MetallicRoughnessMaterial, as_shown
-from rasterjit.io.trimesh_textures import is_placeholder
+from rasterjit.io.trimesh.materials import is_placeholder
 from rasterjit.scene.material import Material
 from rasterjit.scene.mesh import Mesh as SceneMesh
-from rasterjit.validation import finite_array, in_short
+from rasterjit.scene.validation import finite_array, in_short
 
 if TYPE_CHECKING:
     import trimesh

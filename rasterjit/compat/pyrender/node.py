@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rasterjit import transforms
-from rasterjit.validation import finite_array
+from rasterjit.scene import transforms
+from rasterjit.scene.validation import finite_array
 
 if TYPE_CHECKING:
     from rasterjit.compat.pyrender.cameras import Camera

@@ -18,10 +18,10 @@ from rasterjit.compat.pyrender.drawing import (
 )
 from rasterjit.compat.pyrender.node import Node
 from rasterjit.compat.pyrender.scene import Scene
-from rasterjit.frame import Frame
-from rasterjit.render import Renderer
+from rasterjit.outputs.frame import Frame
+from rasterjit.rendering.renderer import Renderer
 from rasterjit.scene.camera import MatrixCamera
-from rasterjit.validation import finite_array, image_size, in_short, positive_number
+from rasterjit.scene.validation import finite_array, image_size, in_short, positive_number
 
 
 class OffscreenRenderer:

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rasterjit import transforms
 from rasterjit.compat.pyrender.cameras import Camera
 from rasterjit.compat.pyrender.lights import DirectionalLight, Light, PointLight, SpotLight
 from rasterjit.compat.pyrender.materials import color_of
 from rasterjit.compat.pyrender.meshes import Mesh
 from rasterjit.compat.pyrender.node import Node
-from rasterjit.validation import in_short
+from rasterjit.scene import transforms
+from rasterjit.scene.validation import in_short
 
 if TYPE_CHECKING:
     import trimesh

@@ -9,15 +9,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit import transforms
 from rasterjit.compat.pyrender.cameras import PerspectiveCamera as OurPerspective
 from rasterjit.compat.pyrender.constants import RenderFlags
 from rasterjit.compat.pyrender.drawing import background_codes, camera_of, check_flags, convert
 from rasterjit.compat.pyrender.lights import DirectionalLight
 from rasterjit.compat.pyrender.scene import Scene
-from rasterjit.scene.camera import PerspectiveCamera, fit_camera
+from rasterjit.scene import transforms
+from rasterjit.scene.camera import PerspectiveCamera
+from rasterjit.scene.framing import fit_camera
 from rasterjit.scene.scene import Scene as DrawnScene
-from rasterjit.validation import image_size, in_short
+from rasterjit.scene.validation import image_size, in_short
 
 _RAYMOND_AZIMUTHS = (0.0, 120.0, 240.0)
 _RAYMOND_TILT = 30.0
@@ -75,9 +76,9 @@ class Viewer:
     ) -> None:
         if not isinstance(scene, Scene):
             raise ValueError(f"scene must be a Scene of this module, got {in_short(scene)}")
-        from rasterjit import viewer_show
+        from rasterjit.viewer import show
 
-        is_notebook = viewer_show.choose_backend("auto") == "notebook"
+        is_notebook = show.choose_backend("auto") == "notebook"
         if run_in_thread and not is_notebook:
             raise ValueError(
                 "run_in_thread must be False, got True: the window runs until it is closed; to go "
@@ -87,7 +88,7 @@ class Viewer:
         options = {**(render_flags or {}), **(viewer_flags or {}), **kwargs}
         self.scene, self.viewport_size = scene, size
         shown = scene_to_show(scene, size, options)
-        shown_in = viewer_show.show(shown, size=size, background=background_codes(scene))
+        shown_in = show.show(shown, size=size, background=background_codes(scene))
         if is_notebook and shown_in is not None:
             from IPython.display import display
 

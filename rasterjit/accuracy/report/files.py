@@ -1,0 +1,160 @@
+"""Write what a study found to files, whole or not at all."""
+
+from __future__ import annotations
+
+import csv
+import importlib.util
+import json
+import math
+import os
+from collections.abc import Iterator
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from rasterjit.accuracy.results import Study, Trial
+from rasterjit.accuracy.sentences import sentences
+from rasterjit.io.images import replacing
+
+JSON_NAME, CSV_NAME = "accuracy.json", "accuracy.csv"
+
+COLUMNS = (
+    "scene", "width", "height", "threads", "cpu", "rasterjit", "setting", "level",
+    "median_ms", "ratio", "ratio_low", "ratio_high", "rmse", "largest", "psnr", "flip",
+    "wrong_faces", "depth_ulp", "depth_units", "uv_texels", "dominated_by", "on_front",
+    "seconds",
+)  # fmt: skip
+"""Of the table; the last holds the raw times, with spaces between."""
+
+
+def prepare_folder(output: str | Path) -> Path:
+    """
+    Make a folder for a report, if there is none, and see that files can be written there.
+
+    Raises
+    ------
+    ValueError
+        If it is not a folder, or nothing can be written there.
+    """
+    if not isinstance(output, (str, os.PathLike)):
+        raise ValueError(f"output must be a folder, got {output!r}")
+    folder = Path(output)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with replacing(folder / ".probe") as temporary:
+            temporary.touch()
+        (folder / ".probe").unlink()
+    except FileExistsError:
+        raise ValueError(f"output must be a folder, but {str(folder)!r} is a file") from None
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise ValueError(
+            f"output must be a folder that can be written to, but {str(folder)!r} is not: {reason}"
+        ) from None
+    return folder
+
+
+def write_files(study: Study, output: str | Path) -> list[Path]:
+    """
+    Write ``accuracy.json`` and ``accuracy.csv``; return their paths.
+
+    Raises
+    ------
+    ValueError
+        If the folder is none, or nothing can be written there.
+    OSError
+        If the system refuses to write; a file that was there before is whole.
+    """
+    folder = prepare_folder(output)
+    with replacing(folder / JSON_NAME) as temporary:
+        text = json.dumps(as_json(study), indent=1, allow_nan=False, ensure_ascii=False)
+        temporary.write_text(text + "\n", encoding="utf-8")
+    with (
+        replacing(folder / CSV_NAME) as temporary,
+        temporary.open("w", newline="", encoding="utf-8") as file,
+    ):
+        table = csv.DictWriter(file, COLUMNS)
+        table.writeheader()
+        table.writerows(_rows(study))
+    return [folder / JSON_NAME, folder / CSV_NAME]
+
+
+def can_make_page() -> bool:
+    """Tell whether matplotlib is installed, which draws the plots of the page."""
+    return importlib.util.find_spec("matplotlib") is not None
+
+
+def write_report(study: Study, output: str | Path) -> list[Path]:
+    """
+    Write all files of a report, the page among them where it can be made; return their paths.
+
+    Raises
+    ------
+    ValueError, OSError
+        As `write_files` does.
+    """
+    places = write_files(study, output)
+    if can_make_page():
+        # It brings matplotlib, which takes a second.
+        from rasterjit.accuracy.report.page import write_page
+
+        places.append(write_page(study, output, sentences(study)))
+    return places
+
+
+def as_json(study: Study) -> dict[str, Any]:
+    """Return all but the pictures as what JSON can hold; an infinite PSNR is null."""
+    return {
+        "scene": study.scene,
+        "size": list(study.size),
+        "threads": study.threads,
+        "rounds": study.rounds,
+        "machine": study.machine,
+        "versions": study.versions,
+        "interrupted": study.interrupted,
+        "reference_seconds": study.reference_seconds,
+        "standard": _as_json(study.standard, study),
+        "trials": [_as_json(trial, study) for trial in study.trials],
+        "front": list(study.front),
+        "without_effect": study.without_effect,
+        "impossible": study.impossible,
+        "left_out": list(study.left_out),
+        "sentences": sentences(study),
+    }
+
+
+def _as_json(trial: Trial, study: Study) -> dict[str, Any]:
+    """Return one trial."""
+    errors = trial.errors._asdict()
+    if math.isinf(errors["psnr"]):
+        errors["psnr"] = None
+    return {
+        "setting": trial.setting,
+        "level": trial.level,
+        "label": trial.label,
+        "quality": asdict(trial.quality),
+        "median": trial.median,
+        "ratio": trial.ratio,
+        "spread": list(trial.spread),
+        "seconds": list(trial.seconds),
+        "ratios": list(trial.ratios),
+        "stages": trial.stages,
+        "errors": errors,
+        "dominated_by": trial.dominated_by,
+        "on_front": trial.label in study.front,
+    }
+
+
+def _rows(study: Study) -> Iterator[dict[str, Any]]:
+    """Yield the rows of the table: the standard first."""
+    width, height = study.size
+    for trial in (study.standard, *study.trials):
+        low, high = trial.spread
+        yield {
+            "scene": study.scene, "width": width, "height": height, "threads": study.threads,
+            "cpu": study.machine.get("cpu"), "rasterjit": study.versions.get("rasterjit"),
+            "setting": trial.setting, "level": trial.level, "median_ms": 1e3 * trial.median,
+            "ratio": trial.ratio, "ratio_low": low, "ratio_high": high, **trial.errors._asdict(),
+            "dominated_by": trial.dominated_by, "on_front": trial.label in study.front,
+            "seconds": " ".join(f"{seconds:.6f}" for seconds in trial.seconds),
+        }  # fmt: skip

@@ -1,0 +1,582 @@
+"""
+Draw error against time: one plot for each setting, and the Pareto front of all that was tried.
+
+Both axes are logarithmic. Plots for the page are inline SVG whose colours are custom properties of
+the page's style sheet, so they follow its light and dark scheme; letters are outlines, so they look
+alike everywhere. matplotlib is imported where something is drawn, and none of its state is kept.
+
+Place the labels of points in a plot so that they cover neither each other nor a point.
+"""
+
+from __future__ import annotations
+
+import html
+import importlib.util
+import io
+import itertools
+import math
+import re
+import textwrap
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from rasterjit.accuracy.report.scales import duration, log_limits, log_ticks, number
+from rasterjit.accuracy.results import (
+    STANDARD,
+    Study,
+    Trial,
+    front_trials,
+    standard_level,
+    with_standard,
+)
+from rasterjit.io.images import checked_path, replacing
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+LIGHT = {
+    "page": "#ffffff", "ink": "#1b1f24", "muted": "#6b7280", "grid": "#d9dde2",
+    "level": "#0072b2", "standard": "#d55e00",
+}  # fmt: skip
+"""Colours on a light page; blue and vermilion are told apart with any colour vision."""
+
+DARK = {
+    "page": "#14171a", "ink": "#e6e9ed", "muted": "#9aa3ae", "grid": "#363c44",
+    "level": "#56b4e9", "standard": "#ff9a4d",
+}  # fmt: skip
+"""The same on a dark page."""
+
+SETTING_POINTS = (360.0, 250.0)
+FRONT_POINTS = (360.0, 290.0)
+"""Width and height of plots on the page, points: letters stay legible on the width of a phone."""
+
+PICTURE_POINTS = (440.0, 370.0)
+"""The same of the front where it stands alone; its height is the least one."""
+
+KEY_POINTS = 280.0
+"""Width of the list beside it."""
+
+LEFT, RIGHT, BOTTOM, TOP = 52.0, 12.0, 40.0, 26.0
+"""What is left around the axes, points."""
+
+KEY_LINE, KEY_LETTERS = 12.5, 50
+"""Height of a line of that list, points, and the letters that fit in it."""
+
+DOTS_PER_INCH = 160
+
+TITLE = 24.0
+"""Height of the title where there is one, points."""
+
+LEAST_TIMES, LEAST_ERRORS = 1.25, 3.0
+"""Least ratio of an axis' end to its start: below it, noise would look like much."""
+
+ZERO_BAND = 0.16
+"""Share of the height below the logarithmic axis where errors of zero are shown."""
+
+ERROR_TITLE = "RMSE against the reference, linear light"
+TIME_TITLE = "time of a frame, standard = 1"
+
+DISTANCES = (7.0, 13.0, 21.0, 32.0, 46.0, 62.0, 80.0)
+"""From a point to the edge of its label, points, from the best on."""
+
+DIRECTIONS = (
+    (1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (1, -1), (-1, 1), (-1, -1),
+    (2, 1), (2, -1), (-2, 1), (-2, -1), (1, 2), (1, -2), (-1, 2), (-1, -2),
+)  # fmt: skip
+"""From a point to its label, from the best on."""
+
+LEADER = 12.0
+"""Least distance from which a thin line leads to the label, points."""
+
+MARKER, BAR = 5.0, 2.5
+"""Half the side of what a marker takes, and half the height of a bar, points."""
+
+LINE_STEP = 4.0
+"""Distance of the places on a line that labels keep clear of, points."""
+
+COVERING, CROSSING = 1000.0, 30.0
+"""What a label costs that covers another label, a marker or the frame, and a bar or the line."""
+
+
+class Point(NamedTuple):
+    """One trial in a plot: its times over the standard's, its error, and how it is drawn."""
+
+    time: float
+    low: float
+    high: float
+    error: float
+    kind: str
+    label: str
+
+
+class Mark(NamedTuple):
+    """How one kind of point is drawn: marker, diameter in points, colours by name, opacity."""
+
+    marker: str
+    points: float
+    edge: str
+    fill: str
+    text: str
+    bar_alpha: float
+
+
+class KeyLine(NamedTuple):
+    """A line of the list beside the front: a number or nothing, text, and its colour by name."""
+
+    number: str
+    text: str
+    color: str
+
+
+MARKS = {
+    "other": Mark("o", 3.5, "muted", "page", "muted", 0.45),
+    "dominated": Mark("o", 6.5, "muted", "page", "muted", 1.0),
+    "level": Mark("o", 6.5, "level", "level", "ink", 1.0),
+    "standard": Mark("D", 7.0, "standard", "standard", "ink", 1.0),
+}
+"""The kinds of points, from the one at the back on."""
+
+
+def require_matplotlib() -> None:
+    """Raise ``ValueError`` saying what to install where matplotlib is missing."""
+    if importlib.util.find_spec("matplotlib") is None:
+        raise ValueError(
+            'the report of an accuracy study needs matplotlib; pip install "rasterjit[accuracy]"'
+        )
+
+
+def plot_setting(study: Study, setting: str, prefix: str) -> str:
+    """
+    Return error against time of a setting's levels and of the standard, as inline SVG.
+
+    Parameters
+    ----------
+    study : Study
+    setting : str
+    prefix : str
+        What the ids in it start with: others for each plot of a page.
+    """
+    points = setting_points(study, setting)
+    with _figure(SETTING_POINTS) as figure:
+        axes = _add_axes(figure, SETTING_POINTS[0])
+        _draw(axes, points, study.standard.median)
+        levels = ", ".join(point.label for point in points)
+        return _as_svg(figure, prefix, f"Error against time for {setting}: {levels}")
+
+
+def plot_front(study: Study, prefix: str) -> str:
+    """Return error against time of all trials, those on the front numbered, as inline SVG."""
+    points = front_points(study)
+    with _figure(FRONT_POINTS) as figure:
+        axes = _add_axes(figure, FRONT_POINTS[0])
+        _draw(axes, points, study.standard.median)
+        found = f"Error against time of {len(points)} qualities; those on the front are numbered"
+        return _as_svg(figure, prefix, found)
+
+
+def save_front(study: Study, path: str | Path) -> Path:
+    """
+    Write the Pareto front of a study as a picture with a list of what its numbers stand for.
+
+    Parameters
+    ----------
+    study : Study
+    path : str or Path
+        Ends in ``.png``. An existing file is replaced, or left as it was on failure.
+
+    Raises
+    ------
+    ValueError
+        If the folder does not exist, the extension is another, or matplotlib is not installed.
+    OSError
+        If the file cannot be written.
+    """
+    require_matplotlib()
+    place = checked_path(path, (".png",))
+    points = front_points(study)
+    lines = _key_lines(study)
+    width, height = PICTURE_POINTS
+    height = max(height, len(lines) * KEY_LINE + TOP + TITLE + BOTTOM + 30.0)
+    with _figure((width + KEY_POINTS, height)) as figure:
+        figure.patch.set_facecolor(LIGHT["page"])
+        axes = _add_axes(figure, width, above=TITLE)
+        _draw(axes, points, study.standard.median)
+        _write_key(figure, study, lines)
+        with replacing(place) as temporary:
+            figure.savefig(temporary, format="png", dpi=DOTS_PER_INCH, metadata={"Software": None})
+    return place
+
+
+def setting_points(study: Study, setting: str) -> list[Point]:
+    """Return the levels of a setting, the standard's among them, labelled with their names."""
+    points = []
+    for trial in with_standard(study, setting):
+        if trial.setting == STANDARD:
+            level = standard_level(study, setting)
+            points.append(_point(trial, "standard", f"{level} (standard)"))
+        else:
+            kind = "level" if trial.dominated_by is None else "dominated"
+            points.append(_point(trial, kind, trial.level))
+    return points
+
+
+def front_points(study: Study) -> list[Point]:
+    """Return all trials: those on the front labelled with their number, the others not."""
+    numbers = {id(trial): str(n) for n, trial in enumerate(front_trials(study), 1)}
+    points = []
+    for trial in study.trials:
+        label = numbers.get(id(trial), "")
+        points.append(_point(trial, "level" if label else "other", label))
+    label = f"{numbers.get(id(study.standard), '')} standard".strip()
+    points.append(_point(study.standard, "standard", label))
+    return points
+
+
+def _point(trial: Trial, kind: str, label: str) -> Point:
+    low, high = trial.spread
+    return Point(trial.ratio, low, high, trial.errors.rmse, kind, label)
+
+
+def _staircase(points: Sequence[Point]) -> list[Point]:
+    """Return the points, from the fastest on, that are more accurate than all faster ones."""
+    found: list[Point] = []
+    for point in sorted(points, key=lambda p: (p.time, p.error)):
+        if not found or point.error < found[-1].error:
+            found.append(point)
+    return found
+
+
+@contextmanager
+def _figure(points: tuple[float, float]) -> Iterator[Figure]:
+    """Give an empty figure of so many points, drawn with matplotlib's own defaults."""
+    require_matplotlib()
+    import matplotlib
+    import matplotlib.style
+    from matplotlib.figure import Figure
+
+    own = {"svg.fonttype": "path", "svg.hashsalt": "rasterjit", "font.size": 9.0}
+    with (
+        warnings.catch_warnings(),
+        matplotlib.style.context("default"),
+        matplotlib.rc_context(own),
+    ):
+        warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)
+        # One point is one dot, so what is measured of letters is in points.
+        yield Figure(figsize=(points[0] / 72.0, points[1] / 72.0), dpi=72.0, facecolor="none")
+
+
+def _add_axes(figure: Figure, width: float, above: float = 0.0) -> Axes:
+    """Return axes with fixed margins in the left ``width`` points of a figure."""
+    total, height = (72.0 * inches for inches in figure.get_size_inches())
+    inner = width - LEFT - RIGHT, height - BOTTOM - TOP - above
+    box = LEFT / total, BOTTOM / height, inner[0] / total, inner[1] / height
+    axes = figure.add_axes(box, facecolor="none")
+    axes.set_axisbelow(True)
+    return axes
+
+
+def _draw(axes: Axes, points: Sequence[Point], seconds: float) -> None:
+    """Draw points with the spread of their times, a line through the front, axes and labels."""
+    low, high, zero = _error_scale([point.error for point in points])
+    heights = [point.error if point.error > 0.0 else zero for point in points]
+    places = dict(zip(points, heights, strict=True))
+    _scale_times(axes, points, seconds)
+    _scale_errors(axes, low, high, zero if min(p.error for p in points) <= 0.0 else None)
+    line = [(point.time, places[point]) for point in _staircase(points)]
+    if len(line) > 1:
+        axes.plot(*zip(*line, strict=True), color=LIGHT["level"], linewidth=0.9, alpha=0.55)
+    kinds = list(MARKS)
+    for point in sorted(points, key=lambda p: kinds.index(p.kind)):
+        _draw_point(axes, point, places[point])
+    place_labels(
+        axes,
+        [(p.time, places[p], p.label, LIGHT[MARKS[p.kind].text]) for p in points],
+        bars=[(p.low, p.high, places[p]) for p in points],
+        line=line,
+        halo=LIGHT["page"],
+    )
+
+
+def _draw_point(axes: Axes, point: Point, height: float) -> None:
+    """Draw one marker, and a bar from the lower to the upper quartile of its times."""
+    mark = MARKS[point.kind]
+    order = 2.0 + 0.1 * list(MARKS).index(point.kind)
+    axes.plot(
+        [point.low, point.high], [height, height], color=LIGHT[mark.edge], linewidth=1.0,
+        marker="|", markersize=mark.points, zorder=order, alpha=mark.bar_alpha,
+    )  # fmt: skip
+    axes.plot(
+        [point.time], [height], color=LIGHT[mark.edge], marker=mark.marker, markersize=mark.points,
+        markeredgecolor=LIGHT[mark.edge], markerfacecolor=LIGHT[mark.fill], zorder=order + 0.05,
+    )  # fmt: skip
+
+
+def _error_scale(errors: Sequence[float]) -> tuple[float, float, float]:
+    """Return the limits of errors above zero, and where below them those of zero are shown."""
+    positive = [error for error in errors if error > 0.0]
+    low, high = log_limits(positive or [1e-3], LEAST_ERRORS, 0.1)
+    return low, high, low * (high / low) ** (-0.5 * ZERO_BAND)
+
+
+def _scale_errors(axes: Axes, low: float, high: float, zero: float | None) -> None:
+    """Set up the logarithmic axis of errors, with a band below it where some are zero."""
+    ticks = log_ticks(low, high)
+    labels = [number(tick) for tick in ticks]
+    axes.set_yscale("log")
+    if zero is not None:
+        ticks, labels = [zero, *ticks], ["0", *labels]
+        axes.axhline(low, color=LIGHT["muted"], linewidth=0.8, linestyle=(0, (2, 2)))
+    axes.set_ylim(low if zero is None else low * (high / low) ** -ZERO_BAND, high)
+    axes.set_yticks(ticks, labels=labels)
+    axes.set_yticks([], minor=True)
+    axes.set_ylabel(ERROR_TITLE, color=LIGHT["ink"])
+    _style_axis(axes)
+
+
+def _scale_times(axes: Axes, points: Sequence[Point], seconds: float) -> None:
+    """Set up the logarithmic axis of times: over the standard's below, milliseconds above."""
+    times = [time for point in points for time in (point.low, point.time, point.high)]
+    low, high = log_limits(times, LEAST_TIMES, 0.1)
+    ticks = log_ticks(low, high)
+    axes.set_xscale("log")
+    axes.set_xlim(low, high)
+    axes.set_xticks(ticks, labels=[f"{number(tick)}×" for tick in ticks])
+    axes.set_xticks([], minor=True)
+    axes.set_xlabel(TIME_TITLE, color=LIGHT["ink"])
+    above = axes.secondary_xaxis("top")
+    above.set_xticks(ticks, labels=[duration(seconds * tick) for tick in ticks])
+    above.set_xticks([], minor=True)
+    _style_axis(above)
+
+
+def _style_axis(axes: Any) -> None:
+    """Give an axis the colours of the page, thin lines, and a grid."""
+    axes.tick_params(colors=LIGHT["muted"], labelcolor=LIGHT["ink"], which="both", width=0.8)
+    for spine in axes.spines.values():
+        spine.set(color=LIGHT["muted"], linewidth=0.8)
+    axes.grid(visible=True, color=LIGHT["grid"], linewidth=0.6)
+
+
+def _key_lines(study: Study) -> list[KeyLine]:
+    """Return the lines of the list beside the front."""
+    lines = []
+    for n, trial in enumerate(front_trials(study), 1):
+        named = textwrap.wrap(trial.label, KEY_LETTERS, break_on_hyphens=False)
+        for first, text in enumerate(named):
+            lines.append(KeyLine("" if first else str(n), text, "ink"))
+        found = f"{number(trial.ratio)}× the time, RMSE {number(trial.errors.rmse)}"
+        lines.append(KeyLine("", found, "muted"))
+    return lines
+
+
+def _write_key(figure: Figure, study: Study, lines: Sequence[KeyLine]) -> None:
+    """Write the title, the list of what numbers stand for, and what the marks mean."""
+    total, height = (72.0 * inches for inches in figure.get_size_inches())
+
+    def write(x: float, y: float, text: str, color: str, **options: Any) -> None:
+        at = x / total, 1.0 - y / height
+        figure.text(*at, text, color=LIGHT[color], parse_math=False, va="baseline", **options)
+
+    columns, rows = study.size
+    scene = textwrap.shorten(study.scene, 40)
+    title = f"Error against time: {scene}, {columns} × {rows}, {study.threads} threads"
+    write(LEFT, 20.0, title, "ink", fontsize=11.0)
+    left, y = PICTURE_POINTS[0] + 20.0, TOP + TITLE + 8.0
+    for line in lines:
+        write(left - 6.0, y, line.number, "level", ha="right", fontweight="bold")
+        write(left, y, line.text, line.color, fontsize=8.0)
+        y += KEY_LINE
+    for below, text in (
+        (40.0, "numbered: nothing is both faster and more accurate"),
+        (28.0, "small circles: all else that was tried"),
+        (16.0, "bars: lower to upper quartile of the times"),
+    ):
+        write(left, height - below, text, "muted", fontsize=7.0)
+
+
+def _as_svg(figure: Figure, prefix: str, described: str) -> str:
+    """Return a figure as an SVG element for a page: its ids prefixed, its colours variables."""
+    buffer = io.StringIO()
+    nothing = dict.fromkeys(("Date", "Creator", "Format", "Type"))
+    figure.savefig(buffer, format="svg", metadata=nothing)
+    text = buffer.getvalue()
+    text = text[text.index("<svg") :]
+    box = re.search(r'viewBox="[^"]*"', text)
+    inside = text[text.index(">") + 1 : text.rindex("</svg>")]
+    inside = re.sub(r"<(metadata|style).*?</\1>|<!--.*?-->", "", inside, flags=re.DOTALL)
+    inside = re.sub(r'( id="|href="#|url\(#)', rf"\g<1>{prefix}", inside)
+    for name, color in LIGHT.items():
+        inside = inside.replace(color, f"var(--{name})")
+    inside = re.sub(r">\s+<", ">\n<", inside)
+    spoken = html.escape(described)
+    return f'<svg class="plot" {box.group(0)} role="img" aria-label="{spoken}">{inside}</svg>'
+
+
+class Box(NamedTuple):
+    """A rectangle, points from the lower left of the figure."""
+
+    left: float
+    bottom: float
+    right: float
+    top: float
+
+    def common(self, other: Box) -> bool:
+        """Return whether two boxes share some area."""
+        return (
+            self.left < other.right
+            and other.left < self.right
+            and self.bottom < other.top
+            and other.bottom < self.top
+        )
+
+    def within(self, other: Box) -> bool:
+        """Return whether this box lies in another."""
+        return (
+            self.left >= other.left
+            and self.right <= other.right
+            and self.bottom >= other.bottom
+            and self.top <= other.top
+        )
+
+
+def place_labels(
+    axes: Axes,
+    points: Sequence[tuple[float, float, str, str]],
+    bars: Sequence[tuple[float, float, float]],
+    line: Sequence[tuple[float, float]],
+    halo: str,
+) -> list[Box]:
+    """
+    Write the labels of points beside them.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+        With its final limits, in a figure of 72 dots per inch.
+    points : sequence of (x, y, label, color)
+        All that is marked, in data coordinates; a label may be empty.
+    bars : sequence of (low, high, y)
+        Horizontal bars that labels had better not cross.
+    line : sequence of (x, y)
+        Corners of a line of which the same holds.
+    halo : str
+        Colour around the letters.
+
+    Returns
+    -------
+    list of Box
+        What the labels take, for each point that has one.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    renderer = FigureCanvasAgg(axes.figure).get_renderer()
+    to_points = axes.transData.transform
+    frame = Box(*axes.bbox.extents)
+    centres = [tuple(to_points((x, y))) for x, y, _, _ in points]
+    solid = [_around(x, y, MARKER, MARKER) for x, y in centres]
+    soft = [_bar(to_points((low, y)), to_points((high, y))) for low, high, y in bars]
+    soft += _along([tuple(to_points(corner)) for corner in line])
+    placed = []
+    for (x, y), (_, _, label, color) in zip(centres, points, strict=True):
+        if label:
+            size = _extent(axes, renderer, label)
+            distance, box = _best_place(x, y, size, frame, solid, soft)
+            _write(axes, (x, y), box, label, color, halo, distance >= LEADER)
+            solid.append(box)
+            placed.append(box)
+    return placed
+
+
+def _extent(axes: Axes, renderer: object, label: str) -> tuple[float, float]:
+    """Return width and height of a text, points."""
+    text = axes.text(0.0, 0.0, label, parse_math=False)
+    extent = text.get_window_extent(renderer)
+    text.remove()
+    return extent.width, extent.height
+
+
+def _best_place(
+    x: float,
+    y: float,
+    size: tuple[float, float],
+    frame: Box,
+    solid: Sequence[Box],
+    soft: Sequence[Box],
+) -> tuple[float, Box]:
+    """Return the place beside (x, y) that costs least, and its distance."""
+    best = math.inf, 0.0, Box(x, y, x, y)
+    for distance in DISTANCES:
+        for rank, direction in enumerate(DIRECTIONS):
+            box = _beside(x, y, size, distance, direction)
+            cost = distance + 0.25 * rank
+            if cost < best[0]:
+                cost += COVERING * (not box.within(frame))
+                cost += COVERING * sum(box.common(other) for other in solid)
+                cost += CROSSING * any(box.common(other) for other in soft)
+                best = min(best, (cost, distance, box), key=lambda place: place[0])
+    return best[1:]
+
+
+def _beside(
+    x: float, y: float, size: tuple[float, float], distance: float, direction: tuple[int, int]
+) -> Box:
+    """Return the box of a label whose nearest edge or corner is ``distance`` from a point."""
+    length = math.hypot(*direction)
+    centre_x = x + distance * direction[0] / length + _sign(direction[0]) * 0.5 * size[0]
+    centre_y = y + distance * direction[1] / length + _sign(direction[1]) * 0.5 * size[1]
+    return _around(centre_x, centre_y, 0.5 * size[0], 0.5 * size[1])
+
+
+def _sign(value: int) -> int:
+    return (value > 0) - (value < 0)
+
+
+def _around(x: float, y: float, half_width: float, half_height: float) -> Box:
+    return Box(x - half_width, y - half_height, x + half_width, y + half_height)
+
+
+def _bar(start: Sequence[float], end: Sequence[float]) -> Box:
+    """Return what a horizontal bar takes."""
+    return Box(start[0], start[1] - BAR, end[0], end[1] + BAR)
+
+
+def _along(corners: Sequence[tuple[float, float]]) -> list[Box]:
+    """Return small boxes along a line."""
+    boxes = []
+    for (x0, y0), (x1, y1) in itertools.pairwise(corners):
+        steps = 1 + int(math.hypot(x1 - x0, y1 - y0) / LINE_STEP)
+        for k in range(steps + 1):
+            share = k / steps
+            boxes.append(_around(x0 + share * (x1 - x0), y0 + share * (y1 - y0), 1.0, 1.0))
+    return boxes
+
+
+def _write(
+    axes: Axes,
+    point: tuple[float, float],
+    box: Box,
+    label: str,
+    color: str,
+    halo: str,
+    with_leader: bool,
+) -> None:
+    """Write a label into its box, with a thin line from its point where it is far away."""
+    from matplotlib.lines import Line2D
+    from matplotlib.patheffects import withStroke
+    from matplotlib.transforms import Affine2D
+
+    in_points = Affine2D().scale(1.0 / 72.0) + axes.figure.dpi_scale_trans
+    if with_leader:
+        x = min(max(point[0], box.left), box.right)
+        y = min(max(point[1], box.bottom), box.top)
+        axes.add_artist(
+            Line2D([point[0], x], [point[1], y], transform=in_points, color=color, linewidth=0.5)
+        )
+    axes.text(
+        box.left, box.bottom, label, transform=in_points, color=color, parse_math=False,
+        va="bottom", zorder=5.0, path_effects=[withStroke(linewidth=2.0, foreground=halo)],
+    )  # fmt: skip

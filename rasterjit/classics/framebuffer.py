@@ -1,0 +1,543 @@
+"""
+Draw the classic primitives straight into a colour and a depth array.
+
+Coordinates are integers that name pixels: x right, y down, (0, 0) the top left one. Whatever falls
+outside is not drawn. Everything is exact; ``rasterjit.pipeline.lines`` and ``primitives`` say how
+ties are broken.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rasterjit.classics import line_bands, primitives
+from rasterjit.pipeline import lines
+from rasterjit.runtime.threads import Workers
+from rasterjit.scene.validation import (
+    bounded_number,
+    finite_array,
+    image_size,
+    one_of,
+    thread_count,
+)
+
+OPAQUE = 255
+
+EDGE_RULES = {
+    "top-left": primitives.EXCLUSIVE_BIAS,
+    "inclusive": primitives.INCLUSIVE_BIAS,
+}
+
+FILL_METHODS = {
+    "barycentric": primitives.fill_triangle,
+    "scanline": primitives.fill_triangle_scanline,
+}
+
+NO_DEPTH = np.empty((0, 0), np.float32)
+"""What a triangle without a depth test is given for depths."""
+
+LINE_RANGE = (-(2**31), 2**31 - 1)
+"""Smallest and largest coordinate of a line's end, pixels."""
+
+SHAPE_RANGE = (-primitives.MAX_COORDINATE, primitives.MAX_COORDINATE)
+"""Smallest and largest coordinate of everything else, pixels."""
+
+FEW_PIXELS = 2**19
+"""Up to this many pixels are drawn at once: to bin lines and to wake threads would cost more."""
+
+BAND_BYTES = 2**20
+"""Most bytes of a band of rows: what a core has as a cache of its own."""
+
+MOST_BANDS = 64
+"""So many lists a line may be in, at most."""
+
+LEAST_ROWS = 16
+"""Fewest rows of a band; in thinner ones most lines would be drawn in pieces."""
+
+LINES_PER_TASK = 2**15
+"""Lines binned by one task."""
+
+RECORDS_PER_BATCH = 2**22
+"""Most entries of all lists at a time, 24 bytes each: bounds memory, however many the lines."""
+
+
+class Framebuffer:
+    """
+    A picture to draw into, with a depth for each pixel.
+
+    Parameters
+    ----------
+    width, height : int, pixels
+        In 1..16384.
+    threads : int or None, optional
+        Most threads that ``draw_lines`` uses, in 1..1024; ``None`` takes the processors this
+        process may run on. The picture is the same for any number.
+
+    Attributes
+    ----------
+    color : (H, W, 4) uint8
+        RGBA, row 0 on top; at first opaque black. Always this very array: read or write it at any
+        time, nothing is copied.
+    depth : (H, W) float32
+        Smaller is nearer; at first ``inf``.
+
+    Raises
+    ------
+    ValueError
+        If a size is not a whole number in 1..16384, or the number of threads not as said.
+
+    Examples
+    --------
+    >>> framebuffer = Framebuffer(8, 4)
+    >>> framebuffer.draw_line((0, 0), (7, 3), (255, 0, 0), (0, 0, 255))
+    >>> framebuffer.color[0, 0].tolist(), framebuffer.color[3, 7].tolist()
+    ([255, 0, 0, 255], [0, 0, 255, 255])
+    """
+
+    def __init__(self, width: int, height: int, *, threads: int | None = None) -> None:
+        self._width, self._height = image_size("width, height", (width, height))
+        self._workers = Workers(thread_count("threads", threads))
+        self._color = np.empty((self._height, self._width, 4), np.uint8)
+        self._depth = np.empty((self._height, self._width), np.float32)
+        self._pixels = self._color.view(np.uint32).reshape(self._height, self._width)
+        self.clear()
+
+    def __repr__(self) -> str:
+        return f"Framebuffer({self._width}, {self._height})"
+
+    @property
+    def width(self) -> int:
+        """Columns."""
+        return self._width
+
+    @property
+    def height(self) -> int:
+        """Rows."""
+        return self._height
+
+    @property
+    def color(self) -> NDArray[np.uint8]:
+        """(H, W, 4) uint8: RGBA, row 0 on top; the array itself, not a copy."""
+        return self._color
+
+    @property
+    def depth(self) -> NDArray[np.float32]:
+        """(H, W) float32: smaller is nearer; the array itself, not a copy."""
+        return self._depth
+
+    def clear(self, color: ArrayLike = (0, 0, 0), depth: float = math.inf) -> None:
+        """
+        Set every pixel to one colour and one depth.
+
+        Parameters
+        ----------
+        color : 3 or 4 ints in 0..255
+            RGB (then opaque) or RGBA, as everywhere in this class. Opaque black if left out.
+        depth : float
+            Infinite if left out: everything is nearer.
+
+        Raises
+        ------
+        ValueError
+            If the colour is not such a sequence, or the depth is neither ``inf`` nor in the
+            range of float32.
+        """
+        rgba = _one_color("color", color)
+        if depth != math.inf:
+            largest = float(np.finfo(np.float32).max)
+            depth = bounded_number("depth", depth, -largest, largest)
+        self._pixels.fill(rgba.view(np.uint32)[0])
+        self._depth.fill(depth)
+
+    def put_pixel(self, x: int, y: int, color: ArrayLike) -> None:
+        """
+        Set one pixel; outside the picture nothing happens.
+
+        Raises
+        ------
+        ValueError
+            If x or y is not a whole number, or the colour not 3 or 4 ints in 0..255.
+        """
+        column, row = _whole_number("x", x), _whole_number("y", y)
+        rgba = _one_color("color", color)
+        if 0 <= column < self._width and 0 <= row < self._height:
+            self._color[row, column] = rgba
+
+    def draw_line(
+        self,
+        start: Sequence[int],
+        end: Sequence[int],
+        color: ArrayLike,
+        end_color: ArrayLike | None = None,
+    ) -> None:
+        """
+        Draw a Bresenham line, both ends included.
+
+        Parameters
+        ----------
+        start, end : (x, y) ints in [-2**31, 2**31 - 1], pixels
+        color : 3 or 4 ints in 0..255
+            Of the start, and of the whole line if ``end_color`` is left out.
+        end_color : 3 or 4 ints in 0..255, optional
+            Of the end; in between each channel is mixed per pixel and rounded half up.
+
+        Raises
+        ------
+        ValueError
+            If a point or a colour is not as said.
+        """
+        a = _whole_array("start", start, (2,), *LINE_RANGE)
+        b = _whole_array("end", end, (2,), *LINE_RANGE)
+        self._draw_line_batch([(*a, *b)], [_color_pair(color, end_color)])
+
+    def draw_lines(self, ends: ArrayLike, colors: ArrayLike) -> None:
+        """
+        Draw many lines in one call, in order.
+
+        More than a thousand are shared among the threads by bands of rows: each band is drawn by
+        one thread, in order, and cuts no pixel of a line anew.
+
+        Parameters
+        ----------
+        ends : (N, 4) ints in [-2**31, 2**31 - 1], pixels
+            x and y of the start, x and y of the end.
+        colors : (N, 2, 3|4), (N, 3|4) or (3|4,) ints in 0..255
+            One for each end, one for each line, or one for all.
+
+        Raises
+        ------
+        ValueError
+            If an array is not as said.
+        """
+        points = _whole_array("ends", ends, (None, 4), *LINE_RANGE)
+        rgba = _colors("colors", colors)
+        count = len(points)
+        if rgba.shape not in ((count, 2, 4), (count, 4), (4,)):
+            raise ValueError(
+                f"colors must be one for each end, one for each line or one for all of {count} "
+                f"lines, got an array of shape {np.shape(colors)}"
+            )
+        if rgba.ndim == 2:
+            rgba = rgba[:, None]
+        self._draw_line_batch(points, np.broadcast_to(rgba, (count, 2, 4)))
+
+    def draw_triangle(
+        self, a: Sequence[int], b: Sequence[int], c: Sequence[int], color: ArrayLike
+    ) -> None:
+        """
+        Draw the outline of a triangle: the lines a to b, b to c and c to a.
+
+        Parameters
+        ----------
+        a, b, c : (x, y) ints in [-2**31, 2**31 - 1], pixels
+        color : 3 or 4 ints in 0..255, or three such colours
+            One for all, or one for each vertex, mixed along the lines.
+
+        Raises
+        ------
+        ValueError
+            If a point or a colour is not as said.
+        """
+        points = [
+            _whole_array(name, point, (2,), *LINE_RANGE)
+            for name, point in (("a", a), ("b", b), ("c", c))
+        ]
+        rgba = _vertex_colors("color", color)
+        sides = ((0, 1), (1, 2), (2, 0))
+        self._draw_line_batch(
+            [(*points[i], *points[j]) for i, j in sides], [(rgba[i], rgba[j]) for i, j in sides]
+        )
+
+    def fill_triangle(
+        self,
+        a: Sequence[int],
+        b: Sequence[int],
+        c: Sequence[int],
+        color: ArrayLike,
+        *,
+        edges: str = "top-left",
+        method: str = "barycentric",
+        depth: ArrayLike | None = None,
+    ) -> None:
+        """
+        Fill a triangle in either winding; one without area draws nothing.
+
+        Parameters
+        ----------
+        a, b, c : (x, y) ints in [-2**20, 2**20], pixels
+        color : 3 or 4 ints in 0..255, or three such colours
+            One for all, or one for each vertex: then mixed exactly and rounded half up.
+        edges : {"top-left", "inclusive"}
+            Whether triangles that share an edge share its pixels: with "top-left" each pixel
+            belongs to one of them; with "inclusive" every pixel on an edge is drawn.
+        method : {"barycentric", "scanline"}
+            Test each pixel of the bounding box, or divide for the ends of each row and then only
+            add. The result is the same.
+        depth : 3 floats, optional
+            One for each vertex: then only pixels nearer (smaller) than ``self.depth`` are drawn,
+            and update it. Without it ``self.depth`` is neither read nor written.
+
+        Raises
+        ------
+        ValueError
+            If a point, a colour, a name or a depth is not as said.
+        """
+        names = (("a", a), ("b", b), ("c", c))
+        vertices = np.stack(
+            [_whole_array(name, point, (2,), *SHAPE_RANGE) for name, point in names]
+        )
+        rgba = _vertex_colors("color", color)
+        bias = EDGE_RULES[one_of("edges", edges, tuple(EDGE_RULES))]
+        fill = FILL_METHODS[one_of("method", method, tuple(FILL_METHODS))]
+        if depth is None:
+            fill(self._pixels, NO_DEPTH, vertices, np.zeros(3), rgba, bias)
+        else:
+            vertex_depths = np.ascontiguousarray(finite_array("depth", depth, (3,)))
+            if np.abs(vertex_depths).max() > np.finfo(np.float32).max:
+                raise ValueError(f"depth must fit float32, got {vertex_depths.tolist()}")
+            fill(self._pixels, self._depth, vertices, vertex_depths, rgba, bias)
+
+    def draw_circle(self, center: Sequence[int], radius: int, color: ArrayLike) -> None:
+        """
+        Draw a circle by the midpoint algorithm, each pixel once.
+
+        Parameters
+        ----------
+        center : (x, y) ints in [-2**20, 2**20], pixels
+        radius : int in 0..2**20, pixels
+            0 is one pixel.
+        color : 3 or 4 ints in 0..255
+
+        Raises
+        ------
+        ValueError
+            If an argument is not as said.
+        """
+        x, y = _whole_array("center", center, (2,), *SHAPE_RANGE)
+        size = _whole_array("radius", radius, (), 0, primitives.MAX_COORDINATE)[()]
+        pixel = _one_color("color", color).view(np.uint32)[0]
+        primitives.draw_circle(self._pixels, x, y, size, np.int64(pixel))
+
+    def draw_bezier(
+        self,
+        points: ArrayLike,
+        color: ArrayLike,
+        end_color: ArrayLike | None = None,
+    ) -> None:
+        """
+        Draw a quadratic or cubic Bezier curve, both ends included.
+
+        Parameters
+        ----------
+        points : (3, 2) or (4, 2) floats in [-2**20, 2**20], pixels
+            Control points, x and y; whole numbers are pixel centres.
+        color, end_color : 3 or 4 ints in 0..255
+            At the start and at the end; in between they follow the curve's parameter. One colour
+            throughout if ``end_color`` is left out.
+
+        Raises
+        ------
+        ValueError
+            If an argument is not as said.
+        """
+        control = np.ascontiguousarray(finite_array("points", points, (None, 2)))
+        if len(control) not in (3, 4):
+            raise ValueError(f"points must be 3 or 4 control points, got {len(control)}")
+        if np.abs(control).max() > primitives.MAX_COORDINATE:
+            raise ValueError(
+                f"points must be at most {primitives.MAX_COORDINATE} in magnitude, got "
+                f"{np.abs(control).max()!r}"
+            )
+        colors = np.stack(_color_pair(color, end_color))
+        primitives.draw_bezier(self._pixels, control, colors)
+
+    def save(self, path: str | Path) -> None:
+        """
+        Write the colours to an image file.
+
+        Raises
+        ------
+        ValueError
+            If the folder does not exist or the extension is not that of a known image format.
+        """
+        from rasterjit.io.images import save_image
+
+        save_image(path, self._color)
+
+    def _draw_line_batch(self, ends: Any, colors: Any) -> None:
+        """Draw checked lines: (N, 4) end points and (N, 2, 4) colours."""
+        points = np.ascontiguousarray(ends, dtype=np.int64)
+        rgba = np.ascontiguousarray(colors, dtype=np.uint8)
+        if _is_little(points, max(self.width, self.height)):
+            lines.draw_lines(self._pixels, points, rgba)
+        else:
+            _draw_in_bands(self._pixels, points, rgba, self._workers)
+
+
+def _is_little(ends: NDArray[np.int64], most_steps: int) -> bool:
+    """Tell whether lines have few pixels, none of them more than ``most_steps`` that are seen."""
+    if len(ends) * most_steps <= FEW_PIXELS:
+        return True
+    steps = np.abs(ends[:, 2:] - ends[:, :2]).max(axis=1)
+    return int(np.minimum(steps, most_steps).sum()) <= FEW_PIXELS
+
+
+def _draw_in_bands(
+    pixels: NDArray[np.uint32],
+    ends: NDArray[np.int64],
+    colors: NDArray[np.uint8],
+    workers: Workers,
+) -> None:
+    """Draw (N, 4) end points and (N, 2, 4) colours, one band of rows after or beside the other."""
+    height, width = pixels.shape
+    rows = _rows_per_band(height, width, workers.threads)
+    tops = range(0, height, rows)
+    band_of_row = np.arange(height, dtype=np.int32) // np.int32(rows)
+    packed_colors = colors.view(np.int32).reshape(-1, 2)
+    lines_per_batch = RECORDS_PER_BATCH // len(tops)
+    for batch in range(0, len(ends), lines_per_batch):
+        batch_end = min(batch + lines_per_batch, len(ends))
+        parts = [
+            slice(first, min(first + LINES_PER_TASK, batch_end))
+            for first in range(batch, batch_end, LINES_PER_TASK)
+        ]
+        bins = workers.run(
+            _bin_lines,
+            [(ends[part], packed_colors[part], band_of_row, width, len(tops)) for part in parts],
+        )
+        workers.run(
+            _draw_band,
+            [
+                (
+                    pixels[top : top + rows],
+                    top,
+                    [records[starts[k] : starts[k + 1]] for starts, records in bins],
+                )
+                for k, top in enumerate(tops)
+            ],
+        )
+
+
+def _bin_lines(
+    ends: NDArray[np.int64],
+    colors: NDArray[np.int32],
+    band_of_row: NDArray[np.int32],
+    width: int,
+    bands: int,
+) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
+    """Return where each band's lines begin in a list, (bands + 1,), and the list."""
+    counts = np.zeros(bands, np.int64)
+    line_bands.count_lines(ends, band_of_row, width, counts)
+    starts = np.concatenate(([0], np.cumsum(counts)))
+    records = np.empty((starts[-1], line_bands.RECORD), np.int32)
+    line_bands.list_lines(ends, colors, band_of_row, width, starts[:-1].copy(), records)
+    return starts, records
+
+
+def _rows_per_band(height: int, width: int, threads: int) -> int:
+    """Return how many rows a band has: a cache full, but fewer to give every thread two bands."""
+    rows = BAND_BYTES // (4 * width)
+    if threads > 1:
+        rows = min(rows, -(-height // (2 * threads)))
+    return max(rows, -(-height // MOST_BANDS), LEAST_ROWS)
+
+
+def _draw_band(
+    band_pixels: NDArray[np.uint32], top: int, lists: Sequence[NDArray[np.int32]]
+) -> None:
+    """Draw lists of binned lines into the rows of one band, which begins at row ``top``."""
+    scratch = line_bands.scratch_memory()
+    for records in lists:
+        line = 0
+        while line < len(records):
+            line = line_bands.draw_short_lines(band_pixels, top, records, line, scratch)
+            if line < len(records):
+                line = line_bands.draw_long_lines(band_pixels, top, records, line)
+
+
+def _whole_array(
+    name: str, value: ArrayLike, shape: tuple[int | None, ...], low: int, high: int
+) -> NDArray[np.int64]:
+    """Return whole numbers in low..high as a contiguous int64 array, or raise ``ValueError``."""
+    if _is_whole_array(value, shape, low, high):
+        return np.require(value, np.int64, ["C", "ALIGNED", "WRITEABLE", "ENSUREARRAY"])
+    numbers = finite_array(name, value, shape)
+    wrong = (numbers != np.floor(numbers)) | (numbers < low) | (numbers > high)
+    if wrong.any():
+        raise ValueError(
+            f"{name} must be whole numbers in {low}..{high}, got {numbers[wrong].flat[0]!r}"
+        )
+    return np.ascontiguousarray(numbers.astype(np.int64)).reshape(numbers.shape)
+
+
+def _is_whole_array(value: ArrayLike, shape: tuple[int | None, ...], low: int, high: int) -> bool:
+    """Return whether a value is an array of an integer dtype, a shape and a range."""
+    return (
+        isinstance(value, np.ndarray)
+        and value.dtype.kind in "iu"
+        and value.ndim == len(shape)
+        and all(want in (None, have) for have, want in zip(value.shape, shape, strict=True))
+        and (value.size == 0 or (value.min() >= low and value.max() <= high))
+    )
+
+
+def _whole_number(name: str, value: Any) -> int:
+    """Return a whole number of any size as an int, or raise ``ValueError``."""
+    try:
+        whole = int(value)
+        exact = whole == value
+    except (TypeError, ValueError, OverflowError):
+        exact = False
+    if not exact:
+        raise ValueError(f"{name} must be a whole number, got {value!r}")
+    return whole
+
+
+def _colors(name: str, value: ArrayLike) -> NDArray[np.uint8]:
+    """Return colours of 3 or 4 channels as RGBA, in any number of axes before the last."""
+    try:
+        channels = np.asarray(value)
+        if channels.dtype == np.uint8 and channels.ndim and channels.shape[-1] == 4:
+            return np.array(channels, order="C")
+        if channels.dtype.kind not in "uif":
+            raise TypeError
+        if channels.dtype != np.uint8:
+            channels = channels.astype(np.float64)
+    except (TypeError, ValueError):
+        raise ValueError(f"{name} must be 3 or 4 whole numbers in 0..255, got {value!r}") from None
+    whole = (channels >= 0) & (channels <= 255) & (channels == np.floor(channels))
+    if channels.ndim == 0 or channels.shape[-1] not in (3, 4) or not whole.all():
+        raise ValueError(f"{name} must be 3 or 4 whole numbers in 0..255, got {value!r}")
+    rgba = np.full((*channels.shape[:-1], 4), OPAQUE, np.uint8)
+    rgba[..., : channels.shape[-1]] = channels.astype(np.uint8)
+    return rgba
+
+
+def _one_color(name: str, value: ArrayLike) -> NDArray[np.uint8]:
+    """Return one colour as (4,) uint8, or raise ``ValueError``."""
+    rgba = _colors(name, value)
+    if rgba.ndim != 1:
+        raise ValueError(f"{name} must be one colour, got an array of shape {np.shape(value)}")
+    return rgba
+
+
+def _vertex_colors(name: str, value: ArrayLike) -> NDArray[np.uint8]:
+    """Return one colour for each of three vertices as (3, 4) uint8, or raise ``ValueError``."""
+    is_three = isinstance(value, (Sequence, np.ndarray)) and len(value) == 3
+    if is_three and all(isinstance(item, (Sequence, np.ndarray)) for item in value):
+        return np.stack([_one_color(name, item) for item in value])
+    return np.stack([_one_color(name, value)] * 3)
+
+
+def _color_pair(
+    color: ArrayLike, end_color: ArrayLike | None
+) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    """Return the colours of both ends; the end's is the start's if it is left out."""
+    start = _one_color("color", color)
+    return start, start if end_color is None else _one_color("end_color", end_color)

@@ -1,0 +1,196 @@
+"""The command ``rasterjit accuracy``: a study of a file or a made scene, and its report."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from rasterjit.accuracy import sentences, study
+from rasterjit.accuracy.calibration import calibrate
+from rasterjit.accuracy.ranking import is_timed
+from rasterjit.accuracy.report.files import (
+    CSV_NAME,
+    JSON_NAME,
+    can_make_page,
+    prepare_folder,
+)
+from rasterjit.accuracy.report.page import PAGE_NAME
+from rasterjit.accuracy.results import COMBINATIONS, Study, Trial
+from rasterjit.accuracy.scenes import make
+from rasterjit.accuracy.study import SIZE
+from rasterjit.cli.options import Effects, Look, View
+from rasterjit.cli.program import load_scene
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from rasterjit.accuracy.timing import Progress
+
+WIDE = 120
+"""Columns of a terminal that show PSNR and FLIP as well."""
+
+FILE_WIDTH = 140
+"""Columns where nobody's terminal sets the width."""
+
+
+def study_scene(
+    what: str | Path, view: View, look: Look, effects: Effects, options: dict[str, Any]
+) -> Study:
+    """
+    Study a scene, print what was found and write the report.
+
+    Parameters
+    ----------
+    what : str or Path
+        Name of a made scene, or a file.
+    view, look, effects : View, Look, Effects
+    options : dict
+        Those of the command: knobs, budget, output, size, threads and quiet.
+    """
+    quiet, output = options["quiet"], options["output"]
+    try:
+        prepare_folder(output)
+    except ValueError as error:
+        raise click.BadOptionUsage("--output", f"--output: {error}") from None
+    size, camera = options["size"] or SIZE, None
+    if isinstance(what, Path):
+        scene, name = load_scene(what, look, effects, quiet), what.name
+    else:
+        made, name = make(what), what
+        scene, camera, size = made.scene, made.camera, options["size"] or made.size
+        look.apply(scene)
+        effects.apply(scene)
+    camera = view.camera(scene, size) or camera
+    with _progress(quiet) as progress:
+        found = study(
+            scene, camera, size=size, knobs=options["knobs"], budget=options["budget"],
+            threads=options["threads"], progress=progress, output=output, name=name,
+        )  # fmt: skip
+    if not quiet:
+        _print(found, Path(output))
+    return found
+
+
+def calibrate_machine(threads: int | None, quiet: bool) -> None:
+    """Measure what qualities cost and buy on this machine, print it, and say where it is kept."""
+    from rich.table import Table
+
+    with _progress(quiet) as progress:
+        profile, path = calibrate(threads=threads, progress=progress)
+    if quiet:
+        return
+    title = f"Time and error over those of a standard frame, {profile.threads} threads"
+    table = Table(title=title, padding=(0, 1))
+    table.add_column("quality")
+    table.add_column("× time", justify="right")
+    table.add_column("× error", justify="right")
+    for step in profile.steps:
+        table.add_row(str(step.quality), f"{step.time:.2f}", f"{step.error:.3f}")
+    _console().print(table)
+    click.echo(f"wrote {path}")
+
+
+@contextmanager
+def _progress(quiet: bool) -> Iterator[Progress | None]:
+    """Give what shows progress on standard error, if somebody is looking."""
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+    console = Console(stderr=True)
+    if quiet or not console.is_terminal:
+        yield None
+        return
+    columns = TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn()
+    with Progress(*columns, console=console, transient=True) as bar:
+        task = bar.add_task("starting")
+
+        def show(text: str, done: int, count: int) -> None:
+            bar.update(task, description=text, completed=done, total=count)
+
+        yield show
+
+
+def _console() -> Console:
+    """Return where tables are printed; wide, where nobody's terminal sets the width."""
+    from rich.console import Console
+
+    console = Console(highlight=False, markup=False, emoji=False)
+    if console.is_terminal:
+        return console
+    return Console(width=FILE_WIDTH, highlight=False, markup=False, emoji=False)
+
+
+def _print(found: Study, folder: Path) -> None:
+    """Print the table, the sentences, what is missing from them, and the files."""
+    console = _console()
+    _print_table(found, console)
+    for sentence in sentences(found).values():
+        console.print(f"- {sentence}")
+    console.print()
+    console.print(f"Pareto front: {'; '.join(found.front)}")
+    for label, reason in found.impossible.items():
+        console.print(f"not possible: {label}: {reason}")
+    if found.left_out:
+        why = "interrupted" if found.interrupted else "no time left"
+        console.print(f"left out ({why}): {'; '.join(found.left_out)}")
+    names = [JSON_NAME, CSV_NAME, *([PAGE_NAME] if can_make_page() else [])]
+    for name in names:
+        click.echo(f"wrote {folder / name}")
+    if not can_make_page():
+        click.echo(f'no {PAGE_NAME}: its plots need matplotlib; pip install "rasterjit[accuracy]"')
+
+
+def _print_table(found: Study, console: Console) -> None:
+    """Print time and error of each trial."""
+    from rich import box
+    from rich.table import Table
+
+    is_wide = console.width >= WIDE
+    names = ["ms", "× standard", "rmse", *(["PSNR", "FLIP"] if is_wide else []), "wrong px"]
+    table = Table("setting", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
+    table.add_column("level", min_width=10)
+    for name in names:
+        table.add_column(name, justify="right", no_wrap=True)
+    table.add_column("dominated by")
+    last = None
+    for trial in (found.standard, *found.trials):
+        cells = _cells(trial, found)
+        shown = {name: cells[name] for name in ("level", *names, "dominated by")}
+        if trial.setting != last:
+            table.add_section()
+        table.add_row(trial.setting if trial.setting != last else "", *shown.values())
+        last = trial.setting
+    width, height = found.size
+    console.print(
+        f"{found.scene}, {width} x {height} pixels, {found.threads} threads; times are medians of "
+        f"{max(found.rounds, 1)} rounds (fewer of slow frames) ± half of what lies between the "
+        "quartiles (? of fewer than 3 rounds); * on the Pareto front of the medians"
+    )
+    console.print(table)
+
+
+def _cells(trial: Trial, found: Study) -> dict[str, str]:
+    """Return what a row of the table may show."""
+    errors, (low, high) = trial.errors, trial.spread
+    spread = f"{(high - low) / 2.0:.2f}" if is_timed(trial) else "?"
+    return {
+        "level": trial.level + (" *" if trial.label in found.front else ""),
+        "ms": f"{1e3 * trial.median:.2f}",
+        "× standard": f"{trial.ratio:.2f} ±{spread}",
+        "rmse": f"{errors.rmse:.2e}",
+        "PSNR": f"{errors.psnr:.1f}",
+        "FLIP": "-" if errors.flip is None else f"{errors.flip:.4f}",
+        "wrong px": f"{errors.wrong_faces:,}",
+        "dominated by": short(trial.dominated_by, trial.setting),
+    }
+
+
+def short(label: str | None, setting: str) -> str:
+    """Return a label without the setting that its row names already."""
+    if label is None or setting == COMBINATIONS:
+        return label or ""
+    return label.removeprefix(f"{setting}=")

@@ -1,0 +1,491 @@
+"""
+The command line: ``rasterjit render | turntable | view | dataset | explain | accuracy | warmup |
+doctor``.
+
+What is slow to import is imported by the command that needs it.
+
+The command ``rasterjit view``.
+"""
+
+from __future__ import annotations
+
+import gc
+import time
+from pathlib import Path
+from typing import Any
+
+import click
+
+from rasterjit.cli.dataset import dataset_options
+from rasterjit.cli.options import (
+    OUTPUTS_HELP,
+    Effects,
+    FiniteType,
+    KnobsType,
+    Look,
+    MadeSceneType,
+    OutputsType,
+    PixelType,
+    PlaceType,
+    SizeType,
+    View,
+    add_options,
+    effect_options,
+    gather,
+    look_options,
+    view_options,
+)
+from rasterjit.cli.program import (
+    INTERRUPTED,
+    OWN_PROCESS,
+    Program,
+    background_option,
+    cull_option,
+    debug_option,
+    file_argument,
+    is_opaque,
+    load_scene,
+    plan_files,
+    quiet_option,
+    size_option,
+    threads_option,
+    warn,
+    write_files,
+)
+from rasterjit.cli.report import (
+    compile_notice,
+    print_diagnostics,
+    print_measurement,
+    print_stats,
+    progress_bar,
+    shows_anything,
+    status,
+    with_progress,
+)
+from rasterjit.scene.quality import LEVELS
+
+GARBAGE_THRESHOLD = 100_000
+"""Objects made between two looks for garbage; Python's own is 700."""
+
+BACKENDS = ("auto", "window", "browser", "terminal")
+
+
+@click.group(
+    cls=Program,
+    invoke_without_command=True,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+@click.option("--version", is_flag=True, help="Show the version.")
+@debug_option
+@click.pass_context
+def program(context: click.Context, version: bool) -> None:
+    """Render meshes to pictures and exact ground-truth buffers on a CPU."""
+    if version:
+        from rasterjit import __version__
+
+        click.echo(f"rasterjit {__version__}")
+        context.exit()
+    if context.invoked_subcommand is None:
+        click.echo(context.get_help())
+
+
+@program.command()
+@file_argument
+@click.option(
+    "-o", "--output", type=PlaceType("image"), required=True, metavar="OUT",
+    help="Picture to write (.png, .jpg, .webp, .tif ...), or .npz or .exr for every output in one "
+    "file.",
+)  # fmt: skip
+@size_option("1280x720")
+@view_options
+@background_option
+@look_options
+@effect_options
+@cull_option
+@click.option(
+    "--outputs", type=OutputsType(), default="color", show_default=True, metavar="NAMES",
+    help=OUTPUTS_HELP + " Beside a picture, all but the colour go to OUT with the suffix .npz; one "
+    "alone, but the colour, is a 16-bit .png where OUT is.",
+)  # fmt: skip
+@click.option(
+    "--depth", "depth_file", type=PlaceType("depth"), metavar="FILE",
+    help="Write the depth as well: .exr (float32), .png (16 bits), .npy or .npz.",
+)  # fmt: skip
+@click.option(
+    "--depth-scale", type=click.FloatRange(0.0, min_open=True), default=1000.0, show_default=True,
+    help="What depth is multiplied by in a 16-bit .png.",
+)  # fmt: skip
+@click.option(
+    "--diagnose", is_flag=True,
+    help="Print what became of every face, exactly, and how precise the numbers are.",
+)  # fmt: skip
+@threads_option
+@quiet_option
+@debug_option
+def render(
+    file: Path,
+    output: Path,
+    size: tuple[int, int],
+    background: str | None,
+    cull: str,
+    outputs: tuple[str, ...],
+    depth_file: Path | None,
+    depth_scale: float,
+    diagnose: bool,
+    threads: int | None,
+    quiet: bool,
+    **rest: Any,
+) -> None:
+    """
+    Render FILE, any mesh file that trimesh reads, to a picture.
+
+    Without options for the camera it is the file's own, or one that fits the whole scene into
+    the picture.
+    """
+    view, look, effects = (gather(kind, rest) for kind in (View, Look, Effects))
+    view.check()
+    if output.suffix.lower() in (".jpg", ".jpeg", ".bmp") and not is_opaque(background):
+        raise click.BadOptionUsage(
+            "--background", f"--background: {output.suffix} cannot be transparent; choose .png"
+        )
+    wanted, places = plan_files(output, outputs, depth_file)
+    from rasterjit.cli.warmup import usual_stages
+    from rasterjit.rendering.renderer import render as render_frame
+    from rasterjit.runtime.ahead import beside
+
+    start = time.perf_counter()
+    options = {"outputs": wanted, "background": background, "cull": cull}
+    quality = effects.quality()
+    with (
+        status(f"Rendering {file.name}", quiet) as shown,
+        compile_notice(quiet, shown),
+        beside(usual_stages(), threads),
+    ):
+        scene = load_scene(file, look, effects, quiet)
+        camera = view.camera(scene, size)
+        loaded = time.perf_counter()
+        frame = render_frame(
+            scene, camera, size=size, quality=quality, diagnose=diagnose, threads=threads,
+            **options,
+        )  # fmt: skip
+        rendered = time.perf_counter()
+        write_files(frame, places, depth_scale)
+    saved = time.perf_counter()
+    if not shows_anything(frame):
+        warn("nothing is in view: the picture shows only the background", quiet)
+    if not quiet:
+        seconds = {"load": loaded - start, **frame.stats.seconds, "save": saved - rendered}
+        print_stats(frame, seconds, saved - start)
+        if diagnose:
+            print_diagnostics(frame.diagnostics)
+        for place in places:
+            click.echo(f"wrote {place}")
+
+
+@program.command()
+@file_argument
+@click.option(
+    "-o", "--output", type=PlaceType("animation"), required=True, metavar="OUT",
+    help="Animation to write: .gif; .mp4, .webp or .apng (need rasterjit[video]).",
+)  # fmt: skip
+@click.option(
+    "--frames", type=click.IntRange(1, 3600), default=36, show_default=True,
+    help="Number of frames in one turn.",
+)  # fmt: skip
+@click.option("--fps", type=click.IntRange(1, 120), default=24, show_default=True,
+              help="Frames a second.")  # fmt: skip
+@size_option("640x480")
+@view_options(orbit=True)
+@background_option
+@look_options
+@effect_options
+@cull_option
+@threads_option
+@quiet_option
+@debug_option
+def turntable(
+    file: Path,
+    output: Path,
+    frames: int,
+    fps: int,
+    size: tuple[int, int],
+    background: str | None,
+    cull: str,
+    threads: int | None,
+    quiet: bool,
+    **rest: Any,
+) -> None:
+    """Render FILE from a camera that goes once around it, to an animation."""
+    from rasterjit.animation import playing
+    from rasterjit.animation.video import check_animation
+    from rasterjit.rendering.renderer import Renderer
+
+    view, look, effects = (gather(kind, rest) for kind in (View, Look, Effects))
+    check_animation(output, size, fps, is_opaque(background))
+    start = time.perf_counter()
+    scene = load_scene(file, look, effects, quiet)
+    with (
+        compile_notice(quiet),
+        Renderer(size, quality=effects.quality(), threads=threads) as renderer,
+    ):
+        times = [number / frames for number in range(frames)]
+        turning = playing.frames(
+            renderer, scene, times, camera=view.turn(scene, size), background=background, cull=cull
+        )
+        playing.save(with_progress(turning, frames, "Rendering", quiet), output, fps=fps)
+    if not quiet:
+        click.echo(f"wrote {output}: {frames} frames in {time.perf_counter() - start:.1f} s")
+
+
+@program.command()
+@dataset_options
+@quiet_option
+@debug_option
+def dataset(**options: Any) -> None:
+    """
+    Render every mesh file below FOLDER from all sides, with the cameras as NeRF wants them.
+
+    Each mesh gets a folder of its name in OUT, with pictures and a transforms.json. What is
+    interrupted goes on where it stopped when it is run again. Files that cannot be read are left
+    out and listed in failures.json.
+    """
+    from rasterjit.cli.dataset import make_dataset
+
+    make_dataset(**options)
+
+
+def show_options(command: Any) -> Any:
+    """Add the options of where and how it is shown."""
+    return add_options(
+        [
+            click.option("--backend", type=click.Choice(BACKENDS), default="auto",
+                         show_default=True,
+                         help="Where it is shown; auto: a window if there is a display, else a "
+                         "page for the browser."),
+            click.option("--host", default="127.0.0.1", show_default=True,
+                         help="Where the page is served: by default where only this machine "
+                         "reaches it."),
+            click.option("--port", type=click.IntRange(0, 65535), default=8765, show_default=True,
+                         help="Of the page; 0 takes any that is free."),
+            click.option("--size", type=SizeType(), default="960x720", show_default=True,
+                         metavar="WxH", help="Size of the window, pixels."),
+            click.option("--time-budget", type=FiniteType(0.0, min_open=True), default=0.02,
+                         show_default=True, metavar="SECONDS",
+                         help="For a picture while something moves: the best quality that is "
+                         "drawn in it, or the fastest; a draft until that is known."),
+        ],
+        command,
+    )  # fmt: skip
+
+
+@program.command()
+@file_argument
+@show_options
+@view_options
+@background_option
+@look_options
+@effect_options(quality=False)
+@cull_option
+@threads_option
+@quiet_option
+@debug_option
+def view(file: Path, **options: Any) -> None:
+    """Show FILE and let mouse and keys move the camera; H tells how."""
+    view_file(file, options)
+
+
+@program.command()
+@file_argument
+@size_option("1280x720")
+@view_options
+@background_option
+@look_options
+@effect_options
+@cull_option
+@click.option("--outputs", type=OutputsType(), default="color", show_default=True,
+              metavar="NAMES", help=OUTPUTS_HELP)  # fmt: skip
+@click.option("--pixel", type=PixelType(),
+              help="Say instead what happens at this column and row, step by step.")  # fmt: skip
+@click.option("--measure", is_flag=True,
+              help="Render it, too, and say what each stage and each effect costs. Whatever is "
+              "tried is compiled first: minutes, the first time.")  # fmt: skip
+@threads_option
+@debug_option
+def explain(
+    file: Path,
+    size: tuple[int, int],
+    background: str | None,
+    cull: str,
+    outputs: tuple[str, ...],
+    pixel: tuple[int, int] | None,
+    measure: bool,
+    threads: int | None,
+    **rest: Any,
+) -> None:
+    """Say what rendering FILE would do, without doing it; or what happens at one pixel."""
+    view, look, effects = (gather(kind, rest) for kind in (View, Look, Effects))
+    view.check()
+    if pixel is not None and not (pixel[0] < size[0] and pixel[1] < size[1]):
+        raise click.BadOptionUsage(
+            "--pixel", f"--pixel: {pixel[0]},{pixel[1]} is not in the picture"
+        )
+    if pixel is not None and measure:
+        raise click.BadOptionUsage("--measure", "--measure: one pixel has no cost of its own")
+    from rasterjit.inspect.pixel import explain_pixel
+    from rasterjit.rendering.plan import describe as describe_plan
+    from rasterjit.rendering.renderer import explain as plan_of
+
+    scene = load_scene(file, look, effects, quiet=False)
+    camera = view.camera(scene, size)
+    if pixel is not None:
+        with compile_notice(quiet=False):
+            told = explain_pixel(
+                scene, camera, size, *pixel, quality=effects.quality(), background=background,
+                cull=cull,
+            )  # fmt: skip
+        click.echo(str(told))
+        return
+    options = {"size": size, "outputs": outputs, "background": background, "cull": cull}
+    options["quality"] = effects.quality()
+    click.echo(describe_plan(plan_of(scene, camera, **options)))
+    if measure:
+        from rasterjit.inspect.measure import measure as measure_frame
+
+        with (
+            status(f"Measuring {file.name} (what is new is compiled first)", quiet=False),
+            compile_notice(quiet=False),
+        ):
+            measured = measure_frame(scene, camera, threads=threads, **options)
+        print_measurement(measured)
+
+
+@program.command()
+@click.argument("file", type=click.Path(path_type=Path), required=False)
+@click.option("--scene", "made", type=MadeSceneType(), metavar="NAME",
+              help="Instead of FILE, a scene made for some of the settings: floor, wires, "
+                   "slivers, near-and-far, far-from-origin, coplanar, highlights, shadows, glass, "
+                   "wireframe.")  # fmt: skip
+@click.option("--knobs", type=KnobsType(), metavar="NAMES",
+              help="Settings to try, separated by commas; default: all: "
+                   f"{', '.join(LEVELS)}.")  # fmt: skip
+@click.option("--budget", type=FiniteType(0.0, min_open=True), metavar="SECONDS",
+              help="Time that it may take, about, default 100; what there is no time for is "
+                   "left out and named.")  # fmt: skip
+@click.option("--calibrate", is_flag=True,
+              help="Measure this machine once, for time_budget and max_error: a minute, or "
+                   "three where kernels have to be compiled.")  # fmt: skip
+@click.option("-o", "--output", type=click.Path(path_type=Path), metavar="FOLDER",
+              help="Where the report is written; made if there is none.")  # fmt: skip
+@click.option("--size", type=SizeType(), metavar="WxH",
+              help="Size of the picture, pixels; default 640x480.")  # fmt: skip
+@view_options
+@look_options
+@effect_options(quality=False)
+@threads_option
+@quiet_option
+@debug_option
+@click.pass_context
+def accuracy(
+    context: click.Context, file: Path | None, made: str | None, calibrate: bool, **rest: Any
+) -> None:
+    """
+    Measure what each accuracy setting costs in time and buys in error.
+
+    Draws FILE with every level of every setting that matters to it, from the standard quality on,
+    and compares time and picture with those of the reference.
+    """
+    from rasterjit.cli.accuracy import calibrate_machine, study_scene
+
+    if calibrate:
+        if file is not None or made is not None or rest["output"] is not None:
+            raise click.UsageError("--calibrate draws scenes of its own and writes no report")
+        calibrate_machine(rest["threads"], rest["quiet"])
+        return
+    if (file is None) == (made is None):
+        raise click.UsageError("give either a FILE or --scene NAME")
+    if rest["output"] is None:
+        raise click.UsageError("Missing option '-o' / '--output'.")
+    view, look, effects = (gather(kind, rest) for kind in (View, Look, Effects))
+    view.check()
+    found = study_scene(made or file, view, look, effects, rest)
+    if found.interrupted:
+        context.exit(INTERRUPTED)
+
+
+@program.command()
+@quiet_option
+@debug_option
+def warmup(quiet: bool) -> None:
+    """Compile the usual kernels now (about a minute), so that no later run has to."""
+    from rasterjit.cli import warmup as ahead
+    from rasterjit.runtime import jit, store
+
+    if jit.DISABLED or jit.CHECKED:
+        variable = "NUMBA_DISABLE_JIT" if jit.DISABLED else "NUMBA_BOUNDSCHECK"
+        raise click.ClickException(f"nothing to compile: {variable} is set")
+    folder = store.folder()
+    if folder is None:
+        raise click.ClickException(f"no folder can keep kernels: set {store.FOLDER_VARIABLE}")
+    started = time.perf_counter()
+    with progress_bar("Compiling", quiet) as tell:
+        ahead.compile_all(tell)
+    if not quiet:
+        count = store.contents(folder).entries
+        click.echo(f"compiled or found all kernels in {time.perf_counter() - started:.1f} s")
+        click.echo(f"{count} entries in {folder}")
+
+
+@program.command()
+@debug_option
+def doctor() -> None:
+    """Show versions, CPU and cache, and check that rendering works."""
+    from rasterjit.cli.doctor import examine
+
+    healthy = True
+    with compile_notice(quiet=False):
+        for finding in examine():
+            mark = {True: "ok      ", False: "FAILED  ", None: "        "}[finding.passed]
+            click.echo(f"{mark}{finding.name:<22}{finding.text}")
+            healthy = healthy and finding.passed is not False
+    if not healthy:
+        raise click.ClickException("the self-check failed; see the lines marked FAILED")
+
+
+def main() -> None:
+    """Run the command line, in a process of its own."""
+    # Modules stay, so looking for garbage among them is in vain: a sixth of a short run.
+    gc.freeze()
+    gc.set_threshold(GARBAGE_THRESHOLD)
+    program.main(prog_name="rasterjit", obj=OWN_PROCESS)
+
+
+if __name__ == "__main__":
+    main()
+
+
+def view_file(file: Path, options: dict[str, Any]) -> None:
+    """
+    Show a file to who moves the camera, until the window is closed.
+
+    Parameters
+    ----------
+    file : Path
+    options : dict
+        Of the command line.
+    """
+    from rasterjit.viewer.show import show
+
+    view, look, effects = (gather(kind, options) for kind in (View, Look, Effects))
+    view.check()
+    scene = load_scene(file, look, effects, options["quiet"])
+    camera = view.camera(scene, options["size"])
+    try:
+        with compile_notice(options["quiet"]):
+            show(
+                scene, camera, backend=options["backend"], size=options["size"],
+                background=options["background"], cull=options["cull"],
+                up=view.up or (0.0, 1.0, 0.0), time_budget=options["time_budget"], title=file.name,
+                host=options["host"], port=options["port"], threads=options["threads"],
+            )  # fmt: skip
+    except ImportError as error:
+        raise click.ClickException(str(error)) from error

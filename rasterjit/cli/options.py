@@ -1,0 +1,553 @@
+"""Options that commands share: read them, check them, make camera, look and effects of them."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import os
+import re
+from abc import abstractmethod
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+
+import click
+
+from rasterjit.outputs.table import MOTION_OUTPUTS, OUTPUTS, check_outputs
+from rasterjit.scene.quality import LEVELS, PRESETS, Quality
+
+if TYPE_CHECKING:
+    from rasterjit.scene.camera import OrthographicCamera, PerspectiveCamera
+    from rasterjit.scene.scene import Scene
+
+    FittedCamera = PerspectiveCamera | OrthographicCamera
+
+Vector = tuple[float, float, float]
+Options = TypeVar("Options", bound=tuple)
+
+OUTPUTS_HELP = (
+    f"Comma-separated: {', '.join(name for name in OUTPUTS if name not in MOTION_OUTPUTS)}."
+)
+
+DEFAULT_DIRECTION = (0.6, 0.5, 1.0)
+"""From the scene towards the camera, for y up: that of ``fit_camera``."""
+DEFAULT_AZIMUTH, DEFAULT_ELEVATION = 31.0, 23.0
+"""The same in whole degrees, for when one of the two is given."""
+DEFAULT_FOV = 45.0
+
+CLEARANCE = 0.01
+"""Share of its distance by which the near plane of a placed camera is nearer than the scene."""
+
+NEAREST = 1e-4
+"""Least near plane of a camera inside the scene, as a share of the scene's size."""
+
+SAMPLES = tuple(str(level) for level in LEVELS["samples"])
+"""Choices of ``Quality.samples``."""
+
+SKY = "sky"
+"""What stands for the default gradient where a picture of the environment is asked for."""
+
+SUN_DIRECTION = (-0.6, -1.0, -0.5)
+SUN_INTENSITY = 0.9
+FILL_INTENSITY = 0.15
+"""The sun that casts shadows in a scene without lights, and the ambient light beside it."""
+
+
+class SizeType(click.ParamType):
+    """Width and height, ``640x480``."""
+
+    name = "size"
+
+    def convert(
+        self, value: Any, parameter: click.Parameter | None, context: click.Context | None
+    ) -> tuple[int, int]:
+        """Return (width, height), or raise click's usage error."""
+        from rasterjit.scene.validation import image_size
+
+        if isinstance(value, tuple):
+            return value
+        sides = re.fullmatch(r"([0-9]{1,9})x([0-9]{1,9})", value.strip().lower())
+        if sides is None:
+            self.fail(f"{value!r} is not WIDTHxHEIGHT, such as 1280x720", parameter, context)
+        try:
+            return image_size("size", (int(sides[1]), int(sides[2])))
+        except ValueError:
+            self.fail(f"{value!r}: both sides must be in 1..16384 pixels", parameter, context)
+
+
+class PixelType(click.ParamType):
+    """Column and row of a pixel, ``320,240``."""
+
+    name = "X,Y"
+
+    def convert(
+        self, value: Any, parameter: click.Parameter | None, context: click.Context | None
+    ) -> tuple[int, int]:
+        """Return (column, row), or raise click's usage error."""
+        if isinstance(value, tuple):
+            return value
+        place = re.fullmatch(r"([0-9]{1,9}),([0-9]{1,9})", value.replace(" ", ""))
+        if place is None:
+            self.fail(
+                f"{value!r} is not X,Y, a column and a row such as 320,240", parameter, context
+            )
+        return int(place[1]), int(place[2])
+
+
+class VectorType(click.ParamType):
+    """Three numbers, ``1,2.5,-3``."""
+
+    name = "X,Y,Z"
+
+    def convert(
+        self, value: Any, parameter: click.Parameter | None, context: click.Context | None
+    ) -> Vector:
+        """Return the three numbers, or raise click's usage error."""
+        if isinstance(value, tuple):
+            return value
+        try:
+            x, y, z = (float(part) for part in value.split(","))
+        except ValueError:
+            self.fail(f"{value!r} is not X,Y,Z, such as 1,2.5,-3", parameter, context)
+        if not all(map(math.isfinite, (x, y, z))):
+            self.fail(f"{value!r} must be finite", parameter, context)
+        return x, y, z
+
+
+class NumberType(click.types.FloatParamType):
+    """A number that is not infinite nor NaN."""
+
+    def convert(
+        self, value: Any, parameter: click.Parameter | None, context: click.Context | None
+    ) -> float:
+        """Return the number, or raise click's usage error."""
+        number = super().convert(value, parameter, context)
+        if not math.isfinite(number):
+            self.fail(f"{value!r} must be finite", parameter, context)
+        return number
+
+
+class FiniteType(NumberType, click.FloatRange):
+    """Such a number, in a range."""
+
+
+class ColorType(click.ParamType):
+    """A colour, checked but kept as it was written."""
+
+    name = "color"
+
+    def convert(
+        self, value: Any, parameter: click.Parameter | None, context: click.Context | None
+    ) -> str:
+        """Return the text, or raise click's usage error."""
+        from rasterjit.scene.color import linear_color
+
+        try:
+            linear_color("it", value)
+        except ValueError as error:
+            self.fail(str(error), parameter, context)
+        return value
+
+
+class NamesType(click.ParamType):
+    """Names between commas, each kind with a check of its own."""
+
+    name = "names"
+
+    def convert(
+        self, value: Any, parameter: click.Parameter | None, context: click.Context | None
+    ) -> tuple[str, ...]:
+        """Return the names, or raise click's usage error."""
+        if isinstance(value, tuple):
+            return value
+        try:
+            return self.check([name.strip() for name in value.split(",")])
+        except ValueError as error:
+            self.fail(str(error), parameter, context)
+
+    @abstractmethod
+    def check(self, names: list[str]) -> tuple[str, ...]:
+        """Return the names, or raise ``ValueError``."""
+
+
+class OutputsType(NamesType):
+    """Names of outputs, ``color,depth``."""
+
+    def check(self, names: list[str]) -> tuple[str, ...]:
+        """Return the names, or raise ``ValueError``."""
+        outputs = check_outputs(names)
+        for name in MOTION_OUTPUTS:
+            if name in outputs:
+                raise ValueError(
+                    f"{name} is found against an earlier view, which rasterjit.render takes"
+                )
+        return outputs
+
+
+class SettingType(click.ParamType):
+    """An accuracy setting and its level, ``samples=8``."""
+
+    name = "NAME=LEVEL"
+
+    def convert(
+        self, value: Any, parameter: click.Parameter | None, context: click.Context | None
+    ) -> dict[str, Any]:
+        """Return ``{name: level}``, or raise click's usage error."""
+        from rasterjit.scene.quality import parse_setting
+
+        if isinstance(value, dict):
+            return value
+        try:
+            return parse_setting(value)
+        except ValueError as error:
+            self.fail(str(error), parameter, context)
+
+
+class KnobsType(NamesType):
+    """Names of accuracy settings, ``samples,shading``."""
+
+    def check(self, names: list[str]) -> tuple[str, ...]:
+        """Return the names, or raise ``ValueError``."""
+        from rasterjit.accuracy.knobs import check_knobs
+
+        return check_knobs(names)
+
+
+class MadeSceneType(click.ParamType):
+    """The name of a scene that is made, not read."""
+
+    name = "name"
+
+    def convert(
+        self, value: Any, parameter: click.Parameter | None, context: click.Context | None
+    ) -> str:
+        """Return the name, or raise click's usage error."""
+        from rasterjit.accuracy.scenes import SCENES
+
+        if value not in SCENES:
+            self.fail(f"{value!r} is none of {', '.join(SCENES)}", parameter, context)
+        return value
+
+
+class PlaceType(click.ParamType):
+    """
+    A file to write: its format is known and its folder can be written to.
+
+    Parameters
+    ----------
+    kind : {"image", "depth", "animation"}
+    """
+
+    name = "file"
+
+    def __init__(self, kind: str) -> None:
+        self.kind = kind
+
+    def convert(
+        self, value: Any, parameter: click.Parameter | None, context: click.Context | None
+    ) -> Path:
+        """Return the path, or raise click's usage error."""
+        place, formats = Path(value), _formats(self.kind)
+        if place.suffix.lower() not in formats:
+            self.fail(f"{value!r} must end in one of {', '.join(formats)}", parameter, context)
+        if not place.parent.is_dir():
+            self.fail(f"the folder {str(place.parent)!r} does not exist", parameter, context)
+        if not os.access(place.parent, os.W_OK):
+            self.fail(f"the folder {str(place.parent)!r} is not writable", parameter, context)
+        if place.is_dir():
+            self.fail(f"{value!r} is a folder", parameter, context)
+        if place.suffix.lower() == ".exr" and not _has_openexr():
+            self.fail('.exr needs OpenEXR; pip install "rasterjit[exr]"', parameter, context)
+        return place
+
+
+def _formats(kind: str) -> tuple[str, ...]:
+    """Return the extensions of a kind of file."""
+    from rasterjit.animation import video
+    from rasterjit.io import images
+
+    return {
+        "image": (*images.IMAGE_FORMATS, ".npz", ".exr"),
+        "depth": images.DEPTH_FORMATS,
+        "animation": video.ANIMATION_FORMATS,
+    }[kind]
+
+
+def _has_openexr() -> bool:
+    """Tell whether the extra for EXR files is installed."""
+    import importlib.util
+
+    return importlib.util.find_spec("OpenEXR") is not None
+
+
+class Look(NamedTuple):
+    """Options that change the scene."""
+
+    on_invalid: str
+    shading: str | None
+    wireframe: str | None
+    wireframe_color: str | None
+
+    def apply(self, scene: Scene) -> None:
+        """Change the scene's materials and wireframe."""
+        from rasterjit.scene.scene import Wireframe
+
+        if self.shading is not None:
+            for mesh in {id(node.mesh): node.mesh for node in scene.nodes}.values():
+                mesh.material = dataclasses.replace(mesh.material, shading=self.shading)
+        if self.wireframe is not None or self.wireframe_color is not None:
+            scene.wireframe = Wireframe(
+                self.wireframe_color or "black", self.wireframe or "overlay"
+            )
+
+
+class View(NamedTuple):
+    """Options that place the camera."""
+
+    azimuth: float | None
+    elevation: float | None
+    zoom: float | None
+    fov: float | None
+    projection: str | None
+    up: Vector | None
+    position: Vector | None = None
+    target: Vector | None = None
+
+    def check(self) -> None:
+        """Raise click's usage error if options contradict each other."""
+        if self.position is None:
+            if self.target is not None:
+                raise click.UsageError("--target needs --position")
+        elif self.azimuth is not None or self.elevation is not None:
+            raise click.UsageError("--position excludes --azimuth and --elevation")
+        if self.projection == "orthographic" and self.fov is not None:
+            raise click.UsageError("--fov is for --projection perspective; use --zoom")
+        if self.up == (0.0, 0.0, 0.0):
+            raise click.UsageError("--up must not be 0,0,0")
+
+    def camera(self, scene: Scene, size: tuple[int, int]) -> FittedCamera | None:
+        """Return the camera; ``None``, for the renderer to choose, if no option was given."""
+        if all(option is None for option in self):
+            return None
+        if self.position is not None:
+            return self._placed(scene, size)
+        if self.azimuth is None and self.elevation is None:
+            return self._fit(scene, size)
+        return self.turn(scene, size)(0.0)
+
+    def turn(self, scene: Scene, size: tuple[int, int]) -> Callable[[float], FittedCamera]:
+        """Return the camera of one turn as a function of its share, 0..1; it is always fitted."""
+        from rasterjit.animation.tracks import turntable
+
+        return turntable(
+            scene,
+            azimuth=DEFAULT_AZIMUTH if self.azimuth is None else self.azimuth,
+            elevation=DEFAULT_ELEVATION if self.elevation is None else self.elevation,
+            **self._fitting(size),
+        )
+
+    def _fitting(self, size: tuple[int, int]) -> dict[str, Any]:
+        """Return what cameras that fit the scene have in common."""
+        return {
+            "fov_y": DEFAULT_FOV if self.fov is None else self.fov,
+            "up": self.up or (0.0, 1.0, 0.0),
+            "zoom": 1.0 if self.zoom is None else self.zoom,
+            "projection": self.projection or "perspective",
+            "aspect": size[0] / size[1],
+        }
+
+    def _fit(self, scene: Scene, size: tuple[int, int]) -> FittedCamera:
+        """Return the camera that fits the scene, seen from where it is seen by default."""
+        from rasterjit.scene import transforms
+        from rasterjit.scene.framing import fit_camera, frame_of
+
+        fitting = self._fitting(size)
+        frame = frame_of(fitting["up"])
+        fitting["up"] = transforms.apply(frame, (0.0, 1.0, 0.0))
+        return fit_camera(scene, transforms.apply(frame, DEFAULT_DIRECTION), **fitting)
+
+    def _placed(self, scene: Scene, size: tuple[int, int]) -> FittedCamera:
+        """Return the camera at ``position``, its near and far plane around the scene."""
+        import numpy as np
+
+        from rasterjit.scene.transforms import are_parallel
+
+        center, radius = scene.bounding_sphere()
+        fitted = self._fit(scene, size)
+        eye = np.array(self.position)
+        target = center if self.target is None else np.array(self.target)
+        up = self.up or (0.0, 1.0, 0.0)
+        if self.up is None and are_parallel(up, target - eye):
+            # Straight down or up: what is far in the default view is at the top.
+            up = (0.0, 0.0, math.copysign(1.0, target[1] - eye[1]))
+        x, y, z = (center - eye).tolist()
+        distance = math.sqrt(x * x + y * y + z * z)
+        if self.projection == "orthographic":
+            near, far = 0.0, (distance + radius) * (1.0 + CLEARANCE) or 1.0
+        else:
+            before_scene = (distance - radius) * (1.0 - CLEARANCE)
+            near, far = max(before_scene, distance * NEAREST, radius * NEAREST) or 1.0, math.inf
+        return dataclasses.replace(fitted, eye=eye, target=target, up=up, near=near, far=far)
+
+
+def gather(kind: type[Options], options: dict[str, Any]) -> Options:
+    """Return the options of a kind out of all those of a command."""
+    return kind(**{name: options[name] for name in kind._fields if name in options})
+
+
+def add_options(options: list[Callable], command: Callable) -> Callable:
+    """Decorate a command with options, in their order in the help."""
+    for option in reversed(options):
+        command = option(command)
+    return command
+
+
+def look_options(command: Callable) -> Callable:
+    """Add the options of `Look` to a command."""
+    modes = click.Choice(["unlit", "flat", "gouraud", "phong", "pbr"])
+    return add_options(
+        [
+            click.option("--shading", type=modes, help="Shade all objects this way."),
+            click.option("--wireframe", type=click.Choice(["overlay", "only"]),
+                         help="Draw the edges over the faces, or alone."),
+            click.option("--wireframe-color", type=ColorType(),
+                         help="As --background, opaque; black if not given. Alone, it overlays."),
+            click.option("--on-invalid", type=click.Choice(["raise", "drop"]), default="raise",
+                         show_default=True,
+                         help="Refuse a mesh with NaN or infinite vertices, or draw the rest."),
+        ],
+        command,
+    )  # fmt: skip
+
+
+def view_options(command: Callable | None = None, *, orbit: bool = False) -> Callable:
+    """Add the options of `View` to a command; with ``orbit`` those of a fitted camera only."""
+    if command is None:
+        return lambda command: view_options(command, orbit=orbit)
+    start = " of the first frame" if orbit else ""
+    placing = [] if orbit else [
+        click.option("--position", type=VectorType(), help="Where the camera is."),
+        click.option("--target", type=VectorType(),
+                     help="What it looks at; default: the middle of the scene."),
+    ]  # fmt: skip
+    fitting = [
+        click.option("--azimuth", metavar="DEG", type=NumberType(),
+                     help=f"Degrees around the scene{start}: 0 is +z, 90 is +x (z up: -y, +x)."),
+        click.option("--elevation", metavar="DEG", type=FiniteType(-90.0, 90.0),
+                     help="Degrees above the scene."),
+        click.option("--zoom", metavar="FACTOR", type=FiniteType(0.0, min_open=True),
+                     help="How many times bigger to show the scene."),
+        click.option("--fov", metavar="DEG",
+                     type=FiniteType(0.0, 180.0, min_open=True, max_open=True),
+                     help="Vertical field of view, degrees; default 45."),
+        click.option("--projection", type=click.Choice(["perspective", "orthographic"])),
+        click.option("--up", type=VectorType(), help="Which way is up; default 0,1,0."),
+    ]  # fmt: skip
+    return add_options(placing + fitting, command)
+
+
+class Effects(NamedTuple):
+    """Options that add effects."""
+
+    shadows: bool
+    environment: str | None
+    ambient_occlusion: bool
+    outline: str | None
+    tone_map: str | None
+    exposure: float | None
+    vignette: float | None = None
+    samples: str | None = None
+    preset: str = "standard"
+    changes: tuple[dict[str, Any], ...] = ()
+
+    def quality(self) -> Quality:
+        """Return the quality that was asked for, or raise click's usage error."""
+        changed: dict[str, Any] = {}
+        if self.samples is not None:
+            changed["samples"] = self.samples if self.samples == "area" else int(self.samples)
+        for change in self.changes:
+            for name, level in change.items():
+                if changed.setdefault(name, level) != level:
+                    raise click.UsageError(f"{name} is given twice: {changed[name]} and {level}")
+        try:
+            return dataclasses.replace(PRESETS[self.preset](), **changed)
+        except ValueError as error:
+            raise click.UsageError(str(error)) from None
+
+    def apply(self, scene: Scene) -> None:
+        """Add the effects to a scene."""
+        from rasterjit.scene.ambient_occlusion import AmbientOcclusion
+        from rasterjit.scene.environment import Environment
+        from rasterjit.scene.outline import Outline
+        from rasterjit.scene.tone_map import ToneMap
+        from rasterjit.scene.vignette import Vignette
+
+        if self.environment is not None:
+            is_sky = self.environment == SKY
+            scene.environment = (
+                Environment.gradient() if is_sky else Environment.from_file(self.environment)
+            )
+        if self.shadows:
+            _cast_shadows(scene)
+        if self.ambient_occlusion:
+            scene.ambient_occlusion = AmbientOcclusion()
+        if self.outline is not None:
+            scene.outline = Outline(self.outline)
+        if self.tone_map is not None or self.exposure is not None:
+            scene.tone_map = ToneMap(self.tone_map or "none", self.exposure or 0.0)
+        if self.vignette is not None:
+            scene.vignette = Vignette(self.vignette)
+
+
+def _cast_shadows(scene: Scene) -> None:
+    """Let all lights but ambient ones cast shadows; a scene without any gets a sun."""
+    from rasterjit.scene.light import AmbientLight, DirectionalLight, Shadow
+
+    if all(isinstance(light, AmbientLight) for light in scene.lights):
+        if not scene.lights and scene.environment is None:
+            scene.lights.append(AmbientLight(intensity=FILL_INTENSITY))
+        scene.lights.append(DirectionalLight(SUN_DIRECTION, intensity=SUN_INTENSITY))
+    scene.lights = [
+        light
+        if isinstance(light, AmbientLight) or light.shadow is not None
+        else dataclasses.replace(light, shadow=Shadow())
+        for light in scene.lights
+    ]
+
+
+def quality_options(command: Callable) -> Callable:
+    """Add the options of `Effects` to a command that say how accurately to render."""
+    settings = [
+        click.option("--quality", "preset", type=click.Choice(tuple(PRESETS)), default="standard",
+                     show_default=True, help="How accurately to render."),
+        click.option("--set", "changes", type=SettingType(), multiple=True,
+                     help="Change one accuracy setting, as shadow_size=2048; may be repeated."),
+        click.option("--samples", type=click.Choice(SAMPLES),
+                     help="Samples of each pixel against jagged edges; area is exact, slow. "
+                          "Short for --set samples=..."),
+    ]  # fmt: skip
+    return add_options(settings, command)
+
+
+def effect_options(command: Callable | None = None, *, quality: bool = True) -> Callable:
+    """Add the options of `Effects` to a command, perhaps without those of quality."""
+    if command is None:
+        return lambda command: effect_options(command, quality=quality)
+    command = add_options(
+        [
+            click.option("--shadows", is_flag=True,
+                         help="Let the lights cast shadows; without lights, a sun."),
+            click.option("--environment", metavar="FILE|sky",
+                         help="Light from all around: an equirectangular picture, or a sky."),
+            click.option("--ambient-occlusion", is_flag=True, help="Dim ambient light in corners."),
+            click.option("--outline", type=ColorType(), help="Draw outlines in this colour."),
+            click.option("--tone-map", type=click.Choice(["none", "reinhard", "aces", "neutral"]),
+                         help="Curve from light to what the screen shows."),
+            click.option("--exposure", metavar="STOPS", type=FiniteType(-32.0, 32.0),
+                         help="Doublings of the light before the curve."),
+            click.option("--vignette", metavar="SHARE", type=FiniteType(0.0, 1.0),
+                         help="Darken the corners by this share of their light."),
+        ],
+        command,
+    )  # fmt: skip
+    return quality_options(command) if quality else command

@@ -1,0 +1,213 @@
+"""
+What all commands share: how they end, and options that most of them have.
+
+Exit status: 0 done, 1 failed, 2 wrong usage, 130 interrupted. Errors are one line on standard
+error.
+
+Read the file that a command is given, and write those that it makes.
+"""
+
+from __future__ import annotations
+
+import sys
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from rasterjit.cli.options import ColorType, Effects, Look, SizeType
+
+if TYPE_CHECKING:
+    from rasterjit.outputs.frame import Frame
+    from rasterjit.scene.scene import Scene
+
+INTERRUPTED = 130
+"""Exit status after Ctrl-C; the others are click's: 1 failed, 2 wrong usage."""
+
+DEBUG = "rasterjit.debug"
+"""Key of the flag in click's context."""
+
+OWN_PROCESS = "own process"
+"""The object of click's context where the process runs one command and ends."""
+
+GRAPHLESS_FORMATS = (".obj", ".ply", ".stl", ".off")
+"""Files that hold no scene graph."""
+
+
+class Program(click.Group):
+    """A group of commands whose errors are one line."""
+
+    def main(self, *arguments: Any, standalone_mode: bool = True, **extra: Any) -> Any:
+        """Run; print an error as one line and end with its status."""
+        if not standalone_mode:
+            return super().main(*arguments, standalone_mode=False, **extra)
+        try:
+            code = super().main(*arguments, standalone_mode=False, **extra)
+        except click.ClickException as error:
+            _say_error(error.format_message())
+            code = error.exit_code
+        except click.Abort:
+            _say_error("interrupted")
+            code = INTERRUPTED
+        sys.exit(code or 0)
+
+    def invoke(self, context: click.Context) -> Any:
+        """Run the command; what it raises becomes a `click.ClickException`, save for --debug."""
+        try:
+            return super().invoke(context)
+        except (click.ClickException, click.exceptions.Exit, click.Abort, BrokenPipeError):
+            raise
+        except Exception as error:
+            if context.meta.get(DEBUG):
+                raise
+            raise click.ClickException(describe(error)) from error
+
+
+def describe(error: Exception) -> str:
+    """Return what went wrong, without a traceback."""
+    if isinstance(error, OSError) and error.strerror:
+        return f"{error.filename}: {error.strerror}" if error.filename else error.strerror
+    if isinstance(error, (ValueError, OSError)) and str(error):
+        return str(error)
+    if isinstance(error, ImportError) and "pip install" in str(error):
+        return str(error)
+    if isinstance(error, MemoryError):
+        return f"not enough memory: {error}" if str(error) else "not enough memory"
+    return f"{type(error).__name__}: {error} (--debug shows where)"
+
+
+def _say_error(message: str) -> None:
+    click.echo("error: " + " ".join(message.split()), err=True)
+
+
+def _set_debug(context: click.Context, parameter: click.Parameter, value: bool) -> None:
+    """Note the flag, wherever it stands on the line."""
+    if value:
+        context.meta[DEBUG] = True
+
+
+debug_option = click.option(
+    "--debug", is_flag=True, expose_value=False, callback=_set_debug,
+    help="Show the traceback of an error.",
+)  # fmt: skip
+quiet_option = click.option("-q", "--quiet", is_flag=True, help="Print nothing but errors.")
+threads_option = click.option(
+    "--threads", type=click.IntRange(1, 1024),
+    help="Number of threads; default: all processors. The picture is the same for any.",
+)  # fmt: skip
+background_option = click.option(
+    "--background", type=ColorType(),
+    help="A colour name, #rrggbb, #rrggbbaa or transparent; default: the environment, or white.",
+)  # fmt: skip
+cull_option = click.option(
+    "--cull", type=click.Choice(["none", "back", "front"]), default="none", show_default=True,
+    help="Faces to leave out. Counter-clockwise is the front.",
+)  # fmt: skip
+file_argument = click.argument("file", type=click.Path(path_type=Path))
+
+
+def size_option(default: str) -> Callable:
+    """Return the option ``--size``."""
+    return click.option(
+        "--size", type=SizeType(), default=default, show_default=True, metavar="WxH",
+        help="Size of the picture, pixels.",
+    )  # fmt: skip
+
+
+def warn(message: str, quiet: bool) -> None:
+    """Print a warning as one line on standard error."""
+    if not quiet:
+        click.echo("warning: " + " ".join(message.split()), err=True)
+
+
+def is_opaque(background: str | None) -> bool:
+    """Tell whether a background covers what is behind it."""
+    if background is None:
+        return True
+    from rasterjit.scene.color import linear_color
+
+    return bool(linear_color("background", background)[3] == 1.0)
+
+
+Places = dict[Path, tuple[str, ...] | str]
+"""What each file gets: outputs by name, or ``"picture"`` or ``"depth"``."""
+
+
+def plan_files(
+    output: Path, outputs: tuple[str, ...], depth_file: Path | None
+) -> tuple[tuple[str, ...], Places]:
+    """Return the outputs to render and the files to write, or raise click's usage error."""
+    wanted = dict.fromkeys(outputs)
+    places: Places = {}
+    suffix = output.suffix.lower()
+    if suffix == ".exr":
+        # It holds light, not codes.
+        wanted = dict.fromkeys("linear" if name == "color" else name for name in outputs)
+    if suffix in (".npz", ".exr") or (suffix == ".png" and _is_buffer(outputs)):
+        places[output] = tuple(wanted)
+    else:
+        wanted["color"] = None
+        places[output] = "picture"
+        others = tuple(name for name in wanted if name != "color")
+        if others:
+            places[output.with_suffix(".npz")] = others
+    if depth_file is not None:
+        if any(depth_file.absolute() == place.absolute() for place in places):
+            raise click.BadOptionUsage(
+                "--depth", f"--depth: {depth_file} is the file of another output"
+            )
+        wanted["depth"] = None
+        places[depth_file] = "depth"
+    return tuple(wanted), places
+
+
+def _is_buffer(outputs: tuple[str, ...]) -> bool:
+    """Tell whether one output is asked for that a 16-bit PNG can hold."""
+    return len(outputs) == 1 and outputs[0] not in ("color", "linear")
+
+
+def write_files(frame: Frame, places: Places, depth_scale: float) -> None:
+    """Write each file, whole or not at all."""
+    from rasterjit.io import images
+
+    for place, content in places.items():
+        if content == "picture":
+            images.save_image(place, frame.color)
+        elif content == "depth":
+            images.save_depth(place, frame.depth, scale=depth_scale)
+        else:
+            frame.save(place, content)
+
+
+def load_scene(file: Path, look: Look, effects: Effects, quiet: bool) -> Scene:
+    """Read a scene, apply look and effects, and print what reading warns of as lines."""
+    from rasterjit.io.meshes import load
+
+    if click.get_current_context().find_root().obj == OWN_PROCESS:
+        _import_trimesh_for(file)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("ignore")
+        warnings.simplefilter("always", UserWarning)
+        scene = load(file, on_invalid=look.on_invalid)
+    for warning in caught:
+        warn(str(warning.message), quiet)
+    look.apply(scene)
+    effects.apply(scene)
+    return scene
+
+
+def _import_trimesh_for(file: Path) -> None:
+    """
+    Import trimesh; without networkx, half of the time it takes, if the file needs none.
+
+    It stays without, so this is for a process that reads one file and ends.
+    """
+    if file.suffix.lower() not in GRAPHLESS_FORMATS or "networkx" in sys.modules:
+        return
+    sys.modules["networkx"] = None
+    try:
+        import trimesh  # noqa: F401
+    finally:
+        del sys.modules["networkx"]

@@ -1,0 +1,348 @@
+"""
+Scenes in matplotlib's axes.
+
+In flat axes a picture of the scene fills the axes. In 3-D axes the scene is seen with the axes' own
+projection, at its place in their coordinates, so that it fits their lines and points; those that
+are handed to `SceneArtist.hide` are hidden where a face is nearer.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rasterjit.io.meshes import as_scene
+from rasterjit.outputs.frame import Frame
+from rasterjit.rendering.renderer import Renderer, choose_camera, explain
+from rasterjit.scene import transforms
+from rasterjit.scene.camera import Camera, MatrixCamera
+from rasterjit.scene.framing import Ball
+from rasterjit.scene.quality import Quality
+from rasterjit.scene.scene import Scene
+
+try:
+    from matplotlib import artist
+    from matplotlib.axes import Axes
+    from matplotlib.backend_bases import RendererBase
+    from matplotlib.collections import PathCollection
+    from matplotlib.lines import Line2D
+    from matplotlib.transforms import Bbox, IdentityTransform
+    from mpl_toolkits.mplot3d import Axes3D
+    from mpl_toolkits.mplot3d.art3d import Line3D
+except ImportError as error:
+    raise ImportError(
+        f'pictures in axes need matplotlib: pip install "rasterjit[mpl]" ({error})'
+    ) from error
+
+DEPTH_MARGIN = 0.01
+"""Share of the scene's depth by which the near and far plane are farther apart than it."""
+
+LEAST_NEAR = 1e-4
+"""Nearest near plane, as a share of the distance of the farthest point."""
+
+BIAS = 2e-3
+"""Share of the scene's size by which a line may lie behind a face and still be seen: one that lies
+on it is."""
+
+STEP = 0.5
+"""Distance of the places where a line is compared with the depth, pixels."""
+
+ROUNDING = 1e-6
+"""How far sides that ought to be whole pixels may be off them."""
+
+LONGEST = 64
+"""Most places of a segment that are compared, in sides of the picture: it may reach far beside."""
+
+
+class SceneArtist(artist.Artist):
+    """
+    Draws a scene into axes, at their size in pixels: anew for each size, resolution and view.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes or mpl_toolkits.mplot3d.Axes3D
+        It adds itself to them. Limits of 3-D axes that were not set are widened to the scene.
+    what : Scene, Mesh, trimesh.Trimesh or trimesh.Scene
+        Not to be changed while it is shown.
+    camera : Camera, optional
+        For flat axes. Default: the scene's own, else one that fits the scene.
+    quality : Quality, optional
+        Default ``Quality.standard()`` with 8 samples.
+    background : color, optional
+        Default: ``"transparent"``: the axes show.
+    zorder : float
+        Below lines by default, above the panes and grids of 3-D axes.
+
+    Raises
+    ------
+    ValueError
+        Naming the argument that is wrong.
+
+    Notes
+    -----
+    Matplotlib draws one artist over the other; only what is handed to `hide` knows depth.
+    """
+
+    def __init__(
+        self,
+        axes: Axes,
+        what: Any,
+        camera: Camera | None = None,
+        *,
+        quality: Quality | None = None,
+        background: Any = "transparent",
+        zorder: float = 1.0,
+    ) -> None:
+        super().__init__()
+        if not isinstance(axes, Axes):
+            raise ValueError(f"axes must be matplotlib's Axes, got {type(axes).__name__}")
+        self.scene: Scene = as_scene(what)
+        self._is_spatial = isinstance(axes, Axes3D)
+        if self._is_spatial and camera is not None:
+            raise ValueError("camera must be None in 3-D axes, which have their own view")
+        if not self._is_spatial:
+            camera = (
+                self.scene.camera if camera is None else choose_camera(self.scene, camera, (1, 1))
+            )
+        self._camera, self._background = camera, background
+        self._quality = Quality(samples=8) if quality is None else quality
+        # What is wrong is said at once.
+        explain(self.scene, camera, self._quality, size=(1, 1), background=background)
+        self._ball = Ball.around(self.scene)
+        self._frames: dict[Any, Frame] = {}
+        self._own_draws: dict[Line3D | PathCollection, Callable[[RendererBase], None]] = {}
+        self.set_zorder(zorder)
+        axes.add_artist(self)
+        if self._is_spatial:
+            axes.auto_scale_xyz(*np.transpose(self.scene.bounds()))
+
+    def hide(self, *things: Line3D | PathCollection) -> None:
+        """
+        Hide lines and points of the same 3-D axes where a face of the scene is nearer.
+
+        Parameters
+        ----------
+        *things : Line3D or Path3DCollection
+            What ``Axes3D.plot`` and ``Axes3D.scatter`` return. From now on they are drawn with the
+            scene. Of a line, each visible piece has dashes of its own; of its markers and of
+            points, those are seen whose middle is.
+
+        Raises
+        ------
+        ValueError
+            If the axes are flat, or one is neither a line nor points of them.
+        """
+        if not self._is_spatial:
+            raise ValueError("things can be hidden in 3-D axes only")
+        for thing in things:
+            is_point = isinstance(thing, PathCollection) and hasattr(thing, "_offsets3d")
+            if not (isinstance(thing, Line3D) or is_point) or thing.axes is not self.axes:
+                raise ValueError(
+                    "things must be lines or points of the same 3-D axes, got "
+                    f"{type(thing).__name__}"
+                )
+        for thing in things:
+            if thing not in self._own_draws:
+                self._own_draws[thing] = thing.draw
+                # The axes do not draw it; legends still know it.
+                thing.draw = _draw_nothing
+        self.stale = True
+
+    def remove(self) -> None:
+        """Take it out of the axes; what it hid draws itself again."""
+        super().remove()
+        for thing, draw in self._own_draws.items():
+            thing.draw = draw
+        self._own_draws.clear()
+
+    def draw(self, renderer: RendererBase) -> None:
+        """Draw the scene and what it hides; if it is invisible, those alone, as they are."""
+        if not self.get_visible():
+            for _, draw in self._held():
+                draw(renderer)
+            return
+        box = self.axes.get_window_extent(renderer)
+        # Vector formats count in 1/72 inch; their pictures have the resolution asked for.
+        scale = renderer.get_image_magnification()
+        left, bottom = (math.floor(side * scale + ROUNDING) for side in (box.x0, box.y0))
+        right, top = (math.ceil(side * scale - ROUNDING) for side in (box.x1, box.y1))
+        size = max(right - left, 1), max(top - bottom, 1)
+        area = Bbox.from_bounds(left / scale, bottom / scale, size[0] / scale, size[1] / scale)
+        camera = self._camera_of(area) if self._is_spatial else self._camera
+        frame = self._render(camera, size)
+        context = renderer.new_gc()
+        self._set_gc_clip(context)
+        context.set_alpha(self.get_alpha())
+        renderer.draw_image(context, area.x0, area.y0, frame.color[::-1])
+        context.restore()
+        view = _View(camera, frame, area, BIAS * self._ball.radius) if self._own_draws else None
+        for thing, draw in self._held():
+            if isinstance(thing, Line3D):
+                self._draw_line(renderer, thing, view)
+            else:
+                _draw_points(renderer, thing, draw, view)
+        self.stale = False
+
+    def _held(self) -> Iterator[tuple[Line3D | PathCollection, Callable[[RendererBase], None]]]:
+        """Yield what is drawn with the scene, and how it draws itself, as far as it is there."""
+        for thing, draw in self._own_draws.items():
+            if thing.get_visible() and thing.axes is self.axes:
+                yield thing, draw
+
+    def _render(self, camera: Camera | None, size: tuple[int, int]) -> Frame:
+        """Return the frame of a view, that of the last one again if nothing changed."""
+        is_matrix = isinstance(camera, MatrixCamera)
+        seen = (camera.clip_from_view @ camera.view_from_world).tobytes() if is_matrix else camera
+        key = size, seen
+        if key not in self._frames:
+            with Renderer(size, quality=self._quality) as renderer:
+                frame = renderer.render(
+                    self.scene, camera, outputs=("color", "depth"), background=self._background
+                )
+            self._frames = {key: frame}
+        return self._frames[key]
+
+    def _camera_of(self, area: Bbox) -> MatrixCamera:
+        """Return the camera that maps the world onto an area of the canvas as the axes do."""
+        # Matplotlib's matrix leads to a plane that the data transform takes to the canvas.
+        projection = np.asarray(self.axes.get_proj(), dtype=np.float64)
+        corners = self.axes.transData.transform([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)])
+        ndc = 2.0 * (corners - (area.x0, area.y0)) / (area.width, area.height) - 1.0
+        clip = np.zeros((4, 4))
+        clip[:2] = (
+            np.outer(ndc[1] - ndc[0], projection[0])
+            + np.outer(ndc[2] - ndc[0], projection[1])
+            + np.outer(ndc[0], projection[3])
+        )
+        clip[3] = projection[3]
+        clip[2] = self._depth_row(projection)
+        view = _view_of(clip, self._ball.center)
+        return MatrixCamera(view, clip @ transforms.inverse(view))
+
+    def _depth_row(self, projection: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the row of clip z: from -1 before everything to 1 behind it."""
+        is_parallel = not projection[3, :3].any()
+        # What grows with the distance: w of a perspective, z of a parallel projection.
+        row = projection[2] / projection[3, 3] if is_parallel else projection[3]
+        middle = float(np.dot(row[:3], self._ball.center) + row[3])
+        reach = float(np.linalg.norm(row[:3])) * self._ball.radius * (1.0 + DEPTH_MARGIN)
+        near, far = middle - reach, middle + reach
+        if is_parallel:
+            scaled = (2.0 * row - np.array([0.0, 0.0, 0.0, near + far])) / (far - near)
+            return scaled * projection[3, 3]
+        near = max(near, LEAST_NEAR * far)
+        constant = np.array([0.0, 0.0, 0.0, 2.0 * near * far])
+        return ((far + near) * row - constant) / (far - near)
+
+    def _draw_line(self, renderer: RendererBase, line: Line3D, view: _View) -> None:
+        """Draw the pieces and the markers of a line that can be seen."""
+        points = np.stack(np.broadcast_arrays(*line.get_data_3d()), axis=-1).astype(np.float64)
+        seen = view.is_seen(points)
+        marks = view.places(points)[seen]
+        for places, hidden in ((view.seen_pieces(points), "marker"), (marks, "linestyle")):
+            shown = Line2D(*places.T)
+            shown.update_from(line)
+            shown.set(transform=IdentityTransform(), figure=self.figure, **{hidden: "None"})
+            shown.set(antialiased=line.get_antialiased(), clip_box=self.axes.bbox)
+            shown.draw(renderer)
+
+
+class _View(NamedTuple):
+    """How points of the world are seen in a picture on the canvas."""
+
+    camera: MatrixCamera
+    frame: Frame
+    area: Bbox
+    bias: float
+
+    def places(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return where points, (V, 3), are on the canvas, (V, 2), its units; NaN behind the eye."""
+        clip = self._clip(points)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ndc = np.where(clip[:, 3:] > 0.0, clip[:, :2] / clip[:, 3:], np.nan)
+        return self.area.min + 0.5 * (ndc + 1.0) * (self.area.width, self.area.height)
+
+    def is_seen(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Tell of points, (V, 3), which no face hides, (V,) bool; of those in the picture."""
+        height, width = self.frame.depth.shape
+        share = (self.places(points) - self.area.min) / (self.area.width, self.area.height)
+        with np.errstate(invalid="ignore"):
+            columns, rows = np.floor(share[:, 0] * width), np.floor((1.0 - share[:, 1]) * height)
+            inside = (columns >= 0) & (columns < width) & (rows >= 0) & (rows < height)
+        seen = np.zeros(len(points), dtype=bool)
+        surfaces = self.frame.depth[rows[inside].astype(int), columns[inside].astype(int)]
+        seen[inside] = self._depths(points[inside]) <= surfaces + self.bias
+        return seen
+
+    def seen_pieces(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the places of a polyline's visible pieces, (V, 2), with NaN between them."""
+        if len(points) < 2:
+            return np.empty((0, 2))
+        places = self.places(points)
+        pixels = np.linalg.norm(np.diff(places, axis=0), axis=1)
+        pixels *= self.frame.depth.shape[1] / self.area.width
+        longest = LONGEST * max(self.frame.depth.shape)
+        counts = np.clip(np.nan_to_num(pixels / STEP, nan=1.0), 1.0, longest).astype(int)
+        # Even on the canvas is not even in space; so near each other that makes no difference.
+        owners = np.repeat(np.arange(len(counts)), counts)
+        first = np.concatenate([[0], np.cumsum(counts)[:-1]])
+        share = (np.arange(len(owners)) - first[owners]) / counts[owners]
+        between = points[owners] + share[:, None] * np.diff(points, axis=0)[owners]
+        samples = np.concatenate([between, points[-1:]])
+        found = self.places(samples)
+        found[~self.is_seen(samples)] = np.nan
+        return found
+
+    def _clip(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return points in clip space, (V, 4)."""
+        matrix = self.camera.clip_from_view @ self.camera.view_from_world
+        return points @ matrix[:, :3].T + matrix[:, 3]
+
+    def _depths(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the depths of points as `Frame.depth` counts them."""
+        c0, c1, c2 = self.camera.depth_coefficients()
+        clip = self._clip(points)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            stored = (c0 + c1 * clip[:, 2] + c2 * clip[:, 3]) / clip[:, 3]
+        return self.camera.view_depth(stored)
+
+
+def _view_of(clip_from_world: NDArray[np.float64], center: ArrayLike) -> NDArray[np.float64]:
+    """Return ``view_from_world`` of who sees a centre so, z up: it tells where a headlight is."""
+    rows = clip_from_world
+    if rows[3, :3].any():
+        eye = MatrixCamera(np.eye(4), rows).eye_position()
+        forward = np.asarray(center) - eye
+    else:
+        eye = np.asarray(center, dtype=np.float64)
+        forward = np.cross(rows[0, :3], rows[1, :3])
+        forward *= np.sign(forward @ rows[2, :3])
+    is_upright = not transforms.are_parallel(forward, (0.0, 0.0, 1.0))
+    return transforms.look_at(eye, eye + forward, (0.0, 0.0, 1.0) if is_upright else rows[1, :3])
+
+
+def _draw_points(
+    renderer: RendererBase,
+    points: PathCollection,
+    draw: Callable[[RendererBase], None],
+    view: _View,
+) -> None:
+    """Draw those of some points that can be seen."""
+    offsets = points._offsets3d
+    places = np.stack([np.ma.filled(np.ma.asarray(one, float), np.nan) for one in offsets], -1)
+    hidden = ~view.is_seen(places)
+    try:
+        # What is masked is not drawn; sizes and colours keep their order.
+        points._offsets3d = tuple(np.ma.masked_array(one, hidden) for one in places.T)
+        points.do_3d_projection()
+        draw(renderer)
+    finally:
+        points._offsets3d = offsets
+
+
+def _draw_nothing(renderer: RendererBase) -> None:
+    """Leave the drawing of what is hidden by a scene to its artist."""

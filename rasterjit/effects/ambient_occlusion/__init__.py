@@ -1,0 +1,182 @@
+"""
+Ambient occlusion: dim the light from all around in corners and creases.
+
+A frame has it where light from all around falls on what is lit by the pixel. Found once a picture
+from the depth of the faces that are seen, for all of the picture; a sample reads that of its pixel.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.effects.ambient_occlusion import stage as ambient_occlusion_stage
+from rasterjit.pipeline.geometry.lens import lens_of
+from rasterjit.pipeline.records import Geometry, Placement
+from rasterjit.pipeline.visibility import draw
+from rasterjit.runtime.driver import Step
+from rasterjit.runtime.threads import Workers, rows_per_task
+from rasterjit.scene.ambient_occlusion import RADIUS_OF_SCENE, AmbientOcclusion
+from rasterjit.scene.camera import Camera
+from rasterjit.scene.quality import Quality
+from rasterjit.scene.scene import Scene
+from rasterjit.survey.effect import (
+    Absent,
+    Effect,
+    FrameContext,
+    Look,
+    Planned,
+    Planning,
+    Rows,
+    add_to_field,
+)
+from rasterjit.survey.facts import Facts, unlit_reason
+from rasterjit.survey.plan import RenderPlan
+
+
+def find_occlusion(
+    effect: AmbientOcclusion,
+    camera: Camera,
+    geometry: Geometry,
+    placement: Placement,
+    coverage: draw.Coverage,
+    workers: Workers,
+) -> NDArray[np.float32]:
+    """
+    Return the share of ambient light that reaches each pixel, (H, W), 0..1.
+
+    Parameters
+    ----------
+    effect : AmbientOcclusion
+        With a radius.
+    camera : Camera
+    geometry, placement, coverage
+        Of the visible faces; with its reversed depth.
+    workers : Workers
+    """
+    face_id, depth, empty = coverage.face_id, coverage.reversed_depth, workers.memory.empty
+    height, width = face_id.shape
+    lens = lens_of(camera, (width, height), effect.radius)
+    snap = math.ldexp(ambient_occlusion_stage.SNAP_SLACK, -geometry.viewport.subpixel_bits)
+    pattern = ambient_occlusion_stage.screen_pattern()
+    rough, tolerance = empty(face_id.shape, np.float32), empty(face_id.shape, np.float32)
+    smooth = empty(face_id.shape, np.float32)
+    per_task = rows_per_task(face_id.shape, workers)
+    bands = [((n, min(n + per_task, height)),) for n in range(0, height, per_task)]
+
+    def find_band(rows: tuple[int, int]) -> None:
+        ambient_occlusion_stage.find_occlusion(
+            face_id, rows, depth, geometry, placement, lens, snap, pattern, rough, tolerance,
+            ambient_occlusion_stage.scratch_memory(),
+        )  # fmt: skip
+
+    def smooth_band(rows: tuple[int, int]) -> None:
+        scratch = np.empty((2, width), np.float32)
+        ambient_occlusion_stage.smooth_occlusion(
+            rough, rows, -2, depth, tolerance, 1.0, smooth, scratch
+        )
+
+    def finish_band(rows: tuple[int, int]) -> None:
+        scratch = np.empty((2, width), np.float32)
+        ambient_occlusion_stage.smooth_occlusion(
+            smooth, rows, -1, depth, tolerance, effect.strength, rough, scratch
+        )
+
+    for task in (find_band, smooth_band, finish_band):
+        workers.run(task, bands)
+    return rough
+
+
+def sized_occlusion(scene: Scene) -> AmbientOcclusion:
+    """Return the scene's ambient occlusion, with a radius in scene units."""
+    effect = scene.ambient_occlusion
+    if effect.radius is not None:
+        return effect
+    _, radius = scene.bounding_sphere()
+    # A scene of one point has no size; nothing occludes there.
+    return replace(effect, radius=RADIUS_OF_SCENE * radius if radius > 0.0 else 1.0)
+
+
+class Occlusion(Effect):
+    """Dim the light from all around."""
+
+    name = "ambient occlusion"
+    field = "ambient_occlusion"
+    key = "o"
+    looks = "neighbours"
+
+    def answer(self, facts: Facts, planning: Planning) -> Planned | Absent:
+        """Say whether something dims ambient light, with some on what is lit by the pixel."""
+        effect = facts.asked[self.field]
+        if (
+            effect is not None
+            and effect.strength > 0.0
+            and facts.is_lit
+            and facts.seen.shadings - {"unlit", "gouraud"}
+            and facts.has_ambient_light
+        ):
+            return Planned(self, facts, sized_occlusion(planning.scene))
+        return Absent(self, facts)
+
+    def reason(self, facts: Facts, is_used: bool) -> str:
+        """Say why ambient light is dimmed in corners or not."""
+        effect = facts.asked[self.field]
+        if effect is None:
+            return "scene.ambient_occlusion is None"
+        if effect.strength == 0.0:
+            return "its strength is 0"
+        if not facts.is_lit:
+            return unlit_reason(facts)
+        if not facts.seen.shadings - {"unlit", "gouraud"}:
+            return "what is lit is lit at its vertices"
+        if not facts.has_ambient_light:
+            return "no light comes from all around"
+        radius = "a share of the scene's size" if effect.radius is None else f"{effect.radius:g}"
+        return f"radius {radius}, strength {effect.strength:g}"
+
+    def reads_depth(self, plan: RenderPlan) -> bool:
+        """Tell that it looks at depths around each pixel."""
+        return True
+
+    def prepare(
+        self, context: FrameContext, data: AmbientOcclusion, seen: Sequence[Any]
+    ) -> NDArray[np.float32]:
+        """Return the share of ambient light that reaches each pixel, (H, W) float32."""
+        plan, _, geometry, placement, coverage, workers = context
+        return find_occlusion(data, plan.camera, geometry, placement, coverage, workers)
+
+    def kernels(self, plan: RenderPlan) -> dict[str, Rows]:
+        """Return the kernels that find and smooth it."""
+        names = "find_occlusion", "smooth_occlusion"
+        return {"prepare": [(f"ambient_occlusion.{name}", "", "") for name in names]}
+
+    def buffers(self, plan: RenderPlan) -> list[tuple[str, int, str, tuple[int, int]]]:
+        """Return what it is found in."""
+        return [("ambient occlusion, smooth, rough and its range", 3, "float32", plan.size)]
+
+    def sketch(self, facts: Facts, data: AmbientOcclusion) -> NDArray[np.float32]:
+        """Return shares of no pixel."""
+        return np.empty((0, 0), np.float32)
+
+    def neutral(self, record: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return shares that let all light through."""
+        return np.ones_like(record)
+
+    def add(self, scene: Scene, quality: Quality) -> tuple[str, Scene | None]:
+        """Return the scene with ambient occlusion."""
+        return "on", add_to_field(scene, self.field, AmbientOcclusion())
+
+    @staticmethod
+    def dim(occlusion: NDArray[np.float32], look: Look) -> list[Step]:
+        """Return the stage that multiplies row OCCLUSION."""
+        return [Step(ambient_occlusion_stage.occlude_samples, (occlusion,))]
+
+    places: ClassVar = {"rows": dim}
+
+
+AMBIENT_OCCLUSION = Occlusion()

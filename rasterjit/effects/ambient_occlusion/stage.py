@@ -1,0 +1,465 @@
+"""
+Find how much of the light from all around reaches the surface at each pixel.
+
+Planes through the line of sight cut the hemisphere above a surface into slices. In each, and on
+both sides of the line of sight, samples of the depth along a line on the screen tell how high the
+horizon stands; what is below is blocked, and the cosine-weighted share of it has a closed form.
+Each pixel looks along 2 of 32 directions, with steps of 1 of 16 lengths; every square of 4 by 4
+pixels holds all of them once. The mean over such a square on the same surface, taken twice, is the
+result.
+
+Heights are measured above the plane of the pixel's own face, from differences of pixel numbers and
+depths alone: the points of one plane have height 0 but for how vertices are rounded to the
+sub-pixel grid, and that much is taken off. So a plane, and whatever bends away from it, gets
+exactly 1.
+
+References
+----------
+.. [1] J. Jimenez et al., "Practical Real-Time Strategies for Accurate Indirect Occlusion",
+   SIGGRAPH 2016 courses: slices and their integral.
+.. [2] L. Bavoil et al., "Image-Space Horizon-Based Ambient Occlusion", SIGGRAPH 2008 talks.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from rasterjit.pipeline.geometry.barycentric import face_normal, find_object, lowest_first
+from rasterjit.pipeline.geometry.unproject import change, locate
+from rasterjit.pipeline.lighting.light_stages import interval_of
+from rasterjit.pipeline.records import Geometry, Placement
+from rasterjit.pipeline.surface.samples import (
+    INTERVAL_FRAME_ROW,
+    INTERVALS,
+    OCCLUSION,
+    Block,
+)
+from rasterjit.runtime.intrinsics import flat
+from rasterjit.runtime.jit import disjoint_helper, helper, kernel, stage
+from rasterjit.runtime.state import float32, float64, int32, int64
+
+BLOCK_COLUMNS = 128
+"""Columns looked at together: their scratch memory stays in a core's own cache."""
+
+STEPS = 4
+"""Samples on each side of a slice."""
+
+FARTHEST_STEP = np.float32(256.0)
+"""Longest way on the screen, pixels: beyond, samples would miss most of what lies between."""
+
+PATTERN = 4
+"""Side of the square of pixels that holds every direction and step length once."""
+
+SNAP_SLACK = np.float32(2.0)
+"""
+Units of the sub-pixel grid by which depths of one plane may be displaced on the screen.
+
+A vertex is rounded by up to half a unit in x and in y, and so is the depth between vertices; two
+depths are compared: one unit. Twice that, for rounding.
+"""
+
+DEPTH_ROUNDING = np.float32(2.0**-22)
+"""Slack for the rounding of a float32 depth and of the arithmetic with it, as a share of it."""
+
+LEAST = np.float32(1e-30)
+"""Added to what is divided by or taken the root of; far below any length in units of the radius."""
+
+PI_HALF = np.float32(1.5707963)
+
+SLOPES_APART = np.float32(2.0)
+FOOTPRINTS_APART = np.float32(2.0)
+"""Pixels average if their depths differ by less than this many slopes and footprints of a pixel."""
+
+STRIDE = BLOCK_COLUMNS + 16
+"""Numbers of a row of scratch; a few more, so that rows are not a power of two apart in a cache."""
+
+(
+    COLUMN, DEPTH, PW, NX, NY, NZ, VX, VY, VZ, AX, AY, AZ, BX, BY, BZ, CX, CY, CZ, RISE_A, RISE_B,
+    RISE_C, SLACK, WAY_A, WAY_B, WAY_C, SHARE, EYE_COSINE, EYE_SINE, REACH, AHEAD, BEHIND,
+    STEP_X, STEP_Y, JITTER, BLOCKED, OPEN, TOLERANCE, STRETCH,
+) = (row * STRIDE for row in range(38))  # fmt: skip
+"""
+Where the rows of scratch begin. They lie a constant apart, so that loops over several vectorize.
+
+- COLUMN, DEPTH, PW: column, stored depth, and how a homogeneous length becomes one in radii.
+- N: normal of the face, toward the viewer, world axes. V: unit vector to the viewer.
+- A, B, C: way to the surface at the next column, the next row, and the next unit of depth; RISE:
+  height of those above the face's plane; WAY: their length along the slice, in that plane.
+- SLACK: height that counts as none.
+- SHARE, STRETCH: length of the normal in the slice, and one over it; EYE: elevation of the line of
+  sight; REACH: radius in pixels.
+- AHEAD, BEHIND: cosine of the horizon's elevation on both sides.
+- STEP, JITTER: direction on the screen, and how far into its length a step begins.
+- BLOCKED, OPEN: sums over the slices.
+- TOLERANCE: largest difference of depth to pixels of the same surface.
+"""
+
+SCRATCH = STRETCH + STRIDE
+
+
+def screen_pattern() -> np.ndarray:
+    """
+    Return direction and step offset of each pixel of a square, (4, 4, 3) float32.
+
+    Directions are (k + 1/2) / 32 of a half turn for k in 0..15; the second slice is at a right
+    angle. Offsets are in 0..1, in an order unlike that of the directions.
+    """
+    cosine, sine = 0.9951847266721969, 0.0980171403295606  # of 1 / 32 of a half turn
+    across, down = 0.9987954562051724, 0.049067674327418015  # of half of that
+    turns = []
+    for _ in range(PATTERN * PATTERN):
+        turns.append((across, down))
+        across, down = across * cosine - down * sine, across * sine + down * cosine
+    # Neighbours in x, y and on diagonals look in directions that lie far apart.
+    order = (0, 8, 2, 10, 12, 4, 14, 6, 3, 11, 1, 9, 15, 7, 13, 5)
+    later = (0, 5, 10, 15, 7, 2, 13, 8, 14, 11, 4, 1, 9, 12, 3, 6)
+    table = [(*turns[k], (n + 0.5) / 16.0) for k, n in zip(order, later, strict=True)]
+    return np.array(table, np.float32).reshape(PATTERN, PATTERN, 3)
+
+
+@helper
+def arc_cosine(x):
+    """
+    Return the arc cosine of a float32 in [-1, 1], radians, to 7e-5.
+
+    M. Abramowitz and I. Stegun, "Handbook of Mathematical Functions", 4.4.45.
+    """
+    positive = min(abs(x), np.float32(1.0))
+    series = np.float32(-0.0187293) * positive + np.float32(0.0742610)
+    series = series * positive + np.float32(-0.2121144)
+    series = series * positive + np.float32(1.5707288)
+    angle = np.sqrt(np.float32(1.0) - positive) * series
+    return angle if x >= np.float32(0.0) else PI_HALF + PI_HALF - angle
+
+
+@helper
+def blocked_share(horizon, eye_cosine, eye_sine, eye_angle):
+    """
+    Return the cosine-weighted light of half a slice from below the horizon.
+
+    The integral of ``sin E |sin(V - E)|`` for elevations E from 0 to that of the horizon, V being
+    that of the line of sight, beyond which there is no horizon.
+    """
+    cosine = max(horizon, eye_cosine)
+    sine = np.sqrt(max(np.float32(1.0) - cosine * cosine, np.float32(0.0)))
+    double_sine = np.float32(2.0) * sine * cosine
+    double_cosine = np.float32(1.0) - np.float32(2.0) * sine * sine
+    swing = double_sine * eye_cosine - double_cosine * eye_sine + eye_sine
+    angle = min(arc_cosine(cosine), eye_angle)
+    share = np.float32(0.5) * (np.float32(0.5) * swing - angle * eye_cosine)
+    return max(share, np.float32(0.0))
+
+
+@helper
+def gather_faces(faces, depth, left, row, pattern, s, geometry, placement):
+    """Write column, depth, pattern and normal of the covered pixels; return how many there are."""
+    count, known, owner = np.int64(0), np.int64(-1), np.int64(0)
+    x = y = z = np.float32(0.0)
+    for at in range(np.uintp(faces.shape[0])):
+        face = np.int64(faces[at])
+        if face < 0:
+            continue
+        if face != known:
+            known = face
+            owner = find_object(face, placement.face_starts, owner)
+            a, b, c = lowest_first(geometry.faces, face)
+            normal = face_normal(a, b, c, owner, placement)
+            x, y, z = np.float32(normal[0]), np.float32(normal[1]), np.float32(normal[2])
+        column = left + np.int64(at)
+        s[COLUMN + count], s[DEPTH + count] = np.float32(column), depth[at]
+        s[NX + count], s[NY + count], s[NZ + count] = x, y, z
+        own = pattern[row % PATTERN, column % PATTERN]
+        s[STEP_X + count], s[STEP_Y + count], s[JITTER + count] = own[0], own[1], own[2]
+        count += 1
+    return count
+
+
+@disjoint_helper
+def place_block(s, count, row, lens, viewer, snap):
+    """Find how points and heights change with column (a), row (b) and stored depth (c)."""
+    one, two, parts = np.float32(1.0), np.float32(2.0), (lens[0], lens[1], lens[2], lens[3])
+    for i in range(min(count, BLOCK_COLUMNS)):
+        # Find the point, in radii, relative to the eye.
+        depth = s[DEPTH + i]
+        x, y, z, s[PW + i] = locate(parts, s[COLUMN + i], row, depth)
+        ax, ay, az = change(parts[0], x, y, z)
+        bx, by, bz = change(parts[1], x, y, z)
+        cx, cy, cz = change(parts[2], x, y, z)
+        # Turn the normal toward the viewer.
+        ex, ey, ez = viewer[0] - viewer[3] * x, viewer[1] - viewer[3] * y, viewer[2] - viewer[3] * z
+        scale = one / np.sqrt(ex * ex + ey * ey + ez * ez + LEAST)
+        vx, vy, vz = ex * scale, ey * scale, ez * scale
+        nx, ny, nz = s[NX + i], s[NY + i], s[NZ + i]
+        turn = one if nx * vx + ny * vy + nz * vz >= np.float32(0.0) else -one
+        nx, ny, nz = turn * nx, turn * ny, turn * nz
+        # Find the heights, and which of them are rounding.
+        rise_a = nx * ax + ny * ay + nz * az
+        rise_b = nx * bx + ny * by + nz * bz
+        rise_c = nx * cx + ny * cy + nz * cz
+        slope = (abs(rise_a) + abs(rise_b)) / (abs(rise_c) + LEAST)
+        step = np.sqrt(ax * ax + ay * ay + az * az)
+        deep = np.sqrt(cx * cx + cy * cy + cz * cz) + LEAST
+        tolerance = SLOPES_APART * slope + FOOTPRINTS_APART * step / deep
+        s[SLACK + i] = snap * (abs(rise_a) + abs(rise_b))
+        s[TOLERANCE + i] = tolerance + two * DEPTH_ROUNDING * abs(depth)
+        s[NX + i], s[NY + i], s[NZ + i] = nx, ny, nz
+        s[VX + i], s[VY + i], s[VZ + i] = vx, vy, vz
+        s[AX + i], s[AY + i], s[AZ + i] = ax, ay, az
+        s[BX + i], s[BY + i], s[BZ + i] = bx, by, bz
+        s[CX + i], s[CY + i], s[CZ + i] = cx, cy, cz
+        s[RISE_A + i], s[RISE_B + i], s[RISE_C + i] = rise_a, rise_b, rise_c
+        s[BLOCKED + i], s[OPEN + i] = np.float32(0.0), np.float32(0.0)
+
+
+@disjoint_helper
+def place_slice(s, count, turned):
+    """Lay a slice along the direction of each pixel, or at a right angle to it if ``turned``."""
+    one = np.float32(1.0)
+    for i in range(min(count, BLOCK_COLUMNS)):
+        right = (one - turned) * s[STEP_X + i] - turned * s[STEP_Y + i]
+        low = (one - turned) * s[STEP_Y + i] + turned * s[STEP_X + i]
+        nx, ny, nz = s[NX + i], s[NY + i], s[NZ + i]
+        vx, vy, vz = s[VX + i], s[VY + i], s[VZ + i]
+        ax, ay, az = s[AX + i], s[AY + i], s[AZ + i]
+        bx, by, bz = s[BX + i], s[BY + i], s[BZ + i]
+        cx, cy, cz = s[CX + i], s[CY + i], s[CZ + i]
+        # Find the axis of the slice that is at a right angle to the line of sight.
+        ex, ey, ez = right * ax + low * bx, right * ay + low * by, right * az + low * bz
+        along = ex * vx + ey * vy + ez * vz
+        ex, ey, ez = ex - along * vx, ey - along * vy, ez - along * vz
+        length = np.sqrt(ex * ex + ey * ey + ez * ez)
+        scale = one / (length + LEAST)
+        ex, ey, ez = ex * scale, ey * scale, ez * scale
+        s[REACH + i] = min(s[PW + i] * scale, FARTHEST_STEP)
+        # Find the normal in the slice, and the way in the face's plane.
+        n_along = nx * ex + ny * ey + nz * ez
+        n_toward = nx * vx + ny * vy + nz * vz
+        share = np.sqrt(n_along * n_along + n_toward * n_toward)
+        stretch = one / (share + LEAST)
+        cosine, sine = -n_along * stretch, n_toward * stretch
+        tx, ty, tz = sine * ex + cosine * vx, sine * ey + cosine * vy, sine * ez + cosine * vz
+        s[SHARE + i], s[STRETCH + i] = share, stretch
+        s[EYE_COSINE + i], s[EYE_SINE + i] = cosine, sine
+        s[WAY_A + i] = tx * ax + ty * ay + tz * az
+        s[WAY_B + i] = tx * bx + ty * by + tz * bz
+        s[WAY_C + i] = tx * cx + ty * cy + tz * cz
+        s[AHEAD + i], s[BEHIND + i] = one, one
+
+
+@disjoint_helper
+def raise_horizon(s, count, side, turned, number, row, lens, size, depths, horizon):
+    """Take one sample for each pixel, on one side of its slice, whose row of ``s`` is written."""
+    zero, half, one, two = np.float32(0.0), np.float32(0.5), np.float32(1.0), np.float32(2.0)
+    across, down, deeper = lens[0, 3], lens[1, 3], lens[2, 3]
+    for i in range(min(count, BLOCK_COLUMNS)):
+        # Find the pixel to look at.
+        part = (number + s[JITTER + i]) * np.float32(1.0 / STEPS)
+        step = side * (one + max(s[REACH + i] - one, zero) * part * part)
+        dx, dy, depth = s[STEP_X + i], s[STEP_Y + i], s[DEPTH + i]
+        right = np.floor(step * ((one - turned) * dx - turned * dy) + half)
+        low = np.floor(step * ((one - turned) * dy + turned * dx) + half)
+        x, y = s[COLUMN + i] + right, row + low
+        is_inside = (x >= zero) & (x < size[0]) & (y >= zero) & (y < size[1])
+        x, y = min(max(x, zero), size[0] - one), min(max(y, zero), size[1] - one)
+        place = np.uint32(np.uint32(np.int32(y)) * np.uint32(size[0]) + np.uint32(np.int32(x)))
+        there = depths[np.uintp(place & np.uint32(0x7FFFFFFF))]
+        is_inside = is_inside & (there > np.float32(-np.inf))
+        # Find how far along the plane it is, and how high above.
+        change = there - depth if is_inside else zero
+        flat = side * (right * s[WAY_A + i] + low * s[WAY_B + i] + change * s[WAY_C + i])
+        rise_c = s[RISE_C + i]
+        rounding = DEPTH_ROUNDING * (abs(there) + abs(depth)) * abs(rise_c)
+        height = right * s[RISE_A + i] + low * s[RISE_B + i] + change * rise_c
+        height = height - s[SLACK + i] - rounding
+        high = height * s[STRETCH + i]
+        squared = flat * flat + high * high + LEAST
+        length = np.sqrt(squared)
+        # Let what is farther away than the radius count for nothing.
+        w = s[PW + i] + right * across + low * down + change * deeper
+        scale = one / (length * w * w)
+        weight = min(one, two - two * squared * length * scale)
+        cosine = flat * w * w * scale
+        is_above = is_inside & (height > zero) & (weight > zero)
+        faded = one - weight * (one - cosine)
+        horizon[i] = min(horizon[i], faded) if is_above else horizon[i]
+
+
+@disjoint_helper
+def add_slice(s, count):
+    """Add up what the horizons on both sides block, and the light there would be without."""
+    for i in range(min(count, BLOCK_COLUMNS)):
+        cosine, sine, share = s[EYE_COSINE + i], s[EYE_SINE + i], s[SHARE + i]
+        angle = arc_cosine(cosine)
+        back = PI_HALF + PI_HALF - angle
+        blocked = s[BLOCKED + i] + share * blocked_share(s[AHEAD + i], cosine, sine, angle)
+        s[BLOCKED + i] = blocked + share * blocked_share(s[BEHIND + i], -cosine, sine, back)
+        s[OPEN + i] += share * (sine + (PI_HALF - angle) * cosine)
+
+
+@helper
+def write_block(s, faces, occlusion, tolerance):
+    """Write the share of light that gets through; 1 where nothing is."""
+    n = np.int64(0)
+    for at in range(np.uintp(faces.shape[0])):
+        occlusion[at], tolerance[at] = np.float32(1.0), np.float32(0.0)
+        if faces[at] < 0:
+            continue
+        blocked, full = s[BLOCKED + n], s[OPEN + n]
+        if full > np.float32(0.0):
+            occlusion[at] = max(np.float32(1.0) - blocked / full, np.float32(0.0))
+        tolerance[at] = s[TOLERANCE + n]
+        n += 1
+
+
+def scratch_memory() -> tuple[Any, Any]:
+    """Return the memory that a thread needs."""
+    return np.empty(SCRATCH, np.float32), np.empty(4, np.float32)
+
+
+@kernel
+def find_occlusion(
+    face_id: int32[:, ::1], rows: (int64, int64), depth: float32[:, ::1], geometry: Geometry,
+    placement: Placement, lens: float32[:, ::1], snap: float64, pattern: float32[:, :, ::1],
+    occlusion: float32[:, ::1], tolerance: float32[:, ::1],
+    scratch: (float32[::1], float32[::1]),
+):  # fmt: skip
+    """
+    Find the share of light from all around that reaches each pixel, before it is smoothed.
+
+    Parameters
+    ----------
+    face_id : (H, W) int32
+    rows : (int, int)
+        The first row, and one past the last.
+    depth : (H, W) float32, C-contiguous
+        Stored depth; -inf where nothing is.
+    geometry, placement : records
+    lens : (4, 4) float32
+        See ``unproject``; in units of the radius.
+    snap : float
+        Height that counts as none, as a share of that from one pixel to the next.
+    pattern : (4, 4, 3) float32
+        `screen_pattern`.
+    occlusion : (H, W) float32
+        Writes these rows: 1 where all light arrives, and where nothing is; 0 for none.
+    tolerance : (H, W) float32
+        Writes these rows: how much the stored depth of the same surface may differ nearby.
+    scratch : tuple
+        This thread's own, from `scratch_memory`.
+    """
+    s, viewer = scratch
+    for k in range(4):
+        viewer[k] = np.float32(placement.toward_viewer[k])
+    height, width = face_id.shape
+    depths, size = flat(depth), (np.float32(width), np.float32(height))
+    for row in range(rows[0], rows[1]):
+        down = np.float32(row)
+        for left in range(0, width, BLOCK_COLUMNS):
+            right = min(left + BLOCK_COLUMNS, width)
+            faces = face_id[row, left:right]
+            count = gather_faces(
+                faces, depth[row, left:right], left, row, pattern, s, geometry, placement
+            )
+            place_block(s, count, down, lens, viewer, np.float32(snap))
+            for slice_number in range(2):
+                turned = np.float32(slice_number)
+                place_slice(s, count, turned)
+                for n in range(2 * STEPS):
+                    side, number = np.float32(1 - 2 * (n // STEPS)), np.float32(n % STEPS)
+                    horizon = AHEAD + (n // STEPS) * STRIDE
+                    raise_horizon(
+                        s, count, side, turned, number, down, lens, size, depths,
+                        s[horizon : horizon + count],
+                    )  # fmt: skip
+                add_slice(s, count)
+            write_block(s, faces, occlusion[row, left:right], tolerance[row, left:right])
+
+
+@disjoint_helper
+def add_neighbour(mine, tolerance, theirs, found, total, number):
+    """Add a neighbour's value where it is on the same surface."""
+    zero, one = np.float32(0.0), np.float32(1.0)
+    for i in range(mine.shape[0]):
+        is_same = abs(theirs[i] - mine[i]) <= tolerance[i]
+        total[i] += found[i] if is_same else zero
+        number[i] += one if is_same else zero
+
+
+@disjoint_helper
+def finish_row(total, number, strength, smooth):
+    """Write the means."""
+    one = np.float32(1.0)
+    for i in range(smooth.shape[0]):
+        mean = total[i] / max(number[i], one) if number[i] > np.float32(0.0) else one
+        smooth[i] = one - strength * (one - mean)
+
+
+@kernel
+def smooth_occlusion(
+    occlusion: float32[:, ::1], rows: (int64, int64), first: int64, depth: float32[:, ::1],
+    tolerance: float32[:, ::1], strength: float64, smooth: float32[:, ::1],
+    scratch: float32[:, ::1],
+):  # fmt: skip
+    """
+    Average over the pixels of a square that show the same surface.
+
+    Parameters
+    ----------
+    occlusion : (H, W) float32
+    rows : (int, int)
+        The first row, and one past the last.
+    first : int
+        Where the square begins, in x and in y, relative to the pixel: -2 or -1, one after the
+        other to be symmetrical.
+    depth : (H, W) float32, stored depth
+    tolerance : (H, W) float32
+        How much the depth may differ on one surface.
+    strength : float
+        Share of the effect that is kept, 0..1.
+    smooth : (H, W) float32
+        Writes these rows.
+    scratch : (2, W) float32
+        This thread's own.
+    """
+    height, width = occlusion.shape
+    total, number = scratch[0], scratch[1]
+    for row in range(rows[0], rows[1]):
+        for i in range(np.uintp(width)):
+            total[i], number[i] = np.float32(0.0), np.float32(0.0)
+        for down in range(first, first + PATTERN):
+            there = row + down
+            if there < 0 or there >= height:
+                continue
+            for across in range(first, first + PATTERN):
+                begin, end = max(0, -across), max(min(width, width - across), 0)
+                add_neighbour(
+                    depth[row, begin:end], tolerance[row, begin:end],
+                    depth[there, begin + across : end + across],
+                    occlusion[there, begin + across : end + across],
+                    total[begin:end], number[begin:end],
+                )  # fmt: skip
+        finish_row(total, number, np.float32(strength), smooth[row])
+
+
+@stage
+def occlude_samples(block: Block, count, occlusion: float32[:, ::1]):
+    """
+    Multiply the share of ambient light that reaches each sample by that of its pixel.
+
+    Parameters
+    ----------
+    block : Block
+        Changes row OCCLUSION.
+    count : int
+    occlusion : (H, W) float32
+        Of the frame, 0..1.
+    """
+    own = block.samples[OCCLUSION]
+    for k in range(block.counts[INTERVALS]):
+        _, column, start, stop = interval_of(block, k)
+        row = block.intervals[k, INTERVAL_FRAME_ROW]
+        there = occlusion[row, column : column + stop - start]
+        for i in range(np.uintp(stop - start)):
+            own[np.uintp(start) + i] = own[np.uintp(start) + i] * there[i]

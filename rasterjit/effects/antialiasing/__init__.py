@@ -1,0 +1,38 @@
+"""
+Anti-aliasing: what several samples of a pixel show, or exact areas, or whole pictures.
+
+A frame has it where the quality asks for more than one sample and something has edges. Faces are
+shaded once a pixel and mixed by coverage (2 to 16, areas), or pictures are averaged (64 and more).
+"""
+
+from __future__ import annotations
+
+from rasterjit.survey.blending import mixing_note
+from rasterjit.survey.effect import Absent, Effect, Planned, Planning
+from rasterjit.survey.facts import Facts
+
+
+class Antialiasing(Effect):
+    """Mix what the samples of a pixel show."""
+
+    name = "anti-aliasing"
+
+    def answer(self, facts: Facts, planning: Planning) -> Planned | Absent:
+        """Say whether the colour of a pixel is that of several samples, or of areas."""
+        return Planned(self, facts) if facts.antialiases else Absent(self, facts)
+
+    def reason(self, facts: Facts, is_used: bool) -> str:
+        """Say why edges are smoothed or not, and how."""
+        samples, note = facts.quality.samples, mixing_note(facts.quality)
+        if samples == 1:
+            return "quality.samples is 1"
+        if facts.pictures > 1:
+            return f"{samples} pictures, moved by parts of a pixel, each shaded by itself"
+        if not facts.shades:
+            return "nothing is shaded"
+        if samples == "area":
+            return f"exact areas, shaded once per face and pixel{note}"
+        return f"{samples} samples a pixel, shaded once per face and pixel{note}"
+
+
+ANTIALIASING = Antialiasing()

@@ -1,0 +1,225 @@
+"""
+Environments: light from all around, and what is seen where no face is.
+
+Two effects: the light is added to each lit sample, by the nine terms of a polynomial of its normal,
+and mirrored by microfacets from a panorama filtered for eight roughnesses; the background is
+written to the pixels without a face. The panorama is filtered when it is first used.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.effects.environment import stage as environment_stage
+from rasterjit.effects.environment.prefilter import backdrop_record, environment_record
+from rasterjit.pipeline.records import Encoding, Environment
+from rasterjit.runtime.driver import Step
+from rasterjit.scene.camera import Camera, clip_from_relative
+from rasterjit.scene.environment import Environment as SceneEnvironment
+from rasterjit.scene.scene import Scene
+from rasterjit.survey.effect import (
+    Absent,
+    Effect,
+    FrameContext,
+    Look,
+    Planned,
+    Planning,
+    Rows,
+    with_field,
+)
+from rasterjit.survey.facts import Facts, unlit_reason
+from rasterjit.survey.plan import RenderPlan
+
+FILTERING: Rows = [
+    (f"prefilter_stage.{name}", "", "a panorama is used for the first time")
+    for name in ("average_columns", "add_ring", "project_rows")
+]
+"""The kernels that filter a panorama."""
+
+
+class Sky(NamedTuple):
+    """The environment as a background, as ``stage.show_environment`` takes it."""
+
+    rays: NDArray[np.float64]
+    """(3, 3): direction at the middle of the frame, and its change with x and y."""
+    size: tuple[int, int]
+    """Width and height of the whole frame, pixels."""
+    environment: Environment
+    corner: tuple[int, int] = (0, 0)
+    """Column and row of the first pixel that is drawn, in the whole frame."""
+
+    def show(
+        self,
+        face_id: NDArray[np.int32],
+        first_row: int,
+        encoding: Encoding,
+        linear: NDArray[np.float32],
+        color: NDArray[np.uint32],
+    ) -> None:
+        """
+        Write the environment to the pixels of some rows that show no face.
+
+        Parameters
+        ----------
+        face_id : (R, W) int32
+        first_row : int
+            Where they lie in what is drawn.
+        encoding : Encoding
+        linear : (R, W, 4) float32, or (R, 0, 4)
+        color : (R, W) uint32, or (R, 0)
+            Written.
+        """
+        left, top = self.corner
+        first = left, top + first_row
+        environment_stage.show_environment(
+            face_id, first, self.rays, self.size, self.environment, encoding, linear, color
+        )
+
+
+def background_rays(camera: Camera, size: tuple[int, int]) -> NDArray[np.float64]:
+    """
+    Return the directions that a camera looks along, (3, 3) float64, in world axes.
+
+    Row 0 is the direction at the middle of the frame, rows 1 and 2 its change with x and y in
+    normalized device coordinates; see ``stage.color_along``. Only their ratios matter.
+    """
+    clip = clip_from_relative(camera, size)
+    rows = clip[:, :3] / np.abs(clip[[0, 1, 3], :3]).max()
+    x, y, depth, w = rows.tolist()
+    middle = _cross(x, y)
+    if any(w):
+        rays = [middle, _cross(y, w), _cross(w, x)]
+        ahead = w
+    else:
+        # A parallel projection looks one way, the way that depth grows.
+        rays = [middle, [0.0] * 3, [0.0] * 3]
+        ahead = depth
+    toward = (ahead[0] * middle[0] + ahead[1] * middle[1]) + ahead[2] * middle[2]
+    return np.array(rays) * math.copysign(1.0, toward)
+
+
+def _cross(a: Any, b: Any) -> list[float]:
+    """Return the cross product."""
+    return [
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    ]
+
+
+class SeenAlone(SceneEnvironment):
+    """An environment that is seen behind everything, and lights nothing."""
+
+    lights = False
+
+
+class EnvironmentLight(Effect):
+    """Light what is seen from all around."""
+
+    name = "environment light"
+    key = "v"
+    term = "environment"
+
+    def answer(self, facts: Facts, planning: Planning) -> Planned | Absent:
+        """Say whether any light from all around reaches a colour that is asked for."""
+        if facts.has_environment_light:
+            return Planned(self, facts, facts.environment)
+        return Absent(self, facts)
+
+    def reason(self, facts: Facts, is_used: bool) -> str:
+        """Say what light comes from all around, or why none does."""
+        if facts.environment is None:
+            return "scene.environment is None"
+        if not facts.is_lit:
+            return unlit_reason(facts)
+        if not facts.environment.lights:
+            return "the environment is black"
+        mirrored = ", mirrored by pbr" if facts.seen.pbr else ""
+        return f"{facts.environment.described}{mirrored}"
+
+    def prepare(
+        self, context: FrameContext, data: SceneEnvironment, seen: Sequence[Any]
+    ) -> Environment:
+        """Return the environment, filtered as far as anything reads it."""
+        return environment_record(data, context.plan.needs_microfacets, context.workers)
+
+    def kernels(self, plan: RenderPlan) -> dict[str, Rows]:
+        """Return the kernels that filter a panorama."""
+        return {"prepare": FILTERING}
+
+    def sketch(self, facts: Facts, data: SceneEnvironment) -> Environment:
+        """Return an environment that is not filtered."""
+        return backdrop_record(data)
+
+    def neutral(self, record: Environment) -> Environment:
+        """Return an environment without light."""
+        return record._replace(intensity=np.float32(0.0))
+
+    def without(self, scene: Scene) -> Scene:
+        """Return the scene with an environment that is seen alone: no headlight takes its place."""
+        around = scene.environment
+        alone = SeenAlone(around.sky, around.intensity, around.rotation, around.background)
+        return with_field(scene, "environment", alone)
+
+    @staticmethod
+    def shed(around: Environment, look: Look) -> list[Step]:
+        """Return the stages that add light from all sides, and what microfacets mirror of it."""
+        shed = around.irradiance, around.turn, around.intensity
+        steps = [Step(environment_stage.shed_light, shed)]
+        if look.lighting.microfacets is not None:
+            mirrored = around, np.float32(look.placement.toward_viewer)
+            steps.append(Step(environment_stage.mirror_environment, mirrored))
+        return steps
+
+    places: ClassVar = {"around": shed}
+
+
+class EnvironmentBackground(Effect):
+    """Show the environment where no face is."""
+
+    name = "environment background"
+    key = "b"
+
+    def answer(self, facts: Facts, planning: Planning) -> Planned | Absent:
+        """Say whether the environment is seen where no face is."""
+        if facts.shows_environment:
+            return Planned(self, facts, facts.environment)
+        return Absent(self, facts)
+
+    def reason(self, facts: Facts, is_used: bool) -> str:
+        """Say what is seen where no face is, as far as environments go."""
+        if facts.environment is None:
+            return "scene.environment is None"
+        if not facts.is_colored:
+            return "no output shows colour"
+        if facts.has_background:
+            return "the render was given a background"
+        if not facts.environment.background:
+            return "its background is False"
+        return "where no face is"
+
+    def kernels(self, plan: RenderPlan) -> dict[str, Rows]:
+        """Return the kernels that filter a panorama, and that show it."""
+        return {"prepare": FILTERING, "background": [("environment.show_environment", "", "")]}
+
+    def prepare(self, context: FrameContext, data: SceneEnvironment, seen: Sequence[Any]) -> Sky:
+        """Return the environment as this picture sees it."""
+        plan = context.plan
+        rays = background_rays(plan.camera, plan.size)
+        return Sky(rays, plan.size, backdrop_record(data), plan.corner)
+
+    def without(self, scene: Scene) -> Scene:
+        """Return the scene with an environment that is not seen."""
+        return with_field(scene, "environment", replace(scene.environment, background=False))
+
+    places: ClassVar = {"background": Sky.show}
+
+
+LIGHT = EnvironmentLight()
+BACKGROUND = EnvironmentBackground()

@@ -1,0 +1,321 @@
+"""
+Prepare environments for the kernels: once for each picture, kept as long as anyone holds it.
+
+A picture is scaled to a power of two first. Then it is projected onto the nine lowest spherical
+harmonics, which give the light on a surface [1]_, and filtered for eight degrees of roughness. The
+mean over a lobe is taken in rings: the farther from its middle, the coarser the copy of the picture
+that is read, so that a texel is never wider than a quarter of its distance from the middle.
+
+References
+----------
+.. [1] R. Ramamoorthi, P. Hanrahan, "An Efficient Representation for Irradiance Environment Maps",
+   SIGGRAPH 2001.
+"""
+
+from __future__ import annotations
+
+import math
+import weakref
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.effects.environment import prefilter_stage
+from rasterjit.effects.environment.stage import IRRADIANCE_TERMS, ROUGH_LEVELS
+from rasterjit.pipeline.records import Environment, Reflections
+from rasterjit.runtime.threads import Workers
+from rasterjit.scene.environment import Environment as SceneEnvironment
+from rasterjit.scene.environment import Panorama, SkyGradient
+from rasterjit.scene.transforms import sine_cosine
+from rasterjit.survey.arrays import writable
+
+NARROWEST, WIDEST = 64, 1024
+"""Columns of the coarsest and the finest copy of a picture: 5.6 and 0.35 degrees a texel."""
+
+WIDEST_LEVEL = 512
+"""Most columns of a filtered picture; the sharpest lobe is 1.2 degrees across."""
+
+RING_TEXELS = 4.0
+"""Texels from the middle of a lobe to the ring that is read from a coarser copy."""
+
+ROWS_PER_TASK = 8
+"""Rows of a filtered picture made by one task."""
+
+TEXELS_AROUND = 8.0
+"""Columns of the finest copy that a lobe is read from, times alpha: the middle of the lobe, 150
+alpha degrees wide, is three texels across."""
+
+BEYOND = 3.0
+"""One minus a cosine is never so much."""
+
+GRADIENT_SIZE = 256
+"""Columns of the picture that a sky without one is filtered from."""
+
+PI = 3.141592653589793
+
+NO_REFLECTIONS = Reflections(np.zeros((1, 3), np.float32), np.zeros((0, 3), np.int64))
+"""Of an environment that nothing mirrors, or whose light is alike on all sides."""
+
+
+class Prepared(NamedTuple):
+    """What follows from a sky alone, whatever its intensity and rotation."""
+
+    irradiance: NDArray[np.float32]
+    """(9, 3), see ``records.Environment``."""
+    reflections: Reflections | None
+    """``None`` until something mirrors it."""
+
+
+_known: weakref.WeakKeyDictionary[Panorama | SkyGradient, Prepared] = weakref.WeakKeyDictionary()
+"""Of every sky that has been used and is still held."""
+
+
+def environment_record(
+    environment: SceneEnvironment, is_mirrored: bool, workers: Workers
+) -> Environment:
+    """
+    Return what the kernels read of an environment that lights a scene.
+
+    Parameters
+    ----------
+    environment : rasterjit.Environment
+    is_mirrored : bool
+        Whether any object mirrors it: only then is it filtered.
+    workers : Workers
+    """
+    sky = environment.sky
+    found = _known.get(sky)
+    if found is None:
+        found = Prepared(_irradiance(sky), None)
+    if is_mirrored and found.reflections is None:
+        found = found._replace(reflections=_reflections(sky, workers))
+    _known[sky] = found
+    record = backdrop_record(environment)
+    reflections = found.reflections if is_mirrored else NO_REFLECTIONS
+    return record._replace(irradiance=found.irradiance, reflections=reflections)
+
+
+def backdrop_record(environment: SceneEnvironment) -> Environment:
+    """Return what the kernels read of an environment that is only seen."""
+    sky = environment.sky
+    sine, cosine = sine_cosine(environment.rotation)
+    texels, width, height = np.zeros((1, 3), np.float32), 0, 0
+    gradient = np.zeros((3, 3), np.float32)
+    if isinstance(sky, Panorama):
+        height, width = sky.image.shape[:2]
+        texels = writable(sky.image.reshape(-1, 3))
+    else:
+        gradient = np.array([sky.zenith, sky.horizon, sky.ground], np.float32)
+    return Environment(
+        np.zeros((IRRADIANCE_TERMS, 3), np.float32),
+        np.array([cosine, sine], np.float32),
+        np.float32(environment.intensity),
+        texels,
+        width,
+        height,
+        gradient,
+        NO_REFLECTIONS,
+    )
+
+
+def _irradiance(sky: Panorama | SkyGradient) -> NDArray[np.float32]:
+    """Return the light on a surface over pi, (9, 3): a polynomial of its normal."""
+    if isinstance(sky, SkyGradient):
+        return _gradient_irradiance(sky)
+    return _project(_planar(_scaled(sky.image, _copy_width(sky.image.shape[1]))))
+
+
+def _gradient_irradiance(sky: SkyGradient) -> NDArray[np.float32]:
+    """
+    Return the polynomial of a gradient, which is ``h + (a - b)/2 y + (a + b)/2 |y|``.
+
+    A surface keeps 1, 2/3 and 1/4 of the harmonics of degree 0, 1 and 2, and |y| is
+    1/2 + 5/16 (3y² - 1) + ...
+    """
+    zenith, horizon, ground = np.array([sky.zenith, sky.horizon, sky.ground])
+    up, down = zenith - horizon, ground - horizon
+    terms = np.zeros((IRRADIANCE_TERMS, 3))
+    terms[0] = horizon + (up + down) / 4.0
+    terms[2] = (up - down) / 3.0
+    terms[7] = (up + down) * (5.0 / 128.0)
+    return terms.astype(np.float32)
+
+
+def _copy_width(width: int) -> int:
+    """Return the columns of the finest copy of a picture: a power of two."""
+    return min(max(1 << (width.bit_length() - 1), NARROWEST), WIDEST)
+
+
+def _latitudes(height: int) -> NDArray[np.float64]:
+    """Return sine and cosine of the latitude of each row, and the solid angle of a whole row."""
+    centers = [sine_cosine(90.0 - 180.0 * (row + 0.5) / height) for row in range(height)]
+    areas = np.diff(_row_edges(height)) * (2.0 * PI)
+    return np.array([*zip(*centers, strict=True), areas])
+
+
+def _row_edges(height: int) -> NDArray[np.float64]:
+    """Return one minus the sine of the latitude between rows, (H+1,): area, from the top."""
+    sines = [sine_cosine(90.0 - 180.0 * row / height)[0] for row in range(height + 1)]
+    return 1.0 - np.array(sines)
+
+
+def _scaled(image: NDArray[np.float32], width: int) -> NDArray[np.float32]:
+    """Return a picture of other sides, (width/2, width, 3): the means of the light by area."""
+    height = width // 2
+    rows, columns = image.shape[:2]
+    if columns != width:
+        wide = np.empty((rows, width, 3), np.float32)
+        edges = np.arange(columns + 1) / columns, np.arange(width + 1) / width
+        prefilter_stage.average_columns(writable(image), *edges, wide)
+        image = wide
+    if rows != height:
+        upright = np.ascontiguousarray(image.swapaxes(0, 1))
+        short = np.empty((width, height, 3), np.float32)
+        prefilter_stage.average_columns(upright, _row_edges(rows), _row_edges(height), short)
+        image = np.ascontiguousarray(short.swapaxes(0, 1))
+    return image
+
+
+def _planar(image: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return a picture channel by channel, (3, H, W)."""
+    return np.ascontiguousarray(np.moveaxis(image, 2, 0))
+
+
+def _project(channels: NDArray[np.float32]) -> NDArray[np.float32]:
+    """
+    Return the irradiance polynomial of a picture, channel by channel.
+
+    The harmonics that do not depend on longitude are integrated exactly over each row, so that a
+    picture of one colour gives that colour.
+    """
+    _, height, width = channels.shape
+    longitudes = [sine_cosine(360.0 * ((n + 0.5) / width - 0.5)) for n in range(width)]
+    sines, cosines = np.array(longitudes).T.copy()
+    sums = np.empty((5, height))
+    edges = 1.0 - _row_edges(height)
+    top, bottom = edges[:-1], edges[1:]
+    first = (top * top - bottom * bottom) / 2.0
+    second = top * top * top - bottom * bottom * bottom - (top - bottom)
+    y, s, area = _latitudes(height)
+    terms = np.empty((IRRADIANCE_TERMS, 3))
+    for k in range(3):
+        prefilter_stage.project_rows(writable(channels[k]), cosines, sines, sums)
+        # What each texel of a row stands for: a share of the row's area, over 4 pi.
+        plain, cosine, sine, double_cosine, double_sine = sums / (2.0 * width)
+        share = area / (2.0 * PI)
+        terms[:, k] = [
+            _added(plain * (top - bottom)),
+            2.0 * _added(cosine * s * share),
+            2.0 * _added(plain * first),
+            2.0 * _added(sine * s * share),
+            15.0 / 4.0 * _added(cosine * y * s * share),
+            15.0 / 4.0 * _added(sine * y * s * share),
+            15.0 / 4.0 * _added(double_sine * s * s * share),
+            5.0 / 16.0 * _added(plain * second),
+            15.0 / 16.0 * _added(double_cosine * s * s * share),
+        ]
+    return terms.astype(np.float32)
+
+
+def _added(values: NDArray[np.float64]) -> float:
+    """Return a sum, from the first to the last."""
+    total = 0.0
+    for value in values.tolist():
+        total += value
+    return total
+
+
+def _reflections(sky: Panorama | SkyGradient, workers: Workers) -> Reflections:
+    """Return a sky filtered for each level of roughness."""
+    if isinstance(sky, SkyGradient):
+        if sky.zenith == sky.horizon == sky.ground:
+            return NO_REFLECTIONS
+        image = _gradient_image(sky)
+    else:
+        image = sky.image
+    copies = {}
+    width = _copy_width(image.shape[1])
+    while width >= NARROWEST:
+        image = copies[width] = _scaled(image, width)
+        width //= 2
+    texels, levels, first = [], [], 0
+    for level in range(1, ROUGH_LEVELS + 1):
+        filtered = _filtered(copies, level, workers)
+        height, width = filtered.shape[:2]
+        texels.append(filtered.reshape(-1, 3))
+        levels.append((first, width, height))
+        first += height * width
+    return Reflections(np.concatenate(texels), np.array(levels, np.int64))
+
+
+def _gradient_image(sky: SkyGradient) -> NDArray[np.float32]:
+    """Return a picture of a gradient."""
+    height = GRADIENT_SIZE // 2
+    y = _latitudes(height)[0][:, np.newaxis]
+    zenith, horizon, ground = np.array([sky.zenith, sky.horizon, sky.ground])
+    rows = horizon + np.abs(y) * (np.where(y > 0.0, zenith, ground) - horizon)
+    return np.repeat(rows.astype(np.float32)[:, np.newaxis], GRADIENT_SIZE, axis=1)
+
+
+def _filtered(
+    copies: dict[int, NDArray[np.float32]], level: int, workers: Workers
+) -> NDArray[np.float32]:
+    """Return the picture that a surface of one degree of roughness mirrors, (H, W, 3)."""
+    alpha = math.ldexp(1.0, level - ROUGH_LEVELS)
+    finest = min(max(round(TEXELS_AROUND / alpha), NARROWEST), max(copies))
+    width = min(finest, WIDEST_LEVEL)
+    height = width // 2
+    sums, totals = np.zeros((3, height, width)), np.zeros((height, width))
+    used = [copy for copy in copies if copy <= finest]
+    for number, copy in enumerate(used):
+        ring = _ring(copy, number == 0, number == len(used) - 1)
+        added, total = _ring_sums(copies[copy], ring, alpha * alpha, (height, width), workers)
+        sums += added.swapaxes(2, 3).reshape(sums.shape)
+        totals += np.tile(total, (1, width // total.shape[1]))
+    return np.ascontiguousarray(np.moveaxis(sums / totals, 0, 2), np.float32)
+
+
+def _ring(width: int, is_first: bool, is_last: bool) -> NDArray[np.float64]:
+    """
+    Return where the ring that is read from a copy of a picture begins and ends, (4,).
+
+    In one minus the cosine, half the square of a small angle: it counts more and more from the
+    angle that is so many texels wide up to twice that angle, where the finer copy has faded.
+    """
+    angle = RING_TEXELS * 2.0 * PI / width
+    start = angle * angle / 2.0
+    ends = [-1.0, -1.0] if is_first else [start, 4.0 * start]
+    ends += [BEYOND, BEYOND] if is_last else [4.0 * start, 16.0 * start]
+    return np.array(ends)
+
+
+def _ring_sums(
+    image: NDArray[np.float32],
+    ring: NDArray[np.float64],
+    alpha_squared: float,
+    shape: tuple[int, int],
+    workers: Workers,
+) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
+    """Return a ring's weighted sums (3, G, Q, B) and weights (G, Q); column ``q k + p`` is p, k."""
+    height, width = shape
+    source_height, source_width = image.shape[:2]
+    base = min(source_width, width)
+    phases = _planar(image).reshape(3, source_height, base, source_width // base).swapaxes(2, 3)
+    source = np.ascontiguousarray(np.concatenate([phases, phases], axis=3))
+    steps = 2 * max(source_width, width)
+    cosines = np.array([sine_cosine(360.0 * n / steps)[1] for n in range(steps)])
+    sums = np.zeros((3, height, width // base, base), np.float32)
+    total = np.zeros((height, width // base))
+    heights = _latitudes(source_height), _latitudes(height)[:2].copy()
+    workers.run(
+        prefilter_stage.add_ring,
+        [
+            (
+                (row, min(row + ROWS_PER_TASK, height)), alpha_squared, ring, source, *heights,
+                cosines, total, sums,
+            )
+            for row in range(0, height, ROWS_PER_TASK)
+        ],
+    )  # fmt: skip
+    return sums, total

@@ -1,0 +1,396 @@
+"""
+Look up the environment: what it sheds on a surface, what a surface mirrors of it, what is behind.
+
+The light that falls on a surface from all sides is a polynomial of its normal [1]_. What it mirrors
+is looked up once in a picture filtered for its roughness, and weighted by the share of the light
+that its facets send on at once [2]_; what they send on after several bounces [3]_ comes from all
+sides. A white surface under white light is white, however rough and however metallic.
+
+Directions become longitude and latitude by a polynomial of our own, whose bits are the same on
+every CPU.
+
+Show the environment where no face is.
+
+A ray through a pixel is where two planes meet: with the rows X, Y and W of ``clip_from_relative``,
+points seen at (x, y) in normalized device coordinates have ``(X - x W) p = 0 = (Y - y W) p``. So
+the ray is the cross product of the two, which is linear in x and y, and constant for a parallel
+projection.
+
+References
+----------
+.. [1] R. Ramamoorthi, P. Hanrahan, "An Efficient Representation for Irradiance Environment Maps",
+   SIGGRAPH 2001.
+.. [2] B. Karis, "Real Shading in Unreal Engine 4", SIGGRAPH 2013 courses: the split sum.
+.. [3] C. Fdez-Agüera, "A Multiple-Scattering Microfacet Model for Real-Time Image-Based Lighting",
+   Journal of Computer Graphics Techniques 8(1), 2019.
+.. [4] S. Lagarde, C. de Rousiers, "Moving Frostbite to Physically Based Rendering", SIGGRAPH 2014
+   courses: where the lobe of a rough surface points.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rasterjit.effects.tone_map.stage import map_pixel
+from rasterjit.pipeline.encode import encode_pixel
+from rasterjit.pipeline.lighting.blinn_phong import unit_scale
+from rasterjit.pipeline.lighting.pbr import DIELECTRIC, bounces, largest, reflected_shares
+from rasterjit.pipeline.records import Encoding, Environment
+from rasterjit.pipeline.surface import samples as rows
+from rasterjit.pipeline.surface.samples import Block
+from rasterjit.runtime.float_math import log2
+from rasterjit.runtime.jit import disjoint_helper, helper, kernel, stage
+from rasterjit.runtime.state import float32, float64, int32, int64, uint32
+
+IRRADIANCE_TERMS = 9
+"""Of the polynomial: 1, x, y, z, xy, yz, zx, 3y² - 1, x² - z²."""
+
+ZENITH, HORIZON, GROUND = 0, 1, 2
+"""Rows of ``Environment.gradient``."""
+
+FIRST_TEXEL, LEVEL_WIDTH, LEVEL_HEIGHT = 0, 1, 2
+"""Columns of ``Reflections.levels``."""
+
+ROUGH_LEVELS = 8
+"""Filtered levels; from each to the next the roughness grows by sqrt(2), up to 1 for the last."""
+
+LEAST_ROUGHNESS = np.float32(0.08838835)
+"""Of the first filtered level, 2**-3.5; a smoother surface mirrors a mix of it and the picture."""
+
+TANGENT_OF_EIGHTH = np.float32(0.41421357)
+"""Of 22.5 degrees: above, a ratio is turned back by 45 degrees."""
+
+
+@helper
+def turns(y, x):
+    """
+    Return the angle of (x, y) from the x axis in whole turns, -1/2..1/2, to 6e-8; float32.
+
+    Multiples of 45 degrees are exact. The arc tangent of a ratio up to tan(22.5 degrees), over 2 pi
+    turns, is a polynomial with an error of 1.8e-8. No direction at all gives 0.
+    """
+    zero, one = np.float32(0.0), np.float32(1.0)
+    ax, ay = abs(x), abs(y)
+    low, high = min(ax, ay), max(ax, ay)
+    ratio = low / high if high > zero else zero
+    is_steep = ratio > TANGENT_OF_EIGHTH
+    t = (ratio - one) / (ratio + one) if is_steep else ratio
+    s = t * t
+    series = np.float32(-0.01715644) * s + np.float32(0.03116409)
+    series = series * s + np.float32(-0.05302115)
+    series = series * s + np.float32(0.15915456)
+    angle = t * series + (np.float32(0.125) if is_steep else zero)
+    angle = np.float32(0.25) - angle if ay > ax else angle
+    angle = np.float32(0.5) - angle if x < zero else angle
+    return -angle if y < zero else angle
+
+
+@helper
+def held(value, least, most):
+    """Return a float32 held in least..most; NaN gives the least."""
+    value = value if value > least else least
+    return value if value < most else most
+
+
+@helper
+def place_of(x, y, z):
+    """Return where a direction of any length lies on a picture: shares of width and height."""
+    half = np.float32(0.5)
+    across = turns(z, x) + half
+    down = half - np.float32(2.0) * turns(y, np.sqrt(x * x + z * z))
+    return held(across, np.float32(0.0), np.float32(1.0)), held(
+        down, np.float32(0.0), np.float32(1.0)
+    )
+
+
+@helper
+def turned(x, z, turn):
+    """Return x and z of a direction as the picture has them, which is turned about y."""
+    return turn[0] * x - turn[1] * z, turn[1] * x + turn[0] * z
+
+
+@helper
+def blend3(one, other, share):
+    """Return the colour between two; equal ones give exactly themselves."""
+    return (
+        one[0] + share * (other[0] - one[0]),
+        one[1] + share * (other[1] - one[1]),
+        one[2] + share * (other[2] - one[2]),
+    )
+
+
+@helper
+def texel_at(texels, n):
+    """Return one texel, linear RGB."""
+    n = np.uintp(n)
+    return texels[n, 0], texels[n, 1], texels[n, 2]
+
+
+@helper
+def filtered_texel(texels, first, width, height, place):
+    """Return the bilinear mix of the four texels around a place; rows end at the poles."""
+    half = np.float32(0.5)
+    x = place[0] * np.float32(width) - half
+    y = held(place[1] * np.float32(height) - half, np.float32(0.0), np.float32(height - 1))
+    left, top = np.floor(x), np.floor(y)
+    column, row = np.int64(left), np.int64(top)
+    column0 = column if column >= 0 else width - 1
+    column1 = column + 1 if column + 1 < width else np.int64(0)
+    row0, row1 = first + row * width, first + min(row + 1, height - 1) * width
+    share = x - left
+    upper = blend3(texel_at(texels, row0 + column0), texel_at(texels, row0 + column1), share)
+    lower = blend3(texel_at(texels, row1 + column0), texel_at(texels, row1 + column1), share)
+    return blend3(upper, lower, y - top)
+
+
+@helper
+def gradient_color(gradient, height):
+    """Return the colour of a sky without picture, where the sine of the elevation is ``height``."""
+    side = ZENITH if height > np.float32(0.0) else GROUND
+    share = min(abs(height), np.float32(1.0))
+    low = gradient[HORIZON, 0], gradient[HORIZON, 1], gradient[HORIZON, 2]
+    return blend3(low, (gradient[side, 0], gradient[side, 1], gradient[side, 2]), share)
+
+
+@helper
+def sharp_color(x, y, z, texels, width, height, gradient):
+    """Return what is seen towards a direction of any length, which is turned already."""
+    if width == 0:
+        return gradient_color(gradient, y * unit_scale(x, y, z))
+    return filtered_texel(texels, np.int64(0), width, height, place_of(x, y, z))
+
+
+@helper
+def level_at_roughness(roughness):
+    """Return the level of a roughness in 0..1: 0 is the picture, then the filtered ones."""
+    if roughness < LEAST_ROUGHNESS:
+        return roughness / LEAST_ROUGHNESS
+    level = np.float32(ROUGH_LEVELS) + np.float32(2.0) * log2(roughness)
+    return held(level, np.float32(1.0), np.float32(ROUGH_LEVELS))
+
+
+@helper
+def level_color(level, direction, sharp, reflections):
+    """Return one level towards a direction; level 0 is ``sharp``, a picture or a gradient."""
+    x, y, z = direction
+    texels, width, height, gradient = sharp
+    if level == 0 or reflections.levels.shape[0] == 0:
+        return sharp_color(x, y, z, texels, width, height, gradient)
+    row = level - 1
+    levels = reflections.levels
+    return filtered_texel(
+        reflections.texels, levels[row, FIRST_TEXEL], levels[row, LEVEL_WIDTH],
+        levels[row, LEVEL_HEIGHT], place_of(x, y, z),
+    )  # fmt: skip
+
+
+@helper
+def mirrored_color(direction, roughness, environment, reflections):
+    """Return what a surface of this roughness, 0..1, mirrors from about a direction."""
+    x, y, z = direction
+    x, z = turned(x, z, environment.turn)
+    sharp = environment.texels, environment.width, environment.height, environment.gradient
+    level = level_at_roughness(roughness)
+    finer = np.int64(level)
+    share = level - np.float32(finer)
+    color = level_color(finer, (x, y, z), sharp, reflections)
+    if share > np.float32(0.0):
+        coarser = level_color(finer + 1, (x, y, z), sharp, reflections)
+        color = blend3(color, coarser, share)
+    return color
+
+
+@helper
+def light_from_all_sides(x, y, z, terms, k):
+    """Return the irradiance over pi of one channel, for a normal that is turned already."""
+    one, three = np.float32(1.0), np.float32(3.0)
+    total = terms[0, k] + terms[1, k] * x + terms[2, k] * y + terms[3, k] * z
+    total += terms[4, k] * (x * y) + terms[5, k] * (y * z) + terms[6, k] * (z * x)
+    total += terms[7, k] * (three * y * y - one) + terms[8, k] * (x * x - z * z)
+    return max(total, np.float32(0.0))
+
+
+@disjoint_helper
+def add_irradiance(
+    terms, turn, intensity, occlusion, nx, ny, nz, shares, red, green, blue, out_red, out_green,
+    out_blue,
+):  # fmt: skip
+    """Add to each sample its share of the light from all sides, times its base colour."""
+    for i in range(out_red.shape[0]):
+        x, z = turn[0] * nx[i] - turn[1] * nz[i], turn[1] * nx[i] + turn[0] * nz[i]
+        arriving = shares[i] * intensity * occlusion[i]
+        out_red[i] += arriving * (red[i] * light_from_all_sides(x, ny[i], z, terms, 0))
+        out_green[i] += arriving * (green[i] * light_from_all_sides(x, ny[i], z, terms, 1))
+        out_blue[i] += arriving * (blue[i] * light_from_all_sides(x, ny[i], z, terms, 2))
+
+
+@helper
+def shares_of_channel(base, metallic, dielectric, shares):
+    """
+    Return the shares of one channel that are mirrored, and that come from all sides.
+
+    A mix of a metal, which only mirrors, and a dielectric: what it does not mirror goes into the
+    surface and comes back coloured.
+    """
+    once, often = bounces(base, shares)
+    inside = np.float32(1.0) - (dielectric[0] + dielectric[1])
+    return (
+        dielectric[0] + metallic * (once - dielectric[0]),
+        (dielectric[1] + inside * base) * (np.float32(1.0) - metallic) + metallic * often,
+    )
+
+
+@helper
+def mirror_direction(samples, n, toward_viewer, alpha):
+    """Return where most of the mirrored light comes from, any length, and the viewer's cosine."""
+    nx, ny, nz = samples[rows.NORMAL_X, n], samples[rows.NORMAL_Y, n], samples[rows.NORMAL_Z, n]
+    vx = toward_viewer[0] - toward_viewer[3] * samples[rows.POINT_X, n]
+    vy = toward_viewer[1] - toward_viewer[3] * samples[rows.POINT_Y, n]
+    vz = toward_viewer[2] - toward_viewer[3] * samples[rows.POINT_Z, n]
+    scale = unit_scale(vx, vy, vz)
+    vx, vy, vz = vx * scale, vy * scale, vz * scale
+    facing = nx * vx + ny * vy + nz * vz
+    # The rougher, the closer to the normal.
+    smooth = np.float32(1.0) - alpha
+    bend = smooth * (np.sqrt(smooth) + alpha)
+    twice = np.float32(2.0) * facing
+    direction = (
+        nx + bend * (twice * nx - vx - nx),
+        ny + bend * (twice * ny - vy - ny),
+        nz + bend * (twice * nz - vz - nz),
+    )
+    return direction, held(facing, np.float32(0.0), np.float32(1.0))
+
+
+@helper
+def add_mirrored(samples, n, arriving, environment, reflections, toward_viewer):
+    """Add what one sample of a surface of facets sheds of the environment, by split sum."""
+    zero, one = np.float32(0.0), np.float32(1.0)
+    roughness = held(samples[rows.ROUGHNESS, n], zero, one)
+    metallic = held(samples[rows.METALLIC, n], zero, one)
+    direction, facing = mirror_direction(samples, n, toward_viewer, roughness * roughness)
+    mirrored = mirrored_color(direction, roughness, environment, reflections)
+    shares = reflected_shares(facing, roughness)
+    dielectric = bounces(DIELECTRIC, shares)
+    nx, ny, nz = samples[rows.NORMAL_X, n], samples[rows.NORMAL_Y, n], samples[rows.NORMAL_Z, n]
+    x, z = turned(nx, nz, environment.turn)
+    for k in range(3):
+        direct, around = shares_of_channel(samples[rows.RED + k, n], metallic, dielectric, shares)
+        light = light_from_all_sides(x, ny, z, environment.irradiance, k)
+        samples[rows.OUT_RED + k, n] += arriving * (direct * mirrored[k] + around * light)
+
+
+@stage
+def shed_light(
+    block: Block, count, irradiance: float32[:, ::1], turn: float32[::1], intensity: float32
+):
+    """
+    Add the light that comes from all sides to samples, but to those of microfacets.
+
+    Parameters
+    ----------
+    block : Block
+        Reads normals of length one, base colours and rows LIT and OCCLUSION; adds to rows
+        OUT_RED...
+    count : int
+    irradiance, turn, intensity
+        As ``Environment`` has them.
+    """
+    s = block.samples
+    if largest(s[rows.LIT, :count]) > np.float32(0.0):
+        add_irradiance(
+            irradiance, turn, intensity, s[rows.OCCLUSION, :count], s[rows.NORMAL_X, :count],
+            s[rows.NORMAL_Y, :count], s[rows.NORMAL_Z, :count], s[rows.LIT, :count],
+            s[rows.RED, :count], s[rows.GREEN, :count], s[rows.BLUE, :count],
+            s[rows.OUT_RED, :count], s[rows.OUT_GREEN, :count], s[rows.OUT_BLUE, :count],
+        )  # fmt: skip
+
+
+@stage
+def mirror_environment(block: Block, count, environment: Environment, toward_viewer: float32[::1]):
+    """
+    Add what samples of microfacets show of the environment, mirrored and from all sides.
+
+    Parameters
+    ----------
+    block : Block
+        Reads the rows up to LIT, normals of length one, and METALLIC to OCCLUSION; adds to rows
+        OUT_RED...
+    count : int
+    environment : Environment
+    toward_viewer : (4,) float32
+        A point p, relative to the eye, is seen along ``xyz - w p``.
+    """
+    s = block.samples
+    for n in range(count):
+        share = s[rows.MICROFACET, n]
+        if share > np.float32(0.0):
+            arriving = share * environment.intensity * s[rows.OCCLUSION, n]
+            add_mirrored(s, n, arriving, environment, environment.reflections, toward_viewer)
+
+
+@helper
+def ray_at(rays, x, y):
+    """Return the direction seen at a place in normalized device coordinates, length about one."""
+    rx = rays[0, 0] + x * rays[1, 0] + y * rays[2, 0]
+    ry = rays[0, 1] + x * rays[1, 1] + y * rays[2, 1]
+    rz = rays[0, 2] + x * rays[1, 2] + y * rays[2, 2]
+    largest = max(abs(rx), max(abs(ry), abs(rz)))
+    scale = 1.0 / largest if largest > 0.0 else 0.0
+    return np.float32(rx * scale), np.float32(ry * scale), np.float32(rz * scale)
+
+
+@helper
+def color_along(ray, environment):
+    """Return the light that comes from the environment against a ray."""
+    x, z = turned(ray[0], ray[2], environment.turn)
+    color = sharp_color(
+        x, ray[1], z, environment.texels, environment.width, environment.height,
+        environment.gradient,
+    )  # fmt: skip
+    intensity = environment.intensity
+    return color[0] * intensity, color[1] * intensity, color[2] * intensity
+
+
+@kernel
+def show_environment(
+    face_id: int32[:, ::1], first: (int64, int64), rays: float64[:, ::1], size: (int64, int64),
+    environment: Environment, encoding: Encoding, linear: float32[:, :, ::1],
+    color: uint32[:, ::1],
+):  # fmt: skip
+    """
+    Write the environment to the pixels of some rows that show no face.
+
+    Parameters
+    ----------
+    face_id : (R, W) int32
+        The visible faces of these rows.
+    first : (int, int)
+        Column and row of the first pixel in the whole frame.
+    rays : (3, 3) float64
+        Direction, in world axes, at the middle of the frame, and its change with x and y in
+        normalized device coordinates.
+    size : (int, int)
+        Width and height of the whole frame, pixels.
+    environment, encoding : records
+    linear : (R, W, 4) float32
+        Written: linear red, green, blue, and alpha 1. Or W is 0.
+    color : (R, W) uint32
+        Written: the same, tone mapped, in sRGB codes. Or W is 0.
+    """
+    for row in range(face_id.shape[0]):
+        y = 1.0 - (2.0 * (first[1] + row) + 1.0) / size[1]
+        for column in range(face_id.shape[1]):
+            if face_id[row, column] >= 0:
+                continue
+            x = (2.0 * (first[0] + column) + 1.0) / size[0] - 1.0
+            red, green, blue = color_along(ray_at(rays, x, y), environment)
+            if linear.shape[1] > 0:
+                linear[row, column, 0] = red
+                linear[row, column, 1] = green
+                linear[row, column, 2] = blue
+                linear[row, column, 3] = np.float32(1.0)
+            if color.shape[1] > 0:
+                red, green, blue = map_pixel(encoding.tone, red, green, blue)
+                shown = red, green, blue, np.float32(1.0)
+                color[row, column] = encode_pixel(shown, encoding.table)

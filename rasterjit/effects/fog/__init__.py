@@ -1,0 +1,115 @@
+"""
+Fog: what lies between the surfaces and the eye.
+
+A frame has it where a face in view is shaded and the fog begins before the farthest of them. Each
+sample is covered by its distance, after all light is added; costs about a tenth of shading.
+"""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+
+from rasterjit.effects.fog import stage as fog_stage
+from rasterjit.pipeline import records
+from rasterjit.pipeline.surface import attributes
+from rasterjit.runtime.driver import Step
+from rasterjit.scene.camera import Camera
+from rasterjit.scene.fog import Fog
+from rasterjit.survey.effect import Absent, Effect, Look, Planned, Planning
+from rasterjit.survey.facts import Facts
+from rasterjit.survey.placement import Boxes
+
+FOG_MODES = {
+    "linear": fog_stage.LINEAR,
+    "exp": fog_stage.EXPONENTIAL,
+    "exp2": fog_stage.EXPONENTIAL_SQUARED,
+}
+
+HALVINGS = 1.4426950408889634
+"""One over ln 2: the binary exponent of e."""
+
+SQUARED_HALVINGS = 1.2011224087864498
+"""Its square root: a density that is squared takes one of two equal factors."""
+
+DISTANCE_ROUNDING = 1.0 + 2.0**-20
+"""Factor on the farthest distance, for the rounding of positions and distances in float32."""
+
+
+def is_fog_in_reach(fog: Fog | None, boxes: Boxes) -> bool:
+    """Tell whether fog may cover anything: not if it is empty or begins beyond all in view."""
+    if fog is None or fog.density == 0.0:
+        return False
+    if fog.mode != "linear" or fog.start == 0.0:
+        return True
+    return boxes.farthest() * DISTANCE_ROUNDING > fog.start
+
+
+def fog_record(fog: Fog, camera: Camera, has_flat: bool = False) -> records.Fog:
+    """Return fog as shading reads it, for a scene with or without objects shaded flat."""
+    halvings = SQUARED_HALVINGS if fog.mode == "exp2" else HALVINGS
+    start, end = fog.start or 0.0, fog.end or 0.0
+    above = float(camera.eye_position()[1]) - (fog.height or 0.0)
+    return records.Fog(
+        FOG_MODES[fog.mode],
+        np.array(fog.color, np.float32),
+        np.float32(end),
+        np.float32(1.0 / (end - start) if end > start else 0.0),
+        np.float32((fog.density or 0.0) * halvings),
+        np.float32(above),
+        np.float32((fog.falloff or 0.0) * HALVINGS),
+        np.int64(1) if has_flat else None,
+    )
+
+
+class FogEffect(Effect):
+    """Cover lit samples."""
+
+    name = "fog"
+    field = "fog"
+    key = "n"
+
+    def answer(self, facts: Facts, planning: Planning) -> Planned | Absent:
+        """Say whether fog may cover a colour that is asked for."""
+        fog = facts.asked[self.field]
+        if not facts.shades or not is_fog_in_reach(fog, planning.boxes):
+            return Absent(self, facts)
+        return Planned(self, facts, fog_record(fog, planning.camera, facts.seen.flat > 0))
+
+    def reason(self, facts: Facts, is_used: bool) -> str:
+        """Say what fog there is, or why it covers nothing."""
+        fog = facts.asked[self.field]
+        if fog is None:
+            return "scene.fog is None"
+        if not facts.shades:
+            return "no face is shaded"
+        if not is_used:
+            return "its density is 0" if fog.density == 0.0 else "it begins beyond everything"
+        by_height = ", by height" if fog.height is not None else ""
+        return f"mode {fog.mode}{by_height}"
+
+    def neutral(self, record: records.Fog) -> records.Fog:
+        """Return fog without density."""
+        zero = np.float32(0.0)
+        return record._replace(mode=fog_stage.EXPONENTIAL, density=zero, falloff=zero)
+
+    @staticmethod
+    def cover(fog: records.Fog, look: Look) -> list[Step]:
+        """Return the stages that lay fog over what is seen."""
+        placement, viewer, steps = look.placement, np.float32(look.placement.toward_viewer), []
+        if fog.flat is not None:
+            # Find the points of what was lit at the middles of faces.
+            steps.append(Step(attributes.gather_positions, (placement.positions,)))
+            steps.append(Step(attributes.find_points, (placement,)))
+        if fog.mode == fog_stage.LINEAR:
+            own = fog.end, fog.per_range, fog.color, viewer
+            return [*steps, Step(fog_stage.cover_linearly, own)]
+        squares = np.float32(fog.mode == fog_stage.EXPONENTIAL_SQUARED)
+        own = fog.density, squares, fog.above, fog.falloff, fog.color, viewer
+        return [*steps, Step(fog_stage.cover_exponentially, own)]
+
+    places: ClassVar = {"sample": cover}
+
+
+FOG = FogEffect()

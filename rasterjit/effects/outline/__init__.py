@@ -1,0 +1,164 @@
+"""
+Outlines: draw the edges of shapes over the colour.
+
+A frame has them where faces are shown in 8 bits. Found from depth, normals and object numbers of
+neighbouring pixels, once for the finished picture.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+import operator
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.effects.outline import stage as outline_stage
+from rasterjit.pipeline.geometry.lens import lens_of
+from rasterjit.pipeline.records import Geometry, Placement
+from rasterjit.pipeline.visibility import draw
+from rasterjit.runtime.threads import Workers, rows_per_task
+from rasterjit.scene import transforms
+from rasterjit.scene.camera import Camera
+from rasterjit.scene.color import linear_to_srgb
+from rasterjit.scene.outline import Outline
+from rasterjit.scene.quality import Quality
+from rasterjit.scene.scene import Scene
+from rasterjit.survey.effect import (
+    Absent,
+    Effect,
+    FrameContext,
+    Planned,
+    Planning,
+    Rows,
+    add_to_field,
+)
+from rasterjit.survey.facts import Facts
+from rasterjit.survey.plan import RenderPlan
+
+EDGE_BITS = {
+    "silhouette": outline_stage.SILHOUETTE,
+    "object": outline_stage.OBJECT,
+    "crease": outline_stage.CREASE,
+}
+
+
+def draw_outlines(
+    effect: Outline,
+    camera: Camera,
+    geometry: Geometry,
+    placement: Placement,
+    coverage: draw.Coverage,
+    color: NDArray[np.uint8],
+    workers: Workers,
+) -> None:
+    """
+    Draw the edges of shapes over the colour.
+
+    Parameters
+    ----------
+    effect : Outline
+    camera : Camera
+    geometry, placement, coverage
+        Of the visible faces; with its reversed depth.
+    color : (H, W, 4) uint8
+        Written where there are edges, with alpha 255.
+    workers : Workers
+    """
+    face_id, depth = coverage.face_id, coverage.reversed_depth
+    height, width = face_id.shape
+    lens = lens_of(camera, (width, height), 1.0)
+    snap = math.ldexp(outline_stage.SNAP_SLACK, -geometry.viewport.subpixel_bits)
+    kinds = functools.reduce(operator.or_, (EDGE_BITS[kind] for kind in effect.edges))
+    _, least_cosine = transforms.sine_cosine(effect.crease_angle)
+    marks = np.zeros(face_id.shape, np.uint8)
+    encoded = linear_to_srgb(np.array(effect.color[:3]))
+    rgba = np.append(np.floor(255.0 * encoded + 0.5), 255.0).astype(np.uint8).view(np.uint32)
+    target, reach = color.view(np.uint32)[:, :, 0], disc_rows(effect.width)
+    per_task = rows_per_task(face_id.shape, workers)
+    bands = [((n, min(n + per_task, height)),) for n in range(0, height, per_task)]
+
+    def find_band(rows: tuple[int, int]) -> None:
+        outline_stage.find_edges(
+            face_id, rows, depth, coverage.reversed_vertex_depth, geometry, placement, lens, snap,
+            kinds, least_cosine, marks, outline_stage.scratch_memory(width),
+        )  # fmt: skip
+
+    def draw_band(rows: tuple[int, int]) -> None:
+        outline_stage.draw_marks(marks, rows, reach, rgba, target)
+
+    workers.run(find_band, bands)
+    workers.run(draw_band, bands)
+
+
+def disc_rows(width: int) -> NDArray[np.int32]:
+    """
+    Return the rows of a disc whose diameter is a number of pixels, (D, 3) int32.
+
+    Each as its distance from the middle, its first column and the one past its last, relative to
+    the middle. A disc of even diameter has its middle between pixels, to the upper left.
+    """
+    offset = 0.0 if width % 2 else 0.5
+    first = -(width // 2) + (1 - width % 2)
+    rows = []
+    for down in range(first, width // 2 + 1):
+        room = (width / 2.0) * (width / 2.0) - (down - offset) * (down - offset)
+        half = math.floor(math.sqrt(max(room, 0.0)) + offset)
+        rows.append((down, -half + (1 - width % 2), half + 1))
+    return np.array(rows, np.int32)
+
+
+class Outlines(Effect):
+    """Draw the edges of shapes over the finished picture."""
+
+    name = "outline"
+    field = "outline"
+    key = "k"
+    looks = "neighbours"
+
+    def answer(self, facts: Facts, planning: Planning) -> Planned | Absent:
+        """Say whether outlines are drawn: they are 8-bit pixels, around faces."""
+        outline = facts.asked[self.field]
+        if outline is not None and "color" in facts.outputs and facts.draws_faces:
+            return Planned(self, facts, outline)
+        return Absent(self, facts)
+
+    def reason(self, facts: Facts, is_used: bool) -> str:
+        """Say why edges are drawn around shapes or not."""
+        outline = facts.asked[self.field]
+        if outline is None:
+            return "scene.outline is None"
+        if "color" not in facts.outputs:
+            return "no output shows colour in 8 bits"
+        if not facts.draws_faces:
+            return "only the wireframe is drawn"
+        return f"{', '.join(outline.edges)}, {outline.width} wide"
+
+    def reads_depth(self, plan: RenderPlan) -> bool:
+        """Tell that it looks at depths around each pixel."""
+        return True
+
+    def kernels(self, plan: RenderPlan) -> dict[str, Rows]:
+        """Return the kernels that find and draw edges."""
+        return {"overlay": [("outline.find_edges", "", ""), ("outline.draw_marks", "", "")]}
+
+    def buffers(self, plan: RenderPlan) -> list[tuple[str, int, str, tuple[int, int]]]:
+        """Return where edges are noted."""
+        return [("marks of outlines", 1, "uint8", plan.size)]
+
+    def add(self, scene: Scene, quality: Quality) -> tuple[str, Scene | None]:
+        """Return the scene with thin outlines."""
+        return "on, one pixel wide", add_to_field(scene, self.field, Outline())
+
+    @staticmethod
+    def draw_over(outline: Outline, context: FrameContext, color: NDArray[np.uint8]) -> None:
+        """Draw over the colour, (H, W, 4)."""
+        plan, _, geometry, placement, coverage, workers = context
+        draw_outlines(outline, plan.camera, geometry, placement, coverage, color, workers)
+
+    places: ClassVar = {"overlay": draw_over}
+
+
+OUTLINE = Outlines()

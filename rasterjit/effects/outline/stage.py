@@ -1,0 +1,304 @@
+"""
+Find the edges of shapes on the screen and draw them as lines of some width.
+
+Two neighbouring pixels of one surface have depths that differ by no less than the smaller, and no
+more than the greater of the slopes of their faces; more than that, beyond the rounding of vertices
+and a footprint of a pixel, is a jump. So planes at grazing angles have no jumps, at any scale. A
+jump and the end of everything belong to the nearer of both pixels, the line where two objects touch
+to that of the later object, a crease to the left or upper one.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from rasterjit.pipeline.geometry.barycentric import face_normal, find_object, lowest_first
+from rasterjit.pipeline.geometry.setup import CLIPPED, INVALID
+from rasterjit.pipeline.geometry.unproject import change, locate
+from rasterjit.pipeline.records import Geometry, Placement
+from rasterjit.runtime.jit import helper, kernel
+from rasterjit.runtime.state import float32, float64, int32, int64, uint8, uint32
+
+SILHOUETTE, OBJECT, CREASE = 1, 2, 4
+"""Kinds of edges, as bits of a whole number."""
+
+JUMP = np.float32(2.0)
+"""Footprints of a pixel by which depths differ at least, where a surface ends before another."""
+
+SNAP_SLACK = np.float32(2.0)
+"""
+Units of the sub-pixel grid by which depths of one plane may be displaced on the screen.
+
+Each by half a unit in x and in y; two depths are compared. Twice that, for rounding.
+"""
+
+DEPTH_ROUNDING = np.float32(2.0**-21)
+"""Slack for the rounding of two float32 depths and their slopes, as a share of the depth."""
+
+SPANS = np.float32(2.0)
+"""
+Faces of one surface that may follow each other from one pixel to the next, if they reach as far.
+
+So a face that is seen edge-on, whose slope says nothing, hides no jump.
+"""
+
+LEAST = np.float32(1e-30)
+"""Added to what is divided by; the lens has entries up to 1."""
+
+NORMAL = 0
+"""Rows of scratch: normal of the face, toward the viewer, world axes."""
+SLOPE_X, SLOPE_Y, SLACK = 3, 4, 5
+"""Rows: change of stored depth to the next column and the next row, and what counts as none."""
+SCRATCH_ROWS = 6
+
+
+def scratch_memory(width: int) -> tuple[Any, Any]:
+    """Return the memory that a thread needs for an image of this width, pixels."""
+    return np.empty((2, SCRATCH_ROWS, width), np.float32), np.empty((2, width), np.int32)
+
+
+@helper
+def steepest(a, b, c, axis, codes, xy, grid_bits, depths):
+    """Return the largest change of stored depth from one pixel to the next on faces like this."""
+    if (codes[a] | codes[b] | codes[c]) & (CLIPPED | INVALID):
+        return np.float32(np.inf)
+    nearest = max(depths[a], max(depths[b], depths[c]))
+    span = np.float32(nearest - min(depths[a], min(depths[b], depths[c])))
+    first = min(xy[a, axis], min(xy[b, axis], xy[c, axis]))
+    last = max(xy[a, axis], max(xy[b, axis], xy[c, axis]))
+    pixel = np.float32(np.int64(1) << grid_bits)
+    return (
+        SPANS * span * max(pixel / max(np.float32(last - first), np.float32(1.0)), np.float32(1.0))
+    )
+
+
+@helper
+def slopes_at(lens, viewer, column, row, depth, normal):
+    """Return the normal toward the viewer, both slopes of the depth, and a footprint in depth."""
+    parts = lens[0], lens[1], lens[2], lens[3]
+    x, y, z, _ = locate(parts, column, row, depth)
+    across, down = change(lens[0], x, y, z), change(lens[1], x, y, z)
+    deeper = change(lens[2], x, y, z)
+    nx, ny, nz = normal
+    toward = (
+        nx * (viewer[0] - viewer[3] * x)
+        + ny * (viewer[1] - viewer[3] * y)
+        + nz * (viewer[2] - viewer[3] * z)
+    )
+    turn = np.float32(1.0) if toward >= np.float32(0.0) else np.float32(-1.0)
+    rise_x = nx * across[0] + ny * across[1] + nz * across[2]
+    rise_y = nx * down[0] + ny * down[1] + nz * down[2]
+    rise = nx * deeper[0] + ny * deeper[1] + nz * deeper[2]
+    rise = rise + LEAST if rise >= np.float32(0.0) else rise - LEAST
+    step = across[0] * across[0] + across[1] * across[1] + across[2] * across[2]
+    deep = deeper[0] * deeper[0] + deeper[1] * deeper[1] + deeper[2] * deeper[2]
+    footprint = np.sqrt(step / (deep + LEAST))
+    return (turn * nx, turn * ny, turn * nz), -rise_x / rise, -rise_y / rise, footprint
+
+
+@helper
+def held(value, most):
+    """Return a value held in -most..most; NaN gives 0."""
+    value = value if value > -most else -most
+    return value if value < most else most
+
+
+@helper
+def fill_row(
+    faces, depth, row, lens, viewer, snap, vertex_depths, geometry, placement, s, owners
+):  # fmt: skip
+    """Write normal, slopes, slack and object of each pixel of a row; object -1 where nothing is."""
+    known, owner = np.int64(-1), np.int64(0)
+    normal = np.float32(0.0), np.float32(0.0), np.float32(0.0)
+    most_x = most_y = np.float32(0.0)
+    codes, xy, bits = geometry.codes, geometry.xy, geometry.viewport.grid_bits
+    for column in range(np.uintp(faces.shape[0])):
+        face = np.int64(faces[column])
+        owners[column] = -1
+        if face < 0:
+            continue
+        if face != known:
+            known = face
+            owner = find_object(face, placement.face_starts, owner)
+            a, b, c = lowest_first(geometry.faces, face)
+            x, y, z = face_normal(a, b, c, owner, placement)
+            normal = np.float32(x), np.float32(y), np.float32(z)
+            most_x = steepest(a, b, c, 0, codes, xy, bits, vertex_depths)
+            most_y = steepest(a, b, c, 1, codes, xy, bits, vertex_depths)
+        stored = depth[column]
+        turned, slope_x, slope_y, footprint = slopes_at(
+            lens, viewer, np.float32(column), np.float32(row), stored, normal
+        )
+        for k in range(3):
+            s[NORMAL + k, column] = turned[k]
+        s[SLOPE_X, column], s[SLOPE_Y, column] = held(slope_x, most_x), held(slope_y, most_y)
+        s[SLACK, column] = (
+            JUMP * footprint
+            + snap * (abs(s[SLOPE_X, column]) + abs(s[SLOPE_Y, column]))
+            + DEPTH_ROUNDING * abs(stored)
+        )
+        owners[column] = np.int32(owner)
+
+
+@helper
+def share_corner(face, other, faces, positions):
+    """Return whether two faces of one object have a corner in the same place."""
+    for i in range(3):
+        for j in range(3):
+            p, q = faces[face, i], faces[other, j]
+            if (
+                positions[p, 0] == positions[q, 0]
+                and positions[p, 1] == positions[q, 1]
+                and positions[p, 2] == positions[q, 2]
+            ):
+                return True
+    return False
+
+
+@helper
+def is_crease(difference, slope, face, other, cosine, least_cosine, faces, positions):
+    """
+    Return whether two faces meet at an angle.
+
+    If they bend toward the viewer, they may also intersect; if away, they must have a corner in
+    common, for the end of what is round bends as much from one pixel to the next.
+    """
+    if not cosine < least_cosine:
+        return False
+    return difference > slope or share_corner(face, other, faces, positions)
+
+
+@helper
+def edge_between(
+    m, n, slope_row, face, other, depth, depth_there, s, t, owner, owner_there, kinds,
+    least_cosine, faces, positions,
+):  # fmt: skip
+    """Return -1, 1 or 0 if there is an edge that belongs to this pixel, the other, or no edge."""
+    if owner_there < 0 or owner < 0:
+        nearer = -1 if owner_there < 0 else 1
+        return nearer if kinds & (SILHOUETTE | OBJECT) else 0
+    difference = depth_there - depth
+    nearer = 1 if difference > np.float32(0.0) else -1
+    low = min(s[slope_row, m], t[slope_row, n])
+    high = max(s[slope_row, m], t[slope_row, n])
+    slack = max(s[SLACK, m], t[SLACK, n])
+    if difference < low - slack or difference > high + slack:
+        is_drawn = kinds & SILHOUETTE or (kinds & OBJECT and owner != owner_there)
+        return nearer if is_drawn else 0
+    if kinds & OBJECT and owner != owner_there:
+        return 1 if owner_there > owner else -1
+    if kinds & CREASE and owner == owner_there:
+        cosine = (
+            s[NORMAL, m] * t[NORMAL, n]
+            + s[NORMAL + 1, m] * t[NORMAL + 1, n]
+            + s[NORMAL + 2, m] * t[NORMAL + 2, n]
+        )
+        if is_crease(
+            difference, s[slope_row, m], face, other, cosine, least_cosine, faces, positions
+        ):
+            return -1
+    return 0
+
+
+@kernel
+def find_edges(
+    face_id: int32[:, ::1], rows: (int64, int64), depth: float32[:, ::1],
+    vertex_depths: float64[:], geometry: Geometry, placement: Placement, lens: float32[:, ::1],
+    snap: float64, kinds: int64, least_cosine: float64, marks: uint8[:, ::1],
+    scratch: (float32[:, :, ::1], int32[:, ::1]),
+):  # fmt: skip
+    """
+    Mark the pixels at edges.
+
+    Parameters
+    ----------
+    face_id : (H, W) int32
+    rows : (int, int)
+        The first row, and one past the last; edges to the row behind them are found as well.
+    depth : (H, W) float32, stored depth
+    vertex_depths : (V+E,) float64, stored depth of the vertices
+    geometry, placement : records
+    lens : (4, 4) float32
+        See ``unproject``; in units in which its largest entry is about 1.
+    snap : float
+        Slack for rounded vertices, as a share of the slopes.
+    kinds : int
+        The kinds of edges looked for, as bits.
+    least_cosine : float
+        Of the angle between the normals of two faces: below it is a crease.
+    marks : (H, W) uint8
+        1 is written to the pixels that an edge belongs to, in these rows and the one behind.
+    scratch : tuple
+        This thread's own, from `scratch_memory`.
+    """
+    height, width = face_id.shape
+    lines, owners = scratch
+    corners, positions = geometry.faces, placement.positions
+    v = placement.toward_viewer
+    viewer = np.float32(v[0]), np.float32(v[1]), np.float32(v[2]), np.float32(v[3])
+    slack, least = np.float32(snap), np.float32(least_cosine)
+    for row in range(rows[0], min(rows[1] + 1, height)):
+        this, other = row & 1, 1 - (row & 1)
+        s, t, own, above = lines[this], lines[other], owners[this], owners[other]
+        fill_row(
+            face_id[row], depth[row], row, lens, viewer, slack, vertex_depths, geometry,
+            placement, s, own,
+        )  # fmt: skip
+        for i in range(np.uintp(width)):
+            face = np.int64(face_id[row, i])
+            if row > rows[0] and face_id[row - 1, i] != face:
+                side = edge_between(
+                    i, i, SLOPE_Y, np.int64(face_id[row - 1, i]), face,
+                    depth[row - 1, i], depth[row, i], t, s, above[i], own[i], kinds, least,
+                    corners, positions,
+                )  # fmt: skip
+                if side != 0:
+                    marks[row - 1 if side < 0 else row, i] = 1
+            j = i + np.uintp(1)
+            if row < rows[1] and j < width and face_id[row, j] != face:
+                side = edge_between(
+                    i, j, SLOPE_X, face, np.int64(face_id[row, j]), depth[row, i],
+                    depth[row, j], s, s, own[i], own[j], kinds, least, corners, positions,
+                )  # fmt: skip
+                if side != 0:
+                    marks[row, i if side < 0 else j] = 1
+
+
+@kernel
+def draw_marks(
+    marks: uint8[:, ::1], rows: (int64, int64), reach: int32[:, ::1], color: uint32[::1],
+    target: uint32[:, ::1],
+):  # fmt: skip
+    """
+    Draw a square or a disc around every mark.
+
+    Parameters
+    ----------
+    marks : (H, W) uint8
+        1 where a line runs.
+    rows : (int, int)
+        The rows to draw, first and one past the last.
+    reach : (D, 3) int32
+        For each row of the disc: how far down it lies from the mark, and its first column and the
+        one past its last, relative to the mark.
+    color : (1,) uint32
+        RGBA bytes from the lowest up.
+    target : (H, W) uint32
+        Written in these rows.
+    """
+    height, width = marks.shape
+    value = color[0]
+    for row in range(rows[0], rows[1]):
+        for n in range(reach.shape[0]):
+            source = row - np.int64(reach[n, 0])
+            if source < 0 or source >= height:
+                continue
+            for i in range(np.uintp(width)):
+                if marks[source, i] == 0:
+                    continue
+                first = max(np.int64(i) + reach[n, 1], 0)
+                last = min(np.int64(i) + reach[n, 2], width)
+                for column in range(np.uintp(first), np.uintp(last)):
+                    target[row, column] = value

@@ -1,0 +1,237 @@
+"""
+Shadows: what a light does not reach, by shadow maps.
+
+A frame has them where a light with a shadow shines on something that anything may stand in the way
+of. The maps are drawn as any picture is, fitted to what is seen: a map of n x n texels holds 4 n n
+bytes, and takes the time of a picture of that size. Each sample compares its depth by each light.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, ClassVar
+
+import numpy as np
+
+from rasterjit.effects.shadows import filters, maps, receivers, visible_depth
+from rasterjit.effects.shadows import stage as shadows_stage
+from rasterjit.pipeline.records import Shadows
+from rasterjit.pipeline.surface.samples import MOVED, POINT
+from rasterjit.pipeline.visibility import draw
+from rasterjit.runtime.driver import Step
+from rasterjit.scene.camera import Camera
+from rasterjit.scene.light import AmbientLight, Light, Shadow
+from rasterjit.scene.quality import Quality
+from rasterjit.scene.scene import Scene
+from rasterjit.survey.effect import (
+    Absent,
+    Effect,
+    FrameContext,
+    Look,
+    Planned,
+    Planning,
+    Rows,
+    with_field,
+)
+from rasterjit.survey.facts import Facts, settings_asked
+from rasterjit.survey.lights import TEXEL_BYTES, has_cube
+from rasterjit.survey.overrides import shadow_under
+from rasterjit.survey.placement import place_boxes
+from rasterjit.survey.plan import RenderPlan
+
+MOST_TEXELS_TO_TRY = 1 << 26
+"""Of the shadow maps that are tried where nobody asked for them: 268 MB."""
+
+Seen = Sequence[tuple[Camera, visible_depth.SeenDepth]]
+
+
+def describe_shadows(lights: Sequence[Light]) -> str:
+    """Say how many maps of which size the lights have, and how large they are together."""
+    maps: Counter[int] = Counter()
+    for light in lights:
+        shadow = getattr(light, "shadow", None)
+        if shadow is not None:
+            maps[shadow.size] += 6 if has_cube(light) else 1
+    texels = sum(count * size * size for size, count in maps.items())
+    listed = ", ".join(
+        f"{count} map{'s' if count > 1 else ''} of {size} x {size}" for size, count in maps.items()
+    )
+    return f"{listed}, {texels * TEXEL_BYTES / 1e6:.1f} MB"
+
+
+class ShadowMaps(Effect):
+    """Let each light through as far as nothing is in its way."""
+
+    name = "shadows"
+    key = "l"
+    looks = "whole"
+
+    def answer(self, facts: Facts, planning: Planning) -> Planned | Absent:
+        """Say whether any light may cast shadows on what is seen."""
+        return Planned(self, facts) if facts.casts_shadows else Absent(self, facts)
+
+    def reason(self, facts: Facts, is_used: bool) -> str:
+        """Say which maps are drawn, or why none is."""
+        if not facts.is_lit:
+            return "nothing is lit"
+        notes = facts.lights.shadow_notes
+        if facts.lights.have_shadows:
+            asked = settings_asked(facts, "shadow_size", "shadow_taps")
+            return "; ".join((describe_shadows(facts.lights.lights), *notes)) + asked
+        return "; ".join(notes) or "no light casts them"
+
+    def reads_depth(self, plan: RenderPlan) -> bool:
+        """Tell that maps are fitted to what is seen."""
+        return True
+
+    def see(self, context: FrameContext) -> visible_depth.SeenDepth:
+        """Return what maps are fitted to, as far as the depth of a picture tells."""
+        layers = context.plan.layers
+        is_open = layers is not None and not layers.has_blended
+        faces = int(context.placement.face_starts[-1]) if is_open else None
+        return visible_depth.see_depth(context.coverage, context.workers, faces)
+
+    def join(
+        self,
+        size: tuple[int, int],
+        parts: Sequence[tuple[tuple[int, int], visible_depth.SeenDepth]],
+    ) -> visible_depth.SeenDepth:
+        """Return what the depth of a picture tells, from that of its parts."""
+        return visible_depth.join_depths(size, parts)
+
+    def prepare(self, context: FrameContext, data: Any, seen: Seen) -> Shadows | None:
+        """Fit the maps to what is seen and draw them; None if there is nothing to draw."""
+        plan, prepared, _, placement, _, workers = context
+        facts, arrays = plan.facts, prepared.shapes.arrays
+        # The vertices of an object are lit wherever they are.
+        is_whole = plan.in_view & facts.inventory.is_gouraud
+        # Behind glass, and between the centres of pixels, more is seen than the depth tells.
+        is_open = plan.in_view & (plan.layers is not None)
+        if plan.layers is not None and not plan.layers.has_blended:
+            boxes = place_boxes(prepared.shapes.boxes, placement.relative_from_model)
+            is_open &= visible_depth.missed_objects(
+                plan.camera, boxes, placement.face_starts, seen[0][1]
+            )
+        vertices = draw.ModelVertices(
+            arrays.positions, arrays.vertex_starts, placement.relative_from_model, np.eye(4)
+        )
+        cutouts = None
+        if facts.shades_through_holes:
+            cutouts = prepared.looks.cutouts(facts.contents.textured_holes > 0)
+        cells = [visible_depth.seen_cells(*one) for one in seen]
+        scenery = maps.scenery_of(
+            vertices, arrays.faces, placement, prepared.shapes.boxes,
+            ~facts.inventory.is_see_through, is_whole, is_open, np.concatenate(cells), plan.camera,
+            plan.size, cutouts,
+        )  # fmt: skip
+        lights = [light for light in facts.lights.lights if not isinstance(light, AmbientLight)]
+        normals = prepared.looks.normals if plan.needs_normals else None
+        eye = plan.camera.eye_position()
+        return maps.draw_shadows(lights, eye, scenery, normals, workers)
+
+    def kernels(self, plan: RenderPlan) -> dict[str, Rows]:
+        """Return what draws the maps: the kernels of any picture, with the lights as cameras."""
+        tested = "_tested" if plan.facts.shades_through_holes else ""
+        cast = "something casts a shadow on what is seen"
+        return {
+            "prepare": [
+                ("receivers.find_depth_ranges", "", ""),
+                ("projection.transform_vertices", "", cast),
+                (f"nearest.draw_tiles{tested}", "", cast),
+            ]
+        }
+
+    def buffers(self, plan: RenderPlan) -> list[tuple[str, int, str, tuple[int, int]]]:
+        """Return the maps; that of a point light has up to six sides."""
+        shadows = [
+            (light.shadow, 6 if has_cube(light) else 1)
+            for light in plan.lights.lights
+            if getattr(light, "shadow", None) is not None
+        ]
+        return [
+            (f"shadow map, {own.size} texels", sides, "float32", (own.size, own.size))
+            for own, sides in shadows
+        ]
+
+    def sketch(self, facts: Facts, data: Any) -> Shadows:
+        """Return maps without texels, one for each light that may cast shadows."""
+        lights = [light for light in facts.lights.lights if not isinstance(light, AmbientLight)]
+        places = np.full((len(lights), shadows_stage.PLACE_COLUMNS), -1, np.int64)
+        for place, light in zip(places, lights, strict=True):
+            if light.shadow is not None:
+                place[:] = 0, 0, maps.FILTERS[light.shadow.filter], 6 if has_cube(light) else 1
+        rows, texels = np.zeros((len(lights), shadows_stage.MAP_COLUMNS)), np.empty(0, np.float32)
+        nothing = np.empty((len(lights), 0, 0), np.float32)
+        normals = np.empty((0, 3), np.float32) if facts.needs_normals else None
+        return Shadows(rows, places, texels, texels, texels, nothing, normals)
+
+    def neutral(self, record: Shadows) -> Shadows:
+        """Return shadows of lights that have no map."""
+        places = record.places.copy()
+        places[:, shadows_stage.FIRST] = -1
+        return record._replace(places=places)
+
+    def without(self, scene: Scene) -> Scene:
+        """Return the scene with lights that cast none."""
+        lights = [
+            replace(light, shadow=None) if getattr(light, "shadow", None) is not None else light
+            for light in scene.lights
+        ]
+        return with_field(scene, "lights", lights)
+
+    def add(self, scene: Scene, quality: Quality) -> tuple[str, Scene | None]:
+        """Return the scene with a shadow of every light that could cast one and does not."""
+        shadow = shadow_under(Shadow(), quality)
+        dark = [hasattr(light, "shadow") and light.shadow is None for light in scene.lights]
+        count, size = sum(dark), shadow.size
+        what = f"of {count} more light{'s' if count > 1 else ''}, maps of {size} x {size}"
+        if not any(getattr(light, "shadow", None) is not None for light in scene.lights):
+            what = what.replace(" more", "")
+        lights = [
+            replace(light, shadow=shadow) if is_dark else light
+            for light, is_dark in zip(scene.lights, dark, strict=True)
+        ]
+        number = sum(6 if has_cube(light) else 1 for light in lights if hasattr(light, "shadow"))
+        is_bounded = number * size * size <= MOST_TEXELS_TO_TRY
+        return what, with_field(scene, "lights", lights) if count and is_bounded else None
+
+    @staticmethod
+    def dim(shadows: Shadows, look: Look, n: int) -> list[Step]:
+        """Return the stages that write row SHADOW before a light is added; none: it stays."""
+        first, size, kind, sides = shadows.places[n].tolist()
+        has_map = shadows.places[: n + 1, shadows_stage.FIRST] >= 0
+        if first < 0:
+            # Do not let the shadow of the light before fall on this one.
+            return [Step(shadows_stage.let_light_through, ())] if has_map[:-1][-1:].any() else []
+        matrices, steps = look.placement.relative_from_model, []
+        if has_map.sum() == 1 and not look.is_of_vertices:
+            has_facets = int(look.lighting.microfacets is not None)
+            found = look.placement.positions, matrices, has_facets
+            steps.append(Step(receivers.find_receivers, found))
+        point, row = POINT, shadows.maps[n]
+        # A vertex's own plane faces the light where it is lit.
+        if shadows.normals is not None and not look.is_of_vertices:
+            moved = look.lighting.lights[n], shadows.normals, matrices
+            steps.append(Step(receivers.move_turned, moved))
+            point = MOVED
+        if sides == 1:
+            steps.append(Step(shadows_stage.place_on_map, (point, row)))
+        else:
+            steps.append(Step(shadows_stage.place_on_cube, (point, row, size)))
+        own = shadows.texels[first : first + sides * size * size], size, sides
+        if kind == filters.HARD:
+            steps.append(Step(shadows_stage.filter_hard, own))
+        elif kind == filters.PCF:
+            steps.append(Step(shadows_stage.filter_pcf, own))
+        else:
+            width = np.float32(row[shadows_stage.WIDENING])
+            soft = *own, width, shadows.highest[n], shadows.pattern, shadows.spiral
+            steps.append(Step(shadows_stage.filter_soft, soft))
+        return steps
+
+    places: ClassVar = {"light": dim}
+
+
+SHADOWS = ShadowMaps()

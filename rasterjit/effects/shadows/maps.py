@@ -1,0 +1,528 @@
+"""
+Fit and draw the shadow maps: which part of space each shows, and what can cast a shadow into it.
+
+A map shows what the camera sees, as the depth buffer tells: the cells of a grid over the picture,
+each from its nearest to its farthest sample, are taken to the light's axes, and the map reaches
+around them. Where the depth does not tell, behind glass and between the centres of pixels, it
+reaches around what the view holds of the objects that may be seen there. It begins at the nearest
+object that lies between all this and the light, and ends behind the farthest of it. Then it is
+drawn like a picture, by the same stages.
+
+Make what soft shadows are looked for with: points around a sample, and the highest of a map.
+
+References
+----------
+.. [1] A. Lauritzen, M. Salvi, A. Lefohn, "Sample Distribution Shadow Maps", I3D 2011.
+.. [2] H. Vogel, "A better way to construct the sunflower head", Mathematical Biosciences 44, 1979.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.effects.shadows import filters
+from rasterjit.effects.shadows import stage as shadows_stage
+from rasterjit.effects.shadows.visible_depth import view_cells
+from rasterjit.pipeline.records import Cutouts, Objects, Placement, Shadows
+from rasterjit.pipeline.visibility import draw
+from rasterjit.pipeline.visibility.draw import viewport_of
+from rasterjit.runtime.threads import Workers
+from rasterjit.scene import transforms
+from rasterjit.scene.camera import Camera
+from rasterjit.scene.light import DirectionalLight, Light, Shadow
+from rasterjit.survey.lights import along, axes_of, half_tangent, has_cube
+from rasterjit.survey.placement import place_boxes
+
+Float64 = NDArray[np.float64]
+
+FILTERS = {"hard": filters.HARD, "pcf": filters.PCF, "soft": filters.SOFT}
+
+BORDER = 3
+"""Texels around what a map is fitted to: as many as the 3 x 3 comparisons reach, and one."""
+
+SOFT_BORDER = 1.0 / 16.0
+"""The same for each of the six maps of a soft point light, as a share of a map's side."""
+
+NEAREST = 1e-5
+"""Least near plane of a light's map, as a share of its far plane."""
+
+SLACK = 1e-6
+"""Widening of what a map shows, as a share: above the rounding of corners in float64 and of stored
+depths in float32, well below a texel."""
+
+SUBPIXEL_BITS = 8
+"""Grid that the vertices are rounded to in a map."""
+
+COMPARISONS = 32
+"""Points of the disk where soft shadows are compared."""
+
+SPIRAL_GROWTH = 1.0905077326652577
+"""Growth of the radius between two points of a spiral: eight to an octave."""
+
+GOLDEN_TURN = 137.50776405003785
+"""Degrees between the points of a sunflower: 180 (3 - sqrt 5)."""
+
+
+class Scenery(NamedTuple):
+    """What there is to cast shadows, and what they fall on; in world axes, relative to the eye."""
+
+    vertices: draw.ModelVertices
+    """The camera's; a light's takes another matrix to clip space."""
+    faces: NDArray[np.int32]
+    """(F, 3), of what casts shadows."""
+    face_starts: NDArray[np.int64]
+    """(O+1,)."""
+    boxes: Float64
+    """(B, 8, 3): corners of the boxes around what casts shadows."""
+    cells: Float64
+    """(N, 8, 3): corners of the cells that hold all that is seen."""
+    cutouts: Cutouts | None
+    """Of what casts shadows."""
+    right: tuple[float, ...]
+    """The camera's x axis. Maps run along it as far as they can: they fit the view more closely,
+    and neighbouring pixels read neighbouring texels."""
+
+
+class Window(NamedTuple):
+    """What a map has to show: bounds along its axes (over the depth, if not parallel)."""
+
+    low: tuple[float, float]
+    high: tuple[float, float]
+    near: float
+    far: float
+
+
+def draw_shadows(
+    lights: Sequence[Light],
+    eye: Float64,
+    scenery: Scenery,
+    normals: NDArray[np.float32] | None,
+    workers: Workers,
+) -> Shadows | None:
+    """
+    Draw the shadow maps of the lights that cast shadows on something seen.
+
+    Parameters
+    ----------
+    lights : sequence of Light
+        Those of ``Lighting.lights``, in that order.
+    eye : (3,) float64, world space
+    scenery : Scenery
+    normals : (V, 3) float32 or None
+        Vertex normals, if any object is smooth.
+    workers : Workers
+
+    Returns
+    -------
+    Shadows or None
+        ``None``: no light has a map.
+    """
+    rows = np.zeros((len(lights), shadows_stage.MAP_COLUMNS))
+    places = np.zeros((len(lights), shadows_stage.PLACE_COLUMNS), np.int64)
+    places[:, shadows_stage.FIRST] = -1
+    drawings, count = [], 0
+    for n, light in enumerate(lights):
+        if light.shadow is None:
+            continue
+        fitted = _fit(light, eye, scenery, rows[n])
+        if any(matrix is not None for matrix in fitted):
+            size = light.shadow.size
+            places[n] = count, size, FILTERS[light.shadow.filter], len(fitted)
+            drawings += [
+                (n, slice(count + k * size * size, count + (k + 1) * size * size), matrix)
+                for k, matrix in enumerate(fitted)
+            ]
+            count += len(fitted) * size * size
+    if not drawings:
+        return None
+    texels = workers.memory.empty((count,), np.float32)
+    for n, part, matrix in drawings:
+        size = lights[n].shadow.size
+        _draw(matrix, rows[n], texels[part].reshape(size, size), scenery, workers)
+    highest = np.full((len(lights), 6, filters.CELLS, filters.CELLS), -np.inf, np.float32)
+    for n, part, _ in drawings:
+        if lights[n].shadow.filter == "soft":
+            size, k = (
+                lights[n].shadow.size,
+                (part.start - places[n, shadows_stage.FIRST]) // (part.stop - part.start),
+            )
+            write_highest(texels[part].reshape(size, size), highest[n, k])
+    largest = max(int(side) for side in places[:, shadows_stage.SIZE])
+    return Shadows(
+        rows,
+        places,
+        texels,
+        disk_points(),
+        spiral(largest),
+        highest.reshape(len(lights), -1, filters.CELLS),
+        normals,
+    )
+
+
+def _draw(
+    matrix: Float64 | None,
+    row: Float64,
+    texels: NDArray[np.float32],
+    scenery: Scenery,
+    workers: Workers,
+) -> None:
+    """Draw one map; without a matrix nothing is in it."""
+    if matrix is None:
+        texels.fill(-np.inf)
+        return
+    size = len(texels)
+    nobody = np.zeros(len(scenery.face_starts) - 1, np.int8)
+    coefficients = (
+        (0.5, -0.5, 0.0) if row[shadows_stage.PARALLEL] else (row[shadows_stage.NEAR], 0.0, 0.0)
+    )
+    draw.find_visible(
+        scenery.vertices._replace(clip_from_relative=matrix),
+        scenery.faces,
+        Objects(scenery.face_starts, nobody),
+        tuple(map(float, coefficients)),
+        viewport_of((size, size), SUBPIXEL_BITS),
+        workers,
+        lambda _: None,
+        cutouts=scenery.cutouts,
+        keep_faces=False,
+        depth=texels,
+    )
+
+
+def _fit(light: Any, eye: Float64, scenery: Scenery, row: Float64) -> list[Float64 | None]:
+    """
+    Fit a light's map or its six; write its row; return ``clip_from_relative`` of each.
+
+    ``None`` stands for a map that shows nothing that is seen, or nothing in front of it.
+    """
+    shadow = light.shadow
+    row[shadows_stage.BIAS_TEXELS] = shadow.bias
+    if isinstance(light, DirectionalLight):
+        return [_fit_parallel(light, scenery, row)]
+    place = np.array(light.position) - eye
+    if not has_cube(light):
+        return [_fit_spot(light, place, scenery, row)]
+    return _fit_cube(light, place, scenery, row)
+
+
+def _fit_parallel(light: Any, scenery: Scenery, row: Float64) -> Float64 | None:
+    """Fit the map of a directional light."""
+    axes, shadow = axes_of(light.direction, scenery.right), light.shadow
+    cells, boxes = along(axes, scenery.cells), along(axes, scenery.boxes)
+    if not len(cells) or not len(boxes):
+        return None
+    low, high = cells.min(axis=(0, 1)), cells.max(axis=(0, 1))
+    box_low, box_high = boxes.min(axis=1), boxes.max(axis=1)
+    nearest = float(box_low[:, 2].min())
+    tangent = half_tangent(shadow)
+    # Make room for what shades from aside.
+    room = min(tangent * max(float(high[2]) - nearest, 0.0), float((high - low)[:2].max()) / 2.0)
+    low[:2] -= room
+    high[:2] += room
+    between = (
+        (box_high[:, :2] >= low[:2]).all(axis=1)
+        & (box_low[:, :2] <= high[:2]).all(axis=1)
+        & (box_low[:, 2] <= high[2])
+    )
+    if not between.any():
+        return None
+    nearest = min(float(box_low[between, 2].min()), float(low[2]))
+    slack = SLACK * max(float((high - low).max()), float(high[2]) - nearest, 1e-300)
+    window = Window(
+        (float(low[0]) - slack, float(low[1]) - slack),
+        (float(high[0]) + slack, float(high[1]) + slack),
+        nearest - slack,
+        float(high[2]) + slack,
+    )
+    _write_row(row, axes, (0.0, 0.0, 0.0), window, shadow, BORDER)
+    span, focal = window.far - window.near, row[shadows_stage.FOCAL : shadows_stage.FOCAL + 2]
+    row[shadows_stage.PARALLEL], row[shadows_stage.SPAN] = 1.0, span
+    row[shadows_stage.TEXEL] = 1.0 / (float(focal.min()) * span)
+    row[shadows_stage.WIDENING] = tangent * float(focal.min()) * span
+    depth = (*(2.0 * axes[2] / span).tolist(), -(window.near + window.far) / span)
+    return _clip_matrix(row, shadow.size, depth)
+
+
+def _fit_spot(light: Any, place: Float64, scenery: Scenery, row: Float64) -> Float64 | None:
+    """Fit the map of a spot light to what is seen inside its cone."""
+    axes, shadow = axes_of(light.direction, scenery.right), light.shadow
+    sine, cosine = transforms.sine_cosine(light.outer_angle)
+    cells = along(axes, scenery.cells - place)
+    boxes = along(axes, scenery.boxes - place)
+    window = _window(cells, boxes, sine / cosine, light.range, shadow)
+    if window is None:
+        return None
+    origin = tuple(along(axes, place).tolist())
+    _write_row(row, axes, origin, window, shadow, BORDER)
+    _write_depth(row, window, shadow)
+    return _clip_matrix(row, shadow.size, _depth_row(row, axes[2], window))
+
+
+def _fit_cube(light: Any, place: Float64, scenery: Scenery, row: Float64) -> list[Float64 | None]:
+    """Fit the six maps of a point light: the sides of a cube, a little larger each."""
+    shadow, sides = light.shadow, []
+    border = BORDER if shadow.filter != "soft" else max(BORDER, int(SOFT_BORDER * shadow.size))
+    border = min(border, shadow.size // 4)
+    reach = shadow.size / (shadow.size - 2.0 * border)
+    for k in range(3):
+        for sign in (1.0, -1.0):
+            axes = np.zeros((3, 3))
+            axes[0, (k + 1) % 3] = axes[1, (k + 2) % 3] = 1.0
+            axes[2, k] = sign
+            cells = along(axes, scenery.cells - place)
+            boxes = along(axes, scenery.boxes - place)
+            sides.append((axes, _window(cells, boxes, reach, light.range, shadow)))
+    windows = [window for _, window in sides if window is not None]
+    if not windows:
+        return [None] * 6
+    near, far = min(w.near for w in windows), max(w.far for w in windows)
+    window = Window((-reach, -reach), (reach, reach), max(near, NEAREST * far), far)
+    _write_row(row, np.eye(3), tuple(place.tolist()), window, shadow, 0)
+    _write_depth(row, window, shadow)
+    matrices: list[Float64 | None] = []
+    for axes, seen in sides:
+        side = row.copy()
+        _write_row(side, axes, tuple(along(axes, place).tolist()), window, shadow, 0)
+        depth = _depth_row(side, axes[2], window)
+        matrices.append(None if seen is None else _clip_matrix(side, shadow.size, depth))
+    return matrices
+
+
+def _window(
+    cells: Float64, boxes: Float64, tangent: float, end: float | None, shadow: Shadow
+) -> Window | None:
+    """
+    Return what the map of a light that shines from a point has to show, if anything.
+
+    Parameters
+    ----------
+    cells, boxes : (N, 8, 3) and (B, 8, 3) float64
+        Corners along the axes of the map, from the light: across, down, away.
+    tangent : float
+        How far aside the map reaches at most, over the depth.
+    end : float or None
+        Range of the light, scene units.
+    shadow : Shadow
+    """
+    low, high = _sides(cells, tangent)
+    end = math.inf if end is None else end
+    seen = (low <= high).all(axis=1) & (low[:, 2] < end)
+    if not seen.any():
+        return None
+    bounds = low[seen].min(axis=0), high[seen].max(axis=0)
+    far = min(float(bounds[1][2]), end)
+    box_low, box_high = _sides(boxes, tangent)
+    half = 0.0 if shadow.light_size is None else shadow.light_size / 2.0
+    # Make room for what shades from aside: at most half as much again.
+    nearest = max(float(box_low[:, 2].min(initial=math.inf)), NEAREST * far)
+    room = min(half / min(nearest, far), float((bounds[1] - bounds[0])[:2].max()) / 2.0)
+    least = np.maximum(bounds[0][:2] - room, -tangent)
+    most = np.minimum(bounds[1][:2] + room, tangent)
+    between = (
+        (box_low <= box_high).all(axis=1)
+        & (box_high[:, :2] >= least).all(axis=1)
+        & (box_low[:, :2] <= most).all(axis=1)
+        & (box_low[:, 2] <= far)
+    )
+    if not between.any():
+        return None
+    near = min(float(box_low[between, 2].min()), float(bounds[0][2]))
+    slack = SLACK * (1.0 + tangent)
+    return Window(
+        (float(least[0]) - slack, float(least[1]) - slack),
+        (float(most[0]) + slack, float(most[1]) + slack),
+        max(near * (1.0 - 1e-3), NEAREST * far),
+        far * (1.0 + 1e-3),
+    )
+
+
+def _sides(corners: Float64, tangent: float) -> tuple[Float64, Float64]:
+    """
+    Return bounds, (N, 3), of boxes as a light sees them: aside over the depth, and the depth.
+
+    What reaches behind the light may be anywhere; what is all behind it, or beside the map, has its
+    lower bound above its upper one.
+    """
+    depth = corners[..., 2]
+    nearest, farthest = depth.min(axis=1), depth.max(axis=1)
+    before = nearest > 0.0
+    over = np.where(before[:, np.newaxis], depth, 1.0)
+    low, high = np.empty((len(corners), 3)), np.empty((len(corners), 3))
+    for k in range(2):
+        aside = corners[..., k] / over
+        low[:, k] = np.where(before, np.maximum(aside.min(axis=1), -tangent), -tangent)
+        high[:, k] = np.where(before, np.minimum(aside.max(axis=1), tangent), tangent)
+    low[:, 2], high[:, 2] = np.maximum(nearest, 0.0), np.where(farthest > 0.0, farthest, -1.0)
+    return low, high
+
+
+def _write_row(
+    row: Float64,
+    axes: Float64,
+    origin: tuple[float, ...],
+    window: Window,
+    shadow: Shadow,
+    border: int,
+) -> None:
+    """Write axes, origin and scale of a map."""
+    row[:9] = axes.ravel()
+    row[shadows_stage.ORIGIN : shadows_stage.ORIGIN + 3] = origin
+    room = shadow.size - 2.0 * border
+    focal = [room / (high - low) for low, high in zip(window.low, window.high, strict=True)]
+    if shadow.filter == "soft":
+        # A penumbra is round: texels are square.
+        focal = [min(focal)] * 2
+    row[shadows_stage.FOCAL : shadows_stage.FOCAL + 2] = focal
+    for k in range(2):
+        row[shadows_stage.CENTER + k] = border - focal[k] * window.low[k]
+    row[shadows_stage.NEAR], row[shadows_stage.FAR], row[shadows_stage.SPAN] = (
+        window.near,
+        window.far,
+        1.0,
+    )
+
+
+def _write_depth(row: Float64, window: Window, shadow: Shadow) -> None:
+    """Write what a texel is in depth, for a light that shines from a point."""
+    focal = float(row[shadows_stage.FOCAL : shadows_stage.FOCAL + 2].min())
+    row[shadows_stage.TEXEL] = 1.0 / focal
+    half = 0.0 if shadow.light_size is None else shadow.light_size / 2.0
+    row[shadows_stage.WIDENING] = focal * half / window.near
+
+
+def _depth_row(row: Float64, away: Float64, window: Window) -> tuple[float, ...]:
+    """Return the row of a perspective matrix that makes z."""
+    scale = (window.far + window.near) / (window.far - window.near)
+    offset = -2.0 * window.far * window.near / (window.far - window.near)
+    return (*(scale * away).tolist(), offset - scale * float(row[shadows_stage.ORIGIN + 2]))
+
+
+def _clip_matrix(row: Float64, size: int, depth: tuple[float, ...]) -> Float64:
+    """Return ``clip_from_relative``, (4, 4), that puts points where ``stage`` looks for them."""
+    axes, origin = row[:9].reshape(3, 3), row[shadows_stage.ORIGIN : shadows_stage.ORIGIN + 3]
+    matrix = np.zeros((4, 4))
+    if row[shadows_stage.PARALLEL]:
+        matrix[3, 3] = 1.0
+    else:
+        matrix[3] = (*axes[2].tolist(), -float(origin[2]))
+    for k, sign in ((0, 1.0), (1, -1.0)):
+        scale = 2.0 / size
+        focal, center = float(row[shadows_stage.FOCAL + k]), float(row[shadows_stage.CENTER + k])
+        aside = np.array((*axes[k].tolist(), -float(origin[k])))
+        matrix[k] = sign * (scale * focal * aside + (scale * center - 1.0) * matrix[3])
+    matrix[2] = depth
+    return matrix
+
+
+def scenery_of(
+    vertices: draw.ModelVertices,
+    faces: NDArray[np.int32],
+    placement: Placement,
+    bounds: Float64,
+    casts: NDArray[np.bool_],
+    is_whole: NDArray[np.bool_],
+    is_open: NDArray[np.bool_],
+    cells: Float64,
+    camera: Camera,
+    size: tuple[int, int],
+    cutouts: Cutouts | None,
+) -> Scenery:
+    """
+    Return what casts shadows and what they fall on.
+
+    Parameters
+    ----------
+    vertices : ModelVertices
+    faces : (F, 3) int32
+    placement : Placement
+    bounds : (O, 2, 3) float64
+        Low and high corner of each object, model space; NaN for one without any.
+    casts : (O,) bool
+        Which objects cast shadows.
+    is_whole : (O,) bool
+        Which objects shadows are looked up on wherever they are, seen or not.
+    is_open : (O,) bool
+        Which of the others may be seen where the depth of the frame does not tell.
+    cells : (N, 8, 3) float64
+        What the depth of the frame says is seen, see ``visible_depth``.
+    camera : Camera
+    size : (int, int)
+        Width and height of the picture, pixels.
+    cutouts : Cutouts or None
+        The objects that have holes.
+    """
+    boxes = place_boxes(bounds, placement.relative_from_model)
+    finite = np.isfinite(boxes).all(axis=(1, 2))
+    starts = placement.face_starts
+    if not casts.all():
+        counts = np.where(casts, np.diff(starts), 0)
+        kept = np.repeat(casts, np.diff(starts))
+        faces = np.ascontiguousarray(faces[kept])
+        starts = np.concatenate(([0], np.cumsum(counts)))
+        if cutouts is not None:
+            colors = cutouts.face_colors
+            colors = np.ascontiguousarray(colors[kept]) if len(colors) else colors
+            cutouts = cutouts._replace(face_starts=starts, face_colors=colors)
+    return Scenery(
+        vertices, faces, starts, boxes[finite & casts],
+        np.concatenate(
+            [
+                cells,
+                boxes[finite & is_whole],
+                view_cells(camera, size, boxes[finite & is_open & ~is_whole]),
+            ]
+        ),
+        cutouts, _right_of(camera),
+    )  # fmt: skip
+
+
+def _right_of(camera: Camera) -> tuple[float, ...]:
+    """Return the x axis of a camera in the world, of length one."""
+    right = camera.view_matrix()[0, :3]
+    return tuple(transforms.unit_vector("axis", right).tolist()) if right.any() else (1.0, 0.0, 0.0)
+
+
+def disk_points() -> NDArray[np.float32]:
+    """Return points spread evenly over the unit disk, (COMPARISONS, 2), as in a sunflower [1]_."""
+    points = []
+    for n in range(COMPARISONS):
+        radius = math.sqrt((n + 0.5) / COMPARISONS)
+        sine, cosine = transforms.sine_cosine(n * GOLDEN_TURN)
+        points.append((radius * cosine, radius * sine))
+    return np.array(points, np.float32)
+
+
+def spiral(size: int) -> NDArray[np.float32]:
+    """
+    Return points around a sample in a map of a side, (S, 2), texels: as dense as they are near.
+
+    What shades a sample may be just above it or far: of each, the points see the same share.
+    """
+    points, radius = [], 1.0
+    while radius <= float(filters.LARGEST_RADIUS) * size + 1.0:
+        sine, cosine = transforms.sine_cosine(len(points) * GOLDEN_TURN)
+        points.append((radius * cosine, radius * sine))
+        radius *= SPIRAL_GROWTH
+    return np.array(points, np.float32)
+
+
+def write_highest(texels: NDArray[np.float32], highest: NDArray[np.float32]) -> None:
+    """
+    Write the greatest stored depth in each cell of a map.
+
+    Parameters
+    ----------
+    texels : (S, S) float32
+    highest : (CELLS, CELLS) float32
+        Written; cells beyond the map keep what they hold.
+    """
+    side = -(-len(texels) // filters.CELLS)
+    for row, top in enumerate(range(0, len(texels), side)):
+        columns = texels[top : top + side].max(axis=0)
+        for column, left in enumerate(range(0, len(texels), side)):
+            highest[row, column] = columns[left : left + side].max()

@@ -1,0 +1,305 @@
+"""
+Find the receivers of shadows: the point of each sample and the normal of its face, in float64.
+
+The corners of the faces are gathered, and points and normals found in world axes relative to the
+eye, once for all lights.
+
+A face turned away from a light is dark whatever its map says. One that is shaded smooth is lit
+where its vertex normals face the light, though the face itself turns away, and is then in the
+shadow of its neighbours: its points are moved out to the surface that the normals mean [1]_.
+
+References
+----------
+.. [1] J. Hanika, "Hacking the Shadow Terminator", Ray Tracing Gems II, 2021.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rasterjit.pipeline.geometry.barycentric import matrix_of
+from rasterjit.pipeline.lighting.pbr import largest
+from rasterjit.pipeline.surface.listing import whole_vectors
+from rasterjit.pipeline.surface.samples import (
+    AWAY,
+    FIRST,
+    IS_LIT,
+    LIT,
+    MICROFACET,
+    MOVED,
+    NORMAL,
+    NORMAL_X,
+    NORMAL_Y,
+    NORMAL_Z,
+    OWNER,
+    PATCHES,
+    POINT,
+    SEGMENTS,
+    START,
+    STOP,
+    TURNED,
+    A,
+    B,
+    Block,
+    C,
+)
+from rasterjit.runtime.intrinsics import LANES, spread
+from rasterjit.runtime.jit import disjoint_helper, helper, kernel, stage
+from rasterjit.runtime.state import float32, float64, int64
+
+EDGEWISE = 1.0 / 16.0
+"""A face turns away from a light if it faces it by less than this share of what its shading normal
+does: the plane of one that is seen edgewise says nothing about its neighbours."""
+
+CELL = 16
+"""Side of the cells that `find_depth_ranges` looks at, pixels."""
+
+
+@helper
+def gather_corners(patches, values, whole, rows):
+    """Gather three numbers for each vertex of the faces of all patches, for each sample."""
+    for r in range(np.uintp(patches)):
+        a, b, c = np.uintp(whole[A, r]), np.uintp(whole[B, r]), np.uintp(whole[C, r])
+        for start in range(whole[FIRST, r], whole[FIRST, r + np.uintp(1)], LANES):
+            n = np.uintp(start)
+            for k in range(3):
+                spread(rows[k], n, values[a, k])
+                spread(rows[3 + k], n, values[b, k])
+                spread(rows[6 + k], n, values[c, k])
+
+
+@disjoint_helper
+def place_rows(
+    px, py, pz, nx, ny, nz, ax, ay, az, bx, by, bz, cx, cy, cz, second, third, m, moved
+):  # fmt: skip
+    """Write the points of samples of one object, and the normals of their faces, any length."""
+    for i in range(px.shape[0]):
+        x, y, z = bx[i] - ax[i], by[i] - ay[i], bz[i] - az[i]
+        ux, uy, uz = (
+            m[0] * x + m[1] * y + m[2] * z,
+            m[3] * x + m[4] * y + m[5] * z,
+            m[6] * x + m[7] * y + m[8] * z,
+        )
+        x, y, z = cx[i] - ax[i], cy[i] - ay[i], cz[i] - az[i]
+        vx, vy, vz = (
+            m[0] * x + m[1] * y + m[2] * z,
+            m[3] * x + m[4] * y + m[5] * z,
+            m[6] * x + m[7] * y + m[8] * z,
+        )
+        x, y, z = ax[i], ay[i], az[i]
+        px[i] = (m[0] * x + m[1] * y + m[2] * z + moved[0]) + (second[i] * ux + third[i] * vx)
+        py[i] = (m[3] * x + m[4] * y + m[5] * z + moved[1]) + (second[i] * uy + third[i] * vy)
+        pz[i] = (m[6] * x + m[7] * y + m[8] * z + moved[2]) + (second[i] * uz + third[i] * vz)
+        nx[i], ny[i], nz[i] = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+
+
+@stage
+def find_receivers(
+    block: Block, count, positions: float64[:, ::1], relative_from_model: float64[:, :, :],
+    has_facets: int64,
+):  # fmt: skip
+    """
+    Write the point of each sample and the normal of its face, if light falls on any sample.
+
+    Parameters
+    ----------
+    block : Block
+        Writes rows POINT and NORMAL of ``receivers``, the corners in ``real``, and IS_LIT.
+    count : int
+    positions : (V, 3) float64, model space
+    relative_from_model : (O, 3, 4) float64
+        World axes, origin at the eye.
+    has_facets : int
+        Not 0: row MICROFACET tells which samples are lit by microfacets.
+    """
+    whole, rows, r, w = block.whole, block.real, block.receivers, block.weights
+    most = largest(block.samples[LIT, :count])
+    if has_facets != 0:
+        most = max(most, largest(block.samples[MICROFACET, :count]))
+    block.counts[IS_LIT] = np.int64(most > np.float32(0.0))
+    if block.counts[IS_LIT] == 0:
+        return
+    gather_corners(block.counts[PATCHES], positions, whole, rows)
+    m = relative_from_model
+    for k in range(block.counts[SEGMENTS]):
+        segment = block.segments[k]
+        owner, s = np.uintp(segment[OWNER]), np.int64(segment[START])
+        e = s + whole_vectors(segment[STOP] - s)
+        place_rows(
+            r[POINT, s:e], r[POINT + 1, s:e], r[POINT + 2, s:e], r[NORMAL, s:e],
+            r[NORMAL + 1, s:e], r[NORMAL + 2, s:e], rows[0, s:e], rows[1, s:e], rows[2, s:e],
+            rows[3, s:e], rows[4, s:e], rows[5, s:e], rows[6, s:e], rows[7, s:e], rows[8, s:e],
+            w[0, s:e], w[1, s:e], matrix_of(m, owner),
+            (m[owner, 0, 3], m[owner, 1, 3], m[owner, 2, 3]),
+        )  # fmt: skip
+
+
+@disjoint_helper
+def find_turned(light, px, py, pz, ax, ay, az, nx, ny, nz, turned):
+    """
+    Write 1 where a face turns away from a light that its shading normal faces, else 0.
+
+    Return whether there is any.
+    """
+    found = np.int32(0)
+    for i in range(turned.shape[0]):
+        lx = np.float64(light[0]) - np.float64(light[3]) * px[i]
+        ly = np.float64(light[1]) - np.float64(light[3]) * py[i]
+        lz = np.float64(light[2]) - np.float64(light[3]) * pz[i]
+        x, y, z = np.float64(nx[i]), np.float64(ny[i]), np.float64(nz[i])
+        side = ax[i] * x + ay[i] * y + az[i] * z
+        face = ax[i] * lx + ay[i] * ly + az[i] * lz
+        face = face if side >= 0.0 else -face
+        length = np.sqrt(ax[i] * ax[i] + ay[i] * ay[i] + az[i] * az[i])
+        smooth = x * lx + y * ly + z * lz
+        is_turned = (smooth > 0.0) & (face <= EDGEWISE * smooth * length)
+        turned[i] = np.float32(1.0) if is_turned else np.float32(0.0)
+        found |= np.int32(is_turned)
+    return found
+
+
+@disjoint_helper
+def bulge_rows(
+    ax, ay, az, bx, by, bz, cx, cy, cz, na, nb, nc, oa, ob, oc, ea, eb, ec, second, third, m,
+    px, py, pz, nx, ny, nz, turned, qx, qy, qz,
+):  # fmt: skip
+    """
+    Write the points of samples of one object, those turned away moved out to the smooth surface.
+
+    The mean, by the weights of the corners, of where the point lies on the corners' tangent planes.
+    """
+    for i in range(qx.shape[0]):
+        b1, b2 = second[i], third[i]
+        b0 = 1.0 - b1 - b2
+        n0, n1, n2 = np.float64(na[i]), np.float64(nb[i]), np.float64(nc[i])
+        o0, o1, o2 = np.float64(oa[i]), np.float64(ob[i]), np.float64(oc[i])
+        e0, e1, e2 = np.float64(ea[i]), np.float64(eb[i]), np.float64(ec[i])
+        # The ways from the first corner to the others, and from each corner to the point.
+        ux, uy, uz = bx[i] - ax[i], by[i] - ay[i], bz[i] - az[i]
+        vx, vy, vz = cx[i] - ax[i], cy[i] - ay[i], cz[i] - az[i]
+        x, y, z = b1 * ux + b2 * vx, b1 * uy + b2 * vy, b1 * uz + b2 * vz
+        sx, sy, sz = n0 + o0 + e0, n1 + o1 + e1, n2 + o2 + e2
+        facing = (
+            np.float64(nx[i]) * (m[0] * sx + m[1] * sy + m[2] * sz)
+            + np.float64(ny[i]) * (m[3] * sx + m[4] * sy + m[5] * sz)
+            + np.float64(nz[i]) * (m[6] * sx + m[7] * sy + m[8] * sz)
+        )
+        side = 1.0 if facing >= 0.0 else -1.0
+        d0 = min(side * (x * n0 + y * n1 + z * n2), 0.0)
+        d1 = min(side * ((x - ux) * o0 + (y - uy) * o1 + (z - uz) * o2), 0.0)
+        d2 = min(side * ((x - vx) * e0 + (y - vy) * e1 + (z - vz) * e2), 0.0)
+        w0, w1, w2 = side * b0 * d0, side * b1 * d1, side * b2 * d2
+        x = w0 * n0 + w1 * o0 + w2 * e0
+        y = w0 * n1 + w1 * o1 + w2 * e1
+        z = w0 * n2 + w1 * o2 + w2 * e2
+        share = np.float64(turned[i])
+        qx[i] = px[i] - share * (m[0] * x + m[1] * y + m[2] * z)
+        qy[i] = py[i] - share * (m[3] * x + m[4] * y + m[5] * z)
+        qz[i] = pz[i] - share * (m[6] * x + m[7] * y + m[8] * z)
+
+
+@disjoint_helper
+def choose_normals(ax, ay, az, nx, ny, nz, turned, rx, ry, rz):
+    """Write the normals of the faces, but of those turned away the shading normals."""
+    for i in range(rx.shape[0]):
+        is_turned = turned[i] > np.float32(0.0)
+        rx[i] = np.float64(nx[i]) if is_turned else ax[i]
+        ry[i] = np.float64(ny[i]) if is_turned else ay[i]
+        rz[i] = np.float64(nz[i]) if is_turned else az[i]
+
+
+@stage
+def move_turned(
+    block: Block, count, light: float32[::1], normals: float32[:, ::1],
+    relative_from_model: float64[:, :, :],
+):  # fmt: skip
+    """
+    Move the samples out whose faces turn away from a light that their shading normals face.
+
+    Parameters
+    ----------
+    block : Block
+        After `find_receivers`. Writes rows MOVED and AWAY of ``receivers``: point and normal, as
+        they are unless a sample is moved.
+    count : int
+    light : (LIGHT_COLUMNS,) float32
+        See ``blinn_phong``.
+    normals : (V, 3) float32, model space
+    relative_from_model : (O, 3, 4) float64
+        World axes, origin at the eye.
+    """
+    if block.counts[IS_LIT] == 0:
+        return
+    s, r, w, corners, bent = block.samples, block.receivers, block.weights, block.real, block.single
+    found = find_turned(
+        light, r[POINT, :count], r[POINT + 1, :count], r[POINT + 2, :count], r[NORMAL, :count],
+        r[NORMAL + 1, :count], r[NORMAL + 2, :count], s[NORMAL_X, :count], s[NORMAL_Y, :count],
+        s[NORMAL_Z, :count], s[TURNED, :count],
+    )  # fmt: skip
+    if found == 0:
+        for k in range(6):
+            for n in range(np.uintp(count)):
+                r[MOVED + k, n] = r[POINT + k, n]
+        return
+    gather_corners(block.counts[PATCHES], normals, block.whole, bent)
+    for k in range(block.counts[SEGMENTS]):
+        segment = block.segments[k]
+        a = np.int64(segment[START])
+        e = a + whole_vectors(segment[STOP] - a)
+        bulge_rows(
+            corners[0, a:e], corners[1, a:e], corners[2, a:e], corners[3, a:e], corners[4, a:e],
+            corners[5, a:e], corners[6, a:e], corners[7, a:e], corners[8, a:e], bent[0, a:e],
+            bent[1, a:e], bent[2, a:e], bent[3, a:e], bent[4, a:e], bent[5, a:e], bent[6, a:e],
+            bent[7, a:e], bent[8, a:e], w[0, a:e], w[1, a:e],
+            matrix_of(relative_from_model, np.uintp(segment[OWNER])), r[POINT, a:e],
+            r[POINT + 1, a:e], r[POINT + 2, a:e], s[NORMAL_X, a:e], s[NORMAL_Y, a:e],
+            s[NORMAL_Z, a:e], s[TURNED, a:e], r[MOVED, a:e], r[MOVED + 1, a:e], r[MOVED + 2, a:e],
+        )  # fmt: skip
+    choose_normals(
+        r[NORMAL, :count], r[NORMAL + 1, :count], r[NORMAL + 2, :count], s[NORMAL_X, :count],
+        s[NORMAL_Y, :count], s[NORMAL_Z, :count], s[TURNED, :count], r[AWAY, :count],
+        r[AWAY + 1, :count], r[AWAY + 2, :count],
+    )  # fmt: skip
+
+
+@disjoint_helper
+def widen_range(depth, lowest, highest):
+    """Widen the range of each column by the depths of a row."""
+    for i in range(depth.shape[0]):
+        here = depth[i]
+        # Nothing is there: not the lowest depth.
+        low = here if here > np.float32(-np.inf) else np.float32(np.inf)
+        lowest[i] = low if low < lowest[i] else lowest[i]
+        highest[i] = here if here > highest[i] else highest[i]
+
+
+@kernel
+def find_depth_ranges(
+    depth: float32[:, ::1], cells: (int64, int64), lowest: float32[:, ::1],
+    highest: float32[:, ::1], scratch: float32[:, ::1],
+):  # fmt: skip
+    """
+    Find the lowest and the highest stored depth in cells of a frame.
+
+    Parameters
+    ----------
+    depth : (H, W) float32
+        -inf where nothing is.
+    cells : (int, int)
+        First row of cells, and one past the last.
+    lowest, highest : (H / CELL, W / CELL) float32, rounded up
+        Written; inf and -inf where nothing is.
+    scratch : (2, W) float32
+    """
+    height, width = depth.shape
+    low, high = scratch[0], scratch[1]
+    for cell in range(cells[0], cells[1]):
+        for i in range(width):
+            low[i], high[i] = np.float32(np.inf), np.float32(-np.inf)
+        for row in range(cell * CELL, min((cell + 1) * CELL, height)):
+            widen_range(depth[row], low, high)
+        for k in range(lowest.shape[1]):
+            least, most = np.float32(np.inf), np.float32(-np.inf)
+            for i in range(k * CELL, min((k + 1) * CELL, width)):
+                least, most = min(least, low[i]), max(most, high[i])
+            lowest[cell, k], highest[cell, k] = least, most

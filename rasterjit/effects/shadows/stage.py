@@ -1,0 +1,279 @@
+"""
+Find which share of a light reaches each sample, by its shadow map.
+
+A map holds the stored depth (greater is nearer to the light) of the first surface along rays from
+the light, one for each texel's centre. Over a map the stored depth of a plane is linear: it is the
+distance from the far side for a parallel light, and near / w for one that shines from a point. So
+the plane of the sample's own face tells its depth at every texel near the sample, and a texel casts
+a shadow where what it holds is nearer than that plane, by more than a bias. The plane lies in the
+map as it was drawn, but for the rounding of its vertices to the sub-pixel grid, and the bias covers
+that at every slope: it is some texels of depth times one plus the slope, up to a limit. Nothing of
+this has a unit, so it holds at any scale.
+
+A sample is taken to the light in three steps, each a stage: its point and the normal of its face
+are found (``receivers``); for each light the point becomes texels and a depth, and the normal the
+gain in depth by a texel right and down; then texels are compared (``filters``).
+
+References
+----------
+.. [1] L. Williams, "Casting Curved Shadows on Curved Surfaces", SIGGRAPH 1978.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rasterjit.effects.shadows.filters import read_hard, read_pcf, read_soft
+from rasterjit.pipeline.surface.samples import (
+    ACROSS,
+    BIAS,
+    DOWN,
+    FOUND,
+    IS_LIT,
+    MAP_DEPTH,
+    MAP_U,
+    MAP_V,
+    NEARER,
+    SHADOW,
+    Block,
+)
+from rasterjit.runtime.jit import disjoint_helper, helper, stage
+from rasterjit.runtime.state import float32, float64, int64
+
+ORIGIN, FOCAL, CENTER = 9, 12, 14
+"""
+Columns of ``Shadows.maps`` behind the axes of a map (across, down, away from the light; three
+each, unit length): where the light is along them; texels to a unit (over the depth, if the light
+shines from a point), across and down; the texel below the origin, across and down.
+"""
+NEAR, FAR, SPAN, TEXEL = 16, 17, 18, 19
+"""Columns: the stored depth is near / w, or (far - w) / span; how much of it a texel is (times the
+stored depth, if the light shines from a point)."""
+PARALLEL, BIAS_TEXELS, WIDENING = 20, 21, 22
+"""Columns: 1 for a parallel light, else 0; bias in texels; texels of radius of a penumbra for each
+unit of stored depth between the surface and what shades it."""
+MAP_COLUMNS = 23
+
+FIRST, SIZE, FILTER, SIDES = 0, 1, 2, 3
+"""Columns of ``Shadows.places``: first texel of the light's maps, or -1 if it has none; side of
+a map, texels; filter; 1 map, or 6 for the sides of a cube."""
+PLACE_COLUMNS = 4
+
+NEIGHBOURS = 64
+"""Samples whose penumbrae are searched at once: the fewer, the closer they lie together, and the
+less far is searched for all of them."""
+
+STEEPEST = 4096.0
+"""Largest slope of a face to the light: light that falls on a steeper one adds less than 1/4096."""
+
+SLOPING = 8.0
+"""Slope up to which the bias grows with it: more would let light through what is near."""
+
+SNAPPING = 1.0 / 64.0
+"""Bias for the slope beyond that, texels: four times what vertices are rounded by in a map."""
+
+
+@helper
+def plane_of(s, t, w, ns, nt, nw, row):
+    """
+    Return place, stored depth and its gain by a texel right and down, of a point and a normal.
+
+    Parameters
+    ----------
+    s, t, w, ns, nt, nw : float64
+        Along the axes of the map, from the light.
+    row : (MAP_COLUMNS,) float64
+    """
+    is_parallel = row[PARALLEL] != 0.0
+    # The plane is ns s + nt t + nw w = k; over the map, with s = S w and t = T w:
+    # 1 / w = (ns S + nt T + nw) / k.
+    over = 1.0 / (1.0 if is_parallel else w)
+    k = -nw if is_parallel else ns * s + nt * t + nw * w
+    steep = 1.0 / (k if k != 0.0 else 1.0)
+    steep = steep if k != 0.0 else 0.0
+    gain = (-1.0 / row[SPAN] if is_parallel else row[NEAR]) * steep
+    across, down = gain * ns / row[FOCAL], gain * nt / row[FOCAL + 1]
+    depth = (row[FAR] - w) / row[SPAN] if is_parallel else row[NEAR] * over
+    return (
+        s * over * row[FOCAL] + row[CENTER],
+        t * over * row[FOCAL + 1] + row[CENTER + 1],
+        depth, across, down,
+    )  # fmt: skip
+
+
+@helper
+def held_slope(across, down, texel):
+    """Return gains that are no steeper than the steepest face."""
+    most, slope = STEEPEST * texel, abs(across) + abs(down)
+    share = most / (slope if slope > most else most)
+    return across * share, down * share
+
+
+@helper
+def bias_of(texel, gain, texels):
+    """Return how much nearer to the light something must be, in stored depth, to shade a plane."""
+    return texels * (texel + min(gain, SLOPING * texel)) + SNAPPING * gain
+
+
+@disjoint_helper
+def map_rows(px, py, pz, nx, ny, nz, row, u, v, depth, across, down, bias):
+    """Take samples to the map of a light, and write their planes and biases there."""
+    for i in range(px.shape[0]):
+        x, y, z, a, b, c = px[i], py[i], pz[i], nx[i], ny[i], nz[i]
+        s = row[0] * x + row[1] * y + row[2] * z - row[ORIGIN]
+        t = row[3] * x + row[4] * y + row[5] * z - row[ORIGIN + 1]
+        w = row[6] * x + row[7] * y + row[8] * z - row[ORIGIN + 2]
+        ns = row[0] * a + row[1] * b + row[2] * c
+        nt = row[3] * a + row[4] * b + row[5] * c
+        nw = row[6] * a + row[7] * b + row[8] * c
+        # What lies beside or behind the light is outside its map.
+        before = (row[PARALLEL] != 0.0) | (w > 0.0)
+        w = w if before else 1.0
+        at_u, at_v, d, right, below = plane_of(s, t, w, ns, nt, nw, row)
+        texel = row[TEXEL] * (1.0 if row[PARALLEL] != 0.0 else d)
+        right, below = held_slope(right, below, texel)
+        u[i], v[i] = np.float32(at_u if before else -1.0), np.float32(at_v)
+        depth[i], across[i], down[i] = np.float32(d), np.float32(right), np.float32(below)
+        bias[i] = np.float32(bias_of(texel, abs(right) + abs(below), row[BIAS_TEXELS]))
+
+
+@disjoint_helper
+def map_cube_rows(px, py, pz, nx, ny, nz, row, size, u, v, depth, across, down, bias):
+    """
+    Take samples to the six maps of a point light; see `map_rows`.
+
+    The maps lie one below the other: +x, -x, +y, -y, +z, -z. A sample goes to the one of its
+    longest coordinate; the other two, in cyclic order, run across and down.
+    """
+    for i in range(px.shape[0]):
+        x, y, z = px[i] - row[ORIGIN], py[i] - row[ORIGIN + 1], pz[i] - row[ORIGIN + 2]
+        a, b, c = nx[i], ny[i], nz[i]
+        is_x = (abs(x) >= abs(y)) & (abs(x) >= abs(z))
+        is_y = (abs(y) >= abs(z)) & (not is_x)
+        w, nw = (x if is_x else (y if is_y else z)), (a if is_x else (b if is_y else c))
+        s, ns = (y if is_x else (z if is_y else x)), (b if is_x else (c if is_y else a))
+        t, nt = (z if is_x else (x if is_y else y)), (c if is_x else (a if is_y else b))
+        side = np.float32(0.0) if is_x else (np.float32(2.0) if is_y else np.float32(4.0))
+        side += np.float32(1.0) if w < 0.0 else np.float32(0.0)
+        nw, w = (-nw if w < 0.0 else nw), abs(w)
+        before = w > 0.0
+        w = w if before else 1.0
+        at_u, at_v, d, right, below = plane_of(s, t, w, ns, nt, nw, row)
+        texel = row[TEXEL] * d
+        right, below = held_slope(right, below, texel)
+        u[i] = np.float32(at_u) if before else np.float32(-1.0)
+        v[i] = np.float32(at_v) + side * np.float32(size)
+        depth[i], across[i], down[i] = np.float32(d), np.float32(right), np.float32(below)
+        bias[i] = np.float32(bias_of(texel, abs(right) + abs(below), row[BIAS_TEXELS]))
+
+
+@stage
+def place_on_map(block: Block, count, point: int64, row: float64[::1]):
+    """
+    Find where samples lie on the map of a light, and their planes and biases there.
+
+    Parameters
+    ----------
+    block : Block
+        After ``receivers.find_receivers``. Writes rows MAP_U.. to BIAS.
+    count : int
+    point : int
+        Where ``receivers`` has the points, and the normals behind them: POINT or MOVED.
+    row : (MAP_COLUMNS,) float64
+        The light's, of ``Shadows.maps``.
+    """
+    if block.counts[IS_LIT] == 0:
+        return
+    s, r = block.samples, block.receivers[point:]
+    map_rows(
+        r[0, :count], r[1, :count], r[2, :count], r[3, :count], r[4, :count], r[5, :count], row,
+        s[MAP_U, :count], s[MAP_V, :count], s[MAP_DEPTH, :count], s[ACROSS, :count],
+        s[DOWN, :count], s[BIAS, :count],
+    )  # fmt: skip
+
+
+@stage
+def place_on_cube(block: Block, count, point: int64, row: float64[::1], size: int64):
+    """Find the same on the six maps of a point light, whose sides have ``size`` texels."""
+    if block.counts[IS_LIT] == 0:
+        return
+    s, r = block.samples, block.receivers[point:]
+    map_cube_rows(
+        r[0, :count], r[1, :count], r[2, :count], r[3, :count], r[4, :count], r[5, :count], row,
+        size, s[MAP_U, :count], s[MAP_V, :count], s[MAP_DEPTH, :count], s[ACROSS, :count],
+        s[DOWN, :count], s[BIAS, :count],
+    )  # fmt: skip
+
+
+@stage
+def filter_hard(block: Block, count, texels: float32[::1], size: int64, sides: int64):
+    """
+    Find the share of a light that reaches each sample, by the texel that it lies in.
+
+    Parameters
+    ----------
+    block : Block
+        After `place_on_map` or `place_on_cube`. Writes row SHADOW.
+    count : int
+    texels : (sides * size**2,) float32
+        Stored depth, of the light's maps, one below the other.
+    size, sides : int
+        Side of a map, texels; number of maps.
+    """
+    if block.counts[IS_LIT] == 0:
+        return
+    s = block.samples
+    read_hard(
+        s[MAP_U, :count], s[MAP_V, :count], s[MAP_DEPTH, :count], s[ACROSS, :count],
+        s[DOWN, :count], s[BIAS, :count], texels, size, np.float32(sides), s[SHADOW, :count],
+    )  # fmt: skip
+
+
+@stage
+def filter_pcf(block: Block, count, texels: float32[::1], size: int64, sides: int64):
+    """Find the same by 3 x 3 texels: percentage-closer filtering."""
+    if block.counts[IS_LIT] == 0:
+        return
+    s = block.samples
+    read_pcf(
+        s[MAP_U, :count], s[MAP_V, :count], s[MAP_DEPTH, :count], s[ACROSS, :count],
+        s[DOWN, :count], s[BIAS, :count], texels, size, np.float32(sides), s[SHADOW, :count],
+    )  # fmt: skip
+
+
+@stage
+def filter_soft(
+    block: Block, count, texels: float32[::1], size: int64, sides: int64, widening: float32,
+    highest: float32[:, ::1], pattern: float32[:, ::1], spiral: float32[:, ::1],
+):  # fmt: skip
+    """
+    Find the same by a penumbra that widens with the distance to what casts the shadow.
+
+    Parameters
+    ----------
+    block, count, texels, size, sides
+        As `filter_hard` takes them.
+    widening : float32
+        Column WIDENING of the light's row.
+    highest : (96, 16) float32
+        The greatest stored depth in each cell of the light's maps.
+    pattern, spiral : (P, 2) and (S, 2) float32
+        As ``Shadows`` has them.
+    """
+    if block.counts[IS_LIT] == 0:
+        return
+    s = block.samples
+    for a in range(0, count, NEIGHBOURS):
+        e = min(a + NEIGHBOURS, count)
+        read_soft(
+            s[MAP_U, a:e], s[MAP_V, a:e], s[MAP_DEPTH, a:e], s[ACROSS, a:e], s[DOWN, a:e],
+            s[BIAS, a:e], texels, size, np.float32(sides), widening, highest, pattern, spiral,
+            s[FOUND, a:e], s[NEARER, a:e], s[SHADOW, a:e],
+        )  # fmt: skip
+
+
+@stage
+def let_light_through(block: Block, count):
+    """Let all of a light without a map reach each sample."""
+    for n in range(np.uintp(count)):
+        block.samples[SHADOW, n] = np.float32(1.0)

@@ -1,0 +1,96 @@
+"""
+Tone mapping: expose light, and bring it into what a screen shows by a curve.
+
+A frame has it where light becomes 8-bit codes and the tone map changes any. Linear output stays as
+it is. Where a pixel is mixed of several faces, the mix is mapped, unless codes are mixed.
+"""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.effects.tone_map import stage as tone_map_stage
+from rasterjit.pipeline import records
+from rasterjit.pipeline.surface.samples import NORMAL_X
+from rasterjit.runtime.driver import Step
+from rasterjit.scene.quality import Quality
+from rasterjit.scene.scene import Scene
+from rasterjit.scene.tone_map import ToneMap
+from rasterjit.survey.effect import Absent, Effect, Planned, Planning, Rows, add_to_field
+from rasterjit.survey.facts import Facts
+from rasterjit.survey.plan import RenderPlan
+
+CURVES = {
+    "none": tone_map_stage.NONE,
+    "reinhard": tone_map_stage.REINHARD,
+    "aces": tone_map_stage.ACES,
+    "neutral": tone_map_stage.NEUTRAL,
+}
+
+
+def tone_record(tone_map: ToneMap) -> records.ToneMap:
+    """Return a tone map as shading reads it."""
+    return records.ToneMap(
+        CURVES[tone_map.curve],
+        np.float32(tone_map.exposure),
+        np.float32(1.0 / (tone_map.white * tone_map.white)),
+    )
+
+
+class ToneMapping(Effect):
+    """Map what is shown in 8 bits."""
+
+    name = "tone mapping"
+    field = "tone_map"
+    key = "t"
+
+    def answer(self, facts: Facts, planning: Planning) -> Planned | Absent:
+        """Say whether light is exposed, or a tone curve applied: to 8-bit colour alone."""
+        tone_map = facts.asked[self.field]
+        is_wanted = tone_map is not None and not tone_map.is_neutral
+        if is_wanted and ("color" in facts.outputs or facts.mixes_codes):
+            return Planned(self, facts, tone_record(tone_map))
+        return Absent(self, facts)
+
+    def reason(self, facts: Facts, is_used: bool) -> str:
+        """Say how light is brought onto the screen."""
+        tone_map = facts.asked[self.field]
+        if tone_map is None:
+            return "scene.tone_map is None"
+        if "color" not in facts.outputs and not facts.mixes_codes:
+            return "no output shows colour in 8 bits"
+        if tone_map.is_neutral:
+            return "curve none, exposure 0"
+        return f"curve {tone_map.curve}, exposure {tone_map.exposure:g}"
+
+    def add(self, scene: Scene, quality: Quality) -> tuple[str, Scene | None]:
+        """Return the scene with a curve that keeps colours."""
+        return "curve neutral", add_to_field(scene, self.field, ToneMap())
+
+    def kernels(self, plan: RenderPlan) -> dict[str, Rows]:
+        """Return the kernel that maps what is mixed already."""
+        return {"mixed": [("tone_map.show_over", "", "")]}
+
+    @staticmethod
+    def show(tone: records.ToneMap, shown: int) -> tuple[list[Step], int]:
+        """Return the stages that map three rows of samples, and where the result goes."""
+        return [Step(tone_map_stage.show_tones, (shown, tone))], NORMAL_X
+
+    @staticmethod
+    def show_over(
+        tone: records.ToneMap,
+        linear: NDArray[np.float32],
+        background: NDArray[np.float32],
+        encoding: records.Encoding,
+        color: NDArray[np.uint32],
+    ) -> None:
+        """Map rows of light that is mixed already, (R, W, 4), and lay them over a background."""
+        tone_map_stage.show_over(linear, background, encoding, color)
+
+    places: ClassVar = {"pixel": show, "mixed": show_over}
+
+
+TONE_MAPPING = ToneMapping()

@@ -1,0 +1,208 @@
+"""
+Expose light and bring it into what a screen shows, 0..1, by a tone curve.
+
+The curve is data: a loop for each, so that the loops vectorize. What is below zero or no number
+gives what zero gives.
+
+References
+----------
+.. [1] E. Reinhard, M. Stark, P. Shirley, J. Ferwerda, "Photographic Tone Reproduction for Digital
+   Images", SIGGRAPH 2002, equation 4.
+.. [2] S. Hill, "ACES fitted", in M. Pettineo's BakingLab, 2016.
+.. [3] The Khronos Group, "Khronos PBR Neutral Tone Mapper", 2024.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rasterjit.pipeline.encode import encode_pixel, over
+from rasterjit.pipeline.records import UNMAPPED, Encoding, ToneMap
+from rasterjit.pipeline.surface.samples import NORMAL_X, NORMAL_Y, NORMAL_Z, Block
+from rasterjit.runtime.float_math import exp2
+from rasterjit.runtime.jit import disjoint_helper, helper, kernel, stage
+from rasterjit.runtime.state import float32, int64, uint32
+
+NONE, REINHARD, ACES, NEUTRAL = 0, 1, 2, 3
+"""Curves, as ``ToneMap.curve`` numbers them."""
+
+MOST_LIGHT = np.float32(1e12)
+"""Exposed light is held below: its square is finite in float32, and every curve is at its end."""
+
+START = np.float32(0.76)
+"""Largest channel that the neutral curve keeps: 0.8, less the 0.04 that it takes off."""
+
+REFLECTANCE = np.float32(0.04)
+"""Of common dielectrics head on: what the neutral curve takes off, so that base colours stay."""
+
+DESATURATION = np.float32(0.15)
+"""How fast colours pale beyond the start of the neutral curve."""
+
+
+@helper
+def exposed(value, factor):
+    """Return exposed light held in 0..MOST_LIGHT; NaN gives 0."""
+    value = value * factor
+    value = value if value > np.float32(0.0) else np.float32(0.0)
+    return min(value, MOST_LIGHT)
+
+
+@helper
+def reinhard(red, green, blue, per_white):
+    """Return a colour scaled so that its luminance L becomes L (1 + L per_white) / (1 + L)."""
+    one = np.float32(1.0)
+    luminance = np.float32(0.2126) * red + np.float32(0.7152) * green + np.float32(0.0722) * blue
+    scale = (one + luminance * per_white) / (one + luminance)
+    return red * scale, green * scale, blue * scale
+
+
+@helper
+def filmic(x):
+    """Return the rational curve of Hill's fit."""
+    above = x * (x + np.float32(0.0245786)) - np.float32(0.000090537)
+    below = x * (np.float32(0.983729) * x + np.float32(0.4329510)) + np.float32(0.238081)
+    return above / below
+
+
+@helper
+def mixed(red, green, blue, weights):
+    """Return the weighted sum of three channels."""
+    return (
+        np.float32(weights[0]) * red
+        + np.float32(weights[1]) * green
+        + np.float32(weights[2]) * blue
+    )
+
+
+@helper
+def aces(red, green, blue):
+    """Return Hill's fit of the transforms from scene light to an sRGB display, not cut off."""
+    r = filmic(mixed(red, green, blue, (0.59719, 0.35458, 0.04823)))
+    g = filmic(mixed(red, green, blue, (0.07600, 0.90834, 0.01566)))
+    b = filmic(mixed(red, green, blue, (0.02840, 0.13383, 0.83777)))
+    return (
+        mixed(r, g, b, (1.60475, -0.53108, -0.07367)),
+        mixed(r, g, b, (-0.10208, 1.10813, -0.00605)),
+        mixed(r, g, b, (-0.00327, -0.07276, 1.07602)),
+    )
+
+
+@helper
+def neutral(red, green, blue):
+    """Return Khronos' neutral curve: less the reflectance, and compressed above the start."""
+    one = np.float32(1.0)
+    least = min(red, min(green, blue))
+    offset = least - np.float32(6.25) * least * least
+    offset = offset if least < REFLECTANCE + REFLECTANCE else REFLECTANCE
+    red, green, blue = red - offset, green - offset, blue - offset
+    peak = max(red, max(green, blue))
+    rest = one - START
+    over = max(peak, START)
+    lowered = one - rest * rest / (over + rest - START)
+    kept = one / (DESATURATION * (over - lowered) + one)
+    is_over = peak >= START
+    scale = kept * lowered / over if is_over else one
+    pale = lowered * (one - kept) if is_over else np.float32(0.0)
+    return red * scale + pale, green * scale + pale, blue * scale + pale
+
+
+@disjoint_helper
+def expose_span(factor, red, green, blue, out_red, out_green, out_blue):
+    """Write exposed light."""
+    for i in range(out_red.shape[0]):
+        out_red[i] = exposed(red[i], factor)
+        out_green[i] = exposed(green[i], factor)
+        out_blue[i] = exposed(blue[i], factor)
+
+
+@disjoint_helper
+def reinhard_span(per_white, red, green, blue):
+    """Apply Reinhard's curve in place."""
+    for i in range(red.shape[0]):
+        red[i], green[i], blue[i] = reinhard(red[i], green[i], blue[i], per_white)
+
+
+@disjoint_helper
+def aces_span(red, green, blue):
+    """Apply Hill's fit in place."""
+    for i in range(red.shape[0]):
+        red[i], green[i], blue[i] = aces(red[i], green[i], blue[i])
+
+
+@disjoint_helper
+def neutral_span(red, green, blue):
+    """Apply Khronos' neutral curve in place."""
+    for i in range(red.shape[0]):
+        red[i], green[i], blue[i] = neutral(red[i], green[i], blue[i])
+
+
+@helper
+def map_tones(tone, red, green, blue, out_red, out_green, out_blue):
+    """Write what is to be shown of a span of light; the arrays do not overlap."""
+    factor = exp2(tone.stops)
+    expose_span(factor, red, green, blue, out_red, out_green, out_blue)
+    if tone.curve == REINHARD:
+        reinhard_span(tone.per_white, out_red, out_green, out_blue)
+    elif tone.curve == ACES:
+        aces_span(out_red, out_green, out_blue)
+    elif tone.curve == NEUTRAL:
+        neutral_span(out_red, out_green, out_blue)
+
+
+@helper
+def map_pixel(tone, red, green, blue):
+    """Return what is to be shown of one colour; the colour itself if it is not mapped."""
+    if tone.curve == UNMAPPED:
+        return red, green, blue
+    factor = exp2(tone.stops)
+    red, green, blue = exposed(red, factor), exposed(green, factor), exposed(blue, factor)
+    if tone.curve == REINHARD:
+        return reinhard(red, green, blue, tone.per_white)
+    if tone.curve == ACES:
+        return aces(red, green, blue)
+    if tone.curve == NEUTRAL:
+        return neutral(red, green, blue)
+    return red, green, blue
+
+
+@stage
+def show_tones(block: Block, count, shown: int64, tone: ToneMap):
+    """
+    Map the tones of the three rows of samples from ``shown`` on.
+
+    Writes what is to be shown over the normals, rows NORMAL_X.., which nothing needs any more.
+    """
+    s = block.samples
+    map_tones(
+        tone, s[shown, :count], s[shown + 1, :count], s[shown + 2, :count], s[NORMAL_X, :count],
+        s[NORMAL_Y, :count], s[NORMAL_Z, :count],
+    )  # fmt: skip
+
+
+@kernel
+def show_over(
+    linear: float32[:, :, ::1], background: float32[::1], encoding: Encoding, color: uint32[:, ::1]
+):  # fmt: skip
+    """
+    Map the tones of rows, and lay them over a background that is shown as it is.
+
+    Parameters
+    ----------
+    linear : (R, W, 4) float32
+        Straight alpha; changed: laid over the background in linear light.
+    background : (4,) float32, linear
+    encoding : Encoding
+        With a tone map.
+    color : (R, W) uint32
+        Written: tones mapped, laid over the background, in sRGB codes.
+    """
+    behind = background[0], background[1], background[2], background[3]
+    for row in range(linear.shape[0]):
+        for column in range(linear.shape[1]):
+            alpha = linear[row, column, 3]
+            own = linear[row, column, 0], linear[row, column, 1], linear[row, column, 2]
+            shown = map_pixel(encoding.tone, own[0], own[1], own[2])
+            color[row, column] = encode_pixel(over(alpha, shown, behind), encoding.table)
+            laid = over(alpha, own, behind)
+            for k in range(4):
+                linear[row, column, k] = laid[k]

@@ -1,0 +1,42 @@
+"""
+Transparency: blended objects over what lies behind them.
+
+A frame has it where something blended in view has an alpha below 1. The transparent faces of each
+sample are found, shaded as any face is, and laid over each other; see ``rendering.layers``.
+"""
+
+from __future__ import annotations
+
+from rasterjit.scene.scene import Scene
+from rasterjit.survey.blending import mixing_note
+from rasterjit.survey.effect import Absent, Effect, Planned, Planning
+from rasterjit.survey.facts import Facts
+from rasterjit.survey.material_rows import made_opaque
+
+
+class Blending(Effect):
+    """Lay faces over what lies behind them."""
+
+    name = "transparency"
+
+    def answer(self, facts: Facts, planning: Planning) -> Planned | Absent:
+        """Say whether anything is seen through."""
+        return Planned(self, facts) if facts.transparency.used else Absent(self, facts)
+
+    def reason(self, facts: Facts, is_used: bool) -> str:
+        """Say why anything is seen through, how much of it, and what it is mixed in."""
+        transparency, quality = facts.transparency, facts.quality
+        if not transparency.used:
+            return transparency.reason
+        most = quality.transparency_layers
+        nearest = "" if most == "all" else f", the nearest {most} at a sample"
+        if most == 1:
+            nearest = ", the nearest one at a sample"
+        return transparency.reason + nearest + mixing_note(quality)
+
+    def without(self, scene: Scene) -> Scene:
+        """Return the scene with opaque materials."""
+        return made_opaque(scene)
+
+
+TRANSPARENCY = Blending()

@@ -1,0 +1,90 @@
+"""
+Vignette: darken a picture towards its corners.
+
+A frame has it where colour is shown in 8 bits. It looks at a pixel's place alone, so that parts of
+a picture are darkened as the whole would be; it costs about a nanosecond a pixel.
+"""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.effects.vignette.stage import darken_rows
+from rasterjit.pipeline.encode import encoding_table
+from rasterjit.runtime.threads import rows_per_task
+from rasterjit.scene.color import decoding_table
+from rasterjit.scene.quality import Quality
+from rasterjit.scene.scene import Scene
+from rasterjit.scene.vignette import Vignette
+from rasterjit.survey.effect import (
+    Absent,
+    Effect,
+    FrameContext,
+    Planned,
+    Planning,
+    Rows,
+    add_to_field,
+)
+from rasterjit.survey.facts import Facts
+from rasterjit.survey.plan import RenderPlan
+
+
+class Vignetting(Effect):
+    """Darken the corners of the finished picture."""
+
+    name = "vignette"
+    field = "vignette"
+    key = "z"
+
+    def answer(self, facts: Facts, planning: Planning) -> Planned | Absent:
+        """Say whether corners are darkened: they are 8-bit pixels."""
+        vignette = facts.asked[self.field]
+        if vignette is None or vignette.is_neutral or "color" not in facts.outputs:
+            return Absent(self, facts)
+        return Planned(self, facts, vignette)
+
+    def reason(self, facts: Facts, is_used: bool) -> str:
+        """Say how much darker the corners are, or why they are not."""
+        vignette = facts.asked[self.field]
+        if vignette is None:
+            return "scene.vignette is None"
+        if "color" not in facts.outputs:
+            return "no output shows colour in 8 bits"
+        if not is_used:
+            return "it darkens nothing"
+        return f"the corners lose {100.0 * vignette.strength:g} % of their light"
+
+    def neutral(self, record: Vignette) -> Vignette:
+        """Return a vignette that darkens by nothing."""
+        return Vignette(0.0, record.start)
+
+    def kernels(self, plan: RenderPlan) -> dict[str, Rows]:
+        """Return the kernel that darkens."""
+        return {"overlay": [("vignette.darken_rows", "", "")]}
+
+    def add(self, scene: Scene, quality: Quality) -> tuple[str, Scene | None]:
+        """Return the scene with the usual vignette."""
+        return "on", add_to_field(scene, self.field, Vignette())
+
+    @staticmethod
+    def darken(vignette: Vignette, context: FrameContext, color: NDArray[np.uint8]) -> None:
+        """Darken the colour, (H, W, 4)."""
+        plan, workers = context.plan, context.workers
+        target, step = color.view(np.uint32)[:, :, 0], rows_per_task(color.shape, workers)
+        own = vignette.strength, vignette.start, decoding_table().copy(), encoding_table()
+        height = len(target)
+        workers.run(
+            darken_rows,
+            [
+                (target, (n, min(n + step, height)), plan.corner, plan.size, *own)
+                for n in range(0, height, step)
+            ],
+        )
+
+    places: ClassVar = {"overlay": darken}
+
+
+VIGNETTE = Vignetting()

@@ -1,0 +1,253 @@
+"""
+Wireframes: draw the edges of faces as lines over the colour, shared among threads.
+
+A frame has them where the scene asks for them and colour is shown in 8 bits; over the faces, with
+hidden lines removed, or alone. Each edge is drawn once, whichever faces share it.
+"""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.effects.wireframe import coverage as line_coverage
+from rasterjit.effects.wireframe import stage as wireframe_stage
+from rasterjit.effects.wireframe.coverage import BAND_ROWS
+from rasterjit.pipeline.encode import encoding_table
+from rasterjit.pipeline.geometry import binning
+from rasterjit.pipeline.records import Geometry
+from rasterjit.pipeline.visibility import draw
+from rasterjit.runtime.threads import Workers, fill_rows
+from rasterjit.scene.color import decoding_table, linear_to_srgb
+from rasterjit.scene.scene import Wireframe
+from rasterjit.survey.blending import mixing_note
+from rasterjit.survey.effect import Absent, Effect, FrameContext, Planned, Planning, Rows
+from rasterjit.survey.facts import Facts
+from rasterjit.survey.plan import RenderPlan
+
+EDGES_PER_TASK = 1 << 14
+"""Edges of a wireframe drawn by one task: where they end, 640 KiB, stays in a core's own cache."""
+
+
+def hiding(
+    hidden_by: tuple[NDArray[np.int32], NDArray[np.float32]] | None,
+    geometry: Geometry,
+    depth_coefficients: tuple[float, float, float],
+    workers: Workers,
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return the stored depth that hides edges and its slack, (H, W); (1, W) if nothing does."""
+    if hidden_by is None:
+        row = 1, geometry.viewport.width
+        return np.full(row, -np.inf, np.float32), np.zeros(row, np.float32)
+    face_id, depth = hidden_by
+    slack = workers.memory.empty(depth.shape, np.float32)
+    arguments = depth, geometry, depth_coefficients, slack
+    fill_rows(wireframe_stage.fill_slack, face_id, arguments, workers)
+    return depth, slack
+
+
+def draw_edges(
+    edges: NDArray[np.int32],
+    geometry: Geometry,
+    depth_coefficients: tuple[float, float, float],
+    rgba: NDArray[np.uint8],
+    color: NDArray[np.uint8],
+    hidden_by: tuple[NDArray[np.int32], NDArray[np.float32]] | None,
+    workers: Workers,
+) -> None:
+    """
+    Draw edges as Bresenham lines into the colour.
+
+    All have one colour and none hides another. So tasks may draw them in any order, and even meet
+    in a pixel: both write the same value.
+
+    Parameters
+    ----------
+    edges : (N, 2) int32, vertex numbers
+    geometry : Geometry
+    depth_coefficients : (float, float, float)
+    rgba : (4,) uint8
+    color : (H, W, 4) uint8
+        Written.
+    hidden_by : (face_id (H, W) int32, depth (H, W) float32) or None
+        The surfaces that hide edges; ``None`` draws all of them.
+    workers : Workers
+    """
+    depth, slack = hiding(hidden_by, geometry, depth_coefficients, workers)
+    count, empty = len(geometry.clip_positions), workers.memory.empty
+    pixels = empty((count, 2), np.int32)
+    vertices = geometry.clip_positions, geometry.codes, pixels
+    workers.run(
+        wireframe_stage.find_pixels,
+        [
+            (
+                (n, min(n + draw.VERTICES_PER_TASK, count)),
+                *vertices[:2],
+                geometry.viewport,
+                pixels,
+            )
+            for n in range(0, count, draw.VERTICES_PER_TASK)
+        ],
+    )
+    target = color.view(np.uint32)[:, :, 0]
+
+    def draw_some(first: int) -> None:
+        some = edges[first : first + EDGES_PER_TASK]
+        ends = np.empty((len(some), 4), np.int32)
+        depths = np.empty((0 if hidden_by is None else len(some), 2), np.float64)
+        seen = wireframe_stage.project_edges(
+            some, vertices, depth_coefficients, geometry.viewport, ends, depths
+        )
+        wireframe_stage.draw_edges(target, depth, slack, ends[:seen], depths[:seen], rgba)
+
+    workers.run(draw_some, [(n,) for n in range(0, len(edges), EDGES_PER_TASK)])
+
+
+def cover_edges(
+    edges: NDArray[np.int32],
+    geometry: Geometry,
+    depth_coefficients: tuple[float, float, float],
+    rgba: NDArray[np.uint8],
+    color: NDArray[np.uint8],
+    hidden_by: tuple[NDArray[np.int32], NDArray[np.float32]] | None,
+    light: NDArray[np.float32] | None,
+    workers: Workers,
+) -> None:
+    """
+    Lay edges over the colour by how much of each pixel they cover.
+
+    Takes what `draw_edges` takes, and
+
+    light : (256,) float32 or None
+        Linear light of each code; ``None``: codes are mixed, not light.
+    """
+    depth, slack = hiding(hidden_by, geometry, depth_coefficients, workers)
+    viewport, empty = geometry.viewport, workers.memory.empty
+    ends = empty((len(edges), 4), np.int32)
+    depths = empty((0 if hidden_by is None else len(edges), 2), np.float64)
+    starts, listed = list_by_bands(edges, geometry, depth_coefficients, ends, depths, workers)
+    target, table = color.view(np.uint32)[:, :, 0], encoding_table()
+    light = np.empty(0, np.float32) if light is None else light
+
+    def cover_band(band: int) -> None:
+        rows = band * BAND_ROWS, min((band + 1) * BAND_ROWS, viewport.height)
+        own = listed[starts[band] : starts[band + 1]]
+        cover = empty((rows[1] - rows[0], viewport.width), np.float32)
+        line_coverage.cover_lines(own, ends, depths, rows, viewport, depth, slack, cover)
+        some = target[rows[0] : rows[1]]
+        line_coverage.lay_lines(cover, rgba.view(np.uint32), light, table, some)
+
+    workers.run(cover_band, [(band,) for band in range(len(starts) - 1)])
+
+
+def list_by_bands(
+    edges: NDArray[np.int32],
+    geometry: Geometry,
+    depth_coefficients: tuple[float, float, float],
+    ends: NDArray[np.int32],
+    depths: NDArray[np.float64],
+    workers: Workers,
+) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
+    """
+    Take edges to the screen and list them by the bands of rows that they may touch.
+
+    Writes ends and depths as ``coverage.project_lines`` does; returns where the list of each
+    band starts, (bands + 1,), and the lists, numbers of lines.
+    """
+    viewport = geometry.viewport
+    bands = -(-viewport.height // BAND_ROWS)
+    firsts = range(0, len(edges), EDGES_PER_TASK)
+    counts = np.zeros((len(firsts), bands + 1), np.int32)
+    lines = workers.run(
+        line_coverage.project_lines,
+        [
+            (
+                edges[first : first + EDGES_PER_TASK], first, geometry, depth_coefficients, ends,
+                depths, counts[n],
+            )
+            for n, first in enumerate(firsts)
+        ],
+    )  # fmt: skip
+    starts, cursors = np.empty(bands + 1, np.int64), np.empty((len(firsts), bands), np.int64)
+    binning.start_lists(counts, starts, cursors)
+    listed = workers.memory.empty((int(starts[-1]),), np.int32)
+    workers.run(
+        line_coverage.list_lines,
+        [
+            ((first, first + lines[n]), ends, viewport, cursors[n], listed)
+            for n, first in enumerate(firsts)
+        ],
+    )
+    return starts, listed
+
+
+class Edges(Effect):
+    """Draw the edges of faces over the finished picture."""
+
+    name = "wireframe"
+    field = "wireframe"
+    is_explained = True
+    reads_clip_positions = True
+
+    def answer(self, facts: Facts, planning: Planning) -> Planned | Absent:
+        """Say whether edges are drawn: they are 8-bit pixels, so linear colour has none."""
+        if facts.wireframe is not None and "color" in facts.outputs:
+            return Planned(self, facts, facts.wireframe)
+        return Absent(self, facts)
+
+    def reason(self, facts: Facts, is_used: bool) -> str:
+        """Say why edges are drawn or not."""
+        if facts.wireframe is None:
+            return "scene.wireframe is None"
+        if not is_used:
+            return "no output shows colour in 8 bits"
+        if facts.quality.lines == "bresenham":
+            return f"mode {facts.wireframe.mode}"
+        return f"mode {facts.wireframe.mode}, by coverage{mixing_note(facts.quality)}"
+
+    def kernels(self, plan: RenderPlan) -> dict[str, Rows]:
+        """Return the kernels that draw the edges."""
+        hiding = "hidden lines removed" if plan.draws_faces else ""
+        rows = [("wireframe.fill_slack", "", "")] if plan.draws_faces else []
+        if plan.quality.lines == "bresenham":
+            rows.insert(0, ("wireframe.find_pixels", "", ""))
+            names = "project_edges", "draw_edges"
+            return {"overlay": rows + [(f"wireframe.{name}", hiding, "") for name in names]}
+        mixed = "codes" if plan.quality.blending == "srgb8" else "light"
+        rows += [
+            ("coverage.project_lines", hiding, ""),
+            ("coverage.list_lines", "", ""),
+            ("coverage.cover_lines", hiding, ""),
+            ("coverage.lay_lines", mixed, ""),
+        ]
+        return {"overlay": rows}
+
+    def buffers(self, plan: RenderPlan) -> list[tuple[str, int, str, tuple[int, int]]]:
+        """Return what hides edges."""
+        return [("slack of hidden lines", 1, "float32", plan.size)] if plan.draws_faces else []
+
+    def reads_depth(self, plan: RenderPlan) -> bool:
+        """Tell whether faces hide edges."""
+        return plan.draws_faces
+
+    @staticmethod
+    def draw_over(wireframe: Wireframe, context: FrameContext, color: NDArray[np.uint8]) -> None:
+        """Draw the edges over the colour, (H, W, 4)."""
+        plan, prepared, geometry, _, coverage, workers = context
+        encoded = linear_to_srgb(np.array(wireframe.color[:3]))
+        rgba = np.append(np.floor(255.0 * encoded + 0.5), 255.0).astype(np.uint8)
+        hidden_by = (coverage.face_id, coverage.reversed_depth) if plan.draws_faces else None
+        coefficients = plan.camera.depth_coefficients()
+        lines = prepared.shapes.edges, geometry, coefficients, rgba, color, hidden_by
+        if plan.quality.lines == "bresenham":
+            draw_edges(*lines, workers)
+            return
+        light = None if plan.quality.blending == "srgb8" else decoding_table().copy()
+        cover_edges(*lines, light, workers)
+
+    places: ClassVar = {"overlay": draw_over}
+
+
+WIREFRAME = Edges()

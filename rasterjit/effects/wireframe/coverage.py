@@ -1,0 +1,396 @@
+"""
+Draw lines by how much of each pixel they cover.
+
+A line is a rectangle one pixel wide. Its flat ends lie half a pixel beyond the two places that it
+joins, as the first and the last pixel of a Bresenham line reach beyond them: so lines that go on in
+each other leave no gap, and one of no length is a dot. All lines have one colour, so what counts at
+a pixel is the largest part of it that one of them covers: neither their order nor which thread
+comes first matters, and a line that is there twice looks like one. Then the colour is laid over
+what is there by that part.
+
+How much of a pixel lies on one side of a straight line is a sum of squares of the distance to the
+pixel's centre (`side_share`). Between the two long sides of a line it is the difference of two of
+these, between its ends of two others. Their product is the area that the line covers: exactly
+where one of both factors is 0 or 1, that is all along the line. Where an end and a long side cut
+one pixel it is less than ``END_ERROR`` off.
+
+Both factors depend on the distances from the middle of the line, without their signs, and are made
+of exact differences and of products whose signs alone change when a picture is mirrored or turned
+by right angles, or when a line is given from its other end: so the bits are the same.
+
+A pixel is hidden where its place on the line, the nearest to its centre, lies behind the surface
+seen there, by more than that surface changes on the way (``stage.fill_slack``).
+
+References
+----------
+.. [1] S. Gupta and R. Sproull, "Filtering Edges for Gray-Scale Displays", SIGGRAPH 1981: lines of
+   one pixel by the part of each pixel that they cover.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rasterjit.effects.wireframe.stage import cut_segment, divided, put_depth
+from rasterjit.pipeline.encode import encode_alpha, encode_pixel, over
+from rasterjit.pipeline.fragments.encoded import over as over_codes
+from rasterjit.pipeline.geometry.projection import snap_vertex
+from rasterjit.pipeline.geometry.setup import CLIPPED, FAR, INVALID, NEAR, whole_size
+from rasterjit.pipeline.records import Geometry, Viewport
+from rasterjit.runtime.jit import disjoint_helper, helper, kernel
+from rasterjit.runtime.state import float32, float64, int32, int64, uint32
+
+HALF_WIDTH = 0.5
+"""Of a line, pixels; and how far it goes on beyond what it joins."""
+
+END_ERROR = 1.0 / 40.0
+"""How far off the area of a pixel may be that an end and a long side of a line cut, pixels."""
+
+BAND_BITS = 5
+"""Lines are drawn in bands of 32 rows: how much of their pixels is covered stays in L2."""
+
+BAND_ROWS = 1 << BAND_BITS
+
+GROUP = 8
+"""Pixels of a row that are looked at together: as many as a vector register has float64."""
+
+MARGIN = 1.0 / 16.0
+"""Pixels beside a line that are looked at to no avail: rounding decides nothing."""
+
+SLACK_REACH = 1.25
+"""How far beside a line the centres of the pixels lie that it covers, pixels to right or down."""
+
+
+@helper
+def snapped_end(x, y, w, viewport):
+    """Return a clip position in front of the eye on the sub-pixel grid."""
+    x, y = divided(x, y, w, viewport)
+    width, height = whole_size(viewport)
+    return snap_vertex(x, y, (1.0, 0.5 * width, 0.5 * height), viewport)
+
+
+@helper
+def put_cut_line(a, b, depth_coefficients, viewport, n, ends, depths):
+    """Cut one edge at all planes and write its ends; return whether any of it may be seen."""
+    is_seen, first, second = cut_segment(a, b, viewport)
+    if not is_seen:
+        return False
+    for end in range(2):
+        x, y, z, w = second if end else first
+        ends[n, 2 * end], ends[n, 2 * end + 1] = snapped_end(x, y, w, viewport)
+        put_depth(depths, n, end, z, w, depth_coefficients)
+    return True
+
+
+@helper
+def bands_of(ends, line, viewport):
+    """Return the first and the last band that a line may touch; first > last if there is none."""
+    bits, pixel = viewport.grid_bits, np.int64(1) << viewport.grid_bits
+    left, right = min(ends[line, 0], ends[line, 2]), max(ends[line, 0], ends[line, 2])
+    top, bottom = min(ends[line, 1], ends[line, 3]), max(ends[line, 1], ends[line, 3])
+    # A line reaches less than a pixel beyond its ends.
+    if right + pixel < 0 or (left - pixel) >> bits >= viewport.width:
+        return np.int64(1), np.int64(0)
+    first = max((top - pixel) >> bits, np.int64(0))
+    last = min((bottom + pixel) >> bits, np.int64(viewport.height - 1))
+    return first >> BAND_BITS, last >> BAND_BITS
+
+
+@kernel
+def project_lines(
+    edges: int32[:, ::1], first: int64, geometry: Geometry,
+    depth_coefficients: (float64, float64, float64), ends: int32[:, ::1], depths: float64[:, ::1],
+    counts: int32[::1],
+):  # fmt: skip
+    """
+    Clip edges, find their ends on the sub-pixel grid, and count the lines that touch each band.
+
+    Parameters
+    ----------
+    edges : (N, 2) int32, vertex numbers
+    first : int
+        Number of the first line to write.
+    geometry : Geometry
+        With clip positions.
+    depth_coefficients : (float, float, float)
+        The stored depth is ``(c0 + c1 z + c2 w) / w``; greater is nearer.
+    ends : (E, 4) int32, units of the sub-pixel grid
+        Writes x0, y0, x1, y1 of the edges that may be seen, side by side from ``first`` on.
+    depths : (E, 2) float64, or (0, 2)
+        Writes the stored depth at both ends, if there is room.
+    counts : (bands + 1,) int32
+        Added to; the last column is passed over.
+
+    Returns
+    -------
+    int
+        How many lines were written.
+    """
+    viewport, codes = geometry.viewport, geometry.codes
+    line = np.int64(first)
+    for n in range(np.uintp(edges.shape[0])):
+        start, stop = np.uintp(edges[n, 0]), np.uintp(edges[n, 1])
+        code_a, code_b = codes[start], codes[stop]
+        # A line beside the picture may reach into it: only depth leaves one out here.
+        if (code_a | code_b) & INVALID or code_a & code_b & (NEAR | FAR):
+            continue
+        a, b = geometry.clip_positions[start], geometry.clip_positions[stop]
+        if (code_a | code_b) & CLIPPED:
+            if not put_cut_line(a, b, depth_coefficients, viewport, line, ends, depths):
+                continue
+        else:
+            ends[line, 0], ends[line, 1] = geometry.xy[start, 0], geometry.xy[start, 1]
+            ends[line, 2], ends[line, 3] = geometry.xy[stop, 0], geometry.xy[stop, 1]
+            put_depth(depths, line, 0, a[2], a[3], depth_coefficients)
+            put_depth(depths, line, 1, b[2], b[3], depth_coefficients)
+        top, bottom = bands_of(ends, line, viewport)
+        for band in range(top, bottom + 1):
+            counts[band] += 1
+        line += np.int64(top <= bottom)
+    return line - np.int64(first)
+
+
+@kernel
+def list_lines(
+    lines: (int64, int64), ends: int32[:, ::1], viewport: Viewport, cursors: int64[::1],
+    listed: int32[::1],
+):  # fmt: skip
+    """
+    Write each line into the list of every band that it may touch.
+
+    Parameters
+    ----------
+    lines : (int, int)
+        The first, and one past the last.
+    ends : (E, 4) int32, units of the sub-pixel grid
+    viewport : Viewport
+    cursors : (bands,) int64
+        Where the next line goes in each band's list. Advanced.
+    listed : (M,) int32
+        Writes numbers of lines.
+    """
+    for line in range(lines[0], lines[1]):
+        top, bottom = bands_of(ends, line, viewport)
+        for band in range(top, bottom + 1):
+            listed[np.uintp(cursors[band])] = np.int32(line)
+            cursors[band] += 1
+
+
+@helper
+def profile_of(along_x, along_y):
+    """
+    Return what the share of a pixel on one side of a line follows from, by the line's direction.
+
+    The distance at which no pixel is cut, the one up to which the share grows evenly, and the
+    factors of both parts.
+    """
+    long = max(abs(along_x), abs(along_y))
+    short = min(abs(along_x), abs(along_y))
+    product = 2.0 * long * short
+    return (
+        np.float32(0.5 * (long + short)),
+        np.float32(0.5 * (long - short)),
+        np.float32(1.0 / long),
+        np.float32(1.0 / product if product > 0.0 else 0.0),
+    )
+
+
+@helper
+def side_share(distance, profile):
+    """Return how much of a pixel lies between its centre and a line at a signed distance."""
+    most, even, per_long, per_product = profile
+    far = abs(distance)
+    far = far if far < most else most
+    rest = most - far
+    share = far * per_long if far <= even else np.float32(0.5) - rest * rest * per_product
+    return share if distance > np.float32(0.0) else -share
+
+
+@helper
+def covered_share(along, across, half_length, profile):
+    """Return how much of a pixel a line covers, by the distances of the pixel's centre from it."""
+    half, aside = np.float32(HALF_WIDTH), np.float32(across)
+    ahead, behind = np.float32(half_length - along), np.float32(half_length + along)
+    between_sides = side_share(half - aside, profile) + side_share(half + aside, profile)
+    between_ends = side_share(ahead, profile) + side_share(behind, profile)
+    return between_sides * between_ends
+
+
+@helper
+def seen_share(share, along, i, ramp, depth, slack):
+    """Return what is seen of a share of a pixel: nothing where a surface hides it."""
+    middle, gain, half = ramp
+    along = along if along > -half else -half
+    along = along if along < half else half
+    line_depth = middle + along * gain
+    allowed = np.float64(depth[i]) - SLACK_REACH * np.float64(slack[i])
+    return share if line_depth >= allowed else np.float32(0.0)
+
+
+@disjoint_helper
+def cover_run(cover, x, y_along, y_across, direction, half_length, profile, ramp, depth, slack):
+    """Take some pixels of a row as covered by a line as far as it covers them; no branches."""
+    along_x, along_y = direction
+    for i in range(cover.shape[0]):
+        # Exact: a whole number and a multiple of half a unit of the grid.
+        column = x + np.float64(np.int32(i))
+        along = column * along_x + y_along
+        across = abs(column * along_y - y_across)
+        share = covered_share(abs(along), across, half_length, profile)
+        share = seen_share(share, along, i, ramp, depth, slack)
+        cover[i] = share if share > cover[i] else cover[i]
+
+
+@helper
+def ramp_of(depths, line, length):
+    """Return depth at the middle of a line, its change a pixel, and half the line's length."""
+    if depths.shape[0] == 0:
+        return 0.0, 0.0, 0.0
+    near, far = depths[line, 0], depths[line, 1]
+    # Seen end-on, the nearer end is seen.
+    if length == 0.0:
+        return max(near, far), 0.0, 0.0
+    return 0.5 * (near + far), (far - near) / length, 0.5 * length
+
+
+@helper
+def strip_of(across, along, reach):
+    """Return slope and half width of the columns ``x`` with ``|x across - y along| <= reach``."""
+    if across == 0.0:
+        return 0.0, np.inf
+    return along / across, reach / abs(across)
+
+
+@helper
+def some_groups(low, high, width):
+    """Return columns low..high, as far as there are any, widened to whole groups if there are."""
+    first, stop = np.int64(np.ceil(low)), np.int64(np.floor(high)) + 1
+    if first >= stop:
+        return np.int64(0), np.int64(0)
+    columns = ((stop - first - 1) | (GROUP - 1)) + 1
+    first = max(min(first, width - columns), np.int64(0))
+    return first, min(first + columns, width)
+
+
+@helper
+def cover_line(line, ends, depths, rows, viewport, depth, slack, cover):
+    """Take the pixels of a band as covered by one line."""
+    x0, y0 = np.int64(ends[line, 0]), np.int64(ends[line, 1])
+    x1, y1 = np.int64(ends[line, 2]), np.int64(ends[line, 3])
+    per_pixel = 1.0 / np.float64(np.int64(1) << viewport.grid_bits)
+    dx, dy = np.float64(x1 - x0), np.float64(y1 - y0)
+    steps = np.sqrt(dx * dx + dy * dy)
+    along_x = dx / steps if steps > 0.0 else 1.0
+    along_y = dy / steps if steps > 0.0 else 0.0
+    length = steps * per_pixel
+    half_length, profile = 0.5 * length + HALF_WIDTH, profile_of(along_x, along_y)
+    ramp, direction = ramp_of(depths, line, length), (along_x, along_y)
+    # From here on places are relative to the middle of the line.
+    middle_x = 0.5 - np.float64(x0 + x1) * (0.5 * per_pixel)
+    middle_y = 0.5 - np.float64(y0 + y1) * (0.5 * per_pixel)
+    reach = np.float64(profile[0]) + MARGIN
+    down = (half_length + reach) * abs(along_y) + (HALF_WIDTH + reach) * abs(along_x)
+    sides = strip_of(along_y, along_x, HALF_WIDTH + reach)
+    tips = strip_of(along_x, -along_y, half_length + reach)
+    top = max(np.int64(np.ceil(-down - middle_y)), np.int64(rows[0]))
+    bottom = min(np.int64(np.floor(down - middle_y)), np.int64(rows[1]) - 1)
+    for row in range(top, bottom + 1):
+        y = np.float64(row) + middle_y
+        y_along, y_across = y * along_y, y * along_x
+        aside, ahead = y * sides[0] - middle_x, y * tips[0] - middle_x
+        low = max(max(aside - sides[1], ahead - tips[1]), 0.0)
+        high = min(min(aside + sides[1], ahead + tips[1]), np.float64(viewport.width - 1))
+        first, stop = some_groups(low, high, viewport.width)
+        if first < stop:
+            # Where nothing hides lines all rows are one.
+            there = min(row, depth.shape[0] - 1)
+            cover_run(
+                cover[row - rows[0], first:stop], np.float64(first) + middle_x, y_along, y_across,
+                direction, half_length, profile, ramp, depth[there, first:stop],
+                slack[there, first:stop],
+            )  # fmt: skip
+
+
+@kernel
+def cover_lines(
+    listed: int32[::1], ends: int32[:, ::1], depths: float64[:, ::1], rows: (int64, int64),
+    viewport: Viewport, depth: float32[:, ::1], slack: float32[:, ::1], cover: float32[:, ::1],
+):  # fmt: skip
+    """
+    Find how much of each pixel of a band the lines cover that are seen.
+
+    Parameters
+    ----------
+    listed : (M,) int32
+        Numbers of the lines that may touch the band.
+    ends : (E, 4) int32, units of the sub-pixel grid
+    depths : (E, 2) float64, or (0, 2): nothing hides lines
+        Stored depth at both ends. A NaN hides the whole line.
+    rows : (int, int)
+        The band's first row, and one past the last.
+    viewport : Viewport
+    depth : (H, W) float32, or (1, W) of -inf: nothing hides lines
+        Stored depth of what hides lines, greater is nearer.
+    slack : float32, of the shape of ``depth``
+        How far ``depth`` changes to the next column and the next row together.
+    cover : (R, W) float32
+        Written: the share of each pixel, 0..1.
+    """
+    for row in range(cover.shape[0]):
+        for i in range(cover.shape[1]):
+            cover[row, i] = 0.0
+    for n in range(listed.shape[0]):
+        cover_line(listed[n], ends, depths, rows, viewport, depth, slack, cover)
+
+
+@helper
+def laid(share, rgba, own, pixel, light, table):
+    """Return a pixel under a share of the line's colour; see `lay_lines`."""
+    if light.shape[0] == 0:
+        front = np.uint32((rgba & np.uint32(0xFFFFFF)) | encode_alpha(share) << np.uint32(24))
+        return over_codes(front, pixel)
+    behind = (
+        light[np.uintp(pixel & np.uint32(255))],
+        light[np.uintp((pixel >> np.uint32(8)) & np.uint32(255))],
+        light[np.uintp((pixel >> np.uint32(16)) & np.uint32(255))],
+        np.float32(pixel >> np.uint32(24)) / np.float32(255.0),
+    )
+    return encode_pixel(over(share, own, behind), table)
+
+
+@helper
+def light_of(rgba, light):
+    """Return the linear colour of a pixel; black if codes are mixed."""
+    if light.shape[0] == 0:
+        return np.float32(0.0), np.float32(0.0), np.float32(0.0)
+    return (
+        light[np.uintp(rgba & np.uint32(255))],
+        light[np.uintp((rgba >> np.uint32(8)) & np.uint32(255))],
+        light[np.uintp((rgba >> np.uint32(16)) & np.uint32(255))],
+    )
+
+
+@kernel
+def lay_lines(
+    cover: float32[:, ::1], rgba: uint32[::1], light: float32[::1], table: int32[::1],
+    color: uint32[:, ::1],
+):  # fmt: skip
+    """
+    Lay the colour of the lines over a band, by the share of each pixel that they cover.
+
+    Parameters
+    ----------
+    cover : (R, W) float32
+    rgba : (1,) uint32
+        Opaque; red in the lowest byte.
+    light : (256,) float32, or (0,): codes are mixed, not light
+        Linear light of each code.
+    table : (6657,) int32, `encode.encoding_table`
+    color : (R, W) uint32
+        Changed where lines are.
+    """
+    own = light_of(rgba[0], light)
+    for row in range(cover.shape[0]):
+        for i in range(np.uintp(cover.shape[1])):
+            if cover[row, i] > np.float32(0.0):
+                color[row, i] = laid(cover[row, i], rgba[0], own, color[row, i], light, table)

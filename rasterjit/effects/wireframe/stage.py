@@ -1,0 +1,330 @@
+"""
+Put the edges of faces on the screen as lines between pixels.
+
+A segment is cut where a triangle is: at the near and far planes and the guard band, in homogeneous
+clip space, before the divide. Its ends then go to the pixels that hold them.
+
+A pixel of a line lies up to one pixel beside the edge itself, so the surface that the edge belongs
+to may be nearer there by its own slope. ``fill_slack`` writes how much that is for the face seen at
+each pixel: the change of depth over one pixel in x plus one in y, at most the face's whole range.
+
+References
+----------
+.. [1] Y.-D. Liang and B. Barsky, "A New Concept and Method for Line Clipping", TOG 3(1), 1984.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rasterjit.pipeline.geometry.clipping import PLANES, plane_distance
+from rasterjit.pipeline.geometry.projection import stored_depth
+from rasterjit.pipeline.geometry.setup import CLIPPED, FRUSTUM, INVALID, whole_size
+from rasterjit.pipeline.lines import enter_line, packed_channels, walk_plain, walk_seen
+from rasterjit.pipeline.records import Geometry, Viewport
+from rasterjit.runtime.intrinsics import flat
+from rasterjit.runtime.jit import helper, kernel
+from rasterjit.runtime.state import float32, float64, int32, int64, uint8, uint32
+
+DEPTH_ROUNDING = np.float32(1e-6)
+"""Slack for the rounding of float32 depths, as a share of the depth: 8 ulp."""
+
+
+UNCUT = -1
+"""Number of the plane that cut an end, where none did."""
+
+
+@helper
+def clip_segment(a, b, viewport):
+    """Return the part (t0, t1) of a segment inside all planes, and the planes that cut its ends."""
+    t0, t1 = 0.0, 1.0
+    plane0 = plane1 = UNCUT
+    for plane in range(PLANES):
+        here, there = plane_distance(plane, a, viewport), plane_distance(plane, b, viewport)
+        if not here >= 0.0 and not there >= 0.0:
+            return 1.0, 0.0, plane, plane
+        if not here >= 0.0 and here / (here - there) > t0:
+            t0, plane0 = here / (here - there), plane
+        elif not there >= 0.0 and here / (here - there) < t1:
+            t1, plane1 = here / (here - there), plane
+    return t0, t1, plane0, plane1
+
+
+@helper
+def cut_end(a, b, own, plane, viewport, k):
+    """
+    Return component k of one end of a segment: its own, or where the plane cuts it.
+
+    The cut is the mean of both ends, weighted crosswise with their distances: swapping the ends
+    only turns the signs of both terms, so it has the same bits in both directions.
+    """
+    if plane == UNCUT:
+        return own[k]
+    here, there = plane_distance(plane, a, viewport), plane_distance(plane, b, viewport)
+    return (a[k] * there - b[k] * here) / (there - here)
+
+
+@helper
+def cut_segment(a, b, viewport):
+    """
+    Cut a segment of clip space, (4,) float64 each end, at all planes.
+
+    Returns whether any of it may be seen, and the clip positions (x, y, z, w) of both ends.
+    """
+    t0, t1, plane0, plane1 = clip_segment(a, b, viewport)
+    if t0 > t1:
+        return False, (0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0)
+    first = (
+        cut_end(a, b, a, plane0, viewport, 0), cut_end(a, b, a, plane0, viewport, 1),
+        cut_end(a, b, a, plane0, viewport, 2), cut_end(a, b, a, plane0, viewport, 3),
+    )  # fmt: skip
+    second = (
+        cut_end(a, b, b, plane1, viewport, 0), cut_end(a, b, b, plane1, viewport, 1),
+        cut_end(a, b, b, plane1, viewport, 2), cut_end(a, b, b, plane1, viewport, 3),
+    )  # fmt: skip
+    return first[3] > 0.0 and second[3] > 0.0, first, second
+
+
+@helper
+def divided(x, y, w, viewport):
+    """Return x and y of a clip position over its w, held inside the guard band."""
+    # Rounding may leave a cut end a little outside the guard band, or far if w cancels.
+    x = min(max(x / w, -viewport.guard_x), viewport.guard_x)
+    y = min(max(y / w, -viewport.guard_y), viewport.guard_y)
+    return x, y
+
+
+@helper
+def pixel_of(x, y, w, viewport):
+    """Return the column and the row of the pixel that holds a clip position in front of the eye."""
+    x, y = divided(x, y, w, viewport)
+    width, height = whole_size(viewport)
+    column = np.floor((x + 1.0) * (0.5 * width)) - viewport.left
+    row = np.floor((1.0 - y) * (0.5 * height)) - viewport.top
+    return np.int32(column), np.int32(row)
+
+
+@helper
+def put_depth(depths, n, end, z, w, depth_coefficients):
+    """Write the stored depth of one end; nothing if no depths are wanted."""
+    if depths.shape[0] != 0:
+        depths[n, end] = stored_depth(z, w, depth_coefficients)
+
+
+@helper
+def put_cut_edge(a, b, depth_coefficients, viewport, n, ends, depths):
+    """Cut one edge at all planes and write its ends; return whether any of it may be seen."""
+    is_seen, first, second = cut_segment(a, b, viewport)
+    if not is_seen:
+        return False
+    for end in range(2):
+        x, y, z, w = second if end else first
+        ends[n, 2 * end], ends[n, 2 * end + 1] = pixel_of(x, y, w, viewport)
+        put_depth(depths, n, end, z, w, depth_coefficients)
+    return True
+
+
+@kernel
+def find_pixels(
+    vertices: (int64, int64), clip_positions: float64[:, ::1], codes: uint8[:],
+    viewport: Viewport, pixels: int32[:, ::1],
+):  # fmt: skip
+    """
+    Find the pixels that hold the vertices.
+
+    Parameters
+    ----------
+    vertices : (int, int)
+        The first, and one past the last.
+    clip_positions : (V, 4) float64, clip space
+    codes : (V,) uint8, outcodes
+    viewport : Viewport
+    pixels : (V, 2) int32
+        Writes column and row of these vertices; of one that asks for clipping, any.
+    """
+    for vertex in range(np.uintp(vertices[0]), np.uintp(vertices[1])):
+        is_away = (codes[vertex] & (CLIPPED | INVALID)) != 0
+        x = 0.0 if is_away else clip_positions[vertex, 0]
+        y = 0.0 if is_away else clip_positions[vertex, 1]
+        w = 1.0 if is_away else clip_positions[vertex, 3]
+        pixels[vertex, 0], pixels[vertex, 1] = pixel_of(x, y, w, viewport)
+
+
+@kernel
+def project_edges(
+    edges: int32[:, ::1], vertices: (float64[:, ::1], uint8[:], int32[:, ::1]),
+    depth_coefficients: (float64, float64, float64), viewport: Viewport, ends: int32[:, ::1],
+    depths: float64[:, ::1],
+):  # fmt: skip
+    """
+    Clip edges and find the pixels at their ends.
+
+    Parameters
+    ----------
+    edges : (N, 2) int32, vertex numbers
+    vertices : (clip_positions (V, 4) float64, codes (V,) uint8, pixels (V, 2) int32)
+        In clip space; their outcodes; what `find_pixels` wrote.
+    depth_coefficients : (float, float, float)
+        The stored depth is ``(c0 + c1 z + c2 w) / w``; greater is nearer.
+    viewport : Viewport
+    ends : (N, 4) int32
+        Writes the pixels x0, y0, x1, y1 of the edges that may be seen, packed to the front; all
+        lie within the guard band.
+    depths : (N, 2) float64, or (0, 2)
+        Writes the stored depth at both ends, if there is room.
+
+    Returns
+    -------
+    int
+        How many edges were written.
+    """
+    clip_positions, codes, pixels = vertices
+    count = np.uintp(0)
+    for n in range(np.uintp(edges.shape[0])):
+        first, second = np.uintp(edges[n, 0]), np.uintp(edges[n, 1])
+        code_a, code_b = codes[first], codes[second]
+        if (code_a | code_b) & INVALID or code_a & code_b & FRUSTUM:
+            continue
+        a, b = clip_positions[first], clip_positions[second]
+        if (code_a | code_b) & CLIPPED:
+            is_seen = put_cut_edge(a, b, depth_coefficients, viewport, count, ends, depths)
+            count += np.uintp(is_seen)
+            continue
+        ends[count, 0], ends[count, 1] = pixels[first, 0], pixels[first, 1]
+        ends[count, 2], ends[count, 3] = pixels[second, 0], pixels[second, 1]
+        put_depth(depths, count, 0, a[2], a[3], depth_coefficients)
+        put_depth(depths, count, 1, b[2], b[3], depth_coefficients)
+        count += np.uintp(1)
+    return np.int64(count)
+
+
+@kernel
+def draw_edges(
+    target: uint32[:, ::1], depth: float32[:, ::1], slack: float32[:, ::1], ends: int32[:, ::1],
+    line_depths: float64[:, ::1], rgba: uint8[::1],
+):  # fmt: skip
+    """
+    Draw lines of one colour that do not hide each other.
+
+    Whatever their order, and whoever else draws others in this colour at the same time, a pixel is
+    written with the same value or not at all.
+
+    Parameters
+    ----------
+    target : (H, W) uint32, C-contiguous
+        RGBA pixels, red in the lowest byte. Written.
+    depth : (H, W) float32
+        Stored depth of what hides lines, greater is nearer. Not read without ``line_depths``.
+    slack : (H, W) float32
+        How far behind ``depth`` a pixel may lie and still be drawn. ``depth - slack`` must not be
+        NaN. Not read without ``line_depths``.
+    ends : (N, 4) int32
+        As `project_edges` writes them.
+    line_depths : (N, 2) float64, or (0, 2): nothing hides lines
+        Stored depth at both ends. A NaN hides the whole line.
+    rgba : (4,) uint8
+    """
+    height, width = target.shape
+    pixels, stored, allowed = flat(target), flat(depth), flat(slack)
+    pixel = packed_channels(
+        (np.int64(rgba[0]), np.int64(rgba[1]), np.int64(rgba[2]), np.int64(rgba[3]))
+    )
+    is_hidden = line_depths.shape[0] != 0
+    for line in range(np.uintp(ends.shape[0])):
+        own = (
+            np.int64(ends[line, 0]),
+            np.int64(ends[line, 1]),
+            np.int64(ends[line, 2]),
+            np.int64(ends[line, 3]),
+        )
+        run, minor, minor_gain, steps, _ = enter_line(own, width, height)
+        if run[0] > run[1]:
+            continue
+        if is_hidden:
+            near, far = line_depths[line, 0], line_depths[line, 1]
+            ramp = near, (far - near) / np.float64(max(steps, 1))
+            walk_seen(pixels, stored, allowed, ramp, run, minor, minor_gain, pixel)
+        else:
+            walk_plain(pixels, run, minor, minor_gain, pixel)
+
+
+@helper
+def depth_slope(p, q, r, coefficients, viewport):
+    """
+    Return the change of stored depth over one pixel in x plus that over one pixel in y.
+
+    Depth times w is linear in clip x, y, w: solve for its coefficients by Cramer's rule.
+    """
+    c0, c1, c2 = coefficients
+    d0 = c0 + c1 * p[2] + c2 * p[3]
+    d1 = c0 + c1 * q[2] + c2 * q[3]
+    d2 = c0 + c1 * r[2] + c2 * r[3]
+    determinant = (
+        p[0] * (q[1] * r[3] - r[1] * q[3])
+        - q[0] * (p[1] * r[3] - r[1] * p[3])
+        + r[0] * (p[1] * q[3] - q[1] * p[3])
+    )
+    if determinant == 0.0:
+        return 0.0
+    along_x = (
+        d0 * (q[1] * r[3] - r[1] * q[3])
+        - d1 * (p[1] * r[3] - r[1] * p[3])
+        + d2 * (p[1] * q[3] - q[1] * p[3])
+    ) / determinant
+    along_y = (
+        p[0] * (d1 * r[3] - d2 * q[3])
+        - q[0] * (d0 * r[3] - d2 * p[3])
+        + r[0] * (d0 * q[3] - d1 * p[3])
+    ) / determinant
+    width, height = whole_size(viewport)
+    return 2.0 * abs(along_x) / width + 2.0 * abs(along_y) / height
+
+
+@helper
+def face_slack(corners, clip_positions, depth_coefficients, viewport):
+    """Return how much nearer than an edge its own face may be at a pixel beside it."""
+    p, q, r = clip_positions[corners[0]], clip_positions[corners[1]], clip_positions[corners[2]]
+    allowed = np.float32(depth_slope(p, q, r, depth_coefficients, viewport))
+    if p[3] > 0.0 and q[3] > 0.0 and r[3] > 0.0:
+        d0 = stored_depth(p[2], p[3], depth_coefficients)
+        d1 = stored_depth(q[2], q[3], depth_coefficients)
+        d2 = stored_depth(r[2], r[3], depth_coefficients)
+        span = max(d0, max(d1, d2)) - min(d0, min(d1, d2))
+        allowed = min(allowed, np.float32(span))
+    return allowed
+
+
+@kernel
+def fill_slack(
+    face_id: int32[:, ::1], rows: (int64, int64), depth: float32[:, ::1], geometry: Geometry,
+    depth_coefficients: (float64, float64, float64), slack: float32[:, ::1],
+):  # fmt: skip
+    """
+    Write how far behind the stored depth a line may lie and still be seen.
+
+    Parameters
+    ----------
+    face_id : (H, W) int32
+    rows : (int, int)
+        The first row, and one past the last.
+    depth : (H, W) float32, stored depth
+    geometry : Geometry
+    depth_coefficients : (float, float, float)
+    slack : (H, W) float32
+        Writes these rows; 0 where nothing is.
+    """
+    known, allowed = np.int32(-1), np.float32(0.0)
+    for row in range(rows[0], rows[1]):
+        for column in range(face_id.shape[1]):
+            face = face_id[row, column]
+            if face < 0:
+                slack[row, column] = 0.0
+                continue
+            # Neighbours mostly show the same face.
+            if face != known:
+                known = face
+                allowed = face_slack(
+                    geometry.faces[face], geometry.clip_positions, depth_coefficients,
+                    geometry.viewport,
+                )  # fmt: skip
+            slack[row, column] = allowed + DEPTH_ROUNDING * abs(depth[row, column])

@@ -1,0 +1,1 @@
+"""Why a picture is as it is, and what it cost."""

@@ -1,0 +1,215 @@
+"""Measure what a frame costs: each of its stages, each effect it has, and some it could have."""
+
+from __future__ import annotations
+
+import statistics
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+from rasterjit.io.meshes import as_scene
+from rasterjit.outputs.frame import Frame
+from rasterjit.rendering import plan as planning
+from rasterjit.rendering.effects import EFFECTS
+from rasterjit.rendering.plan import plan_frame
+from rasterjit.rendering.renderer import Renderer, choose_camera
+from rasterjit.runtime.threads import available_processors
+from rasterjit.scene.camera import Camera
+from rasterjit.scene.quality import Quality, check_quality
+from rasterjit.scene.scene import Scene
+from rasterjit.scene.validation import image_size
+from rasterjit.survey.plan import RenderPlan
+
+ROUNDS = 7
+"""Frames of each kind; their median counts."""
+
+SAMPLES_TO_TRY = 4
+"""Samples of a pixel whose cost is told where edges are not smoothed."""
+
+
+class Change(NamedTuple):
+    """What a frame costs with one thing changed."""
+
+    name: str
+    what: str
+    """``"off"``, or in words what was tried."""
+    seconds: float
+    """Median time of such a frame."""
+    difference: float
+    """By how much it is slower than the frame as it is; below 0 if it is faster."""
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """
+    What a frame consists of and what that costs; prints as a table.
+
+    Attributes
+    ----------
+    plan : RenderPlan
+    threads : int
+    rounds : int
+        How many frames each time is the median of.
+    stages : dict of float
+        Seconds of each stage, in order; compiling is no part of them.
+    changes : tuple of Change
+        The same frame without each effect that is in, and with what it could have besides.
+    """
+
+    plan: RenderPlan
+    threads: int
+    rounds: int
+    stages: dict[str, float]
+    total: float
+    changes: tuple[Change, ...]
+
+    def __str__(self) -> str:
+        rows = [(stage, f"{1e3 * seconds:9.2f} ms") for stage, seconds in self.stages.items()]
+        rows.append(("frame", f"{1e3 * self.total:9.2f} ms"))
+        rows += [
+            (f"{change.name}: {change.what}", f"{1e3 * change.difference:+9.2f} ms")
+            for change in self.changes
+        ]
+        widest = max(len(name) for name, _ in rows)
+        times = "\n".join(f"  {name:<{widest}}  {text}" for name, text in rows)
+        heading = f"times (median of {self.rounds} frames, {self.threads} threads)"
+        return f"{planning.describe(self.plan)}\n\n{heading}\n{times}"
+
+
+def measure(
+    what: Any,
+    camera: Camera | None = None,
+    quality: Quality | None = None,
+    *,
+    size: tuple[int, int] = (1280, 720),
+    outputs: Sequence[str] = ("color",),
+    background: Any = None,
+    cull: str = "none",
+    threads: int | None = None,
+    rounds: int = ROUNDS,
+) -> Measurement:
+    """
+    Render a frame some times, without each effect that it uses, and with what it could use besides.
+
+    What it could use is what needs no more than the scene has: samples, mip levels, shadows of its
+    lights, ambient occlusion, an outline, a tone curve. The frames take turns, so that a machine
+    that slows down slows all of them. Whatever has to be compiled is compiled before.
+
+    Parameters
+    ----------
+    what, camera, quality, size, outputs, background, cull, threads
+        As `rasterjit.render` takes them.
+    rounds : int
+        Frames of each kind, at least 1.
+
+    Returns
+    -------
+    Measurement
+
+    Raises
+    ------
+    ValueError
+        Naming the argument that is wrong.
+    """
+    if isinstance(rounds, bool) or not isinstance(rounds, int) or rounds < 1:
+        raise ValueError(f"rounds must be a whole number above 0, got {rounds!r}")
+    scene, quality, size = as_scene(what), check_quality(quality), image_size("size", size)
+    camera = choose_camera(scene, camera, size)
+    options = {"outputs": outputs, "background": background, "cull": cull}
+    first = Subject(
+        "", "as it is", scene, quality, Renderer(size, quality=quality, threads=threads)
+    )
+    with first.renderer:
+        plan = first.draw(camera, options).plan
+        subjects = [first]
+        try:
+            for name, label, changed, other in variations(plan, scene, quality):
+                renderer = Renderer(size, quality=other, threads=threads)
+                subjects.append(Subject(name, label, changed, other, renderer))
+            frames = _take_turns(subjects, camera, options, rounds)
+        finally:
+            for subject in subjects[1:]:
+                subject.renderer.close()
+    own = [frame.stats.seconds for frame in frames[0]]
+    stages = {
+        stage: statistics.median(seconds[stage] for seconds in own)
+        for stage in own[0]
+        if stage != "compile"
+    }
+    times = [statistics.median(_duration(frame) for frame in some) for some in frames]
+    changes = tuple(
+        Change(subject.name, subject.what, time, time - times[0])
+        for subject, time in zip(subjects[1:], times[1:], strict=True)
+    )
+    used = available_processors() if threads is None else threads
+    return Measurement(plan, used, rounds, stages, times[0], changes)
+
+
+class Subject(NamedTuple):
+    """One kind of frame that is measured."""
+
+    name: str
+    what: str
+    scene: Scene
+    quality: Quality
+    renderer: Renderer
+
+    def draw(self, camera: Camera, options: dict[str, Any]) -> Frame:
+        """Render it once."""
+        return self.renderer.render(self.scene, camera, **options)
+
+
+def _take_turns(
+    subjects: Sequence[Subject], camera: Camera, options: dict[str, Any], rounds: int
+) -> list[list[Frame]]:
+    """Draw every kind of frame so often, in turn; one more of each before, to compile."""
+    for subject in subjects:
+        subject.draw(camera, options)
+    frames: list[list[Frame]] = [[] for _ in subjects]
+    for _ in range(rounds):
+        for subject, taken in zip(subjects, frames, strict=True):
+            taken.append(subject.draw(camera, options))
+    return frames
+
+
+def _duration(frame: Frame) -> float:
+    """Return the seconds that a frame took, compiling apart."""
+    seconds = 0.0
+    for stage, duration in frame.stats.seconds.items():
+        seconds += duration if stage != "compile" else 0.0
+    return seconds
+
+
+Variation = tuple[str, str, Scene, Quality]
+"""Name of the effect, what was done with it, and what it gives."""
+
+OFF = "off"
+
+
+def variations(plan: RenderPlan, scene: Scene, quality: Quality) -> list[Variation]:
+    """Return the scene without each effect that is in, and with each that it could have."""
+    used = {planned.name for planned in plan.planned}
+    found: list[Variation] = []
+    for planned in plan.planned:
+        changed = planned.effect.without(scene)
+        if changed is not None:
+            found.append((planned.name, OFF, changed, quality))
+    for effect in EFFECTS:
+        what, changed = effect.add(scene, quality)
+        if changed is not None and _is_used(effect.name, plan, changed):
+            found.append((effect.name, what, changed, quality))
+    if "anti-aliasing" in used:
+        found.append(("anti-aliasing", OFF, scene, replace(quality, samples=1)))
+    elif "shading" in used and quality.subpixel_bits > 0:
+        more = replace(quality, samples=SAMPLES_TO_TRY)
+        found.append(("anti-aliasing", f"{SAMPLES_TO_TRY} samples", scene, more))
+    return found
+
+
+def _is_used(name: str, plan: RenderPlan, scene: Scene) -> bool:
+    """Tell whether another scene would have an effect in a frame that is else planned alike."""
+    background = plan.background if plan.facts.has_background else None
+    changed = plan_frame(
+        scene, plan.camera, plan.size, plan.quality, plan.outputs, background, plan.cull
+    )
+    return changed.has(name)

@@ -1,0 +1,420 @@
+"""
+Explain one pixel: which faces cover it, which of them is seen, and how its colour came about.
+
+The numbers are the engine's own: the same stages transform, clip, snap, bin, draw and shade, asked
+for one pixel. Where the engine rounds, the exact value is shown beside it, from the oracle.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.inspect.pixel_color import Drawn, find_look, light_of, owner_of, parts_of
+from rasterjit.inspect.pixel_report import (
+    LOST,
+    SEEN_BESIDE,
+    SEEN_THROUGH,
+    ColorPart,
+    FaceAtPixel,
+    PixelExplanation,
+)
+from rasterjit.io.meshes import as_scene
+from rasterjit.outputs.fill import add_reversed_depth
+from rasterjit.pipeline import encode
+from rasterjit.pipeline.geometry import setup
+from rasterjit.pipeline.records import Faces, Objects
+from rasterjit.pipeline.visibility import draw, nearest
+from rasterjit.rendering import plan as planning
+from rasterjit.rendering import shade
+from rasterjit.rendering.renderer import choose_camera, render
+from rasterjit.runtime.threads import Workers
+from rasterjit.scene.camera import Camera
+from rasterjit.scene.quality import Quality, check_quality
+from rasterjit.scene.scene import Scene
+from rasterjit.scene.transforms import transform_points
+from rasterjit.scene.validation import image_size
+from rasterjit.survey import placement as placing
+from rasterjit.survey.arrays import placement_of
+from rasterjit.survey.cache import prepare
+from rasterjit.survey.plan import RenderPlan
+
+if TYPE_CHECKING:
+    from fractions import Fraction
+
+OUTCODE_WORDS = {
+    setup.LEFT: "left", setup.RIGHT: "right", setup.BOTTOM: "bottom", setup.TOP: "top",
+    setup.NEAR: "near", setup.FAR: "far", setup.GUARD: "guard band",
+}  # fmt: skip
+
+Weights = tuple["Fraction", "Fraction", "Fraction"]
+
+
+def explain_pixel(
+    what: Any,
+    camera: Camera | None,
+    size: tuple[int, int],
+    x: int,
+    y: int,
+    *,
+    quality: Quality | None = None,
+    cull: str = "none",
+    background: Any = None,
+) -> PixelExplanation:
+    """
+    Say what happened at one pixel, stage by stage.
+
+    Parameters
+    ----------
+    what : Scene, Mesh, trimesh.Trimesh or trimesh.Scene
+    camera : Camera or None
+        None takes the scene's own camera, else one that fits the scene.
+    size : (int, int)
+        Width and height of the image, pixels.
+    x, y : int
+        Column from the left and row from the top.
+    quality, cull, background
+        As `render` takes them.
+
+    Returns
+    -------
+    PixelExplanation
+        Prints as tables; its numbers are those of the frame that `render` makes of the same
+        arguments.
+
+    Raises
+    ------
+    ValueError
+        Naming the argument that is wrong.
+    """
+    size = image_size("size", size)
+    x, y = _index("x", x, size[0], "column"), _index("y", y, size[1], "row")
+    scene = as_scene(what)
+    camera = choose_camera(scene, camera, size)
+    quality = check_quality(quality)
+    plan = planning.plan_frame(
+        scene, camera, size, quality, ("color", "linear"), background, cull
+    )  # fmt: skip
+    drawn = _draw(scene, plan)
+    faces = tuple(_find_faces(drawn, x, y))
+    light, linear, look, parts = None, plan.background, None, ()
+    if drawn.coverage.face_id[y, x] >= 0 and plan.draws_faces:
+        look = find_look(drawn)
+        light, linear = light_of(drawn, *look, x, y)
+    color = np.empty((1, 1), np.uint32)
+    encode.encode_rows(linear.reshape(1, 1, 4), encode.encoding_table(), color)
+    plain = seen = color.view(np.uint8)[0]
+    if not all(planned.effect.is_explained for planned in plan.planned):
+        plain, seen_linear = _seen_without_edges(scene, plan, background, x, y)
+        if plan.draws_faces and (light is not None or plan.layers is not None):
+            look = look or find_look(drawn)
+            parts = parts_of(drawn, *look, linear, seen_linear, x, y)
+            faces = tuple(_told_apart(faces, parts))
+        seen, linear = plain, seen_linear
+    if plan.has("wireframe"):
+        frame = render(
+            scene, camera, size=size, quality=quality, background=background, cull=cull, threads=1
+        )
+        seen = frame.color[y, x]
+    reasons = () if drawn.coverage.face_id[y, x] >= 0 else _reasons(drawn, faces, x, y)
+    return PixelExplanation(
+        x, y, size, faces, reasons, light, parts, linear, seen, not np.array_equal(plain, seen)
+    )
+
+
+def _told_apart(
+    faces: tuple[FaceAtPixel, ...], parts: tuple[ColorPart, ...]
+) -> Iterator[FaceAtPixel]:
+    """Yield the faces, those that are seen behind the visible one marked so."""
+    alphas = {part.face: part.alpha for part in parts if part.share > 0.0}
+    is_open = True
+    for face in faces:
+        if face.standing in LOST:
+            yield face
+            continue
+        standing = face.standing
+        if standing != "visible" and face.face in alphas:
+            standing = SEEN_THROUGH if is_open else SEEN_BESIDE
+        is_open &= alphas.get(face.face, 1.0) < 1.0
+        yield replace(face, standing=standing, alpha=alphas.get(face.face))
+
+
+def _seen_without_edges(
+    scene: Scene, plan: RenderPlan, background: Any, x: int, y: int
+) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+    """Return the colour of one pixel, as codes (4,) and linear (4,), before edges are drawn."""
+    without = copy.copy(scene)
+    without.wireframe = None
+    frame = render(
+        without, plan.camera, size=plan.size, quality=plan.quality, outputs=("color", "linear"),
+        background=background, cull=plan.cull, threads=1,
+    )  # fmt: skip
+    return frame.color[y, x], frame.linear[y, x]
+
+
+def _index(name: str, value: Any, count: int, kind: str) -> int:
+    """Return a column or row number, or raise ``ValueError``."""
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
+        raise ValueError(f"{name} must be a whole number, a {kind}; got {value!r}")
+    if not 0 <= value < count:
+        raise ValueError(f"{name} must be a {kind} in 0..{count - 1}, got {value}")
+    return int(value)
+
+
+def _draw(scene: Scene, plan: RenderPlan) -> Drawn:
+    """Run the stages of `render` up to visibility."""
+    workers = Workers(1)
+    prepared = prepare(scene.nodes, None, plan.quality)
+    arrays = prepared.shapes.arrays
+    views = placing.view_nodes(scene.nodes, plan.camera, plan.size)
+    viewport = draw.viewport_of(plan.size, plan.quality.subpixel_bits)
+    objects = placing.cull_objects(
+        plan.cull, views, arrays.face_starts, prepared.looks.is_single_sided
+    )
+    vertices = draw.ModelVertices(
+        prepared.shapes.positions(plan.quality.precision), arrays.vertex_starts,
+        views.relative_from_model, views.clip_from_relative,
+    )  # fmt: skip
+    cutouts = shade.find_cutouts(plan, prepared)
+    coverage = draw.find_visible(
+        vertices, arrays.faces, objects, plan.depth_format.coefficients, viewport, workers,
+        lambda _: None, keep_lists=True, keep_clip_positions=True, cutouts=cutouts,
+        depth_type=plan.depth_format.kind, is_affine=plan.is_affine,
+    )  # fmt: skip
+    lists = coverage.lists
+    if objects.culled_turns.any():
+        # List the culled faces as well.
+        everything = Objects(objects.face_starts, np.zeros_like(objects.culled_turns))
+        starts, binned, _, _ = draw.set_up_and_bin(
+            lists.faces, everything, coverage.screen, viewport, workers
+        )
+        lists = draw.TileLists(starts, binned, lists.faces)
+    geometry = draw.geometry_of(
+        arrays.faces, coverage.screen, coverage.clip_positions, viewport, plan.is_affine
+    )
+    coverage = add_reversed_depth(plan.depth_format, plan.camera, geometry, coverage, workers)
+    placement = shade.placement_to_light(plan, placement_of(arrays, views))
+    return Drawn(scene, prepared, plan, arrays, geometry, placement, coverage, lists)
+
+
+def _corners(triangles: NDArray[np.int32], faces: Faces) -> NDArray[np.int32]:
+    """Return the vertex numbers, (N, 3), of faces and pieces as the lists number them."""
+    count = len(faces.faces)
+    own = faces.faces[np.minimum(triangles, count - 1)]
+    if not len(faces.pieces):
+        return own
+    pieces = faces.pieces[np.maximum(triangles - count, 0)]
+    return np.where((triangles < count)[:, np.newaxis], own, pieces)
+
+
+def _owners(triangles: NDArray[np.int32], faces: Faces) -> NDArray[np.int32]:
+    """Return the face that each triangle of the lists is, or was cut from."""
+    count = len(faces.faces)
+    numbers = np.append(np.arange(count, dtype=np.int32), faces.piece_faces)
+    return numbers[triangles]
+
+
+def _centre(x: int, y: int, grid_bits: int) -> tuple[int, int]:
+    """Return a pixel's centre in steps of the grid."""
+    half = 1 << (grid_bits - 1)
+    return (x << grid_bits) + half, (y << grid_bits) + half
+
+
+def _find_faces(drawn: Drawn, x: int, y: int) -> list[FaceAtPixel]:
+    """Return the faces that cover a pixel's centre: seen, hidden by depth, culled, cut out."""
+    lists = drawn.lists
+    starts, binned, faces = lists.starts, lists.binned, lists.faces
+    coverage, viewport = drawn.coverage, drawn.geometry.viewport
+    columns = -(-viewport.width // setup.TILE_SIZE)
+    tile = (y // setup.TILE_SIZE) * columns + x // setup.TILE_SIZE
+    listed = binned[starts[tile] : starts[tile + 1]]
+    # Keep those that the centre may be in: on the inner side of all edges, or on one.
+    a, b, c = np.moveaxis(coverage.screen.xy[_corners(listed, faces)].astype(np.int64), 1, 0)
+    point = np.array(_centre(x, y, viewport.grid_bits))
+    sides = np.stack([_edges(b, c, point), _edges(c, a, point), _edges(a, b, point)])
+    near = listed[(sides >= 0).all(axis=0) | (sides <= 0).all(axis=0)]
+    # Draw each alone: what it covers, and how deep it is there, is the engine's word.
+    depth = np.empty((viewport.height, viewport.width), coverage.depth.dtype)
+    face_id = np.empty((viewport.height, viewport.width), np.int32)
+    scratch = nearest.scratch_memory(depth_type=depth.dtype)
+    bottomless = np.full(len(starts) - 1, nearest.empty_depth(depth.dtype))
+    one = np.zeros(len(starts), np.int64)
+    one[tile + 1 :] = 1
+    kept = set(coverage.lists.binned[coverage.lists.starts[tile] : coverage.lists.starts[tile + 1]])
+    found = []
+    for triangle in near:
+        arguments = (
+            np.array([tile], np.int32), one, np.array([triangle], np.int32), bottomless, faces,
+            coverage.screen, viewport, (depth, face_id),
+        )  # fmt: skip
+        nearest.draw_tiles(*arguments, scratch)
+        if face_id[y, x] < 0:
+            continue
+        entry = -float(depth[y, x]), int(face_id[y, x]), triangle
+        lost = "" if triangle in kept else "culled"
+        if not lost and coverage.cutouts is not None:
+            with_holes = nearest.scratch_memory(True, depth.dtype)
+            nearest.draw_tiles_tested(*arguments, with_holes, coverage.cutouts)
+            lost = "" if face_id[y, x] >= 0 else "cut out"
+        found.append((lost, *entry))
+    return [_face_at(drawn, x, y, *entry) for entry in sorted(found)]
+
+
+def _edges(
+    a: NDArray[np.int64], b: NDArray[np.int64], point: NDArray[np.int64]
+) -> NDArray[np.int64]:
+    """Return the edge functions of many edges at one point."""
+    along, away = b - a, point - a
+    return along[:, 0] * away[:, 1] - along[:, 1] * away[:, 0]
+
+
+def _face_at(
+    drawn: Drawn, x: int, y: int, lost: str, nearness: float, face: int, triangle: np.int32
+) -> FaceAtPixel:
+    """Gather all numbers of one face at one pixel."""
+    arrays, geometry, coverage = drawn.arrays, drawn.geometry, drawn.coverage
+    owner = owner_of(drawn, face)
+    node, vertices = drawn.scene.nodes[owner], arrays.faces[face]
+    model = arrays.positions[vertices]
+    world = transform_points(node.world_from_model, model)[:, :3]
+    clip = geometry.clip_positions[vertices]
+    ndc = np.full((3, 3), np.nan)
+    in_front = clip[:, 3] > 0.0
+    ndc[in_front] = clip[in_front, :3] / clip[in_front, 3:]
+    width, height = drawn.plan.size
+    screen = (ndc[:, :2] * (1.0, -1.0) + 1.0) * (width / 2.0, height / 2.0)
+    codes = [int(code) for code in geometry.codes[vertices]]
+    clipped = any(code & setup.CLIPPED for code in codes)
+    corners = _corners(np.array([triangle]), drawn.lists.faces)[0]
+    snapped = coverage.screen.xy[corners].astype(np.int64)
+    point = _centre(x, y, geometry.viewport.grid_bits)
+    edges, biases = _edge_functions(snapped.tolist(), point)
+    affine, weights = _weights(snapped.tolist(), clip, clipped, point, (x, y), drawn.plan.size)
+    stored = coverage.depth.dtype.type(-nearness)
+    if drawn.plan.is_affine and not clipped:
+        weights = affine
+    standing = "hidden"
+    if lost:
+        standing = lost
+    elif face == coverage.face_id[y, x]:
+        standing = "visible"
+    elif stored == coverage.depth[y, x]:
+        standing = "tied"
+    ndc_x, ndc_y = (2.0 * x + 1.0) / width - 1.0, 1.0 - (2.0 * y + 1.0) / height
+    with np.errstate(over="ignore"):
+        reversed_depth = drawn.plan.depth_format.reversed_depth(stored, ndc_x, ndc_y)
+        depth = float(np.float32(drawn.plan.camera.view_depth(reversed_depth)))
+    return FaceAtPixel(
+        standing=standing,
+        face=face,
+        object_number=owner,
+        object_name=node.name,
+        mesh_face=face - int(arrays.face_starts[owner]),
+        mesh_vertices=tuple((vertices - arrays.vertex_starts[owner]).tolist()),
+        model=model,
+        world=world,
+        view=transform_points(drawn.plan.camera.view_matrix(), world)[:, :3],
+        clip=clip,
+        ndc=ndc,
+        screen=screen,
+        outcodes=tuple(
+            tuple(word for bit, word in OUTCODE_WORDS.items() if code & bit) for code in codes
+        ),
+        clipped=clipped,
+        snapped=snapped,
+        grid_bits=geometry.viewport.grid_bits,
+        edges=edges,
+        biases=biases,
+        affine_weights=affine,
+        weights=weights,
+        stored_depth=float(stored),
+        depth=depth,
+    )
+
+
+def _edge_functions(
+    triangle: list[list[int]], point: tuple[int, int]
+) -> tuple[tuple[int, int, int], tuple[int, int, int]]:
+    """Return the exact edge functions opposite the vertices, positive inside, and their biases."""
+    from rasterjit.inspect import oracle
+
+    a, b, c = triangle
+    turn = 1 if oracle.edge(a, b, c) > 0 else -1
+    edges, biases = [], []
+    for start, end in ((b, c), (c, a), (a, b)):
+        edges.append(turn * oracle.edge(start, end, point))
+        dx, dy = turn * (end[0] - start[0]), turn * (end[1] - start[1])
+        biases.append(0 if dy < 0 or (dy == 0 and dx > 0) else -1)
+    return tuple(edges), tuple(biases)
+
+
+def _weights(
+    triangle: list[list[int]],
+    clip: NDArray[np.float64],
+    clipped: bool,
+    point: tuple[int, int],
+    pixel: tuple[int, int],
+    size: tuple[int, int],
+) -> tuple[Weights, Weights]:
+    """Return the exact weights on the triangle drawn, and those of the face's own vertices."""
+    from fractions import Fraction
+
+    from rasterjit.inspect import oracle
+
+    affine = oracle.affine_weights(triangle, point)
+    if not clipped:
+        return affine, oracle.perspective_weights(triangle, clip[:, 3].tolist(), point)
+    centre = (Fraction(2 * pixel[0] + 1, 2), Fraction(2 * pixel[1] + 1, 2))
+    try:
+        shares = oracle.clip_weights(clip.tolist(), centre, size)
+    except ValueError:
+        # Seen exactly from its side: the engine takes the first vertex.
+        return affine, (Fraction(1), Fraction(0), Fraction(0))
+    # Snapping may put a sample on a piece that lies beside the face: held as the engine does.
+    held = [max(share, Fraction(0)) for share in shares]
+    return affine, tuple(share / sum(held) for share in held)
+
+
+def _reasons(drawn: Drawn, faces: tuple[FaceAtPixel, ...], x: int, y: int) -> tuple[str, ...]:
+    """Say why no face is visible at a pixel."""
+    reasons = []
+    if faces:
+        for lost in dict.fromkeys(face.standing for face in faces):
+            names = ", ".join(str(face.face) for face in faces if face.standing == lost)
+            reasons.append(f"{lost} faces cover it: {names}")
+    else:
+        reasons.append("no face covers the pixel's centre")
+    totals = drawn.coverage.totals
+    if totals.drawn:
+        face, distance = _nearest(drawn, x, y)
+        reasons.append(f"the nearest face drawn is {face}, {distance:.3g} pixels away")
+    fates = [
+        (totals.outside, "outside the view"), (totals.culled, "turned away"),
+        (totals.degenerate, "without area"), (totals.unsampled, "between pixel centres"),
+        (totals.invalid, "invalid"), (totals.drawn, "drawn elsewhere"),
+    ]  # fmt: skip
+    shares = ", ".join(f"{count:,} {fate}" for count, fate in fates if count)
+    reasons.append(f"of {totals.faces_in:,} faces: {shares}")
+    return tuple(reasons)
+
+
+def _nearest(drawn: Drawn, x: int, y: int) -> tuple[int, float]:
+    """Return the drawn face nearest to a pixel's centre on the screen, and its distance, pixels."""
+    triangles = np.unique(drawn.coverage.lists.binned)
+    unit = float(1 << drawn.geometry.viewport.grid_bits)
+    corners = drawn.coverage.screen.xy[_corners(triangles, drawn.lists.faces)] / unit
+    point = np.array([x + 0.5, y + 0.5])
+    best = np.full(len(triangles), np.inf)
+    for k in range(3):
+        start, along = corners[:, k], corners[:, (k + 1) % 3] - corners[:, k]
+        squared = np.maximum((along * along).sum(axis=1), 1.0 / unit**2)
+        share = np.clip(((point - start) * along).sum(axis=1) / squared, 0.0, 1.0)
+        gap = start + share[:, np.newaxis] * along - point
+        best = np.minimum(best, np.hypot(gap[:, 0], gap[:, 1]))
+    n = int(best.argmin())
+    return int(_owners(triangles, drawn.lists.faces)[n]), float(best[n])

@@ -1,0 +1,389 @@
+"""The terms that the colour of one pixel is made of, and the faces that it is mixed from."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.inspect.pixel_report import ColorPart, LightTerm, LightTerms
+from rasterjit.pipeline import records
+from rasterjit.pipeline.encode import encoding_table
+from rasterjit.pipeline.fragments import bands
+from rasterjit.pipeline.geometry import barycentric
+from rasterjit.pipeline.geometry.setup import TILE_SIZE
+from rasterjit.pipeline.records import Geometry, Lighting, Placement, Surface
+from rasterjit.pipeline.surface.maps import EMITTED
+from rasterjit.pipeline.visibility import draw, nearest
+from rasterjit.rendering import layers, stage_list
+from rasterjit.rendering import shade as shading
+from rasterjit.rendering.effects import prepare_effects
+from rasterjit.rendering.stage_list import Shading
+from rasterjit.runtime.threads import Workers
+from rasterjit.scene.light import AmbientLight
+from rasterjit.scene.quality import SUPERSAMPLED
+from rasterjit.scene.scene import Scene
+from rasterjit.survey.arrays import SceneArrays
+from rasterjit.survey.cache import Prepared
+from rasterjit.survey.effect import Active, FrameContext
+from rasterjit.survey.plan import RenderPlan
+
+COLOR = slice(4, 7)
+"""Columns of ``Lighting.lights``."""
+
+CODES = ", and what mixing 8-bit codes differs by"
+"""Codes do not add up as light does."""
+
+Shares = dict[int, float]
+"""How much of a pixel each face makes up, from 0 to 1; the visible one comes first."""
+
+
+class Lit(NamedTuple):
+    """What lights the objects."""
+
+    lighting: Lighting | None
+    effects: tuple[Active, ...]
+
+    def without(self, *places: str) -> Lit:
+        """Return the same, with effects that act at some places changing nothing."""
+        return self._replace(
+            effects=tuple(
+                one if set(places).isdisjoint(one.effect.places) else _neutral(one)
+                for one in self.effects
+            )
+        )
+
+    def by(self, **fields: Any) -> Lit:
+        """Return the same with other fields of the light."""
+        return self._replace(lighting=self.lighting._replace(**fields))
+
+
+def _neutral(one: Active) -> Active:
+    """Return an effect that changes nothing, as data: no other stage is compiled."""
+    return one._replace(record=one.effect.neutral(one.record))
+
+
+class Drawn(NamedTuple):
+    """A scene drawn as far as visibility."""
+
+    scene: Scene
+    prepared: Prepared
+    plan: RenderPlan
+    arrays: SceneArrays
+    geometry: Geometry
+    placement: Placement
+    coverage: draw.Coverage
+    lists: draw.TileLists
+    """With culled faces."""
+
+
+def owner_of(drawn: Drawn, face: int) -> int:
+    """Return the number of the object that has a face."""
+    return int(np.searchsorted(drawn.arrays.face_starts, face, side="right")) - 1
+
+
+def find_look(drawn: Drawn) -> tuple[Surface, Lit]:
+    """Return what the objects look like and what lights them; vertices are not lit yet."""
+    plan, prepared, workers = drawn.plan, drawn.prepared, Workers(1)
+    context = FrameContext(plan, prepared, drawn.geometry, drawn.placement, drawn.coverage, workers)
+    lit = Lit(shading.find_lighting(plan, prepared), prepare_effects(context))
+    return shading.find_surface(plan, prepared, drawn.placement, None, (), workers), lit
+
+
+def light_of(
+    drawn: Drawn, whole: Surface, lit: Lit, x: int, y: int
+) -> tuple[LightTerms, NDArray[np.float32]]:
+    """Return the terms of the visible face's colour and the colour, (4,) float32, linear."""
+    face = int(drawn.coverage.face_id[y, x])
+    owner = owner_of(drawn, face)
+    material = drawn.prepared.looks.meshes[owner].material
+    linear = shade(drawn, whole, lit, x, y)
+    # Fog lies over the sum of all light.
+    clear = lit.without("sample")
+    surface, zero = _without_emission(whole), np.zeros(3, np.float32)
+    texture, uv = None, np.full(2, np.nan, np.float32)
+    if whole.textures is not None and material.base_color_texture is not None:
+        texture = shade(drawn, _white(surface), clear, x, y)[:3]
+        uv = _interpolate(drawn, whole.textures.uv, x, y)
+    emission = zero
+    if material.emits:
+        emission = shade(drawn, _unlit(whole, 0.0), clear, x, y)[:3]
+    over = tuple(_terms_over(drawn, whole, lit, clear, x, y))
+    own = material.shading, texture, uv, emission
+    if lit.lighting is None or material.shading == "unlit":
+        base = shade(drawn, surface, clear, x, y)[:3]
+        return LightTerms(own[0], base, *own[1:3], zero, over, emission), linear
+    dark = clear.by(lights=lit.lighting.lights[:0], ambient=zero)
+    ambient = dark.without("around").by(ambient=lit.lighting.ambient)
+    white = dark.without("around", "rows").by(ambient=np.ones(3, np.float32))
+    shown = _unlit(surface, 1.0) if material.shading == "pbr" else surface
+    base = shade(drawn, shown, white, x, y)[:3]
+    terms = tuple(_light_terms(drawn, surface, clear, x, y))
+    for one in lit.effects:
+        if "around" in one.effect.places:
+            name = one.effect.term or one.effect.name
+            terms += (LightTerm(name, shade(drawn, surface, dark, x, y)[:3], zero),)
+    shed = shade(drawn, surface, ambient, x, y)[:3]
+    return LightTerms(own[0], base, *own[1:3], shed, terms + over, emission), linear
+
+
+def _terms_over(
+    drawn: Drawn, surface: Surface, lit: Lit, clear: Lit, x: int, y: int
+) -> Iterator[LightTerm]:
+    """Yield what each effect that acts on lit samples changes, one after the other."""
+    before = clear.effects
+    for n, one in enumerate(lit.effects):
+        if "sample" in one.effect.places:
+            after = (*before[:n], one, *before[n + 1 :])
+            with_it, without = (
+                shade(drawn, surface, lit._replace(effects=some), x, y)[:3]
+                for some in (after, before)
+            )
+            before = after
+            name = one.effect.term or one.effect.name
+            yield LightTerm(name, with_it - without, np.zeros(3, np.float32))
+
+
+def _light_terms(drawn: Drawn, surface: Surface, lit: Lit, x: int, y: int) -> Iterator[LightTerm]:
+    """Let each light shine alone, on the surface without its highlight, and on that alone."""
+    matt, black = surface.materials.copy(), surface.materials.copy()
+    matt[:, records.MATERIAL_SPECULAR] = 0.0
+    # Microfacets have their highlights from the base colour: they are told what to show.
+    black[black[:, records.MATERIAL_MODEL] != records.PBR, :3] = 0.0
+    kinds = []
+    for n, materials in enumerate((matt, black)):
+        facets = lit.lighting.microfacets
+        if facets is not None:
+            facets = facets._replace(parts=np.eye(2, dtype=np.float32)[n])
+        kinds.append((surface._replace(materials=materials), facets))
+    dark = np.zeros(3, np.float32)
+    for n, name in enumerate(_light_names(drawn)):
+        # The others stay, without light: shadow maps are numbered by light.
+        lights = lit.lighting.lights.copy()
+        lights[:n, COLOR], lights[n + 1 :, COLOR] = 0.0, 0.0
+        alone = lit.without("around").by(lights=lights, ambient=dark)
+        diffuse, specular = (
+            shade(drawn, part, alone.by(microfacets=facets), x, y)[:3] for part, facets in kinds
+        )
+        yield LightTerm(name, diffuse, specular)
+
+
+def _without_emission(surface: Surface) -> Surface:
+    """Return a surface that sends out no light."""
+    if surface.maps is None:
+        return surface
+    factors = surface.maps.factors.copy()
+    factors[:, EMITTED:] = 0.0
+    return surface._replace(maps=surface.maps._replace(factors=factors))
+
+
+def _unlit(surface: Surface, share: float) -> Surface:
+    """Return a surface that shows a share of its base colour, whatever light falls on it."""
+    materials = surface.materials.copy()
+    materials[:, :3] *= np.float32(share)
+    materials[:, records.MATERIAL_MODEL] = records.UNLIT
+    return surface._replace(materials=materials)
+
+
+def _white(surface: Surface) -> Surface:
+    """Return a surface whose colours are white, unlit: what is seen is the texture."""
+    materials = surface.materials.copy()
+    materials[:, :4] = 1.0
+    materials[:, records.MATERIAL_MODEL] = records.UNLIT
+    colors = {
+        name: None if value is None else np.ones_like(value)
+        for name, value in surface._asdict().items()
+        if name in ("vertex_colors", "face_colors")
+    }
+    return surface._replace(materials=materials, **colors)
+
+
+def _interpolate(drawn: Drawn, values: NDArray[np.float32], x: int, y: int) -> NDArray[np.float32]:
+    """Return what an attribute of vertices, (V, K), is at a pixel, (K,)."""
+    face_id = drawn.coverage.face_id
+    attribute = np.empty((*face_id.shape, values.shape[1]), np.float32)
+    whole = drawn.geometry
+    barycentric.fill_attribute(face_id, (y, y + 1), whole, values, attribute)
+    return attribute[y, x].copy()
+
+
+def _light_names(drawn: Drawn) -> list[str]:
+    """Name the lights that are not ambient, in the order the plan has them."""
+    scene, planned = drawn.scene, drawn.plan.lights
+    if not scene.lights:
+        return ["headlight"] if scene.environment is None else []
+    return [
+        f"{type(light).__name__} {n}"
+        for light, n in zip(planned.lights, planned.numbers, strict=True)
+        if not isinstance(light, AmbientLight)
+    ]
+
+
+def shade(
+    drawn: Drawn,
+    surface: Surface,
+    lit: Lit,
+    x: int,
+    y: int,
+    face: int | None = None,
+) -> NDArray[np.float32]:
+    """
+    Shade one pixel with the stages of a frame; return its linear colour, (4,) float32.
+
+    ``face`` is the one to shade; default the visible one.
+    """
+    geometry, placement, plan = drawn.geometry, drawn.placement, drawn.plan
+    face = int(drawn.coverage.face_id[y, x]) if face is None else face
+    if plan.needs_gouraud and lit.lighting is not None:
+        vertices, matt = _lit_vertices(drawn, surface, lit, face), None
+        if plan.needs_matt_light:
+            matt = _lit_vertices(drawn, surface, lit.by(highlights=None), face)
+        surface = surface._replace(lit_vertices=vertices, matt_vertices=matt)
+    row = np.full((1, plan.size[0]), nearest.NOTHING, np.int32)
+    row[0, x] = face
+    linear, no_color = np.empty((1, plan.size[0], 4), np.float32), np.empty((1, 0), np.uint32)
+    shading = Shading(
+        geometry, placement, surface, lit.lighting, lit.effects, encoding_table(), plan.background
+    )
+    shading.shade(row, y, linear, no_color)
+    return linear[0, x].copy()
+
+
+def _lit_vertices(drawn: Drawn, surface: Surface, lit: Lit, face: int) -> NDArray[np.float32]:
+    """Light the vertices of one face, if its object is shaded by Gouraud; (V, 2, 3)."""
+    vertices = np.zeros((len(drawn.arrays.positions), 2, 3), np.float32)
+    for vertex in drawn.arrays.faces[face].tolist():
+        stage_list.light_vertices(
+            (vertex, vertex + 1), drawn.arrays.vertex_starts, drawn.placement, surface,
+            lit.lighting, lit.effects, vertices,
+        )  # fmt: skip
+    return vertices
+
+
+def parts_of(
+    drawn: Drawn,
+    surface: Surface,
+    lit: Lit,
+    own: NDArray[np.float32],
+    linear: NDArray[np.float32],
+    x: int,
+    y: int,
+) -> tuple[ColorPart, ...]:
+    """
+    Return the parts of a pixel's colour, the visible face first; none if nothing else is seen.
+
+    Parameters
+    ----------
+    drawn : Drawn
+    surface : Surface
+    lit : Lit
+    own : (4,) float32, linear
+        The colour of the visible face, or what is behind all, where its centre shows none.
+    linear : (4,) float32, linear
+        The pixel's, which the parts add up to.
+    x, y : int
+    """
+    winner, quality = int(drawn.coverage.face_id[y, x]), drawn.plan.quality
+    if quality.samples in SUPERSAMPLED and winner >= 0:
+        mean = f"what the mean of {quality.samples} samples, each shaded by itself, differs by"
+        return (
+            ColorPart(_name_of(drawn, winner), winner, 1.0, 1.0, own[:3]),
+            ColorPart(mean, None, 1.0, 1.0, linear[:3] - own[:3]),
+        )
+    if drawn.plan.layers is None or quality.samples in SUPERSAMPLED:
+        return ()
+    drawn = _at_samples(drawn)
+    colors = {winner: own} if winner >= 0 else {}
+    shares: Shares = dict.fromkeys(colors, 0.0)
+    behind = 0.0
+    for faces, weight in _find_samples(drawn, surface, lit, x, y):
+        through = weight
+        for face in faces:
+            if face not in colors:
+                colors[face] = shade(drawn, surface, lit, x, y, face)
+            alpha = _alpha_of(drawn, face, colors[face])
+            shares[face] = shares.get(face, 0.0) + through * alpha
+            through *= 1.0 - alpha
+        behind += through
+    shares = {face: share for face, share in shares.items() if share > 0.0 or face == winner}
+    if shares in ({winner: 1.0}, {}):
+        return ()
+    opacity = float(linear[3]) or 1.0
+    parts = [
+        ColorPart(
+            _name_of(drawn, face), face, _alpha_of(drawn, face, colors[face]), share / opacity,
+            _scaled(share / opacity, colors[face][:3]),
+        )
+        for face, share in shares.items()
+    ]  # fmt: skip
+    rest = linear[:3] - sum(part.color for part in parts)
+    has_sky = bool(drawn.plan.at("background"))
+    alpha = 1.0 if has_sky else float(drawn.plan.background[3])
+    if behind * alpha > 0.0:
+        name = "environment" if has_sky else "background"
+        name += CODES if quality.blending == "srgb8" else ""
+        parts.append(ColorPart(name, None, alpha, behind * alpha / opacity, rest))
+    elif quality.blending == "srgb8":
+        parts.append(ColorPart(CODES.removeprefix(", and "), None, 1.0, 1.0, rest))
+    return tuple(parts)
+
+
+def _at_samples(drawn: Drawn) -> Drawn:
+    """Return what was drawn, for samples that may lie anywhere in their pixels."""
+    viewport = bands.sampled_viewport(drawn.geometry.viewport, drawn.plan.layers.samples)
+    return drawn._replace(geometry=drawn.geometry._replace(viewport=viewport))
+
+
+def _find_samples(
+    drawn: Drawn, surface: Surface, lit: Lit, x: int, y: int
+) -> Iterator[tuple[list[int], float]]:
+    """Yield the faces that are seen through each other, nearest first, and their share."""
+    plan, geometry, workers = drawn.plan, drawn.geometry, Workers(1)
+    cutouts = shading.find_cutouts(plan, drawn.prepared)
+    shader = layers.Shader(
+        geometry, drawn.placement, surface, lit.lighting, plan.background, plan.encoding, (),
+        None if cutouts is None else cutouts._replace(geometry=geometry),
+    )  # fmt: skip
+    lists = bands.part_lists(drawn.coverage, geometry.viewport, plan.layers.is_blended, workers)
+    first = y - y % TILE_SIZE
+    rows = first, min(first + TILE_SIZE, geometry.viewport.height)
+    if plan.layers.samples == "area":
+        shown, shares, rest = bands.find_areas(rows, lists, shader, workers.memory)
+        for face, share in zip(shown[:, y - first, x], shares[:, y - first, x], strict=False):
+            if face >= 0:
+                yield [int(face)], float(share)
+        yield [], float(rest[y - first, x])
+        return
+    samples = int(plan.layers.samples)
+    most = plan.layers.most
+    for band in bands.find_layers(rows, lists, samples, shader, workers.memory, most):
+        row = y - band.first_row
+        if not 0 <= row < band.opaque.shape[1]:
+            continue
+        for transparent, opaque in zip(
+            band.transparent[:, :, row, x].tolist(), band.opaque[:, row, x].tolist(), strict=True
+        ):
+            yield [face for face in (*transparent, opaque) if face >= 0], 1.0 / samples
+
+
+def _alpha_of(drawn: Drawn, face: int, color: NDArray[np.float32]) -> float:
+    """Return how much of what lies behind a face it covers."""
+    if not drawn.plan.layers.is_blended[owner_of(drawn, face)]:
+        return 1.0
+    return float(min(max(color[3], 0.0), 1.0))
+
+
+def _name_of(drawn: Drawn, face: int) -> str:
+    """Name a face by its number and its object."""
+    owner = owner_of(drawn, face)
+    name, place = drawn.scene.nodes[owner].name, f"object {owner}"
+    return f"face {face} of {place if name == place else f'{place} {name}'}"
+
+
+def _scaled(share: float, color: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return a share of a colour, which may be infinite if the share is 0."""
+    if share == 0.0:
+        return np.zeros(3, np.float32)
+    return np.float32(share) * color

@@ -1,0 +1,696 @@
+"""
+Cameras as other programs describe them, to ours and back.
+
+Each pair of functions keeps to one convention: where the axes of the camera point, whether vectors
+are columns or rows, and where on the first pixel the origin of pixel coordinates is. World axes are
+never changed: a scene whose z is up stays one.
+
+=============  ===================  =======  ====================  =============================
+convention     x, y, z point        vectors  pose                  pixel coordinates
+=============  ===================  =======  ====================  =============================
+ours, OpenGL   right, up, back      columns  view from world       first corner at (0, 0)
+OpenCV         right, down, forward columns  camera from world     centre of the first at (0, 0)
+PyTorch3D      left, up, forward    rows     camera from world     first corner at (0, 0)
+Blender        right, up, back      columns  world from camera     by lens, sensor and shift
+trimesh        right, up, back      columns  world from camera     principal point in the middle
+=============  ===================  =======  ====================  =============================
+
+References
+----------
+.. [1] OpenCV documentation, "Camera Calibration and 3D Reconstruction".
+.. [2] The Khronos Group, "OpenGL 4.6 Core Profile", section 13.8, "Coordinate Transformations".
+.. [3] PyTorch3D documentation, "Cameras".
+.. [4] Blender Python API, ``bpy.types.Camera``; Blender Manual, "Cameras".
+.. [5] trimesh documentation, ``trimesh.scene.cameras``.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rasterjit.scene import transforms
+from rasterjit.scene.camera import Camera, MatrixCamera, check_camera
+from rasterjit.scene.transforms import Matrix
+from rasterjit.scene.validation import (
+    finite_array,
+    finite_number,
+    image_size,
+    in_short,
+    one_of,
+    positive_number,
+)
+
+if TYPE_CHECKING:
+    import trimesh
+
+Float64 = NDArray[np.float64]
+
+_RIGID = 1e-3
+"""How far the columns of a rotation may be from unit length and right angles: float32 poses that
+were multiplied many times are within it, and a scaled or mirrored one is not."""
+
+_SAME_SHARE = 1e-6
+"""Share of the larger by which two focal lengths, or pixels of a principal point, may differ that
+a convention knows one of: float32 matrices keep seven digits."""
+
+_FLIPS = {"opencv": (1.0, -1.0, -1.0), "pytorch3d": (-1.0, 1.0, -1.0)}
+"""Signs of our view axes in another camera's."""
+
+
+class OpenCVCamera(NamedTuple):
+    """
+    A camera as OpenCV has it.
+
+    ``pixel = K (R world + t)``, divided by its last component.
+    """
+
+    intrinsics: Float64
+    """(3, 3): K, pixels; the centre of the first pixel is at (0, 0)."""
+    rotation: Float64
+    """(3, 3): R."""
+    translation: Float64
+    """(3,): t, scene units."""
+
+    @property
+    def camera_from_world(self) -> Matrix:
+        """(4, 4): R and t in one matrix."""
+        return _affine(self.rotation, self.translation)
+
+
+class OpenGLCamera(NamedTuple):
+    """Matrices for column vectors; OpenGL itself takes them column by column."""
+
+    view: Matrix
+    """(4, 4): eye coordinates from world."""
+    projection: Matrix
+    """(4, 4): clip coordinates from eye; -1 is the near plane."""
+
+
+class PyTorch3DCamera(NamedTuple):
+    """
+    What ``PerspectiveCameras`` of PyTorch3D takes, without its leading axis.
+
+    ``camera = world R + T``, of row vectors.
+    """
+
+    R: Float64
+    """(3, 3)."""
+    T: Float64
+    """(3,), scene units."""
+    focal_length: Float64
+    """(2,): of x and y, in NDC or in pixels."""
+    principal_point: Float64
+    """(2,): in NDC (x left, y up) or in pixels (x right, y down)."""
+
+
+class BlenderCamera(NamedTuple):
+    """What an object with a camera holds in Blender, under its names."""
+
+    matrix_world: Matrix
+    """(4, 4): of the object."""
+    type: str
+    """``"PERSP"`` or ``"ORTHO"``."""
+    lens: float
+    """Focal length, millimetres."""
+    sensor_width: float
+    """Millimetres."""
+    sensor_fit: str
+    """``"HORIZONTAL"``: the sensor's width is the image's."""
+    shift_x: float
+    shift_y: float
+    """Shares of the image's width."""
+    ortho_scale: float
+    """Width of what is shown, scene units."""
+    clip_start: float
+    clip_end: float
+    """Scene units; infinite where there is no far plane, which Blender does not know."""
+
+
+class TrimeshCamera(NamedTuple):
+    """What ``scene.camera`` and ``scene.camera_transform`` of trimesh take."""
+
+    camera: trimesh.scene.Camera
+    transform: Matrix
+    """(4, 4): world from camera."""
+
+
+class _Pinhole(NamedTuple):
+    """Focal lengths, skew and principal point in pixels, y down, first corner at (0, 0)."""
+
+    fx: float
+    fy: float
+    skew: float
+    cx: float
+    cy: float
+    near: float
+    far: float
+
+
+def view_from_pose(pose: ArrayLike, name: str = "pose") -> Matrix:
+    """
+    Return ``view_from_world`` of a camera that stands somewhere.
+
+    Parameters
+    ----------
+    pose : (4, 4) array_like
+        World from camera, which looks along its -z with y up; its scale does not count.
+    name : str
+        What the message calls the pose.
+
+    Raises
+    ------
+    ValueError
+        If it is not affine, or mirrors or shears.
+    """
+    place = finite_array(name, pose, (4, 4))
+    if place[3].tolist() != [0.0, 0.0, 0.0, 1.0]:
+        raise ValueError(f"{name} must have last row (0, 0, 0, 1), got {place[3].tolist()}")
+    axes = np.stack([transforms.unit_vector(name, place[:3, k]) for k in range(3)], axis=1)
+    _check_rotation(name, axes)
+    return _inverse(_affine(axes, place[:3, 3]))
+
+
+def from_opencv(
+    intrinsics: ArrayLike,
+    size: tuple[int, int],
+    *,
+    rotation: ArrayLike | None = None,
+    translation: ArrayLike | None = None,
+    camera_from_world: ArrayLike | None = None,
+    near: float = 0.1,
+    far: float = math.inf,
+) -> MatrixCamera:
+    """
+    Return the camera of OpenCV's K, R and t.
+
+    Parameters
+    ----------
+    intrinsics : (3, 3) array_like
+        K, pixels: focal lengths, skew and principal point, which may be anywhere. The centre of
+        the first pixel is at (0, 0). Lens distortion is not drawn: undistort the photograph.
+    size : (int, int)
+        Width and height of the image that K is for, pixels.
+    rotation, translation : (3, 3) and (3,) or (3, 1) array_like, optional
+        R and t; ``cv2.Rodrigues`` makes R of a rotation vector. Default: the identity and 0.
+    camera_from_world : (4, 4) or (3, 4) array_like, optional
+        In place of the two: the extrinsic matrix.
+    near, far : float, scene units
+        Distances of the near and far plane; ``far`` may be ``math.inf``.
+
+    Raises
+    ------
+    ValueError
+        Naming the argument that is wrong.
+    """
+    k = finite_array("intrinsics", intrinsics, (3, 3))
+    if k[1, 0] != 0.0 or k[2].tolist() != [0.0, 0.0, 1.0]:
+        raise ValueError(f"intrinsics must be upper triangular, last entry 1, got {k.tolist()}")
+    if k[0, 0] <= 0.0 or k[1, 1] <= 0.0:
+        raise ValueError(f"intrinsics must have focal lengths above 0, got {k.tolist()}")
+    if camera_from_world is not None:
+        if rotation is not None or translation is not None:
+            raise ValueError("camera_from_world must be None where rotation or translation is not")
+        pose = _extrinsic("camera_from_world", camera_from_world)
+    else:
+        pose = _rigid_pose(
+            ("rotation", np.eye(3) if rotation is None else rotation),
+            ("translation", np.zeros(3) if translation is None else translation),
+        )
+    pinhole = _Pinhole(k[0, 0], k[1, 1], k[0, 1], k[0, 2] + 0.5, k[1, 2] + 0.5, near, far)
+    return _camera(pinhole, size, transforms.compose(_flip("opencv"), pose))
+
+
+def to_opencv(camera: Camera, size: tuple[int, int]) -> OpenCVCamera:
+    """
+    Return a perspective camera as OpenCV's K, R and t.
+
+    Parameters
+    ----------
+    camera : Camera
+    size : (int, int)
+        Width and height of the image, pixels.
+
+    Raises
+    ------
+    ValueError
+        If the camera is no pinhole (a parallel or an oblique projection), or its view scales.
+    """
+    pinhole = _pinhole(camera, size)
+    pose = transforms.compose(_flip("opencv"), _rigid_view(camera))
+    k = [[pinhole.fx, pinhole.skew, pinhole.cx - 0.5], [0.0, pinhole.fy, pinhole.cy - 0.5]]
+    return OpenCVCamera(np.array([*k, [0.0, 0.0, 1.0]]), pose[:3, :3].copy(), pose[:3, 3].copy())
+
+
+def from_opengl(view: ArrayLike, projection: ArrayLike) -> MatrixCamera:
+    """
+    Return the camera of OpenGL's matrices.
+
+    Parameters
+    ----------
+    view, projection : (4, 4) array_like
+        For column vectors. What OpenGL or GLM hand out column by column has to be transposed.
+
+    Raises
+    ------
+    ValueError
+        As `MatrixCamera` does, naming ``view`` or ``projection``.
+    """
+    eye = finite_array("view", view, (4, 4))
+    clip = finite_array("projection", projection, (4, 4))
+    if eye[3].tolist() != [0.0, 0.0, 0.0, 1.0]:
+        raise ValueError(
+            f"view must have last row (0, 0, 0, 1), got {eye[3].tolist()}; transpose what is "
+            "stored column by column"
+        )
+    try:
+        return MatrixCamera(eye, clip)
+    except ValueError as error:
+        told = str(error).replace("view_from_world", "view")
+        raise ValueError(told.replace("clip_from_view", "projection")) from None
+
+
+def to_opengl(camera: Camera, size: tuple[int, int]) -> OpenGLCamera:
+    """
+    Return a camera as OpenGL's matrices.
+
+    Parameters
+    ----------
+    camera : Camera
+    size : (int, int)
+        Width and height of the image, pixels.
+
+    Raises
+    ------
+    ValueError
+        If the size is wrong, or the camera is none.
+    """
+    check_camera("camera", camera)
+    return OpenGLCamera(camera.view_matrix(), camera.projection_matrix(image_size("size", size)))
+
+
+def from_pytorch3d(
+    R: ArrayLike,
+    T: ArrayLike,
+    focal_length: float | ArrayLike,
+    size: tuple[int, int],
+    *,
+    principal_point: ArrayLike | None = None,
+    space: str = "ndc",
+    near: float = 0.1,
+    far: float = math.inf,
+) -> MatrixCamera:
+    """
+    Return the camera of PyTorch3D's ``PerspectiveCameras``.
+
+    Parameters
+    ----------
+    R, T : (3, 3) and (3,) array_like
+        Of row vectors: ``camera = world R + T``. A leading axis of length 1 may be there.
+    focal_length : float or (2,) array_like
+        Of x and y, or of both. That of ``FoVPerspectiveCameras`` with a field of view f across the
+        shorter side is 1/tan(f/2).
+    size : (int, int)
+        Width and height of the image, pixels; PyTorch3D's ``image_size`` is (height, width).
+    principal_point : (2,) array_like, optional
+        Default: the middle of the image.
+    space : {"ndc", "screen"}
+        What focal length and principal point are in: NDC, where the image's shorter side is 2 long,
+        x points left and y up, or pixels from the upper left corner (``in_ndc=False``).
+    near, far : float, scene units
+        Distances of the near and far plane; ``far`` may be ``math.inf``.
+
+    Raises
+    ------
+    ValueError
+        Naming the argument that is wrong.
+    """
+    width, height = image_size("size", size)
+    one_of("space", space, ("ndc", "screen"))
+    rotation, shift = (_without_batch(value, n) for value, n in ((R, 2), (T, 1)))
+    matrix = finite_array("R", rotation, (3, 3))
+    focal = np.ravel(_without_batch(focal_length, 1))
+    fx, fy = finite_array("focal_length", np.repeat(focal, 2) if len(focal) == 1 else focal, (2,))
+    if fx <= 0.0 or fy <= 0.0:
+        raise ValueError(f"focal_length must be above 0, got {focal.tolist()}")
+    unit = min(width, height) / 2.0 if space == "ndc" else 1.0
+    cx, cy = width / 2.0, height / 2.0
+    if principal_point is not None:
+        x, y = finite_array("principal_point", _without_batch(principal_point, 1), (2,))
+        cx, cy = (cx - x * unit, cy - y * unit) if space == "ndc" else (x, y)
+    pose = _rigid_pose(("R", matrix.T), ("T", shift))
+    pinhole = _Pinhole(fx * unit, fy * unit, 0.0, cx, cy, near, far)
+    return _camera(pinhole, size, transforms.compose(_flip("pytorch3d"), pose))
+
+
+def to_pytorch3d(camera: Camera, size: tuple[int, int], space: str = "ndc") -> PyTorch3DCamera:
+    """
+    Return a perspective camera as PyTorch3D's ``PerspectiveCameras`` takes it.
+
+    Parameters
+    ----------
+    camera : Camera
+    size : (int, int)
+        Width and height of the image, pixels.
+    space : {"ndc", "screen"}
+        What focal length and principal point are in; see `from_pytorch3d`.
+
+    Raises
+    ------
+    ValueError
+        If the camera is no pinhole without skew, or its view scales.
+    """
+    width, height = image_size("size", size)
+    one_of("space", space, ("ndc", "screen"))
+    pinhole = _without_skew(_pinhole(camera, size))
+    pose = transforms.compose(_flip("pytorch3d"), _rigid_view(camera))
+    focal, point = np.array([pinhole.fx, pinhole.fy]), np.array([pinhole.cx, pinhole.cy])
+    if space == "ndc":
+        unit = min(width, height) / 2.0
+        focal, point = focal / unit, (np.array([width, height]) / 2.0 - point) / unit
+    return PyTorch3DCamera(pose[:3, :3].T.copy(), pose[:3, 3].copy(), focal, point)
+
+
+def from_blender(
+    matrix_world: ArrayLike,
+    size: tuple[int, int],
+    *,
+    type: str = "PERSP",
+    lens: float | None = None,
+    fov: float | None = None,
+    sensor_width: float = 36.0,
+    sensor_height: float = 24.0,
+    sensor_fit: str = "AUTO",
+    shift_x: float = 0.0,
+    shift_y: float = 0.0,
+    ortho_scale: float = 6.0,
+    clip_start: float = 0.1,
+    clip_end: float = math.inf,
+) -> MatrixCamera:
+    """
+    Return the camera of a Blender scene; arguments have Blender's names and defaults.
+
+    Blender's world has z up; it stays as it is, as the meshes do.
+
+    Parameters
+    ----------
+    matrix_world : (4, 4) array_like
+        Of the camera's object; its scale does not count, as in Blender.
+    size : (int, int)
+        Width and height of the image, pixels, which are square.
+    type : {"PERSP", "ORTHO"}
+    lens : float, optional
+        Focal length, millimetres; default 50.
+    fov : float, degrees, optional
+        In place of ``lens``: the field of view along the side that the sensor fits
+        (``camera.angle``, there in radians).
+    sensor_width, sensor_height : float
+        Millimetres.
+    sensor_fit : {"AUTO", "HORIZONTAL", "VERTICAL"}
+        Which side of the image the sensor fits: its width the longer side, its width the width, or
+        its height the height.
+    shift_x, shift_y : float
+        Shares of that side by which the view is moved right and up.
+    ortho_scale : float, scene units
+        How much of the scene lies along that side of a parallel view.
+    clip_start, clip_end : float, scene units
+        Distances of the near and far plane; a parallel view needs a far plane.
+
+    Raises
+    ------
+    ValueError
+        Naming the argument that is wrong.
+    """
+    width, height = image_size("size", size)
+    one_of("type", type, ("PERSP", "ORTHO"))
+    one_of("sensor_fit", sensor_fit, ("AUTO", "HORIZONTAL", "VERTICAL"))
+    view = view_from_pose(matrix_world, "matrix_world")
+    fits_width = sensor_fit == "HORIZONTAL" or (sensor_fit == "AUTO" and width >= height)
+    side = float(width if fits_width else height)
+    right, up = finite_number("shift_x", shift_x), finite_number("shift_y", shift_y)
+    if type == "ORTHO":
+        if clip_end == math.inf:
+            raise ValueError("clip_end must be finite for type 'ORTHO', got inf")
+        start, end = finite_number("clip_start", clip_start), finite_number("clip_end", clip_end)
+        if end <= start:
+            raise ValueError(f"clip_end must be above clip_start = {start!r}, got {end!r}")
+        pixel = positive_number("ortho_scale", ortho_scale) / side
+        x, y = (width * pixel / 2.0, height * pixel / 2.0)
+        right, up = right * side * pixel, up * side * pixel
+        clip = transforms.orthographic(right - x, right + x, up - y, up + y, clip_start, clip_end)
+        return MatrixCamera(view, clip)
+    _check_planes(("clip_start", "clip_end"), clip_start, clip_end)
+    if sensor_fit == "VERTICAL":
+        wide = positive_number("sensor_height", sensor_height)
+    else:
+        wide = positive_number("sensor_width", sensor_width)
+    if fov is not None:
+        if lens is not None:
+            raise ValueError(f"lens must be None where fov is given, got {lens!r}")
+        focal = transforms.focal_length(fov) * side / 2.0
+    else:
+        focal = positive_number("lens", 50.0 if lens is None else lens) * side / wide
+    cx, cy = width / 2.0 - right * side, height / 2.0 + up * side
+    pinhole = _Pinhole(focal, focal, 0.0, cx, cy, clip_start, clip_end)
+    return _camera(pinhole, size, view)
+
+
+def to_blender(camera: Camera, size: tuple[int, int], sensor_width: float = 36.0) -> BlenderCamera:
+    """
+    Return a camera as Blender describes it.
+
+    Parameters
+    ----------
+    camera : Camera
+    size : (int, int)
+        Width and height of the image, pixels: Blender's render resolution.
+    sensor_width : float
+        Millimetres; the lens is chosen for it.
+
+    Raises
+    ------
+    ValueError
+        If the camera's pixels are not square, it has skew, or its view scales.
+    """
+    width, height = image_size("size", size)
+    wide = positive_number("sensor_width", sensor_width)
+    view = _rigid_view(camera)
+    clip = camera.projection_matrix((width, height))
+    place = _inverse(view)
+    if not clip[3, :3].any():
+        x, y, near, far = _parallel(clip)
+        shown = 2.0 / x[0]
+        _check_same("the scale of x and y", shown / width, 2.0 / y[0] / height)
+        shifts = -x[1] / 2.0, -y[1] / y[0] / shown
+        return BlenderCamera(place, "ORTHO", 50.0, wide, "HORIZONTAL", *shifts, shown, near, far)
+    pinhole = _without_skew(_pinhole(camera, size))
+    _check_same("the focal lengths", pinhole.fx, pinhole.fy)
+    shifts = (width / 2.0 - pinhole.cx) / width, (pinhole.cy - height / 2.0) / width
+    lens = pinhole.fx * wide / width
+    return BlenderCamera(
+        place, "PERSP", lens, wide, "HORIZONTAL", *shifts, 6.0, pinhole.near, pinhole.far
+    )
+
+
+def from_trimesh(camera: trimesh.scene.Camera, transform: ArrayLike) -> MatrixCamera:
+    """
+    Return the camera of a trimesh scene; render it in its own resolution.
+
+    Parameters
+    ----------
+    camera : trimesh.scene.Camera
+        Its ``resolution`` is (width, height).
+    transform : (4, 4) array_like
+        ``scene.camera_transform``: world from camera.
+
+    Raises
+    ------
+    ValueError
+        Naming the argument that is wrong.
+    """
+    try:
+        fx, fy = (float(length) for length in camera.focal)
+        size = image_size("camera.resolution", tuple(camera.resolution.tolist()))
+        near, far = float(camera.z_near), float(camera.z_far)
+    except (AttributeError, TypeError):
+        raise ValueError(f"camera must be a trimesh.scene.Camera, got {in_short(camera)}") from None
+    for length in (fx, fy):
+        positive_number("camera.focal", length)
+    _check_planes(("camera.z_near", "camera.z_far"), near, far)
+    pinhole = _Pinhole(fx, fy, 0.0, size[0] / 2.0, size[1] / 2.0, near, far)
+    return _camera(pinhole, size, view_from_pose(transform, "transform"))
+
+
+def to_trimesh(camera: Camera, size: tuple[int, int]) -> TrimeshCamera:
+    """
+    Return a perspective camera as trimesh has it.
+
+    Parameters
+    ----------
+    camera : Camera
+    size : (int, int)
+        Width and height of the image, pixels.
+
+    Raises
+    ------
+    ValueError
+        If its principal point is not the middle of the image, it is no pinhole without skew, or its
+        view scales.
+    """
+    from trimesh.scene import Camera as SceneCamera
+
+    width, height = image_size("size", size)
+    pinhole = _without_skew(_pinhole(camera, size))
+    for axis, found, middle in (("x", pinhole.cx, width / 2.0), ("y", pinhole.cy, height / 2.0)):
+        if abs(found - middle) > _SAME_SHARE * middle:
+            raise ValueError(
+                "camera must have its principal point in the middle of the image for trimesh, got "
+                f"{axis} = {found!r} of {2.0 * middle:g}"
+            )
+    made = SceneCamera(
+        resolution=(width, height), focal=(pinhole.fx, pinhole.fy), z_near=pinhole.near,
+        z_far=pinhole.far,
+    )  # fmt: skip
+    return TrimeshCamera(made, _inverse(_rigid_view(camera)))
+
+
+def _check_planes(names: tuple[str, str], near: float, far: float) -> None:
+    """Raise ``ValueError`` if there is no room between a near and a far plane."""
+    start = positive_number(names[0], near)
+    end = math.inf if far == math.inf else finite_number(names[1], far)
+    if end <= start:
+        raise ValueError(f"{names[1]} must be above {names[0]} = {start!r}, got {end!r}")
+
+
+def _camera(pinhole: _Pinhole, size: tuple[int, int], view: Matrix) -> MatrixCamera:
+    """Return the camera of a pinhole, for an image of (width, height) pixels."""
+    width, height = image_size("size", size)
+    fx, fy = (positive_number("focal length", one) for one in (pinhole.fx, pinhole.fy))
+    clip = np.zeros((4, 4))
+    clip[0, 0], clip[1, 1] = 2.0 * fx / width, 2.0 * fy / height
+    # The other's y points down: the skew turns its sign.
+    clip[0, 1] = -2.0 * pinhole.skew / width
+    clip[0, 2], clip[1, 2] = 1.0 - 2.0 * pinhole.cx / width, 2.0 * pinhole.cy / height - 1.0
+    clip[2, 2:] = transforms.perspective_depth(pinhole.near, pinhole.far)
+    clip[3, 2] = -1.0
+    return MatrixCamera(view, clip + 0.0)
+
+
+def _pinhole(camera: Camera, size: tuple[int, int]) -> _Pinhole:
+    """Return what a perspective camera is as a pinhole, or raise ``ValueError``."""
+    check_camera("camera", camera)
+    width, height = image_size("size", size)
+    clip = camera.projection_matrix((width, height))
+    if clip[3, 2] >= 0.0 or clip[3, [0, 1, 3]].any() or clip[:2, 3].any() or clip[1, 0] != 0.0:
+        raise ValueError(
+            f"camera must be a perspective along its own z axis, got the projection {clip.tolist()}"
+        )
+    clip = clip / -clip[3, 2]
+    slope, offset = clip[2, 2:].tolist()
+    near = offset / (slope - 1.0)
+    far = math.inf if slope == -1.0 else offset / (slope + 1.0)
+    return _Pinhole(
+        clip[0, 0] * width / 2.0,
+        clip[1, 1] * height / 2.0,
+        -clip[0, 1] * width / 2.0 + 0.0,
+        (1.0 - clip[0, 2]) * width / 2.0,
+        (1.0 + clip[1, 2]) * height / 2.0,
+        near,
+        far,
+    )
+
+
+def _parallel(
+    clip: Matrix,
+) -> tuple[tuple[float, float], tuple[float, float], float, float]:
+    """Return scale and offset of x and of y, and the planes, or raise ``ValueError``."""
+    clip = clip / clip[3, 3]
+    if clip[0, [1, 2]].any() or clip[1, [0, 2]].any() or clip[2, :2].any():
+        raise ValueError(f"camera must look along its own z axis, got {clip.tolist()}")
+    scale, middle = clip[2, 2:].tolist()
+    near, far = (middle + 1.0) / scale, (middle - 1.0) / scale
+    return (clip[0, 0], clip[0, 3]), (clip[1, 1], clip[1, 3]), near, far
+
+
+def _rigid_view(camera: Camera) -> Matrix:
+    """Return a camera's view if it only turns and moves, or raise ``ValueError``."""
+    check_camera("camera", camera)
+    view = camera.view_matrix()
+    _check_rotation("camera", view[:3, :3])
+    return view
+
+
+def _extrinsic(name: str, value: ArrayLike) -> Matrix:
+    """Return a (3, 4) or (4, 4) pose as (4, 4), or raise ``ValueError``."""
+    given = np.asarray(value)
+    rows = finite_array(name, given, (3, 4) if given.shape == (3, 4) else (4, 4))
+    if len(rows) == 4 and rows[3].tolist() != [0.0, 0.0, 0.0, 1.0]:
+        raise ValueError(f"{name} must have last row (0, 0, 0, 1), got {rows[3].tolist()}")
+    _check_rotation(name, rows[:3, :3])
+    return _affine(rows[:3, :3], rows[:3, 3])
+
+
+def _rigid_pose(rotation: tuple[str, ArrayLike], translation: tuple[str, ArrayLike]) -> Matrix:
+    """Return a pose from a rotation and a translation, each with its name."""
+    turn = finite_array(*rotation, (3, 3))
+    _check_rotation(rotation[0], turn)
+    shift = np.asarray(translation[1])
+    shift = shift[:, 0] if shift.shape == (3, 1) else shift
+    return _affine(turn, finite_array(translation[0], shift, (3,)))
+
+
+def _check_rotation(name: str, turn: Float64) -> None:
+    """Raise ``ValueError`` if a (3, 3) matrix is no rotation."""
+    (a, b, c) = (turn[:, k].tolist() for k in range(3))
+    lengths = [_dot(a, a) - 1.0, _dot(b, b) - 1.0, _dot(c, c) - 1.0]
+    angles = [_dot(a, b), _dot(b, c), _dot(c, a)]
+    cross = [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+    if max(map(abs, lengths + angles)) > _RIGID or _dot(cross, c) <= 0.0:
+        raise ValueError(
+            f"{name} must hold a rotation, neither scaled nor mirrored, got {turn.tolist()}"
+        )
+
+
+def _inverse(pose: Matrix) -> Matrix:
+    """Return the inverse of an affine matrix."""
+    inverse = _affine(transforms.normal_matrix(pose).T, np.zeros(3))
+    return transforms.compose(inverse, transforms.translate(-pose[:3, 3])) + 0.0
+
+
+def _affine(linear: Float64, shift: Float64) -> Matrix:
+    """Return the (4, 4) matrix of a linear part and a translation."""
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = linear, shift
+    return matrix
+
+
+def _flip(convention: str) -> Matrix:
+    """Return the matrix between our view axes and another camera's, its own inverse."""
+    return np.diag([*_FLIPS[convention], 1.0])
+
+
+def _without_skew(pinhole: _Pinhole) -> _Pinhole:
+    """Return a pinhole, or raise ``ValueError`` if the convention cannot hold its skew."""
+    if abs(pinhole.skew) > _SAME_SHARE * pinhole.fx:
+        raise ValueError(f"camera must have no skew, got {pinhole.skew!r} pixels")
+    return pinhole
+
+
+def _check_same(what: str, one: float, other: float) -> None:
+    """Raise ``ValueError`` if the camera's pixels are not square."""
+    if abs(one - other) > _SAME_SHARE * max(abs(one), abs(other)):
+        raise ValueError(f"camera must have square pixels, got {what} {one!r} and {other!r}")
+
+
+def _without_batch(value: Any, dimensions: int) -> NDArray[Any]:
+    """Return an array, or a tensor's, without a leading axis of length 1."""
+    array = np.asarray(value)
+    return array[0] if array.ndim == dimensions + 1 and len(array) == 1 else array
+
+
+def _dot(a: list[float], b: list[float]) -> float:
+    """Return the scalar product of two vectors of three."""
+    return (a[0] * b[0] + a[1] * b[1]) + a[2] * b[2]

@@ -1,0 +1,432 @@
+"""
+Turn the materials of glTF files into ours, with their five textures.
+
+Turn the meshes of glTF files into ours: one `Mesh` for each primitive of triangles.
+
+References
+----------
+.. [1] The Khronos Group, "glTF 2.0 Specification" (ISO/IEC 12113:2022), sections 3.8 and 3.9.
+.. [2] The Khronos Group, "KHR_texture_transform", "KHR_materials_unlit",
+   "KHR_materials_emissive_strength", "EXT_texture_webp", "KHR_materials_pbrSpecularGlossiness".
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.io.gltf.file import GltfFile
+from rasterjit.io.pictures import picture_pixels
+from rasterjit.io.skipped import LeftOut, MeshFileError, reason_of
+from rasterjit.scene.material import BRIGHTEST_EMISSION, TEXTURE_FIELDS, Material
+from rasterjit.scene.mesh import Mesh
+from rasterjit.scene.texture import Texture, turned_over
+from rasterjit.scene.validation import in_short
+
+_WRAPS = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
+_NEAREST, _LINEAR = 9728, 9729
+"""Numbers of OpenGL, which glTF samplers use."""
+
+_UNLIT = "KHR_materials_unlit"
+_STRENGTH = "KHR_materials_emissive_strength"
+_GLOSSINESS = "KHR_materials_pbrSpecularGlossiness"
+
+_OTHER_SOURCES = ("EXT_texture_webp",)
+"""Extensions that name another picture of a texture, of a kind that Pillow reads."""
+
+MODES = {"OPAQUE": "opaque", "MASK": "mask", "BLEND": "blend"}
+
+TEXTURES = {
+    "base_color_texture": ("baseColorTexture", "srgb"),
+    "normal_texture": ("normalTexture", "linear"),
+    "metallic_roughness_texture": ("metallicRoughnessTexture", "linear"),
+    "occlusion_texture": ("occlusionTexture", "linear"),
+    "emissive_texture": ("emissiveTexture", "srgb"),
+}
+"""What a field of `Material` is called in glTF, and what the numbers of its picture are."""
+
+TRIANGLES, STRIP, FAN = 4, 5, 6
+OTHER_MODES = {0: "points", 1: "lines", 2: "lines", 3: "lines"}
+"""How the vertices of a primitive are joined, as OpenGL numbers it."""
+
+_COMPRESSED = "KHR_draco_mesh_compression"
+
+
+class MaterialReader:
+    """
+    Read the materials of a file, each once.
+
+    Parameters
+    ----------
+    file : GltfFile
+    left_out : LeftOut
+        Notes what cannot be shown, by the name of the material and the field.
+    """
+
+    def __init__(self, file: GltfFile, left_out: LeftOut) -> None:
+        self._file = file
+        self._left_out = left_out
+        self._known: dict[Any, tuple[Material, int]] = {}
+        self._textures: dict[tuple, Texture | None] = {}
+
+    def read(self, number: Any) -> tuple[Material | None, int]:
+        """
+        Return a material, or None if it cannot be read, and its set of texture coordinates.
+
+        A mesh has one set: what the first texture of the material uses. Textures that use another
+        are left out.
+        """
+        if number not in self._known:
+            try:
+                entry = self._file.entry("materials", number)
+            except LookupError:
+                self._left_out.note(f"reference to material {number!r}, which the file has not")
+                return None, 0
+            label = f"material {entry.get('name', number)!r}"
+            try:
+                self._known[number] = self._material(entry, label)
+            except (TypeError, ValueError, AttributeError) as error:
+                self._left_out.note(f"{label}, which is damaged: {reason_of(error)}")
+                return None, 0
+        return self._known[number]
+
+    def _material(self, entry: dict[str, Any], label: str) -> tuple[Material, int]:
+        """Return an entry as a material, and its set of texture coordinates."""
+        extensions = entry.get("extensions", {})
+        values = {**entry, **entry.get("pbrMetallicRoughness", {})}
+        if _GLOSSINESS in extensions:
+            values.update(_of_glossiness(extensions[_GLOSSINESS]))
+            self._left_out.note(f"specular colour of {label}")
+        *color, alpha = _numbers(values, "baseColorFactor", (1.0, 1.0, 1.0, 1.0), 1.0)
+        mode = MODES.get(entry.get("alphaMode", "OPAQUE"), "opaque")
+        options: dict[str, Any] = {
+            "base_color": (*color, 1.0 if mode == "opaque" else alpha),
+            "name": entry.get("name"),
+            "alpha_mode": mode,
+            "alpha_cutoff": _number(entry, "alphaCutoff", 0.5, 1e6),
+            "double_sided": bool(entry.get("doubleSided", False)),
+        }
+        textures, uv_set = self._read_textures(values, _UNLIT in extensions, label)
+        if _UNLIT in extensions:
+            return Material(shading="unlit", **options, **textures), uv_set
+        strength = _number(
+            extensions.get(_STRENGTH, {}), "emissiveStrength", 1.0, BRIGHTEST_EMISSION
+        )
+        emitted = _numbers(values, "emissiveFactor", (0.0, 0.0, 0.0), 1.0)
+        material = Material(
+            shading="pbr",
+            metallic=_number(values, "metallicFactor", 1.0, 1.0),
+            roughness=_number(values, "roughnessFactor", 1.0, 1.0),
+            normal_scale=_number(_object(values, "normalTexture"), "scale", 1.0, 1e3, -1e3),
+            occlusion_strength=_number(_object(values, "occlusionTexture"), "strength", 1.0, 1.0),
+            emissive=tuple(strength * part for part in emitted),
+            **options,
+            **textures,
+        )
+        return material, uv_set
+
+    def _read_textures(
+        self, values: dict[str, Any], is_unlit: bool, label: str
+    ) -> tuple[dict[str, Texture], int]:
+        """Return the textures of a material by field, and their set of texture coordinates."""
+        found: dict[str, Texture] = {}
+        uv_set: int | None = None
+        for field, (key, color_space) in TEXTURES.items():
+            use = values.get(key)
+            if use is None or (is_unlit and field != "base_color_texture"):
+                continue
+            try:
+                transform = use.get("extensions", {}).get("KHR_texture_transform", {})
+                number = transform.get("texCoord", use.get("texCoord", 0))
+                texture = self._texture(use, transform, color_space)
+            except Exception as error:
+                # Pictures of files are decoded by Pillow, which raises what it likes.
+                reason = reason_of(error)
+                self._left_out.note(f"{field} of {label} that cannot be read: {reason}")
+                continue
+            if uv_set not in (None, number):
+                self._left_out.note(f"{field} of {label}: second set of texture coordinates")
+                continue
+            uv_set = number
+            found[field] = texture
+        return found, 0 if uv_set is None else uv_set
+
+    def _texture(self, use: dict[str, Any], transform: dict[str, Any], color_space: str) -> Texture:
+        """Return one use of a texture; uses of one picture share its texels."""
+        entry = self._file.entry("textures", use["index"])
+        sources = [
+            entry.get("extensions", {}).get(name, {}).get("source") for name in _OTHER_SOURCES
+        ]
+        picture = next((n for n in sources if n is not None), entry.get("source"))
+        if picture is None:
+            kinds = ", ".join(entry.get("extensions", {})) or "no source"
+            raise ValueError(f"its picture is given by {kinds}")
+        options = self._sampler(entry.get("sampler"))
+        key = (picture, color_space, *options.values())
+        if key not in self._textures:
+            pixels = self._pixels(picture)
+            self._textures[key] = Texture(pixels, color_space=color_space, **options)
+        texture = self._textures[key]
+        if not transform:
+            return texture
+        offset = _pair(transform.get("offset", (0.0, 0.0)))
+        degrees = math.degrees(float(transform.get("rotation", 0.0)))
+        return texture.with_transform(
+            *turned_over(offset, degrees, _pair(transform.get("scale", (1.0, 1.0))))
+        )
+
+    def _pixels(self, picture: Any) -> NDArray[Any]:
+        """Return the texels of a picture, or raise ``ValueError`` naming it."""
+        name = self._file.picture_name(picture)
+        try:
+            return picture_pixels(self._file.picture(picture))
+        except Exception as error:
+            # Pillow raises what it likes about a damaged picture.
+            raise ValueError(f"its picture, {name}: {reason_of(error)}") from error
+
+    def _sampler(self, number: int | None) -> dict[str, Any]:
+        """
+        Return how a sampler wraps and filters.
+
+        A magnification filter NEAREST is taken as ``"nearest"``, a minification filter without
+        mip levels as ``"bilinear"``.
+        """
+        sampler = {} if number is None else self._file.entry("samplers", number)
+        wrap = tuple(_WRAPS.get(sampler.get(side), "repeat") for side in ("wrapS", "wrapT"))
+        if sampler.get("magFilter") == _NEAREST:
+            return {"wrap": wrap, "filter": "nearest"}
+        unmipped = sampler.get("minFilter") in (_NEAREST, _LINEAR)
+        return {"wrap": wrap, "filter": "bilinear" if unmipped else "trilinear"}
+
+
+def _of_glossiness(values: dict[str, Any]) -> dict[str, Any]:
+    """Return a specular-glossiness material as what is nearest to it: a dielectric as rough."""
+    nearest = {
+        "baseColorFactor": values.get("diffuseFactor", (1.0, 1.0, 1.0, 1.0)),
+        "metallicFactor": 0.0,
+        "roughnessFactor": 1.0 - _number(values, "glossinessFactor", 1.0, 1.0),
+    }
+    if "diffuseTexture" in values:
+        nearest["baseColorTexture"] = values["diffuseTexture"]
+    return nearest
+
+
+def _number(values: dict[str, Any], key: str, default: float, most: float, least=0.0) -> float:
+    """Return a number held within its range; what is not one raises ``ValueError``."""
+    value = values.get(key, default)
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or math.isnan(value):
+        raise ValueError(f"{key} must be a number, got {in_short(value)}")
+    return float(min(max(value, least), most))
+
+
+def _object(values: dict[str, Any], key: str) -> dict[str, Any]:
+    """Return an object of JSON, empty if there is none, or raise ``ValueError``."""
+    value = values.get(key, {})
+    if not isinstance(value, dict):
+        raise ValueError(f"{key} must be an object, got {in_short(value)}")
+    return value
+
+
+def _numbers(
+    values: dict[str, Any], key: str, default: tuple[float, ...], most: float
+) -> tuple[float, ...]:
+    """Return as many numbers as the default has, held within 0..most."""
+    given = values.get(key, default)
+    if not isinstance(given, (list, tuple)) or len(given) != len(default):
+        got = f"{len(given)}" if isinstance(given, (list, tuple)) else in_short(given)
+        raise ValueError(f"{key} must be {len(default)} numbers, got {got}")
+    return tuple(_number({key: part}, key, 0.0, most) for part in given)
+
+
+def _pair(values: Any) -> tuple[float, float]:
+    """Return two numbers."""
+    u, v = values
+    return float(u), float(v)
+
+
+class MeshReader:
+    """
+    Read the meshes of a file, each once.
+
+    Parameters
+    ----------
+    file : GltfFile
+    source : str
+        What messages call the file.
+    materials : MaterialReader
+    on_invalid : {"raise", "drop"}
+    crease_angle : float
+        Degrees in 0..180, for primitives without normals.
+    left_out : LeftOut
+        Notes what is not shown, by the name of the mesh.
+    """
+
+    def __init__(
+        self,
+        file: GltfFile,
+        source: str,
+        materials: MaterialReader,
+        on_invalid: str,
+        crease_angle: float,
+        left_out: LeftOut,
+    ) -> None:
+        self._file = file
+        self._source = source
+        self._materials = materials
+        self._on_invalid = on_invalid
+        self._crease_angle = crease_angle
+        self._left_out = left_out
+        self._known: dict[Any, list[Mesh]] = {}
+        self._plain: dict[Material, Material] = {}
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether no mesh of the file has faces, as far as they were asked for."""
+        return not any(self._known.values())
+
+    def read(self, number: Any) -> list[Mesh]:
+        """Return the meshes that stand for one of the file; none if it cannot be read."""
+        if number not in self._known:
+            self._known[number] = []
+            try:
+                entry = self._file.entry("meshes", number)
+                primitives = list(entry["primitives"])
+            except (LookupError, TypeError, AttributeError):
+                self._left_out.note(f"reference to mesh {number!r}, which the file has not")
+                return []
+            label = f"mesh {entry.get('name', number)!r}"
+            found = (self._primitive(primitive, label) for primitive in primitives)
+            self._known[number] = [mesh for mesh in found if mesh is not None]
+        return self._known[number]
+
+    def _primitive(self, primitive: dict[str, Any], label: str) -> Mesh | None:
+        """Return a primitive of triangles as a mesh; None, with a note, for any other."""
+        try:
+            arrays = self._arrays(primitive, label)
+        except (ValueError, TypeError, LookupError, AttributeError, OSError, MemoryError) as error:
+            reason = " ".join(str(error).split())[:200] or type(error).__name__
+            self._left_out.note(f"{label}, which cannot be read: {reason}")
+            return None
+        if arrays is None:
+            return None
+        try:
+            mesh = Mesh(**arrays, on_invalid=self._on_invalid)
+            return mesh if mesh.normals is not None else mesh.split_creases(self._crease_angle)
+        except ValueError as error:
+            raise MeshFileError(f"{self._source}: {label}: {error}") from error
+
+    def _arrays(self, primitive: dict[str, Any], label: str) -> dict[str, Any] | None:
+        """Return what `Mesh` takes; None, with a note, if the primitive has no triangles."""
+        mode = primitive.get("mode", TRIANGLES)
+        if mode in OTHER_MODES:
+            self._left_out.note(f"{OTHER_MODES[mode]} of {label}")
+            return None
+        if _COMPRESSED in primitive.get("extensions", {}):
+            self._left_out.note(f"{label}, which is compressed by {_COMPRESSED}")
+            return None
+        attributes = primitive["attributes"]
+        vertices = self._file.array(attributes["POSITION"])
+        if "indices" in primitive:
+            corners = self._file.array(primitive["indices"])[:, 0].astype(np.int64)
+        else:
+            corners = np.arange(len(vertices))
+        faces = join_corners(corners, mode)
+        if not len(faces) or not len(vertices):
+            self._left_out.note(f"{label}, which has no faces")
+            return None
+        if primitive.get("targets"):
+            self._left_out.note("morph target", len(primitive["targets"]))
+        count = len(vertices)
+        material, uv_set = self._material(primitive)
+        normals = self._rows(attributes, "NORMAL", count, (3,), label)
+        uv = self._rows(attributes, f"TEXCOORD_{uv_set}", count, (2,), label)
+        tangents = None
+        if normals is not None and material is not None and material.normal_texture is not None:
+            tangents = self._rows(attributes, "TANGENT", count, (4,), label)
+        if uv is None and material is not None:
+            material = self._without_textures(material, label)
+        return {
+            "vertices": vertices,
+            "faces": faces,
+            "normals": normals,
+            "uv": None if uv is None else np.column_stack([uv[:, 0], 1.0 - uv[:, 1]]),
+            "colors": self._colors(attributes, count, label),
+            "tangents": tangents,
+            "material": material,
+        }
+
+    def _material(self, primitive: dict[str, Any]) -> tuple[Material | None, int]:
+        """Return the material of a primitive, if it names one, and its set of coordinates."""
+        if primitive.get("material") is None:
+            return None, 0
+        return self._materials.read(primitive["material"])
+
+    def _rows(
+        self, attributes: dict[str, int], name: str, count: int, widths: tuple[int, ...], label: str
+    ) -> NDArray[np.float64] | None:
+        """Return a finite attribute of every vertex; None, with a note if it is no use."""
+        if name not in attributes:
+            return None
+        values = self._file.array(attributes[name]).astype(np.float64)
+        if len(values) != count or values.shape[1] not in widths:
+            self._left_out.note(f"{name} of {label}, which does not fit the vertices")
+            return None
+        if not np.isfinite(values).all():
+            self._left_out.note(f"{name} of {label}, which has NaN or infinity")
+            return None
+        return None if name == "NORMAL" and not values.any() else values
+
+    def _colors(
+        self, attributes: dict[str, int], count: int, label: str
+    ) -> NDArray[np.float64] | None:
+        """Return the colours of the vertices, linear."""
+        colors = self._rows(attributes, "COLOR_0", count, (3, 4), label)
+        return None if colors is None else np.clip(colors, 0.0, 1.0)
+
+    def _without_textures(self, material: Material, label: str) -> Material:
+        """Return a material for a mesh without texture coordinates: without textures."""
+        fields = [field for field in TEXTURE_FIELDS if getattr(material, field) is not None]
+        if not fields:
+            return material
+        self._left_out.note(f"textures of {label}, which has no coordinates for them")
+        if material not in self._plain:
+            self._plain[material] = replace(material, **dict.fromkeys(fields))
+        return self._plain[material]
+
+
+def join_corners(corners: NDArray[np.int64], mode: int) -> NDArray[np.int64]:
+    """
+    Return the triangles that a list of corners stands for, (F, 3).
+
+    Parameters
+    ----------
+    corners : (N,) int
+        Vertex numbers. Those of a last, incomplete triangle have no part.
+    mode : int
+        ``TRIANGLES``, ``STRIP`` or ``FAN``.
+
+    Raises
+    ------
+    ValueError
+        If the mode is none of these.
+    """
+    if mode == TRIANGLES:
+        return corners[: len(corners) // 3 * 3].reshape(-1, 3)
+    if mode not in (STRIP, FAN):
+        raise ValueError(f"its mode is {mode!r}")
+    steps = np.arange(max(len(corners) - 2, 0))
+    if mode == FAN:
+        return np.column_stack(
+            [
+                corners[steps + 1],
+                corners[steps + 2],
+                np.full(len(steps), corners[0] if len(corners) else 0),
+            ]
+        )
+    # Every second triangle of a strip is turned over.
+    odd = steps % 2
+    return np.column_stack([corners[steps], corners[steps + 1 + odd], corners[steps + 2 - odd]])

@@ -1,0 +1,225 @@
+"""
+Read glTF 2.0 files, ``.gltf`` and ``.glb``: the JSON, and the numbers and pictures that it names.
+
+References
+----------
+.. [1] The Khronos Group, "glTF 2.0 Specification" (ISO/IEC 12113:2022), sections 3.6 and 4.4.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+import struct
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote_to_bytes
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.io.skipped import MissingFileError, reason_of
+
+_GLB_MAGIC = b"glTF"
+_JSON_CHUNK, _BINARY_CHUNK = 0x4E4F534A, 0x004E4942
+_HEAD = 20
+"""Bytes before the JSON of a ``.glb``: the file's header, and the length and kind of a chunk."""
+
+COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
+"""Types of numbers, by their OpenGL names."""
+
+WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
+"""Numbers in a row of an accessor."""
+
+ONE_OF = {
+    "accessors": "accessor", "buffers": "buffer", "bufferViews": "buffer view",
+    "cameras": "camera", "images": "image", "materials": "material", "meshes": "mesh",
+    "samplers": "sampler", "textures": "texture",
+}  # fmt: skip
+"""What an entry of a list of the header is called."""
+
+MOST_ZEROS = 1 << 26
+"""Most rows of an accessor that takes no bytes of the file: a damaged count asks for no memory."""
+
+
+class GltfFile:
+    """
+    A glTF file.
+
+    Parameters
+    ----------
+    path : Path
+
+    Attributes
+    ----------
+    header : dict
+        The file's JSON.
+
+    Raises
+    ------
+    ValueError
+        If it ends too early, or holds no JSON object, or one of glTF 1.0.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._folder = path.parent
+        self._buffers: dict[int, bytes] = {}
+        text, self._chunk = _split_chunks(path.read_bytes())
+        try:
+            self.header: dict[str, Any] = json.loads(text)
+        except ValueError as error:
+            raise ValueError(f"its JSON is damaged or ends too early: {error}") from None
+        if not isinstance(self.header, dict):
+            raise ValueError("the JSON is not an object")
+        version = str(self.header.get("asset", {}).get("version", "2.0"))
+        if version.split(".")[0] != "2":
+            raise ValueError(f"it is of glTF {version}, not 2.0")
+
+    def entry(self, section: str, number: Any) -> dict[str, Any]:
+        """
+        Return an entry of a list of the header.
+
+        Raises
+        ------
+        LookupError
+            If there is none of this number.
+        """
+        entries = self.header.get(section, [])
+        if not isinstance(number, int) or not 0 <= number < len(entries):
+            kind = ONE_OF.get(section, section)
+            raise LookupError(f"the file has no {kind} {number!r} (it has {len(entries)})")
+        return entries[number]
+
+    def array(self, number: Any) -> NDArray[Any]:
+        """
+        Return what an accessor shows, (count, width); normalized whole numbers as float64.
+
+        Raises
+        ------
+        ValueError, TypeError, LookupError, OSError
+            If the accessor is incomplete or points beyond the file.
+        """
+        accessor = self.entry("accessors", number)
+        dtype, width = np.dtype(COMPONENTS[accessor["componentType"]]), WIDTHS[accessor["type"]]
+        count = _whole(accessor["count"])
+        if "bufferView" in accessor:
+            rows = self._rows(accessor, count, width, dtype)
+        elif count <= MOST_ZEROS:
+            rows = np.zeros((count, width), dtype)
+        else:
+            raise ValueError(f"accessor {number} has {count} rows and no bytes")
+        if "sparse" in accessor:
+            rows = self._with_sparse(rows, accessor["sparse"], width, dtype)
+        if accessor.get("normalized") and dtype.kind in "ui":
+            return np.maximum(rows / float(np.iinfo(dtype).max), -1.0)
+        return rows
+
+    def _with_sparse(
+        self, rows: NDArray[Any], sparse: dict[str, Any], width: int, dtype: np.dtype
+    ) -> NDArray[Any]:
+        """Return rows with those replaced that a sparse accessor says."""
+        count = _whole(sparse["count"])
+        kind = np.dtype(COMPONENTS[sparse["indices"]["componentType"]])
+        places = self._rows(sparse["indices"], count, 1, kind)[:, 0]
+        changed = rows.copy()
+        changed[places.astype(np.int64)] = self._rows(sparse["values"], count, width, dtype)
+        return changed
+
+    def _rows(self, place: dict[str, Any], count: int, width: int, dtype: np.dtype) -> NDArray[Any]:
+        """Return rows of a buffer view; NumPy checks that they lie within it."""
+        view = self.entry("bufferViews", place["bufferView"])
+        stride = _whole(view.get("byteStride", 0)) or width * dtype.itemsize
+        return np.ndarray(
+            (count, width), dtype, self._view_bytes(view), _whole(place.get("byteOffset", 0)),
+            (stride, dtype.itemsize),
+        )  # fmt: skip
+
+    def _view_bytes(self, view: dict[str, Any]) -> bytes:
+        """Return the bytes of a buffer view."""
+        start, length = _whole(view.get("byteOffset", 0)), _whole(view["byteLength"])
+        content = self._buffer(view["buffer"])[start : start + length]
+        if len(content) < length:
+            raise ValueError(f"buffer {view['buffer']} is cut short")
+        return content
+
+    def _buffer(self, number: int) -> bytes:
+        """Return the bytes of a buffer, read when they are first asked for."""
+        if number not in self._buffers:
+            buffer = self.entry("buffers", number)
+            if "uri" in buffer:
+                self._buffers[number] = self._uri_bytes(buffer["uri"])
+            elif number == 0 and self._chunk is not None:
+                self._buffers[number] = self._chunk
+            else:
+                raise ValueError(f"buffer {number} has no bytes")
+        return self._buffers[number]
+
+    def picture(self, number: Any) -> bytes:
+        """
+        Return the file of a picture.
+
+        Raises
+        ------
+        ValueError, TypeError, LookupError, OSError
+            If there is none, or it lies elsewhere than beside this file.
+        """
+        image = self.entry("images", number)
+        if "bufferView" in image:
+            return self._view_bytes(self.entry("bufferViews", image["bufferView"]))
+        return self._uri_bytes(image["uri"])
+
+    def picture_name(self, number: Any) -> str:
+        """Return what a message calls a picture: its number, and its name or its file's, if any."""
+        image = self.entry("images", number)
+        uri = image.get("uri")
+        file = uri if isinstance(uri, str) and not uri.startswith("data:") else None
+        name = file or image.get("name")
+        return f"image {number}" + (f", {str(name)[:80]!r}" if name else "")
+
+    def _uri_bytes(self, uri: str) -> bytes:
+        """Return what a data URI holds, or a file beside this one."""
+        if uri.startswith("data:"):
+            kind, _, content = uri.partition(",")
+            if kind.endswith(";base64"):
+                return base64.b64decode(content)
+            return unquote_to_bytes(content)
+        if "://" in uri:
+            raise ValueError(f"{uri[:80]} is not a file beside this one")
+        try:
+            return (self._folder / unquote_to_bytes(uri).decode("utf-8")).read_bytes()
+        except FileNotFoundError:
+            raise MissingFileError(f"the file {uri[:80]!r} beside it is missing") from None
+        except OSError as error:
+            raise ValueError(f"the file {uri[:80]!r}: {reason_of(error)}") from None
+
+
+def _split_chunks(content: bytes) -> tuple[bytes, bytes | None]:
+    """Return the JSON of a file and its binary chunk, if it has one."""
+    if content[:4] != _GLB_MAGIC:
+        return content, None
+    if len(content) < _HEAD:
+        raise ValueError(f"it ends too early, after {len(content)} bytes")
+    _, version, whole, length, kind = struct.unpack_from("<4sIIII", content)
+    if version != 2:
+        raise ValueError(f"it is of glTF {version}, not 2.0")
+    if kind != _JSON_CHUNK:
+        raise ValueError("the first chunk is not JSON")
+    end = _HEAD + length
+    if len(content) < end:
+        raise ValueError(
+            f"it ends too early, in its JSON: it has {len(content)} of {max(whole, end)} bytes"
+        )
+    if len(content) < end + 8:
+        return content[_HEAD:end], None
+    length, kind = struct.unpack_from("<II", content, end)
+    binary = content[end + 8 : end + 8 + length] if kind == _BINARY_CHUNK else None
+    return content[_HEAD:end], binary
+
+
+def _whole(value: Any) -> int:
+    """Return a whole number at least 0, or raise ``ValueError``."""
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or value != int(value):
+        raise ValueError(f"expected a whole number, got {value!r}")
+    if value < 0:
+        raise ValueError(f"expected a number at least 0, got {value!r}")
+    return int(value)

@@ -1,0 +1,228 @@
+"""
+Turn a glTF file into a scene: nodes, meshes, materials, cameras and lights, as it says.
+
+Read from the file itself: trimesh drops lights, tangents, samplers and further sets of texture
+coordinates, and what hangs on the node of a camera.
+
+References
+----------
+.. [1] The Khronos Group, "glTF 2.0 Specification" (ISO/IEC 12113:2022).
+.. [2] The Khronos Group, "KHR_lights_punctual".
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.io.gltf.content import MaterialReader, MeshReader
+from rasterjit.io.gltf.file import GltfFile
+from rasterjit.io.skipped import LeftOut, MeshFileError, reason_of
+from rasterjit.scene.camera import OrthographicCamera, PerspectiveCamera
+from rasterjit.scene.light import DirectionalLight, PointLight, SpotLight
+from rasterjit.scene.scene import Scene
+from rasterjit.scene.transforms import compose
+from rasterjit.scene.validation import in_short
+
+GLTF_FORMATS = ("gltf", "glb")
+
+_LIGHTS = "KHR_lights_punctual"
+
+UNDERSTOOD = frozenset(
+    (
+        _LIGHTS, "KHR_materials_unlit", "KHR_materials_emissive_strength", "KHR_texture_transform",
+        "KHR_mesh_quantization", "EXT_texture_webp", "KHR_materials_pbrSpecularGlossiness",
+        "KHR_draco_mesh_compression", "KHR_xmp_json_ld", "KHR_xmp",
+    )
+)  # fmt: skip
+"""Extensions that are read, have nothing to show, or are named where they stop something."""
+
+MOVING = {"skins": "skin", "animations": "animation"}
+"""Lists of the header for what moves; it is shown at rest."""
+
+
+def load_gltf(path: Path, on_invalid: str, crease_angle: float, left_out: LeftOut) -> Scene:
+    """
+    Read a ``.gltf`` or ``.glb`` file.
+
+    Parameters
+    ----------
+    path : Path
+    on_invalid : {"raise", "drop"}
+        What to do about NaN or infinite vertices, as in `Mesh`.
+    crease_angle : float
+        Degrees in 0..180, for meshes without normals.
+    left_out : LeftOut
+        Notes what the file has and the scene has not.
+
+    Raises
+    ------
+    MeshFileError
+        If the file cannot be read or shows no faces.
+    """
+    try:
+        file = GltfFile(path)
+        return _GltfScene(file, str(path), on_invalid, crease_angle, left_out).scene
+    except MeshFileError:
+        raise
+    except Exception as error:
+        # A damaged file can put anything in the place of anything.
+        reason = " ".join(str(error).split())[:300] or type(error).__name__
+        kind = path.suffix.lower()
+        raise MeshFileError(f"{path} could not be read as {kind}: {reason}") from error
+
+
+class _GltfScene:
+    """Turns the file's default scene into ``scene``."""
+
+    def __init__(
+        self, file: GltfFile, source: str, on_invalid: str, crease_angle: float, left_out: LeftOut
+    ) -> None:
+        self.scene = Scene()
+        self._file = file
+        self._source = source
+        self._left_out = left_out
+        materials = MaterialReader(file, left_out)
+        self._meshes = MeshReader(file, source, materials, on_invalid, crease_angle, left_out)
+        self._note_what_is_not_read()
+        for number, node, world_from_node in walk_nodes(file.header):
+            self._add_node(str(node.get("name", number)), node, world_from_node)
+        if not self.scene.nodes:
+            held = "no faces" if self._meshes.is_empty else "meshes but places none in its scene"
+            named = f" ({left_out})" if str(left_out) else ""
+            raise MeshFileError(f"{source} holds {held}{named}")
+
+    def _note_what_is_not_read(self) -> None:
+        """Note the extensions and movements that are not shown, by name."""
+        header = self._file.header
+        for name in dict.fromkeys(header.get("extensionsUsed", [])):
+            if name not in UNDERSTOOD:
+                self._left_out.note(f"extension {name}")
+        for section, what in MOVING.items():
+            if header.get(section):
+                self._left_out.note(what, len(header[section]))
+
+    def _add_node(self, name: str, node: dict[str, Any], world_from_node: NDArray) -> None:
+        """Add what stands at a node."""
+        if "camera" in node:
+            self._add_camera(node["camera"], world_from_node)
+        light = node.get("extensions", {}).get(_LIGHTS, {}).get("light")
+        if light is not None:
+            self._add_light(light, world_from_node)
+        if "mesh" not in node:
+            return
+        for part, mesh in enumerate(self._meshes.read(node["mesh"])):
+            label = f"{name} part {part + 1}" if part else name
+            try:
+                self.scene.add(mesh, world_from_node, label)
+            except ValueError as error:
+                raise MeshFileError(f"{self._source}: node {label!r}: {error}") from error
+
+    def _add_camera(self, number: Any, world_from_node: NDArray) -> None:
+        """Keep the first camera, which looks along its node's -z."""
+        if self.scene.camera is not None:
+            self._left_out.note("further camera")
+            return
+        eye, ahead, up = world_from_node[:3, 3], -world_from_node[:3, 2], world_from_node[:3, 1]
+        try:
+            camera = self._file.entry("cameras", number)
+            values = camera[camera["type"]]
+            clip = {"near": values["znear"], "far": values.get("zfar", math.inf)}
+            if camera["type"] == "orthographic":
+                self.scene.camera = OrthographicCamera(
+                    eye, eye + ahead, up, height=2.0 * values["ymag"], **clip
+                )
+            else:
+                fov_y = math.degrees(values["yfov"])
+                self.scene.camera = PerspectiveCamera(eye, eye + ahead, up, fov_y=fov_y, **clip)
+        except (LookupError, TypeError, ValueError, AttributeError) as error:
+            self._left_out.note(f"camera {number!r}, which cannot be used: {reason_of(error)}")
+
+    def _add_light(self, number: Any, world_from_node: NDArray) -> None:
+        """
+        Add a light, which shines along its node's -z or from its origin.
+
+        glTF's diffuse surface sends back 1/pi of the light that falls on it (lux, or candela over
+        distance squared); ours, all of it. So intensities are divided by pi.
+        """
+        position, direction = world_from_node[:3, 3], -world_from_node[:3, 2]
+        try:
+            lights = self._file.header.get("extensions", {}).get(_LIGHTS, {}).get("lights", [])
+            if not isinstance(number, int) or not 0 <= number < len(lights):
+                raise LookupError(f"the file has {len(lights)} lights")
+            light = lights[number]
+            kind, color = light["type"], light.get("color", (1.0, 1.0, 1.0))
+            intensity = _intensity(light) / math.pi
+            if kind == "directional":
+                self.scene.lights.append(DirectionalLight(direction, color, intensity))
+            elif kind == "point":
+                reach = light.get("range")
+                self.scene.lights.append(PointLight(position, color, intensity, range=reach))
+            elif kind == "spot":
+                cone = light.get("spot", {})
+                angles = cone.get("innerConeAngle", 0.0), cone.get("outerConeAngle", math.pi / 4)
+                self.scene.lights.append(
+                    SpotLight(
+                        position, direction, color, intensity,
+                        *map(math.degrees, angles), range=light.get("range"),
+                    )
+                )  # fmt: skip
+            else:
+                self._left_out.note(f"{kind} light")
+        except (LookupError, TypeError, ValueError, AttributeError) as error:
+            self._left_out.note(f"light {number!r}, which cannot be used: {reason_of(error)}")
+
+
+def _intensity(light: dict[str, Any]) -> float:
+    """Return how bright a light is, as the file says it, or raise ``ValueError``."""
+    value = light.get("intensity", 1.0)
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not value >= 0.0:
+        raise ValueError(f"intensity must be a number at least 0, got {in_short(value)}")
+    return value
+
+
+def walk_nodes(header: dict[str, Any]) -> Iterator[tuple[int, dict[str, Any], NDArray]]:
+    """Yield number, entry and ``world_from_node`` of every node of the file's scene, in order."""
+    nodes, scenes = header.get("nodes", []), header.get("scenes", [])
+    if scenes:
+        roots = scenes[header.get("scene", 0)].get("nodes", [])
+    else:
+        # A file without scenes is shown whole.
+        hanging = {child for node in nodes for child in node.get("children", [])}
+        roots = [number for number in range(len(nodes)) if number not in hanging]
+    waiting = [(number, np.eye(4)) for number in reversed(roots)]
+    seen: set[int] = set()
+    while waiting:
+        number, world_from_parent = waiting.pop()
+        if number in seen:
+            continue
+        seen.add(number)
+        node = nodes[number]
+        world_from_node = compose(world_from_parent, parent_from_node(node))
+        yield number, node, world_from_node
+        waiting += [(child, world_from_node) for child in reversed(node.get("children", []))]
+
+
+def parent_from_node(node: dict[str, Any]) -> NDArray[np.float64]:
+    """Return a node's own transform: its matrix, or translation, rotation and scale."""
+    if "matrix" in node:
+        # glTF writes matrices column by column.
+        return np.array(node["matrix"], dtype=np.float64).reshape(4, 4).T
+    x, y, z, w = node.get("rotation", (0.0, 0.0, 0.0, 1.0))
+    # A quaternion in float32 is a unit one to seven digits only.
+    squared = ((x * x + y * y) + z * z) + w * w
+    double = 2.0 / squared if squared > 0.0 else 0.0
+    matrix = np.eye(4)
+    matrix[:3, :3] = [
+        [1.0 - double * (y * y + z * z), double * (x * y - z * w), double * (x * z + y * w)],
+        [double * (x * y + z * w), 1.0 - double * (x * x + z * z), double * (y * z - x * w)],
+        [double * (x * z - y * w), double * (y * z + x * w), 1.0 - double * (x * x + y * y)],
+    ]
+    matrix[:3, :3] *= node.get("scale", (1.0, 1.0, 1.0))
+    matrix[:3, 3] = node.get("translation", (0.0, 0.0, 0.0))
+    return matrix

@@ -1,0 +1,1 @@
+"""What trimesh reads: its materials and textures, and its scenes."""

@@ -1,0 +1,305 @@
+"""Turn trimesh's scenes into ours: meshes, places, cameras and lights."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from dataclasses import replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.io.gltf.scene import GLTF_FORMATS
+from rasterjit.io.skipped import LeftOut, MeshFileError
+from rasterjit.io.trimesh.materials import (
+    MtlPictures,
+    TextureReader,
+    colors_from_trimesh,
+    material_from_trimesh,
+)
+from rasterjit.scene.camera import PerspectiveCamera
+from rasterjit.scene.light import WIDEST_CONE, DirectionalLight, PointLight, SpotLight
+from rasterjit.scene.material import TEXTURE_FIELDS, Material
+from rasterjit.scene.mesh import Mesh
+from rasterjit.scene.scene import Scene
+from rasterjit.scene.transforms import compose
+
+_TRIMESH_FAR = 1000.0
+"""The far distance of a trimesh camera that nobody set; taken as no far plane at all."""
+
+_SAME_TRANSFORM = 1e-4
+"""Share of its largest entry by which two ways to compute a transform may differ: ten times what
+trimesh repairs."""
+
+
+class TrimeshAdapter:
+    """
+    Turn trimesh objects into a scene.
+
+    Parameters
+    ----------
+    source : str
+        What messages call the file or object.
+    from_file : bool
+        Whether trimesh has just read it, so that all its normals are the file's.
+    on_invalid : {"raise", "drop"}
+        What to do about NaN or infinite vertices, as in `Mesh`.
+    crease_angle : float
+        Degrees in 0..180, for meshes without normals of their own.
+    left_out : LeftOut
+        Notes what is not shown.
+    pictures : MtlPictures, optional
+        Of an OBJ file's materials.
+    """
+
+    def __init__(
+        self,
+        source: str,
+        from_file: bool,
+        on_invalid: str,
+        crease_angle: float,
+        left_out: LeftOut,
+        pictures: MtlPictures | None = None,
+    ) -> None:
+        self.source = source
+        self.on_invalid = on_invalid
+        self.crease_angle = crease_angle
+        self.left_out = left_out
+        self.textures = TextureReader(left_out)
+        self.pictures = pictures
+        self.materials: dict[int, Material | None] = {}
+        self.from_file = from_file
+
+    def scene(self, loaded: Any) -> Scene:
+        """Return a trimesh geometry or scene as a `Scene`, or raise `MeshFileError`."""
+        import trimesh
+
+        if not isinstance(loaded, trimesh.Scene):
+            return self.scene(trimesh.Scene(loaded))
+        meshes: dict[str, Mesh] = {}
+        left: Counter[str] = Counter()
+        for name, geometry in loaded.geometry.items():
+            if isinstance(geometry, trimesh.Trimesh) and len(geometry.faces):
+                meshes[name] = self._mesh(name, geometry)
+            else:
+                left[_describe(geometry)] += 1
+        if not meshes:
+            held = f"{' and '.join(left)}, no faces" if left else "no faces"
+            raise MeshFileError(f"{self.source} holds {held}")
+        for what, count in left.items():
+            self.left_out.note(what, count)
+        scene = Scene()
+        for node in loaded.graph.nodes_geometry:
+            try:
+                rough, name = loaded.graph[node]
+            except ValueError:
+                self.left_out.note("node that hangs on no other")
+                continue
+            transform = self._world_from_node(loaded.graph, node, rough)
+            if name in meshes:
+                self._place(scene, meshes[name], transform, str(node))
+        if not scene.nodes:
+            raise MeshFileError(f"{self.source} holds meshes but places none of them in its scene")
+        self._take_camera(loaded, scene)
+        self._take_lights(loaded, scene)
+        return scene
+
+    def _world_from_node(
+        self, graph: Any, node: Any, rough: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """
+        Return a node's transform, multiplied in an order that is the same on every CPU.
+
+        trimesh takes products from BLAS, drops transforms within 1e-8 of the identity and passes
+        what is nearly rigid through an SVD.
+        ``rough`` is its transform, which stays where the steps do not lead to it.
+        """
+        steps = graph.transforms.edge_data
+        path = graph.transforms.shortest_path(graph.base_frame, node)
+        factors = []
+        for parent, child in pairwise(path):
+            if "matrix" not in steps.get((parent, child), {}):
+                return rough
+            factors.append(steps[parent, child]["matrix"])
+        try:
+            product = compose(*factors)
+        except ValueError:
+            return rough
+        return product if _nearly_equal(product, rough) else rough
+
+    def _place(self, scene: Scene, mesh: Mesh, transform: Any, name: str) -> None:
+        """Add one node, naming it in errors."""
+        try:
+            scene.add(mesh, transform, name)
+        except ValueError as error:
+            raise MeshFileError(f"{self.source}: node {name!r}: {error}") from error
+
+    def _mesh(self, name: str, geometry: Any) -> Mesh:
+        """Return one trimesh.Trimesh as a `Mesh` with normals, naming it in errors."""
+        source = getattr(geometry.source, "file_type", None)
+        colors = colors_from_trimesh(geometry, source in GLTF_FORMATS, self.left_out)
+        material, uv = None, None
+        if geometry.visual.kind == "texture":
+            # A PBR material made in memory is glTF's, as trimesh documents it.
+            material = self._material(geometry.visual.material, source in (None, *GLTF_FORMATS))
+            uv = self._finite_rows("uv", geometry.visual.uv, (len(geometry.vertices), 2))
+            if uv is None and material is not None:
+                material = self._without_textures(name, material)
+        normals = self._own_normals(geometry)
+        try:
+            mesh = Mesh(
+                geometry.vertices,
+                geometry.faces,
+                normals=normals,
+                uv=uv,
+                material=material,
+                colors=colors,
+                on_invalid=self.on_invalid,
+            )
+            return mesh if normals is not None else mesh.split_creases(self.crease_angle)
+        except ValueError as error:
+            raise MeshFileError(f"{self.source}: mesh {name!r}: {error}") from error
+
+    def _material(self, material: Any, is_gltf: bool) -> Material | None:
+        """Return a trimesh material as a `Material`, one for all meshes that share it."""
+        if id(material) not in self.materials:
+            self.materials[id(material)] = material_from_trimesh(
+                material, is_gltf, self.left_out, self.textures, self.pictures
+            )
+        return self.materials[id(material)]
+
+    def _without_textures(self, name: str, material: Material) -> Material:
+        """Return a material for a mesh without texture coordinates: without textures."""
+        fields = [field for field in TEXTURE_FIELDS if getattr(material, field) is not None]
+        if not fields:
+            return material
+        self.left_out.note(f"texture image without texture coordinates, of mesh {name!r}")
+        return replace(material, **dict.fromkeys(fields))
+
+    def _own_normals(self, geometry: Any) -> NDArray[np.float64] | None:
+        """Return the normals that somebody gave the mesh, not those that trimesh averaged."""
+        if "vertex_normals" not in geometry._cache:
+            return None
+        normals = np.asarray(geometry.vertex_normals)
+        if not self.from_file:
+            from trimesh.geometry import weighted_vertex_normals
+
+            averaged = weighted_vertex_normals(
+                len(geometry.vertices), geometry.faces, geometry.face_normals, geometry.face_angles
+            )
+            if np.array_equal(normals, averaged):
+                return None
+        if not normals.any():
+            return None
+        return self._finite_rows("normals", normals, (len(geometry.vertices), 3))
+
+    def _finite_rows(
+        self, name: str, values: Any, shape: tuple[int, int]
+    ) -> NDArray[np.float64] | None:
+        """Return values that fit the vertices, or None with a note if they do not."""
+        if values is None:
+            return None
+        array = np.asarray(values, dtype=np.float64)
+        if array.shape != shape:
+            self.left_out.note(f"{name} that do not fit the vertices")
+            return None
+        if not np.isfinite(array).all():
+            self.left_out.note(f"{name} with NaN or infinity")
+            return None
+        return array
+
+    def _take_camera(self, loaded: Any, scene: Scene) -> None:
+        """Take the camera that a trimesh scene has, never the one it would make up."""
+        if not loaded.has_camera:
+            return
+        camera = loaded.camera
+        try:
+            pose = np.asarray(loaded.camera_transform, dtype=np.float64)
+            eye = pose[:3, 3]
+            scene.camera = PerspectiveCamera(
+                eye,
+                eye - pose[:3, 2],
+                pose[:3, 1],
+                fov_y=float(camera.fov[1]),
+                near=camera.z_near,
+                far=math.inf if camera.z_far == _TRIMESH_FAR else camera.z_far,
+            )
+        except ValueError:
+            self.left_out.note("camera that is not a usable perspective")
+
+    def _take_lights(self, loaded: Any, scene: Scene) -> None:
+        """Take the lights somebody gave a trimesh scene; their bytes are linear light."""
+        lights = getattr(loaded, "_lights", None) or []
+        if _made_up(loaded, lights):
+            return
+        for light in lights:
+            pose = np.eye(4)
+            if light.name in loaded.graph.nodes:
+                pose = np.asarray(loaded.graph[light.name][0], dtype=np.float64)
+            color = np.asarray(light.color[:3], dtype=np.float64) / 255.0
+            kind = type(light).__name__
+            if kind == "DirectionalLight":
+                scene.lights.append(DirectionalLight(-pose[:3, 2], color, light.intensity))
+            elif kind == "PointLight":
+                scene.lights.append(PointLight(pose[:3, 3], color, light.intensity))
+            elif kind == "SpotLight":
+                self._take_spot(light, pose, color, scene)
+            else:
+                self.left_out.note(kind)
+
+    def _take_spot(
+        self, light: Any, pose: NDArray[np.float64], color: NDArray[np.float64], scene: Scene
+    ) -> None:
+        """Take a spot light, whose angles trimesh has in radians."""
+        try:
+            spot = SpotLight(
+                pose[:3, 3],
+                -pose[:3, 2],
+                color,
+                light.intensity,
+                inner_angle=math.degrees(light.innerConeAngle),
+                outer_angle=min(math.degrees(light.outerConeAngle), WIDEST_CONE),
+            )
+        except ValueError:
+            self.left_out.note("SpotLight without a usable cone")
+        else:
+            scene.lights.append(spot)
+
+
+def _nearly_equal(a: NDArray[np.float64], b: NDArray[np.float64]) -> bool:
+    """Tell whether two matrices are the same but for the rounding of float32 and of a repair."""
+    largest = np.abs(b).max(initial=0.0)
+    return a.shape == b.shape and bool((np.abs(a - b) <= _SAME_TRANSFORM * largest).all())
+
+
+def _made_up(loaded: Any, lights: list[Any]) -> bool:
+    """Tell the two point lights that trimesh puts at a scene's corners when asked for lights."""
+    from trimesh.scene.lighting import PointLight as TrimeshPointLight
+
+    plain = TrimeshPointLight()
+    return len(lights) == 2 and all(
+        type(light) is TrimeshPointLight
+        and light.name.startswith("light_")
+        and light.intensity == plain.intensity
+        and np.array_equal(light.color, plain.color)
+        and light.name in loaded.graph.nodes
+        and np.array_equal(loaded.graph[light.name][0][:3, 3], corner)
+        for light, corner in zip(lights, loaded.bounds, strict=True)
+    )
+
+
+def _describe(geometry: Any) -> str:
+    """Say what a geometry without faces is."""
+    kind = type(geometry).__name__
+    vertices = len(getattr(geometry, "vertices", ()))
+    if kind == "PointCloud":
+        return f"a point cloud of {vertices} points"
+    if kind == "Path2D":
+        return f"a 2-D drawing of {len(geometry.entities)} curves"
+    if kind == "Path3D":
+        return f"a 3-D path of {len(geometry.entities)} curves"
+    if kind == "Trimesh":
+        return f"a mesh of {vertices} vertices"
+    return f"a {kind}"

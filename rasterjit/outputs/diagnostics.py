@@ -1,0 +1,236 @@
+"""What became of every face of a frame, exactly, and how precise its numbers are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.outputs import diagnostics_stage
+from rasterjit.outputs.fill import metric_depth
+from rasterjit.pipeline.geometry import setup
+from rasterjit.pipeline.records import Geometry, Objects
+from rasterjit.pipeline.visibility import draw
+from rasterjit.pipeline.visibility import nearest as visibility
+from rasterjit.runtime.threads import Workers, rows_per_task
+from rasterjit.scene.camera import Camera
+from rasterjit.survey.depth_format import DepthFormat
+
+STORING = 2.0**-24
+"""Largest relative error of rounding a value to float32."""
+
+
+@dataclass(frozen=True)
+class Diagnostics:
+    """
+    What became of every face, exactly, and how precise a frame's numbers are; prints as a table.
+
+    ``faces`` is the sum of ``visible``, ``hidden``, ``sub_pixel``, ``culled``, ``degenerate``,
+    ``outside`` and ``invalid``.
+    """
+
+    faces: int
+    visible: int
+    """Seen at one pixel or more."""
+    hidden: int
+    """Cover the centre of a pixel, but are seen at none."""
+    sub_pixel: int
+    """Have area inside the image, but cover no pixel's centre: too small or too thin."""
+    culled: int
+    """Turned away from the viewer, with culling on."""
+    degenerate: int
+    """Without area once their vertices are snapped to the sub-pixel grid."""
+    outside: int
+    """No part of them lies inside the view volume and the image."""
+    invalid: int
+    """With a vertex that is one of ``invalid_vertices``; dropped."""
+    invalid_vertices: int
+    """Vertices that are NaN, infinite or beyond 1e150 in clip space, whether a face uses them or
+    not."""
+    clipped: int
+    """Faces cut at the near or far plane or the guard band; counted by their fate as well."""
+    samples: int
+    """Pixel centres that faces cover, seen or not; those under two faces count twice."""
+    pixels_covered: int
+    """Pixels that show a face."""
+    tied_pixels: int
+    """Pixels where a face lost to the one seen there at exactly equal stored depth."""
+    depth_range: tuple[float, float] | None
+    """Nearest and farthest depth seen, scene units along the viewing axis; None if no face is."""
+    stored_depth_range: tuple[float, float] | None
+    """Smallest and largest stored depth seen, no unit; greater is nearer. None if no face is."""
+    interpolation_error: float
+    """
+    Bound of the error of an interpolated vertex value, before it is stored.
+
+    No unit: at every visible pixel a value in float64 is within this times the largest magnitude of
+    the face's three vertex values, compared with exact arithmetic on the snapped vertices (clip
+    positions, where a face was clipped). Infinite if a clipped face is seen so exactly from its
+    side that nothing is certain; 0 if no face is seen.
+    """
+    attribute_error: float
+    """The same for a value stored as float32, as all outputs are; 2**-24 = 6e-8 of it is that."""
+
+    @property
+    def overdraw(self) -> float:
+        """Faces that cover a pixel which shows one, on average; 0 if none does."""
+        return self.samples / self.pixels_covered if self.pixels_covered else 0.0
+
+    def rows(self) -> list[tuple[str, str]]:
+        """Return what a table shows: names, with a leading blank for parts of a sum, and values."""
+        counts = [
+            ("faces", self.faces),
+            ("  visible", self.visible),
+            ("  hidden behind others", self.hidden),
+            ("  smaller than the pixel grid", self.sub_pixel),
+            ("  turned away", self.culled),
+            ("  without area", self.degenerate),
+            ("  outside the view", self.outside),
+            ("  invalid", self.invalid),
+            ("faces clipped", self.clipped),
+            ("vertices invalid", self.invalid_vertices),
+            ("pixels covered", self.pixels_covered),
+            ("pixels with a tie in depth", self.tied_pixels),
+        ]
+        shown = [(name, f"{count:,}") for name, count in counts]
+        shown.append(("faces over a covered pixel", f"{self.overdraw:.2f}"))
+        shown.append(("depth, scene units", _span(self.depth_range)))
+        shown.append(("stored depth", _span(self.stored_depth_range)))
+        shown.append(("error of interpolation, relative", f"{self.interpolation_error:.1e}"))
+        shown.append(("error as stored, relative", f"{self.attribute_error:.1e}"))
+        return shown
+
+    def __str__(self) -> str:
+        rows = self.rows()
+        widest = max(len(name) for name, _ in rows)
+        longest = max(len(text) for _, text in rows)
+        return "\n".join(f"{name:<{widest}}  {text:>{longest}}" for name, text in rows)
+
+
+def diagnose(
+    coverage: draw.Coverage,
+    objects: Objects,
+    geometry: Geometry,
+    camera: Camera,
+    workers: Workers,
+    depth_format: DepthFormat | None = None,
+) -> Diagnostics:
+    """
+    Look at a drawn frame once more.
+
+    Parameters
+    ----------
+    coverage : Coverage
+        With its lists.
+    objects : Objects
+    geometry : Geometry
+    camera : Camera
+    workers : Workers
+    depth_format : DepthFormat, optional
+        What its depths are rounded to; default: the camera's reversed depth in float32.
+
+    Raises
+    ------
+    ValueError
+        If the coverage was drawn without keeping its lists.
+    """
+    if coverage.lists is None:
+        raise ValueError("coverage must be drawn with keep_lists=True")
+    faces, viewport, face_id = coverage.lists.faces, geometry.viewport, coverage.face_id
+    samples, tied_pixels = _count_samples(coverage, coverage.lists, geometry, workers)
+    seen = face_id >= 0
+    shown = np.zeros(len(faces.faces), np.uint8)
+    shown[face_id[seen]] = 1
+    fates = np.empty(len(faces.faces), np.uint8)
+    diagnostics_stage.find_fates(faces, objects, coverage.screen, viewport, (samples, shown), fates)
+    counts = np.bincount(fates, minlength=diagnostics_stage.FATES).tolist()
+    codes = coverage.screen.codes[: len(geometry.clip_positions)]
+    depths = _ranges(coverage, camera, depth_format)
+    error = _largest_error(face_id, geometry, workers)
+    return Diagnostics(
+        faces=len(fates),
+        visible=counts[diagnostics_stage.VISIBLE],
+        hidden=counts[diagnostics_stage.HIDDEN],
+        sub_pixel=counts[diagnostics_stage.SUB_PIXEL],
+        culled=counts[diagnostics_stage.CULLED],
+        degenerate=counts[diagnostics_stage.DEGENERATE],
+        outside=counts[diagnostics_stage.OUTSIDE],
+        invalid=counts[diagnostics_stage.DROPPED],
+        invalid_vertices=int(np.count_nonzero(codes & setup.INVALID)),
+        clipped=coverage.totals.clipped,
+        samples=int(samples.sum()),
+        pixels_covered=int(np.count_nonzero(seen)),
+        tied_pixels=tied_pixels,
+        depth_range=depths[0],
+        stored_depth_range=depths[1],
+        interpolation_error=error,
+        # What is rounded is the value with its error.
+        attribute_error=error + STORING * (1.0 + error) if error > 0.0 else 0.0,
+    )
+
+
+def _count_samples(
+    coverage: draw.Coverage,
+    lists: draw.TileLists,
+    geometry: Geometry,
+    workers: Workers,
+) -> tuple[NDArray[np.int64], int]:
+    """Return the samples of each triangle, faces before pieces, and the pixels with a tie."""
+    starts, binned, faces = lists.starts, lists.binned, lists.faces
+    viewport = geometry.viewport
+    counts = np.zeros(len(binned), np.int32), np.zeros(len(starts) - 1, np.int64)
+
+    def count_some(tiles: NDArray[np.int32]) -> None:
+        size = setup.TILE_SIZE
+        drawing = visibility.scratch_memory(depth_type=coverage.depth.dtype)
+        scratch = drawing, np.zeros((size, size), np.uint8)
+        frame = (coverage.depth, coverage.face_id)
+        diagnostics_stage.count_samples(
+            tiles, starts, binned, faces, coverage.screen, viewport, frame, scratch, counts
+        )
+
+    tiles = np.arange(len(starts) - 1, dtype=np.int32)
+    step = draw.TILES_PER_TASK
+    workers.run(count_some, [(tiles[n : n + step],) for n in range(0, len(tiles), step)])
+    samples = np.zeros(len(faces.faces) + len(faces.pieces), np.int64)
+    np.add.at(samples, binned, counts[0])
+    return samples, int(counts[1].sum())
+
+
+def _ranges(
+    coverage: draw.Coverage, camera: Camera, depth_format: DepthFormat | None
+) -> tuple[tuple[float, float] | None, tuple[float, float] | None]:
+    """Return the range of the metric depth and that of the stored one, as outputs hold them."""
+    seen = coverage.face_id >= 0
+    stored = coverage.depth[seen]
+    if not len(stored):
+        return None, None
+    ends = np.array([stored.max(), stored.min()])
+    if depth_format is None or depth_format.is_reversed:
+        with np.errstate(over="ignore"):
+            nearest, farthest = np.float32(camera.view_depth(ends)).tolist()
+    else:
+        metric = metric_depth(depth_format, camera, coverage, seen.shape[::-1])[seen]
+        nearest, farthest = float(metric.min()), float(metric.max())
+    return (nearest, farthest), (float(ends[1]), float(ends[0]))
+
+
+def _largest_error(face_id: NDArray[np.int32], geometry: Geometry, workers: Workers) -> float:
+    """Return the largest error bound of a visible sample."""
+    height, step = len(face_id), rows_per_task(face_id.shape, workers)
+    firsts = range(0, height, step)
+    largest = np.zeros((len(firsts), 1))
+    workers.run(
+        diagnostics_stage.largest_error,
+        [
+            (face_id, (first, min(first + step, height)), geometry, largest[n])
+            for n, first in enumerate(firsts)
+        ],
+    )
+    return float(largest.max())
+
+
+def _span(ends: tuple[float, float] | None) -> str:
+    """Return a range as text."""
+    return "none" if ends is None else f"{ends[0]:.6g} to {ends[1]:.6g}"

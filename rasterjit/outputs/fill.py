@@ -1,0 +1,291 @@
+"""
+Fill the ground-truth buffers: what is known of the face and the point seen at a pixel's centre.
+
+Depths are metric here; passes that compare depths get the reversed depth, whatever was compared.
+
+All follow from the number of the face and from where on it the point lies.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.outputs import motion
+from rasterjit.outputs.motion import Motion
+from rasterjit.pipeline.geometry import barycentric as interpolation
+from rasterjit.pipeline.records import Geometry, Placement
+from rasterjit.pipeline.visibility import depth as depths
+from rasterjit.pipeline.visibility import draw
+from rasterjit.runtime.threads import Workers, fill_rows
+from rasterjit.scene.camera import Camera
+from rasterjit.survey.cache import Prepared, Shapes
+from rasterjit.survey.depth_format import DepthFormat
+from rasterjit.survey.plan import RenderPlan
+
+PIXELS_AT_ONCE = 1 << 15
+"""Pixels that NumPy does at once: their float64 copies stay in L2."""
+
+Buffers = dict[str, NDArray[Any]]
+
+SAMPLES_AT_ONCE = 1 << 15
+"""Samples whose depth is converted at once: their float64 copies stay in L2, and a small frame
+is done in one step."""
+
+
+def fill_buffers(
+    plan: RenderPlan,
+    prepared: Prepared,
+    geometry: Geometry,
+    placement: Placement,
+    coverage: draw.Coverage,
+    compared: Motion | None,
+    result: Buffers,
+    workers: Workers,
+) -> None:
+    """Make the ground-truth buffers that were asked for, but for the coverage of pixels."""
+    shapes, face_id = prepared.shapes, coverage.face_id
+    result["face_id"] = face_id
+    if "depth" in plan.outputs:
+        result["depth"] = metric_depth(
+            plan.depth_format, plan.camera, coverage, plan.size, plan.corner
+        )
+    if "barycentric" in plan.outputs:
+        result["barycentric"] = fill_barycentric(face_id, geometry, workers)
+    if "uv" in plan.outputs:
+        uv = workers.memory.empty((*face_id.shape, 2), np.float32)
+        arguments = geometry, shapes.uv, uv
+        fill_rows(interpolation.fill_attribute, face_id, arguments, workers)
+        result["uv"] = uv
+    _fill_numbers(plan, shapes, face_id, result)
+    _fill_places(plan, prepared, geometry, placement, face_id, result, workers)
+    _fill_normals(plan, prepared, geometry, placement, face_id, result, workers)
+    if compared is not None:
+        shared = face_id, geometry, shapes.arrays.face_starts
+        if "motion" in plan.outputs:
+            result["motion"] = motion.fill_motion(*shared, compared, workers)
+        if compared.sighting is not None:
+            seen = compared.before, compared.sighting
+            result["motion_visible"] = motion.fill_visible(*shared, *seen, workers)
+
+
+def _fill_numbers(
+    plan: RenderPlan, shapes: Shapes, face_id: NDArray[np.int32], result: Buffers
+) -> None:
+    """Fill the buffers of numbers that belong to whole objects, -1 where nothing is."""
+    wanted = {"object_id", "instance_id", "material_id"}.intersection(plan.outputs)
+    if not wanted:
+        return
+    object_id = shapes.object_numbers[face_id]
+    if "object_id" in wanted:
+        result["object_id"] = object_id
+    if "instance_id" in wanted:
+        result["instance_id"] = shapes.instance_numbers[object_id]
+    if "material_id" in wanted:
+        result["material_id"] = material_numbers(shapes)[object_id]
+
+
+def material_numbers(shapes: Shapes) -> NDArray[np.int32]:
+    """
+    Return the number of each object's material, (O+1,), as they are first used in the scene.
+
+    Equal materials have one number. The last entry, which object -1 finds, is -1.
+    """
+    numbers: dict[Any, int] = {}
+    # Meshes by identity first: hashing a material takes longer.
+    of_meshes = {mesh: numbers.setdefault(mesh.material, len(numbers)) for mesh in shapes.distinct}
+    return np.array([*(of_meshes[mesh] for mesh in shapes.meshes), -1], np.int32)
+
+
+def _fill_places(
+    plan: RenderPlan,
+    prepared: Prepared,
+    geometry: Geometry,
+    placement: Placement,
+    face_id: NDArray[np.int32],
+    result: Buffers,
+    workers: Workers,
+) -> None:
+    """Fill the buffers of positions, each in the space that some matrices lead to."""
+
+    def places(matrices: NDArray[np.float64]) -> NDArray[np.float32]:
+        """Return positions, (H, W, 3), where ``matrices``, (O, 3, 4), put them; NaN if nothing."""
+        position = workers.memory.empty((*face_id.shape, 3), np.float32)
+        matrices = np.ascontiguousarray(matrices)
+        arguments = geometry, placement, matrices, position
+        fill_rows(interpolation.fill_positions, face_id, arguments, workers)
+        return position
+
+    count = len(prepared.shapes.meshes)
+    if "position" in plan.outputs:
+        result["position"] = places(prepared.places.world_from_model[:, :3])
+    if "object_position" in plan.outputs:
+        result["object_position"] = places(np.tile(np.eye(3, 4), (count, 1, 1)))
+    if "nocs" in plan.outputs:
+        nocs = places(box_matrices(prepared.shapes.boxes))
+        np.clip(nocs, 0.0, 1.0, out=nocs)
+        result["nocs"] = nocs
+    if "distance" in plan.outputs:
+        relative = places(placement.relative_from_model)
+        result["distance"] = _distances(relative, plan, placement, workers)
+
+
+def box_matrices(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """
+    Return what takes each object into a cube of side 1, (O, 3, 4), given its box, (O, 2, 3).
+
+    The middle of the box goes to (1/2, 1/2, 1/2), and its diagonal has length 1 there.
+    """
+    matrices = np.zeros((len(boxes), 3, 4))
+    low, high = boxes[:, 0], boxes[:, 1]
+    with np.errstate(all="ignore"):
+        half, middle = high / 2.0 - low / 2.0, low / 2.0 + high / 2.0
+        # Scale the sides first: squares of very long or very short ones overflow or vanish.
+        largest = half.max(axis=1, keepdims=True)
+        x, y, z = (half / largest).T
+        scales = 0.5 / (largest[:, 0] * np.sqrt(x * x + y * y + z * z))
+        scales[~np.isfinite(scales)] = 0.0
+        for k in range(3):
+            matrices[:, k, k] = scales
+        offsets = 0.5 - middle * scales[:, np.newaxis]
+    matrices[:, :, 3] = np.where(np.isfinite(offsets), offsets, 0.5)
+    return matrices
+
+
+def _distances(
+    relative: NDArray[np.float32],
+    plan: RenderPlan,
+    placement: Placement,
+    workers: Workers,
+) -> NDArray[np.float32]:
+    """Return how far points (H, W, 3), relative to the eye, are from it, (H, W); inf for NaN."""
+    height, width, _ = relative.shape
+    distance = workers.memory.empty((height, width), np.float32)
+    x, y, z = plan.camera.view_matrix()[2, :3].tolist()
+    size = np.sqrt(x * x + y * y + z * z)
+    is_parallel = placement.toward_viewer[3] == 0.0
+
+    def measure_some(first: int) -> None:
+        some = slice(first, first + rows)
+        right, up, back = (relative[some, :, k].astype(np.float64) for k in range(3))
+        with np.errstate(over="ignore"):
+            if is_parallel:
+                far = -((x * right + y * up) + z * back) / size
+            else:
+                far = np.sqrt((right * right + up * up) + back * back)
+            distance[some] = np.where(np.isnan(far), np.inf, far)
+
+    rows = max(1, PIXELS_AT_ONCE // width)
+    workers.run(measure_some, [(first,) for first in range(0, height, rows)])
+    return distance
+
+
+def _fill_normals(
+    plan: RenderPlan,
+    prepared: Prepared,
+    geometry: Geometry,
+    placement: Placement,
+    face_id: NDArray[np.int32],
+    result: Buffers,
+    workers: Workers,
+) -> None:
+    """Fill the buffers of normals, world space, zero where nothing is."""
+    looks = prepared.looks
+    # The kernel is the same without smooth normals: it is given an empty table.
+    flat = np.zeros((1, 3), np.float32), np.zeros_like(looks.is_smooth)
+    smooth = (looks.normals, looks.is_smooth) if plan.needs_normals else flat
+    for name, given in (("normal", smooth), ("geometric_normal", flat)):
+        if name in plan.outputs:
+            normal = workers.memory.empty((*face_id.shape, 3), np.float32)
+            arguments = geometry, placement, given, normal
+            fill_rows(interpolation.fill_normals, face_id, arguments, workers)
+            result[name] = normal
+
+
+def add_reversed_depth(
+    depth_format: DepthFormat,
+    camera: Camera,
+    geometry: Geometry,
+    coverage: draw.Coverage,
+    workers: Workers,
+) -> draw.Coverage:
+    """
+    Return the coverage with the reversed depth of what is seen, and that of the vertices.
+
+    Where depths were compared in another way they are found anew for the faces that were seen, so
+    that nothing is rounded to the format.
+
+    Parameters
+    ----------
+    depth_format : DepthFormat
+    camera : Camera
+    geometry : Geometry
+    coverage : Coverage
+        Its depth is kept.
+    workers : Workers
+    """
+    depth, vertex_depths = coverage.depth, coverage.screen.depth
+    if not depth_format.is_reversed:
+        coefficients = camera.depth_coefficients()
+        vertex_depths = _reversed_vertices(depth_format, coefficients, coverage)
+        depth = workers.memory.empty(coverage.face_id.shape, np.float32)
+        arguments = geometry, vertex_depths, coefficients, depth
+        fill_rows(depths.fill_depths, coverage.face_id, arguments, workers)
+    elif depth.dtype != np.float32:
+        depth = depth.astype(np.float32)
+    return coverage._replace(reversed_depth=depth, reversed_vertex_depth=vertex_depths)
+
+
+def _reversed_vertices(
+    depth_format: DepthFormat,
+    coefficients: tuple[float, float, float],
+    coverage: draw.Coverage,
+) -> NDArray[np.float64]:
+    """Return the reversed depth of the vertices; of those behind the eye anything."""
+    _, deeper, rest = depth_format.coefficients
+    c0, c1, c2 = coefficients
+    screen = coverage.screen
+    with np.errstate(all="ignore"):
+        return (c0 / screen.w + c1 * ((screen.depth - rest) / deeper)) + c2
+
+
+def metric_depth(
+    depth_format: DepthFormat,
+    camera: Camera,
+    coverage: draw.Coverage,
+    size: tuple[int, int],
+    corner: tuple[int, int] = (0, 0),
+) -> NDArray[np.float32]:
+    """
+    Return the depth in scene units along the viewing axis; ``inf`` where nothing is.
+
+    What the depth format holds: infinite beyond its last step before an infinite far plane. Takes
+    the size of the whole picture, and column and row of the first pixel of this part of it.
+    """
+    depth = np.full(coverage.depth.shape, np.inf, np.float32)
+    (width, height), (left, top) = size, corner
+    rows = max(1, SAMPLES_AT_ONCE // depth.shape[1])
+    for row in range(0, len(depth), rows):
+        band = slice(row, row + rows)
+        seen = coverage.face_id[band] >= 0
+        stored = coverage.depth[band][seen]
+        if not depth_format.is_reversed:
+            down, across = np.nonzero(seen)
+            x = (2.0 * (left + across) + 1.0) / width - 1.0
+            y = 1.0 - (2.0 * (top + row + down) + 1.0) / height
+            stored = depth_format.reversed_depth(stored, x, y)
+        with np.errstate(over="ignore"):
+            depth[band][seen] = camera.view_depth(stored)
+    return depth
+
+
+def fill_barycentric(
+    face_id: NDArray[np.int32], geometry: Geometry, workers: Workers
+) -> NDArray[np.float32]:
+    """Return the weights of each sample, (H, W, 3); zero where nothing is."""
+    barycentric = workers.memory.empty((*face_id.shape, 3), np.float32)
+    arguments = geometry, barycentric
+    fill_rows(interpolation.fill_barycentric, face_id, arguments, workers)
+    return barycentric

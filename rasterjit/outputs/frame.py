@@ -1,0 +1,457 @@
+"""What a render returns: the outputs that were asked for, and what it took to make them."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterable
+from dataclasses import InitVar, dataclass, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.io import images
+from rasterjit.outputs import save as saving
+from rasterjit.outputs.diagnostics import Diagnostics
+from rasterjit.outputs.table import OUTPUTS
+from rasterjit.scene.quality import Quality
+from rasterjit.survey.plan import RenderPlan
+
+if TYPE_CHECKING:
+    from rasterjit.outputs.masks import ObjectMask
+
+
+class OutputNotRequestedError(AttributeError, ValueError):
+    """An output was read that the render was not asked for."""
+
+
+@dataclass(frozen=True, repr=False)
+class Stats:
+    """
+    What became of the triangles, and where the time went.
+
+    ``triangles_in`` is the sum of ``outside``, ``culled``, ``degenerate``, ``unsampled``,
+    ``invalid`` and ``drawn``.
+
+    Parameters
+    ----------
+    face_id : (H, W) int32
+        -1 where nothing is; let go when its pixels have been counted.
+    """
+
+    triangles_in: int
+    outside: int
+    """Wholly outside the view volume."""
+    culled: int
+    """Turned away from the viewer, with culling on."""
+    degenerate: int
+    """Without area once their vertices are snapped."""
+    unsampled: int
+    """So small that they hold no pixel's centre, or beside the image."""
+    invalid: int
+    """With a vertex that is NaN, infinite or beyond 1e150 in clip space."""
+    drawn: int
+    clipped: int
+    """Cut at the near or far plane or the guard band; counted by their outcome as well."""
+    seconds: dict[str, float]
+    """Seconds of each stage, in order; ``compile`` is apart and not part of any other."""
+    face_id: InitVar[NDArray[np.int32]]
+
+    def __post_init__(self, face_id: NDArray[np.int32]) -> None:
+        object.__setattr__(self, "_covered", face_id)
+
+    def __repr__(self) -> str:
+        names = [field.name for field in fields(self)]
+        names.insert(names.index("seconds"), "pixels_covered")
+        return f"Stats({', '.join(f'{name}={getattr(self, name)!r}' for name in names)})"
+
+    @property
+    def pixels_covered(self) -> int:
+        """
+        Pixels that show a face; counted when first asked for.
+
+        0 if the edges alone are drawn and no other output asks for the faces.
+        """
+        covered = self._covered
+        if not isinstance(covered, int):
+            covered = int(np.count_nonzero(covered >= 0))
+            object.__setattr__(self, "_covered", covered)
+        return covered
+
+
+@dataclass(frozen=True)
+class Choice:
+    """
+    Which quality was chosen for a frame, and what was expected of it.
+
+    Attributes
+    ----------
+    quality : Quality
+    predicted_seconds : float or None
+        What the frame was expected to take; ``None`` where nobody knew.
+    seconds : float
+        What it took, without compiling.
+    predicted_error : float or None
+        Root mean square difference from the reference in linear light, where it was asked for.
+    """
+
+    quality: Quality
+    predicted_seconds: float | None
+    seconds: float
+    predicted_error: float | None = None
+
+
+class Frame:
+    """
+    One rendered frame.
+
+    Only the outputs that were asked for exist; reading another raises an error that names it. Rows
+    run from the top; the centre of pixel (column i, row j) is at (i + 0.5, j + 0.5).
+
+    Attributes
+    ----------
+    plan : RenderPlan
+        What was decided for this frame.
+    stats : Stats
+    choice : Choice or None
+        Which quality was chosen, where ``max_error`` or ``time_budget`` asked for it.
+    """
+
+    def __init__(
+        self,
+        outputs: dict[str, NDArray[Any]],
+        plan: RenderPlan,
+        stats: Stats,
+        diagnostics: Diagnostics | None = None,
+    ) -> None:
+        self._outputs = outputs
+        self.plan = plan
+        self.stats = stats
+        self.choice: Choice | None = None
+        self._diagnostics = diagnostics
+
+    def __repr__(self) -> str:
+        width, height = self.plan.size
+        return f"Frame({width} x {height}: {', '.join(self._outputs)})"
+
+    @property
+    def color(self) -> NDArray[np.uint8]:
+        """(H, W, 4) uint8: red, green, blue in sRGB, and alpha (linear, not premultiplied)."""
+        return self._output("color")
+
+    @property
+    def linear(self) -> NDArray[np.float32]:
+        """(H, W, 4) float32: linear colour and alpha, before rounding and without the wireframe."""
+        return self._output("linear")
+
+    @property
+    def depth(self) -> NDArray[np.float32]:
+        """(H, W) float32: scene units along the viewing axis; ``inf`` where nothing is."""
+        return self._output("depth")
+
+    @property
+    def face_id(self) -> NDArray[np.int32]:
+        """(H, W) int32: face number, counted through all objects in order; -1 where nothing is."""
+        return self._output("face_id")
+
+    @property
+    def object_id(self) -> NDArray[np.int32]:
+        """(H, W) int32: object number in the order of the scene; -1 where nothing is."""
+        return self._output("object_id")
+
+    @property
+    def barycentric(self) -> NDArray[np.float32]:
+        """(H, W, 3) float32: perspective-correct weights of the face's vertices; 0 if nothing."""
+        return self._output("barycentric")
+
+    @property
+    def uv(self) -> NDArray[np.float32]:
+        """(H, W, 2) float32: texture coordinates; NaN where nothing is or an object has none."""
+        return self._output("uv")
+
+    @property
+    def normal(self) -> NDArray[np.float32]:
+        """(H, W, 3) float32: world-space unit normal of the side that is seen; 0 if nothing."""
+        return self._output("normal")
+
+    @property
+    def position(self) -> NDArray[np.float32]:
+        """(H, W, 3) float32: world-space position; NaN where nothing is."""
+        return self._output("position")
+
+    @property
+    def distance(self) -> NDArray[np.float32]:
+        """
+        (H, W) float32: scene units from the eye to the point, along the ray; ``inf`` if nothing.
+
+        Lines of sight that are parallel start at the plane of the eye: it is the depth.
+        """
+        return self._output("distance")
+
+    @property
+    def object_position(self) -> NDArray[np.float32]:
+        """(H, W, 3) float32: model-space position, units of the mesh; NaN where nothing is."""
+        return self._output("object_position")
+
+    @property
+    def nocs(self) -> NDArray[np.float32]:
+        """
+        (H, W, 3) float32: normalized object coordinates, 0..1; NaN where nothing is.
+
+        The model-space position in the box of the finite vertices that belong to a face of the
+        object, whose middle is at (1/2, 1/2, 1/2) and whose diagonal has length 1 [1]_.
+
+        References
+        ----------
+        .. [1] H. Wang and others, "Normalized Object Coordinate Space for Category-Level 6D Object
+           Pose and Size Estimation", CVPR 2019.
+        """
+        return self._output("nocs")
+
+    @property
+    def geometric_normal(self) -> NDArray[np.float32]:
+        """
+        (H, W, 3) float32: world-space unit normal of the face's plane, of the side that is seen.
+
+        Without unit; 0 where nothing is. ``normal`` is interpolated on smooth objects instead.
+        """
+        return self._output("geometric_normal")
+
+    @property
+    def material_id(self) -> NDArray[np.int32]:
+        """
+        (H, W) int32: number of the object's material as first used in the scene; -1 if nothing.
+
+        Materials that are equal have one number: equal settings, the same name and textures.
+        """
+        return self._output("material_id")
+
+    @property
+    def instance_id(self) -> NDArray[np.int32]:
+        """
+        (H, W) int32: number of the object among those that share its mesh; -1 where nothing is.
+
+        From 0 in the order of the scene. Objects of one `Mesh` are its instances, while
+        ``object_id`` counts through all objects.
+        """
+        return self._output("instance_id")
+
+    @property
+    def coverage(self) -> NDArray[np.float32]:
+        """
+        (H, W) float32: share of the pixel that any face covers, 0..1, whatever its alpha.
+
+        Of its ``quality.samples``, or of its area with ``"area"``. Cut-out holes are not covered.
+        """
+        return self._output("coverage")
+
+    @property
+    def motion(self) -> NDArray[np.float32]:
+        """
+        (H, W, 2) float32: where the point is now less where it was before, pixels right and down.
+
+        NaN where nothing is, or where the point was not in front of the eye. Subtracting it from a
+        pixel's centre leads to its place in the previous picture: backward optical flow is its
+        negative.
+        """
+        return self._output("motion")
+
+    @property
+    def motion_visible(self) -> NDArray[np.bool_]:
+        """
+        (H, W) bool: whether the point was seen before; False where nothing is.
+
+        That is: it was inside the previous picture and its view volume, its face was drawn, and
+        nothing hid it. Of what the previous picture shows at the centre of the pixel that held the
+        point, another face hides it if its plane is nearer both at that centre, than the plane of
+        the point's own face, and at the point. So edges are as fine as pixels.
+        """
+        return self._output("motion_visible")
+
+    @property
+    def diagnostics(self) -> Diagnostics:
+        """What became of every face, and how precise the numbers are; needs ``diagnose=True``."""
+        if self._diagnostics is None:
+            raise OutputNotRequestedError(
+                "diagnostics were not made: ask for them with diagnose=True"
+            )
+        return self._diagnostics
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Return all outputs by name."""
+        return dict(self._outputs)
+
+    def save(
+        self,
+        path: str | Path,
+        outputs: str | Iterable[str] | None = None,
+        *,
+        scale: float | None = None,
+    ) -> None:
+        """
+        Write the colour to an image file, or outputs to a file that holds them exactly.
+
+        Parameters
+        ----------
+        path : str or Path
+            The format follows the extension:
+
+            - ``.npz``: arrays by name; ``.npy``: one array.
+            - ``.exr`` (needs ``rasterjit[exr]``): float32 channels under the names that other
+              programs know: R, G, B, A (linear light, multiplied by alpha), Z for the depth,
+              ``normal.X``, ``position.X``, ``uv.U``, ``distance`` and so on; numbers of faces and
+              objects as uint32, one more than they are.
+            - ``.png`` of any output but the colour: 16 bits a channel, see below.
+            - Other images (``.jpg``, ``.webp``, ``.tif`` ...): the colour.
+        outputs : str or iterable of str, optional
+            What to write. Default: the colour to an image, everything to the other formats.
+        scale : float, optional
+            For a ``.png`` of floats: scene units a code; 0.001 stores millimetres of metres. By
+            default chosen from this frame's own range, so give it where frames are compared.
+
+        Raises
+        ------
+        ValueError
+            If the format is unknown, the folder does not exist, this frame does not have the
+            output, or it does not fit the format. Nothing is written.
+        ImportError
+            If an EXR is asked for and OpenEXR is not installed.
+        OSError
+            If the system refuses to write the file; what was there before is whole.
+
+        Notes
+        -----
+        In a 16-bit PNG code 0 is nothing, and the others mean ``code * scale + offset``; both are
+        in its text, with the unit. Numbers are one more than they are, normals
+        ``32768 + 32767 n``, motion ``32768 + 64 pixels`` as in the KITTI flow benchmark.
+        """
+        formats = dict.fromkeys((*saving.FORMATS, *images.IMAGE_FORMATS))
+        place = images.checked_path(path, formats)
+        suffix = place.suffix.lower()
+        is_image = suffix in images.IMAGE_FORMATS
+        if outputs is None and is_image:
+            self._output("color")
+            outputs = "color"
+        arrays = saving.chosen(self._outputs, outputs)
+        if suffix in saving.FORMATS:
+            saving.save_outputs(place, arrays, scale=scale)
+        elif list(arrays) == ["color"] and scale is None:
+            images.save_image(place, self.color)
+        else:
+            raise ValueError(
+                f"path {str(path)!r}: {suffix} holds the colour alone, without a scale; "
+                f"got outputs {', '.join(arrays)}: choose one of {', '.join(saving.FORMATS)}"
+            )
+
+    def masks(self, output: str = "object_id") -> tuple[ObjectMask, ...]:
+        """
+        Return the pixels of each object that is seen, with its box, its area and its COCO code.
+
+        Parameters
+        ----------
+        output : str
+            Output of whole numbers that tells things apart: ``"object_id"``, ``"face_id"``, ...
+
+        Returns
+        -------
+        tuple of ObjectMask
+            In the order of the numbers; see `rasterjit.masks`.
+
+        Raises
+        ------
+        ValueError
+            If this frame does not have the output, or it holds no whole numbers.
+        """
+        from rasterjit.outputs.masks import find
+
+        return find(self._output(output))
+
+    def _repr_png_(self) -> bytes | None:
+        """Show the colour in a notebook."""
+        if "color" not in self._outputs:
+            return None
+        import imageio.v3 as iio
+
+        data = io.BytesIO()
+        iio.imwrite(data, self.color, extension=".png")
+        return data.getvalue()
+
+    def _output(self, name: str) -> NDArray[Any]:
+        if name not in self._outputs:
+            raise OutputNotRequestedError(
+                f"{name} was not rendered: ask for it with outputs=(..., {name!r}); "
+                f"this frame has {', '.join(o for o in OUTPUTS if o in self._outputs)}"
+            )
+        return self._outputs[name]
+
+
+class LayeredFrame(Frame):
+    """
+    The nearest surfaces of each pixel, one behind the other; `render_layers` returns it.
+
+    Outputs are those of a `Frame` with an axis of K layers in front, nearest first: ``depth`` is
+    (K, H, W), ``normal`` (K, H, W, 3), and so on. Where a pixel has fewer surfaces they hold what
+    they hold where nothing is.
+
+    Attributes
+    ----------
+    plan : RenderPlan
+    stats : Stats
+        Of the first layer.
+    """
+
+    def __repr__(self) -> str:
+        width, height = self.plan.size
+        count = self.plan.surfaces
+        return f"LayeredFrame({count} layers, {width} x {height}: {', '.join(self._outputs)})"
+
+    def save(
+        self,
+        path: str | Path,
+        outputs: str | Iterable[str] | None = None,
+        *,
+        scale: float | None = None,
+    ) -> None:
+        """
+        Write all layers of outputs to a file that holds them exactly.
+
+        Parameters
+        ----------
+        path : str or Path
+            The format follows the extension: ``.npz`` (arrays by name, (K, H, W, ...)), ``.npy``
+            (one array), or ``.exr`` (needs ``rasterjit[exr]``): the channels of `Frame.save` for
+            each layer, ``layer0.Z``, ``layer1.normal.X`` and so on.
+        outputs : str or iterable of str, optional
+            What to write. Default: everything.
+        scale : None
+            For pictures, which hold no layers.
+
+        Raises
+        ------
+        ValueError
+            If the format holds no layers, the folder does not exist, this frame does not have the
+            output, or it does not fit the format. Nothing is written.
+        ImportError
+            If an EXR is asked for and OpenEXR is not installed.
+        OSError
+            If the system refuses to write the file; what was there before is whole.
+        """
+        if scale is not None:
+            raise ValueError(f"scale must be None for layers, got {scale!r}")
+        saving.save_layers(path, saving.chosen(self._outputs, outputs))
+
+    def masks(self, output: str = "object_id") -> tuple[ObjectMask, ...]:
+        """
+        Refuse: a mask is of one layer.
+
+        Raises
+        ------
+        ValueError
+            That says how to find those of a layer.
+        """
+        self._output(output)
+        raise ValueError(
+            f"masks are of one layer, and this frame has {self.plan.surfaces}: use "
+            f"rasterjit.masks.find(frame.{output}[0]) for the first"
+        )

@@ -1,0 +1,358 @@
+"""
+Masks of objects, their boxes and areas, and COCO annotations of them.
+
+COCO codes a mask as the lengths of its runs: the pixels are taken column by column, from the top,
+and the first run is of pixels outside, of length 0 if the first pixel is inside. Compressed, each
+length but the first three is what it differs by from the one two before, in groups of five bits
+from the lowest, each in a printable character from ``"0"`` on, with the sixth bit set where more
+follow.
+
+References
+----------
+.. [1] T.-Y. Lin et al., "Microsoft COCO: Common Objects in Context", ECCV 2014; cocodataset.org,
+   "Data format".
+.. [2] COCO API, ``common/maskApi``: the format of compressed masks.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rasterjit.io.images import checked_path, replacing
+from rasterjit.scene.validation import in_short
+
+_GROUP_BITS, _GROUP, _SIGN, _MORE, _ZERO = 5, 0x1F, 0x10, 0x20, 48
+"""Of a compressed length: bits a character holds, their mask, the sign, that more follow, "0"."""
+_MOST_SHORT = 65535
+"""Largest number of 16 bits."""
+_MOST_GROUPS = 13
+"""Characters that a 64-bit number takes at most."""
+_LONGEST = 1 << 63
+"""First length that 64 bits do not hold."""
+
+
+@dataclass(frozen=True, eq=False)
+class ObjectMask:
+    """
+    The pixels of one object.
+
+    Attributes
+    ----------
+    id : int
+        Its number in the image that it was found in.
+    size : (int, int)
+        Height and width of the image, pixels: COCO's order.
+    counts : (N,) int64
+        Lengths of the runs, column by column: outside, inside, outside ...
+    box : (int, int, int, int)
+        Left column, top row, width and height of what is seen of it, pixels.
+    area : int
+        Pixels that show it.
+    """
+
+    id: int
+    size: tuple[int, int]
+    counts: NDArray[np.int64]
+    box: tuple[int, int, int, int]
+    area: int
+
+    def array(self) -> NDArray[np.bool_]:
+        """Return the mask, (H, W) bool."""
+        return decode(self.rle())
+
+    def rle(self) -> dict[str, Any]:
+        """Return COCO's uncompressed code: ``{"size": [H, W], "counts": [int, ...]}``."""
+        return {"size": list(self.size), "counts": self.counts.tolist()}
+
+    def compressed_rle(self) -> dict[str, Any]:
+        """Return COCO's compressed code: ``{"size": [H, W], "counts": str}``."""
+        return {"size": list(self.size), "counts": compress(self.counts)}
+
+
+def find(ids: ArrayLike) -> tuple[ObjectMask, ...]:
+    """
+    Return the mask of every number in an image.
+
+    Parameters
+    ----------
+    ids : (H, W) array_like of int
+        Such as ``Frame.object_id``; negative numbers are nothing.
+
+    Raises
+    ------
+    ValueError
+        If ``ids`` is not such an array.
+    """
+    numbers = np.asarray(ids)
+    if numbers.ndim != 2 or numbers.dtype.kind not in "iu" or numbers.size == 0:
+        raise ValueError(f"ids must be (H, W) whole numbers, not empty; got {in_short(numbers)}")
+    columns = np.ascontiguousarray(numbers.T).ravel()
+    places = np.flatnonzero(columns >= 0)
+    if not len(places):
+        return ()
+    keys = columns[places]
+    if keys.max() <= _MOST_SHORT:
+        # NumPy sorts 16 bits by their digits, in half the time.
+        keys = keys.astype(np.uint16)
+    # Column by column inside each number.
+    order = np.argsort(keys, kind="stable")
+    places, keys = places[order], keys[order]
+    starts = np.flatnonzero(np.diff(keys.astype(np.int64), prepend=-1))
+    return tuple(
+        _mask(int(keys[start]), own, numbers.shape)
+        for start, own in zip(starts, np.split(places, starts[1:]), strict=True)
+    )
+
+
+def encode(mask: ArrayLike) -> ObjectMask:
+    """
+    Return a mask with its box, area and codes; its ``id`` is 1.
+
+    Parameters
+    ----------
+    mask : (H, W) array_like of bool
+        It may be empty: then the box is 0, 0, 0, 0.
+
+    Raises
+    ------
+    ValueError
+        If ``mask`` is not such an array.
+    """
+    inside = np.asarray(mask)
+    if inside.ndim != 2 or inside.dtype != bool or inside.size == 0:
+        raise ValueError(f"mask must be (H, W) bool, not empty; got {in_short(inside)}")
+    return _mask(1, np.flatnonzero(np.ascontiguousarray(inside.T)), inside.shape)
+
+
+def decode(rle: Mapping[str, Any]) -> NDArray[np.bool_]:
+    """
+    Return the mask, (H, W) bool, of a COCO code.
+
+    Parameters
+    ----------
+    rle : mapping
+        ``size``: [H, W]; ``counts``: a list of int, or the compressed str or bytes.
+
+    Raises
+    ------
+    ValueError
+        If ``rle`` is no such mapping, or its counts do not add up to H W.
+    """
+    try:
+        height, width = (int(side) for side in rle["size"])
+        counts = rle["counts"]
+        if isinstance(counts, (str, bytes)):
+            counts = decompress(counts)
+        lengths = np.asarray(counts)
+        if lengths.size and lengths.dtype.kind not in "iu":
+            raise TypeError
+        lengths = lengths.astype(np.int64)
+    except (KeyError, IndexError, TypeError, ValueError, OverflowError):
+        raise ValueError(f"rle must hold size [H, W] and counts, got {in_short(rle)}") from None
+    if height < 0 or width < 0:
+        raise ValueError(f"rle must have a size of at least 0, got {height} x {width}")
+    if lengths.ndim != 1 or (lengths < 0).any() or sum(lengths.tolist()) != height * width:
+        raise ValueError(f"rle must have counts that add up to {height} x {width} pixels")
+    inside = np.arange(len(lengths)) % 2 == 1
+    return np.ascontiguousarray(np.repeat(inside, lengths).reshape(width, height).T)
+
+
+def compress(counts: ArrayLike) -> str:
+    """
+    Return run lengths as COCO's string.
+
+    Parameters
+    ----------
+    counts : (N,) array_like of int
+
+    Raises
+    ------
+    ValueError
+        If ``counts`` are no whole numbers of at least 0.
+    """
+    lengths = np.asarray(counts)
+    if lengths.ndim != 1 or lengths.dtype.kind not in "iu" or (lengths < 0).any():
+        raise ValueError(f"counts must be whole numbers from 0, got {in_short(counts)}")
+    left = lengths.astype(np.int64)
+    left[3:] -= lengths[1:-2].astype(np.int64)
+    codes = np.zeros((len(left), _MOST_GROUPS), np.uint8)
+    used = np.zeros(codes.shape, bool)
+    going = np.ones(len(left), bool)
+    for group in range(_MOST_GROUPS):
+        used[:, group] = going
+        bits = left & _GROUP
+        left >>= _GROUP_BITS
+        # What is left must be nothing but the sign of what is written.
+        more = left != np.where(bits & _SIGN, -1, 0)
+        codes[:, group] = bits + np.where(more, _MORE, 0) + _ZERO
+        going = going & more
+        if not going.any():
+            break
+    return codes[used].tobytes().decode("ascii")
+
+
+def decompress(text: str | bytes) -> NDArray[np.int64]:
+    """
+    Return the run lengths, (N,) int64, of COCO's string.
+
+    Raises
+    ------
+    ValueError
+        If ``text`` is no such string.
+    """
+    if not isinstance(text, (str, bytes, bytearray)):
+        raise ValueError(f"text must be a compressed mask, got {in_short(text)}")
+    data = text.encode("utf-8", "surrogatepass") if isinstance(text, str) else bytes(text)
+    lengths: list[int] = []
+    value = shift = 0
+    for byte in data:
+        code = byte - _ZERO
+        if not 0 <= code < 2 * _MORE or shift >= _MOST_GROUPS * _GROUP_BITS:
+            raise ValueError(f"text must be a compressed mask, got {in_short(text)}")
+        value |= (code & _GROUP) << shift
+        shift += _GROUP_BITS
+        if code & _MORE:
+            continue
+        if code & _SIGN:
+            value -= 1 << shift
+        lengths.append(value + (lengths[-2] if len(lengths) > 2 else 0))
+        value = shift = 0
+        if not -_LONGEST <= lengths[-1] < _LONGEST:
+            raise ValueError(f"text must be a compressed mask, got {in_short(text)}")
+    if shift:
+        raise ValueError(f"text must be a whole compressed mask, got {in_short(text)}")
+    return np.array(lengths, np.int64)
+
+
+def coco(
+    images: Iterable[tuple[str, ArrayLike]],
+    categories: Sequence[str] | Mapping[int, str],
+    *,
+    info: Mapping[str, Any] | None = None,
+) -> dict[str, Any]:
+    """
+    Return a COCO instance annotation of images: what its JSON file holds.
+
+    Parameters
+    ----------
+    images : iterable of (str, (H, W) array_like of int)
+        File name and numbers of the objects, such as ``Frame.object_id``, of each image.
+    categories : sequence of str, or mapping of int to str
+        The category of each object, by its number. Objects without one are left out: the floor,
+        say.
+    info : mapping, optional
+        What the annotation says of itself.
+
+    Returns
+    -------
+    dict
+        ``info``, ``images``, ``annotations`` and ``categories``, numbered from 1. Segmentations are
+        compressed run lengths, boxes [x, y, width, height], areas pixels; each annotation holds its
+        object's number as ``object_id``, too.
+
+    Raises
+    ------
+    ValueError
+        If ``images`` or ``categories`` are no such things.
+    """
+    named = _categories(categories)
+    numbered = {name: number for number, name in enumerate(dict.fromkeys(named.values()), 1)}
+    document: dict[str, Any] = {
+        "info": dict(info or {}),
+        "images": [],
+        "annotations": [],
+        "categories": [{"id": number, "name": name} for name, number in numbered.items()],
+    }
+    for image_id, image in enumerate(images, 1):
+        try:
+            file_name, ids = image
+        except (TypeError, ValueError):
+            raise ValueError(
+                f"images must be pairs of a file name and numbers, got {in_short(image)}"
+            ) from None
+        if not isinstance(file_name, str):
+            raise ValueError(f"images must have file names, got {in_short(file_name)}")
+        height, width = np.shape(ids) if np.ndim(ids) == 2 else (0, 0)
+        masks = find(ids)
+        document["images"].append(
+            {"id": image_id, "file_name": file_name, "width": width, "height": height}
+        )
+        document["annotations"] += [
+            {
+                "id": len(document["annotations"]) + place,
+                "image_id": image_id,
+                "category_id": numbered[named[mask.id]],
+                "object_id": mask.id,
+                "segmentation": mask.compressed_rle(),
+                "bbox": list(mask.box),
+                "area": mask.area,
+                "iscrowd": 0,
+            }
+            for place, mask in enumerate((m for m in masks if m.id in named), 1)
+        ]
+    return document
+
+
+def save_coco(
+    path: str | Path,
+    images: Iterable[tuple[str, ArrayLike]],
+    categories: Sequence[str] | Mapping[int, str],
+    *,
+    info: Mapping[str, Any] | None = None,
+) -> None:
+    """
+    Write a COCO instance annotation, whole or not at all; takes what `coco` takes.
+
+    Raises
+    ------
+    ValueError
+        If the path does not end in ``.json``, its folder does not exist, or as for `coco`.
+    OSError
+        If the file cannot be written; an existing one is left as it was.
+    """
+    place = checked_path(path, (".json",))
+    text = json.dumps(coco(images, categories, info=info))
+    with replacing(place) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def _categories(categories: Any) -> dict[int, str]:
+    """Return the category of each object by its number, or raise ``ValueError``."""
+    if isinstance(categories, Mapping):
+        named = dict(categories)
+    elif isinstance(categories, Sequence) and not isinstance(categories, (str, bytes)):
+        named = dict(enumerate(categories))
+    else:
+        raise ValueError(
+            f"categories must be names by the objects' numbers, got {in_short(categories)}"
+        )
+    for number, name in named.items():
+        if not isinstance(number, (int, np.integer)) or not isinstance(name, str) or not name:
+            raise ValueError(f"categories must be names by number, got {number!r}: {name!r}")
+    return {int(number): name for number, name in named.items()}
+
+
+def _mask(number: int, places: NDArray[np.int64], shape: tuple[int, ...]) -> ObjectMask:
+    """Return the mask of ascending places, counted column by column."""
+    height, width = shape
+    # Split where the next place is not the next pixel.
+    first = np.flatnonzero(np.diff(places, prepend=-2) != 1)
+    ends = np.append(first[1:], len(places))[: len(first)] - 1
+    bounds = np.stack([places[first], places[ends] + 1], axis=1).ravel()
+    edges = np.concatenate([[0], bounds, [height * width]])
+    counts = np.diff(edges)
+    if len(counts) > 1 and counts[-1] == 0:
+        counts = counts[:-1]
+    box = (0, 0, 0, 0)
+    if len(places):
+        columns, rows = np.divmod(places, height)
+        left, top = int(columns[0]), int(rows.min())
+        box = (left, top, int(columns[-1]) - left + 1, int(rows.max()) - top + 1)
+    return ObjectMask(number, (height, width), counts.astype(np.int64), box, len(places))

@@ -1,0 +1,113 @@
+"""Find how far what is seen has moved since an earlier view, and what of it was seen there."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.outputs import motion_stage
+from rasterjit.pipeline.records import Geometry
+from rasterjit.runtime.threads import Workers, fill_rows
+from rasterjit.scene.camera import Camera
+from rasterjit.scene.scene import Node
+from rasterjit.survey.arrays import SceneArrays
+from rasterjit.survey.placement import Views
+
+
+class Moment(NamedTuple):
+    """Where the vertices of all objects were, and what took them to the screen."""
+
+    positions: NDArray[np.float64]
+    """(V, 3), model space."""
+    faces: NDArray[np.int32]
+    """(F, 3), vertex numbers."""
+    matrices: NDArray[np.float64]
+    """(O, 5, 4), see ``motion_stage``."""
+
+
+class Sighting(NamedTuple):
+    """What was seen of them."""
+
+    face_id: NDArray[np.int32]
+    """(H, W), -1 where nothing was."""
+    culled_turns: NDArray[np.int8]
+    """(O,), which way the faces turned that were not drawn; see ``records.Objects``."""
+
+
+class Motion(NamedTuple):
+    """The two moments that are compared."""
+
+    now: Moment
+    before: Moment
+    sighting: Sighting | None
+    """``None`` if nobody asks what was seen before."""
+
+
+def check_same_objects(now: Sequence[Node], before: Sequence[Node]) -> None:
+    """Raise ``ValueError`` unless two scenes have as many objects, each with as many faces."""
+    if len(now) != len(before):
+        raise ValueError(
+            f"previous.scene must have the same objects as the scene, {len(now)}; got {len(before)}"
+        )
+    for number, (new, old) in enumerate(zip(now, before, strict=True)):
+        if len(new.mesh.faces) != len(old.mesh.faces):
+            raise ValueError(
+                f"previous.scene must have the same faces as the scene, {len(new.mesh.faces)} of "
+                f"object {number} ({new.name!r}); got {len(old.mesh.faces)}"
+            )
+
+
+def moment_of(arrays: SceneArrays, views: Views, camera: Camera, size: tuple[int, int]) -> Moment:
+    """Return where all vertices are for a camera."""
+    return Moment(arrays.positions, arrays.faces, _screen_matrices(views, camera, size))
+
+
+def _screen_matrices(views: Views, camera: Camera, size: tuple[int, int]) -> NDArray[np.float64]:
+    """Return what takes each object to pixels and depth, (O, 5, 4); see ``motion_stage``."""
+    x, y, z, w = views.clip_from_relative
+    (width, height), (c0, c1, c2) = size, camera.depth_coefficients()
+    # The stored depth has a part that is the same for all points.
+    nearness = c1 * z + c2 * w + np.array([0.0, 0.0, 0.0, c0])
+    rows = np.array([(x + w) * (0.5 * width), (w - y) * (0.5 * height), z, w, nearness])
+    found, model = np.zeros((len(views.relative_from_model), 5, 4)), views.relative_from_model
+    with np.errstate(over="ignore", invalid="ignore"):
+        for k in range(4):
+            found += rows[:, k, np.newaxis] * model[:, np.newaxis, k]
+    return found
+
+
+def fill_motion(
+    face_id: NDArray[np.int32],
+    geometry: Geometry,
+    face_starts: NDArray[np.int64],
+    compared: Motion,
+    workers: Workers,
+) -> NDArray[np.float32]:
+    """Return how far each point has moved, (H, W, 2), pixels; NaN where nothing is."""
+    moved = workers.memory.empty((*face_id.shape, 2), np.float32)
+    now, before = compared.now, compared.before
+    arguments = (
+        geometry, face_starts, (now.positions, now.matrices),
+        (before.positions, before.matrices, before.faces), moved,
+    )  # fmt: skip
+    fill_rows(motion_stage.fill_motion, face_id, arguments, workers)
+    return moved
+
+
+def fill_visible(
+    face_id: NDArray[np.int32],
+    geometry: Geometry,
+    face_starts: NDArray[np.int64],
+    before: Moment,
+    sighting: Sighting,
+    workers: Workers,
+) -> NDArray[np.bool_]:
+    """Return whether each point was seen before, (H, W); False where nothing is."""
+    visible = workers.memory.empty(face_id.shape, np.bool_)
+    seen = before.positions, before.matrices, before.faces, *sighting
+    arguments = geometry, face_starts, seen, visible.view(np.uint8)
+    fill_rows(motion_stage.fill_visible, face_id, arguments, workers)
+    return visible

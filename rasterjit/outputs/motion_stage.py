@@ -1,0 +1,245 @@
+"""
+Find where the points that are seen now were on the screen before, and whether they were seen there.
+
+A point of a face has the same weights at both times; it moves with its vertices. Both places are
+found by the same arithmetic, so what has not moved has moved by exactly nothing.
+
+A point was seen if nothing hid it at the pixel that held it. The face that was seen at the centre
+of that pixel hides it if it lies nearer both at that centre, than the plane of the point's own
+face, and at the place of the point, there with its own plane. Of two faces that meet at an edge one
+of the two does not hold, whichever way the surface bends; of a face in front both do.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rasterjit.pipeline.geometry.barycentric import (
+    find_object,
+    interpolate,
+    lowest_first,
+    sample_weights,
+)
+from rasterjit.pipeline.geometry.setup import corners_of
+from rasterjit.pipeline.records import Geometry
+from rasterjit.runtime.jit import helper, kernel
+from rasterjit.runtime.state import float32, float64, int8, int32, int64, uint8
+
+ACROSS, DOWN, DEPTH, DEEP, NEARNESS = 0, 1, 2, 3, 4
+"""
+Rows of the matrices that take points of the model to the screen, all to be divided by ``DEEP``:
+column and row in pixels, clip-space z, clip-space w, stored depth.
+"""
+
+DEPTH_STEP = 2.0**-22
+"""What depths differ by, as a share of them, if one is nearer: a step of float32, in which it was
+decided what is seen."""
+
+
+@helper
+def row_at(matrices, owner, row, x, y, z):
+    """Return one row of an object's matrix times a point."""
+    m = matrices
+    return m[owner, row, 0] * x + m[owner, row, 1] * y + m[owner, row, 2] * z + m[owner, row, 3]
+
+
+@helper
+def point_of(weights, a, b, c, positions):
+    """Return the point of a face in model space."""
+    p = positions
+    return (
+        interpolate(weights, p[a, 0], p[b, 0], p[c, 0]),
+        interpolate(weights, p[a, 1], p[b, 1], p[c, 1]),
+        interpolate(weights, p[a, 2], p[b, 2], p[c, 2]),
+    )
+
+
+@helper
+def place_on_screen(point, owner, matrices):
+    """Return column and row of a point in pixels, and its w; without sense unless w > 0."""
+    x, y, z = point
+    deep = row_at(matrices, owner, DEEP, x, y, z)
+    return (
+        row_at(matrices, owner, ACROSS, x, y, z) / deep,
+        row_at(matrices, owner, DOWN, x, y, z) / deep,
+        deep,
+    )
+
+
+@helper
+def vertices_before(a, b, c, face, faces, earlier):
+    """Return the vertices of a face then, in the order of a, b, c now: the lowest first."""
+    i, j, k = corners_of(earlier, face)
+    first, second, _ = corners_of(faces, face)
+    if a == first:
+        return i, j, k
+    if a == second:
+        return j, k, i
+    return k, i, j
+
+
+@helper
+def beside_place(vertex, owner, positions, matrices, x, y):
+    """Return of a vertex what is 0 if it lies at a place on the screen, its w and its depth."""
+    p = positions
+    px, py, pz = p[vertex, 0], p[vertex, 1], p[vertex, 2]
+    deep = row_at(matrices, owner, DEEP, px, py, pz)
+    return (
+        row_at(matrices, owner, ACROSS, px, py, pz) - x * deep,
+        row_at(matrices, owner, DOWN, px, py, pz) - y * deep,
+        deep,
+        row_at(matrices, owner, NEARNESS, px, py, pz),
+    )
+
+
+@helper
+def plane_at(corners, owner, positions, matrices, x, y):
+    """
+    Return the stored depth of a face's plane at a place on the screen, and which way it turns.
+
+    The depth is not a number where the plane is seen edge on. The turn is positive if the corners
+    run clockwise.
+    """
+    u0, v0, w0, d0 = beside_place(corners[0], owner, positions, matrices, x, y)
+    u1, v1, w1, d1 = beside_place(corners[1], owner, positions, matrices, x, y)
+    u2, v2, w2, d2 = beside_place(corners[2], owner, positions, matrices, x, y)
+    b0, b1, b2 = u1 * v2 - u2 * v1, u2 * v0 - u0 * v2, u0 * v1 - u1 * v0
+    turn = b0 * w0 + b1 * w1 + b2 * w2
+    if turn == 0.0:
+        return np.nan, turn
+    return (b0 * d0 + b1 * d1 + b2 * d2) / turn, turn
+
+
+@helper
+def is_nearer(one, other):
+    """Return whether a stored depth is nearer than another, by more than they are rounded."""
+    return one - other > DEPTH_STEP * (abs(one) + abs(other))
+
+
+@helper
+def was_seen(face, owner, point, corners, x, y, before, face_starts):
+    """
+    Return whether a point that was in the picture was seen.
+
+    Parameters
+    ----------
+    face, owner : int
+        Its face and object.
+    point : (float, float, float)
+        Then, model space.
+    corners : (int, int, int)
+        Vertices of its face then.
+    x, y : float
+        Its place then, pixels.
+    before : tuple
+        As `fill_visible` takes it.
+    face_starts : (O+1,) int64
+    """
+    positions, matrices, faces, face_id, culled_turns = before
+    column, row = np.int64(x), np.int64(y)
+    other = np.int64(face_id[row, column])
+    if other == face:
+        return True
+    z = row_at(matrices, owner, DEPTH, point[0], point[1], point[2])
+    w = row_at(matrices, owner, DEEP, point[0], point[1], point[2])
+    if not abs(z) <= w:
+        return False
+    center_x, center_y = np.float64(column) + 0.5, np.float64(row) + 0.5
+    own, turn = plane_at(corners, owner, positions, matrices, center_x, center_y)
+    if turn * np.float64(culled_turns[owner]) > 0.0:
+        return False
+    if other < 0:
+        return True
+    there = find_object(other, face_starts, owner)
+    hiding = lowest_first(faces, other)
+    nearest, _ = plane_at(hiding, there, positions, matrices, center_x, center_y)
+    if not is_nearer(nearest, own):
+        return True
+    beside, _ = plane_at(hiding, there, positions, matrices, x, y)
+    depth = row_at(matrices, owner, NEARNESS, point[0], point[1], point[2]) / w
+    return not is_nearer(beside, depth)
+
+
+@kernel
+def fill_motion(
+    face_id: int32[:, ::1], rows: (int64, int64), geometry: Geometry, face_starts: int64[::1],
+    now: (float64[:, ::1], float64[:, :, ::1]),
+    before: (float64[:, ::1], float64[:, :, ::1], int32[:, ::1]), motion: float32[:, :, ::1],
+):  # fmt: skip
+    """
+    Write how far each point that is seen has moved across the screen.
+
+    Parameters
+    ----------
+    face_id : (H, W) int32
+    rows : (int, int)
+        First row, and one past the last.
+    geometry : Geometry
+    face_starts : (O+1,) int64
+    now : (positions (V, 3) float64, matrices (O, 5, 4) float64)
+        Vertices in model space, and what takes them to the screen.
+    before : (positions (U, 3) float64, matrices (O, 5, 4) float64, faces (F, 3) int32)
+        The same as it was, and the vertices of the faces then.
+    motion : (H, W, 2) float32
+        Written, pixels: the place now less that before, right and down; NaN where nothing is, and
+        where the point was not in front of the eye.
+    """
+    owner = np.int64(0)
+    for row in range(rows[0], rows[1]):
+        for column in range(face_id.shape[1]):
+            face = np.int64(face_id[row, column])
+            motion[row, column, 0] = np.nan
+            motion[row, column, 1] = np.nan
+            if face < 0:
+                continue
+            owner = find_object(face, face_starts, owner)
+            a, b, c = lowest_first(geometry.faces, face)
+            weights = sample_weights(a, b, c, column, row, geometry)
+            i, j, k = vertices_before(a, b, c, face, geometry.faces, before[2])
+            x, y, deep = place_on_screen(point_of(weights, a, b, c, now[0]), owner, now[1])
+            point = point_of(weights, i, j, k, before[0])
+            old_x, old_y, old_deep = place_on_screen(point, owner, before[1])
+            if deep > 0.0 and old_deep > 0.0:
+                motion[row, column, 0] = x - old_x
+                motion[row, column, 1] = y - old_y
+
+
+@kernel
+def fill_visible(
+    face_id: int32[:, ::1], rows: (int64, int64), geometry: Geometry, face_starts: int64[::1],
+    before: (float64[:, ::1], float64[:, :, ::1], int32[:, ::1], int32[:, ::1], int8[::1]),
+    visible: uint8[:, ::1],
+):  # fmt: skip
+    """
+    Write whether each point that is seen was seen before.
+
+    Parameters
+    ----------
+    face_id : (H, W) int32
+    rows : (int, int)
+    geometry : Geometry
+    face_starts : (O+1,) int64
+    before : tuple
+        ``positions`` (U, 3) float64 and ``matrices`` (O, 5, 4) float64 as they were, ``faces``
+        (F, 3) int32, the ``face_id`` (H, W) int32 that was seen, and ``culled_turns`` (O,) int8,
+        which way the faces turn that were not drawn.
+    visible : (H, W) uint8
+        Written: 1 or 0; 0 where nothing is.
+    """
+    owner, (height, width) = np.int64(0), before[3].shape
+    for row in range(rows[0], rows[1]):
+        for column in range(face_id.shape[1]):
+            face = np.int64(face_id[row, column])
+            visible[row, column] = 0
+            if face < 0:
+                continue
+            owner = find_object(face, face_starts, owner)
+            a, b, c = lowest_first(geometry.faces, face)
+            weights = sample_weights(a, b, c, column, row, geometry)
+            corners = vertices_before(a, b, c, face, geometry.faces, before[2])
+            point = point_of(weights, corners[0], corners[1], corners[2], before[0])
+            x, y, deep = place_on_screen(point, owner, before[1])
+            if deep > 0.0 and 0.0 <= x < width and 0.0 <= y < height:
+                visible[row, column] = was_seen(
+                    face, owner, point, corners, x, y, before, face_starts
+                )

@@ -1,0 +1,441 @@
+"""
+Write a frame's outputs to files that other programs read.
+
+A 16-bit PNG holds whole numbers from 0 to 65535. What they mean is written into its text: the
+value is ``code * scale + offset``, in ``unit``, and ``zero`` says what code 0 stands for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.io import images
+from rasterjit.outputs.table import TABLE, Output
+from rasterjit.scene.validation import in_short, positive_number
+
+FORMATS = (".npz", ".npy", ".exr", ".png")
+"""Extensions that ``save_outputs`` writes."""
+
+LAYER_FORMATS = (".npz", ".npy", ".exr")
+"""Extensions that ``save_layers`` writes."""
+
+MOST = 65535
+"""Largest code."""
+
+NOTHING = "nothing is there"
+
+_PARTS = {1: ("",), 2: ("X", "Y"), 3: ("X", "Y", "Z"), 4: ("R", "G", "B", "A")}
+"""Endings of an output's channels in an EXR file, by how many there are."""
+
+UNKNOWN = Output(1, "float32", 0)
+"""What is known of an output that no frame has."""
+
+_FLOW_SCALE, _FLOW_OFFSET = 1.0 / 64.0, -512.0
+"""Of motion, as the optical flow of the KITTI benchmark is stored: 64 codes a pixel, 0 at 2**15."""
+
+
+@dataclass(frozen=True)
+class Codes:
+    """
+    An output in 16-bit codes, and what they mean.
+
+    Attributes
+    ----------
+    pixels : (H, W) or (H, W, 3) uint16
+    scale, offset : float
+        A value is ``code * scale + offset``.
+    unit : str
+    zero : str
+        What code 0 stands for; of several channels, all of them 0, or ``blue`` where two are used.
+    """
+
+    pixels: NDArray[np.uint16]
+    scale: float
+    offset: float
+    unit: str
+    zero: str = NOTHING
+
+    def texts(self, name: str) -> dict[str, str]:
+        """Return what the file says of itself."""
+        return {
+            "Title": name,
+            "Description": "value = code * scale + offset",
+            "scale": repr(self.scale),
+            "offset": repr(self.offset),
+            "unit": self.unit,
+            "zero": self.zero,
+        }
+
+
+def save_outputs(
+    path: str | Path, arrays: Mapping[str, NDArray[Any]], *, scale: float | None = None
+) -> None:
+    """
+    Write outputs to a file; the format follows the extension.
+
+    Parameters
+    ----------
+    path : str or Path
+        ``.npz`` and ``.exr`` hold any number of outputs, ``.npy`` and ``.png`` one.
+    arrays : mapping of str to (H, W) or (H, W, C) array
+        Outputs by name; what is not known by its name is known by its type and shape.
+    scale : float, optional
+        PNG of floats only: units a code; see `as_codes`.
+
+    Raises
+    ------
+    ValueError
+        If the extension is unknown, the folder does not exist, there is no output or more than the
+        format holds, or an output does not fit the format. Nothing is written.
+    ImportError
+        If an EXR is asked for and OpenEXR is not installed.
+    OSError
+        If the file cannot be written; an existing one is left as it was.
+    """
+    place = images.checked_path(path, FORMATS)
+    suffix = place.suffix.lower()
+    _check_count(suffix, arrays)
+    if scale is not None and suffix != ".png":
+        raise ValueError(f"scale must be None for {suffix}, which holds the values, got {scale!r}")
+    for name, array in arrays.items():
+        if array.ndim not in (2, 3) or array.size == 0:
+            raise ValueError(f"outputs must be (H, W) or (H, W, C), got {name} {array.shape}")
+    if suffix == ".npz":
+        images.save_arrays(place, **arrays)
+    elif suffix == ".exr":
+        images.write_exr(place, exr_channels(arrays), _attributes(arrays))
+    else:
+        ((name, array),) = arrays.items()
+        if suffix == ".npy":
+            _save_array(place, array)
+        else:
+            _save_png(place, name, array, scale)
+
+
+def save_layers(path: str | Path, arrays: Mapping[str, NDArray[Any]]) -> None:
+    """
+    Write the layers of outputs to a file; the format follows the extension.
+
+    Parameters
+    ----------
+    path : str or Path
+        ``.npz`` and ``.exr`` hold any number of outputs, ``.npy`` one.
+    arrays : mapping of str to (K, H, W) or (K, H, W, C) array
+        Outputs by name, nearest layer first. An EXR names the channels of each layer
+        ``layer0.Z``, ``layer1.normal.X`` and so on.
+
+    Raises
+    ------
+    ValueError
+        If the extension is another one, the folder does not exist, there is no output or more than
+        the format holds, or an output does not fit the format. Nothing is written.
+    ImportError
+        If an EXR is asked for and OpenEXR is not installed.
+    OSError
+        If the file cannot be written; an existing one is left as it was.
+    """
+    place = images.checked_path(path, dict.fromkeys((*FORMATS, *images.IMAGE_FORMATS)))
+    suffix = place.suffix.lower()
+    if suffix not in LAYER_FORMATS:
+        raise ValueError(
+            f"path {str(path)!r}: {suffix} holds one layer: choose one of "
+            f"{', '.join(LAYER_FORMATS)}, or save what rasterjit.render returns, the first layer"
+        )
+    _check_count(suffix, arrays)
+    if suffix == ".npz":
+        images.save_arrays(place, **arrays)
+    elif suffix == ".npy":
+        (array,) = arrays.values()
+        _save_array(place, array)
+    else:
+        channels: dict[str, NDArray[Any]] = {}
+        count = len(next(iter(arrays.values())))
+        for n in range(count):
+            layer = exr_channels({name: array[n] for name, array in arrays.items()})
+            channels |= {f"layer{n}.{channel}": plane for channel, plane in layer.items()}
+        images.write_exr(
+            place, channels, _attributes({name: array[0] for name, array in arrays.items()})
+        )
+
+
+def _check_count(suffix: str, arrays: Mapping[str, NDArray[Any]]) -> None:
+    """Raise ``ValueError`` if there is no output, or more than a format holds."""
+    if not arrays:
+        raise ValueError("outputs must name at least one output, got none")
+    if suffix in (".npy", ".png") and len(arrays) > 1:
+        raise ValueError(
+            f"outputs must name one output for {suffix}, got {', '.join(arrays)}; "
+            ".npz and .exr hold several"
+        )
+
+
+def _save_array(place: Path, array: NDArray[Any]) -> None:
+    """Write an array, whole or not at all."""
+    with images.replacing(place) as temporary:
+        np.save(temporary, array)
+
+
+def _save_png(place: Path, name: str, array: NDArray[Any], scale: float | None) -> None:
+    """Write one output: pictures and yes-or-no as they are, all else in 16-bit codes."""
+    is_mask = array.dtype == bool
+    if scale is not None and (is_mask or array.dtype.kind != "f"):
+        raise ValueError(f"scale must be None for {name}, which is {array.dtype}, got {scale!r}")
+    if is_mask:
+        images.save_image(place, np.where(array, np.uint8(255), np.uint8(0)))
+    elif array.dtype == np.uint8 and array.shape[2:] in ((3,), (4,)):
+        images.save_image(place, array)
+    else:
+        codes = as_codes(name, array, scale)
+        data = images.encode_png16(codes.pixels, codes.texts(name))
+        with images.replacing(place) as temporary:
+            temporary.write_bytes(data)
+
+
+def as_codes(name: str, array: NDArray[Any], scale: float | None = None) -> Codes:
+    """
+    Return an output in 16-bit codes; 0 stands for pixels where nothing is.
+
+    Parameters
+    ----------
+    name : str
+    array : (H, W), (H, W, 2) or (H, W, 3) array
+        Whole numbers of at least -1, or floats; what is infinite or NaN is nothing.
+    scale : float, optional
+        Units a code, of floats: then the offset is 0, so that pictures of several frames can be
+        compared. By default both come from the values of this picture: the offset is 0 and the
+        largest value 65535 if all are positive and the smallest is not lost, else the smallest
+        value is 1 and the largest 65535.
+
+    Returns
+    -------
+    Codes
+        Whole numbers are one more than they were. Normals are ``32768 + 32767 n``, and 0, 0, 0
+        where nothing is. Barycentric weights and normalized object coordinates go from 1 to 65535
+        for 0 to 1, coverage from 0. Two channels are red and green, with blue 65535 where
+        something is; motion is stored as in the KITTI flow benchmark, ``32768 + 64 pixels``, with
+        blue 1.
+
+    Raises
+    ------
+    ValueError
+        If the values do not fit, or the array is no such output.
+
+    References
+    ----------
+    M. Menze, A. Geiger, "Object Scene Flow for Autonomous Vehicles", CVPR 2015; its development
+    kit for the format of flow.
+    """
+    channels = array.shape[2] if array.ndim == 3 else 1
+    if array.ndim == 2 and array.dtype.kind in "iu":
+        return _counted(name, array)
+    if array.dtype.kind != "f" or channels not in (1, 2, 3) or (array.ndim == 3 and channels == 1):
+        raise ValueError(
+            f"outputs must name one of 1 to 3 channels of floats, or of 1 of whole numbers, for a "
+            f"16-bit .png; {name} is {array.shape} {array.dtype}: choose .exr or .npz"
+        )
+    values = array.astype(np.float64)
+    seen = np.isfinite(values) if channels == 1 else np.isfinite(values).all(axis=2)
+    row = TABLE.get(name, UNKNOWN)
+    unit, codes = row.unit, row.codes if row.channels == channels else "fitted"
+    if codes == "vector":
+        _refuse_scale(name, scale)
+        return _vectors(values, seen & values.any(axis=2), 1.0 / 32767, -32768.0 / 32767, unit)
+    if codes == "cube":
+        _refuse_scale(name, scale)
+        # Where nothing is, all are NaN or all are 0.
+        shown = seen & values.any(axis=2) if row.empty == 0 else seen
+        return _vectors(values, shown, 1.0 / (MOST - 1), -1.0 / (MOST - 1), unit)
+    if codes == "share":
+        _refuse_scale(name, scale)
+        return Codes(_rounded(name, values, seen, 1.0 / MOST, 0.0, 0), 1.0 / MOST, 0.0, unit)
+    if codes == "flow" and scale is None:
+        scale, offset, mark = _FLOW_SCALE, _FLOW_OFFSET, 1
+    else:
+        scale, offset = _fitted(values[seen], scale)
+        mark = MOST
+    pixels = _rounded(name, values, seen, scale, offset, 1)
+    if channels == 2:
+        blue = np.where(seen, np.uint16(mark), np.uint16(0))
+        pixels = np.dstack([pixels, blue])
+        return Codes(pixels, scale, offset, unit, f"{NOTHING}, where blue is 0")
+    return Codes(pixels, scale, offset, unit)
+
+
+def channel_names(name: str, count: int) -> tuple[str, ...]:
+    """
+    Return the names of an output's channels in an EXR file.
+
+    Parameters
+    ----------
+    name : str
+        ``linear`` is R, G, B, A; ``depth`` is Z; ``uv`` is uv.U and uv.V; a single channel has the
+        name of its output; two and three are X, Y and Z, and four R, G, B, A of their layer.
+    count : int
+        How many there are, 1..4.
+
+    Raises
+    ------
+    ValueError
+        If there are more.
+    """
+    known = TABLE.get(name, UNKNOWN).exr
+    if len(known) == count:
+        return known
+    if count not in _PARTS:
+        raise ValueError(f"outputs must have 1 to 4 channels for .exr, got {count} in {name!r}")
+    return tuple(f"{name}.{part}" if part else name for part in _PARTS[count])
+
+
+def exr_channels(arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+    """
+    Return outputs as the channels of an EXR file.
+
+    Parameters
+    ----------
+    arrays : mapping of str to (H, W) or (H, W, C) array
+        Floats stay float32. Whole numbers become uint32, one more than they were, so that 0 is
+        nothing; yes and no become float32 1 and 0. Colour is linear and multiplied by alpha: that
+        of ``linear``, else of ``color``, whose sRGB is decoded.
+
+    Returns
+    -------
+    dict of str to (H, W) float32 or uint32
+    """
+    channels: dict[str, NDArray[Any]] = {}
+    for name, array in arrays.items():
+        planes = np.moveaxis(_planes(name, array), 2, 0)
+        shown = "linear" if name == "color" and "linear" not in arrays else name
+        channels.update(zip(channel_names(shown, len(planes)), planes, strict=True))
+    return channels
+
+
+def _planes(name: str, array: NDArray[Any]) -> NDArray[Any]:
+    """Return an output, (H, W, C), as an EXR holds it."""
+    if array.dtype == np.uint8 and array.shape[2:] == (4,):
+        from rasterjit.scene.color import srgb_to_linear
+
+        light = srgb_to_linear(array[..., :3]).astype(np.float32)
+        array = np.dstack([light, array[..., 3].astype(np.float32) / np.float32(255)])
+    if name in ("color", "linear") and array.shape[2:] == (4,):
+        array = np.dstack([array[..., :3] * array[..., 3:], array[..., 3]])
+    planes = array if array.ndim == 3 else array[:, :, None]
+    if planes.dtype.kind not in "iu":
+        return planes.astype(np.float32)
+    numbers = planes.astype(np.int64) + 1
+    if numbers.min() < 0 or numbers.max() >= 1 << 32:
+        raise ValueError(f"outputs must have whole numbers from -1 for .exr, got {name}")
+    return numbers.astype(np.uint32)
+
+
+def _attributes(arrays: Mapping[str, NDArray[Any]]) -> dict[str, str]:
+    """Return what the header says of each output."""
+    said = {"software": "RasterJIT"}
+    for name, array in arrays.items():
+        if array.dtype.kind in "iu" and array.ndim == 2:
+            said[f"rasterjit.{name}"] = f"number + 1; 0 where {NOTHING}"
+        elif name in ("color", "linear"):
+            said[f"rasterjit.{name}"] = "linear light, sRGB primaries, multiplied by alpha"
+        elif name in TABLE and TABLE[name].unit:
+            said[f"rasterjit.{name}"] = TABLE[name].unit
+    return said
+
+
+def chosen(
+    arrays: Mapping[str, NDArray[Any]], names: str | Iterable[str] | None
+) -> dict[str, NDArray[Any]]:
+    """
+    Return some of a frame's outputs, in the order in which they are named.
+
+    Parameters
+    ----------
+    arrays : mapping of str to array
+    names : str or iterable of str, optional
+        Default: all.
+
+    Raises
+    ------
+    ValueError
+        If ``names`` is something else, or names an output that the frame has not.
+    """
+    if names is None:
+        return dict(arrays)
+    try:
+        wanted = [names] if isinstance(names, str) else list(names)
+    except TypeError:
+        raise ValueError(f"outputs must be a name or names, got {in_short(names)}") from None
+    for name in wanted:
+        if not isinstance(name, str) or name not in arrays:
+            raise ValueError(
+                f"outputs must be among what was rendered ({', '.join(arrays)}), got {name!r}"
+            )
+    return {name: arrays[name] for name in wanted}
+
+
+def _counted(name: str, array: NDArray[Any]) -> Codes:
+    """Return whole numbers, one more than they were."""
+    numbers = array.astype(np.int64) + 1
+    low, high = int(numbers.min()), int(numbers.max())
+    if low < 0 or high > MOST:
+        raise ValueError(
+            f"outputs must lie in -1..{MOST - 1} for a 16-bit .png, {name} has {low - 1}.."
+            f"{high - 1}: choose .exr or .npz"
+        )
+    return Codes(numbers.astype(np.uint16), 1.0, -1.0, "number")
+
+
+def _vectors(
+    values: NDArray[np.float64], seen: NDArray[np.bool_], scale: float, offset: float, unit: str
+) -> Codes:
+    """Return vectors in codes from 1, those a rounding beyond their range at its end."""
+    codes = np.floor((np.where(seen[..., None], values, 0.0) - offset) / scale + 0.5)
+    pixels = np.where(seen[..., None], np.clip(codes, 1, MOST), 0).astype(np.uint16)
+    return Codes(pixels, scale, offset, unit)
+
+
+def _fitted(values: NDArray[np.float64], scale: float | None) -> tuple[float, float]:
+    """Return scale and offset that take finite values to codes in 1..65535."""
+    if scale is not None:
+        return positive_number("scale", scale), 0.0
+    if not values.size:
+        return 1.0, 0.0
+    low, high = float(values.min()), float(values.max())
+    step = high / MOST
+    if low >= step > 0.0:
+        return step, 0.0
+    step = (high - low) / (MOST - 1)
+    if step <= 0.0:
+        step = 1.0
+    return step, low - step
+
+
+def _rounded(
+    name: str,
+    values: NDArray[np.float64],
+    seen: NDArray[np.bool_],
+    scale: float,
+    offset: float,
+    least: int,
+) -> NDArray[np.uint16]:
+    """Return the nearest codes, half up, and 0 where nothing is; raise if they do not fit."""
+    shown = seen if values.ndim == 2 else seen[..., None]
+    codes = np.floor((np.where(shown, values, offset) - offset) / scale + 0.5)
+    given = codes[seen]
+    if given.size and not (least <= given.min() and given.max() <= MOST):
+        raise ValueError(
+            f"scale must take {name} to codes in {least}..{MOST} of a 16-bit .png, got "
+            f"{given.min():.0f}..{given.max():.0f} with scale={scale!r}; choose another, "
+            ".exr or .npz"
+        )
+    return codes.astype(np.uint16)
+
+
+def _refuse_scale(name: str, scale: float | None) -> None:
+    """Raise ``ValueError`` if an output with a range of its own is given a scale."""
+    if scale is not None:
+        raise ValueError(f"scale must be None for {name}, whose range is known, got {scale!r}")

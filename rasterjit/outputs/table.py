@@ -1,0 +1,88 @@
+"""
+The outputs that a frame can hold: one row each.
+
+To add one, add its row here, fill it in ``outputs/fill.py``, and give `Frame` a property that
+says what it holds.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+
+class Output(NamedTuple):
+    """What an output holds, and how files store it."""
+
+    channels: int
+    dtype: str
+    empty: float
+    """What it holds where nothing is; of colour, the background stands there instead."""
+    unit: str = ""
+    """What its values are: unit and space; empty for colours and numbers of things."""
+    exr: tuple[str, ...] = ()
+    """Its channels in an EXR file; () -> its name, with .X, .Y and .Z, or .R to
+    .A, if there are several."""
+    codes: str = "fitted"
+    """
+    How a 16-bit PNG stores it: ``fitted`` to its values, or by its known range: ``vector`` (-1..1),
+    ``cube`` (0..1), ``share`` (0..1, with 0 in it), ``flow``.
+    """
+    is_mixed: bool = False
+    """Whether it is of the pixel, mixed from all its surfaces; else of one face."""
+    needs_previous: bool = False
+    """Whether it compares what is seen with an earlier view."""
+
+
+TABLE = {
+    "color": Output(4, "uint8", 0, is_mixed=True),
+    "depth": Output(1, "float32", math.inf, "scene units along the viewing axis", ("Z",)),
+    "face_id": Output(1, "int32", -1),
+    "object_id": Output(1, "int32", -1),
+    "barycentric": Output(
+        3, "float32", 0, "weights of the face's vertices",
+        ("barycentric.A", "barycentric.B", "barycentric.C"), codes="cube",
+    ),
+    "uv": Output(2, "float32", math.nan, "texture coordinates", ("uv.U", "uv.V")),
+    "normal": Output(3, "float32", 0, "unit vector, world space", codes="vector"),
+    "position": Output(3, "float32", math.nan, "scene units, world space"),
+    "linear": Output(4, "float32", 0, exr=("R", "G", "B", "A"), is_mixed=True),
+    "distance": Output(1, "float32", math.inf, "scene units from the eye"),
+    "object_position": Output(3, "float32", math.nan, "scene units, the object's own space"),
+    "nocs": Output(3, "float32", math.nan, "share of the object's box", codes="cube"),
+    "geometric_normal": Output(3, "float32", 0, "unit vector, world space", codes="vector"),
+    "material_id": Output(1, "int32", -1),
+    "instance_id": Output(1, "int32", -1),
+    "coverage": Output(1, "float32", 0, "share of the pixel", codes="share", is_mixed=True),
+    "motion": Output(
+        2, "float32", math.nan, "pixels, x right and y down", codes="flow", needs_previous=True
+    ),
+    "motion_visible": Output(1, "bool", 0, needs_previous=True),
+}  # fmt: skip
+"""What a frame can hold, by name."""
+
+OUTPUTS = tuple(TABLE)
+"""The names."""
+
+MOTION_OUTPUTS = tuple(name for name, row in TABLE.items() if row.needs_previous)
+"""Those that compare what is seen with an earlier view."""
+
+LAYER_OUTPUTS = tuple(name for name, row in TABLE.items() if not row.is_mixed)
+"""Those that a layer of surfaces can hold."""
+
+
+def check_outputs(outputs: Sequence[str]) -> tuple[str, ...]:
+    """Return the outputs without repeats, or raise ``ValueError`` naming one that is unknown."""
+    if isinstance(outputs, str):
+        outputs = (outputs,)
+    if not isinstance(outputs, (list, tuple, set, frozenset)):
+        raise ValueError(f"outputs must be a sequence of names, got {outputs!r}")
+    if not outputs:
+        raise ValueError(f"outputs must name at least one of {', '.join(OUTPUTS)}; got none")
+    for output in outputs:
+        if output not in OUTPUTS:
+            raise ValueError(
+                f"outputs has {output!r}, which is unknown; possible are {', '.join(OUTPUTS)}"
+            )
+    return tuple(dict.fromkeys(outputs))

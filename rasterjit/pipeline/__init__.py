@@ -1,0 +1,24 @@
+"""
+The stations that every frame passes: compiled functions over arrays and records.
+
+=====================================  =========================================================
+file                                   stage
+=====================================  =========================================================
+``geometry.projection``                model or clip positions -> snapped screen vertices
+``geometry.clipping``                  triangles -> pieces inside the near plane and guard band
+``geometry.setup``                     faces -> survivors and the tiles they reach
+``geometry.binning``                   surviving triangles -> one list for each tile
+``visibility.tile_depths``             large triangles -> the depth below which a tile hides all
+``visibility.nearest``                 per tile: coverage and depth test -> depth, face number
+                                       (calls ``geometry.triangle_batches``)
+``geometry.barycentric``               visible pixels -> weights, positions, normals, uv
+``surface``                            visible pixels -> blocks of samples (``samples``): listed,
+                                       then weights, attributes, textures and maps, each a stage
+``lighting``                           rows of samples -> their colours
+``fragments``                          pixels that show several faces: find them, mix them
+``encode``                             linear colour -> sRGB ``uint8``
+``lines``                              Bresenham lines into a colour array
+=====================================  =========================================================
+
+Kernels never validate and never raise; their callers cast dtype, contiguity and writability.
+"""

@@ -1,0 +1,190 @@
+"""
+Turn linear light into sRGB ``uint8``.
+
+Exact: code c stands for the values at or above ``decode((c - 1/2) / 255)``, which is rounding half
+up. Positive floats are in the order of their bits, so the bits say where a value stands: the high
+ones number a bucket, which holds at most one threshold, and the low ones tell on which side of it.
+One look into a table of 26 KiB, no branch. Below zero and NaN give 0, above one gives 255.
+
+References
+----------
+.. [1] IEC 61966-2-1, "Colour measurement and management: sRGB".
+"""
+
+from __future__ import annotations
+
+import bisect
+import functools
+
+import numpy as np
+
+from rasterjit.runtime.intrinsics import flat
+from rasterjit.runtime.jit import disjoint_helper, helper, kernel
+from rasterjit.runtime.state import float32, int32, uint32
+
+BUCKET_BITS = 14
+"""Low bits of a float32 in one bucket: 512 buckets from each power of two to the next."""
+
+LEAST_VALUE = np.float32(2.0**-13)
+"""Start of the first bucket; code 1 begins at 1.5e-4."""
+
+LEAST_BITS = np.int32(LEAST_VALUE.view(np.int32))
+
+NO_THRESHOLD = 1 << BUCKET_BITS
+"""Above all low bits: the whole bucket has one code."""
+
+CODE_SHIFT = 16
+"""An entry of the table is the code at the start of a bucket, above the low bits of a threshold."""
+
+
+def reaches_code(bits: int, code: int) -> bool:
+    """
+    Tell exactly whether the float32 with these bits, in 0..1, encodes to a code or a higher one.
+
+    A code c begins at the encoded value e = (2 c - 1) / 510, which decodes to e / 12.92 up to
+    0.04045, and above to ((e + 0.055) / 1.055)**(12/5): powers of whole numbers decide.
+    """
+    numerator, denominator = float(np.uint32(bits).view(np.float32)).as_integer_ratio()
+    e = 2 * code - 1
+    if 100000 * e <= 4045 * 510:
+        return 1292 * 510 * numerator >= 100 * e * denominator
+    return (211 * 510) ** 12 * numerator**5 >= (200 * e + 11 * 510) ** 12 * denominator**5
+
+
+@functools.cache
+def code_thresholds() -> np.ndarray:
+    """Return the least float32 of each code from 1 to 255, (255,) float32, ascending."""
+    bits, one = [0], int(np.float32(1.0).view(np.uint32))
+    for code in range(1, 256):
+        reaches = functools.partial(reaches_code, code=code)
+        bits.append(bits[-1] + bisect.bisect_left(range(bits[-1], one), True, key=reaches))
+    return np.array(bits[1:], np.uint32).view(np.float32)
+
+
+@functools.cache
+def encoding_table() -> np.ndarray:
+    """Return code and threshold of each bucket from 2**-13 to 1, (6657,) int32."""
+    places = code_thresholds().view(np.int32) - LEAST_BITS
+    count = (int(np.float32(1.0).view(np.int32) - LEAST_BITS) >> BUCKET_BITS) + 1
+    starts = np.arange(count) << BUCKET_BITS
+    table = np.searchsorted(places, starts, side="right") << CODE_SHIFT | NO_THRESHOLD
+    inside = places & (NO_THRESHOLD - 1) != 0
+    buckets, cuts = places >> BUCKET_BITS, places & (NO_THRESHOLD - 1)
+    table[buckets[inside]] += cuts[inside] - NO_THRESHOLD
+    return table.astype(np.int32)
+
+
+@helper
+def between(value, least):
+    """Return a float32 held in least..1; NaN gives the least."""
+    value = value if value > least else least
+    return value if value < np.float32(1.0) else np.float32(1.0)
+
+
+@helper
+def bits_of(value):
+    """Return the bits of a float32, as an int32."""
+    return np.float32(value).view(np.int32)
+
+
+@helper
+def encode(value, table):
+    """Return the sRGB code of a linear value, rounded half up."""
+    # Every step is cast back to 32 bits, which halves the registers it takes; the index is
+    # unsigned, so it is not tested for counting from the end.
+    place = np.uint32(bits_of(between(value, LEAST_VALUE)) - LEAST_BITS)
+    entry = np.uint32(table[np.uintp(np.uint32(place >> np.uint32(BUCKET_BITS)))])
+    low = np.uint32(place & np.uint32(NO_THRESHOLD - 1))
+    reached = low >= np.uint32(entry & np.uint32(2 * NO_THRESHOLD - 1))
+    return np.uint32(np.uint32(entry >> np.uint32(CODE_SHIFT)) + np.uint32(reached))
+
+
+@helper
+def encode_alpha(value):
+    """Return alpha, which is linear, as a code, rounded half up."""
+    return np.uint32(np.int32(np.float64(between(value, np.float32(0.0))) * 255.0 + 0.5))
+
+
+@disjoint_helper
+def encode_span(red, green, blue, table, color):
+    """Encode a span of opaque pixels, given by channel; without branches."""
+    for i in range(color.shape[0]):
+        color[i] = (
+            encode(red[i], table)
+            | encode(green[i], table) << np.uint32(8)
+            | encode(blue[i], table) << np.uint32(16)
+            | np.uint32(0xFF000000)
+        )
+
+
+@helper
+def encode_pixel(linear, table):
+    """Return one linear RGBA colour as a pixel."""
+    return (
+        encode(linear[0], table)
+        | encode(linear[1], table) << np.uint32(8)
+        | encode(linear[2], table) << np.uint32(16)
+        | encode_alpha(linear[3]) << np.uint32(24)
+    )
+
+
+@disjoint_helper
+def encode_channels(red, green, blue, alpha, table, color):
+    """Encode a span of pixels, given by channel; without branches."""
+    for i in range(color.shape[0]):
+        share = between(alpha[i], np.float32(0.0))
+        color[i] = (
+            encode(red[i], table)
+            | encode(green[i], table) << np.uint32(8)
+            | encode(blue[i], table) << np.uint32(16)
+            | np.uint32(np.int32(np.float64(share) * 255.0 + 0.5)) << np.uint32(24)
+        )
+
+
+@disjoint_helper
+def encode_row(linear, table, color):
+    """Encode a row of linear colour, four numbers each; without branches."""
+    for i in range(color.shape[0]):
+        at = np.uintp(4 * i)
+        alpha = between(linear[at + np.uintp(3)], np.float32(0.0))
+        color[i] = (
+            encode(linear[at], table)
+            | encode(linear[at + np.uintp(1)], table) << np.uint32(8)
+            | encode(linear[at + np.uintp(2)], table) << np.uint32(16)
+            | np.uint32(np.int32(np.float64(alpha) * 255.0 + 0.5)) << np.uint32(24)
+        )
+
+
+@kernel
+def encode_rows(linear: float32[:, :, ::1], table: int32[::1], color: uint32[:, :]):
+    """
+    Encode rows of linear colour.
+
+    Parameters
+    ----------
+    linear : (R, W, 4) float32
+    table : (6657,) int32
+        `encoding_table`.
+    color : (R, W) uint32
+        Writes red, green, blue, alpha from the lowest byte up: RGBA bytes on a little-endian CPU.
+    """
+    for row in range(linear.shape[0]):
+        encode_row(flat(linear[row]), table, color[row])
+
+
+@helper
+def over(alpha, own, behind):
+    """Return straight RGBA of a colour with straight alpha over another one."""
+    one, none = np.float32(1.0), np.float32(0.0)
+    if alpha >= one:
+        return own[0], own[1], own[2], one
+    if not alpha > none:
+        return behind
+    through = (one - alpha) * behind[3]
+    total = alpha + through
+    return (
+        (own[0] * alpha + behind[0] * through) / total,
+        (own[1] * alpha + behind[1] * through) / total,
+        (own[2] * alpha + behind[2] * through) / total,
+        total,
+    )

@@ -1,0 +1,1 @@
+"""Fragments: pixels that show several faces, beside each other or behind each other."""

@@ -1,0 +1,237 @@
+"""
+Find the faces that the pixels of a row of tiles show, when they show more than one.
+
+Rows with so many fragments that they take more than ``MOST_BYTES`` are cut into bands with fewer
+rows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.pipeline.fragments import areas, fragments
+from rasterjit.pipeline.geometry.setup import TILE_SIZE
+from rasterjit.pipeline.records import Cutouts, Faces, Geometry, ScreenVertices, Viewport
+from rasterjit.pipeline.visibility import draw
+from rasterjit.pipeline.visibility.alpha_test import pixel_memory
+from rasterjit.pipeline.visibility.draw import Coverage
+from rasterjit.runtime.threads import Memory, Workers
+
+FIRST_GUESS = 16
+"""Layers that there is room for at first; more are made where a band has more."""
+
+MOST_LAYERS = 4096
+"""Transparent surfaces behind each other that are sorted; more are an error, never left out."""
+
+MOST_BYTES = 1 << 28
+"""Memory that the layers of one band may take, of each thread."""
+
+BYTES_PER_FRAGMENT = 8
+"""A depth of 32 bits and an int32 face number."""
+
+STEPS = 16
+"""Positions of samples are whole sixteenths of a pixel."""
+
+SAMPLE_POSITIONS = {
+    1: ((0, 0),),
+    2: ((4, 4), (-4, -4)),
+    4: ((-2, -6), (6, -2), (-6, 2), (2, 6)),
+    8: ((1, -3), (-1, 3), (5, 1), (-3, -5), (-5, 5), (-7, -1), (3, 7), (7, -7)),
+    16: (
+        (1, 1), (-1, -3), (-3, 2), (4, -1), (-5, -2), (2, 5), (5, 3), (3, -5),
+        (-2, 6), (0, -7), (-4, -6), (-6, 4), (-8, 0), (7, -4), (6, 7), (-7, -8),
+    ),
+}  # fmt: skip
+"""
+Where the samples of a pixel lie, from its centre to the right and down, in sixteenths of a pixel.
+
+References
+----------
+.. [1] Microsoft, "D3D11_STANDARD_MULTISAMPLE_QUALITY_LEVELS".
+.. [2] The Khronos Group, "Vulkan 1.4 Specification", "Standard sample locations": the same.
+"""
+
+
+class Sight(NamedTuple):
+    """What it takes to find the faces of an image, without shading them."""
+
+    geometry: Geometry
+    cutouts: Cutouts | None
+
+
+Seer = TypeVar("Seer", bound=NamedTuple)
+"""A `Sight`, or what else has its fields."""
+
+
+class Lists(NamedTuple):
+    """The triangles of each tile, the opaque ones first."""
+
+    starts: NDArray[np.int64]
+    """(tiles + 1,)."""
+    middles: NDArray[np.int64]
+    """(tiles,): where the transparent ones begin."""
+    parted: NDArray[np.int32]
+    """(M,)."""
+    faces: Faces
+    screen: ScreenVertices
+    depth_type: Any
+    """What depths are rounded to before they are compared."""
+
+
+class Band(NamedTuple):
+    """The layers of some rows of the frame, for N samples of each pixel."""
+
+    first_row: int
+    opaque: NDArray[np.int32]
+    """(N, R, W), the opaque face at each sample, -1 where there is none."""
+    transparent: NDArray[np.int32]
+    """(N, K, R, W), the transparent faces in front of it, nearest first, -1 where there are
+    fewer."""
+    depths: NDArray[Any] | None = None
+    """(N, K, R, W), their stored depths."""
+
+
+def sample_shifts(samples: int, grid_bits: int) -> NDArray[np.int32]:
+    """Return what moves each sample to the pixel's centre, (N, 2), units of the sub-pixel grid."""
+    return np.array(SAMPLE_POSITIONS[samples], np.int32) * -((1 << grid_bits) // STEPS)
+
+
+def sampled_viewport(viewport: Viewport, samples: int | str) -> Viewport:
+    """Return the viewport of a frame whose samples may lie anywhere in their pixels."""
+    if samples == 1:
+        return viewport
+    return viewport._replace(reach=1 << (viewport.grid_bits - 1))
+
+
+def at_samples(shader: Seer, samples: int | str) -> Seer:
+    """Return what it takes to see a frame whose samples may lie anywhere in their pixels."""
+    geometry = shader.geometry
+    geometry = geometry._replace(viewport=sampled_viewport(geometry.viewport, samples))
+    cutouts = None if shader.cutouts is None else shader.cutouts._replace(geometry=geometry)
+    return shader._replace(geometry=geometry, cutouts=cutouts)
+
+
+def part_lists(
+    coverage: Coverage, viewport: Viewport, is_blended: NDArray[np.uint8], workers: Workers
+) -> Lists:
+    """Return the tiles' lists with the opaque triangles before the transparent ones."""
+    lists = coverage.lists
+    if lists is None or lists.objects is None:
+        raise ValueError("coverage must hold the lists of its tiles, got none")
+    starts, binned = lists.starts, lists.binned
+    if viewport.reach != 0:
+        # More triangles reach a tile if samples lie beside the centres.
+        starts, binned, _, _ = draw.set_up_and_bin(
+            lists.faces, lists.objects, coverage.screen, viewport, workers
+        )
+    parted = workers.memory.empty((len(binned),), np.int32)
+    middles = np.empty(len(starts) - 1, np.int64)
+    fragments.split_lists(
+        starts, binned, lists.faces, lists.objects.face_starts, is_blended, parted, middles
+    )
+    return Lists(starts, middles, parted, lists.faces, coverage.screen, coverage.depth.dtype)
+
+
+def find_layers(
+    rows: tuple[int, int],
+    lists: Lists,
+    samples: int,
+    shader: Sight,
+    memory: Memory,
+    kept: int | None = None,
+) -> Iterator[Band]:
+    """
+    Yield the layers of some rows, in parts if they have many.
+
+    Parameters
+    ----------
+    rows : (int, int)
+        First row, and one past the last, of one row of tiles.
+    lists : Lists
+    samples : int
+    shader : Sight
+        Or what else has its fields.
+    memory : Memory
+    kept : int, optional
+        Layers of a sample that are kept, the nearest ones: there is no room for others.
+
+    Raises
+    ------
+    ValueError
+        If a pixel has more layers than are sorted, and all are kept.
+    """
+    viewport = shader.geometry.viewport
+    width, height = viewport.width, rows[1] - rows[0]
+    shifts = sample_shifts(samples, viewport.grid_bits)
+    scratch = fragments.scratch_memory(shader.cutouts is not None, lists.depth_type)
+    deepest = np.empty(3, np.int64)
+    room = 0 if len(lists.parted) == 0 else min(FIRST_GUESS, kept or FIRST_GUESS)
+    while True:
+        shape = samples, room, height, width
+        found = memory.empty(shape, lists.depth_type), memory.empty(shape, np.int32)
+        opaque = memory.empty((samples, height, width), np.int32)
+        used = np.empty((samples, -(-width // TILE_SIZE)), np.int64)
+        arguments = (
+            rows, lists.starts, lists.middles, lists.parted, lists.faces, lists.screen, viewport,
+            shifts, opaque, found, used, deepest, scratch,
+        )  # fmt: skip
+        if shader.cutouts is None:
+            fragments.find_layers(*arguments)
+        else:
+            fragments.find_layers_tested(*arguments, shader.cutouts)
+        needed, column, row = map(int, deepest)
+        needed = needed if kept is None else min(needed, kept)
+        most = min(MOST_LAYERS, MOST_BYTES // (BYTES_PER_FRAGMENT * samples * width))
+        if needed > most:
+            raise ValueError(
+                f"the scene has {needed} transparent surfaces behind each other at the pixel in "
+                f"column {column}, row {row}; at most {most} are sorted in a frame {width} wide "
+                f"with {samples} samples"
+            )
+        if needed <= room:
+            yield Band(rows[0], opaque, found[1][:, :needed], found[0][:, :needed])
+            return
+        if needed * samples * height * width * BYTES_PER_FRAGMENT > MOST_BYTES:
+            middle = rows[0] + height // 2
+            yield from find_layers((rows[0], middle), lists, samples, shader, memory, kept)
+            yield from find_layers((middle, rows[1]), lists, samples, shader, memory, kept)
+            return
+        room = needed
+
+
+def find_areas(
+    rows: tuple[int, int], lists: Lists, shader: Sight, memory: Memory
+) -> tuple[NDArray[np.int32], NDArray[np.float32], NDArray[np.float32]]:
+    """Return the faces that show in each pixel, their shares, and the share that shows none."""
+    viewport = shader.geometry.viewport
+    shape = rows[1] - rows[0], viewport.width
+    own, deepest = areas.scratch_memory(int(np.diff(lists.starts).max())), np.empty(3, np.int64)
+    room = FIRST_GUESS
+    while True:
+        found = (
+            memory.empty((room, *shape), np.int32),
+            memory.empty((room, *shape), np.float32),
+            memory.empty(shape, np.float32),
+        )
+        arguments = (
+            rows, lists.starts, lists.parted, lists.faces, lists.screen, viewport, *found, deepest,
+            own,
+        )  # fmt: skip
+        if shader.cutouts is None:
+            areas.find_areas(*arguments)
+        else:
+            areas.find_areas_tested(*arguments, pixel_memory(), shader.cutouts)
+        count, column, row = map(int, deepest)
+        if count < 0 or count * shape[0] * shape[1] * BYTES_PER_FRAGMENT > MOST_BYTES:
+            raise ValueError(
+                f"samples must be 1, 2, 4, 8 or 16 for this scene, got 'area': the pixel in column "
+                f"{column}, row {row} shows more faces than their areas can be found of"
+            )
+        if count <= room:
+            break
+        room = count
+    return found[0][: max(count, 1)], found[1], found[2]

@@ -1,0 +1,274 @@
+"""
+Lay the colours of a pixel over each other, or mix them, in linear light.
+
+What is summed up is premultiplied: colour times alpha. What changes nothing leaves every bit of a
+colour as it is: a layer with alpha 0, what lies behind one with alpha 1, and the mean of samples
+that all show the same.
+
+With several samples a pixel shows several faces, each shaded once. Where something is transparent,
+the share of a face depends on the alpha of those before it, so `list_faces` keeps for each sample
+which faces it shows; ``weights`` mixes opaque ones.
+
+References
+----------
+.. [1] T. Porter and T. Duff, "Compositing Digital Images", SIGGRAPH 1984: the over operator.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rasterjit.pipeline.visibility.nearest import NOTHING
+from rasterjit.runtime.jit import disjoint_helper, helper, kernel
+from rasterjit.runtime.state import float32, int32
+
+THROUGH = 3
+"""Column of a sum: the share of light that comes through from behind."""
+
+
+@helper
+def held_alpha(alpha):
+    """Return an alpha held in 0..1; NaN gives 0."""
+    alpha = alpha if alpha > np.float32(0.0) else np.float32(0.0)
+    return alpha if alpha < np.float32(1.0) else np.float32(1.0)
+
+
+@kernel
+def start_sums(sums: float32[:, :, ::1]):
+    """
+    Begin with nothing in front.
+
+    Parameters
+    ----------
+    sums : (R, W, 4) float32
+        Written.
+    """
+    for row in range(sums.shape[0]):
+        for i in range(sums.shape[1]):
+            for k in range(3):
+                sums[row, i, k] = 0.0
+            sums[row, i, THROUGH] = 1.0
+
+
+@kernel
+def lay_under(
+    colors: float32[:, :, ::1], faces: int32[:, :], behind: int32[:, :], sums: float32[:, :, ::1]
+):
+    """
+    Lay a layer behind those that were laid before.
+
+    Parameters
+    ----------
+    colors : (R, W, 4) float32, linear, with alpha
+    faces : (R, W) int32
+        The faces of the layer, -1 where there is none.
+    behind : (R, W) int32
+        Those of the next layer; -1 is written where nothing comes through to it.
+    sums : (R, W, 4) float32
+        Changed: premultiplied colour, and the share of light that comes through.
+    """
+    one, none = np.float32(1.0), np.float32(0.0)
+    for row in range(faces.shape[0]):
+        for i in range(faces.shape[1]):
+            through = sums[row, i, THROUGH]
+            if faces[row, i] >= 0:
+                alpha = held_alpha(colors[row, i, 3])
+                share = through * alpha
+                # What is not seen is not multiplied: its colour may be infinite.
+                if share > none:
+                    for k in range(3):
+                        sums[row, i, k] += share * colors[row, i, k]
+                    through *= one - alpha
+                    sums[row, i, THROUGH] = through
+            if through == none:
+                behind[row, i] = NOTHING
+
+
+@helper
+def over_background(total, through, color):
+    """Return straight RGBA of a premultiplied sum over a colour with straight alpha."""
+    one, none = np.float32(1.0), np.float32(0.0)
+    if through == none:
+        return total[0], total[1], total[2], one
+    alpha = one - through * (one - color[3])
+    if alpha == none:
+        return color[0], color[1], color[2], none
+    share = through * color[3]
+    if share == none:
+        return total[0] / alpha, total[1] / alpha, total[2] / alpha, alpha
+    return (
+        (total[0] + share * color[0]) / alpha,
+        (total[1] + share * color[1]) / alpha,
+        (total[2] + share * color[2]) / alpha,
+        alpha,
+    )
+
+
+@kernel
+def finish_sums(sums: float32[:, :, ::1], linear: float32[:, :, ::1]):
+    """
+    Lay the sums over what lies behind all layers.
+
+    Parameters
+    ----------
+    sums : (R, W, 4) float32
+        As `lay_under` leaves them.
+    linear : (R, W, 4) float32
+        Opaque surfaces and background; changed where a layer lies before it.
+    """
+    for row in range(sums.shape[0]):
+        for i in range(sums.shape[1]):
+            through = sums[row, i, THROUGH]
+            if through == np.float32(1.0):
+                continue
+            total = sums[row, i, 0], sums[row, i, 1], sums[row, i, 2]
+            own = linear[row, i, 0], linear[row, i, 1], linear[row, i, 2], linear[row, i, 3]
+            shown = over_background(total, through, own)
+            for k in range(4):
+                linear[row, i, k] = shown[k]
+
+
+@disjoint_helper
+def empty_row(faces):
+    """Mark a row of a layer as empty."""
+    for i in range(faces.shape[0]):
+        faces[i] = NOTHING
+
+
+@helper
+def seen_share(share, value):
+    """Return a share of a value, which may be infinite if the share is 0."""
+    none = np.float32(0.0)
+    return share * value if share > none else none
+
+
+@helper
+def number_of(face, shown, count, row, i):
+    """Return the number of a face among those of a pixel, which it joins if it is not there."""
+    if face < 0:
+        return np.int32(NOTHING), count
+    layer = np.int64(0)
+    while layer < count and shown[layer, row, i] != face:
+        layer += 1
+    if layer == count:
+        shown[layer, row, i] = face
+        count += 1
+    return np.int32(layer), count
+
+
+@kernel
+def list_faces(opaque: int32[:, :, ::1], transparent: int32[:, :, :, ::1], shown: int32[:, :, ::1]):
+    """
+    List the faces that the samples of each pixel show, and number them.
+
+    Parameters
+    ----------
+    opaque : (N, R, W) int32
+        The opaque face at each sample; -1 where there is none. Replaced by its number.
+    transparent : (N, K, R, W) int32
+        The transparent faces before it, nearest first. Replaced by their numbers.
+    shown : (N (K + 1), R, W) int32
+        Written: the different faces of each pixel, -1 behind the last.
+
+    Returns
+    -------
+    int
+        The most faces in a pixel.
+    """
+    samples, levels, rows, columns = transparent.shape
+    most = np.int64(0)
+    for row in range(rows):
+        for layer in range(shown.shape[0]):
+            empty_row(shown[layer, row])
+        for i in range(columns):
+            count = np.int64(0)
+            for sample in range(samples):
+                for level in range(levels):
+                    face = transparent[sample, level, row, i]
+                    number, count = number_of(face, shown, count, row, i)
+                    transparent[sample, level, row, i] = number
+                number, count = number_of(opaque[sample, row, i], shown, count, row, i)
+                opaque[sample, row, i] = number
+            most = max(most, count)
+    return most
+
+
+@helper
+def are_alike(opaque, transparent, row, i):
+    """Return whether all samples of a pixel show the same faces in the same order."""
+    for sample in range(1, opaque.shape[0]):
+        if opaque[sample, row, i] != opaque[0, row, i]:
+            return False
+        for level in range(transparent.shape[1]):
+            if transparent[sample, level, row, i] != transparent[0, level, row, i]:
+                return False
+    return True
+
+
+@helper
+def sample_color(sample, opaque, transparent, colors, behind, row, i):
+    """Return what a sample shows, linear RGBA with straight alpha."""
+    one, none = np.float32(1.0), np.float32(0.0)
+    red, green, blue, through = none, none, none, one
+    for level in range(transparent.shape[1]):
+        layer = transparent[sample, level, row, i]
+        if layer < 0:
+            break
+        alpha = held_alpha(colors[layer, row, i, 3])
+        share = through * alpha
+        if share > none:
+            red += share * colors[layer, row, i, 0]
+            green += share * colors[layer, row, i, 1]
+            blue += share * colors[layer, row, i, 2]
+            through *= one - alpha
+    layer = opaque[sample, row, i]
+    if layer >= 0:
+        own = colors[layer, row, i, 0], colors[layer, row, i, 1], colors[layer, row, i, 2], one
+    else:
+        own = behind[row, i, 0], behind[row, i, 1], behind[row, i, 2], behind[row, i, 3]
+    if through == one:
+        return own
+    return over_background((red, green, blue), through, own)
+
+
+@kernel
+def mix_samples(
+    opaque: int32[:, :, ::1],
+    transparent: int32[:, :, :, ::1],
+    colors: float32[:, :, :, ::1],
+    behind: float32[:, :, ::1],
+    linear: float32[:, :, ::1],
+):
+    """
+    Write the mean of what the samples of each pixel show.
+
+    Parameters
+    ----------
+    opaque : (N, R, W) int32
+    transparent : (N, K, R, W) int32
+        Numbers of faces, from `list_faces`.
+    colors : (J, R, W, 4) float32
+        The colours of these faces in each pixel.
+    behind : (R, W, 4) float32
+        What is seen where no face is.
+    linear : (R, W, 4) float32
+        Written: linear RGBA with straight alpha.
+    """
+    samples, none = opaque.shape[0], np.float32(0.0)
+    part = np.float32(1.0) / np.float32(samples)
+    for row in range(linear.shape[0]):
+        for i in range(linear.shape[1]):
+            shown = sample_color(0, opaque, transparent, colors, behind, row, i)
+            if not are_alike(opaque, transparent, row, i):
+                red, green, blue, alpha = none, none, none, none
+                for sample in range(samples):
+                    shown = sample_color(sample, opaque, transparent, colors, behind, row, i)
+                    share = part * shown[3]
+                    red += seen_share(share, shown[0])
+                    green += seen_share(share, shown[1])
+                    blue += seen_share(share, shown[2])
+                    alpha += share
+                scale = alpha if alpha > none else np.float32(1.0)
+                shown = red / scale, green / scale, blue / scale, alpha
+            for k in range(4):
+                linear[row, i, k] = shown[k]

@@ -1,0 +1,437 @@
+"""
+Find, at every sample, the transparent surfaces in front of the opaque one, nearest first.
+
+Triangles are drawn as ``visibility`` draws them, with the same exact coverage and the same bits of
+depth, so that transparent and opaque surfaces tie as opaque ones do: the lower face is nearer. Each
+transparent triangle is drawn alone into a small square; then the rows that it covers are inserted
+into the layers, which hold the nearest surface of every sample, the second nearest ...: a row of
+samples at once is compared with a layer, what is farther goes on to the next. So fragments are
+sorted while they come, without branches, and intersecting triangles change places from sample to
+sample.
+
+A tile has a layer only once a sample needs it. Fragments beyond the last layer that there is room
+for are counted and dropped; the caller sees the count and comes again with more room.
+
+Take the surfaces with a hole at a pixel out of its layers.
+
+References
+----------
+.. [1] L. Carpenter, "The A-buffer, an Antialiased Hidden Surface Method", SIGGRAPH 1984.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.pipeline.geometry.setup import TILE_BITS, TILE_SIZE
+from rasterjit.pipeline.geometry.triangle_batches import (
+    AX,
+    AY,
+    BATCH,
+    BOTTOM,
+    FACE,
+    LEFT,
+    RIGHT,
+    SMALL_PIXELS,
+    TOP,
+    gather_triangles,
+    plan_triangles,
+)
+from rasterjit.pipeline.records import Cutouts, Faces, ScreenVertices, Viewport
+from rasterjit.pipeline.visibility import nearest
+from rasterjit.pipeline.visibility.alpha_test import (
+    EMPTY,
+    PIXEL_MEMORY,
+    is_hole,
+    keep_shown,
+    own_tile,
+    owner_of,
+    pixel_memory,
+    tile_for,
+)
+from rasterjit.pipeline.visibility.nearest import (
+    NOTHING,
+    SCRATCH,
+    SCRATCH_TESTED,
+    clear_tile,
+    draw_triangle,
+    tile_window,
+)
+from rasterjit.runtime.intrinsics import flat
+from rasterjit.runtime.jit import disjoint_helper, helper, kernel
+from rasterjit.runtime.state import int32, int64, stored, uint8
+
+
+@kernel
+def split_lists(
+    starts: int64[::1], binned: int32[::1], faces: Faces, face_starts: int64[::1],
+    is_blended: uint8[::1], parted: int32[::1], middles: int64[::1],
+):  # fmt: skip
+    """
+    Put the opaque triangles of each tile's list before the transparent ones.
+
+    Parameters
+    ----------
+    starts : (tiles + 1,) int64
+    binned : (M,) int32
+        As ``visibility.draw_tiles`` takes them.
+    faces : Faces
+    face_starts : (O+1,) int64
+    is_blended : (O,) uint8
+        1 for each object that is transparent.
+    parted : (M,) int32
+        Written: the lists, each in the old order within its two parts.
+    middles : (tiles,) int64
+        Written: where the transparent triangles of each tile begin.
+    """
+    face_count = np.int64(faces.faces.shape[0])
+    for tile in range(middles.shape[0]):
+        place, middle = starts[tile], starts[tile]
+        for wanted in range(2):
+            owner = np.int64(0)
+            for n in range(starts[tile], starts[tile + 1]):
+                triangle = np.int64(binned[n])
+                face = triangle
+                if triangle >= face_count:
+                    face = np.int64(faces.piece_faces[triangle - face_count])
+                while face >= face_starts[owner + 1]:
+                    owner += 1
+                if np.int64(is_blended[owner]) == wanted:
+                    parted[place] = binned[n]
+                    place += 1
+            if wanted == 0:
+                middle = place
+        middles[tile] = middle
+
+
+@helper
+def gather_shifted(listed, parts, screen, window, bits, shift, whole, real):
+    """Set up some listed triangles, moved by whole units of the sub-pixel grid."""
+    count = listed.shape[0]
+    gather_triangles(listed, parts, screen, whole, real)
+    for k in range(3):
+        for n in range(count):
+            whole[AX + 2 * k, n] += shift[0]
+            whole[AY + 2 * k, n] += shift[1]
+    plan_triangles(count, window, bits, whole, real)
+
+
+@helper
+def draw_opaque(listed, parts, screen, window, bits, shift, scratch, cutouts):
+    """Draw the listed triangles of a tile; the nearest is seen."""
+    tile_depth, tile_numbers, whole, real = scratch[:4]
+    tile = flat(tile_depth), flat(tile_numbers)
+    own = own_tile(tile, scratch, cutouts)
+    for first in range(0, listed.shape[0], BATCH):
+        some = listed[first : min(first + BATCH, listed.shape[0])]
+        gather_shifted(some, parts, screen, window, bits, shift, whole, real)
+        count, owner, waiting = np.uintp(some.shape[0]), np.int64(0), np.int64(0)
+        for n in range(count):
+            owner = owner_of(whole[FACE, n], owner, cutouts)
+            target = tile_for(owner, tile, own, cutouts)
+            draw_triangle(n, whole, real, window, bits, scratch[EMPTY][0], target, scratch[4:9])
+            waiting = keep_shown(n, count, owner, waiting, whole, window, shift, scratch, cutouts)
+
+
+@disjoint_helper
+def take_row(drawn, empty, face, hiding_depth, hiding_face, counts, depths, faces):
+    """
+    Take what a triangle covers of a row, as far as nothing opaque hides it; empty the row.
+
+    Returns whether there is any; the samples are counted.
+    """
+    found = np.int32(0)
+    for i in range(drawn.shape[0]):
+        depth = drawn[i]
+        is_seen = (depth > hiding_depth[i]) | ((depth == hiding_depth[i]) & (face < hiding_face[i]))
+        drawn[i] = empty
+        depths[i] = depth if is_seen else empty
+        faces[i] = face
+        counts[i] += np.int32(is_seen)
+        found |= np.int32(is_seen)
+    return found
+
+
+@helper
+def clear_beside(drawn, empty, row, first):
+    """Empty the columns beside a box that triangles are drawn in by whole groups."""
+    for k in range(SMALL_PIXELS):
+        drawn[row, np.uintp(first + k)] = empty
+
+
+@disjoint_helper
+def exchange_row(layer_depths, layer_faces, depths, empty, faces):
+    """Leave the nearer surface in the layer and take the other one; return if any is left."""
+    found = np.int32(0)
+    for i in range(depths.shape[0]):
+        here, there = layer_depths[i], depths[i]
+        face_here, face_there = layer_faces[i], faces[i]
+        # What is empty lies deepest and changes places with nothing: in a layer its face is -1.
+        is_nearer = (there > here) | ((there == here) & (face_there < face_here))
+        layer_depths[i] = there if is_nearer else here
+        layer_faces[i] = face_there if is_nearer else face_here
+        left = here if is_nearer else there
+        depths[i] = left
+        faces[i] = face_here if is_nearer else face_there
+        found |= np.int32(left > empty)
+    return found
+
+
+@helper
+def clear_layer(layers, empty, sample, level, left, right):
+    """Empty some columns of a layer."""
+    depths, faces = layers
+    for row in range(depths.shape[2]):
+        # Rows are cut from the whole array: of any other Numba forgets that they are contiguous.
+        depth_row = depths[sample, level, row, left:right]
+        face_row = faces[sample, level, row, left:right]
+        for i in range(depth_row.shape[0]):
+            depth_row[i] = empty
+        for i in range(face_row.shape[0]):
+            face_row[i] = NOTHING
+
+
+@helper
+def insert_triangle(
+    n, whole, window, drawn, empty, hiding, counts, layers, sample, used, carried
+):  # fmt: skip
+    """Insert what one triangle covers of a tile into its layers; return how many are in use."""
+    # A wide triangle's box begins where its block of columns does, which may be left of the tile.
+    left = max(np.int64(whole[LEFT, n]) - window[0], np.int64(0))
+    right = np.int64(whole[RIGHT, n]) - window[0]
+    top, bottom = np.int64(whole[TOP, n]) - window[1], np.int64(whole[BOTTOM, n]) - window[1]
+    face, count = np.int32(whole[FACE, n]), right + 1 - left
+    layer_depths, layer_faces = layers
+    if count <= 0:
+        return used
+    depths, faces = carried[0][:count], carried[1][:count]
+    first, end = window[0] + left, window[0] + right + 1
+    for row in range(top, bottom + 1):
+        found = take_row(
+            drawn[row, left : right + 1], empty, face, hiding[0][row, left : right + 1],
+            hiding[1][row, left : right + 1], counts[row, left : right + 1], depths, faces,
+        )  # fmt: skip
+        clear_beside(drawn, empty, row, right + 1)
+        level = np.int64(0)
+        while found != 0 and level < layer_depths.shape[1]:
+            if level == used:
+                clear_layer(layers, empty, sample, level, window[0], window[2] + 1)
+                used += 1
+            found = exchange_row(
+                layer_depths[sample, level, row, first:end],
+                layer_faces[sample, level, row, first:end], depths, empty, faces,
+            )  # fmt: skip
+            level += 1
+    return used
+
+
+@helper
+def insert_listed(
+    listed, parts, screen, window, bits, shift, layers, sample, scratch, spare
+):  # fmt: skip
+    """Insert the listed triangles of a tile into its layers; return how many are in use."""
+    whole, real, empty = scratch[2], scratch[3], scratch[EMPTY][0]
+    drawn, numbers, counts = spare[0], spare[1], spare[2]
+    used = np.int64(0)
+    tile = flat(drawn), flat(numbers)
+    for first in range(0, listed.shape[0], BATCH):
+        some = listed[first : min(first + BATCH, listed.shape[0])]
+        gather_shifted(some, parts, screen, window, bits, shift, whole, real)
+        for n in range(np.uintp(some.shape[0])):
+            draw_triangle(n, whole, real, window, bits, empty, tile, scratch[4:9])
+            used = insert_triangle(
+                n, whole, window, drawn, empty, (scratch[0], scratch[1]), counts, layers, sample,
+                used, (spare[3], spare[4]),
+            )  # fmt: skip
+    return used
+
+
+@helper
+def deepest_of(counts, window, most):
+    """Return the larger of ``most`` and the largest count of a tile, with its pixel."""
+    for row in range(window[3] + 1 - window[1]):
+        for column in range(window[2] + 1 - window[0]):
+            if counts[row, column] > most[0]:
+                most = np.int64(counts[row, column]), window[0] + column, window[1] + row
+    return most
+
+
+@disjoint_helper
+def copy_row(source, target):
+    """Copy a row."""
+    for i in range(target.shape[0]):
+        target[i] = source[i]
+
+
+def scratch_memory(
+    has_cutouts: bool = False, depth_type: Any = np.float32
+) -> tuple[tuple[NDArray[Any], ...], tuple[NDArray[Any], ...]]:
+    """Return the memory that a thread needs: to draw, and to draw a triangle alone."""
+    alone = (
+        np.full(nearest.SCRATCH_SHAPE, nearest.empty_depth(depth_type)),
+        np.empty(nearest.SCRATCH_SHAPE, np.int32),
+        np.empty((TILE_SIZE, TILE_SIZE), np.int32),
+        np.empty(TILE_SIZE, depth_type),
+        np.empty(TILE_SIZE, np.int32),
+    )
+    return nearest.scratch_memory(has_cutouts, depth_type), alone
+
+
+ALONE = stored[:, ::1], int32[:, ::1], int32[:, ::1], stored[::1], int32[::1]
+"""The types of the memory to draw a triangle alone."""
+
+
+@helper
+def find_all(
+    rows, starts, middles, parted, faces, screen, viewport, shifts, opaque, layers, used, deepest,
+    scratch, cutouts,
+):  # fmt: skip
+    """Find the layers of some rows; ``cutouts`` None: no object has holes."""
+    parts = faces.faces, faces.pieces, faces.piece_faces
+    drawing, spare = scratch
+    columns = used.shape[1]
+    most = np.int64(0), np.int64(0), np.int64(0)
+    counts, empty = spare[2], drawing[EMPTY][0]
+    for sample in range(shifts.shape[0]):
+        shift = shifts[sample, 0], shifts[sample, 1]
+        for column in range(columns):
+            tile = (rows[0] >> TILE_BITS) * columns + column
+            left, _, right, _ = tile_window(tile, columns, viewport)
+            window = left, np.int64(rows[0]), right, np.int64(rows[1]) - 1
+            clear_tile(drawing[0], drawing[1], empty)
+            listed = parted[starts[tile] : middles[tile]]
+            draw_opaque(listed, parts, screen, window, viewport.grid_bits, shift, drawing, cutouts)
+            for row in range(rows[1] - rows[0]):
+                copy_row(drawing[1][row, : right + 1 - left], opaque[sample, row, left : right + 1])
+            used[sample, column] = 0
+            listed = parted[middles[tile] : starts[tile + 1]]
+            if listed.shape[0] == 0:
+                continue
+            for row in range(TILE_SIZE):
+                for i in range(TILE_SIZE):
+                    counts[row, i] = 0
+            used[sample, column] = insert_listed(
+                listed, parts, screen, window, viewport.grid_bits, shift, layers, sample, drawing,
+                spare,
+            )  # fmt: skip
+            most = deepest_of(counts, window, most)
+    # Empty the layers that only other tiles use.
+    needed = min(most[0], np.int64(layers[1].shape[1]))
+    for sample in range(shifts.shape[0]):
+        for column in range(columns):
+            left, right = column << TILE_BITS, min((column + 1) << TILE_BITS, layers[1].shape[3])
+            for level in range(used[sample, column], needed):
+                clear_layer(layers, empty, sample, level, left, right)
+    deepest[0], deepest[1], deepest[2] = most
+
+
+@kernel
+def find_layers(
+    rows: (int64, int64), starts: int64[::1], middles: int64[::1], parted: int32[::1], faces: Faces,
+    screen: ScreenVertices, viewport: Viewport, shifts: int32[:, ::1], opaque: int32[:, :, ::1],
+    layers: (stored[:, :, :, ::1], int32[:, :, :, ::1]), used: int64[:, ::1], deepest: int64[::1],
+    scratch: (SCRATCH, ALONE),
+):  # fmt: skip
+    """
+    Find the opaque surface and the transparent ones before it, for some rows of the frame.
+
+    Parameters
+    ----------
+    rows : (int, int)
+        The first, and one past the last, of one row of tiles.
+    starts, middles, parted : arrays
+        The lists of the tiles, as `split_lists` takes and writes them.
+    faces, screen, viewport : records
+    shifts : (N, 2) int32
+        Of each sample, what is added to the vertices: its way to the pixel's centre, in units of
+        the sub-pixel grid.
+    opaque : (N, R, W) int32
+        Written: the nearest opaque face at each sample, -1 where there is none.
+    layers : (depths (N, K, R, W), faces (N, K, R, W) int32)
+        Written: the transparent surfaces in front of it, nearest first: stored depth, of the type
+        of the scratch memory's, and face number, of as many layers as the samples have; -1 where a
+        sample has fewer.
+    used : (N, tiles in a row) int64
+        Scratch memory.
+    deepest : (3,) int64
+        Written: the most transparent surfaces that a sample has, and its pixel's column and row. If
+        they are more than K, some are missing.
+    scratch : tuple
+        This thread's own, from `scratch_memory`.
+    """
+    find_all(
+        rows, starts, middles, parted, faces, screen, viewport, shifts, opaque, layers, used,
+        deepest, scratch, None,
+    )  # fmt: skip
+
+
+@kernel
+def find_layers_tested(
+    rows: (int64, int64), starts: int64[::1], middles: int64[::1], parted: int32[::1], faces: Faces,
+    screen: ScreenVertices, viewport: Viewport, shifts: int32[:, ::1], opaque: int32[:, :, ::1],
+    layers: (stored[:, :, :, ::1], int32[:, :, :, ::1]), used: int64[:, ::1], deepest: int64[::1],
+    scratch: (SCRATCH_TESTED, ALONE), cutouts: Cutouts,
+):  # fmt: skip
+    """
+    Find the same where objects may have holes.
+
+    Parameters
+    ----------
+    rows, starts, middles, parted, faces, screen, viewport, shifts, opaque, layers, used, deepest
+        As `find_layers` takes them.
+    scratch : tuple
+        This thread's own, from `scratch_memory`, with what holes take.
+    cutouts : Cutouts
+    """
+    find_all(
+        rows, starts, middles, parted, faces, screen, viewport, shifts, opaque, layers, used,
+        deepest, scratch, cutouts,
+    )  # fmt: skip
+
+
+@kernel
+def drop_holes(
+    first_row: int64, faces: int32[:, :, ::1], kept: int64[:, :, ::1], memory: PIXEL_MEMORY,
+    cutouts: Cutouts,
+):  # fmt: skip
+    """
+    Leave the layers of each pixel that have no hole there, nearest first.
+
+    Parameters
+    ----------
+    first_row : int
+        Of the frame: row 0 of the arrays.
+    faces : (K, R, W) int32
+        The faces of each pixel, nearest first; -1 behind the last. Changed.
+    kept : (K, R, W) int64
+        Written: which layer each of the layers that are left was; behind the last as it is.
+    memory : tuple
+        This thread's own, from ``alpha_test.pixel_memory``.
+    cutouts : Cutouts
+    """
+    levels, rows, columns = faces.shape
+    for row in range(rows):
+        for column in range(columns):
+            count = np.int64(0)
+            for level in range(levels):
+                face = np.int64(faces[level, row, column])
+                kept[level, row, column] = level
+                if face < 0 or is_hole(face, column, first_row + row, memory, cutouts):
+                    continue
+                faces[count, row, column] = face
+                kept[count, row, column] = level
+                count += 1
+            for level in range(count, levels):
+                faces[level, row, column] = -1
+
+
+def without_holes(
+    first_row: int, faces: NDArray[np.int32], depths: NDArray[Any], cutouts: Cutouts
+) -> tuple[NDArray[np.int32], NDArray[Any]]:
+    """Return the layers of some rows, (K, R, W), less those that have a hole at a pixel."""
+    kept = np.empty(faces.shape, np.int64)
+    drop_holes(first_row, faces, kept, pixel_memory(), cutouts)
+    return faces, np.take_along_axis(depths, kept, axis=0)

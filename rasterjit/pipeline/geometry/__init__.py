@@ -1,0 +1,1 @@
+"""Geometry: vertices to the screen, clipping, set-up, binning, weights of corners."""

@@ -1,0 +1,604 @@
+"""
+Find where on its face a sample lies, and interpolate there.
+
+The weights are perspective-correct, those of the face's own three vertices even when it was
+clipped. A face that needed no clipping has exact weights: integer edge functions of its snapped
+vertices, over w. A clipped one has vertices that were never snapped; its weights follow from
+its clip positions: the sample with normalized device coordinates (X, Y) lies on the face where
+``sum b_k (x_k - X w_k) = sum b_k (y_k - Y w_k) = 0``, so ``b`` is the cross product of the two
+coefficient rows. They are held at zero and above, for the sample may lie a rounding outside.
+
+Without w (``Geometry.w`` has no elements) the weights are affine: linear on the screen, edge
+functions over their sum, one division for a whole face. A face that was clipped has no others than
+the perspective-correct ones, for it has no vertices on the screen.
+
+Vertices are taken starting from the lowest number, so rotating a face changes no bit.
+
+References
+----------
+.. [1] M. Olano and T. Greer, "Triangle Scan Conversion using 2D Homogeneous Coordinates",
+   Graphics Hardware 1997.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rasterjit.pipeline.geometry.setup import CLIPPED, corners_of, edge, last_at_most, whole_size
+from rasterjit.pipeline.records import Geometry, Placement
+from rasterjit.runtime.jit import disjoint_helper, helper, kernel
+from rasterjit.runtime.state import float32, float64, int32, int64, uint8
+
+UNDERFLOW = 2.0**-900
+"""
+A sum of weights above it has lost nothing of account to underflow.
+
+It can be below 1 only where the edge opposite the smallest w is 0, the edges being whole numbers.
+"""
+
+
+@helper
+def lowest_first(faces, face):
+    """Return the vertex numbers of a face, rotated so that the lowest comes first."""
+    a, b, c = corners_of(faces, face)
+    if b < a and b < c:
+        return b, c, a
+    if c < a and c < b:
+        return c, a, b
+    return a, b, c
+
+
+@helper
+def weights_without_zeros(edges, ws):
+    """Return edges times the smallest w over w, which is that of a vertex whose edge is not 0."""
+    smallest = np.inf
+    for k in range(3):
+        if edges[k] != 0.0:
+            smallest = min(smallest, ws[k])
+    return (
+        edges[0] * (smallest / ws[0]) if edges[0] != 0.0 else 0.0,
+        edges[1] * (smallest / ws[1]) if edges[1] != 0.0 else 0.0,
+        edges[2] * (smallest / ws[2]) if edges[2] != 0.0 else 0.0,
+    )
+
+
+@helper
+def scalar_product(right, down, other_right, other_down):
+    """Return the scalar product of two steps, one pixel right and one down each."""
+    return np.float64(right) * np.float64(other_right) + np.float64(down) * np.float64(other_down)
+
+
+@helper
+def held_to_border(outside, others, sizes):
+    """
+    Return two edges at the foot of a perpendicular on a third one, whose value is ``outside``.
+
+    Takes the scalar products of the steps: the third's with itself and with both others'. Inside
+    the third edge they are worth what they were.
+    """
+    way = min(outside, 0.0) / sizes[0]
+    return others[0] - way * sizes[1], others[1] - way * sizes[2]
+
+
+@helper
+def held_edges(edges, right, down, reach):
+    """
+    Return three edges at a pixel's centre, where the samples of a face may lie beside it.
+
+    They are turned positive inside. Of a centre beside the face they are those of a point of its
+    border that is near: the foot of the perpendicular on the edge that it lies beside, or a vertex.
+    Scaling the others to make up for an edge below zero would slide along a sliver as far as it is
+    long. Inside, and where a pixel has one sample, they are worth what they were.
+
+    Parameters
+    ----------
+    edges : tuple of 3 whole numbers
+    right, down : tuple of 3 whole numbers
+        How edges change from pixel to pixel, in any unit.
+    reach
+        None where a pixel has one sample.
+    """
+    if reach is None:
+        return edges
+    turn = 1.0 if edges[0] + edges[1] + edges[2] > 0 else -1.0
+    e0, e1, e2 = (
+        turn * np.float64(edges[0]),
+        turn * np.float64(edges[1]),
+        turn * np.float64(edges[2]),
+    )
+    d01 = scalar_product(right[0], down[0], right[1], down[1])
+    d12 = scalar_product(right[1], down[1], right[2], down[2])
+    d20 = scalar_product(right[2], down[2], right[0], down[0])
+    d00 = scalar_product(right[0], down[0], right[0], down[0])
+    d11 = scalar_product(right[1], down[1], right[1], down[1])
+    d22 = scalar_product(right[2], down[2], right[2], down[2])
+    k1, k2 = held_to_border(e0, (e1, e2), (d00, d01, d20))
+    k0 = max(e0, 0.0)
+    k2, k0 = held_to_border(k1, (k2, k0), (d11, d12, d01))
+    k1 = max(k1, 0.0)
+    k0, k1 = held_to_border(k2, (k0, k1), (d22, d20, d12))
+    return max(k0, 0.0), max(k1, 0.0), max(k2, 0.0)
+
+
+@helper
+def normalized(w0, w1, w2):
+    """Return weights over their sum; if that is 0, all goes to the first."""
+    total = w0 + w1 + w2
+    if total == 0.0:
+        return 1.0, 0.0, 0.0
+    return w0 / total, w1 / total, w2 / total
+
+
+@helper
+def are_beside(reach):
+    """Return whether the samples of a pixel may lie beside its centre."""
+    if reach is None:
+        return False
+    return reach != 0
+
+
+@helper
+def affine_weights(e0, e1, e2):
+    """Return whole edge functions over their sum, which is the same on all of a face."""
+    over = 1.0 / np.float64(e0 + e1 + e2)
+    return np.float64(e0) * over, np.float64(e1) * over, np.float64(e2) * over
+
+
+@helper
+def weights_over_w(e0, e1, e2, total, a, b, c, w):
+    """
+    Return the weights of three vertices, given the edge functions opposite them, and their sum.
+
+    Edges are multiplied by the smallest w over w: it is in 0..1, and 1 where all are equal. A
+    vertex opposite an edge that the sample lies on has no part in it. Without w they are affine.
+    """
+    if w is None:
+        over = 1.0 / np.float64(total)
+        return e0 * over, e1 * over, e2 * over
+    if w.shape[0] == 0:
+        over = 1.0 / np.float64(total)
+        return e0 * over, e1 * over, e2 * over
+    wa, wb, wc = w[a], w[b], w[c]
+    smallest = min(wa, min(wb, wc))
+    w0, w1, w2 = e0 * (smallest / wa), e1 * (smallest / wb), e2 * (smallest / wc)
+    if abs(w0 + w1 + w2) > UNDERFLOW:
+        return normalized(w0, w1, w2)
+    w0, w1, w2 = weights_without_zeros((e0, e1, e2), (wa, wb, wc))
+    return normalized(w0, w1, w2)
+
+
+@helper
+def snapped_weights(a, b, c, px, py, geometry):
+    """Return the weights on a face that was not clipped, at a point of the sub-pixel grid."""
+    ax, ay = np.int64(geometry.xy[a, 0]), np.int64(geometry.xy[a, 1])
+    bx, by = np.int64(geometry.xy[b, 0]), np.int64(geometry.xy[b, 1])
+    cx, cy = np.int64(geometry.xy[c, 0]), np.int64(geometry.xy[c, 1])
+    e0, e1, e2 = (
+        edge(bx, by, cx, cy, px, py), edge(cx, cy, ax, ay, px, py), edge(ax, ay, bx, by, px, py),
+    )  # fmt: skip
+    k0, k1, k2, total = np.float64(e0), np.float64(e1), np.float64(e2), np.float64(e0 + e1 + e2)
+    if are_beside(geometry.viewport.reach):
+        right, down = (by - cy, cy - ay, ay - by), (cx - bx, ax - cx, bx - ax)
+        k0, k1, k2 = held_edges((e0, e1, e2), right, down, 1)
+        total = k0 + k1 + k2
+    return weights_over_w(k0, k1, k2, total, a, b, c, geometry.w)
+
+
+@helper
+def seen_from_sample(a, b, c, column, row, geometry):
+    """Return x - X w and y - Y w of three vertices, (X, Y) being a pixel's centre in NDC."""
+    viewport = geometry.viewport
+    width, height = whole_size(viewport)
+    x = (2.0 * (viewport.left + column) + 1.0) / width - 1.0
+    y = 1.0 - (2.0 * (viewport.top + row) + 1.0) / height
+    clip = geometry.clip_positions
+    u0 = clip[a, 0] - x * clip[a, 3]
+    u1 = clip[b, 0] - x * clip[b, 3]
+    u2 = clip[c, 0] - x * clip[c, 3]
+    v0 = clip[a, 1] - y * clip[a, 3]
+    v1 = clip[b, 1] - y * clip[b, 3]
+    v2 = clip[c, 1] - y * clip[c, 3]
+    return (u0, u1, u2), (v0, v1, v2)
+
+
+@helper
+def clipped_weights(a, b, c, column, row, geometry):
+    """Return the weights on a clipped face, not yet normalized."""
+    (u0, u1, u2), (v0, v1, v2) = seen_from_sample(a, b, c, column, row, geometry)
+    w0, w1, w2 = u1 * v2 - u2 * v1, u2 * v0 - u0 * v2, u0 * v1 - u1 * v0
+    if w0 + w1 + w2 < 0.0:
+        w0, w1, w2 = -w0, -w1, -w2
+    return max(w0, 0.0), max(w1, 0.0), max(w2, 0.0)
+
+
+@helper
+def sample_weights(a, b, c, column, row, geometry):
+    """Return the weights of vertices a, b, c at a pixel's centre."""
+    if (geometry.codes[a] | geometry.codes[b] | geometry.codes[c]) & CLIPPED:
+        w0, w1, w2 = clipped_weights(a, b, c, column, row, geometry)
+        return normalized(w0, w1, w2)
+    bits = geometry.viewport.grid_bits
+    half = np.int64(1) << (bits - 1)
+    px, py = (np.int64(column) << bits) + half, (np.int64(row) << bits) + half
+    return snapped_weights(a, b, c, px, py, geometry)
+
+
+@helper
+def shifted_weights(a, b, c, column, row, shift, geometry):
+    """
+    Return the weights of vertices a, b, c at a sample of a pixel.
+
+    Takes its way to the pixel's centre in units of the sub-pixel grid. Where that is nothing they
+    are those of `sample_weights`.
+    """
+    bits = geometry.viewport.grid_bits
+    unit, half = np.int64(1) << bits, np.int64(1) << (bits - 1)
+    if (geometry.codes[a] | geometry.codes[b] | geometry.codes[c]) & CLIPPED:
+        x = np.float64(column) - np.float64(shift[0]) / np.float64(unit)
+        y = np.float64(row) - np.float64(shift[1]) / np.float64(unit)
+        w0, w1, w2 = clipped_weights(a, b, c, x, y, geometry)
+        return normalized(w0, w1, w2)
+    px = (np.int64(column) << bits) + half - np.int64(shift[0])
+    py = (np.int64(row) << bits) + half - np.int64(shift[1])
+    return snapped_weights(a, b, c, px, py, geometry)
+
+
+@helper
+def weights_from_edges(e0, e1, e2, ratios, w):
+    """
+    Return the normalized weights of the second and the third vertex of a face.
+
+    And 1 if their sum may have lost something to underflow; `sample_weights` knows then. Without w
+    they are affine.
+    """
+    if w is None:
+        _, second, third = affine_weights(e0, e1, e2)
+        return second, third, np.int64(0)
+    w0 = np.float64(e0) * ratios[0]
+    w1 = np.float64(e1) * ratios[1]
+    w2 = np.float64(e2) * ratios[2]
+    total = w0 + w1 + w2
+    return w1 / total, w2 / total, np.int64(not abs(total) > UNDERFLOW)
+
+
+@disjoint_helper
+def weights_along_row(second, third, row_start, reach, w):
+    """Write the weights of the second and third vertex along a row; return if any is doubtful."""
+    (e0, e1, e2), steps, downs, ratios = row_start
+    doubtful = np.int64(0)
+    for i in range(second.shape[0]):
+        k0, k1, k2 = held_edges((e0, e1, e2), steps, downs, reach)
+        second[i], third[i], is_doubtful = weights_from_edges(k0, k1, k2, ratios, w)
+        doubtful |= is_doubtful
+        e0 += steps[0]
+        e1 += steps[1]
+        e2 += steps[2]
+    return doubtful
+
+
+@disjoint_helper
+def affine_along_row(second, third, row_start):
+    """Write the affine weights of the second and third vertex along a row; none is doubtful."""
+    (e0, e1, e2), steps, _, _ = row_start
+    over = 1.0 / np.float64(e0 + e1 + e2)
+    for i in range(second.shape[0]):
+        second[i], third[i] = np.float64(e1) * over, np.float64(e2) * over
+        e1 += steps[1]
+        e2 += steps[2]
+    return np.int64(0)
+
+
+@helper
+def weights_along_run(second, third, row_start, reach, w):
+    """Write the weights along a row of one face; return if any is doubtful."""
+    if w is None:  # noqa: SIM102 - what is absent is compiled out
+        if reach is None:
+            return affine_along_row(second, third, row_start)
+    return weights_along_row(second, third, row_start, reach, w)
+
+
+@helper
+def ratios_at(wa, wb, wc, n, w):
+    """Return the smallest w over each, of the vertices of one of many faces; 1 without w."""
+    if w is None:
+        return 1.0, 1.0, 1.0
+    smallest = min(wa[n], min(wb[n], wc[n]))
+    return smallest / wa[n], smallest / wb[n], smallest / wc[n]
+
+
+@helper
+def blend(weights, value0, value1, value2):
+    """Return the weighted mean of the vertices' values; equal ones give exactly themselves."""
+    return value0 + weights[1] * (value1 - value0) + weights[2] * (value2 - value0)
+
+
+@helper
+def interpolate(weights, value0, value1, value2):
+    """Return `blend` held inside the range of its values, which rounding may leave by an ulp."""
+    lowest, highest = min(value0, min(value1, value2)), max(value0, max(value1, value2))
+    value = blend(weights, value0, value1, value2)
+    value = value if value >= lowest else lowest
+    return value if value <= highest else highest
+
+
+@helper
+def find_object(face, face_starts, guess):
+    """Return the object that owns a face; ``guess`` is tried first."""
+    if face_starts[guess] <= face < face_starts[guess + 1]:
+        return guess
+    return last_at_most(face_starts, face)
+
+
+@helper
+def place(x, y, z, owner, matrices):
+    """Return a model-space point where its object's matrix puts it."""
+    m = matrices
+    return (
+        m[owner, 0, 0] * x + m[owner, 0, 1] * y + m[owner, 0, 2] * z + m[owner, 0, 3],
+        m[owner, 1, 0] * x + m[owner, 1, 1] * y + m[owner, 1, 2] * z + m[owner, 1, 3],
+        m[owner, 2, 0] * x + m[owner, 2, 1] * y + m[owner, 2, 2] * z + m[owner, 2, 3],
+    )
+
+
+@helper
+def place_vertex(vertex, owner, placement):
+    """Return a vertex in world axes, relative to the eye."""
+    p, relative_from_model = placement.positions, placement.relative_from_model
+    return place(p[vertex, 0], p[vertex, 1], p[vertex, 2], owner, relative_from_model)
+
+
+@helper
+def place_sample(weights, a, b, c, owner, placement):
+    """
+    Return the point of a face with the given weights in world axes, relative to the eye.
+
+    The first vertex is placed and the way from it added: differences of coordinates that are large
+    are exact, so that a mesh far from the origin is lit as one near it.
+    """
+    p, m = placement.positions, placement.relative_from_model
+    x = weights[1] * (p[b, 0] - p[a, 0]) + weights[2] * (p[c, 0] - p[a, 0])
+    y = weights[1] * (p[b, 1] - p[a, 1]) + weights[2] * (p[c, 1] - p[a, 1])
+    z = weights[1] * (p[b, 2] - p[a, 2]) + weights[2] * (p[c, 2] - p[a, 2])
+    first = place(p[a, 0], p[a, 1], p[a, 2], owner, m)
+    return (
+        first[0] + (m[owner, 0, 0] * x + m[owner, 0, 1] * y + m[owner, 0, 2] * z),
+        first[1] + (m[owner, 1, 0] * x + m[owner, 1, 1] * y + m[owner, 1, 2] * z),
+        first[2] + (m[owner, 2, 0] * x + m[owner, 2, 1] * y + m[owner, 2, 2] * z),
+    )
+
+
+@helper
+def matrix_of(matrices, owner):
+    """Return the 3 by 3 part of an object's matrix, row by row."""
+    m = matrices
+    return (
+        m[owner, 0, 0], m[owner, 0, 1], m[owner, 0, 2],
+        m[owner, 1, 0], m[owner, 1, 1], m[owner, 1, 2],
+        m[owner, 2, 0], m[owner, 2, 1], m[owner, 2, 2],
+    )  # fmt: skip
+
+
+@helper
+def face_normal(a, b, c, owner, placement):
+    """Return the unit normal on the counter-clockwise side of a face, world axes, or zero."""
+    pa = place_vertex(a, owner, placement)
+    pb = place_vertex(b, owner, placement)
+    pc = place_vertex(c, owner, placement)
+    return normal_of_points(pa, pb, pc, placement.mirrored[owner])
+
+
+@helper
+def normal_of_points(pa, pb, pc, turn):
+    """Return the unit normal of three points, times ``turn``; zero if they lie on a line."""
+    ux, uy, uz = pb[0] - pa[0], pb[1] - pa[1], pb[2] - pa[2]
+    vx, vy, vz = pc[0] - pa[0], pc[1] - pa[1], pc[2] - pa[2]
+    # Scale the sides first: products of very long or very short ones overflow or vanish.
+    size = max(max(abs(ux), max(abs(uy), abs(uz))), max(abs(vx), max(abs(vy), abs(vz))))
+    shrink = 1.0 / size if size > 0.0 else 0.0
+    ux, uy, uz = ux * shrink, uy * shrink, uz * shrink
+    vx, vy, vz = vx * shrink, vy * shrink, vz * shrink
+    x, y, z = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+    length = np.sqrt(x * x + y * y + z * z)
+    scale = turn / length if length > 0.0 else 0.0
+    return scale * x, scale * y, scale * z
+
+
+@helper
+def seen_from_behind(a, b, c, owner, geometry, placement):
+    """
+    Return whether a face turns its back to the viewer.
+
+    By its turn on the screen; a clipped face has none, and is judged by its plane.
+    """
+    if not (geometry.codes[a] | geometry.codes[b] | geometry.codes[c]) & CLIPPED:
+        xy = geometry.xy
+        turn = edge(
+            np.int64(xy[a, 0]), np.int64(xy[a, 1]), np.int64(xy[b, 0]), np.int64(xy[b, 1]),
+            np.int64(xy[c, 0]), np.int64(xy[c, 1]),
+        )  # fmt: skip
+        return np.float64(turn) * placement.front_turns[owner] < 0.0
+    normal = face_normal(a, b, c, owner, placement)
+    point = place_vertex(a, owner, placement)
+    viewer = placement.toward_viewer
+    return (
+        normal[0] * (viewer[0] - viewer[3] * point[0])
+        + normal[1] * (viewer[1] - viewer[3] * point[1])
+        + normal[2] * (viewer[2] - viewer[3] * point[2])
+    ) < 0.0
+
+
+@helper
+def smooth_normal(weights, a, b, c, normals, matrices, owner):
+    """Return the interpolated vertex normal in world axes, not normalized."""
+    x = blend(weights, np.float64(normals[a, 0]), np.float64(normals[b, 0]),
+              np.float64(normals[c, 0]))  # fmt: skip
+    y = blend(weights, np.float64(normals[a, 1]), np.float64(normals[b, 1]),
+              np.float64(normals[c, 1]))  # fmt: skip
+    z = blend(weights, np.float64(normals[a, 2]), np.float64(normals[b, 2]),
+              np.float64(normals[c, 2]))  # fmt: skip
+    return (
+        matrices[owner, 0, 0] * x + matrices[owner, 0, 1] * y + matrices[owner, 0, 2] * z,
+        matrices[owner, 1, 0] * x + matrices[owner, 1, 1] * y + matrices[owner, 1, 2] * z,
+        matrices[owner, 2, 0] * x + matrices[owner, 2, 1] * y + matrices[owner, 2, 2] * z,
+    )
+
+
+@helper
+def vertex_normal(normals, vertex):
+    """Return the normal of a vertex in model space, float64."""
+    return (
+        np.float64(normals[vertex, 0]),
+        np.float64(normals[vertex, 1]),
+        np.float64(normals[vertex, 2]),
+    )
+
+
+@kernel
+def fill_barycentric(
+    face_id: int32[:, ::1], rows: (int64, int64), geometry: Geometry,
+    barycentric: float32[:, :, ::1],
+):  # fmt: skip
+    """
+    Write the weights of each sample, in the order of its face's vertices.
+
+    Parameters
+    ----------
+    face_id : (H, W) int32
+    rows : (int, int)
+        First row, and one past the last.
+    geometry : Geometry
+    barycentric : (H, W, 3) float32
+        Written; zero where nothing is.
+    """
+    for row in range(rows[0], rows[1]):
+        for column in range(face_id.shape[1]):
+            face = face_id[row, column]
+            for k in range(3):
+                barycentric[row, column, k] = 0.0
+            if face < 0:
+                continue
+            a, b, c = lowest_first(geometry.faces, face)
+            weights = sample_weights(a, b, c, column, row, geometry)
+            first = 0
+            if a != geometry.faces[face, 0]:
+                first = 1 if a == geometry.faces[face, 1] else 2
+            for k in range(3):
+                barycentric[row, column, (first + k) % 3] = weights[k]
+
+
+@kernel
+def fill_attribute(
+    face_id: int32[:, ::1], rows: (int64, int64), geometry: Geometry, values: float32[:, ::1],
+    attribute: float32[:, :, ::1],
+):  # fmt: skip
+    """
+    Interpolate a vertex attribute at each sample.
+
+    Parameters
+    ----------
+    face_id : (H, W) int32
+    rows : (int, int)
+    geometry : Geometry
+    values : (V, K) float32
+    attribute : (H, W, K) float32
+        Written; NaN where nothing is.
+    """
+    for row in range(rows[0], rows[1]):
+        for column in range(face_id.shape[1]):
+            face = face_id[row, column]
+            if face < 0:
+                for k in range(values.shape[1]):
+                    attribute[row, column, k] = np.nan
+                continue
+            a, b, c = lowest_first(geometry.faces, face)
+            weights = sample_weights(a, b, c, column, row, geometry)
+            for k in range(values.shape[1]):
+                attribute[row, column, k] = interpolate(
+                    weights,
+                    np.float64(values[a, k]),
+                    np.float64(values[b, k]),
+                    np.float64(values[c, k]),
+                )
+
+
+@kernel
+def fill_positions(
+    face_id: int32[:, ::1], rows: (int64, int64), geometry: Geometry, placement: Placement,
+    world_from_model: float64[:, :, ::1], position: float32[:, :, ::1],
+):  # fmt: skip
+    """
+    Write the world position of each sample.
+
+    Parameters
+    ----------
+    face_id : (H, W) int32
+    rows : (int, int)
+    geometry : Geometry
+    placement : Placement
+    world_from_model : (O, 3, 4) float64
+        Not by way of the eye: that would round coordinates that are small beside its own.
+    position : (H, W, 3) float32
+        Written; NaN where nothing is.
+    """
+    p = placement.positions
+    owner = np.int64(0)
+    for row in range(rows[0], rows[1]):
+        for column in range(face_id.shape[1]):
+            face = face_id[row, column]
+            if face < 0:
+                for k in range(3):
+                    position[row, column, k] = np.nan
+                continue
+            owner = find_object(face, placement.face_starts, owner)
+            a, b, c = lowest_first(geometry.faces, face)
+            weights = sample_weights(a, b, c, column, row, geometry)
+            x = interpolate(weights, p[a, 0], p[b, 0], p[c, 0])
+            y = interpolate(weights, p[a, 1], p[b, 1], p[c, 1])
+            z = interpolate(weights, p[a, 2], p[b, 2], p[c, 2])
+            point = place(x, y, z, owner, world_from_model)
+            for k in range(3):
+                position[row, column, k] = point[k]
+
+
+@kernel
+def fill_normals(
+    face_id: int32[:, ::1], rows: (int64, int64), geometry: Geometry, placement: Placement,
+    smooth: (float32[:, ::1], uint8[::1]), normal: float32[:, :, ::1],
+):  # fmt: skip
+    """
+    Write the unit normal of each sample in world axes, on the side that is seen.
+
+    Parameters
+    ----------
+    face_id : (H, W) int32
+    rows : (int, int)
+    geometry : Geometry
+    placement : Placement
+    smooth : (normals (V, 3) float32, is_smooth (O,) uint8)
+        Vertex normals in model space, and the objects that are shaded with them; the others have
+        the normals of their faces.
+    normal : (H, W, 3) float32
+        Written; zero where nothing is, and where a face or its vertex normals have none.
+    """
+    normals, is_smooth = smooth
+    owner = np.int64(0)
+    for row in range(rows[0], rows[1]):
+        for column in range(face_id.shape[1]):
+            face = face_id[row, column]
+            for k in range(3):
+                normal[row, column, k] = 0.0
+            if face < 0:
+                continue
+            owner = find_object(face, placement.face_starts, owner)
+            a, b, c = lowest_first(geometry.faces, face)
+            if is_smooth[owner]:
+                weights = sample_weights(a, b, c, column, row, geometry)
+                shown = smooth_normal(weights, a, b, c, normals, placement.normal_matrices, owner)
+            else:
+                shown = face_normal(a, b, c, owner, placement)
+            length = np.sqrt(shown[0] ** 2 + shown[1] ** 2 + shown[2] ** 2)
+            if not length > 0.0:
+                continue
+            side = -1.0 if seen_from_behind(a, b, c, owner, geometry, placement) else 1.0
+            for k in range(3):
+                normal[row, column, k] = side * shown[k] / length

@@ -1,0 +1,412 @@
+"""
+Take vertices to the screen: transform, outcode, divide by w, snap to the sub-pixel grid.
+
+A vertex is rounded to the grid once, half to even. A block of them at a time is held as rows of
+scratch memory, one row for each coordinate, so that the arithmetic is vectorized; only loading
+them and putting them into their records goes vertex by vertex.
+
+Every matrix product is ((m0 x + m1 y) + m2 z) + m3 with each operation rounded once, first to the
+eye's axes, then to clip space, as `transforms.transform_points` does it: both give the same bits.
+
+All of it is float64, or float32 where the positions and the scratch memory are, but for the last
+step: a vertex is rounded to the grid in float64, which tells its units apart in any image.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from rasterjit.pipeline.geometry.setup import (
+    BOTTOM,
+    FAR,
+    GUARD,
+    INVALID,
+    LARGEST_COORDINATE,
+    LEFT,
+    NEAR,
+    RIGHT,
+    TOP,
+    last_at_most,
+    whole_size,
+)
+from rasterjit.pipeline.records import ScreenVertices, Viewport
+from rasterjit.runtime.jit import disjoint_helper, helper, kernel
+from rasterjit.runtime.state import float64, int32, int64, real
+
+LARGEST_SINGLE = 1e18
+"""`LARGEST_COORDINATE` of float32: products of two stay finite there."""
+
+BLOCK = 256
+"""Vertices taken to the screen together: their rows of scratch memory, 15 KiB, stay in L1."""
+
+ROUNDER = 6755399441055744.0
+"""1.5 * 2**52: adding and subtracting it rounds a float64 below 2**51 half to even."""
+
+X, Y, Z, W, DEPTH = 0, 1, 2, 3, 4
+"""Rows of the float scratch: a position, in place, from the eye's axes to clip space; depth."""
+SNAPPED_X, SNAPPED_Y, CODE = 0, 1, 2
+"""Rows of the integer scratch."""
+
+
+def scratch_memory(precision: Any = np.float64) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return what a call of a kernel of this file needs to compute in float64 or in float32."""
+    kind = np.dtype(precision)
+    largest = LARGEST_COORDINATE if kind == np.float64 else LARGEST_SINGLE
+    return np.empty((5, BLOCK), kind), np.empty((3, BLOCK), np.int32), np.full(1, largest, kind)
+
+
+@helper
+def outcode(x, y, z, w, guard_x, guard_y, largest):
+    """Return the outcode of one clip position, without a branch."""
+    valid = (
+        (abs(x) <= largest) & (abs(y) <= largest) & (abs(z) <= largest) & (abs(w) <= largest)
+    )  # fmt: skip
+    inside = (w > 0.0) & (abs(x) <= guard_x * w) & (abs(y) <= guard_y * w)
+    code = np.int32(LEFT) if x < -w else np.int32(0)
+    code |= np.int32(RIGHT) if x > w else np.int32(0)
+    code |= np.int32(BOTTOM) if y < -w else np.int32(0)
+    code |= np.int32(TOP) if y > w else np.int32(0)
+    code |= np.int32(NEAR) if z < -w else np.int32(0)
+    code |= np.int32(FAR) if z > w else np.int32(0)
+    code |= np.int32(0) if inside else np.int32(GUARD)
+    return code if valid else np.int32(INVALID)
+
+
+@helper
+def extents_of(rows, viewport):
+    """Return 1 and half the whole picture's width and height, pixels, in the type of some rows."""
+    kind = rows.dtype.type
+    width, height = whole_size(viewport)
+    return kind(1.0), kind(0.5 * width), kind(0.5 * height)
+
+
+@helper
+def snap(coordinate, one, half_extent, viewport):
+    """Return a coordinate in grid units: ``(coordinate + 1) * half_extent`` pixels, rounded."""
+    pixels = np.float64((coordinate + one) * half_extent)
+    steps = pixels * np.float64(1 << viewport.subpixel_bits)
+    rounded = (steps + ROUNDER) - ROUNDER
+    return np.int32(rounded) << np.int32(viewport.grid_bits - viewport.subpixel_bits)
+
+
+@helper
+def snap_vertex(ndc_x, ndc_y, extents, viewport):
+    """Return the snapped screen position of a vertex; takes `extents_of` its coordinates' type."""
+    one, half_width, half_height = extents
+    left = np.int32(viewport.left) << np.int32(viewport.grid_bits)
+    top = np.int32(viewport.top) << np.int32(viewport.grid_bits)
+    return (
+        np.int32(snap(ndc_x, one, half_width, viewport) - left),
+        np.int32(snap(-ndc_y, one, half_height, viewport) - top),
+    )
+
+
+@helper
+def stored_depth(z, w, depth_coefficients):
+    """Return the stored depth of a clip position."""
+    c0, c1, c2 = depth_coefficients
+    return (c0 + c1 * z + c2 * w) / w
+
+
+@helper
+def row_times(m0, m1, m2, m3, x, y, z):
+    """Return one row of a matrix times (x, y, z, 1)."""
+    return m0 * x + m1 * y + m2 * z + m3
+
+
+@helper
+def only_moves(matrix):
+    """Return whether a matrix leaves directions as they are."""
+    return (
+        (matrix[0, 0] == 1.0) & (matrix[0, 1] == 0.0) & (matrix[0, 2] == 0.0)
+        & (matrix[1, 0] == 0.0) & (matrix[1, 1] == 1.0) & (matrix[1, 2] == 0.0)
+        & (matrix[2, 0] == 0.0) & (matrix[2, 1] == 0.0) & (matrix[2, 2] == 1.0)
+    )  # fmt: skip
+
+
+@disjoint_helper
+def load_moved(positions, matrix, x, y, z):
+    """Load positions relative to the eye: sums alone, no products by 0 and 1."""
+    m03, m13, m23 = matrix[0, 3], matrix[1, 3], matrix[2, 3]
+    for i in range(x.shape[0]):
+        x[i] = positions[i, 0] + m03
+        y[i] = positions[i, 1] + m13
+        z[i] = positions[i, 2] + m23
+
+
+@disjoint_helper
+def load_transformed(positions, matrix, x, y, z):
+    """Load positions relative to the eye."""
+    m00, m01, m02, m03 = matrix[0, 0], matrix[0, 1], matrix[0, 2], matrix[0, 3]
+    m10, m11, m12, m13 = matrix[1, 0], matrix[1, 1], matrix[1, 2], matrix[1, 3]
+    m20, m21, m22, m23 = matrix[2, 0], matrix[2, 1], matrix[2, 2], matrix[2, 3]
+    for i in range(x.shape[0]):
+        px, py, pz = positions[i, 0], positions[i, 1], positions[i, 2]
+        x[i] = row_times(m00, m01, m02, m03, px, py, pz)
+        y[i] = row_times(m10, m11, m12, m13, px, py, pz)
+        z[i] = row_times(m20, m21, m22, m23, px, py, pz)
+
+
+@helper
+def load_relative(positions, first, stop, objects, owner, numbers):
+    """Load a block of positions, each object by its own matrix; return the last one's owner."""
+    vertex_starts, relative_from_model = objects
+    start = first
+    while start < stop:
+        while start >= vertex_starts[np.uintp(owner + 1)]:
+            owner += 1
+        end = min(stop, vertex_starts[np.uintp(owner + 1)])
+        matrix = relative_from_model[np.uintp(owner)]
+        some, rows = positions[start:end], (start - first, end - first)
+        x = numbers[X, rows[0] : rows[1]]
+        y = numbers[Y, rows[0] : rows[1]]
+        z = numbers[Z, rows[0] : rows[1]]
+        if only_moves(matrix):
+            load_moved(some, matrix, x, y, z)
+        else:
+            load_transformed(some, matrix, x, y, z)
+        start = end
+    return owner
+
+
+@disjoint_helper
+def transform_rows(matrix, x, y, z, w):
+    """Take rows of positions to clip space, in place."""
+    m00, m01, m02, m03 = matrix[0, 0], matrix[0, 1], matrix[0, 2], matrix[0, 3]
+    m10, m11, m12, m13 = matrix[1, 0], matrix[1, 1], matrix[1, 2], matrix[1, 3]
+    m20, m21, m22, m23 = matrix[2, 0], matrix[2, 1], matrix[2, 2], matrix[2, 3]
+    m30, m31, m32, m33 = matrix[3, 0], matrix[3, 1], matrix[3, 2], matrix[3, 3]
+    for i in range(x.shape[0]):
+        px, py, pz = x[i], y[i], z[i]
+        x[i] = row_times(m00, m01, m02, m03, px, py, pz)
+        y[i] = row_times(m10, m11, m12, m13, px, py, pz)
+        z[i] = row_times(m20, m21, m22, m23, px, py, pz)
+        w[i] = row_times(m30, m31, m32, m33, px, py, pz)
+
+
+@disjoint_helper
+def project_rows(
+    depth_coefficients, viewport, largest, x, y, z, w, depth, snapped_x, snapped_y, codes
+):
+    """Write the depth, the snapped position and the outcode of rows of clip positions."""
+    # In the type of the rows, or the loop turns to float64.
+    kind = x.dtype.type
+    guard_x, guard_y = kind(viewport.guard_x), kind(viewport.guard_y)
+    c0, c1, c2 = depth_coefficients
+    coefficients = kind(c0), kind(c1), kind(c2)
+    zero, one, extents = kind(0.0), kind(1.0), extents_of(x, viewport)
+    for i in range(x.shape[0]):
+        code = outcode(x[i], y[i], z[i], w[i], guard_x, guard_y, largest)
+        # The divide and the rounding are for all: give the vertices they are not for the centre.
+        away = (code & np.int32(GUARD | INVALID)) != 0
+        divisor = one if away else w[i]
+        ndc_x = (zero if away else x[i]) / divisor
+        ndc_y = (zero if away else y[i]) / divisor
+        codes[i] = code
+        depth[i] = stored_depth(z[i], divisor, coefficients)
+        snapped_x[i], snapped_y[i] = snap_vertex(ndc_x, ndc_y, extents, viewport)
+
+
+@helper
+def put_rows(first, count, numbers, whole, screen):
+    """Put a block of vertices into their records; return the bits set in any outcode."""
+    seen = np.int32(0)
+    for i in range(count):
+        row, vertex = np.uintp(i), np.uintp(first + i)
+        code = whole[CODE, row]
+        seen |= code
+        screen.xy[vertex, 0] = whole[SNAPPED_X, row]
+        screen.xy[vertex, 1] = whole[SNAPPED_Y, row]
+        screen.depth[vertex] = numbers[DEPTH, row]
+        screen.w[vertex] = numbers[W, row]
+        screen.codes[vertex] = np.uint8(code)
+    return seen
+
+
+@helper
+def project_block(first, count, depth_coefficients, viewport, screen, scratch):
+    """Take a block from clip space to the screen; return the bits set in any outcode."""
+    numbers, whole, largest = scratch
+    project_rows(
+        depth_coefficients, viewport, largest[0], numbers[X, :count], numbers[Y, :count],
+        numbers[Z, :count], numbers[W, :count], numbers[DEPTH, :count], whole[SNAPPED_X, :count],
+        whole[SNAPPED_Y, :count], whole[CODE, :count],
+    )  # fmt: skip
+    return put_rows(first, count, numbers, whole, screen)
+
+
+@helper
+def transform_block(first, count, positions, objects, owner, clip_from_relative, numbers):
+    """Take a block from model space to clip space; return the owner of its last vertex."""
+    owner = load_relative(positions, first, first + count, objects, owner, numbers)
+    transform_rows(
+        clip_from_relative, numbers[X, :count], numbers[Y, :count], numbers[Z, :count],
+        numbers[W, :count],
+    )  # fmt: skip
+    return owner
+
+
+@kernel
+def transform_vertices(
+    vertices: (int64, int64), positions: real[:, ::1], objects: (int64[::1], real[:, :, ::1]),
+    clip_from_relative: real[:, ::1], depth_coefficients: (float64, float64, float64),
+    viewport: Viewport, screen: ScreenVertices, scratch: (real[:, ::1], int32[:, ::1], real[::1]),
+):  # fmt: skip
+    """
+    Take vertices from model space to the screen.
+
+    Parameters
+    ----------
+    vertices : (int, int)
+        The first, and one past the last; they may belong to several objects.
+    positions : (V, 3) float64 or float32, model space
+    objects : (vertex_starts (O+1,) int64, relative_from_model (O, 4, 4) of the same type)
+        Object ``o`` owns vertices ``vertex_starts[o]:vertex_starts[o+1]``; its matrix takes them
+        to world axes with the origin at the eye.
+    clip_from_relative : (4, 4) of the same type
+    depth_coefficients : (float, float, float)
+        The stored depth is ``(c0 + c1 z + c2 w) / w``; greater is nearer.
+    viewport : Viewport
+    screen : ScreenVertices
+        Writes the rows of these vertices. Of one outside the guard band only the outcode counts:
+        faces that use it are cut first.
+    scratch : tuple
+        This call's own, from `scratch_memory`, of the same type.
+
+    Returns
+    -------
+    int
+        The bits set in any of the outcodes.
+    """
+    seen = np.int32(0)
+    owner = last_at_most(objects[0], vertices[0])
+    for first in range(vertices[0], vertices[1], BLOCK):
+        count = min(first + BLOCK, vertices[1]) - first
+        owner = transform_block(
+            first, count, positions, objects, owner, clip_from_relative, scratch[0]
+        )
+        seen |= project_block(first, count, depth_coefficients, viewport, screen, scratch)
+    return seen
+
+
+@kernel
+def transform_positions(
+    vertices: (int64, int64), positions: real[:, ::1], objects: (int64[::1], real[:, :, ::1]),
+    clip_from_relative: real[:, ::1], clip_positions: float64[:, ::1],
+    scratch: (real[:, ::1], int32[:, ::1], real[::1]),
+):  # fmt: skip
+    """
+    Take vertices from model space to clip space; the same bits as on the way to the screen.
+
+    Parameters
+    ----------
+    vertices, positions, objects, clip_from_relative, scratch
+        As `transform_vertices` takes them.
+    clip_positions : (V, 4) float64, clip space
+        Writes the rows of these vertices.
+    """
+    numbers = scratch[0]
+    owner = last_at_most(objects[0], vertices[0])
+    for first in range(vertices[0], vertices[1], BLOCK):
+        count = min(first + BLOCK, vertices[1]) - first
+        owner = transform_block(
+            first, count, positions, objects, owner, clip_from_relative, numbers
+        )
+        for i in range(count):
+            row, vertex = np.uintp(i), np.uintp(first + i)
+            for k in range(W + 1):
+                clip_positions[vertex, np.uintp(k)] = numbers[X + k, row]
+
+
+@kernel
+def project_vertices(
+    vertices: (int64, int64), clip_positions: float64[:, ::1],
+    depth_coefficients: (float64, float64, float64), viewport: Viewport, screen: ScreenVertices,
+    scratch: (real[:, ::1], int32[:, ::1], real[::1]),
+):  # fmt: skip
+    """
+    Take vertices from clip space to the screen.
+
+    Parameters
+    ----------
+    vertices : (int, int)
+        The first, and one past the last.
+    clip_positions : (V, 4) float64, clip space
+    depth_coefficients : (float, float, float)
+    viewport : Viewport
+    screen : ScreenVertices
+        Written as by `transform_vertices`.
+    scratch : tuple
+        This call's own, from `scratch_memory`, of the type to compute in.
+
+    Returns
+    -------
+    int
+        The bits set in any of the outcodes.
+    """
+    numbers = scratch[0]
+    seen = np.int32(0)
+    for first in range(vertices[0], vertices[1], BLOCK):
+        count = min(first + BLOCK, vertices[1]) - first
+        for i in range(count):
+            row, vertex = np.uintp(i), np.uintp(first + i)
+            numbers[X, row], numbers[Y, row] = clip_positions[vertex, 0], clip_positions[vertex, 1]
+            numbers[Z, row], numbers[W, row] = clip_positions[vertex, 2], clip_positions[vertex, 3]
+        seen |= project_block(first, count, depth_coefficients, viewport, screen, scratch)
+    return seen
+
+
+@helper
+def depth_range(corners, clip_positions, depth_coefficients):
+    """Return the lowest and the highest stored depth of a face, unless it goes behind the eye."""
+    lowest, highest = np.inf, -np.inf
+    for n in range(3):
+        z, w = clip_positions[corners[n], 2], clip_positions[corners[n], 3]
+        if not w > 0.0:
+            return -np.inf, np.inf
+        depth = stored_depth(z, w, depth_coefficients)
+        lowest, highest = min(lowest, depth), max(highest, depth)
+    return lowest, highest
+
+
+@kernel
+def project_clipped_vertices(
+    cut: (int32[::1], int32[:, ::1], int64[::1], float64[:, ::1]), clip_positions: float64[:, ::1],
+    depth_coefficients: (float64, float64, float64), viewport: Viewport, first: int64,
+    screen: ScreenVertices,
+):  # fmt: skip
+    """
+    Divide by w, map to the screen and snap the vertices that clipping made.
+
+    They lie inside the guard band, between near and far, and inside the depth range of their face,
+    but for rounding, which may leave one outside: they are held inside.
+
+    Parameters
+    ----------
+    cut : (clipped_faces (C,) int32, faces (F, 3) int32, starts (C+1,) int64, positions (V, 4))
+        The faces that were cut; where the new vertices of each start; the clip positions of the
+        faces' own vertices, float64.
+    clip_positions : (E, 4) float64, clip space
+        The new vertices, all with ``w > 0``.
+    depth_coefficients : (float, float, float)
+    viewport : Viewport
+    first : int
+    screen : ScreenVertices
+        Writes rows ``first .. first + E``.
+    """
+    clipped_faces, faces, starts, own_positions = cut
+    extents = extents_of(clip_positions, viewport)
+    for n in range(clipped_faces.shape[0]):
+        lowest, highest = depth_range(faces[clipped_faces[n]], own_positions, depth_coefficients)
+        for e in range(starts[n], starts[n + 1]):
+            w = clip_positions[e, 3]
+            z = min(max(clip_positions[e, 2], -w), w)
+            x = min(max(clip_positions[e, 0] / w, -viewport.guard_x), viewport.guard_x)
+            y = min(max(clip_positions[e, 1] / w, -viewport.guard_y), viewport.guard_y)
+            depth = stored_depth(z, w, depth_coefficients)
+            screen.codes[first + e] = 0
+            screen.xy[first + e, 0], screen.xy[first + e, 1] = snap_vertex(x, y, extents, viewport)
+            screen.depth[first + e] = min(max(depth, lowest), highest)
+            screen.w[first + e] = w

@@ -1,0 +1,503 @@
+"""
+Decide which faces go on, and which tiles they reach.
+
+Screen space is y down; the centre of pixel (column i, row j) lies at (i + 1/2, j + 1/2). Vertices
+come rounded to the sub-pixel grid (see ``projection``), and everything after (turn, culling,
+coverage, barycentric weights) is integer arithmetic on the rounded coordinates.
+
+Edge function: ``E(a, b, p) = (bx - ax)(py - ay) - (by - ay)(px - ax)``; a triangle with
+``E(a, b, c) > 0`` runs clockwise as seen on the screen.
+
+Bounds. The guard band ends ``GUARD_PIXELS`` beyond each side of an image of at most 16384 pixels,
+so two coordinates differ by at most 2**15 pixels. On a grid of at most 12 bits a difference is at
+most 2**27 units, a product of two at most 2**54, and an edge function, the difference of two such
+products, at most 2**55: int64 holds all of them with 8 bits to spare. (Twice the area of a triangle
+inside a square is at most the square, so no edge function really exceeds 2**54.)
+``E >> grid_bits`` is at most 2**43, so a float64 division finds its quotients exactly (see
+``nearest``).
+
+A part of a larger picture keeps to the same 2**27 units: the whole is at most 2**17 pixels wide and
+high, and smaller where the grid is so fine that it and its guard band would leave them (see
+``validation.whole_size``). Then ``E >> grid_bits`` is at most 2**47 on any grid, which a float64
+division still finds exactly, and a snapped vertex, moved by the place of the part, fits int32.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rasterjit.pipeline.records import Faces, Objects, ScreenVertices, Viewport
+from rasterjit.runtime.jit import disjoint_helper, helper, kernel
+from rasterjit.runtime.state import int32, int64, uint8
+
+GUARD_PIXELS = 8192
+"""Width of the guard band around the image, pixels: what lies inside it is not cut in x or y."""
+
+TILE_BITS = 6
+"""Tiles are squares of 2**6 = 64 pixels: the depth and face numbers of one (32 KiB) fit L1."""
+
+TILE_SIZE = 1 << TILE_BITS
+
+LARGE_SPAN = 3
+"""
+Tiles that a large triangle's box reaches beyond its first, right and down together.
+
+One that covers a whole tile is at least twice as wide or high. Small ones that lie across the
+corner of four tiles reach 2.
+"""
+
+LARGEST_COORDINATE = 1e150
+"""Clip coordinates beyond it are invalid, as NaN is: products of two stay finite in float64."""
+
+LEFT, RIGHT, BOTTOM, TOP, NEAR, FAR = 1, 2, 4, 8, 16, 32
+"""Outcode bits: outside that plane of the view volume ``-w <= x, y, z <= w``."""
+GUARD = 64
+"""Outcode bit: outside the guard band, or not in front of the eye (``w <= 0``)."""
+INVALID = 128
+"""Outcode bit: a coordinate is NaN, infinite, or beyond ``LARGEST_COORDINATE``."""
+FRUSTUM = LEFT | RIGHT | BOTTOM | TOP | NEAR | FAR
+"""A face whose three vertices share one of these bits cannot be seen."""
+CLIPPED = NEAR | FAR | GUARD
+"""A face with one of these bits at any vertex must be cut before the divide."""
+
+
+@helper
+def last_at_most(starts, number):
+    """Return the index of the last of ascending starts that is at most a number; -1 if none is."""
+    low, high = 0, len(starts)
+    while low < high:
+        middle = (low + high) >> 1
+        if starts[middle] <= number:
+            low = middle + 1
+        else:
+            high = middle
+    return low - 1
+
+
+@helper
+def whole_size(viewport):
+    """Return the width and the height of the whole picture, pixels."""
+    return (
+        viewport.left + viewport.width + viewport.right,
+        viewport.top + viewport.height + viewport.bottom,
+    )
+
+
+@helper
+def edge(ax, ay, bx, by, px, py):
+    """Return the edge function of a -> b at p, exactly."""
+    return (bx - ax) * (py - ay) - (by - ay) * (px - ax)
+
+
+@helper
+def narrow_edge(ax, ay, bx, by, px, py):
+    """Return `edge` of int32 coordinates; differences fit 32 bits, and their products are cheap."""
+    along_x, along_y = np.int32(bx - ax), np.int32(by - ay)
+    away_x, away_y = np.int32(px - ax), np.int32(py - ay)
+    return np.int64(along_x) * np.int64(away_y) - np.int64(along_y) * np.int64(away_x)
+
+
+@helper
+def edge_bias(ax, ay, bx, by):
+    """Return 0 for a top or left edge and -1 for any other: a tie belongs to top and left."""
+    dx, dy = bx - ax, by - ay
+    if dy < 0 or (dy == 0 and dx > 0):
+        return np.int64(0)
+    return np.int64(-1)
+
+
+@helper
+def edge_at(ax, ay, bx, by, column, row, grid_bits):
+    """Return the edge function of a -> b at a pixel's centre."""
+    half = np.int64(1) << (grid_bits - 1)
+    return edge(ax, ay, bx, by, (column << grid_bits) + half, (row << grid_bits) + half)
+
+
+@helper
+def sign_at(ax, ay, bx, by, column, row, grid_bits):
+    """Return the biased edge function at a pixel's centre, in steps of one pixel."""
+    value = edge_at(ax, ay, bx, by, column, row, grid_bits)
+    return (value + edge_bias(ax, ay, bx, by)) >> grid_bits
+
+
+@helper
+def corners_of(faces, face):
+    """Return the three vertex numbers of a face."""
+    return np.uintp(faces[face, 0]), np.uintp(faces[face, 1]), np.uintp(faces[face, 2])
+
+
+@helper
+def triangle_of(faces, pieces, piece_faces, triangle):
+    """Return the vertex numbers and the face of a triangle: of F faces, then of their pieces."""
+    face_count = np.int64(faces.shape[0])
+    if triangle < face_count:
+        return corners_of(faces, triangle), np.int32(triangle)
+    piece = triangle - face_count
+    return corners_of(pieces, piece), np.int32(piece_faces[piece])
+
+
+@helper
+def first_sample(coordinate, grid_bits):
+    """Return the first pixel whose centre is at or beyond a coordinate."""
+    return (coordinate + (np.int64(1) << (grid_bits - 1)) - 1) >> grid_bits
+
+
+@helper
+def last_sample(coordinate, grid_bits):
+    """Return the last pixel whose centre is at or before a coordinate."""
+    return (coordinate - (np.int64(1) << (grid_bits - 1))) >> grid_bits
+
+
+# What becomes of a face; the first five index the totals. Of faces that go on, most reach one tile.
+OUTSIDE, DEGENERATE, CULLED, UNSAMPLED, DROPPED, SURVIVES, SPREADS, CUT = range(8)
+
+BATCH_SIZE = 128
+"""Faces surveyed together: what is known of them, 5 KiB, stays in L1 from one pass to the next."""
+
+BATCH_SHAPE = (9, BATCH_SIZE)
+"""A batch in scratch memory."""
+
+TALLY_BITS = 8
+"""Width of a counter of up to ``BATCH_SIZE``; eight, one for each outcome, fill an int64."""
+
+
+@helper
+def way_to_samples(grid_bits, reach):
+    """Return how far the nearest sample may lie from either side of its pixel."""
+    return (1 << (grid_bits - 1)) - reach
+
+
+@helper
+def rise_to_samples(across, down, grid_bits, reach):
+    """Return how much greater than at a pixel's centre an edge may be at its samples."""
+    if reach == 0:
+        return np.int64(0)
+    return (((abs(across) + abs(down)) * reach) >> grid_bits) + 1
+
+
+@helper
+def samples_between(a, b, c, grid_bits, reach):
+    """Return the first and the last pixel with a sample that three coordinates enclose, int32."""
+    half = way_to_samples(grid_bits, reach)
+    first = np.int32(np.int32(min(a, min(b, c)) + (half - 1)) >> grid_bits)
+    last = np.int32(np.int32(max(a, max(b, c)) - half) >> grid_bits)
+    return first, last
+
+
+@helper
+def edge_from_origin(ax, ay, bx, by):
+    """Return the biased edge function of a -> b at (0, 0); it must fit int32."""
+    return np.int32(np.int32(ax * by) - np.int32(ay * bx) + edge_bias(ax, ay, bx, by))
+
+
+@helper
+def misses_samples(a, b, c, first, beyond, grid_bits):
+    """
+    Return whether a triangle between at most 2 x 2 samples covers none of them; exactly.
+
+    It is less than three pixels wide and high: its edge functions fit 32 bits.
+
+    Parameters
+    ----------
+    a, b, c : (int32, int32)
+        The corners, with ``edge(a, b, c) > 0``.
+    first : (int32, int32)
+        Column and row of the first sample.
+    beyond : (int32, int32)
+        -1 where the next column, the next row, is not in the image, else 0.
+    grid_bits : int
+    """
+    half = 1 << (grid_bits - 1)
+    x, y = np.int32((first[0] << grid_bits) + half), np.int32((first[1] << grid_bits) + half)
+    ax, ay = np.int32(a[0] - x), np.int32(a[1] - y)
+    bx, by = np.int32(b[0] - x), np.int32(b[1] - y)
+    cx, cy = np.int32(c[0] - x), np.int32(c[1] - y)
+    # Biased edge functions at the sample, one to the right, one down, and both: negative outside.
+    e0, e1, e2 = (
+        edge_from_origin(bx, by, cx, cy),
+        edge_from_origin(cx, cy, ax, ay),
+        edge_from_origin(ax, ay, bx, by),
+    )
+    right0 = np.int32(e0 + np.int32(np.int32(by - cy) << grid_bits))
+    right1 = np.int32(e1 + np.int32(np.int32(cy - ay) << grid_bits))
+    right2 = np.int32(e2 + np.int32(np.int32(ay - by) << grid_bits))
+    down0 = np.int32(np.int32(cx - bx) << grid_bits)
+    down1 = np.int32(np.int32(ax - cx) << grid_bits)
+    down2 = np.int32(np.int32(bx - ax) << grid_bits)
+    here = e0 | e1 | e2
+    beside = right0 | right1 | right2
+    below = np.int32(e0 + down0) | np.int32(e1 + down1) | np.int32(e2 + down2)
+    across = np.int32(right0 + down0) | np.int32(right1 + down1) | np.int32(right2 + down2)
+    column, row = beyond
+    return np.int32(here & (beside | column) & (below | row) & (across | column | row)) < 0
+
+
+@helper
+def survey_triangle(a, b, c, viewport, culled_turn):
+    """
+    Decide whether a triangle can cover a sample; return that and its tile box.
+
+    Coordinates are int32 where that is enough, and nothing branches, so that many triangles are
+    surveyed at once: what a face turns out to be is hard to predict.
+    """
+    # Masked, which changes nothing, the compiler sees that shifts do not leave 32 bits.
+    bits = viewport.grid_bits & 15
+    first_column, last_column = samples_between(a[0], b[0], c[0], bits, viewport.reach)
+    first_row, last_row = samples_between(a[1], b[1], c[1], bits, viewport.reach)
+    left, right = max(first_column, np.int32(0)), min(last_column, np.int32(viewport.width - 1))
+    top, bottom = max(first_row, np.int32(0)), min(last_row, np.int32(viewport.height - 1))
+    area = edge(
+        np.int64(a[0]), np.int64(a[1]), np.int64(b[0]), np.int64(b[1]), np.int64(c[0]),
+        np.int64(c[1]),
+    )  # fmt: skip
+    turned = area < 0
+    second = c[0] if turned else b[0], c[1] if turned else b[1]
+    third = b[0] if turned else c[0], b[1] if turned else c[1]
+    beyond = -np.int32(left == right), -np.int32(top == bottom)
+    # Only of centres that is known.
+    is_missed = misses_samples(a, second, third, (left, top), beyond, bits) & (viewport.reach == 0)
+    is_tiny = (last_column <= first_column + 1) & (last_row <= first_row + 1)
+    box = (left >> TILE_BITS, top >> TILE_BITS, right >> TILE_BITS, bottom >> TILE_BITS)
+    outcome = SURVIVES if (box[0] == box[2]) & (box[1] == box[3]) else SPREADS
+    outcome = UNSAMPLED if (left > right) | (top > bottom) | (is_tiny & is_missed) else outcome
+    if ((area > 0) & (culled_turn > 0)) | ((area < 0) & (culled_turn < 0)):
+        outcome = CULLED
+    if area == 0:
+        outcome = DEGENERATE
+    return outcome, box
+
+
+@helper
+def is_large(box):
+    """Return whether a box of tiles may hold a triangle that covers a whole tile."""
+    return box[2] - box[0] + box[3] - box[1] >= LARGE_SPAN
+
+
+@helper
+def tile_edges(v0, v1, v2, xy, viewport):
+    """
+    Return the three edges of a triangle, positive inside.
+
+    Of each the biased value at the first pixel of the image and what it gains by a pixel to the
+    right and by one down. Where samples lie beside the centres it is not less than theirs.
+    """
+    bits, reach = viewport.grid_bits, viewport.reach
+    ax, ay = np.int64(xy[v0, 0]), np.int64(xy[v0, 1])
+    bx, by = np.int64(xy[v1, 0]), np.int64(xy[v1, 1])
+    cx, cy = np.int64(xy[v2, 0]), np.int64(xy[v2, 1])
+    if edge(ax, ay, bx, by, cx, cy) < 0:
+        bx, by, cx, cy = cx, cy, bx, by
+    zero = np.int64(0)
+    e0 = sign_at(bx, by, cx, cy, zero, zero, bits) + rise_to_samples(by - cy, cx - bx, bits, reach)
+    e1 = sign_at(cx, cy, ax, ay, zero, zero, bits) + rise_to_samples(cy - ay, ax - cx, bits, reach)
+    e2 = sign_at(ax, ay, bx, by, zero, zero, bits) + rise_to_samples(ay - by, bx - ax, bits, reach)
+    return (e0, by - cy, cx - bx), (e1, cy - ay, ax - cx), (e2, ay - by, bx - ax)
+
+
+@helper
+def best_in_tile(line, column, row):
+    """Return the greatest value of an edge in a tile: none below zero where it is reached."""
+    value, across, down = line
+    reach = np.int64(TILE_SIZE - 1)
+    return (
+        value
+        + across * (column << TILE_BITS) + max(across * reach, np.int64(0))
+        + down * (row << TILE_BITS) + max(down * reach, np.int64(0))
+    )  # fmt: skip
+
+
+@helper
+def count_tiles(v0, v1, v2, xy, viewport, box, columns, tile_counts):
+    """Add one triangle to the count of every tile it reaches, and to the last if it is large."""
+    lines = tile_edges(v0, v1, v2, xy, viewport)
+    steps = lines[0][1] << TILE_BITS, lines[1][1] << TILE_BITS, lines[2][1] << TILE_BITS
+    is_thin = (box[0] == box[2]) | (box[1] == box[3])
+    for row in range(box[1], box[3] + 1):
+        e0 = best_in_tile(lines[0], box[0], row)
+        e1 = best_in_tile(lines[1], box[0], row)
+        e2 = best_in_tile(lines[2], box[0], row)
+        for place in range(row * columns + box[0], row * columns + box[2] + 1):
+            tile_counts[np.uintp(place)] += np.int32(is_thin | ((e0 | e1 | e2) >= 0))
+            e0, e1, e2 = e0 + steps[0], e1 + steps[1], e2 + steps[2]
+    if is_large(box):
+        tile_counts[np.uintp(tile_counts.shape[0] - 1)] += 1
+
+
+@helper
+def pack_box(box):
+    """Return a box of tiles as one number, a byte each."""
+    return np.int32(box[0] | box[1] << 8 | box[2] << 16 | box[3] << 24)
+
+
+@helper
+def list_survivor(number, box, end, survivors):
+    """Write a triangle and its packed box to the list."""
+    triangles, boxes = survivors
+    slot = np.uintp(end)
+    triangles[slot] = number
+    boxes[slot, 0] = np.uint8(box)
+    boxes[slot, 1] = np.uint8(box >> 8)
+    boxes[slot, 2] = np.uint8(box >> 16)
+    boxes[slot, 3] = np.uint8(box >> 24)
+
+
+@helper
+def box_of(boxes, n):
+    """Return the tile columns and rows (left, top, right, bottom) of a box of the list."""
+    return (
+        np.int64(boxes[n, 0]), np.int64(boxes[n, 1]), np.int64(boxes[n, 2]), np.int64(boxes[n, 3])
+    )  # fmt: skip
+
+
+@helper
+def list_triangle(number, corners, outcome, box, end, survivors, screen, viewport, counts):
+    """List one triangle if it survives, and count its tiles; return the end of the list."""
+    if outcome < SURVIVES:
+        return end
+    columns, tile_counts = counts
+    list_survivor(number, pack_box(box), end, survivors)
+    count_tiles(corners[0], corners[1], corners[2], screen.xy, viewport, box, columns, tile_counts)
+    return end + 1
+
+
+@helper
+def gather_corners(own, first, count, screen, batch):
+    """Fetch the corners of consecutive faces, and their outcodes: in any and, times 256, in all."""
+    xy, codes = screen.xy, screen.codes
+    for n in range(count):
+        i, face = np.uintp(n), np.uintp(first + n)
+        a, b, c = corners_of(own, face)
+        batch[0, i], batch[1, i] = xy[a, 0], xy[a, 1]
+        batch[2, i], batch[3, i] = xy[b, 0], xy[b, 1]
+        batch[4, i], batch[5, i] = xy[c, 0], xy[c, 1]
+        code0, code1, code2 = np.int32(codes[a]), np.int32(codes[b]), np.int32(codes[c])
+        batch[6, i] = (code0 | code1 | code2) | (code0 & code1 & code2) << 8
+
+
+@disjoint_helper
+def survey_faces(ax, ay, bx, by, cx, cy, codes, viewport, culled_turn, outcomes, boxes):
+    """Decide what becomes of each face of a batch; return how often, ``TALLY_BITS`` each."""
+    tally = np.int64(0)
+    for n in range(ax.shape[0]):
+        i = np.uintp(n)
+        outcome, box = survey_triangle(
+            (ax[i], ay[i]), (bx[i], by[i]), (cx[i], cy[i]), viewport, culled_turn
+        )
+        code = np.int64(codes[i])
+        outcome = CUT if code & CLIPPED else outcome
+        outcome = OUTSIDE if code & (FRUSTUM << 8) else outcome
+        outcome = DROPPED if code & INVALID else outcome
+        outcomes[i] = outcome
+        # What does not go on counts nothing, in the first tile of all.
+        boxes[i] = pack_box(box) if outcome >= SURVIVES else np.int32(0)
+        tally += np.int64(1) << (np.int64(outcome) * TALLY_BITS)
+    return tally
+
+
+@helper
+def first_tile(box, columns):
+    """Return the first tile of a packed box."""
+    return np.uintp((box >> 8 & 255) * columns + (box & 255))
+
+
+@helper
+def unpack_box(box):
+    """Return the tile columns and rows (left, top, right, bottom) of a packed box."""
+    box = np.int64(box)
+    return box & 255, box >> 8 & 255, box >> 16 & 255, box >> 24 & 255
+
+
+@helper
+def set_up_pieces(face, piece_range, piece, faces, screen, viewport, turn, end, survivors, counts):
+    """List the pieces of a face; return the next piece, the end of the list, the last outcome."""
+    outcome, xy = OUTSIDE, screen.xy
+    while piece < piece_range[1] and faces.piece_faces[piece] == face:
+        a, b, c = corners_of(faces.pieces, np.uintp(piece))
+        outcome, box = survey_triangle(
+            (xy[a, 0], xy[a, 1]), (xy[b, 0], xy[b, 1]), (xy[c, 0], xy[c, 1]), viewport, turn
+        )
+        number, box = faces.faces.shape[0] + piece, unpack_box(pack_box(box))
+        end = list_triangle(
+            number, (a, b, c), np.int32(outcome), box, end, survivors, screen, viewport, counts
+        )
+        piece += 1
+    return piece, end, outcome
+
+
+@kernel
+def set_up_triangles(
+    face_range: (int64, int64), piece_range: (int64, int64), faces: Faces, objects: Objects,
+    screen: ScreenVertices, viewport: Viewport, survivors: (int32[::1], uint8[:, ::1]),
+    counts: (int64, int32[::1], int64[::1]), batch: int32[:, ::1],
+):  # fmt: skip
+    """
+    Drop the faces that no sample can see and list the others with the tiles they touch.
+
+    Parameters
+    ----------
+    face_range, piece_range : (int, int)
+        The faces to look at, and the pieces cut from them. A face that was cut is replaced by its
+        pieces, in its place, so survivors ascend by face.
+    faces : Faces
+    objects : Objects
+    screen : ScreenVertices
+    viewport : Viewport
+    survivors : (triangles (T,) int32, boxes (T, 4) uint8)
+        Written from index ``face_range[0] + piece_range[0]``: numbers below F are faces, ``F + p``
+        is piece p; boxes are inclusive tile columns and rows (left, top, right, bottom).
+    counts : (tiles per row, (tiles + 1,) int32, (5,) int64)
+        Adds to the number of survivors for each tile and of large ones, and to the totals: outside
+        the view volume, degenerate, culled, without a sample, invalid.
+    batch : (9, 128) int32
+        This thread's own scratch memory, ``BATCH_SHAPE``.
+
+    Returns
+    -------
+    int
+        One past the last survivor written.
+    """
+    columns, tile_counts, totals = counts
+    listing = columns, tile_counts
+    own = faces.faces
+    end = face_range[0] + piece_range[0]
+    piece = piece_range[0]
+    first = face_range[0]
+    owner = last_at_most(objects.face_starts, first)
+    while first < face_range[1]:
+        while first >= objects.face_starts[owner + 1]:
+            owner += 1
+        turn = objects.culled_turns[owner]
+        stop = min(first + BATCH_SIZE, min(face_range[1], objects.face_starts[owner + 1]))
+        count = stop - first
+        gather_corners(own, first, count, screen, batch)
+        tally = survey_faces(
+            batch[0, :count], batch[1, :count], batch[2, :count], batch[3, :count],
+            batch[4, :count], batch[5, :count], batch[6, :count], viewport, turn,
+            batch[7, :count], batch[8, :count],
+        )  # fmt: skip
+        for outcome in range(SURVIVES):
+            totals[outcome] += tally >> (outcome * TALLY_BITS) & ((1 << TALLY_BITS) - 1)
+        # List those that go on.
+        for n in range(count):
+            i = np.uintp(n)
+            outcome, box, face = batch[7, i], batch[8, i], first + n
+            if outcome <= SURVIVES:
+                # Without a branch: the next overwrites what did not survive.
+                survives = np.int32(outcome == SURVIVES)
+                list_survivor(face, box, end, survivors)
+                tile_counts[first_tile(box, columns)] += survives
+                end += np.int64(survives)
+            elif outcome == SPREADS:
+                end = list_triangle(
+                    face, corners_of(own, np.uintp(face)), outcome, unpack_box(box), end,
+                    survivors, screen, viewport, listing,
+                )  # fmt: skip
+            else:
+                start = end
+                piece, end, outcome = set_up_pieces(
+                    face, piece_range, piece, faces, screen, viewport, turn, end, survivors, listing
+                )
+                if end == start:
+                    totals[outcome] += 1
+        first = stop
+    return end

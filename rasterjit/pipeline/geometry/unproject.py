@@ -1,0 +1,33 @@
+"""
+Find where the surface at a pixel lies from its stored depth, for any camera.
+
+Clip x, y, w and the stored depth times w are linear in the homogeneous point. So the point is
+linear in column, row, stored depth and 1: a lens holds what each of them adds to it, (4, 4)
+float32, as homogeneous points in world axes relative to the eye. w of what is seen is above 0.
+"""
+
+from __future__ import annotations
+
+from rasterjit.runtime.jit import helper
+
+
+@helper
+def locate(lens, column, row, depth):
+    """Return the point seen at a pixel, and its w."""
+    across, down, deeper, origin = lens
+    w = origin[3] + column * across[3] + row * down[3] + depth * deeper[3]
+    x = origin[0] + column * across[0] + row * down[0] + depth * deeper[0]
+    y = origin[1] + column * across[1] + row * down[1] + depth * deeper[1]
+    z = origin[2] + column * across[2] + row * down[2] + depth * deeper[2]
+    return x / w, y / w, z / w, w
+
+
+@helper
+def change(part, x, y, z):
+    """
+    Return w times how a point moves with one row of the lens.
+
+    The point that is ``i`` columns, ``j`` rows and ``d`` of depth away lies at a distance of ``i``,
+    ``j`` and ``d`` times these, over the w there: exactly, for differences that are.
+    """
+    return part[0] - x * part[3], part[1] - y * part[3], part[2] - z * part[3]

@@ -1,0 +1,1 @@
+"""Lighting: what surfaces show of the light that falls on them."""

@@ -1,0 +1,154 @@
+"""The light on a block's samples, and the colours that come of it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rasterjit.pipeline.encode import encode_channels, encode_span
+from rasterjit.pipeline.lighting import blinn_phong
+from rasterjit.pipeline.lighting.pbr import add_facet_light, largest, start_facets
+from rasterjit.pipeline.surface import samples as rows
+from rasterjit.pipeline.surface.samples import (
+    INTERVAL_COLUMN,
+    INTERVAL_ROW,
+    INTERVAL_START,
+    INTERVAL_STOP,
+    INTERVALS,
+    Block,
+)
+from rasterjit.runtime.jit import helper, stage
+from rasterjit.runtime.state import float32, int32, int64, uint32
+
+
+@stage
+def normalize_normals(block: Block, count):
+    """Scale the normals to length one."""
+    blinn_phong.scale_normals(block.samples, count)
+
+
+@stage
+def show_ambient(block: Block, count, ambient: float32[::1]):
+    """Write the unlit colour, or the share of it that ambient light shows."""
+    s = block.samples
+    blinn_phong.start_colors(
+        s[rows.RED, :count], s[rows.GREEN, :count], s[rows.BLUE, :count], s[rows.LIT, :count],
+        ambient, s[rows.OCCLUSION, :count], s[rows.OUT_RED, :count], s[rows.OUT_GREEN, :count],
+        s[rows.OUT_BLUE, :count],
+    )  # fmt: skip
+
+
+@helper
+def add_lights(samples, count, first, end, lights, toward_viewer, highlights):
+    """Add some lights to the samples that they fall on, as far as these are reached."""
+    s = samples
+    if largest(s[rows.LIT, :count]) > np.float32(0.0):
+        for n in range(first, end):
+            blinn_phong.add_light(
+                lights[n], toward_viewer, highlights,
+                s[rows.NORMAL_X, :count], s[rows.NORMAL_Y, :count], s[rows.NORMAL_Z, :count],
+                s[rows.POINT_X, :count], s[rows.POINT_Y, :count], s[rows.POINT_Z, :count],
+                s[rows.SPECULAR, :count], s[rows.SHININESS, :count], s[rows.LIT, :count],
+                s[rows.SHADOW, :count], s[rows.RED, :count], s[rows.GREEN, :count],
+                s[rows.BLUE, :count], s[rows.OUT_RED, :count], s[rows.OUT_GREEN, :count],
+                s[rows.OUT_BLUE, :count],
+            )  # fmt: skip
+
+
+@stage
+def add_shiny_lights(
+    block: Block, count, lights: float32[:, ::1], first: int64, end: int64,
+    toward_viewer: float32[::1],
+):  # fmt: skip
+    """Add lights ``first`` to ``end``: Lambert's diffuse part and Blinn's highlight."""
+    add_lights(block.samples, count, first, end, lights, toward_viewer, 1)
+
+
+@stage
+def add_diffuse_lights(
+    block: Block, count, lights: float32[:, ::1], first: int64, end: int64,
+    toward_viewer: float32[::1],
+):  # fmt: skip
+    """Add lights ``first`` to ``end`` where no object has a highlight: Lambert's diffuse part."""
+    add_lights(block.samples, count, first, end, lights, toward_viewer, None)
+
+
+@stage
+def show_ambient_on_facets(block: Block, count, ambient: float32[::1], toward_viewer: float32[::1]):
+    """Write what ambient light shows of metallic-roughness samples."""
+    s = block.samples
+    start_facets(
+        ambient, toward_viewer, s[rows.OCCLUSION, :count], s[rows.NORMAL_X, :count],
+        s[rows.NORMAL_Y, :count], s[rows.NORMAL_Z, :count], s[rows.POINT_X, :count],
+        s[rows.POINT_Y, :count], s[rows.POINT_Z, :count], s[rows.METALLIC, :count],
+        s[rows.ROUGHNESS, :count], s[rows.MICROFACET, :count], s[rows.RED, :count],
+        s[rows.GREEN, :count], s[rows.BLUE, :count], s[rows.OUT_RED, :count],
+        s[rows.OUT_GREEN, :count], s[rows.OUT_BLUE, :count],
+    )  # fmt: skip
+
+
+@stage
+def add_lights_on_facets(
+    block: Block, count, lights: float32[:, ::1], first: int64, end: int64,
+    toward_viewer: float32[::1], parts: float32[::1],
+):  # fmt: skip
+    """Add lights ``first`` to ``end`` to metallic-roughness samples, as far as they are reached."""
+    s = block.samples
+    if largest(s[rows.MICROFACET, :count]) > np.float32(0.0):
+        for n in range(first, end):
+            add_facet_light(
+                lights[n], toward_viewer, parts, s[rows.NORMAL_X, :count], s[rows.NORMAL_Y, :count],
+                s[rows.NORMAL_Z, :count], s[rows.POINT_X, :count], s[rows.POINT_Y, :count],
+                s[rows.POINT_Z, :count], s[rows.METALLIC, :count], s[rows.ROUGHNESS, :count],
+                s[rows.MICROFACET, :count], s[rows.SHADOW, :count], s[rows.RED, :count],
+                s[rows.GREEN, :count], s[rows.BLUE, :count], s[rows.OUT_RED, :count],
+                s[rows.OUT_GREEN, :count], s[rows.OUT_BLUE, :count],
+            )  # fmt: skip
+
+
+@helper
+def interval_of(block, k):
+    """Return row, first column, first sample and one past the last of an interval."""
+    interval = block.intervals[k]
+    return (
+        np.int64(interval[INTERVAL_ROW]), np.int64(interval[INTERVAL_COLUMN]),
+        np.int64(interval[INTERVAL_START]), np.int64(interval[INTERVAL_STOP]),
+    )  # fmt: skip
+
+
+@stage
+def write_opaque_codes(block: Block, count, shown: int64, table: int32[::1], color: uint32[:, ::1]):
+    """Write what the three rows of samples from ``shown`` on show in sRGB codes, opaque."""
+    s = block.samples
+    for k in range(block.counts[INTERVALS]):
+        row, column, start, stop = interval_of(block, k)
+        encode_span(
+            s[shown, start:stop], s[shown + 1, start:stop], s[shown + 2, start:stop], table,
+            color[row, column : column + stop - start],
+        )  # fmt: skip
+
+
+@stage
+def write_blended_codes(
+    block: Block, count, shown: int64, table: int32[::1], color: uint32[:, ::1]
+):
+    """Write the same with the alpha of each sample."""
+    s = block.samples
+    for k in range(block.counts[INTERVALS]):
+        row, column, start, stop = interval_of(block, k)
+        encode_channels(
+            s[shown, start:stop], s[shown + 1, start:stop], s[shown + 2, start:stop],
+            s[rows.ALPHA, start:stop], table, color[row, column : column + stop - start],
+        )  # fmt: skip
+
+
+@stage
+def write_linear(block: Block, count, shown: int64, has_alpha: int64, linear: float32[:, :, ::1]):
+    """Write the three rows of samples from ``shown`` on in linear light, and alpha, 1 without."""
+    s = block.samples
+    for k in range(block.counts[INTERVALS]):
+        row, column, start, stop = interval_of(block, k)
+        out = linear[row, column : column + stop - start]
+        for i in range(out.shape[0]):
+            out[i, 0], out[i, 1] = s[shown, start + i], s[shown + 1, start + i]
+            out[i, 2] = s[shown + 2, start + i]
+            out[i, 3] = s[rows.ALPHA, start + i] if has_alpha != 0 else np.float32(1.0)

@@ -1,0 +1,224 @@
+"""
+Add up the light on metallic-roughness samples: the microfacet model that glTF 2.0 defines.
+
+A surface is a mix of a dielectric and a metal, with facets whose normals are spread by GGX. Light
+of intensity 1 that falls straight on a white, matt surface makes it white, as with every other
+material here: the factor 1/pi of diffuse light is left out, so the highlight is multiplied by pi.
+
+Facets that others hide are left out by Smith's term in its height-correlated form [2]_, which knows
+that facets high on the surface are both lit and seen. Appendix B of glTF writes the separable form,
+the product of a term for the light and one for the viewer, and leaves the choice free. That one is
+never the brighter of the two, darkest at grazing angles, and the same where the light or the viewer
+stands straight above.
+
+Ambient light comes alike from all sides. What facets send on of it at once [3]_ has no closed form;
+it is a fit. What they send on after several bounces is added [4]_, and the rest goes into the
+surface: under white ambient light a white surface is white, however rough and however metallic.
+
+References
+----------
+.. [1] The Khronos Group, "glTF 2.0 Specification" (ISO/IEC 12113:2022), appendix B.
+.. [2] B. Walter et al., "Microfacet Models for Refraction through Rough Surfaces", EGSR 2007;
+   E. Heitz, "Understanding the Masking-Shadowing Function", JCGT 3(2), 2014.
+.. [3] B. Karis, "Real Shading in Unreal Engine 4", SIGGRAPH 2013 courses: the split sum.
+.. [4] C. Fdez-Agüera, "A Multiple-Scattering Microfacet Model for Real-Time Image-Based Lighting",
+   JCGT 8(1), 2019.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rasterjit.pipeline.lighting.blinn_phong import light_at, unit_scale
+from rasterjit.runtime.jit import disjoint_helper, helper
+
+DIELECTRIC = np.float32(0.04)
+"""Share of the light straight on that what is no metal mirrors."""
+
+LEAST_ALPHA = np.float32(0.002)
+"""Smallest width of the facets' normals: a mirror would show no light that is a point."""
+
+LEAST_COSINE = np.float32(1e-4)
+"""Smallest cosine of the viewer, for normals that turn away from the face that is seen."""
+
+
+@helper
+def facets_along(n_h, cross_squared, alpha_squared):
+    """
+    Return pi times the GGX density of facets along the half vector.
+
+    Takes the cosine and the squared sine between normal and half vector: near 0 the sine from a
+    cross product is exact where 1 minus a squared cosine is rounding. None face backwards.
+    """
+    spread = max(cross_squared + n_h * n_h * alpha_squared, alpha_squared)
+    density = alpha_squared / (spread * spread)
+    return density if n_h > np.float32(0.0) else np.float32(0.0)
+
+
+@helper
+def facets_seen(n_l, n_v, alpha_squared):
+    """
+    Return Smith's term of the facets that are lit and seen, over four times both cosines.
+
+    Height-correlated: ``2 n_l n_v / (n_v s(n_l) + n_l s(n_v))``, ``s(c)`` being the root of
+    ``c**2 + alpha**2 (1 - c**2)``, where the separable form has
+    ``4 n_l n_v / ((n_l + s(n_l)) (n_v + s(n_v)))``.
+    """
+    rest = np.float32(1.0) - alpha_squared
+    lit_part = n_v * np.sqrt(n_l * n_l * rest + alpha_squared)
+    seen_part = n_l * np.sqrt(n_v * n_v * rest + alpha_squared)
+    return np.float32(0.5) / (lit_part + seen_part)
+
+
+@helper
+def grazing(cosine):
+    """Return Schlick's (1 - cosine)**5."""
+    rest = np.float32(1.0) - min(cosine, np.float32(1.0))
+    squared = rest * rest
+    return squared * squared * rest
+
+
+@helper
+def mirrored_head_on(base, metallic):
+    """Return the share of one channel that is mirrored of light straight on."""
+    return DIELECTRIC + metallic * (base - DIELECTRIC)
+
+
+@helper
+def cubic(x, a, b, c, d):
+    """Return a + b x + c x**2 + d x**3, float32."""
+    return np.float32(a) + x * (np.float32(b) + x * (np.float32(c) + x * np.float32(d)))
+
+
+@helper
+def reflected_shares(n_v, roughness):
+    """
+    Return the scale and the offset of the reflectance straight on that give a sample's share.
+
+    Their sum is the share of light from all sides that facets which are perfect mirrors send to the
+    viewer at once. Both are polynomials, fitted to the integral of the model by least squares;
+    their largest errors are 0.061 (the sum) and 0.069 (the offset), where the viewer's cosine is
+    below 0.1.
+    """
+    c, r, zero, one = n_v, roughness, np.float32(0.0), np.float32(1.0)
+    total = cubic(
+        c,
+        cubic(r, 1.03258, -1.20292, 2.74047, -1.69267),
+        cubic(r, -0.0462228, 4.95571, -15.7929, 9.5428),
+        cubic(r, -0.13758, -4.45289, 18.0092, -12.2217),
+        cubic(r, 0.126206, 1.18405, -6.3583, 4.58152),
+    )
+    offset = cubic(
+        c,
+        cubic(r, 1.01424, -2.06212, 0.775402, 0.347573),
+        cubic(r, -4.28602, 11.3499, -9.19793, 1.87035),
+        cubic(r, 5.91556, -18.5306, 19.3117, -6.39416),
+        cubic(r, -2.66093, 9.34343, -11.0615, 4.26546),
+    )
+    total = max(min(total, one), zero)
+    offset = max(min(offset, total), zero)
+    return total - offset, offset
+
+
+@helper
+def bounces(head_on, shares):
+    """Return the shares of one channel that facets send on after one bounce, and after several."""
+    one = np.float32(1.0)
+    missing = one - (shares[0] + shares[1])
+    once = max(head_on * shares[0] + shares[1], np.float32(0.0))
+    mean = head_on + (one - head_on) * np.float32(1.0 / 21.0)
+    return once, missing * once * mean / (one - missing * mean)
+
+
+@helper
+def scattered(head_on, shares):
+    """Return the share of one channel that facets send on, after one bounce or several."""
+    once, often = bounces(head_on, shares)
+    return once + often
+
+
+@disjoint_helper
+def start_facets(
+    ambient, toward_viewer, occlusion, nx, ny, nz, px, py, pz, metallic, roughness, microfacet,
+    red, green, blue, out_red, out_green, out_blue,
+):  # fmt: skip
+    """Write what ambient light shows of metallic-roughness samples; others stay as they are."""
+    one, zero = np.float32(1.0), np.float32(0.0)
+    for i in range(out_red.shape[0]):
+        vx, vy, vz = (
+            toward_viewer[0] - toward_viewer[3] * px[i],
+            toward_viewer[1] - toward_viewer[3] * py[i],
+            toward_viewer[2] - toward_viewer[3] * pz[i],
+        )
+        n_v = (nx[i] * vx + ny[i] * vy + nz[i] * vz) * unit_scale(vx, vy, vz)
+        shares = reflected_shares(max(n_v, zero), roughness[i])
+        # What a dielectric does not mirror goes into it, and comes back coloured.
+        mirrored = scattered(DIELECTRIC, shares)
+        inside = one - mirrored
+        r = metallic[i] * scattered(red[i], shares)
+        g = metallic[i] * scattered(green[i], shares)
+        b = metallic[i] * scattered(blue[i], shares)
+        share, is_faceted = occlusion[i], microfacet[i] > zero
+        rest = one - metallic[i]
+        shown = share * ambient[0] * (r + rest * (mirrored + inside * red[i]))
+        out_red[i] = shown if is_faceted else out_red[i]
+        shown = share * ambient[1] * (g + rest * (mirrored + inside * green[i]))
+        out_green[i] = shown if is_faceted else out_green[i]
+        shown = share * ambient[2] * (b + rest * (mirrored + inside * blue[i]))
+        out_blue[i] = shown if is_faceted else out_blue[i]
+
+
+@disjoint_helper
+def add_facet_light(
+    light, toward_viewer, parts, nx, ny, nz, px, py, pz, metallic, roughness, microfacet, reached,
+    red, green, blue, out_red, out_green, out_blue,
+):  # fmt: skip
+    """Add what one light contributes to each metallic-roughness sample, as far as it is reached."""
+    one, zero = np.float32(1.0), np.float32(0.0)
+    for i in range(out_red.shape[0]):
+        # Find the half vector between light and viewer, and the cosines.
+        lx, ly, lz, falloff = light_at(light, px[i], py[i], pz[i])
+        vx, vy, vz = (
+            toward_viewer[0] - toward_viewer[3] * px[i],
+            toward_viewer[1] - toward_viewer[3] * py[i],
+            toward_viewer[2] - toward_viewer[3] * pz[i],
+        )
+        scale = unit_scale(vx, vy, vz)
+        vx, vy, vz = vx * scale, vy * scale, vz * scale
+        hx, hy, hz = lx + vx, ly + vy, lz + vz
+        scale = unit_scale(hx, hy, hz)
+        hx, hy, hz = hx * scale, hy * scale, hz * scale
+        x, y, z = nx[i], ny[i], nz[i]
+        n_l = max(x * lx + y * ly + z * lz, zero)
+        n_v = max(x * vx + y * vy + z * vz, LEAST_COSINE)
+        n_h = x * hx + y * hy + z * hz
+        v_h = max(vx * hx + vy * hy + vz * hz, zero)
+        cx, cy, cz = y * hz - z * hy, z * hx - x * hz, x * hy - y * hx
+        # Find the highlight, and what is left for the light that goes into the surface.
+        alpha = max(roughness[i] * roughness[i], LEAST_ALPHA)
+        squared = alpha * alpha
+        shine = facets_along(n_h, cx * cx + cy * cy + cz * cz, squared)
+        shine *= parts[1] * facets_seen(n_l, n_v, squared)
+        bent = grazing(v_h)
+        diffuse = (one - metallic[i]) * (one - (DIELECTRIC + (one - DIELECTRIC) * bent))
+        diffuse *= parts[0]
+        # Add both.
+        arriving = microfacet[i] * falloff * n_l * reached[i]
+        head_on = mirrored_head_on(red[i], metallic[i])
+        mirrored = shine * (head_on + (one - head_on) * bent)
+        out_red[i] += arriving * light[4] * (red[i] * diffuse + mirrored)
+        head_on = mirrored_head_on(green[i], metallic[i])
+        mirrored = shine * (head_on + (one - head_on) * bent)
+        out_green[i] += arriving * light[5] * (green[i] * diffuse + mirrored)
+        head_on = mirrored_head_on(blue[i], metallic[i])
+        mirrored = shine * (head_on + (one - head_on) * bent)
+        out_blue[i] += arriving * light[6] * (blue[i] * diffuse + mirrored)
+
+
+@helper
+def largest(row):
+    """Return the largest number of a row, at least 0."""
+    most = np.float32(0.0)
+    for i in range(row.shape[0]):
+        most = max(most, row[i])
+    return most

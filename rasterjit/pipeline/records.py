@@ -1,0 +1,335 @@
+"""
+The records that cross from the caller into the kernels.
+
+Each is a ``NamedTuple`` of arrays and numbers. No kernel is given ``None``: where a field is
+``None``, the stages that would read it are not in the list. Letters: V vertices, E vertices made
+by clipping, F faces, P pieces made by clipping, O objects, L lights.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from rasterjit.runtime.state import float32, float64, int8, int32, int64, uint8
+
+
+class Viewport(NamedTuple):
+    """
+    Where normalized device coordinates land, and on which grid.
+
+    A picture may be a part of a larger one: its vertices are snapped as the whole would snap them,
+    then moved by whole pixels, so that every integer that follows is the one of the whole picture.
+
+    ``subpixel_bits`` is the grid that vertices are rounded to, ``grid_bits`` the grid that their
+    coordinates are counted on. They are the same but for 0 sub-pixel bits, where a second unit per
+    pixel is needed to name a pixel's centre.
+    """
+
+    width: int64
+    """W, pixels."""
+    height: int64
+    """H, pixels."""
+    guard_x: float64
+    """Guard band: ``|x| <= guard_x * w`` holds for every vertex that is snapped."""
+    guard_y: float64
+    """Guard band in y."""
+    subpixel_bits: int64
+    """Vertices are rounded to multiples of ``2**-subpixel_bits`` pixel."""
+    grid_bits: int64
+    """Screen coordinates are integers in units of ``2**-grid_bits`` pixel."""
+    reach: int64 = 0
+    """How far around a pixel's centre its samples may lie, in those units; 0: there is one sample,
+    at the centre."""
+    left: int64 = 0
+    """Columns of the whole picture before the first of this part."""
+    top: int64 = 0
+    """Rows of the whole picture above this part."""
+    right: int64 = 0
+    """Columns of the whole picture behind the last of this part."""
+    bottom: int64 = 0
+    """Rows of the whole picture below this part."""
+
+
+class ScreenVertices(NamedTuple):
+    """
+    Vertices on the sub-pixel grid: those of the meshes, then those made by clipping.
+
+    One that is outside the guard band has an outcode only.
+    """
+
+    xy: int32[:, :]
+    """(V+E, 2) int32, screen, units of ``2**-grid_bits`` pixel."""
+    depth: float64[:]
+    """(V+E,) float64, stored depth: greater is nearer."""
+    codes: uint8[:]
+    """(V+E,) uint8, outcodes (see ``setup``)."""
+    w: float64[:]
+    """(V+E,) float64, clip space."""
+
+
+class Faces(NamedTuple):
+    """The faces of all objects, and the pieces that stand in for those that were clipped."""
+
+    faces: int32[:, ::1]
+    """(F, 3) int32, vertex numbers."""
+    pieces: int32[:, ::1]
+    """(P, 3) int32, vertex numbers of the pieces, grouped by source face."""
+    piece_faces: int32[::1]
+    """(P,) int32, the face that each piece was cut from, ascending."""
+
+
+class Objects(NamedTuple):
+    """Which faces belong to which object, and which way its front faces turn."""
+
+    face_starts: int64[::1]
+    """(O+1,) int64: object ``o`` owns faces ``face_starts[o]:face_starts[o+1]``."""
+    culled_turns: int8[::1]
+    """(O,) int8: faces that turn this way on the screen are dropped: +1, -1, or 0 for none."""
+
+
+class Geometry(NamedTuple):
+    """What it takes to find where on a face a sample lies."""
+
+    faces: int32[:, ::1]
+    """(F, 3) int32, vertex numbers."""
+    xy: int32[:, :]
+    """(V+E, 2) int32, snapped screen positions."""
+    codes: uint8[:]
+    """(V+E,) uint8, outcodes."""
+    w: float64[:]
+    """(V+E,) float64, clip space | (0,): faces that were not clipped are interpolated on the
+    screen."""
+    clip_positions: float64[:, ::1]
+    """(V, 4) float64 | (0, 4) if no vertex has a ``CLIPPED`` code and nothing else reads them."""
+    viewport: Viewport
+
+
+class Placement(NamedTuple):
+    """Where the objects stand, relative to the eye so that nothing is lost far from the origin."""
+
+    face_starts: int64[::1]
+    """(O+1,) int64: object ``o`` owns faces ``face_starts[o]:face_starts[o+1]``."""
+    positions: float64[:, ::1]
+    """(V, 3) float64, model space."""
+    relative_from_model: float64[:, :, :]
+    """(O, 3, 4) float64: world axes, origin at the eye."""
+    normal_matrices: float64[:, :, :]
+    """(O, 3, 3) float64: model normals to world axes, up to length."""
+    mirrored: float64[::1]
+    """(O,) float64: -1 where the transform turns faces inside out, else 1."""
+    front_turns: float64[::1]
+    """(O,) float64: sign of the edge function of an object's front faces on the screen."""
+    toward_viewer: float64[::1]
+    """(4,) float64: a point p, relative to the eye, is seen along ``xyz - w p``."""
+
+
+class Textures(NamedTuple):
+    """
+    The textures of all objects, each with its mip levels.
+
+    K kinds of texture (``textures.KINDS``): for the base colour, for normals ...
+    """
+
+    texels: float32[:, ::1]
+    """(N, 4) float32, linear RGBA: level by level, row by row from the top."""
+    levels: int64[:, ::1]
+    """(M, 3) int64: first texel, width, height."""
+    table: int64[:, :, ::1]
+    """(O, K, 6) int64: first level or -1 for none, levels, wrap in u, in v, filter, anisotropy."""
+    uv: float32[:, ::1]
+    """(V, 2) float32; v runs up."""
+    transforms: float64[:, :, ::1]
+    """(O, K, 6) float64, ``u' = t0 u + t1 v + t2, v' = t3 u + t4 v + t5`` | (0, K, 6): all
+    as is."""
+
+
+class Cutouts(NamedTuple):
+    """The objects that have holes: a sample whose alpha is below the cutoff is not covered."""
+
+    cutoffs: float32[::1]
+    """(O,) float32; 0 for an object without holes."""
+    face_starts: int64[::1]
+    """(O+1,) int64: object ``o`` owns faces ``face_starts[o]:face_starts[o+1]``."""
+    materials: float32[:, ::1]
+    """(O, 7) float32, as ``Surface.materials``."""
+    vertex_colors: float32[:, ::1]
+    """(V, 4) float32 | (0, 4): their alpha is 1."""
+    face_colors: float32[:, ::1]
+    """(F, 4) float32 | (0, 4): their alpha is 1."""
+    textures: Textures
+    """With a table of no rows: their alpha is 1."""
+    geometry: Geometry = None
+    """Of the picture that is drawn; None as long as its vertices are not on the screen."""
+
+
+UNLIT, FLAT, GOURAUD, PHONG, PBR = 0, 1, 2, 3, 4
+"""Shading models, as ``Surface.materials`` numbers them."""
+
+MATERIAL_SPECULAR, MATERIAL_SHININESS, MATERIAL_MODEL = 4, 5, 6
+"""Columns of ``Surface.materials`` behind the base colour."""
+
+
+class Alphas(NamedTuple):
+    """Which objects have an alpha of their own: that of material, colours and texture."""
+
+    is_blended: Any
+    """(O,) uint8: 1 where what lies behind an object is seen through it."""
+
+
+class Maps(NamedTuple):
+    """What textures and factors give the objects besides a base colour: see ``surface.maps``."""
+
+    factors: Any
+    """(O, 5) float32: normal scale, occlusion strength, emitted red, green, blue (linear)."""
+    counts: Any
+    """(5,) int64, number of objects with a texture of each kind, as ``textures`` numbers them."""
+    tangents: Any
+    """(V, 2, 4) float32, model space: where u grows, and the sign of where v does, for faces whose
+    texture is not mirrored and for those where it is; (0, 2, 4) if no object has a normal map."""
+
+
+class Surface(NamedTuple):
+    """What the objects look like."""
+
+    materials: Any
+    """(O, 7) float32: red, green, blue, alpha (linear), specular, shininess, shading model."""
+    vertex_colors: Any
+    """(V, 4) float32, linear | None -> material colour alone."""
+    face_colors: Any
+    """(F, 4) float32, linear | None -> material colour alone."""
+    normals: Any
+    """(V, 3) float32, model space | None -> no smooth shading."""
+    lit_vertices: Any
+    """(V, 2, 3) float32, light on the front and the back of a vertex | None -> no Gouraud."""
+    matt_vertices: Any
+    """(V, 2, 3) float32, the same without highlights | None -> no highlight over a texture."""
+    textures: Textures | None
+    """None -> no object has a texture."""
+    maps: Maps | None = None
+    """What else lies over the objects (normal maps, emission ...) | None -> nothing."""
+    alphas: Alphas | None = None
+    """What it takes to find the alpha of a sample | None -> all are opaque."""
+
+
+class Reflections(NamedTuple):
+    """What is around the scene, filtered for rough surfaces."""
+
+    texels: float32[:, ::1]
+    """(N, 3) float32, linear RGB: level by level, row by row from the top."""
+    levels: int64[:, ::1]
+    """(8, 3) int64: first texel, width, height | (0, 3): all are alike, or nothing mirrors it."""
+
+
+class Environment(NamedTuple):
+    """Light from all around, and what is seen behind all faces."""
+
+    irradiance: float32[:, ::1]
+    """(9, 3) float32: the light on a surface over pi, as a polynomial of its normal."""
+    turn: float32[::1]
+    """(2,) float32: cosine and sine of the angle that it is turned by about y."""
+    intensity: float32
+    """float32, factor on all of its light."""
+    texels: float32[:, ::1]
+    """(N, 3) float32, linear RGB: an equirectangular picture, row by row from the top."""
+    width: int64
+    """Of the picture, texels; 0 if there is none."""
+    height: int64
+    gradient: float32[:, ::1]
+    """(3, 3) float32, linear RGB: zenith, horizon and ground, where there is no picture."""
+    reflections: Reflections
+
+
+class Fog(NamedTuple):
+    """What lies between the surfaces and the eye."""
+
+    mode: int
+    """See ``effects.fog.stage``."""
+    color: Any
+    """(3,) float32, linear."""
+    end: Any
+    """float32, scene units: distance that nothing is seen beyond."""
+    per_range: Any
+    """float32: one over the distance from where the fog begins to its end."""
+    density: Any
+    """float32: halvings a scene unit."""
+    above: Any
+    """float32, scene units: height of the eye over where the fog has its density."""
+    falloff: Any
+    """float32: halvings of the density a scene unit upwards; 0 for even density."""
+    flat: Any
+    """Number of ways of shading that light faces at their middles | None -> none."""
+
+
+class ToneMap(NamedTuple):
+    """How light becomes what a screen shows."""
+
+    curve: int64
+    """See ``effects.tone_map.stage``."""
+    stops: float32
+    """Exposure."""
+    per_white: float32
+    """One over the square of the luminance that becomes white."""
+
+
+UNMAPPED = -1
+"""Stands for a curve where light is shown as it is, neither exposed nor held."""
+
+NO_TONES = ToneMap(UNMAPPED, 0.0, 0.0)
+"""What stands for a tone map where there is none."""
+
+
+class Microfacets(NamedTuple):
+    """The metallic-roughness materials of all objects."""
+
+    factors: Any
+    """(O, 2) float32: metallic, roughness."""
+    parts: Any
+    """(2,) float32: how much of the light that goes into a surface is shown, and of that mirrored;
+    1 and 1, but for who asks for one of them alone."""
+
+
+class Shadows(NamedTuple):
+    """The shadow maps of all lights; see ``effects.shadows.stage`` for the columns."""
+
+    maps: Any
+    """(L, 23) float64: how a point comes to lie in a light's map."""
+    places: Any
+    """(L, 4) int64: first texel or -1 for no map, side, filter, number of maps."""
+    texels: Any
+    """(N,) float32, stored depth: greater is nearer to the light, -inf where nothing is."""
+    pattern: Any
+    """(P, 2) float32: points of the unit disk where soft shadows are compared."""
+    spiral: Any
+    """(S, 2) float32, texels: where soft shadows look for what may shade a sample, from the
+    nearest on."""
+    highest: Any
+    """(L, 96, 16) float32: the greatest stored depth in each cell of the maps of a soft light."""
+    normals: Any
+    """(V, 3) float32, as ``Surface.normals`` | None -> no object is smooth."""
+
+
+class Lighting(NamedTuple):
+    """The light that falls on the scene."""
+
+    lights: Any
+    """
+    (L, 13) float32: x, y, z, w, red, green, blue; light comes along ``xyz - w p``. Then cone and
+    range, see ``lighting.blinn_phong``: axis x, y, z, scale, offset, ending.
+    """
+    ambient: Any
+    """(3,) float32, linear."""
+    highlights: Any
+    """Number of objects with a specular highlight | None -> none."""
+    microfacets: Microfacets | None = None
+    """Metallic-roughness materials | None -> none."""
+    renormalizes: int = 1
+    """Not 0: interpolated normals are scaled to length one; 0: they are taken as they are."""
+
+
+class Encoding(NamedTuple):
+    """How linear colour becomes 8 bits."""
+
+    table: int32[::1]
+    """(6657,) int32, `encode.encoding_table`."""
+    tone: ToneMap = NO_TONES
+    """Exposure and tone curve."""

@@ -1,0 +1,583 @@
+"""What the surfaces of a block's samples are like: colours, highlights, normals, points, alpha."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rasterjit.pipeline.geometry.barycentric import (
+    blend,
+    face_normal,
+    interpolate,
+    matrix_of,
+    normal_of_points,
+    place,
+    place_sample,
+    place_vertex,
+    vertex_normal,
+)
+from rasterjit.pipeline.records import (
+    FLAT,
+    GOURAUD,
+    MATERIAL_MODEL,
+    MATERIAL_SHININESS,
+    MATERIAL_SPECULAR,
+    PBR,
+    PHONG,
+    Placement,
+)
+from rasterjit.pipeline.surface import samples as row
+from rasterjit.pipeline.surface.listing import whole_vectors
+from rasterjit.pipeline.surface.samples import (
+    BEHIND,
+    END_PATCH,
+    FACE,
+    FIRST,
+    FIRST_PATCH,
+    KIND,
+    MIXED,
+    OWNER,
+    PATCHES,
+    SEGMENTS,
+    START,
+    STOP,
+    A,
+    B,
+    Block,
+    C,
+)
+from rasterjit.pipeline.surface.texture_lookup import SHOWN
+from rasterjit.runtime.intrinsics import spread
+from rasterjit.runtime.jit import disjoint_helper, helper, stage
+from rasterjit.runtime.state import float32, float64, int64, uint8
+
+SHOWN_ALPHA = SHOWN + 3
+"""Row of places: the alpha that a texture shows."""
+
+
+@helper
+def normal_at(second, third, normal):
+    """Return the interpolated normal in world axes, on the side that is seen, not normalized."""
+    (na, nb, nc), m, side = normal
+    weights = (0.0, second, third)
+    x = blend(weights, na[0], nb[0], nc[0])
+    y = blend(weights, na[1], nb[1], nc[1])
+    z = blend(weights, na[2], nb[2], nc[2])
+    return (
+        np.float32(side * (m[0] * x + m[1] * y + m[2] * z)),
+        np.float32(side * (m[3] * x + m[4] * y + m[5] * z)),
+        np.float32(side * (m[6] * x + m[7] * y + m[8] * z)),
+    )
+
+
+@helper
+def point_at(second, third, point):
+    """Return where a sample lies, as `place_sample` finds it."""
+    first, ab, ac, m = point
+    x = second * ab[0] + third * ac[0]
+    y = second * ab[1] + third * ac[1]
+    z = second * ab[2] + third * ac[2]
+    return (
+        np.float32(first[0] + (m[0] * x + m[1] * y + m[2] * z)),
+        np.float32(first[1] + (m[3] * x + m[4] * y + m[5] * z)),
+        np.float32(first[2] + (m[6] * x + m[7] * y + m[8] * z)),
+    )
+
+
+@helper
+def gather_values(first, end, values, whole, rows):
+    """Gather three numbers for each vertex of the faces of some patches."""
+    for r in range(np.uintp(first), np.uintp(end)):
+        a, b, c = np.uintp(whole[A, r]), np.uintp(whole[B, r]), np.uintp(whole[C, r])
+        n = np.uintp(whole[FIRST, r])
+        spread(rows[0], n, values[a, 0])
+        spread(rows[1], n, values[a, 1])
+        spread(rows[2], n, values[a, 2])
+        spread(rows[3], n, values[b, 0])
+        spread(rows[4], n, values[b, 1])
+        spread(rows[5], n, values[b, 2])
+        spread(rows[6], n, values[c, 0])
+        spread(rows[7], n, values[c, 1])
+        spread(rows[8], n, values[c, 2])
+
+
+@helper
+def span_corners(segment, whole):
+    """Return the vertices of a span's face."""
+    r = np.uintp(segment[FIRST_PATCH])
+    return np.uintp(whole[A, r]), np.uintp(whole[B, r]), np.uintp(whole[C, r])
+
+
+@stage
+def tint_samples(block: Block, count, materials: float32[:, ::1]):
+    """Write the base colour of each sample's material."""
+    samples = block.samples
+    for k in range(block.counts[SEGMENTS]):
+        segment = block.segments[k]
+        owner = np.uintp(segment[OWNER])
+        red, green, blue = materials[owner, 0], materials[owner, 1], materials[owner, 2]
+        for n in range(np.uintp(segment[START]), np.uintp(segment[STOP])):
+            samples[row.RED, n], samples[row.GREEN, n], samples[row.BLUE, n] = red, green, blue
+
+
+@stage
+def multiply_face_colors(block: Block, count, face_colors: float32[:, ::1]):
+    """Multiply the base colours by those of the faces."""
+    samples, whole = block.samples, block.whole
+    for r in range(np.uintp(block.counts[PATCHES])):
+        face = np.uintp(whole[FACE, r])
+        for n in range(np.uintp(whole[FIRST, r]), np.uintp(whole[FIRST, r + np.uintp(1)])):
+            for k in range(3):
+                samples[row.RED + k, n] *= face_colors[face, k]
+
+
+@disjoint_helper
+def multiply_colors(
+    red, green, blue, ra, ga, ba, rb, gb, bb, rc, gc, bc, second, third
+):  # fmt: skip
+    """Multiply colours by those of the vertices, interpolated."""
+    for n in range(red.shape[0]):
+        weights = (0.0, second[n], third[n])
+        r = interpolate(weights, np.float64(ra[n]), np.float64(rb[n]), np.float64(rc[n]))
+        g = interpolate(weights, np.float64(ga[n]), np.float64(gb[n]), np.float64(gc[n]))
+        b = interpolate(weights, np.float64(ba[n]), np.float64(bb[n]), np.float64(bc[n]))
+        red[n] *= np.float32(r)
+        green[n] *= np.float32(g)
+        blue[n] *= np.float32(b)
+
+
+@disjoint_helper
+def multiply_along_span(red, green, blue, second, third, at_a, at_b, at_c):
+    """Multiply the colours of one face by those of its vertices, interpolated."""
+    for n in range(red.shape[0]):
+        weights = (0.0, second[n], third[n])
+        red[n] *= np.float32(interpolate(weights, at_a[0], at_b[0], at_c[0]))
+        green[n] *= np.float32(interpolate(weights, at_a[1], at_b[1], at_c[1]))
+        blue[n] *= np.float32(interpolate(weights, at_a[2], at_b[2], at_c[2]))
+
+
+@helper
+def apply_mixed_colors(samples, weights, rows, s, e):
+    """Multiply base colours by the colours that were gathered."""
+    multiply_colors(
+        samples[row.RED, s:e], samples[row.GREEN, s:e], samples[row.BLUE, s:e], rows[0, s:e],
+        rows[1, s:e], rows[2, s:e], rows[3, s:e], rows[4, s:e], rows[5, s:e], rows[6, s:e],
+        rows[7, s:e], rows[8, s:e], weights[0, s:e], weights[1, s:e],
+    )  # fmt: skip
+
+
+@helper
+def color_of(values, vertex):
+    """Return three numbers of a vertex, float64."""
+    return (
+        np.float64(values[vertex, 0]),
+        np.float64(values[vertex, 1]),
+        np.float64(values[vertex, 2]),
+    )
+
+
+@stage
+def multiply_vertex_colors(block: Block, count, vertex_colors: float32[:, ::1]):
+    """Multiply the base colours by those of the vertices, interpolated."""
+    samples, whole, weights, rows = block.samples, block.whole, block.weights, block.single
+    for k in range(block.counts[SEGMENTS]):
+        segment = block.segments[k]
+        s, e = np.int64(segment[START]), np.int64(segment[STOP])
+        if segment[KIND] == MIXED:
+            gather_values(segment[FIRST_PATCH], segment[END_PATCH], vertex_colors, whole, rows)
+            apply_mixed_colors(samples, weights, rows, s, e)
+        else:
+            a, b, c = span_corners(segment, whole)
+            multiply_along_span(
+                samples[row.RED, s:e], samples[row.GREEN, s:e], samples[row.BLUE, s:e],
+                weights[0, s:e], weights[1, s:e], color_of(vertex_colors, a),
+                color_of(vertex_colors, b), color_of(vertex_colors, c),
+            )  # fmt: skip
+
+
+@helper
+def gather_light(first, end, lit_vertices, whole, rows):
+    """Gather the light on the vertices of some patches, on the side that is seen."""
+    for r in range(np.uintp(first), np.uintp(end)):
+        a, b, c = np.uintp(whole[A, r]), np.uintp(whole[B, r]), np.uintp(whole[C, r])
+        n = np.uintp(whole[FIRST, r])
+        side = np.uintp(whole[BEHIND, n])
+        for k in range(3):
+            spread(rows[k], n, lit_vertices[a, side, k])
+            spread(rows[3 + k], n, lit_vertices[b, side, k])
+            spread(rows[6 + k], n, lit_vertices[c, side, k])
+
+
+@stage
+def show_lit_vertices(
+    block: Block, count, lit_vertices: float32[:, :, ::1], materials: float32[:, ::1], first: int64
+):
+    """
+    Write the light on the vertices, interpolated, on objects shaded by Gouraud.
+
+    Three rows of samples from ``first`` on.
+    """
+    samples, whole, weights, rows = block.samples, block.whole, block.weights, block.single
+    one = np.float32(1.0)
+    for k in range(block.counts[SEGMENTS]):
+        segment = block.segments[k]
+        if np.int64(materials[np.uintp(segment[OWNER]), MATERIAL_MODEL]) != GOURAUD:
+            continue
+        s, e = np.int64(segment[START]), np.int64(segment[STOP])
+        if segment[KIND] == MIXED:
+            gather_light(segment[FIRST_PATCH], segment[END_PATCH], lit_vertices, whole, rows)
+        red, green, blue = samples[first, s:e], samples[first + 1, s:e], samples[first + 2, s:e]
+        for n in range(red.shape[0]):
+            red[n], green[n], blue[n] = one, one, one
+        if segment[KIND] == MIXED:
+            multiply_colors(
+                red, green, blue, rows[0, s:e], rows[1, s:e], rows[2, s:e], rows[3, s:e],
+                rows[4, s:e], rows[5, s:e], rows[6, s:e], rows[7, s:e], rows[8, s:e],
+                weights[0, s:e], weights[1, s:e],
+            )  # fmt: skip
+        else:
+            a, b, c = span_corners(segment, whole)
+            side = np.uintp(whole[BEHIND, s])
+            multiply_along_span(
+                red, green, blue, weights[0, s:e], weights[1, s:e],
+                color_of(lit_vertices[a], side), color_of(lit_vertices[b], side),
+                color_of(lit_vertices[c], side),
+            )  # fmt: skip
+
+
+@stage
+def find_reflectance(block: Block, count, materials: float32[:, ::1]):
+    """
+    Write strength and exponent of the highlight, and whether light falls on a sample.
+
+    And that all of it does: shadows and ambient occlusion come later.
+    """
+    samples, one = block.samples, np.float32(1.0)
+    for k in range(block.counts[SEGMENTS]):
+        segment = block.segments[k]
+        owner = np.uintp(segment[OWNER])
+        specular, shininess = (
+            materials[owner, MATERIAL_SPECULAR],
+            materials[owner, MATERIAL_SHININESS],
+        )
+        model = np.int64(materials[owner, MATERIAL_MODEL])
+        share = np.float32(1.0 if model in (FLAT, PHONG) else 0.0)
+        for n in range(np.uintp(segment[START]), np.uintp(segment[STOP])):
+            samples[row.SPECULAR, n] = specular
+            samples[row.SHININESS, n] = shininess
+            samples[row.LIT, n] = share
+            samples[row.OCCLUSION, n] = one
+            samples[row.SHADOW, n] = one
+
+
+@stage
+def find_facets(block: Block, count, factors: float32[:, ::1], materials: float32[:, ::1]):
+    """Write metallic and roughness, and 1 where an object is shaded by microfacets, else 0."""
+    samples = block.samples
+    for k in range(block.counts[SEGMENTS]):
+        segment = block.segments[k]
+        owner = np.uintp(segment[OWNER])
+        is_faceted = np.int64(materials[owner, MATERIAL_MODEL]) == PBR
+        share = np.float32(1.0 if is_faceted else 0.0)
+        metallic, roughness = factors[owner, 0], factors[owner, 1]
+        for n in range(np.uintp(segment[START]), np.uintp(segment[STOP])):
+            samples[row.METALLIC, n] = metallic
+            samples[row.ROUGHNESS, n] = roughness
+            samples[row.MICROFACET, n] = share
+
+
+@stage
+def gather_positions(block: Block, count, positions: float64[:, ::1]):
+    """Gather where the vertices of the faces of mixed segments lie, model space."""
+    for k in range(block.counts[SEGMENTS]):
+        segment = block.segments[k]
+        if segment[KIND] == MIXED:
+            gather_values(
+                segment[FIRST_PATCH], segment[END_PATCH], positions, block.whole, block.real
+            )
+
+
+@disjoint_helper
+def mix_smooth_normals(
+    nx, ny, nz, xa, ya, za, xb, yb, zb, xc, yc, zc, second, third, behind, turn
+):  # fmt: skip
+    """Write interpolated vertex normals in world axes."""
+    for n in range(nx.shape[0]):
+        normals = (
+            (np.float64(xa[n]), np.float64(ya[n]), np.float64(za[n])),
+            (np.float64(xb[n]), np.float64(yb[n]), np.float64(zb[n])),
+            (np.float64(xc[n]), np.float64(yc[n]), np.float64(zc[n])),
+        )
+        toward = 1.0 - 2.0 * np.float64(behind[n])
+        nx[n], ny[n], nz[n] = normal_at(second[n], third[n], (normals, turn, toward))
+
+
+@disjoint_helper
+def normals_along_span(nx, ny, nz, second, third, normal):
+    """Write the normals of one face."""
+    for n in range(nx.shape[0]):
+        nx[n], ny[n], nz[n] = normal_at(second[n], third[n], normal)
+
+
+@helper
+def is_smooth(owner, materials):
+    """Return whether an object is shaded by interpolated normals."""
+    return np.int64(materials[np.uintp(owner), MATERIAL_MODEL]) in (PHONG, PBR)
+
+
+@stage
+def find_smooth_normals(
+    block: Block, count, normals: float32[:, ::1], normal_matrices: float64[:, :, :],
+    materials: float32[:, ::1],
+):  # fmt: skip
+    """Write the interpolated vertex normals of objects that are smooth, world axes, any length."""
+    samples, whole, weights, rows = block.samples, block.whole, block.weights, block.single
+    for k in range(block.counts[SEGMENTS]):
+        segment = block.segments[k]
+        if not is_smooth(segment[OWNER], materials):
+            continue
+        s, e, owner = np.int64(segment[START]), np.int64(segment[STOP]), np.uintp(segment[OWNER])
+        turn = matrix_of(normal_matrices, owner)
+        if segment[KIND] == MIXED:
+            gather_values(segment[FIRST_PATCH], segment[END_PATCH], normals, whole, rows)
+            mix_smooth_normals(
+                samples[row.NORMAL_X, s:e], samples[row.NORMAL_Y, s:e], samples[row.NORMAL_Z, s:e],
+                rows[0, s:e], rows[1, s:e], rows[2, s:e], rows[3, s:e], rows[4, s:e],
+                rows[5, s:e], rows[6, s:e], rows[7, s:e], rows[8, s:e], weights[0, s:e],
+                weights[1, s:e], whole[BEHIND, s:e], turn,
+            )  # fmt: skip
+        else:
+            a, b, c = span_corners(segment, whole)
+            at = vertex_normal(normals, a), vertex_normal(normals, b), vertex_normal(normals, c)
+            toward = 1.0 - 2.0 * np.float64(whole[BEHIND, s])
+            normals_along_span(
+                samples[row.NORMAL_X, s:e], samples[row.NORMAL_Y, s:e], samples[row.NORMAL_Z, s:e],
+                weights[0, s:e], weights[1, s:e], (at, turn, toward),
+            )  # fmt: skip
+
+
+@disjoint_helper
+def mix_face_normals(
+    nx, ny, nz, xa, ya, za, xb, yb, zb, xc, yc, zc, second, third, behind, owner, matrices, mirrored
+):  # fmt: skip
+    """Write the faces' own normals."""
+    unit = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+    for n in range(nx.shape[0]):
+        own = normal_of_points(
+            place(xa[n], ya[n], za[n], owner, matrices),
+            place(xb[n], yb[n], zb[n], owner, matrices),
+            place(xc[n], yc[n], zc[n], owner, matrices),
+            mirrored,
+        )
+        toward = 1.0 - 2.0 * np.float64(behind[n])
+        nx[n], ny[n], nz[n] = normal_at(second[n], third[n], ((own, own, own), unit, toward))
+
+
+@stage
+def find_face_normals(
+    block: Block, count, placement: Placement, materials: float32[:, ::1], leaves_smooth: int64
+):
+    """
+    Write the faces' own normals, world axes.
+
+    After `gather_positions`. Not 0 ``leaves_smooth``: on objects that are not smooth.
+    """
+    samples, whole, weights, rows = block.samples, block.whole, block.weights, block.real
+    unit = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+    for k in range(block.counts[SEGMENTS]):
+        segment = block.segments[k]
+        if leaves_smooth != 0 and is_smooth(segment[OWNER], materials):
+            continue
+        s, e, owner = np.int64(segment[START]), np.int64(segment[STOP]), np.int64(segment[OWNER])
+        if segment[KIND] == MIXED:
+            mix_face_normals(
+                samples[row.NORMAL_X, s:e], samples[row.NORMAL_Y, s:e], samples[row.NORMAL_Z, s:e],
+                rows[0, s:e], rows[1, s:e], rows[2, s:e], rows[3, s:e], rows[4, s:e],
+                rows[5, s:e], rows[6, s:e], rows[7, s:e], rows[8, s:e], weights[0, s:e],
+                weights[1, s:e], whole[BEHIND, s:e], owner, placement.relative_from_model,
+                placement.mirrored[owner],
+            )  # fmt: skip
+        else:
+            a, b, c = span_corners(segment, whole)
+            own = face_normal(a, b, c, owner, placement)
+            toward = 1.0 - 2.0 * np.float64(whole[BEHIND, s])
+            normals_along_span(
+                samples[row.NORMAL_X, s:e], samples[row.NORMAL_Y, s:e], samples[row.NORMAL_Z, s:e],
+                weights[0, s:e], weights[1, s:e], ((own, own, own), unit, toward),
+            )  # fmt: skip
+
+
+@disjoint_helper
+def mix_points(
+    px, py, pz, xa, ya, za, xb, yb, zb, xc, yc, zc, second, third, owner, matrices, matrix
+):  # fmt: skip
+    """Write where the samples lie."""
+    for n in range(px.shape[0]):
+        point = (
+            place(xa[n], ya[n], za[n], owner, matrices),
+            (xb[n] - xa[n], yb[n] - ya[n], zb[n] - za[n]),
+            (xc[n] - xa[n], yc[n] - ya[n], zc[n] - za[n]),
+            matrix,
+        )
+        px[n], py[n], pz[n] = point_at(second[n], third[n], point)
+
+
+@disjoint_helper
+def mix_middles(
+    px, py, pz, xa, ya, za, xb, yb, zb, xc, yc, zc, second, third, owner, matrices, matrix
+):  # fmt: skip
+    """Write the middles of the faces."""
+    m, share, nowhere = matrix, 1.0 / 3.0, (0.0, 0.0, 0.0)
+    for n in range(px.shape[0]):
+        first = place(xa[n], ya[n], za[n], owner, matrices)
+        x = share * (xb[n] - xa[n]) + share * (xc[n] - xa[n])
+        y = share * (yb[n] - ya[n]) + share * (yc[n] - ya[n])
+        z = share * (zb[n] - za[n]) + share * (zc[n] - za[n])
+        middle = (
+            first[0] + (m[0] * x + m[1] * y + m[2] * z),
+            first[1] + (m[3] * x + m[4] * y + m[5] * z),
+            first[2] + (m[6] * x + m[7] * y + m[8] * z),
+        )
+        point = middle, nowhere, nowhere, matrix
+        px[n], py[n], pz[n] = point_at(second[n], third[n], point)
+
+
+@disjoint_helper
+def points_along_span(px, py, pz, second, third, point):
+    """Write where the samples of one face lie."""
+    for n in range(px.shape[0]):
+        px[n], py[n], pz[n] = point_at(second[n], third[n], point)
+
+
+@helper
+def way(p, a, b):
+    """Return the way from one vertex to another, model space."""
+    return p[b, 0] - p[a, 0], p[b, 1] - p[a, 1], p[b, 2] - p[a, 2]
+
+
+@stage
+def find_points(block: Block, count, placement: Placement):
+    """Write where the samples lie, world axes, relative to the eye. After `gather_positions`."""
+    samples, whole, weights, rows = block.samples, block.whole, block.weights, block.real
+    p, matrices = placement.positions, placement.relative_from_model
+    for k in range(block.counts[SEGMENTS]):
+        segment = block.segments[k]
+        s, e, owner = np.int64(segment[START]), np.int64(segment[STOP]), np.int64(segment[OWNER])
+        matrix = matrix_of(matrices, owner)
+        if segment[KIND] == MIXED:
+            e = s + whole_vectors(e - s)
+            mix_points(
+                samples[row.POINT_X, s:e], samples[row.POINT_Y, s:e], samples[row.POINT_Z, s:e],
+                rows[0, s:e], rows[1, s:e], rows[2, s:e], rows[3, s:e], rows[4, s:e],
+                rows[5, s:e], rows[6, s:e], rows[7, s:e], rows[8, s:e], weights[0, s:e],
+                weights[1, s:e], owner, matrices, matrix,
+            )  # fmt: skip
+        else:
+            a, b, c = span_corners(segment, whole)
+            first = place_vertex(a, owner, placement)
+            points_along_span(
+                samples[row.POINT_X, s:e], samples[row.POINT_Y, s:e], samples[row.POINT_Z, s:e],
+                weights[0, s:e], weights[1, s:e], (first, way(p, a, b), way(p, a, c), matrix),
+            )  # fmt: skip
+
+
+@stage
+def find_middles(block: Block, count, placement: Placement, materials: float32[:, ::1]):
+    """Write the middles of the faces of flat objects instead. After `gather_positions`."""
+    samples, whole, weights, rows = block.samples, block.whole, block.weights, block.real
+    nowhere, middle = (0.0, 0.0, 0.0), (1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0)
+    matrices = placement.relative_from_model
+    for k in range(block.counts[SEGMENTS]):
+        segment = block.segments[k]
+        if np.int64(materials[np.uintp(segment[OWNER]), MATERIAL_MODEL]) != FLAT:
+            continue
+        s, e, owner = np.int64(segment[START]), np.int64(segment[STOP]), np.int64(segment[OWNER])
+        matrix = matrix_of(matrices, owner)
+        if segment[KIND] == MIXED:
+            mix_middles(
+                samples[row.POINT_X, s:e], samples[row.POINT_Y, s:e], samples[row.POINT_Z, s:e],
+                rows[0, s:e], rows[1, s:e], rows[2, s:e], rows[3, s:e], rows[4, s:e],
+                rows[5, s:e], rows[6, s:e], rows[7, s:e], rows[8, s:e], weights[0, s:e],
+                weights[1, s:e], owner, matrices, matrix,
+            )  # fmt: skip
+        else:
+            a, b, c = span_corners(segment, whole)
+            point = place_sample(middle, a, b, c, owner, placement), nowhere, nowhere, matrix
+            points_along_span(
+                samples[row.POINT_X, s:e], samples[row.POINT_Y, s:e], samples[row.POINT_Z, s:e],
+                weights[0, s:e], weights[1, s:e], point,
+            )  # fmt: skip
+
+
+@stage
+def stand_in(block: Block, count, stands_in: uint8[::1]):
+    """
+    Write some normals and points on objects whose colour does not depend on them.
+
+    They are lit at their vertices, and no fog lies over them. The light that is worked out with
+    them counts for nothing, but it has to be a number.
+    """
+    samples, none, one = block.samples, np.float32(0.0), np.float32(1.0)
+    for k in range(block.counts[SEGMENTS]):
+        segment = block.segments[k]
+        if stands_in[np.uintp(segment[OWNER])] == 0:
+            continue
+        for n in range(np.uintp(segment[START]), np.uintp(segment[STOP])):
+            samples[row.NORMAL_X, n], samples[row.NORMAL_Y, n] = none, none
+            samples[row.NORMAL_Z, n] = one
+            samples[row.POINT_X, n], samples[row.POINT_Y, n] = none, none
+            samples[row.POINT_Z, n] = none
+
+
+@helper
+def multiply_vertex_alphas(samples, first, end, weights, corners, vertex_colors):
+    """Multiply the alphas of some samples of one face by those of its vertices, interpolated."""
+    a, b, c = corners
+    at_a, at_b, at_c = (
+        np.float64(vertex_colors[a, 3]), np.float64(vertex_colors[b, 3]),
+        np.float64(vertex_colors[c, 3]),
+    )  # fmt: skip
+    for n in range(first, end):
+        at = 0.0, weights[0, n], weights[1, n]
+        samples[row.ALPHA, n] *= np.float32(interpolate(at, at_a, at_b, at_c))
+
+
+@stage
+def find_alphas(
+    block: Block, count, is_blended: uint8[::1], materials: float32[:, ::1],
+    face_colors: float32[:, ::1], vertex_colors: float32[:, ::1], has_textures: int64,
+):  # fmt: skip
+    """
+    Write the alpha of each sample: that of material, colours and texture, multiplied.
+
+    1 on objects that are not blended. Right behind `read_textures` of base colours if
+    ``has_textures`` is not 0.
+
+    Parameters
+    ----------
+    is_blended : (O,) uint8
+    materials : (O, 7) float32
+    face_colors : (F, 4) float32, or (0, 4) without
+    vertex_colors : (V, 4) float32, or (0, 4) without
+    has_textures : int
+    """
+    samples, whole, weights = block.samples, block.whole, block.weights
+    for k in range(block.counts[SEGMENTS]):
+        segment = block.segments[k]
+        owner = np.uintp(segment[OWNER])
+        s, e = np.uintp(segment[START]), np.uintp(segment[STOP])
+        alpha = materials[owner, 3] if is_blended[owner] != 0 else np.float32(1.0)
+        for n in range(s, e):
+            samples[row.ALPHA, n] = alpha
+        if is_blended[owner] == 0:
+            continue
+        for r in range(np.uintp(segment[FIRST_PATCH]), np.uintp(segment[END_PATCH])):
+            first, end = np.uintp(whole[FIRST, r]), np.uintp(whole[FIRST, r + np.uintp(1)])
+            if face_colors.shape[0] > 0:
+                for n in range(first, end):
+                    samples[row.ALPHA, n] *= face_colors[np.uintp(whole[FACE, r]), 3]
+            if vertex_colors.shape[0] > 0:
+                corners = np.uintp(whole[A, r]), np.uintp(whole[B, r]), np.uintp(whole[C, r])
+                multiply_vertex_alphas(samples, first, end, weights, corners, vertex_colors)
+        if has_textures != 0:
+            for n in range(s, e):
+                samples[row.ALPHA, n] *= np.float32(block.places[SHOWN_ALPHA, n])

@@ -1,0 +1,246 @@
+"""List the covered samples of a band of rows, block by block: the first stage of shading."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rasterjit.pipeline.geometry.setup import last_at_most
+from rasterjit.pipeline.surface.samples import (
+    COLUMN,
+    COLUMN_OF,
+    END_PATCH,
+    FACE,
+    FIRST,
+    FIRST_PATCH,
+    INTERVAL_COLUMN,
+    INTERVAL_FRAME_ROW,
+    INTERVAL_ROW,
+    INTERVAL_START,
+    INTERVAL_STOP,
+    INTERVALS,
+    KIND,
+    MIXED,
+    NEXT_COLUMN,
+    NEXT_ROW,
+    OWNER,
+    OWNER_AT_HAND,
+    PATCHES,
+    ROW,
+    ROW_OF,
+    SAMPLES,
+    SEGMENTS,
+    SPAN,
+    START,
+    STOP,
+    VECTOR,
+    A,
+    B,
+    Block,
+    C,
+)
+from rasterjit.runtime.intrinsics import LANES
+from rasterjit.runtime.jit import disjoint_helper, helper, stage
+from rasterjit.runtime.state import float32, int32, int64, uint32
+
+LONG = 16
+"""Columns that must show one face to make a span, counted from a multiple of this number on: face
+numbers in a 512-bit register."""
+
+
+@helper
+def whole_vectors(count):
+    """Return a count rounded up to whole vectors."""
+    return (np.int64(count) + (VECTOR - 1)) & -VECTOR
+
+
+@helper
+def differences(faces, face):
+    """Return 0 if some samples all show one face."""
+    found = np.int32(0)
+    for i in range(faces.shape[0]):
+        found |= np.int32(faces[i] ^ face)
+    return found
+
+
+@helper
+def run_end(faces, column):
+    """Return the first column that shows another face than this one."""
+    end, face = column + 1, faces[np.uintp(column)]
+    size = faces.shape[0]
+    while end < size and faces[np.uintp(end)] == face:
+        end += 1
+        if end - column >= LONG:
+            while end + LONG <= size and differences(faces[end : end + LONG], face) == 0:
+                end += LONG
+    return end
+
+
+@helper
+def shows_one_face(faces, column):
+    """Return whether a number of columns show one face."""
+    face = faces[np.uintp(column)]
+    return (
+        column + LONG <= faces.shape[0]
+        and faces[np.uintp(column + LONG - 1)] == face
+        and differences(faces[column : column + LONG], face) == 0
+    )
+
+
+@helper
+def mixed_end(faces, column, first, last):
+    """Return where neighbours end that show faces first..last - 1, or where a span begins."""
+    end = column + 1
+    while end < faces.shape[0] and first <= faces[np.uintp(end)] < last:
+        if end % LONG == 0 and shows_one_face(faces, end):
+            break
+        end += 1
+    return end
+
+
+@helper
+def list_patches(faces, n, r, whole):
+    """List the patches of some neighbours from sample ``n`` on; return the number of the next."""
+    before = np.int32(-1)
+    for i in range(np.uintp(faces.shape[0])):
+        # Without a branch: the next overwrites what starts no patch.
+        face = faces[i]
+        whole[FIRST, r], whole[FACE, r] = n + i, face
+        r += np.uintp((face != before) | (i % np.uintp(LANES) == np.uintp(0)))
+        before = face
+    return r
+
+
+@disjoint_helper
+def number_pixels(columns, rows, column, row):
+    """Write the pixels of neighbours, of which the first is given."""
+    for n in range(columns.shape[0]):
+        columns[n], rows[n] = column + n, row
+
+
+@helper
+def gather_corners(patches, faces, whole):
+    """Gather the vertex numbers of each patch."""
+    for r in range(np.uintp(patches)):
+        face = np.uintp(whole[FACE, r])
+        whole[A, r], whole[B, r], whole[C, r] = faces[face, 0], faces[face, 1], faces[face, 2]
+
+
+@disjoint_helper
+def turn_corners(a, b, c):
+    """Rotate the vertices of each face so that the lowest number comes first."""
+    for n in range(a.shape[0]):
+        x, y, z = a[n], b[n], c[n]
+        second, third = (y < x) & (y < z), (z < x) & (z < y)
+        a[n] = y if second else (z if third else x)
+        b[n] = z if second else (x if third else y)
+        c[n] = x if second else (y if third else z)
+
+
+@helper
+def paint_background(background, code, linear, color):
+    """Write a part of a row that shows no face."""
+    for i in range(color.shape[0]):
+        color[i] = code
+    for i in range(linear.shape[0]):
+        for k in range(4):
+            linear[i, k] = background[k]
+
+
+@stage
+def list_samples(
+    block: Block, count, face_id: int32[:, ::1], first_row: int64, height: int64,
+    faces: int32[:, ::1], face_starts: int64[::1], background: float32[::1], code: int64,
+    linear: float32[:, :, ::1], color: uint32[:, ::1],
+):  # fmt: skip
+    """
+    List the next samples of a band of rows, and paint the pixels between them.
+
+    Parameters
+    ----------
+    block : Block
+        ``counts`` is 0 where a band begins. Writes everything about segments, patches, intervals.
+    face_id : (R, W) int32
+        The visible faces of the band, -1 where nothing is; or several images of it, one below the
+        other.
+    first_row : int
+        Where the band lies in the frame.
+    height : int
+        Rows of the band.
+    faces : (F, 3) int32, vertex numbers
+    face_starts : (O+1,) int64
+        Object ``o`` owns faces ``face_starts[o]:face_starts[o+1]``.
+    background : (4,) float32, linear
+    code : int
+        The same as it is shown: RGBA bytes from the lowest up.
+    linear : (R, W, 4) float32, or (R, 0, 4)
+    color : (R, W) uint32, or (R, 0)
+
+    Returns
+    -------
+    int
+        How many samples there are; -1 behind the last one.
+    """
+    counts, segments, intervals, whole = block.counts, block.segments, block.intervals, block.whole
+    row, at, owner = counts[NEXT_ROW], counts[NEXT_COLUMN], counts[OWNER_AT_HAND]
+    lowest, end_face = face_starts[owner], face_starts[owner + 1]
+    rows, columns = face_id.shape
+    n, r, k, last = np.int64(0), np.uintp(0), np.int64(0), np.int64(-1)
+    is_open = False
+    while row < rows and n < SAMPLES:
+        numbers, frame_row = face_id[row], first_row + row % height
+        while at < columns and n < SAMPLES:
+            face = np.int64(numbers[np.uintp(at)])
+            if face < 0:
+                end = run_end(numbers, at)
+                paint_background(
+                    background, np.uint32(code), linear[row, at:end], color[row, at:end]
+                )
+                at = end
+                continue
+            if not lowest <= face < end_face:
+                owner = last_at_most(face_starts, face)
+                lowest, end_face = face_starts[owner], face_starts[owner + 1]
+                is_open = False
+            # A block may be full before the row ends.
+            wanted = numbers[: min(columns, at + SAMPLES - n)]
+            if at % LONG == 0 and shows_one_face(wanted, at):
+                end = run_end(wanted, at)
+                whole[FIRST, r], whole[FACE, r] = n, face
+                segments[k, KIND], segments[k, OWNER] = SPAN, owner
+                segments[k, START], segments[k, FIRST_PATCH] = n, r
+                segments[k, COLUMN_OF], segments[k, ROW_OF] = at, frame_row
+                r += np.uintp(1)
+                k += 1
+                is_open = False
+            else:
+                end = mixed_end(wanted, at, lowest, end_face)
+                if not is_open:
+                    segments[k, KIND], segments[k, OWNER] = MIXED, owner
+                    segments[k, START], segments[k, FIRST_PATCH] = n, r
+                    k += 1
+                    is_open = True
+                stop = n + whole_vectors(end - at)
+                number_pixels(
+                    whole[COLUMN, n:stop], whole[ROW, n:stop], np.int32(at),
+                    np.int32(frame_row),
+                )  # fmt: skip
+                r = list_patches(wanted[at:end], n, r, whole)
+            if last < 0 or intervals[last, INTERVAL_STOP] != n or at == 0 or numbers[at - 1] < 0:
+                last += 1
+                intervals[last, INTERVAL_ROW], intervals[last, INTERVAL_COLUMN] = row, at
+                intervals[last, INTERVAL_START], intervals[last, INTERVAL_FRAME_ROW] = n, frame_row
+            n += end - at
+            segments[k - 1, STOP], segments[k - 1, END_PATCH] = n, r
+            intervals[last, INTERVAL_STOP] = n
+            at = end
+        if at >= columns:
+            row, at = row + 1, np.int64(0)
+    counts[NEXT_ROW], counts[NEXT_COLUMN], counts[OWNER_AT_HAND] = row, at, owner
+    counts[SEGMENTS], counts[PATCHES], counts[INTERVALS] = k, r, last + 1
+    if n == 0:
+        return np.int64(-1)
+    whole[FIRST, r] = n
+    gather_corners(r, faces, whole)
+    size = whole_vectors(r)
+    turn_corners(whole[A, :size], whole[B, :size], whole[C, :size])
+    return n

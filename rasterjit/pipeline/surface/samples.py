@@ -1,0 +1,125 @@
+"""
+The block of samples that shading works on, and the one way that stages see it.
+
+A block holds some hundred covered samples of a band of rows, one row of memory for each quantity
+(structure of arrays), so that the loops of a stage vectorize. Its samples come in *segments* of one
+object: a **span** is a long run of one face in a row, a **mixed** segment has patches of up to 8
+samples, each of a face of its own. A patch is a face and its first sample; a span is one patch.
+
+Loops of stages that write every segment run over whole vectors: what they write behind the end of
+one is overwritten by the next, and behind the last there is room for it. A stage that leaves some
+segments as they are, or changes what it finds, ends where the segment ends.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from rasterjit.runtime.state import float32, float64, int32, int64
+
+RED, GREEN, BLUE, ALPHA = 0, 1, 2, 3
+"""Rows: base colour, linear."""
+NORMAL_X, NORMAL_Y, NORMAL_Z = 4, 5, 6
+"""Rows: normal in world axes, any length."""
+POINT_X, POINT_Y, POINT_Z = 7, 8, 9
+"""Rows: position in world axes, relative to the eye."""
+SPECULAR, SHININESS = 10, 11
+"""Rows: strength and exponent of the highlight."""
+LIT = 12
+"""Row: 1 where light falls on the base colour, 0 where it is the final colour."""
+OUT_RED, OUT_GREEN, OUT_BLUE = 13, 14, 15
+"""Rows: the colour that is seen, linear."""
+METALLIC, ROUGHNESS, MICROFACET = 16, 17, 18
+"""Rows: metallic and roughness, 0..1; 1 where the object is shaded by microfacets, else 0."""
+OCCLUSION = 19
+"""Row: share of ambient and environment light that reaches the sample, 0..1."""
+EMISSIVE_RED, EMISSIVE_GREEN, EMISSIVE_BLUE = 20, 21, 22
+"""Rows: light that the surface sends out by itself, linear."""
+SHADOW = 23
+"""Row: share of the light at hand that reaches the sample, 0..1."""
+TURNED = 24
+"""Row: 1 where a face turns away from the light at hand, which its shading normal faces."""
+MAP_U, MAP_V, MAP_DEPTH = 25, 26, 27
+"""Rows: place in the shadow map at hand, texels from its left upper corner; stored depth."""
+ACROSS, DOWN, BIAS = 28, 29, 30
+"""Rows: gain in stored depth by a texel right and down; what is nearer by less casts nothing."""
+FOUND, NEARER = 31, 32
+"""Rows: what may shade a sample, by the share of the light that it hides, and that times how much
+nearer to the light it is, in stored depth."""
+
+SAMPLES = 256
+"""Most samples in a block: 16 quantities of them, 32 KiB, stay near the core."""
+
+ROOM = SAMPLES + 32
+"""Columns of a row of the block. The rows do not lie a power of two apart, which would make them
+push each other out of L1."""
+
+SEGMENTS, PATCHES, INTERVALS = 0, 1, 2
+"""Elements of ``counts``: how many there are of each."""
+NEXT_ROW, NEXT_COLUMN, OWNER_AT_HAND = 3, 4, 5
+"""Elements of ``counts``: where the next block begins; the object that was listed last."""
+IS_LIT = 6
+"""Element of ``counts``: not 0 if light falls on any sample; ``receivers`` of shadows find it."""
+COUNTS = 8
+
+KIND, OWNER, START, STOP, FIRST_PATCH, END_PATCH, COLUMN_OF, ROW_OF = range(8)
+"""Columns of ``segments``: `SPAN` or `MIXED`, the object, samples and patches; a span's pixel."""
+SPAN, MIXED = 0, 1
+
+INTERVAL_ROW, INTERVAL_COLUMN, INTERVAL_START, INTERVAL_STOP, INTERVAL_FRAME_ROW = range(5)
+"""Columns of ``intervals``: neighbours in a row of the picture that are neighbours in the block."""
+
+A, B, C, FIRST, FACE = 0, 1, 2, 3, 4
+"""Rows of whole numbers, for each patch: vertices, the lowest number first; its first sample; its
+face."""
+AX, AY, BX, BY, CX, CY = 5, 6, 7, 8, 9, 10
+"""Rows of whole numbers: where the vertices lie on the sub-pixel grid; of mixed segments."""
+UNSURE, BEHIND = 11, 12
+"""Rows of whole numbers: not 0 if a sample's weights are found exactly; 1 if its face's back is
+seen."""
+COLUMN, ROW = 13, 14
+"""Rows of whole numbers: the pixel of each sample of a mixed segment."""
+WHOLE_ROWS = 15
+
+VERTEX_ROWS = 9
+"""Rows of real numbers, float64 and float32: three for each vertex."""
+
+VECTOR = 16
+"""Samples of the longest vectors."""
+
+BLOCK_ROWS = 33
+"""Rows of samples: those above."""
+PLACE_ROWS = 25
+
+POINT, NORMAL = 0, 3
+"""Rows of ``receivers``, three each: the point of a sample and the normal of its face, any length,
+world axes, relative to the eye."""
+MOVED, AWAY = 6, 9
+"""Rows: the same as one light finds them, see ``effects.shadows.receivers``."""
+RECEIVER_ROWS = 12
+
+
+class Block(NamedTuple):
+    """Some hundred samples, a row for each quantity and a column for each sample."""
+
+    counts: int64[COUNTS]
+    """How many of what; 0 before the first block of a picture."""
+    segments: int32[ROOM, 8]
+    intervals: int32[ROOM, 5]
+    whole: int32[WHOLE_ROWS, ROOM]
+    """Patches, and whole numbers of samples."""
+    weights: float64[2, ROOM]
+    """Of the second and the third vertex of each sample's face."""
+    samples: float32[BLOCK_ROWS, ROOM]
+    """Colours, normals ...: the rows named above."""
+    real: float64[VERTEX_ROWS, ROOM]
+    single: float32[VERTEX_ROWS, ROOM]
+    """What the vertices of a mixed segment's faces hold, as a stage gathers it."""
+    places: float64[PLACE_ROWS, ROOM]
+    """Texture coordinates ...: see ``texture_lookup``."""
+    numbers: int64[7, ROOM]
+    shares: float32[3, ROOM]
+    colors: float32[3, 4 * ROOM]
+    """Memory to look up textures."""
+    receivers: float64[RECEIVER_ROWS, ROOM]
+    """Points and normals for shadows."""

@@ -1,0 +1,264 @@
+"""
+Note where on their textures samples lie, and how far a pixel's steps lead there.
+
+Along a run of one face from its edge functions; along a stretch from what was gathered of each
+sample's face. The formulas are those of ``textures``, and give the same bits.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rasterjit.pipeline.geometry.barycentric import interpolate, ratios_at
+from rasterjit.pipeline.geometry.setup import CLIPPED, narrow_edge
+from rasterjit.pipeline.records import Geometry
+from rasterjit.pipeline.surface import samples
+from rasterjit.pipeline.surface import textures as texturing
+from rasterjit.pipeline.surface.listing import whole_vectors
+from rasterjit.pipeline.surface.samples import Block
+from rasterjit.pipeline.surface.texture_lookup import OWNER, STEPS, U, V
+from rasterjit.pipeline.surface.textures import FILTER, FIRST_LEVEL, KINDS, TRILINEAR
+from rasterjit.pipeline.surface.weights import affine, span_start
+from rasterjit.runtime.intrinsics import spread
+from rasterjit.runtime.jit import disjoint_helper, helper, stage
+from rasterjit.runtime.state import float32, int64
+
+
+@helper
+def wants_steps(owner, table):
+    """Return whether any texture of an object has levels to choose from."""
+    for kind in range(np.uintp(KINDS)):
+        if table[owner, kind, FIRST_LEVEL] >= 0 and table[owner, kind, FILTER] == TRILINEAR:
+            return True
+    return False
+
+
+@disjoint_helper
+def fill_places(u, v, owners, second, third, ends, owner):
+    """Write the coordinates of samples of one face, given those of its vertices, and the object."""
+    pa, pb, pc = ends
+    for n in range(u.shape[0]):
+        weights = 0.0, second[n], third[n]
+        u[n] = interpolate(weights, pa[0], pb[0], pc[0])
+        v[n] = interpolate(weights, pa[1], pb[1], pc[1])
+        owners[n] = owner
+
+
+@disjoint_helper
+def fill_steps(right_u, right_v, down_u, down_v, u, v, ends, row_start, bits, w):
+    """Write the steps of neighbouring samples of one face that was not clipped."""
+    (e0, e1, e2), (x0, x1, x2), downs, ratios = row_start
+    unit = np.float64(np.int64(1) << bits)
+    across = np.float64(x0 >> bits), np.float64(x1 >> bits), np.float64(x2 >> bits)
+    fall = np.float64(downs[0] >> bits), np.float64(downs[1] >> bits), np.float64(downs[2] >> bits)
+    for n in range(u.shape[0]):
+        total = texturing.sum_of_weights(e0, e1, e2, ratios, w)
+        right, down = texturing.scaled_slopes(unit / total, ratios, across, fall)
+        place = u[n], v[n]
+        right_u[n], right_v[n] = texturing.place_step(right, place, ends[0], ends[1], ends[2])
+        down_u[n], down_v[n] = texturing.place_step(down, place, ends[0], ends[1], ends[2])
+        e0 += x0
+        e1 += x1
+        e2 += x2
+
+
+@helper
+def note_exact_steps(places, n, a, b, c, column, row, uv, geometry):
+    """Write the steps of one sample of any face."""
+    right, down = texturing.weight_slopes(a, b, c, column, row, geometry)
+    pa, pb, pc = (
+        texturing.vertex_place(uv, a), texturing.vertex_place(uv, b), texturing.vertex_place(uv, c)
+    )  # fmt: skip
+    place = places[U, n], places[V, n]
+    places[STEPS, n], places[STEPS + 1, n] = texturing.place_step(right, place, pa, pb, pc)
+    places[STEPS + 2, n], places[STEPS + 3, n] = texturing.place_step(down, place, pa, pb, pc)
+
+
+@disjoint_helper
+def mix_places(u, v, owners, ua, va, ub, vb, uc, vc, second, third, owner):
+    """Write the coordinates of samples, each of a face of its own, and the object."""
+    for n in range(u.shape[0]):
+        weights = 0.0, second[n], third[n]
+        u[n] = interpolate(weights, np.float64(ua[n]), np.float64(ub[n]), np.float64(uc[n]))
+        v[n] = interpolate(weights, np.float64(va[n]), np.float64(vb[n]), np.float64(vc[n]))
+        owners[n] = owner
+
+
+@helper
+def float_difference(one, other):
+    """Return the difference of two int32 as float64; it fits 32 bits."""
+    return np.float64(np.int32(one - other))
+
+
+@disjoint_helper
+def mix_steps(
+    right_u, right_v, down_u, down_v, u, v, ua, va, ub, vb, uc, vc, ax, ay, bx, by, cx, cy,
+    wa, wb, wc, columns, rows, bits, w,
+):  # fmt: skip
+    """Write the steps of samples, each of a face of its own that was not clipped."""
+    half = np.int32(1) << (bits - 1)
+    unit = np.float64(np.int64(1) << bits)
+    for n in range(u.shape[0]):
+        px = np.int32((columns[n] << bits) + half)
+        py = np.int32((rows[n] << bits) + half)
+        x0, y0, x1, y1, x2, y2 = ax[n], ay[n], bx[n], by[n], cx[n], cy[n]
+        ratios = ratios_at(wa, wb, wc, n, w)
+        total = texturing.sum_of_weights(
+            narrow_edge(x1, y1, x2, y2, px, py), narrow_edge(x2, y2, x0, y0, px, py),
+            narrow_edge(x0, y0, x1, y1, px, py), ratios, w,
+        )  # fmt: skip
+        right, down = texturing.scaled_slopes(
+            unit / total,
+            ratios,
+            (float_difference(y1, y2), float_difference(y2, y0), float_difference(y0, y1)),
+            (float_difference(x2, x1), float_difference(x0, x2), float_difference(x1, x0)),
+        )
+        place = u[n], v[n]
+        pa = np.float64(ua[n]), np.float64(va[n])
+        pb = np.float64(ub[n]), np.float64(vb[n])
+        pc = np.float64(uc[n]), np.float64(vc[n])
+        right_u[n], right_v[n] = texturing.place_step(right, place, pa, pb, pc)
+        down_u[n], down_v[n] = texturing.place_step(down, place, pa, pb, pc)
+
+
+# The stages
+
+
+@helper
+def gather_vertex_places(first, end, uv, whole, single):
+    """Gather the texture coordinates of the vertices of some patches."""
+    for r in range(np.uintp(first), np.uintp(end)):
+        a, b, c = (
+            np.uintp(whole[samples.A, r]), np.uintp(whole[samples.B, r]),
+            np.uintp(whole[samples.C, r]),
+        )  # fmt: skip
+        n = np.uintp(whole[samples.FIRST, r])
+        spread(single[0], n, uv[a, 0])
+        spread(single[1], n, uv[a, 1])
+        spread(single[2], n, uv[b, 0])
+        spread(single[3], n, uv[b, 1])
+        spread(single[4], n, uv[c, 0])
+        spread(single[5], n, uv[c, 1])
+
+
+@helper
+def span_places(segment, whole, uv):
+    """Return the vertices of a span's face, and their texture coordinates."""
+    r = np.uintp(segment[samples.FIRST_PATCH])
+    a, b, c = (
+        np.uintp(whole[samples.A, r]), np.uintp(whole[samples.B, r]), np.uintp(whole[samples.C, r])
+    )  # fmt: skip
+    ends = (
+        texturing.vertex_place(uv, a), texturing.vertex_place(uv, b), texturing.vertex_place(uv, c)
+    )  # fmt: skip
+    return (a, b, c), ends
+
+
+@stage
+def find_coordinates(block: Block, count, uv: float32[:, ::1]):
+    """
+    Write the texture coordinates of each sample, and its object.
+
+    Leaves those of the vertices of mixed segments in ``single``, for `find_steps`.
+    """
+    whole, weights, places, single = block.whole, block.weights, block.places, block.single
+    for k in range(block.counts[samples.SEGMENTS]):
+        segment = block.segments[k]
+        s, e = np.int64(segment[samples.START]), np.int64(segment[samples.STOP])
+        owner = np.float64(segment[samples.OWNER])
+        if segment[samples.KIND] == samples.MIXED:
+            e = s + whole_vectors(e - s)
+            gather_vertex_places(
+                segment[samples.FIRST_PATCH], segment[samples.END_PATCH], uv, whole, single
+            )
+            mix_places(
+                places[U, s:e], places[V, s:e], places[OWNER, s:e], single[0, s:e], single[1, s:e],
+                single[2, s:e], single[3, s:e], single[4, s:e], single[5, s:e], weights[0, s:e],
+                weights[1, s:e], owner,
+            )  # fmt: skip
+        else:
+            _, ends = span_places(segment, whole, uv)
+            fill_places(
+                places[U, s:e], places[V, s:e], places[OWNER, s:e], weights[0, s:e],
+                weights[1, s:e], ends, owner,
+            )  # fmt: skip
+
+
+@helper
+def find_steps_of_mixed(segment, block, uv, geometry):
+    """Write the steps of the samples of a mixed segment."""
+    whole, real, single, places = block.whole, block.real, block.single, block.places
+    s = np.int64(segment[samples.START])
+    e = s + whole_vectors(segment[samples.STOP] - s)
+    mix_steps(
+        places[STEPS, s:e], places[STEPS + 1, s:e], places[STEPS + 2, s:e], places[STEPS + 3, s:e],
+        places[U, s:e], places[V, s:e], single[0, s:e], single[1, s:e], single[2, s:e],
+        single[3, s:e], single[4, s:e], single[5, s:e], whole[samples.AX, s:e],
+        whole[samples.AY, s:e], whole[samples.BX, s:e], whole[samples.BY, s:e],
+        whole[samples.CX, s:e], whole[samples.CY, s:e], real[0, s:e], real[1, s:e], real[2, s:e],
+        whole[samples.COLUMN, s:e], whole[samples.ROW, s:e], geometry.viewport.grid_bits,
+        geometry.w,
+    )  # fmt: skip
+    if geometry.clip_positions.shape[0] == 0:
+        return
+    for r in range(np.uintp(segment[samples.FIRST_PATCH]), np.uintp(segment[samples.END_PATCH])):
+        a, b, c = (
+            np.uintp(whole[samples.A, r]), np.uintp(whole[samples.B, r]),
+            np.uintp(whole[samples.C, r]),
+        )  # fmt: skip
+        for i in range(whole[samples.FIRST, r], whole[samples.FIRST, r + np.uintp(1)]):
+            if whole[samples.UNSURE, i] != 0:
+                column, row = np.int64(whole[samples.COLUMN, i]), np.int64(whole[samples.ROW, i])
+                note_exact_steps(places, np.int64(i), a, b, c, column, row, uv, geometry)
+
+
+@helper
+def find_steps_of_span(segment, block, uv, geometry):
+    """Write the steps of the samples of a span."""
+    places, codes = block.places, geometry.codes
+    s, e = np.int64(segment[samples.START]), np.int64(segment[samples.STOP])
+    column, row = np.int64(segment[samples.COLUMN_OF]), np.int64(segment[samples.ROW_OF])
+    (a, b, c), ends = span_places(segment, block.whole, uv)
+    if (codes[a] | codes[b] | codes[c]) & CLIPPED:
+        for n in range(s, e):
+            note_exact_steps(places, n, a, b, c, column + n - s, row, uv, geometry)
+        return
+    fill_steps(
+        places[STEPS, s:e], places[STEPS + 1, s:e], places[STEPS + 2, s:e], places[STEPS + 3, s:e],
+        places[U, s:e], places[V, s:e], ends, span_start(a, b, c, column, row, geometry),
+        geometry.viewport.grid_bits, geometry.w,
+    )  # fmt: skip
+
+
+@helper
+def find_steps_of_block(block, uv, table, geometry):
+    """Write the steps of the samples of a block."""
+    for k in range(block.counts[samples.SEGMENTS]):
+        segment = block.segments[k]
+        if not wants_steps(np.int64(segment[samples.OWNER]), table):
+            continue
+        if segment[samples.KIND] == samples.MIXED:
+            find_steps_of_mixed(segment, block, uv, geometry)
+        else:
+            find_steps_of_span(segment, block, uv, geometry)
+
+
+@stage
+def find_steps(
+    block: Block, count, uv: float32[:, ::1], table: int64[:, :, ::1], geometry: Geometry
+):
+    """
+    Write what a pixel to the right and a pixel down add to the coordinates of each sample.
+
+    Of objects whose textures have levels to choose from. After `find_coordinates`, as long as
+    ``single`` and ``real`` hold what that and the weights have gathered.
+    """
+    find_steps_of_block(block, uv, table, geometry)
+
+
+@stage
+def find_steps_affine(
+    block: Block, count, uv: float32[:, ::1], table: int64[:, :, ::1], geometry: Geometry
+):
+    """Write the same where interpolation is linear on the screen."""
+    find_steps_of_block(block, uv, table, affine(geometry))

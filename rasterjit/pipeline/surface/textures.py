@@ -1,0 +1,263 @@
+"""
+Say how textures are looked up, and find the mip level and the footprint of a sample.
+
+Coordinate u runs right and v up. They are reduced to one period in float64 before they are scaled
+to texels, so nothing is lost far from 0 but what float32 coordinates have lost already. Texels lie
+row by row from the top of the picture, as linear RGBA.
+
+The level of detail is ``log2 rho``; rho is the longer of the two steps on the picture, in texels,
+that one pixel to the right and one pixel down make. They are the exact derivatives of the
+perspective-correct coordinates at the pixel's centre: with weights ``W_k / sum W`` whose parts are
+linear on the screen, ``u = sum W_k u_k / sum W`` has the derivative ``sum W_k' (u_k - u) / sum W``.
+Where a texture is moved, turned or scaled, so are the steps. Affine coordinates have the same
+derivatives all over a face: those of its edge functions over their sum.
+
+Anisotropic filtering divides the footprint of a pixel along its longer step. With the lengths of
+both steps, the shorter counted as one texel at least, and ``parts = min(longer / shorter,
+anisotropy)``, the level of detail is ``log2 (longer / parts)``, and ``N = ceil(parts)`` trilinear
+taps lie along the longer step, at ``i / (N + 1) - 1/2`` of it for i in 1..N [3]_. Their mean is
+found one by one, so that equal taps give exactly theirs. One tap is the trilinear filter, bit for
+bit.
+
+References
+----------
+.. [1] L. Williams, "Pyramidal Parametrics", SIGGRAPH 1983.
+.. [2] The Khronos Group, "Vulkan 1.4 Specification", section 16.5.8, "Level of Detail Operation".
+.. [3] The Khronos Group, "EXT_texture_filter_anisotropic", and section 16.6.1 of [2]_, "Texel
+   Anisotropic Filtering".
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rasterjit.pipeline.geometry.setup import CLIPPED, edge, whole_size
+from rasterjit.runtime.float_math import log2
+from rasterjit.runtime.jit import helper
+
+BASE_COLOR, NORMAL, METALLIC_ROUGHNESS, OCCLUSION, EMISSIVE = 0, 1, 2, 3, 4
+"""What a texture is for, as ``Textures.table`` numbers it."""
+KINDS = 5
+
+REPEAT, CLAMP, MIRROR = 0, 1, 2
+"""What lies outside the picture, as ``Textures.table`` numbers it."""
+
+NEAREST, BILINEAR, TRILINEAR = 0, 1, 2
+"""Filters, as ``Textures.table`` numbers them."""
+
+FIRST_LEVEL, LEVEL_COUNT, WRAP_U, WRAP_V, FILTER, ANISOTROPY = 0, 1, 2, 3, 4, 5
+"""Columns of ``Textures.table``."""
+TABLE_COLUMNS = 6
+
+FIRST_TEXEL, LEVEL_WIDTH, LEVEL_HEIGHT = 0, 1, 2
+"""Columns of ``Textures.levels``."""
+
+TEXEL_STEPS = 2.0**24
+"""
+Positions are rounded to 1/TEXEL_STEPS texel.
+
+So fine a step fits float32 weights exactly, and is far above the rounding errors of interpolated
+coordinates: a sample on the middle of a texel shows that texel alone, one on a border is on it.
+"""
+
+LARGEST_STEP_SQUARED = 1e30
+"""Squared texels a pixel: beyond the coarsest level of any texture, and finite in float32."""
+
+
+@helper
+def level_at(levels, n):
+    """Return first texel, width and height of a level."""
+    return levels[n, FIRST_TEXEL], levels[n, LEVEL_WIDTH], levels[n, LEVEL_HEIGHT]
+
+
+@helper
+def snapped_slopes(at, ws, column, row, bits):
+    """
+    Return how the weights of a face that was not clipped change at a pixel, over their sum.
+
+    Takes the vertices' positions on the sub-pixel grid and their w. See `weight_slopes`.
+    """
+    (ax, ay), (bx, by), (cx, cy) = at
+    half = np.int64(1) << (bits - 1)
+    px, py = (np.int64(column) << bits) + half, (np.int64(row) << bits) + half
+    smallest = min(ws[0], min(ws[1], ws[2]))
+    p, q, r = smallest / ws[0], smallest / ws[1], smallest / ws[2]
+    total = (
+        np.float64(edge(bx, by, cx, cy, px, py)) * p
+        + np.float64(edge(cx, cy, ax, ay, px, py)) * q
+        + np.float64(edge(ax, ay, bx, by, px, py)) * r
+    )
+    return scaled_slopes(
+        np.float64(np.int64(1) << bits) / total,
+        (p, q, r),
+        (np.float64(by - cy), np.float64(cy - ay), np.float64(ay - by)),
+        (np.float64(cx - bx), np.float64(ax - cx), np.float64(bx - ax)),
+    )
+
+
+@helper
+def sum_of_weights(e0, e1, e2, ratios, w):
+    """Return the sum of a face's weights: that of its edge functions without w."""
+    if w is None:
+        return np.float64(e0 + e1 + e2)
+    return np.float64(e0) * ratios[0] + np.float64(e1) * ratios[1] + np.float64(e2) * ratios[2]
+
+
+@helper
+def scaled_slopes(per_sum, ratios, across, down):
+    """
+    Return the slopes of weights whose edge functions gain so much by a pixel right and down.
+
+    Takes one over the weights' sum, in the unit of the gains, and the smallest w over each.
+    """
+    p, q, r = ratios[0] * per_sum, ratios[1] * per_sum, ratios[2] * per_sum
+    return (
+        (p * across[0], q * across[1], r * across[2]),
+        (p * down[0], q * down[1], r * down[2]),
+    )
+
+
+@helper
+def clipped_slopes(at, ws, column, row, width, height):
+    """
+    Return how the weights of a clipped face change at a pixel, over their sum.
+
+    Takes the vertices' clip positions x, y and their w. See `weight_slopes`.
+    """
+    x, y = (2.0 * column + 1.0) / width - 1.0, 1.0 - (2.0 * row + 1.0) / height
+    (ax, ay), (bx, by), (cx, cy) = at
+    wa, wb, wc = ws
+    ax, bx, cx = ax - x * wa, bx - x * wb, cx - x * wc
+    ay, by, cy = ay - y * wa, by - y * wb, cy - y * wc
+    total = (bx * cy - cx * by) + (cx * ay - ax * cy) + (ax * by - bx * ay)
+    right, down = 2.0 / width / total, -2.0 / height / total
+    return (
+        (right * (wc * by - wb * cy), right * (wa * cy - wc * ay), right * (wb * ay - wa * by)),
+        (down * (cx * wb - bx * wc), down * (ax * wc - cx * wa), down * (bx * wa - ax * wb)),
+    )
+
+
+@helper
+def ws_of(a, b, c, w):
+    """Return w of three vertices; all are 1 where interpolation is affine."""
+    if w is None:
+        return 1.0, 1.0, 1.0
+    return w[a], w[b], w[c]
+
+
+@helper
+def unsnapped_corners(a, b, c, codes, geometry):
+    """Return x, y of a clipped face's vertices in clip space, 0 for any other face, and all w."""
+    clip = geometry.clip_positions
+    if codes & CLIPPED:
+        exact = (clip[a, 0], clip[a, 1]), (clip[b, 0], clip[b, 1]), (clip[c, 0], clip[c, 1])
+        return exact, (clip[a, 3], clip[b, 3], clip[c, 3])
+    return ((0.0, 0.0), (0.0, 0.0), (0.0, 0.0)), ws_of(a, b, c, geometry.w)
+
+
+@helper
+def weight_slopes(a, b, c, column, row, geometry):
+    """
+    Return how the weights of a face change at a pixel's centre, over their sum.
+
+    Two times three numbers: by one pixel to the right, and by one pixel down, of the weights
+    before they are divided by their sum.
+    """
+    xy, viewport = geometry.xy, geometry.viewport
+    snapped = (
+        (np.int64(xy[a, 0]), np.int64(xy[a, 1])),
+        (np.int64(xy[b, 0]), np.int64(xy[b, 1])),
+        (np.int64(xy[c, 0]), np.int64(xy[c, 1])),
+    )
+    codes = geometry.codes[a] | geometry.codes[b] | geometry.codes[c]
+    exact, ws = unsnapped_corners(a, b, c, codes, geometry)
+    parts = (column, row), (viewport.left, viewport.top), whole_size(viewport)
+    return chosen_slopes(codes, snapped, exact, ws, parts, viewport.grid_bits)
+
+
+@helper
+def chosen_slopes(codes, snapped, exact, ws, places, bits):
+    """
+    Return the slopes of a clipped face or of one that was not.
+
+    Takes a pixel, the first one of the picture in the whole one, and the size of that.
+    """
+    pixel, first, size = places
+    if codes & CLIPPED:
+        column, row = first[0] + pixel[0], first[1] + pixel[1]
+        return clipped_slopes(exact, ws, column, row, size[0], size[1])
+    return snapped_slopes(snapped, ws, pixel[0], pixel[1], bits)
+
+
+@helper
+def place_step(slopes, place, place0, place1, place2):
+    """Return how far the coordinates move, u and v, where the weights change by the slopes."""
+    rest = slopes[0] + slopes[1] + slopes[2]
+    return (
+        slopes[1] * (place1[0] - place0[0])
+        + slopes[2] * (place2[0] - place0[0])
+        - rest * (place[0] - place0[0]),
+        slopes[1] * (place1[1] - place0[1])
+        + slopes[2] * (place2[1] - place0[1])
+        - rest * (place[1] - place0[1]),
+    )
+
+
+@helper
+def length_squared(step, width, height):
+    """Return the squared length of a step, in texels of a level."""
+    u, v = step[0] * width, step[1] * height
+    return u * u + v * v
+
+
+@helper
+def level_of_detail(squared):
+    """Return log2 of the length of a step, given its square; 0 where a texel covers the pixel."""
+    if not squared > 1.0:
+        return np.float32(0.0)
+    return np.float32(0.5) * log2(np.float32(min(squared, LARGEST_STEP_SQUARED)))
+
+
+@helper
+def vertex_place(uv, vertex):
+    """Return the texture coordinates of a vertex."""
+    return np.float64(uv[vertex, 0]), np.float64(uv[vertex, 1])
+
+
+@helper
+def plain_footprint(right, down):
+    """Return the squared length of the longer of two steps, one tap, and no way between taps."""
+    return max(right, down), np.int64(1), (0.0, 0.0)
+
+
+@helper
+def long_footprint(right, down, step_right, step_down, limit):
+    """
+    Return what stands for a pixel's footprint: a squared length, a number of taps, and their way.
+
+    The footprint is divided along its longer step into at most ``limit`` parts, each as long as
+    the shorter step, or as a texel if that is shorter. Takes squared lengths in texels, and steps.
+    """
+    longest, shortest = max(right, down), max(min(right, down), 1.0)
+    if not (longest > shortest and limit > 1):
+        return plain_footprint(right, down)
+    parts = min(np.sqrt(longest / shortest), np.float64(limit))
+    way = step_right if right > down else step_down
+    return longest / (parts * parts), np.int64(np.ceil(parts)), way
+
+
+@helper
+def split_detail(detail, count):
+    """Return the finer level of the two around a level of detail, and the share of the coarser."""
+    finer, last = np.int32(detail), count - np.int32(1)
+    is_last = finer >= last
+    return last if is_last else finer, np.float32(0.0) if is_last else detail - np.float32(finer)
+
+
+@helper
+def tap_place(place, way, n, taps):
+    """Return where tap ``n`` of a footprint lies; a lone one in the middle."""
+    if taps == 1:
+        return place
+    shift = np.float64(2 * n + 1 - taps) / np.float64(2 * taps + 2)
+    return place[0] + shift * way[0], place[1] + shift * way[1]

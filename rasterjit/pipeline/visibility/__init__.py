@@ -1,0 +1,1 @@
+"""Visibility: which face is seen at each sample, and how deep it lies."""

@@ -1,0 +1,492 @@
+"""
+Leave out the samples where a surface has a hole: where its alpha is below a cutoff.
+
+A triangle of an object with holes is drawn into a tile of its own, by the code that draws every
+triangle, so that its samples and depths are those of the same triangle without holes, bit for bit.
+What is nearer there than the tile at hand waits, until there are enough samples of one object:
+their alphas are found together, and those that pass the test move to the tile at hand, if they are
+still nearer. They keep their order, so that of equal depths the first is seen, as without holes.
+
+Alpha is that of the material times that of the vertex or face colours times that of the base colour
+texture, each as shading would show it at that sample: the same weights, also where a face was
+clipped, and the same filter, with the mip level that the picture at hand calls for (a shadow map
+has levels of its own). Samples beside a pixel's centre have their own alpha, at the centre's level.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from rasterjit.pipeline.geometry.barycentric import (
+    UNDERFLOW,
+    find_object,
+    held_edges,
+    interpolate,
+    lowest_first,
+    shifted_weights,
+)
+from rasterjit.pipeline.geometry.setup import CLIPPED, TILE_SIZE, last_at_most, narrow_edge
+from rasterjit.pipeline.geometry.triangle_batches import BOTTOM, LEFT, RIGHT, TOP
+from rasterjit.pipeline.geometry.triangle_batches import FACE as NUMBER
+from rasterjit.pipeline.surface import texture_lookup
+from rasterjit.pipeline.surface.listing import whole_vectors
+from rasterjit.pipeline.surface.samples import (
+    AX,
+    AY,
+    BX,
+    BY,
+    COLUMN,
+    CX,
+    CY,
+    FACE,
+    FIRST,
+    ROW,
+    UNSURE,
+    VERTEX_ROWS,
+    WHOLE_ROWS,
+    A,
+    B,
+    C,
+)
+from rasterjit.pipeline.surface.texture_gradients import (
+    float_difference,
+    mix_places,
+    note_exact_steps,
+    wants_steps,
+)
+from rasterjit.pipeline.surface.texture_lookup import OWNER, SHOWN, STEPS, U, V, show_textures
+from rasterjit.pipeline.surface.textures import BASE_COLOR, FIRST_LEVEL, place_step, scaled_slopes
+from rasterjit.runtime.intrinsics import LANES, flat, spread
+from rasterjit.runtime.jit import disjoint_helper, helper
+from rasterjit.runtime.state import float32, float64, int32, int64, stored
+
+ALPHA = 3
+"""Column of colours and of materials."""
+
+EMPTY, OWN_DEPTH, OWN_NUMBERS, WAITING = 9, 10, 11, 12
+"""
+Where scratch memory holds the depth of nothing, the tile that a triangle with holes is drawn into,
+and what waits.
+"""
+
+ENOUGH = 192
+"""Samples that wait no longer."""
+
+PART = 256
+"""Samples whose alphas are found together."""
+
+COLUMN_BITS = 7
+"""The place of a sample in a tile is its row there, shifted by so much, and its column."""
+
+ALPHA_MEMORY = (
+    int32[:, ::1], float64[:, ::1], float32[:, ::1], float32[::1], float64[:, ::1],
+    float64[:, ::1], int64[:, ::1], float32[:, ::1], float32[:, ::1],
+)  # fmt: skip
+"""The types of `alpha_memory`."""
+
+PIXEL_MEMORY = int32[::1], ALPHA_MEMORY
+"""The types of `pixel_memory`."""
+
+WAITING_MEMORY = (int32[::1], int32[::1], stored[::1]), ALPHA_MEMORY
+"""The types of `waiting_memory`."""
+
+
+@helper
+def owner_of(face, guess, cutouts):
+    """Return the object that owns a face, if that makes a difference; a guess is tried first."""
+    if cutouts is None:
+        return guess
+    return find_object(np.int64(face), cutouts.face_starts, guess)
+
+
+@helper
+def own_tile(tile, scratch, cutouts):
+    """Return the tile that triangles with holes are drawn into, flat; the tile at hand if none."""
+    if cutouts is None:
+        return tile
+    return flat(scratch[OWN_DEPTH]), flat(scratch[OWN_NUMBERS])
+
+
+@helper
+def tile_for(owner, tile, own, cutouts):
+    """Return the tile that an object is drawn into: one of its own if it has holes."""
+    if cutouts is None:
+        return tile
+    if not cutouts.cutoffs[owner] > np.float32(0.0):
+        return tile
+    return own
+
+
+# What the alpha of a sample is made of
+
+
+@helper
+def gather_patches(faces, own, xy, codes, w, whole, real):
+    """
+    List the patches of some samples, and gather where the vertices of their faces lie, and w.
+
+    A patch is a few neighbours that show one face; its vertices begin with the lowest number. Where
+    interpolation is affine w is 1. Returns the number of patches.
+    """
+    patches, before = np.uintp(0), np.int32(-1)
+    for i in range(np.uintp(faces.shape[0])):
+        # Without a branch: the next overwrites what starts no patch.
+        face = faces[i]
+        whole[FIRST, patches], whole[FACE, patches] = i, face
+        patches += np.uintp((face != before) | (i % np.uintp(LANES) == np.uintp(0)))
+        before = face
+    whole[FIRST, patches] = faces.shape[0]
+    is_affine = w.shape[0] == 0
+    for r in range(patches):
+        n = np.uintp(whole[FIRST, r])
+        a, b, c = lowest_first(own, np.uintp(whole[FACE, r]))
+        whole[A, r], whole[B, r], whole[C, r] = a, b, c
+        spread(whole[UNSURE], n, np.int32((codes[a] | codes[b] | codes[c]) & CLIPPED))
+        for k in range(3):
+            vertex = a if k == 0 else (b if k == 1 else c)
+            spread(whole[AX + 2 * k], n, xy[vertex, 0])
+            spread(whole[AY + 2 * k], n, xy[vertex, 1])
+            spread(real[k], n, 1.0 if is_affine else w[vertex])
+    return patches
+
+
+@disjoint_helper
+def weigh(
+    ax, ay, bx, by, cx, cy, wa, wb, wc, columns, rows, shift, count, bits, reach, is_affine, unsure,
+    second, third,
+):  # fmt: skip
+    """
+    Write the weights of ``count`` samples, each of a face of its own.
+
+    Takes their pixels, and their way from there to the pixels' centres on the sub-pixel grid.
+    Returns whether any of them takes another way: its face was clipped, or its weights are
+    doubtful.
+    """
+    half, found = np.int32(1) << (bits - 1), np.int32(0)
+    for n in range(ax.shape[0]):
+        px = np.int32((columns[n] << bits) + half - shift[0])
+        py = np.int32((rows[n] << bits) + half - shift[1])
+        edges = (
+            narrow_edge(bx[n], by[n], cx[n], cy[n], px, py),
+            narrow_edge(cx[n], cy[n], ax[n], ay[n], px, py),
+            narrow_edge(ax[n], ay[n], bx[n], by[n], px, py),
+        )
+        e0, e1, e2 = np.float64(edges[0]), np.float64(edges[1]), np.float64(edges[2])
+        whole = np.float64(edges[0] + edges[1] + edges[2])
+        if reach != 0:
+            right = by[n] - cy[n], cy[n] - ay[n], ay[n] - by[n]
+            down = cx[n] - bx[n], ax[n] - cx[n], bx[n] - ax[n]
+            e0, e1, e2 = held_edges(edges, right, down, reach)
+            whole = e0 + e1 + e2
+        smallest = min(wa[n], min(wb[n], wc[n]))
+        w0, w1, w2 = e0 * (smallest / wa[n]), e1 * (smallest / wb[n]), e2 * (smallest / wc[n])
+        total, over = w0 + w1 + w2, 1.0 / np.float64(whole)
+        second[n] = e1 * over if is_affine else w1 / total
+        third[n] = e2 * over if is_affine else w2 / total
+        unsure[n] |= np.int32(not (is_affine or abs(total) > UNDERFLOW))
+        found |= unsure[n] if n < count else np.int32(0)
+    return found
+
+
+@helper
+def find_weights(weights, count, patches, shift, whole, real, geometry):
+    """Write the weights of samples whose vertices and pixels are known."""
+    size = whole_vectors(count)
+    unsure = weigh(
+        whole[AX, :size], whole[AY, :size], whole[BX, :size], whole[BY, :size], whole[CX, :size],
+        whole[CY, :size], real[0, :size], real[1, :size], real[2, :size], whole[COLUMN, :size],
+        whole[ROW, :size], shift, count, geometry.viewport.grid_bits, geometry.viewport.reach,
+        geometry.w.shape[0] == 0, whole[UNSURE, :size], weights[0, :size], weights[1, :size],
+    )  # fmt: skip
+    if unsure != 0:
+        for r in range(patches):
+            a, b, c = np.uintp(whole[A, r]), np.uintp(whole[B, r]), np.uintp(whole[C, r])
+            for i in range(whole[FIRST, r], whole[FIRST, r + np.uintp(1)]):
+                if whole[UNSURE, i] != 0:
+                    column, row = whole[COLUMN, i], whole[ROW, i]
+                    exact = shifted_weights(a, b, c, column, row, shift, geometry)
+                    weights[0, i], weights[1, i] = exact[1], exact[2]
+
+
+@disjoint_helper
+def multiply_mixed(alphas, at_a, at_b, at_c, second, third):
+    """Multiply alphas by those of vertices, interpolated."""
+    for n in range(alphas.shape[0]):
+        weights = 0.0, second[n], third[n]
+        ends = np.float64(at_a[n]), np.float64(at_b[n]), np.float64(at_c[n])
+        alphas[n] *= np.float32(interpolate(weights, ends[0], ends[1], ends[2]))
+
+
+@helper
+def multiply_vertex_alphas(alphas, patches, size, weights, whole, single, vertex_colors):
+    """Multiply alphas by those of the vertex colours."""
+    for r in range(patches):
+        n = np.uintp(whole[FIRST, r])
+        for k in range(3):
+            spread(single[k], n, vertex_colors[np.uintp(whole[A + k, r]), ALPHA])
+    multiply_mixed(
+        alphas[:size], single[0, :size], single[1, :size], single[2, :size], weights[0, :size],
+        weights[1, :size],
+    )  # fmt: skip
+
+
+@disjoint_helper
+def find_steps(
+    right_u, right_v, down_u, down_v, u, v, ua, va, ub, vb, uc, vc, ax, ay, bx, by, cx, cy, wa, wb,
+    wc, columns, rows, bits, is_affine,
+):  # fmt: skip
+    """Write what a pixel to the right and one down add to the coordinates of each sample."""
+    half = np.int32(1) << (bits - 1)
+    unit = np.float64(np.int64(1) << bits)
+    for n in range(u.shape[0]):
+        px = np.int32((columns[n] << bits) + half)
+        py = np.int32((rows[n] << bits) + half)
+        x0, y0, x1, y1, x2, y2 = ax[n], ay[n], bx[n], by[n], cx[n], cy[n]
+        smallest = min(wa[n], min(wb[n], wc[n]))
+        ratios = smallest / wa[n], smallest / wb[n], smallest / wc[n]
+        e0, e1, e2 = (
+            narrow_edge(x1, y1, x2, y2, px, py), narrow_edge(x2, y2, x0, y0, px, py),
+            narrow_edge(x0, y0, x1, y1, px, py),
+        )  # fmt: skip
+        total = np.float64(e0) * ratios[0] + np.float64(e1) * ratios[1] + np.float64(e2) * ratios[2]
+        total = np.float64(e0 + e1 + e2) if is_affine else total
+        right, down = scaled_slopes(
+            unit / total,
+            ratios,
+            (float_difference(y1, y2), float_difference(y2, y0), float_difference(y0, y1)),
+            (float_difference(x2, x1), float_difference(x0, x2), float_difference(x1, x0)),
+        )
+        place = u[n], v[n]
+        pa = np.float64(ua[n]), np.float64(va[n])
+        pb = np.float64(ub[n]), np.float64(vb[n])
+        pc = np.float64(uc[n]), np.float64(vc[n])
+        right_u[n], right_v[n] = place_step(right, place, pa, pb, pc)
+        down_u[n], down_v[n] = place_step(down, place, pa, pb, pc)
+
+
+@helper
+def find_coordinates(
+    places, size, patches, weights, owner, whole, real, single, geometry, textures
+):  # fmt: skip
+    """Write where on their object's textures samples lie, and their steps if any calls for them."""
+    uv = textures.uv
+    for r in range(patches):
+        n = np.uintp(whole[FIRST, r])
+        for k in range(3):
+            vertex = np.uintp(whole[A + k, r])
+            spread(single[2 * k], n, uv[vertex, 0])
+            spread(single[2 * k + 1], n, uv[vertex, 1])
+    mix_places(
+        places[U, :size], places[V, :size], places[OWNER, :size], single[0, :size],
+        single[1, :size], single[2, :size], single[3, :size], single[4, :size], single[5, :size],
+        weights[0, :size], weights[1, :size], np.float64(owner),
+    )  # fmt: skip
+    if not wants_steps(owner, textures.table):
+        return
+    find_steps(
+        places[STEPS, :size], places[STEPS + 1, :size], places[STEPS + 2, :size],
+        places[STEPS + 3, :size], places[U, :size], places[V, :size], single[0, :size],
+        single[1, :size], single[2, :size], single[3, :size], single[4, :size], single[5, :size],
+        whole[AX, :size], whole[AY, :size], whole[BX, :size], whole[BY, :size], whole[CX, :size],
+        whole[CY, :size], real[0, :size], real[1, :size], real[2, :size], whole[COLUMN, :size],
+        whole[ROW, :size], geometry.viewport.grid_bits, geometry.w.shape[0] == 0,
+    )  # fmt: skip
+    if geometry.clip_positions.shape[0] == 0:
+        return
+    for r in range(patches):
+        a, b, c = np.uintp(whole[A, r]), np.uintp(whole[B, r]), np.uintp(whole[C, r])
+        for i in range(whole[FIRST, r], whole[FIRST, r + np.uintp(1)]):
+            if whole[UNSURE, i] != 0:
+                column, row = whole[COLUMN, i], whole[ROW, i]
+                note_exact_steps(places, i, a, b, c, column, row, uv, geometry)
+
+
+@helper
+def find_alphas(owner, faces, shift, memory, cutouts):
+    """
+    Write the alphas of samples of one object, whose faces and pixels are known.
+
+    Takes their way to the pixels' centres on the sub-pixel grid.
+    """
+    geometry, textures, count = cutouts.geometry, cutouts.textures, faces.shape[0]
+    whole, real, single, alphas, weights, places = memory[:6]
+    patches = gather_patches(
+        faces, geometry.faces, geometry.xy, geometry.codes, geometry.w, whole, real
+    )
+    find_weights(weights, count, patches, shift, whole, real, geometry)
+    for n in range(count):
+        alphas[n] = cutouts.materials[owner, ALPHA]
+    if cutouts.vertex_colors.shape[0] > 0:
+        multiply_vertex_alphas(
+            alphas, patches, whole_vectors(count), weights, whole, single, cutouts.vertex_colors
+        )
+    if cutouts.face_colors.shape[0] > 0:
+        for n in range(count):
+            alphas[n] *= cutouts.face_colors[np.int64(faces[n]), ALPHA]
+    if textures.table.shape[0] == 0 or textures.table[owner, BASE_COLOR, FIRST_LEVEL] < 0:
+        return
+    find_coordinates(
+        places, whole_vectors(count), patches, weights, owner, whole, real, single, geometry,
+        textures,
+    )  # fmt: skip
+    show_textures(places, memory[6:], count, BASE_COLOR, textures)
+    for n in range(count):
+        alphas[n] *= np.float32(places[SHOWN + ALPHA, n])
+
+
+@helper
+def pixel_alpha(face, owner, column, row, memory, cutouts):
+    """Return the alpha of a face at a pixel's centre."""
+    listed, own = memory
+    whole, centre = own[0], (np.int32(0), np.int32(0))
+    listed[0], whole[COLUMN, 0], whole[ROW, 0] = face, column, row
+    find_alphas(owner, listed, centre, own, cutouts)
+    return own[3][0]
+
+
+@helper
+def is_hole(face, column, row, memory, cutouts):
+    """Return whether a face has a hole at a pixel's centre; none has if there are no cut-outs."""
+    if cutouts is None:
+        return False
+    owner = last_at_most(cutouts.face_starts, face)
+    cutoff = cutouts.cutoffs[owner]
+    if not cutoff > np.float32(0.0):
+        return False
+    alpha = pixel_alpha(face, owner, np.int32(column), np.int32(row), memory, cutouts)
+    return not alpha >= cutoff
+
+
+# What waits
+
+
+@helper
+def note_neighbours(own, depths, empty, i, j, last, places, stored, waiting):
+    """
+    Note which of a few samples of a row are nearer than the tile at hand, and empty them.
+
+    Takes row and column in the tile, and the last column of account. Returns how many wait then.
+    """
+    found = np.int32(0)
+    for k in range(LANES):
+        column = np.uintp(j + k)
+        found |= np.int32(own[i, column] > depths[i, column])
+    if found != 0:
+        for k in range(LANES):
+            column, place = np.uintp(j + k), np.uintp(waiting)
+            # Without a branch: the next overwrites what is hidden.
+            places[place] = np.int32((np.int64(i) << COLUMN_BITS) | (j + k))
+            stored[place] = own[i, column]
+            waiting += np.int64((own[i, column] > depths[i, column]) & (j + k <= last))
+    for k in range(LANES):
+        own[i, np.uintp(j + k)] = empty
+    return waiting
+
+
+@helper
+def note_nearer(n, waiting, whole, window, scratch):
+    """Let the samples of a triangle wait that are nearer than the tile at hand; count all."""
+    depths, own, empty = scratch[0], scratch[OWN_DEPTH], scratch[EMPTY][0]
+    places, faces, stored = scratch[WAITING][0]
+    before = waiting
+    first = max(np.int64(whole[LEFT, n]), window[0]) - window[0]
+    last = np.int64(whole[RIGHT, n]) - window[0]
+    top, bottom = np.int64(whole[TOP, n]) - window[1], np.int64(whole[BOTTOM, n]) - window[1]
+    for row in range(top, bottom + 1):
+        for column in range(first, last + 1, LANES):
+            waiting = note_neighbours(
+                own, depths, empty, np.uintp(row), column, last, places, stored, waiting
+            )
+    for k in range(before, waiting, LANES):
+        spread(faces, np.uintp(k), whole[NUMBER, n])
+    return waiting
+
+
+@disjoint_helper
+def place_pixels(columns, rows, places, left, top):
+    """Write the pixels of samples, given their places in a tile and the tile's first pixel."""
+    for n in range(columns.shape[0]):
+        columns[n] = np.int32((places[n] & ((1 << COLUMN_BITS) - 1)) + left)
+        rows[n] = np.int32((places[n] >> COLUMN_BITS) + top)
+
+
+@disjoint_helper
+def put_shown(depths, numbers, width, places, stored, faces, alphas, cutoff):
+    """Move samples whose alpha is not below the cutoff to a tile, flat, where they are nearer."""
+    # Nobody reads the last sample of a tile.
+    spare = np.uintp(depths.shape[0] - 1)
+    for n in range(places.shape[0]):
+        row, column = places[n] >> COLUMN_BITS, places[n] & ((1 << COLUMN_BITS) - 1)
+        sample = np.uintp(row * width + column)
+        is_seen = (alphas[n] >= cutoff) & (stored[n] > depths[sample])
+        sample = sample if is_seen else spare
+        depths[sample] = stored[n]
+        numbers[sample] = faces[n]
+
+
+@helper
+def show_waiting(owner, waiting, window, shift, scratch, cutouts):
+    """Move the samples that wait to the tile at hand, where they are neither holes nor hidden."""
+    (places, faces, stored), memory = scratch[WAITING]
+    depths, numbers, whole = flat(scratch[0]), flat(scratch[1]), memory[0]
+    for first in range(0, waiting, PART):
+        stop = min(first + PART, waiting)
+        count = stop - first
+        place_pixels(
+            whole[COLUMN, :count], whole[ROW, :count], places[first:stop], window[0], window[1]
+        )
+        find_alphas(owner, faces[first:stop], shift, memory, cutouts)
+        put_shown(
+            depths, numbers, scratch[0].shape[1], places[first:stop], stored[first:stop],
+            faces[first:stop], memory[3][:count], cutouts.cutoffs[owner],
+        )  # fmt: skip
+
+
+@helper
+def keep_shown(n, count, owner, waiting, whole, window, shift, scratch, cutouts):
+    """
+    Move what a triangle with holes shows from its own tile to the tile at hand, now or later.
+
+    Does nothing for any other triangle. Takes the triangle's number in its batch of ``count``, its
+    object, how many samples wait, the tile's window, and what the vertices were moved by on the
+    sub-pixel grid. Returns how many wait then: none where the next triangle is of another object.
+    """
+    if cutouts is None:
+        return waiting
+    if not cutouts.cutoffs[owner] > np.float32(0.0):
+        return waiting
+    waiting = note_nearer(n, waiting, whole, window, scratch)
+    if waiting < ENOUGH and n + 1 < count:
+        face, starts = np.int64(whole[NUMBER, n + np.uintp(1)]), cutouts.face_starts
+        if starts[owner] <= face < starts[owner + 1]:
+            return waiting
+    show_waiting(owner, waiting, window, shift, scratch, cutouts)
+    return np.int64(0)
+
+
+def alpha_memory(room: int = PART) -> tuple[Any, ...]:
+    """Return the memory that a thread needs to find the alphas of so many samples together."""
+    room = whole_vectors(room) + LANES
+    return (
+        np.empty((WHOLE_ROWS, room), np.int32),
+        np.empty((VERTEX_ROWS, room), np.float64),
+        np.empty((VERTEX_ROWS, room), np.float32),
+        np.empty(room, np.float32),
+        np.empty((2, room), np.float64),
+        np.empty((texture_lookup.SCRATCH_ROWS, room), np.float64),
+        *texture_lookup.lookup_memory(room),
+    )
+
+
+def pixel_memory() -> tuple[Any, ...]:
+    """Return the memory that a thread needs to find the alpha of one pixel."""
+    return np.empty(1, np.int32), alpha_memory(1)
+
+
+def waiting_memory(depth_type: Any) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
+    """Return the memory for the samples that wait in one tile: all of one triangle, and some."""
+    room = ENOUGH + TILE_SIZE * TILE_SIZE + LANES
+    lists = np.empty(room, np.int32), np.empty(room, np.int32), np.empty(room, depth_type)
+    return lists, alpha_memory()

@@ -1,0 +1,540 @@
+"""
+The Python side of the stages: allocate, share the work among threads, call the kernel.
+
+Work is cut into tasks that write to places of their own, fixed before any of them starts, so the
+result has the same bits for any number of threads and any order of completion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.pipeline.geometry import binning, clipping, projection, setup
+from rasterjit.pipeline.geometry.setup import GUARD_PIXELS
+from rasterjit.pipeline.records import (
+    Cutouts,
+    Faces,
+    Geometry,
+    Objects,
+    Placement,
+    ScreenVertices,
+    Viewport,
+)
+from rasterjit.pipeline.visibility import nearest, tile_depths
+from rasterjit.runtime.threads import Memory, Workers, count_per_task
+
+FACES_PER_TASK = 65536
+"""Faces set up by one task: enough to hide the cost of a task, few enough to share out."""
+
+VERTICES_PER_TASK = 65536
+"""Vertices taken to the screen by one task; they may belong to several objects."""
+
+TILES_PER_TASK = 8
+"""Fewest tiles drawn by one task, if there are several threads."""
+
+SPARE_VERTICES = 1024
+"""Room kept for vertices made by clipping before the arrays have to be copied."""
+
+
+class Totals(NamedTuple):
+    """What became of the faces; the numbers add up to ``faces_in``."""
+
+    faces_in: int
+    outside: int
+    """Wholly outside the view volume."""
+    degenerate: int
+    """Zero area after snapping."""
+    culled: int
+    """Turned away, with culling on."""
+    unsampled: int
+    """Between the pixel centres, or beside the image."""
+    invalid: int
+    """With a vertex that is NaN, infinite or too large."""
+    drawn: int
+    clipped: int
+    """Cut at the near or far plane or the guard band; counted by their outcome as well."""
+
+
+class TileLists(NamedTuple):
+    """Which triangles each tile drew, in order."""
+
+    starts: NDArray[np.int64]
+    """(tiles + 1,): tile ``k`` drew ``binned[starts[k]:starts[k + 1]]``."""
+    binned: NDArray[np.int32]
+    """(M,): below F a face, ``F + p`` piece p."""
+    faces: Faces
+    objects: Objects | None = None
+
+
+class ModelVertices(NamedTuple):
+    """The vertices of all objects, and the way to clip space: what `transform` takes."""
+
+    positions: NDArray[np.float64] | NDArray[np.float32]
+    """(V, 3), model space. They are taken to the screen in arithmetic of their type."""
+    vertex_starts: NDArray[np.int64]
+    """(O+1,): object ``o`` owns vertices ``vertex_starts[o]:vertex_starts[o+1]``."""
+    relative_from_model: NDArray[np.float64]
+    """(O, 4, 4): to world axes with the origin at the eye."""
+    clip_from_relative: NDArray[np.float64]
+    """(4, 4)."""
+
+
+class Coverage(NamedTuple):
+    """The visibility buffer and the geometry that it points into."""
+
+    depth: NDArray[Any]
+    """(H, W), stored depth: greater is nearer; ``nearest.empty_depth`` where nothing is; (H, 0)
+    if not kept."""
+    face_id: NDArray[np.int32]
+    """(H, W), -1 where nothing is."""
+    screen: ScreenVertices
+    clip_positions: NDArray[np.float64]
+    """(V, 4), clip space; (0, 4) where no vertex has a ``CLIPPED`` code and none were asked for."""
+    totals: Totals
+    lists: TileLists | None
+    """``None`` unless they were asked for."""
+    cutouts: Cutouts | None = None
+    """With its geometry; ``None`` if no object has holes."""
+    reversed_depth: NDArray[np.float32] | None = None
+    """(H, W), reversed depth of the faces seen, -inf where nothing is, for the passes that follow;
+    ``None`` if none reads it."""
+    reversed_vertex_depth: NDArray[np.float64] | None = None
+    """(V+E,), that of the vertices."""
+
+
+def transform(
+    positions: NDArray[np.float64],
+    vertex_starts: NDArray[np.int64],
+    relative_from_model: NDArray[np.float64],
+    clip_from_relative: NDArray[np.float64],
+    workers: Workers,
+) -> NDArray[np.float64]:
+    """
+    Take every object's vertices to clip space, by way of the eye.
+
+    Model positions become positions relative to the eye first: differences of large coordinates
+    are taken while they are exact, so a scene far from the origin loses nothing.
+
+    Parameters
+    ----------
+    positions : (V, 3) float64 or float32, model space
+    vertex_starts : (O+1,) int64
+        Object ``o`` owns vertices ``vertex_starts[o]:vertex_starts[o+1]``.
+    relative_from_model : (O, 4, 4) float64
+        To world axes with the origin at the eye.
+    clip_from_relative : (4, 4) float64
+    workers : Workers
+
+    Returns
+    -------
+    (V, 4) float64, clip space
+        Found in arithmetic of the positions' type.
+    """
+    count, kind = len(positions), positions.dtype
+    clip_positions = workers.memory.empty((count, 4), np.float64)
+    objects = vertex_starts, _rounded(relative_from_model, kind)
+    matrix = _rounded(clip_from_relative, kind)
+
+    def transform_some(first: int) -> None:
+        some = first, min(first + VERTICES_PER_TASK, count)
+        scratch = projection.scratch_memory(kind)
+        projection.transform_positions(some, positions, objects, matrix, clip_positions, scratch)
+
+    workers.run(transform_some, [(n,) for n in range(0, count, VERTICES_PER_TASK)])
+    return clip_positions
+
+
+def _rounded(matrices: NDArray[np.float64], kind: Any) -> NDArray[Any]:
+    """Return matrices in the type of the vertices that they take elsewhere."""
+    with np.errstate(over="ignore"):
+        return np.ascontiguousarray(matrices, kind)
+
+
+def project(
+    clip_positions: NDArray[np.float64],
+    depth_coefficients: tuple[float, float, float],
+    viewport: Viewport,
+    workers: Workers,
+    precision: Any = np.float64,
+) -> tuple[ScreenVertices, int]:
+    """
+    Take all vertices from clip space to the screen.
+
+    Parameters
+    ----------
+    clip_positions : (V, 4) float64, clip space
+    depth_coefficients : (float, float, float)
+    viewport : Viewport
+    workers : Workers
+    precision : dtype
+        Of the arithmetic: float64 or float32.
+
+    Returns
+    -------
+    ScreenVertices
+        With room for ``SPARE_VERTICES`` more behind the V.
+    int
+        The outcode bits set for any vertex.
+    """
+    arguments, count = (clip_positions, depth_coefficients, viewport), len(clip_positions)
+    return _to_screen(projection.project_vertices, count, arguments, workers, precision)
+
+
+def transform_and_project(
+    vertices: ModelVertices,
+    depth_coefficients: tuple[float, float, float],
+    viewport: Viewport,
+    workers: Workers,
+) -> tuple[ScreenVertices, int]:
+    """
+    Take all vertices from model space to the screen.
+
+    The same bits as `transform` and `project` after it, without the clip positions in between.
+
+    Parameters
+    ----------
+    vertices : ModelVertices
+    depth_coefficients : (float, float, float)
+    viewport : Viewport
+    workers : Workers
+
+    Returns
+    -------
+    ScreenVertices
+        With room for ``SPARE_VERTICES`` more behind the V.
+    int
+        The outcode bits set for any vertex.
+    """
+    count, kind = len(vertices.positions), vertices.positions.dtype
+    objects = vertices.vertex_starts, _rounded(vertices.relative_from_model, kind)
+    matrix = _rounded(vertices.clip_from_relative, kind)
+    arguments = vertices.positions, objects, matrix, depth_coefficients, viewport
+    return _to_screen(projection.transform_vertices, count, arguments, workers, kind)
+
+
+def _to_screen(
+    kernel: Callable[..., int], count: int, arguments: tuple, workers: Workers, precision: Any
+) -> tuple[ScreenVertices, int]:
+    """Call a kernel that fills the screen vertices for all of them."""
+    screen = screen_arrays(count + SPARE_VERTICES, workers.memory)
+
+    def fill_some(first: int) -> int:
+        some = first, min(first + VERTICES_PER_TASK, count)
+        return kernel(some, *arguments, screen, projection.scratch_memory(precision))
+
+    seen = 0
+    for bits in workers.run(fill_some, [(n,) for n in range(0, count, VERTICES_PER_TASK)]):
+        seen |= bits
+    return screen, seen
+
+
+def clip(
+    clip_positions: NDArray[np.float64],
+    faces: NDArray[np.int32],
+    depth_coefficients: tuple[float, float, float],
+    viewport: Viewport,
+    screen: ScreenVertices,
+    memory: Memory,
+) -> tuple[Faces, ScreenVertices, int]:
+    """
+    Cut the faces that cross the near or far plane or the guard band.
+
+    Parameters
+    ----------
+    clip_positions : (V, 4) float64, clip space
+    faces : (F, 3) int32, vertex numbers
+    depth_coefficients : (float, float, float)
+    viewport : Viewport
+    screen : ScreenVertices
+        The V vertices snapped, as `project` returns them.
+    memory : Memory
+
+    Returns
+    -------
+    Faces
+        All F faces, and the pieces of those that were cut.
+    ScreenVertices
+        The V vertices, and behind them those that clipping made.
+    int
+        How many faces were cut.
+    """
+    codes = screen.codes[: clip_positions.shape[0]]
+    found = np.empty(min(len(faces), SPARE_VERTICES), np.int32)
+    count = clipping.find_clipped_faces(faces, codes, found)
+    if count > len(found):
+        found = np.empty(count, np.int32)
+        clipping.find_clipped_faces(faces, codes, found)
+    cut = found[:count]
+    counts = np.zeros(count, np.int64)
+    scratch = np.empty((2, clipping.MOST_VERTICES, 4), np.float64)
+    clipping.count_clipped_vertices(cut, faces, clip_positions, viewport, counts, scratch)
+    vertex_starts = np.concatenate(([0], np.cumsum(counts)))
+    piece_starts = np.concatenate(([0], np.cumsum(np.maximum(counts - 2, 0))))
+    positions = np.empty((vertex_starts[-1], 4), np.float64)
+    pieces = np.empty((piece_starts[-1], 3), np.int32)
+    piece_faces = np.empty(piece_starts[-1], np.int32)
+    clipping.clip_faces(
+        cut, faces, clip_positions, viewport,
+        (vertex_starts, piece_starts), (positions, pieces, piece_faces), scratch,
+    )  # fmt: skip
+    first = clip_positions.shape[0]
+    if first + len(positions) > len(screen.codes):
+        roomy = screen_arrays(first + len(positions), memory)
+        for old, new in zip(screen, roomy, strict=True):
+            new[:first] = old[:first]
+        screen = roomy
+    projection.project_clipped_vertices(
+        (cut, faces, vertex_starts, clip_positions), positions, depth_coefficients, viewport,
+        first, screen,
+    )  # fmt: skip
+    return Faces(faces, pieces, piece_faces), screen, count
+
+
+def find_visible(
+    vertices: ModelVertices | NDArray[np.float64],
+    faces: NDArray[np.int32],
+    objects: Objects,
+    depth_coefficients: tuple[float, float, float],
+    viewport: Viewport,
+    workers: Workers,
+    clock: Callable[[str], None],
+    *,
+    keep_depth: bool = True,
+    find_faces: bool = True,
+    keep_lists: bool = False,
+    keep_clip_positions: bool = False,
+    cutouts: Cutouts | None = None,
+    keep_faces: bool = True,
+    depth: NDArray[np.float32] | None = None,
+    depth_type: Any = np.float32,
+    precision: Any = np.float64,
+    is_affine: bool = False,
+) -> Coverage:
+    """
+    Run transform, projection, clipping, set-up, binning and visibility.
+
+    Parameters
+    ----------
+    vertices : ModelVertices, or (V, 4) float64, clip space
+    faces : (F, 3) int32
+    objects : Objects
+    depth_coefficients : (float, float, float)
+        The stored depth is ``(c0 + c1 z + c2 w) / w``; greater is nearer.
+    viewport : Viewport
+    workers : Workers
+    clock : callable
+        Called with a stage's name when it ends.
+    keep_depth : bool
+        Whether the depth outlives the drawing.
+    find_faces : bool
+        Whether anybody looks at depth and face; else all pixels are empty.
+    keep_lists : bool
+        Whether the tiles' lists outlive the drawing.
+    keep_clip_positions : bool
+        Whether the clip positions are made even if no vertex has a ``CLIPPED`` code.
+    cutouts : Cutouts, optional
+        The objects that have holes, for any picture: its geometry is put in here.
+    keep_faces : bool
+        Whether the face at each pixel outlives the drawing; else ``face_id`` is (H, 0).
+    depth : (H, W) float32, optional
+        Where the depth is written.
+    depth_type : dtype
+        What depths are rounded to before they are compared: float32, float64, or int32, which cuts
+        off what is behind the point.
+    precision : dtype
+        Of the arithmetic that takes clip positions to the screen; that of model positions is their
+        own.
+    is_affine : bool
+        Whether holes lie where interpolation on the screen puts them.
+    """
+    if isinstance(vertices, ModelVertices):
+        screen, seen = transform_and_project(vertices, depth_coefficients, viewport, workers)
+        clip_positions = np.empty((0, 4), np.float64)
+        if keep_clip_positions or seen & setup.CLIPPED:
+            clip_positions = transform(*vertices, workers)
+    else:
+        clip_positions = vertices
+        screen, seen = project(clip_positions, depth_coefficients, viewport, workers, precision)
+    clock("transform")
+    clipped = 0
+    all_faces = Faces(faces, np.empty((0, 3), np.int32), np.empty(0, np.int32))
+    if seen & setup.CLIPPED:
+        all_faces, screen, clipped = clip(
+            clip_positions, faces, depth_coefficients, viewport, screen, workers.memory
+        )
+    clock("clip")
+    if cutouts is not None:
+        geometry = geometry_of(faces, screen, clip_positions, viewport, is_affine)
+        cutouts = cutouts._replace(geometry=geometry)
+    starts, binned, floors, sums = set_up_and_bin(
+        all_faces, objects, screen, viewport, workers, cutouts, depth_type
+    )
+    clock("set up, bin")
+    if depth is None:
+        depth = workers.memory.empty((viewport.height, viewport.width * keep_depth), depth_type)
+    face_id = workers.memory.empty((viewport.height, viewport.width * keep_faces), np.int32)
+    if find_faces:
+        frame = depth, face_id
+        draw(starts, binned, floors, all_faces, screen, viewport, frame, workers, cutouts)
+    else:
+        depth.fill(nearest.empty_depth(depth_type))
+        face_id.fill(nearest.NOTHING)
+    clock("visibility")
+    outside, degenerate, culled, unsampled, invalid = (int(n) for n in sums)
+    drawn = len(faces) - (outside + degenerate + culled + unsampled + invalid)
+    totals = Totals(len(faces), outside, degenerate, culled, unsampled, invalid, drawn, clipped)
+    lists = TileLists(starts, binned, all_faces, objects) if keep_lists else None
+    return Coverage(depth, face_id, screen, clip_positions, totals, lists, cutouts)
+
+
+def geometry_of(
+    faces: NDArray[np.int32],
+    screen: ScreenVertices,
+    clip_positions: NDArray[np.float64],
+    viewport: Viewport,
+    is_affine: bool = False,
+) -> Geometry:
+    """Return what it takes to interpolate: perspective-correct, or affine on the screen."""
+    w = np.empty(0) if is_affine else screen.w
+    return Geometry(faces, screen.xy, screen.codes, w, clip_positions, viewport)
+
+
+def set_up_and_bin(
+    faces: Faces,
+    objects: Objects,
+    screen: ScreenVertices,
+    viewport: Viewport,
+    workers: Workers,
+    cutouts: Cutouts | None = None,
+    depth_type: Any = np.float32,
+) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[Any], NDArray[np.int64]]:
+    """Return each tile's start in the list of binned triangles, that list, floors, and totals."""
+    columns = -(-viewport.width // setup.TILE_SIZE)
+    tiles = columns * -(-viewport.height // setup.TILE_SIZE)
+    face_count, piece_count = len(faces.faces), len(faces.pieces)
+    edges = [*range(0, face_count, FACES_PER_TASK), face_count]
+    chunks = len(edges) - 1
+    piece_edges = (
+        faces.piece_faces.searchsorted(edges).tolist() if piece_count else [0] * len(edges)
+    )
+    triangles = workers.memory.empty((face_count + piece_count,), np.int32)
+    boxes = workers.memory.empty((face_count + piece_count, 4), np.uint8)
+    counts = np.zeros((chunks, tiles + 1), np.int32)
+    sums = np.zeros((chunks, 5), np.int64)
+    ends = workers.run(
+        setup.set_up_triangles,
+        [
+            (
+                (edges[n], edges[n + 1]), (piece_edges[n], piece_edges[n + 1]), faces, objects,
+                screen, viewport, (triangles, boxes), (columns, counts[n], sums[n]),
+                np.empty(setup.BATCH_SHAPE, np.int32),
+            )
+            for n in range(chunks)
+        ],
+    )  # fmt: skip
+    starts, cursors = np.empty(tiles + 1, np.int64), np.empty((chunks, tiles), np.int64)
+    binning.start_lists(counts, starts, cursors)
+    binned = workers.memory.empty((int(starts[-1]),), np.int32)
+    parts = [slice(edges[n] + piece_edges[n], ends[n]) for n in range(chunks)]
+    workers.run(
+        binning.bin_triangles,
+        [
+            (triangles[part], boxes[part], columns, faces, screen, viewport, cursors[n], binned)
+            for n, part in enumerate(parts)
+        ],
+    )
+    # What covers the centres of a tile need not cover all samples.
+    with_large = [] if viewport.reach != 0 else counts[:, tiles].nonzero()[0].tolist()
+    floors = np.full((len(with_large) + 1, tiles), nearest.empty_depth(depth_type))
+    holes = np.empty(0, np.int64), np.empty(0, np.float32)
+    if cutouts is not None:
+        holes = cutouts.face_starts, cutouts.cutoffs
+    workers.run(
+        tile_depths.find_floors,
+        [
+            (
+                triangles[parts[n]], boxes[parts[n]], columns, faces, screen, viewport, floors[row],
+                holes,
+            )
+            for row, n in enumerate(with_large)
+        ],
+    )  # fmt: skip
+    return starts, binned, floors.max(axis=0), sums.sum(axis=0)
+
+
+def draw(
+    starts: NDArray[np.int64],
+    binned: NDArray[np.int32],
+    floors: NDArray[Any],
+    faces: Faces,
+    screen: ScreenVertices,
+    viewport: Viewport,
+    frame: tuple[NDArray[Any], NDArray[np.int32]],
+    workers: Workers,
+    cutouts: Cutouts | None = None,
+) -> None:
+    """Draw all tiles, each by one thread."""
+    tiles = np.arange(len(starts) - 1, dtype=np.int32)
+    per_task = count_per_task(len(tiles), TILES_PER_TASK, workers)
+
+    def draw_some(some: NDArray[np.int32]) -> None:
+        lists = some, starts, binned, floors, faces, screen, viewport, frame
+        scratch = nearest.scratch_memory(cutouts is not None, frame[0].dtype)
+        if cutouts is None:
+            nearest.draw_tiles(*lists, scratch)
+        else:
+            nearest.draw_tiles_tested(*lists, scratch, cutouts)
+
+    workers.run(draw_some, [(tiles[n : n + per_task],) for n in range(0, len(tiles), per_task)])
+
+
+def screen_arrays(count: int, memory: Memory) -> ScreenVertices:
+    """Return room for so many vertices."""
+    # All that belongs to a vertex side by side: it is found in one cache line, not in four.
+    packed = memory.empty((count, 4), np.float64)
+    return ScreenVertices(
+        packed.view(np.int32)[:, :2], packed[:, 1], packed.view(np.uint8)[:, 24], packed[:, 2]
+    )
+
+
+class Region(NamedTuple):
+    """A part of a picture, pixels."""
+
+    left: int
+    top: int
+    width: int
+    height: int
+
+
+def viewport_of(
+    size: tuple[int, int], subpixel_bits: int, region: Region | None = None
+) -> Viewport:
+    """Return the viewport record of an image (width, height), or of a part, with its guard band."""
+    width, height = size
+    left, top, columns, rows = region or (0, 0, width, height)
+    return Viewport(
+        columns,
+        rows,
+        1.0 + 2.0 * GUARD_PIXELS / width,
+        1.0 + 2.0 * GUARD_PIXELS / height,
+        subpixel_bits,
+        max(subpixel_bits, 1),
+        left=left,
+        top=top,
+        right=width - left - columns,
+        bottom=height - top - rows,
+    )
+
+
+class Seen(NamedTuple):
+    """What a picture shows, and where."""
+
+    objects: Objects
+    depth_coefficients: tuple[float, float, float]
+    geometry: Geometry
+    placement: Placement
+    coverage: Coverage

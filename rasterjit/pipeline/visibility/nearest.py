@@ -1,0 +1,567 @@
+"""
+Find the nearest face at every sample: coverage, depth test, depth and face number.
+
+For each tile, every triangle of its list is drawn into two small squares that stay in L1 (depth,
+face number), which are written to the frame once, background included.
+
+Coverage is exact. With the interior on the positive side of all three edges a sample is inside
+where ``E_k + bias_k >= 0`` (bias 0 on top and left edges, -1 on others). Stepping one pixel adds a
+multiple of ``2**grid_bits``, so ``(E_k + bias_k) >> grid_bits`` has the same sign and steps by the
+edge's own integer slope.
+
+Triangles at most ``SMALL_PIXELS`` wide are tested four samples of a row at once, in float64. Their
+edge functions there stay below 2**44 (16 pixels by 2**15 pixels on a 12-bit grid, twice), so
+float64 holds them exactly. Samples tested beyond the tile land in spare columns that nobody reads.
+Wider triangles get, for each row, the first and the last covered column from one division for each
+edge, several rows at once: ``floor(e / s)`` of integers below 2**47 in float64 is exact, for a
+quotient that is not whole misses the next whole number by at least 1/s, more than half an ulp.
+Rows that the triangle does not reach inside the tile, found by the same division with the steps of
+rows and columns exchanged, are passed over.
+
+Where no row has more than ``THIN_PIXELS`` samples, as in slivers, all first samples of the rows are
+drawn, then all second ones ..., without branches: which rows are empty is hard to predict. Samples
+of different rows are different, so the order does not matter.
+
+Depth is interpolated linearly on the screen, in float64, by differences from one vertex,
+``d = d2 + b0 (d0 - d2) + b1 (d1 - d2)`` with exact edge functions in the weights ``b``, so equal
+vertex depths give exactly that depth. Along a row of a wide triangle it steps from the first
+covered sample of each 64 columns, where ``|steps * slope|`` stays below the depth's own range;
+these blocks of columns are the same for every tile size up to 64. It is held inside the range of
+the vertices. Vertices are taken in a fixed order (topmost, then leftmost first, clockwise), so
+neither rotation nor winding of the face changes a bit.
+
+A sample keeps the first of equal depths. Lists ascend by face: the lower face number wins a tie.
+
+Depths are compared as they are stored: in the type of the arrays that hold them. What is between
+two values is rounded to one of them (float32, float64) or cut off behind the point (int32), which
+keeps their order, so that what bounds depths before bounds them after as well.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from rasterjit.pipeline.geometry.setup import TILE_BITS, TILE_SIZE, edge_at, sign_at
+from rasterjit.pipeline.geometry.triangle_batches import (
+    ACROSS,
+    AX,
+    AY,
+    BATCH,
+    BLOCK_BITS,
+    BOTTOM,
+    BX,
+    BY,
+    CX,
+    CY,
+    DEPTH,
+    DOWN,
+    EDGE,
+    FACE,
+    LEAST,
+    LEFT,
+    RANGE,
+    REAL_ROWS,
+    RIGHT,
+    ROOM,
+    SMALL_PIXELS,
+    TOP,
+    WEIGHT,
+    WHOLE_ROWS,
+    WIDE,
+    gather_triangles,
+    plan_triangles,
+)
+from rasterjit.pipeline.records import Cutouts, Faces, ScreenVertices, Viewport
+from rasterjit.pipeline.visibility.alpha_test import (
+    EMPTY,
+    WAITING_MEMORY,
+    keep_shown,
+    own_tile,
+    owner_of,
+    tile_for,
+    waiting_memory,
+)
+from rasterjit.runtime.intrinsics import flat
+from rasterjit.runtime.jit import disjoint_helper, helper, kernel
+from rasterjit.runtime.state import float64, int32, int64, stored
+
+SCRATCH_SHAPE = (TILE_SIZE, TILE_SIZE + SMALL_PIXELS)
+"""A tile in scratch memory: its rows have room for groups that start in the last column."""
+
+SPARE_SAMPLE = SCRATCH_SHAPE[0] * SCRATCH_SHAPE[1] - 1
+"""A sample of a flat tile that nobody reads."""
+
+CORNER_ROUNDINGS = 64.0 * 2.0**-53
+"""
+What two depths of a plane may be off by, in units of its range and its largest depth together.
+
+28 roundings each (``tests/hard_cases/test_bounded.py`` counts them), and some to spare.
+"""
+
+THIN_PIXELS = 3
+"""Triangles that cover up to this many samples of each row are drawn without branches."""
+
+FEW_ROWS = 16
+"""Triangles with more rows in a tile are first cut to those that they reach there."""
+
+NOTHING = -1
+"""Face number of a sample that no face covers."""
+
+
+@helper
+def edges_at(a, b, c, column, row, grid_bits):
+    """Return three edges as (biased value at a pixel, step to the next column, to the next row)."""
+    return (
+        (sign_at(b[0], b[1], c[0], c[1], column, row, grid_bits), b[1] - c[1], c[0] - b[0]),
+        (sign_at(c[0], c[1], a[0], a[1], column, row, grid_bits), c[1] - a[1], a[0] - c[0]),
+        (sign_at(a[0], a[1], b[0], b[1], column, row, grid_bits), a[1] - b[1], b[0] - a[0]),
+    )
+
+
+@helper
+def reached_rows(edges, columns, rows):
+    """Return the first and the last row of a block in which no edge leaves out all columns."""
+    first, last = 0.0, np.float64(rows - 1)
+    for value, across, down in edges:
+        best = np.float64(value + max(across * (columns - 1), np.int64(0)))
+        if down > 0:
+            first = max(first, -np.floor(best / np.float64(down)))
+        elif down < 0:
+            last = min(last, np.floor(best / np.float64(-down)))
+    return np.int64(first), np.int64(last)
+
+
+@helper
+def crossing_line(edge):
+    """
+    Return an edge as (value, step down, distance of its crossings from the left, side).
+
+    It crosses a row at ``value / distance`` columns; the side is 1 if its inside is to the right.
+    An edge along the row crosses beyond the block of columns, on the side that its sign tells.
+    """
+    value, across, down = edge
+    if across == 0:
+        beyond = np.int64(2) << BLOCK_BITS
+        return value * beyond + (beyond - 1), down * beyond, 1.0, np.int64(0)
+    return value, down, np.float64(abs(across)), np.int64(across > 0)
+
+
+@helper
+def bound_span(first, last, line, row):
+    """Return the first and the last column, float64, that one edge leaves of a row."""
+    value, down, distance, begins = line
+    crossing = np.floor(np.float64(value + row * down) / distance)
+    return (
+        max(first, -crossing) if begins else first,
+        last if begins else min(last, crossing),
+    )
+
+
+@disjoint_helper
+def find_spans(begins, ends, depths, lanes, lines, columns, inside_bc, inside_ca, plane):
+    """
+    Write, row by row, the first covered column, one past the last, and the depth at the first.
+
+    Returns how many samples a row has at most. Takes three `crossing_line`, and two exact edges as
+    value at the corner of the box, step across and step down. The divisions are exact: see the
+    notes above.
+    """
+    longest = np.int64(0)
+    for i in range(lanes):
+        row = np.int64(i)
+        first, last = 0.0, np.float64(columns - 1)
+        first, last = bound_span(first, last, lines[0], row)
+        first, last = bound_span(first, last, lines[1], row)
+        first, last = bound_span(first, last, lines[2], row)
+        column = np.int64(min(first, np.float64(columns)))
+        end = np.int64(max(last, -1.0)) + 1
+        begins[i], ends[i] = column, end
+        longest = max(longest, end - column)
+        depths[i] = depth_from(
+            plane,
+            inside_bc[0] + column * inside_bc[1] + row * inside_bc[2],
+            inside_ca[0] + column * inside_ca[1] + row * inside_ca[2],
+        )
+    return longest
+
+
+@helper
+def depth_from(plane, edge_bc, edge_ca):
+    """Return the depth where two edge functions have the given exact values."""
+    return plane[0] + (np.float64(edge_bc) * plane[1] + np.float64(edge_ca) * plane[2])
+
+
+@helper
+def depth_at_corners(plane, a, b, c, box, grid_bits):
+    """
+    Return the lowest and the highest depth of a box of samples, before they are stored.
+
+    A plane has them at corners of the box; what rounding may add is added.
+    """
+    lowest, highest = np.inf, -np.inf
+    for row in (box[1], box[3]):
+        for column in (box[0], box[2]):
+            depth = depth_from(
+                plane,
+                edge_at(b[0], b[1], c[0], c[1], column, row, grid_bits),
+                edge_at(c[0], c[1], a[0], a[1], column, row, grid_bits),
+            )
+            lowest, highest = min(lowest, depth), max(highest, depth)
+    slack = CORNER_ROUNDINGS * (plane[5] - plane[4] + max(abs(plane[4]), abs(plane[5])))
+    return held(lowest - slack, plane), held(highest + slack, plane)
+
+
+@helper
+def held(depth, plane):
+    """Return the depth inside the range of the vertices."""
+    depth = plane[4] if depth < plane[4] else depth
+    return plane[5] if depth > plane[5] else depth
+
+
+@disjoint_helper
+def fill_span(depths, numbers, first, count, depth, steps, plane, face):
+    """
+    Depth-test ``count`` samples of a row, from ``first`` on, in groups of four.
+
+    The row starts ``steps`` right of where the depth was taken.
+    """
+    for i in range(((count - 1) | 3) + 1):
+        sample = first + np.uintp(i)
+        along = np.float64(np.int32(np.int32(i) + steps)) * plane[3]
+        stored = depths.dtype.type(held(depth + along, plane))
+        if (stored > depths[sample]) & (np.int32(i) < np.int32(count)):
+            depths[sample] = stored
+            numbers[sample] = face
+
+
+@disjoint_helper
+def find_samples(begins, ends, starts, steps, before, corner, plane, places, stored):
+    """
+    Write where in the tile the sample ``steps`` right of the first of each row lies, and its depth.
+
+    Where the row has no such sample, that is one that nobody reads.
+    """
+    for i in range(begins.shape[0]):
+        column = np.int32(begins[i] + np.int32(steps))
+        is_covered = (column >= before) & (column < ends[i])
+        depth = held(starts[i] + np.float64(np.int32(steps)) * plane[3], plane)
+        stored[i] = stored.dtype.type(depth)
+        place = np.int32(np.int32(i) * np.int32(SCRATCH_SHAPE[1]) + np.int32(corner))
+        places[i] = np.int32(place + column) if is_covered else np.int32(SPARE_SAMPLE)
+
+
+@disjoint_helper
+def put_samples(depths, numbers, places, stored, face):
+    """Depth-test samples anywhere in a tile."""
+    for i in range(places.shape[0]):
+        sample, depth = np.uintp(places[i]), stored[i]
+        # Without a branch: what is hidden goes where nobody reads.
+        sample = sample if depth > depths[sample] else np.uintp(SPARE_SAMPLE)
+        depths[sample] = depth
+        numbers[sample] = face
+
+
+@disjoint_helper
+def test_row(depths, numbers, first, lanes, values, steps, thresholds, plane, face):
+    """Test one row of samples against the three edges and the depth; without branches."""
+    for i in range(lanes):
+        sample = first + np.uintp(i)
+        column = np.float64(np.int32(i))
+        e0 = values[0] + column * steps[0]
+        e1 = values[1] + column * steps[1]
+        e2 = values[2] + column * steps[2]
+        stored = depths.dtype.type(held(depth_from(plane, e0, e1), plane))
+        if (
+            (e0 >= thresholds[0])
+            & (e1 >= thresholds[1])
+            & (e2 >= thresholds[2])
+            & (stored > depths[sample])
+        ):
+            depths[sample] = stored
+            numbers[sample] = face
+
+
+@helper
+def draw_small(n, whole, real, plane, origin, tile):
+    """Test each row of the box of a triangle in groups of four samples."""
+    depths, numbers = tile
+    left, top = np.int64(whole[LEFT, n]) - origin[0], np.int64(whole[TOP, n]) - origin[1]
+    right, bottom = np.int64(whole[RIGHT, n]) - origin[0], np.int64(whole[BOTTOM, n]) - origin[1]
+    face = np.int32(whole[FACE, n])
+    lanes = ((right - left) | 3) + 1
+    e0, e1, e2 = real[EDGE, n], real[EDGE + 1, n], real[EDGE + 2, n]
+    steps = real[ACROSS, n], real[ACROSS + 1, n], real[ACROSS + 2, n]
+    thresholds = real[LEAST, n], real[LEAST + 1, n], real[LEAST + 2, n]
+    first = np.uintp(top * SCRATCH_SHAPE[1] + left)
+    for _ in range(top, bottom + 1):
+        test_row(depths, numbers, first, lanes, (e0, e1, e2), steps, thresholds, plane, face)
+        first += np.uintp(SCRATCH_SHAPE[1])
+        e0 += real[DOWN, n]
+        e1 += real[DOWN + 1, n]
+        e2 += real[DOWN + 2, n]
+
+
+@helper
+def draw_thin(longest, rows, before, corner, plane, face, tile, spans):
+    """Draw the first sample of each row, then the second ..., up to the longest row."""
+    begins, ends, starts, places, stored = spans
+    for steps in range(longest):
+        find_samples(
+            begins[:rows], ends[:rows], starts[:rows], steps, before, corner, plane,
+            places[:rows], stored[:rows],
+        )  # fmt: skip
+        put_samples(tile[0], tile[1], places[:rows], stored[:rows], face)
+
+
+@helper
+def draw_rows(rows, before, corner, plane, face, tile, spans):
+    """Fill what each row covers from ``before`` on; ``corner`` is the sample of the first."""
+    begins, ends, starts = spans[0], spans[1], spans[2]
+    for i in range(np.uintp(max(rows, 0))):
+        begin, end = max(np.int64(begins[i]), before), np.int64(ends[i])
+        if begin < end:
+            first = np.uintp(corner + np.int64(i) * SCRATCH_SHAPE[1] + begin)
+            steps = np.int32(begin - np.int64(begins[i]))
+            fill_span(tile[0], tile[1], first, end - begin, starts[i], steps, plane, face)
+
+
+@helper
+def draw_spans(a, b, c, plane, box, face, origin, grid_bits, tile, spans):
+    """Find the first and last covered column of each row, and fill what lies between."""
+    ax, ay, bx, by, cx, cy = a[0], a[1], b[0], b[1], c[0], c[1]
+    left, top, right, bottom = box
+    columns, rows = right - left + 1, bottom - top + 1
+    edges = edges_at(a, b, c, left, top, grid_bits)
+    if rows > FEW_ROWS:
+        first, last = reached_rows(edges, columns, rows)
+        if first > last:
+            return
+        top, rows = top + first, last - first + 1
+        edges = edges_at(a, b, c, left, top, grid_bits)
+    lines = (
+        crossing_line(edges[0]),
+        crossing_line(edges[1]),
+        crossing_line(edges[2]),
+    )
+    inside_bc = (
+        edge_at(bx, by, cx, cy, left, top, grid_bits),
+        (by - cy) << grid_bits,
+        (cx - bx) << grid_bits,
+    )
+    inside_ca = (
+        edge_at(cx, cy, ax, ay, left, top, grid_bits),
+        (cy - ay) << grid_bits,
+        (ax - cx) << grid_bits,
+    )
+    # Whole groups of rows: what is found of those behind the last is not read.
+    lanes = ((rows - 1) | 7) + 1
+    longest = find_spans(
+        spans[0], spans[1], spans[2], lanes, lines, columns, inside_bc, inside_ca, plane
+    )
+    before = origin[0] - left
+    corner = (top - origin[1]) * SCRATCH_SHAPE[1] - before
+    if longest <= THIN_PIXELS:
+        draw_thin(longest, rows, before, corner, plane, face, tile, spans)
+    else:
+        draw_rows(rows, before, corner, plane, face, tile, spans)
+
+
+@helper
+def draw_triangle(n, whole, real, origin, bits, floor, tile, spans):
+    """
+    Draw one planned triangle into a tile whose first pixel is ``origin`` (column, row).
+
+    Nothing is drawn if it lies below ``floor`` in the whole tile.
+    """
+    lowest, highest = real[RANGE, n], real[RANGE + 1, n]
+    if tile[0].dtype.type(highest) < floor:
+        return
+    weight_a, weight_b = real[WEIGHT, n], real[WEIGHT + 1, n]
+    step = real[ACROSS, n] * weight_a + real[ACROSS + 1, n] * weight_b
+    plane = real[DEPTH + 2, n], weight_a, weight_b, step, lowest, highest
+    if not whole[WIDE, n]:
+        draw_small(n, whole, real, plane, origin, tile)
+        return
+    a, b, c = (
+        (np.int64(whole[AX, n]), np.int64(whole[AY, n])),
+        (np.int64(whole[BX, n]), np.int64(whole[BY, n])),
+        (np.int64(whole[CX, n]), np.int64(whole[CY, n])),
+    )
+    box = (
+        np.int64(whole[LEFT, n]),
+        np.int64(whole[TOP, n]),
+        np.int64(whole[RIGHT, n]),
+        np.int64(whole[BOTTOM, n]),
+    )
+    if tile[0].dtype.type(lowest) < floor:
+        _, nearest = depth_at_corners(plane, a, b, c, box, bits)
+        if tile[0].dtype.type(nearest) < floor:
+            return
+    face = np.int32(whole[FACE, n])
+    draw_spans(a, b, c, plane, box, face, origin, bits, tile, spans)
+
+
+@helper
+def tile_window(number, columns, viewport):
+    """Return the first column and row of a tile, and the last ones inside the image."""
+    left, top = (number % columns) << TILE_BITS, (number // columns) << TILE_BITS
+    return (
+        left,
+        top,
+        min(left + TILE_SIZE, np.int64(viewport.width)) - 1,
+        min(top + TILE_SIZE, np.int64(viewport.height)) - 1,
+    )
+
+
+@helper
+def draw_listed(listed, faces, screen, window, bits, floor, scratch, cutouts):
+    """
+    Draw at most ``BATCH`` listed triangles, one after the other, into a tile.
+
+    Takes the parts of a ``Faces``, a `tile_window`, the tile's floor, `scratch_memory`, and the
+    cut-outs or ``None``.
+    """
+    tile_depth, tile_numbers, whole, real = scratch[:4]
+    gather_triangles(listed, faces, screen, whole, real)
+    plan_triangles(listed.shape[0], window, bits, whole, real)
+    tile, spans = (flat(tile_depth), flat(tile_numbers)), scratch[4:9]
+    own = own_tile(tile, scratch, cutouts)
+    count, centre = np.uintp(listed.shape[0]), (np.int32(0), np.int32(0))
+    owner, waiting = np.int64(0), np.int64(0)
+    for n in range(count):
+        owner = owner_of(whole[FACE, n], owner, cutouts)
+        target = tile_for(owner, tile, own, cutouts)
+        draw_triangle(n, whole, real, window, bits, floor, target, spans)
+        waiting = keep_shown(n, count, owner, waiting, whole, window, centre, scratch, cutouts)
+
+
+@helper
+def clear_tile(depths, numbers, empty):
+    """Mark every sample of a tile as empty."""
+    for row in range(depths.shape[0]):
+        for column in range(depths.shape[1]):
+            depths[row, column] = empty
+            numbers[row, column] = NOTHING
+
+
+def empty_depth(depth_type: Any) -> Any:
+    """Return the depth where nothing is, of a type of depths: below all that is stored."""
+    kind = np.dtype(depth_type)
+    return kind.type(-1 if kind.kind == "i" else -np.inf)
+
+
+def scratch_memory(has_cutouts: bool = False, depth_type: Any = np.float32) -> tuple[Any, ...]:
+    """
+    Return the memory that a thread needs to draw: a tile, and what is known of a batch.
+
+    With cut-outs, a second tile as well, which is empty, and what the samples there wait in. Depths
+    are stored in the given type: float32, float64 or int32.
+    """
+    return (
+        np.empty(SCRATCH_SHAPE, depth_type),
+        np.empty(SCRATCH_SHAPE, np.int32),
+        np.empty((WHOLE_ROWS, ROOM), np.int32),
+        np.empty((REAL_ROWS, ROOM), np.float64),
+        np.empty(TILE_SIZE, np.int32),
+        np.empty(TILE_SIZE, np.int32),
+        np.empty(TILE_SIZE, np.float64),
+        np.empty(TILE_SIZE, np.int32),
+        np.empty(TILE_SIZE, depth_type),
+        np.full(1, empty_depth(depth_type)),
+        *(own_memory(depth_type) if has_cutouts else ()),
+    )
+
+
+def own_memory(depth_type: Any) -> tuple[Any, ...]:
+    """Return what a thread needs besides to draw triangles with holes."""
+    empty = np.full(SCRATCH_SHAPE, empty_depth(depth_type))
+    return empty, np.empty(SCRATCH_SHAPE, np.int32), waiting_memory(depth_type)
+
+
+SCRATCH = (
+    stored[:, ::1], int32[:, ::1], int32[:, ::1], float64[:, ::1], int32[::1], int32[::1],
+    float64[::1], int32[::1], stored[::1], stored[::1],
+)  # fmt: skip
+"""The types of `scratch_memory` without cut-outs."""
+
+SCRATCH_TESTED = (*SCRATCH, stored[:, ::1], int32[:, ::1], WAITING_MEMORY)
+"""The types of `scratch_memory` with cut-outs."""
+
+
+@helper
+def draw_all(tiles, starts, binned, floors, faces, screen, viewport, frame, scratch, cutouts):
+    """Draw some of the frame's tiles; ``cutouts`` None: no object has holes."""
+    depth, face_id = frame
+    tile_depth, tile_numbers = scratch[0], scratch[1]
+    columns = (np.int64(viewport.width) + TILE_SIZE - 1) >> TILE_BITS
+    parts = faces.faces, faces.pieces, faces.piece_faces
+    for n in range(tiles.shape[0]):
+        number = np.int64(tiles[n])
+        window = tile_window(number, columns, viewport)
+        clear_tile(tile_depth, tile_numbers, scratch[EMPTY][0])
+        for first in range(starts[number], starts[number + 1], BATCH):
+            listed = binned[first : min(first + BATCH, starts[number + 1])]
+            draw_listed(
+                listed, parts, screen, window, viewport.grid_bits, floors[number], scratch, cutouts
+            )
+        # Write the tile to the frame.
+        left, top = window[0], window[1]
+        width = window[2] + 1 - left
+        for row in range(window[3] + 1 - top):
+            frame_depth = depth[top + row, left : left + width]
+            frame_numbers = face_id[top + row, left : left + width]
+            for column in range(frame_depth.shape[0]):
+                frame_depth[column] = tile_depth[row, column]
+            for column in range(frame_numbers.shape[0]):
+                frame_numbers[column] = tile_numbers[row, column]
+
+
+@kernel
+def draw_tiles(
+    tiles: int32[::1], starts: int64[::1], binned: int32[::1], floors: stored[::1], faces: Faces,
+    screen: ScreenVertices, viewport: Viewport, frame: (stored[:, ::1], int32[:, ::1]),
+    scratch: SCRATCH,
+):  # fmt: skip
+    """
+    Draw some of the frame's tiles.
+
+    Parameters
+    ----------
+    tiles : (N,) int32
+        Tile numbers, row by row.
+    starts : (tiles + 1,) int64
+        Tile ``k`` draws ``binned[starts[k]:starts[k + 1]]``.
+    binned : (M,) int32
+        Triangle numbers, ascending within a tile: below F a face, ``F + p`` piece p.
+    floors : (tiles,) float32, float64 or int32, stored depth
+        Triangles below it are left out of a tile; `empty_depth` leaves out none.
+    faces, screen, viewport : records
+    frame : (depth (H, W) of the same type, face_id (H, W) int32)
+        Writes every pixel of the tiles: stored depth (greater is nearer, `empty_depth` where
+        nothing is) and face number (-1 where nothing is). What is not wanted has W = 0.
+    scratch : tuple
+        This thread's own, from `scratch_memory`.
+    """
+    draw_all(tiles, starts, binned, floors, faces, screen, viewport, frame, scratch, None)
+
+
+@kernel
+def draw_tiles_tested(
+    tiles: int32[::1], starts: int64[::1], binned: int32[::1], floors: stored[::1], faces: Faces,
+    screen: ScreenVertices, viewport: Viewport, frame: (stored[:, ::1], int32[:, ::1]),
+    scratch: SCRATCH_TESTED, cutouts: Cutouts,
+):  # fmt: skip
+    """
+    Draw some of the frame's tiles, where objects may have holes.
+
+    Parameters
+    ----------
+    tiles, starts, binned, floors, faces, screen, viewport, frame
+        As `draw_tiles` takes them.
+    scratch : tuple
+        This thread's own, from `scratch_memory`, with what holes take.
+    cutouts : Cutouts
+    """
+    draw_all(tiles, starts, binned, floors, faces, screen, viewport, frame, scratch, cutouts)

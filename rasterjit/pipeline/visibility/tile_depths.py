@@ -1,0 +1,135 @@
+"""
+Find, for each tile, a depth that nothing behind it can show: the floor.
+
+A triangle that covers every sample of a tile leaves none of them deeper than the lowest depth that
+it has there. What lies below the highest of these floors is hidden in the whole tile, wherever it
+stands in the list, so visibility passes over it. Floors are bounds from below of what is stored,
+rounding included, so no sample changes by a bit. A triangle with holes raises none.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rasterjit.pipeline.geometry.setup import (
+    TILE_BITS,
+    TILE_SIZE,
+    edge,
+    is_large,
+    last_at_most,
+    sign_at,
+    triangle_of,
+)
+from rasterjit.pipeline.records import Faces, ScreenVertices, Viewport
+from rasterjit.pipeline.visibility.nearest import depth_at_corners
+from rasterjit.runtime.jit import helper, kernel
+from rasterjit.runtime.state import float32, int32, int64, stored, uint8
+
+LEAST_AREA = 2.0 * TILE_SIZE * TILE_SIZE
+"""Area of the smallest triangle around a whole tile, square pixels."""
+
+
+@helper
+def clockwise_from_top(corners, screen):
+    """
+    Return the vertex numbers clockwise on the screen, starting at the topmost, then leftmost.
+
+    The order depends on the geometry alone, so that every spelling of a face is drawn alike.
+    """
+    a, b, c = corners
+    ax, ay = np.int64(screen.xy[a, 0]), np.int64(screen.xy[a, 1])
+    bx, by = np.int64(screen.xy[b, 0]), np.int64(screen.xy[b, 1])
+    cx, cy = np.int64(screen.xy[c, 0]), np.int64(screen.xy[c, 1])
+    if edge(ax, ay, bx, by, cx, cy) < 0:
+        b, c = c, b
+        bx, by, cx, cy = cx, cy, bx, by
+    if (by < ay or (by == ay and bx < ax)) and (by < cy or (by == cy and bx < cx)):
+        a, b, c = b, c, a
+    elif (cy < ay or (cy == ay and cx < ax)) and (cy < by or (cy == by and cx < bx)):
+        a, b, c = c, a, b
+    return a, b, c
+
+
+@helper
+def depth_plane(da, db, dc, ax, ay, bx, by, cx, cy, grid_bits):
+    """Return (depth of c, weights of E_bc and E_ca, step per column, lowest, highest depth)."""
+    area = np.float64(edge(ax, ay, bx, by, cx, cy))
+    weight_a, weight_b = (da - dc) / area, (db - dc) / area
+    unit = np.float64(np.int64(1) << grid_bits)
+    step = unit * (np.float64(by - cy) * weight_a + np.float64(cy - ay) * weight_b)
+    return dc, weight_a, weight_b, step, min(da, min(db, dc)), max(da, max(db, dc))
+
+
+@helper
+def worst(value, across, down, columns, rows):
+    """Return the least value of an edge over a block of samples."""
+    return value + min(across * (columns - 1), np.int64(0)) + min(down * (rows - 1), np.int64(0))
+
+
+@helper
+def raise_floors(triangle, box, columns, faces, screen, viewport, floors, holes):
+    """Raise the floors of the tiles in its box that one large triangle covers."""
+    bits = viewport.grid_bits
+    corners, face = triangle_of(faces[0], faces[1], faces[2], triangle)
+    face_starts, cutoffs = holes
+    if cutoffs.shape[0] > 0 and cutoffs[last_at_most(face_starts, np.int64(face))] > 0.0:
+        return
+    i, j, k = clockwise_from_top(corners, screen)
+    ax, ay = np.int64(screen.xy[i, 0]), np.int64(screen.xy[i, 1])
+    bx, by = np.int64(screen.xy[j, 0]), np.int64(screen.xy[j, 1])
+    cx, cy = np.int64(screen.xy[k, 0]), np.int64(screen.xy[k, 1])
+    grid_area = np.float64(np.int64(1) << (2 * bits))
+    if np.float64(edge(ax, ay, bx, by, cx, cy)) < 2.0 * LEAST_AREA * grid_area:
+        return
+    plane = depth_plane(
+        screen.depth[i], screen.depth[j], screen.depth[k], ax, ay, bx, by, cx, cy, bits
+    )
+    for row in range(box[1], box[3] + 1):
+        for column in range(box[0], box[2] + 1):
+            x, y = column << TILE_BITS, row << TILE_BITS
+            width = min(np.int64(TILE_SIZE), np.int64(viewport.width) - x)
+            height = min(np.int64(TILE_SIZE), np.int64(viewport.height) - y)
+            e0 = sign_at(bx, by, cx, cy, x, y, bits)
+            e1 = sign_at(cx, cy, ax, ay, x, y, bits)
+            e2 = sign_at(ax, ay, bx, by, x, y, bits)
+            if (
+                worst(e0, by - cy, cx - bx, width, height)
+                | worst(e1, cy - ay, ax - cx, width, height)
+                | worst(e2, ay - by, bx - ax, width, height)
+            ) < 0:
+                continue
+            whole = x, y, x + width - 1, y + height - 1
+            lowest, _ = depth_at_corners(plane, (ax, ay), (bx, by), (cx, cy), whole, bits)
+            tile = row * columns + column
+            floors[tile] = max(floors[tile], floors.dtype.type(lowest))
+
+
+@kernel
+def find_floors(
+    triangles: int32[::1], boxes: uint8[:, ::1], columns: int64, faces: Faces,
+    screen: ScreenVertices, viewport: Viewport, floors: stored[::1],
+    holes: (int64[::1], float32[::1]),
+):  # fmt: skip
+    """
+    Raise the floors of the tiles that large triangles cover.
+
+    Parameters
+    ----------
+    triangles : (T,) int32
+        Survivors of one chunk, as ``bin_triangles`` takes them.
+    boxes : (T, 4) uint8
+    columns : int
+        Tiles in a row of the image.
+    faces, screen, viewport : records
+    floors : (tiles,) float32, float64 or int32
+        Stored depth (greater is nearer); raised in place.
+    holes : (face_starts (O+1,) int64, cutoffs (O,) float32)
+        Those of ``Cutouts``; both empty if no object has holes.
+    """
+    parts = faces.faces, faces.pieces, faces.piece_faces
+    for n in range(triangles.shape[0]):
+        left, top = np.int64(boxes[n, 0]), np.int64(boxes[n, 1])
+        box = left, top, np.int64(boxes[n, 2]), np.int64(boxes[n, 3])
+        if is_large(box):
+            triangle = np.int64(triangles[n])
+            raise_floors(triangle, box, columns, parts, screen, viewport, floors, holes)

@@ -1,0 +1,1 @@
+"""String the stages together: a plan, then a frame."""

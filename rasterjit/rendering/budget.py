@@ -1,0 +1,527 @@
+"""
+Choose the quality of a frame: the best one that a time allows, or the fastest for an error.
+
+What qualities cost and buy on this machine is measured once and kept in the cache folder.
+
+For a time, the dial remembers what frames of a scene took. The first time that it sees a scene it
+draws frames of ever better qualities until one takes too long; with a profile of the machine
+(``rasterjit accuracy --calibrate``) one frame tells what the others would take. From then on each
+frame corrects what is known, so that the dial follows a camera that moves and a machine that slows
+down.
+
+For an error nothing is remembered: two small pictures are drawn, accurately and in ever faster
+qualities, as long as those are near enough. Where none is, the frame is the reference.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import platform
+import statistics
+import sys
+import threading
+import warnings
+import weakref
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, NamedTuple, TypeAlias, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.io.images import replacing
+from rasterjit.outputs.frame import Choice, Frame
+from rasterjit.runtime.store import cpu_features
+from rasterjit.runtime.threads import available_processors
+from rasterjit.scene.color import srgb_to_linear
+from rasterjit.scene.quality import SUPERSAMPLED, Quality, differences
+
+HEADROOM = 0.9
+"""Share of a time budget that a frame is planned to take: times vary."""
+
+TOO_LONG = 1.5
+"""Calibrating stops at a quality that takes so many times the budget: better ones take longer."""
+
+HOPELESS = 3.0
+"""A quality whose first frame, which also gets memory, takes so many times the budget is not drawn
+again."""
+
+FRAMES = 3
+"""Frames of each quality that calibrating takes the median of; one of those of many pictures."""
+
+MEMORY = 0.5
+"""Weight of what was known of the machine's load in what is known after another frame."""
+
+OWN_MEMORY = 0.8
+"""The same of the time of the quality itself."""
+
+MOST_SHARE = 2.0
+"""How many times longer, or shorter, than expected a frame counts at most."""
+
+MOST_KNOWN = 64
+"""Scenes, in their circumstances, whose times are remembered: those that were first seen last."""
+
+MARGIN = 1.75
+"""How much smaller than the bound the error of the small pictures must be: the picture itself has
+other pixels. The least that was ever needed, in 30 pictures of many kinds, is 1.4."""
+
+PROBE_SHARES = (0.5, 0.4)
+"""Sides of the small pictures over those of the picture. Edges that lie well in the pixels of one,
+or patterns that suit them, do not in the other's."""
+
+LEAST_PROBE = 48
+"""Side of a small picture, pixels, unless the picture itself is smaller."""
+
+PROBE_SAMPLES = 64
+"""Pictures whose mean stands for the reference of a small picture: a quarter of what that takes."""
+
+CODES = 255.0
+"""Largest 8-bit code."""
+
+Draw: TypeAlias = Callable[[Quality], Frame]
+
+Item = TypeVar("Item")
+
+FORMAT = 1
+"""Of the file; one of another format is as good as none."""
+
+DECIDING = ("cpu", "architecture", "processors")
+"""What of the machine decides how qualities compare: with another one there is no profile."""
+
+LADDER = (
+    Quality.draft(),
+    Quality.standard(),
+    Quality(samples=2),
+    Quality(samples=4),
+    Quality.high(),
+    replace(Quality.high(), samples=16),
+    replace(Quality.reference(), samples=16, shadow_taps=9),
+    replace(Quality.reference(), samples=64),
+    Quality.reference(),
+)
+"""The qualities to choose from where nothing was measured, from the fastest on."""
+
+
+class CalibrationWarning(UserWarning):
+    """A scene was drawn some times to find out what qualities take, for no profile was there."""
+
+
+class Times:
+    """
+    What frames of one scene take in each quality.
+
+    Parameters
+    ----------
+    ladder : sequence of Quality
+        The qualities to choose from, from the fastest on.
+    ratios : dict of float
+        Their times over that of the standard, as far as they are known of the machine.
+    """
+
+    def __init__(self, ladder: Sequence[Quality], ratios: dict[Quality, float]) -> None:
+        self.ladder = tuple(ladder)
+        self.lock = threading.Lock()
+        """Held by `draw_in_time` while it calibrates: other threads' frames would be timed too."""
+        self.is_calibrated = False
+        """Whether `calibrate` came to its end."""
+        self._ratios = ratios
+        self._seconds: dict[Quality, float] = {}
+        self._load = 1.0
+
+    def calibrate(self, budget: float, draw: Draw) -> Iterator[Quality]:
+        """
+        Find out what qualities take, from the fastest on, until one takes too long.
+
+        Where the machine is known the fastest tells the others; those are measured that are chosen.
+
+        Yields
+        ------
+        Quality
+            The one that was measured. Who stops here, and comes again, goes on with the next; who
+            comes again after the end goes on where frames have become faster.
+        """
+        for step, quality in enumerate(self.ladder):
+            # The first two may be the other way round: there are scenes that fewer lit vertices, or
+            # smaller shadow maps, make no faster.
+            if step > 1 and self._least(quality) > TOO_LONG * budget:
+                break
+            if quality not in self._seconds:
+                self._measure(quality, budget, draw)
+                yield quality
+            is_too_long = step > 0 and self._seconds[quality] * self._load > TOO_LONG * budget
+            if self._ratios or is_too_long:
+                break
+        while (chosen := self.best(budget)) not in self._seconds:
+            self._measure(chosen, budget, draw)
+            yield chosen
+        self.is_calibrated = True
+
+    @property
+    def is_known(self) -> bool:
+        """Whether the time of any quality is known."""
+        return bool(self._seconds)
+
+    def _least(self, quality: Quality) -> float:
+        """Return what a quality takes at least, seconds: that of all its pictures; else 0."""
+        if quality.samples not in SUPERSAMPLED:
+            return 0.0
+        return int(quality.samples) * min(self._seconds.values()) * self._load
+
+    def _measure(self, quality: Quality, budget: float, draw: Draw) -> None:
+        """Find out what a quality takes."""
+        # The first frame compiles, and gets memory.
+        first = seconds_of(draw(quality))
+        if quality.samples in SUPERSAMPLED or first > HOPELESS * budget:
+            self._seconds[quality] = first / self._load
+            return
+        times = [seconds_of(draw(quality)) for _ in range(FRAMES)]
+        self._seconds[quality] = statistics.median(times) / self._load
+
+    def predict(self, quality: Quality) -> float | None:
+        """Return what a frame will take, seconds; ``None`` if that is not known."""
+        if quality in self._seconds:
+            return self._seconds[quality] * self._load
+        if quality not in self._ratios:
+            return None
+        # By the best quality that is known: it is the nearest.
+        known = [one for one in self.ladder if one in self._seconds and one in self._ratios]
+        if not known:
+            return None
+        share = self._ratios[quality] / self._ratios[known[-1]]
+        return self._seconds[known[-1]] * share * self._load
+
+    def best(self, budget: float) -> Quality:
+        """Return the most accurate quality that stays in a budget; the fastest if none does."""
+        predicted = {quality: self.predict(quality) for quality in reversed(self.ladder)}
+        known = {quality: seconds for quality, seconds in predicted.items() if seconds is not None}
+        for quality, seconds in known.items():
+            if seconds <= HEADROOM * budget:
+                return quality
+        return min(known, key=known.__getitem__)
+
+    def learn(self, quality: Quality, seconds: float) -> None:
+        """
+        Correct what is known by what a frame took.
+
+        Most of it is put down to what the machine is busy with: a frame that was disturbed is soon
+        forgotten. What it says of the quality lasts.
+        """
+        if quality not in self._seconds:
+            predicted = self.predict(quality)
+            self._seconds[quality] = (seconds if predicted is None else predicted) / self._load
+        share = seconds / (self._seconds[quality] * self._load)
+        share = min(max(share, 1.0 / MOST_SHARE), MOST_SHARE)
+        self._load *= MEMORY + (1.0 - MEMORY) * share
+        self._seconds[quality] *= OWN_MEMORY + (1.0 - OWN_MEMORY) * share
+
+
+def draw_in_time(budget: float, times: Times, draw: Draw) -> Frame:
+    """
+    Draw a frame in the most accurate quality that a time allows.
+
+    Parameters
+    ----------
+    budget : float
+        Seconds, above 0. If even the fastest quality takes longer, that is drawn.
+    times : Times
+        What is known of the scene; changed.
+    draw : callable
+        Draws a frame of a quality.
+
+    Returns
+    -------
+    Frame
+        Its ``choice`` tells which one it is.
+    """
+    with times.lock:
+        if not times.is_calibrated:
+            for _ in times.calibrate(budget, draw):
+                pass
+    return draw_as_known(budget, times, draw)
+
+
+def draw_as_known(budget: float, times: Times, draw: Draw) -> Frame:
+    """
+    Draw a frame in the most accurate quality of which it is known that a time allows it.
+
+    Takes and returns what `draw_in_time` does, but measures nothing first: some time must be known.
+    """
+    quality = times.best(budget)
+    predicted = times.predict(quality)
+    frame = draw(quality)
+    seconds = seconds_of(frame)
+    # One during which something compiled, here or in another thread, tells little.
+    if frame.stats.seconds["compile"] == 0.0:
+        times.learn(quality, seconds)
+    frame.choice = Choice(quality, predicted, seconds)
+    return frame
+
+
+def draw_within_error(bound: float, draw: Draw, small_draws: Sequence[Draw]) -> Frame:
+    """
+    Draw a frame in the fastest quality that is near enough to the reference.
+
+    Parameters
+    ----------
+    bound : float
+        Largest root mean square difference from the reference, in linear light, above 0.
+    draw : callable
+        Draws a frame of a quality.
+    small_draws : sequence of callable
+        Draw it in small pictures; the largest of their errors counts.
+
+    Returns
+    -------
+    Frame
+        Its ``choice`` tells which one it is.
+    """
+
+    def lights(quality: Quality) -> list[NDArray[np.float32]]:
+        return [light_of(draw_small(quality)) for draw_small in small_draws]
+
+    best = Quality.reference()
+    nearly = replace(best, samples=PROBE_SAMPLES)
+    true = lights(nearly)
+    quality, error = best, 0.0
+    # From the most accurate one down: what comes out better than its betters does so by luck. What
+    # 64 pictures are off by, 256 small ones would tell: the reference itself takes no longer.
+    for candidate in reversed(known_ladder()):
+        if candidate not in (best, nearly):
+            found = max(error, _largest_error(lights(candidate), true))
+            if MARGIN * found > bound:
+                break
+            quality, error = candidate, found
+    frame = draw(quality)
+    frame.choice = Choice(quality, None, seconds_of(frame), error)
+    return frame
+
+
+def _largest_error(
+    lights: Sequence[NDArray[np.float32]], others: Sequence[NDArray[np.float32]]
+) -> float:
+    """Return the largest root mean square difference of pairs of pictures."""
+    return max(root_mean_square(light - other) for light, other in zip(lights, others, strict=True))
+
+
+def known_ladder() -> tuple[Quality, ...]:
+    """Return the qualities to choose from, from the fastest on."""
+    profile = load_profile()
+    return LADDER if profile is None else profile.ladder
+
+
+def probe_sizes(size: tuple[int, int]) -> list[tuple[int, int]]:
+    """Return the sizes of the small pictures that errors are told from."""
+    width, height = size
+    return [(_probe_side(width, share), _probe_side(height, share)) for share in PROBE_SHARES]
+
+
+def _probe_side(side: int, share: float) -> int:
+    """Return a side of a small picture, pixels."""
+    return min(side, max(LEAST_PROBE, round(share * side)))
+
+
+def light_of(frame: Frame) -> NDArray[np.float32]:
+    """
+    Return the light that a frame shows, (H, W, 3) float32, linear red, green and blue.
+
+    Before a background that is seen through it is what the surfaces add to whatever comes behind
+    them, and the alpha is a fourth channel. Lines lie over the 8-bit colour alone: with a wireframe
+    it is that colour, decoded.
+    """
+    plan = frame.plan
+    if plan.has("wireframe"):
+        light = srgb_to_linear(frame.color[:, :, :3])
+        alpha = frame.color[:, :, 3:].astype(np.float32) / np.float32(CODES)
+    else:
+        light, alpha = frame.linear[:, :, :3], frame.linear[:, :, 3:]
+    if plan.at("background") or plan.background[3] >= 1.0:
+        return light
+    return np.concatenate([light * alpha, alpha], axis=2)
+
+
+def root_mean_square(differences: NDArray[Any]) -> float:
+    """Return the root of the mean square."""
+    return float(np.sqrt(np.mean(np.square(differences, dtype=np.float64))))
+
+
+def seconds_of(frame: Frame) -> float:
+    """Return what a frame took, seconds, without compiling."""
+    return sum(time for stage, time in frame.stats.seconds.items() if stage != "compile")
+
+
+def times_of(what: Any, circumstances: Any) -> Times:
+    """
+    Return what is known of the times of a scene, as long as the scene is there.
+
+    Parameters
+    ----------
+    what : object
+        What is drawn.
+    circumstances : hashable
+        What else times depend on.
+
+    Warns
+    -----
+    CalibrationWarning
+        If nothing is known of the scene, nor of the machine.
+    """
+    key = id(what), circumstances
+    with _LOCK:
+        if key in _TIMES:
+            return _TIMES[key]
+        profile = load_profile()
+        ladder, ratios = (LADDER, {}) if profile is None else (profile.ladder, profile.times())
+        _TIMES[key] = times = Times(ladder, ratios)
+        # Another scene may come to lie at the same address.
+        weakref.finalize(what, _TIMES.pop, key, None)
+        while len(_TIMES) > MOST_KNOWN:
+            del _TIMES[next(iter(_TIMES))]
+    if profile is None:
+        warnings.warn(
+            "time_budget: there is no profile of this machine, so frames of this scene are timed "
+            "first; `rasterjit accuracy --calibrate` makes one",
+            CalibrationWarning,
+            stacklevel=4,
+        )
+    return times
+
+
+_LOCK = threading.Lock()
+_TIMES: dict[Any, Times] = {}
+"""What is known of scenes, by their address and the circumstances."""
+
+
+class Step(NamedTuple):
+    """A quality to choose from."""
+
+    quality: Quality
+    time: float
+    """Of a frame, over that of a standard one."""
+    error: float
+    """Root mean square in linear light, over that of a standard frame."""
+
+
+@dataclass(frozen=True)
+class Profile:
+    """
+    What qualities cost and buy on a machine.
+
+    Attributes
+    ----------
+    steps : tuple of Step
+        From the fastest on, each more accurate than those before.
+    threads : int
+        That frames were drawn with.
+    """
+
+    steps: tuple[Step, ...]
+    threads: int
+
+    @property
+    def ladder(self) -> tuple[Quality, ...]:
+        """The qualities to choose from, from the fastest on."""
+        return tuple(step.quality for step in self.steps)
+
+    def times(self) -> dict[Quality, float]:
+        """Return the time of each quality, over that of a standard frame."""
+        return {step.quality: step.time for step in self.steps}
+
+
+def front_of(items: Iterable[Item], cost: Callable[[Item], tuple[float, float]]) -> list[Item]:
+    """Return the items that no other is both faster and more accurate than, the fastest first."""
+    front: list[Item] = []
+    for item in sorted(items, key=cost):
+        if not front or cost(item)[1] < cost(front[-1])[1]:
+            front.append(item)
+    return front
+
+
+def front_of_steps(steps: Iterable[Step]) -> tuple[Step, ...]:
+    """Return the steps that no other is both faster and more accurate than, the fastest first."""
+    return tuple(front_of(steps, lambda step: (step.time, step.error)))
+
+
+def machine() -> dict[str, str]:
+    """Return what times depend on."""
+    return {
+        "cpu": cpu_features()[0],
+        "architecture": platform.machine(),
+        "processors": str(available_processors()),
+        "system": platform.platform(terse=True),
+        "python": platform.python_version(),
+    }
+
+
+def cache_folder() -> Path:
+    """Return the user's folder for what programs may forget, and RasterJIT's own in it."""
+    if sys.platform == "win32":
+        base = os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local"
+    elif sys.platform == "darwin":
+        base = Path.home() / "Library" / "Caches"
+    else:
+        base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    return Path(base) / "rasterjit"
+
+
+def profile_file() -> Path:
+    """Return where the profile of this machine is kept."""
+    return cache_folder() / "profile.json"
+
+
+def save_profile(profile: Profile) -> Path:
+    """
+    Keep the profile of this machine; the file is there whole or not at all.
+
+    Raises
+    ------
+    ValueError
+        Naming the folder, if it cannot be written to.
+    """
+    content = {
+        "format": FORMAT,
+        "machine": machine(),
+        "threads": profile.threads,
+        "steps": [
+            {
+                "settings": differences(step.quality, Quality.standard()),
+                "time": step.time,
+                "error": step.error,
+            }
+            for step in profile.steps
+        ],
+    }
+    path = profile_file()
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with replacing(path) as temporary:
+            temporary.write_text(json.dumps(content, indent=1))
+    except OSError as error:
+        raise ValueError(
+            f"the cache folder must be one to write to, but {str(path.parent)!r} is not: {error}"
+        ) from None
+    return path
+
+
+def load_profile() -> Profile | None:
+    """Return the profile of this machine; ``None`` if there is none, or none that can be read."""
+    try:
+        content = json.loads(profile_file().read_text())
+        here = machine()
+        is_of_here = all(content["machine"][name] == here[name] for name in DECIDING)
+        steps = front_of_steps([_step(entry) for entry in content["steps"]])
+        if content["format"] != FORMAT or not is_of_here or not steps:
+            return None
+        return Profile(steps, int(content["threads"]))
+    except (OSError, ValueError, KeyError, TypeError, OverflowError, RecursionError):
+        return None
+
+
+def _step(entry: Any) -> Step:
+    """Return a step as it was kept; raise ``ValueError`` for times and errors that cannot be."""
+    time, error = float(entry["time"]), float(entry["error"])
+    if not (0.0 < time < math.inf and 0.0 <= error < math.inf):
+        raise ValueError(f"a step must take time and have an error, got {entry!r}")
+    return Step(Quality(**entry["settings"]), time, error)

@@ -1,0 +1,77 @@
+"""
+All effects: the rows of ``explain``, in its order. Where each acts, its ``places`` say.
+
+No other file of ``rendering`` names one. Materials and lights have rows among them.
+"""
+
+from __future__ import annotations
+
+from rasterjit.effects.ambient_occlusion import AMBIENT_OCCLUSION
+from rasterjit.effects.antialiasing import ANTIALIASING
+from rasterjit.effects.environment import BACKGROUND, LIGHT
+from rasterjit.effects.fog import FOG
+from rasterjit.effects.outline import OUTLINE
+from rasterjit.effects.shadows import SHADOWS
+from rasterjit.effects.tone_map import TONE_MAPPING
+from rasterjit.effects.transparency import TRANSPARENCY
+from rasterjit.effects.vignette import VIGNETTE
+from rasterjit.effects.wireframe import WIREFRAME
+from rasterjit.survey import material_rows as rows
+from rasterjit.survey.effect import Absent, Active, Effect, FrameContext, Planned, Planning
+from rasterjit.survey.facts import Facts
+
+EFFECTS: tuple[Effect, ...] = (
+    rows.Shading(),
+    rows.Lights(),
+    SHADOWS,
+    rows.SmoothNormals(),
+    rows.Textures(),
+    rows.AlphaMasks(),
+    rows.Microfacets(),
+    rows.Map("normal maps", 1),
+    rows.Map("metallic-roughness maps", 2),
+    rows.Map("occlusion maps", 3),
+    rows.Emission(),
+    rows.SingleSided(),
+    LIGHT,
+    BACKGROUND,
+    FOG,
+    TONE_MAPPING,
+    AMBIENT_OCCLUSION,
+    VIGNETTE,
+    OUTLINE,
+    TRANSPARENCY,
+    ANTIALIASING,
+    WIREFRAME,
+    rows.Diagnostics(),
+)
+
+
+def effect_named(name: str) -> Effect:
+    """Return the effect of a row."""
+    return next(effect for effect in EFFECTS if effect.name == name)
+
+
+def answer_effects(facts: Facts, planning: Planning) -> tuple[Planned | Absent, ...]:
+    """Ask every effect once, in order, whether a frame needs it."""
+    for effect in EFFECTS:
+        planning.earlier[effect.name] = effect.answer(facts, planning)
+    return tuple(planning.earlier.values())
+
+
+def prepare_effects(context: FrameContext) -> tuple[Active, ...]:
+    """Prepare the effects that act on a picture, but for those that are drawn already."""
+    plan, found = context.plan, []
+    (done,) = plan.drawn or ({},)
+    for planned in plan.planned:
+        effect = planned.effect
+        if not effect.places or "overlay" in effect.places:
+            continue
+        if planned.name in done:
+            record = done[planned.name]
+        else:
+            seen = [(plan.camera, effect.see(context))]
+            record = effect.prepare(context, planned.data, seen)
+        if record is not None:
+            found.append(Active(effect, record))
+    return tuple(found)

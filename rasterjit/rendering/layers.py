@@ -1,0 +1,326 @@
+"""
+Shade a frame whose pixels show more than one face, and put their colours together.
+
+The frame is done in bands: rows of one row of tiles. Of each band the layers are found, images of
+face numbers, which are shaded as any frame is, one after the other, and laid over each other. So no
+more memory is taken than for the layers of one band for each thread; a band with so many layers
+that they take more than ``MOST_BYTES`` is cut into bands with fewer rows.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.pipeline import encode
+from rasterjit.pipeline.fragments import compositing, weights
+from rasterjit.pipeline.fragments.bands import (
+    MOST_BYTES,
+    Band,
+    Lists,
+    at_samples,
+    find_areas,
+    find_layers,
+    part_lists,
+)
+from rasterjit.pipeline.geometry.setup import TILE_SIZE
+from rasterjit.pipeline.records import Cutouts, Encoding, Geometry, Lighting, Placement, Surface
+from rasterjit.pipeline.visibility.draw import Coverage
+from rasterjit.rendering.stage_list import Shading
+from rasterjit.runtime.threads import Memory, Workers
+from rasterjit.survey.blending import Layers
+from rasterjit.survey.effect import Active, acting
+
+ROWS_AT_ONCE = 16
+"""Rows of a band that are shaded and put together at once: their colours stay in L2."""
+
+ROWS_MIXED_AT_ONCE = 32
+"""The same of opaque faces, of which few pixels show more than one or two."""
+
+
+class Shader(NamedTuple):
+    """What it takes to shade an image of face numbers."""
+
+    geometry: Geometry
+    placement: Placement
+    surface: Surface
+    lighting: Lighting | None
+    background: NDArray[np.float32]
+    """(4,) linear."""
+    encoding: Encoding
+    effects: tuple[Active, ...] = ()
+    cutouts: Cutouts | None = None
+    """The objects that have holes."""
+    coding: Encoding | None = None
+    """How colours become codes before they are mixed; ``None`` -> light is mixed."""
+    shading: Shading | None = None
+    """The stages for all that, as soon as it stays as it is (`ready`)."""
+
+    def ready(self) -> Shader:
+        """Return the same with its stages."""
+        shading = Shading(
+            self.geometry, self.placement, self.surface, self.lighting, self.effects,
+            self.encoding.table, self.background,
+        )  # fmt: skip
+        return self._replace(shading=shading)
+
+    def shade(self, faces: NDArray[np.int32], first_row: int, linear: NDArray[np.float32]) -> None:
+        """Write the linear colour of faces, (R, W) or (J, R, W), alone, as if in front of all."""
+        self.shading.shade(faces, first_row, linear, np.empty((*linear.shape[:-2], 0), np.uint32))
+
+    def shade_last(
+        self, faces: NDArray[np.int32], first_row: int, linear: NDArray[np.float32]
+    ) -> None:
+        """Write that of an image of faces, (R, W), and what is seen where no face is."""
+        self.shade(faces, first_row, linear)
+        self.show_behind(faces, first_row, linear, np.empty((len(linear), 0), np.uint32))
+
+    @property
+    def has_behind(self) -> bool:
+        """Whether anything but a colour is seen where no face is."""
+        return bool(acting(self.effects, "background"))
+
+    def show_behind(
+        self,
+        faces: NDArray[np.int32],
+        first_row: int,
+        linear: NDArray[np.float32],
+        color: NDArray[np.uint32],
+    ) -> None:
+        """Write what is seen where no face is, if it is not a colour."""
+        for one in acting(self.effects, "background"):
+            one.at("background", faces, first_row, self.encoding, linear, color)
+
+    def backdrop(
+        self, shape: tuple[int, int], first_row: int, memory: Memory
+    ) -> NDArray[np.float32]:
+        """Return what is seen behind all faces of some rows, (R, 4, W), or (1, 4, W) if alike."""
+        height, width = shape
+        if self.coding is not None:
+            return self._coded_backdrop(shape, first_row, memory)
+        if not self.has_behind:
+            return np.repeat(self.background, width).reshape(1, 4, width)
+        linear = memory.empty((*shape, 4), np.float32)
+        nothing = np.full((height, width), -1, np.int32)
+        no_color = np.empty((height, 0), np.uint32)
+        self.show_behind(nothing, first_row, linear, no_color)
+        return np.ascontiguousarray(linear.transpose(0, 2, 1))
+
+    def _coded_backdrop(
+        self, shape: tuple[int, int], first_row: int, memory: Memory
+    ) -> NDArray[np.float32]:
+        """Return the same in codes, 0..255, as float32; alpha is divided by 255."""
+        color = memory.empty(shape if self.has_behind else (1, shape[1]), np.uint32)
+        self.code_backdrop(first_row, color)
+        codes = color.view(np.uint8).reshape(*color.shape, 4).transpose(0, 2, 1)
+        codes = np.ascontiguousarray(codes, np.float32)
+        codes[:, 3] /= np.float32(255.0)
+        return codes
+
+    def code_backdrop(self, first_row: int, color: NDArray[np.uint32]) -> None:
+        """Write what is seen behind all faces of some rows, (R, W), in RGBA codes."""
+        pixel = np.empty((1, 1), np.uint32)
+        encode.encode_rows(self.background.reshape(1, 1, 4), self.encoding.table, pixel)
+        color[:] = pixel
+        nothing = np.full(color.shape, -1, np.int32)
+        self.show_behind(nothing, first_row, _no_linear(color), color)
+
+    def code(self, faces: NDArray[np.int32], first_row: int, color: NDArray[np.uint32]) -> None:
+        """Write faces, (R, W) or (J, R, W), alone, in RGBA codes; 0 where no face is."""
+        nothing = np.zeros(4, np.float32), 0
+        self.shading.shade(faces, first_row, _no_linear(color), color, nothing)
+
+    def code_last(
+        self, faces: NDArray[np.int32], first_row: int, color: NDArray[np.uint32]
+    ) -> None:
+        """Write an image of faces, (R, W), and what is seen behind all where no face is."""
+        self.shading.shade(faces, first_row, _no_linear(color), color)
+        self.show_behind(faces, first_row, _no_linear(color), color)
+
+
+def _no_linear(color: NDArray[np.uint32]) -> NDArray[np.float32]:
+    """Return linear colour that is not wanted, for pixels (..., W)."""
+    return np.empty((*color.shape[:-1], 0, 4), np.float32)
+
+
+class Target(NamedTuple):
+    """Some rows of the picture, as far as they are wanted."""
+
+    linear: NDArray[np.float32]
+    """(R, W, 4), or (R, 0, 4)."""
+    color: NDArray[np.uint32]
+    """(R, W), or (R, 0)."""
+
+
+def parts_of(height: int, most: int) -> list[slice]:
+    """Return the parts of some rows that are shaded and put together at once."""
+    return [slice(first, first + most) for first in range(0, height, most)]
+
+
+def lay_layers(band: Band, shader: Shader, linear: NDArray[np.float32], memory: Memory) -> None:
+    """Write the linear colour of some rows, (R, W, 4), one sample each: layers over each other."""
+    for part in parts_of(len(linear), ROWS_AT_ONCE):
+        first, target = band.first_row + part.start, linear[part]
+        images = [*band.transparent[0, :, part], band.opaque[0, part]]
+        if len(images) == 1:
+            shader.shade_last(images[0], first, target)
+            continue
+        colors, sums = (memory.empty(target.shape, np.float32) for _ in range(2))
+        compositing.start_sums(sums)
+        for faces, behind in pairwise(images):
+            shader.shade(faces, first, colors)
+            compositing.lay_under(colors, faces, behind, sums)
+        shader.shade_last(images[-1], first, target)
+        compositing.finish_sums(sums, target)
+
+
+def mix_areas(
+    rows: tuple[int, int], lists: Lists, shader: Shader, target: Target, memory: Memory
+) -> None:
+    """Write the colour of one row of tiles by the areas of opaque faces."""
+    mix_faces(rows[0], find_areas(rows, lists, shader, memory), shader, target, memory)
+
+
+def mix_opaque(band: Band, shader: Shader, target: Target, memory: Memory) -> None:
+    """Write the colour of some rows of opaque faces at several samples."""
+    for part in parts_of(len(target.color), ROWS_MIXED_AT_ONCE):
+        some = Target(*(image[part] for image in target))
+        rows = part.start, part.start + len(some.color)
+        found = share_faces(band.opaque, rows, memory)
+        mix_faces(band.first_row + part.start, found, shader, some, memory)
+
+
+def share_faces(
+    opaque: NDArray[np.int32], rows: tuple[int, int], memory: Memory
+) -> tuple[NDArray[np.int32], NDArray[np.float32], NDArray[np.float32]]:
+    """Return the faces that the samples of some rows show, their shares, and that of no face."""
+    shape = len(opaque), rows[1] - rows[0], opaque.shape[2]
+    shown, shares = memory.empty(shape, np.int32), memory.empty(shape, np.float32)
+    rest = memory.empty(shape[1:], np.float32)
+    others = np.empty((2, weights.BLOCK_COLUMNS), np.int32)
+    count = int(weights.share_samples(opaque, rows, shown, shares, rest, others))
+    return shown[:count], shares, rest
+
+
+def mix_faces(
+    first_row: int,
+    found: tuple[NDArray[np.int32], NDArray[np.float32], NDArray[np.float32]],
+    shader: Shader,
+    target: Target,
+    memory: Memory,
+) -> None:
+    """Write the colour of some rows whose pixels show shares of several opaque faces."""
+    faces, shares, rest = found
+    mixed = memory.empty((len(rest), 4, rest.shape[1]), np.float32)
+    mixed[:] = shader.backdrop(rest.shape, first_row, memory)
+    has_codes = shader.coding is not None
+    shader.shading.mix(faces, first_row, shares, rest, mixed, has_codes)
+    if has_codes:
+        weights.finish_codes(shares[0], rest, mixed, target.color)
+    else:
+        weights.finish_mix(shares[0], rest, mixed, shader.encoding.table, *target)
+
+
+def mix_layers(band: Band, shader: Shader, linear: NDArray[np.float32], memory: Memory) -> None:
+    """Write the linear colour of some rows, (R, W, 4), of layers at several samples."""
+    samples, levels, _, width = band.transparent.shape
+    # What is known of one face in one pixel: its number and its colour.
+    per_row = samples * (levels + 1) * width * (4 + 16)
+    rows = min(max(MOST_BYTES // 16 // per_row, 1), ROWS_AT_ONCE)
+    for part in parts_of(len(linear), rows):
+        first, target = band.first_row + part.start, linear[part]
+        opaque = np.ascontiguousarray(band.opaque[:, part])
+        transparent = np.ascontiguousarray(band.transparent[:, :, part])
+        shown = memory.empty((samples * (levels + 1), *target.shape[:2]), np.int32)
+        count = int(compositing.list_faces(opaque, transparent, shown))
+        colors = memory.empty((count, *target.shape), np.float32)
+        behind = memory.empty(target.shape, np.float32)
+        if count > 0:
+            shader.shade(shown[:count], first, colors)
+        shader.shade_last(np.full(target.shape[:2], -1, np.int32), first, behind)
+        compositing.mix_samples(opaque, transparent, colors, behind, target)
+
+
+def shade(
+    plan: Layers,
+    coverage: Coverage,
+    shader: Shader,
+    linear: NDArray[np.float32] | None,
+    color: NDArray[np.uint8] | None,
+    workers: Workers,
+) -> None:
+    """
+    Shade a frame whose pixels show several faces, over each other or beside each other.
+
+    Parameters
+    ----------
+    plan : Layers
+    coverage : Coverage
+        With its lists.
+    shader : Shader
+    linear : (H, W, 4) float32 or None
+        Written, if the frame has it.
+    color : (H, W, 4) uint8 or None
+        Written, if the frame has it.
+    workers : Workers
+
+    Raises
+    ------
+    ValueError
+        If a pixel has more layers than are sorted.
+    """
+    encoding, behind, mixed = shader.encoding, shader.background, acting(shader.effects, "mixed")
+    shader = at_samples(shader, plan.samples)
+    viewport = shader.geometry.viewport
+    lists = part_lists(coverage, viewport, plan.is_blended, workers)
+    if mixed:
+        # Where tones are mapped the background, which is shown as given, comes behind at the end.
+        shader = shader._replace(background=np.zeros(4, np.float32))
+    shader = shader.ready()
+
+    nothing = np.empty((viewport.height, 0), np.uint32)
+    packed = nothing if color is None else color.view(np.uint32)[:, :, 0]
+    # Opaque faces are mixed and encoded at once.
+    is_direct = plan.samples != 1 and not plan.has_blended and not mixed
+
+    def shade_tiles(first: int) -> None:
+        last = min(first + TILE_SIZE, viewport.height)
+        shape = last - first, viewport.width * (linear is not None or not is_direct), 4
+        rows = workers.memory.empty(shape, np.float32) if linear is None else linear[first:last]
+        target = Target(rows, (packed if is_direct else nothing)[first:last])
+        shade_rows((first, last), plan, lists, shader, target, workers.memory)
+        if mixed:
+            shown = workers.memory.empty(shape[:2], np.uint32)
+            if color is not None:
+                shown = packed[first:last]
+            mixed[0].at("mixed", rows, behind, encoding, shown)
+        elif color is not None and not is_direct:
+            encode.encode_rows(rows, encoding.table, packed[first:last])
+
+    workers.run(shade_tiles, [(first,) for first in range(0, viewport.height, TILE_SIZE)])
+
+
+def shade_rows(
+    rows: tuple[int, int],
+    plan: Layers,
+    lists: Lists,
+    shader: Shader,
+    target: Target,
+    memory: Memory,
+) -> None:
+    """Write the linear colour of one row of tiles; encoded as well if none is see-through."""
+    if plan.samples == "area":
+        mix_areas(rows, lists, shader, target, memory)
+        return
+    for band in find_layers(rows, lists, int(plan.samples), shader, memory, plan.most):
+        start = band.first_row - rows[0]
+        part = Target(*(image[start : start + band.opaque.shape[1]] for image in target))
+        if plan.samples == 1:
+            lay_layers(band, shader, part.linear, memory)
+        elif band.transparent.shape[1] == 0:
+            mix_opaque(band, shader, part, memory)
+        else:
+            mix_layers(band, shader, part.linear, memory)

@@ -1,0 +1,178 @@
+"""
+Depth peeling: the nearest surfaces of each pixel one behind the other, whatever their alpha.
+
+The layers are found as those of transparent surfaces are, all faces taken for transparent, and are
+buffers of face numbers and depths: what else is known of a pixel follows as for any frame.
+
+References
+----------
+.. [1] C. Everitt, "Interactive Order-Independent Transparency", NVIDIA, 2001.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.io.meshes import as_scene
+from rasterjit.outputs import fill, table
+from rasterjit.outputs.frame import LayeredFrame
+from rasterjit.pipeline.fragments import bands
+from rasterjit.pipeline.fragments.fragments import without_holes
+from rasterjit.pipeline.geometry.setup import TILE_SIZE
+from rasterjit.pipeline.visibility import draw
+from rasterjit.pipeline.visibility.nearest import empty_depth
+from rasterjit.rendering import shade
+from rasterjit.rendering.clock import StageClock
+from rasterjit.rendering.renderer import compare, find_visible, stats_of
+from rasterjit.rendering.views import Planned, plan_views
+from rasterjit.runtime.threads import Workers
+from rasterjit.scene.camera import Camera
+from rasterjit.scene.quality import Quality, check_quality
+from rasterjit.scene.validation import image_size, thread_count
+from rasterjit.scene.view import View
+
+
+def render_layers(
+    what: Any,
+    camera: Camera | None = None,
+    *,
+    k: int,
+    size: tuple[int, int] = (1280, 720),
+    quality: Quality | None = None,
+    outputs: Sequence[str] = ("depth", "face_id", "object_id"),
+    cull: str = "none",
+    previous: View | None = None,
+    threads: int | None = None,
+) -> LayeredFrame:
+    """
+    Find the k nearest surfaces of each pixel, at its centre, nearest first (depth peeling).
+
+    Every face that covers a pixel's centre is a layer of it, whatever its alpha, but for the holes
+    of cut-out materials. Faces at the same depth are layers in the order of their numbers. The
+    first layer holds what ``render`` shows, bit for bit.
+
+    Parameters
+    ----------
+    what, camera, size, quality, cull, previous, threads
+        As `rasterjit.render` takes them.
+    k : int
+        Layers, 1..4096. They take k times the memory of a frame.
+    outputs : sequence of str
+        What ``render`` takes, but for color, linear and coverage, which are the whole pixel's.
+
+    Returns
+    -------
+    LayeredFrame
+        Its arrays are those of a `Frame` with an axis of k layers in front: (K, H, W, ...). Where
+        a pixel has fewer surfaces they hold what they hold where nothing is.
+
+    Raises
+    ------
+    ValueError
+        Naming the argument that is wrong, before any kernel runs; or if more than 4096 surfaces of
+        cut-out materials lie behind each other at a pixel.
+
+    Examples
+    --------
+    >>> import rasterjit as rj
+    >>> frame = rj.render_layers(rj.load("models/teapot.obj"), k=4, size=(320, 240))
+    >>> thickness = frame.depth[1] - frame.depth[0]
+    """
+    if isinstance(k, bool) or not isinstance(k, (int, np.integer)):
+        raise ValueError(f"k must be a whole number of layers, got {k!r}")
+    if not 1 <= k <= bands.MOST_LAYERS:
+        raise ValueError(f"k must be in 1..{bands.MOST_LAYERS}, got {k!r}")
+    refused = [name for name in table.check_outputs(outputs) if table.TABLE[name].is_mixed]
+    if refused:
+        raise ValueError(
+            f"outputs has {refused[0]!r}, which a layer does not have; possible are "
+            f"{', '.join(table.LAYER_OUTPUTS)}"
+        )
+    quality, size = check_quality(quality), image_size("size", size)
+    clock, workers = StageClock(), Workers(thread_count("threads", threads))
+    try:
+        planned = plan_views(
+            size, quality, as_scene(what), camera, outputs, None, cull, False, previous
+        )
+        planned = planned._replace(plan=planned.plan.with_(surfaces=int(k)))
+        return _draw_layers(planned, int(k), workers, clock)
+    finally:
+        workers.close()
+
+
+def _draw_layers(planned: Planned, count: int, workers: Workers, clock: StageClock) -> LayeredFrame:
+    """Run the stages of a frame, and those from face numbers on for each layer."""
+    plan, prepared, views, _ = planned
+    seen = find_visible(plan, prepared, workers, clock, views)
+    sight = bands.Sight(seen.geometry, shade.find_cutouts(plan, prepared))
+    depths, faces = peel(count, seen.coverage, sight, workers)
+    clock("layers")
+    compared = compare(planned, workers, clock)
+    arrays: dict[str, NDArray[Any]] = {}
+    for n in range(count):
+        layer = seen.coverage._replace(depth=depths[n], face_id=faces[n])
+        filled: dict[str, NDArray[Any]] = {}
+        fill.fill_buffers(
+            plan, prepared, seen.geometry, seen.placement, layer, compared, filled, workers
+        )
+        is_empty = not (faces[n] >= 0).any()
+        for name in plan.outputs:
+            if n == 0:
+                shape = count, *filled[name].shape
+                arrays[name] = np.empty(shape, filled[name].dtype)
+            # Behind an empty layer all are empty.
+            arrays[name][n : count if is_empty else n + 1] = filled[name]
+        if is_empty:
+            break
+    clock("buffers")
+    return LayeredFrame(arrays, plan, stats_of(seen.coverage, clock.seconds))
+
+
+def peel(
+    count: int, coverage: draw.Coverage, sight: bands.Sight, workers: Workers
+) -> tuple[NDArray[Any], NDArray[np.int32]]:
+    """
+    Return the nearest surfaces of each pixel, nearest first.
+
+    Parameters
+    ----------
+    count : int
+        How many.
+    coverage : Coverage
+        With its lists.
+    sight : Sight
+    workers : Workers
+
+    Returns
+    -------
+    depths : (K, H, W)
+        Stored depth, of the type that depths are compared in.
+    faces : (K, H, W) int32
+        -1 where a pixel has fewer surfaces.
+    """
+    sight = bands.at_samples(sight, 1)
+    viewport = sight.geometry.viewport
+    everything = np.ones(len(coverage.lists.objects.face_starts) - 1, np.uint8)
+    lists = bands.part_lists(coverage, viewport, everything, workers)
+    shape = count, viewport.height, viewport.width
+    depths = np.full(shape, empty_depth(lists.depth_type), lists.depth_type)
+    faces = np.full(shape, -1, np.int32)
+    # A surface with a hole gives its place to the next one.
+    kept = count if sight.cutouts is None else None
+
+    def peel_tiles(first: int) -> None:
+        rows = first, min(first + TILE_SIZE, viewport.height)
+        for band in bands.find_layers(rows, lists, 1, sight, workers.memory, kept):
+            found = band.transparent[0], band.depths[0]
+            if sight.cutouts is not None:
+                found = without_holes(band.first_row, *found, sight.cutouts)
+            target = slice(band.first_row, band.first_row + found[0].shape[1])
+            faces[:, target][: len(found[0])] = found[0][:count]
+            depths[:, target][: len(found[1])] = found[1][:count]
+
+    workers.run(peel_tiles, [(first,) for first in range(0, viewport.height, TILE_SIZE)])
+    return depths, faces

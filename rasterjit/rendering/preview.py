@@ -1,0 +1,39 @@
+"""Pictures of scenes and meshes, as notebooks show them."""
+
+from __future__ import annotations
+
+import io
+
+from rasterjit.rendering.renderer import render
+from rasterjit.scene.mesh import Mesh
+from rasterjit.scene.scene import Scene
+
+SIZE = (320, 240)
+"""Of the picture, pixels."""
+
+
+def preview(what: Scene | Mesh) -> bytes | None:
+    """
+    Return a small picture of a scene or mesh that is fitted into it, as PNG, before white.
+
+    Parameters
+    ----------
+    what : Scene or Mesh
+
+    Returns
+    -------
+    bytes or None
+        None where there is nothing to see, or something keeps it from being drawn: a notebook then
+        shows the text of ``repr``.
+    """
+    try:
+        frame = render(what, size=SIZE)
+    except (ValueError, MemoryError):
+        return None
+    if frame.plan.needs_faces and frame.stats.pixels_covered == 0:
+        return None
+    import imageio.v3 as iio
+
+    data = io.BytesIO()
+    iio.imwrite(data, frame.color, extension=".png")
+    return data.getvalue()

@@ -1,0 +1,141 @@
+"""The visibility stage alone, for people who bring their own geometry and shading."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rasterjit.outputs import fill
+from rasterjit.pipeline.records import Geometry, Objects
+from rasterjit.pipeline.visibility import draw
+from rasterjit.pipeline.visibility.draw import viewport_of
+from rasterjit.rendering.plan import CULL_MODES
+from rasterjit.runtime.threads import Workers
+from rasterjit.scene.mesh import face_array
+from rasterjit.scene.quality import Quality, check_quality
+from rasterjit.scene.validation import image_size, one_of, thread_count
+from rasterjit.survey.depth_format import DepthFormat, ndc_format
+
+DEPTH_MODES = ("standard", "reversed")
+
+
+class Visibility:
+    """
+    Which face each pixel shows, and where on it.
+
+    Attributes
+    ----------
+    face_id : (H, W) int32
+        -1 where nothing is.
+    depth : (H, W) float32
+        NDC z as given, z / w, as far as the depth format tells; ``inf`` where nothing is.
+    totals : Totals
+        What became of the faces.
+    """
+
+    def __init__(
+        self,
+        coverage: draw.Coverage,
+        geometry: Geometry,
+        sign: float,
+        depth_format: DepthFormat | None = None,
+    ) -> None:
+        self.face_id: NDArray[np.int32] = coverage.face_id
+        self.totals = coverage.totals
+        depth = coverage.depth
+        if depth_format is not None and not depth_format.is_standard:
+            nowhere = np.zeros(1)
+            depth = depth_format.reversed_depth(depth, nowhere, nowhere).astype(np.float32)
+        self.depth: NDArray[np.float32] = np.where(
+            coverage.face_id >= 0, np.float32(sign) * depth, np.float32(np.inf)
+        )
+        self._geometry = geometry
+
+    @cached_property
+    def barycentric(self) -> NDArray[np.float32]:
+        """
+        Return the weights of the face's own three vertices, clipped or not.
+
+        (H, W, 3) float32, perspective-correct (or affine, as ``quality`` says), 0 where nothing
+        is. Computed when first read.
+        """
+        return fill.fill_barycentric(self.face_id, self._geometry, Workers(1))
+
+
+def rasterize(
+    clip_positions: ArrayLike,
+    faces: ArrayLike,
+    size: tuple[int, int],
+    *,
+    cull: str = "none",
+    depth: str = "standard",
+    quality: Quality | None = None,
+    threads: int | None = None,
+) -> Visibility:
+    """
+    Find the visible face at every pixel.
+
+    Parameters
+    ----------
+    clip_positions : (V, 4) array_like, clip space
+        OpenGL's view volume ``-w <= x, y, z <= w``; y points up. Faces with a vertex that is NaN,
+        infinite or beyond 1e150 are left out.
+    faces : (F, 3) array_like of int, vertex numbers
+    size : (int, int)
+        Width and height, pixels, each in 1..16384.
+    cull : {"none", "back", "front"}
+        Counter-clockwise on the screen is the front.
+    depth : {"standard", "reversed"}
+        Whether the smaller or the larger z / w is nearer.
+    quality : Quality, optional
+        Default ``Quality.standard()``.
+    threads : int, optional
+        Default: all processors. The result has the same bits for any number.
+
+    Returns
+    -------
+    Visibility
+
+    Raises
+    ------
+    ValueError
+        If an argument has a wrong shape or value, or a face points outside the vertices.
+    """
+    width_height = image_size("size", size)
+    one_of("cull", cull, CULL_MODES)
+    one_of("depth", depth, DEPTH_MODES)
+    positions = _clip_array(clip_positions)
+    face_numbers = face_array(faces, len(positions))
+    quality = check_quality(quality)
+    viewport = viewport_of(width_height, quality.subpixel_bits)
+    workers = Workers(thread_count("threads", threads))
+    turn = {"none": 0, "back": 1, "front": -1}[cull]
+    objects = Objects(np.array([0, len(face_numbers)], np.int64), np.array([turn], np.int8))
+    sign = -1.0 if depth == "standard" else 1.0
+    depth_format = ndc_format(quality.depth_format, sign)
+    try:
+        coverage = draw.find_visible(
+            positions, face_numbers, objects, depth_format.coefficients, viewport, workers,
+            lambda _: None, depth_type=depth_format.kind, precision=quality.precision,
+        )  # fmt: skip
+    finally:
+        workers.close()
+    is_affine = quality.interpolation == "affine"
+    geometry = draw.geometry_of(face_numbers, coverage.screen, positions, viewport, is_affine)
+    return Visibility(coverage, geometry, sign, depth_format)
+
+
+def _clip_array(value: Any) -> NDArray[np.float64]:
+    """Return clip positions as the kernels take them, or raise ``ValueError``."""
+    try:
+        if np.asarray(value).dtype.kind not in "uif":
+            raise TypeError
+        positions = np.array(value, dtype=np.float64, order="C")
+    except (TypeError, ValueError):
+        raise ValueError(f"clip_positions must be an array of numbers, got {value!r}") from None
+    if positions.ndim != 2 or positions.shape[1] != 4:
+        raise ValueError(f"clip_positions must have shape (V, 4), got {positions.shape}")
+    return positions

@@ -1,0 +1,534 @@
+"""
+The main path: a scene and a camera become a frame, one line for each stage.
+
+See `draw_frame`; the stages themselves are in ``pipeline``, the effects in ``effects``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack
+from types import TracebackType
+from typing import Any
+
+from rasterjit.io.meshes import as_scene
+from rasterjit.outputs import diagnostics as diagnosing
+from rasterjit.outputs import fill, motion, table
+from rasterjit.outputs.fill import add_reversed_depth
+from rasterjit.outputs.frame import Frame, Stats
+from rasterjit.pipeline.visibility import draw as drawing
+from rasterjit.pipeline.visibility.draw import Seen
+from rasterjit.rendering import budget as budgets
+from rasterjit.rendering import plan as planning
+from rasterjit.rendering import shade, supersample
+from rasterjit.rendering.clock import StageClock
+from rasterjit.rendering.supersample import Accumulation
+from rasterjit.rendering.views import (
+    Planned,
+    choose_camera,
+    find_earlier,
+    plan_earlier,
+    plan_views,
+)
+from rasterjit.runtime.threads import Workers
+from rasterjit.scene.camera import Camera
+from rasterjit.scene.mesh import Mesh
+from rasterjit.scene.quality import Quality, check_quality
+from rasterjit.scene.scene import Scene
+from rasterjit.scene.validation import image_size, positive_number, thread_count
+from rasterjit.scene.view import View
+from rasterjit.survey import placement as placing
+from rasterjit.survey.arrays import placement_of
+from rasterjit.survey.cache import Prepared
+from rasterjit.survey.effect import FrameContext
+from rasterjit.survey.placement import Views
+from rasterjit.survey.plan import RenderPlan
+
+
+def render(
+    what: Any,
+    camera: Camera | None = None,
+    *,
+    size: tuple[int, int] = (1280, 720),
+    quality: Quality | None = None,
+    max_error: float | None = None,
+    time_budget: float | None = None,
+    outputs: Sequence[str] = ("color",),
+    background: Any = None,
+    cull: str = "none",
+    diagnose: bool = False,
+    previous: View | None = None,
+    threads: int | None = None,
+) -> Frame:
+    """
+    Render one frame.
+
+    Parameters
+    ----------
+    what : Scene, Mesh, trimesh.Trimesh or trimesh.Scene
+    camera : Camera, optional
+        Default: the scene's own camera, else one that fits the scene.
+    size : (int, int)
+        Width and height, pixels, each in 1..16384.
+    quality : Quality, optional
+        Default ``Quality.standard()``.
+    max_error : float, optional
+        In place of a quality: the fastest is chosen whose picture is expected to be that near to
+        the one of ``Quality.reference()``, as the root mean square difference in linear light (and
+        of alpha, before a background that is seen through). Two small pictures are drawn first to
+        find out, and take their time.
+    time_budget : float, optional
+        In place of a quality: the most accurate one is chosen that is drawn in so many seconds,
+        compiling apart. When a scene is seen first, frames of it are drawn to find out;
+        ``Frame.choice`` tells what was expected and what came of it. If even the fastest quality
+        takes longer, that is drawn.
+    outputs : sequence of str
+        Any of color, linear, depth, distance, face_id, object_id, instance_id, material_id,
+        barycentric, uv, normal, geometric_normal, position, object_position, nocs, coverage,
+        motion and motion_visible: see `Frame`. All but color, linear and coverage are those of the
+        nearest face at the pixel's centre.
+    background : color, optional
+        ``"white"``, ``"#rrggbb"``, ``"transparent"``, or linear floats (see ``linear_color``).
+        Default: the scene's environment, if it is a background; else white.
+    cull : {"none", "back", "front"}
+        Faces that are dropped. Counter-clockwise is the front.
+    diagnose : bool
+        Whether to count what became of every face; see ``Frame.diagnostics``.
+    previous : View, optional
+        How things were before, for the outputs motion and motion_visible, which need it.
+    threads : int, optional
+        Default: all processors. The frame has the same bits for any number.
+
+    Returns
+    -------
+    Frame
+
+    Raises
+    ------
+    ValueError
+        Naming the argument that is wrong, before any kernel runs.
+    """
+    for name, value in (("max_error", max_error), ("time_budget", time_budget)):
+        if value is not None and quality is not None:
+            raise ValueError(f"quality must be None where {name} is given, got {quality!r}")
+    with Renderer(size, quality=quality, threads=threads) as renderer:
+        if time_budget is not None and max_error is None:
+            options = outputs, background, cull, diagnose, previous
+            return renderer._render_in_time(time_budget, what, camera, options, is_lone=True)
+        return renderer.render(
+            what, camera, max_error=max_error, time_budget=time_budget, outputs=outputs,
+            background=background, cull=cull, diagnose=diagnose, previous=previous,
+        )  # fmt: skip
+
+
+def explain(
+    what: Any,
+    camera: Camera | None = None,
+    quality: Quality | None = None,
+    *,
+    size: tuple[int, int] = (1280, 720),
+    outputs: Sequence[str] = ("color",),
+    background: Any = None,
+    cull: str = "none",
+    diagnose: bool = False,
+    previous: View | None = None,
+) -> RenderPlan:
+    """
+    Say what a render of these arguments would do, without doing it.
+
+    Takes the arguments of `render`; the plan prints as a table.
+
+    Raises
+    ------
+    ValueError
+        Naming the argument that is wrong.
+    """
+    scene = as_scene(what)
+    size = image_size("size", size)
+    camera = choose_camera(scene, camera, size)
+    plan = planning.plan_frame(
+        scene, camera, size, check_quality(quality), outputs, background, cull, diagnose
+    )
+    earlier = find_earlier(previous, plan, scene)
+    return plan if earlier is None else plan.with_(previous=plan_earlier(plan, *earlier))
+
+
+def draw_frame(
+    planned: Planned,
+    workers: Workers,
+    accumulation: Accumulation | None = None,
+    clock: StageClock | None = None,
+    before_picture: Callable[[], None] | None = None,
+    **options: bool,
+) -> tuple[Frame, Seen]:
+    """
+    Draw a frame: all its stages, in order.
+
+    Parameters
+    ----------
+    planned : Planned
+    workers : Workers
+    accumulation : Accumulation, optional
+        Pictures of the same frame that are there already; changed: those that were missing.
+    clock : StageClock, optional
+        Started when the frame was planned.
+    before_picture : callable, optional
+        Called before the faces of each picture are found; what it raises ends the frame.
+    **options
+        What is kept of the visible faces, besides what the plan asks for: see `find_visible`.
+
+    Returns
+    -------
+    frame : Frame
+    seen : Seen
+        What it shows, at the centres of pixels.
+    """
+    plan, prepared, views, _ = planned
+    clock, accumulation = clock or StageClock(), accumulation or Accumulation()
+    workers.memory.next_frame()
+
+    def find(picture: RenderPlan, views: Views | None = None, **options: bool) -> Seen:
+        if before_picture is not None:
+            before_picture()
+        return find_visible(picture, prepared, workers, clock, views, **options)
+
+    # Project, clip, bin, draw.
+    seen = find(plan, views, **options)
+    context = FrameContext(plan, prepared, *seen[2:], workers)
+    # Prepare effects, shade, encode.
+    if plan.pictures == 1:
+        result = shade.shade_faces(context)
+    else:
+        result = supersample.shade_faces(context, accumulation, find, clock)
+    clock("shade, resolve")
+    # Draw over it.
+    for overlay in plan.at("overlay"):
+        overlay.effect.places["overlay"](overlay.data, context, result["color"])
+        clock(overlay.name)
+    # Fill what else was asked for.
+    if "coverage" in plan.outputs:
+        result["coverage"] = supersample.cover_pixels(context, accumulation, find)
+        clock("coverage")
+    fill.fill_buffers(
+        plan, prepared, seen.geometry, seen.placement, seen.coverage,
+        compare(planned, workers, clock), result, workers,
+    )  # fmt: skip
+    clock("buffers")
+    diagnostics = None
+    if plan.diagnose:
+        diagnostics = diagnosing.diagnose(
+            seen.coverage, seen.objects, seen.geometry, plan.camera, workers, plan.depth_format
+        )
+        clock("diagnostics")
+    stats = stats_of(seen.coverage, clock.seconds)
+    if "face_id" in plan.outputs:
+        # The caller may write to it.
+        _ = stats.pixels_covered
+    arrays = {name: result[name] for name in plan.outputs}
+    return Frame(arrays, plan, stats, diagnostics), seen
+
+
+def find_visible(
+    plan: RenderPlan,
+    prepared: Prepared,
+    workers: Workers,
+    clock: Callable[[str], None],
+    views: Views | None = None,
+    **options: bool,
+) -> Seen:
+    """
+    Find the face at every pixel: transform, clip, set up, bin, draw.
+
+    Parameters
+    ----------
+    plan : RenderPlan
+    prepared : Prepared
+    workers : Workers
+    clock : callable
+        Called with a stage's name when it ends.
+    views : Views, optional
+        Those of the plan's camera, where they are known.
+    **options
+        What is kept besides what the plan asks for, as ``pipeline.visibility.draw`` takes it.
+    """
+    camera, arrays = plan.camera, prepared.shapes.arrays
+    if views is None:
+        views = placing.view_places(prepared.places, camera, plan.size)
+    viewport = drawing.viewport_of(plan.size, plan.quality.subpixel_bits, plan.region)
+    objects = placing.cull_objects(
+        plan.cull, views, arrays.face_starts, prepared.looks.is_single_sided
+    )
+    clock("plan")
+    vertices = drawing.ModelVertices(
+        prepared.shapes.positions(plan.quality.precision), arrays.vertex_starts,
+        views.relative_from_model, views.clip_from_relative,
+    )  # fmt: skip
+    kept = {
+        "keep_depth": plan.needs_depth,
+        "find_faces": plan.needs_faces,
+        "keep_lists": plan.keeps_lists,
+        "keep_clip_positions": plan.keeps_clip_positions,
+    }
+    coverage = drawing.find_visible(
+        vertices, arrays.faces, objects, plan.depth_format.coefficients, viewport, workers, clock,
+        cutouts=shade.find_cutouts(plan, prepared), depth_type=plan.depth_format.kind,
+        is_affine=plan.is_affine, **(kept | options),
+    )  # fmt: skip
+    geometry = drawing.geometry_of(
+        arrays.faces, coverage.screen, coverage.clip_positions, viewport, plan.is_affine
+    )
+    if plan.reads_depth:
+        coverage = add_reversed_depth(plan.depth_format, camera, geometry, coverage, workers)
+        if not plan.depth_format.is_standard:
+            clock("reversed depth")
+    placement = placement_of(arrays, views)
+    return Seen(objects, camera.depth_coefficients(), geometry, placement, coverage)
+
+
+def compare(
+    planned: Planned, workers: Workers, clock: Callable[[str], None]
+) -> motion.Motion | None:
+    """Return what it takes to compare a frame with its earlier view; ``None`` without one."""
+    if planned.earlier is None:
+        return None
+    moments = [
+        motion.moment_of(one.prepared.shapes.arrays, one.views, one.plan.camera, one.plan.size)
+        for one in (planned, planned.earlier)
+    ]
+    sighting = None
+    if "motion_visible" in planned.plan.outputs:
+        plan, prepared, views, _ = planned.earlier
+        seen = find_visible(plan, prepared, workers, clock, views)
+        sighting = motion.Sighting(seen.coverage.face_id, seen.objects.culled_turns)
+    return motion.Motion(*moments, sighting)
+
+
+def stats_of(coverage: drawing.Coverage, seconds: dict[str, float]) -> Stats:
+    """Return the frame's statistics."""
+    totals = coverage.totals
+    return Stats(
+        triangles_in=totals.faces_in,
+        outside=totals.outside,
+        culled=totals.culled,
+        degenerate=totals.degenerate,
+        unsampled=totals.unsampled,
+        invalid=totals.invalid,
+        drawn=totals.drawn,
+        clipped=totals.clipped,
+        seconds=seconds,
+        face_id=coverage.face_id,
+    )
+
+
+class Renderer:
+    """
+    Renders frames of one size, keeping threads and what they have in common between them.
+
+    Meshes, materials, transforms, lights and cameras may change from one frame to the next.
+
+    Parameters
+    ----------
+    size : (int, int)
+        Width and height, pixels, each in 1..16384.
+    quality : Quality, optional
+        Default ``Quality.standard()``.
+    threads : int, optional
+        Default: all processors this process may run on.
+
+    Attributes
+    ----------
+    before_picture : callable or None
+        Called before each of the pictures that a frame is made of; what it raises ends the frame.
+
+    Raises
+    ------
+    ValueError
+        If the size or the number of threads is wrong.
+    """
+
+    def __init__(
+        self, size: tuple[int, int], *, quality: Quality | None = None, threads: int | None = None
+    ) -> None:
+        self.size = image_size("size", size)
+        self.quality = check_quality(quality)
+        self._workers = Workers(thread_count("threads", threads))
+        self._lone: tuple[Mesh, Scene] | None = None
+        self._prepared: Prepared | None = None
+        self.before_picture: Callable[[], None] | None = None
+
+    def __enter__(self) -> Renderer:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Let the threads go; a later render starts them again."""
+        self._workers.close()
+
+    def render(
+        self,
+        what: Any,
+        camera: Camera | None = None,
+        *,
+        max_error: float | None = None,
+        time_budget: float | None = None,
+        outputs: Sequence[str] = ("color",),
+        background: Any = None,
+        cull: str = "none",
+        diagnose: bool = False,
+        previous: View | None = None,
+    ) -> Frame:
+        """
+        Render one frame; takes what `rasterjit.render` takes.
+
+        With ``max_error`` or ``time_budget`` the quality of this renderer does not count.
+
+        Returns
+        -------
+        Frame
+            Its arrays are its own: the next render does not touch them.
+
+        Raises
+        ------
+        ValueError
+            Naming the argument that is wrong, before any kernel runs.
+        """
+        options = outputs, background, cull, diagnose, previous
+        if max_error is not None:
+            return self._render_within(max_error, time_budget, what, camera, options)
+        if time_budget is not None:
+            return self._render_in_time(time_budget, what, camera, options)
+        return self._render(self.quality, what, camera, *options)
+
+    def _render(self, quality: Quality, *arguments: Any) -> Frame:
+        """Render one frame of a quality."""
+        clock = StageClock()
+        return self._draw(self._plan(quality, *arguments), clock=clock)
+
+    def _render_in_time(
+        self,
+        time_budget: float,
+        what: Any,
+        camera: Camera | None,
+        options: tuple,
+        is_lone: bool = False,
+    ) -> Frame:
+        """Render one frame in the best quality that a time allows; a lone one keeps nothing."""
+        budget = positive_number("time_budget", time_budget)
+        scene = self._scene(what)
+        outputs, _, _, diagnose, _ = options
+        circumstances = (
+            self.size, self._workers.threads, table.check_outputs(outputs), bool(diagnose),
+            is_lone,
+        )  # fmt: skip
+
+        def draw(quality: Quality) -> Frame:
+            if not is_lone:
+                return self._render(quality, scene, camera, *options)
+            # What is kept from frame to frame is not there for a lone one.
+            with Renderer(self.size, threads=self._workers.threads) as lone:
+                return lone._render(quality, scene, camera, *options)
+
+        return budgets.draw_in_time(budget, budgets.times_of(what, circumstances), draw)
+
+    def _render_within(
+        self,
+        max_error: float,
+        time_budget: float | None,
+        what: Any,
+        camera: Camera | None,
+        options: tuple,
+    ) -> Frame:
+        """Render one frame in the fastest quality that is near enough to the reference."""
+        bound = positive_number("max_error", max_error)
+        if time_budget is not None:
+            raise ValueError(
+                f"time_budget must be None where max_error is given, got {time_budget!r}"
+            )
+        scene = self._scene(what)
+        camera = choose_camera(scene, camera, self.size)
+        _, background, cull, *_ = options
+        # What is wrong is wrong before anything is drawn.
+        self._plan(Quality.standard(), scene, camera, *options)
+        shown = (("color", "linear"), background, cull, False, None)
+        with ExitStack() as stack:
+            small = [
+                stack.enter_context(Renderer(size, threads=self._workers.threads))
+                for size in budgets.probe_sizes(self.size)
+            ]
+            return budgets.draw_within_error(
+                bound,
+                lambda quality: self._render(quality, scene, camera, *options),
+                [
+                    lambda quality, one=one: one._render(quality, scene, camera, *shown)
+                    for one in small
+                ],
+            )
+
+    def refine(
+        self,
+        what: Any,
+        camera: Camera | None = None,
+        *,
+        outputs: Sequence[str] = ("color",),
+        background: Any = None,
+        cull: str = "none",
+        diagnose: bool = False,
+        previous: View | None = None,
+    ) -> Iterator[Frame]:
+        """
+        Render one frame again and again, each time more accurately.
+
+        Takes what `rasterjit.render` takes, whatever the quality of this renderer. The scene must
+        stay as it is while frames are taken; other frames may be rendered in between.
+
+        Yields
+        ------
+        Frame
+            One of ``Quality.draft()``, one of ``Quality.standard()``, and then the mean of the
+            first 4, 16, 64 and at last all 256 pictures of ``Quality.reference()``: the bits that
+            ``render`` gives. ``frame.plan.quality`` and ``frame.plan.pictures`` say which it is.
+            No picture is drawn twice.
+
+        Raises
+        ------
+        ValueError
+            At once, naming the argument that is wrong.
+        """
+        qualities = Quality.draft(), Quality.standard(), Quality.reference()
+        arguments = what, camera, outputs, background, cull, diagnose, previous
+        *first, best = [self._plan(one, *arguments) for one in qualities]
+        last = [best._replace(plan=step) for step in supersample.steps(best.plan)]
+        return self._draw_all([*first, *last])
+
+    def _draw_all(self, planned: Sequence[Planned]) -> Iterator[Frame]:
+        """Draw frames one after the other, each from the pictures of those before it."""
+        accumulation = Accumulation()
+        for one in planned:
+            yield self._draw(one, accumulation)
+
+    def _draw(self, planned: Planned, *arguments: Any, **options: Any) -> Frame:
+        """Draw a frame."""
+        options["before_picture"] = self.before_picture
+        return draw_frame(planned, self._workers, *arguments, **options)[0]
+
+    def _plan(self, quality: Quality, what: Any, *arguments: Any) -> Planned:
+        """Check the arguments of a frame, and decide what it needs."""
+        scene = self._scene(what)
+        planned = plan_views(self.size, quality, scene, *arguments, known=self._prepared)
+        self._prepared = planned.prepared
+        return planned
+
+    def _scene(self, what: Any) -> Scene:
+        """Return anything that can be drawn as a scene, that of the last frame for a mesh again."""
+        if not isinstance(what, Mesh):
+            return as_scene(what)
+        if self._lone is None or self._lone[0] is not what:
+            self._lone = what, as_scene(what)
+        return self._lone[1]

@@ -1,0 +1,188 @@
+"""
+Make the colour of a frame from its visibility buffer: light and surface, then shading.
+
+Each makes some of the frame's outputs from the visibility buffer, or does nothing if the plan has
+no use for it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.pipeline.records import (
+    Alphas,
+    Cutouts,
+    Lighting,
+    Placement,
+    Surface,
+)
+from rasterjit.rendering import layers, srgb8, stage_list
+from rasterjit.rendering.effects import prepare_effects
+from rasterjit.runtime.threads import Workers, count_per_task, rows_per_task
+from rasterjit.survey.cache import Prepared
+from rasterjit.survey.effect import Active, FrameContext, acting
+from rasterjit.survey.placement import unit_matrices
+from rasterjit.survey.plan import RenderPlan
+
+LEAST_LIT_VERTICES = 4096
+"""Fewest vertices lit by one task."""
+
+
+def shade_faces(context: FrameContext) -> dict[str, NDArray[Any]]:
+    """Make the colour outputs of a picture, if there are any."""
+    plan, prepared, geometry, placement, coverage, workers = context
+    if not plan.needs_color:
+        return {}
+    height, width = coverage.face_id.shape
+    linear = (
+        workers.memory.empty((height, width, 4), np.float32) if "linear" in plan.outputs else None
+    )
+    color = workers.memory.empty((height, width, 4), np.uint8) if "color" in plan.outputs else None
+    # Prepare what shading reads.
+    placement = placement_to_light(plan, placement)
+    effects = prepare_effects(context._replace(placement=placement))
+    lighting = find_lighting(plan, prepared)
+    surface = find_surface(plan, prepared, placement, lighting, effects, workers)
+    shader = layers.Shader(
+        geometry, placement, surface, lighting, plan.background, plan.encoding, effects,
+        find_cutouts(plan, prepared),
+    )  # fmt: skip
+    # Shade each pixel, or what it shows of several faces.
+    if plan.layers is not None:
+        shade = srgb8.shade if plan.layers.mixes_codes else layers.shade
+        shade(plan.layers, coverage, shader, linear, color, workers)
+    elif plan.draws_faces:
+        shade_in_bands(coverage.face_id, shader, linear, color, workers)
+    else:
+        shade_nothing(shader, linear, color, workers)
+    return {
+        name: picture
+        for name, picture in (("linear", linear), ("color", color))
+        if picture is not None
+    }
+
+
+def placement_to_light(plan: RenderPlan, placement: Placement) -> Placement:
+    """Return a placement that keeps the length of normals, if no pixel scales them to one."""
+    if plan.lighting is None or plan.lighting.renormalizes:
+        return placement
+    return placement._replace(normal_matrices=unit_matrices(placement.normal_matrices))
+
+
+def find_cutouts(plan: RenderPlan, prepared: Prepared) -> Cutouts | None:
+    """Return what has holes in view; ``None`` if nothing has."""
+    return prepared.looks.cutouts(plan.has_textured_holes) if plan.needs_cutouts else None
+
+
+def find_lighting(plan: RenderPlan, prepared: Prepared) -> Lighting | None:
+    """Return the light of the plan, with the facets of all objects; None without light."""
+    if plan.lighting is None or not plan.needs_microfacets:
+        return plan.lighting
+    return plan.lighting._replace(microfacets=prepared.looks.microfacets)
+
+
+def find_surface(
+    plan: RenderPlan,
+    prepared: Prepared,
+    placement: Placement,
+    lighting: Lighting | None,
+    effects: Sequence[Active],
+    workers: Workers,
+) -> Surface:
+    """Return what the objects look like, as far as the plan has a use for it."""
+    looks = prepared.looks
+    surface = looks.surface._replace(normals=looks.normals if plan.needs_normals else None)
+    if plan.needs_gouraud and lighting is not None:
+        light = prepared.shapes.arrays.vertex_starts, placement, surface
+        lit, matt = light_vertices(*light, lighting, effects, workers), None
+        if plan.needs_matt_light:
+            dull = lighting._replace(highlights=None)
+            matt = light_vertices(*light, dull, effects, workers)
+        surface = surface._replace(lit_vertices=lit, matt_vertices=matt)
+    if plan.needs_textures:
+        surface = surface._replace(textures=looks.textures)
+    if plan.layers is not None and plan.layers.has_blended:
+        surface = surface._replace(alphas=Alphas(plan.layers.is_blended))
+    if plan.needs_maps:
+        surface = surface._replace(maps=looks.maps)
+    return surface
+
+
+def light_vertices(
+    vertex_starts: NDArray[np.int64],
+    placement: Placement,
+    surface: Surface,
+    lighting: Lighting,
+    effects: Sequence[Active],
+    workers: Workers,
+) -> NDArray[np.float32]:
+    """Light the vertices of the objects shaded by Gouraud; (V, 2, 3), zero for the others."""
+    count = len(placement.positions)
+    lit = np.zeros((count, 2, 3), np.float32)
+    per_task = count_per_task(count, LEAST_LIT_VERTICES, workers)
+
+    def light_some(first: int) -> None:
+        some = first, min(first + per_task, count)
+        stage_list.light_vertices(some, vertex_starts, placement, surface, lighting, effects, lit)
+
+    workers.run(light_some, [(n,) for n in range(0, count, per_task)])
+    return lit
+
+
+def shade_in_bands(
+    face_id: NDArray[np.int32],
+    shader: layers.Shader,
+    linear: NDArray[np.float32] | None,
+    color: NDArray[np.uint8] | None,
+    workers: Workers,
+) -> None:
+    """
+    Shade and resolve the frame in bands of rows.
+
+    Parameters
+    ----------
+    face_id : (H, W) int32
+    shader : Shader
+    linear : (H, W, 4) float32 or None
+        Written, if the frame has it.
+    color : (H, W, 4) uint8 or None
+        Written, if the frame has it.
+    workers : Workers
+    """
+    height = len(face_id)
+    nothing = np.empty((height, 0), np.uint32)
+    packed = nothing if color is None else color.view(np.uint32)[:, :, 0]
+    if linear is None:
+        linear = np.empty((height, 0, 4), np.float32)
+    per_task = rows_per_task(face_id.shape, workers)
+    shader = shader.ready()
+
+    def shade_band(first: int) -> None:
+        band = slice(first, min(first + per_task, height))
+        shader.shading.shade(face_id[band], first, linear[band], packed[band])
+        shader.show_behind(face_id[band], first, linear[band], packed[band])
+
+    workers.run(shade_band, [(first,) for first in range(0, height, per_task)])
+
+
+def shade_nothing(
+    shader: layers.Shader,
+    linear: NDArray[np.float32] | None,
+    color: NDArray[np.uint8] | None,
+    workers: Workers,
+) -> None:
+    """Write a frame that draws no face: takes what `shade_in_bands` takes, but for faces."""
+    pictures = [picture for picture in (linear, color) if picture is not None]
+    nothing = np.full(pictures[0].shape[:2], -1, np.int32)
+    if acting(shader.effects, "background"):
+        shade_in_bands(nothing, shader, linear, color, workers)
+        return
+    # All rows are alike: the first is shaded, the others are copies of it.
+    rows = (None if picture is None else picture[:1] for picture in (linear, color))
+    shade_in_bands(nothing[:1], shader, *rows, workers)
+    for picture in pictures:
+        picture[1:] = picture[0]

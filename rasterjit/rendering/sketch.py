@@ -1,0 +1,167 @@
+"""
+List the stages of a frame before it is drawn.
+
+The functions that list the stages of a picture are given records without data to speak of, of which
+as much is there as will be when it is drawn. So what is told is what runs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from rasterjit.pipeline.encode import encoding_table
+from rasterjit.pipeline.fragments.weights import code_samples, mix_shares
+from rasterjit.pipeline.lighting import vertices as vertex_stages
+from rasterjit.pipeline.records import (
+    MATERIAL_MODEL,
+    Alphas,
+    Geometry,
+    Lighting,
+    Maps,
+    Microfacets,
+    Placement,
+    Surface,
+    Textures,
+    Viewport,
+)
+from rasterjit.pipeline.surface import samples as rows
+from rasterjit.pipeline.surface import textures
+from rasterjit.pipeline.surface.listing import list_samples
+from rasterjit.rendering import stage_list, supersample
+from rasterjit.runtime.driver import Step
+from rasterjit.survey.contents import SHADINGS
+from rasterjit.survey.effect import Active, Look
+from rasterjit.survey.plan import RenderPlan
+
+
+class StageTold(NamedTuple):
+    """A stage that shades samples."""
+
+    name: str
+    """Module and function."""
+    reads: tuple[str, ...]
+    """What it reads besides the block of samples."""
+
+
+def list_stages(plan: RenderPlan) -> tuple[StageTold, ...]:
+    """
+    Return the stages that shade the samples of a frame, in order.
+
+    Those of vertices come first; those that shadows call for run if a map is drawn.
+    """
+    if not plan.needs_color:
+        return ()
+    if plan.pictures > 1:
+        plan = supersample.plan_picture(plan, {})
+    return tuple(
+        StageTold(f"{_short_name(step.stage.__module__)}.{step.stage.__name__}", step.stage.names)
+        for step in _steps(plan)
+    )
+
+
+def _short_name(module: str) -> str:
+    """Return the last part of a module's name, or its folder's."""
+    *_, folder, last = module.split(".")
+    return folder if last == "stage" else last
+
+
+def _steps(plan: RenderPlan) -> list[Step]:
+    """Return the stages of vertices, of surfaces and lights, and of what becomes of colours."""
+    effects = tuple(
+        Active(one.effect, one.effect.sketch(plan.facts, one.data))
+        for one in plan.planned
+        if one.effect.places
+    )
+    geometry, placement = _geometry(plan), _placement()
+    lighting, surface = _lighting(plan), _surface(plan)
+    steps, shown = [], rows.RED
+    if surface.lit_vertices is not None:
+        look = Look(placement, surface, lighting._replace(microfacets=None), is_of_vertices=True)
+        steps += [Step(vertex_stages.list_vertices, ()), *stage_list.vertex_steps(look, effects)]
+        steps.append(Step(vertex_stages.write_vertices, ()))
+    steps.append(Step(list_samples, ()))
+    steps += stage_list.surface_steps(geometry, placement, surface, lighting, effects)
+    if lighting is not None:
+        steps += stage_list.light_steps(Look(placement, surface, lighting), effects)
+        shown = rows.OUT_RED
+    return steps + _output_steps(plan, surface, shown, effects)
+
+
+def _output_steps(
+    plan: RenderPlan, surface: Surface, shown: int, effects: Sequence[Active]
+) -> list[Step]:
+    """Return the stages that write colours, or mix them."""
+    layers, steps = plan.layers, []
+    has_linear, has_color = "linear" in plan.outputs, "color" in plan.outputs
+    if layers is not None:
+        has_linear, has_color = not layers.mixes_codes, layers.mixes_codes
+        if layers.samples != 1:
+            if layers.mixes_codes:
+                steps += [*stage_list.pixel_steps(shown, effects)[0], Step(code_samples, ())]
+            steps.append(Step(mix_shares, ()))
+            if not layers.has_blended:
+                return steps
+    linear, color = np.empty((0, int(has_linear), 4)), np.empty((0, int(has_color)))
+    table = encoding_table()
+    return steps + stage_list.output_steps(surface, shown, table, effects, linear, color)
+
+
+def _geometry(plan: RenderPlan) -> Geometry:
+    """Return a geometry of no faces, with samples at the centres of pixels or beside them."""
+    is_beside = plan.layers is not None and plan.layers.samples != 1
+    viewport = Viewport(0, 0, 0.0, 0.0, 0, 0, reach=int(is_beside))
+    w = np.empty(0 if plan.is_affine else 1)
+    none = np.empty((0, 3), np.int32)
+    return Geometry(none, none[:, :2], np.empty(0, np.uint8), w, np.empty((0, 4)), viewport)
+
+
+def _placement() -> Placement:
+    """Return where no objects stand."""
+    none = np.empty(0)
+    return Placement(
+        np.zeros(1, np.int64), np.empty((0, 3)), np.empty((0, 3, 4)), np.empty((0, 3, 3)), none,
+        none, np.zeros(4),
+    )  # fmt: skip
+
+
+def _lighting(plan: RenderPlan) -> Lighting | None:
+    """Return the lights of the plan, with facets of no objects if there are any."""
+    if plan.lighting is None or not plan.needs_microfacets:
+        return plan.lighting
+    facets = Microfacets(np.empty((0, 2), np.float32), np.ones(2, np.float32))
+    return plan.lighting._replace(microfacets=facets)
+
+
+def _surface(plan: RenderPlan) -> Surface:
+    """Return a material for each way of shading, with all that any object has."""
+    contents, empty = plan.facts.contents, np.empty((0, 4), np.float32)
+    models = [n for n, name in enumerate(SHADINGS) if name in contents.shadings]
+    materials = np.zeros((len(models), MATERIAL_MODEL + 1), np.float32)
+    materials[:, MATERIAL_MODEL] = models
+    is_lit = plan.needs_gouraud and plan.lighting is not None
+    has_blended = plan.layers is not None and plan.layers.has_blended
+    return Surface(
+        materials=materials,
+        vertex_colors=empty if contents.vertex_colored else None,
+        face_colors=empty if contents.face_colored else None,
+        normals=empty[:, :3] if plan.needs_normals else None,
+        lit_vertices=empty if is_lit else None,
+        matt_vertices=empty if is_lit and plan.needs_matt_light else None,
+        textures=_textures(plan) if plan.needs_textures else None,
+        maps=Maps(empty, np.array(contents.textured), empty) if plan.needs_maps else None,
+        alphas=Alphas(np.empty(0, np.uint8)) if has_blended else None,
+    )
+
+
+def _textures(plan: RenderPlan) -> Textures:
+    """Return textures without texels: one row that has each kind that any object has."""
+    contents = plan.facts.contents
+    table = np.zeros((1, textures.KINDS, textures.TABLE_COLUMNS), np.int64)
+    table[0, :, textures.FIRST_LEVEL] = np.where(np.array(contents.textured) > 0, 0, -1)
+    table[0, :, textures.FILTER] = textures.TRILINEAR if contents.mipped else textures.NEAREST
+    none = np.empty((0, 4), np.float32)
+    levels, transforms = np.empty((0, 3), np.int64), np.empty((0, textures.KINDS, 6))
+    return Textures(none, levels, table, none[:, :2], transforms)

@@ -1,0 +1,444 @@
+"""
+The stages that shade a picture, in order, with what each of them reads.
+
+A stage stands in the list only if something calls for it; see ``pipeline/surface/samples.py`` for
+the block of samples that they work on, and ``runtime/driver.py`` for what runs them.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.pipeline.encode import encode_rows, encoding_table
+from rasterjit.pipeline.fragments.weights import code_samples, mix_shares
+from rasterjit.pipeline.lighting import light_stages as lights
+from rasterjit.pipeline.lighting.vertices import list_vertices, write_vertices
+from rasterjit.pipeline.records import (
+    FLAT,
+    GOURAUD,
+    MATERIAL_MODEL,
+    PBR,
+    PHONG,
+    Geometry,
+    Lighting,
+    Maps,
+    Placement,
+    Surface,
+    Textures,
+)
+from rasterjit.pipeline.surface import (
+    attributes,
+    maps,
+    texture_gradients,
+    texture_lookup,
+    textures,
+    weights,
+)
+from rasterjit.pipeline.surface import samples as rows
+from rasterjit.pipeline.surface.listing import list_samples
+from rasterjit.pipeline.surface.samples import Block
+from rasterjit.runtime.driver import BlockMemory, StageList, Step
+from rasterjit.runtime.state import type_named
+from rasterjit.survey.effect import Active, Look, acting
+
+BLOCK = type_named(Block)
+"""The types of the arrays of a block of samples."""
+
+BLOCKS = BlockMemory(BLOCK)
+"""The block of each thread."""
+
+WEIGHTS = {
+    (False, False): weights.weigh_centres,
+    (False, True): weights.weigh_near,
+    (True, False): weights.weigh_centres_affine,
+    (True, True): weights.weigh_near_affine,
+}
+"""What finds the weights of samples: affine or not; beside the centres of pixels or not."""
+
+
+def surface_steps(
+    geometry: Geometry,
+    placement: Placement,
+    surface: Surface,
+    lighting: Lighting | None,
+    effects: Sequence[Active],
+) -> list[Step]:
+    """Return the stages that find what the surfaces are like: weights, colours, normals, points."""
+    materials, is_affine = surface.materials, len(geometry.w) == 0
+    weigh = WEIGHTS[is_affine, geometry.viewport.reach != 0]
+    steps = [Step(weigh, (geometry, placement))]
+    if surface.textures is not None:
+        steps += coordinate_steps(surface.textures, geometry)
+    steps.append(Step(attributes.tint_samples, (materials,)))
+    if surface.face_colors is not None:
+        steps.append(Step(attributes.multiply_face_colors, (surface.face_colors,)))
+    if surface.vertex_colors is not None:
+        steps.append(Step(attributes.multiply_vertex_colors, (surface.vertex_colors,)))
+    if surface.lit_vertices is not None:
+        lit = surface.lit_vertices, materials, rows.RED
+        steps.append(Step(attributes.show_lit_vertices, lit))
+    has_textures = surface.textures is not None and shows(surface.textures, textures.BASE_COLOR)
+    if has_textures:
+        steps += texture_steps(surface)
+    if surface.alphas is not None:
+        none = np.empty((0, 4), np.float32)
+        colors = surface.face_colors, surface.vertex_colors
+        own = (none if some is None else some for some in colors)
+        alphas = surface.alphas.is_blended, materials, *own, int(has_textures)
+        steps.append(Step(attributes.find_alphas, alphas))
+    if lighting is None:
+        return steps + emission_steps(surface, rows.RED)
+    count_of = np.bincount(materials[:, MATERIAL_MODEL].astype(np.intp), minlength=PBR + 1)
+    steps.append(Step(attributes.find_reflectance, (materials,)))
+    if lighting.microfacets is not None:
+        facets = lighting.microfacets.factors, materials
+        steps.append(Step(attributes.find_facets, facets))
+    # Points and normals.
+    steps.append(Step(attributes.gather_positions, (placement.positions,)))
+    steps.append(Step(attributes.find_points, (placement,)))
+    if count_of[FLAT]:
+        steps.append(Step(attributes.find_middles, (placement, materials)))
+    smooth, normals = count_of[PHONG] + count_of[PBR], surface.normals
+    if normals is None or smooth < len(materials):
+        own = placement, materials, int(normals is not None)
+        steps.append(Step(attributes.find_face_normals, own))
+    if normals is not None and smooth:
+        turned = normals, placement.normal_matrices, materials
+        steps.append(Step(attributes.find_smooth_normals, turned))
+    if surface.lit_vertices is not None and not acting(effects, "sample"):
+        stands_in = (materials[:, MATERIAL_MODEL] == GOURAUD).astype(np.uint8)
+        steps.append(Step(attributes.stand_in, (stands_in,)))
+    if surface.maps is not None and surface.textures is not None:
+        steps += map_steps(surface.textures, surface.maps, placement, lighting)
+    return steps
+
+
+def shows(own: Textures, kind: int) -> bool:
+    """Return whether any object has a texture of a kind."""
+    return bool((own.table[:, kind, textures.FIRST_LEVEL] >= 0).any())
+
+
+def coordinate_steps(own: Textures, geometry: Geometry) -> list[Step]:
+    """Return the stages that find where on their textures samples lie, right after the weights."""
+    steps = [Step(texture_gradients.find_coordinates, (own.uv,))]
+    has_levels = own.table[:, :, textures.FILTER] == textures.TRILINEAR
+    if (has_levels & (own.table[:, :, textures.FIRST_LEVEL] >= 0)).any():
+        find = texture_gradients.find_steps
+        if len(geometry.w) == 0:
+            find = texture_gradients.find_steps_affine
+        steps.append(Step(find, (own.uv, own.table, geometry)))
+    return steps
+
+
+def texture_steps(surface: Surface) -> list[Step]:
+    """Return the stages that multiply base colours by what textures show."""
+    materials, read = surface.materials, (textures.BASE_COLOR, surface.textures)
+    if surface.matt_vertices is None:
+        return [
+            Step(texture_lookup.read_textures, read),
+            Step(texture_lookup.multiply_textures, ()),
+        ]
+    # What is seen is not known yet: its rows are free.
+    matt = rows.OUT_RED
+    return [
+        Step(attributes.show_lit_vertices, (surface.matt_vertices, materials, matt)),
+        Step(texture_lookup.read_textures, read),
+        Step(texture_lookup.multiply_textures_below_highlights, (materials, matt)),
+    ]
+
+
+def map_steps(own: Textures, laid: Maps, placement: Placement, lighting: Lighting) -> list[Step]:
+    """Return the stages that read what lies over normals, facets and occlusion, and apply it."""
+    bent = own.table, own.uv, laid.tangents, laid.factors, placement
+    steps = []
+    for kind, applied in (
+        (textures.NORMAL, Step(maps.bend_normals_by_maps, bent)),
+        (textures.METALLIC_ROUGHNESS, Step(maps.scale_facets_by_maps, ())),
+        (textures.OCCLUSION, Step(maps.scale_occlusion_by_maps, (laid.factors,))),
+    ):
+        if kind == textures.METALLIC_ROUGHNESS and lighting.microfacets is None:
+            continue
+        if laid.counts[kind]:
+            steps += [Step(texture_lookup.read_textures, (kind, own)), applied]
+    return steps
+
+
+def emission_steps(surface: Surface, shown: int) -> list[Step]:
+    """Return the stages that add what surfaces send out to three rows from ``shown`` on."""
+    laid, own = surface.maps, surface.textures
+    if laid is None:
+        return []
+    steps = [Step(maps.find_emission, (laid.factors,))]
+    if own is not None and laid.counts[textures.EMISSIVE]:
+        steps += [
+            Step(texture_lookup.read_textures, (textures.EMISSIVE, own)),
+            Step(maps.scale_emission_by_maps, ()),
+        ]
+    return [*steps, Step(maps.show_emission, (shown,))]
+
+
+def light_steps(look: Look, effects: Sequence[Active]) -> list[Step]:
+    """Return the stages that turn base colours into seen colours."""
+    lighting, viewer = look.lighting, np.float32(look.placement.toward_viewer)
+    steps = effect_steps(effects, "rows", look)
+    steps.append(Step(lights.show_ambient, (lighting.ambient,)))
+    if lighting.renormalizes:
+        steps.append(Step(lights.normalize_normals, ()))
+    if lighting.microfacets is not None:
+        steps.append(Step(lights.show_ambient_on_facets, (lighting.ambient, viewer)))
+    steps += steps_of_lights(look, effects)
+    steps += emission_steps(look.surface, rows.OUT_RED)
+    return steps + effect_steps(effects, "sample", look)
+
+
+def effect_steps(effects: Sequence[Active], place: str, look: Look, *arguments: Any) -> list[Step]:
+    """Return the stages that effects bring at a place, in the order of the effects."""
+    return [step for one in acting(effects, place) for step in one.at(place, look, *arguments)]
+
+
+def steps_of_lights(look: Look, effects: Sequence[Active]) -> list[Step]:
+    """Return the stages that add all lights, each dimmed by effects, and light from all sides."""
+    steps, first, dimming = [], 0, acting(effects, "light")
+    viewer = np.float32(look.placement.toward_viewer)
+    for n in range(len(look.lighting.lights)) if dimming else ():
+        dimmed = effect_steps(dimming, "light", look, n)
+        if dimmed:
+            # What comes before is dimmed as the light before.
+            steps += add_steps(look.lighting, first, n, viewer) + dimmed
+            first = n
+    steps += add_steps(look.lighting, first, len(look.lighting.lights), viewer)
+    return steps + effect_steps(effects, "around", look)
+
+
+def add_steps(lighting: Lighting, first: int, end: int, viewer: NDArray[np.float32]) -> list[Step]:
+    """Return the stages that add lights ``first`` to ``end``; none if these are none."""
+    if first == end:
+        return []
+    shiny = lights.add_diffuse_lights if lighting.highlights is None else lights.add_shiny_lights
+    steps = [Step(shiny, (lighting.lights, first, end, viewer))]
+    if lighting.microfacets is not None:
+        parts = lighting.lights, first, end, viewer, lighting.microfacets.parts
+        steps.append(Step(lights.add_lights_on_facets, parts))
+    return steps
+
+
+def light_vertices(
+    vertices: tuple[int, int],
+    vertex_starts: NDArray[np.int64],
+    placement: Placement,
+    surface: Surface,
+    lighting: Lighting,
+    effects: Sequence[Active],
+    lit_vertices: NDArray[np.float32],
+) -> None:
+    """
+    Light the vertices of the objects shaded by Gouraud.
+
+    Parameters
+    ----------
+    vertices : (int, int)
+        The first, and one past the last; they may belong to several objects.
+    vertex_starts : (O+1,) int64
+        Object ``o`` owns vertices ``vertex_starts[o]:vertex_starts[o+1]``.
+    placement, surface, lighting : records
+        ``surface.normals`` is present; ``surface.face_colors`` has no part in it, nor have
+        microfacets.
+    effects : sequence of Active
+        Those that act on lights and on light from all sides count, not those that act on pixels.
+    lit_vertices : (V, 2, 3) float32
+        Written for those vertices: linear colour, for a viewer in front and one behind.
+    """
+    colors = surface.vertex_colors
+    if colors is None:
+        colors = np.empty((0, 4), np.float32)
+    look = Look(placement, surface, lighting._replace(microfacets=None), is_of_vertices=True)
+    listed = *vertices, vertex_starts, placement, surface.materials, colors, surface.normals
+    steps = [
+        Step(list_vertices, listed),
+        *vertex_steps(look, effects),
+        Step(write_vertices, (lit_vertices,)),
+    ]
+    BLOCKS.block[: rows.COUNTS] = 0
+    StageList(steps).run(BLOCKS.block, BLOCK)
+
+
+def vertex_steps(look: Look, effects: Sequence[Active]) -> list[Step]:
+    """Return the stages that turn the base colours of vertices into seen colours."""
+    return [
+        Step(lights.show_ambient, (look.lighting.ambient,)),
+        Step(lights.normalize_normals, ()),
+        *steps_of_lights(look, effects),
+    ]
+
+
+def output_steps(
+    surface: Surface,
+    shown: int,
+    table: NDArray[np.int32],
+    effects: Sequence[Active],
+    linear: NDArray[Any],
+    color: NDArray[Any],
+) -> list[Step]:
+    """Return the stages that write the colours, which begin at row ``shown``, of a band of rows."""
+    steps, has_alpha = [], surface.alphas is not None
+    if linear.shape[1]:
+        steps.append(Step(lights.write_linear, (shown, int(has_alpha), linear)))
+    if color.shape[1]:
+        mapped, shown = pixel_steps(shown, effects)
+        steps += mapped
+        write = lights.write_blended_codes if has_alpha else lights.write_opaque_codes
+        steps.append(Step(write, (shown, table, color)))
+    return steps
+
+
+def pixel_steps(shown: int, effects: Sequence[Active]) -> tuple[list[Step], int]:
+    """Return the stages between the light of three rows and its codes, and where they write it."""
+    steps: list[Step] = []
+    for one in acting(effects, "pixel"):
+        own, shown = one.at("pixel", shown)
+        steps += own
+    return steps, shown
+
+
+def code_of(background: NDArray[np.float32]) -> int:
+    """Return a linear colour, (4,), as RGBA bytes from the lowest up."""
+    return _code_of_bytes(background.tobytes())
+
+
+@functools.lru_cache(64)
+def _code_of_bytes(background: bytes) -> int:
+    code = np.empty((1, 1), np.uint32)
+    encode_rows(np.frombuffer(background, np.float32).reshape(1, 1, 4), encoding_table(), code)
+    return int(code[0, 0])
+
+
+class Shading:
+    """
+    The stages that shade the faces of a frame, with all that they read.
+
+    Made once for a frame, it shades any image of face numbers; several threads may use one.
+
+    Parameters
+    ----------
+    geometry, placement, surface, lighting : records
+        ``lighting`` None: every object shows its own colour.
+    effects : sequence of Active
+    table : (6657,) int32
+        `encode.encoding_table`.
+    background : (4,) float32, linear
+        What `shade` paints where no face is.
+    """
+
+    def __init__(
+        self,
+        geometry: Geometry,
+        placement: Placement,
+        surface: Surface,
+        lighting: Lighting | None,
+        effects: Sequence[Active],
+        table: NDArray[np.int32],
+        background: NDArray[np.float32],
+    ) -> None:
+        steps = surface_steps(geometry, placement, surface, lighting, effects)
+        self._shown = rows.RED
+        if lighting is not None:
+            steps += light_steps(Look(placement, surface, lighting), effects)
+            self._shown = rows.OUT_RED
+        self._stages = StageList(steps)
+        self._faces, self._face_starts = geometry.faces, placement.face_starts
+        self._surface, self._effects, self._table = surface, tuple(effects), table
+        self._painted = background, code_of(background)
+
+    def shade(
+        self,
+        faces: NDArray[np.int32],
+        first_row: int,
+        linear: NDArray[np.float32],
+        color: NDArray[np.uint32],
+        background: tuple[NDArray[np.float32], int] | None = None,
+    ) -> None:
+        """
+        Write the colour of some rows of a frame; or of several images of these rows.
+
+        Parameters
+        ----------
+        faces : (R, W) int32, or (J, R, W)
+            The visible faces of these rows, -1 where none is.
+        first_row : int
+            Where they lie in the frame.
+        linear : (R, W, 4) float32, or (R, 0, 4); or (J, R, W, 4), (J, R, 0, 4)
+            Written: red, green, blue in linear light, and alpha.
+        color : (R, W) uint32, or (R, 0); or (J, R, W), (J, R, 0)
+            Written: what is to be shown of it in sRGB codes, RGBA bytes from the lowest up.
+        background : ((4,) float32, int), optional
+            Where no face is: linear, and as it is shown. Default: that of the frame.
+        """
+        height = faces.shape[-2]
+        if faces.ndim == 3:
+            count = height * len(faces)
+            faces, color = faces.reshape(count, -1), color.reshape(count, color.shape[2])
+            linear = linear.reshape(count, linear.shape[2], 4)
+        painted = self._painted if background is None else background
+        steps = self._list(faces, first_row, height, painted, linear, color)
+        steps += output_steps(self._surface, self._shown, self._table, self._effects, linear, color)
+        StageList(steps).run(BLOCKS.block, BLOCK)
+
+    def mix(
+        self,
+        faces: NDArray[np.int32],
+        first_row: int,
+        shares: NDArray[np.float32],
+        rest: NDArray[np.float32],
+        mixed: NDArray[np.float32],
+        has_codes: bool,
+    ) -> None:
+        """
+        Lay shares of the faces of some rows over what is behind.
+
+        Parameters
+        ----------
+        faces : (J, R, W) int32
+            The faces of each pixel, -1 behind the last.
+        first_row : int
+        shares : (J, R, W) float32
+            The share that a face has in its pixel.
+        rest : (R, W) float32
+            The share that shows no face.
+        mixed : (R, 4, W) float32
+            Changed: linear colour with straight alpha, or codes of it.
+        has_codes : bool
+            Whether codes are mixed: the tones of each colour are mapped, it is rounded to codes.
+        """
+        layers, height, width = faces.shape
+        faces = faces.reshape(layers * height, width)
+        no_linear = np.empty((len(faces), 0, 4), np.float32)
+        no_color = np.empty((len(faces), 0), np.uint32)
+        steps = self._list(faces, first_row, height, self._painted, no_linear, no_color)
+        shown = self._shown
+        if has_codes:
+            mapped, shown = pixel_steps(shown, self._effects)
+            steps += [*mapped, Step(code_samples, (shown, self._table))]
+        has_alpha = int(self._surface.alphas is not None)
+        steps.append(Step(mix_shares, (shown, has_alpha, shares, rest, mixed)))
+        StageList(steps).run(BLOCKS.block, BLOCK)
+
+    def _list(
+        self,
+        faces: NDArray[np.int32],
+        first_row: int,
+        height: int,
+        painted: tuple[NDArray[np.float32], int],
+        linear: NDArray[np.float32],
+        color: NDArray[np.uint32],
+    ) -> list[Step | StageList]:
+        """Return the stages from listing samples to their colours, with an empty block at hand."""
+        BLOCKS.block[: rows.COUNTS] = 0
+        listed = (
+            faces, first_row, height, self._faces, self._face_starts, *painted, linear, color,
+        )  # fmt: skip
+        return [Step(list_samples, listed), self._stages]

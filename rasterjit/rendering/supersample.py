@@ -1,0 +1,383 @@
+"""
+Draw whole pictures, each moved by a part of a pixel, and average them in linear light or in codes.
+
+Every sample of a pixel is found and shaded by itself: nothing is shared between pictures but shadow
+maps. These are drawn four times at most, for the first 4 pictures, for what is missing of 16, and
+so on: each time the faces of all these pictures are found first, and the maps reach around them.
+
+The samples are the centres of the cells of a grid over the pixel. They come in an order of which
+the first 4, 16, 64 ... are spread evenly: one to each quarter, to each quarter of a quarter, and so
+on. Within the quarter that it stands for, a sample lies in the smaller quarter that a turn by 90
+degrees leads to: the first ones form rotated grids [1]_, whose middle is that of the pixel.
+
+References
+----------
+.. [1] T. Akenine-Möller, E. Haines, N. Hoffman and others, "Real-Time Rendering", 4th edition,
+   2018, section 5.4.2.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rasterjit.pipeline import encode
+from rasterjit.pipeline.fragments import bands, encoded, weights
+from rasterjit.pipeline.visibility.draw import Seen
+from rasterjit.rendering import coverage, shade
+from rasterjit.runtime.threads import Workers, rows_per_task
+from rasterjit.scene.camera import Camera
+from rasterjit.scene.color import decoding_table
+from rasterjit.scene.quality import SUPERSAMPLED
+from rasterjit.scene.transforms import Matrix
+from rasterjit.survey.effect import FrameContext, Planned
+from rasterjit.survey.plan import RenderPlan
+
+Offset = tuple[float, float]
+"""From the centre of a pixel to the right and down, pixels."""
+
+QUARTERS = ((0, 0), (1, 1), (1, 0), (0, 1))
+"""Column and row of the quarters of a square, in the order in which samples come to them."""
+
+
+class Accumulation:
+    """
+    The pictures of a frame so far.
+
+    Attributes
+    ----------
+    count : int
+        How many there are.
+    sums : (H, W, 4) float64 or None
+        The sum of their linear colours, or codes, times alpha, and of alpha; ``None`` before the
+        first.
+    covering : int
+        How many of them have been looked at for what they cover.
+    covered : (H, W) int32 or None
+        How many of those a face covers; ``None`` before the first.
+    """
+
+    def __init__(self) -> None:
+        self.count = 0
+        self.sums: NDArray[np.float64] | None = None
+        self.covering = 0
+        self.covered: NDArray[np.int32] | None = None
+
+
+@dataclass(frozen=True)
+class MovedCamera:
+    """
+    A camera that sees at the centres of pixels what another one sees beside them.
+
+    Parameters
+    ----------
+    camera : Camera
+    offset : (float, float)
+        Where beside them: to the right and down, pixels.
+    """
+
+    camera: Camera
+    offset: Offset
+
+    def view_matrix(self) -> Matrix:
+        """Return ``view_from_world`` of the camera."""
+        return self.camera.view_matrix()
+
+    def projection_matrix(self, size: tuple[int, int]) -> Matrix:
+        """Return ``clip_from_view``, moved across the screen by a multiple of w."""
+        matrix = self.camera.projection_matrix(size).copy()
+        (x, y), (width, height) = self.offset, size
+        matrix[0] -= (2.0 * x / width) * matrix[3]
+        matrix[1] += (2.0 * y / height) * matrix[3]
+        return matrix
+
+    def eye_position(self) -> NDArray[np.float64]:
+        """Return the eye of the camera, world space."""
+        return self.camera.eye_position()
+
+    def depth_coefficients(self) -> tuple[float, float, float]:
+        """Return those of the camera."""
+        return self.camera.depth_coefficients()
+
+    def view_depth(self, stored: ArrayLike) -> NDArray[np.float64]:
+        """Return depths as the camera does."""
+        return self.camera.view_depth(stored)
+
+
+def sample_offsets(samples: int) -> list[Offset]:
+    """
+    Return where the samples of a pixel lie, the first ones spread as evenly as all of them.
+
+    Parameters
+    ----------
+    samples : int
+        A power of 4.
+
+    Examples
+    --------
+    >>> sample_offsets(4)
+    [(-0.25, -0.25), (0.25, 0.25), (0.25, -0.25), (-0.25, 0.25)]
+    """
+    levels = (samples.bit_length() - 1) // 2
+    side, offsets = 1 << levels, []
+    for number in range(samples):
+        column, row, turned = 0, 0, (0, 0)
+        for level in range(levels):
+            # Digits of the number choose the quarters, the first one the largest.
+            x, y = QUARTERS[number >> 2 * level & 3]
+            x, y = x ^ turned[0], y ^ turned[1]
+            column, row, turned = 2 * column + x, 2 * row + y, (1 - y, x)
+        offsets.append(((column + 0.5) / side - 0.5, (row + 0.5) / side - 0.5))
+    return offsets
+
+
+def steps(plan: RenderPlan) -> list[RenderPlan]:
+    """Return the plans of a frame of 4 pictures, of 16 ..., and of all; of one if that is all."""
+    return [plan.with_(pictures=count) for count in _counts(plan.pictures)]
+
+
+def _counts(pictures: int) -> list[int]:
+    """Return after how many pictures they are spread evenly: 4, 16, 64 ..."""
+    counts = [pictures]
+    while counts[0] > 4:
+        counts.insert(0, counts[0] // 4)
+    return counts
+
+
+def shade_faces(
+    context: FrameContext,
+    accumulation: Accumulation,
+    find: Callable[[RenderPlan], Seen],
+    clock: Callable[[str], None],
+) -> dict[str, NDArray[Any]]:
+    """
+    Make the colour outputs from as many pictures as the plan has.
+
+    Parameters
+    ----------
+    context : FrameContext
+        At the centres of pixels.
+    accumulation : Accumulation
+        Pictures of the same frame that are there already; changed: those that were missing.
+    find : callable
+        Returns what the picture of another plan shows.
+    clock : callable
+        Called with a stage's name when it ends.
+    """
+    plan, workers = context.plan, context.workers
+    offsets = sample_offsets(int(plan.quality.samples))
+    has_codes = plan.facts.mixes_codes
+    add, finish = (_add_codes, _average_codes) if has_codes else (_add_picture, _average)
+    if accumulation.sums is None:
+        accumulation.sums = workers.memory.empty((*context.coverage.face_id.shape, 4), np.float64)
+        accumulation.sums.fill(0.0)
+    # In the same steps for any number of pictures: those of one step share shadow maps.
+    counts = _counts(plan.pictures)
+    for count in counts:
+        new = offsets[accumulation.count : count]
+        drawn: dict[str, Any] = {}
+        if plan.drawn is not None:
+            drawn = plan.drawn[counts.index(count)]
+        elif plan.whole and new:
+            drawn = _draw_whole(context, new, find)
+            clock("shade, resolve")
+        picture = plan_picture(plan, drawn)
+        for offset in new:
+            drawn = _draw_picture(moved(picture, offset), context, find)
+            clock("shade, resolve")
+            add(drawn, accumulation.sums, workers)
+            # So that the next picture takes its memory.
+            del drawn
+            accumulation.count += 1
+            clock("average")
+    result = finish(plan, accumulation, workers)
+    clock("average")
+    return result
+
+
+def cover_pixels(
+    context: FrameContext, accumulation: Accumulation, find: Callable[[RenderPlan], Seen]
+) -> NDArray[np.float32]:
+    """
+    Return the share of each pixel's samples that any face covers, (H, W), or of its area.
+
+    Takes what `shade_faces` takes; of a frame of fewer pictures than the quality has samples it is
+    the share of these.
+    """
+    plan = context.plan
+    samples = plan.quality.samples
+    if samples not in SUPERSAMPLED:
+        sight = bands.Sight(context.geometry, shade.find_cutouts(plan, context.prepared))
+        return coverage.cover_pixels(samples, context.coverage, sight, context.workers)
+    if accumulation.covered is None:
+        accumulation.covered = np.zeros(context.coverage.face_id.shape, np.int32)
+    count = plan.pictures if plan.pictures > 1 else int(samples)
+    picture = plan.with_(
+        lambda planned: False, outputs=("face_id",), layers=None, lighting=None, diagnose=False,
+        pictures=1,
+    )  # fmt: skip
+    for offset in sample_offsets(int(samples))[accumulation.covering : count]:
+        accumulation.covered += find(moved(picture, offset)).coverage.face_id >= 0
+        accumulation.covering += 1
+    return (accumulation.covered / accumulation.covering).astype(np.float32)
+
+
+def _draw_picture(
+    plan: RenderPlan, context: FrameContext, find: Callable[[RenderPlan], Seen]
+) -> NDArray[Any]:
+    """Return the linear colour of one picture, or its codes, (H, W, 4)."""
+    picture = FrameContext(plan, context.prepared, *find(plan)[2:], context.workers)
+    return shade.shade_faces(picture)[plan.outputs[0]]
+
+
+def moved(plan: RenderPlan, offset: Offset) -> RenderPlan:
+    """Return the plan of a picture that shows what lies beside the centres of pixels."""
+    return plan.with_(camera=MovedCamera(plan.camera, offset))
+
+
+def _background(plan: RenderPlan) -> NDArray[np.float32]:
+    """Return what lies behind the faces of each picture, (4,) linear."""
+    # Where tones are mapped the background, which is shown as given, comes behind at the end.
+    return np.zeros(4, np.float32) if plan.at("mixed") else plan.background
+
+
+def plan_picture(plan: RenderPlan, drawn: dict[str, Any]) -> RenderPlan:
+    """Return the plan of one picture: its light, or codes, alone, with what is drawn already."""
+    has_codes = plan.facts.mixes_codes
+
+    def is_of_pictures(planned: Planned) -> bool:
+        places = planned.effect.places
+        return "overlay" not in places and (has_codes or "mixed" not in places)
+
+    return plan.with_(
+        is_of_pictures,
+        outputs=("color",) if has_codes else ("linear",),
+        background=plan.background if has_codes else _background(plan),
+        diagnose=False,
+        pictures=1,
+        drawn=(drawn,),
+    )
+
+
+def _draw_whole(
+    context: FrameContext, offsets: list[Offset], find: Callable[[RenderPlan], Seen]
+) -> dict[str, Any]:
+    """Prepare the effects that look at whole pictures, with all that some pictures show."""
+    sights = [see_whole(context)]
+    for offset in offsets:
+        plan = moved(context.plan, offset)
+        beside = FrameContext(plan, context.prepared, *find(plan)[2:], context.workers)
+        sights.append(see_whole(beside))
+    return prepare_whole(context, offsets, sights)
+
+
+def see_whole(context: FrameContext) -> dict[str, Any]:
+    """Return what the effects that look at the whole picture see of one, or a part of it."""
+    return {one.name: one.effect.see(context) for one in context.plan.whole}
+
+
+def prepare_whole(
+    context: FrameContext, offsets: Sequence[Offset], sights: Sequence[dict[str, Any]]
+) -> dict[str, Any]:
+    """
+    Prepare the effects that look at the whole picture.
+
+    Parameters
+    ----------
+    context : FrameContext
+    offsets : sequence of (float, float)
+        Where other pictures lie that are shaded with the same records, pixels.
+    sights : sequence of dict
+        What `see_whole` returns of the picture itself, then of those.
+    """
+    plan = context.plan
+    cameras = [plan.camera, *(moved(plan, offset).camera for offset in offsets)]
+    return {
+        one.name: one.effect.prepare(
+            context, one.data,
+            [(camera, sight[one.name]) for camera, sight in zip(cameras, sights, strict=True)],
+        )
+        for one in plan.whole
+    }  # fmt: skip
+
+
+def step_offsets(plan: RenderPlan) -> list[list[Offset]]:
+    """Return where the pictures of each step lie, whose shadow maps are drawn together."""
+    offsets = sample_offsets(int(plan.quality.samples))
+    counts = _counts(plan.pictures)
+    return [offsets[a:b] for a, b in zip([0, *counts[:-1]], counts, strict=True)]
+
+
+def _bands(shape: tuple[int, ...], workers: Workers) -> list[tuple[slice]]:
+    """Return the bands of rows of a frame, (H, W, ...), that threads share."""
+    per_task = rows_per_task(shape, workers)
+    return [(slice(first, first + per_task),) for first in range(0, shape[0], per_task)]
+
+
+def _add_picture(linear: NDArray[np.float32], sums: NDArray[np.float64], workers: Workers) -> None:
+    """Add the linear colour of a picture to the sums, both (H, W, 4)."""
+
+    def add_band(band: slice) -> None:
+        weights.add_picture(linear[band], sums[band])
+
+    workers.run(add_band, _bands(linear.shape, workers))
+
+
+def _add_codes(color: NDArray[np.uint8], sums: NDArray[np.float64], workers: Workers) -> None:
+    """Add the codes of a picture to the sums, both (H, W, 4)."""
+    packed = color.view(np.uint32)[:, :, 0]
+
+    def add_band(band: slice) -> None:
+        encoded.add_codes(packed[band], sums[band])
+
+    workers.run(add_band, _bands(color.shape, workers))
+
+
+def _average_codes(
+    plan: RenderPlan, accumulation: Accumulation, workers: Workers
+) -> dict[str, NDArray[Any]]:
+    """Return the colour outputs of the mean of the codes of all pictures."""
+    sums, table = accumulation.sums, plan.encoding.table
+    shape, light = sums.shape[:2], decoding_table().copy()
+    color = workers.memory.empty((*shape, 4), np.uint8)
+    has_linear = "linear" in plan.outputs
+    linear = workers.memory.empty((*shape, 4), np.float32) if has_linear else None
+    packed, behind = color.view(np.uint32)[:, :, 0], np.empty((1, 1), np.uint32)
+    encode.encode_rows(plan.background.reshape(1, 1, 4), table, behind)
+
+    def write_band(band: slice) -> None:
+        encoded.write_mean_codes(sums[band], accumulation.count, behind, packed[band])
+        if linear is not None:
+            encoded.decode_rows(packed[band], light, linear[band])
+
+    workers.run(write_band, _bands(sums.shape, workers))
+    result: dict[str, NDArray[Any]] = {"linear": linear, "color": color}
+    return {name: result[name] for name in ("linear", "color") if name in plan.outputs}
+
+
+def _average(
+    plan: RenderPlan, accumulation: Accumulation, workers: Workers
+) -> dict[str, NDArray[Any]]:
+    """Return the colour outputs of the mean of all pictures."""
+    sums, behind = accumulation.sums, _background(plan)
+    mixed = next(iter(plan.at("mixed")), None)
+    height, width, _ = sums.shape
+    linear = workers.memory.empty((height, width, 4), np.float32)
+    color = workers.memory.empty((height, width, 4), np.uint8) if "color" in plan.outputs else None
+    packed = np.empty((height, 0), np.uint32) if color is None else color.view(np.uint32)[:, :, 0]
+
+    def write_band(band: slice) -> None:
+        weights.write_mean(sums[band], accumulation.count, behind, linear[band])
+        if mixed is not None:
+            own = mixed.data, linear[band], plan.background, plan.encoding, packed[band]
+            mixed.effect.places["mixed"](*own)
+        elif color is not None:
+            encode.encode_rows(linear[band], plan.encoding.table, packed[band])
+
+    workers.run(write_band, _bands(sums.shape, workers))
+    result: dict[str, NDArray[Any]] = {"linear": linear, "color": color}
+    return {name: result[name] for name in ("linear", "color") if name in plan.outputs}

@@ -1,0 +1,287 @@
+"""
+Draw parts of a picture: each has the bits that the whole picture has there.
+
+Vertices are snapped, and faces cut, as the whole picture does it; then they are moved by whole
+pixels. What a pixel shows follows from integers relative to the pixel, so the move changes none.
+Shadow maps, which are fitted to all that is seen, are fitted to the whole: its depth is surveyed
+part by part first.
+"""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from rasterjit.io.meshes import as_scene
+from rasterjit.outputs.frame import Frame
+from rasterjit.pipeline.geometry.setup import TILE_SIZE
+from rasterjit.pipeline.visibility.draw import Region
+from rasterjit.rendering import shade, supersample
+from rasterjit.rendering.renderer import draw_frame, find_visible
+from rasterjit.rendering.views import plan_views
+from rasterjit.runtime.threads import Workers
+from rasterjit.scene.quality import Quality, check_quality
+from rasterjit.scene.validation import MAX_SIZE, thread_count, whole_size
+from rasterjit.survey.arrays import placement_of
+from rasterjit.survey.effect import FrameContext
+from rasterjit.survey.plan import RenderPlan
+
+Survey = tuple[dict[str, Any], ...]
+"""What effects see of a region, by name: at the centres of pixels, then at each sample beside."""
+
+
+class RegionRenderer:
+    """
+    Renders parts of one picture, which may be larger than one frame can be.
+
+    The scene must stay as it is as long as parts are drawn.
+
+    Parameters
+    ----------
+    what, camera, outputs, background, cull
+        As `rasterjit.render` takes them.
+    size : (int, int)
+        Width and height of the whole picture, pixels, each in 1..131072, or less with more than 9
+        sub-pixel bits.
+    quality : Quality, optional
+        Default ``Quality.standard()``.
+    threads : int, optional
+        Default: all processors.
+
+    Raises
+    ------
+    ValueError
+        Naming the argument that is wrong, or the effect that looks beyond the edges of a region:
+        ambient occlusion, outlines, and see-through surfaces with 2 to 16 samples.
+    """
+
+    def __init__(
+        self,
+        what: Any,
+        camera: Any = None,
+        *,
+        size: tuple[int, int] = (1280, 720),
+        quality: Quality | None = None,
+        outputs: Sequence[str] = ("color",),
+        background: Any = None,
+        cull: str = "none",
+        threads: int | None = None,
+    ) -> None:
+        quality = check_quality(quality)
+        whole = whole_size("size", size, quality.subpixel_bits)
+        self._workers = Workers(thread_count("threads", threads))
+        self.size = whole
+        scene = as_scene(what)
+        self._planned = plan_views(
+            whole, quality, scene, camera, outputs, background, cull, False, None
+        )
+        _refuse_neighbours(self._planned.plan)
+
+    def __enter__(self) -> RegionRenderer:
+        return self
+
+    def __exit__(self, *error: Any) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Let the threads go; a later render starts them again."""
+        self._workers.close()
+
+    @property
+    def plan(self) -> RenderPlan:
+        """What was decided for the whole picture."""
+        return self._planned.plan
+
+    @property
+    def needs_surveys(self) -> bool:
+        """Whether effects wait for all of the picture to be surveyed: those of shadow maps do."""
+        return self.plan.needs_color and bool(self.plan.whole)
+
+    def survey(self, region: Region) -> Survey:
+        """
+        Find what the depth of a region tells of where shadows may be seen.
+
+        Parameters
+        ----------
+        region : Region
+
+        Returns
+        -------
+        tuple of dict
+            For `take_surveys`.
+        """
+        plan, prepared, views, _ = self._planned
+        region = check_region(region, plan.size)
+        part = plan.with_(region=region)
+        self._workers.memory.next_frame()
+        plans = [part]
+        for step in self._steps():
+            plans += [supersample.moved(part, offset) for offset in step]
+        found = []
+        for one in plans:
+            known = views if one is part else None
+            seen = find_visible(one, prepared, self._workers, _no_clock, known)
+            context = FrameContext(one, prepared, *seen[2:], self._workers)
+            found.append(supersample.see_whole(context))
+        return tuple(found)
+
+    def take_surveys(self, surveys: Mapping[Region, Survey]) -> None:
+        """
+        Prepare what looks at the whole picture, given the surveys of regions that make it up.
+
+        Parameters
+        ----------
+        surveys : mapping of Region to what `survey` returns
+        """
+        plan, prepared, views, _ = self._planned
+        corners = [(region[0], region[1]) for region in surveys]
+        middle, *beside = [
+            {
+                one.name: one.effect.join(
+                    plan.size,
+                    [(at, seen[one.name]) for at, seen in zip(corners, sights, strict=True)],
+                )
+                for one in plan.whole
+            }
+            for sights in zip(*surveys.values(), strict=True)
+        ]
+        placement = shade.placement_to_light(plan, placement_of(prepared.shapes.arrays, views))
+        context = FrameContext(plan, prepared, None, placement, None, self._workers)
+        rest, drawn = iter(beside), []
+        for step in self._steps() or [[]]:
+            sights = [middle, *(next(rest) for _ in step)]
+            drawn.append(supersample.prepare_whole(context, step, sights))
+        self._planned = self._planned._replace(plan=plan.with_(drawn=tuple(drawn)))
+
+    def render_region(self, region: Region) -> Frame:
+        """
+        Render a part of the picture.
+
+        Parameters
+        ----------
+        region : Region
+            Its first column and row must be multiples of 64; it is at most 16384 pixels wide and
+            high. Pass what `regions_of` returns.
+
+        Returns
+        -------
+        Frame
+            Of the region's size: the pixels of the whole picture, bit for bit.
+
+        Raises
+        ------
+        ValueError
+            If the region is not such a part of the picture.
+        RuntimeError
+            If shadows fall on the picture, and it has not been surveyed.
+        """
+        plan = self._planned.plan
+        region = check_region(region, plan.size)
+        if self.needs_surveys:
+            raise RuntimeError("shadows need all regions to be surveyed first: see take_surveys")
+        part = plan.with_(region=region)
+        return draw_frame(self._planned._replace(plan=part), self._workers)[0]
+
+    def render_regions(self, tile: int) -> Iterator[tuple[Region, Frame]]:
+        """
+        Render the whole picture, one square tile after the other, surveyed first where needed.
+
+        Yields
+        ------
+        (Region, Frame)
+        """
+        regions = regions_of(self.size, tile)
+        if self.needs_surveys:
+            self.take_surveys({region: self.survey(region) for region in regions})
+        for region in regions:
+            yield region, self.render_region(region)
+
+    def _steps(self) -> list[list[supersample.Offset]]:
+        """Return the offsets of each step of pictures; none if the frame is the picture."""
+        return supersample.step_offsets(self.plan) if self.plan.pictures > 1 else []
+
+
+def regions_of(size: tuple[int, int], tile: int) -> list[Region]:
+    """
+    Cut a picture into square tiles, row by row; the last ones may be smaller.
+
+    Parameters
+    ----------
+    size : (int, int)
+        Width and height, pixels.
+    tile : int
+        Side of the tiles, pixels: a multiple of 64 up to 16384.
+
+    Raises
+    ------
+    ValueError
+        If the side is not such a number.
+    """
+    tile = check_tile(tile)
+    width, height = size
+    return [
+        Region(left, top, min(tile, width - left), min(tile, height - top))
+        for top in range(0, height, tile)
+        for left in range(0, width, tile)
+    ]
+
+
+def check_tile(tile: Any) -> int:
+    """Return the side of tiles, or raise ``ValueError``."""
+    try:
+        side = _whole(tile)
+    except TypeError:
+        side = 0
+    if not 0 < side <= MAX_SIZE:
+        raise ValueError(f"tile must be a multiple of {TILE_SIZE} in 64..{MAX_SIZE}, got {tile!r}")
+    if side % TILE_SIZE:
+        raise ValueError(f"tile must be a multiple of {TILE_SIZE} pixels, got {tile!r}")
+    return side
+
+
+def check_region(region: Any, size: tuple[int, int]) -> Region:
+    """Return a part of a picture, or raise ``ValueError`` saying what is wrong with it."""
+    try:
+        left, top, width, height = map(_whole, region)
+    except (TypeError, ValueError):
+        raise ValueError(
+            f"region must be (left, top, width, height) in pixels, got {region!r}"
+        ) from None
+    if left % TILE_SIZE or top % TILE_SIZE:
+        raise ValueError(f"region must begin at multiples of {TILE_SIZE} pixels, got {region!r}")
+    if not (1 <= width <= MAX_SIZE and 1 <= height <= MAX_SIZE):
+        raise ValueError(f"region must be 1..{MAX_SIZE} pixels wide and high, got {region!r}")
+    if min(left, top) < 0 or left + width > size[0] or top + height > size[1]:
+        raise ValueError(f"region must lie in the picture of {size} pixels, got {region!r}")
+    return Region(left, top, width, height)
+
+
+def _whole(value: Any) -> int:
+    """Return a whole number, also one of NumPy, or raise ``TypeError``."""
+    if isinstance(value, bool):
+        raise TypeError
+    return operator.index(value)
+
+
+def _refuse_neighbours(plan: RenderPlan) -> None:
+    """Raise ``ValueError`` if an effect looks at pixels beyond the edges of a region."""
+    for planned in plan.planned:
+        if planned.effect.looks == "neighbours":
+            raise ValueError(
+                f"scene.{planned.effect.field} must be None where a picture is drawn in regions: "
+                "it looks at neighbouring pixels, which other regions hold"
+            )
+    layers = plan.layers
+    if layers is not None and layers.has_blended and layers.samples != 1:
+        # A row of tiles without anything see-through is mixed face by face, another one sample by
+        # sample: the last bit of a pixel depends on what the whole row shows.
+        raise ValueError(
+            "quality.samples must be 1, 64 or 256 where a picture that shows see-through surfaces "
+            f"is drawn in regions, got {plan.quality.samples!r}: the last bit of what 2 to 16 "
+            "samples are mixed to depends on other regions"
+        )
+
+
+def _no_clock(stage: str) -> None:
+    """Note nothing."""

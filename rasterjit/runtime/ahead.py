@@ -1,0 +1,183 @@
+"""
+Compile ahead, in other processes: compilers hold Python's lock, so threads are no faster than one.
+
+The processes meet in the store. Each compiles alone what it has claimed there, so that nothing is
+compiled twice, and whoever needs what is being compiled waits for it.
+"""
+
+from __future__ import annotations
+
+import importlib
+import json
+import os
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from queue import Empty, SimpleQueue
+from typing import Any, NamedTuple
+
+from rasterjit.runtime import jit, store
+from rasterjit.runtime.threads import available_processors
+
+WORKER = """
+import os, sys
+sys.path[:] = sys.argv[1:]
+from rasterjit.runtime.ahead import work
+work()
+"""
+"""What another process runs. It finds the modules where this one does, and nowhere else."""
+
+
+class Task(NamedTuple):
+    """A function of a module, called by its name."""
+
+    module: str
+    function: str
+    arguments: tuple[Any, ...] = ()
+
+
+def compiling(kernels: Sequence[Any]) -> list[Task]:
+    """Return tasks that compile stages and raw kernels, those that the store lacks."""
+    return [
+        Task(__name__, "compile_one", (one.__module__, one.__name__))
+        for one in kernels
+        if not store.is_kept(one, getattr(one, "WORDS", None) or one.kind)
+    ]
+
+
+def compile_one(module: str, name: str) -> None:
+    """Compile a stage or a raw kernel, unless the store has it."""
+    getattr(importlib.import_module(module), name).address()
+
+
+def work() -> None:
+    """Do the tasks that are read from standard input; answer each with a line when it is done."""
+    tasks: SimpleQueue[str] = SimpleQueue()
+
+    def read() -> None:
+        for line in sys.stdin:
+            tasks.put(line)
+        # Nobody else holds the other end: that process is done, or gone.
+        os._exit(0)
+
+    threading.Thread(target=read, daemon=True).start()
+    while True:
+        module, function, arguments = json.loads(tasks.get())
+        try:
+            getattr(importlib.import_module(module), function)(*arguments)
+        except Exception as error:
+            print(json.dumps(f"{type(error).__name__}: {error}"), flush=True)
+        else:
+            print("null", flush=True)
+
+
+def is_possible() -> bool:
+    """Tell whether another process is like this one, and meets it in a store."""
+    return (
+        not (jit.DISABLED or jit.CHECKED)
+        and bool(sys.executable)
+        and not getattr(sys, "frozen", False)
+        and not sys.flags.isolated
+        and store.folder() is not None
+    )
+
+
+def _start() -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "-c", WORKER, *sys.path], text=True,
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
+    )  # fmt: skip
+
+
+def do_all(
+    tasks: Sequence[Task], tell: Callable[[], None], processes: int | None = None
+) -> list[Task]:
+    """
+    Do tasks in other processes, each as soon as one has nothing else to do.
+
+    Parameters
+    ----------
+    tasks : sequence of Task
+    tell : callable
+        Called after each, from several threads.
+    processes : int or None
+        How many at most; ``None`` takes the processors this process may run on.
+
+    Returns
+    -------
+    list of Task
+        Those that failed, or that no process did.
+    """
+    waiting: SimpleQueue[Task] = SimpleQueue()
+    for task in tasks:
+        waiting.put(task)
+    failed: list[Task] = []
+
+    def follow(process: subprocess.Popen[str]) -> None:
+        with suppress(Empty):
+            while True:
+                task = waiting.get_nowait()
+                if _do(process, task) is not None:
+                    failed.append(task)
+                tell()
+
+    count = available_processors() if processes is None else processes
+    others = [_start() for _ in range(min(count, len(tasks)))]
+    try:
+        threads = [threading.Thread(target=follow, args=(one,), daemon=True) for one in others]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+    finally:
+        for one in others:
+            _end(one)
+    return failed
+
+
+def _do(process: subprocess.Popen[str], task: Task) -> str | None:
+    """Return what went wrong with a task; None if nothing did."""
+    try:
+        process.stdin.write(json.dumps(task) + "\n")
+        process.stdin.flush()
+        return json.loads(process.stdout.readline() or '"the process ended"')
+    except (OSError, ValueError) as error:
+        return str(error)
+
+
+def _end(process: subprocess.Popen[str]) -> None:
+    process.kill()
+    with suppress(OSError):
+        process.communicate()
+
+
+@contextmanager
+def beside(tasks: Sequence[Task], threads: int | None = None) -> Iterator[bool]:
+    """
+    Let another process do tasks, in order, as long as the context lasts.
+
+    Parameters
+    ----------
+    tasks : sequence of Task
+    threads : int or None
+        What the user allows; with 1 everything is left to this process.
+
+    Yields
+    ------
+    bool
+        Whether there is such a process.
+    """
+    if not tasks or threads == 1 or available_processors() == 1 or not is_possible():
+        yield False
+        return
+    other = _start()
+    # Whether they are done shows in the store: nobody reads the answers, which fit in a pipe.
+    with suppress(OSError):
+        other.stdin.writelines(json.dumps(task) + "\n" for task in tasks)
+        other.stdin.flush()
+    try:
+        yield True
+    finally:
+        _end(other)

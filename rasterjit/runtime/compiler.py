@@ -1,0 +1,384 @@
+"""
+From a kernel's Python to object code. Imported when something compiles, and Numba with it.
+
+Numba turns Python into LLVM's language (``numba_internals``), helpers and all. What follows is done
+with llvmlite's public interface: one entry point of a fixed C signature,
+``int64 kernel(int64 state, int64 first, int64 stop)``, whose arguments lie in a state block
+(``state``); one round of LLVM's optimizations for a chosen CPU; object code that needs nothing but
+``memset``, ``memcpy`` and ``memmove``, and on old CPUs a few roundings of the C library.
+
+There are two ways from Python to LLVM's language, and no kernel is made by both: drafts, which use
+Numba's private interface, and stock Numba, where a release of it lacks something of that.
+"""
+
+from __future__ import annotations
+
+import functools
+import gc
+import threading
+import warnings
+from collections.abc import Callable
+from types import FunctionType
+from typing import Any
+
+import numba
+from llvmlite import binding, ir
+from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic, typeof_impl
+
+from rasterjit.runtime import instructions
+from rasterjit.runtime.jit import CheckedKernel, Helper, Intrinsic, Kernel, RawKernel, Stage
+from rasterjit.runtime.state import (
+    ArrayType,
+    NoneType,
+    NumberType,
+    RecordType,
+    Type,
+    words_of,
+)
+from rasterjit.runtime.store import Target
+
+OPTIONS = {"nogil": True, "error_model": "numpy", "_nrt": False}
+"""What every function is compiled with."""
+
+ALLOWED = {
+    "memset", "memcpy", "memmove", "floor", "floorf", "ceil", "ceilf", "rint", "rintf", "trunc",
+    "truncf", "nearbyint", "nearbyintf", "fma", "fmaf", "sqrt", "sqrtf",
+}  # fmt: skip
+"""What object code may call: exact operations of the C library, the same bits everywhere."""
+
+_COMPILING = threading.RLock()
+
+STOCK = None
+"""Instead of a target: helpers are functions as Numba makes them, for the CPU at hand."""
+
+
+class _Way(threading.local):
+    """How this thread makes helpers: as drafts for a target, or `STOCK`."""
+
+    target: Target | None = STOCK
+
+
+_WAY = _Way()
+
+
+@typeof_impl.register(Helper)
+@typeof_impl.register(Kernel)
+@typeof_impl.register(CheckedKernel)
+def _type_of_helper(value: Any, context: Any) -> Any:
+    return types.Dispatcher(_dispatcher(value, _WAY.target))
+
+
+@functools.cache
+def _dispatcher(value: Any, target: Target | None) -> Any:
+    """Return what Numba calls a helper by. Drafts may be optimized, for one target."""
+    function = with_instructions(value.function)
+    if target is STOCK:
+        return numba.njit(**OPTIONS)(function)
+    return _drafting().draft(function, getattr(value, "is_disjoint", False), OPTIONS)
+
+
+def with_instructions(function: Callable) -> Any:
+    """Return a function that finds the machine's intrinsics where it finds Python's."""
+    found = {
+        name: getattr(instructions, value.__name__)
+        for name in function.__code__.co_names
+        if isinstance(value := function.__globals__.get(name), Intrinsic)
+    }
+    if not found:
+        return function
+    known = {**function.__globals__, **found}
+    copied = FunctionType(
+        function.__code__, known, function.__name__, function.__defaults__, function.__closure__
+    )
+    copied.__qualname__ = function.__qualname__
+    return copied
+
+
+def _drafting() -> Any:
+    """Return what makes drafts."""
+    from rasterjit.runtime import numba_internals
+
+    return numba_internals
+
+
+def numba_type(kind: Type) -> Any:
+    """Return a type as Numba names it."""
+    if isinstance(kind, ArrayType):
+        layout = "C" if kind.is_contiguous else "A"
+        return types.Array(numba.from_dtype(_dtype(kind)), kind.ndim, layout)
+    if isinstance(kind, NumberType):
+        return {"bool": types.boolean}.get(kind.dtype) or getattr(types, kind.dtype)
+    if isinstance(kind, NoneType):
+        return types.none
+    fields = [numba_type(field) for field in kind.fields]
+    if kind.record is tuple:
+        return types.Tuple(tuple(fields))
+    if fields and all(field == fields[0] for field in fields):
+        return types.NamedUniTuple(fields[0], len(fields), kind.record)
+    return types.NamedTuple(fields, kind.record)
+
+
+def _dtype(kind: ArrayType) -> Any:
+    import numpy as np
+
+    return np.dtype(kind.dtype)
+
+
+def _load(context: Any, builder: Any, kind: Type, numba_kind: Any, base: Any, word: int) -> Any:
+    """Return a value of a state block, from a word on, and the word behind it."""
+    if isinstance(kind, NoneType):
+        return context.get_dummy_value(), word
+    if isinstance(kind, RecordType):
+        values = []
+        for field, one in zip(kind.fields, numba_kind.types, strict=True):
+            value, word = _load(context, builder, field, one, base, word)
+            values.append(value)
+        return context.make_tuple(builder, numba_kind, values), word
+
+    def at(number: int) -> Any:
+        return builder.gep(base, [ir.Constant(ir.IntType(64), word + number)])
+
+    end = word + words_of(kind)
+    if isinstance(kind, NumberType):
+        pointed = context.get_data_type(numba_kind).as_pointer()
+        value = builder.load(builder.bitcast(at(0), pointed))
+        return context.data_model_manager[numba_kind].from_data(builder, value), end
+    array = context.make_array(numba_kind)(context, builder)
+    itemsize = context.get_constant(types.intp, _dtype(kind).itemsize)
+    if kind.shape is None:
+        address = builder.load(at(0))
+        shape = [builder.load(at(1 + k)) for k in range(kind.ndim)]
+    else:
+        address = builder.ptrtoint(at(0), ir.IntType(64))
+        shape = [context.get_constant(types.intp, length) for length in kind.shape]
+    if kind.is_contiguous:
+        strides = [itemsize] * kind.ndim
+        for k in range(kind.ndim - 2, -1, -1):
+            strides[k] = builder.mul(strides[k + 1], shape[k + 1])
+    else:
+        strides = [builder.load(at(1 + kind.ndim + k)) for k in range(kind.ndim)]
+    nitems = context.get_constant(types.intp, 1)
+    for length in shape:
+        nitems = builder.mul(nitems, length)
+    array.meminfo = cgutils.get_null_value(array.meminfo.type)
+    array.parent = cgutils.get_null_value(array.parent.type)
+    array.nitems, array.itemsize = nitems, itemsize
+    array.data = builder.inttoptr(address, array.data.type)
+    array.shape = cgutils.pack_array(builder, shape, ty=ir.IntType(64))
+    array.strides = cgutils.pack_array(builder, strides, ty=ir.IntType(64))
+    return array._getvalue(), end
+
+
+def _entry(value: Any, kind: RecordType, target: Target | None) -> tuple[Callable, list[Any]]:
+    """
+    Return a function of three whole numbers that calls a kernel; it notes what the kernel returns.
+
+    Of a kernel the first is the address of its state block. A stage takes a block of samples as
+    well, and how many there are. A raw kernel takes the numbers themselves.
+    """
+    if isinstance(value, RawKernel):
+        return with_instructions(value.function), [types.int64]
+    dispatcher, is_stage = _dispatcher(value, target), isinstance(value, Stage)
+    argument_types = [numba_type(field) for field in kind.fields]
+    if is_stage:
+        argument_types[:1] = [argument_types[0], types.int64]
+    returned: list[Any] = []
+
+    @intrinsic
+    def run(typing_context: Any, state: Any, block: Any, count: Any) -> Any:
+        resolved = types.Dispatcher(dispatcher).get_call_type(typing_context, argument_types, {})
+        returned.append(resolved.return_type)
+
+        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            def base(address: Any) -> Any:
+                return builder.inttoptr(address, ir.IntType(64).as_pointer())
+
+            def load_all(fields: Any, numba_types: Any, address: Any) -> list[Any]:
+                values, word = [], 0
+                for field, one in zip(fields, numba_types, strict=True):
+                    loaded, word = _load(context, builder, field, one, base(address), word)
+                    values.append(loaded)
+                return values
+
+            if is_stage:
+                values = load_all(kind.fields[:1], argument_types[:1], arguments[1])
+                values.append(arguments[2])
+                values += load_all(kind.fields[1:], argument_types[2:], arguments[0])
+            else:
+                values = load_all(kind.fields, argument_types, arguments[0])
+            call = context.get_function(types.Dispatcher(dispatcher), resolved)
+            context.add_linking_libs(getattr(call, "libs", ()))
+            result = call(builder, values)
+            if resolved.return_type == types.none:
+                return ir.Constant(ir.IntType(64), 0)
+            return context.cast(builder, result, resolved.return_type, types.int64)
+
+        return types.int64(types.int64, types.int64, types.int64), generate
+
+    def entry(state: Any, first: Any, stop: Any) -> Any:
+        return run(state, first, stop)
+
+    return entry, returned
+
+
+@functools.cache
+def machine_of(target: Target) -> Any:
+    """Return LLVM's description of a machine to compile for."""
+    binding.initialize_all_targets()
+    binding.initialize_all_asmprinters()
+    return binding.Target.from_triple(target.triple).create_target_machine(
+        cpu=target.cpu, features=target.features, opt=3, reloc="pic", codemodel="default"
+    )
+
+
+def optimize(module: Any, machine: Any) -> None:
+    """Run LLVM's optimizations over a module."""
+    module.data_layout = str(machine.target_data)
+    tuning = binding.create_pipeline_tuning_options(speed_level=3)
+    tuning.loop_vectorization = tuning.slp_vectorization = True
+    builder = binding.create_pass_builder(machine, tuning)
+    builder.getModulePassManager().run(module, builder)
+
+
+_IS_STOCK: list[bool] = []
+"""Holds something once drafts have failed where stock Numba did not."""
+
+
+def lower(value: Any, kind: RecordType, name: str, target: Target) -> tuple[str, Any]:
+    """Return what a form of a kernel returns, and its optimized module for a target."""
+    collects = gc.isenabled()
+    gc.disable()  # It would only look, and free little.
+    try:
+        with _COMPILING:
+            returned, module, symbol = _in_llvm(value, kind, target)
+            module = _with_c_entry(module, symbol, name, target)
+            optimize(module, machine_of(target))
+            _refuse_unknown_calls(module, name)
+            _rename(module, name)
+            return _kind_of_result(returned, name), module
+    finally:
+        if collects:
+            gc.enable()
+
+
+def _in_llvm(value: Any, kind: RecordType, target: Target) -> tuple[Any, Any, str]:
+    """Return the type of a kernel's result, a module with it and its helpers, and its symbol."""
+    if _IS_STOCK:
+        return _in_stock(value, kind)
+    try:
+        return _in_drafts(value, kind, target)
+    except Exception as error:
+        try:
+            found = _in_stock(value, kind)
+        except Exception:
+            raise error from None  # It is the kernel's.
+        _IS_STOCK.append(True)
+        warnings.warn(
+            f"Numba {numba.__version__} is not as RasterJIT knows it, so compiling takes longer: "
+            f"{type(error).__name__}: {error}",
+            RuntimeWarning,
+            2,
+        )
+        return found
+
+
+def _in_drafts(value: Any, kind: RecordType, target: Target) -> tuple[Any, Any, str]:
+    drafting = _drafting()
+    _WAY.target = target
+    try:
+        entry, returned = _entry(value, kind, target)
+        module, symbol = drafting.whole(entry, (types.int64,) * 3, OPTIONS)
+    finally:
+        _WAY.target = STOCK
+    return returned[0], module, symbol
+
+
+def _in_stock(value: Any, kind: RecordType) -> tuple[Any, Any, str]:
+    entry, returned = _entry(value, kind, STOCK)
+    words = (types.int64,) * 3
+    compiled = numba.njit(types.int64(*words), **OPTIONS)(entry)
+    module = binding.parse_assembly(compiled.inspect_llvm(words))
+    # Around it are what Python and C would call, of fewer arguments; its helpers are not external.
+    (symbol,) = (
+        one.name
+        for one in module.functions
+        if one.linkage == binding.Linkage.external
+        and not one.is_declaration
+        and len(list(one.arguments)) == 2 + len(words)
+    )
+    return returned[0], module, symbol
+
+
+def _with_c_entry(module: Any, symbol: str, name: str, target: Target) -> Any:
+    """Add an entry point of C's calling convention, and hide everything else."""
+    text = f"""
+    declare i32 @"{symbol}"(ptr, ptr, i64, i64, i64)
+    define i64 @"{name}"(i64 %state, i64 %first, i64 %stop) {{
+        %result = alloca i64
+        %error = alloca ptr
+        %status = call i32 @"{symbol}"(ptr %result, ptr %error, i64 %state, i64 %first, i64 %stop)
+        %value = load i64, ptr %result
+        ret i64 %value
+    }}"""
+    module.link_in(binding.parse_assembly(text))
+    module.triple, module.name = target.triple, name
+    for one in (*module.functions, *module.global_variables):
+        if not one.is_declaration and one.name != name:
+            one.linkage = "internal"
+    return module
+
+
+def _refuse_unknown_calls(module: Any, name: str) -> None:
+    called = {one.name for one in module.functions if one.is_declaration}
+    unknown = {one for one in called if not one.startswith("llvm.")} - ALLOWED
+    unknown |= {one.name for one in module.global_variables if one.is_declaration}
+    if unknown:
+        raise RuntimeError(f"kernel {name} needs what no store can keep: {sorted(unknown)}")
+
+
+def _rename(module: Any, name: str) -> None:
+    """Name what is inside by numbers: Numba's names count what a process has compiled."""
+    inside = [one for one in (*module.functions, *module.global_variables)
+              if not one.is_declaration and one.name != name]  # fmt: skip
+    for number, one in enumerate(inside):
+        one.name = f"{name}.{number}"
+
+
+def _kind_of_result(result: Any, name: str) -> str:
+    if result == types.none:
+        return "none"
+    if result == types.boolean:
+        return "bool"
+    if isinstance(result, types.Integer):
+        return "int"
+    raise TypeError(
+        f"kernel {name} returns {result}: results other than whole numbers go to arrays"
+    )
+
+
+def compile_form(value: Any, kind: RecordType, name: str, target: Target) -> tuple[str, bytes]:
+    """Return what a form of a kernel returns, and its object code for a target."""
+    returns, module = lower(value, kind, name, target)
+    return returns, machine_of(target).emit_object(module)
+
+
+def assembly(value: Any, kind: RecordType, target: Target) -> str:
+    """Return the assembly of a form of a kernel, for people and tests."""
+    _, module = lower(value, kind, value.__name__, target)
+    return machine_of(target).emit_assembly(module)
+
+
+def checked(function: Callable) -> Any:
+    """Return a kernel with checked indices, as Numba makes and calls it."""
+    return numba.njit(**OPTIONS)(with_instructions(function))
+
+
+def around(value: Any) -> Any:
+    """Return a function that calls a helper or an intrinsic, for Python."""
+
+    def call(*given: Any) -> Any:
+        return value(*given)
+
+    return numba.njit(**OPTIONS)(call)

@@ -1,0 +1,420 @@
+"""
+Every decision about compilation, in one place.
+
+``@kernel``
+    What Python calls: compiled once for each form of its arguments, kept as machine code on disk
+    (``store``), called without Python's lock.
+``@helper``
+    A function that is compiled into the kernels that call it.
+``@disjoint_helper``
+    A helper whose array arguments never overlap, so that its loops vectorize.
+``@intrinsic``
+    A helper that ``instructions`` has in LLVM's language.
+
+Decorating only remembers the function: nothing imports Numba before something compiles
+(``compiler``), and what is in the store needs no compiler.
+
+With ``NUMBA_DISABLE_JIT=1`` all are the plain Python functions; a kernel is then as silent about
+overflow and NaN as when it is compiled. With ``NUMBA_BOUNDSCHECK=1`` kernels are compiled by Numba
+with checked indices, and raise ``IndexError``; nothing of that is kept.
+
+Kernels allocate nothing: whoever calls them gives them their scratch memory. No kernel uses
+``fastmath``: coverage, clipping and depth rest on exact ties and on NaN comparing false, and
+without it LLVM neither reorders nor contracts floating-point arithmetic.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+import inspect
+import os
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+
+from rasterjit.runtime.state import (
+    NumberType,
+    RecordType,
+    forms_of,
+    pack_slowly,
+    size_of,
+    type_named,
+    type_of,
+)
+
+
+def _is_set(name: str) -> bool:
+    """Tell whether an environment variable is a number other than 0, as Numba reads it."""
+    try:
+        return bool(int(os.environ.get(name, "0") or "0"))
+    except ValueError:
+        return False
+
+
+DISABLED = _is_set("NUMBA_DISABLE_JIT")
+"""Whether kernels run as plain Python."""
+
+CHECKED = _is_set("NUMBA_BOUNDSCHECK")
+"""Whether kernels check their indices."""
+
+KERNELS: list[Any] = []
+"""Every function decorated with ``@kernel``, in order of definition."""
+
+STAGES: list[Any] = []
+"""Every function decorated with ``@stage``, in order of definition."""
+
+MACHINE = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64, ctypes.c_int64, ctypes.c_int64)
+"""A compiled function, called without Python's lock."""
+
+LOCKED_MACHINE = ctypes.PYFUNCTYPE(ctypes.c_int64, ctypes.c_int64, ctypes.c_int64, ctypes.c_int64)
+"""The same, called with Python's lock: `packing.pack` looks into Python's objects."""
+
+
+class CompileClock:
+    """Wall-clock seconds that this process spent on something, in any thread."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._active = 0
+        self._since = 0.0
+        self._seconds = 0.0
+
+    @property
+    def seconds(self) -> float:
+        """Seconds so far; time that several threads waited for one compiler counts once."""
+        return self._seconds
+
+    def read(self) -> float:
+        """Return the seconds so far, with those of what is under way."""
+        with self._lock:
+            going_on = time.perf_counter() - self._since if self._active else 0.0
+            return self._seconds + going_on
+
+    @contextmanager
+    def running(self) -> Iterator[None]:
+        """Let the clock run."""
+        with self._lock:
+            if self._active == 0:
+                self._since = time.perf_counter()
+            self._active += 1
+        try:
+            yield
+        finally:
+            with self._lock:
+                self._active -= 1
+                if self._active == 0:
+                    self._seconds += time.perf_counter() - self._since
+
+
+COMPILE_CLOCK = CompileClock()
+"""Runs while kernels are compiled or loaded from disk."""
+
+COMPILER_CLOCK = CompileClock()
+"""Runs while kernels are compiled, and not while they are loaded."""
+
+
+class Form:
+    """A kernel in machine code, for arguments of certain types."""
+
+    def __init__(self, kind: RecordType, code: Any) -> None:
+        from rasterjit.runtime.packing import plan_of
+
+        self.kind = kind
+        self.is_loaded: bool = code.is_loaded
+        """From the store, not compiled by this process."""
+        self.address: int = code.address
+        self._code = code
+        self._run = MACHINE(code.address)
+        self._returns = {"none": lambda word: None, "int": None, "bool": bool}[code.returns]
+        self._plan = plan_of(kind)
+        self._plan_address = ctypes.addressof(self._plan)
+        self._block = ctypes.c_int64 * max(size_of(kind), 1)
+
+    def pack(self, arguments: tuple[Any, ...]) -> Any:
+        """Return a state block, or None if the arguments are of other types."""
+        block = self._block()
+        if packer()(id(arguments), self._plan_address, ctypes.addressof(block)):
+            return None
+        return block
+
+    def pack_slowly(self, arguments: tuple[Any, ...]) -> Any:
+        """Return a state block; raise TypeError if the arguments are of other types."""
+        words: list[int] = []
+        pack_slowly(self.kind, arguments, words)
+        return self._block(*words)
+
+    def run(self, block: Any) -> Any:
+        """Run the machine code with a state block."""
+        word = self._run(ctypes.addressof(block), 0, 0)
+        return word if self._returns is None else self._returns(word)
+
+
+class Kernel:
+    """A function in machine code, one form for each combination of the types of its arguments."""
+
+    def __init__(self, function: Callable) -> None:
+        self.function = function
+        self.__name__, self.__qualname__ = function.__name__, function.__qualname__
+        self.__module__, self.__doc__ = function.__module__, function.__doc__
+        self.forms: list[Form] = []
+        """Those that this process has used."""
+        self._lock = threading.RLock()
+
+    @functools.cached_property
+    def declared(self) -> list[RecordType]:
+        """The types of its arguments, if annotations tell them: one for each form."""
+        names = inspect.signature(self.function).parameters
+        named = inspect.get_annotations(self.function, eval_str=True)
+        if not all(name in named for name in names):
+            return []
+        return forms_of(RecordType(tuple, tuple(type_named(named[name]) for name in names)))
+
+    def __call__(self, *arguments: Any) -> Any:
+        """
+        Run the kernel; compile or load it first if this process has not yet done so.
+
+        Raises
+        ------
+        TypeError
+            An argument is of another type than the kernel declares.
+        """
+        for form in self.forms:
+            block = form.pack(arguments)
+            if block is not None:
+                return form.run(block)
+        form = self.form_for(self._kind_for(arguments))
+        return form.run(form.pack_slowly(arguments))
+
+    def _kind_for(self, arguments: tuple[Any, ...]) -> RecordType:
+        if not self.declared:
+            return RecordType(tuple, tuple(map(type_of, arguments)))
+        furthest, reason = -1, TypeError()
+        for kind in self.declared:
+            words: list[int] = []
+            try:
+                pack_slowly(kind, arguments, words, self.__name__)
+                return kind
+            except TypeError as error:
+                # Of several forms the one that most arguments suit says what is wrong.
+                if len(words) > furthest:
+                    furthest, reason = len(words), error
+        raise reason
+
+    def form_for(self, kind: RecordType) -> Form:
+        """Return the form for arguments of some types: at hand, from the store, or compiled."""
+        with self._lock:
+            for form in self.forms:
+                if form.kind == kind:
+                    return form
+            from rasterjit.runtime.store import load
+
+            with COMPILE_CLOCK.running():
+                form = Form(kind, load(self, kind))
+            self.forms = [*self.forms, form]
+            return form
+
+
+class RawKernel:
+    """``int64 kernel(int64, int64, int64)``: what machine code and the runtime call by address."""
+
+    WORDS = RecordType(tuple, (NumberType("int64"),) * 3)
+
+    def __init__(self, function: Callable) -> None:
+        self.function = function
+        self.__name__, self.__module__ = function.__name__, function.__module__
+        self.__doc__ = function.__doc__
+        self._lock = threading.Lock()
+        self._code: Any = None
+
+    def address(self) -> int:
+        """Return the address of the machine code, compiled or loaded first."""
+        with self._lock:
+            if self._code is None:
+                from rasterjit.runtime.store import load
+
+                with COMPILE_CLOCK.running():
+                    self._code = load(self, self.WORDS)
+            return self._code.address
+
+
+class Stage:
+    """
+    A step of shading, compiled once: ``stage(block, count, ...)``.
+
+    Takes a block of samples, how many of them count, and what the annotations of its further
+    parameters say. Machine code calls it (``driver``), with the addresses of a state block, which
+    holds the further arguments, and of a block of samples.
+    """
+
+    def __init__(self, function: Callable) -> None:
+        self.function = function
+        self.__name__, self.__module__ = function.__name__, function.__module__
+        self.__doc__ = function.__doc__
+        self._lock = threading.Lock()
+        self._code: Any = None
+        self._checked: Any = None
+
+    @property
+    def is_in_use(self) -> bool:
+        """Whether its machine code is in memory."""
+        return self._code is not None
+
+    @functools.cached_property
+    def kind(self) -> RecordType:
+        """The types of the block and of the further arguments."""
+        named = inspect.get_annotations(self.function, eval_str=True)
+        given = [name for name in inspect.signature(self.function).parameters if name != "count"]
+        return RecordType(tuple, tuple(type_named(named[name]) for name in given))
+
+    @functools.cached_property
+    def names(self) -> tuple[str, ...]:
+        """The names of its further parameters: what it reads."""
+        return tuple(inspect.signature(self.function).parameters)[2:]
+
+    def address(self) -> int:
+        """Return the address of the machine code, compiled or loaded first."""
+        with self._lock:
+            if self._code is None:
+                from rasterjit.runtime.store import load
+
+                with COMPILE_CLOCK.running():
+                    self._code = load(self, self.kind)
+            return self._code.address
+
+    @functools.cached_property
+    def _own(self) -> tuple[RecordType, Any, Any, int]:
+        from rasterjit.runtime.packing import plan_of
+
+        own = RecordType(tuple, self.kind.fields[1:])
+        plan = plan_of(own)
+        return own, ctypes.c_int64 * max(size_of(own), 1), plan, ctypes.addressof(plan)
+
+    def pack(self, *arguments: Any) -> Any:
+        """
+        Return a state block of further arguments. It does not keep them alive.
+
+        Raises
+        ------
+        TypeError
+            An argument is of another type than the stage declares.
+        """
+        own, row, _, plan_address = self._own
+        block = row()
+        if packer()(id(arguments), plan_address, ctypes.addressof(block)):
+            words: list[int] = []
+            pack_slowly(own, arguments, words, self.__name__)
+            block[: len(words)] = words
+        return block
+
+    def run_in_python(self, block: Any, count: int, arguments: tuple[Any, ...]) -> Any:
+        """Run without machine code of our own: in plain Python, or with checked indices."""
+        if not CHECKED:
+            with np.errstate(all="ignore"):
+                return self.function(block, count, *arguments)
+        if self._checked is None:
+            from rasterjit.runtime.compiler import checked
+
+            self._checked = checked(self.function)
+        return self._checked(block, count, *arguments)
+
+
+class CheckedKernel:
+    """A kernel with checked indices, as Numba compiles and calls it."""
+
+    def __init__(self, function: Callable) -> None:
+        self.function = function
+        self.__name__, self.__module__ = function.__name__, function.__module__
+        self.__doc__ = function.__doc__
+        self._dispatcher: Any = None
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Run the kernel; compile it first if this process has not yet done so."""
+        if self._dispatcher is None:
+            from rasterjit.runtime.compiler import checked
+
+            self._dispatcher = checked(self.function)
+        return self._dispatcher(*arguments)
+
+
+class Helper:
+    """A function that is compiled into kernels. For Python, which tests it, Numba calls it."""
+
+    def __init__(self, function: Callable, is_disjoint: bool) -> None:
+        self.function, self.is_disjoint = function, is_disjoint
+        self.__name__, self.__module__ = function.__name__, function.__module__
+        self.__doc__ = function.__doc__
+        self._around: Any = None
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Run the helper inside a function made around it."""
+        if self._around is None:
+            from rasterjit.runtime.compiler import around
+
+            self._around = around(self)
+        return self._around(*arguments)
+
+
+class Intrinsic:
+    """A helper whose machine code ``instructions`` has under the same name."""
+
+    def __init__(self, function: Callable) -> None:
+        self.function = function
+        self.__name__, self.__module__ = function.__name__, function.__module__
+        self.__doc__ = function.__doc__
+
+
+def kernel(function: Callable) -> Any:
+    """Compile what Python calls."""
+    if DISABLED:
+        compiled: Any = np.errstate(all="ignore")(function)
+    else:
+        compiled = CheckedKernel(function) if CHECKED else Kernel(function)
+    KERNELS.append(compiled)
+    return compiled
+
+
+def helper(function: Callable) -> Any:
+    """Compile a function into the kernels that call it."""
+    return function if DISABLED else Helper(function, is_disjoint=False)
+
+
+def disjoint_helper(function: Callable) -> Any:
+    """
+    Compile a helper whose array arguments never overlap.
+
+    LLVM vectorizes a loop over many arrays only if it knows that no store changes a later load;
+    checking at run time gives up beyond a handful of arrays. Only for helpers that are given
+    distinct rows of scratch memory.
+    """
+    return function if DISABLED else Helper(function, is_disjoint=True)
+
+
+def intrinsic(function: Callable) -> Any:
+    """Compile a function as ``instructions`` says; in plain Python it is what it is here."""
+    return function if DISABLED else Intrinsic(function)
+
+
+def stage(function: Callable) -> Stage:
+    """Compile a step of shading."""
+    made = Stage(function)
+    STAGES.append(made)
+    return made
+
+
+def raw_kernel(function: Callable) -> Any:
+    """Compile what is called by its address, with three whole numbers and nothing else."""
+    return function if DISABLED else RawKernel(function)
+
+
+@functools.cache
+def packer() -> Callable[[int, int, int], int]:
+    """Return `packing.pack` as machine code; where it cannot read, one that always gives up."""
+    from rasterjit.runtime.packing import is_readable, pack
+
+    run = LOCKED_MACHINE(pack.address())
+    return run if is_readable(run) else lambda *_: 1

@@ -1,0 +1,198 @@
+"""
+Pack the arguments of a call into a state block, in machine code: about a microsecond.
+
+Reads tuples, arrays and numbers where CPython and NumPy keep them (``PyTupleObject``,
+``PyArrayObject`` and ``PyArray_Descr``, whose fields NumPy's C interface fixes). A plan says where
+to look and what to expect; whatever is not as expected is left to `state.pack_slowly`, and so is
+everything in a Python where a first try (`is_readable`) reads something else than it should.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+
+from rasterjit.runtime.intrinsics import call_at, load_int32, load_int64, store_int64
+from rasterjit.runtime.jit import helper, raw_kernel
+from rasterjit.runtime.state import WORD, ArrayType, NoneType, NumberType, RecordType, Type
+
+HEADER = object.__basicsize__
+"""Bytes of what every object begins with; its last word is the object's type."""
+
+ITEMS = tuple.__basicsize__
+"""Bytes before the items of a tuple."""
+
+DATA, NDIM, SHAPE, STRIDES, DESCR, FLAGS = (HEADER + n for n in (0, 8, 16, 24, 40, 48))
+"""Where an array keeps its address, number of axes, lengths, strides, description and flags."""
+
+KIND, TYPE_NUMBER = HEADER + 8, HEADER + 12
+"""Where a description keeps four characters, the third its byte order, and the type's number."""
+
+C_CONTIGUOUS, ALIGNED = 0x1, 0x100
+"""Flags of an array."""
+
+END, RECORD, NONE, ARRAY, INT, FLOAT64, FLOAT32 = range(7)
+"""What an instruction of a plan packs."""
+
+NUMBERS = {
+    "int64": (INT, int, np.int64),
+    "bool": (INT, bool, bool),
+    "float64": (FLOAT64, float, np.float64),
+    "float32": (FLOAT32, np.float32, np.float32),
+}
+"""How a number is packed, and the types that will do."""
+
+LONGEST_PATH = 8
+"""Tuples inside tuples, at most."""
+
+OP, EXPECTED, AXES, WANTED_FLAGS, STRIDED, DEPTH, PATH = (WORD * n for n in range(7))
+"""
+Bytes into an instruction. Expected is the type object of a record or a number, the object itself
+(``None``), or a description's byte order and type number. What ``AXES`` has is of an array; a
+record has its length there, a number another type object that will do.
+"""
+
+INSTRUCTION = PATH + WORD * LONGEST_PATH
+"""Bytes of an instruction."""
+
+ORDER_AND_NUMBER = 0xFFFFFFFF00FF0000
+"""What matters of the word at ``KIND``."""
+
+
+@helper
+def copy_words(source, count, target):
+    """Copy some words; return where they end."""
+    for k in range(count):
+        store_int64(target + WORD * k, load_int64(source + WORD * k))
+    return target + WORD * count
+
+
+@helper
+def is_array(thing, at):
+    """Tell whether an array is of the expected type, axes and layout."""
+    word = load_int64(load_int64(thing + DESCR) + KIND)
+    flags = load_int64(at + WANTED_FLAGS)
+    return (
+        (word & np.int64(np.uint64(ORDER_AND_NUMBER))) == load_int64(at + EXPECTED)
+        and np.int64(load_int32(thing + NDIM)) == load_int64(at + AXES)
+        and (np.int64(load_int32(thing + FLAGS)) & flags) == flags
+    )
+
+
+@raw_kernel
+def pack(arguments, plan, state):
+    """
+    Write a state block.
+
+    Parameters
+    ----------
+    arguments : int
+        Address of a tuple.
+    plan : int
+        Address of the type object of arrays, the function that reads an int, the items that the
+        tuple must have, then instructions (`plan_of`).
+    state : int
+        Address of the block, written.
+
+    Returns
+    -------
+    int
+        0, or the number of the instruction that found something else than expected, from 1 on.
+    """
+    array_type, read_int = load_int64(plan), load_int64(plan + WORD)
+    at, out, number = plan + 3 * WORD, state, np.int64(1)
+    if load_int64(arguments + HEADER) != load_int64(plan + 2 * WORD):
+        return number
+    op = load_int64(at + OP)
+    while op != END:
+        thing = arguments
+        for k in range(load_int64(at + DEPTH)):
+            thing = load_int64(thing + ITEMS + WORD * load_int64(at + PATH + WORD * k))
+        kind, expected = load_int64(thing + HEADER - WORD), load_int64(at + EXPECTED)
+        if op == ARRAY:
+            if kind != array_type or not is_array(thing, at):
+                return number
+            axes = load_int64(at + AXES)
+            store_int64(out, load_int64(thing + DATA))
+            out = copy_words(load_int64(thing + SHAPE), axes, out + WORD)
+            if load_int64(at + STRIDED):
+                out = copy_words(load_int64(thing + STRIDES), axes, out)
+        elif op == INT:
+            if kind != expected and kind != load_int64(at + AXES):
+                return number
+            store_int64(out, call_at(read_int, thing, 0, 0))
+            out += WORD
+        elif op == RECORD:
+            if kind != expected or load_int64(thing + HEADER) != load_int64(at + AXES):
+                return number
+        elif op == NONE:
+            if thing != expected:
+                return number
+        else:
+            if kind != expected and kind != load_int64(at + AXES):
+                return number
+            if op == FLOAT64:
+                store_int64(out, load_int64(thing + HEADER))
+            else:
+                store_int64(out, np.int64(load_int32(thing + HEADER)))
+            out += WORD
+        at, number = at + INSTRUCTION, number + 1
+        op = load_int64(at + OP)
+    return np.int64(0)
+
+
+def _instructions(kind: Type, path: tuple[int, ...]) -> Iterator[list[int]]:
+    def instruction(op: int, expected: int, axes: int = 0, flags: int = 0, strided: int = 0) -> Any:
+        depth = len(path)
+        if depth > LONGEST_PATH:
+            raise ValueError(f"tuples nest too deep in the arguments of a kernel: {path}")
+        return [op, expected, axes, flags, strided, depth, *path, *[0] * (LONGEST_PATH - depth)]
+
+    if isinstance(kind, RecordType):
+        if path:
+            yield instruction(RECORD, id(kind.record), len(kind.fields))
+        for k, field in enumerate(kind.fields):
+            yield from _instructions(field, (*path, k))
+    elif isinstance(kind, ArrayType):
+        dtype = np.dtype(kind.dtype)
+        order = ord(dtype.byteorder) << 16
+        number = dtype.num << 32
+        flags = ALIGNED | (C_CONTIGUOUS if kind.is_contiguous else 0)
+        yield instruction(ARRAY, order | number, kind.ndim, flags, int(not kind.is_contiguous))
+    elif isinstance(kind, NoneType):
+        yield instruction(NONE, id(None))
+    else:
+        op, one, other = NUMBERS[kind.dtype]
+        yield instruction(op, id(one), id(other))
+
+
+def plan_of(kind: RecordType) -> Any:
+    """Return the plan of a kernel's arguments, a ctypes array."""
+    read_int = ctypes.cast(ctypes.pythonapi.PyLong_AsLongLong, ctypes.c_void_p).value
+    words = [id(np.ndarray), read_int, len(kind.fields)]
+    for one in _instructions(kind, ()):
+        words += one
+    words += [END] * (INSTRUCTION // WORD)
+    return (ctypes.c_int64 * len(words))(*words)
+
+
+def is_readable(pack_at: Callable[[int, int, int], int]) -> bool:
+    """Tell whether this Python and this NumPy keep things where `pack` looks."""
+    array = np.zeros((5, 7, 3), np.float32)[::2, 1:3]
+    value = (array, (3, 2.5, np.float32(1.5)), None, np.int64(-9), 1 << 40)
+    number = NumberType
+    inner = RecordType(tuple, (number("int64"), number("float64"), number("float32")))
+    parts = ArrayType("float32", 3, False), inner, NoneType(), number("int64"), number("int64")
+    kind = RecordType(tuple, parts)
+    plan = plan_of(kind)
+    block = (ctypes.c_int64 * 16)()
+    if pack_at(id(value), ctypes.addressof(plan), ctypes.addressof(block)) != 0:
+        return False
+    from rasterjit.runtime.state import pack_slowly
+
+    words: list[int] = []
+    pack_slowly(kind, value, words)
+    return list(block)[: len(words)] == words

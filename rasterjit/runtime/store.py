@@ -1,0 +1,565 @@
+"""
+The store of machine code: a file for each form of a kernel, and what brings one into memory.
+
+A file is named by a hash over all that its content follows from: the sources of the kernel and of
+the files of ours that it imports, those of the compiler, the types of its arguments and the CPU it
+is for; then, by the versions of Numba and llvmlite. It begins with a checksum over its name and its
+content. What is damaged or missing is compiled again. Files are written under another name and
+moved into place, so that none is ever seen half written, whoever else writes.
+
+Where Numba is missing, an entry of any version will do: the bits are the same.
+
+A checksum finds damage, not malice: a folder that others may write to is not used.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import hashlib
+import importlib.util
+import itertools
+import os
+import re
+import sys
+import tempfile
+import threading
+import time
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from rasterjit.runtime.jit import COMPILER_CLOCK
+from rasterjit.runtime.state import RecordType, Type
+
+FOLDER_VARIABLE = "RASTERJIT_CACHE_DIR"
+"""Environment variable that names another folder."""
+
+MAGIC = b"RasterJIT kernel 2\n"
+SUM = hashlib.sha256().digest_size
+
+SUFFIX, PART, LOCK = ".kernel", ".part", ".lock"
+"""How files end: an entry, one that is being written, and the claim of who compiles one."""
+
+PATIENCE = 60.0
+"""Seconds that another process may take to compile before this one does it, too."""
+
+STALE = 3600.0
+"""Seconds after which nobody writes a temporary file any more."""
+
+COMPILER_FILES = ("compiler", "instructions", "intrinsics", "numba_internals", "state")
+"""Files of this folder that every kernel follows from."""
+
+NOT_COMPILED = {"jit", "store"}
+"""Files of this folder that kernels import or are loaded by, and nothing follows from."""
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+class Header(NamedTuple):
+    """What an entry says of itself, a line of text."""
+
+    returns: str
+    """``none``, ``int`` or ``bool``."""
+    kernel: str
+    """Module and name."""
+    types: str
+    sources: str
+    """Hash of the sources, hexadecimal."""
+    versions: str
+    triple: str
+    cpu: str
+
+
+class Code(NamedTuple):
+    """Machine code in memory."""
+
+    address: int
+    returns: str
+    is_loaded: bool
+    """From the store, not compiled by this process."""
+    library: Any
+    """Keeps it there."""
+
+
+class Target(NamedTuple):
+    """What machine code is for."""
+
+    triple: str
+    cpu: str
+    features: str
+
+
+class Used(NamedTuple):
+    """The forms that this process took into use, by module and name of the kernel, in order."""
+
+    loaded: list[str]
+    compiled: list[str]
+
+
+USED = Used([], [])
+
+WANTED: set[str] = set()
+"""Stages that a list of them needs, by module and name, whether or not they are in memory yet."""
+
+
+def progress() -> str:
+    """Return how many kernels this process compiled and, if it is known, of how many."""
+    there = {*USED.loaded, *USED.compiled}
+    missing, done = len(WANTED - there), len(USED.compiled)
+    return f"{done} of {done + missing}" if missing else f"{done} done"
+
+
+@functools.cache
+def host() -> Target:
+    """Return this machine, or what ``NUMBA_CPU_NAME`` and ``NUMBA_CPU_FEATURES`` ask for."""
+    from llvmlite import binding
+
+    cpu = os.environ.get("NUMBA_CPU_NAME") or binding.get_host_cpu_name()
+    features = os.environ.get("NUMBA_CPU_FEATURES")
+    if features is None:
+        features = "" if cpu == "generic" else binding.get_host_cpu_features().flatten()
+    return Target(binding.get_process_triple(), cpu, features)
+
+
+# Where it lies.
+
+
+@functools.cache
+def folder() -> Path | None:
+    """
+    Return the folder of the compiled kernels; None if none are kept.
+
+    It is ``RASTERJIT_CACHE_DIR``, or ``rasterjit/kernels`` in the user's cache folder.
+    """
+    chosen = os.environ.get(FOLDER_VARIABLE)
+    try:
+        path = Path(chosen) if chosen else _user_cache() / "rasterjit" / "kernels"
+        with contextlib.suppress(OSError):
+            path.mkdir(mode=0o700, parents=True, exist_ok=True)
+        if not path.is_dir():
+            return None
+        is_open = _others_may_write(path)
+    except (OSError, RuntimeError):  # The second: nobody knows where this user's home is.
+        return None
+    if is_open:
+        warnings.warn(
+            f"{path} is not used to keep kernels: others may write to it", RuntimeWarning, 2
+        )
+        return None
+    return path
+
+
+def _user_cache() -> Path:
+    if sys.platform == "win32":
+        return Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local")
+    if sys.platform == "darwin":
+        return Path.home() / "Library" / "Caches"
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+
+
+def _others_may_write(path: Path) -> bool:
+    if os.name != "posix":
+        return False
+    stat = path.stat()
+    return stat.st_uid not in (os.getuid(), 0) or bool(stat.st_mode & 0o022)
+
+
+# What an entry is called.
+
+IMPORT = re.compile(
+    r"^(?:from (rasterjit[\w.]*) import (\([^)]*\)|[^\n#]*)|import (rasterjit[\w.]+))", re.M
+)
+"""An import of our own modules, at the beginning of a line."""
+
+
+@functools.cache
+def _source(path: Path) -> tuple[bytes, tuple[Path, ...]]:
+    """Return the hash of a source file, and the files of ours that it imports."""
+    content = path.read_bytes()
+    imported: list[Path] = []
+    for module, names, plain in IMPORT.findall(content.decode()):
+        base = ROOT.joinpath(*(module or plain).split(".")[1:])
+        found = [base.with_suffix(".py")]
+        if base.is_dir():
+            found = [base / "__init__.py"]
+            found += [base / f"{name}.py" for name in re.findall(r"(\w+)(?:\s+as\s+\w+)?", names)]
+        imported += [one for one in found if one.is_file()]
+    return hashlib.sha256(content).digest(), tuple(imported)
+
+
+@functools.cache
+def sources_of(path: Path) -> tuple[Path, ...]:
+    """Return a file and all files of ours that it imports, directly or not, sorted."""
+    pending, seen = [path], {path}
+    while pending:
+        for one in _source(pending.pop())[1]:
+            is_ours = one.parent != ROOT / "runtime" or one.stem not in NOT_COMPILED
+            if one not in seen and is_ours:
+                seen.add(one)
+                pending.append(one)
+    return tuple(sorted(seen))
+
+
+@functools.cache
+def sources_hash(module: str) -> str:
+    """Return a hash of all sources that the kernels of a module follow from."""
+    digest = hashlib.sha256()
+    here = ROOT / "runtime"
+    for path in (*(here / f"{name}.py" for name in COMPILER_FILES), *sources_of(_file_of(module))):
+        place = path.relative_to(ROOT).as_posix() if path.is_relative_to(ROOT) else path.name
+        digest.update(place.encode() + b"\0" + _source(path)[0])
+    return digest.hexdigest()[:32]
+
+
+def _file_of(module: str) -> Path:
+    """Return the file of a module; one of ours need not be imported."""
+    ours = ROOT.joinpath(*module.split(".")[1:])
+    if module.startswith("rasterjit."):
+        return ours / "__init__.py" if ours.is_dir() else ours.with_suffix(".py")
+    return Path(sys.modules[module].__file__ or "").resolve()
+
+
+@functools.cache
+def versions() -> str | None:
+    """Return the versions of Numba and llvmlite; None without Numba, which is not imported."""
+    import llvmlite
+
+    try:
+        spec = importlib.util.find_spec("numba")
+    except (ImportError, ValueError):
+        spec = None
+    if spec is None or not spec.origin:
+        return None
+    place = Path(spec.origin).parent
+    found = (
+        re.fullmatch(r"numba-([^-]+)\.(?:dist|egg)-info", name) for name in _names(place.parent)
+    )
+    version = next((match[1] for match in found if match), None)
+    if version is None:
+        with contextlib.suppress(OSError):
+            text = (place / "_version.py").read_text()
+            version = next(iter(re.findall(r"\"version\": \"([^\"]+)\"", text)), None)
+    return f"{version or 'unknown'} {llvmlite.__version__}"
+
+
+def _names(place: Path) -> list[str]:
+    """Return the names in a folder; none if it cannot be listed."""
+    try:
+        return os.listdir(place)
+    except OSError:
+        return []
+
+
+def describe(kind: Type) -> str:
+    """Return the text of a type: of a record, with its module and the names of its fields."""
+    if not isinstance(kind, RecordType):
+        return str(kind)
+    names = getattr(kind.record, "_fields", None)
+    fields = ", ".join(map(describe, kind.fields))
+    if names is None:
+        return f"({fields})"
+    return f"{kind.record.__module__}.{kind.record.__qualname__}[{', '.join(names)}]({fields})"
+
+
+LAYOUT = f"{object.__basicsize__} {tuple.__basicsize__}"
+"""What this Python has in raw kernels, which read its objects."""
+
+
+def name_of(kernel: Any, kind: RecordType, target: Target) -> str:
+    """Return the name of the symbol of a form of a kernel, with which its file's name begins."""
+    layout = LAYOUT if hasattr(kernel, "WORDS") else ""
+    facts = (sources_hash(kernel.__module__), full_name(kernel), describe(kind), layout, *target)
+    digest = hashlib.sha256("\n".join(facts).encode()).hexdigest()
+    return f"{kernel.__name__}_{digest[:24]}"
+
+
+def full_name(kernel: Any) -> str:
+    """Return the module and the name of a kernel."""
+    return f"{kernel.__module__}.{kernel.__name__}"
+
+
+def path_of(place: Path, name: str) -> Path:
+    """Return the path of an entry. Without Numba, it is any that is there."""
+    made_with = versions()
+    if made_with is None:
+        stem = f"{name}."
+        found = sorted(
+            one for one in _names(place) if one.startswith(stem) and one.endswith(SUFFIX)
+        )
+        return place / (found[-1] if found else f"{name}{SUFFIX}")
+    mark = hashlib.sha256(made_with.encode()).hexdigest()[:8]
+    return place / f"{name}.{mark}{SUFFIX}"
+
+
+# Files.
+
+
+def read(path: Path) -> tuple[Header, bytes] | None:
+    """Return what an entry says of itself, and its object code; None if missing or damaged."""
+    try:
+        content = path.read_bytes()
+    except OSError:
+        return None
+    return parse(path.name, content)
+
+
+def parse(name: str, content: bytes) -> tuple[Header, bytes] | None:
+    """Return what a file of some name holds; None if it is damaged or another's."""
+    checksum, rest = content[len(MAGIC) : len(MAGIC) + SUM], content[len(MAGIC) + SUM :]
+    if not content.startswith(MAGIC) or _checksum(name, rest) != checksum:
+        return None
+    line, _, code = rest.partition(b"\n")
+    return Header(*line.decode().split("\t")), code
+
+
+def _checksum(name: str, rest: bytes) -> bytes:
+    return hashlib.sha256(name.encode() + b"\0" + rest).digest()
+
+
+def write(path: Path, header: Header, code: bytes) -> None:
+    """Write a file whole, or not at all: a full or read-only disk keeps nothing."""
+    rest = "\t".join(header).encode() + b"\n" + code
+    content = MAGIC + _checksum(path.name, rest) + rest
+    with contextlib.suppress(OSError):
+        number, temporary = tempfile.mkstemp(dir=path.parent, prefix=".", suffix=PART)
+        try:
+            with os.fdopen(number, "wb") as file:
+                file.write(content)
+            os.replace(temporary, path)
+        except BaseException:
+            with contextlib.suppress(OSError):
+                os.unlink(temporary)
+            raise
+
+
+@contextlib.contextmanager
+def claimed(path: Path) -> Iterator[None]:
+    """
+    Compile alone: wait while another process compiles the same entry.
+
+    A claim is a lock that ends with the process that holds it, however that ends. Where there are
+    no locks, both compile.
+    """
+    claim = path.with_suffix(LOCK)
+    try:
+        import fcntl
+
+        file = open(claim, "ab")  # noqa: SIM115 - closed below
+    except (ImportError, OSError):
+        yield
+        return
+    with file:
+        end = time.monotonic() + PATIENCE
+        while time.monotonic() < end:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                break
+            except BlockingIOError:
+                time.sleep(0.02)
+            except OSError:
+                break
+        try:
+            yield
+        finally:
+            with contextlib.suppress(OSError):
+                claim.unlink()
+
+
+@functools.cache
+def _sweep(place: Path) -> None:
+    """Remove, once in a process, what killed processes left long ago."""
+    for one in temporary_files(place):
+        with contextlib.suppress(OSError):
+            if time.time() - one.stat().st_mtime > STALE:
+                one.unlink()
+
+
+def temporary_files(place: Path) -> list[Path]:
+    """Return the files that are there only while a process compiles, sorted."""
+    return sorted(place / name for name in _names(place) if name.endswith((PART, LOCK)))
+
+
+# Into memory.
+
+
+def load(kernel: Any, kind: RecordType) -> Code:
+    """Return the machine code of a form of a kernel: from the store, or compiled and stored."""
+    name, place = name_of(kernel, kind, host()), folder()
+    if place is None:
+        return _linked(kernel, name, *_compile(kernel, kind, name), False)
+    path = path_of(place, name)
+    code = _loaded(kernel, name, path)
+    if code is not None:
+        return code
+    with claimed(path):
+        code = _loaded(kernel, name, path)
+        if code is not None:
+            return code
+        found = _compile(kernel, kind, name)
+        _sweep(place)
+        write(path, *found)
+    return _linked(kernel, name, *found, False)
+
+
+def _loaded(kernel: Any, name: str, path: Path) -> Code | None:
+    """Return the machine code of an entry; None if it is missing, damaged or no object code."""
+    found = read(path)
+    if found is None:
+        return None
+    with contextlib.suppress(RuntimeError):
+        return _linked(kernel, name, *found, True)
+    return None
+
+
+def is_kept(kernel: Any, kind: RecordType) -> bool:
+    """Tell whether the store has a form of a kernel."""
+    place = folder()
+    return place is not None and read(path_of(place, name_of(kernel, kind, host()))) is not None
+
+
+def _compile(kernel: Any, kind: RecordType, name: str) -> tuple[Header, bytes]:
+    from rasterjit.runtime.compiler import compile_form
+
+    target = host()
+    with COMPILER_CLOCK.running():
+        returns, code = compile_form(kernel, kind, name, target)
+    header = Header(
+        returns, full_name(kernel), describe(kind), sources_hash(kernel.__module__),
+        versions() or "", target.triple, target.cpu,
+    )  # fmt: skip
+    return header, code
+
+
+_LINKING = threading.Lock()
+
+
+@functools.cache
+def _linker() -> Any:
+    """Return LLVM's linker for this process."""
+    from llvmlite import binding
+
+    binding.initialize_native_target()
+    binding.initialize_native_asmprinter()
+    return binding.create_lljit_compiler()
+
+
+_NUMBERS = itertools.count()
+
+
+def _linked(kernel: Any, name: str, header: Header, code: bytes, is_loaded: bool) -> Code:
+    """Bring object code into memory."""
+    from llvmlite import binding
+
+    with _LINKING:
+        builder = binding.JITLibraryBuilder().add_object_img(code).export_symbol(name)
+        library = builder.add_current_process().link(_linker(), f"{name}.{next(_NUMBERS)}")
+        address = library[name]
+    (USED.loaded if is_loaded else USED.compiled).append(full_name(kernel))
+    return Code(address, header.returns, is_loaded, library)
+
+
+# Looking after it.
+
+
+class Contents(NamedTuple):
+    """What a store holds, by numbers of files."""
+
+    entries: int
+    """In good order; of them, the next four."""
+    other_versions: int
+    """Made with other versions of Numba or llvmlite."""
+    other_cpus: int
+    other_sources: int
+    """Made from sources that are not these: of another installation, or before an edit."""
+    size: int
+    """Bytes of all entries."""
+    damaged: list[Path]
+    """Files, or whatever else, that are called as entries are and hold none."""
+    unreadable: list[Path]
+    temporary: list[Path]
+    """What is there while a process compiles, or was killed."""
+
+
+def contents(place: Path) -> Contents:
+    """Read all of a store."""
+    good: list[Header] = []
+    damaged, unreadable, size = [], [], 0
+    for name in sorted(_names(place)):
+        path = place / name
+        if not name.endswith(SUFFIX):
+            continue
+        try:
+            found = parse(name, path.read_bytes())
+        except PermissionError:
+            unreadable.append(path)
+        except OSError:
+            damaged.append(path)
+        else:
+            if found is None:
+                damaged.append(path)
+            else:
+                good.append(found[0])
+                size += path.stat().st_size
+    triple, cpu, _ = host()
+    return Contents(
+        len(good),
+        sum(one.versions != versions() for one in good),
+        sum((one.triple, one.cpu) != (triple, cpu) for one in good),
+        sum(one.sources != _current_sources(one.kernel) for one in good),
+        size, damaged, unreadable, temporary_files(place),
+    )  # fmt: skip
+
+
+def _current_sources(kernel: str) -> str | None:
+    """Return the hash of the sources of a kernel as they are now; None if there are none."""
+    try:
+        return sources_hash(kernel.rpartition(".")[0])
+    except (KeyError, OSError):
+        return None
+
+
+def mend(found: Contents) -> list[Path]:
+    """
+    Remove what is damaged and what killed processes left; return what could not be removed.
+
+    A claim that a process holds, and a file that may still be written, stay.
+    """
+    left = []
+    for path in (*found.damaged, *found.temporary):
+        if path in found.temporary and _is_in_use(path):
+            continue
+        try:
+            if path.is_dir() and not path.is_symlink():
+                import shutil
+
+                shutil.rmtree(path)
+            else:
+                path.unlink(missing_ok=True)
+        except OSError:
+            left.append(path)
+    return left
+
+
+def _is_in_use(path: Path) -> bool:
+    """Tell whether a process may be compiling what a temporary file is for."""
+    with contextlib.suppress(OSError):
+        if path.suffix == PART:
+            return time.time() - path.stat().st_mtime < PATIENCE
+        import fcntl
+
+        with open(path, "ab") as file:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                return True
+    return False
+
+
+def cpu_features() -> tuple[str, list[str]]:
+    """Return the name of this CPU and the features that LLVM compiles for, sorted."""
+    from llvmlite import binding
+
+    features = binding.get_host_cpu_features()
+    return binding.get_host_cpu_name(), sorted(name for name, has in features.items() if has)

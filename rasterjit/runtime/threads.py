@@ -1,0 +1,163 @@
+"""
+Share work among threads, by rows and by tasks, and memory among frames.
+
+The tasks write to places of their own, so the result has the same bits for any number of threads.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import sys
+import threading
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+LEAST_BYTES = 1 << 15
+"""Smaller arrays come from NumPy: its own allocator keeps those."""
+
+SIZE_STEPS = 8
+"""Sizes of blocks from one power of two to the next."""
+
+KEPT_FRAMES = 2
+"""Frames that a size stays unused before its memory is let go."""
+
+PIXELS_PER_TASK = 1 << 15
+"""About the fewest pixels of whole rows shaded by one task: small frames wake no thread."""
+
+TASKS_PER_THREAD = 8
+"""So many tasks, that a thread with the costlier ones does not keep the others waiting for long."""
+
+
+class Workers:
+    """
+    A pool of threads for kernels that release the GIL, and the memory that they work in.
+
+    Parameters
+    ----------
+    threads : int or None
+        How many; ``None`` takes the processors this process may run on.
+    """
+
+    def __init__(self, threads: int | None = None) -> None:
+        self.threads = available_processors() if threads is None else threads
+        self.memory = Memory()
+        self._pool: ThreadPoolExecutor | None = None
+        self._process = os.getpid()
+
+    def run(self, task: Callable[..., Any], arguments: Iterable[tuple]) -> list[Any]:
+        """Call ``task(*args)`` for each tuple; return the results in order."""
+        calls = list(arguments)
+        if self.threads == 1 or len(calls) <= 1:
+            return [task(*call) for call in calls]
+        if self._process != os.getpid():
+            # A forked process has the pool but none of its threads.
+            self._pool, self._process = None, os.getpid()
+        if self._pool is None:
+            self._pool = ThreadPoolExecutor(self.threads, thread_name_prefix="rasterjit")
+        return list(self._pool.map(lambda call: task(*call), calls))
+
+    def close(self) -> None:
+        """Let the threads go."""
+        if self._pool is not None:
+            self._pool.shutdown()
+            self._pool = None
+        self.memory.clear()
+
+
+def available_processors() -> int:
+    """Return the number of processors this process may run on."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+class Memory:
+    """
+    Blocks of memory that go from one frame to the next.
+
+    New memory is slow: the system clears every page of it when it is first touched. An array from
+    here is an ordinary array that owns its numbers for as long as anyone holds it or a view of it;
+    after that its block serves another array of about the same size.
+    """
+
+    def __init__(self) -> None:
+        self._shelves: dict[int, list[NDArray[np.uint8]]] = {}
+        self._last_used: dict[int, int] = {}
+        self._frame = 0
+        self._lock = threading.Lock()
+
+    def empty(self, shape: tuple[int, ...], dtype: Any) -> NDArray[Any]:
+        """Return a C-contiguous array of any contents."""
+        kind = np.dtype(dtype)
+        size = math.prod(shape) * kind.itemsize
+        if size < LEAST_BYTES:
+            return np.empty(shape, kind)
+        room = _block_size(size)
+        with self._lock:
+            self._last_used[room] = self._frame
+            shelf = self._shelves.setdefault(room, [])
+            number = next((n for n in range(len(shelf)) if _is_idle(shelf, n)), len(shelf))
+            if number == len(shelf):
+                shelf.append(np.empty(room, np.uint8))
+            return shelf[number][:size].view(kind).reshape(shape)
+
+    def next_frame(self) -> None:
+        """Let go of what the last frames had no use for."""
+        with self._lock:
+            self._frame += 1
+            for room, used in list(self._last_used.items()):
+                if used + KEPT_FRAMES < self._frame:
+                    del self._shelves[room], self._last_used[room]
+
+    def clear(self) -> None:
+        """Let go of everything; arrays that are held stay as they are."""
+        with self._lock:
+            self._shelves.clear()
+            self._last_used.clear()
+
+
+def _block_size(size: int) -> int:
+    """Return the next of the sizes that blocks have, bytes."""
+    step = max((1 << (size - 1).bit_length()) // (2 * SIZE_STEPS), 1)
+    return -(-size // step) * step
+
+
+def _references(shelf: list[NDArray[np.uint8]], number: int) -> int:
+    return sys.getrefcount(shelf[number])
+
+
+IDLE_REFERENCES = _references([np.empty(1, np.uint8)], 0)
+"""What is counted of a block that only its shelf holds; a view of it counts one more."""
+
+
+def _is_idle(shelf: list[NDArray[np.uint8]], number: int) -> bool:
+    return _references(shelf, number) == IDLE_REFERENCES
+
+
+def count_per_task(count: int, least: int, workers: Workers) -> int:
+    """Return how much of something one task does: all of it on one thread."""
+    if workers.threads == 1:
+        return max(count, 1)
+    return max(least, -(-count // (TASKS_PER_THREAD * workers.threads)))
+
+
+def rows_per_task(shape: tuple[int, ...], workers: Workers) -> int:
+    """Return how many rows of a frame, (H, W), one task does."""
+    return count_per_task(shape[0], -(-PIXELS_PER_TASK // shape[1]), workers)
+
+
+def fill_rows(kernel: Any, face_id: NDArray[np.int32], arguments: tuple, workers: Workers) -> None:
+    """Call a kernel for bands of rows."""
+    height, per_task = len(face_id), rows_per_task(face_id.shape, workers)
+    workers.run(
+        kernel,
+        [
+            (face_id, (first, min(first + per_task, height)), *arguments)
+            for first in range(0, height, per_task)
+        ],
+    )

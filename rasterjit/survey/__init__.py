@@ -1,0 +1,1 @@
+"""Look at the scene once: what is there, where, what is in view, and all of it as arrays."""

@@ -1,0 +1,330 @@
+"""
+Join the meshes, materials and textures of a scene into the arrays that kernels read.
+
+The border to the kernels: what they read is cast and joined here, once.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.pipeline import records
+from rasterjit.pipeline.records import Cutouts, Maps, Microfacets, Placement, Surface, Textures
+from rasterjit.pipeline.surface import textures as texturing
+from rasterjit.scene.mesh import Mesh
+from rasterjit.scene.normals import GROUPS
+from rasterjit.scene.texture import Pyramid, Texture, level_sizes
+from rasterjit.survey.contents import SMOOTH, may_have_holes
+from rasterjit.survey.placement import Views
+
+MODELS = {
+    "unlit": records.UNLIT,
+    "flat": records.FLAT,
+    "gouraud": records.GOURAUD,
+    "phong": records.PHONG,
+    "pbr": records.PBR,
+}
+
+NORMAL = 1
+"""Place of normal maps among the textures of a material."""
+
+WRAPS = {"repeat": texturing.REPEAT, "clamp": texturing.CLAMP, "mirror": texturing.MIRROR}
+
+FILTERS = {
+    "nearest": texturing.NEAREST,
+    "bilinear": texturing.BILINEAR,
+    "trilinear": texturing.TRILINEAR,
+}
+
+ABSENT = (-1,) + (0,) * (texturing.TABLE_COLUMNS - 1)
+"""Row of the table for an object without a texture of a kind."""
+
+UNMOVED = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
+"""The transform that changes nothing."""
+
+
+class SceneArrays(NamedTuple):
+    """The meshes of a scene, joined into one; a scene of one mesh is joined without a copy."""
+
+    positions: NDArray[np.float64]
+    """(V, 3), model space."""
+    faces: NDArray[np.int32]
+    """(F, 3), vertex numbers."""
+    vertex_starts: NDArray[np.int64]
+    """(O+1,): object ``o`` owns vertices ``vertex_starts[o]:vertex_starts[o+1]``."""
+    face_starts: NDArray[np.int64]
+    """(O+1,): object ``o`` owns faces ``face_starts[o]:face_starts[o+1]``."""
+
+
+def join_geometry(meshes: Sequence[Mesh]) -> SceneArrays:
+    """Join positions and faces; faces are renumbered."""
+    runs = runs_of(meshes)
+    repeats = [count for _, count in runs]
+    vertex_starts = _starts([len(mesh.vertices) for mesh, _ in runs], repeats)
+    face_starts = _starts([len(mesh.faces) for mesh, _ in runs], repeats)
+    if max(vertex_starts[-1], face_starts[-1]) >= 2**31 - 2**28:
+        raise ValueError(
+            f"scene must have fewer than {2**31 - 2**28} vertices and faces in all, got "
+            f"{vertex_starts[-1]} and {face_starts[-1]}"
+        )
+    if len(meshes) == 1:
+        positions, faces = writable(meshes[0].vertices), writable(meshes[0].faces)
+        return SceneArrays(positions, faces, vertex_starts, face_starts)
+    positions = _repeated([(mesh.vertices, count) for mesh, count in runs])
+    faces = np.empty((face_starts[-1], 3), np.int32)
+    place = 0
+    for mesh, count in runs:
+        firsts = vertex_starts[place : place + count].astype(np.int32)[:, np.newaxis, np.newaxis]
+        rows = faces[face_starts[place] : face_starts[place + count]]
+        np.add(mesh.faces, firsts, out=rows.reshape(count, -1, 3))
+        place += count
+    return SceneArrays(positions, faces, vertex_starts, face_starts)
+
+
+def runs_of(meshes: Sequence[Mesh]) -> list[tuple[Mesh, int]]:
+    """Return each mesh with how often it follows itself: instances are joined at once."""
+    return [(mesh, sum(1 for _ in group)) for mesh, group in itertools.groupby(meshes)]
+
+
+def _starts(sizes: Sequence[int], repeats: Sequence[int]) -> NDArray[np.int64]:
+    """Return the running sum from 0 of sizes that repeat, (O+1,)."""
+    starts = np.zeros(sum(repeats) + 1, np.int64)
+    np.cumsum(np.repeat(np.array(sizes, np.int64), repeats), out=starts[1:])
+    return starts
+
+
+def _repeated(parts: Sequence[tuple[NDArray[Any], int]]) -> NDArray[Any]:
+    """Join arrays (n, k) row by row, each as often as it says."""
+    total = sum(len(array) * count for array, count in parts)
+    first = parts[0][0]
+    joined = np.empty((total, first.shape[1]), first.dtype)
+    start = 0
+    for array, count in parts:
+        stop = start + len(array) * count
+        joined[start:stop].reshape(count, *array.shape)[:] = array
+        start = stop
+    return joined
+
+
+def join_normals(meshes: Sequence[Mesh]) -> NDArray[np.float32]:
+    """Join the vertex normals of the smooth objects, (V, 3); zero for the others."""
+
+    def normals(mesh: Mesh) -> NDArray[np.float32] | None:
+        return mesh.vertex_normals() if mesh.material.shading in SMOOTH else None
+
+    parts = [(normals(mesh), len(mesh.vertices), count) for mesh, count in runs_of(meshes)]
+    return _join(parts, np.zeros(3, np.float32))
+
+
+def join_uv(meshes: Sequence[Mesh]) -> NDArray[np.float32]:
+    """Join the texture coordinates, (V, 2); NaN where an object has none."""
+    parts = [(mesh.uv, len(mesh.vertices), count) for mesh, count in runs_of(meshes)]
+    return _join(parts, np.full(2, np.nan, np.float32))
+
+
+def join_surface(meshes: Sequence[Mesh], normals: NDArray[np.float32] | None) -> Surface:
+    """Join what the objects look like; a kind of colour that no object has is ``None``."""
+    runs = runs_of(meshes)
+    rows = [
+        (
+            *mesh.material.base_color,
+            mesh.material.specular,
+            mesh.material.shininess,
+            MODELS[mesh.material.shading],
+        )
+        for mesh, _ in runs
+    ]
+    materials = np.repeat(np.array(rows, np.float32), [count for _, count in runs], axis=0)
+    white = np.ones(4, np.float32)
+    vertex_colors = face_colors = None
+    if any(mesh.vertex_colors is not None for mesh, _ in runs):
+        parts = [(mesh.vertex_colors, len(mesh.vertices), count) for mesh, count in runs]
+        vertex_colors = _join(parts, white)
+    if any(mesh.face_colors is not None for mesh, _ in runs):
+        parts = [(mesh.face_colors, len(mesh.faces), count) for mesh, count in runs]
+        face_colors = _join(parts, white)
+    return Surface(materials, vertex_colors, face_colors, normals, None, None, None)
+
+
+def single_sided(meshes: Sequence[Mesh]) -> NDArray[np.bool_]:
+    """Return whether the back faces of each object are not drawn, (O,)."""
+    return np.array([not mesh.material.double_sided for mesh in meshes], bool)
+
+
+def _join(
+    parts: Sequence[tuple[NDArray[np.float32] | None, int, int]], fill: NDArray[np.float32]
+) -> NDArray[np.float32]:
+    """Join (array, rows, repeats) row by row, with ``fill`` for the rows of an absent array."""
+    array, _, count = parts[0]
+    if len(parts) == 1 and count == 1 and array is not None:
+        return writable(array)
+    return _repeated(
+        [
+            (np.broadcast_to(fill, (rows, len(fill))) if array is None else array, count)
+            for array, rows, count in parts
+        ]
+    )
+
+
+def writable(array: NDArray[Any]) -> NDArray[Any]:
+    """
+    Return the array in the one layout that kernels are compiled for, without a copy if it can be.
+
+    A read-only array is a type of its own to Numba; kernels never write to a mesh, so it is passed
+    as a writable view of the same memory.
+    """
+    return array if array.flags.writeable else np.asarray(_WritableView(array))
+
+
+class _WritableView:
+    """Shows the memory of a read-only array to NumPy as writable, and keeps it alive."""
+
+    def __init__(self, array: NDArray[Any]) -> None:
+        self.array = array
+        interface = dict(array.__array_interface__)
+        interface["data"] = (interface["data"][0], False)
+        self.__array_interface__ = interface
+
+
+def join_microfacets(meshes: Sequence[Mesh]) -> Microfacets:
+    """Join metallic and roughness of the objects."""
+    runs = runs_of(meshes)
+    rows = [(mesh.material.metallic, mesh.material.roughness) for mesh, _ in runs]
+    return Microfacets(_repeat(rows, runs, np.float32), np.ones(2, np.float32))
+
+
+def join_maps(meshes: Sequence[Mesh]) -> Maps:
+    """Join what lies over the objects besides a base colour, and the tangents it needs."""
+    runs = runs_of(meshes)
+    factors = [
+        (mesh.material.normal_scale, mesh.material.occlusion_strength, *mesh.material.emissive)
+        for mesh, _ in runs
+    ]
+    used = [[texture is not None for texture in mesh.material.textures_read()] for mesh, _ in runs]
+    counts = np.count_nonzero(_repeat(used, runs, np.int64), axis=0).astype(np.int64)
+    return Maps(
+        _repeat(factors, runs, np.float32),
+        counts,
+        _join_tangents(runs) if counts[NORMAL] else np.zeros((0, GROUPS, 4), np.float32),
+    )
+
+
+def _join_tangents(runs: Sequence[tuple[Mesh, int]]) -> NDArray[np.float32]:
+    """Join the tangents of the objects with normal maps, (V, 2, 4); zero for the others."""
+    parts = []
+    for mesh, count in runs:
+        texture = mesh.material.textures_read()[NORMAL]
+        tangents = np.zeros((len(mesh.vertices), GROUPS, 4), np.float32)
+        if texture is not None and (mesh.uv is not None or mesh.tangents is not None):
+            tangents = mesh.vertex_tangents(texture.transform)
+        parts += [tangents] * count
+    return np.concatenate(parts)
+
+
+def _repeat(
+    rows: Sequence[Sequence[float]], runs: Sequence[tuple[Mesh, int]], dtype: type
+) -> NDArray:
+    """Return one row for each object, given one for each run of instances."""
+    return np.repeat(np.array(rows, dtype), [count for _, count in runs], axis=0)
+
+
+def join_textures(meshes: Sequence[Mesh]) -> Textures:
+    """Join the textures of the objects, each picture once, and their texture coordinates."""
+    runs = runs_of(meshes)
+    counts = [count for _, count in runs]
+    kinds = [mesh.material.textures_read() for mesh, _ in runs]
+    textures = [texture for row in kinds for texture in row if texture is not None]
+    texels, levels, places = _join_texels(textures)
+    table = [[_table_row(texture, places) for texture in row] for row in kinds]
+    transforms = np.zeros((0, len(kinds[0]), 6))
+    if any(texture.transform is not None for texture in textures):
+        rows = [[_transform_row(texture) for texture in row] for row in kinds]
+        transforms = np.repeat(np.array(rows, np.float64), counts, axis=0)
+    return Textures(
+        texels,
+        levels,
+        np.repeat(np.array(table, np.int64), counts, axis=0),
+        join_uv(meshes),
+        transforms,
+    )
+
+
+NO_TEXTURES = Textures(
+    np.empty((0, 4), np.float32), np.empty((0, 3), np.int64),
+    np.empty((0, texturing.KINDS, texturing.TABLE_COLUMNS), np.int64), np.empty((0, 2), np.float32),
+    np.empty((0, texturing.KINDS, 6)),
+)  # fmt: skip
+"""What stands for the textures of objects that have none."""
+
+
+def join_cutouts(
+    meshes: Sequence[Mesh],
+    face_starts: NDArray[np.int64],
+    surface: Surface,
+    textures: Textures | None,
+) -> Cutouts:
+    """Return which objects have holes, and what decides where; no textures if none has any."""
+    cutoffs = {
+        mesh: mesh.material.alpha_cutoff if may_have_holes(mesh) else 0.0
+        for mesh in dict.fromkeys(meshes)
+    }
+    plain = np.empty((0, 4), np.float32)
+    return Cutouts(
+        np.array([cutoffs[mesh] for mesh in meshes], np.float32),
+        face_starts,
+        surface.materials,
+        plain if surface.vertex_colors is None else surface.vertex_colors,
+        plain if surface.face_colors is None else surface.face_colors,
+        NO_TEXTURES if textures is None else textures,
+    )
+
+
+def _join_texels(
+    textures: Sequence[Texture],
+) -> tuple[NDArray[np.float32], NDArray[np.int64], dict[Pyramid, tuple[int, int]]]:
+    """Return the texels and levels of all pictures, and the first level and how many of each."""
+    has_levels: dict[Pyramid, bool] = {}
+    for texture in textures:
+        wants = texture.filter == "trilinear"
+        has_levels[texture.pyramid] = has_levels.get(texture.pyramid, False) or wants
+    texels, levels, places, first_texel = [], [], {}, 0
+    for pyramid, wants in has_levels.items():
+        texels.append(pyramid.chain() if wants else pyramid.image.reshape(-1, 4))
+        sizes = level_sizes(*pyramid.size) if wants else [pyramid.size]
+        places[pyramid] = (len(levels), len(sizes))
+        for width, height in sizes:
+            levels.append((first_texel, width, height))
+            first_texel += width * height
+    joined = writable(texels[0]) if len(texels) == 1 else np.concatenate(texels)
+    return joined, np.array(levels, np.int64), places
+
+
+def _table_row(texture: Texture | None, places: dict[Pyramid, tuple[int, int]]) -> tuple[int, ...]:
+    """Return what ``Textures.table`` holds of one texture of one object."""
+    if texture is None:
+        return ABSENT
+    wraps = (WRAPS[wrap] for wrap in texture.wrap)
+    return (*places[texture.pyramid], *wraps, FILTERS[texture.filter], texture.anisotropy)
+
+
+def _transform_row(texture: Texture | None) -> tuple[float, ...]:
+    """Return what ``Textures.transforms`` holds of one texture of one object."""
+    return UNMOVED if texture is None else texture.transform or UNMOVED
+
+
+def placement_of(arrays: SceneArrays, views: Views) -> Placement:
+    """Return the record of where the objects stand."""
+    return Placement(
+        arrays.face_starts,
+        arrays.positions,
+        np.ascontiguousarray(views.relative_from_model[:, :3, :]),
+        views.normal_matrices,
+        views.mirrored,
+        -views.screen_turn * views.mirrored,
+        views.toward_viewer,
+    )

@@ -1,0 +1,111 @@
+"""Decide which objects are seen through, and what a pixel shows besides its nearest face."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.scene.quality import Quality
+from rasterjit.scene.scene import Node
+from rasterjit.survey.contents import in_words
+
+
+class Layers(NamedTuple):
+    """What a pixel shows besides its nearest face."""
+
+    is_blended: NDArray[np.uint8]
+    """(O,): 1 for each object that what lies behind it is seen through."""
+    has_blended: bool
+    samples: int | str
+    """Samples of each pixel, or ``"area"``."""
+    most: int | None = None
+    """Transparent surfaces seen at a sample, the nearest ones; ``None`` -> all."""
+    mixes_codes: bool = False
+    """Whether colours are mixed as 8-bit sRGB codes, not as light."""
+
+
+class Transparency(NamedTuple):
+    """Which objects are seen through."""
+
+    is_blended: NDArray[np.uint8]
+    """(O,): 1 for each that is, and that can reach the picture."""
+    used: bool
+    reason: str
+
+
+def find_transparency(
+    nodes: Sequence[Node],
+    shades: bool,
+    is_any_blended: bool,
+    is_see_through: NDArray[np.bool_],
+    in_view: NDArray[np.bool_],
+) -> Transparency:
+    """
+    Decide which objects are laid over what lies behind them.
+
+    Parameters
+    ----------
+    nodes : sequence of Node
+    shades : bool
+        Whether the colour of faces is asked for.
+    is_any_blended : bool
+        Whether any material is.
+    is_see_through, in_view : (O,) bool
+        Which objects anything is seen through, wherever they are, and which may be seen.
+    """
+    nothing = np.zeros(len(nodes), np.uint8)
+    if not is_any_blended:
+        return Transparency(nothing, False, "no material is blended")
+    if not shades:
+        return Transparency(nothing, False, "nothing is shaded")
+    count = np.count_nonzero(is_see_through)
+    if count == 0:
+        return Transparency(nothing, False, "every blended surface has alpha 1")
+    seen = is_see_through & in_view
+    if not seen.any():
+        name = nodes[int(is_see_through.argmax())].name
+        others = f" and {count - 1} others lie" if count > 1 else " lies"
+        return Transparency(nothing, False, f"object {name!r}{others} outside the view")
+    reason = in_words(int(np.count_nonzero(seen)), int(count), "blended object")
+    return Transparency(seen.astype(np.uint8), True, reason)
+
+
+def layers_of(
+    transparency: Transparency,
+    antialiases: bool,
+    samples: int | str,
+    nodes: Sequence[Node],
+    quality: Quality,
+) -> Layers | None:
+    """
+    Return what pixels show besides their nearest faces; ``None`` if nothing.
+
+    Of the quality only how many transparent surfaces are seen, and how colours are mixed.
+
+    Raises
+    ------
+    ValueError
+        Naming the object that is blended, where samples is ``"area"``.
+    """
+    if not transparency.used and not antialiases:
+        return None
+    if transparency.used and samples == "area":
+        number = int(transparency.is_blended.argmax())
+        name, place = nodes[number].name, f"object {number}"
+        raise ValueError(
+            "quality.samples must be 1, 2, 4, 8 or 16 where a material is blended, got 'area' and "
+            f"{place if name == place else f'{name!r} ({place})'} with alpha_mode 'blend'"
+        )
+    # Each of many pictures lays its layers at one sample.
+    own = samples if antialiases else 1
+    most = None if quality.transparency_layers == "all" else int(quality.transparency_layers)
+    mixes_codes = quality.blending == "srgb8"
+    return Layers(transparency.is_blended, transparency.used, own, most, mixes_codes)
+
+
+def mixing_note(quality: Quality) -> str:
+    """Say what colours are mixed in, if not in light."""
+    return ", mixed in 8-bit sRGB codes" if quality.blending == "srgb8" else ""

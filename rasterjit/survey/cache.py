@@ -1,0 +1,231 @@
+"""What a scene's frames have in common, kept from one to the next as long as it holds."""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Sequence
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.pipeline.records import Cutouts, Maps, Microfacets, Surface, Textures
+from rasterjit.scene.mesh import Mesh
+from rasterjit.scene.quality import Quality
+from rasterjit.scene.scene import Node, matrices_of, meshes_of
+from rasterjit.survey import arrays as plan_arrays
+from rasterjit.survey import placement
+from rasterjit.survey.arrays import (
+    SceneArrays,
+    join_cutouts,
+    join_maps,
+    join_microfacets,
+    join_textures,
+)
+from rasterjit.survey.contents import SMOOTH, Inventory
+from rasterjit.survey.overrides import look_of, meshes_under
+from rasterjit.survey.placement import Places, mesh_boxes
+
+
+def unique_edges(faces: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Return every edge of the faces once, (N, 2), lower vertex number first, ascending."""
+    keys = np.empty((3, len(faces)), np.int64)
+    for k in range(3):
+        # One number for each edge, its lower vertex in the upper half.
+        a, b = faces[:, k], faces[:, (k + 1) % 3]
+        np.minimum(a, b, out=keys[k])
+        keys[k] <<= 32
+        keys[k] |= np.maximum(a, b)
+    ascending = np.sort(keys, axis=None)
+    is_new = np.append(True, ascending[1:] != ascending[:-1])
+    edges = ascending[is_new[: len(ascending)]]
+    return np.stack([edges >> 32, edges & 0xFFFFFFFF], axis=1).astype(np.int32)
+
+
+class Shapes:
+    """
+    What follows from the meshes alone; each part is made when first asked for.
+
+    Parameters
+    ----------
+    meshes : list of Mesh
+        Of each object; their arrays never change.
+    """
+
+    def __init__(self, meshes: list[Mesh]) -> None:
+        self.meshes = meshes
+        self.distinct = list(dict.fromkeys(meshes))
+
+    @cached_property
+    def arrays(self) -> SceneArrays:
+        """The joined geometry."""
+        return plan_arrays.join_geometry(self.meshes)
+
+    @cached_property
+    def _single_positions(self) -> NDArray[np.float32]:
+        """Vertices in float32, (V, 3), model space; infinite beyond its range."""
+        with np.errstate(over="ignore"):
+            return self.arrays.positions.astype(np.float32)
+
+    def positions(self, precision: str) -> NDArray[Any]:
+        """Return the vertices, (V, 3), model space, in ``"float32"`` or ``"float64"``."""
+        return self._single_positions if precision == "float32" else self.arrays.positions
+
+    @cached_property
+    def uv(self) -> NDArray[np.float32]:
+        """Texture coordinates, (V, 2); NaN where an object has none."""
+        return plan_arrays.join_uv(self.meshes)
+
+    @cached_property
+    def boxes(self) -> NDArray[np.float64]:
+        """Low and high corner of each object, (O, 2, 3), model space; NaN if it has none."""
+        return mesh_boxes(self.meshes)
+
+    @cached_property
+    def edges(self) -> NDArray[np.int32]:
+        """Every edge of the faces once, (N, 2)."""
+        return unique_edges(self.arrays.faces)
+
+    @cached_property
+    def object_numbers(self) -> NDArray[np.int32]:
+        """Object of each face, (F+1,); the last entry, which face -1 finds, is -1."""
+        counts = np.append(np.diff(self.arrays.face_starts), 1)
+        numbers = np.arange(len(counts), dtype=np.int32)
+        numbers[-1] = -1
+        return np.repeat(numbers, counts)
+
+    @cached_property
+    def instance_numbers(self) -> NDArray[np.int32]:
+        """
+        Number of each object among those that share its mesh, (O+1,), from 0 in their order.
+
+        The last entry, which object -1 finds, is -1.
+        """
+        counts: dict[Mesh, int] = {}
+        numbers = []
+        for mesh in self.meshes:
+            numbers.append(counts.get(mesh, 0))
+            counts[mesh] = numbers[-1] + 1
+        return np.array([*numbers, -1], np.int32)
+
+
+class Looks:
+    """
+    What follows from the meshes and their materials; each part is made when first asked for.
+
+    Parameters
+    ----------
+    shapes : Shapes
+    materials : list of Material
+        Of each of the distinct meshes, as they are now.
+    quality : Quality
+        Decides, with those, which materials are in force.
+    """
+
+    def __init__(self, shapes: Shapes, materials: list[Any], quality: Quality) -> None:
+        self._shapes = shapes
+        self.materials = materials
+        self.meshes = meshes_under(shapes.meshes, quality)
+        self._cutouts: dict[bool, Cutouts] = {}
+
+    @cached_property
+    def inventory(self) -> Inventory:
+        """What decides which effects a frame needs."""
+        return Inventory(self.meshes)
+
+    @cached_property
+    def surface(self) -> Surface:
+        """Materials and colours, without normals, light or textures."""
+        return plan_arrays.join_surface(self.meshes, None)
+
+    @cached_property
+    def normals(self) -> NDArray[np.float32]:
+        """Vertex normals of the smooth objects, (V, 3); zero for the others."""
+        return plan_arrays.join_normals(self.meshes)
+
+    @cached_property
+    def textures(self) -> Textures:
+        """The textures of all objects and their texture coordinates."""
+        return join_textures(self.meshes)
+
+    def cutouts(self, has_textures: bool) -> Cutouts:
+        """Return which objects have holes, and what decides where, with textures or without."""
+        if has_textures not in self._cutouts:
+            starts = self._shapes.arrays.face_starts
+            textures = self.textures if has_textures else None
+            self._cutouts[has_textures] = join_cutouts(self.meshes, starts, self.surface, textures)
+        return self._cutouts[has_textures]
+
+    @cached_property
+    def microfacets(self) -> Microfacets:
+        """Metallic and roughness of all objects."""
+        return join_microfacets(self.meshes)
+
+    @cached_property
+    def maps(self) -> Maps:
+        """What lies over all objects besides a base colour."""
+        return join_maps(self.meshes)
+
+    @cached_property
+    def is_single_sided(self) -> NDArray[np.bool_]:
+        """Whether the back faces of each object are not drawn, (O,)."""
+        return plan_arrays.single_sided(self.meshes)
+
+    @cached_property
+    def is_smooth(self) -> NDArray[np.uint8]:
+        """1 for each object that has smooth normals, (O,)."""
+        return np.array(
+            [mesh.material.shading in SMOOTH for mesh in self.meshes],
+            np.uint8,
+        )
+
+
+class Prepared(NamedTuple):
+    """A scene's objects, looked through for many frames."""
+
+    shapes: Shapes
+    looks: Looks
+    matrices: list[NDArray[np.float64]]
+    """``world_from_model`` of each object."""
+    places: Places
+    all_looks: dict[Any, Looks]
+    """Those of all qualities that the objects were drawn in, by what of a quality they follow."""
+
+    @property
+    def inventory(self) -> tuple[Inventory, NDArray[np.float64]]:
+        """What the objects are, and their boxes, (O, 2, 3), model space, as a plan takes them."""
+        return self.looks.inventory, self.shapes.boxes
+
+
+def prepare(nodes: Sequence[Node], known: Prepared | None, quality: Quality) -> Prepared:
+    """
+    Look through the nodes of a scene.
+
+    Parameters
+    ----------
+    nodes : sequence of Node
+    known : Prepared or None
+        Of an earlier frame: what has not changed since is taken from there. Meshes, materials and
+        transforms are immutable, so each is the same if it is the same object.
+    quality : Quality
+    """
+    meshes, matrices = meshes_of(nodes), matrices_of(nodes)
+    if known is None or not _are_same(known.shapes.meshes, meshes):
+        shapes, all_looks = Shapes(meshes), {}
+    else:
+        shapes, all_looks = known.shapes, known.all_looks
+    materials = [mesh.material for mesh in shapes.distinct]
+    look = look_of(quality)
+    if look not in all_looks or not _are_same(all_looks[look].materials, materials):
+        all_looks[look] = Looks(shapes, materials, quality)
+    if known is None or not _are_same(known.matrices, matrices):
+        places = placement.place_objects(matrices)
+    else:
+        places = known.places
+    return Prepared(shapes, all_looks[look], matrices, places, all_looks)
+
+
+def _are_same(known: Sequence[Any], wanted: Sequence[Any]) -> bool:
+    """Tell whether two sequences hold the same objects in the same order."""
+    return len(known) == len(wanted) and all(map(operator.is_, known, wanted))

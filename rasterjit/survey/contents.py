@@ -1,0 +1,274 @@
+"""Look through the objects of a scene: how many are what, in all and in view; check its lists."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.scene.light import AmbientLight, DirectionalLight, PointLight, SpotLight
+from rasterjit.scene.material import TEXTURE_FIELDS, Material
+from rasterjit.scene.mesh import Mesh
+from rasterjit.scene.quality import Quality
+from rasterjit.scene.scene import EFFECT_FIELDS, Node, Scene, meshes_of
+from rasterjit.scene.texture import Texture
+from rasterjit.survey.overrides import meshes_under
+from rasterjit.survey.placement import mesh_boxes
+
+SHADINGS = ("unlit", "flat", "gouraud", "phong", "pbr")
+"""Ways of shading, in the order of the first fields of `Contents`."""
+
+SMOOTH = frozenset(("gouraud", "phong", "pbr"))
+"""Ways of shading that read vertex normals."""
+
+BLINN_PHONG = frozenset(("flat", "gouraud", "phong"))
+"""Ways of shading that have a Blinn-Phong highlight."""
+
+
+class Contents(NamedTuple):
+    """How many objects are what, as far as it decides what a frame needs."""
+
+    unlit: int
+    flat: int
+    gouraud: int
+    phong: int
+    pbr: int
+    base_colors: int
+    """With a texture of each kind that is read, as in ``TEXTURE_FIELDS``."""
+    normals: int
+    facets: int
+    occlusions: int
+    emissions: int
+    objects: int
+    laid: int
+    """With texture coordinates."""
+    unlaid: int
+    """With a texture and nothing to lay it by."""
+    highlights: int
+    """With a specular highlight."""
+    textured_highlights: int
+    """Whose vertices hold a highlight in their light, with a texture over it."""
+    masked: int
+    """Whose material has an alpha mask."""
+    cut_out: int
+    """That can have a hole."""
+    textured_holes: int
+    """Of those, with a base colour texture."""
+    unlaid_holes: int
+    """Of those, with nothing to lay it by."""
+    blended: int
+    """Whose material is blended."""
+    see_through: int
+    """That what lies behind them is seen through."""
+    emitting: int
+    """That send out light."""
+    single_sided: int
+    """Whose back faces are not drawn."""
+    vertex_colored: int
+    """With a colour of each vertex."""
+    face_colored: int
+    """With a colour of each face."""
+    mipped: int
+    """With a texture that is read between mip levels."""
+
+    @property
+    def shadings(self) -> frozenset[str]:
+        """The ways of shading that any object has."""
+        return frozenset(
+            name for name, count in zip(SHADINGS, self[: len(SHADINGS)], strict=True) if count
+        )
+
+    @property
+    def textured(self) -> tuple[int, ...]:
+        """How many have a texture of each kind that is read, as in ``TEXTURE_FIELDS``."""
+        return self[len(SHADINGS) : len(SHADINGS) + len(TEXTURE_FIELDS)]
+
+    @property
+    def has_maps(self) -> bool:
+        """Whether more lies over any object than a base colour."""
+        return any(self.textured[1:]) or self.emitting > 0
+
+
+class Inventory:
+    """
+    What the objects of a scene are; each mesh is looked at once.
+
+    Parameters
+    ----------
+    meshes : sequence of Mesh
+        Of each object, with their materials as they are now.
+    """
+
+    def __init__(self, meshes: Sequence[Mesh]) -> None:
+        numbers: dict[Mesh, int] = {}
+        self._numbers = np.array([numbers.setdefault(mesh, len(numbers)) for mesh in meshes])
+        self._rows = np.array([_contents_of(mesh) for mesh in numbers], np.int64)
+        self._textures = [textures_read(mesh.material) for mesh in numbers]
+
+    @cached_property
+    def contents(self) -> Contents:
+        """How many of all objects are what."""
+        return self._counted(self._numbers)
+
+    def contents_of(self, chosen: NDArray[np.bool_]) -> Contents:
+        """Return how many of some objects, (O,) bool, are what."""
+        return self.contents if chosen.all() else self._counted(self._numbers[chosen])
+
+    def _counted(self, numbers: NDArray[np.int64]) -> Contents:
+        """Add up the rows of some meshes."""
+        counts = np.bincount(numbers, minlength=len(self._rows))
+        return Contents(*(counts[:, np.newaxis] * self._rows).sum(axis=0).tolist())
+
+    def _having(self, field: str) -> NDArray[np.bool_]:
+        """Tell of each object, (O,), whether it counts in a field of `Contents`."""
+        return self._rows[self._numbers, Contents._fields.index(field)] > 0
+
+    @cached_property
+    def is_see_through(self) -> NDArray[np.bool_]:
+        """Whether what lies behind each object is seen through it, (O,)."""
+        return self._having("see_through")
+
+    @cached_property
+    def is_gouraud(self) -> NDArray[np.bool_]:
+        """Whether each object is lit at its vertices, (O,)."""
+        return self._having("gouraud")
+
+    @cached_property
+    def interpolates_normals(self) -> NDArray[np.bool_]:
+        """Whether each object is lit by the pixel with normals between those of vertices, (O,)."""
+        return self._having("phong") | self._having("pbr")
+
+    def describe_textures(self, chosen: NDArray[np.bool_]) -> list[str]:
+        """Say of each texture that some objects, (O,) bool, have what it is for."""
+        meshes = dict.fromkeys(self._numbers[chosen].tolist())
+        pairs = dict.fromkeys(pair for mesh in meshes for pair in self._textures[mesh].items())
+        return [_described(name, texture) for name, texture in pairs]
+
+
+def _contents_of(mesh: Mesh) -> Contents:
+    """Return what one object with a mesh adds to the numbers."""
+    material = mesh.material
+    read = textures_read(material)
+    is_laid, is_painted = mesh.uv is not None, "base_color_texture" in read
+    has_hole = may_have_holes(mesh)
+    shines = material.shading in BLINN_PHONG and material.specular > 0.0
+    return Contents(
+        *(material.shading == name for name in SHADINGS),
+        *(name in read for name in TEXTURE_FIELDS),
+        objects=1,
+        laid=is_laid,
+        unlaid=bool(read) and not is_laid,
+        highlights=shines,
+        textured_highlights=is_painted and material.shading == "gouraud" and shines,
+        masked=material.alpha_mode == "mask",
+        cut_out=has_hole,
+        textured_holes=has_hole and is_painted,
+        unlaid_holes=has_hole and is_painted and not is_laid,
+        blended=material.alpha_mode == "blend",
+        see_through=is_see_through(mesh),
+        emitting=material.emits,
+        single_sided=not material.double_sided,
+        vertex_colored=mesh.vertex_colors is not None,
+        face_colored=mesh.face_colors is not None,
+        mipped=any(texture.filter == "trilinear" for texture in read.values()),
+    )
+
+
+def textures_read(material: Material) -> dict[str, Texture]:
+    """Return the textures of a material that are read, by field."""
+    textures = zip(TEXTURE_FIELDS, material.textures_read(), strict=True)
+    return {name: texture for name, texture in textures if texture is not None}
+
+
+def is_see_through(mesh: Mesh) -> bool:
+    """Tell whether anything is seen through a mesh: blended, with an alpha below 1 somewhere."""
+    return mesh.material.alpha_mode == "blend" and bool(_least_alpha(mesh) < np.float32(1.0))
+
+
+def may_have_holes(mesh: Mesh) -> bool:
+    """Tell whether the alpha of a mesh with an alpha mask is below the cutoff anywhere."""
+    material = mesh.material
+    if material.alpha_mode != "mask":
+        return False
+    return bool(_least_alpha(mesh) < np.float32(material.alpha_cutoff))
+
+
+def _least_alpha(mesh: Mesh) -> np.float32:
+    """Return an alpha that no point of a mesh is below: the product of the least of all parts."""
+    least = np.float32(mesh.material.base_color[3])
+    for colors in (mesh.vertex_colors, mesh.face_colors):
+        if colors is not None and len(colors) > 0:
+            least = least * colors[:, 3].min()
+    texture = mesh.material.base_color_texture
+    return least if texture is None else least * np.float32(texture.lowest_alpha)
+
+
+def _described(name: str, texture: Texture) -> str:
+    """Say what a texture is for, and how it is filtered."""
+    parts = f", {texture.anisotropy} times along" if texture.anisotropy > 1 else ""
+    kind = name.removesuffix("_texture").replace("_", " ")
+    return f"{texture.filter}{parts} ({kind})"
+
+
+def in_words(seen: int, count: int, kind: str = "object") -> str:
+    """Say how many objects of a kind are in view, given how many there are."""
+    if seen == 0:
+        return f"{_several(count, kind)} outside the view"
+    rest = count - seen
+    return _several(seen, kind) + (f", {rest} more outside the view" if rest else "")
+
+
+def _several(count: int, kind: str) -> str:
+    """Return a number of things in words."""
+    return f"{count} {kind}{'s' if count != 1 else ''}"
+
+
+def take_inventory(
+    nodes: Sequence[Node], quality: Quality
+) -> tuple[Inventory, NDArray[np.float64]]:
+    """
+    Look through the objects of a scene, with the materials that are in force.
+
+    Returns
+    -------
+    inventory : Inventory
+    bounds : (O, 2, 3) float64
+        Low and high corner of each object, model space; NaN for one without a finite face.
+    """
+    meshes = meshes_under(meshes_of(nodes), quality)
+    return Inventory(meshes), mesh_boxes(meshes)
+
+
+def refuse_texture(nodes: Sequence[Node], quality: Quality) -> None:
+    """Raise ``ValueError`` naming the object that has a texture and nothing to lay it by."""
+    for node, mesh in zip(nodes, meshes_under(meshes_of(nodes), quality), strict=True):
+        for name in textures_read(mesh.material) if mesh.uv is None else ():
+            raise ValueError(
+                f"the mesh of {node.name!r} must have uv, for its material has a {name}; got none"
+            )
+
+
+def check_scene(scene: Scene) -> None:
+    """Raise ``ValueError`` if something in the scene's lists is not what belongs there."""
+    for name, items, kinds in (
+        ("nodes", scene.nodes, (Node,)),
+        ("lights", scene.lights, (AmbientLight, DirectionalLight, PointLight, SpotLight)),
+    ):
+        if not isinstance(items, (list, tuple)):
+            raise ValueError(f"scene.{name} must be a list, got {items!r}")
+        if set(map(type, items)).issubset(kinds):
+            continue
+        for n, item in enumerate(items):
+            if not isinstance(item, kinds):
+                wanted = " or ".join(kind.__name__ for kind in kinds)
+                article = "an" if wanted[0] in "AEIOU" else "a"
+                raise ValueError(f"scene.{name}[{n}] must be {article} {wanted}, got {item!r}")
+    if not scene.nodes:
+        raise ValueError("scene must hold at least one mesh, got an empty scene")
+    for name, (kind, words) in EFFECT_FIELDS.items():
+        value = getattr(scene, name)
+        if value is not None and not isinstance(value, kind):
+            raise ValueError(f"scene.{name} must be {words} or None, got {value!r}")

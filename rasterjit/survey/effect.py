@@ -1,0 +1,255 @@
+"""
+What an effect is: it says whether a frame needs it, prepares what it reads, and gives its stages.
+
+An effect is a folder of ``effects/``; its ``__init__.py`` defines one object for each of its rows
+in ``explain``. ``rendering/effects.py`` lists all of them, in the order in which they act. A frame
+asks each once (`Effect.answer`); those that it needs prepare a record for every picture
+(`Effect.prepare`), and the functions in `Effect.places` turn that record into stages.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from rasterjit.pipeline.records import Geometry, Lighting, Placement, Surface
+from rasterjit.pipeline.visibility.draw import Coverage
+from rasterjit.runtime.threads import Workers
+from rasterjit.scene.camera import Camera
+from rasterjit.scene.quality import Quality
+from rasterjit.scene.scene import Scene
+from rasterjit.survey.cache import Prepared
+
+if TYPE_CHECKING:
+    from rasterjit.survey.facts import Facts
+    from rasterjit.survey.placement import Boxes
+    from rasterjit.survey.plan import RenderPlan
+
+PLACES = ("rows", "light", "around", "sample", "pixel", "mixed", "background", "overlay")
+"""
+Where effects act, in order; what each function in `Effect.places` takes and returns:
+
+- rows: ``(record, look) -> steps`` before any light: shares of light, from OCCLUSION on.
+- light: ``(record, look, n) -> steps`` before light ``n`` is added: row SHADOW.
+- around: ``(record, look) -> steps`` after the lights: light that comes from all sides.
+- sample: ``(record, look) -> steps`` on the colours of lit samples, which have points.
+- pixel: ``(record, shown) -> (steps, shown)`` on the three rows that are shown in 8 bits.
+- mixed: ``(record, linear, background, encoding, color)``: the same on rows that are mixed of
+  several faces, linear with straight alpha; lays them over the background, and writes codes too.
+- background: ``(record, face_id, first_row, encoding, linear, color)``: writes where no face is.
+- overlay: ``(record, context, color)``: draws over the finished 8-bit picture.
+
+``steps`` is a list of `rasterjit.runtime.driver.Step`; ``look`` a `Look`.
+"""
+
+
+Rows = list[tuple[str, str, str]]
+
+
+class Planning(NamedTuple):
+    """A frame that is being planned: what plain facts leave out."""
+
+    scene: Scene
+    camera: Camera
+    boxes: Boxes
+    """The boxes around the objects, seen from the eye."""
+    earlier: dict[str, Planned | Absent]
+    """What the effects before this one answered, by name."""
+
+
+class Look(NamedTuple):
+    """What samples are lit with and look like, as stages are told."""
+
+    placement: Placement
+    surface: Surface
+    lighting: Lighting
+    is_of_vertices: bool = False
+    """Whether the samples are vertices: they have no pixel, and no face of their own."""
+
+
+class FrameContext(NamedTuple):
+    """A picture whose visible faces are known."""
+
+    plan: RenderPlan
+    prepared: Prepared
+    geometry: Geometry | None
+    placement: Placement
+    coverage: Coverage | None
+    workers: Workers
+
+
+class Planned(NamedTuple):
+    """An effect that a frame needs."""
+
+    effect: Effect
+    facts: Facts
+    data: Any = None
+    """What the plan knows of it: a description, or the record that stages read."""
+
+    used = True
+
+    @property
+    def name(self) -> str:
+        """Name of its row."""
+        return self.effect.name
+
+    @property
+    def reason(self) -> str:
+        """Why the frame needs it."""
+        return self.effect.reason(self.facts, True)
+
+
+class Absent(NamedTuple):
+    """An effect that a frame does not need."""
+
+    effect: Effect
+    facts: Facts
+
+    used = False
+
+    @property
+    def name(self) -> str:
+        """Name of its row."""
+        return self.effect.name
+
+    @property
+    def reason(self) -> str:
+        """Why the frame does not need it."""
+        return self.effect.reason(self.facts, False)
+
+
+class Effect:
+    """
+    One row of ``explain``; a subclass says what is different from a row that does nothing.
+
+    An effect has no state: what it knows of a frame is in the plan and in the record.
+
+    Attributes
+    ----------
+    name : str
+        Of its row.
+    field : str
+        The field of `Scene` that asks for it; empty: none does.
+    key : str
+        What switches it in the viewer; empty: nothing does.
+    looks : str
+        How far it looks: at a "sample", at its "neighbours", which parts of a picture do not have,
+        or at the "whole" picture, which is then looked through before (`see`).
+    is_explained : bool
+        Whether ``explain_pixel`` tells its part in a colour; else the colour is that of a frame.
+    term : str
+        What ``explain_pixel`` calls what it adds to a colour; empty: its name.
+    reads_clip_positions : bool
+        Whether it reads where vertices lie before they are divided by w.
+    places : dict of function
+        What it does, by place; see ``PLACES``.
+    """
+
+    name = ""
+    field = ""
+    key = ""
+    looks = "sample"
+    is_explained = False
+    term = ""
+    reads_clip_positions = False
+    places: Mapping[str, Callable[..., Any]] = {}
+
+    def answer(self, facts: Facts, planning: Planning) -> Planned | Absent:
+        """Say whether a frame needs it, and with what data."""
+        raise NotImplementedError
+
+    def reason(self, facts: Facts, is_used: bool) -> str:
+        """Say why a frame needs it or not."""
+        raise NotImplementedError
+
+    def reads_depth(self, plan: RenderPlan) -> bool:
+        """Tell whether it reads the depth of visible faces."""
+        return False
+
+    def see(self, context: FrameContext) -> Any:
+        """Return what it must know of a picture, or of a part of one, before it is prepared."""
+        return None
+
+    def join(self, size: tuple[int, int], parts: Sequence[tuple[tuple[int, int], Any]]) -> Any:
+        """Return what it would see of a picture, given what it sees of its parts and where."""
+        return None
+
+    def prepare(self, context: FrameContext, data: Any, seen: Sequence[tuple[Camera, Any]]) -> Any:
+        """
+        Return the record that its stages read; None: there is nothing to do.
+
+        Parameters
+        ----------
+        context : FrameContext
+        data
+            What the plan knows of it.
+        seen : sequence of (Camera, object)
+            What it sees of the picture, and of others that it is prepared with (`see`).
+        """
+        return data
+
+    def kernels(self, plan: RenderPlan) -> Mapping[str, Rows]:
+        """
+        Return the kernels that it calls besides stages, as `list_kernels` tells them.
+
+        By where they are called: "prepare", or a place where it acts. Each has its module and
+        function, its variant, and the condition under which it is called; empty: none.
+        """
+        return {}
+
+    def buffers(self, plan: RenderPlan) -> list[tuple[str, int, str, tuple[int, int]]]:
+        """Return its large arrays: name, channels, dtype, and (width, height)."""
+        return []
+
+    def sketch(self, facts: Facts, data: Any) -> Any:
+        """Return a record without arrays to speak of, that gives the stages of a prepared one."""
+        return data
+
+    def neutral(self, record: Any) -> Any:
+        """Return a record with which it changes nothing."""
+        raise NotImplementedError
+
+    def without(self, scene: Scene) -> Scene | None:
+        """Return a scene without it; None: a scene cannot do without it alone."""
+        return None if not self.field else with_field(scene, self.field, None)
+
+    def add(self, scene: Scene, quality: Quality) -> tuple[str, Scene | None]:
+        """Say what it could be in a scene that has none, with such a scene; None: nothing."""
+        return "", None
+
+
+class Active(NamedTuple):
+    """An effect in a picture, prepared."""
+
+    effect: Effect
+    record: Any
+
+    def at(self, place: str, *arguments: Any) -> Any:
+        """Return what it does at a place where it acts."""
+        return self.effect.places[place](self.record, *arguments)
+
+
+def acting(effects: Sequence[Active], place: str) -> list[Active]:
+    """Return those effects that act at a place."""
+    return [active for active in effects if place in active.effect.places]
+
+
+def with_field(scene: Scene, name: str, value: Any) -> Scene:
+    """Return a copy of a scene with another value of a field."""
+    changed = copy.copy(scene)
+    setattr(changed, name, value)
+    return changed
+
+
+def add_to_field(scene: Scene, name: str, value: Any) -> Scene | None:
+    """Return a copy of a scene with a value in a field; None if one there does something."""
+    held = getattr(scene, name)
+    if held is not None and not _does_nothing(held):
+        return None
+    return with_field(scene, name, value)
+
+
+def _does_nothing(value: Any) -> bool:
+    """Tell whether an effect that a scene asks for leaves it as it is."""
+    return getattr(value, "strength", 1.0) == 0.0 or getattr(value, "is_neutral", False)

@@ -1,0 +1,252 @@
+"""The facts that decide what a frame needs: its scene, camera and outputs, looked at once."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.scene.environment import Environment
+from rasterjit.scene.light import AmbientLight
+from rasterjit.scene.quality import SUPERSAMPLED, Quality
+from rasterjit.scene.scene import EFFECT_FIELDS, Scene, Wireframe
+from rasterjit.survey.blending import Transparency, find_transparency
+from rasterjit.survey.contents import SMOOTH, Contents, Inventory
+from rasterjit.survey.lights import NO_LIGHTS, PlannedLights, plan_lights
+from rasterjit.survey.overrides import lights_under
+from rasterjit.survey.placement import Boxes, Views, are_even
+
+STANDARD = Quality.standard()
+"""What nothing is said about."""
+
+
+class Facts(NamedTuple):
+    """
+    What is known of a scene and the outputs when a frame is planned.
+
+    What a scene asks for is kept as it was asked, used or not.
+    """
+
+    outputs: tuple[str, ...]
+    """Names of what the frame is to hold, of ``outputs.table.OUTPUTS``, without repeats."""
+    inventory: Inventory
+    """What the objects are."""
+    in_view: NDArray[np.bool_]
+    """Which objects may be seen, (O,)."""
+    contents: Contents
+    """Of all objects."""
+    seen: Contents
+    """Of those in view."""
+    has_lights: bool
+    """Whether the scene has any light, but for its environment."""
+    asked: dict[str, Any]
+    """The fields of the scene that ask for effects, by name; ``None`` where one does not."""
+    diagnose: bool
+    """Whether the fates of faces are found."""
+    quality: Quality
+    transparency: Transparency
+    has_background: bool
+    """Whether the render was given a background."""
+    lights: PlannedLights
+    """Those of the scene's that reach what is seen."""
+    is_uneven: bool
+    """Whether an object in view with interpolated normals is scaled unlike along its axes, as far
+    as it is of account."""
+
+    @property
+    def wireframe(self) -> Wireframe | None:
+        """The edges that the scene asks for."""
+        return self.asked["wireframe"]
+
+    @property
+    def environment(self) -> Environment | None:
+        """What is around the scene."""
+        return self.asked["environment"]
+
+    @property
+    def is_colored(self) -> bool:
+        """Whether any output shows colour."""
+        return "color" in self.outputs or "linear" in self.outputs
+
+    @property
+    def draws_faces(self) -> bool:
+        """Whether faces are drawn, and not the edges alone."""
+        return self.wireframe is None or self.wireframe.mode == "overlay"
+
+    @property
+    def colors_faces(self) -> bool:
+        """Whether the colour of faces is asked for."""
+        return self.is_colored and self.draws_faces
+
+    @property
+    def shades(self) -> bool:
+        """Whether the colour of a face is asked for that may be seen."""
+        return self.colors_faces and self.seen.objects > 0
+
+    @property
+    def is_lit(self) -> bool:
+        """Whether that colour depends on light."""
+        return self.shades and self.seen.unlit < self.seen.objects
+
+    @property
+    def has_headlight(self) -> bool:
+        """Whether the default light shines, for there is no other."""
+        return self.is_lit and not self.has_lights and self.environment is None
+
+    @property
+    def has_ambient_light(self) -> bool:
+        """Whether light comes from all around, of a light or the environment."""
+        return (
+            self.has_headlight
+            or self.has_environment_light
+            or any(isinstance(light, AmbientLight) for light in self.lights.lights)
+        )
+
+    @property
+    def needs_normals(self) -> bool:
+        """Whether vertex normals are read."""
+        is_smooth = not SMOOTH.isdisjoint(self.seen.shadings)
+        return is_smooth and (self.is_lit or "normal" in self.outputs)
+
+    @property
+    def finds_faces(self) -> bool:
+        """Whether the face at every pixel is found: shown, counted, or in a buffer."""
+        return self.draws_faces or self.diagnose or bool({*self.outputs} - {"color", "linear"})
+
+    @property
+    def needs_cutouts(self) -> bool:
+        """Whether faces are drawn with their holes."""
+        return self.finds_faces and self.seen.cut_out > 0
+
+    @property
+    def casts_shadows(self) -> bool:
+        """Whether any light may cast shadows on what is seen."""
+        return self.is_lit and self.lights.have_shadows
+
+    @property
+    def shades_through_holes(self) -> bool:
+        """Whether shadow maps are drawn with holes: what is out of view casts shadows as well."""
+        return self.casts_shadows and self.contents.cut_out > 0
+
+    @property
+    def needs_textures(self) -> bool:
+        """Whether textures are read."""
+        return self.shades and any(self.seen.textured)
+
+    @property
+    def pictures(self) -> int:
+        """How many whole pictures are averaged, of faces or of what lies behind them all."""
+        has_edges = self.shades or self.shows_environment
+        samples = self.quality.samples
+        return int(samples) if has_edges and samples in SUPERSAMPLED else 1
+
+    @property
+    def mixes_samples(self) -> bool:
+        """Whether a pixel of one picture shows several samples, or areas."""
+        return self.shades and self.quality.samples not in (1, *SUPERSAMPLED)
+
+    @property
+    def antialiases(self) -> bool:
+        """Whether the colour of a pixel is that of several samples, or of areas."""
+        return self.mixes_samples or self.pictures > 1
+
+    @property
+    def needs_microfacets(self) -> bool:
+        """Whether light falls on metallic-roughness materials."""
+        return self.is_lit and self.seen.pbr > 0
+
+    @property
+    def needs_maps(self) -> bool:
+        """Whether more lies over the objects than a base colour."""
+        return self.shades and self.seen.has_maps
+
+    @property
+    def renormalizes(self) -> bool:
+        """
+        Whether interpolated normals are scaled to length one at every pixel.
+
+        If not, they are of that length at the vertices all the same. Under normal maps, and where
+        an object is scaled unevenly, that takes scaling at every pixel.
+        """
+        return self.quality.renormalize or self.seen.normals > 0 or self.is_uneven
+
+    @property
+    def has_environment_light(self) -> bool:
+        """Whether any light from all around reaches a colour that is asked for."""
+        return self.is_lit and self.environment is not None and self.environment.lights
+
+    @property
+    def shows_environment(self) -> bool:
+        """Whether the environment is seen where no face is."""
+        is_wanted = self.environment is not None and self.environment.background
+        return is_wanted and self.is_colored and not self.has_background
+
+    @property
+    def mixes_codes(self) -> bool:
+        """Whether what a pixel shows is mixed as 8-bit sRGB codes, which all colour then is."""
+        is_mixed = self.transparency.used or self.antialiases
+        return is_mixed and self.quality.blending == "srgb8"
+
+
+def look(
+    scene: Scene,
+    boxes: Boxes,
+    views: Views,
+    inventory: Inventory,
+    quality: Quality,
+    outputs: tuple[str, ...],
+    background: Any,
+    diagnose: bool,
+) -> Facts:
+    """Look at a scene, seen from a camera, once; lights only if light reaches what is seen."""
+    wireframe = scene.wireframe
+    only_edges = wireframe is not None and wireframe.mode == "only"
+    colors_faces = not only_edges and not {"color", "linear"}.isdisjoint(outputs)
+    contents, in_view = inventory.contents, boxes.in_view
+    facts = Facts(
+        outputs=outputs,
+        inventory=inventory,
+        in_view=in_view,
+        contents=contents,
+        seen=inventory.contents_of(in_view),
+        has_lights=bool(scene.lights),
+        asked={name: getattr(scene, name) for name in EFFECT_FIELDS},
+        diagnose=diagnose,
+        quality=quality,
+        transparency=find_transparency(
+            scene.nodes, colors_faces, contents.blended > 0, inventory.is_see_through, in_view
+        ),
+        has_background=background is not None,
+        lights=NO_LIGHTS,
+        is_uneven=not quality.renormalize and _any_uneven(views, in_view, inventory),
+    )
+    if not facts.is_lit:
+        return facts
+    casts = ~inventory.is_see_through
+    return facts._replace(lights=plan_lights(lights_under(scene.lights, quality), boxes, casts))
+
+
+def _any_uneven(views: Views, in_view: NDArray[np.bool_], inventory: Inventory) -> bool:
+    """Tell whether an object in view with interpolated normals is scaled unlike along its axes."""
+    chosen = in_view & inventory.interpolates_normals
+    return not are_even(views.relative_from_model[chosen]).all()
+
+
+def unlit_reason(facts: Facts) -> str:
+    """Say why no light is needed."""
+    if facts.shades and facts.contents.unlit < facts.contents.objects:
+        return "every material in view is unlit"
+    if facts.colors_faces and not facts.shades:
+        return "no object is in view"
+    return "nothing is shaded, or every material is unlit"
+
+
+def settings_asked(facts: Facts, *names: str) -> str:
+    """Say what the quality asks for by some of its settings, as far as it is no standard."""
+    values = {name: getattr(facts.quality, name) for name in names}
+    return "".join(
+        f"; quality.{name} is {value!r}"
+        for name, value in values.items()
+        if value != getattr(STANDARD, name)
+    )

@@ -1,0 +1,399 @@
+"""
+Decide which lights reach what is seen and which cast shadows there, and why.
+
+What is known when a frame is planned are the boxes around the objects. A light is left out if it
+is black or surely reaches none that may be seen, and casts no shadows if surely nothing lies
+between. What is left is the row of each light that kernels read; the maps are fitted when it is
+known what is seen.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cache, cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.pipeline.lighting.blinn_phong import LIGHT_COLUMNS
+from rasterjit.pipeline.records import Lighting
+from rasterjit.scene import transforms
+from rasterjit.scene.camera import Camera
+from rasterjit.scene.light import (
+    MOST_TEXELS,
+    AmbientLight,
+    DirectionalLight,
+    Light,
+    PointLight,
+    Shadow,
+    SpotLight,
+)
+from rasterjit.survey.placement import Boxes
+
+FARTHEST_LIGHT = 1e18
+"""Coordinates of a light relative to the eye are held within it: their squares stay finite in
+float32, and no light of an allowed intensity is seen from there."""
+
+NARROWEST_RAMP = 0.001
+"""Least difference of the cosines between which the light of a cone ends, by KHR_lights_punctual:
+the edge of a cone whose angles are the same is no step."""
+
+WIDEST_MAP = 60.0
+"""Spot lights wider than so many degrees from their axis get six maps, as point lights do."""
+
+FILTER_TEXELS = 6.0
+"""Texels that a filter looks aside at most, of a map that is fitted to more than is seen."""
+
+MOST_PAIRS = 1 << 20
+"""Pairs of objects that are looked at: in scenes of more, something always lies between."""
+
+FIRST_ROWS, MORE_ROWS = 4, 8
+"""Objects held against all others at first, and how many times as many each time nothing was
+found: mostly something is, at once."""
+
+LIGHT_ROUNDING = 2.0**-20
+"""Widening of what a light reaches, as a share of coordinates and of cosines: above the rounding
+of the light that kernels see, which is float32."""
+
+TEXEL_BYTES = 4
+
+ALONG = 0.1
+"""Sine of the angle to the direction below which an axis says too little about what is aside."""
+
+NO_CONE = (0.0, 0.0, 0.0, 0.0, 1.0)
+"""Axis, scale and offset of light that goes all ways."""
+
+HEADLIGHT_DIRECTION = (-0.3, -0.5, -1.0)
+"""Direction of the default light in view space: over the viewer's right shoulder."""
+HEADLIGHT_INTENSITY = 0.9
+HEADLIGHT_AMBIENT = 0.1
+"""The default light's two parts add up to 1, so a white surface facing it is white."""
+
+
+class PlannedLights(NamedTuple):
+    """The lights that reach what is seen."""
+
+    lights: tuple[Light, ...]
+    """As the scene has them; one that casts no shadow there has none."""
+    numbers: tuple[int, ...]
+    """Which of the scene's lights each is; empty for the headlight."""
+    notes: tuple[str, ...]
+    """Why others were left out."""
+    shadow_notes: tuple[str, ...]
+    """Why lights that could cast shadows do not."""
+
+    @property
+    def have_shadows(self) -> bool:
+        """Whether any of them casts shadows."""
+        return any(getattr(light, "shadow", None) is not None for light in self.lights)
+
+
+NO_LIGHTS = PlannedLights((), (), (), ())
+
+
+def plan_lights(lights: Sequence[Light], boxes: Boxes, casts: NDArray[np.bool_]) -> PlannedLights:
+    """
+    Return the lights that reach what is seen, and what became of the others.
+
+    Parameters
+    ----------
+    lights : sequence of Light
+    boxes : Boxes
+        Around the objects.
+    casts : (O,) bool
+        Which objects cast shadows.
+
+    Raises
+    ------
+    ValueError
+        If the shadow maps have too many texels together; the message names the lights.
+    """
+    kept, numbers, notes, shadow_notes = [], [], [], []
+    scenery = _Scenery(boxes, casts)
+    for n, light in enumerate(lights):
+        reason, reached = _reason_against(light, scenery)
+        if reason:
+            notes.append(f"light {n}: {reason}")
+            continue
+        if getattr(light, "shadow", None) is not None and not scenery.is_shaded(light, reached):
+            shadow_notes.append(f"light {n}: nothing lies between it and what is seen")
+            light = replace(light, shadow=None)
+        kept.append(light)
+        numbers.append(n)
+    planned = PlannedLights(tuple(kept), tuple(numbers), tuple(notes), tuple(shadow_notes))
+    _check_maps(planned)
+    return planned
+
+
+def _reason_against(light: Any, scenery: _Scenery) -> tuple[str, NDArray[np.bool_] | None]:
+    """Return why a light reaches nothing that is seen, or "" and what it reaches if not all."""
+    if light.intensity == 0.0:
+        return "its intensity is 0", None
+    if not any(light.color):
+        return "it is black", None
+    reached = None
+    if getattr(light, "range", None) is not None:
+        reached = scenery.in_range(light)
+        if not reached.any():
+            return f"its range of {light.range:g} ends before all that is seen", None
+    if isinstance(light, SpotLight):
+        reached = scenery.in_cone(light) if reached is None else reached & scenery.in_cone(light)
+        if not reached.any():
+            return "nothing in view is in its cone", None
+    return "", reached
+
+
+def _check_maps(planned: PlannedLights) -> None:
+    """Raise ``ValueError`` if the shadow maps have too many texels together."""
+    total, listed = 0, []
+    for n, light in zip(planned.numbers, planned.lights, strict=True):
+        shadow = getattr(light, "shadow", None)
+        if shadow is not None:
+            count = 6 if has_cube(light) else 1
+            total += count * shadow.size * shadow.size
+            listed.append(f"light {n} ({count} of {shadow.size} x {shadow.size})")
+    if total > MOST_TEXELS:
+        raise ValueError(
+            f"the shadow maps of all lights must have at most {MOST_TEXELS:,} texels together "
+            f"({MOST_TEXELS * TEXEL_BYTES / 1e9:.1f} GB), got {total:,} "
+            f"({total * TEXEL_BYTES / 1e9:.1f} GB): {', '.join(listed)}; take a smaller "
+            "shadow.size or quality.shadow_size, or fewer shadows"
+        )
+
+
+def has_cube(light: Light) -> bool:
+    """Tell whether a light that casts shadows has six maps."""
+    wide = isinstance(light, SpotLight) and light.outer_angle > WIDEST_MAP
+    return wide or isinstance(light, PointLight)
+
+
+class _Scenery:
+    """What lights fall on and what stands in their way, relative to the eye."""
+
+    def __init__(self, boxes: Boxes, casts: NDArray[np.bool_]) -> None:
+        self._boxes = boxes
+        self.casts = casts
+        self.eye = boxes.eye
+
+    @cached_property
+    def is_unsure(self) -> NDArray[np.bool_]:
+        """Whether it is not known how far an object reaches, though it may be seen, (O,)."""
+        return self._boxes.in_view & ~self._boxes.is_known
+
+    @cached_property
+    def ends(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Low and high corner along the world's axes, (O, 3) each."""
+        return self._boxes.corners.min(axis=1), self._boxes.corners.max(axis=1)
+
+    @cached_property
+    def slack(self) -> NDArray[np.float64]:
+        """How far off the corners may be as kernels see them, (O,)."""
+        low, high = self.ends
+        return LIGHT_ROUNDING * np.maximum(np.abs(low), np.abs(high)).max(axis=1)
+
+    def in_range(self, light: Any) -> NDArray[np.bool_]:
+        """Tell of each object, (O,), whether it may be seen and a light's range reaches it."""
+        low, high = self.ends
+        place = np.array(light.position) - self.eye
+        slack = self.slack + LIGHT_ROUNDING * (np.abs(place).max() + light.range)
+        with np.errstate(invalid="ignore", over="ignore"):
+            gaps = np.maximum(low - place, place - high) - slack[:, np.newaxis]
+            x, y, z = np.maximum(gaps, 0.0).T / light.range
+            return self._boxes.in_view & (x * x + y * y + z * z < 1.0) | self.is_unsure
+
+    def in_cone(self, light: SpotLight) -> NDArray[np.bool_]:
+        """Tell of each object, (O,), whether it may be seen and meets a light's cone."""
+        low, high = self.ends
+        place, axis = np.array(light.position) - self.eye, np.array(light.direction)
+        _, cosine = transforms.sine_cosine(light.outer_angle)
+        cosine = max(cosine - LIGHT_ROUNDING, 0.0)
+        sine = math.sqrt(1.0 - cosine * cosine)
+        with np.errstate(invalid="ignore", over="ignore"):
+            # Hold the sphere around each box against the cone's side, or behind it its tip.
+            x, y, z = ((low + high) / 2.0 - place).T
+            a, b, c = ((high - low) / 2.0).T
+            radius = np.sqrt(a * a + b * b + c * c) + self.slack
+            radius += LIGHT_ROUNDING * float(np.abs(place).max())
+            ahead = x * axis[0] + y * axis[1] + z * axis[2]
+            p, q, r = x - ahead * axis[0], y - ahead * axis[1], z - ahead * axis[2]
+            aside = np.sqrt(p * p + q * q + r * r)
+            beside = aside * cosine - ahead * sine
+            is_behind = aside * sine + ahead * cosine < 0.0
+            away = np.where(is_behind, np.sqrt(ahead * ahead + aside * aside), beside)
+            return self._boxes.in_view & ~(away > radius) | self.is_unsure
+
+    def is_shaded(self, light: Any, reached: NDArray[np.bool_] | None) -> bool:
+        """Tell whether anything may lie between a light and what it reaches, (O,) or all."""
+        receives = self._boxes.in_view if reached is None else reached
+        is_solid = self.casts & ~self._boxes.is_flat
+        if self.is_unsure.any() or (receives & is_solid).any():
+            # What has an inside may shade itself.
+            return True
+        casters = np.flatnonzero(self.casts & self._boxes.is_known)
+        receivers = np.flatnonzero(receives)
+        if len(receivers) * len(casters) > MOST_PAIRS:
+            return True
+        low, high = self.ends
+        if isinstance(light, DirectionalLight):
+            corners = along(axes_of(light.direction), self._boxes.corners)
+            low, high = corners.min(axis=1), corners.max(axis=1)
+        # What lies between a surface and the light meets the box around both.
+        first, last = low[receivers], high[receivers]
+        if isinstance(light, DirectionalLight):
+            nearest = low[casters, 2].min(initial=np.inf)
+            room = _room_aside(light.shadow, first[:, :2], last[:, :2])
+            room += half_tangent(light.shadow) * max(last[:, 2].max(initial=-np.inf) - nearest, 0.0)
+            first[:, 2] = -np.inf
+        else:
+            place = np.array(light.position) - self.eye
+            first, last = np.minimum(first, place), np.maximum(last, place)
+            room = _room_aside(light.shadow, first, last) + (light.shadow.light_size or 0.0) / 2.0
+        first, last = first - room, last + room
+        return _meets_another(first, last, receivers, low[casters], high[casters], casters)
+
+
+def _room_aside(shadow: Shadow, first: NDArray[np.float64], last: NDArray[np.float64]) -> float:
+    """Return how far beside what it falls on a filter may find a shadow, scene units."""
+    if shadow.filter == "hard" or not len(first):
+        return 0.0
+    return FILTER_TEXELS / shadow.size * float((last.max(axis=0) - first.min(axis=0)).max())
+
+
+def half_tangent(shadow: Shadow) -> float:
+    """Return the tangent of half the angle that a directional light is seen under."""
+    if shadow.light_size is None:
+        return 0.0
+    sine, cosine = transforms.sine_cosine(shadow.light_size / 2.0)
+    return sine / cosine
+
+
+def _meets_another(
+    first: NDArray[np.float64],
+    last: NDArray[np.float64],
+    owners: NDArray[np.int64],
+    low: NDArray[np.float64],
+    high: NDArray[np.float64],
+    numbers: NDArray[np.int64],
+) -> bool:
+    """Tell whether any of N boxes (first, last) meets one of M (low, high) that is not its own."""
+    start, rows = 0, FIRST_ROWS
+    while start < len(first):
+        part = slice(start, start + rows)
+        meets = owners[part, np.newaxis] != numbers
+        for k in range(3):
+            meets &= low[:, k] <= last[part, k, np.newaxis]
+            meets &= high[:, k] >= first[part, k, np.newaxis]
+        if meets.any():
+            return True
+        start, rows = start + rows, rows * MORE_ROWS
+    return False
+
+
+def axes_of(
+    direction: Sequence[float], right: Sequence[float] = (0.0, 0.0, 0.0)
+) -> NDArray[np.float64]:
+    """
+    Return three unit vectors, (3, 3), at right angles, the last of them the direction given.
+
+    The first is the nearest to ``right`` that there is, unless that is along the direction.
+    """
+    x, y, z = direction
+    a, b, c = right
+    part = a * x + b * y + c * z
+    a, b, c = a - part * x, b - part * y, c - part * z
+    if max(abs(a), abs(b), abs(c)) < ALONG:
+        # Take what is at right angles to the direction and to the axis farthest from it.
+        least = min(abs(x), abs(y), abs(z))
+        p, q, r = (float(abs(part) == least) for part in direction)
+        a, b, c = y * r - z * q, z * p - x * r, x * q - y * p
+    across = transforms.unit_vector("axis", (a, b, c))
+    p, q, r = across.tolist()
+    return np.array([across, [y * r - z * q, z * p - x * r, x * q - y * p], [x, y, z]])
+
+
+def along(axes: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the coordinates of points, (..., 3), along three axes."""
+    x, y, z = points[..., 0], points[..., 1], points[..., 2]
+    return np.stack([x * a + y * b + z * c for a, b, c in axes.tolist()], axis=-1)
+
+
+def lighting_of(
+    lights: Sequence[Light],
+    camera: Camera,
+    highlights: int,
+    renormalizes: int = 1,
+) -> Lighting:
+    """
+    Return the lights as rows, relative to the eye.
+
+    Parameters
+    ----------
+    lights : sequence of Light
+    camera : Camera
+    highlights : int
+        Number of objects with a specular highlight.
+    renormalizes : int
+        Not 0: interpolated normals are scaled to length one.
+    """
+    eye = camera.eye_position().tolist()
+    rows, ambient = [], (0.0, 0.0, 0.0)
+    for light in lights:
+        if isinstance(light, AmbientLight):
+            red, green, blue = (part * light.intensity for part in light.color)
+            ambient = ambient[0] + red, ambient[1] + green, ambient[2] + blue
+        else:
+            rows.append(_row(light, eye))
+    return Lighting(
+        np.array(rows, np.float32).reshape(-1, LIGHT_COLUMNS),
+        np.array(ambient, np.float32),
+        np.int64(highlights) if highlights else None,
+        renormalizes=renormalizes,
+    )
+
+
+def _row(light: Light, eye: Sequence[float]) -> list[float]:
+    """Return one row of ``Lighting.lights``."""
+    color = [part * light.intensity for part in light.color]
+    if isinstance(light, DirectionalLight):
+        x, y, z = light.direction
+        row = [-x, -y, -z, 0.0, *color, *NO_CONE, 0.0]
+    else:
+        place = [at - origin for at, origin in zip(light.position, eye, strict=True)]
+        row = [*place, 1.0, *color, *_cone(light), _ending(light.range)]
+    return [max(-FARTHEST_LIGHT, min(FARTHEST_LIGHT, entry)) for entry in row]
+
+
+def _cone(light: Light) -> tuple[float, float, float, float, float]:
+    """Return axis, scale and offset of a light's cone."""
+    if not isinstance(light, SpotLight):
+        return NO_CONE
+    _, inner = transforms.sine_cosine(light.inner_angle)
+    _, outer = transforms.sine_cosine(light.outer_angle)
+    scale = 1.0 / max(NARROWEST_RAMP, inner - outer)
+    return (*light.direction, scale, -outer * scale)
+
+
+def _ending(end: float | None) -> float:
+    """Return one over the square of a range, 0 for none."""
+    if end is None:
+        return 0.0
+    inverse = min(1.0 / end, FARTHEST_LIGHT)
+    return inverse * inverse
+
+
+def headlight(camera: Camera) -> list[Light]:
+    """Return the lights of a scene that has none."""
+    # The rows of the inverse transpose are the columns of the inverse.
+    columns = transforms.normal_matrix(camera.view_matrix()).tolist()
+    x, y, z = HEADLIGHT_DIRECTION
+    direction = tuple((a * x + b * y) + c * z for a, b, c in zip(*columns, strict=True))
+    return [DirectionalLight(direction, intensity=HEADLIGHT_INTENSITY), _headlight_ambient()]
+
+
+@cache
+def _headlight_ambient() -> AmbientLight:
+    """Return the part of the default light that has no direction."""
+    return AmbientLight(intensity=HEADLIGHT_AMBIENT)

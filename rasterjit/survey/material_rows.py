@@ -1,0 +1,318 @@
+"""
+The rows of ``explain`` that follow from materials, lights and arguments, in words.
+
+They have no stages of their own: surfaces and lights are what every picture is shaded with.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+from rasterjit.scene.material import TEXTURE_FIELDS, Material
+from rasterjit.scene.quality import Quality
+from rasterjit.scene.scene import Node, Scene
+from rasterjit.scene.texture import Texture
+from rasterjit.survey.contents import SMOOTH, Contents, in_words
+from rasterjit.survey.effect import Absent, Effect, Planned, Planning
+from rasterjit.survey.facts import Facts, settings_asked, unlit_reason
+
+
+class MaterialRow(Effect):
+    """A row that is in or out by facts alone."""
+
+    def answer(self, facts: Facts, planning: Planning) -> Planned | Absent:
+        """Say whether a frame has it."""
+        return Planned(self, facts) if self.is_in(facts) else Absent(self, facts)
+
+    def is_in(self, facts: Facts) -> bool:
+        """Tell whether a frame has it."""
+        raise NotImplementedError
+
+
+class Shading(MaterialRow):
+    """The colours of faces."""
+
+    name = "shading"
+    is_explained = True
+
+    def is_in(self, facts: Facts) -> bool:
+        """Tell whether the colour of a face is asked for that may be seen."""
+        return facts.shades
+
+    def reason(self, facts: Facts, is_used: bool) -> str:
+        """Say why faces are shaded or not."""
+        if not facts.is_colored:
+            return "no output shows colour"
+        if not facts.draws_faces:
+            return "only the wireframe is drawn"
+        shadings = ", ".join(sorted(facts.seen.shadings))
+        return shadings + settings_asked(facts, "shading") if shadings else "no object is in view"
+
+
+class Lights(MaterialRow):
+    """The lights that reach what is seen."""
+
+    name = "lights"
+    is_explained = True
+
+    def is_in(self, facts: Facts) -> bool:
+        """Tell whether any light shines on what is seen, but for the environment."""
+        return facts.is_lit and (facts.has_headlight or bool(facts.lights.lights))
+
+    def reason(self, facts: Facts, is_used: bool) -> str:
+        """Say what lights the scene, or why nothing needs to."""
+        if not facts.is_lit:
+            return unlit_reason(facts)
+        if facts.has_headlight:
+            return "a headlight, for the scene has no lights"
+        if not facts.has_lights:
+            return "no headlight, for the scene has an environment"
+        kinds = counted([type(light).__name__ for light in facts.lights.lights])
+        return "; ".join(filter(None, (kinds, *facts.lights.notes)))
+
+
+class SmoothNormals(MaterialRow):
+    """Normals between those of vertices."""
+
+    name = "smooth normals"
+    is_explained = True
+
+    def is_in(self, facts: Facts) -> bool:
+        """Tell whether vertex normals are read."""
+        return facts.needs_normals
+
+    def reason(self, facts: Facts, is_used: bool) -> str:
+        """Say which objects are smooth, if any."""
+        smooth = sorted(SMOOTH & facts.seen.shadings)
+        if smooth:
+            return "shading " + ", ".join(smooth) + _scaling(facts)
+        hidden = not SMOOTH.isdisjoint(facts.contents.shadings)
+        return "no object in view is smooth" if hidden else "no object is smooth"
+
+
+def _scaling(facts: Facts) -> str:
+    """Say, where the quality asks not to scale interpolated normals, what becomes of them."""
+    if facts.quality.renormalize or {"phong", "pbr"}.isdisjoint(facts.seen.shadings):
+        return ""
+    if facts.seen.normals:
+        return "; quality.renormalize is False, but not under normal maps"
+    if facts.is_uneven:
+        return "; quality.renormalize is False, but not where an object is scaled unevenly"
+    return "; quality.renormalize is False"
+
+
+class Textures(MaterialRow):
+    """Textures of all kinds."""
+
+    name = "textures"
+    key = "x"
+    is_explained = True
+
+    def is_in(self, facts: Facts) -> bool:
+        """Tell whether textures are read."""
+        return facts.needs_textures
+
+    def reason(self, facts: Facts, is_used: bool) -> str:
+        """Say what the textures are, or why none is read."""
+        if not any(facts.contents.textured):
+            return "no material has a texture that is read"
+        if not facts.colors_faces:
+            return "nothing is shaded"
+        if not any(facts.seen.textured):
+            return "no object in view has a texture that is read"
+        described = counted(facts.inventory.describe_textures(facts.in_view))
+        return described + settings_asked(facts, "texture_filter")
+
+    def without(self, scene: Scene) -> Scene:
+        """Return the scene with no texture."""
+        return with_materials(scene, lambda one: replace(one, **dict.fromkeys(TEXTURE_FIELDS)))
+
+    def add(self, scene: Scene, quality: Quality) -> tuple[str, Scene | None]:
+        """
+        Return the scene with all textures that have no mip levels filtered between two of them.
+
+        None where the quality says how they are filtered.
+        """
+        known: dict[Texture, Texture] = {}
+
+        def filtered(texture: Texture | None) -> Texture | None:
+            if texture is None or texture.filter == "trilinear":
+                return texture
+            if texture not in known:
+                known[texture] = replace(texture, filter="trilinear")
+            return known[texture]
+
+        changed = with_materials(
+            scene,
+            lambda material: replace(
+                material, **{name: filtered(getattr(material, name)) for name in TEXTURE_FIELDS}
+            ),
+        )
+        is_open = known and quality.texture_filter is None
+        return f"mip levels for {len(known)} of them", changed if is_open else None
+
+
+class AlphaMasks(MaterialRow):
+    """Holes where alpha is below a cutoff."""
+
+    name = "alpha masks"
+
+    def is_in(self, facts: Facts) -> bool:
+        """Tell whether anything is drawn with its holes."""
+        return facts.needs_cutouts or facts.shades_through_holes
+
+    def reason(self, facts: Facts, is_used: bool) -> str:
+        """Say what has holes, or why nothing has."""
+        contents, seen = facts.contents, facts.seen
+        if contents.masked == 0:
+            return "no material has the alpha_mode 'mask'"
+        if contents.cut_out == 0:
+            return "no alpha of an object with a mask is below its alpha_cutoff"
+        if not facts.finds_faces:
+            return "only the wireframe is drawn"
+        if seen.cut_out > 0:
+            return f"{seen.cut_out} of {seen.masked} objects with a mask can have holes"
+        outside = in_words(0, contents.cut_out)
+        return f"{outside}, in shadows alone" if facts.shades_through_holes else outside
+
+    def without(self, scene: Scene) -> Scene:
+        """Return the scene with opaque materials."""
+        return made_opaque(scene)
+
+
+class CountedRow(MaterialRow):
+    """A row that is in if any object in view has something."""
+
+    none = ""
+
+    def count(self, contents: Contents) -> int:
+        """Return how many objects have it."""
+        raise NotImplementedError
+
+    def is_needed(self, facts: Facts) -> bool:
+        """Tell whether the frame shows it, if an object in view has it."""
+        return facts.shades
+
+    def is_in(self, facts: Facts) -> bool:
+        """Tell whether a frame shows it."""
+        return bool(self.count(facts.seen)) and self.is_needed(facts)
+
+    def reason(self, facts: Facts, is_used: bool) -> str:
+        """Say how many objects have it, and how many of them are in view."""
+        seen, count = self.count(facts.seen), self.count(facts.contents)
+        if not count:
+            return self.none
+        return in_words(seen, count) if is_used or not seen else "nothing is shaded"
+
+
+class Microfacets(CountedRow):
+    """Metallic-roughness materials."""
+
+    name = "microfacets"
+    none = "no material is shaded pbr"
+
+    def count(self, contents: Contents) -> int:
+        """Return how many objects are shaded so."""
+        return contents.pbr
+
+    def is_needed(self, facts: Facts) -> bool:
+        """Tell whether light falls on anything."""
+        return facts.is_lit
+
+
+class Map(CountedRow):
+    """
+    Textures of one kind.
+
+    Parameters
+    ----------
+    name : str
+        Of the row.
+    kind : int
+        As in ``TEXTURE_FIELDS``.
+    """
+
+    def __init__(self, name: str, kind: int) -> None:
+        self.name, self._kind = name, kind
+        field = TEXTURE_FIELDS[kind]
+        self.none = f"no lit material has {'an' if field[0] in 'aeiou' else 'a'} {field}"
+
+    def count(self, contents: Contents) -> int:
+        """Return how many objects have one that is read."""
+        return contents.textured[self._kind]
+
+    def without(self, scene: Scene) -> Scene:
+        """Return the scene without these textures."""
+        field = TEXTURE_FIELDS[self._kind]
+        return with_materials(scene, lambda material: replace(material, **{field: None}))
+
+
+class Emission(CountedRow):
+    """Light that surfaces send out."""
+
+    name = "emission"
+    none = "no material is emissive"
+
+    def count(self, contents: Contents) -> int:
+        """Return how many objects send out light."""
+        return contents.emitting
+
+    def without(self, scene: Scene) -> Scene:
+        """Return the scene with materials that send out none."""
+        dark = {"emissive": (0.0, 0.0, 0.0), "emissive_texture": None}
+        return with_materials(scene, lambda material: replace(material, **dark))
+
+
+class SingleSided(CountedRow):
+    """Objects whose back faces are not drawn."""
+
+    name = "single-sided objects"
+    none = "every material is double_sided"
+
+    def count(self, contents: Contents) -> int:
+        """Return how many objects are so."""
+        return contents.single_sided
+
+    def is_needed(self, facts: Facts) -> bool:
+        """Every frame drops them."""
+        return True
+
+
+class Diagnostics(MaterialRow):
+    """What became of every face."""
+
+    name = "diagnostics"
+    is_explained = True
+
+    def is_in(self, facts: Facts) -> bool:
+        """Tell whether the fates of faces are found."""
+        return facts.diagnose
+
+    def reason(self, facts: Facts, is_used: bool) -> str:
+        """Return the argument."""
+        return f"diagnose={facts.diagnose}"
+
+
+def counted(kinds: Sequence[str]) -> str:
+    """Return how many there are of each kind."""
+    return ", ".join(f"{count} {kind}" for kind, count in Counter(kinds).items())
+
+
+def with_materials(scene: Scene, change: Callable[[Material], Material]) -> Scene:
+    """Return a scene with other materials, on copies of its meshes."""
+    changed, known = copy.copy(scene), {}
+    changed.nodes = []
+    for node in scene.nodes:
+        if node.mesh not in known:
+            known[node.mesh] = mesh = copy.copy(node.mesh)
+            mesh.material = change(mesh.material)
+        changed.nodes.append(Node(known[node.mesh], node.world_from_model, node.name))
+    return changed
+
+
+def made_opaque(scene: Scene) -> Scene:
+    """Return a scene in which nothing is cut out or blended."""
+    return with_materials(scene, lambda material: replace(material, alpha_mode="opaque"))

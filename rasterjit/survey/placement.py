@@ -1,0 +1,281 @@
+"""
+Find where the objects of a scene stand: their matrices, their boxes, and which a camera may see.
+
+The one place where boxes are held against the view volume.
+
+An object is out of view where the box around it surely lies beyond one of the six planes. What is
+not sure counts as in view.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.pipeline.records import Objects
+from rasterjit.scene import transforms
+from rasterjit.scene.camera import Camera
+from rasterjit.scene.mesh import Mesh
+from rasterjit.scene.scene import Node
+
+Float64 = NDArray[np.float64]
+
+ROUNDING = 2.0**-40
+"""What a box must lie beyond a plane by, as a share of the terms that are added up to say so: far
+more than float64 rounds them by. Snapping moves no vertex over the border of the picture."""
+
+CORNERS = np.array([[n & 1, n >> 1 & 1, n >> 2 & 1] for n in range(8)])
+"""Which end of its box each corner lies at, by axis."""
+
+EVENNESS = 2.0**-12
+"""Share by which the squared lengths of an object's axes may differ, and their cosines: light on
+normals that are as much too long or too short is a sixteenth of a code of 8 bits off."""
+
+
+class Boxes:
+    """
+    The boxes around the objects of a scene, seen from the eye of a camera.
+
+    Parameters
+    ----------
+    bounds : (O, 2, 3) float64
+        Low and high corner of each object, model space; NaN for one without a finite face.
+    eye : (3,) float64, world space
+    relative_from_model : (O, 4, 4) float64
+        To world axes with the origin at the eye.
+    clip_from_relative : (4, 4) float64
+
+    Attributes
+    ----------
+    eye : (3,) float64, world space
+    in_view : (O,) bool
+        Which objects the camera may see.
+    """
+
+    def __init__(
+        self, bounds: Float64, eye: Float64, relative_from_model: Float64,
+        clip_from_relative: Float64,
+    ) -> None:  # fmt: skip
+        self.eye = eye
+        self._bounds = bounds
+        self._relative_from_model = relative_from_model
+        self.in_view = self._may_be_seen(clip_from_relative)
+
+    def _may_be_seen(self, matrix: Float64) -> NDArray[np.bool_]:
+        """Tell which boxes are not all beyond a plane of the view volume."""
+        low, high = np.ascontiguousarray(self._bounds.transpose(1, 2, 0))
+        # Rows and columns of the matrices first, so that each entry is a row of all objects.
+        m = np.ascontiguousarray(self._relative_from_model[:, :3].transpose(1, 2, 0))
+        outside = np.isnan(low[0])
+        with np.errstate(invalid="ignore", over="ignore"):
+            middle, half = low / 2.0 + high / 2.0, high / 2.0 - low / 2.0
+            farthest = np.abs(middle) + half
+            sizes = np.abs(m[:, 0]) * farthest[0] + np.abs(m[:, 1]) * farthest[1]
+            sizes += np.abs(m[:, 2]) * farthest[2]
+            sizes += np.abs(m[:, 3])
+            # A plane holds inside what has a x + b y + c z + d >= 0: rows w - x, w + x, and so on.
+            planes = np.concatenate((matrix[3] - matrix[:3], matrix[3] + matrix[:3]))
+            # Measure the corner of each box that lies farthest inside.
+            along = _along(planes, m)
+            parts = along[:, :3] * middle + np.abs(along[:, :3]) * half
+            most = along[:, 3] + planes[:, 3, np.newaxis]
+            for k in range(3):
+                most += parts[:, k]
+            # Of both rows: what is drawn compares them, and they may nearly cancel.
+            rows = np.abs(matrix[3]) + np.abs(matrix[:3])
+            reach = _along(rows, sizes) + rows[:, 3, np.newaxis]
+            # What is not a number is not sure.
+            beyond = most.reshape(2, 3, -1) < -ROUNDING * reach
+        outside |= beyond.any(axis=(0, 1))
+        return ~outside
+
+    @cached_property
+    def corners(self) -> Float64:
+        """Corners, (O, 8, 3), in world axes, relative to the eye."""
+        return place_boxes(self._bounds, self._relative_from_model)
+
+    @cached_property
+    def is_known(self) -> NDArray[np.bool_]:
+        """Which boxes have finite corners, (O,)."""
+        return np.isfinite(self.corners).all(axis=(1, 2))
+
+    @cached_property
+    def is_flat(self) -> NDArray[np.bool_]:
+        """Which boxes have no inside, (O,)."""
+        return (self._bounds[:, 0] == self._bounds[:, 1]).any(axis=1)
+
+    def farthest(self) -> float:
+        """Return a distance from the eye, scene units, that nothing in view is beyond."""
+        corners = self.corners[self.in_view]
+        with np.errstate(over="ignore"):
+            x, y, z = (corners[..., k] for k in range(3))
+            squares = (x * x + y * y) + z * z
+        # Of what is not finite it is not known how far it reaches.
+        squares = np.where(np.isfinite(squares), squares, np.inf)
+        return float(np.sqrt(squares.max(initial=0.0)))
+
+
+def _along(planes: Float64, points: Float64) -> Float64:
+    """Return a x + b y + c z of planes (P, 4) for coordinates x, y, z: (P, ...) of (3, ...)."""
+    a, b, c = planes[:, :3].T.reshape(3, -1, *(1,) * (points.ndim - 1))
+    return (a * points[0] + b * points[1]) + c * points[2]
+
+
+def mesh_boxes(meshes: Sequence[Mesh]) -> Float64:
+    """Return the low and high corner of each object, (O, 2, 3), model space; NaN if it has none."""
+    numbers: dict[Mesh, int] = {}
+    which = [numbers.setdefault(mesh, len(numbers)) for mesh in meshes]
+    return np.array([_box_of(mesh) for mesh in numbers]).reshape(-1, 2, 3)[which]
+
+
+def _box_of(mesh: Mesh) -> Any:
+    """Return the bounds of a mesh, NaN if no face has a finite vertex."""
+    try:
+        return mesh.bounds()
+    except ValueError:
+        return np.full((2, 3), np.nan)
+
+
+def place_boxes(boxes: Float64, matrices: Float64) -> Float64:
+    """Return the corners, (O, 8, 3), of boxes (O, 2, 3) that matrices (O, 3, 4) put somewhere."""
+    corners = boxes[:, CORNERS, np.arange(3)]
+    x, y, z = (corners[:, :, k, np.newaxis] for k in range(3))
+    m = matrices[:, np.newaxis, :3, :]
+    with np.errstate(invalid="ignore", over="ignore"):
+        return x * m[..., 0] + y * m[..., 1] + z * m[..., 2] + m[..., 3]
+
+
+class Views(NamedTuple):
+    """The matrices of all objects, relative to the eye so that nothing is lost far from it."""
+
+    relative_from_model: NDArray[np.float64]
+    """(O, 4, 4): world axes, origin at the eye."""
+    clip_from_relative: NDArray[np.float64]
+    """(4, 4)."""
+    normal_matrices: NDArray[np.float64]
+    """(O, 3, 3), largest entry 1."""
+    mirrored: NDArray[np.float64]
+    """(O,): -1 where the transform turns faces inside out, else 1."""
+    toward_viewer: NDArray[np.float64]
+    """(4,): a point p, relative to the eye, is seen along ``xyz - w p``."""
+    screen_turn: int
+    """1 if the camera shows counter-clockwise faces counter-clockwise, -1 if it mirrors."""
+
+
+class Places(NamedTuple):
+    """Where the objects stand in the world, which no camera changes."""
+
+    world_from_model: NDArray[np.float64]
+    """(O, 4, 4)."""
+    normal_matrices: NDArray[np.float64]
+    """(O, 3, 3), largest entry 1."""
+    mirrored: NDArray[np.float64]
+    """(O,): -1 where the transform turns faces inside out, else 1."""
+
+
+def place_objects(matrices: Sequence[NDArray[np.float64]]) -> Places:
+    """Return where objects stand, given ``world_from_model``, (4, 4), of each."""
+    world_from_model = np.concatenate(matrices).reshape(-1, 4, 4)
+    normals = transforms.normal_matrices(world_from_model)
+    # So that normals keep a length near 1 in float32.
+    largest = np.abs(normals).max(axis=(1, 2), keepdims=True)
+    np.divide(normals, largest, out=normals, where=largest > 0.0)
+    return Places(world_from_model, normals, _mirrored(world_from_model[:, :3, :3]))
+
+
+def _mirrored(matrices: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return -1 for each 3x3 matrix of a negative determinant, (O,), else 1; see `_turn`."""
+    largest = np.abs(matrices).max(axis=2, keepdims=True)
+    scaled = np.divide(matrices, largest, out=np.zeros_like(matrices), where=largest > 0.0)
+    (a, b, c), (d, e, f), (g, h, i) = np.moveaxis(scaled, 0, 2)
+    determinants = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
+    return np.where(determinants < 0.0, -1.0, 1.0)
+
+
+def are_even(matrices: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Tell which of some matrices, (N, 4, 4), scale alike along all axes, (N,)."""
+    axes = matrices[:, :3, :3]
+    largest = np.abs(axes).max(axis=(1, 2), keepdims=True)
+    scaled = np.divide(axes, largest, out=np.zeros_like(axes), where=largest > 0.0)
+    a, b, c = np.moveaxis(scaled, 2, 0)
+    squares = np.stack([_products(a, a), _products(b, b), _products(c, c)])
+    skews = np.abs(np.stack([_products(a, b), _products(b, c), _products(c, a)]))
+    least, most = squares.min(axis=0), squares.max(axis=0)
+    return (most - least <= EVENNESS * most) & (skews.max(axis=0) <= EVENNESS * most) & (most > 0.0)
+
+
+def _products(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the dot product of each of N vectors with another, (N,)."""
+    return one[:, 0] * other[:, 0] + one[:, 1] * other[:, 1] + one[:, 2] * other[:, 2]
+
+
+def unit_matrices(normal_matrices: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return matrices of normals, (O, 3, 3), scaled so that the x axis keeps its length."""
+    x = normal_matrices[:, :, 0]
+    lengths = np.sqrt(_products(x, x))[:, np.newaxis, np.newaxis]
+    return np.divide(
+        normal_matrices, lengths, out=np.zeros_like(normal_matrices), where=lengths > 0.0
+    )
+
+
+def view_nodes(nodes: Sequence[Node], camera: Camera, size: tuple[int, int]) -> Views:
+    """Return the matrices that take each object to the screen."""
+    return view_places(place_objects([node.world_from_model for node in nodes]), camera, size)
+
+
+def view_places(places: Places, camera: Camera, size: tuple[int, int]) -> Views:
+    """Return the matrices that take objects at their places to the screen."""
+    eye = camera.eye_position()
+    relative_from_model = places.world_from_model.copy()
+    relative_from_model[:, :3, 3] -= eye
+    view_from_relative = transforms.compose(camera.view_matrix(), transforms.translate(eye))
+    clip_from_view = camera.projection_matrix(size)
+    *screen_axes, depth_row, away = (row[:3] for row in clip_from_view.tolist())
+    toward_viewer = np.array([0.0, 0.0, 0.0, 1.0])
+    if not any(away):
+        # A parallel projection: depth grows with z in clip space; the viewer is the other way.
+        away = depth_row
+        axis = clip_from_view[2, :3, np.newaxis]
+        toward_viewer[:3] = -(axis * view_from_relative[:3, :3]).sum(axis=0)
+        toward_viewer[3] = 0.0
+    view_axes = [row[:3] for row in view_from_relative[:3].tolist()]
+    handedness = _turn([*screen_axes, away]) * _turn(view_axes)
+    return Views(
+        relative_from_model,
+        transforms.compose(clip_from_view, view_from_relative),
+        places.normal_matrices,
+        places.mirrored,
+        toward_viewer,
+        1 if handedness < 0.0 else -1,
+    )
+
+
+def _turn(rows: Sequence[Sequence[float]]) -> float:
+    """Return the sign of a 3x3 determinant; rows are scaled first, so that none overflows."""
+    scaled = []
+    for row in rows:
+        largest = max(map(abs, row))
+        if largest == 0.0:
+            return 0.0
+        scaled.append([entry / largest for entry in row])
+    (a, b, c), (d, e, f), (g, h, i) = scaled
+    determinant = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
+    return math.copysign(1.0, determinant) if determinant != 0.0 else 0.0
+
+
+def cull_objects(
+    cull: str, views: Views, face_starts: NDArray[np.int64], is_single_sided: NDArray[np.bool_]
+) -> Objects:
+    """
+    Return which way the faces of each object turn that are dropped (+1: clockwise).
+
+    Single-sided objects lose their back faces, unless front faces are asked to be dropped.
+    """
+    sign = {"none": 0, "back": 1, "front": -1}[cull]
+    signs = np.where(is_single_sided & (sign == 0), 1, sign) * views.screen_turn
+    return Objects(face_starts, (signs * views.mirrored).astype(np.int8))

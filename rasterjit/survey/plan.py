@@ -1,0 +1,244 @@
+"""What one frame consists of, as plain data; see ``rendering.plan`` for how it is decided."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.pipeline.encode import encoding_table
+from rasterjit.pipeline.records import NO_TONES, Encoding, Lighting
+from rasterjit.pipeline.visibility.draw import Region
+from rasterjit.scene.camera import Camera
+from rasterjit.scene.quality import Quality, differences
+from rasterjit.survey.blending import Layers
+from rasterjit.survey.depth_format import DepthFormat
+from rasterjit.survey.effect import Absent, Planned
+from rasterjit.survey.facts import Facts
+
+GEOMETRY = ("depth_format", "precision", "interpolation")
+"""Settings of the way from vertices to weights that a plan names where they are not standard."""
+
+
+@dataclass(frozen=True)
+class RenderPlan:
+    """
+    What one frame consists of; prints as a table.
+
+    Attributes
+    ----------
+    size : (int, int)
+        Width and height, pixels.
+    outputs : tuple of str
+    facts : Facts
+        What the decisions rest on.
+    effects : tuple of Planned or Absent
+        What is in and what is out, each with ``name``, ``used`` and ``reason``.
+    """
+
+    size: tuple[int, int]
+    camera: Camera
+    quality: Quality
+    outputs: tuple[str, ...]
+    background: NDArray[np.float32]
+    """(4,) linear."""
+    cull: str
+    facts: Facts
+    effects: tuple[Planned | Absent, ...]
+    lighting: Lighting | None
+    """The lights that shine on what is seen; ``None`` -> no colour depends on where it is."""
+    layers: Layers | None
+    """What a pixel shows besides its nearest face; ``None`` -> nothing."""
+    depth_format: DepthFormat
+    """What depths are rounded to before they are compared."""
+    diagnose: bool = False
+    """Whether the fates of faces are found."""
+    pictures: int = 1
+    """How many pictures, each moved by a part of a pixel, the colours are the mean of; 1 -> the
+    frame is the picture."""
+    previous: RenderPlan | None = None
+    """What the scene was seen like before; ``None`` -> nobody asks."""
+    surfaces: int | None = None
+    """How many surfaces of each pixel are found, the nearest ones; ``None`` -> one, as always."""
+    region: Region | None = None
+    """The part of the picture that is drawn; ``None`` -> all of it."""
+    drawn: tuple[dict[str, Any], ...] | None = None
+    """Records of the effects that look at the whole picture, by name, for each step of pictures;
+    ``None`` -> they are prepared with the picture."""
+
+    def with_(self, kept: Callable[[Planned], bool] | None = None, **changes: Any) -> RenderPlan:
+        """
+        Return the plan of a picture that this frame is made of.
+
+        Parameters
+        ----------
+        kept : callable, optional
+            Tells of each effect that is in whether it stays. Default: all stay.
+        **changes
+            Fields of the plan.
+        """
+        if kept is not None:
+            changes["effects"] = tuple(
+                one if not one.used or kept(one) else Absent(one.effect, one.facts)
+                for one in self.effects
+            )
+        return replace(self, **changes)
+
+    @cached_property
+    def planned(self) -> tuple[Planned, ...]:
+        """The effects that are in."""
+        return tuple(one for one in self.effects if one.used)
+
+    def has(self, name: str) -> bool:
+        """Tell whether an effect is in."""
+        return any(one.name == name for one in self.planned)
+
+    def data(self, name: str) -> Any:
+        """Return what the plan knows of an effect that is in; None of others."""
+        return next((one.data for one in self.planned if one.name == name), None)
+
+    def at(self, place: str) -> list[Planned]:
+        """Return the effects that act at a place."""
+        return [one for one in self.planned if place in one.effect.places]
+
+    @property
+    def whole(self) -> list[Planned]:
+        """The effects that look at the whole picture before they are prepared, and still do."""
+        done = {} if self.drawn is None else self.drawn[0]
+        return [one for one in self.planned if one.effect.looks == "whole" and one.name not in done]
+
+    @property
+    def encoding(self) -> Encoding:
+        """How linear colour becomes 8 bits."""
+        mapped = self.at("pixel")
+        return Encoding(encoding_table(), mapped[0].data if mapped else NO_TONES)
+
+    @property
+    def lights(self) -> Any:
+        """The lights of the scene that reach what is seen."""
+        return self.facts.lights
+
+    @property
+    def corner(self) -> tuple[int, int]:
+        """Column and row, in the whole picture, of the first pixel that is drawn."""
+        return (0, 0) if self.region is None else self.region[:2]
+
+    @property
+    def needs_depth(self) -> bool:
+        """Whether the depth of the whole frame is kept."""
+        return "depth" in self.outputs or self.reads_depth or self.diagnose
+
+    @property
+    def reads_depth(self) -> bool:
+        """Whether a pass that follows visibility looks at the depth."""
+        done = {} if self.drawn is None else self.drawn[0]
+        return any(one.effect.reads_depth(self) for one in self.planned if one.name not in done)
+
+    @property
+    def keeps_lists(self) -> bool:
+        """Whether a pass that follows visibility draws the tiles once more."""
+        draws_again = self.layers is not None or "coverage" in self.outputs
+        return self.diagnose or draws_again or self.surfaces is not None
+
+    @property
+    def keeps_clip_positions(self) -> bool:
+        """Whether what follows visibility reads where vertices lie before they are divided by w."""
+        return self.diagnose or any(one.effect.reads_clip_positions for one in self.planned)
+
+    @property
+    def is_affine(self) -> bool:
+        """Whether values are interpolated on the screen, not on the face."""
+        return self.quality.interpolation == "affine"
+
+    @property
+    def draws_faces(self) -> bool:
+        """Whether faces are drawn, and not the edges alone."""
+        return self.facts.draws_faces
+
+    @property
+    def needs_normals(self) -> bool:
+        """Whether vertex normals are read."""
+        return self.facts.needs_normals
+
+    @property
+    def needs_gouraud(self) -> bool:
+        """Whether vertices are lit."""
+        return self.facts.is_lit and self.facts.seen.gouraud > 0
+
+    @property
+    def needs_matt_light(self) -> bool:
+        """Whether vertices are lit without highlights as well, which lie on top of a texture."""
+        return self.facts.is_lit and self.facts.seen.textured_highlights > 0
+
+    @property
+    def needs_textures(self) -> bool:
+        """Whether textures are read."""
+        return self.facts.needs_textures
+
+    @property
+    def needs_microfacets(self) -> bool:
+        """Whether light falls on metallic-roughness materials."""
+        return self.facts.needs_microfacets
+
+    @property
+    def needs_maps(self) -> bool:
+        """Whether more lies over the objects than a base colour."""
+        return self.facts.needs_maps
+
+    @property
+    def needs_faces(self) -> bool:
+        """Whether the face at every pixel is found: shown, in front of edges, or in a buffer."""
+        return self.facts.finds_faces
+
+    @property
+    def needs_cutouts(self) -> bool:
+        """Whether faces are drawn with their holes."""
+        return self.facts.needs_cutouts
+
+    @property
+    def has_textured_holes(self) -> bool:
+        """Whether a texture decides where those holes are."""
+        return self.facts.seen.textured_holes > 0
+
+    @property
+    def in_view(self) -> NDArray[np.bool_]:
+        """Which objects may be seen, (O,)."""
+        return self.facts.in_view
+
+    @property
+    def needs_color(self) -> bool:
+        """Whether any output shows colour."""
+        return self.facts.is_colored
+
+    def __str__(self) -> str:
+        width, height = self.size
+        rows = [
+            ("size", f"{width} x {height} pixels"),
+            ("outputs", ", ".join(self.outputs)),
+            ("sub-pixel bits", str(self.quality.subpixel_bits)),
+            ("culling", self.cull),
+        ]
+        if self.pictures > 1:
+            rows.append(("pictures", f"{self.pictures} of {self.quality.samples}"))
+        if self.surfaces is not None:
+            rows.append(("surfaces", f"the nearest {self.surfaces} of each pixel"))
+        if self.previous is not None:
+            rows.append(("previous view", self._describe_previous(self.previous)))
+        changed = differences(self.quality, Quality.standard())
+        rows += [(name.replace("_", " "), changed[name]) for name in GEOMETRY if name in changed]
+        rows += [
+            (effect.name, f"{'in ' if effect.used else 'out'} ({effect.reason})")
+            for effect in self.effects
+        ]
+        widest = max(len(name) for name, _ in rows)
+        return "\n".join(f"{name:<{widest}}  {text}" for name, text in rows)
+
+    def _describe_previous(self, previous: RenderPlan) -> str:
+        """Say what motion is found against."""
+        camera = "the same camera" if previous.camera is self.camera else "another camera"
+        looks = "motion_visible" in self.outputs
+        return f"{camera}; " + ("its faces are found" if looks else "its faces are not looked at")

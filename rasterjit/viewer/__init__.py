@@ -1,0 +1,1 @@
+"""The viewer: events in, pictures out, in a window, a page, a notebook or a terminal."""

@@ -1,0 +1,249 @@
+"""
+Join a viewer to a canvas of ``rendercanvas``: its events go in, pictures come out.
+
+The canvas is a window of GLFW or Qt, a widget of a notebook, or a terminal.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import sys
+import time
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Any
+
+from rasterjit.viewer.controls import Event
+from rasterjit.viewer.viewer import Viewer
+
+FRAME_RATE = 60.0
+"""Most pictures a second."""
+
+TOOLKITS = {
+    "glfw": ("glfw", "wgpu"),
+    **{name: (name,) for name in ("PySide6", "PyQt6", "PySide2", "PyQt5")},
+}
+"""Packages that open windows, the preferred first, and what each one needs. Pictures come into a
+window of GLFW by wgpu, which needs a driver for the GPU, or for the CPU in its place; Qt needs none
+but, where it misses a library of the system, ends the process."""
+
+NO_TOOLKIT = (
+    'a window needs a toolkit: pip install "rasterjit[viewer]" for GLFW, or '
+    '"rasterjit[viewer-qt]" for Qt'
+)
+
+TERMINAL_FRAME_RATE = 20.0
+"""Most pictures a second: a terminal takes long to show one."""
+
+TERMINAL_KEYS = "arrows turn, + - zoom, F fits, R returns, Ctrl-C ends"
+"""What the title says: most terminals are too small for a help panel."""
+
+
+class DrawCancelled(Exception):  # noqa: N818
+    """The picture would be the one that is shown; rendercanvas knows this by its name."""
+
+
+class Connection:
+    """
+    What keeps a canvas showing a viewer.
+
+    Pictures while something moves are drawn where the canvas asks for them. What comes at rest runs
+    in a thread of its own, so that the canvas answers all the time.
+
+    Parameters
+    ----------
+    viewer : Viewer
+    canvas : rendercanvas.BaseRenderCanvas
+        With no context yet; its events and its drawing are the viewer's from now on.
+    """
+
+    def __init__(self, viewer: Viewer, canvas: Any) -> None:
+        self.viewer = viewer
+        self._canvas = canvas
+        self._context = canvas.get_bitmap_context()
+        self._worker = ThreadPoolExecutor(1, thread_name_prefix="rasterjit-viewer")
+        self._step: Future[bool] | None = None
+        self._time = time.perf_counter()
+        self._stamp: tuple[Any, ...] | None = None
+        self.frames = 0
+        canvas.add_event_handler(
+            self._handle, "pointer_down", "pointer_move", "pointer_up", "wheel", "key_down",
+            "key_up",
+        )  # fmt: skip
+        canvas.add_event_handler(self._close, "close")
+        canvas.request_draw(self._draw)
+
+    def _handle(self, event: Event) -> None:
+        """Pass an event on, at the time it comes."""
+        self._pass_time()
+        self.viewer.handle(event)
+        # A page takes the wish for another picture as a reason not to send this one uncompressed.
+        if self.viewer.is_moving or self.viewer.stamp != self._stamp:
+            self._canvas.request_draw()
+
+    def _pass_time(self) -> None:
+        """Let the time since the last call pass in the viewer."""
+        now = time.perf_counter()
+        self.viewer.advance(now - self._time)
+        self._time = now
+
+    def _draw(self) -> None:
+        """Show the picture that is due; ask for another call if there is more to come."""
+        viewer, canvas = self.viewer, self._canvas
+        viewer.resize(canvas.get_physical_size(), canvas.get_pixel_ratio())
+        self._pass_time()
+        self._work()
+        if viewer.is_moving or self._step is not None:
+            canvas.request_draw()
+        # Before the drawing: what the thread changes meanwhile is for the next picture.
+        stamp = viewer.stamp
+        if stamp == self._stamp:
+            raise DrawCancelled
+        self._context.set_bitmap(viewer.draw())
+        self._stamp = stamp
+        if viewer.stamp != stamp:
+            canvas.request_draw()
+        self.frames += 1
+
+    def _work(self) -> None:
+        """Keep the thread busy with what is to be done at rest."""
+        viewer = self.viewer
+        if self._step is not None and self._step.done():
+            error = self._step.exception()
+            self._step = None
+            if error is not None:
+                viewer.fail(error)
+        if self._step is None and not viewer.is_moving and not viewer.is_done:
+            self._step = self._worker.submit(viewer.step)
+
+    def _close(self, event: Event) -> None:
+        """End what is being rendered."""
+        self.viewer.close()
+        self._worker.shutdown(wait=False, cancel_futures=True)
+
+
+def toolkits() -> list[str]:
+    """Return the packages that are installed of those that open windows, the preferred first."""
+    # One that runs already has the event loop.
+    names = sorted(TOOLKITS, key=lambda name: name not in sys.modules)
+    return [
+        name
+        for name in names
+        if all(importlib.util.find_spec(needed) is not None for needed in TOOLKITS[name])
+    ]
+
+
+def has_display() -> bool:
+    """Tell whether there is a screen for windows."""
+    if sys.platform in ("win32", "darwin"):
+        return True
+    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+
+
+def open_window(viewer: Viewer, title: str) -> None:
+    """
+    Show a viewer in a window until that is closed.
+
+    Raises
+    ------
+    ImportError
+        If no toolkit is installed, naming what to install.
+    ValueError
+        If there is no display.
+    """
+    canvas, loop = window(viewer, title)
+    loop.run()
+    if not canvas.get_closed():
+        canvas.close()
+
+
+def window(viewer: Viewer, title: str) -> tuple[Any, Any]:
+    """Return a canvas in a new window that shows a viewer, and the loop that it needs."""
+    found = toolkits()
+    if not found:
+        raise ImportError(NO_TOOLKIT)
+    if not has_display():
+        raise ValueError(
+            "backend must be one that needs no display here (browser, terminal or notebook), got "
+            "'window': neither DISPLAY nor WAYLAND_DISPLAY is set"
+        )
+    # What has to be compiled is compiled before a window stands there, not answering.
+    viewer.draw()
+    problems = []
+    for name in found:
+        canvas = None
+        try:
+            backend = importlib.import_module(f"rendercanvas.{name.lower()}")
+            canvas = backend.RenderCanvas(size=viewer.size, title=title, max_fps=FRAME_RATE)
+            Connection(viewer, canvas)
+        except Exception as error:
+            if canvas is not None:
+                canvas.close()
+            problems.append(f"{name}: {type(error).__name__}: {error}")
+        else:
+            return canvas, backend.loop
+    raise ValueError(
+        "backend must be one that works here (browser, terminal or notebook), got 'window': "
+        + "; ".join(problems)
+    )
+
+
+def in_notebook() -> bool:
+    """Tell whether this process is the kernel of a notebook."""
+    shell = sys.modules.get("IPython")
+    running = shell.get_ipython() if shell is not None else None
+    return running is not None and getattr(running, "kernel", None) is not None
+
+
+def widget(viewer: Viewer) -> Any:
+    """
+    Return a widget that shows a viewer: the last line of a cell displays it.
+
+    Raises
+    ------
+    ImportError
+        If what it needs is not installed, naming what to install.
+    """
+    try:
+        from rendercanvas.anywidget import RenderCanvas
+    except ImportError as error:
+        raise ImportError(
+            f'a widget needs packages: pip install "rasterjit[notebook]" ({error})'
+        ) from error
+    # What has to be compiled is compiled before a widget stands there, not answering.
+    viewer.draw()
+    canvas = RenderCanvas(size=viewer.size, max_fps=FRAME_RATE)
+    Connection(viewer, canvas)
+    return canvas
+
+
+def run_in_terminal(viewer: Viewer, title: str) -> None:
+    """
+    Show a viewer in the terminal until it is closed, by Ctrl-C or the cross on top.
+
+    Raises
+    ------
+    ImportError
+        If what it needs is not installed, naming what to install.
+    ValueError
+        If standard input or output is no terminal.
+    """
+    if not (sys.__stdout__ and sys.__stdout__.isatty() and sys.__stdin__.isatty()):
+        raise ValueError(
+            "backend must not be 'terminal' where standard input or output is none, but a file or "
+            "a pipe"
+        )
+    try:
+        from rendercanvas import terminal
+    except ImportError as error:
+        raise ImportError(
+            f'the terminal needs a package: pip install "rasterjit[terminal]" ({error})'
+        ) from error
+    # What has to be compiled is compiled before the terminal changes.
+    viewer.draw()
+    canvas = terminal.RenderCanvas(title=f"{title}: {TERMINAL_KEYS}", max_fps=TERMINAL_FRAME_RATE)
+    Connection(viewer, canvas)
+    try:
+        terminal.loop.run()
+    finally:
+        canvas.close()

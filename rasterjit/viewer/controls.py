@@ -1,0 +1,571 @@
+"""
+Cameras that a person moves: `Orbit` around a scene, `Fly` through it.
+
+Both are values: an event or a time goes in, another value comes out. They know no window, no clock
+and no thread, so what a viewer shows after some events can be told beforehand.
+
+Events are the dictionaries of ``rendercanvas``: ``event_type`` with ``x``, ``y``, ``button``,
+``modifiers``, ``dx``, ``dy`` or ``key``; x right, y down, in pixels from the top left corner.
+
+Time passes continuously: after 0.1 s a camera is where it is after ten times 0.01 s, up to
+rounding, so the same hand moves it equally far at any rate of frames.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+from numpy.typing import ArrayLike
+
+from rasterjit.scene import transforms
+from rasterjit.scene.camera import Bounded, Camera, PerspectiveCamera
+from rasterjit.scene.framing import (
+    CLEARANCE,
+    COORDINATE_SHARE,
+    Ball,
+    Sight,
+    Vector,
+    along,
+    between,
+    camera_at,
+    cross,
+    dot,
+    fit_camera,
+    frame_of,
+    length,
+    minus,
+    orbit_direction,
+    pixel_size,
+    triple_of,
+)
+from rasterjit.scene.validation import finite_number, positive_number
+
+Event = dict[str, Any]
+
+SMOOTHING = 0.05
+"""Time in which a camera goes 63 % of the way to where it was sent, seconds."""
+
+TURN_RATE = 90.0
+"""What a held arrow key turns, degrees a second."""
+
+HALF_TURN = 180.0
+"""What dragging across the height of the picture turns, degrees."""
+
+WHEEL_SHARE = 0.001
+"""Exponent of the zoom for each unit of a wheel; a notch has about 100."""
+
+KEY_ZOOM = 0.8
+"""What ``+`` multiplies the distance by."""
+
+LEAST_DISTANCE, LARGEST_DISTANCE = 1e-4, 1e3
+"""Of an orbit, in radii of the scene."""
+
+RUN = 4.0
+"""How many times faster Shift flies."""
+
+CROSSING_TIME = 3.0
+"""Time in which one flies through the whole scene, at first, seconds."""
+
+LARGEST_PITCH = 89.0
+"""How far up or down one looks when flying, degrees."""
+
+REST = 1e-4
+"""Share of the distance that a camera at rest may be off its goal: a tenth of a pixel, about."""
+
+REST_ANGLE = 0.01
+"""The same for angles, degrees."""
+
+LARGEST_FACTOR = 4.0
+"""How much one event zooms at most."""
+
+TURNS = {
+    "ArrowLeft": (-1.0, 0.0), "ArrowRight": (1.0, 0.0),
+    "ArrowUp": (0.0, 1.0), "ArrowDown": (0.0, -1.0),
+}  # fmt: skip
+"""Signs of azimuth and elevation that held keys of an orbit turn towards."""
+
+MOVES = {
+    "w": (0.0, 0.0, 1.0), "s": (0.0, 0.0, -1.0), "a": (-1.0, 0.0, 0.0), "d": (1.0, 0.0, 0.0),
+    "q": (0.0, -1.0, 0.0), "e": (0.0, 1.0, 0.0),
+    "ArrowUp": (0.0, 0.0, 1.0), "ArrowDown": (0.0, 0.0, -1.0),
+    "ArrowLeft": (-1.0, 0.0, 0.0), "ArrowRight": (1.0, 0.0, 0.0),
+}  # fmt: skip
+"""Right, up and forward of what held keys fly towards."""
+
+
+class Pose(NamedTuple):
+    """Where an orbiting camera is; angles in degrees, as `orbit_direction` takes them."""
+
+    target: Vector
+    distance: float
+    azimuth: float
+    elevation: float
+
+    def toward(self, goal: Pose, share: float) -> Pose:
+        """Return the pose that is a share of the way from here to another."""
+        return Pose(
+            between(self.target, goal.target, share),
+            self.distance + share * (goal.distance - self.distance),
+            self.azimuth + share * (goal.azimuth - self.azimuth),
+            self.elevation + share * (goal.elevation - self.elevation),
+        )
+
+
+@dataclass(frozen=True)
+class Orbit:
+    """
+    A camera that looks at a target and turns around it; nothing ever turns it over a pole.
+
+    Drag to turn; drag with another button, or with Shift, to pan; the wheel zooms to what is under
+    the cursor; arrow keys turn, ``+`` and ``-`` zoom, F fits, R returns to the start.
+
+    Parameters
+    ----------
+    ball : Ball
+        What `fit` shows.
+    pose, goal, home : Pose
+        Where it is, where it is going, and where it started.
+    fov_y : float, degrees
+        Vertical field of view.
+    up : (3,) tuple of float, world space
+    smoothing : float, seconds
+        Time in which it goes 63 % of the way to the goal.
+    held : frozenset of str
+        Keys that are down.
+    drag : str
+        ``"turn"``, ``"pan"`` or ``""``: what moving the pointer does.
+    pointer : (float, float)
+        Where the pointer was, pixels.
+    """
+
+    ball: Ball
+    pose: Pose
+    goal: Pose
+    home: Pose
+    fov_y: float = 45.0
+    up: Vector = (0.0, 1.0, 0.0)
+    smoothing: float = SMOOTHING
+    held: frozenset[str] = frozenset()
+    drag: str = ""
+    pointer: tuple[float, float] = (0.0, 0.0)
+
+    @classmethod
+    def from_camera(cls, camera: Camera, scene: Bounded, up: ArrayLike = (0.0, 1.0, 0.0)) -> Orbit:
+        """
+        Return the orbit that starts where a camera is; that it is tilted sideways is left out.
+
+        Parameters
+        ----------
+        camera : Camera
+            A parallel one becomes one that shows as much of the target's plane.
+        scene : object with ``bounding_sphere()``
+            It turns around the point on the line of sight that is nearest to its centre.
+        up : (3,) array_like, world space
+
+        Raises
+        ------
+        ValueError
+            If ``up`` is zero, or the scene has no bounds.
+        """
+        ball = Ball.around(scene)
+        upward = triple_of(transforms.unit_vector("up", up))
+        sight = Sight.of(camera)
+        distance = dot(minus(ball.center, sight.eye), sight.forward)
+        if sight.height is not None:
+            distance = 0.5 * sight.height * transforms.focal_length(sight.fov_y)
+        elif distance < CLEARANCE * ball.radius:
+            # Behind or beside the scene: it turns around what is in front of the eye.
+            distance = ball.radius
+        azimuth, elevation = sight.angles(upward)
+        target = along(sight.eye, sight.forward, distance)
+        if sight.height is not None:
+            depth = dot(minus(ball.center, sight.eye), sight.forward)
+            target = along(sight.eye, sight.forward, depth)
+        pose = Pose(target, distance, azimuth, elevation)
+        return cls(ball, pose, pose, pose, sight.fov_y, upward)
+
+    def handle(self, event: Event, size: tuple[int, int], depth: float | None = None) -> Orbit:
+        """
+        Return the state after an event.
+
+        Parameters
+        ----------
+        event : dict
+        size : (width, height)
+            Of the picture, in the event's pixels.
+        depth : float, optional
+            Scene units along the viewing axis of what is under the cursor; a wheel zooms to it.
+            Default: that of the target.
+        """
+        kind = event["event_type"]
+        if kind in ("key_down", "key_up"):
+            return self._press(event["key"], kind, size)
+        if kind == "wheel":
+            factor = _wheel_factor(event)
+            return self.zoom(factor, (event["x"], event["y"]), size, depth)
+        if kind not in ("pointer_down", "pointer_move", "pointer_up"):
+            return self
+        place = float(event["x"]), float(event["y"])
+        if kind == "pointer_down":
+            is_pan = event.get("button") in (2, 3) or "Shift" in event.get("modifiers", ())
+            return replace(self, drag="pan" if is_pan else "turn", pointer=place)
+        # A release may come without the last move.
+        dx, dy = place[0] - self.pointer[0], place[1] - self.pointer[1]
+        moved = replace(self, drag=self.drag if kind == "pointer_move" else "", pointer=place)
+        if self.drag == "turn":
+            share = HALF_TURN / size[1]
+            return moved.turn(-dx * share, dy * share)
+        return moved.pan(dx, dy, size) if self.drag == "pan" else moved
+
+    def advance(self, seconds: float) -> Orbit:
+        """Return the state after a time; it goes towards the goal, which held keys turn."""
+        across, upward = _sum_of(TURNS, self.held)
+        rates = TURN_RATE * across, TURN_RATE * upward
+        stop = _time_to_pole(self.goal.elevation, rates[1])
+        if stop < seconds:
+            # Exact up to the pole and from there on, however the time is cut.
+            return self._glide(stop, *rates)._glide(seconds - stop, rates[0], 0.0)
+        return self._glide(seconds, *rates)
+
+    def camera(self) -> PerspectiveCamera:
+        """Return the camera as it stands; its near plane is before the scene or near the eye."""
+        frame = frame_of(self.up)
+        target, distance, azimuth, elevation = self.pose
+        toward = triple_of(transforms.apply(frame, orbit_direction(azimuth, elevation)))
+        upward = triple_of(transforms.apply(frame, orbit_direction(azimuth, elevation + 90.0)))
+        eye = along(target, toward, distance)
+        return camera_at(eye, target, upward, self.fov_y, self.ball)
+
+    @property
+    def is_resting(self) -> bool:
+        """Whether time changes nothing that can be seen."""
+        pose, goal = self.pose, self.goal
+        off = length(minus(pose.target, goal.target)) + abs(pose.distance - goal.distance)
+        angle = abs(pose.azimuth - goal.azimuth) + abs(pose.elevation - goal.elevation)
+        is_near = off <= REST * goal.distance and angle <= REST_ANGLE
+        return is_near and not any(key in TURNS for key in self.held)
+
+    def settled(self) -> Orbit:
+        """Return the state at the goal."""
+        return replace(self, pose=self.goal)
+
+    def turn(self, azimuth: float, elevation: float) -> Orbit:
+        """Send it on by angles, degrees, as far as the poles."""
+        goal = self.goal
+        return self._go(
+            azimuth=goal.azimuth + finite_number("azimuth", azimuth),
+            elevation=_clamped(goal.elevation + finite_number("elevation", elevation), 90.0),
+        )
+
+    def pan(self, dx: float, dy: float, size: tuple[int, int]) -> Orbit:
+        """Send it so that what is at the target's distance moves by (dx, dy) pixels."""
+        unit = pixel_size(self.goal.distance, self.fov_y, size)
+        right, upward, _ = self._axes()
+        target = along(self.goal.target, right, -unit * finite_number("dx", dx))
+        return self._go(target=along(target, upward, unit * finite_number("dy", dy)))
+
+    def zoom(
+        self,
+        factor: float,
+        cursor: tuple[float, float],
+        size: tuple[int, int],
+        depth: float | None = None,
+    ) -> Orbit:
+        """
+        Send it nearer, or farther, with what is under the cursor staying there.
+
+        Parameters
+        ----------
+        factor : float
+            What distances are multiplied by; above 0.
+        cursor : (x, y), pixels
+        size : (width, height), pixels
+        depth : float, optional
+            Scene units along the viewing axis of what is under the cursor; default: the target's.
+
+        Raises
+        ------
+        ValueError
+            If ``factor`` is not above 0.
+        """
+        goal = self.goal
+        low, high = self._distances()
+        distance = min(max(goal.distance * positive_number("factor", factor), low), high)
+        factor = distance / goal.distance
+        away = goal.distance if depth is None or not math.isfinite(depth) else depth
+        # The point under the cursor, as seen from the target.
+        unit = pixel_size(away, self.fov_y, size)
+        right, upward, toward = self._axes()
+        point = along(goal.target, toward, goal.distance - away)
+        point = along(point, right, unit * (cursor[0] - 0.5 * size[0]))
+        point = along(point, upward, unit * (0.5 * size[1] - cursor[1]))
+        # Eye and target both shrink towards it, so the direction to it stays.
+        return self._go(target=between(point, goal.target, factor), distance=distance)
+
+    def fit(self, size: tuple[int, int]) -> Orbit:
+        """Send it to where the whole scene is seen from the same direction."""
+        _, upward, toward = self._axes()
+        fitted = fit_camera(self.ball, toward, self.fov_y, up=upward, aspect=size[0] / size[1])
+        return self._go(
+            target=self.ball.center, distance=length(minus(fitted.eye, self.ball.center))
+        )
+
+    def reset(self) -> Orbit:
+        """Send it to where it started."""
+        return replace(self, goal=self.home)
+
+    def _press(self, key: str, kind: str, size: tuple[int, int]) -> Orbit:
+        """Return the state after a key went down or up."""
+        if kind == "key_up":
+            return replace(self, held=self.held - {key})
+        center = 0.5 * size[0], 0.5 * size[1]
+        if key in TURNS:
+            return replace(self, held=self.held | {key})
+        if key in ("+", "="):
+            return self.zoom(KEY_ZOOM, center, size)
+        if key in ("-", "_"):
+            return self.zoom(1.0 / KEY_ZOOM, center, size)
+        if key in ("f", "F"):
+            return self.fit(size)
+        return self.reset() if key in ("r", "R", "Home") else self
+
+    def _glide(self, seconds: float, azimuth_rate: float, elevation_rate: float) -> Orbit:
+        """Return the state after a time in which the goal turns at constant rates."""
+        goal, pose = self.goal, self.pose
+        rest = math.exp(-seconds / self.smoothing)
+        turned = goal._replace(
+            azimuth=goal.azimuth + azimuth_rate * seconds,
+            elevation=_clamped(goal.elevation + elevation_rate * seconds, 90.0),
+        )
+        # Behind a goal that moves, the lag tends to rate x smoothing.
+        lag = self.smoothing * (1.0 - rest)
+        moved = pose.toward(goal, 1.0 - rest)._replace(
+            azimuth=turned.azimuth + rest * (pose.azimuth - goal.azimuth) - azimuth_rate * lag,
+            elevation=turned.elevation
+            + rest * (pose.elevation - goal.elevation)
+            - elevation_rate * lag,
+        )
+        return replace(self, pose=moved, goal=turned)
+
+    def _go(self, **changes: Any) -> Orbit:
+        """Return the state with another goal."""
+        return replace(self, goal=self.goal._replace(**changes))
+
+    def _axes(self) -> tuple[Vector, Vector, Vector]:
+        """Return right, up and the direction from target to eye, at the goal, world space."""
+        frame = frame_of(self.up)
+        azimuth, elevation = self.goal.azimuth, self.goal.elevation
+        upward, toward = (
+            triple_of(transforms.apply(frame, orbit_direction(azimuth, angle)))
+            for angle in (elevation + 90.0, elevation)
+        )
+        return cross(upward, toward), upward, toward
+
+    def _distances(self) -> tuple[float, float]:
+        """Return the least and the largest distance."""
+        coordinate = max(map(abs, self.ball.center))
+        low = max(LEAST_DISTANCE * self.ball.radius, COORDINATE_SHARE * coordinate)
+        return low, max(LARGEST_DISTANCE * self.ball.radius, self.goal.distance, 2.0 * low)
+
+
+@dataclass(frozen=True)
+class Fly:
+    """
+    A camera that is steered from within.
+
+    W and S (or up and down) fly forward and back, A and D (or left and right) sideways, Q and E
+    down and up, Shift four times faster; dragging looks around, the wheel sets the speed, F stands
+    back until the whole scene is seen, R returns to the start.
+
+    Parameters
+    ----------
+    ball : Ball
+        What `fit` shows.
+    eye : (3,) tuple of float, world space
+    azimuth, elevation : float, degrees
+        Of the direction that it looks from, as `orbit_direction` takes them.
+    velocity : (3,) tuple of float, scene units a second
+        Right, up and forward.
+    speed : float, scene units a second
+        What it is accelerated to.
+    home : (eye, azimuth, elevation, speed)
+        Where it started.
+    fov_y : float, degrees
+        Vertical field of view.
+    up : (3,) tuple of float, world space
+    smoothing : float, seconds
+        Time in which it gets 63 % of the speed.
+    held, drag, pointer
+        As in `Orbit`; ``drag`` is ``"look"`` or ``""``.
+    """
+
+    ball: Ball
+    eye: Vector
+    azimuth: float
+    elevation: float
+    velocity: Vector
+    speed: float
+    home: tuple[Vector, float, float, float]
+    fov_y: float = 45.0
+    up: Vector = (0.0, 1.0, 0.0)
+    smoothing: float = SMOOTHING
+    held: frozenset[str] = frozenset()
+    drag: str = ""
+    pointer: tuple[float, float] = (0.0, 0.0)
+
+    @classmethod
+    def from_camera(cls, camera: Camera, scene: Bounded, up: ArrayLike = (0.0, 1.0, 0.0)) -> Fly:
+        """
+        Return the flight that starts where a camera is; that it is tilted sideways is left out.
+
+        Takes what `Orbit.from_camera` takes; a parallel camera becomes one that stands where an
+        orbit would begin.
+        """
+        sight = Sight.of(camera)
+        if sight.height is not None:
+            sight = Sight.of(Orbit.from_camera(camera, scene, up).camera())
+        ball = Ball.around(scene)
+        upward = triple_of(transforms.unit_vector("up", up))
+        azimuth, elevation = sight.angles(upward)
+        elevation = _clamped(elevation, LARGEST_PITCH)
+        speed = 2.0 * ball.radius / CROSSING_TIME
+        home = sight.eye, azimuth, elevation, speed
+        return cls(
+            ball, sight.eye, azimuth, elevation, (0.0, 0.0, 0.0), speed, home, sight.fov_y, upward
+        )
+
+    def handle(self, event: Event, size: tuple[int, int], depth: float | None = None) -> Fly:
+        """Return the state after an event; takes what `Orbit.handle` takes."""
+        kind = event["event_type"]
+        if kind in ("key_down", "key_up"):
+            return self._press(event["key"], kind, size)
+        if kind == "wheel":
+            return replace(self, speed=self._allowed(self.speed / _wheel_factor(event)))
+        if kind not in ("pointer_down", "pointer_move", "pointer_up"):
+            return self
+        place = float(event["x"]), float(event["y"])
+        if kind == "pointer_down":
+            return replace(self, drag="look", pointer=place)
+        # A release may come without the last move.
+        dx, dy = place[0] - self.pointer[0], place[1] - self.pointer[1]
+        moved = replace(self, drag=self.drag if kind == "pointer_move" else "", pointer=place)
+        share = self.fov_y / size[1]
+        return moved.look(-dx * share, dy * share) if self.drag else moved
+
+    def advance(self, seconds: float) -> Fly:
+        """Return the state after a time; its speed goes towards what the held keys say."""
+        wanted = self._wanted()
+        rest = math.exp(-seconds / self.smoothing)
+        lost = self.smoothing * (1.0 - rest)
+        excess = minus(self.velocity, wanted)
+        eye = self.eye
+        for axis, velocity, more in zip(self._axes(), wanted, excess, strict=True):
+            eye = along(eye, axis, velocity * seconds + more * lost)
+        return replace(self, eye=eye, velocity=along(wanted, excess, rest))
+
+    def camera(self) -> PerspectiveCamera:
+        """Return the camera as it stands; its near plane is before the scene or near the eye."""
+        _, upward, forward = self._axes()
+        return camera_at(
+            self.eye, along(self.eye, forward, self.ball.radius), upward, self.fov_y, self.ball
+        )
+
+    @property
+    def is_resting(self) -> bool:
+        """Whether time changes nothing that can be seen."""
+        is_steered = any(map(abs, self._wanted()))
+        return not is_steered and length(self.velocity) * self.smoothing <= REST * self.ball.radius
+
+    def settled(self) -> Fly:
+        """Return the state when it has come to a stop; keys that are down stay down."""
+        eye = self.eye
+        for axis, velocity in zip(self._axes(), self.velocity, strict=True):
+            eye = along(eye, axis, velocity * self.smoothing)
+        return replace(self, eye=eye, velocity=(0.0, 0.0, 0.0))
+
+    def look(self, azimuth: float, elevation: float) -> Fly:
+        """Turn the head by angles, degrees; the elevation is that of the direction it looks from"""
+        return replace(
+            self,
+            azimuth=self.azimuth + finite_number("azimuth", azimuth),
+            elevation=_clamped(
+                self.elevation + finite_number("elevation", elevation), LARGEST_PITCH
+            ),
+        )
+
+    def fit(self, size: tuple[int, int]) -> Fly:
+        """Stand back until the whole scene is seen in the same direction."""
+        _, upward, forward = self._axes()
+        toward = tuple(-part for part in forward)
+        fitted = fit_camera(self.ball, toward, self.fov_y, up=upward, aspect=size[0] / size[1])
+        return replace(self, eye=fitted.eye, velocity=(0.0, 0.0, 0.0))
+
+    def reset(self) -> Fly:
+        """Return to where it started."""
+        eye, azimuth, elevation, speed = self.home
+        return replace(
+            self, eye=eye, azimuth=azimuth, elevation=elevation, speed=speed,
+            velocity=(0.0, 0.0, 0.0),
+        )  # fmt: skip
+
+    def _press(self, key: str, kind: str, size: tuple[int, int]) -> Fly:
+        """Return the state after a key went down or up."""
+        # With Shift, letters come in upper case.
+        name = key.lower() if len(key) == 1 else key
+        if kind == "key_up":
+            return replace(self, held=self.held - {name})
+        if name in MOVES or name == "Shift":
+            return replace(self, held=self.held | {name})
+        if name == "f":
+            return self.fit(size)
+        return self.reset() if name in ("r", "Home") else self
+
+    def _wanted(self) -> Vector:
+        """Return the velocity that the held keys ask for."""
+        right, upward, forward = _sum_of(MOVES, self.held)
+        total = length((right, upward, forward))
+        if total == 0.0:
+            return 0.0, 0.0, 0.0
+        speed = self.speed * (RUN if "Shift" in self.held else 1.0) / total
+        return right * speed, upward * speed, forward * speed
+
+    def _axes(self) -> tuple[Vector, Vector, Vector]:
+        """Return right, up and forward, world space."""
+        frame = frame_of(self.up)
+        upward, toward = (
+            triple_of(transforms.apply(frame, orbit_direction(self.azimuth, angle)))
+            for angle in (self.elevation + 90.0, self.elevation)
+        )
+        return cross(upward, toward), upward, tuple(-part for part in toward)
+
+    def _allowed(self, speed: float) -> float:
+        """Return a speed that is neither lost nor out of the scene at once."""
+        return min(max(speed, LEAST_DISTANCE * self.ball.radius), 1e2 * self.ball.radius)
+
+
+Controls = Orbit | Fly
+
+
+def _wheel_factor(event: Event) -> float:
+    """Return what a turn of the wheel multiplies distances by."""
+    turned = WHEEL_SHARE * float(event.get("dy", 0.0))
+    return min(max(math.exp(min(turned, LARGEST_FACTOR)), 1.0 / LARGEST_FACTOR), LARGEST_FACTOR)
+
+
+def _time_to_pole(elevation: float, rate: float) -> float:
+    """Return after what time a goal that turns is at a pole, seconds."""
+    return (math.copysign(90.0, rate) - elevation) / rate if rate else math.inf
+
+
+def _sum_of(directions: dict[str, tuple[float, ...]], held: frozenset[str]) -> tuple[float, ...]:
+    """Return the sum of the directions of the keys that are down."""
+    found = [direction for key, direction in directions.items() if key in held]
+    size = len(next(iter(directions.values())))
+    return tuple(math.fsum(one[axis] for one in found) for axis in range(size))
+
+
+def _clamped(angle: float, largest: float) -> float:
+    """Return an angle within a range around 0."""
+    return min(max(angle, -largest), largest)

@@ -1,0 +1,225 @@
+"""Make pictures of what a frame knows, and write panels of text and marks on pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.inspect.pixel_report import PixelExplanation
+from rasterjit.outputs.frame import Frame
+
+OUTPUTS_OF = {
+    "color": ("color", "depth"),
+    "depth": ("depth",),
+    "normal": ("normal", "depth"),
+    "object_id": ("object_id", "depth"),
+    "face_id": ("face_id", "depth"),
+}
+"""What is rendered for each kind of picture; the depth tells what is under the cursor."""
+
+NOTHING = 40
+"""Grey of pixels that show nothing."""
+
+DARKEST = 60
+"""Grey of the farthest surface: told apart from nothing."""
+
+ODD = np.array([0x9E3779B1, 0x85EBCA77, 0xC2B2AE3D], dtype=np.uint32)
+"""Large odd numbers, about 2**32 over irrational ones: multiples of them spread well."""
+
+BRIGHTNESS_BITS = 25
+"""Bits that are dropped of 32: 0..127 stay, and lie on top of 128."""
+
+FONT_SIZE = 13
+"""Of text at a pixel ratio of 1, pixels."""
+
+MARGIN = 6
+"""Around text, at a pixel ratio of 1, pixels."""
+
+COLUMN_GAP = 14
+"""Between columns, at a pixel ratio of 1, pixels."""
+
+PANEL, TEXT, FAINT = (24, 26, 30), (240, 240, 236), (168, 172, 178)
+"""Colours, sRGB: of panels, of their first column, and of what follows it."""
+
+OPACITY = 0.88
+"""Of a panel."""
+
+MARK = (3, 8)
+"""From where to where the lines around a pixel reach, at a pixel ratio of 1, pixels."""
+
+MARK_COLOR = (230, 40, 30)
+"""Of those lines, sRGB."""
+
+LEAST_SIDE = 120
+"""Height of a picture that is written on, pixels: text would cover a smaller one."""
+
+
+Row = tuple[str, ...]
+"""Cells of a line, from the left."""
+
+
+def picture_of(frame: Frame, kind: str) -> NDArray[np.uint8]:
+    """
+    Return a picture of a frame, (H, W, 4) uint8, sRGB, opaque.
+
+    Parameters
+    ----------
+    frame : Frame
+        With the outputs ``OUTPUTS_OF[kind]``.
+    kind : {"color", "depth", "normal", "object_id", "face_id"}
+        Depths are brighter the nearer; normals are (n + 1) / 2, world x red, y green, z blue;
+        numbers are colours that differ between neighbours, mostly.
+    """
+    if kind == "color":
+        return _over_white(frame.color)
+    depth = frame.depth
+    seen = np.isfinite(depth)
+    picture = np.full((*depth.shape, 4), 255, dtype=np.uint8)
+    picture[~seen, :3] = NOTHING
+    if not seen.any():
+        return picture
+    if kind == "depth":
+        near, far = float(depth[seen].min()), float(depth[seen].max())
+        share = (far - depth[seen]) / ((far - near) or 1.0)
+        picture[seen, :3] = (DARKEST + share * (255 - DARKEST) + 0.5).astype(np.uint8)[:, None]
+    elif kind == "normal":
+        picture[seen, :3] = (frame.normal[seen] * 127.5 + 128.0).clip(0, 255).astype(np.uint8)
+    else:
+        numbers = getattr(frame, kind)[seen].astype(np.uint32) + np.uint32(1)
+        spread = (numbers[:, None] * ODD) >> np.uint32(BRIGHTNESS_BITS)
+        picture[seen, :3] = spread.astype(np.uint8) + 128
+    return picture
+
+
+def _over_white(color: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return 8-bit colours over white where they are transparent; always a copy."""
+    shown = color.copy()
+    if color[:, :, 3].min() < 255:
+        alpha = color[:, :, 3:].astype(np.float32) / 255.0
+        shown[:, :, :3] = color[:, :, :3] * alpha + 255.0 * (1.0 - alpha) + 0.5
+        shown[:, :, 3] = 255
+    return shown
+
+
+def write_panel(
+    picture: NDArray[np.uint8], rows: Sequence[Row], corner: str, ratio: float = 1.0
+) -> None:
+    """
+    Write rows of text on a picture, in a dark panel.
+
+    Parameters
+    ----------
+    picture : (H, W, 4) uint8, sRGB
+        Changed; as it is if it is too small for text. What does not fit is cut off.
+    rows : sequence of tuple of str
+        Columns are as wide as their widest cell.
+    corner : {"top left", "top right", "bottom left"}
+        Where the panel lies.
+    ratio : float
+        Pixels of the picture for one of the screen.
+    """
+    # In a terminal one pixel is as large as many of the screen.
+    ratio = max(ratio, 1.0)
+    if not rows or picture.shape[0] < LEAST_SIDE * ratio:
+        return
+    panel, opacity = _panel(tuple(rows), float(ratio))
+    height, width = (min(a, b) for a, b in zip(panel.shape, picture.shape[:2], strict=False))
+    gap = min(round(MARGIN * ratio), picture.shape[0] - height, picture.shape[1] - width)
+    top = gap if corner.startswith("top") else picture.shape[0] - height - gap
+    left = gap if corner.endswith("left") else picture.shape[1] - width - gap
+    under = picture[top : top + height, left : left + width]
+    share = opacity[:height, :width]
+    mixed = panel[:height, :width] * share + under[:, :, :3] * (1.0 - share)
+    under[:, :, :3] = mixed + 0.5
+    under[:, :, 3] = 255
+
+
+def mark_pixel(picture: NDArray[np.uint8], column: int, row: int, ratio: float = 1.0) -> None:
+    """
+    Draw four short lines around a pixel, which stays as it is.
+
+    Parameters
+    ----------
+    picture : (H, W, 4) uint8, sRGB
+        Changed.
+    column, row : int
+        Of the pixel.
+    ratio : float
+        Pixels of the picture for one of the screen.
+    """
+    near, far = (round(reach * max(ratio, 1.0)) for reach in MARK)
+    for low, high in ((-far, 1 - near), (near, far + 1)):
+        picture[row, max(column + low, 0) : max(column + high, 0), :3] = MARK_COLOR
+        picture[max(row + low, 0) : max(row + high, 0), column, :3] = MARK_COLOR
+
+
+@lru_cache(maxsize=64)
+def _panel(rows: tuple[Row, ...], ratio: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return the colours of a panel, (H, W, 3) float32 in 0..255, and its opacity, (H, W, 1)."""
+    from PIL import Image, ImageDraw, ImageFont
+
+    font = ImageFont.load_default(FONT_SIZE * ratio)
+    margin, gap = MARGIN * ratio, COLUMN_GAP * ratio
+    ascent, descent = font.getmetrics()
+    line = ascent + descent + round(ratio)
+    columns = max(map(len, rows))
+    # A cell that is alone in its row is a heading, and makes no column wider.
+    widths = [
+        max((font.getlength(row[k]) for row in rows if k < len(row) > 1), default=0.0)
+        for k in range(columns)
+    ]
+    starts = [margin]
+    for cells in widths[:-1]:
+        starts.append(starts[-1] + cells + gap)
+    ends = (starts[k] + font.getlength(cell) for row in rows for k, cell in enumerate(row))
+    size = round(max(ends) + margin), round(len(rows) * line + 2.0 * margin)
+    image = Image.new("RGB", size, PANEL)
+    draw = ImageDraw.Draw(image)
+    for number, row in enumerate(rows):
+        for k, (start, cell) in enumerate(zip(starts, row, strict=False)):
+            place = start, margin + number * line
+            draw.text(place, cell, fill=FAINT if k else TEXT, font=font)
+    colors = np.asarray(image, dtype=np.float32)
+    is_text = (colors != np.float32(PANEL)).any(axis=2, keepdims=True)
+    return colors, np.where(is_text, 1.0, OPACITY).astype(np.float32)
+
+
+def rows_of(explained: PixelExplanation) -> list[Row]:
+    """Return the most important of what is known of a pixel, as rows."""
+    red, green, blue, _ = explained.color.tolist()
+    face = explained.winner
+    rows: list[Row] = [(f"pixel ({explained.x}, {explained.y})",)]
+    if face is None:
+        rows.append(("shows", "the background"))
+        rows += [("", reason) for reason in explained.reasons]
+    else:
+        place = [sum(float(w) * v for w, v in zip(face.weights, face.world[:, k], strict=True))
+                 for k in range(3)]  # fmt: skip
+        rows += [
+            ("object", f"{face.object_number} {face.object_name}"),
+            ("face", f"{face.face} (of the object: {face.mesh_face})"),
+            ("depth", f"{face.depth:.6g}"),
+            ("world position", "  ".join(f"{part:.5g}" for part in place)),
+            ("weights", "  ".join(f"{float(weight):.4f}" for weight in face.weights)),
+            ("faces here", str(len(explained.faces))),
+        ]
+    light = explained.light
+    if light is not None:
+        rows.append((f"base colour ({light.shading})", _numbers(light.base_color)))
+        if light.lights:
+            rows.append(("ambient", _numbers(light.ambient)))
+        for term in light.lights:
+            rows.append((f"{term.name}, diffuse", _numbers(term.diffuse)))
+            if term.specular.any():
+                rows.append((f"{term.name}, specular", _numbers(term.specular)))
+    rows.append(("linear", _numbers(explained.linear[:3])))
+    return [*rows, ("sRGB", f"{red}  {green}  {blue}")]
+
+
+def _numbers(values: Any) -> str:
+    """Return numbers as text."""
+    return "  ".join(f"{float(value):.3f}" for value in values)

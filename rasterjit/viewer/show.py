@@ -1,0 +1,100 @@
+"""Show a scene to somebody: in a window, a browser, a notebook or a terminal."""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Callable
+from typing import Any
+
+from rasterjit.scene.camera import Camera
+from rasterjit.scene.validation import one_of
+from rasterjit.viewer import browser, canvas
+from rasterjit.viewer.viewer import SMOOTH, Viewer
+
+BACKENDS = ("auto", "window", "browser", "notebook", "terminal")
+
+
+def show(
+    what: Any,
+    camera: Camera | None = None,
+    *,
+    backend: str = "auto",
+    size: tuple[int, int] = (640, 480),
+    background: Any = None,
+    cull: str = "none",
+    up: Any = (0.0, 1.0, 0.0),
+    time_budget: float = SMOOTH,
+    title: str = "RasterJIT",
+    host: str = browser.DEFAULT_HOST,
+    port: int = browser.DEFAULT_PORT,
+    threads: int | None = None,
+) -> Any:
+    """
+    Show a scene to somebody who moves the camera; H tells how.
+
+    While something moves the accuracy dial chooses the quality of the picture; it is a draft until
+    the dial knows the scene, and for depth, normals and numbers. When nothing moves it becomes that
+    of ``Quality.reference()``. The scene must stay as it is meanwhile.
+
+    Parameters
+    ----------
+    what, camera, background, cull, threads
+        As `rasterjit.render` takes them. The camera is where it starts.
+    backend : {"auto", "window", "browser", "notebook", "terminal"}
+        ``"auto"``: a widget in a notebook; else a window, if there is a display and a toolkit; else
+        a page for the browser.
+    size : (int, int)
+        Width and height at first, pixels; pages and terminals have their own.
+    up : (3,) array_like, world space
+        What stays up when the camera turns.
+    time_budget : float
+        Seconds for a picture while something moves: its quality is the best that is drawn in that
+        time, or the fastest.
+    title : str
+        Of the window.
+    host, port : str, int
+        Where the page is served: by default where only this machine reaches it. Port 0 takes any
+        that is free.
+
+    Returns
+    -------
+    widget or None
+        In a notebook; the others return when the window is closed or the process interrupted.
+
+    Raises
+    ------
+    ImportError
+        If the backend needs a package, naming what to install.
+    ValueError
+        Naming the argument that is wrong, before anything is shown.
+    """
+    chosen = choose_backend(one_of("backend", backend, BACKENDS))
+    if importlib.util.find_spec("rendercanvas") is None:
+        extra = "viewer" if chosen == "window" else chosen
+        raise ImportError(f'showing needs a canvas: pip install "rasterjit[{extra}]"')
+    viewer = Viewer(
+        what, camera, size=size, background=background, cull=cull, up=up, time_budget=time_budget,
+        name=title, threads=threads,
+    )  # fmt: skip
+    if chosen == "notebook":
+        return canvas.widget(viewer)
+    run: dict[str, Callable[[], None]] = {
+        "window": lambda: canvas.open_window(viewer, title),
+        "browser": lambda: browser.serve(viewer, host, port),
+        "terminal": lambda: canvas.run_in_terminal(viewer, title),
+    }
+    try:
+        return run[chosen]()
+    finally:
+        viewer.close()
+
+
+def choose_backend(backend: str) -> str:
+    """Return a backend, the best there is for ``"auto"``."""
+    if backend != "auto":
+        return backend
+    if canvas.in_notebook():
+        return "notebook"
+    if canvas.has_display() and canvas.toolkits():
+        return "window"
+    return "browser"

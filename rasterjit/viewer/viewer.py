@@ -1,0 +1,518 @@
+"""
+The viewer, without a window: events and time go in, pictures come out.
+
+`Viewer.draw` returns a picture at once: while something moves in the quality that the accuracy dial
+chooses for the time there is, in draft quality until the dial knows what the scene takes. When
+nothing moves, each `Viewer.step` makes the picture more accurate, or tells the dial more, and may
+run in another thread: whatever moves meanwhile ends it. Windows, pages, notebooks and terminals are
+made of these two by ``canvas``.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.inspect.pixel import explain_pixel
+from rasterjit.inspect.pixel_report import PixelExplanation
+from rasterjit.io.meshes import as_scene
+from rasterjit.outputs.frame import Frame
+from rasterjit.rendering import budget
+from rasterjit.rendering.renderer import Renderer, choose_camera, explain
+from rasterjit.scene.camera import Camera, PerspectiveCamera
+from rasterjit.scene.framing import Ball, fit_camera
+from rasterjit.scene.quality import Quality
+from rasterjit.scene.scene import Scene
+from rasterjit.scene.validation import image_size, positive_number
+from rasterjit.viewer import switches
+from rasterjit.viewer.controls import Event, Fly, Orbit
+from rasterjit.viewer.overlay import OUTPUTS_OF, Row, mark_pixel, picture_of, rows_of, write_panel
+
+KINDS = {"1": "color", "2": "depth", "3": "normal", "4": "object_id", "5": "face_id"}
+"""Keys, and the kind of picture that each shows."""
+
+NAMES = {
+    "color": "colour", "depth": "depth", "normal": "normals", "object_id": "objects",
+    "face_id": "faces",
+}  # fmt: skip
+"""What each kind of picture is called."""
+
+CLICK = 3.0
+"""How far a pointer may move between press and release of a click, pixels."""
+
+LONGEST_STEP = 0.1
+"""Most time that passes at once for a camera, beside that of drawing a picture, seconds: after a
+pause it does not jump."""
+
+SMOOTH = 0.02
+"""Seconds for a picture while something moves: with what it takes to show it, 30 in a second."""
+
+HELP: tuple[Row, ...] = (
+    ("drag", "turn (look around, when flying)"),
+    ("right drag, Shift drag", "pan"),
+    ("wheel", "zoom to the cursor (speed, when flying)"),
+    ("arrows, + -", "turn, zoom"),
+    ("C", "orbit or fly: W A S D, Q E down and up, Shift faster"),
+    ("F  R", "fit the scene, return to the start"),
+    ("1 2 3 4 5", "colour, depth, normals, objects, faces"),
+    ("G", "wireframe: over the faces, alone, off"),
+    ("O K T L", "ambient occlusion, outline, tone mapping, shadows"),
+    ("B V N X Z", "sky, light of the sky, fog, textures, vignette"),
+    ("M", "what the effects cost"),
+    ("click", "explain a pixel; Escape closes it"),
+    ("I  H", "hide or show the line below, this help"),
+)
+
+
+class _OutdatedError(Exception):
+    """What is being rendered is no longer wanted."""
+
+
+class Viewer:
+    """
+    Shows a scene to somebody who moves the camera.
+
+    Parameters
+    ----------
+    what : Scene, Mesh, trimesh.Trimesh or trimesh.Scene
+        Not changed, and not to be changed while it is shown.
+    camera : Camera, optional
+        Where it starts. Default: the scene's own camera, else one that fits the scene.
+    size : (int, int)
+        Width and height of the pictures, pixels.
+    background : color, optional
+        As `rasterjit.render` takes it; what is transparent is shown before white.
+    cull : {"none", "back", "front"}
+        Faces that are dropped.
+    up : (3,) array_like, world space
+        What stays up when the camera turns.
+    time_budget : float
+        Seconds for a picture while something moves, for which the accuracy dial chooses a quality:
+        the fastest, if none is drawn in it. What the scene takes is found out at rest; until then
+        it is ``Quality.draft()``, as it is for depth, normals and numbers.
+    name : str
+        What is shown, for the line at the bottom.
+    threads : int, optional
+        Default: all processors.
+
+    Attributes
+    ----------
+    controls : Orbit or Fly
+        The camera that is moved.
+    version : int
+        Grows whenever what is seen changes.
+
+    Raises
+    ------
+    ValueError
+        Naming the argument that is wrong, or if there is nothing to look at.
+    """
+
+    def __init__(
+        self,
+        what: Any,
+        camera: Camera | None = None,
+        *,
+        size: tuple[int, int] = (640, 480),
+        background: Any = None,
+        cull: str = "none",
+        up: Any = (0.0, 1.0, 0.0),
+        time_budget: float = SMOOTH,
+        name: str = "",
+        threads: int | None = None,
+    ) -> None:
+        self.scene: Scene = as_scene(what)
+        self.size = image_size("size", size)
+        self.ratio = 1.0
+        self.name = name
+        self._options = {"background": background, "cull": cull}
+        self._budget = positive_number("time_budget", time_budget)
+        self._times = self._new_times()
+        first = choose_camera(self.scene, camera, self.size)
+        self._is_fitted = camera is None and self.scene.camera is None
+        self._ball = Ball.around(self.scene)
+        self.controls: Orbit | Fly = Orbit.from_camera(first, self._ball, up)
+        self._threads = threads
+        # Held by who takes what was found for a version, and by who begins another.
+        self._lock = threading.Lock()
+        self.version = 0
+        self.kind = "color"
+        self._switched: list[str] = []
+        self._wireframe = getattr(self.scene.wireframe, "mode", None)
+        self._shown = self.scene
+        self._message = ""
+        self._shows_help, self._shows_line, self._shows_costs = False, True, False
+        self._pressed: tuple[float, float] | None = None
+        self._wanted_pixel: tuple[int, int] | None = None
+        self.explanation: PixelExplanation | None = None
+        self.costs: dict[str, float] | None = None
+        self._frame: Frame | None = None
+        self._frame_version = -1
+        self._seconds = self._drawing = 0.0
+        self._moving = Renderer(self.size, threads=threads)
+        self._steps: Iterator[bool] = iter(())
+        self._steps_version, self._finished = -1, False
+        self._count = 0
+        # What is wrong is said at once.
+        explain(self.scene, self.camera, size=self.size, **self._options)
+
+    def close(self) -> None:
+        """End what is being rendered, and let the threads go."""
+        with self._lock:
+            self.version += 1
+        self._steps = iter(())
+        self._moving.close()
+
+    @property
+    def camera(self) -> PerspectiveCamera:
+        """The camera as it stands."""
+        return self.controls.camera()
+
+    @property
+    def shown(self) -> Scene:
+        """The scene as it is shown: with effects switched."""
+        return self._shown
+
+    @property
+    def is_moving(self) -> bool:
+        """Whether time changes the picture."""
+        return not self.controls.is_resting
+
+    @property
+    def is_done(self) -> bool:
+        """Whether the picture stays as it is until something happens."""
+        return (
+            not self.is_moving
+            and self._frame_version == self.version
+            and self._steps_version == self.version
+            and self._finished
+        )
+
+    @property
+    def line(self) -> str:
+        """What is shown, and how: the line at the bottom."""
+        width, height = self.size
+        parts = [self.name] if self.name else []
+        parts += [NAMES[self.kind], f"{width} x {height}"]
+        if self._frame is not None:
+            plan = self._frame.plan
+            # The first two words say most: standard samples=4.
+            words = str(plan.quality).split(" ")
+            quality = " ".join([*words[:2], "..."] if len(words) > 2 else words)
+            if plan.pictures > 1:
+                quality += f" of {plan.pictures} pictures"
+            parts.append(f"{quality} in {1e3 * self._seconds:.0f} ms")
+        parts += [self._message] if self._message else []
+        if isinstance(self.controls, Fly):
+            parts.append(f"flying at {self.controls.speed:.3g}/s")
+        return "   ".join([*parts, "H help"])
+
+    @property
+    def stamp(self) -> tuple[Any, ...]:
+        """What the picture depends on: while it is the same, so is what `draw` returns."""
+        panels = self._shows_help, self._shows_line, self._shows_costs, self.costs is None
+        shown = self.version, self._count, id(self.explanation), self._message
+        return *shown, *panels, self.is_done
+
+    def fail(self, error: Exception) -> None:
+        """Say what went wrong in a step, and do not try it again."""
+        self._message, self._finished = f"{type(error).__name__}: {error}", True
+
+    def resize(self, size: tuple[int, int], ratio: float = 1.0) -> None:
+        """
+        Make pictures of another size from now on.
+
+        A scene that was fitted into the picture, and not moved since, is fitted again.
+
+        Parameters
+        ----------
+        size : (int, int)
+            Width and height, pixels.
+        ratio : float
+            Pixels of the picture for one that events count in.
+        """
+        size, ratio = image_size("size", size), positive_number("ratio", ratio)
+        if (size, ratio) == (self.size, self.ratio):
+            return
+        self.size, self.ratio = size, ratio
+        self._moving.close()
+        self._moving = Renderer(size, threads=self._threads)
+        self._times = self._new_times()
+        controls = self.controls
+        if self._is_fitted and isinstance(controls, Orbit) and controls.goal == controls.home:
+            fitted = fit_camera(self._ball, aspect=size[0] / size[1])
+            self.controls = Orbit.from_camera(fitted, self._ball, controls.up)
+        self._change()
+
+    def handle(self, event: Event) -> None:
+        """Take an event in, a dictionary of ``rendercanvas``; those it does not know do nothing."""
+        kind = event.get("event_type")
+        if kind == "key_down" and self._press(str(event.get("key", ""))):
+            return
+        if kind == "pointer_down":
+            self._pressed = (event["x"], event["y"]) if event.get("button") == 1 else None
+        elif kind == "pointer_up" and self._pressed is not None:
+            place = event["x"], event["y"]
+            if math.dist(place, self._pressed) <= CLICK:
+                self.pick(int(place[0] * self.ratio), int(place[1] * self.ratio))
+            self._pressed = None
+        depth = self._depth_under(event) if kind == "wheel" else None
+        width, height = self.size
+        logical = width / self.ratio, height / self.ratio
+        before = self.camera
+        self.controls = self.controls.handle(event, logical, depth)
+        if self.camera != before:
+            self._change()
+
+    def advance(self, seconds: float) -> None:
+        """Let time pass, seconds."""
+        if not self.is_moving:
+            return
+        self.controls = self.controls.advance(min(seconds, LONGEST_STEP + self._drawing))
+        if self.controls.is_resting:
+            self.controls = self.controls.settled()
+        self._change()
+
+    def pick(self, column: int, row: int) -> None:
+        """Ask to explain a pixel; a later `step` does it."""
+        width, height = self.size
+        if 0 <= column < width and 0 <= row < height:
+            self._wanted_pixel = column, row
+            self._restart()
+
+    def draw(self) -> NDArray[np.uint8]:
+        """
+        Return the picture, (H, W, 4) uint8, sRGB, opaque: the best there is of what is to be seen.
+
+        If there is none it is drawn now, in the time that there is for it.
+        """
+        with self._lock:
+            frame, is_current = self._frame, self._frame_version == self.version
+        if not is_current:
+            version = self.version
+            frame = self._draw_in_time()
+            self._keep(frame, version)
+            self._drawing = budget.seconds_of(frame)
+        picture = picture_of(frame, self.kind)
+        self._write_on(picture)
+        return picture
+
+    def _draw_in_time(self) -> Frame:
+        """Draw what is to be seen, buffers and what the dial does not know yet as a draft."""
+        scene, camera, outputs = self._shown, self.camera, OUTPUTS_OF[self.kind]
+
+        def draw(quality: Quality) -> Frame:
+            self._moving.quality = quality
+            return self._moving.render(scene, camera, outputs=outputs, **self._options)
+
+        if self.kind != "color" or not self._times.is_known:
+            return draw(Quality.draft())
+        return budget.draw_as_known(self._budget, self._times, draw)
+
+    def _new_times(self) -> budget.Times:
+        """
+        Return what is known of a scene that was not seen yet: nothing.
+
+        What the machine's profile tells of qualities that were not drawn yet would be chosen while
+        something moves, and compiled then.
+        """
+        return budget.Times(budget.known_ladder(), {})
+
+    def step(self) -> bool:
+        """
+        Do the next thing that makes pictures better, and tell whether it did.
+
+        It may run in another thread than all else; not in two at a time.
+        """
+        if self.is_moving:
+            return False
+        if self._steps_version != self.version:
+            self._steps_version, self._finished = self.version, False
+            self._steps = self._improve(self.version)
+        try:
+            return next(self._steps)
+        except (_OutdatedError, StopIteration) as end:
+            if isinstance(end, StopIteration):
+                self._finished = True
+            return False
+
+    def _improve(self, version: int) -> Iterator[bool]:
+        """Do one thing after the other, as long as nothing changes."""
+        scene, camera, kind, times = self._shown, self.camera, self.kind, self._times
+
+        def ask() -> None:
+            if self.version != version:
+                raise _OutdatedError
+
+        with Renderer(self.size, threads=self._threads) as renderer:
+            renderer.before_picture = ask
+            if kind != "color":
+                outputs = OUTPUTS_OF[kind]
+                self._keep(
+                    renderer.render(scene, camera, outputs=outputs, **self._options), version
+                )
+                yield True
+            if self._wanted_pixel is not None:
+                pixel, self._wanted_pixel = self._wanted_pixel, None
+                told = explain_pixel(scene, camera, renderer.size, *pixel, **self._options)
+                with self._lock:
+                    if version == self.version:
+                        self.explanation = told
+                    elif self._wanted_pixel is None and self.camera == camera:
+                        # The same pixel of the same view is to be explained anew.
+                        self._wanted_pixel = pixel
+                yield True
+            frames = (
+                renderer.refine(scene, camera, outputs=OUTPUTS_OF[kind], **self._options)
+                if kind == "color"
+                else iter(())
+            )
+            for number, frame in enumerate(frames):
+                self._keep(frame, version)
+                yield True
+                if number == 1 and self._shows_costs and self.costs is None:
+                    used = switches.used_effects(scene, camera, renderer.size)
+                    names = switches.switchable(scene, used)
+                    costs = switches.costs(renderer, scene, camera, names)
+                    with self._lock:
+                        if version == self.version:
+                            self.costs = costs
+                    yield True
+                if number == 2:
+                    draw = self._timed_drawer(renderer, version, scene, camera)
+                    for _ in times.calibrate(self._budget, draw):
+                        yield True
+
+    def _timed_drawer(
+        self, renderer: Renderer, version: int, scene: Scene, camera: Camera
+    ) -> budget.Draw:
+        """Return what draws a scene in a quality, to be timed."""
+
+        def draw(quality: Quality) -> Frame:
+            renderer.quality = quality
+            frame = renderer.render(scene, camera, outputs=OUTPUTS_OF["color"], **self._options)
+            # It shared the processors with what moves.
+            if self.version != version:
+                raise _OutdatedError
+            return frame
+
+        return draw
+
+    def _keep(self, frame: Frame, version: int) -> None:
+        """Show a frame, unless something else is to be seen by now."""
+        with self._lock:
+            if version == self.version:
+                self._frame, self._frame_version = frame, version
+                self._seconds = budget.seconds_of(frame)
+                self._count += 1
+
+    def _change(self) -> None:
+        """Note that what is seen changes."""
+        with self._lock:
+            self.version += 1
+            self.explanation = None
+
+    def _restart(self) -> None:
+        """Begin what is done at rest anew, with the same picture."""
+        with self._lock:
+            is_current = self._frame_version == self.version
+            self.version += 1
+            if is_current:
+                self._frame_version = self.version
+
+    def _press(self, key: str) -> bool:
+        """Do what a key asks for, and tell whether it is one of the viewer's own."""
+        key = key.lower() if len(key) == 1 else key
+        if key in KINDS:
+            self.kind = KINDS[key]
+            self._change()
+        elif key == "h":
+            self._shows_help = not self._shows_help
+        elif key == "i":
+            self._shows_line = not self._shows_line
+        elif key == "Escape":
+            self._shows_help, self.explanation = False, None
+        elif key == "m":
+            self._shows_costs = not self._shows_costs
+            self._restart()
+        elif key == "c":
+            kind = Fly if isinstance(self.controls, Orbit) else Orbit
+            self.controls = kind.from_camera(self.camera, self._ball, self.controls.up)
+            self._change()
+        elif key == "g":
+            modes = switches.WIREFRAMES
+            self._wireframe = modes[(modes.index(self._wireframe) + 1) % len(modes)]
+            self._rebuild()
+        elif key in switches.KEYS:
+            self._switch(switches.KEYS[key])
+        else:
+            return False
+        return True
+
+    def _switch(self, name: str) -> None:
+        """Switch an effect."""
+        if name in self._switched:
+            self._switched.remove(name)
+        else:
+            self._switched.append(name)
+        if not self._rebuild():
+            self._switched.remove(name)
+            self._message = f"the scene has nothing for {name}"
+
+    def _rebuild(self) -> bool:
+        """Make the scene that is shown from the one given, and tell whether all is possible."""
+        scene = self.scene
+        used = switches.used_effects(scene, self.camera, self.size)
+        for name in self._switched:
+            changed = switches.switched(scene, name, used)
+            if changed is None:
+                return False
+            scene = changed
+        if self._wireframe != getattr(scene.wireframe, "mode", None):
+            scene = switches.with_wireframe(scene, self._wireframe)
+        self._shown = scene
+        off = [f"{name} {'off' if name in used else 'on'}" for name in self._switched]
+        self._message, self._times = ", ".join(off), self._new_times()
+        self._change()
+        # What a step finds of the scene before does not come after this.
+        self.costs = None
+        return True
+
+    def _depth_under(self, event: Event) -> float | None:
+        """Return the depth under the cursor, scene units; None where it is unknown."""
+        frame = self._frame
+        if frame is None or frame.plan.size != self.size:
+            return None
+        column, row = (int(event[axis] * self.ratio) for axis in ("x", "y"))
+        width, height = self.size
+        if not (0 <= column < width and 0 <= row < height):
+            return None
+        depth = float(frame.depth[row, column])
+        return depth if math.isfinite(depth) else None
+
+    def _write_on(self, picture: NDArray[np.uint8]) -> None:
+        """Write what is to be read on a picture."""
+        told = self.explanation
+        if told is not None and told.size == self.size:
+            mark_pixel(picture, told.x, told.y, self.ratio)
+        if self._shows_help:
+            write_panel(picture, HELP, "top left", self.ratio)
+        elif self.explanation is not None:
+            write_panel(picture, rows_of(self.explanation), "top left", self.ratio)
+        if self._shows_costs:
+            write_panel(picture, self._cost_rows(), "top right", self.ratio)
+        if self._shows_line:
+            write_panel(picture, [(self.line,)], "bottom left", self.ratio)
+
+    def _cost_rows(self) -> list[Row]:
+        """Return what the effects cost, as rows."""
+        if self.costs is None:
+            return [("measuring ...",)]
+        rows = [(name, f"{1e3 * seconds:+.2f} ms") for name, seconds in self.costs.items()]
+        whole = ("frame", f"{1e3 * self.costs['frame']:.2f} ms")
+        return [("standard quality",), whole, *rows[1:]]

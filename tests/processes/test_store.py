@@ -1,0 +1,373 @@
+"""The store holds what was compiled, whatever happens to it and to those who write it."""
+
+from __future__ import annotations
+
+import errno
+import os
+import signal
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import small_kernels
+from small import RESULTS, entries, start, use
+
+from rasterjit.runtime import jit, store
+from rasterjit.runtime.state import RecordType, type_of
+
+pytestmark = pytest.mark.skipif(jit.DISABLED or jit.CHECKED, reason="nothing is kept")
+posix_only = pytest.mark.skipif(os.name != "posix", reason="modes and locks of POSIX")
+
+ROW = np.arange(-3.0, 5.0)
+KIND = RecordType(tuple, (type_of(ROW), type_of(5)))
+"""The types of the arguments of ``has_index``."""
+
+
+@pytest.fixture
+def place(tmp_path, monkeypatch):
+    """An empty store, for this process."""
+    # What packs arguments is a kernel, too, and lies elsewhere.
+    jit.packer()
+    tmp_path.chmod(0o700)
+    monkeypatch.setattr(store, "folder", lambda: tmp_path)
+    return tmp_path
+
+
+def load():
+    """Bring a kernel into memory, see that it works; return whether it came from the store."""
+    code = store.load(small_kernels.has_index, KIND)
+    form = jit.Form(KIND, code)
+    for n in (1, 5):
+        assert form.run(form.pack((ROW, n))) == (ROW[n] > 0.0)
+    return code.is_loaded
+
+
+def entry(place):
+    """Return the only entry."""
+    (path,) = place.glob("*.kernel")
+    return path
+
+
+def test_what_was_compiled_is_loaded(place):
+    assert [load(), load()] == [False, True]
+    assert [path.suffix for path in place.iterdir()] == [".kernel"]
+
+
+DAMAGES = {
+    "empty": lambda content: b"",
+    "cut": lambda content: content[:-100],
+    "cut in its checksum": lambda content: content[: len(store.MAGIC) + 9],
+    "zeroed": lambda content: bytes(len(content)),
+    "zeroed at its end": lambda content: content[:-64] + bytes(64),
+    "other format": lambda content: content.replace(b"kernel 2", b"kernel 1", 1),
+    "longer": lambda content: content + b"\0",
+    **{
+        f"bit {bit} of byte {byte}": lambda content, byte=byte, bit=bit: (
+            content[:byte] + bytes([content[byte] ^ 1 << bit]) + content[byte + 1 :]
+        )
+        for byte, bit in ((0, 0), (25, 3), (60, 7), (200, 1), (-9, 4))
+        if byte >= 0
+    },
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_damage_is_found_and_mended_by_compiling(place, damage):
+    load()
+    path = entry(place)
+    content = path.read_bytes()
+    path.write_bytes(DAMAGES[damage](content))
+    assert not load()
+    assert path.read_bytes() == content
+    assert load()
+
+
+def test_swapped_files_are_damaged(place):
+    load()
+    mine = entry(place)
+    small_row = np.zeros(3, np.float32)
+    other_kind = RecordType(tuple, (type_of(small_row), type_of(1)))
+    store.load(small_kernels.has_index, other_kind)
+    (other,) = set(place.glob("*.kernel")) - {mine}
+    contents = mine.read_bytes(), other.read_bytes()
+    mine.write_bytes(contents[1])
+    other.write_bytes(contents[0])
+    assert len(store.contents(place).damaged) == 2
+    assert not load()
+    assert mine.read_bytes() == contents[0]
+
+
+def test_object_code_that_cannot_be_linked_is_compiled_again(place):
+    load()
+    path = entry(place)
+    header, code = store.read(path)
+    store.write(path, header, code[:64])
+    assert not load()
+    assert store.read(path) == (header, code)
+
+
+def test_a_folder_in_place_of_a_file_is_compiled_around_and_mended(place):
+    load()
+    path = entry(place)
+    path.unlink()
+    (path / "inside").mkdir(parents=True)
+    assert not load()
+    assert not load()
+    found = store.contents(place)
+    assert (found.entries, found.damaged) == (0, [path])
+    assert store.mend(found) == []
+    assert [load(), load()] == [False, True]
+
+
+def test_a_file_that_cannot_be_read_is_compiled_around_and_told(place, monkeypatch):
+    load()
+    path = entry(place)
+    read_bytes = Path.read_bytes
+
+    def refuse(self):
+        if self == path:
+            raise PermissionError(errno.EACCES, "not yours")
+        return read_bytes(self)
+
+    monkeypatch.setattr(Path, "read_bytes", refuse)
+    assert not load()
+    assert store.contents(place).unreadable == [path]
+
+
+def test_a_full_disk_keeps_nothing_and_leaves_nothing(place, monkeypatch):
+    fdopen = os.fdopen
+
+    def full(number, mode):
+        file = fdopen(number, mode)
+        write = file.write
+
+        class Full:
+            def __enter__(self):
+                return self
+
+            def __exit__(self, *error):
+                file.close()
+
+            def write(self, content):
+                write(content[:100])
+                raise OSError(errno.ENOSPC, "no space left on device")
+
+        return Full()
+
+    monkeypatch.setattr(store.os, "fdopen", full)
+    assert not load()
+    assert list(place.iterdir()) == []
+
+
+def test_a_folder_that_cannot_be_written_is_read(place, monkeypatch):
+    load()
+    kept = entry(place)
+
+    def refuse(*arguments, **options):
+        raise OSError(errno.EROFS, "read-only file system")
+
+    monkeypatch.setattr(tempfile, "mkstemp", refuse)
+    monkeypatch.setattr(store, "open", refuse, raising=False)
+    assert load()
+    kept.unlink()
+    assert not load()
+    assert list(place.iterdir()) == []
+
+
+def test_a_home_that_nobody_knows_keeps_nothing(monkeypatch):
+    def unknown():
+        raise RuntimeError("Could not determine home directory.")
+
+    monkeypatch.delenv(store.FOLDER_VARIABLE, raising=False)
+    for name in ("XDG_CACHE_HOME", "LOCALAPPDATA"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(Path, "home", unknown)
+    assert store.folder.__wrapped__() is None
+
+
+def test_the_folder_is_the_users_alone(monkeypatch, tmp_path):
+    monkeypatch.delenv(store.FOLDER_VARIABLE, raising=False)
+    monkeypatch.setattr(store, "_user_cache", lambda: tmp_path)
+    made = store.folder.__wrapped__()
+    assert made == tmp_path / "rasterjit" / "kernels"
+    assert made.stat().st_mode & 0o777 == 0o700 or os.name != "posix"
+
+
+@posix_only
+@pytest.mark.parametrize("mode", [0o777, 0o770, 0o703])
+def test_a_folder_that_others_may_write_to_is_refused_with_one_warning(tmp_path, mode):
+    tmp_path.chmod(mode)
+    found, compiled, _, said = use(tmp_path, ("has_index", "draw_line"))
+    assert found[0] == RESULTS["has_index"]
+    assert {"has_index", "draw_line"} <= {*compiled}
+    assert said.count("RuntimeWarning") == said.count("others may write to it") == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_processes_that_begin_together_compile_once(tmp_path):
+    tmp_path.chmod(0o700)
+    others = [start(tmp_path) for _ in range(3)]
+    outs = [one.communicate()[0] for one in others]
+    assert [one.returncode for one in others] == [0, 0, 0]
+    assert sum(out.count('"has_index"') for out in outs) == 1
+    assert {path.suffix for path in tmp_path.iterdir()} == {".kernel"}
+
+
+DIES_WRITING = "import os; os.replace = lambda *paths: os.kill(os.getpid(), 9)"
+
+SLEEPS = """
+from rasterjit.runtime import compiler
+def sleep(*arguments):
+    import time
+    print("compiling", flush=True)
+    time.sleep(60)
+compiler.compile_form = sleep
+"""
+
+
+@posix_only
+def test_a_process_that_is_killed_as_it_writes_leaves_what_the_next_can_do_without(place):
+    killed = start(place, before=DIES_WRITING)
+    killed.communicate()
+    assert killed.returncode == -signal.SIGKILL
+    suffixes = sorted(path.suffix for path in place.iterdir())
+    assert suffixes == [".lock", ".part"]
+    assert use(place)[0] == [RESULTS["has_index"]]
+    found = store.contents(place)
+    assert [path.suffix for path in found.temporary] == [".part"]
+    # It might still be written.
+    assert store.mend(found) == []
+    assert found.temporary[0].exists()
+    long_ago = time.time() - 2.0 * store.STALE
+    os.utime(found.temporary[0], (long_ago, long_ago))
+    assert store.mend(found) == []
+    assert not found.temporary[0].exists()
+    assert store.contents(place).entries > 0
+
+
+@posix_only
+def test_what_killed_processes_left_long_ago_goes_with_the_next_that_compiles(place):
+    left = place / ".abc.part"
+    left.touch()
+    fresh = place / ".def.part"
+    fresh.touch()
+    long_ago = time.time() - 2.0 * store.STALE
+    os.utime(left, (long_ago, long_ago))
+    load()
+    assert not left.exists()
+    assert fresh.exists()
+
+
+@posix_only
+def test_nobody_waits_for_a_process_that_was_killed_as_it_compiled(place):
+    killed = start(place, before=SLEEPS)
+    assert killed.stdout.readline() == "compiling\n"
+    (claim,) = place.glob("*.lock")
+    found = store.contents(place)
+    # Not while it lives.
+    assert store.mend(found) == []
+    assert claim.exists()
+    killed.kill()
+    killed.communicate()
+    began = time.monotonic()
+    assert use(place)[0] == [RESULTS["has_index"]]
+    assert time.monotonic() - began < 0.8 * store.PATIENCE
+    assert store.mend(store.contents(place)) == []
+    assert list(place.glob("*.lock")) == []
+
+
+def test_bytes_do_not_depend_on_the_order_of_compiling(tmp_path):
+    orders = [("draw_line", "add_lines", "has_index"), ("has_index", "add_lines", "draw_line")]
+    files = []
+    for number, names in enumerate(orders):
+        place = tmp_path / str(number)
+        place.mkdir(mode=0o700)
+        results, compiled, has_numba, _ = use(place, names)
+        assert has_numba
+        assert [name for name in compiled if name in names] == list(names)
+        if names[0] == "draw_line":
+            assert results[:2] == [RESULTS[name] for name in names[:2]]
+        files.append({path.name: path.read_bytes() for path in place.iterdir()})
+    assert files[0] == files[1]
+    # All in one process, from files of both.
+    mixed = tmp_path / "mixed"
+    mixed.mkdir(mode=0o700)
+    for n, name in enumerate(sorted(files[0])):
+        (mixed / name).write_bytes(files[n % 2][name])
+    results, compiled, has_numba, _ = use(mixed, orders[0])
+    assert (compiled, has_numba) == ([], False)
+    assert results[:2] == [RESULTS[name] for name in orders[0][:2]]
+
+
+WITHOUT_NUMBA = "sys.modules['numba'] = None"
+
+
+def test_without_numba_any_versions_entries_are_loaded(tmp_path):
+    tmp_path.chmod(0o700)
+    use(tmp_path)
+    for path in entries(tmp_path).values():
+        header, code = store.read(path)
+        other = path.with_name(f"{path.name.split('.')[0]}.01234567.kernel")
+        store.write(other, header._replace(versions="0.1 0.1"), code)
+        path.unlink()
+    found, compiled, *_ = use(tmp_path, before=WITHOUT_NUMBA)
+    assert (found, compiled) == ([RESULTS["has_index"]], [])
+    assert store.contents(tmp_path).other_versions == len(entries(tmp_path))
+
+
+def test_versions_are_known_without_importing_numba():
+    import llvmlite
+    import numba
+
+    assert store.versions() == f"{numba.__version__} {llvmlite.__version__}"
+
+
+def test_records_of_one_name_are_told_apart():
+    from typing import NamedTuple
+
+    class Line(NamedTuple):
+        slope: float
+        other: float
+
+    kinds = [RecordType(one, (type_of(1.0),) * 2) for one in (Line, small_kernels.Line, tuple)]
+    assert len({store.describe(kind) for kind in kinds}) == 3
+
+
+def test_the_cpu_is_in_the_name():
+    target = store.Target("x86_64-unknown-linux-gnu", "x86-64-v2", "")
+    targets = [
+        target, target._replace(cpu="x86-64-v3"), target._replace(features="+avx"),
+        target._replace(triple="aarch64-unknown-linux-gnu"),
+    ]  # fmt: skip
+    assert len({store.name_of(small_kernels.has_index, KIND, one) for one in targets}) == 4
+
+
+def test_contents_are_counted(place):
+    load()
+    path = entry(place)
+    header, code = store.read(path)
+    others = {
+        "versions": "0.1 0.1", "cpu": "another", "triple": "another", "sources": "0" * 32,
+    }  # fmt: skip
+    for n, (field, value) in enumerate(others.items()):
+        store.write(path.with_name(f"x_{n}.0.kernel"), header._replace(**{field: value}), code)
+    found = store.contents(place)
+    assert found[:4] == (5, 1, 2, 1)
+    assert found.size == sum(one.stat().st_size for one in place.iterdir())
+    assert found[5:] == ([], [], [])
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no such locks")
+def test_a_file_system_without_locks_makes_nobody_wait(place, monkeypatch):
+    import fcntl
+
+    def refuse(*arguments):
+        raise OSError(errno.ENOLCK, "no locks available")
+
+    monkeypatch.setattr(fcntl, "flock", refuse)
+    began = time.monotonic()
+    assert not load()
+    assert time.monotonic() - began < 0.5 * store.PATIENCE
