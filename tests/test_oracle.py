@@ -430,6 +430,7 @@ NAN, INF = math.nan, math.inf
         (lambda: oracle.snap(NAN), "value must be finite, got nan"),
         (lambda: oracle.snap("1"), "value must be a number, got '1'"),
         (lambda: oracle.snap(1, -1), "subpixel_bits must be at least 0, got -1"),
+        (lambda: oracle.snap(1, 2**70), "subpixel_bits must be at most 1074, got 11805916"),
         (lambda: oracle.snap_triangle(R09[:2]), "points must have 3 entries, got 2"),
         (lambda: oracle.edge((0, 0), (1, INF), (0, 0)), r"b\[1\] must be finite, got inf"),
         (lambda: oracle.covers(I01, (np.float32(NAN), 0)), r"point\[0\] must be finite, got .*nan"),

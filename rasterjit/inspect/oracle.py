@@ -69,6 +69,9 @@ Vertex: TypeAlias = tuple[Fraction, Fraction, Fraction, Fraction]
 CENTRE = (Fraction(1, 2), Fraction(1, 2))
 """Where a pixel is sampled, from its upper left corner."""
 
+MOST_SUBPIXEL_BITS = 1074
+"""Bits of the finest sub-pixel grid: every float64 is a multiple of 2**-1074."""
+
 GUARD_PIXELS = 8192
 """Width of the engine's guard band around the image, pixels."""
 
@@ -132,6 +135,14 @@ def _whole_pair(name: str, pair: Sequence[int], least: int | None = None) -> tup
     return _whole(f"{name}[0]", first, least), _whole(f"{name}[1]", second, least)
 
 
+def _bits(subpixel_bits: int) -> int:
+    """Return the bits of a sub-pixel grid, or raise ``ValueError``."""
+    bits = _whole("subpixel_bits", subpixel_bits, 0)
+    if bits > MOST_SUBPIXEL_BITS:
+        raise ValueError(f"subpixel_bits must be at most {MOST_SUBPIXEL_BITS}, got {bits}")
+    return bits
+
+
 def round_half_up(value: Number) -> int:
     """
     Round to the nearest whole number, a tie upwards, as 8-bit colours and lines are.
@@ -173,9 +184,9 @@ def snap(value: Number, subpixel_bits: int = 8) -> int:
     Raises
     ------
     ValueError
-        If the value is not finite or the number of bits is negative.
+        If the value is not finite or the number of bits is not in 0 to 1074.
     """
-    return round(_exact("value", value) * (1 << _whole("subpixel_bits", subpixel_bits, 0)))
+    return round(_exact("value", value) * (1 << _bits(subpixel_bits)))
 
 
 def snap_triangle(
@@ -198,7 +209,7 @@ def snap_triangle(
     Raises
     ------
     ValueError
-        If there are not three points, one is not finite, or the number of bits is negative.
+        If there are not three points, one is not finite, or the bits are not in 0 to 1074.
     """
     return _snapped("points", points, subpixel_bits)
 
@@ -651,7 +662,7 @@ def render_faces(
         is not finite.
     """
     positions = _vectors("clip_positions", clip_positions, 4)
-    bits = _whole("subpixel_bits", subpixel_bits, 0)
+    bits = _bits(subpixel_bits)
     whole_image = (0, 0, *_whole_pair("size", size, 1))
     planes = guard_band(size)
     shown: dict[Pixel, tuple[int, Fraction]] = {}
