@@ -151,7 +151,7 @@ def test_a_pixel_of_hundreds_of_faces():
 def test_too_many_pieces_are_an_error_that_says_where(monkeypatch):
     # Compiled code has its limits built in: the Python side is told by a number.
     def give_up(*arguments):
-        arguments[-2][:] = -1, 7, 5
+        arguments[-3][:] = -1, 7, 5
 
     monkeypatch.setattr(areas, "find_areas", give_up)
     mesh = mesh_of([(3, 3), (20, 4), (5, 14)], [0.25] * 3, SIZE)

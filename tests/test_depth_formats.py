@@ -439,20 +439,20 @@ def test_the_plan_names_a_format_that_is_not_standard(name):
 def test_standard_settings_give_the_kernels_what_they_always_were_given(monkeypatch):
     """Float32 depths, float64 vertices, w: no other form of any kernel is compiled."""
     kinds = []
-    kernels = visibility.draw_tiles_tested, projection.transform_vertices
+    kernels = visibility.draw_tiles, projection.transform_vertices
 
-    def draw(tiles, starts, binned, floors, faces, screen, viewport, frame, scratch, cutouts):
-        kinds.append((floors.dtype, frame[0].dtype, scratch[0].dtype, len(cutouts.geometry.w) == 0))
-        kernels[0](tiles, starts, binned, floors, faces, screen, viewport, frame, scratch, cutouts)
+    def draw(tiles, starts, binned, floors, faces, screen, viewport, frame, scratch, holes):
+        kinds.append((floors.dtype, frame[0].dtype, scratch[0].dtype, holes.depth.dtype))
+        kernels[0](tiles, starts, binned, floors, faces, screen, viewport, frame, scratch, holes)
 
     def transform(vertices, positions, *others):
         kinds.append((positions.dtype, others[0][1].dtype, others[1].dtype, others[-1][0].dtype))
         return kernels[1](vertices, positions, *others)
 
-    monkeypatch.setattr(visibility, "draw_tiles_tested", draw)
+    monkeypatch.setattr(visibility, "draw_tiles", draw)
     monkeypatch.setattr(projection, "transform_vertices", transform)
     scene, camera = rich_scene()
     scene.lights = []
     rj.render(scene, camera, size=(16, 12), threads=1)
     single, double = np.dtype(np.float32), np.dtype(np.float64)
-    assert kinds == [(double, double, double, double), (single, single, single, False)]
+    assert kinds == [(double, double, double, double), (single, single, single, single)]

@@ -69,8 +69,7 @@ MAPS = {
 FILTERED = {
     "prefilter_stage.add_ring", "prefilter_stage.average_columns", "prefilter_stage.project_rows",
 }  # fmt: skip
-TESTED = {"fragments.find_layers_tested", "nearest.draw_tiles_tested"}
-UNTESTED = {"fragments.find_layers", "nearest.draw_tiles"}
+TESTED = {"alpha_test.find_alphas", "alpha_test.keep_shown"}
 BELOW = "texture_lookup.multiply_textures_below_highlights"
 
 GONE = {
@@ -122,7 +121,7 @@ GONE = {
     },
     "transparency": {
         "attributes.find_alphas", "compositing.finish_sums", "compositing.lay_under",
-        "compositing.start_sums", "fragments.find_layers_tested", "fragments.split_lists",
+        "compositing.start_sums", "fragments.find_layers", "fragments.split_lists",
         "tone_map.show_over",
     },
     "anti-aliasing": {
@@ -133,8 +132,6 @@ GONE = {
 """Kernels and stages that a scene of all effects calls for, and does not without each."""
 
 INSTEAD = {
-    "alpha masks": UNTESTED,
-    "vertex colors": UNTESTED,
     "highlights": {"light_stages.add_diffuse_lights", "texture_lookup.multiply_textures"},
     "Gouraud": {"texture_lookup.multiply_textures"},
     # Fog needs the points of what is lit at vertices too.

@@ -316,8 +316,11 @@ def test_an_object_out_of_view_casts_shadows_with_the_holes_of_its_mask(textured
     assert told["alpha masks"] == (True, "1 object outside the view, in shadows alone")
     assert told["textures"][0] is False
     assert not half.plan.needs_cutouts
-    drawing = [k.name for k in list_kernels(half.plan) if k.name.startswith("nearest.draw_tiles")]
-    assert drawing == ["nearest.draw_tiles", "nearest.draw_tiles_tested"]
+    told = [k for k in list_kernels(half.plan) if k.name.startswith("alpha_test.")]
+    assert [(k.name, k.condition) for k in told] == [
+        (f"alpha_test.{name}", "something casts a shadow on what is seen")
+        for name in ("keep_shown", "find_alphas")
+    ]
     darkened = [bright.linear.sum() - frame.linear.sum() for frame in (half, full)]
     assert darkened[1] > 10.0
     assert darkened[0] == pytest.approx(darkened[1] / 2.0, rel=0.1)

@@ -259,13 +259,11 @@ def test_row(depths, numbers, first, lanes, values, steps, thresholds, plane, fa
             numbers[sample] = face
 
 
-def scratch_memory(
-    has_cutouts: bool = False, depth_type: Any = np.float32
-) -> tuple[NDArray[Any], ...]:
+def scratch_memory(depth_type: Any = np.float32) -> tuple[NDArray[Any], ...]:
     """Return the memory that a thread needs to draw, its real numbers in float32."""
     return tuple(
         np.empty(array.shape, np.float32) if array.dtype == np.float64 else array
-        for array in nearest.scratch_memory(has_cutouts, depth_type)
+        for array in nearest.scratch_memory(depth_type)
     )
 
 

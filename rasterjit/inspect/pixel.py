@@ -30,6 +30,7 @@ from rasterjit.pipeline import encode
 from rasterjit.pipeline.geometry import setup
 from rasterjit.pipeline.records import Faces, Objects
 from rasterjit.pipeline.visibility import draw, nearest
+from rasterjit.pipeline.visibility.alpha_test import no_holes
 from rasterjit.rendering import plan as planning
 from rasterjit.rendering import shade
 from rasterjit.rendering.renderer import choose_camera, render
@@ -241,7 +242,8 @@ def _find_faces(drawn: Drawn, x: int, y: int) -> list[FaceAtPixel]:
     # Draw each alone: what it covers, and how deep it is there, is the engine's word.
     depth = np.empty((viewport.height, viewport.width), coverage.depth.dtype)
     face_id = np.empty((viewport.height, viewport.width), np.int32)
-    scratch = nearest.scratch_memory(depth_type=depth.dtype)
+    scratch = nearest.scratch_memory(depth.dtype)
+    test = nearest.tile_test(scratch, coverage.cutouts)
     bottomless = np.full(len(starts) - 1, nearest.empty_depth(depth.dtype))
     one = np.zeros(len(starts), np.int64)
     one[tile + 1 :] = 1
@@ -252,14 +254,13 @@ def _find_faces(drawn: Drawn, x: int, y: int) -> list[FaceAtPixel]:
             np.array([tile], np.int32), one, np.array([triangle], np.int32), bottomless, faces,
             coverage.screen, viewport, (depth, face_id),
         )  # fmt: skip
-        nearest.draw_tiles(*arguments, scratch)
+        nearest.draw_tiles(*arguments, scratch, no_holes(depth.dtype))
         if face_id[y, x] < 0:
             continue
         entry = -float(depth[y, x]), int(face_id[y, x]), triangle
         lost = "" if triangle in kept else "culled"
         if not lost and coverage.cutouts is not None:
-            with_holes = nearest.scratch_memory(True, depth.dtype)
-            nearest.draw_tiles_tested(*arguments, with_holes, coverage.cutouts)
+            nearest.draw_tiles(*arguments, scratch, test.holes)
             lost = "" if face_id[y, x] >= 0 else "cut out"
         found.append((lost, *entry))
     return [_face_at(drawn, x, y, *entry) for entry in sorted(found)]

@@ -67,15 +67,17 @@ from rasterjit.pipeline.geometry.setup import (
     last_sample,
     triangle_of,
 )
+from rasterjit.pipeline.geometry.triangle_batches import gather_triangles, plan_triangles
 from rasterjit.pipeline.records import Faces, Geometry, Objects, ScreenVertices, Viewport
-from rasterjit.pipeline.visibility.alpha_test import EMPTY
 from rasterjit.pipeline.visibility.nearest import (
+    EMPTY,
     NOTHING,
     SCRATCH,
     clear_tile,
-    draw_listed,
+    draw_triangle,
     tile_window,
 )
+from rasterjit.runtime.intrinsics import flat
 from rasterjit.runtime.jit import helper, kernel
 from rasterjit.runtime.state import float64, int32, int64, stored, uint8
 
@@ -182,9 +184,13 @@ def count_samples(
         origin = window[0], window[1]
         for k in range(starts[tile], starts[tile + 1]):
             corners, face = triangle_of(own, pieces, piece_faces, np.int64(binned[k]))
-            draw_listed(
-                binned[k : k + 1], (own, pieces, piece_faces), screen, window, viewport.grid_bits,
-                empty, drawing, None,
+            gather_triangles(
+                binned[k : k + 1], (own, pieces, piece_faces), screen, drawing[2], drawing[3]
+            )
+            plan_triangles(1, window, viewport.grid_bits, drawing[2], drawing[3])
+            draw_triangle(
+                np.uintp(0), drawing[2], drawing[3], window, viewport.grid_bits, empty,
+                (flat(tile_depth), flat(tile_numbers)), drawing[4:9],
             )  # fmt: skip
             box = box_in_tile(corners, screen, viewport, origin)
             samples[k] = take_samples(

@@ -183,8 +183,9 @@ def _geometry_rows(plan: RenderPlan) -> Rows:
         ("tile_depths.find_floors", depth, "a face covers whole tiles"),
     ]
     if plan.needs_faces:
-        tested = "_tested" if plan.needs_cutouts else ""
-        rows.append((f"nearest.draw_tiles{tested}", depth, ""))
+        rows.append(("nearest.draw_tiles", depth, ""))
+        if plan.needs_cutouts:
+            rows += [("alpha_test.keep_shown", depth, ""), ("alpha_test.find_alphas", "", "")]
     return rows
 
 
@@ -232,10 +233,9 @@ def _coverage_rows(plan: RenderPlan) -> Rows:
     samples = plan.quality.samples
     if samples == 1 or samples in SUPERSAMPLED:
         return []
-    tested = "_tested" if plan.needs_cutouts else ""
-    finder = (f"fragments.find_layers{tested}", _kind_of_depth(plan), "")
+    finder = ("fragments.find_layers", _kind_of_depth(plan), "")
     if samples == "area":
-        finder = (f"areas.find_areas{tested}", "", "")
+        finder = ("areas.find_areas", "", "")
     return [("fragments.split_lists", "", ""), finder]
 
 
@@ -271,10 +271,9 @@ def _layer_rows(plan: RenderPlan) -> Rows:
     if plan.layers is None:
         return []
     samples, several = plan.layers.samples, "a pixel shows several faces"
-    tested = "_tested" if plan.needs_cutouts else ""
-    finder = (f"fragments.find_layers{tested}", _kind_of_depth(plan), "")
+    finder = ("fragments.find_layers", _kind_of_depth(plan), "")
     if samples == "area":
-        finder = (f"areas.find_areas{tested}", "", "")
+        finder = ("areas.find_areas", "", "")
     rows = [("fragments.split_lists", "", ""), finder]
     if samples != 1:
         opaque = "a row of tiles is opaque" if plan.layers.has_blended else ""

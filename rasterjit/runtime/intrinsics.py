@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from rasterjit.runtime.jit import intrinsic
+from rasterjit.runtime.jit import MACHINE, intrinsic, raise_failed
 
 LANES = 8
 """Values written at once: a 256-bit register of 32-bit numbers."""
@@ -70,7 +70,9 @@ def store_int64(address: Any, value: Any) -> Any:
 @intrinsic
 def call_at(address: Any, state: Any, first: Any, stop: Any) -> Any:
     """Call ``int64 f(int64, int64, int64)`` at an address."""
-    raise NotImplementedError("machine code calls machine code")
+    word = MACHINE(int(address))(int(state), int(first), int(stop))
+    raise_failed()
+    return word
 
 
 @intrinsic

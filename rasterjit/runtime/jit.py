@@ -183,12 +183,17 @@ class Kernel:
         TypeError
             An argument is of another type than the kernel declares.
         """
+        form, block = self.bind(arguments)
+        return form.run(block)
+
+    def bind(self, arguments: tuple[Any, ...]) -> tuple[Form, Any]:
+        """Return the form for some arguments, and a state block. It does not keep them alive."""
         for form in self.forms:
             block = form.pack(arguments)
             if block is not None:
-                return form.run(block)
+                return form, block
         form = self.form_for(self._kind_for(arguments))
-        return form.run(form.pack_slowly(arguments))
+        return form, form.pack_slowly(arguments)
 
     def _kind_for(self, arguments: tuple[Any, ...]) -> RecordType:
         if not self.declared:
@@ -217,6 +222,39 @@ class Kernel:
                 form = Form(kind, load(self, kind))
             self.forms = [*self.forms, form]
             return form
+
+
+FAILED: list[BaseException] = []
+"""What went wrong in kernels that plain or checked ones called by address."""
+
+
+def raise_failed() -> None:
+    """Raise what went wrong in a kernel that was called by address."""
+    if FAILED:
+        raise FAILED.pop()
+
+
+class Bound:
+    """A kernel and its arguments, which other kernels call by `words` (``intrinsics.call_at``)."""
+
+    def __init__(self, kernel: Any, *arguments: Any) -> None:
+        self._kernel, self._arguments = kernel, arguments  # Their memory must stay.
+        if DISABLED or CHECKED:
+            self._machine = MACHINE(self._run)
+            address, state = ctypes.cast(self._machine, ctypes.c_void_p).value, 0
+        else:
+            form, self._block = kernel.bind(arguments)
+            address, state = form.address, ctypes.addressof(self._block)
+        self.words = np.array([address, state], np.int64)
+        """(2,) int64: the addresses of the machine code and of the state block."""
+
+    def _run(self, *_: int) -> int:
+        """Run the kernel without machine code of our own. C has no way for an error: keep it."""
+        try:
+            return int(self._kernel(*self._arguments) or 0)
+        except Exception as error:
+            FAILED.append(error)
+            return 0
 
 
 class RawKernel:
@@ -338,7 +376,10 @@ class CheckedKernel:
             from rasterjit.runtime.compiler import checked
 
             self._dispatcher = checked(self.function)
-        return self._dispatcher(*arguments)
+        try:
+            return self._dispatcher(*arguments)
+        finally:
+            raise_failed()
 
 
 class Helper:

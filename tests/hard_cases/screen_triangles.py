@@ -12,6 +12,7 @@ from rasterjit.pipeline.geometry import setup
 from rasterjit.pipeline.records import Faces, Objects
 from rasterjit.pipeline.visibility import draw as drawing
 from rasterjit.pipeline.visibility import nearest
+from rasterjit.pipeline.visibility.alpha_test import no_holes
 from rasterjit.pipeline.visibility.draw import viewport_of
 from rasterjit.runtime import threads
 
@@ -99,5 +100,8 @@ def draw_tile(positions, faces, column, row, bits=8):
     frame = np.empty(LARGEST, np.float32), np.empty(LARGEST, np.int32)
     scratch = nearest.scratch_memory()
     tiles = np.array([row * (LARGEST[0] // TILE) + column], np.int32)
-    nearest.draw_tiles(tiles, starts, binned, floors, drawn, screen, viewport, frame, scratch)
+    holes = no_holes(frame[0].dtype)
+    nearest.draw_tiles(
+        tiles, starts, binned, floors, drawn, screen, viewport, frame, scratch, holes
+    )
     return frame[1][row * TILE : (row + 1) * TILE, column * TILE : (column + 1) * TILE].copy()

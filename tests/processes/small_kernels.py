@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from rasterjit.runtime.intrinsics import flat
+import numpy as np
+
+from rasterjit.runtime.intrinsics import call_at, flat
 from rasterjit.runtime.jit import disjoint_helper, helper, kernel
 
 
@@ -61,3 +63,9 @@ def sum_image(image, out):
 def has_index(row, n):
     """Tell whether an element is positive; nobody looks whether it is there."""
     return row[n] > 0.0
+
+
+@kernel
+def call(words):
+    """Call a kernel by its words; return what it returns."""
+    return call_at(words[0], words[1], np.int64(0), np.int64(0))

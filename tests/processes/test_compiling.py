@@ -201,9 +201,15 @@ import sys
 sys.path.insert(0, sys.argv[1])
 import numpy as np
 import small_kernels
+from rasterjit.runtime.jit import Bound
+
+def by_address(n):
+    bound = Bound(small_kernels.has_index, np.ones(3), n)
+    return small_kernels.call(bound.words)
 
 for call in (
     lambda: small_kernels.has_index(np.ones(3), 7),
+    lambda: by_address(7),
     # Two helpers deep, one of them disjoint.
     lambda: small_kernels.draw_line(small_kernels.Line(2.0, 1.0), np.ones(4), np.zeros(3)),
     lambda: small_kernels.add_lines(small_kernels.Line(2.0, 1.0), np.ones(4), np.zeros(3)),
@@ -212,12 +218,12 @@ for call in (
         call()
     except IndexError:
         print("caught", end=" ")
-print(small_kernels.has_index(np.ones(3), 2))
+print(small_kernels.has_index(np.ones(3), 2), by_address(2))
 """
 
 
 @pytest.mark.parametrize("lane", ["NUMBA_BOUNDSCHECK", "NUMBA_DISABLE_JIT"])
 def test_a_bad_index_is_caught_where_indices_are_checked(tmp_path, lane):
     environment = {lane: "1", "RASTERJIT_CACHE_DIR": str(tmp_path)}
-    assert run(BAD_INDEX, HERE, **environment)[0] == "caught caught caught True"
+    assert run(BAD_INDEX, HERE, **environment)[0] == "caught caught caught caught True 1"
     assert list(tmp_path.iterdir()) == []

@@ -133,13 +133,14 @@ class ShadowMaps(Effect):
 
     def kernels(self, plan: RenderPlan) -> dict[str, Rows]:
         """Return what draws the maps: the kernels of any picture, with the lights as cameras."""
-        tested = "_tested" if plan.facts.shades_through_holes else ""
         cast = "something casts a shadow on what is seen"
+        holes = ("keep_shown", "find_alphas") if plan.facts.shades_through_holes else ()
         return {
             "prepare": [
                 ("receivers.find_depth_ranges", "", ""),
                 ("projection.transform_vertices", "", cast),
-                (f"nearest.draw_tiles{tested}", "", cast),
+                ("nearest.draw_tiles", "", cast),
+                *((f"alpha_test.{name}", "", cast) for name in holes),
             ]
         }
 

@@ -24,8 +24,8 @@ import numpy as np
 
 from rasterjit.pipeline.fragments.compositing import empty_row
 from rasterjit.pipeline.geometry.setup import TILE_BITS, triangle_of
-from rasterjit.pipeline.records import Cutouts, Faces, ScreenVertices, Viewport
-from rasterjit.pipeline.visibility.alpha_test import PIXEL_MEMORY, is_hole
+from rasterjit.pipeline.records import Faces, ScreenVertices, Viewport
+from rasterjit.pipeline.visibility.alpha_test import Question, is_hole
 from rasterjit.pipeline.visibility.nearest import tile_window
 from rasterjit.runtime.jit import helper, kernel
 from rasterjit.runtime.state import float32, float64, int32, int64
@@ -264,15 +264,16 @@ def reach_of(triangle, polygon, corners, column, row):
 
 
 @helper
-def find_candidates(in_row, many, triangles, column, row, candidates, polygons, corners, work,
-                    memory, cutouts):  # fmt: skip
+def find_candidates(
+    in_row, many, triangles, column, row, candidates, polygons, corners, work, question
+):  # fmt: skip
     """List the triangles in a pixel that none in front covers wholly; return how many."""
     count, floor = np.int64(0), -np.inf
     for n in range(many):
         triangle = triangles[in_row[n]]
         if is_beside(triangle, X, column):
             continue
-        if is_hole(np.int64(triangle[FACE]), column, row, memory, cutouts):
+        if is_hole(np.int64(triangle[FACE]), column, row, question):
             continue
         size = cut_to_pixel(triangle, column, row, work[2][0], polygons[count])
         area = area_of(polygons[count], size)
@@ -363,55 +364,12 @@ SCRATCH = (
 """The types of `scratch_memory`."""
 
 
-@helper
-def find_all(
-    rows, starts, binned, faces, screen, viewport, shown, shares, rest, deepest, scratch, memory,
-    cutouts,
-):  # fmt: skip
-    """Find the areas of some rows; ``cutouts`` None: no object has holes."""
-    triangles, in_row, candidates, polygons, corners, areas = scratch[:6]
-    work, parts = scratch[6:9], (faces.faces, faces.pieces, faces.piece_faces)
-    columns = (np.int64(viewport.width) + (1 << TILE_BITS) - 1) >> TILE_BITS
-    most = np.int64(0), np.int64(0), np.int64(0)
-    for row in range(rows[1] - rows[0]):
-        for layer in range(shown.shape[0]):
-            empty_row(shown[layer, row])
-    for tile_column in range(columns):
-        tile = (rows[0] >> TILE_BITS) * columns + tile_column
-        left, _, right, _ = tile_window(tile, columns, viewport)
-        listed = binned[starts[tile] : starts[tile + 1]]
-        set_up_triangles(listed, parts, screen, viewport.grid_bits, triangles)
-        for row in range(rows[1] - rows[0]):
-            y, many = np.float64(rows[0] + row), np.int64(0)
-            for n in range(listed.shape[0]):
-                if not is_beside(triangles[n], Y, y):
-                    in_row[many] = n
-                    many += 1
-            for column in range(left, right + 1):
-                x = np.float64(column)
-                count = find_candidates(
-                    in_row, many, triangles, x, y, candidates, polygons, corners, work, memory,
-                    cutouts,
-                )  # fmt: skip
-                total = share_pixel(
-                    count, candidates, triangles, x, y, polygons, corners, work, areas
-                )
-                if total < 0.0:
-                    deepest[0], deepest[1], deepest[2] = -1, column, rows[0] + row
-                    return
-                found = write_pixel(
-                    count, candidates, triangles, areas, total, shown, shares, rest, row, column
-                )
-                if found > most[0]:
-                    most = found, np.int64(column), np.int64(rows[0] + row)
-    deepest[0], deepest[1], deepest[2] = most
-
-
 @kernel
 def find_areas(
     rows: (int64, int64), starts: int64[::1], binned: int32[::1], faces: Faces,
     screen: ScreenVertices, viewport: Viewport, shown: int32[:, :, ::1], shares: float32[:, :, ::1],
     rest: float32[:, ::1], deepest: int64[::1], scratch: SCRATCH,
+    question: Question,
 ):  # fmt: skip
     """
     Find the faces of each pixel of some rows, and the share of its area that shows them.
@@ -434,32 +392,41 @@ def find_areas(
         are missing; -1 for a pixel that falls into too many pieces.
     scratch : tuple
         This thread's own, from `scratch_memory`, for the longest of the lists.
+    question : Question
+        Of an ``alpha_test.AlphaTest``. A face has one alpha in a pixel: at its centre.
     """
-    find_all(
-        rows, starts, binned, faces, screen, viewport, shown, shares, rest, deepest, scratch,
-        None, None,
-    )  # fmt: skip
-
-
-@kernel
-def find_areas_tested(
-    rows: (int64, int64), starts: int64[::1], binned: int32[::1], faces: Faces,
-    screen: ScreenVertices, viewport: Viewport, shown: int32[:, :, ::1], shares: float32[:, :, ::1],
-    rest: float32[:, ::1], deepest: int64[::1], scratch: SCRATCH,
-    memory: PIXEL_MEMORY, cutouts: Cutouts,
-):  # fmt: skip
-    """
-    Find the same where objects may have holes. A face has one alpha in a pixel: at its centre.
-
-    Parameters
-    ----------
-    rows, starts, binned, faces, screen, viewport, shown, shares, rest, deepest, scratch
-        As `find_areas` takes them.
-    memory : tuple
-        This thread's own, from ``alpha_test.pixel_memory``.
-    cutouts : Cutouts
-    """
-    find_all(
-        rows, starts, binned, faces, screen, viewport, shown, shares, rest, deepest, scratch,
-        memory, cutouts,
-    )  # fmt: skip
+    triangles, in_row, candidates, polygons, corners, areas = scratch[:6]
+    work, parts = scratch[6:9], (faces.faces, faces.pieces, faces.piece_faces)
+    columns = (np.int64(viewport.width) + (1 << TILE_BITS) - 1) >> TILE_BITS
+    most = np.int64(0), np.int64(0), np.int64(0)
+    for row in range(rows[1] - rows[0]):
+        for layer in range(shown.shape[0]):
+            empty_row(shown[layer, row])
+    for tile_column in range(columns):
+        tile = (rows[0] >> TILE_BITS) * columns + tile_column
+        left, _, right, _ = tile_window(tile, columns, viewport)
+        listed = binned[starts[tile] : starts[tile + 1]]
+        set_up_triangles(listed, parts, screen, viewport.grid_bits, triangles)
+        for row in range(rows[1] - rows[0]):
+            y, many = np.float64(rows[0] + row), np.int64(0)
+            for n in range(listed.shape[0]):
+                if not is_beside(triangles[n], Y, y):
+                    in_row[many] = n
+                    many += 1
+            for column in range(left, right + 1):
+                x = np.float64(column)
+                count = find_candidates(
+                    in_row, many, triangles, x, y, candidates, polygons, corners, work, question
+                )
+                total = share_pixel(
+                    count, candidates, triangles, x, y, polygons, corners, work, areas
+                )
+                if total < 0.0:
+                    deepest[0], deepest[1], deepest[2] = -1, column, rows[0] + row
+                    return
+                found = write_pixel(
+                    count, candidates, triangles, areas, total, shown, shares, rest, row, column
+                )
+                if found > most[0]:
+                    most = found, np.int64(column), np.int64(rows[0] + row)
+    deepest[0], deepest[1], deepest[2] = most

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from rasterjit.pipeline.fragments import areas, fragments
 from rasterjit.pipeline.geometry.setup import TILE_SIZE
 from rasterjit.pipeline.records import Cutouts, Faces, Geometry, ScreenVertices, Viewport
-from rasterjit.pipeline.visibility import draw
-from rasterjit.pipeline.visibility.alpha_test import pixel_memory
+from rasterjit.pipeline.visibility import draw, nearest
+from rasterjit.pipeline.visibility.alpha_test import AlphaTest
 from rasterjit.pipeline.visibility.draw import Coverage
 from rasterjit.runtime.threads import Memory, Workers
 
@@ -167,7 +167,8 @@ def find_layers(
     viewport = shader.geometry.viewport
     width, height = viewport.width, rows[1] - rows[0]
     shifts = sample_shifts(samples, viewport.grid_bits)
-    scratch = fragments.scratch_memory(shader.cutouts is not None, lists.depth_type)
+    scratch = fragments.scratch_memory(lists.depth_type)
+    test = nearest.tile_test(scratch[0], shader.cutouts)
     deepest = np.empty(3, np.int64)
     room = 0 if len(lists.parted) == 0 else min(FIRST_GUESS, kept or FIRST_GUESS)
     while True:
@@ -175,14 +176,10 @@ def find_layers(
         found = memory.empty(shape, lists.depth_type), memory.empty(shape, np.int32)
         opaque = memory.empty((samples, height, width), np.int32)
         used = np.empty((samples, -(-width // TILE_SIZE)), np.int64)
-        arguments = (
+        fragments.find_layers(
             rows, lists.starts, lists.middles, lists.parted, lists.faces, lists.screen, viewport,
-            shifts, opaque, found, used, deepest, scratch,
+            shifts, opaque, found, used, deepest, scratch, test.holes,
         )  # fmt: skip
-        if shader.cutouts is None:
-            fragments.find_layers(*arguments)
-        else:
-            fragments.find_layers_tested(*arguments, shader.cutouts)
         needed, column, row = map(int, deepest)
         needed = needed if kept is None else min(needed, kept)
         most = min(MOST_LAYERS, MOST_BYTES // (BYTES_PER_FRAGMENT * samples * width))
@@ -210,6 +207,7 @@ def find_areas(
     viewport = shader.geometry.viewport
     shape = rows[1] - rows[0], viewport.width
     own, deepest = areas.scratch_memory(int(np.diff(lists.starts).max())), np.empty(3, np.int64)
+    test = AlphaTest(shader.cutouts)
     room = FIRST_GUESS
     while True:
         found = (
@@ -217,14 +215,10 @@ def find_areas(
             memory.empty((room, *shape), np.float32),
             memory.empty(shape, np.float32),
         )
-        arguments = (
+        areas.find_areas(
             rows, lists.starts, lists.parted, lists.faces, lists.screen, viewport, *found, deepest,
-            own,
+            own, test.question,
         )  # fmt: skip
-        if shader.cutouts is None:
-            areas.find_areas(*arguments)
-        else:
-            areas.find_areas_tested(*arguments, pixel_memory(), shader.cutouts)
         count, column, row = map(int, deepest)
         if count < 0 or count * shape[0] * shape[1] * BYTES_PER_FRAGMENT > MOST_BYTES:
             raise ValueError(

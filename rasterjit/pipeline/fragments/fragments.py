@@ -43,19 +43,18 @@ from rasterjit.pipeline.geometry.triangle_batches import (
 from rasterjit.pipeline.records import Cutouts, Faces, ScreenVertices, Viewport
 from rasterjit.pipeline.visibility import nearest
 from rasterjit.pipeline.visibility.alpha_test import (
-    EMPTY,
-    PIXEL_MEMORY,
+    AlphaTest,
+    Holes,
+    Question,
+    begin_batch,
+    find_owner,
     is_hole,
-    keep_shown,
-    own_tile,
-    owner_of,
-    pixel_memory,
-    tile_for,
+    keep,
 )
 from rasterjit.pipeline.visibility.nearest import (
+    EMPTY,
     NOTHING,
     SCRATCH,
-    SCRATCH_TESTED,
     clear_tile,
     draw_triangle,
     tile_window,
@@ -117,23 +116,6 @@ def gather_shifted(listed, parts, screen, window, bits, shift, whole, real):
             whole[AX + 2 * k, n] += shift[0]
             whole[AY + 2 * k, n] += shift[1]
     plan_triangles(count, window, bits, whole, real)
-
-
-@helper
-def draw_opaque(listed, parts, screen, window, bits, shift, scratch, cutouts):
-    """Draw the listed triangles of a tile; the nearest is seen."""
-    tile_depth, tile_numbers, whole, real = scratch[:4]
-    tile = flat(tile_depth), flat(tile_numbers)
-    own = own_tile(tile, scratch, cutouts)
-    for first in range(0, listed.shape[0], BATCH):
-        some = listed[first : min(first + BATCH, listed.shape[0])]
-        gather_shifted(some, parts, screen, window, bits, shift, whole, real)
-        count, owner, waiting = np.uintp(some.shape[0]), np.int64(0), np.int64(0)
-        for n in range(count):
-            owner = owner_of(whole[FACE, n], owner, cutouts)
-            target = tile_for(owner, tile, own, cutouts)
-            draw_triangle(n, whole, real, window, bits, scratch[EMPTY][0], target, scratch[4:9])
-            waiting = keep_shown(n, count, owner, waiting, whole, window, shift, scratch, cutouts)
 
 
 @disjoint_helper
@@ -229,23 +211,38 @@ def insert_triangle(
 
 
 @helper
-def insert_listed(
-    listed, parts, screen, window, bits, shift, layers, sample, scratch, spare
+def draw_part(
+    listed, is_opaque, parts, screen, window, bits, shift, layers, sample, drawing, spare, holes
 ):  # fmt: skip
-    """Insert the listed triangles of a tile into its layers; return how many are in use."""
-    whole, real, empty = scratch[2], scratch[3], scratch[EMPTY][0]
-    drawn, numbers, counts = spare[0], spare[1], spare[2]
-    used = np.int64(0)
-    tile = flat(drawn), flat(numbers)
+    """
+    Draw the listed triangles of a tile, opaque or transparent ones.
+
+    Of opaque ones the nearest is seen; others are inserted into the layers before them. Returns how
+    many layers are in use.
+    """
+    whole, real, empty = drawing[2], drawing[3], drawing[EMPTY][0]
+    tile, own = (flat(drawing[0]), flat(drawing[1])), (flat(holes.depth), flat(holes.numbers))
+    alone, counts, used = (flat(spare[0]), flat(spare[1])), spare[2], np.int64(0)
+    some_are = is_opaque and holes.cutoffs.shape[0] > 0
     for first in range(0, listed.shape[0], BATCH):
         some = listed[first : min(first + BATCH, listed.shape[0])]
         gather_shifted(some, parts, screen, window, bits, shift, whole, real)
+        owner, is_tested = np.int64(0), False
+        if some_are:
+            begin_batch(holes, some.shape[0], window, shift)
         for n in range(np.uintp(some.shape[0])):
-            draw_triangle(n, whole, real, window, bits, empty, tile, scratch[4:9])
-            used = insert_triangle(
-                n, whole, window, drawn, empty, (scratch[0], scratch[1]), counts, layers, sample,
-                used, (spare[3], spare[4]),
-            )  # fmt: skip
+            if some_are:
+                owner, is_tested = find_owner(whole[FACE, n], owner, holes)
+            target = tile if is_opaque else alone
+            target = own if is_tested else target
+            draw_triangle(n, whole, real, window, bits, empty, target, drawing[4:9])
+            if is_tested:
+                keep(n, owner, holes)
+            if not is_opaque:
+                used = insert_triangle(
+                    n, whole, window, spare[0], empty, (drawing[0], drawing[1]), counts, layers,
+                    sample, used, (spare[3], spare[4]),
+                )  # fmt: skip
     return used
 
 
@@ -267,7 +264,7 @@ def copy_row(source, target):
 
 
 def scratch_memory(
-    has_cutouts: bool = False, depth_type: Any = np.float32
+    depth_type: Any = np.float32,
 ) -> tuple[tuple[NDArray[Any], ...], tuple[NDArray[Any], ...]]:
     """Return the memory that a thread needs: to draw, and to draw a triangle alone."""
     alone = (
@@ -277,55 +274,11 @@ def scratch_memory(
         np.empty(TILE_SIZE, depth_type),
         np.empty(TILE_SIZE, np.int32),
     )
-    return nearest.scratch_memory(has_cutouts, depth_type), alone
+    return nearest.scratch_memory(depth_type), alone
 
 
 ALONE = stored[:, ::1], int32[:, ::1], int32[:, ::1], stored[::1], int32[::1]
 """The types of the memory to draw a triangle alone."""
-
-
-@helper
-def find_all(
-    rows, starts, middles, parted, faces, screen, viewport, shifts, opaque, layers, used, deepest,
-    scratch, cutouts,
-):  # fmt: skip
-    """Find the layers of some rows; ``cutouts`` None: no object has holes."""
-    parts = faces.faces, faces.pieces, faces.piece_faces
-    drawing, spare = scratch
-    columns = used.shape[1]
-    most = np.int64(0), np.int64(0), np.int64(0)
-    counts, empty = spare[2], drawing[EMPTY][0]
-    for sample in range(shifts.shape[0]):
-        shift = shifts[sample, 0], shifts[sample, 1]
-        for column in range(columns):
-            tile = (rows[0] >> TILE_BITS) * columns + column
-            left, _, right, _ = tile_window(tile, columns, viewport)
-            window = left, np.int64(rows[0]), right, np.int64(rows[1]) - 1
-            clear_tile(drawing[0], drawing[1], empty)
-            listed = parted[starts[tile] : middles[tile]]
-            draw_opaque(listed, parts, screen, window, viewport.grid_bits, shift, drawing, cutouts)
-            for row in range(rows[1] - rows[0]):
-                copy_row(drawing[1][row, : right + 1 - left], opaque[sample, row, left : right + 1])
-            used[sample, column] = 0
-            listed = parted[middles[tile] : starts[tile + 1]]
-            if listed.shape[0] == 0:
-                continue
-            for row in range(TILE_SIZE):
-                for i in range(TILE_SIZE):
-                    counts[row, i] = 0
-            used[sample, column] = insert_listed(
-                listed, parts, screen, window, viewport.grid_bits, shift, layers, sample, drawing,
-                spare,
-            )  # fmt: skip
-            most = deepest_of(counts, window, most)
-    # Empty the layers that only other tiles use.
-    needed = min(most[0], np.int64(layers[1].shape[1]))
-    for sample in range(shifts.shape[0]):
-        for column in range(columns):
-            left, right = column << TILE_BITS, min((column + 1) << TILE_BITS, layers[1].shape[3])
-            for level in range(used[sample, column], needed):
-                clear_layer(layers, empty, sample, level, left, right)
-    deepest[0], deepest[1], deepest[2] = most
 
 
 @kernel
@@ -333,7 +286,7 @@ def find_layers(
     rows: (int64, int64), starts: int64[::1], middles: int64[::1], parted: int32[::1], faces: Faces,
     screen: ScreenVertices, viewport: Viewport, shifts: int32[:, ::1], opaque: int32[:, :, ::1],
     layers: (stored[:, :, :, ::1], int32[:, :, :, ::1]), used: int64[:, ::1], deepest: int64[::1],
-    scratch: (SCRATCH, ALONE),
+    scratch: (SCRATCH, ALONE), holes: Holes,
 ):  # fmt: skip
     """
     Find the opaque surface and the transparent ones before it, for some rows of the frame.
@@ -361,41 +314,49 @@ def find_layers(
         they are more than K, some are missing.
     scratch : tuple
         This thread's own, from `scratch_memory`.
+    holes : Holes
+        As ``nearest.draw_tiles`` takes it, for the scratch memory to draw.
     """
-    find_all(
-        rows, starts, middles, parted, faces, screen, viewport, shifts, opaque, layers, used,
-        deepest, scratch, None,
-    )  # fmt: skip
-
-
-@kernel
-def find_layers_tested(
-    rows: (int64, int64), starts: int64[::1], middles: int64[::1], parted: int32[::1], faces: Faces,
-    screen: ScreenVertices, viewport: Viewport, shifts: int32[:, ::1], opaque: int32[:, :, ::1],
-    layers: (stored[:, :, :, ::1], int32[:, :, :, ::1]), used: int64[:, ::1], deepest: int64[::1],
-    scratch: (SCRATCH_TESTED, ALONE), cutouts: Cutouts,
-):  # fmt: skip
-    """
-    Find the same where objects may have holes.
-
-    Parameters
-    ----------
-    rows, starts, middles, parted, faces, screen, viewport, shifts, opaque, layers, used, deepest
-        As `find_layers` takes them.
-    scratch : tuple
-        This thread's own, from `scratch_memory`, with what holes take.
-    cutouts : Cutouts
-    """
-    find_all(
-        rows, starts, middles, parted, faces, screen, viewport, shifts, opaque, layers, used,
-        deepest, scratch, cutouts,
-    )  # fmt: skip
+    parts = faces.faces, faces.pieces, faces.piece_faces
+    drawing, spare = scratch
+    columns = used.shape[1]
+    most = np.int64(0), np.int64(0), np.int64(0)
+    counts, empty = spare[2], drawing[EMPTY][0]
+    for sample in range(shifts.shape[0]):
+        shift = shifts[sample, 0], shifts[sample, 1]
+        for column in range(columns):
+            tile = (rows[0] >> TILE_BITS) * columns + column
+            left, _, right, _ = tile_window(tile, columns, viewport)
+            window = left, np.int64(rows[0]), right, np.int64(rows[1]) - 1
+            clear_tile(drawing[0], drawing[1], empty)
+            for part in range(2):
+                start = starts[tile] if part == 0 else middles[tile]
+                stop = middles[tile] if part == 0 else starts[tile + 1]
+                if part == 1 and start < stop:
+                    for row in range(TILE_SIZE):
+                        for i in range(TILE_SIZE):
+                            counts[row, i] = 0
+                used[sample, column] = draw_part(
+                    parted[start:stop], part == 0, parts, screen, window, viewport.grid_bits,
+                    shift, layers, sample, drawing, spare, holes,
+                )  # fmt: skip
+                if part == 1 and start < stop:
+                    most = deepest_of(counts, window, most)
+            for row in range(rows[1] - rows[0]):
+                copy_row(drawing[1][row, : right + 1 - left], opaque[sample, row, left : right + 1])
+    # Empty the layers that only other tiles use.
+    needed = min(most[0], np.int64(layers[1].shape[1]))
+    for sample in range(shifts.shape[0]):
+        for column in range(columns):
+            left, right = column << TILE_BITS, min((column + 1) << TILE_BITS, layers[1].shape[3])
+            for level in range(used[sample, column], needed):
+                clear_layer(layers, empty, sample, level, left, right)
+    deepest[0], deepest[1], deepest[2] = most
 
 
 @kernel
 def drop_holes(
-    first_row: int64, faces: int32[:, :, ::1], kept: int64[:, :, ::1], memory: PIXEL_MEMORY,
-    cutouts: Cutouts,
+    first_row: int64, faces: int32[:, :, ::1], kept: int64[:, :, ::1], question: Question,
 ):  # fmt: skip
     """
     Leave the layers of each pixel that have no hole there, nearest first.
@@ -408,9 +369,8 @@ def drop_holes(
         The faces of each pixel, nearest first; -1 behind the last. Changed.
     kept : (K, R, W) int64
         Written: which layer each of the layers that are left was; behind the last as it is.
-    memory : tuple
-        This thread's own, from ``alpha_test.pixel_memory``.
-    cutouts : Cutouts
+    question : Question
+        Of an ``alpha_test.AlphaTest``.
     """
     levels, rows, columns = faces.shape
     for row in range(rows):
@@ -419,7 +379,7 @@ def drop_holes(
             for level in range(levels):
                 face = np.int64(faces[level, row, column])
                 kept[level, row, column] = level
-                if face < 0 or is_hole(face, column, first_row + row, memory, cutouts):
+                if face < 0 or is_hole(face, column, first_row + row, question):
                     continue
                 faces[count, row, column] = face
                 kept[count, row, column] = level
@@ -433,5 +393,6 @@ def without_holes(
 ) -> tuple[NDArray[np.int32], NDArray[Any]]:
     """Return the layers of some rows, (K, R, W), less those that have a hole at a pixel."""
     kept = np.empty(faces.shape, np.int64)
-    drop_holes(first_row, faces, kept, pixel_memory(), cutouts)
+    test = AlphaTest(cutouts)
+    drop_holes(first_row, faces, kept, test.question)
     return faces, np.take_along_axis(depths, kept, axis=0)

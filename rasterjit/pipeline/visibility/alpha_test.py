@@ -11,11 +11,15 @@ Alpha is that of the material times that of the vertex or face colours times tha
 texture, each as shading would show it at that sample: the same weights, also where a face was
 clipped, and the same filter, with the mip level that the picture at hand calls for (a shadow map
 has levels of its own). Samples beside a pixel's centre have their own alpha, at the centre's level.
+
+What draws tiles, or looks at pixels, calls the kernels here by their address (``jit.Bound``): they
+are compiled once for all of it, and only where an object has holes.
 """
 
 from __future__ import annotations
 
-from typing import Any
+import functools
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -30,6 +34,7 @@ from rasterjit.pipeline.geometry.barycentric import (
 from rasterjit.pipeline.geometry.setup import CLIPPED, TILE_SIZE, last_at_most, narrow_edge
 from rasterjit.pipeline.geometry.triangle_batches import BOTTOM, LEFT, RIGHT, TOP
 from rasterjit.pipeline.geometry.triangle_batches import FACE as NUMBER
+from rasterjit.pipeline.records import Cutouts
 from rasterjit.pipeline.surface import texture_lookup
 from rasterjit.pipeline.surface.listing import whole_vectors
 from rasterjit.pipeline.surface.samples import (
@@ -58,18 +63,12 @@ from rasterjit.pipeline.surface.texture_gradients import (
 )
 from rasterjit.pipeline.surface.texture_lookup import OWNER, SHOWN, STEPS, U, V, show_textures
 from rasterjit.pipeline.surface.textures import BASE_COLOR, FIRST_LEVEL, place_step, scaled_slopes
-from rasterjit.runtime.intrinsics import LANES, flat, spread
-from rasterjit.runtime.jit import disjoint_helper, helper
+from rasterjit.runtime.intrinsics import LANES, call_at, flat, spread
+from rasterjit.runtime.jit import Bound, disjoint_helper, helper, kernel
 from rasterjit.runtime.state import float32, float64, int32, int64, stored
 
 ALPHA = 3
 """Column of colours and of materials."""
-
-EMPTY, OWN_DEPTH, OWN_NUMBERS, WAITING = 9, 10, 11, 12
-"""
-Where scratch memory holds the depth of nothing, the tile that a triangle with holes is drawn into,
-and what waits.
-"""
 
 ENOUGH = 192
 """Samples that wait no longer."""
@@ -86,37 +85,54 @@ ALPHA_MEMORY = (
 )  # fmt: skip
 """The types of `alpha_memory`."""
 
-PIXEL_MEMORY = int32[::1], ALPHA_MEMORY
-"""The types of `pixel_memory`."""
+FIRST_SAMPLE, SAMPLES, OBJECT, SHIFT_X, SHIFT_Y = range(5)
+"""
+Elements of ``Question.asked``: the first sample in the list and how many, their object, and their
+way to the pixels' centres on the sub-pixel grid.
+"""
 
-WAITING_MEMORY = (int32[::1], int32[::1], stored[::1]), ALPHA_MEMORY
-"""The types of `waiting_memory`."""
+NTH, BATCH_COUNT, OWNER_AT_HAND, WAITING, LEFT_COLUMN, TOP_ROW, MOVED_X, MOVED_Y = range(8)
+"""
+Elements of ``Holes.asked``: the number of a triangle in its batch of so many, its object, how many
+samples wait, the tile's first pixel, and what the vertices were moved by on the sub-pixel grid.
+"""
+
+
+class Question(NamedTuple):
+    """How a kernel asks for the alphas of samples of one object."""
+
+    face_starts: int64[::1]
+    cutoffs: float32[::1]
+    """As ``Cutouts`` has them; of no objects where none has holes."""
+    asked: int64[::1]
+    faces: int32[::1]
+    """The face of each sample."""
+    pixels: int32[:, ::1]
+    """In rows ``COLUMN`` and ``ROW``: the pixel of each sample."""
+    alphas: float32[::1]
+    """The answers."""
+    call: int64[::1]
+    """How to call `find_alphas`."""
+
+
+class Holes(NamedTuple):
+    """How a kernel that draws into a tile leaves out the holes of triangles."""
+
+    face_starts: int64[::1]
+    cutoffs: float32[::1]
+    """As ``Cutouts`` has them; of no objects where none has holes."""
+    depth: stored[:, ::1]
+    numbers: int32[:, ::1]
+    """The tile that triangles with holes are drawn into: empty before and after."""
+    asked: int64[::1]
+    call: int64[::1]
+    """How to call `keep_shown`."""
 
 
 @helper
-def owner_of(face, guess, cutouts):
-    """Return the object that owns a face, if that makes a difference; a guess is tried first."""
-    if cutouts is None:
-        return guess
-    return find_object(np.int64(face), cutouts.face_starts, guess)
-
-
-@helper
-def own_tile(tile, scratch, cutouts):
-    """Return the tile that triangles with holes are drawn into, flat; the tile at hand if none."""
-    if cutouts is None:
-        return tile
-    return flat(scratch[OWN_DEPTH]), flat(scratch[OWN_NUMBERS])
-
-
-@helper
-def tile_for(owner, tile, own, cutouts):
-    """Return the tile that an object is drawn into: one of its own if it has holes."""
-    if cutouts is None:
-        return tile
-    if not cutouts.cutoffs[owner] > np.float32(0.0):
-        return tile
-    return own
+def call(words):
+    """Call a kernel by its words, see ``jit.Bound``."""
+    return call_at(words[0], words[1], np.int64(0), np.int64(0))
 
 
 # What the alpha of a sample is made of
@@ -303,14 +319,27 @@ def find_coordinates(
                 note_exact_steps(places, i, a, b, c, column, row, uv, geometry)
 
 
-@helper
-def find_alphas(owner, faces, shift, memory, cutouts):
+@kernel
+def find_alphas(
+    asked: int64[::1], listed: int32[::1], memory: ALPHA_MEMORY, cutouts: Cutouts,
+):  # fmt: skip
     """
-    Write the alphas of samples of one object, whose faces and pixels are known.
+    Write the alphas of samples of one object, whose pixels are in the memory.
 
-    Takes their way to the pixels' centres on the sub-pixel grid.
+    Parameters
+    ----------
+    asked : (5,) int64
+        As ``Question.asked``.
+    listed : (N,) int32
+        The face of each sample.
+    memory : tuple
+        This thread's own, from `alpha_memory`.
+    cutouts : Cutouts
     """
-    geometry, textures, count = cutouts.geometry, cutouts.textures, faces.shape[0]
+    owner, count = asked[OBJECT], asked[SAMPLES]
+    shift = np.int32(asked[SHIFT_X]), np.int32(asked[SHIFT_Y])
+    faces = listed[asked[FIRST_SAMPLE] : asked[FIRST_SAMPLE] + count]
+    geometry, textures = cutouts.geometry, cutouts.textures
     whole, real, single, alphas, weights, places = memory[:6]
     patches = gather_patches(
         faces, geometry.faces, geometry.xy, geometry.codes, geometry.w, whole, real
@@ -337,26 +366,20 @@ def find_alphas(owner, faces, shift, memory, cutouts):
 
 
 @helper
-def pixel_alpha(face, owner, column, row, memory, cutouts):
-    """Return the alpha of a face at a pixel's centre."""
-    listed, own = memory
-    whole, centre = own[0], (np.int32(0), np.int32(0))
-    listed[0], whole[COLUMN, 0], whole[ROW, 0] = face, column, row
-    find_alphas(owner, listed, centre, own, cutouts)
-    return own[3][0]
-
-
-@helper
-def is_hole(face, column, row, memory, cutouts):
-    """Return whether a face has a hole at a pixel's centre; none has if there are no cut-outs."""
-    if cutouts is None:
+def is_hole(face, column, row, question):
+    """Return whether a face has a hole at a pixel's centre; none has if no object has holes."""
+    if question.cutoffs.shape[0] == 0:
         return False
-    owner = last_at_most(cutouts.face_starts, face)
-    cutoff = cutouts.cutoffs[owner]
+    owner = last_at_most(question.face_starts, face)
+    cutoff, asked = question.cutoffs[owner], question.asked
     if not cutoff > np.float32(0.0):
         return False
-    alpha = pixel_alpha(face, owner, np.int32(column), np.int32(row), memory, cutouts)
-    return not alpha >= cutoff
+    asked[FIRST_SAMPLE], asked[SAMPLES], asked[OBJECT] = 0, 1, owner
+    asked[SHIFT_X], asked[SHIFT_Y] = 0, 0
+    question.faces[0] = face
+    question.pixels[COLUMN, 0], question.pixels[ROW, 0] = column, row
+    call(question.call)
+    return not question.alphas[0] >= cutoff
 
 
 # What waits
@@ -386,21 +409,19 @@ def note_neighbours(own, depths, empty, i, j, last, places, stored, waiting):
 
 
 @helper
-def note_nearer(n, waiting, whole, window, scratch):
+def note_nearer(n, waiting, batch, left, top, depths, own, empty, lists):
     """Let the samples of a triangle wait that are nearer than the tile at hand; count all."""
-    depths, own, empty = scratch[0], scratch[OWN_DEPTH], scratch[EMPTY][0]
-    places, faces, stored = scratch[WAITING][0]
+    places, faces, nearness = lists
     before = waiting
-    first = max(np.int64(whole[LEFT, n]), window[0]) - window[0]
-    last = np.int64(whole[RIGHT, n]) - window[0]
-    top, bottom = np.int64(whole[TOP, n]) - window[1], np.int64(whole[BOTTOM, n]) - window[1]
-    for row in range(top, bottom + 1):
+    first = max(np.int64(batch[LEFT, n]) - left, np.int64(0))
+    last = np.int64(batch[RIGHT, n]) - left
+    for row in range(np.int64(batch[TOP, n]) - top, np.int64(batch[BOTTOM, n]) - top + 1):
         for column in range(first, last + 1, LANES):
             waiting = note_neighbours(
-                own, depths, empty, np.uintp(row), column, last, places, stored, waiting
+                own, depths, empty, np.uintp(row), column, last, places, nearness, waiting
             )
     for k in range(before, waiting, LANES):
-        spread(faces, np.uintp(k), whole[NUMBER, n])
+        spread(faces, np.uintp(k), batch[NUMBER, n])
     return waiting
 
 
@@ -427,43 +448,96 @@ def put_shown(depths, numbers, width, places, stored, faces, alphas, cutoff):
 
 
 @helper
-def show_waiting(owner, waiting, window, shift, scratch, cutouts):
+def show_waiting(waiting, asked, tile, lists, question):
     """Move the samples that wait to the tile at hand, where they are neither holes nor hidden."""
-    (places, faces, stored), memory = scratch[WAITING]
-    depths, numbers, whole = flat(scratch[0]), flat(scratch[1]), memory[0]
+    places, faces, nearness = lists
+    owner, query = asked[OWNER_AT_HAND], question.asked
+    query[OBJECT], query[SHIFT_X], query[SHIFT_Y] = owner, asked[MOVED_X], asked[MOVED_Y]
     for first in range(0, waiting, PART):
         stop = min(first + PART, waiting)
         count = stop - first
         place_pixels(
-            whole[COLUMN, :count], whole[ROW, :count], places[first:stop], window[0], window[1]
-        )
-        find_alphas(owner, faces[first:stop], shift, memory, cutouts)
+            question.pixels[COLUMN, :count], question.pixels[ROW, :count], places[first:stop],
+            asked[LEFT_COLUMN], asked[TOP_ROW],
+        )  # fmt: skip
+        query[FIRST_SAMPLE], query[SAMPLES] = first, count
+        call(question.call)
         put_shown(
-            depths, numbers, scratch[0].shape[1], places[first:stop], stored[first:stop],
-            faces[first:stop], memory[3][:count], cutouts.cutoffs[owner],
+            flat(tile[0]), flat(tile[1]), tile[0].shape[1], places[first:stop],
+            nearness[first:stop], faces[first:stop], question.alphas[:count],
+            question.cutoffs[owner],
         )  # fmt: skip
 
 
-@helper
-def keep_shown(n, count, owner, waiting, whole, window, shift, scratch, cutouts):
+@kernel
+def keep_shown(
+    asked: int64[::1], tile: (stored[:, ::1], int32[:, ::1]), own: stored[:, ::1],
+    empty: stored[::1], batch: int32[:, ::1], lists: (int32[::1], int32[::1], stored[::1]),
+    question: Question,
+):  # fmt: skip
     """
     Move what a triangle with holes shows from its own tile to the tile at hand, now or later.
 
-    Does nothing for any other triangle. Takes the triangle's number in its batch of ``count``, its
-    object, how many samples wait, the tile's window, and what the vertices were moved by on the
-    sub-pixel grid. Returns how many wait then: none where the next triangle is of another object.
+    Parameters
+    ----------
+    asked : (8,) int64
+        As ``Holes.asked``.
+    tile : (depth, face numbers)
+        The tile at hand.
+    own : (rows, columns), stored depth
+        What was drawn of the triangle; emptied.
+    empty : (1,), stored depth
+        That of nothing.
+    batch : (rows, columns) int32
+        The triangles of the batch, as ``triangle_batches`` sets them up.
+    lists : (places, face numbers, stored depths)
+        What waits.
+    question : Question
+
+    Returns
+    -------
+    int
+        How many samples wait then: none where the next triangle is of another object.
     """
-    if cutouts is None:
-        return waiting
-    if not cutouts.cutoffs[owner] > np.float32(0.0):
-        return waiting
-    waiting = note_nearer(n, waiting, whole, window, scratch)
-    if waiting < ENOUGH and n + 1 < count:
-        face, starts = np.int64(whole[NUMBER, n + np.uintp(1)]), cutouts.face_starts
+    n, owner = np.uintp(asked[NTH]), asked[OWNER_AT_HAND]
+    waiting = note_nearer(
+        n, asked[WAITING], batch, asked[LEFT_COLUMN], asked[TOP_ROW], tile[0], own, empty[0], lists
+    )
+    if waiting < ENOUGH and asked[NTH] + 1 < asked[BATCH_COUNT]:
+        face, starts = np.int64(batch[NUMBER, n + np.uintp(1)]), question.face_starts
         if starts[owner] <= face < starts[owner + 1]:
             return waiting
-    show_waiting(owner, waiting, window, shift, scratch, cutouts)
+    show_waiting(waiting, asked, tile, lists, question)
     return np.int64(0)
+
+
+# What is asked of a triangle
+
+
+@helper
+def begin_batch(holes, count, window, shift):
+    """Note what the triangles of a batch have in common."""
+    asked = holes.asked
+    asked[BATCH_COUNT], asked[WAITING] = count, 0
+    asked[LEFT_COLUMN], asked[TOP_ROW] = window[0], window[1]
+    asked[MOVED_X], asked[MOVED_Y] = shift
+
+
+@helper
+def find_owner(face, guess, holes):
+    """Return the object that owns a face, and whether it has holes; a guess is tried first."""
+    owner = find_object(np.int64(face), holes.face_starts, guess)
+    return owner, holes.cutoffs[owner] > np.float32(0.0)
+
+
+@helper
+def keep(n, owner, holes):
+    """Move what triangle ``n`` of the batch shows from its own tile to the tile at hand."""
+    holes.asked[NTH], holes.asked[OWNER_AT_HAND] = n, owner
+    holes.asked[WAITING] = call(holes.call)
+
+
+# Memory
 
 
 def alpha_memory(room: int = PART) -> tuple[Any, ...]:
@@ -480,13 +554,74 @@ def alpha_memory(room: int = PART) -> tuple[Any, ...]:
     )
 
 
-def pixel_memory() -> tuple[Any, ...]:
-    """Return the memory that a thread needs to find the alpha of one pixel."""
-    return np.empty(1, np.int32), alpha_memory(1)
+class AlphaTest:
+    """
+    What a thread needs to find alphas; it lasts as long as its question is asked.
+
+    Parameters
+    ----------
+    cutouts : Cutouts or None
+        None: no object has holes.
+    listed : int
+        The most samples in a list.
+    together : int
+        The most samples whose alphas are found together.
+    """
+
+    def __init__(self, cutouts: Cutouts | None, listed: int = 1, together: int = 1) -> None:
+        if cutouts is None:
+            self.question = NO_QUESTION
+            return
+        faces, asked = np.empty(listed, np.int32), np.zeros(5, np.int64)
+        memory = alpha_memory(together)
+        self._bound = Bound(find_alphas, asked, faces, memory, cutouts)
+        self.question = Question(
+            cutouts.face_starts, cutouts.cutoffs, asked, faces, memory[0], memory[3],
+            self._bound.words,
+        )  # fmt: skip
 
 
-def waiting_memory(depth_type: Any) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
-    """Return the memory for the samples that wait in one tile: all of one triangle, and some."""
-    room = ENOUGH + TILE_SIZE * TILE_SIZE + LANES
-    lists = np.empty(room, np.int32), np.empty(room, np.int32), np.empty(room, depth_type)
-    return lists, alpha_memory()
+NO_QUESTION = Question(
+    np.empty(0, np.int64), np.empty(0, np.float32), np.empty(0, np.int64), np.empty(0, np.int32),
+    np.empty((0, 0), np.int32), np.empty(0, np.float32), np.empty(0, np.int64),
+)  # fmt: skip
+"""No object has holes."""
+
+
+class TileTest:
+    """
+    What a thread needs to leave holes out of tiles; it lasts as long as its record is used.
+
+    Parameters
+    ----------
+    cutouts : Cutouts or None
+        None: no object has holes.
+    tile : (depth, face numbers)
+        The tile that the thread draws into.
+    empty : (1,)
+        The depth where nothing is, as it is stored.
+    batch : (rows, columns) int32
+        Where triangles are set up.
+    """
+
+    def __init__(self, cutouts: Cutouts | None, tile: tuple[Any, Any], empty: Any, batch: Any):
+        if cutouts is None:
+            self.holes = no_holes(empty.dtype)
+            return
+        # All samples of one triangle may wait, and some more.
+        room = ENOUGH + TILE_SIZE * TILE_SIZE + LANES
+        self._test = AlphaTest(cutouts, room, PART)
+        question, asked = self._test.question, np.zeros(8, np.int64)
+        own = np.full(tile[0].shape, empty[0]), np.empty(tile[0].shape, np.int32)
+        lists = np.empty(room, np.int32), question.faces, np.empty(room, empty.dtype)
+        self._bound = Bound(keep_shown, asked, tile, own[0], empty, batch, lists, question)
+        self.holes = Holes(cutouts.face_starts, cutouts.cutoffs, *own, asked, self._bound.words)
+
+
+@functools.cache
+def no_holes(depth_type: np.dtype[Any]) -> Holes:
+    """Return what stands for objects without holes, for depths of a type."""
+    return Holes(
+        NO_QUESTION.face_starts, NO_QUESTION.cutoffs, np.empty((0, 0), depth_type),
+        np.empty((0, 0), np.int32), NO_QUESTION.asked, NO_QUESTION.call,
+    )  # fmt: skip

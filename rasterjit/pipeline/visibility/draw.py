@@ -482,12 +482,11 @@ def draw(
     per_task = count_per_task(len(tiles), TILES_PER_TASK, workers)
 
     def draw_some(some: NDArray[np.int32]) -> None:
-        lists = some, starts, binned, floors, faces, screen, viewport, frame
-        scratch = nearest.scratch_memory(cutouts is not None, frame[0].dtype)
-        if cutouts is None:
-            nearest.draw_tiles(*lists, scratch)
-        else:
-            nearest.draw_tiles_tested(*lists, scratch, cutouts)
+        scratch = nearest.scratch_memory(frame[0].dtype)
+        test = nearest.tile_test(scratch, cutouts)
+        nearest.draw_tiles(
+            some, starts, binned, floors, faces, screen, viewport, frame, scratch, test.holes
+        )
 
     workers.run(draw_some, [(tiles[n : n + per_task],) for n in range(0, len(tiles), per_task)])
 

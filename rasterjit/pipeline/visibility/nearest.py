@@ -75,13 +75,11 @@ from rasterjit.pipeline.geometry.triangle_batches import (
 )
 from rasterjit.pipeline.records import Cutouts, Faces, ScreenVertices, Viewport
 from rasterjit.pipeline.visibility.alpha_test import (
-    EMPTY,
-    WAITING_MEMORY,
-    keep_shown,
-    own_tile,
-    owner_of,
-    tile_for,
-    waiting_memory,
+    Holes,
+    TileTest,
+    begin_batch,
+    find_owner,
+    keep,
 )
 from rasterjit.runtime.intrinsics import flat
 from rasterjit.runtime.jit import disjoint_helper, helper, kernel
@@ -416,25 +414,28 @@ def tile_window(number, columns, viewport):
 
 
 @helper
-def draw_listed(listed, faces, screen, window, bits, floor, scratch, cutouts):
+def draw_listed(listed, faces, screen, window, bits, floor, scratch, holes):
     """
     Draw at most ``BATCH`` listed triangles, one after the other, into a tile.
 
-    Takes the parts of a ``Faces``, a `tile_window`, the tile's floor, `scratch_memory`, and the
-    cut-outs or ``None``.
+    Takes the parts of a ``Faces``, a `tile_window`, the tile's floor, `scratch_memory`, and how to
+    leave out holes.
     """
     tile_depth, tile_numbers, whole, real = scratch[:4]
     gather_triangles(listed, faces, screen, whole, real)
     plan_triangles(listed.shape[0], window, bits, whole, real)
     tile, spans = (flat(tile_depth), flat(tile_numbers)), scratch[4:9]
-    own = own_tile(tile, scratch, cutouts)
-    count, centre = np.uintp(listed.shape[0]), (np.int32(0), np.int32(0))
-    owner, waiting = np.int64(0), np.int64(0)
-    for n in range(count):
-        owner = owner_of(whole[FACE, n], owner, cutouts)
-        target = tile_for(owner, tile, own, cutouts)
+    own = flat(holes.depth), flat(holes.numbers)
+    owner, is_tested, some_are = np.int64(0), False, holes.cutoffs.shape[0] > 0
+    if some_are:
+        begin_batch(holes, listed.shape[0], window, (0, 0))
+    for n in range(np.uintp(listed.shape[0])):
+        if some_are:
+            owner, is_tested = find_owner(whole[FACE, n], owner, holes)
+        target = own if is_tested else tile
         draw_triangle(n, whole, real, window, bits, floor, target, spans)
-        waiting = keep_shown(n, count, owner, waiting, whole, window, centre, scratch, cutouts)
+        if is_tested:
+            keep(n, owner, holes)
 
 
 @helper
@@ -452,12 +453,15 @@ def empty_depth(depth_type: Any) -> Any:
     return kind.type(-1 if kind.kind == "i" else -np.inf)
 
 
-def scratch_memory(has_cutouts: bool = False, depth_type: Any = np.float32) -> tuple[Any, ...]:
+EMPTY = 9
+"""Where scratch memory holds the depth of nothing."""
+
+
+def scratch_memory(depth_type: Any = np.float32) -> tuple[Any, ...]:
     """
     Return the memory that a thread needs to draw: a tile, and what is known of a batch.
 
-    With cut-outs, a second tile as well, which is empty, and what the samples there wait in. Depths
-    are stored in the given type: float32, float64 or int32.
+    Depths are stored in the given type: float32, float64 or int32.
     """
     return (
         np.empty(SCRATCH_SHAPE, depth_type),
@@ -470,59 +474,26 @@ def scratch_memory(has_cutouts: bool = False, depth_type: Any = np.float32) -> t
         np.empty(TILE_SIZE, np.int32),
         np.empty(TILE_SIZE, depth_type),
         np.full(1, empty_depth(depth_type)),
-        *(own_memory(depth_type) if has_cutouts else ()),
     )
-
-
-def own_memory(depth_type: Any) -> tuple[Any, ...]:
-    """Return what a thread needs besides to draw triangles with holes."""
-    empty = np.full(SCRATCH_SHAPE, empty_depth(depth_type))
-    return empty, np.empty(SCRATCH_SHAPE, np.int32), waiting_memory(depth_type)
 
 
 SCRATCH = (
     stored[:, ::1], int32[:, ::1], int32[:, ::1], float64[:, ::1], int32[::1], int32[::1],
     float64[::1], int32[::1], stored[::1], stored[::1],
 )  # fmt: skip
-"""The types of `scratch_memory` without cut-outs."""
-
-SCRATCH_TESTED = (*SCRATCH, stored[:, ::1], int32[:, ::1], WAITING_MEMORY)
-"""The types of `scratch_memory` with cut-outs."""
+"""The types of `scratch_memory`."""
 
 
-@helper
-def draw_all(tiles, starts, binned, floors, faces, screen, viewport, frame, scratch, cutouts):
-    """Draw some of the frame's tiles; ``cutouts`` None: no object has holes."""
-    depth, face_id = frame
-    tile_depth, tile_numbers = scratch[0], scratch[1]
-    columns = (np.int64(viewport.width) + TILE_SIZE - 1) >> TILE_BITS
-    parts = faces.faces, faces.pieces, faces.piece_faces
-    for n in range(tiles.shape[0]):
-        number = np.int64(tiles[n])
-        window = tile_window(number, columns, viewport)
-        clear_tile(tile_depth, tile_numbers, scratch[EMPTY][0])
-        for first in range(starts[number], starts[number + 1], BATCH):
-            listed = binned[first : min(first + BATCH, starts[number + 1])]
-            draw_listed(
-                listed, parts, screen, window, viewport.grid_bits, floors[number], scratch, cutouts
-            )
-        # Write the tile to the frame.
-        left, top = window[0], window[1]
-        width = window[2] + 1 - left
-        for row in range(window[3] + 1 - top):
-            frame_depth = depth[top + row, left : left + width]
-            frame_numbers = face_id[top + row, left : left + width]
-            for column in range(frame_depth.shape[0]):
-                frame_depth[column] = tile_depth[row, column]
-            for column in range(frame_numbers.shape[0]):
-                frame_numbers[column] = tile_numbers[row, column]
+def tile_test(scratch: tuple[Any, ...], cutouts: Cutouts | None) -> TileTest:
+    """Return what a thread with this scratch memory needs to leave out holes."""
+    return TileTest(cutouts, scratch[:2], scratch[EMPTY], scratch[2])
 
 
 @kernel
 def draw_tiles(
     tiles: int32[::1], starts: int64[::1], binned: int32[::1], floors: stored[::1], faces: Faces,
     screen: ScreenVertices, viewport: Viewport, frame: (stored[:, ::1], int32[:, ::1]),
-    scratch: SCRATCH,
+    scratch: SCRATCH, holes: Holes,
 ):  # fmt: skip
     """
     Draw some of the frame's tiles.
@@ -543,25 +514,29 @@ def draw_tiles(
         nothing is) and face number (-1 where nothing is). What is not wanted has W = 0.
     scratch : tuple
         This thread's own, from `scratch_memory`.
+    holes : Holes
+        That of a `tile_test` with this scratch memory, or ``alpha_test.no_holes``.
     """
-    draw_all(tiles, starts, binned, floors, faces, screen, viewport, frame, scratch, None)
-
-
-@kernel
-def draw_tiles_tested(
-    tiles: int32[::1], starts: int64[::1], binned: int32[::1], floors: stored[::1], faces: Faces,
-    screen: ScreenVertices, viewport: Viewport, frame: (stored[:, ::1], int32[:, ::1]),
-    scratch: SCRATCH_TESTED, cutouts: Cutouts,
-):  # fmt: skip
-    """
-    Draw some of the frame's tiles, where objects may have holes.
-
-    Parameters
-    ----------
-    tiles, starts, binned, floors, faces, screen, viewport, frame
-        As `draw_tiles` takes them.
-    scratch : tuple
-        This thread's own, from `scratch_memory`, with what holes take.
-    cutouts : Cutouts
-    """
-    draw_all(tiles, starts, binned, floors, faces, screen, viewport, frame, scratch, cutouts)
+    depth, face_id = frame
+    tile_depth, tile_numbers = scratch[0], scratch[1]
+    columns = (np.int64(viewport.width) + TILE_SIZE - 1) >> TILE_BITS
+    parts = faces.faces, faces.pieces, faces.piece_faces
+    for n in range(tiles.shape[0]):
+        number = np.int64(tiles[n])
+        window = tile_window(number, columns, viewport)
+        clear_tile(tile_depth, tile_numbers, scratch[EMPTY][0])
+        for first in range(starts[number], starts[number + 1], BATCH):
+            listed = binned[first : min(first + BATCH, starts[number + 1])]
+            draw_listed(
+                listed, parts, screen, window, viewport.grid_bits, floors[number], scratch, holes
+            )
+        # Write the tile to the frame.
+        left, top = window[0], window[1]
+        width = window[2] + 1 - left
+        for row in range(window[3] + 1 - top):
+            frame_depth = depth[top + row, left : left + width]
+            frame_numbers = face_id[top + row, left : left + width]
+            for column in range(frame_depth.shape[0]):
+                frame_depth[column] = tile_depth[row, column]
+            for column in range(frame_numbers.shape[0]):
+                frame_numbers[column] = tile_numbers[row, column]
