@@ -214,8 +214,11 @@ def test_steps_are_the_differences_of_neighbouring_coordinates():
         weights = barycentric.sample_weights(*corners, column, row, geometry)
         found[n] = np.array(weights) @ uv.astype(float)
     places[U : U + 2, 0] = found[0]
-    on_screen = geometry._replace(w=None)
-    texture_gradients.note_exact_steps(places, 0, *corners, 25, 20, uv, on_screen)
+    corner_places, corner_points = uv.reshape(6, 1), np.ascontiguousarray(geometry.xy).reshape(6, 1)
+    texture_gradients.mix_steps(
+        *places[STEPS : STEPS + 4, :1], *places[U : U + 2, :1], *corner_places, *corner_points,
+        *np.ones((3, 1)), *np.int32([[25], [20]]), viewport.grid_bits, True,
+    )  # fmt: skip
     want = np.concatenate([found[1] - found[0], found[2] - found[0]])
     assert places[STEPS : STEPS + 4, 0] == pytest.approx(want, abs=1e-12)
 

@@ -126,7 +126,7 @@ GONE = {
     },
     "anti-aliasing": {
         "compositing.list_faces", "compositing.mix_samples", "weights.finish_mix",
-        "weights.mix_shares", "weights.share_samples", "weights.weigh_near",
+        "weights.mix_shares", "weights.share_samples",
     },
 }  # fmt: skip
 """Kernels and stages that a scene of all effects calls for, and does not without each."""
@@ -138,7 +138,6 @@ INSTEAD = {
     "fog": {"attributes.stand_in"},
     "tone mapping": {"encode.encode_rows"},
     "transparency": {"light_stages.write_opaque_codes", "tone_map.show_tones"},
-    "anti-aliasing": {"weights.weigh_centres"},
 }
 """Simpler ones that do in their place."""
 

@@ -52,14 +52,6 @@ BLOCK = type_named(Block)
 BLOCKS = BlockMemory(BLOCK)
 """The block of each thread."""
 
-WEIGHTS = {
-    (False, False): weights.weigh_centres,
-    (False, True): weights.weigh_near,
-    (True, False): weights.weigh_centres_affine,
-    (True, True): weights.weigh_near_affine,
-}
-"""What finds the weights of samples: affine or not; beside the centres of pixels or not."""
-
 
 def surface_steps(
     geometry: Geometry,
@@ -69,9 +61,8 @@ def surface_steps(
     effects: Sequence[Active],
 ) -> list[Step]:
     """Return the stages that find what the surfaces are like: weights, colours, normals, points."""
-    materials, is_affine = surface.materials, len(geometry.w) == 0
-    weigh = WEIGHTS[is_affine, geometry.viewport.reach != 0]
-    steps = [Step(weigh, (geometry, placement))]
+    materials = surface.materials
+    steps = [Step(weights.find_weights, (geometry, placement))]
     if surface.textures is not None:
         steps += coordinate_steps(surface.textures, geometry)
     steps.append(Step(attributes.tint_samples, (materials,)))
@@ -128,10 +119,7 @@ def coordinate_steps(own: Textures, geometry: Geometry) -> list[Step]:
     steps = [Step(texture_gradients.find_coordinates, (own.uv,))]
     has_levels = own.table[:, :, textures.FILTER] == textures.TRILINEAR
     if (has_levels & (own.table[:, :, textures.FIRST_LEVEL] >= 0)).any():
-        find = texture_gradients.find_steps
-        if len(geometry.w) == 0:
-            find = texture_gradients.find_steps_affine
-        steps.append(Step(find, (own.uv, own.table, geometry)))
+        steps.append(Step(texture_gradients.find_steps, (own.uv, own.table, geometry)))
     return steps
 
 

@@ -31,6 +31,33 @@ def spread(typing_context: Any, row: Any, start: Any, value: Any) -> Any:
     return types.void(row, types.uintp, row.dtype), generate
 
 
+@intrinsic
+def part(typing_context: Any, rows: Any, number: Any, start: Any, stop: Any) -> Any:
+    """Return the places ``start:stop`` of a row of a contiguous array, without a copy."""
+    if rows.layout != "C" or rows.ndim != 2:
+        raise TypeError(f"a row is part of a contiguous array of two axes, not of {rows}")
+    row = types.Array(rows.dtype, 1, "C")
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        array, index, first, end = arguments
+        whole = context.make_array(rows)(context, builder, array)
+        before = builder.mul(index, builder.extract_value(whole.shape, 1))
+        data = builder.gep(whole.data, [builder.add(before, first)])
+        return _row(context, builder, row, whole, data, builder.sub(end, first))
+
+    return row(rows, types.intp, types.intp, types.intp), generate
+
+
+def _row(context: Any, builder: Any, kind: Any, whole: Any, data: Any, count: Any) -> Any:
+    """Return a row of so many elements of an array, from an address on."""
+    one = context.make_array(kind)(context, builder)
+    one.meminfo, one.parent, one.itemsize = whole.meminfo, whole.parent, whole.itemsize
+    one.nitems, one.data = count, data
+    one.shape = cgutils.pack_array(builder, [count])
+    one.strides = cgutils.pack_array(builder, [whole.itemsize])
+    return one._getvalue()
+
+
 def _pixel_at(context: Any, builder: Any, kind: Any, array: Any, number: Any) -> Any:
     """Return a pointer to the four channels of a pixel in contiguous memory."""
     data = context.make_array(kind)(context, builder, array).data
@@ -157,11 +184,6 @@ def flat(typing_context: Any, array: Any) -> Any:
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         whole = context.make_array(array)(context, builder, arguments[0])
-        one = context.make_array(row)(context, builder)
-        one.meminfo, one.parent = whole.meminfo, whole.parent
-        one.nitems, one.itemsize, one.data = whole.nitems, whole.itemsize, whole.data
-        one.shape = cgutils.pack_array(builder, [whole.nitems])
-        one.strides = cgutils.pack_array(builder, [whole.itemsize])
-        return one._getvalue()
+        return _row(context, builder, row, whole, whole.data, whole.nitems)
 
     return row(array), generate

@@ -26,7 +26,7 @@ import numpy as np
 
 from rasterjit.pipeline.geometry.setup import CLIPPED, corners_of, edge, last_at_most, whole_size
 from rasterjit.pipeline.records import Geometry, Placement
-from rasterjit.runtime.jit import disjoint_helper, helper, kernel
+from rasterjit.runtime.jit import helper, kernel
 from rasterjit.runtime.state import float32, float64, int32, int64, uint8
 
 UNDERFLOW = 2.0**-900
@@ -81,25 +81,21 @@ def held_to_border(outside, others, sizes):
 
 
 @helper
-def held_edges(edges, right, down, reach):
+def held_edges(edges, right, down):
     """
     Return three edges at a pixel's centre, where the samples of a face may lie beside it.
 
     They are turned positive inside. Of a centre beside the face they are those of a point of its
     border that is near: the foot of the perpendicular on the edge that it lies beside, or a vertex.
     Scaling the others to make up for an edge below zero would slide along a sliver as far as it is
-    long. Inside, and where a pixel has one sample, they are worth what they were.
+    long. Inside they are worth what they were.
 
     Parameters
     ----------
     edges : tuple of 3 whole numbers
     right, down : tuple of 3 whole numbers
         How edges change from pixel to pixel, in any unit.
-    reach
-        None where a pixel has one sample.
     """
-    if reach is None:
-        return edges
     turn = 1.0 if edges[0] + edges[1] + edges[2] > 0 else -1.0
     e0, e1, e2 = (
         turn * np.float64(edges[0]),
@@ -130,21 +126,6 @@ def normalized(w0, w1, w2):
 
 
 @helper
-def are_beside(reach):
-    """Return whether the samples of a pixel may lie beside its centre."""
-    if reach is None:
-        return False
-    return reach != 0
-
-
-@helper
-def affine_weights(e0, e1, e2):
-    """Return whole edge functions over their sum, which is the same on all of a face."""
-    over = 1.0 / np.float64(e0 + e1 + e2)
-    return np.float64(e0) * over, np.float64(e1) * over, np.float64(e2) * over
-
-
-@helper
 def weights_over_w(e0, e1, e2, total, a, b, c, w):
     """
     Return the weights of three vertices, given the edge functions opposite them, and their sum.
@@ -152,9 +133,6 @@ def weights_over_w(e0, e1, e2, total, a, b, c, w):
     Edges are multiplied by the smallest w over w: it is in 0..1, and 1 where all are equal. A
     vertex opposite an edge that the sample lies on has no part in it. Without w they are affine.
     """
-    if w is None:
-        over = 1.0 / np.float64(total)
-        return e0 * over, e1 * over, e2 * over
     if w.shape[0] == 0:
         over = 1.0 / np.float64(total)
         return e0 * over, e1 * over, e2 * over
@@ -177,9 +155,9 @@ def snapped_weights(a, b, c, px, py, geometry):
         edge(bx, by, cx, cy, px, py), edge(cx, cy, ax, ay, px, py), edge(ax, ay, bx, by, px, py),
     )  # fmt: skip
     k0, k1, k2, total = np.float64(e0), np.float64(e1), np.float64(e2), np.float64(e0 + e1 + e2)
-    if are_beside(geometry.viewport.reach):
+    if geometry.viewport.reach != 0:
         right, down = (by - cy, cy - ay, ay - by), (cx - bx, ax - cx, bx - ax)
-        k0, k1, k2 = held_edges((e0, e1, e2), right, down, 1)
+        k0, k1, k2 = held_edges((e0, e1, e2), right, down)
         total = k0 + k1 + k2
     return weights_over_w(k0, k1, k2, total, a, b, c, geometry.w)
 
@@ -241,69 +219,6 @@ def shifted_weights(a, b, c, column, row, shift, geometry):
     px = (np.int64(column) << bits) + half - np.int64(shift[0])
     py = (np.int64(row) << bits) + half - np.int64(shift[1])
     return snapped_weights(a, b, c, px, py, geometry)
-
-
-@helper
-def weights_from_edges(e0, e1, e2, ratios, w):
-    """
-    Return the normalized weights of the second and the third vertex of a face.
-
-    And 1 if their sum may have lost something to underflow; `sample_weights` knows then. Without w
-    they are affine.
-    """
-    if w is None:
-        _, second, third = affine_weights(e0, e1, e2)
-        return second, third, np.int64(0)
-    w0 = np.float64(e0) * ratios[0]
-    w1 = np.float64(e1) * ratios[1]
-    w2 = np.float64(e2) * ratios[2]
-    total = w0 + w1 + w2
-    return w1 / total, w2 / total, np.int64(not abs(total) > UNDERFLOW)
-
-
-@disjoint_helper
-def weights_along_row(second, third, row_start, reach, w):
-    """Write the weights of the second and third vertex along a row; return if any is doubtful."""
-    (e0, e1, e2), steps, downs, ratios = row_start
-    doubtful = np.int64(0)
-    for i in range(second.shape[0]):
-        k0, k1, k2 = held_edges((e0, e1, e2), steps, downs, reach)
-        second[i], third[i], is_doubtful = weights_from_edges(k0, k1, k2, ratios, w)
-        doubtful |= is_doubtful
-        e0 += steps[0]
-        e1 += steps[1]
-        e2 += steps[2]
-    return doubtful
-
-
-@disjoint_helper
-def affine_along_row(second, third, row_start):
-    """Write the affine weights of the second and third vertex along a row; none is doubtful."""
-    (e0, e1, e2), steps, _, _ = row_start
-    over = 1.0 / np.float64(e0 + e1 + e2)
-    for i in range(second.shape[0]):
-        second[i], third[i] = np.float64(e1) * over, np.float64(e2) * over
-        e1 += steps[1]
-        e2 += steps[2]
-    return np.int64(0)
-
-
-@helper
-def weights_along_run(second, third, row_start, reach, w):
-    """Write the weights along a row of one face; return if any is doubtful."""
-    if w is None:  # noqa: SIM102 - what is absent is compiled out
-        if reach is None:
-            return affine_along_row(second, third, row_start)
-    return weights_along_row(second, third, row_start, reach, w)
-
-
-@helper
-def ratios_at(wa, wb, wc, n, w):
-    """Return the smallest w over each, of the vertices of one of many faces; 1 without w."""
-    if w is None:
-        return 1.0, 1.0, 1.0
-    smallest = min(wa[n], min(wb[n], wc[n]))
-    return smallest / wa[n], smallest / wb[n], smallest / wc[n]
 
 
 @helper
@@ -417,6 +332,12 @@ def seen_from_behind(a, b, c, owner, geometry, placement):
             np.int64(xy[c, 0]), np.int64(xy[c, 1]),
         )  # fmt: skip
         return np.float64(turn) * placement.front_turns[owner] < 0.0
+    return has_its_back_turned(a, b, c, owner, placement)
+
+
+@helper
+def has_its_back_turned(a, b, c, owner, placement):
+    """Return whether the viewer is behind the plane of a face."""
     normal = face_normal(a, b, c, owner, placement)
     point = place_vertex(a, owner, placement)
     viewer = placement.toward_viewer

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rasterjit.pipeline.geometry.barycentric import interpolate, ratios_at
+from rasterjit.pipeline.geometry.barycentric import interpolate
 from rasterjit.pipeline.geometry.setup import CLIPPED, narrow_edge
 from rasterjit.pipeline.records import Geometry
 from rasterjit.pipeline.surface import samples
@@ -18,8 +18,8 @@ from rasterjit.pipeline.surface.listing import whole_vectors
 from rasterjit.pipeline.surface.samples import Block
 from rasterjit.pipeline.surface.texture_lookup import OWNER, STEPS, U, V
 from rasterjit.pipeline.surface.textures import FILTER, FIRST_LEVEL, KINDS, TRILINEAR
-from rasterjit.pipeline.surface.weights import affine, span_start
-from rasterjit.runtime.intrinsics import spread
+from rasterjit.pipeline.surface.weights import span_start
+from rasterjit.runtime.intrinsics import part, spread
 from rasterjit.runtime.jit import disjoint_helper, helper, stage
 from rasterjit.runtime.state import float32, int64
 
@@ -44,15 +44,22 @@ def fill_places(u, v, owners, second, third, ends, owner):
         owners[n] = owner
 
 
+@helper
+def sum_of_weights(e0, e1, e2, ratios, is_affine):
+    """Return the sum of a face's edge functions, each times the smallest w over its own."""
+    total = np.float64(e0) * ratios[0] + np.float64(e1) * ratios[1] + np.float64(e2) * ratios[2]
+    return np.float64(e0 + e1 + e2) if is_affine else total
+
+
 @disjoint_helper
-def fill_steps(right_u, right_v, down_u, down_v, u, v, ends, row_start, bits, w):
+def fill_steps(right_u, right_v, down_u, down_v, u, v, ends, row_start, bits, is_affine):
     """Write the steps of neighbouring samples of one face that was not clipped."""
     (e0, e1, e2), (x0, x1, x2), downs, ratios = row_start
     unit = np.float64(np.int64(1) << bits)
     across = np.float64(x0 >> bits), np.float64(x1 >> bits), np.float64(x2 >> bits)
     fall = np.float64(downs[0] >> bits), np.float64(downs[1] >> bits), np.float64(downs[2] >> bits)
     for n in range(u.shape[0]):
-        total = texturing.sum_of_weights(e0, e1, e2, ratios, w)
+        total = sum_of_weights(e0, e1, e2, ratios, is_affine)
         right, down = texturing.scaled_slopes(unit / total, ratios, across, fall)
         place = u[n], v[n]
         right_u[n], right_v[n] = texturing.place_step(right, place, ends[0], ends[1], ends[2])
@@ -63,9 +70,9 @@ def fill_steps(right_u, right_v, down_u, down_v, u, v, ends, row_start, bits, w)
 
 
 @helper
-def note_exact_steps(places, n, a, b, c, column, row, uv, geometry):
-    """Write the steps of one sample of any face."""
-    right, down = texturing.weight_slopes(a, b, c, column, row, geometry)
+def note_clipped_steps(places, n, a, b, c, column, row, uv, clip_positions, viewport):
+    """Write the steps of one sample of a face that was clipped."""
+    right, down = texturing.clipped_slopes(a, b, c, column, row, clip_positions, viewport)
     pa, pb, pc = (
         texturing.vertex_place(uv, a), texturing.vertex_place(uv, b), texturing.vertex_place(uv, c)
     )  # fmt: skip
@@ -93,7 +100,7 @@ def float_difference(one, other):
 @disjoint_helper
 def mix_steps(
     right_u, right_v, down_u, down_v, u, v, ua, va, ub, vb, uc, vc, ax, ay, bx, by, cx, cy,
-    wa, wb, wc, columns, rows, bits, w,
+    wa, wb, wc, columns, rows, bits, is_affine,
 ):  # fmt: skip
     """Write the steps of samples, each of a face of its own that was not clipped."""
     half = np.int32(1) << (bits - 1)
@@ -102,10 +109,11 @@ def mix_steps(
         px = np.int32((columns[n] << bits) + half)
         py = np.int32((rows[n] << bits) + half)
         x0, y0, x1, y1, x2, y2 = ax[n], ay[n], bx[n], by[n], cx[n], cy[n]
-        ratios = ratios_at(wa, wb, wc, n, w)
-        total = texturing.sum_of_weights(
+        smallest = min(wa[n], min(wb[n], wc[n]))
+        ratios = smallest / wa[n], smallest / wb[n], smallest / wc[n]
+        total = sum_of_weights(
             narrow_edge(x1, y1, x2, y2, px, py), narrow_edge(x2, y2, x0, y0, px, py),
-            narrow_edge(x0, y0, x1, y1, px, py), ratios, w,
+            narrow_edge(x0, y0, x1, y1, px, py), ratios, is_affine,
         )  # fmt: skip
         right, down = texturing.scaled_slopes(
             unit / total,
@@ -172,75 +180,65 @@ def find_coordinates(block: Block, count, uv: float32[:, ::1]):
                 segment[samples.FIRST_PATCH], segment[samples.END_PATCH], uv, whole, single
             )
             mix_places(
-                places[U, s:e], places[V, s:e], places[OWNER, s:e], single[0, s:e], single[1, s:e],
-                single[2, s:e], single[3, s:e], single[4, s:e], single[5, s:e], weights[0, s:e],
-                weights[1, s:e], owner,
+                part(places, U, s, e), part(places, V, s, e), part(places, OWNER, s, e),
+                part(single, 0, s, e), part(single, 1, s, e), part(single, 2, s, e),
+                part(single, 3, s, e), part(single, 4, s, e), part(single, 5, s, e),
+                part(weights, 0, s, e), part(weights, 1, s, e), owner,
             )  # fmt: skip
         else:
             _, ends = span_places(segment, whole, uv)
             fill_places(
-                places[U, s:e], places[V, s:e], places[OWNER, s:e], weights[0, s:e],
-                weights[1, s:e], ends, owner,
+                part(places, U, s, e), part(places, V, s, e), part(places, OWNER, s, e),
+                part(weights, 0, s, e), part(weights, 1, s, e), ends, owner,
             )  # fmt: skip
 
 
 @helper
-def find_steps_of_mixed(segment, block, uv, geometry):
-    """Write the steps of the samples of a mixed segment."""
+def find_steps_of_mixed(segment, block, bits, is_affine):
+    """Write the steps of the samples of a mixed segment, as if none of its faces was clipped."""
     whole, real, single, places = block.whole, block.real, block.single, block.places
     s = np.int64(segment[samples.START])
     e = s + whole_vectors(segment[samples.STOP] - s)
     mix_steps(
-        places[STEPS, s:e], places[STEPS + 1, s:e], places[STEPS + 2, s:e], places[STEPS + 3, s:e],
-        places[U, s:e], places[V, s:e], single[0, s:e], single[1, s:e], single[2, s:e],
-        single[3, s:e], single[4, s:e], single[5, s:e], whole[samples.AX, s:e],
-        whole[samples.AY, s:e], whole[samples.BX, s:e], whole[samples.BY, s:e],
-        whole[samples.CX, s:e], whole[samples.CY, s:e], real[0, s:e], real[1, s:e], real[2, s:e],
-        whole[samples.COLUMN, s:e], whole[samples.ROW, s:e], geometry.viewport.grid_bits,
-        geometry.w,
+        part(places, STEPS, s, e), part(places, STEPS + 1, s, e), part(places, STEPS + 2, s, e),
+        part(places, STEPS + 3, s, e), part(places, U, s, e), part(places, V, s, e),
+        part(single, 0, s, e), part(single, 1, s, e), part(single, 2, s, e), part(single, 3, s, e),
+        part(single, 4, s, e), part(single, 5, s, e), part(whole, samples.AX, s, e),
+        part(whole, samples.AY, s, e), part(whole, samples.BX, s, e), part(whole, samples.BY, s, e),
+        part(whole, samples.CX, s, e), part(whole, samples.CY, s, e), part(real, 0, s, e),
+        part(real, 1, s, e), part(real, 2, s, e), part(whole, samples.COLUMN, s, e),
+        part(whole, samples.ROW, s, e), bits, is_affine,
     )  # fmt: skip
-    if geometry.clip_positions.shape[0] == 0:
+
+
+@helper
+def find_steps_of_span(segment, block, uv, bits, xy, codes, w):
+    """Write the steps of the samples of a span, unless its face was clipped."""
+    places = block.places
+    s, e = np.int64(segment[samples.START]), np.int64(segment[samples.STOP])
+    column, row = np.int64(segment[samples.COLUMN_OF]), np.int64(segment[samples.ROW_OF])
+    (a, b, c), ends = span_places(segment, block.whole, uv)
+    if (codes[a] | codes[b] | codes[c]) & CLIPPED:
         return
+    fill_steps(
+        part(places, STEPS, s, e), part(places, STEPS + 1, s, e), part(places, STEPS + 2, s, e),
+        part(places, STEPS + 3, s, e), part(places, U, s, e), part(places, V, s, e), ends,
+        span_start(a, b, c, column, row, bits, xy, w), bits, w.shape[0] == 0,
+    )  # fmt: skip
+
+
+@helper
+def find_steps_of_clipped(segment, whole, places, uv, codes, clip_positions, viewport):
+    """Write the steps of the samples of a segment whose faces were clipped."""
     for r in range(np.uintp(segment[samples.FIRST_PATCH]), np.uintp(segment[samples.END_PATCH])):
         a, b, c = (
             np.uintp(whole[samples.A, r]), np.uintp(whole[samples.B, r]),
             np.uintp(whole[samples.C, r]),
         )  # fmt: skip
-        for i in range(whole[samples.FIRST, r], whole[samples.FIRST, r + np.uintp(1)]):
-            if whole[samples.UNSURE, i] != 0:
-                column, row = np.int64(whole[samples.COLUMN, i]), np.int64(whole[samples.ROW, i])
-                note_exact_steps(places, np.int64(i), a, b, c, column, row, uv, geometry)
-
-
-@helper
-def find_steps_of_span(segment, block, uv, geometry):
-    """Write the steps of the samples of a span."""
-    places, codes = block.places, geometry.codes
-    s, e = np.int64(segment[samples.START]), np.int64(segment[samples.STOP])
-    column, row = np.int64(segment[samples.COLUMN_OF]), np.int64(segment[samples.ROW_OF])
-    (a, b, c), ends = span_places(segment, block.whole, uv)
-    if (codes[a] | codes[b] | codes[c]) & CLIPPED:
-        for n in range(s, e):
-            note_exact_steps(places, n, a, b, c, column + n - s, row, uv, geometry)
-        return
-    fill_steps(
-        places[STEPS, s:e], places[STEPS + 1, s:e], places[STEPS + 2, s:e], places[STEPS + 3, s:e],
-        places[U, s:e], places[V, s:e], ends, span_start(a, b, c, column, row, geometry),
-        geometry.viewport.grid_bits, geometry.w,
-    )  # fmt: skip
-
-
-@helper
-def find_steps_of_block(block, uv, table, geometry):
-    """Write the steps of the samples of a block."""
-    for k in range(block.counts[samples.SEGMENTS]):
-        segment = block.segments[k]
-        if not wants_steps(np.int64(segment[samples.OWNER]), table):
-            continue
-        if segment[samples.KIND] == samples.MIXED:
-            find_steps_of_mixed(segment, block, uv, geometry)
-        else:
-            find_steps_of_span(segment, block, uv, geometry)
+        if (codes[a] | codes[b] | codes[c]) & CLIPPED:
+            for n in range(whole[samples.FIRST, r], whole[samples.FIRST, r + np.uintp(1)]):
+                column, row = whole[samples.COLUMN, n], whole[samples.ROW, n]
+                note_clipped_steps(places, n, a, b, c, column, row, uv, clip_positions, viewport)
 
 
 @stage
@@ -251,14 +249,19 @@ def find_steps(
     Write what a pixel to the right and a pixel down add to the coordinates of each sample.
 
     Of objects whose textures have levels to choose from. After `find_coordinates`, as long as
-    ``single`` and ``real`` hold what that and the weights have gathered.
+    ``single``, ``real`` and ``whole`` hold what that and the weights have gathered.
     """
-    find_steps_of_block(block, uv, table, geometry)
-
-
-@stage
-def find_steps_affine(
-    block: Block, count, uv: float32[:, ::1], table: int64[:, :, ::1], geometry: Geometry
-):
-    """Write the same where interpolation is linear on the screen."""
-    find_steps_of_block(block, uv, table, affine(geometry))
+    xy, codes, w, clip_positions = geometry.xy, geometry.codes, geometry.w, geometry.clip_positions
+    bits = geometry.viewport.grid_bits
+    for k in range(block.counts[samples.SEGMENTS]):
+        segment = block.segments[k]
+        if not wants_steps(np.int64(segment[samples.OWNER]), table):
+            continue
+        if segment[samples.KIND] == samples.MIXED:
+            find_steps_of_mixed(segment, block, bits, w.shape[0] == 0)
+        else:
+            find_steps_of_span(segment, block, uv, bits, xy, codes, w)
+        if clip_positions.shape[0] != 0:
+            find_steps_of_clipped(
+                segment, block.whole, block.places, uv, codes, clip_positions, geometry.viewport
+            )

@@ -31,7 +31,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rasterjit.pipeline.geometry.setup import CLIPPED, edge, whole_size
+from rasterjit.pipeline.geometry.setup import whole_size
 from rasterjit.runtime.float_math import log2
 from rasterjit.runtime.jit import helper
 
@@ -71,39 +71,6 @@ def level_at(levels, n):
 
 
 @helper
-def snapped_slopes(at, ws, column, row, bits):
-    """
-    Return how the weights of a face that was not clipped change at a pixel, over their sum.
-
-    Takes the vertices' positions on the sub-pixel grid and their w. See `weight_slopes`.
-    """
-    (ax, ay), (bx, by), (cx, cy) = at
-    half = np.int64(1) << (bits - 1)
-    px, py = (np.int64(column) << bits) + half, (np.int64(row) << bits) + half
-    smallest = min(ws[0], min(ws[1], ws[2]))
-    p, q, r = smallest / ws[0], smallest / ws[1], smallest / ws[2]
-    total = (
-        np.float64(edge(bx, by, cx, cy, px, py)) * p
-        + np.float64(edge(cx, cy, ax, ay, px, py)) * q
-        + np.float64(edge(ax, ay, bx, by, px, py)) * r
-    )
-    return scaled_slopes(
-        np.float64(np.int64(1) << bits) / total,
-        (p, q, r),
-        (np.float64(by - cy), np.float64(cy - ay), np.float64(ay - by)),
-        (np.float64(cx - bx), np.float64(ax - cx), np.float64(bx - ax)),
-    )
-
-
-@helper
-def sum_of_weights(e0, e1, e2, ratios, w):
-    """Return the sum of a face's weights: that of its edge functions without w."""
-    if w is None:
-        return np.float64(e0 + e1 + e2)
-    return np.float64(e0) * ratios[0] + np.float64(e1) * ratios[1] + np.float64(e2) * ratios[2]
-
-
-@helper
 def scaled_slopes(per_sum, ratios, across, down):
     """
     Return the slopes of weights whose edge functions gain so much by a pixel right and down.
@@ -118,75 +85,25 @@ def scaled_slopes(per_sum, ratios, across, down):
 
 
 @helper
-def clipped_slopes(at, ws, column, row, width, height):
+def clipped_slopes(a, b, c, column, row, clip, viewport):
     """
-    Return how the weights of a clipped face change at a pixel, over their sum.
+    Return how the weights of a clipped face change at a pixel's centre, over their sum.
 
-    Takes the vertices' clip positions x, y and their w. See `weight_slopes`.
+    Two times three numbers: by one pixel to the right, and by one pixel down, of the weights
+    before they are divided by their sum.
     """
-    x, y = (2.0 * column + 1.0) / width - 1.0, 1.0 - (2.0 * row + 1.0) / height
-    (ax, ay), (bx, by), (cx, cy) = at
-    wa, wb, wc = ws
-    ax, bx, cx = ax - x * wa, bx - x * wb, cx - x * wc
-    ay, by, cy = ay - y * wa, by - y * wb, cy - y * wc
+    width, height = whole_size(viewport)
+    x = (2.0 * (viewport.left + column) + 1.0) / width - 1.0
+    y = 1.0 - (2.0 * (viewport.top + row) + 1.0) / height
+    wa, wb, wc = clip[a, 3], clip[b, 3], clip[c, 3]
+    ax, bx, cx = clip[a, 0] - x * wa, clip[b, 0] - x * wb, clip[c, 0] - x * wc
+    ay, by, cy = clip[a, 1] - y * wa, clip[b, 1] - y * wb, clip[c, 1] - y * wc
     total = (bx * cy - cx * by) + (cx * ay - ax * cy) + (ax * by - bx * ay)
     right, down = 2.0 / width / total, -2.0 / height / total
     return (
         (right * (wc * by - wb * cy), right * (wa * cy - wc * ay), right * (wb * ay - wa * by)),
         (down * (cx * wb - bx * wc), down * (ax * wc - cx * wa), down * (bx * wa - ax * wb)),
     )
-
-
-@helper
-def ws_of(a, b, c, w):
-    """Return w of three vertices; all are 1 where interpolation is affine."""
-    if w is None:
-        return 1.0, 1.0, 1.0
-    return w[a], w[b], w[c]
-
-
-@helper
-def unsnapped_corners(a, b, c, codes, geometry):
-    """Return x, y of a clipped face's vertices in clip space, 0 for any other face, and all w."""
-    clip = geometry.clip_positions
-    if codes & CLIPPED:
-        exact = (clip[a, 0], clip[a, 1]), (clip[b, 0], clip[b, 1]), (clip[c, 0], clip[c, 1])
-        return exact, (clip[a, 3], clip[b, 3], clip[c, 3])
-    return ((0.0, 0.0), (0.0, 0.0), (0.0, 0.0)), ws_of(a, b, c, geometry.w)
-
-
-@helper
-def weight_slopes(a, b, c, column, row, geometry):
-    """
-    Return how the weights of a face change at a pixel's centre, over their sum.
-
-    Two times three numbers: by one pixel to the right, and by one pixel down, of the weights
-    before they are divided by their sum.
-    """
-    xy, viewport = geometry.xy, geometry.viewport
-    snapped = (
-        (np.int64(xy[a, 0]), np.int64(xy[a, 1])),
-        (np.int64(xy[b, 0]), np.int64(xy[b, 1])),
-        (np.int64(xy[c, 0]), np.int64(xy[c, 1])),
-    )
-    codes = geometry.codes[a] | geometry.codes[b] | geometry.codes[c]
-    exact, ws = unsnapped_corners(a, b, c, codes, geometry)
-    parts = (column, row), (viewport.left, viewport.top), whole_size(viewport)
-    return chosen_slopes(codes, snapped, exact, ws, parts, viewport.grid_bits)
-
-
-@helper
-def chosen_slopes(codes, snapped, exact, ws, places, bits):
-    """
-    Return the slopes of a clipped face or of one that was not.
-
-    Takes a pixel, the first one of the picture in the whole one, and the size of that.
-    """
-    pixel, first, size = places
-    if codes & CLIPPED:
-        column, row = first[0] + pixel[0], first[1] + pixel[1]
-        return clipped_slopes(exact, ws, column, row, size[0], size[1])
-    return snapped_slopes(snapped, ws, pixel[0], pixel[1], bits)
 
 
 @helper

@@ -5,15 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from rasterjit.pipeline.geometry.barycentric import (
+    UNDERFLOW,
+    has_its_back_turned,
     held_edges,
-    ratios_at,
     sample_weights,
-    seen_from_behind,
-    weights_along_run,
-    weights_from_edges,
 )
 from rasterjit.pipeline.geometry.setup import CLIPPED, edge, narrow_edge
-from rasterjit.pipeline.records import Geometry, Placement, Viewport
+from rasterjit.pipeline.records import Geometry, Placement
 from rasterjit.pipeline.surface.listing import whole_vectors
 from rasterjit.pipeline.surface.samples import (
     AX,
@@ -42,102 +40,77 @@ from rasterjit.pipeline.surface.samples import (
     Block,
     C,
 )
-from rasterjit.runtime.intrinsics import spread
+from rasterjit.runtime.intrinsics import part, spread
 from rasterjit.runtime.jit import disjoint_helper, helper, stage
 
 
 @disjoint_helper
 def weigh(
-    ax, ay, bx, by, cx, cy, wa, wb, wc, columns, rows, count, bits, reach, w, unsure, second, third
+    ax, ay, bx, by, cx, cy, wa, wb, wc, columns, rows, count, place, bits, reach, is_affine,
+    front_turn, unsure, behind, second, third,
 ):  # fmt: skip
     """
-    Write the weights of ``count`` samples, each of a face of its own.
+    Write the weights of ``count`` samples, each of a face of its own, and which side is seen.
 
-    Return whether any of them takes another way: its face was clipped, or its weights are doubtful.
+    Takes their place in their pixels, on the sub-pixel grid. Returns whether any of them takes
+    another way: its face was clipped, or its weights are doubtful.
     """
-    half, found = np.int32(1) << (bits - 1), np.int32(0)
+    found = np.int32(0)
     for n in range(ax.shape[0]):
-        px = np.int32((columns[n] << bits) + half)
-        py = np.int32((rows[n] << bits) + half)
-        edges = (
+        px = np.int32((columns[n] << bits) + place[0])
+        py = np.int32((rows[n] << bits) + place[1])
+        e0, e1, e2 = (
             narrow_edge(bx[n], by[n], cx[n], cy[n], px, py),
             narrow_edge(cx[n], cy[n], ax[n], ay[n], px, py),
             narrow_edge(ax[n], ay[n], bx[n], by[n], px, py),
         )
-        right = by[n] - cy[n], cy[n] - ay[n], ay[n] - by[n]
-        down = cx[n] - bx[n], ax[n] - cx[n], bx[n] - ax[n]
-        edges = held_edges(edges, right, down, reach)
-        ratios = ratios_at(wa, wb, wc, n, w)
-        second[n], third[n], doubtful = weights_from_edges(*edges, ratios, w)
-        unsure[n] |= np.int32(doubtful)
+        k0, k1, k2, whole = np.float64(e0), np.float64(e1), np.float64(e2), np.float64(e0 + e1 + e2)
+        behind[n] = np.int32(whole * front_turn < 0.0)
+        if reach != 0:
+            right = by[n] - cy[n], cy[n] - ay[n], ay[n] - by[n]
+            down = cx[n] - bx[n], ax[n] - cx[n], bx[n] - ax[n]
+            k0, k1, k2 = held_edges((e0, e1, e2), right, down)
+            whole = k0 + k1 + k2
+        smallest = min(wa[n], min(wb[n], wc[n]))
+        w0, w1, w2 = k0 * (smallest / wa[n]), k1 * (smallest / wb[n]), k2 * (smallest / wc[n])
+        total, over = w0 + w1 + w2, 1.0 / whole
+        second[n] = k1 * over if is_affine else w1 / total
+        third[n] = k2 * over if is_affine else w2 / total
+        unsure[n] |= np.int32(not (is_affine or abs(total) > UNDERFLOW))
         found |= unsure[n] if n < count else np.int32(0)
     return found
 
 
-@disjoint_helper
-def find_sides(ax, ay, bx, by, cx, cy, front_turn, behind):
-    """Write whether the back of each face is seen, by its turn on the screen."""
-    for n in range(ax.shape[0]):
-        turn = narrow_edge(ax[n], ay[n], bx[n], by[n], cx[n], cy[n])
-        behind[n] = np.int32(np.float64(turn) * front_turn < 0.0)
-
-
 @helper
-def gather_w(first, end, w, whole, real):
-    """Gather w of the vertices of patches; nothing where interpolation is affine."""
-    if w is None:
-        return
+def gather_screen(first, end, xy, codes, w, whole, real):
+    """Gather where vertices of patches lie on the screen, what was clipped, and w; 1 without."""
+    is_affine = w.shape[0] == 0
     for r in range(np.uintp(first), np.uintp(end)):
-        a, b, c = np.uintp(whole[A, r]), np.uintp(whole[B, r]), np.uintp(whole[C, r])
-        n = np.uintp(whole[FIRST, r])
-        spread(real[0], n, w[a])
-        spread(real[1], n, w[b])
-        spread(real[2], n, w[c])
+        n, code = np.uintp(whole[FIRST, r]), codes[np.uintp(whole[A, r])]
+        for k in range(3):
+            vertex = np.uintp(whole[A + k, r])
+            spread(whole[AX + 2 * k], n, xy[vertex, 0])
+            spread(whole[AY + 2 * k], n, xy[vertex, 1])
+            spread(real[k], n, 1.0 if is_affine else w[vertex])
+            code |= codes[vertex]
+        spread(whole[UNSURE], n, np.int32(code & CLIPPED))
 
 
 @helper
-def gather_screen(first, end, geometry, whole, real):
-    """Gather where the vertices of patches lie on the screen, their w, and what was clipped."""
-    xy, codes = geometry.xy, geometry.codes
-    for r in range(np.uintp(first), np.uintp(end)):
-        a, b, c = np.uintp(whole[A, r]), np.uintp(whole[B, r]), np.uintp(whole[C, r])
-        n = np.uintp(whole[FIRST, r])
-        spread(whole[AX], n, xy[a, 0])
-        spread(whole[AY], n, xy[a, 1])
-        spread(whole[BX], n, xy[b, 0])
-        spread(whole[BY], n, xy[b, 1])
-        spread(whole[CX], n, xy[c, 0])
-        spread(whole[CY], n, xy[c, 1])
-        spread(whole[UNSURE], n, np.int32((codes[a] | codes[b] | codes[c]) & CLIPPED))
-    gather_w(first, end, geometry.w, whole, real)
-
-
-@helper
-def weigh_mixed(segment, whole, real, weights, geometry, placement):
-    """Write the weights of the samples of a mixed segment, and which side of a face is seen."""
-    first, end, owner = segment[FIRST_PATCH], segment[END_PATCH], np.int64(segment[OWNER])
+def weigh_mixed(segment, whole, real, weights, xy, codes, w, bits, reach, front_turn):
+    """Write what `weigh` does of the samples of a mixed segment; return if any is unsure."""
     s = np.int64(segment[START])
     count = segment[STOP] - s
     e = s + whole_vectors(count)
-    gather_screen(first, end, geometry, whole, real)
-    unsure = weigh(
-        whole[AX, s:e], whole[AY, s:e], whole[BX, s:e], whole[BY, s:e], whole[CX, s:e],
-        whole[CY, s:e], real[0, s:e], real[1, s:e], real[2, s:e], whole[COLUMN, s:e],
-        whole[ROW, s:e], count, geometry.viewport.grid_bits, geometry.viewport.reach, geometry.w,
-        whole[UNSURE, s:e], weights[0, s:e], weights[1, s:e],
+    gather_screen(segment[FIRST_PATCH], segment[END_PATCH], xy, codes, w, whole, real)
+    half = np.int32(1) << (bits - 1)
+    return weigh(
+        part(whole, AX, s, e), part(whole, AY, s, e), part(whole, BX, s, e), part(whole, BY, s, e),
+        part(whole, CX, s, e), part(whole, CY, s, e), part(real, 0, s, e), part(real, 1, s, e),
+        part(real, 2, s, e), part(whole, COLUMN, s, e), part(whole, ROW, s, e), count, (half, half),
+        bits, reach, w.shape[0] == 0, front_turn, part(whole, UNSURE, s, e),
+        part(whole, BEHIND, s, e), part(weights, 0, s, e), part(weights, 1, s, e),
     )  # fmt: skip
-    find_sides(
-        whole[AX, s:e], whole[AY, s:e], whole[BX, s:e], whole[BY, s:e], whole[CX, s:e],
-        whole[CY, s:e], placement.front_turns[owner], whole[BEHIND, s:e],
-    )  # fmt: skip
-    if unsure != 0:
-        for r in range(np.uintp(first), np.uintp(end)):
-            a, b, c = np.uintp(whole[A, r]), np.uintp(whole[B, r]), np.uintp(whole[C, r])
-            for i in range(whole[FIRST, r], whole[FIRST, r + np.uintp(1)]):
-                if whole[UNSURE, i] != 0:
-                    exact = sample_weights(a, b, c, whole[COLUMN, i], whole[ROW, i], geometry)
-                    weights[0, i], weights[1, i] = exact[1], exact[2]
-                    whole[BEHIND, i] = seen_from_behind(a, b, c, owner, geometry, placement)
 
 
 @helper
@@ -149,101 +122,120 @@ def edge_start(ax, ay, bx, by, column, row, bits):
 
 
 @helper
-def ratios_of(a, b, c, w):
-    """Return the smallest w of a face over each; 1 without w."""
-    if w is None:
-        return 1.0, 1.0, 1.0
-    smallest = min(w[a], min(w[b], w[c]))
-    return smallest / w[a], smallest / w[b], smallest / w[c]
+def span_start(a, b, c, column, row, bits, xy, w):
+    """
+    Return the edge functions of a face at a pixel, and their gains to the right and down.
 
-
-@helper
-def span_start(a, b, c, column, row, geometry):
-    """Return what `interpolation.weights_along_row` takes, from a pixel on."""
-    xy, bits = geometry.xy, geometry.viewport.grid_bits
+    And the smallest w over each, 1 without w.
+    """
     ax, ay = np.int64(xy[a, 0]), np.int64(xy[a, 1])
     bx, by = np.int64(xy[b, 0]), np.int64(xy[b, 1])
     cx, cy = np.int64(xy[c, 0]), np.int64(xy[c, 1])
     e0, right0, down0 = edge_start(bx, by, cx, cy, column, row, bits)
     e1, right1, down1 = edge_start(cx, cy, ax, ay, column, row, bits)
     e2, right2, down2 = edge_start(ax, ay, bx, by, column, row, bits)
-    ratios = ratios_of(a, b, c, geometry.w)
+    ratios = 1.0, 1.0, 1.0
+    if w.shape[0] != 0:
+        smallest = min(w[a], min(w[b], w[c]))
+        ratios = smallest / w[a], smallest / w[b], smallest / w[c]
     return (e0, e1, e2), (right0, right1, right2), (down0, down1, down2), ratios
 
 
+@disjoint_helper
+def weigh_along_row(second, third, behind, row_start, is_affine, front_turn):
+    """Write weights, and which side is seen, along a row of one face; return if any is doubtful."""
+    (e0, e1, e2), steps, _, ratios = row_start
+    whole, doubtful = np.float64(e0 + e1 + e2), np.int64(0)
+    over, is_behind = 1.0 / whole, np.int32(whole * front_turn < 0.0)
+    for n in range(second.shape[0]):
+        k0, k1, k2 = np.float64(e0), np.float64(e1), np.float64(e2)
+        if is_affine:
+            second[n], third[n] = k1 * over, k2 * over
+        else:
+            w0, w1, w2 = k0 * ratios[0], k1 * ratios[1], k2 * ratios[2]
+            total = w0 + w1 + w2
+            second[n], third[n] = w1 / total, w2 / total
+            doubtful |= np.int64(not abs(total) > UNDERFLOW)
+        behind[n] = is_behind
+        e0 += steps[0]
+        e1 += steps[1]
+        e2 += steps[2]
+    return np.int32(doubtful)
+
+
 @helper
-def weigh_span(segment, whole, weights, geometry, placement):
-    """Write the weights of the samples of a span, and which side of its face is seen."""
-    r, owner = np.uintp(segment[FIRST_PATCH]), np.int64(segment[OWNER])
-    a, b, c = np.uintp(whole[A, r]), np.uintp(whole[B, r]), np.uintp(whole[C, r])
-    s, e = np.int64(segment[START]), np.int64(segment[STOP])
-    column, row = np.int64(segment[COLUMN_OF]), np.int64(segment[ROW_OF])
-    codes = geometry.codes
-    doubtful = np.int64((codes[a] | codes[b] | codes[c]) & CLIPPED)
-    if doubtful == 0:
-        doubtful = weights_along_run(
-            weights[0, s:e], weights[1, s:e], span_start(a, b, c, column, row, geometry),
-            geometry.viewport.reach, geometry.w,
-        )  # fmt: skip
-    if doubtful != 0:
-        for i in range(e - s):
-            exact = sample_weights(a, b, c, column + i, row, geometry)
-            weights[0, s + i], weights[1, s + i] = exact[1], exact[2]
-    behind = np.int32(seen_from_behind(a, b, c, owner, geometry, placement))
+def doubt_span(s, e, column, row, row_start, doubtful, whole):
+    """
+    Note which samples of a span are unsure: all if one is, else those beside the face.
+
+    Notes their pixels, too. Returns whether any is unsure.
+    """
+    (e0, e1, e2), steps, _, _ = row_start
+    side, found = np.int64(-1) if e0 + e1 + e2 < 0 else np.int64(1), np.int32(0)
     for n in range(np.uintp(s), np.uintp(e)):
-        whole[BEHIND, n] = behind
+        is_beside = min(side * e0, min(side * e1, side * e2)) < 0
+        whole[COLUMN, n], whole[ROW, n] = column, row
+        whole[UNSURE, n] = doubtful | np.int32(is_beside)
+        found |= whole[UNSURE, n]
+        column += 1
+        e0 += steps[0]
+        e1 += steps[1]
+        e2 += steps[2]
+    return found
 
 
 @helper
-def weigh_block(block, geometry, placement):
-    """Write the weights of the samples of a block, and which side of each face is seen."""
-    whole, weights, real = block.whole, block.weights, block.real
+def weigh_span(segment, whole, weights, xy, codes, w, bits, reach, front_turn):
+    """Write what `weigh` does of the samples of a span; return if any is unsure."""
+    r, s, e = np.uintp(segment[FIRST_PATCH]), np.int64(segment[START]), np.int64(segment[STOP])
+    a, b, c = np.uintp(whole[A, r]), np.uintp(whole[B, r]), np.uintp(whole[C, r])
+    column, row = np.int64(segment[COLUMN_OF]), np.int64(segment[ROW_OF])
+    row_start = span_start(a, b, c, column, row, bits, xy, w)
+    doubtful = np.int32((codes[a] | codes[b] | codes[c]) & CLIPPED)
+    if doubtful == 0:
+        doubtful = weigh_along_row(
+            part(weights, 0, s, e), part(weights, 1, s, e), part(whole, BEHIND, s, e), row_start,
+            w.shape[0] == 0, front_turn,
+        )  # fmt: skip
+    if doubtful == 0 and reach == 0:
+        return doubtful
+    return doubt_span(s, e, column, row, row_start, doubtful, whole)
+
+
+@helper
+def weigh_unsure(segment, whole, weights, geometry, placement):
+    """Write exactly the weights of the unsure samples of a segment, and which side is seen."""
+    owner, codes = np.int64(segment[OWNER]), geometry.codes
+    for r in range(np.uintp(segment[FIRST_PATCH]), np.uintp(segment[END_PATCH])):
+        a, b, c = np.uintp(whole[A, r]), np.uintp(whole[B, r]), np.uintp(whole[C, r])
+        first, end = np.uintp(whole[FIRST, r]), np.uintp(whole[FIRST, r + np.uintp(1)])
+        for n in range(first, end):
+            if whole[UNSURE, n] != 0:
+                exact = sample_weights(a, b, c, whole[COLUMN, n], whole[ROW, n], geometry)
+                weights[0, n], weights[1, n] = exact[1], exact[2]
+        if (codes[a] | codes[b] | codes[c]) & CLIPPED:
+            behind = np.int32(has_its_back_turned(a, b, c, owner, placement))
+            for n in range(first, end):
+                whole[BEHIND, n] = behind
+
+
+@stage
+def find_weights(block: Block, count, geometry: Geometry, placement: Placement):
+    """
+    Write the weights of the samples of a block, and which side of each face is seen.
+
+    Leaves the pixels of clipped faces and what `weigh_mixed` gathers of the others, for
+    `texture_gradients.find_steps`.
+    """
+    whole, real, weights = block.whole, block.real, block.weights
+    xy, codes, w = geometry.xy, geometry.codes, geometry.w
+    bits, reach = geometry.viewport.grid_bits, geometry.viewport.reach
     for k in range(block.counts[SEGMENTS]):
         segment = block.segments[k]
+        turn = placement.front_turns[np.int64(segment[OWNER])]
         if segment[KIND] == SPAN:
-            weigh_span(segment, whole, weights, geometry, placement)
+            unsure = weigh_span(segment, whole, weights, xy, codes, w, bits, reach, turn)
         else:
-            weigh_mixed(segment, whole, real, weights, geometry, placement)
-
-
-@helper
-def centred(geometry):
-    """Return a geometry whose pixels have one sample each."""
-    v = geometry.viewport
-    viewport = Viewport(
-        v.width, v.height, v.guard_x, v.guard_y, v.subpixel_bits, v.grid_bits, None, v.left, v.top,
-        v.right, v.bottom,
-    )  # fmt: skip
-    g = geometry
-    return Geometry(g.faces, g.xy, g.codes, g.w, g.clip_positions, viewport)
-
-
-@helper
-def affine(geometry):
-    """Return a geometry that is interpolated on the screen."""
-    g = geometry
-    return Geometry(g.faces, g.xy, g.codes, None, g.clip_positions, g.viewport)
-
-
-@stage
-def weigh_centres(block: Block, count, geometry: Geometry, placement: Placement):
-    """Find the weights of samples at the centres of pixels, perspective-correct."""
-    weigh_block(block, centred(geometry), placement)
-
-
-@stage
-def weigh_near(block: Block, count, geometry: Geometry, placement: Placement):
-    """Find the weights of pixels whose samples may lie beside the centre, perspective-correct."""
-    weigh_block(block, geometry, placement)
-
-
-@stage
-def weigh_centres_affine(block: Block, count, geometry: Geometry, placement: Placement):
-    """Find the weights of samples at the centres of pixels, linear on the screen."""
-    weigh_block(block, affine(centred(geometry)), placement)
-
-
-@stage
-def weigh_near_affine(block: Block, count, geometry: Geometry, placement: Placement):
-    """Find the weights of pixels whose samples may lie beside the centre, linear on the screen."""
-    weigh_block(block, affine(geometry), placement)
+            unsure = weigh_mixed(segment, whole, real, weights, xy, codes, w, bits, reach, turn)
+        if unsure != 0:
+            weigh_unsure(segment, whole, weights, geometry, placement)

@@ -24,14 +24,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rasterjit.pipeline.geometry.barycentric import (
-    UNDERFLOW,
     find_object,
-    held_edges,
     interpolate,
     lowest_first,
     shifted_weights,
 )
-from rasterjit.pipeline.geometry.setup import CLIPPED, TILE_SIZE, last_at_most, narrow_edge
+from rasterjit.pipeline.geometry.setup import CLIPPED, TILE_SIZE, last_at_most
 from rasterjit.pipeline.geometry.triangle_batches import BOTTOM, LEFT, RIGHT, TOP
 from rasterjit.pipeline.geometry.triangle_batches import FACE as NUMBER
 from rasterjit.pipeline.records import Cutouts
@@ -40,6 +38,7 @@ from rasterjit.pipeline.surface.listing import whole_vectors
 from rasterjit.pipeline.surface.samples import (
     AX,
     AY,
+    BEHIND,
     BX,
     BY,
     COLUMN,
@@ -56,13 +55,14 @@ from rasterjit.pipeline.surface.samples import (
     C,
 )
 from rasterjit.pipeline.surface.texture_gradients import (
-    float_difference,
     mix_places,
-    note_exact_steps,
+    mix_steps,
+    note_clipped_steps,
     wants_steps,
 )
 from rasterjit.pipeline.surface.texture_lookup import OWNER, SHOWN, STEPS, U, V, show_textures
-from rasterjit.pipeline.surface.textures import BASE_COLOR, FIRST_LEVEL, place_step, scaled_slopes
+from rasterjit.pipeline.surface.textures import BASE_COLOR, FIRST_LEVEL
+from rasterjit.pipeline.surface.weights import weigh
 from rasterjit.runtime.intrinsics import LANES, call_at, flat, spread
 from rasterjit.runtime.jit import Bound, disjoint_helper, helper, kernel
 from rasterjit.runtime.state import float32, float64, int32, int64, stored
@@ -168,53 +168,17 @@ def gather_patches(faces, own, xy, codes, w, whole, real):
     return patches
 
 
-@disjoint_helper
-def weigh(
-    ax, ay, bx, by, cx, cy, wa, wb, wc, columns, rows, shift, count, bits, reach, is_affine, unsure,
-    second, third,
-):  # fmt: skip
-    """
-    Write the weights of ``count`` samples, each of a face of its own.
-
-    Takes their pixels, and their way from there to the pixels' centres on the sub-pixel grid.
-    Returns whether any of them takes another way: its face was clipped, or its weights are
-    doubtful.
-    """
-    half, found = np.int32(1) << (bits - 1), np.int32(0)
-    for n in range(ax.shape[0]):
-        px = np.int32((columns[n] << bits) + half - shift[0])
-        py = np.int32((rows[n] << bits) + half - shift[1])
-        edges = (
-            narrow_edge(bx[n], by[n], cx[n], cy[n], px, py),
-            narrow_edge(cx[n], cy[n], ax[n], ay[n], px, py),
-            narrow_edge(ax[n], ay[n], bx[n], by[n], px, py),
-        )
-        e0, e1, e2 = np.float64(edges[0]), np.float64(edges[1]), np.float64(edges[2])
-        whole = np.float64(edges[0] + edges[1] + edges[2])
-        if reach != 0:
-            right = by[n] - cy[n], cy[n] - ay[n], ay[n] - by[n]
-            down = cx[n] - bx[n], ax[n] - cx[n], bx[n] - ax[n]
-            e0, e1, e2 = held_edges(edges, right, down, reach)
-            whole = e0 + e1 + e2
-        smallest = min(wa[n], min(wb[n], wc[n]))
-        w0, w1, w2 = e0 * (smallest / wa[n]), e1 * (smallest / wb[n]), e2 * (smallest / wc[n])
-        total, over = w0 + w1 + w2, 1.0 / np.float64(whole)
-        second[n] = e1 * over if is_affine else w1 / total
-        third[n] = e2 * over if is_affine else w2 / total
-        unsure[n] |= np.int32(not (is_affine or abs(total) > UNDERFLOW))
-        found |= unsure[n] if n < count else np.int32(0)
-    return found
-
-
 @helper
 def find_weights(weights, count, patches, shift, whole, real, geometry):
     """Write the weights of samples whose vertices and pixels are known."""
-    size = whole_vectors(count)
+    size, bits = whole_vectors(count), geometry.viewport.grid_bits
+    half = np.int32(1) << (bits - 1)
     unsure = weigh(
         whole[AX, :size], whole[AY, :size], whole[BX, :size], whole[BY, :size], whole[CX, :size],
         whole[CY, :size], real[0, :size], real[1, :size], real[2, :size], whole[COLUMN, :size],
-        whole[ROW, :size], shift, count, geometry.viewport.grid_bits, geometry.viewport.reach,
-        geometry.w.shape[0] == 0, whole[UNSURE, :size], weights[0, :size], weights[1, :size],
+        whole[ROW, :size], count, (half - shift[0], half - shift[1]), bits, geometry.viewport.reach,
+        geometry.w.shape[0] == 0, 1.0, whole[UNSURE, :size], whole[BEHIND, :size],
+        weights[0, :size], weights[1, :size],
     )  # fmt: skip
     if unsure != 0:
         for r in range(patches):
@@ -248,40 +212,6 @@ def multiply_vertex_alphas(alphas, patches, size, weights, whole, single, vertex
     )  # fmt: skip
 
 
-@disjoint_helper
-def find_steps(
-    right_u, right_v, down_u, down_v, u, v, ua, va, ub, vb, uc, vc, ax, ay, bx, by, cx, cy, wa, wb,
-    wc, columns, rows, bits, is_affine,
-):  # fmt: skip
-    """Write what a pixel to the right and one down add to the coordinates of each sample."""
-    half = np.int32(1) << (bits - 1)
-    unit = np.float64(np.int64(1) << bits)
-    for n in range(u.shape[0]):
-        px = np.int32((columns[n] << bits) + half)
-        py = np.int32((rows[n] << bits) + half)
-        x0, y0, x1, y1, x2, y2 = ax[n], ay[n], bx[n], by[n], cx[n], cy[n]
-        smallest = min(wa[n], min(wb[n], wc[n]))
-        ratios = smallest / wa[n], smallest / wb[n], smallest / wc[n]
-        e0, e1, e2 = (
-            narrow_edge(x1, y1, x2, y2, px, py), narrow_edge(x2, y2, x0, y0, px, py),
-            narrow_edge(x0, y0, x1, y1, px, py),
-        )  # fmt: skip
-        total = np.float64(e0) * ratios[0] + np.float64(e1) * ratios[1] + np.float64(e2) * ratios[2]
-        total = np.float64(e0 + e1 + e2) if is_affine else total
-        right, down = scaled_slopes(
-            unit / total,
-            ratios,
-            (float_difference(y1, y2), float_difference(y2, y0), float_difference(y0, y1)),
-            (float_difference(x2, x1), float_difference(x0, x2), float_difference(x1, x0)),
-        )
-        place = u[n], v[n]
-        pa = np.float64(ua[n]), np.float64(va[n])
-        pb = np.float64(ub[n]), np.float64(vb[n])
-        pc = np.float64(uc[n]), np.float64(vc[n])
-        right_u[n], right_v[n] = place_step(right, place, pa, pb, pc)
-        down_u[n], down_v[n] = place_step(down, place, pa, pb, pc)
-
-
 @helper
 def find_coordinates(
     places, size, patches, weights, owner, whole, real, single, geometry, textures
@@ -301,7 +231,7 @@ def find_coordinates(
     )  # fmt: skip
     if not wants_steps(owner, textures.table):
         return
-    find_steps(
+    mix_steps(
         places[STEPS, :size], places[STEPS + 1, :size], places[STEPS + 2, :size],
         places[STEPS + 3, :size], places[U, :size], places[V, :size], single[0, :size],
         single[1, :size], single[2, :size], single[3, :size], single[4, :size], single[5, :size],
@@ -313,10 +243,12 @@ def find_coordinates(
         return
     for r in range(patches):
         a, b, c = np.uintp(whole[A, r]), np.uintp(whole[B, r]), np.uintp(whole[C, r])
-        for i in range(whole[FIRST, r], whole[FIRST, r + np.uintp(1)]):
-            if whole[UNSURE, i] != 0:
+        if (geometry.codes[a] | geometry.codes[b] | geometry.codes[c]) & CLIPPED:
+            for i in range(whole[FIRST, r], whole[FIRST, r + np.uintp(1)]):
                 column, row = whole[COLUMN, i], whole[ROW, i]
-                note_exact_steps(places, i, a, b, c, column, row, uv, geometry)
+                note_clipped_steps(
+                    places, i, a, b, c, column, row, uv, geometry.clip_positions, geometry.viewport
+                )
 
 
 @kernel
