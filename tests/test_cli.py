@@ -678,7 +678,7 @@ def test_python_m_rasterjit_is_the_command_line():
 @needs_store
 def test_warmup_shows_progress_and_names_the_folder(monkeypatch):
     told = []
-    monkeypatch.setattr(warmup, "compile_all", lambda tell: told.append(tell("stages", 1, 2)))
+    monkeypatch.setattr(warmup, "compile_all", lambda tell: told.append(tell(1, 2)))
     result = run("warmup")
     assert result.exit_code == 0, result.output
     assert told == [None]

@@ -149,7 +149,8 @@ def render(
             "--background", f"--background: {output.suffix} cannot be transparent; choose .png"
         )
     wanted, places = plan_files(output, outputs, depth_file)
-    from rasterjit.cli.warmup import usual_stages
+    from rasterjit.cli.warmup import first_tasks, tasks_of
+    from rasterjit.rendering.renderer import explain as explain_frame
     from rasterjit.rendering.renderer import render as render_frame
     from rasterjit.runtime.ahead import beside
 
@@ -159,10 +160,13 @@ def render(
     with (
         status(f"Rendering {file.name}", quiet) as shown,
         compile_notice(quiet, shown),
-        beside(usual_stages(), threads),
+        beside(threads) as give,
     ):
+        give(compiling := first_tasks())
         scene = load_scene(file, look, effects, quiet)
         camera = view.camera(scene, size)
+        if compiling:
+            give(tasks_of(explain_frame(scene, camera, quality, size=size, **options)))
         loaded = time.perf_counter()
         frame = render_frame(
             scene, camera, size=size, quality=quality, diagnose=diagnose, threads=threads,
@@ -416,8 +420,8 @@ def accuracy(
 @quiet_option
 @debug_option
 def warmup(quiet: bool) -> None:
-    """Compile the usual kernels now (about a minute), so that no later run has to."""
-    from rasterjit.cli import warmup as ahead
+    """Compile all kernels now (about a minute), so that no later run has to."""
+    from rasterjit.cli.warmup import compile_all
     from rasterjit.runtime import jit, store
 
     if jit.DISABLED or jit.CHECKED:
@@ -428,7 +432,7 @@ def warmup(quiet: bool) -> None:
         raise click.ClickException(f"no folder can keep kernels: set {store.FOLDER_VARIABLE}")
     started = time.perf_counter()
     with progress_bar("Compiling", quiet) as tell:
-        ahead.compile_all(tell)
+        compile_all(tell)
     if not quiet:
         count = store.contents(folder).entries
         click.echo(f"compiled or found all kernels in {time.perf_counter() - started:.1f} s")

@@ -90,8 +90,8 @@ def status(text: str, quiet: bool) -> Iterator[Any]:
 
 
 @contextmanager
-def progress_bar(text: str, quiet: bool) -> Iterator[Callable[[str, int, int], None]]:
-    """Yield what shows how far something is, if somebody is looking: what, done, of how many."""
+def progress_bar(text: str, quiet: bool) -> Iterator[Callable[[int, int], None]]:
+    """Yield what shows how far something is, if somebody is looking: how many, of how many."""
     from rich.console import Console
     from rich.progress import Progress
 
@@ -99,9 +99,7 @@ def progress_bar(text: str, quiet: bool) -> Iterator[Callable[[str, int, int], N
     hidden = quiet or not console.is_terminal
     with Progress(console=console, disable=hidden, transient=True) as progress:
         bar = progress.add_task(text)
-        yield lambda what, done, total: progress.update(
-            bar, description=f"{text} {what}", completed=done, total=total
-        )
+        yield lambda done, total: progress.update(bar, completed=done, total=total)
 
 
 def with_progress(items: Iterable[Item], count: int, text: str, quiet: bool) -> Iterator[Item]:

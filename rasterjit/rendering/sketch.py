@@ -57,13 +57,13 @@ def list_stages(plan: RenderPlan) -> tuple[StageTold, ...]:
     if plan.pictures > 1:
         plan = supersample.plan_picture(plan, {})
     return tuple(
-        StageTold(f"{_short_name(step.stage.__module__)}.{step.stage.__name__}", step.stage.names)
+        StageTold(f"{short_name(step.stage.__module__)}.{step.stage.__name__}", step.stage.names)
         for step in _steps(plan)
     )
 
 
-def _short_name(module: str) -> str:
-    """Return the last part of a module's name, or its folder's."""
+def short_name(module: str) -> str:
+    """Return how a plan names a module: the last part of its name, or its folder's."""
     *_, folder, last = module.split(".")
     return folder if last == "stage" else last
 

@@ -13,7 +13,7 @@ import os
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from queue import Empty, SimpleQueue
 from typing import Any, NamedTuple
@@ -38,18 +38,28 @@ class Task(NamedTuple):
     arguments: tuple[Any, ...] = ()
 
 
-def compiling(kernels: Sequence[Any]) -> list[Task]:
-    """Return tasks that compile stages and raw kernels, those that the store lacks."""
+def compiling(functions: Iterable[Any], usual: bool = False) -> list[Task]:
+    """
+    Return tasks that compile what the store lacks of some kernels and stages.
+
+    Parameters
+    ----------
+    functions : iterable of kernels, raw kernels and stages
+    usual : bool
+        Of each the usual form alone.
+    """
     return [
-        Task(__name__, "compile_one", (one.__module__, one.__name__))
-        for one in kernels
-        if not store.is_kept(one, getattr(one, "WORDS", None) or one.kind)
+        Task(__name__, "compile_one", (one.__module__, one.__name__, number))
+        for one in functions
+        for number, kind in enumerate(one.declared[:1] if usual else one.declared)
+        if not store.is_kept(one, kind)
     ]
 
 
-def compile_one(module: str, name: str) -> None:
-    """Compile a stage or a raw kernel, unless the store has it."""
-    getattr(importlib.import_module(module), name).address()
+def compile_one(module: str, name: str, number: int) -> None:
+    """Compile a form of a kernel, a raw kernel or a stage, unless the store has it."""
+    function = getattr(importlib.import_module(module), name)
+    function.obtain(function.declared[number])
 
 
 def work() -> None:
@@ -154,30 +164,35 @@ def _end(process: subprocess.Popen[str]) -> None:
 
 
 @contextmanager
-def beside(tasks: Sequence[Task], threads: int | None = None) -> Iterator[bool]:
+def beside(threads: int | None = None) -> Iterator[Callable[[Sequence[Task]], None]]:
     """
     Let another process do tasks, in order, as long as the context lasts.
 
     Parameters
     ----------
-    tasks : sequence of Task
     threads : int or None
         What the user allows; with 1 everything is left to this process.
 
     Yields
     ------
-    bool
-        Whether there is such a process.
+    callable
+        Takes tasks. The process starts with the first, if there can be one.
     """
-    if not tasks or threads == 1 or available_processors() == 1 or not is_possible():
-        yield False
-        return
-    other = _start()
-    # Whether they are done shows in the store: nobody reads the answers, which fit in a pipe.
-    with suppress(OSError):
-        other.stdin.writelines(json.dumps(task) + "\n" for task in tasks)
-        other.stdin.flush()
+    is_alone = threads == 1 or available_processors() == 1 or not is_possible()
+    others: list[subprocess.Popen[str]] = []
+
+    def give(tasks: Sequence[Task]) -> None:
+        if is_alone or not tasks:
+            return
+        if not others:
+            others.append(_start())
+        # Whether they are done shows in the store: nobody reads the answers, which fit in a pipe.
+        with suppress(OSError):
+            others[0].stdin.writelines(json.dumps(task) + "\n" for task in tasks)
+            others[0].stdin.flush()
+
     try:
-        yield True
+        yield give
     finally:
-        _end(other)
+        for one in others:
+            _end(one)

@@ -210,6 +210,10 @@ class Kernel:
                     furthest, reason = len(words), error
         raise reason
 
+    def obtain(self, kind: RecordType) -> int:
+        """Return the address of the machine code of a form, compiled or loaded first."""
+        return self.form_for(kind).address
+
     def form_for(self, kind: RecordType) -> Form:
         """Return the form for arguments of some types: at hand, from the store, or compiled."""
         with self._lock:
@@ -268,6 +272,11 @@ class RawKernel:
         self.__doc__ = function.__doc__
         self._lock = threading.Lock()
         self._code: Any = None
+        self.declared = [self.WORDS]
+
+    def obtain(self, kind: RecordType) -> int:
+        """Return the address of its only form."""
+        return self.address()
 
     def address(self) -> int:
         """Return the address of the machine code, compiled or loaded first."""
@@ -308,6 +317,15 @@ class Stage:
         named = inspect.get_annotations(self.function, eval_str=True)
         given = [name for name in inspect.signature(self.function).parameters if name != "count"]
         return RecordType(tuple, tuple(type_named(named[name]) for name in given))
+
+    @property
+    def declared(self) -> list[RecordType]:
+        """Its only form."""
+        return [self.kind]
+
+    def obtain(self, kind: RecordType) -> int:
+        """Return the address of its only form."""
+        return self.address()
 
     @functools.cached_property
     def names(self) -> tuple[str, ...]:

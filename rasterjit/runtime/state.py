@@ -88,9 +88,10 @@ uint64, uint32, uint16, uint8 = (NumberType(f"uint{bits}") for bits in (64, 32, 
 boolean = NumberType("bool")
 
 stored = NumberType("float32|float64|int32")
-"""What depths are rounded to before they are compared: a kernel has a form for each."""
+"""What depths are rounded to before they are compared: a kernel has a form for each, the usual one
+first."""
 
-real = NumberType("float32|float64")
+real = NumberType("float64|float32")
 """What vertices are taken to the screen in: a kernel has a form for each."""
 
 Type = ArrayType | NumberType | NoneType | RecordType

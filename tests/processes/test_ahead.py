@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import os
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from kernel_files import kernel_modules
 
+import rasterjit as rj
 from rasterjit.cli import warmup
 from rasterjit.runtime import ahead, jit, store
 from rasterjit.runtime.ahead import Task
@@ -87,12 +91,16 @@ def wait_for(path):
 
 @pytest.mark.parametrize("threads", [None, 2])
 def test_another_process_works_beside_this_one_and_ends_with_the_context(likely, tmp_path, threads):
-    path = tmp_path / "a"
-    with likely.beside(tasks("touch", path), threads) as is_beside:
-        assert is_beside
+    path, later = tmp_path / "a", tmp_path / "b"
+    with likely.beside(threads) as give:
+        give([])
+        give(tasks("touch", path))
         wait_for(path)
+        give(tasks("touch", later))
+        wait_for(later)
     pid = int(path.read_text())
     assert pid != os.getpid()
+    assert later.read_text() == str(pid)
     if Path("/proc/self/stat").exists():
         assert has_ended(pid)
 
@@ -118,8 +126,8 @@ def test_there_is_no_other_process_where_one_reason_is_enough(likely, monkeypatc
         owner = getattr(owner, one)
     monkeypatch.setattr(owner, name, value, raising=False)
     monkeypatch.setattr(ahead, "_start", None)
-    with likely.beside(tasks("touch", "a"), None) as is_beside:
-        assert not is_beside
+    with likely.beside() as give:
+        give(tasks("touch", "a"))
 
 
 @pytest.mark.parametrize(("count", "threads"), [(0, None), (1, 1)])
@@ -127,14 +135,15 @@ def test_there_is_no_other_process_for_one_thread_or_for_nothing(
     likely, monkeypatch, count, threads
 ):
     monkeypatch.setattr(ahead, "_start", None)
-    with likely.beside(tasks("touch", "a")[:count], threads) as is_beside:
-        assert not is_beside
+    with likely.beside(threads) as give:
+        give(tasks("touch", "a")[:count])
 
 
 def test_an_error_here_leaves_no_process(likely, monkeypatch):
     started, start = [], ahead._start
     monkeypatch.setattr(ahead, "_start", lambda: started.append(start()) or started[0])
-    with pytest.raises(KeyError), likely.beside(tasks("touch", os.devnull)):
+    with suppress(KeyError), likely.beside() as give:
+        give(tasks("touch", os.devnull))
         raise KeyError
     assert started[0].returncode is not None
 
@@ -151,7 +160,8 @@ def noted():
 
 ahead._start = noted
 ahead.available_processors = lambda: 2
-with ahead.beside([ahead.Task("time", "sleep", (60,))]):
+with ahead.beside() as give:
+    give([ahead.Task("time", "sleep", (60,))])
     time.sleep(60)
 """
 
@@ -212,31 +222,58 @@ def test_stages_are_compiled_from_their_list_without_drawing(tmp_path):
     assert sorted(name.rpartition(".")[2] for name in loaded) == sorted(names)
 
 
-def test_warmup_does_all_stages_then_all_scenes_and_here_what_failed(monkeypatch):
+def test_warmup_compiles_every_form_and_here_what_failed(monkeypatch):
     done, told, here = [], [], []
 
     def do_all(given, tell, processes):
-        done.append([task.function for task in given])
+        done.append(given)
         for _ in given:
             tell()
         return given[-1:]
 
-    steps = [warmup.Step(name, lambda name=name: here.append(name)) for name in "abc"]
-    monkeypatch.setattr(warmup, "steps", lambda: steps)
     monkeypatch.setattr(ahead, "is_possible", lambda: True)
     monkeypatch.setattr(ahead, "do_all", do_all)
-    monkeypatch.setattr(ahead, "compiling", lambda stages: tasks("touch", "x"))
     monkeypatch.setattr(ahead, "compile_one", lambda *arguments: here.append(arguments))
+    monkeypatch.setattr(store, "is_kept", lambda *_: False)
     warmup.compile_all(lambda *what: told.append(what))
-    assert done == [["touch"], 3 * ["run_step"]]
-    assert here == [("x",), "c"]
-    assert told == [
-        ("stages", 0, 1), ("stages", 1, 1),
-        ("scenes", 0, 3), ("scenes", 1, 3), ("scenes", 2, 3), ("scenes", 3, 3),
-    ]  # fmt: skip
+    (given,) = done
+    own = [one for one in (*jit.KERNELS, *jit.STAGES) if one.__module__.startswith("rasterjit.")]
+    assert len(own) > 100
+    compiled = {task.arguments for task in given}
+    assert compiled >= {
+        (one.__module__, one.__name__, number) for one in own for number in range(len(one.declared))
+    }
+    assert here == [given[-1].arguments]
+    assert told == [(n, len(given)) for n in range(len(given) + 1)]
 
 
-def test_every_usual_stage_is_one_of_the_list():
-    modules = {stage.__module__ for stage in jit.STAGES}
-    for begin in warmup.USUAL:
-        assert any(module.startswith(begin) for module in modules), begin
+IN_A_FRESH_PROCESS = """
+import json
+from rasterjit.cli import warmup
+from rasterjit.runtime import jit
+print(json.dumps(sorted(f"{one.__module__}.{one.__name__}" for one in (*jit.KERNELS, *jit.STAGES))))
+"""
+
+
+@compiled_only
+def test_the_list_of_warmup_has_every_kernel_of_the_package():
+    done = subprocess.run(
+        [sys.executable, "-c", IN_A_FRESH_PROCESS], capture_output=True, text=True, check=True
+    )
+    for module in kernel_modules():
+        importlib.import_module(module)
+    own = [one for one in (*jit.KERNELS, *jit.STAGES) if one.__module__.startswith("rasterjit.")]
+    assert json.loads(done.stdout) == sorted(f"{one.__module__}.{one.__name__}" for one in own)
+
+
+@compiled_only
+def test_what_a_frame_will_call_is_compiled_beside_it(cube, monkeypatch):
+    scene, camera = rj.Scene(), rj.PerspectiveCamera(eye=(2.5, 3.0, 4.0), target=(0.0, 0.0, 0.0))
+    scene.add(cube)
+    monkeypatch.setattr(store, "is_kept", lambda *_: False)
+    listed = [task.arguments[1] for task in warmup.tasks_of(rj.explain(scene, camera))]
+    assert listed[0] == "write_opaque_codes"
+    assert listed[-1] == "transform_vertices"
+    assert {"draw_tiles", "list_samples", "find_weights"} <= {*listed}
+    assert not {"clip_faces", "read_textures", "find_layers"} & {*listed}
+    assert len({*listed}) == len(listed)
