@@ -22,10 +22,10 @@ def first_tasks() -> list[Task]:
 
 def tasks_of(plan: RenderPlan) -> list[Task]:
     """Return tasks that compile what a frame will call in any case, the last first."""
-    stages = {told.name for told in list_stages(plan)}
-    kernels = {told.name for told in list_kernels(plan) if not (told.variant or told.condition)}
-    found = [one for one in jit.KERNELS if _name(one) in kernels]
-    found += [one for one in jit.STAGES if _name(one) in stages]
+    known = {_name(one): one for one in (*jit.KERNELS, *jit.STAGES)}
+    names = [told.name for told in list_kernels(plan) if not (told.variant or told.condition)]
+    names += [told.name for told in list_stages(plan)]
+    found = [known[name] for name in dict.fromkeys(names)]
     return ahead.compiling(found[::-1], usual=True)
 
 
