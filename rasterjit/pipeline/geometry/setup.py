@@ -27,6 +27,7 @@ from __future__ import annotations
 import numpy as np
 
 from rasterjit.pipeline.records import Faces, Objects, ScreenVertices, Viewport
+from rasterjit.runtime.intrinsics import part
 from rasterjit.runtime.jit import disjoint_helper, helper, kernel
 from rasterjit.runtime.state import int32, int64, uint8
 
@@ -471,9 +472,10 @@ def set_up_triangles(
         count = stop - first
         gather_corners(own, first, count, screen, batch)
         tally = survey_faces(
-            batch[0, :count], batch[1, :count], batch[2, :count], batch[3, :count],
-            batch[4, :count], batch[5, :count], batch[6, :count], viewport, turn,
-            batch[7, :count], batch[8, :count],
+            part(batch, 0, 0, count), part(batch, 1, 0, count), part(batch, 2, 0, count),
+            part(batch, 3, 0, count), part(batch, 4, 0, count), part(batch, 5, 0, count),
+            part(batch, 6, 0, count), viewport, turn, part(batch, 7, 0, count),
+            part(batch, 8, 0, count),
         )  # fmt: skip
         for outcome in range(SURVIVES):
             totals[outcome] += tally >> (outcome * TALLY_BITS) & ((1 << TALLY_BITS) - 1)

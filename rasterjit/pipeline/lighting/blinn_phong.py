@@ -21,6 +21,7 @@ from rasterjit.pipeline.surface.samples import (
     NORMAL_Z,
 )
 from rasterjit.runtime.float_math import power
+from rasterjit.runtime.intrinsics import part
 from rasterjit.runtime.jit import disjoint_helper, helper
 
 SHORTEST_SQUARED = np.float32(1e-30)
@@ -133,4 +134,8 @@ def add_light(
 @helper
 def scale_normals(samples, count):
     """Scale the normals to length one."""
-    normalize_rows(samples[NORMAL_X, :count], samples[NORMAL_Y, :count], samples[NORMAL_Z, :count])
+    normalize_rows(
+        part(samples, NORMAL_X, 0, count),
+        part(samples, NORMAL_Y, 0, count),
+        part(samples, NORMAL_Z, 0, count),
+    )

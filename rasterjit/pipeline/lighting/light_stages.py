@@ -16,6 +16,7 @@ from rasterjit.pipeline.surface.samples import (
     INTERVALS,
     Block,
 )
+from rasterjit.runtime.intrinsics import part
 from rasterjit.runtime.jit import helper, stage
 from rasterjit.runtime.state import float32, int32, int64, uint32
 
@@ -31,9 +32,10 @@ def show_ambient(block: Block, count, ambient: float32[::1]):
     """Write the unlit colour, or the share of it that ambient light shows."""
     s = block.samples
     blinn_phong.start_colors(
-        s[rows.RED, :count], s[rows.GREEN, :count], s[rows.BLUE, :count], s[rows.LIT, :count],
-        ambient, s[rows.OCCLUSION, :count], s[rows.OUT_RED, :count], s[rows.OUT_GREEN, :count],
-        s[rows.OUT_BLUE, :count],
+        part(s, rows.RED, 0, count), part(s, rows.GREEN, 0, count), part(s, rows.BLUE, 0, count),
+        part(s, rows.LIT, 0, count), ambient, part(s, rows.OCCLUSION, 0, count),
+        part(s, rows.OUT_RED, 0, count), part(s, rows.OUT_GREEN, 0, count),
+        part(s, rows.OUT_BLUE, 0, count),
     )  # fmt: skip
 
 
@@ -41,16 +43,18 @@ def show_ambient(block: Block, count, ambient: float32[::1]):
 def add_lights(samples, count, first, end, lights, toward_viewer, highlights):
     """Add some lights to the samples that they fall on, as far as these are reached."""
     s = samples
-    if largest(s[rows.LIT, :count]) > np.float32(0.0):
+    if largest(part(s, rows.LIT, 0, count)) > np.float32(0.0):
         for n in range(first, end):
             blinn_phong.add_light(
-                lights[n], toward_viewer, highlights,
-                s[rows.NORMAL_X, :count], s[rows.NORMAL_Y, :count], s[rows.NORMAL_Z, :count],
-                s[rows.POINT_X, :count], s[rows.POINT_Y, :count], s[rows.POINT_Z, :count],
-                s[rows.SPECULAR, :count], s[rows.SHININESS, :count], s[rows.LIT, :count],
-                s[rows.SHADOW, :count], s[rows.RED, :count], s[rows.GREEN, :count],
-                s[rows.BLUE, :count], s[rows.OUT_RED, :count], s[rows.OUT_GREEN, :count],
-                s[rows.OUT_BLUE, :count],
+                lights[n], toward_viewer, highlights, part(s, rows.NORMAL_X, 0, count),
+                part(s, rows.NORMAL_Y, 0, count), part(s, rows.NORMAL_Z, 0, count),
+                part(s, rows.POINT_X, 0, count), part(s, rows.POINT_Y, 0, count),
+                part(s, rows.POINT_Z, 0, count), part(s, rows.SPECULAR, 0, count),
+                part(s, rows.SHININESS, 0, count), part(s, rows.LIT, 0, count),
+                part(s, rows.SHADOW, 0, count), part(s, rows.RED, 0, count),
+                part(s, rows.GREEN, 0, count), part(s, rows.BLUE, 0, count),
+                part(s, rows.OUT_RED, 0, count), part(s, rows.OUT_GREEN, 0, count),
+                part(s, rows.OUT_BLUE, 0, count),
             )  # fmt: skip
 
 
@@ -77,12 +81,14 @@ def show_ambient_on_facets(block: Block, count, ambient: float32[::1], toward_vi
     """Write what ambient light shows of metallic-roughness samples."""
     s = block.samples
     start_facets(
-        ambient, toward_viewer, s[rows.OCCLUSION, :count], s[rows.NORMAL_X, :count],
-        s[rows.NORMAL_Y, :count], s[rows.NORMAL_Z, :count], s[rows.POINT_X, :count],
-        s[rows.POINT_Y, :count], s[rows.POINT_Z, :count], s[rows.METALLIC, :count],
-        s[rows.ROUGHNESS, :count], s[rows.MICROFACET, :count], s[rows.RED, :count],
-        s[rows.GREEN, :count], s[rows.BLUE, :count], s[rows.OUT_RED, :count],
-        s[rows.OUT_GREEN, :count], s[rows.OUT_BLUE, :count],
+        ambient, toward_viewer, part(s, rows.OCCLUSION, 0, count), part(s, rows.NORMAL_X, 0, count),
+        part(s, rows.NORMAL_Y, 0, count), part(s, rows.NORMAL_Z, 0, count),
+        part(s, rows.POINT_X, 0, count), part(s, rows.POINT_Y, 0, count),
+        part(s, rows.POINT_Z, 0, count), part(s, rows.METALLIC, 0, count),
+        part(s, rows.ROUGHNESS, 0, count), part(s, rows.MICROFACET, 0, count),
+        part(s, rows.RED, 0, count), part(s, rows.GREEN, 0, count), part(s, rows.BLUE, 0, count),
+        part(s, rows.OUT_RED, 0, count), part(s, rows.OUT_GREEN, 0, count),
+        part(s, rows.OUT_BLUE, 0, count),
     )  # fmt: skip
 
 
@@ -93,15 +99,18 @@ def add_lights_on_facets(
 ):  # fmt: skip
     """Add lights ``first`` to ``end`` to metallic-roughness samples, as far as they are reached."""
     s = block.samples
-    if largest(s[rows.MICROFACET, :count]) > np.float32(0.0):
+    if largest(part(s, rows.MICROFACET, 0, count)) > np.float32(0.0):
         for n in range(first, end):
             add_facet_light(
-                lights[n], toward_viewer, parts, s[rows.NORMAL_X, :count], s[rows.NORMAL_Y, :count],
-                s[rows.NORMAL_Z, :count], s[rows.POINT_X, :count], s[rows.POINT_Y, :count],
-                s[rows.POINT_Z, :count], s[rows.METALLIC, :count], s[rows.ROUGHNESS, :count],
-                s[rows.MICROFACET, :count], s[rows.SHADOW, :count], s[rows.RED, :count],
-                s[rows.GREEN, :count], s[rows.BLUE, :count], s[rows.OUT_RED, :count],
-                s[rows.OUT_GREEN, :count], s[rows.OUT_BLUE, :count],
+                lights[n], toward_viewer, parts, part(s, rows.NORMAL_X, 0, count),
+                part(s, rows.NORMAL_Y, 0, count), part(s, rows.NORMAL_Z, 0, count),
+                part(s, rows.POINT_X, 0, count), part(s, rows.POINT_Y, 0, count),
+                part(s, rows.POINT_Z, 0, count), part(s, rows.METALLIC, 0, count),
+                part(s, rows.ROUGHNESS, 0, count), part(s, rows.MICROFACET, 0, count),
+                part(s, rows.SHADOW, 0, count), part(s, rows.RED, 0, count),
+                part(s, rows.GREEN, 0, count), part(s, rows.BLUE, 0, count),
+                part(s, rows.OUT_RED, 0, count), part(s, rows.OUT_GREEN, 0, count),
+                part(s, rows.OUT_BLUE, 0, count),
             )  # fmt: skip
 
 
@@ -122,8 +131,8 @@ def write_opaque_codes(block: Block, count, shown: int64, table: int32[::1], col
     for k in range(block.counts[INTERVALS]):
         row, column, start, stop = interval_of(block, k)
         encode_span(
-            s[shown, start:stop], s[shown + 1, start:stop], s[shown + 2, start:stop], table,
-            color[row, column : column + stop - start],
+            part(s, shown, start, stop), part(s, shown + 1, start, stop),
+            part(s, shown + 2, start, stop), table, color[row, column : column + stop - start],
         )  # fmt: skip
 
 
@@ -136,8 +145,9 @@ def write_blended_codes(
     for k in range(block.counts[INTERVALS]):
         row, column, start, stop = interval_of(block, k)
         encode_channels(
-            s[shown, start:stop], s[shown + 1, start:stop], s[shown + 2, start:stop],
-            s[rows.ALPHA, start:stop], table, color[row, column : column + stop - start],
+            part(s, shown, start, stop), part(s, shown + 1, start, stop),
+            part(s, shown + 2, start, stop), part(s, rows.ALPHA, start, stop), table,
+            color[row, column : column + stop - start],
         )  # fmt: skip
 
 

@@ -46,7 +46,7 @@ from rasterjit.pipeline.surface.samples import (
     C,
 )
 from rasterjit.pipeline.surface.texture_lookup import SHOWN
-from rasterjit.runtime.intrinsics import spread
+from rasterjit.runtime.intrinsics import part, spread
 from rasterjit.runtime.jit import disjoint_helper, helper, stage
 from rasterjit.runtime.state import float32, float64, int64, uint8
 
@@ -159,9 +159,10 @@ def multiply_along_span(red, green, blue, second, third, at_a, at_b, at_c):
 def apply_mixed_colors(samples, weights, rows, s, e):
     """Multiply base colours by the colours that were gathered."""
     multiply_colors(
-        samples[row.RED, s:e], samples[row.GREEN, s:e], samples[row.BLUE, s:e], rows[0, s:e],
-        rows[1, s:e], rows[2, s:e], rows[3, s:e], rows[4, s:e], rows[5, s:e], rows[6, s:e],
-        rows[7, s:e], rows[8, s:e], weights[0, s:e], weights[1, s:e],
+        part(samples, row.RED, s, e), part(samples, row.GREEN, s, e), part(samples, row.BLUE, s, e),
+        part(rows, 0, s, e), part(rows, 1, s, e), part(rows, 2, s, e), part(rows, 3, s, e),
+        part(rows, 4, s, e), part(rows, 5, s, e), part(rows, 6, s, e), part(rows, 7, s, e),
+        part(rows, 8, s, e), part(weights, 0, s, e), part(weights, 1, s, e),
     )  # fmt: skip
 
 
@@ -188,9 +189,9 @@ def multiply_vertex_colors(block: Block, count, vertex_colors: float32[:, ::1]):
         else:
             a, b, c = span_corners(segment, whole)
             multiply_along_span(
-                samples[row.RED, s:e], samples[row.GREEN, s:e], samples[row.BLUE, s:e],
-                weights[0, s:e], weights[1, s:e], color_of(vertex_colors, a),
-                color_of(vertex_colors, b), color_of(vertex_colors, c),
+                part(samples, row.RED, s, e), part(samples, row.GREEN, s, e),
+                part(samples, row.BLUE, s, e), part(weights, 0, s, e), part(weights, 1, s, e),
+                color_of(vertex_colors, a), color_of(vertex_colors, b), color_of(vertex_colors, c),
             )  # fmt: skip
 
 
@@ -225,20 +226,25 @@ def show_lit_vertices(
         s, e = np.int64(segment[START]), np.int64(segment[STOP])
         if segment[KIND] == MIXED:
             gather_light(segment[FIRST_PATCH], segment[END_PATCH], lit_vertices, whole, rows)
-        red, green, blue = samples[first, s:e], samples[first + 1, s:e], samples[first + 2, s:e]
+        red, green, blue = (
+            part(samples, first, s, e),
+            part(samples, first + 1, s, e),
+            part(samples, first + 2, s, e),
+        )
         for n in range(red.shape[0]):
             red[n], green[n], blue[n] = one, one, one
         if segment[KIND] == MIXED:
             multiply_colors(
-                red, green, blue, rows[0, s:e], rows[1, s:e], rows[2, s:e], rows[3, s:e],
-                rows[4, s:e], rows[5, s:e], rows[6, s:e], rows[7, s:e], rows[8, s:e],
-                weights[0, s:e], weights[1, s:e],
+                red, green, blue, part(rows, 0, s, e), part(rows, 1, s, e), part(rows, 2, s, e),
+                part(rows, 3, s, e), part(rows, 4, s, e), part(rows, 5, s, e), part(rows, 6, s, e),
+                part(rows, 7, s, e), part(rows, 8, s, e), part(weights, 0, s, e),
+                part(weights, 1, s, e),
             )  # fmt: skip
         else:
             a, b, c = span_corners(segment, whole)
             side = np.uintp(whole[BEHIND, s])
             multiply_along_span(
-                red, green, blue, weights[0, s:e], weights[1, s:e],
+                red, green, blue, part(weights, 0, s, e), part(weights, 1, s, e),
                 color_of(lit_vertices[a], side), color_of(lit_vertices[b], side),
                 color_of(lit_vertices[c], side),
             )  # fmt: skip
@@ -340,18 +346,20 @@ def find_smooth_normals(
         if segment[KIND] == MIXED:
             gather_values(segment[FIRST_PATCH], segment[END_PATCH], normals, whole, rows)
             mix_smooth_normals(
-                samples[row.NORMAL_X, s:e], samples[row.NORMAL_Y, s:e], samples[row.NORMAL_Z, s:e],
-                rows[0, s:e], rows[1, s:e], rows[2, s:e], rows[3, s:e], rows[4, s:e],
-                rows[5, s:e], rows[6, s:e], rows[7, s:e], rows[8, s:e], weights[0, s:e],
-                weights[1, s:e], whole[BEHIND, s:e], turn,
+                part(samples, row.NORMAL_X, s, e), part(samples, row.NORMAL_Y, s, e),
+                part(samples, row.NORMAL_Z, s, e), part(rows, 0, s, e), part(rows, 1, s, e),
+                part(rows, 2, s, e), part(rows, 3, s, e), part(rows, 4, s, e), part(rows, 5, s, e),
+                part(rows, 6, s, e), part(rows, 7, s, e), part(rows, 8, s, e),
+                part(weights, 0, s, e), part(weights, 1, s, e), part(whole, BEHIND, s, e), turn,
             )  # fmt: skip
         else:
             a, b, c = span_corners(segment, whole)
             at = vertex_normal(normals, a), vertex_normal(normals, b), vertex_normal(normals, c)
             toward = 1.0 - 2.0 * np.float64(whole[BEHIND, s])
             normals_along_span(
-                samples[row.NORMAL_X, s:e], samples[row.NORMAL_Y, s:e], samples[row.NORMAL_Z, s:e],
-                weights[0, s:e], weights[1, s:e], (at, turn, toward),
+                part(samples, row.NORMAL_X, s, e), part(samples, row.NORMAL_Y, s, e),
+                part(samples, row.NORMAL_Z, s, e), part(weights, 0, s, e), part(weights, 1, s, e),
+                (at, turn, toward),
             )  # fmt: skip
 
 
@@ -390,19 +398,21 @@ def find_face_normals(
         s, e, owner = np.int64(segment[START]), np.int64(segment[STOP]), np.int64(segment[OWNER])
         if segment[KIND] == MIXED:
             mix_face_normals(
-                samples[row.NORMAL_X, s:e], samples[row.NORMAL_Y, s:e], samples[row.NORMAL_Z, s:e],
-                rows[0, s:e], rows[1, s:e], rows[2, s:e], rows[3, s:e], rows[4, s:e],
-                rows[5, s:e], rows[6, s:e], rows[7, s:e], rows[8, s:e], weights[0, s:e],
-                weights[1, s:e], whole[BEHIND, s:e], owner, placement.relative_from_model,
-                placement.mirrored[owner],
+                part(samples, row.NORMAL_X, s, e), part(samples, row.NORMAL_Y, s, e),
+                part(samples, row.NORMAL_Z, s, e), part(rows, 0, s, e), part(rows, 1, s, e),
+                part(rows, 2, s, e), part(rows, 3, s, e), part(rows, 4, s, e), part(rows, 5, s, e),
+                part(rows, 6, s, e), part(rows, 7, s, e), part(rows, 8, s, e),
+                part(weights, 0, s, e), part(weights, 1, s, e), part(whole, BEHIND, s, e), owner,
+                placement.relative_from_model, placement.mirrored[owner],
             )  # fmt: skip
         else:
             a, b, c = span_corners(segment, whole)
             own = face_normal(a, b, c, owner, placement)
             toward = 1.0 - 2.0 * np.float64(whole[BEHIND, s])
             normals_along_span(
-                samples[row.NORMAL_X, s:e], samples[row.NORMAL_Y, s:e], samples[row.NORMAL_Z, s:e],
-                weights[0, s:e], weights[1, s:e], ((own, own, own), unit, toward),
+                part(samples, row.NORMAL_X, s, e), part(samples, row.NORMAL_Y, s, e),
+                part(samples, row.NORMAL_Z, s, e), part(weights, 0, s, e), part(weights, 1, s, e),
+                ((own, own, own), unit, toward),
             )  # fmt: skip
 
 
@@ -466,17 +476,19 @@ def find_points(block: Block, count, placement: Placement):
         if segment[KIND] == MIXED:
             e = s + whole_vectors(e - s)
             mix_points(
-                samples[row.POINT_X, s:e], samples[row.POINT_Y, s:e], samples[row.POINT_Z, s:e],
-                rows[0, s:e], rows[1, s:e], rows[2, s:e], rows[3, s:e], rows[4, s:e],
-                rows[5, s:e], rows[6, s:e], rows[7, s:e], rows[8, s:e], weights[0, s:e],
-                weights[1, s:e], owner, matrices, matrix,
+                part(samples, row.POINT_X, s, e), part(samples, row.POINT_Y, s, e),
+                part(samples, row.POINT_Z, s, e), part(rows, 0, s, e), part(rows, 1, s, e),
+                part(rows, 2, s, e), part(rows, 3, s, e), part(rows, 4, s, e), part(rows, 5, s, e),
+                part(rows, 6, s, e), part(rows, 7, s, e), part(rows, 8, s, e),
+                part(weights, 0, s, e), part(weights, 1, s, e), owner, matrices, matrix,
             )  # fmt: skip
         else:
             a, b, c = span_corners(segment, whole)
             first = place_vertex(a, owner, placement)
             points_along_span(
-                samples[row.POINT_X, s:e], samples[row.POINT_Y, s:e], samples[row.POINT_Z, s:e],
-                weights[0, s:e], weights[1, s:e], (first, way(p, a, b), way(p, a, c), matrix),
+                part(samples, row.POINT_X, s, e), part(samples, row.POINT_Y, s, e),
+                part(samples, row.POINT_Z, s, e), part(weights, 0, s, e), part(weights, 1, s, e),
+                (first, way(p, a, b), way(p, a, c), matrix),
             )  # fmt: skip
 
 
@@ -494,17 +506,19 @@ def find_middles(block: Block, count, placement: Placement, materials: float32[:
         matrix = matrix_of(matrices, owner)
         if segment[KIND] == MIXED:
             mix_middles(
-                samples[row.POINT_X, s:e], samples[row.POINT_Y, s:e], samples[row.POINT_Z, s:e],
-                rows[0, s:e], rows[1, s:e], rows[2, s:e], rows[3, s:e], rows[4, s:e],
-                rows[5, s:e], rows[6, s:e], rows[7, s:e], rows[8, s:e], weights[0, s:e],
-                weights[1, s:e], owner, matrices, matrix,
+                part(samples, row.POINT_X, s, e), part(samples, row.POINT_Y, s, e),
+                part(samples, row.POINT_Z, s, e), part(rows, 0, s, e), part(rows, 1, s, e),
+                part(rows, 2, s, e), part(rows, 3, s, e), part(rows, 4, s, e), part(rows, 5, s, e),
+                part(rows, 6, s, e), part(rows, 7, s, e), part(rows, 8, s, e),
+                part(weights, 0, s, e), part(weights, 1, s, e), owner, matrices, matrix,
             )  # fmt: skip
         else:
             a, b, c = span_corners(segment, whole)
             point = place_sample(middle, a, b, c, owner, placement), nowhere, nowhere, matrix
             points_along_span(
-                samples[row.POINT_X, s:e], samples[row.POINT_Y, s:e], samples[row.POINT_Z, s:e],
-                weights[0, s:e], weights[1, s:e], point,
+                part(samples, row.POINT_X, s, e), part(samples, row.POINT_Y, s, e),
+                part(samples, row.POINT_Z, s, e), part(weights, 0, s, e), part(weights, 1, s, e),
+                point,
             )  # fmt: skip
 
 

@@ -38,7 +38,7 @@ from rasterjit.pipeline.surface.samples import (
     Block,
     C,
 )
-from rasterjit.runtime.intrinsics import LANES
+from rasterjit.runtime.intrinsics import LANES, part
 from rasterjit.runtime.jit import disjoint_helper, helper, stage
 from rasterjit.runtime.state import float32, int32, int64, uint32
 
@@ -221,7 +221,7 @@ def list_samples(
                     is_open = True
                 stop = n + whole_vectors(end - at)
                 number_pixels(
-                    whole[COLUMN, n:stop], whole[ROW, n:stop], np.int32(at),
+                    part(whole, COLUMN, n, stop), part(whole, ROW, n, stop), np.int32(at),
                     np.int32(frame_row),
                 )  # fmt: skip
                 r = list_patches(wanted[at:end], n, r, whole)
@@ -242,5 +242,5 @@ def list_samples(
     whole[FIRST, r] = n
     gather_corners(r, faces, whole)
     size = whole_vectors(r)
-    turn_corners(whole[A, :size], whole[B, :size], whole[C, :size])
+    turn_corners(part(whole, A, 0, size), part(whole, B, 0, size), part(whole, C, 0, size))
     return n
