@@ -297,7 +297,7 @@ def clipped_error(a, b, c, column, row, geometry):
     w0, w1, w2 = abs(clip[a, 3]), abs(clip[b, 3]), abs(clip[c, 3])
     p0, p1, p2 = abs(clip[a, 0]) + w0, abs(clip[b, 0]) + w1, abs(clip[c, 0]) + w2
     q0, q1, q2 = abs(clip[a, 1]) + w0, abs(clip[b, 1]) + w1, abs(clip[c, 1]) + w2
-    (u0, u1, u2), (v0, v1, v2) = seen_from_sample(a, b, c, column, row, geometry)
+    (u0, u1, u2), (v0, v1, v2) = seen_from_sample(a, b, c, column, row, clip, geometry.viewport)
     b0, b1, b2 = u1 * v2 - u2 * v1, u2 * v0 - u0 * v2, u0 * v1 - u1 * v0
     s0 = cross_error(p1, u1, q1, v1, p2, u2, q2, v2)
     s1 = cross_error(p2, u2, q2, v2, p0, u0, q0, v0)

@@ -146,30 +146,28 @@ def weights_over_w(e0, e1, e2, total, a, b, c, w):
 
 
 @helper
-def snapped_weights(a, b, c, px, py, geometry):
+def snapped_weights(a, b, c, px, py, xy, w, reach):
     """Return the weights on a face that was not clipped, at a point of the sub-pixel grid."""
-    ax, ay = np.int64(geometry.xy[a, 0]), np.int64(geometry.xy[a, 1])
-    bx, by = np.int64(geometry.xy[b, 0]), np.int64(geometry.xy[b, 1])
-    cx, cy = np.int64(geometry.xy[c, 0]), np.int64(geometry.xy[c, 1])
+    ax, ay = np.int64(xy[a, 0]), np.int64(xy[a, 1])
+    bx, by = np.int64(xy[b, 0]), np.int64(xy[b, 1])
+    cx, cy = np.int64(xy[c, 0]), np.int64(xy[c, 1])
     e0, e1, e2 = (
         edge(bx, by, cx, cy, px, py), edge(cx, cy, ax, ay, px, py), edge(ax, ay, bx, by, px, py),
     )  # fmt: skip
     k0, k1, k2, total = np.float64(e0), np.float64(e1), np.float64(e2), np.float64(e0 + e1 + e2)
-    if geometry.viewport.reach != 0:
+    if reach != 0:
         right, down = (by - cy, cy - ay, ay - by), (cx - bx, ax - cx, bx - ax)
         k0, k1, k2 = held_edges((e0, e1, e2), right, down)
         total = k0 + k1 + k2
-    return weights_over_w(k0, k1, k2, total, a, b, c, geometry.w)
+    return weights_over_w(k0, k1, k2, total, a, b, c, w)
 
 
 @helper
-def seen_from_sample(a, b, c, column, row, geometry):
+def seen_from_sample(a, b, c, column, row, clip, viewport):
     """Return x - X w and y - Y w of three vertices, (X, Y) being a pixel's centre in NDC."""
-    viewport = geometry.viewport
     width, height = whole_size(viewport)
     x = (2.0 * (viewport.left + column) + 1.0) / width - 1.0
     y = 1.0 - (2.0 * (viewport.top + row) + 1.0) / height
-    clip = geometry.clip_positions
     u0 = clip[a, 0] - x * clip[a, 3]
     u1 = clip[b, 0] - x * clip[b, 3]
     u2 = clip[c, 0] - x * clip[c, 3]
@@ -180,9 +178,9 @@ def seen_from_sample(a, b, c, column, row, geometry):
 
 
 @helper
-def clipped_weights(a, b, c, column, row, geometry):
+def clipped_weights(a, b, c, column, row, clip, viewport):
     """Return the weights on a clipped face, not yet normalized."""
-    (u0, u1, u2), (v0, v1, v2) = seen_from_sample(a, b, c, column, row, geometry)
+    (u0, u1, u2), (v0, v1, v2) = seen_from_sample(a, b, c, column, row, clip, viewport)
     w0, w1, w2 = u1 * v2 - u2 * v1, u2 * v0 - u0 * v2, u0 * v1 - u1 * v0
     if w0 + w1 + w2 < 0.0:
         w0, w1, w2 = -w0, -w1, -w2
@@ -192,13 +190,14 @@ def clipped_weights(a, b, c, column, row, geometry):
 @helper
 def sample_weights(a, b, c, column, row, geometry):
     """Return the weights of vertices a, b, c at a pixel's centre."""
+    viewport = geometry.viewport
     if (geometry.codes[a] | geometry.codes[b] | geometry.codes[c]) & CLIPPED:
-        w0, w1, w2 = clipped_weights(a, b, c, column, row, geometry)
+        w0, w1, w2 = clipped_weights(a, b, c, column, row, geometry.clip_positions, viewport)
         return normalized(w0, w1, w2)
-    bits = geometry.viewport.grid_bits
-    half = np.int64(1) << (bits - 1)
-    px, py = (np.int64(column) << bits) + half, (np.int64(row) << bits) + half
-    return snapped_weights(a, b, c, px, py, geometry)
+    half = np.int64(1) << (viewport.grid_bits - 1)
+    px = (np.int64(column) << viewport.grid_bits) + half
+    py = (np.int64(row) << viewport.grid_bits) + half
+    return snapped_weights(a, b, c, px, py, geometry.xy, geometry.w, viewport.reach)
 
 
 @helper
@@ -209,16 +208,16 @@ def shifted_weights(a, b, c, column, row, shift, geometry):
     Takes its way to the pixel's centre in units of the sub-pixel grid. Where that is nothing they
     are those of `sample_weights`.
     """
-    bits = geometry.viewport.grid_bits
+    bits, viewport = geometry.viewport.grid_bits, geometry.viewport
     unit, half = np.int64(1) << bits, np.int64(1) << (bits - 1)
     if (geometry.codes[a] | geometry.codes[b] | geometry.codes[c]) & CLIPPED:
         x = np.float64(column) - np.float64(shift[0]) / np.float64(unit)
         y = np.float64(row) - np.float64(shift[1]) / np.float64(unit)
-        w0, w1, w2 = clipped_weights(a, b, c, x, y, geometry)
+        w0, w1, w2 = clipped_weights(a, b, c, x, y, geometry.clip_positions, viewport)
         return normalized(w0, w1, w2)
     px = (np.int64(column) << bits) + half - np.int64(shift[0])
     py = (np.int64(row) << bits) + half - np.int64(shift[1])
-    return snapped_weights(a, b, c, px, py, geometry)
+    return snapped_weights(a, b, c, px, py, geometry.xy, geometry.w, viewport.reach)
 
 
 @helper
@@ -338,13 +337,15 @@ def seen_from_behind(a, b, c, owner, geometry, placement):
 @helper
 def has_its_back_turned(a, b, c, owner, placement):
     """Return whether the viewer is behind the plane of a face."""
-    normal = face_normal(a, b, c, owner, placement)
-    point = place_vertex(a, owner, placement)
-    viewer = placement.toward_viewer
+    p, m, viewer = placement.positions, placement.relative_from_model, placement.toward_viewer
+    pa = place(p[a, 0], p[a, 1], p[a, 2], owner, m)
+    pb = place(p[b, 0], p[b, 1], p[b, 2], owner, m)
+    pc = place(p[c, 0], p[c, 1], p[c, 2], owner, m)
+    normal = normal_of_points(pa, pb, pc, placement.mirrored[owner])
     return (
-        normal[0] * (viewer[0] - viewer[3] * point[0])
-        + normal[1] * (viewer[1] - viewer[3] * point[1])
-        + normal[2] * (viewer[2] - viewer[3] * point[2])
+        normal[0] * (viewer[0] - viewer[3] * pa[0])
+        + normal[1] * (viewer[1] - viewer[3] * pa[1])
+        + normal[2] * (viewer[2] - viewer[3] * pa[2])
     ) < 0.0
 
 

@@ -59,25 +59,26 @@ def weigh(
     for n in range(ax.shape[0]):
         px = np.int32((columns[n] << bits) + place[0])
         py = np.int32((rows[n] << bits) + place[1])
+        x0, y0, x1, y1, x2, y2 = ax[n], ay[n], bx[n], by[n], cx[n], cy[n]
         e0, e1, e2 = (
-            narrow_edge(bx[n], by[n], cx[n], cy[n], px, py),
-            narrow_edge(cx[n], cy[n], ax[n], ay[n], px, py),
-            narrow_edge(ax[n], ay[n], bx[n], by[n], px, py),
-        )
+            narrow_edge(x1, y1, x2, y2, px, py), narrow_edge(x2, y2, x0, y0, px, py),
+            narrow_edge(x0, y0, x1, y1, px, py),
+        )  # fmt: skip
         k0, k1, k2, whole = np.float64(e0), np.float64(e1), np.float64(e2), np.float64(e0 + e1 + e2)
         behind[n] = np.int32(whole * front_turn < 0.0)
         if reach != 0:
-            right = by[n] - cy[n], cy[n] - ay[n], ay[n] - by[n]
-            down = cx[n] - bx[n], ax[n] - cx[n], bx[n] - ax[n]
+            right, down = (y1 - y2, y2 - y0, y0 - y1), (x2 - x1, x0 - x2, x1 - x0)
             k0, k1, k2 = held_edges((e0, e1, e2), right, down)
             whole = k0 + k1 + k2
-        smallest = min(wa[n], min(wb[n], wc[n]))
-        w0, w1, w2 = k0 * (smallest / wa[n]), k1 * (smallest / wb[n]), k2 * (smallest / wc[n])
+        w0, w1, w2 = wa[n], wb[n], wc[n]
+        smallest = min(w0, min(w1, w2))
+        w0, w1, w2 = k0 * (smallest / w0), k1 * (smallest / w1), k2 * (smallest / w2)
         total, over = w0 + w1 + w2, 1.0 / whole
         second[n] = k1 * over if is_affine else w1 / total
         third[n] = k2 * over if is_affine else w2 / total
-        unsure[n] |= np.int32(not (is_affine or abs(total) > UNDERFLOW))
-        found |= unsure[n] if n < count else np.int32(0)
+        doubtful = unsure[n] | np.int32(not (is_affine or abs(total) > UNDERFLOW))
+        unsure[n] = doubtful
+        found |= doubtful if n < count else np.int32(0)
     return found
 
 
@@ -114,31 +115,25 @@ def weigh_mixed(segment, whole, real, weights, xy, codes, w, bits, reach, front_
 
 
 @helper
-def edge_start(ax, ay, bx, by, column, row, bits):
-    """Return the edge function of a -> b at a pixel, and its gains to the right and down."""
-    half = np.int64(1) << (bits - 1)
-    across, down = (ay - by) << bits, (bx - ax) << bits
-    return edge(ax, ay, bx, by, half, half) + column * across + row * down, across, down
-
-
-@helper
 def span_start(a, b, c, column, row, bits, xy, w):
     """
     Return the edge functions of a face at a pixel, and their gains to the right and down.
 
     And the smallest w over each, 1 without w.
     """
-    ax, ay = np.int64(xy[a, 0]), np.int64(xy[a, 1])
-    bx, by = np.int64(xy[b, 0]), np.int64(xy[b, 1])
-    cx, cy = np.int64(xy[c, 0]), np.int64(xy[c, 1])
-    e0, right0, down0 = edge_start(bx, by, cx, cy, column, row, bits)
-    e1, right1, down1 = edge_start(cx, cy, ax, ay, column, row, bits)
-    e2, right2, down2 = edge_start(ax, ay, bx, by, column, row, bits)
-    ratios = 1.0, 1.0, 1.0
-    if w.shape[0] != 0:
-        smallest = min(w[a], min(w[b], w[c]))
-        ratios = smallest / w[a], smallest / w[b], smallest / w[c]
-    return (e0, e1, e2), (right0, right1, right2), (down0, down1, down2), ratios
+    ax, ay, bx = np.int64(xy[a, 0]), np.int64(xy[a, 1]), np.int64(xy[b, 0])
+    by, cx, cy = np.int64(xy[b, 1]), np.int64(xy[c, 0]), np.int64(xy[c, 1])
+    half = np.int64(1) << (bits - 1)
+    px, py = (column << bits) + half, (row << bits) + half
+    edges = (
+        edge(bx, by, cx, cy, px, py), edge(cx, cy, ax, ay, px, py), edge(ax, ay, bx, by, px, py)
+    )  # fmt: skip
+    right = (by - cy) << bits, (cy - ay) << bits, (ay - by) << bits
+    down = (cx - bx) << bits, (ax - cx) << bits, (bx - ax) << bits
+    if w.shape[0] == 0:
+        return edges, right, down, (1.0, 1.0, 1.0)
+    smallest = min(w[a], min(w[b], w[c]))
+    return edges, right, down, (smallest / w[a], smallest / w[b], smallest / w[c])
 
 
 @disjoint_helper
@@ -174,9 +169,9 @@ def doubt_span(s, e, column, row, row_start, doubtful, whole):
     side, found = np.int64(-1) if e0 + e1 + e2 < 0 else np.int64(1), np.int32(0)
     for n in range(np.uintp(s), np.uintp(e)):
         is_beside = min(side * e0, min(side * e1, side * e2)) < 0
-        whole[COLUMN, n], whole[ROW, n] = column, row
-        whole[UNSURE, n] = doubtful | np.int32(is_beside)
-        found |= whole[UNSURE, n]
+        unsure = doubtful | np.int32(is_beside)
+        whole[COLUMN, n], whole[ROW, n], whole[UNSURE, n] = column, row, unsure
+        found |= unsure
         column += 1
         e0 += steps[0]
         e1 += steps[1]

@@ -21,8 +21,8 @@ from rasterjit.runtime.state import float32, float64, int32, int64
 @helper
 def clipped_depth(a, b, c, column, row, geometry, depth_coefficients):
     """Return the depth of a clipped face at a pixel's centre; 0 behind the eye."""
-    w0, w1, w2 = clipped_weights(a, b, c, column, row, geometry)
     clip = geometry.clip_positions
+    w0, w1, w2 = clipped_weights(a, b, c, column, row, clip, geometry.viewport)
     z = w0 * clip[a, 2] + w1 * clip[b, 2] + w2 * clip[c, 2]
     w = w0 * clip[a, 3] + w1 * clip[b, 3] + w2 * clip[c, 3]
     c0, c1, c2 = depth_coefficients
