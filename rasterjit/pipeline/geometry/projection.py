@@ -32,6 +32,7 @@ from rasterjit.pipeline.geometry.setup import (
     whole_size,
 )
 from rasterjit.pipeline.records import ScreenVertices, Viewport
+from rasterjit.runtime.intrinsics import part
 from rasterjit.runtime.jit import disjoint_helper, helper, kernel
 from rasterjit.runtime.state import float64, int32, int64, real
 
@@ -159,10 +160,8 @@ def load_relative(positions, first, stop, objects, owner, numbers):
             owner += 1
         end = min(stop, vertex_starts[np.uintp(owner + 1)])
         matrix = relative_from_model[np.uintp(owner)]
-        some, rows = positions[start:end], (start - first, end - first)
-        x = numbers[X, rows[0] : rows[1]]
-        y = numbers[Y, rows[0] : rows[1]]
-        z = numbers[Z, rows[0] : rows[1]]
+        some, i, j = positions[start:end], start - first, end - first
+        x, y, z = part(numbers, X, i, j), part(numbers, Y, i, j), part(numbers, Z, i, j)
         if only_moves(matrix):
             load_moved(some, matrix, x, y, z)
         else:
@@ -230,9 +229,10 @@ def project_block(first, count, depth_coefficients, viewport, screen, scratch):
     """Take a block from clip space to the screen; return the bits set in any outcode."""
     numbers, whole, largest = scratch
     project_rows(
-        depth_coefficients, viewport, largest[0], numbers[X, :count], numbers[Y, :count],
-        numbers[Z, :count], numbers[W, :count], numbers[DEPTH, :count], whole[SNAPPED_X, :count],
-        whole[SNAPPED_Y, :count], whole[CODE, :count],
+        depth_coefficients, viewport, largest[0], part(numbers, X, 0, count),
+        part(numbers, Y, 0, count), part(numbers, Z, 0, count), part(numbers, W, 0, count),
+        part(numbers, DEPTH, 0, count), part(whole, SNAPPED_X, 0, count),
+        part(whole, SNAPPED_Y, 0, count), part(whole, CODE, 0, count),
     )  # fmt: skip
     return put_rows(first, count, numbers, whole, screen)
 
@@ -242,8 +242,8 @@ def transform_block(first, count, positions, objects, owner, clip_from_relative,
     """Take a block from model space to clip space; return the owner of its last vertex."""
     owner = load_relative(positions, first, first + count, objects, owner, numbers)
     transform_rows(
-        clip_from_relative, numbers[X, :count], numbers[Y, :count], numbers[Z, :count],
-        numbers[W, :count],
+        clip_from_relative, part(numbers, X, 0, count), part(numbers, Y, 0, count),
+        part(numbers, Z, 0, count), part(numbers, W, 0, count),
     )  # fmt: skip
     return owner
 
