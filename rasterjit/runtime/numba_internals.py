@@ -9,6 +9,7 @@ Where a release of Numba lacks one of these names, ``compiler`` does without.
 from __future__ import annotations
 
 import copy
+import functools
 from collections.abc import Callable
 from typing import Any
 
@@ -20,16 +21,16 @@ from numba.core import untyped_passes as untyped  # Those before types are known
 from numba.core.codegen import JITCodeLibrary  # Holds a compiled function; a draft is one.
 from numba.core.compiler import CompilerBase  # Says which steps compile a function.
 from numba.core.compiler_machinery import PassManager  # Runs them; ours checks less.
-from numba.core.registry import cpu_target  # Has the context of typing that ours is a copy of.
+from numba.core.registry import cpu_target  # Has the contexts of typing and of lowering.
 from numba.core.typing import Context  # Finds what an operation gives; ours remembers.
 
 PASSES = (
     untyped.TranslateByteCode, untyped.FixupArgs, untyped.IRProcessing,
     untyped.RewriteSemanticConstants, untyped.DeadBranchPrune, untyped.GenericRewrites,
     untyped.ReconstructSSA, untyped.DeadBranchPrune, typed.NopythonTypeInference,
-    typed.PreLowerStripPhis, typed.IRLegalization, typed.NativeLowering, typed.NoPythonBackend,
+    typed.PreLowerStripPhis, typed.NativeLowering, typed.NoPythonBackend,
 )  # fmt: skip
-"""Numba's steps, less those for closures, exceptions, generators and arrays as a whole."""
+"""Numba's steps, less those for closures, exceptions, generators, whole arrays and deletion."""
 
 
 class _Draft(JITCodeLibrary):
@@ -67,8 +68,7 @@ class _Draft(JITCodeLibrary):
         seen = set(pending := list(self._linking_libraries))  # In the order of the calls.
         while pending:
             library = pending.pop()
-            shared = library._get_module_for_linking()  # Not every library has `_shared_module`.
-            self._final_module.link_in(shared, preserve=True)
+            self._final_module.link_in(library._get_module_for_linking(), preserve=True)
             if isinstance(library, _Draft) and not library.is_linked:
                 pending += [one for one in library._linking_libraries if one not in seen]
                 seen.update(pending)
@@ -99,6 +99,8 @@ class _TypingContext(Context):
 
 TYPING = copy.copy(cpu_target.typing_context)
 TYPING.__class__, TYPING.known = _TypingContext, {}
+LOWERING = cpu_target.target_context  # Asks LLVM for the size of one type again and again.
+LOWERING.get_abi_sizeof = functools.cache(LOWERING.get_abi_sizeof)
 
 
 class _Passes(PassManager):
@@ -117,8 +119,7 @@ def _compiler(is_linked: bool, is_disjoint: bool) -> Any:
             flags, name = self.state.flags, self.state.func_id.func_qualname
             flags.no_cpython_wrapper = flags.no_cfunc_wrapper = True  # No Python object comes in.
             flags.noalias = is_disjoint  # No option of `njit` says so.
-            codegen = self.state.targetctx.codegen()  # What libraries are made with.
-            self.state.library = _Draft(codegen, name, is_linked)
+            self.state.library = _Draft(self.state.targetctx.codegen(), name, is_linked)
             self.state.typingctx = TYPING
             passes = _Passes("kernel")
             for step in PASSES:
@@ -134,8 +135,8 @@ DRAFT, DISJOINT, WHOLE = _compiler(False, False), _compiler(False, True), _compi
 
 def draft(function: Callable, is_disjoint: bool, options: dict) -> Any:
     """Return what calls a function from kernels."""
-    kind = DISJOINT if is_disjoint else DRAFT
-    made = numba.njit(pipeline_class=kind, forceinline=True, **options)(function)
+    pipeline = DISJOINT if is_disjoint else DRAFT
+    made = numba.njit(pipeline_class=pipeline, forceinline=True, **options)(function)
     find = made.get_call_template  # A constant counts as any number of its type: one form fewer.
     made.get_call_template = lambda args, kws: find(tuple(map(types.unliteral, args)), kws)
     return made
