@@ -27,10 +27,10 @@ T = rj.transforms
 def scene():
     """Two meshes, one three times: turned, stretched and mirrored; three materials, two equal."""
     rng = np.random.default_rng(4)
-    shiny, matt = rj.Material("phong", "red"), rj.Material("flat", "blue", specular=0.0)
+    shiny, diffuse = rj.Material("phong", "red"), rj.Material("flat", "blue", specular=0.0)
     spiky = np.array([[0, 0, 1], [0.8, 0.1, -0.5], [-0.7, 0.6, -0.4], [-0.2, -0.9, -0.6]])
     sides = [[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]]
-    rock = rj.Mesh(spiky + (3.0, 0.0, -1.0), sides, material=matt)
+    rock = rj.Mesh(spiky + (3.0, 0.0, -1.0), sides, material=diffuse)
     sheet = rj.Mesh(rng.random((12, 3)), np.arange(12).reshape(4, 3), material=shiny)
     twin = rj.Mesh(spiky, sides, material=rj.Material("phong", "red"))
     found = rj.Scene()

@@ -225,10 +225,10 @@ def test_light_without_highlights_is_planned_for_textured_gouraud_alone(cube, ca
         mesh = rj.Mesh(cube.vertices, cube.faces, uv=cube.vertices[:, :2], material=material)
         return rj.explain(mesh, camera)
 
-    assert plan().needs_matt_light
-    assert not plan(specular=0.0).needs_matt_light
-    assert not plan(shading="phong").needs_matt_light
-    assert not plan(base_color_texture=None).needs_matt_light
+    assert plan().needs_diffuse_light
+    assert not plan(specular=0.0).needs_diffuse_light
+    assert not plan(shading="phong").needs_diffuse_light
+    assert not plan(base_color_texture=None).needs_diffuse_light
 
 
 def test_a_texture_without_uv_is_refused_by_the_name_of_its_node(cube, camera):

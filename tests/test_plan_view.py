@@ -69,7 +69,7 @@ def test_material_out_of_view_calls_for_nothing(fields, name, reason):
     alone = rj.explain(scene_of(PLAIN), CAMERA, size=SIZE)
     for need in (
         "needs_textures", "needs_maps", "needs_microfacets", "needs_normals", "needs_gouraud",
-        "needs_cutouts", "needs_matt_light", "layers",
+        "needs_cutouts", "needs_diffuse_light", "layers",
     ):  # fmt: skip
         assert getattr(plan, need) == getattr(alone, need), need
     assert plan.lighting.highlights is None

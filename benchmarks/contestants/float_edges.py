@@ -220,7 +220,7 @@ def fill_span(depths, numbers, first, count, depth, steps, plane, face):
     for i in range(((count - 1) | 3) + 1):
         sample = first + np.uintp(i)
         along = np.float32(np.int32(np.int32(i) + steps))
-        stored = nearest.held(depth + along * plane[3], plane)
+        stored = nearest.clamped(depth + along * plane[3], plane)
         if (stored > depths[sample]) & (np.int32(i) < np.int32(count)):
             depths[sample] = stored
             numbers[sample] = face
@@ -233,7 +233,7 @@ def find_samples(begins, ends, starts, steps, before, corner, plane, places, sto
     for i in range(begins.shape[0]):
         column = np.int32(begins[i] + np.int32(steps))
         is_covered = (column >= before) & (column < ends[i])
-        depth = nearest.held(starts[i] + along, plane)
+        depth = nearest.clamped(starts[i] + along, plane)
         place = np.int32(np.int32(i) * np.int32(nearest.SCRATCH_SHAPE[1]) + np.int32(corner))
         places[i] = np.int32(place + column) if is_covered else np.int32(0)
         stored[i] = depth if is_covered else np.float32(-np.inf)
@@ -248,7 +248,7 @@ def test_row(depths, numbers, first, lanes, values, steps, thresholds, plane, fa
         e0 = values[0] + column * steps[0]
         e1 = values[1] + column * steps[1]
         e2 = values[2] + column * steps[2]
-        stored = nearest.held(depth_from(plane, e0, e1), plane)
+        stored = nearest.clamped(depth_from(plane, e0, e1), plane)
         if (
             (e0 >= thresholds[0])
             & (e1 >= thresholds[1])

@@ -170,18 +170,18 @@ def _index(name: str, value: Any, count: int, kind: str) -> int:
 def _draw(scene: Scene, plan: RenderPlan) -> Drawn:
     """Run the stages of `render` up to visibility."""
     workers = Workers(1)
-    prepared = prepare(scene.nodes, None, plan.quality)
-    arrays = prepared.shapes.arrays
+    cache = prepare(scene.nodes, None, plan.quality)
+    arrays = cache.shapes.arrays
     views = placing.view_nodes(scene.nodes, plan.camera, plan.size)
     viewport = draw.viewport_of(plan.size, plan.quality.subpixel_bits)
     objects = placing.cull_objects(
-        plan.cull, views, arrays.face_starts, prepared.looks.is_single_sided
+        plan.cull, views, arrays.face_starts, cache.tables.is_single_sided
     )
     vertices = draw.ModelVertices(
-        prepared.shapes.positions(plan.quality.precision), arrays.vertex_starts,
+        cache.shapes.positions(plan.quality.precision), arrays.vertex_starts,
         views.relative_from_model, views.clip_from_relative,
     )  # fmt: skip
-    cutouts = shade.find_cutouts(plan, prepared)
+    cutouts = shade.find_cutouts(plan, cache)
     coverage = draw.find_visible(
         vertices, arrays.faces, objects, plan.depth_format.coefficients, viewport, workers,
         lambda _: None, keep_lists=True, keep_clip_positions=True, cutouts=cutouts,
@@ -200,7 +200,7 @@ def _draw(scene: Scene, plan: RenderPlan) -> Drawn:
     )
     coverage = add_reversed_depth(plan.depth_format, plan.camera, geometry, coverage, workers)
     placement = shade.placement_to_light(plan, placement_of(arrays, views))
-    return Drawn(scene, prepared, plan, arrays, geometry, placement, coverage, lists)
+    return Drawn(scene, cache, plan, arrays, geometry, placement, coverage, lists)
 
 
 def _corners(triangles: NDArray[np.int32], faces: Faces) -> NDArray[np.int32]:

@@ -26,7 +26,7 @@ from rasterjit.scene.light import AmbientLight
 from rasterjit.scene.quality import SUPERSAMPLED
 from rasterjit.scene.scene import Scene
 from rasterjit.survey.arrays import SceneArrays
-from rasterjit.survey.cache import Prepared
+from rasterjit.survey.cache import SceneCache
 from rasterjit.survey.effect import Active, FrameContext
 from rasterjit.survey.plan import RenderPlan
 
@@ -69,7 +69,7 @@ class Drawn(NamedTuple):
     """A scene drawn as far as visibility."""
 
     scene: Scene
-    prepared: Prepared
+    cache: SceneCache
     plan: RenderPlan
     arrays: SceneArrays
     geometry: Geometry
@@ -86,10 +86,10 @@ def owner_of(drawn: Drawn, face: int) -> int:
 
 def find_look(drawn: Drawn) -> tuple[Surface, Lit]:
     """Return what the objects look like and what lights them; vertices are not lit yet."""
-    plan, prepared, workers = drawn.plan, drawn.prepared, Workers(1)
-    context = FrameContext(plan, prepared, drawn.geometry, drawn.placement, drawn.coverage, workers)
-    lit = Lit(shading.find_lighting(plan, prepared), prepare_effects(context))
-    return shading.find_surface(plan, prepared, drawn.placement, None, (), workers), lit
+    plan, cache, workers = drawn.plan, drawn.cache, Workers(1)
+    context = FrameContext(plan, cache, drawn.geometry, drawn.placement, drawn.coverage, workers)
+    lit = Lit(shading.find_lighting(plan, cache), prepare_effects(context))
+    return shading.find_surface(plan, cache, drawn.placement, None, (), workers), lit
 
 
 def light_of(
@@ -98,7 +98,7 @@ def light_of(
     """Return the terms of the visible face's colour and the colour, (4,) float32, linear."""
     face = int(drawn.coverage.face_id[y, x])
     owner = owner_of(drawn, face)
-    material = drawn.prepared.looks.meshes[owner].material
+    material = drawn.cache.tables.meshes[owner].material
     linear = shade(drawn, whole, lit, x, y)
     # Fog lies over the sum of all light.
     clear = lit.without("sample")
@@ -148,12 +148,12 @@ def _terms_over(
 
 def _light_terms(drawn: Drawn, surface: Surface, lit: Lit, x: int, y: int) -> Iterator[LightTerm]:
     """Let each light shine alone, on the surface without its highlight, and on that alone."""
-    matt, black = surface.materials.copy(), surface.materials.copy()
-    matt[:, records.MATERIAL_SPECULAR] = 0.0
+    diffuse, black = surface.materials.copy(), surface.materials.copy()
+    diffuse[:, records.MATERIAL_SPECULAR] = 0.0
     # Microfacets have their highlights from the base colour: they are told what to show.
     black[black[:, records.MATERIAL_MODEL] != records.PBR, :3] = 0.0
     kinds = []
-    for n, materials in enumerate((matt, black)):
+    for n, materials in enumerate((diffuse, black)):
         facets = lit.lighting.microfacets
         if facets is not None:
             facets = facets._replace(parts=np.eye(2, dtype=np.float32)[n])
@@ -237,10 +237,10 @@ def shade(
     geometry, placement, plan = drawn.geometry, drawn.placement, drawn.plan
     face = int(drawn.coverage.face_id[y, x]) if face is None else face
     if plan.needs_gouraud and lit.lighting is not None:
-        vertices, matt = _lit_vertices(drawn, surface, lit, face), None
-        if plan.needs_matt_light:
-            matt = _lit_vertices(drawn, surface, lit.by(highlights=None), face)
-        surface = surface._replace(lit_vertices=vertices, matt_vertices=matt)
+        vertices, diffuse = _lit_vertices(drawn, surface, lit, face), None
+        if plan.needs_diffuse_light:
+            diffuse = _lit_vertices(drawn, surface, lit.by(highlights=None), face)
+        surface = surface._replace(lit_vertices=vertices, diffuse_vertices=diffuse)
     row = np.full((1, plan.size[0]), nearest.NOTHING, np.int32)
     row[0, x] = face
     linear, no_color = np.empty((1, plan.size[0], 4), np.float32), np.empty((1, 0), np.uint32)
@@ -341,7 +341,7 @@ def _find_samples(
 ) -> Iterator[tuple[list[int], float]]:
     """Yield the faces that are seen through each other, nearest first, and their share."""
     plan, geometry, workers = drawn.plan, drawn.geometry, Workers(1)
-    cutouts = shading.find_cutouts(plan, drawn.prepared)
+    cutouts = shading.find_cutouts(plan, drawn.cache)
     shader = layers.Shader(
         geometry, drawn.placement, surface, lit.lighting, plan.background, plan.encoding, (),
         None if cutouts is None else cutouts._replace(geometry=geometry),

@@ -21,7 +21,7 @@ from rasterjit.pipeline.visibility import depth as depths
 from rasterjit.pipeline.visibility import draw
 from rasterjit.runtime.threads import Workers, fill_rows
 from rasterjit.scene.camera import Camera
-from rasterjit.survey.cache import Prepared, Shapes
+from rasterjit.survey.cache import SceneCache, Shapes
 from rasterjit.survey.depth_format import DepthFormat
 from rasterjit.survey.plan import RenderPlan
 
@@ -37,7 +37,7 @@ is done in one step."""
 
 def fill_buffers(
     plan: RenderPlan,
-    prepared: Prepared,
+    cache: SceneCache,
     geometry: Geometry,
     placement: Placement,
     coverage: draw.Coverage,
@@ -46,7 +46,7 @@ def fill_buffers(
     workers: Workers,
 ) -> None:
     """Make the ground-truth buffers that were asked for, but for the coverage of pixels."""
-    shapes, face_id = prepared.shapes, coverage.face_id
+    shapes, face_id = cache.shapes, coverage.face_id
     result["face_id"] = face_id
     if "depth" in plan.outputs:
         result["depth"] = metric_depth(
@@ -60,8 +60,8 @@ def fill_buffers(
         fill_rows(interpolation.fill_attribute, face_id, arguments, workers)
         result["uv"] = uv
     _fill_numbers(plan, shapes, face_id, result)
-    _fill_places(plan, prepared, geometry, placement, face_id, result, workers)
-    _fill_normals(plan, prepared, geometry, placement, face_id, result, workers)
+    _fill_places(plan, cache, geometry, placement, face_id, result, workers)
+    _fill_normals(plan, cache, geometry, placement, face_id, result, workers)
     if compared is not None:
         shared = face_id, geometry, shapes.arrays.face_starts
         if "motion" in plan.outputs:
@@ -101,7 +101,7 @@ def material_numbers(shapes: Shapes) -> NDArray[np.int32]:
 
 def _fill_places(
     plan: RenderPlan,
-    prepared: Prepared,
+    cache: SceneCache,
     geometry: Geometry,
     placement: Placement,
     face_id: NDArray[np.int32],
@@ -118,13 +118,13 @@ def _fill_places(
         fill_rows(interpolation.fill_positions, face_id, arguments, workers)
         return position
 
-    count = len(prepared.shapes.meshes)
+    count = len(cache.shapes.meshes)
     if "position" in plan.outputs:
-        result["position"] = places(prepared.places.world_from_model[:, :3])
+        result["position"] = places(cache.places.world_from_model[:, :3])
     if "object_position" in plan.outputs:
         result["object_position"] = places(np.tile(np.eye(3, 4), (count, 1, 1)))
     if "nocs" in plan.outputs:
-        nocs = places(box_matrices(prepared.shapes.boxes))
+        nocs = places(box_matrices(cache.shapes.boxes))
         np.clip(nocs, 0.0, 1.0, out=nocs)
         result["nocs"] = nocs
     if "distance" in plan.outputs:
@@ -184,7 +184,7 @@ def _distances(
 
 def _fill_normals(
     plan: RenderPlan,
-    prepared: Prepared,
+    cache: SceneCache,
     geometry: Geometry,
     placement: Placement,
     face_id: NDArray[np.int32],
@@ -192,10 +192,10 @@ def _fill_normals(
     workers: Workers,
 ) -> None:
     """Fill the buffers of normals, world space, zero where nothing is."""
-    looks = prepared.looks
+    tables = cache.tables
     # The kernel is the same without smooth normals: it is given an empty table.
-    flat = np.zeros((1, 3), np.float32), np.zeros_like(looks.is_smooth)
-    smooth = (looks.normals, looks.is_smooth) if plan.needs_normals else flat
+    flat = np.zeros((1, 3), np.float32), np.zeros_like(tables.is_smooth)
+    smooth = (tables.normals, tables.is_smooth) if plan.needs_normals else flat
     for name, given in (("normal", smooth), ("geometric_normal", flat)):
         if name in plan.outputs:
             normal = workers.memory.empty((*face_id.shape, 3), np.float32)

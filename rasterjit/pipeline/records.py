@@ -201,7 +201,7 @@ class Surface(NamedTuple):
     """(V, 3) float32, model space | None -> no smooth shading."""
     lit_vertices: Any
     """(V, 2, 3) float32, light on the front and the back of a vertex | None -> no Gouraud."""
-    matt_vertices: Any
+    diffuse_vertices: Any
     """(V, 2, 3) float32, the same without highlights | None -> no highlight over a texture."""
     textures: Textures | None
     """None -> no object has a texture."""

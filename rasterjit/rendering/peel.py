@@ -106,9 +106,9 @@ def render_layers(
 
 def _draw_layers(planned: Planned, count: int, workers: Workers, clock: StageClock) -> LayeredFrame:
     """Run the stages of a frame, and those from face numbers on for each layer."""
-    plan, prepared, views, _ = planned
-    seen = find_visible(plan, prepared, workers, clock, views)
-    sight = bands.Sight(seen.geometry, shade.find_cutouts(plan, prepared))
+    plan, cache, views, _ = planned
+    seen = find_visible(plan, cache, workers, clock, views)
+    sight = bands.Sight(seen.geometry, shade.find_cutouts(plan, cache))
     depths, faces = peel(count, seen.coverage, sight, workers)
     clock("layers")
     compared = compare(planned, workers, clock)
@@ -117,7 +117,7 @@ def _draw_layers(planned: Planned, count: int, workers: Workers, clock: StageClo
         layer = seen.coverage._replace(depth=depths[n], face_id=faces[n])
         filled: dict[str, NDArray[Any]] = {}
         fill.fill_buffers(
-            plan, prepared, seen.geometry, seen.placement, layer, compared, filled, workers
+            plan, cache, seen.geometry, seen.placement, layer, compared, filled, workers
         )
         is_empty = not (faces[n] >= 0).any()
         for name in plan.outputs:

@@ -39,7 +39,7 @@ from rasterjit.scene.validation import image_size, positive_number, thread_count
 from rasterjit.scene.view import View
 from rasterjit.survey import placement as placing
 from rasterjit.survey.arrays import placement_of
-from rasterjit.survey.cache import Prepared
+from rasterjit.survey.cache import SceneCache
 from rasterjit.survey.effect import FrameContext
 from rasterjit.survey.placement import Views
 from rasterjit.survey.plan import RenderPlan
@@ -183,18 +183,18 @@ def draw_frame(
     seen : Seen
         What it shows, at the centres of pixels.
     """
-    plan, prepared, views, _ = planned
+    plan, cache, views, _ = planned
     clock, accumulation = clock or StageClock(), accumulation or Accumulation()
     workers.memory.next_frame()
 
     def find(picture: RenderPlan, views: Views | None = None, **options: bool) -> Seen:
         if before_picture is not None:
             before_picture()
-        return find_visible(picture, prepared, workers, clock, views, **options)
+        return find_visible(picture, cache, workers, clock, views, **options)
 
     # Project, clip, bin, draw.
     seen = find(plan, views, **options)
-    context = FrameContext(plan, prepared, *seen[2:], workers)
+    context = FrameContext(plan, cache, *seen[2:], workers)
     # Prepare effects, shade, encode.
     if plan.pictures == 1:
         result = shade.shade_faces(context)
@@ -210,7 +210,7 @@ def draw_frame(
         result["coverage"] = supersample.cover_pixels(context, accumulation, find)
         clock("coverage")
     fill.fill_buffers(
-        plan, prepared, seen.geometry, seen.placement, seen.coverage,
+        plan, cache, seen.geometry, seen.placement, seen.coverage,
         compare(planned, workers, clock), result, workers,
     )  # fmt: skip
     clock("buffers")
@@ -230,7 +230,7 @@ def draw_frame(
 
 def find_visible(
     plan: RenderPlan,
-    prepared: Prepared,
+    cache: SceneCache,
     workers: Workers,
     clock: Callable[[str], None],
     views: Views | None = None,
@@ -242,7 +242,7 @@ def find_visible(
     Parameters
     ----------
     plan : RenderPlan
-    prepared : Prepared
+    cache : SceneCache
     workers : Workers
     clock : callable
         Called with a stage's name when it ends.
@@ -251,16 +251,16 @@ def find_visible(
     **options
         What is kept besides what the plan asks for, as ``pipeline.visibility.draw`` takes it.
     """
-    camera, arrays = plan.camera, prepared.shapes.arrays
+    camera, arrays = plan.camera, cache.shapes.arrays
     if views is None:
-        views = placing.view_places(prepared.places, camera, plan.size)
+        views = placing.view_places(cache.places, camera, plan.size)
     viewport = drawing.viewport_of(plan.size, plan.quality.subpixel_bits, plan.region)
     objects = placing.cull_objects(
-        plan.cull, views, arrays.face_starts, prepared.looks.is_single_sided
+        plan.cull, views, arrays.face_starts, cache.tables.is_single_sided
     )
     clock("plan")
     vertices = drawing.ModelVertices(
-        prepared.shapes.positions(plan.quality.precision), arrays.vertex_starts,
+        cache.shapes.positions(plan.quality.precision), arrays.vertex_starts,
         views.relative_from_model, views.clip_from_relative,
     )  # fmt: skip
     kept = {
@@ -271,7 +271,7 @@ def find_visible(
     }
     coverage = drawing.find_visible(
         vertices, arrays.faces, objects, plan.depth_format.coefficients, viewport, workers, clock,
-        cutouts=shade.find_cutouts(plan, prepared), depth_type=plan.depth_format.kind,
+        cutouts=shade.find_cutouts(plan, cache), depth_type=plan.depth_format.kind,
         is_affine=plan.is_affine, **(kept | options),
     )  # fmt: skip
     geometry = drawing.geometry_of(
@@ -292,13 +292,13 @@ def compare(
     if planned.earlier is None:
         return None
     moments = [
-        motion.moment_of(one.prepared.shapes.arrays, one.views, one.plan.camera, one.plan.size)
+        motion.moment_of(one.cache.shapes.arrays, one.views, one.plan.camera, one.plan.size)
         for one in (planned, planned.earlier)
     ]
     sighting = None
     if "motion_visible" in planned.plan.outputs:
-        plan, prepared, views, _ = planned.earlier
-        seen = find_visible(plan, prepared, workers, clock, views)
+        plan, cache, views, _ = planned.earlier
+        seen = find_visible(plan, cache, workers, clock, views)
         sighting = motion.Sighting(seen.coverage.face_id, seen.objects.culled_turns)
     return motion.Motion(*moments, sighting)
 
@@ -353,7 +353,7 @@ class Renderer:
         self.quality = check_quality(quality)
         self._workers = Workers(thread_count("threads", threads))
         self._lone: tuple[Mesh, Scene] | None = None
-        self._prepared: Prepared | None = None
+        self._cache: SceneCache | None = None
         self.before_picture: Callable[[], None] | None = None
 
     def __enter__(self) -> Renderer:
@@ -521,8 +521,8 @@ class Renderer:
     def _plan(self, quality: Quality, what: Any, *arguments: Any) -> Planned:
         """Check the arguments of a frame, and decide what it needs."""
         scene = self._scene(what)
-        planned = plan_views(self.size, quality, scene, *arguments, known=self._prepared)
-        self._prepared = planned.prepared
+        planned = plan_views(self.size, quality, scene, *arguments, known=self._cache)
+        self._cache = planned.cache
         return planned
 
     def _scene(self, what: Any) -> Scene:

@@ -23,7 +23,7 @@ from rasterjit.pipeline.records import (
 from rasterjit.rendering import layers, srgb8, stage_list
 from rasterjit.rendering.effects import prepare_effects
 from rasterjit.runtime.threads import Workers, count_per_task, rows_per_task
-from rasterjit.survey.cache import Prepared
+from rasterjit.survey.cache import SceneCache
 from rasterjit.survey.effect import Active, FrameContext, acting
 from rasterjit.survey.placement import unit_matrices
 from rasterjit.survey.plan import RenderPlan
@@ -34,7 +34,7 @@ LEAST_LIT_VERTICES = 4096
 
 def shade_faces(context: FrameContext) -> dict[str, NDArray[Any]]:
     """Make the colour outputs of a picture, if there are any."""
-    plan, prepared, geometry, placement, coverage, workers = context
+    plan, cache, geometry, placement, coverage, workers = context
     if not plan.needs_color:
         return {}
     height, width = coverage.face_id.shape
@@ -45,11 +45,11 @@ def shade_faces(context: FrameContext) -> dict[str, NDArray[Any]]:
     # Prepare what shading reads.
     placement = placement_to_light(plan, placement)
     effects = prepare_effects(context._replace(placement=placement))
-    lighting = find_lighting(plan, prepared)
-    surface = find_surface(plan, prepared, placement, lighting, effects, workers)
+    lighting = find_lighting(plan, cache)
+    surface = find_surface(plan, cache, placement, lighting, effects, workers)
     shader = layers.Shader(
         geometry, placement, surface, lighting, plan.background, plan.encoding, effects,
-        find_cutouts(plan, prepared),
+        find_cutouts(plan, cache),
     )  # fmt: skip
     # Shade each pixel, or what it shows of several faces.
     if plan.layers is not None:
@@ -73,42 +73,42 @@ def placement_to_light(plan: RenderPlan, placement: Placement) -> Placement:
     return placement._replace(normal_matrices=unit_matrices(placement.normal_matrices))
 
 
-def find_cutouts(plan: RenderPlan, prepared: Prepared) -> Cutouts | None:
+def find_cutouts(plan: RenderPlan, cache: SceneCache) -> Cutouts | None:
     """Return what has holes in view; ``None`` if nothing has."""
-    return prepared.looks.cutouts(plan.has_textured_holes) if plan.needs_cutouts else None
+    return cache.tables.cutouts(plan.has_textured_holes) if plan.needs_cutouts else None
 
 
-def find_lighting(plan: RenderPlan, prepared: Prepared) -> Lighting | None:
+def find_lighting(plan: RenderPlan, cache: SceneCache) -> Lighting | None:
     """Return the light of the plan, with the facets of all objects; None without light."""
     if plan.lighting is None or not plan.needs_microfacets:
         return plan.lighting
-    return plan.lighting._replace(microfacets=prepared.looks.microfacets)
+    return plan.lighting._replace(microfacets=cache.tables.microfacets)
 
 
 def find_surface(
     plan: RenderPlan,
-    prepared: Prepared,
+    cache: SceneCache,
     placement: Placement,
     lighting: Lighting | None,
     effects: Sequence[Active],
     workers: Workers,
 ) -> Surface:
     """Return what the objects look like, as far as the plan has a use for it."""
-    looks = prepared.looks
-    surface = looks.surface._replace(normals=looks.normals if plan.needs_normals else None)
+    tables = cache.tables
+    surface = tables.surface._replace(normals=tables.normals if plan.needs_normals else None)
     if plan.needs_gouraud and lighting is not None:
-        light = prepared.shapes.arrays.vertex_starts, placement, surface
-        lit, matt = light_vertices(*light, lighting, effects, workers), None
-        if plan.needs_matt_light:
+        light = cache.shapes.arrays.vertex_starts, placement, surface
+        lit, diffuse = light_vertices(*light, lighting, effects, workers), None
+        if plan.needs_diffuse_light:
             dull = lighting._replace(highlights=None)
-            matt = light_vertices(*light, dull, effects, workers)
-        surface = surface._replace(lit_vertices=lit, matt_vertices=matt)
+            diffuse = light_vertices(*light, dull, effects, workers)
+        surface = surface._replace(lit_vertices=lit, diffuse_vertices=diffuse)
     if plan.needs_textures:
-        surface = surface._replace(textures=looks.textures)
+        surface = surface._replace(textures=tables.textures)
     if plan.layers is not None and plan.layers.has_blended:
         surface = surface._replace(alphas=Alphas(plan.layers.is_blended))
     if plan.needs_maps:
-        surface = surface._replace(maps=looks.maps)
+        surface = surface._replace(maps=tables.maps)
     return surface
 
 

@@ -149,7 +149,7 @@ def _surface(plan: RenderPlan) -> Surface:
         face_colors=empty if contents.face_colored else None,
         normals=empty[:, :3] if plan.needs_normals else None,
         lit_vertices=empty if is_lit else None,
-        matt_vertices=empty if is_lit and plan.needs_matt_light else None,
+        diffuse_vertices=empty if is_lit and plan.needs_diffuse_light else None,
         textures=_textures(plan) if plan.needs_textures else None,
         maps=Maps(empty, np.array(contents.textured), empty) if plan.needs_maps else None,
         alphas=Alphas(np.empty(0, np.uint8)) if has_blended else None,

@@ -126,17 +126,17 @@ def coordinate_steps(own: Textures, geometry: Geometry) -> list[Step]:
 def texture_steps(surface: Surface) -> list[Step]:
     """Return the stages that multiply base colours by what textures show."""
     materials, read = surface.materials, (textures.BASE_COLOR, surface.textures)
-    if surface.matt_vertices is None:
+    if surface.diffuse_vertices is None:
         return [
             Step(texture_lookup.read_textures, read),
             Step(texture_lookup.multiply_textures, ()),
         ]
     # What is seen is not known yet: its rows are free.
-    matt = rows.OUT_RED
+    diffuse = rows.OUT_RED
     return [
-        Step(attributes.show_lit_vertices, (surface.matt_vertices, materials, matt)),
+        Step(attributes.show_lit_vertices, (surface.diffuse_vertices, materials, diffuse)),
         Step(texture_lookup.read_textures, read),
-        Step(texture_lookup.multiply_textures_below_highlights, (materials, matt)),
+        Step(texture_lookup.multiply_textures_below_highlights, (materials, diffuse)),
     ]
 
 

@@ -133,12 +133,12 @@ class RendererPool:
         self._process = os.getpid()
         self._pool = ThreadPoolExecutor(self._workers, thread_name_prefix="rasterjit-many")
         # They share what follows from the scene alone.
-        prepared = prepare(self._scene.nodes, None, self._options.quality)
+        cache = prepare(self._scene.nodes, None, self._options.quality)
         for _ in range(self._workers):
             renderer = Renderer(
                 self._options.size, quality=self._options.quality, threads=self._threads
             )
-            renderer._prepared = prepared
+            renderer._cache = cache
             self._renderers.append(renderer)
             self._idle.put(renderer)
         return self

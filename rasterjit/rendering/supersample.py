@@ -211,7 +211,7 @@ def cover_pixels(
     plan = context.plan
     samples = plan.quality.samples
     if samples not in SUPERSAMPLED:
-        sight = bands.Sight(context.geometry, shade.find_cutouts(plan, context.prepared))
+        sight = bands.Sight(context.geometry, shade.find_cutouts(plan, context.cache))
         return coverage.cover_pixels(samples, context.coverage, sight, context.workers)
     if accumulation.covered is None:
         accumulation.covered = np.zeros(context.coverage.face_id.shape, np.int32)
@@ -230,7 +230,7 @@ def _draw_picture(
     plan: RenderPlan, context: FrameContext, find: Callable[[RenderPlan], Seen]
 ) -> NDArray[Any]:
     """Return the linear colour of one picture, or its codes, (H, W, 4)."""
-    picture = FrameContext(plan, context.prepared, *find(plan)[2:], context.workers)
+    picture = FrameContext(plan, context.cache, *find(plan)[2:], context.workers)
     return shade.shade_faces(picture)[plan.outputs[0]]
 
 
@@ -270,7 +270,7 @@ def _draw_whole(
     sights = [see_whole(context)]
     for offset in offsets:
         plan = moved(context.plan, offset)
-        beside = FrameContext(plan, context.prepared, *find(plan)[2:], context.workers)
+        beside = FrameContext(plan, context.cache, *find(plan)[2:], context.workers)
         sights.append(see_whole(beside))
     return prepare_whole(context, offsets, sights)
 

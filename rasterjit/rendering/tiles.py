@@ -111,7 +111,7 @@ class RegionRenderer:
         tuple of dict
             For `take_surveys`.
         """
-        plan, prepared, views, _ = self._planned
+        plan, cache, views, _ = self._planned
         region = check_region(region, plan.size)
         part = plan.with_(region=region)
         self._workers.memory.next_frame()
@@ -121,8 +121,8 @@ class RegionRenderer:
         found = []
         for one in plans:
             known = views if one is part else None
-            seen = find_visible(one, prepared, self._workers, _no_clock, known)
-            context = FrameContext(one, prepared, *seen[2:], self._workers)
+            seen = find_visible(one, cache, self._workers, _no_clock, known)
+            context = FrameContext(one, cache, *seen[2:], self._workers)
             found.append(supersample.see_whole(context))
         return tuple(found)
 
@@ -134,7 +134,7 @@ class RegionRenderer:
         ----------
         surveys : mapping of Region to what `survey` returns
         """
-        plan, prepared, views, _ = self._planned
+        plan, cache, views, _ = self._planned
         corners = [(region[0], region[1]) for region in surveys]
         middle, *beside = [
             {
@@ -146,8 +146,8 @@ class RegionRenderer:
             }
             for sights in zip(*surveys.values(), strict=True)
         ]
-        placement = shade.placement_to_light(plan, placement_of(prepared.shapes.arrays, views))
-        context = FrameContext(plan, prepared, None, placement, None, self._workers)
+        placement = shade.placement_to_light(plan, placement_of(cache.shapes.arrays, views))
+        context = FrameContext(plan, cache, None, placement, None, self._workers)
         rest, drawn = iter(beside), []
         for step in self._steps() or [[]]:
             sights = [middle, *(next(rest) for _ in step)]

@@ -17,7 +17,7 @@ from rasterjit.scene.validation import in_short
 from rasterjit.scene.view import View
 from rasterjit.survey import contents
 from rasterjit.survey import placement as placing
-from rasterjit.survey.cache import Prepared, prepare
+from rasterjit.survey.cache import SceneCache, prepare
 from rasterjit.survey.placement import Views
 from rasterjit.survey.plan import RenderPlan
 
@@ -26,7 +26,7 @@ class Planned(NamedTuple):
     """A frame that is decided on."""
 
     plan: RenderPlan
-    prepared: Prepared
+    cache: SceneCache
     views: Views
     earlier: Planned | None = None
     """What it is compared with; ``None`` -> nothing."""
@@ -42,7 +42,7 @@ def plan_views(
     cull: str,
     diagnose: bool,
     previous: View | None,
-    known: Prepared | None = None,
+    known: SceneCache | None = None,
 ) -> Planned:
     """
     Check the arguments of a frame, and decide what it needs, with all that it is drawn from.
@@ -51,7 +51,7 @@ def plan_views(
     ----------
     size, quality, scene, camera, outputs, background, cull, diagnose, previous
         As `rasterjit.render` takes them.
-    known : Prepared, optional
+    known : SceneCache, optional
         What an earlier frame of the scene was drawn from; what has not changed is taken from there.
 
     Raises
@@ -60,19 +60,19 @@ def plan_views(
         Naming the argument that is wrong.
     """
     camera = choose_camera(scene, camera, size)
-    prepared = prepare(scene.nodes, known, quality)
-    views = placing.view_places(prepared.places, camera, size)
+    cache = prepare(scene.nodes, known, quality)
+    views = placing.view_places(cache.places, camera, size)
     plan = plan_frame(
-        scene, camera, size, quality, outputs, background, cull, diagnose, prepared.inventory, views
+        scene, camera, size, quality, outputs, background, cull, diagnose, cache.inventory, views
     )
     earlier = find_earlier(previous, plan, scene)
     if earlier is None:
-        return Planned(plan, prepared, views)
-    old = prepare(earlier[0].nodes, prepared, quality)
+        return Planned(plan, cache, views)
+    old = prepare(earlier[0].nodes, cache, quality)
     old_views = placing.view_places(old.places, earlier[1], size)
     old_plan = plan_earlier(plan, *earlier, old.inventory, old_views)
     before = Planned(old_plan, old, old_views)
-    return Planned(plan.with_(previous=old_plan), prepared, views, before)
+    return Planned(plan.with_(previous=old_plan), cache, views, before)
 
 
 def choose_camera(scene: Scene, camera: Camera | None, size: tuple[int, int]) -> Camera:

@@ -110,7 +110,7 @@ class Shapes:
         return np.array([*numbers, -1], np.int32)
 
 
-class Looks:
+class MaterialTables:
     """
     What follows from the meshes and their materials; each part is made when first asked for.
 
@@ -181,49 +181,49 @@ class Looks:
         )
 
 
-class Prepared(NamedTuple):
+class SceneCache(NamedTuple):
     """A scene's objects, looked through for many frames."""
 
     shapes: Shapes
-    looks: Looks
+    tables: MaterialTables
     matrices: list[NDArray[np.float64]]
     """``world_from_model`` of each object."""
     places: Places
-    all_looks: dict[Any, Looks]
+    all_tables: dict[Any, MaterialTables]
     """Those of all qualities that the objects were drawn in, by what of a quality they follow."""
 
     @property
     def inventory(self) -> tuple[Inventory, NDArray[np.float64]]:
         """What the objects are, and their boxes, (O, 2, 3), model space, as a plan takes them."""
-        return self.looks.inventory, self.shapes.boxes
+        return self.tables.inventory, self.shapes.boxes
 
 
-def prepare(nodes: Sequence[Node], known: Prepared | None, quality: Quality) -> Prepared:
+def prepare(nodes: Sequence[Node], known: SceneCache | None, quality: Quality) -> SceneCache:
     """
     Look through the nodes of a scene.
 
     Parameters
     ----------
     nodes : sequence of Node
-    known : Prepared or None
+    known : SceneCache or None
         Of an earlier frame: what has not changed since is taken from there. Meshes, materials and
         transforms are immutable, so each is the same if it is the same object.
     quality : Quality
     """
     meshes, matrices = meshes_of(nodes), matrices_of(nodes)
     if known is None or not _are_same(known.shapes.meshes, meshes):
-        shapes, all_looks = Shapes(meshes), {}
+        shapes, all_tables = Shapes(meshes), {}
     else:
-        shapes, all_looks = known.shapes, known.all_looks
+        shapes, all_tables = known.shapes, known.all_tables
     materials = [mesh.material for mesh in shapes.distinct]
     look = look_of(quality)
-    if look not in all_looks or not _are_same(all_looks[look].materials, materials):
-        all_looks[look] = Looks(shapes, materials, quality)
+    if look not in all_tables or not _are_same(all_tables[look].materials, materials):
+        all_tables[look] = MaterialTables(shapes, materials, quality)
     if known is None or not _are_same(known.matrices, matrices):
         places = placement.place_objects(matrices)
     else:
         places = known.places
-    return Prepared(shapes, all_looks[look], matrices, places, all_looks)
+    return SceneCache(shapes, all_tables[look], matrices, places, all_tables)
 
 
 def _are_same(known: Sequence[Any], wanted: Sequence[Any]) -> bool:

@@ -19,7 +19,7 @@ from rasterjit.runtime.threads import Workers
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
-from rasterjit.survey.cache import Prepared
+from rasterjit.survey.cache import SceneCache
 
 if TYPE_CHECKING:
     from rasterjit.survey.facts import Facts
@@ -72,7 +72,7 @@ class FrameContext(NamedTuple):
     """A picture whose visible faces are known."""
 
     plan: RenderPlan
-    prepared: Prepared
+    cache: SceneCache
     geometry: Geometry | None
     placement: Placement
     coverage: Coverage | None

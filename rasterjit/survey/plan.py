@@ -170,7 +170,7 @@ class RenderPlan:
         return self.facts.is_lit and self.facts.seen.gouraud > 0
 
     @property
-    def needs_matt_light(self) -> bool:
+    def needs_diffuse_light(self) -> bool:
         """Whether vertices are lit without highlights as well, which lie on top of a texture."""
         return self.facts.is_lit and self.facts.seen.textured_highlights > 0
 

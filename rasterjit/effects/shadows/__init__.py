@@ -103,14 +103,14 @@ class ShadowMaps(Effect):
 
     def prepare(self, context: FrameContext, data: Any, seen: Seen) -> Shadows | None:
         """Fit the maps to what is seen and draw them; None if there is nothing to draw."""
-        plan, prepared, _, placement, _, workers = context
-        facts, arrays = plan.facts, prepared.shapes.arrays
+        plan, cache, _, placement, _, workers = context
+        facts, arrays = plan.facts, cache.shapes.arrays
         # The vertices of an object are lit wherever they are.
         is_whole = plan.in_view & facts.inventory.is_gouraud
         # Behind glass, and between the centres of pixels, more is seen than the depth tells.
         is_open = plan.in_view & (plan.layers is not None)
         if plan.layers is not None and not plan.layers.has_blended:
-            boxes = place_boxes(prepared.shapes.boxes, placement.relative_from_model)
+            boxes = place_boxes(cache.shapes.boxes, placement.relative_from_model)
             is_open &= visible_depth.missed_objects(
                 plan.camera, boxes, placement.face_starts, seen[0][1]
             )
@@ -119,15 +119,15 @@ class ShadowMaps(Effect):
         )
         cutouts = None
         if facts.shades_through_holes:
-            cutouts = prepared.looks.cutouts(facts.contents.textured_holes > 0)
+            cutouts = cache.tables.cutouts(facts.contents.textured_holes > 0)
         cells = [visible_depth.seen_cells(*one) for one in seen]
         scenery = maps.scenery_of(
-            vertices, arrays.faces, placement, prepared.shapes.boxes,
+            vertices, arrays.faces, placement, cache.shapes.boxes,
             ~facts.inventory.is_see_through, is_whole, is_open, np.concatenate(cells), plan.camera,
             plan.size, cutouts,
         )  # fmt: skip
         lights = [light for light in facts.lights.lights if not isinstance(light, AmbientLight)]
-        normals = prepared.looks.normals if plan.needs_normals else None
+        normals = cache.tables.normals if plan.needs_normals else None
         eye = plan.camera.eye_position()
         return maps.draw_shadows(lights, eye, scenery, normals, workers)
 

@@ -235,12 +235,12 @@ class Edges(Effect):
     @staticmethod
     def draw_over(wireframe: Wireframe, context: FrameContext, color: NDArray[np.uint8]) -> None:
         """Draw the edges over the colour, (H, W, 4)."""
-        plan, prepared, geometry, _, coverage, workers = context
+        plan, cache, geometry, _, coverage, workers = context
         encoded = linear_to_srgb(np.array(wireframe.color[:3]))
         rgba = np.append(np.floor(255.0 * encoded + 0.5), 255.0).astype(np.uint8)
         hidden_by = (coverage.face_id, coverage.reversed_depth) if plan.draws_faces else None
         coefficients = plan.camera.depth_coefficients()
-        lines = prepared.shapes.edges, geometry, coefficients, rgba, color, hidden_by
+        lines = cache.shapes.edges, geometry, coefficients, rgba, color, hidden_by
         if plan.quality.lines == "bresenham":
             draw_edges(*lines, workers)
             return

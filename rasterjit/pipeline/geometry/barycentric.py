@@ -81,7 +81,7 @@ def held_to_border(outside, others, sizes):
 
 
 @helper
-def held_edges(edges, right, down):
+def clamped_edges(edges, right, down):
     """
     Return three edges at a pixel's centre, where the samples of a face may lie beside it.
 
@@ -157,7 +157,7 @@ def snapped_weights(a, b, c, px, py, xy, w, reach):
     k0, k1, k2, total = np.float64(e0), np.float64(e1), np.float64(e2), np.float64(e0 + e1 + e2)
     if reach != 0:
         right, down = (by - cy, cy - ay, ay - by), (cx - bx, ax - cx, bx - ax)
-        k0, k1, k2 = held_edges((e0, e1, e2), right, down)
+        k0, k1, k2 = clamped_edges((e0, e1, e2), right, down)
         total = k0 + k1 + k2
     return weights_over_w(k0, k1, k2, total, a, b, c, w)
 

@@ -497,20 +497,20 @@ def lookup_memory(room: int) -> tuple[Any, Any, Any]:
 
 
 @helper
-def absorb(color, texel, matt):
+def absorb(color, texel, diffuse):
     """
     Return a colour times a texel, but for the highlight in it, which lies on top.
 
     That is what is left of the colour when the texel has absorbed its share of the light without
     highlights: exactly the colour itself if the texel is white.
     """
-    if matt == color:
+    if diffuse == color:
         return color * texel
-    return max(color - matt * (np.float32(1.0) - texel), np.float32(0.0))
+    return max(color - diffuse * (np.float32(1.0) - texel), np.float32(0.0))
 
 
 @helper
-def matt_part(color, matts, n):
+def diffuse_part(color, matts, n):
     """Return the part of a colour that a texture absorbs light from; all of it without others."""
     if matts is None:
         return color
@@ -522,4 +522,4 @@ def absorb_row(colors, texels, matts):
     """Multiply one channel of the base colours by what the textures show."""
     for n in range(colors.shape[0]):
         color = colors[n]
-        colors[n] = absorb(color, np.float32(texels[n]), matt_part(color, matts, n))
+        colors[n] = absorb(color, np.float32(texels[n]), diffuse_part(color, matts, n))

@@ -6,8 +6,8 @@ import numpy as np
 
 from rasterjit.pipeline.geometry.barycentric import (
     UNDERFLOW,
+    clamped_edges,
     has_its_back_turned,
-    held_edges,
     sample_weights,
 )
 from rasterjit.pipeline.geometry.setup import CLIPPED, edge, narrow_edge
@@ -68,7 +68,7 @@ def weigh(
         behind[n] = np.int32(whole * front_turn < 0.0)
         if reach != 0:
             right, down = (y1 - y2, y2 - y0, y0 - y1), (x2 - x1, x0 - x2, x1 - x0)
-            k0, k1, k2 = held_edges((e0, e1, e2), right, down)
+            k0, k1, k2 = clamped_edges((e0, e1, e2), right, down)
             whole = k0 + k1 + k2
         w0, w1, w2 = wa[n], wb[n], wc[n]
         smallest = min(w0, min(w1, w2))

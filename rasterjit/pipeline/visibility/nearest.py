@@ -208,11 +208,11 @@ def depth_at_corners(plane, a, b, c, box, grid_bits):
             )
             lowest, highest = min(lowest, depth), max(highest, depth)
     slack = CORNER_ROUNDINGS * (plane[5] - plane[4] + max(abs(plane[4]), abs(plane[5])))
-    return held(lowest - slack, plane), held(highest + slack, plane)
+    return clamped(lowest - slack, plane), clamped(highest + slack, plane)
 
 
 @helper
-def held(depth, plane):
+def clamped(depth, plane):
     """Return the depth inside the range of the vertices."""
     depth = plane[4] if depth < plane[4] else depth
     return plane[5] if depth > plane[5] else depth
@@ -228,7 +228,7 @@ def fill_span(depths, numbers, first, count, depth, steps, plane, face):
     for i in range(((count - 1) | 3) + 1):
         sample = first + np.uintp(i)
         along = np.float64(np.int32(np.int32(i) + steps)) * plane[3]
-        stored = depths.dtype.type(held(depth + along, plane))
+        stored = depths.dtype.type(clamped(depth + along, plane))
         if (stored > depths[sample]) & (np.int32(i) < np.int32(count)):
             depths[sample] = stored
             numbers[sample] = face
@@ -244,7 +244,7 @@ def find_samples(begins, ends, starts, steps, before, corner, plane, places, sto
     for i in range(begins.shape[0]):
         column = np.int32(begins[i] + np.int32(steps))
         is_covered = (column >= before) & (column < ends[i])
-        depth = held(starts[i] + np.float64(np.int32(steps)) * plane[3], plane)
+        depth = clamped(starts[i] + np.float64(np.int32(steps)) * plane[3], plane)
         stored[i] = stored.dtype.type(depth)
         place = np.int32(np.int32(i) * np.int32(SCRATCH_SHAPE[1]) + np.int32(corner))
         places[i] = np.int32(place + column) if is_covered else np.int32(SPARE_SAMPLE)
@@ -270,7 +270,7 @@ def test_row(depths, numbers, first, lanes, values, steps, thresholds, plane, fa
         e0 = values[0] + column * steps[0]
         e1 = values[1] + column * steps[1]
         e2 = values[2] + column * steps[2]
-        stored = depths.dtype.type(held(depth_from(plane, e0, e1), plane))
+        stored = depths.dtype.type(clamped(depth_from(plane, e0, e1), plane))
         if (
             (e0 >= thresholds[0])
             & (e1 >= thresholds[1])
