@@ -177,12 +177,13 @@ def shade_nothing(
 ) -> None:
     """Write a frame that draws no face: takes what `shade_in_bands` takes, but for faces."""
     pictures = [picture for picture in (linear, color) if picture is not None]
-    nothing = np.full(pictures[0].shape[:2], -1, np.int32)
+    height, width = pictures[0].shape[:2]
     if acting(shader.effects, "background"):
+        nothing = np.full((height, width), -1, np.int32)
         shade_in_bands(nothing, shader, linear, color, workers)
         return
     # All rows are alike: the first is shaded, the others are copies of it.
     rows = (None if picture is None else picture[:1] for picture in (linear, color))
-    shade_in_bands(nothing[:1], shader, *rows, workers)
+    shade_in_bands(np.full((1, width), -1, np.int32), shader, *rows, workers)
     for picture in pictures:
         picture[1:] = picture[0]
