@@ -23,9 +23,3 @@ def kernel_modules():
         ".".join(("rasterjit", *path.relative_to(PACKAGE).with_suffix("").parts))
         for path in kernel_files()
     ]
-
-
-def short_name(module):
-    """Return how a plan names a module: the last part of its name, or its folder's."""
-    *_, folder, last = module.split(".")
-    return folder if last == "stage" else last

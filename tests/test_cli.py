@@ -699,3 +699,49 @@ def test_warmup_without_a_folder_says_how_to_name_one(monkeypatch):
     result = run("warmup")
     assert_one_line(result, 1)
     assert "RASTERJIT_CACHE_DIR" in result.stderr
+
+
+def test_a_format_without_alpha_refuses_a_transparent_background(tmp_path):
+    out = tmp_path / "a.jpg"
+    result = run("render", CUBE, "-o", out, "--background", "transparent", "--size", "8x8")
+    assert result.exit_code == 2
+    assert "--background" in result.stderr
+    assert not out.exists()
+
+
+def test_a_view_straight_down_needs_no_up(tmp_path):
+    out = tmp_path / "a.png"
+    result = run("render", CUBE, "-o", out, "--position", "0,9,0", "--target", "0,0,0",
+                 "--size", "16x12", "--quiet")  # fmt: skip
+    assert result.exit_code == 0, result.stderr
+    assert (iio.imread(out)[..., :3] != 255).any()
+
+
+def test_a_wireframe_color_alone_draws_the_overlay(tmp_path):
+    pictures = []
+    for options in (("--wireframe-color", "red"), ("--wireframe", "overlay", "--wireframe-color",
+                    "red"), ()):  # fmt: skip
+        out = tmp_path / "a.png"
+        assert run("render", CUBE, "-o", out, "--size", "24x16", *options).exit_code == 0
+        pictures.append(iio.imread(out).tobytes())
+    assert pictures[0] == pictures[1] != pictures[2]
+
+
+@pytest.mark.parametrize(
+    ("name", "needs_graph"), [("teapot.obj", False), ("cube.ply", False), ("scene.glb", False)]
+)
+def test_a_command_of_its_own_imports_what_the_file_needs(tmp_path, name, needs_graph):
+    pytest.importorskip("networkx")
+    script = (
+        "import sys; from rasterjit.cli import main\n"
+        "try: main()\n"
+        "finally: print('networkx' in sys.modules)"
+    )
+    file = Path(rj.__file__).parent.parent / "models" / name
+    arguments = ["render", str(file), "-o", str(tmp_path / "a.png"), "--size", "16x12"]
+    done = subprocess.run(
+        [sys.executable, "-c", script, *arguments], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines()[-1] == str(needs_graph)
+    assert (tmp_path / "a.png").exists()

@@ -18,8 +18,8 @@ SMALL = (60, 45)
 MOST_VARIANTS = 75
 """Compiled forms of all kernels that the whole gallery may take."""
 
-MOST_OF_ONE = 24
-"""Compiled forms of any one kernel: that which shades has the most."""
+MOST_OF_ONE = 3
+"""Compiled forms of any one kernel."""
 
 MOST_BYTES = 120_000
 

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import dataclasses
 import importlib
+import sys
 
 import numpy as np
 import pytest
-from kernel_files import kernel_modules, short_name
+import switched_off
+from kernel_files import kernel_modules
 
 import rasterjit as rj
 from rasterjit.inspect import measure
 from rasterjit.rendering import plan as planning
 from rasterjit.rendering.effects import EFFECTS
+from rasterjit.rendering.sketch import short_name
 from rasterjit.runtime import jit
 from rasterjit.runtime.driver import StageList
 
@@ -253,18 +256,25 @@ def called(monkeypatch):
     """The names of the kernels that were called, as ``module.function``."""
     names = []
 
-    def watched(kernel, name):
-        def call(*arguments):
-            names.append(name)
-            return kernel(*arguments)
+    class Watched:
+        def __init__(self, kernel, name):
+            self.kernel, self.name = kernel, name
 
-        return call
+        def __call__(self, *arguments):
+            names.append(self.name)
+            return self.kernel(*arguments)
+
+        def bind(self, arguments):
+            names.append(self.name)
+            return self.kernel.bind(arguments)
 
     for found in kernel_modules():
-        module = importlib.import_module(found)
+        importlib.import_module(found)
+    for module in [one for name, one in sys.modules.items() if name.startswith("rasterjit.")]:
         for name, thing in list(vars(module).items()):
             if any(thing is kernel for kernel in jit.KERNELS):
-                monkeypatch.setattr(module, name, watched(thing, f"{short_name(found)}.{name}"))
+                own = f"{short_name(thing.__module__)}.{thing.__name__}"
+                monkeypatch.setattr(module, name, Watched(thing, own))
     return names
 
 
@@ -294,12 +304,13 @@ MIXED = {
     "rich pictures": {"samples": 64},
     "pictures of codes": {"samples": 64, "blending": "srgb8"},
     "rich pictures of codes": {"samples": 64, "blending": "srgb8"},
+    "everything in samples": {"samples": 4},
 }
 """Settings of the quality by the cases that have any."""
 
 
 @pytest.mark.parametrize(
-    "case", ["plain", "rich", "gouraud", "buffers", "edges", "shadows", *MIXED]
+    "case", ["plain", "rich", "gouraud", "buffers", "edges", "shadows", "everything", *MIXED]
 )
 def test_kernels_and_stages_told_are_those_called(cube, called, ran, case):
     scene, camera, outputs, diagnose = rj.Scene(), looking(), ("color",), False
@@ -308,6 +319,8 @@ def test_kernels_and_stages_told_are_those_called(cube, called, ran, case):
         outputs = ("color", "linear")
     if "rich" in case:
         scene = rich_scene(cube)
+    elif "everything" in case:
+        scene, camera = switched_off.full_scene(), switched_off.CAMERA
     elif case == "gouraud":
         cube.material = dataclasses.replace(cube.material, shading="gouraud")
     elif case == "buffers":
@@ -330,7 +343,8 @@ def test_kernels_and_stages_told_are_those_called(cube, called, ran, case):
     stages = [stage.name.partition(".")[2] for stage in planning.list_stages(plan)]
     untouched = {*stages} - {name for names in ran for name in names}
     # Of several samples with glass among them, rows of tiles without glass alone are mixed so.
-    assert untouched <= ({"code_samples", "mix_shares"} if "rich" in case else set())
+    has_glass = {"rich", "everything"} & {*case.split()}
+    assert untouched <= ({"code_samples", "mix_shares"} if has_glass else set())
     assert {name for names in ran for name in names} <= {*stages}
     # Where a picture is drawn in one go, in this order.
     if len({*ran}) == 1 and not untouched:

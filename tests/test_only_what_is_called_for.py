@@ -24,7 +24,7 @@ import rasterjit as rj
 from rasterjit.runtime import store
 
 sys.path.append(sys.argv[1])
-from kernel_files import short_name
+from rasterjit.rendering.sketch import short_name
 
 mesh = rj.Mesh([[-1, -1, 0], [1, -1, 0], [0, 1, 0]], [[0, 1, 2]])
 scene = rj.Scene()
@@ -71,11 +71,13 @@ FILTERED = {
 }  # fmt: skip
 TESTED = {"alpha_test.find_alphas", "alpha_test.keep_shown"}
 BELOW = "texture_lookup.multiply_textures_below_highlights"
+DULL = "light_stages.add_diffuse_lights"
+"""Lights vertices once more, for the part of their colour that textures multiply."""
 
 GONE = {
     "textures": {
         *MAPS, "texture_gradients.find_coordinates", "texture_gradients.find_steps", BELOW,
-        "texture_lookup.read_textures",
+        "texture_lookup.read_textures", DULL,
     },
     # Numbers of the textures, not code.
     "texture transforms": set(),
@@ -94,7 +96,8 @@ GONE = {
         "maps.scale_facets_by_maps",
     },
     "Gouraud": {
-        "attributes.show_lit_vertices", BELOW, "vertices.list_vertices", "vertices.write_vertices",
+        "attributes.show_lit_vertices", BELOW, DULL, "vertices.list_vertices",
+        "vertices.write_vertices",
     },
     "flat": {"attributes.find_middles"},
     "shadows": {
@@ -132,7 +135,7 @@ GONE = {
 """Kernels and stages that a scene of all effects calls for, and does not without each."""
 
 INSTEAD = {
-    "highlights": {"light_stages.add_diffuse_lights", "texture_lookup.multiply_textures"},
+    "highlights": {"texture_lookup.multiply_textures"},
     "Gouraud": {"texture_lookup.multiply_textures"},
     # Fog needs the points of what is lit at vertices too.
     "fog": {"attributes.stand_in"},

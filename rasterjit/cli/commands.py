@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import gc
 import time
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -162,11 +163,12 @@ def render(
         compile_notice(quiet, shown),
         beside(threads) as give,
     ):
-        give(compiling := first_tasks())
+        is_beside = give(first_tasks)
         scene = load_scene(file, look, effects, quiet)
         camera = view.camera(scene, size)
-        if compiling:
-            give(tasks_of(explain_frame(scene, camera, quality, size=size, **options)))
+        if is_beside:
+            plan = explain_frame(scene, camera, quality, size=size, **options)
+            give(partial(tasks_of, plan))
         loaded = time.perf_counter()
         frame = render_frame(
             scene, camera, size=size, quality=quality, diagnose=diagnose, threads=threads,

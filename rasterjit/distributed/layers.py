@@ -25,7 +25,7 @@ from rasterjit.runtime.threads import Workers
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.material import Material
 from rasterjit.scene.mesh import Mesh
-from rasterjit.scene.scene import Scene
+from rasterjit.scene.scene import EFFECT_FIELDS, Scene
 from rasterjit.scene.validation import in_short
 from rasterjit.survey.contents import SMOOTH
 from rasterjit.survey.plan import RenderPlan
@@ -145,7 +145,7 @@ def plan_part(
         return None
     _refuse_neighbours(mesh)
     scene = Scene()
-    for name in ("lights", "environment", "fog", "tone_map"):
+    for name in ("lights", *EFFECT_FIELDS):
         setattr(scene, name, getattr(setting, name))
     scene.add(mesh)
     plan = planning.plan_frame(

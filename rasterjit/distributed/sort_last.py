@@ -15,6 +15,7 @@ import numpy as np
 from rasterjit.distributed import layers
 from rasterjit.distributed.clusters import connected, require_dask, result_of, retried, send
 from rasterjit.outputs.frame import Frame
+from rasterjit.rendering.effects import EFFECTS
 from rasterjit.rendering.stream import Options, check_arguments
 from rasterjit.scene.camera import Camera, check_camera
 from rasterjit.scene.light import AmbientLight
@@ -60,7 +61,8 @@ def render_partitions(
         what is loaded by the workers never comes here.
     camera : Camera
     setting : Scene, optional
-        A scene without meshes: its lights, environment, fog and tone map hold for all parts.
+        A scene without meshes: its lights, environment, fog, tone map and vignette hold for
+        all parts.
         Default: a headlight.
     material : Material, optional
         For parts that are no ``Mesh``. Default: flat shading.
@@ -203,12 +205,13 @@ def _check_setting(setting: Any) -> Scene:
     if setting.nodes:
         raise ValueError(
             f"setting must be a scene without meshes, got {len(setting.nodes)}: its lights, "
-            "environment, fog and tone map hold for all partitions"
+            "environment, fog, tone map and vignette hold for all partitions"
         )
-    for name in ("wireframe", "ambient_occlusion", "outline"):
-        if getattr(setting, name) is not None:
+    for effect in EFFECTS:
+        if effect.joins_faces and getattr(setting, effect.field) is not None:
             raise ValueError(
-                f"setting.{name} must be None: it looks at faces of several partitions at once"
+                f"setting.{effect.field} must be None: it looks at faces of several partitions at "
+                "once"
             )
     for number, light in enumerate(setting.lights):
         if not isinstance(light, AmbientLight) and light.shadow is not None:

@@ -88,7 +88,7 @@ def find_look(drawn: Drawn) -> tuple[Surface, Lit]:
     """Return what the objects look like and what lights them; vertices are not lit yet."""
     plan, cache, workers = drawn.plan, drawn.cache, Workers(1)
     context = FrameContext(plan, cache, drawn.geometry, drawn.placement, drawn.coverage, workers)
-    lit = Lit(shading.find_lighting(plan, cache), prepare_effects(context))
+    lit = Lit(plan.lighting, prepare_effects(context))
     return shading.find_surface(plan, cache, drawn.placement, None, (), workers), lit
 
 
@@ -154,19 +154,17 @@ def _light_terms(drawn: Drawn, surface: Surface, lit: Lit, x: int, y: int) -> It
     black[black[:, records.MATERIAL_MODEL] != records.PBR, :3] = 0.0
     kinds = []
     for n, materials in enumerate((diffuse, black)):
-        facets = lit.lighting.microfacets
+        facets = surface.microfacets
         if facets is not None:
             facets = facets._replace(parts=np.eye(2, dtype=np.float32)[n])
-        kinds.append((surface._replace(materials=materials), facets))
+        kinds.append(surface._replace(materials=materials, microfacets=facets))
     dark = np.zeros(3, np.float32)
     for n, name in enumerate(_light_names(drawn)):
         # The others stay, without light: shadow maps are numbered by light.
         lights = lit.lighting.lights.copy()
         lights[:n, COLOR], lights[n + 1 :, COLOR] = 0.0, 0.0
         alone = lit.without("around").by(lights=lights, ambient=dark)
-        diffuse, specular = (
-            shade(drawn, part, alone.by(microfacets=facets), x, y)[:3] for part, facets in kinds
-        )
+        diffuse, specular = (shade(drawn, part, alone, x, y)[:3] for part in kinds)
         yield LightTerm(name, diffuse, specular)
 
 

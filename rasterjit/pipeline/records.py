@@ -188,6 +188,16 @@ class Maps(NamedTuple):
     texture is not mirrored and for those where it is; (0, 2, 4) if no object has a normal map."""
 
 
+class Microfacets(NamedTuple):
+    """The metallic-roughness materials of all objects."""
+
+    factors: Any
+    """(O, 2) float32: metallic, roughness."""
+    parts: Any
+    """(2,) float32: how much of the light that goes into a surface is shown, and of that mirrored;
+    1 and 1, but for who asks for one of them alone."""
+
+
 class Surface(NamedTuple):
     """What the objects look like."""
 
@@ -209,6 +219,8 @@ class Surface(NamedTuple):
     """What else lies over the objects (normal maps, emission ...) | None -> nothing."""
     alphas: Alphas | None = None
     """What it takes to find the alpha of a sample | None -> all are opaque."""
+    microfacets: Microfacets | None = None
+    """Metallic-roughness materials | None -> none."""
 
 
 class Reflections(NamedTuple):
@@ -278,16 +290,6 @@ NO_TONES = ToneMap(UNMAPPED, 0.0, 0.0)
 """What stands for a tone map where there is none."""
 
 
-class Microfacets(NamedTuple):
-    """The metallic-roughness materials of all objects."""
-
-    factors: Any
-    """(O, 2) float32: metallic, roughness."""
-    parts: Any
-    """(2,) float32: how much of the light that goes into a surface is shown, and of that mirrored;
-    1 and 1, but for who asks for one of them alone."""
-
-
 class Shadows(NamedTuple):
     """The shadow maps of all lights; see ``effects.shadows.stage`` for the columns."""
 
@@ -320,8 +322,6 @@ class Lighting(NamedTuple):
     """(3,) float32, linear."""
     highlights: Any
     """Number of objects with a specular highlight | None -> none."""
-    microfacets: Microfacets | None = None
-    """Metallic-roughness materials | None -> none."""
     renormalizes: int = 1
     """Not 0: interpolated normals are scaled to length one; 0: they are taken as they are."""
 

@@ -45,10 +45,9 @@ def shade_faces(context: FrameContext) -> dict[str, NDArray[Any]]:
     # Prepare what shading reads.
     placement = placement_to_light(plan, placement)
     effects = prepare_effects(context._replace(placement=placement))
-    lighting = find_lighting(plan, cache)
-    surface = find_surface(plan, cache, placement, lighting, effects, workers)
+    surface = find_surface(plan, cache, placement, plan.lighting, effects, workers)
     shader = layers.Shader(
-        geometry, placement, surface, lighting, plan.background, plan.encoding, effects,
+        geometry, placement, surface, plan.lighting, plan.background, plan.encoding, effects,
         find_cutouts(plan, cache),
     )  # fmt: skip
     # Shade each pixel, or what it shows of several faces.
@@ -78,13 +77,6 @@ def find_cutouts(plan: RenderPlan, cache: SceneCache) -> Cutouts | None:
     return cache.tables.cutouts(plan.has_textured_holes) if plan.needs_cutouts else None
 
 
-def find_lighting(plan: RenderPlan, cache: SceneCache) -> Lighting | None:
-    """Return the light of the plan, with the facets of all objects; None without light."""
-    if plan.lighting is None or not plan.needs_microfacets:
-        return plan.lighting
-    return plan.lighting._replace(microfacets=cache.tables.microfacets)
-
-
 def find_surface(
     plan: RenderPlan,
     cache: SceneCache,
@@ -103,6 +95,9 @@ def find_surface(
             dull = lighting._replace(highlights=None)
             diffuse = light_vertices(*light, dull, effects, workers)
         surface = surface._replace(lit_vertices=lit, diffuse_vertices=diffuse)
+    # Vertices are lit without facets.
+    if plan.needs_microfacets:
+        surface = surface._replace(microfacets=tables.microfacets)
     if plan.needs_textures:
         surface = surface._replace(textures=tables.textures)
     if plan.layers is not None and plan.layers.has_blended:

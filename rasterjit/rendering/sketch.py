@@ -19,7 +19,6 @@ from rasterjit.pipeline.records import (
     MATERIAL_MODEL,
     Alphas,
     Geometry,
-    Lighting,
     Maps,
     Microfacets,
     Placement,
@@ -64,8 +63,8 @@ def list_stages(plan: RenderPlan) -> tuple[StageTold, ...]:
 
 def short_name(module: str) -> str:
     """Return how a plan names a module: the last part of its name, or its folder's."""
-    *_, folder, last = module.split(".")
-    return folder if last == "stage" else last
+    parts = module.split(".")
+    return parts[-2] if parts[-1] == "stage" else parts[-1]
 
 
 def _steps(plan: RenderPlan) -> list[Step]:
@@ -76,12 +75,18 @@ def _steps(plan: RenderPlan) -> list[Step]:
         if one.effect.places
     )
     geometry, placement = _geometry(plan), _placement()
-    lighting, surface = _lighting(plan), _surface(plan)
+    lighting, surface = plan.lighting, _surface(plan)
     steps, shown = [], rows.RED
     if surface.lit_vertices is not None:
-        look = Look(placement, surface, lighting._replace(microfacets=None), is_of_vertices=True)
-        steps += [Step(vertex_stages.list_vertices, ()), *stage_list.vertex_steps(look, effects)]
-        steps.append(Step(vertex_stages.write_vertices, ()))
+        bare = surface._replace(microfacets=None)
+        lit = [lighting]
+        if surface.diffuse_vertices is not None:
+            lit.append(lighting._replace(highlights=None))
+        for light in lit:
+            look = Look(placement, bare, light, is_of_vertices=True)
+            steps.append(Step(vertex_stages.list_vertices, ()))
+            steps += stage_list.vertex_steps(look, effects)
+            steps.append(Step(vertex_stages.write_vertices, ()))
     steps.append(Step(list_samples, ()))
     steps += stage_list.surface_steps(geometry, placement, surface, lighting, effects)
     if lighting is not None:
@@ -127,14 +132,6 @@ def _placement() -> Placement:
     )  # fmt: skip
 
 
-def _lighting(plan: RenderPlan) -> Lighting | None:
-    """Return the lights of the plan, with facets of no objects if there are any."""
-    if plan.lighting is None or not plan.needs_microfacets:
-        return plan.lighting
-    facets = Microfacets(np.empty((0, 2), np.float32), np.ones(2, np.float32))
-    return plan.lighting._replace(microfacets=facets)
-
-
 def _surface(plan: RenderPlan) -> Surface:
     """Return a material for each way of shading, with all that any object has."""
     contents, empty = plan.facts.contents, np.empty((0, 4), np.float32)
@@ -153,6 +150,7 @@ def _surface(plan: RenderPlan) -> Surface:
         textures=_textures(plan) if plan.needs_textures else None,
         maps=Maps(empty, np.array(contents.textured), empty) if plan.needs_maps else None,
         alphas=Alphas(np.empty(0, np.uint8)) if has_blended else None,
+        microfacets=Microfacets(empty[:, :2], np.ones(2)) if plan.needs_microfacets else None,
     )
 
 

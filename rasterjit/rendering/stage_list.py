@@ -86,8 +86,8 @@ def surface_steps(
         return steps + emission_steps(surface, rows.RED)
     count_of = np.bincount(materials[:, MATERIAL_MODEL].astype(np.intp), minlength=PBR + 1)
     steps.append(Step(attributes.find_reflectance, (materials,)))
-    if lighting.microfacets is not None:
-        facets = lighting.microfacets.factors, materials
+    if surface.microfacets is not None:
+        facets = surface.microfacets.factors, materials
         steps.append(Step(attributes.find_facets, facets))
     # Points and normals.
     steps.append(Step(attributes.gather_positions, (placement.positions,)))
@@ -105,7 +105,7 @@ def surface_steps(
         stands_in = (materials[:, MATERIAL_MODEL] == GOURAUD).astype(np.uint8)
         steps.append(Step(attributes.stand_in, (stands_in,)))
     if surface.maps is not None and surface.textures is not None:
-        steps += map_steps(surface.textures, surface.maps, placement, lighting)
+        steps += map_steps(surface.textures, surface.maps, surface, placement)
     return steps
 
 
@@ -140,7 +140,7 @@ def texture_steps(surface: Surface) -> list[Step]:
     ]
 
 
-def map_steps(own: Textures, laid: Maps, placement: Placement, lighting: Lighting) -> list[Step]:
+def map_steps(own: Textures, laid: Maps, surface: Surface, placement: Placement) -> list[Step]:
     """Return the stages that read what lies over normals, facets and occlusion, and apply it."""
     bent = own.table, own.uv, laid.tangents, laid.factors, placement
     steps = []
@@ -149,7 +149,7 @@ def map_steps(own: Textures, laid: Maps, placement: Placement, lighting: Lightin
         (textures.METALLIC_ROUGHNESS, Step(maps.scale_facets_by_maps, ())),
         (textures.OCCLUSION, Step(maps.scale_occlusion_by_maps, (laid.factors,))),
     ):
-        if kind == textures.METALLIC_ROUGHNESS and lighting.microfacets is None:
+        if kind == textures.METALLIC_ROUGHNESS and surface.microfacets is None:
             continue
         if laid.counts[kind]:
             steps += [Step(texture_lookup.read_textures, (kind, own)), applied]
@@ -177,7 +177,7 @@ def light_steps(look: Look, effects: Sequence[Active]) -> list[Step]:
     steps.append(Step(lights.show_ambient, (lighting.ambient,)))
     if lighting.renormalizes:
         steps.append(Step(lights.normalize_normals, ()))
-    if lighting.microfacets is not None:
+    if look.surface.microfacets is not None:
         steps.append(Step(lights.show_ambient_on_facets, (lighting.ambient, viewer)))
     steps += steps_of_lights(look, effects)
     steps += emission_steps(look.surface, rows.OUT_RED)
@@ -192,25 +192,25 @@ def effect_steps(effects: Sequence[Active], place: str, look: Look, *arguments: 
 def steps_of_lights(look: Look, effects: Sequence[Active]) -> list[Step]:
     """Return the stages that add all lights, each dimmed by effects, and light from all sides."""
     steps, first, dimming = [], 0, acting(effects, "light")
-    viewer = np.float32(look.placement.toward_viewer)
     for n in range(len(look.lighting.lights)) if dimming else ():
         dimmed = effect_steps(dimming, "light", look, n)
         if dimmed:
             # What comes before is dimmed as the light before.
-            steps += add_steps(look.lighting, first, n, viewer) + dimmed
+            steps += add_steps(look, first, n) + dimmed
             first = n
-    steps += add_steps(look.lighting, first, len(look.lighting.lights), viewer)
+    steps += add_steps(look, first, len(look.lighting.lights))
     return steps + effect_steps(effects, "around", look)
 
 
-def add_steps(lighting: Lighting, first: int, end: int, viewer: NDArray[np.float32]) -> list[Step]:
+def add_steps(look: Look, first: int, end: int) -> list[Step]:
     """Return the stages that add lights ``first`` to ``end``; none if these are none."""
     if first == end:
         return []
+    lighting, viewer = look.lighting, np.float32(look.placement.toward_viewer)
     shiny = lights.add_diffuse_lights if lighting.highlights is None else lights.add_shiny_lights
     steps = [Step(shiny, (lighting.lights, first, end, viewer))]
-    if lighting.microfacets is not None:
-        parts = lighting.lights, first, end, viewer, lighting.microfacets.parts
+    if look.surface.microfacets is not None:
+        parts = lighting.lights, first, end, viewer, look.surface.microfacets.parts
         steps.append(Step(lights.add_lights_on_facets, parts))
     return steps
 
@@ -234,8 +234,8 @@ def light_vertices(
     vertex_starts : (O+1,) int64
         Object ``o`` owns vertices ``vertex_starts[o]:vertex_starts[o+1]``.
     placement, surface, lighting : records
-        ``surface.normals`` is present; ``surface.face_colors`` has no part in it, nor have
-        microfacets.
+        ``surface.normals`` is present, ``surface.microfacets`` is None; ``surface.face_colors`` has
+        no part in it.
     effects : sequence of Active
         Those that act on lights and on light from all sides count, not those that act on pixels.
     lit_vertices : (V, 2, 3) float32
@@ -244,7 +244,7 @@ def light_vertices(
     colors = surface.vertex_colors
     if colors is None:
         colors = np.empty((0, 4), np.float32)
-    look = Look(placement, surface, lighting._replace(microfacets=None), is_of_vertices=True)
+    look = Look(placement, surface, lighting, is_of_vertices=True)
     listed = *vertices, vertex_starts, placement, surface.materials, colors, surface.normals
     steps = [
         Step(list_vertices, listed),

@@ -1,8 +1,8 @@
 """
 Compile ahead, in other processes: compilers hold Python's lock, so threads are no faster than one.
 
-The processes meet in the store. Each compiles alone what it has claimed there, so that nothing is
-compiled twice, and whoever needs what is being compiled waits for it.
+The processes meet in the store. Each compiles alone what it has claimed there; whoever needs that
+waits for it. Only where files cannot be locked is anything compiled twice.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from rasterjit.runtime import jit, store
 from rasterjit.runtime.threads import available_processors
 
 WORKER = """
-import os, sys
+import sys
 sys.path[:] = sys.argv[1:]
 from rasterjit.runtime.ahead import work
 work()
@@ -84,7 +84,7 @@ def work() -> None:
 
 
 def is_possible() -> bool:
-    """Tell whether another process is like this one, and meets it in a store."""
+    """Tell whether another process could import the same code and share the store."""
     return (
         not (jit.DISABLED or jit.CHECKED)
         and bool(sys.executable)
@@ -111,7 +111,7 @@ def do_all(
     ----------
     tasks : sequence of Task
     tell : callable
-        Called after each, from several threads.
+        Called after each, from several threads, by one at a time.
     processes : int or None
         How many at most; ``None`` takes the processors this process may run on.
 
@@ -124,18 +124,23 @@ def do_all(
     for task in tasks:
         waiting.put(task)
     failed: list[Task] = []
+    telling = threading.Lock()
 
     def follow(process: subprocess.Popen[str]) -> None:
+        # One that has ended does no more: what waits is for the others.
         with suppress(Empty):
-            while True:
+            while process.poll() is None:
                 task = waiting.get_nowait()
                 if _do(process, task) is not None:
                     failed.append(task)
-                tell()
+                with telling:
+                    tell()
 
     count = available_processors() if processes is None else processes
-    others = [_start() for _ in range(min(count, len(tasks)))]
+    others: list[subprocess.Popen[str]] = []
     try:
+        for _ in range(min(count, len(tasks))):
+            others.append(_start())
         threads = [threading.Thread(target=follow, args=(one,), daemon=True) for one in others]
         for thread in threads:
             thread.start()
@@ -144,6 +149,8 @@ def do_all(
     finally:
         for one in others:
             _end(one)
+    while not waiting.empty():
+        failed.append(waiting.get())
     return failed
 
 
@@ -152,8 +159,13 @@ def _do(process: subprocess.Popen[str], task: Task) -> str | None:
     try:
         process.stdin.write(json.dumps(task) + "\n")
         process.stdin.flush()
-        return json.loads(process.stdout.readline() or '"the process ended"')
+        answer = process.stdout.readline()
+        if not answer:
+            process.wait()
+            return "the process ended"
+        return json.loads(answer)
     except (OSError, ValueError) as error:
+        _end(process)
         return str(error)
 
 
@@ -164,7 +176,9 @@ def _end(process: subprocess.Popen[str]) -> None:
 
 
 @contextmanager
-def beside(threads: int | None = None) -> Iterator[Callable[[Sequence[Task]], None]]:
+def beside(
+    threads: int | None = None,
+) -> Iterator[Callable[[Callable[[], Sequence[Task]]], bool]]:
     """
     Let another process do tasks, in order, as long as the context lasts.
 
@@ -176,20 +190,23 @@ def beside(threads: int | None = None) -> Iterator[Callable[[Sequence[Task]], No
     Yields
     ------
     callable
-        Takes tasks. The process starts with the first, if there can be one.
+        Takes a function that returns tasks, and returns whether they are under way. The function is
+        called only if there can be another process, which starts with the first tasks.
     """
     is_alone = threads == 1 or available_processors() == 1 or not is_possible()
     others: list[subprocess.Popen[str]] = []
 
-    def give(tasks: Sequence[Task]) -> None:
-        if is_alone or not tasks:
-            return
+    def give(list_tasks: Callable[[], Sequence[Task]]) -> bool:
+        tasks = [] if is_alone else list_tasks()
+        if not tasks:
+            return False
         if not others:
             others.append(_start())
         # Whether they are done shows in the store: nobody reads the answers, which fit in a pipe.
         with suppress(OSError):
             others[0].stdin.writelines(json.dumps(task) + "\n" for task in tasks)
             others[0].stdin.flush()
+        return True
 
     try:
         yield give

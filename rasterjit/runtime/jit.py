@@ -1,9 +1,13 @@
 """
-Every decision about compilation, in one place.
+The decorators of what is compiled, and how it is called.
 
 ``@kernel``
     What Python calls: compiled once for each form of its arguments, kept as machine code on disk
     (``store``), called without Python's lock.
+``@stage``
+    A step of shading, which ``driver`` calls by its address; compiled once.
+``@raw_kernel``
+    What takes three whole numbers, and is called by its address.
 ``@helper``
     A function that is compiled into the kernels that call it.
 ``@disjoint_helper``
@@ -125,8 +129,6 @@ class Form:
         from rasterjit.runtime.packing import plan_of
 
         self.kind = kind
-        self.is_loaded: bool = code.is_loaded
-        """From the store, not compiled by this process."""
         self.address: int = code.address
         self._code = code
         self._run = MACHINE(code.address)
@@ -228,18 +230,28 @@ class Kernel:
             return form
 
 
-FAILED: list[BaseException] = []
-"""What went wrong in kernels that plain or checked ones called by address."""
+class _Failed(threading.local):
+    """Errors of kernels that this thread called by address, which C cannot pass on."""
+
+    def __init__(self) -> None:
+        self.errors: list[BaseException] = []
+
+
+_FAILED = _Failed()
 
 
 def raise_failed() -> None:
     """Raise what went wrong in a kernel that was called by address."""
-    if FAILED:
-        raise FAILED.pop()
+    if _FAILED.errors:
+        raise _FAILED.errors.pop()
 
 
 class Bound:
-    """A kernel and its arguments, which other kernels call by `words` (``intrinsics.call_at``)."""
+    """
+    A kernel and its arguments, which other kernels call by `words` (``intrinsics.call_at``).
+
+    Keep it as long as the words are in use: they are addresses of its memory.
+    """
 
     def __init__(self, kernel: Any, *arguments: Any) -> None:
         self._kernel, self._arguments = kernel, arguments  # Their memory must stay.
@@ -253,11 +265,11 @@ class Bound:
         """(2,) int64: the addresses of the machine code and of the state block."""
 
     def _run(self, *_: int) -> int:
-        """Run the kernel without machine code of our own. C has no way for an error: keep it."""
+        """Run the kernel without machine code of our own; keep its error for `raise_failed`."""
         try:
             return int(self._kernel(*self._arguments) or 0)
-        except Exception as error:
-            FAILED.append(error)
+        except BaseException as error:
+            _FAILED.errors.append(error)
             return 0
 
 

@@ -136,6 +136,8 @@ class Effect:
     looks : str
         How far it looks: at a "sample", at its "neighbours", which parts of a picture do not have,
         or at the "whole" picture, which is then looked through before (`see`).
+    joins_faces : bool
+        Whether it draws what all faces make together: no part of a scene has it alone.
     is_explained : bool
         Whether ``explain_pixel`` tells its part in a colour; else the colour is that of a frame.
     term : str
@@ -150,6 +152,7 @@ class Effect:
     field = ""
     key = ""
     looks = "sample"
+    joins_faces = False
     is_explained = False
     term = ""
     reads_clip_positions = False

@@ -19,6 +19,7 @@ from pieces import blob, joined
 import rasterjit as rj
 from rasterjit.distributed import layers
 from rasterjit.rendering.stream import Options
+from rasterjit.scene.scene import EFFECT_FIELDS
 
 SIZE = (48, 36)
 PATIENCE = 60.0
@@ -33,7 +34,7 @@ PAIRS.append(PAIRS[1])
 
 def whole(pairs, view, setting=None, material=FLAT, outputs=OUTPUTS, **options):
     scene = rj.Scene()
-    for name in ("lights", "environment", "fog", "tone_map") if setting is not None else ():
+    for name in ("lights", *EFFECT_FIELDS) if setting is not None else ():
         setattr(scene, name, getattr(setting, name))
     scene.add(rj.Mesh(*joined(pairs), material=material))
     return rj.render(scene, view, size=SIZE, outputs=outputs, **options)
@@ -94,6 +95,7 @@ def test_light_and_fog_hold_for_all_parts(view):
     setting.fog = rj.Fog(mode="linear", start=1.0, end=8.0)
     setting.environment = rj.Environment.gradient()
     setting.tone_map = rj.ToneMap()
+    setting.vignette = rj.Vignette(0.9, 0.1)
     assert_same_bits(merged(PAIRS, view, setting=setting), whole(PAIRS, view, setting=setting))
 
 

@@ -363,6 +363,12 @@ def occluded_and_outlined() -> Shot:
     return Shot(scene, looking())
 
 
+def darkened_corners() -> Shot:
+    scene = scene_of(ball(), plane(6, 2.0), apart=0.0)
+    scene.vignette = rj.Vignette(0.8, 0.2)
+    return Shot(scene, looking(), (121, 80))
+
+
 def coarse_geometry() -> Shot:
     """Return a shot whose depths, vertices and weights are those of the least accurate settings."""
     settings = {"depth_format": "unorm16", "precision": "float32", "interpolation": "affine"}
@@ -685,6 +691,7 @@ FRAMES: dict[str, Callable[[], Shot | Soup | Canvas]] = {
         teapot, torus_knot, gltf_scene, textures, cube, unlit_vertex_colours, flat_face_colours,
         gouraud_vertex_colours, phong_highlights, all_shadings, light_near_surface,
         wireframe_overlay, wireframe_only, wireframe_clipped, occluded_and_outlined,
+        darkened_corners,
         materials_under_a_sky, shadows_of_all_lights, layers_of_glass, layers_in_four_samples,
         edges_in_eight_samples, ground_truth, layers_peeled, many_pictures, areas, codes_of_glass,
         codes_in_four_samples,

@@ -81,6 +81,13 @@ def test_tasks_of_a_process_that_ends_are_returned(likely, tmp_path):
     assert likely.do_all(all_of_them, lambda: None, 1) == all_of_them
 
 
+def test_what_a_process_that_ends_leaves_is_done_by_the_others(likely, tmp_path):
+    paths = [tmp_path / str(n) for n in range(6)]
+    lost = tasks("end", "a")
+    assert likely.do_all([*lost, *tasks("touch", *paths)], lambda: None, 2) == lost
+    assert all(path.exists() for path in paths)
+
+
 def wait_for(path):
     for _ in range(300):
         if path.exists() and path.read_text():
@@ -93,10 +100,10 @@ def wait_for(path):
 def test_another_process_works_beside_this_one_and_ends_with_the_context(likely, tmp_path, threads):
     path, later = tmp_path / "a", tmp_path / "b"
     with likely.beside(threads) as give:
-        give([])
-        give(tasks("touch", path))
+        assert not give(list)
+        give(lambda: tasks("touch", path))
         wait_for(path)
-        give(tasks("touch", later))
+        give(lambda: tasks("touch", later))
         wait_for(later)
     pid = int(path.read_text())
     assert pid != os.getpid()
@@ -127,7 +134,7 @@ def test_there_is_no_other_process_where_one_reason_is_enough(likely, monkeypatc
     monkeypatch.setattr(owner, name, value, raising=False)
     monkeypatch.setattr(ahead, "_start", None)
     with likely.beside() as give:
-        give(tasks("touch", "a"))
+        assert not give(lambda: tasks("touch", "a"))
 
 
 @pytest.mark.parametrize(("count", "threads"), [(0, None), (1, 1)])
@@ -136,14 +143,14 @@ def test_there_is_no_other_process_for_one_thread_or_for_nothing(
 ):
     monkeypatch.setattr(ahead, "_start", None)
     with likely.beside(threads) as give:
-        give(tasks("touch", "a")[:count])
+        assert not give(lambda: tasks("touch", "a")[:count])
 
 
 def test_an_error_here_leaves_no_process(likely, monkeypatch):
     started, start = [], ahead._start
     monkeypatch.setattr(ahead, "_start", lambda: started.append(start()) or started[0])
     with suppress(KeyError), likely.beside() as give:
-        give(tasks("touch", os.devnull))
+        give(lambda: tasks("touch", os.devnull))
         raise KeyError
     assert started[0].returncode is not None
 
@@ -161,7 +168,7 @@ def noted():
 ahead._start = noted
 ahead.available_processors = lambda: 2
 with ahead.beside() as give:
-    give([ahead.Task("time", "sleep", (60,))])
+    give(lambda: [ahead.Task("time", "sleep", (60,))])
     time.sleep(60)
 """
 

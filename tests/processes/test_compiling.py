@@ -16,6 +16,8 @@ from small import HERE, RESULTS, use
 import rasterjit as rj
 from rasterjit.runtime import jit
 
+MODELS = Path(__file__).parents[2] / "models"
+
 PACKAGE = Path(rj.__file__).parent
 TEAPOT = PACKAGE.parent / "models" / "teapot.obj"
 pytestmark = pytest.mark.skipif(jit.DISABLED or jit.CHECKED, reason="no machine code of ours")
@@ -227,3 +229,15 @@ def test_a_bad_index_is_caught_where_indices_are_checked(tmp_path, lane):
     environment = {lane: "1", "RASTERJIT_CACHE_DIR": str(tmp_path)}
     assert run(BAD_INDEX, HERE, **environment)[0] == "caught caught caught caught True 1"
     assert list(tmp_path.iterdir()) == []
+
+
+def test_the_command_line_draws_in_plain_python_where_nothing_is_kept(tmp_path):
+    picture = tmp_path / "cube.png"
+    subprocess.run(
+        [sys.executable, "-m", "rasterjit", "render", MODELS / "cube.ply", "-o", picture,
+         "--size", "8x6"],
+        env={**os.environ, "NUMBA_DISABLE_JIT": "1", "RASTERJIT_CACHE_DIR": str(tmp_path)},
+        capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    assert picture.stat().st_size > 50
+    assert [path.name for path in tmp_path.iterdir()] == ["cube.png"]

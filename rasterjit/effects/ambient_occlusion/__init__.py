@@ -109,6 +109,7 @@ class Occlusion(Effect):
     field = "ambient_occlusion"
     key = "o"
     looks = "neighbours"
+    joins_faces = True
 
     def answer(self, facts: Facts, planning: Planning) -> Planned | Absent:
         """Say whether something dims ambient light, with some on what is lit by the pixel."""

@@ -172,7 +172,7 @@ class EnvironmentLight(Effect):
         """Return the stages that add light from all sides, and what microfacets mirror of it."""
         shed = around.irradiance, around.turn, around.intensity
         steps = [Step(environment_stage.shed_light, shed)]
-        if look.lighting.microfacets is not None:
+        if look.surface.microfacets is not None:
             mirrored = around, np.float32(look.placement.toward_viewer)
             steps.append(Step(environment_stage.mirror_environment, mirrored))
         return steps

@@ -117,6 +117,7 @@ class Outlines(Effect):
     field = "outline"
     key = "k"
     looks = "neighbours"
+    joins_faces = True
 
     def answer(self, facts: Facts, planning: Planning) -> Planned | Absent:
         """Say whether outlines are drawn: they are 8-bit pixels, around faces."""

@@ -208,7 +208,7 @@ class ShadowMaps(Effect):
             return [Step(shadows_stage.let_light_through, ())] if has_map[:-1][-1:].any() else []
         matrices, steps = look.placement.relative_from_model, []
         if has_map.sum() == 1 and not look.is_of_vertices:
-            has_facets = int(look.lighting.microfacets is not None)
+            has_facets = int(look.surface.microfacets is not None)
             found = look.placement.positions, matrices, has_facets
             steps.append(Step(receivers.find_receivers, found))
         point, row = POINT, shadows.maps[n]

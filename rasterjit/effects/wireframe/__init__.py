@@ -188,6 +188,7 @@ class Edges(Effect):
 
     name = "wireframe"
     field = "wireframe"
+    joins_faces = True
     is_explained = True
     reads_clip_positions = True
 
