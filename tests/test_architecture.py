@@ -135,7 +135,8 @@ def test_the_core_install_has_every_name():
     )  # fmt: skip
     code = (
         f"import sys; sys.modules.update(dict.fromkeys({extras})); import pydoc, rasterjit\n"
-        "from rasterjit import *\n"
+        "from rasterjit.rendering.effects import EFFECTS
+from rasterjit import *\n"
         "print(pydoc.render_doc(rasterjit)[:12], render_layers.__name__, animation.__name__)"
     )
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
@@ -204,3 +205,11 @@ def test_public_modules_are_found_by_their_short_names():
         assert module is getattr(rj, name)
         assert module.__name__ != f"rasterjit.{name}"
         assert inspect.getdoc(module)
+
+
+def test_one_effect_at_most_says_how_light_is_shown_in_8_bits():
+    for place in ("pixel", "mixed"):
+        assert len([effect for effect in EFFECTS if place in effect.places]) <= 1, place
+    assert [effect for effect in EFFECTS if "pixel" in effect.places] == [
+        effect for effect in EFFECTS if "mixed" in effect.places
+    ]

@@ -73,13 +73,13 @@ DISASSEMBLE = """
 import json
 from importlib import import_module
 
-from rasterjit.runtime import compiler, jit, store
+from rasterjit.runtime import compiler, driver, jit, packing, store
 
 for name in {names!r}:
     import_module(name)
-forms = [(kernel, kind) for kernel in jit.KERNELS for kind in kernel.declared]
-forms += [(stage, stage.kind) for stage in jit.STAGES]
-names = [one.__name__ for one in (*jit.KERNELS, *jit.STAGES)]
+compiled = (driver.run_list, packing.pack, *jit.KERNELS, *jit.STAGES)
+forms = [(one, kind) for one in compiled for kind in one.declared]
+names = [one.__name__ for one in compiled]
 code = [
     (one.__name__, str(kind), compiler.assembly(one, kind, store.host())) for one, kind in forms
 ]

@@ -24,7 +24,6 @@ from typing import Any
 import numba
 from llvmlite import binding, ir
 from numba import types
-from numba.core import cgutils
 from numba.extending import intrinsic, typeof_impl
 
 from rasterjit.runtime import instructions
@@ -162,12 +161,12 @@ def _load(context: Any, builder: Any, kind: Type, numba_kind: Any, base: Any, wo
     nitems = context.get_constant(types.intp, 1)
     for length in shape:
         nitems = builder.mul(nitems, length)
-    array.meminfo = cgutils.get_null_value(array.meminfo.type)
-    array.parent = cgutils.get_null_value(array.parent.type)
+    array.meminfo = ir.Constant(array.meminfo.type, None)
+    array.parent = ir.Constant(array.parent.type, None)
     array.nitems, array.itemsize = nitems, itemsize
     array.data = builder.inttoptr(address, array.data.type)
-    array.shape = cgutils.pack_array(builder, shape, ty=ir.IntType(64))
-    array.strides = cgutils.pack_array(builder, strides, ty=ir.IntType(64))
+    array.shape = instructions.packed(builder, shape)
+    array.strides = instructions.packed(builder, strides)
     return array._getvalue(), end
 
 

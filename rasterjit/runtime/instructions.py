@@ -6,7 +6,6 @@ from typing import Any
 
 from llvmlite import ir
 from numba import types
-from numba.core import cgutils
 from numba.extending import intrinsic
 
 from rasterjit.runtime.intrinsics import CHANNELS, LANES
@@ -48,13 +47,21 @@ def part(typing_context: Any, rows: Any, number: Any, start: Any, stop: Any) -> 
     return row(rows, types.intp, types.intp, types.intp), generate
 
 
+def packed(builder: Any, words: Any) -> Any:
+    """Return 64-bit words as one value, an LLVM array: the shape or the strides of an array."""
+    value = ir.Constant(ir.ArrayType(ir.IntType(64), len(words)), ir.Undefined)
+    for n, word in enumerate(words):
+        value = builder.insert_value(value, word, n)
+    return value
+
+
 def _row(context: Any, builder: Any, kind: Any, whole: Any, data: Any, count: Any) -> Any:
     """Return a row of so many elements of an array, from an address on."""
     one = context.make_array(kind)(context, builder)
     one.meminfo, one.parent, one.itemsize = whole.meminfo, whole.parent, whole.itemsize
     one.nitems, one.data = count, data
-    one.shape = cgutils.pack_array(builder, [count])
-    one.strides = cgutils.pack_array(builder, [whole.itemsize])
+    one.shape = packed(builder, [count])
+    one.strides = packed(builder, [whole.itemsize])
     return one._getvalue()
 
 

@@ -273,10 +273,8 @@ class Bound:
             return 0
 
 
-class RawKernel:
-    """``int64 kernel(int64, int64, int64)``: what machine code and the runtime call by address."""
-
-    WORDS = RecordType(tuple, (NumberType("int64"),) * 3)
+class _OfOneForm:
+    """A function that is compiled once, and called by its address."""
 
     def __init__(self, function: Callable) -> None:
         self.function = function
@@ -284,51 +282,11 @@ class RawKernel:
         self.__doc__ = function.__doc__
         self._lock = threading.Lock()
         self._code: Any = None
-        self.declared = [self.WORDS]
-
-    def obtain(self, kind: RecordType) -> int:
-        """Return the address of its only form."""
-        return self.address()
-
-    def address(self) -> int:
-        """Return the address of the machine code, compiled or loaded first."""
-        with self._lock:
-            if self._code is None:
-                from rasterjit.runtime.store import load
-
-                with COMPILE_CLOCK.running():
-                    self._code = load(self, self.WORDS)
-            return self._code.address
-
-
-class Stage:
-    """
-    A step of shading, compiled once: ``stage(block, count, ...)``.
-
-    Takes a block of samples, how many of them count, and what the annotations of its further
-    parameters say. Machine code calls it (``driver``), with the addresses of a state block, which
-    holds the further arguments, and of a block of samples.
-    """
-
-    def __init__(self, function: Callable) -> None:
-        self.function = function
-        self.__name__, self.__module__ = function.__name__, function.__module__
-        self.__doc__ = function.__doc__
-        self._lock = threading.Lock()
-        self._code: Any = None
-        self._checked: Any = None
 
     @property
     def is_in_use(self) -> bool:
         """Whether its machine code is in memory."""
         return self._code is not None
-
-    @functools.cached_property
-    def kind(self) -> RecordType:
-        """The types of the block and of the further arguments."""
-        named = inspect.get_annotations(self.function, eval_str=True)
-        given = [name for name in inspect.signature(self.function).parameters if name != "count"]
-        return RecordType(tuple, tuple(type_named(named[name]) for name in given))
 
     @property
     def declared(self) -> list[RecordType]:
@@ -339,11 +297,6 @@ class Stage:
         """Return the address of its only form."""
         return self.address()
 
-    @functools.cached_property
-    def names(self) -> tuple[str, ...]:
-        """The names of its further parameters: what it reads."""
-        return tuple(inspect.signature(self.function).parameters)[2:]
-
     def address(self) -> int:
         """Return the address of the machine code, compiled or loaded first."""
         with self._lock:
@@ -353,6 +306,38 @@ class Stage:
                 with COMPILE_CLOCK.running():
                     self._code = load(self, self.kind)
             return self._code.address
+
+
+class RawKernel(_OfOneForm):
+    """``int64 kernel(int64, int64, int64)``: what machine code and the runtime call by address."""
+
+    kind = RecordType(tuple, (NumberType("int64"),) * 3)
+
+
+class Stage(_OfOneForm):
+    """
+    A step of shading, compiled once: ``stage(block, count, ...)``.
+
+    Takes a block of samples, how many of them count, and what the annotations of its further
+    parameters say. Machine code calls it (``driver``), with the addresses of a state block, which
+    holds the further arguments, and of a block of samples.
+    """
+
+    def __init__(self, function: Callable) -> None:
+        super().__init__(function)
+        self._checked: Any = None
+
+    @functools.cached_property
+    def kind(self) -> RecordType:
+        """The types of the block and of the further arguments."""
+        named = inspect.get_annotations(self.function, eval_str=True)
+        given = [name for name in inspect.signature(self.function).parameters if name != "count"]
+        return RecordType(tuple, tuple(type_named(named[name]) for name in given))
+
+    @functools.cached_property
+    def names(self) -> tuple[str, ...]:
+        """The names of its further parameters: what it reads."""
+        return tuple(inspect.signature(self.function).parameters)[2:]
 
     @functools.cached_property
     def _own(self) -> tuple[RecordType, Any, Any, int]:

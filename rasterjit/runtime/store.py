@@ -30,7 +30,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from rasterjit.runtime.jit import COMPILER_CLOCK
+from rasterjit.runtime.jit import COMPILER_CLOCK, RawKernel
 from rasterjit.runtime.state import RecordType, Type
 
 FOLDER_VARIABLE = "RASTERJIT_CACHE_DIR"
@@ -264,12 +264,12 @@ def describe(kind: Type) -> str:
 
 
 LAYOUT = f"{object.__basicsize__} {tuple.__basicsize__}"
-"""What this Python has in raw kernels, which read its objects."""
+"""Sizes of Python's objects, which raw kernels read."""
 
 
 def name_of(kernel: Any, kind: RecordType, target: Target) -> str:
     """Return the name of the symbol of a form of a kernel, with which its file's name begins."""
-    layout = LAYOUT if hasattr(kernel, "WORDS") else ""
+    layout = LAYOUT if isinstance(kernel, RawKernel) else ""
     facts = (sources_hash(kernel.__module__), full_name(kernel), describe(kind), layout, *target)
     digest = hashlib.sha256("\n".join(facts).encode()).hexdigest()
     return f"{kernel.__name__}_{digest[:24]}"

@@ -34,9 +34,11 @@ Where effects act, in order; what each function in `Effect.places` takes and ret
 - light: ``(record, look, n) -> steps`` before light ``n`` is added: row SHADOW.
 - around: ``(record, look) -> steps`` after the lights: light that comes from all sides.
 - sample: ``(record, look) -> steps`` on the colours of lit samples, which have points.
-- pixel: ``(record, shown) -> (steps, shown)`` on the three rows that are shown in 8 bits.
+- pixel: ``(record, shown) -> (steps, shown)`` on the three rows that are shown in 8 bits; one
+  effect at most.
 - mixed: ``(record, linear, background, encoding, color)``: the same on rows that are mixed of
   several faces, linear with straight alpha; lays them over the background, and writes codes too.
+  It goes with "pixel".
 - background: ``(record, face_id, first_row, encoding, linear, color)``: writes where no face is.
 - overlay: ``(record, context, color)``: draws over the finished 8-bit picture.
 

@@ -89,7 +89,7 @@ VECTOR = 16
 
 BLOCK_ROWS = 33
 """Rows of samples: those above."""
-PLACE_ROWS = 25
+PLACE_ROWS = 19
 
 POINT, NORMAL = 0, 3
 """Rows of ``receivers``, three each: the point of a sample and the normal of its face, any length,

@@ -41,29 +41,25 @@ from rasterjit.runtime.state import float32, int64
 
 U, V = 0, 1
 """Rows of places: texture coordinates."""
-CORNERS = 2
-"""Three rows: vertex numbers of the face, lowest first; only for maps."""
-OWNER = 5
+OWNER = 2
 """Row: the object."""
-SHOWN = 6
+SHOWN = 3
 """Four rows: what the texture shows, linear RGBA."""
-MATT = 10
-"""Three rows: the part of the colour that the texture absorbs light from, linear."""
-STEPS = 13
+STEPS = 7
 """Four rows: what a pixel to the right adds to u and v, and a pixel down; for levels of detail."""
-MOVED_U, MOVED_V = 17, 18
+MOVED_U, MOVED_V = 11, 12
 """Rows: coordinates as the texture at hand sees them."""
-TAP_U, TAP_V = 19, 20
+TAP_U, TAP_V = 13, 14
 """Rows: those of one tap of a footprint."""
-WAY_U, WAY_V = 21, 22
+WAY_U, WAY_V = 15, 16
 """Rows: the way along which the taps of a footprint lie."""
-WIDTH, HEIGHT = 23, 24
+WIDTH, HEIGHT = 17, 18
 """Rows: size of the level that is read, texels."""
 MOVED_STEPS = (MOVED_U, MOVED_V, TAP_U, TAP_V)
 """Rows, which are free as long as levels are found: steps as the texture at hand sees them."""
 LONGEST = WIDTH
 """Row, which is free by then: the squared length that the level of detail goes by, in texels."""
-SCRATCH_ROWS = 25
+SCRATCH_ROWS = 19
 
 LEVEL, FIRST, TAPS = 0, 1, 2
 """Rows of whole numbers: the finer level, its first texel, and the taps of a footprint."""
