@@ -8,7 +8,6 @@ from pathlib import Path
 
 from benchmarks.checkouts import RevisionError, checkouts
 from benchmarks.compare import Tree, time_scene
-from benchmarks.compiling_worker import compiled_forms
 from benchmarks.effects_fresh import fresh
 from benchmarks.judging import Comparison
 from benchmarks.pairing import Effort, WorkerError
@@ -78,21 +77,12 @@ def compare_fresh(trees: Sequence[Tree], scene: str) -> list[Comparison]:
     title, cache = PLAIN[scene], f"fresh-{scene}"
     try:
         compiling = [fresh(tree.folder, scene, tree.environment(cache)) for tree in trees]
-        forms = [
-            compiled_forms(Path(tree.environment(cache)["RASTERJIT_CACHE_DIR"])).values()
-            for tree in trees
-        ]
         loading = [fresh(tree.folder, scene, tree.environment(cache)) for tree in trees]
     except WorkerError as error:
         return [Comparison(f"{title}: a fresh process", note=f"failed: {error}")]
-    added = sorted(set(forms[1]) - set(forms[0]))
-    kernels = two_figures(f"{title}: kernels compiled", len(forms[0]), len(forms[1]))
-    kernels.note = f"new: {', '.join(added)}" if added else "the same kernels"
-    kernels.is_worse = len(forms[1]) > len(forms[0])
     seconds = [each["seconds"] for each in compiling]
     peaks = [each["peak"] / MEBI for each in loading]
     return [
-        kernels,
         two_figures(f"{title}: compiling in a fresh process, s", *seconds),
         two_figures(f"{title}: peak memory of a frame, MiB", *peaks),
     ]

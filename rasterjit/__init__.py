@@ -41,9 +41,9 @@ The parts alone
     object's chain of transforms; `rasterize` finds the visible faces of geometry of your own
     (`Visibility`). ``rasterjit.compat.pyrender`` runs scripts that were written for pyrender.
 
-What is wrong with an argument is told by a `ValueError` that names it, before anything is drawn;
-reading an output that was not asked for raises `OutputNotRequestedError`. A `CalibrationWarning`
-says that a time budget had to be learnt first.
+Invalid arguments raise `ValueError`, which names the argument, before anything is drawn. Reading an
+output that was not asked for raises `OutputNotRequestedError`. A `CalibrationWarning` says that a
+time budget had to be learnt first.
 
 World space is right-handed, y up; angles are degrees, colours in and out sRGB where they are 8-bit
 and linear where they are floats; row 0 of a picture is on top.

@@ -15,6 +15,7 @@ import pytest
 from kernel_files import kernel_files, kernel_modules
 
 import rasterjit as rj
+from rasterjit.rendering.effects import EFFECTS
 
 PACKAGE = Path(rj.__file__).parent
 ROOT = PACKAGE.parent
@@ -135,8 +136,7 @@ def test_the_core_install_has_every_name():
     )  # fmt: skip
     code = (
         f"import sys; sys.modules.update(dict.fromkeys({extras})); import pydoc, rasterjit\n"
-        "from rasterjit.rendering.effects import EFFECTS
-from rasterjit import *\n"
+        "from rasterjit import *\n"
         "print(pydoc.render_doc(rasterjit)[:12], render_layers.__name__, animation.__name__)"
     )
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)

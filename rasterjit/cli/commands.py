@@ -314,7 +314,7 @@ def view(file: Path, **options: Any) -> None:
               help="Say instead what happens at this column and row, step by step.")  # fmt: skip
 @click.option("--measure", is_flag=True,
               help="Render it, too, and say what each stage and each effect costs. Whatever is "
-              "tried is compiled first: minutes, the first time.")  # fmt: skip
+              "tried is compiled first: half a minute, the first time.")  # fmt: skip
 @threads_option
 @debug_option
 def explain(

@@ -208,7 +208,7 @@ class Effect:
         return []
 
     def sketch(self, facts: Facts, data: Any) -> Any:
-        """Return a record without arrays to speak of, that gives the stages of a prepared one."""
+        """Return a placeholder record that yields the same stages."""
         return data
 
     def neutral(self, record: Any) -> Any:

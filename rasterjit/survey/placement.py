@@ -115,7 +115,7 @@ class Boxes:
         with np.errstate(over="ignore"):
             x, y, z = (corners[..., k] for k in range(3))
             squares = (x * x + y * y) + z * z
-        # Of what is not finite it is not known how far it reaches.
+        # A box that is not finite may reach any distance.
         squares = np.where(np.isfinite(squares), squares, np.inf)
         return float(np.sqrt(squares.max(initial=0.0)))
 

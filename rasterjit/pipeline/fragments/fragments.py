@@ -12,7 +12,7 @@ sample.
 A tile has a layer only once a sample needs it. Fragments beyond the last layer that there is room
 for are counted and dropped; the caller sees the count and comes again with more room.
 
-Take the surfaces with a hole at a pixel out of its layers.
+`drop_holes` takes the surfaces with a hole at a pixel out of its layers.
 
 References
 ----------
@@ -76,7 +76,7 @@ def split_lists(
     ----------
     starts : (tiles + 1,) int64
     binned : (M,) int32
-        As ``visibility.draw_tiles`` takes them.
+        As ``nearest.draw_tiles`` takes them.
     faces : Faces
     face_starts : (O+1,) int64
     is_blended : (O,) uint8

@@ -3,9 +3,9 @@ Leave out the samples where a surface has a hole: where its alpha is below a cut
 
 A triangle of an object with holes is drawn into a tile of its own, by the code that draws every
 triangle, so that its samples and depths are those of the same triangle without holes, bit for bit.
-What is nearer there than the tile at hand waits, until there are enough samples of one object:
-their alphas are found together, and those that pass the test move to the tile at hand, if they are
-still nearer. They keep their order, so that of equal depths the first is seen, as without holes.
+Samples that pass the depth test queue until a batch of one object is full. Then their alphas are
+found together, and those that pass the alpha test move to the tile at hand, if they are still
+nearer. They keep their order, so that of equal depths the first is seen, as without holes.
 
 Alpha is that of the material times that of the vertex or face colours times that of the base colour
 texture, each as shading would show it at that sample: the same weights, also where a face was
@@ -71,7 +71,7 @@ ALPHA = 3
 """Column of colours and of materials."""
 
 ENOUGH = 192
-"""Samples that wait no longer."""
+"""Once so many samples wait, their alphas are found."""
 
 PART = 256
 """Samples whose alphas are found together."""
@@ -123,7 +123,7 @@ class Holes(NamedTuple):
     """As ``Cutouts`` has them; of no objects where none has holes."""
     depth: stored[:, ::1]
     numbers: int32[:, ::1]
-    """The tile that triangles with holes are drawn into: empty before and after."""
+    """The tile that triangles with holes are drawn into; its depths are empty before and after."""
     asked: int64[::1]
     call: int64[::1]
     """How to call `keep_shown`."""
@@ -429,7 +429,8 @@ def keep_shown(
     Returns
     -------
     int
-        How many samples wait then: none where the next triangle is of another object.
+        How many samples wait then: 0 once they were tested, because enough waited, the batch
+        ended or the next triangle is of another object.
     """
     n, owner = np.uintp(asked[NTH]), asked[OWNER_AT_HAND]
     waiting = note_nearer(
@@ -488,7 +489,9 @@ def alpha_memory(room: int = PART) -> tuple[Any, ...]:
 
 class AlphaTest:
     """
-    What a thread needs to find alphas; it lasts as long as its question is asked.
+    What a thread needs to find alphas.
+
+    Keep it as long as its question is in use: machine code holds addresses of its memory.
 
     Parameters
     ----------
@@ -522,7 +525,9 @@ NO_QUESTION = Question(
 
 class TileTest:
     """
-    What a thread needs to leave holes out of tiles; it lasts as long as its record is used.
+    What a thread needs to leave holes out of tiles.
+
+    Keep it as long as its record is in use: machine code holds addresses of its memory.
 
     Parameters
     ----------

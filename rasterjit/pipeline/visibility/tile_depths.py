@@ -1,5 +1,5 @@
 """
-Find, for each tile, a depth that nothing behind it can show: the floor.
+Hierarchical Z: find the depth beyond which a tile hides everything, its floor.
 
 A triangle that covers every sample of a tile leaves none of them deeper than the lowest depth that
 it has there. What lies below the highest of these floors is hidden in the whole tile, wherever it
