@@ -92,8 +92,8 @@ def measure(
     Render a frame some times, without each effect that it uses, and with what it could use besides.
 
     What it could use is what needs no more than the scene has: samples, mip levels, shadows of its
-    lights, ambient occlusion, an outline, a tone curve, a vignette. The frames take turns, so that a machine
-    that slows down slows all of them. Whatever has to be compiled is compiled before.
+    lights, ambient occlusion, an outline, a tone curve, a vignette. The frames take turns, so that
+    a machine that slows down slows all of them. Whatever has to be compiled is compiled before.
 
     Parameters
     ----------
