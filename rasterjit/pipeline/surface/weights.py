@@ -69,7 +69,7 @@ def weigh(
         if reach != 0:
             right, down = (y1 - y2, y2 - y0, y0 - y1), (x2 - x1, x0 - x2, x1 - x0)
             k0, k1, k2 = clamped_edges((e0, e1, e2), right, down)
-            whole = k0 + k1 + k2
+            whole = np.float64(k0 + k1 + k2)
         w0, w1, w2 = wa[n], wb[n], wc[n]
         smallest = min(w0, min(w1, w2))
         w0, w1, w2 = k0 * (smallest / w0), k1 * (smallest / w1), k2 * (smallest / w2)
