@@ -1,10 +1,8 @@
 """
-The command line: ``rasterjit render | turntable | view | dataset | explain | accuracy | warmup |
-doctor``.
+Define the commands of ``rasterjit``, one function each.
 
-What is slow to import is imported by the command that needs it.
-
-The command ``rasterjit view``.
+They are ``render``, ``turntable``, ``dataset``, ``view``, ``explain``, ``accuracy``, ``warmup`` and
+``doctor``. Modules that are slow to import are imported by the commands that need them.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
 """
-What all commands share: how they end, and options that most of them have.
+Define what all commands share: exit status, errors, common options, reading and writing files.
 
-Exit status: 0 done, 1 failed, 2 wrong usage, 130 interrupted. Errors are one line on standard
-error.
+The exit status is 0 if all is done, 1 if it failed, 2 for wrong usage, 130 if interrupted. Errors
+are one line on standard error. The options here are those that most commands have.
 
-Read the file that a command is given, and write those that it makes.
+`load_scene` reads the file that a command is given; `write_files` writes those that it makes.
 """
 
 from __future__ import annotations

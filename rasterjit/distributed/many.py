@@ -1,7 +1,8 @@
 """
-Render many pictures of one scene: here, or on the machines of a cluster.
+Render many frames of one scene: on this machine, or on the machines of a cluster.
 
-Draw many frames of one scene on a cluster: the worker's side and the client's.
+`render_many` chooses between the two. For a cluster, `Farm` is the client's side: it sends the
+scene to the workers, submits frames and collects them. `draw_frame` is the worker's side.
 """
 
 from __future__ import annotations

@@ -1,15 +1,15 @@
 """
-Write pictures and arrays to files, whole or not at all.
+Write pictures, depth maps and arrays to files, whole or not at all.
 
 A file is written beside its place under a temporary name and then moved there in one step, so a
 picture that was there before is either kept or replaced, never left half-written.
 
-Write named channels to an OpenEXR file, and choose the names by which other programs know them.
+OpenEXR files have named channels, so that other programs know them: R, G, B, A and Z [1]_, and
+X, Y, Z and U, V [2]_. ``outputs.save`` chooses the names, `write_exr` writes the channels.
 
-Encode 16-bit grey and RGB pictures with text as PNG.
-
-Pillow, and with it imageio, writes 16 bits a channel in grey alone; RGB has to be put together
-here, and grey is written the same way.
+PNG files of 16-bit grey and RGB pixels with text are encoded by `encode_png16`. Pillow, and with it
+imageio, writes 16 bits a channel in grey alone, so RGB has to be encoded here, and grey is encoded
+the same way.
 
 References
 ----------

@@ -1,9 +1,10 @@
 """
-Fill the ground-truth buffers: what is known of the face and the point seen at a pixel's centre.
+Fill the ground-truth buffers: facts about the face and the point seen at each pixel's centre.
 
-Depths are metric here; passes that compare depths get the reversed depth, whatever was compared.
+All of them follow from the number of the face and the position of the point on it.
 
-All follow from the number of the face and from where on it the point lies.
+The depth buffer is metric. Passes that compare depths get the reversed depth instead, in whatever
+format the frame's own depths were compared.
 """
 
 from __future__ import annotations

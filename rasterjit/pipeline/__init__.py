@@ -5,12 +5,18 @@ The stations that every frame passes: compiled functions over arrays and records
 file                                   stage
 =====================================  =========================================================
 ``geometry.projection``                model or clip positions -> snapped screen vertices
-``geometry.clipping``                  triangles -> pieces inside the near plane and guard band
+``geometry.clipping``                  triangles -> pieces inside the near and far planes and the
+                                       guard band
 ``geometry.setup``                     faces -> survivors and the tiles they reach
 ``geometry.binning``                   surviving triangles -> one list for each tile
 ``visibility.tile_depths``             large triangles -> the depth below which a tile hides all
 ``visibility.nearest``                 per tile: coverage and depth test -> depth, face number
                                        (calls ``geometry.triangle_batches``)
+``visibility.alpha_test``              samples of faces with holes -> those that pass the alpha
+                                       test (called by ``nearest`` and ``fragments``)
+``visibility.draw``                    calls the stages above: allocates, and shares the work
+                                       among threads
+``visibility.depth``                   visible faces -> their reversed depth
 ``geometry.barycentric``               visible pixels -> weights, positions, normals, uv
 ``surface``                            visible pixels -> blocks of samples (``samples``): listed,
                                        then weights, attributes, textures and maps, each a stage

@@ -1,8 +1,9 @@
 """
-Make the colour of a frame from its visibility buffer: light and surface, then shading.
+Shade a frame: make its colour outputs from the visibility buffer.
 
-Each makes some of the frame's outputs from the visibility buffer, or does nothing if the plan has
-no use for it.
+`shade_faces` first prepares light and surface, each only if the plan has a use for it, and then
+shades the pixels. It makes the outputs ``linear`` and ``color``, as the plan asks for them, and
+does nothing if it asks for neither.
 """
 
 from __future__ import annotations

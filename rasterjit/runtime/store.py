@@ -476,7 +476,7 @@ class Contents(NamedTuple):
     size: int
     """Bytes of all entries."""
     damaged: list[Path]
-    """Files, or whatever else, that are called as entries are and hold none."""
+    """Paths named like entries that are not valid ones."""
     unreadable: list[Path]
     temporary: list[Path]
     """What is there while a process compiles, or was killed."""

@@ -1,11 +1,11 @@
 """
-Colours: names, hex strings, sRGB bytes and linear floats become linear RGBA.
+Convert colours to linear RGBA, and evaluate the sRGB curve with the same bits on every machine.
 
-The sRGB curve in whole-number arithmetic: the same bits on every machine.
+Colours are given as names, hex strings, sRGB bytes or linear floats.
 
-A math library's ``pow`` differs between versions and CPUs in the last bit. But 2.4 is 12/5, so both
-directions of the curve are roots of rationals: they are taken as whole-number roots and rounded
-once.
+The sRGB curve [1]_ is evaluated in whole-number arithmetic, for a math library's ``pow`` differs
+between versions and CPUs in the last bit. Its exponent 2.4 is 12/5, so both directions of the curve
+are roots of rationals: they are taken as whole-number roots and rounded once.
 
 References
 ----------

@@ -1,9 +1,10 @@
 """
-Indexed triangle meshes: checked once when made, shared by every scene that shows them.
+Hold indexed triangle meshes, and show meshes and scenes in notebooks.
 
-How notebooks show what is no picture itself.
+A mesh is checked once, when it is made, and shared by every scene that shows it.
 
-Scenes know nothing of how they are rendered; who does is told here.
+Notebooks show meshes and scenes as small pictures. As scenes know nothing of how they are rendered,
+`set_painter` registers the function that draws these pictures.
 """
 
 from __future__ import annotations
@@ -27,9 +28,9 @@ from rasterjit.scene.normals import (
 from rasterjit.scene.validation import check_field, finite_number, in_short, one_of, read_only
 
 _CHUNK = 1 << 18
+"""Vertices looked at at once where a temporary of the whole mesh would cost memory."""
 
 _LARGEST_FLOAT32 = float(np.finfo(np.float32).max)
-"""Vertices looked at at once where a temporary of the whole mesh would cost memory."""
 
 Painter = Callable[[Any], "bytes | None"]
 

@@ -1,12 +1,13 @@
 """
-Normals from geometry: smooth over curved surfaces, split along creases.
+Compute the normals and tangents of a mesh's vertices.
 
-Tangents: which way the picture of a normal map lies on a surface, vertex by vertex.
+Normals follow from the geometry: smooth over curved surfaces, split along creases.
 
-A face has one where its texture coordinates have an area: the direction in which u grows. A vertex
-gets the mean of those of the faces around it, by their area. Where a picture is laid mirrored on
-one side of a seam, u grows the other way there, so a vertex has two means: of the faces that show
-the picture as it is, and of those that show it mirrored.
+Tangents tell, vertex by vertex, which way the picture of a normal map lies on the surface. A face
+has a tangent where its texture coordinates have an area: the direction in which u grows. A vertex
+gets the mean tangent of the faces around it, weighted by their area. Where a picture is laid
+mirrored on one side of a seam, u grows the other way there, so a vertex has two means: one over the
+faces that show the picture as it is, one over the faces that show it mirrored.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """
 Join the meshes, materials and textures of a scene into the arrays that kernels read.
 
-The border to the kernels: what they read is cast and joined here, once.
+This is the border to the kernels: all arrays that they read are cast and joined here, once.
 """
 
 from __future__ import annotations

@@ -1,11 +1,12 @@
 """
 Draw error against time: one plot for each setting, and the Pareto front of all that was tried.
 
-Both axes are logarithmic. Plots for the page are inline SVG whose colours are custom properties of
-the page's style sheet, so they follow its light and dark scheme; letters are outlines, so they look
-alike everywhere. matplotlib is imported where something is drawn, and none of its state is kept.
+Both axes are logarithmic. Labels are placed so that they cover neither each other nor a point.
 
-Place the labels of points in a plot so that they cover neither each other nor a point.
+Plots for the page are inline SVG whose colours are custom properties of the page's style sheet, so
+they follow its light and dark scheme; letters are outlines, so they look alike everywhere.
+
+matplotlib is imported where something is drawn, and none of its state is kept.
 """
 
 from __future__ import annotations

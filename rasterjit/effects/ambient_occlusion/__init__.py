@@ -112,7 +112,7 @@ class Occlusion(Effect):
     joins_faces = True
 
     def answer(self, facts: Facts, planning: Planning) -> Planned | Absent:
-        """Say whether something dims ambient light, with some on what is lit by the pixel."""
+        """Say whether it is asked for and any ambient light falls on faces lit pixel by pixel."""
         effect = facts.asked[self.field]
         if (
             effect is not None

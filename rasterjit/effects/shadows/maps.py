@@ -1,14 +1,17 @@
 """
-Fit and draw the shadow maps: which part of space each shows, and what can cast a shadow into it.
+Fit the shadow maps to what the camera sees, draw them, and make the sample points of soft shadows.
 
-A map shows what the camera sees, as the depth buffer tells: the cells of a grid over the picture,
-each from its nearest to its farthest sample, are taken to the light's axes, and the map reaches
-around them. Where the depth does not tell, behind glass and between the centres of pixels, it
-reaches around what the view holds of the objects that may be seen there. It begins at the nearest
-object that lies between all this and the light, and ends behind the farthest of it. Then it is
-drawn like a picture, by the same stages.
+The part of space that a map shows is found from the depth buffer [1]_: the cells of a grid over the
+picture, each from its nearest to its farthest sample, are taken to the light's axes, and the map
+reaches around them. Where the depth does not tell, behind glass and between the centres of pixels,
+it reaches around the part in view of the objects that may be seen there.
 
-Make what soft shadows are looked for with: points around a sample, and the highest of a map.
+A map begins at the nearest object between this space and the light, which can cast a shadow into
+it, and ends behind the farthest point of this space. Then it is drawn like a picture, by the same
+stages.
+
+Soft shadows are looked up with tables made here: points around a sample, in a sunflower [2]_ or a
+spiral, and the highest depths of a map, cell by cell.
 
 References
 ----------
@@ -488,7 +491,7 @@ def _right_of(camera: Camera) -> tuple[float, ...]:
 
 
 def disk_points() -> NDArray[np.float32]:
-    """Return points spread evenly over the unit disk, (COMPARISONS, 2), as in a sunflower [1]_."""
+    """Return points spread evenly over the unit disk, (COMPARISONS, 2), as in a sunflower [2]_."""
     points = []
     for n in range(COMPARISONS):
         radius = math.sqrt((n + 0.5) / COMPARISONS)

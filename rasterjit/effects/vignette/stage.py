@@ -11,7 +11,7 @@ from rasterjit.runtime.state import float32, float64, int32, int64, uint32
 
 @helper
 def share_kept(x, y, corner, strength, start):
-    """Return the share of light that is kept at a way from the middle, pixels, float32."""
+    """Return the share of light kept at an offset from the image centre, pixels, float32."""
     radius = np.sqrt(x * x + y * y) / corner
     t = min(max((radius - start) / (1.0 - start), 0.0), 1.0)
     return np.float32(1.0 - strength * (t * t * (3.0 - 2.0 * t)))

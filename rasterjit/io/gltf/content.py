@@ -1,7 +1,8 @@
 """
-Turn the materials of glTF files into ours, with their five textures.
+Convert the materials and meshes of glTF files to `Material` and `Mesh`.
 
-Turn the meshes of glTF files into ours: one `Mesh` for each primitive of triangles.
+Materials keep their five textures; core properties follow [1]_, extensions [2]_. Each primitive of
+triangles becomes one `Mesh`.
 
 References
 ----------

@@ -1,9 +1,8 @@
 """
-Turn trimesh's colours and materials into a mesh's colours, uv and `Material`.
+Convert trimesh's colours, materials and pictures to a mesh's colours, uv, `Material` and textures.
 
-Turn the pictures of trimesh's materials into textures.
-
-Read what MTL files say about pictures, which trimesh drops where it is in doubt.
+`TextureReader` turns the pictures of trimesh's materials into textures. Where it is in doubt,
+trimesh drops what MTL files [1]_ say about pictures, so `MtlPictures` reads it from these files.
 
 References
 ----------

@@ -4,15 +4,15 @@ Find, at every sample, the transparent surfaces in front of the opaque one, near
 Triangles are drawn as ``visibility`` draws them, with the same exact coverage and the same bits of
 depth, so that transparent and opaque surfaces tie as opaque ones do: the lower face is nearer. Each
 transparent triangle is drawn alone into a small square; then the rows that it covers are inserted
-into the layers, which hold the nearest surface of every sample, the second nearest ...: a row of
-samples at once is compared with a layer, what is farther goes on to the next. So fragments are
-sorted while they come, without branches, and intersecting triangles change places from sample to
-sample.
+into the layers, an A-buffer [1]_: the first layer holds the nearest surface of every sample, the
+next one the second nearest, and so on. A row of samples at once is compared with a layer; surfaces
+that are farther go on to the next. So fragments are sorted while they come, without branches, and
+intersecting triangles change places from sample to sample.
 
 A tile has a layer only once a sample needs it. Fragments beyond the last layer that there is room
 for are counted and dropped; the caller sees the count and comes again with more room.
 
-`drop_holes` takes the surfaces with a hole at a pixel out of its layers.
+Where a surface has a hole at a pixel, `drop_holes` takes it out of the pixel's layers.
 
 References
 ----------

@@ -52,8 +52,8 @@ def weigh(
     """
     Write the weights of ``count`` samples, each of a face of its own, and which side is seen.
 
-    Takes their place in their pixels, on the sub-pixel grid. Returns whether any of them takes
-    another way: its face was clipped, or its weights are doubtful.
+    ``place`` is where in its pixel the sample lies, sub-pixel units. Returns whether any sample has
+    to be weighed in another way: its face was clipped, or its weights are doubtful.
     """
     found = np.int32(0)
     for n in range(ax.shape[0]):
@@ -119,7 +119,7 @@ def span_start(a, b, c, column, row, bits, xy, w):
     """
     Return the edge functions of a face at a pixel, and their gains to the right and down.
 
-    And the smallest w over each, 1 without w.
+    Also returns, for each vertex, the smallest w over its own; 1 if affine.
     """
     ax, ay, bx = np.int64(xy[a, 0]), np.int64(xy[a, 1]), np.int64(xy[b, 0])
     by, cx, cy = np.int64(xy[b, 1]), np.int64(xy[c, 0]), np.int64(xy[c, 1])

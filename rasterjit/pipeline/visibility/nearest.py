@@ -2,7 +2,8 @@
 Find the nearest face at every sample: coverage, depth test, depth and face number.
 
 For each tile, every triangle of its list is drawn into two small squares that stay in L1 (depth,
-face number), which are written to the frame once, background included.
+face number), which are written to the frame once, background included. Triangles of objects with
+holes go to a tile of their own first; see ``alpha_test``.
 
 Coverage is exact. With the interior on the positive side of all three edges a sample is inside
 where ``E_k + bias_k >= 0`` (bias 0 on top and left edges, -1 on others). Stepping one pixel adds a
