@@ -223,15 +223,15 @@ def draw_part(
     whole, real, empty = drawing[2], drawing[3], drawing[EMPTY][0]
     tile, own = (flat(drawing[0]), flat(drawing[1])), (flat(holes.depth), flat(holes.numbers))
     alone, counts, used = (flat(spare[0]), flat(spare[1])), spare[2], np.int64(0)
-    some_are = is_opaque and holes.cutoffs.shape[0] > 0
+    has_holes = is_opaque and holes.cutoffs.shape[0] > 0
     for first in range(0, listed.shape[0], BATCH):
         some = listed[first : min(first + BATCH, listed.shape[0])]
         gather_shifted(some, parts, screen, window, bits, shift, whole, real)
         owner, is_tested = np.int64(0), False
-        if some_are:
+        if has_holes:
             begin_batch(holes, some.shape[0], window, shift)
         for n in range(np.uintp(some.shape[0])):
-            if some_are:
+            if has_holes:
                 owner, is_tested = find_owner(whole[FACE, n], owner, holes)
             target = tile if is_opaque else alone
             target = own if is_tested else target

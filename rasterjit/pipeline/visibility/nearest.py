@@ -427,11 +427,11 @@ def draw_listed(listed, faces, screen, window, bits, floor, scratch, holes):
     plan_triangles(listed.shape[0], window, bits, whole, real)
     tile, spans = (flat(tile_depth), flat(tile_numbers)), scratch[4:9]
     own = flat(holes.depth), flat(holes.numbers)
-    owner, is_tested, some_are = np.int64(0), False, holes.cutoffs.shape[0] > 0
-    if some_are:
+    owner, is_tested, has_holes = np.int64(0), False, holes.cutoffs.shape[0] > 0
+    if has_holes:
         begin_batch(holes, listed.shape[0], window, (0, 0))
     for n in range(np.uintp(listed.shape[0])):
-        if some_are:
+        if has_holes:
             owner, is_tested = find_owner(whole[FACE, n], owner, holes)
         target = own if is_tested else tile
         draw_triangle(n, whole, real, window, bits, floor, target, spans)
