@@ -26,8 +26,9 @@ from llvmlite import binding, ir
 from numba import types
 from numba.extending import intrinsic, typeof_impl
 
-from rasterjit.runtime import instructions
+from rasterjit.runtime import instructions, plain_arrays
 from rasterjit.runtime.jit import CheckedKernel, Helper, Intrinsic, Kernel, RawKernel, Stage
+from rasterjit.runtime.plain_arrays import PlainArray
 from rasterjit.runtime.state import (
     ArrayType,
     NoneType,
@@ -106,7 +107,7 @@ def numba_type(kind: Type) -> Any:
     """Return a type as Numba names it."""
     if isinstance(kind, ArrayType):
         layout = "C" if kind.is_contiguous else "A"
-        return types.Array(numba.from_dtype(_dtype(kind)), kind.ndim, layout)
+        return PlainArray(numba.from_dtype(_dtype(kind)), kind.ndim, layout)
     if isinstance(kind, NumberType):
         return {"bool": types.boolean}.get(kind.dtype) or getattr(types, kind.dtype)
     if isinstance(kind, NoneType):
@@ -144,30 +145,18 @@ def _load(context: Any, builder: Any, kind: Type, numba_kind: Any, base: Any, wo
         pointed = context.get_data_type(numba_kind).as_pointer()
         value = builder.load(builder.bitcast(at(0), pointed))
         return context.data_model_manager[numba_kind].from_data(builder, value), end
-    array = context.make_array(numba_kind)(context, builder)
-    itemsize = context.get_constant(types.intp, _dtype(kind).itemsize)
     if kind.shape is None:
         address = builder.load(at(0))
         shape = [builder.load(at(1 + k)) for k in range(kind.ndim)]
     else:
         address = builder.ptrtoint(at(0), ir.IntType(64))
         shape = [context.get_constant(types.intp, length) for length in kind.shape]
-    if kind.is_contiguous:
-        strides = [itemsize] * kind.ndim
-        for k in range(kind.ndim - 2, -1, -1):
-            strides[k] = builder.mul(strides[k + 1], shape[k + 1])
-    else:
+    strides = []
+    if not kind.is_contiguous:
         strides = [builder.load(at(1 + kind.ndim + k)) for k in range(kind.ndim)]
-    nitems = context.get_constant(types.intp, 1)
-    for length in shape:
-        nitems = builder.mul(nitems, length)
-    array.meminfo = ir.Constant(array.meminfo.type, None)
-    array.parent = ir.Constant(array.parent.type, None)
-    array.nitems, array.itemsize = nitems, itemsize
-    array.data = builder.inttoptr(address, array.data.type)
-    array.shape = instructions.packed(builder, shape)
-    array.strides = instructions.packed(builder, strides)
-    return array._getvalue(), end
+    pointer = context.get_data_type(numba_kind.dtype).as_pointer()
+    data = builder.inttoptr(address, pointer)
+    return plain_arrays.make(context, builder, numba_kind, data, shape, strides), end
 
 
 def _entry(value: Any, kind: RecordType, target: Target | None) -> tuple[Callable, list[Any]]:

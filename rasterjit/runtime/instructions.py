@@ -9,6 +9,7 @@ from numba import types
 from numba.extending import intrinsic
 
 from rasterjit.runtime.intrinsics import CHANNELS, LANES
+from rasterjit.runtime.plain_arrays import WORD, PlainArray, field, make, packed, words
 
 
 @intrinsic
@@ -22,7 +23,7 @@ def spread(typing_context: Any, row: Any, start: Any, value: Any) -> Any:
         first = builder.insert_element(undefined, number, lane(0))
         all_first = ir.Constant(ir.VectorType(lane, LANES), [0] * LANES)
         filled = builder.shuffle_vector(first, undefined, all_first)
-        place = builder.gep(context.make_array(row)(context, builder, array).data, [index])
+        place = builder.gep(field(context, builder, row, array, "data"), [index])
         size = number.type.get_abi_size(context.target_data)
         builder.store(filled, builder.bitcast(place, vector.as_pointer()), align=size)
         return context.get_dummy_value()
@@ -35,39 +36,38 @@ def part(typing_context: Any, rows: Any, number: Any, start: Any, stop: Any) -> 
     """Return the places ``start:stop`` of a row of a contiguous array, without a copy."""
     if rows.layout != "C" or rows.ndim != 2:
         raise TypeError(f"a row is part of a contiguous array of two axes, not of {rows}")
-    row = types.Array(rows.dtype, 1, "C")
+    row = rows.copy(ndim=1)
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         array, index, first, end = arguments
-        whole = context.make_array(rows)(context, builder, array)
-        before = builder.mul(index, builder.extract_value(whole.shape, 1))
-        data = builder.gep(whole.data, [builder.add(before, first)])
-        return _row(context, builder, row, whole, data, builder.sub(end, first))
+        length = words(context, builder, rows, array, "shape")[1]
+        start = builder.add(builder.mul(index, length), first)
+        return _row(context, builder, row, rows, array, start, builder.sub(end, first))
 
     return row(rows, types.intp, types.intp, types.intp), generate
 
 
-def packed(builder: Any, words: Any) -> Any:
-    """Return 64-bit words as one value, an LLVM array: the shape or the strides of an array."""
-    value = ir.Constant(ir.ArrayType(ir.IntType(64), len(words)), ir.Undefined)
-    for n, word in enumerate(words):
-        value = builder.insert_value(value, word, n)
-    return value
-
-
-def _row(context: Any, builder: Any, kind: Any, whole: Any, data: Any, count: Any) -> Any:
-    """Return a row of so many elements of an array, from an address on."""
-    one = context.make_array(kind)(context, builder)
-    one.meminfo, one.parent, one.itemsize = whole.meminfo, whole.parent, whole.itemsize
+def _row(
+    context: Any, builder: Any, kind: Any, whole: Any, array: Any, start: Any, count: Any
+) -> Any:
+    """Return a row of so many elements of a contiguous array."""
+    data = field(context, builder, whole, array, "data")
+    data = data if start is None else builder.gep(data, [start])
+    if isinstance(kind, PlainArray):
+        return make(context, builder, kind, data, [count], [])
+    # A helper that Python calls takes Numba's own arrays.
+    one, given = context.make_array(kind)(context, builder), context.make_array(whole)
+    many = given(context, builder, array)
+    one.meminfo, one.parent, one.itemsize = many.meminfo, many.parent, many.itemsize
     one.nitems, one.data = count, data
     one.shape = packed(builder, [count])
-    one.strides = packed(builder, [whole.itemsize])
+    one.strides = packed(builder, [many.itemsize])
     return one._getvalue()
 
 
 def _pixel_at(context: Any, builder: Any, kind: Any, array: Any, number: Any) -> Any:
     """Return a pointer to the four channels of a pixel in contiguous memory."""
-    data = context.make_array(kind)(context, builder, array).data
+    data = field(context, builder, kind, array, "data")
     place = builder.gep(data, [builder.mul(number, number.type(CHANNELS))])
     return builder.bitcast(place, ir.VectorType(ir.FloatType(), CHANNELS).as_pointer())
 
@@ -187,10 +187,12 @@ def flat(typing_context: Any, array: Any) -> Any:
     """Return a contiguous array as one row, without a copy."""
     if array.layout != "C":
         raise TypeError(f"a row is made of a contiguous array, not of {array}")
-    row = types.Array(array.dtype, 1, "C")
+    row = array.copy(ndim=1)
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        whole = context.make_array(array)(context, builder, arguments[0])
-        return _row(context, builder, row, whole, whole.data, whole.nitems)
+        count = WORD(1)
+        for length in words(context, builder, array, arguments[0], "shape"):
+            count = builder.mul(count, length)
+        return _row(context, builder, row, array, arguments[0], None, count)
 
     return row(array), generate

@@ -48,7 +48,9 @@ PATIENCE = 60.0
 STALE = 3600.0
 """Seconds after which nobody writes a temporary file any more."""
 
-COMPILER_FILES = ("compiler", "instructions", "intrinsics", "numba_internals", "state")
+COMPILER_FILES = (
+    "compiler", "instructions", "intrinsics", "numba_internals", "plain_arrays", "state",
+)  # fmt: skip
 """Files of this folder that every kernel follows from."""
 
 NOT_COMPILED = {"jit", "store"}

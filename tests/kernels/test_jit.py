@@ -17,7 +17,10 @@ PACKAGE = Path(rj.__file__).parent
 RUNTIME = PACKAGE / "runtime"
 compiled_only = pytest.mark.skipif(jit.DISABLED or jit.CHECKED, reason="no machine code of ours")
 
-COMPILERS = {RUNTIME / f"{name}.py" for name in ("compiler", "instructions", "numba_internals")}
+COMPILERS = {
+    RUNTIME / f"{name}.py"
+    for name in ("compiler", "instructions", "numba_internals", "plain_arrays")
+}
 """The files that import Numba."""
 
 
