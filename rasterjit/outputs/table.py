@@ -2,7 +2,8 @@
 The outputs that a frame can hold: one row each.
 
 To add one, add its row here, fill it in ``outputs/fill.py``, and give `Frame` a property that
-says what it holds.
+says what it holds. Those with ``is_mixed`` are made elsewhere: colours by shading, ``coverage`` in
+``rendering/coverage.py``.
 """
 
 from __future__ import annotations
@@ -33,6 +34,8 @@ class Output(NamedTuple):
     """Whether it is of the pixel, mixed from all its surfaces; else of one face."""
     needs_previous: bool = False
     """Whether it compares what is seen with an earlier view."""
+    kernel: str = ""
+    """Module and name of the kernel that fills it, for ``explain``; empty: NumPy does."""
 
 
 TABLE = {
@@ -43,22 +46,45 @@ TABLE = {
     "barycentric": Output(
         3, "float32", 0, "weights of the face's vertices",
         ("barycentric.A", "barycentric.B", "barycentric.C"), codes="cube",
+        kernel="barycentric.fill_barycentric",
     ),
-    "uv": Output(2, "float32", math.nan, "texture coordinates", ("uv.U", "uv.V")),
-    "normal": Output(3, "float32", 0, "unit vector, world space", codes="vector"),
-    "position": Output(3, "float32", math.nan, "scene units, world space"),
+    "uv": Output(
+        2, "float32", math.nan, "texture coordinates", ("uv.U", "uv.V"),
+        kernel="barycentric.fill_attribute",
+    ),
+    "normal": Output(
+        3, "float32", 0, "unit vector, world space", codes="vector",
+        kernel="barycentric.fill_normals",
+    ),
+    "position": Output(
+        3, "float32", math.nan, "scene units, world space", kernel="barycentric.fill_positions"
+    ),
     "linear": Output(4, "float32", 0, exr=("R", "G", "B", "A"), is_mixed=True),
-    "distance": Output(1, "float32", math.inf, "scene units from the eye"),
-    "object_position": Output(3, "float32", math.nan, "scene units, the object's own space"),
-    "nocs": Output(3, "float32", math.nan, "share of the object's box", codes="cube"),
-    "geometric_normal": Output(3, "float32", 0, "unit vector, world space", codes="vector"),
+    "distance": Output(
+        1, "float32", math.inf, "scene units from the eye", kernel="barycentric.fill_positions"
+    ),
+    "object_position": Output(
+        3, "float32", math.nan, "scene units, the object's own space",
+        kernel="barycentric.fill_positions",
+    ),
+    "nocs": Output(
+        3, "float32", math.nan, "share of the object's box", codes="cube",
+        kernel="barycentric.fill_positions",
+    ),
+    "geometric_normal": Output(
+        3, "float32", 0, "unit vector, world space", codes="vector",
+        kernel="barycentric.fill_normals",
+    ),
     "material_id": Output(1, "int32", -1),
     "instance_id": Output(1, "int32", -1),
     "coverage": Output(1, "float32", 0, "share of the pixel", codes="share", is_mixed=True),
     "motion": Output(
-        2, "float32", math.nan, "pixels, x right and y down", codes="flow", needs_previous=True
+        2, "float32", math.nan, "pixels, x right and y down", codes="flow", needs_previous=True,
+        kernel="motion_stage.fill_motion",
     ),
-    "motion_visible": Output(1, "bool", 0, needs_previous=True),
+    "motion_visible": Output(
+        1, "bool", 0, needs_previous=True, kernel="motion_stage.fill_visible"
+    ),
 }  # fmt: skip
 """What a frame can hold, by name."""
 

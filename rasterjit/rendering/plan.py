@@ -208,16 +208,8 @@ def _picture_rows(plan: RenderPlan) -> Rows:
     if plan.pictures > 1:
         rows += _average_rows(plan)
     rows += _effect_rows(plan, "overlay")
-    fills = {
-        "barycentric": "fill_barycentric", "uv": "fill_attribute", "position": "fill_positions",
-        "normal": "fill_normals", "geometric_normal": "fill_normals", "distance": "fill_positions",
-        "object_position": "fill_positions", "nocs": "fill_positions",
-    }  # fmt: skip
-    way = _way_of_weights(plan)
-    names = dict.fromkeys(fills[name] for name in plan.outputs if name in fills)
-    rows += [(f"barycentric.{name}", way, "") for name in names]
-    fills = {"motion": "fill_motion", "motion_visible": "fill_visible"}
-    rows += [(f"motion_stage.{fills[name]}", way, "") for name in plan.outputs if name in fills]
+    fills = dict.fromkeys(TABLE[name].kernel for name in plan.outputs if TABLE[name].kernel)
+    rows += [(kernel, _way_of_weights(plan), "") for kernel in fills]
     if "coverage" in plan.outputs:
         rows += [row for row in _coverage_rows(plan) if row not in rows]
     if plan.diagnose:

@@ -2,9 +2,10 @@
 What an effect is: it says whether a frame needs it, prepares what it reads, and gives its stages.
 
 An effect is a folder of ``effects/``; its ``__init__.py`` defines one object for each of its rows
-in ``explain``. ``rendering/effects.py`` lists all of them, in the order in which they act. A frame
-asks each once (`Effect.answer`); those that it needs prepare a record for every picture
-(`Effect.prepare`), and the functions in `Effect.places` turn that record into stages.
+in ``explain``. ``rendering/effects.py`` lists all of them, in the order of these rows. A frame
+asks each once (`Effect.answer`). Those that it needs prepare a record for every picture
+(`Effect.prepare`), and the functions in `Effect.places` turn that record into stages. Overlays
+prepare nothing: their record is what the plan knows of them.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@ Read what else lies over a surface: normals, metallic and roughness, occlusion, 
 
 All as glTF 2.0 defines them. A normal map holds normals in tangent space: x along the tangent,
 where u grows, y to the side of it where v grows, z along the shading normal. What tangents are, and
-that they may differ on both sides of a mirrored seam, is told in ``scene.tangents``; here they are
+that they may differ on both sides of a mirrored seam, is told in ``scene.normals``; here they are
 interpolated and made perpendicular to the shading normal. Where there is no tangent (no area on the
 picture, or along the normal), the shading normal stays as it is.
 
