@@ -60,7 +60,7 @@ WORKER_SECONDS = 300
 
 def small_scenes():
     """Return one small scene of every kind."""
-    mesh = scenes.colored_torus(24, 12, (160, 90), 60.0)
+    mesh = scenes.colored_torus(16, 8, (96, 54), 60.0)
     images, places = scenes.small_images(3), scenes.instances()
     return {
         "fill": scenes.smooth_quads("back_to_front", (64, 48), 4),
@@ -72,7 +72,7 @@ def small_scenes():
         "instances": replace(places, instances=places.instances[::40], size=(320, 180)),
         "culled": replace(scenes.culled(), size=(160, 90)),
         "edges": replace(mesh, colors=None, mode="edges"),
-        "slivers": scenes.slivers(100),
+        "slivers": scenes.slivers(40),
         "lines": scenes.short_lines(300),
     }
 

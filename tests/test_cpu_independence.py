@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import ast
 import json
+import os
 import platform
 import re
 import subprocess
@@ -27,6 +28,7 @@ import rasterjit as rj
 from rasterjit.runtime import store
 
 PACKAGE = Path(rj.__file__).parent
+TEAPOT = PACKAGE.parent / "models" / "teapot.obj"
 compiled_only = pytest.mark.skipif(
     bool(numba.config.DISABLE_JIT), reason="NUMBA_DISABLE_JIT is set: there is no machine code"
 )
@@ -70,14 +72,19 @@ def cpu_dependent(assembly):
 
 
 DISASSEMBLE = """
-import json
+import json, sys
 from importlib import import_module
 
+import rasterjit as rj
 from rasterjit.runtime import compiler, driver, jit, packing, store
 
+if sys.argv[1:]:
+    rj.render(rj.load(sys.argv[1]), size=(32, 24), threads=1)
+used = {{*store.USED.loaded, *store.USED.compiled}}
 for name in {names!r}:
     import_module(name)
-compiled = (driver.run_list, packing.pack, *jit.KERNELS, *jit.STAGES)
+every = (driver.run_list, packing.pack, *jit.KERNELS, *jit.STAGES)
+compiled = [one for one in every if not used or store.full_name(one) in used]
 forms = [(one, kind) for one in compiled for kind in one.declared]
 names = [one.__name__ for one in compiled]
 code = [
@@ -85,17 +92,23 @@ code = [
 ]
 print(json.dumps([names, code]))
 """
-"""An entry of the store has no assembly: compile all forms of all kernels once more."""
+"""An entry of the store has no assembly: compile once more all that there is, or a file needs."""
 
 
 @pytest.fixture(scope="module")
 def compiled():
-    """The names of the kernels, and (name, signature, assembly) of all their forms."""
+    """
+    The names of kernels, and (name, signature, assembly) of all their forms.
+
+    Those that the teapot needs; ``EVERY_KERNEL`` in the environment asks for all.
+    """
+    files = [] if os.environ.get("EVERY_KERNEL") else [str(TEAPOT)]
     done = subprocess.run(
-        [sys.executable, "-W", "error", "-c", DISASSEMBLE.format(names=kernel_modules())],
+        [sys.executable, "-W", "error", "-c", DISASSEMBLE.format(names=kernel_modules()), *files],
         capture_output=True, text=True, check=True,
     )  # fmt: skip
     names, code = json.loads(done.stdout)
+    assert len(names) >= (100 if not files else 15)
     return names, code
 
 

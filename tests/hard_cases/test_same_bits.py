@@ -28,7 +28,7 @@ PACKAGE = Path(rj.__file__).parent
 NAMES = list(frames.FRAMES)
 SHOTS = [name for name in NAMES if isinstance(frames.FRAMES[name](), frames.Shot)]
 PARALLEL = [name for name in NAMES if not isinstance(frames.FRAMES[name](), frames.Canvas)]
-OTHER_TILE_BITS = (4, 5)
+OTHER_TILE_BITS = (4, 5) if os.environ.get("EVERY_KERNEL") else (4,)
 """Tiles of 16 and 32 pixels. Larger ones than the 64 of everyday do not fit a thread's scratch."""
 
 
