@@ -209,7 +209,7 @@ def _interpolate(drawn: Drawn, values: NDArray[np.float32], x: int, y: int) -> N
 
 def _light_names(drawn: Drawn) -> list[str]:
     """Name the lights that are not ambient, in the order the plan has them."""
-    scene, planned = drawn.scene, drawn.plan.lights
+    scene, planned = drawn.scene, drawn.plan.facts.lights
     if not scene.lights:
         return ["headlight"] if scene.environment is None else []
     return [
@@ -234,9 +234,9 @@ def shade(
     """
     geometry, placement, plan = drawn.geometry, drawn.placement, drawn.plan
     face = int(drawn.coverage.face_id[y, x]) if face is None else face
-    if plan.needs_gouraud and lit.lighting is not None:
+    if plan.facts.needs_gouraud and lit.lighting is not None:
         vertices, diffuse = _lit_vertices(drawn, surface, lit, face), None
-        if plan.needs_diffuse_light:
+        if plan.facts.needs_diffuse_light:
             diffuse = _lit_vertices(drawn, surface, lit.by(highlights=None), face)
         surface = surface._replace(lit_vertices=vertices, diffuse_vertices=diffuse)
     row = np.full((1, plan.size[0]), nearest.NOTHING, np.int32)

@@ -196,7 +196,7 @@ def _fill_normals(
     tables = cache.tables
     # The kernel is the same without smooth normals: it is given an empty table.
     flat = np.zeros((1, 3), np.float32), np.zeros_like(tables.is_smooth)
-    smooth = (tables.normals, tables.is_smooth) if plan.needs_normals else flat
+    smooth = (tables.normals, tables.is_smooth) if plan.facts.needs_normals else flat
     for name, given in (("normal", smooth), ("geometric_normal", flat)):
         if name in plan.outputs:
             normal = workers.memory.empty((*face_id.shape, 3), np.float32)

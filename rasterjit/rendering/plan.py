@@ -89,8 +89,6 @@ def plan_frame(
     return RenderPlan(
         size=size,
         camera=camera,
-        quality=quality,
-        outputs=outputs,
         background=linear_color("background", "white" if background is None else background),
         cull=cull,
         facts=facts,
@@ -100,7 +98,6 @@ def plan_frame(
             facts.transparency, facts.mixes_samples, quality.samples, scene.nodes, quality
         ),
         depth_format=depth_format(quality.depth_format, camera, size),
-        diagnose=diagnose,
         pictures=facts.pictures,
     )
 
@@ -182,9 +179,9 @@ def _geometry_rows(plan: RenderPlan) -> Rows:
         ("binning.bin_triangles", "", ""),
         ("tile_depths.find_floors", depth, "a face covers whole tiles"),
     ]
-    if plan.needs_faces:
+    if plan.facts.finds_faces:
         rows.append(("nearest.draw_tiles", depth, ""))
-        if plan.needs_cutouts:
+        if plan.facts.needs_cutouts:
             rows += [("alpha_test.keep_shown", depth, ""), ("alpha_test.find_alphas", "", "")]
     return rows
 
@@ -202,7 +199,7 @@ def _picture_rows(plan: RenderPlan) -> Rows:
     if plan.reads_depth and not plan.depth_format.is_reversed:
         rows.append(("depth.fill_depths", _way_of_weights(plan), ""))
     rows += _effect_rows(plan, "prepare", _geometry_rows(plan))
-    if plan.needs_color:
+    if plan.facts.is_colored:
         rows += _layer_rows(plan)
     rows += _effect_rows(plan, "background")
     if plan.pictures > 1:
@@ -212,7 +209,7 @@ def _picture_rows(plan: RenderPlan) -> Rows:
     rows += [(kernel, _way_of_weights(plan), "") for kernel in fills]
     if "coverage" in plan.outputs:
         rows += [row for row in _coverage_rows(plan) if row not in rows]
-    if plan.diagnose:
+    if plan.facts.diagnose:
         rows += [
             (f"diagnostics_stage.{name}", "", "")
             for name in ("find_fates", "count_samples", "largest_error")

@@ -36,7 +36,7 @@ LEAST_LIT_VERTICES = 4096
 def shade_faces(context: FrameContext) -> dict[str, NDArray[Any]]:
     """Make the colour outputs of a picture, if there are any."""
     plan, cache, geometry, placement, coverage, workers = context
-    if not plan.needs_color:
+    if not plan.facts.is_colored:
         return {}
     height, width = coverage.face_id.shape
     linear = (
@@ -55,7 +55,7 @@ def shade_faces(context: FrameContext) -> dict[str, NDArray[Any]]:
     if plan.layers is not None:
         shade = srgb8.shade if plan.layers.mixes_codes else layers.shade
         shade(plan.layers, coverage, shader, linear, color, workers)
-    elif plan.draws_faces:
+    elif plan.facts.draws_faces:
         shade_in_bands(coverage.face_id, shader, linear, color, workers)
     else:
         shade_nothing(shader, linear, color, workers)
@@ -75,7 +75,7 @@ def placement_to_light(plan: RenderPlan, placement: Placement) -> Placement:
 
 def find_cutouts(plan: RenderPlan, cache: SceneCache) -> Cutouts | None:
     """Return what has holes in view; ``None`` if nothing has."""
-    return cache.tables.cutouts(plan.has_textured_holes) if plan.needs_cutouts else None
+    return cache.tables.cutouts(plan.facts.has_textured_holes) if plan.facts.needs_cutouts else None
 
 
 def find_surface(
@@ -88,22 +88,22 @@ def find_surface(
 ) -> Surface:
     """Return what the objects look like, as far as the plan has a use for it."""
     tables = cache.tables
-    surface = tables.surface._replace(normals=tables.normals if plan.needs_normals else None)
-    if plan.needs_gouraud and lighting is not None:
+    surface = tables.surface._replace(normals=tables.normals if plan.facts.needs_normals else None)
+    if plan.facts.needs_gouraud and lighting is not None:
         light = cache.shapes.arrays.vertex_starts, placement, surface
         lit, diffuse = light_vertices(*light, lighting, effects, workers), None
-        if plan.needs_diffuse_light:
+        if plan.facts.needs_diffuse_light:
             dull = lighting._replace(highlights=None)
             diffuse = light_vertices(*light, dull, effects, workers)
         surface = surface._replace(lit_vertices=lit, diffuse_vertices=diffuse)
     # Vertices are lit without facets.
-    if plan.needs_microfacets:
+    if plan.facts.needs_microfacets:
         surface = surface._replace(microfacets=tables.microfacets)
-    if plan.needs_textures:
+    if plan.facts.needs_textures:
         surface = surface._replace(textures=tables.textures)
     if plan.layers is not None and plan.layers.has_blended:
         surface = surface._replace(alphas=Alphas(plan.layers.is_blended))
-    if plan.needs_maps:
+    if plan.facts.needs_maps:
         surface = surface._replace(maps=tables.maps)
     return surface
 

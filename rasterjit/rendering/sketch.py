@@ -51,7 +51,7 @@ def list_stages(plan: RenderPlan) -> tuple[StageTold, ...]:
 
     Those of vertices come first; those that shadows call for run if a map is drawn.
     """
-    if not plan.needs_color:
+    if not plan.facts.is_colored:
         return ()
     if plan.pictures > 1:
         plan = supersample.plan_picture(plan, {})
@@ -138,19 +138,19 @@ def _surface(plan: RenderPlan) -> Surface:
     models = [n for n, name in enumerate(SHADINGS) if name in contents.shadings]
     materials = np.zeros((len(models), MATERIAL_MODEL + 1), np.float32)
     materials[:, MATERIAL_MODEL] = models
-    is_lit = plan.needs_gouraud and plan.lighting is not None
+    is_lit = plan.facts.needs_gouraud and plan.lighting is not None
     has_blended = plan.layers is not None and plan.layers.has_blended
     return Surface(
         materials=materials,
         vertex_colors=empty if contents.vertex_colored else None,
         face_colors=empty if contents.face_colored else None,
-        normals=empty[:, :3] if plan.needs_normals else None,
+        normals=empty[:, :3] if plan.facts.needs_normals else None,
         lit_vertices=empty if is_lit else None,
-        diffuse_vertices=empty if is_lit and plan.needs_diffuse_light else None,
-        textures=_textures(plan) if plan.needs_textures else None,
-        maps=Maps(empty, np.array(contents.textured), empty) if plan.needs_maps else None,
+        diffuse_vertices=empty if is_lit and plan.facts.needs_diffuse_light else None,
+        textures=_textures(plan) if plan.facts.needs_textures else None,
+        maps=Maps(empty, np.array(contents.textured), empty) if plan.facts.needs_maps else None,
         alphas=Alphas(np.empty(0, np.uint8)) if has_blended else None,
-        microfacets=Microfacets(empty[:, :2], np.ones(2)) if plan.needs_microfacets else None,
+        microfacets=Microfacets(empty[:, :2], np.ones(2)) if plan.facts.needs_microfacets else None,
     )
 
 

@@ -217,9 +217,8 @@ def cover_pixels(
         accumulation.covered = np.zeros(context.coverage.face_id.shape, np.int32)
     count = plan.pictures if plan.pictures > 1 else int(samples)
     picture = plan.with_(
-        lambda planned: False, outputs=("face_id",), layers=None, lighting=None, diagnose=False,
-        pictures=1,
-    )  # fmt: skip
+        lambda planned: False, outputs=("face_id",), layers=None, lighting=None, pictures=1
+    )
     for offset in sample_offsets(int(samples))[accumulation.covering : count]:
         accumulation.covered += find(moved(picture, offset)).coverage.face_id >= 0
         accumulation.covering += 1
@@ -257,7 +256,6 @@ def plan_picture(plan: RenderPlan, drawn: dict[str, Any]) -> RenderPlan:
         is_of_pictures,
         outputs=("color",) if has_codes else ("linear",),
         background=plan.background if has_codes else _background(plan),
-        diagnose=False,
         pictures=1,
         drawn=(drawn,),
     )

@@ -115,9 +115,24 @@ class Facts(NamedTuple):
         return self.draws_faces or self.diagnose or bool({*self.outputs} - {"color", "linear"})
 
     @property
+    def needs_gouraud(self) -> bool:
+        """Whether vertices are lit."""
+        return self.is_lit and self.seen.gouraud > 0
+
+    @property
+    def needs_diffuse_light(self) -> bool:
+        """Whether vertices are lit without highlights as well, which lie on top of a texture."""
+        return self.is_lit and self.seen.textured_highlights > 0
+
+    @property
     def needs_cutouts(self) -> bool:
         """Whether faces are drawn with their holes."""
         return self.finds_faces and self.seen.cut_out > 0
+
+    @property
+    def has_textured_holes(self) -> bool:
+        """Whether a texture decides where those holes are."""
+        return self.seen.textured_holes > 0
 
     @property
     def casts_shadows(self) -> bool:
