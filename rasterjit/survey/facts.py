@@ -11,7 +11,7 @@ from rasterjit.scene.environment import Environment
 from rasterjit.scene.light import AmbientLight
 from rasterjit.scene.quality import SUPERSAMPLED, Quality
 from rasterjit.scene.scene import EFFECT_FIELDS, Scene, Wireframe
-from rasterjit.survey.blending import Transparency, find_transparency
+from rasterjit.survey.blending import NO_TRANSPARENCY, Transparency, find_transparency
 from rasterjit.survey.contents import SMOOTH, Contents, Inventory
 from rasterjit.survey.lights import NO_LIGHTS, PlannedLights, plan_lights
 from rasterjit.survey.overrides import lights_under
@@ -215,9 +215,6 @@ def look(
     diagnose: bool,
 ) -> Facts:
     """Look at a scene, seen from a camera, once; lights only if light reaches what is seen."""
-    wireframe = scene.wireframe
-    only_edges = wireframe is not None and wireframe.mode == "only"
-    colors_faces = not only_edges and not {"color", "linear"}.isdisjoint(outputs)
     contents, in_view = inventory.contents, boxes.in_view
     facts = Facts(
         outputs=outputs,
@@ -229,13 +226,15 @@ def look(
         asked={name: getattr(scene, name) for name in EFFECT_FIELDS},
         diagnose=diagnose,
         quality=quality,
-        transparency=find_transparency(
-            scene.nodes, colors_faces, contents.blended > 0, inventory.is_see_through, in_view
-        ),
+        transparency=NO_TRANSPARENCY,
         has_background=background is not None,
         lights=NO_LIGHTS,
         is_uneven=not quality.renormalize and _any_uneven(views, in_view, inventory),
     )
+    transparency = find_transparency(
+        scene.nodes, facts.colors_faces, contents.blended > 0, inventory.is_see_through, in_view
+    )
+    facts = facts._replace(transparency=transparency)
     if not facts.is_lit:
         return facts
     casts = ~inventory.is_see_through
