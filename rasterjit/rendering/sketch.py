@@ -135,6 +135,7 @@ def _placement() -> Placement:
 def _surface(plan: RenderPlan) -> Surface:
     """Return a material for each way of shading, with all that any object has."""
     contents, empty = plan.facts.contents, np.empty((0, 4), np.float32)
+    counts = np.array([*contents.textured.values()])
     models = [n for n, name in enumerate(SHADINGS) if name in contents.shadings]
     materials = np.zeros((len(models), MATERIAL_MODEL + 1), np.float32)
     materials[:, MATERIAL_MODEL] = models
@@ -148,7 +149,7 @@ def _surface(plan: RenderPlan) -> Surface:
         lit_vertices=empty if is_lit else None,
         diffuse_vertices=empty if is_lit and plan.facts.needs_diffuse_light else None,
         textures=_textures(plan) if plan.facts.needs_textures else None,
-        maps=Maps(empty, np.array(contents.textured), empty) if plan.facts.needs_maps else None,
+        maps=Maps(empty, counts, empty) if plan.facts.needs_maps else None,
         alphas=Alphas(np.empty(0, np.uint8)) if has_blended else None,
         microfacets=Microfacets(empty[:, :2], np.ones(2)) if plan.facts.needs_microfacets else None,
     )
@@ -157,8 +158,9 @@ def _surface(plan: RenderPlan) -> Surface:
 def _textures(plan: RenderPlan) -> Textures:
     """Return textures without texels: one row that has each kind that any object has."""
     contents = plan.facts.contents
+    counts = np.array([*contents.textured.values()])
     table = np.zeros((1, textures.KINDS, textures.TABLE_COLUMNS), np.int64)
-    table[0, :, textures.FIRST_LEVEL] = np.where(np.array(contents.textured) > 0, 0, -1)
+    table[0, :, textures.FIRST_LEVEL] = np.where(counts > 0, 0, -1)
     table[0, :, textures.FILTER] = textures.TRILINEAR if contents.mipped else textures.NEAREST
     none = np.empty((0, 4), np.float32)
     levels, transforms = np.empty((0, 3), np.int64), np.empty((0, textures.KINDS, 6))

@@ -147,7 +147,7 @@ class Facts(NamedTuple):
     @property
     def needs_textures(self) -> bool:
         """Whether textures are read."""
-        return self.shades and any(self.seen.textured)
+        return self.shades and self.seen.has_textures
 
     @property
     def pictures(self) -> int:
@@ -184,7 +184,8 @@ class Facts(NamedTuple):
         If not, they are of that length at the vertices all the same. Under normal maps, and where
         an object is scaled unevenly, that takes scaling at every pixel.
         """
-        return self.quality.renormalize or self.seen.normals > 0 or self.is_uneven
+        is_bent = self.seen.textured["normal_texture"] > 0
+        return self.quality.renormalize or is_bent or self.is_uneven
 
     @property
     def has_environment_light(self) -> bool:
