@@ -25,7 +25,7 @@ from rasterjit.rendering import layers, srgb8, stage_list
 from rasterjit.rendering.effects import prepare_effects
 from rasterjit.runtime.threads import Workers, count_per_task, rows_per_task
 from rasterjit.survey.cache import MaterialTables, SceneCache
-from rasterjit.survey.effect import Active, FrameContext, acting
+from rasterjit.survey.effect import Active, FrameContext, Rows, acting
 from rasterjit.survey.placement import unit_matrices
 from rasterjit.survey.plan import RenderPlan
 
@@ -71,6 +71,13 @@ def shade_faces(context: FrameContext) -> dict[str, NDArray[Any]]:
     }
 
 
+def kernels_of(plan: RenderPlan) -> Rows:
+    """Return the kernels that put together what a pixel shows besides its nearest face."""
+    if plan.layers is None or not plan.facts.is_colored:
+        return []
+    return srgb8.kernels_of(plan) if plan.layers.mixes_codes else layers.kernels_of(plan)
+
+
 def placement_to_light(plan: RenderPlan, placement: Placement) -> Placement:
     """Return a placement that keeps the length of normals, if no pixel scales them to one."""
     if plan.lighting is None or plan.lighting.renormalizes:
@@ -93,13 +100,13 @@ def find_surface(plan: RenderPlan, tables: MaterialTables) -> Surface:
     tables : MaterialTables
         Or what else has its fields.
     """
-    facts, layers = plan.facts, plan.layers
-    has_blended = layers is not None and layers.has_blended
+    facts, shown = plan.facts, plan.layers
+    has_blended = shown is not None and shown.has_blended
     return tables.surface._replace(
         normals=tables.normals if facts.needs_normals else None,
         textures=tables.textures if facts.needs_textures else None,
         maps=tables.maps if facts.needs_maps else None,
-        alphas=Alphas(layers.is_blended) if has_blended else None,
+        alphas=Alphas(shown.is_blended) if has_blended else None,
         microfacets=tables.microfacets if facts.needs_microfacets else None,
     )
 

@@ -17,7 +17,7 @@ from rasterjit.scene.camera import Camera
 from rasterjit.scene.quality import Quality, differences
 from rasterjit.survey.blending import Layers
 from rasterjit.survey.depth_format import DepthFormat
-from rasterjit.survey.effect import Absent, Planned
+from rasterjit.survey.effect import Absent, Planned, Rows
 from rasterjit.survey.facts import Facts
 
 GEOMETRY = ("depth_format", "precision", "interpolation")
@@ -119,6 +119,11 @@ class RenderPlan:
     def at(self, place: str) -> list[Planned]:
         """Return the effects that act at a place."""
         return [one for one in self.planned if place in one.effect.places]
+
+    def kernels_at(self, place: str) -> Rows:
+        """Return the kernels that effects call at a place besides stages, each once."""
+        told = (row for one in self.planned for row in one.effect.kernels(self).get(place, ()))
+        return list(dict.fromkeys(told))
 
     @property
     def whole(self) -> list[Planned]:
