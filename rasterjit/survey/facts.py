@@ -25,7 +25,8 @@ class Facts(NamedTuple):
     """
     What is known of a scene and the outputs when a frame is planned.
 
-    What a scene asks for is kept as it was asked, used or not.
+    What a scene asks for is kept as it was asked, used or not. A picture that the frame is made of
+    has its own outputs; the transparency and lights found for the whole frame are those of it too.
     """
 
     outputs: tuple[str, ...]
