@@ -38,8 +38,8 @@ def test_plan_holds_what_the_material_needs(
 ):
     plan = rj.explain(scene_of(material, cube=cube), camera, size=(8, 8))
     assert (plan.lighting is not None) == lit
-    assert plan.needs_normals == smooth
-    assert plan.needs_gouraud == gouraud
+    assert plan.facts.needs_normals == smooth
+    assert plan.facts.needs_gouraud == gouraud
     assert (plan.lighting.highlights if lit else None) == highlights
     assert effects(plan)["shading"]
     assert effects(plan)["lights"] == lit
@@ -56,18 +56,18 @@ def test_unlit_highlight_asks_for_nothing(cube, camera):
 
 def test_ground_truth_alone_asks_for_no_shading(cube, camera):
     plan = rj.explain(cube, camera, outputs=("depth", "face_id"))
-    assert not plan.needs_color
+    assert not plan.facts.is_colored
     assert plan.lighting is None
-    assert not plan.needs_normals
+    assert not plan.facts.needs_normals
     assert not any(effects(plan).values())
 
 
 def test_normal_output_asks_for_normals_and_no_light(cube, camera):
     plan = rj.explain(cube, camera, outputs="normal")
-    assert plan.needs_normals
+    assert plan.facts.needs_normals
     assert plan.lighting is None
     flat = scene_of(rj.Material("flat"), cube=cube)
-    assert not rj.explain(flat, camera, outputs="normal").needs_normals
+    assert not rj.explain(flat, camera, outputs="normal").facts.needs_normals
 
 
 def test_scene_without_lights_gets_a_headlight(cube, camera):
@@ -100,11 +100,11 @@ def test_wireframe_only_shades_no_face(cube, camera):
     scene = scene_of(rj.Material(), cube=cube)
     scene.wireframe = rj.Wireframe(mode="only")
     plan = rj.explain(scene, camera)
-    assert not plan.draws_faces
+    assert not plan.facts.draws_faces
     assert plan.lighting is None
     assert effects(plan)["wireframe"]
     scene.wireframe = rj.Wireframe(mode="overlay")
-    assert rj.explain(scene, camera).draws_faces
+    assert rj.explain(scene, camera).facts.draws_faces
     assert not rj.explain(scene, camera, outputs="depth").has("wireframe")
 
 
@@ -207,15 +207,15 @@ def test_light_beyond_the_range_of_float32_gives_next_to_no_light(cube, camera, 
 
 def test_textures_are_planned_where_a_material_has_one(cube, camera):
     plain = rj.explain(cube, camera)
-    assert not plain.needs_textures
+    assert not plain.facts.needs_textures
     assert "no material has a texture" in str(plain)
     texture = rj.Texture([[0.5]], filter="nearest")
     mesh = rj.Mesh(cube.vertices, cube.faces, uv=cube.vertices[:, :2],
                    material=rj.Material(base_color_texture=texture))  # fmt: skip
     plan = rj.explain(mesh, camera)
-    assert plan.needs_textures
+    assert plan.facts.needs_textures
     assert "1 nearest" in str(plan)
-    assert not rj.explain(mesh, camera, outputs="depth").needs_textures
+    assert not rj.explain(mesh, camera, outputs="depth").facts.needs_textures
 
 
 def test_light_without_highlights_is_planned_for_textured_gouraud_alone(cube, camera):
@@ -225,10 +225,10 @@ def test_light_without_highlights_is_planned_for_textured_gouraud_alone(cube, ca
         mesh = rj.Mesh(cube.vertices, cube.faces, uv=cube.vertices[:, :2], material=material)
         return rj.explain(mesh, camera)
 
-    assert plan().needs_diffuse_light
-    assert not plan(specular=0.0).needs_diffuse_light
-    assert not plan(shading="phong").needs_diffuse_light
-    assert not plan(base_color_texture=None).needs_diffuse_light
+    assert plan().facts.needs_diffuse_light
+    assert not plan(specular=0.0).facts.needs_diffuse_light
+    assert not plan(shading="phong").facts.needs_diffuse_light
+    assert not plan(base_color_texture=None).facts.needs_diffuse_light
 
 
 def test_a_texture_without_uv_is_refused_by_the_name_of_its_node(cube, camera):

@@ -66,9 +66,9 @@ def test_nothing_is_read_where_nothing_is_shaded():
     for name in ("microfacets", "normal maps", "occlusion maps", "emission"):
         assert told(name, full, outputs=("depth",)) == (False, "nothing is shaded")
     plan = rj.explain(scene_of(full), outputs=("depth",))
-    assert not plan.needs_maps
-    assert not plan.needs_microfacets
-    assert not plan.needs_textures
+    assert not plan.facts.needs_maps
+    assert not plan.facts.needs_microfacets
+    assert not plan.facts.needs_textures
 
 
 def test_a_texture_that_is_not_read_is_no_texture():
@@ -77,8 +77,8 @@ def test_a_texture_that_is_not_read_is_no_texture():
         metallic_roughness_texture=TEXTURE, emissive_texture=TEXTURE, emissive="black",
     )  # fmt: skip
     plan = rj.explain(scene_of(unread))
-    assert not plan.needs_textures
-    assert not plan.needs_maps
+    assert not plan.facts.needs_textures
+    assert not plan.facts.needs_maps
 
 
 @pytest.mark.parametrize("field", ["normal_texture", "emissive_texture", "occlusion_texture"])

@@ -69,9 +69,10 @@ def test_material_out_of_view_calls_for_nothing(fields, name, reason):
     alone = rj.explain(scene_of(PLAIN), CAMERA, size=SIZE)
     for need in (
         "needs_textures", "needs_maps", "needs_microfacets", "needs_normals", "needs_gouraud",
-        "needs_cutouts", "needs_diffuse_light", "layers",
+        "needs_cutouts", "needs_diffuse_light",
     ):  # fmt: skip
-        assert getattr(plan, need) == getattr(alone, need), need
+        assert getattr(plan.facts, need) == getattr(alone.facts, need), need
+    assert plan.layers == alone.layers
     assert plan.lighting.highlights is None
     scene.nodes[1].world_from_model = tf.translate((1.0, 0.0, 1.0))
     assert effects(rj.explain(scene, CAMERA, size=SIZE))[name][0]
@@ -186,8 +187,8 @@ def test_a_face_that_a_frame_shows_is_in_view():
                 camera = rj.OrthographicCamera((0, 0, 5), (0, 0, 0), height=2.0, near=1, far=9)
                 frame = rj.render(scene, camera, size=(16, 16), outputs=("face_id",), threads=1,
                                   quality=rj.Quality(subpixel_bits=bits))  # fmt: skip
-                assert frame.plan.in_view[0] or not (frame.face_id >= 0).any()
-                assert frame.plan.in_view[0] == (shift <= 1.0 + 1e-9)
+                assert frame.plan.facts.in_view[0] or not (frame.face_id >= 0).any()
+                assert frame.plan.facts.in_view[0] == (shift <= 1.0 + 1e-9)
 
 
 # --- lights ---------------------------------------------------------------------------------------
@@ -237,7 +238,7 @@ def test_a_cone_is_left_out_only_where_it_changes_no_bit(monkeypatch):
             light = rj.SpotLight((0, 0, 3), way, intensity=5.0, inner_angle=0.0, outer_angle=outer)
             scene = scene_of((square(shading="flat"), np.eye(4)), lights=[light])
             plan = rj.explain(scene, CAMERA, size=SIZE)
-            if plan.lights.lights:
+            if plan.facts.lights.lights:
                 kept += 1
                 continue
             dropped += 1
@@ -311,11 +312,11 @@ def test_an_object_out_of_view_casts_shadows_with_the_holes_of_its_mask(textured
         shaded_ground(*([(mesh, place)] if mesh is not None else []))
         for mesh in (None, cover, solid)
     )
-    assert half.plan.in_view.tolist() == full.plan.in_view.tolist() == [True, False]
+    assert half.plan.facts.in_view.tolist() == full.plan.facts.in_view.tolist() == [True, False]
     told = effects(half.plan)
     assert told["alpha masks"] == (True, "1 object outside the view, in shadows alone")
     assert told["textures"][0] is False
-    assert not half.plan.needs_cutouts
+    assert not half.plan.facts.needs_cutouts
     told = [k for k in list_kernels(half.plan) if k.name.startswith("alpha_test.")]
     assert [(k.name, k.condition) for k in told] == [
         (f"alpha_test.{name}", "something casts a shadow on what is seen")
@@ -415,7 +416,7 @@ def test_a_sliver_that_no_centre_of_a_pixel_sees_lies_in_shadow(samples, light):
     # Behind the camera, and between the bar and the light.
     scene.add(roof)
     dark = draw()
-    assert dark.plan.in_view.tolist() == [True, True, False]
+    assert dark.plan.facts.in_view.tolist() == [True, True, False]
     assert (dark.linear[:, 40:, :3] == 0.0).all()
     assert (dark.linear[:, :40] == bright.linear[:, :40]).all()
 

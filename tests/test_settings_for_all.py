@@ -207,7 +207,7 @@ def test_what_a_coarser_level_does_not_read_is_not_asked_for(sphere):
     with pytest.raises(ValueError, match="normal_texture"):
         rj.explain(scene, CAMERA)
     plan = rj.explain(scene, CAMERA, rj.Quality(shading="vertex"))
-    assert not plan.needs_maps
+    assert not plan.facts.needs_maps
     # Flat materials read them.
     with pytest.raises(ValueError, match="normal_texture"):
         rj.explain(scene, CAMERA, rj.Quality(shading="face"))
@@ -215,10 +215,10 @@ def test_what_a_coarser_level_does_not_read_is_not_asked_for(sphere):
 
 def test_faces_alone_need_no_normals_of_vertices(scene):
     plan = rj.explain(scene, CAMERA, rj.Quality(shading="face"), size=SIZE)
-    assert not plan.needs_normals
-    assert not plan.needs_gouraud
+    assert not plan.facts.needs_normals
+    assert not plan.facts.needs_gouraud
     assert plan.facts.seen.flat == 4
-    assert rj.explain(scene, CAMERA, size=SIZE).needs_gouraud
+    assert rj.explain(scene, CAMERA, size=SIZE).facts.needs_gouraud
 
 
 # --- textures ---------------------------------------------------------------------------------

@@ -458,7 +458,7 @@ def test_light_that_reaches_nothing_is_left_out():
     scene.lights = [rj.AmbientLight(), far, near]
     plan = rj.explain(scene, camera, size=SIZE)
     assert len(plan.lighting.lights) == 1
-    assert plan.lights.numbers == (0, 2)
+    assert plan.facts.lights.numbers == (0, 2)
     reason = next(effect.reason for effect in plan.effects if effect.name == "lights")
     assert reason.endswith("light 1: its range of 50 ends before all that is seen")
     frame = rj.render(scene, camera, size=SIZE, outputs=("linear",))

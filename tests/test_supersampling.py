@@ -224,6 +224,23 @@ def replace_field(scene, name, value):
     return changed
 
 
+def test_a_picture_needs_what_it_shows_and_keeps_the_answers_of_its_frame():
+    sky = rj.Environment.gradient("blue", "white", "green")
+    scene = scene_of((square(), np.eye(4)), wireframe=rj.Wireframe("red", "only"), environment=sky)
+    outputs = "color", "depth"
+    plan = rj.explain(scene, CAMERAS["parallel"], MANY, outputs=outputs, diagnose=True)
+    assert plan.facts.finds_faces
+    assert (plan.outputs, plan.facts.diagnose) == (outputs, True)
+    picture = supersample.plan_picture(plan, {})
+    assert picture.outputs == picture.facts.outputs == ("linear",)
+    assert not picture.facts.diagnose
+    assert not picture.facts.finds_faces
+    covering = plan.with_(outputs=("face_id",))
+    assert covering.facts.finds_faces
+    assert not covering.facts.is_colored
+    assert effects(covering) == effects(plan)
+
+
 def test_wireframe_alone_is_drawn_once_over_the_background():
     scene = scene_of((square(), tf.rotate_z(20.0)), wireframe=rj.Wireframe("red", "only"))
     many, one = draw(scene, threads=1), draw(scene, quality=rj.Quality(), threads=1)

@@ -142,7 +142,7 @@ def print_stats(frame: Frame, seconds: dict[str, float], total: float) -> None:
     ):
         table.add_row(f"  {label}", f"{count:,}")
     table.add_row("clipped", f"{stats.clipped:,}")
-    if frame.plan.needs_faces:
+    if frame.plan.facts.finds_faces:
         share = stats.pixels_covered / (width * height)
         table.add_row("pixels covered", f"{stats.pixels_covered:,} ({share:.1%})")
     table.add_section()
@@ -196,6 +196,6 @@ def print_diagnostics(diagnostics: Diagnostics) -> None:
 def shows_anything(frame: Frame) -> bool:
     """Tell whether a face covers a pixel or, of edges alone, whether any may be in view."""
     stats = frame.stats
-    if frame.plan.needs_faces:
+    if frame.plan.facts.finds_faces:
         return stats.pixels_covered > 0
     return stats.drawn + stats.unsampled + stats.degenerate > 0

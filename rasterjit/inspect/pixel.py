@@ -104,7 +104,7 @@ def explain_pixel(
     drawn = _draw(scene, plan)
     faces = tuple(_find_faces(drawn, x, y))
     light, linear, look, parts = None, plan.background, None, ()
-    if drawn.coverage.face_id[y, x] >= 0 and plan.draws_faces:
+    if drawn.coverage.face_id[y, x] >= 0 and plan.facts.draws_faces:
         look = find_look(drawn)
         light, linear = light_of(drawn, *look, x, y)
     color = np.empty((1, 1), np.uint32)
@@ -112,7 +112,7 @@ def explain_pixel(
     plain = seen = color.view(np.uint8)[0]
     if not all(planned.effect.is_explained for planned in plan.planned):
         plain, seen_linear = _seen_without_edges(scene, plan, background, x, y)
-        if plan.draws_faces and (light is not None or plan.layers is not None):
+        if plan.facts.draws_faces and (light is not None or plan.layers is not None):
             look = look or find_look(drawn)
             parts = parts_of(drawn, *look, linear, seen_linear, x, y)
             faces = tuple(_told_apart(faces, parts))

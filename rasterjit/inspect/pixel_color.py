@@ -89,7 +89,7 @@ def find_look(drawn: Drawn) -> tuple[Surface, Lit]:
     plan, cache, workers = drawn.plan, drawn.cache, Workers(1)
     context = FrameContext(plan, cache, drawn.geometry, drawn.placement, drawn.coverage, workers)
     lit = Lit(plan.lighting, prepare_effects(context))
-    return shading.find_surface(plan, cache, drawn.placement, None, (), workers), lit
+    return shading.find_surface(plan, cache.tables), lit
 
 
 def light_of(
@@ -209,7 +209,7 @@ def _interpolate(drawn: Drawn, values: NDArray[np.float32], x: int, y: int) -> N
 
 def _light_names(drawn: Drawn) -> list[str]:
     """Name the lights that are not ambient, in the order the plan has them."""
-    scene, planned = drawn.scene, drawn.plan.lights
+    scene, planned = drawn.scene, drawn.plan.facts.lights
     if not scene.lights:
         return ["headlight"] if scene.environment is None else []
     return [
@@ -234,18 +234,18 @@ def shade(
     """
     geometry, placement, plan = drawn.geometry, drawn.placement, drawn.plan
     face = int(drawn.coverage.face_id[y, x]) if face is None else face
-    if plan.needs_gouraud and lit.lighting is not None:
-        vertices, diffuse = _lit_vertices(drawn, surface, lit, face), None
-        if plan.needs_diffuse_light:
-            diffuse = _lit_vertices(drawn, surface, lit.by(highlights=None), face)
-        surface = surface._replace(lit_vertices=vertices, diffuse_vertices=diffuse)
+
+    def light(surface: Surface, lighting: Lighting) -> NDArray[np.float32]:
+        return _lit_vertices(drawn, surface, Lit(lighting, lit.effects), face)
+
+    surface = shading.light_surface(plan, surface, lit.lighting, light)
     row = np.full((1, plan.size[0]), nearest.NOTHING, np.int32)
     row[0, x] = face
     linear, no_color = np.empty((1, plan.size[0], 4), np.float32), np.empty((1, 0), np.uint32)
-    shading = Shading(
+    stages = Shading(
         geometry, placement, surface, lit.lighting, lit.effects, encoding_table(), plan.background
     )
-    shading.shade(row, y, linear, no_color)
+    stages.shade(row, y, linear, no_color)
     return linear[0, x].copy()
 
 

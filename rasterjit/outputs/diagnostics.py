@@ -108,6 +108,13 @@ class Diagnostics:
         return "\n".join(f"{name:<{widest}}  {text:>{longest}}" for name, text in rows)
 
 
+KERNELS = [
+    (f"diagnostics_stage.{name}", "", "")
+    for name in ("find_fates", "count_samples", "largest_error")
+]
+"""Those that `diagnose` calls, as a plan tells them."""
+
+
 def diagnose(
     coverage: draw.Coverage,
     objects: Objects,

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from rasterjit.outputs import motion
 from rasterjit.outputs.motion import Motion
+from rasterjit.outputs.table import TABLE
 from rasterjit.pipeline.geometry import barycentric as interpolation
 from rasterjit.pipeline.records import Geometry, Placement
 from rasterjit.pipeline.visibility import depth as depths
@@ -24,6 +25,7 @@ from rasterjit.runtime.threads import Workers, fill_rows
 from rasterjit.scene.camera import Camera
 from rasterjit.survey.cache import SceneCache, Shapes
 from rasterjit.survey.depth_format import DepthFormat
+from rasterjit.survey.effect import Rows
 from rasterjit.survey.plan import RenderPlan
 
 PIXELS_AT_ONCE = 1 << 15
@@ -70,6 +72,17 @@ def fill_buffers(
         if compared.sighting is not None:
             seen = compared.before, compared.sighting
             result["motion_visible"] = motion.fill_visible(*shared, *seen, workers)
+
+
+def kernels_of(plan: RenderPlan) -> Rows:
+    """Return the kernels that fill the buffers that were asked for."""
+    names = dict.fromkeys(TABLE[name].kernel for name in plan.outputs if TABLE[name].kernel)
+    return [(name, _way_of_weights(plan), "") for name in names]
+
+
+def _way_of_weights(plan: RenderPlan) -> str:
+    """Return how values are interpolated, if not perspective-correctly."""
+    return "affine weights" if plan.is_affine else ""
 
 
 def _fill_numbers(
@@ -196,13 +209,20 @@ def _fill_normals(
     tables = cache.tables
     # The kernel is the same without smooth normals: it is given an empty table.
     flat = np.zeros((1, 3), np.float32), np.zeros_like(tables.is_smooth)
-    smooth = (tables.normals, tables.is_smooth) if plan.needs_normals else flat
+    smooth = (tables.normals, tables.is_smooth) if plan.facts.needs_normals else flat
     for name, given in (("normal", smooth), ("geometric_normal", flat)):
         if name in plan.outputs:
             normal = workers.memory.empty((*face_id.shape, 3), np.float32)
             arguments = geometry, placement, given, normal
             fill_rows(interpolation.fill_normals, face_id, arguments, workers)
             result[name] = normal
+
+
+def depth_kernels(plan: RenderPlan) -> Rows:
+    """Return the kernels that find the reversed depth of what is seen, if a pass reads it."""
+    if not plan.reads_depth or plan.depth_format.is_reversed:
+        return []
+    return [("depth.fill_depths", _way_of_weights(plan), "")]
 
 
 def add_reversed_depth(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,6 +11,12 @@ from rasterjit.pipeline.fragments import bands
 from rasterjit.pipeline.geometry.setup import TILE_SIZE
 from rasterjit.pipeline.visibility.draw import Coverage
 from rasterjit.runtime.threads import Workers
+from rasterjit.survey.effect import Rows
+
+
+def kernels_of(samples: int | str, depth_type: Any) -> Rows:
+    """Return the kernels that `cover_pixels` calls."""
+    return [] if samples == 1 else bands.kernels_of(samples, depth_type)
 
 
 def cover_pixels(

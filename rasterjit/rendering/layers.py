@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.pipeline import encode
-from rasterjit.pipeline.fragments import compositing, weights
+from rasterjit.pipeline.fragments import bands, compositing, weights
 from rasterjit.pipeline.fragments.bands import (
     MOST_BYTES,
     Band,
@@ -32,13 +32,17 @@ from rasterjit.pipeline.visibility.draw import Coverage
 from rasterjit.rendering.stage_list import Shading
 from rasterjit.runtime.threads import Memory, Workers
 from rasterjit.survey.blending import Layers
-from rasterjit.survey.effect import Active, acting
+from rasterjit.survey.effect import Active, Rows, acting
+from rasterjit.survey.plan import RenderPlan
 
 ROWS_AT_ONCE = 16
 """Rows of a band that are shaded and put together at once: their colours stay in L2."""
 
 ROWS_MIXED_AT_ONCE = 32
 """The same of opaque faces, of which few pixels show more than one or two."""
+
+SEVERAL = "a pixel shows several faces"
+"""When kernels that lay faces over each other are called."""
 
 
 class Shader(NamedTuple):
@@ -242,6 +246,33 @@ def mix_layers(band: Band, shader: Shader, linear: NDArray[np.float32], memory: 
             shader.shade(shown[:count], first, colors)
         shader.shade_last(np.full(target.shape[:2], -1, np.int32), first, behind)
         compositing.mix_samples(opaque, transparent, colors, behind, target)
+
+
+def kernels_of(plan: RenderPlan) -> Rows:
+    """Return the kernels that `shade` calls besides stages."""
+    layers, rows, names = plan.layers, shared_kernels(plan), []
+    if layers.has_blended:
+        names += ["start_sums", "lay_under", "finish_sums"]
+        names += ["list_faces", "mix_samples"] if layers.samples != 1 else []
+    rows += [(f"compositing.{name}", "", SEVERAL) for name in names]
+    if plan.at("mixed"):
+        rows += plan.kernels_at("mixed")
+    elif "color" in plan.outputs and (layers.samples == 1 or layers.has_blended):
+        rows.append(("encode.encode_rows", "", ""))
+    return rows
+
+
+def shared_kernels(plan: RenderPlan) -> Rows:
+    """Return the kernels that find what pixels show and mix what is opaque, in light or codes."""
+    layers = plan.layers
+    rows = bands.kernels_of(layers.samples, plan.depth_format.kind)
+    if layers.samples == 1:
+        return rows
+    opaque = "a row of tiles is opaque" if layers.has_blended else ""
+    if layers.samples != "area":
+        rows.append(("weights.share_samples", "", opaque))
+    finish = "finish_codes" if layers.mixes_codes else "finish_mix"
+    return [*rows, (f"weights.{finish}", "", opaque)]
 
 
 def shade(

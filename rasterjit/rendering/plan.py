@@ -13,14 +13,17 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.outputs import diagnostics, fill
 from rasterjit.outputs.table import TABLE, check_outputs
 from rasterjit.pipeline.records import Lighting
+from rasterjit.pipeline.visibility import draw
+from rasterjit.rendering import shade, supersample
 from rasterjit.rendering.effects import answer_effects
 from rasterjit.rendering.sketch import list_stages
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.color import linear_color
 from rasterjit.scene.light import Light
-from rasterjit.scene.quality import SUPERSAMPLED, Quality
+from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.validation import one_of, whole_size
 from rasterjit.survey.blending import layers_of
@@ -32,7 +35,7 @@ from rasterjit.survey.contents import (
     take_inventory,
 )
 from rasterjit.survey.depth_format import depth_format
-from rasterjit.survey.effect import Absent, Planned, Planning, Rows
+from rasterjit.survey.effect import Absent, Planned, Planning
 from rasterjit.survey.facts import Facts, look
 from rasterjit.survey.lights import headlight, lighting_of
 from rasterjit.survey.placement import Boxes, Views, view_nodes
@@ -89,8 +92,6 @@ def plan_frame(
     return RenderPlan(
         size=size,
         camera=camera,
-        quality=quality,
-        outputs=outputs,
         background=linear_color("background", "white" if background is None else background),
         cull=cull,
         facts=facts,
@@ -100,7 +101,6 @@ def plan_frame(
             facts.transparency, facts.mixes_samples, quality.samples, scene.nodes, quality
         ),
         depth_format=depth_format(quality.depth_format, camera, size),
-        diagnose=diagnose,
         pictures=facts.pictures,
     )
 
@@ -159,146 +159,27 @@ class Buffer(NamedTuple):
 
 
 def list_kernels(plan: RenderPlan) -> tuple[Kernel, ...]:
-    """Return the kernels that a frame calls, in order."""
-    return tuple(Kernel(*row) for row in (*_geometry_rows(plan), *_picture_rows(plan)))
-
-
-def _geometry_rows(plan: RenderPlan) -> Rows:
-    """Return the kernels up to visibility."""
-    depth = _kind_of_depth(plan)
-    crossed = "a face crosses the near or far plane or the guard band"
-    single = "float32 vertices" if plan.quality.precision == "float32" else ""
-    rows = [("projection.transform_vertices", single, "")]
-    positions = "" if plan.keeps_clip_positions else crossed
-    rows += [("projection.transform_positions", single, positions)]
-    rows += [
-        (f"clipping.{name}", "", crossed)
-        for name in ("find_clipped_faces", "count_clipped_vertices", "clip_faces")
+    """Return the kernels that a frame calls, in order, as those who call them tell."""
+    geometry = draw.kernels_of(
+        find_faces=plan.facts.finds_faces, keep_clip_positions=plan.keeps_clip_positions,
+        has_cutouts=plan.facts.needs_cutouts, depth_type=plan.depth_format.kind,
+        precision=plan.quality.precision,
+    )  # fmt: skip
+    known = {row[:2] for row in geometry if not row[2]}
+    rows = [
+        *geometry,
+        *fill.depth_kernels(plan),
+        *(row for row in plan.kernels_at("prepare") if row[:2] not in known),
+        *shade.kernels_of(plan),
+        *plan.kernels_at("background"),
+        *supersample.kernels_of(plan),
+        *plan.kernels_at("overlay"),
+        *fill.kernels_of(plan),
     ]
-    rows += [
-        ("projection.project_clipped_vertices", "", crossed),
-        ("setup.set_up_triangles", "", ""),
-        ("binning.start_lists", "", ""),
-        ("binning.bin_triangles", "", ""),
-        ("tile_depths.find_floors", depth, "a face covers whole tiles"),
-    ]
-    if plan.needs_faces:
-        rows.append(("nearest.draw_tiles", depth, ""))
-        if plan.needs_cutouts:
-            rows += [("alpha_test.keep_shown", depth, ""), ("alpha_test.find_alphas", "", "")]
-    return rows
-
-
-def _effect_rows(plan: RenderPlan, place: str, known: Rows = ()) -> Rows:
-    """Return the kernels that effects call at a place, but for those that are told already."""
-    told = [row for planned in plan.planned for row in planned.effect.kernels(plan).get(place, ())]
-    names = {row[:2] for row in known if not row[2]}
-    return [row for row in dict.fromkeys(told) if row[:2] not in names]
-
-
-def _picture_rows(plan: RenderPlan) -> Rows:
-    """Return the kernels that follow visibility."""
-    rows: Rows = []
-    if plan.reads_depth and not plan.depth_format.is_reversed:
-        rows.append(("depth.fill_depths", _way_of_weights(plan), ""))
-    rows += _effect_rows(plan, "prepare", _geometry_rows(plan))
-    if plan.needs_color:
-        rows += _layer_rows(plan)
-    rows += _effect_rows(plan, "background")
-    if plan.pictures > 1:
-        rows += _average_rows(plan)
-    rows += _effect_rows(plan, "overlay")
-    fills = dict.fromkeys(TABLE[name].kernel for name in plan.outputs if TABLE[name].kernel)
-    rows += [(kernel, _way_of_weights(plan), "") for kernel in fills]
-    if "coverage" in plan.outputs:
-        rows += [row for row in _coverage_rows(plan) if row not in rows]
-    if plan.diagnose:
-        rows += [
-            (f"diagnostics_stage.{name}", "", "")
-            for name in ("find_fates", "count_samples", "largest_error")
-        ]
-    return rows
-
-
-def _coverage_rows(plan: RenderPlan) -> Rows:
-    """Return the kernels that find what of each pixel is covered."""
-    samples = plan.quality.samples
-    if samples == 1 or samples in SUPERSAMPLED:
-        return []
-    finder = ("fragments.find_layers", _kind_of_depth(plan), "")
-    if samples == "area":
-        finder = ("areas.find_areas", "", "")
-    return [("fragments.split_lists", "", ""), finder]
-
-
-def _average_rows(plan: RenderPlan) -> Rows:
-    """Return the kernels that average whole pictures."""
-    if plan.facts.mixes_codes:
-        rows = [(f"encoded.{name}", "", "") for name in ("add_codes", "write_mean_codes")]
-        rows.append(("encode.encode_rows", "", ""))
-        if plan.layers is None and "linear" in plan.outputs:
-            rows.append(("encoded.decode_rows", "", ""))
-        return rows
-    rows = [(f"weights.{name}", "", "") for name in ("add_picture", "write_mean")]
-    if plan.layers is None and plan.at("mixed"):
-        rows += _effect_rows(plan, "mixed")
-    elif plan.layers is None and "color" in plan.outputs:
-        rows.append(("encode.encode_rows", "", ""))
-    return rows
-
-
-def _kind_of_depth(plan: RenderPlan) -> str:
-    """Return the type that depths are compared in, if it is not float32."""
-    kind = np.dtype(plan.depth_format.kind).name
-    return "" if kind == "float32" else f"{kind} depth"
-
-
-def _way_of_weights(plan: RenderPlan) -> str:
-    """Return how values are interpolated, if not perspective-correctly."""
-    return "affine weights" if plan.is_affine else ""
-
-
-def _layer_rows(plan: RenderPlan) -> Rows:
-    """Return the kernels that put together what a pixel shows besides its nearest face."""
-    if plan.layers is None:
-        return []
-    samples, several = plan.layers.samples, "a pixel shows several faces"
-    finder = ("fragments.find_layers", _kind_of_depth(plan), "")
-    if samples == "area":
-        finder = ("areas.find_areas", "", "")
-    rows = [("fragments.split_lists", "", ""), finder]
-    if samples != 1:
-        opaque = "a row of tiles is opaque" if plan.layers.has_blended else ""
-        finish = "finish_codes" if plan.layers.mixes_codes else "finish_mix"
-        shared = [] if samples == "area" else ["share_samples"]
-        rows += [(f"weights.{name}", "", opaque) for name in (*shared, finish)]
-    if plan.layers.mixes_codes:
-        return rows + _code_rows(plan, several)
-    names: list[str] = []
-    if plan.layers.has_blended:
-        names += ["start_sums", "lay_under", "finish_sums"]
-        names += ["list_faces", "mix_samples"] if samples != 1 else []
-    rows += [(f"compositing.{name}", "", several) for name in names]
-    if plan.at("mixed"):
-        rows += _effect_rows(plan, "mixed")
-    elif "color" in plan.outputs and (samples == 1 or plan.layers.has_blended):
-        rows.append(("encode.encode_rows", "", ""))
-    return rows
-
-
-def _code_rows(plan: RenderPlan, several: str) -> Rows:
-    """Return the kernels that mix codes."""
-    rows: Rows = []
-    samples, has_blended = plan.layers.samples, plan.layers.has_blended
-    if has_blended and samples == 1:
-        rows += [(f"encoded.{name}", "", several) for name in ("hide_behind", "lay_codes")]
-    elif has_blended:
-        rows += [("compositing.list_faces", "", several), ("encoded.mix_codes", "", several)]
-    if samples != 1:
-        rows.append(("encode.encode_rows", "", ""))
-    if "linear" in plan.outputs:
-        rows.append(("encoded.decode_rows", "", ""))
-    return rows
+    rows += [row for row in supersample.covering_kernels(plan) if row not in rows]
+    if plan.facts.diagnose:
+        rows += diagnostics.KERNELS
+    return tuple(Kernel(*row) for row in rows)
 
 
 def list_buffers(plan: RenderPlan) -> tuple[Buffer, ...]:

@@ -30,7 +30,7 @@ def preview(what: Scene | Mesh) -> bytes | None:
         frame = render(what, size=SIZE)
     except (ValueError, MemoryError):
         return None
-    if frame.plan.needs_faces and frame.stats.pixels_covered == 0:
+    if frame.plan.facts.finds_faces and frame.stats.pixels_covered == 0:
         return None
     import imageio.v3 as iio
 

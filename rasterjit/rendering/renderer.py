@@ -215,7 +215,7 @@ def draw_frame(
     )  # fmt: skip
     clock("buffers")
     diagnostics = None
-    if plan.diagnose:
+    if plan.facts.diagnose:
         diagnostics = diagnosing.diagnose(
             seen.coverage, seen.objects, seen.geometry, plan.camera, workers, plan.depth_format
         )
@@ -265,7 +265,7 @@ def find_visible(
     )  # fmt: skip
     kept = {
         "keep_depth": plan.needs_depth,
-        "find_faces": plan.needs_faces,
+        "find_faces": plan.facts.finds_faces,
         "keep_lists": plan.keeps_lists,
         "keep_clip_positions": plan.keeps_clip_positions,
     }

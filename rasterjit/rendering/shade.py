@@ -8,7 +8,7 @@ does nothing if it asks for neither.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -24,8 +24,8 @@ from rasterjit.pipeline.records import (
 from rasterjit.rendering import layers, srgb8, stage_list
 from rasterjit.rendering.effects import prepare_effects
 from rasterjit.runtime.threads import Workers, count_per_task, rows_per_task
-from rasterjit.survey.cache import SceneCache
-from rasterjit.survey.effect import Active, FrameContext, acting
+from rasterjit.survey.cache import MaterialTables, SceneCache
+from rasterjit.survey.effect import Active, FrameContext, Rows, acting
 from rasterjit.survey.placement import unit_matrices
 from rasterjit.survey.plan import RenderPlan
 
@@ -36,7 +36,7 @@ LEAST_LIT_VERTICES = 4096
 def shade_faces(context: FrameContext) -> dict[str, NDArray[Any]]:
     """Make the colour outputs of a picture, if there are any."""
     plan, cache, geometry, placement, coverage, workers = context
-    if not plan.needs_color:
+    if not plan.facts.is_colored:
         return {}
     height, width = coverage.face_id.shape
     linear = (
@@ -46,7 +46,12 @@ def shade_faces(context: FrameContext) -> dict[str, NDArray[Any]]:
     # Prepare what shading reads.
     placement = placement_to_light(plan, placement)
     effects = prepare_effects(context._replace(placement=placement))
-    surface = find_surface(plan, cache, placement, plan.lighting, effects, workers)
+
+    def light(surface: Surface, lighting: Lighting) -> NDArray[np.float32]:
+        starts = cache.shapes.arrays.vertex_starts
+        return light_vertices(starts, placement, surface, lighting, effects, workers)
+
+    surface = light_surface(plan, find_surface(plan, cache.tables), plan.lighting, light)
     shader = layers.Shader(
         geometry, placement, surface, plan.lighting, plan.background, plan.encoding, effects,
         find_cutouts(plan, cache),
@@ -55,7 +60,7 @@ def shade_faces(context: FrameContext) -> dict[str, NDArray[Any]]:
     if plan.layers is not None:
         shade = srgb8.shade if plan.layers.mixes_codes else layers.shade
         shade(plan.layers, coverage, shader, linear, color, workers)
-    elif plan.draws_faces:
+    elif plan.facts.draws_faces:
         shade_in_bands(coverage.face_id, shader, linear, color, workers)
     else:
         shade_nothing(shader, linear, color, workers)
@@ -64,6 +69,13 @@ def shade_faces(context: FrameContext) -> dict[str, NDArray[Any]]:
         for name, picture in (("linear", linear), ("color", color))
         if picture is not None
     }
+
+
+def kernels_of(plan: RenderPlan) -> Rows:
+    """Return the kernels that put together what a pixel shows besides its nearest face."""
+    if plan.layers is None or not plan.facts.is_colored:
+        return []
+    return srgb8.kernels_of(plan) if plan.layers.mixes_codes else layers.kernels_of(plan)
 
 
 def placement_to_light(plan: RenderPlan, placement: Placement) -> Placement:
@@ -75,37 +87,55 @@ def placement_to_light(plan: RenderPlan, placement: Placement) -> Placement:
 
 def find_cutouts(plan: RenderPlan, cache: SceneCache) -> Cutouts | None:
     """Return what has holes in view; ``None`` if nothing has."""
-    return cache.tables.cutouts(plan.has_textured_holes) if plan.needs_cutouts else None
+    return cache.tables.cutouts(plan.facts.has_textured_holes) if plan.facts.needs_cutouts else None
 
 
-def find_surface(
+def find_surface(plan: RenderPlan, tables: MaterialTables) -> Surface:
+    """
+    Return what the objects look like, as far as the plan has a use for it, without light.
+
+    Parameters
+    ----------
+    plan : RenderPlan
+    tables : MaterialTables
+        Or what else has its fields.
+    """
+    facts, shown = plan.facts, plan.layers
+    has_blended = shown is not None and shown.has_blended
+    return tables.surface._replace(
+        normals=tables.normals if facts.needs_normals else None,
+        textures=tables.textures if facts.needs_textures else None,
+        maps=tables.maps if facts.needs_maps else None,
+        alphas=Alphas(shown.is_blended) if has_blended else None,
+        microfacets=tables.microfacets if facts.needs_microfacets else None,
+    )
+
+
+def light_surface(
     plan: RenderPlan,
-    cache: SceneCache,
-    placement: Placement,
+    surface: Surface,
     lighting: Lighting | None,
-    effects: Sequence[Active],
-    workers: Workers,
+    light: Callable[[Surface, Lighting], NDArray[np.float32]],
 ) -> Surface:
-    """Return what the objects look like, as far as the plan has a use for it."""
-    tables = cache.tables
-    surface = tables.surface._replace(normals=tables.normals if plan.needs_normals else None)
-    if plan.needs_gouraud and lighting is not None:
-        light = cache.shapes.arrays.vertex_starts, placement, surface
-        lit, diffuse = light_vertices(*light, lighting, effects, workers), None
-        if plan.needs_diffuse_light:
-            dull = lighting._replace(highlights=None)
-            diffuse = light_vertices(*light, dull, effects, workers)
-        surface = surface._replace(lit_vertices=lit, diffuse_vertices=diffuse)
+    """
+    Return a surface with the light of its vertices, as far as the plan has a use for it.
+
+    Parameters
+    ----------
+    plan : RenderPlan
+    surface : Surface
+    lighting : Lighting or None
+    light : callable
+        Returns what vertices look like in a light, (V, 2, 3).
+    """
+    if lighting is None or not plan.facts.needs_gouraud:
+        return surface
     # Vertices are lit without facets.
-    if plan.needs_microfacets:
-        surface = surface._replace(microfacets=tables.microfacets)
-    if plan.needs_textures:
-        surface = surface._replace(textures=tables.textures)
-    if plan.layers is not None and plan.layers.has_blended:
-        surface = surface._replace(alphas=Alphas(plan.layers.is_blended))
-    if plan.needs_maps:
-        surface = surface._replace(maps=tables.maps)
-    return surface
+    bare, diffuse = surface._replace(microfacets=None), None
+    lit = light(bare, lighting)
+    if plan.facts.needs_diffuse_light:
+        diffuse = light(bare, lighting._replace(highlights=None))
+    return surface._replace(lit_vertices=lit, diffuse_vertices=diffuse)
 
 
 def light_vertices(

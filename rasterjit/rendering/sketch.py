@@ -11,14 +11,13 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rasterjit.pipeline.encode import encoding_table
-from rasterjit.pipeline.fragments.weights import code_samples, mix_shares
-from rasterjit.pipeline.lighting import vertices as vertex_stages
 from rasterjit.pipeline.records import (
     MATERIAL_MODEL,
-    Alphas,
     Geometry,
+    Lighting,
     Maps,
     Microfacets,
     Placement,
@@ -26,13 +25,12 @@ from rasterjit.pipeline.records import (
     Textures,
     Viewport,
 )
-from rasterjit.pipeline.surface import samples as rows
 from rasterjit.pipeline.surface import textures
 from rasterjit.pipeline.surface.listing import list_samples
-from rasterjit.rendering import stage_list, supersample
+from rasterjit.rendering import shade, stage_list, supersample
 from rasterjit.runtime.driver import Step
 from rasterjit.survey.contents import SHADINGS
-from rasterjit.survey.effect import Active, Look
+from rasterjit.survey.effect import Active
 from rasterjit.survey.plan import RenderPlan
 
 
@@ -51,7 +49,7 @@ def list_stages(plan: RenderPlan) -> tuple[StageTold, ...]:
 
     Those of vertices come first; those that shadows call for run if a map is drawn.
     """
-    if not plan.needs_color:
+    if not plan.facts.is_colored:
         return ()
     if plan.pictures > 1:
         plan = supersample.plan_picture(plan, {})
@@ -74,24 +72,18 @@ def _steps(plan: RenderPlan) -> list[Step]:
         for one in plan.planned
         if one.effect.places
     )
-    geometry, placement = _geometry(plan), _placement()
-    lighting, surface = plan.lighting, _surface(plan)
-    steps, shown = [], rows.RED
-    if surface.lit_vertices is not None:
-        bare = surface._replace(microfacets=None)
-        lit = [lighting]
-        if surface.diffuse_vertices is not None:
-            lit.append(lighting._replace(highlights=None))
-        for light in lit:
-            look = Look(placement, bare, light, is_of_vertices=True)
-            steps.append(Step(vertex_stages.list_vertices, ()))
-            steps += stage_list.vertex_steps(look, effects)
-            steps.append(Step(vertex_stages.write_vertices, ()))
-    steps.append(Step(list_samples, ()))
-    steps += stage_list.surface_steps(geometry, placement, surface, lighting, effects)
-    if lighting is not None:
-        steps += stage_list.light_steps(Look(placement, surface, lighting), effects)
-        shown = rows.OUT_RED
+    placement, empty, steps = _placement(), np.empty((0, 4), np.float32), []
+
+    def light(surface: Surface, lighting: Lighting) -> NDArray[np.float32]:
+        listed = (0, 0), np.zeros(1, np.int64)
+        steps.extend(stage_list.vertex_steps(listed, placement, surface, lighting, effects, empty))
+        return empty
+
+    surface = shade.find_surface(plan, _tables(plan))
+    surface = shade.light_surface(plan, surface, plan.lighting, light)
+    own = _geometry(plan), placement, surface, plan.lighting
+    shading, shown = stage_list.shading_steps(*own, effects)
+    steps += [Step(list_samples, ()), *shading]
     return steps + _output_steps(plan, surface, shown, effects)
 
 
@@ -104,9 +96,8 @@ def _output_steps(
     if layers is not None:
         has_linear, has_color = not layers.mixes_codes, layers.mixes_codes
         if layers.samples != 1:
-            if layers.mixes_codes:
-                steps += [*stage_list.pixel_steps(shown, effects)[0], Step(code_samples, ())]
-            steps.append(Step(mix_shares, ()))
+            own = surface, shown, encoding_table(), effects
+            steps = stage_list.mixing_steps(*own, layers.mixes_codes, ())
             if not layers.has_blended:
                 return steps
     linear, color = np.empty((0, int(has_linear), 4)), np.empty((0, int(has_color)))
@@ -132,33 +123,42 @@ def _placement() -> Placement:
     )  # fmt: skip
 
 
-def _surface(plan: RenderPlan) -> Surface:
+class _Tables(NamedTuple):
+    """What the objects of a scene look like, as `MaterialTables` tells."""
+
+    surface: Surface
+    normals: NDArray[np.float32]
+    textures: Textures
+    microfacets: Microfacets
+    maps: Maps
+
+
+def _tables(plan: RenderPlan) -> _Tables:
     """Return a material for each way of shading, with all that any object has."""
     contents, empty = plan.facts.contents, np.empty((0, 4), np.float32)
+    counts = np.array([*contents.textured.values()])
     models = [n for n, name in enumerate(SHADINGS) if name in contents.shadings]
     materials = np.zeros((len(models), MATERIAL_MODEL + 1), np.float32)
     materials[:, MATERIAL_MODEL] = models
-    is_lit = plan.needs_gouraud and plan.lighting is not None
-    has_blended = plan.layers is not None and plan.layers.has_blended
-    return Surface(
+    surface = Surface(
         materials=materials,
         vertex_colors=empty if contents.vertex_colored else None,
         face_colors=empty if contents.face_colored else None,
-        normals=empty[:, :3] if plan.needs_normals else None,
-        lit_vertices=empty if is_lit else None,
-        diffuse_vertices=empty if is_lit and plan.needs_diffuse_light else None,
-        textures=_textures(plan) if plan.needs_textures else None,
-        maps=Maps(empty, np.array(contents.textured), empty) if plan.needs_maps else None,
-        alphas=Alphas(np.empty(0, np.uint8)) if has_blended else None,
-        microfacets=Microfacets(empty[:, :2], np.ones(2)) if plan.needs_microfacets else None,
+        normals=None,
+        lit_vertices=None,
+        diffuse_vertices=None,
+        textures=None,
     )
+    maps, microfacets = Maps(empty, counts, empty), Microfacets(empty[:, :2], np.ones(2))
+    return _Tables(surface, empty[:, :3], _textures(plan), microfacets, maps)
 
 
 def _textures(plan: RenderPlan) -> Textures:
     """Return textures without texels: one row that has each kind that any object has."""
     contents = plan.facts.contents
+    counts = np.array([*contents.textured.values()])
     table = np.zeros((1, textures.KINDS, textures.TABLE_COLUMNS), np.int64)
-    table[0, :, textures.FIRST_LEVEL] = np.where(np.array(contents.textured) > 0, 0, -1)
+    table[0, :, textures.FIRST_LEVEL] = np.where(counts > 0, 0, -1)
     table[0, :, textures.FILTER] = textures.TRILINEAR if contents.mipped else textures.NEAREST
     none = np.empty((0, 4), np.float32)
     levels, transforms = np.empty((0, 3), np.int64), np.empty((0, textures.KINDS, 6))

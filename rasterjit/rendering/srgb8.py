@@ -23,6 +23,8 @@ from rasterjit.rendering.layers import ROWS_AT_ONCE, Shader, Target
 from rasterjit.runtime.threads import Memory, Workers
 from rasterjit.scene.color import decoding_table
 from rasterjit.survey.blending import Layers
+from rasterjit.survey.effect import Rows
+from rasterjit.survey.plan import RenderPlan
 
 BYTES_PER_COLOR = 4
 """Codes of red, green, blue and alpha."""
@@ -95,6 +97,22 @@ def code_rows(
             layers.mix_opaque(band, shader, target, memory)
         else:
             mix_layers(band, shader, color[part], memory)
+
+
+def kernels_of(plan: RenderPlan) -> Rows:
+    """Return the kernels that `shade` calls besides stages."""
+    rows, names = layers.shared_kernels(plan), []
+    has_samples = plan.layers.samples != 1
+    if plan.layers.has_blended:
+        names = ["encoded.hide_behind", "encoded.lay_codes"]
+        if has_samples:
+            names = ["compositing.list_faces", "encoded.mix_codes"]
+    rows += [(name, "", layers.SEVERAL) for name in names]
+    if has_samples:
+        rows.append(("encode.encode_rows", "", ""))
+    if "linear" in plan.outputs:
+        rows.append(("encoded.decode_rows", "", ""))
+    return rows
 
 
 def shade(

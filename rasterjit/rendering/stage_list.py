@@ -215,6 +215,20 @@ def add_steps(look: Look, first: int, end: int) -> list[Step]:
     return steps
 
 
+def shading_steps(
+    geometry: Geometry,
+    placement: Placement,
+    surface: Surface,
+    lighting: Lighting | None,
+    effects: Sequence[Active],
+) -> tuple[list[Step], int]:
+    """Return the stages from listed samples to their colours, and the first row of these."""
+    steps = surface_steps(geometry, placement, surface, lighting, effects)
+    if lighting is None:
+        return steps, rows.RED
+    return steps + light_steps(Look(placement, surface, lighting), effects), rows.OUT_RED
+
+
 def light_vertices(
     vertices: tuple[int, int],
     vertex_starts: NDArray[np.int64],
@@ -241,27 +255,51 @@ def light_vertices(
     lit_vertices : (V, 2, 3) float32
         Written for those vertices: linear colour, for a viewer in front and one behind.
     """
-    colors = surface.vertex_colors
-    if colors is None:
-        colors = np.empty((0, 4), np.float32)
-    look = Look(placement, surface, lighting, is_of_vertices=True)
-    listed = *vertices, vertex_starts, placement, surface.materials, colors, surface.normals
-    steps = [
-        Step(list_vertices, listed),
-        *vertex_steps(look, effects),
-        Step(write_vertices, (lit_vertices,)),
-    ]
+    listed = vertices, vertex_starts
+    steps = vertex_steps(listed, placement, surface, lighting, effects, lit_vertices)
     BLOCKS.block[: rows.COUNTS] = 0
     StageList(steps).run(BLOCKS.block, BLOCK)
 
 
-def vertex_steps(look: Look, effects: Sequence[Active]) -> list[Step]:
-    """Return the stages that turn the base colours of vertices into seen colours."""
+def vertex_steps(
+    listed: tuple[tuple[int, int], NDArray[np.int64]],
+    placement: Placement,
+    surface: Surface,
+    lighting: Lighting,
+    effects: Sequence[Active],
+    lit_vertices: NDArray[np.float32],
+) -> list[Step]:
+    """Return the stages that light some vertices, of those that begin with each object."""
+    colors = surface.vertex_colors
+    if colors is None:
+        colors = np.empty((0, 4), np.float32)
+    (first, end), vertex_starts = listed
+    own = first, end, vertex_starts, placement, surface.materials, colors, surface.normals
+    look = Look(placement, surface, lighting, is_of_vertices=True)
     return [
-        Step(lights.show_ambient, (look.lighting.ambient,)),
+        Step(list_vertices, own),
+        Step(lights.show_ambient, (lighting.ambient,)),
         Step(lights.normalize_normals, ()),
         *steps_of_lights(look, effects),
+        Step(write_vertices, (lit_vertices,)),
     ]
+
+
+def mixing_steps(
+    surface: Surface,
+    shown: int,
+    table: NDArray[np.int32],
+    effects: Sequence[Active],
+    has_codes: bool,
+    target: tuple[NDArray[np.float32], ...],
+) -> list[Step]:
+    """Return the stages that lay shares of colours, or of their codes, over what is behind."""
+    steps: list[Step] = []
+    if has_codes:
+        steps, shown = pixel_steps(shown, effects)
+        steps.append(Step(code_samples, (shown, table)))
+    has_alpha = int(surface.alphas is not None)
+    return [*steps, Step(mix_shares, (shown, has_alpha, *target))]
 
 
 def output_steps(
@@ -332,11 +370,7 @@ class Shading:
         table: NDArray[np.int32],
         background: NDArray[np.float32],
     ) -> None:
-        steps = surface_steps(geometry, placement, surface, lighting, effects)
-        self._shown = rows.RED
-        if lighting is not None:
-            steps += light_steps(Look(placement, surface, lighting), effects)
-            self._shown = rows.OUT_RED
+        steps, self._shown = shading_steps(geometry, placement, surface, lighting, effects)
         self._stages = StageList(steps)
         self._faces, self._face_starts = geometry.faces, placement.face_starts
         self._surface, self._effects, self._table = surface, tuple(effects), table
@@ -407,12 +441,8 @@ class Shading:
         no_linear = np.empty((len(faces), 0, 4), np.float32)
         no_color = np.empty((len(faces), 0), np.uint32)
         steps = self._list(faces, first_row, height, self._painted, no_linear, no_color)
-        shown = self._shown
-        if has_codes:
-            mapped, shown = pixel_steps(shown, self._effects)
-            steps += [*mapped, Step(code_samples, (shown, self._table))]
-        has_alpha = int(self._surface.alphas is not None)
-        steps.append(Step(mix_shares, (shown, has_alpha, shares, rest, mixed)))
+        own = self._surface, self._shown, self._table, self._effects
+        steps += mixing_steps(*own, has_codes, (shares, rest, mixed))
         StageList(steps).run(BLOCKS.block, BLOCK)
 
     def _list(

@@ -34,7 +34,7 @@ from rasterjit.scene.camera import Camera
 from rasterjit.scene.color import decoding_table
 from rasterjit.scene.quality import SUPERSAMPLED
 from rasterjit.scene.transforms import Matrix
-from rasterjit.survey.effect import FrameContext, Planned
+from rasterjit.survey.effect import FrameContext, Planned, Rows
 from rasterjit.survey.plan import RenderPlan
 
 Offset = tuple[float, float]
@@ -199,6 +199,33 @@ def shade_faces(
     return result
 
 
+def kernels_of(plan: RenderPlan) -> Rows:
+    """Return the kernels that average pictures, if there are several."""
+    if plan.pictures == 1:
+        return []
+    # Where pixels show several faces the last steps are told with theirs.
+    is_new = plan.layers is None
+    if plan.facts.mixes_codes:
+        names = ["encoded.add_codes", "encoded.write_mean_codes", "encode.encode_rows"]
+        if is_new and "linear" in plan.outputs:
+            names.append("encoded.decode_rows")
+        return [(name, "", "") for name in names]
+    rows = [(f"weights.{name}", "", "") for name in ("add_picture", "write_mean")]
+    if is_new and plan.at("mixed"):
+        rows += plan.kernels_at("mixed")
+    elif is_new and "color" in plan.outputs:
+        rows.append(("encode.encode_rows", "", ""))
+    return rows
+
+
+def covering_kernels(plan: RenderPlan) -> Rows:
+    """Return the kernels that `cover_pixels` calls, but for those of whole pictures."""
+    samples = plan.quality.samples
+    if "coverage" not in plan.outputs or samples in SUPERSAMPLED:
+        return []
+    return coverage.kernels_of(samples, plan.depth_format.kind)
+
+
 def cover_pixels(
     context: FrameContext, accumulation: Accumulation, find: Callable[[RenderPlan], Seen]
 ) -> NDArray[np.float32]:
@@ -217,9 +244,8 @@ def cover_pixels(
         accumulation.covered = np.zeros(context.coverage.face_id.shape, np.int32)
     count = plan.pictures if plan.pictures > 1 else int(samples)
     picture = plan.with_(
-        lambda planned: False, outputs=("face_id",), layers=None, lighting=None, diagnose=False,
-        pictures=1,
-    )  # fmt: skip
+        lambda planned: False, outputs=("face_id",), layers=None, lighting=None, pictures=1
+    )
     for offset in sample_offsets(int(samples))[accumulation.covering : count]:
         accumulation.covered += find(moved(picture, offset)).coverage.face_id >= 0
         accumulation.covering += 1
@@ -257,7 +283,6 @@ def plan_picture(plan: RenderPlan, drawn: dict[str, Any]) -> RenderPlan:
         is_of_pictures,
         outputs=("color",) if has_codes else ("linear",),
         background=plan.background if has_codes else _background(plan),
-        diagnose=False,
         pictures=1,
         drawn=(drawn,),
     )

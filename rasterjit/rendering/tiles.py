@@ -96,7 +96,7 @@ class RegionRenderer:
     @property
     def needs_surveys(self) -> bool:
         """Whether effects wait for all of the picture to be surveyed: those of shadow maps do."""
-        return self.plan.needs_color and bool(self.plan.whole)
+        return self.plan.facts.is_colored and bool(self.plan.whole)
 
     def survey(self, region: Region) -> Survey:
         """

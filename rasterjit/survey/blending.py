@@ -36,6 +36,9 @@ class Transparency(NamedTuple):
     reason: str
 
 
+NO_TRANSPARENCY = Transparency(np.empty(0, np.uint8), False, "")
+
+
 def find_transparency(
     nodes: Sequence[Node],
     shades: bool,

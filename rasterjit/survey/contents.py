@@ -19,7 +19,7 @@ from rasterjit.survey.overrides import meshes_under
 from rasterjit.survey.placement import mesh_boxes
 
 SHADINGS = ("unlit", "flat", "gouraud", "phong", "pbr")
-"""Ways of shading, in the order of the first fields of `Contents`."""
+"""Ways of shading; `Contents` has a field for each."""
 
 SMOOTH = frozenset(("gouraud", "phong", "pbr"))
 """Ways of shading that read vertex normals."""
@@ -36,12 +36,6 @@ class Contents(NamedTuple):
     gouraud: int
     phong: int
     pbr: int
-    base_colors: int
-    """With a texture of each kind that is read, as in ``TEXTURE_FIELDS``."""
-    normals: int
-    facets: int
-    occlusions: int
-    emissions: int
     objects: int
     laid: int
     """With texture coordinates."""
@@ -73,23 +67,35 @@ class Contents(NamedTuple):
     """With a colour of each face."""
     mipped: int
     """With a texture that is read between mip levels."""
+    textured: dict[str, int]
+    """With a texture that is read, by field of the material, in the order of ``TEXTURE_FIELDS``."""
+
+    @classmethod
+    def from_row(cls, row: Sequence[int]) -> Contents:
+        """Return those that are in a row of numbers."""
+        plain = len(cls._fields) - 1
+        return cls(*row[:plain], dict(zip(TEXTURE_FIELDS, row[plain:], strict=True)))
+
+    @property
+    def row(self) -> list[int]:
+        """All numbers one after the other: those of textures are the last."""
+        return [*self[:-1], *self.textured.values()]
 
     @property
     def shadings(self) -> frozenset[str]:
         """The ways of shading that any object has."""
-        return frozenset(
-            name for name, count in zip(SHADINGS, self[: len(SHADINGS)], strict=True) if count
-        )
+        return frozenset(name for name in SHADINGS if getattr(self, name))
 
     @property
-    def textured(self) -> tuple[int, ...]:
-        """How many have a texture of each kind that is read, as in ``TEXTURE_FIELDS``."""
-        return self[len(SHADINGS) : len(SHADINGS) + len(TEXTURE_FIELDS)]
+    def has_textures(self) -> bool:
+        """Whether any object has a texture that is read."""
+        return any(self.textured.values())
 
     @property
     def has_maps(self) -> bool:
         """Whether more lies over any object than a base colour."""
-        return any(self.textured[1:]) or self.emitting > 0
+        laid = (count for name, count in self.textured.items() if name != "base_color_texture")
+        return any(laid) or self.emitting > 0
 
 
 class Inventory:
@@ -105,7 +111,7 @@ class Inventory:
     def __init__(self, meshes: Sequence[Mesh]) -> None:
         numbers: dict[Mesh, int] = {}
         self._numbers = np.array([numbers.setdefault(mesh, len(numbers)) for mesh in meshes])
-        self._rows = np.array([_contents_of(mesh) for mesh in numbers], np.int64)
+        self._rows = np.array([_contents_of(mesh).row for mesh in numbers], np.int64)
         self._textures = [textures_read(mesh.material) for mesh in numbers]
 
     @cached_property
@@ -120,7 +126,7 @@ class Inventory:
     def _counted(self, numbers: NDArray[np.int64]) -> Contents:
         """Add up the rows of some meshes."""
         counts = np.bincount(numbers, minlength=len(self._rows))
-        return Contents(*(counts[:, np.newaxis] * self._rows).sum(axis=0).tolist())
+        return Contents.from_row((counts[:, np.newaxis] * self._rows).sum(axis=0).tolist())
 
     def _having(self, field: str) -> NDArray[np.bool_]:
         """Tell of each object, (O,), whether it counts in a field of `Contents`."""
@@ -156,8 +162,7 @@ def _contents_of(mesh: Mesh) -> Contents:
     has_hole = may_have_holes(mesh)
     shines = material.shading in BLINN_PHONG and material.specular > 0.0
     return Contents(
-        *(material.shading == name for name in SHADINGS),
-        *(name in read for name in TEXTURE_FIELDS),
+        **{name: material.shading == name for name in SHADINGS},
         objects=1,
         laid=is_laid,
         unlaid=bool(read) and not is_laid,
@@ -174,6 +179,7 @@ def _contents_of(mesh: Mesh) -> Contents:
         vertex_colored=mesh.vertex_colors is not None,
         face_colored=mesh.face_colors is not None,
         mipped=any(texture.filter == "trilinear" for texture in read.values()),
+        textured={name: name in read for name in TEXTURE_FIELDS},
     )
 
 

@@ -11,7 +11,7 @@ from rasterjit.scene.environment import Environment
 from rasterjit.scene.light import AmbientLight
 from rasterjit.scene.quality import SUPERSAMPLED, Quality
 from rasterjit.scene.scene import EFFECT_FIELDS, Scene, Wireframe
-from rasterjit.survey.blending import Transparency, find_transparency
+from rasterjit.survey.blending import NO_TRANSPARENCY, Transparency, find_transparency
 from rasterjit.survey.contents import SMOOTH, Contents, Inventory
 from rasterjit.survey.lights import NO_LIGHTS, PlannedLights, plan_lights
 from rasterjit.survey.overrides import lights_under
@@ -25,7 +25,8 @@ class Facts(NamedTuple):
     """
     What is known of a scene and the outputs when a frame is planned.
 
-    What a scene asks for is kept as it was asked, used or not.
+    What a scene asks for is kept as it was asked, used or not. A picture that the frame is made of
+    has its own outputs; the transparency and lights found for the whole frame are those of it too.
     """
 
     outputs: tuple[str, ...]
@@ -115,9 +116,24 @@ class Facts(NamedTuple):
         return self.draws_faces or self.diagnose or bool({*self.outputs} - {"color", "linear"})
 
     @property
+    def needs_gouraud(self) -> bool:
+        """Whether vertices are lit."""
+        return self.is_lit and self.seen.gouraud > 0
+
+    @property
+    def needs_diffuse_light(self) -> bool:
+        """Whether vertices are lit without highlights as well, which lie on top of a texture."""
+        return self.is_lit and self.seen.textured_highlights > 0
+
+    @property
     def needs_cutouts(self) -> bool:
         """Whether faces are drawn with their holes."""
         return self.finds_faces and self.seen.cut_out > 0
+
+    @property
+    def has_textured_holes(self) -> bool:
+        """Whether a texture decides where those holes are."""
+        return self.seen.textured_holes > 0
 
     @property
     def casts_shadows(self) -> bool:
@@ -132,7 +148,7 @@ class Facts(NamedTuple):
     @property
     def needs_textures(self) -> bool:
         """Whether textures are read."""
-        return self.shades and any(self.seen.textured)
+        return self.shades and self.seen.has_textures
 
     @property
     def pictures(self) -> int:
@@ -169,7 +185,8 @@ class Facts(NamedTuple):
         If not, they are of that length at the vertices all the same. Under normal maps, and where
         an object is scaled unevenly, that takes scaling at every pixel.
         """
-        return self.quality.renormalize or self.seen.normals > 0 or self.is_uneven
+        is_bent = self.seen.textured["normal_texture"] > 0
+        return self.quality.renormalize or is_bent or self.is_uneven
 
     @property
     def has_environment_light(self) -> bool:
@@ -200,9 +217,6 @@ def look(
     diagnose: bool,
 ) -> Facts:
     """Look at a scene, seen from a camera, once; lights only if light reaches what is seen."""
-    wireframe = scene.wireframe
-    only_edges = wireframe is not None and wireframe.mode == "only"
-    colors_faces = not only_edges and not {"color", "linear"}.isdisjoint(outputs)
     contents, in_view = inventory.contents, boxes.in_view
     facts = Facts(
         outputs=outputs,
@@ -214,13 +228,15 @@ def look(
         asked={name: getattr(scene, name) for name in EFFECT_FIELDS},
         diagnose=diagnose,
         quality=quality,
-        transparency=find_transparency(
-            scene.nodes, colors_faces, contents.blended > 0, inventory.is_see_through, in_view
-        ),
+        transparency=NO_TRANSPARENCY,
         has_background=background is not None,
         lights=NO_LIGHTS,
         is_uneven=not quality.renormalize and _any_uneven(views, in_view, inventory),
     )
+    transparency = find_transparency(
+        scene.nodes, facts.colors_faces, contents.blended > 0, inventory.is_see_through, in_view
+    )
+    facts = facts._replace(transparency=transparency)
     if not facts.is_lit:
         return facts
     casts = ~inventory.is_see_through

@@ -97,7 +97,7 @@ def _scaling(facts: Facts) -> str:
     """Say, where the quality asks not to scale interpolated normals, what becomes of them."""
     if facts.quality.renormalize or {"phong", "pbr"}.isdisjoint(facts.seen.shadings):
         return ""
-    if facts.seen.normals:
+    if facts.seen.textured["normal_texture"]:
         return "; quality.renormalize is False, but not under normal maps"
     if facts.is_uneven:
         return "; quality.renormalize is False, but not where an object is scaled unevenly"
@@ -117,11 +117,11 @@ class Textures(MaterialRow):
 
     def reason(self, facts: Facts, is_used: bool) -> str:
         """Say what the textures are, or why none is read."""
-        if not any(facts.contents.textured):
+        if not facts.contents.has_textures:
             return "no material has a texture that is read"
         if not facts.colors_faces:
             return "nothing is shaded"
-        if not any(facts.seen.textured):
+        if not facts.seen.has_textures:
             return "no object in view has a texture that is read"
         described = counted(facts.inventory.describe_textures(facts.in_view))
         return described + settings_asked(facts, "texture_filter")
@@ -231,23 +231,21 @@ class Map(CountedRow):
     ----------
     name : str
         Of the row.
-    kind : int
-        As in ``TEXTURE_FIELDS``.
+    texture : str
+        The field of a material, of ``TEXTURE_FIELDS``.
     """
 
-    def __init__(self, name: str, kind: int) -> None:
-        self.name, self._kind = name, kind
-        field = TEXTURE_FIELDS[kind]
-        self.none = f"no lit material has {'an' if field[0] in 'aeiou' else 'a'} {field}"
+    def __init__(self, name: str, texture: str) -> None:
+        self.name, self._texture = name, texture
+        self.none = f"no lit material has {'an' if texture[0] in 'aeiou' else 'a'} {texture}"
 
     def count(self, contents: Contents) -> int:
         """Return how many objects have one that is read."""
-        return contents.textured[self._kind]
+        return contents.textured[self._texture]
 
     def without(self, scene: Scene) -> Scene:
         """Return the scene without these textures."""
-        field = TEXTURE_FIELDS[self._kind]
-        return with_materials(scene, lambda material: replace(material, **{field: None}))
+        return with_materials(scene, lambda material: replace(material, **{self._texture: None}))
 
 
 class Emission(CountedRow):

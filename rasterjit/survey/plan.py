@@ -17,7 +17,7 @@ from rasterjit.scene.camera import Camera
 from rasterjit.scene.quality import Quality, differences
 from rasterjit.survey.blending import Layers
 from rasterjit.survey.depth_format import DepthFormat
-from rasterjit.survey.effect import Absent, Planned
+from rasterjit.survey.effect import Absent, Planned, Rows
 from rasterjit.survey.facts import Facts
 
 GEOMETRY = ("depth_format", "precision", "interpolation")
@@ -33,17 +33,15 @@ class RenderPlan:
     ----------
     size : (int, int)
         Width and height, pixels.
-    outputs : tuple of str
     facts : Facts
-        What the decisions rest on.
+        What the decisions rest on, with outputs and quality.
     effects : tuple of Planned or Absent
-        What is in and what is out, each with ``name``, ``used`` and ``reason``.
+        What is in and what is out, each with ``name``, ``used`` and ``reason``: as answered for the
+        whole frame, and never again for the pictures that it is made of.
     """
 
     size: tuple[int, int]
     camera: Camera
-    quality: Quality
-    outputs: tuple[str, ...]
     background: NDArray[np.float32]
     """(4,) linear."""
     cull: str
@@ -55,8 +53,6 @@ class RenderPlan:
     """What a pixel shows besides its nearest face; ``None`` -> nothing."""
     depth_format: DepthFormat
     """What depths are rounded to before they are compared."""
-    diagnose: bool = False
-    """Whether the fates of faces are found."""
     pictures: int = 1
     """How many pictures, each moved by a part of a pixel, the colours are the mean of; 1 -> the
     frame is the picture."""
@@ -70,7 +66,12 @@ class RenderPlan:
     """Records of the effects that look at the whole picture, by name, for each step of pictures;
     ``None`` -> they are prepared with the picture."""
 
-    def with_(self, kept: Callable[[Planned], bool] | None = None, **changes: Any) -> RenderPlan:
+    def with_(
+        self,
+        kept: Callable[[Planned], bool] | None = None,
+        outputs: tuple[str, ...] | None = None,
+        **changes: Any,
+    ) -> RenderPlan:
         """
         Return the plan of a picture that this frame is made of.
 
@@ -78,15 +79,29 @@ class RenderPlan:
         ----------
         kept : callable, optional
             Tells of each effect that is in whether it stays. Default: all stay.
+        outputs : tuple of str, optional
+            All that the picture shows: nothing of it is diagnosed. Default: what the frame does.
         **changes
             Fields of the plan.
         """
+        if outputs is not None:
+            changes["facts"] = self.facts._replace(outputs=outputs, diagnose=False)
         if kept is not None:
             changes["effects"] = tuple(
                 one if not one.used or kept(one) else Absent(one.effect, one.facts)
                 for one in self.effects
             )
         return replace(self, **changes)
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """Names of what the frame is to hold."""
+        return self.facts.outputs
+
+    @property
+    def quality(self) -> Quality:
+        """How accurately it is drawn."""
+        return self.facts.quality
 
     @cached_property
     def planned(self) -> tuple[Planned, ...]:
@@ -105,6 +120,11 @@ class RenderPlan:
         """Return the effects that act at a place."""
         return [one for one in self.planned if place in one.effect.places]
 
+    def kernels_at(self, place: str) -> Rows:
+        """Return the kernels that effects call at a place besides stages, each once."""
+        told = (row for one in self.planned for row in one.effect.kernels(self).get(place, ()))
+        return list(dict.fromkeys(told))
+
     @property
     def whole(self) -> list[Planned]:
         """The effects that look at the whole picture before they are prepared, and still do."""
@@ -118,11 +138,6 @@ class RenderPlan:
         return Encoding(encoding_table(), mapped[0].data if mapped else NO_TONES)
 
     @property
-    def lights(self) -> Any:
-        """The lights of the scene that reach what is seen."""
-        return self.facts.lights
-
-    @property
     def corner(self) -> tuple[int, int]:
         """Column and row, in the whole picture, of the first pixel that is drawn."""
         return (0, 0) if self.region is None else self.region[:2]
@@ -130,7 +145,7 @@ class RenderPlan:
     @property
     def needs_depth(self) -> bool:
         """Whether the depth of the whole frame is kept."""
-        return "depth" in self.outputs or self.reads_depth or self.diagnose
+        return "depth" in self.outputs or self.reads_depth or self.facts.diagnose
 
     @property
     def reads_depth(self) -> bool:
@@ -142,77 +157,17 @@ class RenderPlan:
     def keeps_lists(self) -> bool:
         """Whether a pass that follows visibility draws the tiles once more."""
         draws_again = self.layers is not None or "coverage" in self.outputs
-        return self.diagnose or draws_again or self.surfaces is not None
+        return self.facts.diagnose or draws_again or self.surfaces is not None
 
     @property
     def keeps_clip_positions(self) -> bool:
         """Whether what follows visibility reads where vertices lie before they are divided by w."""
-        return self.diagnose or any(one.effect.reads_clip_positions for one in self.planned)
+        return self.facts.diagnose or any(one.effect.reads_clip_positions for one in self.planned)
 
     @property
     def is_affine(self) -> bool:
         """Whether values are interpolated on the screen, not on the face."""
         return self.quality.interpolation == "affine"
-
-    @property
-    def draws_faces(self) -> bool:
-        """Whether faces are drawn, and not the edges alone."""
-        return self.facts.draws_faces
-
-    @property
-    def needs_normals(self) -> bool:
-        """Whether vertex normals are read."""
-        return self.facts.needs_normals
-
-    @property
-    def needs_gouraud(self) -> bool:
-        """Whether vertices are lit."""
-        return self.facts.is_lit and self.facts.seen.gouraud > 0
-
-    @property
-    def needs_diffuse_light(self) -> bool:
-        """Whether vertices are lit without highlights as well, which lie on top of a texture."""
-        return self.facts.is_lit and self.facts.seen.textured_highlights > 0
-
-    @property
-    def needs_textures(self) -> bool:
-        """Whether textures are read."""
-        return self.facts.needs_textures
-
-    @property
-    def needs_microfacets(self) -> bool:
-        """Whether light falls on metallic-roughness materials."""
-        return self.facts.needs_microfacets
-
-    @property
-    def needs_maps(self) -> bool:
-        """Whether more lies over the objects than a base colour."""
-        return self.facts.needs_maps
-
-    @property
-    def needs_faces(self) -> bool:
-        """Whether the face at every pixel is found: shown, in front of edges, or in a buffer."""
-        return self.facts.finds_faces
-
-    @property
-    def needs_cutouts(self) -> bool:
-        """Whether faces are drawn with their holes."""
-        return self.facts.needs_cutouts
-
-    @property
-    def has_textured_holes(self) -> bool:
-        """Whether a texture decides where those holes are."""
-        return self.facts.seen.textured_holes > 0
-
-    @property
-    def in_view(self) -> NDArray[np.bool_]:
-        """Which objects may be seen, (O,)."""
-        return self.facts.in_view
-
-    @property
-    def needs_color(self) -> bool:
-        """Whether any output shows colour."""
-        return self.facts.is_colored
 
     def __str__(self) -> str:
         width, height = self.size

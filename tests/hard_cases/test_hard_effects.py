@@ -380,10 +380,10 @@ def test_equal_vertex_normals_are_the_normal_of_every_pixel():
 def test_flat_shading_asks_for_no_vertex_normals_and_shows_the_same(forbid):
     up = [(0, 0, 1)] * 4
     smooth = draw(scene_of(square("phong", up, specular=0.5), lights=[SUN]))
-    assert smooth.plan.needs_normals
+    assert smooth.plan.facts.needs_normals
     forbid(arrays, "join_normals")
     flat = draw(scene_of(square("flat", up, specular=0.5), lights=[SUN]))
-    assert not flat.plan.needs_normals
+    assert not flat.plan.facts.needs_normals
     assert same(flat, smooth)
 
 

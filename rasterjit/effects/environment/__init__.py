@@ -147,7 +147,7 @@ class EnvironmentLight(Effect):
         self, context: FrameContext, data: SceneEnvironment, seen: Sequence[Any]
     ) -> Environment:
         """Return the environment, filtered as far as anything reads it."""
-        return environment_record(data, context.plan.needs_microfacets, context.workers)
+        return environment_record(data, context.plan.facts.needs_microfacets, context.workers)
 
     def kernels(self, plan: RenderPlan) -> dict[str, Rows]:
         """Return the kernels that filter a panorama."""

@@ -106,9 +106,9 @@ class ShadowMaps(Effect):
         plan, cache, _, placement, _, workers = context
         facts, arrays = plan.facts, cache.shapes.arrays
         # The vertices of an object are lit wherever they are.
-        is_whole = plan.in_view & facts.inventory.is_gouraud
+        is_whole = plan.facts.in_view & facts.inventory.is_gouraud
         # Behind glass, and between the centres of pixels, more is seen than the depth tells.
-        is_open = plan.in_view & (plan.layers is not None)
+        is_open = plan.facts.in_view & (plan.layers is not None)
         if plan.layers is not None and not plan.layers.has_blended:
             boxes = place_boxes(cache.shapes.boxes, placement.relative_from_model)
             is_open &= visible_depth.missed_objects(
@@ -127,7 +127,7 @@ class ShadowMaps(Effect):
             plan.size, cutouts,
         )  # fmt: skip
         lights = [light for light in facts.lights.lights if not isinstance(light, AmbientLight)]
-        normals = cache.tables.normals if plan.needs_normals else None
+        normals = cache.tables.normals if plan.facts.needs_normals else None
         eye = plan.camera.eye_position()
         return maps.draw_shadows(lights, eye, scenery, normals, workers)
 
@@ -148,7 +148,7 @@ class ShadowMaps(Effect):
         """Return the maps; that of a point light has up to six sides."""
         shadows = [
             (light.shadow, 6 if has_cube(light) else 1)
-            for light in plan.lights.lights
+            for light in plan.facts.lights.lights
             if getattr(light, "shadow", None) is not None
         ]
         return [

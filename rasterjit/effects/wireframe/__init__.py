@@ -210,8 +210,8 @@ class Edges(Effect):
 
     def kernels(self, plan: RenderPlan) -> dict[str, Rows]:
         """Return the kernels that draw the edges."""
-        hiding = "hidden lines removed" if plan.draws_faces else ""
-        rows = [("wireframe.fill_slack", "", "")] if plan.draws_faces else []
+        hiding = "hidden lines removed" if plan.facts.draws_faces else ""
+        rows = [("wireframe.fill_slack", "", "")] if plan.facts.draws_faces else []
         if plan.quality.lines == "bresenham":
             rows.insert(0, ("wireframe.find_pixels", "", ""))
             names = "project_edges", "draw_edges"
@@ -227,11 +227,13 @@ class Edges(Effect):
 
     def buffers(self, plan: RenderPlan) -> list[tuple[str, int, str, tuple[int, int]]]:
         """Return what hides edges."""
-        return [("slack of hidden lines", 1, "float32", plan.size)] if plan.draws_faces else []
+        if not plan.facts.draws_faces:
+            return []
+        return [("slack of hidden lines", 1, "float32", plan.size)]
 
     def reads_depth(self, plan: RenderPlan) -> bool:
         """Tell whether faces hide edges."""
-        return plan.draws_faces
+        return plan.facts.draws_faces
 
     @staticmethod
     def draw_over(wireframe: Wireframe, context: FrameContext, color: NDArray[np.uint8]) -> None:
@@ -239,7 +241,7 @@ class Edges(Effect):
         plan, cache, geometry, _, coverage, workers = context
         encoded = linear_to_srgb(np.array(wireframe.color[:3]))
         rgba = np.append(np.floor(255.0 * encoded + 0.5), 255.0).astype(np.uint8)
-        hidden_by = (coverage.face_id, coverage.reversed_depth) if plan.draws_faces else None
+        hidden_by = (coverage.face_id, coverage.reversed_depth) if plan.facts.draws_faces else None
         coefficients = plan.camera.depth_coefficients()
         lines = cache.shapes.edges, geometry, coefficients, rgba, color, hidden_by
         if plan.quality.lines == "bresenham":

@@ -136,6 +136,14 @@ def part_lists(
     return Lists(starts, middles, parted, lists.faces, coverage.screen, coverage.depth.dtype)
 
 
+def kernels_of(samples: int | str, depth_type: Any) -> list[tuple[str, str, str]]:
+    """Return the kernels that part the lists of tiles and find the faces at samples, or areas."""
+    found = ("fragments.find_layers", draw.depth_variant(depth_type), "")
+    if samples == "area":
+        found = ("areas.find_areas", "", "")
+    return [("fragments.split_lists", "", ""), found]
+
+
 def find_layers(
     rows: tuple[int, int],
     lists: Lists,

@@ -391,6 +391,47 @@ def find_visible(
     return Coverage(depth, face_id, screen, clip_positions, totals, lists, cutouts)
 
 
+def kernels_of(
+    *,
+    find_faces: bool,
+    keep_clip_positions: bool,
+    has_cutouts: bool,
+    depth_type: Any = np.float32,
+    precision: Any = np.float64,
+) -> list[tuple[str, str, str]]:
+    """
+    Return the kernels that `find_visible` calls, each with its variant and when it is called.
+
+    Takes what `find_visible` takes; precision is that of model positions as well.
+    """
+    crossed = "a face crosses the near or far plane or the guard band"
+    depth = depth_variant(depth_type)
+    single = "float32 vertices" if np.dtype(precision) == np.float32 else ""
+    rows = [
+        ("projection.transform_vertices", single, ""),
+        ("projection.transform_positions", single, "" if keep_clip_positions else crossed),
+        ("clipping.find_clipped_faces", "", crossed),
+        ("clipping.count_clipped_vertices", "", crossed),
+        ("clipping.clip_faces", "", crossed),
+        ("projection.project_clipped_vertices", "", crossed),
+        ("setup.set_up_triangles", "", ""),
+        ("binning.start_lists", "", ""),
+        ("binning.bin_triangles", "", ""),
+        ("tile_depths.find_floors", depth, "a face covers whole tiles"),
+    ]
+    if find_faces:
+        rows.append(("nearest.draw_tiles", depth, ""))
+    if find_faces and has_cutouts:
+        rows += [("alpha_test.keep_shown", depth, ""), ("alpha_test.find_alphas", "", "")]
+    return rows
+
+
+def depth_variant(depth_type: Any) -> str:
+    """Return what is compiled into kernels that compare depths of a type, if it is not float32."""
+    name = np.dtype(depth_type).name
+    return "" if name == "float32" else f"{name} depth"
+
+
 def geometry_of(
     faces: NDArray[np.int32],
     screen: ScreenVertices,
