@@ -18,10 +18,11 @@ from numpy.typing import NDArray
 
 from rasterjit.effects.environment import stage as environment_stage
 from rasterjit.effects.environment.prefilter import backdrop_record, environment_record
-from rasterjit.pipeline.records import Encoding, Environment
+from rasterjit.effects.environment.stage import EnvironmentRecord
+from rasterjit.pipeline.records import Encoding
 from rasterjit.runtime.driver import Step
 from rasterjit.scene.camera import Camera, clip_from_relative
-from rasterjit.scene.environment import Environment as SceneEnvironment
+from rasterjit.scene.environment import Environment
 from rasterjit.scene.scene import Scene
 from rasterjit.survey.effect import (
     Absent,
@@ -50,7 +51,7 @@ class Sky(NamedTuple):
     """(3, 3): direction at the middle of the frame, and its change with x and y."""
     size: tuple[int, int]
     """Width and height of the whole frame, pixels."""
-    environment: Environment
+    environment: EnvironmentRecord
     corner: tuple[int, int] = (0, 0)
     """Column and row of the first pixel that is drawn, in the whole frame."""
 
@@ -113,7 +114,7 @@ def _cross(a: Any, b: Any) -> list[float]:
     ]
 
 
-class SeenAlone(SceneEnvironment):
+class SeenAlone(Environment):
     """An environment that is seen behind everything, and lights nothing."""
 
     lights = False
@@ -144,8 +145,8 @@ class EnvironmentLight(Effect):
         return f"{facts.environment.described}{mirrored}"
 
     def prepare(
-        self, context: FrameContext, data: SceneEnvironment, seen: Sequence[Any]
-    ) -> Environment:
+        self, context: FrameContext, data: Environment, seen: Sequence[Any]
+    ) -> EnvironmentRecord:
         """Return the environment, filtered as far as anything reads it."""
         return environment_record(data, context.plan.needs_microfacets, context.workers)
 
@@ -153,11 +154,11 @@ class EnvironmentLight(Effect):
         """Return the kernels that filter a panorama."""
         return {"prepare": FILTERING}
 
-    def sketch(self, facts: Facts, data: SceneEnvironment) -> Environment:
+    def sketch(self, facts: Facts, data: Environment) -> EnvironmentRecord:
         """Return an environment that is not filtered."""
         return backdrop_record(data)
 
-    def neutral(self, record: Environment) -> Environment:
+    def neutral(self, record: EnvironmentRecord) -> EnvironmentRecord:
         """Return an environment without light."""
         return record._replace(intensity=np.float32(0.0))
 
@@ -168,7 +169,7 @@ class EnvironmentLight(Effect):
         return with_field(scene, "environment", alone)
 
     @staticmethod
-    def shed(around: Environment, look: Look) -> list[Step]:
+    def shed(around: EnvironmentRecord, look: Look) -> list[Step]:
         """Return the stages that add light from all sides, and what microfacets mirror of it."""
         shed = around.irradiance, around.turn, around.intensity
         steps = [Step(environment_stage.shed_light, shed)]
@@ -208,7 +209,7 @@ class EnvironmentBackground(Effect):
         """Return the kernels that filter a panorama, and that show it."""
         return {"prepare": FILTERING, "background": [("environment.show_environment", "", "")]}
 
-    def prepare(self, context: FrameContext, data: SceneEnvironment, seen: Sequence[Any]) -> Sky:
+    def prepare(self, context: FrameContext, data: Environment, seen: Sequence[Any]) -> Sky:
         """Return the environment as this picture sees it."""
         plan = context.plan
         rays = background_rays(plan.camera, plan.size)

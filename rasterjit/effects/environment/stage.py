@@ -29,13 +29,15 @@ References
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from rasterjit.effects.tone_map.stage import map_pixel
 from rasterjit.pipeline.encode import encode_pixel
 from rasterjit.pipeline.lighting.blinn_phong import unit_scale
 from rasterjit.pipeline.lighting.pbr import DIELECTRIC, bounces, largest, reflected_shares
-from rasterjit.pipeline.records import Encoding, Environment
+from rasterjit.pipeline.records import Encoding
 from rasterjit.pipeline.surface import samples as rows
 from rasterjit.pipeline.surface.samples import Block
 from rasterjit.runtime.float_math import log2
@@ -46,7 +48,7 @@ IRRADIANCE_TERMS = 9
 """Of the polynomial: 1, x, y, z, xy, yz, zx, 3y² - 1, x² - z²."""
 
 ZENITH, HORIZON, GROUND = 0, 1, 2
-"""Rows of ``Environment.gradient``."""
+"""Rows of ``EnvironmentRecord.gradient``."""
 
 FIRST_TEXEL, LEVEL_WIDTH, LEVEL_HEIGHT = 0, 1, 2
 """Columns of ``Reflections.levels``."""
@@ -59,6 +61,34 @@ LEAST_ROUGHNESS = np.float32(0.08838835)
 
 TANGENT_OF_EIGHTH = np.float32(0.41421357)
 """Of 22.5 degrees: above, a ratio is turned back by 45 degrees."""
+
+
+class Reflections(NamedTuple):
+    """What is around the scene, filtered for rough surfaces."""
+
+    texels: float32[:, ::1]
+    """(N, 3) float32, linear RGB: level by level, row by row from the top."""
+    levels: int64[:, ::1]
+    """(8, 3) int64: first texel, width, height | (0, 3): all are alike, or nothing mirrors it."""
+
+
+class EnvironmentRecord(NamedTuple):
+    """Light from all around, and what is seen behind all faces."""
+
+    irradiance: float32[:, ::1]
+    """(9, 3) float32: the light on a surface over pi, as a polynomial of its normal."""
+    turn: float32[::1]
+    """(2,) float32: cosine and sine of the angle that it is turned by about y."""
+    intensity: float32
+    """float32, factor on all of its light."""
+    texels: float32[:, ::1]
+    """(N, 3) float32, linear RGB: an equirectangular picture, row by row from the top."""
+    width: int64
+    """Of the picture, texels; 0 if there is none."""
+    height: int64
+    gradient: float32[:, ::1]
+    """(3, 3) float32, linear RGB: zenith, horizon and ground, where there is no picture."""
+    reflections: Reflections
 
 
 @helper
@@ -294,7 +324,7 @@ def shed_light(
         OUT_RED...
     count : int
     irradiance, turn, intensity
-        As ``Environment`` has them.
+        As ``EnvironmentRecord`` has them.
     """
     s = block.samples
     if largest(s[rows.LIT, :count]) > np.float32(0.0):
@@ -307,7 +337,9 @@ def shed_light(
 
 
 @stage
-def mirror_environment(block: Block, count, environment: Environment, toward_viewer: float32[::1]):
+def mirror_environment(
+    block: Block, count, environment: EnvironmentRecord, toward_viewer: float32[::1]
+):
     """
     Add what samples of microfacets show of the environment, mirrored and from all sides.
 
@@ -317,7 +349,7 @@ def mirror_environment(block: Block, count, environment: Environment, toward_vie
         Reads the rows up to LIT, normals of length one, and METALLIC to OCCLUSION; adds to rows
         OUT_RED...
     count : int
-    environment : Environment
+    environment : EnvironmentRecord
     toward_viewer : (4,) float32
         A point p, relative to the eye, is seen along ``xyz - w p``.
     """
@@ -355,7 +387,7 @@ def color_along(ray, environment):
 @kernel
 def show_environment(
     face_id: int32[:, ::1], first: (int64, int64), rays: float64[:, ::1], size: (int64, int64),
-    environment: Environment, encoding: Encoding, linear: float32[:, :, ::1],
+    environment: EnvironmentRecord, encoding: Encoding, linear: float32[:, :, ::1],
     color: uint32[:, ::1],
 ):  # fmt: skip
     """
