@@ -223,24 +223,6 @@ class Surface(NamedTuple):
     """Metallic-roughness materials | None -> none."""
 
 
-class ToneMap(NamedTuple):
-    """How light becomes what a screen shows."""
-
-    curve: int64
-    """See ``effects.tone_map.stage``."""
-    stops: float32
-    """Exposure."""
-    per_white: float32
-    """One over the square of the luminance that becomes white."""
-
-
-UNMAPPED = -1
-"""Stands for a curve where light is shown as it is, neither exposed nor held."""
-
-NO_TONES = ToneMap(UNMAPPED, 0.0, 0.0)
-"""What stands for a tone map where there is none."""
-
-
 class Lighting(NamedTuple):
     """The light that falls on the scene."""
 
@@ -255,12 +237,3 @@ class Lighting(NamedTuple):
     """Number of objects with a specular highlight | None -> none."""
     renormalizes: int = 1
     """Not 0: interpolated normals are scaled to length one; 0: they are taken as they are."""
-
-
-class Encoding(NamedTuple):
-    """How linear colour becomes 8 bits."""
-
-    table: int32[::1]
-    """(6657,) int32, `encode.encoding_table`."""
-    tone: ToneMap = NO_TONES
-    """Exposure and tone curve."""

@@ -48,7 +48,7 @@ def shade_faces(context: FrameContext) -> dict[str, NDArray[Any]]:
     effects = prepare_effects(context._replace(placement=placement))
     surface = find_surface(plan, cache, placement, plan.lighting, effects, workers)
     shader = layers.Shader(
-        geometry, placement, surface, plan.lighting, plan.background, plan.encoding, effects,
+        geometry, placement, surface, plan.lighting, plan.background, effects,
         find_cutouts(plan, cache),
     )  # fmt: skip
     # Shade each pixel, or what it shows of several faces.

@@ -19,7 +19,9 @@ from numpy.typing import NDArray
 from rasterjit.effects.environment import stage as environment_stage
 from rasterjit.effects.environment.prefilter import backdrop_record, environment_record
 from rasterjit.effects.environment.stage import EnvironmentRecord
-from rasterjit.pipeline.records import Encoding
+from rasterjit.effects.tone_map import tone_of
+from rasterjit.effects.tone_map.stage import ToneRecord
+from rasterjit.pipeline.encode import encoding_table
 from rasterjit.runtime.driver import Step
 from rasterjit.scene.camera import Camera, clip_from_relative
 from rasterjit.scene.environment import Environment
@@ -52,6 +54,7 @@ class Sky(NamedTuple):
     size: tuple[int, int]
     """Width and height of the whole frame, pixels."""
     environment: EnvironmentRecord
+    tone: ToneRecord
     corner: tuple[int, int] = (0, 0)
     """Column and row of the first pixel that is drawn, in the whole frame."""
 
@@ -59,7 +62,6 @@ class Sky(NamedTuple):
         self,
         face_id: NDArray[np.int32],
         first_row: int,
-        encoding: Encoding,
         linear: NDArray[np.float32],
         color: NDArray[np.uint32],
     ) -> None:
@@ -71,7 +73,6 @@ class Sky(NamedTuple):
         face_id : (R, W) int32
         first_row : int
             Where they lie in what is drawn.
-        encoding : Encoding
         linear : (R, W, 4) float32, or (R, 0, 4)
         color : (R, W) uint32, or (R, 0)
             Written.
@@ -79,8 +80,9 @@ class Sky(NamedTuple):
         left, top = self.corner
         first = left, top + first_row
         environment_stage.show_environment(
-            face_id, first, self.rays, self.size, self.environment, encoding, linear, color
-        )
+            face_id, first, self.rays, self.size, self.environment, self.tone, encoding_table(),
+            linear, color,
+        )  # fmt: skip
 
 
 def background_rays(camera: Camera, size: tuple[int, int]) -> NDArray[np.float64]:
@@ -213,7 +215,7 @@ class EnvironmentBackground(Effect):
         """Return the environment as this picture sees it."""
         plan = context.plan
         rays = background_rays(plan.camera, plan.size)
-        return Sky(rays, plan.size, backdrop_record(data), plan.corner)
+        return Sky(rays, plan.size, backdrop_record(data), tone_of(plan), plan.corner)
 
     def without(self, scene: Scene) -> Scene:
         """Return the scene with an environment that is not seen."""

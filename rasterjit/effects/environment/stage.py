@@ -33,11 +33,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rasterjit.effects.tone_map.stage import map_pixel
+from rasterjit.effects.tone_map.stage import ToneRecord, map_pixel
 from rasterjit.pipeline.encode import encode_pixel
 from rasterjit.pipeline.lighting.blinn_phong import unit_scale
 from rasterjit.pipeline.lighting.pbr import DIELECTRIC, bounces, largest, reflected_shares
-from rasterjit.pipeline.records import Encoding
 from rasterjit.pipeline.surface import samples as rows
 from rasterjit.pipeline.surface.samples import Block
 from rasterjit.runtime.float_math import log2
@@ -387,8 +386,8 @@ def color_along(ray, environment):
 @kernel
 def show_environment(
     face_id: int32[:, ::1], first: (int64, int64), rays: float64[:, ::1], size: (int64, int64),
-    environment: EnvironmentRecord, encoding: Encoding, linear: float32[:, :, ::1],
-    color: uint32[:, ::1],
+    environment: EnvironmentRecord, tone: ToneRecord, table: int32[::1],
+    linear: float32[:, :, ::1], color: uint32[:, ::1],
 ):  # fmt: skip
     """
     Write the environment to the pixels of some rows that show no face.
@@ -404,7 +403,10 @@ def show_environment(
         normalized device coordinates.
     size : (int, int)
         Width and height of the whole frame, pixels.
-    environment, encoding : records
+    environment : EnvironmentRecord
+    tone : ToneRecord
+    table : (6657,) int32
+        `encode.encoding_table`.
     linear : (R, W, 4) float32
         Written: linear red, green, blue, and alpha 1. Or W is 0.
     color : (R, W) uint32
@@ -423,6 +425,6 @@ def show_environment(
                 linear[row, column, 2] = blue
                 linear[row, column, 3] = np.float32(1.0)
             if color.shape[1] > 0:
-                red, green, blue = map_pixel(encoding.tone, red, green, blue)
+                red, green, blue = map_pixel(tone, red, green, blue)
                 shown = red, green, blue, np.float32(1.0)
-                color[row, column] = encode_pixel(shown, encoding.table)
+                color[row, column] = encode_pixel(shown, table)
