@@ -131,8 +131,8 @@ def _lighting(camera: Camera, facts: Facts, effects: Sequence[Planned | Absent])
     return lighting_of(lights, camera, facts.seen.highlights, int(facts.renormalizes))
 
 
-class Kernel(NamedTuple):
-    """One compiled entry point that a frame calls."""
+class KernelRow(NamedTuple):
+    """A row of text about a compiled entry point that a frame calls."""
 
     name: str
     """Module and function."""
@@ -158,9 +158,9 @@ class Buffer(NamedTuple):
         return self.size[0] * self.size[1] * self.channels * BYTES[self.kind]
 
 
-def list_kernels(plan: RenderPlan) -> tuple[Kernel, ...]:
+def list_kernels(plan: RenderPlan) -> tuple[KernelRow, ...]:
     """Return the kernels that a frame calls, in order."""
-    return tuple(Kernel(*row) for row in (*_geometry_rows(plan), *_picture_rows(plan)))
+    return tuple(KernelRow(*row) for row in (*_geometry_rows(plan), *_picture_rows(plan)))
 
 
 def _geometry_rows(plan: RenderPlan) -> Rows:

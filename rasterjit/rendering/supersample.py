@@ -211,8 +211,8 @@ def cover_pixels(
     plan = context.plan
     samples = plan.quality.samples
     if samples not in SUPERSAMPLED:
-        sight = bands.Sight(context.geometry, shade.find_cutouts(plan, context.cache))
-        return coverage.cover_pixels(samples, context.coverage, sight, context.workers)
+        finder = bands.Finder(context.geometry, shade.find_cutouts(plan, context.cache))
+        return coverage.cover_pixels(samples, context.coverage, finder, context.workers)
     if accumulation.covered is None:
         accumulation.covered = np.zeros(context.coverage.face_id.shape, np.int32)
     count = plan.pictures if plan.pictures > 1 else int(samples)
