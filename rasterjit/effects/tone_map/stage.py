@@ -20,7 +20,7 @@ import numpy as np
 
 from rasterjit.pipeline.encode import encode_pixel, over
 from rasterjit.pipeline.surface.samples import NORMAL_X, NORMAL_Y, NORMAL_Z, Block
-from rasterjit.runtime.float_math import exp2
+from rasterjit.runtime.float_math import clamped, exp2
 from rasterjit.runtime.jit import disjoint_helper, helper, kernel, stage
 from rasterjit.runtime.state import float32, int32, int64, uint32
 
@@ -60,9 +60,7 @@ NO_TONES = ToneRecord(UNMAPPED, 0.0, 0.0)
 @helper
 def exposed(value, factor):
     """Return exposed light held in 0..MOST_LIGHT; NaN gives 0."""
-    value = value * factor
-    value = value if value > np.float32(0.0) else np.float32(0.0)
-    return min(value, MOST_LIGHT)
+    return clamped(value * factor, np.float32(0.0), MOST_LIGHT)
 
 
 @helper
