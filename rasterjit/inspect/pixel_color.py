@@ -341,7 +341,7 @@ def _find_samples(
     plan, geometry, workers = drawn.plan, drawn.geometry, Workers(1)
     cutouts = shading.find_cutouts(plan, drawn.cache)
     shader = layers.Shader(
-        geometry, drawn.placement, surface, lit.lighting, plan.background, plan.encoding, (),
+        geometry, drawn.placement, surface, lit.lighting, plan.background, (),
         None if cutouts is None else cutouts._replace(geometry=geometry),
     )  # fmt: skip
     lists = bands.part_lists(drawn.coverage, geometry.viewport, plan.layers.is_blended, workers)

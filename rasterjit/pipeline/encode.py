@@ -18,6 +18,7 @@ import functools
 
 import numpy as np
 
+from rasterjit.runtime.float_math import clamped
 from rasterjit.runtime.intrinsics import flat
 from rasterjit.runtime.jit import disjoint_helper, helper, kernel
 from rasterjit.runtime.state import float32, int32, uint32
@@ -75,13 +76,6 @@ def encoding_table() -> np.ndarray:
 
 
 @helper
-def between(value, least):
-    """Return a float32 held in least..1; NaN gives the least."""
-    value = value if value > least else least
-    return value if value < np.float32(1.0) else np.float32(1.0)
-
-
-@helper
 def bits_of(value):
     """Return the bits of a float32, as an int32."""
     return np.float32(value).view(np.int32)
@@ -92,7 +86,7 @@ def encode(value, table):
     """Return the sRGB code of a linear value, rounded half up."""
     # Every step is cast back to 32 bits, which halves the registers it takes; the index is
     # unsigned, so it is not tested for counting from the end.
-    place = np.uint32(bits_of(between(value, LEAST_VALUE)) - LEAST_BITS)
+    place = np.uint32(bits_of(clamped(value, LEAST_VALUE, np.float32(1.0))) - LEAST_BITS)
     entry = np.uint32(table[np.uintp(np.uint32(place >> np.uint32(BUCKET_BITS)))])
     low = np.uint32(place & np.uint32(NO_THRESHOLD - 1))
     reached = low >= np.uint32(entry & np.uint32(2 * NO_THRESHOLD - 1))
@@ -102,7 +96,8 @@ def encode(value, table):
 @helper
 def encode_alpha(value):
     """Return alpha, which is linear, as a code, rounded half up."""
-    return np.uint32(np.int32(np.float64(between(value, np.float32(0.0))) * 255.0 + 0.5))
+    share = clamped(value, np.float32(0.0), np.float32(1.0))
+    return np.uint32(np.int32(np.float64(share) * 255.0 + 0.5))
 
 
 @disjoint_helper
@@ -132,7 +127,7 @@ def encode_pixel(linear, table):
 def encode_channels(red, green, blue, alpha, table, color):
     """Encode a span of pixels, given by channel; without branches."""
     for i in range(color.shape[0]):
-        share = between(alpha[i], np.float32(0.0))
+        share = clamped(alpha[i], np.float32(0.0), np.float32(1.0))
         color[i] = (
             encode(red[i], table)
             | encode(green[i], table) << np.uint32(8)
@@ -146,7 +141,7 @@ def encode_row(linear, table, color):
     """Encode a row of linear colour, four numbers each; without branches."""
     for i in range(color.shape[0]):
         at = np.uintp(4 * i)
-        alpha = between(linear[at + np.uintp(3)], np.float32(0.0))
+        alpha = clamped(linear[at + np.uintp(3)], np.float32(0.0), np.float32(1.0))
         color[i] = (
             encode(linear[at], table)
             | encode(linear[at + np.uintp(1)], table) << np.uint32(8)

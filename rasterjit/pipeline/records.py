@@ -1,5 +1,5 @@
 """
-The records that cross from the caller into the kernels.
+The records that cross from the caller into the kernels; an effect keeps its own.
 
 Each is a ``NamedTuple`` of arrays and numbers. No kernel is given ``None``: where a field is
 ``None``, the stages that would read it are not in the list. Letters: V vertices, E vertices made
@@ -223,93 +223,6 @@ class Surface(NamedTuple):
     """Metallic-roughness materials | None -> none."""
 
 
-class Reflections(NamedTuple):
-    """What is around the scene, filtered for rough surfaces."""
-
-    texels: float32[:, ::1]
-    """(N, 3) float32, linear RGB: level by level, row by row from the top."""
-    levels: int64[:, ::1]
-    """(8, 3) int64: first texel, width, height | (0, 3): all are alike, or nothing mirrors it."""
-
-
-class Environment(NamedTuple):
-    """Light from all around, and what is seen behind all faces."""
-
-    irradiance: float32[:, ::1]
-    """(9, 3) float32: the light on a surface over pi, as a polynomial of its normal."""
-    turn: float32[::1]
-    """(2,) float32: cosine and sine of the angle that it is turned by about y."""
-    intensity: float32
-    """float32, factor on all of its light."""
-    texels: float32[:, ::1]
-    """(N, 3) float32, linear RGB: an equirectangular picture, row by row from the top."""
-    width: int64
-    """Of the picture, texels; 0 if there is none."""
-    height: int64
-    gradient: float32[:, ::1]
-    """(3, 3) float32, linear RGB: zenith, horizon and ground, where there is no picture."""
-    reflections: Reflections
-
-
-class Fog(NamedTuple):
-    """What lies between the surfaces and the eye."""
-
-    mode: int
-    """See ``effects.fog.stage``."""
-    color: Any
-    """(3,) float32, linear."""
-    end: Any
-    """float32, scene units: distance that nothing is seen beyond."""
-    per_range: Any
-    """float32: one over the distance from where the fog begins to its end."""
-    density: Any
-    """float32: halvings a scene unit."""
-    above: Any
-    """float32, scene units: height of the eye over where the fog has its density."""
-    falloff: Any
-    """float32: halvings of the density a scene unit upwards; 0 for even density."""
-    flat: Any
-    """Number of ways of shading that light faces at their middles | None -> none."""
-
-
-class ToneMap(NamedTuple):
-    """How light becomes what a screen shows."""
-
-    curve: int64
-    """See ``effects.tone_map.stage``."""
-    stops: float32
-    """Exposure."""
-    per_white: float32
-    """One over the square of the luminance that becomes white."""
-
-
-UNMAPPED = -1
-"""Stands for a curve where light is shown as it is, neither exposed nor held."""
-
-NO_TONES = ToneMap(UNMAPPED, 0.0, 0.0)
-"""What stands for a tone map where there is none."""
-
-
-class Shadows(NamedTuple):
-    """The shadow maps of all lights; see ``effects.shadows.stage`` for the columns."""
-
-    maps: Any
-    """(L, 23) float64: how a point comes to lie in a light's map."""
-    places: Any
-    """(L, 4) int64: first texel or -1 for no map, side, filter, number of maps."""
-    texels: Any
-    """(N,) float32, stored depth: greater is nearer to the light, -inf where nothing is."""
-    pattern: Any
-    """(P, 2) float32: points of the unit disk where soft shadows are compared."""
-    spiral: Any
-    """(S, 2) float32, texels: where soft shadows look for what may shade a sample, from the
-    nearest on."""
-    highest: Any
-    """(L, 96, 16) float32: the greatest stored depth in each cell of the maps of a soft light."""
-    normals: Any
-    """(V, 3) float32, as ``Surface.normals`` | None -> no object is smooth."""
-
-
 class Lighting(NamedTuple):
     """The light that falls on the scene."""
 
@@ -324,12 +237,3 @@ class Lighting(NamedTuple):
     """Number of objects with a specular highlight | None -> none."""
     renormalizes: int = 1
     """Not 0: interpolated normals are scaled to length one; 0: they are taken as they are."""
-
-
-class Encoding(NamedTuple):
-    """How linear colour becomes 8 bits."""
-
-    table: int32[::1]
-    """(6657,) int32, `encode.encoding_table`."""
-    tone: ToneMap = NO_TONES
-    """Exposure and tone curve."""

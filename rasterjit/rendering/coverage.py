@@ -20,7 +20,7 @@ def kernels_of(samples: int | str, depth_type: Any) -> Rows:
 
 
 def cover_pixels(
-    samples: int | str, coverage: Coverage, sight: bands.Sight, workers: Workers
+    samples: int | str, coverage: Coverage, finder: bands.Finder, workers: Workers
 ) -> NDArray[np.float32]:
     """
     Return the share of each pixel's samples that any face covers, (H, W), or of its area.
@@ -31,13 +31,13 @@ def cover_pixels(
         1 to 16, or ``"area"``.
     coverage : Coverage
         With its lists.
-    sight : Sight
+    finder : Finder
     workers : Workers
     """
     if samples == 1:
         return (coverage.face_id >= 0).astype(np.float32)
-    sight = bands.at_samples(sight, samples)
-    viewport = sight.geometry.viewport
+    finder = bands.at_samples(finder, samples)
+    viewport = finder.geometry.viewport
     nothing = np.zeros(len(coverage.lists.objects.face_starts) - 1, np.uint8)
     lists = bands.part_lists(coverage, viewport, nothing, workers)
     covered = workers.memory.empty((viewport.height, viewport.width), np.float32)
@@ -45,10 +45,10 @@ def cover_pixels(
     def cover_tiles(first: int) -> None:
         rows = first, min(first + TILE_SIZE, viewport.height)
         if samples == "area":
-            _, _, rest = bands.find_areas(rows, lists, sight, workers.memory)
+            _, _, rest = bands.find_areas(rows, lists, finder, workers.memory)
             np.subtract(np.float32(1.0), rest, out=covered[slice(*rows)])
             return
-        for band in bands.find_layers(rows, lists, int(samples), sight, workers.memory):
+        for band in bands.find_layers(rows, lists, int(samples), finder, workers.memory):
             counts = np.count_nonzero(band.opaque >= 0, axis=0)
             target = covered[band.first_row : band.first_row + len(counts)]
             # The number of samples is a power of two.

@@ -27,7 +27,7 @@ from rasterjit.pipeline.fragments.bands import (
     part_lists,
 )
 from rasterjit.pipeline.geometry.setup import TILE_SIZE
-from rasterjit.pipeline.records import Cutouts, Encoding, Geometry, Lighting, Placement, Surface
+from rasterjit.pipeline.records import Cutouts, Geometry, Lighting, Placement, Surface
 from rasterjit.pipeline.visibility.draw import Coverage
 from rasterjit.rendering.stage_list import Shading
 from rasterjit.runtime.threads import Memory, Workers
@@ -54,12 +54,11 @@ class Shader(NamedTuple):
     lighting: Lighting | None
     background: NDArray[np.float32]
     """(4,) linear."""
-    encoding: Encoding
     effects: tuple[Active, ...] = ()
     cutouts: Cutouts | None = None
     """The objects that have holes."""
-    coding: Encoding | None = None
-    """How colours become codes before they are mixed; ``None`` -> light is mixed."""
+    has_codes: bool = False
+    """Whether colours become codes before they are mixed; else light is mixed."""
     shading: Shading | None = None
     """The stages for all that, as soon as it stays as it is (`ready`)."""
 
@@ -67,7 +66,7 @@ class Shader(NamedTuple):
         """Return the same with its stages."""
         shading = Shading(
             self.geometry, self.placement, self.surface, self.lighting, self.effects,
-            self.encoding.table, self.background,
+            encode.encoding_table(), self.background,
         )  # fmt: skip
         return self._replace(shading=shading)
 
@@ -96,14 +95,14 @@ class Shader(NamedTuple):
     ) -> None:
         """Write what is seen where no face is, if it is not a colour."""
         for one in acting(self.effects, "background"):
-            one.at("background", faces, first_row, self.encoding, linear, color)
+            one.at("background", faces, first_row, linear, color)
 
     def backdrop(
         self, shape: tuple[int, int], first_row: int, memory: Memory
     ) -> NDArray[np.float32]:
         """Return what is seen behind all faces of some rows, (R, 4, W), or (1, 4, W) if alike."""
         height, width = shape
-        if self.coding is not None:
+        if self.has_codes:
             return self._coded_backdrop(shape, first_row, memory)
         if not self.has_behind:
             return np.repeat(self.background, width).reshape(1, 4, width)
@@ -127,7 +126,7 @@ class Shader(NamedTuple):
     def code_backdrop(self, first_row: int, color: NDArray[np.uint32]) -> None:
         """Write what is seen behind all faces of some rows, (R, W), in RGBA codes."""
         pixel = np.empty((1, 1), np.uint32)
-        encode.encode_rows(self.background.reshape(1, 1, 4), self.encoding.table, pixel)
+        encode.encode_rows(self.background.reshape(1, 1, 4), encode.encoding_table(), pixel)
         color[:] = pixel
         nothing = np.full(color.shape, -1, np.int32)
         self.show_behind(nothing, first_row, _no_linear(color), color)
@@ -220,12 +219,11 @@ def mix_faces(
     faces, shares, rest = found
     mixed = memory.empty((len(rest), 4, rest.shape[1]), np.float32)
     mixed[:] = shader.backdrop(rest.shape, first_row, memory)
-    has_codes = shader.coding is not None
-    shader.shading.mix(faces, first_row, shares, rest, mixed, has_codes)
-    if has_codes:
+    shader.shading.mix(faces, first_row, shares, rest, mixed, shader.has_codes)
+    if shader.has_codes:
         weights.finish_codes(shares[0], rest, mixed, target.color)
     else:
-        weights.finish_mix(shares[0], rest, mixed, shader.encoding.table, *target)
+        weights.finish_mix(shares[0], rest, mixed, encode.encoding_table(), *target)
 
 
 def mix_layers(band: Band, shader: Shader, linear: NDArray[np.float32], memory: Memory) -> None:
@@ -303,7 +301,7 @@ def shade(
     ValueError
         If a pixel has more layers than are sorted.
     """
-    encoding, behind, mixed = shader.encoding, shader.background, acting(shader.effects, "mixed")
+    behind, mixed = shader.background, acting(shader.effects, "mixed")
     shader = at_samples(shader, plan.samples)
     viewport = shader.geometry.viewport
     lists = part_lists(coverage, viewport, plan.is_blended, workers)
@@ -327,9 +325,9 @@ def shade(
             shown = workers.memory.empty(shape[:2], np.uint32)
             if color is not None:
                 shown = packed[first:last]
-            mixed[0].at("mixed", rows, behind, encoding, shown)
+            mixed[0].at("mixed", rows, behind, shown)
         elif color is not None and not is_direct:
-            encode.encode_rows(rows, encoding.table, packed[first:last])
+            encode.encode_rows(rows, encode.encoding_table(), packed[first:last])
 
     workers.run(shade_tiles, [(first,) for first in range(0, viewport.height, TILE_SIZE)])
 

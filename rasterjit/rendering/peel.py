@@ -28,7 +28,7 @@ from rasterjit.pipeline.visibility.nearest import empty_depth
 from rasterjit.rendering import shade
 from rasterjit.rendering.clock import StageClock
 from rasterjit.rendering.renderer import compare, find_visible, stats_of
-from rasterjit.rendering.views import Planned, plan_views
+from rasterjit.rendering.views import PlannedFrame, plan_views
 from rasterjit.runtime.threads import Workers
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.quality import Quality, check_quality
@@ -104,12 +104,14 @@ def render_layers(
         workers.close()
 
 
-def _draw_layers(planned: Planned, count: int, workers: Workers, clock: StageClock) -> LayeredFrame:
+def _draw_layers(
+    planned: PlannedFrame, count: int, workers: Workers, clock: StageClock
+) -> LayeredFrame:
     """Run the stages of a frame, and those from face numbers on for each layer."""
     plan, cache, views, _ = planned
     seen = find_visible(plan, cache, workers, clock, views)
-    sight = bands.Sight(seen.geometry, shade.find_cutouts(plan, cache))
-    depths, faces = peel(count, seen.coverage, sight, workers)
+    finder = bands.Finder(seen.geometry, shade.find_cutouts(plan, cache))
+    depths, faces = peel(count, seen.coverage, finder, workers)
     clock("layers")
     compared = compare(planned, workers, clock)
     arrays: dict[str, NDArray[Any]] = {}
@@ -133,7 +135,7 @@ def _draw_layers(planned: Planned, count: int, workers: Workers, clock: StageClo
 
 
 def peel(
-    count: int, coverage: draw.Coverage, sight: bands.Sight, workers: Workers
+    count: int, coverage: draw.Coverage, finder: bands.Finder, workers: Workers
 ) -> tuple[NDArray[Any], NDArray[np.int32]]:
     """
     Return the nearest surfaces of each pixel, nearest first.
@@ -144,7 +146,7 @@ def peel(
         How many.
     coverage : Coverage
         With its lists.
-    sight : Sight
+    finder : Finder
     workers : Workers
 
     Returns
@@ -154,22 +156,22 @@ def peel(
     faces : (K, H, W) int32
         -1 where a pixel has fewer surfaces.
     """
-    sight = bands.at_samples(sight, 1)
-    viewport = sight.geometry.viewport
+    finder = bands.at_samples(finder, 1)
+    viewport = finder.geometry.viewport
     everything = np.ones(len(coverage.lists.objects.face_starts) - 1, np.uint8)
     lists = bands.part_lists(coverage, viewport, everything, workers)
     shape = count, viewport.height, viewport.width
     depths = np.full(shape, empty_depth(lists.depth_type), lists.depth_type)
     faces = np.full(shape, -1, np.int32)
     # A surface with a hole gives its place to the next one.
-    kept = count if sight.cutouts is None else None
+    kept = count if finder.cutouts is None else None
 
     def peel_tiles(first: int) -> None:
         rows = first, min(first + TILE_SIZE, viewport.height)
-        for band in bands.find_layers(rows, lists, 1, sight, workers.memory, kept):
+        for band in bands.find_layers(rows, lists, 1, finder, workers.memory, kept):
             found = band.transparent[0], band.depths[0]
-            if sight.cutouts is not None:
-                found = without_holes(band.first_row, *found, sight.cutouts)
+            if finder.cutouts is not None:
+                found = without_holes(band.first_row, *found, finder.cutouts)
             target = slice(band.first_row, band.first_row + found[0].shape[1])
             faces[:, target][: len(found[0])] = found[0][:count]
             depths[:, target][: len(found[1])] = found[1][:count]

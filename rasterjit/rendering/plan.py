@@ -131,8 +131,8 @@ def _lighting(camera: Camera, facts: Facts, effects: Sequence[Planned | Absent])
     return lighting_of(lights, camera, facts.seen.highlights, int(facts.renormalizes))
 
 
-class Kernel(NamedTuple):
-    """One compiled entry point that a frame calls."""
+class KernelRow(NamedTuple):
+    """A row of text about a compiled entry point that a frame calls."""
 
     name: str
     """Module and function."""
@@ -158,7 +158,7 @@ class Buffer(NamedTuple):
         return self.size[0] * self.size[1] * self.channels * BYTES[self.kind]
 
 
-def list_kernels(plan: RenderPlan) -> tuple[Kernel, ...]:
+def list_kernels(plan: RenderPlan) -> tuple[KernelRow, ...]:
     """Return the kernels that a frame calls, in order, as those who call them tell."""
     geometry = draw.kernels_of(
         find_faces=plan.facts.finds_faces, keep_clip_positions=plan.keeps_clip_positions,
@@ -179,7 +179,7 @@ def list_kernels(plan: RenderPlan) -> tuple[Kernel, ...]:
     rows += [row for row in supersample.covering_kernels(plan) if row not in rows]
     if plan.facts.diagnose:
         rows += diagnostics.KERNELS
-    return tuple(Kernel(*row) for row in rows)
+    return tuple(KernelRow(*row) for row in rows)
 
 
 def list_buffers(plan: RenderPlan) -> tuple[Buffer, ...]:

@@ -24,7 +24,7 @@ from rasterjit.rendering import shade, supersample
 from rasterjit.rendering.clock import StageClock
 from rasterjit.rendering.supersample import Accumulation
 from rasterjit.rendering.views import (
-    Planned,
+    PlannedFrame,
     choose_camera,
     find_earlier,
     plan_earlier,
@@ -154,7 +154,7 @@ def explain(
 
 
 def draw_frame(
-    planned: Planned,
+    planned: PlannedFrame,
     workers: Workers,
     accumulation: Accumulation | None = None,
     clock: StageClock | None = None,
@@ -166,7 +166,7 @@ def draw_frame(
 
     Parameters
     ----------
-    planned : Planned
+    planned : PlannedFrame
     workers : Workers
     accumulation : Accumulation, optional
         Pictures of the same frame that are there already; changed: those that were missing.
@@ -286,7 +286,7 @@ def find_visible(
 
 
 def compare(
-    planned: Planned, workers: Workers, clock: Callable[[str], None]
+    planned: PlannedFrame, workers: Workers, clock: Callable[[str], None]
 ) -> motion.Motion | None:
     """Return what it takes to compare a frame with its earlier view; ``None`` without one."""
     if planned.earlier is None:
@@ -507,18 +507,18 @@ class Renderer:
         last = [best._replace(plan=step) for step in supersample.steps(best.plan)]
         return self._draw_all([*first, *last])
 
-    def _draw_all(self, planned: Sequence[Planned]) -> Iterator[Frame]:
+    def _draw_all(self, planned: Sequence[PlannedFrame]) -> Iterator[Frame]:
         """Draw frames one after the other, each from the pictures of those before it."""
         accumulation = Accumulation()
         for one in planned:
             yield self._draw(one, accumulation)
 
-    def _draw(self, planned: Planned, *arguments: Any, **options: Any) -> Frame:
+    def _draw(self, planned: PlannedFrame, *arguments: Any, **options: Any) -> Frame:
         """Draw a frame."""
         options["before_picture"] = self.before_picture
         return draw_frame(planned, self._workers, *arguments, **options)[0]
 
-    def _plan(self, quality: Quality, what: Any, *arguments: Any) -> Planned:
+    def _plan(self, quality: Quality, what: Any, *arguments: Any) -> PlannedFrame:
         """Check the arguments of a frame, and decide what it needs."""
         scene = self._scene(what)
         planned = plan_views(self.size, quality, scene, *arguments, known=self._cache)

@@ -53,7 +53,7 @@ def shade_faces(context: FrameContext) -> dict[str, NDArray[Any]]:
 
     surface = light_surface(plan, find_surface(plan, cache.tables), plan.lighting, light)
     shader = layers.Shader(
-        geometry, placement, surface, plan.lighting, plan.background, plan.encoding, effects,
+        geometry, placement, surface, plan.lighting, plan.background, effects,
         find_cutouts(plan, cache),
     )  # fmt: skip
     # Shade each pixel, or what it shows of several faces.

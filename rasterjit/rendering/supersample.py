@@ -238,8 +238,8 @@ def cover_pixels(
     plan = context.plan
     samples = plan.quality.samples
     if samples not in SUPERSAMPLED:
-        sight = bands.Sight(context.geometry, shade.find_cutouts(plan, context.cache))
-        return coverage.cover_pixels(samples, context.coverage, sight, context.workers)
+        finder = bands.Finder(context.geometry, shade.find_cutouts(plan, context.cache))
+        return coverage.cover_pixels(samples, context.coverage, finder, context.workers)
     if accumulation.covered is None:
         accumulation.covered = np.zeros(context.coverage.face_id.shape, np.int32)
     count = plan.pictures if plan.pictures > 1 else int(samples)
@@ -366,7 +366,7 @@ def _average_codes(
     plan: RenderPlan, accumulation: Accumulation, workers: Workers
 ) -> dict[str, NDArray[Any]]:
     """Return the colour outputs of the mean of the codes of all pictures."""
-    sums, table = accumulation.sums, plan.encoding.table
+    sums, table = accumulation.sums, encode.encoding_table()
     shape, light = sums.shape[:2], decoding_table().copy()
     color = workers.memory.empty((*shape, 4), np.uint8)
     has_linear = "linear" in plan.outputs
@@ -398,10 +398,10 @@ def _average(
     def write_band(band: slice) -> None:
         weights.write_mean(sums[band], accumulation.count, behind, linear[band])
         if mixed is not None:
-            own = mixed.data, linear[band], plan.background, plan.encoding, packed[band]
+            own = mixed.data, linear[band], plan.background, packed[band]
             mixed.effect.places["mixed"](*own)
         elif color is not None:
-            encode.encode_rows(linear[band], plan.encoding.table, packed[band])
+            encode.encode_rows(linear[band], encode.encoding_table(), packed[band])
 
     workers.run(write_band, _bands(sums.shape, workers))
     result: dict[str, NDArray[Any]] = {"linear": linear, "color": color}

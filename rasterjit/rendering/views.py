@@ -22,13 +22,13 @@ from rasterjit.survey.placement import Views
 from rasterjit.survey.plan import RenderPlan
 
 
-class Planned(NamedTuple):
+class PlannedFrame(NamedTuple):
     """A frame that is decided on."""
 
     plan: RenderPlan
     cache: SceneCache
     views: Views
-    earlier: Planned | None = None
+    earlier: PlannedFrame | None = None
     """What it is compared with; ``None`` -> nothing."""
 
 
@@ -43,7 +43,7 @@ def plan_views(
     diagnose: bool,
     previous: View | None,
     known: SceneCache | None = None,
-) -> Planned:
+) -> PlannedFrame:
     """
     Check the arguments of a frame, and decide what it needs, with all that it is drawn from.
 
@@ -67,12 +67,12 @@ def plan_views(
     )
     earlier = find_earlier(previous, plan, scene)
     if earlier is None:
-        return Planned(plan, cache, views)
+        return PlannedFrame(plan, cache, views)
     old = prepare(earlier[0].nodes, cache, quality)
     old_views = placing.view_places(old.places, earlier[1], size)
     old_plan = plan_earlier(plan, *earlier, old.inventory, old_views)
-    before = Planned(old_plan, old, old_views)
-    return Planned(plan.with_(previous=old_plan), cache, views, before)
+    before = PlannedFrame(old_plan, old, old_views)
+    return PlannedFrame(plan.with_(previous=old_plan), cache, views, before)
 
 
 def choose_camera(scene: Scene, camera: Camera | None, size: tuple[int, int]) -> Camera:

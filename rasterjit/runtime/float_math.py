@@ -1,5 +1,5 @@
 """
-Powers and logarithms with the same bits on every CPU.
+Powers, logarithms and bounds with the same bits on every CPU.
 
 They are built from IEEE operations alone; a math library rounds as it likes, and the last bit may
 differ from one machine to the next.
@@ -14,6 +14,13 @@ from rasterjit.runtime.jit import helper
 MANTISSA_BITS = np.int32(0x7FFFFF)
 SQRT_HALF_BITS = np.int32(0x3F3504F3)
 SMALLEST_NORMAL = np.float32(1.1754944e-38)
+
+
+@helper
+def clamped(value, least, most):
+    """Return a value held in least..most; NaN gives the least."""
+    value = value if value > least else least
+    return value if value < most else most
 
 
 @helper

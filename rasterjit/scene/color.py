@@ -105,6 +105,12 @@ def linear_to_srgb(linear: ArrayLike) -> NDArray[np.float64]:
     return np.array(encoded, np.float64).reshape(value.shape)
 
 
+def opaque_codes(color: ArrayLike) -> NDArray[np.uint8]:
+    """Return a linear colour as RGBA codes, (4,); its alpha, if it has one, is left out."""
+    encoded = linear_to_srgb(np.array(color)[:3])
+    return np.append(np.floor(255.0 * encoded + 0.5), 255.0).astype(np.uint8)
+
+
 def linear_color(name: str, value: ColorLike) -> NDArray[np.float32]:
     """
     Return any way of writing a colour as linear RGBA.

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.pipeline.encode import encoding_table
-from rasterjit.pipeline.records import NO_TONES, Encoding, Lighting
+from rasterjit.pipeline.records import Lighting
 from rasterjit.pipeline.visibility.draw import Region
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.quality import Quality, differences
@@ -130,12 +129,6 @@ class RenderPlan:
         """The effects that look at the whole picture before they are prepared, and still do."""
         done = {} if self.drawn is None else self.drawn[0]
         return [one for one in self.planned if one.effect.looks == "whole" and one.name not in done]
-
-    @property
-    def encoding(self) -> Encoding:
-        """How linear colour becomes 8 bits."""
-        mapped = self.at("pixel")
-        return Encoding(encoding_table(), mapped[0].data if mapped else NO_TONES)
 
     @property
     def corner(self) -> tuple[int, int]:

@@ -18,10 +18,13 @@ from numpy.typing import NDArray
 
 from rasterjit.effects.environment import stage as environment_stage
 from rasterjit.effects.environment.prefilter import backdrop_record, environment_record
-from rasterjit.pipeline.records import Encoding, Environment
+from rasterjit.effects.environment.stage import EnvironmentRecord
+from rasterjit.effects.tone_map import tone_of
+from rasterjit.effects.tone_map.stage import ToneRecord
+from rasterjit.pipeline.encode import encoding_table
 from rasterjit.runtime.driver import Step
 from rasterjit.scene.camera import Camera, clip_from_relative
-from rasterjit.scene.environment import Environment as SceneEnvironment
+from rasterjit.scene.environment import Environment
 from rasterjit.scene.scene import Scene
 from rasterjit.survey.effect import (
     Absent,
@@ -50,7 +53,8 @@ class Sky(NamedTuple):
     """(3, 3): direction at the middle of the frame, and its change with x and y."""
     size: tuple[int, int]
     """Width and height of the whole frame, pixels."""
-    environment: Environment
+    environment: EnvironmentRecord
+    tone: ToneRecord
     corner: tuple[int, int] = (0, 0)
     """Column and row of the first pixel that is drawn, in the whole frame."""
 
@@ -58,7 +62,6 @@ class Sky(NamedTuple):
         self,
         face_id: NDArray[np.int32],
         first_row: int,
-        encoding: Encoding,
         linear: NDArray[np.float32],
         color: NDArray[np.uint32],
     ) -> None:
@@ -70,7 +73,6 @@ class Sky(NamedTuple):
         face_id : (R, W) int32
         first_row : int
             Where they lie in what is drawn.
-        encoding : Encoding
         linear : (R, W, 4) float32, or (R, 0, 4)
         color : (R, W) uint32, or (R, 0)
             Written.
@@ -78,8 +80,9 @@ class Sky(NamedTuple):
         left, top = self.corner
         first = left, top + first_row
         environment_stage.show_environment(
-            face_id, first, self.rays, self.size, self.environment, encoding, linear, color
-        )
+            face_id, first, self.rays, self.size, self.environment, self.tone, encoding_table(),
+            linear, color,
+        )  # fmt: skip
 
 
 def background_rays(camera: Camera, size: tuple[int, int]) -> NDArray[np.float64]:
@@ -113,7 +116,7 @@ def _cross(a: Any, b: Any) -> list[float]:
     ]
 
 
-class SeenAlone(SceneEnvironment):
+class SeenAlone(Environment):
     """An environment that is seen behind everything, and lights nothing."""
 
     lights = False
@@ -144,8 +147,8 @@ class EnvironmentLight(Effect):
         return f"{facts.environment.described}{mirrored}"
 
     def prepare(
-        self, context: FrameContext, data: SceneEnvironment, seen: Sequence[Any]
-    ) -> Environment:
+        self, context: FrameContext, data: Environment, seen: Sequence[Any]
+    ) -> EnvironmentRecord:
         """Return the environment, filtered as far as anything reads it."""
         return environment_record(data, context.plan.facts.needs_microfacets, context.workers)
 
@@ -153,11 +156,11 @@ class EnvironmentLight(Effect):
         """Return the kernels that filter a panorama."""
         return {"prepare": FILTERING}
 
-    def sketch(self, facts: Facts, data: SceneEnvironment) -> Environment:
+    def sketch(self, facts: Facts, data: Environment) -> EnvironmentRecord:
         """Return an environment that is not filtered."""
         return backdrop_record(data)
 
-    def neutral(self, record: Environment) -> Environment:
+    def neutral(self, record: EnvironmentRecord) -> EnvironmentRecord:
         """Return an environment without light."""
         return record._replace(intensity=np.float32(0.0))
 
@@ -168,7 +171,7 @@ class EnvironmentLight(Effect):
         return with_field(scene, "environment", alone)
 
     @staticmethod
-    def shed(around: Environment, look: Look) -> list[Step]:
+    def shed(around: EnvironmentRecord, look: Look) -> list[Step]:
         """Return the stages that add light from all sides, and what microfacets mirror of it."""
         shed = around.irradiance, around.turn, around.intensity
         steps = [Step(environment_stage.shed_light, shed)]
@@ -208,11 +211,11 @@ class EnvironmentBackground(Effect):
         """Return the kernels that filter a panorama, and that show it."""
         return {"prepare": FILTERING, "background": [("environment.show_environment", "", "")]}
 
-    def prepare(self, context: FrameContext, data: SceneEnvironment, seen: Sequence[Any]) -> Sky:
+    def prepare(self, context: FrameContext, data: Environment, seen: Sequence[Any]) -> Sky:
         """Return the environment as this picture sees it."""
         plan = context.plan
         rays = background_rays(plan.camera, plan.size)
-        return Sky(rays, plan.size, backdrop_record(data), plan.corner)
+        return Sky(rays, plan.size, backdrop_record(data), tone_of(plan), plan.corner)
 
     def without(self, scene: Scene) -> Scene:
         """Return the scene with an environment that is not seen."""

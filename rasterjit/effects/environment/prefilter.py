@@ -22,11 +22,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.effects.environment import prefilter_stage
-from rasterjit.effects.environment.stage import IRRADIANCE_TERMS, ROUGH_LEVELS
-from rasterjit.pipeline.records import Environment, Reflections
+from rasterjit.effects.environment.stage import (
+    IRRADIANCE_TERMS,
+    ROUGH_LEVELS,
+    EnvironmentRecord,
+    Reflections,
+)
 from rasterjit.runtime.threads import Workers
-from rasterjit.scene.environment import Environment as SceneEnvironment
-from rasterjit.scene.environment import Panorama, SkyGradient
+from rasterjit.scene.environment import Environment, Panorama, SkyGradient
 from rasterjit.scene.transforms import sine_cosine
 from rasterjit.survey.arrays import writable
 
@@ -62,7 +65,7 @@ class Prepared(NamedTuple):
     """What follows from a sky alone, whatever its intensity and rotation."""
 
     irradiance: NDArray[np.float32]
-    """(9, 3), see ``records.Environment``."""
+    """(9, 3), see ``EnvironmentRecord``."""
     reflections: Reflections | None
     """``None`` until something mirrors it."""
 
@@ -72,8 +75,8 @@ _known: weakref.WeakKeyDictionary[Panorama | SkyGradient, Prepared] = weakref.We
 
 
 def environment_record(
-    environment: SceneEnvironment, is_mirrored: bool, workers: Workers
-) -> Environment:
+    environment: Environment, is_mirrored: bool, workers: Workers
+) -> EnvironmentRecord:
     """
     Return what the kernels read of an environment that lights a scene.
 
@@ -96,7 +99,7 @@ def environment_record(
     return record._replace(irradiance=found.irradiance, reflections=reflections)
 
 
-def backdrop_record(environment: SceneEnvironment) -> Environment:
+def backdrop_record(environment: Environment) -> EnvironmentRecord:
     """Return what the kernels read of an environment that is only seen."""
     sky = environment.sky
     sine, cosine = sine_cosine(environment.rotation)
@@ -107,7 +110,7 @@ def backdrop_record(environment: SceneEnvironment) -> Environment:
         texels = writable(sky.image.reshape(-1, 3))
     else:
         gradient = np.array([sky.zenith, sky.horizon, sky.ground], np.float32)
-    return Environment(
+    return EnvironmentRecord(
         np.zeros((IRRADIANCE_TERMS, 3), np.float32),
         np.array([cosine, sine], np.float32),
         np.float32(environment.intensity),

@@ -29,16 +29,17 @@ References
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
-from rasterjit.effects.tone_map.stage import map_pixel
+from rasterjit.effects.tone_map.stage import ToneRecord, map_pixel
 from rasterjit.pipeline.encode import encode_pixel
 from rasterjit.pipeline.lighting.blinn_phong import unit_scale
 from rasterjit.pipeline.lighting.pbr import DIELECTRIC, bounces, largest, reflected_shares
-from rasterjit.pipeline.records import Encoding, Environment
 from rasterjit.pipeline.surface import samples as rows
 from rasterjit.pipeline.surface.samples import Block
-from rasterjit.runtime.float_math import log2
+from rasterjit.runtime.float_math import clamped, log2
 from rasterjit.runtime.jit import disjoint_helper, helper, kernel, stage
 from rasterjit.runtime.state import float32, float64, int32, int64, uint32
 
@@ -46,7 +47,7 @@ IRRADIANCE_TERMS = 9
 """Of the polynomial: 1, x, y, z, xy, yz, zx, 3y² - 1, x² - z²."""
 
 ZENITH, HORIZON, GROUND = 0, 1, 2
-"""Rows of ``Environment.gradient``."""
+"""Rows of ``EnvironmentRecord.gradient``."""
 
 FIRST_TEXEL, LEVEL_WIDTH, LEVEL_HEIGHT = 0, 1, 2
 """Columns of ``Reflections.levels``."""
@@ -59,6 +60,34 @@ LEAST_ROUGHNESS = np.float32(0.08838835)
 
 TANGENT_OF_EIGHTH = np.float32(0.41421357)
 """Of 22.5 degrees: above, a ratio is turned back by 45 degrees."""
+
+
+class Reflections(NamedTuple):
+    """What is around the scene, filtered for rough surfaces."""
+
+    texels: float32[:, ::1]
+    """(N, 3) float32, linear RGB: level by level, row by row from the top."""
+    levels: int64[:, ::1]
+    """(8, 3) int64: first texel, width, height | (0, 3): all are alike, or nothing mirrors it."""
+
+
+class EnvironmentRecord(NamedTuple):
+    """Light from all around, and what is seen behind all faces."""
+
+    irradiance: float32[:, ::1]
+    """(9, 3) float32: the light on a surface over pi, as a polynomial of its normal."""
+    turn: float32[::1]
+    """(2,) float32: cosine and sine of the angle that it is turned by about y."""
+    intensity: float32
+    """float32, factor on all of its light."""
+    texels: float32[:, ::1]
+    """(N, 3) float32, linear RGB: an equirectangular picture, row by row from the top."""
+    width: int64
+    """Of the picture, texels; 0 if there is none."""
+    height: int64
+    gradient: float32[:, ::1]
+    """(3, 3) float32, linear RGB: zenith, horizon and ground, where there is no picture."""
+    reflections: Reflections
 
 
 @helper
@@ -86,21 +115,13 @@ def turns(y, x):
 
 
 @helper
-def held(value, least, most):
-    """Return a float32 held in least..most; NaN gives the least."""
-    value = value if value > least else least
-    return value if value < most else most
-
-
-@helper
 def place_of(x, y, z):
     """Return where a direction of any length lies on a picture: shares of width and height."""
     half = np.float32(0.5)
     across = turns(z, x) + half
     down = half - np.float32(2.0) * turns(y, np.sqrt(x * x + z * z))
-    return held(across, np.float32(0.0), np.float32(1.0)), held(
-        down, np.float32(0.0), np.float32(1.0)
-    )
+    zero, one = np.float32(0.0), np.float32(1.0)
+    return clamped(across, zero, one), clamped(down, zero, one)
 
 
 @helper
@@ -131,7 +152,7 @@ def filtered_texel(texels, first, width, height, place):
     """Return the bilinear mix of the four texels around a place; rows end at the poles."""
     half = np.float32(0.5)
     x = place[0] * np.float32(width) - half
-    y = held(place[1] * np.float32(height) - half, np.float32(0.0), np.float32(height - 1))
+    y = clamped(place[1] * np.float32(height) - half, np.float32(0.0), np.float32(height - 1))
     left, top = np.floor(x), np.floor(y)
     column, row = np.int64(left), np.int64(top)
     column0 = column if column >= 0 else width - 1
@@ -166,7 +187,7 @@ def level_at_roughness(roughness):
     if roughness < LEAST_ROUGHNESS:
         return roughness / LEAST_ROUGHNESS
     level = np.float32(ROUGH_LEVELS) + np.float32(2.0) * log2(roughness)
-    return held(level, np.float32(1.0), np.float32(ROUGH_LEVELS))
+    return clamped(level, np.float32(1.0), np.float32(ROUGH_LEVELS))
 
 
 @helper
@@ -259,15 +280,15 @@ def mirror_direction(samples, n, toward_viewer, alpha):
         ny + bend * (twice * ny - vy - ny),
         nz + bend * (twice * nz - vz - nz),
     )
-    return direction, held(facing, np.float32(0.0), np.float32(1.0))
+    return direction, clamped(facing, np.float32(0.0), np.float32(1.0))
 
 
 @helper
 def add_mirrored(samples, n, arriving, environment, reflections, toward_viewer):
     """Add what one sample of a surface of facets sheds of the environment, by split sum."""
     zero, one = np.float32(0.0), np.float32(1.0)
-    roughness = held(samples[rows.ROUGHNESS, n], zero, one)
-    metallic = held(samples[rows.METALLIC, n], zero, one)
+    roughness = clamped(samples[rows.ROUGHNESS, n], zero, one)
+    metallic = clamped(samples[rows.METALLIC, n], zero, one)
     direction, facing = mirror_direction(samples, n, toward_viewer, roughness * roughness)
     mirrored = mirrored_color(direction, roughness, environment, reflections)
     shares = reflected_shares(facing, roughness)
@@ -294,7 +315,7 @@ def shed_light(
         OUT_RED...
     count : int
     irradiance, turn, intensity
-        As ``Environment`` has them.
+        As ``EnvironmentRecord`` has them.
     """
     s = block.samples
     if largest(s[rows.LIT, :count]) > np.float32(0.0):
@@ -307,7 +328,9 @@ def shed_light(
 
 
 @stage
-def mirror_environment(block: Block, count, environment: Environment, toward_viewer: float32[::1]):
+def mirror_environment(
+    block: Block, count, environment: EnvironmentRecord, toward_viewer: float32[::1]
+):
     """
     Add what samples of microfacets show of the environment, mirrored and from all sides.
 
@@ -317,7 +340,7 @@ def mirror_environment(block: Block, count, environment: Environment, toward_vie
         Reads the rows up to LIT, normals of length one, and METALLIC to OCCLUSION; adds to rows
         OUT_RED...
     count : int
-    environment : Environment
+    environment : EnvironmentRecord
     toward_viewer : (4,) float32
         A point p, relative to the eye, is seen along ``xyz - w p``.
     """
@@ -355,8 +378,8 @@ def color_along(ray, environment):
 @kernel
 def show_environment(
     face_id: int32[:, ::1], first: (int64, int64), rays: float64[:, ::1], size: (int64, int64),
-    environment: Environment, encoding: Encoding, linear: float32[:, :, ::1],
-    color: uint32[:, ::1],
+    environment: EnvironmentRecord, tone: ToneRecord, table: int32[::1],
+    linear: float32[:, :, ::1], color: uint32[:, ::1],
 ):  # fmt: skip
     """
     Write the environment to the pixels of some rows that show no face.
@@ -372,7 +395,10 @@ def show_environment(
         normalized device coordinates.
     size : (int, int)
         Width and height of the whole frame, pixels.
-    environment, encoding : records
+    environment : EnvironmentRecord
+    tone : ToneRecord
+    table : (6657,) int32
+        `encode.encoding_table`.
     linear : (R, W, 4) float32
         Written: linear red, green, blue, and alpha 1. Or W is 0.
     color : (R, W) uint32
@@ -391,6 +417,6 @@ def show_environment(
                 linear[row, column, 2] = blue
                 linear[row, column, 3] = np.float32(1.0)
             if color.shape[1] > 0:
-                red, green, blue = map_pixel(encoding.tone, red, green, blue)
+                red, green, blue = map_pixel(tone, red, green, blue)
                 shown = red, green, blue, np.float32(1.0)
-                color[row, column] = encode_pixel(shown, encoding.table)
+                color[row, column] = encode_pixel(shown, table)

@@ -7,12 +7,11 @@ sample is covered by its distance, after all light is added; costs about a tenth
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from rasterjit.effects.fog import stage as fog_stage
-from rasterjit.pipeline import records
 from rasterjit.pipeline.surface import attributes
 from rasterjit.runtime.driver import Step
 from rasterjit.scene.camera import Camera
@@ -37,6 +36,27 @@ DISTANCE_ROUNDING = 1.0 + 2.0**-20
 """Factor on the farthest distance, for the rounding of positions and distances in float32."""
 
 
+class FogRecord(NamedTuple):
+    """What lies between the surfaces and the eye."""
+
+    mode: int
+    """See ``stage``."""
+    color: Any
+    """(3,) float32, linear."""
+    end: Any
+    """float32, scene units: distance that nothing is seen beyond."""
+    per_range: Any
+    """float32: one over the distance from where the fog begins to its end."""
+    density: Any
+    """float32: halvings a scene unit."""
+    above: Any
+    """float32, scene units: height of the eye over where the fog has its density."""
+    falloff: Any
+    """float32: halvings of the density a scene unit upwards; 0 for even density."""
+    flat: Any
+    """Number of ways of shading that light faces at their middles | None -> none."""
+
+
 def is_fog_in_reach(fog: Fog | None, boxes: Boxes) -> bool:
     """Tell whether fog may cover anything: not if it is empty or begins beyond all in view."""
     if fog is None or fog.density == 0.0:
@@ -46,12 +66,12 @@ def is_fog_in_reach(fog: Fog | None, boxes: Boxes) -> bool:
     return boxes.farthest() * DISTANCE_ROUNDING > fog.start
 
 
-def fog_record(fog: Fog, camera: Camera, has_flat: bool = False) -> records.Fog:
+def fog_record(fog: Fog, camera: Camera, has_flat: bool = False) -> FogRecord:
     """Return fog as shading reads it, for a scene with or without objects shaded flat."""
     halvings = SQUARED_HALVINGS if fog.mode == "exp2" else HALVINGS
     start, end = fog.start or 0.0, fog.end or 0.0
     above = float(camera.eye_position()[1]) - (fog.height or 0.0)
-    return records.Fog(
+    return FogRecord(
         FOG_MODES[fog.mode],
         np.array(fog.color, np.float32),
         np.float32(end),
@@ -89,13 +109,13 @@ class FogEffect(Effect):
         by_height = ", by height" if fog.height is not None else ""
         return f"mode {fog.mode}{by_height}"
 
-    def neutral(self, record: records.Fog) -> records.Fog:
+    def neutral(self, record: FogRecord) -> FogRecord:
         """Return fog without density."""
         zero = np.float32(0.0)
         return record._replace(mode=fog_stage.EXPONENTIAL, density=zero, falloff=zero)
 
     @staticmethod
-    def cover(fog: records.Fog, look: Look) -> list[Step]:
+    def cover(fog: FogRecord, look: Look) -> list[Step]:
         """Return the stages that lay fog over what is seen."""
         placement, viewer, steps = look.placement, np.float32(look.placement.toward_viewer), []
         if fog.flat is not None:

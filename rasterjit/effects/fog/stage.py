@@ -29,7 +29,7 @@ from rasterjit.runtime.jit import disjoint_helper, helper, stage
 from rasterjit.runtime.state import float32
 
 LINEAR, EXPONENTIAL, EXPONENTIAL_SQUARED = 0, 1, 2
-"""Modes, as ``Fog.mode`` numbers them."""
+"""Modes, as ``FogRecord.mode`` numbers them."""
 
 NEARLY_LEVEL = np.float32(0.25)
 """Change of the density's binary exponent along a ray, below which a series gives the mean."""
@@ -131,7 +131,7 @@ def cover_linearly(
         Reads rows POINT_X.., changes rows OUT_RED...
     count : int
     end, per_range : float32
-        Scene units, and one over them; see ``Fog``.
+        Scene units, and one over them; see ``FogRecord``.
     color : (3,) float32, linear
     toward_viewer : (4,) float32
         A point p, relative to the eye, is seen along ``xyz - w p``.
@@ -156,7 +156,7 @@ def cover_exponentially(
     block, count, color, toward_viewer
         As `cover_linearly` takes them.
     density, above, falloff : float32
-        See ``Fog``.
+        See ``FogRecord``.
     squares : float32
         1: the depth is squared, 0: it is not.
     """

@@ -22,7 +22,7 @@ from rasterjit.pipeline.visibility import draw
 from rasterjit.runtime.threads import Workers, rows_per_task
 from rasterjit.scene import transforms
 from rasterjit.scene.camera import Camera
-from rasterjit.scene.color import linear_to_srgb
+from rasterjit.scene.color import opaque_codes
 from rasterjit.scene.outline import Outline
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
@@ -74,8 +74,7 @@ def draw_outlines(
     kinds = functools.reduce(operator.or_, (EDGE_BITS[kind] for kind in effect.edges))
     _, least_cosine = transforms.sine_cosine(effect.crease_angle)
     marks = np.zeros(face_id.shape, np.uint8)
-    encoded = linear_to_srgb(np.array(effect.color[:3]))
-    rgba = np.append(np.floor(255.0 * encoded + 0.5), 255.0).astype(np.uint8).view(np.uint32)
+    rgba = opaque_codes(effect.color).view(np.uint32)
     target, reach = color.view(np.uint32)[:, :, 0], disc_rows(effect.width)
     per_task = rows_per_task(face_id.shape, workers)
     bands = [((n, min(n + per_task, height)),) for n in range(0, height, per_task)]

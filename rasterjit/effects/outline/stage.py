@@ -18,6 +18,7 @@ from rasterjit.pipeline.geometry.barycentric import face_normal, find_object, lo
 from rasterjit.pipeline.geometry.setup import CLIPPED, INVALID
 from rasterjit.pipeline.geometry.unproject import change, locate
 from rasterjit.pipeline.records import Geometry, Placement
+from rasterjit.runtime.float_math import clamped
 from rasterjit.runtime.jit import helper, kernel
 from rasterjit.runtime.state import float32, float64, int32, int64, uint8, uint32
 
@@ -99,13 +100,6 @@ def slopes_at(lens, viewer, column, row, depth, normal):
 
 
 @helper
-def held(value, most):
-    """Return a value held in -most..most; NaN gives 0."""
-    value = value if value > -most else -most
-    return value if value < most else most
-
-
-@helper
 def fill_row(
     faces, depth, row, lens, viewer, snap, vertex_depths, geometry, placement, s, owners
 ):  # fmt: skip
@@ -133,7 +127,8 @@ def fill_row(
         )
         for k in range(3):
             s[NORMAL + k, column] = turned[k]
-        s[SLOPE_X, column], s[SLOPE_Y, column] = held(slope_x, most_x), held(slope_y, most_y)
+        s[SLOPE_X, column] = clamped(slope_x, -most_x, most_x)
+        s[SLOPE_Y, column] = clamped(slope_y, -most_y, most_y)
         s[SLACK, column] = (
             JUMP * footprint
             + snap * (abs(s[SLOPE_X, column]) + abs(s[SLOPE_Y, column]))

@@ -17,7 +17,6 @@ import numpy as np
 
 from rasterjit.effects.shadows import filters, maps, receivers, visible_depth
 from rasterjit.effects.shadows import stage as shadows_stage
-from rasterjit.pipeline.records import Shadows
 from rasterjit.pipeline.surface.samples import MOVED, POINT
 from rasterjit.pipeline.visibility import draw
 from rasterjit.runtime.driver import Step
@@ -101,7 +100,7 @@ class ShadowMaps(Effect):
         """Return what the depth of a picture tells, from that of its parts."""
         return visible_depth.join_depths(size, parts)
 
-    def prepare(self, context: FrameContext, data: Any, seen: Seen) -> Shadows | None:
+    def prepare(self, context: FrameContext, data: Any, seen: Seen) -> maps.ShadowRecord | None:
         """Fit the maps to what is seen and draw them; None if there is nothing to draw."""
         plan, cache, _, placement, _, workers = context
         facts, arrays = plan.facts, cache.shapes.arrays
@@ -156,7 +155,7 @@ class ShadowMaps(Effect):
             for own, sides in shadows
         ]
 
-    def sketch(self, facts: Facts, data: Any) -> Shadows:
+    def sketch(self, facts: Facts, data: Any) -> maps.ShadowRecord:
         """Return maps without texels, one for each light that may cast shadows."""
         lights = [light for light in facts.lights.lights if not isinstance(light, AmbientLight)]
         places = np.full((len(lights), shadows_stage.PLACE_COLUMNS), -1, np.int64)
@@ -166,9 +165,9 @@ class ShadowMaps(Effect):
         rows, texels = np.zeros((len(lights), shadows_stage.MAP_COLUMNS)), np.empty(0, np.float32)
         nothing = np.empty((len(lights), 0, 0), np.float32)
         normals = np.empty((0, 3), np.float32) if facts.needs_normals else None
-        return Shadows(rows, places, texels, texels, texels, nothing, normals)
+        return maps.ShadowRecord(rows, places, texels, texels, texels, nothing, normals)
 
-    def neutral(self, record: Shadows) -> Shadows:
+    def neutral(self, record: maps.ShadowRecord) -> maps.ShadowRecord:
         """Return shadows of lights that have no map."""
         places = record.places.copy()
         places[:, shadows_stage.FIRST] = -1
@@ -199,7 +198,7 @@ class ShadowMaps(Effect):
         return what, with_field(scene, "lights", lights) if count and is_bounded else None
 
     @staticmethod
-    def dim(shadows: Shadows, look: Look, n: int) -> list[Step]:
+    def dim(shadows: maps.ShadowRecord, look: Look, n: int) -> list[Step]:
         """Return the stages that write row SHADOW before a light is added; none: it stays."""
         first, size, kind, sides = shadows.places[n].tolist()
         has_map = shadows.places[: n + 1, shadows_stage.FIRST] >= 0

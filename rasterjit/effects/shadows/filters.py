@@ -20,7 +20,7 @@ import numpy as np
 from rasterjit.runtime.jit import disjoint_helper, helper
 
 HARD, PCF, SOFT = 0, 1, 2
-"""Filters, as ``Shadows.places`` numbers them."""
+"""Filters, as ``ShadowRecord.places`` numbers them."""
 
 DEPTH_ROUNDING = np.float32(2.0**-20)
 """Share of a stored depth that rounding of it, of the plane and of their difference may reach:

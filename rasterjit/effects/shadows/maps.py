@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 from rasterjit.effects.shadows import filters
 from rasterjit.effects.shadows import stage as shadows_stage
 from rasterjit.effects.shadows.visible_depth import view_cells
-from rasterjit.pipeline.records import Cutouts, Objects, Placement, Shadows
+from rasterjit.pipeline.records import Cutouts, Objects, Placement
 from rasterjit.pipeline.visibility import draw
 from rasterjit.pipeline.visibility.draw import viewport_of
 from rasterjit.runtime.threads import Workers
@@ -100,13 +100,33 @@ class Window(NamedTuple):
     far: float
 
 
+class ShadowRecord(NamedTuple):
+    """The shadow maps of all lights; see ``stage`` for the columns."""
+
+    maps: Any
+    """(L, 23) float64: how a point comes to lie in a light's map."""
+    places: Any
+    """(L, 4) int64: first texel or -1 for no map, side, filter, number of maps."""
+    texels: Any
+    """(N,) float32, stored depth: greater is nearer to the light, -inf where nothing is."""
+    pattern: Any
+    """(P, 2) float32: points of the unit disk where soft shadows are compared."""
+    spiral: Any
+    """(S, 2) float32, texels: where soft shadows look for what may shade a sample, from the
+    nearest on."""
+    highest: Any
+    """(L, 96, 16) float32: the greatest stored depth in each cell of the maps of a soft light."""
+    normals: Any
+    """(V, 3) float32, as ``Surface.normals`` | None -> no object is smooth."""
+
+
 def draw_shadows(
     lights: Sequence[Light],
     eye: Float64,
     scenery: Scenery,
     normals: NDArray[np.float32] | None,
     workers: Workers,
-) -> Shadows | None:
+) -> ShadowRecord | None:
     """
     Draw the shadow maps of the lights that cast shadows on something seen.
 
@@ -122,7 +142,7 @@ def draw_shadows(
 
     Returns
     -------
-    Shadows or None
+    ShadowRecord or None
         ``None``: no light has a map.
     """
     rows = np.zeros((len(lights), shadows_stage.MAP_COLUMNS))
@@ -156,7 +176,7 @@ def draw_shadows(
             )
             write_highest(texels[part].reshape(size, size), highest[n, k])
     largest = max(int(side) for side in places[:, shadows_stage.SIZE])
-    return Shadows(
+    return ShadowRecord(
         rows,
         places,
         texels,

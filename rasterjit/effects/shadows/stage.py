@@ -42,7 +42,7 @@ from rasterjit.runtime.state import float32, float64, int64
 
 ORIGIN, FOCAL, CENTER = 9, 12, 14
 """
-Columns of ``Shadows.maps`` behind the axes of a map (across, down, away from the light; three
+Columns of ``ShadowRecord.maps`` behind the axes of a map (across, down, away from the light; three
 each, unit length): where the light is along them; texels to a unit (over the depth, if the light
 shines from a point), across and down; the texel below the origin, across and down.
 """
@@ -55,8 +55,8 @@ unit of stored depth between the surface and what shades it."""
 MAP_COLUMNS = 23
 
 FIRST, SIZE, FILTER, SIDES = 0, 1, 2, 3
-"""Columns of ``Shadows.places``: first texel of the light's maps, or -1 if it has none; side of
-a map, texels; filter; 1 map, or 6 for the sides of a cube."""
+"""Columns of ``ShadowRecord.places``: first texel of the light's maps, or -1 if it has none; side
+of a map, texels; filter; 1 map, or 6 for the sides of a cube."""
 PLACE_COLUMNS = 4
 
 NEIGHBOURS = 64
@@ -180,7 +180,7 @@ def place_on_map(block: Block, count, point: int64, row: float64[::1]):
     point : int
         Where ``receivers`` has the points, and the normals behind them: POINT or MOVED.
     row : (MAP_COLUMNS,) float64
-        The light's, of ``Shadows.maps``.
+        The light's, of ``ShadowRecord.maps``.
     """
     if block.counts[IS_LIT] == 0:
         return
@@ -258,7 +258,7 @@ def filter_soft(
     highest : (96, 16) float32
         The greatest stored depth in each cell of the light's maps.
     pattern, spiral : (P, 2) and (S, 2) float32
-        As ``Shadows`` has them.
+        As ``ShadowRecord`` has them.
     """
     if block.counts[IS_LIT] == 0:
         return

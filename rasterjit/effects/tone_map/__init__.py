@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.effects.tone_map import stage as tone_map_stage
-from rasterjit.pipeline import records
+from rasterjit.effects.tone_map.stage import NO_TONES, ToneRecord
+from rasterjit.pipeline.encode import encoding_table
 from rasterjit.pipeline.surface.samples import NORMAL_X
 from rasterjit.runtime.driver import Step
 from rasterjit.scene.quality import Quality
@@ -31,9 +32,9 @@ CURVES = {
 }
 
 
-def tone_record(tone_map: ToneMap) -> records.ToneMap:
+def tone_record(tone_map: ToneMap) -> ToneRecord:
     """Return a tone map as shading reads it."""
-    return records.ToneMap(
+    return ToneRecord(
         CURVES[tone_map.curve],
         np.float32(tone_map.exposure),
         np.float32(1.0 / (tone_map.white * tone_map.white)),
@@ -75,22 +76,27 @@ class ToneMapping(Effect):
         return {"mixed": [("tone_map.show_over", "", "")]}
 
     @staticmethod
-    def show(tone: records.ToneMap, shown: int) -> tuple[list[Step], int]:
+    def show(tone: ToneRecord, shown: int) -> tuple[list[Step], int]:
         """Return the stages that map three rows of samples, and where the result goes."""
         return [Step(tone_map_stage.show_tones, (shown, tone))], NORMAL_X
 
     @staticmethod
     def show_over(
-        tone: records.ToneMap,
+        tone: ToneRecord,
         linear: NDArray[np.float32],
         background: NDArray[np.float32],
-        encoding: records.Encoding,
         color: NDArray[np.uint32],
     ) -> None:
         """Map rows of light that is mixed already, (R, W, 4), and lay them over a background."""
-        tone_map_stage.show_over(linear, background, encoding, color)
+        tone_map_stage.show_over(linear, background, tone, encoding_table(), color)
 
     places: ClassVar = {"pixel": show, "mixed": show_over}
 
 
 TONE_MAPPING = ToneMapping()
+
+
+def tone_of(plan: RenderPlan) -> ToneRecord:
+    """Return how a frame maps what it shows in 8 bits; `NO_TONES` -> as it is."""
+    tone = plan.data(TONE_MAPPING.name)
+    return NO_TONES if tone is None else tone

@@ -14,17 +14,21 @@ References
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from rasterjit.pipeline.encode import encode_pixel, over
-from rasterjit.pipeline.records import UNMAPPED, Encoding, ToneMap
 from rasterjit.pipeline.surface.samples import NORMAL_X, NORMAL_Y, NORMAL_Z, Block
-from rasterjit.runtime.float_math import exp2
+from rasterjit.runtime.float_math import clamped, exp2
 from rasterjit.runtime.jit import disjoint_helper, helper, kernel, stage
-from rasterjit.runtime.state import float32, int64, uint32
+from rasterjit.runtime.state import float32, int32, int64, uint32
 
 NONE, REINHARD, ACES, NEUTRAL = 0, 1, 2, 3
-"""Curves, as ``ToneMap.curve`` numbers them."""
+"""Curves, as ``ToneRecord.curve`` numbers them."""
+
+UNMAPPED = -1
+"""Stands for a curve where light is shown as it is, neither exposed nor held."""
 
 MOST_LIGHT = np.float32(1e12)
 """Exposed light is held below: its square is finite in float32, and every curve is at its end."""
@@ -39,12 +43,24 @@ DESATURATION = np.float32(0.15)
 """How fast colours pale beyond the start of the neutral curve."""
 
 
+class ToneRecord(NamedTuple):
+    """How light becomes what a screen shows."""
+
+    curve: int64
+    stops: float32
+    """Exposure."""
+    per_white: float32
+    """One over the square of the luminance that becomes white."""
+
+
+NO_TONES = ToneRecord(UNMAPPED, 0.0, 0.0)
+"""What stands for a tone map where there is none."""
+
+
 @helper
 def exposed(value, factor):
     """Return exposed light held in 0..MOST_LIGHT; NaN gives 0."""
-    value = value * factor
-    value = value if value > np.float32(0.0) else np.float32(0.0)
-    return min(value, MOST_LIGHT)
+    return clamped(value * factor, np.float32(0.0), MOST_LIGHT)
 
 
 @helper
@@ -166,7 +182,7 @@ def map_pixel(tone, red, green, blue):
 
 
 @stage
-def show_tones(block: Block, count, shown: int64, tone: ToneMap):
+def show_tones(block: Block, count, shown: int64, tone: ToneRecord):
     """
     Map the tones of the three rows of samples from ``shown`` on.
 
@@ -181,7 +197,8 @@ def show_tones(block: Block, count, shown: int64, tone: ToneMap):
 
 @kernel
 def show_over(
-    linear: float32[:, :, ::1], background: float32[::1], encoding: Encoding, color: uint32[:, ::1]
+    linear: float32[:, :, ::1], background: float32[::1], tone: ToneRecord, table: int32[::1],
+    color: uint32[:, ::1],
 ):  # fmt: skip
     """
     Map the tones of rows, and lay them over a background that is shown as it is.
@@ -191,8 +208,9 @@ def show_over(
     linear : (R, W, 4) float32
         Straight alpha; changed: laid over the background in linear light.
     background : (4,) float32, linear
-    encoding : Encoding
-        With a tone map.
+    tone : ToneRecord
+    table : (6657,) int32
+        `encode.encoding_table`.
     color : (R, W) uint32
         Written: tones mapped, laid over the background, in sRGB codes.
     """
@@ -201,8 +219,8 @@ def show_over(
         for column in range(linear.shape[1]):
             alpha = linear[row, column, 3]
             own = linear[row, column, 0], linear[row, column, 1], linear[row, column, 2]
-            shown = map_pixel(encoding.tone, own[0], own[1], own[2])
-            color[row, column] = encode_pixel(over(alpha, shown, behind), encoding.table)
+            shown = map_pixel(tone, own[0], own[1], own[2])
+            color[row, column] = encode_pixel(over(alpha, shown, behind), table)
             laid = over(alpha, own, behind)
             for k in range(4):
                 linear[row, column, k] = laid[k]

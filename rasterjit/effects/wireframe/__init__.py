@@ -20,7 +20,7 @@ from rasterjit.pipeline.geometry import binning
 from rasterjit.pipeline.records import Geometry
 from rasterjit.pipeline.visibility import draw
 from rasterjit.runtime.threads import Workers, fill_rows
-from rasterjit.scene.color import decoding_table, linear_to_srgb
+from rasterjit.scene.color import decoding_table, opaque_codes
 from rasterjit.scene.scene import Wireframe
 from rasterjit.survey.blending import mixing_note
 from rasterjit.survey.effect import Absent, Effect, FrameContext, Planned, Planning, Rows
@@ -239,10 +239,9 @@ class Edges(Effect):
     def draw_over(wireframe: Wireframe, context: FrameContext, color: NDArray[np.uint8]) -> None:
         """Draw the edges over the colour, (H, W, 4)."""
         plan, cache, geometry, _, coverage, workers = context
-        encoded = linear_to_srgb(np.array(wireframe.color[:3]))
-        rgba = np.append(np.floor(255.0 * encoded + 0.5), 255.0).astype(np.uint8)
         hidden_by = (coverage.face_id, coverage.reversed_depth) if plan.facts.draws_faces else None
         coefficients = plan.camera.depth_coefficients()
+        rgba = opaque_codes(wireframe.color)
         lines = cache.shapes.edges, geometry, coefficients, rgba, color, hidden_by
         if plan.quality.lines == "bresenham":
             draw_edges(*lines, workers)

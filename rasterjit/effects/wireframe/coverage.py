@@ -31,7 +31,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rasterjit.effects.wireframe.stage import cut_segment, divided, put_depth
+from rasterjit.effects.wireframe.stage import cut_segment, divided, put_depths
 from rasterjit.pipeline.encode import encode_alpha, encode_pixel, over
 from rasterjit.pipeline.fragments.encoded import over as over_codes
 from rasterjit.pipeline.geometry.projection import snap_vertex
@@ -67,19 +67,6 @@ def snapped_end(x, y, w, viewport):
     x, y = divided(x, y, w, viewport)
     width, height = whole_size(viewport)
     return snap_vertex(x, y, (1.0, 0.5 * width, 0.5 * height), viewport)
-
-
-@helper
-def put_cut_line(a, b, depth_coefficients, viewport, n, ends, depths):
-    """Cut one edge at all planes and write its ends; return whether any of it may be seen."""
-    is_seen, first, second = cut_segment(a, b, viewport)
-    if not is_seen:
-        return False
-    for end in range(2):
-        x, y, z, w = second if end else first
-        ends[n, 2 * end], ends[n, 2 * end + 1] = snapped_end(x, y, w, viewport)
-        put_depth(depths, n, end, z, w, depth_coefficients)
-    return True
 
 
 @helper
@@ -136,13 +123,16 @@ def project_lines(
             continue
         a, b = geometry.clip_positions[start], geometry.clip_positions[stop]
         if (code_a | code_b) & CLIPPED:
-            if not put_cut_line(a, b, depth_coefficients, viewport, line, ends, depths):
+            is_seen, cut_a, cut_b = cut_segment(a, b, viewport)
+            if not is_seen:
                 continue
+            ends[line, 0], ends[line, 1] = snapped_end(cut_a[0], cut_a[1], cut_a[3], viewport)
+            ends[line, 2], ends[line, 3] = snapped_end(cut_b[0], cut_b[1], cut_b[3], viewport)
+            put_depths(depths, line, cut_a, cut_b, depth_coefficients)
         else:
             ends[line, 0], ends[line, 1] = geometry.xy[start, 0], geometry.xy[start, 1]
             ends[line, 2], ends[line, 3] = geometry.xy[stop, 0], geometry.xy[stop, 1]
-            put_depth(depths, line, 0, a[2], a[3], depth_coefficients)
-            put_depth(depths, line, 1, b[2], b[3], depth_coefficients)
+            put_depths(depths, line, a, b, depth_coefficients)
         top, bottom = bands_of(ends, line, viewport)
         for band in range(top, bottom + 1):
             counts[band] += 1

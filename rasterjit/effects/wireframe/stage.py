@@ -105,23 +105,11 @@ def pixel_of(x, y, w, viewport):
 
 
 @helper
-def put_depth(depths, n, end, z, w, depth_coefficients):
-    """Write the stored depth of one end; nothing if no depths are wanted."""
+def put_depths(depths, n, a, b, depth_coefficients):
+    """Write the stored depth of both ends, in clip space; nothing if no depths are wanted."""
     if depths.shape[0] != 0:
-        depths[n, end] = stored_depth(z, w, depth_coefficients)
-
-
-@helper
-def put_cut_edge(a, b, depth_coefficients, viewport, n, ends, depths):
-    """Cut one edge at all planes and write its ends; return whether any of it may be seen."""
-    is_seen, first, second = cut_segment(a, b, viewport)
-    if not is_seen:
-        return False
-    for end in range(2):
-        x, y, z, w = second if end else first
-        ends[n, 2 * end], ends[n, 2 * end + 1] = pixel_of(x, y, w, viewport)
-        put_depth(depths, n, end, z, w, depth_coefficients)
-    return True
+        depths[n, 0] = stored_depth(a[2], a[3], depth_coefficients)
+        depths[n, 1] = stored_depth(b[2], b[3], depth_coefficients)
 
 
 @kernel
@@ -187,13 +175,16 @@ def project_edges(
             continue
         a, b = clip_positions[first], clip_positions[second]
         if (code_a | code_b) & CLIPPED:
-            is_seen = put_cut_edge(a, b, depth_coefficients, viewport, count, ends, depths)
-            count += np.uintp(is_seen)
-            continue
-        ends[count, 0], ends[count, 1] = pixels[first, 0], pixels[first, 1]
-        ends[count, 2], ends[count, 3] = pixels[second, 0], pixels[second, 1]
-        put_depth(depths, count, 0, a[2], a[3], depth_coefficients)
-        put_depth(depths, count, 1, b[2], b[3], depth_coefficients)
+            is_seen, cut_a, cut_b = cut_segment(a, b, viewport)
+            if not is_seen:
+                continue
+            ends[count, 0], ends[count, 1] = pixel_of(cut_a[0], cut_a[1], cut_a[3], viewport)
+            ends[count, 2], ends[count, 3] = pixel_of(cut_b[0], cut_b[1], cut_b[3], viewport)
+            put_depths(depths, count, cut_a, cut_b, depth_coefficients)
+        else:
+            ends[count, 0], ends[count, 1] = pixels[first, 0], pixels[first, 1]
+            ends[count, 2], ends[count, 3] = pixels[second, 0], pixels[second, 1]
+            put_depths(depths, count, a, b, depth_coefficients)
         count += np.uintp(1)
     return np.int64(count)
 

@@ -56,15 +56,15 @@ References
 """
 
 
-class Sight(NamedTuple):
+class Finder(NamedTuple):
     """What it takes to find the faces of an image, without shading them."""
 
     geometry: Geometry
     cutouts: Cutouts | None
 
 
-Seer = TypeVar("Seer", bound=NamedTuple)
-"""A `Sight`, or what else has its fields."""
+AnyFinder = TypeVar("AnyFinder", bound=NamedTuple)
+"""A `Finder`, or what else has its fields."""
 
 
 class Lists(NamedTuple):
@@ -107,12 +107,12 @@ def sampled_viewport(viewport: Viewport, samples: int | str) -> Viewport:
     return viewport._replace(reach=1 << (viewport.grid_bits - 1))
 
 
-def at_samples(shader: Seer, samples: int | str) -> Seer:
+def at_samples(finder: AnyFinder, samples: int | str) -> AnyFinder:
     """Return what it takes to see a frame whose samples may lie anywhere in their pixels."""
-    geometry = shader.geometry
+    geometry = finder.geometry
     geometry = geometry._replace(viewport=sampled_viewport(geometry.viewport, samples))
-    cutouts = None if shader.cutouts is None else shader.cutouts._replace(geometry=geometry)
-    return shader._replace(geometry=geometry, cutouts=cutouts)
+    cutouts = None if finder.cutouts is None else finder.cutouts._replace(geometry=geometry)
+    return finder._replace(geometry=geometry, cutouts=cutouts)
 
 
 def part_lists(
@@ -148,7 +148,7 @@ def find_layers(
     rows: tuple[int, int],
     lists: Lists,
     samples: int,
-    shader: Sight,
+    finder: Finder,
     memory: Memory,
     kept: int | None = None,
 ) -> Iterator[Band]:
@@ -161,7 +161,7 @@ def find_layers(
         First row, and one past the last, of one row of tiles.
     lists : Lists
     samples : int
-    shader : Sight
+    finder : Finder
         Or what else has its fields.
     memory : Memory
     kept : int, optional
@@ -172,11 +172,11 @@ def find_layers(
     ValueError
         If a pixel has more layers than are sorted, and all are kept.
     """
-    viewport = shader.geometry.viewport
+    viewport = finder.geometry.viewport
     width, height = viewport.width, rows[1] - rows[0]
     shifts = sample_shifts(samples, viewport.grid_bits)
     scratch = fragments.scratch_memory(lists.depth_type)
-    test = nearest.tile_test(scratch[0], shader.cutouts)
+    test = nearest.tile_test(scratch[0], finder.cutouts)
     deepest = np.empty(3, np.int64)
     room = 0 if len(lists.parted) == 0 else min(FIRST_GUESS, kept or FIRST_GUESS)
     while True:
@@ -202,20 +202,20 @@ def find_layers(
             return
         if needed * samples * height * width * BYTES_PER_FRAGMENT > MOST_BYTES:
             middle = rows[0] + height // 2
-            yield from find_layers((rows[0], middle), lists, samples, shader, memory, kept)
-            yield from find_layers((middle, rows[1]), lists, samples, shader, memory, kept)
+            yield from find_layers((rows[0], middle), lists, samples, finder, memory, kept)
+            yield from find_layers((middle, rows[1]), lists, samples, finder, memory, kept)
             return
         room = needed
 
 
 def find_areas(
-    rows: tuple[int, int], lists: Lists, shader: Sight, memory: Memory
+    rows: tuple[int, int], lists: Lists, finder: Finder, memory: Memory
 ) -> tuple[NDArray[np.int32], NDArray[np.float32], NDArray[np.float32]]:
     """Return the faces that show in each pixel, their shares, and the share that shows none."""
-    viewport = shader.geometry.viewport
+    viewport = finder.geometry.viewport
     shape = rows[1] - rows[0], viewport.width
     own, deepest = areas.scratch_memory(int(np.diff(lists.starts).max())), np.empty(3, np.int64)
-    test = AlphaTest(shader.cutouts)
+    test = AlphaTest(finder.cutouts)
     room = FIRST_GUESS
     while True:
         found = (

@@ -19,18 +19,12 @@ from __future__ import annotations
 import numpy as np
 
 from rasterjit.pipeline.visibility.nearest import NOTHING
+from rasterjit.runtime.float_math import clamped
 from rasterjit.runtime.jit import disjoint_helper, helper, kernel
 from rasterjit.runtime.state import float32, int32
 
 THROUGH = 3
 """Column of a sum: the share of light that comes through from behind."""
-
-
-@helper
-def held_alpha(alpha):
-    """Return an alpha held in 0..1; NaN gives 0."""
-    alpha = alpha if alpha > np.float32(0.0) else np.float32(0.0)
-    return alpha if alpha < np.float32(1.0) else np.float32(1.0)
 
 
 @kernel
@@ -72,7 +66,7 @@ def lay_under(
         for i in range(faces.shape[1]):
             through = sums[row, i, THROUGH]
             if faces[row, i] >= 0:
-                alpha = held_alpha(colors[row, i, 3])
+                alpha = clamped(colors[row, i, 3], np.float32(0.0), np.float32(1.0))
                 share = through * alpha
                 # What is not seen is not multiplied: its colour may be infinite.
                 if share > none:
@@ -214,7 +208,7 @@ def sample_color(sample, opaque, transparent, colors, behind, row, i):
         layer = transparent[sample, level, row, i]
         if layer < 0:
             break
-        alpha = held_alpha(colors[layer, row, i, 3])
+        alpha = clamped(colors[layer, row, i, 3], np.float32(0.0), np.float32(1.0))
         share = through * alpha
         if share > none:
             red += share * colors[layer, row, i, 0]

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rasterjit.pipeline.encode import between, encode, encode_channels
+from rasterjit.pipeline.encode import encode, encode_channels
 from rasterjit.pipeline.fragments.compositing import empty_row, seen_share
 from rasterjit.pipeline.surface.samples import (
     ALPHA,
@@ -30,6 +30,7 @@ from rasterjit.pipeline.surface.samples import (
     Block,
 )
 from rasterjit.pipeline.visibility.nearest import NOTHING
+from rasterjit.runtime.float_math import clamped
 from rasterjit.runtime.intrinsics import flat
 from rasterjit.runtime.jit import disjoint_helper, helper, kernel, stage
 from rasterjit.runtime.state import float32, float64, int32, int64, uint32
@@ -375,7 +376,7 @@ def whole_code(value):
 def pack_codes(red, green, blue, alpha, color):
     """Write mixed codes, given by channel; alpha is 0..1."""
     for i in range(color.shape[0]):
-        share = between(alpha[i], np.float32(0.0))
+        share = clamped(alpha[i], np.float32(0.0), np.float32(1.0))
         color[i] = (
             whole_code(red[i])
             | whole_code(green[i]) << np.uint32(8)
