@@ -161,6 +161,15 @@ class Effect:
     reads_clip_positions = False
     places: Mapping[str, Callable[..., Any]] = {}
 
+    def __init_subclass__(cls, **options: Any) -> None:
+        """Raise ``ValueError`` for a place that there is not: nothing would ever act there."""
+        super().__init_subclass__(**options)
+        for place in cls.places:
+            if place not in PLACES:
+                raise ValueError(
+                    f"{cls.__name__}.places has {place!r}; possible are {', '.join(PLACES)}"
+                )
+
     def answer(self, facts: Facts, planning: Planning) -> Planned | Absent:
         """Say whether a frame needs it, and with what data."""
         raise NotImplementedError
