@@ -134,8 +134,9 @@ def test_the_terms_of_a_pixel_add_up(row):
         largest = max(float(np.abs(part).max()) for part in parts)
         total = np.sum(parts, axis=0)
         np.testing.assert_allclose(total, told.linear[:3], atol=SUMMED * largest, rtol=0.0)
-        told_of |= {term.name for term in light.lights}
-    assert told_of == {"SpotLight 1", "PointLight 2", "environment", "fog"}
+        told_of |= {term.label for term in light.lights}
+    lights = {"SpotLight 1, diffuse", "PointLight 2, diffuse"}
+    assert told_of == {*lights, "environment", "fog"}
 
 
 @pytest.mark.parametrize(

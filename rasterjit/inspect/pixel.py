@@ -7,7 +7,6 @@ for one pixel. Where the engine rounds, the exact value is shown beside it, from
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -117,7 +116,7 @@ def explain_pixel(
             parts = parts_of(drawn, *look, linear, seen_linear, x, y)
             faces = tuple(_told_apart(faces, parts))
         seen, linear = plain, seen_linear
-    if plan.has("wireframe"):
+    if any(one.effect.is_explained for one in plan.at("overlay")):
         frame = render(
             scene, camera, size=size, quality=quality, background=background, cull=cull, threads=1
         )
@@ -149,10 +148,11 @@ def _seen_without_edges(
     scene: Scene, plan: RenderPlan, background: Any, x: int, y: int
 ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
     """Return the colour of one pixel, as codes (4,) and linear (4,), before edges are drawn."""
-    without = copy.copy(scene)
-    without.wireframe = None
+    for overlay in plan.at("overlay"):
+        if overlay.effect.is_explained:
+            scene = overlay.effect.without(scene)
     frame = render(
-        without, plan.camera, size=plan.size, quality=plan.quality, outputs=("color", "linear"),
+        scene, plan.camera, size=plan.size, quality=plan.quality, outputs=("color", "linear"),
         background=background, cull=plan.cull, threads=1,
     )  # fmt: skip
     return frame.color[y, x], frame.linear[y, x]
