@@ -35,13 +35,15 @@ from rasterjit.rendering import shade
 from rasterjit.rendering.renderer import choose_camera, render
 from rasterjit.runtime.threads import Workers
 from rasterjit.scene.camera import Camera
+from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.quality import Quality, check_quality
-from rasterjit.scene.scene import Scene
+from rasterjit.scene.scene import Node, Scene
 from rasterjit.scene.transforms import transform_points
 from rasterjit.scene.validation import image_size
 from rasterjit.survey import placement as placing
 from rasterjit.survey.arrays import placement_of
 from rasterjit.survey.cache import prepare
+from rasterjit.survey.effect import with_field
 from rasterjit.survey.plan import RenderPlan
 
 if TYPE_CHECKING:
@@ -51,6 +53,9 @@ OUTCODE_WORDS = {
     setup.LEFT: "left", setup.RIGHT: "right", setup.BOTTOM: "bottom", setup.TOP: "top",
     setup.NEAR: "near", setup.FAR: "far", setup.GUARD: "guard band",
 }  # fmt: skip
+
+NOTHING = Mesh([(0.0, 0.0, 0.0)] * 3, [(0, 1, 2)])
+"""A mesh without area: no pixel shows it."""
 
 Weights = tuple["Fraction", "Fraction", "Fraction"]
 
@@ -151,6 +156,8 @@ def _seen_without_edges(
     for overlay in plan.at("overlay"):
         if overlay.effect.is_explained:
             scene = overlay.effect.without(scene)
+    if not plan.draws_faces:
+        scene = with_field(scene, "nodes", [Node(NOTHING, np.eye(4), "nothing")])
     frame = render(
         scene, plan.camera, size=plan.size, quality=plan.quality, outputs=("color", "linear"),
         background=background, cull=plan.cull, threads=1,
