@@ -233,6 +233,14 @@ class Effect:
         """Say what it could be in a scene that has none, with such a scene; None: nothing."""
         return "", None
 
+    def quality_without(self, quality: Quality) -> Quality | None:
+        """Return a quality that does not ask for it; None: qualities do not."""
+        return None
+
+    def quality_with(self, quality: Quality) -> tuple[str, Quality | None]:
+        """Say what a quality that does not ask for it could, with such a quality; None: nothing."""
+        return "", None
+
 
 class Active(NamedTuple):
     """An effect in a picture, prepared."""
