@@ -145,6 +145,9 @@ class Effect:
         Whether ``explain_pixel`` tells its part in a colour; else the colour is that of a frame.
     term : str
         What ``explain_pixel`` calls what it adds to a colour; empty: its name.
+    settings : tuple of str
+        The settings of `Quality` that matter only to frames that need it, or another one that names
+        them too.
     reads_clip_positions : bool
         Whether it reads where vertices lie before they are divided by w.
     places : dict of function
@@ -158,6 +161,7 @@ class Effect:
     joins_faces = False
     is_explained = False
     term = ""
+    settings: tuple[str, ...] = ()
     reads_clip_positions = False
     places: Mapping[str, Callable[..., Any]] = {}
 

@@ -190,6 +190,7 @@ class Edges(Effect):
     field = "wireframe"
     joins_faces = True
     is_explained = True
+    settings = ("lines",)
     reads_clip_positions = True
 
     def answer(self, facts: Facts, planning: Planning) -> Planned | Absent:
