@@ -191,7 +191,8 @@ def variations(plan: RenderPlan, scene: Scene, quality: Quality) -> list[Variati
         if changed is not None:
             found.append((planned.name, OFF, changed, quality))
     for effect in EFFECTS:
-        what, changed = effect.add(scene, quality)
+        extend = effect.extend if plan.has(effect.name) else effect.add
+        what, changed = extend(scene, quality)
         if changed is not None and _is_used(effect.name, plan, changed, quality):
             found.append((effect.name, what, changed, quality))
     for planned in plan.planned:

@@ -237,6 +237,10 @@ class Effect:
         """Say what it could be in a scene that has none, with such a scene; None: nothing."""
         return "", None
 
+    def extend(self, scene: Scene, quality: Quality) -> tuple[str, Scene | None]:
+        """Say what more a scene that has it could have of it, with such a scene; None: nothing."""
+        return self.add(scene, quality)
+
     def quality_without(self, quality: Quality) -> Quality | None:
         """Return a quality that does not ask for it; None: qualities do not."""
         return None

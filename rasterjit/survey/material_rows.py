@@ -132,7 +132,7 @@ class Textures(MaterialRow):
         """Return the scene with no texture."""
         return with_materials(scene, lambda one: replace(one, **dict.fromkeys(TEXTURE_FIELDS)))
 
-    def add(self, scene: Scene, quality: Quality) -> tuple[str, Scene | None]:
+    def extend(self, scene: Scene, quality: Quality) -> tuple[str, Scene | None]:
         """
         Return the scene with all textures that have no mip levels filtered between two of them.
 

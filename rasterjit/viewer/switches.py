@@ -51,9 +51,6 @@ def switched(scene: Scene, name: str, used: set[str]) -> Scene | None:
     effect = effect_named(name)
     if name in used:
         return effect.without(scene)
-    if name == "textures":
-        # What there is to add to textures is their filter, which is no switch.
-        return None
     return effect.add(scene, Quality.standard())[1]
 
 
