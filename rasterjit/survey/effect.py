@@ -136,6 +136,8 @@ class Effect:
         The field of `Scene` that asks for it; empty: none does.
     key : str
         What switches it in the viewer; empty: nothing does.
+    modes : dict of str
+        What the key goes through before it is off, with a word for each; empty: on and off.
     looks : str
         How far it looks: at a "sample", at its "neighbours", which parts of a picture do not have,
         or at the "whole" picture, which is then looked through before (`see`).
@@ -157,6 +159,7 @@ class Effect:
     name = ""
     field = ""
     key = ""
+    modes: Mapping[str, str] = {}
     looks = "sample"
     joins_faces = False
     is_explained = False
@@ -232,6 +235,14 @@ class Effect:
     def without(self, scene: Scene) -> Scene | None:
         """Return a scene without it; None: a scene cannot do without it alone."""
         return None if not self.field else with_field(scene, self.field, None)
+
+    def mode_of(self, scene: Scene) -> str | None:
+        """Return the mode in which a scene asks for it; None: it does not."""
+        return None
+
+    def with_mode(self, scene: Scene, mode: str | None) -> Scene:
+        """Return a scene that asks for it in a mode, else as before; None: that does not."""
+        raise NotImplementedError
 
     def add(self, scene: Scene, quality: Quality) -> tuple[str, Scene | None]:
         """Say what it could be in a scene that has none, with such a scene; None: nothing."""
