@@ -20,7 +20,7 @@ SIZE = (72, 68)
 
 SWITCHES = (
     "filter", "mask", "facets", "highlight", "spot", "point", "environment", "fog", "occlusion",
-    "outline", "wireframe", "tone", "parallel",
+    "outline", "wireframe", "vignette", "tone", "parallel",
 )  # fmt: skip
 """Effects that are on or off."""
 
@@ -50,18 +50,18 @@ def all_pairs():
 
 
 ROWS = (
-    ("1101011011111", "nearest"),
-    ("0010100001000", "layers"),
-    ("1011111110100", "area"),
-    ("1100000100011", "nearest"),
-    ("0100011100101", "layers"),
-    ("0111100010011", "area"),
-    ("0010010111010", "nearest"),
-    ("1101100011110", "layers"),
-    ("0001001001001", "area"),
-    ("0011101010101", "nearest"),
-    ("1000101011111", "layers"),
-    ("0110001110011", "area"),
+    ("11010110111111", "nearest"),
+    ("00101000010100", "layers"),
+    ("10111111101100", "area"),
+    ("11000001000111", "nearest"),
+    ("01000111001101", "layers"),
+    ("01111000100111", "area"),
+    ("00100101110010", "nearest"),
+    ("11011000111110", "layers"),
+    ("00010010010001", "area"),
+    ("00111010101101", "nearest"),
+    ("10001010111011", "layers"),
+    ("01100011100011", "area"),
 )
 """Settings, one for each switch, and the mix: every pair of settings is in one of them."""
 
@@ -123,6 +123,7 @@ def scene_of(row):
     scene.tone_map = rj.ToneMap("aces", 0.5) if on["tone"] else rj.ToneMap("none", 1e-9)
     scene.outline = rj.Outline("#102060") if on["outline"] else None
     scene.wireframe = rj.Wireframe("white") if on["wireframe"] else None
+    scene.vignette = rj.Vignette(0.8, 0.1) if on["vignette"] else None
     looking = {"eye": (0.8, 1.2, 6.0), "target": (0, 0, 0), "near": 0.5, "far": 30.0}
     if on["parallel"]:
         camera = rj.OrthographicCamera(height=6.4, **looking)

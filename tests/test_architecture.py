@@ -213,3 +213,29 @@ def test_one_effect_at_most_says_how_light_is_shown_in_8_bits():
     assert [effect for effect in EFFECTS if "pixel" in effect.places] == [
         effect for effect in EFFECTS if "mixed" in effect.places
     ]
+
+
+NOT_EFFECTS = {
+    ("renderer.py", "diagnostics"): "a stage of the clock; Frame.diagnostics is no picture",
+}
+"""Strings of rendering that are the name of a row, and why they may be."""
+
+
+@pytest.mark.parametrize(
+    "path", [path for path in SOURCES if path.parent == PACKAGE / "rendering"], ids=named
+)
+def test_rendering_names_no_effect_but_in_the_list_of_them(path):
+    if path.name == "effects.py":
+        return
+    names, tree = {effect.name for effect in EFFECTS}, ast.parse(path.read_text())
+    names |= {effect.field for effect in EFFECTS if effect.field}
+    told = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
+    for node in ast.walk(tree):
+        if not isinstance(node, ast.Constant) or not isinstance(node.value, str):
+            continue
+        if id(node) in told or (path.name, node.value) in NOT_EFFECTS:
+            continue
+        found = [name for name in names if re.search(rf"\b{re.escape(name)}\b", node.value)]
+        assert not found, f"line {node.lineno}: {found}"
+    for line, module in imports(tree):
+        assert not module.startswith("rasterjit.effects"), f"line {line}: {module}"

@@ -9,6 +9,7 @@ from combined import ROWS, SIZE, SWITCHES, all_pairs, pairs_of, scene_of, settin
 import rasterjit as rj
 from rasterjit.pipeline.visibility import draw
 from rasterjit.runtime import threads as sharing
+from rasterjit.scene.scene import EFFECT_FIELDS
 
 pytestmark = pytest.mark.needs_jit
 
@@ -18,7 +19,7 @@ COLORS = ("color", "linear")
 SHAPES = {"mask", "facets", "parallel"}
 """Switches that move what is seen; the others change colours alone."""
 
-CODED = {"outline", "wireframe", "tone"}
+CODED = {"outline", "wireframe", "vignette", "tone"}
 """Switches that 8-bit colour shows, and linear colour does not."""
 
 SUMMED = 2e-5
@@ -50,6 +51,17 @@ def test_every_two_settings_meet():
     assert all(len(bits) == len(SWITCHES) for bits, _ in ROWS)
 
 
+def test_every_effect_that_a_scene_asks_for_is_switched():
+    bits = "1" * len(SWITCHES)
+    on = settings_of(bits, "nearest")
+    scenes = [scene_of(flipped(on, name))[0] for name in SWITCHES]
+    whole, again = scene_of(on)[0], scene_of(on)[0]
+    for field in EFFECT_FIELDS:
+        told = repr(getattr(whole, field))
+        assert repr(getattr(again, field)) == told
+        assert any(repr(getattr(one, field)) != told for one in scenes), field
+
+
 @rows
 def test_two_threads_draw_the_same_bits(row, monkeypatch):
     # Small frames are one task otherwise.
@@ -78,7 +90,7 @@ def test_all_numbers_are_finite_and_no_light_is_negative(row):
 @rows
 def test_buffers_are_those_of_the_bare_scene(row):
     scene, camera, _ = scene_of(row)
-    for name in ("environment", "fog", "tone_map", "ambient_occlusion", "outline", "wireframe"):
+    for name in EFFECT_FIELDS:
         setattr(scene, name, None)
     scene.lights = []
     # Nothing is shaded, and a pixel has one sample.
@@ -122,8 +134,9 @@ def test_the_terms_of_a_pixel_add_up(row):
         largest = max(float(np.abs(part).max()) for part in parts)
         total = np.sum(parts, axis=0)
         np.testing.assert_allclose(total, told.linear[:3], atol=SUMMED * largest, rtol=0.0)
-        told_of |= {term.name for term in light.lights}
-    assert told_of == {"SpotLight 1", "PointLight 2", "environment", "fog"}
+        told_of |= {term.label for term in light.lights}
+    lights = {"SpotLight 1, diffuse", "PointLight 2, diffuse"}
+    assert told_of == {*lights, "environment", "fog"}
 
 
 @pytest.mark.parametrize(

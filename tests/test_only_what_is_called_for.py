@@ -104,7 +104,10 @@ GONE = {
         "receivers.find_depth_ranges", "receivers.find_receivers", "receivers.move_turned",
         "shadows.filter_pcf", "shadows.place_on_map",
     },
-    "environment light": {"environment.mirror_environment", "environment.shed_light"},
+    # What is only seen is not filtered.
+    "environment light": {
+        "environment.mirror_environment", "environment.shed_light", *FILTERED,
+    },
     "environment background": {"environment.show_environment"},
     "environment": {
         "environment.mirror_environment", "environment.shed_light",

@@ -105,6 +105,22 @@ def test_no_camera_and_no_lights_mean_what_they_mean_to_render(cube):
     assert [light.name for light in told.light.lights] == ["headlight"]
 
 
+def test_behind_a_wireframe_alone_the_environment_is_seen(cube, camera):
+    scene = rj.Scene()
+    scene.add(cube)
+    scene.environment = rj.Environment.constant("blue")
+    scene.wireframe = rj.Wireframe("red", "only")
+    frame = rj.render(scene, camera, size=SIZE, outputs=("color", "linear"), threads=1)
+    red = (frame.color == (255, 0, 0, 255)).all(axis=2)
+    x, y = 44, 36
+    assert not red[y, x]
+    told = rj.explain_pixel(scene, camera, SIZE, x, y)
+    assert told.winner is not None
+    assert told.color.tolist() == frame.color[y, x].tolist()
+    assert told.linear.tobytes() == frame.linear[y, x].tobytes()
+    assert not told.under_wireframe
+
+
 @pytest.mark.parametrize("mode", ["overlay", "only"])
 def test_a_wireframe_over_the_pixel_is_told(cube, camera, mode):
     scene = rj.Scene()

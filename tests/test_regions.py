@@ -163,7 +163,7 @@ def test_region_of_a_picture_beyond_one_frame_is_exact(corner):
 def test_shadows_wait_for_the_survey():
     with (
         RegionRenderer(scene_with("shadow"), CAMERA, size=SIZE) as renderer,
-        pytest.raises(RuntimeError, match="surveyed first"),
+        pytest.raises(RuntimeError, match="surveyed first, for shadows"),
     ):
         renderer.render_region(Region(0, 0, 64, 64))
 

@@ -21,7 +21,7 @@ from rasterjit.viewer import switches
 from rasterjit.viewer import viewer as viewing
 from rasterjit.viewer.controls import Fly
 from rasterjit.viewer.overlay import mark_pixel, picture_of, rows_of, write_panel
-from rasterjit.viewer.viewer import LONGEST_STEP, Viewer
+from rasterjit.viewer.viewer import HELP, LONGEST_STEP, Viewer
 
 SIZE = (40, 30)
 DRAFT, REFERENCE = rj.Quality.draft(), rj.Quality.reference()
@@ -432,6 +432,13 @@ def test_every_effect_key_is_known_and_told():
         "z": "vignette",
     }  # fmt: skip
     assert set(switches.KEYS.values()) <= names
+    assert {key: effect.name for key, effect in switches.MODED.items()} == {"g": "wireframe"}
+    assert ("G", "wireframe: over the faces, alone, off") in HELP
+    rows = [(row[0].split(), row[1].split(", ")) for row in HELP]
+    told = [pair for keys, words in rows for pair in zip(keys, words, strict=False)]
+    for one, name in switches.KEYS.items():
+        assert (one.upper(), name) in told
+        assert [keys.count(one.upper()) for keys, _ in rows].count(1) == 1
 
 
 def test_error_of_a_step_is_shown_once(viewer):

@@ -71,7 +71,9 @@ def without_effect(plan: RenderPlan, knobs: Sequence[str]) -> dict[str, str]:
     facts = plan.facts
     if not facts.seen.objects:
         return dict.fromkeys(knobs, "no object is in view")
-    reasons = {name: REASONS[name](plan) for name in knobs if name in REASONS}
+    reasons = {
+        name: REASONS[name](plan) if name in REASONS else _unasked(plan, name) for name in knobs
+    }
     return {name: reason for name, reason in reasons.items() if reason is not None}
 
 
@@ -136,15 +138,10 @@ def is_possible(quality: Quality, changes: dict[str, Any]) -> bool:
     return True
 
 
-def _effect_reason(plan: RenderPlan, name: str) -> str | None:
-    """Return why an effect of the plan is out; None if it is in."""
-    effect = next(effect for effect in plan.effects if effect.name == name)
-    return None if effect.used else effect.reason
-
-
-def _not_shaded(plan: RenderPlan) -> str | None:
-    """Say why no face is shaded."""
-    return _effect_reason(plan, "shading")
+def _unasked(plan: RenderPlan, setting: str) -> str | None:
+    """Return why the effects that a setting is for are out; None if one is in, or there is none."""
+    asked = [one for one in plan.effects if setting in one.effect.settings]
+    return asked[0].reason if asked and not any(one.used for one in asked) else None
 
 
 def _not_interpolated(plan: RenderPlan) -> str | None:
@@ -152,9 +149,9 @@ def _not_interpolated(plan: RenderPlan) -> str | None:
     if isinstance(plan.camera, OrthographicCamera):
         return "the camera is orthographic: what is linear on a face is linear on the screen"
     facts = plan.facts
-    if facts.is_lit or facts.needs_textures or plan.has("fog") or facts.needs_cutouts:
+    if facts.is_lit or facts.needs_textures or plan.at("sample") or facts.needs_cutouts:
         return None
-    return _not_shaded(plan)
+    return _unasked(plan, "interpolation")
 
 
 def _not_lit_finely(plan: RenderPlan) -> str | None:
@@ -182,20 +179,16 @@ def _without_pixel_normals(plan: RenderPlan) -> str | None:
 
 def _not_blended(plan: RenderPlan) -> str | None:
     """Say why nothing is mixed."""
-    reason = _effect_reason(plan, "transparency")
-    return None if reason is None else f"{reason}, and the standard has one sample a pixel"
+    transparency = plan.facts.transparency
+    if transparency.used:
+        return None
+    return f"{transparency.reason}, and the standard has one sample a pixel"
 
 
 REASONS: dict[str, Callable[[RenderPlan], str | None]] = {
-    "samples": _not_shaded,
     "interpolation": _not_interpolated,
     "shading": _not_lit_finely,
     "renormalize": _without_pixel_normals,
-    "texture_filter": lambda plan: _effect_reason(plan, "textures"),
-    "shadow_size": lambda plan: _effect_reason(plan, "shadows"),
-    "shadow_taps": lambda plan: _effect_reason(plan, "shadows"),
-    "transparency_layers": lambda plan: _effect_reason(plan, "transparency"),
     "blending": _not_blended,
-    "lines": lambda plan: _effect_reason(plan, "wireframe"),
 }
-"""What says why a setting has no effect in a frame, or None; the others always may have one."""
+"""What says why a setting has no effect in a frame, or None; of others their effects say it."""

@@ -22,7 +22,7 @@ from rasterjit.scene.light import AmbientLight
 from rasterjit.scene.material import Material
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.quality import Quality
-from rasterjit.scene.scene import Scene
+from rasterjit.scene.scene import EFFECT_FIELDS, Scene
 from rasterjit.scene.validation import in_short, thread_count
 
 if TYPE_CHECKING:
@@ -203,9 +203,11 @@ def _check_setting(setting: Any) -> Scene:
     if not isinstance(setting, Scene):
         raise ValueError(f"setting must be a Scene or None, got {in_short(setting)}")
     if setting.nodes:
+        joined = {effect.field for effect in EFFECTS if effect.joins_faces}
+        held = [name.replace("_", " ") for name in EFFECT_FIELDS if name not in joined]
         raise ValueError(
             f"setting must be a scene without meshes, got {len(setting.nodes)}: its lights, "
-            "environment, fog, tone map and vignette hold for all partitions"
+            f"{', '.join(held[:-1])} and {held[-1]} hold for all partitions"
         )
     for effect in EFFECTS:
         if effect.joins_faces and getattr(setting, effect.field) is not None:

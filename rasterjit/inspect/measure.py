@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import statistics
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from rasterjit.io.meshes import as_scene
@@ -22,9 +22,6 @@ from rasterjit.survey.plan import RenderPlan
 
 ROUNDS = 7
 """Frames of each kind; their median counts."""
-
-SAMPLES_TO_TRY = 4
-"""Samples of a pixel whose cost is told where edges are not smoothed."""
 
 
 class Change(NamedTuple):
@@ -188,28 +185,31 @@ OFF = "off"
 
 def variations(plan: RenderPlan, scene: Scene, quality: Quality) -> list[Variation]:
     """Return the scene without each effect that is in, and with each that it could have."""
-    used = {planned.name for planned in plan.planned}
     found: list[Variation] = []
     for planned in plan.planned:
         changed = planned.effect.without(scene)
         if changed is not None:
             found.append((planned.name, OFF, changed, quality))
     for effect in EFFECTS:
-        what, changed = effect.add(scene, quality)
-        if changed is not None and _is_used(effect.name, plan, changed):
+        extend = effect.extend if plan.has(effect.name) else effect.add
+        what, changed = extend(scene, quality)
+        if changed is not None and _is_used(effect.name, plan, changed, quality):
             found.append((effect.name, what, changed, quality))
-    if "anti-aliasing" in used:
-        found.append(("anti-aliasing", OFF, scene, replace(quality, samples=1)))
-    elif "shading" in used and quality.subpixel_bits > 0:
-        more = replace(quality, samples=SAMPLES_TO_TRY)
-        found.append(("anti-aliasing", f"{SAMPLES_TO_TRY} samples", scene, more))
+    for planned in plan.planned:
+        other = planned.effect.quality_without(quality)
+        if other is not None:
+            found.append((planned.name, OFF, scene, other))
+    for effect in EFFECTS:
+        what, other = effect.quality_with(quality)
+        if other is not None and _is_used(effect.name, plan, scene, other):
+            found.append((effect.name, what, scene, other))
     return found
 
 
-def _is_used(name: str, plan: RenderPlan, scene: Scene) -> bool:
-    """Tell whether another scene would have an effect in a frame that is else planned alike."""
+def _is_used(name: str, plan: RenderPlan, scene: Scene, quality: Quality) -> bool:
+    """Tell whether another scene or quality would have an effect in a frame that is else alike."""
     background = plan.background if plan.facts.has_background else None
     changed = plan_frame(
-        scene, plan.camera, plan.size, plan.quality, plan.outputs, background, plan.cull
+        scene, plan.camera, plan.size, quality, plan.outputs, background, plan.cull
     )
     return changed.has(name)

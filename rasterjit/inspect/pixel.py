@@ -7,7 +7,6 @@ for one pixel. Where the engine rounds, the exact value is shown beside it, from
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -36,13 +35,15 @@ from rasterjit.rendering import shade
 from rasterjit.rendering.renderer import choose_camera, render
 from rasterjit.runtime.threads import Workers
 from rasterjit.scene.camera import Camera
+from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.quality import Quality, check_quality
-from rasterjit.scene.scene import Scene
+from rasterjit.scene.scene import Node, Scene
 from rasterjit.scene.transforms import transform_points
 from rasterjit.scene.validation import image_size
 from rasterjit.survey import placement as placing
 from rasterjit.survey.arrays import placement_of
 from rasterjit.survey.cache import prepare
+from rasterjit.survey.effect import with_field
 from rasterjit.survey.plan import RenderPlan
 
 if TYPE_CHECKING:
@@ -52,6 +53,9 @@ OUTCODE_WORDS = {
     setup.LEFT: "left", setup.RIGHT: "right", setup.BOTTOM: "bottom", setup.TOP: "top",
     setup.NEAR: "near", setup.FAR: "far", setup.GUARD: "guard band",
 }  # fmt: skip
+
+NOTHING = Mesh([(0.0, 0.0, 0.0)] * 3, [(0, 1, 2)])
+"""A mesh without area: no pixel shows it."""
 
 Weights = tuple["Fraction", "Fraction", "Fraction"]
 
@@ -117,7 +121,7 @@ def explain_pixel(
             parts = parts_of(drawn, *look, linear, seen_linear, x, y)
             faces = tuple(_told_apart(faces, parts))
         seen, linear = plain, seen_linear
-    if plan.has("wireframe"):
+    if any(one.effect.is_explained for one in plan.at("overlay")):
         frame = render(
             scene, camera, size=size, quality=quality, background=background, cull=cull, threads=1
         )
@@ -149,10 +153,13 @@ def _seen_without_edges(
     scene: Scene, plan: RenderPlan, background: Any, x: int, y: int
 ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
     """Return the colour of one pixel, as codes (4,) and linear (4,), before edges are drawn."""
-    without = copy.copy(scene)
-    without.wireframe = None
+    for overlay in plan.at("overlay"):
+        if overlay.effect.is_explained:
+            scene = overlay.effect.without(scene)
+    if not plan.draws_faces:
+        scene = with_field(scene, "nodes", [Node(NOTHING, np.eye(4), "nothing")])
     frame = render(
-        without, plan.camera, size=plan.size, quality=plan.quality, outputs=("color", "linear"),
+        scene, plan.camera, size=plan.size, quality=plan.quality, outputs=("color", "linear"),
         background=background, cull=plan.cull, threads=1,
     )  # fmt: skip
     return frame.color[y, x], frame.linear[y, x]

@@ -123,8 +123,7 @@ def light_of(
     terms = tuple(_light_terms(drawn, surface, clear, x, y))
     for one in lit.effects:
         if "around" in one.effect.places:
-            name = one.effect.term or one.effect.name
-            terms += (LightTerm(name, shade(drawn, surface, dark, x, y)[:3], zero),)
+            terms += (_term_of(one, shade(drawn, surface, dark, x, y)[:3]),)
     shed = shade(drawn, surface, ambient, x, y)[:3]
     return LightTerms(own[0], base, *own[1:3], shed, terms + over, emission), linear
 
@@ -142,8 +141,13 @@ def _terms_over(
                 for some in (after, before)
             )
             before = after
-            name = one.effect.term or one.effect.name
-            yield LightTerm(name, with_it - without, np.zeros(3, np.float32))
+            yield _term_of(one, with_it - without)
+
+
+def _term_of(one: Active, added: NDArray[np.float32]) -> LightTerm:
+    """Return what an effect adds to a colour, (3,) float32, as a term."""
+    effect = one.effect
+    return LightTerm(effect.term or effect.name, added, np.zeros(3, np.float32), is_of_effect=True)
 
 
 def _light_terms(drawn: Drawn, surface: Surface, lit: Lit, x: int, y: int) -> Iterator[LightTerm]:

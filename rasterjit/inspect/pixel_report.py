@@ -40,9 +40,6 @@ LOST = ("culled", "cut out")
 SEEN_THROUGH, SEEN_BESIDE = "seen through the above", "seen beside the above"
 """Standings of faces that are seen besides the visible one."""
 
-NOT_LIGHTS = ("environment", "fog")
-"""Names of terms that are not told apart into diffuse and specular."""
-
 FAINTEST = 5e-6
 """Highlights that would print as zero are left out of the table."""
 
@@ -105,15 +102,22 @@ class FaceAtPixel:
 
 @dataclass(frozen=True, eq=False)
 class LightTerm:
-    """What one light adds to the colour of the visible face, or fog."""
+    """What one light adds to the colour of the visible face, or an effect."""
 
     name: str
-    """Kind of light and its number in ``Scene.lights``, ``"headlight"``, ``"environment"``, or
-    ``"fog"`` (which takes light away as well)."""
+    """Kind of light and its number in ``Scene.lights``, ``"headlight"``, or of an effect, such as
+    ``"environment"`` or ``"fog"`` (which takes light away as well)."""
     diffuse: NDArray[np.float32]
-    """(3,), linear red, green, blue."""
+    """(3,), linear red, green, blue; of an effect all that it adds."""
     specular: NDArray[np.float32]
     """(3,), linear red, green, blue."""
+    is_of_effect: bool = False
+    """Whether an effect adds it, which is not told apart into diffuse and specular."""
+
+    @property
+    def label(self) -> str:
+        """What to call ``diffuse``."""
+        return self.name if self.is_of_effect else f"{self.name}, diffuse"
 
 
 @dataclass(frozen=True, eq=False)
@@ -314,10 +318,9 @@ def _color_table(pixel: PixelExplanation) -> Table:
         if light.shading != "unlit":
             table.add_row("ambient", *_levels(light.ambient))
         for term in light.lights:
-            if term.name in NOT_LIGHTS and abs(term.diffuse).max() < FAINTEST:
+            if term.is_of_effect and abs(term.diffuse).max() < FAINTEST:
                 continue
-            kind = term.name if term.name in NOT_LIGHTS else f"{term.name}, diffuse"
-            table.add_row(kind, *_levels(term.diffuse))
+            table.add_row(term.label, *_levels(term.diffuse))
             if term.specular.max() >= FAINTEST:
                 table.add_row(f"{term.name}, specular", *_levels(term.specular))
         if light.emission.max() >= FAINTEST:

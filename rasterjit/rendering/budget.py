@@ -328,11 +328,12 @@ def light_of(frame: Frame) -> NDArray[np.float32]:
     Return the light that a frame shows, (H, W, 3) float32, linear red, green and blue.
 
     Before a background that is seen through it is what the surfaces add to whatever comes behind
-    them, and the alpha is a fourth channel. Lines lie over the 8-bit colour alone: with a wireframe
-    it is that colour, decoded.
+    them, and the alpha is a fourth channel. Lines around and along faces lie over the 8-bit colour
+    alone: with them it is that colour, decoded. Other overlays treat a pixel alike in any quality,
+    as tone curves do, and are left out.
     """
     plan = frame.plan
-    if plan.has("wireframe"):
+    if any(overlay.effect.joins_faces for overlay in plan.at("overlay")):
         light = srgb_to_linear(frame.color[:, :, :3])
         alpha = frame.color[:, :, 3:].astype(np.float32) / np.float32(CODES)
     else:

@@ -52,8 +52,8 @@ class RegionRenderer:
     Raises
     ------
     ValueError
-        Naming the argument that is wrong, or the effect that looks beyond the edges of a region:
-        ambient occlusion, outlines, and see-through surfaces with 2 to 16 samples.
+        Naming the argument that is wrong, or the effect that looks beyond the edges of a region
+        (`Effect.looks`).
     """
 
     def __init__(
@@ -95,12 +95,12 @@ class RegionRenderer:
 
     @property
     def needs_surveys(self) -> bool:
-        """Whether effects wait for all of the picture to be surveyed: those of shadow maps do."""
+        """Whether effects wait for all of the picture to be surveyed: those that look at it."""
         return self.plan.facts.is_colored and bool(self.plan.whole)
 
     def survey(self, region: Region) -> Survey:
         """
-        Find what the depth of a region tells of where shadows may be seen.
+        Find what effects that look at the whole picture see of a region.
 
         Parameters
         ----------
@@ -174,12 +174,13 @@ class RegionRenderer:
         ValueError
             If the region is not such a part of the picture.
         RuntimeError
-            If shadows fall on the picture, and it has not been surveyed.
+            If an effect looks at the whole picture, and it has not been surveyed.
         """
         plan = self._planned.plan
         region = check_region(region, plan.size)
         if self.needs_surveys:
-            raise RuntimeError("shadows need all regions to be surveyed first: see take_surveys")
+            names = " and ".join(one.name for one in self.plan.whole)
+            raise RuntimeError(f"all regions must be surveyed first, for {names}: see take_surveys")
         part = plan.with_(region=region)
         return draw_frame(self._planned._replace(plan=part), self._workers)[0]
 

@@ -136,6 +136,8 @@ class Effect:
         The field of `Scene` that asks for it; empty: none does.
     key : str
         What switches it in the viewer; empty: nothing does.
+    modes : dict of str
+        What the key goes through before it is off, with a word for each; empty: on and off.
     looks : str
         How far it looks: at a "sample", at its "neighbours", which parts of a picture do not have,
         or at the "whole" picture, which is then looked through before (`see`).
@@ -145,6 +147,9 @@ class Effect:
         Whether ``explain_pixel`` tells its part in a colour; else the colour is that of a frame.
     term : str
         What ``explain_pixel`` calls what it adds to a colour; empty: its name.
+    settings : tuple of str
+        The settings of `Quality` that matter only to frames that need it, or another one that names
+        them too.
     reads_clip_positions : bool
         Whether it reads where vertices lie before they are divided by w.
     places : dict of function
@@ -154,12 +159,23 @@ class Effect:
     name = ""
     field = ""
     key = ""
+    modes: Mapping[str, str] = {}
     looks = "sample"
     joins_faces = False
     is_explained = False
     term = ""
+    settings: tuple[str, ...] = ()
     reads_clip_positions = False
     places: Mapping[str, Callable[..., Any]] = {}
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        """Raise ``ValueError`` for a place that there is not: nothing would ever act there."""
+        super().__init_subclass__(**options)
+        for place in cls.places:
+            if place not in PLACES:
+                raise ValueError(
+                    f"{cls.__name__}.places has {place!r}; possible are {', '.join(PLACES)}"
+                )
 
     def answer(self, facts: Facts, planning: Planning) -> Planned | Absent:
         """Say whether a frame needs it, and with what data."""
@@ -220,8 +236,28 @@ class Effect:
         """Return a scene without it; None: a scene cannot do without it alone."""
         return None if not self.field else with_field(scene, self.field, None)
 
+    def mode_of(self, scene: Scene) -> str | None:
+        """Return the mode in which a scene asks for it; None: it does not."""
+        return None
+
+    def with_mode(self, scene: Scene, mode: str | None) -> Scene:
+        """Return a scene that asks for it in a mode, else as before; None: that does not."""
+        raise NotImplementedError
+
     def add(self, scene: Scene, quality: Quality) -> tuple[str, Scene | None]:
         """Say what it could be in a scene that has none, with such a scene; None: nothing."""
+        return "", None
+
+    def extend(self, scene: Scene, quality: Quality) -> tuple[str, Scene | None]:
+        """Say what more a scene that has it could have of it, with such a scene; None: nothing."""
+        return self.add(scene, quality)
+
+    def quality_without(self, quality: Quality) -> Quality | None:
+        """Return a quality that does not ask for it; None: qualities do not."""
+        return None
+
+    def quality_with(self, quality: Quality) -> tuple[str, Quality | None]:
+        """Say what a quality that does not ask for it could, with such a quality; None: nothing."""
         return "", None
 
 

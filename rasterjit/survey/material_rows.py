@@ -37,6 +37,7 @@ class Shading(MaterialRow):
 
     name = "shading"
     is_explained = True
+    settings = ("samples", "interpolation", "shading", "renormalize")
 
     def is_in(self, facts: Facts) -> bool:
         """Tell whether the colour of a face is asked for that may be seen."""
@@ -110,6 +111,7 @@ class Textures(MaterialRow):
     name = "textures"
     key = "x"
     is_explained = True
+    settings = ("texture_filter",)
 
     def is_in(self, facts: Facts) -> bool:
         """Tell whether textures are read."""
@@ -124,13 +126,13 @@ class Textures(MaterialRow):
         if not facts.seen.has_textures:
             return "no object in view has a texture that is read"
         described = counted(facts.inventory.describe_textures(facts.in_view))
-        return described + settings_asked(facts, "texture_filter")
+        return described + settings_asked(facts, *self.settings)
 
     def without(self, scene: Scene) -> Scene:
         """Return the scene with no texture."""
         return with_materials(scene, lambda one: replace(one, **dict.fromkeys(TEXTURE_FIELDS)))
 
-    def add(self, scene: Scene, quality: Quality) -> tuple[str, Scene | None]:
+    def extend(self, scene: Scene, quality: Quality) -> tuple[str, Scene | None]:
         """
         Return the scene with all textures that have no mip levels filtered between two of them.
 

@@ -213,7 +213,7 @@ def rows_of(explained: PixelExplanation) -> list[Row]:
         if light.lights:
             rows.append(("ambient", _numbers(light.ambient)))
         for term in light.lights:
-            rows.append((f"{term.name}, diffuse", _numbers(term.diffuse)))
+            rows.append((term.label, _numbers(term.diffuse)))
             if term.specular.any():
                 rows.append((f"{term.name}, specular", _numbers(term.specular)))
     rows.append(("linear", _numbers(explained.linear[:3])))

@@ -2,26 +2,40 @@
 
 from __future__ import annotations
 
-import copy
 import statistics
 from collections.abc import Sequence
-from dataclasses import replace
 
 from rasterjit.rendering.budget import seconds_of
 from rasterjit.rendering.effects import EFFECTS, effect_named
 from rasterjit.rendering.renderer import Renderer, explain
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.quality import Quality
-from rasterjit.scene.scene import Scene, Wireframe
+from rasterjit.scene.scene import Scene
 
 ROUNDS = 3
 """Frames of each kind; their median counts."""
 
-KEYS = {effect.key: effect.name for effect in EFFECTS if effect.key}
+KEYS = {effect.key: effect.name for effect in EFFECTS if effect.key and not effect.modes}
 """What switches which effect, by its name in the plan."""
 
-WIREFRAMES = (None, "overlay", "only")
-"""What one key goes through."""
+MODED = {effect.key: effect for effect in EFFECTS if effect.modes}
+"""What goes through the modes of which effect."""
+
+TOLD_AT_ONCE = 3
+"""Effects in a line of the help."""
+
+
+def help_rows() -> list[tuple[str, str]]:
+    """Return what keys switch, as rows: keys and effects."""
+    rows = [
+        (key.upper(), f"{effect.name}: {', '.join(effect.modes.values())}, off")
+        for key, effect in MODED.items()
+    ]
+    keys = list(KEYS)
+    for n in range(0, len(keys), TOLD_AT_ONCE):
+        some = keys[n : n + TOLD_AT_ONCE]
+        rows.append((" ".join(some).upper(), ", ".join(KEYS[key] for key in some)))
+    return rows
 
 
 def used_effects(scene: Scene, camera: Camera, size: tuple[int, int]) -> set[str]:
@@ -51,9 +65,6 @@ def switched(scene: Scene, name: str, used: set[str]) -> Scene | None:
     effect = effect_named(name)
     if name in used:
         return effect.without(scene)
-    if name == "textures":
-        # What there is to add to textures is their filter, which is no switch.
-        return None
     return effect.add(scene, Quality.standard())[1]
 
 
@@ -64,17 +75,6 @@ def switchable(scene: Scene, used: set[str]) -> list[str]:
         for effect in EFFECTS
         if effect.name in used and effect.without(scene) is not None
     ]
-
-
-def with_wireframe(scene: Scene, mode: str | None) -> Scene:
-    """Return the scene with a wireframe of a mode, ``"overlay"`` or ``"only"``, or with none."""
-    changed = copy.copy(scene)
-    old = scene.wireframe
-    if mode is None:
-        changed.wireframe = None
-    else:
-        changed.wireframe = Wireframe(mode=mode) if old is None else replace(old, mode=mode)
-    return changed
 
 
 def costs(

@@ -60,9 +60,7 @@ HELP: tuple[Row, ...] = (
     ("C", "orbit or fly: W A S D, Q E down and up, Shift faster"),
     ("F  R", "fit the scene, return to the start"),
     ("1 2 3 4 5", "colour, depth, normals, objects, faces"),
-    ("G", "wireframe: over the faces, alone, off"),
-    ("O K T L", "ambient occlusion, outline, tone mapping, shadows"),
-    ("B V N X Z", "sky, light of the sky, fog, textures, vignette"),
+    *switches.help_rows(),
     ("M", "what the effects cost"),
     ("click", "explain a pixel; Escape closes it"),
     ("I  H", "hide or show the line below, this help"),
@@ -143,7 +141,7 @@ class Viewer:
         self.version = 0
         self.kind = "color"
         self._switched: list[str] = []
-        self._wireframe = getattr(self.scene.wireframe, "mode", None)
+        self._modes = {key: one.mode_of(self.scene) for key, one in switches.MODED.items()}
         self._shown = self.scene
         self._message = ""
         self._shows_help, self._shows_line, self._shows_costs = False, True, False
@@ -444,9 +442,9 @@ class Viewer:
             kind = Fly if isinstance(self.controls, Orbit) else Orbit
             self.controls = kind.from_camera(self.camera, self._ball, self.controls.up)
             self._change()
-        elif key == "g":
-            modes = switches.WIREFRAMES
-            self._wireframe = modes[(modes.index(self._wireframe) + 1) % len(modes)]
+        elif key in switches.MODED:
+            modes = None, *switches.MODED[key].modes
+            self._modes[key] = modes[(modes.index(self._modes[key]) + 1) % len(modes)]
             self._rebuild()
         elif key in switches.KEYS:
             self._switch(switches.KEYS[key])
@@ -473,8 +471,10 @@ class Viewer:
             if changed is None:
                 return False
             scene = changed
-        if self._wireframe != getattr(scene.wireframe, "mode", None):
-            scene = switches.with_wireframe(scene, self._wireframe)
+        for key, mode in self._modes.items():
+            effect = switches.MODED[key]
+            if mode != effect.mode_of(scene):
+                scene = effect.with_mode(scene, mode)
         self._shown = scene
         off = [f"{name} {'off' if name in used else 'on'}" for name in self._switched]
         self._message, self._times = ", ".join(off), self._new_times()

@@ -141,6 +141,25 @@ def test_lines_over_the_colour_are_light_that_is_seen():
     assert np.array_equal(frame.linear, bare.linear)
 
 
+def test_outlines_over_the_colour_are_light_that_is_seen():
+    made = scene()
+    made.outline = rj.Outline("black")
+    frame, bare = draw(made), draw(scene())
+    is_line = (frame.color[:, :, :3] == 0).all(axis=2)
+    assert is_line.any()
+    assert (measures.light_of(frame)[is_line] == 0.0).all()
+    assert compare(frame, reference(bare, made))[0].rmse > 0.1
+    assert np.array_equal(frame.linear, bare.linear)
+
+
+def test_a_vignette_takes_no_light_for_any_quality_has_it_alike():
+    made = scene()
+    made.vignette = rj.Vignette(1.0, 0.0)
+    frame, bare = draw(made), draw(scene())
+    assert not np.array_equal(frame.color, bare.color)
+    assert np.array_equal(measures.light_of(frame), measures.light_of(bare))
+
+
 def test_more_samples_are_nearer_to_more_samples():
     made = scene()
     turned = rj.PerspectiveCamera((0.1, 0.2, 3), (0, 0, 0), (0.3, 1.0, 0.0))

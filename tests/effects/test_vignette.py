@@ -42,10 +42,17 @@ def test_it_is_its_slow_twin(cube, camera, strength, start):
 
 
 @pytest.mark.parametrize("vignette", [rj.Vignette(0.0), rj.Vignette(0.5, 1.0)])
-def test_absent_is_neutral_bit_for_bit(cube, camera, vignette):
-    frame = shown(cube, camera, vignette)
-    assert np.array_equal(frame.color, shown(cube, camera).color)
-    assert "vignette" not in [effect.name for effect in frame.plan.effects if effect.used]
+def test_what_darkens_nothing_is_left_out(cube, camera, vignette):
+    assert not shown(cube, camera, vignette).plan.has("vignette")
+
+
+@pytest.mark.parametrize("start", [0.0, 0.9])
+def test_absent_is_neutral_bit_for_bit(cube, camera, start, monkeypatch):
+    plain = shown(cube, camera).color
+    monkeypatch.setattr(rj.Vignette, "is_neutral", False)
+    frame = shown(cube, camera, rj.Vignette(0.0, start))
+    assert frame.plan.has("vignette")
+    assert np.array_equal(frame.color, plain)
 
 
 def test_light_and_alpha_stay(cube, camera):

@@ -7,9 +7,15 @@ shaded once a pixel and mixed by coverage (2 to 16, areas), or pictures are aver
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+from rasterjit.scene.quality import Quality
 from rasterjit.survey.blending import mixing_note
 from rasterjit.survey.effect import Absent, Effect, Planned, Planning
 from rasterjit.survey.facts import Facts
+
+SAMPLES_TO_TRY = 4
+"""Samples of a pixel whose cost is told where edges are not smoothed."""
 
 
 class Antialiasing(Effect):
@@ -33,6 +39,16 @@ class Antialiasing(Effect):
         if samples == "area":
             return f"exact areas, shaded once per face and pixel{note}"
         return f"{samples} samples a pixel, shaded once per face and pixel{note}"
+
+    def quality_without(self, quality: Quality) -> Quality:
+        """Return the quality with one sample a pixel."""
+        return replace(quality, samples=1)
+
+    def quality_with(self, quality: Quality) -> tuple[str, Quality | None]:
+        """Return the quality with a few samples a pixel, which need a grid within pixels."""
+        is_open = quality.samples == 1 and quality.subpixel_bits > 0
+        more = replace(quality, samples=SAMPLES_TO_TRY) if is_open else None
+        return f"{SAMPLES_TO_TRY} samples", more
 
 
 ANTIALIASING = Antialiasing()

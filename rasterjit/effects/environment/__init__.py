@@ -39,12 +39,6 @@ from rasterjit.survey.effect import (
 from rasterjit.survey.facts import Facts, unlit_reason
 from rasterjit.survey.plan import RenderPlan
 
-FILTERING: Rows = [
-    (f"prefilter_stage.{name}", "", "a panorama is used for the first time")
-    for name in ("average_columns", "add_ring", "project_rows")
-]
-"""The kernels that filter a panorama."""
-
 
 class Sky(NamedTuple):
     """The environment as a background, as ``stage.show_environment`` takes it."""
@@ -154,7 +148,9 @@ class EnvironmentLight(Effect):
 
     def kernels(self, plan: RenderPlan) -> dict[str, Rows]:
         """Return the kernels that filter a panorama."""
-        return {"prepare": FILTERING}
+        used = "a panorama is used for the first time"
+        names = "average_columns", "add_ring", "project_rows"
+        return {"prepare": [(f"prefilter_stage.{name}", "", used) for name in names]}
 
     def sketch(self, facts: Facts, data: Environment) -> EnvironmentRecord:
         """Return an environment that is not filtered."""
@@ -208,8 +204,8 @@ class EnvironmentBackground(Effect):
         return "where no face is"
 
     def kernels(self, plan: RenderPlan) -> dict[str, Rows]:
-        """Return the kernels that filter a panorama, and that show it."""
-        return {"prepare": FILTERING, "background": [("environment.show_environment", "", "")]}
+        """Return the kernel that shows it."""
+        return {"background": [("environment.show_environment", "", "")]}
 
     def prepare(self, context: FrameContext, data: Environment, seen: Sequence[Any]) -> Sky:
         """Return the environment as this picture sees it."""

@@ -66,6 +66,7 @@ class ShadowMaps(Effect):
     name = "shadows"
     key = "l"
     looks = "whole"
+    settings = ("shadow_size", "shadow_taps")
 
     def answer(self, facts: Facts, planning: Planning) -> Planned | Absent:
         """Say whether any light may cast shadows on what is seen."""
@@ -77,7 +78,7 @@ class ShadowMaps(Effect):
             return "nothing is lit"
         notes = facts.lights.shadow_notes
         if facts.lights.have_shadows:
-            asked = settings_asked(facts, "shadow_size", "shadow_taps")
+            asked = settings_asked(facts, *self.settings)
             return "; ".join((describe_shadows(facts.lights.lights), *notes)) + asked
         return "; ".join(notes) or "no light casts them"
 

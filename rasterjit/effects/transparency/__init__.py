@@ -18,6 +18,7 @@ class Blending(Effect):
     """Lay faces over what lies behind them."""
 
     name = "transparency"
+    settings = ("transparency_layers",)
 
     def answer(self, facts: Facts, planning: Planning) -> Planned | Absent:
         """Say whether anything is seen through."""

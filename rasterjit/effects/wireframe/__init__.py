@@ -7,6 +7,7 @@ hidden lines removed, or alone. Each edge is drawn once, whichever faces share i
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
@@ -21,9 +22,17 @@ from rasterjit.pipeline.records import Geometry
 from rasterjit.pipeline.visibility import draw
 from rasterjit.runtime.threads import Workers, fill_rows
 from rasterjit.scene.color import decoding_table, opaque_codes
-from rasterjit.scene.scene import Wireframe
+from rasterjit.scene.scene import Scene, Wireframe
 from rasterjit.survey.blending import mixing_note
-from rasterjit.survey.effect import Absent, Effect, FrameContext, Planned, Planning, Rows
+from rasterjit.survey.effect import (
+    Absent,
+    Effect,
+    FrameContext,
+    Planned,
+    Planning,
+    Rows,
+    with_field,
+)
 from rasterjit.survey.facts import Facts
 from rasterjit.survey.plan import RenderPlan
 
@@ -188,8 +197,11 @@ class Edges(Effect):
 
     name = "wireframe"
     field = "wireframe"
+    key = "g"
+    modes: ClassVar = {"overlay": "over the faces", "only": "alone"}
     joins_faces = True
     is_explained = True
+    settings = ("lines",)
     reads_clip_positions = True
 
     def answer(self, facts: Facts, planning: Planning) -> Planned | Absent:
@@ -234,6 +246,18 @@ class Edges(Effect):
     def reads_depth(self, plan: RenderPlan) -> bool:
         """Tell whether faces hide edges."""
         return plan.facts.draws_faces
+
+    def mode_of(self, scene: Scene) -> str | None:
+        """Return whether edges are drawn over the faces or alone; None: they are not."""
+        return None if scene.wireframe is None else scene.wireframe.mode
+
+    def with_mode(self, scene: Scene, mode: str | None) -> Scene:
+        """Return the scene with edges of the same colour, if it has any, drawn in a mode."""
+        old = scene.wireframe
+        if mode is None:
+            return with_field(scene, self.field, None)
+        changed = Wireframe(mode=mode) if old is None else replace(old, mode=mode)
+        return with_field(scene, self.field, changed)
 
     @staticmethod
     def draw_over(wireframe: Wireframe, context: FrameContext, color: NDArray[np.uint8]) -> None:

@@ -1,0 +1,26 @@
+"""What an effect is: mistakes in its description are told where it is defined."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import pytest
+
+from rasterjit.rendering.effects import EFFECTS
+from rasterjit.scene.quality import LEVELS
+from rasterjit.survey.effect import PLACES, Effect
+
+
+def test_a_place_that_there_is_not_is_refused():
+    with pytest.raises(ValueError, match=r"Misspelt\.places has 'overlays'; possible are rows"):
+
+        class Misspelt(Effect):
+            places: ClassVar = {"overlays": print}
+
+
+def test_some_effect_acts_at_every_place():
+    assert {place for effect in EFFECTS for place in effect.places} == {*PLACES}
+
+
+def test_settings_of_effects_are_those_of_the_quality():
+    assert {setting for effect in EFFECTS for setting in effect.settings} < {*LEVELS}
