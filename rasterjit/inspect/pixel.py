@@ -156,7 +156,7 @@ def _seen_without_edges(
     for overlay in plan.at("overlay"):
         if overlay.effect.is_explained:
             scene = overlay.effect.without(scene)
-    if not plan.draws_faces:
+    if not plan.facts.draws_faces:
         scene = with_field(scene, "nodes", [Node(NOTHING, np.eye(4), "nothing")])
     frame = render(
         scene, plan.camera, size=plan.size, quality=plan.quality, outputs=("color", "linear"),
