@@ -111,9 +111,7 @@ def explain_pixel(
     if drawn.coverage.face_id[y, x] >= 0 and plan.facts.draws_faces:
         look = find_look(drawn)
         light, linear = light_of(drawn, *look, x, y)
-    color = np.empty((1, 1), np.uint32)
-    encode.encode_rows(linear.reshape(1, 1, 4), encode.encoding_table(), color)
-    plain = seen = color.view(np.uint8)[0]
+    plain = seen = np.array([encode.code_of(linear)], np.uint32).view(np.uint8)
     if not all(planned.effect.is_explained for planned in plan.planned):
         plain, seen_linear = _seen_without_edges(scene, plan, background, x, y)
         if plan.facts.draws_faces and (light is not None or plan.layers is not None):

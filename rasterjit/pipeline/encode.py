@@ -17,6 +17,7 @@ import bisect
 import functools
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rasterjit.runtime.float_math import clamped
 from rasterjit.runtime.intrinsics import flat
@@ -73,6 +74,13 @@ def encoding_table() -> np.ndarray:
     buckets, cuts = places >> BUCKET_BITS, places & (NO_THRESHOLD - 1)
     table[buckets[inside]] += cuts[inside] - NO_THRESHOLD
     return table.astype(np.int32)
+
+
+def code_of(color: NDArray[np.float32]) -> int:
+    """Return a linear RGBA colour, (4,), as a pixel: what `encode_rows` makes of it."""
+    *light, alpha = (value if value > 0.0 else 0.0 for value in color.tolist())
+    red, green, blue = (bisect.bisect_right(code_thresholds(), value) for value in light)
+    return red | green << 8 | blue << 16 | int(min(alpha, 1.0) * 255.0 + 0.5) << 24
 
 
 @helper

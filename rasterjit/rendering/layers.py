@@ -125,9 +125,7 @@ class Shader(NamedTuple):
 
     def code_backdrop(self, first_row: int, color: NDArray[np.uint32]) -> None:
         """Write what is seen behind all faces of some rows, (R, W), in RGBA codes."""
-        pixel = np.empty((1, 1), np.uint32)
-        encode.encode_rows(self.background.reshape(1, 1, 4), encode.encoding_table(), pixel)
-        color[:] = pixel
+        color[:] = encode.code_of(self.background)
         nothing = np.full(color.shape, -1, np.int32)
         self.show_behind(nothing, first_row, _no_linear(color), color)
 

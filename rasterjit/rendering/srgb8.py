@@ -108,8 +108,6 @@ def kernels_of(plan: RenderPlan) -> Rows:
         if has_samples:
             names = ["compositing.list_faces", "encoded.mix_codes"]
     rows += [(name, "", layers.SEVERAL) for name in names]
-    if has_samples:
-        rows.append(("encode.encode_rows", "", ""))
     if "linear" in plan.outputs:
         rows.append(("encoded.decode_rows", "", ""))
     return rows

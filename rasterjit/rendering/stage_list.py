@@ -7,14 +7,13 @@ the block of samples that they work on, and ``runtime/driver.py`` for what runs 
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.pipeline.encode import encode_rows, encoding_table
+from rasterjit.pipeline.encode import code_of
 from rasterjit.pipeline.fragments.weights import code_samples, mix_shares
 from rasterjit.pipeline.lighting import light_stages as lights
 from rasterjit.pipeline.lighting.vertices import list_vertices, write_vertices
@@ -329,18 +328,6 @@ def pixel_steps(shown: int, effects: Sequence[Active]) -> tuple[list[Step], int]
         own, shown = one.at("pixel", shown)
         steps += own
     return steps, shown
-
-
-def code_of(background: NDArray[np.float32]) -> int:
-    """Return a linear colour, (4,), as RGBA bytes from the lowest up."""
-    return _code_of_bytes(background.tobytes())
-
-
-@functools.lru_cache(64)
-def _code_of_bytes(background: bytes) -> int:
-    code = np.empty((1, 1), np.uint32)
-    encode_rows(np.frombuffer(background, np.float32).reshape(1, 1, 4), encoding_table(), code)
-    return int(code[0, 0])
 
 
 class Shading:

@@ -206,7 +206,7 @@ def kernels_of(plan: RenderPlan) -> Rows:
     # Where pixels show several faces the last steps are told with theirs.
     is_new = plan.layers is None
     if plan.facts.mixes_codes:
-        names = ["encoded.add_codes", "encoded.write_mean_codes", "encode.encode_rows"]
+        names = ["encoded.add_codes", "encoded.write_mean_codes"]
         if is_new and "linear" in plan.outputs:
             names.append("encoded.decode_rows")
         return [(name, "", "") for name in names]
@@ -366,13 +366,13 @@ def _average_codes(
     plan: RenderPlan, accumulation: Accumulation, workers: Workers
 ) -> dict[str, NDArray[Any]]:
     """Return the colour outputs of the mean of the codes of all pictures."""
-    sums, table = accumulation.sums, encode.encoding_table()
-    shape, light = sums.shape[:2], decoding_table().copy()
+    sums, light = accumulation.sums, decoding_table().copy()
+    shape = sums.shape[:2]
     color = workers.memory.empty((*shape, 4), np.uint8)
     has_linear = "linear" in plan.outputs
     linear = workers.memory.empty((*shape, 4), np.float32) if has_linear else None
-    packed, behind = color.view(np.uint32)[:, :, 0], np.empty((1, 1), np.uint32)
-    encode.encode_rows(plan.background.reshape(1, 1, 4), table, behind)
+    packed = color.view(np.uint32)[:, :, 0]
+    behind = np.array([[encode.code_of(plan.background)]], np.uint32)
 
     def write_band(band: slice) -> None:
         encoded.write_mean_codes(sums[band], accumulation.count, behind, packed[band])

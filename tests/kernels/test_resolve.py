@@ -62,6 +62,17 @@ def test_codes_equal_naive_on_a_sweep():
     assert encode(sweep).tolist() == np.floor(values).astype(int).tolist()
 
 
+def test_one_colour_has_the_code_that_rows_get():
+    ends = [np.nan, np.inf, -np.inf, -0.0, 0.0, -1.0, 1e-40, 2.0]
+    alphas = around((np.arange(256) + 0.5) / 255.0, 1)
+    values = np.concatenate([ends, around(resolve.code_thresholds(), 1), alphas])
+    values = values[: len(values) // 4 * 4].astype(np.float32)
+    for colors in (values.reshape(-1, 4), np.roll(values, 2).reshape(-1, 4)):
+        rows = np.zeros((1, len(colors)), np.uint32)
+        resolve.encode_rows(np.ascontiguousarray(colors[np.newaxis]), TABLE, rows)
+        assert [resolve.code_of(color) for color in colors] == rows[0].tolist()
+
+
 @settings(max_examples=200)
 @given(st.floats(0.0, 1.0, width=32))
 def test_code_is_the_nearest(value):
