@@ -31,7 +31,6 @@ from rasterjit.runtime.jit import CheckedKernel, Helper, Intrinsic, Kernel, RawK
 from rasterjit.runtime.plain_arrays import PlainArray
 from rasterjit.runtime.state import (
     ArrayType,
-    NoneType,
     NumberType,
     RecordType,
     Type,
@@ -110,8 +109,6 @@ def numba_type(kind: Type) -> Any:
         return PlainArray(numba.from_dtype(_dtype(kind)), kind.ndim, layout)
     if isinstance(kind, NumberType):
         return {"bool": types.boolean}.get(kind.dtype) or getattr(types, kind.dtype)
-    if isinstance(kind, NoneType):
-        return types.none
     fields = [numba_type(field) for field in kind.fields]
     if kind.record is tuple:
         return types.Tuple(tuple(fields))
@@ -128,8 +125,6 @@ def _dtype(kind: ArrayType) -> Any:
 
 def _load(context: Any, builder: Any, kind: Type, numba_kind: Any, base: Any, word: int) -> Any:
     """Return a value of a state block, from a word on, and the word behind it."""
-    if isinstance(kind, NoneType):
-        return context.get_dummy_value(), word
     if isinstance(kind, RecordType):
         values = []
         for field, one in zip(kind.fields, numba_kind.types, strict=True):

@@ -17,7 +17,7 @@ import numpy as np
 
 from rasterjit.runtime.intrinsics import call_at, load_int32, load_int64, store_int64
 from rasterjit.runtime.jit import helper, raw_kernel
-from rasterjit.runtime.state import WORD, ArrayType, NoneType, NumberType, RecordType, Type
+from rasterjit.runtime.state import WORD, ArrayType, NumberType, RecordType, Type
 
 HEADER = object.__basicsize__
 """Bytes of what every object begins with; its last word is the object's type."""
@@ -34,7 +34,7 @@ KIND, TYPE_NUMBER = HEADER + 8, HEADER + 12
 C_CONTIGUOUS, ALIGNED = 0x1, 0x100
 """Flags of an array."""
 
-END, RECORD, NONE, ARRAY, INT, FLOAT64, FLOAT32 = range(7)
+END, RECORD, ARRAY, INT, FLOAT64, FLOAT32 = range(6)
 """What an instruction of a plan packs."""
 
 NUMBERS = {
@@ -50,9 +50,9 @@ LONGEST_PATH = 8
 
 OP, EXPECTED, AXES, WANTED_FLAGS, STRIDED, DEPTH, PATH = (WORD * n for n in range(7))
 """
-Bytes into an instruction. Expected is the type object of a record or a number, the object itself
-(``None``), or a description's byte order and type number. What ``AXES`` has is of an array; a
-record has its length there, a number another type object that will do.
+Bytes into an instruction. ``EXPECTED`` is the type object of a record or a number, or the byte
+order and type number of an array. ``AXES`` is the number of an array's axes, the length of a
+record, or a second type object that a number may have.
 """
 
 INSTRUCTION = PATH + WORD * LONGEST_PATH
@@ -128,9 +128,6 @@ def pack(arguments, plan, state):
         elif op == RECORD:
             if kind != expected or load_int64(thing + HEADER) != load_int64(at + AXES):
                 return number
-        elif op == NONE:
-            if thing != expected:
-                return number
         else:
             if kind != expected and kind != load_int64(at + AXES):
                 return number
@@ -162,8 +159,6 @@ def _instructions(kind: Type, path: tuple[int, ...]) -> Iterator[list[int]]:
         number = dtype.num << 32
         flags = ALIGNED | (C_CONTIGUOUS if kind.is_contiguous else 0)
         yield instruction(ARRAY, order | number, kind.ndim, flags, int(not kind.is_contiguous))
-    elif isinstance(kind, NoneType):
-        yield instruction(NONE, id(None))
     else:
         op, one, other = NUMBERS[kind.dtype]
         yield instruction(op, id(one), id(other))
@@ -182,10 +177,10 @@ def plan_of(kind: RecordType) -> Any:
 def is_readable(pack_at: Callable[[int, int, int], int]) -> bool:
     """Tell whether this Python and this NumPy keep things where `pack` looks."""
     array = np.zeros((5, 7, 3), np.float32)[::2, 1:3]
-    value = (array, (3, 2.5, np.float32(1.5)), None, np.int64(-9), 1 << 40)
+    value = (array, (3, 2.5, np.float32(1.5)), np.int64(-9), 1 << 40)
     number = NumberType
     inner = RecordType(tuple, (number("int64"), number("float64"), number("float32")))
-    parts = ArrayType("float32", 3, False), inner, NoneType(), number("int64"), number("int64")
+    parts = ArrayType("float32", 3, False), inner, number("int64"), number("int64")
     kind = RecordType(tuple, parts)
     plan = plan_of(kind)
     block = (ctypes.c_int64 * 16)()
