@@ -166,7 +166,7 @@ def count_samples(
     faces, screen, viewport : records
     frame : (depth (H, W), face_id (H, W) int32)
         What `nearest.draw_tiles` wrote.
-    scratch : (visibility.scratch_memory(), ties (64, 64) uint8)
+    scratch : (nearest.scratch_memory(), ties (64, 64) uint8)
         This thread's own, of the same type of depths; the ties are zero.
     counts : (samples (M,) int32, ties (tiles,) int64)
         Writes the samples that each entry of the lists covers in its tile, seen or not; and for

@@ -76,7 +76,7 @@ def encoding_table() -> np.ndarray:
 
 @helper
 def between(value, least):
-    """Return a float32 held in least..1; NaN gives the least."""
+    """Return a float32 clamped to least..1; NaN gives the least."""
     value = value if value > least else least
     return value if value < np.float32(1.0) else np.float32(1.0)
 

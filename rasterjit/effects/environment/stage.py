@@ -86,8 +86,8 @@ def turns(y, x):
 
 
 @helper
-def held(value, least, most):
-    """Return a float32 held in least..most; NaN gives the least."""
+def clamped(value, least, most):
+    """Return a float32 clamped to least..most; NaN gives the least."""
     value = value if value > least else least
     return value if value < most else most
 
@@ -98,7 +98,7 @@ def place_of(x, y, z):
     half = np.float32(0.5)
     across = turns(z, x) + half
     down = half - np.float32(2.0) * turns(y, np.sqrt(x * x + z * z))
-    return held(across, np.float32(0.0), np.float32(1.0)), held(
+    return clamped(across, np.float32(0.0), np.float32(1.0)), clamped(
         down, np.float32(0.0), np.float32(1.0)
     )
 
@@ -131,7 +131,7 @@ def filtered_texel(texels, first, width, height, place):
     """Return the bilinear mix of the four texels around a place; rows end at the poles."""
     half = np.float32(0.5)
     x = place[0] * np.float32(width) - half
-    y = held(place[1] * np.float32(height) - half, np.float32(0.0), np.float32(height - 1))
+    y = clamped(place[1] * np.float32(height) - half, np.float32(0.0), np.float32(height - 1))
     left, top = np.floor(x), np.floor(y)
     column, row = np.int64(left), np.int64(top)
     column0 = column if column >= 0 else width - 1
@@ -166,7 +166,7 @@ def level_at_roughness(roughness):
     if roughness < LEAST_ROUGHNESS:
         return roughness / LEAST_ROUGHNESS
     level = np.float32(ROUGH_LEVELS) + np.float32(2.0) * log2(roughness)
-    return held(level, np.float32(1.0), np.float32(ROUGH_LEVELS))
+    return clamped(level, np.float32(1.0), np.float32(ROUGH_LEVELS))
 
 
 @helper
@@ -259,15 +259,15 @@ def mirror_direction(samples, n, toward_viewer, alpha):
         ny + bend * (twice * ny - vy - ny),
         nz + bend * (twice * nz - vz - nz),
     )
-    return direction, held(facing, np.float32(0.0), np.float32(1.0))
+    return direction, clamped(facing, np.float32(0.0), np.float32(1.0))
 
 
 @helper
 def add_mirrored(samples, n, arriving, environment, reflections, toward_viewer):
     """Add what one sample of a surface of facets sheds of the environment, by split sum."""
     zero, one = np.float32(0.0), np.float32(1.0)
-    roughness = held(samples[rows.ROUGHNESS, n], zero, one)
-    metallic = held(samples[rows.METALLIC, n], zero, one)
+    roughness = clamped(samples[rows.ROUGHNESS, n], zero, one)
+    metallic = clamped(samples[rows.METALLIC, n], zero, one)
     direction, facing = mirror_direction(samples, n, toward_viewer, roughness * roughness)
     mirrored = mirrored_color(direction, roughness, environment, reflections)
     shares = reflected_shares(facing, roughness)

@@ -27,13 +27,6 @@ SILHOUETTE, OBJECT, CREASE = 1, 2, 4
 JUMP = np.float32(2.0)
 """Footprints of a pixel by which depths differ at least, where a surface ends before another."""
 
-SNAP_SLACK = np.float32(2.0)
-"""
-Units of the sub-pixel grid by which depths of one plane may be displaced on the screen.
-
-Each by half a unit in x and in y; two depths are compared. Twice that, for rounding.
-"""
-
 DEPTH_ROUNDING = np.float32(2.0**-21)
 """Slack for the rounding of two float32 depths and their slopes, as a share of the depth."""
 
@@ -99,8 +92,8 @@ def slopes_at(lens, viewer, column, row, depth, normal):
 
 
 @helper
-def held(value, most):
-    """Return a value held in -most..most; NaN gives 0."""
+def clamped(value, most):
+    """Return a value clamped to -most..most; NaN gives 0."""
     value = value if value > -most else -most
     return value if value < most else most
 
@@ -133,7 +126,7 @@ def fill_row(
         )
         for k in range(3):
             s[NORMAL + k, column] = turned[k]
-        s[SLOPE_X, column], s[SLOPE_Y, column] = held(slope_x, most_x), held(slope_y, most_y)
+        s[SLOPE_X, column], s[SLOPE_Y, column] = clamped(slope_x, most_x), clamped(slope_y, most_y)
         s[SLACK, column] = (
             JUMP * footprint
             + snap * (abs(s[SLOPE_X, column]) + abs(s[SLOPE_Y, column]))

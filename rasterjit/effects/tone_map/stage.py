@@ -27,7 +27,7 @@ NONE, REINHARD, ACES, NEUTRAL = 0, 1, 2, 3
 """Curves, as ``ToneMap.curve`` numbers them."""
 
 MOST_LIGHT = np.float32(1e12)
-"""Exposed light is held below: its square is finite in float32, and every curve is at its end."""
+"""Exposed light is clamped to this: float32 holds its square, and every curve is at its end."""
 
 START = np.float32(0.76)
 """Largest channel that the neutral curve keeps: 0.8, less the 0.04 that it takes off."""
@@ -41,7 +41,7 @@ DESATURATION = np.float32(0.15)
 
 @helper
 def exposed(value, factor):
-    """Return exposed light held in 0..MOST_LIGHT; NaN gives 0."""
+    """Return exposed light clamped to 0..MOST_LIGHT; NaN gives 0."""
     value = value * factor
     value = value if value > np.float32(0.0) else np.float32(0.0)
     return min(value, MOST_LIGHT)

@@ -52,7 +52,7 @@ GROUP = 8
 """Pixels of a row that are looked at together: as many as a vector register has float64."""
 
 MARGIN = 1.0 / 16.0
-"""Pixels beside a line that are looked at to no avail: rounding decides nothing."""
+"""Margin, pixels, so that rounding never excludes a covered pixel."""
 
 SLACK_REACH = 1.25
 """How far beside a line the centres of the pixels lie that it covers, pixels to right or down."""

@@ -230,7 +230,7 @@ def _base_color(material: Any, linear_bytes: bool) -> tuple[float, float, float,
 
 
 def _share(factor: float | None) -> float:
-    """Return a factor of a PBR material, 1 where there is none, held in 0..1."""
+    """Return a factor of a PBR material, 1 where there is none, clamped to 0..1."""
     return 1.0 if factor is None else min(max(float(factor), 0.0), 1.0)
 
 

@@ -28,7 +28,7 @@ THROUGH = 3
 
 @helper
 def held_alpha(alpha):
-    """Return an alpha held in 0..1; NaN gives 0."""
+    """Return an alpha clamped to 0..1; NaN gives 0."""
     alpha = alpha if alpha > np.float32(0.0) else np.float32(0.0)
     return alpha if alpha < np.float32(1.0) else np.float32(1.0)
 
