@@ -3,8 +3,8 @@ Pack the arguments of a call into a state block, in machine code: about a micros
 
 Reads tuples, arrays and numbers where CPython and NumPy keep them (``PyTupleObject``,
 ``PyArrayObject`` and ``PyArray_Descr``, whose fields NumPy's C interface fixes). A plan says where
-to look and what to expect; whatever is not as expected is left to `state.pack_slowly`, and so is
-everything in a Python where a first try (`is_readable`) reads something else than it should.
+to look and what to expect; anything unexpected is left to `state.pack_slowly`. So is every call, if
+a first try (`is_readable`) shows that this Python keeps things elsewhere.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from rasterjit.runtime.jit import helper, raw_kernel
 from rasterjit.runtime.state import WORD, ArrayType, NumberType, RecordType, Type
 
 HEADER = object.__basicsize__
-"""Bytes of what every object begins with; its last word is the object's type."""
+"""Bytes of an object's header; its last word is the object's type."""
 
 ITEMS = tuple.__basicsize__
 """Bytes before the items of a tuple."""
@@ -35,7 +35,7 @@ C_CONTIGUOUS, ALIGNED = 0x1, 0x100
 """Flags of an array."""
 
 END, RECORD, ARRAY, INT, FLOAT64, FLOAT32 = range(6)
-"""What an instruction of a plan packs."""
+"""Operations of a plan: what an instruction packs."""
 
 NUMBERS = {
     "int64": (INT, int, np.int64),
@@ -43,10 +43,10 @@ NUMBERS = {
     "float64": (FLOAT64, float, np.float64),
     "float32": (FLOAT32, np.float32, np.float32),
 }
-"""How a number is packed, and the types that will do."""
+"""For each type of number: the instruction that packs it, and the Python types it accepts."""
 
 LONGEST_PATH = 8
-"""Tuples inside tuples, at most."""
+"""Most tuples inside tuples."""
 
 OP, EXPECTED, AXES, WANTED_FLAGS, STRIDED, DEPTH, PATH = (WORD * n for n in range(7))
 """
@@ -59,7 +59,7 @@ INSTRUCTION = PATH + WORD * LONGEST_PATH
 """Bytes of an instruction."""
 
 ORDER_AND_NUMBER = 0xFFFFFFFF00FF0000
-"""What matters of the word at ``KIND``."""
+"""Mask of the word at ``KIND``: byte order and type number."""
 
 
 @helper
@@ -100,7 +100,7 @@ def pack(arguments, plan, state):
     Returns
     -------
     int
-        0, or the number of the instruction that found something else than expected, from 1 on.
+        0, or the number, from 1 on, of the first instruction that found something unexpected.
     """
     array_type, read_int = load_int64(plan), load_int64(plan + WORD)
     at, out, number = plan + 3 * WORD, state, np.int64(1)

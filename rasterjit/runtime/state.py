@@ -5,9 +5,9 @@ A block is a row of 64-bit words. An array takes its address and the lengths of 
 strides, too, unless it is C-contiguous; a number takes one word; a record (a tuple, named or not)
 takes what its fields take, one after the other.
 
-Packing a block is on the way of every call, so machine code does it (``packing``), which reads
-tuples, arrays and numbers where CPython and NumPy keep them. `pack_slowly` is its twin, and what
-says which argument is wrong.
+Every call packs a block, so machine code does it (``packing``): it reads tuples, arrays and numbers
+where CPython and NumPy keep them. `pack_slowly` does the same in Python, and says which argument is
+wrong.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ class ArrayType(NamedTuple):
     """A NumPy name: ``float32``."""
     ndim: int
     is_contiguous: bool
-    """C-contiguous; else of any strides."""
+    """Whether it must be C-contiguous; else any strides do."""
     shape: tuple[int, ...] | None = None
-    """Of an array in a block of samples, which never changes; such a one is contiguous."""
+    """Fixed lengths, of an array in a block of samples; such an array is contiguous."""
 
     def __str__(self) -> str:
         if self.shape is not None:
@@ -80,11 +80,10 @@ int64, int32, int8 = (NumberType(f"int{bits}") for bits in (64, 32, 8))
 uint32, uint8 = NumberType("uint32"), NumberType("uint8")
 
 stored = NumberType("float32|float64|int32")
-"""What depths are rounded to before they are compared: a kernel has a form for each, the usual one
-first."""
+"""Types of stored depths: a kernel has a form for each, the usual one first."""
 
 real = NumberType("float64|float32")
-"""What vertices are taken to the screen in: a kernel has a form for each."""
+"""Types in which vertices are projected: a kernel has a form for each."""
 
 Type = ArrayType | NumberType | RecordType
 
@@ -123,7 +122,7 @@ def type_named(annotation: Any) -> Type:
 
 
 def forms_of(kind: RecordType) -> list[RecordType]:
-    """Return the types that a declaration stands for, one for each choice of its elements."""
+    """Return the types that a declaration stands for, one for each choice of element types."""
     choices = {leaf.dtype for leaf in leaves(kind) if "|" in leaf.dtype}
     forms = [kind]
     for choice in sorted(choices):
@@ -132,7 +131,7 @@ def forms_of(kind: RecordType) -> list[RecordType]:
 
 
 def _with(kind: Any, choice: str, dtype: str) -> Any:
-    """Return a type with one choice of elements made."""
+    """Return a type with one choice of element types made."""
     if isinstance(kind, RecordType):
         return kind._replace(fields=tuple(_with(field, choice, dtype) for field in kind.fields))
     if kind.dtype == choice:
@@ -150,7 +149,7 @@ def leaves(kind: Type) -> Iterator[Type]:
 
 
 def words_of(leaf: Type) -> int:
-    """Return how many words an array or a number takes; of a fixed shape, with its elements."""
+    """Return how many words an array or number takes; arrays of a fixed shape lie in the block."""
     if isinstance(leaf, ArrayType):
         if leaf.shape is not None:
             return -(-int(np.prod(leaf.shape)) * np.dtype(leaf.dtype).itemsize // LINE) * (
@@ -172,7 +171,7 @@ def pack_slowly(kind: Type, value: Any, words: list[int], name: str = "arguments
     Raises
     ------
     TypeError
-        It is of another type; names the argument.
+        Names the argument, if it is of another type.
     """
     if isinstance(kind, RecordType):
         if not isinstance(value, tuple) or len(value) != len(kind.fields):
@@ -210,7 +209,7 @@ def _word_of_number(kind: NumberType, value: Any, name: str) -> int:
 
 
 def arrays_of_block(kind: RecordType, words: Any) -> Any:
-    """Return the record whose arrays lie in a block of samples, (n,) int64, as views of it."""
+    """Return a block of samples, (n,) int64, as a record of views of its arrays."""
     arrays, at = [], 0
     for leaf in kind.fields:
         count = int(np.prod(leaf.shape))
