@@ -17,10 +17,8 @@ from __future__ import annotations
 
 import json
 import math
-import os
 import platform
 import statistics
-import sys
 import threading
 import warnings
 import weakref
@@ -34,7 +32,7 @@ from numpy.typing import NDArray
 
 from rasterjit.io.images import replacing
 from rasterjit.outputs.frame import Choice, Frame
-from rasterjit.runtime.store import cpu_features
+from rasterjit.runtime.store import cache_folder, cpu_features
 from rasterjit.runtime.threads import available_processors
 from rasterjit.scene.color import srgb_to_linear
 from rasterjit.scene.quality import SUPERSAMPLED, Quality, differences
@@ -453,17 +451,6 @@ def machine() -> dict[str, str]:
         "system": platform.platform(terse=True),
         "python": platform.python_version(),
     }
-
-
-def cache_folder() -> Path:
-    """Return the user's folder for what programs may forget, and RasterJIT's own in it."""
-    if sys.platform == "win32":
-        base = os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local"
-    elif sys.platform == "darwin":
-        base = Path.home() / "Library" / "Caches"
-    else:
-        base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    return Path(base) / "rasterjit"
 
 
 def profile_file() -> Path:

@@ -137,7 +137,7 @@ def folder() -> Path | None:
     """
     chosen = os.environ.get(FOLDER_VARIABLE)
     try:
-        path = Path(chosen) if chosen else _user_cache() / "rasterjit" / "kernels"
+        path = Path(chosen) if chosen else cache_folder() / "kernels"
         with contextlib.suppress(OSError):
             path.mkdir(mode=0o700, parents=True, exist_ok=True)
         if not path.is_dir():
@@ -153,12 +153,15 @@ def folder() -> Path | None:
     return path
 
 
-def _user_cache() -> Path:
+def cache_folder() -> Path:
+    """Return RasterJIT's folder in the user's cache folder."""
     if sys.platform == "win32":
-        return Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local")
-    if sys.platform == "darwin":
-        return Path.home() / "Library" / "Caches"
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+        base = os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local"
+    elif sys.platform == "darwin":
+        base = Path.home() / "Library" / "Caches"
+    else:
+        base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    return Path(base) / "rasterjit"
 
 
 def _others_may_write(path: Path) -> bool:
