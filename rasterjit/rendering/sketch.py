@@ -31,7 +31,7 @@ from rasterjit.pipeline.surface import textures
 from rasterjit.pipeline.surface.listing import list_samples
 from rasterjit.rendering import stage_list, supersample
 from rasterjit.runtime.driver import Step
-from rasterjit.survey.contents import SHADINGS
+from rasterjit.scene.material import SHADINGS
 from rasterjit.survey.effect import Active, Look
 from rasterjit.survey.plan import RenderPlan
 
