@@ -176,8 +176,8 @@ class RendererPool:
             self._idle.put(renderer)
 
 
-def draw_all(pool: RendererPool, cameras: Iterable[Camera], prefetch: int) -> Iterator[Frame]:
-    """Draw frames by a pool that is there as long as frames are taken."""
+def draw_all(pool: Any, cameras: Iterable[Camera], prefetch: int) -> Iterator[Frame]:
+    """Yield the frames of a pool with the methods of `RendererPool`; close it after the last."""
     with pool:
         yield from in_order(cameras, pool.submit, pool.take, prefetch)
 
