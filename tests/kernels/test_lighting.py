@@ -222,7 +222,11 @@ def test_light_falls_off_with_the_square_of_the_distance():
 
 
 def test_no_samples_is_nothing():
-    light(np.zeros((block.BLOCK_ROWS, 0), np.float32), [[0, 0, 1, 0, 1, 1, 1]], DARK)
+    kept = random_samples(np.random.default_rng(4), 2)
+    before = kept.copy()
+    lit = light(kept[:, 1:1], [[0, 0, 1, 0, 1, 1, 1]], DARK)
+    assert lit.shape == (0, 3)
+    assert (kept == before).all()
 
 
 @settings(max_examples=60)
