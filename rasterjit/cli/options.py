@@ -286,7 +286,7 @@ class Look(NamedTuple):
 
     def apply(self, scene: Scene) -> None:
         """Change the scene's materials and wireframe."""
-        from rasterjit.scene.scene import Wireframe
+        from rasterjit.scene.wireframe import Wireframe
 
         if self.shading is not None:
             for mesh in {id(node.mesh): node.mesh for node in scene.nodes}.values():

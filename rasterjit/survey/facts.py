@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from rasterjit.scene.environment import Environment
 from rasterjit.scene.light import AmbientLight
 from rasterjit.scene.quality import SUPERSAMPLED, Quality
-from rasterjit.scene.scene import EFFECT_FIELDS, Scene, Wireframe
+from rasterjit.scene.scene import EFFECT_FIELDS, Scene
+from rasterjit.scene.wireframe import Wireframe
 from rasterjit.survey.blending import Transparency, find_transparency
 from rasterjit.survey.contents import SMOOTH, Contents, Inventory
 from rasterjit.survey.lights import NO_LIGHTS, PlannedLights, plan_lights

@@ -12,7 +12,8 @@ from rasterjit.rendering.effects import EFFECTS, effect_named
 from rasterjit.rendering.renderer import Renderer, explain
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.quality import Quality
-from rasterjit.scene.scene import Scene, Wireframe
+from rasterjit.scene.scene import Scene
+from rasterjit.scene.wireframe import Wireframe
 
 ROUNDS = 3
 """Frames of each kind; their median counts."""

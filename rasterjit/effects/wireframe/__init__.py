@@ -21,7 +21,7 @@ from rasterjit.pipeline.records import Geometry
 from rasterjit.pipeline.visibility import draw
 from rasterjit.runtime.threads import Workers, fill_rows
 from rasterjit.scene.color import decoding_table, linear_to_srgb
-from rasterjit.scene.scene import Wireframe
+from rasterjit.scene.wireframe import Wireframe
 from rasterjit.survey.blending import mixing_note
 from rasterjit.survey.effect import Absent, Effect, FrameContext, Planned, Planning, Rows
 from rasterjit.survey.facts import Facts
