@@ -42,7 +42,7 @@ ROWS_MIXED_AT_ONCE = 32
 
 
 class Shader(NamedTuple):
-    """What it takes to shade an image of face numbers."""
+    """Everything needed to shade an image of face numbers."""
 
     geometry: Geometry
     placement: Placement
@@ -80,7 +80,7 @@ class Shader(NamedTuple):
 
     @property
     def has_behind(self) -> bool:
-        """Whether anything but a colour is seen where no face is."""
+        """Whether the background is more than one colour."""
         return bool(acting(self.effects, "background"))
 
     def show_behind(
@@ -142,7 +142,7 @@ class Shader(NamedTuple):
 
 
 def _no_linear(color: NDArray[np.uint32]) -> NDArray[np.float32]:
-    """Return linear colour that is not wanted, for pixels (..., W)."""
+    """Return an empty array in place of linear colour that is not wanted, for pixels (..., W)."""
     return np.empty((*color.shape[:-1], 0, 4), np.float32)
 
 

@@ -43,7 +43,7 @@ CULL_MODES = ("none", "back", "front")
 BYTES = {"bool": 1, "uint8": 1, "int32": 4, "float32": 4, "float64": 8}
 
 Known = tuple[Inventory, NDArray[np.float64]]
-"""What the objects of a scene are, and their boxes, (O, 2, 3), model space."""
+"""Inventory of a scene's objects, and their bounding boxes, (O, 2, 3), model space."""
 
 
 def plan_frame(
@@ -106,7 +106,7 @@ def plan_frame(
 
 
 def _refuse(scene: Scene, facts: Facts) -> None:
-    """Raise ``ValueError`` if textures are read that nothing lays on the faces."""
+    """Raise ``ValueError`` if texture coordinates are needed and missing."""
     contents, quality = facts.contents, facts.quality
     if "uv" in facts.outputs and contents.laid == 0:
         raise ValueError("outputs has 'uv', but no mesh of the scene has texture coordinates")
@@ -190,7 +190,7 @@ def _geometry_rows(plan: RenderPlan) -> Rows:
 
 
 def _effect_rows(plan: RenderPlan, place: str, known: Rows = ()) -> Rows:
-    """Return the kernels that effects call at a place, but for those that are told already."""
+    """Return the kernels that effects call at a place, without those already listed."""
     told = [row for planned in plan.planned for row in planned.effect.kernels(plan).get(place, ())]
     names = {row[:2] for row in known if not row[2]}
     return [row for row in dict.fromkeys(told) if row[:2] not in names]
@@ -221,7 +221,7 @@ def _picture_rows(plan: RenderPlan) -> Rows:
 
 
 def _coverage_rows(plan: RenderPlan) -> Rows:
-    """Return the kernels that find what of each pixel is covered."""
+    """Return the kernels that find how much of each pixel is covered."""
     samples = plan.quality.samples
     if samples == 1 or samples in SUPERSAMPLED:
         return []
@@ -259,7 +259,7 @@ def _way_of_weights(plan: RenderPlan) -> str:
 
 
 def _layer_rows(plan: RenderPlan) -> Rows:
-    """Return the kernels that put together what a pixel shows besides its nearest face."""
+    """Return the kernels that composite or mix the faces of a pixel."""
     if plan.layers is None:
         return []
     samples, several = plan.layers.samples, "a pixel shows several faces"

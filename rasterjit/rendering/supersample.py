@@ -141,7 +141,7 @@ def steps(plan: RenderPlan) -> list[RenderPlan]:
 
 
 def _counts(pictures: int) -> list[int]:
-    """Return after how many pictures they are spread evenly: 4, 16, 64 ..."""
+    """Return the counts of pictures whose samples are spread evenly: 4, 16, 64 ..."""
     counts = [pictures]
     while counts[0] > 4:
         counts.insert(0, counts[0] // 4)

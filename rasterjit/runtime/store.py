@@ -1,11 +1,11 @@
 """
 The store of machine code: a file for each form of a kernel, and what brings one into memory.
 
-A file is named by a hash over all that its content follows from: the sources of the kernel and of
-the files of ours that it imports, those of the compiler, the types of its arguments and the CPU it
-is for; then, by the versions of Numba and llvmlite. It begins with a checksum over its name and its
-content. What is damaged or missing is compiled again. Files are written under another name and
-moved into place, so that none is ever seen half written, whoever else writes.
+A file is named by a hash over all that decides its content: the sources of the kernel, of the files
+of ours that it imports and of the compiler, the types of its arguments, and the target CPU; then by
+the versions of Numba and llvmlite. It begins with a checksum over its name and its content. Damaged
+and missing entries are compiled again. Files are written under another name and moved into place,
+so that none is ever seen half written, whoever else writes.
 
 Where Numba is missing, an entry of any version will do: the bits are the same.
 

@@ -19,7 +19,7 @@ from rasterjit.survey.overrides import lights_under
 from rasterjit.survey.placement import Boxes, Views, are_even
 
 STANDARD = Quality.standard()
-"""Its settings are not worth a word: only others are told."""
+"""Settings of the quality that equal these are not reported."""
 
 
 class Facts(NamedTuple):
