@@ -1,10 +1,10 @@
 """
 Shade a frame whose pixels show more than one face, and put their colours together.
 
-The frame is done in bands: rows of one row of tiles. Of each band the layers are found, images of
-face numbers, which are shaded as any frame is, one after the other, and laid over each other. So no
-more memory is taken than for the layers of one band for each thread; a band with so many layers
-that they take more than ``MOST_BYTES`` is cut into bands with fewer rows.
+Each thread works on a band, rows of one row of tiles: it finds the layers, images of face numbers,
+shades one after the other as any frame, and lays them over each other. So each thread needs memory
+for the layers of one band only. A band whose layers take more than ``MOST_BYTES`` is cut into bands
+with fewer rows.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ ROWS_AT_ONCE = 16
 """Rows of a band that are shaded and put together at once: their colours stay in L2."""
 
 ROWS_MIXED_AT_ONCE = 32
-"""The same of opaque faces, of which few pixels show more than one or two."""
+"""Rows of opaque faces at once: few of their pixels show more than one or two faces."""
 
 
 class Shader(NamedTuple):
@@ -57,10 +57,10 @@ class Shader(NamedTuple):
     coding: Encoding | None = None
     """How colours become codes before they are mixed; ``None`` -> light is mixed."""
     shading: Shading | None = None
-    """The stages for all that, as soon as it stays as it is (`ready`)."""
+    """The stages, made by `ready` when nothing above changes any more."""
 
     def ready(self) -> Shader:
-        """Return the same with its stages."""
+        """Return this shader with its stages made."""
         shading = Shading(
             self.geometry, self.placement, self.surface, self.lighting, self.effects,
             self.encoding.table, self.background,
@@ -147,7 +147,7 @@ def _no_linear(color: NDArray[np.uint32]) -> NDArray[np.float32]:
 
 
 class Target(NamedTuple):
-    """Some rows of the picture, as far as they are wanted."""
+    """Some rows of the colour outputs; an output that is not wanted is empty."""
 
     linear: NDArray[np.float32]
     """(R, W, 4), or (R, 0, 4)."""

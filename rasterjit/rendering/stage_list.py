@@ -311,7 +311,7 @@ class Shading:
     """
     The stages that shade the faces of a frame, with all that they read.
 
-    Made once for a frame, it shades any image of face numbers; several threads may use one.
+    One is made for each frame. It shades any image of face numbers, in several threads at once.
 
     Parameters
     ----------
