@@ -34,9 +34,6 @@ EFFORT = Effort(15, 10.0)
 COMPILE_ROUNDS = 2
 COMPILE_SECONDS = 300.0
 
-CACHE_VARIABLES = ("RASTERJIT_CACHE_DIR", "NUMBA_CACHE_DIR")
-"""What names the folder of compiled kernels; the second in versions that let Numba keep them."""
-
 COLUMNS = ("what", "A", "B", "B / A", "quartiles", "verdict", "note")
 
 progress = Console(stderr=True)

@@ -12,9 +12,9 @@ import sys
 from pathlib import Path
 
 import numpy as np
+from accuracy_front import save_front
 
 import rasterjit as rj
-from rasterjit.accuracy.report.plots import save_front
 
 MODELS = Path(__file__).parent
 README = MODELS.parent / "README.md"

@@ -78,11 +78,12 @@ from rasterjit.scene.material import Material
 from rasterjit.scene.mesh import Mesh, set_painter
 from rasterjit.scene.outline import Outline
 from rasterjit.scene.quality import Quality
-from rasterjit.scene.scene import Node, Scene, Wireframe
+from rasterjit.scene.scene import Node, Scene
 from rasterjit.scene.texture import Texture
 from rasterjit.scene.tone_map import ToneMap
 from rasterjit.scene.view import View
 from rasterjit.scene.vignette import Vignette
+from rasterjit.scene.wireframe import Wireframe
 
 set_painter(preview)
 del preview, set_painter

@@ -236,7 +236,7 @@ def test_unlit_objects_get_no_light(sphere, camera):
     frame = draw(scene, camera)
     assert same(frame, draw(scene_of(sphere, "unlit"), camera))
     effect = used(frame)["environment light"]
-    assert (effect.used, effect.reason) == (False, "nothing is shaded, or every material is unlit")
+    assert (effect.used, effect.reason) == (False, "every material in view is unlit")
 
 
 def test_an_environment_takes_the_place_of_the_headlight(sphere, camera):

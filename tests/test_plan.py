@@ -285,7 +285,7 @@ def test_every_reason_is_spelled_out(cube, camera):
     rows = str(rj.explain(scene, camera, outputs="linear")).splitlines()
     for row in (
         "shading                  out (only the wireframe is drawn)",
-        "lights                   out (nothing is shaded, or every material is unlit)",
+        "lights                   out (nothing is shaded)",
         "shadows                  out (nothing is lit)",
         "smooth normals           out (shading gouraud, phong)",
         "textures                 out (nothing is shaded)",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 
 import pytest
 
@@ -103,7 +104,7 @@ def test_a_folder_that_cannot_be_written_is_named(folder):
 
 
 def test_the_folder_is_the_users_own(monkeypatch, tmp_path):
-    monkeypatch.setattr(profiles.sys, "platform", "linux")
+    monkeypatch.setattr(sys, "platform", "linux")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     assert profiles.cache_folder() == tmp_path / "rasterjit"
     monkeypatch.delenv("XDG_CACHE_HOME")

@@ -13,8 +13,6 @@ from benchmarks.scenes import LineScene, Scene
 EDGE_COLOR = (255, 255, 255, 255)
 """RGBA of the edges of a wireframe."""
 
-SHADED = ("colors", "lighting")
-
 
 def needs(scene: Scene) -> list[str]:
     """

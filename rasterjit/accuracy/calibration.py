@@ -1,4 +1,4 @@
-"""Measure once what the qualities of the dial cost and buy on this machine, and keep it."""
+"""Measure once the times and errors of the qualities of ``rendering.budget`` on this machine."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def calibrate(
     *, threads: int | None = None, progress: Progress | None = None
 ) -> tuple[Profile, Path]:
     """
-    Draw made scenes in the qualities of the dial; keep times and errors in the cache folder.
+    Draw made scenes in these qualities; keep their times and errors in the cache folder.
 
     What ``render(time_budget=...)`` and ``max_error`` choose from are those qualities that no other
     is both faster and more accurate than.

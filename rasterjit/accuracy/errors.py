@@ -11,14 +11,11 @@ from numpy.typing import NDArray
 
 from rasterjit.accuracy.results import Errors
 from rasterjit.outputs.frame import Frame
-from rasterjit.rendering.budget import light_of, root_mean_square
+from rasterjit.rendering.budget import CODES, light_of, root_mean_square
 from rasterjit.scene.scene import Scene
 
 PICTURE_OUTPUTS = ("color", "linear")
 """What the colour of two frames is compared by."""
-
-CODES = 255.0
-"""Largest 8-bit code."""
 
 
 class Reference(NamedTuple):

@@ -11,7 +11,7 @@ from rasterjit.accuracy.results import COMBINATIONS
 from rasterjit.rendering.plan import RenderPlan
 from rasterjit.scene.camera import OrthographicCamera
 from rasterjit.scene.quality import LEVELS, PRESETS, SUPERSAMPLED, Quality, differences
-from rasterjit.survey.facts import Facts
+from rasterjit.survey.facts import unlit_reason
 
 TRIED_PRESETS = ("draft", "high")
 """Presets that are tried besides the standard and the reference, which are drawn anyway."""
@@ -157,21 +157,16 @@ def _not_interpolated(plan: RenderPlan) -> str | None:
 def _not_lit_finely(plan: RenderPlan) -> str | None:
     """Say why no material is lit by the vertex or the pixel that could do with less."""
     if not plan.facts.is_lit:
-        return _lighting_reason(plan.facts)
+        return unlit_reason(plan.facts)
     if not plan.facts.seen.shadings & {"gouraud", "phong"}:
         return "no material in view is gouraud or phong"
     return None
 
 
-def _lighting_reason(facts: Facts) -> str:
-    """Say why nothing is lit."""
-    return "every material in view is unlit" if facts.shades else "no face is shaded"
-
-
 def _without_pixel_normals(plan: RenderPlan) -> str | None:
     """Say why no normals are interpolated."""
     if not plan.facts.is_lit:
-        return _lighting_reason(plan.facts)
+        return unlit_reason(plan.facts)
     if not plan.facts.seen.shadings & {"phong", "pbr"}:
         return "no material in view is phong or pbr: no normals are interpolated"
     return None

@@ -14,9 +14,10 @@ from rasterjit.scene.camera import PerspectiveCamera
 from rasterjit.scene.light import AmbientLight, DirectionalLight, Shadow
 from rasterjit.scene.material import Material
 from rasterjit.scene.mesh import Mesh
-from rasterjit.scene.scene import Scene, Wireframe
+from rasterjit.scene.scene import Scene
 from rasterjit.scene.texture import Texture
 from rasterjit.scene.validation import one_of
+from rasterjit.scene.wireframe import Wireframe
 
 SIZE = (480, 360)
 """Pixels of their pictures."""

@@ -33,9 +33,6 @@ SPECIAL = {
 }
 """Levels with a name of their own."""
 
-AS_THE_SCENE_SAYS = "what the scene says"
-"""The level None."""
-
 ALIKE = 1.005
 """Errors in a smaller ratio are not told apart: they print alike."""
 
@@ -106,7 +103,7 @@ def _sentence(trial: Trial, standard: Trial) -> str:
 def _phrase(setting: str, level: object) -> str:
     """Return what to call a level."""
     if level is None:
-        return AS_THE_SCENE_SAYS
+        return "what the scene says"
     return SPECIAL.get((setting, str(level))) or PHRASES[setting].format(level)
 
 

@@ -14,7 +14,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 import click
 
 from rasterjit.outputs.table import MOTION_OUTPUTS, OUTPUTS, check_outputs
+from rasterjit.scene.material import SHADINGS
 from rasterjit.scene.quality import LEVELS, PRESETS, Quality
+from rasterjit.scene.tone_map import CURVES
 
 if TYPE_CHECKING:
     from rasterjit.scene.camera import OrthographicCamera, PerspectiveCamera
@@ -34,12 +36,6 @@ DEFAULT_DIRECTION = (0.6, 0.5, 1.0)
 DEFAULT_AZIMUTH, DEFAULT_ELEVATION = 31.0, 23.0
 """The same in whole degrees, for when one of the two is given."""
 DEFAULT_FOV = 45.0
-
-CLEARANCE = 0.01
-"""Share of its distance by which the near plane of a placed camera is nearer than the scene."""
-
-NEAREST = 1e-4
-"""Least near plane of a camera inside the scene, as a share of the scene's size."""
 
 SAMPLES = tuple(str(level) for level in LEVELS["samples"])
 """Choices of ``Quality.samples``."""
@@ -290,7 +286,7 @@ class Look(NamedTuple):
 
     def apply(self, scene: Scene) -> None:
         """Change the scene's materials and wireframe."""
-        from rasterjit.scene.scene import Wireframe
+        from rasterjit.scene.wireframe import Wireframe
 
         if self.shading is not None:
             for mesh in {id(node.mesh): node.mesh for node in scene.nodes}.values():
@@ -370,6 +366,7 @@ class View(NamedTuple):
         """Return the camera at ``position``, its near and far plane around the scene."""
         import numpy as np
 
+        from rasterjit.scene.framing import CLEARANCE, near_plane
         from rasterjit.scene.transforms import are_parallel
 
         center, radius = scene.bounding_sphere()
@@ -385,8 +382,7 @@ class View(NamedTuple):
         if self.projection == "orthographic":
             near, far = 0.0, (distance + radius) * (1.0 + CLEARANCE) or 1.0
         else:
-            before_scene = (distance - radius) * (1.0 - CLEARANCE)
-            near, far = max(before_scene, distance * NEAREST, radius * NEAREST) or 1.0, math.inf
+            near, far = near_plane(distance, radius) or 1.0, math.inf
         return dataclasses.replace(fitted, eye=eye, target=target, up=up, near=near, far=far)
 
 
@@ -404,7 +400,7 @@ def add_options(options: list[Callable], command: Callable) -> Callable:
 
 def look_options(command: Callable) -> Callable:
     """Add the options of `Look` to a command."""
-    modes = click.Choice(["unlit", "flat", "gouraud", "phong", "pbr"])
+    modes = click.Choice(SHADINGS)
     return add_options(
         [
             click.option("--shading", type=modes, help="Shade all objects this way."),
@@ -541,7 +537,7 @@ def effect_options(command: Callable | None = None, *, quality: bool = True) -> 
                          help="Light from all around: an equirectangular picture, or a sky."),
             click.option("--ambient-occlusion", is_flag=True, help="Dim ambient light in corners."),
             click.option("--outline", type=ColorType(), help="Draw outlines in this colour."),
-            click.option("--tone-map", type=click.Choice(["none", "reinhard", "aces", "neutral"]),
+            click.option("--tone-map", type=click.Choice(CURVES),
                          help="Curve from light to what the screen shows."),
             click.option("--exposure", metavar="STOPS", type=FiniteType(-32.0, 32.0),
                          help="Doublings of the light before the curve."),

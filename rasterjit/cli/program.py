@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rasterjit.cli.options import ColorType, Effects, Look, SizeType
+from rasterjit.rendering.plan import CULL_MODES
 
 if TYPE_CHECKING:
     from rasterjit.outputs.frame import Frame
@@ -102,7 +103,7 @@ background_option = click.option(
     help="A colour name, #rrggbb, #rrggbbaa or transparent; default: the environment, or white.",
 )  # fmt: skip
 cull_option = click.option(
-    "--cull", type=click.Choice(["none", "back", "front"]), default="none", show_default=True,
+    "--cull", type=click.Choice(CULL_MODES), default="none", show_default=True,
     help="Faces to leave out. Counter-clockwise is the front.",
 )  # fmt: skip
 file_argument = click.argument("file", type=click.Path(path_type=Path))

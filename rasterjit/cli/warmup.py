@@ -33,7 +33,7 @@ def _name(function: Any) -> str:
     return f"{short_name(function.__module__)}.{function.__name__}"
 
 
-def compile_all(tell: Callable[[int, int], None], processes: int | None = None) -> None:
+def compile_all(tell: Callable[[int, int], None]) -> None:
     """
     Fill the store with every form of every kernel and stage.
 
@@ -41,8 +41,6 @@ def compile_all(tell: Callable[[int, int], None], processes: int | None = None) 
     ----------
     tell : callable
         Called with how many are done, and how many there are.
-    processes : int or None
-        How many at most; ``None`` takes the processors this process may run on.
 
     Raises
     ------
@@ -56,7 +54,7 @@ def compile_all(tell: Callable[[int, int], None], processes: int | None = None) 
     tell(0, len(tasks))
     failed = tasks
     if ahead.is_possible():
-        failed = ahead.do_all(tasks, lambda: tell(next(done), len(tasks)), processes)
+        failed = ahead.do_all(tasks, lambda: tell(next(done), len(tasks)))
     # Here, what went wrong shows.
     for task in failed:
         ahead.compile_one(*task.arguments)

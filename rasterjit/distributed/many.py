@@ -26,7 +26,6 @@ from rasterjit.rendering.stream import (
     check_cameras,
     check_prefetch,
     draw_all,
-    in_order,
     share_threads,
     with_bar,
 )
@@ -234,10 +233,4 @@ def farm_out(
     own = thread_count("threads", threads) or 1
     most = check_prefetch(prefetch) or AHEAD * max(1, sum(client.nthreads().values()))
     farm = Farm(client, scene, options, own)
-    return with_bar(_draw_all(farm, cameras, most), cameras, progress)
-
-
-def _draw_all(farm: Farm, cameras: Iterable[Camera], prefetch: int) -> Iterator[Frame]:
-    """Draw frames by a farm that is there as long as frames are taken."""
-    with farm:
-        yield from in_order(cameras, farm.submit, farm.take, prefetch)
+    return with_bar(draw_all(farm, cameras, most), cameras, progress)

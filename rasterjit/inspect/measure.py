@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 from rasterjit.io.meshes import as_scene
 from rasterjit.outputs.frame import Frame
 from rasterjit.rendering import plan as planning
+from rasterjit.rendering.budget import seconds_of
 from rasterjit.rendering.effects import EFFECTS
 from rasterjit.rendering.plan import plan_frame
 from rasterjit.rendering.renderer import Renderer, choose_camera
@@ -133,7 +134,7 @@ def measure(
         for stage in own[0]
         if stage != "compile"
     }
-    times = [statistics.median(_duration(frame) for frame in some) for some in frames]
+    times = [statistics.median(seconds_of(frame) for frame in some) for some in frames]
     changes = tuple(
         Change(subject.name, subject.what, time, time - times[0])
         for subject, time in zip(subjects[1:], times[1:], strict=True)
@@ -167,14 +168,6 @@ def _take_turns(
         for subject, taken in zip(subjects, frames, strict=True):
             taken.append(subject.draw(camera, options))
     return frames
-
-
-def _duration(frame: Frame) -> float:
-    """Return the seconds that a frame took, compiling apart."""
-    seconds = 0.0
-    for stage, duration in frame.stats.seconds.items():
-        seconds += duration if stage != "compile" else 0.0
-    return seconds
 
 
 Variation = tuple[str, str, Scene, Quality]

@@ -30,15 +30,15 @@ below 2, the difference below 1. With ``p = |x_k| + |w_k|`` in clip space, ``x_k
 
 with q for y as p for x. Where terms cancel to nothing a product of two errors counts as well, and
 so does an error in the term it is measured by: ``3 (5 u)**2 p q``, within 5 u times 16 u p q.
-Holding the weights at zero and above brings them no farther from the exact
-ones held likewise. Let s be the sum of the three, T that of the computed weights. After the
+Clamping the weights to zero from below brings them no farther from the exact
+ones clamped likewise. Let s be the sum of the three, T that of the computed weights. After the
 division ``|b'_k - b_k| <= (s_k + b'_k s) / (T - s) + 3 u b'_k``. The value is within
 
 ``2 M ((s_1 + s_2 + (b'_1 + b'_2) s) / (T - s) + 7 u) + 2 M u``,
 
 where 7 u are the three of the sum and the division and the four of ``interpolate``. ``HOMOGENEOUS``
 enlarges s by a part in 1024, and ``CLIPPED_SUM`` has two spare u, for the terms in u**2. If the sum
-of the weights before they are held is not above 2 s, even its sign may be wrong: the bound is
+of the weights before they are clamped is not above 2 s, even its sign may be wrong: the bound is
 infinite.
 
 The bounds are for the worst of all roundings at once. Of random faces compared with exact
@@ -166,7 +166,7 @@ def count_samples(
     faces, screen, viewport : records
     frame : (depth (H, W), face_id (H, W) int32)
         What `nearest.draw_tiles` wrote.
-    scratch : (visibility.scratch_memory(), ties (64, 64) uint8)
+    scratch : (nearest.scratch_memory(), ties (64, 64) uint8)
         This thread's own, of the same type of depths; the ties are zero.
     counts : (samples (M,) int32, ties (tiles,) int64)
         Writes the samples that each entry of the lists covers in its tile, seen or not; and for

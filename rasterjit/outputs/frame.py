@@ -142,7 +142,7 @@ class Frame:
 
     @property
     def linear(self) -> NDArray[np.float32]:
-        """(H, W, 4) float32: linear colour and alpha, before rounding and without the wireframe."""
+        """(H, W, 4) float32: linear colour, alpha; before tone mapping, overlays and rounding."""
         return self._output("linear")
 
     @property

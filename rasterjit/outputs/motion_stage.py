@@ -67,8 +67,8 @@ def place_on_screen(point, owner, matrices):
 
 
 @helper
-def vertices_before(a, b, c, face, faces, earlier):
-    """Return the vertices of a face then, in the order of a, b, c now: the lowest first."""
+def vertices_before(a, face, faces, earlier):
+    """Return the earlier vertices of a face, rotated as those of today where ``a`` comes first."""
     i, j, k = corners_of(earlier, face)
     first, second, _ = corners_of(faces, face)
     if a == first:
@@ -195,7 +195,7 @@ def fill_motion(
             owner = find_object(face, face_starts, owner)
             a, b, c = lowest_first(geometry.faces, face)
             weights = sample_weights(a, b, c, column, row, geometry)
-            i, j, k = vertices_before(a, b, c, face, geometry.faces, before[2])
+            i, j, k = vertices_before(a, face, geometry.faces, before[2])
             x, y, deep = place_on_screen(point_of(weights, a, b, c, now[0]), owner, now[1])
             point = point_of(weights, i, j, k, before[0])
             old_x, old_y, old_deep = place_on_screen(point, owner, before[1])
@@ -236,7 +236,7 @@ def fill_visible(
             owner = find_object(face, face_starts, owner)
             a, b, c = lowest_first(geometry.faces, face)
             weights = sample_weights(a, b, c, column, row, geometry)
-            corners = vertices_before(a, b, c, face, geometry.faces, before[2])
+            corners = vertices_before(a, face, geometry.faces, before[2])
             point = point_of(weights, corners[0], corners[1], corners[2], before[0])
             x, y, deep = place_on_screen(point, owner, before[1])
             if deep > 0.0 and 0.0 <= x < width and 0.0 <= y < height:

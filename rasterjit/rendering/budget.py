@@ -3,24 +3,22 @@ Choose the quality of a frame: the best one that a time allows, or the fastest f
 
 What qualities cost and buy on this machine is measured once and kept in the cache folder.
 
-For a time, the dial remembers what frames of a scene took. The first time that it sees a scene it
+For a time budget, it remembers what frames of a scene took. The first time that it sees a scene it
 draws frames of ever better qualities until one takes too long; with a profile of the machine
 (``rasterjit accuracy --calibrate``) one frame tells what the others would take. From then on each
-frame corrects what is known, so that the dial follows a camera that moves and a machine that slows
+frame corrects these times, so that the choice follows a camera that moves and a machine that slows
 down.
 
-For an error nothing is remembered: two small pictures are drawn, accurately and in ever faster
-qualities, as long as those are near enough. Where none is, the frame is the reference.
+For an error bound nothing is remembered: two small pictures are drawn accurately, then in ever
+faster qualities until one exceeds the bound. If all do, the frame is the reference.
 """
 
 from __future__ import annotations
 
 import json
 import math
-import os
 import platform
 import statistics
-import sys
 import threading
 import warnings
 import weakref
@@ -34,49 +32,52 @@ from numpy.typing import NDArray
 
 from rasterjit.io.images import replacing
 from rasterjit.outputs.frame import Choice, Frame
-from rasterjit.runtime.store import cpu_features
+from rasterjit.runtime.store import cache_folder, cpu_features
 from rasterjit.runtime.threads import available_processors
 from rasterjit.scene.color import srgb_to_linear
 from rasterjit.scene.quality import SUPERSAMPLED, Quality, differences
 
 HEADROOM = 0.9
-"""Share of a time budget that a frame is planned to take: times vary."""
+"""Share of a time budget that a frame may be expected to take: times vary."""
 
 TOO_LONG = 1.5
-"""Calibrating stops at a quality that takes so many times the budget: better ones take longer."""
+"""Calibrating stops at a quality that takes this many budgets: better ones take longer."""
 
 HOPELESS = 3.0
-"""A quality whose first frame, which also gets memory, takes so many times the budget is not drawn
-again."""
+"""A quality is measured by its first frame alone, which also gets memory, if that takes this many
+budgets."""
 
 FRAMES = 3
-"""Frames of each quality that calibrating takes the median of; one of those of many pictures."""
+"""Frames of each quality whose median calibrating takes; supersampled ones are drawn once."""
 
 MEMORY = 0.5
-"""Weight of what was known of the machine's load in what is known after another frame."""
+"""Weight of the old estimate of the machine's load when a frame updates it."""
 
 OWN_MEMORY = 0.8
-"""The same of the time of the quality itself."""
+"""Weight of the old estimate of a quality's own time when a frame updates it."""
 
 MOST_SHARE = 2.0
-"""How many times longer, or shorter, than expected a frame counts at most."""
+"""Largest ratio, either way, of a frame's time to the expected one that counts."""
 
 MOST_KNOWN = 64
-"""Scenes, in their circumstances, whose times are remembered: those that were first seen last."""
+"""Most scenes, each in its circumstances, whose times are remembered; the oldest go first."""
 
 MARGIN = 1.75
-"""How much smaller than the bound the error of the small pictures must be: the picture itself has
-other pixels. The least that was ever needed, in 30 pictures of many kinds, is 1.4."""
+"""
+The error of the small pictures, times this, must be below the bound.
+
+The picture itself has other pixels. Of 30 pictures of many kinds, none needed more than 1.4.
+"""
 
 PROBE_SHARES = (0.5, 0.4)
-"""Sides of the small pictures over those of the picture. Edges that lie well in the pixels of one,
-or patterns that suit them, do not in the other's."""
+"""Sides of the two small pictures over those of the picture. Edges and patterns that happen to fit
+the pixels of one do not fit those of the other."""
 
 LEAST_PROBE = 48
 """Side of a small picture, pixels, unless the picture itself is smaller."""
 
 PROBE_SAMPLES = 64
-"""Pictures whose mean stands for the reference of a small picture: a quarter of what that takes."""
+"""Pictures whose mean stands for the reference of a small picture, at a quarter of its time."""
 
 CODES = 255.0
 """Largest 8-bit code."""
@@ -86,10 +87,10 @@ Draw: TypeAlias = Callable[[Quality], Frame]
 Item = TypeVar("Item")
 
 FORMAT = 1
-"""Of the file; one of another format is as good as none."""
+"""Format number of the profile's file; a file of another format is ignored."""
 
 DECIDING = ("cpu", "architecture", "processors")
-"""What of the machine decides how qualities compare: with another one there is no profile."""
+"""Keys of `machine` that must be those of the profile; else the profile is ignored."""
 
 LADDER = (
     Quality.draft(),
@@ -102,11 +103,11 @@ LADDER = (
     replace(Quality.reference(), samples=64),
     Quality.reference(),
 )
-"""The qualities to choose from where nothing was measured, from the fastest on."""
+"""The qualities to choose from on a machine without a profile, from the fastest on."""
 
 
 class CalibrationWarning(UserWarning):
-    """A scene was drawn some times to find out what qualities take, for no profile was there."""
+    """Without a profile of the machine, a scene was drawn several times to time the qualities."""
 
 
 class Times:
@@ -133,15 +134,16 @@ class Times:
 
     def calibrate(self, budget: float, draw: Draw) -> Iterator[Quality]:
         """
-        Find out what qualities take, from the fastest on, until one takes too long.
+        Measure the times of the qualities, from the fastest on, until one takes too long.
 
-        Where the machine is known the fastest tells the others; those are measured that are chosen.
+        With a profile of the machine, the fastest one predicts the others; only chosen ones are
+        measured as well.
 
         Yields
         ------
         Quality
-            The one that was measured. Who stops here, and comes again, goes on with the next; who
-            comes again after the end goes on where frames have become faster.
+            The one that was measured. A caller that stops here and calls again continues with the
+            next. A call after the end measures more only if frames have become faster.
         """
         for step, quality in enumerate(self.ladder):
             # The first two may be the other way round: there are scenes that fewer lit vertices, or
@@ -165,13 +167,13 @@ class Times:
         return bool(self._seconds)
 
     def _least(self, quality: Quality) -> float:
-        """Return what a quality takes at least, seconds: that of all its pictures; else 0."""
+        """Return the least seconds of a quality: of all pictures if supersampled, else 0."""
         if quality.samples not in SUPERSAMPLED:
             return 0.0
         return int(quality.samples) * min(self._seconds.values()) * self._load
 
     def _measure(self, quality: Quality, budget: float, draw: Draw) -> None:
-        """Find out what a quality takes."""
+        """Measure the time of a quality."""
         # The first frame compiles, and gets memory.
         first = seconds_of(draw(quality))
         if quality.samples in SUPERSAMPLED or first > HOPELESS * budget:
@@ -204,10 +206,10 @@ class Times:
 
     def learn(self, quality: Quality, seconds: float) -> None:
         """
-        Correct what is known by what a frame took.
+        Correct the known times by the time of a frame.
 
-        Most of it is put down to what the machine is busy with: a frame that was disturbed is soon
-        forgotten. What it says of the quality lasts.
+        Most of the difference counts as the machine's load, so a disturbed frame is soon forgotten.
+        The rest corrects the time of its quality for longer.
         """
         if quality not in self._seconds:
             predicted = self.predict(quality)
@@ -245,7 +247,7 @@ def draw_in_time(budget: float, times: Times, draw: Draw) -> Frame:
 
 def draw_as_known(budget: float, times: Times, draw: Draw) -> Frame:
     """
-    Draw a frame in the most accurate quality of which it is known that a time allows it.
+    Draw a frame in the most accurate quality whose predicted time fits a budget.
 
     Takes and returns what `draw_in_time` does, but measures nothing first: some time must be known.
     """
@@ -253,7 +255,7 @@ def draw_as_known(budget: float, times: Times, draw: Draw) -> Frame:
     predicted = times.predict(quality)
     frame = draw(quality)
     seconds = seconds_of(frame)
-    # One during which something compiled, here or in another thread, tells little.
+    # Ignore a frame during which anything compiled, in this thread or another.
     if frame.stats.seconds["compile"] == 0.0:
         times.learn(quality, seconds)
     frame.choice = Choice(quality, predicted, seconds)
@@ -286,8 +288,8 @@ def draw_within_error(bound: float, draw: Draw, small_draws: Sequence[Draw]) -> 
     nearly = replace(best, samples=PROBE_SAMPLES)
     true = lights(nearly)
     quality, error = best, 0.0
-    # From the most accurate one down: what comes out better than its betters does so by luck. What
-    # 64 pictures are off by, 256 small ones would tell: the reference itself takes no longer.
+    # Go from the most accurate one down: one that beats a more accurate one does so by luck.
+    # Leave out `nearly`: to measure its error takes 256 small pictures, as long as the reference.
     for candidate in reversed(known_ladder()):
         if candidate not in (best, nearly):
             found = max(error, _largest_error(lights(candidate), true))
@@ -313,7 +315,7 @@ def known_ladder() -> tuple[Quality, ...]:
 
 
 def probe_sizes(size: tuple[int, int]) -> list[tuple[int, int]]:
-    """Return the sizes of the small pictures that errors are told from."""
+    """Return the sizes of the small pictures that errors are measured on."""
     width, height = size
     return [(_probe_side(width, share), _probe_side(height, share)) for share in PROBE_SHARES]
 
@@ -327,10 +329,10 @@ def light_of(frame: Frame) -> NDArray[np.float32]:
     """
     Return the light that a frame shows, (H, W, 3) float32, linear red, green and blue.
 
-    Before a background that is seen through it is what the surfaces add to whatever comes behind
-    them, and the alpha is a fourth channel. Lines around and along faces lie over the 8-bit colour
-    alone: with them it is that colour, decoded. Other overlays treat a pixel alike in any quality,
-    as tone curves do, and are left out.
+    Before a transparent background, the light is multiplied by alpha, which is a fourth channel.
+    Lines around and along faces are drawn over the 8-bit colour alone: with them the light is that
+    colour, decoded. Other overlays treat a pixel alike in any quality, as tone curves do, and are
+    left out.
     """
     plan = frame.plan
     if any(overlay.effect.joins_faces for overlay in plan.at("overlay")):
@@ -349,7 +351,7 @@ def root_mean_square(differences: NDArray[Any]) -> float:
 
 
 def seconds_of(frame: Frame) -> float:
-    """Return what a frame took, seconds, without compiling."""
+    """Return the seconds that a frame took, without compiling."""
     return sum(time for stage, time in frame.stats.seconds.items() if stage != "compile")
 
 
@@ -446,7 +448,7 @@ def front_of_steps(steps: Iterable[Step]) -> tuple[Step, ...]:
 
 
 def machine() -> dict[str, str]:
-    """Return what times depend on."""
+    """Return the properties of the machine that times depend on."""
     return {
         "cpu": cpu_features()[0],
         "architecture": platform.machine(),
@@ -456,17 +458,6 @@ def machine() -> dict[str, str]:
     }
 
 
-def cache_folder() -> Path:
-    """Return the user's folder for what programs may forget, and RasterJIT's own in it."""
-    if sys.platform == "win32":
-        base = os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local"
-    elif sys.platform == "darwin":
-        base = Path.home() / "Library" / "Caches"
-    else:
-        base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    return Path(base) / "rasterjit"
-
-
 def profile_file() -> Path:
     """Return where the profile of this machine is kept."""
     return cache_folder() / "profile.json"
@@ -474,7 +465,7 @@ def profile_file() -> Path:
 
 def save_profile(profile: Profile) -> Path:
     """
-    Keep the profile of this machine; the file is there whole or not at all.
+    Write the profile of this machine to its file, whole or not at all.
 
     Raises
     ------
@@ -521,7 +512,7 @@ def load_profile() -> Profile | None:
 
 
 def _step(entry: Any) -> Step:
-    """Return a step as it was kept; raise ``ValueError`` for times and errors that cannot be."""
+    """Return a step read from the file; raise ``ValueError`` for impossible times and errors."""
     time, error = float(entry["time"]), float(entry["error"])
     if not (0.0 < time < math.inf and 0.0 <= error < math.inf):
         raise ValueError(f"a step must take time and have an error, got {entry!r}")

@@ -1,10 +1,10 @@
 """
 Shade a frame whose pixels show more than one face, and put their colours together.
 
-The frame is done in bands: rows of one row of tiles. Of each band the layers are found, images of
-face numbers, which are shaded as any frame is, one after the other, and laid over each other. So no
-more memory is taken than for the layers of one band for each thread; a band with so many layers
-that they take more than ``MOST_BYTES`` is cut into bands with fewer rows.
+Each thread works on a band, rows of one row of tiles: it finds the layers, images of face numbers,
+shades one after the other as any frame, and lays them over each other. So each thread needs memory
+for the layers of one band only. A band whose layers take more than ``MOST_BYTES`` is cut into bands
+with fewer rows.
 """
 
 from __future__ import annotations
@@ -39,14 +39,14 @@ ROWS_AT_ONCE = 16
 """Rows of a band that are shaded and put together at once: their colours stay in L2."""
 
 ROWS_MIXED_AT_ONCE = 32
-"""The same of opaque faces, of which few pixels show more than one or two."""
+"""Rows of opaque faces at once: few of their pixels show more than one or two faces."""
 
 SEVERAL = "a pixel shows several faces"
 """When kernels that lay faces over each other are called."""
 
 
 class Shader(NamedTuple):
-    """What it takes to shade an image of face numbers."""
+    """Everything needed to shade an image of face numbers."""
 
     geometry: Geometry
     placement: Placement
@@ -60,10 +60,10 @@ class Shader(NamedTuple):
     has_codes: bool = False
     """Whether colours become codes before they are mixed; else light is mixed."""
     shading: Shading | None = None
-    """The stages for all that, as soon as it stays as it is (`ready`)."""
+    """The stages, made by `ready` when nothing above changes any more."""
 
     def ready(self) -> Shader:
-        """Return the same with its stages."""
+        """Return this shader with its stages made."""
         shading = Shading(
             self.geometry, self.placement, self.surface, self.lighting, self.effects,
             encode.encoding_table(), self.background,
@@ -83,7 +83,7 @@ class Shader(NamedTuple):
 
     @property
     def has_behind(self) -> bool:
-        """Whether anything but a colour is seen where no face is."""
+        """Whether the background is more than one colour."""
         return bool(acting(self.effects, "background"))
 
     def show_behind(
@@ -143,12 +143,12 @@ class Shader(NamedTuple):
 
 
 def _no_linear(color: NDArray[np.uint32]) -> NDArray[np.float32]:
-    """Return linear colour that is not wanted, for pixels (..., W)."""
+    """Return an empty array in place of linear colour that is not wanted, for pixels (..., W)."""
     return np.empty((*color.shape[:-1], 0, 4), np.float32)
 
 
 class Target(NamedTuple):
-    """Some rows of the picture, as far as they are wanted."""
+    """Some rows of the colour outputs; an output that is not wanted is empty."""
 
     linear: NDArray[np.float32]
     """(R, W, 4), or (R, 0, 4)."""

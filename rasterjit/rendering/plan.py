@@ -46,7 +46,7 @@ CULL_MODES = ("none", "back", "front")
 BYTES = {"bool": 1, "uint8": 1, "int32": 4, "float32": 4, "float64": 8}
 
 Known = tuple[Inventory, NDArray[np.float64]]
-"""What the objects of a scene are, and their boxes, (O, 2, 3), model space."""
+"""Inventory of a scene's objects, and their bounding boxes, (O, 2, 3), model space."""
 
 
 def plan_frame(
@@ -106,7 +106,7 @@ def plan_frame(
 
 
 def _refuse(scene: Scene, facts: Facts) -> None:
-    """Raise ``ValueError`` if textures are read that nothing lays on the faces."""
+    """Raise ``ValueError`` if texture coordinates are needed and missing."""
     contents, quality = facts.contents, facts.quality
     if "uv" in facts.outputs and contents.laid == 0:
         raise ValueError("outputs has 'uv', but no mesh of the scene has texture coordinates")

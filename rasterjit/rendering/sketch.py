@@ -1,8 +1,8 @@
 """
 List the stages of a frame before it is drawn.
 
-The functions that list the stages of a picture are given records without data to speak of, of which
-as much is there as will be when it is drawn. So what is told is what runs.
+Calls the functions that list the stages of a real frame with nearly empty records: each field is
+present exactly if it will be when the frame is drawn. So the list is that of the frame.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from rasterjit.pipeline.surface import textures
 from rasterjit.pipeline.surface.listing import list_samples
 from rasterjit.rendering import shade, stage_list, supersample
 from rasterjit.runtime.driver import Step
-from rasterjit.survey.contents import SHADINGS
+from rasterjit.scene.material import SHADINGS
 from rasterjit.survey.effect import Active
 from rasterjit.survey.plan import RenderPlan
 

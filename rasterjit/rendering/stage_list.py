@@ -206,8 +206,10 @@ def add_steps(look: Look, first: int, end: int) -> list[Step]:
     if first == end:
         return []
     lighting, viewer = look.lighting, np.float32(look.placement.toward_viewer)
-    shiny = lights.add_diffuse_lights if lighting.highlights is None else lights.add_shiny_lights
-    steps = [Step(shiny, (lighting.lights, first, end, viewer))]
+    if lighting.highlights is None:
+        steps = [Step(lights.add_diffuse_lights, (lighting.lights, first, end))]
+    else:
+        steps = [Step(lights.add_shiny_lights, (lighting.lights, first, end, viewer))]
     if look.surface.microfacets is not None:
         parts = lighting.lights, first, end, viewer, look.surface.microfacets.parts
         steps.append(Step(lights.add_lights_on_facets, parts))
@@ -334,7 +336,7 @@ class Shading:
     """
     The stages that shade the faces of a frame, with all that they read.
 
-    Made once for a frame, it shades any image of face numbers; several threads may use one.
+    One is made for each frame. It shades any image of face numbers, in several threads at once.
 
     Parameters
     ----------

@@ -1,9 +1,8 @@
 """
-Draw a stream of frames in order, several at once, and few ahead of who takes them.
+Draw a stream of frames in order, several at once, a few ahead of the caller.
 
-A frame is drawn by one thread of its own where there are as many frames as threads: nothing waits
-for the slowest part of a stage, and stages that one thread runs alone do not keep the others idle;
-``benchmarks/many.py`` measures what that is worth.
+With as many frames as threads, one thread draws each frame: none waits for the slowest part of a
+stage, or for a stage that only one thread runs. ``benchmarks/many.py`` measures the gain.
 """
 
 from __future__ import annotations
@@ -32,7 +31,7 @@ from rasterjit.survey import contents
 from rasterjit.survey.cache import prepare
 
 AHEAD = 2
-"""Frames begun for each worker before any is taken: one that is drawn, one that waits."""
+"""Frames begun for each worker before any is taken: one in work, one waiting."""
 
 PROGRESS = ("none", "bar")
 
@@ -176,8 +175,8 @@ class RendererPool:
             self._idle.put(renderer)
 
 
-def draw_all(pool: RendererPool, cameras: Iterable[Camera], prefetch: int) -> Iterator[Frame]:
-    """Draw frames by a pool that is there as long as frames are taken."""
+def draw_all(pool: Any, cameras: Iterable[Camera], prefetch: int) -> Iterator[Frame]:
+    """Yield the frames of a pool with the methods of `RendererPool`; close it after the last."""
     with pool:
         yield from in_order(cameras, pool.submit, pool.take, prefetch)
 
@@ -191,7 +190,7 @@ def in_order(
     """
     Yield frames in the order of the cameras, with at most ``prefetch`` begun ahead.
 
-    What is wrong with a camera, or with taking one, is raised after the frames before it.
+    An invalid camera, or an error of the iterable, is raised after the frames before it.
 
     Parameters
     ----------

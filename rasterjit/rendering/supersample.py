@@ -1,14 +1,14 @@
 """
 Draw whole pictures, each moved by a part of a pixel, and average them in linear light or in codes.
 
-Every sample of a pixel is found and shaded by itself: nothing is shared between pictures but shadow
-maps. These are drawn four times at most, for the first 4 pictures, for what is missing of 16, and
-so on: each time the faces of all these pictures are found first, and the maps reach around them.
+Every sample of a pixel is found and shaded by itself: pictures share nothing but shadow maps. These
+are drawn once for each step: the first 4 pictures, the rest of the first 16, and so on, four steps
+at most. Each step first finds the faces of all its pictures, and fits the maps around them.
 
-The samples are the centres of the cells of a grid over the pixel. They come in an order of which
-the first 4, 16, 64 ... are spread evenly: one to each quarter, to each quarter of a quarter, and so
-on. Within the quarter that it stands for, a sample lies in the smaller quarter that a turn by 90
-degrees leads to: the first ones form rotated grids [1]_, whose middle is that of the pixel.
+The samples are the centres of the cells of a grid over the pixel, ordered so that the first 4, 16,
+64 ... are spread evenly: one in each quarter, in each quarter of a quarter, and so on. Within its
+quarter, a sample lies in the smaller quarter that a turn by 90 degrees leads to: so the first
+samples form rotated grids [1]_, centred on the pixel.
 
 References
 ----------
@@ -71,13 +71,13 @@ class Accumulation:
 @dataclass(frozen=True)
 class MovedCamera:
     """
-    A camera that sees at the centres of pixels what another one sees beside them.
+    A camera moved so that the centres of pixels show what another one sees beside them.
 
     Parameters
     ----------
     camera : Camera
     offset : (float, float)
-        Where beside them: to the right and down, pixels.
+        How far beside them: to the right and down, pixels.
     """
 
     camera: Camera
@@ -141,7 +141,7 @@ def steps(plan: RenderPlan) -> list[RenderPlan]:
 
 
 def _counts(pictures: int) -> list[int]:
-    """Return after how many pictures they are spread evenly: 4, 16, 64 ..."""
+    """Return the counts of pictures whose samples are spread evenly: 4, 16, 64 ..."""
     counts = [pictures]
     while counts[0] > 4:
         counts.insert(0, counts[0] // 4)
@@ -272,7 +272,7 @@ def _background(plan: RenderPlan) -> NDArray[np.float32]:
 
 
 def plan_picture(plan: RenderPlan, drawn: dict[str, Any]) -> RenderPlan:
-    """Return the plan of one picture: its light, or codes, alone, with what is drawn already."""
+    """Return the plan of one picture: its light or codes alone, from what is already drawn."""
     has_codes = plan.facts.mixes_codes
 
     def is_of_pictures(planned: Planned) -> bool:

@@ -285,4 +285,4 @@ def _refuse_neighbours(plan: RenderPlan) -> None:
 
 
 def _no_clock(stage: str) -> None:
-    """Note nothing."""
+    """Do nothing, in place of a `StageClock`."""

@@ -1,8 +1,8 @@
 """
 Compile ahead, in other processes: compilers hold Python's lock, so threads are no faster than one.
 
-The processes meet in the store. Each compiles alone what it has claimed there; whoever needs that
-waits for it. Only where files cannot be locked is anything compiled twice.
+The processes share the store. Each claims there what it compiles, and the others wait for it. Only
+where files cannot be locked is anything compiled twice.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ sys.path[:] = sys.argv[1:]
 from rasterjit.runtime.ahead import work
 work()
 """
-"""What another process runs. It finds the modules where this one does, and nowhere else."""
+"""Code of a worker process; it searches modules where this process does, and nowhere else."""
 
 
 class Task(NamedTuple):
@@ -63,7 +63,7 @@ def compile_one(module: str, name: str, number: int) -> None:
 
 
 def work() -> None:
-    """Do the tasks that are read from standard input; answer each with a line when it is done."""
+    """Read tasks from standard input, do each, and answer it with a line."""
     tasks: SimpleQueue[str] = SimpleQueue()
 
     def read() -> None:
@@ -155,7 +155,7 @@ def do_all(
 
 
 def _do(process: subprocess.Popen[str], task: Task) -> str | None:
-    """Return what went wrong with a task; None if nothing did."""
+    """Let a process do a task; return its error, or None."""
     try:
         process.stdin.write(json.dumps(task) + "\n")
         process.stdin.flush()

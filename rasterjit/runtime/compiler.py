@@ -31,7 +31,6 @@ from rasterjit.runtime.jit import CheckedKernel, Helper, Intrinsic, Kernel, RawK
 from rasterjit.runtime.plain_arrays import PlainArray
 from rasterjit.runtime.state import (
     ArrayType,
-    NoneType,
     NumberType,
     RecordType,
     Type,
@@ -40,18 +39,18 @@ from rasterjit.runtime.state import (
 from rasterjit.runtime.store import Target
 
 OPTIONS = {"nogil": True, "error_model": "numpy", "_nrt": False}
-"""What every function is compiled with."""
+"""Numba's options for every function."""
 
 ALLOWED = {
     "memset", "memcpy", "memmove", "floor", "floorf", "ceil", "ceilf", "rint", "rintf", "trunc",
     "truncf", "nearbyint", "nearbyintf", "fma", "fmaf", "sqrt", "sqrtf",
 }  # fmt: skip
-"""What object code may call: exact operations of the C library, the same bits everywhere."""
+"""Functions that object code may call: exact, with the same bits in every C library."""
 
 _COMPILING = threading.RLock()
 
 STOCK = None
-"""Instead of a target: helpers are functions as Numba makes them, for the CPU at hand."""
+"""In place of a target: stock Numba compiles the helpers, for this machine's CPU."""
 
 
 class _Way(threading.local):
@@ -72,7 +71,7 @@ def _type_of_helper(value: Any, context: Any) -> Any:
 
 @functools.cache
 def _dispatcher(value: Any, target: Target | None) -> Any:
-    """Return what Numba calls a helper by. Drafts may be optimized, for one target."""
+    """Return Numba's dispatcher of a helper: a draft for a target, or a stock one."""
     function = with_instructions(value.function)
     if target is STOCK:
         return numba.njit(**OPTIONS)(function)
@@ -97,7 +96,7 @@ def with_instructions(function: Callable) -> Any:
 
 
 def _drafting() -> Any:
-    """Return what makes drafts."""
+    """Import the module that makes drafts only when one is made."""
     from rasterjit.runtime import numba_internals
 
     return numba_internals
@@ -110,8 +109,6 @@ def numba_type(kind: Type) -> Any:
         return PlainArray(numba.from_dtype(_dtype(kind)), kind.ndim, layout)
     if isinstance(kind, NumberType):
         return {"bool": types.boolean}.get(kind.dtype) or getattr(types, kind.dtype)
-    if isinstance(kind, NoneType):
-        return types.none
     fields = [numba_type(field) for field in kind.fields]
     if kind.record is tuple:
         return types.Tuple(tuple(fields))
@@ -128,8 +125,6 @@ def _dtype(kind: ArrayType) -> Any:
 
 def _load(context: Any, builder: Any, kind: Type, numba_kind: Any, base: Any, word: int) -> Any:
     """Return a value of a state block, from a word on, and the word behind it."""
-    if isinstance(kind, NoneType):
-        return context.get_dummy_value(), word
     if isinstance(kind, RecordType):
         values = []
         for field, one in zip(kind.fields, numba_kind.types, strict=True):
@@ -161,10 +156,11 @@ def _load(context: Any, builder: Any, kind: Type, numba_kind: Any, base: Any, wo
 
 def _entry(value: Any, kind: RecordType, target: Target | None) -> tuple[Callable, list[Any]]:
     """
-    Return a function of three whole numbers that calls a kernel; it notes what the kernel returns.
+    Return a function that calls a kernel, and a list to which compiling it adds the result's type.
 
-    Of a kernel the first is the address of its state block. A stage takes a block of samples as
-    well, and how many there are. A raw kernel takes the numbers themselves.
+    The function takes three whole numbers. A kernel reads the first, the address of its state
+    block; a stage also reads the address of a block of samples and their count. A raw kernel takes
+    the numbers themselves.
     """
     if isinstance(value, RawKernel):
         return with_instructions(value.function), [types.int64]
@@ -231,7 +227,7 @@ def optimize(module: Any, machine: Any) -> None:
 
 
 _IS_STOCK: list[bool] = []
-"""Holds something once drafts have failed where stock Numba did not."""
+"""Not empty: use stock Numba, since drafts have failed where it did not."""
 
 
 def lower(value: Any, kind: RecordType, name: str, target: Target) -> tuple[str, Any]:
@@ -261,7 +257,7 @@ def _in_llvm(value: Any, kind: RecordType, target: Target) -> tuple[Any, Any, st
         try:
             found = _in_stock(value, kind)
         except Exception:
-            raise error from None  # It is the kernel's.
+            raise error from None  # Both ways fail: the kernel is at fault.
         _IS_STOCK.append(True)
         warnings.warn(
             f"Numba {numba.__version__} is not as RasterJIT knows it, so compiling takes longer: "

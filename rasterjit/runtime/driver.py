@@ -145,10 +145,10 @@ class StageList:
                     step.stage.run_in_python(block, count, step.arguments)
 
 
-def block_memory(kind: RecordType, memory: Any = np) -> NDArray[np.int64]:
+def block_memory(kind: RecordType) -> NDArray[np.int64]:
     """Return memory for a block of samples, (n,) int64, at the beginning of a cache line."""
     words = size_of(kind)
-    room = memory.empty((words + 8,), np.int64)
+    room = np.empty((words + 8,), np.int64)
     start = -(room.ctypes.data // WORD) % 8
     return room[start : start + words]
 

@@ -50,9 +50,9 @@ def exp2(x):
 
     Splits x = n + f with n whole and |f| <= 1/2; 2**f by its Taylor series.
     """
-    held = max(min(np.float32(x), np.float32(126.0)), np.float32(-126.0))
-    whole = np.floor(held + np.float32(0.5))
-    y = (held - whole) * np.float32(0.69314718)
+    clamped = max(min(np.float32(x), np.float32(126.0)), np.float32(-126.0))
+    whole = np.floor(clamped + np.float32(0.5))
+    y = (clamped - whole) * np.float32(0.69314718)
     series = np.float32(1.0 / 5040.0) * y + np.float32(1.0 / 720.0)
     series = series * y + np.float32(1.0 / 120.0)
     series = series * y + np.float32(1.0 / 24.0)

@@ -2,27 +2,27 @@
 The decorators of what is compiled, and how it is called.
 
 ``@kernel``
-    What Python calls: compiled once for each form of its arguments, kept as machine code on disk
-    (``store``), called without Python's lock.
+    A function that Python calls: compiled once for each form of its arguments, kept as machine code
+    on disk (``store``), called without Python's lock.
 ``@stage``
     A step of shading, which ``driver`` calls by its address; compiled once.
 ``@raw_kernel``
-    What takes three whole numbers, and is called by its address.
+    A function of three whole numbers, called by its address.
 ``@helper``
     A function that is compiled into the kernels that call it.
 ``@disjoint_helper``
     A helper whose array arguments never overlap, so that its loops vectorize.
 ``@intrinsic``
-    A helper that ``instructions`` has in LLVM's language.
+    A helper that ``instructions`` writes in LLVM's language.
 
 Decorating only remembers the function: nothing imports Numba before something compiles
 (``compiler``), and what is in the store needs no compiler.
 
-With ``NUMBA_DISABLE_JIT=1`` all are the plain Python functions; a kernel is then as silent about
-overflow and NaN as when it is compiled. With ``NUMBA_BOUNDSCHECK=1`` kernels are compiled by Numba
-with checked indices, and raise ``IndexError``; nothing of that is kept.
+With ``NUMBA_DISABLE_JIT=1`` all are the plain Python functions; like compiled ones, they do not
+warn about overflow and NaN. With ``NUMBA_BOUNDSCHECK=1`` Numba compiles kernels with checked
+indices, which raise ``IndexError``; the store keeps none of these.
 
-Kernels allocate nothing: whoever calls them gives them their scratch memory. No kernel uses
+Kernels allocate nothing: callers pass scratch memory. No kernel uses
 ``fastmath``: coverage, clipping and depth rest on exact ties and on NaN comparing false, and
 without it LLVM neither reorders nor contracts floating-point arithmetic.
 """
@@ -164,7 +164,7 @@ class Kernel:
         self.__name__, self.__qualname__ = function.__name__, function.__qualname__
         self.__module__, self.__doc__ = function.__module__, function.__doc__
         self.forms: list[Form] = []
-        """Those that this process has used."""
+        """The forms that this process has used."""
         self._lock = threading.RLock()
 
     @functools.cached_property
@@ -241,7 +241,7 @@ _FAILED = _Failed()
 
 
 def raise_failed() -> None:
-    """Raise what went wrong in a kernel that was called by address."""
+    """Raise the error, if any, of a kernel that was called by address."""
     if _FAILED.errors:
         raise _FAILED.errors.pop()
 
@@ -265,7 +265,7 @@ class Bound:
         """(2,) int64: the addresses of the machine code and of the state block."""
 
     def _run(self, *_: int) -> int:
-        """Run the kernel without machine code of our own; keep its error for `raise_failed`."""
+        """Run the kernel as Python calls it; keep its error for `raise_failed`."""
         try:
             return int(self._kernel(*self._arguments) or 0)
         except BaseException as error:
@@ -365,7 +365,7 @@ class Stage(_OfOneForm):
         return block
 
     def run_in_python(self, block: Any, count: int, arguments: tuple[Any, ...]) -> Any:
-        """Run without machine code of our own: in plain Python, or with checked indices."""
+        """Run as plain Python, or as Numba compiles it with checked indices."""
         if not CHECKED:
             with np.errstate(all="ignore"):
                 return self.function(block, count, *arguments)
@@ -398,7 +398,7 @@ class CheckedKernel:
 
 
 class Helper:
-    """A function that is compiled into kernels. For Python, which tests it, Numba calls it."""
+    """A function that is compiled into kernels. Tests call it from Python, compiled alone."""
 
     def __init__(self, function: Callable, is_disjoint: bool) -> None:
         self.function, self.is_disjoint = function, is_disjoint
@@ -425,7 +425,7 @@ class Intrinsic:
 
 
 def kernel(function: Callable) -> Any:
-    """Compile what Python calls."""
+    """Compile a function that Python calls."""
     if DISABLED:
         compiled: Any = np.errstate(all="ignore")(function)
     else:
@@ -451,7 +451,7 @@ def disjoint_helper(function: Callable) -> Any:
 
 
 def intrinsic(function: Callable) -> Any:
-    """Compile a function as ``instructions`` says; in plain Python it is what it is here."""
+    """Compile a function as ``instructions`` says; plain Python runs the function itself."""
     return function if DISABLED else Intrinsic(function)
 
 
@@ -463,13 +463,13 @@ def stage(function: Callable) -> Stage:
 
 
 def raw_kernel(function: Callable) -> Any:
-    """Compile what is called by its address, with three whole numbers and nothing else."""
+    """Compile a function that is called by its address, with three whole numbers."""
     return function if DISABLED else RawKernel(function)
 
 
 @functools.cache
 def packer() -> Callable[[int, int, int], int]:
-    """Return `packing.pack` as machine code; where it cannot read, one that always gives up."""
+    """Return `packing.pack` as machine code; if it misreads this Python, one that gives up."""
     from rasterjit.runtime.packing import is_readable, pack
 
     run = LOCKED_MACHINE(pack.address())

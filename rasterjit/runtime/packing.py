@@ -3,8 +3,8 @@ Pack the arguments of a call into a state block, in machine code: about a micros
 
 Reads tuples, arrays and numbers where CPython and NumPy keep them (``PyTupleObject``,
 ``PyArrayObject`` and ``PyArray_Descr``, whose fields NumPy's C interface fixes). A plan says where
-to look and what to expect; whatever is not as expected is left to `state.pack_slowly`, and so is
-everything in a Python where a first try (`is_readable`) reads something else than it should.
+to look and what to expect; anything unexpected is left to `state.pack_slowly`. So is every call, if
+a first try (`is_readable`) shows that this Python keeps things elsewhere.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ import numpy as np
 
 from rasterjit.runtime.intrinsics import call_at, load_int32, load_int64, store_int64
 from rasterjit.runtime.jit import helper, raw_kernel
-from rasterjit.runtime.state import WORD, ArrayType, NoneType, NumberType, RecordType, Type
+from rasterjit.runtime.state import WORD, ArrayType, NumberType, RecordType, Type
 
 HEADER = object.__basicsize__
-"""Bytes of what every object begins with; its last word is the object's type."""
+"""Bytes of an object's header; its last word is the object's type."""
 
 ITEMS = tuple.__basicsize__
 """Bytes before the items of a tuple."""
@@ -34,8 +34,8 @@ KIND, TYPE_NUMBER = HEADER + 8, HEADER + 12
 C_CONTIGUOUS, ALIGNED = 0x1, 0x100
 """Flags of an array."""
 
-END, RECORD, NONE, ARRAY, INT, FLOAT64, FLOAT32 = range(7)
-"""What an instruction of a plan packs."""
+END, RECORD, ARRAY, INT, FLOAT64, FLOAT32 = range(6)
+"""Operations of a plan: what an instruction packs."""
 
 NUMBERS = {
     "int64": (INT, int, np.int64),
@@ -43,23 +43,23 @@ NUMBERS = {
     "float64": (FLOAT64, float, np.float64),
     "float32": (FLOAT32, np.float32, np.float32),
 }
-"""How a number is packed, and the types that will do."""
+"""For each type of number: the instruction that packs it, and the Python types it accepts."""
 
 LONGEST_PATH = 8
-"""Tuples inside tuples, at most."""
+"""Most tuples inside tuples."""
 
 OP, EXPECTED, AXES, WANTED_FLAGS, STRIDED, DEPTH, PATH = (WORD * n for n in range(7))
 """
-Bytes into an instruction. Expected is the type object of a record or a number, the object itself
-(``None``), or a description's byte order and type number. What ``AXES`` has is of an array; a
-record has its length there, a number another type object that will do.
+Bytes into an instruction. ``EXPECTED`` is the type object of a record or a number, or the byte
+order and type number of an array. ``AXES`` is the number of an array's axes, the length of a
+record, or a second type object that a number may have.
 """
 
 INSTRUCTION = PATH + WORD * LONGEST_PATH
 """Bytes of an instruction."""
 
 ORDER_AND_NUMBER = 0xFFFFFFFF00FF0000
-"""What matters of the word at ``KIND``."""
+"""Mask of the word at ``KIND``: byte order and type number."""
 
 
 @helper
@@ -100,7 +100,7 @@ def pack(arguments, plan, state):
     Returns
     -------
     int
-        0, or the number of the instruction that found something else than expected, from 1 on.
+        0, or the number, from 1 on, of the first instruction that found something unexpected.
     """
     array_type, read_int = load_int64(plan), load_int64(plan + WORD)
     at, out, number = plan + 3 * WORD, state, np.int64(1)
@@ -127,9 +127,6 @@ def pack(arguments, plan, state):
             out += WORD
         elif op == RECORD:
             if kind != expected or load_int64(thing + HEADER) != load_int64(at + AXES):
-                return number
-        elif op == NONE:
-            if thing != expected:
                 return number
         else:
             if kind != expected and kind != load_int64(at + AXES):
@@ -162,8 +159,6 @@ def _instructions(kind: Type, path: tuple[int, ...]) -> Iterator[list[int]]:
         number = dtype.num << 32
         flags = ALIGNED | (C_CONTIGUOUS if kind.is_contiguous else 0)
         yield instruction(ARRAY, order | number, kind.ndim, flags, int(not kind.is_contiguous))
-    elif isinstance(kind, NoneType):
-        yield instruction(NONE, id(None))
     else:
         op, one, other = NUMBERS[kind.dtype]
         yield instruction(op, id(one), id(other))
@@ -182,10 +177,10 @@ def plan_of(kind: RecordType) -> Any:
 def is_readable(pack_at: Callable[[int, int, int], int]) -> bool:
     """Tell whether this Python and this NumPy keep things where `pack` looks."""
     array = np.zeros((5, 7, 3), np.float32)[::2, 1:3]
-    value = (array, (3, 2.5, np.float32(1.5)), None, np.int64(-9), 1 << 40)
+    value = (array, (3, 2.5, np.float32(1.5)), np.int64(-9), 1 << 40)
     number = NumberType
     inner = RecordType(tuple, (number("int64"), number("float64"), number("float32")))
-    parts = ArrayType("float32", 3, False), inner, NoneType(), number("int64"), number("int64")
+    parts = ArrayType("float32", 3, False), inner, number("int64"), number("int64")
     kind = RecordType(tuple, parts)
     plan = plan_of(kind)
     block = (ctypes.c_int64 * 16)()

@@ -3,11 +3,11 @@ The state block of a kernel: its arguments as plain memory, and the types that l
 
 A block is a row of 64-bit words. An array takes its address and the lengths of its axes, and the
 strides, too, unless it is C-contiguous; a number takes one word; a record (a tuple, named or not)
-takes what its fields take, one after the other; ``None`` takes nothing.
+takes what its fields take, one after the other.
 
-Packing a block is on the way of every call, so machine code does it (``packing``), which reads
-tuples, arrays and numbers where CPython and NumPy keep them. `pack_slowly` is its twin, and what
-says which argument is wrong.
+Every call packs a block, so machine code does it (``packing``): it reads tuples, arrays and numbers
+where CPython and NumPy keep them. `pack_slowly` does the same in Python, and says which argument is
+wrong.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ class ArrayType(NamedTuple):
     """A NumPy name: ``float32``."""
     ndim: int
     is_contiguous: bool
-    """C-contiguous; else of any strides."""
+    """Whether it must be C-contiguous; else any strides do."""
     shape: tuple[int, ...] | None = None
-    """Of an array in a block of samples, which never changes; such a one is contiguous."""
+    """Fixed lengths, of an array in a block of samples; such an array is contiguous."""
 
     def __str__(self) -> str:
         if self.shape is not None:
@@ -64,13 +64,6 @@ class NumberType(NamedTuple):
         return ArrayType(self.dtype, len(axes), axes[-1] == slice(None, None, 1))
 
 
-class NoneType(NamedTuple):
-    """``None``."""
-
-    def __str__(self) -> str:
-        return "None"
-
-
 class RecordType(NamedTuple):
     """A tuple, or a named one."""
 
@@ -84,17 +77,15 @@ class RecordType(NamedTuple):
 
 float64, float32 = NumberType("float64"), NumberType("float32")
 int64, int32, int8 = (NumberType(f"int{bits}") for bits in (64, 32, 8))
-uint64, uint32, uint16, uint8 = (NumberType(f"uint{bits}") for bits in (64, 32, 16, 8))
-boolean = NumberType("bool")
+uint32, uint8 = NumberType("uint32"), NumberType("uint8")
 
 stored = NumberType("float32|float64|int32")
-"""What depths are rounded to before they are compared: a kernel has a form for each, the usual one
-first."""
+"""Types of stored depths: a kernel has a form for each, the usual one first."""
 
 real = NumberType("float64|float32")
-"""What vertices are taken to the screen in: a kernel has a form for each."""
+"""Types in which vertices are projected: a kernel has a form for each."""
 
-Type = ArrayType | NumberType | NoneType | RecordType
+Type = ArrayType | NumberType | RecordType
 
 
 def type_of(value: Any) -> Type:
@@ -103,8 +94,6 @@ def type_of(value: Any) -> Type:
         return ArrayType(value.dtype.name, value.ndim, bool(value.flags.c_contiguous))
     if isinstance(value, tuple):
         return RecordType(type(value), tuple(map(type_of, value)))
-    if value is None:
-        return NoneType()
     if isinstance(value, (bool, np.bool_)):
         return NumberType("bool")
     if isinstance(value, np.float32):
@@ -113,7 +102,7 @@ def type_of(value: Any) -> Type:
         return NumberType("int64")
     if isinstance(value, (float, np.floating)):
         return NumberType("float64")
-    raise TypeError(f"a kernel takes arrays, numbers, tuples of them and None, not {value!r}")
+    raise TypeError(f"a kernel takes arrays, numbers and tuples of them, not {value!r}")
 
 
 def type_named(annotation: Any) -> Type:
@@ -127,15 +116,13 @@ def type_named(annotation: Any) -> Type:
         texts = (getattr(one, "__forward_arg__", one) for one in given)
         fields = (eval(one, known) if isinstance(one, str) else one for one in texts)
         return RecordType(annotation, tuple(map(type_named, fields)))
-    if annotation is None:
-        return NoneType()
     if isinstance(annotation, (ArrayType, NumberType)):
         return annotation
     raise TypeError(f"no type of a stage's argument: {annotation!r}")
 
 
 def forms_of(kind: RecordType) -> list[RecordType]:
-    """Return the types that a declaration stands for, one for each choice of its elements."""
+    """Return the types that a declaration stands for, one for each choice of element types."""
     choices = {leaf.dtype for leaf in leaves(kind) if "|" in leaf.dtype}
     forms = [kind]
     for choice in sorted(choices):
@@ -144,10 +131,10 @@ def forms_of(kind: RecordType) -> list[RecordType]:
 
 
 def _with(kind: Any, choice: str, dtype: str) -> Any:
-    """Return a type with one choice of elements made."""
+    """Return a type with one choice of element types made."""
     if isinstance(kind, RecordType):
         return kind._replace(fields=tuple(_with(field, choice, dtype) for field in kind.fields))
-    if not isinstance(kind, NoneType) and kind.dtype == choice:
+    if kind.dtype == choice:
         return kind._replace(dtype=dtype)
     return kind
 
@@ -157,12 +144,12 @@ def leaves(kind: Type) -> Iterator[Type]:
     if isinstance(kind, RecordType):
         for field in kind.fields:
             yield from leaves(field)
-    elif not isinstance(kind, NoneType):
+    else:
         yield kind
 
 
 def words_of(leaf: Type) -> int:
-    """Return how many words an array or a number takes; of a fixed shape, with its elements."""
+    """Return how many words an array or number takes; arrays of a fixed shape lie in the block."""
     if isinstance(leaf, ArrayType):
         if leaf.shape is not None:
             return -(-int(np.prod(leaf.shape)) * np.dtype(leaf.dtype).itemsize // LINE) * (
@@ -184,7 +171,7 @@ def pack_slowly(kind: Type, value: Any, words: list[int], name: str = "arguments
     Raises
     ------
     TypeError
-        It is of another type; names the argument.
+        Names the argument, if it is of another type.
     """
     if isinstance(kind, RecordType):
         if not isinstance(value, tuple) or len(value) != len(kind.fields):
@@ -194,10 +181,8 @@ def pack_slowly(kind: Type, value: Any, words: list[int], name: str = "arguments
             pack_slowly(field, one, words, f"{name}.{key}")
     elif isinstance(kind, ArrayType):
         words += _words_of_array(kind, value, name)
-    elif isinstance(kind, NumberType):
+    else:
         words.append(_word_of_number(kind, value, name))
-    elif value is not None:
-        raise TypeError(f"{name} must be None, got {value!r}")
 
 
 def _words_of_array(kind: ArrayType, value: Any, name: str) -> list[int]:
@@ -224,7 +209,7 @@ def _word_of_number(kind: NumberType, value: Any, name: str) -> int:
 
 
 def arrays_of_block(kind: RecordType, words: Any) -> Any:
-    """Return the record whose arrays lie in a block of samples, (n,) int64, as views of it."""
+    """Return a block of samples, (n,) int64, as a record of views of its arrays."""
     arrays, at = [], 0
     for leaf in kind.fields:
         count = int(np.prod(leaf.shape))

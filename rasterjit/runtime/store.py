@@ -1,11 +1,11 @@
 """
 The store of machine code: a file for each form of a kernel, and what brings one into memory.
 
-A file is named by a hash over all that its content follows from: the sources of the kernel and of
-the files of ours that it imports, those of the compiler, the types of its arguments and the CPU it
-is for; then, by the versions of Numba and llvmlite. It begins with a checksum over its name and its
-content. What is damaged or missing is compiled again. Files are written under another name and
-moved into place, so that none is ever seen half written, whoever else writes.
+A file is named by a hash over all that decides its content: the sources of the kernel, of the files
+of ours that it imports and of the compiler, the types of its arguments, and the target CPU; then by
+the versions of Numba and llvmlite. It begins with a checksum over its name and its content. Damaged
+and missing entries are compiled again. Files are written under another name and moved into place,
+so that none is ever seen half written, whoever else writes.
 
 Where Numba is missing, an entry of any version will do: the bits are the same.
 
@@ -137,7 +137,7 @@ def folder() -> Path | None:
     """
     chosen = os.environ.get(FOLDER_VARIABLE)
     try:
-        path = Path(chosen) if chosen else _user_cache() / "rasterjit" / "kernels"
+        path = Path(chosen) if chosen else cache_folder() / "kernels"
         with contextlib.suppress(OSError):
             path.mkdir(mode=0o700, parents=True, exist_ok=True)
         if not path.is_dir():
@@ -153,12 +153,15 @@ def folder() -> Path | None:
     return path
 
 
-def _user_cache() -> Path:
+def cache_folder() -> Path:
+    """Return RasterJIT's folder in the user's cache folder."""
     if sys.platform == "win32":
-        return Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local")
-    if sys.platform == "darwin":
-        return Path.home() / "Library" / "Caches"
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+        base = os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local"
+    elif sys.platform == "darwin":
+        base = Path.home() / "Library" / "Caches"
+    else:
+        base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    return Path(base) / "rasterjit"
 
 
 def _others_may_write(path: Path) -> bool:

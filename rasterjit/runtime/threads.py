@@ -18,19 +18,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 LEAST_BYTES = 1 << 15
-"""Smaller arrays come from NumPy: its own allocator keeps those."""
+"""Bytes of the smallest arrays that are reused; NumPy's allocator already reuses smaller ones."""
 
 SIZE_STEPS = 8
 """Sizes of blocks from one power of two to the next."""
 
 KEPT_FRAMES = 2
-"""Frames that a size stays unused before its memory is let go."""
+"""Frames that a size may stay unused before its memory is freed."""
 
 PIXELS_PER_TASK = 1 << 15
 """About the fewest pixels of whole rows shaded by one task: small frames wake no thread."""
 
 TASKS_PER_THREAD = 8
-"""So many tasks, that a thread with the costlier ones does not keep the others waiting for long."""
+"""More than one, so that no thread with costly tasks keeps the others waiting for long."""
 
 
 class Workers:
@@ -107,7 +107,7 @@ class Memory:
             return shelf[number][:size].view(kind).reshape(shape)
 
     def next_frame(self) -> None:
-        """Let go of what the last frames had no use for."""
+        """Free blocks that the last frames did not use."""
         with self._lock:
             self._frame += 1
             for room, used in list(self._last_used.items()):
@@ -132,7 +132,7 @@ def _references(shelf: list[NDArray[np.uint8]], number: int) -> int:
 
 
 IDLE_REFERENCES = _references([np.empty(1, np.uint8)], 0)
-"""What is counted of a block that only its shelf holds; a view of it counts one more."""
+"""Reference count of a block that only its shelf holds; each view adds one."""
 
 
 def _is_idle(shelf: list[NDArray[np.uint8]], number: int) -> bool:

@@ -30,7 +30,7 @@ class Fog:
     light. The distance is measured from the eye straight to the surface, in scene units; for a
     parallel projection, which has no eye point, from the camera's plane along the line of sight.
 
-    - ``"linear"``: f = (end - d) / (end - start), held in 0..1.
+    - ``"linear"``: f = (end - d) / (end - start), clamped to 0..1.
     - ``"exp"``: f = exp(-density d).
     - ``"exp2"``: f = exp(-(density d)²).
 

@@ -22,14 +22,14 @@ NEAREST = 1e-4
 """Least near plane, in radii of the scene or in distances from its centre, the larger."""
 
 CLEARANCE = 0.01
-"""Share of its distance by which the near plane is nearer than the scene."""
+"""
+Share of its distance by which a near plane is nearer than the scene, and a far plane farther.
+
+Well above the rounding of vertices, and less than a bit of depth precision.
+"""
 
 _DISTANCE_IN_RADII = 2.0
 """Distance of a fitted parallel camera, whose picture does not depend on it."""
-
-_CLEARANCE = 0.01
-"""Share of the space before and behind a fitted sphere that its near and far plane leave free:
-well above the rounding of vertices, and less than a bit of depth precision."""
 
 _NEAREST = 1e-6
 """Least near plane of a fitted camera, as a share of its distance: reached only when a field of
@@ -108,9 +108,13 @@ def camera_at(
 ) -> PerspectiveCamera:
     """Return the camera with a near plane before the scene, or near the eye."""
     distance = length(minus(ball.center, eye))
-    before = (distance - ball.radius) * (1.0 - CLEARANCE)
-    near = max(before, NEAREST * distance, NEAREST * ball.radius)
+    near = near_plane(distance, ball.radius)
     return PerspectiveCamera(eye, target, upward, fov_y, near)
+
+
+def near_plane(distance: float, radius: float) -> float:
+    """Return a near plane before a sphere, given the distance of its centre, or near the eye."""
+    return max((distance - radius) * (1.0 - CLEARANCE), NEAREST * distance, NEAREST * radius)
 
 
 def pixel_size(depth: float, fov_y: float, size: tuple[int, int]) -> float:
@@ -250,8 +254,8 @@ def fit_camera(
         distance = framed * math.sqrt(1.0 + cotangent * cotangent)
         shape = {"fov_y": _zoomed_fov(fov_y, magnified)}
     depths = {
-        "near": max((distance - radius) * (1.0 - _CLEARANCE), distance * _NEAREST),
-        "far": (distance + radius) * (1.0 + _CLEARANCE),
+        "near": max((distance - radius) * (1.0 - CLEARANCE), distance * _NEAREST),
+        "far": (distance + radius) * (1.0 + CLEARANCE),
     }
     if not all(map(math.isfinite, (*shape.values(), *depths.values()))):
         raise ValueError(

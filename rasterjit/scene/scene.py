@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.scene.ambient_occlusion import AmbientOcclusion
-from rasterjit.scene.color import ColorLike, linear_color
 from rasterjit.scene.environment import Environment
 from rasterjit.scene.fog import Fog
 from rasterjit.scene.light import Light
@@ -19,8 +17,9 @@ from rasterjit.scene.mesh import Mesh, Previewed
 from rasterjit.scene.outline import Outline
 from rasterjit.scene.tone_map import ToneMap
 from rasterjit.scene.transforms import transform_instances
-from rasterjit.scene.validation import check_field, finite_array, one_of, read_only
+from rasterjit.scene.validation import check_field, finite_array, read_only
 from rasterjit.scene.vignette import Vignette
+from rasterjit.scene.wireframe import Wireframe
 
 if TYPE_CHECKING:
     from rasterjit.scene.camera import MatrixCamera, OrthographicCamera, PerspectiveCamera
@@ -30,38 +29,6 @@ _CHUNK = 1 << 18
 
 _LAST_ROW_ROUNDING = 1e-9
 """How far a transform's last row may be from 0, 0, 0, 1, as left by products and inverses."""
-
-
-@dataclass(frozen=True)
-class Wireframe:
-    """
-    Ask for the edges of every face to be drawn, over the 8-bit colour.
-
-    Lines are one pixel wide, by Bresenham between the pixels that hold the vertices, or smooth with
-    ``Quality(lines="coverage")``; more samples do not change them. No other output than
-    ``"color"`` shows them.
-
-    Parameters
-    ----------
-    color : str or array_like
-        Any colour of `rasterjit.scene.color.linear_color`; stored as a tuple of four floats, linear
-        RGBA. Lines are opaque: its alpha is not read.
-    mode : {"overlay", "only"}
-        ``"overlay"`` draws the visible edges over the shaded faces, where any nearer face hides an
-        edge, transparent or not; ``"only"`` draws every edge and no face.
-
-    Raises
-    ------
-    ValueError
-        If the colour is not one or the mode is unknown.
-    """
-
-    color: ColorLike = "black"
-    mode: str = "overlay"
-
-    def __post_init__(self) -> None:
-        one_of("mode", self.mode, ("overlay", "only"))
-        object.__setattr__(self, "color", tuple(linear_color("color", self.color).tolist()))
 
 
 EFFECT_FIELDS: dict[str, tuple[type, str]] = {

@@ -17,7 +17,7 @@ class Layers(NamedTuple):
     """What a pixel shows besides its nearest face."""
 
     is_blended: NDArray[np.uint8]
-    """(O,): 1 for each object that what lies behind it is seen through."""
+    """(O,): 1 for each object through which what lies behind is seen."""
     has_blended: bool
     samples: int | str
     """Samples of each pixel, or ``"area"``."""

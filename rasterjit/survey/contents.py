@@ -10,16 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.scene.light import AmbientLight, DirectionalLight, PointLight, SpotLight
-from rasterjit.scene.material import TEXTURE_FIELDS, Material
+from rasterjit.scene.material import SHADINGS, TEXTURE_FIELDS, Material
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import EFFECT_FIELDS, Node, Scene, meshes_of
 from rasterjit.scene.texture import Texture
 from rasterjit.survey.overrides import meshes_under
 from rasterjit.survey.placement import mesh_boxes
-
-SHADINGS = ("unlit", "flat", "gouraud", "phong", "pbr")
-"""Ways of shading; `Contents` has a field for each."""
 
 SMOOTH = frozenset(("gouraud", "phong", "pbr"))
 """Ways of shading that read vertex normals."""
@@ -29,7 +26,11 @@ BLINN_PHONG = frozenset(("flat", "gouraud", "phong"))
 
 
 class Contents(NamedTuple):
-    """How many objects are what, as far as it decides what a frame needs."""
+    """
+    How many objects have each property that decides what a frame needs.
+
+    The first fields are those of ``SHADINGS``, the next those of ``TEXTURE_FIELDS``.
+    """
 
     unlit: int
     flat: int
@@ -56,7 +57,7 @@ class Contents(NamedTuple):
     blended: int
     """Whose material is blended."""
     see_through: int
-    """That what lies behind them is seen through."""
+    """Through which what lies behind is seen."""
     emitting: int
     """That send out light."""
     single_sided: int

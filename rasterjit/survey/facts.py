@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from rasterjit.scene.environment import Environment
 from rasterjit.scene.light import AmbientLight
 from rasterjit.scene.quality import SUPERSAMPLED, Quality
-from rasterjit.scene.scene import EFFECT_FIELDS, Scene, Wireframe
+from rasterjit.scene.scene import EFFECT_FIELDS, Scene
+from rasterjit.scene.wireframe import Wireframe
 from rasterjit.survey.blending import NO_TRANSPARENCY, Transparency, find_transparency
 from rasterjit.survey.contents import SMOOTH, Contents, Inventory
 from rasterjit.survey.lights import NO_LIGHTS, PlannedLights, plan_lights
@@ -18,7 +19,7 @@ from rasterjit.survey.overrides import lights_under
 from rasterjit.survey.placement import Boxes, Views, are_even
 
 STANDARD = Quality.standard()
-"""What nothing is said about."""
+"""Settings of the quality that equal these are not reported."""
 
 
 class Facts(NamedTuple):
@@ -52,8 +53,8 @@ class Facts(NamedTuple):
     lights: PlannedLights
     """Those of the scene's that reach what is seen."""
     is_uneven: bool
-    """Whether an object in view with interpolated normals is scaled unlike along its axes, as far
-    as it is of account."""
+    """Whether any object in view with interpolated normals has a non-uniform scale, beyond
+    rounding."""
 
     @property
     def wireframe(self) -> Wireframe | None:
@@ -244,22 +245,20 @@ def look(
 
 
 def _any_uneven(views: Views, in_view: NDArray[np.bool_], inventory: Inventory) -> bool:
-    """Tell whether an object in view with interpolated normals is scaled unlike along its axes."""
+    """Tell whether any object in view with interpolated normals has a non-uniform scale."""
     chosen = in_view & inventory.interpolates_normals
     return not are_even(views.relative_from_model[chosen]).all()
 
 
 def unlit_reason(facts: Facts) -> str:
-    """Say why no light is needed."""
-    if facts.shades and facts.contents.unlit < facts.contents.objects:
+    """Say why nothing is lit."""
+    if facts.shades:
         return "every material in view is unlit"
-    if facts.colors_faces and not facts.shades:
-        return "no object is in view"
-    return "nothing is shaded, or every material is unlit"
+    return "no object is in view" if facts.colors_faces else "nothing is shaded"
 
 
 def settings_asked(facts: Facts, *names: str) -> str:
-    """Say what the quality asks for by some of its settings, as far as it is no standard."""
+    """Say which of some settings the quality changes from the standard, and to what."""
     values = {name: getattr(facts.quality, name) for name in names}
     return "".join(
         f"; quality.{name} is {value!r}"

@@ -34,7 +34,7 @@ from rasterjit.scene.light import (
 from rasterjit.survey.placement import Boxes
 
 FARTHEST_LIGHT = 1e18
-"""Coordinates of a light relative to the eye are held within it: their squares stay finite in
+"""Coordinates of a light relative to the eye are clamped to this: their squares stay finite in
 float32, and no light of an allowed intensity is seen from there."""
 
 NARROWEST_RAMP = 0.001
@@ -51,8 +51,8 @@ MOST_PAIRS = 1 << 20
 """Pairs of objects that are looked at: in scenes of more, something always lies between."""
 
 FIRST_ROWS, MORE_ROWS = 4, 8
-"""Objects held against all others at first, and how many times as many each time nothing was
-found: mostly something is, at once."""
+"""Objects compared with all others at first, and the factor for each next try. Mostly the first
+finds something."""
 
 LIGHT_ROUNDING = 2.0**-20
 """Widening of what a light reaches, as a share of coordinates and of cosines: above the rounding

@@ -273,11 +273,11 @@ class SingleSided(CountedRow):
     none = "every material is double_sided"
 
     def count(self, contents: Contents) -> int:
-        """Return how many objects are so."""
+        """Return how many objects are single-sided."""
         return contents.single_sided
 
     def is_needed(self, facts: Facts) -> bool:
-        """Every frame drops them."""
+        """Return True: every frame culls back faces."""
         return True
 
 
@@ -292,7 +292,7 @@ class Diagnostics(MaterialRow):
         return facts.diagnose
 
     def reason(self, facts: Facts, is_used: bool) -> str:
-        """Return the argument."""
+        """Return the argument that decides it, and its value."""
         return f"diagnose={facts.diagnose}"
 
 

@@ -32,9 +32,9 @@ def show(
     """
     Show a scene to somebody who moves the camera; H tells how.
 
-    While something moves the accuracy dial chooses the quality of the picture; it is a draft until
-    the dial knows the scene, and for depth, normals and numbers. When nothing moves it becomes that
-    of ``Quality.reference()``. The scene must stay as it is meanwhile.
+    While something moves, the quality of the picture follows from the time budget. Until the times
+    of the scene are known, and for depth, normals and numbers, it is a draft. When nothing moves,
+    the picture becomes that of ``Quality.reference()``. The scene must stay as it is meanwhile.
 
     Parameters
     ----------

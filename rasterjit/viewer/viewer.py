@@ -1,11 +1,11 @@
 """
 The viewer, without a window: events and time go in, pictures come out.
 
-`Viewer.draw` returns a picture at once: while something moves in the quality that the accuracy dial
-chooses for the time there is, in draft quality until the dial knows what the scene takes. When
-nothing moves, each `Viewer.step` makes the picture more accurate, or tells the dial more, and may
-run in another thread: whatever moves meanwhile ends it. Windows, pages, notebooks and terminals are
-made of these two by ``canvas``.
+`Viewer.draw` returns a picture at once: while something moves, in the quality that
+``rendering.budget`` chooses for the time there is, or in draft quality until the times of the scene
+are known. When nothing moves, each `Viewer.step` makes the picture more accurate, or measures more
+times, and may run in another thread: whatever moves meanwhile ends it. ``canvas`` makes windows,
+pages, notebooks and terminals of these two.
 """
 
 from __future__ import annotations
@@ -90,9 +90,9 @@ class Viewer:
     up : (3,) array_like, world space
         What stays up when the camera turns.
     time_budget : float
-        Seconds for a picture while something moves, for which the accuracy dial chooses a quality:
-        the fastest, if none is drawn in it. What the scene takes is found out at rest; until then
-        it is ``Quality.draft()``, as it is for depth, normals and numbers.
+        Seconds for a picture while something moves, by which its quality is chosen; the fastest, if
+        all take longer. Times are measured at rest; until then, and always for depth, normals and
+        numbers, the quality is ``Quality.draft()``.
     name : str
         What is shown, for the line at the bottom.
     threads : int, optional
@@ -301,7 +301,7 @@ class Viewer:
         return picture
 
     def _draw_in_time(self) -> Frame:
-        """Draw what is to be seen, buffers and what the dial does not know yet as a draft."""
+        """Draw what is to be seen; buffers, and scenes whose times are not known yet, as drafts."""
         scene, camera, outputs = self._shown, self.camera, OUTPUTS_OF[self.kind]
 
         def draw(quality: Quality) -> Frame:

@@ -200,9 +200,7 @@ def test_the_same_study_makes_the_same_bytes(study, tmp_path):
     code = (
         "import sys; from made_up_study import SENTENCES, made_up_study\n"
         "from rasterjit.accuracy.report.page import write_page\n"
-        "from rasterjit.accuracy.report.plots import save_front\n"
-        "write_page(made_up_study(), sys.argv[1], SENTENCES)\n"
-        "save_front(made_up_study(), sys.argv[1] + '/front.png')"
+        "write_page(made_up_study(), sys.argv[1], SENTENCES)"
     )
     where = os.pathsep.join([os.path.dirname(__file__), *filter(None, sys.path)])
     other = tmp_path / "other"
@@ -212,8 +210,6 @@ def test_the_same_study_makes_the_same_bytes(study, tmp_path):
     )  # fmt: skip
     here = write_page(study, tmp_path / "here", SENTENCES)
     assert here.read_bytes() == (other / PAGE_NAME).read_bytes()
-    plots.save_front(study, tmp_path / "here" / "front.png")
-    assert (tmp_path / "here" / "front.png").read_bytes() == (other / "front.png").read_bytes()
 
 
 def test_a_page_is_written_whole_or_not_at_all(study, tmp_path, monkeypatch):
@@ -250,8 +246,6 @@ def test_without_matplotlib_it_says_what_to_install(study, tmp_path, monkeypatch
     monkeypatch.setattr(plots.importlib.util, "find_spec", lambda name: None)
     with pytest.raises(ValueError, match=r'matplotlib; pip install "rasterjit\[accuracy\]"'):
         write_page(study, tmp_path, {})
-    with pytest.raises(ValueError, match="matplotlib"):
-        plots.save_front(study, tmp_path / "front.png")
     assert not list(tmp_path.iterdir())
 
 

@@ -6,7 +6,6 @@ import xml.etree.ElementTree
 import numpy as np
 import pytest
 from made_up_study import SAMPLES, changed, made_up_study
-from PIL import Image
 
 from rasterjit.accuracy.report import plots, scales
 
@@ -128,22 +127,6 @@ def test_the_users_own_matplotlib_settings_neither_matter_nor_change():
         before = dict(matplotlib.rcParams)
         assert plots.plot_setting(study, "samples", "p-") == plain
         assert dict(matplotlib.rcParams) == before
-
-
-def test_the_front_is_saved_as_a_picture(tmp_path):
-    study = made_up_study()
-    place = plots.save_front(study, tmp_path / "front.png")
-    with Image.open(place) as image:
-        pixels = np.asarray(image.convert("RGB")).reshape(-1, 3)
-        assert image.width == round((plots.PICTURE_POINTS[0] + plots.KEY_POINTS) / 72 * 160)
-    for name, least in (("page", 0.6), ("level", 1e-3), ("standard", 1e-4), ("ink", 1e-3)):
-        color = [int(plots.LIGHT[name][k : k + 2], 16) for k in (1, 3, 5)]
-        assert (pixels == color).all(axis=1).mean() > least, name
-    assert list(tmp_path.iterdir()) == [place]
-    with pytest.raises(ValueError, match=r"must end in one of \.png"):
-        plots.save_front(study, tmp_path / "front.jpg")
-    with pytest.raises(ValueError, match="does not exist"):
-        plots.save_front(study, tmp_path / "nowhere" / "front.png")
 
 
 @pytest.mark.parametrize("low", [1e-12, 3.3e-4, 0.97, 42.0])

@@ -15,7 +15,6 @@ import rasterjit as rj
 
 NEAR, FAR = Fraction(1, 10), Fraction(10**5)
 QUAD = [(0, 0), (8, 0), (8, 8), (0, 8)]
-TWO_QUADS = [[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]]
 
 
 def standard(distance):

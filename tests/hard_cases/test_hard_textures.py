@@ -30,7 +30,7 @@ MIX_ROUNDINGS = 8
 """Roundings of float32 in a bilinear mix: a difference, a product and a sum, thrice."""
 
 LOG_ERROR = 2.4e-7
-"""Error of the level of detail per 1 + its size: that of ``lighting.log2``, and its rounding."""
+"""Error of the level of detail per 1 + its size: that of ``float_math.log2``, and its rounding."""
 
 
 def row_of(values, wrap="repeat", filter="bilinear"):

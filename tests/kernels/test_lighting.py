@@ -112,12 +112,13 @@ NO_CONE, NO_END = (0.0, 0.0, 0.0, 0.0, 1.0), 0.0
 def light_samples(samples, lighting, viewer):
     """Turn base colours into seen colours, without shadows."""
     samples[block.OCCLUSION] = samples[block.SHADOW] = 1.0
-    adds = light_stages.add_shiny_lights
+    rows = lighting.lights, 0, len(lighting.lights)
+    adds = light_stages.add_shiny_lights, *rows, viewer
     if lighting.highlights is None:
-        adds = light_stages.add_diffuse_lights
+        adds = light_stages.add_diffuse_lights, *rows
     blocks.run(
         samples, (light_stages.show_ambient, lighting.ambient), (light_stages.normalize_normals,),
-        (adds, lighting.lights, 0, len(lighting.lights), viewer),
+        adds,
     )  # fmt: skip
 
 
@@ -221,7 +222,11 @@ def test_light_falls_off_with_the_square_of_the_distance():
 
 
 def test_no_samples_is_nothing():
-    light(np.zeros((block.BLOCK_ROWS, 0), np.float32), [[0, 0, 1, 0, 1, 1, 1]], DARK)
+    kept = random_samples(np.random.default_rng(4), 2)
+    before = kept.copy()
+    lit = light(kept[:, 1:1], [[0, 0, 1, 0, 1, 1, 1]], DARK)
+    assert lit.shape == (0, 3)
+    assert (kept == before).all()
 
 
 @settings(max_examples=60)

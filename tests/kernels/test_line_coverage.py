@@ -28,6 +28,9 @@ SIZE = (40, 36)
 UNIT = 256
 """Steps of the grid in a pixel."""
 
+END_ERROR = 1.0 / 40.0
+"""Largest error of the area of a pixel that an end and a long side of a line cut, pixels."""
+
 
 def cover(lines, size=SIZE, bits=8, depths=None, depth=None, slack=None, rows=None):
     """Return how much of each pixel lines cover, (N, 4) in steps of the grid."""
@@ -58,7 +61,7 @@ def agree(line, size=SIZE):
     have = cover([line], size)
     want, is_near = naive_cover(line, size)
     np.testing.assert_allclose(have[~is_near], want[~is_near], rtol=0, atol=2e-6)
-    assert (np.abs(have - want)[is_near] < coverage.END_ERROR).all()
+    assert (np.abs(have - want)[is_near] < END_ERROR).all()
     return have, want
 
 
@@ -78,7 +81,7 @@ def test_a_pixel_is_covered_by_the_area_that_the_line_has_in_it(direction, corne
     have, want = agree((*start, *(start + direction)))
     length = np.hypot(*direction) / UNIT
     # Where an end and a side cut a pixel, nothing is lost on the whole.
-    assert have.sum() == pytest.approx(length + 1.0, abs=4 * coverage.END_ERROR)
+    assert have.sum() == pytest.approx(length + 1.0, abs=4 * END_ERROR)
     assert want.sum() == pytest.approx(length + 1.0, abs=1e-9)
 
 
@@ -100,7 +103,7 @@ def test_the_error_at_ends_is_bounded_and_the_bound_is_tight():
             line = (ends + [512 + 16 * place, 512 + 48 * (place % 5)] * 2).astype(int)
             have, (want, _) = cover([line], (10, 9)), naive_cover(line, (10, 9))
             most = max(most, np.abs(have - want).max())
-    assert 0.5 * coverage.END_ERROR < most < coverage.END_ERROR
+    assert 0.5 * END_ERROR < most < END_ERROR
 
 
 def test_line_through_pixel_centres_covers_them_wholly_and_nothing_beside():
@@ -138,7 +141,7 @@ def test_lines_that_go_on_in_each_other_leave_no_gap():
         whole = cover([(*start, *(start + 8 * step))])
         parts = [(*(start + n * step), *(start + (n + 1) * step)) for n in range(8)]
         joined = cover(parts)
-        tolerance = 2 * coverage.END_ERROR
+        tolerance = 2 * END_ERROR
         # A diagonal loses corners where its parts meet: less than a quarter of a pixel.
         assert (joined > whole - 0.25 - tolerance).all()
         if 0 in step:

@@ -93,7 +93,9 @@ def test_channels_go_to_their_bytes():
 
 
 def test_no_rows_is_nothing():
-    resolve.encode_rows(np.zeros((0, 5, 4), np.float32), TABLE, np.zeros((0, 5), np.uint32))
+    color = np.full((2, 5), 7, np.uint32)
+    resolve.encode_rows(np.zeros((0, 5, 4), np.float32), TABLE, color[1:1])
+    assert (color == 7).all()
 
 
 def test_every_code_begins_at_the_least_float32_that_reaches_it():

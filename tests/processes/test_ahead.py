@@ -232,7 +232,7 @@ def test_stages_are_compiled_from_their_list_without_drawing(tmp_path):
 def test_warmup_compiles_every_form_and_here_what_failed(monkeypatch):
     done, told, here = [], [], []
 
-    def do_all(given, tell, processes):
+    def do_all(given, tell):
         done.append(given)
         for _ in given:
             tell()

@@ -190,7 +190,7 @@ def test_a_home_that_nobody_knows_keeps_nothing(monkeypatch):
 
 def test_the_folder_is_the_users_alone(monkeypatch, tmp_path):
     monkeypatch.delenv(store.FOLDER_VARIABLE, raising=False)
-    monkeypatch.setattr(store, "_user_cache", lambda: tmp_path)
+    monkeypatch.setattr(store, "cache_folder", lambda: tmp_path / "rasterjit")
     made = store.folder.__wrapped__()
     assert made == tmp_path / "rasterjit" / "kernels"
     assert made.stat().st_mode & 0o777 == 0o700 or os.name != "posix"

@@ -9,7 +9,8 @@ import pytest
 import rasterjit as rj
 from rasterjit.scene import scene as scene_module
 from rasterjit.scene.mesh import Mesh
-from rasterjit.scene.scene import Scene, Wireframe
+from rasterjit.scene.scene import Scene
+from rasterjit.scene.wireframe import Wireframe
 
 TRIANGLE = [[0, 0, 0], [2, 0, 0], [0, 2, 0]]
 

@@ -17,11 +17,9 @@ import io
 import itertools
 import math
 import re
-import textwrap
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rasterjit.accuracy.report.scales import duration, log_limits, log_ticks, number
@@ -33,7 +31,6 @@ from rasterjit.accuracy.results import (
     standard_level,
     with_standard,
 )
-from rasterjit.io.images import checked_path, replacing
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -55,22 +52,8 @@ SETTING_POINTS = (360.0, 250.0)
 FRONT_POINTS = (360.0, 290.0)
 """Width and height of plots on the page, points: letters stay legible on the width of a phone."""
 
-PICTURE_POINTS = (440.0, 370.0)
-"""The same of the front where it stands alone; its height is the least one."""
-
-KEY_POINTS = 280.0
-"""Width of the list beside it."""
-
 LEFT, RIGHT, BOTTOM, TOP = 52.0, 12.0, 40.0, 26.0
 """What is left around the axes, points."""
-
-KEY_LINE, KEY_LETTERS = 12.5, 50
-"""Height of a line of that list, points, and the letters that fit in it."""
-
-DOTS_PER_INCH = 160
-
-TITLE = 24.0
-"""Height of the title where there is one, points."""
 
 LEAST_TIMES, LEAST_ERRORS = 1.25, 3.0
 """Least ratio of an axis' end to its start: below it, noise would look like much."""
@@ -125,14 +108,6 @@ class Mark(NamedTuple):
     bar_alpha: float
 
 
-class KeyLine(NamedTuple):
-    """A line of the list beside the front: a number or nothing, text, and its colour by name."""
-
-    number: str
-    text: str
-    color: str
-
-
 MARKS = {
     "other": Mark("o", 3.5, "muted", "page", "muted", 0.45),
     "dominated": Mark("o", 6.5, "muted", "page", "muted", 1.0),
@@ -162,9 +137,9 @@ def plot_setting(study: Study, setting: str, prefix: str) -> str:
         What the ids in it start with: others for each plot of a page.
     """
     points = setting_points(study, setting)
-    with _figure(SETTING_POINTS) as figure:
-        axes = _add_axes(figure, SETTING_POINTS[0])
-        _draw(axes, points, study.standard.median)
+    with new_figure(SETTING_POINTS) as figure:
+        axes = add_axes(figure, SETTING_POINTS[0])
+        draw_points(axes, points, study.standard.median)
         levels = ", ".join(point.label for point in points)
         return _as_svg(figure, prefix, f"Error against time for {setting}: {levels}")
 
@@ -172,44 +147,11 @@ def plot_setting(study: Study, setting: str, prefix: str) -> str:
 def plot_front(study: Study, prefix: str) -> str:
     """Return error against time of all trials, those on the front numbered, as inline SVG."""
     points = front_points(study)
-    with _figure(FRONT_POINTS) as figure:
-        axes = _add_axes(figure, FRONT_POINTS[0])
-        _draw(axes, points, study.standard.median)
+    with new_figure(FRONT_POINTS) as figure:
+        axes = add_axes(figure, FRONT_POINTS[0])
+        draw_points(axes, points, study.standard.median)
         found = f"Error against time of {len(points)} qualities; those on the front are numbered"
         return _as_svg(figure, prefix, found)
-
-
-def save_front(study: Study, path: str | Path) -> Path:
-    """
-    Write the Pareto front of a study as a picture with a list of what its numbers stand for.
-
-    Parameters
-    ----------
-    study : Study
-    path : str or Path
-        Ends in ``.png``. An existing file is replaced, or left as it was on failure.
-
-    Raises
-    ------
-    ValueError
-        If the folder does not exist, the extension is another, or matplotlib is not installed.
-    OSError
-        If the file cannot be written.
-    """
-    require_matplotlib()
-    place = checked_path(path, (".png",))
-    points = front_points(study)
-    lines = _key_lines(study)
-    width, height = PICTURE_POINTS
-    height = max(height, len(lines) * KEY_LINE + TOP + TITLE + BOTTOM + 30.0)
-    with _figure((width + KEY_POINTS, height)) as figure:
-        figure.patch.set_facecolor(LIGHT["page"])
-        axes = _add_axes(figure, width, above=TITLE)
-        _draw(axes, points, study.standard.median)
-        _write_key(figure, study, lines)
-        with replacing(place) as temporary:
-            figure.savefig(temporary, format="png", dpi=DOTS_PER_INCH, metadata={"Software": None})
-    return place
 
 
 def setting_points(study: Study, setting: str) -> list[Point]:
@@ -252,7 +194,7 @@ def _staircase(points: Sequence[Point]) -> list[Point]:
 
 
 @contextmanager
-def _figure(points: tuple[float, float]) -> Iterator[Figure]:
+def new_figure(points: tuple[float, float]) -> Iterator[Figure]:
     """Give an empty figure of so many points, drawn with matplotlib's own defaults."""
     require_matplotlib()
     import matplotlib
@@ -270,7 +212,7 @@ def _figure(points: tuple[float, float]) -> Iterator[Figure]:
         yield Figure(figsize=(points[0] / 72.0, points[1] / 72.0), dpi=72.0, facecolor="none")
 
 
-def _add_axes(figure: Figure, width: float, above: float = 0.0) -> Axes:
+def add_axes(figure: Figure, width: float, above: float = 0.0) -> Axes:
     """Return axes with fixed margins in the left ``width`` points of a figure."""
     total, height = (72.0 * inches for inches in figure.get_size_inches())
     inner = width - LEFT - RIGHT, height - BOTTOM - TOP - above
@@ -280,7 +222,7 @@ def _add_axes(figure: Figure, width: float, above: float = 0.0) -> Axes:
     return axes
 
 
-def _draw(axes: Axes, points: Sequence[Point], seconds: float) -> None:
+def draw_points(axes: Axes, points: Sequence[Point], seconds: float) -> None:
     """Draw points with the spread of their times, a line through the front, axes and labels."""
     low, high, zero = _error_scale([point.error for point in points])
     heights = [point.error if point.error > 0.0 else zero for point in points]
@@ -360,43 +302,6 @@ def _style_axis(axes: Any) -> None:
     for spine in axes.spines.values():
         spine.set(color=LIGHT["muted"], linewidth=0.8)
     axes.grid(visible=True, color=LIGHT["grid"], linewidth=0.6)
-
-
-def _key_lines(study: Study) -> list[KeyLine]:
-    """Return the lines of the list beside the front."""
-    lines = []
-    for n, trial in enumerate(front_trials(study), 1):
-        named = textwrap.wrap(trial.label, KEY_LETTERS, break_on_hyphens=False)
-        for first, text in enumerate(named):
-            lines.append(KeyLine("" if first else str(n), text, "ink"))
-        found = f"{number(trial.ratio)}× the time, RMSE {number(trial.errors.rmse)}"
-        lines.append(KeyLine("", found, "muted"))
-    return lines
-
-
-def _write_key(figure: Figure, study: Study, lines: Sequence[KeyLine]) -> None:
-    """Write the title, the list of what numbers stand for, and what the marks mean."""
-    total, height = (72.0 * inches for inches in figure.get_size_inches())
-
-    def write(x: float, y: float, text: str, color: str, **options: Any) -> None:
-        at = x / total, 1.0 - y / height
-        figure.text(*at, text, color=LIGHT[color], parse_math=False, va="baseline", **options)
-
-    columns, rows = study.size
-    scene = textwrap.shorten(study.scene, 40)
-    title = f"Error against time: {scene}, {columns} × {rows}, {study.threads} threads"
-    write(LEFT, 20.0, title, "ink", fontsize=11.0)
-    left, y = PICTURE_POINTS[0] + 20.0, TOP + TITLE + 8.0
-    for line in lines:
-        write(left - 6.0, y, line.number, "level", ha="right", fontweight="bold")
-        write(left, y, line.text, line.color, fontsize=8.0)
-        y += KEY_LINE
-    for below, text in (
-        (40.0, "numbered: nothing is both faster and more accurate"),
-        (28.0, "small circles: all else that was tried"),
-        (16.0, "bars: lower to upper quartile of the times"),
-    ):
-        write(left, height - below, text, "muted", fontsize=7.0)
 
 
 def _as_svg(figure: Figure, prefix: str, described: str) -> str:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.effects.ambient_occlusion import stage as ambient_occlusion_stage
-from rasterjit.pipeline.geometry.lens import lens_of
+from rasterjit.pipeline.geometry.lens import SNAP_SLACK, lens_of
 from rasterjit.pipeline.records import Geometry, Placement
 from rasterjit.pipeline.visibility import draw
 from rasterjit.runtime.driver import Step
@@ -62,7 +62,7 @@ def find_occlusion(
     face_id, depth, empty = coverage.face_id, coverage.reversed_depth, workers.memory.empty
     height, width = face_id.shape
     lens = lens_of(camera, (width, height), effect.radius)
-    snap = math.ldexp(ambient_occlusion_stage.SNAP_SLACK, -geometry.viewport.subpixel_bits)
+    snap = math.ldexp(SNAP_SLACK, -geometry.viewport.subpixel_bits)
     pattern = ambient_occlusion_stage.screen_pattern()
     rough, tolerance = empty(face_id.shape, np.float32), empty(face_id.shape, np.float32)
     smooth = empty(face_id.shape, np.float32)

@@ -52,14 +52,6 @@ FARTHEST_STEP = np.float32(256.0)
 PATTERN = 4
 """Side of the square of pixels that holds every direction and step length once."""
 
-SNAP_SLACK = np.float32(2.0)
-"""
-Units of the sub-pixel grid by which depths of one plane may be displaced on the screen.
-
-A vertex is rounded by up to half a unit in x and in y, and so is the depth between vertices; two
-depths are compared: one unit. Twice that, for rounding.
-"""
-
 DEPTH_ROUNDING = np.float32(2.0**-22)
 """Slack for the rounding of a float32 depth and of the arithmetic with it, as a share of it."""
 

@@ -35,7 +35,7 @@ NEARLY_LEVEL = np.float32(0.25)
 """Change of the density's binary exponent along a ray, below which a series gives the mean."""
 
 DEEPEST = np.float32(1e9)
-"""Optical depths are held below: their squares stay finite."""
+"""Optical depths are clamped to this: their squares stay finite."""
 
 LN_2 = np.float32(0.69314718)
 

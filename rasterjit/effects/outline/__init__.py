@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.effects.outline import stage as outline_stage
-from rasterjit.pipeline.geometry.lens import lens_of
+from rasterjit.pipeline.geometry.lens import SNAP_SLACK, lens_of
 from rasterjit.pipeline.records import Geometry, Placement
 from rasterjit.pipeline.visibility import draw
 from rasterjit.runtime.threads import Workers, rows_per_task
@@ -70,7 +70,7 @@ def draw_outlines(
     face_id, depth = coverage.face_id, coverage.reversed_depth
     height, width = face_id.shape
     lens = lens_of(camera, (width, height), 1.0)
-    snap = math.ldexp(outline_stage.SNAP_SLACK, -geometry.viewport.subpixel_bits)
+    snap = math.ldexp(SNAP_SLACK, -geometry.viewport.subpixel_bits)
     kinds = functools.reduce(operator.or_, (EDGE_BITS[kind] for kind in effect.edges))
     _, least_cosine = transforms.sine_cosine(effect.crease_angle)
     marks = np.zeros(face_id.shape, np.uint8)

@@ -28,13 +28,6 @@ SILHOUETTE, OBJECT, CREASE = 1, 2, 4
 JUMP = np.float32(2.0)
 """Footprints of a pixel by which depths differ at least, where a surface ends before another."""
 
-SNAP_SLACK = np.float32(2.0)
-"""
-Units of the sub-pixel grid by which depths of one plane may be displaced on the screen.
-
-Each by half a unit in x and in y; two depths are compared. Twice that, for rounding.
-"""
-
 DEPTH_ROUNDING = np.float32(2.0**-21)
 """Slack for the rounding of two float32 depths and their slopes, as a share of the depth."""
 

@@ -31,7 +31,7 @@ UNMAPPED = -1
 """Stands for a curve where light is shown as it is, neither exposed nor held."""
 
 MOST_LIGHT = np.float32(1e12)
-"""Exposed light is held below: its square is finite in float32, and every curve is at its end."""
+"""Exposed light is clamped to this: float32 holds its square, and every curve is at its end."""
 
 START = np.float32(0.76)
 """Largest channel that the neutral curve keeps: 0.8, less the 0.04 that it takes off."""
@@ -59,7 +59,7 @@ NO_TONES = ToneRecord(UNMAPPED, 0.0, 0.0)
 
 @helper
 def exposed(value, factor):
-    """Return exposed light held in 0..MOST_LIGHT; NaN gives 0."""
+    """Return exposed light clamped to 0..MOST_LIGHT; NaN gives 0."""
     return clamped(value * factor, np.float32(0.0), MOST_LIGHT)
 
 

@@ -22,7 +22,8 @@ from rasterjit.pipeline.records import Geometry
 from rasterjit.pipeline.visibility import draw
 from rasterjit.runtime.threads import Workers, fill_rows
 from rasterjit.scene.color import decoding_table, opaque_codes
-from rasterjit.scene.scene import Scene, Wireframe
+from rasterjit.scene.scene import Scene
+from rasterjit.scene.wireframe import Wireframe
 from rasterjit.survey.blending import mixing_note
 from rasterjit.survey.effect import (
     Absent,

@@ -12,7 +12,7 @@ How much of a pixel lies on one side of a straight line is a sum of squares of t
 pixel's centre (`side_share`). Between the two long sides of a line it is the difference of two of
 these, between its ends of two others. Their product is the area that the line covers: exactly
 where one of both factors is 0 or 1, that is all along the line. Where an end and a long side cut
-one pixel it is less than ``END_ERROR`` off.
+one pixel the product is off by less than 1/40 of the pixel.
 
 Both factors depend on the distances from the middle of the line, without their signs, and are made
 of exact differences and of products whose signs alone change when a picture is mirrored or turned
@@ -43,9 +43,6 @@ from rasterjit.runtime.state import float32, float64, int32, int64, uint32
 HALF_WIDTH = 0.5
 """Of a line, pixels; and how far it goes on beyond what it joins."""
 
-END_ERROR = 1.0 / 40.0
-"""How far off the area of a pixel may be that an end and a long side of a line cut, pixels."""
-
 BAND_BITS = 5
 """Lines are drawn in bands of 32 rows: how much of their pixels is covered stays in L2."""
 
@@ -55,7 +52,7 @@ GROUP = 8
 """Pixels of a row that are looked at together: as many as a vector register has float64."""
 
 MARGIN = 1.0 / 16.0
-"""Pixels beside a line that are looked at to no avail: rounding decides nothing."""
+"""Margin, pixels, so that rounding never excludes a covered pixel."""
 
 SLACK_REACH = 1.25
 """How far beside a line the centres of the pixels lie that it covers, pixels to right or down."""

@@ -87,7 +87,7 @@ def cut_segment(a, b, viewport):
 
 @helper
 def divided(x, y, w, viewport):
-    """Return x and y of a clip position over its w, held inside the guard band."""
+    """Return x and y of a clip position over its w, clamped to the guard band."""
     # Rounding may leave a cut end a little outside the guard band, or far if w cancels.
     x = min(max(x / w, -viewport.guard_x), viewport.guard_x)
     y = min(max(y / w, -viewport.guard_y), viewport.guard_y)

@@ -100,7 +100,7 @@ def material_from_trimesh(
             field: textures.read(getattr(material, name, None), f"{field} of {label}", color_space)
             for field, (name, color_space) in TEXTURES.items()
         }
-        return (_from_gltf if is_gltf else _from_pbr)(material, found, left_out)
+        return _from_gltf(material, found) if is_gltf else _from_pbr(material, found, left_out)
     left_out.note(kind)
     return None
 
@@ -198,7 +198,7 @@ def _opacity(said: dict[str, Any]) -> float:
     return min(max(opacity, 0.0), 1.0)
 
 
-def _from_gltf(material: Any, textures: dict[str, Texture | None], left_out: LeftOut) -> Material:
+def _from_gltf(material: Any, textures: dict[str, Texture | None]) -> Material:
     """Return a metallic-roughness material of glTF as one of ours."""
     mode = ALPHA_MODES.get(material.alphaMode, "opaque")
     red, green, blue, alpha = _base_color(material, True)
@@ -230,7 +230,7 @@ def _base_color(material: Any, linear_bytes: bool) -> tuple[float, float, float,
 
 
 def _share(factor: float | None) -> float:
-    """Return a factor of a PBR material, 1 where there is none, held in 0..1."""
+    """Return a factor of a PBR material, 1 where there is none, clamped to 0..1."""
     return 1.0 if factor is None else min(max(float(factor), 0.0), 1.0)
 
 

@@ -6,7 +6,7 @@ clipped. A face that needed no clipping has exact weights: integer edge function
 vertices, over w. A clipped one has vertices that were never snapped; its weights follow from
 its clip positions: the sample with normalized device coordinates (X, Y) lies on the face where
 ``sum b_k (x_k - X w_k) = sum b_k (y_k - Y w_k) = 0``, so ``b`` is the cross product of the two
-coefficient rows. They are held at zero and above, for the sample may lie a rounding outside.
+coefficient rows. They are clamped to zero from below, for the sample may lie a rounding outside.
 
 Without w (``Geometry.w`` has no elements) the weights are affine: linear on the screen, edge
 functions over their sum, one division for a whole face. A face that was clipped has no others than
@@ -31,9 +31,9 @@ from rasterjit.runtime.state import float32, float64, int32, int64, uint8
 
 UNDERFLOW = 2.0**-900
 """
-A sum of weights above it has lost nothing of account to underflow.
+A larger sum of weights is accurate: underflow has taken nothing that counts.
 
-It can be below 1 only where the edge opposite the smallest w is 0, the edges being whole numbers.
+Edges are whole numbers, so a sum is below 1 only if the edge opposite the smallest w is 0.
 """
 
 
@@ -228,7 +228,7 @@ def blend(weights, value0, value1, value2):
 
 @helper
 def interpolate(weights, value0, value1, value2):
-    """Return `blend` held inside the range of its values, which rounding may leave by an ulp."""
+    """Return `blend`, clamped to the range of its values, which rounding may leave by an ulp."""
     lowest, highest = min(value0, min(value1, value2)), max(value0, max(value1, value2))
     value = blend(weights, value0, value1, value2)
     value = value if value >= lowest else lowest
@@ -366,12 +366,12 @@ def smooth_normal(weights, a, b, c, normals, matrices, owner):
 
 
 @helper
-def vertex_normal(normals, vertex):
-    """Return the normal of a vertex in model space, float64."""
+def triple_at(values, vertex):
+    """Return the three numbers of a vertex, such as its normal or colour, as float64."""
     return (
-        np.float64(normals[vertex, 0]),
-        np.float64(normals[vertex, 1]),
-        np.float64(normals[vertex, 2]),
+        np.float64(values[vertex, 0]),
+        np.float64(values[vertex, 1]),
+        np.float64(values[vertex, 2]),
     )
 
 

@@ -8,6 +8,14 @@ from numpy.typing import NDArray
 from rasterjit.scene import transforms
 from rasterjit.scene.camera import Camera, screen_from_relative
 
+SNAP_SLACK = 2.0
+"""
+Units of the sub-pixel grid by which depths of one plane may be displaced on the screen.
+
+A vertex is rounded by up to half a unit in x and in y, and so is the depth between vertices; two
+depths are compared: one unit. Twice that, for rounding.
+"""
+
 
 def lens_of(camera: Camera, size: tuple[int, int], unit: float) -> NDArray[np.float32]:
     """

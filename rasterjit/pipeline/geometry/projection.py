@@ -381,7 +381,7 @@ def project_clipped_vertices(
     Divide by w, map to the screen and snap the vertices that clipping made.
 
     They lie inside the guard band, between near and far, and inside the depth range of their face,
-    but for rounding, which may leave one outside: they are held inside.
+    but for rounding, which may leave one outside: they are clamped.
 
     Parameters
     ----------

@@ -30,7 +30,7 @@ SHORTEST_SQUARED = np.float32(1e-30)
 DIRECTION_X, DIRECTION_Y, DIRECTION_Z = 7, 8, 9
 """Columns of ``Lighting.lights``: the axis of a cone, unit length, away from the light."""
 CONE_SCALE, CONE_OFFSET = 10, 11
-"""Columns: ramp in the cosine from the axis, held in 0..1 and squared; (0, 1) for no cone."""
+"""Columns: ramp in the cosine from the axis, clamped to 0..1 and squared; (0, 1) for no cone."""
 ENDING = 12
 """Column: one over the range squared; 0 for no end."""
 LIGHT_COLUMNS = 13
@@ -61,14 +61,6 @@ def normalize_rows(x, y, z):
 def unit_scale(x, y, z):
     """Return one over a vector's length."""
     return np.float32(1.0) / np.sqrt(max(x * x + y * y + z * z, SHORTEST_SQUARED))
-
-
-@helper
-def highlight(cosine, strength, shininess, highlights):
-    """Return the strength of the highlight; none if no object has one."""
-    if highlights is None:
-        return np.float32(0.0)
-    return strength * power(cosine, shininess)
 
 
 @helper
@@ -104,11 +96,25 @@ def light_at(light, px, py, pz):
 
 
 @disjoint_helper
-def add_light(
-    light, toward_viewer, highlights, nx, ny, nz, px, py, pz, specular, shininess, lit,
+def add_diffuse_light(
+    light, nx, ny, nz, px, py, pz, lit, reached, red, green, blue, out_red, out_green, out_blue
+):  # fmt: skip
+    """Add the diffuse part of one light to each sample that it reaches."""
+    for i in range(out_red.shape[0]):
+        lx, ly, lz, falloff = light_at(light, px[i], py[i], pz[i])
+        facing = max(nx[i] * lx + ny[i] * ly + nz[i] * lz, np.float32(0.0))
+        arriving = lit[i] * falloff * reached[i]
+        out_red[i] += arriving * light[4] * (red[i] * facing)
+        out_green[i] += arriving * light[5] * (green[i] * facing)
+        out_blue[i] += arriving * light[6] * (blue[i] * facing)
+
+
+@disjoint_helper
+def add_shiny_light(
+    light, toward_viewer, nx, ny, nz, px, py, pz, specular, shininess, lit,
     reached, red, green, blue, out_red, out_green, out_blue,
 ):  # fmt: skip
-    """Add what one light contributes to each sample, as far as it is reached."""
+    """Add the diffuse part and the highlight of one light to each sample that it reaches."""
     one, zero = np.float32(1.0), np.float32(0.0)
     for i in range(out_red.shape[0]):
         lx, ly, lz, falloff = light_at(light, px[i], py[i], pz[i])
@@ -122,7 +128,7 @@ def add_light(
         scale = unit_scale(vx, vy, vz)
         hx, hy, hz = lx + vx * scale, ly + vy * scale, lz + vz * scale
         cosine = max((nx[i] * hx + ny[i] * hy + nz[i] * hz) * unit_scale(hx, hy, hz), zero)
-        shine = highlight(min(cosine, one), specular[i], shininess[i], highlights)
+        shine = specular[i] * power(min(cosine, one), shininess[i])
         shine = shine if facing > zero else zero
         # Add the diffuse and the specular part.
         arriving = lit[i] * falloff * reached[i]

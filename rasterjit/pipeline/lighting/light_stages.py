@@ -39,14 +39,17 @@ def show_ambient(block: Block, count, ambient: float32[::1]):
     )  # fmt: skip
 
 
-@helper
-def add_lights(samples, count, first, end, lights, toward_viewer, highlights):
-    """Add some lights to the samples that they fall on, as far as these are reached."""
-    s = samples
+@stage
+def add_shiny_lights(
+    block: Block, count, lights: float32[:, ::1], first: int64, end: int64,
+    toward_viewer: float32[::1],
+):  # fmt: skip
+    """Add lights ``first`` to ``end``: Lambert's diffuse part and Blinn's highlight."""
+    s = block.samples
     if largest(part(s, rows.LIT, 0, count)) > np.float32(0.0):
         for n in range(first, end):
-            blinn_phong.add_light(
-                lights[n], toward_viewer, highlights, part(s, rows.NORMAL_X, 0, count),
+            blinn_phong.add_shiny_light(
+                lights[n], toward_viewer, part(s, rows.NORMAL_X, 0, count),
                 part(s, rows.NORMAL_Y, 0, count), part(s, rows.NORMAL_Z, 0, count),
                 part(s, rows.POINT_X, 0, count), part(s, rows.POINT_Y, 0, count),
                 part(s, rows.POINT_Z, 0, count), part(s, rows.SPECULAR, 0, count),
@@ -59,21 +62,20 @@ def add_lights(samples, count, first, end, lights, toward_viewer, highlights):
 
 
 @stage
-def add_shiny_lights(
-    block: Block, count, lights: float32[:, ::1], first: int64, end: int64,
-    toward_viewer: float32[::1],
-):  # fmt: skip
-    """Add lights ``first`` to ``end``: Lambert's diffuse part and Blinn's highlight."""
-    add_lights(block.samples, count, first, end, lights, toward_viewer, 1)
-
-
-@stage
-def add_diffuse_lights(
-    block: Block, count, lights: float32[:, ::1], first: int64, end: int64,
-    toward_viewer: float32[::1],
-):  # fmt: skip
+def add_diffuse_lights(block: Block, count, lights: float32[:, ::1], first: int64, end: int64):
     """Add lights ``first`` to ``end`` where no object has a highlight: Lambert's diffuse part."""
-    add_lights(block.samples, count, first, end, lights, toward_viewer, None)
+    s = block.samples
+    if largest(part(s, rows.LIT, 0, count)) > np.float32(0.0):
+        for n in range(first, end):
+            blinn_phong.add_diffuse_light(
+                lights[n], part(s, rows.NORMAL_X, 0, count), part(s, rows.NORMAL_Y, 0, count),
+                part(s, rows.NORMAL_Z, 0, count), part(s, rows.POINT_X, 0, count),
+                part(s, rows.POINT_Y, 0, count), part(s, rows.POINT_Z, 0, count),
+                part(s, rows.LIT, 0, count), part(s, rows.SHADOW, 0, count),
+                part(s, rows.RED, 0, count), part(s, rows.GREEN, 0, count),
+                part(s, rows.BLUE, 0, count), part(s, rows.OUT_RED, 0, count),
+                part(s, rows.OUT_GREEN, 0, count), part(s, rows.OUT_BLUE, 0, count),
+            )  # fmt: skip
 
 
 @stage

@@ -13,7 +13,7 @@ from rasterjit.pipeline.geometry.barycentric import (
     place,
     place_sample,
     place_vertex,
-    vertex_normal,
+    triple_at,
 )
 from rasterjit.pipeline.records import (
     FLAT,
@@ -166,16 +166,6 @@ def apply_mixed_colors(samples, weights, rows, s, e):
     )  # fmt: skip
 
 
-@helper
-def color_of(values, vertex):
-    """Return three numbers of a vertex, float64."""
-    return (
-        np.float64(values[vertex, 0]),
-        np.float64(values[vertex, 1]),
-        np.float64(values[vertex, 2]),
-    )
-
-
 @stage
 def multiply_vertex_colors(block: Block, count, vertex_colors: float32[:, ::1]):
     """Multiply the base colours by those of the vertices, interpolated."""
@@ -191,7 +181,8 @@ def multiply_vertex_colors(block: Block, count, vertex_colors: float32[:, ::1]):
             multiply_along_span(
                 part(samples, row.RED, s, e), part(samples, row.GREEN, s, e),
                 part(samples, row.BLUE, s, e), part(weights, 0, s, e), part(weights, 1, s, e),
-                color_of(vertex_colors, a), color_of(vertex_colors, b), color_of(vertex_colors, c),
+                triple_at(vertex_colors, a), triple_at(vertex_colors, b),
+                triple_at(vertex_colors, c),
             )  # fmt: skip
 
 
@@ -245,8 +236,8 @@ def show_lit_vertices(
             side = np.uintp(whole[BEHIND, s])
             multiply_along_span(
                 red, green, blue, part(weights, 0, s, e), part(weights, 1, s, e),
-                color_of(lit_vertices[a], side), color_of(lit_vertices[b], side),
-                color_of(lit_vertices[c], side),
+                triple_at(lit_vertices[a], side), triple_at(lit_vertices[b], side),
+                triple_at(lit_vertices[c], side),
             )  # fmt: skip
 
 
@@ -255,7 +246,7 @@ def find_reflectance(block: Block, count, materials: float32[:, ::1]):
     """
     Write strength and exponent of the highlight, and whether light falls on a sample.
 
-    And that all of it does: shadows and ambient occlusion come later.
+    Set ``SHADOW`` and ``OCCLUSION`` to 1; later stages lower them.
     """
     samples, one = block.samples, np.float32(1.0)
     for k in range(block.counts[SEGMENTS]):
@@ -354,7 +345,7 @@ def find_smooth_normals(
             )  # fmt: skip
         else:
             a, b, c = span_corners(segment, whole)
-            at = vertex_normal(normals, a), vertex_normal(normals, b), vertex_normal(normals, c)
+            at = triple_at(normals, a), triple_at(normals, b), triple_at(normals, c)
             toward = 1.0 - 2.0 * np.float64(whole[BEHIND, s])
             normals_along_span(
                 part(samples, row.NORMAL_X, s, e), part(samples, row.NORMAL_Y, s, e),
@@ -387,7 +378,7 @@ def find_face_normals(
     """
     Write the faces' own normals, world axes.
 
-    After `gather_positions`. Not 0 ``leaves_smooth``: on objects that are not smooth.
+    After `gather_positions`. If ``leaves_smooth`` is not 0, skip objects with smooth normals.
     """
     samples, whole, weights, rows = block.samples, block.whole, block.weights, block.real
     unit = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)

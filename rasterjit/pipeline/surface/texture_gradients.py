@@ -1,8 +1,8 @@
 """
 Note where on their textures samples lie, and how far a pixel's steps lead there.
 
-Along a run of one face from its edge functions; along a stretch from what was gathered of each
-sample's face. The formulas are those of ``textures``, and give the same bits.
+In a span they follow from the face's edge functions, in a mixed segment from the vertex data
+gathered for each sample. The formulas are those of ``textures``, and give the same bits.
 """
 
 from __future__ import annotations

@@ -457,7 +457,7 @@ def read_textures(block: Block, count, kind: int64, textures: Textures):
 def multiply_textures(block: Block, count):
     """Multiply the base colours by what the textures show."""
     for k in range(3):
-        absorb_row(block.samples[rows.RED + k, :count], block.places[SHOWN + k, :count], None)
+        multiply_row(block.samples[rows.RED + k, :count], block.places[SHOWN + k, :count])
 
 
 @stage
@@ -480,7 +480,7 @@ def multiply_textures_below_highlights(
             if is_lit:
                 absorb_row(colors, texels, samples[first + i, s:e])
             else:
-                absorb_row(colors, texels, None)
+                multiply_row(colors, texels)
 
 
 def lookup_memory(room: int) -> tuple[Any, Any, Any]:
@@ -505,17 +505,15 @@ def absorb(color, texel, diffuse):
     return max(color - diffuse * (np.float32(1.0) - texel), np.float32(0.0))
 
 
-@helper
-def diffuse_part(color, matts, n):
-    """Return the part of a colour that a texture absorbs light from; all of it without others."""
-    if matts is None:
-        return color
-    return np.float32(matts[n])
+@disjoint_helper
+def multiply_row(colors, texels):
+    """Multiply one channel of the base colours by what the textures show."""
+    for n in range(colors.shape[0]):
+        colors[n] *= np.float32(texels[n])
 
 
 @disjoint_helper
-def absorb_row(colors, texels, matts):
-    """Multiply one channel of the base colours by what the textures show."""
+def absorb_row(colors, texels, diffuse):
+    """Multiply one channel of the base colours, but for the highlights in it, by the textures."""
     for n in range(colors.shape[0]):
-        color = colors[n]
-        colors[n] = absorb(color, np.float32(texels[n]), diffuse_part(color, matts, n))
+        colors[n] = absorb(colors[n], np.float32(texels[n]), np.float32(diffuse[n]))

@@ -27,7 +27,7 @@ Depth is interpolated linearly on the screen, in float64, by differences from on
 ``d = d2 + b0 (d0 - d2) + b1 (d1 - d2)`` with exact edge functions in the weights ``b``, so equal
 vertex depths give exactly that depth. Along a row of a wide triangle it steps from the first
 covered sample of each 64 columns, where ``|steps * slope|`` stays below the depth's own range;
-these blocks of columns are the same for every tile size up to 64. It is held inside the range of
+these blocks of columns are the same for every tile size up to 64. It is clamped to the range of
 the vertices. Vertices are taken in a fixed order (topmost, then leftmost first, clockwise), so
 neither rotation nor winding of the face changes a bit.
 

@@ -1,0 +1,40 @@
+"""Wireframes: the edges of every face, drawn over the faces or alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from rasterjit.scene.color import ColorLike, linear_color
+from rasterjit.scene.validation import one_of
+
+
+@dataclass(frozen=True)
+class Wireframe:
+    """
+    Ask for the edges of every face to be drawn, over the 8-bit colour.
+
+    Lines are one pixel wide, by Bresenham between the pixels that hold the vertices, or smooth with
+    ``Quality(lines="coverage")``; more samples do not change them. No other output than
+    ``"color"`` shows them.
+
+    Parameters
+    ----------
+    color : str or array_like
+        Any colour of `rasterjit.scene.color.linear_color`; stored as a tuple of four floats, linear
+        RGBA. Lines are opaque: its alpha is not read.
+    mode : {"overlay", "only"}
+        ``"overlay"`` draws the visible edges over the shaded faces, where any nearer face hides an
+        edge, transparent or not; ``"only"`` draws every edge and no face.
+
+    Raises
+    ------
+    ValueError
+        If the colour is not one or the mode is unknown.
+    """
+
+    color: ColorLike = "black"
+    mode: str = "overlay"
+
+    def __post_init__(self) -> None:
+        one_of("mode", self.mode, ("overlay", "only"))
+        object.__setattr__(self, "color", tuple(linear_color("color", self.color).tolist()))
