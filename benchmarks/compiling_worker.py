@@ -179,7 +179,7 @@ def checks() -> Any:
 
 
 def draw_surfaces() -> None:
-    """Draw every shading with every colouring, matt and shiny."""
+    """Draw every shading with every colouring, diffuse and shiny."""
     for shading in ("unlit", "flat", "gouraud", "phong", "pbr"):
         for rows in (None, 4, 2):
             for specular in (0.0, 0.25):

@@ -65,7 +65,7 @@ class Material:
         Any colour of `rasterjit.scene.color.linear_color`; stored as a tuple of linear RGBA.
         Default: a light grey, or white with a texture.
     specular : float
-        Strength of the white Blinn-Phong highlight, linear, in 0..1e6; 0 is matt.
+        Strength of the white Blinn-Phong highlight, linear, in 0..1e6; 0 is none.
     shininess : float
         Exponent of the Blinn-Phong highlight, in 1e-6..1e6; larger is smaller and sharper.
     name : str, optional

@@ -23,8 +23,8 @@ class Light:
     color : (3,) array_like, optional
         Linear RGB; default white.
     intensity : float, optional
-        Factor on the colour; default 1. A white matt surface that faces a directional light of pi
-        is white.
+        Factor on the colour; default 1. A white diffuse surface that faces a directional light of
+        pi is white.
     name : str, optional
 
     Raises

@@ -153,7 +153,7 @@ def _from_simple(
     """
     Translate an OBJ-style material.
 
-    ``Kd`` and ``Ks`` are sRGB, ``Ns`` is the Blinn-Phong exponent, where 1 or less is matt;
+    ``Kd`` and ``Ks`` are sRGB, ``Ns`` is the Blinn-Phong exponent, where 1 or less is no highlight;
     the strength of the highlight is the mean of ``Ks``. What the file does not say keeps the
     engine's defaults.
     """
@@ -174,7 +174,7 @@ def _from_simple(
     if "ns" in said:
         shininess = min(max(material.glossiness, 1.0), _MOST_SHININESS)
         if material.glossiness <= 1.0:
-            # Exporters write 0 for matt; an exponent of 1 would wash over the whole object.
+            # Exporters write 0 for no highlight; an exponent of 1 would wash over the whole object.
             specular = 0.0
     return Material(
         base_color=(*color[:3], alpha),

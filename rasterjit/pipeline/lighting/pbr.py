@@ -2,7 +2,7 @@
 Add up the light on metallic-roughness samples: the microfacet model that glTF 2.0 defines.
 
 A surface is a mix of a dielectric and a metal, with facets whose normals are spread by GGX. Light
-of intensity 1 that falls straight on a white, matt surface makes it white, as with every other
+of intensity 1 that falls straight on a white, diffuse surface makes it white, as with every other
 material here: the factor 1/pi of diffuse light is left out, so the highlight is multiplied by pi.
 
 Facets that others hide are left out by Smith's term in its height-correlated form [2]_, which knows
