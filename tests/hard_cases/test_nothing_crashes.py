@@ -626,10 +626,10 @@ ELSEWHERE = {
     "LayeredFrame": "what render_layers returns",
     "animation": "a module; tests/animation refuses its bad input",
     "dataset": "a module; tests/dataset refuses its bad input",
-    "cameras": "a module; tests/test_cameras.py refuses its bad input",
-    "masks": "a module; tests/test_masks.py refuses its bad input",
+    "cameras": "a module; tests/io/test_cameras.py refuses its bad input",
+    "masks": "a module; tests/outputs/test_masks.py refuses its bad input",
     "distributed": "a module; tests/distributed refuses its bad input",
-    "render_many": "it renders what render does; tests/test_many.py refuses its bad input",
+    "render_many": "it renders as render does; tests/distributed/test_many.py refuses bad input",
     "show": "it opens windows; the viewer's tests refuse its bad input",
 }
 """Public names that no test here calls, with the reason."""

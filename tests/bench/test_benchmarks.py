@@ -15,7 +15,7 @@ from click.testing import CliRunner
 
 import rasterjit as rj
 
-sys.path.append(str(Path(__file__).parents[1]))
+sys.path.append(str(Path(__file__).parents[2]))
 command = importlib.import_module("benchmarks.__main__")
 against_peers = importlib.import_module("benchmarks.against_peers")
 curves = importlib.import_module("benchmarks.curves")

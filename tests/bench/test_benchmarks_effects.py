@@ -16,7 +16,7 @@ from opengl import skip_or_fail
 
 import rasterjit as rj
 
-sys.path.append(str(Path(__file__).parents[1]))
+sys.path.append(str(Path(__file__).parents[2]))
 absent = importlib.import_module("benchmarks.effects_absent")
 contestants = importlib.import_module("benchmarks.contestants")
 effects = importlib.import_module("benchmarks.effects")

@@ -12,7 +12,7 @@ from rasterjit.cli import commands, doctor
 from rasterjit.rendering import rasterize, renderer
 from rasterjit.runtime import jit, store
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 
 
 def test_doctor_finds_this_installation_healthy():

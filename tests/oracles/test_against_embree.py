@@ -20,7 +20,7 @@ from opengl import skip_or_fail
 
 import rasterjit as rj
 
-MODELS = Path(__file__).parent.parent / "models"
+MODELS = Path(__file__).parents[2] / "models"
 SIZE = (400, 300)
 SAMPLES = 2000
 """Random pixels for each scene and camera."""

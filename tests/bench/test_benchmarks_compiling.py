@@ -12,7 +12,7 @@ from click.testing import CliRunner
 
 import rasterjit as rj
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 sys.path.append(str(ROOT))
 compiling = importlib.import_module("benchmarks.compiling")
 pairing = importlib.import_module("benchmarks.pairing")

@@ -11,7 +11,7 @@ import numba
 import pytest
 from PIL import Image
 
-MODELS = Path(__file__).parent.parent / "models"
+MODELS = Path(__file__).parents[2] / "models"
 PICTURES = MODELS / "pictures" / "gallery"
 SMALL = (60, 45)
 

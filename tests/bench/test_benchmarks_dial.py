@@ -13,7 +13,7 @@ from click.testing import CliRunner
 import rasterjit as rj
 from rasterjit.rendering import budget
 
-sys.path.append(str(Path(__file__).parents[1]))
+sys.path.append(str(Path(__file__).parents[2]))
 program = importlib.import_module("benchmarks.dial")
 
 

@@ -16,7 +16,7 @@ import switched_off
 import rasterjit as rj
 from rasterjit.runtime import jit
 
-HERE = Path(__file__).parent
+HERE = Path(__file__).parents[1]
 
 PLAIN = """
 import json, sys

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 sys.path.append(str(ROOT))
 assembly = importlib.import_module("benchmarks.assembly")
 checkouts = importlib.import_module("benchmarks.checkouts")

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import trimesh
 
-MODELS = Path(__file__).parent.parent / "models"
+MODELS = Path(__file__).parents[2] / "models"
 TEAPOT_HEIGHT = 3.15
 """Largest height in the table of control points, reached by the lid's tip."""
 FLOAT32_ROUNDING = 1e-6

@@ -21,7 +21,7 @@ import numpy as np
 import pytest
 from opengl import skip_or_fail
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 sys.path.append(str(ROOT))
 contestants = importlib.import_module("benchmarks.contestants")
 needs = importlib.import_module("benchmarks.contestants.needs")

@@ -18,7 +18,7 @@ from rasterjit.inspect import measure
 from rasterjit.outputs import table
 from rasterjit.runtime import jit, store
 
-MODELS = Path(__file__).parents[1] / "models"
+MODELS = Path(__file__).parents[2] / "models"
 CUBE = str(MODELS / "cube.ply")
 KNOT = str(MODELS / "torus_knot.obj")
 OUTPUTS = tuple(name for name in table.OUTPUTS if name not in table.MOTION_OUTPUTS)

@@ -30,7 +30,7 @@ from opengl import Drawn, draw_faces, draw_lines
 import rasterjit as rj
 from rasterjit.survey.cache import unique_edges
 
-MODELS = Path(__file__).parent.parent / "models"
+MODELS = Path(__file__).parents[2] / "models"
 SIZES = [(512, 512), (640, 480)]
 
 GRID = 256
