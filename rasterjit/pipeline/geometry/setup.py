@@ -310,16 +310,20 @@ def best_in_tile(line, column, row):
 @helper
 def count_tiles(v0, v1, v2, xy, viewport, box, columns, tile_counts):
     """Add one triangle to the count of every tile it reaches, and to the last if it is large."""
-    lines = tile_edges(v0, v1, v2, xy, viewport)
-    steps = lines[0][1] << TILE_BITS, lines[1][1] << TILE_BITS, lines[2][1] << TILE_BITS
-    is_thin = (box[0] == box[2]) | (box[1] == box[3])
-    for row in range(box[1], box[3] + 1):
-        e0 = best_in_tile(lines[0], box[0], row)
-        e1 = best_in_tile(lines[1], box[0], row)
-        e2 = best_in_tile(lines[2], box[0], row)
-        for place in range(row * columns + box[0], row * columns + box[2] + 1):
-            tile_counts[np.uintp(place)] += np.int32(is_thin | ((e0 | e1 | e2) >= 0))
-            e0, e1, e2 = e0 + steps[0], e1 + steps[1], e2 + steps[2]
+    if (box[0] == box[2]) | (box[1] == box[3]):
+        for row in range(box[1], box[3] + 1):
+            for place in range(row * columns + box[0], row * columns + box[2] + 1):
+                tile_counts[np.uintp(place)] += 1
+    else:
+        lines = tile_edges(v0, v1, v2, xy, viewport)
+        steps = lines[0][1] << TILE_BITS, lines[1][1] << TILE_BITS, lines[2][1] << TILE_BITS
+        for row in range(box[1], box[3] + 1):
+            e0 = best_in_tile(lines[0], box[0], row)
+            e1 = best_in_tile(lines[1], box[0], row)
+            e2 = best_in_tile(lines[2], box[0], row)
+            for place in range(row * columns + box[0], row * columns + box[2] + 1):
+                tile_counts[np.uintp(place)] += np.int32((e0 | e1 | e2) >= 0)
+                e0, e1, e2 = e0 + steps[0], e1 + steps[1], e2 + steps[2]
     if is_large(box):
         tile_counts[np.uintp(tile_counts.shape[0] - 1)] += 1
 

@@ -17,7 +17,7 @@ from rasterjit.pipeline.geometry.setup import (
     narrow_edge,
     triangle_of,
 )
-from rasterjit.runtime.intrinsics import flat
+from rasterjit.runtime.intrinsics import part
 from rasterjit.runtime.jit import disjoint_helper, helper
 
 SMALL_PIXELS = 8
@@ -45,18 +45,6 @@ REAL_ROWS = 19
 ROOM = BATCH + 8
 """Columns of those rows; more than are used, or the rows would share few lines of the cache."""
 
-(
-    FACE_AT, AX_AT, AY_AT, BX_AT, BY_AT, CX_AT, CY_AT, LEFT_AT, TOP_AT, RIGHT_AT, BOTTOM_AT, WIDE_AT
-) = range(0, ROOM * WHOLE_ROWS, ROOM)  # fmt: skip
-DEPTH_0, DEPTH_1, DEPTH_2 = (ROOM * (DEPTH + k) for k in range(3))
-EDGE_0, EDGE_1, EDGE_2 = (ROOM * (EDGE + k) for k in range(3))
-ACROSS_0, ACROSS_1, ACROSS_2 = (ROOM * (ACROSS + k) for k in range(3))
-DOWN_0, DOWN_1, DOWN_2 = (ROOM * (DOWN + k) for k in range(3))
-LEAST_0, LEAST_1, LEAST_2 = (ROOM * (LEAST + k) for k in range(3))
-WEIGHT_0, WEIGHT_1 = (ROOM * (WEIGHT + k) for k in range(2))
-RANGE_0, RANGE_1 = (ROOM * (RANGE + k) for k in range(2))
-"""Where those rows begin, one behind the other."""
-
 
 @helper
 def gather_triangles(listed, faces, screen, whole, real):
@@ -82,28 +70,17 @@ def is_above(ax, ay, bx, by):
 
 
 @disjoint_helper
-def plan_all(count, window, bits, whole, real):
+def turn_triangles(ax, ay, bx, by, cx, cy, da, db, dc):
     """
-    Work out what drawing the gathered triangles takes, several at once.
+    Put the vertices clockwise on the screen, starting at the topmost, then leftmost.
 
-    Takes the rows one behind the other: that they lie ``ROOM`` apart tells the compiler that no
-    store changes a later load, so that it makes vectors of the loop.
-
-    Vertices are put clockwise on the screen, starting at the topmost, then leftmost. The order
-    depends on the geometry alone, so that every spelling of a face is drawn alike.
-
-    The box of samples lies inside a window, a tile's (left, top, right, bottom). Triangles wider
-    than ``SMALL_PIXELS`` begin where their block of columns does. For the weights of E_bc and E_ca
-    in the depth see `depth_plane`.
+    The order depends on the geometry alone, so that every spelling of a face is drawn alike.
     """
-    unit, half = np.float64(np.int64(1) << bits), np.int64(1) << (bits - 1)
-    block = (window[0] >> BLOCK_BITS) << BLOCK_BITS
-    for i in range(count):
-        n = np.uintp(i)
+    for n in range(ax.shape[0]):
         # Loaded before anything is chosen: what is loaded by choice is not loaded in vectors.
-        x0, y0, d0 = whole[AX_AT + n], whole[AY_AT + n], real[DEPTH_0 + n]
-        bx0, by0, db0 = whole[BX_AT + n], whole[BY_AT + n], real[DEPTH_1 + n]
-        cx0, cy0, dc0 = whole[CX_AT + n], whole[CY_AT + n], real[DEPTH_2 + n]
+        x0, y0, d0 = ax[n], ay[n], da[n]
+        bx0, by0, db0 = bx[n], by[n], db[n]
+        cx0, cy0, dc0 = cx[n], cy[n], dc[n]
         is_turned = narrow_edge(x0, y0, bx0, by0, cx0, cy0) < 0
         x1, y1, d1 = (
             cx0 if is_turned else bx0,
@@ -117,51 +94,84 @@ def plan_all(count, window, bits, whole, real):
         )
         second = is_above(x1, y1, x0, y0) & is_above(x1, y1, x2, y2)
         third = is_above(x2, y2, x0, y0) & is_above(x2, y2, x1, y1)
-        ax = x1 if second else (x2 if third else x0)
-        ay = y1 if second else (y2 if third else y0)
-        da = d1 if second else (d2 if third else d0)
-        bx = x2 if second else (x0 if third else x1)
-        by = y2 if second else (y0 if third else y1)
-        db = d2 if second else (d0 if third else d1)
-        cx = x0 if second else (x1 if third else x2)
-        cy = y0 if second else (y1 if third else y2)
-        dc = d0 if second else (d1 if third else d2)
-        whole[AX_AT + n], whole[AY_AT + n], real[DEPTH_0 + n] = ax, ay, da
-        whole[BX_AT + n], whole[BY_AT + n], real[DEPTH_1 + n] = bx, by, db
-        whole[CX_AT + n], whole[CY_AT + n], real[DEPTH_2 + n] = cx, cy, dc
-        # The box.
-        first = first_sample(min(ax, min(bx, cx)), bits)
-        last = last_sample(max(ax, max(bx, cx)), bits)
+        ax[n] = x1 if second else (x2 if third else x0)
+        ay[n] = y1 if second else (y2 if third else y0)
+        da[n] = d1 if second else (d2 if third else d0)
+        bx[n] = x2 if second else (x0 if third else x1)
+        by[n] = y2 if second else (y0 if third else y1)
+        db[n] = d2 if second else (d0 if third else d1)
+        cx[n] = x0 if second else (x1 if third else x2)
+        cy[n] = y0 if second else (y1 if third else y2)
+        dc[n] = d0 if second else (d1 if third else d2)
+
+
+@disjoint_helper
+def bound_triangles(ax, ay, bx, by, cx, cy, window, bits, left, top, right, bottom, wide):
+    """
+    Write the box of samples of each triangle inside a window.
+
+    The window is a tile's (left, top, right, bottom). Triangles wider than ``SMALL_PIXELS`` begin
+    where their block of columns does.
+    """
+    for n in range(ax.shape[0]):
+        first = first_sample(min(ax[n], min(bx[n], cx[n])), bits)
+        last = last_sample(max(ax[n], max(bx[n], cx[n])), bits)
         is_wide = last - first >= SMALL_PIXELS
-        left = np.int32(max(first, block if is_wide else window[0]))
-        top = np.int32(max(first_sample(ay, bits), window[1]))
-        whole[WIDE_AT + n] = is_wide
-        whole[LEFT_AT + n], whole[TOP_AT + n] = left, top
-        whole[RIGHT_AT + n] = min(last, window[2])
-        whole[BOTTOM_AT + n] = min(last_sample(max(by, cy), bits), window[3])
-        # The plane of depths.
-        area = np.float64(narrow_edge(ax, ay, bx, by, cx, cy))
-        real[WEIGHT_0 + n] = (da - dc) / area
-        real[WEIGHT_1 + n] = (db - dc) / area
-        real[RANGE_0 + n] = min(da, min(db, dc))
-        real[RANGE_1 + n] = max(da, max(db, dc))
-        # The edges at the corner of the box, their steps, and their least value inside.
-        px, py = np.int32((left << bits) + half), np.int32((top << bits) + half)
-        real[EDGE_0 + n] = np.float64(narrow_edge(bx, by, cx, cy, px, py))
-        real[EDGE_1 + n] = np.float64(narrow_edge(cx, cy, ax, ay, px, py))
-        real[EDGE_2 + n] = np.float64(narrow_edge(ax, ay, bx, by, px, py))
-        real[ACROSS_0 + n] = np.float64(np.int32(by - cy)) * unit
-        real[ACROSS_1 + n] = np.float64(np.int32(cy - ay)) * unit
-        real[ACROSS_2 + n] = np.float64(np.int32(ay - by)) * unit
-        real[DOWN_0 + n] = np.float64(np.int32(cx - bx)) * unit
-        real[DOWN_1 + n] = np.float64(np.int32(ax - cx)) * unit
-        real[DOWN_2 + n] = np.float64(np.int32(bx - ax)) * unit
-        real[LEAST_0 + n] = np.float64(-edge_bias(bx, by, cx, cy))
-        real[LEAST_1 + n] = np.float64(-edge_bias(cx, cy, ax, ay))
-        real[LEAST_2 + n] = np.float64(-edge_bias(ax, ay, bx, by))
+        wide[n] = is_wide
+        left[n] = max(first, (window[0] >> BLOCK_BITS) << BLOCK_BITS if is_wide else window[0])
+        top[n] = max(first_sample(ay[n], bits), window[1])
+        right[n] = min(last, window[2])
+        bottom[n] = min(last_sample(max(by[n], cy[n]), bits), window[3])
+
+
+@disjoint_helper
+def plan_depths(ax, ay, bx, by, cx, cy, da, db, dc, weight_a, weight_b, lowest, highest):
+    """Write the weights of E_bc and E_ca in the depth, and its range: see `depth_plane`."""
+    for n in range(ax.shape[0]):
+        area = np.float64(narrow_edge(ax[n], ay[n], bx[n], by[n], cx[n], cy[n]))
+        weight_a[n], weight_b[n] = (da[n] - dc[n]) / area, (db[n] - dc[n]) / area
+        lowest[n] = min(da[n], min(db[n], dc[n]))
+        highest[n] = max(da[n], max(db[n], dc[n]))
+
+
+@disjoint_helper
+def plan_edge(ax, ay, bx, by, left, top, bits, value, across, down, least):
+    """Write the edge a -> b at the corner of the box, its steps, and its least value inside."""
+    unit, half = np.float64(np.int64(1) << bits), np.int64(1) << (bits - 1)
+    for n in range(ax.shape[0]):
+        px = np.int32((left[n] << bits) + half)
+        py = np.int32((top[n] << bits) + half)
+        value[n] = np.float64(narrow_edge(ax[n], ay[n], bx[n], by[n], px, py))
+        across[n] = np.float64(np.int32(ay[n] - by[n])) * unit
+        down[n] = np.float64(np.int32(bx[n] - ax[n])) * unit
+        least[n] = np.float64(-edge_bias(ax[n], ay[n], bx[n], by[n]))
 
 
 @helper
 def plan_triangles(count, window, bits, whole, real):
-    """Work out what drawing the gathered triangles takes: `plan_all`."""
-    plan_all(count, window, bits, flat(whole), flat(real))
+    """Work out what drawing the gathered triangles takes, several at once."""
+    ax, ay = part(whole, AX, 0, count), part(whole, AY, 0, count)
+    bx, by = part(whole, BX, 0, count), part(whole, BY, 0, count)
+    cx, cy = part(whole, CX, 0, count), part(whole, CY, 0, count)
+    da, db = part(real, DEPTH, 0, count), part(real, DEPTH + 1, 0, count)
+    dc = part(real, DEPTH + 2, 0, count)
+    left, top = part(whole, LEFT, 0, count), part(whole, TOP, 0, count)
+    turn_triangles(ax, ay, bx, by, cx, cy, da, db, dc)
+    bound_triangles(
+        ax, ay, bx, by, cx, cy, window, bits, left, top, part(whole, RIGHT, 0, count),
+        part(whole, BOTTOM, 0, count), part(whole, WIDE, 0, count),
+    )  # fmt: skip
+    plan_depths(
+        ax, ay, bx, by, cx, cy, da, db, dc, part(real, WEIGHT, 0, count),
+        part(real, WEIGHT + 1, 0, count), part(real, RANGE, 0, count),
+        part(real, RANGE + 1, 0, count),
+    )  # fmt: skip
+    for k in range(3):
+        # The edge opposite to each vertex.
+        second, third = AX + 2 * ((k + 1) % 3), AX + 2 * ((k + 2) % 3)
+        plan_edge(
+            part(whole, second, 0, count), part(whole, second + 1, 0, count),
+            part(whole, third, 0, count), part(whole, third + 1, 0, count), left, top, bits,
+            part(real, EDGE + k, 0, count), part(real, ACROSS + k, 0, count),
+            part(real, DOWN + k, 0, count), part(real, LEAST + k, 0, count),
+        )  # fmt: skip
