@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.io.pictures import image_pixels, picture_pixels, resized
+from rasterjit.io.resources import RefusedFileError, Resources
 from rasterjit.io.skipped import LeftOut, reason_of
 from rasterjit.scene.color import srgb_to_linear
 from rasterjit.scene.material import BRIGHTEST_EMISSION, Material
@@ -323,12 +324,15 @@ class MtlPictures:
     ----------
     path : Path
         Of the OBJ file.
+    resources : Resources
+        The files that it may name.
     left_out : LeftOut
-        Notes pictures that are missing or damaged, and materials that no MTL file has.
+        Notes pictures that are missing or damaged, MTL files that may not be opened, and materials
+        that no MTL file has.
     """
 
-    def __init__(self, path: Path, left_out: LeftOut) -> None:
-        self._folder = path.parent
+    def __init__(self, path: Path, resources: Resources, left_out: LeftOut) -> None:
+        self._resources = resources
         self._left_out = left_out
         self._names: dict[str, dict[str, str]] = {}
         self._textures: dict[tuple[str | None, ...], Texture | None] = {}
@@ -346,8 +350,11 @@ class MtlPictures:
     def _read_library(self, name: str) -> None:
         """Keep the names of pictures in an MTL file; one that is missing gives none."""
         try:
-            text = (self._folder / name.replace("\\", "/")).read_bytes().decode("utf-8", "replace")
-        except (OSError, ValueError):
+            text = self._resources.read(name).decode("utf-8", "replace")
+        except RefusedFileError as error:
+            self._left_out.note(f"MTL file: {reason_of(error)}")
+            return
+        except ValueError:
             return
         material: dict[str, str] = {}
         for line in text.splitlines():
@@ -392,9 +399,8 @@ class MtlPictures:
         """Return a picture's pixels; None, with a note if it has a name and cannot be read."""
         if name is None:
             return None
-        place = self._folder / name.replace("\\", "/")
         try:
-            return picture_pixels(place.read_bytes())
+            return picture_pixels(self._resources.read(name))
         except Exception as error:
             # Pillow raises what it likes about a damaged picture.
             self._left_out.note(
