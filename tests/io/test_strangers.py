@@ -6,6 +6,7 @@ import base64
 import json
 import os
 import socket
+import subprocess
 import threading
 import warnings
 
@@ -223,3 +224,37 @@ def test_a_ply_names_its_picture_like_others(tmp_path):
     texture, said = loaded(folder / "model.ply")
     assert texture is None
     assert "secret.png" in said
+
+
+POSTSCRIPT = b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 9 9\n%%EndComments\nshowpage\n%%EOF\n"
+
+
+def test_a_picture_that_is_a_program_is_not_started(tmp_path, write, monkeypatch):
+    def refuse(*arguments, **options):
+        raise AssertionError("a program is started")
+
+    monkeypatch.setattr(subprocess, "Popen", refuse)
+    file = write(tmp_path / "model", "wood.png")
+    (tmp_path / "model" / "wood.png").write_bytes(POSTSCRIPT)
+    texture, said = loaded(file)
+    assert texture is None
+    assert "wood.png" in said
+    with pytest.raises(ValueError, match=r"wood\.png.*none of PNG, JPEG"):
+        rj.Texture.from_file(tmp_path / "model" / "wood.png")
+
+
+@pytest.mark.parametrize("kind", ["PNG", "JPEG", "WEBP", "TIFF", "BMP", "TGA", "GIF"])
+def test_pictures_are_told_by_their_content(tmp_path, write, kind):
+    file = write(tmp_path / "model", "wood.png")
+    Image.new("RGB", (4, 4), SECRET).save(tmp_path / "model" / "wood.png", kind)
+    texture, said = loaded(file)
+    assert said == ""
+    assert texture.image.shape[:2] == (4, 4)
+    assert rj.Texture.from_file(tmp_path / "model" / "wood.png").image.shape == (4, 4, 4)
+
+
+@pytest.mark.parametrize("kind", ["PPM", "ICO", "PCX", "DDS", "SGI", "PDF"])
+def test_pictures_of_other_formats_are_refused(tmp_path, kind):
+    Image.new("RGB", (16, 16), SECRET).save(tmp_path / "wood.png", kind)
+    with pytest.raises(ValueError, match=r"wood\.png.*none of PNG, JPEG"):
+        rj.Texture.from_file(tmp_path / "wood.png")
