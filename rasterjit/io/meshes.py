@@ -80,7 +80,8 @@ def load(
     Warns
     -----
     LoadWarning
-        Once, naming what the file has and the scene has not, such as animations.
+        Once, naming what the file has and the scene has not, such as animations; and if every
+        material is fully transparent.
     """
     bounded_number("crease_angle", crease_angle, 0.0, 180.0)
     root = None if resource_root is None else existing_folder("resource_root", resource_root)
@@ -95,7 +96,18 @@ def load(
         adapter = TrimeshAdapter(str(file), True, on_invalid, crease_angle, left_out, pictures)
         scene = adapter.scene(loaded)
     left_out.warn(str(file))
+    _warn_if_invisible(file, scene)
     return scene
+
+
+def _warn_if_invisible(file: Path, scene: Scene) -> None:
+    """Warn if a file's materials hide all that it holds."""
+    materials = [node.mesh.material for node in scene.nodes]
+    if all(one.alpha_mode == "blend" and one.base_color[3] == 0.0 for one in materials):
+        warnings.warn(
+            f"{file}: every material is fully transparent, so nothing of it is seen",
+            LoadWarning, stacklevel=3,
+        )  # fmt: skip
 
 
 def from_trimesh(
