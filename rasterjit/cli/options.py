@@ -283,6 +283,7 @@ class Look(NamedTuple):
     shading: str | None
     wireframe: str | None
     wireframe_color: str | None
+    resource_root: str | None
 
     def apply(self, scene: Scene) -> None:
         """Change the scene's materials and wireframe."""
@@ -411,6 +412,9 @@ def look_options(command: Callable) -> Callable:
             click.option("--on-invalid", type=click.Choice(["raise", "drop"]), default="raise",
                          show_default=True,
                          help="Refuse a mesh with NaN or infinite vertices, or draw the rest."),
+            click.option("--resource-root", metavar="FOLDER",
+                         help="Let the file name textures and others in this folder, not in its "
+                              "own alone."),
         ],
         command,
     )  # fmt: skip

@@ -9,12 +9,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rasterjit.io.gltf.scene import GLTF_FORMATS, load_gltf
+from rasterjit.io.resources import Resources
 from rasterjit.io.skipped import LeftOut, LoadWarning, MeshFileError
 from rasterjit.io.trimesh.materials import MtlPictures
+from rasterjit.io.trimesh.resolver import resolver_of
 from rasterjit.io.trimesh.scene import TrimeshAdapter
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.scene import Scene
-from rasterjit.scene.validation import bounded_number, existing_file
+from rasterjit.scene.validation import bounded_number, existing_file, existing_folder
 
 if TYPE_CHECKING:
     import trimesh
@@ -31,7 +33,11 @@ _SHOWN_FORMATS = ("obj", "ply", "stl", "off", "glb", "gltf", "3mf", "dae")
 
 
 def load(
-    path: str | os.PathLike[str], *, on_invalid: str = "raise", crease_angle: float = 40.0
+    path: str | os.PathLike[str],
+    *,
+    on_invalid: str = "raise",
+    crease_angle: float = 40.0,
+    resource_root: str | os.PathLike[str] | None = None,
 ) -> Scene:
     """
     Read a mesh file: OBJ, PLY, STL, OFF, glTF, GLB and whatever else trimesh reads.
@@ -54,6 +60,10 @@ def load(
     crease_angle : float
         Degrees in 0..180. Meshes whose file gives no normals get them from
         ``Mesh.split_creases(crease_angle)``.
+    resource_root : str or path-like, optional
+        The folder that files named by this one must lie in: textures, buffers, MTL files. Default:
+        the folder of this file. Addresses, absolute paths, and links, pipes and devices that lead
+        out of it are never opened.
 
     Returns
     -------
@@ -64,24 +74,40 @@ def load(
     MeshFileError
         A ``ValueError``: if the file is missing, cannot be read or holds no faces. The message
         names the file and what it holds.
+    ValueError
+        If ``resource_root`` is no folder.
 
     Warns
     -----
     LoadWarning
-        Once, naming what the file has and the scene has not, such as animations.
+        Once, naming what the file has and the scene has not, such as animations; and if every
+        material is fully transparent.
     """
     bounded_number("crease_angle", crease_angle, 0.0, 180.0)
+    root = None if resource_root is None else existing_folder("resource_root", resource_root)
     file = _checked_path(path)
-    left_out = LeftOut()
+    left_out, resources = LeftOut(), Resources(file, root)
     if _extension(file) in GLTF_FORMATS:
-        scene = load_gltf(file, on_invalid, crease_angle, left_out)
+        scene = load_gltf(file, resources, on_invalid, crease_angle, left_out)
     else:
-        loaded = _read(file)
-        pictures = MtlPictures(file, left_out) if _extension(file) == "obj" else None
+        is_obj = _extension(file) == "obj"
+        loaded = _read(file, resolver_of(resources, None if is_obj else left_out))
+        pictures = MtlPictures(file, resources, left_out) if is_obj else None
         adapter = TrimeshAdapter(str(file), True, on_invalid, crease_angle, left_out, pictures)
         scene = adapter.scene(loaded)
     left_out.warn(str(file))
+    _warn_if_invisible(file, scene)
     return scene
+
+
+def _warn_if_invisible(file: Path, scene: Scene) -> None:
+    """Warn if a file's materials hide all that it holds."""
+    materials = [node.mesh.material for node in scene.nodes]
+    if all(one.alpha_mode == "blend" and one.base_color[3] == 0.0 for one in materials):
+        warnings.warn(
+            f"{file}: every material is fully transparent, so nothing of it is seen",
+            LoadWarning, stacklevel=3,
+        )  # fmt: skip
 
 
 def from_trimesh(
@@ -181,8 +207,8 @@ def _extension(file: Path) -> str:
     return double[0] if double else file.suffix.lower().removeprefix(".")
 
 
-def _read(file: Path) -> trimesh.Scene:
-    """Read a file with trimesh, or raise `MeshFileError`."""
+def _read(file: Path, resolver: Any) -> trimesh.Scene:
+    """Read a file with trimesh, and what it names with a resolver, or raise `MeshFileError`."""
     import trimesh
 
     extension = _extension(file)
@@ -195,7 +221,7 @@ def _read(file: Path) -> trimesh.Scene:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            return trimesh.load_scene(file, process=False)
+            return trimesh.load_scene(file, resolver=resolver, process=False)
     except ImportError as error:
         if error.name in _ENCODING_GUESSERS:
             # trimesh falls back on guessing the encoding of a text that is none.

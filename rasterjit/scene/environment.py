@@ -189,8 +189,8 @@ class Environment:
         Parameters
         ----------
         path : str or path-like
-            ``.hdr`` or ``.pic`` (Radiance), ``.exr`` (needs OpenEXR, ``rasterjit[exr]``), or any
-            picture that imageio reads, which is decoded from sRGB.
+            ``.hdr`` or ``.pic`` (Radiance), ``.exr`` (needs OpenEXR, ``rasterjit[exr]``), or a
+            picture as `Texture.from_file` reads it, which is decoded from sRGB.
         intensity, rotation, background
             As `Environment` takes them.
 

@@ -38,7 +38,7 @@ def read_hdr_image(path: str | os.PathLike[str]) -> NDArray[np.float32]:
     ----------
     path : str or path-like
         ``.hdr``, ``.pic`` or ``.rgbe`` (Radiance), ``.exr`` (channels R, G and B, or Y alone;
-        needs OpenEXR), or anything that imageio reads, decoded from sRGB.
+        needs OpenEXR), or a picture as `Texture.from_file` reads it, decoded from sRGB.
 
     Returns
     -------

@@ -56,6 +56,13 @@ MOST_TEXELS = 1 << 27
 _NEWTON_STEPS = 12
 """From ``base**2``, at most 3.3 times too large, 8 reach the last bit of float32; 12 leave room."""
 
+PICTURE_FORMATS = ("PNG", "JPEG", "WEBP", "TIFF", "BMP", "TGA", "GIF")
+"""
+What is opened as a picture, by Pillow's names, told by its content.
+
+Others are refused: Pillow knows fifty, among them some that start programs, such as PostScript.
+"""
+
 _CONVERTED_MODES = ("1", "P", "PA", "La", "RGBa", "CMYK", "YCbCr", "LAB", "HSV")
 """Pillow's kinds of picture that are neither grey nor RGB as they lie in memory."""
 
@@ -228,7 +235,7 @@ class Texture:
         scale: tuple[float, float] = (1.0, 1.0),
     ) -> Texture:
         """
-        Read a texture from a PNG, JPEG or any other picture that imageio reads.
+        Read a texture from a picture: PNG, JPEG, WebP, TIFF, BMP, TGA or GIF.
 
         Grey, 16-bit grey, RGB and RGBA pictures are taken as they are, others as RGBA.
 
@@ -347,7 +354,7 @@ def opened_picture(name: str, source: Any) -> Iterator[Image.Image]:
         # Pillow warns of half as many texels as it refuses: the limit here lies in between.
         warnings.simplefilter("ignore", Image.DecompressionBombWarning)
         try:
-            image = Image.open(source)
+            image = Image.open(source, formats=PICTURE_FORMATS)
         except Image.DecompressionBombError as error:
             raise PictureSizeError(
                 f"{name} must have at most {MOST_TEXELS:,} texels; Pillow says: {error}"
@@ -359,18 +366,17 @@ def opened_picture(name: str, source: Any) -> Iterator[Image.Image]:
 
 def _read_picture(file: Path) -> NDArray[Any]:
     """Decode the first picture of a file, or raise ``ValueError`` naming the file."""
-    import imageio.v3 as iio
-
     try:
         with opened_picture(f"the picture {str(file)!r}", file) as image:
             mode = image.mode
-            options = {"mode": "RGBA"} if mode in _CONVERTED_MODES else {}
-            pixels = iio.imread(file, index=0, plugin="pillow", **options)
+            pixels = np.asarray(image.convert("RGBA") if mode in _CONVERTED_MODES else image)
     except PictureSizeError:
         raise
     except Exception as error:
         # Pillow raises what it likes about a damaged picture.
         reason = str(error) or type(error).__name__
+        if type(error).__name__ == "UnidentifiedImageError":
+            reason = f"it is none of {', '.join(PICTURE_FORMATS)}"
         raise ValueError(f"path must be a picture, but {str(file)!r} is not: {reason}") from error
     if mode == "I":
         # Pillow's name for 16-bit grey in 32-bit integers.

@@ -245,3 +245,17 @@ def existing_file(name: str, value: Any) -> Path:
     except (OSError, RuntimeError, TypeError) as error:
         raise ValueError(f"{name} must be a file, but {shown!r} cannot be: {error}") from None
     return file
+
+
+def existing_folder(name: str, value: Any) -> Path:
+    """Return the path of a folder that exists, or raise ``ValueError``."""
+    if not isinstance(value, (str, os.PathLike)):
+        raise ValueError(f"{name} must be the name of a folder, got {value!r}")
+    shown = os.fspath(value)
+    try:
+        folder = Path(value).expanduser()
+        if not folder.is_dir():
+            raise ValueError(f"{name} must be a folder, but {shown!r} is none")
+    except (OSError, RuntimeError, TypeError) as error:
+        raise ValueError(f"{name} must be a folder, but {shown!r} cannot be: {error}") from None
+    return folder

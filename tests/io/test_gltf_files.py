@@ -15,6 +15,7 @@ from sample_models import QUAD_FACES, Model, encode_png, quad
 import rasterjit as rj
 from rasterjit.io.gltf.content import FAN, STRIP, TRIANGLES, join_corners
 from rasterjit.io.gltf.file import GltfFile
+from rasterjit.io.resources import Resources
 from rasterjit.io.skipped import LoadWarning, MeshFileError
 
 GREY = np.full((2, 2, 3), 128, np.uint8)
@@ -328,7 +329,7 @@ def test_sparse_and_normalized_accessors_and_strides_are_decoded(tmp_path):
     }  # fmt: skip
     path = tmp_path / "a.gltf"
     path.write_text(json.dumps(header))
-    file = GltfFile(path)
+    file = GltfFile(path, Resources(path))
     plain = np.array([[1, 2], [9, 9], [9, 10], [-127, -128]])
     assert np.array_equal(file.array(0), plain)
     assert file.array(1) == pytest.approx(np.maximum(plain / 127, -1.0))

@@ -8,11 +8,10 @@ import pickle
 from fractions import Fraction
 from pathlib import Path
 
-import imageio.v3 as iio
 import naive_textures as naive
 import numpy as np
 import pytest
-from PIL import Image
+from PIL import Image, PngImagePlugin
 
 import rasterjit as rj
 from rasterjit.scene.color import srgb_to_linear
@@ -325,6 +324,6 @@ def test_whatever_pillow_raises_about_a_file_names_it(tmp_path, monkeypatch):
     def fails(*arguments, **options):
         raise OverflowError
 
-    monkeypatch.setattr(iio, "imread", fails)
+    monkeypatch.setattr(PngImagePlugin.PngImageFile, "load", fails)
     with pytest.raises(ValueError, match=r"odd\.png' is not: OverflowError"):
         rj.Texture.from_file(tmp_path / "odd.png")

@@ -18,7 +18,7 @@ from urllib.parse import unquote_to_bytes
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.io.skipped import MissingFileError, reason_of
+from rasterjit.io.resources import Resources
 
 _GLB_MAGIC = b"glTF"
 _JSON_CHUNK, _BINARY_CHUNK = 0x4E4F534A, 0x004E4942
@@ -49,6 +49,8 @@ class GltfFile:
     Parameters
     ----------
     path : Path
+    resources : Resources
+        The files that it may name.
 
     Attributes
     ----------
@@ -61,8 +63,8 @@ class GltfFile:
         If it ends too early, or holds no JSON object, or one of glTF 1.0.
     """
 
-    def __init__(self, path: Path) -> None:
-        self._folder = path.parent
+    def __init__(self, path: Path, resources: Resources) -> None:
+        self._resources = resources
         self._buffers: dict[int, bytes] = {}
         text, self._chunk = _split_chunks(path.read_bytes())
         try:
@@ -183,14 +185,7 @@ class GltfFile:
             if kind.endswith(";base64"):
                 return base64.b64decode(content)
             return unquote_to_bytes(content)
-        if "://" in uri:
-            raise ValueError(f"{uri[:80]} is not a file beside this one")
-        try:
-            return (self._folder / unquote_to_bytes(uri).decode("utf-8")).read_bytes()
-        except FileNotFoundError:
-            raise MissingFileError(f"the file {uri[:80]!r} beside it is missing") from None
-        except OSError as error:
-            raise ValueError(f"the file {uri[:80]!r}: {reason_of(error)}") from None
+        return self._resources.read(unquote_to_bytes(uri).decode("utf-8"))
 
 
 def _split_chunks(content: bytes) -> tuple[bytes, bytes | None]:

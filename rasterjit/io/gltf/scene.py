@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from rasterjit.io.gltf.content import MaterialReader, MeshReader
 from rasterjit.io.gltf.file import GltfFile
+from rasterjit.io.resources import Resources
 from rasterjit.io.skipped import LeftOut, MeshFileError, reason_of
 from rasterjit.scene.camera import OrthographicCamera, PerspectiveCamera
 from rasterjit.scene.light import DirectionalLight, PointLight, SpotLight
@@ -46,13 +47,17 @@ MOVING = {"skins": "skin", "animations": "animation"}
 """Lists of the header for what moves; it is shown at rest."""
 
 
-def load_gltf(path: Path, on_invalid: str, crease_angle: float, left_out: LeftOut) -> Scene:
+def load_gltf(
+    path: Path, resources: Resources, on_invalid: str, crease_angle: float, left_out: LeftOut
+) -> Scene:
     """
     Read a ``.gltf`` or ``.glb`` file.
 
     Parameters
     ----------
     path : Path
+    resources : Resources
+        The files that it may name.
     on_invalid : {"raise", "drop"}
         What to do about NaN or infinite vertices, as in `Mesh`.
     crease_angle : float
@@ -66,7 +71,7 @@ def load_gltf(path: Path, on_invalid: str, crease_angle: float, left_out: LeftOu
         If the file cannot be read or shows no faces.
     """
     try:
-        file = GltfFile(path)
+        file = GltfFile(path, resources)
         return _GltfScene(file, str(path), on_invalid, crease_angle, left_out).scene
     except MeshFileError:
         raise

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.io.pictures import image_pixels, picture_pixels, resized
+from rasterjit.io.resources import RefusedFileError, Resources
 from rasterjit.io.skipped import LeftOut, reason_of
 from rasterjit.scene.color import srgb_to_linear
 from rasterjit.scene.material import BRIGHTEST_EMISSION, Material
@@ -51,6 +52,9 @@ _STATEMENT = re.compile(rb"^[ \t]*(mtllib|usemtl)[ \t]+(.*?)[ \t\r]*$", re.MULTI
 
 _MAPS = ("map_kd", "map_d")
 """Pictures that are shown: of the colour, and of the opacity."""
+
+_COMMENT_LENGTH = 400
+"""Characters of an MTL file among which its writer is named."""
 
 _OPTIONS = {
     "-blendu": 1, "-blendv": 1, "-cc": 1, "-clamp": 1, "-imfchan": 1, "-bm": 1, "-boost": 1,
@@ -92,7 +96,10 @@ def material_from_trimesh(
     if kind == "SimpleMaterial":
         if pictures is not None:
             has_opacity = pictures.has_opacity(material.name)
-            return _from_simple(material, pictures.texture(material.name), has_opacity, left_out)
+            return _from_simple(
+                material, pictures.texture(material.name), has_opacity, left_out,
+                pictures.tr_is_opacity,
+            )  # fmt: skip
         texture = textures.read(material.image, f"base_color_texture of {label}")
         return _from_simple(material, texture, False, left_out)
     if kind == "PBRMaterial":
@@ -148,7 +155,11 @@ def colors_from_trimesh(
 
 
 def _from_simple(
-    material: Any, texture: Texture | None, has_opacity: bool, left_out: LeftOut
+    material: Any,
+    texture: Texture | None,
+    has_opacity: bool,
+    left_out: LeftOut,
+    tr_is_opacity: bool = False,
 ) -> Material:
     """
     Translate an OBJ-style material.
@@ -163,7 +174,7 @@ def _from_simple(
     if "kd" in said or tuple(material.diffuse) != _TRIMESH_GREY:
         rgb = srgb_to_linear(np.asarray(material.diffuse, dtype=np.uint8)[:3])
         color = (*rgb.tolist(), float(material.diffuse[3]) / 255.0)
-    opacity = _opacity(said)
+    opacity = _opacity(said, tr_is_opacity)
     alpha = color[3] * opacity
     if texture is not None and not texture.is_opaque and not has_opacity:
         left_out.note(f"alpha of the map_Kd of material {material.name!r}, which has no map_d")
@@ -186,13 +197,16 @@ def _from_simple(
     )
 
 
-def _opacity(said: dict[str, Any]) -> float:
-    """Return the opacity that an MTL's ``d`` (or its inverse ``Tr``) gives, 1 if none."""
+def _opacity(said: dict[str, Any], tr_is_opacity: bool) -> float:
+    """Return the opacity that ``d`` of an MTL file gives, or ``Tr``, which most write as 1 - d."""
     try:
         if "d" in said:
             opacity = float(said["d"][-1])
+        elif "tr" in said:
+            opacity = float(said["tr"][-1])
+            opacity = opacity if tr_is_opacity else 1.0 - opacity
         else:
-            opacity = 1.0 - float(said.get("tr", [0.0])[-1])
+            return 1.0
     except (TypeError, ValueError, IndexError):
         return 1.0
     return min(max(opacity, 0.0), 1.0)
@@ -323,14 +337,19 @@ class MtlPictures:
     ----------
     path : Path
         Of the OBJ file.
+    resources : Resources
+        The files that it may name.
     left_out : LeftOut
-        Notes pictures that are missing or damaged, and materials that no MTL file has.
+        Notes pictures that are missing or damaged, MTL files that may not be opened, and materials
+        that no MTL file has.
     """
 
-    def __init__(self, path: Path, left_out: LeftOut) -> None:
-        self._folder = path.parent
+    def __init__(self, path: Path, resources: Resources, left_out: LeftOut) -> None:
+        self._resources = resources
         self._left_out = left_out
         self._names: dict[str, dict[str, str]] = {}
+        self._is_from_meshlab = False
+        self._opacities: dict[str, dict[str, str]] = {}
         self._textures: dict[tuple[str | None, ...], Texture | None] = {}
         used: dict[str, None] = {}
         for kind, rest in _STATEMENT.findall(path.read_bytes()):
@@ -342,21 +361,36 @@ class MtlPictures:
         for name in used:
             if name not in self._names:
                 left_out.note(f"reference to material {name!r}, which no MTL file of it has")
+        # MeshLab writes ``Tr 1`` for opaque surfaces, where others mean invisible ones. A file of
+        # which nothing would be seen is taken as MeshLab's.
+        said = [self._opacities.get(name, {}) for name in used]
+        self.tr_is_opacity = self._is_from_meshlab or (
+            bool(said) and all("d" not in one and _is_one(one.get("tr")) for one in said)
+        )
 
     def _read_library(self, name: str) -> None:
         """Keep the names of pictures in an MTL file; one that is missing gives none."""
         try:
-            text = (self._folder / name.replace("\\", "/")).read_bytes().decode("utf-8", "replace")
-        except (OSError, ValueError):
+            text = self._resources.read(name).decode("utf-8", "replace")
+        except RefusedFileError as error:
+            self._left_out.note(f"MTL file: {reason_of(error)}")
             return
+        except ValueError:
+            return
+        self._is_from_meshlab |= "meshlab" in text[:_COMMENT_LENGTH].lower()
         material: dict[str, str] = {}
+        opacity: dict[str, str] = {}
         for line in text.splitlines():
             words = line.split()
             key = words[0].lower() if words else ""
             if key == "newmtl":
-                material = self._names.setdefault(" ".join(words[1:]), {})
+                name = " ".join(words[1:])
+                material = self._names.setdefault(name, {})
+                opacity = self._opacities.setdefault(name, {})
             elif key in _MAPS:
                 material[key] = picture_name(words[1:])
+            elif key in ("d", "tr"):
+                opacity[key] = words[-1]
 
     def texture(self, material: str | None) -> Texture | None:
         """Return the texture of a material: colour and opacity in one; None if it has none."""
@@ -392,15 +426,22 @@ class MtlPictures:
         """Return a picture's pixels; None, with a note if it has a name and cannot be read."""
         if name is None:
             return None
-        place = self._folder / name.replace("\\", "/")
         try:
-            return picture_pixels(place.read_bytes())
+            return picture_pixels(self._resources.read(name))
         except Exception as error:
             # Pillow raises what it likes about a damaged picture.
             self._left_out.note(
                 f"{key} of {label}, {name!r}, that cannot be read: {reason_of(error)}"
             )
             return None
+
+
+def _is_one(text: str | None) -> bool:
+    """Tell the number 1 in an MTL file."""
+    try:
+        return text is not None and float(text) == 1.0
+    except ValueError:
+        return False
 
 
 def picture_name(words: list[str]) -> str:

@@ -1,0 +1,97 @@
+"""
+Files that a mesh file names: textures, buffers, libraries of materials.
+
+A mesh file may come from anywhere, so what it names is opened only if it is a regular file inside
+the folder of the mesh file, or another folder that the caller allows.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import stat
+from pathlib import Path
+
+from rasterjit.io.skipped import MissingFileError, reason_of
+
+_SCHEME = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*:")
+"""The beginning of ``http:``, ``file:`` and the like, and of a path with a drive letter."""
+
+LONGEST_NAME = 80
+"""Characters of a name that a message shows."""
+
+
+class RefusedFileError(ValueError):
+    """A mesh file names what it may not open."""
+
+
+class Resources:
+    """
+    The files that a mesh file may name.
+
+    Parameters
+    ----------
+    path : Path
+        The mesh file; names are relative to its folder.
+    root : Path or None
+        The folder that all of them must lie in; ``None`` -> that of the mesh file.
+    """
+
+    def __init__(self, path: Path, root: Path | None = None) -> None:
+        self.folder = path.parent
+        self._root = Path(os.path.realpath(self.folder if root is None else root))
+
+    def read(self, name: str) -> bytes:
+        """
+        Return the content of a file.
+
+        Parameters
+        ----------
+        name : str
+            Its path, relative to the mesh file; slashes of either kind separate folders.
+
+        Raises
+        ------
+        MissingFileError
+            If there is none.
+        RefusedFileError
+            If it is an address or an absolute path, lies outside the folder, also by a symbolic
+            link, or is no regular file.
+        ValueError
+            If it cannot be read.
+        """
+        shown = repr(name[:LONGEST_NAME])
+        place = self._place(name, shown)
+        try:
+            return _regular_content(place, shown)
+        except FileNotFoundError:
+            raise MissingFileError(f"the file {shown} beside it is missing") from None
+        except OSError as error:
+            raise ValueError(f"the file {shown}: {reason_of(error)}") from None
+
+    def _place(self, name: str, shown: str) -> Path:
+        """Return where a file lies, all symbolic links followed."""
+        plain = name.replace("\\", "/")
+        if _SCHEME.match(plain) or plain.startswith("/"):
+            raise RefusedFileError(f"{shown} is not a file beside this one")
+        if "\0" in plain:
+            raise RefusedFileError(f"{shown} is no name of a file")
+        # First as it is written: a link out of the folder must not be followed on the way back.
+        written = Path(os.path.normpath(Path(os.path.realpath(self.folder)) / plain))
+        place = Path(os.path.realpath(written))
+        for one in (written, place):
+            if not one.is_relative_to(self._root):
+                raise RefusedFileError(f"the file {shown} lies outside {str(self._root)!r}")
+        return place
+
+
+def _regular_content(place: Path, shown: str) -> bytes:
+    """Return the content of a regular file; never wait for a pipe, never touch a device."""
+    if not stat.S_ISREG(os.stat(place).st_mode):
+        raise RefusedFileError(f"{shown} is no regular file")
+    # It may have become another since; opening a pipe would wait for who writes to it.
+    flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
+    with open(os.open(place, flags | getattr(os, "O_CLOEXEC", 0)), "rb") as file:
+        if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+            raise RefusedFileError(f"{shown} is no regular file")
+        return file.read()

@@ -1,0 +1,260 @@
+"""Mesh files reach no further than their folder."""
+
+from __future__ import annotations
+
+import base64
+import json
+import os
+import socket
+import subprocess
+import threading
+import warnings
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import rasterjit as rj
+from rasterjit.io.skipped import LoadWarning, MeshFileError
+
+TRIANGLE = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], "<f4")
+UV = np.array([[0, 0], [1, 0], [0, 1]], "<f4")
+SECRET = (10, 200, 30)
+
+
+def picture(path, color=SECRET):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    Image.new("RGB", (4, 4), color).save(path, "PNG")
+    return path
+
+
+def obj(folder, name, library="model.mtl"):
+    """Write an OBJ file whose material names a picture."""
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "model.mtl").write_text(f"newmtl m\nKd 1 1 1\nmap_Kd {name}\n")
+    file = folder / "model.obj"
+    file.write_text(
+        f"mtllib {library}\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nusemtl m\n"
+        "f 1/1 2/2 3/3\n"
+    )
+    return file
+
+
+def gltf(folder, uri, buffer=None):
+    """Write a glTF file with a picture, or with its buffer, elsewhere."""
+    folder.mkdir(parents=True, exist_ok=True)
+    content = TRIANGLE.tobytes() + UV.tobytes()
+    data = "data:application/octet-stream;base64," + base64.b64encode(content).decode()
+    header = {
+        "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [
+            {"attributes": {"POSITION": 0, "TEXCOORD_0": 1}, "material": 0}
+        ]}],
+        "materials": [{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}],
+        "textures": [{"source": 0}], "images": [{"uri": uri}],
+        "buffers": [{"uri": buffer or data, "byteLength": len(content)}],
+        "bufferViews": [
+            {"buffer": 0, "byteLength": 36}, {"buffer": 0, "byteOffset": 36, "byteLength": 24}
+        ],
+        "accessors": [
+            {"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3",
+             "min": [0, 0, 0], "max": [1, 1, 0]},
+            {"bufferView": 1, "componentType": 5126, "count": 3, "type": "VEC2"},
+        ],
+    }  # fmt: skip
+    file = folder / "model.gltf"
+    file.write_text(json.dumps(header))
+    return file
+
+
+def texture_of(scene):
+    return scene.nodes[0].mesh.material.base_color_texture
+
+
+def loaded(file, **options):
+    """Return the texture of a file, and what was warned of."""
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        scene = rj.load(file, **options)
+    return texture_of(scene), " ".join(str(one.message) for one in said)
+
+
+WRITERS = {"obj": obj, "gltf": gltf}
+
+
+@pytest.fixture(params=WRITERS)
+def write(request):
+    return WRITERS[request.param]
+
+
+def test_a_picture_in_a_folder_below_is_read(tmp_path, write):
+    picture(tmp_path / "model" / "textures" / "wood.png")
+    texture, said = loaded(write(tmp_path / "model", "textures/wood.png"))
+    assert texture is not None
+    assert said == ""
+
+
+OUTSIDE = {
+    "above": "../secret.png",
+    "above by a detour": "textures/../../secret.png",
+    "windows": "..\\secret.png",
+    "file": "file:{outside}/secret.png",
+    "file with slashes": "file://{outside}/secret.png",
+    "absolute": "{outside}/secret.png",
+    "drive": "C:/secret.png",
+}
+
+
+@pytest.mark.parametrize("name", OUTSIDE.values(), ids=OUTSIDE)
+def test_a_picture_outside_is_not_opened_and_named(tmp_path, write, name):
+    picture(tmp_path / "secret.png")
+    (tmp_path / "model" / "textures").mkdir(parents=True)
+    name = name.format(outside=tmp_path.as_posix())
+    texture, said = loaded(write(tmp_path / "model", name))
+    assert texture is None
+    assert "secret.png" in said
+    assert "outside" in said or "is not a file beside" in said
+
+
+@pytest.mark.parametrize("dots", ["%2e%2e/secret.png", "%2E%2E%2Fsecret.png", ".%2e/secret.png"])
+def test_encoded_dots_lead_nowhere(tmp_path, dots):
+    picture(tmp_path / "secret.png")
+    texture, said = loaded(gltf(tmp_path / "model", dots))
+    assert texture is None
+    assert "secret.png" in said
+
+
+def test_a_link_out_of_the_folder_is_not_followed(tmp_path, write):
+    secret = picture(tmp_path / "secret.png")
+    inside = picture(tmp_path / "model" / "textures" / "wood.png")
+    os.symlink(secret, inside.parent / "out.png")
+    os.symlink(inside, inside.parent / "in.png")
+    texture, said = loaded(write(tmp_path / "model", "textures/out.png"))
+    assert texture is None
+    assert "outside" in said
+    texture, said = loaded(write(tmp_path / "model", "textures/in.png"))
+    assert texture is not None
+    assert said == ""
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no named pipes")
+@pytest.mark.parametrize("kind", ["pipe", "device", "folder", "socket"])
+def test_what_is_no_regular_file_is_not_opened(tmp_path, write, kind):
+    folder = tmp_path / "model"
+    folder.mkdir()
+    place = folder / "wood.png"
+    if kind == "pipe":
+        os.mkfifo(place)
+    elif kind == "folder":
+        place.mkdir()
+    elif kind == "socket":
+        here = os.getcwd()
+        os.chdir(folder)  # Names of sockets are short.
+        with socket.socket(socket.AF_UNIX) as opened:
+            opened.bind("wood.png")
+        os.chdir(here)
+    file = write(folder, "wood.png" if kind != "device" else "/dev/zero")
+    found = []
+    thread = threading.Thread(target=lambda: found.append(loaded(file)), daemon=True)
+    thread.start()
+    thread.join(20.0)
+    assert found, "it waits for the file"
+    texture, said = found[0]
+    assert texture is None
+    assert "regular file" in said or "is not a file beside" in said
+
+
+def test_an_address_is_not_asked(tmp_path, write, monkeypatch):
+    def refuse(*arguments):
+        raise AssertionError("the network is asked")
+
+    monkeypatch.setattr(socket.socket, "connect", refuse)
+    monkeypatch.setattr(socket, "getaddrinfo", refuse)
+    for name in ("http://localhost/wood.png", "https://localhost/wood.png", "ftp:wood.png"):
+        texture, said = loaded(write(tmp_path / "model", name))
+        assert texture is None
+        assert "wood.png" in said
+
+
+def test_a_root_that_is_named_widens_what_may_be_read(tmp_path, write):
+    picture(tmp_path / "shared" / "wood.png")
+    picture(tmp_path.parent / f"{tmp_path.name}-secret.png")
+    file = write(tmp_path / "model", "../shared/wood.png")
+    assert loaded(file)[0] is None
+    texture, said = loaded(file, resource_root=tmp_path)
+    assert texture is not None
+    assert said == ""
+    beyond = write(tmp_path / "model", f"../../{tmp_path.name}-secret.png")
+    assert loaded(beyond, resource_root=tmp_path)[0] is None
+
+
+@pytest.mark.parametrize("root", ["nowhere", 3])
+def test_a_root_that_is_no_folder_is_an_error(tmp_path, write, root):
+    file = write(tmp_path / "model", "wood.png")
+    root = tmp_path / root if isinstance(root, str) else root
+    with pytest.raises(ValueError, match=r"^resource_root must be"):
+        rj.load(file, resource_root=root)
+
+
+def test_a_material_library_outside_is_named(tmp_path):
+    (tmp_path / "secret.mtl").write_text("newmtl m\nKd 1 0 0\n")
+    with pytest.warns(LoadWarning, match=r"MTL file.*secret\.mtl.*outside"):
+        scene = rj.load(obj(tmp_path / "model", "wood.png", "../secret.mtl"))
+    red, green, _, _ = scene.nodes[0].mesh.material.base_color
+    assert red == green, "the file outside was read"
+
+
+def test_a_buffer_outside_is_an_error_that_names_both(tmp_path):
+    (tmp_path / "secret.bin").write_bytes(TRIANGLE.tobytes() + UV.tobytes())
+    file = gltf(tmp_path / "model", "wood.png", "../secret.bin")
+    with pytest.raises(MeshFileError, match=r"model\.gltf.*secret\.bin.*outside"):
+        rj.load(file)
+
+
+def test_a_ply_names_its_picture_like_others(tmp_path):
+    picture(tmp_path / "secret.png")
+    folder = tmp_path / "model"
+    folder.mkdir()
+    (folder / "model.ply").write_text(
+        "ply\nformat ascii 1.0\ncomment TextureFile ../secret.png\nelement vertex 3\n"
+        "property float x\nproperty float y\nproperty float z\nproperty float s\nproperty float t\n"
+        "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
+        "0 0 0 0 0\n1 0 0 1 0\n0 1 0 0 1\n3 0 1 2\n"
+    )
+    texture, said = loaded(folder / "model.ply")
+    assert texture is None
+    assert "secret.png" in said
+
+
+POSTSCRIPT = b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 9 9\n%%EndComments\nshowpage\n%%EOF\n"
+
+
+def test_a_picture_that_is_a_program_is_not_started(tmp_path, write, monkeypatch):
+    def refuse(*arguments, **options):
+        raise AssertionError("a program is started")
+
+    monkeypatch.setattr(subprocess, "Popen", refuse)
+    file = write(tmp_path / "model", "wood.png")
+    (tmp_path / "model" / "wood.png").write_bytes(POSTSCRIPT)
+    texture, said = loaded(file)
+    assert texture is None
+    assert "wood.png" in said
+    with pytest.raises(ValueError, match=r"wood\.png.*none of PNG, JPEG"):
+        rj.Texture.from_file(tmp_path / "model" / "wood.png")
+
+
+@pytest.mark.parametrize("kind", ["PNG", "JPEG", "WEBP", "TIFF", "BMP", "TGA", "GIF"])
+def test_pictures_are_told_by_their_content(tmp_path, write, kind):
+    file = write(tmp_path / "model", "wood.png")
+    Image.new("RGB", (4, 4), SECRET).save(tmp_path / "model" / "wood.png", kind)
+    texture, said = loaded(file)
+    assert said == ""
+    assert texture.image.shape[:2] == (4, 4)
+    assert rj.Texture.from_file(tmp_path / "model" / "wood.png").image.shape == (4, 4, 4)
+
+
+@pytest.mark.parametrize("kind", ["PPM", "ICO", "PCX", "DDS", "SGI", "PDF"])
+def test_pictures_of_other_formats_are_refused(tmp_path, kind):
+    Image.new("RGB", (16, 16), SECRET).save(tmp_path / "wood.png", kind)
+    with pytest.raises(ValueError, match=r"wood\.png.*none of PNG, JPEG"):
+        rj.Texture.from_file(tmp_path / "wood.png")
