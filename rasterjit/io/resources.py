@@ -18,7 +18,7 @@ _SCHEME = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*:")
 """The beginning of ``http:``, ``file:`` and the like, and of a path with a drive letter."""
 
 LONGEST_NAME = 80
-"""Characters of a name that a message shows."""
+"""Characters of a name that a message shows: the last ones, which tell files apart."""
 
 
 class RefusedFileError(ValueError):
@@ -60,7 +60,7 @@ class Resources:
         ValueError
             If it cannot be read.
         """
-        shown = repr(name[:LONGEST_NAME])
+        shown = repr(name if len(name) <= LONGEST_NAME else f"...{name[-LONGEST_NAME:]}")
         place = self._place(name, shown)
         try:
             return _regular_content(place, shown)

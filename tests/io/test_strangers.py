@@ -176,6 +176,13 @@ def test_an_address_is_not_asked(tmp_path, write, monkeypatch):
         assert "wood.png" in said
 
 
+def test_the_end_of_a_long_name_is_shown(tmp_path, write):
+    texture, said = loaded(write(tmp_path / "model", f"../{'deep/' * 60}secret.png"))
+    assert texture is None
+    assert "secret.png" in said
+    assert len(said) < 600
+
+
 def test_a_root_that_is_named_widens_what_may_be_read(tmp_path, write):
     picture(tmp_path / "shared" / "wood.png")
     picture(tmp_path.parent / f"{tmp_path.name}-secret.png")
