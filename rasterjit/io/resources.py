@@ -21,6 +21,11 @@ LONGEST_NAME = 80
 """Characters of a name that a message shows: the last ones, which tell files apart."""
 
 
+def shown_name(name: str) -> str:
+    """Return a file's name as messages show it."""
+    return repr(name if len(name) <= LONGEST_NAME else f"...{name[-LONGEST_NAME:]}")
+
+
 class RefusedFileError(ValueError):
     """A mesh file names what it may not open."""
 
@@ -60,7 +65,7 @@ class Resources:
         ValueError
             If it cannot be read.
         """
-        shown = repr(name if len(name) <= LONGEST_NAME else f"...{name[-LONGEST_NAME:]}")
+        shown = shown_name(name)
         place = self._place(name, shown)
         try:
             return _regular_content(place, shown)

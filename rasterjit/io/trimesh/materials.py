@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.io.pictures import image_pixels, picture_pixels, resized
-from rasterjit.io.resources import RefusedFileError, Resources
+from rasterjit.io.resources import RefusedFileError, Resources, shown_name
 from rasterjit.io.skipped import LeftOut, reason_of
 from rasterjit.scene.color import srgb_to_linear
 from rasterjit.scene.material import BRIGHTEST_EMISSION, Material
@@ -431,7 +431,7 @@ class MtlPictures:
         except Exception as error:
             # Pillow raises what it likes about a damaged picture.
             self._left_out.note(
-                f"{key} of {label}, {name!r}, that cannot be read: {reason_of(error)}"
+                f"{key} of {label}, {shown_name(name)}, that cannot be read: {reason_of(error)}"
             )
             return None
 
