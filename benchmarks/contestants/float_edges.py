@@ -82,52 +82,48 @@ def edge_bias(ax, ay, bx, by):
 # --- batches ----------------------------------------------------------------------------------
 
 
+@helper
+def is_above(ax, ay, bx, by):
+    """Return ``False``: the order of vertices stays, but for the turn."""
+    return False
+
+
 @disjoint_helper
-def plan_all(count, window, bits, whole, real):
-    """Work out what drawing triangles takes; vertices stay in their order, but for the turn."""
-    unit, half = np.float32(np.int64(1) << bits), np.int64(1) << (bits - 1)
-    block = (window[0] >> batches.BLOCK_BITS) << batches.BLOCK_BITS
-    for i in range(count):
-        n = np.uintp(i)
-        ax, ay, da = whole[batches.AX_AT + n], whole[batches.AY_AT + n], real[batches.DEPTH_0 + n]
-        x1, y1, d1 = whole[batches.BX_AT + n], whole[batches.BY_AT + n], real[batches.DEPTH_1 + n]
-        x2, y2, d2 = whole[batches.CX_AT + n], whole[batches.CY_AT + n], real[batches.DEPTH_2 + n]
-        is_turned = edge(ax, ay, x1, y1, x2, y2) < 0
-        bx, by, db = x2 if is_turned else x1, y2 if is_turned else y1, d2 if is_turned else d1
-        cx, cy, dc = x1 if is_turned else x2, y1 if is_turned else y2, d1 if is_turned else d2
-        whole[batches.BX_AT + n], whole[batches.BY_AT + n], real[batches.DEPTH_1 + n] = bx, by, db
-        whole[batches.CX_AT + n], whole[batches.CY_AT + n], real[batches.DEPTH_2 + n] = cx, cy, dc
-        # The box: any vertex may be topmost.
-        first = setup.first_sample(min(ax, min(bx, cx)), bits)
-        last = setup.last_sample(max(ax, max(bx, cx)), bits)
+def bound_triangles(ax, ay, bx, by, cx, cy, window, bits, left, top, right, bottom, wide):
+    """Write the box of samples of each triangle inside a window; any vertex may be topmost."""
+    blocks = batches.BLOCK_BITS
+    for n in range(ax.shape[0]):
+        first = setup.first_sample(min(ax[n], min(bx[n], cx[n])), bits)
+        last = setup.last_sample(max(ax[n], max(bx[n], cx[n])), bits)
         is_wide = last - first >= batches.SMALL_PIXELS
-        left = np.int32(max(first, block if is_wide else window[0]))
-        top = np.int32(max(setup.first_sample(min(ay, min(by, cy)), bits), window[1]))
-        whole[batches.WIDE_AT + n] = is_wide
-        whole[batches.LEFT_AT + n], whole[batches.TOP_AT + n] = left, top
-        whole[batches.RIGHT_AT + n] = min(last, window[2])
-        bottom = setup.last_sample(max(ay, max(by, cy)), bits)
-        whole[batches.BOTTOM_AT + n] = min(bottom, window[3])
-        # The plane of depths.
-        area = edge(ax, ay, bx, by, cx, cy)
-        real[batches.WEIGHT_0 + n] = (da - dc) / area
-        real[batches.WEIGHT_1 + n] = (db - dc) / area
-        real[batches.RANGE_0 + n] = min(da, min(db, dc))
-        real[batches.RANGE_1 + n] = max(da, max(db, dc))
-        # The edges at the corner of the box, their steps, and their least value inside.
-        px, py = np.int32((left << bits) + half), np.int32((top << bits) + half)
-        real[batches.EDGE_0 + n] = edge(bx, by, cx, cy, px, py)
-        real[batches.EDGE_1 + n] = edge(cx, cy, ax, ay, px, py)
-        real[batches.EDGE_2 + n] = edge(ax, ay, bx, by, px, py)
-        real[batches.ACROSS_0 + n] = np.float32(np.int32(by - cy)) * unit
-        real[batches.ACROSS_1 + n] = np.float32(np.int32(cy - ay)) * unit
-        real[batches.ACROSS_2 + n] = np.float32(np.int32(ay - by)) * unit
-        real[batches.DOWN_0 + n] = np.float32(np.int32(cx - bx)) * unit
-        real[batches.DOWN_1 + n] = np.float32(np.int32(ax - cx)) * unit
-        real[batches.DOWN_2 + n] = np.float32(np.int32(bx - ax)) * unit
-        real[batches.LEAST_0 + n] = np.float32(0.0)
-        real[batches.LEAST_1 + n] = np.float32(0.0)
-        real[batches.LEAST_2 + n] = np.float32(0.0)
+        wide[n] = is_wide
+        left[n] = max(first, (window[0] >> blocks) << blocks if is_wide else window[0])
+        top[n] = max(setup.first_sample(min(ay[n], min(by[n], cy[n])), bits), window[1])
+        right[n] = min(last, window[2])
+        bottom[n] = min(setup.last_sample(max(ay[n], max(by[n], cy[n])), bits), window[3])
+
+
+@disjoint_helper
+def plan_depths(ax, ay, bx, by, cx, cy, da, db, dc, weight_a, weight_b, lowest, highest):
+    """Write the weights of E_bc and E_ca in the depth, and its range."""
+    for n in range(ax.shape[0]):
+        area = edge(ax[n], ay[n], bx[n], by[n], cx[n], cy[n])
+        weight_a[n], weight_b[n] = (da[n] - dc[n]) / area, (db[n] - dc[n]) / area
+        lowest[n] = min(da[n], min(db[n], dc[n]))
+        highest[n] = max(da[n], max(db[n], dc[n]))
+
+
+@disjoint_helper
+def plan_edge(ax, ay, bx, by, left, top, bits, value, across, down, least):
+    """Write the edge a -> b at the corner of the box, its steps, and its least value inside."""
+    unit, half = np.float32(np.int64(1) << bits), np.int64(1) << (bits - 1)
+    for n in range(ax.shape[0]):
+        px = np.int32((left[n] << bits) + half)
+        py = np.int32((top[n] << bits) + half)
+        value[n] = edge(ax[n], ay[n], bx[n], by[n], px, py)
+        across[n] = np.float32(np.int32(ay[n] - by[n])) * unit
+        down[n] = np.float32(np.int32(bx[n] - ax[n])) * unit
+        least[n] = np.float32(0.0)
 
 
 # --- visibility -------------------------------------------------------------------------------
@@ -308,7 +304,10 @@ def twin(module: ModuleType, **others: Any) -> SimpleNamespace:
 
 def careless_stages() -> SimpleNamespace:
     """Return ``pipeline.visibility.draw`` with the functions above in place of the exact ones."""
-    planning = twin(batches, plan_all=plan_all)
+    planning = twin(
+        batches, narrow_edge=edge, is_above=is_above, bound_triangles=bound_triangles,
+        plan_depths=plan_depths, plan_edge=plan_edge,
+    )  # fmt: skip
     covering = twin(
         nearest, gather_triangles=planning.gather_triangles,
         plan_triangles=planning.plan_triangles, edge_at=edge_at, edges_at=edges_at,
