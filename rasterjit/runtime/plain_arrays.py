@@ -44,9 +44,9 @@ class _Model(models.StructModel):
     """What a value of it consists of."""
 
     def __init__(self, manager: Any, kind: PlainArray) -> None:
-        words = types.UniTuple(types.intp, kind.ndim)
-        members = [("data", types.CPointer(kind.dtype)), ("shape", words)]
-        members += [("strides", words)] if kind.layout != "C" else []
+        lengths = types.UniTuple(types.intp, kind.ndim)
+        members = [("data", types.CPointer(kind.dtype)), ("shape", lengths)]
+        members += [("strides", lengths)] if kind.layout != "C" else []
         super().__init__(manager, kind, members)
 
 
@@ -57,8 +57,8 @@ def field(context: Any, builder: Any, kind: Any, array: Any, name: str) -> Any:
 
 def words(context: Any, builder: Any, kind: Any, array: Any, name: str) -> list[Any]:
     """Return the lengths or the strides of an array, one for each axis."""
-    packed = field(context, builder, kind, array, name)
-    return [builder.extract_value(packed, axis) for axis in range(kind.ndim)]
+    whole = field(context, builder, kind, array, name)
+    return [builder.extract_value(whole, axis) for axis in range(kind.ndim)]
 
 
 def make(
@@ -76,10 +76,10 @@ def make(
 
 def packed(builder: Any, values: list[Any]) -> Any:
     """Return 64-bit words as one value, an LLVM array: the lengths or strides of an array."""
-    packed = ir.Constant(ir.ArrayType(WORD, len(values)), ir.Undefined)
+    whole = ir.Constant(ir.ArrayType(WORD, len(values)), ir.Undefined)
     for n, value in enumerate(values):
-        packed = builder.insert_value(packed, value, n)
-    return packed
+        whole = builder.insert_value(whole, value, n)
+    return whole
 
 
 def _larger(builder: Any, one: Any, other: Any) -> Any:

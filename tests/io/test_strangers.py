@@ -12,9 +12,11 @@ import warnings
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from PIL import Image
 
 import rasterjit as rj
+from rasterjit.cli import commands
 from rasterjit.io.skipped import LoadWarning, MeshFileError
 
 TRIANGLE = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], "<f4")
@@ -193,6 +195,20 @@ def test_a_root_that_is_named_widens_what_may_be_read(tmp_path, write):
     assert said == ""
     beyond = write(tmp_path / "model", f"../../{tmp_path.name}-secret.png")
     assert loaded(beyond, resource_root=tmp_path)[0] is None
+
+
+def test_the_command_line_takes_a_root(tmp_path):
+    picture(tmp_path / "shared" / "wood.png")
+    file = obj(tmp_path / "model", "../shared/wood.png")
+    command = ["render", str(file), "-o", str(tmp_path / "a.png"), "--size", "9x9"]
+    said = CliRunner().invoke(commands.program, command).output
+    assert "wood.png" in said
+    given = CliRunner().invoke(commands.program, [*command, "--resource-root", str(tmp_path)])
+    assert given.exit_code == 0
+    assert "wood.png" not in given.output
+    wrong = CliRunner().invoke(commands.program, [*command, "--resource-root", str(file)])
+    assert wrong.exit_code == 1
+    assert "resource_root must be a folder" in wrong.output
 
 
 @pytest.mark.parametrize("root", ["nowhere", 3])
