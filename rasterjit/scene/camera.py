@@ -244,7 +244,7 @@ class MatrixCamera:
             raise ValueError(f"clip_from_view must give w above 0, got {float(clip[3, 3])!r}")
         elif not clip[2, :3].any():
             raise ValueError("clip_from_view must give a z that depends on the position")
-        self._check_range()
+        _freeze(self, _eye=self._find_eye())
 
     @classmethod
     def from_intrinsics(
@@ -317,13 +317,7 @@ class MatrixCamera:
         For a perspective it is the centre of projection, where clip x, y and w vanish together;
         for a parallel projection the origin of view space.
         """
-        rows = self.view_from_world[:3].copy()
-        if self._is_perspective:
-            # In view space first, where it mostly is the origin: a product of both matrices would
-            # lose digits far from the world's origin.
-            with np.errstate(over="ignore", invalid="ignore"):
-                rows[:, 3] -= _solve_origin(self.clip_from_view[[0, 1, 3]])
-        return _solve_origin(rows)
+        return self._eye.copy()
 
     def depth_coefficients(self) -> DepthCoefficients:
         """
@@ -358,16 +352,24 @@ class MatrixCamera:
         ndc_z = -2.0 * share - 1.0
         return (ndc_z * w_row[3] - z_row[3]) / _length(z_row[:3])
 
-    def _check_range(self) -> None:
-        """Raise ``ValueError`` if the matrices lead beyond the range of float64."""
+    def _find_eye(self) -> Float64:
+        """Return the eye; raise ``ValueError`` if the matrices lead beyond float64's range."""
+        rows = self.view_from_world[:3].copy()
         try:
-            within = np.isfinite(self.eye_position()).all()
+            if self._is_perspective:
+                # In view space first, where it mostly is the origin: a product of both matrices
+                # would lose digits far from the world's origin.
+                with np.errstate(over="ignore", invalid="ignore"):
+                    rows[:, 3] -= _solve_origin(self.clip_from_view[[0, 1, 3]])
+            eye = _solve_origin(rows)
+            within = np.isfinite(eye).all()
         except ValueError:
             within = False
         if not within:
             raise ValueError(
                 "view_from_world and clip_from_view must have a finite product and a finite eye"
             )
+        return eye
 
     @property
     def _is_perspective(self) -> bool:
