@@ -427,16 +427,21 @@ def draw_listed(listed, faces, screen, window, bits, floor, scratch, holes):
     plan_triangles(listed.shape[0], window, bits, whole, real)
     tile, spans = (flat(tile_depth), flat(tile_numbers)), scratch[4:9]
     own = flat(holes.depth), flat(holes.numbers)
-    owner, is_tested, has_holes = np.int64(0), False, holes.cutoffs.shape[0] > 0
+    has_holes, count = holes.cutoffs.shape[0] > 0, np.uintp(listed.shape[0])
     if has_holes:
         begin_batch(holes, listed.shape[0], window, (0, 0))
-    for n in range(np.uintp(listed.shape[0])):
+    n, owner = np.uintp(0), np.int64(0)
+    while n < count:
+        # All go to one tile; where there are holes, each to its own.
+        target, end, is_tested = tile, count, False
         if has_holes:
             owner, is_tested = find_owner(whole[FACE, n], owner, holes)
-        target = own if is_tested else tile
-        draw_triangle(n, whole, real, window, bits, floor, target, spans)
+            target, end = own if is_tested else tile, n + np.uintp(1)
+        for k in range(n, end):
+            draw_triangle(k, whole, real, window, bits, floor, target, spans)
         if is_tested:
             keep(n, owner, holes)
+        n = end
 
 
 @helper
