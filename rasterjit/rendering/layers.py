@@ -251,9 +251,9 @@ def kernels_of(plan: RenderPlan) -> Rows:
         names += ["start_sums", "lay_under", "finish_sums"]
         names += ["list_faces", "mix_samples"] if layers.samples != 1 else []
     rows += [(f"compositing.{name}", "", SEVERAL) for name in names]
-    if plan.at("mixed"):
-        rows += plan.kernels_at("mixed")
-    elif "color" in plan.outputs and (layers.samples == 1 or layers.has_blended):
+    rows += plan.kernels_at("mixed")
+    is_direct = layers.samples != 1 and not layers.has_blended and not plan.at("mixed")
+    if "color" in plan.outputs and not is_direct:
         rows.append(("encode.encode_rows", "", ""))
     return rows
 
@@ -320,11 +320,10 @@ def shade(
         target = Target(rows, (packed if is_direct else nothing)[first:last])
         shade_rows((first, last), plan, lists, shader, target, workers.memory)
         if mixed:
-            shown = workers.memory.empty(shape[:2], np.uint32)
-            if color is not None:
-                shown = packed[first:last]
+            shown = workers.memory.empty(shape, np.float32)
             mixed[0].at("mixed", rows, behind, shown)
-        elif color is not None and not is_direct:
+            rows = shown
+        if color is not None and not is_direct:
             encode.encode_rows(rows, encode.encoding_table(), packed[first:last])
 
     workers.run(shade_tiles, [(first,) for first in range(0, viewport.height, TILE_SIZE)])

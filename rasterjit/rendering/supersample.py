@@ -211,9 +211,9 @@ def kernels_of(plan: RenderPlan) -> Rows:
             names.append("encoded.decode_rows")
         return [(name, "", "") for name in names]
     rows = [(f"weights.{name}", "", "") for name in ("add_picture", "write_mean")]
-    if is_new and plan.at("mixed"):
+    if is_new:
         rows += plan.kernels_at("mixed")
-    elif is_new and "color" in plan.outputs:
+    if is_new and "color" in plan.outputs:
         rows.append(("encode.encode_rows", "", ""))
     return rows
 
@@ -397,11 +397,12 @@ def _average(
 
     def write_band(band: slice) -> None:
         weights.write_mean(sums[band], accumulation.count, behind, linear[band])
+        shown = linear[band]
         if mixed is not None:
-            own = mixed.data, linear[band], plan.background, packed[band]
-            mixed.effect.places["mixed"](*own)
-        elif color is not None:
-            encode.encode_rows(linear[band], encode.encoding_table(), packed[band])
+            shown = workers.memory.empty(shown.shape, np.float32)
+            mixed.effect.places["mixed"](mixed.data, linear[band], plan.background, shown)
+        if color is not None:
+            encode.encode_rows(shown, encode.encoding_table(), packed[band])
 
     workers.run(write_band, _bands(sums.shape, workers))
     result: dict[str, NDArray[Any]] = {"linear": linear, "color": color}

@@ -37,9 +37,9 @@ Where effects act, in order; what each function in `Effect.places` takes and ret
 - sample: ``(record, look) -> steps`` on the colours of lit samples, which have points.
 - pixel: ``(record, shown) -> (steps, shown)`` on the three rows that are shown in 8 bits; one
   effect at most.
-- mixed: ``(record, linear, background, color)``: the same on rows that are mixed of
-  several faces, linear with straight alpha; lays them over the background, and writes codes too.
-  It goes with "pixel".
+- mixed: ``(record, linear, background, shown)``: the same on rows that are mixed of several faces,
+  linear with straight alpha; lays them over the background, and writes what is shown. It goes with
+  "pixel".
 - background: ``(record, face_id, first_row, linear, color)``: writes where no face is.
 - overlay: ``(record, context, color)``: draws over the finished 8-bit picture.
 

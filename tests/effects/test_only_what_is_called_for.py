@@ -127,8 +127,8 @@ GONE = {
     },
     "transparency": {
         "attributes.find_alphas", "compositing.finish_sums", "compositing.lay_under",
-        "compositing.start_sums", "fragments.find_layers", "fragments.split_lists",
-        "tone_map.show_over",
+        "compositing.start_sums", "encode.encode_rows", "fragments.find_layers",
+        "fragments.split_lists", "tone_map.show_over",
     },
     "anti-aliasing": {
         "compositing.list_faces", "compositing.mix_samples", "weights.finish_mix",
@@ -142,7 +142,6 @@ INSTEAD = {
     "Gouraud": {"texture_lookup.multiply_textures"},
     # Fog needs the points of what is lit at vertices too.
     "fog": {"attributes.stand_in"},
-    "tone mapping": {"encode.encode_rows"},
     "transparency": {"light_stages.write_opaque_codes", "tone_map.show_tones"},
 }
 """Simpler ones that do in their place."""

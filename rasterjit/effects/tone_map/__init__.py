@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from rasterjit.effects.tone_map import stage as tone_map_stage
 from rasterjit.effects.tone_map.stage import NO_TONES, ToneRecord
-from rasterjit.pipeline.encode import encoding_table
 from rasterjit.pipeline.surface.samples import NORMAL_X
 from rasterjit.runtime.driver import Step
 from rasterjit.scene.quality import Quality
@@ -85,10 +84,10 @@ class ToneMapping(Effect):
         tone: ToneRecord,
         linear: NDArray[np.float32],
         background: NDArray[np.float32],
-        color: NDArray[np.uint32],
+        shown: NDArray[np.float32],
     ) -> None:
         """Map rows of light that is mixed already, (R, W, 4), and lay them over a background."""
-        tone_map_stage.show_over(linear, background, tone, encoding_table(), color)
+        tone_map_stage.show_over(linear, background, tone, shown)
 
     places: ClassVar = {"pixel": show, "mixed": show_over}
 

@@ -18,11 +18,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rasterjit.pipeline.encode import encode_pixel, over
+from rasterjit.pipeline.encode import over
 from rasterjit.pipeline.surface.samples import NORMAL_X, NORMAL_Y, NORMAL_Z, Block
 from rasterjit.runtime.float_math import clamped, exp2
 from rasterjit.runtime.jit import disjoint_helper, helper, kernel, stage
-from rasterjit.runtime.state import float32, int32, int64, uint32
+from rasterjit.runtime.state import float32, int64
 
 NONE, REINHARD, ACES, NEUTRAL = 0, 1, 2, 3
 """Curves, as ``ToneRecord.curve`` numbers them."""
@@ -197,8 +197,8 @@ def show_tones(block: Block, count, shown: int64, tone: ToneRecord):
 
 @kernel
 def show_over(
-    linear: float32[:, :, ::1], background: float32[::1], tone: ToneRecord, table: int32[::1],
-    color: uint32[:, ::1],
+    linear: float32[:, :, ::1], background: float32[::1], tone: ToneRecord,
+    shown: float32[:, :, ::1],
 ):  # fmt: skip
     """
     Map the tones of rows, and lay them over a background that is shown as it is.
@@ -209,18 +209,15 @@ def show_over(
         Straight alpha; changed: laid over the background in linear light.
     background : (4,) float32, linear
     tone : ToneRecord
-    table : (6657,) int32
-        `encode.encoding_table`.
-    color : (R, W) uint32
-        Written: tones mapped, laid over the background, in sRGB codes.
+    shown : (R, W, 4) float32
+        Written: tones mapped, laid over the background.
     """
     behind = background[0], background[1], background[2], background[3]
     for row in range(linear.shape[0]):
         for column in range(linear.shape[1]):
             alpha = linear[row, column, 3]
             own = linear[row, column, 0], linear[row, column, 1], linear[row, column, 2]
-            shown = map_pixel(tone, own[0], own[1], own[2])
-            color[row, column] = encode_pixel(over(alpha, shown, behind), table)
+            mapped = over(alpha, map_pixel(tone, own[0], own[1], own[2]), behind)
             laid = over(alpha, own, behind)
             for k in range(4):
-                linear[row, column, k] = laid[k]
+                linear[row, column, k], shown[row, column, k] = laid[k], mapped[k]
