@@ -263,11 +263,12 @@ def scratch_memory(depth_type: Any = np.float32) -> tuple[NDArray[Any], ...]:
     )
 
 
-SCRATCH = tuple(
-    kind._replace(dtype=float32.dtype) if kind.dtype == float64.dtype else kind
-    for kind in nearest.SCRATCH
-)
-"""The types of that memory."""
+def in_float32(kinds: tuple[Any, ...]) -> tuple[Any, ...]:
+    """Return types of arrays, with float32 in place of float64."""
+    return tuple(
+        kind._replace(dtype=float32.dtype) if kind.dtype == float64.dtype else kind
+        for kind in kinds
+    )
 
 
 # --- putting them in place --------------------------------------------------------------------
@@ -306,14 +307,14 @@ def careless_stages() -> SimpleNamespace:
     """Return ``pipeline.visibility.draw`` with the functions above in place of the exact ones."""
     planning = twin(
         batches, narrow_edge=edge, is_above=is_above, bound_triangles=bound_triangles,
-        plan_depths=plan_depths, plan_edge=plan_edge,
+        plan_depths=plan_depths, plan_edge=plan_edge, REAL=float32[:, ::1],
     )  # fmt: skip
     covering = twin(
-        nearest, gather_triangles=planning.gather_triangles,
-        plan_triangles=planning.plan_triangles, edge_at=edge_at, edges_at=edges_at,
+        nearest, plan_batch=planning.plan_batch, edge_at=edge_at, edges_at=edges_at,
         crossing_line=crossing_line, find_spans=find_spans, depth_from=depth_from,
         fill_span=fill_span, find_samples=find_samples, test_row=test_row,
-        scratch_memory=scratch_memory, SCRATCH=SCRATCH,
+        scratch_memory=scratch_memory, REAL=planning.REAL, SPANS=in_float32(nearest.SPANS),
+        SCRATCH=in_float32(nearest.SCRATCH),
     )  # fmt: skip
     # Which tiles a triangle reaches is asked of few, and in whole numbers.
     listing = twin(setup, edge=edge, edge_bias=edge_bias, tile_edges=setup.tile_edges)

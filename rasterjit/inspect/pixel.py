@@ -247,25 +247,25 @@ def _find_faces(drawn: Drawn, x: int, y: int) -> list[FaceAtPixel]:
     # Draw each alone: what it covers, and how deep it is there, is the engine's word.
     depth = np.empty((viewport.height, viewport.width), coverage.depth.dtype)
     face_id = np.empty((viewport.height, viewport.width), np.int32)
-    scratch = nearest.scratch_memory(depth.dtype)
-    test = nearest.tile_test(scratch, coverage.cutouts)
+    one = np.empty(1, np.int32)
+    drawer = nearest.tile_drawer(one, faces, coverage.screen, depth.dtype, coverage.cutouts)
     bottomless = np.full(len(starts) - 1, nearest.empty_depth(depth.dtype))
-    one = np.zeros(len(starts), np.int64)
-    one[tile + 1 :] = 1
+    alone = np.zeros(len(starts), np.int64)
+    alone[tile + 1 :] = 1
     kept = set(coverage.lists.binned[coverage.lists.starts[tile] : coverage.lists.starts[tile + 1]])
+    arguments = (
+        np.array([tile], np.int32), alone, bottomless, viewport, (depth, face_id), *drawer[:2],
+    )  # fmt: skip
     found = []
     for triangle in near:
-        arguments = (
-            np.array([tile], np.int32), one, np.array([triangle], np.int32), bottomless, faces,
-            coverage.screen, viewport, (depth, face_id),
-        )  # fmt: skip
-        nearest.draw_tiles(*arguments, scratch, no_holes(depth.dtype))
+        one[0] = triangle
+        nearest.draw_tiles(*arguments, no_holes(depth.dtype))
         if face_id[y, x] < 0:
             continue
         entry = -float(depth[y, x]), int(face_id[y, x]), triangle
         lost = "" if triangle in kept else "culled"
         if not lost and coverage.cutouts is not None:
-            nearest.draw_tiles(*arguments, scratch, test.holes)
+            nearest.draw_tiles(*arguments, drawer.holes)
             lost = "" if face_id[y, x] >= 0 else "cut out"
         found.append((lost, *entry))
     return [_face_at(drawn, x, y, *entry) for entry in sorted(found)]

@@ -190,12 +190,12 @@ def _count_samples(
 
     def count_some(tiles: NDArray[np.int32]) -> None:
         size = setup.TILE_SIZE
-        drawing = visibility.scratch_memory(depth_type=coverage.depth.dtype)
-        scratch = drawing, np.zeros((size, size), np.uint8)
-        frame = (coverage.depth, coverage.face_id)
+        drawer = visibility.tile_drawer(binned, faces, coverage.screen, coverage.depth.dtype)
+        frame, ties = (coverage.depth, coverage.face_id), np.zeros((size, size), np.uint8)
         diagnostics_stage.count_samples(
-            tiles, starts, binned, faces, coverage.screen, viewport, frame, scratch, counts
-        )
+            tiles, starts, binned, faces, coverage.screen, viewport, frame, drawer.scratch,
+            drawer.drawing, ties, counts,
+        )  # fmt: skip
 
     tiles = np.arange(len(starts) - 1, dtype=np.int32)
     step = draw.TILES_PER_TASK

@@ -67,17 +67,18 @@ from rasterjit.pipeline.geometry.setup import (
     last_sample,
     triangle_of,
 )
-from rasterjit.pipeline.geometry.triangle_batches import gather_triangles, plan_triangles
 from rasterjit.pipeline.records import Faces, Geometry, Objects, ScreenVertices, Viewport
 from rasterjit.pipeline.visibility.nearest import (
     EMPTY,
     NOTHING,
     SCRATCH,
+    Drawing,
+    begin_tile,
     clear_tile,
-    draw_triangle,
+    draw_some,
+    plan_listed,
     tile_window,
 )
-from rasterjit.runtime.intrinsics import flat
 from rasterjit.runtime.jit import helper, kernel
 from rasterjit.runtime.state import float64, int32, int64, stored, uint8
 
@@ -152,7 +153,7 @@ def count_and_clear(ties):
 def count_samples(
     tiles: int32[::1], starts: int64[::1], binned: int32[::1], faces: Faces,
     screen: ScreenVertices, viewport: Viewport, frame: (stored[:, ::1], int32[:, ::1]),
-    scratch: (SCRATCH, uint8[:, ::1]), counts: (int32[::1], int64[::1]),
+    scratch: SCRATCH, drawing: Drawing, ties: uint8[:, ::1], counts: (int32[::1], int64[::1]),
 ):  # fmt: skip
     """
     Count the samples of every triangle in some of the frame's tiles.
@@ -166,15 +167,16 @@ def count_samples(
     faces, screen, viewport : records
     frame : (depth (H, W), face_id (H, W) int32)
         What `nearest.draw_tiles` wrote.
-    scratch : (nearest.scratch_memory(), ties (64, 64) uint8)
-        This thread's own, of the same type of depths; the ties are zero.
+    scratch, drawing
+        Those of this thread's ``nearest.tile_drawer``, of the same type of depths.
+    ties : (64, 64) uint8
+        Scratch memory, zero.
     counts : (samples (M,) int32, ties (tiles,) int64)
         Writes the samples that each entry of the lists covers in its tile, seen or not; and for
         each tile the pixels where a face lost to another of exactly equal depth.
     """
     samples, tied = counts
-    drawing, ties = scratch
-    tile_depth, tile_numbers, empty = drawing[0], drawing[1], drawing[EMPTY][0]
+    tile_depth, tile_numbers, empty = scratch[0], scratch[1], scratch[EMPTY][0]
     columns = (np.int64(viewport.width) + TILE_SIZE - 1) >> TILE_BITS
     own, pieces, piece_faces = faces.faces, faces.pieces, faces.piece_faces
     clear_tile(tile_depth, tile_numbers, empty)
@@ -182,16 +184,11 @@ def count_samples(
         tile = np.int64(tiles[n])
         window = tile_window(tile, columns, viewport)
         origin = window[0], window[1]
+        begin_tile(drawing, window, viewport.grid_bits, (0, 0), empty)
         for k in range(starts[tile], starts[tile + 1]):
             corners, face = triangle_of(own, pieces, piece_faces, np.int64(binned[k]))
-            gather_triangles(
-                binned[k : k + 1], (own, pieces, piece_faces), screen, drawing[2], drawing[3]
-            )
-            plan_triangles(1, window, viewport.grid_bits, drawing[2], drawing[3])
-            draw_triangle(
-                np.uintp(0), drawing[2], drawing[3], window, viewport.grid_bits, empty,
-                (flat(tile_depth), flat(tile_numbers)), drawing[4:9],
-            )  # fmt: skip
+            plan_listed(drawing, k, 1)
+            draw_some(drawing, drawing.tile, 0, 1)
             box = box_in_tile(corners, screen, viewport, origin)
             samples[k] = take_samples(
                 face, box, origin, (tile_depth, tile_numbers), empty, frame, ties

@@ -12,7 +12,6 @@ from rasterjit.pipeline.geometry import setup
 from rasterjit.pipeline.records import Faces, Objects
 from rasterjit.pipeline.visibility import draw as drawing
 from rasterjit.pipeline.visibility import nearest
-from rasterjit.pipeline.visibility.alpha_test import no_holes
 from rasterjit.pipeline.visibility.draw import viewport_of
 from rasterjit.runtime import threads
 
@@ -98,10 +97,7 @@ def draw_tile(positions, faces, column, row, bits=8):
     objects = Objects(np.array([0, len(faces)], np.int64), np.zeros(1, np.int8))
     starts, binned, floors, _ = drawing.set_up_and_bin(drawn, objects, screen, viewport, workers)
     frame = np.empty(LARGEST, np.float32), np.empty(LARGEST, np.int32)
-    scratch = nearest.scratch_memory()
+    drawer = nearest.tile_drawer(binned, drawn, screen)
     tiles = np.array([row * (LARGEST[0] // TILE) + column], np.int32)
-    holes = no_holes(frame[0].dtype)
-    nearest.draw_tiles(
-        tiles, starts, binned, floors, drawn, screen, viewport, frame, scratch, holes
-    )
+    nearest.draw_tiles(tiles, starts, floors, viewport, frame, *drawer[:3])
     return frame[1][row * TILE : (row + 1) * TILE, column * TILE : (column + 1) * TILE].copy()

@@ -52,13 +52,14 @@ def count(coverage, geometry):
     lists = coverage.lists
     starts, binned, faces = lists.starts, lists.binned, lists.faces
     side = setup.TILE_SIZE
-    scratch = nearest.scratch_memory(), np.zeros((side, side), np.uint8)
+    drawer = nearest.tile_drawer(binned, faces, coverage.screen)
     counts = np.zeros(len(binned), np.int32), np.zeros(len(starts) - 1, np.int64)
     tiles = np.arange(len(starts) - 1, dtype=np.int32)
     frame = coverage.depth, coverage.face_id
     diagnostics_stage.count_samples(
-        tiles, starts, binned, faces, coverage.screen, geometry.viewport, frame, scratch, counts
-    )
+        tiles, starts, binned, faces, coverage.screen, geometry.viewport, frame, drawer.scratch,
+        drawer.drawing, np.zeros((side, side), np.uint8), counts,
+    )  # fmt: skip
     samples = np.zeros(len(faces.faces) + len(faces.pieces), np.int64)
     np.add.at(samples, binned, counts[0])
     return samples, counts[1]

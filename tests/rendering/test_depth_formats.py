@@ -441,9 +441,10 @@ def test_standard_settings_give_the_kernels_what_they_always_were_given(monkeypa
     kinds = []
     kernels = visibility.draw_tiles, projection.transform_vertices
 
-    def draw(tiles, starts, binned, floors, faces, screen, viewport, frame, scratch, holes):
+    def draw(*arguments):
+        floors, _, frame, scratch, _, holes = arguments[2:]
         kinds.append((floors.dtype, frame[0].dtype, scratch[0].dtype, holes.depth.dtype))
-        kernels[0](tiles, starts, binned, floors, faces, screen, viewport, frame, scratch, holes)
+        kernels[0](*arguments)
 
     def transform(vertices, positions, *others):
         kinds.append((positions.dtype, others[0][1].dtype, others[1].dtype, others[-1][0].dtype))

@@ -140,6 +140,8 @@ class ShadowMaps(Effect):
                 ("receivers.find_depth_ranges", "", ""),
                 ("projection.transform_vertices", "", cast),
                 ("nearest.draw_tiles", "", cast),
+                ("triangle_batches.plan_batch", "", cast),
+                ("nearest.draw_planned", "", cast),
                 *((f"alpha_test.{name}", "", cast) for name in holes),
             ]
         }

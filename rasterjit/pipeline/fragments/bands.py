@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from rasterjit.pipeline.fragments import areas, fragments
 from rasterjit.pipeline.geometry.setup import TILE_SIZE
 from rasterjit.pipeline.records import Cutouts, Faces, Geometry, ScreenVertices, Viewport
-from rasterjit.pipeline.visibility import draw, nearest
+from rasterjit.pipeline.visibility import draw
 from rasterjit.pipeline.visibility.alpha_test import AlphaTest
 from rasterjit.pipeline.visibility.draw import Coverage
 from rasterjit.runtime.threads import Memory, Workers
@@ -175,8 +175,9 @@ def find_layers(
     viewport = finder.geometry.viewport
     width, height = viewport.width, rows[1] - rows[0]
     shifts = sample_shifts(samples, viewport.grid_bits)
-    scratch = fragments.scratch_memory(lists.depth_type)
-    test = nearest.tile_test(scratch[0], finder.cutouts)
+    drawer, alone = fragments.layer_drawer(
+        lists.parted, lists.faces, lists.screen, lists.depth_type, finder.cutouts
+    )
     deepest = np.empty(3, np.int64)
     room = 0 if len(lists.parted) == 0 else min(FIRST_GUESS, kept or FIRST_GUESS)
     while True:
@@ -185,8 +186,8 @@ def find_layers(
         opaque = memory.empty((samples, height, width), np.int32)
         used = np.empty((samples, -(-width // TILE_SIZE)), np.int64)
         fragments.find_layers(
-            rows, lists.starts, lists.middles, lists.parted, lists.faces, lists.screen, viewport,
-            shifts, opaque, found, used, deepest, scratch, test.holes,
+            rows, lists.starts, lists.middles, viewport, shifts, opaque, found, used, deepest,
+            *drawer[:3], alone,
         )  # fmt: skip
         needed, column, row = map(int, deepest)
         needed = needed if kept is None else min(needed, kept)

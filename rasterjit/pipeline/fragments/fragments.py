@@ -28,8 +28,6 @@ from numpy.typing import NDArray
 
 from rasterjit.pipeline.geometry.setup import TILE_BITS, TILE_SIZE
 from rasterjit.pipeline.geometry.triangle_batches import (
-    AX,
-    AY,
     BATCH,
     BOTTOM,
     FACE,
@@ -37,8 +35,6 @@ from rasterjit.pipeline.geometry.triangle_batches import (
     RIGHT,
     SMALL_PIXELS,
     TOP,
-    gather_triangles,
-    plan_triangles,
 )
 from rasterjit.pipeline.records import Cutouts, Faces, ScreenVertices, Viewport
 from rasterjit.pipeline.visibility import nearest
@@ -46,20 +42,21 @@ from rasterjit.pipeline.visibility.alpha_test import (
     AlphaTest,
     Holes,
     Question,
-    begin_batch,
-    find_owner,
     is_hole,
-    keep,
 )
 from rasterjit.pipeline.visibility.nearest import (
     EMPTY,
     NOTHING,
     SCRATCH,
+    Drawing,
+    TileDrawer,
+    begin_tile,
     clear_tile,
-    draw_triangle,
+    draw_listed,
+    draw_some,
+    plan_listed,
     tile_window,
 )
-from rasterjit.runtime.intrinsics import flat
 from rasterjit.runtime.jit import disjoint_helper, helper, kernel
 from rasterjit.runtime.state import int32, int64, stored, uint8
 
@@ -104,18 +101,6 @@ def split_lists(
             if wanted == 0:
                 middle = place
         middles[tile] = middle
-
-
-@helper
-def gather_shifted(listed, parts, screen, window, bits, shift, whole, real):
-    """Set up some listed triangles, moved by whole units of the sub-pixel grid."""
-    count = listed.shape[0]
-    gather_triangles(listed, parts, screen, whole, real)
-    for k in range(3):
-        for n in range(count):
-            whole[AX + 2 * k, n] += shift[0]
-            whole[AY + 2 * k, n] += shift[1]
-    plan_triangles(count, window, bits, whole, real)
 
 
 @disjoint_helper
@@ -212,37 +197,27 @@ def insert_triangle(
 
 @helper
 def draw_part(
-    listed, is_opaque, parts, screen, window, bits, shift, layers, sample, drawing, spare, holes
+    first, end, is_opaque, window, layers, sample, scratch, spare, drawing, holes
 ):  # fmt: skip
     """
-    Draw the listed triangles of a tile, opaque or transparent ones.
+    Draw triangles ``first`` to ``end`` of the lists, of one tile, opaque or transparent ones.
 
     Of opaque ones the nearest is seen; others are inserted into the layers before them. Returns how
     many layers are in use.
     """
-    whole, real, empty = drawing[2], drawing[3], drawing[EMPTY][0]
-    tile, own = (flat(drawing[0]), flat(drawing[1])), (flat(holes.depth), flat(holes.numbers))
-    alone, counts, used = (flat(spare[0]), flat(spare[1])), spare[2], np.int64(0)
-    has_holes = is_opaque and holes.cutoffs.shape[0] > 0
-    for first in range(0, listed.shape[0], BATCH):
-        some = listed[first : min(first + BATCH, listed.shape[0])]
-        gather_shifted(some, parts, screen, window, bits, shift, whole, real)
-        owner, is_tested = np.int64(0), False
-        if has_holes:
-            begin_batch(holes, some.shape[0], window, shift)
-        for n in range(np.uintp(some.shape[0])):
-            if has_holes:
-                owner, is_tested = find_owner(whole[FACE, n], owner, holes)
-            target = tile if is_opaque else alone
-            target = own if is_tested else target
-            draw_triangle(n, whole, real, window, bits, empty, target, drawing[4:9])
-            if is_tested:
-                keep(n, owner, holes)
-            if not is_opaque:
-                used = insert_triangle(
-                    n, whole, window, spare[0], empty, (drawing[0], drawing[1]), counts, layers,
-                    sample, used, (spare[3], spare[4]),
-                )  # fmt: skip
+    whole, empty, used = scratch[2], scratch[EMPTY][0], np.int64(0)
+    for begin in range(first, end, BATCH):
+        count = min(BATCH, end - begin)
+        if is_opaque:
+            draw_listed(begin, count, whole, drawing, holes)
+            continue
+        plan_listed(drawing, begin, count)
+        for n in range(np.uintp(count)):
+            draw_some(drawing, spare[5], n, n + np.uintp(1))
+            used = insert_triangle(
+                n, whole, window, spare[0], empty, scratch[:2], spare[2], layers, sample, used,
+                (spare[3], spare[4]),
+            )  # fmt: skip
     return used
 
 
@@ -263,30 +238,37 @@ def copy_row(source, target):
         target[i] = source[i]
 
 
-def scratch_memory(
+def layer_drawer(
+    listed: NDArray[np.int32],
+    faces: Faces,
+    screen: ScreenVertices,
     depth_type: Any = np.float32,
-) -> tuple[tuple[NDArray[Any], ...], tuple[NDArray[Any], ...]]:
-    """Return the memory that a thread needs: to draw, and to draw a triangle alone."""
-    alone = (
+    cutouts: Cutouts | None = None,
+) -> tuple[TileDrawer, tuple[Any, ...]]:
+    """Return what a thread needs to find layers: to draw, and to draw a triangle alone."""
+    drawer = nearest.tile_drawer(listed, faces, screen, depth_type, cutouts)
+    tile = (
         np.full(nearest.SCRATCH_SHAPE, nearest.empty_depth(depth_type)),
         np.empty(nearest.SCRATCH_SHAPE, np.int32),
-        np.empty((TILE_SIZE, TILE_SIZE), np.int32),
-        np.empty(TILE_SIZE, depth_type),
-        np.empty(TILE_SIZE, np.int32),
     )
-    return nearest.scratch_memory(depth_type), alone
+    lone = nearest.drawn_into(tile, drawer.drawing.asked, drawer.drawing.floor, drawer.scratch)
+    alone = (
+        *tile, np.empty((TILE_SIZE, TILE_SIZE), np.int32), np.empty(TILE_SIZE, depth_type),
+        np.empty(TILE_SIZE, np.int32), lone.words,
+    )  # fmt: skip
+    return drawer._replace(called=(*drawer.called, lone)), alone
 
 
-ALONE = stored[:, ::1], int32[:, ::1], int32[:, ::1], stored[::1], int32[::1]
-"""The types of the memory to draw a triangle alone."""
+ALONE = stored[:, ::1], int32[:, ::1], int32[:, ::1], stored[::1], int32[::1], int64[::1]
+"""The types of the memory to draw a triangle alone, and how to."""
 
 
 @kernel
 def find_layers(
-    rows: (int64, int64), starts: int64[::1], middles: int64[::1], parted: int32[::1], faces: Faces,
-    screen: ScreenVertices, viewport: Viewport, shifts: int32[:, ::1], opaque: int32[:, :, ::1],
+    rows: (int64, int64), starts: int64[::1], middles: int64[::1], viewport: Viewport,
+    shifts: int32[:, ::1], opaque: int32[:, :, ::1],
     layers: (stored[:, :, :, ::1], int32[:, :, :, ::1]), used: int64[:, ::1], deepest: int64[::1],
-    scratch: (SCRATCH, ALONE), holes: Holes,
+    scratch: SCRATCH, drawing: Drawing, holes: Holes, spare: ALONE,
 ):  # fmt: skip
     """
     Find the opaque surface and the transparent ones before it, for some rows of the frame.
@@ -295,9 +277,9 @@ def find_layers(
     ----------
     rows : (int, int)
         The first, and one past the last, of one row of tiles.
-    starts, middles, parted : arrays
-        The lists of the tiles, as `split_lists` takes and writes them.
-    faces, screen, viewport : records
+    starts, middles : arrays
+        Of the lists of the tiles, as `split_lists` takes and writes them.
+    viewport : Viewport
     shifts : (N, 2) int32
         Of each sample, what is added to the vertices: its way to the pixel's centre, in units of
         the sub-pixel grid.
@@ -312,23 +294,20 @@ def find_layers(
     deepest : (3,) int64
         Written: the most transparent surfaces that a sample has, and its pixel's column and row. If
         they are more than K, some are missing.
-    scratch : tuple
-        This thread's own, from `scratch_memory`.
-    holes : Holes
-        As ``nearest.draw_tiles`` takes it, for the scratch memory to draw.
+    scratch, drawing, holes, spare
+        Those of this thread's `layer_drawer`.
     """
-    parts = faces.faces, faces.pieces, faces.piece_faces
-    drawing, spare = scratch
     columns = used.shape[1]
     most = np.int64(0), np.int64(0), np.int64(0)
-    counts, empty = spare[2], drawing[EMPTY][0]
+    counts, empty = spare[2], scratch[EMPTY][0]
     for sample in range(shifts.shape[0]):
         shift = shifts[sample, 0], shifts[sample, 1]
         for column in range(columns):
             tile = (rows[0] >> TILE_BITS) * columns + column
             left, _, right, _ = tile_window(tile, columns, viewport)
             window = left, np.int64(rows[0]), right, np.int64(rows[1]) - 1
-            clear_tile(drawing[0], drawing[1], empty)
+            clear_tile(scratch[0], scratch[1], empty)
+            begin_tile(drawing, window, viewport.grid_bits, shift, empty)
             for part in range(2):
                 start = starts[tile] if part == 0 else middles[tile]
                 stop = middles[tile] if part == 0 else starts[tile + 1]
@@ -337,13 +316,12 @@ def find_layers(
                         for i in range(TILE_SIZE):
                             counts[row, i] = 0
                 used[sample, column] = draw_part(
-                    parted[start:stop], part == 0, parts, screen, window, viewport.grid_bits,
-                    shift, layers, sample, drawing, spare, holes,
-                )  # fmt: skip
+                    start, stop, part == 0, window, layers, sample, scratch, spare, drawing, holes
+                )
                 if part == 1 and start < stop:
                     most = deepest_of(counts, window, most)
             for row in range(rows[1] - rows[0]):
-                copy_row(drawing[1][row, : right + 1 - left], opaque[sample, row, left : right + 1])
+                copy_row(scratch[1][row, : right + 1 - left], opaque[sample, row, left : right + 1])
     # Empty the layers that only other tiles use.
     needed = min(most[0], np.int64(layers[1].shape[1]))
     for sample in range(shifts.shape[0]):

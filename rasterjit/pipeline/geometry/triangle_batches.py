@@ -17,8 +17,10 @@ from rasterjit.pipeline.geometry.setup import (
     narrow_edge,
     triangle_of,
 )
+from rasterjit.pipeline.records import Faces, ScreenVertices
 from rasterjit.runtime.intrinsics import part
-from rasterjit.runtime.jit import disjoint_helper, helper
+from rasterjit.runtime.jit import disjoint_helper, helper, kernel
+from rasterjit.runtime.state import float64, int32, int64
 
 SMALL_PIXELS = 8
 """Triangles with a bounding box up to this many pixels wide are tested sample by sample."""
@@ -44,6 +46,19 @@ REAL_ROWS = 19
 
 ROOM = BATCH + 8
 """Columns of those rows; more than are used, or the rows would share few lines of the cache."""
+
+REAL = float64[:, ::1]
+"""The type of the rows of real numbers."""
+
+FIRST, COUNT, LEFT_COLUMN, TOP_ROW, RIGHT_COLUMN, BOTTOM_ROW, GRID_BITS, SHIFT_X, SHIFT_Y = range(9)
+"""
+Elements of the words that ask for a batch: where it lies in the list, and how many it has; the
+first and the last pixel of the tile, inside the image; what vertices are moved by on the sub-pixel
+grid.
+"""
+DRAW_FIRST, DRAW_END = 9, 10
+"""Elements: which triangles of the batch at hand are drawn."""
+ASKED = 11
 
 
 @helper
@@ -175,3 +190,34 @@ def plan_triangles(count, window, bits, whole, real):
             part(real, EDGE + k, 0, count), part(real, ACROSS + k, 0, count),
             part(real, DOWN + k, 0, count), part(real, LEAST + k, 0, count),
         )  # fmt: skip
+
+
+@kernel
+def plan_batch(
+    asked: int64[::1], listed: int32[::1], faces: Faces, screen: ScreenVertices,
+    whole: int32[:, ::1], real: REAL,
+):  # fmt: skip
+    """
+    Set up the triangles of a batch.
+
+    Parameters
+    ----------
+    asked : (11,) int64
+        `FIRST`, ...
+    listed : (M,) int32
+        Triangle numbers: below F a face, ``F + p`` piece p.
+    faces, screen : records
+    whole, real : (rows, columns)
+        Written: the batch.
+    """
+    count, first = asked[COUNT], asked[FIRST]
+    parts = faces.faces, faces.pieces, faces.piece_faces
+    gather_triangles(listed[first : first + count], parts, screen, whole, real)
+    right, down = np.int32(asked[SHIFT_X]), np.int32(asked[SHIFT_Y])
+    if (right | down) != 0:
+        for k in range(3):
+            for n in range(count):
+                whole[AX + 2 * k, n] += right
+                whole[AY + 2 * k, n] += down
+    window = asked[LEFT_COLUMN], asked[TOP_ROW], asked[RIGHT_COLUMN], asked[BOTTOM_ROW]
+    plan_triangles(count, window, asked[GRID_BITS], whole, real)

@@ -420,7 +420,10 @@ def kernels_of(
         ("tile_depths.find_floors", depth, "a face covers whole tiles"),
     ]
     if find_faces:
-        rows.append(("nearest.draw_tiles", depth, ""))
+        rows += [
+            ("nearest.draw_tiles", depth, ""), ("triangle_batches.plan_batch", "", ""),
+            ("nearest.draw_planned", depth, ""),
+        ]  # fmt: skip
     if find_faces and has_cutouts:
         rows += [("alpha_test.keep_shown", depth, ""), ("alpha_test.find_alphas", "", "")]
     return rows
@@ -523,11 +526,8 @@ def draw(
     per_task = count_per_task(len(tiles), TILES_PER_TASK, workers)
 
     def draw_some(some: NDArray[np.int32]) -> None:
-        scratch = nearest.scratch_memory(frame[0].dtype)
-        test = nearest.tile_test(scratch, cutouts)
-        nearest.draw_tiles(
-            some, starts, binned, floors, faces, screen, viewport, frame, scratch, test.holes
-        )
+        drawer = nearest.tile_drawer(binned, faces, screen, frame[0].dtype, cutouts)
+        nearest.draw_tiles(some, starts, floors, viewport, frame, *drawer[:3])
 
     workers.run(draw_some, [(tiles[n : n + per_task],) for n in range(0, len(tiles), per_task)])
 

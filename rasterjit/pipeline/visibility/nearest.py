@@ -40,50 +40,64 @@ keeps their order, so that what bounds depths before bounds them after as well.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rasterjit.pipeline.geometry.setup import TILE_BITS, TILE_SIZE, edge_at, sign_at
 from rasterjit.pipeline.geometry.triangle_batches import (
     ACROSS,
+    ASKED,
     AX,
     AY,
     BATCH,
     BLOCK_BITS,
     BOTTOM,
+    BOTTOM_ROW,
     BX,
     BY,
+    COUNT,
     CX,
     CY,
     DEPTH,
     DOWN,
+    DRAW_END,
+    DRAW_FIRST,
     EDGE,
     FACE,
+    FIRST,
+    GRID_BITS,
     LEAST,
     LEFT,
+    LEFT_COLUMN,
     RANGE,
+    REAL,
     REAL_ROWS,
     RIGHT,
+    RIGHT_COLUMN,
     ROOM,
+    SHIFT_X,
+    SHIFT_Y,
     SMALL_PIXELS,
     TOP,
+    TOP_ROW,
     WEIGHT,
     WHOLE_ROWS,
     WIDE,
-    gather_triangles,
-    plan_triangles,
+    plan_batch,
 )
 from rasterjit.pipeline.records import Cutouts, Faces, ScreenVertices, Viewport
 from rasterjit.pipeline.visibility.alpha_test import (
     Holes,
     TileTest,
     begin_batch,
+    call,
     find_owner,
     keep,
 )
 from rasterjit.runtime.intrinsics import flat
-from rasterjit.runtime.jit import disjoint_helper, helper, kernel
+from rasterjit.runtime.jit import Bound, disjoint_helper, helper, kernel
 from rasterjit.runtime.state import float64, int32, int64, stored
 
 SCRATCH_SHAPE = (TILE_SIZE, TILE_SIZE + SMALL_PIXELS)
@@ -402,6 +416,37 @@ def draw_triangle(n, whole, real, origin, bits, floor, tile, spans):
     draw_spans(a, b, c, plane, box, face, origin, bits, tile, spans)
 
 
+SPANS = int32[::1], int32[::1], float64[::1], int32[::1], stored[::1]
+"""The types of the memory for the rows of a triangle."""
+
+
+@kernel
+def draw_planned(
+    asked: int64[::1], floor: stored[::1], depths: stored[:, ::1], numbers: int32[:, ::1],
+    whole: int32[:, ::1], real: REAL, spans: SPANS,
+):  # fmt: skip
+    """
+    Draw planned triangles of a batch, one after the other, into a tile.
+
+    Parameters
+    ----------
+    asked : (11,) int64
+        ``triangle_batches.DRAW_FIRST``, ...
+    floor : (1,), stored depth
+        Triangles below it are left out.
+    depths, numbers : (rows, columns)
+        The tile; changed.
+    whole, real : (rows, columns)
+        The batch, from ``triangle_batches.plan_batch``.
+    spans : tuple
+        Scratch memory.
+    """
+    tile, origin = (flat(depths), flat(numbers)), (asked[LEFT_COLUMN], asked[TOP_ROW])
+    bits, lowest = asked[GRID_BITS], floor[0]
+    for n in range(np.uintp(asked[DRAW_FIRST]), np.uintp(asked[DRAW_END])):
+        draw_triangle(n, whole, real, origin, bits, lowest, tile, spans)
+
+
 @helper
 def tile_window(number, columns, viewport):
     """Return the first column and row of a tile, and the last ones inside the image."""
@@ -414,34 +459,64 @@ def tile_window(number, columns, viewport):
     )
 
 
-@helper
-def draw_listed(listed, faces, screen, window, bits, floor, scratch, holes):
+class Drawing(NamedTuple):
     """
-    Draw at most ``BATCH`` listed triangles, one after the other, into a tile.
+    How a kernel draws listed triangles: by the addresses of two others (``jit.Bound``).
 
-    Takes the parts of a ``Faces``, a `tile_window`, the tile's floor, `scratch_memory`, and how to
-    leave out holes.
+    So these are compiled once for all that draws triangles.
     """
-    tile_depth, tile_numbers, whole, real = scratch[:4]
-    gather_triangles(listed, faces, screen, whole, real)
-    plan_triangles(listed.shape[0], window, bits, whole, real)
-    tile, spans = (flat(tile_depth), flat(tile_numbers)), scratch[4:9]
-    own = flat(holes.depth), flat(holes.numbers)
-    has_holes, count = holes.cutoffs.shape[0] > 0, np.uintp(listed.shape[0])
-    if has_holes:
-        begin_batch(holes, listed.shape[0], window, (0, 0))
-    n, owner = np.uintp(0), np.int64(0)
-    while n < count:
-        # All go to one tile; where there are holes, each to its own.
-        target, end, is_tested = tile, count, False
-        if has_holes:
-            owner, is_tested = find_owner(whole[FACE, n], owner, holes)
-            target, end = own if is_tested else tile, n + np.uintp(1)
-        for k in range(n, end):
-            draw_triangle(k, whole, real, window, bits, floor, target, spans)
+
+    asked: int64[::1]
+    """As `triangle_batches` numbers its elements."""
+    floor: stored[::1]
+    """(1,): what lies below it is left out."""
+    plan: int64[::1]
+    """How to call ``triangle_batches.plan_batch``."""
+    tile: int64[::1]
+    """How to call `draw_planned` for the tile at hand."""
+    own: int64[::1]
+    """The same for the tile of triangles with holes; nobody calls it where no object has any."""
+
+
+@helper
+def begin_tile(drawing, window, bits, shift, floor):
+    """Note which tile is drawn, a `tile_window`, and what vertices are moved by."""
+    asked = drawing.asked
+    asked[LEFT_COLUMN], asked[TOP_ROW], asked[RIGHT_COLUMN], asked[BOTTOM_ROW] = window
+    asked[GRID_BITS], asked[SHIFT_X], asked[SHIFT_Y] = bits, shift[0], shift[1]
+    drawing.floor[0] = floor
+
+
+@helper
+def plan_listed(drawing, first, count):
+    """Set up a batch of listed triangles."""
+    drawing.asked[FIRST], drawing.asked[COUNT] = first, count
+    call(drawing.plan)
+
+
+@helper
+def draw_some(drawing, words, first, end):
+    """Draw triangles ``first`` to ``end`` of the batch at hand into the tile of the words."""
+    drawing.asked[DRAW_FIRST], drawing.asked[DRAW_END] = first, end
+    call(words)
+
+
+@helper
+def draw_listed(first, count, whole, drawing, holes):
+    """Draw a batch of listed triangles, one after the other, but for their holes."""
+    plan_listed(drawing, first, count)
+    if holes.cutoffs.shape[0] == 0:
+        draw_some(drawing, drawing.tile, 0, count)
+        return
+    asked = drawing.asked
+    origin, shift = (asked[LEFT_COLUMN], asked[TOP_ROW]), (asked[SHIFT_X], asked[SHIFT_Y])
+    begin_batch(holes, count, origin, shift)
+    owner = np.int64(0)
+    for n in range(np.uintp(count)):
+        owner, is_tested = find_owner(whole[FACE, n], owner, holes)
+        draw_some(drawing, drawing.own if is_tested else drawing.tile, n, n + np.uintp(1))
         if is_tested:
             keep(n, owner, holes)
-        n = end
 
 
 @helper
@@ -484,22 +559,64 @@ def scratch_memory(depth_type: Any = np.float32) -> tuple[Any, ...]:
 
 
 SCRATCH = (
-    stored[:, ::1], int32[:, ::1], int32[:, ::1], float64[:, ::1], int32[::1], int32[::1],
-    float64[::1], int32[::1], stored[::1], stored[::1],
+    stored[:, ::1], int32[:, ::1], int32[:, ::1], REAL, *SPANS, stored[::1],
 )  # fmt: skip
 """The types of `scratch_memory`."""
 
 
-def tile_test(scratch: tuple[Any, ...], cutouts: Cutouts | None) -> TileTest:
-    """Return what a thread with this scratch memory needs to leave out holes."""
-    return TileTest(cutouts, scratch[:2], scratch[EMPTY], scratch[2])
+class TileDrawer(NamedTuple):
+    """What a thread needs to draw into a tile; keep it as long as kernels call by its addresses."""
+
+    scratch: tuple[Any, ...]
+    """From `scratch_memory`."""
+    drawing: Drawing
+    holes: Holes
+    called: tuple[Any, ...]
+    """What is behind the addresses."""
+
+
+def tile_drawer(
+    listed: NDArray[np.int32],
+    faces: Faces,
+    screen: ScreenVertices,
+    depth_type: Any = np.float32,
+    cutouts: Cutouts | None = None,
+) -> TileDrawer:
+    """
+    Return what a thread needs to draw into a tile.
+
+    Parameters
+    ----------
+    listed : (M,) int32
+        Triangle numbers: below F a face, ``F + p`` piece p.
+    faces, screen : records
+    depth_type : dtype
+        The type in which depths are stored: float32, float64 or int32.
+    cutouts : Cutouts or None
+        None: no object has holes.
+    """
+    scratch, asked = scratch_memory(depth_type), np.zeros(ASKED, np.int64)
+    floor = np.empty(1, depth_type)
+    test = TileTest(cutouts, scratch[:2], scratch[EMPTY], scratch[2])
+    planned = Bound(plan_batch, asked, listed, faces, screen, *scratch[2:4])
+    tile = own = drawn_into(scratch[:2], asked, floor, scratch)
+    if cutouts is not None:
+        own = drawn_into((test.holes.depth, test.holes.numbers), asked, floor, scratch)
+    drawing = Drawing(asked, floor, planned.words, tile.words, own.words)
+    return TileDrawer(scratch, drawing, test.holes, (test, planned, tile, own))
+
+
+def drawn_into(
+    tile: tuple[Any, ...], asked: NDArray[np.int64], floor: NDArray[Any], scratch: tuple[Any, ...]
+) -> Bound:
+    """Return `draw_planned`, bound to a tile."""
+    return Bound(draw_planned, asked, floor, *tile, *scratch[2:4], scratch[4:EMPTY])
 
 
 @kernel
 def draw_tiles(
-    tiles: int32[::1], starts: int64[::1], binned: int32[::1], floors: stored[::1], faces: Faces,
-    screen: ScreenVertices, viewport: Viewport, frame: (stored[:, ::1], int32[:, ::1]),
-    scratch: SCRATCH, holes: Holes,
+    tiles: int32[::1], starts: int64[::1], floors: stored[::1], viewport: Viewport,
+    frame: (stored[:, ::1], int32[:, ::1]), scratch: SCRATCH, drawing: Drawing, holes: Holes,
 ):  # fmt: skip
     """
     Draw some of the frame's tiles.
@@ -509,33 +626,27 @@ def draw_tiles(
     tiles : (N,) int32
         Tile numbers, row by row.
     starts : (tiles + 1,) int64
-        Tile ``k`` draws ``binned[starts[k]:starts[k + 1]]``.
-    binned : (M,) int32
-        Triangle numbers, ascending within a tile: below F a face, ``F + p`` piece p.
+        Tile ``k`` draws triangles ``starts[k]:starts[k + 1]`` of the list, which ascend.
     floors : (tiles,) float32, float64 or int32, stored depth
         Triangles below it are left out of a tile; `empty_depth` leaves out none.
-    faces, screen, viewport : records
+    viewport : Viewport
     frame : (depth (H, W) of the same type, face_id (H, W) int32)
         Writes every pixel of the tiles: stored depth (greater is nearer, `empty_depth` where
         nothing is) and face number (-1 where nothing is). What is not wanted has W = 0.
-    scratch : tuple
-        This thread's own, from `scratch_memory`.
-    holes : Holes
-        That of a `tile_test` with this scratch memory, or ``alpha_test.no_holes``.
+    scratch, drawing, holes
+        Those of this thread's `tile_drawer`; ``alpha_test.no_holes`` leaves out none.
     """
     depth, face_id = frame
     tile_depth, tile_numbers = scratch[0], scratch[1]
     columns = (np.int64(viewport.width) + TILE_SIZE - 1) >> TILE_BITS
-    parts = faces.faces, faces.pieces, faces.piece_faces
     for n in range(tiles.shape[0]):
         number = np.int64(tiles[n])
         window = tile_window(number, columns, viewport)
         clear_tile(tile_depth, tile_numbers, scratch[EMPTY][0])
+        begin_tile(drawing, window, viewport.grid_bits, (0, 0), floors[number])
         for first in range(starts[number], starts[number + 1], BATCH):
-            listed = binned[first : min(first + BATCH, starts[number + 1])]
-            draw_listed(
-                listed, parts, screen, window, viewport.grid_bits, floors[number], scratch, holes
-            )
+            count = min(BATCH, starts[number + 1] - first)
+            draw_listed(first, count, scratch[2], drawing, holes)
         # Write the tile to the frame.
         left, top = window[0], window[1]
         width = window[2] + 1 - left
