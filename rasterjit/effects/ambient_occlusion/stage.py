@@ -36,7 +36,7 @@ from rasterjit.pipeline.surface.samples import (
     OCCLUSION,
     Block,
 )
-from rasterjit.runtime.intrinsics import flat
+from rasterjit.runtime.intrinsics import flat, part
 from rasterjit.runtime.jit import disjoint_helper, helper, kernel, stage
 from rasterjit.runtime.state import float32, float64, int32, int64
 
@@ -350,9 +350,9 @@ def find_occlusion(
         down = np.float32(row)
         for left in range(0, width, BLOCK_COLUMNS):
             right = min(left + BLOCK_COLUMNS, width)
-            faces = face_id[row, left:right]
+            faces = part(face_id, row, left, right)
             count = gather_faces(
-                faces, depth[row, left:right], left, row, pattern, s, geometry, placement
+                faces, part(depth, row, left, right), left, row, pattern, s, geometry, placement
             )
             place_block(s, count, down, lens, viewer, np.float32(snap))
             for slice_number in range(2):
@@ -366,7 +366,9 @@ def find_occlusion(
                         s[horizon : horizon + count],
                     )  # fmt: skip
                 add_slice(s, count)
-            write_block(s, faces, occlusion[row, left:right], tolerance[row, left:right])
+            write_block(
+                s, faces, part(occlusion, row, left, right), part(tolerance, row, left, right)
+            )
 
 
 @disjoint_helper
@@ -427,9 +429,9 @@ def smooth_occlusion(
             for across in range(first, first + PATTERN):
                 begin, end = max(0, -across), max(min(width, width - across), 0)
                 add_neighbour(
-                    depth[row, begin:end], tolerance[row, begin:end],
-                    depth[there, begin + across : end + across],
-                    occlusion[there, begin + across : end + across],
+                    part(depth, row, begin, end), part(tolerance, row, begin, end),
+                    part(depth, there, begin + across, end + across),
+                    part(occlusion, there, begin + across, end + across),
                     total[begin:end], number[begin:end],
                 )  # fmt: skip
         finish_row(total, number, np.float32(strength), smooth[row])

@@ -25,6 +25,7 @@ from rasterjit.pipeline.surface.samples import (
     Block,
 )
 from rasterjit.runtime.float_math import exp2
+from rasterjit.runtime.intrinsics import part
 from rasterjit.runtime.jit import disjoint_helper, helper, stage
 from rasterjit.runtime.state import float32
 
@@ -138,8 +139,9 @@ def cover_linearly(
     """
     s = block.samples
     cover_evenly(
-        end, per_range, color, unit_viewer(toward_viewer), s[POINT_X, :count], s[POINT_Y, :count],
-        s[POINT_Z, :count], s[OUT_RED, :count], s[OUT_GREEN, :count], s[OUT_BLUE, :count],
+        end, per_range, color, unit_viewer(toward_viewer), part(s, POINT_X, 0, count),
+        part(s, POINT_Y, 0, count), part(s, POINT_Z, 0, count), part(s, OUT_RED, 0, count),
+        part(s, OUT_GREEN, 0, count), part(s, OUT_BLUE, 0, count),
     )  # fmt: skip
 
 
@@ -162,7 +164,7 @@ def cover_exponentially(
     """
     s = block.samples
     cover_by_powers(
-        density, squares, above, falloff, color, unit_viewer(toward_viewer), s[POINT_X, :count],
-        s[POINT_Y, :count], s[POINT_Z, :count], s[OUT_RED, :count], s[OUT_GREEN, :count],
-        s[OUT_BLUE, :count],
+        density, squares, above, falloff, color, unit_viewer(toward_viewer),
+        part(s, POINT_X, 0, count), part(s, POINT_Y, 0, count), part(s, POINT_Z, 0, count),
+        part(s, OUT_RED, 0, count), part(s, OUT_GREEN, 0, count), part(s, OUT_BLUE, 0, count),
     )  # fmt: skip

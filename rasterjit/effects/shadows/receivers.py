@@ -43,7 +43,7 @@ from rasterjit.pipeline.surface.samples import (
     Block,
     C,
 )
-from rasterjit.runtime.intrinsics import LANES, spread
+from rasterjit.runtime.intrinsics import LANES, part, spread
 from rasterjit.runtime.jit import disjoint_helper, helper, kernel, stage
 from rasterjit.runtime.state import float32, float64, int64
 
@@ -113,9 +113,9 @@ def find_receivers(
         Not 0: row MICROFACET tells which samples are lit by microfacets.
     """
     whole, rows, r, w = block.whole, block.real, block.receivers, block.weights
-    most = largest(block.samples[LIT, :count])
+    most = largest(part(block.samples, LIT, 0, count))
     if has_facets != 0:
-        most = max(most, largest(block.samples[MICROFACET, :count]))
+        most = max(most, largest(part(block.samples, MICROFACET, 0, count)))
     block.counts[IS_LIT] = np.int64(most > np.float32(0.0))
     if block.counts[IS_LIT] == 0:
         return
@@ -126,10 +126,11 @@ def find_receivers(
         owner, s = np.uintp(segment[OWNER]), np.int64(segment[START])
         e = s + whole_vectors(segment[STOP] - s)
         place_rows(
-            r[POINT, s:e], r[POINT + 1, s:e], r[POINT + 2, s:e], r[NORMAL, s:e],
-            r[NORMAL + 1, s:e], r[NORMAL + 2, s:e], rows[0, s:e], rows[1, s:e], rows[2, s:e],
-            rows[3, s:e], rows[4, s:e], rows[5, s:e], rows[6, s:e], rows[7, s:e], rows[8, s:e],
-            w[0, s:e], w[1, s:e], matrix_of(m, owner),
+            part(r, POINT, s, e), part(r, POINT + 1, s, e), part(r, POINT + 2, s, e),
+            part(r, NORMAL, s, e), part(r, NORMAL + 1, s, e), part(r, NORMAL + 2, s, e),
+            part(rows, 0, s, e), part(rows, 1, s, e), part(rows, 2, s, e), part(rows, 3, s, e),
+            part(rows, 4, s, e), part(rows, 5, s, e), part(rows, 6, s, e), part(rows, 7, s, e),
+            part(rows, 8, s, e), part(w, 0, s, e), part(w, 1, s, e), matrix_of(m, owner),
             (m[owner, 0, 3], m[owner, 1, 3], m[owner, 2, 3]),
         )  # fmt: skip
 
@@ -232,9 +233,10 @@ def move_turned(
         return
     s, r, w, corners, bent = block.samples, block.receivers, block.weights, block.real, block.single
     found = find_turned(
-        light, r[POINT, :count], r[POINT + 1, :count], r[POINT + 2, :count], r[NORMAL, :count],
-        r[NORMAL + 1, :count], r[NORMAL + 2, :count], s[NORMAL_X, :count], s[NORMAL_Y, :count],
-        s[NORMAL_Z, :count], s[TURNED, :count],
+        light, part(r, POINT, 0, count), part(r, POINT + 1, 0, count), part(r, POINT + 2, 0, count),
+        part(r, NORMAL, 0, count), part(r, NORMAL + 1, 0, count), part(r, NORMAL + 2, 0, count),
+        part(s, NORMAL_X, 0, count), part(s, NORMAL_Y, 0, count), part(s, NORMAL_Z, 0, count),
+        part(s, TURNED, 0, count),
     )  # fmt: skip
     if found == 0:
         for k in range(6):
@@ -247,18 +249,22 @@ def move_turned(
         a = np.int64(segment[START])
         e = a + whole_vectors(segment[STOP] - a)
         bulge_rows(
-            corners[0, a:e], corners[1, a:e], corners[2, a:e], corners[3, a:e], corners[4, a:e],
-            corners[5, a:e], corners[6, a:e], corners[7, a:e], corners[8, a:e], bent[0, a:e],
-            bent[1, a:e], bent[2, a:e], bent[3, a:e], bent[4, a:e], bent[5, a:e], bent[6, a:e],
-            bent[7, a:e], bent[8, a:e], w[0, a:e], w[1, a:e],
-            matrix_of(relative_from_model, np.uintp(segment[OWNER])), r[POINT, a:e],
-            r[POINT + 1, a:e], r[POINT + 2, a:e], s[NORMAL_X, a:e], s[NORMAL_Y, a:e],
-            s[NORMAL_Z, a:e], s[TURNED, a:e], r[MOVED, a:e], r[MOVED + 1, a:e], r[MOVED + 2, a:e],
+            part(corners, 0, a, e), part(corners, 1, a, e), part(corners, 2, a, e),
+            part(corners, 3, a, e), part(corners, 4, a, e), part(corners, 5, a, e),
+            part(corners, 6, a, e), part(corners, 7, a, e), part(corners, 8, a, e),
+            part(bent, 0, a, e), part(bent, 1, a, e), part(bent, 2, a, e), part(bent, 3, a, e),
+            part(bent, 4, a, e), part(bent, 5, a, e), part(bent, 6, a, e), part(bent, 7, a, e),
+            part(bent, 8, a, e), part(w, 0, a, e), part(w, 1, a, e),
+            matrix_of(relative_from_model, np.uintp(segment[OWNER])), part(r, POINT, a, e),
+            part(r, POINT + 1, a, e), part(r, POINT + 2, a, e), part(s, NORMAL_X, a, e),
+            part(s, NORMAL_Y, a, e), part(s, NORMAL_Z, a, e), part(s, TURNED, a, e),
+            part(r, MOVED, a, e), part(r, MOVED + 1, a, e), part(r, MOVED + 2, a, e),
         )  # fmt: skip
     choose_normals(
-        r[NORMAL, :count], r[NORMAL + 1, :count], r[NORMAL + 2, :count], s[NORMAL_X, :count],
-        s[NORMAL_Y, :count], s[NORMAL_Z, :count], s[TURNED, :count], r[AWAY, :count],
-        r[AWAY + 1, :count], r[AWAY + 2, :count],
+        part(r, NORMAL, 0, count), part(r, NORMAL + 1, 0, count), part(r, NORMAL + 2, 0, count),
+        part(s, NORMAL_X, 0, count), part(s, NORMAL_Y, 0, count), part(s, NORMAL_Z, 0, count),
+        part(s, TURNED, 0, count), part(r, AWAY, 0, count), part(r, AWAY + 1, 0, count),
+        part(r, AWAY + 2, 0, count),
     )  # fmt: skip
 
 

@@ -37,6 +37,7 @@ from rasterjit.pipeline.surface.samples import (
     SHADOW,
     Block,
 )
+from rasterjit.runtime.intrinsics import part
 from rasterjit.runtime.jit import disjoint_helper, helper, stage
 from rasterjit.runtime.state import float32, float64, int64
 
@@ -186,9 +187,10 @@ def place_on_map(block: Block, count, point: int64, row: float64[::1]):
         return
     s, r = block.samples, block.receivers[point:]
     map_rows(
-        r[0, :count], r[1, :count], r[2, :count], r[3, :count], r[4, :count], r[5, :count], row,
-        s[MAP_U, :count], s[MAP_V, :count], s[MAP_DEPTH, :count], s[ACROSS, :count],
-        s[DOWN, :count], s[BIAS, :count],
+        part(r, 0, 0, count), part(r, 1, 0, count), part(r, 2, 0, count), part(r, 3, 0, count),
+        part(r, 4, 0, count), part(r, 5, 0, count), row, part(s, MAP_U, 0, count),
+        part(s, MAP_V, 0, count), part(s, MAP_DEPTH, 0, count), part(s, ACROSS, 0, count),
+        part(s, DOWN, 0, count), part(s, BIAS, 0, count),
     )  # fmt: skip
 
 
@@ -199,9 +201,10 @@ def place_on_cube(block: Block, count, point: int64, row: float64[::1], size: in
         return
     s, r = block.samples, block.receivers[point:]
     map_cube_rows(
-        r[0, :count], r[1, :count], r[2, :count], r[3, :count], r[4, :count], r[5, :count], row,
-        size, s[MAP_U, :count], s[MAP_V, :count], s[MAP_DEPTH, :count], s[ACROSS, :count],
-        s[DOWN, :count], s[BIAS, :count],
+        part(r, 0, 0, count), part(r, 1, 0, count), part(r, 2, 0, count), part(r, 3, 0, count),
+        part(r, 4, 0, count), part(r, 5, 0, count), row, size, part(s, MAP_U, 0, count),
+        part(s, MAP_V, 0, count), part(s, MAP_DEPTH, 0, count), part(s, ACROSS, 0, count),
+        part(s, DOWN, 0, count), part(s, BIAS, 0, count),
     )  # fmt: skip
 
 
@@ -224,8 +227,9 @@ def filter_hard(block: Block, count, texels: float32[::1], size: int64, sides: i
         return
     s = block.samples
     read_hard(
-        s[MAP_U, :count], s[MAP_V, :count], s[MAP_DEPTH, :count], s[ACROSS, :count],
-        s[DOWN, :count], s[BIAS, :count], texels, size, np.float32(sides), s[SHADOW, :count],
+        part(s, MAP_U, 0, count), part(s, MAP_V, 0, count), part(s, MAP_DEPTH, 0, count),
+        part(s, ACROSS, 0, count), part(s, DOWN, 0, count), part(s, BIAS, 0, count), texels, size,
+        np.float32(sides), part(s, SHADOW, 0, count),
     )  # fmt: skip
 
 
@@ -236,8 +240,9 @@ def filter_pcf(block: Block, count, texels: float32[::1], size: int64, sides: in
         return
     s = block.samples
     read_pcf(
-        s[MAP_U, :count], s[MAP_V, :count], s[MAP_DEPTH, :count], s[ACROSS, :count],
-        s[DOWN, :count], s[BIAS, :count], texels, size, np.float32(sides), s[SHADOW, :count],
+        part(s, MAP_U, 0, count), part(s, MAP_V, 0, count), part(s, MAP_DEPTH, 0, count),
+        part(s, ACROSS, 0, count), part(s, DOWN, 0, count), part(s, BIAS, 0, count), texels, size,
+        np.float32(sides), part(s, SHADOW, 0, count),
     )  # fmt: skip
 
 
@@ -266,9 +271,10 @@ def filter_soft(
     for a in range(0, count, NEIGHBOURS):
         e = min(a + NEIGHBOURS, count)
         read_soft(
-            s[MAP_U, a:e], s[MAP_V, a:e], s[MAP_DEPTH, a:e], s[ACROSS, a:e], s[DOWN, a:e],
-            s[BIAS, a:e], texels, size, np.float32(sides), widening, highest, pattern, spiral,
-            s[FOUND, a:e], s[NEARER, a:e], s[SHADOW, a:e],
+            part(s, MAP_U, a, e), part(s, MAP_V, a, e), part(s, MAP_DEPTH, a, e),
+            part(s, ACROSS, a, e), part(s, DOWN, a, e), part(s, BIAS, a, e), texels, size,
+            np.float32(sides), widening, highest, pattern, spiral, part(s, FOUND, a, e),
+            part(s, NEARER, a, e), part(s, SHADOW, a, e),
         )  # fmt: skip
 
 

@@ -21,6 +21,7 @@ import numpy as np
 from rasterjit.pipeline.encode import over
 from rasterjit.pipeline.surface.samples import NORMAL_X, NORMAL_Y, NORMAL_Z, Block
 from rasterjit.runtime.float_math import clamped, exp2
+from rasterjit.runtime.intrinsics import part
 from rasterjit.runtime.jit import disjoint_helper, helper, kernel, stage
 from rasterjit.runtime.state import float32, int64
 
@@ -190,8 +191,8 @@ def show_tones(block: Block, count, shown: int64, tone: ToneRecord):
     """
     s = block.samples
     map_tones(
-        tone, s[shown, :count], s[shown + 1, :count], s[shown + 2, :count], s[NORMAL_X, :count],
-        s[NORMAL_Y, :count], s[NORMAL_Z, :count],
+        tone, part(s, shown, 0, count), part(s, shown + 1, 0, count), part(s, shown + 2, 0, count),
+        part(s, NORMAL_X, 0, count), part(s, NORMAL_Y, 0, count), part(s, NORMAL_Z, 0, count),
     )  # fmt: skip
 
 

@@ -22,6 +22,7 @@ from rasterjit.pipeline.surface import samples as rows
 from rasterjit.pipeline.surface import texture_lookup
 from rasterjit.pipeline.surface import textures as texturing
 from rasterjit.pipeline.surface.samples import Block
+from rasterjit.runtime.intrinsics import part
 from rasterjit.runtime.jit import disjoint_helper, helper, stage
 from rasterjit.runtime.state import float32, int64
 
@@ -221,6 +222,6 @@ def show_emission(block: Block, count, shown: int64):
     s = block.samples
     add_emission(
         s[rows.EMISSIVE_RED, :count], s[rows.EMISSIVE_GREEN, :count],
-        s[rows.EMISSIVE_BLUE, :count], s[shown, :count], s[shown + 1, :count],
-        s[shown + 2, :count],
+        s[rows.EMISSIVE_BLUE, :count], part(s, shown, 0, count), part(s, shown + 1, 0, count),
+        part(s, shown + 2, 0, count),
     )  # fmt: skip

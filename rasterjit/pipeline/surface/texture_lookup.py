@@ -35,7 +35,7 @@ from rasterjit.pipeline.surface.textures import (
     WRAP_U,
     WRAP_V,
 )
-from rasterjit.runtime.intrinsics import CHANNELS, copy_texel, mix_colors, mix_texels
+from rasterjit.runtime.intrinsics import CHANNELS, copy_texel, mix_colors, mix_texels, part
 from rasterjit.runtime.jit import disjoint_helper, helper, stage
 from rasterjit.runtime.state import float32, int64
 
@@ -171,8 +171,8 @@ def take_levels(count, size, up, last, levels, places, numbers):
     if differences(numbers[LEVEL], count) == 0:
         level = min(numbers[LEVEL, 0] + up, last)
         fill_level(
-            texturing.level_at(levels, level), numbers[FIRST, :size], places[WIDTH, :size],
-            places[HEIGHT, :size],
+            texturing.level_at(levels, level), part(numbers, FIRST, 0, size),
+            part(places, WIDTH, 0, size), part(places, HEIGHT, 0, size),
         )  # fmt: skip
         return
     for n in range(np.uintp(count)):
@@ -300,9 +300,10 @@ def read_level(
     size = u.shape[0]
     take_levels(count, size, up, last, levels, places, numbers)
     find_texels(
-        u, v, places[WIDTH, :size], places[HEIGHT, :size], numbers[FIRST, :size], rules,
-        0.5 if is_smooth else 0.0, numbers[LEFT, :size], numbers[RIGHT, :size],
-        numbers[LOW, :size], numbers[HIGH, :size], shares[ALONG, :size], shares[UPWARD, :size],
+        u, v, part(places, WIDTH, 0, size), part(places, HEIGHT, 0, size),
+        part(numbers, FIRST, 0, size), rules, 0.5 if is_smooth else 0.0,
+        part(numbers, LEFT, 0, size), part(numbers, RIGHT, 0, size), part(numbers, LOW, 0, size),
+        part(numbers, HIGH, 0, size), part(shares, ALONG, 0, size), part(shares, UPWARD, 0, size),
     )  # fmt: skip
     if is_smooth:
         mix_around(count, texels, numbers, shares, colors)
@@ -319,12 +320,12 @@ def read_taps(
     # The colour of a lone tap is the result.
     own, tap_u, tap_v = out, u, v
     if most > 1:
-        own, tap_u, tap_v = colors[TAP], places[TAP_U, :size], places[TAP_V, :size]
+        own, tap_u, tap_v = colors[TAP], part(places, TAP_U, 0, size), part(places, TAP_V, 0, size)
     for k in range(most):
         if most > 1:
             place_taps(
-                u, v, k, numbers[TAPS, :size], places[WAY_U, :size], places[WAY_V, :size], tap_u,
-                tap_v,
+                u, v, k, part(numbers, TAPS, 0, size), part(places, WAY_U, 0, size),
+                part(places, WAY_V, 0, size), tap_u, tap_v,
             )  # fmt: skip
         for up in range(depth):
             target = own if up == 0 else colors[COARSE]
@@ -343,12 +344,16 @@ def find_levels(first, count, owner, kind, textures, places, numbers, shares):
     """Write the levels of neighbouring samples of one texture; return the most taps they take."""
     row, size = textures.table[owner, kind], whole_vectors(count)
     level, stop = row[FIRST_LEVEL], first + size
-    levels, coarser, taps = numbers[LEVEL, :size], shares[COARSER, :size], numbers[TAPS, :size]
+    levels, coarser, taps = (
+        part(numbers, LEVEL, 0, size),
+        part(shares, COARSER, 0, size),
+        part(numbers, TAPS, 0, size),
+    )
     if row[FILTER] != TRILINEAR:
         fill_details(level, levels, coarser, taps)
         return np.int64(1)
-    right_u, right_v = places[STEPS, first:stop], places[STEPS + 1, first:stop]
-    down_u, down_v = places[STEPS + 2, first:stop], places[STEPS + 3, first:stop]
+    right_u, right_v = part(places, STEPS, first, stop), part(places, STEPS + 1, first, stop)
+    down_u, down_v = part(places, STEPS + 2, first, stop), part(places, STEPS + 3, first, stop)
     if textures.transforms.shape[0] > 0:
         transform = textures.transforms[owner, kind]
         own, moved = (right_u, right_v, down_u, down_v), MOVED_STEPS
@@ -357,12 +362,12 @@ def find_levels(first, count, owner, kind, textures, places, numbers, shares):
         move_steps(own[0], own[1], transform, right_u, right_v)
         move_steps(own[2], own[3], transform, down_u, down_v)
     _, width, height = texturing.level_at(textures.levels, level)
-    longest, most = places[LONGEST, :size], np.int64(1)
+    longest, most = part(places, LONGEST, 0, size), np.int64(1)
     find_longest(right_u, right_v, down_u, down_v, width, height, longest, taps)
     if row[ANISOTROPY] > 1:
         most = divide_footprints(
             right_u, right_v, down_u, down_v, (width, height, count), row[ANISOTROPY], longest,
-            taps, places[WAY_U, :size], places[WAY_V, :size],
+            taps, part(places, WAY_U, 0, size), part(places, WAY_V, 0, size),
         )  # fmt: skip
     split_details(longest, np.int32(row[LEVEL_COUNT]), level, levels, coarser)
     return most
@@ -377,9 +382,9 @@ def read_one_texture(first, count, owner, kind, textures, places, numbers, share
             out[n] = np.float32(1.0)
         return
     most = find_levels(first, count, owner, kind, textures, places, numbers, shares)
-    u, v = places[U, first : first + size], places[V, first : first + size]
+    u, v = part(places, U, first, first + size), part(places, V, first, first + size)
     if textures.transforms.shape[0] > 0:
-        moved_u, moved_v = places[MOVED_U, :size], places[MOVED_V, :size]
+        moved_u, moved_v = part(places, MOVED_U, 0, size), part(places, MOVED_V, 0, size)
         move_places(u, v, textures.transforms[owner, kind], moved_u, moved_v)
         u, v = moved_u, moved_v
     rules = axis_rule(row[WRAP_U]), axis_rule(row[WRAP_V])
@@ -436,8 +441,9 @@ def show_textures(places, lookup, count, kind, textures):
         )  # fmt: skip
         first = end
     show_colors(
-        colors[MIXED, : CHANNELS * count], places[SHOWN, :count], places[SHOWN + 1, :count],
-        places[SHOWN + 2, :count], places[SHOWN + 3, :count],
+        colors[MIXED, : CHANNELS * count], part(places, SHOWN, 0, count),
+        part(places, SHOWN + 1, 0, count), part(places, SHOWN + 2, 0, count),
+        part(places, SHOWN + 3, 0, count),
     )  # fmt: skip
 
 
@@ -457,7 +463,7 @@ def read_textures(block: Block, count, kind: int64, textures: Textures):
 def multiply_textures(block: Block, count):
     """Multiply the base colours by what the textures show."""
     for k in range(3):
-        multiply_row(block.samples[rows.RED + k, :count], block.places[SHOWN + k, :count])
+        multiply_row(block.samples[rows.RED + k, :count], part(block.places, SHOWN + k, 0, count))
 
 
 @stage
@@ -476,9 +482,9 @@ def multiply_textures_below_highlights(
         s, e, owner = np.int64(segment[START]), np.int64(segment[STOP]), np.uintp(segment[OF])
         is_lit = np.int64(materials[owner, MATERIAL_MODEL]) == GOURAUD
         for i in range(3):
-            colors, texels = samples[rows.RED + i, s:e], places[SHOWN + i, s:e]
+            colors, texels = samples[rows.RED + i, s:e], part(places, SHOWN + i, s, e)
             if is_lit:
-                absorb_row(colors, texels, samples[first + i, s:e])
+                absorb_row(colors, texels, part(samples, first + i, s, e))
             else:
                 multiply_row(colors, texels)
 

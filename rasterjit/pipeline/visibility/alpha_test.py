@@ -63,7 +63,7 @@ from rasterjit.pipeline.surface.texture_gradients import (
 from rasterjit.pipeline.surface.texture_lookup import OWNER, SHOWN, STEPS, U, V, show_textures
 from rasterjit.pipeline.surface.textures import BASE_COLOR, FIRST_LEVEL
 from rasterjit.pipeline.surface.weights import weigh
-from rasterjit.runtime.intrinsics import LANES, call_at, flat, spread
+from rasterjit.runtime.intrinsics import LANES, call_at, flat, part, spread
 from rasterjit.runtime.jit import Bound, disjoint_helper, helper, kernel
 from rasterjit.runtime.state import float32, float64, int32, int64, stored
 
@@ -174,11 +174,13 @@ def find_weights(weights, count, patches, shift, whole, real, geometry):
     size, bits = whole_vectors(count), geometry.viewport.grid_bits
     half = np.int32(1) << (bits - 1)
     unsure = weigh(
-        whole[AX, :size], whole[AY, :size], whole[BX, :size], whole[BY, :size], whole[CX, :size],
-        whole[CY, :size], real[0, :size], real[1, :size], real[2, :size], whole[COLUMN, :size],
-        whole[ROW, :size], count, (half - shift[0], half - shift[1]), bits, geometry.viewport.reach,
-        geometry.w.shape[0] == 0, 1.0, whole[UNSURE, :size], whole[BEHIND, :size],
-        weights[0, :size], weights[1, :size],
+        part(whole, AX, 0, size), part(whole, AY, 0, size), part(whole, BX, 0, size),
+        part(whole, BY, 0, size), part(whole, CX, 0, size), part(whole, CY, 0, size),
+        part(real, 0, 0, size), part(real, 1, 0, size), part(real, 2, 0, size),
+        part(whole, COLUMN, 0, size), part(whole, ROW, 0, size), count,
+        (half - shift[0], half - shift[1]), bits, geometry.viewport.reach, geometry.w.shape[0] == 0,
+        1.0, part(whole, UNSURE, 0, size), part(whole, BEHIND, 0, size), part(weights, 0, 0, size),
+        part(weights, 1, 0, size),
     )  # fmt: skip
     if unsure != 0:
         for r in range(patches):
@@ -207,8 +209,8 @@ def multiply_vertex_alphas(alphas, patches, size, weights, whole, single, vertex
         for k in range(3):
             spread(single[k], n, vertex_colors[np.uintp(whole[A + k, r]), ALPHA])
     multiply_mixed(
-        alphas[:size], single[0, :size], single[1, :size], single[2, :size], weights[0, :size],
-        weights[1, :size],
+        alphas[:size], part(single, 0, 0, size), part(single, 1, 0, size), part(single, 2, 0, size),
+        part(weights, 0, 0, size), part(weights, 1, 0, size),
     )  # fmt: skip
 
 
@@ -225,19 +227,23 @@ def find_coordinates(
             spread(single[2 * k], n, uv[vertex, 0])
             spread(single[2 * k + 1], n, uv[vertex, 1])
     mix_places(
-        places[U, :size], places[V, :size], places[OWNER, :size], single[0, :size],
-        single[1, :size], single[2, :size], single[3, :size], single[4, :size], single[5, :size],
-        weights[0, :size], weights[1, :size], np.float64(owner),
+        part(places, U, 0, size), part(places, V, 0, size), part(places, OWNER, 0, size),
+        part(single, 0, 0, size), part(single, 1, 0, size), part(single, 2, 0, size),
+        part(single, 3, 0, size), part(single, 4, 0, size), part(single, 5, 0, size),
+        part(weights, 0, 0, size), part(weights, 1, 0, size), np.float64(owner),
     )  # fmt: skip
     if not wants_steps(owner, textures.table):
         return
     mix_steps(
-        places[STEPS, :size], places[STEPS + 1, :size], places[STEPS + 2, :size],
-        places[STEPS + 3, :size], places[U, :size], places[V, :size], single[0, :size],
-        single[1, :size], single[2, :size], single[3, :size], single[4, :size], single[5, :size],
-        whole[AX, :size], whole[AY, :size], whole[BX, :size], whole[BY, :size], whole[CX, :size],
-        whole[CY, :size], real[0, :size], real[1, :size], real[2, :size], whole[COLUMN, :size],
-        whole[ROW, :size], geometry.viewport.grid_bits, geometry.w.shape[0] == 0,
+        part(places, STEPS, 0, size), part(places, STEPS + 1, 0, size),
+        part(places, STEPS + 2, 0, size), part(places, STEPS + 3, 0, size),
+        part(places, U, 0, size), part(places, V, 0, size), part(single, 0, 0, size),
+        part(single, 1, 0, size), part(single, 2, 0, size), part(single, 3, 0, size),
+        part(single, 4, 0, size), part(single, 5, 0, size), part(whole, AX, 0, size),
+        part(whole, AY, 0, size), part(whole, BX, 0, size), part(whole, BY, 0, size),
+        part(whole, CX, 0, size), part(whole, CY, 0, size), part(real, 0, 0, size),
+        part(real, 1, 0, size), part(real, 2, 0, size), part(whole, COLUMN, 0, size),
+        part(whole, ROW, 0, size), geometry.viewport.grid_bits, geometry.w.shape[0] == 0,
     )  # fmt: skip
     if geometry.clip_positions.shape[0] == 0:
         return
@@ -389,8 +395,8 @@ def show_waiting(waiting, asked, tile, lists, question):
         stop = min(first + PART, waiting)
         count = stop - first
         place_pixels(
-            question.pixels[COLUMN, :count], question.pixels[ROW, :count], places[first:stop],
-            asked[LEFT_COLUMN], asked[TOP_ROW],
+            part(question.pixels, COLUMN, 0, count), part(question.pixels, ROW, 0, count),
+            places[first:stop], asked[LEFT_COLUMN], asked[TOP_ROW],
         )  # fmt: skip
         query[FIRST_SAMPLE], query[SAMPLES] = first, count
         call(question.call)
