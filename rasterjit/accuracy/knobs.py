@@ -149,7 +149,7 @@ def _not_interpolated(plan: RenderPlan) -> str | None:
     if isinstance(plan.camera, OrthographicCamera):
         return "the camera is orthographic: what is linear on a face is linear on the screen"
     facts = plan.facts
-    if facts.is_lit or facts.needs_textures or plan.at("sample") or facts.needs_cutouts:
+    if facts.is_lit or facts.needs_textures or plan.at("sample") or facts.needs_alpha_tests:
         return None
     return _unasked(plan, "interpolation")
 

@@ -186,10 +186,10 @@ def _draw(scene: Scene, plan: RenderPlan) -> Drawn:
         cache.shapes.positions(plan.quality.precision), arrays.vertex_starts,
         views.relative_from_model, views.clip_from_relative,
     )  # fmt: skip
-    cutouts = shade.find_cutouts(plan, cache)
+    alpha_tests = shade.find_alpha_tests(plan, cache)
     coverage = draw.find_visible(
         vertices, arrays.faces, objects, plan.depth_format.coefficients, viewport, workers,
-        lambda _: None, keep_lists=True, keep_clip_positions=True, cutouts=cutouts,
+        lambda _: None, keep_lists=True, keep_clip_positions=True, alpha_tests=alpha_tests,
         depth_type=plan.depth_format.kind, is_affine=plan.is_affine,
     )  # fmt: skip
     lists = coverage.lists
@@ -248,7 +248,7 @@ def _find_faces(drawn: Drawn, x: int, y: int) -> list[FaceAtPixel]:
     depth = np.empty((viewport.height, viewport.width), coverage.depth.dtype)
     face_id = np.empty((viewport.height, viewport.width), np.int32)
     one = np.empty(1, np.int32)
-    drawer = nearest.tile_drawer(one, faces, coverage.screen, depth.dtype, coverage.cutouts)
+    drawer = nearest.tile_drawer(one, faces, coverage.screen, depth.dtype, coverage.alpha_tests)
     bottomless = np.full(len(starts) - 1, nearest.empty_depth(depth.dtype))
     alone = np.zeros(len(starts), np.int64)
     alone[tile + 1 :] = 1
@@ -264,7 +264,7 @@ def _find_faces(drawn: Drawn, x: int, y: int) -> list[FaceAtPixel]:
             continue
         entry = -float(depth[y, x]), int(face_id[y, x]), triangle
         lost = "" if triangle in kept else "culled"
-        if not lost and coverage.cutouts is not None:
+        if not lost and coverage.alpha_tests is not None:
             nearest.draw_tiles(*arguments, drawer.holes)
             lost = "" if face_id[y, x] >= 0 else "cut out"
         found.append((lost, *entry))

@@ -343,10 +343,10 @@ def _find_samples(
 ) -> Iterator[tuple[list[int], float]]:
     """Yield the faces that are seen through each other, nearest first, and their share."""
     plan, geometry, workers = drawn.plan, drawn.geometry, Workers(1)
-    cutouts = shading.find_cutouts(plan, drawn.cache)
+    alpha_tests = shading.find_alpha_tests(plan, drawn.cache)
     shader = layers.Shader(
         geometry, drawn.placement, surface, lit.lighting, plan.background, (),
-        None if cutouts is None else cutouts._replace(geometry=geometry),
+        None if alpha_tests is None else alpha_tests._replace(geometry=geometry),
     )  # fmt: skip
     lists = bands.part_lists(drawn.coverage, geometry.viewport, plan.layers.is_blended, workers)
     first = y - y % TILE_SIZE

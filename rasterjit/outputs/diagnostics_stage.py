@@ -176,10 +176,10 @@ def count_samples(
         each tile the pixels where a face lost to another of exactly equal depth.
     """
     samples, tied = counts
-    tile_depth, tile_numbers, empty = scratch[0], scratch[1], scratch[EMPTY][0]
+    depths, numbers, empty = scratch[0], scratch[1], scratch[EMPTY][0]
     columns = (np.int64(viewport.width) + TILE_SIZE - 1) >> TILE_BITS
     own, pieces, piece_faces = faces.faces, faces.pieces, faces.piece_faces
-    clear_tile(tile_depth, tile_numbers, empty)
+    clear_tile(depths, numbers, empty)
     for n in range(tiles.shape[0]):
         tile = np.int64(tiles[n])
         window = tile_window(tile, columns, viewport)
@@ -190,9 +190,7 @@ def count_samples(
             plan_listed(drawing, k, 1)
             draw_some(drawing, drawing.tile, 0, 1)
             box = box_in_tile(corners, screen, viewport, origin)
-            samples[k] = take_samples(
-                face, box, origin, (tile_depth, tile_numbers), empty, frame, ties
-            )
+            samples[k] = take_samples(face, box, origin, (depths, numbers), empty, frame, ties)
         tied[tile] = count_and_clear(ties)
 
 

@@ -143,8 +143,8 @@ class Textures(NamedTuple):
     as is."""
 
 
-class Cutouts(NamedTuple):
-    """The objects that have holes: a sample whose alpha is below the cutoff is not covered."""
+class AlphaTests(NamedTuple):
+    """What leaves out holes: a sample whose alpha is below the cutoff is not covered."""
 
     cutoffs: float32[::1]
     """(O,) float32; 0 for an object without holes."""

@@ -27,7 +27,7 @@ from rasterjit.pipeline.fragments.bands import (
     part_lists,
 )
 from rasterjit.pipeline.geometry.setup import TILE_SIZE
-from rasterjit.pipeline.records import Cutouts, Geometry, Lighting, Placement, Surface
+from rasterjit.pipeline.records import AlphaTests, Geometry, Lighting, Placement, Surface
 from rasterjit.pipeline.visibility.draw import Coverage
 from rasterjit.rendering.stage_list import Shading
 from rasterjit.runtime.threads import Memory, Workers
@@ -55,7 +55,7 @@ class Shader(NamedTuple):
     background: NDArray[np.float32]
     """(4,) linear."""
     effects: tuple[Active, ...] = ()
-    cutouts: Cutouts | None = None
+    alpha_tests: AlphaTests | None = None
     """The objects that have holes."""
     has_codes: bool = False
     """Whether colours become codes before they are mixed; else light is mixed."""

@@ -110,7 +110,7 @@ def _draw_layers(
     """Run the stages of a frame, and those from face numbers on for each layer."""
     plan, cache, views, _ = planned
     seen = find_visible(plan, cache, workers, clock, views)
-    finder = bands.Finder(seen.geometry, shade.find_cutouts(plan, cache))
+    finder = bands.Finder(seen.geometry, shade.find_alpha_tests(plan, cache))
     depths, faces = peel(count, seen.coverage, finder, workers)
     clock("layers")
     compared = compare(planned, workers, clock)
@@ -164,14 +164,14 @@ def peel(
     depths = np.full(shape, empty_depth(lists.depth_type), lists.depth_type)
     faces = np.full(shape, -1, np.int32)
     # A surface with a hole gives its place to the next one.
-    kept = count if finder.cutouts is None else None
+    kept = count if finder.alpha_tests is None else None
 
     def peel_tiles(first: int) -> None:
         rows = first, min(first + TILE_SIZE, viewport.height)
         for band in bands.find_layers(rows, lists, 1, finder, workers.memory, kept):
             found = band.transparent[0], band.depths[0]
-            if finder.cutouts is not None:
-                found = without_holes(band.first_row, *found, finder.cutouts)
+            if finder.alpha_tests is not None:
+                found = without_holes(band.first_row, *found, finder.alpha_tests)
             target = slice(band.first_row, band.first_row + found[0].shape[1])
             faces[:, target][: len(found[0])] = found[0][:count]
             depths[:, target][: len(found[1])] = found[1][:count]

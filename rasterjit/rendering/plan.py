@@ -162,7 +162,7 @@ def list_kernels(plan: RenderPlan) -> tuple[KernelRow, ...]:
     """Return the kernels that a frame calls, in order, as those who call them tell."""
     geometry = draw.kernels_of(
         find_faces=plan.facts.finds_faces, keep_clip_positions=plan.keeps_clip_positions,
-        has_cutouts=plan.facts.needs_cutouts, depth_type=plan.depth_format.kind,
+        has_alpha_tests=plan.facts.needs_alpha_tests, depth_type=plan.depth_format.kind,
         precision=plan.quality.precision,
     )  # fmt: skip
     known = {row[:2] for row in geometry if not row[2]}

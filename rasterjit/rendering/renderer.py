@@ -271,7 +271,7 @@ def find_visible(
     }
     coverage = drawing.find_visible(
         vertices, arrays.faces, objects, plan.depth_format.coefficients, viewport, workers, clock,
-        cutouts=shade.find_cutouts(plan, cache), depth_type=plan.depth_format.kind,
+        alpha_tests=shade.find_alpha_tests(plan, cache), depth_type=plan.depth_format.kind,
         is_affine=plan.is_affine, **(kept | options),
     )  # fmt: skip
     geometry = drawing.geometry_of(

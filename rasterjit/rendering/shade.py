@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from rasterjit.pipeline.records import (
     Alphas,
-    Cutouts,
+    AlphaTests,
     Lighting,
     Placement,
     Surface,
@@ -54,7 +54,7 @@ def shade_faces(context: FrameContext) -> dict[str, NDArray[Any]]:
     surface = light_surface(plan, find_surface(plan, cache.tables), plan.lighting, light)
     shader = layers.Shader(
         geometry, placement, surface, plan.lighting, plan.background, effects,
-        find_cutouts(plan, cache),
+        find_alpha_tests(plan, cache),
     )  # fmt: skip
     # Shade each pixel, or what it shows of several faces.
     if plan.layers is not None:
@@ -85,9 +85,13 @@ def placement_to_light(plan: RenderPlan, placement: Placement) -> Placement:
     return placement._replace(normal_matrices=unit_matrices(placement.normal_matrices))
 
 
-def find_cutouts(plan: RenderPlan, cache: SceneCache) -> Cutouts | None:
+def find_alpha_tests(plan: RenderPlan, cache: SceneCache) -> AlphaTests | None:
     """Return what has holes in view; ``None`` if nothing has."""
-    return cache.tables.cutouts(plan.facts.has_textured_holes) if plan.facts.needs_cutouts else None
+    return (
+        cache.tables.alpha_tests(plan.facts.has_textured_holes)
+        if plan.facts.needs_alpha_tests
+        else None
+    )
 
 
 def find_surface(plan: RenderPlan, tables: MaterialTables) -> Surface:

@@ -238,7 +238,7 @@ def cover_pixels(
     plan = context.plan
     samples = plan.quality.samples
     if samples not in SUPERSAMPLED:
-        finder = bands.Finder(context.geometry, shade.find_cutouts(plan, context.cache))
+        finder = bands.Finder(context.geometry, shade.find_alpha_tests(plan, context.cache))
         return coverage.cover_pixels(samples, context.coverage, finder, context.workers)
     if accumulation.covered is None:
         accumulation.covered = np.zeros(context.coverage.face_id.shape, np.int32)

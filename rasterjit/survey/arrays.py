@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.pipeline import records
-from rasterjit.pipeline.records import Cutouts, Maps, Microfacets, Placement, Surface, Textures
+from rasterjit.pipeline.records import AlphaTests, Maps, Microfacets, Placement, Surface, Textures
 from rasterjit.pipeline.surface import textures as texturing
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.normals import GROUPS
@@ -262,19 +262,19 @@ NO_TEXTURES = Textures(
 """What stands for the textures of objects that have none."""
 
 
-def join_cutouts(
+def join_alpha_tests(
     meshes: Sequence[Mesh],
     face_starts: NDArray[np.int64],
     surface: Surface,
     textures: Textures | None,
-) -> Cutouts:
+) -> AlphaTests:
     """Return which objects have holes, and what decides where; no textures if none has any."""
     cutoffs = {
         mesh: mesh.material.alpha_cutoff if may_have_holes(mesh) else 0.0
         for mesh in dict.fromkeys(meshes)
     }
     plain = np.empty((0, 4), np.float32)
-    return Cutouts(
+    return AlphaTests(
         np.array([cutoffs[mesh] for mesh in meshes], np.float32),
         face_starts,
         surface.materials,

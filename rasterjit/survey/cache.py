@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.pipeline.records import Cutouts, Maps, Microfacets, Surface, Textures
+from rasterjit.pipeline.records import AlphaTests, Maps, Microfacets, Surface, Textures
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Node, matrices_of, meshes_of
@@ -18,7 +18,7 @@ from rasterjit.survey import arrays as plan_arrays
 from rasterjit.survey import placement
 from rasterjit.survey.arrays import (
     SceneArrays,
-    join_cutouts,
+    join_alpha_tests,
     join_maps,
     join_microfacets,
     join_textures,
@@ -127,7 +127,7 @@ class MaterialTables:
         self._shapes = shapes
         self.materials = materials
         self.meshes = meshes_under(shapes.meshes, quality)
-        self._cutouts: dict[bool, Cutouts] = {}
+        self._alpha_tests: dict[bool, AlphaTests] = {}
 
     @cached_property
     def inventory(self) -> Inventory:
@@ -149,13 +149,15 @@ class MaterialTables:
         """The textures of all objects and their texture coordinates."""
         return join_textures(self.meshes)
 
-    def cutouts(self, has_textures: bool) -> Cutouts:
+    def alpha_tests(self, has_textures: bool) -> AlphaTests:
         """Return which objects have holes, and what decides where, with textures or without."""
-        if has_textures not in self._cutouts:
+        if has_textures not in self._alpha_tests:
             starts = self._shapes.arrays.face_starts
             textures = self.textures if has_textures else None
-            self._cutouts[has_textures] = join_cutouts(self.meshes, starts, self.surface, textures)
-        return self._cutouts[has_textures]
+            self._alpha_tests[has_textures] = join_alpha_tests(
+                self.meshes, starts, self.surface, textures
+            )
+        return self._alpha_tests[has_textures]
 
     @cached_property
     def microfacets(self) -> Microfacets:

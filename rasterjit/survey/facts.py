@@ -127,7 +127,7 @@ class Facts(NamedTuple):
         return self.is_lit and self.seen.textured_highlights > 0
 
     @property
-    def needs_cutouts(self) -> bool:
+    def needs_alpha_tests(self) -> bool:
         """Whether faces are drawn with their holes."""
         return self.finds_faces and self.seen.cut_out > 0
 

@@ -164,7 +164,7 @@ class AlphaMasks(MaterialRow):
 
     def is_in(self, facts: Facts) -> bool:
         """Tell whether anything is drawn with its holes."""
-        return facts.needs_cutouts or facts.shades_through_holes
+        return facts.needs_alpha_tests or facts.shades_through_holes
 
     def reason(self, facts: Facts, is_used: bool) -> str:
         """Say what has holes, or why nothing has."""

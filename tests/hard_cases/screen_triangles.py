@@ -95,9 +95,11 @@ def draw_tile(positions, faces, column, row, bits=8):
             positions, faces, depth_coefficients, viewport, screen, workers.memory
         )
     objects = Objects(np.array([0, len(faces)], np.int64), np.zeros(1, np.int8))
-    starts, binned, floors, _ = drawing.set_up_and_bin(drawn, objects, screen, viewport, workers)
+    starts, binned, tile_depths, _ = drawing.set_up_and_bin(
+        drawn, objects, screen, viewport, workers
+    )
     frame = np.empty(LARGEST, np.float32), np.empty(LARGEST, np.int32)
     drawer = nearest.tile_drawer(binned, drawn, screen)
     tiles = np.array([row * (LARGEST[0] // TILE) + column], np.int32)
-    nearest.draw_tiles(tiles, starts, floors, viewport, frame, *drawer[:3])
+    nearest.draw_tiles(tiles, starts, tile_depths, viewport, frame, *drawer[:3])
     return frame[1][row * TILE : (row + 1) * TILE, column * TILE : (column + 1) * TILE].copy()

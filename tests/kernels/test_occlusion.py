@@ -30,17 +30,17 @@ def lists_of(points, depths, size=SIZE, bits=8):
     faces = np.arange(len(points), dtype=np.int32).reshape(-1, 3)
     objects = Objects(np.array([0, len(faces)], np.int64), np.zeros(1, np.int8))
     everything = Faces(faces, np.empty((0, 3), np.int32), np.empty(0, np.int32))
-    starts, binned, floors, _ = drawing.set_up_and_bin(
+    starts, binned, bounds, _ = drawing.set_up_and_bin(
         everything, objects, screen, viewport, workers
     )
-    return starts, binned, floors, everything, screen, viewport
+    return starts, binned, bounds, everything, screen, viewport
 
 
-def draw(starts, binned, floors, faces, screen, viewport):
+def draw(starts, binned, bounds, faces, screen, viewport):
     """Return stored depth and face number of every pixel."""
     shape = viewport.height, viewport.width
     frame = np.empty(shape, np.float32), np.empty(shape, np.int32)
-    drawing.draw(starts, binned, floors, faces, screen, viewport, frame, threads.Workers(1))
+    drawing.draw(starts, binned, bounds, faces, screen, viewport, frame, threads.Workers(1))
     return frame
 
 
@@ -75,15 +75,15 @@ def test_a_floor_is_the_lowest_depth_of_a_triangle_that_covers_the_tile(seed):
     for _ in range(24):
         points, depths = triangles(rng, 1)
         lists = lists_of(points, depths)
-        floors = lists[2]
+        bounds = lists[2]
         depth, face_id = draw(*lists)
         for (tile, part), (_, numbers) in zip(tiles_of(depth), tiles_of(face_id), strict=True):
             if (numbers >= 0).all() and is_large(points):
                 lowest = part.min()
-                assert lowest - 2 * np.spacing(abs(lowest)) <= floors[tile] <= lowest
+                assert lowest - 2 * np.spacing(abs(lowest)) <= bounds[tile] <= lowest
                 found += 1
             else:
-                assert floors[tile] == -np.inf
+                assert bounds[tile] == -np.inf
     assert found > 3
 
 
@@ -91,20 +91,20 @@ def test_a_floor_is_the_lowest_depth_of_a_triangle_that_covers_the_tile(seed):
 def test_leaving_out_what_is_below_a_floor_changes_no_bit(seed):
     rng = np.random.default_rng(100 + seed)
     points, depths = triangles(rng, 60)
-    starts, binned, floors, *rest = lists_of(points, depths)
-    assert (floors > -np.inf).any()
-    with_floors = draw(starts, binned, floors, *rest)
-    without = draw(starts, binned, np.full_like(floors, -np.inf), *rest)
-    for one, other in zip(with_floors, without, strict=True):
+    starts, binned, bounds, *rest = lists_of(points, depths)
+    assert (bounds > -np.inf).any()
+    with_bounds = draw(starts, binned, bounds, *rest)
+    without = draw(starts, binned, np.full_like(bounds, -np.inf), *rest)
+    for one, other in zip(with_bounds, without, strict=True):
         assert one.tobytes() == other.tobytes()
 
 
 def test_a_floor_leaves_out_all_that_lies_below_it_and_nothing_at_it():
     # Floors from elsewhere: what is drawn tells what was left out.
     points, depths = triangles(np.random.default_rng(3), 60)
-    starts, binned, floors, *rest = lists_of(points, depths)
-    _, everything = draw(starts, binned, np.full_like(floors, -np.inf), *rest)
-    _, nothing = draw(starts, binned, np.full_like(floors, np.inf), *rest)
+    starts, binned, bounds, *rest = lists_of(points, depths)
+    _, everything = draw(starts, binned, np.full_like(bounds, -np.inf), *rest)
+    _, nothing = draw(starts, binned, np.full_like(bounds, np.inf), *rest)
     assert (everything >= 0).any()
     assert (nothing == -1).all()
     square = np.array([[-9, -9], [600, -9], [-9, 600]], float)

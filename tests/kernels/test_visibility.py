@@ -172,9 +172,11 @@ def stored(points, depths, size=SCREEN, bits=8):
         np.array([[0, 1, 2]], np.int32), np.empty((0, 3), np.int32), np.empty(0, np.int32)
     )
     objects = Objects(np.array([0, 1], np.int64), np.zeros(1, np.int8))
-    starts, binned, floors, _ = drawing.set_up_and_bin(faces, objects, screen, viewport, workers)
+    starts, binned, tile_depths, _ = drawing.set_up_and_bin(
+        faces, objects, screen, viewport, workers
+    )
     frame = np.empty(size[::-1], np.float32), np.empty(size[::-1], np.int32)
-    drawing.draw(starts, binned, floors, faces, screen, viewport, frame, workers)
+    drawing.draw(starts, binned, tile_depths, faces, screen, viewport, frame, workers)
     assert ((frame[0] > -np.inf) == (frame[1] == 0)).all()
     return frame[0]
 

@@ -326,18 +326,18 @@ def test_leaving_out_what_a_floor_hides_changes_no_bit(name):
         numbers = np.arange(len(points), dtype=np.int32).reshape(-1, 3)
         faces = Faces(numbers, np.empty((0, 3), np.int32), np.empty(0, np.int32))
         objects = Objects(np.array([0, len(numbers)], np.int64), np.zeros(1, np.int8))
-        starts, binned, floors, _ = stages.set_up_and_bin(
+        starts, binned, tile_depths, _ = stages.set_up_and_bin(
             faces, objects, screen, viewport, workers, depth_type=form.kind
         )
         empty = visibility.empty_depth(form.kind)
         frames = []
-        for bound in (floors, np.full_like(floors, empty)):
+        for bound in (tile_depths, np.full_like(tile_depths, empty)):
             frame = np.empty(size[::-1], form.kind), np.empty(size[::-1], np.int32)
             stages.draw(starts, binned, bound, faces, screen, viewport, frame, workers)
             frames.append(frame)
         for one, other in zip(*frames, strict=True):
             assert one.tobytes() == other.tobytes()
-        passed += int((floors > empty).sum())
+        passed += int((tile_depths > empty).sum())
     assert passed > 10
 
 
@@ -442,8 +442,8 @@ def test_standard_settings_give_the_kernels_what_they_always_were_given(monkeypa
     kernels = visibility.draw_tiles, projection.transform_vertices
 
     def draw(*arguments):
-        floors, _, frame, scratch, _, holes = arguments[2:]
-        kinds.append((floors.dtype, frame[0].dtype, scratch[0].dtype, holes.depth.dtype))
+        tile_depths, _, frame, scratch, _, holes = arguments[2:]
+        kinds.append((tile_depths.dtype, frame[0].dtype, scratch[0].dtype, holes.depth.dtype))
         kernels[0](*arguments)
 
     def transform(vertices, positions, *others):

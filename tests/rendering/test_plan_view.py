@@ -69,7 +69,7 @@ def test_material_out_of_view_calls_for_nothing(fields, name, reason):
     alone = rj.explain(scene_of(PLAIN), CAMERA, size=SIZE)
     for need in (
         "needs_textures", "needs_maps", "needs_microfacets", "needs_normals", "needs_gouraud",
-        "needs_cutouts", "needs_diffuse_light",
+        "needs_alpha_tests", "needs_diffuse_light",
     ):  # fmt: skip
         assert getattr(plan.facts, need) == getattr(alone.facts, need), need
     assert plan.layers == alone.layers
@@ -85,7 +85,7 @@ def test_nothing_is_prepared_for_what_is_out_of_view(monkeypatch):
     fields = {"shading": "pbr", "normal_texture": TEXTURE, "base_color_texture": TEXTURE,
               "alpha_mode": "mask"}  # fmt: skip
     scene = scene_of(PLAIN, (square(**fields), AWAY))
-    for name in ("join_textures", "join_maps", "join_microfacets", "join_cutouts"):
+    for name in ("join_textures", "join_maps", "join_microfacets", "join_alpha_tests"):
         monkeypatch.setattr(f"rasterjit.survey.cache.{name}", refuse)
     monkeypatch.setattr("rasterjit.survey.arrays.join_normals", refuse)
     frame = rj.render(scene, CAMERA, size=SIZE, outputs=("linear",), threads=1)
@@ -316,7 +316,7 @@ def test_an_object_out_of_view_casts_shadows_with_the_holes_of_its_mask(textured
     told = effects(half.plan)
     assert told["alpha masks"] == (True, "1 object outside the view, in shadows alone")
     assert told["textures"][0] is False
-    assert not half.plan.facts.needs_cutouts
+    assert not half.plan.facts.needs_alpha_tests
     told = [k for k in list_kernels(half.plan) if k.name.startswith("alpha_test.")]
     assert [(k.name, k.condition) for k in told] == [
         (f"alpha_test.{name}", "something casts a shadow on what is seen")

@@ -117,14 +117,14 @@ class ShadowMaps(Effect):
         vertices = draw.ModelVertices(
             arrays.positions, arrays.vertex_starts, placement.relative_from_model, np.eye(4)
         )
-        cutouts = None
+        alpha_tests = None
         if facts.shades_through_holes:
-            cutouts = cache.tables.cutouts(facts.contents.textured_holes > 0)
+            alpha_tests = cache.tables.alpha_tests(facts.contents.textured_holes > 0)
         cells = [visible_depth.seen_cells(*one) for one in seen]
         scenery = maps.scenery_of(
             vertices, arrays.faces, placement, cache.shapes.boxes,
             ~facts.inventory.is_see_through, is_whole, is_open, np.concatenate(cells), plan.camera,
-            plan.size, cutouts,
+            plan.size, alpha_tests,
         )  # fmt: skip
         lights = [light for light in facts.lights.lights if not isinstance(light, AmbientLight)]
         normals = cache.tables.normals if plan.facts.needs_normals else None

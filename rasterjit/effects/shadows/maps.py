@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 from rasterjit.effects.shadows import filters
 from rasterjit.effects.shadows import stage as shadows_stage
 from rasterjit.effects.shadows.visible_depth import view_cells
-from rasterjit.pipeline.records import Cutouts, Objects, Placement
+from rasterjit.pipeline.records import AlphaTests, Objects, Placement
 from rasterjit.pipeline.visibility import draw
 from rasterjit.pipeline.visibility.draw import viewport_of
 from rasterjit.runtime.threads import Workers
@@ -84,7 +84,7 @@ class Scenery(NamedTuple):
     """(B, 8, 3): corners of the boxes around what casts shadows."""
     cells: Float64
     """(N, 8, 3): corners of the cells that hold all that is seen."""
-    cutouts: Cutouts | None
+    alpha_tests: AlphaTests | None
     """Of what casts shadows."""
     right: tuple[float, ...]
     """The camera's x axis. Maps run along it as far as they can: they fit the view more closely,
@@ -211,7 +211,7 @@ def _draw(
         viewport_of((size, size), SUBPIXEL_BITS),
         workers,
         lambda _: None,
-        cutouts=scenery.cutouts,
+        alpha_tests=scenery.alpha_tests,
         keep_faces=False,
         depth=texels,
     )
@@ -453,7 +453,7 @@ def scenery_of(
     cells: Float64,
     camera: Camera,
     size: tuple[int, int],
-    cutouts: Cutouts | None,
+    alpha_tests: AlphaTests | None,
 ) -> Scenery:
     """
     Return what casts shadows and what they fall on.
@@ -476,7 +476,7 @@ def scenery_of(
     camera : Camera
     size : (int, int)
         Width and height of the picture, pixels.
-    cutouts : Cutouts or None
+    alpha_tests : AlphaTests or None
         The objects that have holes.
     """
     boxes = place_boxes(bounds, placement.relative_from_model)
@@ -487,10 +487,10 @@ def scenery_of(
         kept = np.repeat(casts, np.diff(starts))
         faces = np.ascontiguousarray(faces[kept])
         starts = np.concatenate(([0], np.cumsum(counts)))
-        if cutouts is not None:
-            colors = cutouts.face_colors
+        if alpha_tests is not None:
+            colors = alpha_tests.face_colors
             colors = np.ascontiguousarray(colors[kept]) if len(colors) else colors
-            cutouts = cutouts._replace(face_starts=starts, face_colors=colors)
+            alpha_tests = alpha_tests._replace(face_starts=starts, face_colors=colors)
     return Scenery(
         vertices, faces, starts, boxes[finite & casts],
         np.concatenate(
@@ -500,7 +500,7 @@ def scenery_of(
                 view_cells(camera, size, boxes[finite & is_open & ~is_whole]),
             ]
         ),
-        cutouts, _right_of(camera),
+        alpha_tests, _right_of(camera),
     )  # fmt: skip
 
 

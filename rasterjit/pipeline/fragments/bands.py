@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from rasterjit.pipeline.fragments import areas, fragments
 from rasterjit.pipeline.geometry.setup import TILE_SIZE
-from rasterjit.pipeline.records import Cutouts, Faces, Geometry, ScreenVertices, Viewport
+from rasterjit.pipeline.records import AlphaTests, Faces, Geometry, ScreenVertices, Viewport
 from rasterjit.pipeline.visibility import draw
 from rasterjit.pipeline.visibility.alpha_test import AlphaTest
 from rasterjit.pipeline.visibility.draw import Coverage
@@ -60,7 +60,7 @@ class Finder(NamedTuple):
     """What it takes to find the faces of an image, without shading them."""
 
     geometry: Geometry
-    cutouts: Cutouts | None
+    alpha_tests: AlphaTests | None
 
 
 AnyFinder = TypeVar("AnyFinder", bound=NamedTuple)
@@ -111,8 +111,10 @@ def at_samples(finder: AnyFinder, samples: int | str) -> AnyFinder:
     """Return what it takes to see a frame whose samples may lie anywhere in their pixels."""
     geometry = finder.geometry
     geometry = geometry._replace(viewport=sampled_viewport(geometry.viewport, samples))
-    cutouts = None if finder.cutouts is None else finder.cutouts._replace(geometry=geometry)
-    return finder._replace(geometry=geometry, cutouts=cutouts)
+    alpha_tests = (
+        None if finder.alpha_tests is None else finder.alpha_tests._replace(geometry=geometry)
+    )
+    return finder._replace(geometry=geometry, alpha_tests=alpha_tests)
 
 
 def part_lists(
@@ -176,7 +178,7 @@ def find_layers(
     width, height = viewport.width, rows[1] - rows[0]
     shifts = sample_shifts(samples, viewport.grid_bits)
     drawer, alone = fragments.layer_drawer(
-        lists.parted, lists.faces, lists.screen, lists.depth_type, finder.cutouts
+        lists.parted, lists.faces, lists.screen, lists.depth_type, finder.alpha_tests
     )
     deepest = np.empty(3, np.int64)
     room = 0 if len(lists.parted) == 0 else min(FIRST_GUESS, kept or FIRST_GUESS)
@@ -216,7 +218,7 @@ def find_areas(
     viewport = finder.geometry.viewport
     shape = rows[1] - rows[0], viewport.width
     own, deepest = areas.scratch_memory(int(np.diff(lists.starts).max())), np.empty(3, np.int64)
-    test = AlphaTest(finder.cutouts)
+    test = AlphaTest(finder.alpha_tests)
     room = FIRST_GUESS
     while True:
         found = (

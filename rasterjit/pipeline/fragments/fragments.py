@@ -36,7 +36,7 @@ from rasterjit.pipeline.geometry.triangle_batches import (
     SMALL_PIXELS,
     TOP,
 )
-from rasterjit.pipeline.records import Cutouts, Faces, ScreenVertices, Viewport
+from rasterjit.pipeline.records import AlphaTests, Faces, ScreenVertices, Viewport
 from rasterjit.pipeline.visibility import nearest
 from rasterjit.pipeline.visibility.alpha_test import (
     AlphaTest,
@@ -243,15 +243,15 @@ def layer_drawer(
     faces: Faces,
     screen: ScreenVertices,
     depth_type: Any = np.float32,
-    cutouts: Cutouts | None = None,
+    alpha_tests: AlphaTests | None = None,
 ) -> tuple[TileDrawer, tuple[Any, ...]]:
     """Return what a thread needs to find layers: to draw, and to draw a triangle alone."""
-    drawer = nearest.tile_drawer(listed, faces, screen, depth_type, cutouts)
+    drawer = nearest.tile_drawer(listed, faces, screen, depth_type, alpha_tests)
     tile = (
         np.full(nearest.SCRATCH_SHAPE, nearest.empty_depth(depth_type)),
         np.empty(nearest.SCRATCH_SHAPE, np.int32),
     )
-    lone = nearest.drawn_into(tile, drawer.drawing.asked, drawer.drawing.floor, drawer.scratch)
+    lone = nearest.drawn_into(tile, drawer.drawing.asked, drawer.drawing.tile_depth, drawer.scratch)
     alone = (
         *tile, np.empty((TILE_SIZE, TILE_SIZE), np.int32), np.empty(TILE_SIZE, depth_type),
         np.empty(TILE_SIZE, np.int32), lone.words,
@@ -367,10 +367,10 @@ def drop_holes(
 
 
 def without_holes(
-    first_row: int, faces: NDArray[np.int32], depths: NDArray[Any], cutouts: Cutouts
+    first_row: int, faces: NDArray[np.int32], depths: NDArray[Any], alpha_tests: AlphaTests
 ) -> tuple[NDArray[np.int32], NDArray[Any]]:
     """Return the layers of some rows, (K, R, W), less those that have a hole at a pixel."""
     kept = np.empty(faces.shape, np.int64)
-    test = AlphaTest(cutouts)
+    test = AlphaTest(alpha_tests)
     drop_holes(first_row, faces, kept, test.question)
     return faces, np.take_along_axis(depths, kept, axis=0)

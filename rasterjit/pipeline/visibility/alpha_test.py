@@ -32,7 +32,7 @@ from rasterjit.pipeline.geometry.barycentric import (
 from rasterjit.pipeline.geometry.setup import CLIPPED, TILE_SIZE, last_at_most
 from rasterjit.pipeline.geometry.triangle_batches import BOTTOM, LEFT, RIGHT, TOP
 from rasterjit.pipeline.geometry.triangle_batches import FACE as NUMBER
-from rasterjit.pipeline.records import Cutouts
+from rasterjit.pipeline.records import AlphaTests
 from rasterjit.pipeline.surface import texture_lookup
 from rasterjit.pipeline.surface.listing import whole_vectors
 from rasterjit.pipeline.surface.samples import (
@@ -103,7 +103,7 @@ class Question(NamedTuple):
 
     face_starts: int64[::1]
     cutoffs: float32[::1]
-    """As ``Cutouts`` has them; of no objects where none has holes."""
+    """As ``AlphaTests`` has them; of no objects where none has holes."""
     asked: int64[::1]
     faces: int32[::1]
     """The face of each sample."""
@@ -120,7 +120,7 @@ class Holes(NamedTuple):
 
     face_starts: int64[::1]
     cutoffs: float32[::1]
-    """As ``Cutouts`` has them; of no objects where none has holes."""
+    """As ``AlphaTests`` has them; of no objects where none has holes."""
     depth: stored[:, ::1]
     numbers: int32[:, ::1]
     """The tile that triangles with holes are drawn into; its depths are empty before and after."""
@@ -259,7 +259,7 @@ def find_coordinates(
 
 @kernel
 def find_alphas(
-    asked: int64[::1], listed: int32[::1], memory: ALPHA_MEMORY, cutouts: Cutouts,
+    asked: int64[::1], listed: int32[::1], memory: ALPHA_MEMORY, alpha_tests: AlphaTests,
 ):  # fmt: skip
     """
     Write the alphas of samples of one object, whose pixels are in the memory.
@@ -272,26 +272,26 @@ def find_alphas(
         The face of each sample.
     memory : tuple
         This thread's own, from `alpha_memory`.
-    cutouts : Cutouts
+    alpha_tests : AlphaTests
     """
     owner, count = asked[OBJECT], asked[SAMPLES]
     shift = np.int32(asked[SHIFT_X]), np.int32(asked[SHIFT_Y])
     faces = listed[asked[FIRST_SAMPLE] : asked[FIRST_SAMPLE] + count]
-    geometry, textures = cutouts.geometry, cutouts.textures
+    geometry, textures = alpha_tests.geometry, alpha_tests.textures
     whole, real, single, alphas, weights, places = memory[:6]
     patches = gather_patches(
         faces, geometry.faces, geometry.xy, geometry.codes, geometry.w, whole, real
     )
     find_weights(weights, count, patches, shift, whole, real, geometry)
     for n in range(count):
-        alphas[n] = cutouts.materials[owner, ALPHA]
-    if cutouts.vertex_colors.shape[0] > 0:
+        alphas[n] = alpha_tests.materials[owner, ALPHA]
+    if alpha_tests.vertex_colors.shape[0] > 0:
         multiply_vertex_alphas(
-            alphas, patches, whole_vectors(count), weights, whole, single, cutouts.vertex_colors
+            alphas, patches, whole_vectors(count), weights, whole, single, alpha_tests.vertex_colors
         )
-    if cutouts.face_colors.shape[0] > 0:
+    if alpha_tests.face_colors.shape[0] > 0:
         for n in range(count):
-            alphas[n] *= cutouts.face_colors[np.int64(faces[n]), ALPHA]
+            alphas[n] *= alpha_tests.face_colors[np.int64(faces[n]), ALPHA]
     if textures.table.shape[0] == 0 or textures.table[owner, BASE_COLOR, FIRST_LEVEL] < 0:
         return
     find_coordinates(
@@ -501,7 +501,7 @@ class AlphaTest:
 
     Parameters
     ----------
-    cutouts : Cutouts or None
+    alpha_tests : AlphaTests or None
         None: no object has holes.
     listed : int
         The most samples in a list.
@@ -509,15 +509,15 @@ class AlphaTest:
         The most samples whose alphas are found together.
     """
 
-    def __init__(self, cutouts: Cutouts | None, listed: int = 1, together: int = 1) -> None:
-        if cutouts is None:
+    def __init__(self, alpha_tests: AlphaTests | None, listed: int = 1, together: int = 1) -> None:
+        if alpha_tests is None:
             self.question = NO_QUESTION
             return
         faces, asked = np.empty(listed, np.int32), np.zeros(5, np.int64)
         memory = alpha_memory(together)
-        self._bound = Bound(find_alphas, asked, faces, memory, cutouts)
+        self._bound = Bound(find_alphas, asked, faces, memory, alpha_tests)
         self.question = Question(
-            cutouts.face_starts, cutouts.cutoffs, asked, faces, memory[0], memory[3],
+            alpha_tests.face_starts, alpha_tests.cutoffs, asked, faces, memory[0], memory[3],
             self._bound.words,
         )  # fmt: skip
 
@@ -537,7 +537,7 @@ class TileTest:
 
     Parameters
     ----------
-    cutouts : Cutouts or None
+    alpha_tests : AlphaTests or None
         None: no object has holes.
     tile : (depth, face numbers)
         The tile that the thread draws into.
@@ -547,18 +547,22 @@ class TileTest:
         Where triangles are set up.
     """
 
-    def __init__(self, cutouts: Cutouts | None, tile: tuple[Any, Any], empty: Any, batch: Any):
-        if cutouts is None:
+    def __init__(
+        self, alpha_tests: AlphaTests | None, tile: tuple[Any, Any], empty: Any, batch: Any
+    ):
+        if alpha_tests is None:
             self.holes = no_holes(empty.dtype)
             return
         # All samples of one triangle may wait, and some more.
         room = ENOUGH + TILE_SIZE * TILE_SIZE + LANES
-        self._test = AlphaTest(cutouts, room, PART)
+        self._test = AlphaTest(alpha_tests, room, PART)
         question, asked = self._test.question, np.zeros(8, np.int64)
         own = np.full(tile[0].shape, empty[0]), np.empty(tile[0].shape, np.int32)
         lists = np.empty(room, np.int32), question.faces, np.empty(room, empty.dtype)
         self._bound = Bound(keep_shown, asked, tile, own[0], empty, batch, lists, question)
-        self.holes = Holes(cutouts.face_starts, cutouts.cutoffs, *own, asked, self._bound.words)
+        self.holes = Holes(
+            alpha_tests.face_starts, alpha_tests.cutoffs, *own, asked, self._bound.words
+        )
 
 
 @functools.cache

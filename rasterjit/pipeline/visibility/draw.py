@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from rasterjit.pipeline.geometry import binning, clipping, projection, setup
 from rasterjit.pipeline.geometry.setup import GUARD_PIXELS
 from rasterjit.pipeline.records import (
-    Cutouts,
+    AlphaTests,
     Faces,
     Geometry,
     Objects,
@@ -24,7 +24,8 @@ from rasterjit.pipeline.records import (
     ScreenVertices,
     Viewport,
 )
-from rasterjit.pipeline.visibility import nearest, tile_depths
+from rasterjit.pipeline.visibility import nearest
+from rasterjit.pipeline.visibility.tile_depths import find_tile_depths
 from rasterjit.runtime.threads import Memory, Workers, count_per_task
 
 FACES_PER_TASK = 65536
@@ -97,7 +98,7 @@ class Coverage(NamedTuple):
     totals: Totals
     lists: TileLists | None
     """``None`` unless they were asked for."""
-    cutouts: Cutouts | None = None
+    alpha_tests: AlphaTests | None = None
     """With its geometry; ``None`` if no object has holes."""
     reversed_depth: NDArray[np.float32] | None = None
     """(H, W), reversed depth of the faces seen, -inf where nothing is, for the passes that follow;
@@ -307,7 +308,7 @@ def find_visible(
     find_faces: bool = True,
     keep_lists: bool = False,
     keep_clip_positions: bool = False,
-    cutouts: Cutouts | None = None,
+    alpha_tests: AlphaTests | None = None,
     keep_faces: bool = True,
     depth: NDArray[np.float32] | None = None,
     depth_type: Any = np.float32,
@@ -336,7 +337,7 @@ def find_visible(
         Whether the tiles' lists outlive the drawing.
     keep_clip_positions : bool
         Whether the clip positions are made even if no vertex has a ``CLIPPED`` code.
-    cutouts : Cutouts, optional
+    alpha_tests : AlphaTests, optional
         The objects that have holes, for any picture: its geometry is put in here.
     keep_faces : bool
         Whether the face at each pixel outlives the drawing; else ``face_id`` is (H, 0).
@@ -367,11 +368,11 @@ def find_visible(
             clip_positions, faces, depth_coefficients, viewport, screen, workers.memory
         )
     clock("clip")
-    if cutouts is not None:
+    if alpha_tests is not None:
         geometry = geometry_of(faces, screen, clip_positions, viewport, is_affine)
-        cutouts = cutouts._replace(geometry=geometry)
-    starts, binned, floors, sums = set_up_and_bin(
-        all_faces, objects, screen, viewport, workers, cutouts, depth_type
+        alpha_tests = alpha_tests._replace(geometry=geometry)
+    starts, binned, tile_depths, sums = set_up_and_bin(
+        all_faces, objects, screen, viewport, workers, alpha_tests, depth_type
     )
     clock("set up, bin")
     if depth is None:
@@ -379,7 +380,7 @@ def find_visible(
     face_id = workers.memory.empty((viewport.height, viewport.width * keep_faces), np.int32)
     if find_faces:
         frame = depth, face_id
-        draw(starts, binned, floors, all_faces, screen, viewport, frame, workers, cutouts)
+        draw(starts, binned, tile_depths, all_faces, screen, viewport, frame, workers, alpha_tests)
     else:
         depth.fill(nearest.empty_depth(depth_type))
         face_id.fill(nearest.NOTHING)
@@ -388,14 +389,14 @@ def find_visible(
     drawn = len(faces) - (outside + degenerate + culled + unsampled + invalid)
     totals = Totals(len(faces), outside, degenerate, culled, unsampled, invalid, drawn, clipped)
     lists = TileLists(starts, binned, all_faces, objects) if keep_lists else None
-    return Coverage(depth, face_id, screen, clip_positions, totals, lists, cutouts)
+    return Coverage(depth, face_id, screen, clip_positions, totals, lists, alpha_tests)
 
 
 def kernels_of(
     *,
     find_faces: bool,
     keep_clip_positions: bool,
-    has_cutouts: bool,
+    has_alpha_tests: bool,
     depth_type: Any = np.float32,
     precision: Any = np.float64,
 ) -> list[tuple[str, str, str]]:
@@ -417,14 +418,14 @@ def kernels_of(
         ("setup.set_up_triangles", "", ""),
         ("binning.start_lists", "", ""),
         ("binning.bin_triangles", "", ""),
-        ("tile_depths.find_floors", depth, "a face covers whole tiles"),
+        ("tile_depths.find_tile_depths", depth, "a face covers whole tiles"),
     ]
     if find_faces:
         rows += [
             ("nearest.draw_tiles", depth, ""), ("triangle_batches.plan_batch", "", ""),
             ("nearest.draw_planned", depth, ""),
         ]  # fmt: skip
-    if find_faces and has_cutouts:
+    if find_faces and has_alpha_tests:
         rows += [("alpha_test.keep_shown", depth, ""), ("alpha_test.find_alphas", "", "")]
     return rows
 
@@ -453,10 +454,10 @@ def set_up_and_bin(
     screen: ScreenVertices,
     viewport: Viewport,
     workers: Workers,
-    cutouts: Cutouts | None = None,
+    alpha_tests: AlphaTests | None = None,
     depth_type: Any = np.float32,
 ) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[Any], NDArray[np.int64]]:
-    """Return each tile's start in the list of binned triangles, that list, floors, and totals."""
+    """Return each tile's start in the list of triangles, that list, tile depths, and totals."""
     columns = -(-viewport.width // setup.TILE_SIZE)
     tiles = columns * -(-viewport.height // setup.TILE_SIZE)
     face_count, piece_count = len(faces.faces), len(faces.pieces)
@@ -493,41 +494,41 @@ def set_up_and_bin(
     )
     # What covers the centres of a tile need not cover all samples.
     with_large = [] if viewport.reach != 0 else counts[:, tiles].nonzero()[0].tolist()
-    floors = np.full((len(with_large) + 1, tiles), nearest.empty_depth(depth_type))
+    tile_depths = np.full((len(with_large) + 1, tiles), nearest.empty_depth(depth_type))
     holes = np.empty(0, np.int64), np.empty(0, np.float32)
-    if cutouts is not None:
-        holes = cutouts.face_starts, cutouts.cutoffs
+    if alpha_tests is not None:
+        holes = alpha_tests.face_starts, alpha_tests.cutoffs
     workers.run(
-        tile_depths.find_floors,
+        find_tile_depths,
         [
             (
-                triangles[parts[n]], boxes[parts[n]], columns, faces, screen, viewport, floors[row],
-                holes,
+                triangles[parts[n]], boxes[parts[n]], columns, faces, screen, viewport,
+                tile_depths[row], holes,
             )
             for row, n in enumerate(with_large)
         ],
     )  # fmt: skip
-    return starts, binned, floors.max(axis=0), sums.sum(axis=0)
+    return starts, binned, tile_depths.max(axis=0), sums.sum(axis=0)
 
 
 def draw(
     starts: NDArray[np.int64],
     binned: NDArray[np.int32],
-    floors: NDArray[Any],
+    tile_depths: NDArray[Any],
     faces: Faces,
     screen: ScreenVertices,
     viewport: Viewport,
     frame: tuple[NDArray[Any], NDArray[np.int32]],
     workers: Workers,
-    cutouts: Cutouts | None = None,
+    alpha_tests: AlphaTests | None = None,
 ) -> None:
     """Draw all tiles, each by one thread."""
     tiles = np.arange(len(starts) - 1, dtype=np.int32)
     per_task = count_per_task(len(tiles), TILES_PER_TASK, workers)
 
     def draw_some(some: NDArray[np.int32]) -> None:
-        drawer = nearest.tile_drawer(binned, faces, screen, frame[0].dtype, cutouts)
-        nearest.draw_tiles(some, starts, floors, viewport, frame, *drawer[:3])
+        drawer = nearest.tile_drawer(binned, faces, screen, frame[0].dtype, alpha_tests)
+        nearest.draw_tiles(some, starts, tile_depths, viewport, frame, *drawer[:3])
 
     workers.run(draw_some, [(tiles[n : n + per_task],) for n in range(0, len(tiles), per_task)])
 

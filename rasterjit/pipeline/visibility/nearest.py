@@ -87,7 +87,7 @@ from rasterjit.pipeline.geometry.triangle_batches import (
     WIDE,
     plan_batch,
 )
-from rasterjit.pipeline.records import Cutouts, Faces, ScreenVertices, Viewport
+from rasterjit.pipeline.records import AlphaTests, Faces, ScreenVertices, Viewport
 from rasterjit.pipeline.visibility.alpha_test import (
     Holes,
     TileTest,
@@ -382,14 +382,14 @@ def draw_spans(a, b, c, plane, box, face, origin, grid_bits, tile, spans):
 
 
 @helper
-def draw_triangle(n, whole, real, origin, bits, floor, tile, spans):
+def draw_triangle(n, whole, real, origin, bits, tile_depth, tile, spans):
     """
     Draw one planned triangle into a tile whose first pixel is ``origin`` (column, row).
 
-    Nothing is drawn if it lies below ``floor`` in the whole tile.
+    Nothing is drawn if it lies below the tile depth in the whole tile.
     """
     lowest, highest = real[RANGE, n], real[RANGE + 1, n]
-    if tile[0].dtype.type(highest) < floor:
+    if tile[0].dtype.type(highest) < tile_depth:
         return
     weight_a, weight_b = real[WEIGHT, n], real[WEIGHT + 1, n]
     step = real[ACROSS, n] * weight_a + real[ACROSS + 1, n] * weight_b
@@ -408,9 +408,9 @@ def draw_triangle(n, whole, real, origin, bits, floor, tile, spans):
         np.int64(whole[RIGHT, n]),
         np.int64(whole[BOTTOM, n]),
     )
-    if tile[0].dtype.type(lowest) < floor:
+    if tile[0].dtype.type(lowest) < tile_depth:
         _, nearest = depth_at_corners(plane, a, b, c, box, bits)
-        if tile[0].dtype.type(nearest) < floor:
+        if tile[0].dtype.type(nearest) < tile_depth:
             return
     face = np.int32(whole[FACE, n])
     draw_spans(a, b, c, plane, box, face, origin, bits, tile, spans)
@@ -422,7 +422,7 @@ SPANS = int32[::1], int32[::1], float64[::1], int32[::1], stored[::1]
 
 @kernel
 def draw_planned(
-    asked: int64[::1], floor: stored[::1], depths: stored[:, ::1], numbers: int32[:, ::1],
+    asked: int64[::1], tile_depth: stored[::1], depths: stored[:, ::1], numbers: int32[:, ::1],
     whole: int32[:, ::1], real: REAL, spans: SPANS,
 ):  # fmt: skip
     """
@@ -432,7 +432,7 @@ def draw_planned(
     ----------
     asked : (11,) int64
         ``triangle_batches.DRAW_FIRST``, ...
-    floor : (1,), stored depth
+    tile_depth : (1,), stored depth
         Triangles below it are left out.
     depths, numbers : (rows, columns)
         The tile; changed.
@@ -442,7 +442,7 @@ def draw_planned(
         Scratch memory.
     """
     tile, origin = (flat(depths), flat(numbers)), (asked[LEFT_COLUMN], asked[TOP_ROW])
-    bits, lowest = asked[GRID_BITS], floor[0]
+    bits, lowest = asked[GRID_BITS], tile_depth[0]
     for n in range(np.uintp(asked[DRAW_FIRST]), np.uintp(asked[DRAW_END])):
         draw_triangle(n, whole, real, origin, bits, lowest, tile, spans)
 
@@ -468,7 +468,7 @@ class Drawing(NamedTuple):
 
     asked: int64[::1]
     """As `triangle_batches` numbers its elements."""
-    floor: stored[::1]
+    tile_depth: stored[::1]
     """(1,): what lies below it is left out."""
     plan: int64[::1]
     """How to call ``triangle_batches.plan_batch``."""
@@ -479,12 +479,12 @@ class Drawing(NamedTuple):
 
 
 @helper
-def begin_tile(drawing, window, bits, shift, floor):
+def begin_tile(drawing, window, bits, shift, tile_depth):
     """Note which tile is drawn, a `tile_window`, and what vertices are moved by."""
     asked = drawing.asked
     asked[LEFT_COLUMN], asked[TOP_ROW], asked[RIGHT_COLUMN], asked[BOTTOM_ROW] = window
     asked[GRID_BITS], asked[SHIFT_X], asked[SHIFT_Y] = bits, shift[0], shift[1]
-    drawing.floor[0] = floor
+    drawing.tile_depth[0] = tile_depth
 
 
 @helper
@@ -580,7 +580,7 @@ def tile_drawer(
     faces: Faces,
     screen: ScreenVertices,
     depth_type: Any = np.float32,
-    cutouts: Cutouts | None = None,
+    alpha_tests: AlphaTests | None = None,
 ) -> TileDrawer:
     """
     Return what a thread needs to draw into a tile.
@@ -592,30 +592,33 @@ def tile_drawer(
     faces, screen : records
     depth_type : dtype
         The type in which depths are stored: float32, float64 or int32.
-    cutouts : Cutouts or None
+    alpha_tests : AlphaTests or None
         None: no object has holes.
     """
     scratch, asked = scratch_memory(depth_type), np.zeros(ASKED, np.int64)
-    floor = np.empty(1, depth_type)
-    test = TileTest(cutouts, scratch[:2], scratch[EMPTY], scratch[2])
+    tile_depth = np.empty(1, depth_type)
+    test = TileTest(alpha_tests, scratch[:2], scratch[EMPTY], scratch[2])
     planned = Bound(plan_batch, asked, listed, faces, screen, *scratch[2:4])
-    tile = own = drawn_into(scratch[:2], asked, floor, scratch)
-    if cutouts is not None:
-        own = drawn_into((test.holes.depth, test.holes.numbers), asked, floor, scratch)
-    drawing = Drawing(asked, floor, planned.words, tile.words, own.words)
+    tile = own = drawn_into(scratch[:2], asked, tile_depth, scratch)
+    if alpha_tests is not None:
+        own = drawn_into((test.holes.depth, test.holes.numbers), asked, tile_depth, scratch)
+    drawing = Drawing(asked, tile_depth, planned.words, tile.words, own.words)
     return TileDrawer(scratch, drawing, test.holes, (test, planned, tile, own))
 
 
 def drawn_into(
-    tile: tuple[Any, ...], asked: NDArray[np.int64], floor: NDArray[Any], scratch: tuple[Any, ...]
+    tile: tuple[Any, ...],
+    asked: NDArray[np.int64],
+    tile_depth: NDArray[Any],
+    scratch: tuple[Any, ...],
 ) -> Bound:
     """Return `draw_planned`, bound to a tile."""
-    return Bound(draw_planned, asked, floor, *tile, *scratch[2:4], scratch[4:EMPTY])
+    return Bound(draw_planned, asked, tile_depth, *tile, *scratch[2:4], scratch[4:EMPTY])
 
 
 @kernel
 def draw_tiles(
-    tiles: int32[::1], starts: int64[::1], floors: stored[::1], viewport: Viewport,
+    tiles: int32[::1], starts: int64[::1], tile_depths: stored[::1], viewport: Viewport,
     frame: (stored[:, ::1], int32[:, ::1]), scratch: SCRATCH, drawing: Drawing, holes: Holes,
 ):  # fmt: skip
     """
@@ -627,7 +630,7 @@ def draw_tiles(
         Tile numbers, row by row.
     starts : (tiles + 1,) int64
         Tile ``k`` draws triangles ``starts[k]:starts[k + 1]`` of the list, which ascend.
-    floors : (tiles,) float32, float64 or int32, stored depth
+    tile_depths : (tiles,) float32, float64 or int32, stored depth
         Triangles below it are left out of a tile; `empty_depth` leaves out none.
     viewport : Viewport
     frame : (depth (H, W) of the same type, face_id (H, W) int32)
@@ -637,13 +640,13 @@ def draw_tiles(
         Those of this thread's `tile_drawer`; ``alpha_test.no_holes`` leaves out none.
     """
     depth, face_id = frame
-    tile_depth, tile_numbers = scratch[0], scratch[1]
+    depths, numbers = scratch[0], scratch[1]
     columns = (np.int64(viewport.width) + TILE_SIZE - 1) >> TILE_BITS
     for n in range(tiles.shape[0]):
         number = np.int64(tiles[n])
         window = tile_window(number, columns, viewport)
-        clear_tile(tile_depth, tile_numbers, scratch[EMPTY][0])
-        begin_tile(drawing, window, viewport.grid_bits, (0, 0), floors[number])
+        clear_tile(depths, numbers, scratch[EMPTY][0])
+        begin_tile(drawing, window, viewport.grid_bits, (0, 0), tile_depths[number])
         for first in range(starts[number], starts[number + 1], BATCH):
             count = min(BATCH, starts[number + 1] - first)
             draw_listed(first, count, scratch[2], drawing, holes)
@@ -654,6 +657,6 @@ def draw_tiles(
             frame_depth = depth[top + row, left : left + width]
             frame_numbers = face_id[top + row, left : left + width]
             for column in range(frame_depth.shape[0]):
-                frame_depth[column] = tile_depth[row, column]
+                frame_depth[column] = depths[row, column]
             for column in range(frame_numbers.shape[0]):
-                frame_numbers[column] = tile_numbers[row, column]
+                frame_numbers[column] = numbers[row, column]

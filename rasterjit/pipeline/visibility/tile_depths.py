@@ -1,9 +1,9 @@
 """
-Hierarchical Z: find the depth beyond which a tile hides everything, its floor.
+Hierarchical Z: find the tile depths, beyond which a tile hides everything.
 
 A triangle that covers every sample of a tile leaves none of them deeper than the lowest depth that
-it has there. What lies below the highest of these floors is hidden in the whole tile, wherever it
-stands in the list, so visibility passes over it. Floors are bounds from below of what is stored,
+it has there. What lies below the highest of these is hidden in the whole tile, wherever it stands
+in the list, so visibility passes over it. Tile depths are bounds from below of what is stored,
 rounding included, so no sample changes by a bit. A triangle with holes raises none.
 """
 
@@ -67,8 +67,8 @@ def worst(value, across, down, columns, rows):
 
 
 @helper
-def raise_floors(triangle, box, columns, faces, screen, viewport, floors, holes):
-    """Raise the floors of the tiles in its box that one large triangle covers."""
+def raise_tile_depths(triangle, box, columns, faces, screen, viewport, tile_depths, holes):
+    """Raise the depths of the tiles in its box that one large triangle covers."""
     bits = viewport.grid_bits
     corners, face = triangle_of(faces[0], faces[1], faces[2], triangle)
     face_starts, cutoffs = holes
@@ -101,17 +101,17 @@ def raise_floors(triangle, box, columns, faces, screen, viewport, floors, holes)
             whole = x, y, x + width - 1, y + height - 1
             lowest, _ = depth_at_corners(plane, (ax, ay), (bx, by), (cx, cy), whole, bits)
             tile = row * columns + column
-            floors[tile] = max(floors[tile], floors.dtype.type(lowest))
+            tile_depths[tile] = max(tile_depths[tile], tile_depths.dtype.type(lowest))
 
 
 @kernel
-def find_floors(
+def find_tile_depths(
     triangles: int32[::1], boxes: uint8[:, ::1], columns: int64, faces: Faces,
-    screen: ScreenVertices, viewport: Viewport, floors: stored[::1],
+    screen: ScreenVertices, viewport: Viewport, tile_depths: stored[::1],
     holes: (int64[::1], float32[::1]),
 ):  # fmt: skip
     """
-    Raise the floors of the tiles that large triangles cover.
+    Raise the depths of the tiles that large triangles cover.
 
     Parameters
     ----------
@@ -121,10 +121,10 @@ def find_floors(
     columns : int
         Tiles in a row of the image.
     faces, screen, viewport : records
-    floors : (tiles,) float32, float64 or int32
+    tile_depths : (tiles,) float32, float64 or int32
         Stored depth (greater is nearer); raised in place.
     holes : (face_starts (O+1,) int64, cutoffs (O,) float32)
-        Those of ``Cutouts``; both empty if no object has holes.
+        Those of ``AlphaTests``; both empty if no object has holes.
     """
     parts = faces.faces, faces.pieces, faces.piece_faces
     for n in range(triangles.shape[0]):
@@ -132,4 +132,4 @@ def find_floors(
         box = left, top, np.int64(boxes[n, 2]), np.int64(boxes[n, 3])
         if is_large(box):
             triangle = np.int64(triangles[n])
-            raise_floors(triangle, box, columns, parts, screen, viewport, floors, holes)
+            raise_tile_depths(triangle, box, columns, parts, screen, viewport, tile_depths, holes)

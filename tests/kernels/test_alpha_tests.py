@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import naive_cutouts as naive
+import naive_alpha_tests as naive
 import numpy as np
 import pytest
 from naive_textures import FRONT, box, clip_camera, square
@@ -88,7 +88,7 @@ def test_a_mask_without_holes_changes_no_bit(sphere, camera, kind, hidden_hole):
         material = rj.Material("unlit", "white", base_color_texture=texture, alpha_mode=mode)
         mesh = rj.Mesh(vertices, faces, uv=uv, material=material)
         frames.append(rj.render(mesh, camera, size=SIZE, outputs=OUTPUTS, threads=1))
-    assert [frame.plan.facts.needs_cutouts for frame in frames] == [False, hidden_hole]
+    assert [frame.plan.facts.needs_alpha_tests for frame in frames] == [False, hidden_hole]
     assert frames[0].stats.pixels_covered > 100
     assert (frames[0].stats.clipped > 0) == (kind == "clipped")
     same_bits(*frames)
@@ -106,7 +106,7 @@ def test_the_border_of_the_picture_leaves_nothing_in_tiles_below(stones):
         material = rj.Material("unlit", "white", base_color_texture=texture, alpha_mode=mode)
         mesh = rj.Mesh(vertices, faces, uv=uv, material=material)
         frames.append(rj.render(mesh, FRONT, size=(150, 140), outputs=OUTPUTS, threads=1))
-    assert frames[1].plan.facts.needs_cutouts
+    assert frames[1].plan.facts.needs_alpha_tests
     same_bits(*frames)
 
 
@@ -401,7 +401,7 @@ def test_masks_are_planned_where_alpha_can_be_below_the_cutoff():
         mesh.material = material
         plan = rj.explain(mesh, FRONT, **options)
         (effect,) = [effect for effect in plan.effects if effect.name == "alpha masks"]
-        assert effect.used == plan.facts.needs_cutouts
+        assert effect.used == plan.facts.needs_alpha_tests
         return effect.used, effect.reason
 
     assert row(rj.Material("unlit")) == (False, "no material has the alpha_mode 'mask'")
