@@ -4,7 +4,7 @@ RasterJIT itself without what makes it exact, to see what that costs.
 The same stages, batches, loops and vectors, but for a few functions that stand here in place of
 their namesakes: edge functions, spans and depths are float32, no tie goes to top and left, and
 vertices keep the order that they are given in. So shared edges crack or are drawn twice, and the
-spelling of a face shows. Transform, snapping, tile lists and depths are RasterJIT's own.
+spelling of a face shows. Transform, snapping, tile lists and tile depths are RasterJIT's own.
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 from rasterjit.outputs import diagnostics_stage
 from rasterjit.outputs.fill import metric_depth
@@ -108,11 +108,13 @@ class Diagnostics:
         return "\n".join(f"{name:<{widest}}  {text:>{longest}}" for name, text in rows)
 
 
-KERNELS = [
-    (f"diagnostics_stage.{name}", "", "")
-    for name in ("find_fates", "count_samples", "largest_error")
-]
-"""Those that `diagnose` calls, as a plan tells them."""
+def kernels_of(depth_type: DTypeLike) -> list[tuple[str, str, str]]:
+    """Return the kernels that `diagnose` calls, as a plan tells them."""
+    variants = {"count_samples": draw.depth_variant(depth_type)}
+    return [
+        (f"diagnostics_stage.{name}", variants.get(name, ""), "")
+        for name in ("find_fates", "count_samples", "largest_error")
+    ]
 
 
 def diagnose(
@@ -193,9 +195,8 @@ def _count_samples(
         drawer = visibility.tile_drawer(binned, faces, coverage.screen, coverage.depth.dtype)
         frame, ties = (coverage.depth, coverage.face_id), np.zeros((size, size), np.uint8)
         diagnostics_stage.count_samples(
-            tiles, starts, binned, faces, coverage.screen, viewport, frame, drawer.scratch,
-            drawer.drawing, ties, counts,
-        )  # fmt: skip
+            tiles, starts, viewport, frame, drawer.scratch, drawer.drawing, ties, counts
+        )
 
     tiles = np.arange(len(starts) - 1, dtype=np.int32)
     step = draw.TILES_PER_TASK

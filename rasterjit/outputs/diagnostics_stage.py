@@ -63,10 +63,8 @@ from rasterjit.pipeline.geometry.setup import (
     TILE_SIZE,
     corners_of,
     edge,
-    first_sample,
-    last_sample,
-    triangle_of,
 )
+from rasterjit.pipeline.geometry.triangle_batches import BOTTOM, FACE, LEFT, RIGHT, TOP
 from rasterjit.pipeline.records import Faces, Geometry, Objects, ScreenVertices, Viewport
 from rasterjit.pipeline.visibility.nearest import (
     EMPTY,
@@ -105,21 +103,6 @@ def corners_on_screen(corners, xy):
 
 
 @helper
-def box_in_tile(corners, screen, viewport, origin):
-    """Return the samples (left, top, right, bottom) that a triangle may cover in a tile."""
-    ax, ay, bx, by, cx, cy = corners_on_screen(corners, screen.xy)
-    bits = viewport.grid_bits
-    right = min(origin[0] + TILE_SIZE, np.int64(viewport.width)) - 1
-    bottom = min(origin[1] + TILE_SIZE, np.int64(viewport.height)) - 1
-    return (
-        max(first_sample(min(ax, min(bx, cx)), bits), origin[0]),
-        max(first_sample(min(ay, min(by, cy)), bits), origin[1]),
-        min(last_sample(max(ax, max(bx, cx)), bits), right),
-        min(last_sample(max(ay, max(by, cy)), bits), bottom),
-    )
-
-
-@helper
 def take_samples(face, box, origin, tile, empty, frame, ties):
     """Count and clear the samples of the one triangle in the tile; mark where it lost a tie."""
     depths, numbers = tile
@@ -151,9 +134,9 @@ def count_and_clear(ties):
 
 @kernel
 def count_samples(
-    tiles: int32[::1], starts: int64[::1], binned: int32[::1], faces: Faces,
-    screen: ScreenVertices, viewport: Viewport, frame: (stored[:, ::1], int32[:, ::1]),
-    scratch: SCRATCH, drawing: Drawing, ties: uint8[:, ::1], counts: (int32[::1], int64[::1]),
+    tiles: int32[::1], starts: int64[::1], viewport: Viewport,
+    frame: (stored[:, ::1], int32[:, ::1]), scratch: SCRATCH, drawing: Drawing,
+    ties: uint8[:, ::1], counts: (int32[::1], int64[::1]),
 ):  # fmt: skip
     """
     Count the samples of every triangle in some of the frame's tiles.
@@ -162,11 +145,10 @@ def count_samples(
     ----------
     tiles : (N,) int32
     starts : (tiles + 1,) int64
-    binned : (M,) int32
-        As `nearest.draw_tiles` takes them.
-    faces, screen, viewport : records
+        As ``nearest.draw_tiles`` takes them.
+    viewport : Viewport
     frame : (depth (H, W), face_id (H, W) int32)
-        What `nearest.draw_tiles` wrote.
+        What ``nearest.draw_tiles`` wrote.
     scratch, drawing
         Those of this thread's ``nearest.tile_drawer``, of the same type of depths.
     ties : (64, 64) uint8
@@ -178,7 +160,7 @@ def count_samples(
     samples, tied = counts
     depths, numbers, empty = scratch[0], scratch[1], scratch[EMPTY][0]
     columns = (np.int64(viewport.width) + TILE_SIZE - 1) >> TILE_BITS
-    own, pieces, piece_faces = faces.faces, faces.pieces, faces.piece_faces
+    whole = scratch[2]
     clear_tile(depths, numbers, empty)
     for n in range(tiles.shape[0]):
         tile = np.int64(tiles[n])
@@ -186,11 +168,14 @@ def count_samples(
         origin = window[0], window[1]
         begin_tile(drawing, window, viewport.grid_bits, (0, 0), empty)
         for k in range(starts[tile], starts[tile + 1]):
-            corners, face = triangle_of(own, pieces, piece_faces, np.int64(binned[k]))
             plan_listed(drawing, k, 1)
             draw_some(drawing, drawing.tile, 0, 1)
-            box = box_in_tile(corners, screen, viewport, origin)
-            samples[k] = take_samples(face, box, origin, (depths, numbers), empty, frame, ties)
+            # The box of a wide triangle may begin left of the tile.
+            left, top = max(np.int64(whole[LEFT, 0]), origin[0]), np.int64(whole[TOP, 0])
+            box = left, top, np.int64(whole[RIGHT, 0]), np.int64(whole[BOTTOM, 0])
+            samples[k] = take_samples(
+                whole[FACE, 0], box, origin, (depths, numbers), empty, frame, ties
+            )
         tied[tile] = count_and_clear(ties)
 
 

@@ -244,6 +244,11 @@ def mix_layers(band: Band, shader: Shader, linear: NDArray[np.float32], memory: 
         compositing.mix_samples(opaque, transparent, colors, behind, target)
 
 
+def is_direct(layers: Layers, has_mixed: bool) -> bool:
+    """Return whether faces are mixed and encoded at once: opaque ones, shown as they are."""
+    return layers.samples != 1 and not layers.has_blended and not has_mixed
+
+
 def kernels_of(plan: RenderPlan) -> Rows:
     """Return the kernels that `shade` calls besides stages."""
     layers, rows, names = plan.layers, shared_kernels(plan), []
@@ -252,8 +257,7 @@ def kernels_of(plan: RenderPlan) -> Rows:
         names += ["list_faces", "mix_samples"] if layers.samples != 1 else []
     rows += [(f"compositing.{name}", "", SEVERAL) for name in names]
     rows += plan.kernels_at("mixed")
-    is_direct = layers.samples != 1 and not layers.has_blended and not plan.at("mixed")
-    if "color" in plan.outputs and not is_direct:
+    if "color" in plan.outputs and not is_direct(layers, bool(plan.at("mixed"))):
         rows.append(("encode.encode_rows", "", ""))
     return rows
 
@@ -310,20 +314,19 @@ def shade(
 
     nothing = np.empty((viewport.height, 0), np.uint32)
     packed = nothing if color is None else color.view(np.uint32)[:, :, 0]
-    # Opaque faces are mixed and encoded at once.
-    is_direct = plan.samples != 1 and not plan.has_blended and not mixed
+    at_once = is_direct(plan, bool(mixed))
 
     def shade_tiles(first: int) -> None:
         last = min(first + TILE_SIZE, viewport.height)
-        shape = last - first, viewport.width * (linear is not None or not is_direct), 4
+        shape = last - first, viewport.width * (linear is not None or not at_once), 4
         rows = workers.memory.empty(shape, np.float32) if linear is None else linear[first:last]
-        target = Target(rows, (packed if is_direct else nothing)[first:last])
+        target = Target(rows, (packed if at_once else nothing)[first:last])
         shade_rows((first, last), plan, lists, shader, target, workers.memory)
         if mixed:
             shown = workers.memory.empty(shape, np.float32)
             mixed[0].at("mixed", rows, behind, shown)
             rows = shown
-        if color is not None and not is_direct:
+        if color is not None and not at_once:
             encode.encode_rows(rows, encode.encoding_table(), packed[first:last])
 
     workers.run(shade_tiles, [(first,) for first in range(0, viewport.height, TILE_SIZE)])

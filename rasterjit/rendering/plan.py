@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from rasterjit.outputs import diagnostics, fill
 from rasterjit.outputs.table import TABLE, check_outputs
+from rasterjit.pipeline.fragments.bands import peeling_kernels
 from rasterjit.pipeline.records import Lighting
 from rasterjit.pipeline.visibility import draw
 from rasterjit.rendering import shade, supersample
@@ -35,7 +36,7 @@ from rasterjit.survey.contents import (
     take_inventory,
 )
 from rasterjit.survey.depth_format import depth_format
-from rasterjit.survey.effect import Absent, Planned, Planning
+from rasterjit.survey.effect import Absent, Planned, Planning, Rows
 from rasterjit.survey.facts import Facts, look
 from rasterjit.survey.lights import headlight, lighting_of
 from rasterjit.survey.placement import Boxes, Views, view_nodes
@@ -160,12 +161,8 @@ class Buffer(NamedTuple):
 
 def list_kernels(plan: RenderPlan) -> tuple[KernelRow, ...]:
     """Return the kernels that a frame calls, in order, as those who call them tell."""
-    geometry = draw.kernels_of(
-        find_faces=plan.facts.finds_faces, keep_clip_positions=plan.keeps_clip_positions,
-        has_alpha_tests=plan.facts.needs_alpha_tests, depth_type=plan.depth_format.kind,
-        precision=plan.quality.precision,
-    )  # fmt: skip
-    known = {row[:2] for row in geometry if not row[2]}
+    geometry = _finding_kernels(plan)
+    known = {row[:2] for row in geometry}
     rows = [
         *geometry,
         *fill.depth_kernels(plan),
@@ -178,8 +175,21 @@ def list_kernels(plan: RenderPlan) -> tuple[KernelRow, ...]:
     ]
     rows += [row for row in supersample.covering_kernels(plan) if row not in rows]
     if plan.facts.diagnose:
-        rows += diagnostics.KERNELS
-    return tuple(KernelRow(*row) for row in rows)
+        rows += diagnostics.kernels_of(plan.depth_format.kind)
+    if plan.surfaces is not None:
+        rows += peeling_kernels(plan.depth_format.kind, plan.facts.needs_alpha_tests)
+    if "motion_visible" in plan.outputs and plan.previous is not None:
+        rows += _finding_kernels(plan.previous)
+    return tuple(KernelRow(*row) for row in dict.fromkeys(rows))
+
+
+def _finding_kernels(plan: RenderPlan) -> Rows:
+    """Return the kernels that find the face at every pixel."""
+    return draw.kernels_of(
+        find_faces=plan.facts.finds_faces, keep_clip_positions=plan.keeps_clip_positions,
+        has_alpha_tests=plan.facts.needs_alpha_tests, depth_type=plan.depth_format.kind,
+        precision=plan.quality.precision,
+    )  # fmt: skip
 
 
 def list_buffers(plan: RenderPlan) -> tuple[Buffer, ...]:

@@ -27,7 +27,15 @@ from numba import types
 from numba.extending import intrinsic, typeof_impl
 
 from rasterjit.runtime import instructions, plain_arrays
-from rasterjit.runtime.jit import CheckedKernel, Helper, Intrinsic, Kernel, RawKernel, Stage
+from rasterjit.runtime.jit import (
+    CHECKED,
+    CheckedKernel,
+    Helper,
+    Intrinsic,
+    Kernel,
+    RawKernel,
+    Stage,
+)
 from rasterjit.runtime.plain_arrays import PlainArray
 from rasterjit.runtime.state import (
     ArrayType,
@@ -81,7 +89,7 @@ def _dispatcher(value: Any, target: Target | None) -> Any:
 def with_instructions(function: Callable) -> Any:
     """Return a function that finds the machine's intrinsics where it finds Python's."""
     found = {
-        name: getattr(instructions, value.__name__)
+        name: _instruction(value)
         for name in function.__code__.co_names
         if isinstance(value := function.__globals__.get(name), Intrinsic)
     }
@@ -93,6 +101,13 @@ def with_instructions(function: Callable) -> Any:
     )
     copied.__qualname__ = function.__qualname__
     return copied
+
+
+def _instruction(value: Intrinsic) -> Any:
+    """Return the machine's own; where indices are checked, what checks them as well."""
+    if CHECKED and value.__name__ in ("part", "spread"):
+        return numba.njit(**OPTIONS)(value.function)
+    return getattr(instructions, value.__name__)
 
 
 def _drafting() -> Any:

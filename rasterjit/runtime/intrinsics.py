@@ -11,7 +11,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from rasterjit.runtime.jit import MACHINE, intrinsic, raise_failed
+import numpy as np
+
+from rasterjit.runtime.jit import MACHINE, helper, intrinsic, raise_failed
 
 LANES = 8
 """Values written at once: a 256-bit register of 32-bit numbers."""
@@ -30,6 +32,8 @@ def spread(row: Any, start: Any, value: Any) -> None:
 @intrinsic
 def part(rows: Any, number: Any, start: Any, stop: Any) -> Any:
     """Return the places ``start:stop`` of a row; beyond its ends is an error."""
+    if not (0 <= number < rows.shape[0] and 0 <= start <= stop <= rows.shape[1]):
+        raise IndexError("a part of a row ends beyond the row")
     return rows[number, start:stop]
 
 
@@ -80,6 +84,12 @@ def call_at(address: Any, state: Any, first: Any, stop: Any) -> Any:
     word = MACHINE(int(address))(int(state), int(first), int(stop))
     raise_failed()
     return word
+
+
+@helper
+def call_bound(words):
+    """Call a kernel by the words of a ``jit.Bound``; return what it returns."""
+    return call_at(words[0], words[1], np.int64(0), np.int64(0))
 
 
 @intrinsic

@@ -2,8 +2,8 @@
 The decorators of what is compiled, and how it is called.
 
 ``@kernel``
-    A function that Python calls: compiled once for each form of its arguments, kept as machine code
-    on disk (``store``), called without Python's lock.
+    A function that Python calls, or another kernel by its address (`Bound`): compiled once for each
+    form of its arguments, kept as machine code on disk (``store``), called without Python's lock.
 ``@stage``
     A step of shading, which ``driver`` calls by its address; compiled once.
 ``@raw_kernel``
@@ -248,7 +248,7 @@ def raise_failed() -> None:
 
 class Bound:
     """
-    A kernel and its arguments, which other kernels call by `words` (``intrinsics.call_at``).
+    A kernel and its arguments, which other kernels call by `words` (``intrinsics.call_bound``).
 
     Keep it as long as the words are in use: they are addresses of its memory.
     """

@@ -115,7 +115,11 @@ def progress() -> str:
 
 @functools.cache
 def host() -> Target:
-    """Return this machine, or what ``NUMBA_CPU_NAME`` and ``NUMBA_CPU_FEATURES`` ask for."""
+    """
+    Return this machine, or what ``NUMBA_CPU_NAME`` and ``NUMBA_CPU_FEATURES`` ask for.
+
+    Features that are not asked for may end with a preference of ours.
+    """
     from llvmlite import binding
 
     cpu = os.environ.get("NUMBA_CPU_NAME") or binding.get_host_cpu_name()

@@ -351,6 +351,34 @@ def test_kernels_and_stages_told_are_those_called(cube, called, ran, case):
         assert [*ran[0]] == stages
 
 
+def test_kernels_are_told_with_the_form_that_is_called(cube):
+    scene, camera = rj.Scene(), looking()
+    scene.add(cube)
+    fence = dataclasses.replace(cube.material, alpha_mode="mask", base_color=(1, 1, 1, 0.2))
+    # In view of the camera of before, beside that of now.
+    scene.add(
+        rj.Mesh(cube.vertices, cube.faces, material=fence), rj.transforms.translate((9, 0, 0))
+    )
+    scene.lights = [rj.DirectionalLight(shadow=rj.Shadow(64))]
+    fine = rj.Quality(depth_format="float64")
+
+    def told(plan):
+        return {(kernel.name, kernel.variant) for kernel in planning.list_kernels(plan)}
+
+    layered = told(rj.render_layers(scene, camera, k=2, size=SIZE, quality=fine).plan)
+    assert {("fragments.split_lists", ""), ("fragments.find_layers", "float64 depth")} <= layered
+    assert told(rj.explain(scene, camera, fine, size=SIZE, diagnose=True)) >= {
+        ("diagnostics_stage.count_samples", "float64 depth"),
+        ("tile_depths.find_tile_depths", "float64 depth"), ("tile_depths.find_tile_depths", ""),
+        ("nearest.draw_planned", "float64 depth"), ("nearest.draw_planned", ""),
+    }  # fmt: skip
+    scene.lights, beside = [], rj.PerspectiveCamera(eye=(9, 1, 6), target=(9, 0, 0))
+    options = {"outputs": ("motion_visible",), "size": SIZE}
+    for before, has_holes in ((camera, False), (beside, True)):
+        plan = rj.explain(scene, camera, previous=rj.View(camera=before), **options)
+        assert (("alpha_test.keep_shown", "") in told(plan)) == has_holes
+
+
 def test_buffers_have_the_bytes_of_arrays(cube):
     scene, outputs = rich_scene(cube), ("color", "linear", "depth", "normal", "object_id")
     plan = rj.explain(scene, looking(), size=SIZE, outputs=outputs)

@@ -57,8 +57,8 @@ def count(coverage, geometry):
     tiles = np.arange(len(starts) - 1, dtype=np.int32)
     frame = coverage.depth, coverage.face_id
     diagnostics_stage.count_samples(
-        tiles, starts, binned, faces, coverage.screen, geometry.viewport, frame, drawer.scratch,
-        drawer.drawing, np.zeros((side, side), np.uint8), counts,
+        tiles, starts, geometry.viewport, frame, *drawer[:2], np.zeros((side, side), np.uint8),
+        counts,
     )  # fmt: skip
     samples = np.zeros(len(faces.faces) + len(faces.pieces), np.int64)
     np.add.at(samples, binned, counts[0])

@@ -172,7 +172,7 @@ def drawn_planes(corners, depths, bits):
 
 
 @pytest.mark.parametrize("subpixel_bits", [0, 4, 8, 12])
-def test_floors_take_the_vertices_and_the_plane_that_are_drawn(subpixel_bits):
+def test_tile_depths_take_the_vertices_and_the_plane_that_are_drawn(subpixel_bits):
     bits = viewport_of(SIZE, subpixel_bits).grid_bits
     rng = np.random.default_rng(200 + bits)
     corners = corners_on_the_grid(rng, 150, bits)

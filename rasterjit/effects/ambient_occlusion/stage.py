@@ -427,7 +427,9 @@ def smooth_occlusion(
             if there < 0 or there >= height:
                 continue
             for across in range(first, first + PATTERN):
-                begin, end = max(0, -across), max(min(width, width - across), 0)
+                begin, end = max(0, -across), min(width, width - across)
+                if begin >= end:
+                    continue
                 add_neighbour(
                     part(depth, row, begin, end), part(tolerance, row, begin, end),
                     part(depth, there, begin + across, end + across),

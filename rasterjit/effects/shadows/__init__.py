@@ -134,17 +134,12 @@ class ShadowMaps(Effect):
     def kernels(self, plan: RenderPlan) -> dict[str, Rows]:
         """Return what draws the maps: the kernels of any picture, with the lights as cameras."""
         cast = "something casts a shadow on what is seen"
-        holes = ("keep_shown", "find_alphas") if plan.facts.shades_through_holes else ()
-        return {
-            "prepare": [
-                ("receivers.find_depth_ranges", "", ""),
-                ("projection.transform_vertices", "", cast),
-                ("nearest.draw_tiles", "", cast),
-                ("triangle_batches.plan_batch", "", cast),
-                ("nearest.draw_planned", "", cast),
-                *((f"alpha_test.{name}", "", cast) for name in holes),
-            ]
-        }
+        drawn = draw.kernels_of(
+            find_faces=True, keep_clip_positions=False,
+            has_alpha_tests=plan.facts.shades_through_holes,
+        )  # fmt: skip
+        rows = [(*row[:2], f"{cast}, {row[2]}" if row[2] else cast) for row in drawn]
+        return {"prepare": [("receivers.find_depth_ranges", "", ""), *rows]}
 
     def buffers(self, plan: RenderPlan) -> list[tuple[str, int, str, tuple[int, int]]]:
         """Return the maps; that of a point light has up to six sides."""

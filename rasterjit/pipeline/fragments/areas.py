@@ -379,7 +379,7 @@ def find_areas(
     rows : (int, int)
         The first, and one past the last, of one row of tiles.
     starts, binned : arrays
-        The triangles that reach each tile, as ``nearest.draw_tiles`` takes them.
+        The triangles that reach each tile, as ``draw.TileLists`` has them.
     faces, screen, viewport : records
     shown : (J, R, W) int32
         Written: the faces of each pixel, ascending; -1 behind the last.

@@ -30,8 +30,8 @@ MOST_LAYERS = 4096
 MOST_BYTES = 1 << 28
 """Memory that the layers of one band may take, of each thread."""
 
-BYTES_PER_FRAGMENT = 8
-"""A depth of 32 bits and an int32 face number."""
+BYTES_PER_SHARE = 8
+"""A face number and its share, 32 bits each."""
 
 STEPS = 16
 """Positions of samples are whole sixteenths of a pixel."""
@@ -138,6 +138,14 @@ def part_lists(
     return Lists(starts, middles, parted, lists.faces, coverage.screen, coverage.depth.dtype)
 
 
+def peeling_kernels(depth_type: Any, has_holes: bool) -> list[tuple[str, str, str]]:
+    """Return the kernels that find the nearest surfaces of each pixel, one behind the other."""
+    rows = kernels_of(1, depth_type)
+    if has_holes:
+        rows += [("fragments.drop_holes", "", ""), ("alpha_test.find_alphas", "", "")]
+    return rows
+
+
 def kernels_of(samples: int | str, depth_type: Any) -> list[tuple[str, str, str]]:
     """Return the kernels that part the lists of tiles and find the faces at samples, or areas."""
     found = ("fragments.find_layers", draw.depth_variant(depth_type), "")
@@ -193,7 +201,9 @@ def find_layers(
         )  # fmt: skip
         needed, column, row = map(int, deepest)
         needed = needed if kept is None else min(needed, kept)
-        most = min(MOST_LAYERS, MOST_BYTES // (BYTES_PER_FRAGMENT * samples * width))
+        # A stored depth and a face number.
+        bytes_of_one = np.dtype(lists.depth_type).itemsize + 4
+        most = min(MOST_LAYERS, MOST_BYTES // (bytes_of_one * samples * width))
         if needed > most:
             raise ValueError(
                 f"the scene has {needed} transparent surfaces behind each other at the pixel in "
@@ -203,7 +213,7 @@ def find_layers(
         if needed <= room:
             yield Band(rows[0], opaque, found[1][:, :needed], found[0][:, :needed])
             return
-        if needed * samples * height * width * BYTES_PER_FRAGMENT > MOST_BYTES:
+        if needed * samples * height * width * bytes_of_one > MOST_BYTES:
             middle = rows[0] + height // 2
             yield from find_layers((rows[0], middle), lists, samples, finder, memory, kept)
             yield from find_layers((middle, rows[1]), lists, samples, finder, memory, kept)
@@ -231,7 +241,7 @@ def find_areas(
             own, test.question,
         )  # fmt: skip
         count, column, row = map(int, deepest)
-        if count < 0 or count * shape[0] * shape[1] * BYTES_PER_FRAGMENT > MOST_BYTES:
+        if count < 0 or count * shape[0] * shape[1] * BYTES_PER_SHARE > MOST_BYTES:
             raise ValueError(
                 f"samples must be 1, 2, 4, 8 or 16 for this scene, got 'area': the pixel in column "
                 f"{column}, row {row} shows more faces than their areas can be found of"

@@ -21,7 +21,7 @@ References
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,7 +73,7 @@ def split_lists(
     ----------
     starts : (tiles + 1,) int64
     binned : (M,) int32
-        As ``nearest.draw_tiles`` takes them.
+        As ``draw.TileLists`` has them.
     faces : Faces
     face_starts : (O+1,) int64
     is_blended : (O,) uint8
@@ -196,27 +196,21 @@ def insert_triangle(
 
 
 @helper
-def draw_part(
-    first, end, is_opaque, window, layers, sample, scratch, spare, drawing, holes
-):  # fmt: skip
+def insert_listed(first, end, window, layers, sample, scratch, spare, drawing):
     """
-    Draw triangles ``first`` to ``end`` of the lists, of one tile, opaque or transparent ones.
+    Insert transparent triangles ``first`` to ``end`` of the lists, of one tile, into the layers.
 
-    Of opaque ones the nearest is seen; others are inserted into the layers before them. Returns how
-    many layers are in use.
+    Returns how many layers are in use.
     """
     whole, empty, used = scratch[2], scratch[EMPTY][0], np.int64(0)
     for begin in range(first, end, BATCH):
         count = min(BATCH, end - begin)
-        if is_opaque:
-            draw_listed(begin, count, whole, drawing, holes)
-            continue
         plan_listed(drawing, begin, count)
         for n in range(np.uintp(count)):
-            draw_some(drawing, spare[5], n, n + np.uintp(1))
+            draw_some(drawing, spare.draw, n, n + np.uintp(1))
             used = insert_triangle(
-                n, whole, window, spare[0], empty, scratch[:2], spare[2], layers, sample, used,
-                (spare[3], spare[4]),
+                n, whole, window, spare.depths, empty, scratch[:2], spare.counts, layers, sample,
+                used, (spare.carried_depths, spare.carried_faces),
             )  # fmt: skip
     return used
 
@@ -238,29 +232,46 @@ def copy_row(source, target):
         target[i] = source[i]
 
 
+class Alone(NamedTuple):
+    """What it takes to draw a triangle alone, and to insert it into layers."""
+
+    depths: stored[:, ::1]
+    """A tile of its own, empty."""
+    numbers: int32[:, ::1]
+    counts: int32[:, ::1]
+    """(64, 64): the transparent surfaces of each sample."""
+    carried_depths: stored[::1]
+    """(64,): a row on its way through the layers."""
+    carried_faces: int32[::1]
+    draw: int64[::1]
+    """How to call ``nearest.draw_planned`` for that tile."""
+
+
 def layer_drawer(
     listed: NDArray[np.int32],
     faces: Faces,
     screen: ScreenVertices,
     depth_type: Any = np.float32,
     alpha_tests: AlphaTests | None = None,
-) -> tuple[TileDrawer, tuple[Any, ...]]:
-    """Return what a thread needs to find layers: to draw, and to draw a triangle alone."""
+) -> tuple[TileDrawer, Alone]:
+    """
+    Return what a thread needs to find layers.
+
+    Takes what ``nearest.tile_drawer`` takes. Keep both that are returned as long as they are used:
+    machine code holds addresses of their memory.
+    """
     drawer = nearest.tile_drawer(listed, faces, screen, depth_type, alpha_tests)
     tile = (
         np.full(nearest.SCRATCH_SHAPE, nearest.empty_depth(depth_type)),
         np.empty(nearest.SCRATCH_SHAPE, np.int32),
     )
-    lone = nearest.drawn_into(tile, drawer.drawing.asked, drawer.drawing.tile_depth, drawer.scratch)
-    alone = (
+    asked, tile_depth = drawer.drawing.asked, drawer.drawing.tile_depth
+    bound = nearest.drawn_into(tile, asked, tile_depth, drawer.scratch)
+    alone = Alone(
         *tile, np.empty((TILE_SIZE, TILE_SIZE), np.int32), np.empty(TILE_SIZE, depth_type),
-        np.empty(TILE_SIZE, np.int32), lone.words,
+        np.empty(TILE_SIZE, np.int32), bound.words,
     )  # fmt: skip
-    return drawer._replace(called=(*drawer.called, lone)), alone
-
-
-ALONE = stored[:, ::1], int32[:, ::1], int32[:, ::1], stored[::1], int32[::1], int64[::1]
-"""The types of the memory to draw a triangle alone, and how to."""
+    return drawer._replace(called=(*drawer.called, bound)), alone
 
 
 @kernel
@@ -268,7 +279,7 @@ def find_layers(
     rows: (int64, int64), starts: int64[::1], middles: int64[::1], viewport: Viewport,
     shifts: int32[:, ::1], opaque: int32[:, :, ::1],
     layers: (stored[:, :, :, ::1], int32[:, :, :, ::1]), used: int64[:, ::1], deepest: int64[::1],
-    scratch: SCRATCH, drawing: Drawing, holes: Holes, spare: ALONE,
+    scratch: SCRATCH, drawing: Drawing, holes: Holes, spare: Alone,
 ):  # fmt: skip
     """
     Find the opaque surface and the transparent ones before it, for some rows of the frame.
@@ -299,7 +310,7 @@ def find_layers(
     """
     columns = used.shape[1]
     most = np.int64(0), np.int64(0), np.int64(0)
-    counts, empty = spare[2], scratch[EMPTY][0]
+    counts, empty = spare.counts, scratch[EMPTY][0]
     for sample in range(shifts.shape[0]):
         shift = shifts[sample, 0], shifts[sample, 1]
         for column in range(columns):
@@ -308,18 +319,18 @@ def find_layers(
             window = left, np.int64(rows[0]), right, np.int64(rows[1]) - 1
             clear_tile(scratch[0], scratch[1], empty)
             begin_tile(drawing, window, viewport.grid_bits, shift, empty)
-            for part in range(2):
-                start = starts[tile] if part == 0 else middles[tile]
-                stop = middles[tile] if part == 0 else starts[tile + 1]
-                if part == 1 and start < stop:
-                    for row in range(TILE_SIZE):
-                        for i in range(TILE_SIZE):
-                            counts[row, i] = 0
-                used[sample, column] = draw_part(
-                    start, stop, part == 0, window, layers, sample, scratch, spare, drawing, holes
+            start, middle, stop = starts[tile], middles[tile], starts[tile + 1]
+            for first in range(start, middle, BATCH):
+                draw_listed(first, min(BATCH, middle - first), scratch[2], drawing, holes)
+            used[sample, column] = 0
+            if middle < stop:
+                for row in range(TILE_SIZE):
+                    for i in range(TILE_SIZE):
+                        counts[row, i] = 0
+                used[sample, column] = insert_listed(
+                    middle, stop, window, layers, sample, scratch, spare, drawing
                 )
-                if part == 1 and start < stop:
-                    most = deepest_of(counts, window, most)
+                most = deepest_of(counts, window, most)
             for row in range(rows[1] - rows[0]):
                 copy_row(scratch[1][row, : right + 1 - left], opaque[sample, row, left : right + 1])
     # Empty the layers that only other tiles use.

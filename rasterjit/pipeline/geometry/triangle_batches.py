@@ -141,7 +141,7 @@ def bound_triangles(ax, ay, bx, by, cx, cy, window, bits, left, top, right, bott
 
 @disjoint_helper
 def plan_depths(ax, ay, bx, by, cx, cy, da, db, dc, weight_a, weight_b, lowest, highest):
-    """Write the weights of E_bc and E_ca in the depth, and its range: see `depth_plane`."""
+    """Write the weights of E_bc and E_ca in the depth, and its range, as ``depth_plane`` does."""
     for n in range(ax.shape[0]):
         area = np.float64(narrow_edge(ax[n], ay[n], bx[n], by[n], cx[n], cy[n]))
         weight_a[n], weight_b[n] = (da[n] - dc[n]) / area, (db[n] - dc[n]) / area
@@ -198,7 +198,7 @@ def plan_batch(
     whole: int32[:, ::1], real: REAL,
 ):  # fmt: skip
     """
-    Set up the triangles of a batch.
+    Set up the triangles of a batch; all that draw triangles call it by its address.
 
     Parameters
     ----------

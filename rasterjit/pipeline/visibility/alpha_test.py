@@ -63,7 +63,7 @@ from rasterjit.pipeline.surface.texture_gradients import (
 from rasterjit.pipeline.surface.texture_lookup import OWNER, SHOWN, STEPS, U, V, show_textures
 from rasterjit.pipeline.surface.textures import BASE_COLOR, FIRST_LEVEL
 from rasterjit.pipeline.surface.weights import weigh
-from rasterjit.runtime.intrinsics import LANES, call_at, flat, part, spread
+from rasterjit.runtime.intrinsics import LANES, call_bound, flat, part, spread
 from rasterjit.runtime.jit import Bound, disjoint_helper, helper, kernel
 from rasterjit.runtime.state import float32, float64, int32, int64, stored
 
@@ -127,12 +127,6 @@ class Holes(NamedTuple):
     asked: int64[::1]
     call: int64[::1]
     """How to call `keep_shown`."""
-
-
-@helper
-def call(words):
-    """Call a kernel by its words, see ``jit.Bound``."""
-    return call_at(words[0], words[1], np.int64(0), np.int64(0))
 
 
 # What the alpha of a sample is made of
@@ -316,7 +310,7 @@ def is_hole(face, column, row, question):
     asked[SHIFT_X], asked[SHIFT_Y] = 0, 0
     question.faces[0] = face
     question.pixels[COLUMN, 0], question.pixels[ROW, 0] = column, row
-    call(question.call)
+    call_bound(question.call)
     return not question.alphas[0] >= cutoff
 
 
@@ -399,7 +393,7 @@ def show_waiting(waiting, asked, tile, lists, question):
             places[first:stop], asked[LEFT_COLUMN], asked[TOP_ROW],
         )  # fmt: skip
         query[FIRST_SAMPLE], query[SAMPLES] = first, count
-        call(question.call)
+        call_bound(question.call)
         put_shown(
             flat(tile[0]), flat(tile[1]), tile[0].shape[1], places[first:stop],
             nearness[first:stop], faces[first:stop], question.alphas[:count],
@@ -454,11 +448,11 @@ def keep_shown(
 
 
 @helper
-def begin_batch(holes, count, window, shift):
+def begin_batch(holes, count, origin, shift):
     """Note what the triangles of a batch have in common."""
     asked = holes.asked
     asked[BATCH_COUNT], asked[WAITING] = count, 0
-    asked[LEFT_COLUMN], asked[TOP_ROW] = window[0], window[1]
+    asked[LEFT_COLUMN], asked[TOP_ROW] = origin
     asked[MOVED_X], asked[MOVED_Y] = shift
 
 
@@ -473,7 +467,7 @@ def find_owner(face, guess, holes):
 def keep(n, owner, holes):
     """Move what triangle ``n`` of the batch shows from its own tile to the tile at hand."""
     holes.asked[NTH], holes.asked[OWNER_AT_HAND] = n, owner
-    holes.asked[WAITING] = call(holes.call)
+    holes.asked[WAITING] = call_bound(holes.call)
 
 
 # Memory

@@ -92,11 +92,10 @@ from rasterjit.pipeline.visibility.alpha_test import (
     Holes,
     TileTest,
     begin_batch,
-    call,
     find_owner,
     keep,
 )
-from rasterjit.runtime.intrinsics import flat
+from rasterjit.runtime.intrinsics import call_bound, flat
 from rasterjit.runtime.jit import Bound, disjoint_helper, helper, kernel
 from rasterjit.runtime.state import float64, int32, int64, stored
 
@@ -431,7 +430,7 @@ def draw_planned(
     Parameters
     ----------
     asked : (11,) int64
-        ``triangle_batches.DRAW_FIRST``, ...
+        As ``triangle_batches`` numbers its elements: which triangles, the tile's first pixel, bits.
     tile_depth : (1,), stored depth
         Triangles below it are left out.
     depths, numbers : (rows, columns)
@@ -467,15 +466,15 @@ class Drawing(NamedTuple):
     """
 
     asked: int64[::1]
-    """As `triangle_batches` numbers its elements."""
+    """(11,): as ``triangle_batches`` numbers its elements."""
     tile_depth: stored[::1]
     """(1,): what lies below it is left out."""
     plan: int64[::1]
-    """How to call ``triangle_batches.plan_batch``."""
+    """(2,): how to call ``triangle_batches.plan_batch``."""
     tile: int64[::1]
-    """How to call `draw_planned` for the tile at hand."""
+    """(2,): how to call `draw_planned` for the tile at hand."""
     own: int64[::1]
-    """The same for the tile of triangles with holes; nobody calls it where no object has any."""
+    """(2,): the same for the tile of triangles with holes, if any object has them."""
 
 
 @helper
@@ -491,14 +490,14 @@ def begin_tile(drawing, window, bits, shift, tile_depth):
 def plan_listed(drawing, first, count):
     """Set up a batch of listed triangles."""
     drawing.asked[FIRST], drawing.asked[COUNT] = first, count
-    call(drawing.plan)
+    call_bound(drawing.plan)
 
 
 @helper
 def draw_some(drawing, words, first, end):
     """Draw triangles ``first`` to ``end`` of the batch at hand into the tile of the words."""
     drawing.asked[DRAW_FIRST], drawing.asked[DRAW_END] = first, end
-    call(words)
+    call_bound(words)
 
 
 @helper
@@ -629,7 +628,8 @@ def draw_tiles(
     tiles : (N,) int32
         Tile numbers, row by row.
     starts : (tiles + 1,) int64
-        Tile ``k`` draws triangles ``starts[k]:starts[k + 1]`` of the list, which ascend.
+        Tile ``k`` draws triangles ``starts[k]:starts[k + 1]`` of the list that the drawer was made
+        for, which ascend.
     tile_depths : (tiles,) float32, float64 or int32, stored depth
         Triangles below it are left out of a tile; `empty_depth` leaves out none.
     viewport : Viewport
