@@ -89,7 +89,7 @@ def _dispatcher(value: Any, target: Target | None) -> Any:
 def with_instructions(function: Callable) -> Any:
     """Return a function that finds the machine's intrinsics where it finds Python's."""
     found = {
-        name: _instruction(value)
+        name: getattr(instructions, value.__name__)
         for name in function.__code__.co_names
         if isinstance(value := function.__globals__.get(name), Intrinsic)
     }
@@ -101,13 +101,6 @@ def with_instructions(function: Callable) -> Any:
     )
     copied.__qualname__ = function.__qualname__
     return copied
-
-
-def _instruction(value: Intrinsic) -> Any:
-    """Return the machine's own; where indices are checked, what checks them as well."""
-    if CHECKED and value.__name__ in ("part", "spread"):
-        return numba.njit(**OPTIONS)(value.function)
-    return getattr(instructions, value.__name__)
 
 
 def _drafting() -> Any:

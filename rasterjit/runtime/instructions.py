@@ -9,6 +9,7 @@ from numba import types
 from numba.extending import intrinsic
 
 from rasterjit.runtime.intrinsics import CHANNELS, LANES
+from rasterjit.runtime.jit import CHECKED
 from rasterjit.runtime.plain_arrays import WORD, PlainArray, field, make, packed, words
 
 
@@ -40,7 +41,15 @@ def part(typing_context: Any, rows: Any, number: Any, start: Any, stop: Any) -> 
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         array, index, first, end = arguments
-        length = words(context, builder, rows, array, "shape")[1]
+        count, length = words(context, builder, rows, array, "shape")
+        if CHECKED:
+            order = ((index, count, "<"), (first, end, "<="), (end, length, "<="))
+            for low, high, comparison in order:
+                # Unsigned, so that what is below zero is beyond the end.
+                is_outside = builder.not_(builder.icmp_unsigned(comparison, low, high))
+                with builder.if_then(is_outside, likely=False):
+                    message = "a part of a row ends beyond the row"
+                    context.call_conv.return_user_exc(builder, IndexError, (message,))
         start = builder.add(builder.mul(index, length), first)
         return _row(context, builder, row, rows, array, start, builder.sub(end, first))
 
