@@ -8,6 +8,7 @@ import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rasterjit.io.binvox import load_binvox
 from rasterjit.io.gltf.scene import GLTF_FORMATS, load_gltf
 from rasterjit.io.resources import Resources
 from rasterjit.io.skipped import LeftOut, LoadWarning, MeshFileError
@@ -40,7 +41,7 @@ def load(
     resource_root: str | os.PathLike[str] | None = None,
 ) -> Scene:
     """
-    Read a mesh file: OBJ, PLY, STL, OFF, glTF, GLB and whatever else trimesh reads.
+    Read a mesh file: OBJ, PLY, STL, OFF, glTF, GLB, binvox and whatever else trimesh reads.
 
     Faces keep the file's order; polygons are triangulated. The scene has one `Mesh` for each mesh
     of the file and one node for each place where it stands, with vertex and face colours, uv,
@@ -89,6 +90,8 @@ def load(
     left_out, resources = LeftOut(), Resources(file, root)
     if _extension(file) in GLTF_FORMATS:
         scene = load_gltf(file, resources, on_invalid, crease_angle, left_out)
+    elif _extension(file) == "binvox":
+        scene = load_binvox(file)
     else:
         is_obj = _extension(file) == "obj"
         loaded = _read(file, resolver_of(resources, None if is_obj else left_out))

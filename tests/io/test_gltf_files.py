@@ -6,6 +6,7 @@ import io
 import json
 import subprocess
 import sys
+import warnings
 
 import numpy as np
 import pytest
@@ -209,7 +210,39 @@ def test_what_is_not_read_is_named_once(tmp_path):
     )  # fmt: skip
 
 
+@pytest.mark.parametrize(
+    "names", [["KHR_draco_mesh_compression"], ["KHR_texture_transform", "ACME_volumes", "X"]]
+)
+def test_a_file_that_requires_what_is_not_read_is_refused_by_name(tmp_path, names):
+    path = textured().save(tmp_path / "a.glb", extensionsRequired=names)
+    with pytest.raises(MeshFileError, match=r"a\.glb.*extensionsRequired names ") as said:
+        rj.load(path)
+    assert all((name in str(said.value)) == ("texture" not in name) for name in names)
+
+
+def test_a_file_may_require_what_is_read(tmp_path):
+    path = textured().save(tmp_path / "a.glb", extensionsRequired=["KHR_texture_transform"])
+    assert len(rj.load(path).nodes) == 1
+
+
+def test_plain_accessors_count_where_compression_is_optional(tmp_path):
+    model = second_mesh(lambda mesh, header: compress(mesh["primitives"][0], header, is_plain=True))
+    document(model)["extensionsUsed"] = ["KHR_draco_mesh_compression"]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        scene = rj.load(model.save(tmp_path / "a.glb"))
+    assert [node.mesh.vertices[:, 0].max() for node in scene.nodes] == [1.0, 3.0]
+
+
 # --- geometry -------------------------------------------------------------------------------------
+
+
+def compress(primitive, header, is_plain):
+    """Say that a primitive is compressed, with its plain accessors or without."""
+    primitive["extensions"] = {"KHR_draco_mesh_compression": {"bufferView": 0, "attributes": {}}}
+    for number in [*primitive["attributes"].values(), primitive["indices"]]:
+        if not is_plain:
+            del header["accessors"][number]["bufferView"]
 
 
 def second_mesh(change):
@@ -229,8 +262,7 @@ def second_mesh(change):
         (lambda m, d: m["primitives"][0].update(mode=9), "mesh 'mesh 1', which cannot be read"),
         (lambda m, d: m["primitives"][0].update(indices=99), "no accessor 99 (it has "),
         (lambda m, d: m["primitives"][0]["attributes"].pop("POSITION"), "'POSITION'"),
-        (lambda m, d: m["primitives"][0].update(
-            extensions={"KHR_draco_mesh_compression": {"bufferView": 0}}),
+        (lambda m, d: compress(m["primitives"][0], d, is_plain=False),
          "mesh 'mesh 1', which is compressed by KHR_draco_mesh_compression"),
         (lambda m, d: d["nodes"][1].update(mesh=7), "reference to mesh 7, which the file has not"),
         (lambda m, d: d["accessors"][4].update(count=10**9), "mesh 'mesh 1', which cannot be read"),

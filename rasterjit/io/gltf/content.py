@@ -54,7 +54,7 @@ TRIANGLES, STRIP, FAN = 4, 5, 6
 OTHER_MODES = {0: "points", 1: "lines", 2: "lines", 3: "lines"}
 """How the vertices of a primitive are joined, as OpenGL numbers it."""
 
-_COMPRESSED = "KHR_draco_mesh_compression"
+COMPRESSED = "KHR_draco_mesh_compression"
 
 
 class MaterialReader:
@@ -326,10 +326,10 @@ class MeshReader:
         if mode in OTHER_MODES:
             self._left_out.note(f"{OTHER_MODES[mode]} of {label}")
             return None
-        if _COMPRESSED in primitive.get("extensions", {}):
-            self._left_out.note(f"{label}, which is compressed by {_COMPRESSED}")
-            return None
         attributes = primitive["attributes"]
+        if COMPRESSED in primitive.get("extensions", {}) and not self._is_plain(primitive):
+            self._left_out.note(f"{label}, which is compressed by {COMPRESSED}")
+            return None
         vertices = self._file.array(attributes["POSITION"])
         if "indices" in primitive:
             corners = self._file.array(primitive["indices"])[:, 0].astype(np.int64)
@@ -359,6 +359,13 @@ class MeshReader:
             "tangents": tangents,
             "material": material,
         }
+
+    def _is_plain(self, primitive: dict[str, Any]) -> bool:
+        """Tell whether the accessors of a compressed primitive hold it uncompressed as well."""
+        numbers = [*primitive["attributes"].values()]
+        numbers += [primitive["indices"]] if "indices" in primitive else []
+        accessors = [self._file.entry("accessors", number) for number in numbers]
+        return all("bufferView" in one or "sparse" in one for one in accessors)
 
     def _material(self, primitive: dict[str, Any]) -> tuple[Material | None, int]:
         """Return the material of a primitive, if it names one, and its set of coordinates."""
