@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 import click
 
 from rasterjit.outputs.table import MOTION_OUTPUTS, OUTPUTS, check_outputs
-from rasterjit.scene.material import SHADINGS
+from rasterjit.scene.material import SHADINGS, Material
 from rasterjit.scene.quality import LEVELS, PRESETS, Quality
 from rasterjit.scene.tone_map import CURVES
 
@@ -291,7 +291,12 @@ class Look(NamedTuple):
 
         if self.shading is not None:
             for mesh in {id(node.mesh): node.mesh for node in scene.nodes}.values():
-                mesh.material = dataclasses.replace(mesh.material, shading=self.shading)
+                # A material that nothing was said about is no longer one of that kind.
+                said = {
+                    one.name: getattr(mesh.material, one.name)
+                    for one in dataclasses.fields(Material)
+                }
+                mesh.material = Material(**{**said, "shading": self.shading})
         if self.wireframe is not None or self.wireframe_color is not None:
             scene.wireframe = Wireframe(
                 self.wireframe_color or "black", self.wireframe or "overlay"

@@ -48,10 +48,10 @@ def load(
     materials with textures, lights and camera as far as the file has them. Materials of glTF stay
     metallic-roughness; those of OBJ and other formats become Blinn-Phong.
 
-    Two things of glTF are as in every other format rather than by its standard: a primitive without
-    a material gets the default one, not a rough white metal that shows little without an
-    environment, and one without normals smooth ones; ``crease_angle=0`` gives the standard's flat
-    faces.
+    Two things of glTF are as in every other format rather than by its standard. A primitive without
+    a material has the default one; only in a scene with an environment is it glTF's rough white
+    metal, which shows little without. One without normals has smooth ones; ``crease_angle=0`` gives
+    the standard's flat faces.
 
     Parameters
     ----------

@@ -79,7 +79,7 @@ def plan_frame(
     # Look at the scene.
     if known is None:
         check_scene(scene)
-        known = take_inventory(scene.nodes, quality)
+        known = take_inventory(scene.nodes, quality, scene.environment is not None)
     if views is None:
         views = view_nodes(scene.nodes, camera, size)
     inventory, bounds = known

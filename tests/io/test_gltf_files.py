@@ -7,6 +7,7 @@ import json
 import subprocess
 import sys
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from PIL import Image
 from sample_models import QUAD_FACES, Model, encode_png, quad
 
 import rasterjit as rj
+from rasterjit.cli.options import Look
 from rasterjit.io.gltf.content import FAN, STRIP, TRIANGLES, join_corners
 from rasterjit.io.gltf.file import GltfFile
 from rasterjit.io.resources import Resources
@@ -208,6 +210,58 @@ def test_what_is_not_read_is_named_once(tmp_path):
         "extension KHR_materials_transmission (1)", "extension KHR_texture_basisu (1)",
         "skin (2)", "animation (1)", "morph target (3)",
     )  # fmt: skip
+
+
+@pytest.fixture
+def bare(tmp_path):
+    """Return a scene of a rectangle without a material."""
+    model = Model()
+    model.add(quad(-1, -1, 1, 1), 0)
+    del document(model)["meshes"][0]["primitives"][0]["material"]
+    return rj.load(model.save(tmp_path / "a.glb"))
+
+
+def color_of(scene):
+    camera = rj.OrthographicCamera((0.0, 0.0, 2.0), (0.0, 0.0, 0.0))
+    return rj.render(scene, camera, size=(3, 3), threads=1).color
+
+
+@pytest.mark.parametrize("sky", [None, rj.Environment.constant((0.5, 0.3, 0.1))])
+def test_a_primitive_without_a_material_is_gltfs_where_there_is_an_environment(bare, sky):
+    bare.environment = sky
+    found = color_of(bare)
+    default = rj.Material()
+    if sky is not None:
+        default = rj.Material(shading="pbr", base_color="white", metallic=1.0, roughness=1.0)
+    bare.nodes[0].mesh.material = default
+    np.testing.assert_array_equal(found, color_of(bare))
+
+
+def test_one_renderer_sees_an_environment_come_and_go(bare):
+    camera = rj.OrthographicCamera((0.0, 0.0, 2.0), (0.0, 0.0, 0.0))
+    with rj.Renderer((3, 3), threads=1) as renderer:
+        plain = renderer.render(bare, camera).color.copy()
+        bare.environment = rj.Environment.constant((0.5, 0.3, 0.1))
+        around = renderer.render(bare, camera).color.copy()
+        bare.environment = None
+        np.testing.assert_array_equal(renderer.render(bare, camera).color, plain)
+    assert (around != plain).any()
+
+
+def test_a_material_that_somebody_changed_stays_with_an_environment(bare):
+    bare.environment = rj.Environment.constant((0.5, 0.3, 0.1))
+    metal, mesh = color_of(bare), bare.nodes[0].mesh
+    mesh.material = replace(mesh.material, base_color="red")
+    assert (color_of(bare) != metal).any()
+    assert mesh.material.shading == "phong"
+
+
+def test_a_shading_asked_for_stays_with_an_environment(bare):
+    Look("raise", "phong", None, None, None).apply(bare)
+    bare.environment = rj.Environment.constant((0.5, 0.3, 0.1))
+    found = color_of(bare)
+    bare.nodes[0].mesh.material = rj.Material()
+    np.testing.assert_array_equal(found, color_of(bare))
 
 
 @pytest.mark.parametrize(

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from rasterjit.io.gltf.file import GltfFile
 from rasterjit.io.pictures import picture_pixels
 from rasterjit.io.skipped import LeftOut, MeshFileError, reason_of
-from rasterjit.scene.material import BRIGHTEST_EMISSION, TEXTURE_FIELDS, Material
+from rasterjit.scene.material import BRIGHTEST_EMISSION, TEXTURE_FIELDS, Material, UnsaidMaterial
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.texture import Texture, turned_over
 from rasterjit.scene.validation import in_short
@@ -343,6 +343,9 @@ class MeshReader:
             self._left_out.note("morph target", len(primitive["targets"]))
         count = len(vertices)
         material, uv_set = self._material(primitive)
+        colors = self._colors(attributes, count, label)
+        if primitive.get("material") is None:
+            material = UnsaidMaterial(base_color=None if colors is None else "white")
         normals = self._rows(attributes, "NORMAL", count, (3,), label)
         uv = self._rows(attributes, f"TEXCOORD_{uv_set}", count, (2,), label)
         tangents = None
@@ -355,7 +358,7 @@ class MeshReader:
             "faces": faces,
             "normals": normals,
             "uv": None if uv is None else np.column_stack([uv[:, 0], 1.0 - uv[:, 1]]),
-            "colors": self._colors(attributes, count, label),
+            "colors": colors,
             "tangents": tangents,
             "material": material,
         }
