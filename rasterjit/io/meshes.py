@@ -15,6 +15,7 @@ from rasterjit.io.skipped import LeftOut, LoadWarning, MeshFileError
 from rasterjit.io.trimesh.materials import MtlPictures
 from rasterjit.io.trimesh.resolver import resolver_of
 from rasterjit.io.trimesh.scene import TrimeshAdapter
+from rasterjit.io.trimesh.xml import note_what_is_not_read
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.validation import bounded_number, existing_file, existing_folder
@@ -94,7 +95,10 @@ def load(
         scene = load_binvox(file)
     else:
         is_obj = _extension(file) == "obj"
-        loaded = _read(file, resolver_of(resources, None if is_obj else left_out))
+        are_pictures = _extension(file) == "dae"
+        resolver = resolver_of(resources, None if is_obj else left_out, are_pictures)
+        loaded = _read(file, resolver)
+        note_what_is_not_read(file, _extension(file), left_out)
         pictures = MtlPictures(file, resources, left_out) if is_obj else None
         adapter = TrimeshAdapter(str(file), True, on_invalid, crease_angle, left_out, pictures)
         scene = adapter.scene(loaded)

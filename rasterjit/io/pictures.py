@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import io
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -34,13 +36,26 @@ def picture_pixels(content: bytes) -> NDArray[Any]:
     Exception
         Whatever Pillow raises about a picture that is damaged.
     """
+    with _opened(content) as image:
+        return image_pixels(image)
+
+
+def check_picture(content: bytes) -> None:
+    """Raise what `picture_pixels` does about the beginning of a picture's file."""
+    with _opened(content):
+        pass
+
+
+@contextmanager
+def _opened(content: bytes) -> Iterator[Image.Image]:
+    """Open a picture's file, warning of nothing."""
     from PIL import UnidentifiedImageError
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
             with opened_picture("it", io.BytesIO(content)) as image:
-                return image_pixels(image)
+                yield image
         except UnidentifiedImageError:
             # Pillow names the place in memory.
             raise ValueError("it is empty" if not content else "it is no known picture") from None
