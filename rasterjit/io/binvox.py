@@ -13,7 +13,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.io.resources import Resources
 from rasterjit.io.skipped import MeshFileError, reason_of
+from rasterjit.scene.memory import MemoryBudget
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.scene import Scene
 
@@ -23,11 +25,14 @@ _LONGEST_HEADER = 1 << 16
 _LONGEST_SIDE = 4096
 """Most voxels along an axis."""
 
+_VOXEL_BYTES, _SIDE_BYTES = 5, 1500
+"""What a voxel takes, and what its side does as two faces of a mesh."""
+
 _CORNERS = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
 """Of a square, counter-clockwise, along the two axes after the one that it is square to."""
 
 
-def load_binvox(path: Path) -> Scene:
+def load_binvox(path: Path, resources: Resources) -> Scene:
     """
     Read a ``.binvox`` file.
 
@@ -43,7 +48,8 @@ def load_binvox(path: Path) -> Scene:
         If the file cannot be read or has no full voxel.
     """
     try:
-        full, scale, translate = read_voxels(path.read_bytes())
+        full, scale, translate = read_voxels(resources.read_itself(path), resources.budget)
+        resources.budget.take("the sides of its voxels", count_sides(full) * _SIDE_BYTES)
     except (OSError, ValueError) as error:
         raise MeshFileError(f"{path} could not be read as .binvox: {reason_of(error)}") from error
     if not full.any():
@@ -58,7 +64,9 @@ def load_binvox(path: Path) -> Scene:
     return scene
 
 
-def read_voxels(content: bytes) -> tuple[NDArray[np.bool_], float, NDArray[np.float64]]:
+def read_voxels(
+    content: bytes, budget: MemoryBudget
+) -> tuple[NDArray[np.bool_], float, NDArray[np.float64]]:
     """
     Return which voxels of a file are full, the side of the grid, and where it begins.
 
@@ -87,6 +95,7 @@ def read_voxels(content: bytes) -> tuple[NDArray[np.bool_], float, NDArray[np.fl
     total, expected = int(counts.sum(dtype=np.int64)), depth * height * width
     if total != expected or len(pairs) % 2:
         raise ValueError(f"dim says {expected} voxels, but the file holds {total}")
+    budget.take(f"a grid of {expected} voxels", expected * _VOXEL_BYTES)
     # y runs fastest, then z, then x.
     full = np.repeat(values != 0, counts).reshape(depth, height, width)
     return full.transpose(0, 2, 1), scale, translate
@@ -125,6 +134,24 @@ def _numbers(
     return numbers
 
 
+def count_sides(full: NDArray[np.bool_]) -> int:
+    """Return the number of sides of full voxels that no other full one touches."""
+    # A row of full voxels has two ends, so there are as many upper sides as lower ones.
+    return 2 * sum(int(np.count_nonzero(_open_sides(full, axis, True))) for axis in range(3))
+
+
+def _open_sides(full: NDArray[np.bool_], axis: int, is_upper: bool) -> NDArray[np.bool_]:
+    """Tell of each voxel, (X, Y, Z), whether it is full and the next one along an axis is not."""
+    beside = np.zeros_like(full)
+    inner, outer = [slice(None)] * 3, [slice(None)] * 3
+    inner[axis], outer[axis] = slice(0, -1), slice(1, None)
+    if is_upper:
+        beside[tuple(inner)] = full[tuple(outer)]
+    else:
+        beside[tuple(outer)] = full[tuple(inner)]
+    return full & ~beside
+
+
 def voxel_faces(full: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """
     Return the sides of full voxels that no other full one touches, outside to the front.
@@ -143,15 +170,7 @@ def voxel_faces(full: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.
     for axis in range(3):
         across, up = (axis + 1) % 3, (axis + 2) % 3
         for is_upper in (False, True):
-            # A voxel's neighbour, beyond which there is nothing.
-            beside = np.zeros_like(full)
-            inner, outer = [slice(None)] * 3, [slice(None)] * 3
-            inner[axis], outer[axis] = slice(0, -1), slice(1, None)
-            if is_upper:
-                beside[tuple(inner)] = full[tuple(outer)]
-            else:
-                beside[tuple(outer)] = full[tuple(inner)]
-            at = np.argwhere(full & ~beside)
+            at = np.argwhere(_open_sides(full, axis, is_upper))
             square = np.repeat(at[:, np.newaxis], 4, axis=1)
             steps = _CORNERS if is_upper else _CORNERS[::-1]
             square[:, :, across] += steps[:, 0]

@@ -54,6 +54,9 @@ TRIANGLES, STRIP, FAN = 4, 5, 6
 OTHER_MODES = {0: "points", 1: "lines", 2: "lines", 3: "lines"}
 """How the vertices of a primitive are joined, as OpenGL numbers it."""
 
+_FACE_BYTES, _SPLIT_FACE_BYTES = 64, 512
+"""What a face takes, of a primitive with normals and of one that gets them."""
+
 COMPRESSED = "KHR_draco_mesh_compression"
 
 
@@ -184,7 +187,8 @@ class MaterialReader:
         """Return the texels of a picture, or raise ``ValueError`` naming it."""
         name = self._file.picture_name(picture)
         try:
-            return picture_pixels(self._file.picture(picture))
+            content = self._file.picture(picture)
+            return picture_pixels(content, name, self._file.budget)
         except Exception as error:
             # Pillow raises what it likes about a damaged picture.
             raise ValueError(f"its picture, {name}: {reason_of(error)}") from error
@@ -335,6 +339,9 @@ class MeshReader:
             corners = self._file.array(primitive["indices"])[:, 0].astype(np.int64)
         else:
             corners = np.arange(len(vertices))
+        face_count = len(corners) if mode != TRIANGLES else len(corners) // 3
+        each = _FACE_BYTES if "NORMAL" in attributes else _SPLIT_FACE_BYTES
+        self._file.budget.take(f"the faces of {label}", face_count * each)
         faces = join_corners(corners, mode)
         if not len(faces) or not len(vertices):
             self._left_out.note(f"{label}, which has no faces")
