@@ -13,10 +13,12 @@ import zipfile
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from PIL import Image
 from sample_models import Model, quad
 
 import rasterjit as rj
+from rasterjit.cli import commands
 
 BUDGET = 32 << 20
 
@@ -222,6 +224,15 @@ def test_max_bytes_is_checked(tmp_path, max_bytes):
     for read in (rj.load, rj.Environment.from_file):
         with pytest.raises(ValueError, match=r"^max_bytes must be a whole number above 0, got"):
             read(path, max_bytes=max_bytes)
+
+
+def test_the_command_line_takes_a_budget(tmp_path):
+    path, _ = many_pictures(tmp_path)
+    command = ["render", str(path), "-o", str(tmp_path / "a.png"), "--max-bytes", "1000"]
+    run = CliRunner().invoke(commands.program, command)
+    assert run.exit_code == 1
+    assert "are left of max_bytes = 1,000" in run.output
+    assert not (tmp_path / "a.png").exists()
 
 
 def test_what_fits_is_loaded_without_a_word(tmp_path):
