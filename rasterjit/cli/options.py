@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 import click
 
 from rasterjit.outputs.table import MOTION_OUTPUTS, OUTPUTS, check_outputs
-from rasterjit.scene.material import SHADINGS
+from rasterjit.scene.material import SHADINGS, Material
+from rasterjit.scene.memory import DEFAULT_MAX_BYTES
 from rasterjit.scene.quality import LEVELS, PRESETS, Quality
 from rasterjit.scene.tone_map import CURVES
 
@@ -284,6 +285,7 @@ class Look(NamedTuple):
     wireframe: str | None
     wireframe_color: str | None
     resource_root: str | None
+    max_bytes: int = DEFAULT_MAX_BYTES
 
     def apply(self, scene: Scene) -> None:
         """Change the scene's materials and wireframe."""
@@ -291,7 +293,12 @@ class Look(NamedTuple):
 
         if self.shading is not None:
             for mesh in {id(node.mesh): node.mesh for node in scene.nodes}.values():
-                mesh.material = dataclasses.replace(mesh.material, shading=self.shading)
+                # A material that nothing was said about is no longer one of that kind.
+                said = {
+                    one.name: getattr(mesh.material, one.name)
+                    for one in dataclasses.fields(Material)
+                }
+                mesh.material = Material(**{**said, "shading": self.shading})
         if self.wireframe is not None or self.wireframe_color is not None:
             scene.wireframe = Wireframe(
                 self.wireframe_color or "black", self.wireframe or "overlay"
@@ -415,6 +422,9 @@ def look_options(command: Callable) -> Callable:
             click.option("--resource-root", metavar="FOLDER",
                          help="Let the file name textures and others in this folder, not in its "
                               "own alone."),
+            click.option("--max-bytes", type=int, default=DEFAULT_MAX_BYTES,
+                         help="Memory that the file and all that it names may take; default: "
+                              "8 GiB."),
         ],
         command,
     )  # fmt: skip

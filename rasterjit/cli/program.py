@@ -191,7 +191,10 @@ def load_scene(file: Path, look: Look, effects: Effects, quiet: bool) -> Scene:
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("ignore")
         warnings.simplefilter("always", UserWarning)
-        scene = load(file, on_invalid=look.on_invalid, resource_root=look.resource_root)
+        scene = load(
+            file, on_invalid=look.on_invalid, resource_root=look.resource_root,
+            max_bytes=look.max_bytes,
+        )  # fmt: skip
     for warning in caught:
         warn(str(warning.message), quiet)
     look.apply(scene)

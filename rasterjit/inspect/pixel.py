@@ -175,7 +175,7 @@ def _index(name: str, value: Any, count: int, kind: str) -> int:
 def _draw(scene: Scene, plan: RenderPlan) -> Drawn:
     """Run the stages of `render` up to visibility."""
     workers = Workers(1)
-    cache = prepare(scene.nodes, None, plan.quality)
+    cache = prepare(scene.nodes, None, plan.quality, scene.environment is not None)
     arrays = cache.shapes.arrays
     views = placing.view_nodes(scene.nodes, plan.camera, plan.size)
     viewport = draw.viewport_of(plan.size, plan.quality.subpixel_bits)

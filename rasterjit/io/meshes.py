@@ -8,12 +8,16 @@ import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rasterjit.io.archives import take_members
+from rasterjit.io.binvox import load_binvox
 from rasterjit.io.gltf.scene import GLTF_FORMATS, load_gltf
 from rasterjit.io.resources import Resources
 from rasterjit.io.skipped import LeftOut, LoadWarning, MeshFileError
 from rasterjit.io.trimesh.materials import MtlPictures
 from rasterjit.io.trimesh.resolver import resolver_of
 from rasterjit.io.trimesh.scene import TrimeshAdapter
+from rasterjit.io.trimesh.xml import note_what_is_not_read
+from rasterjit.scene.memory import DEFAULT_MAX_BYTES, MemoryBudget
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.validation import bounded_number, existing_file, existing_folder
@@ -29,6 +33,12 @@ FORMATS_EXTRA = ("lxml", "networkx", "collada")
 _ENCODING_GUESSERS = ("charset_normalizer", "chardet")
 """Modules that trimesh asks for when a file is not the text it should be."""
 
+_XML_FORMATS = ("3mf", "3dxml", "dae", "xaml", "zae", "zip", "tar.gz", "tar.bz2", "bz2")
+"""Formats that are XML or may hold it, packed or not."""
+
+_XML_BYTES, _OTHER_BYTES = 24, 4
+"""What a byte takes of a file that trimesh reads: as a tree of XML, and otherwise."""
+
 _SHOWN_FORMATS = ("obj", "ply", "stl", "off", "glb", "gltf", "3mf", "dae")
 
 
@@ -38,19 +48,20 @@ def load(
     on_invalid: str = "raise",
     crease_angle: float = 40.0,
     resource_root: str | os.PathLike[str] | None = None,
+    max_bytes: int = DEFAULT_MAX_BYTES,
 ) -> Scene:
     """
-    Read a mesh file: OBJ, PLY, STL, OFF, glTF, GLB and whatever else trimesh reads.
+    Read a mesh file: OBJ, PLY, STL, OFF, glTF, GLB, binvox and whatever else trimesh reads.
 
     Faces keep the file's order; polygons are triangulated. The scene has one `Mesh` for each mesh
     of the file and one node for each place where it stands, with vertex and face colours, uv,
     materials with textures, lights and camera as far as the file has them. Materials of glTF stay
     metallic-roughness; those of OBJ and other formats become Blinn-Phong.
 
-    Two things of glTF are as in every other format rather than by its standard: a primitive without
-    a material gets the default one, not a rough white metal that shows little without an
-    environment, and one without normals smooth ones; ``crease_angle=0`` gives the standard's flat
-    faces.
+    Two things of glTF are as in every other format rather than by its standard. A primitive without
+    a material has the default one; only in a scene with an environment is it glTF's rough white
+    metal, which shows little without. One without normals has smooth ones; ``crease_angle=0`` gives
+    the standard's flat faces.
 
     Parameters
     ----------
@@ -64,6 +75,10 @@ def load(
         The folder that files named by this one must lie in: textures, buffers, MTL files. Default:
         the folder of this file. Addresses, absolute paths, and links, pipes and devices that lead
         out of it are never opened.
+    max_bytes : int
+        Memory that this file and all that it names may take together. Sizes are told from headers
+        before anything is read or unpacked, rather too large than too small: at its peak, loading
+        takes at most twice this. Default: 8 GiB.
 
     Returns
     -------
@@ -75,7 +90,8 @@ def load(
         A ``ValueError``: if the file is missing, cannot be read or holds no faces. The message
         names the file and what it holds.
     ValueError
-        If ``resource_root`` is no folder.
+        If ``resource_root`` is no folder, or more than ``max_bytes`` are needed: the message says
+        by what.
 
     Warns
     -----
@@ -86,18 +102,36 @@ def load(
     bounded_number("crease_angle", crease_angle, 0.0, 180.0)
     root = None if resource_root is None else existing_folder("resource_root", resource_root)
     file = _checked_path(path)
-    left_out, resources = LeftOut(), Resources(file, root)
-    if _extension(file) in GLTF_FORMATS:
-        scene = load_gltf(file, resources, on_invalid, crease_angle, left_out)
-    else:
-        is_obj = _extension(file) == "obj"
-        loaded = _read(file, resolver_of(resources, None if is_obj else left_out))
-        pictures = MtlPictures(file, resources, left_out) if is_obj else None
-        adapter = TrimeshAdapter(str(file), True, on_invalid, crease_angle, left_out, pictures)
-        scene = adapter.scene(loaded)
+    budget = MemoryBudget(str(file), max_bytes)
+    left_out, resources = LeftOut(), Resources(file, root, budget)
+    try:
+        scene = _load(file, resources, on_invalid, crease_angle, left_out)
+    except Exception:
+        # Readers name what they cannot read; this is the reason.
+        budget.check()
+        raise
+    budget.check()
     left_out.warn(str(file))
     _warn_if_invisible(file, scene)
     return scene
+
+
+def _load(
+    file: Path, resources: Resources, on_invalid: str, crease_angle: float, left_out: LeftOut
+) -> Scene:
+    """Read a mesh file with the reader of its format."""
+    extension, budget = _extension(file), resources.budget
+    if extension in GLTF_FORMATS:
+        return load_gltf(file, resources, on_invalid, crease_angle, left_out)
+    if extension == "binvox":
+        return load_binvox(file, resources)
+    is_obj = extension == "obj"
+    resolver = resolver_of(resources, None if is_obj else left_out, extension == "dae")
+    loaded = _read(file, resolver, budget)
+    note_what_is_not_read(file, extension, left_out)
+    pictures = MtlPictures(file, resources, left_out) if is_obj else None
+    adapter = TrimeshAdapter(str(file), True, on_invalid, crease_angle, left_out, pictures, budget)
+    return adapter.scene(loaded)
 
 
 def _warn_if_invisible(file: Path, scene: Scene) -> None:
@@ -207,7 +241,7 @@ def _extension(file: Path) -> str:
     return double[0] if double else file.suffix.lower().removeprefix(".")
 
 
-def _read(file: Path, resolver: Any) -> trimesh.Scene:
+def _read(file: Path, resolver: Any, budget: MemoryBudget) -> trimesh.Scene:
     """Read a file with trimesh, and what it names with a resolver, or raise `MeshFileError`."""
     import trimesh
 
@@ -218,7 +252,10 @@ def _read(file: Path, resolver: Any) -> trimesh.Scene:
         shown = ", ".join(f".{name}" for name in _SHOWN_FORMATS if name in known)
         kind = f"the extension .{extension}" if extension else "no extension"
         raise MeshFileError(f"{file} has {kind}; readable formats are {shown} and more")
+    factor = _XML_BYTES if extension in _XML_FORMATS else _OTHER_BYTES
+    budget.take("the file", file.stat().st_size * factor)
     try:
+        take_members(file, extension, factor, budget)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             return trimesh.load_scene(file, resolver=resolver, process=False)

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import io
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.scene.memory import TEXEL_BYTES, MemoryBudget
 from rasterjit.scene.texture import opened_picture
 
 if TYPE_CHECKING:
@@ -18,9 +21,19 @@ SAMPLED_AS_THEY_ARE = ("L", "LA", "RGB", "RGBA", "I;16")
 """Pillow's kinds of picture that lie in memory as `Texture` takes them; others become RGBA."""
 
 
-def picture_pixels(content: bytes) -> NDArray[Any]:
+def picture_pixels(
+    content: bytes, what: str = "a picture", budget: MemoryBudget | None = None
+) -> NDArray[Any]:
     """
     Decode a picture's file.
+
+    Parameters
+    ----------
+    content : bytes
+    what : str
+        What a message calls it.
+    budget : MemoryBudget, optional
+        Counts what its texels take, by its header.
 
     Returns
     -------
@@ -29,18 +42,39 @@ def picture_pixels(content: bytes) -> NDArray[Any]:
     Raises
     ------
     ValueError
-        If it is of no known format; `PictureSizeError` for one with more texels than `Texture`
+        If it is of no known format; `FileSizeError` for one larger than the budget;
+        `PictureSizeError` for one with more texels than `Texture`
         takes.
     Exception
         Whatever Pillow raises about a picture that is damaged.
     """
+    with _opened(content) as image:
+        if budget is not None:
+            take_texels(image.size, what, budget)
+        return image_pixels(image)
+
+
+def take_texels(size: tuple[int, int], what: str, budget: MemoryBudget) -> None:
+    """Count what the texels of a picture, (width, height), take."""
+    budget.take(what, size[0] * size[1] * TEXEL_BYTES)
+
+
+def check_picture(content: bytes) -> None:
+    """Raise what `picture_pixels` does about the beginning of a picture's file."""
+    with _opened(content):
+        pass
+
+
+@contextmanager
+def _opened(content: bytes) -> Iterator[Image.Image]:
+    """Open a picture's file, warning of nothing."""
     from PIL import UnidentifiedImageError
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
             with opened_picture("it", io.BytesIO(content)) as image:
-                return image_pixels(image)
+                yield image
         except UnidentifiedImageError:
             # Pillow names the place in memory.
             raise ValueError("it is empty" if not content else "it is no known picture") from None

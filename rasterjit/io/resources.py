@@ -13,6 +13,7 @@ import stat
 from pathlib import Path
 
 from rasterjit.io.skipped import MissingFileError, reason_of
+from rasterjit.scene.memory import MemoryBudget
 
 _SCHEME = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*:")
 """The beginning of ``http:``, ``file:`` and the like, and of a path with a drive letter."""
@@ -40,9 +41,14 @@ class Resources:
         The mesh file; names are relative to its folder.
     root : Path or None
         The folder that all of them must lie in; ``None`` -> that of the mesh file.
+    budget : MemoryBudget, optional
+        Counts what is read, here and by who makes something of it.
     """
 
-    def __init__(self, path: Path, root: Path | None = None) -> None:
+    def __init__(
+        self, path: Path, root: Path | None = None, budget: MemoryBudget | None = None
+    ) -> None:
+        self.budget = MemoryBudget(str(path)) if budget is None else budget
         self.folder = path.parent
         self._root = Path(os.path.realpath(self.folder if root is None else root))
 
@@ -68,11 +74,16 @@ class Resources:
         shown = shown_name(name)
         place = self._place(name, shown)
         try:
-            return _regular_content(place, shown)
+            return _regular_content(place, shown, self.budget)
         except FileNotFoundError:
             raise MissingFileError(f"the file {shown} beside it is missing") from None
         except OSError as error:
             raise ValueError(f"the file {shown}: {reason_of(error)}") from None
+
+    def read_itself(self, path: Path) -> bytes:
+        """Return the content of the mesh file."""
+        self.budget.take("the file", path.stat().st_size)
+        return path.read_bytes()
 
     def _place(self, name: str, shown: str) -> Path:
         """Return where a file lies, all symbolic links followed."""
@@ -90,7 +101,7 @@ class Resources:
         return place
 
 
-def _regular_content(place: Path, shown: str) -> bytes:
+def _regular_content(place: Path, shown: str, budget: MemoryBudget) -> bytes:
     """Return the content of a regular file; never wait for a pipe, never touch a device."""
     if not stat.S_ISREG(os.stat(place).st_mode):
         raise RefusedFileError(f"{shown} is no regular file")
@@ -99,4 +110,7 @@ def _regular_content(place: Path, shown: str) -> bytes:
     with open(os.open(place, flags | getattr(os, "O_CLOEXEC", 0)), "rb") as file:
         if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
             raise RefusedFileError(f"{shown} is no regular file")
-        return file.read()
+        size = os.fstat(file.fileno()).st_size
+        budget.take(f"the file {shown}", size)
+        # It may have grown since.
+        return file.read(size)

@@ -35,7 +35,7 @@ from rasterjit.survey.contents import (
     refuse_texture,
     take_inventory,
 )
-from rasterjit.survey.depth_format import depth_format
+from rasterjit.survey.depth_format import check_near, depth_format
 from rasterjit.survey.effect import Absent, Planned, Planning, Rows
 from rasterjit.survey.facts import Facts, look
 from rasterjit.survey.lights import headlight, lighting_of
@@ -80,12 +80,13 @@ def plan_frame(
     # Look at the scene.
     if known is None:
         check_scene(scene)
-        known = take_inventory(scene.nodes, quality)
+        known = take_inventory(scene.nodes, quality, scene.environment is not None)
     if views is None:
         views = view_nodes(scene.nodes, camera, size)
     inventory, bounds = known
     eye, relative_from_model = camera.eye_position(), views.relative_from_model
     boxes = Boxes(bounds, eye, relative_from_model, views.clip_from_relative)
+    check_near(quality.depth_format, camera, boxes, views.clip_from_relative)
     facts = look(scene, boxes, views, inventory, quality, outputs, background, diagnose)
     _refuse(scene, facts)
     # Ask each effect.

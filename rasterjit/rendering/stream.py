@@ -132,7 +132,8 @@ class RendererPool:
         self._process = os.getpid()
         self._pool = ThreadPoolExecutor(self._workers, thread_name_prefix="rasterjit-many")
         # They share what follows from the scene alone.
-        cache = prepare(self._scene.nodes, None, self._options.quality)
+        has_environment = self._scene.environment is not None
+        cache = prepare(self._scene.nodes, None, self._options.quality, has_environment)
         for _ in range(self._workers):
             renderer = Renderer(
                 self._options.size, quality=self._options.quality, threads=self._threads

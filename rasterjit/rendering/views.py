@@ -60,7 +60,7 @@ def plan_views(
         Naming the argument that is wrong.
     """
     camera = choose_camera(scene, camera, size)
-    cache = prepare(scene.nodes, known, quality)
+    cache = prepare(scene.nodes, known, quality, scene.environment is not None)
     views = placing.view_places(cache.places, camera, size)
     plan = plan_frame(
         scene, camera, size, quality, outputs, background, cull, diagnose, cache.inventory, views
@@ -68,7 +68,7 @@ def plan_views(
     earlier = find_earlier(previous, plan, scene)
     if earlier is None:
         return PlannedFrame(plan, cache, views)
-    old = prepare(earlier[0].nodes, cache, quality)
+    old = prepare(earlier[0].nodes, cache, quality, earlier[0].environment is not None)
     old_views = placing.view_places(old.places, earlier[1], size)
     old_plan = plan_earlier(plan, *earlier, old.inventory, old_views)
     before = PlannedFrame(old_plan, old, old_views)

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from rasterjit.scene.color import ColorLike, linear_color
 from rasterjit.scene.hdr_image import read_hdr_image
 from rasterjit.scene.light import BRIGHTEST
+from rasterjit.scene.memory import DEFAULT_MAX_BYTES
 from rasterjit.scene.texture import MOST_LIGHT, check_extent
 from rasterjit.scene.validation import bounded_number, finite_number, read_only
 
@@ -182,6 +183,7 @@ class Environment:
         intensity: float = 1.0,
         rotation: float = 0.0,
         background: bool = True,
+        max_bytes: int = DEFAULT_MAX_BYTES,
     ) -> Environment:
         """
         Read an equirectangular picture.
@@ -193,13 +195,16 @@ class Environment:
             picture as `Texture.from_file` reads it, which is decoded from sRGB.
         intensity, rotation, background
             As `Environment` takes them.
+        max_bytes : int
+            Memory that reading it may take, told from its header. Default: 8 GiB.
 
         Raises
         ------
         ValueError
-            If the file is missing or holds no such picture; the message names it.
+            If the file is missing, needs more than that, or holds no such picture; the message
+            names it.
         """
-        return cls(read_hdr_image(path), intensity, rotation, background)
+        return cls(read_hdr_image(path, max_bytes), intensity, rotation, background)
 
     @property
     def lights(self) -> bool:

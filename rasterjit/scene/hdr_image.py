@@ -15,7 +15,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.scene.texture import Texture, check_extent
+from rasterjit.scene.memory import (
+    DEFAULT_MAX_BYTES,
+    TEXEL_BYTES,
+    FileSizeError,
+    MemoryBudget,
+)
+from rasterjit.scene.texture import Texture, check_extent, opened_picture
 from rasterjit.scene.validation import existing_file
 
 RADIANCE_FORMATS = (".hdr", ".pic", ".rgbe")
@@ -30,7 +36,9 @@ LONGEST_COPY = 128
 """A count up to this is followed by as many bytes; one above, less this, repeats one byte."""
 
 
-def read_hdr_image(path: str | os.PathLike[str]) -> NDArray[np.float32]:
+def read_hdr_image(
+    path: str | os.PathLike[str], max_bytes: int = DEFAULT_MAX_BYTES
+) -> NDArray[np.float32]:
     """
     Read a picture as linear light.
 
@@ -39,6 +47,8 @@ def read_hdr_image(path: str | os.PathLike[str]) -> NDArray[np.float32]:
     path : str or path-like
         ``.hdr``, ``.pic`` or ``.rgbe`` (Radiance), ``.exr`` (channels R, G and B, or Y alone;
         needs OpenEXR), or a picture as `Texture.from_file` reads it, decoded from sRGB.
+    max_bytes : int
+        Memory that it may take, told from its header before it is decoded.
 
     Returns
     -------
@@ -48,18 +58,32 @@ def read_hdr_image(path: str | os.PathLike[str]) -> NDArray[np.float32]:
     Raises
     ------
     ValueError
-        If the file is missing or holds no such picture; the message names it.
+        If the file is missing, holds no such picture, or needs more memory; the message names it.
     """
     file = existing_file("path", path)
+    budget = MemoryBudget(str(file), max_bytes)
+    budget.take("the file", file.stat().st_size)
     suffix = file.suffix.lower()
     if suffix in RADIANCE_FORMATS:
-        return _read_radiance(file)
+        return _read_radiance(file, budget)
     if suffix == ".exr":
-        return _read_exr(file)
+        return _read_exr(file, budget)
+    _take_picture(file, budget)
     return np.ascontiguousarray(Texture.from_file(file).image[:, :, :3])
 
 
-def _read_exr(file: Path) -> NDArray[np.float32]:
+def _take_picture(file: Path, budget: MemoryBudget) -> None:
+    """Count what the texels of an 8-bit picture take."""
+    try:
+        with opened_picture("it", file) as image:
+            width, height = image.size
+    except Exception:
+        # Pillow raises what it likes; who reads the picture says what is wrong.
+        return
+    budget.take("the picture", width * height * TEXEL_BYTES)
+
+
+def _read_exr(file: Path, budget: MemoryBudget) -> NDArray[np.float32]:
     """Read the colours of the first part of an OpenEXR file."""
     try:
         import OpenEXR
@@ -68,8 +92,13 @@ def _read_exr(file: Path) -> NDArray[np.float32]:
             f'path {str(file)!r}: .exr needs OpenEXR; pip install "rasterjit[exr]"'
         ) from None
     try:
+        with OpenEXR.File(str(file), header_only=True) as opened:
+            needed = sum(_exr_bytes(part.header) for part in opened.parts)
+        budget.take("the picture", needed)
         with OpenEXR.File(str(file), separate_channels=True) as opened:
             channels = {name: channel.pixels for name, channel in opened.channels().items()}
+    except FileSizeError:
+        raise
     except Exception as error:
         # OpenEXR's binding raises plain exceptions of several kinds.
         raise ValueError(f"path must be a picture, but {str(file)!r} is not: {error}") from error
@@ -83,12 +112,22 @@ def _read_exr(file: Path) -> NDArray[np.float32]:
     return np.stack([channels[name].astype(np.float32) for name in names], axis=-1)
 
 
-def _read_radiance(file: Path) -> NDArray[np.float32]:
+def _exr_bytes(header: dict[str, Any]) -> int:
+    """Return what a part of an OpenEXR file takes: its channels as floats, and light made of it."""
+    (left, top), (right, bottom) = (np.asarray(at).tolist() for at in header["dataWindow"])
+    texels = (int(right) - int(left) + 1) * (int(bottom) - int(top) + 1)
+    return max(texels, 0) * (4 * len(header["channels"]) + TEXEL_BYTES)
+
+
+def _read_radiance(file: Path, budget: MemoryBudget) -> NDArray[np.float32]:
     """Read a Radiance file, rows from the top."""
     content = file.read_bytes()
     try:
         width, height, start = _radiance_header(content)
+        budget.take("the picture", width * height * TEXEL_BYTES)
         rgbe = _unpacked(np.frombuffer(content, np.uint8), start, width, height)
+    except FileSizeError:
+        raise
     except (IndexError, ValueError) as error:
         raise ValueError(f"path must be a picture, but {str(file)!r} is not: {error}") from error
     exponents = rgbe[:, :, 3:].astype(np.int32) - EXPONENT_BIAS

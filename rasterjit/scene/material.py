@@ -179,6 +179,23 @@ class Material:
         )
 
 
+@dataclass(frozen=True)
+class UnsaidMaterial(Material):
+    """
+    The default material, where a glTF file says nothing about a surface.
+
+    In a scene with an environment, a surface that still has it looks as glTF 2.0 says: a rough
+    white metal, which would show little without one.
+    """
+
+    def in_environment(self) -> Material:
+        """Return the material that is in force in a scene with an environment."""
+        unchanged = UnsaidMaterial(), UnsaidMaterial(base_color="white")
+        if self not in unchanged:
+            return self
+        return Material(shading="pbr", base_color="white", metallic=1.0, roughness=1.0)
+
+
 def _emission(value: ColorLike) -> tuple[float, float, float]:
     """Return light that is sent out as linear RGB, which may be brighter than white, or raise."""
     if not isinstance(value, str) and np.asarray(value).dtype != np.uint8:

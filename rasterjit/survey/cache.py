@@ -120,13 +120,16 @@ class MaterialTables:
     materials : list of Material
         Of each of the distinct meshes, as they are now.
     quality : Quality
-        Decides, with those, which materials are in force.
+    has_environment : bool
+        Whether the scene has one. Both decide, with the materials, which are in force.
     """
 
-    def __init__(self, shapes: Shapes, materials: list[Any], quality: Quality) -> None:
+    def __init__(
+        self, shapes: Shapes, materials: list[Any], quality: Quality, has_environment: bool
+    ) -> None:
         self._shapes = shapes
         self.materials = materials
-        self.meshes = meshes_under(shapes.meshes, quality)
+        self.meshes = meshes_under(shapes.meshes, quality, has_environment)
         self._alpha_tests: dict[bool, AlphaTests] = {}
 
     @cached_property
@@ -200,7 +203,12 @@ class SceneCache(NamedTuple):
         return self.tables.inventory, self.shapes.boxes
 
 
-def prepare(nodes: Sequence[Node], known: SceneCache | None, quality: Quality) -> SceneCache:
+def prepare(
+    nodes: Sequence[Node],
+    known: SceneCache | None,
+    quality: Quality,
+    has_environment: bool = False,
+) -> SceneCache:
     """
     Look through the nodes of a scene.
 
@@ -211,6 +219,8 @@ def prepare(nodes: Sequence[Node], known: SceneCache | None, quality: Quality) -
         Of an earlier frame: what has not changed since is taken from there. Meshes, materials and
         transforms are immutable, so each is the same if it is the same object.
     quality : Quality
+    has_environment : bool
+        Whether the scene has one, which some materials depend on.
     """
     meshes, matrices = meshes_of(nodes), matrices_of(nodes)
     if known is None or not _are_same(known.shapes.meshes, meshes):
@@ -218,9 +228,9 @@ def prepare(nodes: Sequence[Node], known: SceneCache | None, quality: Quality) -
     else:
         shapes, all_tables = known.shapes, known.all_tables
     materials = [mesh.material for mesh in shapes.distinct]
-    look = look_of(quality)
+    look = look_of(quality, has_environment)
     if look not in all_tables or not _are_same(all_tables[look].materials, materials):
-        all_tables[look] = MaterialTables(shapes, materials, quality)
+        all_tables[look] = MaterialTables(shapes, materials, quality, has_environment)
     if known is None or not _are_same(known.matrices, matrices):
         places = placement.place_objects(matrices)
     else:

@@ -234,7 +234,7 @@ def _several(count: int, kind: str) -> str:
 
 
 def take_inventory(
-    nodes: Sequence[Node], quality: Quality
+    nodes: Sequence[Node], quality: Quality, has_environment: bool = False
 ) -> tuple[Inventory, NDArray[np.float64]]:
     """
     Look through the objects of a scene, with the materials that are in force.
@@ -245,7 +245,7 @@ def take_inventory(
     bounds : (O, 2, 3) float64
         Low and high corner of each object, model space; NaN for one without a finite face.
     """
-    meshes = meshes_under(meshes_of(nodes), quality)
+    meshes = meshes_under(meshes_of(nodes), quality, has_environment)
     return Inventory(meshes), mesh_boxes(meshes)
 
 

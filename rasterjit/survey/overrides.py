@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any, cast
 
 from rasterjit.scene.light import Light, Shadow
-from rasterjit.scene.material import TEXTURE_FIELDS, Material
+from rasterjit.scene.material import TEXTURE_FIELDS, Material, UnsaidMaterial
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.texture import Texture
@@ -22,8 +22,8 @@ COARSER: dict[str, dict[str, str]] = {
 TAPS = {1: "hard", 9: "pcf"}
 """The filter of shadows with so many comparisons."""
 
-AS_MESHES_SAY = ("pixel", None)
-"""`look_of` a quality that leaves all meshes as they are."""
+AS_MESHES_SAY = ("pixel", None, False)
+"""`look_of` what leaves all meshes as they are."""
 
 
 class Relooked:
@@ -38,24 +38,31 @@ class Relooked:
         return getattr(self.mesh, name)
 
 
-def look_of(quality: Quality) -> tuple[str, str | None]:
-    """Return all of a quality that decides what meshes look like."""
-    return quality.shading, quality.texture_filter
+def look_of(quality: Quality, has_environment: bool) -> tuple[str, str | None, bool]:
+    """Return all of a quality and of what is around that decides what meshes look like."""
+    return quality.shading, quality.texture_filter, has_environment
 
 
-def meshes_under(meshes: Sequence[Mesh], quality: Quality) -> list[Mesh]:
+def meshes_under(
+    meshes: Sequence[Mesh], quality: Quality, has_environment: bool = False
+) -> list[Mesh]:
     """
     Return the meshes as they look under a quality, each with the material in force.
+
+    ``has_environment`` says whether the scene has one, which some materials depend on.
 
     A mesh whose material is not changed is returned itself; one that is there several times comes
     back several times.
     """
-    if look_of(quality) == AS_MESHES_SAY:
+    if look_of(quality, has_environment) == AS_MESHES_SAY:
         return list(meshes)
     textures: dict[Texture, Texture] = {}
     found: dict[Mesh, Mesh] = {}
     for mesh in dict.fromkeys(meshes):
-        material = _material_under(mesh.material, quality, textures)
+        material = mesh.material
+        if has_environment and isinstance(material, UnsaidMaterial):
+            material = material.in_environment()
+        material = _material_under(material, quality, textures)
         same = material is mesh.material
         found[mesh] = mesh if same else cast(Mesh, Relooked(mesh, material))
     return [found[mesh] for mesh in meshes]

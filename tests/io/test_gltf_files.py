@@ -6,6 +6,8 @@ import io
 import json
 import subprocess
 import sys
+import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,6 +15,7 @@ from PIL import Image
 from sample_models import QUAD_FACES, Model, encode_png, quad
 
 import rasterjit as rj
+from rasterjit.cli.options import Look
 from rasterjit.io.gltf.content import FAN, STRIP, TRIANGLES, join_corners
 from rasterjit.io.gltf.file import GltfFile
 from rasterjit.io.resources import Resources
@@ -209,7 +212,91 @@ def test_what_is_not_read_is_named_once(tmp_path):
     )  # fmt: skip
 
 
+@pytest.fixture
+def bare(tmp_path):
+    """Return a scene of a rectangle without a material."""
+    model = Model()
+    model.add(quad(-1, -1, 1, 1), 0)
+    del document(model)["meshes"][0]["primitives"][0]["material"]
+    return rj.load(model.save(tmp_path / "a.glb"))
+
+
+def color_of(scene):
+    camera = rj.OrthographicCamera((0.0, 0.0, 2.0), (0.0, 0.0, 0.0))
+    return rj.render(scene, camera, size=(3, 3), threads=1).color
+
+
+@pytest.mark.parametrize("sky", [None, rj.Environment.constant((0.5, 0.3, 0.1))])
+def test_a_primitive_without_a_material_is_gltfs_where_there_is_an_environment(bare, sky):
+    bare.environment = sky
+    found = color_of(bare)
+    default = rj.Material()
+    if sky is not None:
+        default = rj.Material(shading="pbr", base_color="white", metallic=1.0, roughness=1.0)
+    bare.nodes[0].mesh.material = default
+    np.testing.assert_array_equal(found, color_of(bare))
+
+
+def test_one_renderer_sees_an_environment_come_and_go(bare):
+    camera = rj.OrthographicCamera((0.0, 0.0, 2.0), (0.0, 0.0, 0.0))
+    with rj.Renderer((3, 3), threads=1) as renderer:
+        plain = renderer.render(bare, camera).color.copy()
+        bare.environment = rj.Environment.constant((0.5, 0.3, 0.1))
+        around = renderer.render(bare, camera).color.copy()
+        bare.environment = None
+        np.testing.assert_array_equal(renderer.render(bare, camera).color, plain)
+    assert (around != plain).any()
+
+
+def test_a_material_that_somebody_changed_stays_with_an_environment(bare):
+    bare.environment = rj.Environment.constant((0.5, 0.3, 0.1))
+    metal, mesh = color_of(bare), bare.nodes[0].mesh
+    mesh.material = replace(mesh.material, base_color="red")
+    assert (color_of(bare) != metal).any()
+    assert mesh.material.shading == "phong"
+
+
+def test_a_shading_asked_for_stays_with_an_environment(bare):
+    Look("raise", "phong", None, None, None).apply(bare)
+    bare.environment = rj.Environment.constant((0.5, 0.3, 0.1))
+    found = color_of(bare)
+    bare.nodes[0].mesh.material = rj.Material()
+    np.testing.assert_array_equal(found, color_of(bare))
+
+
+@pytest.mark.parametrize(
+    "names", [["KHR_draco_mesh_compression"], ["KHR_texture_transform", "ACME_volumes", "X"]]
+)
+def test_a_file_that_requires_what_is_not_read_is_refused_by_name(tmp_path, names):
+    path = textured().save(tmp_path / "a.glb", extensionsRequired=names)
+    with pytest.raises(MeshFileError, match=r"a\.glb.*extensionsRequired names ") as said:
+        rj.load(path)
+    assert all((name in str(said.value)) == ("texture" not in name) for name in names)
+
+
+def test_a_file_may_require_what_is_read(tmp_path):
+    path = textured().save(tmp_path / "a.glb", extensionsRequired=["KHR_texture_transform"])
+    assert len(rj.load(path).nodes) == 1
+
+
+def test_plain_accessors_count_where_compression_is_optional(tmp_path):
+    model = second_mesh(lambda mesh, header: compress(mesh["primitives"][0], header, is_plain=True))
+    document(model)["extensionsUsed"] = ["KHR_draco_mesh_compression"]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        scene = rj.load(model.save(tmp_path / "a.glb"))
+    assert [node.mesh.vertices[:, 0].max() for node in scene.nodes] == [1.0, 3.0]
+
+
 # --- geometry -------------------------------------------------------------------------------------
+
+
+def compress(primitive, header, is_plain):
+    """Say that a primitive is compressed, with its plain accessors or without."""
+    primitive["extensions"] = {"KHR_draco_mesh_compression": {"bufferView": 0, "attributes": {}}}
+    for number in [*primitive["attributes"].values(), primitive["indices"]]:
+        if not is_plain:
+            del header["accessors"][number]["bufferView"]
 
 
 def second_mesh(change):
@@ -229,8 +316,7 @@ def second_mesh(change):
         (lambda m, d: m["primitives"][0].update(mode=9), "mesh 'mesh 1', which cannot be read"),
         (lambda m, d: m["primitives"][0].update(indices=99), "no accessor 99 (it has "),
         (lambda m, d: m["primitives"][0]["attributes"].pop("POSITION"), "'POSITION'"),
-        (lambda m, d: m["primitives"][0].update(
-            extensions={"KHR_draco_mesh_compression": {"bufferView": 0}}),
+        (lambda m, d: compress(m["primitives"][0], d, is_plain=False),
          "mesh 'mesh 1', which is compressed by KHR_draco_mesh_compression"),
         (lambda m, d: d["nodes"][1].update(mesh=7), "reference to mesh 7, which the file has not"),
         (lambda m, d: d["accessors"][4].update(count=10**9), "mesh 'mesh 1', which cannot be read"),

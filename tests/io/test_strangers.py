@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import json
 import os
+import re
 import socket
 import subprocess
 import threading
@@ -281,3 +282,91 @@ def test_pictures_of_other_formats_are_refused(tmp_path, kind):
     Image.new("RGB", (16, 16), SECRET).save(tmp_path / "wood.png", kind)
     with pytest.raises(ValueError, match=r"wood\.png.*none of PNG, JPEG"):
         rj.Texture.from_file(tmp_path / "wood.png")
+
+
+def dae(folder, name, more=""):
+    """Write a COLLADA file of a triangle whose colour is a picture."""
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "model.dae").write_text(f"""<?xml version="1.0"?>
+<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">
+<asset><created>2020-01-01T00:00:00</created><modified>2020-01-01T00:00:00</modified></asset>
+<library_images><image id="i"><init_from>{name}</init_from></image></library_images>
+<library_effects><effect id="e"><profile_COMMON>
+<newparam sid="s"><surface type="2D"><init_from>i</init_from></surface></newparam>
+<newparam sid="t"><sampler2D><source>s</source></sampler2D></newparam>
+<technique sid="common"><lambert><diffuse><texture texture="t" texcoord="UV"/></diffuse></lambert>
+</technique></profile_COMMON></effect></library_effects>
+<library_materials><material id="m"><instance_effect url="#e"/></material></library_materials>
+<library_geometries><geometry id="g"><mesh>
+<source id="p"><float_array id="pa" count="9">0 0 0 1 0 0 0 1 0</float_array><technique_common>
+<accessor source="#pa" count="3" stride="3"><param name="X" type="float"/><param name="Y"
+type="float"/><param name="Z" type="float"/></accessor></technique_common></source>
+<source id="u"><float_array id="ua" count="6">0 0 1 0 0 1</float_array><technique_common>
+<accessor source="#ua" count="3" stride="2"><param name="S" type="float"/><param name="T"
+type="float"/></accessor></technique_common></source>
+<vertices id="v"><input semantic="POSITION" source="#p"/></vertices>
+<triangles count="1" material="x"><input semantic="VERTEX" source="#v" offset="0"/>
+<input semantic="TEXCOORD" source="#u" offset="1" set="0"/><p>0 0 1 1 2 2</p></triangles>
+</mesh></geometry></library_geometries>
+<library_visual_scenes><visual_scene id="w"><node id="n"><instance_geometry url="#g"><bind_material>
+<technique_common><instance_material symbol="x" target="#m"/></technique_common></bind_material>
+</instance_geometry>{more}</node></visual_scene></library_visual_scenes>
+<scene><instance_visual_scene url="#w"/></scene></COLLADA>""")
+    return folder / "model.dae"
+
+
+DAE_PICTURES = {
+    "whole": (lambda place: picture(place), None),
+    "missing": (lambda place: None, r"wood\.png' beside it is missing"),
+    "no picture": (lambda place: place.write_bytes(b"wood"), r"wood\.png' .* no known picture"),
+    "a program": (lambda place: place.write_bytes(POSTSCRIPT), r"wood\.png' .* no known picture"),
+    "cut short": (
+        lambda place: place.write_bytes(picture(place).read_bytes()[:45]),
+        r"base_color_texture of .* that cannot be read: ",
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", DAE_PICTURES)
+def test_a_picture_of_a_dae_is_read_or_named(tmp_path, kind):
+    pytest.importorskip("collada")
+    prepare, reason = DAE_PICTURES[kind]
+    prepare(tmp_path / "wood.png")
+    texture, said = loaded(dae(tmp_path, "wood.png"))
+    assert (texture is not None) == (reason is None)
+    assert said == "" if reason is None else re.search(reason, said)
+
+
+def test_a_library_of_a_dae_in_another_file_is_named(tmp_path):
+    pytest.importorskip("collada")
+    picture(tmp_path / "wood.png")
+    more = '<instance_geometry url="other.dae#h"/>'
+    _, said = loaded(dae(tmp_path, "wood.png", more))
+    assert "instance_geometry of a library in another file, 'other.dae#h' (1)" in said
+
+
+def test_brushes_of_xaml_that_are_not_one_colour_are_named(tmp_path):
+    pytest.importorskip("lxml")
+    model = """<GeometryModel3D><GeometryModel3D.Geometry><MeshGeometry3D
+Positions="0,0,0 1,0,0 0,1,0" Normals="0,0,1 0,0,1 0,0,1" TriangleIndices="0 1 2"/>
+</GeometryModel3D.Geometry><GeometryModel3D.Material><MaterialGroup><DiffuseMaterial>
+<DiffuseMaterial.Brush>{}</DiffuseMaterial.Brush></DiffuseMaterial></MaterialGroup>
+</GeometryModel3D.Material></GeometryModel3D>"""
+    brushes = [
+        '<SolidColorBrush Color="#ff0000" Opacity="1"/>',
+        '<LinearGradientBrush><GradientStop Color="#fff"/></LinearGradientBrush>',
+        "<RadialGradientBrush/>",
+        '<ImageBrush ImageSource="wood.png"/>',
+        "<LinearGradientBrush/>",
+    ]
+    space = "http://schemas.microsoft.com/winfx/2006/xaml/presentation"
+    (tmp_path / "a.xaml").write_text(
+        f'<Viewport3D xmlns="{space}">{"".join(map(model.format, brushes))}</Viewport3D>'
+    )
+    with pytest.warns(LoadWarning) as said:
+        rj.load(tmp_path / "a.xaml")
+    assert [
+        "left out LinearGradientBrush of a DiffuseMaterial (2), RadialGradientBrush of a "
+        "DiffuseMaterial (1), ImageBrush 'wood.png' of a DiffuseMaterial (1)" in str(one.message)
+        for one in said
+    ] == [True]

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from rasterjit.io.gltf.file import GltfFile
 from rasterjit.io.pictures import picture_pixels
 from rasterjit.io.skipped import LeftOut, MeshFileError, reason_of
-from rasterjit.scene.material import BRIGHTEST_EMISSION, TEXTURE_FIELDS, Material
+from rasterjit.scene.material import BRIGHTEST_EMISSION, TEXTURE_FIELDS, Material, UnsaidMaterial
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.texture import Texture, turned_over
 from rasterjit.scene.validation import in_short
@@ -54,7 +54,10 @@ TRIANGLES, STRIP, FAN = 4, 5, 6
 OTHER_MODES = {0: "points", 1: "lines", 2: "lines", 3: "lines"}
 """How the vertices of a primitive are joined, as OpenGL numbers it."""
 
-_COMPRESSED = "KHR_draco_mesh_compression"
+_FACE_BYTES, _SPLIT_FACE_BYTES = 64, 512
+"""What a face takes, of a primitive with normals and of one that gets them."""
+
+COMPRESSED = "KHR_draco_mesh_compression"
 
 
 class MaterialReader:
@@ -184,7 +187,8 @@ class MaterialReader:
         """Return the texels of a picture, or raise ``ValueError`` naming it."""
         name = self._file.picture_name(picture)
         try:
-            return picture_pixels(self._file.picture(picture))
+            content = self._file.picture(picture)
+            return picture_pixels(content, name, self._file.budget)
         except Exception as error:
             # Pillow raises what it likes about a damaged picture.
             raise ValueError(f"its picture, {name}: {reason_of(error)}") from error
@@ -326,15 +330,18 @@ class MeshReader:
         if mode in OTHER_MODES:
             self._left_out.note(f"{OTHER_MODES[mode]} of {label}")
             return None
-        if _COMPRESSED in primitive.get("extensions", {}):
-            self._left_out.note(f"{label}, which is compressed by {_COMPRESSED}")
-            return None
         attributes = primitive["attributes"]
+        if COMPRESSED in primitive.get("extensions", {}) and not self._is_plain(primitive):
+            self._left_out.note(f"{label}, which is compressed by {COMPRESSED}")
+            return None
         vertices = self._file.array(attributes["POSITION"])
         if "indices" in primitive:
             corners = self._file.array(primitive["indices"])[:, 0].astype(np.int64)
         else:
             corners = np.arange(len(vertices))
+        face_count = len(corners) if mode != TRIANGLES else len(corners) // 3
+        each = _FACE_BYTES if "NORMAL" in attributes else _SPLIT_FACE_BYTES
+        self._file.budget.take(f"the faces of {label}", face_count * each)
         faces = join_corners(corners, mode)
         if not len(faces) or not len(vertices):
             self._left_out.note(f"{label}, which has no faces")
@@ -343,6 +350,9 @@ class MeshReader:
             self._left_out.note("morph target", len(primitive["targets"]))
         count = len(vertices)
         material, uv_set = self._material(primitive)
+        colors = self._colors(attributes, count, label)
+        if primitive.get("material") is None:
+            material = UnsaidMaterial(base_color=None if colors is None else "white")
         normals = self._rows(attributes, "NORMAL", count, (3,), label)
         uv = self._rows(attributes, f"TEXCOORD_{uv_set}", count, (2,), label)
         tangents = None
@@ -355,10 +365,17 @@ class MeshReader:
             "faces": faces,
             "normals": normals,
             "uv": None if uv is None else np.column_stack([uv[:, 0], 1.0 - uv[:, 1]]),
-            "colors": self._colors(attributes, count, label),
+            "colors": colors,
             "tangents": tangents,
             "material": material,
         }
+
+    def _is_plain(self, primitive: dict[str, Any]) -> bool:
+        """Tell whether the accessors of a compressed primitive hold it uncompressed as well."""
+        numbers = [*primitive["attributes"].values()]
+        numbers += [primitive["indices"]] if "indices" in primitive else []
+        accessors = [self._file.entry("accessors", number) for number in numbers]
+        return all("bufferView" in one or "sparse" in one for one in accessors)
 
     def _material(self, primitive: dict[str, Any]) -> tuple[Material | None, int]:
         """Return the material of a primitive, if it names one, and its set of coordinates."""

@@ -38,6 +38,12 @@ ONE_OF = {
 }  # fmt: skip
 """What an entry of a list of the header is called."""
 
+_JSON_BYTES = 24
+"""What a byte of JSON takes as objects of Python: an empty list, with its comma, 64 for three."""
+
+_NUMBER_BYTES = 24
+"""What a number of an accessor takes: as it is read, as float64, and in the mesh."""
+
 MOST_ZEROS = 1 << 26
 """Most rows of an accessor that takes no bytes of the file: a damaged count asks for no memory."""
 
@@ -56,6 +62,8 @@ class GltfFile:
     ----------
     header : dict
         The file's JSON.
+    budget : MemoryBudget
+        Counts what is made of the file.
 
     Raises
     ------
@@ -65,8 +73,10 @@ class GltfFile:
 
     def __init__(self, path: Path, resources: Resources) -> None:
         self._resources = resources
+        self.budget = resources.budget
         self._buffers: dict[int, bytes] = {}
-        text, self._chunk = _split_chunks(path.read_bytes())
+        text, self._chunk = _split_chunks(resources.read_itself(path))
+        self.budget.take("its JSON", len(text) * _JSON_BYTES)
         try:
             self.header: dict[str, Any] = json.loads(text)
         except ValueError as error:
@@ -104,9 +114,13 @@ class GltfFile:
         accessor = self.entry("accessors", number)
         dtype, width = np.dtype(COMPONENTS[accessor["componentType"]]), WIDTHS[accessor["type"]]
         count = _whole(accessor["count"])
+        taken = f"accessor {number}", count * width * _NUMBER_BYTES
         if "bufferView" in accessor:
+            # This takes nothing, and refuses a count that the buffer does not hold.
             rows = self._rows(accessor, count, width, dtype)
+            self.budget.take(*taken)
         elif count <= MOST_ZEROS:
+            self.budget.take(*taken)
             rows = np.zeros((count, width), dtype)
         else:
             raise ValueError(f"accessor {number} has {count} rows and no bytes")
@@ -182,6 +196,7 @@ class GltfFile:
         """Return what a data URI holds, or a file beside this one."""
         if uri.startswith("data:"):
             kind, _, content = uri.partition(",")
+            self.budget.take("a data URI", len(content))
             if kind.endswith(";base64"):
                 return base64.b64decode(content)
             return unquote_to_bytes(content)

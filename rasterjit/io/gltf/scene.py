@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.io.gltf.content import MaterialReader, MeshReader
+from rasterjit.io.gltf.content import COMPRESSED, MaterialReader, MeshReader
 from rasterjit.io.gltf.file import GltfFile
 from rasterjit.io.resources import Resources
 from rasterjit.io.skipped import LeftOut, MeshFileError, reason_of
@@ -38,10 +38,13 @@ UNDERSTOOD = frozenset(
     (
         _LIGHTS, "KHR_materials_unlit", "KHR_materials_emissive_strength", "KHR_texture_transform",
         "KHR_mesh_quantization", "EXT_texture_webp", "KHR_materials_pbrSpecularGlossiness",
-        "KHR_draco_mesh_compression", "KHR_xmp_json_ld", "KHR_xmp",
+        "KHR_xmp_json_ld", "KHR_xmp",
     )
 )  # fmt: skip
-"""Extensions that are read, have nothing to show, or are named where they stop something."""
+"""Extensions that are read, or have nothing to show."""
+
+NAMED_WHERE_USED = frozenset((COMPRESSED,))
+"""Extensions that are named where they stop something."""
 
 MOVING = {"skins": "skin", "animations": "animation"}
 """Lists of the header for what moves; it is shown at rest."""
@@ -94,6 +97,7 @@ class _GltfScene:
         self._left_out = left_out
         materials = MaterialReader(file, left_out)
         self._meshes = MeshReader(file, source, materials, on_invalid, crease_angle, left_out)
+        self._refuse_what_is_required()
         self._note_what_is_not_read()
         for number, node, world_from_node in walk_nodes(file.header):
             self._add_node(str(node.get("name", number)), node, world_from_node)
@@ -102,11 +106,21 @@ class _GltfScene:
             named = f" ({left_out})" if str(left_out) else ""
             raise MeshFileError(f"{source} holds {held}{named}")
 
+    def _refuse_what_is_required(self) -> None:
+        """Raise `MeshFileError` if the file says that it makes no sense without an extension."""
+        required = dict.fromkeys(self._file.header.get("extensionsRequired", []))
+        unknown = [name for name in required if name not in UNDERSTOOD]
+        if unknown:
+            raise MeshFileError(
+                f"{self._source} must require no extension that is not read, but "
+                f"extensionsRequired names {', '.join(str(name)[:80] for name in unknown)}"
+            )
+
     def _note_what_is_not_read(self) -> None:
         """Note the extensions and movements that are not shown, by name."""
         header = self._file.header
         for name in dict.fromkeys(header.get("extensionsUsed", [])):
-            if name not in UNDERSTOOD:
+            if name not in UNDERSTOOD | NAMED_WHERE_USED:
                 self._left_out.note(f"extension {name}")
         for section, what in MOVING.items():
             if header.get(section):

@@ -18,11 +18,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.io.pictures import image_pixels, picture_pixels, resized
+from rasterjit.io.pictures import image_pixels, picture_pixels, resized, take_texels
 from rasterjit.io.resources import RefusedFileError, Resources, shown_name
 from rasterjit.io.skipped import LeftOut, reason_of
 from rasterjit.scene.color import srgb_to_linear
 from rasterjit.scene.material import BRIGHTEST_EMISSION, Material
+from rasterjit.scene.memory import MemoryBudget
 from rasterjit.scene.texture import Texture
 
 _TRIMESH_GREY = (102, 102, 102, 255)
@@ -299,10 +300,13 @@ class TextureReader:
     ----------
     left_out : LeftOut
         Notes pictures that cannot be read.
+    budget : MemoryBudget, optional
+        Counts the texels of pictures that are yet to be decoded.
     """
 
-    def __init__(self, left_out: LeftOut) -> None:
+    def __init__(self, left_out: LeftOut, budget: MemoryBudget | None = None) -> None:
         self._left_out = left_out
+        self._budget = budget
         self._known: dict[tuple[int, str], Texture | None] = {}
 
     def read(self, image: Any, label: str, color_space: str = "srgb") -> Texture | None:
@@ -312,6 +316,8 @@ class TextureReader:
         key = id(image), color_space
         if key not in self._known:
             try:
+                if self._budget is not None:
+                    take_texels(image.size, label, self._budget)
                 self._known[key] = Texture(image_pixels(image), color_space=color_space)
             except (OSError, SyntaxError, ValueError, AttributeError) as error:
                 reason = " ".join(str(error).split())[:200]
@@ -322,6 +328,9 @@ class TextureReader:
 
 def is_placeholder(image: Any) -> bool:
     """Tell trimesh's stand-in for a missing image from a real one."""
+    if getattr(image, "size", (2, 2)) != (2, 2):
+        # Looking at it would decode it.
+        return False
     try:
         pixels = np.asarray(image)
     except (OSError, SyntaxError):
@@ -427,7 +436,8 @@ class MtlPictures:
         if name is None:
             return None
         try:
-            return picture_pixels(self._resources.read(name))
+            content = self._resources.read(name)
+            return picture_pixels(content, f"picture {shown_name(name)}", self._resources.budget)
         except Exception as error:
             # Pillow raises what it likes about a damaged picture.
             self._left_out.note(

@@ -5,11 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from rasterjit.io.resources import RefusedFileError, Resources
+from rasterjit.io.pictures import check_picture
+from rasterjit.io.resources import RefusedFileError, Resources, shown_name
 from rasterjit.io.skipped import LeftOut, reason_of
 
 
-def resolver_of(resources: Resources, left_out: LeftOut | None) -> Any:
+def resolver_of(resources: Resources, left_out: LeftOut | None, are_pictures: bool = False) -> Any:
     """
     Return what trimesh reads further files with.
 
@@ -17,9 +18,21 @@ def resolver_of(resources: Resources, left_out: LeftOut | None) -> Any:
     ----------
     resources : Resources
     left_out : LeftOut or None
-        Notes what was refused; ``None`` -> somebody else does.
+        Notes what was refused or is missing; ``None`` -> somebody else does.
+    are_pictures : bool
+        Whether all files that it may name are pictures, so that others are noted as well.
     """
     import trimesh.resolvers
+
+    def check(name: str, content: bytes) -> None:
+        """Raise ``ValueError``, with a note, if a file is no picture as those of other files."""
+        try:
+            check_picture(content)
+        except Exception as error:
+            # Pillow raises what it likes about a damaged picture.
+            if left_out is not None:
+                left_out.note(f"picture {shown_name(name)} that cannot be read: {reason_of(error)}")
+            raise ValueError(f"{shown_name(name)} cannot be read") from error
 
     class Resolver(trimesh.resolvers.Resolver):
         """Opens what a mesh file may name."""
@@ -31,11 +44,14 @@ def resolver_of(resources: Resources, left_out: LeftOut | None) -> Any:
             """Return the content of a file."""
             name = f"{self._namespace}{str(key).strip()}"
             try:
-                return resources.read(name)
-            except RefusedFileError as error:
+                content = resources.read(name)
+            except ValueError as error:
                 if left_out is not None:
-                    left_out.note(f"a file that it names: {reason_of(error)}")
+                    left_out.note(f"a file that it names: {' '.join(str(error).split())}")
                 raise
+            if are_pictures:
+                check(name, content)
+            return content
 
         def keys(self) -> list[str]:
             """Return the names of what lies beside the file."""

@@ -22,6 +22,7 @@ from rasterjit.io.trimesh.materials import (
 from rasterjit.scene.camera import PerspectiveCamera
 from rasterjit.scene.light import WIDEST_CONE, DirectionalLight, PointLight, SpotLight
 from rasterjit.scene.material import TEXTURE_FIELDS, Material
+from rasterjit.scene.memory import MemoryBudget
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.transforms import compose
@@ -52,6 +53,8 @@ class TrimeshAdapter:
         Notes what is not shown.
     pictures : MtlPictures, optional
         Of an OBJ file's materials.
+    budget : MemoryBudget, optional
+        Counts the texels of pictures.
     """
 
     def __init__(
@@ -62,12 +65,13 @@ class TrimeshAdapter:
         crease_angle: float,
         left_out: LeftOut,
         pictures: MtlPictures | None = None,
+        budget: MemoryBudget | None = None,
     ) -> None:
         self.source = source
         self.on_invalid = on_invalid
         self.crease_angle = crease_angle
         self.left_out = left_out
-        self.textures = TextureReader(left_out)
+        self.textures = TextureReader(left_out, budget)
         self.pictures = pictures
         self.materials: dict[int, Material | None] = {}
         self.from_file = from_file

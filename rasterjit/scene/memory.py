@@ -1,0 +1,76 @@
+"""
+Count the memory that a file asks for, before it is taken.
+
+A file may say that it holds more than any machine has. So each reader says what it is about to
+take, by sizes that it can tell beforehand, and one budget refuses what is too much.
+"""
+
+from __future__ import annotations
+
+from rasterjit.scene.validation import in_short
+
+DEFAULT_MAX_BYTES = 8 << 30
+"""Bytes that loading a file may take where nobody says how many."""
+
+TEXEL_BYTES = 48
+"""What a texel takes: as it is decoded, as four float32, and in its mip levels while made."""
+
+
+class FileSizeError(ValueError):
+    """Loading a file would take more memory than it may."""
+
+
+class MemoryBudget:
+    """
+    The memory that loading one file, and all that it refers to, may take.
+
+    Once something was refused everything is, and ``refusal`` is why: readers that go on without
+    what cannot be read end soon, and who asked them raises it.
+
+    Parameters
+    ----------
+    source : str
+        What messages call the file.
+    max_bytes : int
+
+    Raises
+    ------
+    ValueError
+        If ``max_bytes`` is no whole number above 0.
+    """
+
+    def __init__(self, source: str, max_bytes: int = DEFAULT_MAX_BYTES) -> None:
+        if isinstance(max_bytes, bool) or not isinstance(max_bytes, int) or max_bytes <= 0:
+            raise ValueError(f"max_bytes must be a whole number above 0, got {in_short(max_bytes)}")
+        self._source = source
+        self._max_bytes = max_bytes
+        self._left = max_bytes
+        self.refusal: FileSizeError | None = None
+
+    def take(self, what: str, count: int) -> None:
+        """
+        Count bytes that are about to be taken.
+
+        Parameters
+        ----------
+        what : str
+            What needs them, as a message says it.
+        count : int
+
+        Raises
+        ------
+        FileSizeError
+            If fewer are left, or were so before.
+        """
+        if self.refusal is None and count > self._left:
+            self.refusal = FileSizeError(
+                f"{self._source}: {what} needs {count:,} bytes, but {self._left:,} are left of "
+                f"max_bytes = {self._max_bytes:,}"
+            )
+        self.check()
+        self._left -= count
+
+    def check(self) -> None:
+        """Raise `FileSizeError` if anything was refused."""
+        if self.refusal is not None:
+            raise self.refusal

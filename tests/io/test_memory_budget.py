@@ -1,0 +1,249 @@
+"""What a file asks for is refused before memory is taken for it."""
+
+from __future__ import annotations
+
+import bz2
+import io
+import re
+import struct
+import subprocess
+import sys
+import tarfile
+import zipfile
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from PIL import Image
+from sample_models import Model, quad
+
+import rasterjit as rj
+from rasterjit.cli import commands
+
+BUDGET = 32 << 20
+
+PROGRAM = """
+import sys, warnings
+import numpy as np, rasterjit as rj
+import trimesh, PIL.Image
+from rasterjit.io.meshes import load
+warnings.simplefilter("ignore")
+try:
+    import lxml.etree, OpenEXR
+except ImportError:
+    pass
+path, most = sys.argv[1], int(sys.argv[2])
+
+def kilobytes(name):
+    with open("/proc/self/status") as file:
+        return next(int(line.split()[1]) for line in file if line.startswith(name))
+
+with open("/proc/self/clear_refs", "w") as file:
+    file.write("5")  # The peak is what there is now.
+before = kilobytes("VmRSS:")
+try:
+    if path.endswith((".hdr", ".exr")):
+        kept = rj.Environment.from_file(path, max_bytes=most)
+    else:
+        kept = load(path, max_bytes=most)
+    said = "loaded"
+except ValueError as error:
+    said = str(error)
+print((kilobytes("VmHWM:") - before) * 1024)
+print(said)
+"""
+
+
+def peak_of(path, most):
+    """Return by how much a process grew that loads a file, bytes, and what came of it."""
+    command = [sys.executable, "-c", PROGRAM, str(path), str(most)]
+    run = subprocess.run(command, capture_output=True, text=True, check=True)
+    grown, said = run.stdout.strip().split("\n", 1)
+    return int(grown), said
+
+
+def refusal_of(path, most=BUDGET, read=rj.load):
+    """Return why a file is refused; the message has the file, the need, and the budget."""
+    with pytest.raises(ValueError, match=re.escape(str(path))) as said:
+        read(path, max_bytes=most)
+    found = re.search(r": (.+) needs ([0-9,]+) bytes, but ([0-9,]+) are left", str(said.value))
+    assert f"max_bytes = {most:,}" in str(said.value)
+    needed, left = (int(found[k].replace(",", "")) for k in (2, 3))
+    assert left < needed
+    assert left <= most
+    return found[1]
+
+
+def png(width, height):
+    """Return a picture of one colour, which packs into next to nothing."""
+    stream = io.BytesIO()
+    Image.new("L", (width, height)).save(stream, "PNG")
+    return stream.getvalue()
+
+
+def no_bytes(folder):
+    """Write a glTF file of accessors that take no bytes."""
+    model = Model()
+    model.add(quad(-1, -1, 1, 1), model.material())
+    accessor = model.glb._document["accessors"][0]
+    del accessor["bufferView"]
+    accessor["count"] = 1 << 25
+    return model.save(folder / "a.glb"), "accessor 0"
+
+
+def many_accessors(folder):
+    """Write a glTF file of a hundred meshes of one large accessor."""
+    model, row = Model(), quad(-1, -1, 1, 1)
+    large = {name: np.repeat(values, 2000, axis=0) for name, values in row.items()}
+    model.add(large, model.material())
+    document = model.glb._document
+    for _ in range(99):
+        document["meshes"].append(document["meshes"][0])
+        model.nodes.append(model.glb.add("nodes", {"mesh": len(document["meshes"]) - 1}))
+    return model.save(folder / "a.glb"), r"accessor \d+"
+
+
+def many_pictures(folder):
+    """Write a glTF file of pictures, each of which would do."""
+    model = Model()
+    for number in range(4):
+        use = {"index": model.glb.add_texture(png(500, 500), f"p{number}")}
+        material = model.material(f"m{number}", baseColorTexture=use)
+        model.add(quad(number, 0, number + 1, 1), material)
+    return model.save(folder / "a.glb"), r"image \d, 'p\d'"
+
+
+def obj_picture(folder):
+    """Write an OBJ file with a large picture."""
+    (folder / "a.mtl").write_text("newmtl m\nmap_Kd wall.png\n")
+    (folder / "wall.png").write_bytes(png(9000, 9000))
+    text = "mtllib a.mtl\nusemtl m\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nf 1/1 2/1 3/1\n"
+    (folder / "a.obj").write_text(text)
+    return folder / "a.obj", r"picture 'wall\.png'"
+
+
+def large_file(folder):
+    """Write a glTF file whose buffer is a large file with holes."""
+    path, _ = many_pictures(folder)
+    text = path.read_bytes()
+    length = struct.unpack_from("<I", text, 12)[0]
+    header = text[20 : 20 + length].replace(b'"buffers":[{', b'"buffers":[{"uri":"a.bin",')
+    (folder / "a.gltf").write_bytes(header)
+    with (folder / "a.bin").open("wb") as file:
+        file.truncate(1 << 33)
+    return folder / "a.gltf", r"the file 'a\.bin'"
+
+
+def zip_member(folder):
+    """Write a 3MF file whose model unpacks to much."""
+    with zipfile.ZipFile(folder / "a.3mf", "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("3D/3dmodel.model", b" " * (100 << 20))
+    return folder / "a.3mf", "its member '3D/3dmodel.model'"
+
+
+def lying_member(folder):
+    """Write a 3MF file whose model says that it is small."""
+    path, _ = zip_member(folder)
+    content = path.read_bytes().replace(struct.pack("<I", 100 << 20), struct.pack("<I", 1000))
+    path.write_bytes(content)
+    return path, "its member '3D/3dmodel.model', which is larger than it says,"
+
+
+def tar_member(folder):
+    """Write an archive whose member unpacks to much."""
+    with tarfile.open(folder / "a.tar.gz", "w:gz") as archive:
+        entry = tarfile.TarInfo("a.stl")
+        entry.size = 50 << 20
+        archive.addfile(entry, io.BytesIO(bytes(entry.size)))
+    return folder / "a.tar.gz", "its member 'a.stl'"
+
+
+def bz2_content(folder):
+    """Write a packed file that unpacks to much."""
+    (folder / "a.bz2").write_bytes(bz2.compress(bytes(50 << 20)))
+    return folder / "a.bz2", "what it holds"
+
+
+def grid(folder):
+    """Write a grid of a thousand million voxels."""
+    runs = bytes([0, 255]) * 4
+    path = folder / "a.binvox"
+    path.write_bytes(b"#binvox 1\ndim 1020 1000 1000\ndata\n" + runs * 1_000_000)
+    return path, "a grid of 1020000000 voxels"
+
+
+WRITERS = {
+    one.__name__: one
+    for one in (
+        no_bytes, many_accessors, many_pictures, obj_picture, large_file, zip_member,
+        lying_member, tar_member, bz2_content, grid,
+    )
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("write", WRITERS.values(), ids=WRITERS)
+def test_what_takes_too_much_is_refused_by_name(tmp_path, write):
+    path, what = write(tmp_path)
+    assert re.fullmatch(what, refusal_of(path))
+
+
+def hdr(folder, width, height):
+    """Write the header of a Radiance picture, and no row."""
+    head = f"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y {height} +X {width}\n"
+    (folder / "a.hdr").write_bytes(head.encode())
+    return folder / "a.hdr"
+
+
+def exr(folder, width, height):
+    """Write an OpenEXR picture, which packs into next to nothing."""
+    OpenEXR = pytest.importorskip("OpenEXR")
+    pixels = {name: np.zeros((height, width), np.float32) for name in "RGB"}
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    with OpenEXR.File(header, pixels) as file:
+        file.write(str(folder / "a.exr"))
+    return folder / "a.exr"
+
+
+def sky_png(folder, width, height):
+    """Write a picture of 8 bits."""
+    (folder / "a.png").write_bytes(png(width, height))
+    return folder / "a.png"
+
+
+@pytest.mark.parametrize("write", [hdr, exr, sky_png])
+def test_a_sky_is_refused_by_its_header(tmp_path, write):
+    path = write(tmp_path, 1200, 800)
+    assert refusal_of(path, BUDGET, rj.Environment.from_file) == "the picture"
+    if write is not hdr:
+        assert rj.Environment.from_file(path, max_bytes=2 * BUDGET).sky is not None
+
+
+@pytest.mark.parametrize("max_bytes", [0, -1, 1.5, "8G", None, True])
+def test_max_bytes_is_checked(tmp_path, max_bytes):
+    path = sky_png(tmp_path, 4, 2)
+    for read in (rj.load, rj.Environment.from_file):
+        with pytest.raises(ValueError, match=r"^max_bytes must be a whole number above 0, got"):
+            read(path, max_bytes=max_bytes)
+
+
+def test_the_command_line_takes_a_budget(tmp_path):
+    path, _ = many_pictures(tmp_path)
+    command = ["render", str(path), "-o", str(tmp_path / "a.png"), "--max-bytes", "1000"]
+    run = CliRunner().invoke(commands.program, command)
+    assert run.exit_code == 1
+    assert "are left of max_bytes = 1,000" in run.output
+    assert not (tmp_path / "a.png").exists()
+
+
+def test_what_fits_is_loaded_without_a_word(tmp_path):
+    path, _ = many_pictures(tmp_path)
+    assert len(rj.load(path, max_bytes=2 * BUDGET).nodes) == 4
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="it asks Linux for the peak")
+@pytest.mark.parametrize("write", [many_accessors, many_pictures, obj_picture, lying_member, grid])
+@pytest.mark.parametrize("times", [1, 8])
+def test_the_peak_is_at_most_twice_the_budget(tmp_path, write, times):
+    path, _ = write(tmp_path)
+    peak, said = peak_of(path, times * BUDGET)
+    assert peak < 2 * times * BUDGET, said
