@@ -7,16 +7,19 @@ socket alike, and passes on only what ``messages`` lists.
 
 from __future__ import annotations
 
+import asyncio
+import contextlib
 import hmac
 import ipaddress
 import json
 import secrets
 import socket
+import time
 from collections.abc import Awaitable, Callable
 from concurrent.futures import Future
 from typing import Any
 
-from rasterjit.viewer.canvas import FRAME_RATE, PatientConnection
+from rasterjit.viewer.canvas import FRAME_RATE, PatientConnection, Worker
 from rasterjit.viewer.messages import CLOSE, LONGEST_MESSAGE, read_message
 from rasterjit.viewer.viewer import Viewer
 
@@ -26,6 +29,9 @@ LARGEST_PORT = 65535
 
 GRACE = 0.3
 """Time for pages to go when the server is stopped, seconds."""
+
+LOSSLESS = 100
+"""Quality of a picture that is sent as it is."""
 
 TOKEN_BYTES = 16
 
@@ -196,14 +202,43 @@ def _complete(canvas: type, stop: Callable[[], None]) -> Any:
 
     That of rendercanvas 2.7 drops a picture that is ready while two are on their way, if no other
     follows: the page would keep the compressed one. It takes Ctrl-C for itself, and closes in the
-    midst of whatever runs.
+    midst of whatever runs. It compresses without loss, which may take seconds, while all else
+    waits, Ctrl-C too.
     """
+    from rendercanvas.core.encoders import encode_array
+
+    encoder = Worker()
 
     class Page(canvas):
         """Looks for a picture that waits whenever the page has shown one."""
 
         def _maybe_draw(self) -> None:
             super()._maybe_draw()
+            self._send_last_frame_to_ready_clients()
+
+        def _lossless_draw(self) -> None:
+            if self._lossless_draw_info is None:
+                return
+            (picture, _), self._lossless_draw_info = self._lossless_draw_info, None
+            number, loop = self._ref_index, asyncio.get_running_loop()
+
+            def send(coded: Future[tuple[str, bytes]]) -> None:
+                # No other picture came meanwhile.
+                if self._ref_index == number:
+                    self._send_lossless(*coded.result())
+
+            def finish(coded: Future[tuple[str, bytes]]) -> None:
+                # The server may have ended.
+                with contextlib.suppress(RuntimeError):
+                    loop.call_soon_threadsafe(send, coded)
+
+            coding = encoder.submit(lambda: encode_array(picture, LOSSLESS))
+            coding.add_done_callback(finish)
+
+        def _send_lossless(self, kind: str, data: bytes) -> None:
+            told = {"type": "framebufferdata", "nbuffers": 1, "mimetype": kind, "index": 0}
+            self._last_frame = {**told, "timestamp": time.time()}, [data]
+            self._ref_index += 1
             self._send_last_frame_to_ready_clients()
 
         def close(self) -> None:
@@ -213,6 +248,7 @@ def _complete(canvas: type, stop: Callable[[], None]) -> Any:
         def end(self) -> None:
             """Close, when the server has ended."""
             super().close()
+            encoder.close()
 
     return Page
 

@@ -597,6 +597,46 @@ def test_picture_of_a_size_that_is_gone_is_not_shown(cube):
     connection._close({})
 
 
+def test_server_answers_while_a_picture_is_coded_without_loss(monkeypatch):
+    encoders = pytest.importorskip("rendercanvas.core.encoders")
+    release = threading.Event()
+
+    def encode_slowly(array, quality):
+        assert release.wait(PATIENCE)
+        return "image/png", bytes([quality])
+
+    class Base:
+        """What a page does with pictures, of rendercanvas."""
+
+        def __init__(self):
+            self._lossless_draw_info, self._ref_index = (np.zeros((2, 2, 4)), None), 0
+            self.sent = []
+
+        def _send_last_frame_to_ready_clients(self):
+            self.sent.append((self._last_frame[0]["mimetype"], self._last_frame[1]))
+
+        def close(self):
+            pass
+
+    async def draw(is_late):
+        page = browser._complete(Base, lambda: None)()
+        page._lossless_draw()
+        assert not page.sent
+        if is_late:
+            page._ref_index += 1
+        release.set()
+        limit = time.monotonic() + (0.1 if is_late else PATIENCE)
+        while not page.sent and time.monotonic() < limit:
+            await asyncio.sleep(0.01)
+        page.end()
+        release.clear()
+        return page.sent
+
+    monkeypatch.setattr(encoders, "encode_array", encode_slowly)
+    assert asyncio.run(draw(False)) == [("image/png", [b"d"])]
+    assert asyncio.run(draw(True)) == []
+
+
 def test_interrupt_ends_it(server):
     process, address = server
     process.send_signal(signal.SIGINT)
