@@ -43,6 +43,7 @@ from rasterjit.cli.program import (
     debug_option,
     file_argument,
     is_opaque,
+    leave,
     load_scene,
     plan_files,
     quiet_option,
@@ -268,7 +269,8 @@ def show_options(command: Any) -> Any:
                          "page for the browser."),
             click.option("--host", default="127.0.0.1", show_default=True,
                          help="Where the page is served: by default where only this machine "
-                         "reaches it."),
+                         "reaches it; 0.0.0.0: to all networks, unencrypted, for whoever has its "
+                         "address."),
             click.option("--port", type=click.IntRange(0, 65535), default=8765, show_default=True,
                          help="Of the page; 0 takes any that is free."),
             click.option("--size", type=SizeType(), default="960x720", show_default=True,
@@ -477,7 +479,7 @@ def view_file(file: Path, options: dict[str, Any]) -> None:
     options : dict
         Of the command line.
     """
-    from rasterjit.viewer.show import show
+    from rasterjit.viewer.show import choose_backend, show
 
     view, look, effects = (gather(kind, options) for kind in (View, Look, Effects))
     view.check()
@@ -493,3 +495,5 @@ def view_file(file: Path, options: dict[str, Any]) -> None:
             )  # fmt: skip
     except ImportError as error:
         raise click.ClickException(str(error)) from error
+    if choose_backend(options["backend"]) == "browser":
+        leave()

@@ -9,6 +9,7 @@ are one line on standard error. The options here are those that most commands ha
 
 from __future__ import annotations
 
+import os
 import sys
 import warnings
 from collections.abc import Callable
@@ -64,6 +65,14 @@ class Program(click.Group):
             if context.meta.get(DEBUG):
                 raise
             raise click.ClickException(describe(error)) from error
+
+
+def leave() -> None:
+    """End the process at once, if it is the command's own: threads that still draw are in vain."""
+    if click.get_current_context().find_root().obj == OWN_PROCESS:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(0)
 
 
 def describe(error: Exception) -> str:

@@ -62,9 +62,9 @@ class Workers:
         return list(self._pool.map(lambda call: task(*call), calls))
 
     def close(self) -> None:
-        """Let the threads go."""
+        """Let the threads go, and do not wait: who still draws is told by a `CancelledError`."""
         if self._pool is not None:
-            self._pool.shutdown()
+            self._pool.shutdown(wait=False, cancel_futures=True)
             self._pool = None
         self.memory.clear()
 

@@ -9,15 +9,31 @@ from __future__ import annotations
 import importlib.util
 import os
 import sys
+import threading
 import time
-from concurrent.futures import Future, ThreadPoolExecutor
-from typing import Any
+import weakref
+from collections.abc import Callable
+from concurrent.futures import Future, wait
+from queue import SimpleQueue
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
 
 from rasterjit.viewer.controls import Event
 from rasterjit.viewer.viewer import Viewer
 
 FRAME_RATE = 60.0
 """Most pictures a second."""
+
+PROMPT = 0.1
+"""How long a patient connection waits for a picture before it lets the canvas do something else,
+seconds."""
+
+MOST_WAITING = 1000
+"""Events that are kept while a picture is drawn."""
+
+Result = TypeVar("Result")
 
 TOOLKITS = {
     "glfw": ("glfw", "wgpu"),
@@ -43,6 +59,39 @@ class DrawCancelled(Exception):  # noqa: N818
     """The picture would be the one that is shown; rendercanvas knows this by its name."""
 
 
+class Worker:
+    """A thread that does one thing after the other; nobody waits for it when the process ends."""
+
+    def __init__(self) -> None:
+        self._tasks: SimpleQueue[tuple[Future[Any], Callable[[], Any]] | None] = SimpleQueue()
+        threading.Thread(
+            target=_work, args=(self._tasks,), name="rasterjit-viewer", daemon=True
+        ).start()
+        self._finish = weakref.finalize(self, self._tasks.put, None)
+
+    def submit(self, task: Callable[[], Result]) -> Future[Result]:
+        """Do something after all else."""
+        future: Future[Result] = Future()
+        self._tasks.put((future, task))
+        return future
+
+    def close(self) -> None:
+        """Let the thread go when it has done everything."""
+        self._finish()
+
+
+def _work(tasks: SimpleQueue[tuple[Future[Any], Callable[[], Any]] | None]) -> None:
+    """Do what comes, up to the first None."""
+    while (one := tasks.get()) is not None:
+        future, task = one
+        try:
+            future.set_result(task())
+        except BaseException as error:
+            future.set_exception(error)
+        # While it waits, it keeps nothing alive.
+        del one, future, task
+
+
 class Connection:
     """
     What keeps a canvas showing a viewer.
@@ -61,7 +110,7 @@ class Connection:
         self.viewer = viewer
         self._canvas = canvas
         self._context = canvas.get_bitmap_context()
-        self._worker = ThreadPoolExecutor(1, thread_name_prefix="rasterjit-viewer")
+        self._worker = Worker()
         self._step: Future[bool] | None = None
         self._time = time.perf_counter()
         self._stamp: tuple[Any, ...] | None = None
@@ -89,6 +138,11 @@ class Connection:
 
     def _draw(self) -> None:
         """Show the picture that is due; ask for another call if there is more to come."""
+        stamp = self._prepare()
+        self._show(self.viewer.draw(), stamp)
+
+    def _prepare(self) -> tuple[Any, ...]:
+        """Return the stamp of the picture that is due, or raise where it is the one shown."""
         viewer, canvas = self.viewer, self._canvas
         viewer.resize(canvas.get_physical_size(), canvas.get_pixel_ratio())
         self._pass_time()
@@ -99,10 +153,14 @@ class Connection:
         stamp = viewer.stamp
         if stamp == self._stamp:
             raise DrawCancelled
-        self._context.set_bitmap(viewer.draw())
+        return stamp
+
+    def _show(self, picture: NDArray[np.uint8], stamp: tuple[Any, ...]) -> None:
+        """Show a picture that was drawn from when the viewer had a stamp."""
+        self._context.set_bitmap(picture)
         self._stamp = stamp
-        if viewer.stamp != stamp:
-            canvas.request_draw()
+        if self.viewer.stamp != stamp:
+            self._canvas.request_draw()
         self.frames += 1
 
     def _work(self) -> None:
@@ -119,7 +177,64 @@ class Connection:
     def _close(self, event: Event) -> None:
         """End what is being rendered."""
         self.viewer.close()
-        self._worker.shutdown(wait=False, cancel_futures=True)
+        self._worker.close()
+
+
+class PatientConnection(Connection):
+    """
+    A connection that draws in a thread of its own, so that its canvas answers meanwhile.
+
+    The first picture is begun at once. Events wait while one is drawn: a viewer is for one thread.
+
+    Attributes
+    ----------
+    first : Future
+        The first picture.
+    """
+
+    def __init__(self, viewer: Viewer, canvas: Any) -> None:
+        super().__init__(viewer, canvas)
+        self._waiting: list[Event] = []
+        self._due = viewer.stamp
+        self._drawer = Worker()
+        self._drawing: Future[NDArray[np.uint8]] | None = self._drawer.submit(viewer.draw)
+        self.first = self._drawing
+
+    def _handle(self, event: Event) -> None:
+        """Pass an event on, or keep it while a picture is drawn."""
+        if self._drawing is None:
+            super()._handle(event)
+        elif len(self._waiting) < MOST_WAITING:
+            self._waiting.append(event)
+
+    def _draw(self) -> None:
+        """Begin the picture that is due, or show it if it is there soon; else ask to come again."""
+        viewer, canvas = self.viewer, self._canvas
+        patience = 0.0
+        if self._drawing is None:
+            self._due = self._prepare()
+            self._drawing = self._drawer.submit(viewer.draw)
+            patience = PROMPT
+        wait([self._drawing], patience)
+        if not self._drawing.done():
+            canvas.request_draw()
+            raise DrawCancelled
+        drawn, self._drawing = self._drawing, None
+        waiting, self._waiting = self._waiting, []
+        try:
+            picture = drawn.result()
+            if picture.shape[1::-1] != tuple(canvas.get_physical_size()):
+                canvas.request_draw()
+                raise DrawCancelled
+            self._show(picture, self._due)
+        finally:
+            for event in waiting:
+                self._handle(event)
+
+    def _close(self, event: Event) -> None:
+        """End what is being rendered."""
+        super()._close(event)
+        self._drawer.close()
 
 
 def toolkits() -> list[str]:

@@ -54,7 +54,7 @@ def show(
         Of the window.
     host, port : str, int
         Where the page is served: by default where only this machine reaches it. Port 0 takes any
-        that is free.
+        that is free. The address that is printed has a random token, without which nobody comes in.
 
     Returns
     -------

@@ -1,0 +1,145 @@
+"""
+What a page may say: moves of the pointer, the wheel, keys, its size, that it closes.
+
+A message is a line of JSON from whoever reached the socket. Only what is listed here goes further,
+made anew from the fields that are listed; numbers lie within bounds, and nothing else gets through.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from typing import Any
+
+LONGEST_MESSAGE = 4096
+"""Bytes of one message; the page's own have some 300."""
+
+FARTHEST = 1e6
+"""Largest coordinate and turn of a wheel, pixels."""
+
+LONGEST_KEY = 32
+"""Characters of a key's name."""
+
+Fields = dict[str, Callable[[Any], bool]]
+"""Names, and what each must be."""
+
+MODIFIERS = ("Alt", "Control", "Meta", "Shift")
+
+MOST_BUTTONS = 8
+
+LATEST = 1e12
+"""Of all times, seconds."""
+
+MOST_PIXELS = 3840 * 2160
+"""Of a picture that a page asks for: a page on a larger screen stretches it."""
+
+LONGEST_SIDE = 7680
+
+LEAST_RATIO, LARGEST_RATIO = 0.1, 16.0
+"""Pixels of a screen for one of a page."""
+
+CLOSE, FEEDBACK = "close", "_framefeedback"
+"""That the page closes, and that it has shown a picture."""
+
+
+def read_message(text: Any, sent: int) -> dict[str, Any] | None:
+    """
+    Return a message of a page as it may go further; None for any other.
+
+    Parameters
+    ----------
+    text : str
+        What came; anything else is none.
+    sent : int
+        Pictures that were sent to this page: it has shown no others.
+    """
+    if not isinstance(text, str) or len(text) > LONGEST_MESSAGE:
+        return None
+    try:
+        said = json.loads(text)
+    except (ValueError, RecursionError):
+        return None
+    if not isinstance(said, dict) or not isinstance(kind := said.get("type"), str):
+        return None
+    if kind == CLOSE:
+        return {"type": CLOSE}
+    if kind == "resize":
+        return _size(said)
+    if kind == FEEDBACK:
+        fields: Fields = {
+            "index": lambda index: _is_whole(index, 0, sent),
+            "timestamp": lambda moment: _is_number(moment, 0.0, LATEST),
+        }
+    elif kind in FIELDS:
+        fields = FIELDS[kind]
+    else:
+        return None
+    if not all(allowed(said.get(name)) for name, allowed in fields.items()):
+        return None
+    message = {"type": kind, **{name: said[name] for name in fields}}
+    return message if kind == FEEDBACK else {**message, "timestamp": 0.0}
+
+
+def _size(said: dict[str, Any]) -> dict[str, Any] | None:
+    """Return a new size; one with too many pixels becomes a smaller one of the same shape."""
+    width, height, ratio = (said.get(name) for name in ("pwidth", "pheight", "ratio"))
+    if not (_is_whole(width, 1, FARTHEST) and _is_whole(height, 1, FARTHEST)):
+        return None
+    if not _is_number(ratio, LEAST_RATIO, LARGEST_RATIO):
+        return None
+    share = min(1.0, math.sqrt(MOST_PIXELS / (width * height)), LONGEST_SIDE / max(width, height))
+    width, height = (max(1, math.floor(side * share)) for side in (width, height))
+    # Places in the page stay what they are.
+    size = {"pwidth": width, "pheight": height, "ratio": ratio * share}
+    return {"type": "resize", **size, "timestamp": 0.0}
+
+
+def _is_number(value: Any, low: float, high: float) -> bool:
+    """Tell whether something is a number in a range; no number is none."""
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and low <= value <= high
+
+
+def _is_whole(value: Any, low: float, high: float) -> bool:
+    """Tell whether something is a whole number in a range."""
+    return isinstance(value, int) and _is_number(value, low, high)
+
+
+def _is_place(value: Any) -> bool:
+    return _is_number(value, -FARTHEST, FARTHEST)
+
+
+def _is_button(value: Any) -> bool:
+    return _is_whole(value, 0, MOST_BUTTONS)
+
+
+def _are_buttons(value: Any) -> bool:
+    return isinstance(value, list) and len(value) <= MOST_BUTTONS and all(map(_is_button, value))
+
+
+def _are_modifiers(value: Any) -> bool:
+    return (
+        isinstance(value, list)
+        and len(value) <= len(MODIFIERS)
+        and all(isinstance(one, str) and one in MODIFIERS for one in value)
+    )
+
+
+def _is_key(value: Any) -> bool:
+    return isinstance(value, str) and 1 <= len(value) <= LONGEST_KEY
+
+
+_POINTER = {
+    "x": _is_place, "y": _is_place, "button": _is_button, "buttons": _are_buttons,
+    "modifiers": _are_modifiers,
+}  # fmt: skip
+_WHEEL = {
+    "x": _is_place, "y": _is_place, "dx": _is_place, "dy": _is_place, "modifiers": _are_modifiers
+}  # fmt: skip
+_KEY = {"key": _is_key, "modifiers": _are_modifiers}
+
+FIELDS: dict[str, Fields] = {
+    "pointer_down": _POINTER, "pointer_move": _POINTER, "pointer_up": _POINTER, "wheel": _WHEEL,
+    "key_down": _KEY, "key_up": _KEY,
+}  # fmt: skip
+"""Events that viewers know, and which fields of what kind each has."""
