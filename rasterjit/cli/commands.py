@@ -36,7 +36,6 @@ from rasterjit.cli.options import (
 )
 from rasterjit.cli.program import (
     INTERRUPTED,
-    OWN_PROCESS,
     Program,
     background_option,
     cull_option,
@@ -460,7 +459,7 @@ def main() -> None:
     # Modules stay, so looking for garbage among them is in vain: a sixth of a short run.
     gc.freeze()
     gc.set_threshold(GARBAGE_THRESHOLD)
-    program.main(prog_name="rasterjit", obj=OWN_PROCESS)
+    program.main(prog_name="rasterjit")
 
 
 if __name__ == "__main__":

@@ -9,15 +9,15 @@ from rasterjit.io.resources import RefusedFileError, Resources
 from rasterjit.io.skipped import LeftOut, reason_of
 
 
-def resolver_of(resources: Resources, left_out: LeftOut | None) -> Any:
+def resolver_of(resources: Resources, left_out: LeftOut) -> Any:
     """
     Return what trimesh reads further files with.
 
     Parameters
     ----------
     resources : Resources
-    left_out : LeftOut or None
-        Notes what was refused; ``None`` -> somebody else does.
+    left_out : LeftOut
+        Notes what was refused.
     """
     import trimesh.resolvers
 
@@ -33,8 +33,7 @@ def resolver_of(resources: Resources, left_out: LeftOut | None) -> Any:
             try:
                 return resources.read(name)
             except RefusedFileError as error:
-                if left_out is not None:
-                    left_out.note(f"a file that it names: {reason_of(error)}")
+                left_out.note(f"a file that it names: {reason_of(error)}")
                 raise
 
         def keys(self) -> list[str]:
