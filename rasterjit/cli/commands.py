@@ -457,18 +457,6 @@ def doctor() -> None:
         raise click.ClickException("the self-check failed; see the lines marked FAILED")
 
 
-def main() -> None:
-    """Run the command line, in a process of its own."""
-    # Modules stay, so looking for garbage among them is in vain: a sixth of a short run.
-    gc.freeze()
-    gc.set_threshold(GARBAGE_THRESHOLD)
-    program.main(prog_name="rasterjit", obj=OWN_PROCESS)
-
-
-if __name__ == "__main__":
-    main()
-
-
 def view_file(file: Path, options: dict[str, Any]) -> None:
     """
     Show a file to who moves the camera, until the window is closed.
@@ -497,3 +485,15 @@ def view_file(file: Path, options: dict[str, Any]) -> None:
         raise click.ClickException(str(error)) from error
     if choose_backend(options["backend"]) == "browser":
         leave()
+
+
+def main() -> None:
+    """Run the command line, in a process of its own."""
+    # Modules stay, so looking for garbage among them is in vain: a sixth of a short run.
+    gc.freeze()
+    gc.set_threshold(GARBAGE_THRESHOLD)
+    program.main(prog_name="rasterjit", obj=OWN_PROCESS)
+
+
+if __name__ == "__main__":
+    main()

@@ -281,6 +281,7 @@ class Look(NamedTuple):
     """Options that change the scene."""
 
     on_invalid: str
+    on_damage: str
     shading: str | None
     wireframe: str | None
     wireframe_color: str | None
@@ -419,6 +420,10 @@ def look_options(command: Callable) -> Callable:
             click.option("--on-invalid", type=click.Choice(["raise", "drop"]), default="raise",
                          show_default=True,
                          help="Refuse a mesh with NaN or infinite vertices, or draw the rest."),
+            click.option("--on-damage", type=click.Choice(["error", "warn"]), default="error",
+                         show_default=True,
+                         help="Refuse an OBJ, PLY, STL or OFF file that is cut short or damaged, "
+                              "or draw what there is."),
             click.option("--resource-root", metavar="FOLDER",
                          help="Let the file name textures and others in this folder, not in its "
                               "own alone."),

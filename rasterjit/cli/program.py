@@ -34,9 +34,6 @@ DEBUG = "rasterjit.debug"
 OWN_PROCESS = "own process"
 """The object of click's context where the process runs one command and ends."""
 
-GRAPHLESS_FORMATS = (".obj", ".ply", ".stl", ".off")
-"""Files that hold no scene graph."""
-
 
 class Program(click.Group):
     """A group of commands whose errors are one line."""
@@ -195,32 +192,18 @@ def load_scene(file: Path, look: Look, effects: Effects, quiet: bool) -> Scene:
     """Read a scene, apply look and effects, and print what reading warns of as lines."""
     from rasterjit.io.meshes import load
 
-    if click.get_current_context().find_root().obj == OWN_PROCESS:
-        _import_trimesh_for(file)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("ignore")
         warnings.simplefilter("always", UserWarning)
         scene = load(
-            file, on_invalid=look.on_invalid, resource_root=look.resource_root,
+            file,
+            on_invalid=look.on_invalid,
+            on_damage=look.on_damage,
+            resource_root=look.resource_root,
             max_bytes=look.max_bytes,
-        )  # fmt: skip
+        )
     for warning in caught:
         warn(str(warning.message), quiet)
     look.apply(scene)
     effects.apply(scene)
     return scene
-
-
-def _import_trimesh_for(file: Path) -> None:
-    """
-    Import trimesh; without networkx, half of the time it takes, if the file needs none.
-
-    It stays without, so this is for a process that reads one file and ends.
-    """
-    if file.suffix.lower() not in GRAPHLESS_FORMATS or "networkx" in sys.modules:
-        return
-    sys.modules["networkx"] = None
-    try:
-        import trimesh  # noqa: F401
-    finally:
-        del sys.modules["networkx"]

@@ -12,20 +12,33 @@ from rasterjit.io.archives import take_members
 from rasterjit.io.binvox import load_binvox
 from rasterjit.io.gltf.scene import GLTF_FORMATS, load_gltf
 from rasterjit.io.resources import Resources
-from rasterjit.io.skipped import LeftOut, LoadWarning, MeshFileError
-from rasterjit.io.trimesh.materials import MtlPictures
+from rasterjit.io.skipped import LeftOut, LoadWarning, MeshFileError, reason_of
+from rasterjit.io.text.lines import Damage
+from rasterjit.io.text.obj import read_obj
+from rasterjit.io.text.off import read_off
+from rasterjit.io.text.parts import Part, scene_of_parts
+from rasterjit.io.text.ply import read_ply
+from rasterjit.io.text.stl import read_stl
 from rasterjit.io.trimesh.resolver import resolver_of
 from rasterjit.io.trimesh.scene import TrimeshAdapter
 from rasterjit.io.trimesh.xml import note_what_is_not_read
 from rasterjit.scene.memory import DEFAULT_MAX_BYTES, MemoryBudget
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.scene import Scene
-from rasterjit.scene.validation import bounded_number, existing_file, existing_folder
+from rasterjit.scene.validation import (
+    bounded_number,
+    existing_file,
+    existing_folder,
+    one_of,
+)
 
 if TYPE_CHECKING:
     import trimesh
 
 __all__ = ["LoadWarning", "MeshFileError", "as_scene", "from_trimesh", "load"]
+
+TEXT_FORMATS = ("obj", "ply", "stl", "off")
+"""Formats that `rasterjit.io.text` reads."""
 
 FORMATS_EXTRA = ("lxml", "networkx", "collada")
 """Modules that the extra ``rasterjit[formats]`` brings."""
@@ -46,6 +59,7 @@ def load(
     path: str | os.PathLike[str],
     *,
     on_invalid: str = "raise",
+    on_damage: str = "error",
     crease_angle: float = 40.0,
     resource_root: str | os.PathLike[str] | None = None,
     max_bytes: int = DEFAULT_MAX_BYTES,
@@ -68,6 +82,10 @@ def load(
     path : str or path-like
     on_invalid : {"raise", "drop"}
         What to do about NaN or infinite vertices, as in `Mesh`.
+    on_damage : {"error", "warn"}
+        What to do about an OBJ, PLY, STL or OFF file that is cut short, or has lines that cannot be
+        read or faces among vertices that are not there: refuse it, naming the line and what was
+        expected there, or load the rest and warn.
     crease_angle : float
         Degrees in 0..180. Meshes whose file gives no normals get them from
         ``Mesh.split_creases(crease_angle)``.
@@ -100,12 +118,14 @@ def load(
         material is fully transparent.
     """
     bounded_number("crease_angle", crease_angle, 0.0, 180.0)
+    one_of("on_invalid", on_invalid, ("raise", "drop"))
+    one_of("on_damage", on_damage, ("error", "warn"))
     root = None if resource_root is None else existing_folder("resource_root", resource_root)
     file = _checked_path(path)
     budget = MemoryBudget(str(file), max_bytes)
     left_out, resources = LeftOut(), Resources(file, root, budget)
     try:
-        scene = _load(file, resources, on_invalid, crease_angle, left_out)
+        scene = _load(file, resources, on_invalid, on_damage, crease_angle, left_out)
     except Exception:
         # Readers name what they cannot read; this is the reason.
         budget.check()
@@ -117,7 +137,12 @@ def load(
 
 
 def _load(
-    file: Path, resources: Resources, on_invalid: str, crease_angle: float, left_out: LeftOut
+    file: Path,
+    resources: Resources,
+    on_invalid: str,
+    on_damage: str,
+    crease_angle: float,
+    left_out: LeftOut,
 ) -> Scene:
     """Read a mesh file with the reader of its format."""
     extension, budget = _extension(file), resources.budget
@@ -125,13 +150,32 @@ def _load(
         return load_gltf(file, resources, on_invalid, crease_angle, left_out)
     if extension == "binvox":
         return load_binvox(file, resources)
-    is_obj = extension == "obj"
-    resolver = resolver_of(resources, None if is_obj else left_out, extension == "dae")
-    loaded = _read(file, resolver, budget)
+    if extension in TEXT_FORMATS:
+        damage = Damage(file, on_damage, left_out)
+        parts = _read_parts(file, resources, damage, left_out)
+        scene = scene_of_parts(parts, str(file), on_invalid, crease_angle, left_out)
+        damage.note()
+        return scene
+    loaded = _read(file, resolver_of(resources, left_out, extension == "dae"), budget)
     note_what_is_not_read(file, extension, left_out)
-    pictures = MtlPictures(file, resources, left_out) if is_obj else None
-    adapter = TrimeshAdapter(str(file), True, on_invalid, crease_angle, left_out, pictures, budget)
-    return adapter.scene(loaded)
+    return TrimeshAdapter(str(file), True, on_invalid, crease_angle, left_out, budget).scene(loaded)
+
+
+def _read_parts(file: Path, resources: Resources, damage: Damage, left_out: LeftOut) -> list[Part]:
+    """Read a file of `TEXT_FORMATS`, or raise `MeshFileError`."""
+    extension = _extension(file)
+    try:
+        # Beside the bytes of the file, their numbers.
+        resources.budget.take("the file", (_OTHER_BYTES - 1) * file.stat().st_size)
+        if extension == "obj":
+            return read_obj(file, resources, damage, left_out)
+        if extension == "ply":
+            return read_ply(file, resources, damage, left_out)
+        read = read_stl if extension == "stl" else read_off
+        return read(file, resources, damage)
+    except (OSError, MemoryError) as error:
+        reason = reason_of(error) if isinstance(error, OSError) else "it needs too much memory"
+        raise MeshFileError(f"{file} could not be read as .{extension}: {reason}") from error
 
 
 def _warn_if_invisible(file: Path, scene: Scene) -> None:

@@ -28,7 +28,6 @@ from numba.extending import intrinsic, typeof_impl
 
 from rasterjit.runtime import instructions, plain_arrays
 from rasterjit.runtime.jit import (
-    CHECKED,
     CheckedKernel,
     Helper,
     Intrinsic,

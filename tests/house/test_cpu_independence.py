@@ -212,7 +212,11 @@ ALLOWED = {
     ("survey/placement.py", "sum"): "three terms: NumPy splits sums from eight terms on",
     ("dataset/recipe.py", "random"): "Python's own numbers, the same for a text everywhere",
     ("io/trimesh/materials.py", "sum"): "three terms in a row, and counts",
-    ("io/trimesh/materials.py", "mean"): "three terms: NumPy splits sums from eight terms on",
+    ("io/text/mtl.py", "mean"): "three terms: NumPy splits sums from eight terms on",
+    ("io/text/lines.py", "sum"): "whole numbers: counts of words",
+    ("io/text/obj.py", "sum"): "whole numbers: counts of corners and vertices",
+    ("io/text/off.py", "sum"): "whole numbers: counts of corners",
+    ("io/text/ply.py", "sum"): "whole numbers: counts of values and bytes",
 }
 """Uses in (file, name), with why their bits are the same everywhere."""
 

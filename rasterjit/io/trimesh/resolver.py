@@ -10,15 +10,15 @@ from rasterjit.io.resources import RefusedFileError, Resources, shown_name
 from rasterjit.io.skipped import LeftOut, reason_of
 
 
-def resolver_of(resources: Resources, left_out: LeftOut | None, are_pictures: bool = False) -> Any:
+def resolver_of(resources: Resources, left_out: LeftOut, are_pictures: bool = False) -> Any:
     """
     Return what trimesh reads further files with.
 
     Parameters
     ----------
     resources : Resources
-    left_out : LeftOut or None
-        Notes what was refused or is missing; ``None`` -> somebody else does.
+    left_out : LeftOut
+        Notes what was refused or is missing.
     are_pictures : bool
         Whether all files that it may name are pictures, so that others are noted as well.
     """
@@ -30,8 +30,7 @@ def resolver_of(resources: Resources, left_out: LeftOut | None, are_pictures: bo
             check_picture(content)
         except Exception as error:
             # Pillow raises what it likes about a damaged picture.
-            if left_out is not None:
-                left_out.note(f"picture {shown_name(name)} that cannot be read: {reason_of(error)}")
+            left_out.note(f"picture {shown_name(name)} that cannot be read: {reason_of(error)}")
             raise ValueError(f"{shown_name(name)} cannot be read") from error
 
     class Resolver(trimesh.resolvers.Resolver):
@@ -46,8 +45,7 @@ def resolver_of(resources: Resources, left_out: LeftOut | None, are_pictures: bo
             try:
                 content = resources.read(name)
             except ValueError as error:
-                if left_out is not None:
-                    left_out.note(f"a file that it names: {' '.join(str(error).split())}")
+                left_out.note(f"a file that it names: {' '.join(str(error).split())}")
                 raise
             if are_pictures:
                 check(name, content)

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from rasterjit.io.gltf.scene import GLTF_FORMATS
 from rasterjit.io.skipped import LeftOut, MeshFileError
 from rasterjit.io.trimesh.materials import (
-    MtlPictures,
     TextureReader,
     colors_from_trimesh,
     material_from_trimesh,
@@ -51,8 +50,6 @@ class TrimeshAdapter:
         Degrees in 0..180, for meshes without normals of their own.
     left_out : LeftOut
         Notes what is not shown.
-    pictures : MtlPictures, optional
-        Of an OBJ file's materials.
     budget : MemoryBudget, optional
         Counts the texels of pictures.
     """
@@ -64,7 +61,6 @@ class TrimeshAdapter:
         on_invalid: str,
         crease_angle: float,
         left_out: LeftOut,
-        pictures: MtlPictures | None = None,
         budget: MemoryBudget | None = None,
     ) -> None:
         self.source = source
@@ -72,7 +68,6 @@ class TrimeshAdapter:
         self.crease_angle = crease_angle
         self.left_out = left_out
         self.textures = TextureReader(left_out, budget)
-        self.pictures = pictures
         self.materials: dict[int, Material | None] = {}
         self.from_file = from_file
 
@@ -170,7 +165,7 @@ class TrimeshAdapter:
         """Return a trimesh material as a `Material`, one for all meshes that share it."""
         if id(material) not in self.materials:
             self.materials[id(material)] = material_from_trimesh(
-                material, is_gltf, self.left_out, self.textures, self.pictures
+                material, is_gltf, self.left_out, self.textures
             )
         return self.materials[id(material)]
 

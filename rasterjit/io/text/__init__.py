@@ -1,0 +1,1 @@
+"""Readers of our own for OBJ with MTL, PLY, STL and OFF."""

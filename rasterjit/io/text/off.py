@@ -1,0 +1,75 @@
+"""
+Read OFF files [1]_: positions and faces; colours, normals and texture coordinates are not read.
+
+References
+----------
+.. [1] Geomview, "OFF files", http://www.geomview.org/docs/html/OFF.html.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+
+from rasterjit.io.resources import Resources
+from rasterjit.io.skipped import MeshFileError
+from rasterjit.io.text.lines import Damage, Lines, columns, number_rows
+from rasterjit.io.text.parts import Part, sound_polygons, triangles
+
+_HEADER = re.compile(r"\ufeff?(?:ST)?C?N?OFF\b(.*)", re.IGNORECASE)
+
+_A_FACE = "a face: how many vertices it has, and their numbers, below"
+
+
+def read_off(path: Path, resources: Resources, damage: Damage) -> list[Part]:
+    """Return the mesh of an OFF file, or raise `MeshFileError`."""
+    data = resources.read_itself(path)
+    if b"#" in data:
+        data = re.sub(rb"#[^\r\n]*", lambda found: b" " * len(found[0]), data)
+    lines = Lines(data)
+    filled = np.flatnonzero(lines.starts < lines.ends)
+    header = _HEADER.fullmatch(lines.text(int(filled[0]))) if len(filled) else None
+    if header is None:
+        raise MeshFileError(f"{path} could not be read as .off: it does not begin with OFF")
+    if header[1].strip().upper().startswith("BINARY"):
+        raise MeshFileError(f"{path} could not be read as .off: it is binary")
+    at = 0 if header[1].strip() else min(1, len(filled) - 1)
+    words = (lines.text(int(filled[at])) if at else header[1]).split()
+    try:
+        vertex_count, face_count = (int(word) for word in words[:2])
+        if min(vertex_count, face_count) < 0:
+            raise ValueError
+    except ValueError:
+        raise MeshFileError(
+            f"{path} could not be read as .off: {lines.where(int(filled[at]))} must give the "
+            f"numbers of vertices and faces, got {' '.join(words)[:40]!r}"
+        ) from None
+    rows = filled[at + 1 : at + 1 + vertex_count]
+    if len(rows) < vertex_count:
+        damage.end(f"{vertex_count} vertices, as its head says", str(len(rows)))
+    vertices, there = columns(*number_rows(lines, rows, 0, 3, "a vertex", damage), 3)
+    rows = filled[at + 1 + vertex_count : at + 1 + vertex_count + face_count]
+    if len(rows) < face_count:
+        damage.end(f"{face_count} faces, as its head says", str(len(rows)))
+    values, found = number_rows(lines, rows, 0, 1, "a face", damage)
+    rows, found = rows[found > 0], found[found > 0]
+    begins = np.cumsum(found) - found
+    said = values[begins]
+    good = (said == np.floor(said)) & (said >= 0) & (said < found)
+    for line in rows[~good].tolist():
+        damage.line(lines, line, f"{_A_FACE} {len(there)}")
+    rows, begins, counts = rows[good], begins[good] + 1, said[good].astype(np.int64)
+    shift = begins - (np.cumsum(counts) - counts)
+    corners = values[np.arange(int(counts.sum())) + np.repeat(shift, counts)]
+    corners, counts, _ = sound_polygons(
+        corners, counts, there,
+        lambda face: damage.line(lines, int(rows[face]), f"{_A_FACE} {len(there)}"),
+    )  # fmt: skip
+    if not len(counts):
+        raise MeshFileError(f"{path} holds a mesh of {len(vertices)} vertices, no faces")
+    faces, _ = triangles(counts, by_size=True)
+    if not there.all():
+        vertices = np.where(there[:, np.newaxis], vertices, 0.0)
+    return [Part(path.name, vertices, corners[faces])]

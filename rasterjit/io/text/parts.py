@@ -1,0 +1,246 @@
+"""What our readers find, and the scene that it becomes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.io.skipped import LeftOut, MeshFileError
+from rasterjit.scene.color import srgb_to_linear
+from rasterjit.scene.material import TEXTURE_FIELDS, Material
+from rasterjit.scene.mesh import Mesh
+from rasterjit.scene.scene import Scene
+
+COLORS_BESIDE = "colours beside a material or texture coordinates"
+"""What is not shown, as trimesh's readers do not bring it."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """
+    A mesh as a file has it.
+
+    Parameters
+    ----------
+    name : str
+        Of its node.
+    vertices : (V, 3) float64
+    faces : (F, 3) int
+    normals : (V, 3) float, optional
+    uv : (V, 2) float, optional
+    colors : (V, 4) or (F, 4) float32, optional
+        Linear RGBA.
+    material : Material, optional
+    """
+
+    name: str
+    vertices: NDArray[np.float64]
+    faces: NDArray[np.int64]
+    normals: NDArray[Any] | None = None
+    uv: NDArray[Any] | None = None
+    colors: NDArray[np.float32] | None = None
+    material: Material | None = None
+
+
+def scene_of_parts(
+    parts: Iterable[Part], source: str, on_invalid: str, crease_angle: float, left_out: LeftOut
+) -> Scene:
+    """Return a scene with a node for each mesh, or raise `MeshFileError`, naming it."""
+    scene = Scene()
+    for part in parts:
+        normals = _finite("normals", part.normals, left_out)
+        if normals is not None and not normals.any():
+            normals = None
+        uv, material = _finite("uv", part.uv, left_out), part.material
+        if uv is None and material is not None:
+            material = _without_textures(part.name, material, left_out)
+        try:
+            mesh = Mesh(
+                part.vertices, part.faces, normals=normals, uv=uv, material=material,
+                colors=part.colors, on_invalid=on_invalid,
+            )  # fmt: skip
+            mesh = mesh if normals is not None else mesh.split_creases(crease_angle)
+        except ValueError as error:
+            raise MeshFileError(f"{source}: mesh {part.name!r}: {error}") from error
+        scene.add(mesh, name=part.name)
+    return scene
+
+
+def _finite(name: str, values: NDArray[Any] | None, left_out: LeftOut) -> NDArray[Any] | None:
+    """Return values, or None with a note if one is not finite."""
+    if values is not None and not np.isfinite(values).all():
+        left_out.note(f"{name} with NaN or infinity")
+        return None
+    return values
+
+
+def _without_textures(name: str, material: Material, left_out: LeftOut) -> Material:
+    """Return a material for a mesh without texture coordinates: without textures."""
+    fields = [field for field in TEXTURE_FIELDS if getattr(material, field) is not None]
+    if not fields:
+        return material
+    left_out.note(f"texture image without texture coordinates, of mesh {name!r}")
+    return replace(material, **dict.fromkeys(fields))
+
+
+def linear_rgba(colors: NDArray[Any], is_linear: bool) -> NDArray[np.float32]:
+    """
+    Return colours, (N, 3|4), as linear RGBA.
+
+    Whole numbers count to the largest of their type. Bytes are sRGB unless ``is_linear``.
+    """
+    rgba = np.ones((len(colors), 4), dtype=np.float32)
+    if colors.dtype == np.uint8 and not is_linear:
+        rgba[:, :3] = srgb_to_linear(colors[:, :3])
+        rgba[:, 3 : colors.shape[1]] = colors[:, 3:] / np.float32(255.0)
+    else:
+        most = 1.0 if colors.dtype.kind == "f" else float(np.iinfo(colors.dtype).max)
+        rgba[:, : colors.shape[1]] = np.clip(np.nan_to_num(colors / most), 0.0, 1.0)
+    return rgba
+
+
+def srgb_bytes(colors: NDArray[Any]) -> NDArray[np.uint8]:
+    """Return colours, of which floats count from 0 to 1, as bytes."""
+    if colors.dtype.kind == "f":
+        finite = np.where(np.isfinite(colors), colors, 0.0)
+        return np.clip(finite * 255.0, 0.0, 255.0).round().astype(np.uint8)
+    if colors.dtype == np.uint16:
+        return (colors >> 8).astype(np.uint8)
+    return np.clip(colors, 0, 255).astype(np.uint8)
+
+
+def joined(numbers: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """
+    Number the different rows of a table, in their order.
+
+    Parameters
+    ----------
+    numbers : (N, K) int64
+        None below zero.
+
+    Returns
+    -------
+    rows : (V,) int64
+        A row of the table for each number.
+    which : (N,) int64
+        The number of each row.
+    """
+    keys = numbers[:, 0]
+    for column in list(numbers.T[1:]):
+        if int(column.max(initial=0)) >= 1 << 31:
+            column = np.unique(column, return_inverse=True)[1].reshape(-1)
+        size = int(column.max(initial=0)) + 1
+        if int(keys.max(initial=0)) >= (1 << 62) // size:
+            keys = np.unique(keys, return_inverse=True)[1].reshape(-1)
+        keys = keys * size + column
+    _, rows, which = np.unique(keys, return_index=True, return_inverse=True)
+    return rows, which.reshape(-1)
+
+
+def triangles(
+    counts: NDArray[np.int64], by_size: bool
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """
+    Cut polygons into triangles, as trimesh does.
+
+    Parameters
+    ----------
+    counts : (F,) int64
+        Corners of each polygon, at least 3; they stand one polygon after the other.
+    by_size : bool
+        Whether all triangles come first, then the first halves of all quadrangles, then the second
+        ones, then fans of the rest; or each polygon's triangles where it stands.
+
+    Returns
+    -------
+    corners : (T, 3) int64
+        Numbers of corners.
+    polygons : (T,) int64
+        Of which polygon each triangle is.
+    """
+    begins = np.cumsum(counts) - counts
+    if (counts == 3).all():
+        return begins[:, np.newaxis] + np.arange(3), np.arange(len(counts))
+    polygons = np.repeat(np.arange(len(counts)), counts - 2)
+    first = np.cumsum(counts - 2) - (counts - 2)
+    step = np.arange(len(polygons)) - first[polygons]
+    begin = begins[polygons]
+    corners = np.stack([begin, begin + step + 1, begin + step + 2], axis=1)
+    second = (counts[polygons] == 4) & (step == 1)
+    corners[second] = begin[second, np.newaxis] + [2, 3, 0]
+    if by_size:
+        rank = np.where(counts == 3, 0, np.where(counts == 4, 1, 3))[polygons] + second
+        order = np.argsort(rank, kind="stable")
+        corners, polygons = corners[order], polygons[order]
+    return corners, polygons
+
+
+def sound_polygons(
+    corners: NDArray[Any],
+    counts: NDArray[np.int64],
+    there: NDArray[np.bool_],
+    report: Callable[[int], None],
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    """
+    Leave out polygons of fewer than 3 corners, and those that refer to no vertex.
+
+    Parameters
+    ----------
+    corners : (N,) float or int
+        Numbers of vertices, one polygon after the other.
+    counts : (F,) int64
+        How many of them each polygon has.
+    there : (V,) bool
+        Which vertices can be used.
+    report : callable
+        Told the number of each polygon that refers to none.
+
+    Returns
+    -------
+    corners : (M,) int64
+    counts, polygons : (G,) int64
+        Corners and number of each polygon that is left.
+    """
+    kept = (corners >= 0) & (corners < len(there))
+    whole = np.where(kept, corners, 0).astype(np.int64)
+    if len(there):
+        kept &= (whole == corners) & there[whole]
+    of_corners = np.repeat(np.arange(len(counts)), counts)
+    sound = np.ones(len(counts), bool)
+    sound[of_corners[~kept]] = False
+    for polygon in np.flatnonzero(~sound).tolist():
+        report(polygon)
+    sound &= counts >= 3
+    return whole[sound[of_corners]], counts[sound], np.flatnonzero(sound)
+
+
+class Names:
+    """Give names, none of them twice."""
+
+    def __init__(self) -> None:
+        self._given: set[str] = set()
+        self._next: dict[str, int] = {}
+
+    def unique(self, name: str) -> str:
+        """Return a name, with a number behind it if it is given already."""
+        found = name
+        if not name or name in self._given:
+            stem, number = name or "geometry", 0
+            parts = name.rsplit("_", 1)
+            if len(parts) == 2 and parts[1].isdecimal() and len(parts[1]) < 10:
+                stem, number = parts[0], int(parts[1])
+            passed = []
+            number += 1
+            found = f"{stem}_{number}"
+            while found in self._given:
+                passed.append(found)
+                number = self._next.get(found, number + 1)
+                found = f"{stem}_{number}"
+            # Who comes this way again goes on from here.
+            self._next.update(dict.fromkeys(passed, number + 1))
+        self._given.add(found)
+        return found

@@ -1,0 +1,445 @@
+"""
+Read PLY files [1]_: text and binary of both byte orders, lists of any length.
+
+References
+----------
+.. [1] G. Turk, "The PLY Polygon File Format", 1994.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.io.pictures import picture_pixels
+from rasterjit.io.resources import RefusedFileError, Resources, shown_name
+from rasterjit.io.skipped import LeftOut, MeshFileError, reason_of
+from rasterjit.io.text.lines import Damage, Lines, number_rows
+from rasterjit.io.text.mtl import MtlMaterial, material_from_mtl
+from rasterjit.io.text.parts import (
+    COLORS_BESIDE,
+    Part,
+    joined,
+    linear_rgba,
+    sound_polygons,
+    srgb_bytes,
+    triangles,
+)
+from rasterjit.scene.texture import Texture
+
+_TYPES = {
+    "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4",
+    "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4",
+    "int64": "i8", "uint64": "u8", "float": "f4", "double": "f8", "float16": "f2",
+    "float32": "f4", "float64": "f8",
+}  # fmt: skip
+
+_ORDERS = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">"}
+
+_UV = (("texture_u", "texture_v"), ("u", "v"), ("s", "t"))
+"""Names of texture coordinates of vertices."""
+
+_CORNERS = ("vertex_index", "vertex_indices")
+
+_TEXTURE_FILE = "texturefile"
+
+
+@dataclass
+class _Property:
+    """A value, or a list of values with a number of them, of each row of an element."""
+
+    name: str
+    kind: np.dtype
+    count_kind: np.dtype | None = None
+
+
+@dataclass
+class _Element:
+    """
+    Rows of one kind, such as vertices.
+
+    After it is read, ``columns`` has the values of each property, and of a list all of them, with
+    their numbers in ``counts``; ``there`` tells the rows that are not damaged.
+    """
+
+    name: str
+    length: int
+    properties: list[_Property] = field(default_factory=list)
+    columns: dict[str, NDArray[Any]] = field(default_factory=dict)
+    counts: dict[str, NDArray[np.int64]] = field(default_factory=dict)
+    there: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, bool))
+    lines: NDArray[np.int64] | None = None
+
+    def table(self, names: tuple[str, ...]) -> NDArray[Any] | None:
+        """Return single values as columns, or None if one has no such name."""
+        if any(name not in self.columns or name in self.counts for name in names):
+            return None
+        return np.column_stack([self.columns[name] for name in names])
+
+
+def read_ply(path: Path, resources: Resources, damage: Damage, left_out: LeftOut) -> list[Part]:
+    """Return the mesh of a PLY file, or raise `MeshFileError`."""
+    data = resources.read_itself(path)
+    try:
+        order, elements, picture, at = _head(data)
+    except ValueError as error:
+        raise MeshFileError(f"{path} could not be read as .ply: {error}") from None
+    lines = None
+    if order == "=":
+        lines = Lines(data, at)
+        _read_text(lines, elements, damage)
+    else:
+        _read_binary(data, at, elements, damage)
+    by_name = {element.name: element for element in elements}
+    vertex = by_name.get("vertex")
+    positions = vertex.table(("x", "y", "z")) if vertex is not None else None
+    if vertex is None or positions is None or not len(positions):
+        raise MeshFileError(f"{path} holds no faces")
+    face = by_name.get("face")
+    polygons = _polygons(face, vertex.there, lines, damage) if face is not None else None
+    if face is None or polygons is None or not len(polygons[1]):
+        raise MeshFileError(f"{path} holds a point cloud of {len(positions)} points, no faces")
+    return [_part(path.name, vertex, positions, face, polygons, picture, resources, left_out)]
+
+
+def _head(data: bytes) -> tuple[str, list[_Element], str | None, int]:
+    """
+    Read the head of a file, or raise ``ValueError``.
+
+    Returns
+    -------
+    order : {"=", "<", ">"}
+        Byte order; ``"="`` for text.
+    elements : list of _Element
+    picture : str or None
+        Name of the texture's file.
+    at : int
+        Where the rows begin.
+    """
+    order, picture, at, number = None, None, 0, 0
+    elements: list[_Element] = []
+    while True:
+        end = data.find(b"\n", at)
+        if number and end < 0:
+            raise ValueError("its head has no end_header")
+        text = data[at : end if end >= 0 else len(data)].decode("utf-8", "replace").strip()
+        at, number = end + 1, number + 1
+        words = text.split()
+        if number == 1:
+            if text.lower() != "ply":
+                raise ValueError("it does not begin with ply")
+            if end < 0:
+                raise ValueError("its head has no end_header")
+        elif not words:
+            continue
+        elif words[0] == "end_header":
+            break
+        elif words[0] == "format":
+            order = _ORDERS.get(words[1].lower()) if len(words) > 1 else None
+            if order is None:
+                raise ValueError(f"line {number}: format must be one of {', '.join(_ORDERS)}")
+        elif words[0] in ("element", "property"):
+            try:
+                _declare(words, elements)
+            except (ValueError, LookupError):
+                raise ValueError(
+                    f"line {number}: expected an element or a property, got {text[:40]!r}"
+                ) from None
+        elif _TEXTURE_FILE in text.lower():
+            picture = text[text.lower().index(_TEXTURE_FILE) + len(_TEXTURE_FILE) :].strip()
+    if order is None:
+        raise ValueError("its head has no format")
+    for element in elements:
+        for one in element.properties:
+            one.kind = one.kind.newbyteorder(order)
+            if one.count_kind is not None:
+                one.count_kind = one.count_kind.newbyteorder(order)
+    return order, elements, picture, at
+
+
+def _declare(words: list[str], elements: list[_Element]) -> None:
+    """Add an element or a property that a line of the head declares, or raise."""
+    if words[0] == "element":
+        _, name, length = words
+        if int(length) < 0 or any(element.name == name for element in elements):
+            raise ValueError(name)
+        elements.append(_Element(name, int(length)))
+        return
+    if words[1] == "list":
+        _, _, count, kind, name = words
+        said = _Property(name, np.dtype(_TYPES[kind]), np.dtype(_TYPES[count]))
+    else:
+        _, kind, name = words
+        said = _Property(name, np.dtype(_TYPES[kind]))
+    if any(one.name == name for one in elements[-1].properties):
+        raise ValueError(name)
+    elements[-1].properties.append(said)
+
+
+def _read_text(lines: Lines, elements: list[_Element], damage: Damage) -> None:
+    """Read the rows of a text file, a line each."""
+    filled = np.flatnonzero(lines.starts < lines.ends)
+    at = 0
+    for element in elements:
+        if not element.properties:
+            continue
+        rows = filled[at : at + element.length]
+        at += len(rows)
+        if len(rows) < element.length:
+            damage.end(
+                f"{element.length} lines of {element.name}, as its head says", str(len(rows))
+            )
+        what = f"{element.name} ({', '.join(one.name for one in element.properties)})"
+        least = len(element.properties)
+        values, found = number_rows(lines, rows, 0, least, what, damage)
+        element.lines, element.there = rows, found > 0
+        begin = np.cumsum(found) - found
+        end = begin + found
+        for one in element.properties:
+            if one.count_kind is None:
+                _check(element, begin < end, lines, what, damage)
+                picked = np.where(element.there, begin, 0)
+                column = values[picked] if len(values) else np.zeros(len(rows))
+                element.columns[one.name] = _cast(column, one.kind)
+                begin = begin + element.there
+                continue
+            _check(element, begin < end, lines, what, damage)
+            said = values[np.where(element.there, begin, 0)] if len(values) else np.zeros(len(rows))
+            fits = (said == np.floor(said)) & (said >= 0) & (said < end - begin)
+            _check(element, fits, lines, what, damage)
+            counts = np.where(element.there, said, 0.0).astype(np.int64)
+            begin = begin + element.there
+            places = np.arange(int(counts.sum()))
+            places += np.repeat(begin - (np.cumsum(counts) - counts), counts)
+            element.columns[one.name] = _cast(values[places], one.kind)
+            element.counts[one.name] = counts
+            begin = begin + counts
+
+
+def _check(
+    element: _Element, fits: NDArray[np.bool_], lines: Lines, what: str, damage: Damage
+) -> None:
+    """Report rows that do not fit, and mark them as damaged."""
+    bad = element.there & ~fits
+    for row in np.flatnonzero(bad).tolist():
+        damage.line(lines, int(element.lines[row]), f"as many numbers as {what} has")
+    element.there &= ~bad
+
+
+def _cast(values: NDArray[np.float64], kind: np.dtype) -> NDArray[Any]:
+    """Return numbers of a text as the type that its head says."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        return values.astype(kind)
+
+
+def _read_binary(data: bytes, at: int, elements: list[_Element], damage: Damage) -> None:
+    """Read the rows of a binary file."""
+    for element in elements:
+        if not element.properties:
+            continue
+        least = sum((one.count_kind or one.kind).itemsize for one in element.properties)
+        room = max(0, (len(data) - at) // least)
+        if all(one.count_kind is None for one in element.properties):
+            length = min(element.length, room)
+            rows = np.frombuffer(data, _row_type(element, {}), length, at) if length else None
+            _take_rows(element, rows, {})
+            at += length * least
+        else:
+            length, at = _read_lists(data, at, element)
+        element.there = np.ones(length, bool)
+        if length < element.length:
+            damage.end(f"{element.length} rows of {element.name}, as its head says", str(length))
+            at = len(data)
+
+
+def _row_type(element: _Element, counts: dict[str, int]) -> np.dtype:
+    """Return the type of a row whose lists have so many values."""
+    fields: list[tuple[Any, ...]] = []
+    for number, one in enumerate(element.properties):
+        if one.count_kind is not None:
+            fields.append((f"n{number}", one.count_kind))
+            fields.append((f"v{number}", one.kind, (counts[one.name],)))
+        else:
+            fields.append((f"v{number}", one.kind))
+    return np.dtype(fields)
+
+
+def _take_rows(element: _Element, rows: NDArray[Any] | None, counts: dict[str, int]) -> None:
+    """Keep rows of one type as columns."""
+    for number, one in enumerate(element.properties):
+        found = np.zeros(0, one.kind) if rows is None else rows[f"v{number}"].reshape(-1)
+        element.columns[one.name] = found.astype(one.kind.newbyteorder("="))
+        if one.count_kind is not None:
+            length = 0 if rows is None else len(rows)
+            element.counts[one.name] = np.full(length, counts.get(one.name, 0))
+
+
+def _read_lists(data: bytes, at: int, element: _Element) -> tuple[int, int]:
+    """Read rows with lists; return how many there are whole, and where they end."""
+    first = _row_places(data, at, element)
+    if first is None:
+        _take_rows(element, None, {})
+        return 0, at
+    counts = {one.name: first[1][n] for n, one in enumerate(element.properties)}
+    kind = _row_type(element, counts)
+    if element.length * kind.itemsize <= len(data) - at:
+        rows = np.frombuffer(data, kind, element.length, at)
+        if all(
+            (rows[f"n{n}"] == counts[one.name]).all()
+            for n, one in enumerate(element.properties)
+            if one.count_kind is not None
+        ):
+            _take_rows(element, rows, counts)
+            return element.length, at + element.length * kind.itemsize
+    pieces: list[list[bytes]] = [[] for _ in element.properties]
+    numbers: list[list[int]] = [[] for _ in element.properties]
+    length = 0
+    while length < element.length:
+        row = _row_places(data, at, element)
+        if row is None:
+            break
+        begins, found, at = row
+        for n, one in enumerate(element.properties):
+            pieces[n].append(data[begins[n] : begins[n] + found[n] * one.kind.itemsize])
+            numbers[n].append(found[n])
+        length += 1
+    for n, one in enumerate(element.properties):
+        column = np.frombuffer(b"".join(pieces[n]), one.kind)
+        element.columns[one.name] = column.astype(one.kind.newbyteorder("="))
+        if one.count_kind is not None:
+            element.counts[one.name] = np.array(numbers[n], np.int64)
+    return length, at
+
+
+def _row_places(data: bytes, at: int, element: _Element) -> tuple[list[int], list[int], int] | None:
+    """Return where a row's values begin, how many there are, and its end; None if it is cut."""
+    begins, counts = [], []
+    for one in element.properties:
+        count = 1
+        if one.count_kind is not None:
+            size = one.count_kind.itemsize
+            if at + size > len(data):
+                return None
+            if one.count_kind.kind == "f":
+                number = float(np.frombuffer(data, one.count_kind, 1, at)[0])
+                count = int(number) if number >= 0 and number.is_integer() else -1
+            else:
+                order = "big" if one.count_kind.str[0] == ">" else "little"
+                is_signed = one.count_kind.kind == "i"
+                count = int.from_bytes(data[at : at + size], order, signed=is_signed)
+            if count < 0:
+                return None
+            at += size
+        begins.append(at)
+        counts.append(count)
+        at += count * one.kind.itemsize
+        if at > len(data):
+            return None
+    return begins, counts, at
+
+
+def _polygons(
+    face: _Element, there: NDArray[np.bool_], lines: Lines | None, damage: Damage
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]] | None:
+    """Return corners, their number in each polygon, rows of these, and all rows' numbers."""
+    name = next((one for one in _CORNERS if one in face.counts), None)
+    if name is None and len(face.counts) == 1:
+        name = next(iter(face.counts))
+    if name is None:
+        return None
+    counts = face.counts[name]
+    begins = np.cumsum(counts) - counts
+
+    def report(row: int) -> None:
+        expected = f"numbers of vertices below {len(there)} in a face"
+        if lines is not None and face.lines is not None:
+            damage.line(lines, int(face.lines[row]), expected)
+        else:
+            begin = int(begins[row])
+            found = face.columns[name][begin : begin + int(counts[row])][:8].tolist()
+            damage.end(expected, f"{found} in face {row}")
+
+    corners, kept, rows = sound_polygons(face.columns[name], counts, there, report)
+    return corners, kept, rows, counts
+
+
+def _part(
+    name: str,
+    vertex: _Element,
+    positions: NDArray[Any],
+    face: _Element,
+    polygons: tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]],
+    picture: str | None,
+    resources: Resources,
+    left_out: LeftOut,
+) -> Part:
+    """Return the mesh, with vertices of its own where faces differ in texture coordinates."""
+    corners, counts, rows, all_counts = polygons
+    texture = None if picture is None else _texture(picture, resources, left_out)
+    uv = _corner_uv(face, rows, all_counts)
+    numbers = corners[:, np.newaxis]
+    if uv is not None:
+        _, number = np.unique(uv, axis=0, return_inverse=True)
+        numbers = np.column_stack([corners, number.reshape(-1)])
+    else:
+        tables = [vertex.table(names) for names in _UV]
+        uv = next((table[corners] for table in tables if table is not None), None)
+    which, picked = corners, None
+    if uv is not None or not vertex.there.all():
+        found, which = joined(numbers)
+        picked, uv = corners[found], None if uv is None else uv[found]
+    cut, of_polygons = triangles(counts, by_size=True)
+    colors, is_by_face = _colors(vertex), False
+    if colors is None:
+        of_faces = _colors(face)
+        if of_faces is not None:
+            colors, is_by_face = of_faces[rows[of_polygons]], True
+    normals = vertex.table(("nx", "ny", "nz"))
+    if picked is not None:
+        positions = positions[picked]
+        normals = None if normals is None else normals[picked]
+        colors = colors if colors is None or is_by_face else colors[picked]
+    material = None
+    if uv is not None:
+        material = material_from_mtl(MtlMaterial("material_0"), texture, False, left_out)
+    if colors is not None and material is not None:
+        left_out.note(COLORS_BESIDE)
+        colors = None
+    elif colors is not None:
+        colors = linear_rgba(srgb_bytes(colors), False)
+    return Part(name, positions.astype(np.float64), which[cut], normals, uv, colors, material)
+
+
+def _corner_uv(
+    face: _Element, rows: NDArray[np.int64], counts: NDArray[np.int64]
+) -> NDArray[Any] | None:
+    """Return the texture coordinates that faces have for each of their corners, or None."""
+    said = face.counts.get("texcoord")
+    if said is None or not np.array_equal(said, 2 * counts):
+        return None
+    kept = np.zeros(len(counts), bool)
+    kept[rows] = True
+    pairs = face.columns["texcoord"].reshape(-1, 2)
+    return pairs[np.repeat(kept, counts)]
+
+
+def _colors(element: _Element) -> NDArray[Any] | None:
+    """Return the colours of an element's rows, as they are, or None."""
+    rgba = element.table(("red", "green", "blue", "alpha"))
+    return element.table(("red", "green", "blue")) if rgba is None else rgba
+
+
+def _texture(name: str, resources: Resources, left_out: LeftOut) -> Texture | None:
+    """Return the picture that a file names; None, with a note, if it cannot be read."""
+    try:
+        return Texture(picture_pixels(resources.read(name)))
+    except RefusedFileError as error:
+        left_out.note(f"a file that it names: {reason_of(error)}")
+    except Exception as error:
+        # Pillow raises what it likes about a damaged picture.
+        left_out.note(f"picture {shown_name(name)} that cannot be read: {reason_of(error)}")
+    return None

@@ -1,0 +1,79 @@
+"""Read STL files, binary and text: loose triangles, whose normals are made anew."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.io.resources import Resources
+from rasterjit.io.skipped import MeshFileError
+from rasterjit.io.text.lines import Damage, Lines, columns, number_rows
+from rasterjit.io.text.parts import Names, Part
+
+_HEAD = 84
+"""Bytes of a binary file before its triangles: a text of 80, and their number."""
+
+_TRIANGLE = np.dtype([("normal", "<f4", 3), ("vertices", "<f4", (3, 3)), ("attribute", "<u2")])
+
+_PROBE = 1024
+"""Bytes among which a text has no zero."""
+
+
+def read_stl(path: Path, resources: Resources, damage: Damage) -> list[Part]:
+    """Return the meshes of an STL file, or raise `MeshFileError`."""
+    data = resources.read_itself(path)
+    count = int.from_bytes(data[80:_HEAD], "little")
+    whole, rest = divmod(len(data) - _HEAD, _TRIANGLE.itemsize)
+    is_binary = len(data) >= _HEAD and (whole, rest) == (count, 0)
+    if is_binary or (len(data) >= _HEAD and b"\0" in data[:_PROBE]):
+        if not is_binary:
+            damage.end(f"{count} triangles, as its head says", f"room for {whole}")
+        triangles = np.frombuffer(data, _TRIANGLE, min(count, whole), _HEAD)
+        parts = [_part(path.name, triangles["vertices"].reshape(-1, 3))] if len(triangles) else []
+    else:
+        parts = list(_text_parts(Lines(data), damage))
+    if not parts:
+        raise MeshFileError(f"{path} holds no faces")
+    return parts
+
+
+def _part(name: str, vertices: NDArray) -> Part:
+    """Return a mesh of loose triangles."""
+    return Part(name, vertices.astype(np.float64), np.arange(len(vertices)).reshape(-1, 3))
+
+
+def _text_parts(lines: Lines, damage: Damage) -> Iterator[Part]:
+    """Yield a mesh for each solid of a text file that has triangles."""
+    first, second, fourth = (lines.char(offset) | 0x20 for offset in (0, 1, 3))
+    solids = np.flatnonzero((first == ord("s")) & (second == ord("o")))
+    facets = np.flatnonzero((first == ord("f")) & (second == ord("a")))
+    corners = np.flatnonzero((first == ord("v")) & (second == ord("e")))
+    ends = np.flatnonzero((first == ord("e")) & (second == ord("n")) & (fourth == ord("s")))
+    if not len(corners):
+        return
+    if not len(ends) or ends[-1] < corners[-1]:
+        damage.end("'endsolid'", lines.shown(len(lines) - 1))
+    values, counts = number_rows(lines, corners, len("vertex"), 3, "a vertex", damage)
+    vertices, there = columns(values, counts, 3)
+    facet = np.searchsorted(facets, corners)
+    sizes = np.bincount(facet, minlength=len(facets) + 1)
+    is_whole = sizes == 3
+    is_whole[facet[~there]] = False
+    is_whole[0] = False
+    for number in np.flatnonzero((sizes != 3) & (np.arange(len(sizes)) > 0)).tolist():
+        damage.line(lines, int(facets[number - 1]), f"3 vertices after it, not {sizes[number]}, of")
+    if sizes[0]:
+        damage.line(lines, int(corners[0]), "'facet' before it")
+    kept = is_whole[facet]
+    # A solid that begins within a triangle has the next one first.
+    solid, names = np.repeat(np.searchsorted(solids, corners[kept][::3]), 3), Names()
+    vertices = vertices[kept]
+    bounds = np.concatenate(([0], np.flatnonzero(np.diff(solid)) + 1, [len(solid)]))
+    for begin, end in zip(bounds[:-1].tolist(), bounds[1:].tolist(), strict=True):
+        if begin < end:
+            number = int(solid[begin])
+            name = lines.text(int(solids[number - 1]))[len("solid") :].strip() if number else ""
+            yield _part(names.unique(name), vertices[begin:end])

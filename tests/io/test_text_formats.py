@@ -1,0 +1,477 @@
+"""OBJ, PLY, STL and OFF: the scenes that trimesh's readers give, and errors that name the line."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from click.testing import CliRunner
+from PIL import Image
+
+import rasterjit as rj
+from rasterjit.cli import commands
+from rasterjit.io.resources import Resources
+from rasterjit.io.skipped import LeftOut, LoadWarning, MeshFileError
+from rasterjit.io.text.lines import Damage
+from rasterjit.io.text.mtl import MtlLibrary
+from rasterjit.io.text.obj import read_obj
+from rasterjit.io.text.parts import Names, joined, triangles
+from rasterjit.io.trimesh.resolver import resolver_of
+from rasterjit.io.trimesh.scene import TrimeshAdapter
+
+MODELS = Path(__file__).parents[2] / "models"
+
+SQUARE = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
+
+MTL = (
+    "newmtl red\nKd 1 0 0\nKs 0.5 0.5 0.5\nNs 20\nd 0.5\n\nnewmtl skin\nNs 0\nmap_Kd skin.png\n"
+    "newmtl\tplain\nKd 0.2 0.4 0.6\nKa 1 1 1\nillum 2\nTr 0.25\n"
+)
+
+OBJS = {
+    "quads": f"{SQUARE}v 2 0 0\nv 2 1 0\nf 1 2 3 4\nf 2 5 6 3\n",
+    "mixed": f"{SQUARE}v 2 0 0\nv 2 1 0\nv 3 1 1\nf 1 2 3 4\nf 2 5 6\nf 1 2 5 7 6\n",
+    "pentagons": f"{SQUARE}v -1 0.5 0\nf 1 2 3 4 5\nf 5 4 3 2 1\n",
+    "negative": f"{SQUARE}vn 0 0 1\nvt 0 0\nvt 1 1\nf -4/-2/-1 -3/-1/-1 -2/-2/-1\n",
+    "normals": f"{SQUARE}vn 1 0 0\nvn 0 0 2\nf 1//1 2//1 3//2\nf 1//2 3//2 4//1\n",
+    "uv": f"{SQUARE}vt 0 0\nvt 1 0\nvt 1 1 0\nf 1/1 2/2 3/3\nf 1/3 3/2 4/1\n",
+    "uv and normals": f"{SQUARE}vt 0 0\nvt 1 0\nvn 0 0 1\nvn 0 1 0\n"
+    "f 1/1/1 2/2/2 3/2/1\nf 1/1/2 3/2/1 4/1/1\n",
+    "colours": "v 0 0 0 1 0 0\nv 1 0 0 0 1 0\nv 1 1 0 0.3 0.4 2\nf 1 2 3\n",
+    "colours and uv": "v 0 0 0 1 0 0\nv 1 0 0 0 1 0\nv 1 1 0 0.3 0.4 2\nvt 0 0\nvt 0 1\n"
+    "f 1/1 2/2 3/1\n",
+    "weights": "v 0 0 0 1\nv 1 0 0 1\nv 1 1 0 1\nf 1 2 3\n",
+    "some colours": "v 0 0 0 1 0 0\nv 1 0 0\nv 1 1 0\nf 1 2 3\n",
+    "continued": f"{SQUARE}f 1 2 \\\n 3 4\n",
+    "windows": f"{SQUARE}f 1 2 3\nf 1 3 4".replace("\n", "\r\n"),
+    "blanks": f"# a\n\n{SQUARE}\n\nf  1   2 3  \nf 1 3 4\t\n",
+    "object first": f"o lamp\n{SQUARE}g x\nf 1 2 3\no other\nf 1 3 4\n",
+    "object later": f"{SQUARE}s 1\no lamp\nf 1 2 3\n",
+    "groups": f"{SQUARE}g a\nf 1 2 3\ng b\nf 1 3 4\ng a\nf 2 3 4\n",
+    "materials": f"mtllib a.mtl\n{SQUARE}usemtl red\nf 1 2 3\nusemtl plain\nf 1 3 4\nusemtl red\n"
+    "f 2 3 4\nusemtl none\nf 1 2 4\n",
+    "no material first": f"mtllib a.mtl\n{SQUARE}f 1 2 3\nusemtl plain\nf 1 3 4\n",
+    "picture": f"mtllib a.mtl\n{SQUARE}vt 0 0\nvt 1 0\nvt 1 1\nusemtl skin\nf 1/1 2/2 3/3\n",
+    "picture without uv": f"mtllib a.mtl\n{SQUARE}usemtl skin\nf 1 2 3\n",
+    "library without materials": f"mtllib none.mtl\n{SQUARE}usemtl a\nf 1 2 3\nusemtl b\nf 1 3 4\n",
+    "same names": f"o part_3\n{SQUARE}usemtl a\nf 1 2 3\nusemtl b\nf 1 3 4\nusemtl c\nf 1 2 4\n",
+    "unused vertices": f"{SQUARE}v 9 9 9\nv nan 0 0\nf 2 3 4\n",
+    "infinite normal": f"{SQUARE}vn inf 0 0\nf 1//1 2//1 3//1\n",
+    "exponents": "v 1e-3 0 0\nv 1E+2 0 0\nv .5 -1. +2\nf 1 2 3\n",
+}
+
+TRIANGLE = (
+    "facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1e0 0\n"
+    "endloop\nendfacet\n"
+)
+
+STLS = {
+    "one": f"solid a part \n{TRIANGLE}endsolid a part\n",
+    "no name": f"solid\n{TRIANGLE}{TRIANGLE}endsolid",
+    "several": f"solid x\n{TRIANGLE}endsolid x\nsolid X\n{TRIANGLE}endsolid\nsolid x\n{TRIANGLE}"
+    f"endsolid\nsolid\n{TRIANGLE}endsolid\nsolid\nendsolid\nsolid\n{TRIANGLE}endsolid\n",
+    "capitals": f"solid x\n{TRIANGLE}endsolid\n".upper().replace("\n", "\r\n"),
+}
+
+THREE = "OFF\n3 2 0\n0 0 0\n1 0 0\n1 1 0\n3 0 1 2\n"
+
+OFFS = {
+    "comments": "# a\nOFF # b\n# c\n4 2 0\n0 0 0\n1 0 0 # d\n1 1 0\n\n0 1 0\n3 0 1 2\n3 0 2 3# e",
+    "marked": "\ufeffOFF\n3 1 0\n0 0 0\n1 0 0\n1 1 0\n3 0 1 2\n",
+    "one line": "OFF 4 2 0\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n3  0 1  2\n4 0 1 2 3",
+    "colours": "COFF\n3 1 0\n0 0 0 255 0 0 255\n1 0 0 255 0 0 255\n1 1 0 0 0 9 255\n3 0 1 2\n",
+    "face colours": "OFF\n3 1 0\n0 0 0\n1 0 0\n1 1 0\n3 0 1 2 0.5 0.5 0.5\n",
+    "normals": "NOFF\r\n3 1 0\r\n0 0 0 0 0 1\r\n1 0 0 0 0 1\r\n1 1 0 0 0 1\r\n3 0 1 2\r\n",
+    "texture": "STOFF\n3 1 0\n0 0 0 0 1\n1 0 0 0 1\n1 1 0 1 1\n3 0 1 2\n",
+    "polygons": "OFF\n4 3 0\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n4 0 1 2 3\n3 0 1 2\n4 3 2 1 0\n",
+}
+
+
+def ply(vertex, rows, faces, order="ascii", face="property list uchar int vertex_indices\n"):
+    """Write a PLY as text; each property of ``vertex`` is a type and a name."""
+    head = f"ply\nformat {order} 1.0\ncomment made\nelement vertex {len(rows)}\n"
+    head += "".join(f"property {one}\n" for one in vertex)
+    head += f"element face {len(faces)}\n{face}end_header\n"
+    return head + "".join(f"{row}\n" for row in [*rows, *faces])
+
+
+XYZ = ["float x", "float y", "float z"]
+CORNERS = ["0 0 0", "1 0 0", "1 1 0.1", "0 1 0"]
+RGB = ["uchar red", "uchar green", "uchar blue"]
+
+
+def each(values):
+    return [f"{corner} {value}" for corner, value in zip(CORNERS, values, strict=True)]
+
+
+PLYS = {
+    "plain": ply(XYZ, CORNERS, ["3 0 1 2", "3 0 2 3"]),
+    "double": ply([one.replace("float", "double") for one in XYZ], CORNERS, ["3 0 1 2"]),
+    "quads": ply(XYZ, CORNERS, ["4 0 1 2 3", "4 3 2 1 0"]),
+    "polygons": ply(XYZ, [*CORNERS, "-1 .5 0"], ["4 0 1 2 3", "3 0 1 2", "5 0 1 2 3 4"]),
+    "double blanks": ply(XYZ, CORNERS, ["3  0 1   2 ", "3 0 2 3"]),
+    "colours": ply(XYZ + RGB, each(["255 0 0", "0 9 0", "1 2 3", "4 5 6"]), ["3 0 1 2"]),
+    "alpha": ply([*XYZ, *RGB, "uchar alpha"], each(["255 0 0 9"] * 4), ["3 0 1 2"]),
+    "float colours": ply(
+        XYZ + [f"float {name}" for name in ("red", "green", "blue")],
+        each(["1 0 0", "0 0.3 0", "0.1 0.2 2", "nan 0 1"]), ["3 0 1 2"],
+    ),
+    "face colours": ply(
+        XYZ, CORNERS, ["3 0 1 2 255 0 0", "3 0 2 3 9 8 7"],
+        face="property list uchar int vertex_index\n" + "".join(f"property {c}\n" for c in RGB),
+    ),
+    "normals": ply([*XYZ, "float nx", "float ny", "float nz"], each(["0 0 1"] * 4), ["3 0 1 2"]),
+    "zero normals": ply(
+        [*XYZ, "float nx", "float ny", "float nz"], each(["0 0 0"] * 4), ["3 0 1 2"]
+    ),
+    "uv of vertices": ply([*XYZ, "float s", "float t"], each(["0 0", "1 0", "1 1", "0 1"]),
+                          ["3 0 1 2", "3 0 2 3"]),
+    "uv and colours": ply([*XYZ, "float u", "float v", *RGB], each(["0 0 9 8 7"] * 4),
+                          ["3 0 1 2", "3 0 2 3"]),
+    "uv of corners": ply(
+        XYZ, CORNERS, ["3 0 1 2 6 0 0 1 0 1 1", "3 0 2 3 6 0 0 0.5 1 0 1"],
+        face="property list uchar int vertex_indices\nproperty list uchar float texcoord\n",
+    ),
+    "picture": ply([*XYZ, "float texture_u", "float texture_v"], each(["0 0", "1 0", "1 1", "0 1"]),
+                   ["3 0 1 2", "3 0 2 3"]).replace("comment made", "comment TextureFile skin.png"),
+    "other elements": ply(XYZ, CORNERS, ["3 0 1 2"]).replace(
+        "element face", "element edge 0\nproperty int vertex1\nproperty int vertex2\nelement face"
+    ),
+    "windows": ply(XYZ, CORNERS, ["3 0 1 2"]).replace("\n", "\r\n"),
+}  # fmt: skip
+
+SUFFIXES = {"obj": OBJS, "stl": STLS, "off": OFFS, "ply": PLYS}
+FILES = [(suffix, name) for suffix, texts in SUFFIXES.items() for name in texts]
+
+
+def write(folder, suffix, text):
+    """Write a file and what it may name; a text keeps its line ends."""
+    path = folder / f"a.{suffix}"
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    (folder / "a.mtl").write_text(MTL)
+    pixels = np.arange(48, dtype=np.uint8).reshape(4, 4, 3)
+    Image.fromarray(pixels).save(folder / "skin.png")
+    return path
+
+
+def loaded(path, **options):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", LoadWarning)
+        return rj.load(path, **options)
+
+
+class WithLibrary(TrimeshAdapter):
+    """Takes the pictures of materials from MTL files, as trimesh drops what these say."""
+
+    library = None
+
+    def _material(self, material, is_gltf):
+        found = None if self.library is None else self.library.material(material.name)
+        return super()._material(material, is_gltf) if found is None else found
+
+
+def through_trimesh(path, on_invalid="raise"):
+    """Read a file with trimesh's reader."""
+    left_out, resources = LeftOut(), Resources(path)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        read = trimesh.load_scene(path, resolver=resolver_of(resources, left_out), process=False)
+    adapter = WithLibrary(str(path), True, on_invalid, 40.0, left_out)
+    if path.suffix == ".obj" and "mtllib a.mtl" in path.read_text():
+        used = [line.split()[1] for line in path.read_text().splitlines() if line[:6] == "usemtl"]
+        adapter.library = MtlLibrary(["a.mtl"], used, resources, left_out)
+    return adapter.scene(read)
+
+
+def corner_values(mesh):
+    """Return what the corners of faces have: vertices that share a place may swap theirs."""
+    yield mesh.vertices[mesh.faces]
+    for values in (mesh.normals, mesh.uv, mesh.vertex_colors):
+        yield None if values is None else values[mesh.faces]
+    yield mesh.face_colors
+
+
+def assert_same_scenes(ours, theirs):
+    assert [node.name for node in ours.nodes] == [node.name for node in theirs.nodes]
+    for one, other in zip(ours.nodes, theirs.nodes, strict=True):
+        assert np.array_equal(one.mesh.vertices, other.mesh.vertices, equal_nan=True)
+        pairs = zip(corner_values(one.mesh), corner_values(other.mesh), strict=True)
+        for mine, expected in pairs:
+            assert (mine is None) == (expected is None)
+            if mine is not None:
+                assert np.array_equal(mine, expected, equal_nan=True)
+        assert_same_materials(one.mesh.material, other.mesh.material)
+
+
+def assert_same_materials(one, other):
+    for name in ("base_color", "specular", "shininess", "name", "alpha_mode", "shading"):
+        assert getattr(one, name) == getattr(other, name), name
+    mine, expected = one.base_color_texture, other.base_color_texture
+    assert (mine is None) == (expected is None)
+    if mine is not None:
+        assert np.array_equal(mine.image, expected.image)
+
+
+@pytest.mark.parametrize(("suffix", "name"), FILES)
+def test_scenes_are_those_of_trimeshs_readers(tmp_path, suffix, name):
+    path = write(tmp_path, suffix, SUFFIXES[suffix][name])
+    on_invalid = "drop" if name == "unused vertices" else "raise"
+    assert_same_scenes(loaded(path, on_invalid=on_invalid), through_trimesh(path, on_invalid))
+
+
+MODEL_FILES = sorted(p.name for p in MODELS.iterdir() if p.suffix[1:] in SUFFIXES)
+
+
+@pytest.mark.parametrize("name", MODEL_FILES)
+def test_models_are_those_of_trimeshs_readers(name):
+    assert_same_scenes(loaded(MODELS / name), through_trimesh(MODELS / name))
+
+
+@pytest.mark.parametrize("kind", ["plain", "vertex colours", "face colours", "normals", "uv"])
+@pytest.mark.parametrize("form", ["obj", "off", "stl", "stl_ascii", "ply", "ply ascii"])
+def test_exports_of_trimesh_come_back(tmp_path, form, kind):
+    source = trimesh.creation.icosphere(1)
+    rng = np.random.default_rng(3)
+    if kind == "vertex colours":
+        source.visual.vertex_colors = rng.integers(0, 256, (len(source.vertices), 4), np.uint8)
+    elif kind == "face colours":
+        source.visual.face_colors = rng.integers(0, 256, (len(source.faces), 4), np.uint8)
+    elif kind == "normals":
+        assert len(source.vertex_normals)
+    elif kind == "uv":
+        uv = rng.random((len(source.vertices), 2))
+        source.visual = trimesh.visual.TextureVisuals(uv=uv)
+    options = {"encoding": "ascii"} if form == "ply ascii" else {}
+    content = source.export(file_type=form.split()[0], **options)
+    path = write(tmp_path, form.split("_")[0].split()[0], content)
+    assert_same_scenes(loaded(path), through_trimesh(path))
+
+
+# What trimesh's readers cannot
+
+
+def as_binary(text, order):
+    """Return a text PLY of float and int properties as a binary one."""
+    head, body = text.split("end_header\n")
+    name = {"<": "binary_little_endian", ">": "binary_big_endian"}[order]
+    content = b""
+    for line in body.splitlines():
+        words = line.split()
+        if "." in line or words[0] not in ("3", "4", "5"):
+            content += np.array(words, f"{order}f4").tobytes()
+        else:
+            content += bytes([int(words[0])]) + np.array(words[1:], f"{order}i4").tobytes()
+    return f"{head.replace('ascii', name)}end_header\n".encode() + content
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+@pytest.mark.parametrize("name", ["plain", "quads", "polygons"])
+def test_binary_ply_is_read_in_both_byte_orders(tmp_path, order, name):
+    text = loaded(write(tmp_path, "ply", PLYS[name]))
+    assert_same_scenes(loaded(write(tmp_path, "ply", as_binary(PLYS[name], order))), text)
+
+
+def test_elements_that_are_not_known_are_skipped(tmp_path):
+    extra = "element tag 2\nproperty list ushort short n\nproperty uchar a\n"
+    text = PLYS["plain"].replace("element face", f"{extra}element face")
+    lines = text.splitlines()
+    at = lines.index("3 0 1 2")
+    lines[at:at] = ["2 7 8 1", "0 4"]
+    path = write(tmp_path, "ply", "\n".join(lines))
+    assert_same_scenes(loaded(path), loaded(write(tmp_path, "ply", PLYS["plain"])))
+
+
+def test_colours_of_polygons_stay_with_them(tmp_path):
+    face = "property list uchar int vertex_indices\n" + "".join(f"property {c}\n" for c in RGB)
+    text = ply(XYZ, CORNERS, ["4 0 1 2 3 255 0 0", "3 0 1 2 0 0 255"], face=face)
+    (node,) = rj.load(write(tmp_path, "ply", text)).nodes
+    assert node.mesh.face_colors[:, [0, 2]].tolist() == [[0, 1], [1, 0], [1, 0]]
+
+
+def test_negative_numbers_count_back_from_their_line(tmp_path):
+    text = "v 0 0 0\nv 1 0 0\nv 1 1 0\nf -3 -2 -1\nv 5 0 0\nv 6 0 0\nv 6 1 0\nf -3 -2 -1\n"
+    (node,) = rj.load(write(tmp_path, "obj", text)).nodes
+    assert node.mesh.vertices[node.mesh.faces][:, 0, 0].tolist() == [0, 5]
+
+
+def test_a_binary_stl_that_begins_with_solid_is_binary(tmp_path):
+    content = bytearray(trimesh.creation.box().export(file_type="stl"))
+    content[:6] = b"solid "
+    path = write(tmp_path, "stl", bytes(content))
+    assert_same_scenes(loaded(path), through_trimesh(path))
+
+
+def test_materials_of_every_library_are_found(tmp_path):
+    (tmp_path / "b.mtl").write_text("newmtl blue\nKd 0 0 1\nKs nonsense\n")
+    text = f"mtllib a.mtl\nmtllib b.mtl\n{SQUARE}usemtl blue\nf 1 2 3\n"
+    (node,) = rj.load(write(tmp_path, "obj", text)).nodes
+    assert node.mesh.material.base_color == (0.0, 0.0, 1.0, 1.0)
+
+
+def test_a_missing_picture_of_a_ply_is_named(tmp_path):
+    text = PLYS["picture"].replace("skin.png", "none.png")
+    with pytest.warns(LoadWarning, match=r"none\.png.*missing"):
+        rj.load(write(tmp_path, "ply", text))
+
+
+# Damage
+
+DAMAGED = {
+    "obj: a word in a vertex": ("obj", f"{SQUARE}v 1 x 0\nf 1 2 3\n", r"line 5: expected 3"),
+    "obj: a vertex of two": ("obj", f"v 1 0\n{SQUARE}f 2 3 4\n", r"line 1: expected 3 numbers"),
+    "obj: two numbers in a word": ("obj", f"v 1-2 3\n{SQUARE}f 2 3 4\n", r"line 1: expected 3"),
+    "obj: a face of two": ("obj", f"{SQUARE}f 1 2 3\nf 1 2\n", r"line 6: expected a face of 3"),
+    "obj: a face of words": ("obj", f"{SQUARE}f 1 2 3\n\nf a b c\n", r"line 7: .*'f a b c'"),
+    "obj: a face beyond": ("obj", f"{SQUARE}f 1 2 3\nf 1 2 5\n", r"line 6: .*among 4 v.*'f 1 2 5'"),
+    "obj: a normal beyond": ("obj", f"{SQUARE}vn 0 0 1\nf 1//1 2//1 3//1\nf 1//1 2//2 3//1\n",
+                             r"line 7: .*1 vn"),
+    "obj: counts from zero": ("obj", f"{SQUARE}f 1 2 3\nf 0 1 2\n", r"line 6: "),
+    "obj: before the first": ("obj", f"{SQUARE}f 1 2 3\nf -5 -4 -3\n", r"line 6: "),
+    "obj: a face too far": ("obj", f"{SQUARE}f 1 2 3\nf 1 2 {'9' * 30} # far\n", r"line 6: "),
+    "stl: a solid in a triangle": (
+        "stl", "solid a\n" + TRIANGLE.replace("vertex 1", "solid b\nvertex 1") + "vertex 1 2 3\n"
+        + TRIANGLE + "endsolid\n", r"line 2: expected 3 vertices after it, not 4"),
+    "obj: continued": ("obj", f"{SQUARE}f 1 2 \\\n 3\nf 1 2 x\n", r"line 7: "),
+    "ply: a vertex less": ("ply", ply(XYZ, CORNERS, ["3 0 1 2"]).replace("vertex 4", "vertex 7"),
+                           r"its end: expected 7 lines of vertex, as its head says, got 5"),
+    "ply: a face less": ("ply", ply(XYZ, CORNERS, ["3 0 1 2"]).replace("face 1", "face 5"),
+                         r"its end: expected 5 lines of face, as its head says, got 1"),
+    "ply: a word": ("ply", ply(XYZ, ["0 a 0", *CORNERS], ["3 1 2 3"]),
+                    r"line 11: expected 3 numbers of vertex \(x, y, z\), got '0 a 0'"),
+    "ply: a cut line": ("ply", ply(XYZ, CORNERS, ["3 0 1 2", "3 0 1"]), r"line 16: .*'3 0 1'"),
+    "ply: a face beyond": ("ply", ply(XYZ, CORNERS, ["3 0 1 2", "3 0 1 4"]),
+                           r"line 16: expected numbers of vertices below 4"),
+    "ply: binary": ("ply", as_binary(PLYS["plain"], "<")[:-3],
+                    r"its end: expected 2 rows of face, as its head says, got 1"),
+    "off: a face less": ("off", OFFS["one line"].replace("4 2 0", "4 5 0"),
+                         r"its end: expected 5 faces, as its head says, got 2"),
+    "off: a word": ("off", f"{THREE}3 0 x 2\n", r"line 7: .*'3 0 x"),
+    "off: cut": ("off", f"{THREE}3 0 1\n", r"line 7: .*'3 0 1'"),
+    "off: a face beyond": ("off", f"{THREE}3 0 1 3\n", r"line 7: "),
+    "stl: no end": ("stl", f"solid a\n{TRIANGLE}{TRIANGLE}"[:-60], r"its end: expected 'endsolid'"),
+    "stl: a word": ("stl", f"solid a\n{TRIANGLE}{TRIANGLE.replace('1 0 0', '1 q 0')}endsolid\n",
+                    r"line 12: expected 3 numbers of a vertex"),
+    "stl: binary": ("stl", trimesh.creation.box().export(file_type="stl")[:-7],
+                    r"its end: expected 12 triangles, as its head says, got room for 11"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", DAMAGED)
+def test_damage_is_an_error_that_names_the_line_or_a_warning(tmp_path, name):
+    suffix, content, said = DAMAGED[name]
+    path = write(tmp_path, suffix, content)
+    with pytest.raises(MeshFileError, match=rf"a\.{suffix} is damaged at .*(?:{said})"):
+        rj.load(path)
+    if name == "ply: a vertex less":
+        return
+    with pytest.warns(LoadWarning, match=said):
+        scene = rj.load(path, on_damage="warn")
+    assert sum(len(node.mesh.faces) for node in scene.nodes) >= 1
+    assert all(np.isfinite(node.mesh.vertices).all() for node in scene.nodes)
+
+
+def test_on_damage_is_one_of_two(tmp_path):
+    with pytest.raises(ValueError, match="on_damage must be one of 'error', 'warn'; got 'skip'"):
+        rj.load(write(tmp_path, "obj", OBJS["quads"]), on_damage="skip")
+
+
+def test_the_command_line_loads_what_there_is(tmp_path):
+    path = write(tmp_path, "obj", f"{SQUARE}f 1 2 3\nf 1 2\n")
+    command = ["render", str(path), "-o", str(tmp_path / "a.png"), "--size", "9x9"]
+    refused = CliRunner().invoke(commands.program, command)
+    assert refused.exit_code == 1
+    assert "line 6" in refused.output
+    warned = CliRunner().invoke(commands.program, [*command, "--on-damage", "warn"])
+    assert warned.exit_code == 0
+    assert "line 6" in warned.output
+
+
+@pytest.mark.parametrize(
+    ("suffix", "text"),
+    [
+        ("ply", "ply\nformat ascii 1.0\nelement vertex 999999999999\nproperty float x\n"
+                "element face 999999999999\nproperty list uchar int vertex_indices\nend_header\n"),
+        ("ply", "ply\nformat binary_little_endian 1.0\nelement face 999999999999\n"
+                "property list uint double vertex_indices\nend_header\n\xff\xff\xff\xff"),
+        ("off", "OFF\n999999999999 999999999999 0\n0 0 0\n"),
+        ("stl", b"\0" * 80 + b"\xff" * 4),
+        ("obj", "v 1 2 3\nf 1 1 99999999999999999999999\nf 9223372036854775807 1 1\n"),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("on_damage", ["error", "warn"])
+def test_a_head_that_promises_too_much_costs_nothing(tmp_path, suffix, text, on_damage):
+    with pytest.raises(MeshFileError):
+        rj.load(write(tmp_path, suffix, text), on_damage=on_damage)
+
+
+# Time and memory grow with the file
+
+
+def test_many_groups_and_many_blanks_are_read_soon(tmp_path):
+    lines = ["mtllib a.mtl", "v 0 0 0", "v 1 0 0", "v 0 1 0"]
+    for number in range(20_000):
+        lines += [f"g part {number}", f"usemtl m{number}", "f 1 2 3"]
+    path = write(tmp_path, "obj", "\n".join(lines))
+    (tmp_path / "a.mtl").write_text(f"newmtl{' ' * 40_000}m0\nKd{' ' * 40_000}1 0 0\n")
+    before = time.process_time()
+    left_out = LeftOut()
+    parts = read_obj(path, Resources(path), Damage(path, "error", left_out), left_out)
+    assert len({part.name for part in parts}) == 20_000
+    blanks = write(tmp_path, "obj", f"{SQUARE}usemtl{' ' * 40_000}x\nf 1 2 3\n" + " " * 40_000)
+    assert len(loaded(blanks).nodes) == 1
+    assert time.process_time() - before < 20.0
+
+
+def test_trimesh_is_not_imported_for_these_files(tmp_path):
+    names = [str(write(tmp_path / suffix, suffix, text)) for suffix, text in (
+        ("obj", OBJS["picture"]), ("ply", PLYS["picture"]), ("stl", STLS["one"]),
+        ("off", OFFS["comments"]),
+    ) if (tmp_path / suffix).mkdir() is None]  # fmt: skip
+    code = (
+        "import sys, rasterjit as rj\n"
+        f"for name in {names!r}: rj.load(name)\n"
+        "print(sorted(m for m in ('trimesh', 'networkx', 'scipy') if m in sys.modules))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], check=True, capture_output=True, text=True, env=os.environ
+    )
+    assert done.stdout.strip() == "[]"
+
+
+# Helpers
+
+
+def test_names_that_are_given_again_get_the_next_free_number():
+    names = Names()
+    given = [names.unique(name) for name in ("a", "a_1", "a", "a", "a_1", "", "", "b_7", "b_7")]
+    assert given == ["a", "a_1", "a_2", "a_3", "a_4", "geometry_1", "geometry_2", "b_7", "b_8"]
+    again = [f"c_{number}" for number in range(20_000)]
+    before = time.process_time()
+    assert len({names.unique(name) for name in again + again}) == 40_000
+    assert time.process_time() - before < 10.0
+
+
+def test_rows_are_joined_by_their_numbers():
+    rng = np.random.default_rng(5)
+    for most in (4, 1 << 40):
+        table = rng.integers(0, 4, (50, 3)) * (most // 4)
+        rows, which = joined(table)
+        assert np.array_equal(table[rows][which], table)
+        assert len(rows) == len(np.unique(table, axis=0))
+        assert np.array_equal(table[rows], np.unique(table, axis=0))
+
+
+@pytest.mark.parametrize("by_size", [False, True])
+def test_polygons_are_cut_into_fans(by_size):
+    corners, polygons = triangles(np.array([5, 3, 4]), by_size)
+    assert np.bincount(polygons).tolist() == [3, 1, 2]
+    assert corners[polygons == 0].tolist() == [[0, 1, 2], [0, 2, 3], [0, 3, 4]]
+    assert corners[polygons == 2].tolist() == [[8, 9, 10], [10, 11, 8]]
+    assert (polygons.tolist() == [1, 2, 2, 0, 0, 0]) == by_size
