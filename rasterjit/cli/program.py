@@ -17,15 +17,13 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from rasterjit.cli import INTERRUPTED, raise_if_interrupted
 from rasterjit.cli.options import ColorType, Effects, Look, SizeType
 from rasterjit.rendering.plan import CULL_MODES
 
 if TYPE_CHECKING:
     from rasterjit.outputs.frame import Frame
     from rasterjit.scene.scene import Scene
-
-INTERRUPTED = 130
-"""Exit status after Ctrl-C; the others are click's: 1 failed, 2 wrong usage."""
 
 DEBUG = "rasterjit.debug"
 """Key of the flag in click's context."""
@@ -61,6 +59,7 @@ class Program(click.Group):
         except (click.ClickException, click.exceptions.Exit, click.Abort, BrokenPipeError):
             raise
         except Exception as error:
+            raise_if_interrupted()
             if context.meta.get(DEBUG):
                 raise
             raise click.ClickException(describe(error)) from error
@@ -192,6 +191,7 @@ def load_scene(file: Path, look: Look, effects: Effects, quiet: bool) -> Scene:
         warnings.simplefilter("ignore")
         warnings.simplefilter("always", UserWarning)
         scene = load(file, on_invalid=look.on_invalid, resource_root=look.resource_root)
+    raise_if_interrupted()
     for warning in caught:
         warn(str(warning.message), quiet)
     look.apply(scene)
