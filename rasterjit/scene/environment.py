@@ -199,7 +199,14 @@ class Environment:
         ValueError
             If the file is missing or holds no such picture; the message names it.
         """
-        return cls(read_hdr_image(path), intensity, rotation, background)
+        try:
+            sky = Panorama(read_hdr_image(path))
+        except ValueError as error:
+            if not isinstance(path, (str, os.PathLike)) or repr(os.fspath(path)) in str(error):
+                raise
+            named = f"path must be a picture of light, but {os.fspath(path)!r} is not"
+            raise ValueError(f"{named}: {error}") from error
+        return cls(sky, intensity, rotation, background)
 
     @property
     def lights(self) -> bool:
