@@ -9,6 +9,7 @@ are one line on standard error. The options here are those that most commands ha
 
 from __future__ import annotations
 
+import re
 import sys
 import warnings
 from collections.abc import Callable
@@ -27,6 +28,12 @@ if TYPE_CHECKING:
 
 DEBUG = "rasterjit.debug"
 """Key of the flag in click's context."""
+
+FILE = "rasterjit.file"
+"""Key of the file that was read in click's context."""
+
+SCENE = re.compile(r"scene\b")
+"""How errors begin that are about what a file held."""
 
 OWN_PROCESS = "own process"
 """The object of click's context where the process runs one command and ends."""
@@ -62,7 +69,10 @@ class Program(click.Group):
             raise_if_interrupted()
             if context.meta.get(DEBUG):
                 raise
-            raise click.ClickException(describe(error)) from error
+            message = describe(error)
+            if FILE in context.meta and isinstance(error, ValueError) and SCENE.match(message):
+                message = f"{context.meta[FILE]}: {message}"
+            raise click.ClickException(message) from error
 
 
 def describe(error: Exception) -> str:
@@ -192,6 +202,7 @@ def load_scene(file: Path, look: Look, effects: Effects, quiet: bool) -> Scene:
         warnings.simplefilter("always", UserWarning)
         scene = load(file, on_invalid=look.on_invalid, resource_root=look.resource_root)
     raise_if_interrupted()
+    click.get_current_context().meta[FILE] = file
     for warning in caught:
         warn(str(warning.message), quiet)
     look.apply(scene)

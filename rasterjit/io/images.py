@@ -38,7 +38,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.scene.validation import positive_number
+from rasterjit.scene.validation import positive_number, unmasked_array
 
 IMAGE_FORMATS = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".gif")
 """Extensions that ``save_image`` writes."""
@@ -89,7 +89,7 @@ def save_image(path: str | Path, image: NDArray[np.uint8]) -> None:
         If the file cannot be written; an existing one is left as it was.
     """
     place = checked_path(path, IMAGE_FORMATS)
-    pixels = np.asarray(image)
+    pixels = unmasked_array("image", image)
     channels = pixels.shape[2] if pixels.ndim == 3 else 1
     if pixels.dtype != np.uint8 or pixels.ndim not in (2, 3) or pixels.size == 0:
         raise ValueError(
@@ -142,7 +142,7 @@ def save_depth(path: str | Path, depth: NDArray[np.float32], *, scale: float = 1
         asked for and OpenEXR is not installed.
     """
     place = checked_path(path, DEPTH_FORMATS)
-    values = np.asarray(depth)
+    values = unmasked_array("depth", depth)
     if values.ndim != 2 or values.size == 0 or values.dtype != np.float32:
         raise ValueError(
             f"depth must be (H, W) float32, not empty; got {values.shape} {values.dtype}"

@@ -57,15 +57,22 @@ class Workers:
         if self._process != os.getpid():
             # A forked process has the pool but none of its threads.
             self._pool, self._process = None, os.getpid()
-        if self._pool is None:
-            self._pool = ThreadPoolExecutor(self.threads, thread_name_prefix="rasterjit")
-        return list(self._pool.map(lambda call: task(*call), calls))
+        pool = self._pool
+        if pool is None:
+            pool = ThreadPoolExecutor(self.threads, thread_name_prefix="rasterjit")
+            self._pool = pool
+        try:
+            results = pool.map(lambda call: task(*call), calls)
+        except RuntimeError:
+            # Those of the tasks come later.
+            raise RuntimeError("close() was called while a frame was being drawn") from None
+        return list(results)
 
     def close(self) -> None:
         """Let the threads go."""
-        if self._pool is not None:
-            self._pool.shutdown()
-            self._pool = None
+        pool, self._pool = self._pool, None
+        if pool is not None:
+            pool.shutdown()
         self.memory.clear()
 
 

@@ -14,7 +14,13 @@ from rasterjit.scene.color import ColorLike, linear_color
 from rasterjit.scene.hdr_image import read_hdr_image
 from rasterjit.scene.light import BRIGHTEST
 from rasterjit.scene.texture import MOST_LIGHT, check_extent
-from rasterjit.scene.validation import bounded_number, finite_number, read_only
+from rasterjit.scene.validation import (
+    MaskedError,
+    bounded_number,
+    finite_number,
+    read_only,
+    unmasked_array,
+)
 
 Color: TypeAlias = tuple[float, float, float]
 """Linear red, green and blue."""
@@ -229,7 +235,9 @@ class Environment:
 def _linear_panorama(value: Any) -> NDArray[np.float32]:
     """Return a picture as (H, W, 3) float32, linear, read-only, or raise ``ValueError``."""
     try:
-        image = np.asarray(value)
+        image = unmasked_array("sky", value)
+    except MaskedError:
+        raise
     except ValueError:
         raise ValueError("sky must be an array of numbers, got rows of unequal length") from None
     if image.dtype.kind != "f":
