@@ -16,6 +16,8 @@ import time
 from types import FrameType
 from typing import Any
 
+from rasterjit.runtime.versions import too_old
+
 INTERRUPTED = 130
 """Exit status after Ctrl-C; the others are click's: 1 failed, 2 wrong usage."""
 
@@ -62,6 +64,14 @@ def is_program() -> bool:
         return started.removeprefix("-m").partition(".")[0] == __name__.partition(".")[0]
     stem = os.path.splitext(os.path.basename(shown))[0]
     return started == shown and stem.removesuffix("-script") == __name__.partition(".")[0]
+
+
+def refuse(complaint: str | None) -> None:
+    """Refuse to be imported, if there is a complaint: the command line ends with one line."""
+    if complaint is not None and is_program():
+        sys.exit(f"error: {complaint}")
+    if complaint is not None:
+        raise ImportError(complaint)
 
 
 def end_now(*_: Any) -> None:
@@ -132,3 +142,4 @@ def _answer_with(handler: Any) -> None:
 
 if is_program():
     _answer_with(end_now)
+refuse(too_old())

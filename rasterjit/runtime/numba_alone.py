@@ -12,10 +12,15 @@ import importlib
 import importlib.util
 import sys
 import threading
+import warnings
 from collections.abc import Sequence
 from importlib.machinery import ModuleSpec, PathFinder, SourceFileLoader
 from types import CodeType, ModuleType
 from typing import Any
+
+from rasterjit.runtime.versions import too_new
+
+COMPILER = "rasterjit.runtime.compiler"
 
 SETTINGS_MODULE = "numba.core.config"
 
@@ -57,11 +62,13 @@ class _Finder:
 def compiler() -> ModuleType:
     """Return the compiler, imported with Numba on first need."""
     with _IMPORTING:
+        if COMPILER not in sys.modules and (complaint := too_new()):
+            warnings.warn(complaint, RuntimeWarning, 2)
         if SETTINGS_MODULE in sys.modules:
-            return importlib.import_module("rasterjit.runtime.compiler")
+            return importlib.import_module(COMPILER)
         finder = _Finder()
         sys.meta_path.insert(0, finder)
         try:
-            return importlib.import_module("rasterjit.runtime.compiler")
+            return importlib.import_module(COMPILER)
         finally:
             sys.meta_path.remove(finder)

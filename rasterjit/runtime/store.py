@@ -57,7 +57,7 @@ COMPILER_FILES = (
 )  # fmt: skip
 """Files of this folder that every kernel follows from."""
 
-NOT_COMPILED = {"jit", "numba_alone", "store"}
+NOT_COMPILED = {"jit", "numba_alone", "store", "versions"}
 """Files of this folder that kernels import or are loaded by, and nothing follows from."""
 
 ROOT = Path(__file__).resolve().parents[1]
