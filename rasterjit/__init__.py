@@ -49,6 +49,10 @@ World space is right-handed, y up; angles are degrees, colours in and out sRGB w
 and linear where they are floats; row 0 of a picture is on top.
 """
 
+# First: so that Ctrl-C ends the command line while the rest is imported, and versions are checked.
+from rasterjit import cli as cli
+
+# isort: split
 from importlib import import_module
 from typing import Any
 

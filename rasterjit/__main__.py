@@ -1,5 +1,6 @@
 """Run the command line with ``python -m rasterjit``."""
 
-from rasterjit.cli.commands import main
+from rasterjit.cli import main
 
-main()
+if __name__ == "__main__":
+    main()

@@ -20,11 +20,13 @@ from rasterjit.classics import line_bands, primitives
 from rasterjit.pipeline import lines
 from rasterjit.runtime.threads import Workers
 from rasterjit.scene.validation import (
+    MaskedError,
     bounded_number,
     finite_array,
     image_size,
     one_of,
     thread_count,
+    unmasked_array,
 )
 
 OPAQUE = 255
@@ -502,13 +504,15 @@ def _whole_number(name: str, value: Any) -> int:
 def _colors(name: str, value: ArrayLike) -> NDArray[np.uint8]:
     """Return colours of 3 or 4 channels as RGBA, in any number of axes before the last."""
     try:
-        channels = np.asarray(value)
+        channels = unmasked_array(name, value)
         if channels.dtype == np.uint8 and channels.ndim and channels.shape[-1] == 4:
             return np.array(channels, order="C")
         if channels.dtype.kind not in "uif":
             raise TypeError
         if channels.dtype != np.uint8:
             channels = channels.astype(np.float64)
+    except MaskedError:
+        raise
     except (TypeError, ValueError):
         raise ValueError(f"{name} must be 3 or 4 whole numbers in 0..255, got {value!r}") from None
     whole = (channels >= 0) & (channels <= 255) & (channels == np.floor(channels))

@@ -1,5 +1,145 @@
-"""The command line: ``rasterjit`` and ``python -m rasterjit``."""
+"""
+The command line: ``rasterjit`` and ``python -m rasterjit``.
 
-from rasterjit.cli.commands import main
+Ctrl-C ends it with status 130 and one line on standard error, from its first line on. The package
+imports this file before anything that takes time, so it imports nothing that does.
+"""
 
-__all__ = ["main"]
+from __future__ import annotations
+
+import _thread
+import contextlib
+import os
+import signal
+import sys
+import time
+from types import FrameType
+from typing import Any
+
+from rasterjit.runtime.versions import too_old
+
+INTERRUPTED = 130
+"""Exit status after Ctrl-C; the others are click's: 1 failed, 2 wrong usage."""
+
+IMPORT_SYSTEM = "<frozen importlib._bootstrap>"
+"""Where Python imports modules."""
+
+PAUSE = 0.01
+"""Seconds after which an interrupt that came at a bad time comes again."""
+
+LONGEST_IMPORT = 5.0
+"""Seconds that an interrupt waits at most for an import."""
+
+
+class _Interrupts:
+    """When the first one came."""
+
+    since: float | None = None
+
+
+def main() -> None:
+    """Run the command line, in a process of its own."""
+    try:
+        _answer_with(end_now)
+        from rasterjit.cli.commands import main as run
+
+        sys.unraisablehook = say_unraisable
+        try:
+            _answer_with(interrupt)
+            run()
+        finally:
+            # What is left is Python's own end.
+            _answer_with(end_now)
+    except KeyboardInterrupt:
+        end_now()
+
+
+def is_program() -> bool:
+    """Tell whether this process was started as the command line."""
+    try:
+        started, shown = sys.orig_argv[-len(sys.argv)], sys.argv[0]
+    except (AttributeError, IndexError):
+        return False
+    if shown == "-m":
+        return started.removeprefix("-m").partition(".")[0] == __name__.partition(".")[0]
+    stem = os.path.splitext(os.path.basename(shown))[0]
+    return started == shown and stem.removesuffix("-script") == __name__.partition(".")[0]
+
+
+def refuse(complaint: str | None) -> None:
+    """Refuse to be imported, if there is a complaint: the command line ends with one line."""
+    if complaint is not None and is_program():
+        sys.exit(f"error: {complaint}")
+    if complaint is not None:
+        raise ImportError(complaint)
+
+
+def end_now(*_: Any) -> None:
+    """End the process: nothing has been begun, or all is done."""
+    with contextlib.suppress(OSError):
+        os.write(2, b"error: interrupted\n")
+    os._exit(INTERRUPTED)
+
+
+def interrupt(number: int, frame: FrameType | None) -> None:
+    """
+    Raise ``KeyboardInterrupt``, as Python does; while a module is imported, a little later.
+
+    Modules that are interrupted as they begin print tracebacks of their own, or raise other errors.
+    """
+    now = time.monotonic()
+    if _Interrupts.since is None:
+        _Interrupts.since = now
+    while frame is not None and now - _Interrupts.since < LONGEST_IMPORT:
+        if frame.f_code.co_filename == IMPORT_SYSTEM:
+            _come_again()
+            return
+        frame = frame.f_back
+    raise KeyboardInterrupt
+
+
+def raise_if_interrupted() -> None:
+    """Raise ``KeyboardInterrupt`` if one came that others, as trimesh does, took for an error."""
+    if _Interrupts.since is not None:
+        raise KeyboardInterrupt
+
+
+def say_unraisable(unraisable: Any) -> None:
+    """
+    Print what Python could not raise, as it does, unless Ctrl-C is behind it.
+
+    An interrupt in a destructor comes again. After one, pipes that break tell nothing new.
+    """
+    if unraisable.exc_type is KeyboardInterrupt:
+        _come_again()
+    elif _Interrupts.since is None:
+        sys.__unraisablehook__(unraisable)
+
+
+def _come_again() -> None:
+    """Interrupt this thread, the main one, after a pause."""
+    thread = _thread.get_ident()
+
+    def come() -> None:
+        time.sleep(PAUSE)
+        if hasattr(signal, "pthread_kill"):
+            # What waits, wakes.
+            signal.pthread_kill(thread, signal.SIGINT)
+        else:
+            _thread.interrupt_main()
+
+    _thread.start_new_thread(come, ())
+
+
+def _answer_with(handler: Any) -> None:
+    """Handle Ctrl-C, unless whoever started the process has it ignored."""
+    ours = (signal.default_int_handler, end_now, interrupt)
+    # Not in the main thread: another's.
+    with contextlib.suppress(ValueError):
+        if signal.getsignal(signal.SIGINT) in ours:
+            signal.signal(signal.SIGINT, handler)
+
+
+if is_program():
+    _answer_with(end_now)
+refuse(too_old())

@@ -10,6 +10,7 @@ are one line on standard error. The options here are those that most commands ha
 from __future__ import annotations
 
 import os
+import re
 import sys
 import warnings
 from collections.abc import Callable
@@ -18,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from rasterjit.cli import INTERRUPTED, raise_if_interrupted
 from rasterjit.cli.options import ColorType, Effects, Look, SizeType
 from rasterjit.rendering.plan import CULL_MODES
 
@@ -25,11 +27,14 @@ if TYPE_CHECKING:
     from rasterjit.outputs.frame import Frame
     from rasterjit.scene.scene import Scene
 
-INTERRUPTED = 130
-"""Exit status after Ctrl-C; the others are click's: 1 failed, 2 wrong usage."""
-
 DEBUG = "rasterjit.debug"
 """Key of the flag in click's context."""
+
+FILE = "rasterjit.file"
+"""Key of the file that was read in click's context."""
+
+SCENE = re.compile(r"scene\b")
+"""How errors begin that are about what a file held."""
 
 OWN_PROCESS = "own process"
 """The object of click's context where the process runs one command and ends."""
@@ -59,9 +64,13 @@ class Program(click.Group):
         except (click.ClickException, click.exceptions.Exit, click.Abort, BrokenPipeError):
             raise
         except Exception as error:
+            raise_if_interrupted()
             if context.meta.get(DEBUG):
                 raise
-            raise click.ClickException(describe(error)) from error
+            message = describe(error)
+            if FILE in context.meta and isinstance(error, ValueError) and SCENE.match(message):
+                message = f"{context.meta[FILE]}: {message}"
+            raise click.ClickException(message) from error
 
 
 def leave() -> None:
@@ -202,6 +211,8 @@ def load_scene(file: Path, look: Look, effects: Effects, quiet: bool) -> Scene:
             resource_root=look.resource_root,
             max_bytes=look.max_bytes,
         )
+    raise_if_interrupted()
+    click.get_current_context().meta[FILE] = file
     for warning in caught:
         warn(str(warning.message), quiet)
     look.apply(scene)

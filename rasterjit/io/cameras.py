@@ -42,6 +42,7 @@ from rasterjit.scene.validation import (
     in_short,
     one_of,
     positive_number,
+    unmasked_array,
 )
 
 if TYPE_CHECKING:
@@ -625,7 +626,7 @@ def _rigid_view(camera: Camera) -> Matrix:
 
 def _extrinsic(name: str, value: ArrayLike) -> Matrix:
     """Return a (3, 4) or (4, 4) pose as (4, 4), or raise ``ValueError``."""
-    given = np.asarray(value)
+    given = unmasked_array(name, value)
     rows = finite_array(name, given, (3, 4) if given.shape == (3, 4) else (4, 4))
     if len(rows) == 4 and rows[3].tolist() != [0.0, 0.0, 0.0, 1.0]:
         raise ValueError(f"{name} must have last row (0, 0, 0, 1), got {rows[3].tolist()}")

@@ -22,19 +22,23 @@ References
 from __future__ import annotations
 
 import errno
+import functools
+import hashlib
 import os
+import platform
 import struct
+import time
 import uuid
 import zlib
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.scene.validation import positive_number
+from rasterjit.scene.validation import positive_number, unmasked_array
 
 IMAGE_FORMATS = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".gif")
 """Extensions that ``save_image`` writes."""
@@ -53,6 +57,9 @@ DEPTH_FORMATS = (".exr", ".npz", ".npy", ".png")
 """Extensions that ``save_depth`` writes."""
 
 LARGEST_UINT16 = 65535
+
+LEFT_AFTER = 24 * 3600.0
+"""Seconds after which nobody writes a temporary file any more, where processes are not known."""
 
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _GREY, _RGB = 0, 2
@@ -82,7 +89,7 @@ def save_image(path: str | Path, image: NDArray[np.uint8]) -> None:
         If the file cannot be written; an existing one is left as it was.
     """
     place = checked_path(path, IMAGE_FORMATS)
-    pixels = np.asarray(image)
+    pixels = unmasked_array("image", image)
     channels = pixels.shape[2] if pixels.ndim == 3 else 1
     if pixels.dtype != np.uint8 or pixels.ndim not in (2, 3) or pixels.size == 0:
         raise ValueError(
@@ -135,7 +142,7 @@ def save_depth(path: str | Path, depth: NDArray[np.float32], *, scale: float = 1
         asked for and OpenEXR is not installed.
     """
     place = checked_path(path, DEPTH_FORMATS)
-    values = np.asarray(depth)
+    values = unmasked_array("depth", depth)
     if values.ndim != 2 or values.size == 0 or values.dtype != np.float32:
         raise ValueError(
             f"depth must be (H, W) float32, not empty; got {values.shape} {values.dtype}"
@@ -202,8 +209,13 @@ def checked_path(path: str | Path, formats: Iterable[str]) -> Path:
 
 @contextmanager
 def replacing(place: Path) -> Iterator[Path]:
-    """Give a temporary path in the same folder; move it to ``place`` on success, else remove it."""
-    temporary = place.with_name(f".{uuid.uuid4().hex}{place.suffix}")
+    """
+    Give a temporary path in the same folder; move it to ``place`` on success, else remove it.
+
+    The first time in a folder, what killed processes left there is removed.
+    """
+    _remove_leftovers(place.parent)
+    temporary = place.with_name(f"{_own_mark()}{os.getpid()}-{uuid.uuid4().hex}{place.suffix}")
     try:
         yield temporary
         os.replace(temporary, place)
@@ -212,9 +224,48 @@ def replacing(place: Path) -> Iterator[Path]:
         named = error.filename in (None, str(temporary)) and error.filename2 is None
         if named and error.errno is not None:
             error.filename = str(place)
+        elif named:
+            # NumPy and encoders say in words how much was written.
+            said = f"could not be written whole: {error}"
+            raise OSError(errno.EIO, said, str(place)) from error
         raise
     finally:
         temporary.unlink(missing_ok=True)
+
+
+@functools.cache
+def _own_mark() -> str:
+    """Return how the names of temporary files of processes of this machine begin."""
+    machine = hashlib.sha256(platform.node().encode()).hexdigest()[:8]
+    return f".rasterjit-{machine}-"
+
+
+@functools.cache
+def _remove_leftovers(folder: Path) -> None:
+    """Remove, once in a process, the temporary files of processes that are no more."""
+    mark = _own_mark()
+    with suppress(OSError):
+        for name in os.listdir(folder):
+            number = name.removeprefix(mark).partition("-")[0]
+            if name.startswith(mark) and number.isdecimal() and _is_left(folder / name, number):
+                with suppress(OSError):
+                    (folder / name).unlink()
+
+
+def _is_left(file: Path, process: str) -> bool:
+    """Tell whether the process that wrote a temporary file has ended."""
+    if os.name != "posix":
+        # There is no harmless way to ask for a process.
+        with suppress(OSError):
+            return time.time() - file.stat().st_mtime > LEFT_AFTER
+        return False
+    try:
+        os.kill(int(process), 0)
+    except ProcessLookupError:
+        return True
+    except (OSError, OverflowError):
+        return False
+    return False
 
 
 class MissingOpenEXRError(ImportError, ValueError):

@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.io.images import checked_path, replacing
-from rasterjit.scene.validation import in_short
+from rasterjit.scene.validation import in_short, unmasked_array
 
 _GROUP_BITS, _GROUP, _SIGN, _MORE, _ZERO = 5, 0x1F, 0x10, 0x20, 48
 """Of a compressed length: bits a character holds, their mask, the sign, that more follow, "0"."""
@@ -90,7 +90,7 @@ def find(ids: ArrayLike) -> tuple[ObjectMask, ...]:
     ValueError
         If ``ids`` is not such an array.
     """
-    numbers = np.asarray(ids)
+    numbers = unmasked_array("ids", ids)
     if numbers.ndim != 2 or numbers.dtype.kind not in "iu" or numbers.size == 0:
         raise ValueError(f"ids must be (H, W) whole numbers, not empty; got {in_short(numbers)}")
     columns = np.ascontiguousarray(numbers.T).ravel()
@@ -125,7 +125,7 @@ def encode(mask: ArrayLike) -> ObjectMask:
     ValueError
         If ``mask`` is not such an array.
     """
-    inside = np.asarray(mask)
+    inside = unmasked_array("mask", mask)
     if inside.ndim != 2 or inside.dtype != bool or inside.size == 0:
         raise ValueError(f"mask must be (H, W) bool, not empty; got {in_short(inside)}")
     return _mask(1, np.flatnonzero(np.ascontiguousarray(inside.T)), inside.shape)

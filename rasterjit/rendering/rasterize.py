@@ -16,7 +16,7 @@ from rasterjit.rendering.plan import CULL_MODES
 from rasterjit.runtime.threads import Workers
 from rasterjit.scene.mesh import face_array
 from rasterjit.scene.quality import Quality, check_quality
-from rasterjit.scene.validation import image_size, one_of, thread_count
+from rasterjit.scene.validation import MaskedError, image_size, one_of, thread_count, unmasked_array
 from rasterjit.survey.depth_format import DepthFormat, ndc_format
 
 DEPTH_MODES = ("standard", "reversed")
@@ -131,9 +131,11 @@ def rasterize(
 def _clip_array(value: Any) -> NDArray[np.float64]:
     """Return clip positions as the kernels take them, or raise ``ValueError``."""
     try:
-        if np.asarray(value).dtype.kind not in "uif":
+        if unmasked_array("clip_positions", value).dtype.kind not in "uif":
             raise TypeError
         positions = np.array(value, dtype=np.float64, order="C")
+    except MaskedError:
+        raise
     except (TypeError, ValueError):
         raise ValueError(f"clip_positions must be an array of numbers, got {value!r}") from None
     if positions.ndim != 2 or positions.shape[1] != 4:

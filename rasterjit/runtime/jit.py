@@ -41,6 +41,7 @@ from typing import Any
 
 import numpy as np
 
+from rasterjit.runtime import numba_alone
 from rasterjit.runtime.state import (
     NumberType,
     RecordType,
@@ -370,9 +371,7 @@ class Stage(_OfOneForm):
             with np.errstate(all="ignore"):
                 return self.function(block, count, *arguments)
         if self._checked is None:
-            from rasterjit.runtime.compiler import checked
-
-            self._checked = checked(self.function)
+            self._checked = numba_alone.compiler().checked(self.function)
         return self._checked(block, count, *arguments)
 
 
@@ -388,9 +387,7 @@ class CheckedKernel:
     def __call__(self, *arguments: Any) -> Any:
         """Run the kernel; compile it first if this process has not yet done so."""
         if self._dispatcher is None:
-            from rasterjit.runtime.compiler import checked
-
-            self._dispatcher = checked(self.function)
+            self._dispatcher = numba_alone.compiler().checked(self.function)
         try:
             return self._dispatcher(*arguments)
         finally:
@@ -409,9 +406,7 @@ class Helper:
     def __call__(self, *arguments: Any) -> Any:
         """Run the helper inside a function made around it."""
         if self._around is None:
-            from rasterjit.runtime.compiler import around
-
-            self._around = around(self)
+            self._around = numba_alone.compiler().around(self)
         return self._around(*arguments)
 
 

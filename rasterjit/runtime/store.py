@@ -30,8 +30,12 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from rasterjit.runtime import numba_alone
 from rasterjit.runtime.jit import COMPILER_CLOCK, RawKernel
 from rasterjit.runtime.state import RecordType, Type
+
+ROOT_USER = 0
+"""May write to any folder, so its own are as good as the user's."""
 
 FOLDER_VARIABLE = "RASTERJIT_CACHE_DIR"
 """Environment variable that names another folder."""
@@ -53,7 +57,7 @@ COMPILER_FILES = (
 )  # fmt: skip
 """Files of this folder that every kernel follows from."""
 
-NOT_COMPILED = {"jit", "store"}
+NOT_COMPILED = {"jit", "numba_alone", "store", "versions"}
 """Files of this folder that kernels import or are loaded by, and nothing follows from."""
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -132,6 +136,26 @@ def host() -> Target:
     return Target(binding.get_process_triple(), cpu, features)
 
 
+# What it says.
+
+
+SAID: set[str] = set()
+"""What this process has told: ``damage``, ``kept``."""
+
+_SAYING = threading.Lock()
+
+
+def say_once(subject: str, message: str) -> None:
+    """Print a line on standard error, the first of this process on its subject."""
+    with _SAYING:
+        if subject in SAID:
+            return
+        SAID.add(subject)
+    if sys.stderr is not None:
+        with contextlib.suppress(OSError, ValueError):
+            print(f"rasterjit: {message}", file=sys.stderr, flush=True)
+
+
 # Where it lies.
 
 
@@ -145,12 +169,13 @@ def folder() -> Path | None:
     chosen = os.environ.get(FOLDER_VARIABLE)
     try:
         path = Path(chosen) if chosen else cache_folder() / "kernels"
-        with contextlib.suppress(OSError):
-            path.mkdir(mode=0o700, parents=True, exist_ok=True)
-        if not path.is_dir():
-            return None
+        path.mkdir(mode=0o700, parents=True, exist_ok=True)
         is_open = _others_may_write(path)
-    except (OSError, RuntimeError):  # The second: nobody knows where this user's home is.
+    except OSError as error:
+        _say_not_kept(f"{error.filename or chosen}: {error.strerror}")
+        return None
+    except RuntimeError as error:  # Nobody knows where this user's home is.
+        _say_not_kept(f"{error} {FOLDER_VARIABLE} can name a folder")
         return None
     if is_open:
         warnings.warn(
@@ -158,6 +183,10 @@ def folder() -> Path | None:
         )
         return None
     return path
+
+
+def _say_not_kept(reason: str) -> None:
+    say_once("kept", f"compiled kernels are not kept on disk: {reason}")
 
 
 def cache_folder() -> Path:
@@ -175,7 +204,7 @@ def _others_may_write(path: Path) -> bool:
     if os.name != "posix":
         return False
     stat = path.stat()
-    return stat.st_uid not in (os.getuid(), 0) or bool(stat.st_mode & 0o022)
+    return stat.st_uid not in (os.getuid(), ROOT_USER) or bool(stat.st_mode & 0o022)
 
 
 # What an entry is called.
@@ -309,12 +338,28 @@ def path_of(place: Path, name: str) -> Path:
 
 
 def read(path: Path) -> tuple[Header, bytes] | None:
-    """Return what an entry says of itself, and its object code; None if missing or damaged."""
+    """
+    Return what an entry says of itself, and its object code; None if missing or damaged.
+
+    The first that is damaged is told on standard error.
+    """
     try:
         content = path.read_bytes()
-    except OSError:
+    except FileNotFoundError:
         return None
-    return parse(path.name, content)
+    except OSError as error:
+        _say_damaged(path, "is a folder" if path.is_dir() else error.strerror or str(error))
+        return None
+    found = parse(path.name, content)
+    if found is None:
+        _say_damaged(path, "is damaged")
+    return found
+
+
+def _say_damaged(path: Path, reason: str) -> None:
+    say_once(
+        "damage", f"compiling again what cannot be used in {path.parent}: {path.name} {reason}"
+    )
 
 
 def parse(name: str, content: bytes) -> tuple[Header, bytes] | None:
@@ -331,10 +376,12 @@ def _checksum(name: str, rest: bytes) -> bytes:
 
 
 def write(path: Path, header: Header, code: bytes) -> None:
-    """Write a file whole, or not at all: a full or read-only disk keeps nothing."""
+    """Write a file whole, or not at all: a full or read-only disk keeps nothing, which is told."""
     rest = "\t".join(header).encode() + b"\n" + code
     content = MAGIC + _checksum(path.name, rest) + rest
-    with contextlib.suppress(OSError):
+    try:
+        if path.is_dir() and not path.is_symlink():
+            _remove(path)
         number, temporary = tempfile.mkstemp(dir=path.parent, prefix=".", suffix=PART)
         try:
             with os.fdopen(number, "wb") as file:
@@ -344,6 +391,18 @@ def write(path: Path, header: Header, code: bytes) -> None:
             with contextlib.suppress(OSError):
                 os.unlink(temporary)
             raise
+    except OSError as error:
+        _say_not_kept(f"{path.parent}: {error.strerror or error}")
+
+
+def _remove(path: Path) -> None:
+    """Remove a file, or a folder with all that is in it."""
+    if path.is_dir() and not path.is_symlink():
+        import shutil
+
+        shutil.rmtree(path)
+    else:
+        path.unlink(missing_ok=True)
 
 
 @contextlib.contextmanager
@@ -402,11 +461,11 @@ def load(kernel: Any, kind: RecordType) -> Code:
     if place is None:
         return _linked(kernel, name, *_compile(kernel, kind, name), False)
     path = path_of(place, name)
-    code = _loaded(kernel, name, path)
+    code = _loaded(kernel, kind, name, path)
     if code is not None:
         return code
     with claimed(path):
-        code = _loaded(kernel, name, path)
+        code = _loaded(kernel, kind, name, path)
         if code is not None:
             return code
         found = _compile(kernel, kind, name)
@@ -415,13 +474,21 @@ def load(kernel: Any, kind: RecordType) -> Code:
     return _linked(kernel, name, *found, False)
 
 
-def _loaded(kernel: Any, name: str, path: Path) -> Code | None:
-    """Return the machine code of an entry; None if it is missing, damaged or no object code."""
+def _loaded(kernel: Any, kind: RecordType, name: str, path: Path) -> Code | None:
+    """Return the machine code of an entry; None if it is missing, another's or no object code."""
     found = read(path)
     if found is None:
         return None
-    with contextlib.suppress(RuntimeError):
+    expected = _header(kernel, kind, found[0].returns)
+    if versions() is None:
+        expected = expected._replace(versions=found[0].versions)
+    if found[0] != expected:
+        _say_damaged(path, "was made for another kernel, machine or version")
+        return None
+    try:
         return _linked(kernel, name, *found, True)
+    except RuntimeError:
+        _say_damaged(path, "is no machine code")
     return None
 
 
@@ -432,16 +499,19 @@ def is_kept(kernel: Any, kind: RecordType) -> bool:
 
 
 def _compile(kernel: Any, kind: RecordType, name: str) -> tuple[Header, bytes]:
-    from rasterjit.runtime.compiler import compile_form
-
     target = host()
     with COMPILER_CLOCK.running():
-        returns, code = compile_form(kernel, kind, name, target)
-    header = Header(
+        returns, code = numba_alone.compiler().compile_form(kernel, kind, name, target)
+    return _header(kernel, kind, returns), code
+
+
+def _header(kernel: Any, kind: RecordType, returns: str) -> Header:
+    """Return what an entry says of itself."""
+    triple, cpu, _ = host()
+    return Header(
         returns, full_name(kernel), describe(kind), sources_hash(kernel.__module__),
-        versions() or "", target.triple, target.cpu,
+        versions() or "", triple, cpu,
     )  # fmt: skip
-    return header, code
 
 
 _LINKING = threading.Lock()
@@ -543,12 +613,7 @@ def mend(found: Contents) -> list[Path]:
         if path in found.temporary and _is_in_use(path):
             continue
         try:
-            if path.is_dir() and not path.is_symlink():
-                import shutil
-
-                shutil.rmtree(path)
-            else:
-                path.unlink(missing_ok=True)
+            _remove(path)
         except OSError:
             left.append(path)
     return left

@@ -11,7 +11,7 @@ import os
 import sys
 import threading
 from collections.abc import Callable, Iterable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import CancelledError, ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -57,15 +57,26 @@ class Workers:
         if self._process != os.getpid():
             # A forked process has the pool but none of its threads.
             self._pool, self._process = None, os.getpid()
-        if self._pool is None:
-            self._pool = ThreadPoolExecutor(self.threads, thread_name_prefix="rasterjit")
-        return list(self._pool.map(lambda call: task(*call), calls))
+        pool = self._pool
+        if pool is None:
+            pool = ThreadPoolExecutor(self.threads, thread_name_prefix="rasterjit")
+            self._pool = pool
+        closed = "close() was called while a frame was being drawn"
+        try:
+            results = pool.map(lambda call: task(*call), calls)
+        except RuntimeError:
+            # Those of the tasks come later.
+            raise RuntimeError(closed) from None
+        try:
+            return list(results)
+        except CancelledError:
+            raise RuntimeError(closed) from None
 
     def close(self) -> None:
-        """Let the threads go, and do not wait: who still draws is told by a `CancelledError`."""
-        if self._pool is not None:
-            self._pool.shutdown(wait=False, cancel_futures=True)
-            self._pool = None
+        """Let the threads go, and do not wait: who still draws is told by a ``RuntimeError``."""
+        pool, self._pool = self._pool, None
+        if pool is not None:
+            pool.shutdown(wait=False, cancel_futures=True)
         self.memory.clear()
 
 

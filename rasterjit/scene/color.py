@@ -23,6 +23,8 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rasterjit.scene.validation import MaskedError, unmasked_array
+
 ColorLike: TypeAlias = str | ArrayLike
 """A name, ``'#rgb'``, ``'#rrggbb'``, ``'#rrggbbaa'``, linear floats or an sRGB ``uint8`` array."""
 
@@ -196,7 +198,9 @@ def linear_rows(name: str, value: ArrayLike) -> NDArray[np.float32]:
 def _color_array(name: str, value: Any) -> NDArray[Any]:
     """Return ``value`` as a ``uint8`` or real numeric array, or raise ``ValueError``."""
     try:
-        array = np.asarray(value)
+        array = unmasked_array(name, value)
+    except MaskedError:
+        raise
     except ValueError:
         raise ValueError(
             f"{name} must be an array of numbers, got rows of unequal length"

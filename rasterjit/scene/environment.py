@@ -15,7 +15,13 @@ from rasterjit.scene.hdr_image import read_hdr_image
 from rasterjit.scene.light import BRIGHTEST
 from rasterjit.scene.memory import DEFAULT_MAX_BYTES
 from rasterjit.scene.texture import MOST_LIGHT, check_extent
-from rasterjit.scene.validation import bounded_number, finite_number, read_only
+from rasterjit.scene.validation import (
+    MaskedError,
+    bounded_number,
+    finite_number,
+    read_only,
+    unmasked_array,
+)
 
 Color: TypeAlias = tuple[float, float, float]
 """Linear red, green and blue."""
@@ -204,7 +210,14 @@ class Environment:
             If the file is missing, needs more than that, or holds no such picture; the message
             names it.
         """
-        return cls(read_hdr_image(path, max_bytes), intensity, rotation, background)
+        try:
+            sky = Panorama(read_hdr_image(path, max_bytes))
+        except ValueError as error:
+            if not isinstance(path, (str, os.PathLike)) or repr(os.fspath(path)) in str(error):
+                raise
+            named = f"path must be a picture of light, but {os.fspath(path)!r} is not"
+            raise ValueError(f"{named}: {error}") from error
+        return cls(sky, intensity, rotation, background)
 
     @property
     def lights(self) -> bool:
@@ -227,7 +240,9 @@ class Environment:
 def _linear_panorama(value: Any) -> NDArray[np.float32]:
     """Return a picture as (H, W, 3) float32, linear, read-only, or raise ``ValueError``."""
     try:
-        image = np.asarray(value)
+        image = unmasked_array("sky", value)
+    except MaskedError:
+        raise
     except ValueError:
         raise ValueError("sky must be an array of numbers, got rows of unequal length") from None
     if image.dtype.kind != "f":

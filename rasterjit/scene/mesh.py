@@ -25,7 +25,15 @@ from rasterjit.scene.normals import (
     unit_rows,
     vertex_tangents,
 )
-from rasterjit.scene.validation import check_field, finite_number, in_short, one_of, read_only
+from rasterjit.scene.validation import (
+    MaskedError,
+    check_field,
+    finite_number,
+    in_short,
+    one_of,
+    read_only,
+    unmasked_array,
+)
 
 _CHUNK = 1 << 18
 """Vertices looked at at once where a temporary of the whole mesh would cost memory."""
@@ -334,7 +342,9 @@ def _numbers(name: str, value: ArrayLike, kinds: str, shape: tuple[int | None, i
     """Return ``value`` as an array of the given dtype kinds and shape, or raise ``ValueError``."""
     try:
         # The base class also for subclasses such as trimesh's tracked arrays.
-        array = np.asarray(value)
+        array = unmasked_array(name, value)
+    except MaskedError:
+        raise
     except ValueError:
         raise ValueError(
             f"{name} must be an array of numbers, got rows of unequal length"

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from rasterjit.scene.color import srgb_to_linear
 from rasterjit.scene.transforms import sine_cosine
 from rasterjit.scene.validation import (
+    MaskedError,
     bounded_number,
     existing_file,
     finite_array,
@@ -24,6 +25,7 @@ from rasterjit.scene.validation import (
     in_short,
     one_of,
     read_only,
+    unmasked_array,
 )
 
 if TYPE_CHECKING:
@@ -446,7 +448,9 @@ def _linear_image(value: Any, color_space: str) -> NDArray[np.float32]:
     if isinstance(value, (str, os.PathLike)):
         raise ValueError(f"{wanted}, got {in_short(value)}; Texture.from_file reads pictures")
     try:
-        image = np.asarray(value)
+        image = unmasked_array("image", value)
+    except MaskedError:
+        raise
     except ValueError:
         raise ValueError("image must be an array of numbers, got rows of unequal length") from None
     if image.dtype not in (np.uint8, np.uint16) and image.dtype.kind != "f":

@@ -486,7 +486,8 @@ def perspective_depth(near: float, far: float) -> tuple[float, float]:
         above ``near``; or either is NaN.
     """
     n = positive_number("near", near)
-    f = math.inf if far == math.inf else finite_number("far", far)
+    is_infinite = isinstance(far, (float, np.floating)) and far == math.inf
+    f = math.inf if is_infinite else finite_number("far", far)
     if f <= n:
         raise ValueError(f"far must be above near = {n!r}, got {f!r}")
     if f == math.inf:

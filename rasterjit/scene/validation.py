@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -33,7 +34,7 @@ MAX_THREADS = 1024
 def finite_number(name: str, value: Any) -> float:
     """Return ``value`` as a float, or raise ``ValueError`` naming the argument."""
     try:
-        if isinstance(value, (str, bytes)):
+        if isinstance(value, (str, bytes)) or _hides_number(value):
             raise TypeError
         number = float(value)
     except (TypeError, ValueError, OverflowError):
@@ -41,6 +42,10 @@ def finite_number(name: str, value: Any) -> float:
     if not math.isfinite(number):
         raise ValueError(f"{name} must be finite, got {number!r}")
     return number
+
+
+def _hides_number(value: Any) -> bool:
+    return _is_masked_array(value) and bool(value.mask.any())
 
 
 def bounded_number(name: str, value: Any, low: float, high: float) -> float:
@@ -64,6 +69,36 @@ def _as_given(value: Any, number: float) -> int | float:
     return value if type(value) is int else number
 
 
+def unmasked_array(name: str, value: Any) -> NDArray[Any]:
+    """
+    Return ``value`` as a NumPy array, of no subclass.
+
+    Raises
+    ------
+    ValueError
+        Of a masked array, if entries are masked: there is no number where one is needed. As
+        `numpy.asarray` says, if it is none.
+    """
+    if _is_masked_array(value):
+        hidden = int(np.count_nonzero(value.mask))
+        if hidden:
+            raise MaskedError(
+                f"{name} must have no masked entries, got {hidden} of {value.size}; its method "
+                "filled() gives them a value"
+            )
+    return np.asarray(value)
+
+
+def _is_masked_array(value: Any) -> bool:
+    """Tell masked arrays, which only exist if somebody has imported them."""
+    masked = sys.modules.get("numpy.ma")
+    return masked is not None and isinstance(value, masked.MaskedArray)
+
+
+class MaskedError(ValueError):
+    """An array has masked entries."""
+
+
 def finite_array(name: str, value: ArrayLike, shape: Sequence[int | None]) -> NDArray[np.float64]:
     """
     Return ``value`` as a float64 array of the given shape with only finite entries.
@@ -82,10 +117,12 @@ def finite_array(name: str, value: ArrayLike, shape: Sequence[int | None]) -> ND
         If the shape differs, an entry is not a number, or an entry is NaN or infinite.
     """
     try:
-        given = np.asarray(value)
+        given = unmasked_array(name, value)
         if given.size and given.dtype.kind not in "buif":
             raise TypeError
         array = aligned(given.astype(np.float64, copy=False))
+    except MaskedError:
+        raise
     except (TypeError, ValueError):
         raise ValueError(f"{name} must be an array of numbers, got {value!r}") from None
     expected = tuple(shape)

@@ -392,6 +392,16 @@ def test_faces_with_nan_can_be_dropped(tmp_path):
     assert (iio.imread(tmp_path / "a.png")[:, :, 0] < 255).any()
 
 
+@pytest.mark.parametrize("options", [[], ["--azimuth", "30"]])
+def test_coordinates_beyond_what_cameras_reach_are_told_with_the_file(tmp_path, options):
+    path = tmp_path / "far.obj"
+    path.write_text("v 0 0 0\nv 1e308 0 0\nv 0 1e308 0\nf 1 2 3\n")
+    result = run("render", path, "-o", tmp_path / "a.png", "--size", "9x9", *options)
+    assert result.exit_code == 1
+    assert result.stderr.splitlines()[-1].startswith(f"error: {path}: scene")
+    assert list(tmp_path.iterdir()) == [path]
+
+
 @pytest.mark.parametrize(
     ("error", "code", "text"),
     [

@@ -33,6 +33,7 @@ def place(tmp_path, monkeypatch):
     jit.packer()
     tmp_path.chmod(0o700)
     monkeypatch.setattr(store, "folder", lambda: tmp_path)
+    monkeypatch.setattr(store, "SAID", set())
     return tmp_path
 
 
@@ -75,14 +76,38 @@ DAMAGES = {
 
 
 @pytest.mark.parametrize("damage", DAMAGES)
-def test_damage_is_found_and_mended_by_compiling(place, damage):
+def test_damage_is_found_told_once_and_mended_by_compiling(place, damage, capfd):
     load()
     path = entry(place)
     content = path.read_bytes()
     path.write_bytes(DAMAGES[damage](content))
+    assert capfd.readouterr().err == ""
     assert not load()
     assert path.read_bytes() == content
     assert load()
+    (line,) = capfd.readouterr().err.splitlines()
+    assert line.startswith("rasterjit: compiling again")
+    assert str(place) in line
+    assert path.name in line
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        {"versions": "0.1 0.1"}, {"cpu": "another"}, {"triple": "another"}, {"types": "(int64)"},
+        {"kernel": "small_kernels.another"}, {"sources": "0" * 32},
+    ],
+    ids=lambda other: next(iter(other)),
+)  # fmt: skip
+def test_an_entry_made_for_something_else_is_compiled_again(place, capfd, other):
+    load()
+    path = entry(place)
+    header, code = store.read(path)
+    store.write(path, header._replace(**other), code)
+    assert not load()
+    assert store.read(path) == (header, code)
+    (line,) = capfd.readouterr().err.splitlines()
+    assert "made for another" in line
 
 
 def test_swapped_files_are_damaged(place):
@@ -109,17 +134,27 @@ def test_object_code_that_cannot_be_linked_is_compiled_again(place):
     assert store.read(path) == (header, code)
 
 
-def test_a_folder_in_place_of_a_file_is_compiled_around_and_mended(place):
+def test_a_folder_in_place_of_a_file_is_replaced(place, capfd):
+    load()
+    path = entry(place)
+    content = path.read_bytes()
+    path.unlink()
+    (path / "inside").mkdir(parents=True)
+    assert [load(), load()] == [False, True]
+    assert path.read_bytes() == content
+    (line,) = capfd.readouterr().err.splitlines()
+    assert "is a folder" in line
+
+
+def test_a_folder_in_place_of_a_file_is_mended(place):
     load()
     path = entry(place)
     path.unlink()
     (path / "inside").mkdir(parents=True)
-    assert not load()
-    assert not load()
     found = store.contents(place)
     assert (found.entries, found.damaged) == (0, [path])
     assert store.mend(found) == []
-    assert [load(), load()] == [False, True]
+    assert not path.exists()
 
 
 def test_a_file_that_cannot_be_read_is_compiled_around_and_told(place, monkeypatch):
@@ -137,7 +172,7 @@ def test_a_file_that_cannot_be_read_is_compiled_around_and_told(place, monkeypat
     assert store.contents(place).unreadable == [path]
 
 
-def test_a_full_disk_keeps_nothing_and_leaves_nothing(place, monkeypatch):
+def test_a_full_disk_keeps_nothing_leaves_nothing_and_is_told_once(place, monkeypatch, capfd):
     fdopen = os.fdopen
 
     def full(number, mode):
@@ -158,11 +193,15 @@ def test_a_full_disk_keeps_nothing_and_leaves_nothing(place, monkeypatch):
         return Full()
 
     monkeypatch.setattr(store.os, "fdopen", full)
-    assert not load()
+    assert [load(), load()] == [False, False]
     assert list(place.iterdir()) == []
+    (line,) = capfd.readouterr().err.splitlines()
+    assert line == (
+        f"rasterjit: compiled kernels are not kept on disk: {place}: no space left on device"
+    )
 
 
-def test_a_folder_that_cannot_be_written_is_read(place, monkeypatch):
+def test_a_folder_that_cannot_be_written_is_read_and_told_once(place, monkeypatch, capfd):
     load()
     kept = entry(place)
 
@@ -172,12 +211,26 @@ def test_a_folder_that_cannot_be_written_is_read(place, monkeypatch):
     monkeypatch.setattr(tempfile, "mkstemp", refuse)
     monkeypatch.setattr(store, "open", refuse, raising=False)
     assert load()
+    assert capfd.readouterr().err == ""
     kept.unlink()
-    assert not load()
+    assert [load(), load()] == [False, False]
     assert list(place.iterdir()) == []
+    assert capfd.readouterr().err.count("read-only file system\n") == 1
 
 
-def test_a_home_that_nobody_knows_keeps_nothing(monkeypatch):
+def test_a_folder_that_cannot_be_made_is_told(tmp_path, monkeypatch, capfd):
+    monkeypatch.setattr(store, "SAID", set())
+    (tmp_path / "file").touch()
+    monkeypatch.setenv(store.FOLDER_VARIABLE, str(tmp_path / "file" / "kernels"))
+    assert store.folder.__wrapped__() is None
+    (line,) = capfd.readouterr().err.splitlines()
+    assert str(tmp_path / "file") in line
+    assert "not kept on disk" in line
+
+
+def test_a_home_that_nobody_knows_keeps_nothing(monkeypatch, capfd):
+    monkeypatch.setattr(store, "SAID", set())
+
     def unknown():
         raise RuntimeError("Could not determine home directory.")
 
@@ -186,6 +239,8 @@ def test_a_home_that_nobody_knows_keeps_nothing(monkeypatch):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setattr(Path, "home", unknown)
     assert store.folder.__wrapped__() is None
+    (line,) = capfd.readouterr().err.splitlines()
+    assert store.FOLDER_VARIABLE in line
 
 
 def test_the_folder_is_the_users_alone(monkeypatch, tmp_path):
@@ -194,6 +249,39 @@ def test_the_folder_is_the_users_alone(monkeypatch, tmp_path):
     made = store.folder.__wrapped__()
     assert made == tmp_path / "rasterjit" / "kernels"
     assert made.stat().st_mode & 0o777 == 0o700 or os.name != "posix"
+
+
+@posix_only
+def test_a_folder_of_another_user_is_refused(tmp_path, monkeypatch):
+    owner = tmp_path.stat().st_uid
+    monkeypatch.setenv(store.FOLDER_VARIABLE, str(tmp_path))
+    tmp_path.chmod(0o700)
+    monkeypatch.setattr(store.os, "getuid", lambda: owner + 1)
+    # Root may write to any folder, so its own are not refused.
+    monkeypatch.setattr(store, "ROOT_USER", -1)
+    with pytest.warns(RuntimeWarning, match="others may write to it"):
+        assert store.folder.__wrapped__() is None
+
+
+@posix_only
+@pytest.mark.parametrize(
+    ("platform", "variables", "expected"),
+    [
+        ("linux", {}, ".cache"),
+        ("linux", {"XDG_CACHE_HOME": "elsewhere"}, "elsewhere"),
+        ("darwin", {}, "Library/Caches"),
+        ("win32", {"LOCALAPPDATA": "Local"}, "Local"),
+    ],
+)
+def test_the_folder_is_where_the_platform_keeps_caches(monkeypatch, platform, variables, expected):
+    home = Path("/home/someone")
+    monkeypatch.setattr(Path, "home", lambda: home)
+    monkeypatch.setattr(store.sys, "platform", platform)
+    for name in ("XDG_CACHE_HOME", "LOCALAPPDATA"):
+        monkeypatch.delenv(name, raising=False)
+    for name, value in variables.items():
+        monkeypatch.setenv(name, str(home / value))
+    assert store.cache_folder() == home / expected / "rasterjit"
 
 
 @posix_only
@@ -300,6 +388,56 @@ def test_bytes_do_not_depend_on_the_order_of_compiling(tmp_path):
     results, compiled, has_numba, _ = use(mixed, orders[0])
     assert (compiled, has_numba) == ([], False)
     assert results[:2] == [RESULTS[name] for name in orders[0][:2]]
+
+
+SETTINGS = """
+disable_jit: 1
+boundscheck: 1
+cache_dir: {folder}
+debug: 1
+dump_llvm: 1
+opt: 0
+"""
+"""What Numba would read in the current folder."""
+
+
+def test_the_current_folder_has_no_say_in_compiling(tmp_path, monkeypatch):
+    for name in ("clean", "own"):
+        (tmp_path / name).mkdir(mode=0o700)
+    bare = tmp_path / "bare"
+    bare.mkdir()
+    monkeypatch.chdir(bare)
+    expected = use(tmp_path / "clean", ("draw_line", "has_index"))
+    planted = tmp_path / "planted"
+    planted.mkdir()
+    text = SETTINGS.format(folder=planted / "cache")
+    (planted / ".numba_config.yaml").write_text(text)
+    monkeypatch.chdir(planted)
+    found = use(tmp_path / "own", ("draw_line", "has_index"))
+    assert found == expected
+    assert found[2]
+    assert [path.name for path in planted.iterdir()] == [".numba_config.yaml"]
+    kept, clean = (
+        {path.name: path.read_bytes() for path in (tmp_path / name).iterdir()}
+        for name in ("own", "clean")
+    )
+    assert kept == clean
+
+
+def test_settings_that_are_no_yaml_are_not_read(tmp_path, monkeypatch):
+    tmp_path.chmod(0o700)
+    (tmp_path / ".numba_config.yaml").write_text("{[")
+    monkeypatch.chdir(tmp_path)
+    assert use(tmp_path)[0] == [RESULTS["has_index"]]
+
+
+def test_numba_reads_environment_variables_yet(tmp_path):
+    tmp_path.chmod(0o700)
+    after = (
+        "import atexit; atexit.register(lambda: print(sys.modules['numba'].config.SHOW_HELP, "
+        "file=sys.stderr))"
+    )
+    assert use(tmp_path, before=after, NUMBA_SHOW_HELP="1")[3] == "1\n"
 
 
 WITHOUT_NUMBA = "sys.modules['numba'] = None"

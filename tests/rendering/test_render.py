@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 import warnings
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -189,6 +190,22 @@ def test_renderer_works_after_close(cube, camera):
     renderer.close()
     assert renderer.render(cube, camera).color.tobytes() == first.color.tobytes()
     renderer.close()
+
+
+def test_close_by_another_thread_as_a_frame_is_drawn_is_said(monkeypatch):
+    workers = sharing.Workers(2)
+    submit = ThreadPoolExecutor.submit
+
+    def submit_late(pool, *call):
+        workers.close()
+        return submit(pool, *call)
+
+    monkeypatch.setattr(ThreadPoolExecutor, "submit", submit_late)
+    with pytest.raises(RuntimeError, match=r"^close\(\) was called while a frame was being drawn$"):
+        workers.run(abs, [(-1,), (-2,)])
+    monkeypatch.undo()
+    assert workers.run(abs, [(-1,), (-2,)]) == [1, 2]
+    workers.close()
 
 
 def test_split_into_objects_is_the_same_picture(cube, camera):

@@ -260,3 +260,26 @@ def test_a_tone_map_keeps_its_numbers():
 def test_a_bad_tone_map_is_refused(fields, message):
     with pytest.raises(ValueError, match=message):
         rj.ToneMap(**fields)
+
+
+@pytest.mark.parametrize("exponent", [0, 255])
+def test_a_file_that_is_no_light_is_named(tmp_path, exponent):
+    path = tmp_path / "bright.hdr"
+    width = 4 if exponent else 70_000
+    head = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 1 +X %d\n" % width
+    path.write_bytes(head + bytes([255, 255, 255, exponent]) * width)
+    with pytest.raises(ValueError, match=r"^path must be a picture") as caught:
+        rj.Environment.from_file(path)
+    assert str(caught.value).count(str(path)) == 1
+
+
+def test_an_exr_with_channels_of_several_sizes_is_named(tmp_path, monkeypatch):
+    path = tmp_path / "a.exr"
+    path.write_bytes(b"something")
+
+    def read(path):
+        raise ValueError("all input arrays must have the same shape")
+
+    monkeypatch.setattr("rasterjit.scene.environment.read_hdr_image", read)
+    with pytest.raises(ValueError, match=r"a\.exr.*same shape"):
+        rj.Environment.from_file(path)
