@@ -35,7 +35,7 @@ from rasterjit.survey.contents import (
     refuse_texture,
     take_inventory,
 )
-from rasterjit.survey.depth_format import check_near, depth_format
+from rasterjit.survey.depth_format import depth_format
 from rasterjit.survey.effect import Absent, Planned, Planning, Rows
 from rasterjit.survey.facts import Facts, look
 from rasterjit.survey.lights import headlight, lighting_of
@@ -86,7 +86,6 @@ def plan_frame(
     inventory, bounds = known
     eye, relative_from_model = camera.eye_position(), views.relative_from_model
     boxes = Boxes(bounds, eye, relative_from_model, views.clip_from_relative)
-    check_near(quality.depth_format, camera, boxes, views.clip_from_relative)
     facts = look(scene, boxes, views, inventory, quality, outputs, background, diagnose)
     _refuse(scene, facts)
     # Ask each effect.

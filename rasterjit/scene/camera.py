@@ -94,15 +94,14 @@ class PerspectiveCamera:
     fov_y : float, degrees
         Vertical field of view, strictly between 0 and 180.
     near, far : float, scene units
-        Distances of the near and far plane; ``far`` may be ``math.inf``, else at most 1e13 times
-        ``near``.
+        Distances of the near and far plane; ``far`` may be ``math.inf``.
 
     Raises
     ------
     ValueError
         If ``target`` equals ``eye``, ``up`` is zero or parallel to the line of sight, ``fov_y`` is
-        outside (0, 180), ``near`` is not above 0, ``far`` is not above ``near`` or too far for it,
-        or a number is not finite.
+        outside (0, 180), ``near`` is not above 0, ``far`` is not above ``near``, or a number is
+        not finite.
     """
 
     eye: tuple[float, float, float]

@@ -51,9 +51,6 @@ _PARALLEL_SINE = 1e-10
 """Sine of the angle below which directions count as parallel: the cross product of unit vectors
 carries a rounding error of about 2e-16, so its direction keeps six digits down to here."""
 
-LEAST_NEAR = 1e-13
-"""Least share of the far distance for the near one: float64 then finds the far plane to 1/1000."""
-
 _SMALLEST_FOV = 1e-300
 """Degrees; below it the focal length 1/tan(fov/2) overflows float64."""
 
@@ -455,7 +452,7 @@ def perspective(fov_y: float, aspect: float, near: float, far: float) -> Matrix:
     ------
     ValueError
         If ``fov_y`` is outside (0, 180), ``aspect`` or ``near`` not above 0, ``far`` not above
-        ``near`` or too far for it (`perspective_depth`), or a number is not finite.
+        ``near``, or a number is not finite.
     """
     focal = focal_length(fov_y)
     ratio = positive_number("aspect", aspect)
@@ -482,8 +479,7 @@ def perspective_depth(near: float, far: float) -> tuple[float, float]:
     Raises
     ------
     ValueError
-        If ``near`` is not above 0, or less than ``LEAST_NEAR`` of a finite ``far``; ``far`` is not
-        above ``near``; or either is NaN.
+        If ``near`` is not above 0, ``far`` not above ``near``, or either is NaN.
     """
     n = positive_number("near", near)
     is_infinite = isinstance(far, (float, np.floating)) and far == math.inf
@@ -492,11 +488,6 @@ def perspective_depth(near: float, far: float) -> tuple[float, float]:
         raise ValueError(f"far must be above near = {n!r}, got {f!r}")
     if f == math.inf:
         return -1.0, -2.0 * n
-    if n < LEAST_NEAR * f:
-        raise ValueError(
-            f"near must be at least {LEAST_NEAR * f!r} for far = {f!r}, so that float64 can tell "
-            f"what lies beyond far, got {n!r}"
-        )
     return -(f + n) / (f - n), -2.0 * n * (f / (f - n))
 
 

@@ -7,7 +7,6 @@ in every format; formats differ in the coefficients and in the type of the array
 
 from __future__ import annotations
 
-import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,7 +14,6 @@ from numpy.typing import NDArray
 
 from rasterjit.scene import transforms
 from rasterjit.scene.camera import Camera
-from rasterjit.survey.placement import Boxes
 
 Float64 = NDArray[np.float64]
 
@@ -24,16 +22,9 @@ UNORM_BITS = {"unorm16": 16, "unorm24": 24}
 REVERSED_TYPES = {"float32-reversed": np.float32, "float64": np.float64}
 """Formats that hold the reversed depth of the camera as it is."""
 
-SURE_NEAR = 1e-19
-"""A near plane that every format holds for whatever lies up to 1e18 away."""
-
 INFINITE = 1e-12
 """A far plane with less than this share of the near plane's reversed depth has none: it is what
 rounding left of that of an infinite one."""
-
-
-_ROUND_UP = 1.01
-"""What a limit is shown too large by, so that its first three digits do."""
 
 
 class DepthFormat(NamedTuple):
@@ -115,41 +106,6 @@ def depth_format(name: str, camera: Camera, size: tuple[int, int]) -> DepthForma
     if c0 != 0.0 and abs(far) < INFINITE * abs(near):
         far = 0.0
     return _ranged_format(name, -1.0, (near, far), (across, up))
-
-
-def check_near(name: str, camera: Camera, boxes: Boxes, clip_from_relative: Float64) -> None:
-    """
-    Refuse a camera whose near plane is too small for what is in view.
-
-    Parameters
-    ----------
-    name : str
-        As ``Quality.depth_format`` has it.
-    camera : Camera
-    boxes : Boxes
-        Around the objects of the scene.
-    clip_from_relative : (4, 4) float64
-
-    Raises
-    ------
-    ValueError
-        If the depth of the farthest corner in view, ``near / w``, has no full precision.
-    """
-    near = camera.depth_coefficients()[0]
-    if not 0.0 < near < SURE_NEAR:
-        return
-    corners = boxes.corners[boxes.in_view & boxes.is_known]
-    x, y, z, rest = clip_from_relative[3].tolist()
-    with np.errstate(over="ignore", invalid="ignore"):
-        w = x * corners[..., 0] + y * corners[..., 1] + z * corners[..., 2] + rest
-    # Nothing is drawn behind a far plane.
-    farthest = min(float(w.max(initial=0.0)), getattr(camera, "far", math.inf))
-    least = farthest * float(np.finfo(REVERSED_TYPES.get(name, np.float32)).tiny)
-    if near < least:
-        raise ValueError(
-            f"camera.near must be at least {least * _ROUND_UP:.3g} for what is in view, up to "
-            f"{farthest:.3g} away, so that depth_format {name!r} holds its depth; got {near!r}"
-        )
 
 
 def ndc_format(name: str, sign: float) -> DepthFormat:
