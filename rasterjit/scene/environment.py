@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from rasterjit.scene.color import ColorLike, linear_color
 from rasterjit.scene.hdr_image import read_hdr_image
 from rasterjit.scene.light import BRIGHTEST
-from rasterjit.scene.memory import DEFAULT_MAX_BYTES
+from rasterjit.scene.memory import DEFAULT_MAX_BYTES, FileSizeError, MemoryBudget
 from rasterjit.scene.texture import MOST_LIGHT, check_extent
 from rasterjit.scene.validation import (
     MaskedError,
@@ -210,8 +210,11 @@ class Environment:
             If the file is missing, needs more than that, or holds no such picture; the message
             names it.
         """
+        MemoryBudget(str(path), max_bytes)
         try:
             sky = Panorama(read_hdr_image(path, max_bytes))
+        except FileSizeError:
+            raise
         except ValueError as error:
             if not isinstance(path, (str, os.PathLike)) or repr(os.fspath(path)) in str(error):
                 raise

@@ -12,6 +12,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+import trimesh
 from click.testing import CliRunner
 
 from rasterjit import cli
@@ -73,8 +74,9 @@ def test_while_the_program_is_imported(tmp_path, way, at):
 
 @pytest.mark.parametrize("at", ["rasterjit.io.resources", "trimesh.constants", "PIL.Image"])
 def test_while_a_command_imports(tmp_path, at):
-    (tmp_path / "a.obj").write_text(TRIANGLE)
-    words = ["-m", "rasterjit", "render", "a.obj", "-o", "a.png", "--size", "9x9"]
+    # A format that trimesh reads.
+    trimesh.creation.box().export(tmp_path / "a.3mf")
+    words = ["-m", "rasterjit", "render", "a.3mf", "-o", "a.png", "--size", "9x9"]
     done = run_interrupted(tmp_path, at, words)
     # Click goes to a new line after the terminal's ^C.
     assert (done.returncode, done.stderr.strip()) == (130, "error: interrupted")

@@ -205,6 +205,8 @@ ALLOWED = {
     ("animation/tracks.py", "@"): "between two keys all is SciPy's affair",
     ("animation/tracks.py", "log"): "between two keys all is SciPy's affair",
     ("animation/tracks.py", "exp"): "between two keys all is SciPy's affair",
+    ("scene/hdr_image.py", "sum"): "whole numbers: bytes",
+    ("io/binvox.py", "sum"): "whole numbers: counts of voxels",
     ("scene/scene.py", "sum"): "whole numbers: counts for a repr",
     ("effects/shadows/__init__.py", "sum"): "whole numbers: counts of texels, and for a text",
     ("survey/arrays.py", "sum"): "whole numbers: counts of rows",
