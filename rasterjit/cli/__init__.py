@@ -61,7 +61,8 @@ def is_program() -> bool:
     except (AttributeError, IndexError):
         return False
     if shown == "-m":
-        return started.removeprefix("-m").partition(".")[0] == __name__.partition(".")[0]
+        package = __name__.partition(".")[0]
+        return started.removeprefix("-m") in (package, f"{package}.__main__")
     stem = os.path.splitext(os.path.basename(shown))[0]
     return started == shown and stem.removesuffix("-script") == __name__.partition(".")[0]
 

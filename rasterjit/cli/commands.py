@@ -493,7 +493,3 @@ def main() -> None:
     gc.freeze()
     gc.set_threshold(GARBAGE_THRESHOLD)
     program.main(prog_name="rasterjit", obj=OWN_PROCESS)
-
-
-if __name__ == "__main__":
-    main()

@@ -66,6 +66,8 @@ class Workers:
             results = pool.map(lambda call: task(*call), calls)
         except RuntimeError:
             # Those of the tasks come later.
+            if self._pool is pool:
+                raise
             raise RuntimeError(closed) from None
         try:
             return list(results)

@@ -122,6 +122,23 @@ def obj_picture(folder):
     return folder / "a.obj", r"picture 'wall\.png'"
 
 
+def ply_picture(folder):
+    """Write a PLY file with a large picture."""
+    (folder / "wall.png").write_bytes(png(9000, 9000))
+    head = "ply\nformat ascii 1.0\ncomment TextureFile wall.png\nelement vertex 3\n"
+    head += "".join(f"property float {name}\n" for name in ("x", "y", "z", "s", "t"))
+    head += "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
+    (folder / "a.ply").write_text(f"{head}0 0 0 0 0\n1 0 0 1 0\n0 1 0 0 1\n3 0 1 2\n")
+    return folder / "a.ply", r"picture 'wall\.png'"
+
+
+def many_materials(folder):
+    """Write an OBJ file with a large library."""
+    (folder / "a.mtl").write_text("".join(f"newmtl {n}\n" for n in range(200_000)))
+    (folder / "a.obj").write_text("mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    return folder / "a.obj", "an MTL file"
+
+
 def large_file(folder):
     """Write a glTF file whose buffer is a large file with holes."""
     path, _ = many_pictures(folder)
@@ -175,8 +192,8 @@ def grid(folder):
 WRITERS = {
     one.__name__: one
     for one in (
-        no_bytes, many_accessors, many_pictures, obj_picture, large_file, zip_member,
-        lying_member, tar_member, bz2_content, grid,
+        no_bytes, many_accessors, many_pictures, obj_picture, ply_picture, many_materials,
+        large_file, zip_member, lying_member, tar_member, bz2_content, grid,
     )
 }  # fmt: skip
 

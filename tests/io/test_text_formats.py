@@ -337,7 +337,7 @@ DAMAGED = {
     "obj: a face too far": ("obj", f"{SQUARE}f 1 2 3\nf 1 2 {'9' * 30} # far\n", r"line 6: "),
     "stl: a solid in a triangle": (
         "stl", "solid a\n" + TRIANGLE.replace("vertex 1", "solid b\nvertex 1") + "vertex 1 2 3\n"
-        + TRIANGLE + "endsolid\n", r"line 2: expected 3 vertices after it, not 4"),
+        + TRIANGLE + "endsolid\n", r"line 2: expected a facet of 3 vertices, not 4"),
     "obj: continued": ("obj", f"{SQUARE}f 1 2 \\\n 3\nf 1 2 x\n", r"line 7: "),
     "ply: a vertex less": ("ply", ply(XYZ, CORNERS, ["3 0 1 2"]).replace("vertex 4", "vertex 7"),
                            r"its end: expected 7 lines of vertex, as its head says, got 5"),
@@ -475,3 +475,38 @@ def test_polygons_are_cut_into_fans(by_size):
     assert corners[polygons == 0].tolist() == [[0, 1, 2], [0, 2, 3], [0, 3, 4]]
     assert corners[polygons == 2].tolist() == [[8, 9, 10], [10, 11, 8]]
     assert (polygons.tolist() == [1, 2, 2, 0, 0, 0]) == by_size
+
+
+@pytest.mark.parametrize(
+    "head", ["OFF3 1 0\n", "off\n3 1 0\n", "OFF 3 1 0\n", "\ufeffOFF\n3 1 0\n"]
+)
+def test_numbers_may_follow_the_head_of_an_off_file_at_once(tmp_path, head):
+    (tmp_path / "a.off").write_text(f"{head}0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n", "utf-8")
+    assert loaded(tmp_path / "a.off").nodes[0].mesh.faces.tolist() == [[0, 1, 2]]
+
+
+def test_a_byte_order_mark_hides_no_statement(tmp_path):
+    (tmp_path / "a.mtl").write_text("newmtl red\nKd 1 0 0\n", "utf-8-sig")
+    text = f"{SQUARE}mtllib a.mtl\nusemtl red\nf 1 2 3 4\n"
+    (tmp_path / "a.obj").write_text(text, "utf-8-sig")
+    mesh = rj.load(tmp_path / "a.obj").nodes[0].mesh
+    assert mesh.vertices.tolist() == [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
+    assert mesh.material.base_color == (1.0, 0.0, 0.0, 1.0)
+
+
+def test_numbers_of_a_material_that_are_not_finite_are_not_taken(tmp_path):
+    statements = "Kd nan 0 0\nKs 1 1 1\nNs nan\nd nan\n"
+    (tmp_path / "a.mtl").write_text(f"newmtl m\n{statements}")
+    (tmp_path / "a.obj").write_text(f"{SQUARE}mtllib a.mtl\nusemtl m\nf 1 2 3 4\n")
+    material = rj.load(tmp_path / "a.obj").nodes[0].mesh.material
+    assert np.isfinite([*material.base_color, material.shininess]).all()
+    assert material.base_color[3] == 1.0
+
+
+def test_what_lies_behind_the_triangles_of_an_stl_file_is_counted(tmp_path):
+    path = tmp_path / "a.stl"
+    trimesh.creation.box().export(path)
+    path.write_bytes(path.read_bytes() + b"...")
+    with pytest.raises(ValueError, match=r"expected nothing behind 12 triangles, got 3 bytes"):
+        rj.load(path)
+    assert len(loaded(path, on_damage="warn").nodes[0].mesh.faces) == 12

@@ -15,6 +15,8 @@ from rasterjit.io.skipped import LeftOut, MeshFileError
 _BATCH = 1 << 22
 """Bytes of a file that are taken apart at once."""
 
+_BYTE_ORDER_MARK = b"\xef\xbb\xbf"
+
 _SHOWN = 40
 """Characters of a damaged line that a message shows."""
 
@@ -88,6 +90,8 @@ class Lines:
     """
 
     def __init__(self, data: bytes, first: int = 0, original: bytes | None = None) -> None:
+        if first == 0 and data.startswith(_BYTE_ORDER_MARK):
+            first = len(_BYTE_ORDER_MARK)
         if data.find(b"\n", first) < 0 and b"\r" in data:
             data = original = data.replace(b"\r", b"\n")
         if len(data) <= first or not data.endswith(b"\n"):
@@ -98,9 +102,11 @@ class Lines:
         self.ends = np.flatnonzero(self.buffer[first:] == ord("\n")) + first
         self.starts = np.concatenate(([first], self.ends[:-1] + 1))
         begins = self.buffer[self.starts]
-        for line in np.flatnonzero((begins <= ord(" ")) & (self.starts < self.ends)).tolist():
-            text = data[self.starts[line] : self.ends[line]]
-            self.starts[line] += len(text) - len(text.lstrip())
+        indented = np.flatnonzero((begins <= ord(" ")) & (self.starts < self.ends))
+        while len(indented):
+            self.starts[indented] += 1
+            at = self.starts[indented]
+            indented = indented[(self.buffer[at] <= ord(" ")) & (at < self.ends[indented])]
 
     def __len__(self) -> int:
         return len(self.starts)

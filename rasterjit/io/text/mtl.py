@@ -8,6 +8,7 @@ References
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass, field
@@ -22,10 +23,14 @@ from rasterjit.io.skipped import LeftOut, reason_of
 from rasterjit.io.text.parts import srgb_bytes
 from rasterjit.scene.color import srgb_to_linear
 from rasterjit.scene.material import Material
+from rasterjit.scene.memory import FileSizeError
 from rasterjit.scene.texture import Texture
 
 GREY = (102, 102, 102, 255)
 """The colour that a material has whose file names none, as in trimesh."""
+
+_STATEMENT_BYTES = 64
+"""What a byte of an MTL file takes at most, as statements."""
 
 _MOST_SHININESS = 1000.0
 """Largest exponent: a highlight of about two degrees, which pixels still resolve."""
@@ -77,6 +82,8 @@ class MtlMaterial:
             try:
                 numbers = [float(word) for word in words]
             except ValueError:
+                return
+            if not all(map(math.isfinite, numbers)):
                 return
             if key == "ns" and len(numbers) == 1:
                 self.glossiness = numbers[0]
@@ -148,7 +155,7 @@ def _opacity(said: dict[str, Any], tr_is_opacity: bool) -> float:
             return 1.0
     except (TypeError, ValueError, IndexError):
         return 1.0
-    return min(max(opacity, 0.0), 1.0)
+    return min(max(opacity, 0.0), 1.0) if math.isfinite(opacity) else 1.0
 
 
 class MtlLibrary:
@@ -193,7 +200,11 @@ class MtlLibrary:
     def _read(self, name: str) -> None:
         """Keep the materials of an MTL file; one that is missing has none."""
         try:
-            text = self._resources.read(name).decode("utf-8", "replace")
+            content = self._resources.read(name)
+            self._resources.budget.take("an MTL file", _STATEMENT_BYTES * len(content))
+            text = content.decode("utf-8-sig", "replace")
+        except FileSizeError:
+            raise
         except RefusedFileError as error:
             self._left_out.note(f"MTL file: {reason_of(error)}")
             return

@@ -18,7 +18,8 @@ from rasterjit.io.skipped import MeshFileError
 from rasterjit.io.text.lines import Damage, Lines, columns, number_rows
 from rasterjit.io.text.parts import Part, sound_polygons, triangles
 
-_HEADER = re.compile(r"\ufeff?(?:ST)?C?N?OFF\b(.*)", re.IGNORECASE)
+_HEADER = re.compile(r"(?:ST)?C?N?OFF(?![A-Z])(.*)", re.IGNORECASE)
+"""Some files have the numbers of vertices and faces right behind it."""
 
 _A_FACE = "a face: how many vertices it has, and their numbers, below"
 

@@ -436,7 +436,8 @@ def _colors(element: _Element) -> NDArray[Any] | None:
 def _texture(name: str, resources: Resources, left_out: LeftOut) -> Texture | None:
     """Return the picture that a file names; None, with a note, if it cannot be read."""
     try:
-        return Texture(picture_pixels(resources.read(name)))
+        content = resources.read(name)
+        return Texture(picture_pixels(content, f"picture {shown_name(name)}", resources.budget))
     except RefusedFileError as error:
         left_out.note(f"a file that it names: {reason_of(error)}")
     except Exception as error:

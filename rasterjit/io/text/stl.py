@@ -29,8 +29,11 @@ def read_stl(path: Path, resources: Resources, damage: Damage) -> list[Part]:
     whole, rest = divmod(len(data) - _HEAD, _TRIANGLE.itemsize)
     is_binary = len(data) >= _HEAD and (whole, rest) == (count, 0)
     if is_binary or (len(data) >= _HEAD and b"\0" in data[:_PROBE]):
-        if not is_binary:
+        if whole < count:
             damage.end(f"{count} triangles, as its head says", f"room for {whole}")
+        elif not is_binary:
+            extra = len(data) - _HEAD - count * _TRIANGLE.itemsize
+            damage.end(f"nothing behind {count} triangles", f"{extra} bytes")
         triangles = np.frombuffer(data, _TRIANGLE, min(count, whole), _HEAD)
         parts = [_part(path.name, triangles["vertices"].reshape(-1, 3))] if len(triangles) else []
     else:
@@ -64,7 +67,7 @@ def _text_parts(lines: Lines, damage: Damage) -> Iterator[Part]:
     is_whole[facet[~there]] = False
     is_whole[0] = False
     for number in np.flatnonzero((sizes != 3) & (np.arange(len(sizes)) > 0)).tolist():
-        damage.line(lines, int(facets[number - 1]), f"3 vertices after it, not {sizes[number]}, of")
+        damage.line(lines, int(facets[number - 1]), f"a facet of 3 vertices, not {sizes[number]}")
     if sizes[0]:
         damage.line(lines, int(corners[0]), "'facet' before it")
     kept = is_whole[facet]
