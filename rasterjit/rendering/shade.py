@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.pipeline.encode import code_of
 from rasterjit.pipeline.records import (
     Alphas,
     AlphaTests,
@@ -212,8 +213,10 @@ def shade_nothing(
         nothing = np.full((height, width), -1, np.int32)
         shade_in_bands(nothing, shader, linear, color, workers)
         return
-    # All rows are alike: the first is shaded, the others are copies of it.
-    rows = (None if picture is None else picture[:1] for picture in (linear, color))
-    shade_in_bands(np.full((1, width), -1, np.int32), shader, *rows, workers)
+    if linear is not None:
+        linear[0] = shader.background
+    if color is not None:
+        color.view(np.uint32)[0] = code_of(shader.background)
+    # All rows are alike.
     for picture in pictures:
         picture[1:] = picture[0]

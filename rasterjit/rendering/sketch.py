@@ -53,6 +53,9 @@ def list_stages(plan: RenderPlan) -> tuple[StageTold, ...]:
         return ()
     if plan.pictures > 1:
         plan = supersample.plan_picture(plan, {})
+    if plan.layers is None and not plan.facts.draws_faces and not plan.at("background"):
+        # All pixels are alike.
+        return ()
     return tuple(
         StageTold(f"{short_name(step.stage.__module__)}.{step.stage.__name__}", step.stage.names)
         for step in _steps(plan)
