@@ -95,8 +95,9 @@ def load(
         out of it are never opened.
     max_bytes : int
         Memory that this file and all that it names may take together. Sizes are told from headers
-        before anything is read or unpacked, rather too large than too small: at its peak, loading
-        takes at most twice this. Default: 8 GiB.
+        before anything is read or unpacked: at its peak, loading takes at most twice this. Faces of
+        OBJ, PLY, STL and OFF files count by the size of the file alone, which may be too little.
+        Default: 8 GiB.
 
     Returns
     -------

@@ -27,14 +27,7 @@ from numba import types
 from numba.extending import intrinsic, typeof_impl
 
 from rasterjit.runtime import instructions, plain_arrays
-from rasterjit.runtime.jit import (
-    CheckedKernel,
-    Helper,
-    Intrinsic,
-    Kernel,
-    RawKernel,
-    Stage,
-)
+from rasterjit.runtime.jit import CheckedKernel, Helper, Intrinsic, Kernel, RawKernel, Stage
 from rasterjit.runtime.plain_arrays import PlainArray
 from rasterjit.runtime.state import (
     ArrayType,

@@ -210,6 +210,7 @@ class Environment:
             If the file is missing, needs more than that, or holds no such picture; the message
             names it.
         """
+        # A wrong budget is not the file's fault.
         MemoryBudget(str(path), max_bytes)
         try:
             sky = Panorama(read_hdr_image(path, max_bytes))

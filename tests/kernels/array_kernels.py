@@ -51,3 +51,11 @@ def share(image: float64[:, ::1], out: float64[::1]):
     spread(image[0], 1, 8.0)
     row = flat(image)
     out[0], out[1] = len(row), row[13]
+
+
+@kernel
+def fill_part(rows: float64[:, ::1], number: int64, start: int64, stop: int64):
+    """Fill a part of a row."""
+    own = part(rows, number, start, stop)
+    for i in range(own.shape[0]):
+        own[i] = 1.0

@@ -48,3 +48,19 @@ def test_a_kernel_writes_to_parts_of_rows():
     array_kernels.share(rows, out)
     np.testing.assert_array_equal(rows, expected)
     assert out.tolist() == [24.0, 13.0]
+
+
+@pytest.mark.skipif(not (jit.DISABLED or jit.CHECKED), reason="indices are not checked")
+@pytest.mark.parametrize("where", [(2, 0, 1), (-1, 0, 1), (0, -1, 1), (0, 0, 5), (0, 3, 2)])
+def test_a_part_that_ends_beyond_its_row_is_an_error(where):
+    with pytest.raises(IndexError, match="beyond the row"):
+        array_kernels.fill_part(np.zeros((2, 4)), *where)
+
+
+@pytest.mark.parametrize("where", [(1, 1, 4), (0, 4, 4), (0, 0, 0)])
+def test_a_part_of_a_row_is_filled_and_nothing_else(where):
+    number, start, stop = where
+    rows, wanted = np.zeros((2, 4)), np.zeros((2, 4))
+    array_kernels.fill_part(rows, *where)
+    wanted[number, start:stop] = 1.0
+    np.testing.assert_array_equal(rows, wanted)

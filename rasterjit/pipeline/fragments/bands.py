@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from rasterjit.pipeline.fragments import areas, fragments
 from rasterjit.pipeline.geometry.setup import TILE_SIZE
 from rasterjit.pipeline.records import AlphaTests, Faces, Geometry, ScreenVertices, Viewport
-from rasterjit.pipeline.visibility import draw
+from rasterjit.pipeline.visibility import draw, nearest
 from rasterjit.pipeline.visibility.alpha_test import AlphaTest
 from rasterjit.pipeline.visibility.draw import Coverage
 from rasterjit.runtime.threads import Memory, Workers
@@ -186,7 +186,9 @@ def find_layers(
     width, height = viewport.width, rows[1] - rows[0]
     shifts = sample_shifts(samples, viewport.grid_bits)
     drawer, alone = fragments.layer_drawer(
-        lists.parted, lists.faces, lists.screen, lists.depth_type, finder.alpha_tests
+        nearest.tile_drawer(
+            lists.parted, lists.faces, lists.screen, lists.depth_type, finder.alpha_tests
+        )
     )
     deepest = np.empty(3, np.int64)
     room = 0 if len(lists.parted) == 0 else min(FIRST_GUESS, kept or FIRST_GUESS)

@@ -36,7 +36,7 @@ from rasterjit.pipeline.geometry.triangle_batches import (
     SMALL_PIXELS,
     TOP,
 )
-from rasterjit.pipeline.records import AlphaTests, Faces, ScreenVertices, Viewport
+from rasterjit.pipeline.records import AlphaTests, Faces, Viewport
 from rasterjit.pipeline.visibility import nearest
 from rasterjit.pipeline.visibility.alpha_test import (
     AlphaTest,
@@ -247,20 +247,14 @@ class Alone(NamedTuple):
     """How to call ``nearest.draw_planned`` for that tile."""
 
 
-def layer_drawer(
-    listed: NDArray[np.int32],
-    faces: Faces,
-    screen: ScreenVertices,
-    depth_type: Any = np.float32,
-    alpha_tests: AlphaTests | None = None,
-) -> tuple[TileDrawer, Alone]:
+def layer_drawer(drawer: TileDrawer) -> tuple[TileDrawer, Alone]:
     """
-    Return what a thread needs to find layers.
+    Return what a thread needs to find layers, given what it draws with.
 
-    Takes what ``nearest.tile_drawer`` takes. Keep both that are returned as long as they are used:
-    machine code holds addresses of their memory.
+    Keep both that are returned as long as they are used: machine code holds addresses of their
+    memory.
     """
-    drawer = nearest.tile_drawer(listed, faces, screen, depth_type, alpha_tests)
+    depth_type = drawer.scratch[0].dtype
     tile = (
         np.full(nearest.SCRATCH_SHAPE, nearest.empty_depth(depth_type)),
         np.empty(nearest.SCRATCH_SHAPE, np.int32),
