@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import gc
 import time
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -149,8 +148,7 @@ def render(
             "--background", f"--background: {output.suffix} cannot be transparent; choose .png"
         )
     wanted, places = plan_files(output, outputs, depth_file)
-    from rasterjit.cli.warmup import first_tasks, tasks_of
-    from rasterjit.rendering.renderer import explain as explain_frame
+    from rasterjit.cli.warmup import first_tasks
     from rasterjit.rendering.renderer import render as render_frame
     from rasterjit.runtime.ahead import beside
 
@@ -160,14 +158,10 @@ def render(
     with (
         status(f"Rendering {file.name}", quiet) as shown,
         compile_notice(quiet, shown),
-        beside(threads) as give,
+        beside(first_tasks, threads, at_once=True),
     ):
-        is_beside = give(first_tasks)
         scene = load_scene(file, look, effects, quiet)
         camera = view.camera(scene, size)
-        if is_beside:
-            plan = explain_frame(scene, camera, quality, size=size, **options)
-            give(partial(tasks_of, plan))
         loaded = time.perf_counter()
         frame = render_frame(
             scene, camera, size=size, quality=quality, diagnose=diagnose, threads=threads,

@@ -20,7 +20,9 @@ from rasterjit.pipeline.records import Lighting
 from rasterjit.pipeline.visibility import draw
 from rasterjit.rendering import shade, supersample
 from rasterjit.rendering.effects import answer_effects
-from rasterjit.rendering.sketch import list_stages
+from rasterjit.rendering.sketch import list_stages, short_name
+from rasterjit.runtime import ahead, jit
+from rasterjit.runtime.ahead import Task
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.color import linear_color
 from rasterjit.scene.light import Light
@@ -181,6 +183,17 @@ def list_kernels(plan: RenderPlan) -> tuple[KernelRow, ...]:
     if "motion_visible" in plan.outputs and plan.previous is not None:
         rows += _finding_kernels(plan.previous)
     return tuple(KernelRow(*row) for row in dict.fromkeys(rows))
+
+
+def list_tasks(plan: RenderPlan) -> list[Task]:
+    """Return tasks that compile what a frame will call in any case, the last first."""
+    known = {
+        f"{short_name(one.__module__)}.{one.__name__}": one for one in (*jit.KERNELS, *jit.STAGES)
+    }
+    names = [told.name for told in list_kernels(plan) if not (told.variant or told.condition)]
+    names += [told.name for told in list_stages(plan)]
+    found = [known[name] for name in dict.fromkeys(names)]
+    return ahead.compiling(found[::-1], usual=True)
 
 
 def _finding_kernels(plan: RenderPlan) -> Rows:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
+from functools import partial
 from types import TracebackType
 from typing import Any
 
@@ -30,6 +31,7 @@ from rasterjit.rendering.views import (
     plan_earlier,
     plan_views,
 )
+from rasterjit.runtime.ahead import beside
 from rasterjit.runtime.threads import Workers
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.mesh import Mesh
@@ -97,7 +99,8 @@ def render(
     previous : View, optional
         How things were before, for the outputs motion and motion_visible, which need it.
     threads : int, optional
-        Default: all processors. The frame has the same bits for any number.
+        Default: all processors. The frame has the same bits for any number. With 1 no second process
+        compiles what is missing.
 
     Returns
     -------
@@ -192,40 +195,41 @@ def draw_frame(
             before_picture()
         return find_visible(picture, cache, workers, clock, views, **options)
 
-    # Project, clip, bin, draw.
-    seen = find(plan, views, **options)
-    context = FrameContext(plan, cache, *seen[2:], workers)
-    # Prepare effects, shade, encode.
-    if plan.pictures == 1:
-        result = shade.shade_faces(context)
-    else:
-        result = supersample.shade_faces(context, accumulation, find, clock)
-    clock("shade, resolve")
-    # Draw over it.
-    for overlay in plan.at("overlay"):
-        overlay.effect.places["overlay"](overlay.data, context, result["color"])
-        clock(overlay.name)
-    # Fill what else was asked for.
-    if "coverage" in plan.outputs:
-        result["coverage"] = supersample.cover_pixels(context, accumulation, find)
-        clock("coverage")
-    fill.fill_buffers(
-        plan, cache, seen.geometry, seen.placement, seen.coverage,
-        compare(planned, workers, clock), result, workers,
-    )  # fmt: skip
-    clock("buffers")
-    diagnostics = None
-    if plan.facts.diagnose:
-        diagnostics = diagnosing.diagnose(
-            seen.coverage, seen.objects, seen.geometry, plan.camera, workers, plan.depth_format
-        )
-        clock("diagnostics")
-    stats = stats_of(seen.coverage, clock.seconds)
-    if "face_id" in plan.outputs:
-        # The caller may write to it.
-        _ = stats.pixels_covered
-    arrays = {name: result[name] for name in plan.outputs}
-    return Frame(arrays, plan, stats, diagnostics), seen
+    with beside(partial(planning.list_tasks, plan), workers.threads):
+        # Project, clip, bin, draw.
+        seen = find(plan, views, **options)
+        context = FrameContext(plan, cache, *seen[2:], workers)
+        # Prepare effects, shade, encode.
+        if plan.pictures == 1:
+            result = shade.shade_faces(context)
+        else:
+            result = supersample.shade_faces(context, accumulation, find, clock)
+        clock("shade, resolve")
+        # Draw over it.
+        for overlay in plan.at("overlay"):
+            overlay.effect.places["overlay"](overlay.data, context, result["color"])
+            clock(overlay.name)
+        # Fill what else was asked for.
+        if "coverage" in plan.outputs:
+            result["coverage"] = supersample.cover_pixels(context, accumulation, find)
+            clock("coverage")
+        fill.fill_buffers(
+            plan, cache, seen.geometry, seen.placement, seen.coverage,
+            compare(planned, workers, clock), result, workers,
+        )  # fmt: skip
+        clock("buffers")
+        diagnostics = None
+        if plan.facts.diagnose:
+            diagnostics = diagnosing.diagnose(
+                seen.coverage, seen.objects, seen.geometry, plan.camera, workers, plan.depth_format
+            )
+            clock("diagnostics")
+        stats = stats_of(seen.coverage, clock.seconds)
+        if "face_id" in plan.outputs:
+            # The caller may write to it.
+            _ = stats.pixels_covered
+        arrays = {name: result[name] for name in plan.outputs}
+        return Frame(arrays, plan, stats, diagnostics), seen
 
 
 def find_visible(

@@ -15,6 +15,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any, NamedTuple
 
@@ -28,6 +29,10 @@ from rasterjit.runtime.ahead import work
 work()
 """
 """Code of a worker process; it searches modules where this process does, and nowhere else."""
+
+
+WORTH_A_PROCESS = 6
+"""Tasks that take longer to do than a process takes to start."""
 
 
 class Task(NamedTuple):
@@ -87,17 +92,19 @@ def is_possible() -> bool:
     """Tell whether another process could import the same code and share the store."""
     return (
         not (jit.DISABLED or jit.CHECKED)
-        and bool(sys.executable)
+        # A program that holds Python inside is no interpreter.
+        and Path(sys.executable or "").stem.lower().startswith("py")
         and not getattr(sys, "frozen", False)
         and not sys.flags.isolated
         and store.folder() is not None
     )
 
 
-def _start() -> subprocess.Popen[str]:
+def _start(answers: int = subprocess.PIPE) -> subprocess.Popen[str]:
     return subprocess.Popen(
         [sys.executable, "-c", WORKER, *sys.path], text=True,
-        stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
+        stdin=subprocess.PIPE, stdout=answers, stderr=subprocess.DEVNULL,
+        creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
     )  # fmt: skip
 
 
@@ -175,41 +182,87 @@ def _end(process: subprocess.Popen[str]) -> None:
         process.communicate()
 
 
+class _Beside:
+    """The process that compiles beside this one, as long as somebody wants it."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._process: subprocess.Popen[str] | None = None
+        self._users = 0
+
+    def take(self, tasks: Sequence[Task], least: int) -> bool:
+        """Let the process do tasks, in order; return whether it does. Few do not start it."""
+        with self._lock:
+            process = self._process
+            if process is None or process.poll() is not None:
+                if len(tasks) < least:
+                    return False
+                self._end()
+                try:
+                    process = self._process = _start(subprocess.DEVNULL)
+                except OSError:
+                    return False
+            self._users += 1
+            # Whether they are done shows in the store: nobody reads the answers.
+            with suppress(OSError, ValueError):
+                process.stdin.writelines(json.dumps(task) + "\n" for task in tasks)
+                process.stdin.flush()
+            return True
+
+    def leave(self) -> None:
+        """End the process if nobody else wants it."""
+        with self._lock:
+            self._users -= 1
+            if self._users == 0:
+                self._end()
+
+    def _end(self) -> None:
+        if self._process is not None:
+            _end(self._process)
+            self._process = None
+
+
+_BESIDE = _Beside()
+
+
 @contextmanager
 def beside(
-    threads: int | None = None,
-) -> Iterator[Callable[[Callable[[], Sequence[Task]]], bool]]:
+    list_tasks: Callable[[], Sequence[Task]], threads: int | None = None, *, at_once: bool = False
+) -> Iterator[None]:
     """
-    Let another process do tasks, in order, as long as the context lasts.
+    Let another process do tasks while this one compiles, as long as the context lasts.
+
+    All contexts share the process. It starts with the first kernel that this process compiles,
+    since most frames compile nothing.
 
     Parameters
     ----------
+    list_tasks : callable
+        Returns the tasks; called only if there can be another process.
     threads : int or None
         What the user allows; with 1 everything is left to this process.
-
-    Yields
-    ------
-    callable
-        Takes a function that returns tasks, and returns whether they are under way. The function is
-        called only if there can be another process, which starts with the first tasks.
+    at_once : bool
+        Do not wait until this process compiles something.
     """
-    is_alone = threads == 1 or available_processors() == 1 or not is_possible()
-    others: list[subprocess.Popen[str]] = []
+    asking = threading.Lock()
+    taken: list[bool] = []
 
-    def give(list_tasks: Callable[[], Sequence[Task]]) -> bool:
-        tasks = [] if is_alone else list_tasks()
-        if not tasks:
-            return False
-        if not others:
-            others.append(_start())
-        # Whether they are done shows in the store: nobody reads the answers, which fit in a pipe.
-        with suppress(OSError):
-            others[0].stdin.writelines(json.dumps(task) + "\n" for task in tasks)
-            others[0].stdin.flush()
-        return True
+    def ask() -> None:
+        # One of several threads that compile asks; the others go on.
+        if taken or not asking.acquire(blocking=False):
+            return
+        least = 1 if at_once else WORTH_A_PROCESS
+        taken.append(is_possible() and _BESIDE.take(list_tasks(), least))
 
+    if threads == 1 or available_processors() == 1:
+        yield
+        return
+    store.BEFORE_COMPILING.append(ask)
     try:
-        yield give
+        if at_once:
+            ask()
+        yield
     finally:
-        for one in others:
-            _end(one)
+        store.BEFORE_COMPILING.remove(ask)
+        if any(taken):
+            _BESIDE.leave()

@@ -26,7 +26,7 @@ import tempfile
 import threading
 import time
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -105,6 +105,9 @@ class Used(NamedTuple):
 
 
 USED = Used([], [])
+
+BEFORE_COMPILING: list[Callable[[], None]] = []
+"""Called before this process compiles a kernel."""
 
 WANTED: set[str] = set()
 """Stages that a list of them needs, by module and name, whether or not they are in memory yet."""
@@ -500,6 +503,8 @@ def is_kept(kernel: Any, kind: RecordType) -> bool:
 
 def _compile(kernel: Any, kind: RecordType, name: str) -> tuple[Header, bytes]:
     target = host()
+    for tell in tuple(BEFORE_COMPILING):
+        tell()
     with COMPILER_CLOCK.running():
         returns, code = numba_alone.compiler().compile_form(kernel, kind, name, target)
     return _header(kernel, kind, returns), code

@@ -17,12 +17,13 @@ from kernel_files import kernel_modules
 
 import rasterjit as rj
 from rasterjit.cli import warmup
-from rasterjit.runtime import ahead, jit, store
+from rasterjit.rendering.plan import list_tasks
+from rasterjit.runtime import ahead, driver, jit, store
 from rasterjit.runtime.ahead import Task
 
 compiled_only = pytest.mark.skipif(jit.DISABLED or jit.CHECKED, reason="nothing is kept")
 
-HERE = __name__
+SEES_PROCESSES = Path("/proc/self/stat").exists()
 
 
 @pytest.fixture
@@ -96,25 +97,94 @@ def wait_for(path):
     pytest.fail(f"{path} is not there")
 
 
+def is_running(pid):
+    """Tell whether a process is there, and not only waits to be taken note of."""
+    try:
+        stat = Path(f"/proc/{pid}/stat").read_text()
+    except FileNotFoundError:
+        return False
+    return stat.rsplit(")", 1)[1].split()[0] != "Z"
+
+
+def say_that_something_compiles():
+    for tell in tuple(store.BEFORE_COMPILING):
+        tell()
+
+
 @pytest.mark.parametrize("threads", [None, 2])
 def test_another_process_works_beside_this_one_and_ends_with_the_context(likely, tmp_path, threads):
     path, later = tmp_path / "a", tmp_path / "b"
-    with likely.beside(threads) as give:
-        assert not give(list)
-        give(lambda: tasks("touch", path))
+    with likely.beside(lambda: tasks("touch", path), threads, at_once=True):
         wait_for(path)
-        give(lambda: tasks("touch", later))
-        wait_for(later)
-    pid = int(path.read_text())
+        # The process is there: a frame's few tasks go to it.
+        with likely.beside(lambda: tasks("touch", later), threads):
+            say_that_something_compiles()
+            wait_for(later)
+        pid = int(path.read_text())
+        assert is_running(pid) or not SEES_PROCESSES
     assert pid != os.getpid()
     assert later.read_text() == str(pid)
-    if Path("/proc/self/stat").exists():
-        assert has_ended(pid)
+    assert not is_running(pid)
+    assert store.BEFORE_COMPILING == []
+
+
+def test_another_process_starts_when_this_one_compiles_and_is_asked_for_much(
+    likely, tmp_path, monkeypatch
+):
+    listed, paths = [], [tmp_path / str(n) for n in range(ahead.WORTH_A_PROCESS)]
+
+    def list_many():
+        listed.append(1)
+        return tasks("touch", *paths)
+
+    with likely.beside(list_many):
+        pass
+    assert listed == []
+    with likely.beside(list_many):
+        say_that_something_compiles()
+        say_that_something_compiles()
+        wait_for(paths[-1])
+    assert listed == [1]
+    monkeypatch.setattr(ahead, "_start", None)
+    with likely.beside(lambda: tasks("touch", *paths[1:])):
+        say_that_something_compiles()
+
+
+def test_one_that_ended_is_replaced(likely, tmp_path):
+    path = tmp_path / "a"
+    with likely.beside(lambda: tasks("end", path), at_once=True):
+        for _ in range(300):
+            if ahead._BESIDE._process.poll() is not None:
+                break
+            time.sleep(0.05)
+        with likely.beside(lambda: tasks("touch", path), at_once=True):
+            wait_for(path)
+
+
+def test_a_system_that_starts_no_process_is_no_error(likely, monkeypatch):
+    def refuse(*_, **options):
+        raise OSError
+
+    monkeypatch.setattr(ahead.subprocess, "Popen", refuse)
+    with likely.beside(lambda: tasks("touch", "a"), at_once=True):
+        assert ahead._BESIDE._process is None
+
+
+@compiled_only
+def test_compiling_is_told_and_loading_is_not(tmp_path, monkeypatch):
+    told = []
+    monkeypatch.setattr(store, "BEFORE_COMPILING", [lambda: told.append(1)])
+    monkeypatch.setattr(store, "folder", lambda: tmp_path)
+    store.load(driver.run_list, driver.run_list.kind)
+    assert told == [1]
+    store.load(driver.run_list, driver.run_list.kind)
+    assert told == [1]
 
 
 ALONE = {
     "one processor": ("available_processors", lambda: 1),
     "no interpreter": ("sys.executable", ""),
+    "a program with Python inside": ("sys.executable", "/opt/modeller.bin"),
     "frozen": ("sys.frozen", True),
     "isolated": ("sys.flags.isolated", 1),
     "no store": ("store.folder", lambda: None),
@@ -133,8 +203,8 @@ def test_there_is_no_other_process_where_one_reason_is_enough(likely, monkeypatc
         owner = getattr(owner, one)
     monkeypatch.setattr(owner, name, value, raising=False)
     monkeypatch.setattr(ahead, "_start", None)
-    with likely.beside() as give:
-        assert not give(lambda: tasks("touch", "a"))
+    with likely.beside(lambda: tasks("touch", "a"), at_once=True):
+        assert ahead._BESIDE._process is None
 
 
 @pytest.mark.parametrize(("count", "threads"), [(0, None), (1, 1)])
@@ -142,15 +212,14 @@ def test_there_is_no_other_process_for_one_thread_or_for_nothing(
     likely, monkeypatch, count, threads
 ):
     monkeypatch.setattr(ahead, "_start", None)
-    with likely.beside(threads) as give:
-        assert not give(lambda: tasks("touch", "a")[:count])
+    with likely.beside(lambda: tasks("touch", "a")[:count], threads, at_once=True):
+        assert ahead._BESIDE._process is None
 
 
 def test_an_error_here_leaves_no_process(likely, monkeypatch):
     started, start = [], ahead._start
-    monkeypatch.setattr(ahead, "_start", lambda: started.append(start()) or started[0])
-    with suppress(KeyError), likely.beside() as give:
-        give(lambda: tasks("touch", os.devnull))
+    monkeypatch.setattr(ahead, "_start", lambda *_: started.append(start()) or started[0])
+    with suppress(KeyError), likely.beside(lambda: tasks("touch", os.devnull), at_once=True):
         raise KeyError
     assert started[0].returncode is not None
 
@@ -160,39 +229,30 @@ import sys, time
 from rasterjit.runtime import ahead
 start = ahead._start
 
-def noted():
-    other = start()
+def noted(*answers):
+    other = start(*answers)
     print(other.pid, flush=True)
     return other
 
 ahead._start = noted
 ahead.available_processors = lambda: 2
-with ahead.beside() as give:
-    give(lambda: [ahead.Task("time", "sleep", (60,))])
+with ahead.beside(lambda: [ahead.Task("time", "sleep", (60,))], at_once=True):
     time.sleep(60)
 """
 
 
-def has_ended(pid):
-    """Tell whether a process is gone, or waits for nothing but to be taken note of."""
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] == "Z"
-    except FileNotFoundError:
-        return True
-
-
 @compiled_only
-@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="processes are seen in /proc")
+@pytest.mark.skipif(not SEES_PROCESSES, reason="processes are seen in /proc")
 def test_another_process_ends_with_this_one_even_if_it_is_killed():
     with subprocess.Popen(
         [sys.executable, "-c", STARTER], stdout=subprocess.PIPE, text=True
     ) as starter:
         other = int(starter.stdout.readline())
-        assert not has_ended(other)
+        assert is_running(other)
         starter.kill()
     # Far less than it would sleep, far more than noticing.
     for _ in range(200):
-        if has_ended(other):
+        if not is_running(other):
             return
         time.sleep(0.1)
     pytest.fail(f"process {other} is still there")
@@ -278,7 +338,7 @@ def test_what_a_frame_will_call_is_compiled_beside_it(cube, monkeypatch):
     scene, camera = rj.Scene(), rj.PerspectiveCamera(eye=(2.5, 3.0, 4.0), target=(0.0, 0.0, 0.0))
     scene.add(cube)
     monkeypatch.setattr(store, "is_kept", lambda *_: False)
-    listed = [task.arguments[1] for task in warmup.tasks_of(rj.explain(scene, camera))]
+    listed = [task.arguments[1] for task in list_tasks(rj.explain(scene, camera))]
     assert listed[0] == "write_opaque_codes"
     assert listed[-1] == "transform_vertices"
     assert {"draw_tiles", "list_samples", "find_weights"} <= {*listed}
