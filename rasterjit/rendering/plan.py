@@ -192,7 +192,8 @@ def list_tasks(plan: RenderPlan) -> list[Task]:
     }
     names = [told.name for told in list_kernels(plan) if not (told.variant or told.condition)]
     names += [told.name for told in list_stages(plan)]
-    found = [known[name] for name in dict.fromkeys(names)]
+    # Where a module is not imported yet, it is no loss.
+    found = [known[name] for name in dict.fromkeys(names) if name in known]
     return ahead.compiling(found[::-1], usual=True)
 
 

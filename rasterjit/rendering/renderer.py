@@ -99,8 +99,8 @@ def render(
     previous : View, optional
         How things were before, for the outputs motion and motion_visible, which need it.
     threads : int, optional
-        Default: all processors. The frame has the same bits for any number. With 1 no second process
-        compiles what is missing.
+        Default: all processors. The frame has the same bits for any number. With 1, no second
+        process compiles what is missing.
 
     Returns
     -------
