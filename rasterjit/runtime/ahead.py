@@ -7,6 +7,7 @@ where files cannot be locked is anything compiled twice.
 
 from __future__ import annotations
 
+import atexit
 import importlib
 import json
 import os
@@ -33,6 +34,9 @@ work()
 
 WORTH_A_PROCESS = 6
 """Tasks that take longer to do than a process takes to start."""
+
+LINGER = 30.0
+"""Seconds that a process waits for more: one effect is often switched on after another."""
 
 
 class Task(NamedTuple):
@@ -183,12 +187,13 @@ def _end(process: subprocess.Popen[str]) -> None:
 
 
 class _Beside:
-    """The process that compiles beside this one, as long as somebody wants it."""
+    """The process that compiles beside this one; frames that follow soon find it ready."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._process: subprocess.Popen[str] | None = None
         self._users = 0
+        self._timer = threading.Timer(0.0, self.end)
 
     def take(self, tasks: Sequence[Task], least: int) -> bool:
         """Let the process do tasks, in order; return whether it does. Few do not start it."""
@@ -197,12 +202,13 @@ class _Beside:
             if process is None or process.poll() is not None:
                 if len(tasks) < least:
                     return False
-                self._end()
+                self._stop()
                 try:
                     process = self._process = _start(subprocess.DEVNULL)
                 except OSError:
                     return False
             self._users += 1
+            self._timer.cancel()
             # Whether they are done shows in the store: nobody reads the answers.
             with suppress(OSError, ValueError):
                 process.stdin.writelines(json.dumps(task) + "\n" for task in tasks)
@@ -210,19 +216,28 @@ class _Beside:
             return True
 
     def leave(self) -> None:
-        """End the process if nobody else wants it."""
+        """Let the process end soon if nobody else wants it."""
         with self._lock:
             self._users -= 1
             if self._users == 0:
-                self._end()
+                self._timer = threading.Timer(LINGER, self.end)
+                self._timer.daemon = True
+                self._timer.start()
 
-    def _end(self) -> None:
+    def end(self) -> None:
+        """End the process, unless somebody wants it."""
+        with self._lock:
+            if self._users == 0:
+                self._stop()
+
+    def _stop(self) -> None:
         if self._process is not None:
             _end(self._process)
             self._process = None
 
 
 _BESIDE = _Beside()
+atexit.register(_BESIDE.end)
 
 
 @contextmanager
@@ -230,10 +245,10 @@ def beside(
     list_tasks: Callable[[], Sequence[Task]], threads: int | None = None, *, at_once: bool = False
 ) -> Iterator[None]:
     """
-    Let another process do tasks while this one compiles, as long as the context lasts.
+    Let another process do tasks while this one compiles.
 
     All contexts share the process. It starts with the first kernel that this process compiles,
-    since most frames compile nothing.
+    since most frames compile nothing, and ends some time after the last context that used it.
 
     Parameters
     ----------

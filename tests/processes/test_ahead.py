@@ -35,10 +35,12 @@ def likely(monkeypatch):
     )  # fmt: skip
     monkeypatch.setattr(ahead, "sys", system)
     monkeypatch.setattr(ahead, "available_processors", lambda: 2)
+    ahead._BESIDE.end()
     monkeypatch.setattr(jit, "DISABLED", False)
     monkeypatch.setattr(jit, "CHECKED", False)
     monkeypatch.setattr(store, "folder", lambda: Path("cache"))
-    return ahead
+    yield ahead
+    ahead._BESIDE.end()
 
 
 def touch(path):
@@ -106,26 +108,42 @@ def is_running(pid):
     return stat.rsplit(")", 1)[1].split()[0] != "Z"
 
 
+def wait_for_end(pid):
+    for _ in range(200):
+        if not is_running(pid):
+            return
+        time.sleep(0.1)
+    pytest.fail(f"process {pid} is still there")
+
+
 def say_that_something_compiles():
     for tell in tuple(store.BEFORE_COMPILING):
         tell()
 
 
 @pytest.mark.parametrize("threads", [None, 2])
-def test_another_process_works_beside_this_one_and_ends_with_the_context(likely, tmp_path, threads):
-    path, later = tmp_path / "a", tmp_path / "b"
+def test_another_process_works_beside_this_one_and_ends_soon_after(
+    likely, tmp_path, monkeypatch, threads
+):
+    path, later, last = (tmp_path / name for name in "abc")
     with likely.beside(lambda: tasks("touch", path), threads, at_once=True):
         wait_for(path)
         # The process is there: a frame's few tasks go to it.
         with likely.beside(lambda: tasks("touch", later), threads):
             say_that_something_compiles()
             wait_for(later)
+    assert store.BEFORE_COMPILING == []
+    # It waits for more.
+    with likely.beside(lambda: tasks("touch", last), threads):
+        monkeypatch.setattr(ahead, "LINGER", 0.1)
+        say_that_something_compiles()
+        wait_for(last)
+        time.sleep(0.3)
         pid = int(path.read_text())
         assert is_running(pid) or not SEES_PROCESSES
     assert pid != os.getpid()
-    assert later.read_text() == str(pid)
-    assert not is_running(pid)
-    assert store.BEFORE_COMPILING == []
+    assert later.read_text() == last.read_text() == str(pid)
+    wait_for_end(pid)
 
 
 def test_another_process_starts_when_this_one_compiles_and_is_asked_for_much(
@@ -145,6 +163,7 @@ def test_another_process_starts_when_this_one_compiles_and_is_asked_for_much(
         say_that_something_compiles()
         wait_for(paths[-1])
     assert listed == [1]
+    ahead._BESIDE.end()
     monkeypatch.setattr(ahead, "_start", None)
     with likely.beside(lambda: tasks("touch", *paths[1:])):
         say_that_something_compiles()
@@ -221,6 +240,7 @@ def test_an_error_here_leaves_no_process(likely, monkeypatch):
     monkeypatch.setattr(ahead, "_start", lambda *_: started.append(start()) or started[0])
     with suppress(KeyError), likely.beside(lambda: tasks("touch", os.devnull), at_once=True):
         raise KeyError
+    ahead._BESIDE.end()
     assert started[0].returncode is not None
 
 
@@ -251,11 +271,7 @@ def test_another_process_ends_with_this_one_even_if_it_is_killed():
         assert is_running(other)
         starter.kill()
     # Far less than it would sleep, far more than noticing.
-    for _ in range(200):
-        if not is_running(other):
-            return
-        time.sleep(0.1)
-    pytest.fail(f"process {other} is still there")
+    wait_for_end(other)
 
 
 COMPILE_TWO = """
