@@ -67,11 +67,11 @@ def _watch_compiler(done: threading.Event, shown: Any = None) -> None:
             return
     kept = "kept on disk" if store.folder() else "not kept: no folder can be written"
     if shown is None:
-        click.echo(f"compiling kernels, which takes up to a minute, once ({kept})", err=True)
+        click.echo(f"compiling kernels, which takes seconds ({kept})", err=True)
         return
     text = shown.status
     while not done.wait(LOOKS):
-        shown.update(f"{text}: compiling kernels, once ({kept}): {store.progress()}")
+        shown.update(f"{text}: compiling kernels ({kept}): {store.progress()}")
     shown.update(text)
 
 

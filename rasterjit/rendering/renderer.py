@@ -337,7 +337,8 @@ class Renderer:
     quality : Quality, optional
         Default ``Quality.standard()``.
     threads : int, optional
-        Default: all processors this process may run on.
+        Default: all processors this process may run on. With 1, no second process compiles what is
+        missing.
 
     Attributes
     ----------

@@ -25,15 +25,15 @@ from rasterjit.runtime.threads import available_processors
 
 WORKER = """
 import sys
-sys.path[:] = sys.argv[1:]
+patience, *sys.path[:] = sys.argv[1:]
 from rasterjit.runtime.ahead import work
-work()
+work(float(patience))
 """
 """Code of a worker process; it searches modules where this process does, and nowhere else."""
 
 
 WORTH_A_PROCESS = 6
-"""Tasks that take longer to do than a process takes to start."""
+"""So many tasks take longer than a process takes to start."""
 
 LINGER = 30.0
 """Seconds that a process waits for more: one effect is often switched on after another."""
@@ -71,8 +71,15 @@ def compile_one(module: str, name: str, number: int) -> None:
     function.obtain(function.declared[number])
 
 
-def work() -> None:
-    """Read tasks from standard input, do each, and answer it with a line."""
+def work(patience: float) -> None:
+    """
+    Read tasks from standard input, do each, and answer it with a line.
+
+    Parameters
+    ----------
+    patience : float
+        Seconds without a task after which the process ends.
+    """
     tasks: SimpleQueue[str] = SimpleQueue()
 
     def read() -> None:
@@ -83,7 +90,11 @@ def work() -> None:
 
     threading.Thread(target=read, daemon=True).start()
     while True:
-        module, function, arguments = json.loads(tasks.get())
+        try:
+            line = tasks.get(timeout=patience)
+        except Empty:
+            os._exit(0)
+        module, function, arguments = json.loads(line)
         try:
             getattr(importlib.import_module(module), function)(*arguments)
         except Exception as error:
@@ -97,16 +108,19 @@ def is_possible() -> bool:
     return (
         not (jit.DISABLED or jit.CHECKED)
         # A program that holds Python inside is no interpreter.
-        and Path(sys.executable or "").stem.lower().startswith("py")
+        and "py" in Path(sys.executable or "").stem.lower()
         and not getattr(sys, "frozen", False)
         and not sys.flags.isolated
         and store.folder() is not None
     )
 
 
-def _start(answers: int = subprocess.PIPE) -> subprocess.Popen[str]:
+def _start(
+    answers: int = subprocess.PIPE, patience: float = threading.TIMEOUT_MAX
+) -> subprocess.Popen[str]:
+    places = [one for one in sys.path if isinstance(one, str)]
     return subprocess.Popen(
-        [sys.executable, "-c", WORKER, *sys.path], text=True,
+        [sys.executable, "-c", WORKER, repr(patience), *places], encoding="utf-8",
         stdin=subprocess.PIPE, stdout=answers, stderr=subprocess.DEVNULL,
         creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
     )  # fmt: skip
@@ -187,57 +201,62 @@ def _end(process: subprocess.Popen[str]) -> None:
 
 
 class _Beside:
-    """The process that compiles beside this one; frames that follow soon find it ready."""
+    """The process that compiles beside this one; it ends when nothing was asked of it for long."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._process: subprocess.Popen[str] | None = None
-        self._users = 0
-        self._timer = threading.Timer(0.0, self.end)
 
     def take(self, tasks: Sequence[Task], least: int) -> bool:
-        """Let the process do tasks, in order; return whether it does. Few do not start it."""
+        """Let the process do tasks, in order; return whether it does. It starts for `least`."""
         with self._lock:
             process = self._process
             if process is None or process.poll() is not None:
                 if len(tasks) < least:
                     return False
-                self._stop()
+                self._end()
                 try:
-                    process = self._process = _start(subprocess.DEVNULL)
+                    process = self._process = _start(subprocess.DEVNULL, LINGER)
                 except OSError:
                     return False
-            self._users += 1
-            self._timer.cancel()
             # Whether they are done shows in the store: nobody reads the answers.
-            with suppress(OSError, ValueError):
+            with suppress(OSError):
                 process.stdin.writelines(json.dumps(task) + "\n" for task in tasks)
                 process.stdin.flush()
             return True
 
-    def leave(self) -> None:
-        """Let the process end soon if nobody else wants it."""
-        with self._lock:
-            self._users -= 1
-            if self._users == 0:
-                self._timer = threading.Timer(LINGER, self.end)
-                self._timer.daemon = True
-                self._timer.start()
-
     def end(self) -> None:
-        """End the process, unless somebody wants it."""
+        """End the process, if there is one."""
         with self._lock:
-            if self._users == 0:
-                self._stop()
+            self._end()
 
-    def _stop(self) -> None:
+    def _end(self) -> None:
         if self._process is not None:
             _end(self._process)
             self._process = None
 
+    def forget(self) -> None:
+        """Leave the process to the one that this was forked from."""
+        process, self._process = self._process, None
+        self._lock = threading.Lock()
+        if process is not None:
+            # Who holds its input keeps it waiting for more.
+            os.close(process.stdin.fileno())
+            process.returncode = 0
+
 
 _BESIDE = _Beside()
 atexit.register(_BESIDE.end)
+
+
+def _after_fork() -> None:
+    """Forget, in a forked process, what the threads that it lacks were doing."""
+    store.BEFORE_COMPILING.clear()
+    _BESIDE.forget()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_after_fork)
 
 
 @contextmanager
@@ -247,27 +266,24 @@ def beside(
     """
     Let another process do tasks while this one compiles.
 
-    All contexts share the process. It starts with the first kernel that this process compiles,
-    since most frames compile nothing, and ends some time after the last context that used it.
+    There is one such process, whoever asks. It starts with the first kernel that this process
+    compiles, since most frames compile nothing; what follows soon finds it ready.
 
     Parameters
     ----------
     list_tasks : callable
-        Returns the tasks; called only if there can be another process.
+        Returns the tasks; called at most once, and only if there can be another process.
     threads : int or None
         What the user allows; with 1 everything is left to this process.
     at_once : bool
         Do not wait until this process compiles something.
     """
     asking = threading.Lock()
-    taken: list[bool] = []
 
     def ask() -> None:
         # One of several threads that compile asks; the others go on.
-        if taken or not asking.acquire(blocking=False):
-            return
-        least = 1 if at_once else WORTH_A_PROCESS
-        taken.append(is_possible() and _BESIDE.take(list_tasks(), least))
+        if asking.acquire(blocking=False) and is_possible():
+            _BESIDE.take(list_tasks(), 1 if at_once else WORTH_A_PROCESS)
 
     if threads == 1 or available_processors() == 1:
         yield
@@ -278,6 +294,6 @@ def beside(
             ask()
         yield
     finally:
-        store.BEFORE_COMPILING.remove(ask)
-        if any(taken):
-            _BESIDE.leave()
+        # In a process that was forked within, there is nothing to remove.
+        with suppress(ValueError):
+            store.BEFORE_COMPILING.remove(ask)

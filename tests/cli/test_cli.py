@@ -628,7 +628,7 @@ def test_on_a_terminal_one_line_says_how_far_the_compiler_is(monkeypatch, capsys
     line = Line(done, rounds=2)
     report._watch_compiler(done, line)
     assert line.said[:2] == 2 * [line.said[0]]
-    assert line.said[0].startswith("Rendering: compiling kernels, once")
+    assert line.said[0].startswith("Rendering: compiling kernels (kept")
     assert line.said[0].endswith(": 1 of 2")
     assert line.said[2:] == ["Rendering"]
     assert capsys.readouterr() == ("", "")

@@ -122,9 +122,7 @@ def say_that_something_compiles():
 
 
 @pytest.mark.parametrize("threads", [None, 2])
-def test_another_process_works_beside_this_one_and_ends_soon_after(
-    likely, tmp_path, monkeypatch, threads
-):
+def test_another_process_works_beside_this_one_and_waits_for_more(likely, tmp_path, threads):
     path, later, last = (tmp_path / name for name in "abc")
     with likely.beside(lambda: tasks("touch", path), threads, at_once=True):
         wait_for(path)
@@ -133,17 +131,43 @@ def test_another_process_works_beside_this_one_and_ends_soon_after(
             say_that_something_compiles()
             wait_for(later)
     assert store.BEFORE_COMPILING == []
-    # It waits for more.
     with likely.beside(lambda: tasks("touch", last), threads):
-        monkeypatch.setattr(ahead, "LINGER", 0.1)
         say_that_something_compiles()
         wait_for(last)
-        time.sleep(0.3)
-        pid = int(path.read_text())
-        assert is_running(pid) or not SEES_PROCESSES
+    pid = int(path.read_text())
     assert pid != os.getpid()
     assert later.read_text() == last.read_text() == str(pid)
-    wait_for_end(pid)
+    assert is_running(pid) or not SEES_PROCESSES
+    likely._BESIDE.end()
+    assert not is_running(pid)
+
+
+def test_another_process_ends_when_nothing_is_asked_of_it(likely, tmp_path, monkeypatch):
+    monkeypatch.setattr(ahead, "LINGER", 0.5)
+    with likely.beside(lambda: tasks("touch", tmp_path / "a"), at_once=True):
+        wait_for(tmp_path / "a")
+        assert ahead._BESIDE._process.wait(20) == 0
+
+
+@pytest.mark.filterwarnings("ignore:.*multi-threaded:DeprecationWarning")
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no process is forked")
+def test_a_forked_process_leaves_the_other_process_alone(likely, tmp_path):
+    path, own = tmp_path / "a", tmp_path / "b"
+    with likely.beside(lambda: tasks("touch", path), at_once=True):
+        wait_for(path)
+        ahead._BESIDE._lock.acquire()  # As another thread may.
+        child = os.fork()
+        if child == 0:
+            is_clean = ahead._BESIDE._process is None and store.BEFORE_COMPILING == []
+            with suppress(BaseException), likely.beside(lambda: tasks("touch", own), at_once=True):
+                wait_for(own)
+                ahead._BESIDE.end()
+                os._exit(0 if is_clean else 1)
+            os._exit(2)
+        ahead._BESIDE._lock.release()
+        assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
+        assert own.read_text() != path.read_text()
+        assert ahead._BESIDE._process.poll() is None
 
 
 def test_another_process_starts_when_this_one_compiles_and_is_asked_for_much(
@@ -176,6 +200,8 @@ def test_one_that_ended_is_replaced(likely, tmp_path):
             if ahead._BESIDE._process.poll() is not None:
                 break
             time.sleep(0.05)
+        else:
+            pytest.fail("it has not ended")
         with likely.beside(lambda: tasks("touch", path), at_once=True):
             wait_for(path)
 
@@ -249,8 +275,8 @@ import sys, time
 from rasterjit.runtime import ahead
 start = ahead._start
 
-def noted(*answers):
-    other = start(*answers)
+def noted(*options):
+    other = start(*options)
     print(other.pid, flush=True)
     return other
 
@@ -347,6 +373,22 @@ def test_the_list_of_warmup_has_every_kernel_of_the_package():
         importlib.import_module(module)
     own = [one for one in (*jit.KERNELS, *jit.STAGES) if one.__module__.startswith("rasterjit.")]
     assert json.loads(done.stdout) == sorted(f"{one.__module__}.{one.__name__}" for one in own)
+
+
+@compiled_only
+@pytest.mark.parametrize("threads", [1, 2])
+def test_a_frame_that_compiles_asks_for_what_it_will_call(cube, monkeypatch, threads):
+    taken = []
+    monkeypatch.setattr(ahead, "available_processors", lambda: 2)
+    monkeypatch.setattr(ahead, "is_possible", lambda: True)
+    monkeypatch.setattr(ahead._BESIDE, "take", lambda tasks, least: taken.append(tasks))
+    monkeypatch.setattr(store, "is_kept", lambda *_: False)
+    scene = rj.Scene()
+    scene.add(cube)
+    with rj.Renderer((16, 12), threads=threads) as renderer:
+        renderer.before_picture = say_that_something_compiles
+        frame = renderer.render(scene)
+    assert taken == ([] if threads == 1 else [list_tasks(frame.plan)])
 
 
 @compiled_only
