@@ -241,7 +241,8 @@ class _Beside:
         self._lock = threading.Lock()
         if process is not None:
             # Who holds its input keeps it waiting for more.
-            os.close(process.stdin.fileno())
+            with suppress(OSError):
+                process.stdin.close()
             process.returncode = 0
 
 
