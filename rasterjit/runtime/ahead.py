@@ -31,7 +31,6 @@ work(float(patience))
 """
 """Code of a worker process; it searches modules where this process does, and nowhere else."""
 
-
 WORTH_A_PROCESS = 6
 """So many tasks take longer than a process takes to start."""
 
@@ -207,23 +206,22 @@ class _Beside:
         self._lock = threading.Lock()
         self._process: subprocess.Popen[str] | None = None
 
-    def take(self, tasks: Sequence[Task], least: int) -> bool:
-        """Let the process do tasks, in order; return whether it does. It starts for `least`."""
+    def take(self, tasks: Sequence[Task], least: int) -> None:
+        """Let the process do tasks, in order; none is started for fewer than ``least``."""
         with self._lock:
             process = self._process
             if process is None or process.poll() is not None:
                 if len(tasks) < least:
-                    return False
+                    return
                 self._end()
                 try:
                     process = self._process = _start(subprocess.DEVNULL, LINGER)
                 except OSError:
-                    return False
+                    return
             # Whether they are done shows in the store: nobody reads the answers.
             with suppress(OSError):
                 process.stdin.writelines(json.dumps(task) + "\n" for task in tasks)
                 process.stdin.flush()
-            return True
 
     def end(self) -> None:
         """End the process, if there is one."""
