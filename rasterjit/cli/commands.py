@@ -427,7 +427,7 @@ def warmup(quiet: bool) -> None:
     if folder is None:
         raise click.ClickException(f"no folder can keep kernels: set {store.FOLDER_VARIABLE}")
     started = time.perf_counter()
-    with progress_bar("Compiling", quiet) as tell:
+    with progress_bar("Compiling kernels", quiet) as tell:
         compile_all(tell)
     if not quiet:
         count = store.contents(folder).entries

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import threading
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, nullcontext
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -21,13 +20,6 @@ STAGE_NAMES = {"compile": "compile, or load compiled"}
 """What the table calls a stage whose own name is not plain enough."""
 
 
-PATIENCE = 2.0
-"""Seconds of compiling that are not spoken of."""
-
-LOOKS = 0.1
-"""Seconds between two looks at the clock."""
-
-
 @contextmanager
 def compile_notice(quiet: bool, shown: Any = None) -> Iterator[None]:
     """
@@ -40,39 +32,23 @@ def compile_notice(quiet: bool, shown: Any = None) -> Iterator[None]:
     shown : rich.status.Status or None
         The line on a terminal that says how far it is. Without one, say it once on standard error.
     """
-    if quiet:
-        yield
-        return
-    done = threading.Event()
-    watch = threading.Thread(target=_watch_compiler, args=(done, shown), daemon=True)
-    watch.start()
-    try:
-        yield
-    finally:
-        done.set()
-        watch.join()
+    from rasterjit.runtime.progress import kept, told_to
 
+    is_told = False
+    text = shown.status if shown is not None else ""
 
-def _watch_compiler(done: threading.Event, shown: Any = None) -> None:
-    """Tell of the compiler once it has run for some time, unless all is done before."""
-    # What the command imports is imported by the command: not by two threads at once.
-    while "rasterjit.runtime.store" not in sys.modules:
-        if done.wait(LOOKS):
+    def tell(progress: str) -> None:
+        nonlocal is_told
+        if quiet:
             return
-    from rasterjit.runtime import jit, store
+        if shown is not None:
+            shown.update(f"{text}: {progress}" if progress else text)
+        elif not is_told:
+            is_told = True
+            click.echo(f"compiling kernels, which takes seconds ({kept()})", err=True)
 
-    start = jit.COMPILER_CLOCK.read()
-    while jit.COMPILER_CLOCK.read() - start < PATIENCE:
-        if done.wait(LOOKS):
-            return
-    kept = "kept on disk" if store.folder() else "not kept: no folder can be written"
-    if shown is None:
-        click.echo(f"compiling kernels, which takes seconds ({kept})", err=True)
-        return
-    text = shown.status
-    while not done.wait(LOOKS):
-        shown.update(f"{text}: compiling kernels ({kept}): {store.progress()}")
-    shown.update(text)
+    with told_to(tell):
+        yield
 
 
 @contextmanager
@@ -91,15 +67,32 @@ def status(text: str, quiet: bool) -> Iterator[Any]:
 
 @contextmanager
 def progress_bar(text: str, quiet: bool) -> Iterator[Callable[[int, int], None]]:
-    """Yield what shows how far something is, if somebody is looking: how many, of how many."""
+    """
+    Show how far something is: a bar on a terminal, else one line at the start.
+
+    Yields
+    ------
+    callable
+        Takes how many are done, and how many there are.
+    """
     from rich.console import Console
     from rich.progress import Progress
 
     console = Console(stderr=True)
-    hidden = quiet or not console.is_terminal
-    with Progress(console=console, disable=hidden, transient=True) as progress:
+    is_hidden = not console.is_terminal
+
+    def show(done: int, total: int) -> None:
+        if not is_hidden:
+            progress.update(bar, completed=done, total=total)
+        elif done == 0 and total > 0:
+            click.echo(f"{text} ({total} to do)", err=True)
+
+    if quiet:
+        yield lambda done, total: None
+        return
+    with Progress(console=console, disable=is_hidden, transient=True) as progress:
         bar = progress.add_task(text)
-        yield lambda done, total: progress.update(bar, completed=done, total=total)
+        yield show
 
 
 def with_progress(items: Iterable[Item], count: int, text: str, quiet: bool) -> Iterator[Item]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -33,6 +34,7 @@ from rasterjit.pipeline.visibility.alpha_test import no_holes
 from rasterjit.rendering import plan as planning
 from rasterjit.rendering import shade
 from rasterjit.rendering.renderer import choose_camera, render
+from rasterjit.runtime.ahead import beside
 from rasterjit.runtime.threads import Workers
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.mesh import Mesh
@@ -101,10 +103,15 @@ def explain_pixel(
     x, y = _index("x", x, size[0], "column"), _index("y", y, size[1], "row")
     scene = as_scene(what)
     camera = choose_camera(scene, camera, size)
-    quality = check_quality(quality)
     plan = planning.plan_frame(
-        scene, camera, size, quality, ("color", "linear"), background, cull
-    )  # fmt: skip
+        scene, camera, size, check_quality(quality), ("color", "linear"), background, cull
+    )
+    with beside(partial(planning.list_tasks, plan)):
+        return _explain(scene, plan, background, x, y)
+
+
+def _explain(scene: Scene, plan: RenderPlan, background: Any, x: int, y: int) -> PixelExplanation:
+    """Draw what a plan says, and tell what happened at one pixel."""
     drawn = _draw(scene, plan)
     faces = tuple(_find_faces(drawn, x, y))
     light, linear, look, parts = None, plan.background, None, ()
@@ -121,12 +128,13 @@ def explain_pixel(
         seen, linear = plain, seen_linear
     if any(one.effect.is_explained for one in plan.at("overlay")):
         frame = render(
-            scene, camera, size=size, quality=quality, background=background, cull=cull, threads=1
-        )
+            scene, plan.camera, size=plan.size, quality=plan.quality, background=background,
+            cull=plan.cull, threads=1,
+        )  # fmt: skip
         seen = frame.color[y, x]
     reasons = () if drawn.coverage.face_id[y, x] >= 0 else _reasons(drawn, faces, x, y)
     return PixelExplanation(
-        x, y, size, faces, reasons, light, parts, linear, seen, not np.array_equal(plain, seen)
+        x, y, plan.size, faces, reasons, light, parts, linear, seen, not np.array_equal(plain, seen)
     )
 
 

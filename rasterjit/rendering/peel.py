@@ -12,6 +12,7 @@ References
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -25,10 +26,12 @@ from rasterjit.pipeline.fragments.fragments import without_holes
 from rasterjit.pipeline.geometry.setup import TILE_SIZE
 from rasterjit.pipeline.visibility import draw
 from rasterjit.pipeline.visibility.nearest import empty_depth
+from rasterjit.rendering import plan as planning
 from rasterjit.rendering import shade
 from rasterjit.rendering.clock import StageClock
 from rasterjit.rendering.renderer import compare, find_visible, stats_of
 from rasterjit.rendering.views import PlannedFrame, plan_views
+from rasterjit.runtime.ahead import beside
 from rasterjit.runtime.threads import Workers
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.quality import Quality, check_quality
@@ -99,7 +102,8 @@ def render_layers(
             size, quality, as_scene(what), camera, outputs, None, cull, False, previous
         )
         planned = planned._replace(plan=planned.plan.with_(surfaces=int(k)))
-        return _draw_layers(planned, int(k), workers, clock)
+        with beside(partial(planning.list_tasks, planned.plan), workers.threads):
+            return _draw_layers(planned, int(k), workers, clock)
     finally:
         workers.close()
 

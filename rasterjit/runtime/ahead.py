@@ -21,6 +21,7 @@ from queue import Empty, SimpleQueue
 from typing import Any, NamedTuple
 
 from rasterjit.runtime import jit, store
+from rasterjit.runtime.progress import Progress
 from rasterjit.runtime.threads import available_processors
 
 WORKER = """
@@ -72,28 +73,32 @@ def compile_one(module: str, name: str, number: int) -> None:
 
 def work(patience: float) -> None:
     """
-    Read tasks from standard input, do each, and answer it with a line.
+    Read lists of tasks from standard input, a line each, do every task and answer it with a line.
+
+    Those of the last list come first: who asked before has compiled meanwhile.
 
     Parameters
     ----------
     patience : float
         Seconds without a task after which the process ends.
     """
-    tasks: SimpleQueue[str] = SimpleQueue()
+    lists: SimpleQueue[str] = SimpleQueue()
 
     def read() -> None:
         for line in sys.stdin:
-            tasks.put(line)
+            lists.put(line)
         # Nobody else holds the other end: that process is done, or gone.
         os._exit(0)
 
     threading.Thread(target=read, daemon=True).start()
+    tasks: list[Task] = []
     while True:
-        try:
-            line = tasks.get(timeout=patience)
-        except Empty:
+        with suppress(Empty):
+            while True:
+                tasks[:0] = json.loads(lists.get(not tasks, patience))
+        if not tasks:
             os._exit(0)
-        module, function, arguments = json.loads(line)
+        module, function, arguments = tasks.pop(0)
         try:
             getattr(importlib.import_module(module), function)(*arguments)
         except Exception as error:
@@ -107,7 +112,7 @@ def is_possible() -> bool:
     return (
         not (jit.DISABLED or jit.CHECKED)
         # A program that holds Python inside is no interpreter.
-        and "py" in Path(sys.executable or "").stem.lower()
+        and Path(sys.executable or "").name.lower().startswith(("python", "pypy"))
         and not getattr(sys, "frozen", False)
         and not sys.flags.isolated
         and store.folder() is not None
@@ -181,7 +186,7 @@ def do_all(
 def _do(process: subprocess.Popen[str], task: Task) -> str | None:
     """Let a process do a task; return its error, or None."""
     try:
-        process.stdin.write(json.dumps(task) + "\n")
+        process.stdin.write(json.dumps([task]) + "\n")
         process.stdin.flush()
         answer = process.stdout.readline()
         if not answer:
@@ -207,7 +212,7 @@ class _Beside:
         self._process: subprocess.Popen[str] | None = None
 
     def take(self, tasks: Sequence[Task], least: int) -> None:
-        """Let the process do tasks, in order; none is started for fewer than ``least``."""
+        """Let the process do tasks, in order; do not start it for fewer than ``least``."""
         with self._lock:
             process = self._process
             if process is None or process.poll() is not None:
@@ -218,9 +223,11 @@ class _Beside:
                     process = self._process = _start(subprocess.DEVNULL, LINGER)
                 except OSError:
                     return
+                # Take note of its end at once: it may be long before anybody asks again.
+                threading.Thread(target=process.wait, daemon=True).start()
             # Whether they are done shows in the store: nobody reads the answers.
             with suppress(OSError):
-                process.stdin.writelines(json.dumps(task) + "\n" for task in tasks)
+                process.stdin.write(json.dumps(tasks) + "\n")
                 process.stdin.flush()
 
     def end(self) -> None:
@@ -271,28 +278,47 @@ def beside(
     Parameters
     ----------
     list_tasks : callable
-        Returns the tasks; called at most once, and only if there can be another process.
+        Returns the tasks; called at most once, and only if something is compiled. What it raises
+        is not told: this process then compiles everything.
     threads : int or None
         What the user allows; with 1 everything is left to this process.
     at_once : bool
         Do not wait until this process compiles something.
     """
     asking = threading.Lock()
+    is_shared = threads != 1 and available_processors() > 1
+    progress: Progress | None = None
 
     def ask() -> None:
+        nonlocal progress
         # One of several threads that compile asks; the others go on.
-        if asking.acquire(blocking=False) and is_possible():
-            _BESIDE.take(list_tasks(), 1 if at_once else WORTH_A_PROCESS)
+        if asking.acquire(blocking=False):
+            tasks = _listed(list_tasks)
+            progress = Progress(
+                ".".join(task.arguments[:2]) for task in tasks if task.module == __name__
+            )
+            if is_shared and is_possible():
+                _BESIDE.take(tasks, 1 if at_once else WORTH_A_PROCESS)
+        # The frame that began last tells.
+        if progress is not None and store.BEFORE_COMPILING[-1:] == [ask]:
+            progress.tell()
 
-    if threads == 1 or available_processors() == 1:
-        yield
-        return
     store.BEFORE_COMPILING.append(ask)
     try:
-        if at_once:
+        if at_once and is_shared:
             ask()
         yield
     finally:
         # In a process that was forked within, there is nothing to remove.
         with suppress(ValueError):
             store.BEFORE_COMPILING.remove(ask)
+        if progress is not None:
+            progress.end()
+
+
+def _listed(list_tasks: Callable[[], Sequence[Task]]) -> Sequence[Task]:
+    """Return the tasks; none where they cannot be told: a frame must not end because of them."""
+    try:
+        return list_tasks()
+    except Exception:
+        return ()

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.runtime import jit, store
+from rasterjit.runtime import jit
 from rasterjit.runtime.intrinsics import call_at, load_int64
 from rasterjit.runtime.jit import Stage, raw_kernel
 from rasterjit.runtime.state import WORD, RecordType, arrays_of_block, pack_slowly, size_of
@@ -65,7 +65,6 @@ class _Layout:
     def __init__(self, stages: tuple[Stage, ...]) -> None:
         from rasterjit.runtime.packing import plan_of
 
-        store.WANTED.update(map(store.full_name, stages))
         self.names = [stage.__name__ for stage in stages]
         self.kinds = [RecordType(tuple, stage.kind.fields[1:]) for stage in stages]
         kind = RecordType(tuple, tuple(self.kinds))

@@ -109,16 +109,6 @@ USED = Used([], [])
 BEFORE_COMPILING: list[Callable[[], None]] = []
 """Called before this process compiles a kernel."""
 
-WANTED: set[str] = set()
-"""Stages that a list of them needs, by module and name, whether or not they are in memory yet."""
-
-
-def progress() -> str:
-    """Return how many kernels this process compiled and, if it is known, of how many."""
-    there = {*USED.loaded, *USED.compiled}
-    missing, done = len(WANTED - there), len(USED.compiled)
-    return f"{done} of {done + missing}" if missing else f"{done} done"
-
 
 @functools.cache
 def host() -> Target:

@@ -20,6 +20,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.runtime.progress import told_to
 from rasterjit.viewer.controls import Event
 from rasterjit.viewer.viewer import Viewer
 
@@ -359,6 +360,8 @@ def run_in_terminal(viewer: Viewer, title: str) -> None:
     canvas = terminal.RenderCanvas(title=f"{title}: {TERMINAL_KEYS}", max_fps=TERMINAL_FRAME_RATE)
     Connection(viewer, canvas)
     try:
-        terminal.loop.run()
+        # No line is written across the picture.
+        with told_to(lambda progress: None):
+            terminal.loop.run()
     finally:
         canvas.close()

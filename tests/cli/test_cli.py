@@ -1,7 +1,7 @@
 import subprocess
 import sys
-import threading
 from pathlib import Path
+from types import SimpleNamespace
 
 import imageio.v3 as iio
 import imageio_ffmpeg
@@ -16,7 +16,8 @@ from rasterjit.cli import commands, report, warmup
 from rasterjit.cli.options import DEFAULT_DIRECTION, OUTPUTS_HELP, View
 from rasterjit.inspect import measure
 from rasterjit.outputs import table
-from rasterjit.runtime import jit, store
+from rasterjit.pipeline.visibility import draw as drawing
+from rasterjit.runtime import ahead, jit, progress, store
 
 MODELS = Path(__file__).parents[2] / "models"
 CUBE = str(MODELS / "cube.ply")
@@ -584,62 +585,58 @@ def test_a_pixel_outside_the_picture_is_wrong_usage(pixel):
 # Compiling
 
 
-class Clock:
-    """A clock that shows one time after the other, then the last."""
+def say_that_something_compiles():
+    for tell in tuple(store.BEFORE_COMPILING):
+        tell()
 
-    def __init__(self, *times):
-        self._times = list(times)
 
-    def read(self):
-        return self._times.pop(0) if len(self._times) > 1 else self._times[0]
+@pytest.fixture
+def impatient(monkeypatch):
+    """Compiling that is told of at once; every picture compiles."""
+    monkeypatch.setattr(progress, "PATIENCE", 0.0)
+    find_visible = drawing.find_visible
+
+    def compile_and_find(*arguments, **options):
+        say_that_something_compiles()
+        return find_visible(*arguments, **options)
+
+    monkeypatch.setattr(drawing, "find_visible", compile_and_find)
 
 
 @pytest.mark.parametrize("is_kept", [True, False])
-def test_compiling_that_goes_on_is_told_once(monkeypatch, capsys, is_kept):
-    monkeypatch.setattr(jit, "COMPILER_CLOCK", Clock(7.0, 7.0, 8.0, 8.9, 9.1, 30.0))
+def test_compiling_that_goes_on_is_told_once(impatient, monkeypatch, capsys, is_kept):
     monkeypatch.setattr(store, "folder", lambda: Path("/cache") if is_kept else None)
-    monkeypatch.setattr(report, "LOOKS", 0.0)
-    report._watch_compiler(threading.Event())
+    monkeypatch.setattr(ahead, "is_possible", lambda: False)
+    with report.compile_notice(quiet=False), ahead.beside(list):
+        say_that_something_compiles()
+        say_that_something_compiles()
     said = capsys.readouterr()
     assert said.out == ""
     assert said.err.count("\n") == said.err.count("compiling kernels") == 1
     assert ("(kept on disk)" in said.err) == is_kept
 
 
-class Line:
-    """A line on a terminal."""
-
-    def __init__(self, done, rounds):
-        self.status, self.said = "Rendering", []
-        self._done, self._rounds = done, rounds
-
-    def update(self, text):
-        self.said.append(text)
-        if len(self.said) == self._rounds:
-            self._done.set()
-
-
-def test_on_a_terminal_one_line_says_how_far_the_compiler_is(monkeypatch, capsys):
-    monkeypatch.setattr(jit, "COMPILER_CLOCK", Clock(7.0, 9.1))
-    monkeypatch.setattr(store, "USED", store.Used(["a.b"], ["c.d"]))
-    monkeypatch.setattr(store, "WANTED", {"a.b", "c.d", "e.f"})
-    monkeypatch.setattr(report, "LOOKS", 0.0)
-    done = threading.Event()
-    line = Line(done, rounds=2)
-    report._watch_compiler(done, line)
-    assert line.said[:2] == 2 * [line.said[0]]
-    assert line.said[0].startswith("Rendering: compiling kernels (kept")
-    assert line.said[0].endswith(": 1 of 2")
-    assert line.said[2:] == ["Rendering"]
+def test_a_line_on_a_terminal_says_how_far_the_compiler_is(impatient, monkeypatch, capsys):
+    used, said = store.Used(["a.b"], ["c.d"]), []
+    monkeypatch.setattr(store, "USED", used)
+    monkeypatch.setattr(ahead, "is_possible", lambda: False)
+    tasks = [ahead.Task(ahead.__name__, "compile_one", ("a", name, 0)) for name in "bef"]
+    line = SimpleNamespace(status="Rendering", update=said.append)
+    with report.compile_notice(quiet=False, shown=line), ahead.beside(lambda: tasks):
+        say_that_something_compiles()
+        # Two that were wanted, one of them compiled elsewhere; and two that were not.
+        used.compiled.extend(["a.b", "g.h"])
+        used.loaded.extend(["a.e", "i.k"])
+        say_that_something_compiles()
+    assert [text.rpartition(": ")[2] for text in said] == ["0 of 3", "3 of 4", "Rendering"]
+    assert said[0].startswith("Rendering: compiling kernels (")
     assert capsys.readouterr() == ("", "")
 
 
 def test_compiling_that_is_soon_done_is_not_told(monkeypatch, capsys):
-    monkeypatch.setattr(jit, "COMPILER_CLOCK", Clock(7.0, 8.9))
-    with report.compile_notice(quiet=False):
-        pass
+    with report.compile_notice(quiet=False), ahead.beside(list):
+        say_that_something_compiles()
     assert capsys.readouterr() == ("", "")
-    assert not [thread for thread in threading.enumerate() if "_watch" in thread.name]
 
 
 @pytest.mark.parametrize(
@@ -655,10 +652,9 @@ def test_compiling_that_is_soon_done_is_not_told(monkeypatch, capsys):
     ],
 )
 def test_every_command_that_renders_tells_of_compiling_unless_quiet(
-    monkeypatch, tmp_path, command, is_told
+    impatient, monkeypatch, tmp_path, command, is_told
 ):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(report, "PATIENCE", -1.0)
     monkeypatch.setattr(measure, "variations", lambda *arguments: [])
     result = run(*command)
     assert result.exit_code == 0, result.output
@@ -688,10 +684,11 @@ def test_python_m_rasterjit_is_the_command_line():
 @needs_store
 def test_warmup_shows_progress_and_names_the_folder(monkeypatch):
     told = []
-    monkeypatch.setattr(warmup, "compile_all", lambda tell: told.append(tell(1, 2)))
+    monkeypatch.setattr(warmup, "compile_all", lambda tell: told.extend([tell(0, 2), tell(1, 2)]))
     result = run("warmup")
     assert result.exit_code == 0, result.output
-    assert told == [None]
+    assert told == [None, None]
+    assert result.stderr == "Compiling kernels (2 to do)\n"
     assert f"entries in {store.folder()}" in result.stdout
     assert run("warmup", "--quiet").output == ""
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -117,6 +118,18 @@ def wait_for_end(pid):
     pytest.fail(f"process {pid} is still there")
 
 
+def note_starts(monkeypatch):
+    """Return a list that gets an item for each process that would be started."""
+    started = []
+
+    def refuse(*_):
+        started.append(1)
+        raise OSError
+
+    monkeypatch.setattr(ahead, "_start", refuse)
+    return started
+
+
 def say_that_something_compiles():
     for tell in tuple(store.BEFORE_COMPILING):
         tell()
@@ -198,9 +211,48 @@ def test_another_process_starts_when_this_one_compiles_and_is_asked_for_much(
         wait_for(paths[-1])
     assert listed == [1]
     ahead._BESIDE.end()
-    monkeypatch.setattr(ahead, "_start", None)
+    started = note_starts(monkeypatch)
     with likely.beside(lambda: tasks("touch", *paths[1:])):
         say_that_something_compiles()
+    assert started == []
+    with likely.beside(lambda: tasks("touch", *paths)):
+        say_that_something_compiles()
+    assert started == [1]
+
+
+def test_an_error_of_a_list_ends_nothing(likely):
+    listed = []
+
+    def list_wrongly():
+        listed.append(1)
+        raise KeyError
+
+    with likely.beside(list_wrongly), likely.beside(lambda: listed.append(2) or []):
+        say_that_something_compiles()
+    assert sorted(listed) == [1, 2]
+
+
+def test_what_is_asked_for_last_is_done_first(likely, tmp_path):
+    paths = [tmp_path / name for name in "abcd"]
+    slow = Task("time", "sleep", (1.0,))
+    with likely.beside(lambda: [slow, *tasks("touch", *paths[:2])], at_once=True):
+        pass
+    with likely.beside(lambda: tasks("touch", *paths[2:]), at_once=True):
+        wait_for(paths[1])
+    done = sorted(paths, key=lambda path: path.stat().st_mtime_ns)
+    assert [path.name for path in done] == ["c", "d", "a", "b"]
+
+
+@pytest.mark.skipif(not SEES_PROCESSES, reason="processes are seen in /proc")
+def test_one_that_ended_leaves_no_entry_in_the_table_of_processes(likely, tmp_path):
+    with likely.beside(lambda: tasks("end", "a"), at_once=True):
+        pid = ahead._BESIDE._process.pid
+        for _ in range(200):
+            if not Path(f"/proc/{pid}").exists():
+                break
+            time.sleep(0.05)
+        else:
+            pytest.fail("nobody took note of its end")
 
 
 def test_one_that_ended_is_replaced(likely, tmp_path):
@@ -239,7 +291,7 @@ def test_compiling_is_told_and_loading_is_not(tmp_path, monkeypatch):
 ALONE = {
     "one processor": ("available_processors", lambda: 1),
     "no interpreter": ("sys.executable", ""),
-    "a program with Python inside": ("sys.executable", "/opt/modeller.bin"),
+    "a program with Python inside": ("sys.executable", "/opt/happy/modeller-py.bin"),
     "frozen": ("sys.frozen", True),
     "isolated": ("sys.flags.isolated", 1),
     "no store": ("store.folder", lambda: None),
@@ -257,18 +309,20 @@ def test_there_is_no_other_process_where_one_reason_is_enough(likely, monkeypatc
     for one in owners:
         owner = getattr(owner, one)
     monkeypatch.setattr(owner, name, value, raising=False)
-    monkeypatch.setattr(ahead, "_start", None)
+    started = note_starts(monkeypatch)
     with likely.beside(lambda: tasks("touch", "a"), at_once=True):
-        assert ahead._BESIDE._process is None
+        say_that_something_compiles()
+    assert started == []
 
 
 @pytest.mark.parametrize(("count", "threads"), [(0, None), (1, 1)])
 def test_there_is_no_other_process_for_one_thread_or_for_nothing(
     likely, monkeypatch, count, threads
 ):
-    monkeypatch.setattr(ahead, "_start", None)
+    started = note_starts(monkeypatch)
     with likely.beside(lambda: tasks("touch", "a")[:count], threads, at_once=True):
-        assert ahead._BESIDE._process is None
+        say_that_something_compiles()
+    assert started == []
 
 
 def test_an_error_here_leaves_nobody_who_asks(likely):
@@ -410,3 +464,36 @@ def test_what_a_frame_will_call_is_compiled_beside_it(cube, monkeypatch):
     assert {"draw_tiles", "list_samples", "find_weights"} <= {*listed}
     assert not {"clip_faces", "read_textures", "find_layers"} & {*listed}
     assert len({*listed}) == len(listed)
+
+
+ON_A_TERMINAL = """
+import sys
+import rasterjit as rj
+from rasterjit.runtime import progress
+progress.PATIENCE = 0.0
+rj.render(rj.load(sys.argv[1]), size=(32, 24))
+print("end", file=sys.stderr)
+"""
+
+
+@compiled_only
+@pytest.mark.skipif(not hasattr(os, "openpty"), reason="there is no terminal to imitate")
+@pytest.mark.parametrize("is_terminal", [True, False])
+def test_on_a_terminal_a_render_says_how_far_compiling_is(tmp_path, is_terminal):
+    cube = str(Path(__file__).parents[2] / "models" / "cube.ply")
+    rj.render(rj.load(cube), size=(32, 24))
+    # A store that lacks one kernel.
+    tmp_path.chmod(0o700)
+    for entry in store.folder().glob("*.kernel"):
+        if not entry.name.startswith("find_weights_"):
+            shutil.copy(entry, tmp_path)
+    ours, theirs = os.openpty() if is_terminal else os.pipe()
+    with open(ours, "rb", buffering=0) as shown:
+        subprocess.run(
+            [sys.executable, "-c", ON_A_TERMINAL, cube], stderr=theirs, check=True,
+            env={**os.environ, "RASTERJIT_CACHE_DIR": str(tmp_path)},
+        )  # fmt: skip
+        os.close(theirs)
+        said = shown.read(4096).decode().replace("\r\n", "\n")
+    line = "\r\x1b[Krasterjit: compiling kernels (kept on disk): 0 of 1\r\x1b[K"
+    assert said == (line if is_terminal else "") + "end\n"

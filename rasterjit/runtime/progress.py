@@ -1,0 +1,97 @@
+"""Say how far compiling is, where it takes long: one line, on a terminal."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, suppress
+from typing import TextIO
+
+from rasterjit.runtime import jit, store
+
+Tell = Callable[[str], None]
+"""Takes how far compiling is, as a text; an empty one when it is done."""
+
+PATIENCE = 2.0
+"""Seconds of compiling that are not spoken of."""
+
+REPLACE_LINE = "\r\x1b[K"
+"""Moves a terminal to the beginning of its line, and clears it."""
+
+
+def write_line(text: str) -> None:
+    """Write a text in place of the last one on standard error, if that is a terminal."""
+    stream = sys.stderr
+    if not _is_terminal(stream) or _is_worker():
+        return
+    line = f"rasterjit: {text}" if text else ""
+    with suppress(OSError, ValueError):
+        stream.write(REPLACE_LINE + line)
+        stream.flush()
+
+
+def _is_terminal(stream: TextIO | None) -> bool:
+    # Standard error may be missing, closed, or an object that knows no terminals.
+    with suppress(AttributeError, ValueError):
+        return stream.isatty()
+    return False
+
+
+def _is_worker() -> bool:
+    """Tell whether this process was started by `multiprocessing`: its parent shows the progress."""
+    module = sys.modules.get("multiprocessing.process")
+    return module is not None and module.parent_process() is not None
+
+
+_TELLERS: list[Tell] = [write_line]
+
+
+@contextmanager
+def told_to(tell: Tell) -> Iterator[None]:
+    """Let a function show the progress, in place of `write_line`, for any thread."""
+    _TELLERS.append(tell)
+    try:
+        yield
+    finally:
+        _TELLERS.remove(tell)
+
+
+class Progress:
+    """
+    What was compiled since this was made.
+
+    Parameters
+    ----------
+    wanted : iterable of str
+        Modules and names of the kernels that are missing, as far as they are known.
+    """
+
+    def __init__(self, wanted: Iterable[str]) -> None:
+        self._wanted = set(wanted)
+        self._seconds = jit.COMPILER_CLOCK.read()
+        self._used = [len(names) for names in store.USED]
+        self._is_told = False
+
+    def __str__(self) -> str:
+        loaded, compiled = (
+            set(names[count:]) for names, count in zip(store.USED, self._used, strict=True)
+        )
+        # What another process compiled is loaded by this one.
+        done = len(compiled | (loaded & self._wanted))
+        return f"compiling kernels ({kept()}): {done} of {len(self._wanted | compiled)}"
+
+    def tell(self) -> None:
+        """Say how many are done, if compiling takes long."""
+        if self._is_told or jit.COMPILER_CLOCK.read() - self._seconds >= PATIENCE:
+            self._is_told = True
+            _TELLERS[-1](str(self))
+
+    def end(self) -> None:
+        """Say that compiling is done, if it was told before."""
+        if self._is_told:
+            _TELLERS[-1]("")
+
+
+def kept() -> str:
+    """Say whether compiled kernels are kept."""
+    return "kept on disk" if store.folder() else "not kept: no folder can be written"
