@@ -294,9 +294,7 @@ def beside(
         # One of several threads that compile asks; the others go on.
         if asking.acquire(blocking=False):
             tasks = _listed(list_tasks)
-            progress = Progress(
-                ".".join(task.arguments[:2]) for task in tasks if task.module == __name__
-            )
+            progress = Progress(dict(_entry(task) for task in tasks if task.module == __name__))
             if is_shared and is_possible():
                 _BESIDE.take(tasks, 1 if at_once else WORTH_A_PROCESS)
         # The frame that began last tells.
@@ -314,6 +312,16 @@ def beside(
             store.BEFORE_COMPILING.remove(ask)
         if progress is not None:
             progress.end()
+
+
+def _entry(task: Task) -> tuple[str, Path | None]:
+    """Return the name of what a task compiles, and the file that will keep it."""
+    module, name, number = task.arguments
+    function, place = getattr(sys.modules[module], name), store.folder()
+    if place is None:
+        return f"{module}.{name}", None
+    kind = function.declared[number]
+    return f"{module}.{name}", store.path_of(place, store.name_of(function, kind, store.host()))
 
 
 def _listed(list_tasks: Callable[[], Sequence[Task]]) -> Sequence[Task]:

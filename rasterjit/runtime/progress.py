@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import TextIO
 
 from rasterjit.runtime import jit, store
@@ -62,12 +63,13 @@ class Progress:
 
     Parameters
     ----------
-    wanted : iterable of str
-        Modules and names of the kernels that are missing, as far as they are known.
+    wanted : mapping of str to Path or None
+        The kernels that are missing, as far as they are known: module and name, and the file that
+        will keep each. Another process may write it.
     """
 
-    def __init__(self, wanted: Iterable[str]) -> None:
-        self._wanted = set(wanted)
+    def __init__(self, wanted: Mapping[str, Path | None]) -> None:
+        self._wanted = wanted
         self._seconds = jit.COMPILER_CLOCK.read()
         self._used = [len(names) for names in store.USED]
         self._is_told = False
@@ -76,9 +78,12 @@ class Progress:
         loaded, compiled = (
             set(names[count:]) for names, count in zip(store.USED, self._used, strict=True)
         )
-        # What another process compiled is loaded by this one.
-        done = len(compiled | (loaded & self._wanted))
-        return f"compiling kernels ({kept()}): {done} of {len(self._wanted | compiled)}"
+        done = compiled | {
+            name
+            for name, file in self._wanted.items()
+            if name in loaded or (file is not None and file.exists())
+        }
+        return f"compiling kernels ({kept()}): {len(done)} of {len(compiled | {*self._wanted})}"
 
     def tell(self) -> None:
         """Say how many are done, if compiling takes long."""

@@ -1,0 +1,76 @@
+"""How far compiling is said to be, and where."""
+
+from __future__ import annotations
+
+import io
+import sys
+
+import pytest
+
+from rasterjit.runtime import jit, progress, store
+from rasterjit.runtime.progress import Progress
+
+
+class Terminal(io.StringIO):
+    def isatty(self):
+        return True
+
+
+def test_what_counts_was_wanted_or_compiled_since(monkeypatch, tmp_path):
+    used = store.Used(["a.b"], ["c.d"])
+    monkeypatch.setattr(store, "USED", used)
+    files = {f"a.{name}": tmp_path / name for name in "befg"}
+    shown = Progress({**files, "a.h": None})
+    assert str(shown).endswith(": 0 of 5")
+    # Wanted; not wanted.
+    used.compiled.extend(["a.b", "i.k"])
+    assert str(shown).endswith(": 2 of 6")
+    # Compiled elsewhere and loaded here; loaded, and never missing.
+    used.loaded.extend(["a.e", "l.m"])
+    assert str(shown).endswith(": 3 of 6")
+    # Compiled elsewhere.
+    files["a.f"].touch()
+    files["a.e"].touch()
+    assert str(shown).endswith(": 4 of 6")
+
+
+def test_a_line_is_written_on_terminals_alone(monkeypatch):
+    shown = Terminal()
+    for stream in (shown, io.StringIO(), None, object()):
+        monkeypatch.setattr(sys, "stderr", stream)
+        progress.write_line("1 of 2")
+        progress.write_line("")
+        if stream is not shown and isinstance(stream, io.StringIO):
+            assert stream.getvalue() == ""
+    assert shown.getvalue() == "\r\x1b[Krasterjit: 1 of 2\r\x1b[K"
+    shown.close()
+    monkeypatch.setattr(sys, "stderr", shown)
+    progress.write_line("1 of 2")
+
+
+@pytest.mark.parametrize("seconds", [1.9, 2.1])
+def test_what_is_soon_done_is_not_told(monkeypatch, seconds):
+    class Clock:
+        times = [7.0, 7.0 + seconds, 7.0]  # noqa: RUF012 - one instance
+
+        def read(self):
+            return self.times.pop(0)
+
+    told = []
+    monkeypatch.setattr(jit, "COMPILER_CLOCK", Clock())
+    shown = Progress({})
+    with progress.told_to(told.append):
+        shown.tell()
+        shown.end()
+    assert told[1:] == ([""] if seconds > 2.0 else [])
+    assert len(told) == (2 if seconds > 2.0 else 0)
+
+
+def test_processes_that_share_a_job_say_nothing(monkeypatch):
+    import multiprocessing.process
+
+    shown = Terminal()
+    monkeypatch.setattr(sys, "stderr", shown)
+    monkeypatch.setattr(multiprocessing.process, "parent_process", lambda: object())
+    progress.write_line("1 of 2")
+    assert shown.getvalue() == ""
