@@ -33,14 +33,18 @@ def visibility(what, camera, size, threads=1, **options):
     return np.where(face_id >= 0, depth, -np.inf).astype(np.float32), face_id.copy()
 
 
-def texture_alpha(texture, uv, footprint):
-    """Return what the alpha of a texture is at exact coordinates."""
+def alpha_levels(texture):
+    """Return the exact alpha of a texture, and of its mip levels where they are read."""
     image = naive.exact_image(texture.image[..., 3])
+    return naive.mip_chain(image) if texture.filter == "trilinear" else [image]
+
+
+def texture_alpha(texture, levels, uv, footprint):
+    """Return what the alpha of a texture is at exact coordinates."""
     if texture.filter == "nearest":
-        return naive.nearest(image, *uv, texture.wrap)
+        return naive.nearest(levels[0], *uv, texture.wrap)
     if texture.filter == "bilinear":
-        return naive.bilinear(image, *uv, texture.wrap)
-    levels = naive.mip_chain(image)
+        return naive.bilinear(levels[0], *uv, texture.wrap)
     return naive.trilinear(levels, *uv, texture.wrap, naive.level_of_detail(*footprint))
 
 
@@ -64,7 +68,7 @@ def cut(faces, camera, size, points, ws, texture, uvs, cutoff):
     """
     depth = np.full(size[::-1], -np.inf, np.float32)
     shown = np.full(size[::-1], -1, np.int32)
-    closest = np.inf
+    closest, levels = np.inf, alpha_levels(texture)
     for n, mesh in enumerate(faces):
         alone, covered = visibility(mesh, camera, size)
         corners = [tuple(Fraction(c, 256) for c in p) for p in oracle.snap_triangle(points[n])]
@@ -76,7 +80,7 @@ def cut(faces, camera, size, points, ws, texture, uvs, cutoff):
             point = (column + naive.HALF, row + naive.HALF)
             place = naive.coordinates_at(point, corners, exact_ws, exact_uv)
             footprint = point, corners, exact_ws, exact_uv, texture.size
-            alpha = texture_alpha(texture, place, footprint)
+            alpha = texture_alpha(texture, levels, place, footprint)
             closest = min(closest, abs(float(alpha) - cutoff))
             if alpha >= Fraction(float(np.float32(cutoff))):
                 depth[row, column] = alone[row, column]
