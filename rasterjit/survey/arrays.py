@@ -7,7 +7,7 @@ This is the border to the kernels: all arrays that they read are cast and joined
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 from rasterjit.pipeline import records
 from rasterjit.pipeline.records import AlphaTests, Maps, Microfacets, Placement, Surface, Textures
 from rasterjit.pipeline.surface import textures as texturing
+from rasterjit.scene.material import SHADINGS
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.normals import GROUPS
 from rasterjit.scene.texture import Pyramid, Texture, level_sizes
-from rasterjit.survey.contents import SMOOTH, may_have_holes
+from rasterjit.survey.contents import may_have_holes
 from rasterjit.survey.placement import Views
 
 MODELS = {
@@ -111,11 +112,13 @@ def _repeated(parts: Sequence[tuple[NDArray[Any], int]]) -> NDArray[Any]:
     return joined
 
 
-def join_normals(meshes: Sequence[Mesh]) -> NDArray[np.float32]:
-    """Join the vertex normals of the smooth objects, (V, 3); zero for the others."""
+def join_normals(
+    meshes: Sequence[Mesh], shadings: Collection[str] = SHADINGS
+) -> NDArray[np.float32]:
+    """Join the vertex normals of objects that are shaded in some ways, (V, 3); zero for others."""
 
     def normals(mesh: Mesh) -> NDArray[np.float32] | None:
-        return mesh.vertex_normals() if mesh.material.shading in SMOOTH else None
+        return mesh.vertex_normals() if mesh.material.shading in shadings else None
 
     parts = [(normals(mesh), len(mesh.vertices), count) for mesh, count in runs_of(meshes)]
     return _join(parts, np.zeros(3, np.float32))
