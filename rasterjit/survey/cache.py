@@ -177,7 +177,7 @@ class MaterialTables:
     @cached_property
     def maps(self) -> Maps:
         """What lies over all objects besides a base colour."""
-        return join_maps(self.meshes)
+        return join_maps(self.meshes, self.inventory.kinds_apart)
 
     @cached_property
     def is_single_sided(self) -> NDArray[np.bool_]:
