@@ -42,7 +42,8 @@ def texels_of(scene: Scene) -> NDArray[np.float64]:
     rows = np.full((len(scene.nodes), 2), np.nan)
     for row, node in zip(rows, scene.nodes, strict=True):
         texture = node.mesh.material.base_color_texture
-        if texture is not None and node.mesh.uv is not None:
+        # Output uv is the first set of coordinates.
+        if texture is not None and texture.uv_set == 0 and node.mesh.uv is not None:
             height, width, _ = texture.image.shape
             row[:] = np.abs(texture.scale) * (width, height)
     return rows

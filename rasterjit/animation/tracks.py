@@ -207,7 +207,7 @@ class MorphTrack(_Track):
     times : (K,) array_like of float, seconds
         Growing.
     mesh : Mesh
-        Gives faces, colours, uv and material.
+        Gives faces, colours, texture coordinates and material.
     vertices : (K, V, 3) array_like, model space
         What its vertices are at each time.
     interpolation : {"linear", "smooth"}
@@ -248,6 +248,7 @@ class MorphTrack(_Track):
             mesh.faces,
             colors=colors,
             uv=mesh.uv,
+            uv1=mesh.uv1,
             material=mesh.material,
         )
 

@@ -143,7 +143,7 @@ def plan_part(
     """
     if mesh is None or not len(mesh.faces):
         return None
-    _refuse_neighbours(mesh)
+    _refuse_neighbours(mesh, options.outputs)
     scene = Scene()
     for name in ("lights", *EFFECT_FIELDS):
         setattr(scene, name, getattr(setting, name))
@@ -156,9 +156,15 @@ def plan_part(
     return scene, plan
 
 
-def _refuse_neighbours(mesh: Mesh) -> None:
+def _refuse_neighbours(mesh: Mesh, outputs: Sequence[str]) -> None:
     """Raise ``ValueError`` for what faces of other parts have a share in."""
     material = mesh.material
+    if "normal" in outputs and mesh.normals is None:
+        raise ValueError(
+            "partitions must have normals for the output 'normal', for those at their edges follow "
+            "from faces of other partitions; give a Mesh with normals, or ask for "
+            "'geometric_normal'"
+        )
     if material.shading in SMOOTH and mesh.normals is None:
         raise ValueError(
             f"partitions must have normals where they are shaded by {material.shading!r}, for "

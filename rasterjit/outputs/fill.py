@@ -206,10 +206,11 @@ def _fill_normals(
     workers: Workers,
 ) -> None:
     """Fill the buffers of normals, world space, zero where nothing is."""
-    tables = cache.tables
-    # The kernel is the same without smooth normals: it is given an empty table.
-    flat = np.zeros((1, 3), np.float32), np.zeros_like(tables.is_smooth)
-    smooth = (tables.normals, tables.is_smooth) if plan.facts.needs_normals else flat
+    count = len(cache.shapes.meshes)
+    # The kernel is the same without vertex normals: it is given an empty table.
+    flat = np.zeros((1, 3), np.float32), np.zeros(count, np.uint8)
+    is_shown = plan.facts.shows_normals
+    smooth = (cache.shapes.normals, np.ones(count, np.uint8)) if is_shown else flat
     for name, given in (("normal", smooth), ("geometric_normal", flat)):
         if name in plan.outputs:
             normal = workers.memory.empty((*face_id.shape, 3), np.float32)

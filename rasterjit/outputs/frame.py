@@ -172,7 +172,13 @@ class Frame:
 
     @property
     def normal(self) -> NDArray[np.float32]:
-        """(H, W, 3) float32: world-space unit normal of the side that is seen; 0 if nothing."""
+        """
+        (H, W, 3) float32: world-space unit normal of the surface, of the side that is seen.
+
+        Without unit. Interpolated between the normals of the vertices, whatever the shading: those
+        that the mesh was given, else the averages of `Mesh.vertex_normals`. 0 where nothing is, and
+        where they are zero or cancel.
+        """
         return self._output("normal")
 
     @property
@@ -214,7 +220,7 @@ class Frame:
         """
         (H, W, 3) float32: world-space unit normal of the face's plane, of the side that is seen.
 
-        Without unit; 0 where nothing is. ``normal`` is interpolated on smooth objects instead.
+        Without unit; 0 where nothing is. ``normal`` is interpolated between vertices instead.
         """
         return self._output("geometric_normal")
 

@@ -137,7 +137,7 @@ class Textures(NamedTuple):
     table: int64[:, :, ::1]
     """(O, K, 6) int64: first level or -1 for none, levels, wrap in u, in v, filter, anisotropy."""
     uv: float32[:, ::1]
-    """(V, 2) float32; v runs up."""
+    """(V, 2) float32; v runs up. Those of base colours; ``Maps.coordinates`` has others."""
     transforms: float64[:, :, ::1]
     """(O, K, 6) float64, ``u' = t0 u + t1 v + t2, v' = t3 u + t4 v + t5`` | (0, K, 6): all
     as is."""
@@ -186,6 +186,8 @@ class Maps(NamedTuple):
     tangents: Any
     """(V, 2, 4) float32, model space: where u grows, and the sign of where v does, for faces whose
     texture is not mirrored and for those where it is; (0, 2, 4) if no object has a normal map."""
+    coordinates: Any = (None,) * 5
+    """Of each kind of texture: (V, 2) float32 | None -> those of ``Textures.uv``."""
 
 
 class Microfacets(NamedTuple):

@@ -108,7 +108,7 @@ def find_surface(plan: RenderPlan, tables: MaterialTables) -> Surface:
     facts, shown = plan.facts, plan.layers
     has_blended = shown is not None and shown.has_blended
     return tables.surface._replace(
-        normals=tables.normals if facts.needs_normals else None,
+        normals=tables.normals if facts.shades_smoothly else None,
         textures=tables.textures if facts.needs_textures else None,
         maps=tables.maps if facts.needs_maps else None,
         alphas=Alphas(shown.is_blended) if has_blended else None,

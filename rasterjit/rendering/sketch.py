@@ -152,7 +152,8 @@ def _tables(plan: RenderPlan) -> _Tables:
         diffuse_vertices=None,
         textures=None,
     )
-    maps, microfacets = Maps(empty, counts, empty), Microfacets(empty[:, :2], np.ones(2))
+    apart = [empty[:, :2] if one else None for one in plan.facts.inventory.kinds_apart]
+    maps, microfacets = Maps(empty, counts, empty, apart), Microfacets(empty[:, :2], np.ones(2))
     return _Tables(surface, empty[:, :3], _textures(plan), microfacets, maps)
 
 

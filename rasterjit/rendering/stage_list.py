@@ -82,7 +82,7 @@ def surface_steps(
         alphas = surface.alphas.is_blended, materials, *own, int(has_textures)
         steps.append(Step(attributes.find_alphas, alphas))
     if lighting is None:
-        return steps + emission_steps(surface, rows.RED)
+        return steps + emission_steps(surface, rows.RED, geometry, placement)
     count_of = np.bincount(materials[:, MATERIAL_MODEL].astype(np.intp), minlength=PBR + 1)
     steps.append(Step(attributes.find_reflectance, (materials,)))
     if surface.microfacets is not None:
@@ -104,7 +104,7 @@ def surface_steps(
         stands_in = (materials[:, MATERIAL_MODEL] == GOURAUD).astype(np.uint8)
         steps.append(Step(attributes.stand_in, (stands_in,)))
     if surface.maps is not None and surface.textures is not None:
-        steps += map_steps(surface.textures, surface.maps, surface, placement)
+        steps += map_steps(surface.textures, surface.maps, surface, geometry, placement)
     return steps
 
 
@@ -139,9 +139,26 @@ def texture_steps(surface: Surface) -> list[Step]:
     ]
 
 
-def map_steps(own: Textures, laid: Maps, surface: Surface, placement: Placement) -> list[Step]:
+def read_steps(
+    kind: int, own: Textures, laid: Maps, geometry: Geometry, placement: Placement
+) -> list[Step]:
+    """Return the stages that read the textures of a kind, where these are laid."""
+    read, apart = Step(texture_lookup.read_textures, (kind, own)), laid.coordinates[kind]
+    if apart is None:
+        return [read]
+    # Other stages have used the memory of the weights since, from which steps are found.
+    weigh = Step(weights.find_weights, (geometry, placement))
+    there = coordinate_steps(own._replace(uv=apart), geometry)
+    return [weigh, *there, read, weigh, *coordinate_steps(own, geometry)]
+
+
+def map_steps(
+    own: Textures, laid: Maps, surface: Surface, geometry: Geometry, placement: Placement
+) -> list[Step]:
     """Return the stages that read what lies over normals, facets and occlusion, and apply it."""
-    bent = own.table, own.uv, laid.tangents, laid.factors, placement
+    apart = laid.coordinates[textures.NORMAL]
+    uv = own.uv if apart is None else apart
+    bent = own.table, uv, laid.tangents, laid.factors, placement
     steps = []
     for kind, applied in (
         (textures.NORMAL, Step(maps.bend_normals_by_maps, bent)),
@@ -151,25 +168,25 @@ def map_steps(own: Textures, laid: Maps, surface: Surface, placement: Placement)
         if kind == textures.METALLIC_ROUGHNESS and surface.microfacets is None:
             continue
         if laid.counts[kind]:
-            steps += [Step(texture_lookup.read_textures, (kind, own)), applied]
+            steps += [*read_steps(kind, own, laid, geometry, placement), applied]
     return steps
 
 
-def emission_steps(surface: Surface, shown: int) -> list[Step]:
+def emission_steps(
+    surface: Surface, shown: int, geometry: Geometry, placement: Placement
+) -> list[Step]:
     """Return the stages that add what surfaces send out to three rows from ``shown`` on."""
     laid, own = surface.maps, surface.textures
     if laid is None:
         return []
     steps = [Step(maps.find_emission, (laid.factors,))]
     if own is not None and laid.counts[textures.EMISSIVE]:
-        steps += [
-            Step(texture_lookup.read_textures, (textures.EMISSIVE, own)),
-            Step(maps.scale_emission_by_maps, ()),
-        ]
+        steps += read_steps(textures.EMISSIVE, own, laid, geometry, placement)
+        steps.append(Step(maps.scale_emission_by_maps, ()))
     return [*steps, Step(maps.show_emission, (shown,))]
 
 
-def light_steps(look: Look, effects: Sequence[Active]) -> list[Step]:
+def light_steps(look: Look, effects: Sequence[Active], geometry: Geometry) -> list[Step]:
     """Return the stages that turn base colours into seen colours."""
     lighting, viewer = look.lighting, np.float32(look.placement.toward_viewer)
     steps = effect_steps(effects, "rows", look)
@@ -179,7 +196,7 @@ def light_steps(look: Look, effects: Sequence[Active]) -> list[Step]:
     if look.surface.microfacets is not None:
         steps.append(Step(lights.show_ambient_on_facets, (lighting.ambient, viewer)))
     steps += steps_of_lights(look, effects)
-    steps += emission_steps(look.surface, rows.OUT_RED)
+    steps += emission_steps(look.surface, rows.OUT_RED, geometry, look.placement)
     return steps + effect_steps(effects, "sample", look)
 
 
@@ -227,7 +244,8 @@ def shading_steps(
     steps = surface_steps(geometry, placement, surface, lighting, effects)
     if lighting is None:
         return steps, rows.RED
-    return steps + light_steps(Look(placement, surface, lighting), effects), rows.OUT_RED
+    look = Look(placement, surface, lighting)
+    return steps + light_steps(look, effects, geometry), rows.OUT_RED
 
 
 def light_vertices(

@@ -71,7 +71,8 @@ class Material:
     name : str, optional
         What the file called it.
     base_color_texture : Texture, optional
-        Laid over the mesh by its ``uv``, which it then has to have. The highlight lies on top.
+        Laid over the mesh by its ``uv``, which it then has to have, or by ``uv1`` as the texture's
+        ``uv_set`` says. The highlight lies on top.
     metallic, roughness : float
         In 0..1, for ``"pbr"``: how much of the surface is metal, and how rough it is.
     normal_texture : Texture, optional

@@ -25,6 +25,7 @@ from rasterjit.scene.normals import (
     unit_rows,
     vertex_tangents,
 )
+from rasterjit.scene.texture import UV_NAMES
 from rasterjit.scene.validation import (
     MaskedError,
     check_field,
@@ -73,6 +74,8 @@ class Mesh(Previewed):
         Model-space vertex normals of any length; a zero normal stays zero.
     uv : (V, 2) array_like, optional
         Texture coordinates.
+    uv1 : (V, 2) array_like, optional
+        Another set of them, for textures whose ``uv_set`` is 1.
     tangents : (V, 4) array_like, optional
         For normal maps: the model-space direction in which u grows, of any length, and 1 where v
         grows to the left of it seen from the front, -1 where to the right. Default: what ``uv``
@@ -105,6 +108,7 @@ class Mesh(Previewed):
         colors: ArrayLike | None = None,
         normals: ArrayLike | None = None,
         uv: ArrayLike | None = None,
+        uv1: ArrayLike | None = None,
         tangents: ArrayLike | None = None,
         material: Material | None = None,
         on_invalid: str = "raise",
@@ -122,7 +126,10 @@ class Mesh(Previewed):
             self._normals = read_only(_normal_array(normals, len(self._vertices)))
         self._uv: NDArray[np.float32] | None = None
         if uv is not None:
-            self._uv = read_only(_uv_array(uv, len(self._vertices)))
+            self._uv = read_only(_uv_array("uv", uv, len(self._vertices)))
+        self._uv1: NDArray[np.float32] | None = None
+        if uv1 is not None:
+            self._uv1 = read_only(_uv_array("uv1", uv1, len(self._vertices)))
         self._tangents: NDArray[np.float32] | None = None
         if tangents is not None:
             self._tangents = read_only(_tangent_array(tangents, len(self._vertices)))
@@ -161,6 +168,16 @@ class Mesh(Previewed):
     def uv(self) -> NDArray[np.float32] | None:
         """(V, 2) float32, read-only: texture coordinates, or None."""
         return self._uv
+
+    @property
+    def uv1(self) -> NDArray[np.float32] | None:
+        """(V, 2) float32, read-only: another set of texture coordinates, or None."""
+        return self._uv1
+
+    @property
+    def uv_sets(self) -> tuple[NDArray[np.float32] | None, NDArray[np.float32] | None]:
+        """``uv`` and ``uv1``, as `Texture.uv_set` numbers them."""
+        return self._uv, self._uv1
 
     @property
     def tangents(self) -> NDArray[np.float32] | None:
@@ -256,14 +273,18 @@ class Mesh(Previewed):
             self._vertex_normals = read_only(normals)
         return self._vertex_normals
 
-    def vertex_tangents(self, transform: tuple[float, ...] | None = None) -> NDArray[np.float32]:
+    def vertex_tangents(
+        self, transform: tuple[float, ...] | None = None, uv_set: int = 0
+    ) -> NDArray[np.float32]:
         """
-        Return the given tangents, or those that ``uv`` says.
+        Return the given tangents, or those that texture coordinates say.
 
         Parameters
         ----------
         transform : six floats, optional
-            What `Texture.transform` makes of ``uv``; given tangents stay as they are.
+            What `Texture.transform` makes of them; given tangents stay as they are.
+        uv_set : {0, 1}
+            Which coordinates: ``uv`` or ``uv1``.
 
         Returns
         -------
@@ -277,9 +298,11 @@ class Mesh(Previewed):
         """
         if self.tangents is not None:
             return np.repeat(self.tangents[:, np.newaxis], GROUPS, axis=1)
-        if self.uv is None:
-            raise ValueError("mesh must have uv or tangents to have tangents, got neither")
-        return vertex_tangents(self.vertices, self.faces, self.uv, self._scale(), transform)
+        uv = self.uv_sets[uv_set]
+        if uv is None:
+            name = UV_NAMES[uv_set]
+            raise ValueError(f"mesh must have {name} or tangents to have tangents, got neither")
+        return vertex_tangents(self.vertices, self.faces, uv, self._scale(), transform)
 
     def split_creases(self, angle: float = 40.0) -> Mesh:
         """
@@ -289,8 +312,8 @@ class Mesh(Previewed):
         position that lie within ``angle`` of the normal of its own face. Positions are the same
         when their coordinates are the same bits, whatever vertex they belong to, so the seams of
         a texture and the loose triangles of an STL file are smooth too. Vertices are duplicated
-        where their corners differ, and merged if they carry neither colours nor ``uv`` nor
-        ``tangents``.
+        where their corners differ, and merged if they carry neither colours nor texture coordinates
+        nor ``tangents``.
 
         Parameters
         ----------
@@ -310,7 +333,8 @@ class Mesh(Previewed):
         angle = finite_number("angle", angle)
         if not 0.0 <= angle <= 180.0:
             raise ValueError(f"angle must lie in 0..180 degrees, got {angle!r}")
-        plain = self.vertex_colors is None and self.uv is None and self.tangents is None
+        carried = self.vertex_colors, *self.uv_sets, self.tangents
+        plain = all(values is None for values in carried)
         split = crease_normals(self.vertices, self.faces, self._scale(), angle, merge=plain)
         # The arrays come from a checked mesh: fill the new one without checking them again.
         result = Mesh.__new__(Mesh)
@@ -320,7 +344,9 @@ class Mesh(Previewed):
         if self.vertex_colors is not None:
             result._vertex_colors = read_only(self.vertex_colors[split.sources])
         result._face_colors = self.face_colors
-        result._uv = None if self.uv is None else read_only(self.uv[split.sources])
+        result._uv, result._uv1 = (
+            None if uv is None else read_only(uv[split.sources]) for uv in self.uv_sets
+        )
         result._tangents = None
         if self.tangents is not None:
             result._tangents = read_only(self.tangents[split.sources])
@@ -413,12 +439,12 @@ def _vertex_rows(name: str, value: ArrayLike, shape: tuple[int, int]) -> NDArray
     return array
 
 
-def _uv_array(value: ArrayLike, vertex_count: int) -> NDArray[np.float32]:
+def _uv_array(name: str, value: ArrayLike, vertex_count: int) -> NDArray[np.float32]:
     """Return texture coordinates as (V, 2) float32, or raise ``ValueError``."""
-    array = _vertex_rows("uv", value, (vertex_count, 2))
+    array = _vertex_rows(name, value, (vertex_count, 2))
     largest = max(-float(array.min()), float(array.max()))
     if largest > _LARGEST_FLOAT32:
-        raise ValueError(f"uv must fit float32, got {largest!r} in size")
+        raise ValueError(f"{name} must fit float32, got {largest!r} in size")
     return np.array(array, dtype=np.float32, order="C")
 
 

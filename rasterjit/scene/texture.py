@@ -43,6 +43,12 @@ COLOR_SPACES = ("srgb", "linear")
 ANISOTROPIES = (1, 2, 4, 8, 16)
 """Into how many parts, at most, the footprint of a pixel is divided."""
 
+UV_NAMES = ("uv", "uv1")
+"""What a mesh calls its sets of texture coordinates."""
+
+UV_SETS = (0, 1)
+"""Their numbers."""
+
 FARTHEST_MOVE = 1e6
 """Largest offset or scale of a texture: float64 keeps a position on it to 1/1000 texel."""
 
@@ -152,6 +158,8 @@ class Texture:
         seen to turn clockwise.
     scale : (float, float)
         What the coordinates are multiplied by first, in -1e6..1e6.
+    uv_set : {0, 1}
+        By which coordinates of the mesh it is laid: 0 is ``uv``, 1 is ``uv1``.
 
     Raises
     ------
@@ -173,6 +181,7 @@ class Texture:
     offset: tuple[float, float] = field(default=(0.0, 0.0), kw_only=True)
     rotation: float = field(default=0.0, kw_only=True)
     scale: tuple[float, float] = field(default=(1.0, 1.0), kw_only=True)
+    uv_set: int = field(default=0, kw_only=True)
 
     def __post_init__(self) -> None:
         wrap = (self.wrap, self.wrap) if isinstance(self.wrap, str) else self.wrap
@@ -181,6 +190,7 @@ class Texture:
         wrap = (one_of("wrap", wrap[0], WRAPS), one_of("wrap", wrap[1], WRAPS))
         self._set_filter(self.filter, self.anisotropy)
         one_of("color_space", self.color_space, COLOR_SPACES)
+        one_of("uv_set", self.uv_set, UV_SETS)
         object.__setattr__(self, "wrap", wrap)
         self._set_transform(self.offset, self.rotation, self.scale)
         # From here on the image is a part of the pyramid's texels, which copies share.
@@ -235,6 +245,7 @@ class Texture:
         offset: tuple[float, float] = (0.0, 0.0),
         rotation: float = 0.0,
         scale: tuple[float, float] = (1.0, 1.0),
+        uv_set: int = 0,
     ) -> Texture:
         """
         Read a texture from a picture: PNG, JPEG, WebP, TIFF, BMP, TGA or GIF.
@@ -245,7 +256,7 @@ class Texture:
         ----------
         path : str or path-like
             Of several pictures in a file, the first is taken.
-        wrap, filter, color_space, anisotropy, offset, rotation, scale
+        wrap, filter, color_space, anisotropy, offset, rotation, scale, uv_set
             As `Texture` takes them.
 
         Raises
@@ -257,7 +268,7 @@ class Texture:
         return cls(
             _read_picture(existing_file("path", path)), wrap=wrap, filter=filter,
             color_space=color_space, anisotropy=anisotropy, offset=offset, rotation=rotation,
-            scale=scale,
+            scale=scale, uv_set=uv_set,
         )  # fmt: skip
 
     def with_transform(
@@ -283,6 +294,16 @@ class Texture:
         """
         other = self._sharing()
         other._set_filter(filter, anisotropy)
+        return other
+
+    def with_uv_set(self, uv_set: int) -> Texture:
+        """
+        Return the texture laid by other coordinates; texels and mip levels are shared, not copied.
+
+        Takes the number of the set as `Texture` does, in place of its own.
+        """
+        other = self._sharing()
+        object.__setattr__(other, "uv_set", one_of("uv_set", uv_set, UV_SETS))
         return other
 
     def _sharing(self) -> Texture:

@@ -7,7 +7,7 @@ This is the border to the kernels: all arrays that they read are cast and joined
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 from rasterjit.pipeline import records
 from rasterjit.pipeline.records import AlphaTests, Maps, Microfacets, Placement, Surface, Textures
 from rasterjit.pipeline.surface import textures as texturing
+from rasterjit.scene.material import SHADINGS
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.normals import GROUPS
 from rasterjit.scene.texture import Pyramid, Texture, level_sizes
-from rasterjit.survey.contents import SMOOTH, may_have_holes
+from rasterjit.survey.contents import may_have_holes, sets_of, textures_read
 from rasterjit.survey.placement import Views
 
 MODELS = {
@@ -111,19 +112,32 @@ def _repeated(parts: Sequence[tuple[NDArray[Any], int]]) -> NDArray[Any]:
     return joined
 
 
-def join_normals(meshes: Sequence[Mesh]) -> NDArray[np.float32]:
-    """Join the vertex normals of the smooth objects, (V, 3); zero for the others."""
+def join_normals(
+    meshes: Sequence[Mesh], shadings: Collection[str] = SHADINGS
+) -> NDArray[np.float32]:
+    """Join the vertex normals of objects that are shaded in some ways, (V, 3); zero for others."""
 
     def normals(mesh: Mesh) -> NDArray[np.float32] | None:
-        return mesh.vertex_normals() if mesh.material.shading in SMOOTH else None
+        return mesh.vertex_normals() if mesh.material.shading in shadings else None
 
     parts = [(normals(mesh), len(mesh.vertices), count) for mesh, count in runs_of(meshes)]
     return _join(parts, np.zeros(3, np.float32))
 
 
-def join_uv(meshes: Sequence[Mesh]) -> NDArray[np.float32]:
-    """Join the texture coordinates, (V, 2); NaN where an object has none."""
-    parts = [(mesh.uv, len(mesh.vertices), count) for mesh, count in runs_of(meshes)]
+def join_uv(meshes: Sequence[Mesh], kind: int | None = None) -> NDArray[np.float32]:
+    """
+    Join the texture coordinates, (V, 2); NaN where an object has none.
+
+    Of each object its ``uv``, or those by which its texture of a kind is laid.
+    """
+    parts = [
+        (
+            mesh.uv if kind is None else mesh.uv_sets[sets_of(textures_read(mesh.material))[kind]],
+            len(mesh.vertices),
+            count,
+        )
+        for mesh, count in runs_of(meshes)
+    ]
     return _join(parts, np.full(2, np.nan, np.float32))
 
 
@@ -198,8 +212,12 @@ def join_microfacets(meshes: Sequence[Mesh]) -> Microfacets:
     return Microfacets(_repeat(rows, runs, np.float32), np.ones(2, np.float32))
 
 
-def join_maps(meshes: Sequence[Mesh]) -> Maps:
-    """Join what lies over the objects besides a base colour, and the tangents it needs."""
+def join_maps(meshes: Sequence[Mesh], kinds_apart: Sequence[bool]) -> Maps:
+    """
+    Join what lies over the objects besides a base colour, and what it needs.
+
+    ``kinds_apart`` is that of the `Inventory`.
+    """
     runs = runs_of(meshes)
     factors = [
         (mesh.material.normal_scale, mesh.material.occlusion_strength, *mesh.material.emissive)
@@ -211,6 +229,7 @@ def join_maps(meshes: Sequence[Mesh]) -> Maps:
         _repeat(factors, runs, np.float32),
         counts,
         _join_tangents(runs) if counts[NORMAL] else np.zeros((0, GROUPS, 4), np.float32),
+        tuple(join_uv(meshes, kind) if apart else None for kind, apart in enumerate(kinds_apart)),
     )
 
 
@@ -220,8 +239,10 @@ def _join_tangents(runs: Sequence[tuple[Mesh, int]]) -> NDArray[np.float32]:
     for mesh, count in runs:
         texture = mesh.material.textures_read()[NORMAL]
         tangents = np.zeros((len(mesh.vertices), GROUPS, 4), np.float32)
-        if texture is not None and (mesh.uv is not None or mesh.tangents is not None):
-            tangents = mesh.vertex_tangents(texture.transform)
+        if texture is not None:
+            uv = mesh.uv_sets[texture.uv_set]
+            if uv is not None or mesh.tangents is not None:
+                tangents = mesh.vertex_tangents(texture.transform, texture.uv_set)
         parts += [tangents] * count
     return np.concatenate(parts)
 
@@ -249,7 +270,7 @@ def join_textures(meshes: Sequence[Mesh]) -> Textures:
         texels,
         levels,
         np.repeat(np.array(table, np.int64), counts, axis=0),
-        join_uv(meshes),
+        join_uv(meshes, texturing.BASE_COLOR),
         transforms,
     )
 

@@ -78,6 +78,11 @@ class Shapes:
         return plan_arrays.join_uv(self.meshes)
 
     @cached_property
+    def normals(self) -> NDArray[np.float32]:
+        """Vertex normals of all objects, (V, 3)."""
+        return plan_arrays.join_normals(self.meshes)
+
+    @cached_property
     def boxes(self) -> NDArray[np.float64]:
         """Low and high corner of each object, (O, 2, 3), model space; NaN if it has none."""
         return mesh_boxes(self.meshes)
@@ -144,8 +149,10 @@ class MaterialTables:
 
     @cached_property
     def normals(self) -> NDArray[np.float32]:
-        """Vertex normals of the smooth objects, (V, 3); zero for the others."""
-        return plan_arrays.join_normals(self.meshes)
+        """Vertex normals of the objects shaded with them, (V, 3); zero for the others."""
+        if all(mesh.material.shading in SMOOTH for mesh in self.meshes):
+            return self._shapes.normals
+        return plan_arrays.join_normals(self.meshes, SMOOTH)
 
     @cached_property
     def textures(self) -> Textures:
@@ -170,20 +177,12 @@ class MaterialTables:
     @cached_property
     def maps(self) -> Maps:
         """What lies over all objects besides a base colour."""
-        return join_maps(self.meshes)
+        return join_maps(self.meshes, self.inventory.kinds_apart)
 
     @cached_property
     def is_single_sided(self) -> NDArray[np.bool_]:
         """Whether the back faces of each object are not drawn, (O,)."""
         return plan_arrays.single_sided(self.meshes)
-
-    @cached_property
-    def is_smooth(self) -> NDArray[np.uint8]:
-        """1 for each object that has smooth normals, (O,)."""
-        return np.array(
-            [mesh.material.shading in SMOOTH for mesh in self.meshes],
-            np.uint8,
-        )
 
 
 class SceneCache(NamedTuple):

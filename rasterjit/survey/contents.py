@@ -14,7 +14,7 @@ from rasterjit.scene.material import SHADINGS, TEXTURE_FIELDS, Material
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import EFFECT_FIELDS, Node, Scene, meshes_of
-from rasterjit.scene.texture import Texture
+from rasterjit.scene.texture import UV_NAMES, Texture
 from rasterjit.survey.overrides import meshes_under
 from rasterjit.survey.placement import mesh_boxes
 
@@ -41,7 +41,7 @@ class Contents(NamedTuple):
     laid: int
     """With texture coordinates."""
     unlaid: int
-    """With a texture and nothing to lay it by."""
+    """With a texture and nothing to lay it by: without the coordinates that it wants."""
     highlights: int
     """With a specular highlight."""
     textured_highlights: int
@@ -148,6 +148,12 @@ class Inventory:
         """Whether each object is lit by the pixel with normals between those of vertices, (O,)."""
         return self._having("phong") | self._having("pbr")
 
+    @cached_property
+    def kinds_apart(self) -> tuple[bool, ...]:
+        """Of each kind of texture, whether any is laid otherwise than its object's base colour."""
+        sets = np.array([sets_of(textures) for textures in self._textures])
+        return tuple((sets != sets[:, :1]).any(axis=0).tolist())
+
     def describe_textures(self, chosen: NDArray[np.bool_]) -> list[str]:
         """Say of each texture that some objects, (O,) bool, have what it is for."""
         meshes = dict.fromkeys(self._numbers[chosen].tolist())
@@ -159,20 +165,20 @@ def _contents_of(mesh: Mesh) -> Contents:
     """Return what one object with a mesh adds to the numbers."""
     material = mesh.material
     read = textures_read(material)
-    is_laid, is_painted = mesh.uv is not None, "base_color_texture" in read
-    has_hole = may_have_holes(mesh)
+    unlaid = [name for name, texture in read.items() if mesh.uv_sets[texture.uv_set] is None]
+    is_painted, has_hole = "base_color_texture" in read, may_have_holes(mesh)
     shines = material.shading in BLINN_PHONG and material.specular > 0.0
     return Contents(
         **{name: material.shading == name for name in SHADINGS},
         objects=1,
-        laid=is_laid,
-        unlaid=bool(read) and not is_laid,
+        laid=mesh.uv is not None,
+        unlaid=bool(unlaid),
         highlights=shines,
         textured_highlights=is_painted and material.shading == "gouraud" and shines,
         masked=material.alpha_mode == "mask",
         cut_out=has_hole,
         textured_holes=has_hole and is_painted,
-        unlaid_holes=has_hole and is_painted and not is_laid,
+        unlaid_holes=has_hole and "base_color_texture" in unlaid,
         blended=material.alpha_mode == "blend",
         see_through=is_see_through(mesh),
         emitting=material.emits,
@@ -188,6 +194,17 @@ def textures_read(material: Material) -> dict[str, Texture]:
     """Return the textures of a material that are read, by field."""
     textures = zip(TEXTURE_FIELDS, material.textures_read(), strict=True)
     return {name: texture for name, texture in textures if texture is not None}
+
+
+def sets_of(textures: dict[str, Texture]) -> list[int]:
+    """
+    Return by which coordinates each kind of texture is laid.
+
+    Takes `textures_read`; what is not there counts as laid as the first that is.
+    """
+    sets = {name: texture.uv_set for name, texture in textures.items()}
+    first = next(iter(sets.values()), 0)
+    return [sets.get(name, first) for name in TEXTURE_FIELDS]
 
 
 def is_see_through(mesh: Mesh) -> bool:
@@ -252,10 +269,12 @@ def take_inventory(
 def refuse_texture(nodes: Sequence[Node], quality: Quality) -> None:
     """Raise ``ValueError`` naming the object that has a texture and nothing to lay it by."""
     for node, mesh in zip(nodes, meshes_under(meshes_of(nodes), quality), strict=True):
-        for name in textures_read(mesh.material) if mesh.uv is None else ():
-            raise ValueError(
-                f"the mesh of {node.name!r} must have uv, for its material has a {name}; got none"
-            )
+        for name, texture in textures_read(mesh.material).items():
+            if mesh.uv_sets[texture.uv_set] is None:
+                raise ValueError(
+                    f"the mesh of {node.name!r} must have {UV_NAMES[texture.uv_set]}, for its "
+                    f"material has a {name}; got none"
+                )
 
 
 def check_scene(scene: Scene) -> None:

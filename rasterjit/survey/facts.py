@@ -106,10 +106,19 @@ class Facts(NamedTuple):
         )
 
     @property
+    def shades_smoothly(self) -> bool:
+        """Whether that colour depends on vertex normals."""
+        return self.is_lit and not SMOOTH.isdisjoint(self.seen.shadings)
+
+    @property
+    def shows_normals(self) -> bool:
+        """Whether vertex normals are an output: of all objects, whatever they are shaded by."""
+        return "normal" in self.outputs and self.seen.objects > 0
+
+    @property
     def needs_normals(self) -> bool:
         """Whether vertex normals are read."""
-        is_smooth = not SMOOTH.isdisjoint(self.seen.shadings)
-        return is_smooth and (self.is_lit or "normal" in self.outputs)
+        return self.shades_smoothly or self.shows_normals
 
     @property
     def finds_faces(self) -> bool:

@@ -86,8 +86,12 @@ class SmoothNormals(MaterialRow):
         return facts.needs_normals
 
     def reason(self, facts: Facts, is_used: bool) -> str:
-        """Say which objects are smooth, if any."""
+        """Say which objects are smooth, if any, and whether all show their normals."""
         smooth = sorted(SMOOTH & facts.seen.shadings)
+        if facts.shows_normals:
+            is_shaded = facts.shades_smoothly
+            shading = f"shading {', '.join(smooth)}{_scaling(facts)}; " if is_shaded else ""
+            return shading + "output normal, of every object"
         if smooth:
             return "shading " + ", ".join(smooth) + _scaling(facts)
         hidden = not SMOOTH.isdisjoint(facts.contents.shadings)

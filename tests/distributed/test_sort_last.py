@@ -24,7 +24,8 @@ from rasterjit.scene.scene import EFFECT_FIELDS
 SIZE = (48, 36)
 PATIENCE = 60.0
 OUTPUTS = (
-    "color", "linear", "depth", "face_id", "object_id", "barycentric", "normal", "position",
+    "color", "linear", "depth", "face_id", "object_id", "barycentric", "geometric_normal",
+    "position",
 )  # fmt: skip
 FLAT = rj.Material(shading="flat")
 PAIRS = [blob(seed) for seed in range(5)]
@@ -209,16 +210,19 @@ def test_part_that_cannot_be_merged_is_refused(view, part, message):
         merged([part], view)
 
 
-def test_smooth_part_with_normals_is_the_whole(view):
+@pytest.mark.parametrize("shading", ["phong", "flat", "unlit"])
+def test_part_with_normals_is_the_whole(view, shading):
     vertices, faces = joined(PAIRS[:2])
     normals = vertices / np.linalg.norm(vertices, axis=1, keepdims=True)
-    material, half = rj.Material(shading="phong"), len(PAIRS[0][0])
+    material, half = rj.Material(shading=shading), len(PAIRS[0][0])
+    outputs = (*OUTPUTS, "normal")
     parts = [
         rj.Mesh(pair[0], pair[1], normals=own, material=material)
         for pair, own in zip(PAIRS[:2], (normals[:half], normals[half:]), strict=True)
     ]
     mesh = rj.Mesh(vertices, faces, normals=normals, material=material)
-    assert_same_bits(merged(parts, view), rj.render(mesh, view, size=SIZE, outputs=OUTPUTS))
+    wanted = rj.render(mesh, view, size=SIZE, outputs=outputs)
+    assert_same_bits(merged(parts, view, outputs=outputs), wanted)
 
 
 def shadowed():
@@ -290,9 +294,18 @@ def test_wrong_arguments_are_refused_before_anything_is_drawn(view, wrong, messa
             "partitions must be opaque",
         ),
         ([PAIRS[0], PAIRS[1]], {"outputs": ("uv",)}, "have none"),
+        (PAIRS[0], {"outputs": ("normal",)}, "normals for the output 'normal', .*geometric_normal"),
         (rj.Mesh(*PAIRS[0], material=FLAT), {"outputs": ("uv",)}, "no mesh of the scene has"),
     ],
-    ids=["smooth", "smooth pair", "normal texture", "glass", "uv of a list", "uv of a mesh"],
+    ids=[
+        "smooth",
+        "smooth pair",
+        "normal texture",
+        "glass",
+        "uv of a list",
+        "normals of a pair",
+        "uv of a mesh",
+    ],
 )
 def test_part_that_is_here_is_refused_before_others_are_drawn(view, client, part, options, message):
     def forbidden():

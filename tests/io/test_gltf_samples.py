@@ -7,12 +7,15 @@ OrientationTest, VertexColorTest, UnlitTest, EmissiveStrengthTest, MultiUVTest.
 
 from __future__ import annotations
 
+import json
 import math
+import warnings
+from dataclasses import replace
 
 import naive
 import numpy as np
 import pytest
-from sample_models import Model, ball_arrays, quad
+from sample_models import Model, ball_arrays, encode_png, quad
 
 import rasterjit as rj
 from rasterjit.io.skipped import LoadWarning
@@ -350,17 +353,123 @@ def test_the_second_set_of_coordinates_is_used_where_it_is_the_only_one(tmp_path
     assert have[0, :, 0].tolist() == [1, 1, 0, 0]
 
 
-def test_a_texture_on_another_set_of_coordinates_is_left_out_by_name(tmp_path):
+def test_textures_of_one_material_on_two_sets(tmp_path):
+    """
+    Base colour by TEXCOORD_0, occlusion by TEXCOORD_1, emission by what its transform names.
+
+    A .gltf with its pictures and numbers beside it; ambient light alone, so that a pixel shows
+    base colour x (1 + strength (occlusion - 1)) / 2 + emission.
+    """
+    rng = np.random.default_rng(5)
+    pictures = {"base": rng.integers(0, 256, (4, 4, 3)), "ao": rng.integers(0, 256, (2, 8, 3)),
+                "glow": rng.integers(0, 256, (8, 2, 3))}  # fmt: skip
+    for name, pixels in pictures.items():
+        (tmp_path / f"{name}.png").write_bytes(encode_png(pixels.astype(np.uint8)))
+    first, second = quad(-1, -1, 1, 1), quad(-1, -1, 1, 1, uv=(1, -1, 0, 2), name="TEXCOORD_1")
+    blocks = [first["POSITION"], first["NORMAL"], first["TEXCOORD_0"], second["TEXCOORD_1"],
+              np.array([0, 1, 2, 0, 2, 3], np.uint16)]  # fmt: skip
+    (tmp_path / "numbers.bin").write_bytes(b"".join(block.tobytes() for block in blocks))
+    starts = np.cumsum([0, *(block.nbytes for block in blocks)]).tolist()
+    kinds = ["VEC3", "VEC3", "VEC2", "VEC2", "SCALAR"]
+    moved = {"texCoord": 1, "offset": [0.5, 0.0]}
+    document = {
+        "asset": {"version": "2.0"},
+        "extensionsUsed": ["KHR_texture_transform"],
+        "extensionsRequired": ["KHR_texture_transform"],
+        "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}],
+        "buffers": [{"uri": "numbers.bin", "byteLength": starts[-1]}],
+        "bufferViews": [
+            {"buffer": 0, "byteOffset": start, "byteLength": block.nbytes}
+            for start, block in zip(starts[:-1], blocks, strict=True)
+        ],
+        "accessors": [
+            {"bufferView": n, "componentType": 5123 if kind == "SCALAR" else 5126, "type": kind,
+             "count": len(block)}
+            for n, (kind, block) in enumerate(zip(kinds, blocks, strict=True))
+        ],
+        "images": [{"uri": f"{name}.png"} for name in pictures],
+        "samplers": [SHARP],
+        "textures": [{"source": n, "sampler": 0} for n in range(3)],
+        "materials": [{
+            "pbrMetallicRoughness": {
+                "baseColorTexture": {"index": 0}, "metallicFactor": 0.0, "roughnessFactor": 1.0,
+            },
+            "occlusionTexture": {"index": 1, "texCoord": 1, "strength": 0.8},
+            "emissiveTexture": {
+                "index": 2, "texCoord": 0, "extensions": {"KHR_texture_transform": moved},
+            },
+            "emissiveFactor": [1.0, 0.5, 0.25],
+        }],
+        "meshes": [{"primitives": [{
+            "attributes": {"POSITION": 0, "NORMAL": 1, "TEXCOORD_0": 2, "TEXCOORD_1": 3},
+            "indices": 4, "material": 0,
+        }]}],
+    }  # fmt: skip
+    (tmp_path / "two.gltf").write_text(json.dumps(document))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        scene = rj.load(tmp_path / "two.gltf")
+    scene.lights = [rj.AmbientLight(intensity=0.5)]
+    # Without what a rough surface mirrors of it.
+    mesh = scene.nodes[0].mesh
+    mesh.material = replace(mesh.material, shading="phong", specular=0.0)
+    frame = rj.render(scene, camera(), size=(24, 24), outputs=("linear",), threads=1)
+
+    def texels(name, u, v):
+        height, width, _ = pictures[name].shape
+        columns, rows = np.floor(u * width).astype(int), np.floor(v * height).astype(int)
+        return pictures[name][rows % height, columns % width] / 255.0
+
+    # Coordinates of glTF, v down, at the pixels' centres.
+    x, y = np.meshgrid((np.arange(24) + 0.5) / 24, (np.arange(24) + 0.5) / 24)
+    u1, v1 = 1.0 - x, 3.0 * y - 1.0
+    occlusion = 1.0 + 0.8 * (texels("ao", u1, v1)[..., :1] - 1.0)
+    decode = np.vectorize(naive.srgb_decode)
+    want = 0.5 * occlusion * decode(texels("base", x, y))
+    want += decode(texels("glow", u1 + 0.5, v1)) * (1.0, 0.5, 0.25)
+    np.testing.assert_allclose(frame.linear[..., :3], want, atol=2e-5)
+
+
+def test_a_texture_whose_set_of_coordinates_is_missing_is_left_out_by_name(tmp_path):
     model = Model()
     texture = model.texture(np.full((1, 1, 3), 255))
     material = model.material(
         "wall", baseColorTexture=texture, occlusionTexture={**texture, "texCoord": 1}
     )
     model.add(quad(-1, -1, 1, 1), material)
+    model.add(quad(-1, -1, 1, 1, name="TEXCOORD_1"), material)
+    with pytest.warns(LoadWarning) as warned:
+        scene = rj.load(model.save(tmp_path / "a.glb"))
+    (message,) = (str(one.message) for one in warned)
+    assert "occlusion_texture of mesh 'mesh 0', which has no coordinates for them" in message
+    assert "base_color_texture of mesh 'mesh 1', which has no coordinates for them" in message
+    for node, kept in zip(scene.nodes, (True, False), strict=True):
+        own = node.mesh.material
+        assert (own.base_color_texture is not None) == kept
+        assert (own.occlusion_texture is None) == kept
+    # What is left is drawn.
+    assert (rj.render(scene, camera(), size=(4, 4), threads=1).color[..., 3] == 255).all()
+
+
+def test_a_texture_on_a_third_set_of_coordinates_is_left_out_by_name(tmp_path):
+    model = Model()
+    texture = model.texture(np.full((1, 1, 3), 255))
+    material = model.material(
+        "wall", baseColorTexture={**texture, "texCoord": 2}, normalTexture=texture,
+        occlusionTexture={**texture, "texCoord": 2}, emissiveTexture={**texture, "texCoord": 1},
+    )  # fmt: skip
+    attributes = quad(-1, -1, 1, 1)
+    for n in (1, 2):
+        attributes[f"TEXCOORD_{n}"] = attributes["TEXCOORD_0"] * (n + 1)
+    model.add(attributes, material)
     with pytest.warns(
         LoadWarning,
-        match=r"occlusion_texture of material 'wall': second set of texture coordinates \(1\)",
+        match=r"emissive_texture of material 'wall': third set of texture coordinates \(1\)",
     ):
         (node,) = rj.load(model.save(tmp_path / "a.glb")).nodes
-    assert node.mesh.material.occlusion_texture is None
-    assert node.mesh.material.base_color_texture is not None
+    mesh = node.mesh
+    assert mesh.material.emissive_texture is None
+    assert mesh.material.base_color_texture.uv_set == mesh.material.occlusion_texture.uv_set == 0
+    assert mesh.material.normal_texture.uv_set == 1
+    assert mesh.uv[:, 0].tolist() == [0, 3, 3, 0]
+    assert mesh.uv1[:, 0].tolist() == [0, 1, 1, 0]

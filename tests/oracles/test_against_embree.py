@@ -77,7 +77,7 @@ def make_view(camera) -> View:
 
 
 def flat(mesh) -> rj.Mesh:
-    """Return the mesh with the normals of its faces, on float32 vertices as Embree has them."""
+    """Return the mesh shaded by face, without normals, on float32 vertices as Embree has them."""
     vertices = mesh.vertices.astype(np.float32)
     return rj.Mesh(vertices, mesh.faces, material=rj.Material("flat"))
 
@@ -198,7 +198,7 @@ def compare(name, camera_name, bits) -> Comparison:
         camera,
         size=SIZE,
         quality=rj.Quality(subpixel_bits=bits),
-        outputs=("depth", "face_id", "object_id", "position", "barycentric", "normal"),
+        outputs=("depth", "face_id", "object_id", "position", "barycentric", "geometric_normal"),
         threads=2,
     )
     chosen = np.random.default_rng(1).choice(SIZE[0] * SIZE[1], SAMPLES, replace=False)
@@ -317,14 +317,14 @@ def test_barycentric_weights_are_those_of_the_hit(name, camera_name, bits):
 
 
 @every_case
-def test_flat_normal_is_that_of_the_face_hit_and_turned_to_the_viewer(name, camera_name, bits):
+def test_geometric_normal_is_that_of_the_face_hit_and_turned_to_the_viewer(name, camera_name, bits):
     comparison = compare(name, camera_name, bits)
     chosen = comparison.hit_pixels()
     _, directions = comparison.view.rays(comparison.xy[chosen])
     expected = comparison.hits["Ng"][chosen].astype(np.float64)
     expected /= np.linalg.norm(expected, axis=1, keepdims=True)
     expected *= -np.sign((expected * directions).sum(axis=1, keepdims=True))
-    normals = comparison.frame.normal[comparison.rows[chosen], comparison.columns[chosen]]
+    normals = comparison.frame.geometric_normal[comparison.rows[chosen], comparison.columns[chosen]]
     # Embree takes the product of float32 edges: their rounding counts against their length.
     corners = world_triangles(name)[comparison.hits["primID"][chosen]]
     edges = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)

@@ -178,10 +178,10 @@ def test_shadows_fall_where_rays_to_the_light_are_stopped(name, number):
     camera = MovedCamera(CAMERAS["perspective"], sample_offsets(256)[number])
     frame = rj.render(lit_scene(name, rj.Shadow(SHADOW_SIZE, "hard")), camera, size=(200, 150),
                       quality=replace(PICTURE, shadow_size=SHADOW_SIZE), background="black",
-                      outputs=("linear", "position", "normal", "face_id"))  # fmt: skip
-    toward = -(frame.normal.astype(float) @ LIGHT)
-    chosen = (frame.face_id >= 0) & (toward > 0.2)
-    points, normals = (found[chosen].astype(float) for found in (frame.position, frame.normal))
+                      outputs=("linear", "position", "geometric_normal", "face_id"))  # fmt: skip
+    facing = frame.geometric_normal.astype(float)
+    chosen = (frame.face_id >= 0) & (-(facing @ LIGHT) > 0.2)
+    points, normals = frame.position[chosen].astype(float), facing[chosen]
     hidden, sure = rays_to_the_light(name, points, normals)
     ours = frame.linear[chosen][:, 0] == 0.0
     print(f"{sure.mean():.2f} of {len(sure)} are sure, {hidden[sure].mean():.2f} of them dark")

@@ -13,6 +13,9 @@ import pytest
 import rasterjit as rj
 from rasterjit.inspect import oracle
 from rasterjit.pipeline.fragments.bands import SAMPLE_POSITIONS
+from rasterjit.pipeline.visibility.draw import Region
+from rasterjit.rendering.tiles import RegionRenderer
+from rasterjit.scene.material import SHADINGS
 
 SIZE = (48, 36)
 BUFFERS = (
@@ -141,14 +144,105 @@ def test_geometric_normal_is_that_of_the_plane_that_is_seen(seen):
         np.testing.assert_allclose(frame.geometric_normal[row, column], want, atol=2e-6)
 
 
-def test_geometric_normal_of_a_flat_object_is_its_normal(scene):
-    outputs = ("normal", "geometric_normal", "object_id")
-    frame = rj.render(scene, CAMERAS["perspective"], size=SIZE, outputs=outputs)
-    flat = np.isin(frame.object_id, (1, 3, 4))
-    assert flat.any()
-    assert (frame.normal[flat] == frame.geometric_normal[flat]).all()
-    smooth = frame.object_id == 2
-    assert np.abs(frame.normal[smooth] - frame.geometric_normal[smooth]).max() > 0.1
+@pytest.fixture
+def shaded(sphere):
+    """Return what makes a stretched, mirrored ball and loose faces, shaded in some way."""
+    rng = np.random.default_rng(8)
+    leaning = sphere.vertices + rng.normal(size=sphere.vertices.shape) * 0.2
+    loose, directions = rng.random((12, 3)) * (4, 3, 0.1), rng.normal(size=(12, 3))
+    stretched = T.compose(T.scale((-1.0, 0.6, 1.0)), T.translate((0.2, 0.1, 1.0)))
+
+    def make(shading, gives_normals=True):
+        scene, material = rj.Scene(), rj.Material(shading)
+        for vertices, faces, normals, place in (
+            (sphere.vertices, sphere.faces, leaning, stretched),
+            (loose, np.arange(12).reshape(4, 3), directions, T.translate((-2.0, -1.5, 0.0))),
+        ):
+            own = {"normals": normals} if gives_normals else {}
+            scene.add(rj.Mesh(vertices, faces, material=material, **own), place)
+        return scene
+
+    return make
+
+
+NORMALS = ("normal", "geometric_normal", "face_id", "object_id", "barycentric")
+
+
+@pytest.mark.parametrize("gives_normals", [True, False], ids=["given", "averaged"])
+@pytest.mark.parametrize("shading", SHADINGS)
+def test_normal_is_interpolated_whatever_the_shading(shading, gives_normals, shaded):
+    camera = CAMERAS["perspective"]
+    made = shaded(shading, gives_normals)
+    frame = rj.render(made, camera, size=SIZE, outputs=NORMALS)
+    faces = np.concatenate([node.mesh.faces for node in made.nodes])
+    for row, column in np.argwhere(frame.face_id >= 0):
+        node = made.nodes[frame.object_id[row, column]]
+        corners = faces[frame.face_id[row, column]]
+        weights = frame.barycentric[row, column].astype(float)
+        normal = T.normal_matrix(node.world_from_model) @ (
+            weights @ node.mesh.vertex_normals()[corners].astype(float)
+        )
+        found, side = frame.normal[row, column], frame.geometric_normal[row, column].astype(float)
+        a, b, c = T.apply(node.world_from_model, node.mesh.vertices[corners])
+        turn = np.linalg.det(node.world_from_model[:3, :3])
+        is_front = turn * (np.cross(b - a, c - a) @ side) > 0.0
+        want = np.array(naive.unit(normal)) * (1.0 if is_front else -1.0)
+        np.testing.assert_allclose(found, want, atol=2e-5)
+    # Interpolated is not the face's.
+    seen = frame.face_id >= 0
+    assert np.abs(frame.normal - frame.geometric_normal)[seen].max() > 0.05
+    # All ways of shading say the same, to the last bit.
+    wanted = rj.render(shaded("phong", gives_normals), camera, size=SIZE, outputs=NORMALS)
+    assert frame.normal.tobytes() == wanted.normal.tobytes()
+
+
+@pytest.mark.parametrize("shading", SHADINGS)
+def test_normals_of_layers_and_regions_are_those_of_any_shading(shading, shaded):
+    camera = CAMERAS["perspective"]
+    scene, smooth = shaded(shading), shaded("phong")
+    layers = [
+        rj.render_layers(one, camera, k=2, size=SIZE, outputs=NORMALS) for one in (scene, smooth)
+    ]
+    assert (layers[0].face_id[1] >= 0).any()
+    assert layers[0].normal.tobytes() == layers[1].normal.tobytes()
+    size, region = (96, 72), Region(0, 0, 64, 64)
+    whole = rj.render(smooth, camera, size=size, outputs=NORMALS).normal
+    with RegionRenderer(scene, camera, size=size, outputs=NORMALS) as renderer:
+        part = renderer.render_region(region).normal
+    assert part.tobytes() == whole[:64, :64].tobytes()
+    # Nor does it depend on what a quality makes of the shading.
+    quality = rj.Quality(shading="face")
+    coarse = rj.render(smooth, camera, size=size, quality=quality, outputs=NORMALS)
+    assert coarse.normal.tobytes() == whole.tobytes()
+
+
+@pytest.mark.parametrize("shading", SHADINGS)
+def test_the_output_normal_changes_no_colour(shading, shaded):
+    camera = CAMERAS["perspective"]
+    scene = shaded(shading, True)
+    scene.nodes[1].mesh.material = rj.Material("pbr")
+    scene.lights = [rj.DirectionalLight((-1, -2, -2), shadow=rj.Shadow(size=256))]
+    colors = ("color", "linear")
+    alone, beside = (
+        rj.render(scene, camera, size=SIZE, outputs=outputs)
+        for outputs in (colors, (*colors, "normal"))
+    )
+    for name in colors:
+        assert alone.arrays()[name].tobytes() == beside.arrays()[name].tobytes()
+
+
+def test_normals_that_cancel_are_zero():
+    corners, up = [[-1, -1, 0], [1, -1, 0], [0, 1, 0]], [0, 0, 1]
+    camera = rj.OrthographicCamera((0, 0, 3), (0, 0, 0), height=3.0)
+    material = rj.Material("unlit")
+    both = rj.Mesh(corners, [[0, 1, 2], [0, 2, 1]], material=material)
+    zero = rj.Mesh(corners, [[0, 1, 2]], normals=np.zeros((3, 3)), material=material)
+    for mesh in (both, zero):
+        frame = rj.render(mesh, camera, size=(9, 9), outputs=NORMALS)
+        seen = frame.face_id >= 0
+        assert seen.any()
+        assert (frame.normal[seen] == 0.0).all()
+        assert (frame.geometric_normal[seen] == up).all()
 
 
 def test_materials_are_numbered_as_first_used_and_equal_ones_are_one(seen):

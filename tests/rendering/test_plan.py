@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit.outputs.table import OUTPUTS, check_outputs
+from rasterjit.outputs.table import MOTION_OUTPUTS, OUTPUTS, check_outputs
 from rasterjit.pipeline.visibility.draw import viewport_of
+from rasterjit.scene.material import SHADINGS
 from rasterjit.survey.placement import view_nodes
 
 
@@ -66,8 +67,32 @@ def test_normal_output_asks_for_normals_and_no_light(cube, camera):
     plan = rj.explain(cube, camera, outputs="normal")
     assert plan.facts.needs_normals
     assert plan.lighting is None
-    flat = scene_of(rj.Material("flat"), cube=cube)
-    assert not rj.explain(flat, camera, outputs="normal").facts.needs_normals
+
+
+@pytest.mark.parametrize("shading", SHADINGS)
+def test_vertex_normals_are_read_for_the_output_alone_or_for_smooth_shading(
+    cube, camera, shading, monkeypatch
+):
+    scene = scene_of(rj.Material(shading), cube=cube)
+    plan = rj.explain(scene, camera, outputs=("color", "normal"))
+    assert plan.facts.needs_normals
+    (reason,) = (effect.reason for effect in plan.effects if effect.name == "smooth normals")
+    shown = "output normal, of every object"
+    smooth = shading in ("gouraud", "phong", "pbr")
+    assert reason == (f"shading {shading}; {shown}" if smooth else shown)
+    if smooth:
+        return
+    monkeypatch.setattr(rj.Mesh, "vertex_normals", None)
+    outputs = [name for name in OUTPUTS if name not in ("normal", "uv", *MOTION_OUTPUTS)]
+    frame = rj.render(scene, camera, size=(8, 8), outputs=outputs)
+    assert not frame.plan.facts.needs_normals
+    with pytest.raises(TypeError):
+        rj.render(scene, camera, size=(8, 8), outputs="normal")
+
+
+def test_normals_of_an_object_out_of_view_are_not_asked_for(cube, camera):
+    away = rj.PerspectiveCamera(camera.eye, 2.0 * np.array(camera.eye) - camera.target)
+    assert not rj.explain(cube, away, outputs="normal").facts.needs_normals
 
 
 def test_scene_without_lights_gets_a_headlight(cube, camera):

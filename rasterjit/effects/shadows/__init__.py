@@ -127,7 +127,7 @@ class ShadowMaps(Effect):
             plan.size, alpha_tests,
         )  # fmt: skip
         lights = [light for light in facts.lights.lights if not isinstance(light, AmbientLight)]
-        normals = cache.tables.normals if plan.facts.needs_normals else None
+        normals = cache.tables.normals if plan.facts.shades_smoothly else None
         eye = plan.camera.eye_position()
         return maps.draw_shadows(lights, eye, scenery, normals, workers)
 
@@ -162,7 +162,7 @@ class ShadowMaps(Effect):
                 place[:] = 0, 0, maps.FILTERS[light.shadow.filter], 6 if has_cube(light) else 1
         rows, texels = np.zeros((len(lights), shadows_stage.MAP_COLUMNS)), np.empty(0, np.float32)
         nothing = np.empty((len(lights), 0, 0), np.float32)
-        normals = np.empty((0, 3), np.float32) if facts.needs_normals else None
+        normals = np.empty((0, 3), np.float32) if facts.shades_smoothly else None
         return maps.ShadowRecord(rows, places, texels, texels, texels, nothing, normals)
 
     def neutral(self, record: maps.ShadowRecord) -> maps.ShadowRecord:

@@ -14,6 +14,7 @@ References
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -25,7 +26,7 @@ from rasterjit.io.pictures import picture_pixels
 from rasterjit.io.skipped import LeftOut, MeshFileError, reason_of
 from rasterjit.scene.material import BRIGHTEST_EMISSION, TEXTURE_FIELDS, Material, UnsaidMaterial
 from rasterjit.scene.mesh import Mesh
-from rasterjit.scene.texture import Texture, turned_over
+from rasterjit.scene.texture import UV_SETS, Texture, turned_over
 from rasterjit.scene.validation import in_short
 
 _WRAPS = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
@@ -74,32 +75,32 @@ class MaterialReader:
     def __init__(self, file: GltfFile, left_out: LeftOut) -> None:
         self._file = file
         self._left_out = left_out
-        self._known: dict[Any, tuple[Material, int]] = {}
+        self._known: dict[Any, tuple[Material, list[int]]] = {}
         self._textures: dict[tuple, Texture | None] = {}
 
-    def read(self, number: Any) -> tuple[Material | None, int]:
+    def read(self, number: Any) -> tuple[Material | None, list[int]]:
         """
-        Return a material, or None if it cannot be read, and its set of texture coordinates.
+        Return a material, or None if it cannot be read, and its sets of texture coordinates.
 
-        A mesh has one set: what the first texture of the material uses. Textures that use another
-        are left out.
+        A mesh has two sets at most: the first that textures of the material use. Textures that use
+        a third are left out.
         """
         if number not in self._known:
             try:
                 entry = self._file.entry("materials", number)
             except LookupError:
                 self._left_out.note(f"reference to material {number!r}, which the file has not")
-                return None, 0
+                return None, []
             label = f"material {entry.get('name', number)!r}"
             try:
                 self._known[number] = self._material(entry, label)
             except (TypeError, ValueError, AttributeError) as error:
                 self._left_out.note(f"{label}, which is damaged: {reason_of(error)}")
-                return None, 0
+                return None, []
         return self._known[number]
 
-    def _material(self, entry: dict[str, Any], label: str) -> tuple[Material, int]:
-        """Return an entry as a material, and its set of texture coordinates."""
+    def _material(self, entry: dict[str, Any], label: str) -> tuple[Material, list[int]]:
+        """Return an entry as a material, and its sets of texture coordinates."""
         extensions = entry.get("extensions", {})
         values = {**entry, **entry.get("pbrMetallicRoughness", {})}
         if _GLOSSINESS in extensions:
@@ -114,9 +115,9 @@ class MaterialReader:
             "alpha_cutoff": _number(entry, "alphaCutoff", 0.5, 1e6),
             "double_sided": bool(entry.get("doubleSided", False)),
         }
-        textures, uv_set = self._read_textures(values, _UNLIT in extensions, label)
+        textures, uv_sets = self._read_textures(values, _UNLIT in extensions, label)
         if _UNLIT in extensions:
-            return Material(shading="unlit", **options, **textures), uv_set
+            return Material(shading="unlit", **options, **textures), uv_sets
         strength = _number(
             extensions.get(_STRENGTH, {}), "emissiveStrength", 1.0, BRIGHTEST_EMISSION
         )
@@ -131,14 +132,14 @@ class MaterialReader:
             **options,
             **textures,
         )
-        return material, uv_set
+        return material, uv_sets
 
     def _read_textures(
         self, values: dict[str, Any], is_unlit: bool, label: str
-    ) -> tuple[dict[str, Texture], int]:
-        """Return the textures of a material by field, and their set of texture coordinates."""
+    ) -> tuple[dict[str, Texture], list[int]]:
+        """Return the textures of a material by field, and their sets of texture coordinates."""
         found: dict[str, Texture] = {}
-        uv_set: int | None = None
+        uv_sets: list[int] = []
         for field, (key, color_space) in TEXTURES.items():
             use = values.get(key)
             if use is None or (is_unlit and field != "base_color_texture"):
@@ -152,12 +153,14 @@ class MaterialReader:
                 reason = reason_of(error)
                 self._left_out.note(f"{field} of {label} that cannot be read: {reason}")
                 continue
-            if uv_set not in (None, number):
-                self._left_out.note(f"{field} of {label}: second set of texture coordinates")
-                continue
-            uv_set = number
-            found[field] = texture
-        return found, 0 if uv_set is None else uv_set
+            if number not in uv_sets:
+                if len(uv_sets) == len(UV_SETS):
+                    self._left_out.note(f"{field} of {label}: third set of texture coordinates")
+                    continue
+                uv_sets.append(number)
+            place = uv_sets.index(number)
+            found[field] = texture.with_uv_set(place) if place else texture
+        return found, uv_sets
 
     def _texture(self, use: dict[str, Any], transform: dict[str, Any], color_space: str) -> Texture:
         """Return one use of a texture; uses of one picture share its texels."""
@@ -286,7 +289,7 @@ class MeshReader:
         self._crease_angle = crease_angle
         self._left_out = left_out
         self._known: dict[Any, list[Mesh]] = {}
-        self._plain: dict[Material, Material] = {}
+        self._plain: dict[tuple[Material, tuple[str, ...]], Material] = {}
 
     @property
     def is_empty(self) -> bool:
@@ -349,22 +352,24 @@ class MeshReader:
         if primitive.get("targets"):
             self._left_out.note("morph target", len(primitive["targets"]))
         count = len(vertices)
-        material, uv_set = self._material(primitive)
+        material, uv_sets = self._material(primitive)
         colors = self._colors(attributes, count, label)
         if primitive.get("material") is None:
             material = UnsaidMaterial(base_color=None if colors is None else "white")
         normals = self._rows(attributes, "NORMAL", count, (3,), label)
-        uv = self._rows(attributes, f"TEXCOORD_{uv_set}", count, (2,), label)
+        uv = [self._coordinates(attributes, uv_set, count, label) for uv_set in uv_sets or [0]]
         tangents = None
         if normals is not None and material is not None and material.normal_texture is not None:
             tangents = self._rows(attributes, "TANGENT", count, (4,), label)
-        if uv is None and material is not None:
-            material = self._without_textures(material, label)
+        if material is not None:
+            missing = [n for n, values in enumerate(uv) if values is None]
+            material = self._without_textures(material, missing, label)
         return {
             "vertices": vertices,
             "faces": faces,
             "normals": normals,
-            "uv": None if uv is None else np.column_stack([uv[:, 0], 1.0 - uv[:, 1]]),
+            "uv": uv[0],
+            "uv1": uv[1] if len(uv) > 1 else None,
             "colors": colors,
             "tangents": tangents,
             "material": material,
@@ -377,10 +382,10 @@ class MeshReader:
         accessors = [self._file.entry("accessors", number) for number in numbers]
         return all("bufferView" in one or "sparse" in one for one in accessors)
 
-    def _material(self, primitive: dict[str, Any]) -> tuple[Material | None, int]:
-        """Return the material of a primitive, if it names one, and its set of coordinates."""
+    def _material(self, primitive: dict[str, Any]) -> tuple[Material | None, list[int]]:
+        """Return the material of a primitive, if it names one, and its sets of coordinates."""
         if primitive.get("material") is None:
-            return None, 0
+            return None, []
         return self._materials.read(primitive["material"])
 
     def _rows(
@@ -405,15 +410,25 @@ class MeshReader:
         colors = self._rows(attributes, "COLOR_0", count, (3, 4), label)
         return None if colors is None else np.clip(colors, 0.0, 1.0)
 
-    def _without_textures(self, material: Material, label: str) -> Material:
-        """Return a material for a mesh without texture coordinates: without textures."""
-        fields = [field for field in TEXTURE_FIELDS if getattr(material, field) is not None]
+    def _coordinates(
+        self, attributes: dict[str, int], uv_set: int, count: int, label: str
+    ) -> NDArray[np.float64] | None:
+        """Return a set of texture coordinates, v upwards."""
+        uv = self._rows(attributes, f"TEXCOORD_{uv_set}", count, (2,), label)
+        return None if uv is None else np.column_stack([uv[:, 0], 1.0 - uv[:, 1]])
+
+    def _without_textures(self, material: Material, missing: Sequence[int], label: str) -> Material:
+        """Return a material for a mesh without some texture coordinates: without their textures."""
+        textures = {field: getattr(material, field) for field in TEXTURE_FIELDS}
+        given = {field: one.uv_set for field, one in textures.items() if one is not None}
+        fields = tuple(field for field, uv_set in given.items() if uv_set in missing)
         if not fields:
             return material
-        self._left_out.note(f"textures of {label}, which has no coordinates for them")
-        if material not in self._plain:
-            self._plain[material] = replace(material, **dict.fromkeys(fields))
-        return self._plain[material]
+        what = "textures" if len(fields) == len(given) else ", ".join(fields)
+        self._left_out.note(f"{what} of {label}, which has no coordinates for them")
+        if (material, fields) not in self._plain:
+            self._plain[material, fields] = replace(material, **dict.fromkeys(fields))
+        return self._plain[material, fields]
 
 
 def join_corners(corners: NDArray[np.int64], mode: int) -> NDArray[np.int64]:
