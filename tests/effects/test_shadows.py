@@ -10,10 +10,9 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit.effects.shadows import filters
+from rasterjit.effects.shadows import filters, visible_depth
 from rasterjit.effects.shadows import maps as shadow_maps
 from rasterjit.effects.shadows import stage as shadows_stage
-from rasterjit.effects.shadows import visible_depth
 from rasterjit.scene import transforms as tf
 
 SIZE = (96, 72)

@@ -78,7 +78,7 @@ def reach(squared, ending):
 
 @helper
 def cone(cosine, scale, offset):
-    """Return the share of light that its cone lets through at a cosine from its axis; NaN gives 0."""
+    """Return the share of light that its cone lets through at a cosine from its axis, 0 for NaN."""
     one, zero = np.float32(1.0), np.float32(0.0)
     share = max(zero, min(cosine * scale + offset, one))
     return share * share
