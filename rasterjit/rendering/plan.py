@@ -37,7 +37,7 @@ from rasterjit.survey.contents import (
     refuse_texture,
     take_inventory,
 )
-from rasterjit.survey.depth_format import depth_format
+from rasterjit.survey.depth_format import check_near, depth_format
 from rasterjit.survey.effect import Absent, Planned, Planning, Rows
 from rasterjit.survey.facts import Facts, look
 from rasterjit.survey.lights import headlight, lighting_of
@@ -90,6 +90,8 @@ def plan_frame(
     boxes = Boxes(bounds, eye, relative_from_model, views.clip_from_relative)
     facts = look(scene, boxes, views, inventory, quality, outputs, background, diagnose)
     _refuse(scene, facts)
+    if facts.finds_faces:
+        check_near(quality, camera, boxes, scene.nodes, views.clip_from_relative)
     # Ask each effect.
     effects = answer_effects(facts, Planning(scene, camera, boxes, {}))
     return RenderPlan(

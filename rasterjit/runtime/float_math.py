@@ -46,13 +46,13 @@ def log2(x):
 @helper
 def exp2(x):
     """
-    Return 2**x of a float32 in [-126, 126], to 2e-7 relative; below, 2**-126.
+    Return 2**x of a float32 in [-126, 126], to 2e-7 relative; below, and for NaN, 2**-126.
 
     Splits x = n + f with n whole and |f| <= 1/2; 2**f by its Taylor series.
     """
-    clamped = max(min(np.float32(x), np.float32(126.0)), np.float32(-126.0))
-    whole = np.floor(clamped + np.float32(0.5))
-    y = (clamped - whole) * np.float32(0.69314718)
+    held = clamped(np.float32(x), np.float32(-126.0), np.float32(126.0))
+    whole = np.floor(held + np.float32(0.5))
+    y = (held - whole) * np.float32(0.69314718)
     series = np.float32(1.0 / 5040.0) * y + np.float32(1.0 / 720.0)
     series = series * y + np.float32(1.0 / 120.0)
     series = series * y + np.float32(1.0 / 24.0)
@@ -66,5 +66,5 @@ def exp2(x):
 
 @helper
 def power(x, exponent):
-    """Return x**exponent for x in [0, 1] and exponent > 0, float32; 0 gives (nearly) 0."""
-    return exp2(exponent * log2(max(x, SMALLEST_NORMAL)))
+    """Return x**exponent for x in [0, 1] and exponent > 0, float32; 0 and NaN give (nearly) 0."""
+    return exp2(exponent * log2(max(SMALLEST_NORMAL, x)))

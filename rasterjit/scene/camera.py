@@ -94,7 +94,10 @@ class PerspectiveCamera:
     fov_y : float, degrees
         Vertical field of view, strictly between 0 and 180.
     near, far : float, scene units
-        Distances of the near and far plane; ``far`` may be ``math.inf``.
+        Distances of the near and far plane; ``far`` may be ``math.inf``. Rendering refuses a
+        ``near`` too small for what is in view: below 1e-13 of a ``far`` that something reaches
+        beyond, or of which ``Quality.depth_format`` cannot hold the depth (1.2e-38 of the
+        farthest distance by default).
 
     Raises
     ------
@@ -113,7 +116,7 @@ class PerspectiveCamera:
 
     def __post_init__(self) -> None:
         _freeze_placement(self)
-        transforms.perspective(self.fov_y, 1.0, self.near, self.far)
+        transforms.lens_matrix(self.fov_y, 1.0, self.near, self.far)
         _freeze(self, fov_y=float(self.fov_y), near=float(self.near), far=float(self.far))
 
     def view_matrix(self) -> Matrix:
@@ -121,9 +124,13 @@ class PerspectiveCamera:
         return self._view_from_world.copy()
 
     def projection_matrix(self, size: tuple[int, int]) -> Matrix:
-        """Return ``clip_from_view``, (4, 4) float64, for an image of (width, height) pixels."""
+        """
+        Return ``clip_from_view``, (4, 4) float64, for an image of (width, height) pixels.
+
+        Without a far plane that is more than 1e13 times as far as the near one.
+        """
         width, height = picture_size("size", size)
-        return transforms.perspective(self.fov_y, width / height, self.near, self.far)
+        return transforms.lens_matrix(self.fov_y, width / height, self.near, self.far)
 
     def eye_position(self) -> Float64:
         """Return the eye, (3,) float64, world space."""
@@ -277,13 +284,15 @@ class MatrixCamera:
         view_from_world : (4, 4) array_like, optional
             The pose; the identity if not given.
         near, far : float, scene units
-            Distances of the near and far plane; ``far`` may be ``math.inf``.
+            Distances of the near and far plane; ``far`` may be ``math.inf``, else it is at most
+            1e13 times ``near``.
 
         Raises
         ------
         ValueError
             If ``fx`` or ``fy`` is not above 0, ``near`` is not above 0, ``far`` is not above
-            ``near``, a side is not in 1..16384, or a number is not finite.
+            ``near`` or more than 1e13 times as far, a side is not in 1..16384, or a number is not
+            finite.
 
         Notes
         -----

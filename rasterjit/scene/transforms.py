@@ -51,6 +51,13 @@ _PARALLEL_SINE = 1e-10
 """Sine of the angle below which directions count as parallel: the cross product of unit vectors
 carries a rounding error of about 2e-16, so its direction keeps six digits down to here."""
 
+LEAST_NEAR = 1e-13
+"""Least share of the far distance for the near one at which float64 cuts at the far plane: to
+about 1/1000 of its distance."""
+
+_ROUND_UP = 1.01
+"""Factor on a least value, so that its first three digits are not too small."""
+
 _SMALLEST_FOV = 1e-300
 """Degrees; below it the focal length 1/tan(fov/2) overflows float64."""
 
@@ -446,17 +453,25 @@ def perspective(fov_y: float, aspect: float, near: float, far: float) -> Matrix:
     aspect : float
         Width over height.
     near, far : float, scene units
-        Distances along -z that map to NDC z of -1 and +1; ``far`` may be ``math.inf``.
+        Distances along -z that map to NDC z of -1 and +1; ``far`` may be ``math.inf``, else it is
+        at most 1e13 times ``near``.
 
     Raises
     ------
     ValueError
         If ``fov_y`` is outside (0, 180), ``aspect`` or ``near`` not above 0, ``far`` not above
-        ``near``, or a number is not finite.
+        ``near`` or more than 1e13 times as far, or a number is not finite.
     """
+    matrix = lens_matrix(fov_y, aspect, near, far)
+    perspective_depth(near, far)
+    return matrix
+
+
+def lens_matrix(fov_y: float, aspect: float, near: float, far: float) -> Matrix:
+    """Return what `perspective` does; a ``far`` that it refuses as too far is infinite."""
     focal = focal_length(fov_y)
     ratio = positive_number("aspect", aspect)
-    z_scale, z_offset = perspective_depth(near, far)
+    z_scale, z_offset = _depth_row(near, far)
     return np.array(
         [
             [focal / ratio, 0.0, 0.0, 0.0],
@@ -479,14 +494,31 @@ def perspective_depth(near: float, far: float) -> tuple[float, float]:
     Raises
     ------
     ValueError
-        If ``near`` is not above 0, ``far`` not above ``near``, or either is NaN.
+        If ``near`` is not above 0, ``far`` not above ``near`` or finite and more than 1e13 times
+        as far, or either is NaN.
     """
+    row = _depth_row(near, far)
+    if near < LEAST_NEAR * far < math.inf:
+        raise ValueError(
+            f"near must be at least {rounded_up(LEAST_NEAR * far)} for far = {far!r}, or far "
+            f"math.inf, since the matrix holds no such far plane for near = {near!r}"
+        )
+    return row
+
+
+def rounded_up(least: float) -> str:
+    """Return a least value for people: three digits, none of them too small."""
+    return f"{least * _ROUND_UP:.3g}"
+
+
+def _depth_row(near: float, far: float) -> tuple[float, float]:
+    """Return what `perspective_depth` does; a ``far`` that it refuses as too far is infinite."""
     n = positive_number("near", near)
     is_infinite = isinstance(far, (float, np.floating)) and far == math.inf
     f = math.inf if is_infinite else finite_number("far", far)
     if f <= n:
         raise ValueError(f"far must be above near = {n!r}, got {f!r}")
-    if f == math.inf:
+    if f == math.inf or n < LEAST_NEAR * f:
         return -1.0, -2.0 * n
     return -(f + n) / (f - n), -2.0 * n * (f / (f - n))
 

@@ -7,13 +7,19 @@ in every format; formats differ in the coefficients and in the type of the array
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.pipeline.geometry.setup import LARGEST_COORDINATE
 from rasterjit.scene import transforms
-from rasterjit.scene.camera import Camera
+from rasterjit.scene.camera import Camera, PerspectiveCamera
+from rasterjit.scene.quality import Quality
+from rasterjit.scene.scene import Node
+from rasterjit.survey.placement import Boxes
 
 Float64 = NDArray[np.float64]
 
@@ -106,6 +112,87 @@ def depth_format(name: str, camera: Camera, size: tuple[int, int]) -> DepthForma
     if c0 != 0.0 and abs(far) < INFINITE * abs(near):
         far = 0.0
     return _ranged_format(name, -1.0, (near, far), (across, up))
+
+
+def check_near(
+    quality: Quality,
+    camera: Camera,
+    boxes: Boxes,
+    nodes: Sequence[Node],
+    clip_from_relative: Float64,
+) -> None:
+    """
+    Refuse a perspective whose near plane is too small for what may be seen.
+
+    Parameters
+    ----------
+    quality : Quality
+    camera : Camera
+    boxes : Boxes
+        Around the objects.
+    nodes : sequence of Node
+        The objects.
+    clip_from_relative : (4, 4) float64
+
+    Raises
+    ------
+    ValueError
+        If something lies beyond a far plane that float64 loses; if the depth of what is farthest
+        (reversed formats) or nearest (the others, which always lose what is far) is not held.
+    """
+    name, near = quality.depth_format, camera.depth_coefficients()[0]
+    held = _least_held(name, quality.precision)
+    has_planes = isinstance(camera, PerspectiveCamera)
+    far = camera.far if has_planes else math.inf
+    least = transforms.LEAST_NEAR * far if far < math.inf else 0.0
+    if not near > 0.0 or (near >= least and near >= held * boxes.largest_w()):
+        return
+    # Look at all vertices first, then at those of faces alone.
+    for only_used in (False, True):
+        nearest, farthest = _span(boxes, nodes, clip_from_relative[3], only_used)
+        reach = min(farthest, far) if name in REVERSED_TYPES else nearest
+        if near >= held * reach and (near >= least or farthest <= far):
+            return
+    if near < least and farthest > far:
+        raise ValueError(
+            f"camera.near must be at least {transforms.rounded_up(least)} where something lies "
+            f"beyond camera.far = {far!r}, so that float64 tells what does, or camera.far "
+            f"math.inf; got {near!r}"
+        )
+    raise ValueError(
+        f"{'camera.near' if has_planes else 'w on the near plane of camera'} must be at least "
+        f"{transforms.rounded_up(held * reach)}, so that quality.depth_format {name!r} holds the "
+        f"depth of what lies {reach:.3g} away; got {near!r}"
+    )
+
+
+def _least_held(name: str, precision: str) -> float:
+    """Return the least depth, 1 on the near plane and 0 far away, that is held, by a precision."""
+    if name in REVERSED_TYPES:
+        # The depths of vertices are found by their precision before they are rounded.
+        kind = REVERSED_TYPES[name] if precision == "float64" else np.float32
+        return float(np.finfo(kind).tiny)
+    # Half a step, below which all is rounded to the far plane: float32 goes from -1 there to 0.
+    return 0.5 / ((1 << UNORM_BITS[name]) - 1) if name in UNORM_BITS else 2.0**-25
+
+
+def _span(
+    boxes: Boxes, nodes: Sequence[Node], row: Float64, only_used: bool
+) -> tuple[float, float]:
+    """Return the least and the greatest w of vertices that may be seen; inf and -inf for none."""
+    nearest, farthest = math.inf, -math.inf
+    x, y, z, rest = row.tolist()
+    for number in np.flatnonzero(boxes.in_view):
+        mesh, m = nodes[number].mesh, boxes.relative_from_model[number]
+        vertices = mesh.vertices[np.unique(mesh.faces)] if only_used else mesh.vertices
+        with np.errstate(all="ignore"):
+            a, b, c, d = (x * m[0] + y * m[1]) + z * m[2]
+            w = a * vertices[:, 0] + b * vertices[:, 1] + c * vertices[:, 2] + (d + rest)
+        # What is farther, or is not a number, is not drawn.
+        w = w[np.abs(w) <= LARGEST_COORDINATE]
+        nearest = min(nearest, float(w.min(initial=math.inf)))
+        farthest = max(farthest, float(w.max(initial=-math.inf)))
+    return nearest, farthest
 
 
 def ndc_format(name: str, sign: float) -> DepthFormat:

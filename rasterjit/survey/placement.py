@@ -63,14 +63,16 @@ class Boxes:
     ) -> None:  # fmt: skip
         self.eye = eye
         self._bounds = bounds
-        self._relative_from_model = relative_from_model
+        self.relative_from_model = relative_from_model
+        self._reach: Float64
+        """What |w| plus each of |x|, |y| and |z| is at most in clip space, (3, O)."""
         self.in_view = self._may_be_seen(clip_from_relative)
 
     def _may_be_seen(self, matrix: Float64) -> NDArray[np.bool_]:
         """Tell which boxes are not all beyond a plane of the view volume."""
         low, high = np.ascontiguousarray(self._bounds.transpose(1, 2, 0))
         # Rows and columns of the matrices first, so that each entry is a row of all objects.
-        m = np.ascontiguousarray(self._relative_from_model[:, :3].transpose(1, 2, 0))
+        m = np.ascontiguousarray(self.relative_from_model[:, :3].transpose(1, 2, 0))
         outside = np.isnan(low[0])
         with np.errstate(invalid="ignore", over="ignore"):
             middle, half = low / 2.0 + high / 2.0, high / 2.0 - low / 2.0
@@ -88,16 +90,16 @@ class Boxes:
                 most += parts[:, k]
             # Of both rows: what is drawn compares them, and they may nearly cancel.
             rows = np.abs(matrix[3]) + np.abs(matrix[:3])
-            reach = _along(rows, sizes) + rows[:, 3, np.newaxis]
+            self._reach = _along(rows, sizes) + rows[:, 3, np.newaxis]
             # What is not a number is not sure.
-            beyond = most.reshape(2, 3, -1) < -ROUNDING * reach
+            beyond = most.reshape(2, 3, -1) < -ROUNDING * self._reach
         outside |= beyond.any(axis=(0, 1))
         return ~outside
 
     @cached_property
     def corners(self) -> Float64:
         """Corners, (O, 8, 3), in world axes, relative to the eye."""
-        return place_boxes(self._bounds, self._relative_from_model)
+        return place_boxes(self._bounds, self.relative_from_model)
 
     @cached_property
     def is_known(self) -> NDArray[np.bool_]:
@@ -108,6 +110,10 @@ class Boxes:
     def is_flat(self) -> NDArray[np.bool_]:
         """Which boxes have no inside, (O,)."""
         return (self._bounds[:, 0] == self._bounds[:, 1]).any(axis=1)
+
+    def largest_w(self) -> float:
+        """Return a clip-space w that nothing in view is beyond."""
+        return float(self._reach[0, self.in_view].max(initial=0.0))
 
     def farthest(self) -> float:
         """Return a distance from the eye, scene units, that nothing in view is beyond."""

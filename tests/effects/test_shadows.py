@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
+from rasterjit.effects.shadows import filters, visible_depth
 from rasterjit.effects.shadows import maps as shadow_maps
 from rasterjit.effects.shadows import stage as shadows_stage
-from rasterjit.effects.shadows import visible_depth
 from rasterjit.scene import transforms as tf
 
 SIZE = (96, 72)
@@ -507,3 +507,36 @@ def test_scene_without_shadows_reads_no_maps(monkeypatch):
     monkeypatch.setattr(shadow_maps, "draw_shadows", None)
     monkeypatch.setattr(visible_depth, "seen_cells", None)
     rj.render(scene, camera, size=SIZE)
+
+
+@pytest.mark.parametrize("kind", ["parallel", "perspective", "cube"])
+def test_what_has_no_place_on_a_map_is_lit_and_reads_texels_all_the_same(kind):
+    # In front of the light; then too far for float32, on the plane of the light, and nowhere.
+    points = np.array([[0.1, 0.2, 2.0], [-0.3, 0.1, 3.0], [1e60, 0, 2], [-1e150, 1e150, 1e-150],
+                       [0, 0, 5e-324], [0, 5e-324, 0], [0, np.inf, 1], [np.nan, 0, 1]])  # fmt: skip
+    rows = np.zeros((6, len(points)))
+    rows[:3], rows[5] = points.T, -1.0
+    size, sides = 16, 6 if kind == "cube" else 1
+    row = np.zeros(shadows_stage.MAP_COLUMNS)
+    row[:9], row[shadows_stage.FOCAL : shadows_stage.FOCAL + 4] = np.eye(3).ravel(), 8.0
+    row[shadows_stage.NEAR], row[shadows_stage.FAR], row[shadows_stage.SPAN] = 0.1, 10.0, 10.0
+    row[shadows_stage.TEXEL], row[shadows_stage.BIAS_TEXELS] = 0.1, 0.5
+    row[shadows_stage.PARALLEL] = kind == "parallel"
+    u, v, depth, across, down, bias, found, nearer, share = np.zeros((9, len(points)), np.float32)
+    placed = u, v, depth, across, down, bias
+    with np.errstate(all="ignore"):
+        if kind == "cube":
+            shadows_stage.map_cube_rows(*rows, row, size, *placed)
+        else:
+            shadows_stage.map_rows(*rows, row, *placed)
+        assert np.isfinite((u, v)).all()
+        texels = np.full(sides * size * size, 0.05, np.float32)
+        highest = np.full((sides * filters.CELLS, filters.CELLS), 0.05, np.float32)
+        around = np.float32([[0, 0], [2, 0], [-2, 1], [0, -2]])
+        for beside in (0, 1, 7):
+            filters.read_soft(
+                *(np.roll(one, beside) for one in placed), texels, size, np.float32(sides),
+                np.float32(9.0), highest, around / 2, around, found, nearer, share,
+            )  # fmt: skip
+            assert np.isfinite(share).all()
+            assert (np.roll(share, -beside)[2:] == 1.0)[(u[2:] < 0) | (u[2:] > size)].all()

@@ -303,6 +303,75 @@ def test_a_scene_of_any_size_from_1e_12_to_1e18_units_looks_the_same(power):
     assert (far == np.ldexp(depth, power)).all()
 
 
+LAMPS = {
+    "point": lambda at, size: rj.PointLight(at, intensity=9.0),
+    "with a range": lambda at, size: rj.PointLight(at, intensity=9.0, range=9.0 * size),
+    "spot": lambda at, size: rj.SpotLight(at, (-1, -2, -1.5), intensity=9.0, outer_angle=50.0),
+    "with a shadow": lambda at, size: rj.PointLight(at, shadow=rj.Shadow(size=32)),
+    "sun": lambda at, size: rj.DirectionalLight((-1, -2, -1.5), shadow=rj.Shadow(32, "soft", 2.0)),
+}
+EFFECTS = {
+    "light": {},
+    "occlusion": {"ambient_occlusion": rj.AmbientOcclusion()},
+    "fog": {"fog": rj.Fog("red", "exp", density=1e-9, height=0.5, falloff=0.5)},
+    "picture": {"environment": rj.Environment(np.full((2, 4, 3), 0.5, np.float32))},
+    "gradient": {"environment": rj.Environment.gradient("red", "green", "blue")},
+}
+
+
+def vast_shot(size, shading, lamp=None, effect="light", **material):
+    """Return the light on a ball and a floor of a size, (N, 3), and where they are seen."""
+    scene = rj.Scene()
+    for name, own in EFFECTS[effect].items():
+        setattr(scene, name, own)
+    look = rj.Material(shading=shading, **material)
+    ball, floor = frames.ball(4), frames.plane(2, 2.0)
+    for mesh, height in ((ball, 0.0), (floor, -1.0)):
+        mesh = rj.Mesh(mesh.vertices, mesh.faces, normals=mesh.normals, material=look)
+        scene.add(mesh, tf.compose(tf.translate((0, height * size, 0)), tf.scale(size)))
+    scene.lights = [rj.AmbientLight(intensity=0.1)]
+    if lamp is not None:
+        scene.lights.append(LAMPS[lamp]((1.2 * size, 2.4 * size, 1.8 * size), size))
+    camera = rj.PerspectiveCamera((2 * size, 1.5 * size, 4 * size), (0, 0, 0), near=0.1 * size)
+    frame = rj.render(scene, camera, size=(24, 16), outputs=("linear", "face_id"), threads=1)
+    return frame.linear[frame.face_id >= 0][:, :3], frame.face_id
+
+
+@pytest.mark.needs_jit
+@pytest.mark.parametrize("size", [1e18, 4e18, 1e19, 1e30, 1e60])
+@pytest.mark.parametrize("shading", ["flat", "gouraud", "phong", "pbr"])
+def test_lamps_of_scenes_too_vast_for_float32_are_black(shading, size):
+    _, near = vast_shot(1.0, shading)
+    dark, seen = vast_shot(size, shading)
+    assert (seen == near).all()
+    for lamp in LAMPS:
+        lit, _ = vast_shot(size, shading, lamp)
+        assert np.isfinite(lit).all()
+        if lamp != "sun":
+            assert lit.tobytes() == dark.tobytes()
+
+
+@pytest.mark.parametrize("size", [4e18, 1e19, 1e30])
+def test_the_sun_is_the_same_on_a_vast_scene_but_for_its_highlights(size):
+    for shading in ("flat", "gouraud", "phong"):
+        near, _ = vast_shot(1.0, shading, "sun", specular=0.0)
+        far, _ = vast_shot(size, shading, "sun")
+        if size < 1e19:
+            near, _ = vast_shot(1.0, shading, "sun")
+        assert np.abs(far - near).max() < 1e-5
+        assert near.max() > 0.5
+
+
+@pytest.mark.needs_jit
+@pytest.mark.parametrize("size", [4e18, 1e19, 1e30, 1e60])
+@pytest.mark.parametrize("effect", EFFECTS)
+def test_effects_on_vast_scenes_give_numbers(effect, size):
+    for shading in ("phong", "pbr"):
+        lit, _ = vast_shot(size, shading, "sun", effect)
+        assert np.isfinite(lit).all()
+        assert (lit >= 0.0).all()
+
+
 @pytest.mark.parametrize("near", [1e-33, 1e-10, 1.0])
 def test_a_centimetre_at_ten_kilometres_is_kept_with_any_near_plane(near):
     # The distance is at most 1e37 times that of the near plane.

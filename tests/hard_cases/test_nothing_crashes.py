@@ -294,6 +294,7 @@ cameras = st.sampled_from([
     frames.looking(),
     frames.looking((0.2, 0.1, 0.3), (1.0, 0.0, -1.0), near=1e-6, fov_y=170.0),
     frames.looking(near=1e-300, far=1e300),
+    frames.looking(near=1e-36, far=1e300),
     frames.looking((1e15, -1e15, 1e15), (0.0, 0.0, 0.0), fov_y=1e-12),
     rj.OrthographicCamera((1, 2, 3), (0, 0, 0), height=3.0, near=-5.0, far=9.0),
     rj.OrthographicCamera((1, 2, 3), (0, 0, 0), height=1e-200, near=-1e200, far=1e200),

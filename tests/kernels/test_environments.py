@@ -104,7 +104,33 @@ def test_what_is_no_direction_reads_a_texel_all_the_same():
         # Without the compiler NumPy warns of what these directions do.
         with np.errstate(all="ignore"):
             found = environment_stage.sharp_color(*place, around.texels, 8, 4, around.gradient)
+            plain = environment_stage.sharp_color(*place, around.texels, 0, 0, around.gradient)
         assert found == (0.25, 0.25, 0.25)
+        assert plain == tuple(around.gradient[environment_stage.HORIZON])
+
+
+@pytest.mark.parametrize(
+    ("first", "bad"),
+    [(block.NORMAL_X, np.nan), *((block.POINT_X, bad) for bad in (np.nan, np.inf, 1e30))],
+)
+def test_what_cannot_be_told_of_an_environment_is_black(first, bad):
+    rng = np.random.default_rng(9)
+    image = rng.uniform(0.5, 1, (4, 8, 3)).astype(np.float32)
+    for environment in (rj.Environment(image), rj.Environment.gradient("red", "blue", "green")):
+        around = record(environment, False)
+        for faceted in (0.0, 1.0):
+            samples = samples_of(rng, 12, faceted=faceted)
+            samples[block.METALLIC, ::2] = 1.0
+            samples[first : first + 3] = bad
+            added = add(samples, around)
+            assert np.isfinite(added).all()
+            if first == block.NORMAL_X:
+                assert (added == 0.0).all()
+            elif faceted:
+                # What comes from all sides is left, and of that a metal gets less.
+                assert added.max() < 0.5
+            else:
+                assert added.max() > 0.1
 
 
 def test_a_gradient_is_looked_up_like_its_twin():

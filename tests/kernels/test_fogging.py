@@ -122,6 +122,18 @@ def test_extreme_fog_stays_between_the_colours(height, falloff):
     assert (seen[0] + seen[1] == pytest.approx(1.0, abs=1e-6)) or seen[0, 0] == 0.0
 
 
+@pytest.mark.parametrize("fog", FOGS)
+@pytest.mark.parametrize("viewer", [(0.0, 0.0, 0.0, 1.0), (0.0, 0.6, 0.8, 0.0)])
+def test_what_float32_cannot_place_lies_in_fog_or_before_it(fog, viewer):
+    points = np.array([[0, 0, 1], [0, 1, 0], [1, -1, 1], [1, 1, -1]], np.float32)
+    for bad in (1e30, math.inf, -math.inf, math.nan):
+        with np.errstate(invalid="ignore"):
+            seen = covered(fog, (0.0, 0.0, 0.0), points * np.float32(bad), viewer)
+        assert np.isfinite(seen).all()
+        assert (seen >= 0.0).all()
+        assert (seen <= 1.0).all()
+
+
 def test_far_below_its_height_fog_hides_everything():
     fog = rj.Fog("red", "exp", density=1.0, height=1e4, falloff=1.0)
     points = np.array([[0, 0, -1.0], [0, 3.0, -1.0], [0, -3.0, -1.0]], np.float32)

@@ -238,6 +238,55 @@ def test_light_is_never_negative_or_nan(numbers):
     assert (have >= 0.0).all()
 
 
+NOT_TOLD = (1e18, -4e18, 1e19, 1e30, -3e38, math.inf, -math.inf, math.nan)
+
+
+def untold_samples(rng, count):
+    """Return random samples, of each a coordinate of the normal or the point, or all, far off."""
+    samples = random_samples(rng, count)
+    for n in range(count):
+        first = block.NORMAL_X if n % 4 == 0 else block.POINT_X
+        rows = slice(first, first + 3) if n % 3 == 0 else first + n % 3
+        samples[rows, n] = NOT_TOLD[n % len(NOT_TOLD)]
+    return samples
+
+
+@pytest.mark.parametrize("viewer", [[0, 0, 0, 1], [0.3, 0.1, 1, 0]])
+@pytest.mark.parametrize("highlights", [1, None])
+@pytest.mark.parametrize("ending", [0.0, 1e-3, 1e-37])
+def test_what_float32_cannot_tell_of_light_is_black(viewer, highlights, ending):
+    rng = np.random.default_rng(8)
+    samples, viewer = untold_samples(rng, 240), np.array(viewer, np.float32)
+    lights = np.tile(whole_rows(random_lights(rng)), (2, 1))
+    lights[:, blinn_phong.ENDING] = ending
+    lights[4:, blinn_phong.DIRECTION_X : blinn_phong.CONE_OFFSET + 1] = 0.6, 0.0, 0.8, 2.0, -1.0
+    # A lamp beside points that are far away.
+    lights[3, :3] = 1e18
+    want = naive_colors(samples, lights, AMBIENT, viewer, highlights is not None)
+    have = light(samples, lights, AMBIENT, viewer, highlights)
+    assert np.isfinite(have).all()
+    assert np.abs(have - want).max() < 1e-5 * max(1.0, want.max())
+    ambient = samples[block.RED : block.ALPHA].T * AMBIENT
+    assert 0 < (want > ambient + 1e-3).any(axis=1).sum() < 200
+
+
+@pytest.mark.parametrize("cosine", [1.0, 0.0])
+def test_the_brightest_light_at_the_very_point_it_lights_stays_finite(cosine):
+    for distance in (0.0, 1e-38, 1e-20, 1e-15, 3e-15):
+        sample = one_sample((0, 1.0 - cosine, cosine), (0, 0, -distance), 1e-3, color=(1, 1, 1))
+        have = light(sample, [[0, 0, 0, 1, 1e9, 1e9, 1e9]], DARK)
+        assert np.isfinite(have).all()
+
+
+def test_powers_of_nan_are_numbers():
+    for bits in (0x7FC00000, 0xFFC00000, 0x7F800001, 0xFFFFFFFF):
+        nan = np.array(bits, np.uint32).view(np.float32)[()]
+        assert float_math.exp2(nan) == 2.0**-126
+        assert float_math.power(nan, np.float32(50.0)) == float_math.power(
+            np.float32(0.0), np.float32(50.0)
+        )
+
+
 def shown(light_of_scene, point=(0.0, 0.0, 0.0)):
     """Return the red that a light of a scene shows at a point, for an eye at the origin."""
     record = lighting_of([light_of_scene], rj.MatrixCamera(np.eye(4), np.eye(4)), 0)

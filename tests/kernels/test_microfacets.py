@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import blocks
+import naive
 import naive_materials
 import numpy as np
 import pytest
@@ -100,6 +101,37 @@ def test_light_equals_naive(viewer, row):
         assert have[n] == pytest.approx(want, rel=2e-4, abs=1e-6)
         compared += max(want) > 0.0
     assert compared > 100
+
+
+@pytest.mark.parametrize("viewer", [[0, 0, 0, 1], [0.3, 0.1, 1, 0]])
+@pytest.mark.parametrize("row", [(0.4, 0.5, 0.9, 0, 1, 0.5, 0.2), (1e18, 2.0, 1e18, 1, 3, 2, 9)])
+def test_what_float32_cannot_tell_of_light_is_black(viewer, row):
+    rng = np.random.default_rng(3)
+    samples, viewer = random_samples(rng, 96), np.array(viewer, np.float32)
+    offs = (1e18, -4e18, 1e19, 1e30, -3e38, math.inf, -math.inf, math.nan)
+    for n in range(96):
+        first = block.NORMAL_X if n % 4 == 0 else block.POINT_X
+        rows = slice(first, first + 3) if n % 3 == 0 else first + n % 3
+        samples[rows, n] = offs[n % 8]
+    columns = samples.astype(np.float64).T.tolist()
+    lit = light(samples.copy(), light_rows(row), viewer=viewer)
+    assert np.isfinite(lit).all()
+    for n, column in enumerate(columns):
+        point = column[block.POINT_X : block.POINT_Z + 1]
+        normal = column[block.NORMAL_X : block.NORMAL_Z + 1]
+        toward = [viewer.tolist()[k] - viewer.tolist()[3] * point[k] for k in range(3)]
+        is_told = naive.is_told(normal) and naive.is_told(toward)
+        if is_told and naive.dot(naive.unit(normal), naive.unit(toward)) <= 0.02:
+            # A normal that turns away from the viewer is where the engine goes its own way.
+            continue
+        want = naive_materials.lit_by(
+            column[block.RED : block.ALPHA], column[block.METALLIC], column[block.ROUGHNESS],
+            normal, point, np.float32(row).tolist(), viewer.tolist(),
+        )  # fmt: skip
+        assert lit[n] == pytest.approx(want, rel=2e-4, abs=1e-6)
+    ambient = light(samples, light_rows(), (1, 1, 1), viewer)
+    assert np.isfinite(ambient).all()
+    assert (ambient >= 0.0).all()
 
 
 def test_a_smooth_surface_equals_naive_in_the_middle_of_its_highlight():

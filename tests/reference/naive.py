@@ -118,12 +118,20 @@ def srgb_code(linear):
 
 # --- light ----------------------------------------------------------------------------------------
 
-SHORTEST = 1e-15
+SHORTEST = math.sqrt(1e-29)
 """Vectors are taken to be at least this long before they are divided by their length."""
+
+LARGEST_SQUARED = (2.0 - 2.0**-23) * 2.0**127
+"""Of float32: the direction of a vector whose squared length is beyond this cannot be told."""
 
 
 def dot(a, b):
     return math.fsum(p * q for p, q in zip(a, b, strict=True))
+
+
+def is_told(vector):
+    """Return whether float32 tells the direction of a vector: not if it is too long, or NaN."""
+    return dot(vector, vector) <= LARGEST_SQUARED if all(map(math.isfinite, vector)) else False
 
 
 def unit(vector):
@@ -136,6 +144,8 @@ def blinn_phong(color, normal, point, material, lights, ambient, viewer):
     """
     Return the seen colour of one sample, linear.
 
+    Black are lights, and highlights, whose direction or viewer float32 cannot tell.
+
     Parameters
     ----------
     color, normal, point : three floats; the point is relative to the eye
@@ -146,11 +156,17 @@ def blinn_phong(color, normal, point, material, lights, ambient, viewer):
     viewer : x, y, z, w; the point is seen along ``xyz - w point``
     """
     specular, shininess = material
-    normal = unit(normal)
     seen = [c * a for c, a in zip(color, ambient, strict=True)]
-    eye = unit([viewer[k] - viewer[3] * point[k] for k in range(3)])
+    if not (is_told(normal) and all(map(math.isfinite, point))):
+        return seen
+    normal = unit(normal)
+    eye = [viewer[k] - viewer[3] * point[k] for k in range(3)]
+    specular = specular if is_told(eye) else 0.0
+    eye = unit(eye)
     for light in lights:
         toward = [light[k] - light[3] * point[k] for k in range(3)]
+        if not is_told(toward):
+            continue
         distance = max(math.sqrt(dot(toward, toward)), SHORTEST)
         falloff = 1.0 / (distance * distance) if light[3] else 1.0
         toward = unit(toward)

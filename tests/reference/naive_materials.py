@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 
-from naive import dot, unit
+from naive import dot, is_told, unit
 
 LEAST_ALPHA = 0.002
 
@@ -65,7 +65,7 @@ def schlick(head_on, cosine):
 
 def lit_by(base, metallic, roughness, normal, point, light, viewer):
     """
-    Return what one light shows of a sample, linear.
+    Return what one light shows of a sample, linear; black where float32 cannot tell directions.
 
     Parameters
     ----------
@@ -73,10 +73,12 @@ def lit_by(base, metallic, roughness, normal, point, light, viewer):
     viewer : x, y, z, w; the point is seen along ``xyz - w point``
     """
     toward = [light[k] - light[3] * point[k] for k in range(3)]
+    to_viewer = [viewer[k] - viewer[3] * point[k] for k in range(3)]
+    if not (is_told(normal) and is_told(toward) and is_told(to_viewer)):
+        return [0.0, 0.0, 0.0]
     distance = math.sqrt(dot(toward, toward))
     falloff = 1.0 / distance**2 if light[3] else 1.0
-    to_light = unit(toward)
-    to_viewer = unit([viewer[k] - viewer[3] * point[k] for k in range(3)])
+    to_light, to_viewer = unit(toward), unit(to_viewer)
     shares = brdf(base, metallic, roughness, unit(normal), to_light, to_viewer)
     facing = max(dot(unit(normal), to_light), 0.0)
     return [math.pi * facing * falloff * light[4 + k] * shares[k] for k in range(3)]

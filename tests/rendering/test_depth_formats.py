@@ -133,9 +133,15 @@ def test_the_depth_of_a_frame_is_that_of_the_step_it_was_rounded_to(name, far):
 
 
 def test_depths_beyond_the_last_step_before_an_infinite_far_plane_are_infinite():
-    frame = seen([card(1e6)], looking(), "unorm16", ("depth", "face_id"))
-    assert (frame.face_id >= 0).all()
-    assert np.isinf(frame.depth).all()
+    # A format that holds the depth of nothing in view is refused.
+    with pytest.raises(
+        ValueError, match=r"^camera\.near must be at least 7\.71, .* 1e\+06 away; got"
+    ):
+        seen([card(1e6)], looking(), "unorm16", ("depth",))
+    scrap = rj.Mesh([[-1, -1, -1], [-0.3, -1, -1], [-1, -0.3, -1]], [[0, 1, 2]])
+    frame = seen([card(1e6), scrap], looking(), "unorm16", ("depth", "object_id"))
+    assert (frame.object_id == 0).sum() >= 4
+    assert (np.isinf(frame.depth) == (frame.object_id == 0)).all()
 
 
 @pytest.mark.parametrize("name", FORMATS)

@@ -36,6 +36,7 @@ from rasterjit.pipeline.surface.samples import (
     OCCLUSION,
     Block,
 )
+from rasterjit.runtime.float_math import clamped
 from rasterjit.runtime.intrinsics import flat, part
 from rasterjit.runtime.jit import disjoint_helper, helper, kernel, stage
 from rasterjit.runtime.state import float32, float64, int32, int64
@@ -254,7 +255,7 @@ def raise_horizon(s, count, side, turned, number, row, lens, size, depths, horiz
         low = np.floor(step * ((one - turned) * dy + turned * dx) + half)
         x, y = s[COLUMN + i] + right, row + low
         is_inside = (x >= zero) & (x < size[0]) & (y >= zero) & (y < size[1])
-        x, y = min(max(x, zero), size[0] - one), min(max(y, zero), size[1] - one)
+        x, y = clamped(x, zero, size[0] - one), clamped(y, zero, size[1] - one)
         place = np.uint32(np.uint32(np.int32(y)) * np.uint32(size[0]) + np.uint32(np.int32(x)))
         there = depths[np.uintp(place & np.uint32(0x7FFFFFFF))]
         is_inside = is_inside & (there > np.float32(-np.inf))
@@ -292,7 +293,7 @@ def add_slice(s, count):
 
 @helper
 def write_block(s, faces, occlusion, tolerance):
-    """Write the share of light that gets through; 1 where nothing is."""
+    """Write the share of light that gets through; 1 where nothing is, or float32 cannot tell."""
     n = np.int64(0)
     for at in range(np.uintp(faces.shape[0])):
         occlusion[at], tolerance[at] = np.float32(1.0), np.float32(0.0)
@@ -300,7 +301,8 @@ def write_block(s, faces, occlusion, tolerance):
             continue
         blocked, full = s[BLOCKED + n], s[OPEN + n]
         if full > np.float32(0.0):
-            occlusion[at] = max(np.float32(1.0) - blocked / full, np.float32(0.0))
+            share = max(np.float32(0.0), blocked / full)
+            occlusion[at] = max(np.float32(1.0) - share, np.float32(0.0))
         tolerance[at] = s[TOLERANCE + n]
         n += 1
 

@@ -168,7 +168,7 @@ def filtered_texel(texels, first, width, height, place):
 def gradient_color(gradient, height):
     """Return the colour of a sky without picture, where the sine of the elevation is ``height``."""
     side = ZENITH if height > np.float32(0.0) else GROUND
-    share = min(abs(height), np.float32(1.0))
+    share = clamped(abs(height), np.float32(0.0), np.float32(1.0))
     low = gradient[HORIZON, 0], gradient[HORIZON, 1], gradient[HORIZON, 2]
     return blend3(low, (gradient[side, 0], gradient[side, 1], gradient[side, 2]), share)
 
@@ -207,8 +207,14 @@ def level_color(level, direction, sharp, reflections):
 
 @helper
 def mirrored_color(direction, roughness, environment, reflections):
-    """Return what a surface of this roughness, 0..1, mirrors from about a direction."""
+    """
+    Return what a surface of this roughness, 0..1, mirrors from about a direction.
+
+    Black where the direction is not a number: what the surface mirrors cannot be told.
+    """
     x, y, z = direction
+    if not abs(x) + abs(y) + abs(z) < np.float32(np.inf):
+        return np.float32(0.0), np.float32(0.0), np.float32(0.0)
     x, z = turned(x, z, environment.turn)
     sharp = environment.texels, environment.width, environment.height, environment.gradient
     level = level_at_roughness(roughness)
@@ -228,7 +234,7 @@ def light_from_all_sides(x, y, z, terms, k):
     total = terms[0, k] + terms[1, k] * x + terms[2, k] * y + terms[3, k] * z
     total += terms[4, k] * (x * y) + terms[5, k] * (y * z) + terms[6, k] * (z * x)
     total += terms[7, k] * (three * y * y - one) + terms[8, k] * (x * x - z * z)
-    return max(total, np.float32(0.0))
+    return max(np.float32(0.0), total)
 
 
 @disjoint_helper
@@ -263,12 +269,17 @@ def shares_of_channel(base, metallic, dielectric, shares):
 
 @helper
 def mirror_direction(samples, n, toward_viewer, alpha):
-    """Return where most of the mirrored light comes from, any length, and the viewer's cosine."""
+    """
+    Return where most of the mirrored light comes from, any length, and the viewer's cosine.
+
+    The direction is not a number where the way to the viewer is too long for float32.
+    """
     nx, ny, nz = samples[rows.NORMAL_X, n], samples[rows.NORMAL_Y, n], samples[rows.NORMAL_Z, n]
     vx = toward_viewer[0] - toward_viewer[3] * samples[rows.POINT_X, n]
     vy = toward_viewer[1] - toward_viewer[3] * samples[rows.POINT_Y, n]
     vz = toward_viewer[2] - toward_viewer[3] * samples[rows.POINT_Z, n]
     scale = unit_scale(vx, vy, vz)
+    scale = scale if scale > np.float32(0.0) else np.float32(np.nan)
     vx, vy, vz = vx * scale, vy * scale, vz * scale
     facing = nx * vx + ny * vy + nz * vz
     # The rougher, the closer to the normal.

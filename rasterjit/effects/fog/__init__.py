@@ -35,6 +35,8 @@ SQUARED_HALVINGS = 1.2011224087864498
 DISTANCE_ROUNDING = 1.0 + 2.0**-20
 """Factor on the farthest distance, for the rounding of positions and distances in float32."""
 
+LARGEST = float(np.finfo(np.float32).max)
+
 
 class FogRecord(NamedTuple):
     """What lies between the surfaces and the eye."""
@@ -71,6 +73,7 @@ def fog_record(fog: Fog, camera: Camera, has_flat: bool = False) -> FogRecord:
     halvings = SQUARED_HALVINGS if fog.mode == "exp2" else HALVINGS
     start, end = fog.start or 0.0, fog.end or 0.0
     above = float(camera.eye_position()[1]) - (fog.height or 0.0)
+    above = max(-LARGEST, min(LARGEST, above))
     return FogRecord(
         FOG_MODES[fog.mode],
         np.array(fog.color, np.float32),

@@ -83,7 +83,7 @@ def cover_evenly(end, per_range, color, viewer, px, py, pz, red, green, blue):
     one, zero = np.float32(1.0), np.float32(0.0)
     for i in range(red.shape[0]):
         distance = distance_to(px[i], py[i], pz[i], viewer)
-        share = min(max((end - distance) * per_range, zero), one)
+        share = min(max(zero, (end - distance) * per_range), one)
         rest = one - share
         red[i] = red[i] * share + color[0] * rest
         green[i] = green[i] * share + color[1] * rest

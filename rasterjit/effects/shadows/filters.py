@@ -175,7 +175,7 @@ def read_penumbra(
     for i in range(share.shape[0]):
         top = limits(v[i], size, sides)
         above = nearer[i] / (found[i] if found[i] > zero else one)
-        radius = min(max(widening * above, NARROWEST), most)
+        radius = min(max(NARROWEST, widening * above), most)
         at_u, at_v = u[i] + dx * radius - half, v[i] + dy * radius - half
         left, upper = np.floor(at_u), np.floor(at_v)
         right, below = at_u - left, at_v - upper

@@ -37,6 +37,7 @@ from rasterjit.pipeline.surface.samples import (
     SHADOW,
     Block,
 )
+from rasterjit.runtime.float_math import clamped
 from rasterjit.runtime.intrinsics import part
 from rasterjit.runtime.jit import disjoint_helper, helper, stage
 from rasterjit.runtime.state import float32, float64, int64
@@ -72,6 +73,9 @@ SLOPING = 8.0
 
 SNAPPING = 1.0 / 64.0
 """Bias for the slope beyond that, texels: four times what vertices are rounded by in a map."""
+
+FAR_ASIDE = 2.0**30
+"""Texels that a place on a map is held in: far outside of any, and a number that filters round."""
 
 
 @helper
@@ -133,7 +137,8 @@ def map_rows(px, py, pz, nx, ny, nz, row, u, v, depth, across, down, bias):
         at_u, at_v, d, right, below = plane_of(s, t, w, ns, nt, nw, row)
         texel = row[TEXEL] * (1.0 if row[PARALLEL] != 0.0 else d)
         right, below = held_slope(right, below, texel)
-        u[i], v[i] = np.float32(at_u if before else -1.0), np.float32(at_v)
+        at_u = clamped(at_u if before else -1.0, -FAR_ASIDE, FAR_ASIDE)
+        u[i], v[i] = np.float32(at_u), np.float32(clamped(at_v, -FAR_ASIDE, FAR_ASIDE))
         depth[i], across[i], down[i] = np.float32(d), np.float32(right), np.float32(below)
         bias[i] = np.float32(bias_of(texel, abs(right) + abs(below), row[BIAS_TEXELS]))
 
@@ -162,8 +167,9 @@ def map_cube_rows(px, py, pz, nx, ny, nz, row, size, u, v, depth, across, down, 
         at_u, at_v, d, right, below = plane_of(s, t, w, ns, nt, nw, row)
         texel = row[TEXEL] * d
         right, below = held_slope(right, below, texel)
-        u[i] = np.float32(at_u) if before else np.float32(-1.0)
-        v[i] = np.float32(at_v) + side * np.float32(size)
+        at_u = clamped(at_u if before else -1.0, -FAR_ASIDE, FAR_ASIDE)
+        at_v = clamped(at_v, -FAR_ASIDE, FAR_ASIDE)
+        u[i], v[i] = np.float32(at_u), np.float32(at_v) + side * np.float32(size)
         depth[i], across[i], down[i] = np.float32(d), np.float32(right), np.float32(below)
         bias[i] = np.float32(bias_of(texel, abs(right) + abs(below), row[BIAS_TEXELS]))
 

@@ -5,6 +5,10 @@ Samples are rows of scratch memory, one row for each quantity (structure of arra
 that the loops vectorize. ``power`` is built from IEEE operations alone: it has the same bits on
 every CPU, which a math library's ``pow`` has not.
 
+What float32 cannot tell is black: lamps so far away that the square of the distance overflows,
+highlights on what is so far from the eye, and all light where a point or a normal is not a number.
+Where NaN is to give a constant, that comes first: ``max(a, NaN)`` is ``a``, ``max(NaN, a)`` is NaN.
+
 References
 ----------
 .. [1] J. Blinn, "Models of Light Reflection for Computer Synthesized Pictures", SIGGRAPH 1977.
@@ -24,8 +28,9 @@ from rasterjit.runtime.float_math import power
 from rasterjit.runtime.intrinsics import part
 from rasterjit.runtime.jit import disjoint_helper, helper
 
-SHORTEST_SQUARED = np.float32(1e-30)
-"""Least squared length, scene units squared: a light at the very point it lights stays finite."""
+SHORTEST_SQUARED = np.float32(1e-29)
+"""Least squared length, scene units squared: the brightest light at the very point that it lights
+stays finite."""
 
 DIRECTION_X, DIRECTION_Y, DIRECTION_Z = 7, 8, 9
 """Columns of ``Lighting.lights``: the axis of a cone, unit length, away from the light."""
@@ -59,23 +64,23 @@ def normalize_rows(x, y, z):
 
 @helper
 def unit_scale(x, y, z):
-    """Return one over a vector's length."""
-    return np.float32(1.0) / np.sqrt(max(x * x + y * y + z * z, SHORTEST_SQUARED))
+    """Return one over a vector's length; 0 where its square overflows."""
+    return np.float32(1.0) / np.sqrt(max(SHORTEST_SQUARED, x * x + y * y + z * z))
 
 
 @helper
 def reach(squared, ending):
-    """Return the share of light at a squared distance that its range lets through."""
+    """Return the share of light at a squared distance that its range lets through; NaN gives 0."""
     one, zero = np.float32(1.0), np.float32(0.0)
     share = squared * ending
-    return max(min(one - share * share, one), zero)
+    return max(zero, min(one - share * share, one))
 
 
 @helper
 def cone(cosine, scale, offset):
-    """Return the share of light that its cone lets through at a cosine from its axis."""
+    """Return the share of light that its cone lets through at a cosine from its axis, 0 for NaN."""
     one, zero = np.float32(1.0), np.float32(0.0)
-    share = max(min(cosine * scale + offset, one), zero)
+    share = max(zero, min(cosine * scale + offset, one))
     return share * share
 
 
@@ -102,7 +107,7 @@ def add_diffuse_light(
     """Add the diffuse part of one light to each sample that it reaches."""
     for i in range(out_red.shape[0]):
         lx, ly, lz, falloff = light_at(light, px[i], py[i], pz[i])
-        facing = max(nx[i] * lx + ny[i] * ly + nz[i] * lz, np.float32(0.0))
+        facing = max(np.float32(0.0), nx[i] * lx + ny[i] * ly + nz[i] * lz)
         arriving = lit[i] * falloff * reached[i]
         out_red[i] += arriving * light[4] * (red[i] * facing)
         out_green[i] += arriving * light[5] * (green[i] * facing)
@@ -118,7 +123,7 @@ def add_shiny_light(
     one, zero = np.float32(1.0), np.float32(0.0)
     for i in range(out_red.shape[0]):
         lx, ly, lz, falloff = light_at(light, px[i], py[i], pz[i])
-        facing = max(nx[i] * lx + ny[i] * ly + nz[i] * lz, zero)
+        facing = max(zero, nx[i] * lx + ny[i] * ly + nz[i] * lz)
         # Find the half vector between light and viewer.
         vx, vy, vz = (
             toward_viewer[0] - toward_viewer[3] * px[i],
@@ -127,9 +132,9 @@ def add_shiny_light(
         )
         scale = unit_scale(vx, vy, vz)
         hx, hy, hz = lx + vx * scale, ly + vy * scale, lz + vz * scale
-        cosine = max((nx[i] * hx + ny[i] * hy + nz[i] * hz) * unit_scale(hx, hy, hz), zero)
+        cosine = max(zero, (nx[i] * hx + ny[i] * hy + nz[i] * hz) * unit_scale(hx, hy, hz))
         shine = specular[i] * power(min(cosine, one), shininess[i])
-        shine = shine if facing > zero else zero
+        shine = shine if (facing > zero) & (scale > zero) else zero
         # Add the diffuse and the specular part.
         arriving = lit[i] * falloff * reached[i]
         out_red[i] += arriving * light[4] * (red[i] * facing + shine)

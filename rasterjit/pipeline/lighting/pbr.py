@@ -50,7 +50,7 @@ def facets_along(n_h, cross_squared, alpha_squared):
     Takes the cosine and the squared sine between normal and half vector: near 0 the sine from a
     cross product is exact where 1 minus a squared cosine is rounding. None face backwards.
     """
-    spread = max(cross_squared + n_h * n_h * alpha_squared, alpha_squared)
+    spread = max(alpha_squared, cross_squared + n_h * n_h * alpha_squared)
     density = alpha_squared / (spread * spread)
     return density if n_h > np.float32(0.0) else np.float32(0.0)
 
@@ -151,7 +151,7 @@ def start_facets(
             toward_viewer[2] - toward_viewer[3] * pz[i],
         )
         n_v = (nx[i] * vx + ny[i] * vy + nz[i] * vz) * unit_scale(vx, vy, vz)
-        shares = reflected_shares(max(n_v, zero), roughness[i])
+        shares = reflected_shares(max(zero, n_v), roughness[i])
         # What a dielectric does not mirror goes into it, and comes back coloured.
         mirrored = scattered(DIELECTRIC, shares)
         inside = one - mirrored
@@ -184,15 +184,16 @@ def add_facet_light(
             toward_viewer[2] - toward_viewer[3] * pz[i],
         )
         scale = unit_scale(vx, vy, vz)
+        is_told = scale > zero
         vx, vy, vz = vx * scale, vy * scale, vz * scale
         hx, hy, hz = lx + vx, ly + vy, lz + vz
         scale = unit_scale(hx, hy, hz)
         hx, hy, hz = hx * scale, hy * scale, hz * scale
         x, y, z = nx[i], ny[i], nz[i]
-        n_l = max(x * lx + y * ly + z * lz, zero)
-        n_v = max(x * vx + y * vy + z * vz, LEAST_COSINE)
+        n_l = max(zero, x * lx + y * ly + z * lz) if is_told else zero
+        n_v = max(LEAST_COSINE, x * vx + y * vy + z * vz)
         n_h = x * hx + y * hy + z * hz
-        v_h = max(vx * hx + vy * hy + vz * hz, zero)
+        v_h = max(zero, vx * hx + vy * hy + vz * hz)
         cx, cy, cz = y * hz - z * hy, z * hx - x * hz, x * hy - y * hx
         # Find the highlight, and what is left for the light that goes into the surface.
         alpha = max(roughness[i] * roughness[i], LEAST_ALPHA)
