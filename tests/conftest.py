@@ -24,6 +24,7 @@ def pytest_configure(config):
     _share_store(config)
     config.addinivalue_line("markers", "needs_jit: too slow or without sense in plain Python")
     config.addinivalue_line("markers", "compiles_first: fills the cache of kernels for other tests")
+    config.addinivalue_line("markers", "only_in_ci: takes long; skipped unless CI is set")
 
 
 def _share_store(config):
@@ -40,8 +41,13 @@ def _share_store(config):
 
 
 def pytest_collection_modifyitems(items):
-    """Begin with what compiles most kernels: they are cached when other tests need them."""
+    """Begin with what compiles most kernels, for the others; leave what takes long to CI."""
     items.sort(key=lambda item: item.get_closest_marker("compiles_first") is None)
+    if not os.environ.get("CI"):
+        skip = pytest.mark.skip(reason="takes long: set CI=true to run it")
+        for item in items:
+            if item.get_closest_marker("only_in_ci"):
+                item.add_marker(skip)
 
 
 @pytest.fixture

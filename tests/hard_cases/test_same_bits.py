@@ -28,7 +28,7 @@ PACKAGE = Path(rj.__file__).parent
 NAMES = list(frames.FRAMES)
 SHOTS = [name for name in NAMES if isinstance(frames.FRAMES[name](), frames.Shot)]
 PARALLEL = [name for name in NAMES if not isinstance(frames.FRAMES[name](), frames.Canvas)]
-OTHER_TILE_BITS = (4, 5) if os.environ.get("EVERY_KERNEL") else (4,)
+OTHER_TILE_BITS = (4, 5)
 """Tiles of 16 and 32 pixels. Larger ones than the 64 of everyday do not fit a thread's scratch."""
 
 
@@ -142,6 +142,9 @@ def test_linear_algebra_library_has_no_say(core):
 
 
 @pytest.mark.needs_jit
+@pytest.mark.skipif(
+    not os.environ.get("EVERY_KERNEL"), reason="compiles all again: set EVERY_KERNEL=true"
+)
 @pytest.mark.parametrize("bits", OTHER_TILE_BITS)
 def test_any_tile_size_gives_the_same_bits(bits, tmp_path):
     # Tile size is frozen into the kernels: draw with a copy of the package that has another.
