@@ -19,7 +19,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.io.images import checked_path, replacing
+from rasterjit.io.images import checked_path
+from rasterjit.io.whole import replacing
 from rasterjit.scene.validation import in_short
 
 if TYPE_CHECKING:

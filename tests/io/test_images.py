@@ -1,4 +1,3 @@
-import os
 import subprocess
 import sys
 
@@ -219,30 +218,3 @@ def test_an_array_that_the_disk_does_not_hold_names_the_file(tmp_path, suffix):
     )
     assert done.stdout == "True True", done.stderr
     assert files(tmp_path) == []
-
-
-KILLED = """
-import os, sys
-from pathlib import Path
-from rasterjit.io import images
-with images.replacing(Path(sys.argv[1])) as temporary:
-    temporary.write_bytes(b"half a picture")
-    os.kill(os.getpid(), 9)
-"""
-
-
-@pytest.mark.skipif(sys.platform == "win32", reason="Windows kills in other ways")
-def test_what_a_killed_run_left_goes_with_the_next_beside_it(tmp_path):
-    place = tmp_path / "a.png"
-    subprocess.run([sys.executable, "-c", KILLED, str(place)], check=False)
-    (left,) = files(tmp_path)
-    assert left != "a.png"
-    images._remove_leftovers.cache_clear()
-    others = [
-        f"{images._own_mark()}{os.getpid()}-0123.png", ".rasterjit-0-1-0123.png", ".mine.png",
-        f"{images._own_mark()}x-0123.png",
-    ]  # fmt: skip
-    for name in others:
-        (tmp_path / name).touch()
-    images.save_image(place, picture())
-    assert files(tmp_path) == sorted(["a.png", *others])
