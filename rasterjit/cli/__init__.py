@@ -8,6 +8,7 @@ imports this file before anything that takes time, so it imports nothing that do
 from __future__ import annotations
 
 import _thread
+import atexit
 import contextlib
 import os
 import signal
@@ -143,4 +144,6 @@ def _answer_with(handler: Any) -> None:
 
 if is_program():
     _answer_with(end_now)
+    # What is registered first comes last: then Python takes itself apart, and would be killed.
+    atexit.register(_answer_with, signal.SIG_IGN)
 refuse(too_old())
