@@ -173,7 +173,10 @@ def _write_pixels(path: Path, pixels: NDArray[Any], options: dict[str, Any]) -> 
         return
     import imageio.v3 as iio
 
-    iio.imwrite(path, pixels, plugin="pillow", **options)
+    # Pillow's encoders take a write that the disk cuts short for a whole one.
+    path.write_bytes(
+        iio.imwrite("<bytes>", pixels, extension=path.suffix.lower(), plugin="pillow", **options)
+    )
 
 
 def checked_path(path: str | Path, formats: Iterable[str]) -> Path:

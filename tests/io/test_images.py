@@ -201,8 +201,12 @@ import resource, sys
 import numpy as np
 from rasterjit.io import images
 resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
+chance = np.random.default_rng(1)
 try:
-    images.save_depth(sys.argv[1], np.random.default_rng(1).random((64, 64), np.float32))
+    if sys.argv[2] == "depth":
+        images.save_depth(sys.argv[1], chance.random((64, 64), np.float32))
+    else:
+        images.save_image(sys.argv[1], chance.integers(0, 256, (64, 64, 3), np.uint8))
 except OSError as error:
     print(error.filename == sys.argv[1], sys.argv[1] in str(error), end="")
 """
@@ -210,11 +214,20 @@ except OSError as error:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows limits no file's size")
-@pytest.mark.parametrize("suffix", [".npy", ".npz"])
-def test_an_array_that_the_disk_does_not_hold_names_the_file(tmp_path, suffix):
+@pytest.mark.parametrize(
+    ("kind", "suffix"),
+    [
+        *(("depth", suffix) for suffix in images.DEPTH_FORMATS),
+        # Pillow takes a JPEG that is cut short for a whole one.
+        *(("picture", suffix) for suffix in images.IMAGE_FORMATS),
+    ],
+)
+def test_a_file_that_the_disk_does_not_hold_is_named(tmp_path, kind, suffix):
+    if suffix == ".exr":
+        optional_module("OpenEXR")
     place = tmp_path / f"a{suffix}"
     done = subprocess.run(
-        [sys.executable, "-c", FULL, str(place)], capture_output=True, text=True, check=False
+        [sys.executable, "-c", FULL, str(place), kind], capture_output=True, text=True, check=False
     )
     assert done.stdout == "True True", done.stderr
     assert files(tmp_path) == []
