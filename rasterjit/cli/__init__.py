@@ -17,8 +17,6 @@ import time
 from types import FrameType
 from typing import Any
 
-from rasterjit.runtime.versions import too_old
-
 INTERRUPTED = 130
 """Exit status after Ctrl-C; the others are click's: 1 failed, 2 wrong usage."""
 
@@ -146,4 +144,6 @@ if is_program():
     _answer_with(end_now)
     # What is registered first comes last: then Python takes itself apart, and would be killed.
     atexit.register(_answer_with, signal.SIG_IGN)
+from rasterjit.runtime.versions import too_old  # noqa: E402
+
 refuse(too_old())

@@ -72,6 +72,7 @@ def run_interrupted(folder, at, words):
     ("way", "at"),
     [
         ("script", "rasterjit.classics"), ("script", "click"), ("module", "numpy"),
+        ("module", "rasterjit.runtime"), ("script", "rasterjit.runtime.versions"),
         ("module", "rasterjit.scene.quality"),
     ],
 )  # fmt: skip
