@@ -62,6 +62,9 @@ PATIENCE = 30.0
 WHOLE_RUN = 600.0
 """Seconds in which a run must end that nothing disturbs."""
 
+OURS = os.path.join("rasterjit", "")
+"""What a traceback names that is about files of ours."""
+
 RESULTS = ROOT / "benchmarks" / "results" / "interrupts.json"
 
 
@@ -128,8 +131,8 @@ class Run:
     @property
     def is_before_ours(self) -> bool:
         """Whether Python answered, for nothing of ours had run."""
-        was_python = "Traceback" in self.errors and "rasterjit" not in self.errors
-        return self.signal == "SIGINT" and (self.status == -signal.SIGINT or was_python)
+        was_python = "Traceback" in self.errors or self.status == -signal.SIGINT
+        return self.signal == "SIGINT" and was_python and OURS not in self.errors
 
     def faults(self, is_endless: bool = False) -> list[str]:
         """Return what is wrong, in words."""

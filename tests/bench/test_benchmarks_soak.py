@@ -64,9 +64,9 @@ def test_what_comes_with_the_first_pictures_is_no_growth():
     assert not soak.growth(steps, 100)["threads"].is_fault
 
 
-def run(draw, pictures=100):
+def run(draw, pictures=40):
     made = soak.Soak(draw, lambda: None, cases=4, seed=1)
-    made.run(pictures, pictures / 20, itertools.count().__next__)
+    made.run(pictures, pictures / 9, itertools.count().__next__)
     return made
 
 
@@ -77,7 +77,7 @@ def test_bits_that_change_are_told_by_their_case():
         drawn[number] += 1
         return f"{number} {number == 2 and drawn[2] > 5}"
 
-    made = run(draw)
+    made = run(draw, 80)
     assert set(made.changed) == {2}
     assert made.is_fault
     assert len(made.changed) == drawn[2] - 5
@@ -123,7 +123,7 @@ def test_cases_follow_from_their_numbers(tmp_path):
 
 def test_the_program_prints_a_table(monkeypatch):
     monkeypatch.setattr(soak, "SLACK", {"memory, MB": 1e6})
-    done = CliRunner().invoke(soak.main, ["--minutes", "0.01", "--cases", "2"])
+    done = CliRunner().invoke(soak.main, ["--minutes", "0.01", "--cases", "2", "--samples", "3"])
     assert done.exit_code == 0, done.output
     assert "compared with the first; changed: 0" in " ".join(done.output.split())
     assert all(kind in done.output for kind in soak.KINDS)
@@ -197,6 +197,8 @@ def test_a_traceback_of_ours_is_a_fault_and_one_of_python_is_none():
     told = {"status": 1, "errors": 'Traceback ...\n File "rasterjit/cli/__init__.py"'}
     ours = interrupts.Run("render", "SIGINT", False, False, 0.5, **told)
     assert ours.faults() == ["status 1", "traceback"]
+    ours.status = -signal.SIGINT
+    assert ours.faults() == ["status -2", "traceback"]
     before = interrupts.Run("render", "SIGINT", False, False, 0.02, status=-signal.SIGINT)
     assert before.is_before_ours
     assert before.faults() == []
