@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import importlib.util
 import itertools
+import os
 from collections.abc import Iterable, Iterator
 from contextlib import closing
 from pathlib import Path
@@ -19,7 +20,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.io.images import checked_path, replacing
+from rasterjit.io.images import checked_path
+from rasterjit.io.whole import replacing
 from rasterjit.scene.validation import in_short
 
 if TYPE_CHECKING:
@@ -41,6 +43,12 @@ GIF_TICKS = 100
 
 CLEAR_BEFORE_NEXT = 2
 """A GIF's disposal method: a frame is cleared away before the next one is shown."""
+
+SHORTEST_BOX, LONG_BOX = 8, 1
+"""Bytes of the smallest box of an MP4, and the size that stands for one of 64 bits."""
+
+PNG_END = b"\0\0\0\0IEND\xaeB`\x82"
+"""The last chunk of a PNG."""
 
 FFMPEG: dict[str, dict[str, Any]] = {
     # H.264 at no visible blocks around edges, about a tenth of the GIF's size.
@@ -232,6 +240,8 @@ def _is_whole(path: Path, count: int) -> bool:
         if suffix == ".mp4":
             import imageio_ffmpeg
 
+            if not _boxes_fill(path):
+                return False
             return imageio_ffmpeg.count_frames_and_secs(str(path))[0] == count
         if suffix == ".webp":
             # Pillow would read all of it into memory; a RIFF begins with its size.
@@ -241,7 +251,28 @@ def _is_whole(path: Path, count: int) -> bool:
             return size + len(head) == path.stat().st_size
         from PIL import Image
 
+        # The number of frames stands at the beginning, the last chunk at the end.
+        with path.open("rb") as file:
+            file.seek(-len(PNG_END), os.SEEK_END)
+            if file.read() != PNG_END:
+                return False
         with Image.open(path) as picture:
             return getattr(picture, "n_frames", 1) == count
     except (OSError, RuntimeError, SyntaxError):
         return False
+
+
+def _boxes_fill(path: Path) -> bool:
+    """Tell whether the last box of an MP4 ends where the file does."""
+    at, end = 0, path.stat().st_size
+    with path.open("rb") as file:
+        while at < end:
+            file.seek(at)
+            size = int.from_bytes(file.read(4), "big")
+            if size == LONG_BOX:
+                # The real size follows the name, of four letters.
+                size = int.from_bytes(file.read(12)[4:], "big")
+            if size < SHORTEST_BOX:
+                return False
+            at += size
+    return at == end

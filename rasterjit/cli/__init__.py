@@ -8,6 +8,7 @@ imports this file before anything that takes time, so it imports nothing that do
 from __future__ import annotations
 
 import _thread
+import atexit
 import contextlib
 import os
 import signal
@@ -15,8 +16,6 @@ import sys
 import time
 from types import FrameType
 from typing import Any
-
-from rasterjit.runtime.versions import too_old
 
 INTERRUPTED = 130
 """Exit status after Ctrl-C; the others are click's: 1 failed, 2 wrong usage."""
@@ -143,4 +142,8 @@ def _answer_with(handler: Any) -> None:
 
 if is_program():
     _answer_with(end_now)
+    # What is registered first comes last: then Python takes itself apart, and would be killed.
+    atexit.register(_answer_with, signal.SIG_IGN)
+from rasterjit.runtime.versions import too_old  # noqa: E402
+
 refuse(too_old())

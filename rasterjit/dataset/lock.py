@@ -1,34 +1,24 @@
 """
 Who writes to the folder of a data set: one run at a time.
 
-A lock file names the run that has the folder. It is removed at the end, whatever happens; one that
-a killed run of this machine left behind is taken over.
+A run holds a lock on a file that names it, and removes the file at the end, whatever happens. One
+that nobody holds was left by a run that was killed, and is taken over.
 """
 
 from __future__ import annotations
 
 import json
 import os
-import socket
-import sys
-import time
-import uuid
+import platform
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from rasterjit.io.locks import Lock, lock, machine
+
 LOCK = ".lock"
 """Name of the lock file, in the folder."""
-
-HALF_WRITTEN = 1.0
-"""Seconds after which a lock file without content is nobody's."""
-
-_STILL_ACTIVE, _QUERY = 259, 0x1000
-"""Of Windows: the exit code of a process that goes on, and the right to ask for it."""
-
-_held: set[str] = set()
-"""What the lock files of this process hold."""
 
 
 @contextmanager
@@ -49,106 +39,80 @@ def owned(folder: Path) -> Iterator[None]:
         If the lock file cannot be written.
     """
     file = folder / LOCK
-    mine = json.dumps({"host": socket.gethostname(), "pid": os.getpid(), "run": uuid.uuid4().hex})
-    try:
-        while not _created(file, mine):
-            _take_over(file)
-        yield
-    finally:
-        _held.discard(mine)
-        if _content(file) == mine:
-            file.unlink(missing_ok=True)
+    with _taken(file) as held:
+        try:
+            file.write_text(_myself(), encoding="utf-8")
+            yield
+        finally:
+            if held.is_of(file):
+                _remove(file, held)
 
 
-def _created(file: Path, mine: str) -> bool:
+def _taken(file: Path) -> Lock:
+    """Make the lock file, or take one over that is nobody's, or raise ``ValueError``."""
+    while True:
+        is_mine = _created(file)
+        try:
+            held = lock(file)
+        except FileNotFoundError:
+            continue
+        if held is None:
+            raise _refusal(file)
+        # Whoever had it may have removed it meanwhile.
+        if not held.is_of(file):
+            held.close()
+        elif is_mine or (held.is_sure and _is_near(_content(file))):
+            return held
+        else:
+            held.close()
+            raise _refusal(file)
+
+
+def _created(file: Path) -> bool:
     """Make the lock file, unless there is one."""
     try:
-        handle = os.open(file, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o644)
+        os.close(os.open(file, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o644))
     except FileExistsError:
         return False
-    _held.add(mine)
-    with open(handle, "w", encoding="utf-8") as lock:
-        lock.write(mine)
     return True
 
 
-def _take_over(file: Path) -> None:
-    """Remove a lock file that is nobody's, or raise ``ValueError``."""
-    content = _content(file)
-    if content == "":
-        # Whoever made it has not written to it yet, or was killed before.
-        time.sleep(HALF_WRITTEN)
-        content = _content(file)
-    if content is None:
-        return
-    if _is_held(content):
-        owner = _owner(content)
-        raise ValueError(
-            f"output is being written by another run, process {owner.get('pid')} on "
-            f"{owner.get('host')}: wait until it ends; if there is none, remove {str(file)!r}"
-        )
-    aside = file.with_name(f"{LOCK}-{uuid.uuid4().hex}")
+def _remove(file: Path, held: Lock) -> None:
+    """Remove the lock file: while it is held, for afterwards it may be another's."""
     try:
-        os.replace(file, aside)
-    except FileNotFoundError:
-        return
-    if _content(aside) == content:
-        aside.unlink(missing_ok=True)
-    else:
-        # Another run was faster and has the folder now.
-        os.replace(aside, file)
+        file.unlink(missing_ok=True)
+    except PermissionError:
+        # Windows removes no file that is open.
+        held.close()
+        file.unlink(missing_ok=True)
 
 
-def _is_held(content: str) -> bool:
-    """Tell whether the run that a lock file names may be going on."""
-    owner = _owner(content)
-    pid = owner.get("pid")
-    if not isinstance(pid, int) or pid <= 0:
-        return False
-    if owner.get("host") != socket.gethostname():
-        return True
-    if pid == os.getpid():
-        # A number that was another process's before.
-        return content in _held
-    return _is_alive(pid)
+def _refusal(file: Path) -> ValueError:
+    """Return the error that says who has the folder."""
+    owner = _content(file)
+    return ValueError(
+        f"output is being written by another run, process {owner.get('pid')} on "
+        f"{owner.get('host')}: wait until it ends; if there is none, remove {str(file)!r}"
+    )
 
 
-def _owner(content: str) -> dict[str, Any]:
-    """Return what a lock file says, nothing if it cannot be read."""
+def _myself() -> str:
+    """Return what a lock file of this process says."""
+    return json.dumps({"host": platform.node(), "pid": os.getpid(), "machine": machine()})
+
+
+def _is_near(owner: dict[str, Any]) -> bool:
+    """Tell whether a run that goes on would be seen to hold its lock."""
+    names = owner.get("machine")
+    return not isinstance(names, list) or any(
+        mine == other for mine, other in zip(machine(), names, strict=False)
+    )
+
+
+def _content(file: Path) -> dict[str, Any]:
+    """Return what a lock file says; nothing if it is gone or cannot be read."""
     try:
-        owner = json.loads(content)
-    except ValueError:
+        owner = json.loads(file.read_text(encoding="utf-8", errors="replace"))
+    except (OSError, ValueError):
         return {}
     return owner if isinstance(owner, dict) else {}
-
-
-def _content(file: Path) -> str | None:
-    """Return what is in a file, ``None`` if there is none."""
-    try:
-        return file.read_text(encoding="utf-8", errors="replace")
-    except FileNotFoundError:
-        return None
-
-
-def _is_alive(pid: int) -> bool:
-    """Tell whether a process of this machine goes on."""
-    if sys.platform == "win32":
-        import ctypes
-
-        # There os.kill ends a process, whatever the signal.
-        kernel = ctypes.windll.kernel32
-        handle = kernel.OpenProcess(_QUERY, False, pid)
-        if not handle:
-            return False
-        code = ctypes.c_ulong()
-        kernel.GetExitCodeProcess(handle, ctypes.byref(code))
-        kernel.CloseHandle(handle)
-        return code.value == _STILL_ACTIVE
-    try:
-        os.kill(pid, 0)
-    except (ProcessLookupError, OverflowError):
-        return False
-    except PermissionError:
-        # It is somebody else's.
-        return True
-    return True

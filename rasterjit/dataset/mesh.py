@@ -32,6 +32,7 @@ from numpy.typing import NDArray
 from rasterjit.dataset.recipe import Recipe, view_cameras
 from rasterjit.io import images
 from rasterjit.io.meshes import load
+from rasterjit.io.whole import replacing
 from rasterjit.outputs import masks
 from rasterjit.outputs.frame import Frame
 from rasterjit.rendering.renderer import Renderer
@@ -182,7 +183,7 @@ def render_views(
                 with _failing(place, name):
                     _annotate(annotation, paths["file_path"], frame.object_id, scene)
     if annotation:
-        with images.replacing(place / "coco.json") as temporary:
+        with replacing(place / "coco.json") as temporary:
             temporary.write_text(json.dumps(annotation), encoding="utf-8")
     with _failing(place, name):
         document = _intrinsics(cameras[0], recipe.size) | _box(scene)
@@ -194,7 +195,7 @@ def render_views(
 def write_json(path: Path, document: Any) -> None:
     """Write JSON, whole or not at all."""
     text = json.dumps(document, indent=1, ensure_ascii=False) + "\n"
-    with images.replacing(path) as temporary:
+    with replacing(path) as temporary:
         temporary.write_text(text, encoding="utf-8", newline="\n")
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import closing, contextmanager
@@ -15,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.distributed.clusters import SharedScene, check_client, result_of, retried, send
-from rasterjit.io.images import checked_path, replacing
+from rasterjit.io.images import checked_path
+from rasterjit.io.whole import replacing, replacing_folder
 from rasterjit.pipeline.visibility.draw import Region
 from rasterjit.rendering.tiles import RegionRenderer, Survey, regions_of
 from rasterjit.scene.camera import Camera
@@ -271,7 +271,7 @@ def _squared(color: NDArray[np.uint8], tile: int) -> NDArray[np.uint8]:
 def _write_zarr(zarr: Any, place: Path, tiles: Tiles, size: tuple[int, int], tile: int) -> None:
     """Write tiles to the chunks of a Zarr array."""
     width, height = size
-    with _replacing_folder(place) as temporary:
+    with replacing_folder(place) as temporary:
         with _naming(place):
             array = zarr.create_array(
                 store=str(temporary), shape=(height, width, 4), chunks=(tile, tile, 4),
@@ -282,33 +282,6 @@ def _write_zarr(zarr: Any, place: Path, tiles: Tiles, size: tuple[int, int], til
             with _naming(place):
                 array[rows, region.left : region.left + region.width] = color
             del color
-
-
-@contextmanager
-def _replacing_folder(place: Path) -> Iterator[Path]:
-    """Give a temporary folder beside a place; move it there on success, else remove it."""
-    name = f".{os.getpid()}.{os.urandom(8).hex()}"
-    temporary, aside = place.with_name(f"{name}.zarr"), place.with_name(f"{name}.old.zarr")
-    try:
-        yield temporary
-        with _naming(place):
-            if os.path.lexists(place):
-                os.rename(place, aside)
-            os.replace(temporary, place)
-    finally:
-        # What was there goes only when the new one is there, whatever came between.
-        if os.path.lexists(aside) and not os.path.lexists(place):
-            os.rename(aside, place)
-        for left in (temporary, aside):
-            _remove(left)
-
-
-def _remove(place: Path) -> None:
-    """Remove a folder, or the link to one, if it is there."""
-    if place.is_symlink():
-        place.unlink()
-    else:
-        shutil.rmtree(place, ignore_errors=True)
 
 
 @contextmanager

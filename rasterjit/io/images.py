@@ -1,9 +1,6 @@
 """
 Write pictures, depth maps and arrays to files, whole or not at all.
 
-A file is written beside its place under a temporary name and then moved there in one step, so a
-picture that was there before is either kept or replaced, never left half-written.
-
 OpenEXR files have named channels, so that other programs know them: R, G, B, A and Z [1]_, and
 X, Y, Z and U, V [2]_. ``outputs.save`` chooses the names, `write_exr` writes the channels.
 
@@ -22,22 +19,17 @@ References
 from __future__ import annotations
 
 import errno
-import functools
-import hashlib
 import os
-import platform
 import struct
-import time
-import uuid
 import zlib
-from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.io.whole import replacing
 from rasterjit.scene.validation import positive_number, unmasked_array
 
 IMAGE_FORMATS = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".gif")
@@ -57,9 +49,6 @@ DEPTH_FORMATS = (".exr", ".npz", ".npy", ".png")
 """Extensions that ``save_depth`` writes."""
 
 LARGEST_UINT16 = 65535
-
-LEFT_AFTER = 24 * 3600.0
-"""Seconds after which nobody writes a temporary file any more, where processes are not known."""
 
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _GREY, _RGB = 0, 2
@@ -184,7 +173,10 @@ def _write_pixels(path: Path, pixels: NDArray[Any], options: dict[str, Any]) -> 
         return
     import imageio.v3 as iio
 
-    iio.imwrite(path, pixels, plugin="pillow", **options)
+    # Pillow's encoders take a write that the disk cuts short for a whole one.
+    path.write_bytes(
+        iio.imwrite("<bytes>", pixels, extension=path.suffix.lower(), plugin="pillow", **options)
+    )
 
 
 def checked_path(path: str | Path, formats: Iterable[str]) -> Path:
@@ -205,67 +197,6 @@ def checked_path(path: str | Path, formats: Iterable[str]) -> Path:
     except OSError as error:
         raise ValueError(f"path {shown!r} cannot be a file: {error.strerror}") from None
     return place
-
-
-@contextmanager
-def replacing(place: Path) -> Iterator[Path]:
-    """
-    Give a temporary path in the same folder; move it to ``place`` on success, else remove it.
-
-    The first time in a folder, what killed processes left there is removed.
-    """
-    _remove_leftovers(place.parent)
-    temporary = place.with_name(f"{_own_mark()}{os.getpid()}-{uuid.uuid4().hex}{place.suffix}")
-    try:
-        yield temporary
-        os.replace(temporary, place)
-    except OSError as error:
-        # Name the file that was asked for, not the temporary one, nor none.
-        named = error.filename in (None, str(temporary)) and error.filename2 is None
-        if named and error.errno is not None:
-            error.filename = str(place)
-        elif named:
-            # NumPy and encoders say in words how much was written.
-            said = f"could not be written whole: {error}"
-            raise OSError(errno.EIO, said, str(place)) from error
-        raise
-    finally:
-        temporary.unlink(missing_ok=True)
-
-
-@functools.cache
-def _own_mark() -> str:
-    """Return how the names of temporary files of processes of this machine begin."""
-    machine = hashlib.sha256(platform.node().encode()).hexdigest()[:8]
-    return f".rasterjit-{machine}-"
-
-
-@functools.cache
-def _remove_leftovers(folder: Path) -> None:
-    """Remove, once in a process, the temporary files of processes that are no more."""
-    mark = _own_mark()
-    with suppress(OSError):
-        for name in os.listdir(folder):
-            number = name.removeprefix(mark).partition("-")[0]
-            if name.startswith(mark) and number.isdecimal() and _is_left(folder / name, number):
-                with suppress(OSError):
-                    (folder / name).unlink()
-
-
-def _is_left(file: Path, process: str) -> bool:
-    """Tell whether the process that wrote a temporary file has ended."""
-    if os.name != "posix":
-        # There is no harmless way to ask for a process.
-        with suppress(OSError):
-            return time.time() - file.stat().st_mtime > LEFT_AFTER
-        return False
-    try:
-        os.kill(int(process), 0)
-    except ProcessLookupError:
-        return True
-    except (OSError, OverflowError):
-        return False
-    return False
 
 
 class MissingOpenEXRError(ImportError, ValueError):

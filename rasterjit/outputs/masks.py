@@ -25,7 +25,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rasterjit.io.images import checked_path, replacing
+from rasterjit.io.images import checked_path
+from rasterjit.io.whole import replacing
 from rasterjit.scene.validation import in_short, unmasked_array
 
 _GROUP_BITS, _GROUP, _SIGN, _MORE, _ZERO = 5, 0x1F, 0x10, 0x20, 48

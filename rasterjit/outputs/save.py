@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.io import images
+from rasterjit.io.whole import replacing
 from rasterjit.outputs.table import TABLE, Output
 from rasterjit.scene.validation import in_short, positive_number
 
@@ -177,7 +178,7 @@ def _check_count(suffix: str, arrays: Mapping[str, NDArray[Any]]) -> None:
 
 def _save_array(place: Path, array: NDArray[Any]) -> None:
     """Write an array, whole or not at all."""
-    with images.replacing(place) as temporary:
+    with replacing(place) as temporary:
         np.save(temporary, array)
 
 
@@ -193,7 +194,7 @@ def _save_png(place: Path, name: str, array: NDArray[Any], scale: float | None) 
     else:
         codes = as_codes(name, array, scale)
         data = images.encode_png16(codes.pixels, codes.texts(name))
-        with images.replacing(place) as temporary:
+        with replacing(place) as temporary:
             temporary.write_bytes(data)
 
 

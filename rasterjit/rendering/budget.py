@@ -30,7 +30,7 @@ from typing import Any, NamedTuple, TypeAlias, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.io.images import replacing
+from rasterjit.io.whole import replacing
 from rasterjit.outputs.frame import Choice, Frame
 from rasterjit.runtime.store import cache_folder, cpu_features
 from rasterjit.runtime.threads import available_processors

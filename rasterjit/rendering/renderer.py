@@ -188,14 +188,13 @@ def draw_frame(
     """
     plan, cache, views, _ = planned
     clock, accumulation = clock or StageClock(), accumulation or Accumulation()
-    workers.memory.next_frame()
 
     def find(picture: RenderPlan, views: Views | None = None, **options: bool) -> Seen:
         if before_picture is not None:
             before_picture()
         return find_visible(picture, cache, workers, clock, views, **options)
 
-    with beside(partial(planning.list_tasks, plan), workers.threads):
+    with workers.frame(), beside(partial(planning.list_tasks, plan), workers.threads):
         # Project, clip, bin, draw.
         seen = find(plan, views, **options)
         context = FrameContext(plan, cache, *seen[2:], workers)

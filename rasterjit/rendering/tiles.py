@@ -114,16 +114,16 @@ class RegionRenderer:
         plan, cache, views, _ = self._planned
         region = check_region(region, plan.size)
         part = plan.with_(region=region)
-        self._workers.memory.next_frame()
         plans = [part]
         for step in self._steps():
             plans += [supersample.moved(part, offset) for offset in step]
         found = []
-        for one in plans:
-            known = views if one is part else None
-            seen = find_visible(one, cache, self._workers, _no_clock, known)
-            context = FrameContext(one, cache, *seen[2:], self._workers)
-            found.append(supersample.see_whole(context))
+        with self._workers.frame():
+            for one in plans:
+                known = views if one is part else None
+                seen = find_visible(one, cache, self._workers, _no_clock, known)
+                context = FrameContext(one, cache, *seen[2:], self._workers)
+                found.append(supersample.see_whole(context))
         return tuple(found)
 
     def take_surveys(self, surveys: Mapping[Region, Survey]) -> None:

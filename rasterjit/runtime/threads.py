@@ -10,8 +10,9 @@ import math
 import os
 import sys
 import threading
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import CancelledError, ThreadPoolExecutor
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -48,9 +49,33 @@ class Workers:
         self.memory = Memory()
         self._pool: ThreadPoolExecutor | None = None
         self._process = os.getpid()
+        self._closed = 0
+        self._frame = threading.local()
+
+    @contextmanager
+    def frame(self) -> Iterator[None]:
+        """
+        Draw a frame in this thread, with what memory the last one left.
+
+        Raises
+        ------
+        RuntimeError
+            In `run`, if `close` was called since the frame began.
+        """
+        self.memory.next_frame()
+        before = getattr(self._frame, "begun_at", None)
+        self._frame.begun_at = self._closed
+        try:
+            yield
+        finally:
+            self._frame.begun_at = before
 
     def run(self, task: Callable[..., Any], arguments: Iterable[tuple]) -> list[Any]:
         """Call ``task(*args)`` for each tuple; return the results in order."""
+        closed = "close() was called while a frame was being drawn"
+        begun_at = getattr(self._frame, "begun_at", None)
+        if begun_at is not None and begun_at != self._closed:
+            raise RuntimeError(closed)
         calls = list(arguments)
         if self.threads == 1 or len(calls) <= 1:
             return [task(*call) for call in calls]
@@ -61,7 +86,6 @@ class Workers:
         if pool is None:
             pool = ThreadPoolExecutor(self.threads, thread_name_prefix="rasterjit")
             self._pool = pool
-        closed = "close() was called while a frame was being drawn"
         try:
             results = pool.map(lambda call: task(*call), calls)
         except RuntimeError:
@@ -76,6 +100,7 @@ class Workers:
 
     def close(self) -> None:
         """Let the threads go, and do not wait: who still draws is told by a ``RuntimeError``."""
+        self._closed += 1
         pool, self._pool = self._pool, None
         if pool is not None:
             pool.shutdown(wait=False, cancel_futures=True)

@@ -285,10 +285,10 @@ def _sphere(scene: Bounded) -> tuple[Float64, float]:
         )
     center, size = scene.bounding_sphere()
     # Adding zero turns -0 into 0: which of the two a minimum gives depends on the CPU.
-    center = vector("bounding sphere's center", center) + 0.0
-    radius = finite_number("bounding sphere's radius", size)
+    center = vector("scene's center", center) + 0.0
+    radius = finite_number("scene's radius", size)
     if radius < 0.0:
-        raise ValueError(f"bounding sphere's radius must not be negative, got {radius!r}")
+        raise ValueError(f"scene's radius must not be negative, got {radius!r}")
     smallest = float(np.abs(center).max()) * _SMALLEST_RADIUS
     return center, max(1.0 if radius == 0.0 else radius, smallest)
 

@@ -216,9 +216,10 @@ class Scene(Previewed):
             If there is no such vertex.
         """
         low, high = np.full(3, np.inf), np.full(3, -np.inf)
-        for world_positions in self._world_chunks():
-            np.minimum(low, world_positions.min(axis=0), out=low)
-            np.maximum(high, world_positions.max(axis=0), out=high)
+        with np.errstate(over="ignore", invalid="ignore"):
+            for world_positions in self._world_chunks():
+                np.minimum(low, world_positions.min(axis=0), out=low)
+                np.maximum(high, world_positions.max(axis=0), out=high)
         if not (low <= high).all():
             raise ValueError("scene has no face with a finite vertex, so it has no bounds")
         return low, high
@@ -232,7 +233,8 @@ class Scene(Previewed):
         center : (3,) float64
             World-space middle of the scene's box.
         radius : float
-            Distance of the farthest vertex from it, in scene units; 0 for a single point.
+            Distance of the farthest vertex from it, in scene units; 0 for a single point. Neither
+            need be finite where coordinates are as large as float64 holds.
 
         Raises
         ------
@@ -240,16 +242,18 @@ class Scene(Previewed):
             If no face has a finite vertex.
         """
         low, high = self.bounds()
-        center = low / 2.0 + high / 2.0
-        scale = float((high / 2.0 - low / 2.0).max())
+        with np.errstate(invalid="ignore"):
+            center = low / 2.0 + high / 2.0
+            scale = float((high / 2.0 - low / 2.0).max())
         if scale == 0.0:
             return center, 0.0
         largest = 0.0
-        for world_positions in self._world_chunks():
-            # Measured in units of the box, so that squares neither overflow nor vanish.
-            offset = (world_positions - center) / scale
-            x, y, z = offset.T
-            largest = max(largest, float((x * x + y * y + z * z).max()))
+        with np.errstate(over="ignore", invalid="ignore"):
+            for world_positions in self._world_chunks():
+                # Measured in units of the box, so that squares neither overflow nor vanish.
+                offset = (world_positions - center) / scale
+                x, y, z = offset.T
+                largest = max(largest, float((x * x + y * y + z * z).max()))
         return center, scale * math.sqrt(largest)
 
     def _world_chunks(self) -> Iterator[NDArray[np.float64]]:

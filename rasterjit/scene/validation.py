@@ -255,6 +255,8 @@ def _two_sides(name: str, value: Any, largest: int) -> tuple[int, int]:
     """Return two whole numbers of pixels, each in 1..largest, or raise ``ValueError``."""
     try:
         width, height = value
+        if _hides_number(width) or _hides_number(height):
+            raise TypeError
         sides = (int(width), int(height))
         whole = sides[0] == width and sides[1] == height
         if isinstance(value, (set, frozenset, dict)):

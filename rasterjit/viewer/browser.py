@@ -175,8 +175,10 @@ def serve(
         try:
             server.run(sockets=[listening])
         finally:
+            # One that is still drawn is told that nobody wants it.
+            is_there = first.done()
             canvas.end()
-        if first.done():
+        if is_there:
             first.result()
 
 

@@ -12,6 +12,7 @@ import sys
 import threading
 import time
 import weakref
+from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future, wait
 from queue import SimpleQueue
@@ -32,7 +33,10 @@ PROMPT = 0.1
 seconds."""
 
 MOST_WAITING = 1000
-"""Events that are kept while a picture is drawn."""
+"""Events that are kept while a picture is drawn, the latest; no hand makes as many."""
+
+MERGED = {"pointer_move": ("buttons", "modifiers"), "wheel": ("x", "y", "modifiers")}
+"""Events of which several in a row are as good as one, where these fields are the same."""
 
 Result = TypeVar("Result")
 
@@ -195,7 +199,7 @@ class PatientConnection(Connection):
 
     def __init__(self, viewer: Viewer, canvas: Any) -> None:
         super().__init__(viewer, canvas)
-        self._waiting: list[Event] = []
+        self._waiting: deque[Event] = deque(maxlen=MOST_WAITING)
         self._due = viewer.stamp
         self._drawer = Worker()
         self._drawing: Future[NDArray[np.uint8]] | None = self._drawer.submit(viewer.draw)
@@ -205,8 +209,8 @@ class PatientConnection(Connection):
         """Pass an event on, or keep it while a picture is drawn."""
         if self._drawing is None:
             super()._handle(event)
-        elif len(self._waiting) < MOST_WAITING:
-            self._waiting.append(event)
+        else:
+            add_event(self._waiting, event)
 
     def _draw(self) -> None:
         """Begin the picture that is due, or show it if it is there soon; else ask to come again."""
@@ -221,7 +225,7 @@ class PatientConnection(Connection):
             canvas.request_draw()
             raise DrawCancelled
         drawn, self._drawing = self._drawing, None
-        waiting, self._waiting = self._waiting, []
+        waiting, self._waiting = self._waiting, deque(maxlen=MOST_WAITING)
         try:
             picture = drawn.result()
             if picture.shape[1::-1] != tuple(canvas.get_physical_size()):
@@ -236,6 +240,20 @@ class PatientConnection(Connection):
         """End what is being rendered."""
         super()._close(event)
         self._drawer.close()
+
+
+def add_event(waiting: deque[Event], event: Event) -> None:
+    """Add an event to those that wait; moves and turns of the wheel in a row become one."""
+    last = waiting[-1] if waiting else {}
+    kind = event.get("event_type")
+    same = MERGED.get(kind, ())
+    if not same or any(last.get(name) != event.get(name) for name in ("event_type", *same)):
+        waiting.append(event)
+    elif kind == "wheel":
+        turned = {name: last.get(name, 0.0) + event.get(name, 0.0) for name in ("dx", "dy")}
+        waiting[-1] = {**event, **turned}
+    else:
+        waiting[-1] = event
 
 
 def toolkits() -> list[str]:

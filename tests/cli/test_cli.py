@@ -1,3 +1,4 @@
+import json
 import subprocess
 import sys
 from pathlib import Path
@@ -401,6 +402,28 @@ def test_coordinates_beyond_what_cameras_reach_are_told_with_the_file(tmp_path, 
     assert result.exit_code == 1
     assert result.stderr.splitlines()[-1].startswith(f"error: {path}: scene")
     assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("command", ["render", "explain", "turntable"])
+@pytest.mark.filterwarnings("error")
+def test_coordinates_whose_distances_overflow_are_told_with_the_file(tmp_path, command):
+    (tmp_path / "both.obj").write_text("v -1.7e308 0 0\nv 1.7e308 0 0\nv 0 1.7e308 0\nf 1 2 3\n")
+    positions = np.array([(0, 0, 0), (3e38, 0, 0), (0, 3e38, 0)], np.float32)
+    (tmp_path / "a.bin").write_bytes(positions.tobytes())
+    document = {
+        "asset": {"version": "2.0"}, "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0, "scale": [1e300] * 3}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
+        "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"}],
+        "bufferViews": [{"buffer": 0, "byteLength": 36}],
+        "buffers": [{"byteLength": 36, "uri": "a.bin"}],
+    }  # fmt: skip
+    (tmp_path / "scaled.gltf").write_text(json.dumps(document))
+    for name in ("both.obj", "scaled.gltf"):
+        words = [] if command == "explain" else ["-o", tmp_path / "a.gif"]
+        result = run(command, tmp_path / name, *words, "--size", "16x16")
+        assert result.exit_code == 1
+        assert result.stderr.startswith(f"error: {tmp_path / name}: scene's "), result.stderr
 
 
 @pytest.mark.parametrize(

@@ -37,6 +37,18 @@ sys.meta_path.insert(0, Finder())
 """
 """Presses Ctrl-C when a module begins to be imported; Python runs this as it starts."""
 
+AT_THE_END = """
+import os, signal, sys
+
+class Last:
+    def __del__(self, kill=os.kill, process=os.getpid(), number=signal.SIGINT, write=os.write):
+        kill(process, number)
+        write(2, b"after all")
+
+sys.last = Last()
+"""
+"""Presses Ctrl-C when Python takes its modules apart."""
+
 CONSOLE_SCRIPT = """
 import sys
 from rasterjit.cli import main
@@ -60,6 +72,7 @@ def run_interrupted(folder, at, words):
     ("way", "at"),
     [
         ("script", "rasterjit.classics"), ("script", "click"), ("module", "numpy"),
+        ("module", "rasterjit.runtime"), ("script", "rasterjit.runtime.versions"),
         ("module", "rasterjit.scene.quality"),
     ],
 )  # fmt: skip
@@ -70,6 +83,18 @@ def test_while_the_program_is_imported(tmp_path, way, at):
     words = [str(script)] if way == "script" else ["-m", "rasterjit"]
     done = run_interrupted(tmp_path, at, [*words, "--help"])
     assert (done.returncode, done.stderr, done.stdout) == (130, "error: interrupted\n", "")
+
+
+@pytest.mark.parametrize(("option", "status"), [("--help", 0), ("--wrong", 2)])
+def test_while_python_ends_all_is_done(tmp_path, option, status):
+    (tmp_path / "sitecustomize.py").write_text(AT_THE_END)
+    done = subprocess.run(
+        [sys.executable, "-m", "rasterjit", option], capture_output=True, check=False,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), str(ROOT)])},
+    )  # fmt: skip
+    assert done.returncode == status
+    assert done.stderr.endswith(b"after all")
+    assert b"interrupted" not in done.stderr
 
 
 @pytest.mark.parametrize("at", ["rasterjit.io.resources", "trimesh.constants", "PIL.Image"])

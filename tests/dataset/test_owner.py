@@ -2,7 +2,6 @@
 
 import json
 import os
-import socket
 import subprocess
 import sys
 
@@ -10,6 +9,7 @@ import pytest
 
 from rasterjit.dataset import lock, making
 from rasterjit.dataset.recipe import Recipe
+from rasterjit.io import locks
 
 RECIPE = Recipe(views=1, size=(8, 6), outputs=("mask",))
 
@@ -23,14 +23,23 @@ def meshes(tmp_path):
     return folder
 
 
-def lock_of(pid, host=None):
-    return json.dumps({"host": host or socket.gethostname(), "pid": pid, "run": "1"})
+HOLDING = """
+import sys
+from pathlib import Path
+from rasterjit.dataset.lock import owned
+with owned(Path(sys.argv[1])):
+    print(flush=True)
+    sys.stdin.read()
+"""
 
 
 @pytest.fixture
-def sleeper():
-    """Another process of this machine."""
-    with subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE) as running:
+def holder(tmp_path):
+    """Another process that has the folder of the set."""
+    (tmp_path / "set").mkdir()
+    words = [sys.executable, "-c", HOLDING, str(tmp_path / "set")]
+    with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as running:
+        running.stdout.readline()
         yield running
         running.kill()
 
@@ -66,34 +75,64 @@ def test_the_folder_is_given_back_whatever_is_raised(meshes, tmp_path, error):
     assert making.make(meshes, place, RECIPE).made == 1
 
 
-def test_the_lock_of_a_process_that_goes_on_is_kept(meshes, tmp_path, sleeper):
+def test_the_lock_of_a_process_that_goes_on_is_kept(meshes, tmp_path, holder):
     place = tmp_path / "set"
-    place.mkdir()
-    (place / ".lock").write_text(lock_of(sleeper.pid))
-    with pytest.raises(ValueError, match=f"another run, process {sleeper.pid} on "):
+    with pytest.raises(ValueError, match=f"another run, process {holder.pid} on "):
         making.make(meshes, place, RECIPE)
     assert [file.name for file in place.iterdir()] == [".lock"]
-    sleeper.kill()
-    sleeper.wait()
+    holder.kill()
+    holder.wait()
+    assert (place / ".lock").is_file()
     assert making.make(meshes, place, RECIPE).made == 2
     assert not list(place.glob(".*"))
 
 
+def left_lock(place, change):
+    """A lock file that a killed process left, with another content."""
+    content = json.loads(lock._myself())
+    change(content)
+    place.mkdir()
+    (place / ".lock").write_text(json.dumps(content))
+
+
+def test_the_number_of_its_process_tells_nothing(meshes, tmp_path):
+    """Containers that share a folder have processes of the same number: this one, for instance."""
+    place = tmp_path / "set"
+    left_lock(place, lambda content: None)
+    assert making.make(meshes, place, RECIPE).made == 2
+
+
+@pytest.mark.parametrize("shared", [0, 1])
+def test_a_lock_is_seen_on_the_same_host_or_the_same_system(meshes, tmp_path, shared):
+    place = tmp_path / "set"
+    left_lock(place, lambda content: content["machine"].__setitem__(1 - shared, "0"))
+    assert making.make(meshes, place, RECIPE).made == 2
+
+
 def test_the_lock_of_another_machine_is_kept(meshes, tmp_path):
     place = tmp_path / "set"
-    place.mkdir()
-    (place / ".lock").write_text(lock_of(1, "elsewhere"))
+    left_lock(place, lambda it: it.update(machine=["0", "1"], pid=1, host="elsewhere"))
     with pytest.raises(ValueError, match="process 1 on elsewhere"):
         making.make(meshes, place, RECIPE)
+    assert (place / ".lock").is_file()
 
 
-@pytest.mark.parametrize("content", ["", "half", "[]", "own"])
-def test_a_lock_that_is_nobodys_is_taken_over(meshes, tmp_path, monkeypatch, content):
-    """A number of a process is given again, to this one for instance."""
-    monkeypatch.setattr(lock, "HALF_WRITTEN", 0.01)
+def test_a_lock_that_cannot_be_asked_is_kept(meshes, tmp_path, monkeypatch):
+    place = tmp_path / "set"
+    monkeypatch.setattr(locks, "_lock", lambda descriptor: False)
+    left_lock(place, lambda content: None)
+    with pytest.raises(ValueError, match="if there is none, remove"):
+        making.make(meshes, place, RECIPE)
+    (place / ".lock").unlink()
+    assert making.make(meshes, place, RECIPE).made == 2
+    assert not list(place.glob(".*"))
+
+
+@pytest.mark.parametrize("content", ["", "half", "[]"])
+def test_a_lock_that_is_nobodys_is_taken_over(meshes, tmp_path, content):
     place = tmp_path / "set"
     place.mkdir()
-    (place / ".lock").write_text(lock_of(os.getpid()) if content == "own" else content)
+    (place / ".lock").write_text(content)
     assert making.make(meshes, place, RECIPE).made == 2
     assert not list(place.glob(".*"))
 

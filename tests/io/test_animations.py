@@ -2,6 +2,7 @@
 
 import errno
 import gc
+import os
 import signal
 import subprocess
 import sys
@@ -197,8 +198,9 @@ def test_ffmpeg_that_fails_is_an_error_and_leaves_no_file(tmp_path, monkeypatch)
     gc.collect()
 
 
+@pytest.mark.parametrize("kept", [60, 0.5, 0.99])
 @pytest.mark.parametrize("suffix", [".mp4", *LOSSLESS])
-def test_what_ffmpeg_could_not_end_is_an_error(tmp_path, monkeypatch, suffix):
+def test_what_ffmpeg_could_not_end_is_an_error(tmp_path, monkeypatch, suffix, kept):
     """As on a full disk: what has been written is cut off."""
     whole = imageio_ffmpeg.write_frames
 
@@ -210,7 +212,8 @@ def test_what_ffmpeg_could_not_end_is_an_error(tmp_path, monkeypatch, suffix):
             yield from cut(path, *arguments, **options)
         finally:
             with open(path, "r+b") as file:
-                file.truncate(60)
+                size = file.seek(0, os.SEEK_END)
+                file.truncate(kept if kept > 1 else int(kept * size))
 
     monkeypatch.setattr(imageio_ffmpeg, "write_frames", short)
     with pytest.raises(OSError, match="fewer than 3 frames"):

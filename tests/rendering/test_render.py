@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 import warnings
 from concurrent.futures import ThreadPoolExecutor
@@ -206,6 +207,26 @@ def test_close_by_another_thread_as_a_frame_is_drawn_is_said(monkeypatch):
     monkeypatch.undo()
     assert workers.run(abs, [(-1,), (-2,)]) == [1, 2]
     workers.close()
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_close_by_another_thread_between_two_steps_of_a_frame_is_said(cube, camera, threads):
+    renderer = rj.Renderer(SIZE, threads=threads)
+    first = renderer.render(cube, camera)
+
+    def close():
+        closing = threading.Thread(target=renderer.close)
+        closing.start()
+        closing.join()
+
+    renderer.before_picture = close
+    with pytest.raises(RuntimeError, match=r"^close\(\) was called while a frame was being drawn$"):
+        renderer.render(cube, camera)
+    # No pool that nobody closes.
+    assert renderer._workers._pool is None
+    renderer.before_picture = None
+    assert renderer.render(cube, camera).color.tobytes() == first.color.tobytes()
+    renderer.close()
 
 
 def test_split_into_objects_is_the_same_picture(cube, camera):

@@ -49,6 +49,12 @@ def test_a_masked_number_is_none(value):
         rj.PerspectiveCamera(eye=(0, 0, 1), target=(0, 0, 0), fov_y=value)
 
 
+@pytest.mark.parametrize("value", [masked(np.array([8, 8])), (8, np.ma.masked)])
+def test_a_masked_size_is_none(value):
+    with pytest.raises(ValueError, match=r"size must be \(width, height\) in pixels, got"):
+        rj.Renderer(value)
+
+
 @pytest.mark.parametrize("value", [np.ones(2), np.array([[1.0, math.inf]]), np.array(["a", "b"])])
 def test_an_array_is_no_distance(value):
     with pytest.raises(ValueError, match=re.escape("far must be a number, got array(")):

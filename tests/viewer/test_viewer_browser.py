@@ -15,6 +15,7 @@ import subprocess
 import sys
 import threading
 import time
+from collections import deque
 
 import chromium
 import numpy as np
@@ -24,7 +25,7 @@ from PIL import Image
 
 import rasterjit as rj
 from rasterjit.viewer import browser
-from rasterjit.viewer.canvas import DrawCancelled, PatientConnection
+from rasterjit.viewer.canvas import MOST_WAITING, DrawCancelled, PatientConnection, add_event
 from rasterjit.viewer.viewer import Viewer
 
 SIZE = (160, 120)
@@ -587,6 +588,57 @@ def test_canvas_answers_while_a_picture_is_drawn(cube, monkeypatch):
     connection._handle(event)
     assert handled == [event, event]
     connection._close({})
+
+
+def test_a_long_drag_while_the_first_picture_is_compiled_ends_where_it_ended(cube, monkeypatch):
+    """Some 60 moves a second come: the release must not be lost behind them."""
+    viewer, quick = (Viewer(cube, size=(80, 60)) for _ in range(2))
+    release, draw = threading.Event(), viewer.draw
+
+    def draw_slowly():
+        assert release.wait(PATIENCE)
+        return draw()
+
+    monkeypatch.setattr(viewer, "draw", draw_slowly)
+    canvas = Canvas((80, 60))
+    connection = PatientConnection(viewer, canvas)
+    place = {"button": 1, "buttons": [1], "modifiers": [], "x": 10.0, "y": 30.0}
+    events = [{**place, "event_type": "pointer_down"}]
+    events += [
+        {**place, "event_type": "pointer_move", "x": 10.0 + 0.01 * n, "y": 30.0}
+        for n in range(2 * MOST_WAITING)
+    ]
+    events += [{**place, "event_type": "pointer_up", "x": 30.0}]
+    wheel = {"event_type": "wheel", "x": 40.0, "y": 30.0, "dx": 0.0, "dy": 0.01, "modifiers": []}
+    events += [wheel] * (2 * MOST_WAITING)
+    events += [{**wheel, "event_type": "key_down", "key": "l"}]
+    for event in events:
+        connection._handle(event)
+        quick.handle(event)
+    assert len(connection._waiting) == 5
+    assert viewer.controls.goal == viewer.controls.home
+    release.set()
+    draw_until_shown(connection, canvas, 1)
+    assert not viewer.controls.drag
+    for name in ("azimuth", "elevation", "distance"):
+        expected = getattr(quick.controls.goal, name)
+        assert getattr(viewer.controls.goal, name) == pytest.approx(expected, rel=1e-6), name
+        assert expected != getattr(quick.controls.home, name) or name == "elevation"
+    connection._close({})
+
+
+def test_of_too_many_events_the_latest_are_kept():
+    waiting = deque(maxlen=3)
+    for key in "abcde":
+        add_event(waiting, {"event_type": "key_up", "key": key})
+    assert [event["key"] for event in waiting] == ["c", "d", "e"]
+
+
+def test_only_moves_with_the_same_buttons_and_keys_become_one():
+    waiting = deque()
+    for buttons, x in (([1], 1), ([1], 2), ([], 3), ([], 4), ([1], 5)):
+        add_event(waiting, {"event_type": "pointer_move", "buttons": buttons, "x": x})
+    assert [event["x"] for event in waiting] == [2, 4, 5]
 
 
 def test_picture_of_a_size_that_is_gone_is_not_shown(cube):

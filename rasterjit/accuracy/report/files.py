@@ -14,7 +14,7 @@ from typing import Any
 
 from rasterjit.accuracy.results import Study, Trial
 from rasterjit.accuracy.sentences import sentences
-from rasterjit.io.images import replacing
+from rasterjit.io.whole import replacing
 
 JSON_NAME, CSV_NAME = "accuracy.json", "accuracy.csv"
 

@@ -40,7 +40,7 @@ from rasterjit.accuracy.results import (
     standard_level,
     with_standard,
 )
-from rasterjit.io.images import replacing
+from rasterjit.io.whole import replacing
 from rasterjit.scene.quality import differences
 
 PAGE_NAME = "index.html"

@@ -1,0 +1,128 @@
+"""
+Tell by a lock whether who writes something is still there: it ends with the process that holds it.
+
+Numbers of processes tell nothing: containers that share a folder have the same ones.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import os
+import platform
+from contextlib import suppress
+from pathlib import Path
+from types import TracebackType
+
+BOOT = Path("/proc/sys/kernel/random/boot_id")
+"""Where Linux names the run of the system, the same in all containers."""
+
+FAR = 1 << 30
+"""The byte that is locked where locks are for bytes: none that anyone reads."""
+
+
+class Lock:
+    """
+    A file or folder that is open, and locked until it is closed or the process ends.
+
+    Attributes
+    ----------
+    is_sure : bool
+        False where nothing can be locked: another may have it, too.
+    """
+
+    def __init__(self, descriptor: int, is_sure: bool) -> None:
+        self._descriptor: int | None = descriptor
+        self.is_sure = is_sure
+
+    def __enter__(self) -> Lock:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Let go of it."""
+        descriptor, self._descriptor = self._descriptor, None
+        if descriptor is not None:
+            os.close(descriptor)
+
+    def is_of(self, path: Path) -> bool:
+        """Tell whether what is locked is what lies at a path now."""
+        if self._descriptor is None:
+            return False
+        with suppress(OSError):
+            there = os.stat(path, follow_symlinks=False)
+            return os.path.samestat(os.fstat(self._descriptor), there)
+        return False
+
+
+def lock(path: Path) -> Lock | None:
+    """
+    Lock a file or folder that is there; None if another has it.
+
+    Raises
+    ------
+    OSError
+        If it cannot be opened, a link for one.
+    """
+    is_folder = os.name == "posix" and path.is_dir()
+    # Over a network, only what is open for writing can be locked.
+    flags = os.O_RDONLY if is_folder else os.O_RDWR
+    for name in ("O_NOFOLLOW", "O_NONBLOCK", "O_CLOEXEC"):
+        flags |= getattr(os, name, 0)
+    descriptor = os.open(path, flags)
+    try:
+        is_sure = _lock(descriptor)
+    except BaseException:
+        os.close(descriptor)
+        raise
+    if is_sure is None:
+        os.close(descriptor)
+        return None
+    return Lock(descriptor, is_sure)
+
+
+def _lock(descriptor: int) -> bool | None:
+    """Lock what is open; return whether that is sure, or None if another has it."""
+    try:
+        import fcntl
+    except ImportError:
+        import msvcrt
+
+        os.lseek(descriptor, FAR, os.SEEK_SET)
+        try:
+            msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)  # type: ignore[attr-defined]
+        except OSError:
+            return None
+        return True
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return None
+    except OSError:
+        return False
+    return True
+
+
+@functools.cache
+def machine() -> tuple[str, str]:
+    """
+    Return two names of this machine, 8 hexadecimal digits each: of the host, and of the system.
+
+    Processes that share either are asked by locks. Where both differ, a lock may not be seen.
+    """
+    host = platform.node()
+    system = host
+    with suppress(OSError):
+        system = BOOT.read_text().strip()
+    return _digits(host), _digits(system)
+
+
+def _digits(name: str) -> str:
+    return hashlib.sha256(name.encode()).hexdigest()[:8]

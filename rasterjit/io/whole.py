@@ -1,0 +1,169 @@
+"""
+Write files and folders whole, or not at all: under a temporary name, then moved in one step.
+
+Who writes holds a lock on the temporary file. Those that nobody holds were left by processes that
+were killed, and are removed by the next that writes to the same folder.
+"""
+
+from __future__ import annotations
+
+import errno
+import functools
+import os
+import re
+import shutil
+import sys
+import time
+import uuid
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
+
+from rasterjit.io.locks import lock, machine
+
+MARK = ".rasterjit-part-"
+"""What the names of temporary files begin with; then come the names of the machine."""
+
+ASIDE = "-was-"
+"""After those, before its own name: a folder that is about to be replaced."""
+
+NAME = re.compile(rf"{re.escape(MARK)}([0-9a-f]{{8}})-([0-9a-f]{{8}})-[0-9a-f]{{32}}(.*)", re.S)
+
+LONGEST_NAME = 160
+"""Bytes of a name that fits behind the others, in the 255 that file systems allow."""
+
+LEFT_AFTER = 24 * 3600.0
+"""Seconds after which nobody writes a temporary file any more, where locks do not tell."""
+
+IS_LOCKED = sys.platform != "win32"
+"""Whether a temporary file is locked: Windows moves no file that is open."""
+
+
+@contextmanager
+def replacing(place: Path) -> Iterator[Path]:
+    """
+    Give a temporary file in the same folder; move it to ``place`` on success, else remove it.
+
+    The first time in a folder, what killed processes left there is removed.
+
+    Raises
+    ------
+    OSError
+        Naming ``place``.
+    """
+    remove_leftovers(place.parent)
+    with ExitStack() as stack, _naming(place):
+        temporary = _begun(place, stack, _make_file)
+        yield temporary
+        os.replace(temporary, place)
+
+
+@contextmanager
+def replacing_folder(place: Path) -> Iterator[Path]:
+    """
+    Give a temporary folder beside a place; move it there on success, else remove it.
+
+    What is there, a folder or a link to one, goes only when the new one is there.
+    """
+    remove_leftovers(place.parent)
+    is_short = len(os.fsencode(place.name)) <= LONGEST_NAME
+    aside = _temporary(place, f"{ASIDE}{place.name}" if is_short else place.suffix)
+    with ExitStack() as stack:
+        try:
+            with _naming(place):
+                temporary = _begun(place, stack, os.mkdir)
+            yield temporary
+            with _naming(place):
+                if os.path.lexists(place):
+                    with suppress(OSError):
+                        _hold(place, stack)
+                    os.rename(place, aside)
+                os.replace(temporary, place)
+        finally:
+            if os.path.lexists(aside) and not os.path.lexists(place):
+                os.rename(aside, place)
+            _remove(aside)
+
+
+@contextmanager
+def _naming(place: Path) -> Iterator[None]:
+    """Let errors of the system name what was asked for, not a temporary file, nor none."""
+    try:
+        yield
+    except OSError as error:
+        if not os.path.basename(str(error.filename or MARK)).startswith(MARK):
+            raise
+        if error.errno is None:
+            # NumPy and encoders say in words how much was written.
+            said = f"could not be written whole: {error}"
+            raise OSError(errno.EIO, said, str(place)) from error
+        error.filename = str(place)
+        del error.filename2
+        raise
+
+
+def _temporary(place: Path, end: str) -> Path:
+    """Return a new name beside a place."""
+    host, system = machine()
+    return place.with_name(f"{MARK}{host}-{system}-{uuid.uuid4().hex}{end}")
+
+
+def _make_file(path: Path) -> None:
+    os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
+
+
+def _begun(place: Path, stack: ExitStack, make: Callable[[Path], None]) -> Path:
+    """Make a temporary file or folder and hold it, until the stack is left: then it is removed."""
+    while True:
+        temporary = _temporary(place, place.suffix)
+        stack.callback(_remove, temporary)
+        make(temporary)
+        # One that is not held yet may be taken for nobody's, and removed.
+        if _hold(temporary, stack):
+            return temporary
+
+
+def _hold(path: Path, stack: ExitStack) -> bool:
+    """Hold a file or folder until the stack is left; return False if another has it, or had."""
+    if not IS_LOCKED:
+        return True
+    try:
+        found = lock(path)
+    except FileNotFoundError:
+        return False
+    return found is not None and stack.enter_context(found).is_of(path)
+
+
+@functools.cache
+def remove_leftovers(folder: Path) -> None:
+    """Remove, once in a process, what processes that are no more left in a folder."""
+    with suppress(OSError):
+        for name in os.listdir(folder):
+            if match := NAME.fullmatch(name):
+                with suppress(OSError):
+                    _remove_if_left(folder / name, *match.groups())
+
+
+def _remove_if_left(path: Path, host: str, system: str, end: str) -> None:
+    """Remove a temporary file or folder that nobody holds; move back what was moved aside."""
+    found = lock(path)
+    if found is None:
+        return
+    with found:
+        is_near = host == machine()[0] or system == machine()[1]
+        is_old = time.time() - path.stat().st_mtime > LEFT_AFTER
+        if not is_old and not (IS_LOCKED and is_near and found.is_sure):
+            return
+        place = path.with_name(end.removeprefix(ASIDE) or path.name)
+        if end.startswith(ASIDE) and not os.path.lexists(place):
+            os.rename(path, place)
+        else:
+            _remove(path)
+
+
+def _remove(path: Path) -> None:
+    """Remove a file or link, or a folder with all that is in it, if it is there."""
+    if path.is_symlink() or not path.is_dir():
+        path.unlink(missing_ok=True)
+    else:
+        shutil.rmtree(path, ignore_errors=True)

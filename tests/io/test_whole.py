@@ -1,0 +1,210 @@
+"""Files are written whole or not at all, and what killed processes left is removed."""
+
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+import pytest
+
+from rasterjit.io import locks, whole
+
+pytestmark = pytest.mark.skipif(
+    sys.platform == "win32", reason="Windows locks and kills in other ways"
+)
+
+WAITING = """
+import sys
+from pathlib import Path
+from rasterjit.io import whole
+with getattr(whole, sys.argv[1])(Path(sys.argv[2])) as temporary:
+    place = temporary / "chunk" if temporary.is_dir() else temporary
+    place.write_bytes(b"half")
+    print(temporary.name, flush=True)
+    sys.stdin.read()
+"""
+"""Writes half of a file or folder, and waits."""
+
+
+def files(folder):
+    return sorted(path.name for path in folder.iterdir())
+
+
+@pytest.fixture(params=["replacing", "replacing_folder"])
+def way(request):
+    return request.param
+
+
+@contextmanager
+def writing(way, place):
+    """Another process that writes; yields it and the name of what it writes to."""
+    words = [sys.executable, "-c", WAITING, way, str(place)]
+    with subprocess.Popen(
+        words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as process:
+        try:
+            yield process, process.stdout.readline().strip()
+        finally:
+            process.kill()
+
+
+def sweep(folder):
+    whole.remove_leftovers.cache_clear()
+    whole.remove_leftovers(folder)
+
+
+def test_only_what_a_killed_process_left_is_removed(tmp_path, way):
+    with writing(way, tmp_path / "a.bin") as (process, name):
+        sweep(tmp_path)
+        assert files(tmp_path) == [name]
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+        assert files(tmp_path) == [name]
+        sweep(tmp_path)
+    assert files(tmp_path) == []
+
+
+def test_whoever_was_there_long_ago_or_elsewhere(tmp_path, way):
+    """A lock that another machine holds may not be seen from here."""
+    name = f"{whole.MARK}00000000-00000000-{'0' * 32}.bin"
+    with writing(way, tmp_path / "a.bin") as (process, held):
+        (tmp_path / held).rename(tmp_path / name)
+        process.kill()
+        process.wait()
+    sweep(tmp_path)
+    assert files(tmp_path) == [name]
+    os.utime(tmp_path / name, (1.0, 1.0))
+    sweep(tmp_path)
+    assert files(tmp_path) == []
+
+
+@pytest.mark.parametrize("shared", [0, 1])
+def test_containers_share_the_system_and_replicas_the_name(tmp_path, monkeypatch, shared):
+    with writing("replacing", tmp_path / "a.bin"):
+        pass
+    with writing("replacing", tmp_path / "a.bin") as (_, live):
+        names = [*locks.machine()]
+        names[1 - shared] = "0" * 8
+        monkeypatch.setattr(whole, "machine", lambda: tuple(names))
+        sweep(tmp_path)
+        assert files(tmp_path) == [live]
+
+
+def test_where_nothing_can_be_locked_age_tells(tmp_path, monkeypatch, way):
+    with writing(way, tmp_path / "a.bin") as (_, name):
+        pass
+    monkeypatch.setattr(locks, "_lock", lambda descriptor: False)
+    sweep(tmp_path)
+    assert files(tmp_path) == [name]
+    os.utime(tmp_path / name, (1.0, 1.0))
+    sweep(tmp_path)
+    assert files(tmp_path) == []
+
+
+def test_files_of_others_are_kept(tmp_path):
+    names = [".mine.png", ".rasterjit-0-1-0123.png", f"{whole.MARK}x-y-z.png", whole.MARK]
+    for name in names:
+        (tmp_path / name).touch()
+    os.mkfifo(tmp_path / f"{whole.MARK}{'-'.join(locks.machine())}-{'1' * 32}")
+    (tmp_path / "kept").touch()
+    link = f"{whole.MARK}{'-'.join(locks.machine())}-{'2' * 32}"
+    (tmp_path / link).symlink_to(tmp_path / "kept")
+    sweep(tmp_path)
+    assert files(tmp_path) == sorted([*names, "kept", link])
+
+
+def test_a_file_that_is_taken_for_nobodys_before_it_is_held(tmp_path, monkeypatch, way):
+    """Another process may look between the making of a file and its lock."""
+    seen = []
+
+    def lock_late(path):
+        if not seen:
+            seen.append(path)
+            sweep(tmp_path)
+        return locks.lock(path)
+
+    monkeypatch.setattr(whole, "lock", lock_late)
+    place = tmp_path / "a.bin"
+    with getattr(whole, way)(place) as temporary:
+        assert len(seen) == 1
+        assert temporary != seen[0]
+        sweep(tmp_path)
+        assert temporary.exists()
+    assert files(tmp_path) == ["a.bin"]
+
+
+def write_again_and_again(folder, number):
+    for turn in range(100):
+        whole.remove_leftovers.cache_clear()
+        with whole.replacing(Path(folder, f"{number}.txt")) as temporary:
+            temporary.write_text(f"{turn}")
+
+
+def test_processes_that_write_and_clear_away_at_once(tmp_path):
+    context = multiprocessing.get_context("spawn")
+    crew = [
+        context.Process(target=write_again_and_again, args=(str(tmp_path), number))
+        for number in range(3)
+    ]
+    for one in crew:
+        one.start()
+    for one in crew:
+        one.join()
+    assert [one.exitcode for one in crew] == [0, 0, 0]
+    assert files(tmp_path) == ["0.txt", "1.txt", "2.txt"]
+
+
+def folder_at(place, content):
+    place.mkdir()
+    (place / "chunk").write_text(content)
+
+
+def test_a_folder_is_replaced_or_kept(tmp_path):
+    place = tmp_path / "a.zarr"
+    folder_at(place, "old")
+    with suppress(KeyError), whole.replacing_folder(place) as temporary:
+        (temporary / "chunk").write_text("new")
+        raise KeyError
+    assert (place / "chunk").read_text() == "old"
+    with whole.replacing_folder(place) as temporary:
+        (temporary / "chunk").write_text("new")
+    assert (place / "chunk").read_text() == "new"
+    assert files(tmp_path) == ["a.zarr"]
+
+
+@pytest.mark.parametrize("name", ["a.zarr", f"{'long' * 60}.zarr"])
+def test_a_folder_of_any_name_is_replaced(tmp_path, name):
+    folder_at(tmp_path / name, "old")
+    with whole.replacing_folder(tmp_path / name):
+        pass
+    assert files(tmp_path) == [name]
+    assert files(tmp_path / name) == []
+
+
+def test_a_folder_that_was_moved_aside_before_a_kill_is_moved_back(tmp_path):
+    aside = whole._temporary(tmp_path / "a.zarr", f"{whole.ASIDE}a.zarr")
+    folder_at(aside, "old")
+    sweep(tmp_path)
+    assert files(tmp_path) == ["a.zarr"]
+    folder_at(aside, "older")
+    sweep(tmp_path)
+    assert files(tmp_path) == ["a.zarr"]
+    assert (tmp_path / "a.zarr/chunk").read_text() == "old"
+
+
+def test_errors_name_what_was_asked_for(tmp_path, way):
+    with (
+        pytest.raises(OSError, match="No such file") as caught,
+        getattr(whole, way)(tmp_path / "none" / "a.bin"),
+    ):
+        pass
+    assert caught.value.filename == str(tmp_path / "none" / "a.bin")
+    assert whole.MARK not in str(caught.value)
+    (tmp_path / "b").mkdir()
+    (tmp_path / "b/full").touch()
+    with pytest.raises(OSError, match=r"b'$") as caught, whole.replacing(tmp_path / "b"):
+        pass
+    assert files(tmp_path) == ["b"]
