@@ -48,6 +48,9 @@ class Viewport(NamedTuple):
     """Columns of the whole picture behind the last of this part."""
     bottom: int64 = 0
     """Rows of the whole picture below this part."""
+    spacing: float64 = 1.0
+    """How far apart the samples lie that are shaded by themselves, pixels: 1, but for the pictures
+    that a supersampled frame is the mean of; a power of two, so that it rounds nothing."""
 
 
 class ScreenVertices(NamedTuple):

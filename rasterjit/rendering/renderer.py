@@ -257,7 +257,8 @@ def find_visible(
     camera, arrays = plan.camera, cache.shapes.arrays
     if views is None:
         views = placing.view_places(cache.places, camera, plan.size)
-    viewport = drawing.viewport_of(plan.size, plan.quality.subpixel_bits, plan.region)
+    spacing = supersample.spacing_of(camera)
+    viewport = drawing.viewport_of(plan.size, plan.quality.subpixel_bits, plan.region, spacing)
     objects = placing.cull_objects(
         plan.cull, views, arrays.face_starts, cache.tables.is_single_sided
     )

@@ -10,6 +10,9 @@ The samples are the centres of the cells of a grid over the pixel, ordered so th
 quarter, a sample lies in the smaller quarter that a turn by 90 degrees leads to: so the first
 samples form rotated grids [1]_, centred on the pixel.
 
+Textures are filtered for the distance of all samples of the quality, not for a pixel: the mean does
+the rest. The mean of the first few is not filtered more, as it counts in that of all.
+
 References
 ----------
 .. [1] T. Akenine-Möller, E. Haines, N. Hoffman and others, "Real-Time Rendering", 4th edition,
@@ -78,10 +81,14 @@ class MovedCamera:
     camera : Camera
     offset : (float, float)
         How far beside them: to the right and down, pixels.
+    spacing : float
+        How far apart the samples lie that a pixel is the mean of, pixels: what textures are
+        filtered for. A power of two.
     """
 
     camera: Camera
     offset: Offset
+    spacing: float = 1.0
 
     def view_matrix(self) -> Matrix:
         """Return ``view_from_world`` of the camera."""
@@ -122,7 +129,7 @@ def sample_offsets(samples: int) -> list[Offset]:
     >>> sample_offsets(4)
     [(-0.25, -0.25), (0.25, 0.25), (0.25, -0.25), (-0.25, 0.25)]
     """
-    levels = (samples.bit_length() - 1) // 2
+    levels = _halvings(samples)
     side, offsets = 1 << levels, []
     for number in range(samples):
         column, row, turned = 0, 0, (0, 0)
@@ -133,6 +140,11 @@ def sample_offsets(samples: int) -> list[Offset]:
             column, row, turned = 2 * column + x, 2 * row + y, (1 - y, x)
         offsets.append(((column + 0.5) / side - 0.5, (row + 0.5) / side - 0.5))
     return offsets
+
+
+def _halvings(samples: int) -> int:
+    """Return how often a side of a pixel is halved for so many samples, a power of 4."""
+    return (samples.bit_length() - 1) // 2
 
 
 def steps(plan: RenderPlan) -> list[RenderPlan]:
@@ -260,9 +272,20 @@ def _draw_picture(
     return shade.shade_faces(picture)[plan.outputs[0]]
 
 
+def spacing_of(camera: Camera) -> float:
+    """Return how far apart the samples lie that a camera shows, pixels."""
+    return camera.spacing if isinstance(camera, MovedCamera) else 1.0
+
+
+def sample_spacing(samples: int) -> float:
+    """Return how far apart so many samples of a pixel lie, a power of 4: pixels."""
+    return 1.0 / (1 << _halvings(samples))
+
+
 def moved(plan: RenderPlan, offset: Offset) -> RenderPlan:
     """Return the plan of a picture that shows what lies beside the centres of pixels."""
-    return plan.with_(camera=MovedCamera(plan.camera, offset))
+    spacing = sample_spacing(int(plan.quality.samples))
+    return plan.with_(camera=MovedCamera(plan.camera, offset, spacing))
 
 
 def _background(plan: RenderPlan) -> NDArray[np.float32]:

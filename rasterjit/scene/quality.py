@@ -50,7 +50,8 @@ class Quality:
         and Vulkan fix, or ``"area"``, the exact limit of ever more of them: the areas that faces
         show of it. Each face is shaded once in a pixel, at its centre, or on the face where the
         centre lies beside it. With 64 and 256 every sample is shaded by itself: whole pictures
-        are drawn, moved by parts of a pixel, and averaged. Colour is mixed in linear light, before
+        are drawn, moved by parts of a pixel, and averaged; textures are filtered for the distance
+        of samples, not of pixels. Colour is mixed in linear light, before
         tone mapping; all other outputs come from the pixel centre. ``"area"`` is not for scenes
         that show blended materials (``alpha_mode`` "blend" with an alpha below 1): rendering them
         raises ``ValueError``, naming an object that has one. Edges of the holes of an alpha mask

@@ -128,9 +128,9 @@ class Texture:
     u = (i + 0.5) / w, v = 1 - (j + 0.5) / h.
 
     Filtering happens in linear light. ``"trilinear"`` chooses its level from the longer side of
-    the pixel's footprint in texels, so a surface seen at a grazing angle is blurred rather than
-    aliased. With ``anisotropy`` the footprint is divided along its longer side, and the level
-    follows the shorter one: such a surface stays sharp.
+    the pixel's footprint in texels (that of a sample, of 64 or 256 in a pixel), so a surface seen
+    at a grazing angle is blurred rather than aliased. With ``anisotropy`` the footprint is divided
+    along its longer side, and the level follows the shorter one: such a surface stays sharp.
 
     The coordinates that a texture shows are ``offset + turn (scale (u, v))``, so that a scale of
     2 repeats it twice where it was once: see `with_transform`.

@@ -220,7 +220,7 @@ def test_steps_are_the_differences_of_neighbouring_coordinates():
     )
     texture_gradients.mix_steps(
         *places[STEPS : STEPS + 4, :1], *places[U : U + 2, :1], *corner_places, *corner_points,
-        *np.ones((3, 1)), *np.int32([[25], [20]]), viewport.grid_bits, True,
+        *np.ones((3, 1)), *np.int32([[25], [20]]), viewport.grid_bits, 1.0, True,
     )  # fmt: skip
     want = np.concatenate([found[1] - found[0], found[2] - found[0]])
     assert places[STEPS : STEPS + 4, 0] == pytest.approx(want, abs=1e-12)

@@ -17,7 +17,7 @@ from rasterjit.pipeline.visibility import draw as drawing
 from rasterjit.rendering import plan as plan_resources
 from rasterjit.rendering import shade as shade_passes
 from rasterjit.rendering import supersample
-from rasterjit.rendering.supersample import MovedCamera, sample_offsets
+from rasterjit.rendering.supersample import MovedCamera, sample_offsets, sample_spacing
 from rasterjit.runtime import threads as sharing
 from rasterjit.scene import transforms as tf
 
@@ -74,14 +74,16 @@ def rich_scene(**fields):
     )  # fmt: skip
 
 
-def averaged(scene, camera, size=SIZE, samples=64, first=None, **options):
+def averaged(scene, camera, size=SIZE, samples=64, first=None, spacing=None, **options):
     """Return the mean of the first pictures as `render` makes each, (H, W, 4) float64."""
+    spacing = sample_spacing(samples) if spacing is None else spacing
     offsets = sample_offsets(samples)[:first]
     total = np.zeros((size[1], size[0], 4))
     for offset in offsets:
-        linear = rj.render(
-            scene, MovedCamera(camera, offset), size=size, outputs=("linear",), **options
-        ).linear.astype(float)
+        moved = MovedCamera(camera, offset, spacing)
+        linear = rj.render(scene, moved, size=size, outputs=("linear",), **options).linear.astype(
+            float
+        )
         total[..., :3] += linear[..., :3] * linear[..., 3:]
         total[..., 3] += linear[..., 3]
     alpha = total[..., 3:]
@@ -151,6 +153,50 @@ def test_frame_is_the_mean_of_pictures_that_are_each_drawn_and_shaded(camera):
     assert many.linear.tobytes() == expected.astype(np.float32).tobytes()
     one = draw(scene, camera, rj.Quality(), outputs=("linear",), threads=1)
     assert np.abs(many.linear - one.linear).max() > 0.1
+
+
+def textured_scene():
+    """A ground behind the near plane, a ball of small faces, holes and glass: all with texels."""
+    rng = np.random.default_rng(8)
+    texels = rng.random((8, 8, 4)).round().repeat(8, axis=0).repeat(8, axis=1)
+    texture = rj.Texture(texels, rotation=15.0, scale=(2.0, 3.0))
+    turn, height = np.meshgrid(np.linspace(0.0, 6.0, 24), np.linspace(-1.0, 1.0, 24))
+    round_off = np.sqrt(1.0 - 0.9 * height**2)
+    ball = np.stack([round_off * np.cos(turn), height, round_off * np.sin(turn)], axis=-1)
+    first = (24 * np.arange(23)[:, np.newaxis] + np.arange(23)).ravel()
+    faces = np.concatenate([np.stack([first, first + 1, first + 25], axis=1),
+                            np.stack([first, first + 25, first + 24], axis=1)])  # fmt: skip
+    look = {"base_color_texture": texture, "shading": "unlit"}
+    ground = square(uv=20.0 * SQUARE[:, :2], **look)
+    return scene_of(
+        (ground, tf.compose(tf.translate((0, -1.2, 0)), tf.rotate_x(-90.0), tf.scale(20.0))),
+        (rj.Mesh(ball.reshape(-1, 3), faces, uv=np.stack([turn, height], axis=-1).reshape(-1, 2),
+                 material=rj.Material(**look)), tf.scale(0.8)),
+        (square(uv=SQUARE[:, :2], alpha_mode="mask", **look), tf.rotate((1, 2, 3), 70.0)),
+        (square(uv=SQUARE[:, :2], alpha_mode="blend", base_color=(1, 1, 1, 0.5), **look),
+         tf.translate((0.9, 0.3, 0.5))),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("filter", ["trilinear", "anisotropic4"])
+@pytest.mark.parametrize("interpolation", ["perspective", "affine"])
+def test_the_mean_of_pictures_is_that_of_the_cells_of_a_larger_picture(filter, interpolation):
+    """Each sample shows what a pixel shows that is as large as its share: so do its textures."""
+    scene, camera = textured_scene(), CAMERAS["perspective"]
+    own = {"interpolation": interpolation, "texture_filter": filter}
+    many = draw(scene, camera, rj.Quality(samples=256, **own), outputs=("linear",))
+    # Vertices lie on the same grid: 16 times as large, 16 times as coarse.
+    large = draw(
+        scene, camera, rj.Quality(subpixel_bits=4, **own), (16 * SIZE[0], 16 * SIZE[1]),
+        outputs=("linear",),
+    ).linear  # fmt: skip
+    cells = large.reshape(SIZE[1], 16, SIZE[0], 16, 4).astype(float).mean(axis=(1, 3))
+    assert cells.std() > 0.1
+    np.testing.assert_allclose(many.linear, cells, atol=2e-5)
+    # Filtered for whole pixels, textures look otherwise.
+    blurred = averaged(scene, camera, quality=rj.Quality(**own), spacing=1.0)
+    assert np.abs(blurred - cells).max() > 0.1
+    assert np.abs(blurred - cells).mean() > 0.01
 
 
 @pytest.mark.parametrize("background", [(0.3, 0.2, 0.1, 0.25), (0, 0, 0, 0), (0.5, 0.4, 0.3, 0.0)])

@@ -1,5 +1,5 @@
 """
-Note where on their textures samples lie, and how far a pixel's steps lead there.
+Note where on their textures samples lie, and how far steps to the next samples lead there.
 
 In a span they follow from the face's edge functions, in a mixed segment from the vertex data
 gathered for each sample. The formulas are those of ``textures``, and give the same bits.
@@ -52,10 +52,12 @@ def sum_of_weights(e0, e1, e2, ratios, is_affine):
 
 
 @disjoint_helper
-def fill_steps(right_u, right_v, down_u, down_v, u, v, ends, row_start, bits, is_affine):
+def fill_steps(
+    right_u, right_v, down_u, down_v, u, v, ends, row_start, bits, spacing, is_affine
+):  # fmt: skip
     """Write the steps of neighbouring samples of one face that was not clipped."""
     (e0, e1, e2), (x0, x1, x2), downs, ratios = row_start
-    unit = np.float64(np.int64(1) << bits)
+    unit = spacing * np.float64(np.int64(1) << bits)
     across = np.float64(x0 >> bits), np.float64(x1 >> bits), np.float64(x2 >> bits)
     fall = np.float64(downs[0] >> bits), np.float64(downs[1] >> bits), np.float64(downs[2] >> bits)
     for n in range(u.shape[0]):
@@ -100,11 +102,11 @@ def float_difference(one, other):
 @disjoint_helper
 def mix_steps(
     right_u, right_v, down_u, down_v, u, v, ua, va, ub, vb, uc, vc, ax, ay, bx, by, cx, cy,
-    wa, wb, wc, columns, rows, bits, is_affine,
+    wa, wb, wc, columns, rows, bits, spacing, is_affine,
 ):  # fmt: skip
     """Write the steps of samples, each of a face of its own that was not clipped."""
     half = np.int32(1) << (bits - 1)
-    unit = np.float64(np.int64(1) << bits)
+    unit = spacing * np.float64(np.int64(1) << bits)
     for n in range(u.shape[0]):
         px = np.int32((columns[n] << bits) + half)
         py = np.int32((rows[n] << bits) + half)
@@ -194,7 +196,7 @@ def find_coordinates(block: Block, count, uv: float32[:, ::1]):
 
 
 @helper
-def find_steps_of_mixed(segment, block, bits, is_affine):
+def find_steps_of_mixed(segment, block, viewport, is_affine):
     """Write the steps of the samples of a mixed segment, as if none of its faces was clipped."""
     whole, real, single, places = block.whole, block.real, block.single, block.places
     s = np.int64(segment[samples.START])
@@ -207,14 +209,14 @@ def find_steps_of_mixed(segment, block, bits, is_affine):
         part(whole, samples.AY, s, e), part(whole, samples.BX, s, e), part(whole, samples.BY, s, e),
         part(whole, samples.CX, s, e), part(whole, samples.CY, s, e), part(real, 0, s, e),
         part(real, 1, s, e), part(real, 2, s, e), part(whole, samples.COLUMN, s, e),
-        part(whole, samples.ROW, s, e), bits, is_affine,
+        part(whole, samples.ROW, s, e), viewport.grid_bits, viewport.spacing, is_affine,
     )  # fmt: skip
 
 
 @helper
-def find_steps_of_span(segment, block, uv, bits, xy, codes, w):
+def find_steps_of_span(segment, block, uv, viewport, xy, codes, w):
     """Write the steps of the samples of a span, unless its face was clipped."""
-    places = block.places
+    places, bits = block.places, viewport.grid_bits
     s, e = np.int64(segment[samples.START]), np.int64(segment[samples.STOP])
     column, row = np.int64(segment[samples.COLUMN_OF]), np.int64(segment[samples.ROW_OF])
     (a, b, c), ends = span_places(segment, block.whole, uv)
@@ -223,7 +225,7 @@ def find_steps_of_span(segment, block, uv, bits, xy, codes, w):
     fill_steps(
         part(places, STEPS, s, e), part(places, STEPS + 1, s, e), part(places, STEPS + 2, s, e),
         part(places, STEPS + 3, s, e), part(places, U, s, e), part(places, V, s, e), ends,
-        span_start(a, b, c, column, row, bits, xy, w), bits, w.shape[0] == 0,
+        span_start(a, b, c, column, row, bits, xy, w), bits, viewport.spacing, w.shape[0] == 0,
     )  # fmt: skip
 
 
@@ -246,22 +248,23 @@ def find_steps(
     block: Block, count, uv: float32[:, ::1], table: int64[:, :, ::1], geometry: Geometry
 ):
     """
-    Write what a pixel to the right and a pixel down add to the coordinates of each sample.
+    Write what the next sample to the right and the next down add to the coordinates of each sample.
 
-    Of objects whose textures have levels to choose from. After `find_coordinates`, as long as
-    ``single``, ``real`` and ``whole`` hold what that and the weights have gathered.
+    They lie ``viewport.spacing`` pixels away. Of objects whose textures have levels to choose from.
+    After `find_coordinates`, as long as ``single``, ``real`` and ``whole`` hold what that and the
+    weights have gathered.
     """
     xy, codes, w, clip_positions = geometry.xy, geometry.codes, geometry.w, geometry.clip_positions
-    bits = geometry.viewport.grid_bits
+    viewport = geometry.viewport
     for k in range(block.counts[samples.SEGMENTS]):
         segment = block.segments[k]
         if not wants_steps(np.int64(segment[samples.OWNER]), table):
             continue
         if segment[samples.KIND] == samples.MIXED:
-            find_steps_of_mixed(segment, block, bits, w.shape[0] == 0)
+            find_steps_of_mixed(segment, block, viewport, w.shape[0] == 0)
         else:
-            find_steps_of_span(segment, block, uv, bits, xy, codes, w)
+            find_steps_of_span(segment, block, uv, viewport, xy, codes, w)
         if clip_positions.shape[0] != 0:
             find_steps_of_clipped(
-                segment, block.whole, block.places, uv, codes, clip_positions, geometry.viewport
+                segment, block.whole, block.places, uv, codes, clip_positions, viewport
             )

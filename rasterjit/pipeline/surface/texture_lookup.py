@@ -46,7 +46,7 @@ OWNER = 2
 SHOWN = 3
 """Four rows: what the texture shows, linear RGBA."""
 STEPS = 7
-"""Four rows: what a pixel to the right adds to u and v, and a pixel down; for levels of detail."""
+"""Four rows: what the next sample to the right adds to u and v, and the next down; for levels."""
 MOVED_U, MOVED_V = 11, 12
 """Rows: coordinates as the texture at hand sees them."""
 TAP_U, TAP_V = 13, 14

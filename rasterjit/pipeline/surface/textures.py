@@ -9,6 +9,8 @@ The level of detail is ``log2 rho``; rho is the longer of the two steps on the p
 that one pixel to the right and one pixel down make. They are the exact derivatives of the
 perspective-correct coordinates at the pixel's centre: with weights ``W_k / sum W`` whose parts are
 linear on the screen, ``u = sum W_k u_k / sum W`` has the derivative ``sum W_k' (u_k - u) / sum W``.
+Where a pixel has several samples that are shaded by themselves, a step leads from one to the next:
+it is ``Viewport.spacing`` pixels long. Else their mean would be blurred twice.
 Where a texture is moved, turned or scaled, so are the steps. Affine coordinates have the same
 derivatives all over a face: those of its edge functions over their sum.
 
@@ -61,7 +63,7 @@ coordinates: a sample on the middle of a texel shows that texel alone, one on a 
 """
 
 LARGEST_STEP_SQUARED = 1e30
-"""Squared texels a pixel: beyond the coarsest level of any texture, and finite in float32."""
+"""Squared texels a step: beyond the coarsest level of any texture, and finite in float32."""
 
 
 @helper
@@ -89,8 +91,8 @@ def clipped_slopes(a, b, c, column, row, clip, viewport):
     """
     Return how the weights of a clipped face change at a pixel's centre, over their sum.
 
-    Two times three numbers: by one pixel to the right, and by one pixel down, of the weights
-    before they are divided by their sum.
+    Two times three numbers: from one sample to the next on the right, and to the next below, of the
+    weights before they are divided by their sum.
     """
     width, height = whole_size(viewport)
     x = (2.0 * (viewport.left + column) + 1.0) / width - 1.0
@@ -99,7 +101,8 @@ def clipped_slopes(a, b, c, column, row, clip, viewport):
     ax, bx, cx = clip[a, 0] - x * wa, clip[b, 0] - x * wb, clip[c, 0] - x * wc
     ay, by, cy = clip[a, 1] - y * wa, clip[b, 1] - y * wb, clip[c, 1] - y * wc
     total = (bx * cy - cx * by) + (cx * ay - ax * cy) + (ax * by - bx * ay)
-    right, down = 2.0 / width / total, -2.0 / height / total
+    step = 2.0 * viewport.spacing
+    right, down = step / width / total, -step / height / total
     return (
         (right * (wc * by - wb * cy), right * (wa * cy - wc * ay), right * (wb * ay - wa * by)),
         (down * (cx * wb - bx * wc), down * (ax * wc - cx * wa), down * (bx * wa - ax * wb)),

@@ -228,6 +228,7 @@ def find_coordinates(
     )  # fmt: skip
     if not wants_steps(owner, textures.table):
         return
+    viewport = geometry.viewport
     mix_steps(
         part(places, STEPS, 0, size), part(places, STEPS + 1, 0, size),
         part(places, STEPS + 2, 0, size), part(places, STEPS + 3, 0, size),
@@ -237,7 +238,7 @@ def find_coordinates(
         part(whole, AY, 0, size), part(whole, BX, 0, size), part(whole, BY, 0, size),
         part(whole, CX, 0, size), part(whole, CY, 0, size), part(real, 0, 0, size),
         part(real, 1, 0, size), part(real, 2, 0, size), part(whole, COLUMN, 0, size),
-        part(whole, ROW, 0, size), geometry.viewport.grid_bits, geometry.w.shape[0] == 0,
+        part(whole, ROW, 0, size), viewport.grid_bits, viewport.spacing, geometry.w.shape[0] == 0,
     )  # fmt: skip
     if geometry.clip_positions.shape[0] == 0:
         return
@@ -247,7 +248,7 @@ def find_coordinates(
             for i in range(whole[FIRST, r], whole[FIRST, r + np.uintp(1)]):
                 column, row = whole[COLUMN, i], whole[ROW, i]
                 note_clipped_steps(
-                    places, i, a, b, c, column, row, uv, geometry.clip_positions, geometry.viewport
+                    places, i, a, b, c, column, row, uv, geometry.clip_positions, viewport
                 )
 
 

@@ -552,7 +552,10 @@ class Region(NamedTuple):
 
 
 def viewport_of(
-    size: tuple[int, int], subpixel_bits: int, region: Region | None = None
+    size: tuple[int, int],
+    subpixel_bits: int,
+    region: Region | None = None,
+    spacing: float = 1.0,
 ) -> Viewport:
     """Return the viewport record of an image (width, height), or of a part, with its guard band."""
     width, height = size
@@ -568,6 +571,7 @@ def viewport_of(
         top=top,
         right=width - left - columns,
         bottom=height - top - rows,
+        spacing=spacing,
     )
 
 
