@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import rasterjit as rj
+from rasterjit.scene.scene import EFFECT_FIELDS
 
 Floats = NDArray[np.float64]
 
@@ -133,8 +134,8 @@ def _refuse(scene: rj.Scene, camera: rj.PerspectiveCamera) -> None:
     """Raise ``ValueError`` for what is beyond this program."""
     if not isinstance(camera, rj.PerspectiveCamera):
         raise ValueError(f"camera must be a PerspectiveCamera, got {type(camera).__name__}")
-    for name in ("environment", "fog", "ambient_occlusion", "outline", "tone_map", "vignette"):
-        if getattr(scene, name) is not None:
+    for name in EFFECT_FIELDS:
+        if name != "wireframe" and getattr(scene, name) is not None:
             raise ValueError(f"scene.{name} must be None, got {getattr(scene, name)!r}")
     for light in scene.lights:
         if not isinstance(light, (rj.AmbientLight, rj.DirectionalLight)):
