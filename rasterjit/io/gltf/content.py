@@ -49,7 +49,7 @@ TEXTURES = {
     "occlusion_texture": ("occlusionTexture", "linear"),
     "emissive_texture": ("emissiveTexture", "srgb"),
 }
-"""What a field of `Material` is called in glTF, and what the numbers of its picture are."""
+"""What a field of `Material` is called in glTF and by trimesh, and what its numbers are."""
 
 TRIANGLES, STRIP, FAN = 4, 5, 6
 OTHER_MODES = {0: "points", 1: "lines", 2: "lines", 3: "lines"}

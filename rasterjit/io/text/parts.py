@@ -76,7 +76,7 @@ def scene_of_parts(
         normals = _usable_normals(part.normals, left_out)
         uv, material = _finite_uv(part.uv, left_out), part.material
         if uv is None and material is not None:
-            material = _without_textures(part.name, material, left_out)
+            material = without_textures(part.name, material, left_out)
         try:
             mesh = Mesh(
                 part.vertices, part.faces, normals=normals, uv=uv, material=material,
@@ -132,7 +132,7 @@ def _finite_uv(values: NDArray[Any] | None, left_out: LeftOut) -> NDArray[Any] |
     return values
 
 
-def _without_textures(name: str, material: Material, left_out: LeftOut) -> Material:
+def without_textures(name: str, material: Material, left_out: LeftOut) -> Material:
     """Return a material for a mesh without texture coordinates: without textures."""
     fields = [field for field in TEXTURE_FIELDS if getattr(material, field) is not None]
     if not fields:
