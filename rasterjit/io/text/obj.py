@@ -39,8 +39,6 @@ from rasterjit.io.text.parts import (
 )
 from rasterjit.scene.material import Material
 
-_NAMED = (b"usemtl", b"mtllib")
-
 _KINDS = ("v", "vt", "vn")
 """What the numbers between the slashes of a face count."""
 
@@ -89,6 +87,7 @@ class _ObjFile:
         self._sort_lines()
         self._read_numbers()
         names, used, at = self._statements()
+        self._note_others()
         self._used = [None, *used]
         self._library = MtlLibrary(names, used, resources, left_out)
         self._read_faces(at)
@@ -111,28 +110,33 @@ class _ObjFile:
         self._named_lines = np.flatnonzero(named)
         starts = np.isin(first, np.frombuffer(b"ofgs", np.uint8)) & blank
         self._starters = np.flatnonzero(starts)
-        self._note_others(first, blank)
+        self._others = self._unread_lines(first, blank)
 
-    def _note_others(self, first: NDArray[np.uint8], blank: NDArray[np.bool_]) -> None:
-        """Note lines that show something else, and those of no known kind: one may be a face."""
+    def _unread_lines(self, first: NDArray[np.uint8], blank: NDArray[np.bool_]) -> list[int]:
+        """Return lines of no kind that is read, and note those of points and lines."""
         lines = self._lines
         rest = (lines.starts < lines.ends) & (first != ord("#"))
-        for which in (*self._which.values(), self._starters):
+        for which in (*self._which.values(), self._starters, self._named_lines):
             rest[which] = False
         for letter, what in _ELEMENTS.items():
             found = rest & blank & (first == ord(letter))
             if found.any():
                 self._left_out.note(what, int(found.sum()))
                 rest &= ~found
+        return np.flatnonzero(rest).tolist()
+
+    def _note_others(self) -> None:
+        """Note lines that show something else, and those of no known kind: one may be a face."""
         unknown = []
-        for line in np.flatnonzero(rest).tolist():
-            word = lines.text(line).split(None, 1)[:1]
+        for line in self._others:
+            word = self._lines.text(line).split(None, 1)[:1]
             if word and word[0] in _NOT_SHOWN:
                 self._left_out.note(_NOT_SHOWN[word[0]])
             elif word and word[0] not in _SHAPELESS:
                 unknown.append(line)
         if unknown:
-            shown = f"{lines.where(unknown[0])}: {lines.shown(unknown[0])}"
+            first = min(unknown)
+            shown = f"{self._lines.where(first)}: {self._lines.shown(first)}"
             self._left_out.note(f"lines of no known kind, first {shown}", len(unknown))
 
     def _read_numbers(self) -> None:
@@ -155,11 +159,13 @@ class _ObjFile:
         names, used, at = [], [], []
         for line in self._named_lines.tolist():
             words = self._lines.text(line).split(None, 1)
-            if len(words) < 2:
+            if words[0] not in ("mtllib", "usemtl"):
+                self._others.append(line)
+            elif len(words) < 2:
                 continue
-            if words[0] == "mtllib":
+            elif words[0] == "mtllib":
                 names.append(words[1])
-            elif words[0] == "usemtl":
+            else:
                 used.append(words[1])
                 at.append(line)
         return names, used, np.array(at, np.int64)
