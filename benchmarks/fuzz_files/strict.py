@@ -25,6 +25,7 @@ Corners = list[tuple[float, float, float]]
 """The three corners of each triangle, one triangle after the other."""
 
 _NUMBER = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?", re.ASCII)
+_CONTROL = re.compile(r"[\x00-\x08\x0e-\x1f\x7f]")
 _WHOLE = re.compile(r"[-+]?[0-9]+", re.ASCII)
 
 
@@ -75,7 +76,11 @@ def _whole(word: str) -> int:
 
 
 def _text(content: bytes) -> str:
-    return content.decode("ascii")
+    text = content.decode("ascii")
+    if _CONTROL.search(text) is not None:
+        # Some take it for a blank, others for part of a word.
+        raise NotSoundError("a control character")
+    return text
 
 
 def _fan(polygon: list[Any]) -> Iterator[Any]:

@@ -101,6 +101,9 @@ def test_what_is_not_sound_is_not_counted():
     for old, new in ((b"16 19 0", b"16 20 0"), (b"3 0 1 5", b"3 0 1 99"), (b"3 0 1 5", b"3 0 x 5")):
         assert old in text
         assert strict.triangles_of("off", {"a.off": text.replace(old, new, 1)}) is None
+    # A control character that some take for a blank, before what is then a comment.
+    text = samples.obj()["a.obj"].replace(b"\nf 1/1", b"\n\x14#f 1/1", 1)
+    assert strict.triangles_of("obj", {"a.obj": text}) is None
 
 
 # What must not be is found
