@@ -297,6 +297,10 @@ HOSTILE: dict[str, Hostile] = {
     ),
     "far away": Hostile(changed(obj(), "v 1 0 0", f"v {FAR}"), "loaded"),
     "no number": Hostile(changed(obj(), "v 1 0 0", "v nan 0 0"), "refused", "finite"),
+    "signalling NaN": Hostile(
+        lambda folder: placed(folder, gltf() | {
+            "a.bin": gltf()["a.bin"][:192] + struct.pack("<I", 0x7FA00000) + gltf()["a.bin"][196:]
+        }), "warned", "NORMAL .* NaN or infinity"),
     "no number in a DAE": Hostile(
         lambda folder: placed(folder, {"a.dae": dae_text(None).replace(">0 0 0 ", ">inf 0 0 ", 1)
                                        .encode()}), "warned", "no finite numbers"),
