@@ -19,6 +19,8 @@ from rasterjit.cli.options import (
     SizeType,
     VectorType,
     add_options,
+    max_bytes_option,
+    on_damage_option,
     quality_options,
 )
 from rasterjit.cli.program import warn
@@ -106,6 +108,8 @@ def dataset_options(command: Callable) -> Callable:
             click.option("--on-invalid", type=click.Choice(["raise", "drop"]), default="raise",
                          show_default=True,
                          help="Leave out a mesh with NaN or infinite vertices, or draw the rest."),
+            on_damage_option,
+            max_bytes_option,
             quality_options,
             click.option("--workers", type=WorkersType(), default="1", show_default=True,
                          help="Processes that share the work, or a Dask scheduler's address (needs "

@@ -407,6 +407,17 @@ def add_options(options: list[Callable], command: Callable) -> Callable:
     return command
 
 
+on_damage_option = click.option(
+    "--on-damage", type=click.Choice(["error", "warn"]), default="error", show_default=True,
+    help="Refuse an OBJ, PLY, STL or OFF file that is cut short or damaged, or draw what there is.",
+)  # fmt: skip
+
+max_bytes_option = click.option(
+    "--max-bytes", type=int, default=DEFAULT_MAX_BYTES,
+    help="Memory that a mesh file and all that it names may take; default: 8 GiB.",
+)  # fmt: skip
+
+
 def look_options(command: Callable) -> Callable:
     """Add the options of `Look` to a command."""
     modes = click.Choice(SHADINGS)
@@ -420,16 +431,11 @@ def look_options(command: Callable) -> Callable:
             click.option("--on-invalid", type=click.Choice(["raise", "drop"]), default="raise",
                          show_default=True,
                          help="Refuse a mesh with NaN or infinite vertices, or draw the rest."),
-            click.option("--on-damage", type=click.Choice(["error", "warn"]), default="error",
-                         show_default=True,
-                         help="Refuse an OBJ, PLY, STL or OFF file that is cut short or damaged, "
-                              "or draw what there is."),
+            on_damage_option,
             click.option("--resource-root", metavar="FOLDER",
                          help="Let the file name textures and others in this folder, not in its "
                               "own alone."),
-            click.option("--max-bytes", type=int, default=DEFAULT_MAX_BYTES,
-                         help="Memory that the file and all that it names may take; default: "
-                              "8 GiB."),
+            max_bytes_option,
         ],
         command,
     )  # fmt: skip

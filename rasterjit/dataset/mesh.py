@@ -256,7 +256,10 @@ def _load(source: Path, recipe: Recipe) -> Scene:
     """Read a mesh file; what is left out of it is no failure."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        return load(source, on_invalid=recipe.on_invalid)
+        return load(
+            source, on_invalid=recipe.on_invalid, on_damage=recipe.on_damage,
+            max_bytes=recipe.max_bytes,
+        )  # fmt: skip
 
 
 def _folder(output: str) -> str:

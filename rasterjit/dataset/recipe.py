@@ -14,6 +14,7 @@ from rasterjit.scene import transforms
 from rasterjit.scene.camera import Bounded, PerspectiveCamera
 from rasterjit.scene.color import ColorLike, linear_color
 from rasterjit.scene.framing import fit_camera, frame_of, orbit_direction
+from rasterjit.scene.memory import DEFAULT_MAX_BYTES, MemoryBudget
 from rasterjit.scene.quality import Quality, check_quality
 from rasterjit.scene.validation import bounded_number, image_size, in_short, one_of, triple
 
@@ -72,6 +73,12 @@ class Recipe:
         Default ``Quality.standard()``.
     on_invalid : {"raise", "drop"}
         What to do about NaN or infinite vertices: to leave out the mesh, or the faces.
+    on_damage : {"error", "warn"}
+        What to do about damaged files, as `rasterjit.load` has it: to leave out the mesh, or to
+        draw what there is.
+    max_bytes : int
+        Memory that a mesh file and all that it names may take, as `rasterjit.load` has it; a mesh
+        that needs more is left out. Whoever goes on with a data set may say another number.
 
     Raises
     ------
@@ -90,10 +97,13 @@ class Recipe:
     background: ColorLike = "transparent"
     quality: Quality | None = None
     on_invalid: str = "raise"
+    on_damage: str = "error"
+    max_bytes: int = DEFAULT_MAX_BYTES
 
     def __post_init__(self) -> None:
         transforms.focal_length(self.fov_y)
         transforms.unit_vector("up", self.up)
+        MemoryBudget("", self.max_bytes)
         checked = {
             "views": _whole("views", self.views, 1, MOST_VIEWS),
             "outputs": _outputs(self.outputs),
@@ -106,6 +116,7 @@ class Recipe:
             "background": _color(self.background),
             "quality": check_quality(self.quality),
             "on_invalid": one_of("on_invalid", self.on_invalid, ("raise", "drop")),
+            "on_damage": one_of("on_damage", self.on_damage, ("error", "warn")),
         }
         for name, value in checked.items():
             object.__setattr__(self, name, value)
@@ -115,10 +126,11 @@ class Recipe:
         return tuple(dict.fromkeys(MADE_OF.get(name, name) for name in self.outputs))
 
     def describe(self) -> dict[str, Any]:
-        """Return all of it in types of JSON: equal for equal recipes."""
+        """Return all that the pictures depend on in types of JSON: equal for equal recipes."""
         return {
             key: list(value) if isinstance(value, tuple) else value
             for key, value in dataclasses.asdict(self).items()
+            if key != "max_bytes"
         }
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import bz2
+import gzip
 import os
 import struct
 import tarfile
@@ -12,6 +13,10 @@ from pathlib import Path
 from typing import BinaryIO
 
 from rasterjit.scene.memory import MemoryBudget
+
+_GZIP, _BZIP2, _TAR = b"\x1f\x8b", b"BZh", b"ustar"
+_TAR_AT = 257
+"""Where the header of a file in a plain TAR archive says that it is one."""
 
 _PIECE = 1 << 20
 """Bytes that are unpacked at once to count them."""
@@ -35,7 +40,7 @@ def take_members(path: Path, extension: str, factor: int, budget: MemoryBudget) 
     FileSizeError
         If they hold more than is left.
     ValueError
-        If a member of a ZIP archive is packed in an unusual way.
+        If a member of a ZIP archive, or a TAR archive, is packed in an unusual way.
     """
     try:
         if zipfile.is_zipfile(path):
@@ -43,7 +48,8 @@ def take_members(path: Path, extension: str, factor: int, budget: MemoryBudget) 
         elif extension in ("tar.gz", "tar.bz2"):
             _take_tar(path, factor, budget)
         elif extension == "bz2":
-            _take_bz2(path, factor, budget)
+            with bz2.open(path) as opened:
+                _take_content(opened, factor, budget)
     except (zipfile.BadZipFile, tarfile.TarError, struct.error, zlib.error, OSError, EOFError):
         # What is damaged is refused, with its reason, by who reads it.
         return
@@ -84,14 +90,28 @@ def _take_rest(file: BinaryIO, member: zipfile.ZipInfo, factor: int, budget: Mem
 
 
 def _take_tar(path: Path, factor: int, budget: MemoryBudget) -> None:
-    """Count members one after the other: a sparse one is as large as it says."""
-    with tarfile.open(path, "r|*") as archive:
+    """
+    Count what is packed, headers too, and sparse members, which are as large as they say.
+
+    The headers of a member may be longer than it, and are read whole.
+    """
+    with path.open("rb") as file:
+        head = file.read(_TAR_AT + len(_TAR))
+    if head.startswith((_GZIP, _BZIP2)):
+        unpack = gzip.open if head.startswith(_GZIP) else bz2.open
+        with unpack(path) as opened:
+            _take_content(opened, factor, budget)
+    elif head[_TAR_AT:] == _TAR:
+        budget.take("what it holds", path.stat().st_size * factor)
+    else:
+        raise ValueError("it must be packed by gzip or bzip2")
+    with tarfile.open(path, "r:*") as archive:
         for one in archive:
-            budget.take(f"its member {one.name[-80:]!r}", one.size * factor)
+            if one.issparse():
+                budget.take(f"its member {one.name[-80:]!r}", one.size * factor)
 
 
-def _take_bz2(path: Path, factor: int, budget: MemoryBudget) -> None:
+def _take_content(opened: BinaryIO, factor: int, budget: MemoryBudget) -> None:
     """Count by unpacking."""
-    with bz2.open(path) as opened:
-        while piece := opened.read(_PIECE):
-            budget.take("what it holds", len(piece) * factor)
+    while piece := opened.read(_PIECE):
+        budget.take("what it holds", len(piece) * factor)

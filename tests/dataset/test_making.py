@@ -7,10 +7,12 @@ import shutil
 import numpy as np
 import pytest
 import trimesh
+from click.testing import CliRunner
 from made_meshes import BROKEN, GOOD, codes_of, contents, make_meshes
 from PIL import Image
 
 import rasterjit as rj
+from rasterjit.cli import commands
 from rasterjit.dataset import making, mesh
 from rasterjit.dataset import recipe as dataset
 from rasterjit.dataset.recipe import Recipe
@@ -346,6 +348,55 @@ def test_failures_that_are_mended_are_no_longer_listed(tmp_path):
     shutil.copy(folder / "b.obj", folder / "a.obj")
     assert making.make(folder, tmp_path / "set", recipe) == making.Summary(1, 1, {})
     assert not (tmp_path / "set/failures.json").exists()
+
+
+@pytest.fixture
+def damaged(tmp_path):
+    """A folder of a mesh that is damaged, and of one that is sound."""
+    folder = tmp_path / "meshes"
+    folder.mkdir()
+    text = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
+    (folder / "a.obj").write_text(f"{text}f 1 2\n")
+    (folder / "b.obj").write_text(text)
+    return folder
+
+
+def test_damage_leaves_out_a_mesh_or_is_passed_over(damaged, tmp_path):
+    recipe = Recipe(views=1, size=(8, 6), outputs=("mask",))
+    summary = making.make(damaged, tmp_path / "set", recipe)
+    assert list(summary.failures) == ["a.obj"]
+    assert "line 5" in summary.failures["a.obj"]
+    recipe = Recipe(views=1, size=(8, 6), outputs=("mask",), on_damage="warn")
+    assert making.make(damaged, tmp_path / "other", recipe) == making.Summary(2, 0, {})
+    assert np.asarray(Image.open(tmp_path / "other/a.obj/mask/0000.png")).any()
+    with pytest.raises(ValueError, match="made otherwise: on_damage 'error', not 'warn'"):
+        making.make(damaged, tmp_path / "set", recipe)
+
+
+def test_a_mesh_of_too_many_bytes_is_left_out_and_made_with_more(damaged, tmp_path):
+    (damaged / "a.obj").unlink()
+    few, more = (
+        Recipe(views=1, size=(8, 6), outputs=("mask",), max_bytes=most) for most in (1000, 1 << 20)
+    )
+    summary = making.make(damaged, tmp_path / "set", few)
+    assert "are left of max_bytes = 1,000" in summary.failures["b.obj"]
+    assert making.make(damaged, tmp_path / "set", more) == making.Summary(1, 0, {})
+
+
+def test_the_command_line_takes_damage_and_a_budget(damaged, tmp_path):
+    command = ["dataset", str(damaged), "--views", "1", "--size", "8", "--outputs", "mask"]
+
+    def made(name, *options):
+        run = CliRunner().invoke(commands.program, [*command, "-o", str(tmp_path / name), *options])
+        return run.exit_code, run.output
+
+    assert made("set")[1].count("line 5") == 1
+    status, said = made("other", "--on-damage", "warn")
+    assert (status, "2 meshes" in said) == (0, True)
+    status, said = made("third", "--max-bytes", "1000")
+    assert (status, "max_bytes = 1,000" in said) == (1, True)
+    status, said = made("fourth", "--max-bytes", "0")
+    assert (status, "max_bytes must be" in said) == (1, True)
 
 
 def test_another_recipe_is_refused_and_named(made, meshes):

@@ -97,6 +97,9 @@ def test_a_ring_is_level_and_even(scene):
         ({"background": "no colour"}, "background"),
         ({"quality": "best"}, "quality must be"),
         ({"on_invalid": "repair"}, "on_invalid must be one of"),
+        ({"on_damage": "repair"}, "on_damage must be one of"),
+        ({"max_bytes": 0}, "max_bytes must be a whole number above 0, got 0"),
+        ({"max_bytes": "8G"}, "max_bytes must be a whole number above 0, got '8G'"),
     ],
 )
 def test_what_is_no_recipe_is_refused(options, message):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import bz2
+import gzip
 import io
 import re
 import struct
@@ -132,6 +133,50 @@ def ply_picture(folder):
     return folder / "a.ply", r"picture 'wall\.png'"
 
 
+def text_faces(folder):
+    """Write an OBJ file of faces of few bytes."""
+    (folder / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\n" + "f 1 2 3\n" * (1 << 20))
+    return folder / "a.obj", r"its \d+ lines|the corners of its faces|the mesh '.*'"
+
+
+def text_rows(folder):
+    """Write an OBJ file of vertices that one face uses."""
+    (folder / "a.obj").write_text("v 0 0 0\n" * (1 << 20) + "f 1 2 3\n")
+    return folder / "a.obj", r"its \d+ lines|\d+ rows of v"
+
+
+def long_polygon(folder):
+    """Write an OBJ file of one face."""
+    (folder / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf" + " 1 2 3" * (1 << 20))
+    return folder / "a.obj", r"its \d+ lines|the corners of its faces"
+
+
+def blank_lines(folder):
+    """Write a PLY file that goes on in blank lines."""
+    head = "ply\nformat ascii 1.0\n" + "".join(f"property float {name}\n" for name in "xyz")
+    head = head.replace("1.0\n", "1.0\nelement vertex 3\n", 1)
+    head += "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
+    (folder / "a.ply").write_text(f"{head}0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n" + "\n" * (8 << 20))
+    return folder / "a.ply", r"its \d+ lines"
+
+
+def binary_faces(folder):
+    """Write a binary PLY file of faces of four bytes, of which every second one is wider."""
+    head = "ply\nformat binary_little_endian 1.0\nelement vertex 3\n"
+    head += "".join(f"property char {name}\n" for name in "xyz")
+    head += f"element face {1 << 20}\nproperty list uchar char vertex_indices\nend_header\n"
+    rows = bytes([3, 0, 1, 2, 4, 0, 1, 2, 0]) * (1 << 19)
+    (folder / "a.ply").write_bytes(head.encode() + bytes([0, 0, 0, 1, 0, 0, 0, 1, 0]) + rows)
+    return folder / "a.ply", "the corners of its faces"
+
+
+def many_solids(folder):
+    """Write an STL file of meshes of one triangle."""
+    loop = "facet\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\n"
+    (folder / "a.stl").write_text(f"solid\n{loop}endsolid\n" * 10_000)
+    return folder / "a.stl", r"the mesh 'geometry_\d+'"
+
+
 def many_materials(folder):
     """Write an OBJ file with a large library."""
     (folder / "a.mtl").write_text("".join(f"newmtl {n}\n" for n in range(200_000)))
@@ -172,6 +217,31 @@ def tar_member(folder):
         entry = tarfile.TarInfo("a.stl")
         entry.size = 50 << 20
         archive.addfile(entry, io.BytesIO(bytes(entry.size)))
+    return folder / "a.tar.gz", "what it holds"
+
+
+def tar_headers(folder):
+    """Write an archive of an empty member with a long header, and of many empty ones."""
+    with tarfile.open(folder / "a.tar.gz", "w:gz", format=tarfile.PAX_FORMAT) as archive:
+        entry = tarfile.TarInfo("a.stl")
+        entry.pax_headers = {"comment": "x" * (20 << 20)}
+        archive.addfile(entry)
+        for number in range(20_000):
+            archive.addfile(tarfile.TarInfo(f"{number}.stl"))
+    return folder / "a.tar.gz", "what it holds"
+
+
+def sparse_tar_member(folder):
+    """Write an archive of a sparse member, which holds nothing."""
+    entry = tarfile.TarInfo("a.stl")
+    entry.type, entry.size = tarfile.GNUTYPE_SPARSE, 0
+    block = bytearray(entry.tobuf(tarfile.GNU_FORMAT))
+    # Where data lies in the member, and how large it is, are octal numbers.
+    block[386:410] = b"%011o\0%011o\0" % (50 << 20, 0)
+    block[483:495] = b"%011o\0" % (50 << 20)
+    block[148:156] = b" " * 8
+    block[148:155] = b"%06o\0" % sum(block)
+    (folder / "a.tar.gz").write_bytes(gzip.compress(bytes(block) + bytes(1024)))
     return folder / "a.tar.gz", "its member 'a.stl'"
 
 
@@ -193,7 +263,9 @@ WRITERS = {
     one.__name__: one
     for one in (
         no_bytes, many_accessors, many_pictures, obj_picture, ply_picture, many_materials,
-        large_file, zip_member, lying_member, tar_member, bz2_content, grid,
+        large_file, zip_member, lying_member, tar_member, tar_headers, sparse_tar_member,
+        bz2_content, grid, text_faces, text_rows, long_polygon, blank_lines, binary_faces,
+        many_solids,
     )
 }  # fmt: skip
 
@@ -258,7 +330,13 @@ def test_what_fits_is_loaded_without_a_word(tmp_path):
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="it asks Linux for the peak")
-@pytest.mark.parametrize("write", [many_accessors, many_pictures, obj_picture, lying_member, grid])
+@pytest.mark.parametrize(
+    "write",
+    [
+        many_accessors, many_pictures, obj_picture, lying_member, grid, tar_headers, text_faces,
+        text_rows, long_polygon, blank_lines, binary_faces, many_solids,
+    ],
+)  # fmt: skip
 @pytest.mark.parametrize("times", [1, 8])
 def test_the_peak_is_at_most_twice_the_budget(tmp_path, write, times):
     path, _ = write(tmp_path)

@@ -348,6 +348,13 @@ DAMAGED = {
     "ply: a cut line": ("ply", ply(XYZ, CORNERS, ["3 0 1 2", "3 0 1"]), r"line 16: .*'3 0 1'"),
     "ply: a face beyond": ("ply", ply(XYZ, CORNERS, ["3 0 1 2", "3 0 1 4"]),
                            r"line 16: expected numbers of vertices below 4"),
+    "ply: a number more": ("ply", ply(XYZ, CORNERS, ["3 0 1 2", "3 0 1 2 3"]), r"line 16: "),
+    "ply: a line more": ("ply", PLYS["plain"].replace("face 2", "face 1"),
+                         r"line 16: expected no line behind .*'3 0 2 3'"),
+    "ply: rows more": ("ply", as_binary(PLYS["plain"], ">").replace(b"face 2", b"face 1"),
+                       r"its end: expected nothing behind the rows .* got 13 bytes"),
+    "off: a line more": ("off", OFFS["one line"].replace("4 2 0", "4 1 0"),
+                         r"line 7: expected nothing behind 1 faces, got '4 0 1 2 3'"),
     "ply: binary": ("ply", as_binary(PLYS["plain"], "<")[:-3],
                     r"its end: expected 2 rows of face, as its head says, got 1"),
     "off: a face less": ("off", OFFS["one line"].replace("4 2 0", "4 5 0"),
@@ -375,6 +382,79 @@ def test_damage_is_an_error_that_names_the_line_or_a_warning(tmp_path, name):
         scene = rj.load(path, on_damage="warn")
     assert sum(len(node.mesh.faces) for node in scene.nodes) >= 1
     assert all(np.isfinite(node.mesh.vertices).all() for node in scene.nodes)
+
+
+@pytest.mark.parametrize(
+    ("suffix", "text", "said"),
+    [
+        ("obj", f"{SQUARE}f 1 2 3\nff 1 3 4\nf1 3 4\nusemtk red\n",
+         r"lines of no known kind, first line 6: 'ff 1 3 4' \(3\)"),
+        ("obj", f"{SQUARE}f 1 2 3\nl 1 2\nl 2 3\np 1\n", r"points \(1\), lines \(2\)"),
+        ("obj", f"{SQUARE}f 1 2 3\ncstype bezier\nsurf 0 1 0 1 1\nend\n", r"surface \(1\)"),
+        ("off", "OFF\n3 2 0\n0 0 0\n1 0 0\n1 1 0\n3 0 1 2\n2 0 1\n",
+         r"polygon of fewer than 3 corners \(1\)"),
+        ("ply", ply(XYZ, CORNERS, ["3 0 1 2", "2 0 1", "0"]), r"fewer than 3 corners \(2\)"),
+    ],
+)  # fmt: skip
+def test_what_is_no_face_is_named(tmp_path, suffix, text, said):
+    with pytest.warns(LoadWarning, match=said):
+        scene = rj.load(write(tmp_path, suffix, text))
+    assert [len(node.mesh.faces) for node in scene.nodes] == [1]
+
+
+def test_statements_without_a_shape_are_passed_over(tmp_path):
+    text = f"# a\no a\ng b\ns off\nmg 1\nlod 2\nvp 0 1\nshadow_obj x.obj\n{SQUARE}f 1 2 3\n"
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        rj.load(write(tmp_path, "obj", text))
+
+
+def test_a_line_of_a_head_that_is_none_is_refused(tmp_path):
+    text = PLYS["plain"].replace("property float y", "propertz float y")
+    with pytest.raises(MeshFileError, match=r"line 6: expected format, .* got 'propertz float y'"):
+        rj.load(write(tmp_path, "ply", text))
+
+
+def bent(corners):
+    """Return an OBJ of a square bent along a line, with the corners of its faces."""
+    return f"{SQUARE}v 2 0 1\nv 2 1 1\nvn 0 0.6 0.8\nvn 0 1 0\n{corners}"
+
+
+def normals_of(mesh):
+    """Return the normals at the corners of each face."""
+    return mesh.normals[mesh.faces]
+
+
+@pytest.mark.parametrize("uv", [False, True])
+def test_faces_without_normals_take_none_from_others(tmp_path, uv):
+    given = "f 1//1 2//1 3//2\nf 1//2 3//1 4//1\n"
+    text = bent(f"{given}f 2//1 5 6//1\nf 2 6 3\n")
+    if uv:
+        text = (
+            text.replace("f ", "vt 0 1\nf ", 1)
+            .replace("//", "/1/")
+            .replace("f 2 6 3", "f 2/1 6/1 3/1")
+        )
+        text = text.replace(" 5 ", " 5/1 ")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        (node,) = rj.load(write(tmp_path, "obj", text), crease_angle=30.0).nodes
+    mesh = node.mesh
+    expected = np.float32([[0, 0.6, 0.8], [0, 1, 0]])
+    assert np.allclose(normals_of(mesh)[:2], expected[[[0, 0, 1], [1, 0, 0]]])
+    half = np.float32(0.5**0.5)
+    assert np.allclose(normals_of(mesh)[2:], [-half, 0, half])
+    plain = loaded(write(tmp_path, "obj", text.replace("vn", "#")), crease_angle=30.0).nodes[0].mesh
+    assert np.array_equal(mesh.vertices[mesh.faces], plain.vertices[plain.faces])
+    assert (mesh.uv is not None) == uv
+
+
+def test_a_normal_that_is_not_finite_is_made_on_its_faces_alone(tmp_path):
+    text = bent("vn nan 0 0\nf 1//1 2//1 3//1\nf 2//2 5//2 6//3\n")
+    with pytest.warns(LoadWarning, match="normals with NaN or infinity"):
+        (node,) = rj.load(write(tmp_path, "obj", text)).nodes
+    assert np.allclose(normals_of(node.mesh)[0], [0, 0.6, 0.8])
+    assert np.allclose(normals_of(node.mesh)[1], np.sqrt([[0.5, 0, 0.5]]) * [-1, 0, 1])
 
 
 def test_on_damage_is_one_of_two(tmp_path):
@@ -494,8 +574,9 @@ def test_a_byte_order_mark_hides_no_statement(tmp_path):
     assert mesh.material.base_color == (1.0, 0.0, 0.0, 1.0)
 
 
-def test_numbers_of_a_material_that_are_not_finite_are_not_taken(tmp_path):
-    statements = "Kd nan 0 0\nKs 1 1 1\nNs nan\nd nan\n"
+@pytest.mark.parametrize("diffuse", ["nan 0 0", "1e308 -1e308 0"])
+def test_numbers_of_a_material_that_are_not_finite_are_not_taken(tmp_path, diffuse):
+    statements = f"Kd {diffuse}\nKs 1 1 1\nNs nan\nd nan\n"
     (tmp_path / "a.mtl").write_text(f"newmtl m\n{statements}")
     (tmp_path / "a.obj").write_text(f"{SQUARE}mtllib a.mtl\nusemtl m\nf 1 2 3 4\n")
     material = rj.load(tmp_path / "a.obj").nodes[0].mesh.material

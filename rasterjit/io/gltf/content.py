@@ -49,7 +49,7 @@ TEXTURES = {
     "occlusion_texture": ("occlusionTexture", "linear"),
     "emissive_texture": ("emissiveTexture", "srgb"),
 }
-"""What a field of `Material` is called in glTF, and what the numbers of its picture are."""
+"""What a field of `Material` is called in glTF and by trimesh, and what its numbers are."""
 
 TRIANGLES, STRIP, FAN = 4, 5, 6
 OTHER_MODES = {0: "points", 1: "lines", 2: "lines", 3: "lines"}
@@ -394,7 +394,9 @@ class MeshReader:
         """Return a finite attribute of every vertex; None, with a note if it is no use."""
         if name not in attributes:
             return None
-        values = self._file.array(attributes[name]).astype(np.float64)
+        with np.errstate(invalid="ignore"):
+            # A signalling NaN.
+            values = self._file.array(attributes[name]).astype(np.float64)
         if len(values) != count or values.shape[1] not in widths:
             self._left_out.note(f"{name} of {label}, which does not fit the vertices")
             return None

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.io.skipped import LeftOut, MeshFileError
+from rasterjit.scene.memory import MemoryBudget
 
 _BATCH = 1 << 22
 """Bytes of a file that are taken apart at once."""
@@ -19,6 +20,13 @@ _BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 
 _SHOWN = 40
 """Characters of a damaged line that a message shows."""
+
+
+LINE_BYTES, TEXT_BYTES, BINARY_BYTES = 24, 5, 3
+"""What a line takes, and a byte of a text or of a binary file, as its numbers."""
+
+ROW_BYTES, CORNER_BYTES = 64, 64
+"""What a row of numbers of its own kind takes, and what a corner of a face that refers to them."""
 
 
 class Damage:
@@ -75,6 +83,8 @@ class Lines:
     ----------
     data : bytes
         The whole file.
+    budget : MemoryBudget
+        Counts what its lines and numbers take.
     first : int
         Number of the byte at which the first line begins.
     original : bytes, optional
@@ -89,13 +99,17 @@ class Lines:
         Where each line begins, blanks left out, and where its line end is.
     """
 
-    def __init__(self, data: bytes, first: int = 0, original: bytes | None = None) -> None:
+    def __init__(
+        self, data: bytes, budget: MemoryBudget, first: int = 0, original: bytes | None = None
+    ) -> None:
         if first == 0 and data.startswith(_BYTE_ORDER_MARK):
             first = len(_BYTE_ORDER_MARK)
         if data.find(b"\n", first) < 0 and b"\r" in data:
             data = original = data.replace(b"\r", b"\n")
         if len(data) <= first or not data.endswith(b"\n"):
             data += b"\n"
+        count = data.count(b"\n", first)
+        budget.take(f"its {count} lines", count * LINE_BYTES + len(data) * TEXT_BYTES)
         self._data = data
         self._original = data if original is None else original
         self.buffer = np.frombuffer(data, np.uint8)

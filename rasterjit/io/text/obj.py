@@ -17,7 +17,16 @@ from numpy.typing import NDArray
 
 from rasterjit.io.resources import Resources
 from rasterjit.io.skipped import LeftOut, MeshFileError
-from rasterjit.io.text.lines import Damage, Lines, columns, number_rows, parse, word_starts
+from rasterjit.io.text.lines import (
+    CORNER_BYTES,
+    ROW_BYTES,
+    Damage,
+    Lines,
+    columns,
+    number_rows,
+    parse,
+    word_starts,
+)
 from rasterjit.io.text.mtl import MtlLibrary
 from rasterjit.io.text.parts import (
     COLORS_BESIDE,
@@ -30,13 +39,26 @@ from rasterjit.io.text.parts import (
 )
 from rasterjit.scene.material import Material
 
-_NAMED = (b"usemtl", b"mtllib")
-
 _KINDS = ("v", "vt", "vn")
 """What the numbers between the slashes of a face count."""
 
 _LEAST = {"v": 3, "vt": 1, "vn": 3}
 _MOST = {"v": 6, "vt": 2, "vn": 3}
+
+_SHAPELESS = frozenset(
+    (
+        "vp", "mg", "usemtl", "mtllib", "usemap", "maplib", "lod", "bevel", "c_interp", "d_interp",
+        "shadow_obj", "trace_obj", "cstype", "deg", "bmat", "step", "parm", "trim", "hole", "scrv",
+        "sp", "end", "con", "ctech", "stech", "csh",
+    )
+)  # fmt: skip
+"""Statements of a whole word that are read, or have nothing to show without another one."""
+
+_ELEMENTS = {"p": "points", "l": "lines"}
+_NOT_SHOWN = {
+    "curv": "curve", "curv2": "curve", "surf": "surface", "call": "call of another file",
+}  # fmt: skip
+"""Statements that show something, which is left out."""
 
 _A_FACE = "a face of 3 corners or more, such as 'f 1/1 2/2 3/3'"
 
@@ -47,7 +69,8 @@ def read_obj(path: Path, resources: Resources, damage: Damage, left_out: LeftOut
     data = original = resources.read_itself(path)
     if b"\\" in data:
         data = data.replace(b"\\\r\n", b"   ").replace(b"\\\n", b"  ")
-    return list(_ObjFile(path, Lines(data, 0, original), resources, damage, left_out).parts())
+    lines = Lines(data, resources.budget, 0, original)
+    return list(_ObjFile(path, lines, resources, damage, left_out).parts())
 
 
 class _ObjFile:
@@ -60,9 +83,11 @@ class _ObjFile:
         self._lines = lines
         self._damage = damage
         self._left_out = left_out
+        self._budget = resources.budget
         self._sort_lines()
         self._read_numbers()
         names, used, at = self._statements()
+        self._note_others()
         self._used = [None, *used]
         self._library = MtlLibrary(names, used, resources, left_out)
         self._read_faces(at)
@@ -85,6 +110,34 @@ class _ObjFile:
         self._named_lines = np.flatnonzero(named)
         starts = np.isin(first, np.frombuffer(b"ofgs", np.uint8)) & blank
         self._starters = np.flatnonzero(starts)
+        self._others = self._unread_lines(first, blank)
+
+    def _unread_lines(self, first: NDArray[np.uint8], blank: NDArray[np.bool_]) -> list[int]:
+        """Return lines of no kind that is read, and note those of points and lines."""
+        lines = self._lines
+        rest = (lines.starts < lines.ends) & (first != ord("#"))
+        for which in (*self._which.values(), self._starters, self._named_lines):
+            rest[which] = False
+        for letter, what in _ELEMENTS.items():
+            found = rest & blank & (first == ord(letter))
+            if found.any():
+                self._left_out.note(what, int(found.sum()))
+                rest &= ~found
+        return np.flatnonzero(rest).tolist()
+
+    def _note_others(self) -> None:
+        """Note lines that show something else, and those of no known kind: one may be a face."""
+        unknown = []
+        for line in self._others:
+            word = self._lines.text(line).split(None, 1)[:1]
+            if word and word[0] in _NOT_SHOWN:
+                self._left_out.note(_NOT_SHOWN[word[0]])
+            elif word and word[0] not in _SHAPELESS:
+                unknown.append(line)
+        if unknown:
+            first = min(unknown)
+            shown = f"{self._lines.where(first)}: {self._lines.shown(first)}"
+            self._left_out.note(f"lines of no known kind, first {shown}", len(unknown))
 
     def _read_numbers(self) -> None:
         """Read positions with their colours, texture coordinates and normals."""
@@ -92,6 +145,7 @@ class _ObjFile:
         self._there: dict[str, NDArray[np.bool_]] = {}
         what = {"v": "a vertex", "vt": "a texture coordinate", "vn": "a normal"}
         for kind, which in self._which.items():
+            self._budget.take(f"{len(which)} rows of {kind}", len(which) * ROW_BYTES)
             values, counts = number_rows(
                 self._lines, which, len(kind), _LEAST[kind], what[kind], self._damage
             )
@@ -105,11 +159,13 @@ class _ObjFile:
         names, used, at = [], [], []
         for line in self._named_lines.tolist():
             words = self._lines.text(line).split(None, 1)
-            if len(words) < 2:
+            if words[0] not in ("mtllib", "usemtl"):
+                self._others.append(line)
+            elif len(words) < 2:
                 continue
-            if words[0] == "mtllib":
+            elif words[0] == "mtllib":
                 names.append(words[1])
-            elif words[0] == "usemtl":
+            else:
                 used.append(words[1])
                 at.append(line)
         return names, used, np.array(at, np.int64)
@@ -121,6 +177,10 @@ class _ObjFile:
             found = self._face_batch(batch)
             if found is None:
                 found = self._careful_faces(batch)
+            self._budget.take(
+                "the corners of its faces",
+                len(batch) * ROW_BYTES + len(found[0]) * CORNER_BYTES,
+            )
             refs.append(found[0])
             counts.append(found[1])
             good.append(found[2])
@@ -265,12 +325,19 @@ class _ObjFile:
     ) -> Part:  # fmt: skip
         """Return a mesh in which corners that are alike share a vertex."""
         has_uv = bool((refs[:, 1] >= 0).all())
-        has_normals = bool((refs[:, 2] >= 0).all()) and len(self._tables["vn"]) > 0
+        has_normals = bool((refs[:, 2] >= 0).any()) and len(self._tables["vn"]) > 0
         used = [0, *([1] if has_uv else []), *([2] if has_normals else [])]
-        rows, which = joined(refs[:, used])
+        numbers = refs[:, used]
+        if has_normals:
+            # Corners without a normal, -1, have one of their own: none is below zero.
+            numbers[:, -1] += 1
+        rows, which = joined(numbers)
         picked = refs[rows]
         uv = self._tables["vt"][picked[:, 1]] if has_uv and len(self._tables["vt"]) else None
-        normals = self._tables["vn"][picked[:, 2]] if has_normals else None
+        normals = None
+        if has_normals:
+            normals = self._tables["vn"][picked[:, 2]]
+            normals[picked[:, 2] < 0] = 0.0
         table = self._tables["v"][picked[:, 0]]
         material = self._library.material(material_name)
         if material is None and uv is not None:

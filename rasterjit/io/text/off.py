@@ -14,9 +14,9 @@ from pathlib import Path
 import numpy as np
 
 from rasterjit.io.resources import Resources
-from rasterjit.io.skipped import MeshFileError
+from rasterjit.io.skipped import LeftOut, MeshFileError
 from rasterjit.io.text.lines import Damage, Lines, columns, number_rows
-from rasterjit.io.text.parts import Part, sound_polygons, triangles
+from rasterjit.io.text.parts import POLYGON_CORNER_BYTES, Part, sound_polygons, triangles
 
 _HEADER = re.compile(r"(?:ST)?C?N?OFF(?![A-Z])(.*)", re.IGNORECASE)
 """Some files have the numbers of vertices and faces right behind it."""
@@ -24,12 +24,12 @@ _HEADER = re.compile(r"(?:ST)?C?N?OFF(?![A-Z])(.*)", re.IGNORECASE)
 _A_FACE = "a face: how many vertices it has, and their numbers, below"
 
 
-def read_off(path: Path, resources: Resources, damage: Damage) -> list[Part]:
+def read_off(path: Path, resources: Resources, damage: Damage, left_out: LeftOut) -> list[Part]:
     """Return the mesh of an OFF file, or raise `MeshFileError`."""
     data = resources.read_itself(path)
     if b"#" in data:
         data = re.sub(rb"#[^\r\n]*", lambda found: b" " * len(found[0]), data)
-    lines = Lines(data)
+    lines = Lines(data, resources.budget)
     filled = np.flatnonzero(lines.starts < lines.ends)
     header = _HEADER.fullmatch(lines.text(int(filled[0]))) if len(filled) else None
     if header is None:
@@ -54,6 +54,9 @@ def read_off(path: Path, resources: Resources, damage: Damage) -> list[Part]:
     rows = filled[at + 1 + vertex_count : at + 1 + vertex_count + face_count]
     if len(rows) < face_count:
         damage.end(f"{face_count} faces, as its head says", str(len(rows)))
+    behind = filled[at + 1 + vertex_count + face_count :]
+    if len(behind):
+        damage.line(lines, int(behind[0]), f"nothing behind {face_count} faces")
     values, found = number_rows(lines, rows, 0, 1, "a face", damage)
     rows, found = rows[found > 0], found[found > 0]
     begins = np.cumsum(found) - found
@@ -64,9 +67,10 @@ def read_off(path: Path, resources: Resources, damage: Damage) -> list[Part]:
     rows, begins, counts = rows[good], begins[good] + 1, said[good].astype(np.int64)
     shift = begins - (np.cumsum(counts) - counts)
     corners = values[np.arange(int(counts.sum())) + np.repeat(shift, counts)]
+    resources.budget.take("the corners of its faces", len(corners) * POLYGON_CORNER_BYTES)
     corners, counts, _ = sound_polygons(
         corners, counts, there,
-        lambda face: damage.line(lines, int(rows[face]), f"{_A_FACE} {len(there)}"),
+        lambda face: damage.line(lines, int(rows[face]), f"{_A_FACE} {len(there)}"), left_out,
     )  # fmt: skip
     if not len(counts):
         raise MeshFileError(f"{path} holds a mesh of {len(vertices)} vertices, no faces")

@@ -9,14 +9,26 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.io.resources import LONGEST_NAME
 from rasterjit.io.skipped import LeftOut, MeshFileError
 from rasterjit.scene.color import srgb_to_linear
 from rasterjit.scene.material import TEXTURE_FIELDS, Material
+from rasterjit.scene.memory import MemoryBudget
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.scene import Scene
 
 COLORS_BESIDE = "colours beside a material or texture coordinates"
 """What is not shown, as trimesh's readers do not bring it."""
+
+
+_MESH_BYTES, _VERTEX_BYTES = 4096, 80
+"""What a mesh takes besides its arrays, and what a vertex does, as it is read and in the mesh."""
+
+POLYGON_CORNER_BYTES = 24
+"""What a corner of a polygon takes, before its polygon is cut into faces."""
+
+_FACE_BYTES, _SPLIT_FACE_BYTES = 64, 160
+"""What a face takes, of a mesh with normals and of one that gets them."""
 
 
 @dataclass(frozen=True)
@@ -31,6 +43,7 @@ class Part:
     vertices : (V, 3) float64
     faces : (F, 3) int
     normals : (V, 3) float, optional
+        Zero where a vertex has none: faces that touch such a one get made normals.
     uv : (V, 2) float, optional
     colors : (V, 4) or (F, 4) float32, optional
         Linear RGBA.
@@ -47,38 +60,79 @@ class Part:
 
 
 def scene_of_parts(
-    parts: Iterable[Part], source: str, on_invalid: str, crease_angle: float, left_out: LeftOut
+    parts: Iterable[Part],
+    source: str,
+    on_invalid: str,
+    crease_angle: float,
+    left_out: LeftOut,
+    budget: MemoryBudget,
 ) -> Scene:
     """Return a scene with a node for each mesh, or raise `MeshFileError`, naming it."""
     scene = Scene()
     for part in parts:
-        normals = _finite("normals", part.normals, left_out)
-        if normals is not None and not normals.any():
-            normals = None
-        uv, material = _finite("uv", part.uv, left_out), part.material
+        each = _FACE_BYTES if part.normals is not None else _SPLIT_FACE_BYTES
+        needed = _MESH_BYTES + _VERTEX_BYTES * len(part.vertices) + each * len(part.faces)
+        budget.take(f"the mesh {part.name[:LONGEST_NAME]!r}", needed)
+        normals = _usable_normals(part.normals, left_out)
+        uv, material = _finite_uv(part.uv, left_out), part.material
         if uv is None and material is not None:
-            material = _without_textures(part.name, material, left_out)
+            material = without_textures(part.name, material, left_out)
         try:
             mesh = Mesh(
                 part.vertices, part.faces, normals=normals, uv=uv, material=material,
                 colors=part.colors, on_invalid=on_invalid,
             )  # fmt: skip
-            mesh = mesh if normals is not None else mesh.split_creases(crease_angle)
+            mesh = _with_all_normals(mesh, crease_angle, on_invalid)
         except ValueError as error:
             raise MeshFileError(f"{source}: mesh {part.name!r}: {error}") from error
         scene.add(mesh, name=part.name)
     return scene
 
 
-def _finite(name: str, values: NDArray[Any] | None, left_out: LeftOut) -> NDArray[Any] | None:
-    """Return values, or None with a note if one is not finite."""
+def _usable_normals(values: NDArray[Any] | None, left_out: LeftOut) -> NDArray[Any] | None:
+    """Return normals, zero, with a note, where one is not finite; None if all are zero."""
+    if values is None:
+        return None
+    finite = np.isfinite(values).all(axis=1)
+    if not finite.all():
+        left_out.note("normals with NaN or infinity")
+        values = np.where(finite[:, np.newaxis], values, 0.0)
+    return values if values.any() else None
+
+
+def _with_all_normals(mesh: Mesh, crease_angle: float, on_invalid: str) -> Mesh:
+    """Return a mesh in which faces with a corner without a normal have made ones."""
+    if mesh.normals is None:
+        return mesh.split_creases(crease_angle)
+    kept = mesh.normals.any(axis=1)[mesh.faces].all(axis=1)
+    if kept.all():
+        return mesh
+    made = mesh.split_creases(crease_angle)
+    faces = np.where(kept[:, np.newaxis], mesh.faces, made.faces + len(mesh.vertices))
+    used, which = np.unique(faces, return_inverse=True)
+
+    def of_both(one: NDArray[Any] | None, other: NDArray[Any] | None) -> NDArray[Any] | None:
+        """Return the rows in use of two arrays of vertices."""
+        return None if one is None else np.concatenate([one, other])[used]
+
+    colors = of_both(mesh.vertex_colors, made.vertex_colors)
+    return Mesh(
+        of_both(mesh.vertices, made.vertices), which.reshape(-1, 3),
+        normals=of_both(mesh.normals, made.normals), uv=of_both(mesh.uv, made.uv),
+        colors=mesh.face_colors if colors is None else colors, material=mesh.material,
+        on_invalid=on_invalid,
+    )  # fmt: skip
+
+
+def _finite_uv(values: NDArray[Any] | None, left_out: LeftOut) -> NDArray[Any] | None:
+    """Return texture coordinates, or None with a note if one is not finite."""
     if values is not None and not np.isfinite(values).all():
-        left_out.note(f"{name} with NaN or infinity")
+        left_out.note("uv with NaN or infinity")
         return None
     return values
 
 
-def _without_textures(name: str, material: Material, left_out: LeftOut) -> Material:
+def without_textures(name: str, material: Material, left_out: LeftOut) -> Material:
     """Return a material for a mesh without texture coordinates: without textures."""
     fields = [field for field in TEXTURE_FIELDS if getattr(material, field) is not None]
     if not fields:
@@ -107,7 +161,7 @@ def srgb_bytes(colors: NDArray[Any]) -> NDArray[np.uint8]:
     """Return colours, of which floats count from 0 to 1, as bytes."""
     if colors.dtype.kind == "f":
         finite = np.where(np.isfinite(colors), colors, 0.0)
-        return np.clip(finite * 255.0, 0.0, 255.0).round().astype(np.uint8)
+        return (np.clip(finite, 0.0, 1.0) * 255.0).round().astype(np.uint8)
     if colors.dtype == np.uint16:
         return (colors >> 8).astype(np.uint8)
     return np.clip(colors, 0, 255).astype(np.uint8)
@@ -184,6 +238,7 @@ def sound_polygons(
     counts: NDArray[np.int64],
     there: NDArray[np.bool_],
     report: Callable[[int], None],
+    left_out: LeftOut,
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
     """
     Leave out polygons of fewer than 3 corners, and those that refer to no vertex.
@@ -198,6 +253,8 @@ def sound_polygons(
         Which vertices can be used.
     report : callable
         Told the number of each polygon that refers to none.
+    left_out : LeftOut
+        Notes those of fewer than 3 corners.
 
     Returns
     -------
@@ -214,7 +271,10 @@ def sound_polygons(
     sound[of_corners[~kept]] = False
     for polygon in np.flatnonzero(~sound).tolist():
         report(polygon)
-    sound &= counts >= 3
+    few = sound & (counts < 3)
+    if few.any():
+        left_out.note("polygon of fewer than 3 corners", int(few.sum()))
+    sound &= ~few
     return whole[sound[of_corners]], counts[sound], np.flatnonzero(sound)
 
 

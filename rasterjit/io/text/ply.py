@@ -8,6 +8,7 @@ References
 
 from __future__ import annotations
 
+from array import array
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -18,10 +19,11 @@ from numpy.typing import NDArray
 from rasterjit.io.pictures import picture_pixels
 from rasterjit.io.resources import RefusedFileError, Resources, shown_name
 from rasterjit.io.skipped import LeftOut, MeshFileError, reason_of
-from rasterjit.io.text.lines import Damage, Lines, number_rows
+from rasterjit.io.text.lines import BINARY_BYTES, Damage, Lines, number_rows
 from rasterjit.io.text.mtl import MtlMaterial, material_from_mtl
 from rasterjit.io.text.parts import (
     COLORS_BESIDE,
+    POLYGON_CORNER_BYTES,
     Part,
     joined,
     linear_rgba,
@@ -29,6 +31,7 @@ from rasterjit.io.text.parts import (
     srgb_bytes,
     triangles,
 )
+from rasterjit.scene.memory import MemoryBudget
 from rasterjit.scene.texture import Texture
 
 _TYPES = {
@@ -90,9 +93,10 @@ def read_ply(path: Path, resources: Resources, damage: Damage, left_out: LeftOut
         raise MeshFileError(f"{path} could not be read as .ply: {error}") from None
     lines = None
     if order == "=":
-        lines = Lines(data, at)
+        lines = Lines(data, resources.budget, at)
         _read_text(lines, elements, damage)
     else:
+        resources.budget.take("its rows", BINARY_BYTES * len(data))
         _read_binary(data, at, elements, damage)
     by_name = {element.name: element for element in elements}
     vertex = by_name.get("vertex")
@@ -100,7 +104,9 @@ def read_ply(path: Path, resources: Resources, damage: Damage, left_out: LeftOut
     if vertex is None or positions is None or not len(positions):
         raise MeshFileError(f"{path} holds no faces")
     face = by_name.get("face")
-    polygons = _polygons(face, vertex.there, lines, damage) if face is not None else None
+    polygons = None
+    if face is not None:
+        polygons = _polygons(face, vertex.there, lines, damage, left_out, resources.budget)
     if face is None or polygons is None or not len(polygons[1]):
         raise MeshFileError(f"{path} holds a point cloud of {len(positions)} points, no faces")
     return [_part(path.name, vertex, positions, face, polygons, picture, resources, left_out)]
@@ -151,6 +157,11 @@ def _head(data: bytes) -> tuple[str, list[_Element], str | None, int]:
                 ) from None
         elif _TEXTURE_FILE in text.lower():
             picture = text[text.lower().index(_TEXTURE_FILE) + len(_TEXTURE_FILE) :].strip()
+        elif words[0] not in ("comment", "obj_info"):
+            raise ValueError(
+                f"line {number}: expected format, comment, obj_info, element, property or "
+                f"end_header, got {text[:40]!r}"
+            )
     if order is None:
         raise ValueError("its head has no format")
     for element in elements:
@@ -218,6 +229,9 @@ def _read_text(lines: Lines, elements: list[_Element], damage: Damage) -> None:
             element.columns[one.name] = _cast(values[places], one.kind)
             element.counts[one.name] = counts
             begin = begin + counts
+        _check(element, begin == end, lines, what, damage)
+    if at < len(filled):
+        damage.line(lines, int(filled[at]), "no line behind those that its head says")
 
 
 def _check(
@@ -254,6 +268,9 @@ def _read_binary(data: bytes, at: int, elements: list[_Element], damage: Damage)
         if length < element.length:
             damage.end(f"{element.length} rows of {element.name}, as its head says", str(length))
             at = len(data)
+    rest = data[at:]
+    if rest.strip():
+        damage.end("nothing behind the rows that its head says", f"{len(rest)} bytes")
 
 
 def _row_type(element: _Element, counts: dict[str, int]) -> np.dtype:
@@ -295,8 +312,8 @@ def _read_lists(data: bytes, at: int, element: _Element) -> tuple[int, int]:
         ):
             _take_rows(element, rows, counts)
             return element.length, at + element.length * kind.itemsize
-    pieces: list[list[bytes]] = [[] for _ in element.properties]
-    numbers: list[list[int]] = [[] for _ in element.properties]
+    pieces = [bytearray() for _ in element.properties]
+    numbers = [array("q") for _ in element.properties]
     length = 0
     while length < element.length:
         row = _row_places(data, at, element)
@@ -304,11 +321,11 @@ def _read_lists(data: bytes, at: int, element: _Element) -> tuple[int, int]:
             break
         begins, found, at = row
         for n, one in enumerate(element.properties):
-            pieces[n].append(data[begins[n] : begins[n] + found[n] * one.kind.itemsize])
+            pieces[n] += data[begins[n] : begins[n] + found[n] * one.kind.itemsize]
             numbers[n].append(found[n])
         length += 1
     for n, one in enumerate(element.properties):
-        column = np.frombuffer(b"".join(pieces[n]), one.kind)
+        column = np.frombuffer(pieces[n], one.kind)
         element.columns[one.name] = column.astype(one.kind.newbyteorder("="))
         if one.count_kind is not None:
             element.counts[one.name] = np.array(numbers[n], np.int64)
@@ -343,7 +360,12 @@ def _row_places(data: bytes, at: int, element: _Element) -> tuple[list[int], lis
 
 
 def _polygons(
-    face: _Element, there: NDArray[np.bool_], lines: Lines | None, damage: Damage
+    face: _Element,
+    there: NDArray[np.bool_],
+    lines: Lines | None,
+    damage: Damage,
+    left_out: LeftOut,
+    budget: MemoryBudget,
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]] | None:
     """Return corners, their number in each polygon, rows of these, and all rows' numbers."""
     name = next((one for one in _CORNERS if one in face.counts), None)
@@ -363,7 +385,8 @@ def _polygons(
             found = face.columns[name][begin : begin + int(counts[row])][:8].tolist()
             damage.end(expected, f"{found} in face {row}")
 
-    corners, kept, rows = sound_polygons(face.columns[name], counts, there, report)
+    budget.take("the corners of its faces", len(face.columns[name]) * POLYGON_CORNER_BYTES)
+    corners, kept, rows = sound_polygons(face.columns[name], counts, there, report, left_out)
     return corners, kept, rows, counts
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rasterjit.io.resources import Resources
 from rasterjit.io.skipped import MeshFileError
-from rasterjit.io.text.lines import Damage, Lines, columns, number_rows
+from rasterjit.io.text.lines import BINARY_BYTES, Damage, Lines, columns, number_rows
 from rasterjit.io.text.parts import Names, Part
 
 _HEAD = 84
@@ -34,10 +34,11 @@ def read_stl(path: Path, resources: Resources, damage: Damage) -> list[Part]:
         elif not is_binary:
             extra = len(data) - _HEAD - count * _TRIANGLE.itemsize
             damage.end(f"nothing behind {count} triangles", f"{extra} bytes")
+        resources.budget.take("its triangles", BINARY_BYTES * len(data))
         triangles = np.frombuffer(data, _TRIANGLE, min(count, whole), _HEAD)
         parts = [_part(path.name, triangles["vertices"].reshape(-1, 3))] if len(triangles) else []
     else:
-        parts = list(_text_parts(Lines(data), damage))
+        parts = list(_text_parts(Lines(data, resources.budget), damage))
     if not parts:
         raise MeshFileError(f"{path} holds no faces")
     return parts

@@ -11,31 +11,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.io.gltf.content import TEXTURES
 from rasterjit.io.pictures import image_pixels, take_texels
-from rasterjit.io.skipped import LeftOut
-from rasterjit.io.text.mtl import MtlMaterial, material_from_mtl
+from rasterjit.io.skipped import LeftOut, reason_of
+from rasterjit.io.text.mtl import MOST_SHININESS, MtlMaterial, material_from_mtl
 from rasterjit.io.text.parts import linear_rgba
 from rasterjit.scene.color import srgb_to_linear
 from rasterjit.scene.material import BRIGHTEST_EMISSION, Material
 from rasterjit.scene.memory import MemoryBudget
 from rasterjit.scene.texture import Texture
 
-TEXTURES = {
-    "base_color_texture": ("baseColorTexture", "srgb"),
-    "normal_texture": ("normalTexture", "linear"),
-    "metallic_roughness_texture": ("metallicRoughnessTexture", "linear"),
-    "occlusion_texture": ("occlusionTexture", "linear"),
-    "emissive_texture": ("emissiveTexture", "srgb"),
-}
-"""What a field of `Material` is called by trimesh, and what the numbers of its picture are."""
-
 ALPHA_MODES = {"MASK": "mask", "BLEND": "blend"}
 
 _DIELECTRIC = 0.04
 """Reflectance of a non-metal seen head-on, as glTF 2.0 fixes it (appendix B)."""
-
-_MOST_SHININESS = 1000.0
-"""Largest exponent: a highlight of about two degrees, which pixels still resolve."""
 
 _PLACEHOLDER = (100, 100, 100, 255)
 """The colour of the 2×2 pixels that trimesh puts where a material has no picture."""
@@ -178,11 +167,11 @@ def _from_pbr(material: Any, textures: dict[str, Texture | None], left_out: Left
     if textures["metallic_roughness_texture"] is not None:
         left_out.note(f"metallic_roughness_texture of material {material.name!r}")
     roughness, metallic = _share(material.roughnessFactor), _share(material.metallicFactor)
-    shininess = _MOST_SHININESS
+    shininess = MOST_SHININESS
     # A power is the math library's affair; products have the same bits everywhere.
     alpha = roughness * roughness
     if alpha * alpha > 0.0:
-        shininess = min(max(2.0 / (alpha * alpha) - 2.0, 1.0), _MOST_SHININESS)
+        shininess = min(max(2.0 / (alpha * alpha) - 2.0, 1.0), MOST_SHININESS)
     mean = sum(rgba[:3]) / 3.0
     reflectance = _DIELECTRIC + (mean - _DIELECTRIC) * metallic * (1.0 - roughness)
     return Material(
@@ -226,8 +215,7 @@ class TextureReader:
                     take_texels(image.size, label, self._budget)
                 self._known[key] = Texture(image_pixels(image), color_space=color_space)
             except (OSError, SyntaxError, ValueError, AttributeError) as error:
-                reason = " ".join(str(error).split())[:200]
-                self._left_out.note(f"{label} that cannot be read: {reason}")
+                self._left_out.note(f"{label} that cannot be read: {reason_of(error)}")
                 self._known[key] = None
         return self._known[key]
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 
 from rasterjit.io.gltf.scene import GLTF_FORMATS
 from rasterjit.io.skipped import LeftOut, MeshFileError
+from rasterjit.io.text.parts import without_textures
 from rasterjit.io.trimesh.materials import (
     TextureReader,
     colors_from_trimesh,
@@ -20,7 +20,7 @@ from rasterjit.io.trimesh.materials import (
 )
 from rasterjit.scene.camera import PerspectiveCamera
 from rasterjit.scene.light import WIDEST_CONE, DirectionalLight, PointLight, SpotLight
-from rasterjit.scene.material import TEXTURE_FIELDS, Material
+from rasterjit.scene.material import Material
 from rasterjit.scene.memory import MemoryBudget
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.scene import Scene
@@ -145,7 +145,7 @@ class TrimeshAdapter:
             material = self._material(geometry.visual.material, source in (None, *GLTF_FORMATS))
             uv = self._finite_rows("uv", geometry.visual.uv, (len(geometry.vertices), 2))
             if uv is None and material is not None:
-                material = self._without_textures(name, material)
+                material = without_textures(name, material, self.left_out)
         normals = self._own_normals(geometry)
         try:
             mesh = Mesh(
@@ -168,14 +168,6 @@ class TrimeshAdapter:
                 material, is_gltf, self.left_out, self.textures
             )
         return self.materials[id(material)]
-
-    def _without_textures(self, name: str, material: Material) -> Material:
-        """Return a material for a mesh without texture coordinates: without textures."""
-        fields = [field for field in TEXTURE_FIELDS if getattr(material, field) is not None]
-        if not fields:
-            return material
-        self.left_out.note(f"texture image without texture coordinates, of mesh {name!r}")
-        return replace(material, **dict.fromkeys(fields))
 
     def _own_normals(self, geometry: Any) -> NDArray[np.float64] | None:
         """Return the normals that somebody gave the mesh, not those that trimesh averaged."""

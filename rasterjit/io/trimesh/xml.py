@@ -2,11 +2,21 @@
 
 from __future__ import annotations
 
+import warnings
+import zipfile
 from pathlib import Path
 from xml.etree import ElementTree
 
+import numpy as np
+
 from rasterjit.io.resources import shown_name
 from rasterjit.io.skipped import LeftOut
+
+_NOT_SHOWN = {
+    "instance_controller": "skinned or morphed geometry", "instance_camera": "camera",
+    "instance_light": "light",
+}  # fmt: skip
+"""What is placed in a COLLADA scene that trimesh does not read."""
 
 _SHOWN_BRUSH = "SolidColorBrush"
 
@@ -19,18 +29,41 @@ def note_what_is_not_read(path: Path, extension: str, left_out: LeftOut) -> None
     ----------
     path : Path
     extension : str
-        ``"dae"`` or ``"xaml"``; of others nothing is known.
+        ``"dae"``, ``"zae"`` or ``"xaml"``; of others nothing is known.
     left_out : LeftOut
     """
-    note = {"dae": _note_other_files, "xaml": _note_brushes}.get(extension)
+    note = {"dae": _note_collada, "zae": _note_collada, "xaml": _note_brushes}.get(extension)
     if note is None:
         return
     try:
-        root = ElementTree.parse(path).getroot()
-    except (ElementTree.ParseError, ValueError):
-        # What trimesh could read all the same, such as a packed file.
+        if extension == "zae":
+            with zipfile.ZipFile(path) as archive:
+                name = next(one for one in archive.namelist() if one.lower().endswith(".dae"))
+                root = ElementTree.fromstring(archive.read(name))
+        else:
+            root = ElementTree.parse(path).getroot()
+    except (ElementTree.ParseError, ValueError, StopIteration):
+        # What trimesh could read all the same.
         return
     note(root, left_out)
+
+
+def _note_collada(root: ElementTree.Element, left_out: LeftOut) -> None:
+    """Note what a COLLADA file has elsewhere, and numbers at which trimesh drops faces."""
+    _note_other_files(root, left_out)
+    for element in root.iter():
+        if _name(element) == "float_array" and not _are_finite(element.text or ""):
+            left_out.note("faces at vertices that are no finite numbers, if any")
+
+
+def _are_finite(text: str) -> bool:
+    """Tell whether all numbers of a text are finite as float32, and are numbers."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", DeprecationWarning)
+            return bool(np.isfinite(np.fromstring(text, np.float32, sep=" ")).all())
+    except (ValueError, DeprecationWarning):
+        return False
 
 
 def _note_other_files(root: ElementTree.Element, left_out: LeftOut) -> None:
@@ -39,6 +72,8 @@ def _note_other_files(root: ElementTree.Element, left_out: LeftOut) -> None:
         kind = _name(element)
         if not kind.startswith("instance_"):
             continue
+        if kind in _NOT_SHOWN:
+            left_out.note(_NOT_SHOWN[kind])
         for key in ("url", "target"):
             place = element.get(key, "").strip()
             if place and not place.startswith("#"):
@@ -51,7 +86,8 @@ def _note_brushes(root: ElementTree.Element, left_out: LeftOut) -> None:
         if _name(model) != "GeometryModel3D":
             continue
         for material in model.iter():
-            if not _name(material).endswith("Material"):
+            # A name with a dot is a field that holds materials.
+            if not _name(material).endswith("Material") or "." in _name(material):
                 continue
             brushes = [brush for holder in material for brush in holder]
             for brush in brushes:

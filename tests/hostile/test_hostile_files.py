@@ -1,0 +1,255 @@
+"""Hostile files are refused or named; mutated ones crash nothing and lose nothing in silence."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import re
+import subprocess
+import sys
+import tempfile
+import time
+import warnings
+from pathlib import Path
+
+import pytest
+from corpus import HOSTILE, MOST, write_corpus
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import rasterjit as rj
+from rasterjit.io.skipped import LoadWarning
+
+sys.path.append(str(Path(__file__).parents[2]))
+command = importlib.import_module("benchmarks.fuzz_files.__main__")
+judging = importlib.import_module("benchmarks.fuzz_files.judging")
+samples = importlib.import_module("benchmarks.fuzz_files.samples")
+strict = importlib.import_module("benchmarks.fuzz_files.strict")
+
+needs_special_files = pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no named pipes here")
+SPECIAL = ("pipe", "device", "socket", "link")
+
+FACES = {"off": 20, "glb": 50, "3mf": 36, "dae": 18, "binvox": 28}
+"""Triangles of some samples."""
+
+
+def read(path):
+    """Return what a file holds, or what was said of it, and what came of it."""
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        try:
+            if path.suffix == ".hdr":
+                rj.Environment.from_file(path, max_bytes=MOST)
+            else:
+                rj.load(path, max_bytes=MOST)
+        except ValueError as error:
+            return "refused", str(error)
+    assert all(issubclass(one.category, LoadWarning) for one in told)
+    return "warned" if told else "loaded", " ".join(str(one.message) for one in told)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=needs_special_files if name in SPECIAL else ()) for name in HOSTILE],
+)
+def test_a_hostile_file_is_refused_or_named(tmp_path, name):
+    hostile = HOSTILE[name]
+    path = hostile.make(tmp_path / "model")
+    before = time.process_time()
+    outcome, said = read(path)
+    assert time.process_time() - before < 10.0
+    assert (outcome, str(path) in said) == (hostile.outcome, hostile.outcome != "loaded"), said
+    assert re.search(hostile.said, said), said
+
+
+@needs_special_files
+def test_the_corpus_is_written_by_its_script(tmp_path):
+    script = Path(__file__).with_name("corpus.py")
+    done = subprocess.run(
+        [sys.executable, script, tmp_path / "one"], check=True, capture_output=True, text=True
+    )
+    written = [Path(line) for line in done.stdout.splitlines()]
+    assert len(written) == len(HOSTILE)
+    for one, other in zip(written, write_corpus(tmp_path / "two"), strict=True):
+        # Some name the folder that they lie in.
+        assert one.name == other.name
+        assert one.stat().st_size == other.stat().st_size
+        assert one.stat().st_size < 3 << 20
+
+
+# Sound files, and how they are counted
+
+
+@pytest.mark.parametrize("name", samples.SAMPLES)
+def test_a_sound_file_is_read_without_a_word(tmp_path, name):
+    if name == "sky exr":
+        pytest.importorskip("OpenEXR")
+    found = judging.judge_files(name, samples.SAMPLES[name](), tmp_path, "error")
+    assert found["faults"] == []
+    shows_nothing = name in ("xyz", "dxf", "tar.bz2")
+    assert found["outcome"] == ("refused" if shows_nothing else "loaded"), found["said"]
+
+
+@pytest.mark.parametrize("name", FACES)
+def test_triangles_are_counted_by_the_letter(name):
+    held = strict.triangles_of(name, samples.SAMPLES[name]())
+    assert (len(held) // 3 if isinstance(held, list) else held) == FACES[name]
+
+
+def test_what_is_not_sound_is_not_counted():
+    text = samples.off()["a.off"]
+    for old, new in ((b"16 19 0", b"16 20 0"), (b"3 0 1 5", b"3 0 1 99"), (b"3 0 1 5", b"3 0 x 5")):
+        assert old in text
+        assert strict.triangles_of("off", {"a.off": text.replace(old, new, 1)}) is None
+    # A control character that some take for a blank, before what is then a comment.
+    text = samples.obj()["a.obj"].replace(b"\nf 1/1", b"\n\x14#f 1/1", 1)
+    assert strict.triangles_of("obj", {"a.obj": text}) is None
+
+
+# What must not be is found
+
+
+def lose_a_face(path, **options):
+    scene = rj.Scene()
+    mesh = rj.load(path, **options).nodes[0].mesh
+    scene.add(rj.Mesh(mesh.vertices, mesh.faces[1:]))
+    return scene
+
+
+def move_a_vertex(path, **options):
+    scene = rj.Scene()
+    mesh = rj.load(path, **options).nodes[0].mesh
+    scene.add(rj.Mesh(mesh.vertices + [[0.0, 0.0, 1.0]], mesh.faces))
+    return scene
+
+
+def raise_key_error(path, **options):
+    raise KeyError("POSITION")
+
+
+def name_no_file(path, **options):
+    raise ValueError("it is damaged")
+
+
+def warn_of_numpy(path, **options):
+    warnings.warn("overflow", RuntimeWarning, stacklevel=2)
+    return rj.load(path, **options)
+
+
+def take_memory(path, **options):
+    bytearray(b"x") * (100 << 20)
+    return rj.load(path, **options)
+
+
+class Patched:
+    """The package with another ``load``."""
+
+    def __init__(self, load):
+        self.load = load
+
+    def __getattr__(self, name):
+        return getattr(rj, name)
+
+
+@pytest.mark.parametrize(
+    ("load", "fault"),
+    [
+        (lose_a_face, "lost without a word: 19 of 20 triangles"),
+        (move_a_vertex, "other corners than the file's"),
+        (raise_key_error, "a foreign exception, KeyError"),
+        (name_no_file, "the error does not name the file"),
+        (warn_of_numpy, "a foreign warning, RuntimeWarning"),
+        pytest.param(take_memory, "it took 1", marks=pytest.mark.skipif(
+            sys.platform != "linux", reason="it asks Linux for the peak")),
+    ],
+)  # fmt: skip
+def test_what_a_reader_does_wrong_is_found(tmp_path, monkeypatch, load, fault):
+    monkeypatch.setattr(judging, "rj", Patched(load))
+    found = judging.judge_files("off", samples.off(), tmp_path, "error")
+    assert [one for one in found["faults"] if one.startswith(fault)], found["faults"]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="it limits the process as Linux does")
+def test_a_process_that_ends_or_hangs_is_told_and_started_again(monkeypatch):
+    # The process answers what stands here, in the place of the one that reads files.
+    program = (
+        "import os, sys, time\n"
+        "print('true', flush=True)\n"
+        "for line in sys.stdin:\n"
+        "    if line == '1\\n': os.abort()\n"
+        "    if line == '2\\n': time.sleep(60)\n"
+        '    print(\'{"seconds": 11.0, "faults": []}\', flush=True)\n'
+    )
+    popen = subprocess.Popen
+    monkeypatch.setattr(
+        command.subprocess, "Popen",
+        lambda _, **options: popen([sys.executable, "-c", program], **options),
+    )  # fmt: skip
+    monkeypatch.setattr(command, "WAITING_SECONDS", 2.0)
+    with tempfile.TemporaryFile("w+") as log:
+        reader = command.Reader(1, log)
+        try:
+            faults = [reader.read(number)["faults"] for number in range(4)]
+        finally:
+            reader.close()
+    assert faults == [
+        ["hung: it took 11.0 s"],
+        ["crash: the process ended with status -6"],
+        ["hung"],
+        ["hung: it took 11.0 s"],
+    ]
+
+
+# Mutated files
+
+EDITS = st.lists(
+    st.tuples(st.floats(0.0, 1.0), st.integers(0, 3), st.binary(min_size=1, max_size=6)),
+    min_size=1, max_size=4,
+)  # fmt: skip
+"""Where in a file, whether to write over, insert, remove or cut there, and the bytes."""
+
+
+def edited(content, edits):
+    """Return a file with bytes changed."""
+    data = bytearray(content)
+    for share, kind, new in edits:
+        at = int(share * len(data))
+        if kind == 3:
+            del data[at:]
+        else:
+            data[at : at + (0 if kind == 1 else len(new))] = b"" if kind == 2 else new
+    return bytes(data)
+
+
+@pytest.mark.parametrize("name", samples.SAMPLES)
+@settings(max_examples=30)
+@given(edits=EDITS)
+def test_files_of_changed_bytes_do_no_harm(name, edits):
+    if name == "sky exr":
+        pytest.importorskip("OpenEXR")
+    files = samples.SAMPLES[name]()
+    main = samples.opened(files)
+    first = next(iter(files))
+    files = {main: files[main]} | files | {first: edited(files[first], edits)}
+    with tempfile.TemporaryDirectory() as folder:
+        assert judging.judge_files(name, files, Path(folder), "error")["faults"] == []
+
+
+def test_mutations_are_the_same_each_time():
+    for number in range(2 * len(samples.SAMPLES)):
+        assert judging.files_of(4, number) == judging.files_of(4, number)
+    several = {str(judging.files_of(seed, 0)) for seed in range(20)}
+    assert len(several) > 15
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="it limits the process as Linux does")
+def test_mutated_files_do_no_harm(tmp_path):
+    run = subprocess.run(
+        [sys.executable, "-m", "benchmarks.fuzz_files", "--files", "500", "--seed", "5",
+         "--output", str(tmp_path / "faults.json")],
+        cwd=Path(__file__).parents[2], capture_output=True, text=True,
+    )  # fmt: skip
+    assert run.returncode == 0, run.stdout + run.stderr
+    for kind in ("crash", "hung", "a foreign exception", "lost without a word"):
+        assert f"{kind}: 0" in run.stdout
+    assert (tmp_path / "faults.json").read_text() == "[]"
