@@ -148,6 +148,9 @@ def _refuse(scene: rj.Scene, camera: rj.PerspectiveCamera) -> None:
             raise ValueError(f"there must be no mask and no emission on {node.name!r}")
         if any(texture is not None for texture in material.textures_read()[1:]):
             raise ValueError(f"there must be no texture but for the base colour on {node.name!r}")
+        texture = material.base_color_texture
+        if texture is not None and texture.filter == "nearest":
+            raise ValueError(f"the texture of {node.name!r} must not have filter 'nearest'")
 
 
 # Where the faces are
@@ -173,7 +176,10 @@ def _soup_of(scene: rj.Scene, camera: rj.PerspectiveCamera, size: tuple[int, int
         if normals is None:
             normals = _mean_normals(vertices, faces)
         normals = _unit(np.asarray(normals, np.float64) @ np.linalg.inv(matrix[:3, :3]))
-        uv = np.zeros((len(vertices), 2)) if mesh.uv is None else np.asarray(mesh.uv, np.float64)
+        texture = mesh.material.base_color_texture
+        uv = np.zeros((len(vertices), 2))
+        if texture is not None:
+            uv = np.asarray(mesh.uv_sets[texture.uv_set], np.float64)
         corners = points[faces], colors, normals[faces], uv[faces]
         for name, values in zip(lists, corners, strict=True):
             lists[name].append(values)

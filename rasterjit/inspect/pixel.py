@@ -32,7 +32,7 @@ from rasterjit.pipeline.records import Faces, Objects
 from rasterjit.pipeline.visibility import draw, nearest
 from rasterjit.pipeline.visibility.alpha_test import no_holes
 from rasterjit.rendering import plan as planning
-from rasterjit.rendering import shade
+from rasterjit.rendering import shade, supersample
 from rasterjit.rendering.renderer import choose_camera, render
 from rasterjit.runtime.ahead import beside
 from rasterjit.runtime.threads import Workers
@@ -186,7 +186,8 @@ def _draw(scene: Scene, plan: RenderPlan) -> Drawn:
     cache = prepare(scene.nodes, None, plan.quality, scene.environment is not None)
     arrays = cache.shapes.arrays
     views = placing.view_nodes(scene.nodes, plan.camera, plan.size)
-    viewport = draw.viewport_of(plan.size, plan.quality.subpixel_bits)
+    spacing = supersample.sample_spacing(int(plan.quality.samples)) if plan.pictures > 1 else 1.0
+    viewport = draw.viewport_of(plan.size, plan.quality.subpixel_bits, spacing=spacing)
     objects = placing.cull_objects(
         plan.cull, views, arrays.face_starts, cache.tables.is_single_sided
     )

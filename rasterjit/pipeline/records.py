@@ -189,7 +189,7 @@ class Maps(NamedTuple):
     tangents: Any
     """(V, 2, 4) float32, model space: where u grows, and the sign of where v does, for faces whose
     texture is not mirrored and for those where it is; (0, 2, 4) if no object has a normal map."""
-    coordinates: Any = (None,) * 5
+    coordinates: Any
     """Of each kind of texture: (V, 2) float32 | None -> those of ``Textures.uv``."""
 
 

@@ -143,13 +143,15 @@ def read_steps(
     kind: int, own: Textures, laid: Maps, geometry: Geometry, placement: Placement
 ) -> list[Step]:
     """Return the stages that read the textures of a kind, where these are laid."""
-    read, apart = Step(texture_lookup.read_textures, (kind, own)), laid.coordinates[kind]
-    if apart is None:
-        return [read]
+    apart = laid.coordinates[kind]
+    there = [] if apart is None else lay_steps(own._replace(uv=apart), geometry, placement)
+    return [*there, Step(texture_lookup.read_textures, (kind, own))]
+
+
+def lay_steps(own: Textures, geometry: Geometry, placement: Placement) -> list[Step]:
+    """Return the stages that find coordinates and their steps anew."""
     # Other stages have used the memory of the weights since, from which steps are found.
-    weigh = Step(weights.find_weights, (geometry, placement))
-    there = coordinate_steps(own._replace(uv=apart), geometry)
-    return [weigh, *there, read, weigh, *coordinate_steps(own, geometry)]
+    return [Step(weights.find_weights, (geometry, placement)), *coordinate_steps(own, geometry)]
 
 
 def map_steps(
@@ -169,6 +171,8 @@ def map_steps(
             continue
         if laid.counts[kind]:
             steps += [*read_steps(kind, own, laid, geometry, placement), applied]
+            if laid.coordinates[kind] is not None:
+                steps += lay_steps(own, geometry, placement)
     return steps
 
 

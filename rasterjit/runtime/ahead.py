@@ -293,8 +293,8 @@ def beside(
         nonlocal progress
         # One of several threads that compile asks; the others go on.
         if asking.acquire(blocking=False):
-            tasks = _listed(list_tasks)
-            progress = Progress(dict(_entry(task) for task in tasks if task.module == __name__))
+            tasks, entries = _listed(list_tasks)
+            progress = Progress(entries)
             if is_shared and is_possible():
                 _BESIDE.take(tasks, 1 if at_once else WORTH_A_PROCESS)
         # The frame that began last tells.
@@ -324,9 +324,12 @@ def _entry(task: Task) -> tuple[str, Path | None]:
     return f"{module}.{name}", store.path_of(place, store.name_of(function, kind, store.host()))
 
 
-def _listed(list_tasks: Callable[[], Sequence[Task]]) -> Sequence[Task]:
-    """Return the tasks; none where they cannot be told: a frame must not end because of them."""
+def _listed(
+    list_tasks: Callable[[], Sequence[Task]],
+) -> tuple[Sequence[Task], dict[str, Path | None]]:
+    """Return the tasks, and what they compile; none on errors: they must not end a frame."""
     try:
-        return list_tasks()
+        tasks = list_tasks()
+        return tasks, dict(_entry(task) for task in tasks if task.module == __name__)
     except Exception:
-        return ()
+        return (), {}

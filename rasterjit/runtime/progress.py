@@ -16,9 +16,6 @@ Tell = Callable[[str], None]
 PATIENCE = 2.0
 """Seconds of compiling that are not spoken of."""
 
-REPLACE_LINE = "\r\x1b[K"
-"""Moves a terminal to the beginning of its line, and clears it."""
-
 
 def write_line(text: str) -> None:
     """Write a text in place of the last one on standard error, if that is a terminal."""
@@ -26,9 +23,15 @@ def write_line(text: str) -> None:
     if not _is_terminal(stream) or _is_worker():
         return
     line = f"rasterjit: {text}" if text else ""
+    # Blanks go over the last one: not every terminal clears a line when it is told to.
+    over, _LAST[0] = " " * (_LAST[0] - len(line)), len(line)
     with suppress(OSError, ValueError):
-        stream.write(REPLACE_LINE + line)
+        stream.write(f"\r{line}{over}" if line else f"\r{over}\r")
         stream.flush()
+
+
+_LAST = [0]
+"""Columns of the line that stands there."""
 
 
 def _is_terminal(stream: TextIO | None) -> bool:
@@ -72,7 +75,7 @@ class Progress:
         self._wanted = wanted
         self._seconds = jit.COMPILER_CLOCK.read()
         self._used = [len(names) for names in store.USED]
-        self._is_told = False
+        self._told = ""
 
     def __str__(self) -> str:
         loaded, compiled = (
@@ -87,13 +90,15 @@ class Progress:
 
     def tell(self) -> None:
         """Say how many are done, if compiling takes long."""
-        if self._is_told or jit.COMPILER_CLOCK.read() - self._seconds >= PATIENCE:
-            self._is_told = True
-            _TELLERS[-1](str(self))
+        if self._told or jit.COMPILER_CLOCK.read() - self._seconds >= PATIENCE:
+            text = str(self)
+            if text != self._told:
+                self._told = text
+                _TELLERS[-1](text)
 
     def end(self) -> None:
         """Say that compiling is done, if it was told before."""
-        if self._is_told:
+        if self._told:
             _TELLERS[-1]("")
 
 

@@ -107,7 +107,7 @@ class Used(NamedTuple):
 USED = Used([], [])
 
 BEFORE_COMPILING: list[Callable[[], None]] = []
-"""Called before this process compiles a kernel."""
+"""Called before this process compiles a kernel, and while it waits for another that does."""
 
 
 @functools.cache
@@ -421,6 +421,7 @@ def claimed(path: Path) -> Iterator[None]:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
                 break
             except BlockingIOError:
+                _tell()
                 time.sleep(0.02)
             except OSError:
                 break
@@ -491,10 +492,14 @@ def is_kept(kernel: Any, kind: RecordType) -> bool:
     return place is not None and read(path_of(place, name_of(kernel, kind, host()))) is not None
 
 
-def _compile(kernel: Any, kind: RecordType, name: str) -> tuple[Header, bytes]:
-    target = host()
+def _tell() -> None:
     for tell in tuple(BEFORE_COMPILING):
         tell()
+
+
+def _compile(kernel: Any, kind: RecordType, name: str) -> tuple[Header, bytes]:
+    target = host()
+    _tell()
     with COMPILER_CLOCK.running():
         returns, code = numba_alone.compiler().compile_form(kernel, kind, name, target)
     return _header(kernel, kind, returns), code

@@ -95,9 +95,9 @@ class PerspectiveCamera:
         Vertical field of view, strictly between 0 and 180.
     near, far : float, scene units
         Distances of the near and far plane; ``far`` may be ``math.inf``. Rendering refuses a
-        ``near`` too small for what is in view: below 1e-13 of a ``far`` that something reaches
-        beyond, or of which ``Quality.depth_format`` cannot hold the depth (1.2e-38 of the
-        farthest distance by default).
+        ``near`` below 1e-13 of ``far`` if something lies beyond ``far``, and one so small that
+        ``Quality.depth_format`` cannot hold the depth of what is in view (by default below
+        1.2e-38 of the farthest distance).
 
     Raises
     ------

@@ -46,7 +46,7 @@ ANISOTROPIES = (1, 2, 4, 8, 16)
 UV_NAMES = ("uv", "uv1")
 """What a mesh calls its sets of texture coordinates."""
 
-UV_SETS = (0, 1)
+UV_SETS = tuple(range(len(UV_NAMES)))
 """Their numbers."""
 
 FARTHEST_MOVE = 1e6

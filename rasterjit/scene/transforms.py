@@ -500,8 +500,8 @@ def perspective_depth(near: float, far: float) -> tuple[float, float]:
     row = _depth_row(near, far)
     if near < LEAST_NEAR * far < math.inf:
         raise ValueError(
-            f"near must be at least {rounded_up(LEAST_NEAR * far)} for far = {far!r}, or far "
-            f"math.inf, since the matrix holds no such far plane for near = {near!r}"
+            f"near must be at least {rounded_up(LEAST_NEAR * far)}, or far math.inf: a matrix in "
+            f"float64 cannot hold far = {far!r} with near = {near!r}"
         )
     return row
 

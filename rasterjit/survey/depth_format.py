@@ -150,14 +150,16 @@ def check_near(
     # Look at all vertices first, then at those of faces alone.
     for only_used in (False, True):
         nearest, farthest = _span(boxes, nodes, clip_from_relative[3], only_used)
+        if nearest == math.inf:
+            return
         reach = min(farthest, far) if name in REVERSED_TYPES else nearest
         if near >= held * reach and (near >= least or farthest <= far):
             return
     if near < least and farthest > far:
         raise ValueError(
-            f"camera.near must be at least {transforms.rounded_up(least)} where something lies "
-            f"beyond camera.far = {far!r}, so that float64 tells what does, or camera.far "
-            f"math.inf; got {near!r}"
+            f"camera.near must be at least {transforms.rounded_up(least)}, or camera.far math.inf: "
+            f"float64 cannot cut at camera.far = {far!r}, beyond which something lies; got "
+            f"{near!r}"
         )
     raise ValueError(
         f"{'camera.near' if has_planes else 'w on the near plane of camera'} must be at least "

@@ -7,7 +7,7 @@ helpers ``_test_back_face_culling``, ``_simple_triangle_raster``, ``_test_perspe
 ``test_order_of_ties`` are of a later revision and re-made from their description.
 
 What it checks: which face, and which depth, each pixel of a small image shows; the second layer
-behind it; back faces; depth with and without perspective; that nothing behind the camera is drawn;
+behind it; back faces; depth with and without perspective; that nothing after the camera is drawn;
 that the order of faces does not matter; that equal depths go by face number.
 
 What differs, and how it is mapped

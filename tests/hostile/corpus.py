@@ -286,7 +286,7 @@ HOSTILE: dict[str, Hostile] = {
     "fewer faces": Hostile(changed(off(), f"16 {FACES}", f"16 {FACES + 1}"), "refused",
                            f"expected {FACES + 1} faces"),
     "more faces": Hostile(changed(off(), f"16 {FACES}", f"16 {FACES - 1}"), "refused",
-                          f"nothing behind {FACES - 1} faces"),
+                          f"nothing after {FACES - 1} faces"),
     "more rows": Hostile(changed(ply_text(), f"face {FACES}", f"face {FACES - 1}"), "refused",
                          "no line behind"),
     "word in a vertex": Hostile(changed(obj(), "v 1 0 0", "v 1 0 O"), "refused", "line 5: expect"),

@@ -352,9 +352,9 @@ DAMAGED = {
     "ply: a line more": ("ply", PLYS["plain"].replace("face 2", "face 1"),
                          r"line 16: expected no line behind .*'3 0 2 3'"),
     "ply: rows more": ("ply", as_binary(PLYS["plain"], ">").replace(b"face 2", b"face 1"),
-                       r"its end: expected nothing behind the rows .* got 13 bytes"),
+                       r"its end: expected nothing after the rows .* got 13 bytes"),
     "off: a line more": ("off", OFFS["one line"].replace("4 2 0", "4 1 0"),
-                         r"line 7: expected nothing behind 1 faces, got '4 0 1 2 3'"),
+                         r"line 7: expected nothing after 1 faces, got '4 0 1 2 3'"),
     "ply: binary": ("ply", as_binary(PLYS["plain"], "<")[:-3],
                     r"its end: expected 2 rows of face, as its head says, got 1"),
     "off: a face less": ("off", OFFS["one line"].replace("4 2 0", "4 5 0"),
@@ -588,6 +588,6 @@ def test_what_lies_behind_the_triangles_of_an_stl_file_is_counted(tmp_path):
     path = tmp_path / "a.stl"
     trimesh.creation.box().export(path)
     path.write_bytes(path.read_bytes() + b"...")
-    with pytest.raises(ValueError, match=r"expected nothing behind 12 triangles, got 3 bytes"):
+    with pytest.raises(ValueError, match=r"expected nothing after 12 triangles, got 3 bytes"):
         rj.load(path)
     assert len(loaded(path, on_damage="warn").nodes[0].mesh.faces) == 12

@@ -288,6 +288,25 @@ def test_compiling_is_told_and_loading_is_not(tmp_path, monkeypatch):
     assert told == [1]
 
 
+@compiled_only
+@pytest.mark.skipif(sys.platform == "win32", reason="there are no such locks")
+def test_waiting_for_another_that_compiles_is_told(tmp_path, monkeypatch):
+    import fcntl
+
+    told = []
+    path = tmp_path / "a.kernel"
+    with open(path.with_suffix(store.LOCK), "ab") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+
+        def let_go():
+            told.append(1)
+            fcntl.flock(file, fcntl.LOCK_UN)
+
+        monkeypatch.setattr(store, "BEFORE_COMPILING", [let_go])
+        with store.claimed(path):
+            assert told == [1]
+
+
 ALONE = {
     "one processor": ("available_processors", lambda: 1),
     "no interpreter": ("sys.executable", ""),
@@ -495,5 +514,5 @@ def test_on_a_terminal_a_render_says_how_far_compiling_is(tmp_path, is_terminal)
         )  # fmt: skip
         os.close(theirs)
         said = shown.read(4096).decode().replace("\r\n", "\n")
-    line = "\r\x1b[Krasterjit: compiling kernels (kept on disk): 0 of 1\r\x1b[K"
-    assert said == (line if is_terminal else "") + "end\n"
+    line = "rasterjit: compiling kernels (kept on disk): 0 of 1"
+    assert said == (f"\r{line}\r{' ' * len(line)}\r" if is_terminal else "") + "end\n"

@@ -42,7 +42,11 @@ def test_a_line_is_written_on_terminals_alone(monkeypatch):
         progress.write_line("")
         if stream is not shown and isinstance(stream, io.StringIO):
             assert stream.getvalue() == ""
-    assert shown.getvalue() == "\r\x1b[Krasterjit: 1 of 2\r\x1b[K"
+    assert shown.getvalue() == f"\rrasterjit: 1 of 2\r{17 * ' '}\r"
+    monkeypatch.setattr(sys, "stderr", shown)
+    progress.write_line("10 of 12")
+    progress.write_line("1 of 2")
+    assert shown.getvalue().endswith("\rrasterjit: 10 of 12\rrasterjit: 1 of 2  ")
     shown.close()
     monkeypatch.setattr(sys, "stderr", shown)
     progress.write_line("1 of 2")

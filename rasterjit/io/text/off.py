@@ -56,7 +56,7 @@ def read_off(path: Path, resources: Resources, damage: Damage, left_out: LeftOut
         damage.end(f"{face_count} faces, as its head says", str(len(rows)))
     behind = filled[at + 1 + vertex_count + face_count :]
     if len(behind):
-        damage.line(lines, int(behind[0]), f"nothing behind {face_count} faces")
+        damage.line(lines, int(behind[0]), f"nothing after {face_count} faces")
     values, found = number_rows(lines, rows, 0, 1, "a face", damage)
     rows, found = rows[found > 0], found[found > 0]
     begins = np.cumsum(found) - found

@@ -270,7 +270,7 @@ def _read_binary(data: bytes, at: int, elements: list[_Element], damage: Damage)
             at = len(data)
     rest = data[at:]
     if rest.strip():
-        damage.end("nothing behind the rows that its head says", f"{len(rest)} bytes")
+        damage.end("nothing after the rows that its head says", f"{len(rest)} bytes")
 
 
 def _row_type(element: _Element, counts: dict[str, int]) -> np.dtype:

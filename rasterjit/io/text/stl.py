@@ -33,7 +33,7 @@ def read_stl(path: Path, resources: Resources, damage: Damage) -> list[Part]:
             damage.end(f"{count} triangles, as its head says", f"room for {whole}")
         elif not is_binary:
             extra = len(data) - _HEAD - count * _TRIANGLE.itemsize
-            damage.end(f"nothing behind {count} triangles", f"{extra} bytes")
+            damage.end(f"nothing after {count} triangles", f"{extra} bytes")
         resources.budget.take("its triangles", BINARY_BYTES * len(data))
         triangles = np.frombuffer(data, _TRIANGLE, min(count, whole), _HEAD)
         parts = [_part(path.name, triangles["vertices"].reshape(-1, 3))] if len(triangles) else []
