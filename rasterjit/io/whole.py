@@ -32,6 +32,12 @@ NAME = re.compile(rf"{re.escape(MARK)}([0-9a-f]{{8}})-([0-9a-f]{{8}})-[0-9a-f]{{
 LONGEST_NAME = 160
 """Bytes of a name that fits behind the others, in the 255 that file systems allow."""
 
+UNHELD = ("0" * 8, "0" * 8)
+"""In place of the names of the machine: a file that nobody holds, though it is being written."""
+
+TRIES = 10
+"""How often a temporary file is made anew, before one is written that nobody holds."""
+
 LEFT_AFTER = 24 * 3600.0
 """Seconds after which nobody writes a temporary file any more, where locks do not tell."""
 
@@ -102,9 +108,9 @@ def _naming(place: Path) -> Iterator[None]:
         raise
 
 
-def _temporary(place: Path, end: str) -> Path:
-    """Return a new name beside a place."""
-    host, system = machine()
+def _temporary(place: Path, end: str, names: tuple[str, str] | None = None) -> Path:
+    """Return a new name beside a place, with the names of this machine if none are given."""
+    host, system = names or machine()
     return place.with_name(f"{MARK}{host}-{system}-{uuid.uuid4().hex}{end}")
 
 
@@ -114,13 +120,36 @@ def _make_file(path: Path) -> None:
 
 def _begun(place: Path, stack: ExitStack, make: Callable[[Path], None]) -> Path:
     """Make a temporary file or folder and hold it, until the stack is left: then it is removed."""
-    while True:
-        temporary = _temporary(place, place.suffix)
-        stack.callback(_remove, temporary)
-        make(temporary)
-        # One that is not held yet may be taken for nobody's, and removed.
-        if _hold(temporary, stack):
+    for _ in range(TRIES):
+        with ExitStack() as attempt:
+            temporary = _temporary(place, place.suffix)
+            attempt.callback(_remove, temporary)
+            make(temporary)
+            # One that is not held yet may be taken for nobody's, and removed.
+            if not _hold(temporary, attempt):
+                continue
+            if not _lets_others_write(temporary):
+                break
+            stack.enter_context(attempt.pop_all())
             return temporary
+    temporary = _temporary(place, place.suffix, UNHELD)
+    stack.callback(_remove, temporary)
+    make(temporary)
+    return temporary
+
+
+def _lets_others_write(path: Path) -> bool:
+    """Tell whether an empty file can be written while it is held: not so on SMB shares."""
+    if IS_LOCKED and not path.is_dir():
+        try:
+            with open(path, "r+b", buffering=0) as other:
+                other.write(b"\0")
+                other.truncate(0)
+        except PermissionError:
+            return False
+        except OSError:
+            pass  # A full disk is told by who writes the content.
+    return True
 
 
 def _hold(path: Path, stack: ExitStack) -> bool:
@@ -146,19 +175,26 @@ def remove_leftovers(folder: Path) -> None:
 
 def _remove_if_left(path: Path, host: str, system: str, end: str) -> None:
     """Remove a temporary file or folder that nobody holds; move back what was moved aside."""
+    if not IS_LOCKED or (host, system) == UNHELD:
+        _clear(path, end, False)
+        return
     found = lock(path)
     if found is None:
         return
     with found:
         is_near = host == machine()[0] or system == machine()[1]
-        is_old = time.time() - path.stat().st_mtime > LEFT_AFTER
-        if not is_old and not (IS_LOCKED and is_near and found.is_sure):
-            return
-        place = path.with_name(end.removeprefix(ASIDE) or path.name)
-        if end.startswith(ASIDE) and not os.path.lexists(place):
-            os.rename(path, place)
-        else:
-            _remove(path)
+        _clear(path, end, is_near and found.is_sure)
+
+
+def _clear(path: Path, end: str, is_left: bool) -> None:
+    """Remove, or move back, what is known to be left, or is old."""
+    if not is_left and time.time() - path.stat().st_mtime <= LEFT_AFTER:
+        return
+    place = path.with_name(end.removeprefix(ASIDE) or path.name)
+    if end.startswith(ASIDE) and not os.path.lexists(place):
+        os.rename(path, place)
+    else:
+        _remove(path)
 
 
 def _remove(path: Path) -> None:

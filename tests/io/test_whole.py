@@ -1,5 +1,7 @@
 """Files are written whole or not at all, and what killed processes left is removed."""
 
+import builtins
+import errno
 import multiprocessing
 import os
 import signal
@@ -208,3 +210,71 @@ def test_errors_name_what_was_asked_for(tmp_path, way):
     with pytest.raises(OSError, match=r"b'$") as caught, whole.replacing(tmp_path / "b"):
         pass
     assert files(tmp_path) == ["b"]
+
+
+@pytest.fixture
+def mandatory(monkeypatch):
+    """Files that are locked refuse other descriptors, as on SMB shares under Linux."""
+    fcntl = pytest.importorskip("fcntl")
+    plain = open
+
+    def refusing(path, mode="r", *words, **named):
+        file = plain(path, "r+b" if mode == "wb" else mode, *words, **named)
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            file.close()
+            raise PermissionError(errno.EACCES, "Permission denied", str(path)) from None
+        fcntl.flock(file, fcntl.LOCK_UN)
+        return file
+
+    monkeypatch.setattr(builtins, "open", refusing)
+
+
+def test_where_locks_forbid_others_to_write_nothing_is_held(tmp_path, mandatory):
+    with whole.replacing(tmp_path / "a.bin") as temporary:
+        assert files(tmp_path) == [temporary.name]
+        with open(temporary, "wb") as file:
+            file.write(b"whole")
+        # Others must not take it for left, nor lock it: that would disturb who writes.
+        sweep(tmp_path)
+        assert temporary.exists()
+    assert (tmp_path / "a.bin").read_bytes() == b"whole"
+    assert files(tmp_path) == ["a.bin"]
+
+
+def test_what_is_not_held_is_left_when_it_is_old(tmp_path):
+    old = whole._temporary(tmp_path / "a.bin", ".bin", whole.UNHELD)
+    old.touch()
+    sweep(tmp_path)
+    assert old.exists()
+    os.utime(old, (1.0, 1.0))
+    sweep(tmp_path)
+    assert files(tmp_path) == []
+
+
+def test_files_that_seem_to_be_others_do_not_stop_a_save(tmp_path, monkeypatch, way):
+    """Some file systems give another number of a file by its path than when it is open."""
+    monkeypatch.setattr(locks.Lock, "is_of", lambda self, path: False)
+    with getattr(whole, way)(tmp_path / "a.bin") as temporary:
+        assert files(tmp_path) == [temporary.name]
+        sweep(tmp_path)
+        assert temporary.exists()
+    assert files(tmp_path) == ["a.bin"]
+
+
+def test_where_files_cannot_be_open_age_tells(tmp_path, monkeypatch, way):
+    """Windows removes no file that is open, and opens no folders."""
+
+    def refuse(path):
+        raise PermissionError(errno.EACCES, "open", str(path))
+
+    with writing(way, tmp_path / "a.bin") as (_, name):
+        pass
+    monkeypatch.setattr(whole, "IS_LOCKED", False)
+    monkeypatch.setattr(whole, "lock", refuse)
+    sweep(tmp_path)
+    assert files(tmp_path) == [name]
+    os.utime(tmp_path / name, (1.0, 1.0))
+    sweep(tmp_path)
+    assert files(tmp_path) == []
