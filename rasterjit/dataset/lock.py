@@ -11,7 +11,7 @@ import json
 import os
 import platform
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,9 @@ from rasterjit.io.locks import Lock, lock, machine
 
 LOCK = ".lock"
 """Name of the lock file, in the folder."""
+
+TRIES = 10
+"""How often the lock file is made or asked for, while others remove it."""
 
 
 @contextmanager
@@ -41,7 +44,7 @@ def owned(folder: Path) -> Iterator[None]:
     file = folder / LOCK
     with _taken(file) as held:
         try:
-            file.write_text(_myself(), encoding="utf-8")
+            held.write(_myself().encode())
             yield
         finally:
             if held.is_of(file):
@@ -50,22 +53,23 @@ def owned(folder: Path) -> Iterator[None]:
 
 def _taken(file: Path) -> Lock:
     """Make the lock file, or take one over that is nobody's, or raise ``ValueError``."""
-    while True:
+    for _ in range(TRIES):
         is_mine = _created(file)
         try:
             held = lock(file)
         except FileNotFoundError:
             continue
         if held is None:
-            raise _refusal(file)
+            break
         # Whoever had it may have removed it meanwhile.
         if not held.is_of(file):
             held.close()
-        elif is_mine or (held.is_sure and _is_near(_content(file))):
+        elif is_mine or (held.is_sure and _is_near(_parsed(held.read()))):
             return held
         else:
             held.close()
-            raise _refusal(file)
+            break
+    raise _refusal(file)
 
 
 def _created(file: Path) -> bool:
@@ -84,15 +88,21 @@ def _remove(file: Path, held: Lock) -> None:
     except PermissionError:
         # Windows removes no file that is open.
         held.close()
-        file.unlink(missing_ok=True)
+        # Another run may have it by now.
+        with suppress(PermissionError):
+            file.unlink(missing_ok=True)
 
 
 def _refusal(file: Path) -> ValueError:
     """Return the error that says who has the folder."""
-    owner = _content(file)
+    owner = {}
+    # Where locks are mandatory, nobody else can read it.
+    with suppress(OSError):
+        owner = _parsed(file.read_bytes())
+    who = f", process {owner['pid']} on {owner['host']}" if {"pid", "host"} <= owner.keys() else ""
     return ValueError(
-        f"output is being written by another run, process {owner.get('pid')} on "
-        f"{owner.get('host')}: wait until it ends; if there is none, remove {str(file)!r}"
+        f"output is being written by another run{who}: wait until it ends; "
+        f"if there is none, remove {str(file)!r}"
     )
 
 
@@ -109,10 +119,10 @@ def _is_near(owner: dict[str, Any]) -> bool:
     )
 
 
-def _content(file: Path) -> dict[str, Any]:
-    """Return what a lock file says; nothing if it is gone or cannot be read."""
+def _parsed(content: bytes) -> dict[str, Any]:
+    """Return what a lock file says; nothing if that is damaged."""
     try:
-        owner = json.loads(file.read_text(encoding="utf-8", errors="replace"))
-    except (OSError, ValueError):
+        owner = json.loads(content.decode("utf-8", "replace"))
+    except ValueError:
         return {}
     return owner if isinstance(owner, dict) else {}
