@@ -24,13 +24,11 @@ from rasterjit.io.locks import lock, machine
 MARK = ".rasterjit-part-"
 """What the names of temporary files begin with; then come the names of the machine."""
 
-ASIDE = "-was-"
-"""After those, before its own name: a folder that is about to be replaced."""
+ASIDE = "-was"
+"""How the name of a folder ends in which something lies that is about to be replaced."""
 
 NAME = re.compile(rf"{re.escape(MARK)}([0-9a-f]{{8}})-([0-9a-f]{{8}})-[0-9a-f]{{32}}(.*)", re.S)
-
-LONGEST_NAME = 160
-"""Bytes of a name that fits behind the others, in the 255 that file systems allow."""
+"""Host, system and end of the name of a temporary file."""
 
 UNHELD = ("0" * 8, "0" * 8)
 """In place of the names of the machine: a file that nobody holds, though it is being written."""
@@ -72,23 +70,17 @@ def replacing_folder(place: Path) -> Iterator[Path]:
     What is there, a folder or a link to one, goes only when the new one is there.
     """
     remove_leftovers(place.parent)
-    is_short = len(os.fsencode(place.name)) <= LONGEST_NAME
-    aside = _temporary(place, f"{ASIDE}{place.name}" if is_short else place.suffix)
     with ExitStack() as stack:
-        try:
-            with _naming(place):
-                temporary = _begun(place, stack, os.mkdir)
-            yield temporary
-            with _naming(place):
-                if os.path.lexists(place):
-                    with suppress(OSError):
-                        _hold(place, stack)
-                    os.rename(place, aside)
-                os.replace(temporary, place)
-        finally:
-            if os.path.lexists(aside) and not os.path.lexists(place):
-                os.rename(aside, place)
-            _remove(aside)
+        with _naming(place):
+            temporary = _begun(place, stack, os.mkdir)
+        yield temporary
+        with _naming(place):
+            if os.path.lexists(place):
+                aside = temporary.with_name(temporary.name.removesuffix(place.suffix) + ASIDE)
+                os.mkdir(aside)
+                stack.callback(_put_back, aside)
+                os.rename(place, aside / place.name)
+            os.replace(temporary, place)
 
 
 @contextmanager
@@ -169,32 +161,52 @@ def remove_leftovers(folder: Path) -> None:
     with suppress(OSError):
         for name in os.listdir(folder):
             if match := NAME.fullmatch(name):
-                with suppress(OSError):
+                with suppress(OSError, ValueError):
                     _remove_if_left(folder / name, *match.groups())
 
 
 def _remove_if_left(path: Path, host: str, system: str, end: str) -> None:
     """Remove a temporary file or folder that nobody holds; move back what was moved aside."""
-    if not IS_LOCKED or (host, system) == UNHELD:
-        _clear(path, end, False)
-        return
-    found = lock(path)
-    if found is None:
-        return
-    with found:
-        is_near = host == machine()[0] or system == machine()[1]
-        _clear(path, end, is_near and found.is_sure)
+    if end == ASIDE:
+        _put_back_if_left(path)
+    elif not IS_LOCKED or (host, system) == UNHELD:
+        if _is_old(path):
+            _remove(path)
+    elif found := lock(path):
+        with found:
+            is_near = host == machine()[0] or system == machine()[1]
+            if (is_near and found.is_sure) or _is_old(path):
+                _remove(path)
 
 
-def _clear(path: Path, end: str, is_left: bool) -> None:
-    """Remove, or move back, what is known to be left, or is old."""
-    if not is_left and time.time() - path.stat().st_mtime <= LEFT_AFTER:
+def _is_old(path: Path) -> bool:
+    """Tell whether nothing was written to a file, or anywhere in a folder, for long."""
+    since = time.time() - LEFT_AFTER
+    inside = (os.path.join(at, name) for at, *both in os.walk(path) for name in both[0] + both[1])
+    return all(os.lstat(one).st_mtime < since for one in (path, *inside))
+
+
+def _put_back_if_left(aside: Path) -> None:
+    """Move back what was moved aside, unless who did so may still be there."""
+    begin = aside.name.removesuffix(ASIDE)
+    for name in os.listdir(aside.parent):
+        if name.startswith(begin) and name != aside.name and (match := NAME.fullmatch(name)):
+            # Who still writes what shall replace it goes on with both.
+            _remove_if_left(aside.parent / name, *match.groups())
+            if os.path.lexists(aside.parent / name):
+                return
+    _put_back(aside)
+
+
+def _put_back(aside: Path) -> None:
+    """Move what was moved aside to where it was; remove it if something else is there."""
+    if aside.is_symlink():
         return
-    place = path.with_name(end.removeprefix(ASIDE) or path.name)
-    if end.startswith(ASIDE) and not os.path.lexists(place):
-        os.rename(path, place)
-    else:
-        _remove(path)
+    with suppress(FileNotFoundError):
+        for name in os.listdir(aside):
+            if not os.path.lexists(aside.parent / name):
+                os.rename(aside / name, aside.parent / name)
+    _remove(aside)
 
 
 def _remove(path: Path) -> None:
