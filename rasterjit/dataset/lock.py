@@ -15,7 +15,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from rasterjit.io.locks import Lock, lock, machine
+from rasterjit.runtime.locks import Lock, lock, machine
 
 LOCK = ".lock"
 """Name of the lock file, in the folder."""
@@ -48,7 +48,7 @@ def owned(folder: Path) -> Iterator[None]:
             yield
         finally:
             if held.is_of(file):
-                _remove(file, held)
+                held.remove(file)
 
 
 def _taken(file: Path) -> Lock:
@@ -79,18 +79,6 @@ def _created(file: Path) -> bool:
     except FileExistsError:
         return False
     return True
-
-
-def _remove(file: Path, held: Lock) -> None:
-    """Remove the lock file: while it is held, for afterwards it may be another's."""
-    try:
-        file.unlink(missing_ok=True)
-    except PermissionError:
-        # Windows removes no file that is open.
-        held.close()
-        # Another run may have it by now.
-        with suppress(PermissionError):
-            file.unlink(missing_ok=True)
 
 
 def _refusal(file: Path) -> ValueError:

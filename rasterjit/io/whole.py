@@ -2,7 +2,8 @@
 Write files and folders whole, or not at all: under a temporary name, then moved in one step.
 
 Who writes holds a lock on the temporary file. Those that nobody holds were left by processes that
-were killed, and are removed by the next that writes to the same folder.
+were killed, and are removed by the next that writes to the same folder. Where locks cannot be had,
+or forbid to write, files are left when they are old.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
-from rasterjit.io.locks import lock, machine
+from rasterjit.runtime.locks import lock, machine
 
 MARK = ".rasterjit-part-"
 """What the names of temporary files begin with; then come the names of the machine."""

@@ -11,7 +11,7 @@ import pytest
 
 from rasterjit.dataset import lock, making
 from rasterjit.dataset.recipe import Recipe
-from rasterjit.io import locks
+from rasterjit.runtime import locks
 
 RECIPE = Recipe(views=1, size=(8, 6), outputs=("mask",))
 

@@ -12,7 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from rasterjit.io import locks, whole
+from rasterjit.io import whole
+from rasterjit.runtime import locks
 
 pytestmark = pytest.mark.skipif(
     sys.platform == "win32", reason="Windows locks and kills in other ways"

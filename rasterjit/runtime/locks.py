@@ -74,6 +74,24 @@ class Lock:
         os.lseek(self._descriptor, 0, os.SEEK_SET)
         os.ftruncate(self._descriptor, os.write(self._descriptor, content))
 
+    def remove(self, path: Path) -> None:
+        """
+        Let go of a file at a path and remove it: before, for afterwards it may be another's.
+
+        Raises
+        ------
+        OSError
+            If it cannot be removed.
+        """
+        try:
+            path.unlink(missing_ok=True)
+        except PermissionError:
+            # Windows removes no file that is open; once closed, another run may have it.
+            self.close()
+            with suppress(PermissionError):
+                path.unlink(missing_ok=True)
+        self.close()
+
     def is_of(self, path: Path) -> bool:
         """Tell whether what is locked is what lies at a path now."""
         if self._descriptor is None:
