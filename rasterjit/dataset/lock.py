@@ -11,14 +11,17 @@ import json
 import os
 import platform
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from rasterjit.io.locks import Lock, lock, machine
+from rasterjit.runtime.locks import Lock, lock, machine
 
 LOCK = ".lock"
 """Name of the lock file, in the folder."""
+
+TRIES = 10
+"""How often the lock file is made or asked for, while others remove it."""
 
 
 @contextmanager
@@ -41,31 +44,32 @@ def owned(folder: Path) -> Iterator[None]:
     file = folder / LOCK
     with _taken(file) as held:
         try:
-            file.write_text(_myself(), encoding="utf-8")
+            held.write(_myself().encode())
             yield
         finally:
             if held.is_of(file):
-                _remove(file, held)
+                held.remove(file)
 
 
 def _taken(file: Path) -> Lock:
     """Make the lock file, or take one over that is nobody's, or raise ``ValueError``."""
-    while True:
+    for _ in range(TRIES):
         is_mine = _created(file)
         try:
             held = lock(file)
         except FileNotFoundError:
             continue
         if held is None:
-            raise _refusal(file)
+            break
         # Whoever had it may have removed it meanwhile.
         if not held.is_of(file):
             held.close()
-        elif is_mine or (held.is_sure and _is_near(_content(file))):
+        elif is_mine or (held.is_sure and _is_near(_parsed(held.read()))):
             return held
         else:
             held.close()
-            raise _refusal(file)
+            break
+    raise _refusal(file)
 
 
 def _created(file: Path) -> bool:
@@ -77,22 +81,16 @@ def _created(file: Path) -> bool:
     return True
 
 
-def _remove(file: Path, held: Lock) -> None:
-    """Remove the lock file: while it is held, for afterwards it may be another's."""
-    try:
-        file.unlink(missing_ok=True)
-    except PermissionError:
-        # Windows removes no file that is open.
-        held.close()
-        file.unlink(missing_ok=True)
-
-
 def _refusal(file: Path) -> ValueError:
     """Return the error that says who has the folder."""
-    owner = _content(file)
+    owner = {}
+    # Where locks are mandatory, nobody else can read it.
+    with suppress(OSError):
+        owner = _parsed(file.read_bytes())
+    who = f", process {owner['pid']} on {owner['host']}" if {"pid", "host"} <= owner.keys() else ""
     return ValueError(
-        f"output is being written by another run, process {owner.get('pid')} on "
-        f"{owner.get('host')}: wait until it ends; if there is none, remove {str(file)!r}"
+        f"output is being written by another run{who}: wait until it ends; "
+        f"if there is none, remove {str(file)!r}"
     )
 
 
@@ -109,10 +107,10 @@ def _is_near(owner: dict[str, Any]) -> bool:
     )
 
 
-def _content(file: Path) -> dict[str, Any]:
-    """Return what a lock file says; nothing if it is gone or cannot be read."""
+def _parsed(content: bytes) -> dict[str, Any]:
+    """Return what a lock file says; nothing if that is damaged."""
     try:
-        owner = json.loads(file.read_text(encoding="utf-8", errors="replace"))
-    except (OSError, ValueError):
+        owner = json.loads(content.decode("utf-8", "replace"))
+    except ValueError:
         return {}
     return owner if isinstance(owner, dict) else {}

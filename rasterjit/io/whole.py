@@ -2,7 +2,8 @@
 Write files and folders whole, or not at all: under a temporary name, then moved in one step.
 
 Who writes holds a lock on the temporary file. Those that nobody holds were left by processes that
-were killed, and are removed by the next that writes to the same folder.
+were killed, and are removed by the next that writes to the same folder. Where locks cannot be had,
+or forbid to write, files are left when they are old.
 """
 
 from __future__ import annotations
@@ -19,18 +20,22 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
-from rasterjit.io.locks import lock, machine
+from rasterjit.runtime.locks import lock, machine
 
 MARK = ".rasterjit-part-"
 """What the names of temporary files begin with; then come the names of the machine."""
 
-ASIDE = "-was-"
-"""After those, before its own name: a folder that is about to be replaced."""
+ASIDE = "-was"
+"""How the name of a folder ends in which something lies that is about to be replaced."""
 
 NAME = re.compile(rf"{re.escape(MARK)}([0-9a-f]{{8}})-([0-9a-f]{{8}})-[0-9a-f]{{32}}(.*)", re.S)
+"""Host, system and end of the name of a temporary file."""
 
-LONGEST_NAME = 160
-"""Bytes of a name that fits behind the others, in the 255 that file systems allow."""
+UNHELD = ("0" * 8, "0" * 8)
+"""In place of the names of the machine: a file that nobody holds, though it is being written."""
+
+TRIES = 10
+"""How often a temporary file is made anew, before one is written that nobody holds."""
 
 LEFT_AFTER = 24 * 3600.0
 """Seconds after which nobody writes a temporary file any more, where locks do not tell."""
@@ -66,23 +71,17 @@ def replacing_folder(place: Path) -> Iterator[Path]:
     What is there, a folder or a link to one, goes only when the new one is there.
     """
     remove_leftovers(place.parent)
-    is_short = len(os.fsencode(place.name)) <= LONGEST_NAME
-    aside = _temporary(place, f"{ASIDE}{place.name}" if is_short else place.suffix)
     with ExitStack() as stack:
-        try:
-            with _naming(place):
-                temporary = _begun(place, stack, os.mkdir)
-            yield temporary
-            with _naming(place):
-                if os.path.lexists(place):
-                    with suppress(OSError):
-                        _hold(place, stack)
-                    os.rename(place, aside)
-                os.replace(temporary, place)
-        finally:
-            if os.path.lexists(aside) and not os.path.lexists(place):
-                os.rename(aside, place)
-            _remove(aside)
+        with _naming(place):
+            temporary = _begun(place, stack, os.mkdir)
+        yield temporary
+        with _naming(place):
+            if os.path.lexists(place):
+                aside = temporary.with_name(temporary.name.removesuffix(place.suffix) + ASIDE)
+                os.mkdir(aside)
+                stack.callback(_put_back, aside)
+                os.rename(place, aside / place.name)
+            os.replace(temporary, place)
 
 
 @contextmanager
@@ -102,9 +101,9 @@ def _naming(place: Path) -> Iterator[None]:
         raise
 
 
-def _temporary(place: Path, end: str) -> Path:
-    """Return a new name beside a place."""
-    host, system = machine()
+def _temporary(place: Path, end: str, names: tuple[str, str] | None = None) -> Path:
+    """Return a new name beside a place, with the names of this machine if none are given."""
+    host, system = names or machine()
     return place.with_name(f"{MARK}{host}-{system}-{uuid.uuid4().hex}{end}")
 
 
@@ -114,13 +113,36 @@ def _make_file(path: Path) -> None:
 
 def _begun(place: Path, stack: ExitStack, make: Callable[[Path], None]) -> Path:
     """Make a temporary file or folder and hold it, until the stack is left: then it is removed."""
-    while True:
-        temporary = _temporary(place, place.suffix)
-        stack.callback(_remove, temporary)
-        make(temporary)
-        # One that is not held yet may be taken for nobody's, and removed.
-        if _hold(temporary, stack):
+    for _ in range(TRIES):
+        with ExitStack() as attempt:
+            temporary = _temporary(place, place.suffix)
+            attempt.callback(_remove, temporary)
+            make(temporary)
+            # One that is not held yet may be taken for nobody's, and removed.
+            if not _hold(temporary, attempt):
+                continue
+            if not _lets_others_write(temporary):
+                break
+            stack.enter_context(attempt.pop_all())
             return temporary
+    temporary = _temporary(place, place.suffix, UNHELD)
+    stack.callback(_remove, temporary)
+    make(temporary)
+    return temporary
+
+
+def _lets_others_write(path: Path) -> bool:
+    """Tell whether an empty file can be written while it is held: not so on SMB shares."""
+    if IS_LOCKED and not path.is_dir():
+        try:
+            with open(path, "r+b", buffering=0) as other:
+                other.write(b"\0")
+                other.truncate(0)
+        except PermissionError:
+            return False
+        except OSError:
+            pass  # A full disk is told by who writes the content.
+    return True
 
 
 def _hold(path: Path, stack: ExitStack) -> bool:
@@ -140,25 +162,52 @@ def remove_leftovers(folder: Path) -> None:
     with suppress(OSError):
         for name in os.listdir(folder):
             if match := NAME.fullmatch(name):
-                with suppress(OSError):
+                with suppress(OSError, ValueError):
                     _remove_if_left(folder / name, *match.groups())
 
 
 def _remove_if_left(path: Path, host: str, system: str, end: str) -> None:
     """Remove a temporary file or folder that nobody holds; move back what was moved aside."""
-    found = lock(path)
-    if found is None:
-        return
-    with found:
-        is_near = host == machine()[0] or system == machine()[1]
-        is_old = time.time() - path.stat().st_mtime > LEFT_AFTER
-        if not is_old and not (IS_LOCKED and is_near and found.is_sure):
-            return
-        place = path.with_name(end.removeprefix(ASIDE) or path.name)
-        if end.startswith(ASIDE) and not os.path.lexists(place):
-            os.rename(path, place)
-        else:
+    if end == ASIDE:
+        _put_back_if_left(path)
+    elif not IS_LOCKED or (host, system) == UNHELD:
+        if _is_old(path):
             _remove(path)
+    elif found := lock(path):
+        with found:
+            is_near = host == machine()[0] or system == machine()[1]
+            if (is_near and found.is_sure) or _is_old(path):
+                _remove(path)
+
+
+def _is_old(path: Path) -> bool:
+    """Tell whether nothing was written to a file, or anywhere in a folder, for long."""
+    since = time.time() - LEFT_AFTER
+    inside = (os.path.join(at, name) for at, *both in os.walk(path) for name in both[0] + both[1])
+    return all(os.lstat(one).st_mtime < since for one in (path, *inside))
+
+
+def _put_back_if_left(aside: Path) -> None:
+    """Move back what was moved aside, unless who did so may still be there."""
+    begin = aside.name.removesuffix(ASIDE)
+    for name in os.listdir(aside.parent):
+        if name.startswith(begin) and name != aside.name and (match := NAME.fullmatch(name)):
+            # Who still writes what shall replace it goes on with both.
+            _remove_if_left(aside.parent / name, *match.groups())
+            if os.path.lexists(aside.parent / name):
+                return
+    _put_back(aside)
+
+
+def _put_back(aside: Path) -> None:
+    """Move what was moved aside to where it was; remove it if something else is there."""
+    if aside.is_symlink():
+        return
+    with suppress(FileNotFoundError):
+        for name in os.listdir(aside):
+            if not os.path.lexists(aside.parent / name):
+                os.rename(aside / name, aside.parent / name)
+    _remove(aside)
 
 
 def _remove(path: Path) -> None:

@@ -32,6 +32,7 @@ from typing import Any, NamedTuple
 
 from rasterjit.runtime import numba_alone
 from rasterjit.runtime.jit import COMPILER_CLOCK, RawKernel
+from rasterjit.runtime.locks import Lock, lock
 from rasterjit.runtime.state import RecordType, Type
 
 ROOT_USER = 0
@@ -57,7 +58,7 @@ COMPILER_FILES = (
 )  # fmt: skip
 """Files of this folder that every kernel follows from."""
 
-NOT_COMPILED = {"jit", "numba_alone", "store", "versions"}
+NOT_COMPILED = {"jit", "locks", "numba_alone", "store", "versions"}
 """Files of this folder that kernels import or are loaded by, and nothing follows from."""
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -407,29 +408,35 @@ def claimed(path: Path) -> Iterator[None]:
     no locks, both compile.
     """
     claim = path.with_suffix(LOCK)
+    held = _claim(claim)
     try:
-        import fcntl
-
-        file = open(claim, "ab")  # noqa: SIM115 - closed below
-    except (ImportError, OSError):
         yield
-        return
-    with file:
-        end = time.monotonic() + PATIENCE
-        while time.monotonic() < end:
-            try:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                break
-            except BlockingIOError:
-                _tell()
-                time.sleep(0.02)
-            except OSError:
-                break
+    finally:
+        if held is not None:
+            with held, contextlib.suppress(OSError):
+                held.remove(claim)
+
+
+def _claim(path: Path) -> Lock | None:
+    """Make a file and lock it; None after a while in which another has it, or without locks."""
+    end = time.monotonic() + PATIENCE
+    while time.monotonic() < end:
         try:
-            yield
-        finally:
-            with contextlib.suppress(OSError):
-                claim.unlink()
+            path.touch()
+        except OSError:
+            return None
+        try:
+            held = lock(path)
+        except FileNotFoundError:
+            # Who had it has removed it meanwhile.
+            continue
+        except OSError:
+            return None
+        if held is not None:
+            return held
+        _tell()
+        time.sleep(0.02)
+    return None
 
 
 @functools.cache
@@ -624,13 +631,10 @@ def _is_in_use(path: Path) -> bool:
     with contextlib.suppress(OSError):
         if path.suffix == PART:
             return time.time() - path.stat().st_mtime < PATIENCE
-        import fcntl
-
-        with open(path, "ab") as file:
-            try:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                return True
+        held = lock(path)
+        if held is None:
+            return True
+        held.close()
     return False
 
 

@@ -1,15 +1,17 @@
 """One run at a time writes to the folder of a data set."""
 
+import errno
 import json
 import os
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import pytest
 
 from rasterjit.dataset import lock, making
 from rasterjit.dataset.recipe import Recipe
-from rasterjit.io import locks
+from rasterjit.runtime import locks
 
 RECIPE = Recipe(views=1, size=(8, 6), outputs=("mask",))
 
@@ -154,3 +156,78 @@ def test_the_next_run_goes_on_after_one_that_was_killed(meshes, tmp_path):
     assert (place / ".lock").is_file()
     assert making.make(meshes, place, RECIPE) == making.Summary(1, 1, {})
     assert not list(place.glob(".*"))
+
+
+def forbid_by_path(monkeypatch):
+    """Files that are locked refuse other descriptors, as on SMB shares under Linux."""
+
+    def refuse(self, *_, **named):
+        raise PermissionError(errno.EACCES, "Permission denied", str(self))
+
+    for name in ("open", "read_bytes", "read_text", "write_text", "write_bytes"):
+        monkeypatch.setattr(lock.Path, name, refuse)
+
+
+def test_where_locks_forbid_others_to_write_the_holder_does(tmp_path, monkeypatch):
+    (tmp_path / ".lock").write_text(lock._myself() + " " * 99)
+    with monkeypatch.context() as patch:
+        forbid_by_path(patch)
+        with lock.owned(tmp_path):
+            patch.undo()
+            assert (tmp_path / ".lock").read_text() == lock._myself()
+
+
+def test_the_lock_of_another_machine_is_read_by_who_holds_it(tmp_path, monkeypatch):
+    other = json.dumps({"host": "elsewhere", "pid": 1, "machine": ["0", "1"]})
+    (tmp_path / ".lock").write_text(other)
+    forbid_by_path(monkeypatch)
+    with pytest.raises(ValueError, match="another run: wait"), lock.owned(tmp_path):
+        pass
+    monkeypatch.undo()
+    assert (tmp_path / ".lock").read_text() == other
+
+
+def test_a_refusal_names_no_process_that_cannot_be_read(tmp_path, monkeypatch, holder):
+    forbid_by_path(monkeypatch)
+    with (
+        pytest.raises(ValueError, match=r"another run: wait .*\.lock"),
+        lock.owned(tmp_path / "set"),
+    ):
+        pass
+
+
+def test_a_lock_file_that_seems_to_be_another_is_refused(tmp_path, monkeypatch):
+    """Some file systems give another number of a file by its path than when it is open."""
+    monkeypatch.setattr(locks.Lock, "is_of", lambda self, path: False)
+    with pytest.raises(ValueError, match="another run"), lock.owned(tmp_path):
+        pass
+
+
+def test_a_lock_file_that_another_takes_while_it_is_removed_is_its(tmp_path, monkeypatch):
+    """Windows removes no file that is open."""
+
+    def refuse(self, **_):
+        raise PermissionError(errno.EACCES, "open", str(self))
+
+    monkeypatch.setattr(lock.Path, "unlink", refuse)
+    with lock.owned(tmp_path):
+        pass
+    assert (tmp_path / ".lock").is_file()
+    monkeypatch.undo()
+    with lock.owned(tmp_path):
+        pass
+    assert not (tmp_path / ".lock").exists()
+
+
+@pytest.mark.parametrize(
+    ("number", "expected"),
+    [(errno.EACCES, None), (errno.EDEADLK, None), (errno.EINVAL, False), (errno.ENOSYS, False)],
+)
+def test_what_windows_says_of_a_lock(tmp_path, monkeypatch, number, expected):
+    def locking(descriptor, mode, count):
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setitem(sys.modules, "fcntl", None)
+    monkeypatch.setitem(sys.modules, "msvcrt", SimpleNamespace(locking=locking, LK_NBLCK=2))
+    with open(tmp_path / "a", "wb") as file:
+        assert locks._lock(file.fileno()) is expected

@@ -1,5 +1,7 @@
 """Files are written whole or not at all, and what killed processes left is removed."""
 
+import builtins
+import errno
 import multiprocessing
 import os
 import signal
@@ -10,7 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from rasterjit.io import locks, whole
+from rasterjit.io import whole
+from rasterjit.runtime import locks
 
 pytestmark = pytest.mark.skipif(
     sys.platform == "win32", reason="Windows locks and kills in other ways"
@@ -56,6 +59,11 @@ def sweep(folder):
     whole.remove_leftovers(folder)
 
 
+def make_old(path):
+    for one in (*path.rglob("*"), path):
+        os.utime(one, (1.0, 1.0))
+
+
 def test_only_what_a_killed_process_left_is_removed(tmp_path, way):
     with writing(way, tmp_path / "a.bin") as (process, name):
         sweep(tmp_path)
@@ -76,7 +84,7 @@ def test_whoever_was_there_long_ago_or_elsewhere(tmp_path, way):
         process.wait()
     sweep(tmp_path)
     assert files(tmp_path) == [name]
-    os.utime(tmp_path / name, (1.0, 1.0))
+    make_old(tmp_path / name)
     sweep(tmp_path)
     assert files(tmp_path) == []
 
@@ -99,7 +107,7 @@ def test_where_nothing_can_be_locked_age_tells(tmp_path, monkeypatch, way):
     monkeypatch.setattr(locks, "_lock", lambda descriptor: False)
     sweep(tmp_path)
     assert files(tmp_path) == [name]
-    os.utime(tmp_path / name, (1.0, 1.0))
+    make_old(tmp_path / name)
     sweep(tmp_path)
     assert files(tmp_path) == []
 
@@ -184,15 +192,103 @@ def test_a_folder_of_any_name_is_replaced(tmp_path, name):
     assert files(tmp_path / name) == []
 
 
-def test_a_folder_that_was_moved_aside_before_a_kill_is_moved_back(tmp_path):
-    aside = whole._temporary(tmp_path / "a.zarr", f"{whole.ASIDE}a.zarr")
-    folder_at(aside, "old")
+KILLED = """
+import os, sys
+from pathlib import Path
+from rasterjit.io import whole
+place = Path(sys.argv[1])
+plain = os.replace
+def kill(source, target):
+    if sys.argv[2] == "after":
+        plain(source, target)
+    print(flush=True)
+    sys.stdin.read()
+    os.replace = plain
+    plain(source, target)
+os.replace = kill
+with whole.replacing_folder(place) as temporary:
+    (temporary / "chunk").write_text("new")
+"""
+"""Replaces a folder, and waits before or after the last step."""
+
+
+@contextmanager
+def moving(place, when):
+    """Another process that has moved a folder aside."""
+    words = [sys.executable, "-c", KILLED, str(place), when]
+    with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+        try:
+            process.stdout.readline()
+            yield process
+        finally:
+            process.kill()
+
+
+@pytest.fixture(params=["a.zarr", "link.zarr", f"{'long' * 60}.zarr"])
+def old(request, tmp_path):
+    """A folder, or a link to one, that is there."""
+    place = tmp_path / "here" / request.param
+    place.parent.mkdir()
+    folder_at(tmp_path / "target" if "link" in request.param else place, "old")
+    if "link" in request.param:
+        place.symlink_to("../target")
+    return place
+
+
+@pytest.mark.parametrize(("when", "content"), [("before", "old"), ("after", "new")])
+def test_what_was_moved_aside_before_a_kill_is_moved_back(old, when, content):
+    with moving(old, when):
+        assert len(files(old.parent)) == 2
+    sweep(old.parent)
+    assert files(old.parent) == [old.name]
+    assert (old / "chunk").read_text() == content
+    assert old.is_symlink() == (content == "old" and "link" in old.name)
+
+
+def test_what_is_moved_aside_by_who_goes_on_stays_there(old):
+    with moving(old, "before") as process:
+        there = files(old.parent)
+        sweep(old.parent)
+        assert files(old.parent) == there
+        process.communicate()
+    assert process.returncode == 0
+    assert files(old.parent) == [old.name]
+    assert (old / "chunk").read_text() == "new"
+
+
+def test_what_cannot_be_replaced_is_moved_back(old, monkeypatch):
+    def refuse(source, target):
+        raise PermissionError(errno.EACCES, "open", str(source), None, str(target))
+
+    monkeypatch.setattr(os, "replace", refuse)
+    with pytest.raises(PermissionError, match=old.name), whole.replacing_folder(old):
+        pass
+    assert files(old.parent) == [old.name]
+    assert (old / "chunk").read_text() == "old"
+
+
+def test_files_named_nearly_like_ours_stop_no_save(tmp_path, way):
+    begin = f"{whole.MARK}{'-'.join(locks.machine())}-{'1' * 32}"
+    for end in (".", "..", "-was-.", "-was-..", "-was-", "-was", "-was-a"):
+        (tmp_path / f"{begin}{end}").touch()
+    whole.remove_leftovers.cache_clear()
+    with getattr(whole, way)(tmp_path / "b.bin"):
+        pass
+    assert (tmp_path / "b.bin").exists()
+
+
+def test_a_folder_is_as_old_as_the_newest_in_it(tmp_path, monkeypatch):
+    monkeypatch.setattr(locks, "_lock", lambda descriptor: False)
+    folder = whole._temporary(tmp_path / "a.zarr", ".zarr")
+    (folder / "deep").mkdir(parents=True)
+    (folder / "deep/chunk").touch()
+    for one in (folder / "deep", folder):
+        os.utime(one, (1.0, 1.0))
     sweep(tmp_path)
-    assert files(tmp_path) == ["a.zarr"]
-    folder_at(aside, "older")
+    assert (folder / "deep/chunk").exists()
+    os.utime(folder / "deep/chunk", (1.0, 1.0))
     sweep(tmp_path)
-    assert files(tmp_path) == ["a.zarr"]
-    assert (tmp_path / "a.zarr/chunk").read_text() == "old"
+    assert files(tmp_path) == []
 
 
 def test_errors_name_what_was_asked_for(tmp_path, way):
@@ -208,3 +304,71 @@ def test_errors_name_what_was_asked_for(tmp_path, way):
     with pytest.raises(OSError, match=r"b'$") as caught, whole.replacing(tmp_path / "b"):
         pass
     assert files(tmp_path) == ["b"]
+
+
+@pytest.fixture
+def mandatory(monkeypatch):
+    """Files that are locked refuse other descriptors, as on SMB shares under Linux."""
+    fcntl = pytest.importorskip("fcntl")
+    plain = open
+
+    def refusing(path, mode="r", *words, **named):
+        file = plain(path, "r+b" if mode == "wb" else mode, *words, **named)
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            file.close()
+            raise PermissionError(errno.EACCES, "Permission denied", str(path)) from None
+        fcntl.flock(file, fcntl.LOCK_UN)
+        return file
+
+    monkeypatch.setattr(builtins, "open", refusing)
+
+
+def test_where_locks_forbid_others_to_write_nothing_is_held(tmp_path, mandatory):
+    with whole.replacing(tmp_path / "a.bin") as temporary:
+        assert files(tmp_path) == [temporary.name]
+        with open(temporary, "wb") as file:
+            file.write(b"whole")
+        # Others must not take it for left, nor lock it: that would disturb who writes.
+        sweep(tmp_path)
+        assert temporary.exists()
+    assert (tmp_path / "a.bin").read_bytes() == b"whole"
+    assert files(tmp_path) == ["a.bin"]
+
+
+def test_what_is_not_held_is_left_when_it_is_old(tmp_path):
+    old = whole._temporary(tmp_path / "a.bin", ".bin", whole.UNHELD)
+    old.touch()
+    sweep(tmp_path)
+    assert old.exists()
+    os.utime(old, (1.0, 1.0))
+    sweep(tmp_path)
+    assert files(tmp_path) == []
+
+
+def test_files_that_seem_to_be_others_do_not_stop_a_save(tmp_path, monkeypatch, way):
+    """Some file systems give another number of a file by its path than when it is open."""
+    monkeypatch.setattr(locks.Lock, "is_of", lambda self, path: False)
+    with getattr(whole, way)(tmp_path / "a.bin") as temporary:
+        assert files(tmp_path) == [temporary.name]
+        sweep(tmp_path)
+        assert temporary.exists()
+    assert files(tmp_path) == ["a.bin"]
+
+
+def test_where_files_cannot_be_open_age_tells(tmp_path, monkeypatch, way):
+    """Windows removes no file that is open, and opens no folders."""
+
+    def refuse(path):
+        raise PermissionError(errno.EACCES, "open", str(path))
+
+    with writing(way, tmp_path / "a.bin") as (_, name):
+        pass
+    monkeypatch.setattr(whole, "IS_LOCKED", False)
+    monkeypatch.setattr(whole, "lock", refuse)
+    sweep(tmp_path)
+    assert files(tmp_path) == [name]
+    make_old(tmp_path / name)
+    sweep(tmp_path)
+    assert files(tmp_path) == []

@@ -509,3 +509,23 @@ def test_a_file_system_without_locks_makes_nobody_wait(place, monkeypatch):
     began = time.monotonic()
     assert not load()
     assert time.monotonic() - began < 0.5 * store.PATIENCE
+
+
+@posix_only
+@pytest.mark.parametrize("is_there", [True, False])
+def test_a_claim_is_one_process_s_and_needs_a_folder(tmp_path, monkeypatch, is_there):
+    monkeypatch.setattr(store, "PATIENCE", 0.1)
+    path = tmp_path / "store" / f"a{store.SUFFIX}"
+    if is_there:
+        path.parent.mkdir()
+    began = time.monotonic()
+    with store.claimed(path):
+        claims = store.temporary_files(path.parent)
+        assert len(claims) == is_there
+        assert [store._is_in_use(one) for one in claims] == [True] * is_there
+        with store.claimed(path):
+            # The claim of who took too long stays its own.
+            pass
+        assert store.temporary_files(path.parent) == claims
+    assert store.temporary_files(path.parent) == []
+    assert (time.monotonic() - began > 0.1) == is_there

@@ -6,6 +6,7 @@ Numbers of processes tell nothing: containers that share a folder have the same 
 
 from __future__ import annotations
 
+import errno
 import functools
 import hashlib
 import os
@@ -51,6 +52,45 @@ class Lock:
         descriptor, self._descriptor = self._descriptor, None
         if descriptor is not None:
             os.close(descriptor)
+
+    def read(self) -> bytes:
+        """Return what a file holds: where locks are mandatory, only who has it can read it."""
+        if self._descriptor is None:
+            return b""
+        os.lseek(self._descriptor, 0, os.SEEK_SET)
+        return os.read(self._descriptor, os.fstat(self._descriptor).st_size)
+
+    def write(self, content: bytes) -> None:
+        """
+        Let a file hold something else, a few bytes.
+
+        Raises
+        ------
+        OSError
+            If it cannot be written.
+        """
+        if self._descriptor is None:
+            raise OSError(errno.EBADF, os.strerror(errno.EBADF))
+        os.lseek(self._descriptor, 0, os.SEEK_SET)
+        os.ftruncate(self._descriptor, os.write(self._descriptor, content))
+
+    def remove(self, path: Path) -> None:
+        """
+        Let go of a file at a path and remove it: before, for afterwards it may be another's.
+
+        Raises
+        ------
+        OSError
+            If it cannot be removed.
+        """
+        try:
+            path.unlink(missing_ok=True)
+        except PermissionError:
+            # Windows removes no file that is open; once closed, another run may have it.
+            self.close()
+            with suppress(PermissionError):
+                path.unlink(missing_ok=True)
+        self.close()
 
     def is_of(self, path: Path) -> bool:
         """Tell whether what is locked is what lies at a path now."""
@@ -98,8 +138,8 @@ def _lock(descriptor: int) -> bool | None:
         os.lseek(descriptor, FAR, os.SEEK_SET)
         try:
             msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)  # type: ignore[attr-defined]
-        except OSError:
-            return None
+        except OSError as error:
+            return None if error.errno in (errno.EACCES, errno.EDEADLK) else False
         return True
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
