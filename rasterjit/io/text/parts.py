@@ -273,7 +273,7 @@ def sound_polygons(
         report(polygon)
     few = sound & (counts < 3)
     if few.any():
-        left_out.note("polygon of fewer than 3 corners", int(few.sum()))
+        left_out.note("polygon of fewer than 3 corners", int(np.count_nonzero(few)))
     sound &= ~few
     return whole[sound[of_corners]], counts[sound], np.flatnonzero(sound)
 
