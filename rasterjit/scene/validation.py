@@ -91,8 +91,9 @@ def unmasked_array(name: str, value: Any) -> NDArray[Any]:
 
 def _is_masked_array(value: Any) -> bool:
     """Tell masked arrays, which only exist if somebody has imported them."""
-    masked = sys.modules.get("numpy.ma")
-    return masked is not None and isinstance(value, masked.MaskedArray)
+    # Another thread may be importing it.
+    kind = getattr(sys.modules.get("numpy.ma"), "MaskedArray", None)
+    return kind is not None and isinstance(value, kind)
 
 
 class MaskedError(ValueError):

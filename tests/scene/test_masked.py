@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 import re
+import sys
+import types
 
 import numpy as np
 import pytest
@@ -62,3 +64,8 @@ def test_an_array_is_no_distance(value):
     with pytest.raises(ValueError, match="far must be a number"):
         transforms.perspective_depth(1.0, value)
     assert transforms.perspective_depth(1.0, np.float32(math.inf)) == (-1.0, -2.0)
+
+
+def test_masked_arrays_that_another_thread_is_importing_are_none_yet(monkeypatch):
+    monkeypatch.setitem(sys.modules, "numpy.ma", types.ModuleType("numpy.ma"))
+    assert transforms.translate((1, 2, 3))[:3, 3].tolist() == [1.0, 2.0, 3.0]
