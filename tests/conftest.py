@@ -24,7 +24,7 @@ def pytest_configure(config):
     _share_store(config)
     config.addinivalue_line("markers", "needs_jit: too slow or without sense in plain Python")
     config.addinivalue_line("markers", "compiles_first: fills the cache of kernels for other tests")
-    config.addinivalue_line("markers", "only_in_ci: takes long; skipped unless CI is set")
+    config.addinivalue_line("markers", "takes_long: skipped unless EVERY_TEST is set")
 
 
 def _share_store(config):
@@ -41,12 +41,12 @@ def _share_store(config):
 
 
 def pytest_collection_modifyitems(items):
-    """Begin with what compiles most kernels, for the others; leave what takes long to CI."""
+    """Begin with what compiles most kernels, for the others; skip what takes long."""
     items.sort(key=lambda item: item.get_closest_marker("compiles_first") is None)
-    if not os.environ.get("CI"):
-        skip = pytest.mark.skip(reason="takes long: set CI=true to run it")
+    if not os.environ.get("EVERY_TEST"):
+        skip = pytest.mark.skip(reason="takes long: set EVERY_TEST=true to run it")
         for item in items:
-            if item.get_closest_marker("only_in_ci"):
+            if item.get_closest_marker("takes_long"):
                 item.add_marker(skip)
 
 

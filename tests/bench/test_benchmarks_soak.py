@@ -70,7 +70,7 @@ def run(draw, pictures=40):
     return made
 
 
-@pytest.mark.only_in_ci
+@pytest.mark.takes_long
 def test_bits_that_change_are_told_by_their_case():
     drawn = dict.fromkeys(range(4), 0)
 
@@ -92,7 +92,7 @@ def test_each_case_is_drawn_twice_in_any_time():
     assert not made.changed
 
 
-@pytest.mark.only_in_ci
+@pytest.mark.takes_long
 def test_descriptors_that_stay_open_are_a_fault():
     opened = []
 
@@ -123,7 +123,7 @@ def test_cases_follow_from_their_numbers(tmp_path):
     assert len(found) == 1
 
 
-@pytest.mark.only_in_ci
+@pytest.mark.takes_long
 def test_the_program_prints_a_table(monkeypatch):
     monkeypatch.setattr(soak, "SLACK", {"memory, MB": 1e6})
     monkeypatch.setattr(soak, "use_one_heap", lambda: None)

@@ -200,7 +200,7 @@ def scheduler(tmp_path_factory):
 
 
 @needs_dask
-@pytest.mark.only_in_ci
+@pytest.mark.takes_long
 def test_a_dask_cluster_gives_the_same_bytes(meshes, whole, tmp_path, scheduler):
     done = subprocess.run(
         command(meshes, tmp_path / "set", "--workers", scheduler[0]),
@@ -211,7 +211,7 @@ def test_a_dask_cluster_gives_the_same_bytes(meshes, whole, tmp_path, scheduler)
 
 
 @needs_dask
-@pytest.mark.only_in_ci
+@pytest.mark.takes_long
 def test_a_scheduler_that_is_lost_is_told_and_the_next_run_goes_on(
     meshes, whole, tmp_path, scheduler
 ):

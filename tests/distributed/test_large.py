@@ -108,7 +108,7 @@ def test_workers_keep_renderers_no_longer_than_the_picture_is_drawn(
     assert wait_for_no_renderers(client) == 0
 
 
-@pytest.mark.only_in_ci
+@pytest.mark.takes_long
 @pytest.mark.needs_jit
 def test_worker_killed_in_the_middle_changes_no_bit(scene, view, tmp_path, doomed):
     place, size = tmp_path / "large.zarr", (640, 640)

@@ -150,7 +150,7 @@ def test_bag_is_the_whole(client, view):
     assert_same_bits(frame, whole(PAIRS[:5], view))
 
 
-@pytest.mark.only_in_ci
+@pytest.mark.takes_long
 @pytest.mark.needs_jit
 @pytest.mark.parametrize("are_here", [False, True], ids=["loaded there", "sent from here"])
 def test_worker_killed_in_the_middle_changes_no_bit(doomed, view, tmp_path, are_here):
@@ -342,7 +342,7 @@ if __name__ == "__main__":
 """
 
 
-@pytest.mark.only_in_ci
+@pytest.mark.takes_long
 @pytest.mark.needs_jit
 def test_local_cluster_is_made_and_closed(tmp_path):
     program = tmp_path / "program.py"

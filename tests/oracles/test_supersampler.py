@@ -41,7 +41,7 @@ def checkerboard():
     return MadeScene(scene, rj.PerspectiveCamera((0.0, 1.5, 0.0), (0.3, 0.5, -6.0)), SIZE)
 
 
-@pytest.mark.only_in_ci
+@pytest.mark.takes_long
 @pytest.mark.parametrize("name", [*SCENES, "checkerboard"])
 def test_no_level_is_nearer_to_the_truth_than_the_reference(name):
     made = checkerboard() if name == "checkerboard" else make(name)

@@ -117,7 +117,7 @@ x86_only = pytest.mark.skipif(
 
 
 @x86_only
-@pytest.mark.only_in_ci
+@pytest.mark.takes_long
 @pytest.mark.parametrize("cpu", ["x86-64-v2", "x86-64-v3"])
 def test_entries_for_an_older_processor_draw_the_same_bits(tmp_path, cpu):
     tmp_path.chmod(0o700)
@@ -153,7 +153,7 @@ def test_another_numba_compiles_the_stock_way_with_one_warning(tmp_path, release
     assert use(tmp_path, names)[:3] == (results, [], False)
 
 
-@pytest.mark.only_in_ci
+@pytest.mark.takes_long
 @pytest.mark.needs_jit
 def test_the_stock_way_draws_the_teapot(tmp_path):
     tmp_path.chmod(0o700)
