@@ -14,6 +14,8 @@ from PIL import Image
 from rasterjit.accuracy.report import plots
 from rasterjit.accuracy.report.page import write_page
 
+pytestmark = pytest.mark.takes_long
+
 DESKTOP, PHONE = 1280, 375
 WIDTHS = pytest.mark.parametrize(("width", "zoom"), [(DESKTOP, 5), (PHONE, 3)])
 SCHEMES = pytest.mark.parametrize(

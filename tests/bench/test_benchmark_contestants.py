@@ -21,6 +21,8 @@ import numpy as np
 import pytest
 from opengl import skip_or_fail
 
+pytestmark = pytest.mark.takes_long
+
 ROOT = Path(__file__).parents[2]
 sys.path.append(str(ROOT))
 contestants = importlib.import_module("benchmarks.contestants")

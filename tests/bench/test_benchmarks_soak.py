@@ -17,7 +17,10 @@ sys.path.append(str(Path(__file__).parents[2]))
 soak = importlib.import_module("benchmarks.soak")
 interrupts = importlib.import_module("benchmarks.interrupts")
 
-pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="both look into /proc")
+pytestmark = [
+    pytest.mark.takes_long,
+    pytest.mark.skipif(sys.platform != "linux", reason="both look into /proc"),
+]
 
 
 @pytest.fixture(autouse=True)
@@ -70,7 +73,6 @@ def run(draw, pictures=40):
     return made
 
 
-@pytest.mark.takes_long
 def test_bits_that_change_are_told_by_their_case():
     drawn = dict.fromkeys(range(4), 0)
 
@@ -92,7 +94,6 @@ def test_each_case_is_drawn_twice_in_any_time():
     assert not made.changed
 
 
-@pytest.mark.takes_long
 def test_descriptors_that_stay_open_are_a_fault():
     opened = []
 
@@ -123,7 +124,6 @@ def test_cases_follow_from_their_numbers(tmp_path):
     assert len(found) == 1
 
 
-@pytest.mark.takes_long
 def test_the_program_prints_a_table(monkeypatch):
     monkeypatch.setattr(soak, "SLACK", {"memory, MB": 1e6})
     monkeypatch.setattr(soak, "use_one_heap", lambda: None)

@@ -18,9 +18,10 @@ from click.testing import CliRunner
 from rasterjit import cli
 from rasterjit.cli import commands
 
-pytestmark = pytest.mark.skipif(
-    sys.platform == "win32", reason="Windows sends no SIGINT to one process"
-)
+pytestmark = [
+    pytest.mark.takes_long,
+    pytest.mark.skipif(sys.platform == "win32", reason="Windows sends no SIGINT to one process"),
+]
 
 ROOT = Path(__file__).parents[2]
 

@@ -17,7 +17,7 @@ from made_meshes import BROKEN, GOOD, contents, make_meshes
 from rasterjit.dataset import crews, making
 from rasterjit.dataset.recipe import Recipe
 
-pytestmark = pytest.mark.needs_jit
+pytestmark = [pytest.mark.takes_long, pytest.mark.needs_jit]
 
 RECIPE = Recipe(views=3, size=(24, 16), outputs=("color", "depth", "normal", "mask"))
 OPTIONS = ("--views", "3", "--size", "24x16", "--outputs", "mask,normal,depth,color")
@@ -200,7 +200,6 @@ def scheduler(tmp_path_factory):
 
 
 @needs_dask
-@pytest.mark.takes_long
 def test_a_dask_cluster_gives_the_same_bytes(meshes, whole, tmp_path, scheduler):
     done = subprocess.run(
         command(meshes, tmp_path / "set", "--workers", scheduler[0]),
@@ -211,7 +210,6 @@ def test_a_dask_cluster_gives_the_same_bytes(meshes, whole, tmp_path, scheduler)
 
 
 @needs_dask
-@pytest.mark.takes_long
 def test_a_scheduler_that_is_lost_is_told_and_the_next_run_goes_on(
     meshes, whole, tmp_path, scheduler
 ):

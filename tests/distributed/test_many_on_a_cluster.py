@@ -16,7 +16,7 @@ import pytest
 import rasterjit as rj
 from rasterjit.distributed import clusters
 
-pytestmark = pytest.mark.needs_jit
+pytestmark = [pytest.mark.takes_long, pytest.mark.needs_jit]
 
 SIZE = (32, 24)
 PATIENCE = 60.0
@@ -98,7 +98,6 @@ def test_workers_keep_renderers_no_longer_than_frames_are_taken(
     assert wait_for_no_renderers(client) == 0
 
 
-@pytest.mark.takes_long
 def test_worker_killed_in_the_middle_loses_no_frame(cube, doomed):
     frames = rj.render_many(cube, cameras(12), size=SIZE, prefetch=6, client=doomed)
     taken = [next(frames)]
@@ -110,7 +109,6 @@ def test_worker_killed_in_the_middle_loses_no_frame(cube, doomed):
     assert victim not in doomed.run(os.getpid).values()
 
 
-@pytest.mark.takes_long
 def test_all_workers_killed_lose_no_frame(cube, doomed):
     frames = rj.render_many(cube, cameras(8), size=SIZE, prefetch=2, client=doomed)
     taken = [next(frames)]
@@ -152,7 +150,6 @@ def test_item_that_is_no_camera_is_named(cube, client):
         next(frames)
 
 
-@pytest.mark.takes_long
 def test_lost_scheduler_is_a_clear_error(cube, tmp_path, monkeypatch):
     from distributed import Client
 

@@ -141,10 +141,8 @@ def test_linear_algebra_library_has_no_say(core):
     assert run_frames(OPENBLAS_CORETYPE=core) == frames.recorded()
 
 
+@pytest.mark.takes_long
 @pytest.mark.needs_jit
-@pytest.mark.skipif(
-    not os.environ.get("EVERY_KERNEL"), reason="compiles all again: set EVERY_KERNEL=true"
-)
 @pytest.mark.parametrize("bits", OTHER_TILE_BITS)
 def test_any_tile_size_gives_the_same_bits(bits, tmp_path):
     # Tile size is frozen into the kernels: draw with a copy of the package that has another.

@@ -112,6 +112,7 @@ def compiled():
     return names, code
 
 
+@pytest.mark.takes_long
 @pytest.mark.compiles_first
 @compiled_only
 def test_no_kernel_fuses_or_calls_a_math_library(compiled):
@@ -122,6 +123,7 @@ def test_no_kernel_fuses_or_calls_a_math_library(compiled):
         assert cpu_dependent(assembly) == [], (name, signature)
 
 
+@pytest.mark.takes_long
 @pytest.mark.compiles_first
 @compiled_only
 def test_kernels_are_compiled_for_the_cpu_that_was_asked_for(compiled):

@@ -23,6 +23,8 @@ from rasterjit.rendering.plan import list_tasks
 from rasterjit.runtime import ahead, driver, jit, store
 from rasterjit.runtime.ahead import Task
 
+pytestmark = pytest.mark.takes_long
+
 compiled_only = pytest.mark.skipif(jit.DISABLED or jit.CHECKED, reason="nothing is kept")
 
 SEES_PROCESSES = Path("/proc/self/stat").exists()

@@ -20,7 +20,10 @@ MODELS = Path(__file__).parents[2] / "models"
 
 PACKAGE = Path(rj.__file__).parent
 TEAPOT = PACKAGE.parent / "models" / "teapot.obj"
-pytestmark = pytest.mark.skipif(jit.DISABLED or jit.CHECKED, reason="no machine code of ours")
+pytestmark = [
+    pytest.mark.takes_long,
+    pytest.mark.skipif(jit.DISABLED or jit.CHECKED, reason="no machine code of ours"),
+]
 
 
 def run(code, *arguments, cwd=None, **environment):
@@ -117,7 +120,6 @@ x86_only = pytest.mark.skipif(
 
 
 @x86_only
-@pytest.mark.takes_long
 @pytest.mark.parametrize("cpu", ["x86-64-v2", "x86-64-v3"])
 def test_entries_for_an_older_processor_draw_the_same_bits(tmp_path, cpu):
     tmp_path.chmod(0o700)
@@ -153,7 +155,6 @@ def test_another_numba_compiles_the_stock_way_with_one_warning(tmp_path, release
     assert use(tmp_path, names)[:3] == (results, [], False)
 
 
-@pytest.mark.takes_long
 @pytest.mark.needs_jit
 def test_the_stock_way_draws_the_teapot(tmp_path):
     tmp_path.chmod(0o700)

@@ -18,7 +18,10 @@ from small import RESULTS, entries, start, use
 from rasterjit.runtime import jit, store
 from rasterjit.runtime.state import RecordType, type_of
 
-pytestmark = pytest.mark.skipif(jit.DISABLED or jit.CHECKED, reason="nothing is kept")
+pytestmark = [
+    pytest.mark.takes_long,
+    pytest.mark.skipif(jit.DISABLED or jit.CHECKED, reason="nothing is kept"),
+]
 posix_only = pytest.mark.skipif(os.name != "posix", reason="modes and locks of POSIX")
 
 ROW = np.arange(-3.0, 5.0)

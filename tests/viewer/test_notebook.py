@@ -14,6 +14,8 @@ import rasterjit as rj
 from rasterjit.rendering.preview import SIZE
 from rasterjit.scene import mesh as preview
 
+pytestmark = pytest.mark.takes_long
+
 PATIENCE = 240
 """Seconds for a cell, on a loaded machine."""
 

@@ -28,6 +28,8 @@ from rasterjit.viewer import browser
 from rasterjit.viewer.canvas import MOST_WAITING, DrawCancelled, PatientConnection, add_event
 from rasterjit.viewer.viewer import Viewer
 
+pytestmark = pytest.mark.takes_long
+
 SIZE = (160, 120)
 FOCUS = 0.5
 """Seconds after which a page that was clicked listens to keys."""

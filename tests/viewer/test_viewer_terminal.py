@@ -20,6 +20,8 @@ from cubes import CUBE_FACES, CUBE_VERTICES
 
 import rasterjit as rj
 
+pytestmark = pytest.mark.takes_long
+
 if not os.environ.get("CI"):
     pytest.importorskip("blessed")
 

@@ -18,6 +18,8 @@ import rasterjit as rj
 from rasterjit.viewer import canvas, show
 from rasterjit.viewer.viewer import Viewer
 
+pytestmark = pytest.mark.takes_long
+
 SIZE = (200, 150)
 PATIENCE = 120
 """Seconds for a window to open, and be drawn into, on a loaded machine."""
