@@ -88,7 +88,7 @@ def plan_frame(
     inventory, bounds = known
     eye, relative_from_model = camera.eye_position(), views.relative_from_model
     boxes = Boxes(bounds, eye, relative_from_model, views.clip_from_relative)
-    facts = look(scene, boxes, views, inventory, quality, outputs, background, diagnose)
+    facts = look(scene, boxes, views, inventory, quality, outputs, background, diagnose, cull)
     _refuse(scene, facts)
     if facts.finds_faces:
         check_near(quality, camera, boxes, scene.nodes, views.clip_from_relative)

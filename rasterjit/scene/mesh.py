@@ -138,6 +138,7 @@ class Mesh(Previewed):
         self.material = material
         self._bounds: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
         self._vertex_normals: NDArray[np.float32] | None = self.normals
+        self._is_closed: bool | None = None
 
     @property
     def vertices(self) -> NDArray[np.float64]:
@@ -259,6 +260,18 @@ class Mesh(Previewed):
             )
         return self._bounds[0].copy(), self._bounds[1].copy()
 
+    def is_closed(self) -> bool:
+        """
+        Tell whether the faces close: whether an even number of them meets in each edge.
+
+        Vertices at the same place are one, whichever way faces turn. Cached.
+        """
+        if self._is_closed is None:
+            self._is_closed = not self.invalid_vertices and _all_edges_meet(
+                self.vertices, self.faces
+            )
+        return self._is_closed
+
     def vertex_normals(self) -> NDArray[np.float32]:
         """
         Return the given normals, or averages over the faces around each vertex by area.
@@ -362,6 +375,17 @@ class Mesh(Previewed):
             return safe_scale(*self.bounds())
         except ValueError:
             return 1.0
+
+
+def _all_edges_meet(vertices: NDArray[np.float64], faces: NDArray[np.int32]) -> bool:
+    """Tell whether each edge between two places belongs to an even number of faces."""
+    # Zeros of both signs are one place.
+    _, places = np.unique(vertices + 0.0, axis=0, return_inverse=True)
+    corners = places.reshape(-1).astype(np.int64)[faces]
+    ends = np.stack([corners, np.roll(corners, -1, axis=1)]).reshape(2, -1)
+    first, last = ends.min(axis=0), ends.max(axis=0)
+    _, counts = np.unique((first * len(vertices) + last)[first < last], return_counts=True)
+    return not (counts % 2).any()
 
 
 def _numbers(name: str, value: ArrayLike, kinds: str, shape: tuple[int | None, int]) -> Any:

@@ -139,6 +139,11 @@ class Inventory:
         return self._having("see_through")
 
     @cached_property
+    def is_wall(self) -> NDArray[np.bool_]:
+        """Whether each object hides all that lies behind it, seen from either side, (O,)."""
+        return ~(self.is_see_through | self._having("cut_out") | self._having("single_sided"))
+
+    @cached_property
     def is_gouraud(self) -> NDArray[np.bool_]:
         """Whether each object is lit at its vertices, (O,)."""
         return self._having("gouraud")

@@ -14,6 +14,7 @@ from rasterjit.scene.scene import EFFECT_FIELDS, Scene
 from rasterjit.scene.wireframe import Wireframe
 from rasterjit.survey.blending import NO_TRANSPARENCY, Transparency, find_transparency
 from rasterjit.survey.contents import SMOOTH, Contents, Inventory
+from rasterjit.survey.enclosure import Enclosures
 from rasterjit.survey.lights import NO_LIGHTS, PlannedLights, plan_lights
 from rasterjit.survey.overrides import lights_under
 from rasterjit.survey.placement import Boxes, Views, are_even
@@ -225,6 +226,7 @@ def look(
     outputs: tuple[str, ...],
     background: Any,
     diagnose: bool,
+    cull: str,
 ) -> Facts:
     """Look at a scene, seen from a camera, once; lights only if light reaches what is seen."""
     contents, in_view = inventory.contents, boxes.in_view
@@ -250,7 +252,11 @@ def look(
     if not facts.is_lit:
         return facts
     casts = ~inventory.is_see_through
-    return facts._replace(lights=plan_lights(lights_under(scene.lights, quality), boxes, casts))
+    is_wall = inventory.is_wall & (cull == "none")
+    meshes = [node.mesh for node in scene.nodes]
+    enclosures = Enclosures(meshes, is_wall, views.relative_from_model, views.clip_from_relative)
+    lights = plan_lights(lights_under(scene.lights, quality), boxes, casts, enclosures)
+    return facts._replace(lights=lights)
 
 
 def _any_uneven(views: Views, in_view: NDArray[np.bool_], inventory: Inventory) -> bool:

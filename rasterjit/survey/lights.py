@@ -31,6 +31,7 @@ from rasterjit.scene.light import (
     Shadow,
     SpotLight,
 )
+from rasterjit.survey.enclosure import Enclosures
 from rasterjit.survey.placement import Boxes
 
 FARTHEST_LIGHT = 1e18
@@ -94,7 +95,9 @@ class PlannedLights(NamedTuple):
 NO_LIGHTS = PlannedLights((), (), (), ())
 
 
-def plan_lights(lights: Sequence[Light], boxes: Boxes, casts: NDArray[np.bool_]) -> PlannedLights:
+def plan_lights(
+    lights: Sequence[Light], boxes: Boxes, casts: NDArray[np.bool_], enclosures: Enclosures
+) -> PlannedLights:
     """
     Return the lights that reach what is seen, and what became of the others.
 
@@ -105,6 +108,8 @@ def plan_lights(lights: Sequence[Light], boxes: Boxes, casts: NDArray[np.bool_])
         Around the objects.
     casts : (O,) bool
         Which objects cast shadows.
+    enclosures : Enclosures
+        What may keep the light of those that cast shadows out.
 
     Raises
     ------
@@ -112,7 +117,7 @@ def plan_lights(lights: Sequence[Light], boxes: Boxes, casts: NDArray[np.bool_])
         If the shadow maps have too many texels together; the message names the lights.
     """
     kept, numbers, notes, shadow_notes = [], [], [], []
-    scenery = _Scenery(boxes, casts)
+    scenery = _Scenery(boxes, casts, enclosures)
     for n, light in enumerate(lights):
         reason, reached = _reason_against(light, scenery)
         if reason:
@@ -143,6 +148,10 @@ def _reason_against(light: Any, scenery: _Scenery) -> tuple[str, NDArray[np.bool
         reached = scenery.in_cone(light) if reached is None else reached & scenery.in_cone(light)
         if not reached.any():
             return "nothing in view is in its cone", None
+    if getattr(light, "shadow", None) is not None:
+        wall = scenery.wall_against(light)
+        if wall is not None:
+            return f"object {wall} is closed around the camera, and keeps it out", None
     return "", reached
 
 
@@ -173,10 +182,11 @@ def has_cube(light: Light) -> bool:
 class _Scenery:
     """What lights fall on and what stands in their way, relative to the eye."""
 
-    def __init__(self, boxes: Boxes, casts: NDArray[np.bool_]) -> None:
+    def __init__(self, boxes: Boxes, casts: NDArray[np.bool_], enclosures: Enclosures) -> None:
         self._boxes = boxes
         self.casts = casts
         self.eye = boxes.eye
+        self._enclosures = enclosures
 
     @cached_property
     def is_unsure(self) -> NDArray[np.bool_]:
@@ -224,6 +234,13 @@ class _Scenery:
             is_behind = aside * sine + ahead * cosine < 0.0
             away = np.where(is_behind, np.sqrt(ahead * ahead + aside * aside), beside)
             return self._boxes.in_view & ~(away > radius) | self.is_unsure
+
+    def wall_against(self, light: Any) -> int | None:
+        """Return the object that is closed between what is seen and a light, if any."""
+        low, high = self.ends
+        if isinstance(light, DirectionalLight):
+            return self._enclosures.between(-np.array(light.direction), False, low, high)
+        return self._enclosures.between(np.array(light.position) - self.eye, True, low, high)
 
     def is_shaded(self, light: Any, reached: NDArray[np.bool_] | None) -> bool:
         """Tell whether anything may lie between a light and what it reaches, (O,) or all."""

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit.effects.shadows import filters, visible_depth
+from rasterjit.effects.shadows import contacts, filters, visible_depth
 from rasterjit.effects.shadows import maps as shadow_maps
 from rasterjit.effects.shadows import stage as shadows_stage
 from rasterjit.scene import transforms as tf
@@ -537,6 +537,10 @@ def test_what_has_no_place_on_a_map_is_lit_and_reads_texels_all_the_same(kind):
             filters.read_soft(
                 *(np.roll(one, beside) for one in placed), texels, size, np.float32(sides),
                 np.float32(9.0), highest, around / 2, around, found, nearer, share,
+            )  # fmt: skip
+            contacts.close_contacts(
+                *(np.roll(one, beside) for one in placed[:5]), texels, size, np.float32(sides),
+                found, share,
             )  # fmt: skip
             assert np.isfinite(share).all()
             assert (np.roll(share, -beside)[2:] == 1.0)[(u[2:] < 0) | (u[2:] > size)].all()

@@ -1,5 +1,5 @@
 """
-Forty-six small frames that use every feature, and the recorded hashes of all their outputs.
+Small frames that use every feature, and the recorded hashes of all their outputs.
 
 Nothing here depends on a math library or a random generator: coordinates are whole numbers,
 quotients and square roots, whose bits IEEE 754 fixes, and the "random" ones are a small generator
@@ -427,6 +427,22 @@ def shadows_of_all_lights() -> Shot:
     return Shot(scene, looking((2.0, 2.0, 5.0)))
 
 
+def shadows_where_surfaces_touch() -> Shot:
+    """Draw walls and a lid on the ground, in the light of three suns."""
+    scene = rj.Scene()
+    scene.add(plane(2, 3.0))
+    walls = [[-2, 0, -1], [-2, 0, 1], [-2, 1, 1], [-2, 1, -1], [0, 0, -1], [0, 1, -1], [1, 0, 1],
+             [1, 1, 0]]  # fmt: skip
+    faces = [[0, 1, 2], [0, 2, 3], [0, 3, 4], [3, 5, 4], [4, 5, 6], [5, 7, 6], [3, 2, 5]]
+    scene.add(rj.Mesh(walls, faces, material=rj.Material("flat", "orange")))
+    scene.lights = [
+        rj.DirectionalLight((-2, -3, 1), "red", 0.5, rj.Shadow(48, "hard")),
+        rj.DirectionalLight((2, -3, 2), "green", 0.5, rj.Shadow(64, "pcf")),
+        rj.DirectionalLight((1, -2, -2), "blue", 0.5, rj.Shadow(64, "soft", 2.0)),
+    ]
+    return Shot(scene, looking((1.0, 3.0, 5.0)))
+
+
 def glass(samples: int | str, size: tuple[int, int]) -> Shot:
     """Return surfaces that cross and are seen through each other, one with holes."""
     scene = shadows_of_all_lights().scene
@@ -692,7 +708,8 @@ FRAMES: dict[str, Callable[[], Shot | Soup | Canvas]] = {
         gouraud_vertex_colours, phong_highlights, all_shadings, light_near_surface,
         wireframe_overlay, wireframe_only, wireframe_clipped, occluded_and_outlined,
         darkened_corners,
-        materials_under_a_sky, shadows_of_all_lights, layers_of_glass, layers_in_four_samples,
+        materials_under_a_sky, shadows_of_all_lights, shadows_where_surfaces_touch,
+        layers_of_glass, layers_in_four_samples,
         edges_in_eight_samples, ground_truth, layers_peeled, many_pictures, areas, codes_of_glass,
         codes_in_four_samples,
         codes_of_many_pictures, codes_at_edges, lines_by_coverage, lines_by_coverage_in_codes,

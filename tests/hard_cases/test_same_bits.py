@@ -54,7 +54,7 @@ def run_frames(arguments=(), **environment):
 
 
 def test_recorded_frames_are_those_of_the_module():
-    assert len(NAMES) == 49
+    assert len(NAMES) == 50
     assert list(frames.recorded()) == NAMES
 
 

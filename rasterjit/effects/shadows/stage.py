@@ -12,7 +12,8 @@ this has a unit, so it holds at any scale.
 
 A sample is taken to the light in three steps, each a stage: its point and the normal of its face
 are found (``receivers``); for each light the point becomes texels and a depth, and the normal the
-gain in depth by a texel right and down; then texels are compared (``filters``).
+gain in depth by a texel right and down; then texels are compared (``filters``), and where surfaces
+touch, the light that several comparisons let in is taken away (``contacts``).
 
 References
 ----------
@@ -23,6 +24,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from rasterjit.effects.shadows.contacts import SNAPPING, close_contacts
 from rasterjit.effects.shadows.filters import read_hard, read_pcf, read_soft
 from rasterjit.pipeline.surface.samples import (
     ACROSS,
@@ -62,17 +64,15 @@ of a map, texels; filter; 1 map, or 6 for the sides of a cube."""
 PLACE_COLUMNS = 4
 
 NEIGHBOURS = 64
-"""Samples whose penumbrae are searched at once: the fewer, the closer they lie together, and the
-less far is searched for all of them."""
+"""Samples that are looked at at once for penumbrae and contacts: the fewer, the closer they lie
+together, and the less is looked at for all of them."""
 
 STEEPEST = 4096.0
 """Largest slope of a face to the light: light that falls on a steeper one adds less than 1/4096."""
 
 SLOPING = 8.0
-"""Slope up to which the bias grows with it: more would let light through what is near."""
-
-SNAPPING = 1.0 / 64.0
-"""Bias for the slope beyond that, texels: four times what vertices are rounded by in a map."""
+"""Slope up to which the bias grows with it: more would let light through what is near. Beyond that,
+it grows by ``SNAPPING``."""
 
 FAR_ASIDE = 2.0**30
 """Texels that a place on a map is held in: far outside of any, and a number that filters round."""
@@ -222,7 +222,7 @@ def filter_hard(block: Block, count, texels: float32[::1], size: int64, sides: i
     Parameters
     ----------
     block : Block
-        After `place_on_map` or `place_on_cube`. Writes row SHADOW.
+        After `place_on_map` or `place_on_cube`. Writes rows SHADOW and FOUND.
     count : int
     texels : (sides * size**2,) float32
         Stored depth, of the light's maps, one below the other.
@@ -237,6 +237,13 @@ def filter_hard(block: Block, count, texels: float32[::1], size: int64, sides: i
         part(s, ACROSS, 0, count), part(s, DOWN, 0, count), part(s, BIAS, 0, count), texels, size,
         np.float32(sides), part(s, SHADOW, 0, count),
     )  # fmt: skip
+    for a in range(0, count, NEIGHBOURS):
+        e = min(a + NEIGHBOURS, count)
+        close_contacts(
+            part(s, MAP_U, a, e), part(s, MAP_V, a, e), part(s, MAP_DEPTH, a, e),
+            part(s, ACROSS, a, e), part(s, DOWN, a, e), texels, size, np.float32(sides),
+            part(s, FOUND, a, e), part(s, SHADOW, a, e),
+        )  # fmt: skip
 
 
 @stage
@@ -250,6 +257,13 @@ def filter_pcf(block: Block, count, texels: float32[::1], size: int64, sides: in
         part(s, ACROSS, 0, count), part(s, DOWN, 0, count), part(s, BIAS, 0, count), texels, size,
         np.float32(sides), part(s, SHADOW, 0, count),
     )  # fmt: skip
+    for a in range(0, count, NEIGHBOURS):
+        e = min(a + NEIGHBOURS, count)
+        close_contacts(
+            part(s, MAP_U, a, e), part(s, MAP_V, a, e), part(s, MAP_DEPTH, a, e),
+            part(s, ACROSS, a, e), part(s, DOWN, a, e), texels, size, np.float32(sides),
+            part(s, FOUND, a, e), part(s, SHADOW, a, e),
+        )  # fmt: skip
 
 
 @stage
@@ -281,6 +295,11 @@ def filter_soft(
             part(s, ACROSS, a, e), part(s, DOWN, a, e), part(s, BIAS, a, e), texels, size,
             np.float32(sides), widening, highest, pattern, spiral, part(s, FOUND, a, e),
             part(s, NEARER, a, e), part(s, SHADOW, a, e),
+        )  # fmt: skip
+        close_contacts(
+            part(s, MAP_U, a, e), part(s, MAP_V, a, e), part(s, MAP_DEPTH, a, e),
+            part(s, ACROSS, a, e), part(s, DOWN, a, e), texels, size, np.float32(sides),
+            part(s, FOUND, a, e), part(s, SHADOW, a, e),
         )  # fmt: skip
 
 

@@ -1,0 +1,165 @@
+"""
+Keep light from where surfaces touch: a filter lets it in behind a wall, over the foot of the wall.
+
+There the wall comes down to the plane of a sample. Texels beyond the line where both meet are lit,
+and of those before it some are nearer than the plane by less than the bias. So a filter draws the
+edge of the shadow across that line, up to three texels wide, and at the edges of a box it finds
+light inside.
+
+But the stored depth of a plane is linear over a map: three texels in a row tell whether they show
+one, how high it lies over the sample, and where it comes down. A sample whose own texel is nearer
+than its plane is dark if a plane covers it that comes down close by and is there all the way.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rasterjit.effects.shadows.filters import DEPTH_ROUNDING, is_nearer, limits
+from rasterjit.runtime.float_math import clamped
+from rasterjit.runtime.jit import disjoint_helper, helper
+
+SNAPPING = np.float32(1.0 / 64.0)
+"""What a plane may be off in a map, as a share of its slope, texels: four times what vertices are
+rounded by there."""
+
+FLAT = np.float32(1.0 / 16.0)
+"""Most that three texels in a row bend, as a share of their gain in depth, if they show a plane."""
+
+SURE = np.float32(0.5)
+"""How far behind the line where a plane comes down a sample is surely covered, texels."""
+
+TOUCHING = np.float32(4.0)
+"""How far along a row or a column a plane may go on from a sample until it comes down, texels: what
+is 3 texels away, in a row at 45 degrees. Farther in, no filter finds any light."""
+
+
+@helper
+def steeper(steepest, is_dark, first, second, third, last, beyond, away, least):
+    """
+    Return the gain of a plane, and whether it comes down close to a sample that it covers.
+
+    Parameters
+    ----------
+    steepest : float32
+        The gain of the steepest plane so far; if this one is no steeper, or there is none, that and
+        ``is_dark`` are returned.
+    is_dark : bool
+    first, second, third : float32
+        Heights over the sample's plane, in stored depth, of three texels on one side of it.
+    last, beyond : float32
+        Heights of the two next texels on the other side.
+    away : float32
+        From the sample to the first of the three, texels.
+    least : float32
+        How far two planes may lie apart and be the same.
+    """
+    zero = np.float32(0.0)
+    gain = (third - first) * np.float32(0.5)
+    room = FLAT * gain + least
+    # Where nothing is, infinitely far, this is no number.
+    is_plane = abs(third - second - second + first) <= room
+    here = first - gain * away
+    is_close = (here > SURE * gain + least) & (here <= TOUCHING * gain)
+    # It is there all the way if nothing lower is seen.
+    lower, lowest = first - gain, first - gain - gain
+    is_there = (lower <= zero) | (last >= lower - room)
+    is_there = is_there & ((lowest <= zero) | (beyond >= lowest - room))
+    rules = is_plane & (gain > steepest)
+    return (gain if rules else steepest), ((is_close & is_there) if rules else is_dark)
+
+
+@helper
+def least_height(depth, across, down):
+    """Return how far from a plane what is stored of it may lie, in stored depth."""
+    return SNAPPING * (abs(across) + abs(down)) + DEPTH_ROUNDING * abs(depth)
+
+
+@helper
+def height_at(texels, at, stride, share, plane):
+    """Return the height over a plane, between a texel and the next one across, by their weight."""
+    near, far = texels[np.uintp(at)], texels[np.uintp(at + stride)]
+    return near * (np.float32(1.0) - share) + far * share - plane
+
+
+@helper
+def steeper_along(steepest, is_dark, texels, at, stride, aside, x, y, plane, step, least):
+    """
+    Return the same for the planes on both sides of a sample along a row or a column.
+
+    Parameters
+    ----------
+    steepest : float32
+    is_dark : bool
+    texels : (N,) float32
+    at : int32
+        The texel before the sample.
+    stride, aside : int32
+        To the next texel along, and to the next one across.
+    x, y : float32
+        Where the sample is, from that texel, along and across.
+    plane, step : float32
+        Stored depth of the sample's plane beside that texel, and its gain by a texel along.
+    least : float32
+    """
+    two, one = np.int32(2), np.float32(1.0)
+    double = step + step
+    a = height_at(texels, at - two * stride, aside, y, plane - double)
+    b = height_at(texels, at - stride, aside, y, plane - step)
+    c = height_at(texels, at, aside, y, plane)
+    d = height_at(texels, at + stride, aside, y, plane + step)
+    e = height_at(texels, at + two * stride, aside, y, plane + double)
+    f = height_at(texels, at + two * stride + stride, aside, y, plane + (double + step))
+    steepest, is_dark = steeper(steepest, is_dark, d, e, f, c, b, one - x, least)
+    return steeper(steepest, is_dark, c, b, a, d, e, x, least)
+
+
+@disjoint_helper
+def darken_covered(u, v, depth, across, down, texels, size, sides, unsure, share):
+    """
+    Take all light from the unsure samples that touching surfaces cover.
+
+    Of the planes around a sample the steepest one decides: across the line where it comes down.
+    """
+    zero, half, two = np.float32(0.0), np.float32(0.5), np.float32(2.0)
+    length, four = np.float32(size), np.float32(4.0)
+    for i in range(share.shape[0]):
+        top = limits(v[i], size, sides)
+        left = clamped(np.floor(u[i] - half), two, length - four)
+        upper = clamped(np.floor(v[i] - half), top + two, top + length - four)
+        x, y = u[i] - half - left, v[i] - half - upper
+        at, row = np.int32(upper) * np.int32(size) + np.int32(left), np.int32(size)
+        least = least_height(depth[i], across[i], down[i])
+        beside, below = depth[i] - across[i] * x, depth[i] - down[i] * y
+        steepest, is_dark = steeper_along(
+            zero, False, texels, at, np.int32(1), row, x, y, beside, across[i], least
+        )
+        steepest, is_dark = steeper_along(
+            steepest, is_dark, texels, at, row, np.int32(1), y, x, below, down[i], least
+        )
+        share[i] = zero if is_dark & (unsure[i] > zero) else share[i]
+
+
+@disjoint_helper
+def mark_within_bias(u, v, depth, across, down, texels, size, sides, share, unsure):
+    """Write 1 where the texel of a lit sample is nearer than its plane, else 0; tell if any is."""
+    zero, half, last = np.float32(0.0), np.float32(0.5), np.float32(size - 1)
+    found = np.int32(0)
+    for i in range(share.shape[0]):
+        top = limits(v[i], size, sides)
+        at_u, at_v = np.floor(u[i]), np.floor(v[i])
+        column, row = clamped(at_u, zero, last), clamped(at_v, top, top + last)
+        plane = depth[i] + across[i] * (column + half - u[i]) + down[i] * (row + half - v[i])
+        plane += least_height(depth[i], across[i], down[i])
+        is_unsure = (share[i] > zero) & (is_nearer(texels, column, row, size, plane) > zero)
+        is_unsure = is_unsure & (at_u == column) & (at_v == row)
+        unsure[i] = np.float32(1.0) if is_unsure else zero
+        found |= np.int32(is_unsure)
+    return found
+
+
+@helper
+def close_contacts(u, v, depth, across, down, texels, size, sides, unsure, share):
+    """Take away the light that a filter lets in where surfaces touch."""
+    if mark_within_bias(u, v, depth, across, down, texels, size, sides, share, unsure) != 0:
+        darken_covered(u, v, depth, across, down, texels, size, sides, unsure, share)

@@ -1,0 +1,173 @@
+"""
+Tell which objects keep a light from all that is seen, since they are closed around the camera.
+
+What is seen lies where rays lead from the near plane of a picture without a wall between. If a way
+from there to a light crosses the surface of a closed mesh an odd number of times, the surface
+separates them: every other way crosses it, too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.scene import transforms
+from rasterjit.scene.mesh import Mesh
+
+Float64 = NDArray[np.float64]
+
+MOST_FACES = 1 << 14
+"""Faces of an object that is looked at: of more, only its map tells. They take 5 ms a frame."""
+
+SURE = 2.0**-30
+"""Least share of its terms that a volume must be for its sign to be sure: far more than float64
+rounds it by."""
+
+STARTS = ((0.0, 0.0), (0.31, 0.17), (-0.23, 0.41), (-0.37, -0.29))
+"""Places on the near plane, in -1..1, where ways to a light begin: where one of them meets an edge,
+the next one is taken."""
+
+
+class Enclosures:
+    """
+    The objects of a scene that may be closed around what is seen.
+
+    Parameters
+    ----------
+    meshes : sequence of Mesh
+        Of each object.
+    is_wall : (O,) bool
+        Which objects hide all that lies behind them, seen from either side.
+    relative_from_model : (O, 4, 4) float64
+        World axes, origin at the eye.
+    clip_from_relative : (4, 4) float64
+    """
+
+    def __init__(
+        self, meshes: Sequence[Mesh], is_wall: NDArray[np.bool_], relative_from_model: Float64,
+        clip_from_relative: Float64,
+    ) -> None:  # fmt: skip
+        self._meshes = meshes
+        self._is_wall = is_wall
+        self._relative_from_model = relative_from_model
+        self._clip_from_relative = clip_from_relative
+        self._shells: dict[int, Float64 | None] = {}
+
+    def between(self, light: Float64, has_place: bool, low: Float64, high: Float64) -> int | None:
+        """
+        Return the first object that is closed between what is seen and a light, if any.
+
+        Parameters
+        ----------
+        light : (3,) float64
+            Where the light is, relative to the eye, or the direction to a light without a place.
+        has_place : bool
+        low, high : (O, 3) float64
+            Corners of the boxes around the objects, relative to the eye.
+        """
+        if self.starts is None:
+            return None
+        is_around = (low <= self.starts.min(axis=0)) & (high >= self.starts.max(axis=0))
+        for k in np.flatnonzero(self._is_wall & is_around.all(axis=1)).tolist():
+            if k not in self._shells:
+                self._shells[k] = self._shell(k)
+            shell = self._shells[k]
+            if shell is not None and _is_apart(shell, self.starts, light, has_place):
+                return k
+        return None
+
+    @cached_property
+    def starts(self) -> Float64 | None:
+        """Points of the near plane, (N, 3), relative to the eye; None if they are not known."""
+        try:
+            relative_from_clip = transforms.inverse(self._clip_from_relative)
+        except ValueError:
+            return None
+        points = transforms.apply(relative_from_clip, [(x, y, -1.0) for x, y in STARTS])
+        return points if np.isfinite(points).all() else None
+
+    def _shell(self, k: int) -> Float64 | None:
+        """Return the corners, (3, F, 3), of an object if it is closed and not cut by the view."""
+        mesh, matrix = self._meshes[k], self._relative_from_model[k]
+        if len(mesh.faces) > MOST_FACES or not mesh.is_closed():
+            return None
+        places = transforms.transform_points(matrix, mesh.vertices)[:, :3]
+        clip = transforms.transform_points(self._clip_from_relative, places)
+        if not np.isfinite(clip).all() or _meets_near_plane(clip[mesh.faces.T]):
+            return None
+        return places[mesh.faces.T]
+
+
+def _meets_near_plane(corners: Float64) -> bool:
+    """Tell whether faces, corners (3, F, 4) in clip space, may meet what is seen of that plane."""
+    height = corners[..., 3] + corners[..., 2]
+    is_behind = height < 0.0
+    is_crossing = is_behind.any(axis=0) & ~is_behind.all(axis=0)
+    corners, height = corners[:, is_crossing], height[:, is_crossing]
+    # Where the edges of a face pass through the plane, these are positive inside each side.
+    inside = [corners[..., 3] + sign * corners[..., n] for n in (0, 1) for sign in (1.0, -1.0)]
+    most = np.full((4, corners.shape[1]), -np.inf)
+    for i, j in ((0, 1), (1, 2), (2, 0)):
+        passes = (height[i] < 0.0) != (height[j] < 0.0)
+        share = np.divide(
+            height[i], height[i] - height[j], out=np.zeros_like(height[i]), where=passes
+        )
+        for side, values in zip(most, inside, strict=True):
+            value = values[i] + share * (values[j] - values[i])
+            np.maximum(side, value, out=side, where=passes)
+    return bool((most >= 0.0).all(axis=0).any())
+
+
+def _is_apart(corners: Float64, starts: Float64, light: Float64, has_place: bool) -> bool:
+    """Tell whether ways to a light surely cross an odd number of faces, corners (3, F, 3)."""
+    for start in starts:
+        way = light - start if has_place else light
+        with np.errstate(all="ignore"):
+            crossed = crossings(corners - start, way, has_place)
+        if crossed is not None:
+            return crossed % 2 == 1
+    return False
+
+
+def crossings(corners: Float64, way: Float64, ends: bool) -> int | None:
+    """
+    Return how many triangles the way from the origin along a vector crosses; None if unsure.
+
+    Parameters
+    ----------
+    corners : (3, F, 3) float64
+    way : (3,) float64
+    ends : bool
+        Whether the way ends where the vector does.
+    """
+    a, b, c = corners
+    is_nothing = (a == b).all(axis=1) | (b == c).all(axis=1) | (c == a).all(axis=1)
+    # On which side of each edge of a face the way goes by is the sign of a volume.
+    over, terms = zip(*(_volume(*edge, way) for edge in ((a, b), (b, c), (c, a))), strict=True)
+    left = [(v > SURE * t) for v, t in zip(over, terms, strict=True)]
+    right = [(v < -SURE * t) for v, t in zip(over, terms, strict=True)]
+    is_left, is_right = left[0] & left[1] & left[2], right[0] & right[1] & right[2]
+    is_beside = (left[0] | left[1] | left[2]) & (right[0] | right[1] | right[2])
+    # On which side of the plane of the face it begins and ends, too.
+    here, spread = _volume(a, b, c)
+    rise = over[0] + over[1] + over[2]
+    there = here - rise if ends else -rise
+    spread = SURE * (spread + terms[0] + terms[1] + terms[2])
+    is_sure = (abs(here) > spread) & (abs(there) > spread)
+    passes = is_left | is_right
+    if not (is_nothing | is_beside | (passes & is_sure)).all():
+        return None
+    return int(np.count_nonzero(passes & ~is_nothing & ((here > 0.0) != (there > 0.0))))
+
+
+def _volume(a: Float64, b: Float64, c: Float64) -> tuple[Float64, Float64]:
+    """Return six times the volume of the origin and three points, and a bound of its terms."""
+    (p, q, r), (s, t, u), (x, y, z) = a.T, b.T, c.T
+    bound = 1.0
+    for point in (a, b, c):
+        size = np.abs(point.T)
+        bound = bound * (size[0] + size[1] + size[2])
+    return (q * u - r * t) * x + (r * s - p * u) * y + (p * t - q * s) * z, bound
