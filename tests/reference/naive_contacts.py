@@ -8,10 +8,10 @@ f32 = np.float32
 
 
 def height(texels, column, row, u, v, plane):
-    """Return how much nearer a texel is than the plane of a sample, all of it in float32."""
-    depth, across, down = plane
-    return texels[row, column] - (depth + across * (f32(column + 0.5) - u)
-                                  + down * (f32(row + 0.5) - v))  # fmt: skip
+    """Return how much nearer to the light a texel is than the plane of a sample."""
+    depth, across, down = (float(value) for value in plane)
+    beside, below = column + 0.5 - float(u), row + 0.5 - float(v)
+    return float(texels[row, column]) - (depth + across * beside + down * below)
 
 
 def stray(plane):
@@ -20,33 +20,31 @@ def stray(plane):
     return (across + down) / 64.0 + depth / 2.0**20
 
 
-def profile(texels, u, v, plane, is_row):
+def profile(texels, u, v, plane):
     """
-    Return heights at six texels around a sample, along a row or a column, and where it is.
+    Return heights at six texels around a sample along a row, (2, 6), and where it is among them.
 
-    Each is between two texels, by their weight: those on both sides of the sample across.
+    Those of the row above the sample, and of the one below.
     """
-    stored = texels if is_row else texels.T
-    (depth, along, _), x, y = plane, u, v
-    if not is_row:
-        (depth, _, along), x, y = plane, v, u
-    last = len(texels) - 4
-    left = int(min(max(np.floor(x - f32(0.5)), 2), last))
-    upper = int(min(max(np.floor(y - f32(0.5)), 2), last))
-    x, y = x - f32(0.5) - f32(left), y - f32(0.5) - f32(upper)
-    heights = []
-    for k in range(-2, 4):
-        between = stored[upper, left + k] * (f32(1) - y) + stored[upper + 1, left + k] * y
-        # Float64 here: what decides below has to be farther from a limit than rounding.
-        heights.append(float(between) - (float(depth) + float(along) * (k - float(x))))
-    return heights, float(x)
+    left, upper = (
+        int(np.clip(np.floor(at - f32(0.5)), 2, len(texels) - 4)) for at in (u, v)
+    )  # fmt: skip
+    rows = [
+        [height(texels, left + k, upper + n, u, v, plane) for k in range(-2, 4)] for n in range(2)
+    ]
+    return np.array(rows), float(u) - 0.5 - left, float(v) - 0.5 - upper
 
 
-def planes(heights, x):
-    """Yield heights of three texels on one side of a sample, of two behind, and how far it is."""
-    a, b, c, d, e, f = heights
-    yield (d, e, f), (c, b), 1.0 - x
-    yield (c, b, a), (d, e), x
+def planes(rows, x, y):
+    """
+    Yield three heights on one side of a sample, two behind, the least of the first, how far it is.
+
+    Each height is between those of both rows, by their weight.
+    """
+    with np.errstate(invalid="ignore"):
+        a, b, c, d, e, f = rows[0] * (1.0 - y) + rows[1] * y
+    yield (d, e, f), (c, b), rows[:, 3].min(), 1.0 - x
+    yield (c, b, a), (d, e), rows[:, 2].min(), x
 
 
 def is_dark(texels, u, v, plane):
@@ -62,8 +60,11 @@ def is_dark(texels, u, v, plane):
     own = height(texels, int(np.floor(u)), int(np.floor(v)), u, v, plane)
     if not own > least:
         return None if np.isclose(own, least, rtol=1e-3, atol=1e-6) else False
-    for is_row in (True, False):
-        for near, behind, away in planes(*profile(texels, u, v, plane, is_row)):
+    depth, across, down = plane
+    along_row = profile(texels, u, v, plane)
+    along_column = profile(texels.T, v, u, (depth, down, across))
+    for rows in (along_row, along_column):
+        for near, behind, first, away in planes(*rows):
             if not np.isfinite(near).all():
                 continue
             gain = (near[2] - near[0]) / 2.0
@@ -73,7 +74,7 @@ def is_dark(texels, u, v, plane):
                 continue
             is_sure &= abs(bend - room) > 1e-6 and abs(gain - steepest) > 1e-6
             here = near[0] - gain * away
-            limits = [here - gain / 2.0 - least, 4.0 * gain - here]
+            limits = [here - gain / 2.0 - least, 4.0 * gain - here, first - least]
             # It is there as far as it is above the plane of the sample.
             for n, seen in enumerate(behind, 1):
                 expected = near[0] - n * gain

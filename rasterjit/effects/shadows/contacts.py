@@ -35,7 +35,7 @@ is 3 texels away, in a row at 45 degrees. Farther in, no filter finds any light.
 
 
 @helper
-def steeper(steepest, is_dark, first, second, third, last, beyond, away, least):
+def steeper(steepest, is_dark, first, second, third, last, beyond, away, is_shown, least):
     """
     Return the gain of a plane, and whether it comes down close to a sample that it covers.
 
@@ -51,6 +51,8 @@ def steeper(steepest, is_dark, first, second, third, last, beyond, away, least):
         Heights of the two next texels on the other side.
     away : float32
         From the sample to the first of the three, texels.
+    is_shown : bool
+        Whether the first is nearer than the sample's plane on both sides of the sample.
     least : float32
         How far two planes may lie apart and be the same.
     """
@@ -66,7 +68,7 @@ def steeper(steepest, is_dark, first, second, third, last, beyond, away, least):
     is_there = (lower <= zero) | (last >= lower - room)
     is_there = is_there & ((lowest <= zero) | (beyond >= lowest - room))
     rules = is_plane & (gain > steepest)
-    return (gain if rules else steepest), ((is_close & is_there) if rules else is_dark)
+    return (gain if rules else steepest), ((is_close & is_there & is_shown) if rules else is_dark)
 
 
 @helper
@@ -83,7 +85,13 @@ def height_at(texels, at, stride, share, plane):
 
 
 @helper
-def steeper_along(steepest, is_dark, texels, at, stride, aside, x, y, plane, step, least):
+def is_above(texels, at, stride, low, high):
+    """Tell whether a texel is nearer than one depth, and the next one across than another."""
+    return (texels[np.uintp(at)] > low) & (texels[np.uintp(at + stride)] > high)
+
+
+@helper
+def steeper_along(steepest, is_dark, texels, at, stride, aside, x, y, plane, step, rise, least):
     """
     Return the same for the planes on both sides of a sample along a row or a column.
 
@@ -98,8 +106,8 @@ def steeper_along(steepest, is_dark, texels, at, stride, aside, x, y, plane, ste
         To the next texel along, and to the next one across.
     x, y : float32
         Where the sample is, from that texel, along and across.
-    plane, step : float32
-        Stored depth of the sample's plane beside that texel, and its gain by a texel along.
+    plane, step, rise : float32
+        Stored depth of the sample's plane beside that texel, its gain by a texel along and across.
     least : float32
     """
     two, one = np.int32(2), np.float32(1.0)
@@ -110,8 +118,12 @@ def steeper_along(steepest, is_dark, texels, at, stride, aside, x, y, plane, ste
     d = height_at(texels, at + stride, aside, y, plane + step)
     e = height_at(texels, at + two * stride, aside, y, plane + double)
     f = height_at(texels, at + two * stride + stride, aside, y, plane + (double + step))
-    steepest, is_dark = steeper(steepest, is_dark, d, e, f, c, b, one - x, least)
-    return steeper(steepest, is_dark, c, b, a, d, e, x, least)
+    # What covers the sample goes on to both sides of it.
+    low, high = plane - rise * y + least, plane + rise * (one - y) + least
+    has_c = is_above(texels, at, aside, low, high)
+    has_d = is_above(texels, at + stride, aside, low + step, high + step)
+    steepest, is_dark = steeper(steepest, is_dark, d, e, f, c, b, one - x, has_d, least)
+    return steeper(steepest, is_dark, c, b, a, d, e, x, has_c, least)
 
 
 @disjoint_helper
@@ -132,10 +144,10 @@ def darken_covered(u, v, depth, across, down, texels, size, sides, unsure, share
         least = least_height(depth[i], across[i], down[i])
         beside, below = depth[i] - across[i] * x, depth[i] - down[i] * y
         steepest, is_dark = steeper_along(
-            zero, False, texels, at, np.int32(1), row, x, y, beside, across[i], least
+            zero, False, texels, at, np.int32(1), row, x, y, beside, across[i], down[i], least
         )
         steepest, is_dark = steeper_along(
-            steepest, is_dark, texels, at, row, np.int32(1), y, x, below, down[i], least
+            steepest, is_dark, texels, at, row, np.int32(1), y, x, below, down[i], across[i], least
         )
         share[i] = zero if is_dark & (unsure[i] > zero) else share[i]
 
