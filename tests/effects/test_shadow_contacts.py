@@ -140,7 +140,7 @@ def test_contacts_are_those_of_the_slow_twin():
     for _ in range(40):
         texels, planes = random_map(rng, size)
         for depth, across, down in planes:
-            u, v = rng.uniform(0.0, size, (2, 64)).astype(np.float32)
+            u, v = rng.uniform(-2.0, size + 2.0, (2, 64)).astype(np.float32)
             here = (depth + across * u + down * v).astype(np.float32)
             right, below = np.full((2, 64), [[across], [down]], np.float32)
             share, unsure = np.full((2, 64), np.float32(0.5))

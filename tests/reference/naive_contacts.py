@@ -57,6 +57,8 @@ def is_dark(texels, u, v, plane):
         None where rounding may say one or the other.
     """
     least, steepest, answer, is_sure = stray(plane), 0.0, False, True
+    if not (0.0 <= u < len(texels) and 0.0 <= v < len(texels)):
+        return False
     own = height(texels, int(np.floor(u)), int(np.floor(v)), u, v, plane)
     if not own > least:
         return None if np.isclose(own, least, rtol=1e-3, atol=1e-6) else False

@@ -192,6 +192,24 @@ def replace_near(camera, near):
     return rj.PerspectiveCamera(camera.eye, camera.target, near=near, fov_y=camera.fov_y)
 
 
+def test_a_near_plane_that_is_partly_outside_shows_what_is_lit():
+    # Its middle is inside, its right end beyond the wall at x = 1.
+    camera = rj.PerspectiveCamera((0.9, 0.5, 0.3), (0.6, 0.5, 1.3), near=0.15, fov_y=70.0)
+    mirrored = rj.PerspectiveCamera((0.9, 0.5, 0.7), (1.2, 0.5, -0.3), near=0.15, fov_y=70.0)
+    for each in (camera, mirrored):
+        assert not is_dark(scene_of(box()), each)
+    assert is_dark(scene_of(box()), replace_near(camera, 0.01))
+
+
+def test_between_two_boxes_of_one_mesh_light_is_seen():
+    # The way to the light goes through one of them: in and out again.
+    corners = np.concatenate([BOX + [1, 0, 0], BOX - [1, 0, 0]])
+    both = rj.Mesh(corners, np.concatenate([SIDES, np.add(SIDES, 8)]), material=FLAT)
+    camera = rj.PerspectiveCamera(MIDDLE, MIDDLE + [-1.0, 0.1, 0.2], near=0.01, fov_y=70.0)
+    scene = scene_of(both, light=light_of("directional", (-1.0, -0.1, -0.15)))
+    assert not is_dark(scene, camera)
+
+
 def exact_crossings(corners, way, ends):
     """Return the same as `crossings` in fractions, or None where the way meets an edge."""
 
