@@ -108,7 +108,7 @@ class Used(NamedTuple):
 USED = Used([], [])
 
 BEFORE_COMPILING: list[Callable[[], None]] = []
-"""Called before this process compiles a kernel, and while it waits for another that does."""
+"""Called before and while this process compiles a kernel, or waits for another that does."""
 
 
 @functools.cache
@@ -500,8 +500,23 @@ def is_kept(kernel: Any, kind: RecordType) -> bool:
 
 
 def _tell() -> None:
+    _LAST_TOLD[0] = time.monotonic()
     for tell in tuple(BEFORE_COMPILING):
         tell()
+
+
+_LAST_TOLD = [0.0]
+
+PAUSE = 0.5
+"""Seconds between two times that the compiler, on its way through a kernel, says it goes on."""
+
+
+def tell_it_goes_on() -> None:
+    """Tell, if that is some time ago, that a kernel is still being compiled; never raise."""
+    if time.monotonic() - _LAST_TOLD[0] >= PAUSE:
+        # The compiler would take an error for its own.
+        with contextlib.suppress(Exception):
+            _tell()
 
 
 def _compile(kernel: Any, kind: RecordType, name: str) -> tuple[Header, bytes]:
