@@ -5,11 +5,14 @@ What is not in a scene is there as data that does next to nothing, not as None: 
 ground, a light of next to no intensity, fog of next to no density. So all scenes share the forms of
 kernels that the ways of mixing faces ask for: one face a pixel, blended layers of four samples, and
 areas.
+
+For one more effect, run ``python tests/combined.py``: it prints `ROWS` with one more bit. Then add
+a name at the end of `SWITCHES`, and to `scene_of` what it switches.
 """
 
 from __future__ import annotations
 
-from itertools import combinations
+from itertools import combinations, product
 
 import numpy as np
 
@@ -69,6 +72,18 @@ ROWS = (
 def settings_of(bits, mix):
     """The settings of a row, switches as booleans."""
     return (*(bit == "1" for bit in bits), mix)
+
+
+def rows_for_one_more():
+    """`ROWS` with a bit for one more switch, so that every pair is in one of them; None if none."""
+    rows = [settings_of(*row) for row in ROWS]
+    wanted = [set(settings) for settings in zip(*rows, strict=True)]
+    for bits in product("10", repeat=len(ROWS)):
+        # Where it is on, and where it is off, all other settings are.
+        halves = ([row for row, bit in zip(rows, bits, strict=True) if bit == on] for on in "10")
+        if all([{*settings} for settings in zip(*half, strict=True)] == wanted for half in halves):
+            return tuple((old + bit, mix) for (old, mix), bit in zip(ROWS, bits, strict=True))
+    return None
 
 
 def noise(side, low=0.0, channels=3, **options):
@@ -135,3 +150,7 @@ def scene_of(row):
 
 SKY = rj.Environment.gradient().sky
 """One object, so that it is filtered once."""
+
+
+if __name__ == "__main__":
+    print(*(rows_for_one_more() or ["no bits do: add a row to ROWS, of any bits"]), sep=",\n")

@@ -186,8 +186,7 @@ def _draw(scene: Scene, plan: RenderPlan) -> Drawn:
     cache = prepare(scene.nodes, None, plan.quality, scene.environment is not None)
     arrays = cache.shapes.arrays
     views = placing.view_nodes(scene.nodes, plan.camera, plan.size)
-    spacing = supersample.sample_spacing(int(plan.quality.samples)) if plan.pictures > 1 else 1.0
-    viewport = draw.viewport_of(plan.size, plan.quality.subpixel_bits, spacing=spacing)
+    viewport = draw.viewport_of(plan.size, plan.quality.subpixel_bits)
     objects = placing.cull_objects(
         plan.cull, views, arrays.face_starts, cache.tables.is_single_sided
     )
@@ -209,6 +208,9 @@ def _draw(scene: Scene, plan: RenderPlan) -> Drawn:
             lists.faces, everything, coverage.screen, viewport, workers
         )
         lists = draw.TileLists(starts, binned, lists.faces)
+    # Colours are those of one sample of many; what is seen at the centres is that of any quality.
+    if plan.pictures > 1:
+        viewport = viewport._replace(spacing=supersample.sample_spacing(int(plan.quality.samples)))
     geometry = draw.geometry_of(
         arrays.faces, coverage.screen, coverage.clip_positions, viewport, plan.is_affine
     )
@@ -244,7 +246,7 @@ def _find_faces(drawn: Drawn, x: int, y: int) -> list[FaceAtPixel]:
     """Return the faces that cover a pixel's centre: seen, hidden by depth, culled, cut out."""
     lists = drawn.lists
     starts, binned, faces = lists.starts, lists.binned, lists.faces
-    coverage, viewport = drawn.coverage, drawn.geometry.viewport
+    coverage, viewport = drawn.coverage, drawn.geometry.viewport._replace(spacing=1.0)
     columns = -(-viewport.width // setup.TILE_SIZE)
     tile = (y // setup.TILE_SIZE) * columns + x // setup.TILE_SIZE
     listed = binned[starts[tile] : starts[tile + 1]]

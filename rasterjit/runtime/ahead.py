@@ -20,7 +20,7 @@ from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any, NamedTuple
 
-from rasterjit.runtime import jit, store
+from rasterjit.runtime import jit, numba_alone, store
 from rasterjit.runtime.progress import Progress
 from rasterjit.runtime.threads import available_processors
 
@@ -82,6 +82,11 @@ def work(patience: float) -> None:
     patience : float
         Seconds without a task after which the process ends.
     """
+    if sys.platform == "win32":
+        # Numba imports SciPy, some releases of which load a library that looks at standard input:
+        # it would wait for the thread that reads.
+        with suppress(ImportError):
+            numba_alone.compiler()
     lists: SimpleQueue[str] = SimpleQueue()
 
     def read() -> None:

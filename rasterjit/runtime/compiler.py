@@ -36,7 +36,7 @@ from rasterjit.runtime.state import (
     Type,
     words_of,
 )
-from rasterjit.runtime.store import Target
+from rasterjit.runtime.store import Target, tell_it_goes_on
 
 OPTIONS = {"nogil": True, "error_model": "numpy", "_nrt": False}
 """Numba's options for every function."""
@@ -66,6 +66,8 @@ _WAY = _Way()
 @typeof_impl.register(Kernel)
 @typeof_impl.register(CheckedKernel)
 def _type_of_helper(value: Any, context: Any) -> Any:
+    # Called for each helper of each function: often enough to show that there is life.
+    tell_it_goes_on()
     return types.Dispatcher(_dispatcher(value, _WAY.target))
 
 
@@ -238,6 +240,7 @@ def lower(value: Any, kind: RecordType, name: str, target: Target) -> tuple[str,
         with _COMPILING:
             returned, module, symbol = _in_llvm(value, kind, target)
             module = _with_c_entry(module, symbol, name, target)
+            tell_it_goes_on()
             optimize(module, machine_of(target))
             _refuse_unknown_calls(module, name)
             _rename(module, name)
@@ -345,6 +348,7 @@ def _kind_of_result(result: Any, name: str) -> str:
 def compile_form(value: Any, kind: RecordType, name: str, target: Target) -> tuple[str, bytes]:
     """Return what a form of a kernel returns, and its object code for a target."""
     returns, module = lower(value, kind, name, target)
+    tell_it_goes_on()
     return returns, machine_of(target).emit_object(module)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -74,6 +75,7 @@ class Progress:
     def __init__(self, wanted: Mapping[str, Path | None]) -> None:
         self._wanted = wanted
         self._seconds = jit.COMPILER_CLOCK.read()
+        self._since = time.monotonic()
         self._used = [len(names) for names in store.USED]
         self._told = ""
 
@@ -89,9 +91,10 @@ class Progress:
         return f"compiling kernels ({kept()}): {len(done)} of {len(compiled | {*self._wanted})}"
 
     def tell(self) -> None:
-        """Say how many are done, if compiling takes long."""
+        """Say how many are done, and since when, if compiling takes long."""
         if self._told or jit.COMPILER_CLOCK.read() - self._seconds >= PATIENCE:
-            text = str(self)
+            # One kernel may take ten seconds: the time shows that there is life.
+            text = f"{self}, {time.monotonic() - self._since:.0f} s"
             if text != self._told:
                 self._told = text
                 _TELLERS[-1](text)

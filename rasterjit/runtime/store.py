@@ -22,7 +22,6 @@ import itertools
 import os
 import re
 import sys
-import tempfile
 import threading
 import time
 import warnings
@@ -52,6 +51,12 @@ PATIENCE = 60.0
 
 STALE = 3600.0
 """Seconds after which nobody writes a temporary file any more."""
+
+PAUSES = (0.01, 0.04, 0.2) if sys.platform == "win32" else ()
+"""Seconds between tries to read or replace a file: Windows refuses both while another process, such
+as a search for viruses, has it open."""
+
+NEW_FILE = os.O_CREAT | os.O_EXCL | os.O_WRONLY | getattr(os, "O_BINARY", 0)
 
 COMPILER_FILES = (
     "compiler", "instructions", "intrinsics", "numba_internals", "plain_arrays", "state",
@@ -108,7 +113,7 @@ class Used(NamedTuple):
 USED = Used([], [])
 
 BEFORE_COMPILING: list[Callable[[], None]] = []
-"""Called before this process compiles a kernel, and while it waits for another that does."""
+"""Called before and while this process compiles a kernel, or waits for another that does."""
 
 
 @functools.cache
@@ -338,7 +343,7 @@ def read(path: Path) -> tuple[Header, bytes] | None:
     The first that is damaged is told on standard error.
     """
     try:
-        content = path.read_bytes()
+        content = _patiently(path.read_bytes)
     except FileNotFoundError:
         return None
     except OSError as error:
@@ -348,6 +353,16 @@ def read(path: Path) -> tuple[Header, bytes] | None:
     if found is None:
         _say_damaged(path, "is damaged")
     return found
+
+
+def _patiently(action: Callable[[], Any]) -> Any:
+    """Return what an action on a file gives; try again where that is refused for a moment alone."""
+    for pause in PAUSES:
+        try:
+            return action()
+        except PermissionError:
+            time.sleep(pause)
+    return action()
 
 
 def _say_damaged(path: Path, reason: str) -> None:
@@ -376,11 +391,13 @@ def write(path: Path, header: Header, code: bytes) -> None:
     try:
         if path.is_dir() and not path.is_symlink():
             _remove(path)
-        number, temporary = tempfile.mkstemp(dir=path.parent, prefix=".", suffix=PART)
+        temporary = path.with_name(f".{os.urandom(16).hex()}{PART}")
+        # The module `tempfile` tries for hours where Windows lets nobody write to the folder.
+        number = os.open(temporary, NEW_FILE, 0o600)
         try:
             with os.fdopen(number, "wb") as file:
                 file.write(content)
-            os.replace(temporary, path)
+            _patiently(lambda: os.replace(temporary, path))
         except BaseException:
             with contextlib.suppress(OSError):
                 os.unlink(temporary)
@@ -500,8 +517,23 @@ def is_kept(kernel: Any, kind: RecordType) -> bool:
 
 
 def _tell() -> None:
+    _LAST_TOLD[0] = time.monotonic()
     for tell in tuple(BEFORE_COMPILING):
         tell()
+
+
+_LAST_TOLD = [0.0]
+
+PAUSE = 0.5
+"""Seconds between two times that the compiler, on its way through a kernel, says it goes on."""
+
+
+def tell_it_goes_on() -> None:
+    """Tell, if that is some time ago, that a kernel is still being compiled; never raise."""
+    if time.monotonic() - _LAST_TOLD[0] >= PAUSE:
+        # The compiler would take an error for its own.
+        with contextlib.suppress(Exception):
+            _tell()
 
 
 def _compile(kernel: Any, kind: RecordType, name: str) -> tuple[Header, bytes]:

@@ -8,8 +8,9 @@ in every format; formats differ in the coefficients and in the type of the array
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 from rasterjit.pipeline.geometry.setup import LARGEST_COORDINATE
 from rasterjit.scene import transforms
 from rasterjit.scene.camera import Camera, PerspectiveCamera
+from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Node
 from rasterjit.survey.placement import Boxes
@@ -31,6 +33,9 @@ REVERSED_TYPES = {"float32-reversed": np.float32, "float64": np.float64}
 INFINITE = 1e-12
 """A far plane with less than this share of the near plane's reversed depth has none: it is what
 rounding left of that of an infinite one."""
+
+BLOCK = 1 << 16
+"""Vertices looked at at once, so that they stay in the cache."""
 
 
 class DepthFormat(NamedTuple):
@@ -147,9 +152,7 @@ def check_near(
     least = transforms.LEAST_NEAR * far if far < math.inf else 0.0
     if not near > 0.0 or (near >= least and near >= held * boxes.largest_w()):
         return
-    # Look at all vertices first, then at those of faces alone.
-    for only_used in (False, True):
-        nearest, farthest = _span(boxes, nodes, clip_from_relative[3], only_used)
+    for nearest, farthest in _spans(boxes, nodes, clip_from_relative[3]):
         if nearest == math.inf:
             return
         reach = min(farthest, far) if name in REVERSED_TYPES else nearest
@@ -178,23 +181,113 @@ def _least_held(name: str, precision: str) -> float:
     return 0.5 / ((1 << UNORM_BITS[name]) - 1) if name in UNORM_BITS else 2.0**-25
 
 
-def _span(
-    boxes: Boxes, nodes: Sequence[Node], row: Float64, only_used: bool
-) -> tuple[float, float]:
-    """Return the least and the greatest w of vertices that may be seen; inf and -inf for none."""
+def _spans(boxes: Boxes, nodes: Sequence[Node], row: Float64) -> Iterator[tuple[float, float]]:
+    """
+    Yield the least and the greatest w of vertices of faces that may be seen; inf and -inf for none.
+
+    The last ones are exact. Before them come those that are found faster: the least is not above
+    the first number, nor the greatest above the second.
+    """
+    # Look at the boxes. What is too far is not drawn: vertices say what else there is.
+    lows, highs, within = boxes.w_ranges(row)
+    is_drawn = (lows >= -LARGEST_COORDINATE) & (highs <= LARGEST_COORDINATE)
+    lows, highs = np.where(is_drawn, lows, -np.inf), np.where(is_drawn, highs, np.inf)
+    above = float(highs.max(initial=-math.inf))
+    yield float(np.where(is_drawn, within, LARGEST_COORDINATE).min(initial=math.inf)), above
+    # Look at vertices that were the nearest ones of their meshes before.
+    objects = [
+        (nodes[number].mesh, _factors(boxes, number, row))
+        for number in np.flatnonzero(boxes.in_view)
+    ]
+    yield min(_nearest_before(*one) for one in objects), above
+    # Look at all vertices of the objects whose boxes leave it open.
     nearest, farthest = math.inf, -math.inf
-    x, y, z, rest = row.tolist()
-    for number in np.flatnonzero(boxes.in_view):
-        mesh, m = nodes[number].mesh, boxes.relative_from_model[number]
-        vertices = mesh.vertices[np.unique(mesh.faces)] if only_used else mesh.vertices
-        with np.errstate(all="ignore"):
-            a, b, c, d = (x * m[0] + y * m[1]) + z * m[2]
-            w = a * vertices[:, 0] + b * vertices[:, 1] + c * vertices[:, 2] + (d + rest)
-        # What is farther, or is not a number, is not drawn.
-        w = w[np.abs(w) <= LARGEST_COORDINATE]
-        nearest = min(nearest, float(w.min(initial=math.inf)))
-        farthest = max(farthest, float(w.max(initial=-math.inf)))
-    return nearest, farthest
+    for k in np.argsort(lows):
+        if lows[k] >= nearest:
+            break
+        nearest = min(nearest, _span(*objects[k]).nearest)
+    for k in np.argsort(-highs):
+        if highs[k] <= farthest:
+            break
+        farthest = max(farthest, _span(*objects[k]).farthest)
+    yield nearest, farthest
+
+
+Factors = tuple[float, ...]
+"""What x, y, z and 1 in model space are multiplied by to give w."""
+
+
+class Span(NamedTuple):
+    """Between which w the vertices of the faces of a mesh lie, as far as they are drawn."""
+
+    nearest: float
+    """inf if there are none."""
+    farthest: float
+    """-inf if there are none."""
+    point: Float64
+    """A nearest one, (3,)."""
+
+
+_known: WeakKeyDictionary[Mesh, dict[Factors, Span]] = WeakKeyDictionary()
+
+MOST_KNOWN = 256
+"""Spans of a mesh: one for each of its objects, from each camera."""
+
+
+def _factors(boxes: Boxes, number: int, row: Float64) -> Factors:
+    """Return those of an object."""
+    m = boxes.relative_from_model[number]
+    with np.errstate(all="ignore"):
+        *factors, rest = ((row[0] * m[0] + row[1] * m[1]) + row[2] * m[2]).tolist()
+    return (*factors, rest + float(row[3]))
+
+
+def _nearest_before(mesh: Mesh, factors: Factors) -> float:
+    """Return the w of the vertex that was nearest when vertices were looked at last."""
+    for last in tuple(_known.get(mesh, {}).values())[-1:]:
+        w = float(_w(last.point, factors))
+        if abs(w) <= LARGEST_COORDINATE and last.nearest < math.inf:
+            return w
+    return LARGEST_COORDINATE
+
+
+def _span(mesh: Mesh, factors: Factors) -> Span:
+    """Return the span of an object, looked for once."""
+    known = _known.setdefault(mesh, {})
+    span = known.get(factors)
+    if span is None:
+        span = _find_span(mesh, factors)
+        if len(known) >= MOST_KNOWN:
+            known.clear()
+        known[factors] = span
+    return span
+
+
+def _find_span(mesh: Mesh, factors: Factors) -> Span:
+    """Look at all vertices of an object."""
+    vertices, ends = mesh.vertices, []
+    for first in range(0, len(vertices), BLOCK):
+        w = _w(vertices[first : first + BLOCK], factors)
+        # The first that is not a number is both.
+        ends += [(float(w[n]), first + int(n)) for n in (w.argmin(), w.argmax())]
+    if all(abs(w) <= LARGEST_COORDINATE for w, _ in ends):
+        least, greatest = min(ends), max(ends)
+        if all((mesh.faces == n).any() for _, n in (least, greatest)):
+            return Span(least[0], greatest[0], vertices[least[1]].copy())
+    # Leave out what is too far, or not a number, and what no face has.
+    w = _w(vertices, factors)
+    numbers = np.flatnonzero(mesh.used_vertices() & (np.abs(w) <= LARGEST_COORDINATE))
+    if not len(numbers):
+        return Span(math.inf, -math.inf, vertices[0].copy())
+    vertex = int(numbers[w[numbers].argmin()])
+    return Span(float(w[vertex]), float(w[numbers].max()), vertices[vertex].copy())
+
+
+def _w(points: Float64, factors: Factors) -> Float64:
+    """Return w of points, (..., 3) in model space."""
+    a, b, c, d = factors
+    with np.errstate(all="ignore"):
+        return a * points[..., 0] + b * points[..., 1] + c * points[..., 2] + d
 
 
 def ndc_format(name: str, sign: float) -> DepthFormat:

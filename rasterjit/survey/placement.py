@@ -115,6 +115,33 @@ class Boxes:
         """Return a clip-space w that nothing in view is beyond."""
         return float(self._reach[0, self.in_view].max(initial=0.0))
 
+    def w_ranges(self, row: Float64) -> tuple[Float64, Float64, Float64]:
+        """
+        Return between which clip-space w the vertices of each object in view lie, (N,) each.
+
+        Parameters
+        ----------
+        row : (4,) float64
+            The last one of ``clip_from_relative``.
+
+        Returns
+        -------
+        low, high : (N,)
+            None is below or above; not a number where the box says nothing.
+        within : (N,)
+            One at least is not above: each side of a box touches a vertex.
+        """
+        low, high = self._bounds[self.in_view].transpose(1, 0, 2)
+        m = self.relative_from_model[self.in_view]
+        with np.errstate(invalid="ignore", over="ignore"):
+            along = (row[0] * m[:, 0] + row[1] * m[:, 1]) + row[2] * m[:, 2]
+            middle = along[:, :3] * (low / 2.0 + high / 2.0)
+            half = np.abs(along[:, :3]) * (high / 2.0 - low / 2.0)
+            center, reach = middle.sum(axis=1) + (along[:, 3] + row[3]), half.sum(axis=1)
+            doubt = ROUNDING * self._reach[0, self.in_view]
+            above = center + (reach + doubt)
+            return center - (reach + doubt), above, above - 2.0 * half.max(axis=1)
+
     def farthest(self) -> float:
         """Return a distance from the eye, scene units, that nothing in view is beyond."""
         corners = self.corners[self.in_view]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import combined
 import numpy as np
 import pytest
 from combined import ROWS, SIZE, SWITCHES, all_pairs, pairs_of, scene_of, settings_of
@@ -49,6 +50,13 @@ def test_every_two_settings_meet():
     found = [pairs_of(settings_of(*row)) for row in ROWS]
     assert set().union(*found) == all_pairs()
     assert all(len(bits) == len(SWITCHES) for bits, _ in ROWS)
+
+
+def test_one_more_switch_is_covered(monkeypatch):
+    monkeypatch.setattr(combined, "ROWS", combined.rows_for_one_more())
+    monkeypatch.setattr(combined, "SWITCHES", (*SWITCHES, "one more"))
+    found = [pairs_of(settings_of(*row)) for row in combined.ROWS]
+    assert set().union(*found) == all_pairs()
 
 
 def test_every_effect_that_a_scene_asks_for_is_switched():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from fractions import Fraction
 
 import naive
@@ -510,6 +511,51 @@ def test_many_parts_print_as_their_sum():
     assert len(told.parts) == 20
     rest = sum(part.share for part in told.parts[12:])
     assert f"and 8 more: x {rest:.4f}" in str(told)
+
+
+# --- many samples ---------------------------------------------------------------------------------
+
+
+def card(image, mode="opaque"):
+    """Return a square 2 scene units wide with a picture on it."""
+    corners = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], float)
+    texture = rj.Texture(image.astype(np.float32), color_space="linear")
+    material = rj.Material("unlit", base_color_texture=texture, alpha_mode=mode)
+    return rj.Mesh(corners, [[0, 1, 2], [0, 2, 3]], uv=corners[:, :2] / 2 + 0.5, material=material)
+
+
+@pytest.mark.parametrize("samples", [64, 256])
+def test_a_texture_is_told_as_samples_that_lie_so_close_see_it(samples):
+    # One of 8 x 8 pixels sees the light square alone, each sample a texel. In the level for one
+    # sample a pixel the square is a quarter of each of the four texels around.
+    side = math.isqrt(samples)
+    image = np.full((8 * side, 8 * side, 3), 0.125)
+    image[5 * side // 2 : 7 * side // 2, 9 * side // 2 : 11 * side // 2] = 0.75
+    camera = rj.OrthographicCamera((0.125, 0.125, 3), (0.125, 0.125, 0), height=2.0, far=9.0)
+    quality = rj.Quality(samples=samples)
+    frame = rj.render(card(image), camera, size=(8, 8), quality=quality, outputs=("linear",))
+    assert frame.linear[3, 4, :3].tolist() == [0.75] * 3
+    told = rj.explain_pixel(card(image), camera, (8, 8), 4, 3, quality=quality)
+    assert told.linear.tobytes() == frame.linear[3, 4].tobytes()
+    assert told.light.texture.tolist() == told.parts[0].color.tolist() == [0.75] * 3
+    one = rj.explain_pixel(card(image), camera, (8, 8), 4, 3)
+    assert one.light.texture == pytest.approx([0.28125] * 3)
+
+
+@pytest.mark.parametrize("samples", [64, 256])
+def test_what_is_seen_through_holes_at_the_centre_is_that_of_one_sample(samples):
+    image = np.random.default_rng(3).random((128, 128, 4))
+    scene = rj.Scene()
+    tilt = transforms.rotate((1, 0, 0), -50)
+    scene.add(card(image, "mask"), tilt)
+    scene.add(card(image), transforms.translate((0, 0, -3)) @ np.diag((4.0, 4.0, 1.0, 1.0)))
+    camera = rj.PerspectiveCamera((0, 0, 4), (0, 0, 0), near=0.5, far=20.0)
+    pixels = [(x, y) for x in range(7, 18) for y in range(6, 12, 2)]
+    frame = assert_says_what_the_frame_shows(
+        scene, camera, (24, 18), pixels, quality=rj.Quality(samples=samples)
+    )
+    owners = {int(frame.object_id[y, x]) for x, y in pixels}
+    assert owners == {0, 1}
 
 
 # --- nothing there, and wrong arguments -----------------------------------------------------------

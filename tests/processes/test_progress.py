@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import sys
+from types import SimpleNamespace
 
 import pytest
 
@@ -68,6 +69,18 @@ def test_what_is_soon_done_is_not_told(monkeypatch, seconds):
         shown.end()
     assert told[1:] == ([""] if seconds > 2.0 else [])
     assert len(told) == (2 if seconds > 2.0 else 0)
+
+
+def test_time_that_passes_shows_that_there_is_life(monkeypatch):
+    times = iter([5.0, 5.2, 5.3, 8.2])
+    monkeypatch.setattr(progress, "time", SimpleNamespace(monotonic=lambda: next(times)))
+    monkeypatch.setattr(progress, "PATIENCE", 0.0)
+    told = []
+    with progress.told_to(told.append):
+        shown = Progress({})
+        for _ in range(3):
+            shown.tell()
+    assert [text.rpartition(": ")[2] for text in told] == ["0 of 0, 0 s", "0 of 0, 3 s"]
 
 
 def test_processes_that_share_a_job_say_nothing(monkeypatch):

@@ -9,6 +9,7 @@ import sys
 import tempfile
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -204,21 +205,69 @@ def test_a_full_disk_keeps_nothing_leaves_nothing_and_is_told_once(place, monkey
     )
 
 
+def refuse_new_files(monkeypatch, error):
+    """Let no entry be begun; return a list that gets the path of each that somebody tries to."""
+    tried, begin = [], os.open
+
+    def refuse(path, *arguments, **options):
+        if not str(path).endswith(store.PART):
+            return begin(path, *arguments, **options)
+        tried.append(path)
+        raise error
+
+    monkeypatch.setattr(os, "open", refuse)
+    return tried
+
+
 def test_a_folder_that_cannot_be_written_is_read_and_told_once(place, monkeypatch, capfd):
     load()
     kept = entry(place)
 
-    def refuse(*arguments, **options):
-        raise OSError(errno.EROFS, "read-only file system")
-
-    monkeypatch.setattr(tempfile, "mkstemp", refuse)
-    monkeypatch.setattr(store, "open", refuse, raising=False)
+    refuse_new_files(monkeypatch, OSError(errno.EROFS, "read-only file system"))
     assert load()
     assert capfd.readouterr().err == ""
     kept.unlink()
     assert [load(), load()] == [False, False]
     assert list(place.iterdir()) == []
     assert capfd.readouterr().err.count("read-only file system\n") == 1
+
+
+def test_a_folder_that_windows_lets_nobody_write_to_is_tried_once(place, monkeypatch, capfd):
+    """There `os.access` says that one may, so that `tempfile` tries one name after the other."""
+    tried = refuse_new_files(monkeypatch, PermissionError(errno.EACCES, "access is denied"))
+    monkeypatch.setattr(tempfile, "_os", SimpleNamespace(**{**vars(os), "name": "nt"}))
+    monkeypatch.setattr(tempfile, "TMP_MAX", 100)
+    assert not load()
+    assert len(tried) == 1
+    assert capfd.readouterr().err.endswith(f"not kept on disk: {place}: access is denied\n")
+
+
+@pytest.mark.parametrize("refusals", [3, 4])
+def test_a_file_that_is_in_use_for_a_moment_is_waited_for(place, monkeypatch, capfd, refusals):
+    """Windows neither reads nor replaces what another process has open."""
+    monkeypatch.setattr(store, "PAUSES", (0.0, 0.0, 0.0))
+    replace, read_bytes, left = os.replace, Path.read_bytes, []
+
+    def refuse_often(action, *arguments):
+        if not left:
+            return action(*arguments)
+        left.pop()
+        raise PermissionError(errno.EACCES, "in use")
+
+    monkeypatch.setattr(store.os, "replace", lambda *paths: refuse_often(replace, *paths))
+    monkeypatch.setattr(Path, "read_bytes", lambda path: refuse_often(read_bytes, path))
+    header, path = store.Header(*"abcdefg"), place / "a.kernel"
+    left[:] = [1] * refusals
+    store.write(path, header, b"code")
+    is_told = refusals > 3
+    assert path.exists() != is_told
+    assert capfd.readouterr().err.count("not kept on disk") == is_told
+    assert [one.suffix for one in place.iterdir()] == [] if is_told else [".kernel"]
+    left.clear()
+    store.write(path, header, b"code")
+    left[:] = [1] * refusals
+    assert store.read(path) == (None if is_told else (header, b"code"))
+    assert capfd.readouterr().err.count("cannot be used") == is_told
 
 
 def test_a_folder_that_cannot_be_made_is_told(tmp_path, monkeypatch, capfd):

@@ -157,3 +157,91 @@ def test_what_is_out_of_view_asks_for_nothing():
 @pytest.mark.parametrize("name", ["float32-reversed", "float32", "float64", "unorm16", "unorm24"])
 def test_what_is_too_far_to_be_drawn_asks_for_no_near_plane(name):
     assert draw(square(1e300), 0.1, name=name) == (math.inf, -1)
+
+
+def test_vertices_of_no_face_hide_no_loss():
+    scene, lost = square(1e6), r"^camera\.near must be at least 7\.71, .* 1e\+06 away; got 0\.1$"
+    corners = scene.nodes[0].mesh.vertices
+    # Before the eye, behind it, and where nothing is drawn.
+    scene.add(rj.Mesh([*corners, (0, 0, -1), (0, 0, 1), (0, 0, -1e300)], [[0, 1, 2], [0, 2, 3]]))
+    with pytest.raises(ValueError, match=lost):
+        draw(scene, 0.1, name="unorm16")
+
+
+class Watched(rj.Mesh):
+    """Counts how often somebody asks for its vertices."""
+
+    looks = 0
+
+    @property
+    def vertices(self):
+        Watched.looks += 1
+        return super().vertices
+
+
+def ball(rng, loose=9):
+    """Return loose triangles, their corners 1 from the origin, and some vertices of none."""
+    points = rng.normal(size=(300 + loose, 3))
+    points /= np.linalg.norm(points, axis=1, keepdims=True)
+    points[300:] *= rng.uniform(0.5, 1.5, (loose, 1))
+    return Watched(points, np.arange(300).reshape(-1, 3))
+
+
+def looks_of(renderer, scene, eye, near, far):
+    """Draw a scene; return how often its vertices were asked for."""
+    before = Watched.looks
+    camera = rj.PerspectiveCamera(eye, (0, 0, 0), near=near, far=far)
+    renderer.render(scene, camera, outputs=("depth",))
+    return Watched.looks - before
+
+
+# From the first eye, vertices lie from 2.00 to 4.00 away and the box from 1.36 to 4.66.
+@pytest.mark.parametrize(
+    ("name", "near", "far", "is_open"),
+    [
+        ("float32-reversed", 1e-13, 4.7, False),
+        ("float32-reversed", 1e-13, 4.2, True),
+        ("unorm16", 3e-5, 100.0, False),
+        ("unorm16", 1.6e-5, 100.0, True),
+        ("float32", 1.2e-7, 1000.0, False),
+        ("float32", 6.1e-8, 1000.0, True),
+    ],
+)
+def test_vertices_are_looked_at_once_and_only_if_the_boxes_leave_it_open(name, near, far, is_open):
+    scene = rj.Scene()
+    scene.add(ball(np.random.default_rng(0)))
+    renderer = rj.Renderer((4, 3), quality=rj.Quality(depth_format=name))
+    looks_of(renderer, scene, (9, 9, 9), 0.1, 100.0)
+    assert (looks_of(renderer, scene, (2, 2, 1), near, far) > 0) == is_open
+    assert looks_of(renderer, scene, (2, 2, 1), near, far) == 0
+    if name != "float32-reversed":
+        # What was nearest before shows that something still is near enough.
+        assert looks_of(renderer, scene, (1.99, 2, 1), near, far) == 0
+
+
+@pytest.mark.parametrize("name", ["float32-reversed", "float32", "unorm16"])
+def test_refused_is_what_all_vertices_of_faces_say(name):
+    """The least near plane is that of the nearest or the farthest of them, of any object."""
+    rng, refused = np.random.default_rng(7), []
+    held = 2.0**-126 if name == "float32-reversed" else LEAST_HELD[name]
+    for _ in range(40):
+        scene = rj.Scene()
+        for _ in range(rng.integers(1, 5)):
+            turn = rj.transforms.rotate(rng.normal(size=3), rng.uniform(0, 360))
+            place = rj.transforms.translate((*rng.uniform(-1, 1, 2), rng.uniform(-9, -6)))
+            scene.add(ball(rng), place @ turn @ np.diag((*rng.uniform(0.1, 2.0, 3), 1.0)))
+        depths = np.concatenate([
+            -node.mesh.vertices[:300] @ node.world_from_model[2, :3] - node.world_from_model[2, 3]
+            for node in scene.nodes
+        ])  # fmt: skip
+        # All vertices are in view, or beyond no plane but the near and the far one.
+        least = held * (depths.max() if name == "float32-reversed" else depths.min())
+        for share in (1.0 - 1e-9, 1.0 + 1e-9, rng.uniform(0.5, 2.0)):
+            if share < 1.0:
+                with pytest.raises(ValueError, match=r"^camera\.near must be at least") as said:
+                    draw(scene, least * share, name=name)
+                assert least_of(said) == pytest.approx(1.01 * least, rel=0.005)
+            else:
+                draw(scene, least * share, name=name)
+            refused.append(share < 1.0)
+    assert 50 < sum(refused) < 70
