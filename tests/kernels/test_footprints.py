@@ -115,11 +115,12 @@ def test_taps_along_a_footprint_equal_exact_ones(name, limit):
     if frame.stats.clipped:
         triangle = [tuple(map(Fraction, point)) for point in points]
     exact_ws, exact_uv = [Fraction(w) for w in ws], [tuple(map(Fraction, p)) for p in uv]
+    planes = naive.planes_of(triangle, exact_ws, exact_uv)
     counts = []
     pixels = np.argwhere(frame.face_id >= 0)
     for row, column in pixels[:: max(1, len(pixels) // 25)].tolist():
         point = (column + naive.HALF, row + naive.HALF)
-        footprint = point, triangle, exact_ws, exact_uv, (16, 16)
+        footprint = point, planes, (16, 16)
         exact, count, margin = naive.anisotropic(levels, ("mirror", "mirror"), footprint, limit)
         if margin < 1e-9 and 1 < count < limit:
             continue

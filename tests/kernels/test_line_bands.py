@@ -131,7 +131,7 @@ def test_channels_just_below_an_integer_are_not_rounded_up():
             expected = np.zeros((256, n + 1, 4), np.uint8)
             rows = values + line[1]
             expected[rows, np.arange(n + 1)] = (ramp[0] + values)[:, None]
-            np.testing.assert_array_equal(image, expected, err_msg=str(line))
+            assert np.array_equal(image.view(np.uint32), expected.view(np.uint32)), line
 
 
 def test_order_holds_between_short_and_long_lines():

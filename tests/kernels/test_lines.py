@@ -57,11 +57,28 @@ def test_every_pair_on_a_grid_is_the_exact_line_in_pixels_and_colors():
             shift = np.arange(len(ends))[:, None] * (0, side)
             image = draw((side, side * len(ends)), np.hstack((starts + shift, ends + shift)), ramp)
             expected = naive.lines_on_panels(starts, ends, ramp, side)
-            np.testing.assert_array_equal(
-                image.view(np.uint32), expected.view(np.uint32), err_msg=str(start)
-            )
+            assert np.array_equal(image.view(np.uint32), expected.view(np.uint32)), start
             drawn += len(ends)
     assert drawn == side**4
+
+
+def test_the_reference_in_whole_numbers_is_the_oracle_s():
+    rng = np.random.default_rng(9)
+    for number in range(200):
+        reach = 2 ** int(rng.integers(1, 32)) if number % 2 else 12
+        start, end = np.clip(rng.integers(-reach, reach, (2, 2)), -reach, reach).tolist()
+        colors = random_colors(rng, 1)[0].tolist()
+        n = max(abs(end[0] - start[0]), abs(end[1] - start[1]))
+        # All steps of short lines, some of long ones; each in the middle of a picture.
+        steps = range(n + 1) if n < 30 else np.sort(rng.integers(0, n + 1, 20)).tolist()
+        pixels = oracle.line_pixels(start, end, steps=steps)
+        listed = oracle.line_colors(start, end, *colors, steps=steps)
+        for step, (x, y), color in zip(steps, pixels, listed, strict=True):
+            image, expected = np.zeros((2, 3, 3, 4), np.uint8)
+            expected[1, 1] = color
+            moved = [(px - x + 1, py - y + 1) for px, py in (start, end)]
+            naive.draw_line(image, *moved, *colors, steps=[step])
+            np.testing.assert_array_equal(image, expected, err_msg=f"{start} {end} {step}")
 
 
 def test_the_fast_reference_of_the_grid_is_the_slow_one():

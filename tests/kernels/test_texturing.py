@@ -148,6 +148,22 @@ def test_alpha_of_a_texture_is_not_drawn():
 
 
 @pytest.mark.parametrize("name", TRIANGLES)
+def test_coordinates_in_whole_numbers_are_those_of_the_oracle(name):
+    points, ws, _ = TRIANGLES[name]
+    uvs = [(0.0, 0.25), (3.0, 0.5), (1.0, 4.0)]
+    triangle = [tuple(map(Fraction, point)) for point in points]
+    exact = [Fraction(w) for w in ws], [tuple(map(Fraction, uv)) for uv in uvs]
+    planes = naive.planes_of(triangle, *exact)
+    inside = 0
+    for column, row in np.ndindex(*SIZE):
+        point = column + naive.HALF, row + Fraction(1, 3)
+        weights = oracle.perspective_weights(triangle, ws, point)
+        assert naive.coordinates_at(point, planes) == oracle.interpolate(weights, uvs)
+        inside += min(weights) > 0
+    assert inside > 200
+
+
+@pytest.mark.parametrize("name", TRIANGLES)
 def test_mip_levels_in_perspective_equal_exact_ones(name):
     points, ws, repeats = TRIANGLES[name]
     uv = (np.array([(0.0, 0.25), (3.0, 0.5), (1.0, 4.0)]) * repeats).tolist()
@@ -160,12 +176,13 @@ def test_mip_levels_in_perspective_equal_exact_ones(name):
         # The weights of a clipped face are those of its vertices as they are.
         triangle = [tuple(map(Fraction, point)) for point in points]
     exact_ws, exact_uv = [Fraction(w) for w in ws], [tuple(map(Fraction, p)) for p in uv]
+    planes = naive.planes_of(triangle, exact_ws, exact_uv)
     details = []
     pixels = np.argwhere(frame.face_id >= 0)
     for row, column in pixels[:: max(1, len(pixels) // 60)].tolist():
         point = (column + naive.HALF, row + naive.HALF)
-        u, v = naive.coordinates_at(point, triangle, exact_ws, exact_uv)
-        detail = naive.level_of_detail(point, triangle, exact_ws, exact_uv, (16, 16))
+        u, v = naive.coordinates_at(point, planes)
+        detail = naive.level_of_detail(point, planes, (16, 16))
         exact = float(naive.trilinear(levels, u, v, ("mirror", "mirror"), detail))
         details.append(detail)
         assert abs(frame.linear[row, column, 0] - exact) <= MIX_ROUNDINGS + DETAIL_ERROR

@@ -74,12 +74,13 @@ def cut(faces, camera, size, points, ws, texture, uvs, cutoff):
         corners = [tuple(Fraction(c, 256) for c in p) for p in oracle.snap_triangle(points[n])]
         exact_ws = [Fraction(w) for w in ws[n]]
         exact_uv = [tuple(map(Fraction, place)) for place in uvs[n]]
+        planes = naive.planes_of(corners, exact_ws, exact_uv)
         for row, column in np.argwhere(covered >= 0).tolist():
             if alone[row, column] <= depth[row, column]:
                 continue
             point = (column + naive.HALF, row + naive.HALF)
-            place = naive.coordinates_at(point, corners, exact_ws, exact_uv)
-            footprint = point, corners, exact_ws, exact_uv, texture.size
+            place = naive.coordinates_at(point, planes)
+            footprint = point, planes, texture.size
             alpha = texture_alpha(texture, levels, place, footprint)
             closest = min(closest, abs(float(alpha) - cutoff))
             if alpha >= Fraction(float(np.float32(cutoff))):

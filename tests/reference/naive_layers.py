@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from fractions import Fraction
 from itertools import pairwise
 
@@ -53,26 +54,61 @@ def exact_surfaces(triangles, size, place=CENTRE):
     Returns
     -------
     dict of (column, row): [(depth, face), ...]
+        In the order of the exact depths; each is rounded once, to float64.
     """
-    found = {}
-    for face, (points, depths) in enumerate(triangles):
-        corners = oracle.snap_triangle(points)
-        for column, row in oracle.covered_pixels(points, size, sample=place):
-            where = (column + place[0]) * 256, (row + place[1]) * 256
-            depth = oracle.depth_at(corners, depths, where)
-            found.setdefault((column, row), []).append((depth, face))
-    return {pixel: sorted(surfaces) for pixel, surfaces in found.items()}
+    x, y = naive_visibility.samples_of(size, 256, place)
+    found, planes = [], []
+    for points, depths in triangles:
+        a, b, c = corners = oracle.snap_triangle(points)
+        covered = naive_visibility.covers(corners, x, y)
+        # Depth is a whole number over the area and the denominator of the three depths.
+        exact = [Fraction(float(z)) for z in depths]
+        whole = math.lcm(*(z.denominator for z in exact))
+        edges = [naive_visibility.edge(*ends, x, y) for ends in ((b, c), (c, a), (a, b))]
+        at = sum(
+            values[covered].astype(object) * int(z * whole)
+            for values, z in zip(edges, exact, strict=True)
+        )
+        under = oracle.edge(a, b, c) * whole
+        planes.append((covered, at, under))
+        # Python divides whole numbers with one rounding, so floats that differ are in order.
+        depth = np.full(covered.shape, np.nan)
+        depth[covered] = (at / under).astype(float) if len(at) else 0.0
+        found.append(depth)
+    surfaces = _by_pixel(found)
+    for (column, row), here in surfaces.items():
+        if any(one == other for (one, _), (other, _) in pairwise(here)):
+            exact = {}
+            for _, face in here:
+                covered, at, under = planes[face]
+                index = np.count_nonzero(covered[:row]) + np.count_nonzero(covered[row, :column])
+                exact[face] = Fraction(at[index], under)
+            here.sort(key=lambda surface, exact=exact: (exact[surface[1]], surface[1]))
+    return surfaces
 
 
 def rounded_surfaces(triangles, size, place=CENTRE):
     """Return the same by depths as they are stored: (minus depth, face)."""
-    found = {}
+    found = []
     way = [float(CENTRE[axis] - place[axis]) for axis in (0, 1)]
-    for face, (points, depths) in enumerate(triangles):
+    for points, depths in triangles:
         seen = naive_visibility.stored_depths(np.add(points, way), stored(depths), size)
-        for row, column in np.argwhere(seen > -np.inf).tolist():
-            found.setdefault((column, row), []).append((-seen[row, column], face))
-    return {pixel: sorted(surfaces) for pixel, surfaces in found.items()}
+        found.append(np.where(seen > -np.inf, -seen, np.nan))
+    return _by_pixel(found)
+
+
+def _by_pixel(depths):
+    """Return what covers each pixel, sorted, of the depths of faces, (H, W), NaN beside them."""
+    depths = np.asarray(depths)
+    faces, rows, columns = np.nonzero(~np.isnan(depths))
+    values = depths[faces, rows, columns]
+    order = np.lexsort((faces, values, columns, rows))
+    surfaces = {}
+    for row, column, value, face in zip(
+        *(some[order].tolist() for some in (rows, columns, values, faces)), strict=True
+    ):
+        surfaces.setdefault((column, row), []).append((value, face))
+    return surfaces
 
 
 def seen_faces(surfaces, is_blended):
@@ -98,12 +134,25 @@ def over(faces, colors, background):
     return np.append(seen[:3] / seen[3], seen[3]) if seen[3] > 0.0 else np.append(seen[:3], 0.0)
 
 
+def picture(surfaces, seen, colors, background, size):
+    """Return what the seen faces of each pixel's surfaces show, (H, W, 4) float64."""
+    shown = np.empty((size[1], size[0], 4))
+    shown[:] = background
+    known = {}
+    for (column, row), found in surfaces.items():
+        faces = tuple(seen(found))
+        if faces not in known:
+            known[faces] = over(faces, colors, background)
+        shown[row, column] = known[faces]
+    return shown
+
+
 def mean(colors):
-    """Return the mean of straight RGBA colours, (N, 4): of what is emitted, and of alpha."""
+    """Return the mean of straight RGBA colours, (..., N, 4): of what is emitted, and of alpha."""
     colors = np.asarray(colors, float)
-    premultiplied = colors[:, :3] * colors[:, 3:]
-    alpha = colors[:, 3].mean()
-    return np.append(premultiplied.mean(axis=0) / (alpha if alpha > 0.0 else 1.0), alpha)
+    premultiplied = (colors[..., :3] * colors[..., 3:]).mean(axis=-2)
+    alpha = colors[..., 3].mean(axis=-1)[..., np.newaxis]
+    return np.concatenate([premultiplied / np.where(alpha > 0.0, alpha, 1.0), alpha], axis=-1)
 
 
 def crossings(lines):
@@ -142,7 +191,8 @@ def exact_shares(triangles, column, row):
             (Fraction(x, 256) - column, Fraction(y, 256) - row)
             for x, y in oracle.snap_triangle(points)
         ]
-        if oracle.edge(*corners) == 0 or oracle.pixel_area(corners, 0, 0) == 0:
+        beside = any(max(along) <= 0 or min(along) >= 1 for along in zip(*corners, strict=True))
+        if beside or oracle.edge(*corners) == 0 or oracle.pixel_area(corners, 0, 0) == 0:
             continue
         if oracle.edge(*corners) < 0:
             corners, depths = corners[::-1], depths[::-1]

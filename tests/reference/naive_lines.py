@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
 from fractions import Fraction
@@ -12,13 +13,21 @@ from rasterjit.inspect import oracle
 
 
 def draw_line(image, start, end, start_color, end_color, steps=None):
-    """Draw the steps of a line (all, or those given) that lie inside; image is (H, W, 4) uint8."""
+    """
+    Draw the steps of a line (all, or those given) that lie inside; image is (H, W, 4) uint8.
+
+    What ``oracle.line_pixels`` and ``oracle.line_colors`` list, in whole numbers: of n steps, step
+    k of a change by d is k d / n, rounded half up, which is (2 k d + n) // (2 n).
+    """
     height, width = image.shape[:2]
-    pixels = oracle.line_pixels(start, end, steps=steps)
-    colors = oracle.line_colors(start, end, start_color, end_color, steps=steps)
-    for (x, y), color in zip(pixels, colors, strict=True):
+    (x0, y0), dx, dy = start, end[0] - start[0], end[1] - start[1]
+    n = max(abs(dx), abs(dy))
+    double = 2 * max(n, 1)
+    ramp = [(a, b - a) for a, b in zip(start_color, end_color, strict=True)]
+    for k in range(n + 1) if steps is None else steps:
+        x, y = x0 + (2 * k * dx + n) // double, y0 + (2 * k * dy + n) // double
         if 0 <= x < width and 0 <= y < height:
-            image[y, x] = color
+            image[y, x] = [first + (2 * k * change + n) // double for first, change in ramp]
 
 
 def triangle_pixels(vertices, colors, size, edges="top-left"):
@@ -63,24 +72,35 @@ def bezier_vertices(points, segments):
     return vertices
 
 
+MOST_CHANGE = 255
+"""Of a channel, and of a coordinate on a panel."""
+
+
+@functools.cache
+def moved(side):
+    """Return k d / n, rounded half up, at [n, k, d + MOST_CHANGE], int32; n and k < side."""
+    n, k = np.arange(side)[:, None, None], np.arange(side)[None, :, None]
+    change = np.arange(-MOST_CHANGE, MOST_CHANGE + 1)
+    return ((2 * k * change + n) // (2 * np.maximum(n, 1))).astype(np.int32)
+
+
 def lines_on_panels(starts, ends, colors, side):
     """
     Draw line i into panel i of a (N * side, side, 4) picture, all at once.
 
-    The same formulas as ``oracle.line_pixels``, in NumPy integers, for points inside the panel.
+    The same formulas as in `draw_line`, looked up in a table, for points inside the panel.
     """
-    picture = np.zeros((len(starts) * side, side, 4), np.uint8)
+    assert side <= MOST_CHANGE
+    picture, table = np.zeros((len(starts) * side * side, 4), np.uint8), moved(side)
     change = ends - starts
-    n = np.abs(change).max(axis=1)[:, None, None]
-    k = np.arange(side)[None, :, None]
-    divisor = 2 * np.maximum(n, 1)
-    place = starts[:, None] + (2 * k * change[:, None] + n) // divisor
-    first, last = colors[:, None, 0].astype(np.int64), colors[:, None, 1].astype(np.int64)
-    ramp = first + (2 * k * (last - first) + n) // divisor
-    panel, step = np.nonzero((k <= n)[:, :, 0])
-    x, y = place[panel, step].T
-    picture[panel * side + y, x] = ramp[panel, step]
-    return picture
+    n = np.abs(change).max(axis=1)
+    first, last = colors[:, 0].astype(np.int32), colors[:, 1].astype(np.int32)
+    panel, step = np.nonzero(np.arange(side) <= n[:, None])
+    row = (n[panel] * side + step) * table.shape[2] + MOST_CHANGE
+    x, y = (starts[panel, axis] + table.take(row + change[panel, axis]) for axis in (0, 1))
+    ramp = first[panel] + table.take(row[:, None] + (last - first)[panel])
+    picture[(panel * side + y) * side + x] = ramp
+    return picture.reshape(-1, side, 4)
 
 
 def lines_of_bands(ends, size, rows):

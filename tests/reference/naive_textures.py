@@ -13,7 +13,6 @@ from fractions import Fraction
 import numpy as np
 
 import rasterjit as rj
-from rasterjit.inspect import oracle
 from rasterjit.pipeline.surface import texture_lookup
 
 HALF = Fraction(1, 2)
@@ -32,10 +31,11 @@ def wrapped(i, size, wrap):
 
 
 def position(u, size, wrap):
-    """Return where a coordinate lies, in texels."""
+    """Return where a coordinate lies, in steps of 1/STEPS texel."""
     if wrap == "clamp":
-        u = min(max(u, Fraction(0)), Fraction(1))
-    return Fraction(math.floor(u * size * STEPS + HALF), STEPS)
+        u = min(max(u, 0), 1)
+    above, below = u.as_integer_ratio()
+    return (2 * above * size * STEPS + below) // (2 * below)
 
 
 def texel(image, column, row, wraps):
@@ -59,18 +59,18 @@ def texels_around(level, u, v, wraps, offset):
 def nearest(image, u, v, wraps):
     x = position(u, len(image[0]), wraps[0])
     y = position(v, len(image), wraps[1])
-    return texel(image, math.floor(x), math.floor(y), wraps)
+    return texel(image, x // STEPS, y // STEPS, wraps)
 
 
 def bilinear(image, u, v, wraps):
-    x = position(u, len(image[0]), wraps[0]) - HALF
-    y = position(v, len(image), wraps[1]) - HALF
-    left, low = math.floor(x), math.floor(y)
-    return sum(
-        (1 - abs(x - column)) * (1 - abs(y - row)) * texel(image, column, row, wraps)
-        for column in (left, left + 1)
-        for row in (low, low + 1)
-    )
+    left, right = divmod(position(u, len(image[0]), wraps[0]) - STEPS // 2, STEPS)
+    low, high = divmod(position(v, len(image), wraps[1]) - STEPS // 2, STEPS)
+    mix = sum(
+        (STEPS - abs(right - n * STEPS)) * (STEPS - abs(high - m * STEPS))
+        * texel(image, left + n, low + m, wraps)
+        for n in (0, 1) for m in (0, 1)
+    )  # fmt: skip
+    return Fraction(mix, STEPS * STEPS)
 
 
 def trilinear(levels, u, v, wraps, detail):
@@ -117,22 +117,43 @@ def exact_image(array):
     return [[Fraction(float(value)) for value in row] for row in array]
 
 
-def coordinates_at(point, triangle, ws, uvs):
+def planes_of(triangle, ws, uvs):
+    """
+    Return the planes of 1 / w, u / w and v / w on the screen, all times one number.
+
+    Each is (a, b, c) in whole numbers: the value at a point is ``a x + b y + c``. They are what
+    ``oracle.perspective_weights`` divides by each other.
+    """
+    planes = [[Fraction(0)] * 3 for _ in range(3)]
+    for n, (w, uv) in enumerate(zip(ws, uvs, strict=True)):
+        # The edge function of the other two vertices, as a plane.
+        (px, py), (qx, qy) = triangle[n - 2], triangle[n - 1]
+        edge = py - qy, qx - px, (qy - py) * px - (qx - px) * py
+        for plane, value in zip(planes, (1, *uv), strict=True):
+            plane[:] = [have + part * value / w for have, part in zip(plane, edge, strict=True)]
+    times = math.lcm(*(part.denominator for plane in planes for part in plane))
+    return tuple(tuple(int(part * times) for part in plane) for plane in planes)
+
+
+def coordinates_at(point, planes):
     """Return the exact perspective-correct texture coordinates at a point of the screen."""
-    weights = oracle.perspective_weights(triangle, ws, point)
-    return tuple(sum(w * uv[k] for w, uv in zip(weights, uvs, strict=True)) for k in range(2))
+    (x, across), (y, down) = (number.as_integer_ratio() for number in point)
+    below = math.lcm(across, down)
+    x, y = x * (below // across), y * (below // down)
+    w, u, v = (a * x + b * y + c * below for a, b, c in planes)
+    return Fraction(u, w), Fraction(v, w)
 
 
 DIFFERENCE = Fraction(1, 1 << 20)
 """Pixels by which coordinates are moved to find how fast they change."""
 
 
-def steps_at(point, triangle, ws, uvs):
+def steps_at(point, planes):
     """Return the steps (u, v) of a pixel to the right and down, from differences around it."""
     steps = []
     for dx, dy in ((DIFFERENCE, 0), (0, DIFFERENCE)):
-        there = coordinates_at((point[0] + dx, point[1] + dy), triangle, ws, uvs)
-        back = coordinates_at((point[0] - dx, point[1] - dy), triangle, ws, uvs)
+        there = coordinates_at((point[0] + dx, point[1] + dy), planes)
+        back = coordinates_at((point[0] - dx, point[1] - dy), planes)
         steps.append([(a - b) / (2 * DIFFERENCE) for a, b in zip(there, back, strict=True)])
     return steps
 
@@ -142,9 +163,9 @@ def length(step, size):
     return math.sqrt(sum((part * n) ** 2 for part, n in zip(step, size, strict=True)))
 
 
-def level_of_detail(point, triangle, ws, uvs, size):
+def level_of_detail(point, planes, size):
     """Return log2 of the longer step of a pixel on a texture, from differences around it."""
-    longest = max(length(step, size) for step in steps_at(point, triangle, ws, uvs))
+    longest = max(length(step, size) for step in steps_at(point, planes))
     return math.log2(longest) if longest else -math.inf
 
 
@@ -155,9 +176,9 @@ def anisotropic(levels, wraps, footprint, limit):
     The taps are those of the Khronos Group's EXT_texture_filter_anisotropic, along a straight line;
     the shorter step counts as a texel at least.
     """
-    point, triangle, ws, uvs, size = footprint
-    u, v = coordinates_at(point, triangle, ws, uvs)
-    steps = steps_at(point, triangle, ws, uvs)
+    point, planes, size = footprint
+    u, v = coordinates_at(point, planes)
+    steps = steps_at(point, planes)
     longer, shorter = sorted((length(step, size), step) for step in steps)[::-1]
     ratio = longer[0] / max(shorter[0], 1.0)
     parts = max(1.0, min(ratio, limit))

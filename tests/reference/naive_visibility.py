@@ -1,4 +1,4 @@
-"""The slow, obvious twin of the visibility kernel: one triangle, one sample at a time."""
+"""The obvious twin of the visibility kernel: one triangle, in NumPy integers and float64."""
 
 from __future__ import annotations
 
@@ -11,6 +11,53 @@ BLOCK = 64
 
 SMALL = 8
 """Samples that lie in the width of the widest triangle whose depth does not step along rows."""
+
+MOST = 2**29
+"""Coordinates below it, on the sub-pixel grid, have edge functions that 64 bits hold."""
+
+
+def samples_of(size, unit, place=(0.5, 0.5)):
+    """Return x (1, W) and y (H, 1), int64, of the samples of an image on a grid of units."""
+    first = [int(unit * part) for part in place]
+    assert first == [unit * part for part in place], "a place is on the grid"
+    return (
+        np.arange(size[0], dtype=np.int64)[np.newaxis] * unit + first[0],
+        np.arange(size[1], dtype=np.int64)[:, np.newaxis] * unit + first[1],
+    )
+
+
+def edge(a, b, x, y):
+    """Return the edge function of grid points a, b at samples, int64: ``oracle.edge`` for many."""
+    return (b[0] - a[0]) * (y - a[1]) - (b[1] - a[1]) * (x - a[0])
+
+
+def covers(corners, x, y):
+    """
+    Tell by the top-left rule which samples a triangle owns: ``oracle.covers`` for many.
+
+    Parameters
+    ----------
+    corners : three (int, int)
+        On the sub-pixel grid.
+    x, y : (1, W), (H, 1) int64
+        The samples, on the same grid.
+
+    Returns
+    -------
+    (H, W) bool
+    """
+    assert max(abs(c) for corner in corners for c in corner) < MOST
+    assert max(int(x.max()), int(y.max())) < MOST
+    a, b, c = corners
+    area = oracle.edge(a, b, c)
+    if area < 0:
+        b, c = c, b
+    owned = np.full(np.broadcast_shapes(x.shape, y.shape), area != 0)
+    for start, end in ((a, b), (b, c), (c, a)):
+        is_left, is_top = end[1] < start[1], end[1] == start[1] and end[0] > start[0]
+        value = edge(start, end, x, y)
+        owned &= value >= 0 if is_left or is_top else value > 0
+    return owned
 
 
 def stored_depths(points, depths, size, bits=8):
@@ -50,16 +97,19 @@ def stored_depths(points, depths, size, bits=8):
     lowest, highest = min(a[2], b[2], c[2]), max(a[2], b[2], c[2])
     left, right = min(a[0], b[0], c[0]), max(a[0], b[0], c[0])
     width = (right - unit // 2) // unit - -((unit // 2 - left) // unit) + 1
-    covered = oracle.covered_pixels(points, size, subpixel_bits=bits)
-    starts: dict[tuple[int, int], int] = {}
-    for column, row in sorted(covered):
-        starts.setdefault((row, column // BLOCK), column)
-    for column, row in covered:
-        start = starts[row, column // BLOCK] if width > SMALL else column
-        place = start * unit + unit // 2, row * unit + unit // 2
-        edge_bc = float(oracle.edge(b[:2], c[:2], place))
-        edge_ca = float(oracle.edge(c[:2], a[:2], place))
-        depth = c[2] + (edge_bc * weight_a + edge_ca * weight_b)
-        depth = depth + float(column - start) * step
-        found[row, column] = np.float32(min(max(depth, lowest), highest))
+    x, y = samples_of(size, unit)
+    covered = covers((a[:2], b[:2], c[:2]), x, y)
+    # Along a row the depth steps from the first covered sample of each block of columns.
+    start = np.broadcast_to(np.arange(size[0]), covered.shape).copy()
+    if width > SMALL:
+        for first in range(0, size[0], BLOCK):
+            start[:, first : first + BLOCK] = first + np.argmax(
+                covered[:, first : first + BLOCK], axis=1, keepdims=True
+            )
+    at_start = start * unit + unit // 2
+    edge_bc = edge(b, c, at_start, y).astype(float)
+    edge_ca = edge(c, a, at_start, y).astype(float)
+    depth = c[2] + (edge_bc * weight_a + edge_ca * weight_b)
+    depth = depth + (np.arange(size[0]) - start).astype(float) * step
+    found[covered] = np.clip(depth, lowest, highest)[covered]
     return found

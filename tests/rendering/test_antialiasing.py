@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from fractions import Fraction
+from functools import partial
 
 import naive_layers
 import numpy as np
@@ -60,17 +61,9 @@ def expected(surfaces, colors, is_blended, background, size=SIZE):
     """Return the mean of what the samples show, (H, W, 4) float64."""
     opaque = np.array([[*color[:3], color[3] if blended else 1.0]
                        for color, blended in zip(colors, is_blended, strict=True)])  # fmt: skip
-    samples = len(surfaces)
-    shown = np.empty((samples, size[1], size[0], 4))
-    shown[:] = background
-    for n, stored in enumerate(surfaces):
-        for (column, row), found in stored.items():
-            faces = naive_layers.seen_faces(found, is_blended)
-            shown[n, row, column] = naive_layers.over(faces, opaque, background)
-    return np.apply_along_axis(
-        lambda flat: naive_layers.mean(flat.reshape(samples, 4)), 1,
-        shown.transpose(1, 2, 0, 3).reshape(-1, samples * 4),
-    ).reshape(size[1], size[0], 4)  # fmt: skip
+    seen = partial(naive_layers.seen_faces, is_blended=is_blended)
+    shown = [naive_layers.picture(each, seen, opaque, background, size) for each in surfaces]
+    return naive_layers.mean(np.stack(shown, axis=2))
 
 
 @pytest.mark.parametrize("samples", SAMPLES)

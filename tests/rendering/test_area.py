@@ -35,19 +35,27 @@ def crowd(rng, large, small):
 
 
 def test_every_share_is_the_exact_area():
-    # Each triangle has a colour of its own among eight of three channels: shares are read off.
+    # Of three triangles at a time each alone has a channel: shares are read off.
     rng = np.random.default_rng(81)
     checked = intersecting = 0
     for _ in range(4):
         triangles = crowd(rng, 4, 50)
         count = len(triangles)
         shares = np.zeros((count, SIZE[1], SIZE[0]))
-        for face in range(count):
-            colors = np.zeros((count, 4))
-            colors[:, 3], colors[face, 0] = 1.0, 1.0
-            meshes = meshes_of(triangles, colors, np.zeros(count, bool), SIZE)
+        plain = [mesh_of(points, depths, SIZE) for points, depths in triangles]
+        for first in range(0, count, 3):
+            materials = [rj.Material("unlit", "black")] * count
+            of_channels = [
+                rj.Material("unlit", color) for color in np.eye(3)[: count - first].tolist()
+            ]
+            materials[first : first + 3] = of_channels
+            meshes = [
+                rj.Mesh(mesh.vertices, mesh.faces, material=material)
+                for mesh, material in zip(plain, materials, strict=True)
+            ]
             frame = draw(meshes)
-            shares[face] = frame.linear[..., 0] * frame.linear[..., 3]
+            seen = frame.linear[..., :3] * frame.linear[..., 3:]
+            shares[first : first + 3] = seen.transpose(2, 0, 1)[: len(of_channels)]
         # With the background they are the whole pixel.
         np.testing.assert_allclose(shares.sum(axis=0), frame.linear[..., 3], atol=1e-6)
         mixed = np.argwhere((shares > 0).sum(axis=0) > 1)

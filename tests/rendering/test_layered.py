@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import naive_layers
 import numpy as np
 import pytest
 from naive_layers import CAMERA, mesh_of, scene_of
 
 import rasterjit as rj
+from rasterjit.inspect import oracle
 from rasterjit.pipeline.fragments import bands as band_finding
 from rasterjit.pipeline.fragments import fragments
 from rasterjit.rendering import layers
@@ -58,12 +61,36 @@ def expected(surfaces, colors, is_blended, background, size=SIZE):
     """Return the picture that the twin makes, (H, W, 4) float64."""
     opaque = np.array([[*color[:3], color[3] if blended else 1.0]
                        for color, blended in zip(colors, is_blended, strict=True)])  # fmt: skip
-    picture = np.empty((size[1], size[0], 4))
-    picture[:] = background
-    for (column, row), found in surfaces.items():
-        faces = naive_layers.seen_faces(found, is_blended)
-        picture[row, column] = naive_layers.over(faces, opaque, background)
-    return picture
+    seen = partial(naive_layers.seen_faces, is_blended=is_blended)
+    return naive_layers.picture(surfaces, seen, opaque, background, size)
+
+
+def test_the_fast_twin_has_the_surfaces_of_the_oracle():
+    rng, size, places = np.random.default_rng(50), (16, 8), ((8, 8), (9, 1), (0, 15))
+    triangles = soup(rng, 12, size)
+    # Edges through samples, a triangle without area, and equal depths.
+    triangles += [
+        (rng.integers(0, 32, (3, 2)) / 2, rng.integers(0, 3, 3) / 4) for _ in range(24)
+    ]  # fmt: skip
+    triangles += [([(1, 1), (3, 3), (5, 5)], [0.1, 0.2, 0.3]), *triangles[5:9]]
+    # Depths that float64 does not tell apart, but fractions do.
+    corner = [(0, 0), (16, 0), (0, 8)]
+    triangles += [(corner, [0.25, 0.25, np.nextafter(0.25, 1.0)]), (corner, [0.25] * 3)]
+    tied = 0
+    for x, y in places:
+        place, want = (naive_layers.Fraction(x, 16), naive_layers.Fraction(y, 16)), {}
+        for face, (points, depths) in enumerate(triangles):
+            corners = oracle.snap_triangle(points)
+            for column, row in oracle.covered_pixels(points, size, sample=place):
+                where = (column + place[0]) * 256, (row + place[1]) * 256
+                depth = oracle.depth_at(corners, depths, where)
+                want.setdefault((column, row), []).append((depth, face))
+        have = naive_layers.exact_surfaces(triangles, size, place)
+        assert have.keys() == want.keys()
+        for pixel, found in want.items():
+            assert have[pixel] == [(float(depth), face) for depth, face in sorted(found)]
+            tied += len({depth for depth, _ in found}) < len(found)
+    assert tied > 100
 
 
 def test_every_pixel_shows_what_exact_arithmetic_says():
@@ -444,11 +471,8 @@ def test_the_nearest_transparent_faces_alone_are_seen(most):
         [*c[:3], c[3] if blended else 1.0] for c, blended in zip(colors, is_blended, strict=True)
     ]
     surfaces = naive_layers.rounded_surfaces(triangles, SIZE)
-    want = np.empty((SIZE[1], SIZE[0], 4))
-    want[:] = background
-    for (column, row), found in surfaces.items():
-        faces = nearest(found, is_blended, most)
-        want[row, column] = naive_layers.over(faces, own, background)
+    seen = partial(nearest, is_blended=is_blended, most=most)
+    want = naive_layers.picture(surfaces, seen, own, background, SIZE)
     meshes = meshes_of(triangles, colors, is_blended)
     quality = rj.Quality(transparency_layers=most)
     frame = draw(meshes, quality=quality)
@@ -489,18 +513,13 @@ def test_each_sample_has_its_own_nearest_layers():
     size = (32, 16)
     triangles = soup(rng, count, size)
     colors, is_blended = colors_of(rng, count, (0.2, 0.8)), np.ones(count, bool)
-    shown = np.empty((4, size[1], size[0], 4))
-    shown[:] = background
+    seen, shown = partial(nearest, is_blended=is_blended, most=2), []
     offsets = [(6, 2), (14, 6), (2, 10), (10, 14)]
-    for n, (x, y) in enumerate(offsets):
+    for x, y in offsets:
         place = naive_layers.Fraction(x, 16), naive_layers.Fraction(y, 16)
-        for (column, row), found in naive_layers.rounded_surfaces(triangles, size, place).items():
-            faces = nearest(found, is_blended, 2)
-            shown[n, row, column] = naive_layers.over(faces, colors, background)
-    want = np.apply_along_axis(
-        lambda flat: naive_layers.mean(flat.reshape(4, 4)), 1,
-        shown.transpose(1, 2, 0, 3).reshape(-1, 16),
-    ).reshape(size[1], size[0], 4)  # fmt: skip
+        surfaces = naive_layers.rounded_surfaces(triangles, size, place)
+        shown.append(naive_layers.picture(surfaces, seen, colors, background, size))
+    want = naive_layers.mean(np.stack(shown, axis=2))
     quality = rj.Quality(samples=4, transparency_layers=2)
     have = draw(meshes_of(triangles, colors, is_blended, size), size, quality=quality)
     np.testing.assert_allclose(have.linear, want, rtol=0, atol=3e-6)

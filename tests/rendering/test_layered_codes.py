@@ -36,19 +36,23 @@ def twin(triangles, codes, is_blended, samples, background, size=SIZE):
     ]
     shown = np.empty((samples, size[1], size[0], 4), int)
     shown[:] = background
-    centre = [naive_layers.CENTRE]
+    centre, known = [naive_layers.CENTRE], {}
     for n, place in enumerate(centre if samples == 1 else places(samples)):
         stored = naive_layers.rounded_surfaces(triangles, size, place)
         for (column, row), found in stored.items():
-            faces = naive_layers.seen_faces(found, is_blended)
-            shown[n, row, column] = naive_codes.laid([codes[f] for f in faces], background)
+            faces = tuple(naive_layers.seen_faces(found, is_blended))
+            if faces not in known:
+                known[faces] = naive_codes.laid([codes[f] for f in faces], background)
+            shown[n, row, column] = known[faces]
     if samples == 1:
         return shown[0].astype(np.uint8)
-    picture = np.empty((size[1], size[0], 4), np.uint8)
+    picture, means = np.empty((size[1], size[0], 4), np.uint8), {}
     for row, column in np.ndindex(*size[::-1]):
-        here = [tuple(code) for code in shown[:, row, column].tolist()]
-        # What is alike is not rounded again.
-        picture[row, column] = here[0] if len(set(here)) == 1 else naive_codes.mean(here)
+        here = tuple(tuple(code) for code in shown[:, row, column].tolist())
+        if here not in means:
+            # What is alike is not rounded again.
+            means[here] = here[0] if len(set(here)) == 1 else naive_codes.mean(here)
+        picture[row, column] = means[here]
     return picture
 
 
