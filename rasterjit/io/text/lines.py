@@ -25,7 +25,7 @@ _SHOWN = 40
 LINE_BYTES, TEXT_BYTES, BINARY_BYTES = 24, 5, 3
 """What a line takes, and a byte of a text or of a binary file, as its numbers."""
 
-ROW_BYTES, CORNER_BYTES = 64, 64
+ROW_BYTES, CORNER_BYTES = 64, 80
 """What a row of numbers of its own kind takes, and what a corner of a face that refers to them."""
 
 
