@@ -267,9 +267,7 @@ class Mesh(Previewed):
         Vertices at the same place are one, whichever way faces turn. Cached.
         """
         if self._is_closed is None:
-            self._is_closed = not self.invalid_vertices and _all_edges_meet(
-                self.vertices, self.faces
-            )
+            self._is_closed = _all_edges_meet(self.vertices[self.faces])
         return self._is_closed
 
     def vertex_normals(self) -> NDArray[np.float32]:
@@ -367,6 +365,7 @@ class Mesh(Previewed):
         result._material = self.material
         result._invalid_vertices = _count_invalid(result.vertices, "drop")
         result._bounds = self._bounds
+        result._is_closed = self._is_closed
         return result
 
     def _scale(self) -> float:
@@ -377,14 +376,16 @@ class Mesh(Previewed):
             return 1.0
 
 
-def _all_edges_meet(vertices: NDArray[np.float64], faces: NDArray[np.int32]) -> bool:
-    """Tell whether each edge between two places belongs to an even number of faces."""
+def _all_edges_meet(corners: NDArray[np.float64]) -> bool:
+    """Tell whether each edge of faces, corners (F, 3, 3), belongs to an even number of them."""
+    if not np.isfinite(corners).all():
+        return False
     # Zeros of both signs are one place.
-    _, places = np.unique(vertices + 0.0, axis=0, return_inverse=True)
-    corners = places.reshape(-1).astype(np.int64)[faces]
-    ends = np.stack([corners, np.roll(corners, -1, axis=1)]).reshape(2, -1)
-    first, last = ends.min(axis=0), ends.max(axis=0)
-    _, counts = np.unique((first * len(vertices) + last)[first < last], return_counts=True)
+    _, places = np.unique(corners.reshape(-1, 3) + 0.0, axis=0, return_inverse=True)
+    ends = places.reshape(-1, 3).astype(np.int64)
+    others = np.roll(ends, -1, axis=1)
+    first, last = np.minimum(ends, others), np.maximum(ends, others)
+    _, counts = np.unique((first * ends.size + last)[first < last], return_counts=True)
     return not (counts % 2).any()
 
 

@@ -26,9 +26,16 @@ SURE = 2.0**-30
 """Least share of its terms that a volume must be for its sign to be sure: far more than float64
 rounds it by."""
 
+CLIP_ROUNDING = 2.0**-18
+"""Share of its clip coordinates that a vertex may be off where kernels clip in float32."""
+
 STARTS = ((0.0, 0.0), (0.31, 0.17), (-0.23, 0.41), (-0.37, -0.29))
 """Places on the near plane, in -1..1, where ways to a light begin: where one of them meets an edge,
 the next one is taken."""
+
+
+CORNERS = [(x, y, -1.0) for x in (-1.0, 1.0) for y in (-1.0, 1.0)]
+"""Corners of the near plane. Behind the eye, some of it is not seen."""
 
 
 class Enclosures:
@@ -81,13 +88,15 @@ class Enclosures:
 
     @cached_property
     def starts(self) -> Float64 | None:
-        """Points of the near plane, (N, 3), relative to the eye; None if they are not known."""
+        """Points of the near plane, (N, 3), relative to the eye; None if it is not all in view."""
         try:
             relative_from_clip = transforms.inverse(self._clip_from_relative)
         except ValueError:
             return None
+        corners = transforms.transform_points(relative_from_clip, CORNERS)
         points = transforms.apply(relative_from_clip, [(x, y, -1.0) for x, y in STARTS])
-        return points if np.isfinite(points).all() else None
+        is_in_view = (corners[:, 3] > 0.0).all() and np.isfinite(points).all()
+        return points if is_in_view else None
 
     def _shell(self, k: int) -> Float64 | None:
         """Return the corners, (3, F, 3), of an object if it is closed and not cut by the view."""
@@ -96,29 +105,32 @@ class Enclosures:
             return None
         places = transforms.transform_points(matrix, mesh.vertices)[:, :3]
         clip = transforms.transform_points(self._clip_from_relative, places)
-        if not np.isfinite(clip).all() or _meets_near_plane(clip[mesh.faces.T]):
+        if _meets_near_plane(clip[mesh.faces.T]):
             return None
         return places[mesh.faces.T]
 
 
 def _meets_near_plane(corners: Float64) -> bool:
     """Tell whether faces, corners (3, F, 4) in clip space, may meet what is seen of that plane."""
-    height = corners[..., 3] + corners[..., 2]
-    is_behind = height < 0.0
-    is_crossing = is_behind.any(axis=0) & ~is_behind.all(axis=0)
-    corners, height = corners[:, is_crossing], height[:, is_crossing]
-    # Where the edges of a face pass through the plane, these are positive inside each side.
-    inside = [corners[..., 3] + sign * corners[..., n] for n in (0, 1) for sign in (1.0, -1.0)]
-    most = np.full((4, corners.shape[1]), -np.inf)
-    for i, j in ((0, 1), (1, 2), (2, 0)):
-        passes = (height[i] < 0.0) != (height[j] < 0.0)
-        share = np.divide(
-            height[i], height[i] - height[j], out=np.zeros_like(height[i]), where=passes
-        )
-        for side, values in zip(most, inside, strict=True):
-            value = values[i] + share * (values[j] - values[i])
-            np.maximum(side, value, out=side, where=passes)
-    return bool((most >= 0.0).all(axis=0).any())
+    with np.errstate(all="ignore"):
+        height = corners[..., 3] + corners[..., 2]
+        slack = CLIP_ROUNDING * np.abs(corners).max(axis=2)
+        # What is not a number is not sure.
+        is_apart = (height > slack).all(axis=0) | (height < -slack).all(axis=0)
+        corners, height, slack = (each[:, ~is_apart] for each in (corners, height, slack))
+        # These are positive inside each side of the view.
+        inside = [corners[..., 3] + sign * corners[..., n] for n in (0, 1) for sign in (1.0, -1.0)]
+        most = np.full((4, corners.shape[1]), -np.inf)
+        for i, j in ((0, 1), (1, 2), (2, 0)):
+            # At the end of an edge, where it lies in the plane, or where the edge passes through.
+            passes = (height[i] < 0.0) != (height[j] < 0.0)
+            share = np.where(passes, height[i] / (height[i] - height[j]), 0.0)
+            is_met = passes | ~(np.abs(height[i]) > slack[i])
+            for side, values in zip(most, inside, strict=True):
+                value = values[i] + share * (values[j] - values[i])
+                np.maximum(side, value, out=side, where=is_met)
+        is_beside = (most < -slack.max(axis=0)).any(axis=0)
+    return not is_beside.all()
 
 
 def _is_apart(corners: Float64, starts: Float64, light: Float64, has_place: bool) -> bool:

@@ -155,3 +155,48 @@ def test_contacts_are_those_of_the_slow_twin():
     assert counts[True] > 100
     assert counts[False] > 1000
     assert counts[None] < 0.2 * (counts[True] + counts[False])
+
+
+def terrain():
+    """Return a smooth surface of 100 x 100 hills and hollows' faces, a height over the plane."""
+    x, z = np.meshgrid(np.linspace(-1, 1, 101), np.linspace(-1, 1, 101), indexing="ij")
+    y = 0.06 * (np.sin(9.0 * x) * np.cos(7.0 * z) + 0.5 * np.sin(23.0 * x + 11.0 * z))
+    at = np.arange(101 * 101).reshape(101, 101)
+    a, b, c, d = (part.ravel() for part in (at[:-1, :-1], at[1:, :-1], at[1:, 1:], at[:-1, 1:]))
+    faces = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
+    return np.stack([x, y, z], -1).reshape(-1, 3), faces
+
+
+def stairs(count):
+    """Return steps along x, from -1 to 1."""
+    x, y = np.repeat(np.linspace(-1, 1, count + 1), 2), np.repeat(np.arange(count + 1), 2)
+    profile = np.stack([x[1:-1], 1.2 / count * y[:-2]], -1)
+    corners = np.array([(u, h, z) for u, h in profile for z in (-1.0, 1.0)])
+    first = 2 * np.arange(len(profile) - 1)[:, np.newaxis]
+    return corners, np.concatenate([first + [0, 1, 3], first + [0, 3, 2]])
+
+
+ROUGH = {"terrain": terrain(), "wide stairs": stairs(32), "narrow stairs": stairs(128)}
+
+
+@pytest.mark.parametrize("way", [(0.0, -1.0, 0.0), (0.3, -1.0, 0.1), (-0.5, -0.6, 0.2)])
+@pytest.mark.parametrize("shape", ROUGH)
+@pytest.mark.parametrize("kernel", ["hard", "pcf"])
+@pytest.mark.parametrize("shading", ["flat", "gouraud"])
+def test_what_a_fine_map_finds_lit_is_not_black(shape, way, kernel, shading):
+    scene = rj.Scene()
+    scene.add(rj.Mesh(*ROUGH[shape], material=rj.Material(shading, "white", specular=0.0)))
+    camera = rj.OrthographicCamera((0, 5, 0.01), (0, 0, 0), (0, 0, -1), height=2.2, far=20)
+
+    def light_by(shadow):
+        scene.lights = [rj.DirectionalLight(way, shadow=shadow)]
+        frame = rj.render(scene, camera, size=(256, 256), outputs=("linear", "face_id"))
+        return np.where(frame.face_id >= 0, frame.linear[..., 0].astype(float), 0.0)
+
+    bright, fine = light_by(None), light_by(rj.Shadow(4096, "hard"))
+    coarse = light_by(rj.Shadow(128, kernel))
+    lit = (fine > 0.99 * bright) & (bright > 0.1)
+    assert lit.sum() > 10_000
+    black = (coarse[lit] == 0.0).mean()
+    print(f"{shape}, {kernel}, {shading}: {black:.4f} of what is lit is black")
+    assert black <= 9

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
 from dataclasses import replace
 from fractions import Fraction
 
@@ -199,6 +201,50 @@ def test_a_near_plane_that_is_partly_outside_shows_what_is_lit():
     for each in (camera, mirrored):
         assert not is_dark(scene_of(box()), each)
     assert is_dark(scene_of(box()), replace_near(camera, 0.01))
+
+
+@pytest.mark.parametrize("gap", [1e-8, 1e-7])
+@pytest.mark.parametrize("precision", ["float64", "float32"])
+def test_a_wall_that_just_meets_the_near_plane_is_no_wall(precision, gap):
+    # What is clipped in float32 may be cut away there.
+    camera = rj.PerspectiveCamera((0.9, 0.5, 0.5), (2.0, 0.5, 0.5), near=0.1 * (1.0 - gap))
+    assert not is_dark(scene_of(box()), camera, quality=rj.Quality(precision=precision))
+
+
+def test_a_near_plane_behind_the_eye_shows_what_is_lit():
+    # It reaches into the box, but only what is before the eye is seen.
+    matrix = np.zeros((4, 4))
+    matrix[0, 0] = matrix[1, 1] = 1.5
+    matrix[3, 2], matrix[2, 2], matrix[2, 3] = -1.0, 0.999, 1e-4
+    camera = rj.MatrixCamera(tf.look_at((0.5, 0.5, -0.05), (0.5, 0.3, -5.0), (0, 1, 0)), matrix)
+    ground = rj.Mesh([[-9, -1, -9], [9, -1, -9], [9, -1, 9], [-9, -1, 9]], [[0, 2, 1], [0, 3, 2]])
+    scene = scene_of(box(), ground)
+    assert not is_dark(scene, camera)
+    frame = rj.render(scene, camera, size=SIZE, outputs=("linear", "object_id"))
+    assert frame.linear[frame.object_id == 1][:, :3].min() > 0.0
+
+
+@pytest.mark.parametrize("make", [copy.copy, copy.deepcopy, lambda m: pickle.loads(pickle.dumps(m)),
+                                  rj.Mesh.split_creases])  # fmt: skip
+def test_what_is_made_of_a_closed_mesh_is_closed(make):
+    assert make(box()).is_closed()
+    known = box()
+    assert known.is_closed()
+    assert make(known).is_closed()
+    assert not make(without_a_face()).is_closed()
+    assert is_dark(scene_of(make(box())))
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("size", [1e-150, 1e20, 4e307])
+def test_coordinates_of_any_size_warn_of_nothing(size):
+    huge = rj.Mesh((BOX - MIDDLE) * size, SIDES, material=FLAT)
+    is_dark(scene_of(box(), huge))
+
+
+def test_a_vertex_of_no_face_opens_nothing():
+    corners = np.concatenate([BOX, [[np.nan, 0.0, 0.0]]])
+    assert is_dark(scene_of(rj.Mesh(corners, SIDES, material=FLAT, on_invalid="drop")))
 
 
 def test_between_two_boxes_of_one_mesh_light_is_seen():

@@ -218,7 +218,8 @@ class ShadowMaps(Effect):
             steps.append(Step(shadows_stage.place_on_map, (point, row)))
         else:
             steps.append(Step(shadows_stage.place_on_cube, (point, row, size)))
-        own = shadows.texels[first : first + sides * size * size], size, sides
+        texels = shadows.texels[first : first + sides * size * size]
+        own = texels, size, sides, int(not look.is_of_vertices)
         if kind == filters.HARD:
             steps.append(Step(shadows_stage.filter_hard, own))
         elif kind == filters.PCF:

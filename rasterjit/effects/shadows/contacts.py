@@ -33,28 +33,56 @@ TOUCHING = np.float32(4.0)
 """How far along a row or a column a plane may go on from a sample until it comes down, texels: what
 is 3 texels away, in a row at 45 degrees. Farther in, no filter finds any light."""
 
+FARTHEST = np.float32(7.0)
+"""Texels from the first of a plane to the second one that lies behind where it comes down."""
+
+DROP = np.float32(6.0)
+"""How far below a sample's plane what the map shows does not go on from a plane above it, texels of
+the gain of that one."""
+
 
 @helper
-def steeper(steepest, is_dark, first, second, third, last, beyond, away, is_shown, least):
+def least_height(depth, across, down):
+    """Return how far from a plane what is stored of it may lie, in stored depth."""
+    return SNAPPING * (abs(across) + abs(down)) + DEPTH_ROUNDING * abs(depth)
+
+
+@helper
+def height_at(texels, at, aside, share, plane):
+    """Return the height over a plane, between a texel and the next one across, by their weight."""
+    near, far = texels[np.uintp(at)], texels[np.uintp(at + aside)]
+    return near * (np.float32(1.0) - share) + far * share - plane
+
+
+@helper
+def is_above(texels, at, aside, low, high):
+    """Tell whether a texel is nearer than one depth, and the next one across than another."""
+    return (texels[np.uintp(at)] > low) & (texels[np.uintp(at + aside)] > high)
+
+
+@helper
+def side_of(first, second, third, last, beyond, away, is_above_both, least):
     """
-    Return the gain of a plane, and whether it comes down close to a sample that it covers.
+    Return the gain of a plane on one side of a sample, and whether it may cover the sample.
 
     Parameters
     ----------
-    steepest : float32
-        The gain of the steepest plane so far; if this one is no steeper, or there is none, that and
-        ``is_dark`` are returned.
-    is_dark : bool
     first, second, third : float32
-        Heights over the sample's plane, in stored depth, of three texels on one side of it.
+        Heights over the sample's plane, in stored depth, of three texels on that side.
     last, beyond : float32
         Heights of the two next texels on the other side.
     away : float32
         From the sample to the first of the three, texels.
-    is_shown : bool
+    is_above_both : bool
         Whether the first is nearer than the sample's plane on both sides of the sample.
     least : float32
         How far two planes may lie apart and be the same.
+
+    Returns
+    -------
+    gain : float32
+        A texel away from the sample; 0 where there is no plane.
+    covers : bool
     """
     zero = np.float32(0.0)
     gain = (third - first) * np.float32(0.5)
@@ -67,38 +95,16 @@ def steeper(steepest, is_dark, first, second, third, last, beyond, away, is_show
     lower, lowest = first - gain, first - gain - gain
     is_there = (lower <= zero) | (last >= lower - room)
     is_there = is_there & ((lowest <= zero) | (beyond >= lowest - room))
-    rules = is_plane & (gain > steepest)
-    return (gain if rules else steepest), ((is_close & is_there & is_shown) if rules else is_dark)
+    return (gain if is_plane else zero), is_close & is_there & is_above_both
 
 
 @helper
-def least_height(depth, across, down):
-    """Return how far from a plane what is stored of it may lie, in stored depth."""
-    return SNAPPING * (abs(across) + abs(down)) + DEPTH_ROUNDING * abs(depth)
-
-
-@helper
-def height_at(texels, at, stride, share, plane):
-    """Return the height over a plane, between a texel and the next one across, by their weight."""
-    near, far = texels[np.uintp(at)], texels[np.uintp(at + stride)]
-    return near * (np.float32(1.0) - share) + far * share - plane
-
-
-@helper
-def is_above(texels, at, stride, low, high):
-    """Tell whether a texel is nearer than one depth, and the next one across than another."""
-    return (texels[np.uintp(at)] > low) & (texels[np.uintp(at + stride)] > high)
-
-
-@helper
-def steeper_along(steepest, is_dark, texels, at, stride, aside, x, y, plane, step, rise, least):
+def sides_along(texels, at, stride, aside, x, y, plane, step, rise, least):
     """
-    Return the same for the planes on both sides of a sample along a row or a column.
+    Return the steeper one of the planes on both sides of a sample, along a row or a column.
 
     Parameters
     ----------
-    steepest : float32
-    is_dark : bool
     texels : (N,) float32
     at : int32
         The texel before the sample.
@@ -109,6 +115,15 @@ def steeper_along(steepest, is_dark, texels, at, stride, aside, x, y, plane, ste
     plane, step, rise : float32
         Stored depth of the sample's plane beside that texel, its gain by a texel along and across.
     least : float32
+
+    Returns
+    -------
+    gain : float32
+    first : float32
+        Height of the texel next to the sample on that side.
+    is_ahead : bool
+        Whether that is the side of the next texel.
+    covers : bool
     """
     two, one = np.int32(2), np.float32(1.0)
     double = step + step
@@ -122,8 +137,46 @@ def steeper_along(steepest, is_dark, texels, at, stride, aside, x, y, plane, ste
     low, high = plane - rise * y + least, plane + rise * (one - y) + least
     has_c = is_above(texels, at, aside, low, high)
     has_d = is_above(texels, at + stride, aside, low + step, high + step)
-    steepest, is_dark = steeper(steepest, is_dark, d, e, f, c, b, one - x, has_d, least)
-    return steeper(steepest, is_dark, c, b, a, d, e, x, has_c, least)
+    ahead, covers_ahead = side_of(d, e, f, c, b, one - x, has_d, least)
+    back, covers_back = side_of(c, b, a, d, e, x, has_c, least)
+    is_ahead = ahead >= back
+    return (
+        (ahead if is_ahead else back), (d if is_ahead else c), is_ahead,
+        (covers_ahead if is_ahead else covers_back),
+    )  # fmt: skip
+
+
+@helper
+def comes_down(
+    texels, at, stride, aside, y, plane, step, first, gain, is_ahead, before, after, least
+):
+    """
+    Tell whether the map shows that a plane ends where it comes down to the sample's own.
+
+    There, a texel farther, it shows that plane, or far below it what lies behind: not a surface
+    that goes on below it, such as a rough one does all over.
+
+    Parameters
+    ----------
+    texels, at, stride, aside, y, plane, step, least
+        As `sides_along` takes them.
+    first, gain, is_ahead
+        As it returns them.
+    before, after : float32
+        How many texels of the map lie before the one ``at``, and after it.
+    """
+    zero, one = np.float32(0.0), np.float32(1.0)
+    # Count from the first texel to the second one below the sample's plane.
+    count = np.ceil((first - least) / (gain if gain > zero else one)) + one
+    count = clamped(count, zero, FARTHEST)
+    k = (one - count) if is_ahead else count
+    is_on_map = (k >= -before) & (k <= after)
+    k = k if is_on_map else zero
+    beyond = height_at(texels, at + np.int32(k) * stride, aside, y, plane + step * k)
+    room = FLAT * gain + least
+    # Where nothing is, this is infinite or no number.
+    is_far_below = not (beyond >= -(DROP * gain + room))
+    return is_on_map & ((abs(beyond) <= room) | is_far_below)
 
 
 @disjoint_helper
@@ -134,7 +187,7 @@ def darken_covered(u, v, depth, across, down, texels, size, sides, unsure, share
     Of the planes around a sample the steepest one decides: across the line where it comes down.
     """
     zero, half, two = np.float32(0.0), np.float32(0.5), np.float32(2.0)
-    length, four = np.float32(size), np.float32(4.0)
+    length, four, one = np.float32(size), np.float32(4.0), np.float32(1.0)
     for i in range(share.shape[0]):
         top = limits(v[i], size, sides)
         left = clamped(np.floor(u[i] - half), two, length - four)
@@ -143,13 +196,23 @@ def darken_covered(u, v, depth, across, down, texels, size, sides, unsure, share
         at, row = np.int32(upper) * np.int32(size) + np.int32(left), np.int32(size)
         least = least_height(depth[i], across[i], down[i])
         beside, below = depth[i] - across[i] * x, depth[i] - down[i] * y
-        steepest, is_dark = steeper_along(
-            zero, False, texels, at, np.int32(1), row, x, y, beside, across[i], down[i], least
+        gain, first, is_ahead, covers = sides_along(
+            texels, at, np.int32(1), row, x, y, beside, across[i], down[i], least
         )
-        steepest, is_dark = steeper_along(
-            steepest, is_dark, texels, at, row, np.int32(1), y, x, below, down[i], across[i], least
+        other, its_first, its_ahead, it_covers = sides_along(
+            texels, at, row, np.int32(1), y, x, below, down[i], across[i], least
         )
-        share[i] = zero if is_dark & (unsure[i] > zero) else share[i]
+        is_row = gain >= other
+        ends = comes_down(
+            texels, at, (np.int32(1) if is_row else row), (row if is_row else np.int32(1)),
+            (y if is_row else x), (beside if is_row else below),
+            (across[i] if is_row else down[i]), (first if is_row else its_first),
+            (gain if is_row else other), (is_ahead if is_row else its_ahead),
+            (left if is_row else upper - top),
+            (length - one - left if is_row else top + length - one - upper), least,
+        )  # fmt: skip
+        is_dark = (covers if is_row else it_covers) & ends & (unsure[i] > zero)
+        share[i] = zero if is_dark else share[i]
 
 
 @disjoint_helper

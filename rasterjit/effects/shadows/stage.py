@@ -215,7 +215,9 @@ def place_on_cube(block: Block, count, point: int64, row: float64[::1], size: in
 
 
 @stage
-def filter_hard(block: Block, count, texels: float32[::1], size: int64, sides: int64):
+def filter_hard(
+    block: Block, count, texels: float32[::1], size: int64, sides: int64, is_of_faces: int64
+):  # fmt: skip
     """
     Find the share of a light that reaches each sample, by the texel that it lies in.
 
@@ -228,6 +230,9 @@ def filter_hard(block: Block, count, texels: float32[::1], size: int64, sides: i
         Stored depth, of the light's maps, one below the other.
     size, sides : int
         Side of a map, texels; number of maps.
+    is_of_faces : int
+        0 if the samples are vertices, whose planes say nothing of their faces: they are not looked
+        at for contacts.
     """
     if block.counts[IS_LIT] == 0:
         return
@@ -237,7 +242,7 @@ def filter_hard(block: Block, count, texels: float32[::1], size: int64, sides: i
         part(s, ACROSS, 0, count), part(s, DOWN, 0, count), part(s, BIAS, 0, count), texels, size,
         np.float32(sides), part(s, SHADOW, 0, count),
     )  # fmt: skip
-    for a in range(0, count, NEIGHBOURS):
+    for a in range(0, count * is_of_faces, NEIGHBOURS):
         e = min(a + NEIGHBOURS, count)
         close_contacts(
             part(s, MAP_U, a, e), part(s, MAP_V, a, e), part(s, MAP_DEPTH, a, e),
@@ -247,7 +252,9 @@ def filter_hard(block: Block, count, texels: float32[::1], size: int64, sides: i
 
 
 @stage
-def filter_pcf(block: Block, count, texels: float32[::1], size: int64, sides: int64):
+def filter_pcf(
+    block: Block, count, texels: float32[::1], size: int64, sides: int64, is_of_faces: int64
+):  # fmt: skip
     """Find the same by 3 x 3 texels: percentage-closer filtering."""
     if block.counts[IS_LIT] == 0:
         return
@@ -257,7 +264,7 @@ def filter_pcf(block: Block, count, texels: float32[::1], size: int64, sides: in
         part(s, ACROSS, 0, count), part(s, DOWN, 0, count), part(s, BIAS, 0, count), texels, size,
         np.float32(sides), part(s, SHADOW, 0, count),
     )  # fmt: skip
-    for a in range(0, count, NEIGHBOURS):
+    for a in range(0, count * is_of_faces, NEIGHBOURS):
         e = min(a + NEIGHBOURS, count)
         close_contacts(
             part(s, MAP_U, a, e), part(s, MAP_V, a, e), part(s, MAP_DEPTH, a, e),
@@ -268,15 +275,15 @@ def filter_pcf(block: Block, count, texels: float32[::1], size: int64, sides: in
 
 @stage
 def filter_soft(
-    block: Block, count, texels: float32[::1], size: int64, sides: int64, widening: float32,
-    highest: float32[:, ::1], pattern: float32[:, ::1], spiral: float32[:, ::1],
+    block: Block, count, texels: float32[::1], size: int64, sides: int64, is_of_faces: int64,
+    widening: float32, highest: float32[:, ::1], pattern: float32[:, ::1], spiral: float32[:, ::1],
 ):  # fmt: skip
     """
     Find the same by a penumbra that widens with the distance to what casts the shadow.
 
     Parameters
     ----------
-    block, count, texels, size, sides
+    block, count, texels, size, sides, is_of_faces
         As `filter_hard` takes them.
     widening : float32
         Column WIDENING of the light's row.
@@ -296,11 +303,12 @@ def filter_soft(
             np.float32(sides), widening, highest, pattern, spiral, part(s, FOUND, a, e),
             part(s, NEARER, a, e), part(s, SHADOW, a, e),
         )  # fmt: skip
-        close_contacts(
-            part(s, MAP_U, a, e), part(s, MAP_V, a, e), part(s, MAP_DEPTH, a, e),
-            part(s, ACROSS, a, e), part(s, DOWN, a, e), texels, size, np.float32(sides),
-            part(s, FOUND, a, e), part(s, SHADOW, a, e),
-        )  # fmt: skip
+        if is_of_faces:
+            close_contacts(
+                part(s, MAP_U, a, e), part(s, MAP_V, a, e), part(s, MAP_DEPTH, a, e),
+                part(s, ACROSS, a, e), part(s, DOWN, a, e), texels, size, np.float32(sides),
+                part(s, FOUND, a, e), part(s, SHADOW, a, e),
+            )  # fmt: skip
 
 
 @stage
