@@ -158,7 +158,7 @@ def test_contacts_are_those_of_the_slow_twin():
 
 
 def terrain():
-    """Return a smooth surface of 100 x 100 hills and hollows' faces, a height over the plane."""
+    """Return a smooth surface of hills and hollows."""
     x, z = np.meshgrid(np.linspace(-1, 1, 101), np.linspace(-1, 1, 101), indexing="ij")
     y = 0.06 * (np.sin(9.0 * x) * np.cos(7.0 * z) + 0.5 * np.sin(23.0 * x + 11.0 * z))
     at = np.arange(101 * 101).reshape(101, 101)
@@ -179,13 +179,15 @@ def stairs(count):
 ROUGH = {"terrain": terrain(), "wide stairs": stairs(32), "narrow stairs": stairs(128)}
 
 
+LEFT_BLACK = {"terrain": 0.0015, "wide stairs": 0.001, "narrow stairs": 0.015}
+"""Share of what is lit that may be black all the same; steps of about a texel look like walls."""
+
+
 @pytest.mark.parametrize("way", [(0.0, -1.0, 0.0), (0.3, -1.0, 0.1), (-0.5, -0.6, 0.2)])
 @pytest.mark.parametrize("shape", ROUGH)
-@pytest.mark.parametrize("kernel", ["hard", "pcf"])
-@pytest.mark.parametrize("shading", ["flat", "gouraud"])
-def test_what_a_fine_map_finds_lit_is_not_black(shape, way, kernel, shading):
+def test_what_a_fine_map_finds_lit_is_not_black(shape, way):
     scene = rj.Scene()
-    scene.add(rj.Mesh(*ROUGH[shape], material=rj.Material(shading, "white", specular=0.0)))
+    scene.add(rj.Mesh(*ROUGH[shape], material=FLAT))
     camera = rj.OrthographicCamera((0, 5, 0.01), (0, 0, 0), (0, 0, -1), height=2.2, far=20)
 
     def light_by(shadow):
@@ -194,9 +196,22 @@ def test_what_a_fine_map_finds_lit_is_not_black(shape, way, kernel, shading):
         return np.where(frame.face_id >= 0, frame.linear[..., 0].astype(float), 0.0)
 
     bright, fine = light_by(None), light_by(rj.Shadow(4096, "hard"))
-    coarse = light_by(rj.Shadow(128, kernel))
+    coarse = light_by(rj.Shadow(128, "pcf"))
     lit = (fine > 0.99 * bright) & (bright > 0.1)
     assert lit.sum() > 10_000
-    black = (coarse[lit] == 0.0).mean()
-    print(f"{shape}, {kernel}, {shading}: {black:.4f} of what is lit is black")
-    assert black <= 9
+    assert (coarse[lit] == 0.0).mean() <= LEFT_BLACK[shape]
+
+
+@pytest.mark.parametrize("way", [(0.0, -1.0, 0.0), (0.3, -1.0, 0.1)])
+def test_vertices_are_not_looked_at_for_contacts(way):
+    # Their planes face the light, whatever their faces do; one dark vertex darkens all its faces.
+    scene = rj.Scene()
+    scene.add(rj.Mesh(*terrain(), material=rj.Material("gouraud", "white", specular=0.0)))
+    camera = rj.OrthographicCamera((0, 5, 0.01), (0, 0, 0), (0, 0, -1), height=2.0, far=20)
+    shares = []
+    for shadow in (rj.Shadow(128, "pcf"), None):
+        scene.lights = [rj.DirectionalLight(way, shadow=shadow)]
+        frame = rj.render(scene, camera, size=(256, 256), outputs=("linear",))
+        shares.append(frame.linear[..., 0].astype(float))
+    assert shares[1].min() > 0.0
+    assert (shares[0] > 0.5 * shares[1]).all()

@@ -87,7 +87,7 @@ def is_dark(texels, u, v, plane):
             continue
         is_sure &= abs(bend - room) > 1e-6 and abs(gain - steepest) > 1e-6
         here = near[0] - gain * (first - row.x) * toward
-        limits = [here - gain / 2.0 - least, 4.0 * gain - here, min(row.both(first)) - least]
+        limits = [here - gain / 4.0 - least, 4.0 * gain - here, min(row.both(first)) - least]
         # It is there as far as it is above the plane of the sample.
         for n in (1, 2):
             expected = near[0] - n * gain

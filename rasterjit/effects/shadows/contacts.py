@@ -26,7 +26,7 @@ rounded by there."""
 FLAT = np.float32(1.0 / 16.0)
 """Most that three texels in a row bend, as a share of their gain in depth, if they show a plane."""
 
-SURE = np.float32(0.5)
+SURE = np.float32(0.25)
 """How far behind the line where a plane comes down a sample is surely covered, texels."""
 
 TOUCHING = np.float32(4.0)
