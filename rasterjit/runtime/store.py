@@ -21,6 +21,7 @@ import importlib.util
 import itertools
 import os
 import re
+import stat
 import sys
 import threading
 import time
@@ -55,6 +56,9 @@ STALE = 3600.0
 PAUSES = (0.01, 0.04, 0.2) if sys.platform == "win32" else ()
 """Seconds between tries to read or replace a file: Windows refuses both while another process, such
 as a search for viruses, has it open."""
+
+LARGEST_ENTRY = 1 << 26
+"""Bytes of an entry at most: a thousand times those of our kernels."""
 
 NEW_FILE = os.O_CREAT | os.O_EXCL | os.O_WRONLY | getattr(os, "O_BINARY", 0)
 
@@ -343,16 +347,35 @@ def read(path: Path) -> tuple[Header, bytes] | None:
     The first that is damaged is told on standard error.
     """
     try:
-        content = _patiently(path.read_bytes)
+        content = _patiently(lambda: _content(path))
     except FileNotFoundError:
         return None
     except OSError as error:
-        _say_damaged(path, "is a folder" if path.is_dir() else error.strerror or str(error))
+        _say_damaged(path, error.strerror or str(error))
         return None
     found = parse(path.name, content)
     if found is None:
         _say_damaged(path, "is damaged")
     return found
+
+
+def _content(path: Path) -> bytes:
+    """
+    Return the bytes of an entry.
+
+    Raises
+    ------
+    OSError
+        If it is no regular file, which might have no end, or is too large for an entry.
+    """
+    status = path.lstat()
+    if stat.S_ISDIR(status.st_mode):
+        raise OSError("is a folder")
+    if not stat.S_ISREG(status.st_mode):
+        raise OSError("is no regular file")
+    if status.st_size > LARGEST_ENTRY:
+        raise OSError(f"has {status.st_size} bytes, more than any entry")
+    return path.read_bytes()
 
 
 def _patiently(action: Callable[[], Any]) -> Any:
@@ -612,7 +635,7 @@ def contents(place: Path) -> Contents:
         if not name.endswith(SUFFIX):
             continue
         try:
-            found = parse(name, path.read_bytes())
+            found = parse(name, _content(path))
         except PermissionError:
             unreadable.append(path)
         except OSError:

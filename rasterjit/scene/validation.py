@@ -278,8 +278,10 @@ def existing_file(name: str, value: Any) -> Path:
         file = Path(value).expanduser()
         if file.is_dir():
             raise ValueError(f"{name} must be a file, but {shown!r} is a folder")
-        if not file.is_file():
+        if not file.exists():
             raise ValueError(f"{name} must be a file, but {shown!r} does not exist")
+        if not file.is_file():
+            raise ValueError(f"{name} must be a file, but {shown!r} is a pipe or a device")
         if file.stat().st_size == 0:
             raise ValueError(f"{name} must be a file with content, but {shown!r} is empty")
     except (OSError, RuntimeError, TypeError) as error:

@@ -2,6 +2,7 @@
 
 import json
 import math
+import os
 import struct
 import subprocess
 import sys
@@ -326,6 +327,13 @@ def test_a_glb_header_is_read_as_well(tmp_path):
 
 
 # Bad files
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no named pipes")
+def test_a_pipe_is_called_one(tmp_path):
+    os.mkfifo(tmp_path / "pipe.obj")
+    with pytest.raises(MeshFileError, match=r"pipe\.obj' is a pipe or a device"):
+        rj.load(tmp_path / "pipe.obj")
 
 
 def test_a_missing_file_a_folder_and_an_empty_file_are_named(tmp_path):

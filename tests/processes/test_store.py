@@ -150,6 +150,39 @@ def test_a_folder_in_place_of_a_file_is_replaced(place, capfd):
     assert "is a folder" in line
 
 
+def as_pipe(path):
+    os.mkfifo(path)
+
+
+def as_endless_device(path):
+    path.symlink_to("/dev/zero")
+
+
+def as_link(path):
+    path.symlink_to(Path(__file__))
+
+
+def as_huge_file(path):
+    path.touch()
+    os.truncate(path, 1 << 40)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no pipes among files, links only for some")
+@pytest.mark.parametrize("make", [as_pipe, as_endless_device, as_link, as_huge_file])
+def test_what_is_no_entry_at_all_is_never_read(place, capfd, make):
+    load()
+    path = entry(place)
+    content = path.read_bytes()
+    path.unlink()
+    make(path)
+    assert store.contents(place).damaged == [path]
+    assert [load(), load()] == [False, True]
+    assert path.read_bytes() == content
+    assert not path.is_symlink()
+    (line,) = capfd.readouterr().err.splitlines()
+    assert "is no regular file" in line or "more than any entry" in line
+
+
 def test_a_folder_in_place_of_a_file_is_mended(place):
     load()
     path = entry(place)

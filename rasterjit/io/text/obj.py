@@ -60,7 +60,7 @@ _NOT_SHOWN = {
 }  # fmt: skip
 """Statements that show something, which is left out."""
 
-_A_FACE = "a face of 3 corners or more, such as 'f 1/1 2/2 3/3'"
+_A_FACE = "a face of 3 corners or more, counted from 1, such as 'f 1/1 2/2 3/3'"
 
 
 def read_obj(path: Path, resources: Resources, damage: Damage, left_out: LeftOut) -> list[Part]:
