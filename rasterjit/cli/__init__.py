@@ -7,18 +7,50 @@ imports this file before anything that takes time, so it imports nothing that do
 
 from __future__ import annotations
 
-import _thread
-import atexit
-import contextlib
 import os
-import signal
 import sys
-import time
-from types import FrameType
-from typing import Any
+
+TYPE_CHECKING = False
+"""As the module typing says, which takes time to import."""
+
+if TYPE_CHECKING:
+    from types import FrameType
+    from typing import Any
 
 INTERRUPTED = 130
 """Exit status after Ctrl-C; the others are click's: 1 failed, 2 wrong usage."""
+
+
+def is_program() -> bool:
+    """Tell whether this process was started as the command line."""
+    try:
+        started, shown = sys.orig_argv[-len(sys.argv)], sys.argv[0]
+    except (AttributeError, IndexError):
+        return False
+    if shown == "-m":
+        package = __name__.partition(".")[0]
+        return started.removeprefix("-m") in (package, f"{package}.__main__")
+    stem = os.path.splitext(os.path.basename(shown))[0]
+    return started == shown and stem.removesuffix("-script") == __name__.partition(".")[0]
+
+
+def end_now(*_: Any) -> None:
+    """End the process: nothing has been begun, or all is done."""
+    try:
+        os.write(2, b"error: interrupted\n")
+    finally:
+        os._exit(INTERRUPTED)
+
+
+try:
+    import _thread
+    import atexit
+    import signal
+    import time
+except KeyboardInterrupt:
+    if not is_program():
+        raise
+    end_now()
 
 IMPORT_SYSTEM = "<frozen importlib._bootstrap>"
 """Where Python imports modules."""
@@ -53,32 +85,12 @@ def main() -> None:
         end_now()
 
 
-def is_program() -> bool:
-    """Tell whether this process was started as the command line."""
-    try:
-        started, shown = sys.orig_argv[-len(sys.argv)], sys.argv[0]
-    except (AttributeError, IndexError):
-        return False
-    if shown == "-m":
-        package = __name__.partition(".")[0]
-        return started.removeprefix("-m") in (package, f"{package}.__main__")
-    stem = os.path.splitext(os.path.basename(shown))[0]
-    return started == shown and stem.removesuffix("-script") == __name__.partition(".")[0]
-
-
 def refuse(complaint: str | None) -> None:
     """Refuse to be imported, if there is a complaint: the command line ends with one line."""
     if complaint is not None and is_program():
         sys.exit(f"error: {complaint}")
     if complaint is not None:
         raise ImportError(complaint)
-
-
-def end_now(*_: Any) -> None:
-    """End the process: nothing has been begun, or all is done."""
-    with contextlib.suppress(OSError):
-        os.write(2, b"error: interrupted\n")
-    os._exit(INTERRUPTED)
 
 
 def interrupt(number: int, frame: FrameType | None) -> None:
@@ -135,9 +147,11 @@ def _answer_with(handler: Any) -> None:
     """Handle Ctrl-C, unless whoever started the process has it ignored."""
     ours = (signal.default_int_handler, end_now, interrupt)
     # Not in the main thread: another's.
-    with contextlib.suppress(ValueError):
+    try:
         if signal.getsignal(signal.SIGINT) in ours:
             signal.signal(signal.SIGINT, handler)
+    except ValueError:
+        pass
 
 
 if is_program():

@@ -42,13 +42,18 @@ def owned(folder: Path) -> Iterator[None]:
         If the lock file cannot be written.
     """
     file = folder / LOCK
-    with _taken(file) as held:
-        try:
-            held.write(_myself().encode())
-            yield
-        finally:
-            if held.is_of(file):
-                held.remove(file)
+    try:
+        with _taken(file) as held:
+            try:
+                held.write(_myself().encode())
+                yield
+            finally:
+                if held.is_of(file):
+                    held.remove(file)
+    except KeyboardInterrupt:
+        # It may have come after the file was made, and before that was known.
+        _remove_empty(file)
+        raise
 
 
 def _taken(file: Path) -> Lock:
@@ -70,6 +75,16 @@ def _taken(file: Path) -> Lock:
             held.close()
             break
     raise _refusal(file)
+
+
+def _remove_empty(file: Path) -> None:
+    """Remove a lock file that nobody has locked or written to."""
+    with suppress(OSError):
+        held = lock(file)
+        if held is not None:
+            if held.is_of(file) and not held.read():
+                held.remove(file)
+            held.close()
 
 
 def _created(file: Path) -> bool:

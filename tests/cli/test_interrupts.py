@@ -74,7 +74,7 @@ def run_interrupted(folder, at, words):
     [
         ("script", "rasterjit.classics"), ("script", "click"), ("module", "numpy"),
         ("module", "rasterjit.runtime"), ("script", "rasterjit.runtime.versions"),
-        ("module", "rasterjit.scene.quality"),
+        ("module", "rasterjit.scene.quality"), ("module", "atexit"), ("script", "atexit"),
     ],
 )  # fmt: skip
 def test_while_the_program_is_imported(tmp_path, way, at):

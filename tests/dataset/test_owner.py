@@ -231,3 +231,27 @@ def test_what_windows_says_of_a_lock(tmp_path, monkeypatch, number, expected):
     monkeypatch.setitem(sys.modules, "msvcrt", SimpleNamespace(locking=locking, LK_NBLCK=2))
     with open(tmp_path / "a", "wb") as file:
         assert locks._lock(file.fileno()) is expected
+
+
+@pytest.mark.parametrize("name", ["lock", "_created"])
+def test_an_interrupt_while_the_lock_is_made_leaves_no_file(tmp_path, monkeypatch, name):
+    original = getattr(lock, name)
+
+    def interrupt(file):
+        monkeypatch.undo()
+        if name == "_created":
+            original(file)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(lock, name, interrupt)
+    with pytest.raises(KeyboardInterrupt), lock.owned(tmp_path):
+        pass
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_interrupt_leaves_the_lock_of_another_run_alone(tmp_path, monkeypatch):
+    with lock.owned(tmp_path):
+        monkeypatch.setattr(lock, "_taken", lambda file: (_ for _ in ()).throw(KeyboardInterrupt))
+        with pytest.raises(KeyboardInterrupt), lock.owned(tmp_path):
+            pass
+        assert (tmp_path / lock.LOCK).read_bytes()
