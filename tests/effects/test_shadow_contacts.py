@@ -12,7 +12,6 @@ import pytest
 
 import rasterjit as rj
 from rasterjit.effects.shadows import contacts
-from rasterjit.effects.shadows import maps as shadow_maps
 from rasterjit.effects.shadows import stage as shadows_stage
 
 FLAT = rj.Material("flat", "white")
@@ -53,20 +52,6 @@ def shares(scene, camera):
     ground = (shown.face_id >= 0) & (shown.face_id < 2)
     share = shown.linear[ground][:, 0].astype(float) / bright.linear[ground][:, 0]
     return share, shown.position[ground].astype(float), shown.face_id[ground]
-
-
-@pytest.fixture
-def drawn(monkeypatch):
-    """Catch the shadow maps that are drawn."""
-    caught = []
-    draw = shadow_maps.draw_shadows
-
-    def catch(*arguments):
-        caught.append(draw(*arguments))
-        return caught[-1]
-
-    monkeypatch.setattr(shadow_maps, "draw_shadows", catch)
-    return caught
 
 
 def texels_from_wall(points, row):

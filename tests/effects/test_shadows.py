@@ -44,20 +44,6 @@ def box_on_ground(light, scale=1.0, offset=(0.0, 0.0, 0.0)):
     return scene, camera
 
 
-@pytest.fixture
-def drawn(monkeypatch):
-    """Catch the shadow maps that are drawn."""
-    caught = []
-    draw = shadow_maps.draw_shadows
-
-    def catch(*arguments):
-        caught.append(draw(*arguments))
-        return caught[-1]
-
-    monkeypatch.setattr(shadow_maps, "draw_shadows", catch)
-    return caught
-
-
 def without_shadow(scene):
     plain = rj.Scene()
     plain.nodes = scene.nodes

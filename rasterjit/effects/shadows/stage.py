@@ -214,6 +214,18 @@ def place_on_cube(block: Block, count, point: int64, row: float64[::1], size: in
     )  # fmt: skip
 
 
+@helper
+def close_all_contacts(s, count, texels, size, sides):
+    """Take away the light that a filter lets in where surfaces touch, from some samples."""
+    for a in range(0, count, NEIGHBOURS):
+        e = min(a + NEIGHBOURS, count)
+        close_contacts(
+            part(s, MAP_U, a, e), part(s, MAP_V, a, e), part(s, MAP_DEPTH, a, e),
+            part(s, ACROSS, a, e), part(s, DOWN, a, e), texels, size, np.float32(sides),
+            part(s, FOUND, a, e), part(s, SHADOW, a, e),
+        )  # fmt: skip
+
+
 @stage
 def filter_hard(
     block: Block, count, texels: float32[::1], size: int64, sides: int64, is_of_faces: int64
@@ -242,13 +254,7 @@ def filter_hard(
         part(s, ACROSS, 0, count), part(s, DOWN, 0, count), part(s, BIAS, 0, count), texels, size,
         np.float32(sides), part(s, SHADOW, 0, count),
     )  # fmt: skip
-    for a in range(0, count * is_of_faces, NEIGHBOURS):
-        e = min(a + NEIGHBOURS, count)
-        close_contacts(
-            part(s, MAP_U, a, e), part(s, MAP_V, a, e), part(s, MAP_DEPTH, a, e),
-            part(s, ACROSS, a, e), part(s, DOWN, a, e), texels, size, np.float32(sides),
-            part(s, FOUND, a, e), part(s, SHADOW, a, e),
-        )  # fmt: skip
+    close_all_contacts(s, count * is_of_faces, texels, size, sides)
 
 
 @stage
@@ -264,13 +270,7 @@ def filter_pcf(
         part(s, ACROSS, 0, count), part(s, DOWN, 0, count), part(s, BIAS, 0, count), texels, size,
         np.float32(sides), part(s, SHADOW, 0, count),
     )  # fmt: skip
-    for a in range(0, count * is_of_faces, NEIGHBOURS):
-        e = min(a + NEIGHBOURS, count)
-        close_contacts(
-            part(s, MAP_U, a, e), part(s, MAP_V, a, e), part(s, MAP_DEPTH, a, e),
-            part(s, ACROSS, a, e), part(s, DOWN, a, e), texels, size, np.float32(sides),
-            part(s, FOUND, a, e), part(s, SHADOW, a, e),
-        )  # fmt: skip
+    close_all_contacts(s, count * is_of_faces, texels, size, sides)
 
 
 @stage
@@ -303,12 +303,7 @@ def filter_soft(
             np.float32(sides), widening, highest, pattern, spiral, part(s, FOUND, a, e),
             part(s, NEARER, a, e), part(s, SHADOW, a, e),
         )  # fmt: skip
-        if is_of_faces:
-            close_contacts(
-                part(s, MAP_U, a, e), part(s, MAP_V, a, e), part(s, MAP_DEPTH, a, e),
-                part(s, ACROSS, a, e), part(s, DOWN, a, e), texels, size, np.float32(sides),
-                part(s, FOUND, a, e), part(s, SHADOW, a, e),
-            )  # fmt: skip
+    close_all_contacts(s, count * is_of_faces, texels, size, sides)
 
 
 @stage
