@@ -43,7 +43,8 @@ The parts alone
 
 Invalid arguments raise `ValueError`, which names the argument, before anything is drawn. Reading an
 output that was not asked for raises `OutputNotRequestedError`. A `CalibrationWarning` says that a
-time budget had to be learnt first.
+time budget had to be learnt first; a `ViewWarning`, that nothing is in view, or that the near or
+far plane that a camera was given cuts away what else were.
 
 World space is right-handed, y up; angles are degrees, colours in and out sRGB where they are 8-bit
 and linear where they are floats; row 0 of a picture is on top.
@@ -66,6 +67,7 @@ from rasterjit.io.meshes import load
 from rasterjit.outputs.diagnostics import Diagnostics
 from rasterjit.outputs.frame import Choice, Frame, LayeredFrame, OutputNotRequestedError, Stats
 from rasterjit.rendering.budget import CalibrationWarning
+from rasterjit.rendering.notices import ViewWarning
 from rasterjit.rendering.peel import render_layers
 from rasterjit.rendering.plan import RenderPlan
 from rasterjit.rendering.preview import preview
@@ -128,6 +130,7 @@ __all__ = [
     "Texture",
     "ToneMap",
     "View",
+    "ViewWarning",
     "Vignette",
     "Visibility",
     "Wireframe",

@@ -12,10 +12,12 @@ from numpy.typing import ArrayLike, NDArray
 from rasterjit.animation.video import save_animation
 from rasterjit.outputs.frame import Frame
 from rasterjit.rendering.renderer import Renderer
-from rasterjit.scene.camera import Camera
+from rasterjit.rendering.views import look_from, needs_settling
+from rasterjit.scene.camera import Camera, settled
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.scene import Node, Scene
 from rasterjit.scene.validation import finite_number, in_short
+from rasterjit.survey.clip_planes import Look, join
 
 CameraAt = Callable[[float], Camera]
 TransformAt = Callable[[float], ArrayLike]
@@ -97,15 +99,34 @@ def _play(
 ) -> Iterator[Frame]:
     """Move the nodes and render, time after time; put everything back at the end."""
     before = [(node, node.world_from_model, node.mesh) for node in {**moved, **morphed}]
+
+    def camera_at(time: float) -> Camera | None:
+        """Return the camera at a time; None if one fits the scene."""
+        seen_by = camera(time) if callable(camera) else camera
+        return scene.camera if seen_by is None else seen_by
+
+    def move(time: float) -> None:
+        """Put the nodes where they are at a time."""
+        for node, track in moved.items():
+            node.world_from_model = track(time)
+        for node, track in morphed.items():
+            node.mesh = track(time)
+
     try:
+        looks: list[Look] = []
+        if isinstance(times, (Sequence, np.ndarray)):
+            # Planes that cameras leave open are in one place for all frames.
+            for given in times:
+                time = finite_number("times", given)
+                if needs_settling(seen_by := camera_at(time)):
+                    move(time)
+                    looks.append(look_from(scene, seen_by, renderer.size, renderer.quality))
+        steps = join(looks).steps
         for given in times:
             time = finite_number("times", given)
-            for node, track in moved.items():
-                node.world_from_model = track(time)
-            for node, track in morphed.items():
-                node.mesh = track(time)
-            seen_by = camera(time) if callable(camera) else camera
-            yield renderer.render(scene, seen_by, **options)
+            move(time)
+            seen_by = camera_at(time)
+            yield renderer.render(scene, settled(seen_by, *steps) if looks else seen_by, **options)
     finally:
         for node, place, mesh in before:
             node.world_from_model, node.mesh = place, mesh

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import gc
 import time
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -57,7 +58,6 @@ from rasterjit.cli.report import (
     print_measurement,
     print_stats,
     progress_bar,
-    shows_anything,
     status,
     with_progress,
 )
@@ -149,6 +149,7 @@ def render(
         )
     wanted, places = plan_files(output, outputs, depth_file)
     from rasterjit.cli.warmup import first_tasks
+    from rasterjit.rendering.notices import ViewWarning, notices_of
     from rasterjit.rendering.renderer import render as render_frame
     from rasterjit.runtime.ahead import beside
 
@@ -159,7 +160,10 @@ def render(
         status(f"Rendering {file.name}", quiet) as shown,
         compile_notice(quiet, shown),
         beside(first_tasks, threads, at_once=True),
+        warnings.catch_warnings(),
     ):
+        # Said below, as lines.
+        warnings.simplefilter("ignore", ViewWarning)
         scene = load_scene(file, look, effects, quiet)
         camera = view.camera(scene, size)
         loaded = time.perf_counter()
@@ -170,8 +174,8 @@ def render(
         rendered = time.perf_counter()
         write_files(frame, places, depth_scale)
     saved = time.perf_counter()
-    if not shows_anything(frame):
-        warn("nothing is in view: the picture shows only the background", quiet)
+    for notice in notices_of(frame.plan, frame.stats).values():
+        warn(notice, quiet)
     if not quiet:
         seconds = {"load": loaded - start, **frame.stats.seconds, "save": saved - rendered}
         print_stats(frame, seconds, saved - start)
@@ -227,6 +231,7 @@ def turntable(
         compile_notice(quiet),
         Renderer(size, quality=effects.quality(), threads=threads) as renderer,
     ):
+        renderer.told = None
         times = [number / frames for number in range(frames)]
         turning = playing.frames(
             renderer, scene, times, camera=view.turn(scene, size), background=background, cull=cull

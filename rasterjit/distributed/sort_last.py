@@ -15,6 +15,7 @@ import numpy as np
 from rasterjit.distributed import layers
 from rasterjit.distributed.clusters import connected, require_dask, result_of, retried, send
 from rasterjit.outputs.frame import Frame
+from rasterjit.rendering import notices
 from rasterjit.rendering.effects import EFFECTS
 from rasterjit.rendering.stream import Options, check_arguments
 from rasterjit.scene.camera import Camera, check_camera
@@ -24,6 +25,7 @@ from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import EFFECT_FIELDS, Scene
 from rasterjit.scene.validation import in_short, thread_count
+from rasterjit.survey.clip_planes import join
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -108,18 +110,31 @@ def render_partitions(
     parts = _parts_of(partitions)
     if "uv" in options.outputs:
         _check_uv(partitions, parts)
-    for part in filter(_is_here, parts):
-        # What is here is looked at here, before anything is sent.
+    # What is here is looked at here, before anything is sent.
+    planned = [
         layers.plan_part(layers.mesh_of(part, material), setting, camera, options)
+        for part in filter(_is_here, parts)
+    ]
+    steps = join([found[1].look for found in planned if found is not None]).steps
     own = thread_count("threads", threads) or 1
     with connected(client) as chosen:
-        layer = retried(
-            lambda: _render_once(parts, setting, material, camera, options, own, chosen),
-            "the partitions",
-        )
-    if layer is None:
-        raise ValueError("partitions must have at least one face together, got none")
-    return layer.frame()
+
+        def draw(steps: tuple[int, int]) -> layers.Layer:
+            found = retried(
+                lambda: _render_once(parts, setting, material, camera, options, own, steps, chosen),
+                "the partitions",
+            )
+            if found is None:
+                raise ValueError("partitions must have at least one face together, got none")
+            return found
+
+        layer = draw(steps)
+        if layer.look.steps != steps:
+            # Parts that are not here show what planes that are left open would cut.
+            layer = draw(layer.look.steps)
+    frame = layer.frame()
+    notices.warn(notices.notices_of(frame.plan, frame.stats), set(), stacklevel=2)
+    return frame
 
 
 def _render_once(
@@ -129,6 +144,7 @@ def _render_once(
     camera: Camera,
     options: Options,
     threads: int,
+    steps: tuple[int, int],
     client: Client,
 ) -> layers.Layer | None:
     """Send what is here, draw and merge."""
@@ -140,7 +156,7 @@ def _render_once(
     draw = dask.delayed(layers.draw_layer, pure=False)
     merge = dask.delayed(layers.merge_layers, pure=False)
     drawn = [
-        draw(sent.get(n, part), shared, material, camera, options, threads)
+        draw(sent.get(n, part), shared, material, camera, options, threads, steps)
         for n, part in enumerate(parts)
     ]
     future = client.compute(layers.merge_tree(drawn, merge), optimize_graph=False)

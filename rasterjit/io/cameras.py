@@ -33,7 +33,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.scene import transforms
-from rasterjit.scene.camera import Camera, MatrixCamera, check_camera
+from rasterjit.scene.camera import Camera, MatrixCamera, check_camera, usual_near
 from rasterjit.scene.transforms import Matrix
 from rasterjit.scene.validation import (
     finite_array,
@@ -147,7 +147,7 @@ class _Pinhole(NamedTuple):
     skew: float
     cx: float
     cy: float
-    near: float
+    near: float | None
     far: float
 
 
@@ -182,7 +182,7 @@ def from_opencv(
     rotation: ArrayLike | None = None,
     translation: ArrayLike | None = None,
     camera_from_world: ArrayLike | None = None,
-    near: float = 0.1,
+    near: float | None = None,
     far: float = math.inf,
 ) -> MatrixCamera:
     """
@@ -199,8 +199,10 @@ def from_opencv(
         R and t; ``cv2.Rodrigues`` makes R of a rotation vector. Default: the identity and 0.
     camera_from_world : (4, 4) or (3, 4) array_like, optional
         In place of the two: the extrinsic matrix.
-    near, far : float, scene units
-        Distances of the near and far plane; ``far`` may be ``math.inf``.
+    near : float, optional, scene units
+        Distance of the near plane. Default: chosen as `PerspectiveCamera` says.
+    far : float, scene units
+        Distance of the far plane; may be ``math.inf``.
 
     Raises
     ------
@@ -301,7 +303,7 @@ def from_pytorch3d(
     *,
     principal_point: ArrayLike | None = None,
     space: str = "ndc",
-    near: float = 0.1,
+    near: float | None = None,
     far: float = math.inf,
 ) -> MatrixCamera:
     """
@@ -321,8 +323,10 @@ def from_pytorch3d(
     space : {"ndc", "screen"}
         What focal length and principal point are in: NDC, where the image's shorter side is 2 long,
         x points left and y up, or pixels from the upper left corner (``in_ndc=False``).
-    near, far : float, scene units
-        Distances of the near and far plane; ``far`` may be ``math.inf``.
+    near : float, optional, scene units
+        Distance of the near plane. Default: chosen as `PerspectiveCamera` says.
+    far : float, scene units
+        Distance of the far plane; may be ``math.inf``.
 
     Raises
     ------
@@ -575,9 +579,10 @@ def _camera(pinhole: _Pinhole, size: tuple[int, int], view: Matrix) -> MatrixCam
     # The other's y points down: the skew turns its sign.
     clip[0, 1] = -2.0 * pinhole.skew / width
     clip[0, 2], clip[1, 2] = 1.0 - 2.0 * pinhole.cx / width, 2.0 * pinhole.cy / height - 1.0
-    clip[2, 2:] = transforms.perspective_depth(pinhole.near, pinhole.far)
+    near = usual_near(pinhole.near, pinhole.far)
+    clip[2, 2:] = transforms.perspective_depth(near, pinhole.far)
     clip[3, 2] = -1.0
-    return MatrixCamera(view, clip + 0.0)
+    return MatrixCamera(view, clip + 0.0, pinhole.near is None)
 
 
 def _pinhole(camera: Camera, size: tuple[int, int]) -> _Pinhole:

@@ -20,16 +20,15 @@ from rasterjit.outputs.frame import Frame, Stats
 from rasterjit.pipeline.visibility import draw as drawing
 from rasterjit.pipeline.visibility.draw import Seen
 from rasterjit.rendering import budget as budgets
+from rasterjit.rendering import notices, shade, supersample
 from rasterjit.rendering import plan as planning
-from rasterjit.rendering import shade, supersample
 from rasterjit.rendering.clock import StageClock
 from rasterjit.rendering.supersample import Accumulation
 from rasterjit.rendering.views import (
     PlannedFrame,
     choose_camera,
-    find_earlier,
-    plan_earlier,
     plan_views,
+    settle_together,
 )
 from rasterjit.runtime.ahead import beside
 from rasterjit.runtime.threads import Workers
@@ -114,14 +113,14 @@ def render(
     for name, value in (("max_error", max_error), ("time_budget", time_budget)):
         if value is not None and quality is not None:
             raise ValueError(f"quality must be None where {name} is given, got {quality!r}")
+    options = outputs, background, cull, diagnose, previous
     with Renderer(size, quality=quality, threads=threads) as renderer:
         if time_budget is not None and max_error is None:
-            options = outputs, background, cull, diagnose, previous
-            return renderer._render_in_time(time_budget, what, camera, options, is_lone=True)
-        return renderer.render(
-            what, camera, max_error=max_error, time_budget=time_budget, outputs=outputs,
-            background=background, cull=cull, diagnose=diagnose, previous=previous,
-        )  # fmt: skip
+            frame = renderer._render_in_time(time_budget, what, camera, options, is_lone=True)
+        else:
+            frame = renderer._render_asked(max_error, time_budget, what, camera, options)
+    notices.warn(notices.notices_of(frame.plan, frame.stats), set(), stacklevel=2)
+    return frame
 
 
 def explain(
@@ -147,13 +146,10 @@ def explain(
         Naming the argument that is wrong.
     """
     scene = as_scene(what)
-    size = image_size("size", size)
-    camera = choose_camera(scene, camera, size)
-    plan = planning.plan_frame(
-        scene, camera, size, check_quality(quality), outputs, background, cull, diagnose
-    )
-    earlier = find_earlier(previous, plan, scene)
-    return plan if earlier is None else plan.with_(previous=plan_earlier(plan, *earlier))
+    return plan_views(
+        image_size("size", size), check_quality(quality), scene, camera, outputs, background, cull,
+        diagnose, previous,
+    ).plan  # fmt: skip
 
 
 def draw_frame(
@@ -344,6 +340,8 @@ class Renderer:
     ----------
     before_picture : callable or None
         Called before each of the pictures that a frame is made of; what it raises ends the frame.
+    told : set of str or None
+        What `ViewWarning` has warned of, of each kind once; ``None`` -> it never does.
 
     Raises
     ------
@@ -360,6 +358,7 @@ class Renderer:
         self._lone: tuple[Mesh, Scene] | None = None
         self._cache: SceneCache | None = None
         self.before_picture: Callable[[], None] | None = None
+        self.told: set[str] | None = set()
 
     def __enter__(self) -> Renderer:
         return self
@@ -405,6 +404,20 @@ class Renderer:
             Naming the argument that is wrong, before any kernel runs.
         """
         options = outputs, background, cull, diagnose, previous
+        frame = self._render_asked(max_error, time_budget, what, camera, options)
+        if self.told is not None:
+            notices.warn(notices.notices_of(frame.plan, frame.stats), self.told, stacklevel=2)
+        return frame
+
+    def _render_asked(
+        self,
+        max_error: float | None,
+        time_budget: float | None,
+        what: Any,
+        camera: Camera | None,
+        options: tuple,
+    ) -> Frame:
+        """Render one frame of this renderer's quality, or of one that is near or fast enough."""
         if max_error is not None:
             return self._render_within(max_error, time_budget, what, camera, options)
         if time_budget is not None:
@@ -458,6 +471,7 @@ class Renderer:
             )
         scene = self._scene(what)
         camera = choose_camera(scene, camera, self.size)
+        (camera,) = settle_together(scene, [camera], self.size, Quality.standard())
         _, background, cull, *_ = options
         # What is wrong is wrong before anything is drawn.
         self._plan(Quality.standard(), scene, camera, *options)

@@ -19,8 +19,9 @@ from typing import Any, NamedTuple
 from rasterjit.io.meshes import as_scene
 from rasterjit.outputs import table
 from rasterjit.outputs.frame import Frame
-from rasterjit.rendering import plan
+from rasterjit.rendering import notices, plan
 from rasterjit.rendering.renderer import Renderer
+from rasterjit.rendering.views import settle_together
 from rasterjit.runtime.threads import available_processors
 from rasterjit.scene.camera import Camera, check_camera
 from rasterjit.scene.color import linear_color
@@ -34,6 +35,9 @@ AHEAD = 2
 """Frames begun for each worker before any is taken: one in work, one waiting."""
 
 PROGRESS = ("none", "bar")
+
+TO_CALLER = 4
+"""Calls from where a frame is taken to the caller's program, for warnings."""
 
 
 class Options(NamedTuple):
@@ -127,6 +131,7 @@ class RendererPool:
         self._idle: queue.SimpleQueue[Renderer] = queue.SimpleQueue()
         self._renderers: list[Renderer] = []
         self._pool: ThreadPoolExecutor | None = None
+        self._told: set[str] = set()
 
     def __enter__(self) -> RendererPool:
         self._process = os.getpid()
@@ -138,7 +143,8 @@ class RendererPool:
             renderer = Renderer(
                 self._options.size, quality=self._options.quality, threads=self._threads
             )
-            renderer._cache = cache
+            # The pool tells once, for all of them.
+            renderer._cache, renderer.told = cache, None
             self._renderers.append(renderer)
             self._idle.put(renderer)
         return self
@@ -162,7 +168,9 @@ class RendererPool:
                 "frames cannot be taken from an iterator that was begun before the process was "
                 "forked: its threads are in the parent; call render_many again here"
             )
-        return frame.result()
+        drawn = frame.result()
+        notices.warn(notices.notices_of(drawn.plan, drawn.stats), self._told, stacklevel=TO_CALLER)
+        return drawn
 
     def _draw(self, camera: Camera) -> Frame:
         """Draw one frame."""
@@ -174,6 +182,17 @@ class RendererPool:
             )
         finally:
             self._idle.put(renderer)
+
+
+def settle_all(scene: Scene, cameras: Iterable[Camera], options: Options) -> Iterable[Camera]:
+    """
+    Yield the cameras of all frames, with planes that they leave open in one place for all.
+
+    Cameras that come as they are asked for have theirs one by one, when each frame is planned.
+    """
+    if isinstance(cameras, Sequence):
+        cameras = settle_together(scene, cameras, options.size, options.quality)
+    yield from cameras
 
 
 def draw_all(pool: Any, cameras: Iterable[Camera], prefetch: int) -> Iterator[Frame]:

@@ -12,9 +12,10 @@ far plane is.
 
 from __future__ import annotations
 
+import copy
 import math
 from dataclasses import dataclass
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -31,6 +32,16 @@ from rasterjit.scene.validation import (
 
 Float64 = NDArray[np.float64]
 DepthCoefficients = tuple[float, float, float]
+
+NEAR = 0.1
+"""Near plane of a perspective where none is given, if that cuts nothing in view; scene units."""
+
+FAR = 1000.0
+"""Far plane of a parallel camera where none is given, if that cuts nothing in view; scene units."""
+
+MOST_STEPS = 40
+"""How often a near plane that is not given is halved, or a far plane doubled, at most: to 9e-14 and
+1e15 scene units."""
 
 _LEAST_HEIGHT = 1e-300
 """Least height of what a parallel projection shows: its scale is finite at every aspect."""
@@ -93,11 +104,16 @@ class PerspectiveCamera:
         Where it is, the point it looks at and which way is up; kept as tuples of float.
     fov_y : float, degrees
         Vertical field of view, strictly between 0 and 180.
-    near, far : float, scene units
-        Distances of the near and far plane; ``far`` may be ``math.inf``. Rendering refuses a
-        ``near`` below 1e-13 of ``far`` if something lies beyond ``far``, and one so small that
-        ``Quality.depth_format`` cannot hold the depth of what is in view (by default below
-        1.2e-38 of the farthest distance).
+    near : float, optional, scene units
+        Distance of the near plane. Default: rendering chooses 0.1, halved as often as it takes to
+        cut nothing in view, at most 40 times; ``frame.plan.camera`` has it. With a depth format of
+        fixed range (unorm16, unorm24, float32) it stays so far away that the format tells apart
+        what is in view. Rendering refuses a given one below 1e-13 of ``far`` if something lies
+        beyond ``far``, and one so small that ``Quality.depth_format`` cannot hold the depth of what
+        is in view (by default below 1.2e-38 of the farthest distance). It warns of faces that a
+        given one cuts.
+    far : float, scene units
+        Distance of the far plane; may be ``math.inf``.
 
     Raises
     ------
@@ -111,13 +127,14 @@ class PerspectiveCamera:
     target: tuple[float, float, float]
     up: tuple[float, float, float] = (0.0, 1.0, 0.0)
     fov_y: float = 45.0
-    near: float = 0.1
+    near: float | None = None
     far: float = math.inf
 
     def __post_init__(self) -> None:
         _freeze_placement(self)
-        transforms.lens_matrix(self.fov_y, 1.0, self.near, self.far)
-        _freeze(self, fov_y=float(self.fov_y), near=float(self.near), far=float(self.far))
+        transforms.lens_matrix(self.fov_y, 1.0, usual_near(self.near, self.far), self.far)
+        near = None if self.near is None else float(self.near)
+        _freeze(self, fov_y=float(self.fov_y), near=near, far=float(self.far))
 
     def view_matrix(self) -> Matrix:
         """Return ``view_from_world``, (4, 4) float64."""
@@ -127,10 +144,12 @@ class PerspectiveCamera:
         """
         Return ``clip_from_view``, (4, 4) float64, for an image of (width, height) pixels.
 
-        Without a far plane that is more than 1e13 times as far as the near one.
+        Without a far plane that is more than 1e13 times as far as the near one. A near plane that
+        is not given is at 0.1, or halved to lie before ``far``.
         """
         width, height = picture_size("size", size)
-        return transforms.lens_matrix(self.fov_y, width / height, self.near, self.far)
+        near = usual_near(self.near, self.far)
+        return transforms.lens_matrix(self.fov_y, width / height, near, self.far)
 
     def eye_position(self) -> Float64:
         """Return the eye, (3,) float64, world space."""
@@ -138,12 +157,12 @@ class PerspectiveCamera:
 
     def depth_coefficients(self) -> DepthCoefficients:
         """Return (near, 0, 0): the stored depth is near / w."""
-        return self.near, 0.0, 0.0
+        return usual_near(self.near, self.far), 0.0, 0.0
 
     def view_depth(self, stored: ArrayLike) -> Float64:
         """Return near / ``stored``, float64, scene units; infinite where ``stored`` is 0."""
         with np.errstate(divide="ignore"):
-            return self.near / np.asarray(stored, dtype=np.float64)
+            return usual_near(self.near, self.far) / np.asarray(stored, dtype=np.float64)
 
 
 @dataclass(frozen=True)
@@ -157,8 +176,11 @@ class OrthographicCamera:
         Where it is, the point it looks at and which way is up; kept as tuples of float.
     height : float, scene units
         What the image shows from its bottom to its top.
-    near, far : float, scene units
-        Distances of the near and far plane, finite; ``near`` may be negative (behind the eye).
+    near : float, scene units
+        Distance of the near plane, finite; may be negative (behind the eye).
+    far : float, optional, scene units
+        Distance of the far plane, finite. Default: rendering chooses 1000, doubled as often as it
+        takes to cut nothing in view, at most 40 times; ``frame.plan.camera`` has it.
 
     Raises
     ------
@@ -172,26 +194,31 @@ class OrthographicCamera:
     up: tuple[float, float, float] = (0.0, 1.0, 0.0)
     height: float = 2.0
     near: float = 0.0
-    far: float = 1000.0
+    far: float | None = None
 
     def __post_init__(self) -> None:
         _freeze_placement(self)
         height = positive_number("height", self.height)
         if height < _LEAST_HEIGHT:
             raise ValueError(f"height must be at least {_LEAST_HEIGHT:g}, got {height!r}")
-        transforms.orthographic(-1.0, 1.0, -1.0, 1.0, self.near, self.far)
-        _freeze(self, height=height, near=float(self.near), far=float(self.far))
+        transforms.orthographic(-1.0, 1.0, -1.0, 1.0, self.near, usual_far(self.far, self.near))
+        far = None if self.far is None else float(self.far)
+        _freeze(self, height=height, near=float(self.near), far=far)
 
     def view_matrix(self) -> Matrix:
         """Return ``view_from_world``, (4, 4) float64."""
         return self._view_from_world.copy()
 
     def projection_matrix(self, size: tuple[int, int]) -> Matrix:
-        """Return ``clip_from_view``, (4, 4) float64, for an image of (width, height) pixels."""
+        """
+        Return ``clip_from_view``, (4, 4) float64, for an image of (width, height) pixels.
+
+        A far plane that is not given is at 1000, or doubled to lie behind ``near``.
+        """
         width, height = picture_size("size", size)
         top = self.height / 2.0
-        right = top * (width / height)
-        return transforms.orthographic(-right, right, -top, top, self.near, self.far)
+        right, far = top * (width / height), usual_far(self.far, self.near)
+        return transforms.orthographic(-right, right, -top, top, self.near, far)
 
     def eye_position(self) -> Float64:
         """Return the eye, (3,) float64, world space."""
@@ -204,7 +231,7 @@ class OrthographicCamera:
     def view_depth(self, stored: ArrayLike) -> Float64:
         """Return the depth, float64, scene units: ``near`` at 0, ``far`` at -1."""
         share = -np.asarray(stored, dtype=np.float64)
-        return self.near * (1.0 - share) + self.far * share
+        return self.near * (1.0 - share) + usual_far(self.far, self.near) * share
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,17 +247,22 @@ class MatrixCamera:
         OpenGL's NDC: -1 at the near plane. It is a perspective if w depends on the view-space
         position, else a parallel projection. It may hold the view as well, with
         ``view_from_world`` the identity. It is used as it is for any image size.
+    is_near_open : bool
+        Whether ``clip_from_view``, a pinhole's, has its near plane where it is because none was
+        given: rendering then halves its distance as `PerspectiveCamera` says.
 
     Raises
     ------
     ValueError
         If a matrix is not 4x4 and finite, ``view_from_world`` is not affine or is singular, or
         ``clip_from_view`` has no centre of projection (perspective), or is parallel with a
-        w that is not above 0 or a z that does not depend on the position.
+        w that is not above 0 or a z that does not depend on the position; or if
+        ``is_near_open`` is set for what is no pinhole along view space's z axis.
     """
 
     view_from_world: Float64
     clip_from_view: Float64
+    is_near_open: bool = False
 
     def __post_init__(self) -> None:
         view = finite_array("view_from_world", self.view_from_world, (4, 4)).copy()
@@ -252,6 +284,11 @@ class MatrixCamera:
         elif not clip[2, :3].any():
             raise ValueError("clip_from_view must give a z that depends on the position")
         _freeze(self, _eye=self._find_eye())
+        if self.is_near_open and _pinhole_planes(clip) is None:
+            raise ValueError(
+                "is_near_open must be False where clip_from_view is no pinhole along view space's "
+                f"z axis, got {self.is_near_open!r}"
+            )
 
     @classmethod
     def from_intrinsics(
@@ -263,7 +300,7 @@ class MatrixCamera:
         size: tuple[int, int],
         *,
         view_from_world: ArrayLike | None = None,
-        near: float = 0.1,
+        near: float | None = None,
         far: float = math.inf,
     ) -> MatrixCamera:
         """
@@ -283,9 +320,10 @@ class MatrixCamera:
             another size of the same aspect rescales the picture.
         view_from_world : (4, 4) array_like, optional
             The pose; the identity if not given.
-        near, far : float, scene units
-            Distances of the near and far plane; ``far`` may be ``math.inf``, else it is at most
-            1e13 times ``near``.
+        near : float, optional, scene units
+            Distance of the near plane. Default: chosen as `PerspectiveCamera` says.
+        far : float, scene units
+            Distance of the far plane; may be ``math.inf``, else it is at most 1e13 times ``near``.
 
         Raises
         ------
@@ -306,9 +344,10 @@ class MatrixCamera:
         clip[1, 1] = 2.0 * positive_number("fy", fy) / height
         clip[0, 2] = 1.0 - 2.0 * finite_number("cx", cx) / width
         clip[1, 2] = 2.0 * finite_number("cy", cy) / height - 1.0
-        clip[2, 2:] = transforms.perspective_depth(near, far)
+        clip[2, 2:] = transforms.perspective_depth(usual_near(near, far), far)
         clip[3, 2] = -1.0
-        return cls(transforms.identity() if view_from_world is None else view_from_world, clip)
+        pose = transforms.identity() if view_from_world is None else view_from_world
+        return cls(pose, clip, near is None)
 
     def view_matrix(self) -> Matrix:
         """Return ``view_from_world``, (4, 4) float64."""
@@ -384,6 +423,97 @@ class MatrixCamera:
     def _is_perspective(self) -> bool:
         """Tell whether w depends on the view-space position."""
         return bool(self.clip_from_view[3, :3].any())
+
+
+def usual_near(near: float | None, far: float) -> float:
+    """Return the near plane of a perspective; by default 0.1, halved to lie before ``far``."""
+    if near is not None:
+        return near
+    found = NEAR
+    while isinstance(far, (int, float)) and 0.0 < far <= found:
+        found /= 2.0
+    return found
+
+
+def usual_far(far: float | None, near: float) -> float:
+    """Return the far plane of a parallel camera; by default 1000, doubled to lie behind."""
+    if far is not None:
+        return far
+    found = FAR
+    while isinstance(near, (int, float)) and found <= near < math.inf:
+        found *= 2.0
+    return found
+
+
+class Planes(NamedTuple):
+    """Where the near and the far plane of a camera are, and who put them there."""
+
+    near: float
+    """Distance along the viewing axis, scene units."""
+    far: float
+    """May be infinite."""
+    is_near_open: bool = False
+    """Whether rendering may halve the distance of the near plane, as none was given."""
+    is_far_open: bool = False
+    """Whether rendering may double that of the far plane."""
+    near_steps: int | None = None
+    """How often it did; ``None`` where the near plane was given, or is still open."""
+    far_steps: int | None = None
+
+
+def planes_of(camera: Camera | None) -> Planes | None:
+    """Return the planes of a camera; ``None`` if its matrix is of a kind that has no such two."""
+    steps = getattr(camera, "_steps", (None, None))
+    if isinstance(camera, PerspectiveCamera):
+        near = usual_near(camera.near, camera.far)
+        return Planes(near, camera.far, camera.near is None, False, *steps)
+    if isinstance(camera, OrthographicCamera):
+        far = usual_far(camera.far, camera.near)
+        return Planes(camera.near, far, False, camera.far is None, *steps)
+    if isinstance(camera, MatrixCamera):
+        found = _pinhole_planes(camera.clip_from_view)
+        return None if found is None else Planes(*found, camera.is_near_open, False, *steps)
+    return None
+
+
+def steps_of(camera: Camera) -> tuple[int, int]:
+    """Return how often rendering has halved the near plane of a camera and doubled its far one."""
+    near, far = getattr(camera, "_steps", (None, None))
+    return near or 0, far or 0
+
+
+def settled(camera: Camera, near_steps: int = 0, far_steps: int = 0) -> Camera:
+    """Return a camera with its open planes where so many steps from the usual ones lead."""
+    planes = planes_of(camera)
+    if planes is None or not (planes.is_near_open or planes.is_far_open):
+        return camera
+    found = copy.copy(camera)
+    if planes.is_far_open:
+        _freeze(found, far=planes.far * 2.0**far_steps, _steps=(None, far_steps))
+        return found
+    near = planes.near / 2.0**near_steps
+    _freeze(found, _steps=(near_steps, None))
+    if isinstance(camera, PerspectiveCamera):
+        _freeze(found, near=near)
+        return found
+    _freeze(found, is_near_open=False)
+    if near_steps:
+        clip = found.clip_from_view.copy()
+        clip[2, 2:] = transforms.perspective_depth(near, planes.far)
+        clip.flags.writeable = False
+        _freeze(found, clip_from_view=clip)
+    return found
+
+
+def _pinhole_planes(clip: Float64) -> tuple[float, float] | None:
+    """Return near and far plane of a pinhole along view space's z axis, ``None`` of all else."""
+    *_, (depth_x, depth_y, scale, offset), away = clip.tolist()
+    if away != [0.0, 0.0, -1.0, 0.0] or depth_x != 0.0 or depth_y != 0.0:
+        return None
+    if not offset < 0.0 or not scale <= -1.0:
+        return None
+    near = offset / (scale - 1.0)
+    return near, math.inf if scale == -1.0 else offset / (scale + 1.0)
 
 
 def clip_from_relative(camera: Camera, size: tuple[int, int]) -> Matrix:

@@ -15,6 +15,7 @@ from rasterjit.pipeline.visibility.draw import Region
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.quality import Quality, differences
 from rasterjit.survey.blending import Layers
+from rasterjit.survey.clip_planes import NO_LOOK, Look, describe_planes
 from rasterjit.survey.depth_format import DepthFormat
 from rasterjit.survey.effect import Absent, Planned, Rows
 from rasterjit.survey.facts import Facts
@@ -61,6 +62,8 @@ class RenderPlan:
     """How many surfaces of each pixel are found, the nearest ones; ``None`` -> one, as always."""
     region: Region | None = None
     """The part of the picture that is drawn; ``None`` -> all of it."""
+    look: Look = NO_LOOK
+    """What is seen beside the near and the far plane."""
     drawn: tuple[dict[str, Any], ...] | None = None
     """Records of the effects that look at the whole picture, by name, for each step of pictures;
     ``None`` -> they are prepared with the picture."""
@@ -170,6 +173,7 @@ class RenderPlan:
             ("sub-pixel bits", str(self.quality.subpixel_bits)),
             ("culling", self.cull),
         ]
+        rows += describe_planes(self.camera, self.look.cut)
         if self.pictures > 1:
             rows.append(("pictures", f"{self.pictures} of {self.quality.samples}"))
         if self.surfaces is not None:
