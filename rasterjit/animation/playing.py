@@ -49,7 +49,8 @@ def frames(
     times : iterable of float, seconds
     camera : Camera or callable, optional
         What shows the scene, or a function that returns it for a time, such as a `CameraTrack`.
-        Default: as in `rasterjit.render`.
+        Default: as in `rasterjit.render`. If it leaves its near plane open, and ``times`` is a
+        sequence, all times are looked at first: the plane is in one place for all frames.
     transforms : dict, optional
         By node of the scene a function that returns ``world_from_model``, (4, 4), for a time, such
         as a `TransformTrack`.

@@ -73,6 +73,8 @@ def render_many(
     what : Scene, Mesh, trimesh.Trimesh or trimesh.Scene
         Must stay as it is while frames are taken.
     cameras : iterable of Camera
+        Near planes that they leave open are in one place for all of a sequence; of cameras that
+        come as they are asked for, each has its own.
     size, quality, outputs, background, cull
         As `rasterjit.render` takes them, the same for all frames.
     threads : int, optional

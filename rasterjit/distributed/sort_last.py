@@ -62,6 +62,8 @@ def render_partitions(
         these on a worker. A ``dask.bag.Bag`` holds such pairs. What this process holds is sent;
         what is loaded by the workers never comes here.
     camera : Camera
+        A near plane that it leaves open is where no part is cut; parts that workers load are drawn
+        again if they are cut at first.
     setting : Scene, optional
         A scene without meshes: its lights, environment, fog, tone map and vignette hold for
         all parts.

@@ -18,7 +18,8 @@ from rasterjit.scene.view import View
 from rasterjit.survey import contents
 from rasterjit.survey import placement as placing
 from rasterjit.survey.cache import SceneCache, prepare
-from rasterjit.survey.clip_planes import Look, join, look_at_planes
+from rasterjit.survey.clip_planes import Look, is_surely_between, join, look_at_planes
+from rasterjit.survey.depth_format import REVERSED_TYPES
 from rasterjit.survey.placement import Boxes, Views
 from rasterjit.survey.plan import RenderPlan
 
@@ -107,16 +108,18 @@ def settle_together(
     known : SceneCache, optional
         What is known of the scene.
     """
-    is_open = [needs_settling(camera) for camera in cameras]
-    if not any(is_open):
+    if not any(map(needs_settling, cameras)):
         return list(cameras)
     cache = prepare(scene.nodes, known, quality, scene.environment is not None)
-    looks = [
-        look_from(scene, camera, size, quality, cache)
-        for camera, is_one in zip(cameras, is_open, strict=True)
-        if is_one
-    ]
-    return [settled(camera, *join(looks).steps) for camera in cameras]
+    # Most batches look from outside of all that is there.
+    low, high = placing.box_around(cache.inventory[1], cache.places.world_from_model)
+    near_by = [camera for camera in cameras if not is_surely_between(low, high, camera)]
+    if near_by and quality.depth_format not in REVERSED_TYPES:
+        # How near a plane may come is for all to say.
+        near_by = [camera for camera in cameras if needs_settling(camera)]
+    looks = [look_from(scene, camera, size, quality, cache) for camera in near_by]
+    steps = join(looks).steps
+    return [settled(camera, *steps) for camera in cameras]
 
 
 def needs_settling(camera: Camera | None) -> bool:

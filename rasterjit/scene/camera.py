@@ -489,9 +489,9 @@ def settled(camera: Camera, near_steps: int = 0, far_steps: int = 0) -> Camera:
         return camera
     found = copy.copy(camera)
     if planes.is_far_open:
-        _freeze(found, far=planes.far * 2.0**far_steps, _steps=(None, far_steps))
+        _freeze(found, far=planes.far * (1 << far_steps), _steps=(None, far_steps))
         return found
-    near = planes.near / 2.0**near_steps
+    near = planes.near / (1 << near_steps)
     _freeze(found, _steps=(near_steps, None))
     if isinstance(camera, PerspectiveCamera):
         _freeze(found, near=near)

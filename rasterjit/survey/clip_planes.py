@@ -182,6 +182,24 @@ def look_at_planes(
     )
 
 
+def is_surely_between(low: Float64, high: Float64, camera: Camera) -> bool:
+    """Tell whether a box, corners (3,) in world space, lies between the open planes of a camera."""
+    planes = planes_of(camera)
+    if planes is None or not (planes.is_near_open or planes.is_far_open):
+        return True
+    *row, rest = (-camera.view_matrix()[2]).tolist()
+    nearest = farthest = rest
+    terms = abs(rest)
+    for share, least, most in zip(row, low.tolist(), high.tolist(), strict=True):
+        ends = share * least, share * most
+        nearest, farthest = nearest + min(ends), farthest + max(ends)
+        terms += max(map(abs, ends))
+    near = planes.near / (1.0 - CLEARANCE) if planes.is_near_open else -math.inf
+    far = planes.far * (1.0 - CLEARANCE) if planes.is_far_open else math.inf
+    # What is not a number is not sure.
+    return nearest >= near + SURE * terms and farthest <= far - SURE * terms
+
+
 def _depths(
     camera: Camera, planes: Planes, clip_from_relative: Float64
 ) -> tuple[Float64, tuple[float, float]]:
@@ -214,7 +232,7 @@ def _sides(clip_from_relative: Float64) -> Float64:
 def _halvings(planes: Planes, least: float) -> int:
     """Return how often the near plane must be halved to leave what is so far away."""
     allowed, steps = least * (1.0 - CLEARANCE), 0
-    while steps < MOST_STEPS and planes.near / 2.0**steps > allowed:
+    while steps < MOST_STEPS and planes.near / (1 << steps) > allowed:
         steps += 1
     return steps
 
@@ -229,7 +247,7 @@ def _most_halvings(planes: Planes, boxes: Boxes, quality: Quality) -> int:
         held = least_held(quality.depth_format, quality.precision)
         least = max(least, 2.0 * held * min(boxes.largest_w(), planes.far))
     steps = 0
-    while steps < MOST_STEPS and planes.near / 2.0 ** (steps + 1) >= least:
+    while steps < MOST_STEPS and planes.near / (2 << steps) >= least:
         steps += 1
     return steps
 
@@ -237,7 +255,7 @@ def _most_halvings(planes: Planes, boxes: Boxes, quality: Quality) -> int:
 def _doublings(planes: Planes, most: float) -> int:
     """Return how often the far plane must be doubled to leave what is so far away."""
     steps = 0
-    while steps < MOST_STEPS and planes.far * 2.0**steps * (1.0 - CLEARANCE) < most:
+    while steps < MOST_STEPS and planes.far * (1 << steps) * (1.0 - CLEARANCE) < most:
         steps += 1
     return steps
 
@@ -397,5 +415,5 @@ def _describe_plane(distance: float, steps: int | None, sign: str) -> str:
     """Say where a plane is, and whether rendering put it there."""
     if steps is None:
         return f"{distance:.6g} (given)"
-    usual = distance * 2.0**steps if sign == "/" else distance / 2.0**steps
+    usual = distance * (1 << steps) if sign == "/" else distance / (1 << steps)
     return f"{distance:.6g} (chosen: {usual:.6g} {sign} 2^k, k = {steps})"

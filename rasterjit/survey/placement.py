@@ -214,6 +214,14 @@ def place_boxes(boxes: Float64, matrices: Float64) -> Float64:
         return x * m[..., 0] + y * m[..., 1] + z * m[..., 2] + m[..., 3]
 
 
+def box_around(boxes: Float64, matrices: Float64) -> tuple[Float64, Float64]:
+    """Return the corners, (3,), of a box around boxes (O, 2, 3) that matrices (O, 4, 4) place."""
+    corners = place_boxes(boxes, matrices[:, :3]).reshape(-1, 3)
+    # What is in no face has no box.
+    corners = corners[~np.isnan(corners).any(axis=1)]
+    return corners.min(axis=0, initial=np.inf), corners.max(axis=0, initial=-np.inf)
+
+
 class Views(NamedTuple):
     """The matrices of all objects, relative to the eye so that nothing is lost far from it."""
 
