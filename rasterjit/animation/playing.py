@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rasterjit.animation.tracks import CameraTrack
 from rasterjit.animation.video import save_animation
 from rasterjit.outputs.frame import Frame
 from rasterjit.rendering.renderer import Renderer
@@ -17,11 +18,15 @@ from rasterjit.scene.camera import Camera, settled
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.scene import Node, Scene
 from rasterjit.scene.validation import finite_number, in_short
-from rasterjit.survey.clip_planes import Look, join
+from rasterjit.survey.clip_planes import NO_LOOK, Look
 
 CameraAt = Callable[[float], Camera]
 TransformAt = Callable[[float], ArrayLike]
 MeshAt = Callable[[float], Mesh]
+
+
+MOST_AHEAD = 10_000
+"""Times that are looked at before the first frame is drawn, if a camera leaves a plane open."""
 
 
 def frames(
@@ -49,8 +54,9 @@ def frames(
     times : iterable of float, seconds
     camera : Camera or callable, optional
         What shows the scene, or a function that returns it for a time, such as a `CameraTrack`.
-        Default: as in `rasterjit.render`. If it leaves its near plane open, and ``times`` is a
-        sequence, all times are looked at first: the plane is in one place for all frames.
+        Default: as in `rasterjit.render`. If it leaves its near plane open, that is in one place
+        for all frames: a camera or a `CameraTrack` is looked at ahead, at all of a sequence of up
+        to 10,000 times. For other functions and times the plane never goes back.
     transforms : dict, optional
         By node of the scene a function that returns ``world_from_model``, (4, 4), for a time, such
         as a `TransformTrack`.
@@ -113,21 +119,29 @@ def _play(
         for node, track in morphed.items():
             node.mesh = track(time)
 
+    def look_at(seen_by: Camera) -> Look:
+        """Return what a camera sees beside its planes, of the nodes as they are."""
+        return look_from(scene, seen_by, renderer.size, renderer.quality)
+
     try:
-        looks: list[Look] = []
-        if isinstance(times, (Sequence, np.ndarray)):
+        look, is_known = NO_LOOK, isinstance(camera, CameraTrack) or not callable(camera)
+        ahead = is_known and isinstance(times, (Sequence, np.ndarray)) and len(times) <= MOST_AHEAD
+        if ahead:
             # Planes that cameras leave open are in one place for all frames.
             for given in times:
                 time = finite_number("times", given)
                 if needs_settling(seen_by := camera_at(time)):
                     move(time)
-                    looks.append(look_from(scene, seen_by, renderer.size, renderer.quality))
-        steps = join(looks).steps
+                    look = look.beside(look_at(seen_by))
         for given in times:
             time = finite_number("times", given)
             move(time)
             seen_by = camera_at(time)
-            yield renderer.render(scene, settled(seen_by, *steps) if looks else seen_by, **options)
+            if needs_settling(seen_by):
+                # Those that nobody has looked at ahead come no farther away again.
+                look = look if ahead else look.beside(look_at(seen_by))
+                seen_by = settled(seen_by, *look.steps)
+            yield renderer.render(scene, seen_by, **options)
     finally:
         for node, place, mesh in before:
             node.world_from_model, node.mesh = place, mesh

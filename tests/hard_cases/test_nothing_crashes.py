@@ -621,6 +621,7 @@ ELSEWHERE = {
     "RenderPlan": "what explain returns; here it is printed",
     "Node": "what Scene.add returns",
     "CalibrationWarning": "a warning of the dial",
+    "ViewWarning": "a warning of what is in view",
     "Choice": "what the dial notes on a frame",
     "PixelExplanation": "what explain_pixel returns",
     "accuracy": "a module; tests/accuracy refuses its bad input",
