@@ -22,6 +22,8 @@ from numpy.typing import ArrayLike, NDArray
 from rasterjit.scene import transforms
 from rasterjit.scene.transforms import Matrix
 from rasterjit.scene.validation import (
+    MAX_WHOLE_SIZE,
+    bounded_number,
     finite_array,
     finite_number,
     picture_size,
@@ -98,13 +100,17 @@ class PerspectiveCamera:
         ``near`` below 1e-13 of ``far`` if something lies beyond ``far``, and one so small that
         ``Quality.depth_format`` cannot hold the depth of what is in view (by default below
         1.2e-38 of the farthest distance).
+    min_aspect : float
+        In pictures narrower than this (width over height), what is seen from left to right stays
+        what it is at this aspect, and the vertical field of view grows: nothing is cut off at the
+        sides. Default 0: ``fov_y`` holds in all pictures.
 
     Raises
     ------
     ValueError
         If ``target`` equals ``eye``, ``up`` is zero or parallel to the line of sight, ``fov_y`` is
-        outside (0, 180), ``near`` is not above 0, ``far`` is not above ``near``, or a number is
-        not finite.
+        outside (0, 180), ``near`` is not above 0, ``far`` is not above ``near``, ``min_aspect`` is
+        outside 0..131072, or a number is not finite.
     """
 
     eye: tuple[float, float, float]
@@ -113,11 +119,13 @@ class PerspectiveCamera:
     fov_y: float = 45.0
     near: float = 0.1
     far: float = math.inf
+    min_aspect: float = 0.0
 
     def __post_init__(self) -> None:
         _freeze_placement(self)
         transforms.lens_matrix(self.fov_y, 1.0, self.near, self.far)
         _freeze(self, fov_y=float(self.fov_y), near=float(self.near), far=float(self.far))
+        _freeze(self, min_aspect=bounded_number("min_aspect", self.min_aspect, 0.0, MAX_WHOLE_SIZE))
 
     def view_matrix(self) -> Matrix:
         """Return ``view_from_world``, (4, 4) float64."""
@@ -130,7 +138,11 @@ class PerspectiveCamera:
         Without a far plane that is more than 1e13 times as far as the near one.
         """
         width, height = picture_size("size", size)
-        return transforms.lens_matrix(self.fov_y, width / height, self.near, self.far)
+        aspect = width / height
+        matrix = transforms.lens_matrix(self.fov_y, aspect, self.near, self.far)
+        if aspect < self.min_aspect:
+            matrix[:2] *= aspect / self.min_aspect
+        return matrix
 
     def eye_position(self) -> Float64:
         """Return the eye, (3,) float64, world space."""
@@ -159,12 +171,16 @@ class OrthographicCamera:
         What the image shows from its bottom to its top.
     near, far : float, scene units
         Distances of the near and far plane, finite; ``near`` may be negative (behind the eye).
+    min_aspect : float
+        In pictures narrower than this (width over height), what is seen from left to right stays
+        what it is at this aspect, and more than ``height`` is shown. Default 0: never more.
 
     Raises
     ------
     ValueError
         If ``target`` equals ``eye``, ``up`` is zero or parallel to the line of sight, ``height`` is
-        not above 0, ``far`` is not above ``near``, or a number is not finite.
+        not above 0, ``far`` is not above ``near``, ``min_aspect`` is outside 0..131072, or a
+        number is not finite.
     """
 
     eye: tuple[float, float, float]
@@ -173,6 +189,7 @@ class OrthographicCamera:
     height: float = 2.0
     near: float = 0.0
     far: float = 1000.0
+    min_aspect: float = 0.0
 
     def __post_init__(self) -> None:
         _freeze_placement(self)
@@ -181,6 +198,7 @@ class OrthographicCamera:
             raise ValueError(f"height must be at least {_LEAST_HEIGHT:g}, got {height!r}")
         transforms.orthographic(-1.0, 1.0, -1.0, 1.0, self.near, self.far)
         _freeze(self, height=height, near=float(self.near), far=float(self.far))
+        _freeze(self, min_aspect=bounded_number("min_aspect", self.min_aspect, 0.0, MAX_WHOLE_SIZE))
 
     def view_matrix(self) -> Matrix:
         """Return ``view_from_world``, (4, 4) float64."""
@@ -189,8 +207,9 @@ class OrthographicCamera:
     def projection_matrix(self, size: tuple[int, int]) -> Matrix:
         """Return ``clip_from_view``, (4, 4) float64, for an image of (width, height) pixels."""
         width, height = picture_size("size", size)
-        top = self.height / 2.0
-        right = top * (width / height)
+        aspect = width / height
+        top = self.height / 2.0 * max(1.0, self.min_aspect / aspect)
+        right = top * aspect
         return transforms.orthographic(-right, right, -top, top, self.near, self.far)
 
     def eye_position(self) -> Float64:

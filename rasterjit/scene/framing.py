@@ -78,10 +78,10 @@ class Sight(NamedTuple):
     """What a parallel camera shows from bottom to top, scene units."""
 
     @classmethod
-    def of(cls, camera: Camera) -> Sight:
-        """Return that of any camera."""
+    def of(cls, camera: Camera, size: tuple[int, int] = (1, 1)) -> Sight:
+        """Return that of any camera, for an image of (width, height) pixels."""
         view = camera.view_matrix()
-        projection = camera.projection_matrix((1, 1))
+        projection = camera.projection_matrix(size)
         eye = triple_of(camera.eye_position())
         forward = triple_of(-transforms.unit_vector("view", view[2, :3]))
         upward = triple_of(transforms.unit_vector("view", view[1, :3]))
@@ -215,12 +215,14 @@ def fit_camera(
         leaves the camera where it is.
     projection : {"perspective", "orthographic"}
     aspect : float
-        Width over height of the image it is for.
+        Width over height of the image it is for, which says how far away the camera is. In a
+        narrower one it shows more above and below (``min_aspect``).
 
     Returns
     -------
     PerspectiveCamera or OrthographicCamera
-        At zoom 1 the whole sphere is in the image, and at any zoom between the near and far plane.
+        At zoom 1 the whole sphere is in an image of any size, and at any zoom between the near and
+        far plane.
 
     Raises
     ------
@@ -263,7 +265,8 @@ def fit_camera(
             f"of {distance!r} and {shape}"
         )
     kind = OrthographicCamera if projection == "orthographic" else PerspectiveCamera
-    return kind(center + distance * towards, center, upward, **shape, **depths)
+    eye = center + distance * towards
+    return kind(eye, center, upward, **shape, **depths, min_aspect=narrow)
 
 
 def _upright(up: ArrayLike, towards: Float64) -> ArrayLike:
