@@ -238,18 +238,25 @@ class MatrixCamera:
     clip_from_view : (4, 4) array_like
         OpenGL's NDC: -1 at the near plane. It is a perspective if w depends on the view-space
         position, else a parallel projection. It may hold the view as well, with
-        ``view_from_world`` the identity. It is used as it is for any image size.
+        ``view_from_world`` the identity.
+    size : (int, int), optional
+        Width and height, pixels, of the image that ``clip_from_view`` is for. Images of another
+        aspect are refused: they would show it stretched. Those of the same aspect, sides being
+        rounded to whole pixels, show it larger or smaller. Default: it is used as it is for any
+        image. ``dataclasses.replace(camera, size=None)`` makes one that is.
 
     Raises
     ------
     ValueError
         If a matrix is not 4x4 and finite, ``view_from_world`` is not affine or is singular, or
         ``clip_from_view`` has no centre of projection (perspective), or is parallel with a
-        w that is not above 0 or a z that does not depend on the position.
+        w that is not above 0 or a z that does not depend on the position; or if a side of ``size``
+        is not in 1..131072.
     """
 
     view_from_world: Float64
     clip_from_view: Float64
+    size: tuple[int, int] | None = None
 
     def __post_init__(self) -> None:
         view = finite_array("view_from_world", self.view_from_world, (4, 4)).copy()
@@ -260,7 +267,8 @@ class MatrixCamera:
             )
         for matrix in (view, clip):
             matrix.flags.writeable = False
-        _freeze(self, view_from_world=view, clip_from_view=clip)
+        size = None if self.size is None else picture_size("size", self.size)
+        _freeze(self, view_from_world=view, clip_from_view=clip, size=size)
         if _are_dependent(view[:3, :3]):
             raise ValueError("view_from_world must not be singular")
         if self._is_perspective:
@@ -299,7 +307,7 @@ class MatrixCamera:
             Principal point, where the centre of pixel (column i, row j) is at (i + 0.5, j + 0.5).
         size : (width, height) of int, pixels
             The image the calibration is for; it may lie off the principal point. Rendering at
-            another size of the same aspect rescales the picture.
+            another size of the same aspect rescales the picture; another aspect is refused.
         view_from_world : (4, 4) array_like, optional
             The pose; the identity if not given.
         near, far : float, scene units
@@ -327,15 +335,32 @@ class MatrixCamera:
         clip[1, 2] = 2.0 * finite_number("cy", cy) / height - 1.0
         clip[2, 2:] = transforms.perspective_depth(near, far)
         clip[3, 2] = -1.0
-        return cls(transforms.identity() if view_from_world is None else view_from_world, clip)
+        view = transforms.identity() if view_from_world is None else view_from_world
+        return cls(view, clip, (width, height))
 
     def view_matrix(self) -> Matrix:
         """Return ``view_from_world``, (4, 4) float64."""
         return self.view_from_world.copy()
 
     def projection_matrix(self, size: tuple[int, int]) -> Matrix:
-        """Return ``clip_from_view``, (4, 4) float64, whatever the size."""
-        picture_size("size", size)
+        """
+        Return ``clip_from_view``, (4, 4) float64.
+
+        Raises
+        ------
+        ValueError
+            If the image that it is for has another aspect than ``size``.
+        """
+        width, height = picture_size("size", size)
+        if self.size is not None:
+            own_width, own_height = self.size
+            # Sides of one image times any factor are each less than a pixel off.
+            if abs(width * own_height - height * own_width) >= own_width + own_height:
+                raise ValueError(
+                    f"size must have the aspect of {own_width} x {own_height}, which the camera is "
+                    f"made for, got {width} x {height}; make it for that size, or stretch its "
+                    f"picture with dataclasses.replace(camera, size=({width}, {height}))"
+                )
         return self.clip_from_view.copy()
 
     def eye_position(self) -> Float64:

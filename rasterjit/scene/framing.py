@@ -9,7 +9,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rasterjit.scene import transforms
-from rasterjit.scene.camera import Bounded, Camera, Float64, OrthographicCamera, PerspectiveCamera
+from rasterjit.scene.camera import (
+    Bounded,
+    Camera,
+    Float64,
+    MatrixCamera,
+    OrthographicCamera,
+    PerspectiveCamera,
+)
 from rasterjit.scene.transforms import Matrix
 from rasterjit.scene.validation import finite_number, one_of, positive_number, vector
 
@@ -79,9 +86,10 @@ class Sight(NamedTuple):
 
     @classmethod
     def of(cls, camera: Camera, size: tuple[int, int] = (1, 1)) -> Sight:
-        """Return that of any camera, for an image of (width, height) pixels."""
+        """Return that of any camera, for an image of (width, height) pixels or its own."""
         view = camera.view_matrix()
-        projection = camera.projection_matrix(size)
+        own = camera.size if isinstance(camera, MatrixCamera) else None
+        projection = camera.projection_matrix(own or size)
         eye = triple_of(camera.eye_position())
         forward = triple_of(-transforms.unit_vector("view", view[2, :3]))
         upward = triple_of(transforms.unit_vector("view", view[1, :3]))
