@@ -4,7 +4,8 @@ Cameras as other programs describe them, to ours and back.
 Each pair of functions keeps to one convention: where the axes of the camera point, whether vectors
 are columns or rows, and where on the first pixel the origin of pixel coordinates is. World axes are
 never changed: a scene whose z is up stays one. A camera that is made for an image of one size
-refuses images of another aspect, which it would have to stretch; see `rasterjit.MatrixCamera`.
+refuses images of another aspect, which it would have to stretch; see `rasterjit.MatrixCamera`. No
+pose may mirror: all functions refuse one of a determinant below 0.
 
 =============  ===================  =======  ====================  =============================
 convention     x, y, z point        vectors  pose                  pixel coordinates

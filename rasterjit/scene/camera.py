@@ -1,7 +1,8 @@
 """
 Cameras: where the eye is, how the view is projected, and what a stored depth means.
 
-World and view space are right-handed with y up; a camera looks down its -z. Every camera answers
+World and view space are right-handed with y up; a camera looks down its -z. No pose mirrors: every
+constructor, converter and file reader refuses one of a determinant below 0. Every camera answers
 the five questions of :class:`Camera`, which is all that the renderer knows about it.
 
 The stored depth is reversed (nearer is bigger): near / w for a perspective camera, which is linear
@@ -234,11 +235,13 @@ class MatrixCamera:
     Parameters
     ----------
     view_from_world : (4, 4) array_like
-        Affine: its last row is (0, 0, 0, 1). Depth is in world units if it does not scale.
+        Affine: its last row is (0, 0, 0, 1). Depth is in world units if it does not scale. It
+        must not mirror: a determinant below 0 mostly comes of an axis that was negated by mistake.
     clip_from_view : (4, 4) array_like
         OpenGL's NDC: -1 at the near plane. It is a perspective if w depends on the view-space
         position, else a parallel projection. It may hold the view as well, with
-        ``view_from_world`` the identity.
+        ``view_from_world`` the identity. It may mirror: its first row negated turns the picture's
+        left into its right.
     size : (int, int), optional
         Width and height, pixels, of the image that ``clip_from_view`` is for. Images of another
         aspect are refused: they would show it stretched. Those of the same aspect, sides being
@@ -248,10 +251,10 @@ class MatrixCamera:
     Raises
     ------
     ValueError
-        If a matrix is not 4x4 and finite, ``view_from_world`` is not affine or is singular, or
-        ``clip_from_view`` has no centre of projection (perspective), or is parallel with a
-        w that is not above 0 or a z that does not depend on the position; or if a side of ``size``
-        is not in 1..131072.
+        If a matrix is not 4x4 and finite, ``view_from_world`` is not affine, is singular or
+        mirrors, ``clip_from_view`` has no centre of projection (perspective), or is parallel with a
+        w that is not above 0 or a z that does not depend on the position, or a side of ``size`` is
+        not in 1..131072.
     """
 
     view_from_world: Float64
@@ -271,6 +274,12 @@ class MatrixCamera:
         _freeze(self, view_from_world=view, clip_from_view=clip, size=size)
         if _are_dependent(view[:3, :3]):
             raise ValueError("view_from_world must not be singular")
+        if mirrors(view):
+            raise ValueError(
+                "view_from_world must not mirror, got a determinant below 0 for "
+                f"{view[:3, :3].tolist()}; clip_from_view with its first row negated mirrors the "
+                "picture"
+            )
         if self._is_perspective:
             if _are_dependent(clip[[0, 1, 3], :3]):
                 raise ValueError("clip_from_view must have one centre of projection")
@@ -458,6 +467,11 @@ def screen_from_relative(camera: Camera, size: tuple[int, int]) -> Matrix:
     return matrix
 
 
+def mirrors(pose: Float64) -> bool:
+    """Tell whether a pose, (4, 4), either way, makes left hands of right ones."""
+    return _volume(pose[:3, :3]) < -_VOLUME_ROUNDING
+
+
 def check_camera(name: str, camera: Any) -> Camera:
     """Return a camera, or raise ``ValueError`` naming what is none."""
     known = PerspectiveCamera, OrthographicCamera, MatrixCamera
@@ -499,11 +513,15 @@ def _solve_origin(rows: Float64) -> Float64:
 
 def _are_dependent(rows: Float64) -> bool:
     """Tell whether three vectors, (3, 3), lie in a plane, to within the rounding of float64."""
+    return abs(_volume(rows)) <= _VOLUME_ROUNDING
+
+
+def _volume(rows: Float64) -> float:
+    """Return the signed volume that three vectors, (3, 3), span when scaled to length one."""
     if not rows.any(axis=1).all():
-        return True
+        return 0.0
     (a, b, c), (d, e, f), (g, h, i) = (transforms.unit_vector("row", r).tolist() for r in rows)
-    volume = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
-    return abs(volume) <= _VOLUME_ROUNDING
+    return a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
 
 
 def _length(components: list[float]) -> float:

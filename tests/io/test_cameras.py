@@ -378,6 +378,56 @@ def test_half_the_size_has_the_intrinsics_that_opencv_has_for_it():
     np.testing.assert_allclose(half, want, rtol=1e-13)
 
 
+# Poses that mirror
+
+
+LEFT = np.diag([-1.0, 1.0, 1.0, 1.0])
+MINUS = np.diag([-1.0, -1.0, -1.0, 1.0])
+LENS = rj.transforms.perspective(45.0, 1.0, 0.1, 10.0)
+TURNED = rj.transforms.compose(
+    rj.transforms.translate((1, 2, 3)), rj.transforms.rotate((1, 2, 3), 40)
+)
+
+TAKERS = {
+    "matrices": (lambda pose: rj.MatrixCamera(pose, LENS), "view_from_world"),
+    "intrinsics": (
+        lambda pose: rj.MatrixCamera.from_intrinsics(50, 50, 32, 24, SIZE, view_from_world=pose),
+        "view_from_world",
+    ),
+    "opencv": (
+        lambda pose: cameras.from_opencv(np.eye(3), SIZE, camera_from_world=pose),
+        "camera_from_world",
+    ),
+    "opencv, R": (
+        lambda pose: cameras.from_opencv(np.eye(3), SIZE, rotation=pose[:3, :3]), "rotation",
+    ),
+    "opengl": (lambda pose: cameras.from_opengl(pose, LENS), "view"),
+    "pytorch3d": (lambda pose: cameras.from_pytorch3d(pose[:3, :3].T, np.zeros(3), 1.0, SIZE), "R"),
+    "blender": (lambda pose: cameras.from_blender(pose, SIZE), "matrix_world"),
+    "trimesh": (lambda pose: cameras.from_trimesh(trimesh_scene().camera, pose), "transform"),
+    "pose": (cameras.view_from_pose, "pose"),
+    "replace": (
+        lambda pose: dataclasses.replace(off_axis(), view_from_world=pose), "view_from_world",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("mirror", [LEFT, MINUS], ids=["x", "xyz"])
+@pytest.mark.parametrize("name", TAKERS)
+def test_no_constructor_takes_a_pose_that_mirrors(name, mirror):
+    take, named = TAKERS[name]
+    take(TURNED)
+    for pose in (mirror @ TURNED, TURNED @ mirror):
+        with pytest.raises(ValueError, match=rf"^{named} must .*mirror"):
+            take(pose)
+
+
+def test_no_field_of_a_camera_with_a_target_can_mirror():
+    for up in ((0, 1, 0), (0, -1, 0)):
+        for make in (rj.PerspectiveCamera, rj.OrthographicCamera):
+            assert np.linalg.det(make((1, 2, 3), (0, 0, 0), up).view_matrix()[:3, :3]) > 0.9
+
+
 # What is refused
 
 
