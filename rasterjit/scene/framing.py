@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -21,6 +22,7 @@ from rasterjit.scene.transforms import Matrix
 from rasterjit.scene.validation import finite_number, one_of, positive_number, vector
 
 Vector = tuple[float, float, float]
+AnyCamera = PerspectiveCamera | OrthographicCamera | MatrixCamera
 
 COORDINATE_SHARE = 2.0**-30
 """Least distance as a share of the largest coordinate: float64 still tells eye from target."""
@@ -275,6 +277,31 @@ def fit_camera(
     kind = OrthographicCamera if projection == "orthographic" else PerspectiveCamera
     eye = center + distance * towards
     return kind(eye, center, upward, **shape, **depths, min_aspect=narrow)
+
+
+def zoom_camera(camera: AnyCamera, zoom: float) -> AnyCamera:
+    """
+    Return a camera at the same place that shows everything bigger.
+
+    Parameters
+    ----------
+    camera : PerspectiveCamera, OrthographicCamera or MatrixCamera
+    zoom : float
+        How many times bigger: narrows the field of view or the height.
+
+    Raises
+    ------
+    ValueError
+        If ``zoom`` is not above 0, or leaves no field of view or height that a camera can have.
+    """
+    magnified = positive_number("zoom", zoom)
+    if isinstance(camera, PerspectiveCamera):
+        return replace(camera, fov_y=_zoomed_fov(camera.fov_y, magnified))
+    if isinstance(camera, OrthographicCamera):
+        return replace(camera, height=camera.height / magnified)
+    clip = camera.clip_from_view.copy()
+    clip[:2] *= magnified
+    return replace(camera, clip_from_view=clip)
 
 
 def _upright(up: ArrayLike, towards: Float64) -> ArrayLike:
