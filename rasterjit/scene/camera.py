@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.scene import transforms
+from rasterjit.scene.pixels import Projecting
 from rasterjit.scene.transforms import Matrix
 from rasterjit.scene.validation import (
     MAX_WHOLE_SIZE,
@@ -86,7 +87,7 @@ class Bounded(Protocol):
 
 
 @dataclass(frozen=True)
-class PerspectiveCamera:
+class PerspectiveCamera(Projecting):
     """
     Camera with a vertical field of view.
 
@@ -160,7 +161,7 @@ class PerspectiveCamera:
 
 
 @dataclass(frozen=True)
-class OrthographicCamera:
+class OrthographicCamera(Projecting):
     """
     Camera with parallel lines of sight.
 
@@ -228,7 +229,7 @@ class OrthographicCamera:
 
 
 @dataclass(frozen=True, eq=False)
-class MatrixCamera:
+class MatrixCamera(Projecting):
     """
     Camera given by its two matrices, as they come from elsewhere.
 
@@ -437,34 +438,6 @@ class MatrixCamera:
     def _is_perspective(self) -> bool:
         """Tell whether w depends on the view-space position."""
         return bool(self.clip_from_view[3, :3].any())
-
-
-def clip_from_relative(camera: Camera, size: tuple[int, int]) -> Matrix:
-    """Return the matrix, (4, 4), to clip space from world axes with the origin at the eye."""
-    view = transforms.compose(camera.view_matrix(), transforms.translate(camera.eye_position()))
-    return transforms.compose(camera.projection_matrix(size), view)
-
-
-def screen_from_relative(camera: Camera, size: tuple[int, int]) -> Matrix:
-    """
-    Return the matrix from positions relative to the eye to what a pixel stores of them.
-
-    Parameters
-    ----------
-    camera : Camera
-    size : (int, int)
-        Width and height, pixels.
-
-    Returns
-    -------
-    (4, 4) float64
-        From (x, y, z, 1) in world axes to (NDC x, NDC y, stored depth, 1) times w.
-    """
-    matrix = clip_from_relative(camera, size)
-    c0, c1, c2 = camera.depth_coefficients()
-    matrix[2] = c1 * matrix[2] + c2 * matrix[3]
-    matrix[2, 3] += c0
-    return matrix
 
 
 def mirrors(pose: Float64) -> bool:
