@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from functools import partial
 from types import TracebackType
 from typing import Any
@@ -33,7 +34,7 @@ from rasterjit.rendering.views import (
 )
 from rasterjit.runtime.ahead import beside
 from rasterjit.runtime.threads import Workers
-from rasterjit.scene.camera import Camera
+from rasterjit.scene.camera import Camera, MatrixCamera
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.quality import Quality, check_quality
 from rasterjit.scene.scene import Scene
@@ -467,6 +468,8 @@ class Renderer:
         # What is wrong is wrong before anything is drawn.
         self._plan(Quality.standard(), scene, camera, *options)
         shown = (("color", "linear"), background, cull, False, None)
+        # Small pictures may be of another aspect, which changes little of their errors.
+        any_size = replace(camera, size=None) if isinstance(camera, MatrixCamera) else camera
         with ExitStack() as stack:
             small = [
                 stack.enter_context(Renderer(size, threads=self._workers.threads))
@@ -476,7 +479,7 @@ class Renderer:
                 bound,
                 lambda quality: self._render(quality, scene, camera, *options),
                 [
-                    lambda quality, one=one: one._render(quality, scene, camera, *shown)
+                    lambda quality, one=one: one._render(quality, scene, any_size, *shown)
                     for one in small
                 ],
             )
