@@ -13,7 +13,6 @@ from rasterjit.runtime.intrinsics import CHANNELS, LANES
 from rasterjit.runtime.jit import CHECKED
 from rasterjit.runtime.plain_arrays import WORD, PlainArray, field, make, packed, words
 
-
 LANE = ir.IntType(32)
 """Whole numbers of lanes, and what names a lane."""
 
@@ -247,7 +246,7 @@ def _elements(builder: Any, row: Any, count: int) -> list[Any]:
 
 
 @intrinsic
-def test_box(
+def draw_box(
     typing_context: Any, depths: Any, numbers: Any, first: Any, stride: Any, rows: Any,
     columns: Any, edges: Any, plane: Any, face: Any,
 ) -> Any:  # fmt: skip
@@ -315,7 +314,10 @@ def fill_rows(
         faces, numbers = _all(builder, face, lanes), _numbers(LANE, lanes)
 
         def draw_row(row: Any, values: list[Any]) -> list[Any]:
-            begin, end = builder.load(builder.gep(begins, [row])), builder.load(builder.gep(ends, [row]))
+            begin, end = (
+                builder.load(builder.gep(begins, [row])),
+                builder.load(builder.gep(ends, [row])),
+            )
             start = _all(builder, builder.load(builder.gep(starts, [row])), lanes)
             column = builder.select(builder.icmp_signed(">", begin, before), begin, before)
             steps = _all(builder, builder.sub(column, begin), lanes)

@@ -61,7 +61,7 @@ def mix_colors(colors: Any, others: Any, share: Any, n: Any) -> None:
 
 
 @intrinsic
-def test_box(
+def draw_box(
     depths: Any, numbers: Any, first: Any, stride: Any, rows: Any, columns: Any, edges: Any,
     plane: Any, face: Any,
 ) -> None:  # fmt: skip
@@ -106,7 +106,7 @@ def fill_rows(
     Parameters
     ----------
     depths, numbers, face
-        As `test_box` takes them.
+        As `draw_box` takes them.
     spans : (begins, ends, depths)
         For each row: its first column, one past its last, and the depth at the first.
     first, stride, rows : int

@@ -10,18 +10,18 @@ where ``E_k + bias_k >= 0`` (bias 0 on top and left edges, -1 on others). Steppi
 multiple of ``2**grid_bits``, so ``(E_k + bias_k) >> grid_bits`` has the same sign and steps by the
 edge's own integer slope.
 
-Triangles at most ``SMALL_PIXELS`` wide are tested four samples of a row at once, in float64. Their
-edge functions there stay below 2**44 (16 pixels by 2**15 pixels on a 12-bit grid, twice), so
-float64 holds them exactly. Samples tested beyond the tile land in spare columns that nobody reads.
+Triangles at most ``SMALL_PIXELS`` wide are tested a row of their box at a time. Inside the box
+(9 pixels by 2**15 pixels on a 12-bit grid at most) the signs fit ``int32`` and the edge functions
+themselves float64. Lanes behind the box are masked: they may overflow, and end in spare columns.
 Wider triangles get, for each row, the first and the last covered column from one division for each
 edge, several rows at once: ``floor(e / s)`` of integers below 2**47 in float64 is exact, for a
 quotient that is not whole misses the next whole number by at least 1/s, more than half an ulp.
 Rows that the triangle does not reach inside the tile, found by the same division with the steps of
 rows and columns exchanged, are passed over.
 
-Where no row has more than ``THIN_PIXELS`` samples, as in slivers, all first samples of the rows are
-drawn, then all second ones ..., without branches: which rows are empty is hard to predict. Samples
-of different rows are different, so the order does not matter.
+All of this is float64 and 32-bit numbers, for before AVX-512 no x86 turns 64-bit integers into
+float64 several at once; rows of samples are vectors (``intrinsics.draw_box``, ``fill_rows``), for
+LLVM makes none of so short loops.
 
 Depth is interpolated linearly on the screen, in float64, by differences from one vertex,
 ``d = d2 + b0 (d0 - d2) + b1 (d1 - d2)`` with exact edge functions in the weights ``b``, so equal
@@ -45,7 +45,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rasterjit.pipeline.geometry.setup import TILE_BITS, TILE_SIZE, edge_at, edge_bias, sign_at
+from rasterjit.pipeline.geometry.setup import TILE_BITS, TILE_SIZE, edge_at, sign_at
 from rasterjit.pipeline.geometry.triangle_batches import (
     ACROSS,
     ASKED,
@@ -68,7 +68,6 @@ from rasterjit.pipeline.geometry.triangle_batches import (
     FACE,
     FIRST,
     GRID_BITS,
-    LEAST,
     LEFT,
     LEFT_COLUMN,
     RANGE,
@@ -79,6 +78,7 @@ from rasterjit.pipeline.geometry.triangle_batches import (
     ROOM,
     SHIFT_X,
     SHIFT_Y,
+    SIDE,
     SMALL_PIXELS,
     TOP,
     TOP_ROW,
@@ -95,15 +95,12 @@ from rasterjit.pipeline.visibility.alpha_test import (
     find_owner,
     keep,
 )
-from rasterjit.runtime.intrinsics import call_bound, fill_rows, flat, test_box
+from rasterjit.runtime.intrinsics import call_bound, draw_box, fill_rows, flat
 from rasterjit.runtime.jit import Bound, disjoint_helper, helper, kernel
 from rasterjit.runtime.state import float64, int32, int64, stored
 
 SCRATCH_SHAPE = (TILE_SIZE, TILE_SIZE + SMALL_PIXELS)
 """A tile in scratch memory: its rows have room for groups that start in the last column."""
-
-SPARE_SAMPLE = SCRATCH_SHAPE[0] * SCRATCH_SHAPE[1] - 1
-"""A sample of a flat tile that nobody reads."""
 
 CORNER_ROUNDINGS = 64.0 * 2.0**-53
 """
@@ -111,9 +108,6 @@ What two depths of a plane may be off by, in units of its range and its largest 
 
 28 roundings each (``tests/hard_cases/test_bounded.py`` counts them), and some to spare.
 """
-
-THIN_PIXELS = 3
-"""Triangles that cover up to this many samples of each row are drawn without branches."""
 
 FEW_ROWS = 16
 """Triangles with more rows in a tile are first cut to those that they reach there."""
@@ -252,26 +246,23 @@ def clamped(depth, plane):
 
 
 @helper
-def draw_small(n, whole, real, plane, origin, bits, tile):
+def draw_small(n, whole, real, plane, origin, tile):
     """Test the samples in the box of a triangle, row by row."""
     left, top = np.int64(whole[LEFT, n]), np.int64(whole[TOP, n])
     first = (top - origin[1]) * SCRATCH_SHAPE[1] + left - origin[0]
     rows, columns = np.int64(whole[BOTTOM, n]) - top + 1, np.int32(whole[RIGHT, n] - left + 1)
     ax, ay, bx, by = whole[AX, n], whole[AY, n], whole[BX, n], whole[BY, n]
     cx, cy = whole[CX, n], whole[CY, n]
-    e0, e1, e2 = real[EDGE, n], real[EDGE + 1, n], real[EDGE + 2, n]
     edges = (
-        np.int32((np.int64(e0) + edge_bias(bx, by, cx, cy)) >> bits),
-        np.int32((np.int64(e1) + edge_bias(cx, cy, ax, ay)) >> bits),
-        np.int32((np.int64(e2) + edge_bias(ax, ay, bx, by)) >> bits),
+        whole[SIDE, n], whole[SIDE + 1, n], whole[SIDE + 2, n],
         np.int32(by - cy), np.int32(cy - ay), np.int32(ay - by),
         np.int32(cx - bx), np.int32(ax - cx), np.int32(bx - ax),
     )  # fmt: skip
     depth = (
-        e0, e1, real[ACROSS, n], real[ACROSS + 1, n], real[DOWN, n], real[DOWN + 1, n],
-        plane[0], plane[1], plane[2], plane[4], plane[5],
+        real[EDGE, n], real[EDGE + 1, n], real[ACROSS, n], real[ACROSS + 1, n],
+        real[DOWN, n], real[DOWN + 1, n], plane[0], plane[1], plane[2], plane[4], plane[5],
     )  # fmt: skip
-    test_box(
+    draw_box(
         tile[0], tile[1], first, np.int64(SCRATCH_SHAPE[1]), rows, columns, edges, depth,
         np.int32(whole[FACE, n]),
     )  # fmt: skip
@@ -324,7 +315,7 @@ def draw_triangle(n, whole, real, origin, bits, tile_depth, tile, spans):
     step = real[ACROSS, n] * weight_a + real[ACROSS + 1, n] * weight_b
     plane = real[DEPTH + 2, n], weight_a, weight_b, step, lowest, highest
     if not whole[WIDE, n]:
-        draw_small(n, whole, real, plane, origin, bits, tile)
+        draw_small(n, whole, real, plane, origin, tile)
         return
     a, b, c = (
         (np.int64(whole[AX, n]), np.int64(whole[AY, n])),
