@@ -28,6 +28,7 @@ from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.scene import EFFECT_FIELDS, Scene
 from rasterjit.scene.validation import in_short
 from rasterjit.survey.contents import SMOOTH
+from rasterjit.survey.facts import NORMAL_OUTPUTS
 from rasterjit.survey.plan import RenderPlan
 
 LARGEST_FACE = 2**31 - 1
@@ -159,10 +160,11 @@ def plan_part(
 def _refuse_neighbours(mesh: Mesh, outputs: Sequence[str]) -> None:
     """Raise ``ValueError`` for what faces of other parts have a share in."""
     material = mesh.material
-    if "normal" in outputs and mesh.normals is None:
+    asked = next((name for name in NORMAL_OUTPUTS if name in outputs), None)
+    if asked is not None and mesh.normals is None:
         raise ValueError(
-            "partitions must have normals for the output 'normal', for those at their edges follow "
-            "from faces of other partitions; give a Mesh with normals, or ask for "
+            f"partitions must have normals for the output {asked!r}, for those at their edges "
+            "follow from faces of other partitions; give a Mesh with normals, or ask for "
             "'geometric_normal'"
         )
     if material.shading in SMOOTH and mesh.normals is None:

@@ -22,10 +22,12 @@ from rasterjit.pipeline.records import Geometry, Placement
 from rasterjit.pipeline.visibility import depth as depths
 from rasterjit.pipeline.visibility import draw
 from rasterjit.runtime.threads import Workers, fill_rows
+from rasterjit.scene import transforms
 from rasterjit.scene.camera import Camera
 from rasterjit.survey.cache import SceneCache, Shapes
 from rasterjit.survey.depth_format import DepthFormat
 from rasterjit.survey.effect import Rows
+from rasterjit.survey.facts import NORMAL_OUTPUTS
 from rasterjit.survey.plan import RenderPlan
 
 PIXELS_AT_ONCE = 1 << 15
@@ -135,6 +137,8 @@ def _fill_places(
     count = len(cache.shapes.meshes)
     if "position" in plan.outputs:
         result["position"] = places(cache.places.world_from_model[:, :3])
+    if "position_camera" in plan.outputs:
+        result["position_camera"] = places(_into_view(plan.camera, placement.relative_from_model))
     if "object_position" in plan.outputs:
         result["object_position"] = places(np.tile(np.eye(3, 4), (count, 1, 1)))
     if "nocs" in plan.outputs:
@@ -144,6 +148,18 @@ def _fill_places(
     if "distance" in plan.outputs:
         relative = places(placement.relative_from_model)
         result["distance"] = _distances(relative, plan, placement, workers)
+
+
+def _into_view(camera: Camera, relative_from_model: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return what takes each object into camera space, (O, 3, 4), given its matrix to the eye."""
+    shift = transforms.translate(camera.eye_position())
+    view = transforms.compose(camera.view_matrix(), shift)[:3, :, np.newaxis]
+    m = relative_from_model[:, np.newaxis]
+    with np.errstate(over="ignore", invalid="ignore"):
+        # In one order on every CPU, which products from BLAS are not.
+        placed = (view[:, 0] * m[..., 0, :] + view[:, 1] * m[..., 1, :]) + view[:, 2] * m[..., 2, :]
+        placed[..., 3] += view[:, 3, 0]
+    return placed
 
 
 def box_matrices(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -205,18 +221,51 @@ def _fill_normals(
     result: Buffers,
     workers: Workers,
 ) -> None:
-    """Fill the buffers of normals, world space, zero where nothing is."""
-    count = len(cache.shapes.meshes)
+    """Fill the buffers of normals, zero where nothing is."""
+    count, wanted = len(cache.shapes.meshes), plan.outputs
     # The kernel is the same without vertex normals: it is given an empty table.
     flat = np.zeros((1, 3), np.float32), np.zeros(count, np.uint8)
     is_shown = plan.facts.shows_normals
     smooth = (cache.shapes.normals, np.ones(count, np.uint8)) if is_shown else flat
-    for name, given in (("normal", smooth), ("geometric_normal", flat)):
-        if name in plan.outputs:
-            normal = workers.memory.empty((*face_id.shape, 3), np.float32)
-            arguments = geometry, placement, given, normal
-            fill_rows(interpolation.fill_normals, face_id, arguments, workers)
-            result[name] = normal
+
+    def normals(given: tuple[NDArray[np.float32], NDArray[np.uint8]]) -> NDArray[np.float32]:
+        """Return normals, (H, W, 3), world space."""
+        normal = workers.memory.empty((*face_id.shape, 3), np.float32)
+        fill_rows(
+            interpolation.fill_normals, face_id, (geometry, placement, given, normal), workers
+        )
+        return normal
+
+    if not set(NORMAL_OUTPUTS).isdisjoint(wanted):
+        result["normal"] = normals(smooth)
+    if "normal_camera" in wanted:
+        result["normal_camera"] = _turned_into_view(result["normal"], plan.camera, workers)
+    if "geometric_normal" in wanted:
+        result["geometric_normal"] = normals(flat)
+
+
+def _turned_into_view(
+    normal: NDArray[np.float32], camera: Camera, workers: Workers
+) -> NDArray[np.float32]:
+    """Return unit normals, (H, W, 3), of world space in camera space; zero ones stay zero."""
+    height, width, _ = normal.shape
+    turned = workers.memory.empty(normal.shape, np.float32)
+    axes = transforms.normal_matrix(camera.view_matrix())
+    # So that the squares stay in range.
+    axes = (axes / np.abs(axes).max()).tolist()
+
+    def turn_some(first: int) -> None:
+        some = slice(first, first + rows)
+        right, up, back = (normal[some, :, k].astype(np.float64) for k in range(3))
+        x, y, z = ((a * right + b * up) + c * back for a, b, c in axes)
+        length = np.sqrt((x * x + y * y) + z * z)
+        scale = np.divide(1.0, length, out=np.zeros_like(length), where=length > 0.0)
+        for k, along in enumerate((x, y, z)):
+            turned[some, :, k] = along * scale
+
+    rows = max(1, PIXELS_AT_ONCE // width)
+    workers.run(turn_some, [(first,) for first in range(0, height, rows)])
+    return turned
 
 
 def depth_kernels(plan: RenderPlan) -> Rows:

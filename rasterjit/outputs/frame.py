@@ -225,6 +225,26 @@ class Frame:
         return self._output("geometric_normal")
 
     @property
+    def normal_camera(self) -> NDArray[np.float32]:
+        """
+        (H, W, 3) float32: ``normal`` in camera space: x right, y up, -z where the camera looks.
+
+        Without unit; 0 where ``normal`` is. Carried by the inverse transpose of
+        ``camera.view_matrix()``, and of length 1 whatever that scales.
+        """
+        return self._output("normal_camera")
+
+    @property
+    def position_camera(self) -> NDArray[np.float32]:
+        """
+        (H, W, 3) float32: position in camera space, scene units; NaN where nothing is.
+
+        x right, y up, -z where the camera looks: the point times ``camera.view_matrix()``. It keeps
+        its digits far from the world's origin.
+        """
+        return self._output("position_camera")
+
+    @property
     def material_id(self) -> NDArray[np.int32]:
         """
         (H, W) int32: number of the object's material as first used in the scene; -1 if nothing.

@@ -75,6 +75,13 @@ TABLE = {
         3, "float32", 0, "unit vector, world space", codes="vector",
         kernel="barycentric.fill_normals",
     ),
+    "normal_camera": Output(
+        3, "float32", 0, "unit vector, camera space", codes="vector",
+        kernel="barycentric.fill_normals",
+    ),
+    "position_camera": Output(
+        3, "float32", math.nan, "scene units, camera space", kernel="barycentric.fill_positions"
+    ),
     "material_id": Output(1, "int32", -1),
     "instance_id": Output(1, "int32", -1),
     "coverage": Output(1, "float32", 0, "share of the pixel", codes="share", is_mixed=True),

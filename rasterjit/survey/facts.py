@@ -22,6 +22,9 @@ from rasterjit.survey.placement import Boxes, Views, are_even
 STANDARD = Quality.standard()
 """Settings of the quality that equal these are not reported."""
 
+NORMAL_OUTPUTS = ("normal", "normal_camera")
+"""Outputs that show vertex normals."""
+
 
 class Facts(NamedTuple):
     """
@@ -114,7 +117,7 @@ class Facts(NamedTuple):
     @property
     def shows_normals(self) -> bool:
         """Whether vertex normals are an output: of all objects, whatever they are shaded by."""
-        return "normal" in self.outputs and self.seen.objects > 0
+        return self.seen.objects > 0 and not set(NORMAL_OUTPUTS).isdisjoint(self.outputs)
 
     @property
     def needs_normals(self) -> bool:
