@@ -196,7 +196,7 @@ def merge_layers(first: Layer | None, second: Layer | None) -> Layer | None:
     Raises
     ------
     ValueError
-        If they have more faces together than numbers reach.
+        If they have more faces together than numbers reach, or attributes of different sizes.
     """
     if first is None or second is None:
         return first if second is None else second
@@ -207,6 +207,11 @@ def merge_layers(first: Layer | None, second: Layer | None) -> Layer | None:
     outputs = {}
     for name, own in first.outputs.items():
         other = second.outputs[name]
+        if own.shape != other.shape:
+            raise ValueError(
+                f"partitions must have as many columns each in the output {name!r}, got "
+                f"{own.shape[-1]} and {other.shape[-1]}"
+            )
         if name == "face_id":
             other = np.where(other >= 0, other + np.int32(first.faces), other)
         mask = is_nearer.reshape(*is_nearer.shape, *(1,) * (own.ndim - 2))

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from rasterjit.outputs import motion
 from rasterjit.outputs.motion import Motion
-from rasterjit.outputs.table import TABLE
+from rasterjit.outputs.table import row_of
 from rasterjit.pipeline.geometry import barycentric as interpolation
 from rasterjit.pipeline.records import Geometry, Placement
 from rasterjit.pipeline.visibility import depth as depths
@@ -24,6 +24,7 @@ from rasterjit.pipeline.visibility import draw
 from rasterjit.runtime.threads import Workers, fill_rows
 from rasterjit.scene import transforms
 from rasterjit.scene.camera import Camera
+from rasterjit.scene.mesh import ATTRIBUTE
 from rasterjit.survey.cache import SceneCache, Shapes
 from rasterjit.survey.depth_format import DepthFormat
 from rasterjit.survey.effect import Rows
@@ -60,10 +61,9 @@ def fill_buffers(
     if "barycentric" in plan.outputs:
         result["barycentric"] = fill_barycentric(face_id, geometry, workers)
     if "uv" in plan.outputs:
-        uv = workers.memory.empty((*face_id.shape, 2), np.float32)
-        arguments = geometry, shapes.uv, uv
-        fill_rows(interpolation.fill_attribute, face_id, arguments, workers)
-        result["uv"] = uv
+        result["uv"] = fill_attribute(face_id, geometry, shapes.uv, workers)
+    for name in plan.facts.attributes.keys() & set(plan.outputs):
+        result[name] = _show_attribute(name, plan, shapes, geometry, face_id, workers)
     _fill_numbers(plan, shapes, face_id, result)
     _fill_places(plan, cache, geometry, placement, face_id, result, workers)
     _fill_normals(plan, cache, geometry, placement, face_id, result, workers)
@@ -78,13 +78,35 @@ def fill_buffers(
 
 def kernels_of(plan: RenderPlan) -> Rows:
     """Return the kernels that fill the buffers that were asked for."""
-    names = dict.fromkeys(TABLE[name].kernel for name in plan.outputs if TABLE[name].kernel)
-    return [(name, _way_of_weights(plan), "") for name in names]
+    attributes = plan.facts.attributes
+    by_numpy = {name for name, attribute in attributes.items() if not attribute.of_vertices}
+    kernels = dict.fromkeys(row_of(name).kernel for name in plan.outputs if name not in by_numpy)
+    return [(kernel, _way_of_weights(plan), "") for kernel in kernels if kernel]
 
 
 def _way_of_weights(plan: RenderPlan) -> str:
     """Return how values are interpolated, if not perspective-correctly."""
     return "affine weights" if plan.is_affine else ""
+
+
+def _show_attribute(
+    name: str,
+    plan: RenderPlan,
+    shapes: Shapes,
+    geometry: Geometry,
+    face_id: NDArray[np.int32],
+    workers: Workers,
+) -> NDArray[np.float32]:
+    """Return an attribute of one's own, (H, W, D); NaN where nothing is or an object has none."""
+    attribute = plan.facts.attributes[name]
+    of_vertices, of_faces = shapes.attribute(name.removeprefix(ATTRIBUTE), attribute)
+    if of_vertices is None:
+        return of_faces[face_id]
+    shown = fill_attribute(face_id, geometry, of_vertices, workers)
+    if of_faces is not None:
+        has_none = np.isnan(shown[..., 0])
+        shown[has_none] = of_faces[face_id[has_none]]
+    return shown
 
 
 def _fill_numbers(
@@ -350,6 +372,19 @@ def metric_depth(
         with np.errstate(over="ignore"):
             depth[band][seen] = camera.view_depth(stored)
     return depth
+
+
+def fill_attribute(
+    face_id: NDArray[np.int32],
+    geometry: Geometry,
+    values: NDArray[np.float32],
+    workers: Workers,
+) -> NDArray[np.float32]:
+    """Return values of vertices, (V, D), at each sample, (H, W, D); NaN where nothing is."""
+    attribute = workers.memory.empty((*face_id.shape, values.shape[1]), np.float32)
+    arguments = geometry, values, attribute
+    fill_rows(interpolation.fill_attribute, face_id, arguments, workers)
+    return attribute
 
 
 def fill_barycentric(

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from rasterjit.io import images
 from rasterjit.outputs import save as saving
 from rasterjit.outputs.diagnostics import Diagnostics
-from rasterjit.outputs.table import OUTPUTS
+from rasterjit.scene.mesh import ATTRIBUTE
 from rasterjit.scene.quality import Quality
 from rasterjit.survey.plan import RenderPlan
 
@@ -169,6 +169,28 @@ class Frame:
     def uv(self) -> NDArray[np.float32]:
         """(H, W, 2) float32: texture coordinates; NaN where nothing is or an object has none."""
         return self._output("uv")
+
+    def attribute(self, name: str) -> NDArray[np.float32]:
+        """
+        Return an attribute of the meshes, as the output ``attribute:NAME`` shows it.
+
+        Parameters
+        ----------
+        name : str
+            As ``Mesh(attributes=)`` has it, without ``attribute:``.
+
+        Returns
+        -------
+        (H, W, D) float32
+            The face's value, or that between its vertices, perspective-correct; NaN where nothing
+            is or the mesh does not have it.
+
+        Raises
+        ------
+        OutputNotRequestedError
+            If the output was not asked for.
+        """
+        return self._output(f"{ATTRIBUTE}{name}")
 
     @property
     def normal(self) -> NDArray[np.float32]:
@@ -407,7 +429,7 @@ class Frame:
         if name not in self._outputs:
             raise OutputNotRequestedError(
                 f"{name} was not rendered: ask for it with outputs=(..., {name!r}); "
-                f"this frame has {', '.join(o for o in OUTPUTS if o in self._outputs)}"
+                f"this frame has {', '.join(self._outputs)}"
             )
         return self._outputs[name]
 

@@ -87,8 +87,9 @@ def render(
     outputs : sequence of str
         Any of color, linear, depth, distance, face_id, object_id, instance_id, material_id,
         barycentric, uv, normal, geometric_normal, normal_camera, position, position_camera,
-        object_position, nocs, coverage, motion and motion_visible: see `Frame`. All but color,
-        linear and coverage are those of the nearest face at the pixel's centre.
+        object_position, nocs, coverage, motion, motion_visible and ``attribute:NAME`` of an
+        attribute of meshes: see `Frame`. All but color, linear and coverage are those of the
+        nearest face at the pixel's centre.
     background : color, optional
         ``"white"``, ``"#rrggbb"``, ``"transparent"``, or linear floats (see ``linear_color``).
         Default: the scene's environment, if it is a background; else white.
