@@ -55,11 +55,11 @@ class Layer:
     plan: RenderPlan
 
     def frame(self) -> Frame:
-        """Return the picture of all parts."""
+        """Return the picture of all parts, which are one object."""
         outputs = {name: self.outputs[name] for name in self.plan.outputs}
         stats = Stats(**self.counts, seconds=self.seconds, face_id=self.outputs["face_id"])
         _ = stats.pixels_covered
-        return Frame(outputs, self.plan, stats)
+        return Frame(outputs, self.plan, stats, face_starts=np.array([0, self.faces]))
 
 
 def mesh_of(part: Any, material: Material | None) -> Mesh | None:

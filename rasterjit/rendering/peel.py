@@ -135,7 +135,8 @@ def _draw_layers(
         if is_empty:
             break
     clock("buffers")
-    return LayeredFrame(arrays, plan, stats_of(seen.coverage, clock.seconds))
+    stats, face_starts = stats_of(seen.coverage, clock.seconds), cache.shapes.arrays.face_starts
+    return LayeredFrame(arrays, plan, stats, face_starts=face_starts)
 
 
 def peel(
