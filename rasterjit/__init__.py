@@ -41,9 +41,10 @@ The parts alone
     object's chain of transforms; `rasterize` finds the visible faces of geometry of your own
     (`Visibility`). ``rasterjit.compat.pyrender`` runs scripts that were written for pyrender.
 
-Invalid arguments raise `ValueError`, which names the argument, before anything is drawn. Reading an
-output that was not asked for raises `OutputNotRequestedError`. A `CalibrationWarning` says that a
-time budget had to be learnt first.
+Invalid arguments raise `ValueError`, which names the argument, before anything is drawn; files that
+cannot be read raise `MeshFileError`, one of them. Reading an output that was not asked for raises
+`OutputNotRequestedError`. A `LoadWarning` names what of a file was left out, a `CalibrationWarning`
+says that a time budget had to be learnt first.
 
 World space is right-handed, y up; angles are degrees, colours in and out sRGB where they are 8-bit
 and linear where they are floats; row 0 of a picture is on top.
@@ -62,7 +63,7 @@ from rasterjit.distributed.many import render_many
 from rasterjit.inspect.measure import Measurement, measure
 from rasterjit.inspect.pixel import explain_pixel
 from rasterjit.inspect.pixel_report import PixelExplanation
-from rasterjit.io.meshes import load
+from rasterjit.io.meshes import LoadWarning, MeshFileError, load
 from rasterjit.outputs.diagnostics import Diagnostics
 from rasterjit.outputs.frame import Choice, Frame, LayeredFrame, OutputNotRequestedError, Stats
 from rasterjit.rendering.budget import CalibrationWarning
@@ -106,10 +107,12 @@ __all__ = [
     "Frame",
     "Framebuffer",
     "LayeredFrame",
+    "LoadWarning",
     "Material",
     "MatrixCamera",
     "Measurement",
     "Mesh",
+    "MeshFileError",
     "Node",
     "OrthographicCamera",
     "Outline",
