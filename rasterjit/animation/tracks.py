@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.scene import transforms
+from rasterjit.scene.assigning import Guarded
 from rasterjit.scene.camera import Bounded, OrthographicCamera, PerspectiveCamera
 from rasterjit.scene.framing import fit_camera, frame_of, orbit_direction
 from rasterjit.scene.mesh import Mesh
@@ -42,8 +43,10 @@ FULL_TURN = 360.0
 """Degrees."""
 
 
-class _Track:
+class _Track(Guarded):
     """Keys at times, and what is common to all that goes between them."""
+
+    _FIELDS = ("times", "keys", "interpolation", "mesh")
 
     def __init__(self, times: ArrayLike, keys: Sequence[Any], interpolation: Interpolation) -> None:
         self.times = _key_times(times)

@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from rasterjit.classics import line_bands, primitives
 from rasterjit.pipeline import lines
 from rasterjit.runtime.threads import Workers
+from rasterjit.scene.assigning import Guarded
 from rasterjit.scene.validation import (
     MaskedError,
     bounded_number,
@@ -69,7 +70,7 @@ RECORDS_PER_BATCH = 2**22
 """Most entries of all lists at a time, 24 bytes each: bounds memory, however many the lines."""
 
 
-class Framebuffer:
+class Framebuffer(Guarded):
     """
     A picture to draw into, with a depth for each pixel.
 
@@ -93,6 +94,8 @@ class Framebuffer:
     ------
     ValueError
         If a size is not a whole number in 1..16384, or the number of threads not as said.
+    AttributeError
+        If an attribute is assigned.
 
     Examples
     --------
@@ -101,6 +104,8 @@ class Framebuffer:
     >>> framebuffer.color[0, 0].tolist(), framebuffer.color[3, 7].tolist()
     ([255, 0, 0, 255], [0, 0, 255, 255])
     """
+
+    _INSTEAD = "draw into it, or write into its arrays"
 
     def __init__(self, width: int, height: int, *, threads: int | None = None) -> None:
         self._width, self._height = image_size("width, height", (width, height))

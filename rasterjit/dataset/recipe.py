@@ -11,6 +11,7 @@ from typing import Any
 from rasterjit.animation.tracks import FULL_TURN, measured
 from rasterjit.outputs.table import MOTION_OUTPUTS, OUTPUTS
 from rasterjit.scene import transforms
+from rasterjit.scene.assigning import says_replace
 from rasterjit.scene.camera import Bounded, PerspectiveCamera
 from rasterjit.scene.color import ColorLike, linear_color
 from rasterjit.scene.framing import fit_camera, frame_of, orbit_direction
@@ -40,6 +41,7 @@ GOLDEN_ANGLE = FULL_TURN / 2.0 * (3.0 - math.sqrt(5.0))
 """Degrees from one point of the lattice to the next: no two lie above each other."""
 
 
+@says_replace
 @dataclasses.dataclass(frozen=True)
 class Recipe:
     """

@@ -33,6 +33,7 @@ from rasterjit.rendering.views import (
 )
 from rasterjit.runtime.ahead import beside
 from rasterjit.runtime.threads import Workers
+from rasterjit.scene.assigning import Guarded
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.quality import Quality, check_quality
@@ -324,7 +325,7 @@ def stats_of(coverage: drawing.Coverage, seconds: dict[str, float]) -> Stats:
     )
 
 
-class Renderer:
+class Renderer(Guarded):
     """
     Renders frames of one size, keeping threads and what they have in common between them.
 
@@ -349,7 +350,11 @@ class Renderer:
     ------
     ValueError
         If the size or the number of threads is wrong.
+    AttributeError
+        If an attribute is assigned that there is not.
     """
+
+    _FIELDS = ("size", "quality", "before_picture")
 
     def __init__(
         self, size: tuple[int, int], *, quality: Quality | None = None, threads: int | None = None

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.scene import transforms
+from rasterjit.scene.assigning import says_replace
 from rasterjit.scene.transforms import Matrix
 from rasterjit.scene.validation import (
     finite_array,
@@ -82,6 +83,7 @@ class Bounded(Protocol):
         """Return the centre, (3,), and the radius in world space."""
 
 
+@says_replace
 @dataclass(frozen=True)
 class PerspectiveCamera:
     """
@@ -146,6 +148,7 @@ class PerspectiveCamera:
             return self.near / np.asarray(stored, dtype=np.float64)
 
 
+@says_replace
 @dataclass(frozen=True)
 class OrthographicCamera:
     """
@@ -207,6 +210,7 @@ class OrthographicCamera:
         return self.near * (1.0 - share) + self.far * share
 
 
+@says_replace
 @dataclass(frozen=True, eq=False)
 class MatrixCamera:
     """

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from rasterjit.scene.assigning import says_replace
 from rasterjit.scene.color import ColorLike, linear_color
 from rasterjit.scene.validation import bounded_number, finite_number, one_of
 
@@ -21,6 +22,7 @@ SHORTEST_RAMP = 1e-18
 """Least distance from start to end, scene units: its inverse is finite in float32."""
 
 
+@says_replace
 @dataclass(frozen=True)
 class Fog:
     """

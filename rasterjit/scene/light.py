@@ -8,6 +8,7 @@ from typing import Any, TypeAlias
 
 from numpy.typing import ArrayLike
 
+from rasterjit.scene.assigning import says_replace
 from rasterjit.scene.color import ColorLike, linear_color
 from rasterjit.scene.validation import bounded_number, one_of, positive_number, triple
 
@@ -30,6 +31,7 @@ WIDEST_SUN = 90.0
 """Largest angle that a light infinitely far away is seen under, degrees."""
 
 
+@says_replace
 @dataclass(frozen=True)
 class Shadow:
     """
@@ -96,6 +98,7 @@ class Shadow:
             )
 
 
+@says_replace
 @dataclass(frozen=True)
 class AmbientLight:
     """
@@ -121,6 +124,7 @@ class AmbientLight:
         _check_color_and_intensity(self)
 
 
+@says_replace
 @dataclass(frozen=True)
 class DirectionalLight:
     """
@@ -158,6 +162,7 @@ class DirectionalLight:
             bounded_number("shadow.light_size", self.shadow.light_size, 0.0, WIDEST_SUN)
 
 
+@says_replace
 @dataclass(frozen=True)
 class PointLight:
     """
@@ -202,6 +207,7 @@ class PointLight:
         _check_shadow(self)
 
 
+@says_replace
 @dataclass(frozen=True)
 class SpotLight:
     """

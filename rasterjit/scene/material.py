@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from rasterjit.scene.assigning import says_replace
 from rasterjit.scene.color import ColorLike, linear_color
 from rasterjit.scene.texture import Texture
 from rasterjit.scene.validation import bounded_number, in_short, one_of, vector
@@ -48,6 +49,7 @@ LIGHT_GREY = (0.8, 0.8, 0.8, 1.0)
 """The colour of a surface that nothing is said about, linear."""
 
 
+@says_replace
 @dataclass(frozen=True)
 class Material:
     """
@@ -180,6 +182,7 @@ class Material:
         )
 
 
+@says_replace
 @dataclass(frozen=True)
 class UnsaidMaterial(Material):
     """

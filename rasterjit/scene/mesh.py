@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rasterjit.scene.assigning import Guarded
 from rasterjit.scene.color import linear_rows
 from rasterjit.scene.material import Material
 from rasterjit.scene.normals import (
@@ -28,7 +29,6 @@ from rasterjit.scene.normals import (
 from rasterjit.scene.texture import UV_NAMES
 from rasterjit.scene.validation import (
     MaskedError,
-    check_field,
     finite_number,
     in_short,
     one_of,
@@ -54,7 +54,7 @@ class Previewed:
         return _PAINTERS[0](self) if _PAINTERS else None
 
 
-class Mesh(Previewed):
+class Mesh(Guarded, Previewed):
     """
     Triangles that share vertices, with optional colours, normals and texture coordinates.
 
@@ -99,6 +99,9 @@ class Mesh(Previewed):
     AttributeError
         If anything else than ``material`` is assigned.
     """
+
+    _FIELDS = ("material",)
+    _INSTEAD = "make another Mesh"
 
     def __init__(
         self,
@@ -195,11 +198,6 @@ class Mesh(Previewed):
         if not isinstance(value, Material):
             raise ValueError(f"material must be a Material, got {in_short(value)}")
         self._material = value
-
-    def __setattr__(self, name: str, value: Any) -> None:
-        if not isinstance(getattr(type(self), name, None), property):
-            check_field(self, name, ("material",))
-        super().__setattr__(name, value)
 
     @property
     def invalid_vertices(self) -> int:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rasterjit.scene.assigning import says_replace
 from rasterjit.scene.color import ColorLike, linear_color
 from rasterjit.scene.validation import bounded_number
 
@@ -17,6 +18,7 @@ WIDEST = 64
 """Widest line, pixels."""
 
 
+@says_replace
 @dataclass(frozen=True)
 class Outline:
     """

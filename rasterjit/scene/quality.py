@@ -6,6 +6,7 @@ import dataclasses
 from dataclasses import dataclass
 from typing import Any
 
+from rasterjit.scene.assigning import says_replace
 from rasterjit.scene.validation import bounded_number, one_of
 
 LEVELS: dict[str, tuple[Any, ...]] = {
@@ -35,6 +36,7 @@ LEAST_SHADOW, LARGEST_SHADOW = 16, 8192
 """Side of a shadow map, texels."""
 
 
+@says_replace
 @dataclass(frozen=True)
 class Quality:
     """

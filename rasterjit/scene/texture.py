@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rasterjit.scene.assigning import says_replace
 from rasterjit.scene.color import srgb_to_linear
 from rasterjit.scene.transforms import sine_cosine
 from rasterjit.scene.validation import (
@@ -117,6 +118,7 @@ class Pyramid:
         return self._texels
 
 
+@says_replace
 @dataclass(frozen=True, eq=False)
 class Texture:
     """

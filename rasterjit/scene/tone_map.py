@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from rasterjit.scene.assigning import says_replace
 from rasterjit.scene.validation import bounded_number, one_of
 
 CURVES = ("none", "reinhard", "aces", "neutral")
@@ -17,6 +18,7 @@ WHITES = 1e-6, 1e12
 """Least and largest white, if it is not infinite: one over its square is finite in float32."""
 
 
+@says_replace
 @dataclass(frozen=True)
 class ToneMap:
     """

@@ -202,18 +202,6 @@ def in_short(value: Any) -> str:
     return shown if len(shown) <= LONGEST_VALUE else shown[:LONGEST_VALUE] + "..."
 
 
-def check_field(owner: Any, name: str, fields: Sequence[str]) -> None:
-    """
-    Raise ``AttributeError`` if an object that is assigned to has no such field.
-
-    Names that begin with an underscore are the object's own, or those of a class made from it.
-    """
-    if name not in fields and not name.startswith("_"):
-        listed = ", ".join(fields)
-        kind = type(owner).__name__
-        raise AttributeError(f"{kind} has no {name!r}; what can be assigned is {listed}")
-
-
 def thread_count(name: str, value: Any) -> int | None:
     """Return ``value`` if it is None or a whole number in 1..1024, or raise ``ValueError``."""
     if value is None:

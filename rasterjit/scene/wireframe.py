@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from rasterjit.scene.assigning import says_replace
 from rasterjit.scene.color import ColorLike, linear_color
 from rasterjit.scene.validation import one_of
 
 
+@says_replace
 @dataclass(frozen=True)
 class Wireframe:
     """
