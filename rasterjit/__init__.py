@@ -40,6 +40,10 @@ The parts alone
     `Framebuffer` draws lines, triangles, circles and curves into an array; `Pipeline` is one
     object's chain of transforms; `rasterize` finds the visible faces of geometry of your own
     (`Visibility`). ``rasterjit.compat.pyrender`` runs scripts that were written for pyrender.
+    `types` has the types of arguments, for annotations.
+
+What ``help(rasterjit)`` lists under PACKAGE CONTENTS and is not named here is the inside of the
+package: it changes without notice.
 
 Invalid arguments raise `ValueError`, which names the argument, before anything is drawn; files that
 cannot be read raise `MeshFileError`, one of them. Reading an output that was not asked for raises
@@ -55,7 +59,7 @@ from rasterjit import cli as cli
 
 # isort: split
 from importlib import import_module
-from typing import Any
+from typing import TYPE_CHECKING
 
 from rasterjit.classics.framebuffer import Framebuffer
 from rasterjit.classics.pipeline import Pipeline
@@ -89,6 +93,12 @@ from rasterjit.scene.tone_map import ToneMap
 from rasterjit.scene.view import View
 from rasterjit.scene.vignette import Vignette
 from rasterjit.scene.wireframe import Wireframe
+
+if TYPE_CHECKING:
+    from rasterjit import accuracy, animation, cameras, dataset, distributed, masks, oracle
+    from rasterjit import mpl as mpl
+    from rasterjit import types as types
+    from rasterjit.viewer.show import show
 
 set_painter(preview)
 del preview, set_painter
@@ -155,18 +165,30 @@ __all__ = [
     "transforms",
 ]
 
-_MODULES = ("accuracy", "animation", "cameras", "dataset", "distributed", "masks", "mpl", "oracle")
-"""Those that are loaded when they are first named; ``mpl`` cannot be without matplotlib."""
+_MODULES = (
+    "accuracy", "animation", "cameras", "dataset", "distributed", "masks", "mpl", "oracle", "types",
+)  # fmt: skip
+"""
+Those that are loaded when they are first named.
+
+``from rasterjit import *`` leaves out two: ``mpl`` cannot be without matplotlib, and ``types`` is
+the name of a standard module.
+"""
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    """Name what is public, which ``help`` and completion list; what is inside stays importable."""
+    loaded = [name for name in _MODULES if name in globals()]
+    facts = [name for name, value in globals().items() if name[:2] == "__" and not callable(value)]
+    return sorted({*__all__, "types", *loaded, *facts})
 
 
-def __getattr__(name: str) -> Any:
-    """Load what rendering needs nothing of when it is first named."""
-    if name == "show":
-        return import_module("rasterjit.viewer.show").show
-    if name in _MODULES:
-        return import_module(f"rasterjit.{name}")
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+if not TYPE_CHECKING:  # A type checker that saw this would let every name pass.
+
+    def __getattr__(name: str) -> object:
+        """Load what rendering needs nothing of when it is first named."""
+        if name == "show":
+            return import_module("rasterjit.viewer.show").show
+        if name in _MODULES:
+            return import_module(f"rasterjit.{name}")
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +11,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.animation.video import save_animation
 from rasterjit.outputs.frame import Frame
+from rasterjit.outputs.table import Outputs
+from rasterjit.rendering.plan import Cull
 from rasterjit.rendering.renderer import Renderer
 from rasterjit.scene.camera import Camera
+from rasterjit.scene.color import ColorLike
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.scene import Node, Scene
 from rasterjit.scene.validation import finite_number, in_short
@@ -30,9 +33,9 @@ def frames(
     camera: Camera | CameraAt | None = None,
     transforms: Mapping[Node, TransformAt] | None = None,
     meshes: Mapping[Node, MeshAt] | None = None,
-    outputs: Sequence[str] = ("color",),
-    background: Any = None,
-    cull: str = "none",
+    outputs: Outputs = ("color",),
+    background: ColorLike | None = None,
+    cull: Cull = "none",
 ) -> Iterator[Frame]:
     """
     Render one frame for each time, when it is asked for.

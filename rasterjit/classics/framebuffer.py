@@ -9,9 +9,9 @@ ties are broken.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -32,12 +32,15 @@ from rasterjit.scene.validation import (
 
 OPAQUE = 255
 
-EDGE_RULES = {
+EdgeRule: TypeAlias = Literal["top-left", "inclusive"]
+FillMethod: TypeAlias = Literal["barycentric", "scanline"]
+
+EDGE_RULES: dict[EdgeRule, int] = {
     "top-left": primitives.EXCLUSIVE_BIAS,
     "inclusive": primitives.INCLUSIVE_BIAS,
 }
 
-FILL_METHODS = {
+FILL_METHODS: dict[FillMethod, Callable[..., None]] = {
     "barycentric": primitives.fill_triangle,
     "scanline": primitives.fill_triangle_scanline,
 }
@@ -268,8 +271,8 @@ class Framebuffer(Guarded):
         c: Sequence[int],
         color: ArrayLike,
         *,
-        edges: str = "top-left",
-        method: str = "barycentric",
+        edges: EdgeRule = "top-left",
+        method: FillMethod = "barycentric",
         depth: ArrayLike | None = None,
     ) -> None:
         """

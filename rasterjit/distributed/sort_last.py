@@ -15,9 +15,12 @@ import numpy as np
 from rasterjit.distributed import layers
 from rasterjit.distributed.clusters import connected, require_dask, result_of, retried, send
 from rasterjit.outputs.frame import Frame
+from rasterjit.outputs.table import Outputs
 from rasterjit.rendering.effects import EFFECTS
+from rasterjit.rendering.plan import Cull
 from rasterjit.rendering.stream import Options, check_arguments
 from rasterjit.scene.camera import Camera, check_camera
+from rasterjit.scene.color import ColorLike
 from rasterjit.scene.light import AmbientLight
 from rasterjit.scene.material import Material
 from rasterjit.scene.mesh import Mesh
@@ -37,9 +40,9 @@ def render_partitions(
     material: Material | None = None,
     size: tuple[int, int] = (1280, 720),
     quality: Quality | None = None,
-    outputs: Sequence[str] = ("color",),
-    background: Any = None,
-    cull: str = "none",
+    outputs: Outputs = ("color",),
+    background: ColorLike | None = None,
+    cull: Cull = "none",
     threads: int | None = None,
     client: Client | None = None,
 ) -> Frame:

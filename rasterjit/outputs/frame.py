@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from rasterjit.io import images
 from rasterjit.outputs import save as saving
 from rasterjit.outputs.diagnostics import Diagnostics
-from rasterjit.outputs.table import OUTPUTS
+from rasterjit.outputs.table import OUTPUTS, IdOutput, OutputName
 from rasterjit.scene.quality import Quality
 from rasterjit.survey.plan import RenderPlan
 
@@ -120,7 +120,7 @@ class Frame:
 
     def __init__(
         self,
-        outputs: dict[str, NDArray[Any]],
+        outputs: dict[OutputName, NDArray[Any]],
         plan: RenderPlan,
         stats: Stats,
         diagnostics: Diagnostics | None = None,
@@ -128,7 +128,8 @@ class Frame:
         self._outputs = outputs
         self.plan = plan
         self.stats = stats
-        self.choice: Choice | None = None
+        # Not None for a type checker: who asks for a choice knows that there is one.
+        self.choice: Choice | Any = None
         self._diagnostics = diagnostics
 
     def __repr__(self) -> str:
@@ -284,14 +285,14 @@ class Frame:
             )
         return self._diagnostics
 
-    def arrays(self) -> dict[str, NDArray[Any]]:
+    def arrays(self) -> dict[OutputName, NDArray[Any]]:
         """Return all outputs by name."""
         return dict(self._outputs)
 
     def save(
         self,
         path: str | Path,
-        outputs: str | Iterable[str] | None = None,
+        outputs: OutputName | Iterable[OutputName] | None = None,
         *,
         scale: float | None = None,
     ) -> None:
@@ -350,7 +351,7 @@ class Frame:
                 f"got outputs {', '.join(arrays)}: choose one of {', '.join(saving.FORMATS)}"
             )
 
-    def masks(self, output: str = "object_id") -> tuple[ObjectMask, ...]:
+    def masks(self, output: IdOutput = "object_id") -> tuple[ObjectMask, ...]:
         """
         Return the pixels of each object that is seen, with its box, its area and its COCO code.
 
@@ -415,7 +416,7 @@ class LayeredFrame(Frame):
     def save(
         self,
         path: str | Path,
-        outputs: str | Iterable[str] | None = None,
+        outputs: OutputName | Iterable[OutputName] | None = None,
         *,
         scale: float | None = None,
     ) -> None:
@@ -447,7 +448,7 @@ class LayeredFrame(Frame):
             raise ValueError(f"scale must be None for layers, got {scale!r}")
         saving.save_layers(path, saving.chosen(self._outputs, outputs))
 
-    def masks(self, output: str = "object_id") -> tuple[ObjectMask, ...]:
+    def masks(self, output: IdOutput = "object_id") -> tuple[ObjectMask, ...]:
         """
         Refuse: a mask is of one layer.
 

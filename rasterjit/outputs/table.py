@@ -9,8 +9,21 @@ says what it holds. Those with ``is_mixed`` are made elsewhere: colours by shadi
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Sequence, Set
+from typing import Literal, NamedTuple, TypeAlias
+
+OutputName: TypeAlias = Literal[
+    "color", "depth", "face_id", "object_id", "barycentric", "uv", "normal", "position", "linear",
+    "distance", "object_position", "nocs", "geometric_normal", "material_id", "instance_id",
+    "coverage", "motion", "motion_visible",
+]  # fmt: skip
+"""The names of the rows below, for type checkers."""
+
+Outputs: TypeAlias = OutputName | Sequence[OutputName] | Set[OutputName]
+"""What a render is asked for: one output, or several."""
+
+IdOutput: TypeAlias = Literal["face_id", "object_id", "material_id", "instance_id"]
+"""Outputs of whole numbers that tell things apart."""
 
 
 class Output(NamedTuple):
@@ -38,7 +51,7 @@ class Output(NamedTuple):
     """Module and name of the kernel that fills it, for ``explain``; empty: NumPy does."""
 
 
-TABLE = {
+TABLE: dict[OutputName, Output] = {
     "color": Output(4, "uint8", 0, is_mixed=True),
     "depth": Output(1, "float32", math.inf, "scene units along the viewing axis", ("Z",)),
     "face_id": Output(1, "int32", -1),
@@ -88,7 +101,7 @@ TABLE = {
 }  # fmt: skip
 """What a frame can hold, by name."""
 
-OUTPUTS = tuple(TABLE)
+OUTPUTS: tuple[OutputName, ...] = tuple(TABLE)
 """The names."""
 
 MOTION_OUTPUTS = tuple(name for name, row in TABLE.items() if row.needs_previous)

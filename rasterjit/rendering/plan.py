@@ -8,7 +8,7 @@ kernels and buffers.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,7 +44,9 @@ from rasterjit.survey.lights import headlight, lighting_of
 from rasterjit.survey.placement import Boxes, Views, view_nodes
 from rasterjit.survey.plan import RenderPlan
 
-CULL_MODES = ("none", "back", "front")
+Cull: TypeAlias = Literal["none", "back", "front"]
+CULL_MODES: tuple[Cull, ...] = get_args(Cull)
+"""Which faces are dropped: none; those that show their back; their front."""
 
 BYTES = {"bool": 1, "uint8": 1, "int32": 4, "float32": 4, "float64": 8}
 

@@ -17,12 +17,14 @@ from rasterjit.outputs import diagnostics as diagnosing
 from rasterjit.outputs import fill, motion, table
 from rasterjit.outputs.fill import add_reversed_depth
 from rasterjit.outputs.frame import Frame, Stats
+from rasterjit.outputs.table import Outputs
 from rasterjit.pipeline.visibility import draw as drawing
 from rasterjit.pipeline.visibility.draw import Seen
 from rasterjit.rendering import budget as budgets
 from rasterjit.rendering import plan as planning
 from rasterjit.rendering import shade, supersample
 from rasterjit.rendering.clock import StageClock
+from rasterjit.rendering.plan import Cull
 from rasterjit.rendering.supersample import Accumulation
 from rasterjit.rendering.views import (
     PlannedFrame,
@@ -35,6 +37,7 @@ from rasterjit.runtime.ahead import beside
 from rasterjit.runtime.threads import Workers
 from rasterjit.scene.assigning import Guarded
 from rasterjit.scene.camera import Camera
+from rasterjit.scene.color import ColorLike
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.quality import Quality, check_quality
 from rasterjit.scene.scene import Scene
@@ -56,9 +59,9 @@ def render(
     quality: Quality | None = None,
     max_error: float | None = None,
     time_budget: float | None = None,
-    outputs: Sequence[str] = ("color",),
-    background: Any = None,
-    cull: str = "none",
+    outputs: Outputs = ("color",),
+    background: ColorLike | None = None,
+    cull: Cull = "none",
     diagnose: bool = False,
     previous: View | None = None,
     threads: int | None = None,
@@ -131,9 +134,9 @@ def explain(
     quality: Quality | None = None,
     *,
     size: tuple[int, int] = (1280, 720),
-    outputs: Sequence[str] = ("color",),
-    background: Any = None,
-    cull: str = "none",
+    outputs: Outputs = ("color",),
+    background: ColorLike | None = None,
+    cull: Cull = "none",
     diagnose: bool = False,
     previous: View | None = None,
 ) -> RenderPlan:
@@ -388,9 +391,9 @@ class Renderer(Guarded):
         *,
         max_error: float | None = None,
         time_budget: float | None = None,
-        outputs: Sequence[str] = ("color",),
-        background: Any = None,
-        cull: str = "none",
+        outputs: Outputs = ("color",),
+        background: ColorLike | None = None,
+        cull: Cull = "none",
         diagnose: bool = False,
         previous: View | None = None,
     ) -> Frame:
@@ -486,9 +489,9 @@ class Renderer(Guarded):
         what: Any,
         camera: Camera | None = None,
         *,
-        outputs: Sequence[str] = ("color",),
-        background: Any = None,
-        cull: str = "none",
+        outputs: Outputs = ("color",),
+        background: ColorLike | None = None,
+        cull: Cull = "none",
         diagnose: bool = False,
         previous: View | None = None,
     ) -> Iterator[Frame]:

@@ -10,7 +10,7 @@ Notebooks show meshes and scenes as small pictures. As scenes know nothing of ho
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,7 +26,7 @@ from rasterjit.scene.normals import (
     unit_rows,
     vertex_tangents,
 )
-from rasterjit.scene.texture import UV_NAMES
+from rasterjit.scene.texture import UV_NAMES, UVSet
 from rasterjit.scene.validation import (
     MaskedError,
     finite_number,
@@ -40,6 +40,10 @@ _CHUNK = 1 << 18
 """Vertices looked at at once where a temporary of the whole mesh would cost memory."""
 
 _LARGEST_FLOAT32 = float(np.finfo(np.float32).max)
+
+OnInvalid: TypeAlias = Literal["raise", "drop"]
+ON_INVALID: tuple[OnInvalid, ...] = get_args(OnInvalid)
+"""What to do about vertices that are NaN or infinite: refuse the mesh; leave out their faces."""
 
 Painter = Callable[[Any], "bytes | None"]
 
@@ -114,9 +118,9 @@ class Mesh(Guarded, Previewed):
         uv1: ArrayLike | None = None,
         tangents: ArrayLike | None = None,
         material: Material | None = None,
-        on_invalid: str = "raise",
+        on_invalid: OnInvalid = "raise",
     ) -> None:
-        one_of("on_invalid", on_invalid, ("raise", "drop"))
+        one_of("on_invalid", on_invalid, ON_INVALID)
         self._vertices = read_only(_vertex_array(vertices))
         self._faces = read_only(face_array(faces, len(self._vertices)))
         self._invalid_vertices = _count_invalid(self._vertices, on_invalid)
@@ -283,7 +287,7 @@ class Mesh(Guarded, Previewed):
         return self._vertex_normals
 
     def vertex_tangents(
-        self, transform: tuple[float, ...] | None = None, uv_set: int = 0
+        self, transform: tuple[float, ...] | None = None, uv_set: UVSet = 0
     ) -> NDArray[np.float32]:
         """
         Return the given tangents, or those that texture coordinates say.

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Literal, TypeAlias, get_args
 
 from rasterjit.scene.assigning import says_replace
 from rasterjit.scene.validation import bounded_number, one_of
 
-CURVES = ("none", "reinhard", "aces", "neutral")
+Curve: TypeAlias = Literal["none", "reinhard", "aces", "neutral"]
+CURVES: tuple[Curve, ...] = get_args(Curve)
 """Names of the tone curves."""
 
 MOST_STOPS = 32.0
@@ -59,7 +61,7 @@ class ToneMap:
     .. [3] The Khronos Group, "Khronos PBR Neutral Tone Mapper", 2024.
     """
 
-    curve: str = "neutral"
+    curve: Curve = "neutral"
     exposure: float = 0.0
     white: float = math.inf
 

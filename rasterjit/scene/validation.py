@@ -7,7 +7,7 @@ import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -161,6 +161,10 @@ def read_only(array: NDArray[Any]) -> NDArray[Any]:
     array = aligned(array)
     array.flags.writeable = False
     return array.view()
+
+
+VectorLike: TypeAlias = Sequence[float] | NDArray[Any]
+"""Three numbers; of fields that keep a tuple of them, so that one can be read by its index."""
 
 
 def vector(name: str, value: ArrayLike) -> NDArray[np.float64]:
