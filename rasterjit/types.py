@@ -7,6 +7,8 @@ one. Written where it is used a choice needs no more; one that comes by a variab
 >>> from rasterjit.types import OutputName, Shading
 >>> outputs: list[OutputName] = ["color", "depth"]
 >>> shading: Shading = "flat"
+
+Names that are not known beforehand are marked: ``AttributeName("attribute:heat")``.
 """
 
 from rasterjit.animation.tracks import Interpolation as KeyInterpolation
@@ -14,8 +16,8 @@ from rasterjit.classics.framebuffer import EdgeRule, FillMethod
 from rasterjit.dataset.recipe import Layout, RecipeOutput
 from rasterjit.io.cameras import BlenderType, ScreenSpace, SensorFit
 from rasterjit.io.meshes import OnDamage
-from rasterjit.outputs.table import IdOutput, OutputName, Outputs
-from rasterjit.rendering.plan import Cull
+from rasterjit.outputs.table import AttributeName, IdOutput, OutputName, Outputs
+from rasterjit.rendering.plan import Background, Cull
 from rasterjit.rendering.rasterize import DepthMode
 from rasterjit.rendering.stream import Progress
 from rasterjit.scene.camera import Camera
@@ -49,7 +51,9 @@ from rasterjit.viewer.show import Backend
 __all__ = [
     "AlphaMode",
     "Anisotropy",
+    "AttributeName",
     "Backend",
+    "Background",
     "BlenderType",
     "Blending",
     "Camera",

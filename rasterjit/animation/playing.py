@@ -12,10 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 from rasterjit.animation.video import save_animation
 from rasterjit.outputs.frame import Frame
 from rasterjit.outputs.table import Outputs
-from rasterjit.rendering.plan import Cull
+from rasterjit.rendering.plan import Background, Cull
 from rasterjit.rendering.renderer import Renderer
 from rasterjit.scene.camera import Camera
-from rasterjit.scene.color import ColorLike
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.scene import Node, Scene
 from rasterjit.scene.validation import finite_number, in_short
@@ -34,7 +33,7 @@ def frames(
     transforms: Mapping[Node, TransformAt] | None = None,
     meshes: Mapping[Node, MeshAt] | None = None,
     outputs: Outputs = ("color",),
-    background: ColorLike | None = None,
+    background: Background = None,
     cull: Cull = "none",
 ) -> Iterator[Frame]:
     """

@@ -16,7 +16,7 @@ from rasterjit.distributed.clusters import SharedScene, check_client, result_of,
 from rasterjit.outputs.frame import Frame, Stats
 from rasterjit.outputs.table import Outputs
 from rasterjit.rendering import plan as planning
-from rasterjit.rendering.plan import Cull, RenderPlan
+from rasterjit.rendering.plan import Background, Cull, RenderPlan
 from rasterjit.rendering.renderer import Renderer
 from rasterjit.rendering.stream import (
     AHEAD,
@@ -32,7 +32,6 @@ from rasterjit.rendering.stream import (
     with_bar,
 )
 from rasterjit.scene.camera import Camera
-from rasterjit.scene.color import ColorLike
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.validation import one_of, thread_count
@@ -51,7 +50,7 @@ def render_many(
     size: tuple[int, int] = (1280, 720),
     quality: Quality | None = None,
     outputs: Outputs = ("color",),
-    background: ColorLike | None = None,
+    background: Background = None,
     cull: Cull = "none",
     threads: int | None = None,
     workers: int | None = None,

@@ -17,10 +17,9 @@ from rasterjit.distributed.clusters import connected, require_dask, result_of, r
 from rasterjit.outputs.frame import Frame
 from rasterjit.outputs.table import Outputs
 from rasterjit.rendering.effects import EFFECTS
-from rasterjit.rendering.plan import Cull
+from rasterjit.rendering.plan import Background, Cull
 from rasterjit.rendering.stream import Options, check_arguments
 from rasterjit.scene.camera import Camera, check_camera
-from rasterjit.scene.color import ColorLike
 from rasterjit.scene.light import AmbientLight
 from rasterjit.scene.material import Material
 from rasterjit.scene.mesh import Mesh
@@ -41,7 +40,7 @@ def render_partitions(
     size: tuple[int, int] = (1280, 720),
     quality: Quality | None = None,
     outputs: Outputs = ("color",),
-    background: ColorLike | None = None,
+    background: Background = None,
     cull: Cull = "none",
     threads: int | None = None,
     client: Client | None = None,

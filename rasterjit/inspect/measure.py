@@ -13,11 +13,10 @@ from rasterjit.outputs.table import Outputs
 from rasterjit.rendering import plan as planning
 from rasterjit.rendering.budget import seconds_of
 from rasterjit.rendering.effects import EFFECTS
-from rasterjit.rendering.plan import Cull, plan_frame
+from rasterjit.rendering.plan import Background, Cull, plan_frame
 from rasterjit.rendering.renderer import Renderer, choose_camera
 from rasterjit.runtime.threads import available_processors
 from rasterjit.scene.camera import Camera
-from rasterjit.scene.color import ColorLike
 from rasterjit.scene.quality import Quality, check_quality
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.validation import image_size
@@ -83,7 +82,7 @@ def measure(
     *,
     size: tuple[int, int] = (1280, 720),
     outputs: Outputs = ("color",),
-    background: ColorLike | None = None,
+    background: Background = None,
     cull: Cull = "none",
     threads: int | None = None,
     rounds: int = ROUNDS,

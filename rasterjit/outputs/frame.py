@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from rasterjit.io import images
 from rasterjit.outputs import save as saving
 from rasterjit.outputs.diagnostics import Diagnostics
-from rasterjit.outputs.table import OUTPUTS, IdOutput, OutputName
+from rasterjit.outputs.table import OUTPUTS, AnyOutput, IdOutput
 from rasterjit.scene.quality import Quality
 from rasterjit.survey.plan import RenderPlan
 
@@ -120,7 +120,7 @@ class Frame:
 
     def __init__(
         self,
-        outputs: dict[OutputName, NDArray[Any]],
+        outputs: dict[AnyOutput, NDArray[Any]],
         plan: RenderPlan,
         stats: Stats,
         diagnostics: Diagnostics | None = None,
@@ -285,14 +285,14 @@ class Frame:
             )
         return self._diagnostics
 
-    def arrays(self) -> dict[OutputName, NDArray[Any]]:
+    def arrays(self) -> dict[AnyOutput, NDArray[Any]]:
         """Return all outputs by name."""
         return dict(self._outputs)
 
     def save(
         self,
         path: str | Path,
-        outputs: OutputName | Iterable[OutputName] | None = None,
+        outputs: AnyOutput | Iterable[AnyOutput] | None = None,
         *,
         scale: float | None = None,
     ) -> None:
@@ -416,7 +416,7 @@ class LayeredFrame(Frame):
     def save(
         self,
         path: str | Path,
-        outputs: OutputName | Iterable[OutputName] | None = None,
+        outputs: AnyOutput | Iterable[AnyOutput] | None = None,
         *,
         scale: float | None = None,
     ) -> None:

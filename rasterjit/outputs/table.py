@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence, Set
-from typing import Literal, NamedTuple, TypeAlias
+from typing import Literal, NamedTuple, NewType, TypeAlias
 
 OutputName: TypeAlias = Literal[
     "color", "depth", "face_id", "object_id", "barycentric", "uv", "normal", "position", "linear",
@@ -19,7 +19,15 @@ OutputName: TypeAlias = Literal[
 ]  # fmt: skip
 """The names of the rows below, for type checkers."""
 
-Outputs: TypeAlias = OutputName | Sequence[OutputName] | Set[OutputName]
+AttributeName = NewType("AttributeName", str)
+"""
+An output whose name comes from a mesh, for type checkers: ``AttributeName("attribute:heat")``.
+
+They know no pattern of names; at run time it is a plain string.
+"""
+
+AnyOutput: TypeAlias = OutputName | AttributeName
+Outputs: TypeAlias = AnyOutput | Sequence[AnyOutput] | Set[AnyOutput]
 """What a render is asked for: one output, or several."""
 
 IdOutput: TypeAlias = Literal["face_id", "object_id", "material_id", "instance_id"]

@@ -24,7 +24,7 @@ from rasterjit.rendering.sketch import list_stages, short_name
 from rasterjit.runtime import ahead, jit
 from rasterjit.runtime.ahead import Task
 from rasterjit.scene.camera import Camera
-from rasterjit.scene.color import linear_color
+from rasterjit.scene.color import ColorLike, linear_color
 from rasterjit.scene.light import Light
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
@@ -43,6 +43,9 @@ from rasterjit.survey.facts import Facts, look
 from rasterjit.survey.lights import headlight, lighting_of
 from rasterjit.survey.placement import Boxes, Views, view_nodes
 from rasterjit.survey.plan import RenderPlan
+
+Background: TypeAlias = ColorLike | None
+"""What is seen behind all faces; None: an environment that is a background, else white."""
 
 Cull: TypeAlias = Literal["none", "back", "front"]
 CULL_MODES: tuple[Cull, ...] = get_args(Cull)

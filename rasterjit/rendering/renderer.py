@@ -24,7 +24,7 @@ from rasterjit.rendering import budget as budgets
 from rasterjit.rendering import plan as planning
 from rasterjit.rendering import shade, supersample
 from rasterjit.rendering.clock import StageClock
-from rasterjit.rendering.plan import Cull
+from rasterjit.rendering.plan import Background, Cull
 from rasterjit.rendering.supersample import Accumulation
 from rasterjit.rendering.views import (
     PlannedFrame,
@@ -37,7 +37,6 @@ from rasterjit.runtime.ahead import beside
 from rasterjit.runtime.threads import Workers
 from rasterjit.scene.assigning import Guarded
 from rasterjit.scene.camera import Camera
-from rasterjit.scene.color import ColorLike
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.quality import Quality, check_quality
 from rasterjit.scene.scene import Scene
@@ -60,7 +59,7 @@ def render(
     max_error: float | None = None,
     time_budget: float | None = None,
     outputs: Outputs = ("color",),
-    background: ColorLike | None = None,
+    background: Background = None,
     cull: Cull = "none",
     diagnose: bool = False,
     previous: View | None = None,
@@ -135,7 +134,7 @@ def explain(
     *,
     size: tuple[int, int] = (1280, 720),
     outputs: Outputs = ("color",),
-    background: ColorLike | None = None,
+    background: Background = None,
     cull: Cull = "none",
     diagnose: bool = False,
     previous: View | None = None,
@@ -392,7 +391,7 @@ class Renderer(Guarded):
         max_error: float | None = None,
         time_budget: float | None = None,
         outputs: Outputs = ("color",),
-        background: ColorLike | None = None,
+        background: Background = None,
         cull: Cull = "none",
         diagnose: bool = False,
         previous: View | None = None,
@@ -490,7 +489,7 @@ class Renderer(Guarded):
         camera: Camera | None = None,
         *,
         outputs: Outputs = ("color",),
-        background: ColorLike | None = None,
+        background: Background = None,
         cull: Cull = "none",
         diagnose: bool = False,
         previous: View | None = None,

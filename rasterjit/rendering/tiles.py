@@ -19,11 +19,10 @@ from rasterjit.outputs.table import Outputs
 from rasterjit.pipeline.geometry.setup import TILE_SIZE
 from rasterjit.pipeline.visibility.draw import Region
 from rasterjit.rendering import shade, supersample
-from rasterjit.rendering.plan import Cull
+from rasterjit.rendering.plan import Background, Cull
 from rasterjit.rendering.renderer import draw_frame, find_visible
 from rasterjit.rendering.views import plan_views
 from rasterjit.runtime.threads import Workers
-from rasterjit.scene.color import ColorLike
 from rasterjit.scene.quality import Quality, check_quality
 from rasterjit.scene.validation import MAX_SIZE, thread_count, whole_size
 from rasterjit.survey.arrays import placement_of
@@ -67,7 +66,7 @@ class RegionRenderer:
         size: tuple[int, int] = (1280, 720),
         quality: Quality | None = None,
         outputs: Outputs = ("color",),
-        background: ColorLike | None = None,
+        background: Background = None,
         cull: Cull = "none",
         threads: int | None = None,
     ) -> None:

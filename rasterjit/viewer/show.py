@@ -6,9 +6,8 @@ import importlib.util
 from collections.abc import Callable
 from typing import Any, Literal, TypeAlias, get_args
 
-from rasterjit.rendering.plan import Cull
+from rasterjit.rendering.plan import Background, Cull
 from rasterjit.scene.camera import Camera
-from rasterjit.scene.color import ColorLike
 from rasterjit.scene.validation import one_of
 from rasterjit.viewer import browser, canvas
 from rasterjit.viewer.viewer import SMOOTH, Viewer
@@ -23,7 +22,7 @@ def show(
     *,
     backend: Backend = "auto",
     size: tuple[int, int] = (640, 480),
-    background: ColorLike | None = None,
+    background: Background = None,
     cull: Cull = "none",
     up: Any = (0.0, 1.0, 0.0),
     time_budget: float = SMOOTH,

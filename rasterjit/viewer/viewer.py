@@ -23,10 +23,9 @@ from rasterjit.inspect.pixel_report import PixelExplanation
 from rasterjit.io.meshes import as_scene
 from rasterjit.outputs.frame import Frame
 from rasterjit.rendering import budget
-from rasterjit.rendering.plan import Cull
+from rasterjit.rendering.plan import Background, Cull
 from rasterjit.rendering.renderer import Renderer, choose_camera, explain
 from rasterjit.scene.camera import Camera, PerspectiveCamera
-from rasterjit.scene.color import ColorLike
 from rasterjit.scene.framing import Ball, fit_camera
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
@@ -119,7 +118,7 @@ class Viewer:
         camera: Camera | None = None,
         *,
         size: tuple[int, int] = (640, 480),
-        background: ColorLike | None = None,
+        background: Background = None,
         cull: Cull = "none",
         up: Any = (0.0, 1.0, 0.0),
         time_budget: float = SMOOTH,

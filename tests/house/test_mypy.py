@@ -65,6 +65,7 @@ kept: list[rj.types.OutputName] = ["depth"]
 shading: rj.types.Shading = "flat"
 rj.render_layers(scene, k=2, outputs=kept)
 rj.Material(shading)
+kept_too: tuple[rj.types.Outputs, ...] = (rj.types.AttributeName("attribute:heat"), "depth")
 try:
     rj.load("none.obj", on_damage="warn")
 except rj.MeshFileError as error:
