@@ -42,9 +42,6 @@ The parts alone
     (`Visibility`). ``rasterjit.compat.pyrender`` runs scripts that were written for pyrender.
     `types` has the types of arguments, for annotations.
 
-What ``help(rasterjit)`` lists under PACKAGE CONTENTS and is not named here is the inside of the
-package: it changes without notice.
-
 Invalid arguments raise `ValueError`, which names the argument, before anything is drawn; files that
 cannot be read raise `MeshFileError`, one of them. Reading an output that was not asked for raises
 `OutputNotRequestedError`. A `LoadWarning` names what of a file was left out, a `CalibrationWarning`
@@ -58,6 +55,8 @@ and linear where they are floats; row 0 of a picture is on top.
 from rasterjit import cli as cli
 
 # isort: split
+import sys
+from collections.abc import Iterator
 from importlib import import_module
 from typing import TYPE_CHECKING
 
@@ -174,6 +173,18 @@ Those that are loaded when they are first named.
 ``from rasterjit import *`` leaves out two: ``mpl`` cannot be without matplotlib, and ``types`` is
 the name of a standard module.
 """
+
+
+class _Folder(list[str]):
+    """The package's folder, in which pydoc alone finds nothing: ``help`` would list the inside."""
+
+    def __iter__(self) -> Iterator[str]:
+        caller = sys._getframe(1)
+        asks = (frame.f_globals.get("__name__") for frame in (caller, caller.f_back) if frame)
+        return iter(()) if tuple(asks) == ("pkgutil", "pydoc") else super().__iter__()
+
+
+__path__ = _Folder(__path__)
 
 
 def __dir__() -> list[str]:
