@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterable
+from collections.abc import Mapping
 from dataclasses import InitVar, dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from rasterjit.io import images
 from rasterjit.outputs import save as saving
 from rasterjit.outputs.diagnostics import Diagnostics
-from rasterjit.outputs.table import OUTPUTS, AnyOutput, IdOutput
+from rasterjit.outputs.table import OUTPUTS, IdOutput, Outputs
 from rasterjit.scene.quality import Quality
 from rasterjit.survey.plan import RenderPlan
 
@@ -120,7 +120,7 @@ class Frame:
 
     def __init__(
         self,
-        outputs: dict[AnyOutput, NDArray[Any]],
+        outputs: dict[str, NDArray[Any]],
         plan: RenderPlan,
         stats: Stats,
         diagnostics: Diagnostics | None = None,
@@ -285,14 +285,14 @@ class Frame:
             )
         return self._diagnostics
 
-    def arrays(self) -> dict[AnyOutput, NDArray[Any]]:
+    def arrays(self) -> dict[str, NDArray[Any]]:
         """Return all outputs by name."""
         return dict(self._outputs)
 
     def save(
         self,
         path: str | Path,
-        outputs: AnyOutput | Iterable[AnyOutput] | None = None,
+        outputs: Outputs | Mapping[str, Any] | None = None,
         *,
         scale: float | None = None,
     ) -> None:
@@ -416,7 +416,7 @@ class LayeredFrame(Frame):
     def save(
         self,
         path: str | Path,
-        outputs: AnyOutput | Iterable[AnyOutput] | None = None,
+        outputs: Outputs | Mapping[str, Any] | None = None,
         *,
         scale: float | None = None,
     ) -> None:
