@@ -17,6 +17,7 @@ from rasterjit.distributed.clusters import SharedScene, check_client, result_of,
 from rasterjit.io.images import checked_path
 from rasterjit.io.whole import replacing, replacing_folder
 from rasterjit.pipeline.visibility.draw import Region
+from rasterjit.rendering.plan import Background, Cull
 from rasterjit.rendering.tiles import RegionRenderer, Survey, regions_of
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.quality import Quality
@@ -41,8 +42,8 @@ def render_large(
     *,
     tile: int = 1024,
     quality: Quality | None = None,
-    background: Any = None,
-    cull: str = "none",
+    background: Background = None,
+    cull: Cull = "none",
     threads: int | None = None,
     client: Client | None = None,
 ) -> None:

@@ -33,6 +33,7 @@ from rasterjit.pipeline.visibility import draw, nearest
 from rasterjit.pipeline.visibility.alpha_test import no_holes
 from rasterjit.rendering import plan as planning
 from rasterjit.rendering import shade, supersample
+from rasterjit.rendering.plan import Background, Cull
 from rasterjit.rendering.renderer import choose_camera, render
 from rasterjit.runtime.ahead import beside
 from rasterjit.runtime.threads import Workers
@@ -70,8 +71,8 @@ def explain_pixel(
     y: int,
     *,
     quality: Quality | None = None,
-    cull: str = "none",
-    background: Any = None,
+    cull: Cull = "none",
+    background: Background = None,
 ) -> PixelExplanation:
     """
     Say what happened at one pixel, stage by stage.

@@ -6,7 +6,7 @@ import os
 import sys
 import warnings
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
 from rasterjit.io.archives import take_members
 from rasterjit.io.binvox import load_binvox
@@ -23,7 +23,7 @@ from rasterjit.io.trimesh.resolver import resolver_of
 from rasterjit.io.trimesh.scene import TrimeshAdapter
 from rasterjit.io.trimesh.xml import note_what_is_not_read
 from rasterjit.scene.memory import DEFAULT_MAX_BYTES, MemoryBudget
-from rasterjit.scene.mesh import Mesh
+from rasterjit.scene.mesh import ON_INVALID, Mesh, OnInvalid
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.validation import (
     bounded_number,
@@ -36,6 +36,10 @@ if TYPE_CHECKING:
     import trimesh
 
 __all__ = ["LoadWarning", "MeshFileError", "as_scene", "from_trimesh", "load"]
+
+OnDamage: TypeAlias = Literal["error", "warn"]
+ON_DAMAGE: tuple[OnDamage, ...] = get_args(OnDamage)
+"""What to do about a damaged file: refuse it; load what there is, and warn."""
 
 TEXT_FORMATS = ("obj", "ply", "stl", "off")
 """Formats that `rasterjit.io.text` reads."""
@@ -58,8 +62,8 @@ _SHOWN_FORMATS = ("obj", "ply", "stl", "off", "glb", "gltf", "3mf", "dae")
 def load(
     path: str | os.PathLike[str],
     *,
-    on_invalid: str = "raise",
-    on_damage: str = "error",
+    on_invalid: OnInvalid = "raise",
+    on_damage: OnDamage = "error",
     crease_angle: float = 40.0,
     resource_root: str | os.PathLike[str] | None = None,
     max_bytes: int = DEFAULT_MAX_BYTES,
@@ -120,8 +124,8 @@ def load(
         material is fully transparent.
     """
     bounded_number("crease_angle", crease_angle, 0.0, 180.0)
-    one_of("on_invalid", on_invalid, ("raise", "drop"))
-    one_of("on_damage", on_damage, ("error", "warn"))
+    one_of("on_invalid", on_invalid, ON_INVALID)
+    one_of("on_damage", on_damage, ON_DAMAGE)
     root = None if resource_root is None else existing_folder("resource_root", resource_root)
     file = _checked_path(path)
     budget = MemoryBudget(str(file), max_bytes)
@@ -192,7 +196,7 @@ def _warn_if_invisible(file: Path, scene: Scene) -> None:
 def from_trimesh(
     what: trimesh.Trimesh | trimesh.Scene,
     *,
-    on_invalid: str = "raise",
+    on_invalid: OnInvalid = "raise",
     crease_angle: float = 40.0,
 ) -> Scene:
     """

@@ -8,7 +8,7 @@ kernels and buffers.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +24,7 @@ from rasterjit.rendering.sketch import list_stages, short_name
 from rasterjit.runtime import ahead, jit
 from rasterjit.runtime.ahead import Task
 from rasterjit.scene.camera import Camera
-from rasterjit.scene.color import linear_color
+from rasterjit.scene.color import ColorLike, linear_color
 from rasterjit.scene.light import Light
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
@@ -44,7 +44,12 @@ from rasterjit.survey.lights import headlight, lighting_of
 from rasterjit.survey.placement import Boxes, Views, view_nodes
 from rasterjit.survey.plan import RenderPlan
 
-CULL_MODES = ("none", "back", "front")
+Background: TypeAlias = ColorLike | None
+"""What is seen behind all faces; None: an environment that is a background, else white."""
+
+Cull: TypeAlias = Literal["none", "back", "front"]
+CULL_MODES: tuple[Cull, ...] = get_args(Cull)
+"""Which faces are dropped: none; those that show their back; their front."""
 
 BYTES = {"bool": 1, "uint8": 1, "int32": 4, "float32": 4, "float64": 8}
 

@@ -11,11 +11,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rasterjit.scene.assigning import Guarded
 from rasterjit.scene.color import linear_rows
 from rasterjit.scene.material import Material
 from rasterjit.scene.normals import (
@@ -26,10 +27,9 @@ from rasterjit.scene.normals import (
     unit_rows,
     vertex_tangents,
 )
-from rasterjit.scene.texture import UV_NAMES
+from rasterjit.scene.texture import UV_NAMES, UVSet
 from rasterjit.scene.validation import (
     MaskedError,
-    check_field,
     finite_number,
     in_short,
     one_of,
@@ -45,6 +45,10 @@ ATTRIBUTE = "attribute:"
 
 _LARGEST_FLOAT32 = float(np.finfo(np.float32).max)
 
+OnInvalid: TypeAlias = Literal["raise", "drop"]
+ON_INVALID: tuple[OnInvalid, ...] = get_args(OnInvalid)
+"""What to do about vertices that are NaN or infinite: refuse the mesh; leave out their faces."""
+
 Painter = Callable[[Any], "bytes | None"]
 
 _PAINTERS: list[Painter] = []
@@ -58,7 +62,7 @@ class Previewed:
         return _PAINTERS[0](self) if _PAINTERS else None
 
 
-class Mesh(Previewed):
+class Mesh(Guarded, Previewed):
     """
     Triangles that share vertices, with optional colours, normals and texture coordinates.
 
@@ -107,6 +111,9 @@ class Mesh(Previewed):
         If anything else than ``material`` is assigned.
     """
 
+    _FIELDS = ("material",)
+    _INSTEAD = "make another Mesh"
+
     def __init__(
         self,
         vertices: ArrayLike,
@@ -119,9 +126,9 @@ class Mesh(Previewed):
         tangents: ArrayLike | None = None,
         attributes: Mapping[str, ArrayLike] | None = None,
         material: Material | None = None,
-        on_invalid: str = "raise",
+        on_invalid: OnInvalid = "raise",
     ) -> None:
-        one_of("on_invalid", on_invalid, ("raise", "drop"))
+        one_of("on_invalid", on_invalid, ON_INVALID)
         self._vertices = read_only(_vertex_array(vertices))
         self._faces = read_only(face_array(faces, len(self._vertices)))
         self._invalid_vertices = _count_invalid(self._vertices, on_invalid)
@@ -217,11 +224,6 @@ class Mesh(Previewed):
         if not isinstance(value, Material):
             raise ValueError(f"material must be a Material, got {in_short(value)}")
         self._material = value
-
-    def __setattr__(self, name: str, value: Any) -> None:
-        if not isinstance(getattr(type(self), name, None), property):
-            check_field(self, name, ("material",))
-        super().__setattr__(name, value)
 
     @property
     def invalid_vertices(self) -> int:
@@ -329,7 +331,7 @@ class Mesh(Previewed):
         return self._vertex_normals
 
     def vertex_tangents(
-        self, transform: tuple[float, ...] | None = None, uv_set: int = 0
+        self, transform: tuple[float, ...] | None = None, uv_set: UVSet = 0
     ) -> NDArray[np.float32]:
         """
         Return the given tangents, or those that texture coordinates say.

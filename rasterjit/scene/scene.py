@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.scene.ambient_occlusion import AmbientOcclusion
+from rasterjit.scene.assigning import Guarded
 from rasterjit.scene.environment import Environment
 from rasterjit.scene.fog import Fog
 from rasterjit.scene.light import Light
@@ -17,7 +18,7 @@ from rasterjit.scene.mesh import Mesh, Previewed
 from rasterjit.scene.outline import Outline
 from rasterjit.scene.tone_map import ToneMap
 from rasterjit.scene.transforms import transform_instances
-from rasterjit.scene.validation import check_field, finite_array, read_only
+from rasterjit.scene.validation import finite_array, read_only
 from rasterjit.scene.vignette import Vignette
 from rasterjit.scene.wireframe import Wireframe
 
@@ -43,7 +44,7 @@ EFFECT_FIELDS: dict[str, tuple[type, str]] = {
 """The fields of a scene that ask for effects: what they hold if not None, and that in words."""
 
 
-class Node:
+class Node(Guarded):
     """
     One mesh at one place; two nodes with the same mesh are instances of it.
 
@@ -69,10 +70,6 @@ class Node:
         self.mesh = mesh
         self.world_from_model = world_from_model
         self.name = name
-
-    def __setattr__(self, name: str, value: Any) -> None:
-        check_field(self, name, self._FIELDS)
-        super().__setattr__(name, value)
 
     @property
     def mesh(self) -> Mesh:
@@ -116,7 +113,7 @@ def matrices_of(nodes: Sequence[Node]) -> list[NDArray[np.float64]]:
     return [node._world_from_model for node in nodes]
 
 
-class Scene(Previewed):
+class Scene(Guarded, Previewed):
     """
     Meshes at their places, with lights and perhaps a camera.
 
@@ -165,10 +162,6 @@ class Scene(Previewed):
         self.ambient_occlusion: AmbientOcclusion | None = None
         self.outline: Outline | None = None
         self.vignette: Vignette | None = None
-
-    def __setattr__(self, name: str, value: Any) -> None:
-        check_field(self, name, self._FIELDS)
-        super().__setattr__(name, value)
 
     def __repr__(self) -> str:
         faces = sum(len(node.mesh.faces) for node in self.nodes)

@@ -23,6 +23,7 @@ from rasterjit.inspect.pixel_report import PixelExplanation
 from rasterjit.io.meshes import as_scene
 from rasterjit.outputs.frame import Frame
 from rasterjit.rendering import budget
+from rasterjit.rendering.plan import Background, Cull
 from rasterjit.rendering.renderer import Renderer, choose_camera, explain
 from rasterjit.scene.camera import Camera, PerspectiveCamera
 from rasterjit.scene.framing import Ball, fit_camera
@@ -117,8 +118,8 @@ class Viewer:
         camera: Camera | None = None,
         *,
         size: tuple[int, int] = (640, 480),
-        background: Any = None,
-        cull: str = "none",
+        background: Background = None,
+        cull: Cull = "none",
         up: Any = (0.0, 1.0, 0.0),
         time_budget: float = SMOOTH,
         name: str = "",

@@ -589,3 +589,14 @@ def test_a_glb_of_a_wrong_first_chunk_still_ends_in_a_clear_error(tmp_path):
     path.write_bytes(b"glTF" + struct.pack("<IIII", 2, 24, 4, 0x004E4942) + b"\0\0\0\0")
     with pytest.raises(MeshFileError, match=r"a\.glb"):
         load(path)
+
+
+def test_what_loading_raises_and_warns_of_is_caught_by_public_names(tmp_path):
+    with pytest.raises(rj.MeshFileError, match="does not exist"):
+        rj.load(tmp_path / "none.obj")
+    damaged = tmp_path / "damaged.obj"
+    damaged.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nf 1 2 9\n")
+    with pytest.warns(rj.LoadWarning, match="damaged"):
+        assert len(rj.load(damaged, on_damage="warn").nodes[0].mesh.faces) == 1
+    assert issubclass(rj.MeshFileError, ValueError)
+    assert issubclass(rj.LoadWarning, UserWarning)
