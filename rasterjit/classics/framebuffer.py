@@ -374,7 +374,8 @@ class Framebuffer(Guarded):
         Raises
         ------
         ValueError
-            If the folder does not exist or the extension is not that of a known image format.
+            If the folder does not exist, the extension is not that of a known image format, or a
+            pixel is transparent and the format, as JPEG, cannot show that.
         """
         from rasterjit.io.images import save_image
 

@@ -374,7 +374,8 @@ class Frame:
               ``normal.X``, ``position.X``, ``uv.U``, ``distance`` and so on; numbers of faces and
               objects as uint32, one more than they are.
             - ``.png`` of any output but the colour: 16 bits a channel, see below.
-            - Other images (``.jpg``, ``.webp``, ``.tif`` ...): the colour.
+            - Other images (``.jpg``, ``.webp``, ``.tif`` ...): the colour. JPEG and BMP know no
+              transparency.
         outputs : str or iterable of str, optional
             What to write. Default: the colour to an image, everything to the other formats.
         scale : float, optional
@@ -385,7 +386,8 @@ class Frame:
         ------
         ValueError
             If the format is unknown, the folder does not exist, this frame does not have the
-            output, or it does not fit the format. Nothing is written.
+            output, or it does not fit the format, as a transparent pixel does not fit a JPEG.
+            Nothing is written.
         ImportError
             If an EXR is asked for and OpenEXR is not installed.
         OSError

@@ -18,7 +18,8 @@ from rasterjit.scene.mesh import ATTRIBUTE
 
 OutputName: TypeAlias = Literal[
     "color", "depth", "face_id", "object_id", "barycentric", "uv", "normal", "normal_camera",
-    "position", "position_camera", "linear", "distance", "object_position", "nocs", "geometric_normal", "material_id", "instance_id",
+    "position", "position_camera", "linear", "distance", "object_position", "nocs",
+    "geometric_normal", "material_id", "instance_id",
     "coverage", "motion", "motion_visible",
 ]  # fmt: skip
 """The names of the rows below, for type checkers."""

@@ -77,7 +77,8 @@ class Mesh(Guarded, Previewed):
         Vertex numbers, counter-clockwise seen from the front.
     colors : (V, 3|4) or (F, 3|4) array_like, optional
         Colour of each vertex or, with F rows, of each face (V rows win where V equals F). ``uint8``
-        is sRGB; floats in 0..1 are linear light. They multiply the material's ``base_color``.
+        is sRGB; floats in 0..1 are linear light. They are drawn as given; a ``base_color`` that is
+        given to the material multiplies them.
     normals : (V, 3) array_like, optional
         Model-space vertex normals of any length; a zero normal stays zero.
     uv : (V, 2) array_like, optional
@@ -92,7 +93,7 @@ class Mesh(Guarded, Previewed):
         Values of one's own by name, any D >= 1, stored as float32: of each vertex or, with F rows,
         of each face (V rows win where V equals F). ``outputs="attribute:heat"`` shows ``"heat"``.
     material : Material, optional
-        Default ``Material()``, with a white ``base_color`` if the mesh has colours.
+        Default ``Material()``.
     on_invalid : {"raise", "drop"}
         What to do about NaN or infinite vertices: refuse the mesh, or keep its arrays as they are
         for the renderer to leave out the faces that touch one.
@@ -152,9 +153,7 @@ class Mesh(Guarded, Previewed):
         self._face_attributes: dict[str, NDArray[np.float32]] = {}
         if attributes is not None:
             self._store_attributes(attributes)
-        if material is None:
-            material = Material() if colors is None else Material(base_color="white")
-        self.material = material
+        self.material = Material() if material is None else material
         self._bounds: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
         self._vertex_normals: NDArray[np.float32] | None = self.normals
         self._is_closed: bool | None = None
