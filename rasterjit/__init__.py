@@ -10,7 +10,8 @@ Meshes to pictures and exact ground-truth buffers on a CPU, with nothing but pip
 The names, by what they are for; ``help(rj.render)`` and so on tell the rest.
 
 What is drawn
-    `load` reads any mesh file; `Mesh`, `Node` and `Scene` hold what it had, or what you make.
+    `load` reads any mesh file; `Mesh`, `Node` and `Scene` hold what it had, or what you make; nodes
+    move with those that they hang below.
     `Material` and `Texture` are what surfaces look like; `AmbientLight`, `DirectionalLight`,
     `PointLight` and `SpotLight`, each with a `Shadow` or without, and an `Environment` light them.
     `Fog`, `AmbientOcclusion`, `Outline`, `Wireframe`,
@@ -62,7 +63,7 @@ from rasterjit.distributed.many import render_many
 from rasterjit.inspect.measure import Measurement, measure
 from rasterjit.inspect.pixel import explain_pixel
 from rasterjit.inspect.pixel_report import PixelExplanation
-from rasterjit.io.meshes import load
+from rasterjit.io.meshes import load, scene_to_add
 from rasterjit.outputs.diagnostics import Diagnostics
 from rasterjit.outputs.frame import Choice, Frame, LayeredFrame, OutputNotRequestedError, Stats
 from rasterjit.rendering.budget import CalibrationWarning
@@ -77,20 +78,22 @@ from rasterjit.scene.camera import MatrixCamera, OrthographicCamera, Perspective
 from rasterjit.scene.environment import Environment
 from rasterjit.scene.fog import Fog
 from rasterjit.scene.framing import fit_camera, orbit_direction
+from rasterjit.scene.hooks import set_hooks
 from rasterjit.scene.light import AmbientLight, DirectionalLight, PointLight, Shadow, SpotLight
 from rasterjit.scene.material import Material
-from rasterjit.scene.mesh import Mesh, set_painter
+from rasterjit.scene.mesh import Mesh
+from rasterjit.scene.node import Node
 from rasterjit.scene.outline import Outline
 from rasterjit.scene.quality import Quality
-from rasterjit.scene.scene import Node, Scene
+from rasterjit.scene.scene import Scene
 from rasterjit.scene.texture import Texture
 from rasterjit.scene.tone_map import ToneMap
 from rasterjit.scene.view import View
 from rasterjit.scene.vignette import Vignette
 from rasterjit.scene.wireframe import Wireframe
 
-set_painter(preview)
-del preview, set_painter
+set_hooks(picture=preview, scene_of_others=scene_to_add)
+del preview, scene_to_add, set_hooks
 
 __version__ = "0.1.0"
 

@@ -1,21 +1,19 @@
 """
 Hold indexed triangle meshes, and show meshes and scenes in notebooks.
 
-A mesh is checked once, when it is made, and shared by every scene that shows it.
-
-Notebooks show meshes and scenes as small pictures. As scenes know nothing of how they are rendered,
-`set_painter` registers the function that draws these pictures.
+A mesh is checked once, when it is made, and shared by every scene that shows it. Notebooks show
+meshes and scenes as small pictures.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.scene.color import linear_rows
+from rasterjit.scene.hooks import HOOKS
 from rasterjit.scene.material import Material
 from rasterjit.scene.normals import (
     GROUPS,
@@ -41,17 +39,13 @@ _CHUNK = 1 << 18
 
 _LARGEST_FLOAT32 = float(np.finfo(np.float32).max)
 
-Painter = Callable[[Any], "bytes | None"]
-
-_PAINTERS: list[Painter] = []
-
 
 class Previewed:
     """Shows itself in notebooks as a small picture."""
 
     def _repr_png_(self) -> bytes | None:
         """Return a small picture as PNG; None if there is nothing to see."""
-        return _PAINTERS[0](self) if _PAINTERS else None
+        return HOOKS["picture"](self) if "picture" in HOOKS else None
 
 
 class Mesh(Previewed):
@@ -490,8 +484,3 @@ def _tangent_array(value: ArrayLike, vertex_count: int) -> NDArray[np.float32]:
     tangents[:, :3] = unit_rows(array[:, :3])
     tangents[:, 3] = np.where(array[:, 3] < 0.0, -1.0, 1.0)
     return tangents
-
-
-def set_painter(painter: Painter) -> None:
-    """Let a function draw the pictures from now on: it takes a scene or mesh, and returns a PNG."""
-    _PAINTERS[:] = [painter]
