@@ -111,7 +111,7 @@ class Node:
         self._mesh = None if value is None else _checked_mesh(value)
         scene = scene_of(self)
         if scene is not None and was_drawn != (value is not None):
-            scene._take(self)
+            (scene._drop if was_drawn else scene._take)(self)
 
     @property
     def transform(self) -> NDArray[np.float64]:

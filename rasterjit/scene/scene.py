@@ -96,7 +96,7 @@ class Scene(Previewed):
         self.vignette: Vignette | None = None
         # Topmost nodes without a mesh, which may have none below them either; how many objects
         # were removed, so that default names stay apart.
-        self._groups: list[Node] = []
+        self._groups: dict[Node, None] = {}
         self._removed = 0
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -232,7 +232,7 @@ class Scene(Previewed):
         left = [one for one in self.nodes if id(one) not in gone]
         self._removed += len(self.nodes) - len(left)
         self.nodes[:] = left
-        self._groups[:] = [one for one in self._groups if id(one) not in gone]
+        self._groups.pop(node, None)
 
     def find(self, name: str) -> Node:
         """
@@ -264,7 +264,9 @@ class Scene(Previewed):
 
     def _holds(self, node: Node) -> bool:
         """Tell whether a node was added, or is in the list."""
-        return scene_of(node) is self or any(node is one for one in self.nodes)
+        if scene_of(node) is self:
+            return True
+        return node.mesh is not None and any(node is one for one in self.nodes)
 
     def _adopt(self, parent: Any) -> None:
         """Raise ``ValueError`` unless a node is in the scene; know it if it is only in the list."""
@@ -290,14 +292,16 @@ class Scene(Previewed):
         if top._scene is None or top._scene() is not self:
             top._scene = weakref.ref(self)
             node = top if not is_new else node
-        if top.mesh is None and not any(top is one for one in self._groups):
-            self._groups.append(top)
-        held = set() if is_new else set(map(id, self.nodes))
-        for one in with_all_below(node):
-            if one.mesh is not None and id(one) not in held:
-                self.nodes.append(one)
-            elif one.mesh is None and id(one) in held:
-                self.nodes[:] = [other for other in self.nodes if other is not one]
+        if top.mesh is None:
+            self._groups[top] = None
+        drawn = [one for one in with_all_below(node) if one.mesh is not None]
+        held = set(map(id, self.nodes)) if drawn and not is_new else ()
+        self.nodes += [one for one in drawn if id(one) not in held]
+
+    def _drop(self, node: Node) -> None:
+        """List a node no more that has lost its mesh."""
+        self.nodes[:] = [one for one in self.nodes if one is not node]
+        self._take(node)
 
     def bounds(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """
