@@ -192,7 +192,7 @@ def _read_parts(file: Path, resources: Resources, damage: Damage, left_out: Left
 def _warn_if_invisible(file: Path, scene: Scene) -> None:
     """Warn if a file's materials hide all that it holds."""
     materials = [node.mesh.material for node in scene.nodes]
-    if all(one.alpha_mode == "blend" and one.base_color[3] == 0.0 for one in materials):
+    if all(one.alpha_mode == "blend" and one.base_color_over(False)[3] == 0.0 for one in materials):
         warnings.warn(
             f"{file}: every material is fully transparent, so nothing of it is seen",
             LoadWarning, stacklevel=3,

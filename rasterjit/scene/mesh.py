@@ -63,7 +63,8 @@ class Mesh(Previewed):
         Vertex numbers, counter-clockwise seen from the front.
     colors : (V, 3|4) or (F, 3|4) array_like, optional
         Colour of each vertex or, with F rows, of each face (V rows win where V equals F). ``uint8``
-        is sRGB; floats in 0..1 are linear light. They multiply the material's ``base_color``.
+        is sRGB; floats in 0..1 are linear light. They are drawn as given; a ``base_color`` that is
+        given to the material multiplies them.
     normals : (V, 3) array_like, optional
         Model-space vertex normals of any length; a zero normal stays zero.
     uv : (V, 2) array_like, optional
@@ -75,7 +76,7 @@ class Mesh(Previewed):
         grows to the left of it seen from the front, -1 where to the right. Default: what ``uv``
         says.
     material : Material, optional
-        Default ``Material()``, with a white ``base_color`` if the mesh has colours.
+        Default ``Material()``.
     on_invalid : {"raise", "drop"}
         What to do about NaN or infinite vertices: refuse the mesh, or keep its arrays as they are
         for the renderer to leave out the faces that touch one.
@@ -127,9 +128,7 @@ class Mesh(Previewed):
         self._tangents: NDArray[np.float32] | None = None
         if tangents is not None:
             self._tangents = read_only(_tangent_array(tangents, len(self._vertices)))
-        if material is None:
-            material = Material() if colors is None else Material(base_color="white")
-        self.material = material
+        self.material = Material() if material is None else material
         self._bounds: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
         self._vertex_normals: NDArray[np.float32] | None = self.normals
         self._is_closed: bool | None = None

@@ -20,7 +20,7 @@ from rasterjit.scene.material import SHADINGS
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.normals import GROUPS
 from rasterjit.scene.texture import Pyramid, Texture, level_sizes
-from rasterjit.survey.contents import may_have_holes, sets_of, textures_read
+from rasterjit.survey.contents import base_color_of, may_have_holes, sets_of, textures_read
 from rasterjit.survey.placement import Views
 
 MODELS = {
@@ -146,7 +146,7 @@ def join_surface(meshes: Sequence[Mesh], normals: NDArray[np.float32] | None) ->
     runs = runs_of(meshes)
     rows = [
         (
-            *mesh.material.base_color,
+            *base_color_of(mesh),
             mesh.material.specular,
             mesh.material.shininess,
             MODELS[mesh.material.shading],

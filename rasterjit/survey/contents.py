@@ -202,6 +202,12 @@ def textures_read(material: Material) -> dict[str, Texture]:
     return {name: texture for name, texture in textures if texture is not None}
 
 
+def base_color_of(mesh: Mesh) -> tuple[float, float, float, float]:
+    """Return what multiplies the colours and the texture of a mesh, linear RGBA."""
+    has_colors = mesh.vertex_colors is not None or mesh.face_colors is not None
+    return mesh.material.base_color_over(has_colors)
+
+
 def sets_of(textures: dict[str, Texture]) -> list[int]:
     """
     Return by which coordinates each kind of texture is laid.
@@ -228,7 +234,7 @@ def may_have_holes(mesh: Mesh) -> bool:
 
 def _least_alpha(mesh: Mesh) -> np.float32:
     """Return an alpha that no point of a mesh is below: the product of the least of all parts."""
-    least = np.float32(mesh.material.base_color[3])
+    least = np.float32(base_color_of(mesh)[3])
     for colors in (mesh.vertex_colors, mesh.face_colors):
         if colors is not None and len(colors) > 0:
             least = least * colors[:, 3].min()

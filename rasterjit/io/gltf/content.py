@@ -355,7 +355,7 @@ class MeshReader:
         material, uv_sets = self._material(primitive)
         colors = self._colors(attributes, count, label)
         if primitive.get("material") is None:
-            material = UnsaidMaterial(base_color=None if colors is None else "white")
+            material = UnsaidMaterial()
         normals = self._rows(attributes, "NORMAL", count, (3,), label)
         uv = [self._coordinates(attributes, uv_set, count, label) for uv_set in uv_sets or [0]]
         tangents = None
