@@ -11,7 +11,8 @@ The names, by what they are for; ``help(rj.render)`` and so on tell the rest.
 
 What is drawn
     `load` reads any mesh file; `Mesh`, `Node` and `Scene` hold what it had, or what you make; nodes
-    move with those that they hang below.
+    move with those that they hang below. `Scene.save` writes glTF, and a `SaveWarning` names what
+    that has no word for.
     `Material` and `Texture` are what surfaces look like; `AmbientLight`, `DirectionalLight`,
     `PointLight` and `SpotLight`, each with a `Shadow` or without, and an `Environment` light them.
     `Fog`, `AmbientOcclusion`, `Outline`, `Wireframe`,
@@ -63,7 +64,9 @@ from rasterjit.distributed.many import render_many
 from rasterjit.inspect.measure import Measurement, measure
 from rasterjit.inspect.pixel import explain_pixel
 from rasterjit.inspect.pixel_report import PixelExplanation
+from rasterjit.io.gltf.writing import save_gltf
 from rasterjit.io.meshes import load, scene_to_add
+from rasterjit.io.skipped import SaveWarning
 from rasterjit.outputs.diagnostics import Diagnostics
 from rasterjit.outputs.frame import Choice, Frame, LayeredFrame, OutputNotRequestedError, Stats
 from rasterjit.rendering.budget import CalibrationWarning
@@ -92,8 +95,8 @@ from rasterjit.scene.view import View
 from rasterjit.scene.vignette import Vignette
 from rasterjit.scene.wireframe import Wireframe
 
-set_hooks(picture=preview, scene_of_others=scene_to_add)
-del preview, scene_to_add, set_hooks
+set_hooks(picture=preview, scene_of_others=scene_to_add, save=save_gltf)
+del preview, save_gltf, scene_to_add, set_hooks
 
 __version__ = "0.1.0"
 
@@ -124,6 +127,7 @@ __all__ = [
     "Quality",
     "RenderPlan",
     "Renderer",
+    "SaveWarning",
     "Scene",
     "Shadow",
     "SpotLight",

@@ -13,7 +13,8 @@ from typing import Any
 HOOKS: dict[str, Callable[..., Any]] = {}
 """
 By name: ``picture`` takes a scene or mesh and returns a small PNG or None, for notebooks;
-``scene_of_others`` returns another program's object, or another scene, as a scene to be added.
+``scene_of_others`` returns another program's object, or another scene, as a scene to be added;
+``save`` writes a scene to a path.
 """
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import math
+import os
 import weakref
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
@@ -256,6 +257,40 @@ class Scene(Previewed):
         near = difflib.get_close_matches(str(name), [str(node.name) for node in every])
         hint = f"; near it are {', '.join(map(repr, near))}" if near else ""
         raise ValueError(f"name must be that of a node of the scene, got {name!r}{hint}")
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """
+        Write the scene to a glTF 2.0 file, whole or not at all.
+
+        Nodes, their names and what hangs below what, meshes, colours, texture coordinates,
+        normals, textures, ``"pbr"`` and ``"unlit"`` materials, lights and the camera are kept, so
+        that `load` draws the same again. Blinn-Phong materials become metallic-roughness ones with
+        highlights of the same width; faces with colours of their own get vertices of their own.
+
+        glTF has float32: positions are rounded to it, and so are texture coordinates, whose v it
+        counts from the top. Pictures get 8 bits a channel. Effects, shadows and ambient light have
+        no place in it.
+
+        Parameters
+        ----------
+        path : str or path-like
+            Ends in ``.glb`` or ``.gltf``; the latter holds its buffers and pictures as text. An
+            existing file is replaced.
+
+        Raises
+        ------
+        ValueError
+            If the path ends otherwise or its folder does not exist, the scene is empty, or a mesh
+            has vertices that are not finite or do not fit float32.
+        OSError
+            If the file cannot be written; an existing one is left as it was.
+
+        Warns
+        -----
+        SaveWarning
+            Once, naming what the file has not, or has in another form.
+        """
+        HOOKS["save"](self, path)
 
     def every_node(self) -> list[Node]:
         """Return all nodes, with a mesh or without: tree by tree, each before those below it."""

@@ -34,11 +34,11 @@ from rasterjit.scene.validation import in_short
 
 GLTF_FORMATS = ("gltf", "glb")
 
-_LIGHTS = "KHR_lights_punctual"
+LIGHTS = "KHR_lights_punctual"
 
 UNDERSTOOD = frozenset(
     (
-        _LIGHTS, "KHR_materials_unlit", "KHR_materials_emissive_strength", "KHR_texture_transform",
+        LIGHTS, "KHR_materials_unlit", "KHR_materials_emissive_strength", "KHR_texture_transform",
         "KHR_mesh_quantization", "EXT_texture_webp", "KHR_materials_pbrSpecularGlossiness",
         "KHR_xmp_json_ld", "KHR_xmp",
     )
@@ -134,7 +134,7 @@ class _GltfScene:
         """Add what stands at a node."""
         if "camera" in place.entry:
             self._add_camera(place.entry["camera"], place.world_from_node)
-        light = place.entry.get("extensions", {}).get(_LIGHTS, {}).get("light")
+        light = place.entry.get("extensions", {}).get(LIGHTS, {}).get("light")
         if light is not None:
             self._add_light(light, place.world_from_node)
         if "mesh" not in place.entry:
@@ -199,7 +199,7 @@ class _GltfScene:
         """
         position, direction = world_from_node[:3, 3], -world_from_node[:3, 2]
         try:
-            lights = self._file.header.get("extensions", {}).get(_LIGHTS, {}).get("lights", [])
+            lights = self._file.header.get("extensions", {}).get(LIGHTS, {}).get("lights", [])
             if not isinstance(number, int) or not 0 <= number < len(lights):
                 raise LookupError(f"the file has {len(lights)} lights")
             light = lights[number]
