@@ -67,6 +67,7 @@ from rasterjit.inspect.pixel_report import PixelExplanation
 from rasterjit.io.gltf.writing import save_gltf
 from rasterjit.io.meshes import load, scene_to_add
 from rasterjit.io.skipped import SaveWarning
+from rasterjit.io.trimesh.writing import to_trimesh
 from rasterjit.outputs.diagnostics import Diagnostics
 from rasterjit.outputs.frame import Choice, Frame, LayeredFrame, OutputNotRequestedError, Stats
 from rasterjit.rendering.budget import CalibrationWarning
@@ -95,8 +96,10 @@ from rasterjit.scene.view import View
 from rasterjit.scene.vignette import Vignette
 from rasterjit.scene.wireframe import Wireframe
 
-set_hooks(picture=preview, scene_of_others=scene_to_add, save=save_gltf)
-del preview, save_gltf, scene_to_add, set_hooks
+set_hooks(
+    picture=preview, scene_of_others=scene_to_add, save=save_gltf, to_trimesh=to_trimesh
+)  # fmt: skip
+del preview, save_gltf, scene_to_add, set_hooks, to_trimesh
 
 __version__ = "0.1.0"
 

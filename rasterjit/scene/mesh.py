@@ -7,7 +7,7 @@ meshes and scenes as small pictures.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -33,6 +33,9 @@ from rasterjit.scene.validation import (
     read_only,
     unmasked_array,
 )
+
+if TYPE_CHECKING:
+    import trimesh
 
 _CHUNK = 1 << 18
 """Vertices looked at at once where a temporary of the whole mesh would cost memory."""
@@ -360,6 +363,20 @@ class Mesh(Previewed):
         result._bounds = self._bounds
         result._is_closed = self._is_closed
         return result
+
+    def to_trimesh(self) -> trimesh.Trimesh:
+        """
+        Return a ``trimesh.Trimesh`` of the same vertices and faces, in the same order.
+
+        It has the normals that are in force, colours as bytes in sRGB, and ``uv``. A material
+        becomes ``PBRMaterial`` or, of Blinn-Phong, ``SimpleMaterial``, with pictures of 8 bits.
+
+        Warns
+        -----
+        SaveWarning
+            Once, naming what trimesh has no place for.
+        """
+        return HOOKS["to_trimesh"](self)
 
     def _scale(self) -> float:
         """Return the factor that keeps products of this mesh's coordinates in range."""

@@ -27,6 +27,8 @@ from rasterjit.scene.vignette import Vignette
 from rasterjit.scene.wireframe import Wireframe
 
 if TYPE_CHECKING:
+    import trimesh
+
     from rasterjit.scene.camera import MatrixCamera, OrthographicCamera, PerspectiveCamera
 
 _CHUNK = 1 << 18
@@ -291,6 +293,21 @@ class Scene(Previewed):
             Once, naming what the file has not, or has in another form.
         """
         HOOKS["save"](self, path)
+
+    def to_trimesh(self) -> trimesh.Scene:
+        """
+        Return a ``trimesh.Scene`` with the nodes, meshes, lights and camera.
+
+        Nodes hang together as they do here, and instances share a geometry. Those whose name
+        another has, or that have none, get a number behind it. Meshes are as `Mesh.to_trimesh`
+        makes them; lights lose range and shadow, and a camera has to be a perspective.
+
+        Warns
+        -----
+        SaveWarning
+            Once, naming what trimesh has no place for.
+        """
+        return HOOKS["to_trimesh"](self)
 
     def every_node(self) -> list[Node]:
         """Return all nodes, with a mesh or without: tree by tree, each before those below it."""

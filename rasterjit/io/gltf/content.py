@@ -41,6 +41,7 @@ _OTHER_SOURCES = ("EXT_texture_webp",)
 """Extensions that name another picture of a texture, of a kind that Pillow reads."""
 
 MODES = {"OPAQUE": "opaque", "MASK": "mask", "BLEND": "blend"}
+MODE_NAMES = {mode: name for name, mode in MODES.items()}
 
 TEXTURES = {
     "base_color_texture": ("baseColorTexture", "srgb"),

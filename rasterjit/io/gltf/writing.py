@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from rasterjit.io.gltf.content import (
     LINEAR,
-    MODES,
+    MODE_NAMES,
     NEAREST,
     STRENGTH,
     TEXTURES,
@@ -37,10 +37,10 @@ from rasterjit.io.gltf.content import (
 from rasterjit.io.gltf.file import BINARY_CHUNK, GLB_MAGIC, JSON_CHUNK
 from rasterjit.io.gltf.scene import LIGHTS
 from rasterjit.io.images import checked_path
+from rasterjit.io.pictures import nearest_codes
 from rasterjit.io.skipped import LeftOut, SaveWarning
 from rasterjit.io.whole import replacing
 from rasterjit.scene.camera import OrthographicCamera, PerspectiveCamera
-from rasterjit.scene.color import decoding_table
 from rasterjit.scene.light import AmbientLight, DirectionalLight, Light, PointLight, SpotLight
 from rasterjit.scene.material import Material, UnsaidMaterial
 from rasterjit.scene.node import Node
@@ -67,7 +67,6 @@ _LENGTHS, _LENGTH_STEP = 1024, 2.0**-20
 
 _TRANSFORM = "KHR_texture_transform"
 _WRAP_NUMBERS = {name: number for number, name in WRAPS.items()}
-_MODE_NAMES = {name: mode for mode, name in MODES.items()}
 
 
 def save_gltf(scene: Scene, path: str | os.PathLike[str]) -> None:
@@ -201,7 +200,7 @@ class _Writer:
         for node in scene.every_node():
             entry: dict[str, Any] = {"name": str(node.name)}
             if not np.array_equal(node.transform, np.eye(4)):
-                entry["matrix"] = node.transform.T.ravel().tolist()
+                entry["matrix"] = _columns(node.transform)
             if id(node) in drawn and node.mesh is not None:
                 entry["mesh"] = self._mesh(node)
                 order.append(node)
@@ -294,7 +293,7 @@ class _Writer:
         if material.name is not None:
             entry["name"] = str(material.name)
         if material.alpha_mode != "opaque":
-            entry["alphaMode"] = _MODE_NAMES[material.alpha_mode]
+            entry["alphaMode"] = MODE_NAMES[material.alpha_mode]
         if material.alpha_mode == "mask":
             entry["alphaCutoff"] = material.alpha_cutoff
         if material.double_sided:
@@ -380,8 +379,8 @@ class _Writer:
         if key not in self._known:
             from PIL import Image
 
-            codes = _codes(texture.image, color_space)
-            if not np.array_equal(Texture(codes, color_space=color_space).image, texture.image):
+            codes, are_exact = nearest_codes(texture.image, color_space)
+            if not are_exact:
                 self.left_out.note("texels beyond 8 bits of a texture")
             if (codes[:, :, 3] == 255).all():
                 codes = np.ascontiguousarray(codes[:, :, :3])
@@ -427,7 +426,7 @@ class _Writer:
         self._use(LIGHTS)
         self._lights.append(entry)
         node = {
-            "matrix": _looking(position, direction),
+            "matrix": _columns(looking_along(position, direction)),
             "extensions": {LIGHTS: {"light": len(self._lights) - 1}},
         }
         return [self._append("nodes", node)]
@@ -452,7 +451,7 @@ class _Writer:
         matrix[:3, :3] = camera.view_matrix()[:3, :3].T
         matrix[:3, 3] = camera.eye
         number = self._append("cameras", {"type": kind, kind: lens})
-        return [self._append("nodes", {"camera": number, "matrix": matrix.T.ravel().tolist()})]
+        return [self._append("nodes", {"camera": number, "matrix": _columns(matrix)})]
 
 
 def _microfacets(material: Material) -> tuple[float, float]:
@@ -467,15 +466,6 @@ def _microfacets(material: Material) -> tuple[float, float]:
     if material.specular == 0.0:
         return 0.0, 1.0
     return 0.0, math.sqrt(math.sqrt(2.0 / (material.shininess + 2.0)))
-
-
-def _codes(image: NDArray[np.float32], color_space: str) -> NDArray[np.uint8]:
-    """Return linear texels, (H, W, 4), as the codes that are nearest to them."""
-    codes = np.floor(np.clip(image, 0.0, 1.0) * np.float32(255.0) + np.float32(0.5))
-    if color_space == "srgb":
-        table = decoding_table().astype(np.float64)
-        codes[:, :, :3] = np.searchsorted((table[1:] + table[:-1]) / 2.0, image[:, :, :3])
-    return codes.astype(np.uint8)
 
 
 def lasting_units(normals: NDArray[np.float32]) -> tuple[NDArray[np.float32], int]:
@@ -515,15 +505,20 @@ def rounded_units(vectors: NDArray[np.float32]) -> NDArray[np.float32]:
     return unit_rows(vectors.astype(np.float64)).astype(np.float32)
 
 
-def _looking(position: Any, direction: Any) -> list[float]:
-    """Return the matrix, column by column, of a node whose -z is a unit direction."""
+def looking_along(position: Any, direction: Any) -> NDArray[np.float64]:
+    """Return the matrix, (4, 4), of something that stands somewhere, its -z a unit direction."""
     z = -np.array(direction, np.float64)
     least = np.zeros(3)
     least[np.abs(z).argmin()] = 1.0
     x = unit_rows(np.cross(least, z)[np.newaxis])[0]
     matrix = np.eye(4)
     matrix[:3] = np.column_stack([x, np.cross(z, x), z, position])
-    return (matrix.T + 0.0).ravel().tolist()
+    return matrix + 0.0
+
+
+def _columns(matrix: NDArray[np.float64]) -> list[float]:
+    """Return a matrix as glTF has it, column by column."""
+    return matrix.T.ravel().tolist()
 
 
 def _json(header: dict[str, Any]) -> bytes:
