@@ -71,6 +71,15 @@ class Node:
 
     _FIELDS = ("mesh", "transform", "world_from_model", "name", "parent")
 
+    name: str
+    _mesh: Any
+    _transform: NDArray[np.float64]
+    _world_from_model: NDArray[np.float64]
+    _parent: Node | None
+    _children: list[Node]
+    _scene: weakref.ref[Scene] | None
+    """Of a topmost node: the scene that it and all below it are in, which it does not keep."""
+
     def __init__(
         self,
         mesh: Mesh | None = None,
@@ -80,13 +89,11 @@ class Node:
         parent: Node | None = None,
         world_from_model: ArrayLike | None = None,
     ) -> None:
-        self._mesh: Any = None if mesh is None else _checked_mesh(mesh)
-        self._transform = self._world_from_model = _IDENTITY
-        self.name = name
-        self._parent: Node | None = None
-        self._children: list[Node] = []
-        # The scene of a topmost node and all below it; it is not kept alive by its nodes.
-        self._scene: weakref.ref[Scene] | None = None
+        # All at once, past the check of each that is assigned.
+        self.__dict__.update(
+            _mesh=None if mesh is None else _checked_mesh(mesh), _transform=_IDENTITY,
+            _world_from_model=_IDENTITY, name=name, _parent=None, _children=[], _scene=None,
+        )  # fmt: skip
         if world_from_model is not None:
             if transform is not None:
                 raise ValueError("transform must be None where world_from_model is not")
@@ -198,19 +205,21 @@ class Node:
         for node, place in moved:
             node._world_from_model = place
 
-    def __copy__(self) -> Node:
-        """Return a node of its own at the same place in the world, in no scene."""
-        return Node(self._mesh, self._world_from_model, self.name)
-
     def __getstate__(self) -> dict[str, Any]:
-        """Return what is pickled or deeply copied: the node and all it hangs together with."""
-        return {**self.__dict__, "_scene": None}
+        """Return what is copied or pickled: a node of its own at the same place, in no scene."""
+        alone = {"_parent": None, "_children": [], "_scene": None}
+        return {**self.__dict__, **alone, "_transform": self._world_from_model}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Fill a copy, or what was pickled; its matrices are read-only too."""
         self.__dict__.update(state)
         self._world_from_model = read_only(self._world_from_model)
         self._transform = read_only(self._transform)
+
+    def _link(self, parent: Node, transform: NDArray[np.float64]) -> None:
+        """Hang a copied node, which stands at its place, below the copy of its parent."""
+        self._parent, self._transform = parent, read_only(transform)
+        parent._children.append(self)
 
     def __repr__(self) -> str:
         held = f"{len(self._children)} children" if self._mesh is None else repr(self._mesh)

@@ -102,12 +102,25 @@ class Scene(Previewed):
         self._groups: dict[Node, None] = {}
         self._removed = 0
 
+    def __copy__(self) -> Scene:
+        """Return a scene of the same lists."""
+        other = object.__new__(type(self))
+        other.__dict__.update(self.__dict__)
+        return other
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what is deeply copied or pickled; nodes are alone, and what joins them beside."""
+        links = [(node, node.parent, node.transform) for node in self.every_node() if node.parent]
+        return {**self.__dict__, "links": links}
+
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Fill a copy, or what was pickled; nodes that were copied, too, are of the copy."""
+        """Fill a copy, or what was pickled, whose nodes are its own."""
+        state = dict(state)
+        for node, parent, transform in state.pop("links"):
+            node._link(parent, transform)
         self.__dict__.update(state)
-        for node in (*self.nodes, *self._groups):
-            if scene_of(node) is None:
-                topmost(node)._scene = weakref.ref(self)
+        for top in map(topmost, (*self.nodes, *self._groups)):
+            top._scene = weakref.ref(self)
 
     def __setattr__(self, name: str, value: Any) -> None:
         check_field(self, name, self._FIELDS)

@@ -200,22 +200,37 @@ def test_a_copy_of_a_scene_has_a_tree_of_its_own(make):
         twin.find("elbow").transform[0, 0] = 2.0
 
 
-def test_a_shallow_copy_of_a_node_stands_alone_where_it_stood():
-    scene, _, _, elbow, hand = arm()
-    twin = copy.copy(hand)
-    assert (twin.parent, twin.mesh, elbow.children) == (None, hand.mesh, (hand,))
+@pytest.mark.parametrize(
+    "make", [copy.copy, copy.deepcopy, lambda node: pickle.loads(pickle.dumps(node))]
+)
+def test_a_copy_of_a_node_stands_alone_where_it_stood(make):
+    scene, _, upper, elbow, hand = arm()
+    twin, joint = make(hand), make(elbow)
+    assert (twin.parent, joint.children, elbow.children) == (None, (), (hand,))
     assert twin.world_matrix.tolist() == hand.world_matrix.tolist()
+    twin.transform = translate((1, 0, 0))
+    assert twin.world_matrix.tolist() == translate((1, 0, 0)).tolist()
     scene.add(twin)
-    assert len(scene.nodes) == 4
+    twin.parent = upper
+    assert (len(scene.nodes), elbow.children) == (4, (hand,))
 
 
-def test_trees_of_a_hundred_nodes_in_a_row_are_copied():
+def test_a_shallow_copy_of_a_scene_shares_its_nodes_and_leaves_them_as_they_are():
+    scene, base, upper, elbow, hand = arm()
+    twin = copy.copy(scene)
+    assert twin.nodes is scene.nodes
+    assert [node.children for node in (base, upper, elbow)] == [(upper,), (elbow,), (hand,)]
+    twin.fog = rj.Fog("white", density=0.1)
+    assert scene.fog is None
+
+
+def test_trees_of_a_thousand_nodes_in_a_row_are_copied():
     scene = rj.Scene()
     node = None
-    for _ in range(100):
+    for _ in range(1000):
         node = scene.add(triangle(), translate((1, 0, 0)), parent=node)
     for twin in (copy.deepcopy(scene), pickle.loads(pickle.dumps(scene))):
-        assert twin.nodes[-1].world_matrix[0, 3] == 100.0
+        assert twin.nodes[-1].world_matrix[0, 3] == 1000.0
 
 
 def test_a_scene_without_a_tree_goes_when_nobody_holds_it():

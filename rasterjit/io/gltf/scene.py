@@ -133,10 +133,10 @@ class _GltfScene:
     def _add_node(self, place: Place) -> None:
         """Add what stands at a node."""
         if "camera" in place.entry:
-            self._add_camera(place.entry["camera"], place.world_from_node)
+            self._add_camera(place.entry["camera"], place.world_from_node())
         light = place.entry.get("extensions", {}).get(LIGHTS, {}).get("light")
         if light is not None:
-            self._add_light(light, place.world_from_node)
+            self._add_light(light, place.world_from_node())
         if "mesh" not in place.entry:
             return
         for part, mesh in enumerate(self._meshes.read(place.entry["mesh"])):
@@ -241,7 +241,14 @@ class Place(NamedTuple):
     above: Place | None
     """What it hangs below."""
     parent_from_node: NDArray[np.float64]
-    world_from_node: NDArray[np.float64]
+
+    def world_from_node(self) -> NDArray[np.float64]:
+        """Return where it stands: the product from the topmost on."""
+        chain, place = [self.parent_from_node], self.above
+        while place is not None:
+            chain.append(place.parent_from_node)
+            place = place.above
+        return compose(*reversed(chain))
 
     @property
     def name(self) -> str:
@@ -267,10 +274,8 @@ def walk_nodes(header: dict[str, Any]) -> Iterator[Place]:
         seen.add(number)
         node = nodes[number]
         matrix = parent_from_node(node)
-        world_from_node = compose(np.eye(4) if above is None else above.world_from_node, matrix)
-        place = Place(
-            number, node, above, world_from_node if above is None else matrix, world_from_node
-        )
+        # A product has other zeros than its factor: all are products.
+        place = Place(number, node, above, compose(matrix) if above is None else matrix)
         yield place
         waiting += [(child, place) for child in reversed(node.get("children", []))]
 
