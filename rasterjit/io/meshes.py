@@ -52,6 +52,9 @@ _XML_FORMATS = ("3mf", "3dxml", "dae", "xaml", "zae", "zip", "tar.gz", "tar.bz2"
 _XML_BYTES, _OTHER_BYTES = 24, 4
 """What a byte takes of a file that trimesh reads: as a tree of XML, and otherwise."""
 
+_CREASE_ANGLE = 40.0
+"""Degrees between faces that an edge is seen from, of meshes without normals."""
+
 _SHOWN_FORMATS = ("obj", "ply", "stl", "off", "glb", "gltf", "3mf", "dae")
 
 
@@ -60,7 +63,7 @@ def load(
     *,
     on_invalid: str = "raise",
     on_damage: str = "error",
-    crease_angle: float = 40.0,
+    crease_angle: float = _CREASE_ANGLE,
     resource_root: str | os.PathLike[str] | None = None,
     max_bytes: int = DEFAULT_MAX_BYTES,
 ) -> Scene:
@@ -203,7 +206,7 @@ def from_trimesh(
     what: trimesh.Trimesh | trimesh.Scene,
     *,
     on_invalid: str = "raise",
-    crease_angle: float = 40.0,
+    crease_angle: float = _CREASE_ANGLE,
 ) -> Scene:
     """
     Turn a trimesh object into a scene, with its colours, materials, camera and lights.
@@ -277,37 +280,38 @@ def as_scene(what: Any) -> Scene:
 
 def scene_to_add(what: Any) -> Scene:
     """
-    Return anything that can be drawn as a scene whose nodes are to be added to another.
+    Return a scene, or a trimesh object as one, whose nodes are to be added to another.
 
     Raises
     ------
     ValueError
-        If it cannot be drawn, or has no faces.
+        If it is none of these, or has no faces.
 
     Warns
     -----
     LoadWarning
         Once, naming what it has besides nodes.
     """
-    try:
-        scene = as_scene(what)
-    except MeshFileError:
-        raise
-    except ValueError:
+    left_out = LeftOut()
+    if _is_trimesh(what):
+        source = f"trimesh {type(what).__name__}"
+        scene = TrimeshAdapter(source, False, "raise", _CREASE_ANGLE, left_out).scene(what)
+    elif isinstance(what, Scene):
+        scene = what
+    else:
         hint = "; rasterjit.load reads files" if isinstance(what, (str, os.PathLike)) else ""
         raise ValueError(
             "mesh must be a rasterjit Mesh, Node or Scene, a trimesh.Trimesh or a trimesh.Scene, "
             f"got {type(what).__name__}{hint}"
-        ) from None
+        )
     if not scene.nodes:
         raise ValueError("mesh must be a scene with at least one mesh, got an empty one")
-    left_out = LeftOut()
     for light in scene.lights:
         left_out.note(type(light).__name__)
     for name in ("camera", *EFFECT_FIELDS):
         if getattr(scene, name) is not None:
             left_out.note(name)
-    left_out.warn(f"{type(what).__name__} added to a scene")
+    left_out.warn(f"{type(what).__name__} added to a scene", stacklevel=4)
     return scene
 
 

@@ -242,13 +242,15 @@ class Scene(Previewed):
             raise ValueError(f"node must be a Node, got {in_short(node)}")
         if not self._holds(node):
             raise ValueError(f"node must be in the scene, got {node!r}")
+        self._refuse_shared("node", node)
         node.parent = None
         node._scene = None
-        gone = set(map(id, with_all_below(node)))
-        left = [one for one in self.nodes if id(one) not in gone]
+        gone = set(with_all_below(node))
+        left = [one for one in self.nodes if one not in gone]
         self._removed += len(self.nodes) - len(left)
         self.nodes[:] = left
-        self._groups.pop(node, None)
+        for group in gone:
+            self._groups.pop(group, None)
 
     def find(self, name: str) -> Node:
         """
@@ -339,13 +341,17 @@ class Scene(Previewed):
             raise ValueError(f"parent must be a Node or None, got {in_short(parent)}")
         if not self._holds(parent):
             raise ValueError(f"parent must be a node of the scene, got {parent!r}")
-        if scene_of(parent) not in (None, self):
-            raise ValueError(
-                f"parent must be the scene's own, got {parent!r}, which is another's as well; "
-                "copy.deepcopy copies a scene with its nodes"
-            )
+        self._refuse_shared("parent", parent)
         if scene_of(parent) is None:
             self._take(parent)
+
+    def _refuse_shared(self, name: str, node: Node) -> None:
+        """Raise ``ValueError`` if a node in the list is another scene's, whose list was copied."""
+        if scene_of(node) not in (None, self):
+            raise ValueError(
+                f"{name} must be the scene's own, got {node!r}, which is another's as well; "
+                "copy.deepcopy copies a scene with its nodes"
+            )
 
     def _take(self, node: Node, is_new: bool = False) -> None:
         """

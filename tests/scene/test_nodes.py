@@ -122,8 +122,13 @@ def test_nodes_are_found_by_name():
     scene.add(triangle(), name="hand", parent=empty)
     with pytest.raises(ValueError, match="name must be that of one node, got 'hand' of 2"):
         scene.find("hand")
+    inner = scene.add(rj.Node(name="drawer"))
+    inner.parent = empty
+    assert scene.find("drawer") is inner
     scene.remove(empty)
     assert scene.find("hand") is hand
+    with pytest.raises(ValueError, match="got 'drawer'"):
+        scene.find("drawer")
     with pytest.raises(ValueError, match="got 'rack'"):
         scene.find("rack")
 
@@ -265,6 +270,8 @@ def test_nodes_of_a_list_made_by_hand_can_be_hung_from_and_removed():
     twin.nodes = [node]
     with pytest.raises(ValueError, match="which is another's as well"):
         twin.add(triangle(), parent=node)
+    with pytest.raises(ValueError, match="node must be the scene's own"):
+        twin.remove(node)
     scene.remove(node)
     assert scene.nodes == []
 
@@ -302,8 +309,9 @@ def test_a_scene_is_added_as_a_group_of_copies_and_says_what_stays_behind():
     assert len(room.nodes) == 3
     scene.lights.append(rj.PointLight((0, 0, 1)))
     scene.fog = rj.Fog(color="white", density=0.1)
-    with pytest.warns(LoadWarning, match=r"left out PointLight \(1\), fog \(1\); the rest"):
+    with pytest.warns(LoadWarning, match=r"left out PointLight \(1\), fog \(1\); the rest") as said:
         room.add(scene)
+    assert (len(said), said[0].filename) == (1, __file__)
     with pytest.raises(ValueError, match="with at least one mesh, got an empty one"):
         room.add(rj.Scene())
 

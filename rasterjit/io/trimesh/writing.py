@@ -54,6 +54,8 @@ class _Converter:
     def __init__(self, left_out: LeftOut) -> None:
         self.left_out = left_out
         self._materials: dict[Any, Any] = {}
+        self._names = {"world": 1}
+        """Those taken, and the number that was last put behind each."""
 
     def scene(self, scene: Scene) -> trimesh.Scene:
         """Return a scene with its nodes, camera and lights."""
@@ -64,7 +66,7 @@ class _Converter:
         # Objects are numbered as they come; what they hang below may come later.
         groups = [node for node in scene.every_node() if id(node) not in drawn]
         for node in (*scene.nodes, *groups):
-            names[id(node)] = self._unlike(str(node.name), {*names.values(), "world"})
+            names[id(node)] = self._unlike(str(node.name))
         for node in (*scene.nodes, *groups):
             said = {}
             if id(node) in drawn:
@@ -83,16 +85,16 @@ class _Converter:
                 self.left_out.note(name)
         return made
 
-    def _unlike(self, name: str, taken: set[str]) -> str:
-        """Return a name that no other node has: trimesh knows nodes by their names."""
-        if name and name not in taken:
-            return name
-        if name:
+    def _unlike(self, name: str) -> str:
+        """Return a name that no node had before: trimesh knows nodes by their names."""
+        found = name or "node"
+        if name in self._names:
             self.left_out.note("name of a node that another has")
-        number = 2
-        while f"{name or 'node'} {number}" in taken:
-            number += 1
-        return f"{name or 'node'} {number}"
+        while found in self._names:
+            self._names[name] = number = self._names.get(name, 1) + 1
+            found = f"{name or 'node'} {number}"
+        self._names[found] = 1
+        return found
 
     def mesh(self, mesh: Mesh) -> trimesh.Trimesh:
         """Return a mesh with its normals, colours, texture coordinates and material."""
