@@ -10,7 +10,9 @@ Meshes to pictures and exact ground-truth buffers on a CPU, with nothing but pip
 The names, by what they are for; ``help(rj.render)`` and so on tell the rest.
 
 What is drawn
-    `load` reads any mesh file; `Mesh`, `Node` and `Scene` hold what it had, or what you make.
+    `load` reads any mesh file; `Mesh`, `Node` and `Scene` hold what it had, or what you make; nodes
+    move with those that they hang below. `Scene.save` writes glTF, and a `SaveWarning` names what
+    that has no word for.
     `Material` and `Texture` are what surfaces look like; `AmbientLight`, `DirectionalLight`,
     `PointLight` and `SpotLight`, each with a `Shadow` or without, and an `Environment` light them.
     `Fog`, `AmbientOcclusion`, `Outline`, `Wireframe`,
@@ -67,7 +69,10 @@ from rasterjit.distributed.many import render_many
 from rasterjit.inspect.measure import Measurement, measure
 from rasterjit.inspect.pixel import explain_pixel
 from rasterjit.inspect.pixel_report import PixelExplanation
-from rasterjit.io.meshes import LoadWarning, MeshFileError, load
+from rasterjit.io.gltf.writing import save_gltf
+from rasterjit.io.meshes import LoadWarning, MeshFileError, load, scene_to_add
+from rasterjit.io.skipped import SaveWarning
+from rasterjit.io.trimesh.writing import to_trimesh
 from rasterjit.outputs.diagnostics import Diagnostics
 from rasterjit.outputs.frame import (
     Choice,
@@ -89,12 +94,14 @@ from rasterjit.scene.camera import MatrixCamera, OrthographicCamera, Perspective
 from rasterjit.scene.environment import Environment
 from rasterjit.scene.fog import Fog
 from rasterjit.scene.framing import fit_camera, orbit_direction
+from rasterjit.scene.hooks import set_hooks
 from rasterjit.scene.light import AmbientLight, DirectionalLight, PointLight, Shadow, SpotLight
 from rasterjit.scene.material import Material
-from rasterjit.scene.mesh import Mesh, set_painter
+from rasterjit.scene.mesh import Mesh
+from rasterjit.scene.node import Node
 from rasterjit.scene.outline import Outline
 from rasterjit.scene.quality import Quality
-from rasterjit.scene.scene import Node, Scene
+from rasterjit.scene.scene import Scene
 from rasterjit.scene.texture import Texture
 from rasterjit.scene.tone_map import ToneMap
 from rasterjit.scene.view import View
@@ -107,8 +114,10 @@ if TYPE_CHECKING:
     from rasterjit import types as types
     from rasterjit.viewer.show import show
 
-set_painter(preview)
-del preview, set_painter
+set_hooks(
+    picture=preview, scene_of_others=scene_to_add, save=save_gltf, to_trimesh=to_trimesh
+)  # fmt: skip
+del preview, save_gltf, scene_to_add, set_hooks, to_trimesh
 
 __version__ = "0.1.0"
 
@@ -142,6 +151,7 @@ __all__ = [
     "Quality",
     "RenderPlan",
     "Renderer",
+    "SaveWarning",
     "Scene",
     "Shadow",
     "SpotLight",

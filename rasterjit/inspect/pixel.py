@@ -39,8 +39,9 @@ from rasterjit.runtime.ahead import beside
 from rasterjit.runtime.threads import Workers
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.mesh import Mesh
+from rasterjit.scene.node import Node
 from rasterjit.scene.quality import Quality, check_quality
-from rasterjit.scene.scene import Node, Scene
+from rasterjit.scene.scene import Scene
 from rasterjit.scene.transforms import transform_points
 from rasterjit.scene.validation import image_size
 from rasterjit.survey import placement as placing

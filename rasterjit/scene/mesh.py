@@ -1,23 +1,22 @@
 """
 Hold indexed triangle meshes, and show meshes and scenes in notebooks.
 
-A mesh is checked once, when it is made, and shared by every scene that shows it.
-
-Notebooks show meshes and scenes as small pictures. As scenes know nothing of how they are rendered,
-`set_painter` registers the function that draws these pictures.
+A mesh is checked once, when it is made, and shared by every scene that shows it. Notebooks show
+meshes and scenes as small pictures.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Any, Literal, TypeAlias, get_args
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.scene.assigning import Guarded
 from rasterjit.scene.color import linear_rows
+from rasterjit.scene.hooks import HOOKS
 from rasterjit.scene.material import Material
 from rasterjit.scene.normals import (
     GROUPS,
@@ -37,6 +36,9 @@ from rasterjit.scene.validation import (
     unmasked_array,
 )
 
+if TYPE_CHECKING:
+    import trimesh
+
 _CHUNK = 1 << 18
 """Vertices looked at at once where a temporary of the whole mesh would cost memory."""
 
@@ -49,17 +51,13 @@ OnInvalid: TypeAlias = Literal["raise", "drop"]
 ON_INVALID: tuple[OnInvalid, ...] = get_args(OnInvalid)
 """What to do about vertices that are NaN or infinite: refuse the mesh; leave out their faces."""
 
-Painter = Callable[[Any], "bytes | None"]
-
-_PAINTERS: list[Painter] = []
-
 
 class Previewed:
     """Shows itself in notebooks as a small picture."""
 
     def _repr_png_(self) -> bytes | None:
         """Return a small picture as PNG; None if there is nothing to see."""
-        return _PAINTERS[0](self) if _PAINTERS else None
+        return HOOKS["picture"](self) if "picture" in HOOKS else None
 
 
 class Mesh(Guarded, Previewed):
@@ -418,6 +416,20 @@ class Mesh(Guarded, Previewed):
         result._is_closed = self._is_closed
         return result
 
+    def to_trimesh(self) -> trimesh.Trimesh:
+        """
+        Return a ``trimesh.Trimesh`` of the same vertices and faces, in the same order.
+
+        It has the normals that are in force, colours as bytes in sRGB, and ``uv``. A material
+        becomes ``PBRMaterial`` or, of Blinn-Phong, ``SimpleMaterial``, with pictures of 8 bits.
+
+        Warns
+        -----
+        SaveWarning
+            Once, naming what trimesh has no place for.
+        """
+        return HOOKS["to_trimesh"](self)
+
     def _scale(self) -> float:
         """Return the factor that keeps products of this mesh's coordinates in range."""
         try:
@@ -582,8 +594,3 @@ def with_face_values(
     mesh._face_colors = colors
     mesh._face_attributes = {name: read_only(values) for name, values in attributes.items()}
     return mesh
-
-
-def set_painter(painter: Painter) -> None:
-    """Let a function draw the pictures from now on: it takes a scene or mesh, and returns a PNG."""
-    _PAINTERS[:] = [painter]

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from rasterjit.scene.light import AmbientLight, DirectionalLight, PointLight, SpotLight
 from rasterjit.scene.material import SHADINGS, TEXTURE_FIELDS, Material
 from rasterjit.scene.mesh import ATTRIBUTE, Mesh
+from rasterjit.scene.node import Node, check_drawn, meshes_of
 from rasterjit.scene.quality import Quality
-from rasterjit.scene.scene import EFFECT_FIELDS, Node, Scene, meshes_of
+from rasterjit.scene.scene import EFFECT_FIELDS, Scene
 from rasterjit.scene.texture import UV_NAMES, Texture
 from rasterjit.survey.overrides import meshes_under
 from rasterjit.survey.placement import mesh_boxes
@@ -283,6 +284,7 @@ def take_inventory(
     bounds : (O, 2, 3) float64
         Low and high corner of each object, model space; NaN for one without a finite face.
     """
+    check_drawn(nodes)
     meshes = meshes_under(meshes_of(nodes), quality, has_environment)
     return Inventory(meshes), mesh_boxes(meshes)
 
