@@ -17,6 +17,7 @@ import click
 from rasterjit.cli.dataset import dataset_options
 from rasterjit.cli.options import (
     OUTPUTS_HELP,
+    READING,
     Effects,
     FiniteType,
     KnobsType,
@@ -31,9 +32,12 @@ from rasterjit.cli.options import (
     effect_options,
     gather,
     look_options,
+    refuse_idle,
+    refuse_without_color,
     view_options,
 )
 from rasterjit.cli.program import (
+    DEPTH_SCALE,
     INTERRUPTED,
     OWN_PROCESS,
     Program,
@@ -48,6 +52,7 @@ from rasterjit.cli.program import (
     quiet_option,
     size_option,
     threads_option,
+    units_per_code,
     warn,
     write_files,
 )
@@ -111,9 +116,11 @@ def program(context: click.Context, version: bool) -> None:
     help="Write the depth as well: .exr (float32), .png (16 bits), .npy or .npz.",
 )  # fmt: skip
 @click.option(
-    "--depth-scale", type=click.FloatRange(0.0, min_open=True), default=1000.0, show_default=True,
-    help="What depth is multiplied by in a 16-bit .png.",
+    "--scale", metavar="UNITS", type=FiniteType(0.0, min_open=True),
+    help="Scene units that a code of a 16-bit .png stands for, as the scale of Frame.save. "
+    f"Default: {DEPTH_SCALE} with --depth, else what fits the values best.",
 )  # fmt: skip
+@click.option("--depth-scale", "codes_per_unit", type=FiniteType(0.0, min_open=True), hidden=True)
 @click.option(
     "--diagnose", is_flag=True,
     help="Print what became of every face, exactly, and how precise the numbers are.",
@@ -129,7 +136,8 @@ def render(
     cull: str,
     outputs: tuple[str, ...],
     depth_file: Path | None,
-    depth_scale: float,
+    scale: float | None,
+    codes_per_unit: float | None,
     diagnose: bool,
     threads: int | None,
     quiet: bool,
@@ -148,6 +156,8 @@ def render(
             "--background", f"--background: {output.suffix} cannot be transparent; choose .png"
         )
     wanted, places = plan_files(output, outputs, depth_file)
+    scale = units_per_code(places, scale, codes_per_unit, quiet)
+    refuse_without_color(wanted)
     from rasterjit.cli.warmup import first_tasks
     from rasterjit.rendering.renderer import render as render_frame
     from rasterjit.runtime.ahead import beside
@@ -168,7 +178,7 @@ def render(
             **options,
         )  # fmt: skip
         rendered = time.perf_counter()
-        write_files(frame, places, depth_scale)
+        write_files(frame, places, scale)
     saved = time.perf_counter()
     if not shows_anything(frame):
         warn("nothing is in view: the picture shows only the background", quiet)
@@ -220,6 +230,7 @@ def turntable(
     from rasterjit.rendering.renderer import Renderer
 
     view, look, effects = (gather(kind, rest) for kind in (View, Look, Effects))
+    view.check()
     check_animation(output, size, fps, is_opaque(background))
     start = time.perf_counter()
     scene = load_scene(file, look, effects, quiet)
@@ -329,8 +340,11 @@ def explain(
         raise click.BadOptionUsage(
             "--pixel", f"--pixel: {pixel[0]},{pixel[1]} is not in the picture"
         )
-    if pixel is not None and measure:
-        raise click.BadOptionUsage("--measure", "--measure: one pixel has no cost of its own")
+    if pixel is not None:
+        refuse_idle(["measure"], "one pixel has no cost of its own")
+        refuse_idle(["outputs"], "--pixel tells of the colour")
+    if not measure:
+        refuse_idle(["threads"], "nothing is drawn without --measure")
     from rasterjit.inspect.pixel import explain_pixel
     from rasterjit.rendering.plan import describe as describe_plan
     from rasterjit.rendering.renderer import explain as plan_of
@@ -397,14 +411,21 @@ def accuracy(
     from rasterjit.cli.accuracy import calibrate_machine, study_scene
 
     if calibrate:
-        if file is not None or made is not None or rest["output"] is not None:
+        if file is not None:
             raise click.UsageError("--calibrate draws scenes of its own and writes no report")
+        kept = ("calibrate", "threads", "quiet", "debug")
+        refuse_idle(
+            [one.name for one in context.command.params if one.name not in kept],
+            "--calibrate draws scenes of its own and writes no report",
+        )
         calibrate_machine(rest["threads"], rest["quiet"])
         return
     if (file is None) == (made is None):
         raise click.UsageError("give either a FILE or --scene NAME")
     if rest["output"] is None:
         raise click.UsageError("Missing option '-o' / '--output'.")
+    if made is not None:
+        refuse_idle(READING, "--scene reads no file")
     view, look, effects = (gather(kind, rest) for kind in (View, Look, Effects))
     view.check()
     found = study_scene(made or file, view, look, effects, rest)
@@ -465,19 +486,22 @@ def view_file(file: Path, options: dict[str, Any]) -> None:
 
     view, look, effects = (gather(kind, options) for kind in (View, Look, Effects))
     view.check()
+    backend = choose_backend(options["backend"])
+    if backend != "browser":
+        refuse_idle(["host", "port"], f"nothing is served: it is shown by the backend {backend}")
     scene = load_scene(file, look, effects, options["quiet"])
     camera = view.camera(scene, options["size"])
     try:
         with compile_notice(options["quiet"]):
             show(
-                scene, camera, backend=options["backend"], size=options["size"],
+                scene, camera, backend=backend, size=options["size"],
                 background=options["background"], cull=options["cull"],
                 up=view.up or (0.0, 1.0, 0.0), time_budget=options["time_budget"], title=file.name,
                 host=options["host"], port=options["port"], threads=options["threads"],
             )  # fmt: skip
     except ImportError as error:
         raise click.ClickException(str(error)) from error
-    if choose_backend(options["backend"]) == "browser":
+    if backend == "browser":
         leave()
 
 

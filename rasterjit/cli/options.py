@@ -7,11 +7,12 @@ import math
 import os
 import re
 from abc import abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import click
+from click.core import ParameterSource
 
 from rasterjit.outputs.table import MOTION_OUTPUTS, OUTPUTS, check_outputs
 from rasterjit.scene.material import SHADINGS, Material
@@ -48,6 +49,16 @@ SUN_DIRECTION = (-0.6, -1.0, -0.5)
 SUN_INTENSITY = 0.9
 FILL_INTENSITY = 0.15
 """The sun that casts shadows in a scene without lights, and the ambient light beside it."""
+
+
+READING = ("on_invalid", "on_damage", "resource_root", "max_bytes")
+"""Options of how files are read."""
+
+OF_COLOR = ("background", "shading", "shadows", "environment", "ambient_occlusion")
+"""Options that act on colour alone, in light or codes."""
+
+OF_CODES = ("tone_map", "exposure", "outline", "vignette", "wireframe", "wireframe_color")
+"""Options that act on 8-bit colour alone."""
 
 
 class SizeType(click.ParamType):
@@ -262,10 +273,11 @@ def _formats(kind: str) -> tuple[str, ...]:
     """Return the extensions of a kind of file."""
     from rasterjit.animation import video
     from rasterjit.io import images
+    from rasterjit.outputs import save
 
     return {
         "image": (*images.IMAGE_FORMATS, ".npz", ".exr"),
-        "depth": images.DEPTH_FORMATS,
+        "depth": save.FORMATS,
         "animation": video.ANIMATION_FORMATS,
     }[kind]
 
@@ -398,6 +410,32 @@ class View(NamedTuple):
 def gather(kind: type[Options], options: dict[str, Any]) -> Options:
     """Return the options of a kind out of all those of a command."""
     return kind(**{name: options[name] for name in kind._fields if name in options})
+
+
+def is_given(name: str) -> bool:
+    """Tell whether the command line gives an option of the command that runs."""
+    source = click.get_current_context().get_parameter_source(name)
+    return source not in (None, ParameterSource.DEFAULT, ParameterSource.DEFAULT_MAP)
+
+
+def refuse_idle(names: Iterable[str], why: str) -> None:
+    """Raise click's usage error for the first of some options that is given, in vain."""
+    options = {one.name: one for one in click.get_current_context().command.params}
+    for name in names:
+        if is_given(name):
+            spelled = max(options[name].opts, key=len)
+            raise click.BadOptionUsage(spelled, f"{spelled} has no effect here: {why}")
+
+
+def refuse_without_color(outputs: tuple[str, ...]) -> None:
+    """Raise click's usage error for options of what no output shows."""
+    shown = f"the outputs are {', '.join(outputs)}"
+    if "color" not in outputs:
+        refuse_idle(OF_CODES, f"it acts on the output color alone, and {shown}")
+    if not {"color", "linear"} & set(outputs):
+        refuse_idle(OF_COLOR, f"no output shows colour: {shown}")
+        if "coverage" not in outputs:
+            refuse_idle(["samples"], f"each pixel has one sample of what is no colour: {shown}")
 
 
 def add_options(options: list[Callable], command: Callable) -> Callable:

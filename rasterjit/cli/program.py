@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rasterjit.cli import INTERRUPTED, raise_if_interrupted
-from rasterjit.cli.options import ColorType, Effects, Look, SizeType
+from rasterjit.cli.options import ColorType, Effects, Look, SizeType, refuse_idle
 from rasterjit.rendering.plan import CULL_MODES
 
 if TYPE_CHECKING:
@@ -35,6 +35,14 @@ FILE = "rasterjit.file"
 
 SCENE = re.compile(r"scene\b")
 """How errors begin that are about what a file held."""
+
+DEPTH_SCALE = 0.001
+"""Scene units that a code of the PNG of --depth stands for: millimetres of metres."""
+
+ARGUMENTS = re.compile(
+    r"\b(on_damage|on_invalid|max_bytes|resource_root)\b(?: ?= ?'?([^\s';]+)'?)?"
+)
+"""Names of the library's arguments in its messages, and their values, that options stand for."""
 
 OWN_PROCESS = "own process"
 """The object of click's context where the process runs one command and ends."""
@@ -81,12 +89,22 @@ def leave() -> None:
         os._exit(0)
 
 
+def in_options(message: str) -> str:
+    """Return a message of the library with options in place of its arguments."""
+
+    def spell(found: re.Match[str]) -> str:
+        option = "--" + found[1].replace("_", "-")
+        return option if found[2] is None else f"{option} {found[2]}"
+
+    return ARGUMENTS.sub(spell, message)
+
+
 def describe(error: Exception) -> str:
     """Return what went wrong, without a traceback."""
     if isinstance(error, OSError) and error.strerror:
         return f"{error.filename}: {error.strerror}" if error.filename else error.strerror
     if isinstance(error, (ValueError, OSError)) and str(error):
-        return str(error)
+        return in_options(str(error))
     if isinstance(error, ImportError) and "pip install" in str(error):
         return str(error)
     if isinstance(error, MemoryError):
@@ -184,17 +202,50 @@ def _is_buffer(outputs: tuple[str, ...]) -> bool:
     return len(outputs) == 1 and outputs[0] not in ("color", "linear")
 
 
-def write_files(frame: Frame, places: Places, depth_scale: float) -> None:
-    """Write each file, whole or not at all."""
+def units_per_code(
+    places: Places, scale: float | None, codes_per_unit: float | None, quiet: bool
+) -> float | None:
+    """Return ``--scale``, also where its old name is given, or raise click's usage error."""
+    has_codes = any(
+        place.suffix.lower() == ".png" and content != "picture" for place, content in places.items()
+    )
+    if not has_codes:
+        refuse_idle(["scale", "codes_per_unit"], "no output is written to a 16-bit .png")
+    if codes_per_unit is None:
+        return scale
+    if scale is not None:
+        raise click.BadOptionUsage("--depth-scale", "--depth-scale: --scale is given as well")
+    warn(
+        "--depth-scale, codes per unit, goes away: use --scale, units per code: "
+        f"--scale {1.0 / codes_per_unit:.12g}",
+        quiet,
+    )
+    return 1.0 / codes_per_unit
+
+
+def write_files(frame: Frame, places: Places, scale: float | None) -> None:
+    """Write each file, whole or not at all; ``scale`` as ``--scale``."""
     from rasterjit.io import images
 
     for place, content in places.items():
         if content == "picture":
             images.save_image(place, frame.color)
-        elif content == "depth":
-            images.save_depth(place, frame.depth, scale=depth_scale)
-        else:
-            frame.save(place, content)
+            continue
+        units = scale if place.suffix.lower() == ".png" else None
+        if content == "depth":
+            if units is None and place.suffix.lower() == ".png":
+                units = DEPTH_SCALE
+            content = ("depth",)
+        try:
+            frame.save(place, content, scale=units)
+        except ValueError as error:
+            said = str(error).replace("scale must be None for", "scale must not be given for")
+            raise ValueError(re.sub(r"\bscale(=| must)", _spell_scale, said)) from error
+
+
+def _spell_scale(found: re.Match[str]) -> str:
+    """Return the option in place of the argument of ``Frame.save``."""
+    return f"--scale{found[1].replace('=', ' ')}"
 
 
 def load_scene(file: Path, look: Look, effects: Effects, quiet: bool) -> Scene:
@@ -214,7 +265,7 @@ def load_scene(file: Path, look: Look, effects: Effects, quiet: bool) -> Scene:
     raise_if_interrupted()
     click.get_current_context().meta[FILE] = file
     for warning in caught:
-        warn(str(warning.message), quiet)
+        warn(in_options(str(warning.message)), quiet)
     look.apply(scene)
     effects.apply(scene)
     return scene

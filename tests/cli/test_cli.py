@@ -229,13 +229,105 @@ def assert_arrays(path, frame, names):
             assert arrays[name].tobytes() == getattr(frame, name).tobytes(), name
 
 
-def test_depth_is_written_as_sixteen_bits_on_request(tmp_path):
-    path = tmp_path / "depth.png"
-    render(tmp_path, "--depth", path, "--depth-scale", 100)
+def depth_codes(path, units):
+    """Return the codes of a depth map, which must say what they stand for."""
     depth = rendered(outputs=("depth",)).depth.astype(np.float64)
-    expected = np.where(np.isfinite(depth), np.floor(100 * depth + 0.5), 0)
-    assert np.array_equal(np.array(Image.open(path)), expected)
+    with Image.open(path) as picture:
+        assert (float(picture.text["scale"]), float(picture.text["offset"])) == (units, 0.0)
+        codes = np.array(picture)
+    seen = np.isfinite(depth)
+    assert not codes[~seen].any()
+    assert np.abs(codes[seen] * units - depth[seen]).max() <= 0.501 * units
+    return codes
+
+
+@pytest.mark.parametrize("units", [None, 0.01])
+def test_depth_is_written_as_sixteen_bits_that_say_their_scale(tmp_path, units):
+    path = tmp_path / "depth.png"
+    render(tmp_path, "--depth", path, *([] if units is None else ["--scale", units]))
+    depth_codes(path, units or 0.001)
     assert sorted(place.name for place in tmp_path.iterdir()) == ["depth.png", "out.png"]
+
+
+def test_a_scale_is_that_of_frame_save_and_of_one_output_as_well(tmp_path):
+    path = tmp_path / "depth.png"
+    rendered(outputs=("depth",)).save(tmp_path / "saved.png", "depth", scale=0.002)
+    result = run("render", CUBE, "-o", path, *SMALL, "--outputs", "depth", "--scale", 0.002)
+    assert (result.exit_code, result.output) == (0, "")
+    assert path.read_bytes() == (tmp_path / "saved.png").read_bytes()
+
+
+def test_the_old_depth_scale_goes_on_with_one_warning_that_names_the_new_one(tmp_path):
+    arguments = ("render", CUBE, "-o", tmp_path / "a.png", "--size", "48x36", "--depth")
+    result = run(*arguments, tmp_path / "old.png", "--depth-scale", 100)
+    assert result.exit_code == 0
+    assert result.stderr.count("\n") == 1
+    assert "--scale 0.01" in result.stderr
+    assert run(*arguments, tmp_path / "new.png", "--scale", 0.01).stderr == ""
+    assert (tmp_path / "old.png").read_bytes() == (tmp_path / "new.png").read_bytes()
+    assert_one_line(run(*arguments, tmp_path / "a.exr", "--scale", 1, "--depth-scale", 1), 2)
+
+
+@pytest.mark.parametrize("option", [("--depth-scale", 0.001), ("--scale", 1000)])
+def test_a_scale_that_loses_the_depth_is_refused(tmp_path, option):
+    arguments = ("--depth", tmp_path / "depth.png", *option)
+    result = run("render", CUBE, "-o", tmp_path / "a.png", *SMALL, *arguments)
+    assert_one_line(result, 1)
+    assert "--scale must take depth to codes in 1..65535" in result.stderr
+    assert "--scale 1000" in result.stderr
+    assert not (tmp_path / "depth.png").exists()
+
+
+IDLE = [
+    ("render", "a.png", "--scale", 0.1),
+    ("render", "a.png", "--depth", "a.npy", "--scale", 0.1),
+    ("render", "a.png", "--depth", "a.npy", "--depth-scale", 10),
+    ("render", "a.png", "--outputs", "color,depth", "--scale", 0.1),
+    ("render", "a.npz", "--outputs", "depth", "--background", "red"),
+    ("render", "a.npz", "--outputs", "depth", "--shading", "flat"),
+    ("render", "a.npz", "--outputs", "depth", "--shadows"),
+    ("render", "a.npz", "--outputs", "depth", "--environment", "sky"),
+    ("render", "a.npz", "--outputs", "depth", "--ambient-occlusion"),
+    ("render", "a.npz", "--outputs", "depth", "--samples", 4),
+    ("render", "a.npz", "--outputs", "linear", "--tone-map", "aces"),
+    ("render", "a.npz", "--outputs", "linear", "--exposure", 1),
+    ("render", "a.npz", "--outputs", "linear", "--outline", "red"),
+    ("render", "a.npz", "--outputs", "linear", "--vignette", 0.5),
+    ("render", "a.npz", "--outputs", "linear", "--wireframe", "overlay"),
+    ("render", "a.npz", "--outputs", "linear", "--wireframe-color", "red"),
+    ("turntable", "a.gif", "--projection", "orthographic", "--fov", 40),
+    ("turntable", "a.gif", "--up", "0,0,0"),
+    ("explain", None, "--pixel", "1,1", "--outputs", "depth"),
+    ("explain", None, "--pixel", "1,1", "--threads", 1),
+    ("explain", None, "--threads", 1),
+    ("view", None, "--backend", "terminal", "--port", 80),
+    ("view", None, "--backend", "window", "--host", "::1"),
+    ("dataset", "out", "--seed", 3),
+    ("dataset", "out", "--cameras", "random", "--elevation", 3),
+]
+
+
+@pytest.mark.parametrize("words", IDLE, ids=lambda words: " ".join(map(str, words)))
+def test_an_option_without_effect_is_wrong_usage(tmp_path, monkeypatch, words):
+    monkeypatch.chdir(tmp_path)
+    command, out, *options = words
+    result = run(command, CUBE, *(["-o", out] if out else []), *options)
+    assert_one_line(result, 2)
+    assert any(str(word) in result.stderr for word in options if str(word).startswith("--"))
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("name", "kept"),
+    [
+        ("--wireframe-color", "color"), ("--tone-map", "color"), ("--samples", "coverage"),
+        ("--background", "linear"),
+    ],
+)  # fmt: skip
+def test_what_an_output_shows_is_no_option_without_effect(tmp_path, name, kept):
+    values = {"--tone-map": "aces", "--samples": 4}
+    arguments = (name, values.get(name, "red"), "--outputs", kept)
+    assert run("render", CUBE, "-o", tmp_path / "a.npz", *SMALL, *arguments).exit_code == 0
 
 
 def test_one_output_alone_is_a_picture_of_its_codes(tmp_path):
@@ -325,7 +417,8 @@ BAD_OPTIONS = [
     ("--outputs", ""),
     ("--outputs", "uv"),
     ("--threads", "0"),
-    ("--depth-scale", "0"),
+    ("--scale", "0"),
+    ("--scale", "inf"),
     ("--depth", "depth.jpg"),
     ("--depth", "nowhere/depth.png"),
     ("--on-invalid", "ignore"),
