@@ -554,6 +554,28 @@ def test_debug_shows_the_traceback_wherever_it_stands(tmp_path, before):
     assert isinstance(result.exception, ValueError)
 
 
+CUT_SHORT = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nf 1 2\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "advice", "words"),
+    [
+        (CUT_SHORT, "--on-damage warn", ()),
+        (TRIANGLE.replace("v 1", "v nan"), "--on-invalid drop", ("--on-damage", "warn")),
+        (TRIANGLE, "--max-bytes 9", ("--max-bytes", 9)),
+        (TRIANGLE, "--max-bytes must be a whole number above 0", ("--max-bytes", 0)),
+        (TRIANGLE, "--resource-root must", ("--resource-root", "nowhere")),
+    ],
+)
+def test_errors_name_options_where_the_library_names_arguments(tmp_path, text, advice, words):
+    path = write(tmp_path, "a.obj", text)
+    result = run("render", path, "-o", tmp_path / "a.png", "--size", "9x9", *words)
+    assert_one_line(result, 1)
+    assert advice in result.stderr
+    for argument in ("on_damage", "on_invalid", "max_bytes", "resource_root"):
+        assert argument not in result.stderr
+
+
 # Turntable
 
 
