@@ -105,7 +105,7 @@ def dataset_options(command: Callable) -> Callable:
             click.option("--up", type=VectorType(), default="0,1,0", show_default=True,
                          help="Which way is up in the meshes."),
             click.option("--background", type=ColorType(), default="transparent",
-                         show_default=True, help="A colour name, #rrggbb or #rrggbbaa."),
+                         show_default=True, help="A colour name of CSS, #rrggbb or #rrggbbaa."),
             click.option("--on-invalid", type=click.Choice(["raise", "drop"]), default="raise",
                          show_default=True,
                          help="Leave out a mesh with NaN or infinite vertices, or draw the rest."),

@@ -133,7 +133,8 @@ threads_option = click.option(
 )  # fmt: skip
 background_option = click.option(
     "--background", type=ColorType(),
-    help="A colour name, #rrggbb, #rrggbbaa or transparent; default: the environment, or white.",
+    help="A colour name of CSS, #rrggbb, #rrggbbaa or transparent; default: the environment, or "
+    "white.",
 )  # fmt: skip
 cull_option = click.option(
     "--cull", type=click.Choice(CULL_MODES), default="none", show_default=True,
