@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 import click
 from click.core import ParameterSource
 
+from rasterjit.cli.advice import CHOICES_MEANT, question
 from rasterjit.outputs.table import MOTION_OUTPUTS, OUTPUTS, check_outputs
 from rasterjit.scene.material import SHADINGS, Material
 from rasterjit.scene.memory import DEFAULT_MAX_BYTES
@@ -183,7 +184,13 @@ class OutputsType(NamesType):
 
     def check(self, names: list[str]) -> tuple[str, ...]:
         """Return the names, or raise ``ValueError``."""
-        outputs = check_outputs(names)
+        unknown = next((name for name in names if name and name not in OUTPUTS), None)
+        try:
+            outputs = check_outputs(names)
+        except ValueError as error:
+            if unknown is None:
+                raise
+            raise ValueError(f"{error}{question(unknown, list(OUTPUTS), CHOICES_MEANT)}") from None
         for name in MOTION_OUTPUTS:
             if name in outputs:
                 raise ValueError(

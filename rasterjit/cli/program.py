@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rasterjit.cli import INTERRUPTED, raise_if_interrupted
+from rasterjit.cli.advice import with_advice
 from rasterjit.cli.options import ColorType, Effects, Look, SizeType, refuse_idle
 from rasterjit.rendering.plan import CULL_MODES
 
@@ -58,7 +59,7 @@ class Program(click.Group):
         try:
             code = super().main(*arguments, standalone_mode=False, **extra)
         except click.ClickException as error:
-            _say_error(error.format_message())
+            _say_error(with_advice(error))
             code = error.exit_code
         except click.Abort:
             _say_error("interrupted")

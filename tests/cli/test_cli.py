@@ -13,7 +13,7 @@ from opengl import optional_module
 from PIL import Image, ImageSequence
 
 import rasterjit as rj
-from rasterjit.cli import commands, report, warmup
+from rasterjit.cli import advice, commands, report, warmup
 from rasterjit.cli.options import DEFAULT_DIRECTION, OUTPUTS_HELP, View
 from rasterjit.inspect import measure
 from rasterjit.outputs import table
@@ -552,6 +552,46 @@ def test_debug_shows_the_traceback_wherever_it_stands(tmp_path, before):
     result = run(*(["--debug", *words] if before else [*words, "--debug"]))
     assert result.exit_code == 1
     assert isinstance(result.exception, ValueError)
+
+
+@pytest.mark.parametrize(
+    ("words", "meant"),
+    [
+        (("render", CUBE, "--transparent"), "--background transparent"),
+        (("render", CUBE, "--width", "640"), "--size WxH"),
+        (("render", CUBE, "--ortho"), "--projection orthographic"),
+        (("render", CUBE, "--azimut", "3"), "--azimuth"),
+        (("render", CUBE, "-w", "3"), "--size WxH"),
+        (("render", CUBE, "--projection", "ortho"), "orthographic"),
+        (("render", CUBE, "--shading", "phng"), "phong"),
+        (("render", CUBE, "--outputs", "color,normals"), "normal"),
+        (("render", CUBE, "--outputs", "dept"), "depth"),
+        (("dataset", CUBE, "--cameras", "rign"), "ring"),
+        (("rendr", CUBE), "render"),
+        (("show", CUBE), "view"),
+        (("version",), "--version"),
+    ],
+)
+def test_what_may_have_been_meant_is_asked(words, meant):
+    result = run(*words)
+    assert_one_line(result, 2)
+    assert result.stderr.endswith(f"; did you mean {meant}?\n")
+
+
+def test_an_option_of_another_command_is_told_and_nonsense_is_not():
+    assert run("render", CUBE, "--fps", "3").stderr.endswith("; turntable has it\n")
+    assert run("render", CUBE, "--qqqqqq").stderr == "error: No such option --qqqqqq\n"
+
+
+def test_advice_names_options_that_there_are():
+    commands_ = commands.program.commands.values()
+    own = {name for command in commands_ for one in command.params for name in one.opts}
+    for name, other in advice.MEANT.items():
+        assert name not in own, name
+        assert not other.startswith("-") or other.split()[0] in own, other
+    assert set(advice.COMMANDS_MEANT) & set(commands.program.commands) == set()
+    for other in advice.COMMANDS_MEANT.values():
+        assert other.startswith("--") or other in commands.program.commands
 
 
 CUT_SHORT = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nf 1 2\n"
