@@ -10,7 +10,7 @@ from __future__ import annotations
 import gc
 import time
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -42,6 +42,7 @@ from rasterjit.cli.program import (
     OWN_PROCESS,
     Program,
     background_option,
+    color_behind_option,
     cull_option,
     debug_option,
     file_argument,
@@ -50,6 +51,7 @@ from rasterjit.cli.program import (
     load_scene,
     plan_files,
     quiet_option,
+    size_behind,
     size_option,
     threads_option,
     units_per_code,
@@ -67,6 +69,9 @@ from rasterjit.cli.report import (
     with_progress,
 )
 from rasterjit.scene.quality import LEVELS
+
+if TYPE_CHECKING:
+    from rasterjit.scene.background import BackgroundImage
 
 GARBAGE_THRESHOLD = 100_000
 """Objects made between two looks for garbage; Python's own is 700."""
@@ -132,7 +137,7 @@ def render(
     file: Path,
     output: Path,
     size: tuple[int, int],
-    background: str | None,
+    background: str | BackgroundImage | None,
     cull: str,
     outputs: tuple[str, ...],
     depth_file: Path | None,
@@ -151,6 +156,7 @@ def render(
     """
     view, look, effects = (gather(kind, rest) for kind in (View, Look, Effects))
     view.check()
+    size = size_behind(background, size)
     if output.suffix.lower() in (".jpg", ".jpeg", ".bmp") and not is_opaque(background):
         raise click.BadOptionUsage(
             "--background", f"--background: {output.suffix} cannot be transparent; choose .png"
@@ -218,7 +224,7 @@ def turntable(
     frames: int,
     fps: int,
     size: tuple[int, int],
-    background: str | None,
+    background: str | BackgroundImage | None,
     cull: str,
     threads: int | None,
     quiet: bool,
@@ -231,6 +237,7 @@ def turntable(
 
     view, look, effects = (gather(kind, rest) for kind in (View, Look, Effects))
     view.check()
+    size = size_behind(background, size)
     check_animation(output, size, fps, is_opaque(background))
     start = time.perf_counter()
     scene = load_scene(file, look, effects, quiet)
@@ -293,7 +300,7 @@ def show_options(command: Any) -> Any:
 @file_argument
 @show_options
 @view_options
-@background_option
+@color_behind_option
 @look_options
 @effect_options(quality=False)
 @cull_option
@@ -325,7 +332,7 @@ def view(file: Path, **options: Any) -> None:
 def explain(
     file: Path,
     size: tuple[int, int],
-    background: str | None,
+    background: str | BackgroundImage | None,
     cull: str,
     outputs: tuple[str, ...],
     pixel: tuple[int, int] | None,
@@ -336,6 +343,7 @@ def explain(
     """Say what rendering FILE would do, without doing it; or what happens at one pixel."""
     view, look, effects = (gather(kind, rest) for kind in (View, Look, Effects))
     view.check()
+    size = size_behind(background, size)
     if pixel is not None and not (pixel[0] < size[0] and pixel[1] < size[1]):
         raise click.BadOptionUsage(
             "--pixel", f"--pixel: {pixel[0]},{pixel[1]} is not in the picture"

@@ -22,6 +22,7 @@ from rasterjit.scene.quality import LEVELS, PRESETS, Quality
 from rasterjit.scene.tone_map import CURVES
 
 if TYPE_CHECKING:
+    from rasterjit.scene.background import BackgroundImage
     from rasterjit.scene.camera import OrthographicCamera, PerspectiveCamera
     from rasterjit.scene.scene import Scene
 
@@ -156,6 +157,29 @@ class ColorType(click.ParamType):
         except ValueError as error:
             self.fail(str(error), parameter, context)
         return value
+
+
+class BackgroundType(ColorType):
+    """A colour, kept as it was written, or the picture that a file holds."""
+
+    name = "color|file"
+
+    def convert(
+        self, value: Any, parameter: click.Parameter | None, context: click.Context | None
+    ) -> str | BackgroundImage:
+        """Return the text or the picture, or raise click's usage error."""
+        from rasterjit.scene.background import BackgroundImage, is_file_name
+
+        if not is_file_name(value):
+            return (
+                value
+                if isinstance(value, BackgroundImage)
+                else super().convert(value, parameter, context)
+            )
+        try:
+            return BackgroundImage.from_file(value)
+        except ValueError as error:
+            self.fail(str(error), parameter, context)
 
 
 class NamesType(click.ParamType):

@@ -21,11 +21,20 @@ import click
 
 from rasterjit.cli import INTERRUPTED, raise_if_interrupted
 from rasterjit.cli.advice import with_advice
-from rasterjit.cli.options import ColorType, Effects, Look, SizeType, refuse_idle
+from rasterjit.cli.options import (
+    BackgroundType,
+    ColorType,
+    Effects,
+    Look,
+    SizeType,
+    is_given,
+    refuse_idle,
+)
 from rasterjit.rendering.plan import CULL_MODES
 
 if TYPE_CHECKING:
     from rasterjit.outputs.frame import Frame
+    from rasterjit.scene.background import BackgroundImage
     from rasterjit.scene.scene import Scene
 
 DEBUG = "rasterjit.debug"
@@ -132,10 +141,15 @@ threads_option = click.option(
     "--threads", type=click.IntRange(1, 1024),
     help="Number of threads; default: all processors. The picture is the same for any.",
 )  # fmt: skip
-background_option = click.option(
+color_behind_option = click.option(
     "--background", type=ColorType(),
     help="A colour name of CSS, #rrggbb, #rrggbbaa or transparent; default: the environment, or "
     "white.",
+)  # fmt: skip
+background_option = click.option(
+    "--background", type=BackgroundType(), metavar="COLOR|FILE",
+    help="A colour name of CSS, #rrggbb, #rrggbbaa or transparent; or a picture, a name with a dot "
+    "or slash, whose size --size then is. Default: the environment, or white.",
 )  # fmt: skip
 cull_option = click.option(
     "--cull", type=click.Choice(CULL_MODES), default="none", show_default=True,
@@ -158,10 +172,30 @@ def warn(message: str, quiet: bool) -> None:
         click.echo("warning: " + " ".join(message.split()), err=True)
 
 
-def is_opaque(background: str | None) -> bool:
+def size_behind(background: str | BackgroundImage | None, size: tuple[int, int]) -> tuple[int, int]:
+    """Return the size of the picture: that of the picture behind it, if none is given."""
+    if background is None or isinstance(background, str):
+        return size
+    if not is_given("size"):
+        return background.size
+    try:
+        background.check_size(size)
+    except ValueError:
+        (width, height), (wide, high) = background.size, size
+        raise click.BadOptionUsage(
+            "--size",
+            f"--size: {wide}x{high} is not the size of the picture behind, {width}x{height}: leave "
+            "--size out, or scale the picture",
+        ) from None
+    return size
+
+
+def is_opaque(background: str | BackgroundImage | None) -> bool:
     """Tell whether a background covers what is behind it."""
     if background is None:
         return True
+    if not isinstance(background, str):
+        return background.is_opaque
     from rasterjit.scene.color import linear_color
 
     return bool(linear_color("background", background)[3] == 1.0)

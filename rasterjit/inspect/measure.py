@@ -202,6 +202,8 @@ def variations(plan: RenderPlan, scene: Scene, quality: Quality) -> list[Variati
 def _is_used(name: str, plan: RenderPlan, scene: Scene, quality: Quality) -> bool:
     """Tell whether another scene or quality would have an effect in a frame that is else alike."""
     background = plan.background if plan.facts.has_background else None
+    if plan.facts.background_image is not None:
+        background = plan.facts.background_image
     changed = plan_frame(
         scene, plan.camera, plan.size, quality, plan.outputs, background, plan.cull
     )

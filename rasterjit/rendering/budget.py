@@ -340,7 +340,7 @@ def light_of(frame: Frame) -> NDArray[np.float32]:
         alpha = frame.color[:, :, 3:].astype(np.float32) / np.float32(CODES)
     else:
         light, alpha = frame.linear[:, :, :3], frame.linear[:, :, 3:]
-    if plan.at("background") or plan.background[3] >= 1.0:
+    if plan.facts.shows_environment or plan.background[3] >= 1.0:
         return light
     return np.concatenate([light * alpha, alpha], axis=2)
 

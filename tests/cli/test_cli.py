@@ -177,6 +177,45 @@ def test_background(tmp_path, background):
     assert np.array_equal(picture, rendered(background=background).color)
 
 
+def photograph(tmp_path, size=SIZE, channels=3):
+    """Write a picture of noise; return its path and pixels."""
+    pixels = np.random.default_rng(1).integers(0, 256, (*size[::-1], channels)).astype(np.uint8)
+    path = tmp_path / "photo.png"
+    iio.imwrite(path, pixels)
+    return path, pixels
+
+
+@pytest.mark.parametrize("size", [(), ("--size", "48x36")])
+def test_a_photograph_behind_sets_the_size(tmp_path, size):
+    path, pixels = photograph(tmp_path)
+    out = tmp_path / "a.jpg"
+    options = ("--background", path, "-q", *size)
+    assert run("render", CUBE, "-o", out, *options).exit_code == 0
+    assert run("render", CUBE, "-o", tmp_path / "a.png", *options).exit_code == 0
+    expected = rendered(background=pixels).color
+    assert np.array_equal(iio.imread(tmp_path / "a.png"), expected)
+    assert iio.imread(out).shape == (*SIZE[::-1], 3)
+    told = run("explain", CUBE, "--background", path)
+    assert "48 x 36 pixels" in told.stdout
+    assert "background image" in told.stdout
+
+
+def test_a_photograph_of_another_size_or_none_is_wrong_usage(tmp_path):
+    path, _ = photograph(tmp_path, channels=4)
+    out = tmp_path / "a.png"
+    result = run("render", CUBE, "-o", out, "--background", path, "--size", "50x36")
+    assert_one_line(result, 2)
+    assert "48x36" in result.stderr
+    result = run("render", CUBE, "-o", tmp_path / "a.jpg", "--background", path)
+    assert_one_line(result, 2)
+    for name in ("nowhere.png", CUBE):
+        result = run("render", CUBE, "-o", out, "--background", name)
+        assert_one_line(result, 2)
+        assert name in result.stderr
+    assert_one_line(run("view", CUBE, "--background", path), 2)
+    assert not out.exists()
+
+
 @pytest.mark.parametrize("mode", ["overlay", "only"])
 def test_wireframe(tmp_path, mode):
     scene = rj.load(CUBE)
