@@ -39,6 +39,7 @@ from rasterjit.cli.options import (
 from rasterjit.cli.program import (
     DEPTH_SCALE,
     INTERRUPTED,
+    MASKS,
     OWN_PROCESS,
     Program,
     background_option,
@@ -127,6 +128,15 @@ def program(context: click.Context, version: bool) -> None:
 )  # fmt: skip
 @click.option("--depth-scale", "codes_per_unit", type=FiniteType(0.0, min_open=True), hidden=True)
 @click.option(
+    "--mask", "mask_file", type=PlaceType("mask"), metavar="FILE",
+    help="Write which pixels show an object: a .png, 255 where one covers the pixel and its share "
+    "where it covers a part of the --samples.",
+)  # fmt: skip
+@click.option(
+    "--mask-of", type=click.Choice(MASKS), default="coverage", show_default=True,
+    help="What --mask holds; numbers are one more than they are, in 16 bits, and 0 is nothing.",
+)  # fmt: skip
+@click.option(
     "--diagnose", is_flag=True,
     help="Print what became of every face, exactly, and how precise the numbers are.",
 )  # fmt: skip
@@ -143,6 +153,8 @@ def render(
     depth_file: Path | None,
     scale: float | None,
     codes_per_unit: float | None,
+    mask_file: Path | None,
+    mask_of: str,
     diagnose: bool,
     threads: int | None,
     quiet: bool,
@@ -161,7 +173,10 @@ def render(
         raise click.BadOptionUsage(
             "--background", f"--background: {output.suffix} cannot be transparent; choose .png"
         )
-    wanted, places = plan_files(output, outputs, depth_file)
+    if mask_file is None:
+        refuse_idle(["mask_of"], "it is for --mask")
+    besides = {"--depth": (depth_file, "depth"), "--mask": (mask_file, mask_of)}
+    wanted, places = plan_files(output, outputs, besides)
     scale = units_per_code(places, scale, codes_per_unit, quiet)
     refuse_without_color(wanted)
     from rasterjit.cli.warmup import first_tasks

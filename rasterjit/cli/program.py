@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+import numpy as np
 
 from rasterjit.cli import INTERRUPTED, raise_if_interrupted
 from rasterjit.cli.advice import with_advice
@@ -30,6 +31,7 @@ from rasterjit.cli.options import (
     is_given,
     refuse_idle,
 )
+from rasterjit.outputs.table import TABLE
 from rasterjit.rendering.plan import CULL_MODES
 
 if TYPE_CHECKING:
@@ -48,6 +50,9 @@ SCENE = re.compile(r"scene\b")
 
 DEPTH_SCALE = 0.001
 """Scene units that a code of the PNG of --depth stands for: millimetres of metres."""
+
+MASKS = ("coverage", "object_id", "instance_id", "material_id", "face_id")
+"""Outputs that a mask may hold."""
 
 ARGUMENTS = re.compile(
     r"\b(on_damage|on_invalid|max_bytes|resource_root)\b(?: ?= ?'?([^\s';]+)'?)?"
@@ -202,13 +207,22 @@ def is_opaque(background: str | BackgroundImage | None) -> bool:
 
 
 Places = dict[Path, tuple[str, ...] | str]
-"""What each file gets: outputs by name, or ``"picture"`` or ``"depth"``."""
+"""What each file gets: outputs by name, or ``"picture"``, or what an option of its own asks for."""
 
 
 def plan_files(
-    output: Path, outputs: tuple[str, ...], depth_file: Path | None
+    output: Path, outputs: tuple[str, ...], besides: dict[str, tuple[Path | None, str]]
 ) -> tuple[tuple[str, ...], Places]:
-    """Return the outputs to render and the files to write, or raise click's usage error."""
+    """
+    Return the outputs to render and the files to write, or raise click's usage error.
+
+    Parameters
+    ----------
+    output : Path
+    outputs : tuple of str
+    besides : dict of (Path or None, str)
+        By option, a file of its own for one output.
+    """
     wanted = dict.fromkeys(outputs)
     places: Places = {}
     suffix = output.suffix.lower()
@@ -223,13 +237,13 @@ def plan_files(
         others = tuple(name for name in wanted if name != "color")
         if others:
             places[output.with_suffix(".npz")] = others
-    if depth_file is not None:
-        if any(depth_file.absolute() == place.absolute() for place in places):
-            raise click.BadOptionUsage(
-                "--depth", f"--depth: {depth_file} is the file of another output"
-            )
-        wanted["depth"] = None
-        places[depth_file] = "depth"
+    for option, (file, name) in besides.items():
+        if file is None:
+            continue
+        if any(file.absolute() == place.absolute() for place in places):
+            raise click.BadOptionUsage(option, f"{option}: {file} is the file of another output")
+        wanted[name] = None
+        places[file] = name
     return tuple(wanted), places
 
 
@@ -242,10 +256,7 @@ def units_per_code(
     places: Places, scale: float | None, codes_per_unit: float | None, quiet: bool
 ) -> float | None:
     """Return ``--scale``, also where its old name is given, or raise click's usage error."""
-    has_codes = any(
-        place.suffix.lower() == ".png" and content != "picture" for place, content in places.items()
-    )
-    if not has_codes:
+    if not any(_takes_scale(place, content) for place, content in places.items()):
         refuse_idle(["scale", "codes_per_unit"], "no output is written to a 16-bit .png")
     if codes_per_unit is None:
         return scale
@@ -267,16 +278,26 @@ def write_files(frame: Frame, places: Places, scale: float | None) -> None:
         if content == "picture":
             images.save_image(place, frame.color)
             continue
-        units = scale if place.suffix.lower() == ".png" else None
-        if content == "depth":
-            if units is None and place.suffix.lower() == ".png":
-                units = DEPTH_SCALE
-            content = ("depth",)
+        if content == "coverage":
+            shares = np.floor(255.0 * frame.coverage + 0.5)
+            images.save_image(place, shares.astype(np.uint8))
+            continue
+        units = scale if _takes_scale(place, content) else None
+        if content == "depth" and units is None and place.suffix.lower() == ".png":
+            units = DEPTH_SCALE
         try:
             frame.save(place, content, scale=units)
         except ValueError as error:
             said = str(error).replace("scale must be None for", "scale must not be given for")
             raise ValueError(re.sub(r"\bscale(=| must)", _spell_scale, said)) from error
+
+
+def _takes_scale(place: Path, content: tuple[str, ...] | str) -> bool:
+    """Tell whether a file holds floats in 16-bit codes."""
+    if place.suffix.lower() != ".png" or content in ("picture", "coverage"):
+        return False
+    names = (content,) if isinstance(content, str) else content
+    return any(TABLE[name].dtype == "float32" for name in names)
 
 
 def _spell_scale(found: re.Match[str]) -> str:

@@ -9,6 +9,7 @@ Notebooks show meshes and scenes as small pictures. As scenes know nothing of ho
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable
 from typing import Any
 
@@ -366,6 +367,12 @@ class Mesh(Previewed):
         result._invalid_vertices = _count_invalid(result.vertices, "drop")
         result._bounds = self._bounds
         result._is_closed = self._is_closed
+        return result
+
+    def without_colors(self) -> Mesh:
+        """Return the same mesh without vertex and face colours."""
+        result = copy.copy(self)
+        result._vertex_colors = result._face_colors = None
         return result
 
     def _scale(self) -> float:

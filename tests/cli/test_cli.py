@@ -1,6 +1,7 @@
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -266,6 +267,198 @@ def assert_arrays(path, frame, names):
         assert sorted(arrays) == sorted(names)
         for name in names:
             assert arrays[name].tobytes() == getattr(frame, name).tobytes(), name
+
+
+# Calibrated cameras, colours, lights, masks
+
+K = np.array([[52.0, 0.0, 21.3], [0.0, 50.5, 17.9], [0.0, 0.0, 1.0]])
+MARKS = np.array([(0.4, 0.3, 0.2), (-0.5, 0.1, 0.4), (0.1, -0.6, -0.3)])
+
+
+def extrinsics():
+    """OpenCV's camera from world of a camera that is turned about all axes, and looks at 0."""
+    back = rj.transforms.look_at((1.5, 2.0, 4.0), (0.1, 0.0, -0.1), (0.2, 1.0, 0.1))
+    return np.diag([1.0, -1.0, -1.0, 1.0]) @ back
+
+
+def poses():
+    """The same camera in each convention."""
+    camera_from_world = extrinsics()
+    flip = np.diag([1.0, -1.0, -1.0, 1.0])
+    return {
+        "opencv": camera_from_world,
+        "opencv-c2w": np.linalg.inv(camera_from_world),
+        "opengl": flip @ camera_from_world,
+        "opengl-c2w": np.linalg.inv(camera_from_world) @ flip,
+    }
+
+
+def write_marks(tmp_path):
+    """Write a file of small triangles around marks."""
+    corners = np.array([(-1, -1, 0), (1, -1, 0), (0, 2, 0)]) * 0.02
+    vertices = (MARKS[:, None] + corners).reshape(-1, 3)
+    lines = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in vertices.tolist()]
+    lines += ["f 1 2 3", "f 4 5 6", "f 7 8 9"]
+    return write(tmp_path, "marks.obj", "\n".join(lines) + "\n")
+
+
+@pytest.mark.parametrize("convention", sorted(poses()))
+def test_a_pose_puts_what_is_seen_where_opencv_projects_it(tmp_path, convention):
+    size = (480, 360)
+    scale = np.diag([10.0, 10.0, 1.0])
+    intrinsics, pose = scale @ K, poses()[convention]
+    np.save(tmp_path / "k.npy", intrinsics)
+    np.savetxt(tmp_path / "pose.txt", pose)
+    result = run(
+        "render", write_marks(tmp_path), "-o", tmp_path / "ids.npz", "-q", "--size", "480x360",
+        "--outputs", "face_id", "--pose", tmp_path / "pose.txt", "--convention", convention,
+        "--intrinsics", tmp_path / "k.npy",
+    )  # fmt: skip
+    assert (result.exit_code, result.output) == (0, "")
+    face_id = np.load(tmp_path / "ids.npz")["face_id"]
+    assert face_id.shape == size[::-1]
+    camera = extrinsics()
+    for number, mark in enumerate(MARKS):
+        x, y, w = intrinsics @ (camera[:3, :3] @ mark + camera[:3, 3])
+        rows, columns = np.nonzero(face_id == number)
+        found = np.array([columns.mean(), rows.mean()])
+        assert np.abs(found - (x / w, y / w)).max() < 0.4, (number, found)
+
+
+def test_matrices_may_be_numbers_or_files_of_three_kinds(tmp_path):
+    pose, size = poses()["opengl-c2w"], ("--size", "48x36")
+    (tmp_path / "a.json").write_text(json.dumps({"transform_matrix": pose.tolist()}))
+    (tmp_path / "k.json").write_text(json.dumps({"camera_matrix": K.tolist()}))
+    np.save(tmp_path / "a.npy", pose[:3])
+    lines = ["# camera", *(",".join(map(repr, row)) for row in pose.tolist())]
+    (tmp_path / "a.txt").write_text("\n".join(lines))
+    camera = rj.cameras.from_opencv(K, SIZE, camera_from_world=extrinsics())
+    expected = rendered(camera).color
+    numbers = ",".join(map(repr, pose.ravel().tolist()))
+    for given in (tmp_path / "a.json", tmp_path / "a.npy", tmp_path / "a.txt", numbers):
+        for k in (tmp_path / "k.json", "52,50.5,21.3,17.9"):
+            words = ("--pose", given, "--convention", "opengl-c2w", "--intrinsics", k)
+            picture = render(tmp_path, *words, *size)
+            assert np.abs(picture.astype(int) - expected).mean() < 0.2, (given, k)
+
+
+def test_a_pose_alone_has_the_field_of_view_and_intrinsics_alone_the_place(tmp_path):
+    camera = rj.PerspectiveCamera((2, 3, 5), (0, 0, 0), fov_y=40.0)
+    view = ",".join(map(repr, camera.view_matrix().ravel().tolist()))
+    posed = render(tmp_path, "--pose", view, "--convention", "opengl", "--fov", 40)
+    assert np.abs(posed.astype(int) - rendered(camera).color).mean() < 0.2
+    focal = 18.0 / np.tan(np.radians(20.0))
+    words = ("--intrinsics", f"{focal},{focal},23.5,17.5", "--position", "2,3,5")
+    placed = render(tmp_path, *words, "--target", "0,0,0")
+    assert np.abs(placed.astype(int) - rendered(camera).color).mean() < 0.2
+
+
+UNIT = "1,0,0,0,0,1,0,0,0,0,1,-4"
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("--pose", UNIT),
+        ("--convention", "opencv"),
+        ("--convention", "blender", "--pose", UNIT),
+        ("--pose", "1,2,3", "--convention", "opencv"),
+        ("--pose", "nowhere.npy", "--convention", "opencv"),
+        ("--pose", UNIT, "--convention", "opencv", "--position", "1,2,3"),
+        ("--pose", UNIT, "--convention", "opencv", "--azimuth", "3"),
+        ("--pose", UNIT, "--convention", "opencv", "--up", "0,0,1"),
+        ("--pose", UNIT, "--convention", "opencv", "--projection", "orthographic"),
+        ("--pose", UNIT.replace("1,0,0", "2,0,0", 1), "--convention", "opencv"),
+        ("--pose", UNIT.replace("1,0,0", "-1,0,0", 1), "--convention", "opencv"),
+        ("--pose", UNIT.replace("-4", "nan"), "--convention", "opencv"),
+        ("--intrinsics", "50,50,24,18"),
+        ("--intrinsics", "50,50,24", "--size", "48x36"),
+        ("--intrinsics", "-50,50,24,18", "--size", "48x36"),
+        ("--intrinsics", "50,50,24,18", "--size", "48x36", "--fov", "40"),
+        ("--intrinsics", "50,50,24,18", "--size", "48x36", "--zoom", "2"),
+        ("--mask-of", "object_id"),
+        ("--mask", "mask.jpg"),
+        ("--mask", "a.png"),
+        ("--color", "mauve-ish"),
+        ("--light", "0,0,0"),
+        ("--light", "moon"),
+        ("--light", "headlight", "--light", "sun"),
+    ],
+    ids=" ".join,
+)
+def test_a_bad_camera_light_or_mask_is_one_line(tmp_path, monkeypatch, words):
+    monkeypatch.chdir(tmp_path)
+    result = run("render", CUBE, "-o", "a.png", "-q", *words)
+    assert_one_line(result, 1, 2)
+    assert words[0] in result.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_colour_takes_the_place_of_colours_and_textures(tmp_path):
+    scene = rj.load(MODELS / "scene.glb")
+    for node in scene.nodes:
+        node.mesh = node.mesh.without_colors()
+        assert node.mesh.vertex_colors is None
+    for node in scene.nodes:
+        material = node.mesh.material
+        node.mesh.material = replace(
+            material, base_color="teal", base_color_texture=None, alpha_mode="opaque"
+        )
+    file = MODELS / "scene.glb"
+    picture = render(tmp_path, "--color", "teal", "--shading", "unlit", file=file)
+    codes = {tuple(color) for color in picture.reshape(-1, 4).tolist()}
+    assert (0, 128, 128, 255) in codes
+    assert not {(color[0], color[1]) for color in codes} - {(0, 128), (255, 255)}
+    assert np.array_equal(
+        render(tmp_path, "--color", "teal", file=file), rendered(scene=scene).color
+    )
+    glass = render(tmp_path, "--color", "#00808080", "--shading", "unlit")
+    assert (glass[..., 0] == 0).sum() < (picture[..., 0] == 0).sum()
+
+
+def test_lights_by_direction_and_name(tmp_path):
+    ambient = rj.AmbientLight(intensity=0.15)
+    shining = {
+        ("--light", "1,-2,0.5"): [ambient, rj.DirectionalLight((1, -2, 0.5), intensity=0.9)],
+        ("--light", "sun"): [ambient, rj.DirectionalLight((-0.6, -1, -0.5), intensity=0.9)],
+        ("--light", "ambient"): [rj.AmbientLight(intensity=1.0)],
+        ("--light", "headlight"): [],
+        ("--light", "1,0,0", "--light", "-1,0,0"): [
+            ambient, *(rj.DirectionalLight((x, 0, 0), intensity=0.9) for x in (1, -1)),
+        ],
+    }  # fmt: skip
+    seen = set()
+    for words, lights in shining.items():
+        scene = rj.load(CUBE)
+        scene.lights = lights
+        picture = render(tmp_path, *words)
+        assert np.array_equal(picture, rendered(scene=scene).color), words
+        seen.add(picture.tobytes())
+    assert len(seen) == len(shining)
+    told = run("render", CUBE, "-o", tmp_path / "a.png", "--light", "headligt").stderr
+    assert "did you mean headlight?" in told
+
+
+@pytest.mark.parametrize("samples", [1, 8])
+def test_a_mask_holds_the_share_of_each_pixel(tmp_path, samples):
+    path = tmp_path / "mask.png"
+    picture = render(tmp_path, "--mask", path, "--samples", samples)
+    frame = rendered(outputs=("color", "coverage"), quality=rj.Quality(samples=samples))
+    mask = iio.imread(path)
+    assert mask.dtype == np.uint8
+    assert np.array_equal(mask, np.floor(255 * frame.coverage + 0.5))
+    assert (len(np.unique(mask)) > 2) == (samples > 1)
+    assert np.array_equal(picture, frame.color)
+
+
+@pytest.mark.parametrize("name", ["object_id", "face_id"])
+def test_a_mask_of_numbers_has_one_more_than_they_are(tmp_path, name):
+    path = tmp_path / "mask.png"
+    render(tmp_path, "--mask", path, "--mask-of", name)
+    numbers = getattr(rendered(outputs=(name,)), name)
+    assert np.array_equal(np.array(Image.open(path)), numbers + 1)
+    result = run("render", CUBE, "-o", tmp_path / "b.png", "--mask", path, "--scale", 2)
+    assert_one_line(result, 2)
 
 
 def depth_codes(path, units):
