@@ -1,8 +1,9 @@
 """
 Define the commands of ``rasterjit``, one function each.
 
-They are ``render``, ``turntable``, ``dataset``, ``view``, ``explain``, ``accuracy``, ``warmup`` and
-``doctor``. Modules that are slow to import are imported by the commands that need them.
+They are ``render``, ``turntable``, ``dataset``, ``view``, ``info``, ``explain``, ``accuracy``,
+``warmup`` and ``doctor``. Modules that are slow to import are imported by the commands that need
+them.
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ from rasterjit.cli.options import (
     effect_options,
     gather,
     look_options,
+    reading_options,
     refuse_idle,
     refuse_without_color,
     view_options,
@@ -325,6 +327,22 @@ def show_options(command: Any) -> Any:
 def view(file: Path, **options: Any) -> None:
     """Show FILE and let mouse and keys move the camera; H tells how."""
     view_file(file, options)
+
+
+@program.command()
+@file_argument
+@click.option("--json", "as_json", is_flag=True, help="As JSON, with all materials and lights.")
+@reading_options
+@debug_option
+def info(file: Path, as_json: bool, **reading: Any) -> None:
+    """
+    Say what FILE holds: counts, bounds, materials, lights, camera, and what is left out.
+
+    It is told of what is loaded: a vertex where faces meet at a crease counts for each side.
+    """
+    from rasterjit.cli.info import tell
+
+    tell(file, as_json, **reading)
 
 
 @program.command()

@@ -612,6 +612,23 @@ max_bytes_option = click.option(
 )  # fmt: skip
 
 
+def reading_options(command: Callable) -> Callable:
+    """Add the options of how files are read to a command."""
+    return add_options(
+        [
+            click.option("--on-invalid", type=click.Choice(["raise", "drop"]), default="raise",
+                         show_default=True,
+                         help="Refuse a mesh with NaN or infinite vertices, or draw the rest."),
+            on_damage_option,
+            click.option("--resource-root", metavar="FOLDER",
+                         help="Let the file name textures and others in this folder, not in its "
+                              "own alone."),
+            max_bytes_option,
+        ],
+        command,
+    )  # fmt: skip
+
+
 def look_options(command: Callable) -> Callable:
     """Add the options of `Look` to a command."""
     modes = click.Choice(SHADINGS)
@@ -629,16 +646,8 @@ def look_options(command: Callable) -> Callable:
                          help="Draw the edges over the faces, or alone."),
             click.option("--wireframe-color", type=ColorType(),
                          help="As --background, opaque; black if not given. Alone, it overlays."),
-            click.option("--on-invalid", type=click.Choice(["raise", "drop"]), default="raise",
-                         show_default=True,
-                         help="Refuse a mesh with NaN or infinite vertices, or draw the rest."),
-            on_damage_option,
-            click.option("--resource-root", metavar="FOLDER",
-                         help="Let the file name textures and others in this folder, not in its "
-                              "own alone."),
-            max_bytes_option,
         ],
-        command,
+        reading_options(command),
     )  # fmt: skip
 
 
