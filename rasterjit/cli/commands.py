@@ -30,6 +30,7 @@ from rasterjit.cli.options import (
     SizeType,
     View,
     add_options,
+    checked_place,
     effect_options,
     gather,
     look_options,
@@ -104,9 +105,9 @@ def program(context: click.Context, version: bool) -> None:
 @program.command()
 @file_argument
 @click.option(
-    "-o", "--output", type=PlaceType("image"), required=True, metavar="OUT",
+    "-o", "--output", type=click.Path(path_type=Path), required=True, metavar="OUT",
     help="Picture to write (.png, .jpg, .webp, .tif ...), or .npz or .exr for every output in one "
-    "file.",
+    "file; for a folder of meshes, a folder.",
 )  # fmt: skip
 @size_option("1280x720")
 @view_options
@@ -166,10 +167,18 @@ def render(
     Render FILE, any mesh file that trimesh reads, to a picture.
 
     Without options for the camera it is the file's own, or one that fits the whole scene into
-    the picture.
+    the picture. If FILE is a folder, all meshes below it are drawn into the folder OUT, 256x256
+    pixels each if no --size is given; those that cannot be are named, and the status is 1.
     """
     view, look, effects = (gather(kind, rest) for kind in (View, Look, Effects))
     view.check()
+    if file.is_dir():
+        from rasterjit.cli.thumbnails import render_folder
+
+        options = {"background": background, "cull": cull}
+        render_folder(file, output, size, threads, quiet, view, look, effects, **options)
+        return
+    output = checked_place("output", output, "image")
     size = size_behind(background, size)
     if output.suffix.lower() in (".jpg", ".jpeg", ".bmp") and not is_opaque(background):
         raise click.BadOptionUsage(

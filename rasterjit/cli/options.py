@@ -341,6 +341,13 @@ class PlaceType(click.ParamType):
         return place
 
 
+def checked_place(name: str, place: Path, kind: str) -> Path:
+    """Return the value of an option as `PlaceType` does, or raise click's usage error."""
+    context = click.get_current_context()
+    option = next(one for one in context.command.params if one.name == name)
+    return PlaceType(kind).convert(str(place), option, context)
+
+
 def _formats(kind: str) -> tuple[str, ...]:
     """Return the extensions of a kind of file."""
     from rasterjit.animation import video
