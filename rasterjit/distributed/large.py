@@ -98,6 +98,8 @@ def render_large(
             tiles = _draw_here(renderer, tile)
         else:
             arguments["camera"] = renderer.plan.camera
+            # A picture's file may be out of the workers' reach.
+            arguments["background"] = renderer.plan.facts.background_image or background
             tiles = _draw_there(TileFarm(own, what, arguments, count or 1), renderer, tile)
         with closing(tiles):
             write(tiles, whole, tile)
