@@ -17,9 +17,10 @@ from rasterjit.dataset.recipe import Layout, RecipeOutput
 from rasterjit.io.cameras import BlenderType, ScreenSpace, SensorFit
 from rasterjit.io.meshes import OnDamage
 from rasterjit.outputs.table import AttributeName, IdOutput, OutputName, Outputs
-from rasterjit.rendering.plan import Background, Cull
+from rasterjit.rendering.plan import Cull
 from rasterjit.rendering.rasterize import DepthMode
 from rasterjit.rendering.stream import Progress
+from rasterjit.scene.background import Background
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.color import ColorLike
 from rasterjit.scene.fog import FogMode

@@ -12,8 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 from rasterjit.animation.video import save_animation
 from rasterjit.outputs.frame import Frame
 from rasterjit.outputs.table import Outputs
-from rasterjit.rendering.plan import Background, Cull
+from rasterjit.rendering.plan import Cull
 from rasterjit.rendering.renderer import Renderer
+from rasterjit.scene.background import Background
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.node import Node

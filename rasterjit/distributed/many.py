@@ -17,7 +17,7 @@ from rasterjit.distributed.clusters import SharedScene, check_client, result_of,
 from rasterjit.outputs.frame import Frame, Stats
 from rasterjit.outputs.table import Outputs
 from rasterjit.rendering import plan as planning
-from rasterjit.rendering.plan import Background, Cull, RenderPlan
+from rasterjit.rendering.plan import Cull, RenderPlan
 from rasterjit.rendering.renderer import Renderer
 from rasterjit.rendering.stream import (
     AHEAD,
@@ -32,6 +32,7 @@ from rasterjit.rendering.stream import (
     share_threads,
     with_bar,
 )
+from rasterjit.scene.background import Background
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene

@@ -17,8 +17,9 @@ from rasterjit.distributed.clusters import connected, require_dask, result_of, r
 from rasterjit.outputs.frame import Frame
 from rasterjit.outputs.table import Outputs, is_attribute
 from rasterjit.rendering.effects import EFFECTS
-from rasterjit.rendering.plan import Background, Cull
+from rasterjit.rendering.plan import Cull
 from rasterjit.rendering.stream import Options, check_arguments
+from rasterjit.scene.background import Background
 from rasterjit.scene.camera import Camera, check_camera
 from rasterjit.scene.light import AmbientLight
 from rasterjit.scene.material import Material

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 from rasterjit.io.archives import take_members
 from rasterjit.io.binvox import load_binvox
 from rasterjit.io.gltf.scene import GLTF_FORMATS, load_gltf
+from rasterjit.io.kinds import other_kind
 from rasterjit.io.resources import Resources
 from rasterjit.io.skipped import LeftOut, LoadWarning, MeshFileError, reason_of
 from rasterjit.io.text.lines import Damage
@@ -147,10 +148,13 @@ def load(
     left_out, resources = LeftOut(), Resources(file, root, budget)
     try:
         scene = _load(file, resources, on_invalid, on_damage, crease_angle, left_out)
-    except Exception:
+    except Exception as error:
         # Readers name what they cannot read; this is the reason.
         budget.check()
-        raise
+        kind = other_kind(file, _extension(file))
+        if kind is None:
+            raise
+        raise MeshFileError(f"{file} is {kind}; its name says .{_extension(file)}") from error
     budget.check()
     left_out.warn(str(file))
     _warn_if_invisible(file, scene)

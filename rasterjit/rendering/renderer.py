@@ -24,7 +24,7 @@ from rasterjit.rendering import budget as budgets
 from rasterjit.rendering import plan as planning
 from rasterjit.rendering import shade, supersample
 from rasterjit.rendering.clock import StageClock
-from rasterjit.rendering.plan import Background, Cull
+from rasterjit.rendering.plan import Cull
 from rasterjit.rendering.supersample import Accumulation
 from rasterjit.rendering.views import (
     PlannedFrame,
@@ -36,6 +36,7 @@ from rasterjit.rendering.views import (
 from rasterjit.runtime.ahead import beside
 from rasterjit.runtime.threads import Workers
 from rasterjit.scene.assigning import Guarded
+from rasterjit.scene.background import Backdrop, Background, BackgroundImage, read_background
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.quality import Quality, check_quality
@@ -93,9 +94,13 @@ def render(
         object_position, nocs, coverage, motion, motion_visible and ``attribute:NAME`` of an
         attribute of meshes: see `Frame`. All but color, linear and coverage are those of the
         nearest face at the pixel's centre.
-    background : color, optional
-        ``"white"``, ``"#rrggbb"``, ``"transparent"``, or linear floats (see ``linear_color``).
-        Default: the scene's environment, if it is a background; else white.
+    background : color, path or array_like, optional
+        ``"white"``, ``"#rrggbb"``, ``"transparent"``, or linear floats (see ``linear_color``). Or a
+        picture of this size, which is seen where no face is, and through what is see-through, in
+        colour and linear alone: a file's name (a path, or a string with a dot or slash), or (H, W,
+        3) or (H, W, 4): ``uint8`` sRGB, red first (OpenCV's are blue first), or floats in 0..1,
+        linear. Tone curves do not touch it. Default: the scene's environment, if it is a
+        background; else white.
     cull : {"none", "back", "front"}
         Faces that are dropped. Counter-clockwise is the front.
     diagnose : bool
@@ -328,6 +333,11 @@ def stats_of(coverage: drawing.Coverage, seconds: dict[str, float]) -> Stats:
     )
 
 
+def _fitted(behind: Backdrop | None, size: tuple[int, int]) -> Backdrop | None:
+    """Return what lies behind all faces, for a frame of another size."""
+    return behind.resampled(size) if isinstance(behind, BackgroundImage) else behind
+
+
 class Renderer(Guarded):
     """
     Renders frames of one size, keeping threads and what they have in common between them.
@@ -469,7 +479,7 @@ class Renderer(Guarded):
         _, background, cull, *_ = options
         # What is wrong is wrong before anything is drawn.
         self._plan(Quality.standard(), scene, camera, *options)
-        shown = (("color", "linear"), background, cull, False, None)
+        behind = None if background is None else read_background(background)
         with ExitStack() as stack:
             small = [
                 stack.enter_context(Renderer(size, threads=self._workers.threads))
@@ -479,7 +489,16 @@ class Renderer(Guarded):
                 bound,
                 lambda quality: self._render(quality, scene, camera, *options),
                 [
-                    lambda quality, one=one: one._render(quality, scene, camera, *shown)
+                    lambda quality, one=one: one._render(
+                        quality,
+                        scene,
+                        camera,
+                        ("color", "linear"),
+                        _fitted(behind, one.size),
+                        cull,
+                        False,
+                        None,
+                    )
                     for one in small
                 ],
             )

@@ -19,10 +19,11 @@ from rasterjit.outputs.table import Outputs
 from rasterjit.pipeline.geometry.setup import TILE_SIZE
 from rasterjit.pipeline.visibility.draw import Region
 from rasterjit.rendering import shade, supersample
-from rasterjit.rendering.plan import Background, Cull
+from rasterjit.rendering.plan import Cull
 from rasterjit.rendering.renderer import draw_frame, find_visible
 from rasterjit.rendering.views import plan_views
 from rasterjit.runtime.threads import Workers
+from rasterjit.scene.background import Background
 from rasterjit.scene.quality import Quality, check_quality
 from rasterjit.scene.validation import MAX_SIZE, thread_count, whole_size
 from rasterjit.survey.arrays import placement_of

@@ -7,6 +7,7 @@ meshes and scenes as small pictures.
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
@@ -429,6 +430,12 @@ class Mesh(Guarded, Previewed):
             Once, naming what trimesh has no place for.
         """
         return HOOKS["to_trimesh"](self)
+
+    def without_colors(self) -> Mesh:
+        """Return the same mesh without vertex and face colours."""
+        result = copy.copy(self)
+        result._vertex_colors = result._face_colors = None
+        return result
 
     def _scale(self) -> float:
         """Return the factor that keeps products of this mesh's coordinates in range."""

@@ -273,7 +273,7 @@ class Texture:
             takes; the message names it.
         """
         return cls(
-            _read_picture(existing_file("path", path)), wrap=wrap, filter=filter,
+            read_picture("path", existing_file("path", path)), wrap=wrap, filter=filter,
             color_space=color_space, anisotropy=anisotropy, offset=offset, rotation=rotation,
             scale=scale, uv_set=uv_set,
         )  # fmt: skip
@@ -394,10 +394,24 @@ def opened_picture(name: str, source: Any) -> Iterator[Image.Image]:
             yield image
 
 
-def _read_picture(file: Path) -> NDArray[Any]:
-    """Decode the first picture of a file, or raise ``ValueError`` naming the file."""
+def read_picture(name: str, file: Path, *, is_turned: bool = False) -> NDArray[Any]:
+    """
+    Decode the first picture of a file, or raise ``ValueError`` naming the file.
+
+    Parameters
+    ----------
+    name : str
+        What the message calls the argument.
+    file : Path
+    is_turned : bool
+        Whether it is turned upright, as EXIF data say, with which cameras write what they held.
+    """
     try:
         with opened_picture(f"the picture {str(file)!r}", file) as image:
+            if is_turned:
+                from PIL import ImageOps
+
+                ImageOps.exif_transpose(image, in_place=True)
             mode = image.mode
             pixels = np.asarray(image.convert("RGBA") if mode in _CONVERTED_MODES else image)
     except PictureSizeError:
@@ -407,7 +421,7 @@ def _read_picture(file: Path) -> NDArray[Any]:
         reason = str(error) or type(error).__name__
         if type(error).__name__ == "UnidentifiedImageError":
             reason = f"it is none of {', '.join(PICTURE_FORMATS)}"
-        raise ValueError(f"path must be a picture, but {str(file)!r} is not: {reason}") from error
+        raise ValueError(f"{name} must be a picture, but {str(file)!r} is not: {reason}") from error
     if mode == "I":
         # Pillow's name for 16-bit grey in 32-bit integers.
         pixels = np.clip(pixels, 0, 65535).astype(np.uint16)

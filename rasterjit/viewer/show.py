@@ -6,7 +6,8 @@ import importlib.util
 from collections.abc import Callable
 from typing import Any, Literal, TypeAlias, get_args
 
-from rasterjit.rendering.plan import Background, Cull
+from rasterjit.rendering.plan import Cull
+from rasterjit.scene.background import Background
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.validation import one_of
 from rasterjit.viewer import browser, canvas

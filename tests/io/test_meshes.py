@@ -600,3 +600,27 @@ def test_what_loading_raises_and_warns_of_is_caught_by_public_names(tmp_path):
         assert len(rj.load(damaged, on_damage="warn").nodes[0].mesh.faces) == 1
     assert issubclass(rj.MeshFileError, ValueError)
     assert issubclass(rj.LoadWarning, UserWarning)
+
+
+@pytest.mark.parametrize("extension", ["obj", "stl", "off", "ply", "glb", "gltf"])
+@pytest.mark.parametrize(
+    ("name", "kind"), [("picture.png", "a PNG picture"), ("picture.jpg", "a JPEG picture")]
+)
+def test_a_picture_with_the_name_of_a_mesh_is_said_to_be_one(tmp_path, name, kind, extension):
+    picture = tmp_path / name
+    Image.new("RGB", (8, 8)).save(picture)
+    file = picture.rename(tmp_path / f"mesh.{extension}")
+    with pytest.raises(MeshFileError, match=rf"mesh\.{extension} is {kind}; .* \.{extension}$"):
+        rj.load(file)
+
+
+def test_a_mesh_with_the_name_of_another_kind_is_said_to_be_it(tmp_path):
+    file = tmp_path / "cube.obj"
+    content = trimesh.creation.box().export(file_type="ply")
+    file.write_bytes(content)
+    with pytest.raises(MeshFileError, match=r"cube\.obj is a PLY file; its name says \.obj"):
+        rj.load(file)
+    damaged = tmp_path / "cube.ply"
+    damaged.write_bytes(content[:-20])
+    with pytest.raises(MeshFileError, match="damaged"):
+        rj.load(damaged)
