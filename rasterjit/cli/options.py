@@ -32,7 +32,6 @@ if TYPE_CHECKING:
     from rasterjit.scene.scene import Scene
 
     FittedCamera = PerspectiveCamera | OrthographicCamera
-    AnyCamera = FittedCamera | MatrixCamera
 
 Vector = tuple[float, float, float]
 Options = TypeVar("Options", bound=tuple)
