@@ -18,12 +18,14 @@ from rasterjit.outputs import diagnostics as diagnosing
 from rasterjit.outputs import fill, motion, table
 from rasterjit.outputs.fill import add_reversed_depth
 from rasterjit.outputs.frame import Frame, Stats
+from rasterjit.outputs.table import Outputs
 from rasterjit.pipeline.visibility import draw as drawing
 from rasterjit.pipeline.visibility.draw import Seen
 from rasterjit.rendering import budget as budgets
 from rasterjit.rendering import plan as planning
 from rasterjit.rendering import shade, supersample
 from rasterjit.rendering.clock import StageClock
+from rasterjit.rendering.plan import Cull
 from rasterjit.rendering.supersample import Accumulation
 from rasterjit.rendering.views import (
     PlannedFrame,
@@ -34,6 +36,8 @@ from rasterjit.rendering.views import (
 )
 from rasterjit.runtime.ahead import beside
 from rasterjit.runtime.threads import Workers
+from rasterjit.scene.assigning import Guarded
+from rasterjit.scene.background import Backdrop, Background, BackgroundImage, read_background
 from rasterjit.scene.camera import Camera, MatrixCamera
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.quality import Quality, check_quality
@@ -57,9 +61,9 @@ def render(
     quality: Quality | None = None,
     max_error: float | None = None,
     time_budget: float | None = None,
-    outputs: Sequence[str] = ("color",),
-    background: Any = None,
-    cull: str = "none",
+    outputs: Outputs = ("color",),
+    background: Background = None,
+    cull: Cull = "none",
     diagnose: bool = False,
     previous: View | None = None,
     threads: int | None = None,
@@ -88,12 +92,17 @@ def render(
         takes longer, that is drawn.
     outputs : sequence of str
         Any of color, linear, depth, distance, face_id, object_id, instance_id, material_id,
-        barycentric, uv, normal, geometric_normal, position, object_position, nocs, coverage,
-        motion and motion_visible: see `Frame`. All but color, linear and coverage are those of the
+        barycentric, uv, normal, geometric_normal, normal_camera, position, position_camera,
+        object_position, nocs, coverage, motion, motion_visible and ``attribute:NAME`` of an
+        attribute of meshes: see `Frame`. All but color, linear and coverage are those of the
         nearest face at the pixel's centre.
-    background : color, optional
-        ``"white"``, ``"#rrggbb"``, ``"transparent"``, or linear floats (see ``linear_color``).
-        Default: the scene's environment, if it is a background; else white.
+    background : color, path or array_like, optional
+        ``"white"``, ``"#rrggbb"``, ``"transparent"``, or linear floats (see ``linear_color``). Or a
+        picture of this size, which is seen where no face is, and through what is see-through, in
+        colour and linear alone: a file's name (a path, or a string with a dot or slash), or (H, W,
+        3) or (H, W, 4): ``uint8`` sRGB, red first (OpenCV's are blue first), or floats in 0..1,
+        linear. Tone curves do not touch it. Default: the scene's environment, if it is a
+        background; else white.
     cull : {"none", "back", "front"}
         Faces that are dropped. Counter-clockwise is the front.
     diagnose : bool
@@ -132,9 +141,9 @@ def explain(
     quality: Quality | None = None,
     *,
     size: tuple[int, int] = (1280, 720),
-    outputs: Sequence[str] = ("color",),
-    background: Any = None,
-    cull: str = "none",
+    outputs: Outputs = ("color",),
+    background: Background = None,
+    cull: Cull = "none",
     diagnose: bool = False,
     previous: View | None = None,
 ) -> RenderPlan:
@@ -234,7 +243,7 @@ def draw_frame(
             # The caller may write to it.
             _ = stats.pixels_covered
         arrays = {name: result[name] for name in plan.outputs}
-        return Frame(arrays, plan, stats, diagnostics), seen
+        return Frame(arrays, plan, stats, diagnostics, cache.shapes.arrays.face_starts), seen
 
 
 def find_visible(
@@ -330,7 +339,12 @@ def stats_of(coverage: drawing.Coverage, seconds: dict[str, float]) -> Stats:
     )
 
 
-class Renderer:
+def _fitted(behind: Backdrop | None, size: tuple[int, int]) -> Backdrop | None:
+    """Return what lies behind all faces, for a frame of another size."""
+    return behind.resampled(size) if isinstance(behind, BackgroundImage) else behind
+
+
+class Renderer(Guarded):
     """
     Renders frames of one size, keeping threads and what they have in common between them.
 
@@ -355,7 +369,11 @@ class Renderer:
     ------
     ValueError
         If the size or the number of threads is wrong.
+    AttributeError
+        If an attribute is assigned that there is not.
     """
+
+    _FIELDS = ("size", "quality", "before_picture")
 
     def __init__(
         self, size: tuple[int, int], *, quality: Quality | None = None, threads: int | None = None
@@ -389,9 +407,9 @@ class Renderer:
         *,
         max_error: float | None = None,
         time_budget: float | None = None,
-        outputs: Sequence[str] = ("color",),
-        background: Any = None,
-        cull: str = "none",
+        outputs: Outputs = ("color",),
+        background: Background = None,
+        cull: Cull = "none",
         diagnose: bool = False,
         previous: View | None = None,
     ) -> Frame:
@@ -467,7 +485,7 @@ class Renderer:
         _, background, cull, *_ = options
         # What is wrong is wrong before anything is drawn.
         self._plan(Quality.standard(), scene, camera, *options)
-        shown = (("color", "linear"), background, cull, False, None)
+        behind = None if background is None else read_background(background)
         # Small pictures may be of another aspect, which changes little of their errors.
         any_size = replace(camera, size=None) if isinstance(camera, MatrixCamera) else camera
         with ExitStack() as stack:
@@ -479,7 +497,16 @@ class Renderer:
                 bound,
                 lambda quality: self._render(quality, scene, camera, *options),
                 [
-                    lambda quality, one=one: one._render(quality, scene, any_size, *shown)
+                    lambda quality, one=one: one._render(
+                        quality,
+                        scene,
+                        any_size,
+                        ("color", "linear"),
+                        _fitted(behind, one.size),
+                        cull,
+                        False,
+                        None,
+                    )
                     for one in small
                 ],
             )
@@ -489,9 +516,9 @@ class Renderer:
         what: Any,
         camera: Camera | None = None,
         *,
-        outputs: Sequence[str] = ("color",),
-        background: Any = None,
-        cull: str = "none",
+        outputs: Outputs = ("color",),
+        background: Background = None,
+        cull: Cull = "none",
         diagnose: bool = False,
         previous: View | None = None,
     ) -> Iterator[Frame]:

@@ -15,16 +15,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.scene import transforms
+from rasterjit.scene.assigning import says_replace
 from rasterjit.scene.pixels import Projecting
 from rasterjit.scene.transforms import Matrix
 from rasterjit.scene.validation import (
     MAX_WHOLE_SIZE,
+    VectorLike,
     bounded_number,
     finite_array,
     finite_number,
@@ -86,6 +88,7 @@ class Bounded(Protocol):
         """Return the centre, (3,), and the radius in world space."""
 
 
+@says_replace
 @dataclass(frozen=True)
 class PerspectiveCamera(Projecting):
     """
@@ -115,9 +118,9 @@ class PerspectiveCamera(Projecting):
         outside 0..131072, or a number is not finite.
     """
 
-    eye: tuple[float, float, float]
-    target: tuple[float, float, float]
-    up: tuple[float, float, float] = (0.0, 1.0, 0.0)
+    eye: VectorLike
+    target: VectorLike
+    up: VectorLike = (0.0, 1.0, 0.0)
     fov_y: float = 45.0
     near: float = 0.1
     far: float = math.inf
@@ -160,6 +163,7 @@ class PerspectiveCamera(Projecting):
             return self.near / np.asarray(stored, dtype=np.float64)
 
 
+@says_replace
 @dataclass(frozen=True)
 class OrthographicCamera(Projecting):
     """
@@ -185,9 +189,9 @@ class OrthographicCamera(Projecting):
         number is not finite.
     """
 
-    eye: tuple[float, float, float]
-    target: tuple[float, float, float]
-    up: tuple[float, float, float] = (0.0, 1.0, 0.0)
+    eye: VectorLike
+    target: VectorLike
+    up: VectorLike = (0.0, 1.0, 0.0)
     height: float = 2.0
     near: float = 0.0
     far: float = 1000.0
@@ -228,6 +232,7 @@ class OrthographicCamera(Projecting):
         return self.near * (1.0 - share) + self.far * share
 
 
+@says_replace
 @dataclass(frozen=True, eq=False)
 class MatrixCamera(Projecting):
     """
@@ -261,6 +266,15 @@ class MatrixCamera(Projecting):
     view_from_world: Float64
     clip_from_view: Float64
     size: tuple[int, int] | None = None
+
+    if TYPE_CHECKING:
+        # Reading gives arrays; the constructor takes what can be made one.
+        def __init__(
+            self,
+            view_from_world: ArrayLike,
+            clip_from_view: ArrayLike,
+            size: tuple[int, int] | None = None,
+        ) -> None: ...
 
     def __post_init__(self) -> None:
         view = finite_array("view_from_world", self.view_from_world, (4, 4)).copy()
