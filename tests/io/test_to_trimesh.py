@@ -51,7 +51,8 @@ def rich_scene():
     )  # fmt: skip
     wall = scene.add(quad(material=shiny), compose(translate((0.1, 0, 0)), rotate_x(20)), "wall")
     elbow = rj.Node(None, translate((0.3, 0, 0)), "elbow", parent=wall)
-    ball = sphere(colors=colors(162))
+    heat = np.random.default_rng(8).random((162, 3), dtype=np.float32)
+    ball = sphere(colors=colors(162), attributes={"heat": heat, "label": np.arange(320)[:, None]})
     scene.add(ball, compose(scale((1, 1.5, 1)), rotate_z(10)), "ball", parent=elbow)
     scene.add(ball, translate((-0.3, 0, 0)), "other ball", parent=wall)
     scene.add(sphere(colors=colors(320)), translate((0, 0.3, 0)), "patchwork")
@@ -84,6 +85,11 @@ def test_what_trimesh_has_a_place_for_is_drawn_as_it_was():
         np.testing.assert_array_equal(one.world_matrix, other.world_matrix)
         np.testing.assert_array_equal(one.mesh.vertices, other.mesh.vertices)
         np.testing.assert_array_equal(one.mesh.faces, other.mesh.faces)
+        for kind in ("vertex_attributes", "face_attributes"):
+            found, wanted = getattr(one.mesh, kind), getattr(other.mesh, kind)
+            assert found.keys() == wanted.keys()
+            for name in found:
+                np.testing.assert_array_equal(found[name], wanted[name])
     options = {"size": (96, 72), "outputs": (*GEOMETRY, "color", "linear")}
     wanted = rj.render(scene, **options)
     found = rj.render(again, scene.camera, **options)

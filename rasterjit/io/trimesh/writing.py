@@ -108,6 +108,8 @@ class _Converter:
                 self.left_out.note(name)
         return trimesh.Trimesh(
             mesh.vertices, mesh.faces, vertex_normals=normals, visual=self._visual(mesh),
+            vertex_attributes=dict(mesh.vertex_attributes),
+            face_attributes=dict(mesh.face_attributes),
             process=False, validate=False,
         )  # fmt: skip
 
