@@ -448,16 +448,18 @@ class _Writer:
             return []
         if isinstance(camera, PerspectiveCamera):
             kind, lens = "perspective", {"yfov": math.radians(camera.fov_y)}
+            near, far = camera.depth_coefficients()[0], camera.far
         elif isinstance(camera, OrthographicCamera) and camera.near >= 0.0:
             # The width is that of the picture; a file has to have one.
             kind, lens = "orthographic", {"ymag": camera.height / 2.0, "xmag": camera.height / 2.0}
+            near, far = camera.view_depth([0.0, -1.0]).tolist()
         else:
             behind = ", whose near plane lies behind it" if hasattr(camera, "height") else ""
             self.left_out.note(type(camera).__name__ + behind)
             return []
-        lens["znear"] = camera.near
-        if camera.far != math.inf:
-            lens["zfar"] = camera.far
+        lens["znear"] = near
+        if far != math.inf:
+            lens["zfar"] = far
         matrix = np.eye(4)
         matrix[:3, :3] = camera.view_matrix()[:3, :3].T
         matrix[:3, 3] = camera.eye
