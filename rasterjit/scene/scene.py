@@ -117,7 +117,9 @@ class Scene(Previewed):
         """Fill a copy, or what was pickled, whose nodes are its own."""
         state = dict(state)
         for node, parent, transform in state.pop("links"):
-            node._link(parent, transform)
+            # Scenes that share nodes may be copied together.
+            if node.parent is None:
+                node._link(parent, transform)
         self.__dict__.update(state)
         for top in map(topmost, (*self.nodes, *self._groups)):
             top._scene = weakref.ref(self)
