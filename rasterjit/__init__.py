@@ -18,9 +18,9 @@ What is drawn
     `Fog`, `AmbientOcclusion`, `Outline`, `Wireframe`,
     `ToneMap` and `Vignette` are effects of a whole scene.
 From where
-    `PerspectiveCamera`, `OrthographicCamera`, `MatrixCamera`; `fit_camera` and `orbit_direction`
-    place one. `cameras` converts those of OpenCV, OpenGL, PyTorch3D, Blender and trimesh.
-    `transforms` has the matrices.
+    `PerspectiveCamera`, `OrthographicCamera`, `MatrixCamera`, each with ``project``, ``unproject``
+    and ``rays``; `fit_camera` and `orbit_direction` place one. `cameras` converts those of
+    OpenCV, OpenGL, PyTorch3D, Blender and trimesh. `transforms` has the matrices.
 Pictures and ground truth
     `render` draws one `Frame`: colour, and any of the buffers that `Frame` describes, of motion
     since an earlier `View` as well. `Renderer` keeps what frames have in common; `render_many`
@@ -43,10 +43,12 @@ The parts alone
     `Framebuffer` draws lines, triangles, circles and curves into an array; `Pipeline` is one
     object's chain of transforms; `rasterize` finds the visible faces of geometry of your own
     (`Visibility`). ``rasterjit.compat.pyrender`` runs scripts that were written for pyrender.
+    `types` has the types of arguments, for annotations.
 
-Invalid arguments raise `ValueError`, which names the argument, before anything is drawn. Reading an
-output that was not asked for raises `OutputNotRequestedError`. A `CalibrationWarning` says that a
-time budget had to be learnt first.
+Invalid arguments raise `ValueError`, which names the argument, before anything is drawn; files that
+cannot be read raise `MeshFileError`, one of them. Reading an output that was not asked for raises
+`OutputNotRequestedError`. A `LoadWarning` names what of a file was left out, a `CalibrationWarning`
+says that a time budget had to be learnt first.
 
 World space is right-handed, y up; angles are degrees, colours in and out sRGB where they are 8-bit
 and linear where they are floats; row 0 of a picture is on top.
@@ -56,8 +58,10 @@ and linear where they are floats; row 0 of a picture is on top.
 from rasterjit import cli as cli
 
 # isort: split
+import sys
+from collections.abc import Iterator
 from importlib import import_module
-from typing import Any
+from typing import TYPE_CHECKING
 
 from rasterjit.classics.framebuffer import Framebuffer
 from rasterjit.classics.pipeline import Pipeline
@@ -66,7 +70,7 @@ from rasterjit.inspect.measure import Measurement, measure
 from rasterjit.inspect.pixel import explain_pixel
 from rasterjit.inspect.pixel_report import PixelExplanation
 from rasterjit.io.gltf.writing import save_gltf
-from rasterjit.io.meshes import load, scene_to_add
+from rasterjit.io.meshes import LoadWarning, MeshFileError, load, scene_to_add
 from rasterjit.io.skipped import SaveWarning
 from rasterjit.io.trimesh.writing import to_trimesh
 from rasterjit.outputs.diagnostics import Diagnostics
@@ -104,6 +108,12 @@ from rasterjit.scene.view import View
 from rasterjit.scene.vignette import Vignette
 from rasterjit.scene.wireframe import Wireframe
 
+if TYPE_CHECKING:
+    from rasterjit import accuracy, animation, cameras, dataset, distributed, masks, oracle
+    from rasterjit import mpl as mpl
+    from rasterjit import types as types
+    from rasterjit.viewer.show import show
+
 set_hooks(
     picture=preview, scene_of_others=scene_to_add, save=save_gltf, to_trimesh=to_trimesh
 )  # fmt: skip
@@ -123,10 +133,12 @@ __all__ = [
     "Frame",
     "Framebuffer",
     "LayeredFrame",
+    "LoadWarning",
     "Material",
     "MatrixCamera",
     "Measurement",
     "Mesh",
+    "MeshFileError",
     "Node",
     "OrthographicCamera",
     "Outline",
@@ -171,18 +183,42 @@ __all__ = [
     "transforms",
 ]
 
-_MODULES = ("accuracy", "animation", "cameras", "dataset", "distributed", "masks", "mpl", "oracle")
-"""Those that are loaded when they are first named; ``mpl`` cannot be without matplotlib."""
+_MODULES = (
+    "accuracy", "animation", "cameras", "dataset", "distributed", "masks", "mpl", "oracle", "types",
+)  # fmt: skip
+"""
+Those that are loaded when they are first named.
+
+``from rasterjit import *`` leaves out two: ``mpl`` cannot be without matplotlib, and ``types`` is
+the name of a standard module.
+"""
+
+
+class _Folder(list[str]):
+    """The package's folder, in which pydoc alone finds nothing: ``help`` would list the inside."""
+
+    def __iter__(self) -> Iterator[str]:
+        caller = sys._getframe(1)
+        asks = (frame.f_globals.get("__name__") for frame in (caller, caller.f_back) if frame)
+        return iter(()) if tuple(asks) == ("pkgutil", "pydoc") else super().__iter__()
+
+
+__path__ = _Folder(__path__)
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    """Name what is public, which ``help`` and completion list; what is inside stays importable."""
+    loaded = [name for name in _MODULES if name in globals()]
+    facts = [name for name, value in globals().items() if name[:2] == "__" and not callable(value)]
+    return sorted({*__all__, "types", *loaded, *facts})
 
 
-def __getattr__(name: str) -> Any:
-    """Load what rendering needs nothing of when it is first named."""
-    if name == "show":
-        return import_module("rasterjit.viewer.show").show
-    if name in _MODULES:
-        return import_module(f"rasterjit.{name}")
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+if not TYPE_CHECKING:  # A type checker that saw this would let every name pass.
+
+    def __getattr__(name: str) -> object:
+        """Load what rendering needs nothing of when it is first named."""
+        if name == "show":
+            return import_module("rasterjit.viewer.show").show
+        if name in _MODULES:
+            return import_module(f"rasterjit.{name}")
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.animation.video import save_animation
 from rasterjit.outputs.frame import Frame
+from rasterjit.outputs.table import Outputs
+from rasterjit.rendering.plan import Cull
 from rasterjit.rendering.renderer import Renderer
+from rasterjit.scene.background import Background
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.node import Node
@@ -31,9 +34,9 @@ def frames(
     camera: Camera | CameraAt | None = None,
     transforms: Mapping[Node, TransformAt] | None = None,
     meshes: Mapping[Node, MeshAt] | None = None,
-    outputs: Sequence[str] = ("color",),
-    background: Any = None,
-    cull: str = "none",
+    outputs: Outputs = ("color",),
+    background: Background = None,
+    cull: Cull = "none",
 ) -> Iterator[Frame]:
     """
     Render one frame for each time, when it is asked for.

@@ -33,9 +33,11 @@ from rasterjit.pipeline.visibility import draw, nearest
 from rasterjit.pipeline.visibility.alpha_test import no_holes
 from rasterjit.rendering import plan as planning
 from rasterjit.rendering import shade, supersample
+from rasterjit.rendering.plan import Cull
 from rasterjit.rendering.renderer import choose_camera, render
 from rasterjit.runtime.ahead import beside
 from rasterjit.runtime.threads import Workers
+from rasterjit.scene.background import Background
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.node import Node
@@ -71,8 +73,8 @@ def explain_pixel(
     y: int,
     *,
     quality: Quality | None = None,
-    cull: str = "none",
-    background: Any = None,
+    cull: Cull = "none",
+    background: Background = None,
 ) -> PixelExplanation:
     """
     Say what happened at one pixel, stage by stage.

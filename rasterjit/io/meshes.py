@@ -6,11 +6,12 @@ import os
 import sys
 import warnings
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
 from rasterjit.io.archives import take_members
 from rasterjit.io.binvox import load_binvox
 from rasterjit.io.gltf.scene import GLTF_FORMATS, load_gltf
+from rasterjit.io.kinds import other_kind
 from rasterjit.io.resources import Resources
 from rasterjit.io.skipped import LeftOut, LoadWarning, MeshFileError, reason_of
 from rasterjit.io.text.lines import Damage
@@ -23,7 +24,7 @@ from rasterjit.io.trimesh.resolver import resolver_of
 from rasterjit.io.trimesh.scene import TrimeshAdapter
 from rasterjit.io.trimesh.xml import note_what_is_not_read
 from rasterjit.scene.memory import DEFAULT_MAX_BYTES, MemoryBudget
-from rasterjit.scene.mesh import Mesh
+from rasterjit.scene.mesh import ON_INVALID, Mesh, OnInvalid
 from rasterjit.scene.scene import EFFECT_FIELDS, Scene
 from rasterjit.scene.validation import (
     bounded_number,
@@ -36,6 +37,10 @@ if TYPE_CHECKING:
     import trimesh
 
 __all__ = ["LoadWarning", "MeshFileError", "as_scene", "from_trimesh", "load", "scene_to_add"]
+
+OnDamage: TypeAlias = Literal["error", "warn"]
+ON_DAMAGE: tuple[OnDamage, ...] = get_args(OnDamage)
+"""What to do about a damaged file: refuse it; load what there is, and warn."""
 
 TEXT_FORMATS = ("obj", "ply", "stl", "off")
 """Formats that `rasterjit.io.text` reads."""
@@ -61,8 +66,8 @@ _SHOWN_FORMATS = ("obj", "ply", "stl", "off", "glb", "gltf", "3mf", "dae")
 def load(
     path: str | os.PathLike[str] | trimesh.Trimesh | trimesh.Scene,
     *,
-    on_invalid: str = "raise",
-    on_damage: str = "error",
+    on_invalid: OnInvalid = "raise",
+    on_damage: OnDamage = "error",
     crease_angle: float = _CREASE_ANGLE,
     resource_root: str | os.PathLike[str] | None = None,
     max_bytes: int = DEFAULT_MAX_BYTES,
@@ -126,8 +131,8 @@ def load(
         material is fully transparent.
     """
     bounded_number("crease_angle", crease_angle, 0.0, 180.0)
-    one_of("on_invalid", on_invalid, ("raise", "drop"))
-    one_of("on_damage", on_damage, ("error", "warn"))
+    one_of("on_invalid", on_invalid, ON_INVALID)
+    one_of("on_damage", on_damage, ON_DAMAGE)
     if _is_trimesh(path):
         for name, value, default in (
             ("on_damage", on_damage, "error"),
@@ -143,10 +148,13 @@ def load(
     left_out, resources = LeftOut(), Resources(file, root, budget)
     try:
         scene = _load(file, resources, on_invalid, on_damage, crease_angle, left_out)
-    except Exception:
+    except Exception as error:
         # Readers name what they cannot read; this is the reason.
         budget.check()
-        raise
+        kind = other_kind(file, _extension(file))
+        if kind is None:
+            raise
+        raise MeshFileError(f"{file} is {kind}; its name says .{_extension(file)}") from error
     budget.check()
     left_out.warn(str(file))
     _warn_if_invisible(file, scene)
@@ -207,7 +215,7 @@ def _warn_if_invisible(file: Path, scene: Scene) -> None:
 def from_trimesh(
     what: trimesh.Trimesh | trimesh.Scene,
     *,
-    on_invalid: str = "raise",
+    on_invalid: OnInvalid = "raise",
     crease_angle: float = _CREASE_ANGLE,
 ) -> Scene:
     """

@@ -7,13 +7,15 @@ meshes and scenes as small pictures.
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rasterjit.scene.assigning import Guarded
 from rasterjit.scene.color import linear_rows
 from rasterjit.scene.hooks import HOOKS
 from rasterjit.scene.material import Material
@@ -25,10 +27,9 @@ from rasterjit.scene.normals import (
     unit_rows,
     vertex_tangents,
 )
-from rasterjit.scene.texture import UV_NAMES
+from rasterjit.scene.texture import UV_NAMES, UVSet
 from rasterjit.scene.validation import (
     MaskedError,
-    check_field,
     finite_number,
     in_short,
     one_of,
@@ -47,6 +48,10 @@ ATTRIBUTE = "attribute:"
 
 _LARGEST_FLOAT32 = float(np.finfo(np.float32).max)
 
+OnInvalid: TypeAlias = Literal["raise", "drop"]
+ON_INVALID: tuple[OnInvalid, ...] = get_args(OnInvalid)
+"""What to do about vertices that are NaN or infinite: refuse the mesh; leave out their faces."""
+
 
 class Previewed:
     """Shows itself in notebooks as a small picture."""
@@ -56,7 +61,7 @@ class Previewed:
         return HOOKS["picture"](self) if "picture" in HOOKS else None
 
 
-class Mesh(Previewed):
+class Mesh(Guarded, Previewed):
     """
     Triangles that share vertices, with optional colours, normals and texture coordinates.
 
@@ -106,6 +111,9 @@ class Mesh(Previewed):
         If anything else than ``material`` is assigned.
     """
 
+    _FIELDS = ("material",)
+    _INSTEAD = "make another Mesh"
+
     def __init__(
         self,
         vertices: ArrayLike,
@@ -118,9 +126,9 @@ class Mesh(Previewed):
         tangents: ArrayLike | None = None,
         attributes: Mapping[str, ArrayLike] | None = None,
         material: Material | None = None,
-        on_invalid: str = "raise",
+        on_invalid: OnInvalid = "raise",
     ) -> None:
-        one_of("on_invalid", on_invalid, ("raise", "drop"))
+        one_of("on_invalid", on_invalid, ON_INVALID)
         self._vertices = read_only(_vertex_array(vertices))
         self._faces = read_only(face_array(faces, len(self._vertices)))
         self._invalid_vertices = _count_invalid(self._vertices, on_invalid)
@@ -214,11 +222,6 @@ class Mesh(Previewed):
         if not isinstance(value, Material):
             raise ValueError(f"material must be a Material, got {in_short(value)}")
         self._material = value
-
-    def __setattr__(self, name: str, value: Any) -> None:
-        if not isinstance(getattr(type(self), name, None), property):
-            check_field(self, name, ("material",))
-        super().__setattr__(name, value)
 
     @property
     def invalid_vertices(self) -> int:
@@ -326,7 +329,7 @@ class Mesh(Previewed):
         return self._vertex_normals
 
     def vertex_tangents(
-        self, transform: tuple[float, ...] | None = None, uv_set: int = 0
+        self, transform: tuple[float, ...] | None = None, uv_set: UVSet = 0
     ) -> NDArray[np.float32]:
         """
         Return the given tangents, or those that texture coordinates say.
@@ -428,6 +431,12 @@ class Mesh(Previewed):
             Once, naming what trimesh has no place for.
         """
         return HOOKS["to_trimesh"](self)
+
+    def without_colors(self) -> Mesh:
+        """Return the same mesh without vertex and face colours."""
+        result = copy.copy(self)
+        result._vertex_colors = result._face_colors = None
+        return result
 
     def _scale(self) -> float:
         """Return the factor that keeps products of this mesh's coordinates in range."""

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rasterjit.scene.assigning import Guarded
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.transforms import compose, inverse
-from rasterjit.scene.validation import check_field, finite_array, in_short, read_only
+from rasterjit.scene.validation import finite_array, in_short, read_only
 
 if TYPE_CHECKING:
     from rasterjit.scene.scene import Scene
@@ -22,7 +23,7 @@ _LAST_ROW_ROUNDING = 1e-9
 _IDENTITY = read_only(np.eye(4))
 
 
-class Node:
+class Node(Guarded):
     """
     A place in a scene: a mesh that stands there, or none, and further nodes that move with it.
 
@@ -102,10 +103,6 @@ class Node:
             self.transform = transform
         if parent is not None:
             self._hang(_checked_parent(parent), is_new=True)
-
-    def __setattr__(self, name: str, value: Any) -> None:
-        check_field(self, name, self._FIELDS)
-        super().__setattr__(name, value)
 
     @property
     def mesh(self) -> Mesh:

@@ -22,7 +22,7 @@ from rasterjit.scene.node import Node, scene_of, topmost, with_all_below
 from rasterjit.scene.outline import Outline
 from rasterjit.scene.tone_map import ToneMap
 from rasterjit.scene.transforms import transform_instances
-from rasterjit.scene.validation import check_field, in_short
+from rasterjit.scene.validation import in_short
 from rasterjit.scene.vignette import Vignette
 from rasterjit.scene.wireframe import Wireframe
 
@@ -123,10 +123,6 @@ class Scene(Previewed):
         self.__dict__.update(state)
         for top in map(topmost, (*self.nodes, *self._groups)):
             top._scene = weakref.ref(self)
-
-    def __setattr__(self, name: str, value: Any) -> None:
-        check_field(self, name, self._FIELDS)
-        super().__setattr__(name, value)
 
     def __repr__(self) -> str:
         faces = sum(len(node.mesh.faces) for node in self.nodes if node.mesh is not None)
