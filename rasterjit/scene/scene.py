@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.scene.ambient_occlusion import AmbientOcclusion
+from rasterjit.scene.assigning import Guarded
 from rasterjit.scene.environment import Environment
 from rasterjit.scene.fog import Fog
 from rasterjit.scene.hooks import HOOKS
@@ -46,7 +47,7 @@ EFFECT_FIELDS: dict[str, tuple[type, str]] = {
 """The fields of a scene that ask for effects: what they hold if not None, and that in words."""
 
 
-class Scene(Previewed):
+class Scene(Guarded, Previewed):
     """
     Meshes at their places, with lights and perhaps a camera.
 

@@ -3,6 +3,7 @@
 import json
 import math
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -237,3 +238,10 @@ def test_a_file_is_as_other_programs_read_it(tmp_path):
     assert sum(len(one.faces) for one in other.dump()) == sum(
         len(node.mesh.faces) for node in scene.nodes
     )
+
+
+def test_a_camera_that_fits_any_picture_is_one_of_its_angle(tmp_path):
+    scene = rich_scene()
+    scene.camera = replace(scene.camera, min_aspect=1.5)
+    with pytest.warns(SaveWarning, match=r"for: min_aspect of the camera \(1\); the rest"):
+        scene.save(tmp_path / "a.glb")

@@ -1,6 +1,7 @@
 """What is handed to trimesh comes back as it was, or is named."""
 
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -152,3 +153,10 @@ def test_what_trimesh_has_no_place_for_is_named_in_one_warning():
     with pytest.warns(SaveWarning) as caught:
         scene.nodes[-1].mesh.to_trimesh()
     assert (len(caught), caught[0].filename) == (1, __file__)
+
+
+def test_a_camera_that_fits_any_picture_is_one_of_its_angle():
+    scene = rich_scene()
+    scene.camera = replace(scene.camera, min_aspect=1.5)
+    with pytest.warns(SaveWarning, match=r"for: min_aspect of the camera \(1\); the rest"):
+        scene.to_trimesh()

@@ -457,6 +457,8 @@ class _Writer:
             behind = ", whose near plane lies behind it" if hasattr(camera, "height") else ""
             self.left_out.note(type(camera).__name__ + behind)
             return []
+        if camera.min_aspect:
+            self.left_out.note("min_aspect of the camera")
         lens["znear"] = near
         if far != math.inf:
             lens["zfar"] = far

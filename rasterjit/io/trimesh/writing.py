@@ -215,6 +215,8 @@ class _Converter:
         if not isinstance(camera, PerspectiveCamera):
             self.left_out.note(type(camera).__name__)
             return
+        if camera.min_aspect:
+            self.left_out.note("min_aspect of the camera")
         made.camera, made.camera_transform = camera_to_trimesh(camera, _RESOLUTION)
 
     def _add_lights(self, lights: list[Light], made: trimesh.Scene) -> None:
