@@ -421,8 +421,9 @@ class Mesh(Guarded, Previewed):
         """
         Return a ``trimesh.Trimesh`` of the same vertices and faces, in the same order.
 
-        It has the normals that are in force, colours as bytes in sRGB, and ``uv``. A material
-        becomes ``PBRMaterial`` or, of Blinn-Phong, ``SimpleMaterial``, with pictures of 8 bits.
+        It has the normals that are in force, colours as bytes in sRGB, ``uv`` and attributes. A
+        material becomes ``PBRMaterial`` or, of Blinn-Phong, ``SimpleMaterial``, with pictures of
+        8 bits.
 
         Warns
         -----

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from rasterjit.scene import transforms
 from rasterjit.scene.camera import Camera
+from rasterjit.scene.node import Node
 from rasterjit.scene.pixels import clip_from_relative
-from rasterjit.scene.scene import Node
 
 Float64 = NDArray[np.float64]
 Row = tuple[str, str]
