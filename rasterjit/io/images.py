@@ -62,13 +62,14 @@ def save_image(path: str | Path, image: NDArray[np.uint8]) -> None:
     path : str or Path
         Ends in one of ``IMAGE_FORMATS``. An existing file is replaced.
     image : (H, W, 4), (H, W, 3) or (H, W) uint8
-        RGBA, RGB or grey, sRGB, rows from the top. JPEG and BMP drop the alpha channel.
+        RGBA, RGB or grey, sRGB, rows from the top. JPEG and BMP know no transparency, GIF all or
+        none: there, pixels of alpha below 128 are transparent.
 
     Raises
     ------
     ValueError
-        If the folder does not exist, the extension is not a known one, or ``image`` is not such an
-        array. Nothing is written.
+        If the folder does not exist, the extension is not a known one, ``image`` is not such an
+        array, or a pixel is transparent and the format cannot show that. Nothing is written.
     OSError
         If the file cannot be written; an existing one is left as it was.
     """
@@ -84,7 +85,17 @@ def save_image(path: str | Path, image: NDArray[np.uint8]) -> None:
         raise ValueError(f"image must have 3 or 4 channels or no channel axis, got {pixels.shape}")
     suffix = place.suffix.lower()
     if channels == 4 and suffix in OPAQUE_FORMATS:
+        transparent = int(np.count_nonzero(pixels[:, :, 3] < 255))
+        if transparent:
+            raise ValueError(
+                f"path {str(path)!r}: {suffix} knows no transparency, and {transparent} of "
+                f"{pixels.shape[0] * pixels.shape[1]} pixels are transparent; save to .png, .webp "
+                "or .tif, or draw before an opaque background, such as background='white'"
+            )
         pixels = pixels[:, :, :3]
+    elif channels == 4 and suffix == ".gif":
+        alpha = np.where(pixels[:, :, 3:] < 128, np.uint8(0), np.uint8(255))
+        pixels = np.concatenate([pixels[:, :, :3], alpha], axis=2)
     with replacing(place) as temporary:
         _write_pixels(temporary, pixels, ENCODER_OPTIONS.get(suffix, {}))
 

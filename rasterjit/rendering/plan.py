@@ -8,13 +8,13 @@ kernels and buffers.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.outputs import diagnostics, fill
-from rasterjit.outputs.table import TABLE, check_outputs
+from rasterjit.outputs.table import check_outputs, row_of
 from rasterjit.pipeline.fragments.bands import peeling_kernels
 from rasterjit.pipeline.records import Lighting
 from rasterjit.pipeline.visibility import draw
@@ -23,7 +23,7 @@ from rasterjit.rendering.effects import answer_effects
 from rasterjit.rendering.sketch import list_stages, short_name
 from rasterjit.runtime import ahead, jit
 from rasterjit.runtime.ahead import Task
-from rasterjit.scene.background import Background, BackgroundImage, read_background
+from rasterjit.scene.background import Backdrop, BackgroundImage, read_background
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.light import Light
 from rasterjit.scene.quality import Quality
@@ -44,7 +44,9 @@ from rasterjit.survey.lights import headlight, lighting_of
 from rasterjit.survey.placement import Boxes, Views, view_nodes
 from rasterjit.survey.plan import RenderPlan
 
-CULL_MODES = ("none", "back", "front")
+Cull: TypeAlias = Literal["none", "back", "front"]
+CULL_MODES: tuple[Cull, ...] = get_args(Cull)
+"""Which faces are dropped: none; those that show their back; their front."""
 
 BYTES = {"bool": 1, "uint8": 1, "int32": 4, "float32": 4, "float64": 8}
 
@@ -112,7 +114,7 @@ def plan_frame(
     )
 
 
-def _color_behind(behind: Background, size: tuple[int, int]) -> NDArray[np.float32]:
+def _color_behind(behind: Backdrop, size: tuple[int, int]) -> NDArray[np.float32]:
     """Return what lies behind all faces, (4,) linear; of a picture, whether it is opaque."""
     if not isinstance(behind, BackgroundImage):
         return behind
@@ -229,8 +231,11 @@ def list_buffers(plan: RenderPlan) -> tuple[Buffer, ...]:
         rows += [("sums of all pictures", 4, "float64"), ("one of the pictures", 4, "float32")]
     own = [row for planned in plan.planned for row in planned.effect.buffers(plan)]
     rows += [row[:3] for row in own if row[3] == plan.size]
-    made = ((name, TABLE[name]) for name in plan.outputs if name != "face_id")
-    rows += [(f"output {name}", row.channels, row.dtype) for name, row in made]
+    for name in plan.outputs:
+        if name in plan.facts.attributes:
+            rows.append((f"output {name}", plan.facts.attributes[name].columns, "float32"))
+        elif name != "face_id":
+            rows.append((f"output {name}", row_of(name).channels, row_of(name).dtype))
     maps = [Buffer(*row) for row in own if row[3] != plan.size]
     return (*(Buffer(*row, plan.size) for row in rows), *maps)
 

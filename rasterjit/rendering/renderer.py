@@ -17,12 +17,14 @@ from rasterjit.outputs import diagnostics as diagnosing
 from rasterjit.outputs import fill, motion, table
 from rasterjit.outputs.fill import add_reversed_depth
 from rasterjit.outputs.frame import Frame, Stats
+from rasterjit.outputs.table import Outputs
 from rasterjit.pipeline.visibility import draw as drawing
 from rasterjit.pipeline.visibility.draw import Seen
 from rasterjit.rendering import budget as budgets
 from rasterjit.rendering import plan as planning
 from rasterjit.rendering import shade, supersample
 from rasterjit.rendering.clock import StageClock
+from rasterjit.rendering.plan import Cull
 from rasterjit.rendering.supersample import Accumulation
 from rasterjit.rendering.views import (
     PlannedFrame,
@@ -33,7 +35,8 @@ from rasterjit.rendering.views import (
 )
 from rasterjit.runtime.ahead import beside
 from rasterjit.runtime.threads import Workers
-from rasterjit.scene.background import Background, BackgroundImage, read_background
+from rasterjit.scene.assigning import Guarded
+from rasterjit.scene.background import Backdrop, Background, BackgroundImage, read_background
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.quality import Quality, check_quality
@@ -43,6 +46,7 @@ from rasterjit.scene.view import View
 from rasterjit.survey import placement as placing
 from rasterjit.survey.arrays import placement_of
 from rasterjit.survey.cache import SceneCache
+from rasterjit.survey.camera_view import CameraView
 from rasterjit.survey.effect import FrameContext
 from rasterjit.survey.placement import Views
 from rasterjit.survey.plan import RenderPlan
@@ -56,9 +60,9 @@ def render(
     quality: Quality | None = None,
     max_error: float | None = None,
     time_budget: float | None = None,
-    outputs: Sequence[str] = ("color",),
-    background: Any = None,
-    cull: str = "none",
+    outputs: Outputs = ("color",),
+    background: Background = None,
+    cull: Cull = "none",
     diagnose: bool = False,
     previous: View | None = None,
     threads: int | None = None,
@@ -87,8 +91,9 @@ def render(
         takes longer, that is drawn.
     outputs : sequence of str
         Any of color, linear, depth, distance, face_id, object_id, instance_id, material_id,
-        barycentric, uv, normal, geometric_normal, position, object_position, nocs, coverage,
-        motion and motion_visible: see `Frame`. All but color, linear and coverage are those of the
+        barycentric, uv, normal, geometric_normal, normal_camera, position, position_camera,
+        object_position, nocs, coverage, motion, motion_visible and ``attribute:NAME`` of an
+        attribute of meshes: see `Frame`. All but color, linear and coverage are those of the
         nearest face at the pixel's centre.
     background : color, path or array_like, optional
         ``"white"``, ``"#rrggbb"``, ``"transparent"``, or linear floats (see ``linear_color``). Or a
@@ -135,16 +140,19 @@ def explain(
     quality: Quality | None = None,
     *,
     size: tuple[int, int] = (1280, 720),
-    outputs: Sequence[str] = ("color",),
-    background: Any = None,
-    cull: str = "none",
+    outputs: Outputs = ("color",),
+    background: Background = None,
+    cull: Cull = "none",
     diagnose: bool = False,
     previous: View | None = None,
 ) -> RenderPlan:
     """
     Say what a render of these arguments would do, without doing it.
 
-    Takes the arguments of `render`; the plan prints as a table.
+    Takes the arguments of `render`; the plan prints as a table. That begins with what the camera
+    sees: where it looks, which axis of the world is up in the picture, and which share of the
+    surfaces is in view, on how many pixels. Poses and angles in another program's convention look
+    strange there; ``docs/cameras.md`` shows how.
 
     Raises
     ------
@@ -157,6 +165,7 @@ def explain(
     plan = planning.plan_frame(
         scene, camera, size, check_quality(quality), outputs, background, cull, diagnose
     )
+    plan = plan.with_(view=CameraView(tuple(scene.nodes), plan.camera, size))
     earlier = find_earlier(previous, plan, scene)
     return plan if earlier is None else plan.with_(previous=plan_earlier(plan, *earlier))
 
@@ -233,7 +242,7 @@ def draw_frame(
             # The caller may write to it.
             _ = stats.pixels_covered
         arrays = {name: result[name] for name in plan.outputs}
-        return Frame(arrays, plan, stats, diagnostics), seen
+        return Frame(arrays, plan, stats, diagnostics, cache.shapes.arrays.face_starts), seen
 
 
 def find_visible(
@@ -329,12 +338,12 @@ def stats_of(coverage: drawing.Coverage, seconds: dict[str, float]) -> Stats:
     )
 
 
-def _fitted(behind: Background | None, size: tuple[int, int]) -> Background | None:
+def _fitted(behind: Backdrop | None, size: tuple[int, int]) -> Backdrop | None:
     """Return what lies behind all faces, for a frame of another size."""
     return behind.resampled(size) if isinstance(behind, BackgroundImage) else behind
 
 
-class Renderer:
+class Renderer(Guarded):
     """
     Renders frames of one size, keeping threads and what they have in common between them.
 
@@ -359,7 +368,11 @@ class Renderer:
     ------
     ValueError
         If the size or the number of threads is wrong.
+    AttributeError
+        If an attribute is assigned that there is not.
     """
+
+    _FIELDS = ("size", "quality", "before_picture")
 
     def __init__(
         self, size: tuple[int, int], *, quality: Quality | None = None, threads: int | None = None
@@ -393,9 +406,9 @@ class Renderer:
         *,
         max_error: float | None = None,
         time_budget: float | None = None,
-        outputs: Sequence[str] = ("color",),
-        background: Any = None,
-        cull: str = "none",
+        outputs: Outputs = ("color",),
+        background: Background = None,
+        cull: Cull = "none",
         diagnose: bool = False,
         previous: View | None = None,
     ) -> Frame:
@@ -500,9 +513,9 @@ class Renderer:
         what: Any,
         camera: Camera | None = None,
         *,
-        outputs: Sequence[str] = ("color",),
-        background: Any = None,
-        cull: str = "none",
+        outputs: Outputs = ("color",),
+        background: Background = None,
+        cull: Cull = "none",
         diagnose: bool = False,
         previous: View | None = None,
     ) -> Iterator[Frame]:

@@ -14,7 +14,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple, TypeAlias, get_args
 
 from rasterjit.io.meshes import as_scene
 from rasterjit.outputs import table
@@ -33,7 +33,8 @@ from rasterjit.survey.cache import prepare
 AHEAD = 2
 """Frames begun for each worker before any is taken: one in work, one waiting."""
 
-PROGRESS = ("none", "bar")
+Progress: TypeAlias = Literal["none", "bar"]
+PROGRESS: tuple[Progress, ...] = get_args(Progress)
 
 
 class Options(NamedTuple):

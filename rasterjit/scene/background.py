@@ -5,12 +5,12 @@ from __future__ import annotations
 import functools
 import os
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rasterjit.scene.color import linear_color, linear_rows
+from rasterjit.scene.color import ColorLike, linear_color, linear_rows
 from rasterjit.scene.texture import read_picture
 from rasterjit.scene.validation import existing_file, unmasked_array
 
@@ -114,11 +114,14 @@ def _read(path: str, changed: int, length: int) -> BackgroundImage:
     return BackgroundImage(image)
 
 
-Background = NDArray[np.float32] | BackgroundImage
-"""A colour, (4,) linear, or a picture."""
+Background: TypeAlias = ColorLike | os.PathLike[str] | BackgroundImage | None
+"""What is seen behind all faces; None: an environment that is a background, else white."""
+
+Backdrop: TypeAlias = NDArray[np.float32] | BackgroundImage
+"""A background as it was read: a colour, (4,) linear, or a picture."""
 
 
-def read_background(value: Any) -> Background:
+def read_background(value: Any) -> Backdrop:
     """
     Return what lies behind all faces.
 

@@ -23,7 +23,9 @@ from rasterjit.inspect.pixel_report import PixelExplanation
 from rasterjit.io.meshes import as_scene
 from rasterjit.outputs.frame import Frame
 from rasterjit.rendering import budget
+from rasterjit.rendering.plan import Cull
 from rasterjit.rendering.renderer import Renderer, choose_camera, explain
+from rasterjit.scene.background import Background
 from rasterjit.scene.camera import Camera, PerspectiveCamera
 from rasterjit.scene.color import linear_color
 from rasterjit.scene.framing import Ball, fit_camera
@@ -118,8 +120,8 @@ class Viewer:
         camera: Camera | None = None,
         *,
         size: tuple[int, int] = (640, 480),
-        background: Any = None,
-        cull: str = "none",
+        background: Background = None,
+        cull: Cull = "none",
         up: Any = (0.0, 1.0, 0.0),
         time_budget: float = SMOOTH,
         name: str = "",
@@ -137,7 +139,7 @@ class Viewer:
         first = choose_camera(self.scene, camera, self.size)
         self._is_fitted = camera is None and self.scene.camera is None
         self._ball = Ball.around(self.scene)
-        self.controls: Orbit | Fly = Orbit.from_camera(first, self._ball, up)
+        self.controls: Orbit | Fly = Orbit.from_camera(first, self._ball, up, self.size)
         self._threads = threads
         # Held by who takes what was found for a version, and by who begins another.
         self._lock = threading.Lock()

@@ -5,6 +5,7 @@ import imageio.v3 as iio
 import numpy as np
 import pytest
 from opengl import optional_module
+from PIL import Image
 
 from rasterjit.io import images
 from rasterjit.outputs import save
@@ -25,7 +26,10 @@ def files(folder):
 @pytest.mark.parametrize("channels", [1, 3, 4])
 def test_every_format_is_written_and_nothing_else(tmp_path, suffix, channels):
     path = tmp_path / f"picture{suffix}"
-    images.save_image(path, picture(channels))
+    image = picture(channels)
+    if suffix in images.OPAQUE_FORMATS and channels == 4:
+        image[..., 3] = 255
+    images.save_image(path, image)
     assert files(tmp_path) == [path.name]
     assert iio.imread(path, plugin="pillow").shape[-3:][:2] in ((13, 17), (1, 13))
 
@@ -35,10 +39,30 @@ def test_every_format_is_written_and_nothing_else(tmp_path, suffix, channels):
 def test_lossless_formats_keep_every_color(tmp_path, suffix, channels):
     path = tmp_path / f"picture{suffix}"
     image = picture(channels)
-    image[..., 3:] |= 1  # WebP forgets the colour of a fully transparent pixel
+    # WebP forgets the colour of a fully transparent pixel.
+    image[..., 3:] |= 255 if suffix in images.OPAQUE_FORMATS else 1
     images.save_image(path, image)
     kept = 3 if suffix in images.OPAQUE_FORMATS else channels
     np.testing.assert_array_equal(iio.imread(path, plugin="pillow")[..., :kept], image[..., :kept])
+
+
+@pytest.mark.parametrize("suffix", images.OPAQUE_FORMATS)
+def test_a_transparent_picture_is_refused_where_it_would_turn_opaque(tmp_path, suffix):
+    image = np.full((2, 3, 4), 255, np.uint8)
+    image[1, 2, 3] = 254
+    with pytest.raises(ValueError, match=rf"{suffix} knows no transparency, and 1 of 6 .* \.png"):
+        images.save_image(tmp_path / f"a{suffix}", image)
+    assert not files(tmp_path)
+
+
+def test_a_gif_is_transparent_where_alpha_is_below_a_half(tmp_path):
+    image = np.full((4, 4, 4), 200, np.uint8)
+    image[..., 3] = np.array([0, 127, 128, 255], np.uint8)
+    images.save_image(tmp_path / "a.gif", image)
+    with Image.open(tmp_path / "a.gif") as stored:
+        shown = np.array(stored.convert("RGBA"))
+    assert shown[0, :, 3].tolist() == [0, 0, 255, 255]
+    assert (shown[:, 2:, :3] == 200).all()
 
 
 def test_extension_may_be_in_capitals_and_the_path_a_string(tmp_path):
