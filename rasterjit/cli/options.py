@@ -516,10 +516,11 @@ class View(NamedTuple):
             if intrinsics is None:
                 intrinsics = intrinsics_of(DEFAULT_FOV if self.fov is None else self.fov, size)
                 intrinsics[[0, 1], [0, 1]] *= 1.0 if self.zoom is None else self.zoom
-            return camera_of(intrinsics, pose, size)
+            return camera_of(intrinsics, pose, size, scene)
         fov_y = 2.0 * transforms.arc_tangent(size[1] / 2.0, float(intrinsics[1, 1]))
         placed = self._replace(intrinsics=None, fov=fov_y).camera(scene, size)
-        return camera_of(intrinsics, transforms.compose(FLIP, placed.view_matrix()), size)
+        pose = transforms.compose(FLIP, placed.view_matrix())
+        return camera_of(intrinsics, pose, size, scene)
 
     def turn(self, scene: Scene, size: tuple[int, int]) -> Callable[[float], FittedCamera]:
         """Return the camera of one turn as a function of its share, 0..1; it is always fitted."""

@@ -263,8 +263,8 @@ def units_per_code(
     if scale is not None:
         raise click.BadOptionUsage("--depth-scale", "--depth-scale: --scale is given as well")
     warn(
-        "--depth-scale, codes per unit, goes away: use --scale, units per code: "
-        f"--scale {1.0 / codes_per_unit:.12g}",
+        f"--depth-scale {codes_per_unit:g} (codes per unit) is deprecated and will be an error; "
+        f"write --scale {1.0 / codes_per_unit:.12g} (units per code)",
         quiet,
     )
     return 1.0 / codes_per_unit

@@ -394,6 +394,27 @@ def test_a_pose_alone_has_the_field_of_view_and_intrinsics_alone_the_place(tmp_p
     assert np.abs(placed.astype(int) - rendered(camera).color).mean() < 0.2
 
 
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e4])
+def test_a_pose_cuts_nothing_off_at_any_scale(tmp_path, scale):
+    pose = extrinsics()
+    pose[:3, 3] *= scale
+    path = write(tmp_path, "small.off", (MODELS / "pyramid.off").read_text())
+    mesh = rj.load(path).nodes[0].mesh
+    lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in (scale * mesh.vertices).tolist()]
+    lines += [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in mesh.faces.tolist()]
+    path = write(tmp_path, "scaled.obj", "\n".join(lines) + "\n")
+    mask, numbers = tmp_path / "mask.png", ",".join(map(repr, pose.ravel().tolist()))
+    words = ("--pose", numbers, "--convention", "opencv", "--mask", mask)
+    render(tmp_path, *words, "--size", "48x36", file=path)
+    assert 0.05 < (iio.imread(mask) == 255).mean() < 0.9
+    reference = rj.cameras.from_opencv(
+        np.array([[43.456, 0, 23.5], [0, 43.456, 17.5], [0, 0, 1]]), SIZE,
+        camera_from_world=pose, near=1e-2 * scale,
+    )  # fmt: skip
+    covered = rj.render(rj.load(path), reference, size=SIZE, outputs=("coverage",)).coverage
+    assert np.abs(iio.imread(mask) / 255 - covered).mean() < 2e-3
+
+
 UNIT = "1,0,0,0,0,1,0,0,0,0,1,-4"
 
 
