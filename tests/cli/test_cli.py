@@ -849,6 +849,34 @@ def test_debug_shows_the_traceback_wherever_it_stands(tmp_path, before):
 
 
 @pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("turntable", CUBE, "-o", "a.gif", "--fps", 60), "--fps must be in 1..50 for .gif"),
+        (("turntable", CUBE, "-o", "a.mp4", "--size", "9x10"), "--size must have even sides"),
+        (("render", MODELS / "scene.glb", "-o", "a.png", "--samples", "area"), "--samples must be"),
+        (("render", CUBE, "-o", "a.png", "--outputs", "uv"), "--outputs has 'uv'"),
+        (
+            ("render", CUBE, "-o", "a.png", "--environment", "no.hdr"),
+            "--environment must be a file",
+        ),
+        (("render", CUBE, "-o", "a.png", "--position", "1,2,3", "--target", "1,2,3"), "--position"),
+        (("render", CUBE, "-o", "a.png", "--position", "0,0,0"), "--position is the middle"),
+        (("render", CUBE, "-o", "a.png", "--position", "0,9,0", "--up", "0,1,0"), "--up must not"),
+        (("render", CUBE, "-o", "a.png", "--wireframe-color", "transparent"), "--wireframe-color"),
+        (("render", CUBE, "-o", "a.png", "--outline", "#ff000080"), "--outline"),
+        (("view", CUBE, "--backend", "terminal"), "--backend must not be 'terminal'"),
+        (("view", CUBE, "--backend", "terminal", "--size", "9x9"), "--size has no effect here"),
+    ],
+)
+def test_errors_are_about_options_not_arguments(tmp_path, monkeypatch, words, said):
+    monkeypatch.chdir(tmp_path)
+    result = run(*words)
+    assert_one_line(result, 1, 2)
+    assert said in result.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
     ("words", "meant"),
     [
         (("render", CUBE, "--transparent"), "--background transparent"),
