@@ -77,6 +77,7 @@ from rasterjit.scene.camera import MatrixCamera, OrthographicCamera, Perspective
 from rasterjit.scene.environment import Environment
 from rasterjit.scene.fog import Fog
 from rasterjit.scene.framing import fit_camera, orbit_direction
+from rasterjit.scene.lens import Equirectangular, FisheyeLens, PinholeDistortion
 from rasterjit.scene.light import AmbientLight, DirectionalLight, PointLight, Shadow, SpotLight
 from rasterjit.scene.material import Material
 from rasterjit.scene.mesh import Mesh, set_painter
@@ -102,6 +103,8 @@ __all__ = [
     "Diagnostics",
     "DirectionalLight",
     "Environment",
+    "Equirectangular",
+    "FisheyeLens",
     "Fog",
     "Frame",
     "Framebuffer",
@@ -115,6 +118,7 @@ __all__ = [
     "Outline",
     "OutputNotRequestedError",
     "PerspectiveCamera",
+    "PinholeDistortion",
     "Pipeline",
     "PixelExplanation",
     "PointLight",
