@@ -17,7 +17,8 @@ What is drawn
     `ToneMap` and `Vignette` are effects of a whole scene.
 From where
     `PerspectiveCamera`, `OrthographicCamera`, `MatrixCamera`; `fit_camera` and `orbit_direction`
-    place one. `cameras` converts those of OpenCV, OpenGL, PyTorch3D, Blender and trimesh.
+    place one; `PinholeDistortion`, `FisheyeLens` or `Equirectangular` is its lens. `cameras`
+    converts those of OpenCV, OpenGL, PyTorch3D, Blender and trimesh.
     `transforms` has the matrices.
 Pictures and ground truth
     `render` draws one `Frame`: colour, and any of the buffers that `Frame` describes, of motion
