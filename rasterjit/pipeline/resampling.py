@@ -25,18 +25,10 @@ def taps_along(across, down):
 
 
 @helper
-def bilinear(source, x, y, channel):
-    """Return a channel between the centres of samples; the outermost ones go on outside."""
-    height, width = source.shape[0], source.shape[1]
-    left = clamped(x - 0.5, np.float64(0.0), np.float64(width - 1))
-    top = clamped(y - 0.5, np.float64(0.0), np.float64(height - 1))
-    column, row = np.int64(left), np.int64(top)
-    across, down = np.float32(left - column), np.float32(top - row)
-    right, below = min(column + 1, width - 1), min(row + 1, height - 1)
-    a, b = source[row, column, channel], source[row, right, channel]
-    c, d = source[below, column, channel], source[below, right, channel]
+def mixed(a, b, c, d, across, down):
+    """Return what lies between four values; of equal ones, exactly that."""
     upper, lower = a + across * (b - a), c + across * (d - c)
-    return upper + down * (lower - upper)
+    return np.float64(upper + down * (lower - upper))
 
 
 @kernel
@@ -51,7 +43,7 @@ def filter_rows(
     Parameters
     ----------
     source : (h, w, C) float32
-        The picture; of colours, times alpha.
+        The picture: one channel, or four, of which the first three are times the last.
     number : (H, W) uint8
         Which picture each pixel shows.
     place : (H, W, 2) float32
@@ -66,6 +58,8 @@ def filter_rows(
         Written where pixels show this picture.
     """
     own, density, origin_x, origin_y = window
+    height, width, channels = source.shape
+    right_end, lower_end = np.float64(width - 1), np.float64(height - 1)
     for row in range(rows[0], rows[1]):
         for column in range(number.shape[1]):
             if np.int64(number[row, column]) != own:
@@ -78,13 +72,27 @@ def filter_rows(
             yy = np.float64(spread[row, column, 3]) * density
             across, down = taps_along(xx, xy), taps_along(yx, yy)
             step_x, step_y = 1.0 / np.float64(across), 1.0 / np.float64(down)
-            for channel in range(source.shape[2]):
-                total = 0.0
-                for j in range(down):
-                    v = (np.float64(j) + 0.5) * step_y - 0.5
-                    for i in range(across):
-                        u = (np.float64(i) + 0.5) * step_x - 0.5
-                        total += np.float64(
-                            bilinear(source, x + u * xx + v * yx, y + u * xy + v * yy, channel)
-                        )
-                target[row, column, channel] = np.float32(total / np.float64(across * down))
+            red = green = blue = alpha = 0.0
+            for j in range(down):
+                v = (np.float64(j) + 0.5) * step_y - 0.5
+                for i in range(across):
+                    u = (np.float64(i) + 0.5) * step_x - 0.5
+                    # Between the centres of samples; the outermost ones go on outside.
+                    left = clamped(x + u * xx + v * yx - 0.5, 0.0, right_end)
+                    top = clamped(y + u * xy + v * yy - 0.5, 0.0, lower_end)
+                    first, upper = np.int64(left), np.int64(top)
+                    p, q = np.float32(left - first), np.float32(top - upper)
+                    second, lower = min(first + 1, width - 1), min(upper + 1, height - 1)
+                    a, b = source[upper, first], source[upper, second]
+                    c, d = source[lower, first], source[lower, second]
+                    red += mixed(a[0], b[0], c[0], d[0], p, q)
+                    if channels == 4:
+                        green += mixed(a[1], b[1], c[1], d[1], p, q)
+                        blue += mixed(a[2], b[2], c[2], d[2], p, q)
+                        alpha += mixed(a[3], b[3], c[3], d[3], p, q)
+            count = np.float64(across * down)
+            target[row, column, 0] = np.float32(red / count)
+            if channels == 4:
+                target[row, column, 1] = np.float32(green / count)
+                target[row, column, 2] = np.float32(blue / count)
+                target[row, column, 3] = np.float32(alpha / count)

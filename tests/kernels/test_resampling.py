@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import naive_lens
 import numpy as np
+import pytest
 
 from rasterjit.pipeline import resampling
 
 
-def test_filter_is_that_of_the_slow_twin():
+@pytest.mark.parametrize("channels", [1, 4])
+def test_filter_is_that_of_the_slow_twin(channels):
     random = np.random.default_rng(1)
-    source = random.uniform(0, 2, (14, 17, 4)).astype(np.float32)
+    source = random.uniform(0, 2, (14, 17, channels)).astype(np.float32)
     shape = 9, 8
     number = random.integers(0, 2, shape).astype(np.uint8)
     # Some beside the picture, some wide, some thin.
@@ -18,7 +20,7 @@ def test_filter_is_that_of_the_slow_twin():
     spread = (random.normal(size=(*shape, 4)) * random.choice([0.01, 0.3, 3], (*shape, 1))).astype(
         np.float32
     )
-    target = np.full((*shape, 4), -1, np.float32)
+    target = np.full((*shape, channels), -1, np.float32)
     density, origin = 8.0, (1.5, 0.25)
     for rows in ((0, 5), (5, 9)):
         resampling.filter_rows(source, number, place, spread, (1, density, *origin), rows, target)
