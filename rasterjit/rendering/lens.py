@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from rasterjit.outputs import motion, table
 from rasterjit.outputs.frame import Frame, Stats
 from rasterjit.outputs.motion import Moment
+from rasterjit.outputs.table import MIXED_OUTPUTS
 from rasterjit.pipeline import encode, resampling
 from rasterjit.pipeline.visibility.draw import Seen
 from rasterjit.rendering.clock import StageClock
@@ -260,7 +261,8 @@ def _take(
     workers: Workers,
 ) -> None:
     """Write what the pixels that look at a picture show of it."""
-    sources = {name: _linear(name, array) for name, array in arrays.items() if _is_mixed(name)}
+    mixed = set(MIXED_OUTPUTS).intersection(arrays)
+    sources = {name: _linear(name, arrays[name]) for name in mixed}
     nearest = {name: array for name, array in arrays.items() if name not in sources}
     shape = looks.number.shape
     for name, array in (sources | nearest).items():
@@ -290,19 +292,15 @@ def _take(
     )
 
 
-def _is_mixed(name: str) -> bool:
-    """Tell whether an output is mixed from all that a pixel shows."""
-    return name in table.TABLE and table.TABLE[name].is_mixed
-
-
 def _empty(name: str) -> float:
     """Return what an output that is not mixed holds where nothing is."""
-    return math.nan if name in POINTS else table.TABLE[name].empty
+    row = table.TABLE.get(name)
+    return math.nan if row is None else row.empty
 
 
 def _linear(name: str, array: NDArray[Any]) -> NDArray[np.float32]:
     """Return a mixed output as (h, w, C) float32: linear light times alpha, or what it is."""
-    if table.TABLE[name].channels == 1:
+    if array.ndim == 2:
         return np.ascontiguousarray(array, np.float32)[:, :, np.newaxis]
     if name == "color":
         light = decoding_table()[array]
@@ -323,7 +321,7 @@ def _finished(
 ) -> NDArray[Any]:
     """Return an output as a frame holds it; colours where the lens sees nothing are ``behind``."""
     target = targets[name]
-    if not _is_mixed(name):
+    if name not in MIXED_OUTPUTS:
         return target
     if target.shape[2] == 1:
         return target[..., 0]

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.outputs import diagnostics, fill
-from rasterjit.outputs.table import TABLE, check_outputs
+from rasterjit.outputs.table import MIXED_OUTPUTS, TABLE, check_outputs
 from rasterjit.pipeline.fragments.bands import peeling_kernels
 from rasterjit.pipeline.records import Lighting
 from rasterjit.pipeline.visibility import draw
@@ -192,7 +192,7 @@ def list_kernels(plan: RenderPlan) -> tuple[KernelRow, ...]:
 def lens_kernels(outputs: Sequence[str]) -> Rows:
     """Return the kernels that filter pinhole pictures where there is a lens."""
     rows = []
-    if any(TABLE[name].is_mixed for name in outputs):
+    if not set(MIXED_OUTPUTS).isdisjoint(outputs):
         rows.append(("resampling.filter_rows", "", ""))
     if "color" in outputs:
         rows.append(("encode.encode_rows", "", ""))
