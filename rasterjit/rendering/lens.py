@@ -32,11 +32,17 @@ from rasterjit.rendering.lens_pictures import (
     see,
     world_axes,
 )
-from rasterjit.rendering.views import PlannedFrame, choose_camera, find_earlier, plan_views
+from rasterjit.rendering.views import (
+    PlannedFrame,
+    choose_camera,
+    find_earlier,
+    naming,
+    plan_views,
+)
 from rasterjit.runtime.threads import Workers, rows_per_task
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.color import decoding_table, linear_color
-from rasterjit.scene.lens import Equirectangular, FisheyeLens, Lens, check_lens
+from rasterjit.scene.lens import Equirectangular, Lens, check_lens
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.validation import image_size
@@ -68,7 +74,8 @@ class Lensed(NamedTuple):
     pictures: tuple[PlannedFrame, ...]
     plan: RenderPlan
     """That of the first picture, with the size and the camera of the frame."""
-    earlier: tuple[Scene, Camera] | None
+    earlier: tuple[Scene, Camera, Sight] | None
+    """What it is compared with."""
 
 
 def plan_lensed(
@@ -106,12 +113,12 @@ def plan_lensed(
         looks = last.looks.seen_by(camera)
     else:
         looks = look(lens, camera, size, sight, workers)
-    if "depth" in outputs and isinstance(lens, FisheyeLens) and looks.least_cosine <= 0.0:
+    if "depth" in outputs and looks.least_cosine <= 0.0:
         raise ValueError(
-            "outputs has 'depth', which is above 0 only less than 90 degrees from the viewing "
-            "axis, and lens sees more: ask for 'distance', or end its field before"
+            "outputs has 'depth', which is along the viewing axis and above 0 less than 90 degrees "
+            "from it alone, and lens sees more: ask for 'distance', which is along the ray"
         )
-    drawn = _outputs_of_pictures(lens, outputs)
+    drawn = tuple(name for name in outputs if name != "motion") or ("face_id",)
     whole = []
     for picture in looks.pictures:
         one = plan_views(
@@ -129,6 +136,9 @@ def plan_lensed(
     text = f"{type(lens).__name__}: {looks.described}"
     plan = whole[0].plan.with_(outputs=outputs, size=size, camera=camera, lens=text)
     earlier = find_earlier(previous, plan, scene)
+    if earlier is not None:
+        with naming("previous.camera"):
+            earlier = *earlier, see(lens, earlier[1], size)
     return Lensed(lens, camera, size, outputs, looks, sight, tuple(pictures), plan, earlier)
 
 
@@ -145,7 +155,7 @@ def draw_lensed(planned: Lensed, background: Any, workers: Workers, draw: Draw) 
     draw : callable
         Draws a frame that is decided on.
     """
-    lens, looks, outputs, clock = planned.lens, planned.looks, planned.outputs, StageClock()
+    looks, outputs, clock = planned.looks, planned.outputs, StageClock()
     targets: dict[str, NDArray[Any]] = {}
     comparison = _compare(planned, workers) if "motion" in outputs else None
     counts = dict.fromkeys(COUNTS, 0)
@@ -153,7 +163,7 @@ def draw_lensed(planned: Lensed, background: Any, workers: Workers, draw: Draw) 
         frame, seen = draw(one, clock)
         arrays = {**frame.arrays(), "face_id": seen.coverage.face_id}
         if "depth" in outputs:
-            arrays["depth"] = _depth(lens, picture, arrays)
+            arrays["depth"] = _depth(picture, arrays["depth"])
         if comparison is not None:
             arrays |= comparison.points(one, seen, workers)
         _take(arrays, picture, looks, targets, workers)
@@ -232,18 +242,8 @@ def _refuse_effects(plans: Sequence[RenderPlan]) -> None:
                 )
 
 
-def _outputs_of_pictures(lens: Lens, outputs: Sequence[str]) -> tuple[str, ...]:
-    """Return what the pinhole pictures must hold."""
-    names = {"depth": "distance"} if isinstance(lens, Equirectangular) else {}
-    wanted = [names.get(name, name) for name in outputs if name != "motion"]
-    return tuple(dict.fromkeys(wanted)) or ("face_id",)
-
-
-def _depth(lens: Lens, picture: Picture, arrays: dict[str, Any]) -> NDArray[np.float32]:
-    """Return the depth of a picture along the axis of the lens, or of a panorama the distance."""
-    if isinstance(lens, Equirectangular):
-        return arrays["distance"]
-    depth = arrays["depth"]
+def _depth(picture: Picture, depth: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the depth of a picture, (h, w), along the axis of the lens."""
     if picture.is_ahead:
         return depth
     height, width = depth.shape
@@ -340,7 +340,7 @@ def _finished(
 
 def _compare(planned: Lensed, workers: Workers) -> Comparison:
     """Return what it takes to compare a frame with its earlier view."""
-    scene, camera = planned.earlier
+    scene, camera, sight_before = planned.earlier
     cache, size = planned.pictures[0].cache, planned.size
     quality = planned.plan.quality
     old = prepare(scene.nodes, cache, quality, scene.environment is not None)
@@ -348,7 +348,7 @@ def _compare(planned: Lensed, workers: Workers) -> Comparison:
     old_views = placing.view_places(old.places, camera, size)
     arrays = old.shapes.arrays
     return Comparison(
-        planned.lens, planned.sight, see(planned.lens, camera, size),
+        planned.lens, planned.sight, sight_before,
         Moment(arrays.positions, arrays.faces, np.empty((0, 5, 4))),
         (_turned(views, planned.camera, size), _turned(old_views, camera, size)),
     )  # fmt: skip

@@ -260,11 +260,14 @@ def look(
         corners = lens.directions(sight.places(columns, np.arange(first, last + 1.0)))
         _refuse_folds(lens, centers)
         some = slice(first, last)
-        return _look_some(lens, faces, centers, corners, (number[some], place[some], spread[some]))
+        return _look_some(faces, centers, corners, (number[some], place[some], spread[some]))
 
     found = workers.run(look_some, [(first,) for first in range(0, height, ROWS_AT_ONCE)])
     extents = np.array([one[0] for one in found])
     least, cosine = min(one[1] for one in found), min(one[2] for one in found)
+    if isinstance(lens, Equirectangular):
+        # Pixels are as high everywhere; at the poles they are as narrow as they like.
+        least = 1.0 / sight.focal[1]
     if not 0.0 < least < math.inf:
         raise ValueError(f"lens must show something of the picture: {lens.limit}")
     density = SAMPLES / least
@@ -301,7 +304,6 @@ def _refuse_folds(lens: Lens, directions: Float64) -> None:
 
 
 def _look_some(
-    lens: Lens,
     faces: Float64,
     centers: Float64,
     corners: Float64,
@@ -338,14 +340,14 @@ def _look_some(
             end = _project(axes, corners)
             a, b, c, d = end[:-1, :-1], end[:-1, 1:], end[1:, :-1], end[1:, 1:]
             along = np.concatenate((0.5 * ((b + d) - (a + c)), 0.5 * ((c + d) - (a + b))), axis=-1)
-        # Where the field ends, a pixel is what is seen at its centre.
+        # Where the field ends, or a corner lies behind, a pixel is what is seen at its centre.
         covers = along[is_here]
         is_known = np.isfinite(covers).all(axis=-1)
         spread[is_here] = np.where(is_known[:, np.newaxis], covers, 0.0)
         reach = 0.5 * (np.abs(spread[is_here][:, :2]) + np.abs(spread[is_here][:, 2:]))
         points = place[is_here]
         extents[n] = *(points - reach).min(axis=0), *(points + reach).max(axis=0)
-        least = min(least, _shortest(lens, covers[is_known]))
+        least = min(least, _shortest(covers[is_known]))
     x, y, z = (corners[..., k] for k in range(3))
     length = np.sqrt(x * x + y * y + z * z)
     is_seen = length > 0.0
@@ -355,23 +357,23 @@ def _look_some(
 
 
 def _project(axes: Float64, directions: Float64) -> Float64:
-    """Return where directions, (..., 3), meet the plane at distance 1 of a face, (..., 2)."""
+    """Return where directions, (..., 3), meet the plane of a face, (..., 2); NaN if they do not."""
     x, y, z = (directions[..., k] for k in range(3))
     across, down, deep = ((x * a[0] + y * a[1]) + z * a[2] for a in axes.tolist())
     with np.errstate(all="ignore"):
+        deep = np.where(deep > 0.0, deep, np.nan)
         return np.stack((across / deep, down / deep), axis=-1)
 
 
-def _shortest(lens: Lens, covers: Float64) -> float:
-    """Return the least length that a sample may have, given what pixels cover, (N, 4)."""
+def _shortest(covers: Float64) -> float:
+    """Return the least width of what pixels cover, (N, 4), in any direction."""
     if len(covers) == 0:
         return math.inf
     xx, xy, yx, yy = covers.T
     squares, area = xx * xx + xy * xy + yx * yx + yy * yy, np.abs(xx * yy - xy * yx)
     # The axes of the ellipse that the pixel's circle becomes.
     longest = np.sqrt(0.5 * (squares + np.sqrt(np.maximum(squares * squares - 4 * area * area, 0))))
-    # At its poles a panorama shows as much as it likes of nothing.
-    return float((longest if isinstance(lens, Equirectangular) else area / longest).min())
+    return float((area / longest).min())
 
 
 def _aligned(number: NDArray[np.uint8], place: NDArray[np.float32], n: int) -> tuple[float, float]:

@@ -106,9 +106,10 @@ def render(
         with at least 2 samples along each pixel are drawn first, one or some faces of a cube:
         ``explain`` tells which. Of them color, linear and coverage are filtered in linear light
         over all of the pixel; every other output is that of the sample nearest to the pixel's
-        centre, at most 0.36 of a pixel away. Depth stays along the viewing axis, but of a panorama
-        it is the distance. Outlines, wireframes, diagnose and motion_visible are refused, and
-        ambient occlusion where there are several pictures.
+        centre, at most 0.36 of a pixel away. Depth stays along the viewing axis; where the lens
+        sees 90 degrees from it, as a panorama does, it is refused: ask for distance. Outlines,
+        wireframes, diagnose and motion_visible are refused, too, and ambient occlusion where there
+        are several pictures. Shadow maps are fitted to each of them.
     threads : int, optional
         Default: all processors. The frame has the same bits for any number. With 1, no second
         process compiles what is missing.

@@ -114,7 +114,7 @@ def seen(request):
     lens, size, fov_y = LENSES[request.param]
     camera = replace(CAMERA, fov_y=fov_y, near=0.05)
     outputs = "color", "face_id", "object_id", "position", "normal", "depth", "distance"
-    if request.param == "fisheye that sees behind":
+    if request.param in ("fisheye that sees behind", "panorama"):
         outputs = tuple(name for name in outputs if name != "depth")
     return lens, size, camera, draw(furnished(), camera, lens, size, outputs=outputs)
 
@@ -190,15 +190,13 @@ def test_pose_is_found_again_in_a_picture_with_a_lens():
     assert np.abs(shift[:, 0] - t).max() < 5e-3
 
 
-def test_depth_is_along_the_axis_or_of_a_panorama_the_distance(seen):
-    lens, _, camera, frame = seen
+def test_depth_is_along_the_axis_and_distance_along_the_ray(seen):
+    _, _, camera, frame = seen
     is_seen = frame.face_id >= 0
     points = camera_points(frame.position[is_seen], camera)
     lengths = np.linalg.norm(points, axis=1)
     np.testing.assert_allclose(frame.distance[is_seen], lengths, rtol=1e-5)
-    if isinstance(lens, rj.Equirectangular):
-        assert (frame.depth == frame.distance).all()
-    elif "depth" in frame.arrays():
+    if "depth" in frame.arrays():
         # Vertices are snapped to a 256th of a sample: far from the axis depth is told less exactly.
         np.testing.assert_allclose(frame.depth[is_seen], points[:, 2], rtol=1e-4)
     assert np.isinf(frame.distance[~is_seen]).all()
@@ -323,7 +321,7 @@ def test_background_where_the_lens_sees_nothing():
 
 
 def test_bits_do_not_depend_on_threads_or_on_earlier_frames():
-    outputs = "color", "linear", "depth", "normal"
+    outputs = "color", "linear", "distance", "normal"
     for name in ("five", "panorama"):
         lens, size, _ = LENSES[name]
         alone = draw(furnished(), CAMERA, lens, size, outputs=outputs).arrays()
@@ -334,7 +332,7 @@ def test_bits_do_not_depend_on_threads_or_on_earlier_frames():
             bent = rj.PinholeDistortion(k1=0.1)
             renderer.render(furnished(), CAMERA, outputs=outputs, lens=bent)
             last = renderer.render(furnished(), CAMERA, outputs=outputs, lens=lens).arrays()
-        assert not np.array_equal(other["depth"], alone["depth"])
+        assert not np.array_equal(other["distance"], alone["distance"])
         for key, values in alone.items():
             assert np.array_equal(values, again[key], equal_nan=True)
             assert np.array_equal(values, last[key], equal_nan=True)
@@ -399,6 +397,18 @@ def test_explain_tells_the_pictures():
     assert not rj.explain(furnished(), CAMERA).lens
 
 
+@pytest.mark.parametrize("size", [(1, 1), (2, 1), (1, 3), (7, 300)])
+def test_smallest_and_thinnest_pictures(size):
+    lenses = [rj.PinholeDistortion(*BENT), rj.FisheyeLens(field=100.0)]
+    if size == (2, 1):
+        lenses.append(rj.Equirectangular())
+    for lens in lenses:
+        outputs = "color", "distance"
+        frame = draw(room(), replace(CAMERA, fov_y=30.0), lens, size, outputs=outputs)
+        assert frame.color.shape == (*size[::-1], 4)
+        assert np.isfinite(frame.distance).all()
+
+
 def with_field(**fields):
     scene = furnished()
     for name, value in fields.items():
@@ -406,6 +416,7 @@ def with_field(**fields):
     return scene
 
 
+PARALLEL = rj.OrthographicCamera((0, 0, 2), (0, 0, 0))
 PANORAMA = {"lens": rj.Equirectangular(), "size": WIDE}
 
 
@@ -417,6 +428,10 @@ PANORAMA = {"lens": rj.Equirectangular(), "size": WIDE}
         ({"lens": rj.PinholeDistortion(k1=-0.6)}, "all of the picture up to its corners: .* folds"),
         ({"lens": rj.FisheyeLens(k1=-0.6)}, "up to its corners: it folds beyond an angle of 42"),
         ({"lens": rj.FisheyeLens(), "fov_y": 150.0, "outputs": "depth"}, "'depth', .* 'distance'"),
+        (
+            {"outputs": "depth", **PANORAMA},
+            "'depth', .* from it alone, and lens sees more: ask for",
+        ),
         ({"outputs": ("color", "motion_visible")}, "'motion_visible', which is not found where"),
         ({"diagnose": True}, "diagnose must be False where a lens is given, got True"),
         ({"max_error": 0.1}, "max_error must be None where a lens is given"),
@@ -428,8 +443,12 @@ PANORAMA = {"lens": rj.Equirectangular(), "size": WIDE}
             "scene.ambient_occlusion must be None where lens sees so much that it takes 6",
         ),
         (
-            {"camera": rj.OrthographicCamera((0, 0, 2), (0, 0, 0))},
+            {"camera": PARALLEL},
             "camera must be a perspective where a lens is given, got OrthographicCamera",
+        ),
+        (
+            {"outputs": "motion", "previous": rj.View(camera=PARALLEL)},
+            "previous.camera: camera must be a perspective where a lens is given",
         ),
         ({"outputs": "motion"}, "previous must be a View where outputs has 'motion'"),
     ],
