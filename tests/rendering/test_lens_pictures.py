@@ -266,6 +266,30 @@ def test_panorama_of_an_environment_is_that_picture():
     assert np.abs(frame.linear[..., :3] - sky).max() < 0.01
 
 
+def test_panorama_of_a_turned_camera_is_the_panorama_turned():
+    scene, size = furnished(), (256, 128)
+    scene.nodes[0].mesh.material = rj.Material(base_color="white")
+    scene.lights = [
+        rj.AmbientLight(intensity=0.3),
+        rj.PointLight((0, 2.5, 0), intensity=6.0, shadow=rj.Shadow()),
+    ]
+    one, other = (
+        draw(
+            scene, rj.PerspectiveCamera((0, 0, 0), target), rj.Equirectangular(), size,
+            outputs=("color", "object_id", "distance"),
+        )
+        for target in ((1, 0, 0), (1, 0, 1))
+    )  # fmt: skip
+    # The seams of the cube are elsewhere: an eighth of the picture to the side.
+    turned = {name: np.roll(array, 32, axis=1) for name, array in other.arrays().items()}
+    same = turned["object_id"] == one.object_id
+    assert same.mean() > 0.99
+    assert np.quantile(np.abs(turned["distance"] / one.distance - 1)[same], 0.99) < 0.02
+    off = np.abs(turned["color"].astype(int) - one.color).max(axis=-1)
+    assert off.mean() < 1.5
+    assert np.quantile(off, 0.95) <= 8
+
+
 def move(frame_outputs=("motion", "face_id", "position"), **view):
     """Return the view before: from another place, where the first box has moved, too."""
     before = furnished()
