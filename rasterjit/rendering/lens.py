@@ -72,6 +72,8 @@ class Lensed(NamedTuple):
     looks: Looks
     sight: Sight
     pictures: tuple[PlannedFrame, ...]
+    behind: NDArray[np.float32]
+    """What is seen where the lens sees nothing: (4,) linear; the background, or black."""
     plan: RenderPlan
     """That of the first picture, with the size and the camera of the frame."""
     earlier: tuple[Scene, Camera, Sight] | None
@@ -119,6 +121,7 @@ def plan_lensed(
             "from it alone, and lens sees more: ask for 'distance', which is along the ray"
         )
     drawn = tuple(name for name in outputs if name != "motion") or ("face_id",)
+    behind = linear_color("background", "black" if background is None else background)
     whole = []
     for picture in looks.pictures:
         one = plan_views(
@@ -139,18 +142,16 @@ def plan_lensed(
     if earlier is not None:
         with naming("previous.camera"):
             earlier = *earlier, see(lens, earlier[1], size)
-    return Lensed(lens, camera, size, outputs, looks, sight, tuple(pictures), plan, earlier)
+    return Lensed(lens, camera, size, outputs, looks, sight, tuple(pictures), behind, plan, earlier)
 
 
-def draw_lensed(planned: Lensed, background: Any, workers: Workers, draw: Draw) -> Frame:
+def draw_lensed(planned: Lensed, workers: Workers, draw: Draw) -> Frame:
     """
     Draw a frame with a lens.
 
     Parameters
     ----------
     planned : Lensed
-    background : color or None
-        As `rasterjit.render` takes it; what the lens does not see has it, or is black.
     workers : Workers
     draw : callable
         Draws a frame that is decided on.
@@ -171,7 +172,7 @@ def draw_lensed(planned: Lensed, background: Any, workers: Workers, draw: Draw) 
         clock("lens")
     if comparison is not None:
         targets["motion"] = comparison.motion(*(targets[name] for name in POINTS))
-    behind = linear_color("background", "black" if background is None else background)
+    behind = planned.behind
     result = {name: _finished(name, targets, looks, behind, workers) for name in outputs}
     one = planned.pictures[0]
     context = FrameContext(planned.plan, one.cache, None, None, None, workers)
@@ -302,13 +303,16 @@ def _linear(name: str, array: NDArray[Any]) -> NDArray[np.float32]:
     """Return a mixed output as (h, w, C) float32: linear light times alpha, or what it is."""
     if array.ndim == 2:
         return np.ascontiguousarray(array, np.float32)[:, :, np.newaxis]
-    if name == "color":
-        light = decoding_table()[array]
-        light[..., 3] = array[..., 3] / np.float32(255.0)
-    else:
-        light = array.copy()
+    light = _straight(array) if name == "color" else array.copy()
     if not (light[..., 3] == 1.0).all():
         light[..., :3] *= light[..., 3:]
+    return light
+
+
+def _straight(codes: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """Return pixels, (h, w, 4), as linear light with straight alpha."""
+    light = decoding_table()[codes]
+    light[..., 3] = codes[..., 3] / np.float32(255.0)
     return light
 
 

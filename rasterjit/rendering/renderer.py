@@ -452,7 +452,7 @@ class Renderer:
         def draw(one: PlannedFrame, clock: StageClock) -> tuple[Frame, Seen]:
             return draw_frame(one, self._workers, None, clock, self.before_picture)
 
-        return lenses.draw_lensed(planned, options[1], self._workers, draw)
+        return lenses.draw_lensed(planned, self._workers, draw)
 
     def _render_in_time(
         self,
