@@ -24,7 +24,8 @@ Pictures and ground truth
     `render` draws one `Frame`: colour, and any of the buffers that `Frame` describes, of motion
     since an earlier `View` as well. `Renderer` keeps what frames have in common; `render_many`
     draws a stream of them; `render_layers` finds the surfaces behind the nearest one
-    (`LayeredFrame`). `Frame.save` writes them; `masks` makes COCO annotations of them.
+    (`LayeredFrame`). `Frame.save` writes them; `masks` makes COCO annotations of them; `Frame.pick`
+    tells which face a pixel shows, and where (`Pick`).
 Moving pictures, data sets, clusters
     `animation` has keys, turntables, morphs and GIF, APNG, WebP and MP4; `dataset` renders folders
     of meshes from all sides; `distributed` draws on a Dask cluster what one machine has no time,
@@ -65,7 +66,14 @@ from rasterjit.inspect.pixel import explain_pixel
 from rasterjit.inspect.pixel_report import PixelExplanation
 from rasterjit.io.meshes import load
 from rasterjit.outputs.diagnostics import Diagnostics
-from rasterjit.outputs.frame import Choice, Frame, LayeredFrame, OutputNotRequestedError, Stats
+from rasterjit.outputs.frame import (
+    Choice,
+    Frame,
+    LayeredFrame,
+    OutputNotRequestedError,
+    Pick,
+    Stats,
+)
 from rasterjit.rendering.budget import CalibrationWarning
 from rasterjit.rendering.peel import render_layers
 from rasterjit.rendering.plan import RenderPlan
@@ -119,6 +127,7 @@ __all__ = [
     "Outline",
     "OutputNotRequestedError",
     "PerspectiveCamera",
+    "Pick",
     "PinholeDistortion",
     "Pipeline",
     "PixelExplanation",

@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 from rasterjit.scene import transforms
 from rasterjit.scene.camera import Bounded, OrthographicCamera, PerspectiveCamera
 from rasterjit.scene.framing import fit_camera, frame_of, orbit_direction
-from rasterjit.scene.mesh import Mesh
+from rasterjit.scene.mesh import Mesh, with_face_values
 from rasterjit.scene.validation import (
     bounded_number,
     finite_array,
@@ -242,15 +242,16 @@ class MorphTrack(_Track):
         """Return the mesh at a time, seconds; at the time of a key, its vertices."""
         time, key = self._key_at(time)
         mesh = self.mesh
-        colors = mesh.face_colors if mesh.vertex_colors is None else mesh.vertex_colors
-        return Mesh(
+        moved = Mesh(
             self._curve(time) if key is None else key,
             mesh.faces,
-            colors=colors,
+            colors=mesh.vertex_colors,
             uv=mesh.uv,
             uv1=mesh.uv1,
+            attributes=mesh.vertex_attributes,
             material=mesh.material,
         )
+        return with_face_values(moved, mesh.face_colors, mesh.face_attributes)
 
 
 def _key_times(times: ArrayLike) -> Float64:

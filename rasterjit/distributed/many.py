@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.distributed.clusters import SharedScene, check_client, result_of, retried, send
@@ -130,6 +131,11 @@ class FarFrame(Frame):
                 options.cull,
             )  # fmt: skip
         return self._plan
+
+    def _first_faces(self) -> NDArray[np.int64]:
+        """Return the number of each object's first face, (O+1,)."""
+        counts = [len(node.mesh.faces) for node in self._asked[0].nodes]
+        return np.cumsum([0, *counts])
 
     @plan.setter
     def plan(self, value: RenderPlan | None) -> None:

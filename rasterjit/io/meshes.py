@@ -70,7 +70,9 @@ def load(
     Faces keep the file's order; polygons are triangulated. The scene has one `Mesh` for each mesh
     of the file and one node for each place where it stands, with vertex and face colours, uv,
     materials with textures, lights and camera as far as the file has them. Materials of glTF stay
-    metallic-roughness; those of OBJ and other formats become Blinn-Phong.
+    metallic-roughness; those of OBJ and other formats become Blinn-Phong. Further numbers of
+    vertices and faces become attributes of the meshes: other properties of a PLY file by their
+    names, ``_NAME`` of a glTF file as ``NAME``, and those that trimesh reads.
 
     Two things of glTF are as in every other format rather than by its standard. A primitive without
     a material has the default one; only in a scene with an environment is it glTF's rough white

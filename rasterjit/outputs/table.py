@@ -4,6 +4,8 @@ The outputs that a frame can hold: one row each.
 To add one, add its row here, fill it in ``outputs/fill.py``, and give `Frame` a property that
 says what it holds. Those with ``is_mixed`` are made elsewhere: colours by shading, ``coverage`` in
 ``rendering/coverage.py``.
+
+Attributes of meshes are outputs too, named ``attribute:NAME``: `row_of` has one row for all.
 """
 
 from __future__ import annotations
@@ -12,11 +14,14 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from rasterjit.scene.mesh import ATTRIBUTE
+
 
 class Output(NamedTuple):
     """What an output holds, and how files store it."""
 
     channels: int
+    """How many; 0: as many as the attribute has columns."""
     dtype: str
     empty: float
     """What it holds where nothing is; of colour, the background stands there instead."""
@@ -75,6 +80,13 @@ TABLE = {
         3, "float32", 0, "unit vector, world space", codes="vector",
         kernel="barycentric.fill_normals",
     ),
+    "normal_camera": Output(
+        3, "float32", 0, "unit vector, camera space", codes="vector",
+        kernel="barycentric.fill_normals",
+    ),
+    "position_camera": Output(
+        3, "float32", math.nan, "scene units, camera space", kernel="barycentric.fill_positions"
+    ),
     "material_id": Output(1, "int32", -1),
     "instance_id": Output(1, "int32", -1),
     "coverage": Output(1, "float32", 0, "share of the pixel", codes="share", is_mixed=True),
@@ -87,6 +99,12 @@ TABLE = {
     ),
 }  # fmt: skip
 """What a frame can hold, by name."""
+
+_ATTRIBUTE_ROW = Output(0, "float32", math.nan, kernel="barycentric.fill_attribute")
+"""That of any attribute."""
+
+UNKNOWN = Output(1, "float32", 0)
+"""What is known of an output that no frame has."""
 
 OUTPUTS = tuple(TABLE)
 """The names."""
@@ -101,6 +119,16 @@ LAYER_OUTPUTS = tuple(name for name, row in TABLE.items() if not row.is_mixed)
 """Those that a layer of surfaces can hold."""
 
 
+def row_of(name: str) -> Output:
+    """Return what an output holds, be it an attribute or none that a frame has."""
+    return _ATTRIBUTE_ROW if is_attribute(name) else TABLE.get(name, UNKNOWN)
+
+
+def is_attribute(name: object) -> bool:
+    """Tell whether an output shows an attribute of meshes."""
+    return isinstance(name, str) and name.startswith(ATTRIBUTE) and name != ATTRIBUTE
+
+
 def check_outputs(outputs: Sequence[str]) -> tuple[str, ...]:
     """Return the outputs without repeats, or raise ``ValueError`` naming one that is unknown."""
     if isinstance(outputs, str):
@@ -110,8 +138,9 @@ def check_outputs(outputs: Sequence[str]) -> tuple[str, ...]:
     if not outputs:
         raise ValueError(f"outputs must name at least one of {', '.join(OUTPUTS)}; got none")
     for output in outputs:
-        if output not in OUTPUTS:
+        if output not in OUTPUTS and not is_attribute(output):
             raise ValueError(
-                f"outputs has {output!r}, which is unknown; possible are {', '.join(OUTPUTS)}"
+                f"outputs has {output!r}, which is unknown; possible are {', '.join(OUTPUTS)}, "
+                f"and {ATTRIBUTE}NAME of an attribute of meshes"
             )
     return tuple(dict.fromkeys(outputs))

@@ -183,7 +183,7 @@ def draw_lensed(planned: Lensed, workers: Workers, draw: Draw) -> Frame:
         # The caller may write to it.
         _ = stats.pixels_covered
     clock("lens")
-    return Frame(result, planned.plan, stats)
+    return Frame(result, planned.plan, stats, None, one.cache.shapes.arrays.face_starts)
 
 
 class Comparison(NamedTuple):
@@ -295,8 +295,7 @@ def _take(
 
 def _empty(name: str) -> float:
     """Return what an output that is not mixed holds where nothing is."""
-    row = table.TABLE.get(name)
-    return math.nan if row is None else row.empty
+    return math.nan if name in POINTS else table.row_of(name).empty
 
 
 def _linear(name: str, array: NDArray[Any]) -> NDArray[np.float32]:

@@ -89,7 +89,7 @@ def render_layers(
         raise ValueError(f"k must be a whole number of layers, got {k!r}")
     if not 1 <= k <= bands.MOST_LAYERS:
         raise ValueError(f"k must be in 1..{bands.MOST_LAYERS}, got {k!r}")
-    refused = [name for name in table.check_outputs(outputs) if table.TABLE[name].is_mixed]
+    refused = [name for name in table.check_outputs(outputs) if table.row_of(name).is_mixed]
     if refused:
         raise ValueError(
             f"outputs has {refused[0]!r}, which a layer does not have; possible are "
@@ -135,7 +135,8 @@ def _draw_layers(
         if is_empty:
             break
     clock("buffers")
-    return LayeredFrame(arrays, plan, stats_of(seen.coverage, clock.seconds))
+    stats, face_starts = stats_of(seen.coverage, clock.seconds), cache.shapes.arrays.face_starts
+    return LayeredFrame(arrays, plan, stats, face_starts=face_starts)
 
 
 def peel(

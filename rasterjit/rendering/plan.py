@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.outputs import diagnostics, fill
-from rasterjit.outputs.table import MIXED_OUTPUTS, TABLE, check_outputs
+from rasterjit.outputs.table import MIXED_OUTPUTS, check_outputs, row_of
 from rasterjit.pipeline.fragments.bands import peeling_kernels
 from rasterjit.pipeline.records import Lighting
 from rasterjit.pipeline.visibility import draw
@@ -231,8 +231,11 @@ def list_buffers(plan: RenderPlan) -> tuple[Buffer, ...]:
         rows += [("sums of all pictures", 4, "float64"), ("one of the pictures", 4, "float32")]
     own = [row for planned in plan.planned for row in planned.effect.buffers(plan)]
     rows += [row[:3] for row in own if row[3] == plan.size]
-    made = ((name, TABLE[name]) for name in plan.outputs if name != "face_id")
-    rows += [(f"output {name}", row.channels, row.dtype) for name, row in made]
+    for name in plan.outputs:
+        if name in plan.facts.attributes:
+            rows.append((f"output {name}", plan.facts.attributes[name].columns, "float32"))
+        elif name != "face_id":
+            rows.append((f"output {name}", row_of(name).channels, row_of(name).dtype))
     maps = [Buffer(*row) for row in own if row[3] != plan.size]
     return (*(Buffer(*row, plan.size) for row in rows), *maps)
 

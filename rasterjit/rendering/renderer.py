@@ -89,8 +89,9 @@ def render(
         takes longer, that is drawn.
     outputs : sequence of str
         Any of color, linear, depth, distance, face_id, object_id, instance_id, material_id,
-        barycentric, uv, normal, geometric_normal, position, object_position, nocs, coverage,
-        motion and motion_visible: see `Frame`. All but color, linear and coverage are those of the
+        barycentric, uv, normal, geometric_normal, normal_camera, position, position_camera,
+        object_position, nocs, coverage, motion, motion_visible and ``attribute:NAME`` of an
+        attribute of meshes: see `Frame`. All but color, linear and coverage are those of the
         nearest face at the pixel's centre.
     background : color, optional
         ``"white"``, ``"#rrggbb"``, ``"transparent"``, or linear floats (see ``linear_color``).
@@ -246,7 +247,7 @@ def draw_frame(
             # The caller may write to it.
             _ = stats.pixels_covered
         arrays = {name: result[name] for name in plan.outputs}
-        return Frame(arrays, plan, stats, diagnostics), seen
+        return Frame(arrays, plan, stats, diagnostics, cache.shapes.arrays.face_starts), seen
 
 
 def find_visible(

@@ -9,7 +9,8 @@ Notebooks show meshes and scenes as small pictures. As scenes know nothing of ho
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -38,6 +39,9 @@ from rasterjit.scene.validation import (
 
 _CHUNK = 1 << 18
 """Vertices looked at at once where a temporary of the whole mesh would cost memory."""
+
+ATTRIBUTE = "attribute:"
+"""What the name of an output begins with that shows an attribute of meshes."""
 
 _LARGEST_FLOAT32 = float(np.finfo(np.float32).max)
 
@@ -80,6 +84,9 @@ class Mesh(Previewed):
         For normal maps: the model-space direction in which u grows, of any length, and 1 where v
         grows to the left of it seen from the front, -1 where to the right. Default: what ``uv``
         says.
+    attributes : mapping of str to (V, D) or (F, D) array_like, optional
+        Values of one's own by name, any D >= 1, stored as float32: of each vertex or, with F rows,
+        of each face (V rows win where V equals F). ``outputs="attribute:heat"`` shows ``"heat"``.
     material : Material, optional
         Default ``Material()``, with a white ``base_color`` if the mesh has colours.
     on_invalid : {"raise", "drop"}
@@ -110,6 +117,7 @@ class Mesh(Previewed):
         uv: ArrayLike | None = None,
         uv1: ArrayLike | None = None,
         tangents: ArrayLike | None = None,
+        attributes: Mapping[str, ArrayLike] | None = None,
         material: Material | None = None,
         on_invalid: str = "raise",
     ) -> None:
@@ -133,6 +141,10 @@ class Mesh(Previewed):
         self._tangents: NDArray[np.float32] | None = None
         if tangents is not None:
             self._tangents = read_only(_tangent_array(tangents, len(self._vertices)))
+        self._vertex_attributes: dict[str, NDArray[np.float32]] = {}
+        self._face_attributes: dict[str, NDArray[np.float32]] = {}
+        if attributes is not None:
+            self._store_attributes(attributes)
         if material is None:
             material = Material() if colors is None else Material(base_color="white")
         self.material = material
@@ -186,6 +198,16 @@ class Mesh(Previewed):
         return self._tangents
 
     @property
+    def vertex_attributes(self) -> Mapping[str, NDArray[np.float32]]:
+        """Values of one's own of the vertices, by name: (V, D) float32, read-only."""
+        return MappingProxyType(self._vertex_attributes)
+
+    @property
+    def face_attributes(self) -> Mapping[str, NDArray[np.float32]]:
+        """Values of one's own of the faces, by name: (F, D) float32, read-only."""
+        return MappingProxyType(self._face_attributes)
+
+    @property
     def material(self) -> Material:
         """How the surface is shaded; another may be assigned."""
         return self._material
@@ -209,6 +231,8 @@ class Mesh(Previewed):
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Fill a copy, or what was pickled; its arrays are read-only too."""
         for name, value in state.items():
+            if isinstance(value, dict):
+                value = {own: read_only(values) for own, values in value.items()}
             self.__dict__[name] = read_only(value) if isinstance(value, np.ndarray) else value
 
     def __repr__(self) -> str:
@@ -226,6 +250,26 @@ class Mesh(Previewed):
                 f"colors must have one row per vertex ({len(self.vertices)}) or per face "
                 f"({len(self.faces)}), got {len(rgba)}"
             )
+
+    def _store_attributes(self, attributes: Mapping[str, ArrayLike]) -> None:
+        """Store attributes by vertex or by face, as their numbers of rows tell."""
+        if not isinstance(attributes, Mapping):
+            raise ValueError(
+                f"attributes must be a mapping of names to arrays, got {in_short(attributes)}"
+            )
+        for name, given in attributes.items():
+            if not isinstance(name, str) or not name:
+                raise ValueError(f"attributes must have texts as names, got {in_short(name)}")
+            values = read_only(value_rows(f"attributes[{name!r}]", given))
+            if len(values) == len(self.vertices):
+                self._vertex_attributes[name] = values
+            elif len(values) == len(self.faces):
+                self._face_attributes[name] = values
+            else:
+                raise ValueError(
+                    f"attributes[{name!r}] must have one row per vertex ({len(self.vertices)}) or "
+                    f"per face ({len(self.faces)}), got {len(values)}"
+                )
 
     def used_vertices(self) -> NDArray[np.bool_]:
         """Mark the vertices, (V,) bool, that are finite and belong to a face."""
@@ -324,7 +368,7 @@ class Mesh(Previewed):
         when their coordinates are the same bits, whatever vertex they belong to, so the seams of
         a texture and the loose triangles of an STL file are smooth too. Vertices are duplicated
         where their corners differ, and merged if they carry neither colours nor texture coordinates
-        nor ``tangents``.
+        nor ``tangents`` nor attributes.
 
         Parameters
         ----------
@@ -345,7 +389,7 @@ class Mesh(Previewed):
         if not 0.0 <= angle <= 180.0:
             raise ValueError(f"angle must lie in 0..180 degrees, got {angle!r}")
         carried = self.vertex_colors, *self.uv_sets, self.tangents
-        plain = all(values is None for values in carried)
+        plain = all(values is None for values in carried) and not self._vertex_attributes
         split = crease_normals(self.vertices, self.faces, self._scale(), angle, merge=plain)
         # The arrays come from a checked mesh: fill the new one without checking them again.
         result = Mesh.__new__(Mesh)
@@ -361,6 +405,11 @@ class Mesh(Previewed):
         result._tangents = None
         if self.tangents is not None:
             result._tangents = read_only(self.tangents[split.sources])
+        result._vertex_attributes = {
+            name: read_only(values[split.sources])
+            for name, values in self._vertex_attributes.items()
+        }
+        result._face_attributes = self._face_attributes
         result._normals = result._vertex_normals = read_only(split.normals)
         result._material = self.material
         result._invalid_vertices = _count_invalid(result.vertices, "drop")
@@ -409,6 +458,28 @@ def _numbers(name: str, value: ArrayLike, kinds: str, shape: tuple[int | None, i
     if array.ndim != 2 or array.shape[1] != columns or rows not in (None, array.shape[0]):
         raise ValueError(f"{name} must have shape {wanted}, got {array.shape}")
     return array
+
+
+def value_rows(name: str, value: ArrayLike) -> NDArray[np.float32]:
+    """Return a copy of values, (N, D) float32, C order, finite, or raise ``ValueError``."""
+    try:
+        array = unmasked_array(name, value)
+    except MaskedError:
+        raise
+    except ValueError:
+        raise ValueError(f"{name} must be an array of numbers, got {in_short(value)}") from None
+    if array.dtype.kind not in "uif":
+        raise ValueError(f"{name} must hold numbers, got an array of dtype {array.dtype}")
+    if array.ndim != 2 or array.size == 0:
+        hint = "; reshape(-1, 1) makes one column of it" if array.ndim == 1 else ""
+        raise ValueError(f"{name} must have shape (n, D), D >= 1, got {array.shape}{hint}")
+    low, high = float(array.min()), float(array.max())
+    if not (np.isfinite(low) and np.isfinite(high)):
+        count = int((~np.isfinite(array)).any(axis=1).sum())
+        raise ValueError(f"{name} must be finite, got {count} rows with NaN or infinity")
+    if max(-low, high) > _LARGEST_FLOAT32:
+        raise ValueError(f"{name} must fit float32, got {max(-low, high)!r} in size")
+    return np.array(array, dtype=np.float32, order="C")
 
 
 def _vertex_array(value: ArrayLike) -> NDArray[np.float64]:
@@ -490,6 +561,26 @@ def _tangent_array(value: ArrayLike, vertex_count: int) -> NDArray[np.float32]:
     tangents[:, :3] = unit_rows(array[:, :3])
     tangents[:, 3] = np.where(array[:, 3] < 0.0, -1.0, 1.0)
     return tangents
+
+
+def with_face_values(
+    mesh: Mesh,
+    colors: NDArray[np.float32] | None,
+    attributes: Mapping[str, NDArray[np.float32]],
+) -> Mesh:
+    """
+    Give a new mesh what belongs to its faces, be there as many vertices or not; return it.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    colors : (F, 4) float32, linear RGBA, or None
+    attributes : mapping of str to (F, D) float32
+        Both as a checked mesh has them.
+    """
+    mesh._face_colors = colors
+    mesh._face_attributes = {name: read_only(values) for name, values in attributes.items()}
+    return mesh
 
 
 def set_painter(painter: Painter) -> None:

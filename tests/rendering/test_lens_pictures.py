@@ -213,6 +213,24 @@ def test_outputs_of_a_pixel_are_of_one_point(seen):
     assert np.unique(frame.object_id).size >= 3
 
 
+@pytest.mark.parametrize("name", ["five", "fisheye on a cube", "panorama"])
+def test_camera_space_is_that_of_the_camera_and_attributes_are_shown(name):
+    lens, size, fov_y = LENSES[name]
+    camera, mesh = replace(CAMERA, fov_y=fov_y), room()
+    mesh = rj.Mesh(mesh.vertices, mesh.faces, attributes={"place": mesh.vertices})
+    names = "normal", "normal_camera", "position", "position_camera", "attribute:place"
+    outputs = *names, "face_id", "barycentric"
+    frame = draw(mesh, camera, lens, size, outputs=outputs)
+    view, points = camera.view_matrix(), frame.position.reshape(-1, 3)
+    assert np.abs(frame.attribute("place") - frame.position).max() < 1e-5
+    expected = rj.transforms.apply(view, points).reshape(frame.position.shape)
+    np.testing.assert_allclose(frame.position_camera, expected, atol=1e-5)
+    np.testing.assert_allclose(frame.normal_camera, frame.normal @ view[:3, :3].T, atol=1e-6)
+    picked = frame.pick(7, 5)
+    assert picked.face == frame.face_id[5, 7]
+    assert (picked.position == frame.position[5, 7]).all()
+
+
 def test_no_lens_is_a_lens_that_does_not_distort():
     outputs = "color", "face_id", "depth", "normal"
     plain = draw(furnished(), CAMERA, None, outputs=outputs)

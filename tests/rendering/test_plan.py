@@ -80,14 +80,18 @@ def test_vertex_normals_are_read_for_the_output_alone_or_for_smooth_shading(
     shown = "output normal, of every object"
     smooth = shading in ("gouraud", "phong", "pbr")
     assert reason == (f"shading {shading}; {shown}" if smooth else shown)
+    turned = str(rj.explain(scene, camera, outputs="normal_camera"))
+    assert "output normal_camera, of every object" in turned
     if smooth:
         return
     monkeypatch.setattr(rj.Mesh, "vertex_normals", None)
-    outputs = [name for name in OUTPUTS if name not in ("normal", "uv", *MOTION_OUTPUTS)]
+    normals = "normal", "normal_camera"
+    outputs = [name for name in OUTPUTS if name not in (*normals, "uv", *MOTION_OUTPUTS)]
     frame = rj.render(scene, camera, size=(8, 8), outputs=outputs)
     assert not frame.plan.facts.needs_normals
-    with pytest.raises(TypeError):
-        rj.render(scene, camera, size=(8, 8), outputs="normal")
+    for name in normals:
+        with pytest.raises(TypeError):
+            rj.render(scene, camera, size=(8, 8), outputs=name)
 
 
 def test_normals_of_an_object_out_of_view_are_not_asked_for(cube, camera):

@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.io.attributes import usable_attributes
 from rasterjit.io.gltf.file import GltfFile
 from rasterjit.io.pictures import picture_pixels
 from rasterjit.io.skipped import LeftOut, MeshFileError, reason_of
@@ -372,6 +373,7 @@ class MeshReader:
             "uv1": uv[1] if len(uv) > 1 else None,
             "colors": colors,
             "tangents": tangents,
+            "attributes": self._own_attributes(attributes, count, label),
             "material": material,
         }
 
@@ -411,6 +413,20 @@ class MeshReader:
         """Return the colours of the vertices, linear."""
         colors = self._rows(attributes, "COLOR_0", count, (3, 4), label)
         return None if colors is None else np.clip(colors, 0.0, 1.0)
+
+    def _own_attributes(
+        self, attributes: dict[str, int], count: int, label: str
+    ) -> dict[str, NDArray[np.float32]]:
+        """Return the attributes whose meaning is the author's, which begin with ``_``, without."""
+        found = {}
+        for name, number in attributes.items():
+            if not name.startswith("_"):
+                continue
+            try:
+                found[name[1:]] = self._file.array(number)
+            except (ValueError, TypeError, LookupError, OSError) as error:
+                self._left_out.note(f"{name} of {label}, which cannot be read: {reason_of(error)}")
+        return usable_attributes(found, count, self._left_out)
 
     def _coordinates(
         self, attributes: dict[str, int], uv_set: int, count: int, label: str
