@@ -15,9 +15,11 @@ import numpy as np
 from rasterjit.distributed import layers
 from rasterjit.distributed.clusters import connected, require_dask, result_of, retried, send
 from rasterjit.outputs.frame import Frame
-from rasterjit.outputs.table import is_attribute
+from rasterjit.outputs.table import Outputs, is_attribute
 from rasterjit.rendering.effects import EFFECTS
+from rasterjit.rendering.plan import Cull
 from rasterjit.rendering.stream import Options, check_arguments
+from rasterjit.scene.background import Background
 from rasterjit.scene.camera import Camera, check_camera
 from rasterjit.scene.light import AmbientLight
 from rasterjit.scene.material import Material
@@ -38,9 +40,9 @@ def render_partitions(
     material: Material | None = None,
     size: tuple[int, int] = (1280, 720),
     quality: Quality | None = None,
-    outputs: Sequence[str] = ("color",),
-    background: Any = None,
-    cull: str = "none",
+    outputs: Outputs = ("color",),
+    background: Background = None,
+    cull: Cull = "none",
     threads: int | None = None,
     client: Client | None = None,
 ) -> Frame:

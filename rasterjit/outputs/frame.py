@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import operator
-from collections.abc import Iterable
+from collections.abc import Mapping
 from dataclasses import InitVar, dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from rasterjit.io import images
 from rasterjit.outputs import save as saving
 from rasterjit.outputs.diagnostics import Diagnostics
+from rasterjit.outputs.table import IdOutput, Outputs
 from rasterjit.scene.mesh import ATTRIBUTE
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.validation import in_short
@@ -149,7 +150,8 @@ class Frame:
         self._face_starts = face_starts
         self.plan = plan
         self.stats = stats
-        self.choice: Choice | None = None
+        # Not None for a type checker: who asks for a choice knows that there is one.
+        self.choice: Choice | Any = None
         self._diagnostics = diagnostics
 
     def __repr__(self) -> str:
@@ -354,7 +356,7 @@ class Frame:
     def save(
         self,
         path: str | Path,
-        outputs: str | Iterable[str] | None = None,
+        outputs: Outputs | Mapping[str, Any] | None = None,
         *,
         scale: float | None = None,
     ) -> None:
@@ -372,7 +374,8 @@ class Frame:
               ``normal.X``, ``position.X``, ``uv.U``, ``distance`` and so on; numbers of faces and
               objects as uint32, one more than they are.
             - ``.png`` of any output but the colour: 16 bits a channel, see below.
-            - Other images (``.jpg``, ``.webp``, ``.tif`` ...): the colour.
+            - Other images (``.jpg``, ``.webp``, ``.tif`` ...): the colour. JPEG and BMP know no
+              transparency.
         outputs : str or iterable of str, optional
             What to write. Default: the colour to an image, everything to the other formats.
         scale : float, optional
@@ -383,7 +386,8 @@ class Frame:
         ------
         ValueError
             If the format is unknown, the folder does not exist, this frame does not have the
-            output, or it does not fit the format. Nothing is written.
+            output, or it does not fit the format, as a transparent pixel does not fit a JPEG.
+            Nothing is written.
         ImportError
             If an EXR is asked for and OpenEXR is not installed.
         OSError
@@ -413,7 +417,7 @@ class Frame:
                 f"got outputs {', '.join(arrays)}: choose one of {', '.join(saving.FORMATS)}"
             )
 
-    def masks(self, output: str = "object_id") -> tuple[ObjectMask, ...]:
+    def masks(self, output: IdOutput = "object_id") -> tuple[ObjectMask, ...]:
         """
         Return the pixels of each object that is seen, with its box, its area and its COCO code.
 
@@ -537,7 +541,7 @@ class LayeredFrame(Frame):
     def save(
         self,
         path: str | Path,
-        outputs: str | Iterable[str] | None = None,
+        outputs: Outputs | Mapping[str, Any] | None = None,
         *,
         scale: float | None = None,
     ) -> None:
@@ -581,7 +585,7 @@ class LayeredFrame(Frame):
         """
         return self._pick(x, y, (_index("layer", layer, self.plan.surfaces),))
 
-    def masks(self, output: str = "object_id") -> tuple[ObjectMask, ...]:
+    def masks(self, output: IdOutput = "object_id") -> tuple[ObjectMask, ...]:
         """
         Refuse: a mask is of one layer.
 

@@ -11,10 +11,32 @@ Attributes of meshes are outputs too, named ``attribute:NAME``: `row_of` has one
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Sequence, Set
+from typing import Literal, NamedTuple, NewType, TypeAlias
 
 from rasterjit.scene.mesh import ATTRIBUTE
+
+OutputName: TypeAlias = Literal[
+    "color", "depth", "face_id", "object_id", "barycentric", "uv", "normal", "normal_camera",
+    "position", "position_camera", "linear", "distance", "object_position", "nocs",
+    "geometric_normal", "material_id", "instance_id",
+    "coverage", "motion", "motion_visible",
+]  # fmt: skip
+"""The names of the rows below, for type checkers."""
+
+AttributeName = NewType("AttributeName", str)
+"""
+An output whose name comes from a mesh, for type checkers: ``AttributeName("attribute:heat")``.
+
+They know no pattern of names; at run time it is a plain string.
+"""
+
+AnyOutput: TypeAlias = OutputName | AttributeName
+Outputs: TypeAlias = AnyOutput | Sequence[AnyOutput] | Set[AnyOutput]
+"""What a render is asked for: one output, or several."""
+
+IdOutput: TypeAlias = Literal["face_id", "object_id", "material_id", "instance_id"]
+"""Outputs of whole numbers that tell things apart."""
 
 
 class Output(NamedTuple):
@@ -43,7 +65,7 @@ class Output(NamedTuple):
     """Module and name of the kernel that fills it, for ``explain``; empty: NumPy does."""
 
 
-TABLE = {
+TABLE: dict[OutputName, Output] = {
     "color": Output(4, "uint8", 0, is_mixed=True),
     "depth": Output(1, "float32", math.inf, "scene units along the viewing axis", ("Z",)),
     "face_id": Output(1, "int32", -1),
@@ -106,7 +128,7 @@ _ATTRIBUTE_ROW = Output(0, "float32", math.nan, kernel="barycentric.fill_attribu
 UNKNOWN = Output(1, "float32", 0)
 """What is known of an output that no frame has."""
 
-OUTPUTS = tuple(TABLE)
+OUTPUTS: tuple[OutputName, ...] = tuple(TABLE)
 """The names."""
 
 MOTION_OUTPUTS = tuple(name for name, row in TABLE.items() if row.needs_previous)

@@ -40,8 +40,9 @@ from rasterjit.rendering.views import (
     plan_views,
 )
 from rasterjit.runtime.threads import Workers, rows_per_task
+from rasterjit.scene.background import Background, BackgroundImage, read_background
 from rasterjit.scene.camera import Camera
-from rasterjit.scene.color import decoding_table, linear_color
+from rasterjit.scene.color import decoding_table
 from rasterjit.scene.lens import Equirectangular, Lens, check_lens
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
@@ -72,8 +73,9 @@ class Lensed(NamedTuple):
     looks: Looks
     sight: Sight
     pictures: tuple[PlannedFrame, ...]
-    behind: NDArray[np.float32]
-    """What is seen where the lens sees nothing: (4,) linear; the background, or black."""
+    behind: Background
+    """The background that was given, or black: what is seen where the lens sees nothing, and a
+    picture also where no face is."""
     plan: RenderPlan
     """That of the first picture, with the size and the camera of the frame."""
     earlier: tuple[Scene, Camera, Sight] | None
@@ -121,7 +123,11 @@ def plan_lensed(
             "from it alone, and lens sees more: ask for 'distance', which is along the ray"
         )
     drawn = tuple(name for name in outputs if name != "motion") or ("face_id",)
-    behind = linear_color("background", "black" if background is None else background)
+    behind = read_background("black" if background is None else background)
+    if isinstance(behind, BackgroundImage):
+        # It is what the lens has seen, and comes behind at the end.
+        behind.check_size(size)
+        background = "transparent"
     whole = []
     for picture in looks.pictures:
         one = plan_views(
@@ -319,18 +325,26 @@ def _finished(
     name: str,
     targets: dict[str, NDArray[Any]],
     looks: Looks,
-    behind: NDArray[np.float32],
+    behind: Background,
     workers: Workers,
 ) -> NDArray[Any]:
-    """Return an output as a frame holds it; colours where the lens sees nothing are ``behind``."""
+    """Return an output as a frame holds it; of colours, before what is behind."""
     target = targets[name]
     if name not in MIXED_OUTPUTS:
         return target
     if target.shape[2] == 1:
         return target[..., 0]
+    given = behind
+    if isinstance(behind, BackgroundImage):
+        given = behind.image
+        given = given if given.dtype == np.float32 else _straight(given)
+        through = (1.0 - target[..., 3:]) * given[..., 3:]
+        target[..., :3] += through * given[..., :3]
+        target[..., 3:] += through
     alpha = target[..., 3:]
     np.divide(target[..., :3], alpha, out=target[..., :3], where=alpha > 0.0)
-    target[looks.number == NOWHERE] = behind
+    is_nowhere = looks.number == NOWHERE
+    target[is_nowhere] = given[is_nowhere] if given.ndim == 3 else given
     if name != "color":
         return target
     color = np.empty(target.shape, np.uint8)

@@ -8,7 +8,7 @@ kernels and buffers.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,8 +23,8 @@ from rasterjit.rendering.effects import answer_effects
 from rasterjit.rendering.sketch import list_stages, short_name
 from rasterjit.runtime import ahead, jit
 from rasterjit.runtime.ahead import Task
+from rasterjit.scene.background import Backdrop, BackgroundImage, read_background
 from rasterjit.scene.camera import Camera
-from rasterjit.scene.color import linear_color
 from rasterjit.scene.light import Light
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
@@ -44,7 +44,9 @@ from rasterjit.survey.lights import headlight, lighting_of
 from rasterjit.survey.placement import Boxes, Views, view_nodes
 from rasterjit.survey.plan import RenderPlan
 
-CULL_MODES = ("none", "back", "front")
+Cull: TypeAlias = Literal["none", "back", "front"]
+CULL_MODES: tuple[Cull, ...] = get_args(Cull)
+"""Which faces are dropped: none; those that show their back; their front."""
 
 BYTES = {"bool": 1, "uint8": 1, "int32": 4, "float32": 4, "float64": 8}
 
@@ -88,7 +90,9 @@ def plan_frame(
     inventory, bounds = known
     eye, relative_from_model = camera.eye_position(), views.relative_from_model
     boxes = Boxes(bounds, eye, relative_from_model, views.clip_from_relative)
-    facts = look(scene, boxes, views, inventory, quality, outputs, background, diagnose, cull)
+    behind = read_background(background)
+    seen_behind = None if background is None else behind
+    facts = look(scene, boxes, views, inventory, quality, outputs, seen_behind, diagnose, cull)
     _refuse(scene, facts)
     if facts.finds_faces:
         check_near(quality, camera, boxes, scene.nodes, views.clip_from_relative)
@@ -97,7 +101,7 @@ def plan_frame(
     return RenderPlan(
         size=size,
         camera=camera,
-        background=linear_color("background", "white" if background is None else background),
+        background=_color_behind(behind, size),
         cull=cull,
         facts=facts,
         effects=effects,
@@ -108,6 +112,14 @@ def plan_frame(
         depth_format=depth_format(quality.depth_format, camera, size),
         pictures=facts.pictures,
     )
+
+
+def _color_behind(behind: Backdrop, size: tuple[int, int]) -> NDArray[np.float32]:
+    """Return what lies behind all faces, (4,) linear; of a picture, whether it is opaque."""
+    if not isinstance(behind, BackgroundImage):
+        return behind
+    behind.check_size(size)
+    return np.array([0.0, 0.0, 0.0, float(behind.is_opaque)], np.float32)
 
 
 def _refuse(scene: Scene, facts: Facts) -> None:

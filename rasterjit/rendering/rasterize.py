@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Any
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,14 +12,15 @@ from rasterjit.outputs import fill
 from rasterjit.pipeline.records import Geometry, Objects
 from rasterjit.pipeline.visibility import draw
 from rasterjit.pipeline.visibility.draw import viewport_of
-from rasterjit.rendering.plan import CULL_MODES
+from rasterjit.rendering.plan import CULL_MODES, Cull
 from rasterjit.runtime.threads import Workers
 from rasterjit.scene.mesh import face_array, value_rows
 from rasterjit.scene.quality import Quality, check_quality
 from rasterjit.scene.validation import MaskedError, image_size, one_of, thread_count, unmasked_array
 from rasterjit.survey.depth_format import DepthFormat, ndc_format
 
-DEPTH_MODES = ("standard", "reversed")
+DepthMode: TypeAlias = Literal["standard", "reversed"]
+DEPTH_MODES: tuple[DepthMode, ...] = get_args(DepthMode)
 
 
 class Visibility:
@@ -99,8 +100,8 @@ def rasterize(
     faces: ArrayLike,
     size: tuple[int, int],
     *,
-    cull: str = "none",
-    depth: str = "standard",
+    cull: Cull = "none",
+    depth: DepthMode = "standard",
     quality: Quality | None = None,
     threads: int | None = None,
 ) -> Visibility:

@@ -17,6 +17,7 @@ from rasterjit.outputs import diagnostics as diagnosing
 from rasterjit.outputs import fill, motion, table
 from rasterjit.outputs.fill import add_reversed_depth
 from rasterjit.outputs.frame import Frame, Stats
+from rasterjit.outputs.table import Outputs
 from rasterjit.pipeline.visibility import draw as drawing
 from rasterjit.pipeline.visibility.draw import Seen
 from rasterjit.rendering import budget as budgets
@@ -24,6 +25,7 @@ from rasterjit.rendering import lens as lenses
 from rasterjit.rendering import plan as planning
 from rasterjit.rendering import shade, supersample
 from rasterjit.rendering.clock import StageClock
+from rasterjit.rendering.plan import Cull
 from rasterjit.rendering.supersample import Accumulation
 from rasterjit.rendering.views import (
     PlannedFrame,
@@ -34,6 +36,8 @@ from rasterjit.rendering.views import (
 )
 from rasterjit.runtime.ahead import beside
 from rasterjit.runtime.threads import Workers
+from rasterjit.scene.assigning import Guarded
+from rasterjit.scene.background import Backdrop, Background, BackgroundImage, read_background
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.lens import Lens
 from rasterjit.scene.mesh import Mesh
@@ -57,9 +61,9 @@ def render(
     quality: Quality | None = None,
     max_error: float | None = None,
     time_budget: float | None = None,
-    outputs: Sequence[str] = ("color",),
-    background: Any = None,
-    cull: str = "none",
+    outputs: Outputs = ("color",),
+    background: Background = None,
+    cull: Cull = "none",
     diagnose: bool = False,
     previous: View | None = None,
     lens: Lens | None = None,
@@ -93,9 +97,13 @@ def render(
         object_position, nocs, coverage, motion, motion_visible and ``attribute:NAME`` of an
         attribute of meshes: see `Frame`. All but color, linear and coverage are those of the
         nearest face at the pixel's centre.
-    background : color, optional
-        ``"white"``, ``"#rrggbb"``, ``"transparent"``, or linear floats (see ``linear_color``).
-        Default: the scene's environment, if it is a background; else white.
+    background : color, path or array_like, optional
+        ``"white"``, ``"#rrggbb"``, ``"transparent"``, or linear floats (see ``linear_color``). Or a
+        picture of this size, which is seen where no face is, and through what is see-through, in
+        colour and linear alone: a file's name (a path, or a string with a dot or slash), or (H, W,
+        3) or (H, W, 4): ``uint8`` sRGB, red first (OpenCV's are blue first), or floats in 0..1,
+        linear. Tone curves do not touch it. Default: the scene's environment, if it is a
+        background; else white.
     cull : {"none", "back", "front"}
         Faces that are dropped. Counter-clockwise is the front.
     diagnose : bool
@@ -143,9 +151,9 @@ def explain(
     quality: Quality | None = None,
     *,
     size: tuple[int, int] = (1280, 720),
-    outputs: Sequence[str] = ("color",),
-    background: Any = None,
-    cull: str = "none",
+    outputs: Outputs = ("color",),
+    background: Background = None,
+    cull: Cull = "none",
     diagnose: bool = False,
     previous: View | None = None,
     lens: Lens | None = None,
@@ -343,7 +351,12 @@ def stats_of(coverage: drawing.Coverage, seconds: dict[str, float]) -> Stats:
     )
 
 
-class Renderer:
+def _fitted(behind: Backdrop | None, size: tuple[int, int]) -> Backdrop | None:
+    """Return what lies behind all faces, for a frame of another size."""
+    return behind.resampled(size) if isinstance(behind, BackgroundImage) else behind
+
+
+class Renderer(Guarded):
     """
     Renders frames of one size, keeping threads and what they have in common between them.
 
@@ -368,7 +381,11 @@ class Renderer:
     ------
     ValueError
         If the size or the number of threads is wrong.
+    AttributeError
+        If an attribute is assigned that there is not.
     """
+
+    _FIELDS = ("size", "quality", "before_picture")
 
     def __init__(
         self, size: tuple[int, int], *, quality: Quality | None = None, threads: int | None = None
@@ -403,9 +420,9 @@ class Renderer:
         *,
         max_error: float | None = None,
         time_budget: float | None = None,
-        outputs: Sequence[str] = ("color",),
-        background: Any = None,
-        cull: str = "none",
+        outputs: Outputs = ("color",),
+        background: Background = None,
+        cull: Cull = "none",
         diagnose: bool = False,
         previous: View | None = None,
         lens: Lens | None = None,
@@ -500,7 +517,7 @@ class Renderer:
         _, background, cull, *_ = options
         # What is wrong is wrong before anything is drawn.
         self._plan(Quality.standard(), scene, camera, *options)
-        shown = (("color", "linear"), background, cull, False, None)
+        behind = None if background is None else read_background(background)
         with ExitStack() as stack:
             small = [
                 stack.enter_context(Renderer(size, threads=self._workers.threads))
@@ -510,7 +527,16 @@ class Renderer:
                 bound,
                 lambda quality: self._render(quality, scene, camera, *options),
                 [
-                    lambda quality, one=one: one._render(quality, scene, camera, *shown)
+                    lambda quality, one=one: one._render(
+                        quality,
+                        scene,
+                        camera,
+                        ("color", "linear"),
+                        _fitted(behind, one.size),
+                        cull,
+                        False,
+                        None,
+                    )
                     for one in small
                 ],
             )
@@ -520,9 +546,9 @@ class Renderer:
         what: Any,
         camera: Camera | None = None,
         *,
-        outputs: Sequence[str] = ("color",),
-        background: Any = None,
-        cull: str = "none",
+        outputs: Outputs = ("color",),
+        background: Background = None,
+        cull: Cull = "none",
         diagnose: bool = False,
         previous: View | None = None,
     ) -> Iterator[Frame]:

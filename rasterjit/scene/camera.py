@@ -14,14 +14,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.scene import transforms
+from rasterjit.scene.assigning import says_replace
 from rasterjit.scene.transforms import Matrix
 from rasterjit.scene.validation import (
+    VectorLike,
     finite_array,
     finite_number,
     picture_size,
@@ -82,6 +84,7 @@ class Bounded(Protocol):
         """Return the centre, (3,), and the radius in world space."""
 
 
+@says_replace
 @dataclass(frozen=True)
 class PerspectiveCamera:
     """
@@ -107,9 +110,9 @@ class PerspectiveCamera:
         not finite.
     """
 
-    eye: tuple[float, float, float]
-    target: tuple[float, float, float]
-    up: tuple[float, float, float] = (0.0, 1.0, 0.0)
+    eye: VectorLike
+    target: VectorLike
+    up: VectorLike = (0.0, 1.0, 0.0)
     fov_y: float = 45.0
     near: float = 0.1
     far: float = math.inf
@@ -146,6 +149,7 @@ class PerspectiveCamera:
             return self.near / np.asarray(stored, dtype=np.float64)
 
 
+@says_replace
 @dataclass(frozen=True)
 class OrthographicCamera:
     """
@@ -167,9 +171,9 @@ class OrthographicCamera:
         not above 0, ``far`` is not above ``near``, or a number is not finite.
     """
 
-    eye: tuple[float, float, float]
-    target: tuple[float, float, float]
-    up: tuple[float, float, float] = (0.0, 1.0, 0.0)
+    eye: VectorLike
+    target: VectorLike
+    up: VectorLike = (0.0, 1.0, 0.0)
     height: float = 2.0
     near: float = 0.0
     far: float = 1000.0
@@ -207,6 +211,7 @@ class OrthographicCamera:
         return self.near * (1.0 - share) + self.far * share
 
 
+@says_replace
 @dataclass(frozen=True, eq=False)
 class MatrixCamera:
     """
@@ -231,6 +236,10 @@ class MatrixCamera:
 
     view_from_world: Float64
     clip_from_view: Float64
+
+    if TYPE_CHECKING:
+        # Reading gives arrays; the constructor takes what can be made one.
+        def __init__(self, view_from_world: ArrayLike, clip_from_view: ArrayLike) -> None: ...
 
     def __post_init__(self) -> None:
         view = finite_array("view_from_world", self.view_from_world, (4, 4)).copy()

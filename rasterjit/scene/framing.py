@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,6 +14,10 @@ from rasterjit.scene.transforms import Matrix
 from rasterjit.scene.validation import finite_number, one_of, positive_number, vector
 
 Vector = tuple[float, float, float]
+
+Projection: TypeAlias = Literal["perspective", "orthographic"]
+PROJECTIONS: tuple[Projection, ...] = get_args(Projection)
+"""Which camera is made."""
 
 COORDINATE_SHARE = 2.0**-30
 """Least distance as a share of the largest coordinate: float64 still tells eye from target."""
@@ -192,7 +196,7 @@ def fit_camera(
     up: ArrayLike = (0.0, 1.0, 0.0),
     margin: float = 1.05,
     zoom: float = 1.0,
-    projection: Literal["perspective", "orthographic"] = "perspective",
+    projection: Projection = "perspective",
     aspect: float = 1.0,
 ) -> PerspectiveCamera | OrthographicCamera:
     """
@@ -234,7 +238,7 @@ def fit_camera(
     A sphere of radius 0 (a single point) is framed as one of radius 1, and one too small for
     float64 beside its centre's coordinates as the smallest that is not.
     """
-    one_of("projection", projection, ("perspective", "orthographic"))
+    one_of("projection", projection, PROJECTIONS)
     towards = transforms.unit_vector("direction", direction)
     upward = _upright(up, towards)
     focal = transforms.focal_length(fov_y)

@@ -1,22 +1,23 @@
 """
 Hold indexed triangle meshes, and show meshes and scenes in notebooks.
 
-A mesh is checked once, when it is made, and shared by every scene that shows it.
-
-Notebooks show meshes and scenes as small pictures. As scenes know nothing of how they are rendered,
-`set_painter` registers the function that draws these pictures.
+A mesh is checked once, when it is made, and shared by every scene that shows it. Notebooks show
+meshes and scenes as small pictures.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import copy
+from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rasterjit.scene.assigning import Guarded
 from rasterjit.scene.color import linear_rows
+from rasterjit.scene.hooks import HOOKS
 from rasterjit.scene.material import Material
 from rasterjit.scene.normals import (
     GROUPS,
@@ -26,16 +27,18 @@ from rasterjit.scene.normals import (
     unit_rows,
     vertex_tangents,
 )
-from rasterjit.scene.texture import UV_NAMES
+from rasterjit.scene.texture import UV_NAMES, UVSet
 from rasterjit.scene.validation import (
     MaskedError,
-    check_field,
     finite_number,
     in_short,
     one_of,
     read_only,
     unmasked_array,
 )
+
+if TYPE_CHECKING:
+    import trimesh
 
 _CHUNK = 1 << 18
 """Vertices looked at at once where a temporary of the whole mesh would cost memory."""
@@ -45,9 +48,9 @@ ATTRIBUTE = "attribute:"
 
 _LARGEST_FLOAT32 = float(np.finfo(np.float32).max)
 
-Painter = Callable[[Any], "bytes | None"]
-
-_PAINTERS: list[Painter] = []
+OnInvalid: TypeAlias = Literal["raise", "drop"]
+ON_INVALID: tuple[OnInvalid, ...] = get_args(OnInvalid)
+"""What to do about vertices that are NaN or infinite: refuse the mesh; leave out their faces."""
 
 
 class Previewed:
@@ -55,10 +58,10 @@ class Previewed:
 
     def _repr_png_(self) -> bytes | None:
         """Return a small picture as PNG; None if there is nothing to see."""
-        return _PAINTERS[0](self) if _PAINTERS else None
+        return HOOKS["picture"](self) if "picture" in HOOKS else None
 
 
-class Mesh(Previewed):
+class Mesh(Guarded, Previewed):
     """
     Triangles that share vertices, with optional colours, normals and texture coordinates.
 
@@ -73,7 +76,8 @@ class Mesh(Previewed):
         Vertex numbers, counter-clockwise seen from the front.
     colors : (V, 3|4) or (F, 3|4) array_like, optional
         Colour of each vertex or, with F rows, of each face (V rows win where V equals F). ``uint8``
-        is sRGB; floats in 0..1 are linear light. They multiply the material's ``base_color``.
+        is sRGB; floats in 0..1 are linear light. They are drawn as given; a ``base_color`` that is
+        given to the material multiplies them.
     normals : (V, 3) array_like, optional
         Model-space vertex normals of any length; a zero normal stays zero.
     uv : (V, 2) array_like, optional
@@ -88,7 +92,7 @@ class Mesh(Previewed):
         Values of one's own by name, any D >= 1, stored as float32: of each vertex or, with F rows,
         of each face (V rows win where V equals F). ``outputs="attribute:heat"`` shows ``"heat"``.
     material : Material, optional
-        Default ``Material()``, with a white ``base_color`` if the mesh has colours.
+        Default ``Material()``.
     on_invalid : {"raise", "drop"}
         What to do about NaN or infinite vertices: refuse the mesh, or keep its arrays as they are
         for the renderer to leave out the faces that touch one.
@@ -107,6 +111,9 @@ class Mesh(Previewed):
         If anything else than ``material`` is assigned.
     """
 
+    _FIELDS = ("material",)
+    _INSTEAD = "make another Mesh"
+
     def __init__(
         self,
         vertices: ArrayLike,
@@ -119,9 +126,9 @@ class Mesh(Previewed):
         tangents: ArrayLike | None = None,
         attributes: Mapping[str, ArrayLike] | None = None,
         material: Material | None = None,
-        on_invalid: str = "raise",
+        on_invalid: OnInvalid = "raise",
     ) -> None:
-        one_of("on_invalid", on_invalid, ("raise", "drop"))
+        one_of("on_invalid", on_invalid, ON_INVALID)
         self._vertices = read_only(_vertex_array(vertices))
         self._faces = read_only(face_array(faces, len(self._vertices)))
         self._invalid_vertices = _count_invalid(self._vertices, on_invalid)
@@ -145,9 +152,7 @@ class Mesh(Previewed):
         self._face_attributes: dict[str, NDArray[np.float32]] = {}
         if attributes is not None:
             self._store_attributes(attributes)
-        if material is None:
-            material = Material() if colors is None else Material(base_color="white")
-        self.material = material
+        self.material = Material() if material is None else material
         self._bounds: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
         self._vertex_normals: NDArray[np.float32] | None = self.normals
         self._is_closed: bool | None = None
@@ -217,11 +222,6 @@ class Mesh(Previewed):
         if not isinstance(value, Material):
             raise ValueError(f"material must be a Material, got {in_short(value)}")
         self._material = value
-
-    def __setattr__(self, name: str, value: Any) -> None:
-        if not isinstance(getattr(type(self), name, None), property):
-            check_field(self, name, ("material",))
-        super().__setattr__(name, value)
 
     @property
     def invalid_vertices(self) -> int:
@@ -329,7 +329,7 @@ class Mesh(Previewed):
         return self._vertex_normals
 
     def vertex_tangents(
-        self, transform: tuple[float, ...] | None = None, uv_set: int = 0
+        self, transform: tuple[float, ...] | None = None, uv_set: UVSet = 0
     ) -> NDArray[np.float32]:
         """
         Return the given tangents, or those that texture coordinates say.
@@ -415,6 +415,26 @@ class Mesh(Previewed):
         result._invalid_vertices = _count_invalid(result.vertices, "drop")
         result._bounds = self._bounds
         result._is_closed = self._is_closed
+        return result
+
+    def to_trimesh(self) -> trimesh.Trimesh:
+        """
+        Return a ``trimesh.Trimesh`` of the same vertices and faces, in the same order.
+
+        It has the normals that are in force, colours as bytes in sRGB, and ``uv``. A material
+        becomes ``PBRMaterial`` or, of Blinn-Phong, ``SimpleMaterial``, with pictures of 8 bits.
+
+        Warns
+        -----
+        SaveWarning
+            Once, naming what trimesh has no place for.
+        """
+        return HOOKS["to_trimesh"](self)
+
+    def without_colors(self) -> Mesh:
+        """Return the same mesh without vertex and face colours."""
+        result = copy.copy(self)
+        result._vertex_colors = result._face_colors = None
         return result
 
     def _scale(self) -> float:
@@ -581,8 +601,3 @@ def with_face_values(
     mesh._face_colors = colors
     mesh._face_attributes = {name: read_only(values) for name, values in attributes.items()}
     return mesh
-
-
-def set_painter(painter: Painter) -> None:
-    """Let a function draw the pictures from now on: it takes a scene or mesh, and returns a PNG."""
-    _PAINTERS[:] = [painter]

@@ -20,7 +20,13 @@ from rasterjit.scene.material import SHADINGS
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.normals import GROUPS
 from rasterjit.scene.texture import Pyramid, Texture, level_sizes
-from rasterjit.survey.contents import Attribute, may_have_holes, sets_of, textures_read
+from rasterjit.survey.contents import (
+    Attribute,
+    base_color_of,
+    may_have_holes,
+    sets_of,
+    textures_read,
+)
 from rasterjit.survey.placement import Views
 
 MODELS = {
@@ -171,7 +177,7 @@ def join_surface(meshes: Sequence[Mesh], normals: NDArray[np.float32] | None) ->
     runs = runs_of(meshes)
     rows = [
         (
-            *mesh.material.base_color,
+            *base_color_of(mesh),
             mesh.material.specular,
             mesh.material.shininess,
             MODELS[mesh.material.shading],

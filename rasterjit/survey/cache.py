@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from rasterjit.pipeline.records import AlphaTests, Maps, Microfacets, Surface, Textures
 from rasterjit.scene.mesh import Mesh
+from rasterjit.scene.node import Node, check_drawn, matrices_of, meshes_of
 from rasterjit.scene.quality import Quality
-from rasterjit.scene.scene import Node, matrices_of, meshes_of
 from rasterjit.survey import arrays as plan_arrays
 from rasterjit.survey import placement
 from rasterjit.survey.arrays import (
@@ -230,6 +230,7 @@ def prepare(
     """
     meshes, matrices = meshes_of(nodes), matrices_of(nodes)
     if known is None or not _are_same(known.shapes.meshes, meshes):
+        check_drawn(nodes)
         shapes, all_tables = Shapes(meshes), {}
     else:
         shapes, all_tables = known.shapes, known.all_tables

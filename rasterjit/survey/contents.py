@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from rasterjit.scene.light import AmbientLight, DirectionalLight, PointLight, SpotLight
 from rasterjit.scene.material import SHADINGS, TEXTURE_FIELDS, Material
 from rasterjit.scene.mesh import ATTRIBUTE, Mesh
+from rasterjit.scene.node import Node, check_drawn, meshes_of
 from rasterjit.scene.quality import Quality
-from rasterjit.scene.scene import EFFECT_FIELDS, Node, Scene, meshes_of
+from rasterjit.scene.scene import EFFECT_FIELDS, Scene
 from rasterjit.scene.texture import UV_NAMES, Texture
 from rasterjit.survey.overrides import meshes_under
 from rasterjit.survey.placement import mesh_boxes
@@ -211,6 +212,12 @@ def textures_read(material: Material) -> dict[str, Texture]:
     return {name: texture for name, texture in textures if texture is not None}
 
 
+def base_color_of(mesh: Mesh) -> tuple[float, float, float, float]:
+    """Return what multiplies the colours and the texture of a mesh, linear RGBA."""
+    has_colors = mesh.vertex_colors is not None or mesh.face_colors is not None
+    return mesh.material.base_color_over(has_colors)
+
+
 def sets_of(textures: dict[str, Texture]) -> list[int]:
     """
     Return by which coordinates each kind of texture is laid.
@@ -237,7 +244,7 @@ def may_have_holes(mesh: Mesh) -> bool:
 
 def _least_alpha(mesh: Mesh) -> np.float32:
     """Return an alpha that no point of a mesh is below: the product of the least of all parts."""
-    least = np.float32(mesh.material.base_color[3])
+    least = np.float32(base_color_of(mesh)[3])
     for colors in (mesh.vertex_colors, mesh.face_colors):
         if colors is not None and len(colors) > 0:
             least = least * colors[:, 3].min()
@@ -277,6 +284,7 @@ def take_inventory(
     bounds : (O, 2, 3) float64
         Low and high corner of each object, model space; NaN for one without a finite face.
     """
+    check_drawn(nodes)
     meshes = meshes_under(meshes_of(nodes), quality, has_environment)
     return Inventory(meshes), mesh_boxes(meshes)
 

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.scene.background import Backdrop, BackgroundImage
 from rasterjit.scene.environment import Environment
 from rasterjit.scene.light import AmbientLight
 from rasterjit.scene.mesh import ATTRIBUTE
@@ -55,6 +56,8 @@ class Facts(NamedTuple):
     transparency: Transparency
     has_background: bool
     """Whether the render was given a background."""
+    background_image: BackgroundImage | None
+    """The picture that it was given as background."""
     lights: PlannedLights
     """Those of the scene's that reach what is seen."""
     is_uneven: bool
@@ -230,7 +233,7 @@ def look(
     inventory: Inventory,
     quality: Quality,
     outputs: tuple[str, ...],
-    background: Any,
+    background: Backdrop | None,
     diagnose: bool,
     cull: str,
 ) -> Facts:
@@ -248,6 +251,7 @@ def look(
         quality=quality,
         transparency=NO_TRANSPARENCY,
         has_background=background is not None,
+        background_image=background if isinstance(background, BackgroundImage) else None,
         lights=NO_LIGHTS,
         is_uneven=not quality.renormalize and _any_uneven(views, in_view, inventory),
         attributes={

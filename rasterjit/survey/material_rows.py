@@ -12,8 +12,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from rasterjit.scene.material import TEXTURE_FIELDS, Material
+from rasterjit.scene.node import Node
 from rasterjit.scene.quality import Quality
-from rasterjit.scene.scene import Node, Scene
+from rasterjit.scene.scene import Scene
 from rasterjit.scene.texture import Texture
 from rasterjit.survey.contents import SMOOTH, Contents, in_words
 from rasterjit.survey.effect import Absent, Effect, Planned, Planning

@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 from numpy.typing import ArrayLike
 
 from rasterjit.scene import transforms
+from rasterjit.scene.assigning import says_replace
 from rasterjit.scene.camera import Bounded, Camera, PerspectiveCamera
 from rasterjit.scene.framing import (
     CLEARANCE,
@@ -113,6 +114,7 @@ class Pose(NamedTuple):
         )
 
 
+@says_replace
 @dataclass(frozen=True)
 class Orbit:
     """
@@ -370,6 +372,7 @@ class Orbit:
         return low, max(LARGEST_DISTANCE * self.ball.radius, self.goal.distance, 2.0 * low)
 
 
+@says_replace
 @dataclass(frozen=True)
 class Fly:
     """

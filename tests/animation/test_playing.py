@@ -79,6 +79,28 @@ def test_frames_are_what_render_gives_at_each_time(scene, renderer):
     assert len({frame.color.tobytes() for frame in played}) == 3
 
 
+def test_a_joint_moves_what_hangs_below_it(scene, renderer, camera):
+    joint = rj.Node(name="joint")
+    scene.nodes[1].parent = joint
+    tracks = {joint: lambda time: transforms.rotate_z(90.0 * time)}
+    moved = list(animation_frames(renderer, scene, camera, tracks))
+    assert (moved[0].position != moved[1].position).any()
+    for time, frame in zip((0.0, 1.0), moved, strict=True):
+        flat = rj.Scene()
+        flat.add(scene.nodes[0].mesh)
+        flat.add(scene.nodes[1].mesh, transforms.compose(tracks[joint](time),
+                                                         scene.nodes[1].transform))  # fmt: skip
+        wanted = renderer.render(flat, camera, outputs=("position",))
+        np.testing.assert_array_equal(frame.position, wanted.position)
+    assert joint.transform.tolist() == np.eye(4).tolist()
+
+
+def animation_frames(renderer, scene, camera, tracks):
+    return playing_module.frames(
+        renderer, scene, (0.0, 1.0), camera=camera, transforms=tracks, outputs=("position",)
+    )
+
+
 def test_a_morph_is_drawn(scene, renderer, cube, camera):
     track = animation.MorphTrack((0, 1), cube, [cube.vertices, 0.3 * cube.vertices])
     full, small = playing_module.frames(

@@ -116,6 +116,23 @@ def test_save_as_image(mesh, camera, tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["again.png", "frame.png"]
 
 
+def test_a_transparent_frame_is_no_jpeg(mesh, camera, tmp_path):
+    scene = rj.Scene()
+    scene.add(mesh)
+    for background, is_refused in (("transparent", True), ((1, 1, 1, 0.5), True), ("white", False)):
+        frame = rj.render(scene, camera, size=(32, 24), background=background, threads=1)
+        if not is_refused:
+            frame.save(tmp_path / "a.jpg")
+            assert (iio.imread(tmp_path / "a.jpg")[0, 0] >= 250).all()
+            continue
+        with pytest.raises(ValueError, match=r"a\.jpg.*knows no transparency.*background='white'"):
+            frame.save(tmp_path / "a.jpg")
+        assert not list(tmp_path.iterdir())
+        frame.save(tmp_path / "a.png")
+        assert np.array_equal(iio.imread(tmp_path / "a.png"), frame.color)
+        (tmp_path / "a.png").unlink()
+
+
 def test_what_cannot_be_saved_is_an_error(mesh, camera, tmp_path):
     frame = rj.render(mesh, camera, size=SIZE, threads=1)
     with pytest.raises(ValueError, match="folder"):

@@ -362,6 +362,30 @@ def test_background_where_the_lens_sees_nothing():
     assert radius == pytest.approx(focal * math.radians(60), abs=0.75)
 
 
+@pytest.mark.parametrize("kind", [np.uint8, np.float32])
+def test_photograph_behind_is_what_the_lens_has_seen(kind):
+    rows, columns = np.mgrid[:64, :96]
+    photo = np.stack((rows * 4, columns * 2, (rows + columns) % 2 * 255), axis=-1).astype(kind)
+    if kind is np.float32:
+        photo /= 255.0
+    mesh = block((0, 0, -2.0), 0.6)
+    mesh.material = rj.Material(shading="unlit", base_color="white")
+    outputs, options = ("color", "linear", "coverage"), {"size": (96, 64)}
+    for lens in (rj.PinholeDistortion(*BENT), rj.FisheyeLens(field=50.0)):
+        frame = draw(mesh, CAMERA, lens, outputs=outputs, background=photo, **options)
+        clear = draw(mesh, CAMERA, lens, outputs=outputs, background="transparent", **options)
+        is_behind, alpha = frame.coverage == 0, clear.linear[..., 3:]
+        given = rj.scene.color.decoding_table()[photo] if kind is np.uint8 else photo
+        assert is_behind.mean() > 0.5
+        if kind is np.uint8:
+            assert (frame.color[is_behind][:, :3] == photo[is_behind]).all()
+        expected = alpha + (1 - alpha) * given
+        np.testing.assert_allclose(frame.linear[..., :3], expected, atol=1e-6)
+        assert (frame.color[..., 3] == 255).all()
+    with pytest.raises(ValueError, match="a picture of the frame's size, 96 x 64"):
+        draw(mesh, CAMERA, rj.FisheyeLens(), background=photo[:32])
+
+
 def test_bits_do_not_depend_on_threads_or_on_earlier_frames():
     outputs = "color", "linear", "distance", "normal"
     for name in ("five", "panorama"):

@@ -300,6 +300,7 @@ def test_every_reason_is_spelled_out(cube, camera):
         "single-sided objects     out (every material is double_sided)",
         "environment light        out (scene.environment is None)",
         "environment background   out (scene.environment is None)",
+        "background image         out (the render was given no picture)",
         "fog                      out (scene.fog is None)",
         "tone mapping             out (scene.tone_map is None)",
         "ambient occlusion        out (scene.ambient_occlusion is None)",

@@ -198,7 +198,7 @@ def show_tones(block: Block, count, shown: int64, tone: ToneRecord):
 
 @kernel
 def show_over(
-    linear: float32[:, :, ::1], background: float32[::1], tone: ToneRecord,
+    linear: float32[:, :, ::1], background: float32[:, :, ::1], tone: ToneRecord,
     shown: float32[:, :, ::1],
 ):  # fmt: skip
     """
@@ -208,14 +208,17 @@ def show_over(
     ----------
     linear : (R, W, 4) float32
         Straight alpha; changed: laid over the background in linear light.
-    background : (4,) float32, linear
+    background : (R, W, 4) or (1, 1, 4) float32, linear
     tone : ToneRecord
     shown : (R, W, 4) float32
         Written: tones mapped, laid over the background.
     """
-    behind = background[0], background[1], background[2], background[3]
+    last_row, last_column = background.shape[0] - 1, background.shape[1] - 1
     for row in range(linear.shape[0]):
+        given = background[min(row, last_row)]
         for column in range(linear.shape[1]):
+            at = min(column, last_column)
+            behind = given[at, 0], given[at, 1], given[at, 2], given[at, 3]
             alpha = linear[row, column, 3]
             own = linear[row, column, 0], linear[row, column, 1], linear[row, column, 2]
             mapped = over(alpha, map_pixel(tone, own[0], own[1], own[2]), behind)

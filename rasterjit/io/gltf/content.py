@@ -30,18 +30,19 @@ from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.texture import UV_SETS, Texture, turned_over
 from rasterjit.scene.validation import in_short
 
-_WRAPS = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
-_NEAREST, _LINEAR = 9728, 9729
+WRAPS = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
+NEAREST, LINEAR = 9728, 9729
 """Numbers of OpenGL, which glTF samplers use."""
 
-_UNLIT = "KHR_materials_unlit"
-_STRENGTH = "KHR_materials_emissive_strength"
+UNLIT = "KHR_materials_unlit"
+STRENGTH = "KHR_materials_emissive_strength"
 _GLOSSINESS = "KHR_materials_pbrSpecularGlossiness"
 
 _OTHER_SOURCES = ("EXT_texture_webp",)
 """Extensions that name another picture of a texture, of a kind that Pillow reads."""
 
 MODES = {"OPAQUE": "opaque", "MASK": "mask", "BLEND": "blend"}
+MODE_NAMES = {mode: name for name, mode in MODES.items()}
 
 TEXTURES = {
     "base_color_texture": ("baseColorTexture", "srgb"),
@@ -116,11 +117,11 @@ class MaterialReader:
             "alpha_cutoff": _number(entry, "alphaCutoff", 0.5, 1e6),
             "double_sided": bool(entry.get("doubleSided", False)),
         }
-        textures, uv_sets = self._read_textures(values, _UNLIT in extensions, label)
-        if _UNLIT in extensions:
+        textures, uv_sets = self._read_textures(values, UNLIT in extensions, label)
+        if UNLIT in extensions:
             return Material(shading="unlit", **options, **textures), uv_sets
         strength = _number(
-            extensions.get(_STRENGTH, {}), "emissiveStrength", 1.0, BRIGHTEST_EMISSION
+            extensions.get(STRENGTH, {}), "emissiveStrength", 1.0, BRIGHTEST_EMISSION
         )
         emitted = _numbers(values, "emissiveFactor", (0.0, 0.0, 0.0), 1.0)
         material = Material(
@@ -205,10 +206,10 @@ class MaterialReader:
         mip levels as ``"bilinear"``.
         """
         sampler = {} if number is None else self._file.entry("samplers", number)
-        wrap = tuple(_WRAPS.get(sampler.get(side), "repeat") for side in ("wrapS", "wrapT"))
-        if sampler.get("magFilter") == _NEAREST:
+        wrap = tuple(WRAPS.get(sampler.get(side), "repeat") for side in ("wrapS", "wrapT"))
+        if sampler.get("magFilter") == NEAREST:
             return {"wrap": wrap, "filter": "nearest"}
-        unmipped = sampler.get("minFilter") in (_NEAREST, _LINEAR)
+        unmipped = sampler.get("minFilter") in (NEAREST, LINEAR)
         return {"wrap": wrap, "filter": "bilinear" if unmipped else "trilinear"}
 
 
@@ -356,7 +357,7 @@ class MeshReader:
         material, uv_sets = self._material(primitive)
         colors = self._colors(attributes, count, label)
         if primitive.get("material") is None:
-            material = UnsaidMaterial(base_color=None if colors is None else "white")
+            material = UnsaidMaterial()
         normals = self._rows(attributes, "NORMAL", count, (3,), label)
         uv = [self._coordinates(attributes, uv_set, count, label) for uv_set in uv_sets or [0]]
         tangents = None
