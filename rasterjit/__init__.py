@@ -18,10 +18,10 @@ What is drawn
     `Fog`, `AmbientOcclusion`, `Outline`, `Wireframe`,
     `ToneMap` and `Vignette` are effects of a whole scene.
 From where
-    `PerspectiveCamera`, `OrthographicCamera`, `MatrixCamera`; `fit_camera` and `orbit_direction`
-    place one; `PinholeDistortion`, `FisheyeLens` or `Equirectangular` is its lens. `cameras`
-    converts those of OpenCV, OpenGL, PyTorch3D, Blender and trimesh.
-    `transforms` has the matrices.
+    `PerspectiveCamera`, `OrthographicCamera`, `MatrixCamera`, each with ``project``, ``unproject``
+    and ``rays``; `fit_camera` and `orbit_direction` place one; `PinholeDistortion`, `FisheyeLens`
+    or `Equirectangular` is its lens. `cameras` converts those of OpenCV, OpenGL, PyTorch3D, Blender
+    and trimesh. `transforms` has the matrices.
 Pictures and ground truth
     `render` draws one `Frame`: colour, and any of the buffers that `Frame` describes, of motion
     since an earlier `View` as well. `Renderer` keeps what frames have in common; `render_many`

@@ -342,7 +342,7 @@ def turntable(
         How many times bigger the scene appears.
     projection : {"perspective", "orthographic"}
     aspect : float
-        Width over height of the pictures.
+        Width over height of the pictures; narrower ones cut nothing off either.
 
     Raises
     ------

@@ -27,11 +27,11 @@ from rasterjit.scene.tone_map import CURVES
 if TYPE_CHECKING:
     from rasterjit.scene.background import BackgroundImage
     from rasterjit.scene.camera import MatrixCamera, OrthographicCamera, PerspectiveCamera
+    from rasterjit.scene.framing import AnyCamera
     from rasterjit.scene.light import Light
     from rasterjit.scene.scene import Scene
 
     FittedCamera = PerspectiveCamera | OrthographicCamera
-    AnyCamera = FittedCamera | MatrixCamera
 
 Vector = tuple[float, float, float]
 Options = TypeVar("Options", bound=tuple)
@@ -470,8 +470,13 @@ class View(NamedTuple):
 
     def camera(self, scene: Scene, size: tuple[int, int]) -> AnyCamera | None:
         """Return the camera; ``None``, for the renderer to choose, if no option was given."""
-        if all(option is None for option in self):
-            return None
+        if all(option is None for option in self._replace(zoom=None)):
+            if self.zoom is None:
+                return None
+            if scene.camera is not None:
+                from rasterjit.scene.framing import zoom_camera
+
+                return zoom_camera(scene.camera, self.zoom)
         if self.pose is not None or self.intrinsics is not None:
             return self._calibrated(scene, size)
         if self.position is not None:
@@ -684,7 +689,8 @@ def view_options(command: Callable | None = None, *, orbit: bool = False) -> Cal
         click.option("--elevation", metavar="DEG", type=FiniteType(-90.0, 90.0),
                      help="Degrees above the scene."),
         click.option("--zoom", metavar="FACTOR", type=FiniteType(0.0, min_open=True),
-                     help="How many times bigger to show the scene."),
+                     help="How many times bigger to show the scene" + ("." if orbit else
+                          "; alone, it is seen with the file's camera, if there is one.")),
         click.option("--fov", metavar="DEG",
                      type=FiniteType(0.0, 180.0, min_open=True, max_open=True),
                      help="Vertical field of view, degrees; default 45."),

@@ -3,7 +3,9 @@ Cameras as other programs describe them, to ours and back.
 
 Each pair of functions keeps to one convention: where the axes of the camera point, whether vectors
 are columns or rows, and where on the first pixel the origin of pixel coordinates is. World axes are
-never changed: a scene whose z is up stays one.
+never changed: a scene whose z is up stays one. A camera that is made for an image of one size
+refuses images of another aspect, which it would have to stretch; see `rasterjit.MatrixCamera`. No
+pose may mirror: all functions refuse one of a determinant below 0.
 
 =============  ===================  =======  ====================  =============================
 convention     x, y, z point        vectors  pose                  pixel coordinates
@@ -456,7 +458,7 @@ def from_blender(
         x, y = (width * pixel / 2.0, height * pixel / 2.0)
         right, up = right * side * pixel, up * side * pixel
         clip = transforms.orthographic(right - x, right + x, up - y, up + y, clip_start, clip_end)
-        return MatrixCamera(view, clip)
+        return MatrixCamera(view, clip, (width, height))
     _check_planes(("clip_start", "clip_end"), clip_start, clip_end)
     if sensor_fit == "VERTICAL":
         wide = positive_number("sensor_height", sensor_height)
@@ -591,7 +593,7 @@ def _camera(pinhole: _Pinhole, size: tuple[int, int], view: Matrix) -> MatrixCam
     clip[0, 2], clip[1, 2] = 1.0 - 2.0 * pinhole.cx / width, 2.0 * pinhole.cy / height - 1.0
     clip[2, 2:] = transforms.perspective_depth(pinhole.near, pinhole.far)
     clip[3, 2] = -1.0
-    return MatrixCamera(view, clip + 0.0)
+    return MatrixCamera(view, clip + 0.0, (width, height))
 
 
 def _pinhole(camera: Camera, size: tuple[int, int]) -> _Pinhole:

@@ -17,8 +17,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.runtime.threads import Workers
 from rasterjit.scene import transforms
-from rasterjit.scene.camera import Camera, clip_from_relative
+from rasterjit.scene.camera import Camera
 from rasterjit.scene.lens import Equirectangular, Lens
+from rasterjit.scene.pixels import clip_from_relative
 from rasterjit.scene.transforms import Matrix
 from rasterjit.scene.validation import MAX_SIZE
 

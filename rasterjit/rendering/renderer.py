@@ -48,6 +48,7 @@ from rasterjit.scene.view import View
 from rasterjit.survey import placement as placing
 from rasterjit.survey.arrays import placement_of
 from rasterjit.survey.cache import SceneCache
+from rasterjit.survey.camera_view import CameraView
 from rasterjit.survey.effect import FrameContext
 from rasterjit.survey.placement import Views
 from rasterjit.survey.plan import RenderPlan
@@ -161,7 +162,10 @@ def explain(
     """
     Say what a render of these arguments would do, without doing it.
 
-    Takes the arguments of `render`; the plan prints as a table.
+    Takes the arguments of `render`; the plan prints as a table. That begins with what the camera
+    sees: where it looks, which axis of the world is up in the picture, and which share of the
+    surfaces is in view, on how many pixels. Poses and angles in another program's convention look
+    strange there; ``docs/cameras.md`` shows how.
 
     Raises
     ------
@@ -179,6 +183,7 @@ def explain(
     plan = planning.plan_frame(
         scene, camera, size, check_quality(quality), outputs, background, cull, diagnose
     )
+    plan = plan.with_(view=CameraView(tuple(scene.nodes), plan.camera, size))
     earlier = find_earlier(previous, plan, scene)
     return plan if earlier is None else plan.with_(previous=plan_earlier(plan, *earlier))
 

@@ -139,7 +139,7 @@ class Viewer:
         first = choose_camera(self.scene, camera, self.size)
         self._is_fitted = camera is None and self.scene.camera is None
         self._ball = Ball.around(self.scene)
-        self.controls: Orbit | Fly = Orbit.from_camera(first, self._ball, up)
+        self.controls: Orbit | Fly = Orbit.from_camera(first, self._ball, up, self.size)
         self._threads = threads
         # Held by who takes what was found for a version, and by who begins another.
         self._lock = threading.Lock()

@@ -38,6 +38,17 @@ def test_a_turntable_goes_around_once(scene):
     assert np.ptp(distances) < 1e-9
 
 
+def test_a_turntable_cuts_nothing_off_in_upright_pictures(scene):
+    turn = animation.turntable(scene)
+    with rj.Renderer((24, 60), threads=1) as upright:
+        for frame in playing_module.frames(
+            upright, scene, (0.0, 0.25), camera=turn, outputs="face_id"
+        ):
+            seen = frame.face_id >= 0
+            assert seen.any()
+            assert not seen[:, [0, -1]].any()
+
+
 def test_a_turntable_turns_around_the_axis_that_is_up(scene):
     turn = animation.turntable(scene, up=(0, 0, 1), azimuth=0.0, elevation=30.0)
     center, _ = scene.bounding_sphere()

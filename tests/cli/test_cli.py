@@ -1,3 +1,4 @@
+import dataclasses
 import json
 import subprocess
 import sys
@@ -20,6 +21,7 @@ from rasterjit.inspect import measure
 from rasterjit.outputs import table
 from rasterjit.pipeline.visibility import draw as drawing
 from rasterjit.runtime import ahead, jit, progress, store
+from rasterjit.scene.framing import zoom_camera
 
 MODELS = Path(__file__).parents[2] / "models"
 CUBE = str(MODELS / "cube.ply")
@@ -129,6 +131,45 @@ def test_azimuth_elevation_and_zoom_orbit_the_fitted_camera(tmp_path):
     )
     options = ("--azimuth", 120, "--elevation", 35, "--zoom", 1.5, "--fov", 30)
     assert np.array_equal(render(tmp_path, *options), rendered(camera).color)
+
+
+def test_zoom_keeps_the_camera_of_a_file(tmp_path):
+    file = MODELS / "scene.glb"
+    own = rj.load(file).camera
+    fov = 2.0 * np.degrees(np.arctan(np.tan(np.radians(own.fov_y) / 2.0) / 2.0))
+    with_zoom = render(tmp_path, "--zoom", 2, file=file)
+    nearer = rendered(dataclasses.replace(own, fov_y=fov), file).color
+    assert (with_zoom != nearer).mean() < 1e-3
+    # Another option for the camera fits one to the scene.
+    fitted = render(tmp_path, "--zoom", 2, "--azimuth", 31, file=file)
+    assert not np.array_equal(with_zoom, fitted)
+
+
+def test_zoom_enlarges_about_the_middle_of_every_kind_of_camera():
+    points = np.random.default_rng(1).normal(size=(20, 3))
+    eye, target = (3.0, 2.0, 5.0), (0.0, 0.0, 0.0)
+    kinds = (
+        rj.PerspectiveCamera(eye, target, fov_y=60.0, min_aspect=1.0),
+        rj.OrthographicCamera(eye, target, height=4.0),
+        rj.MatrixCamera.from_intrinsics(
+            90, 80, 50, 45, (80, 100),
+            view_from_world=rj.PerspectiveCamera(eye, target).view_matrix(),
+        ),
+    )  # fmt: skip
+    for camera in kinds:
+        plain, zoomed = (
+            points_on_screen(one, points, (80, 100)) for one in (camera, zoom_camera(camera, 3.0))
+        )
+        np.testing.assert_allclose(zoomed, 3.0 * plain, rtol=1e-12, atol=1e-12)
+        with pytest.raises(ValueError, match="zoom"):
+            zoom_camera(camera, 0.0)
+
+
+def points_on_screen(camera, points, size):
+    """Return NDC x and y of points, (N, 2)."""
+    matrix = camera.projection_matrix(size) @ camera.view_matrix()
+    clip = np.column_stack([points, np.ones(len(points))]) @ matrix.T
+    return clip[:, :2] / clip[:, 3:]
 
 
 def test_default_direction_is_that_of_fit_camera():

@@ -234,6 +234,7 @@ OFF_THE_PATH = {
     "inspect/oracle.py": "whole numbers and fractions",
     "inspect/pixel_report.py": "text",
     "outputs/diagnostics.py": "pictures of a frame's cost, not of its scene",
+    "survey/camera_view.py": "text about a camera",
     "inspect/pixel.py": "text about one pixel",
     "inspect/pixel_color.py": "text about one pixel",
     "runtime/jit.py": "compiles",

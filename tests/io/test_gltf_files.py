@@ -523,6 +523,24 @@ def test_a_camera_that_cannot_be_used_is_named_with_the_field(tmp_path):
     assert load_with(model.save(tmp_path / "a.glb"), said).camera is None
 
 
+@pytest.mark.parametrize("kind", ["perspective", "orthographic"])
+def test_a_camera_on_a_mirroring_node_is_named(tmp_path, kind):
+    lens = {"yfov": 1.0, "xmag": 2, "ymag": 2, "znear": 0.1, "zfar": 9}
+    for scale, is_taken in (([2, 2, 2], True), ([-1, -1, 2], True), ([-1, 1, 1], False)):
+        model = textured()
+        number = model.glb.add("cameras", {"type": kind, kind: lens})
+        nodes = document(model)["nodes"]
+        # What mirrors may be a node above.
+        nodes.append({"camera": number, "translation": [0, 0, 3]})
+        nodes[0] |= {"children": [len(nodes) - 1], "scale": scale}
+        path = model.save(tmp_path / "a.glb")
+        if is_taken:
+            assert rj.load(path).camera is not None
+        else:
+            said = "camera 0, which cannot be used: its node must not mirror"
+            assert load_with(path, said).camera is None
+
+
 @pytest.mark.parametrize("length", [6, 19, 20, 300, -200])
 def test_a_file_that_ends_too_early_is_refused_with_this_reason(tmp_path, length):
     path = textured().save(tmp_path / "a.glb")

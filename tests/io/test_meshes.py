@@ -460,6 +460,14 @@ def test_normals_given_to_a_trimesh_are_its_own():
     assert np.array_equal(only_mesh(from_trimesh(source)).normals, up)
 
 
+def test_a_camera_of_trimesh_whose_pose_mirrors_is_named():
+    source = trimesh.Scene(trimesh.creation.box())
+    source.camera = trimesh.scene.Camera(fov=(60, 30))
+    source.camera_transform = np.diag([1.0, -1.0, 1.0, 1.0])
+    with pytest.warns(UserWarning, match="camera whose pose mirrors"):
+        assert from_trimesh(source).camera is None
+
+
 def test_a_trimesh_scene_brings_its_camera_and_lights():
     source = trimesh.Scene(trimesh.creation.box())
     source.camera = trimesh.scene.Camera(fov=(60, 30), z_near=0.25)

@@ -226,6 +226,15 @@ def test_parallel_camera_becomes_one_that_shows_as_much(kind):
     assert pixel_of(seen, edge, (60, 60)) == pytest.approx((60.0, 30.0), abs=1e-6)
 
 
+@pytest.mark.parametrize("projection", ["perspective", "orthographic"])
+def test_a_fitted_camera_shows_the_whole_scene_in_an_upright_window_too(projection):
+    size = 30, 90
+    seen = Orbit.from_camera(rj.fit_camera(scene, projection=projection), scene, size=size).camera()
+    right = np.multiply(scene.radius, seen.view_matrix()[0, :3])
+    for edge in (scene.center - right, scene.center + right):
+        assert 0.0 < pixel_of(seen, edge, size)[0] < size[0]
+
+
 def test_matrix_camera_is_taken():
     placed = orbit().camera()
     matrices = rj.MatrixCamera(placed.view_matrix(), placed.projection_matrix((1, 1)))

@@ -25,7 +25,7 @@ from rasterjit.io.gltf.content import COMPRESSED, MaterialReader, MeshReader
 from rasterjit.io.gltf.file import GltfFile
 from rasterjit.io.resources import Resources
 from rasterjit.io.skipped import LeftOut, MeshFileError, reason_of
-from rasterjit.scene.camera import OrthographicCamera, PerspectiveCamera
+from rasterjit.scene.camera import OrthographicCamera, PerspectiveCamera, mirrors
 from rasterjit.scene.light import DirectionalLight, PointLight, SpotLight
 from rasterjit.scene.node import Node
 from rasterjit.scene.scene import Scene
@@ -171,13 +171,15 @@ class _GltfScene:
         return node
 
     def _add_camera(self, number: Any, world_from_node: NDArray) -> None:
-        """Keep the first camera, which looks along its node's -z."""
+        """Keep the first camera, which looks along its node's -z; a mirroring node has none."""
         if self.scene.camera is not None:
             self._left_out.note("further camera")
             return
         eye, ahead, up = world_from_node[:3, 3], -world_from_node[:3, 2], world_from_node[:3, 1]
         try:
             camera = self._file.entry("cameras", number)
+            if mirrors(world_from_node):
+                raise ValueError("its node must not mirror, got a determinant below 0")
             values = camera[camera["type"]]
             clip = {"near": values["znear"], "far": values.get("zfar", math.inf)}
             if camera["type"] == "orthographic":

@@ -19,7 +19,7 @@ from rasterjit.io.trimesh.materials import (
     colors_from_trimesh,
     material_from_trimesh,
 )
-from rasterjit.scene.camera import PerspectiveCamera
+from rasterjit.scene.camera import PerspectiveCamera, mirrors
 from rasterjit.scene.light import WIDEST_CONE, DirectionalLight, PointLight, SpotLight
 from rasterjit.scene.material import Material
 from rasterjit.scene.memory import MemoryBudget
@@ -216,6 +216,9 @@ class TrimeshAdapter:
         camera = loaded.camera
         try:
             pose = np.asarray(loaded.camera_transform, dtype=np.float64)
+            if mirrors(pose):
+                self.left_out.note("camera whose pose mirrors")
+                return
             eye = pose[:3, 3]
             scene.camera = PerspectiveCamera(
                 eye,
