@@ -28,6 +28,7 @@ from rasterjit.rendering.lens_pictures import (
     Looks,
     Picture,
     Sight,
+    camera_of,
     look,
     see,
     world_axes,
@@ -101,7 +102,7 @@ def plan_lensed(
     Check the arguments of a frame with a lens, and decide which pictures it takes.
 
     ``known`` is what an earlier frame of the scene was drawn from, ``last`` an earlier frame with a
-    lens: where its pixels look is not found again for another place of the same camera.
+    lens: where its pixels look is not found again for the same camera elsewhere.
 
     Raises
     ------
@@ -114,9 +115,9 @@ def plan_lensed(
     _refuse(outputs, diagnose)
     sight = see(lens, camera, size)
     if last is not None and (last.lens, last.size) == (lens, size) and last.sight.same(sight):
-        looks = last.looks.seen_by(camera)
+        looks = last.looks
     else:
-        looks = look(lens, camera, size, sight, workers)
+        looks = look(lens, size, sight, workers)
     if "depth" in outputs and looks.least_cosine <= 0.0:
         raise ValueError(
             "outputs has 'depth', which is along the viewing axis and above 0 less than 90 degrees "
@@ -130,10 +131,10 @@ def plan_lensed(
         background = "transparent"
     whole = []
     for picture in looks.pictures:
+        seen_by = camera_of(picture, camera, size, sight)
         one = plan_views(
-            picture.size, quality, scene, picture.camera, drawn, background, cull, False, None,
-            known,
-        )  # fmt: skip
+            picture.size, quality, scene, seen_by, drawn, background, cull, False, None, known
+        )
         known = one.cache
         whole.append(one)
     _refuse_effects([one.plan for one in whole])

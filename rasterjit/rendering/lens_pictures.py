@@ -64,8 +64,6 @@ below and above, in the axes of the lens (x right, y down, z ahead)."""
 class Sight(NamedTuple):
     """A camera taken apart: which way it looks, and what takes the lens's places to pixels."""
 
-    clip: Matrix
-    """``clip_from_view``, (4, 4)."""
     rows: Float64
     """(3, 4): pixel column, pixel row and w, each times w, of view-space points."""
     axes: Float64
@@ -78,8 +76,8 @@ class Sight(NamedTuple):
     """Pixels: principal point."""
 
     def same(self, other: Sight) -> bool:
-        """Tell whether another camera differs in nothing but its place."""
-        return np.array_equal(self.clip, other.clip)
+        """Tell whether another camera differs in nothing but its place and its planes."""
+        return np.array_equal(self.rows, other.rows)
 
     def pixels(self, places: Float64) -> Float64:
         """Return the pixel coordinates, (..., 2), of places of the lens, (..., 2)."""
@@ -128,15 +126,14 @@ class PictureCamera:
 
 
 class Picture(NamedTuple):
-    """A pinhole picture that a lens needs."""
+    """The part of a plane at distance 1 before the eye that a pinhole picture shows."""
 
     number: int
-    camera: PictureCamera
     size: tuple[int, int]
     axes: Float64
     """(3, 3): right, down and ahead, in the axes of the lens."""
     density: float
-    """Samples a unit of the plane at distance 1."""
+    """Samples a unit of the plane."""
     origin: tuple[float, float]
     """Where its axis lies, samples."""
 
@@ -165,14 +162,6 @@ class Looks(NamedTuple):
     pictures: tuple[Picture, ...]
     least_cosine: float
     """Of the angle from the axis, of all corners of pixels."""
-
-    def seen_by(self, camera: Camera) -> Looks:
-        """Return the same for a camera at another place."""
-        pictures = (
-            one._replace(camera=PictureCamera(camera, one.camera.clip_from_view))
-            for one in self.pictures
-        )
-        return self._replace(pictures=tuple(pictures))
 
     @property
     def described(self) -> str:
@@ -208,10 +197,10 @@ def see(lens: Lens, camera: Camera, size: tuple[int, int]) -> Sight:
     axes, triangle = _take_apart(rows[:, :3])
     if isinstance(lens, Equirectangular):
         focal = width / (2.0 * math.pi), height / math.pi, 0.0
-        return Sight(clip, rows, axes, triangle[2][2], focal, (0.5 * width, 0.5 * height))
+        return Sight(rows, axes, triangle[2][2], focal, (0.5 * width, 0.5 * height))
     (fx, skew, cx), (_, fy, cy), (_, _, scale) = triangle
     focal = fx / scale, fy / scale, skew / scale
-    return Sight(clip, rows, axes, scale, focal, (cx / scale, cy / scale))
+    return Sight(rows, axes, scale, focal, (cx / scale, cy / scale))
 
 
 def world_axes(camera: Camera, size: tuple[int, int]) -> Float64:
@@ -236,9 +225,7 @@ def _take_apart(rows: Float64) -> tuple[Float64, list[list[float]]]:
     return np.array([right, down, ahead]), [[fx, skew, cx], [0.0, fy, cy], [0.0, 0.0, far]]
 
 
-def look(
-    lens: Lens, camera: Camera, size: tuple[int, int], sight: Sight, workers: Workers
-) -> Looks:
+def look(lens: Lens, size: tuple[int, int], sight: Sight, workers: Workers) -> Looks:
     """
     Find where all pixels look, and the pictures that show it.
 
@@ -274,7 +261,7 @@ def look(
     density = SAMPLES / least
     low, high = extents[:, :, :2].min(axis=0), extents[:, :, 2:].max(axis=0)
     pictures = [
-        _picture(n, axes, low[n], high[n], density, _aligned(number, place, n), camera, size, sight)
+        _picture(n, axes, low[n], high[n], density, _aligned(number, place, n), size)
         for n, axes in enumerate(faces)
         if low[n, 0] <= high[n, 0]
     ]
@@ -393,9 +380,7 @@ def _picture(
     high: Float64,
     density: float,
     aligned: tuple[float, float],
-    camera: Camera,
     size: tuple[int, int],
-    sight: Sight,
 ) -> Picture:
     """Return the picture that shows a part of a plane."""
     sides, origin = [], []
@@ -410,27 +395,37 @@ def _picture(
             f"lens takes a pinhole picture of {sides[0]} x {sides[1]} samples for a picture of "
             f"{size[0]} x {size[1]} pixels; each side must be at most {MAX_SIZE}: draw it smaller"
         )
-    width, height = sides
-    right, down, ahead = (axes[k] for k in range(3))
-    columns = (2.0 * density / width) * right + (2.0 * origin[0] / width - 1.0) * ahead
-    rows = (2.0 * density / height) * down + (2.0 * origin[1] / height - 1.0) * ahead
-    clip = sight.clip
+    return Picture(number, (sides[0], sides[1]), axes, density, (origin[0], origin[1]))
+
+
+def camera_of(
+    picture: Picture, camera: Camera, size: tuple[int, int], sight: Sight
+) -> PictureCamera:
+    """
+    Return the camera of a pinhole picture.
+
+    Raises
+    ------
+    ValueError
+        If the near plane is to be turned, and does not face the line of sight.
+    """
+    (width, height), (left, top), density = picture.size, picture.origin, picture.density
+    right, down, ahead = (picture.axes[k] for k in range(3))
+    columns = (2.0 * density / width) * right + (2.0 * left / width - 1.0) * ahead
+    rows = (2.0 * density / height) * down + (2.0 * top / height - 1.0) * ahead
     parts = np.array([columns, -rows, ahead]) * sight.depth_scale
-    found = np.empty((4, 4))
+    clip, found = camera.projection_matrix(size), np.zeros((4, 4))
     found[[0, 1, 3], :3] = _times(parts, sight.axes)
-    found[[0, 1, 3], 3] = 0.0
     if sight.rows[:, 3].any():
         # The eye is not at the origin of view space.
-        eye = transforms.normal_matrix(_square(sight.rows[:, :3]))[:3, :3].T
-        offset = _times(eye, sight.rows[:, 3:])
+        inverse = transforms.normal_matrix(_square(sight.rows[:, :3])).T
+        offset = _times(inverse, sight.rows[:, 3:])
         found[[0, 1, 3], 3] = _times(found[[0, 1, 3], :3], offset)[:, 0]
-    picture_ahead = bool(ahead[2] == 1.0)
-    found[2] = clip[2] if picture_ahead else _turned_depth(clip, found[3])
-    if picture_ahead:
-        found[3] = clip[3]
-    return Picture(
-        number, PictureCamera(camera, found), (width, height), axes, density, (origin[0], origin[1])
-    )
+    if picture.is_ahead:
+        found[2:] = clip[2:]
+    else:
+        found[2] = _turned_depth(clip, found[3])
+    return PictureCamera(camera, found)
 
 
 def _turned_depth(clip: Matrix, w_row: Float64) -> Float64:
