@@ -41,7 +41,7 @@ from rasterjit.rendering.views import (
     plan_views,
 )
 from rasterjit.runtime.threads import Workers, rows_per_task
-from rasterjit.scene.background import Background, BackgroundImage, read_background
+from rasterjit.scene.background import Backdrop, BackgroundImage, read_background
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.color import decoding_table
 from rasterjit.scene.lens import Equirectangular, Lens, check_lens
@@ -50,6 +50,7 @@ from rasterjit.scene.scene import Scene
 from rasterjit.scene.validation import image_size
 from rasterjit.scene.view import View
 from rasterjit.survey import placement as placing
+from rasterjit.survey.arrays import placement_of
 from rasterjit.survey.cache import SceneCache, prepare
 from rasterjit.survey.effect import FrameContext
 from rasterjit.survey.placement import Views
@@ -74,13 +75,13 @@ class Lensed(NamedTuple):
     looks: Looks
     sight: Sight
     pictures: tuple[PlannedFrame, ...]
-    behind: Background
+    behind: Backdrop
     """The background that was given, or black: what is seen where the lens sees nothing, and a
     picture also where no face is."""
     plan: RenderPlan
     """That of the first picture, with the size and the camera of the frame."""
-    earlier: tuple[Scene, Camera, Sight] | None
-    """What it is compared with."""
+    compared: tuple[Scene, Camera, Sight] | None
+    """The earlier view that it is compared with."""
 
 
 def plan_lensed(
@@ -146,10 +147,13 @@ def plan_lensed(
     text = f"{type(lens).__name__}: {looks.described}"
     plan = whole[0].plan.with_(outputs=outputs, size=size, camera=camera, lens=text)
     earlier = find_earlier(previous, plan, scene)
+    compared = None
     if earlier is not None:
         with naming("previous.camera"):
-            earlier = *earlier, see(lens, earlier[1], size)
-    return Lensed(lens, camera, size, outputs, looks, sight, tuple(pictures), behind, plan, earlier)
+            compared = *earlier, see(lens, earlier[1], size)
+    return Lensed(
+        lens, camera, size, outputs, looks, sight, tuple(pictures), behind, plan, compared
+    )
 
 
 def draw_lensed(planned: Lensed, workers: Workers, draw: Draw) -> Frame:
@@ -165,7 +169,7 @@ def draw_lensed(planned: Lensed, workers: Workers, draw: Draw) -> Frame:
     """
     looks, outputs, clock = planned.looks, planned.outputs, StageClock()
     targets: dict[str, NDArray[Any]] = {}
-    comparison = _compare(planned, workers) if "motion" in outputs else None
+    comparison = _compare(planned)
     counts = dict.fromkeys(COUNTS, 0)
     for picture, one in zip(looks.pictures, planned.pictures, strict=True):
         frame, seen = draw(one, clock)
@@ -182,7 +186,8 @@ def draw_lensed(planned: Lensed, workers: Workers, draw: Draw) -> Frame:
     behind = planned.behind
     result = {name: _finished(name, targets, looks, behind, workers) for name in outputs}
     one = planned.pictures[0]
-    context = FrameContext(planned.plan, one.cache, None, None, None, workers)
+    placement = placement_of(one.cache.shapes.arrays, one.views)
+    context = FrameContext(planned.plan, one.cache, None, placement, None, workers)
     for overlay in planned.plan.at("overlay"):
         overlay.effect.places["overlay"](overlay.data, context, result["color"])
     stats = Stats(**counts, seconds=clock.seconds, face_id=targets["face_id"])
@@ -290,8 +295,8 @@ def _take(
         x, y = (looks.place[first:last][is_here].astype(np.float64) * picture.density).T
         column = np.clip(np.floor(x + origin_x), 0, width - 1).astype(np.int64)
         row = np.clip(np.floor(y + origin_y), 0, height - 1).astype(np.int64)
-        for name, array in nearest.items():
-            targets[name][first:last][is_here] = array[row, column]
+        for taken, array in nearest.items():
+            targets[taken][first:last][is_here] = array[row, column]
 
     count, per_task = len(looks.number), rows_per_task(looks.number.shape, workers)
     workers.run(
@@ -326,7 +331,7 @@ def _finished(
     name: str,
     targets: dict[str, NDArray[Any]],
     looks: Looks,
-    behind: Background,
+    behind: Backdrop,
     workers: Workers,
 ) -> NDArray[Any]:
     """Return an output as a frame holds it; of colours, before what is behind."""
@@ -335,17 +340,16 @@ def _finished(
         return target
     if target.shape[2] == 1:
         return target[..., 0]
-    given = behind
+    alpha, is_nowhere = target[..., 3:], looks.number == NOWHERE
     if isinstance(behind, BackgroundImage):
-        given = behind.image
-        given = given if given.dtype == np.float32 else _straight(given)
-        through = (1.0 - target[..., 3:]) * given[..., 3:]
+        image: NDArray[Any] = behind.image
+        given = image if image.dtype == np.float32 else _straight(image)
+        through = (1.0 - alpha) * given[..., 3:]
         target[..., :3] += through * given[..., :3]
-        target[..., 3:] += through
-    alpha = target[..., 3:]
+        alpha += through
     np.divide(target[..., :3], alpha, out=target[..., :3], where=alpha > 0.0)
-    is_nowhere = looks.number == NOWHERE
-    target[is_nowhere] = given[is_nowhere] if given.ndim == 3 else given
+    if isinstance(behind, np.ndarray):
+        target[is_nowhere] = behind
     if name != "color":
         return target
     color = np.empty(target.shape, np.uint8)
@@ -356,9 +360,11 @@ def _finished(
     return color
 
 
-def _compare(planned: Lensed, workers: Workers) -> Comparison:
-    """Return what it takes to compare a frame with its earlier view."""
-    scene, camera, sight_before = planned.earlier
+def _compare(planned: Lensed) -> Comparison | None:
+    """Return what it takes to compare a frame with an earlier view; ``None`` without one."""
+    if planned.compared is None:
+        return None
+    scene, camera, sight_before = planned.compared
     cache, size = planned.pictures[0].cache, planned.size
     quality = planned.plan.quality
     old = prepare(scene.nodes, cache, quality, scene.environment is not None)

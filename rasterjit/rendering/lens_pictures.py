@@ -244,7 +244,9 @@ def look(lens: Lens, size: tuple[int, int], sight: Sight, workers: Workers) -> L
     def look_some(first: int) -> tuple[Float64, float, float]:
         last = min(first + ROWS_AT_ONCE, height)
         columns = np.arange(width + 1.0)
-        centers = lens.directions(sight.places(columns[:-1] + 0.5, np.arange(first, last) + 0.5))
+        centers = lens.directions(
+            sight.places(columns[:-1] + 0.5, np.arange(first, last, dtype=np.float64) + 0.5)
+        )
         corners = lens.directions(sight.places(columns, np.arange(first, last + 1.0)))
         _refuse_folds(lens, centers)
         some = slice(first, last)
