@@ -19,8 +19,9 @@ What is drawn
     `ToneMap` and `Vignette` are effects of a whole scene.
 From where
     `PerspectiveCamera`, `OrthographicCamera`, `MatrixCamera`, each with ``project``, ``unproject``
-    and ``rays``; `fit_camera` and `orbit_direction` place one. `cameras` converts those of
-    OpenCV, OpenGL, PyTorch3D, Blender and trimesh. `transforms` has the matrices.
+    and ``rays``; `fit_camera` and `orbit_direction` place one; `PinholeDistortion`, `FisheyeLens`
+    or `Equirectangular` is its lens. `cameras` converts those of OpenCV, OpenGL, PyTorch3D, Blender
+    and trimesh. `transforms` has the matrices.
 Pictures and ground truth
     `render` draws one `Frame`: colour, and any of the buffers that `Frame` describes, of motion
     since an earlier `View` as well. `Renderer` keeps what frames have in common; `render_many`
@@ -95,6 +96,7 @@ from rasterjit.scene.environment import Environment
 from rasterjit.scene.fog import Fog
 from rasterjit.scene.framing import fit_camera, orbit_direction
 from rasterjit.scene.hooks import set_hooks
+from rasterjit.scene.lens import Equirectangular, FisheyeLens, PinholeDistortion
 from rasterjit.scene.light import AmbientLight, DirectionalLight, PointLight, Shadow, SpotLight
 from rasterjit.scene.material import Material
 from rasterjit.scene.mesh import Mesh
@@ -129,6 +131,8 @@ __all__ = [
     "Diagnostics",
     "DirectionalLight",
     "Environment",
+    "Equirectangular",
+    "FisheyeLens",
     "Fog",
     "Frame",
     "Framebuffer",
@@ -145,6 +149,7 @@ __all__ = [
     "OutputNotRequestedError",
     "PerspectiveCamera",
     "Pick",
+    "PinholeDistortion",
     "Pipeline",
     "PixelExplanation",
     "PointLight",

@@ -205,7 +205,8 @@ def from_opencv(
     ----------
     intrinsics : (3, 3) array_like
         K, pixels: focal lengths, skew and principal point, which may be anywhere. The centre of
-        the first pixel is at (0, 0). Lens distortion is not drawn: undistort the photograph.
+        the first pixel is at (0, 0). Distortion is drawn by ``render(..., lens=)``:
+        ``PinholeDistortion(*dist.ravel())`` or ``FisheyeLens(*D.ravel())``.
     size : (int, int)
         Width and height of the image that K is for, pixels.
     rotation, translation : (3, 3) and (3,) or (3, 1) array_like, optional

@@ -133,6 +133,9 @@ OUTPUTS: tuple[OutputName, ...] = tuple(TABLE)
 MOTION_OUTPUTS = tuple(name for name, row in TABLE.items() if row.needs_previous)
 """Those that compare what is seen with an earlier view."""
 
+MIXED_OUTPUTS = tuple(name for name, row in TABLE.items() if row.is_mixed)
+"""Those that are mixed from all that a pixel shows."""
+
 LAYER_OUTPUTS = tuple(name for name, row in TABLE.items() if not row.is_mixed)
 """Those that a layer of surfaces can hold."""
 

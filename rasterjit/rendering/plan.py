@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.outputs import diagnostics, fill
-from rasterjit.outputs.table import check_outputs, row_of
+from rasterjit.outputs.table import MIXED_OUTPUTS, check_outputs, row_of
 from rasterjit.pipeline.fragments.bands import peeling_kernels
 from rasterjit.pipeline.records import Lighting
 from rasterjit.pipeline.visibility import draw
@@ -192,11 +192,23 @@ def list_kernels(plan: RenderPlan) -> tuple[KernelRow, ...]:
     rows += [row for row in supersample.covering_kernels(plan) if row not in rows]
     if plan.facts.diagnose:
         rows += diagnostics.kernels_of(plan.depth_format.kind)
+    if plan.lens:
+        rows += lens_kernels(plan.outputs)
     if plan.surfaces is not None:
         rows += peeling_kernels(plan.depth_format.kind, plan.facts.needs_alpha_tests)
     if "motion_visible" in plan.outputs and plan.previous is not None:
         rows += _finding_kernels(plan.previous)
     return tuple(KernelRow(*row) for row in dict.fromkeys(rows))
+
+
+def lens_kernels(outputs: Sequence[str]) -> Rows:
+    """Return the kernels that filter pinhole pictures where there is a lens."""
+    rows = []
+    if not set(MIXED_OUTPUTS).isdisjoint(outputs):
+        rows.append(("resampling.filter_rows", "", ""))
+    if "color" in outputs:
+        rows.append(("encode.encode_rows", "", ""))
+    return rows
 
 
 def list_tasks(plan: RenderPlan) -> list[Task]:

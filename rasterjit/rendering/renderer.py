@@ -22,6 +22,7 @@ from rasterjit.outputs.table import Outputs
 from rasterjit.pipeline.visibility import draw as drawing
 from rasterjit.pipeline.visibility.draw import Seen
 from rasterjit.rendering import budget as budgets
+from rasterjit.rendering import lens as lenses
 from rasterjit.rendering import plan as planning
 from rasterjit.rendering import shade, supersample
 from rasterjit.rendering.clock import StageClock
@@ -39,6 +40,7 @@ from rasterjit.runtime.threads import Workers
 from rasterjit.scene.assigning import Guarded
 from rasterjit.scene.background import Backdrop, Background, BackgroundImage, read_background
 from rasterjit.scene.camera import Camera, MatrixCamera
+from rasterjit.scene.lens import Lens
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.quality import Quality, check_quality
 from rasterjit.scene.scene import Scene
@@ -66,6 +68,7 @@ def render(
     cull: Cull = "none",
     diagnose: bool = False,
     previous: View | None = None,
+    lens: Lens | None = None,
     threads: int | None = None,
 ) -> Frame:
     """
@@ -109,6 +112,15 @@ def render(
         Whether to count what became of every face; see ``Frame.diagnostics``.
     previous : View, optional
         How things were before, for the outputs motion and motion_visible, which need it.
+    lens : PinholeDistortion, FisheyeLens or Equirectangular, optional
+        Distorts the picture of a perspective camera, or makes a panorama of it. Pinhole pictures
+        with at least 2 samples along each pixel are drawn first, one or some faces of a cube:
+        ``explain`` tells which. Of them color, linear and coverage are filtered in linear light
+        over all of the pixel; every other output is that of the sample nearest to the pixel's
+        centre, at most 0.36 of a pixel away. Depth stays along the viewing axis; where the lens
+        sees 90 degrees from it, as a panorama does, it is refused: ask for distance. Outlines,
+        wireframes, diagnose and motion_visible are refused, too, and ambient occlusion where there
+        are several pictures. Shadow maps are fitted to each of them.
     threads : int, optional
         Default: all processors. The frame has the same bits for any number. With 1, no second
         process compiles what is missing.
@@ -126,12 +138,12 @@ def render(
         if value is not None and quality is not None:
             raise ValueError(f"quality must be None where {name} is given, got {quality!r}")
     with Renderer(size, quality=quality, threads=threads) as renderer:
-        if time_budget is not None and max_error is None:
+        if time_budget is not None and max_error is None and lens is None:
             options = outputs, background, cull, diagnose, previous
             return renderer._render_in_time(time_budget, what, camera, options, is_lone=True)
         return renderer.render(
             what, camera, max_error=max_error, time_budget=time_budget, outputs=outputs,
-            background=background, cull=cull, diagnose=diagnose, previous=previous,
+            background=background, cull=cull, diagnose=diagnose, previous=previous, lens=lens,
         )  # fmt: skip
 
 
@@ -146,6 +158,7 @@ def explain(
     cull: Cull = "none",
     diagnose: bool = False,
     previous: View | None = None,
+    lens: Lens | None = None,
 ) -> RenderPlan:
     """
     Say what a render of these arguments would do, without doing it.
@@ -162,6 +175,11 @@ def explain(
     """
     scene = as_scene(what)
     size = image_size("size", size)
+    if lens is not None:
+        return lenses.plan_lensed(
+            lens, size, check_quality(quality), scene, camera, outputs, background, cull, diagnose,
+            previous, Workers(1),
+        ).plan  # fmt: skip
     camera = choose_camera(scene, camera, size)
     plan = planning.plan_frame(
         scene, camera, size, check_quality(quality), outputs, background, cull, diagnose
@@ -383,6 +401,7 @@ class Renderer(Guarded):
         self._workers = Workers(thread_count("threads", threads))
         self._lone: tuple[Mesh, Scene] | None = None
         self._cache: SceneCache | None = None
+        self._lensed: lenses.Lensed | None = None
         self.before_picture: Callable[[], None] | None = None
 
     def __enter__(self) -> Renderer:
@@ -412,6 +431,7 @@ class Renderer(Guarded):
         cull: Cull = "none",
         diagnose: bool = False,
         previous: View | None = None,
+        lens: Lens | None = None,
     ) -> Frame:
         """
         Render one frame; takes what `rasterjit.render` takes.
@@ -429,6 +449,11 @@ class Renderer(Guarded):
             Naming the argument that is wrong, before any kernel runs.
         """
         options = outputs, background, cull, diagnose, previous
+        if lens is not None:
+            for name, value in (("max_error", max_error), ("time_budget", time_budget)):
+                if value is not None:
+                    raise ValueError(f"{name} must be None where a lens is given, got {value!r}")
+            return self._render_with(lens, what, camera, options)
         if max_error is not None:
             return self._render_within(max_error, time_budget, what, camera, options)
         if time_budget is not None:
@@ -439,6 +464,19 @@ class Renderer(Guarded):
         """Render one frame of a quality."""
         clock = StageClock()
         return self._draw(self._plan(quality, *arguments), clock=clock)
+
+    def _render_with(self, lens: Lens, what: Any, camera: Camera | None, options: tuple) -> Frame:
+        """Render one frame with a lens."""
+        planned = lenses.plan_lensed(
+            lens, self.size, self.quality, self._scene(what), camera, *options, self._workers,
+            self._cache, self._lensed,
+        )  # fmt: skip
+        self._cache, self._lensed = planned.pictures[-1].cache, planned
+
+        def draw(one: PlannedFrame, clock: StageClock) -> tuple[Frame, Seen]:
+            return draw_frame(one, self._workers, None, clock, self.before_picture)
+
+        return lenses.draw_lensed(planned, self._workers, draw)
 
     def _render_in_time(
         self,

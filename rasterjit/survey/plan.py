@@ -68,6 +68,10 @@ class RenderPlan:
     """Records of the effects that look at the whole picture, by name, for each step of pictures;
     ``None`` -> they are prepared with the picture."""
 
+    lens: str = ""
+    """The lens, and the pinhole pictures that it takes, in words; empty without. Then the other
+    fields are those of the first of these pictures, but for the size and the camera."""
+
     def with_(
         self,
         kept: Callable[[Planned], bool] | None = None,
@@ -174,6 +178,8 @@ class RenderPlan:
             ("sub-pixel bits", str(self.quality.subpixel_bits)),
             ("culling", self.cull),
         ]
+        if self.lens:
+            rows.append(("lens", self.lens))
         if self.pictures > 1:
             rows.append(("pictures", f"{self.pictures} of {self.quality.samples}"))
         if self.surfaces is not None:
