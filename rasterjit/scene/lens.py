@@ -79,7 +79,7 @@ class PinholeDistortion:
     --------
     >>> import rasterjit as rj
     >>> lens = rj.PinholeDistortion(k1=-0.28, k2=0.07, p1=2e-4)
-    >>> frame = rj.render("models/teapot.obj", size=(320, 240), lens=lens)  # doctest: +SKIP
+    >>> frame = rj.render(rj.load("models/teapot.obj"), size=(320, 240), lens=lens)
     """
 
     k1: float = 0.0
@@ -291,7 +291,7 @@ class FisheyeLens:
     --------
     >>> import rasterjit as rj
     >>> lens = rj.FisheyeLens(k1=-0.02, k2=0.003, field=190.0)
-    >>> frame = rj.render("models/teapot.obj", size=(320, 240), lens=lens)  # doctest: +SKIP
+    >>> frame = rj.render(rj.load("models/teapot.obj"), size=(320, 240), lens=lens)
     """
 
     k1: float = 0.0
@@ -429,6 +429,13 @@ class Equirectangular:
     The camera looks at the middle of the picture, which shows 360 degrees from left to right and
     180 from top, where the camera's up is, to bottom. Its field of view does not matter. The
     picture is twice as wide as high.
+
+    Examples
+    --------
+    >>> import rasterjit as rj
+    >>> camera = rj.PerspectiveCamera(eye=(0, 4, 0), target=(1, 4, 0))
+    >>> scene, lens = rj.load("models/teapot.obj"), rj.Equirectangular()
+    >>> frame = rj.render(scene, camera, size=(512, 256), lens=lens)
     """
 
     @staticmethod
