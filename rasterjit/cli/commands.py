@@ -539,6 +539,8 @@ def view_file(file: Path, options: dict[str, Any]) -> None:
     backend = choose_backend(options["backend"])
     if backend != "browser":
         refuse_idle(["host", "port"], f"nothing is served: it is shown by the backend {backend}")
+    if backend == "terminal":
+        refuse_idle(["size"], "a terminal has its own")
     scene = load_scene(file, look, effects, options["quiet"])
     camera = view.camera(scene, options["size"])
     try:

@@ -184,9 +184,19 @@ class FiniteType(NumberType, click.FloatRange):
 
 
 class ColorType(click.ParamType):
-    """A colour, checked but kept as it was written."""
+    """
+    A colour, checked but kept as it was written.
+
+    Parameters
+    ----------
+    is_opaque : bool
+        Whether it has to be one that nothing is seen through.
+    """
 
     name = "color"
+
+    def __init__(self, is_opaque: bool = False) -> None:
+        self.is_opaque = is_opaque
 
     def convert(
         self, value: Any, parameter: click.Parameter | None, context: click.Context | None
@@ -195,9 +205,11 @@ class ColorType(click.ParamType):
         from rasterjit.scene.color import linear_color
 
         try:
-            linear_color("it", value)
+            alpha = linear_color("it", value)[3]
         except ValueError as error:
             self.fail(str(error), parameter, context)
+        if self.is_opaque and alpha < 1.0:
+            self.fail(f"{value!r} must be opaque", parameter, context)
         return value
 
 
@@ -465,6 +477,8 @@ class View(NamedTuple):
             raise click.UsageError("--position excludes --azimuth and --elevation")
         if self.projection == "orthographic" and self.fov is not None:
             raise click.UsageError("--fov is for --projection perspective; use --zoom")
+        if self.position is not None and self.position == self.target:
+            raise click.UsageError("--position must differ from --target")
         if self.up == (0.0, 0.0, 0.0):
             raise click.UsageError("--up must not be 0,0,0")
 
@@ -516,10 +530,11 @@ class View(NamedTuple):
             if intrinsics is None:
                 intrinsics = intrinsics_of(DEFAULT_FOV if self.fov is None else self.fov, size)
                 intrinsics[[0, 1], [0, 1]] *= 1.0 if self.zoom is None else self.zoom
-            return camera_of(intrinsics, pose, size)
+            return camera_of(intrinsics, pose, size, scene)
         fov_y = 2.0 * transforms.arc_tangent(size[1] / 2.0, float(intrinsics[1, 1]))
         placed = self._replace(intrinsics=None, fov=fov_y).camera(scene, size)
-        return camera_of(intrinsics, transforms.compose(FLIP, placed.view_matrix()), size)
+        pose = transforms.compose(FLIP, placed.view_matrix())
+        return camera_of(intrinsics, pose, size, scene)
 
     def turn(self, scene: Scene, size: tuple[int, int]) -> Callable[[float], FittedCamera]:
         """Return the camera of one turn as a function of its share, 0..1; it is always fitted."""
@@ -563,6 +578,8 @@ class View(NamedTuple):
         fitted = self._fit(scene, size)
         eye = np.array(self.position)
         target = center if self.target is None else np.array(self.target)
+        if np.array_equal(eye, target):
+            raise click.UsageError("--position is the middle of the scene: give --target as well")
         up = self.up or (0.0, 1.0, 0.0)
         if self.up is None and are_parallel(up, target - eye):
             # Straight down or up: what is far in the default view is at the top.
@@ -657,7 +674,7 @@ def look_options(command: Callable) -> Callable:
             click.option("--shading", type=modes, help="Shade all objects this way."),
             click.option("--wireframe", type=click.Choice(["overlay", "only"]),
                          help="Draw the edges over the faces, or alone."),
-            click.option("--wireframe-color", type=ColorType(),
+            click.option("--wireframe-color", type=ColorType(is_opaque=True),
                          help="As --background, opaque; black if not given. Alone, it overlays."),
         ],
         reading_options(command),
@@ -737,10 +754,14 @@ class Effects(NamedTuple):
         from rasterjit.scene.vignette import Vignette
 
         if self.environment is not None:
-            is_sky = self.environment == SKY
-            scene.environment = (
-                Environment.gradient() if is_sky else Environment.from_file(self.environment)
-            )
+            try:
+                scene.environment = (
+                    Environment.gradient()
+                    if self.environment == SKY
+                    else Environment.from_file(self.environment)
+                )
+            except ValueError as error:
+                raise ValueError(re.sub(r"^path\b", "--environment", str(error))) from error
         if self.shadows:
             _cast_shadows(scene)
         if self.ambient_occlusion:
@@ -794,7 +815,8 @@ def effect_options(command: Callable | None = None, *, quality: bool = True) -> 
             click.option("--environment", metavar="FILE|sky",
                          help="Light from all around: an equirectangular picture, or a sky."),
             click.option("--ambient-occlusion", is_flag=True, help="Dim ambient light in corners."),
-            click.option("--outline", type=ColorType(), help="Draw outlines in this colour."),
+            click.option("--outline", type=ColorType(is_opaque=True),
+                         help="Draw outlines in this colour."),
             click.option("--tone-map", type=click.Choice(CURVES),
                          help="Curve from light to what the screen shows."),
             click.option("--exposure", metavar="STOPS", type=FiniteType(-32.0, 32.0),

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 if TYPE_CHECKING:
     from rasterjit.scene.camera import MatrixCamera
+    from rasterjit.scene.scene import Scene
 
 Float64 = NDArray[np.float64]
 
@@ -126,13 +127,18 @@ def intrinsics_of(fov_y: float, size: tuple[int, int]) -> Float64:
 
 
 def camera_of(
-    intrinsics: Float64, camera_from_world: Float64, size: tuple[int, int]
+    intrinsics: Float64, camera_from_world: Float64, size: tuple[int, int], scene: Scene
 ) -> MatrixCamera:
-    """Return the camera of K and a pose, both as OpenCV has them."""
+    """Return the camera of K and a pose, both as OpenCV has them, its near plane before a scene."""
     from rasterjit.io.cameras import from_opencv
+    from rasterjit.scene.framing import near_plane
+    from rasterjit.scene.transforms import apply
 
+    center, radius = scene.bounding_sphere()
+    distance = math.hypot(*apply(camera_from_world, center).tolist())
+    near = near_plane(distance, radius) or 1.0
     try:
-        return from_opencv(intrinsics, size, camera_from_world=camera_from_world)
+        return from_opencv(intrinsics, size, camera_from_world=camera_from_world, near=near)
     except ValueError as error:
         raise ValueError(re.sub(r"\bintrinsics\b", "--intrinsics", str(error))) from error
 

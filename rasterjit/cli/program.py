@@ -59,6 +59,9 @@ ARGUMENTS = re.compile(
 )
 """Names of the library's arguments in its messages, and their values, that options stand for."""
 
+SUBJECT = re.compile(r"(quality\.)?(\w+)(?= (?:must|has|and)\b)")
+"""How the library's messages begin that are about an argument."""
+
 OWN_PROCESS = "own process"
 """The object of click's context where the process runs one command and ends."""
 
@@ -90,7 +93,8 @@ class Program(click.Group):
             raise_if_interrupted()
             if context.meta.get(DEBUG):
                 raise
-            message = describe(error)
+            command = self.commands.get(context.invoked_subcommand or "")
+            message = of_an_option(describe(error), command)
             if FILE in context.meta and isinstance(error, ValueError) and SCENE.match(message):
                 message = f"{context.meta[FILE]}: {message}"
             raise click.ClickException(message) from error
@@ -112,6 +116,20 @@ def in_options(message: str) -> str:
         return option if found[2] is None else f"{option} {found[2]}"
 
     return ARGUMENTS.sub(spell, message)
+
+
+def of_an_option(message: str, command: click.Command | None) -> str:
+    """Return a message about an argument as one about the option of a command, if it has it."""
+    found = SUBJECT.match(message)
+    if found is None or command is None:
+        return message
+    name = {"eye": "position", "fov_y": "fov"}.get(found[2], found[2])
+    for option in command.params:
+        if option.name == name and isinstance(option, click.Option):
+            return max(option.opts, key=len) + message[found.end() :]
+    if found[1] and any(option.name == "changes" for option in command.params):
+        return f"--set {name}" + message[found.end() :]
+    return message
 
 
 def describe(error: Exception) -> str:
@@ -263,8 +281,8 @@ def units_per_code(
     if scale is not None:
         raise click.BadOptionUsage("--depth-scale", "--depth-scale: --scale is given as well")
     warn(
-        "--depth-scale, codes per unit, goes away: use --scale, units per code: "
-        f"--scale {1.0 / codes_per_unit:.12g}",
+        f"--depth-scale {codes_per_unit:g} (codes per unit) is deprecated and will be an error; "
+        f"write --scale {1.0 / codes_per_unit:.12g} (units per code)",
         quiet,
     )
     return 1.0 / codes_per_unit

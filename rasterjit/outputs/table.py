@@ -17,10 +17,9 @@ from typing import Literal, NamedTuple, NewType, TypeAlias
 from rasterjit.scene.mesh import ATTRIBUTE
 
 OutputName: TypeAlias = Literal[
-    "color", "depth", "face_id", "object_id", "barycentric", "uv", "normal", "normal_camera",
-    "position", "position_camera", "linear", "distance", "object_position", "nocs",
-    "geometric_normal", "material_id", "instance_id",
-    "coverage", "motion", "motion_visible",
+    "color", "depth", "face_id", "object_id", "barycentric", "uv", "normal", "position", "linear",
+    "distance", "object_position", "nocs", "geometric_normal", "normal_camera", "position_camera",
+    "material_id", "instance_id", "coverage", "motion", "motion_visible",
 ]  # fmt: skip
 """The names of the rows below, for type checkers."""
 

@@ -358,10 +358,10 @@ def behind_rows(
 
     Returns
     -------
-    (R, W, 4) or (1, 1, 4) float32, linear
+    (4,) or (R, W, 4) float32, linear
     """
     if not given:
-        return color.reshape(1, 1, 4)
+        return color
     linear = memory.empty(shape, np.float32)
     nothing = np.full(shape[:2], -1, np.int32)
     for one in given:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from functools import partial
 from types import TracebackType
 from typing import Any
@@ -38,7 +39,7 @@ from rasterjit.runtime.ahead import beside
 from rasterjit.runtime.threads import Workers
 from rasterjit.scene.assigning import Guarded
 from rasterjit.scene.background import Backdrop, Background, BackgroundImage, read_background
-from rasterjit.scene.camera import Camera
+from rasterjit.scene.camera import Camera, MatrixCamera
 from rasterjit.scene.lens import Lens
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.quality import Quality, check_quality
@@ -523,6 +524,8 @@ class Renderer(Guarded):
         # What is wrong is wrong before anything is drawn.
         self._plan(Quality.standard(), scene, camera, *options)
         behind = None if background is None else read_background(background)
+        # Small pictures may be of another aspect, which changes little of their errors.
+        any_size = replace(camera, size=None) if isinstance(camera, MatrixCamera) else camera
         with ExitStack() as stack:
             small = [
                 stack.enter_context(Renderer(size, threads=self._workers.threads))
@@ -535,7 +538,7 @@ class Renderer(Guarded):
                     lambda quality, one=one: one._render(
                         quality,
                         scene,
-                        camera,
+                        any_size,
                         ("color", "linear"),
                         _fitted(behind, one.size),
                         cull,

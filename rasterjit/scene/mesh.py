@@ -22,6 +22,7 @@ from rasterjit.scene.material import Material
 from rasterjit.scene.normals import (
     GROUPS,
     crease_normals,
+    is_creased,
     safe_scale,
     smooth_normals,
     unit_rows,
@@ -36,6 +37,7 @@ from rasterjit.scene.validation import (
     read_only,
     unmasked_array,
 )
+from rasterjit.scene.warning import warn_caller
 
 if TYPE_CHECKING:
     import trimesh
@@ -79,7 +81,9 @@ class Mesh(Guarded, Previewed):
         is sRGB; floats in 0..1 are linear light. They are drawn as given; a ``base_color`` that is
         given to the material multiplies them.
     normals : (V, 3) array_like, optional
-        Model-space vertex normals of any length; a zero normal stays zero.
+        Model-space vertex normals of any length; a zero normal stays zero. Default: where they are
+        needed, averages of the faces around each vertex, which round off sharp edges; see
+        `split_creases`.
     uv : (V, 2) array_like, optional
         Texture coordinates.
     uv1 : (V, 2) array_like, optional
@@ -322,10 +326,21 @@ class Mesh(Guarded, Previewed):
         -------
         (V, 3) float32
             Model-space unit normals, cached; zero where no face with an area touches the vertex.
+
+        Warns
+        -----
+        UserWarning
+            If the averages round off the sharp edges of a mesh that has many, as a box.
         """
         if self._vertex_normals is None:
             normals = smooth_normals(self.vertices, self.faces, self._scale())
             self._vertex_normals = read_only(normals)
+            if is_creased(self.vertices, self.faces, self._scale()):
+                warn_caller(
+                    f"sharp edges are rounded off: {self!r} was given no normals, and those made "
+                    "for it are averages across its edges; draw mesh.split_creases(), shade it "
+                    "'flat', or give it normals"
+                )
         return self._vertex_normals
 
     def vertex_tangents(
@@ -421,8 +436,9 @@ class Mesh(Guarded, Previewed):
         """
         Return a ``trimesh.Trimesh`` of the same vertices and faces, in the same order.
 
-        It has the normals that are in force, colours as bytes in sRGB, and ``uv``. A material
-        becomes ``PBRMaterial`` or, of Blinn-Phong, ``SimpleMaterial``, with pictures of 8 bits.
+        It has the normals that are in force, colours as bytes in sRGB, ``uv`` and attributes. A
+        material becomes ``PBRMaterial`` or, of Blinn-Phong, ``SimpleMaterial``, with pictures of
+        8 bits.
 
         Warns
         -----

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.scene.ambient_occlusion import AmbientOcclusion
+from rasterjit.scene.assigning import Guarded
 from rasterjit.scene.environment import Environment
 from rasterjit.scene.fog import Fog
 from rasterjit.scene.hooks import HOOKS
@@ -46,7 +47,7 @@ EFFECT_FIELDS: dict[str, tuple[type, str]] = {
 """The fields of a scene that ask for effects: what they hold if not None, and that in words."""
 
 
-class Scene(Previewed):
+class Scene(Guarded, Previewed):
     """
     Meshes at their places, with lights and perhaps a camera.
 
@@ -117,7 +118,9 @@ class Scene(Previewed):
         """Fill a copy, or what was pickled, whose nodes are its own."""
         state = dict(state)
         for node, parent, transform in state.pop("links"):
-            node._link(parent, transform)
+            # Scenes that share nodes may be copied together.
+            if node.parent is None:
+                node._link(parent, transform)
         self.__dict__.update(state)
         for top in map(topmost, (*self.nodes, *self._groups)):
             top._scene = weakref.ref(self)
@@ -275,10 +278,11 @@ class Scene(Previewed):
         """
         Write the scene to a glTF 2.0 file, whole or not at all.
 
-        Nodes, their names and what hangs below what, meshes, colours, texture coordinates,
-        normals, textures, ``"pbr"`` and ``"unlit"`` materials, lights and the camera are kept, so
-        that `load` draws the same again. Blinn-Phong materials become metallic-roughness ones with
-        highlights of the same width; faces with colours of their own get vertices of their own.
+        Nodes, their names and what hangs below what, meshes, colours, texture coordinates, normals,
+        attributes of vertices, textures, ``"pbr"`` and ``"unlit"`` materials, lights and the camera
+        are kept, so that `load` draws the same again. Blinn-Phong materials become
+        metallic-roughness ones with highlights of the same width; faces with colours of their own
+        get vertices of their own.
 
         glTF has float32: positions are rounded to it, and so are texture coordinates, whose v it
         counts from the top. Pictures get 8 bits a channel. Effects, shadows and ambient light have

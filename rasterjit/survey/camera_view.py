@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from rasterjit.scene import transforms
 from rasterjit.scene.camera import Camera
+from rasterjit.scene.node import Node
 from rasterjit.scene.pixels import clip_from_relative
-from rasterjit.scene.scene import Node
 
 Float64 = NDArray[np.float64]
 Row = tuple[str, str]
@@ -97,7 +97,10 @@ class CameraView(NamedTuple):
                 shares.append(f"{_percent(count, len(points))} {name}")
         count = int(np.count_nonzero(left))
         text = f"{_percent(count, len(points))} of the surface"
-        if count:
+        if not count:
+            # Something small may be in view between them.
+            text = f"none of {len(points)} points on the surface"
+        else:
             across, down = (np.ptp(values[left] / w[left]) / 2.0 for values in (x, y))
             pixels = f"{math.ceil(across * width)} x {math.ceil(down * height)}"
             text += f", over {pixels} of {width} x {height} pixels"

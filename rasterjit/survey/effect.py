@@ -38,8 +38,8 @@ Where effects act, in order; what each function in `Effect.places` takes and ret
 - pixel: ``(record, shown) -> (steps, shown)`` on the three rows that are shown in 8 bits; one
   effect at most.
 - mixed: ``(record, linear, background, shown)``: the same on rows that are mixed of several faces,
-  linear with straight alpha; lays them over the background, (R, W, 4) or (1, 1, 4), and writes
-  what is shown. It goes with "pixel".
+  linear with straight alpha; lays them over the background, (4,) or (R, W, 4), and writes what
+  is shown. It goes with "pixel".
 - background: ``(record, face_id, first_row, linear, color)``: writes where no face is.
 - overlay: ``(record, context, color)``: draws over the finished 8-bit picture.
 

@@ -394,6 +394,27 @@ def test_a_pose_alone_has_the_field_of_view_and_intrinsics_alone_the_place(tmp_p
     assert np.abs(placed.astype(int) - rendered(camera).color).mean() < 0.2
 
 
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e4])
+def test_a_pose_cuts_nothing_off_at_any_scale(tmp_path, scale):
+    pose = extrinsics()
+    pose[:3, 3] *= scale
+    path = write(tmp_path, "small.off", (MODELS / "pyramid.off").read_text())
+    mesh = rj.load(path).nodes[0].mesh
+    lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in (scale * mesh.vertices).tolist()]
+    lines += [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in mesh.faces.tolist()]
+    path = write(tmp_path, "scaled.obj", "\n".join(lines) + "\n")
+    mask, numbers = tmp_path / "mask.png", ",".join(map(repr, pose.ravel().tolist()))
+    words = ("--pose", numbers, "--convention", "opencv", "--mask", mask)
+    render(tmp_path, *words, "--size", "48x36", file=path)
+    assert 0.05 < (iio.imread(mask) == 255).mean() < 0.9
+    reference = rj.cameras.from_opencv(
+        np.array([[43.456, 0, 23.5], [0, 43.456, 17.5], [0, 0, 1]]), SIZE,
+        camera_from_world=pose, near=1e-2 * scale,
+    )  # fmt: skip
+    covered = rj.render(rj.load(path), reference, size=SIZE, outputs=("coverage",)).coverage
+    assert np.abs(iio.imread(mask) / 255 - covered).mean() < 2e-3
+
+
 UNIT = "1,0,0,0,0,1,0,0,0,0,1,-4"
 
 
@@ -825,6 +846,34 @@ def test_debug_shows_the_traceback_wherever_it_stands(tmp_path, before):
     result = run(*(["--debug", *words] if before else [*words, "--debug"]))
     assert result.exit_code == 1
     assert isinstance(result.exception, ValueError)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("turntable", CUBE, "-o", "a.gif", "--fps", 60), "--fps must be in 1..50 for .gif"),
+        (("turntable", CUBE, "-o", "a.mp4", "--size", "9x10"), "--size must have even sides"),
+        (("render", MODELS / "scene.glb", "-o", "a.png", "--samples", "area"), "--samples must be"),
+        (("render", CUBE, "-o", "a.png", "--outputs", "uv"), "--outputs has 'uv'"),
+        (
+            ("render", CUBE, "-o", "a.png", "--environment", "no.hdr"),
+            "--environment must be a file",
+        ),
+        (("render", CUBE, "-o", "a.png", "--position", "1,2,3", "--target", "1,2,3"), "--position"),
+        (("render", CUBE, "-o", "a.png", "--position", "0,0,0"), "--position is the middle"),
+        (("render", CUBE, "-o", "a.png", "--position", "0,9,0", "--up", "0,1,0"), "--up must not"),
+        (("render", CUBE, "-o", "a.png", "--wireframe-color", "transparent"), "--wireframe-color"),
+        (("render", CUBE, "-o", "a.png", "--outline", "#ff000080"), "--outline"),
+        (("view", CUBE, "--backend", "terminal"), "--backend must not be 'terminal'"),
+        (("view", CUBE, "--backend", "terminal", "--size", "9x9"), "--size has no effect here"),
+    ],
+)
+def test_errors_are_about_options_not_arguments(tmp_path, monkeypatch, words, said):
+    monkeypatch.chdir(tmp_path)
+    result = run(*words)
+    assert_one_line(result, 1, 2)
+    assert said in result.stderr
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize(

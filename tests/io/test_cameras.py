@@ -358,6 +358,22 @@ def test_a_camera_made_for_one_size_is_not_stretched_to_another(name):
         assert np.array_equal(stretched.projection_matrix((W, H + 9)), camera.clip_from_view)
 
 
+def test_an_error_bound_is_met_with_a_camera_made_for_a_size():
+    # Small pictures, of another aspect than this wide one, tell which quality is enough.
+    size = 200, 60
+    cube = rj.load(Path(__file__).parents[2] / "models" / "cube.ply")
+    matrix = rj.fit_camera(cube).view_matrix()
+    camera = rj.MatrixCamera.from_intrinsics(70, 70, 100, 30, size, view_from_world=matrix)
+    assert rj.render(cube, camera, size=size, max_error=0.5, threads=1).color.shape == (60, 200, 4)
+
+
+def test_the_camera_of_an_earlier_view_is_named():
+    cube = rj.load(Path(__file__).parents[2] / "models" / "cube.ply")
+    view = rj.View(camera=off_axis())
+    with pytest.raises(ValueError, match=rf"^previous\.camera: size .* {W} x {H}"):
+        rj.render(cube, size=(W, W), outputs="motion", previous=view)
+
+
 def test_a_size_of_the_same_aspect_up_to_rounded_sides_is_taken():
     camera = cameras.from_opencv(np.eye(3), (641, 481))
     taken = [(641, 481), (320, 240), (321, 241), (320, 241), (1282, 962), (64, 48), (6410, 4810)]

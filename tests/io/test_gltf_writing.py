@@ -3,6 +3,7 @@
 import json
 import math
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from rasterjit.transforms import compose, rotate, rotate_x, rotate_z, scale, tra
 
 GEOMETRY = (
     "depth", "face_id", "object_id", "instance_id", "material_id", "barycentric", "position",
-    "normal", "geometric_normal", "uv", "object_position",
+    "normal", "geometric_normal", "uv", "object_position", "attribute:heat",
 )  # fmt: skip
 QUAD = [(0, 1, 2), (0, 2, 3)]
 
@@ -34,6 +35,11 @@ def quad(**options):
 def sphere(**options):
     ball = trimesh.creation.icosphere(2)
     return rj.Mesh(np.float32(ball.vertices), ball.faces, **options)
+
+
+def of(frame, name):
+    kind, _, attribute = name.partition(":")
+    return frame.attribute(attribute) if attribute else getattr(frame, kind)
 
 
 def rich_scene():
@@ -61,7 +67,8 @@ def rich_scene():
     base = scene.add(wall, rotate((1, 2, 0), 25), "base")
     elbow = rj.Node(None, translate((1.5, 0, 0.5)), "elbow", parent=base)
     glass = rj.Material("pbr", (0.2, 0.9, 0.4, 0.5), alpha_mode="blend", name="glass")
-    ball = sphere(colors=colors, material=glass)
+    heat = np.random.default_rng(8).random((162, 3), dtype=np.float32)
+    ball = sphere(colors=colors, material=glass, attributes={"heat": heat})
     scene.add(ball, scale((0.5, 0.75, -0.5)), "ball", parent=elbow)
     scene.add(ball, compose(translate((-1, 1, 0)), rotate_z(40), scale(0.4)), "ball", parent=base)
     leaf = rj.Texture(picture(6), filter="trilinear")
@@ -103,7 +110,7 @@ def test_what_gltf_has_words_for_is_drawn_as_it_was(tmp_path, kind):
     found = rj.render(again, scene.camera, **options)
     assert set(np.unique(wanted.object_id)) == {-1, *range(len(scene.nodes))}
     for name in GEOMETRY:
-        np.testing.assert_array_equal(getattr(found, name), getattr(wanted, name), name)
+        np.testing.assert_array_equal(of(found, name), of(wanted, name), name)
     np.testing.assert_allclose(found.linear, wanted.linear, rtol=0, atol=2e-6)
     np.testing.assert_array_equal(found.color, wanted.color)
     by_its_camera = rj.render(again, size=(96, 72))
@@ -131,6 +138,8 @@ def test_what_gltf_has_no_word_for_is_named_in_one_warning(tmp_path):
     scene.add(quad(material=rj.Material("flat", shininess=30)), name="gloss")
     bright = rj.Texture(np.full((2, 2), 3.0), anisotropy=4)
     scene.add(quad(material=rj.Material("unlit", base_color_texture=bright, emissive="red")))
+    scene.add(quad(material=rj.Material("pbr"), attributes={"wide": np.eye(5)[:4],
+                                                            "label": [[1], [2]]}))  # fmt: skip
     scene.add(rj.Mesh(np.array([(0, 0, 0), (0.1, 0, 0), (0, 1, 0)]), [(0, 1, 2)],
                       uv=[(0, 0.1), (0, 0), (1, 1)]))  # fmt: skip
     scene.add(sphere(material=scene.find("patchwork").mesh.material), name="alike")
@@ -150,6 +159,7 @@ def test_what_gltf_has_no_word_for_is_named_in_one_warning(tmp_path):
         "anisotropy of a base_color_texture (1)", "digits of positions beyond float32 (1)",
         "digits of texture coordinates below 2**-24 (1)", "order of the objects",
         "shadow of a DirectionalLight (1)", "AmbientLight (1)", "fog (1)", "vignette (1)",
+        "attribute 'wide' of more than 4 numbers (1)", "attribute 'label' of faces (1)",
         "MatrixCamera (1)", "material of meshes with and without colours, as two (1)",
     ):  # fmt: skip
         assert words in str(said.message), words
@@ -228,3 +238,10 @@ def test_a_file_is_as_other_programs_read_it(tmp_path):
     assert sum(len(one.faces) for one in other.dump()) == sum(
         len(node.mesh.faces) for node in scene.nodes
     )
+
+
+def test_a_camera_that_fits_any_picture_is_one_of_its_angle(tmp_path):
+    scene = rich_scene()
+    scene.camera = replace(scene.camera, min_aspect=1.5)
+    with pytest.warns(SaveWarning, match=r"for: min_aspect of the camera \(1\); the rest"):
+        scene.save(tmp_path / "a.glb")

@@ -1,6 +1,7 @@
 """What is handed to trimesh comes back as it was, or is named."""
 
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -51,7 +52,8 @@ def rich_scene():
     )  # fmt: skip
     wall = scene.add(quad(material=shiny), compose(translate((0.1, 0, 0)), rotate_x(20)), "wall")
     elbow = rj.Node(None, translate((0.3, 0, 0)), "elbow", parent=wall)
-    ball = sphere(colors=colors(162))
+    heat = np.random.default_rng(8).random((162, 3), dtype=np.float32)
+    ball = sphere(colors=colors(162), attributes={"heat": heat, "label": np.arange(320)[:, None]})
     scene.add(ball, compose(scale((1, 1.5, 1)), rotate_z(10)), "ball", parent=elbow)
     scene.add(ball, translate((-0.3, 0, 0)), "other ball", parent=wall)
     scene.add(sphere(colors=colors(320)), translate((0, 0.3, 0)), "patchwork")
@@ -84,6 +86,11 @@ def test_what_trimesh_has_a_place_for_is_drawn_as_it_was():
         np.testing.assert_array_equal(one.world_matrix, other.world_matrix)
         np.testing.assert_array_equal(one.mesh.vertices, other.mesh.vertices)
         np.testing.assert_array_equal(one.mesh.faces, other.mesh.faces)
+        for kind in ("vertex_attributes", "face_attributes"):
+            found, wanted = getattr(one.mesh, kind), getattr(other.mesh, kind)
+            assert found.keys() == wanted.keys()
+            for name in found:
+                np.testing.assert_array_equal(found[name], wanted[name])
     options = {"size": (96, 72), "outputs": (*GEOMETRY, "color", "linear")}
     wanted = rj.render(scene, **options)
     found = rj.render(again, scene.camera, **options)
@@ -146,3 +153,10 @@ def test_what_trimesh_has_no_place_for_is_named_in_one_warning():
     with pytest.warns(SaveWarning) as caught:
         scene.nodes[-1].mesh.to_trimesh()
     assert (len(caught), caught[0].filename) == (1, __file__)
+
+
+def test_a_camera_that_fits_any_picture_is_one_of_its_angle():
+    scene = rich_scene()
+    scene.camera = replace(scene.camera, min_aspect=1.5)
+    with pytest.warns(SaveWarning, match=r"for: min_aspect of the camera \(1\); the rest"):
+        scene.to_trimesh()

@@ -201,6 +201,9 @@ def test_a_copy_of_a_scene_has_a_tree_of_its_own(make):
     twin.add(triangle(), name="tool", parent=twin.find("elbow"))
     twin.add(triangle(), name="book", parent=twin.find("rack"))
     assert (names(scene), names(twin)[3:]) == (["base", "upper", "hand"], ["tool", "book"])
+    first, second = copy.deepcopy((scene, copy.copy(scene)))
+    assert first.nodes[2] is second.nodes[2]
+    assert [len(node.children) for node in first.every_node()] == [1, 1, 1, 0, 0]
     with pytest.raises(ValueError, match="read-only"):
         twin.find("elbow").transform[0, 0] = 2.0
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -240,6 +241,9 @@ def test_matrix_camera_is_taken():
     matrices = rj.MatrixCamera(placed.view_matrix(), placed.projection_matrix((1, 1)))
     state = Orbit.from_camera(matrices, scene)
     np.testing.assert_allclose(state.camera().view_matrix(), placed.view_matrix(), atol=1e-6)
+    # One that is made for a size starts with what is up and down there, in any window.
+    calibrated = replace(matrices, size=(640, 480))
+    assert Orbit.from_camera(calibrated, scene, size=(30, 90)).fov_y == state.fov_y
 
 
 def test_eye_may_be_inside_the_scene_or_behind_it():

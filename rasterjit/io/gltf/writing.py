@@ -34,7 +34,7 @@ from rasterjit.io.gltf.content import (
     UNLIT,
     WRAPS,
 )
-from rasterjit.io.gltf.file import BINARY_CHUNK, GLB_MAGIC, JSON_CHUNK
+from rasterjit.io.gltf.file import BINARY_CHUNK, GLB_MAGIC, JSON_CHUNK, WIDTHS
 from rasterjit.io.gltf.scene import LIGHTS
 from rasterjit.io.images import checked_path
 from rasterjit.io.pictures import nearest_codes
@@ -61,6 +61,9 @@ _FLOAT, _WHOLE = 5126, 5125
 
 _MIPPED = 9987
 """OpenGL's number for mixing four texels of each of two mip levels."""
+
+_KINDS = {width: kind for kind, width in WIDTHS.items() if width <= 4}
+"""What rows of so many numbers are called."""
 
 _LENGTHS, _LENGTH_STEP = 1024, 2.0**-20
 """How many lengths are tried for a normal, and how far apart."""
@@ -243,6 +246,14 @@ class _Writer:
                 attributes[f"TEXCOORD_{number}"] = self._accessor(values, "VEC2", _FLOAT)
         if colors is not None:
             attributes["COLOR_0"] = self._accessor(colors, "VEC4", _FLOAT)
+        for name, values in mesh.vertex_attributes.items():
+            if values.shape[1] in _KINDS:
+                kind = _KINDS[values.shape[1]]
+                attributes[f"_{name}"] = self._accessor(values[rows], kind, _FLOAT)
+            else:
+                self.left_out.note(f"attribute {name!r} of more than 4 numbers")
+        for name in mesh.face_attributes:
+            self.left_out.note(f"attribute {name!r} of faces")
         primitive = {
             "attributes": attributes,
             "indices": self._accessor(corners, "SCALAR", _WHOLE),
@@ -437,16 +448,20 @@ class _Writer:
             return []
         if isinstance(camera, PerspectiveCamera):
             kind, lens = "perspective", {"yfov": math.radians(camera.fov_y)}
+            near, far = camera.depth_coefficients()[0], camera.far
         elif isinstance(camera, OrthographicCamera) and camera.near >= 0.0:
             # The width is that of the picture; a file has to have one.
             kind, lens = "orthographic", {"ymag": camera.height / 2.0, "xmag": camera.height / 2.0}
+            near, far = camera.view_depth([0.0, -1.0]).tolist()
         else:
             behind = ", whose near plane lies behind it" if hasattr(camera, "height") else ""
             self.left_out.note(type(camera).__name__ + behind)
             return []
-        lens["znear"] = camera.near
-        if camera.far != math.inf:
-            lens["zfar"] = camera.far
+        if camera.min_aspect:
+            self.left_out.note("min_aspect of the camera")
+        lens["znear"] = near
+        if far != math.inf:
+            lens["zfar"] = far
         matrix = np.eye(4)
         matrix[:3, :3] = camera.view_matrix()[:3, :3].T
         matrix[:3, 3] = camera.eye

@@ -108,6 +108,8 @@ class _Converter:
                 self.left_out.note(name)
         return trimesh.Trimesh(
             mesh.vertices, mesh.faces, vertex_normals=normals, visual=self._visual(mesh),
+            vertex_attributes=dict(mesh.vertex_attributes),
+            face_attributes=dict(mesh.face_attributes),
             process=False, validate=False,
         )  # fmt: skip
 
@@ -213,6 +215,8 @@ class _Converter:
         if not isinstance(camera, PerspectiveCamera):
             self.left_out.note(type(camera).__name__)
             return
+        if camera.min_aspect:
+            self.left_out.note("min_aspect of the camera")
         made.camera, made.camera_transform = camera_to_trimesh(camera, _RESOLUTION)
 
     def _add_lights(self, lights: list[Light], made: trimesh.Scene) -> None:
