@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,10 +11,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.animation.video import save_animation
 from rasterjit.outputs.frame import Frame
+from rasterjit.outputs.table import Outputs
+from rasterjit.rendering.plan import Cull
 from rasterjit.rendering.renderer import Renderer
+from rasterjit.scene.background import Background
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.mesh import Mesh
-from rasterjit.scene.scene import Node, Scene
+from rasterjit.scene.node import Node
+from rasterjit.scene.scene import Scene
 from rasterjit.scene.validation import finite_number, in_short
 
 CameraAt = Callable[[float], Camera]
@@ -30,9 +34,9 @@ def frames(
     camera: Camera | CameraAt | None = None,
     transforms: Mapping[Node, TransformAt] | None = None,
     meshes: Mapping[Node, MeshAt] | None = None,
-    outputs: Sequence[str] = ("color",),
-    background: Any = None,
-    cull: str = "none",
+    outputs: Outputs = ("color",),
+    background: Background = None,
+    cull: Cull = "none",
 ) -> Iterator[Frame]:
     """
     Render one frame for each time, when it is asked for.
@@ -49,8 +53,8 @@ def frames(
         What shows the scene, or a function that returns it for a time, such as a `CameraTrack`.
         Default: as in `rasterjit.render`.
     transforms : dict, optional
-        By node of the scene a function that returns ``world_from_model``, (4, 4), for a time, such
-        as a `TransformTrack`.
+        By node of the scene, with or without a mesh, a function that returns its ``transform``,
+        (4, 4), for a time, such as a `TransformTrack`.
     meshes : dict, optional
         By node of the scene a function that returns a mesh for a time, such as a `MorphTrack`.
     outputs, background, cull
@@ -77,8 +81,9 @@ def frames(
     for name, tracks in (("transforms", moved), ("meshes", morphed)):
         if not isinstance(tracks, Mapping):
             raise ValueError(f"{name} must be functions by node, got {in_short(tracks)}")
+        every = set(map(id, scene.every_node()))
         for node, track in tracks.items():
-            if not any(node is one for one in scene.nodes):
+            if id(node) not in every:
                 raise ValueError(f"{name} must have nodes of the scene as keys, got {node!r}")
             if not callable(track):
                 raise ValueError(f"{name} must hold functions of time, got {in_short(track)}")
@@ -96,19 +101,19 @@ def _play(
     options: dict[str, Any],
 ) -> Iterator[Frame]:
     """Move the nodes and render, time after time; put everything back at the end."""
-    before = [(node, node.world_from_model, node.mesh) for node in {**moved, **morphed}]
+    before = [(node, node.transform, node.mesh) for node in {**moved, **morphed}]
     try:
         for given in times:
             time = finite_number("times", given)
             for node, track in moved.items():
-                node.world_from_model = track(time)
+                node.transform = track(time)
             for node, track in morphed.items():
                 node.mesh = track(time)
             seen_by = camera(time) if callable(camera) else camera
             yield renderer.render(scene, seen_by, **options)
     finally:
         for node, place, mesh in before:
-            node.world_from_model, node.mesh = place, mesh
+            node.transform, node.mesh = place, mesh
 
 
 def save(

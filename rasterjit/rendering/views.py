@@ -115,6 +115,7 @@ def find_earlier(
     if previous.camera is not None:
         with naming("previous.camera"):
             camera = choose_camera(earlier, previous.camera, plan.size)
+            camera.projection_matrix(plan.size)
     return earlier, camera
 
 

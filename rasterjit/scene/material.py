@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import cast
+from typing import Literal, TypeAlias, cast, get_args
 
 import numpy as np
 
+from rasterjit.scene.assigning import says_replace
 from rasterjit.scene.color import ColorLike, linear_color
 from rasterjit.scene.texture import Texture
 from rasterjit.scene.validation import bounded_number, in_short, one_of, vector
 
-SHADINGS = ("unlit", "flat", "gouraud", "phong", "pbr")
+Shading: TypeAlias = Literal["unlit", "flat", "gouraud", "phong", "pbr"]
+SHADINGS: tuple[Shading, ...] = get_args(Shading)
 """The ways to shade: no light; one normal a face; light per vertex; light per pixel; light per
 pixel on microfacets."""
 
-ALPHA_MODES = ("opaque", "mask", "blend")
+AlphaMode: TypeAlias = Literal["opaque", "mask", "blend"]
+ALPHA_MODES: tuple[AlphaMode, ...] = get_args(AlphaMode)
 """What alpha does: nothing; it cuts holes; it lets through what lies behind."""
 
 TEXTURE_FIELDS = (
@@ -52,6 +55,7 @@ WHITE = (1.0, 1.0, 1.0, 1.0)
 """What multiplies colours and leaves them as they are."""
 
 
+@says_replace
 @dataclass(frozen=True)
 class Material:
     """
@@ -125,7 +129,7 @@ class Material:
     .. [2] The Khronos Group, "glTF 2.0 Specification" (ISO/IEC 12113:2022), section 3.9.
     """
 
-    shading: str = "phong"
+    shading: Shading = "phong"
     base_color: ColorLike | None = None
     specular: float = 0.25
     shininess: float = 50.0
@@ -140,7 +144,7 @@ class Material:
     occlusion_strength: float = field(default=1.0, kw_only=True)
     emissive: ColorLike | None = field(default=None, kw_only=True)
     emissive_texture: Texture | None = field(default=None, kw_only=True)
-    alpha_mode: str = field(default="opaque", kw_only=True)
+    alpha_mode: AlphaMode = field(default="opaque", kw_only=True)
     alpha_cutoff: float = field(default=0.5, kw_only=True)
     double_sided: bool = field(default=True, kw_only=True)
 
@@ -203,6 +207,7 @@ class Material:
         )
 
 
+@says_replace
 @dataclass(frozen=True)
 class UnsaidMaterial(Material):
     """

@@ -15,6 +15,7 @@ from rasterjit.pipeline.visibility.draw import Region
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.quality import Quality, differences
 from rasterjit.survey.blending import Layers
+from rasterjit.survey.camera_view import CameraView
 from rasterjit.survey.depth_format import DepthFormat
 from rasterjit.survey.effect import Absent, Planned, Rows
 from rasterjit.survey.facts import Facts
@@ -61,9 +62,15 @@ class RenderPlan:
     """How many surfaces of each pixel are found, the nearest ones; ``None`` -> one, as always."""
     region: Region | None = None
     """The part of the picture that is drawn; ``None`` -> all of it."""
+    view: CameraView | None = None
+    """What the camera sees, for who asks; ``None`` -> nobody does."""
     drawn: tuple[dict[str, Any], ...] | None = None
     """Records of the effects that look at the whole picture, by name, for each step of pictures;
     ``None`` -> they are prepared with the picture."""
+
+    lens: str = ""
+    """The lens, and the pinhole pictures that it takes, in words; empty without. Then the other
+    fields are those of the first of these pictures, but for the size and the camera."""
 
     def with_(
         self,
@@ -166,10 +173,13 @@ class RenderPlan:
         width, height = self.size
         rows = [
             ("size", f"{width} x {height} pixels"),
+            *([] if self.view is None else self.view.rows()),
             ("outputs", ", ".join(self.outputs)),
             ("sub-pixel bits", str(self.quality.subpixel_bits)),
             ("culling", self.cull),
         ]
+        if self.lens:
+            rows.append(("lens", self.lens))
         if self.pictures > 1:
             rows.append(("pictures", f"{self.pictures} of {self.quality.samples}"))
         if self.surfaces is not None:

@@ -572,9 +572,8 @@ def parallel() -> Shot:
 
 def mirroring_matrices() -> Shot:
     scene = scene_of(colored(ball(5), "vertex", "phong"))
-    view = rj.transforms.compose(rj.transforms.scale((-1, 1, 1)), looking().view_matrix())
-    clip = rj.transforms.orthographic(-2.0, 1.5, -1.25, 1.5, 0.0, 10.0)
-    return Shot(scene, rj.MatrixCamera(view, clip), (100, 90))
+    clip = rj.transforms.orthographic(2.0, -1.5, -1.25, 1.5, 0.0, 10.0)
+    return Shot(scene, rj.MatrixCamera(looking().view_matrix(), clip), (100, 90))
 
 
 def intrinsics() -> Shot:

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-PAGES = ("README.md", "models/README.md")
+PAGES = ("README.md", "models/README.md", "docs/cameras.md")
 SET_UP = "pip install"
 """Commands that make an environment of their own: ``.ci/run`` runs them."""
 

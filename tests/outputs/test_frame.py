@@ -17,7 +17,8 @@ TYPES = {
     "distance": (np.float32, ()), "object_position": (np.float32, (3,)), "nocs": (np.float32, (3,)),
     "geometric_normal": (np.float32, (3,)), "material_id": (np.int32, ()),
     "instance_id": (np.int32, ()), "coverage": (np.float32, ()), "motion": (np.float32, (2,)),
-    "motion_visible": (np.bool_, ()),
+    "motion_visible": (np.bool_, ()), "normal_camera": (np.float32, (3,)),
+    "position_camera": (np.float32, (3,)),
 }  # fmt: skip
 SAME = rj.View()
 """Nothing has moved."""
@@ -84,7 +85,7 @@ def test_outputs_agree_about_what_is_covered(mesh, camera):
     assert ((frame.object_id == -1) == ~hit).all()
     assert ((frame.color[..., 3] == 255) == hit).all()
     assert (frame.color[~hit] == 0).all()
-    for name in ("uv", "position", "object_position", "nocs", "motion"):
+    for name in ("uv", "position", "position_camera", "object_position", "nocs", "motion"):
         assert (np.isfinite(getattr(frame, name)).all(axis=2) == hit).all(), name
     for name in ("distance", "depth"):
         assert (np.isfinite(getattr(frame, name)) == hit).all(), name

@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.io.attributes import usable_attributes
 from rasterjit.io.gltf.file import GltfFile
 from rasterjit.io.gltf.values import (
     finite_numbers_of,
@@ -40,18 +41,19 @@ from rasterjit.scene.texture import UV_SETS, Texture, turned_over
 from rasterjit.scene.validation import in_short
 
 _REPEAT = 10497
-_WRAPS = {_REPEAT: "repeat", 33071: "clamp", 33648: "mirror"}
-_NEAREST, _LINEAR = 9728, 9729
+WRAPS = {_REPEAT: "repeat", 33071: "clamp", 33648: "mirror"}
+NEAREST, LINEAR = 9728, 9729
 """Numbers of OpenGL, which glTF samplers use."""
 
-_UNLIT = "KHR_materials_unlit"
-_STRENGTH = "KHR_materials_emissive_strength"
+UNLIT = "KHR_materials_unlit"
+STRENGTH = "KHR_materials_emissive_strength"
 _GLOSSINESS = "KHR_materials_pbrSpecularGlossiness"
 
 _OTHER_SOURCES = ("EXT_texture_webp",)
 """Extensions that name another picture of a texture, of a kind that Pillow reads."""
 
 MODES = {"OPAQUE": "opaque", "MASK": "mask", "BLEND": "blend"}
+MODE_NAMES = {mode: name for name, mode in MODES.items()}
 
 TEXTURES = {
     "base_color_texture": ("baseColorTexture", "srgb"),
@@ -129,11 +131,11 @@ class MaterialReader:
             "alpha_cutoff": number_of(entry, "alphaCutoff", 0.5, 1e6),
             "double_sided": bool(entry.get("doubleSided", False)),
         }
-        textures, uv_sets = self._read_textures(values, _UNLIT in extensions, label)
-        if _UNLIT in extensions:
+        textures, uv_sets = self._read_textures(values, UNLIT in extensions, label)
+        if UNLIT in extensions:
             return Material(shading="unlit", **options, **textures), uv_sets
         strength = number_of(
-            object_of(extensions, _STRENGTH), "emissiveStrength", 1.0, BRIGHTEST_EMISSION
+            object_of(extensions, STRENGTH), "emissiveStrength", 1.0, BRIGHTEST_EMISSION
         )
         emitted = _numbers(values, "emissiveFactor", (0.0, 0.0, 0.0), 1.0)
         material = Material(
@@ -220,11 +222,11 @@ class MaterialReader:
         """
         sampler = {} if number is None else self._file.entry("samplers", number)
         wrap = tuple(
-            _WRAPS.get(whole_of(sampler, side, _REPEAT), "repeat") for side in ("wrapS", "wrapT")
+            WRAPS.get(whole_of(sampler, side, _REPEAT), "repeat") for side in ("wrapS", "wrapT")
         )
-        if sampler.get("magFilter") == _NEAREST:
+        if sampler.get("magFilter") == NEAREST:
             return {"wrap": wrap, "filter": "nearest"}
-        unmipped = sampler.get("minFilter") in (_NEAREST, _LINEAR)
+        unmipped = sampler.get("minFilter") in (NEAREST, LINEAR)
         return {"wrap": wrap, "filter": "bilinear" if unmipped else "trilinear"}
 
 
@@ -377,6 +379,7 @@ class MeshReader:
             "uv1": uv[1] if len(uv) > 1 else None,
             "colors": colors,
             "tangents": tangents,
+            "attributes": self._own_attributes(attributes, count, label),
             "material": material,
         }
 
@@ -416,6 +419,20 @@ class MeshReader:
         """Return the colours of the vertices, linear."""
         colors = self._rows(attributes, "COLOR_0", count, (3, 4), label)
         return None if colors is None else np.clip(colors, 0.0, 1.0)
+
+    def _own_attributes(
+        self, attributes: dict[str, int], count: int, label: str
+    ) -> dict[str, NDArray[np.float32]]:
+        """Return the attributes whose meaning is the author's, which begin with ``_``, without."""
+        found = {}
+        for name, number in attributes.items():
+            if not name.startswith("_"):
+                continue
+            try:
+                found[name[1:]] = self._file.array(number)
+            except (ValueError, TypeError, LookupError, OSError) as error:
+                self._left_out.note(f"{name} of {label}, which cannot be read: {reason_of(error)}")
+        return usable_attributes(found, count, self._left_out)
 
     def _coordinates(
         self, attributes: dict[str, int], uv_set: int, count: int, label: str

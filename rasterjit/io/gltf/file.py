@@ -28,8 +28,8 @@ from rasterjit.io.gltf.values import (
 )
 from rasterjit.io.resources import Resources
 
-_GLB_MAGIC = b"glTF"
-_JSON_CHUNK, _BINARY_CHUNK = 0x4E4F534A, 0x004E4942
+GLB_MAGIC = b"glTF"
+JSON_CHUNK, BINARY_CHUNK = 0x4E4F534A, 0x004E4942
 _HEAD = 20
 """Bytes before the JSON of a ``.glb``: the file's header, and the length and kind of a chunk."""
 
@@ -237,14 +237,14 @@ class GltfFile:
 
 def _split_chunks(content: bytes) -> tuple[bytes, bytes | None]:
     """Return the JSON of a file and its binary chunk, if it has one."""
-    if content[:4] != _GLB_MAGIC:
+    if content[:4] != GLB_MAGIC:
         return content, None
     if len(content) < _HEAD:
         raise ValueError(f"it ends too early, after {len(content)} bytes")
     _, version, whole, length, kind = struct.unpack_from("<4sIIII", content)
     if version != 2:
         raise ValueError(f"it is of glTF {version}, not 2.0")
-    if kind != _JSON_CHUNK:
+    if kind != JSON_CHUNK:
         raise ValueError("the first chunk is not JSON")
     end = _HEAD + length
     if len(content) < end:
@@ -254,7 +254,7 @@ def _split_chunks(content: bytes) -> tuple[bytes, bytes | None]:
     if len(content) < end + 8:
         return content[_HEAD:end], None
     length, kind = struct.unpack_from("<II", content, end)
-    binary = content[end + 8 : end + 8 + length] if kind == _BINARY_CHUNK else None
+    binary = content[end + 8 : end + 8 + length] if kind == BINARY_CHUNK else None
     return content[_HEAD:end], binary
 
 

@@ -14,8 +14,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,18 +34,19 @@ from rasterjit.io.gltf.values import (
 )
 from rasterjit.io.resources import Resources
 from rasterjit.io.skipped import LeftOut, MeshFileError, reason_of
-from rasterjit.scene.camera import OrthographicCamera, PerspectiveCamera
+from rasterjit.scene.camera import OrthographicCamera, PerspectiveCamera, mirrors
 from rasterjit.scene.light import DirectionalLight, PointLight, SpotLight
+from rasterjit.scene.node import Node
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.transforms import compose
 
 GLTF_FORMATS = ("gltf", "glb")
 
-_LIGHTS = "KHR_lights_punctual"
+LIGHTS = "KHR_lights_punctual"
 
 UNDERSTOOD = frozenset(
     (
-        _LIGHTS, "KHR_materials_unlit", "KHR_materials_emissive_strength", "KHR_texture_transform",
+        LIGHTS, "KHR_materials_unlit", "KHR_materials_emissive_strength", "KHR_texture_transform",
         "KHR_mesh_quantization", "EXT_texture_webp", "KHR_materials_pbrSpecularGlossiness",
         "KHR_xmp_json_ld", "KHR_xmp",
     )
@@ -107,13 +109,15 @@ class _GltfScene:
         self._meshes = MeshReader(file, source, materials, on_invalid, crease_angle, left_out)
         self._refuse_what_is_required()
         self._note_what_is_not_read()
-        for number, node, world_from_node in walk_nodes(file.header):
+        self._groups: dict[int, Node] = {}
+        """What stands for nodes of the file that others may hang below, by their numbers."""
+        for place in walk_nodes(file.header):
             try:
-                self._add_node(str(node.get("name", number)), node, world_from_node)
+                self._add_node(place)
             except MeshFileError:
                 raise
             except ValueError as error:
-                raise ValueError(f"node {number}: {error}") from error
+                raise ValueError(f"node {place.number}: {error}") from error
         if not self.scene.nodes:
             held = "no faces" if self._meshes.is_empty else "meshes but places none in its scene"
             named = f" ({left_out})" if str(left_out) else ""
@@ -139,30 +143,56 @@ class _GltfScene:
             if list_of(header, section):
                 self._left_out.note(what, len(header[section]))
 
-    def _add_node(self, name: str, node: dict[str, Any], world_from_node: NDArray) -> None:
+    def _add_node(self, place: Place) -> None:
         """Add what stands at a node."""
-        if "camera" in node:
-            self._add_camera(node["camera"], world_from_node)
-        light = object_of(object_of(node, "extensions"), _LIGHTS).get("light")
+        if "camera" in place.entry:
+            self._add_camera(place.entry["camera"], place.world_from_node())
+        light = object_of(object_of(place.entry, "extensions"), LIGHTS).get("light")
         if light is not None:
-            self._add_light(light, world_from_node)
-        if "mesh" not in node:
+            self._add_light(light, place.world_from_node())
+        if "mesh" not in place.entry:
             return
-        for part, mesh in enumerate(self._meshes.read(node["mesh"])):
-            label = f"{name} part {part + 1}" if part else name
-            try:
-                self.scene.add(mesh, world_from_node, label)
-            except ValueError as error:
-                raise MeshFileError(f"{self._source}: node {label!r}: {error}") from error
+        for part, mesh in enumerate(self._meshes.read(place.entry["mesh"])):
+            label = f"{place.name} part {part + 1}" if part else place.name
+            if part:
+                self.scene.add(mesh, None, label, parent=self._groups[place.number])
+                continue
+            parent = self._group_above(place)
+            with self._naming(label):
+                node = self.scene.add(mesh, place.parent_from_node, label, parent=parent)
+            self._groups[place.number] = node
+
+    @contextmanager
+    def _naming(self, node: str) -> Iterator[None]:
+        """Let errors name the file and a node."""
+        try:
+            yield
+        except ValueError as error:
+            raise MeshFileError(f"{self._source}: node {node!r}: {error}") from error
+
+    def _group_above(self, place: Place) -> Node | None:
+        """Return what a node hangs below; groups are made where a mesh hangs below them."""
+        missing = []
+        while place.above is not None and place.above.number not in self._groups:
+            place = place.above
+            missing.append(place)
+        node = None if place.above is None else self._groups[place.above.number]
+        for one in reversed(missing):
+            with self._naming(one.name):
+                group = Node(None, one.parent_from_node, one.name, parent=node)
+            node = self._groups[one.number] = self.scene.add(group) if node is None else group
+        return node
 
     def _add_camera(self, number: Any, world_from_node: NDArray) -> None:
-        """Keep the first camera, which looks along its node's -z."""
+        """Keep the first camera, which looks along its node's -z; a mirroring node has none."""
         if self.scene.camera is not None:
             self._left_out.note("further camera")
             return
         eye, ahead, up = world_from_node[:3, 3], -world_from_node[:3, 2], world_from_node[:3, 1]
         try:
             camera = self._file.entry("cameras", number)
+            if mirrors(world_from_node):
+                raise ValueError("its node must not mirror, got a determinant below 0")
             kind = needed(camera, "type")
             if kind not in ("orthographic", "perspective"):
                 raise ValueError(f"type must be orthographic or perspective, got {shown(kind)}")
@@ -187,7 +217,7 @@ class _GltfScene:
         """
         position, direction = world_from_node[:3, 3], -world_from_node[:3, 2]
         try:
-            found = object_of(object_of(self._file.header, "extensions"), _LIGHTS)
+            found = object_of(object_of(self._file.header, "extensions"), LIGHTS)
             lights = list_of(found, "lights")
             is_place = isinstance(number, int) and not isinstance(number, bool)
             if not is_place or not 0 <= number < len(lights):
@@ -226,9 +256,32 @@ def _intensity(light: dict[str, Any]) -> float:
     return value
 
 
-def walk_nodes(header: dict[str, Any]) -> Iterator[tuple[int, dict[str, Any], NDArray]]:
+class Place(NamedTuple):
+    """A node of the file."""
+
+    number: int
+    entry: dict[str, Any]
+    above: Place | None
+    """What it hangs below."""
+    parent_from_node: NDArray[np.float64]
+
+    def world_from_node(self) -> NDArray[np.float64]:
+        """Return where it stands: the product from the topmost on."""
+        chain, place = [self.parent_from_node], self.above
+        while place is not None:
+            chain.append(place.parent_from_node)
+            place = place.above
+        return compose(*reversed(chain))
+
+    @property
+    def name(self) -> str:
+        """What the file calls it, or its number."""
+        return str(self.entry.get("name", self.number))
+
+
+def walk_nodes(header: dict[str, Any]) -> Iterator[Place]:
     """
-    Yield number, entry and ``world_from_node`` of every node of the file's scene, in order.
+    Yield every node of the file's scene, each before those below it.
 
     Raises
     ------
@@ -248,10 +301,10 @@ def walk_nodes(header: dict[str, Any]) -> Iterator[tuple[int, dict[str, Any], ND
             child for name in named for child in _numbers_of_nodes(named, name, "children", nodes)
         }
         roots = [number for number in range(len(nodes)) if number not in hanging]
-    waiting = [(number, np.eye(4)) for number in reversed(roots)]
+    waiting: list[tuple[int, Place | None]] = [(number, None) for number in reversed(roots)]
     seen: set[int] = set()
     while waiting:
-        number, world_from_parent = waiting.pop()
+        number, above = waiting.pop()
         if number in seen:
             continue
         seen.add(number)
@@ -259,11 +312,13 @@ def walk_nodes(header: dict[str, Any]) -> Iterator[tuple[int, dict[str, Any], ND
         node = object_of({name: nodes[number]}, name)
         children = _numbers_of_nodes({name: node}, name, "children", nodes)
         try:
-            world_from_node = compose(world_from_parent, parent_from_node(node))
+            matrix = parent_from_node(node)
         except ValueError as error:
             raise ValueError(f"{name}: {error}") from error
-        yield number, node, world_from_node
-        waiting += [(child, world_from_node) for child in reversed(children)]
+        # A product has other zeros than its factor: all are products.
+        place = Place(number, node, above, compose(matrix) if above is None else matrix)
+        yield place
+        waiting += [(child, place) for child in reversed(children)]
 
 
 def _numbers_of_nodes(named: dict[str, Any], name: str, key: str, nodes: list[Any]) -> list[int]:
