@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import json
-import math
 import re
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import click
 import numpy as np
@@ -29,6 +29,9 @@ CONVENTIONS = {
 FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
 """From the axes of OpenCV's cameras to ours, and back."""
 
+LONGEST_SCALE = 1e-3
+"""How far the columns of a rotation may be from length 1, as where they were rounded."""
+
 MOST_BYTES = 1 << 20
 """A file of a matrix is smaller."""
 
@@ -36,7 +39,7 @@ MOST_BYTES = 1 << 20
 class MatrixType(click.ParamType):
     """Numbers of a matrix, between commas or blanks, or a file of them."""
 
-    shapes: tuple[tuple[int, ...], ...] = ()
+    shapes: Mapping[int, tuple[int, ...]] = {}
     wanted = ""
 
     def convert(
@@ -50,12 +53,12 @@ class MatrixType(click.ParamType):
             if numbers is None:
                 numbers = _numbers_of_file(Path(value), self.name)
         except (ValueError, OSError) as error:
-            self.fail(f"{value!r} is neither {self.wanted} nor a file of them: {error}")
-        for shape in self.shapes:
-            if math.prod(shape) == numbers.size:
-                break
-        else:
-            self.fail(f"{value!r} holds {numbers.size} numbers, not {self.wanted}")
+            said = f"{value!r} must be {self.wanted}, or a file of them: {error}"
+            self.fail(said, parameter, context)
+        shape = self.shapes.get(numbers.size)
+        if shape is None:
+            said = f"{value!r} must be {self.wanted}, got {numbers.size} numbers"
+            self.fail(said, parameter, context)
         if not np.isfinite(numbers).all():
             self.fail(f"{value!r} must be finite", parameter, context)
         return self.checked(numbers.reshape(shape))
@@ -69,8 +72,8 @@ class PoseType(MatrixType):
     """The pose of a camera: rows of a 4x4 or 3x4 matrix."""
 
     name = "pose"
-    shapes = (4, 4), (3, 4)
-    wanted = "the 16 or 12 numbers of a 4x4 or 3x4 matrix, row by row,"
+    shapes: ClassVar = {16: (4, 4), 12: (3, 4)}
+    wanted = "the 16 or 12 numbers of a 4x4 or 3x4 matrix, row by row"
 
     def checked(self, matrix: Float64) -> Float64:
         """Return the matrix with its last row."""
@@ -81,8 +84,8 @@ class IntrinsicsType(MatrixType):
     """The intrinsic matrix K, or FX,FY,CX,CY."""
 
     name = "intrinsics"
-    shapes = (3, 3), (4,)
-    wanted = "FX,FY,CX,CY, nor the 9 numbers of a 3x3 matrix K,"
+    shapes: ClassVar = {9: (3, 3), 4: (4,)}
+    wanted = "FX,FY,CX,CY or the 9 numbers of a 3x3 matrix K"
 
     def checked(self, matrix: Float64) -> Float64:
         """Return K."""
@@ -102,13 +105,14 @@ def pose_from_world(pose: Float64, convention: str) -> Float64:
         If the pose is not one of a camera: it mirrors, shears or scales.
     """
     from rasterjit.io.cameras import view_from_pose
+    from rasterjit.scene.framing import length, triple_of
     from rasterjit.scene.transforms import compose, inverse
 
-    rigid = pose[:3, :3]
-    if not np.allclose(rigid.T @ rigid, np.eye(3), atol=1e-3):
+    lengths = [length(triple_of(column)) for column in pose[:3, :3].T]
+    if any(abs(one - 1.0) > LONGEST_SCALE for one in lengths):
         raise ValueError(
-            "--pose must turn and move the camera, not scale or shear: its first three columns "
-            f"have lengths {', '.join(f'{length:.6g}' for length in np.linalg.norm(rigid, axis=0))}"
+            "--pose must turn and move the camera, not scale: its first three columns have lengths "
+            f"{', '.join(f'{one:.6g}' for one in lengths)}"
         )
     world_from_camera = pose if convention.endswith("-c2w") else inverse(pose)
     if convention.startswith("opencv"):
@@ -131,11 +135,11 @@ def camera_of(
 ) -> MatrixCamera:
     """Return the camera of K and a pose, both as OpenCV has them, its near plane before a scene."""
     from rasterjit.io.cameras import from_opencv
-    from rasterjit.scene.framing import near_plane
+    from rasterjit.scene.framing import length, near_plane, triple_of
     from rasterjit.scene.transforms import apply
 
     center, radius = scene.bounding_sphere()
-    distance = math.hypot(*apply(camera_from_world, center).tolist())
+    distance = length(triple_of(apply(camera_from_world, center)))
     near = near_plane(distance, radius) or 1.0
     try:
         return from_opencv(intrinsics, size, camera_from_world=camera_from_world, near=near)

@@ -245,6 +245,7 @@ OFF_THE_PATH = {
     "inspect/pixel_color.py": "text about one pixel",
     "runtime/jit.py": "compiles",
     "cli/report.py": "text",
+    "cli/info.py": "text",
     "__main__.py": "nothing but a call",
     "rendering/budget.py": "compares pictures and times",
     "accuracy/report/crops.py": "a page about pictures",
