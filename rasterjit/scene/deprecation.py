@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import sys
-import warnings
-
-_PACKAGE = __name__.partition(".")[0]
+from rasterjit.scene.warning import warn_caller
 
 
 def warn_deprecated(old: str, new: str) -> None:
@@ -21,8 +18,4 @@ def warn_deprecated(old: str, new: str) -> None:
     old, new : str
         What was written, and what means the same from now on: ``"--depth-scale"``.
     """
-    level, frame = 1, sys._getframe()
-    while frame is not None and frame.f_globals.get("__name__", "").split(".")[0] == _PACKAGE:
-        level, frame = level + 1, frame.f_back
-    message = f"{old} is deprecated and will be an error; write {new}"
-    warnings.warn(message, FutureWarning, stacklevel=level)
+    warn_caller(f"{old} is deprecated and will be an error; write {new}", FutureWarning)
