@@ -76,13 +76,6 @@ def document():
     attributes = {
         "POSITION": 0, "NORMAL": 2, "TEXCOORD_0": 3, "COLOR_0": 4, "TANGENT": 5, "_HEAT": 3,
     }  # fmt: skip
-        "POSITION": 0,
-        "NORMAL": 2,
-        "TEXCOORD_0": 3,
-        "COLOR_0": 4,
-        "TANGENT": 5,
-        "_HEAT": 3,
-    }
     primitive = {"attributes": attributes, "indices": 1, "material": 0, "mode": 4}
     light = {
         "type": "spot", "color": [1, 1, 1], "intensity": 9.0, "range": 5.0,
