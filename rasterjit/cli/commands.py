@@ -22,6 +22,7 @@ from rasterjit.cli.options import (
     Effects,
     FiniteType,
     KnobsType,
+    LensType,
     Look,
     MadeSceneType,
     OutputsType,
@@ -76,6 +77,7 @@ from rasterjit.scene.quality import LEVELS
 
 if TYPE_CHECKING:
     from rasterjit.scene.background import BackgroundImage
+    from rasterjit.scene.lens import Lens
 
 GARBAGE_THRESHOLD = 100_000
 """Objects made between two looks for garbage; Python's own is 700."""
@@ -116,6 +118,11 @@ def program(context: click.Context, version: bool) -> None:
 @effect_options
 @cull_option
 @click.option(
+    "--lens", type=LensType(), metavar="LENS",
+    help="opencv:K1,K2,P1,P2,K3,... or fisheye:K1,K2,K3,K4, OpenCV's coefficients of a calibrated "
+    "camera's lens; or panorama, of a --size twice as wide as high.",
+)  # fmt: skip
+@click.option(
     "--outputs", type=OutputsType(), default="color", show_default=True, metavar="NAMES",
     help=OUTPUTS_HELP + " Beside a picture, all but the colour go to OUT with the suffix .npz; one "
     "alone, but the colour, is a 16-bit .png where OUT is.",
@@ -152,6 +159,7 @@ def render(
     size: tuple[int, int],
     background: str | BackgroundImage | None,
     cull: str,
+    lens: Lens | None,
     outputs: tuple[str, ...],
     depth_file: Path | None,
     scale: float | None,
@@ -195,7 +203,7 @@ def render(
     from rasterjit.runtime.ahead import beside
 
     start = time.perf_counter()
-    options = {"outputs": wanted, "background": background, "cull": cull}
+    options = {"outputs": wanted, "background": background, "cull": cull, "lens": lens}
     quality = effects.quality()
     with (
         status(f"Rendering {file.name}", quiet) as shown,

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from rasterjit.scene.background import BackgroundImage
     from rasterjit.scene.camera import MatrixCamera, OrthographicCamera, PerspectiveCamera
     from rasterjit.scene.framing import AnyCamera
+    from rasterjit.scene.lens import Lens
     from rasterjit.scene.light import Light
     from rasterjit.scene.scene import Scene
 
@@ -119,6 +120,44 @@ class PixelType(click.ParamType):
                 f"{value!r} is not X,Y, a column and a row such as 320,240", parameter, context
             )
         return int(place[1]), int(place[2])
+
+
+class LensType(click.ParamType):
+    """A lens by its model, and OpenCV's coefficients: ``fisheye:-0.02,0.003``."""
+
+    name = "lens"
+
+    def convert(
+        self, value: Any, parameter: click.Parameter | None, context: click.Context | None
+    ) -> Lens:
+        """Return the lens, or raise click's usage error."""
+        from rasterjit.scene import lens
+
+        if not isinstance(value, str):
+            return value
+        models = {
+            "opencv": (lens.PinholeDistortion, 14),
+            "fisheye": (lens.FisheyeLens, 4),
+            "panorama": (lens.Equirectangular, 0),
+        }
+        model, _, rest = value.partition(":")
+        try:
+            kind, most = models[model]
+            numbers = [float(part) for part in rest.split(",")] if rest else []
+        except (KeyError, ValueError):
+            self.fail(
+                f"{value!r} is not opencv:K1,K2,P1,P2,..., fisheye:K1,K2,K3,K4 or panorama",
+                parameter, context,
+            )  # fmt: skip
+        if len(numbers) > most:
+            self.fail(
+                f"{value!r}: {model} has at most {most} coefficients, got {len(numbers)}",
+                parameter, context,
+            )  # fmt: skip
+        try:
+            return kind(*numbers)
+        except ValueError as error:
+            self.fail(f"{value!r}: {error}", parameter, context)
 
 
 class VectorType(click.ParamType):

@@ -22,7 +22,9 @@ SIZE = (256, 256)
 SUFFIX = ".png"
 """What is added to the name of a mesh file."""
 
-ALONE = ("outputs", "depth_file", "scale", "codes_per_unit", "mask_file", "mask_of", "diagnose")
+ALONE = (
+    "lens", "outputs", "depth_file", "scale", "codes_per_unit", "mask_file", "mask_of", "diagnose",
+)  # fmt: skip
 """Options of one file's picture alone."""
 
 

@@ -434,8 +434,8 @@ class Equirectangular:
     --------
     >>> import rasterjit as rj
     >>> camera = rj.PerspectiveCamera(eye=(0, 4, 0), target=(1, 4, 0))
-    >>> options = {"size": (512, 256), "lens": rj.Equirectangular()}
-    >>> frame = rj.render(rj.load("models/teapot.obj"), camera, **options)
+    >>> scene, lens = rj.load("models/teapot.obj"), rj.Equirectangular()
+    >>> frame = rj.render(scene, camera, size=(512, 256), lens=lens)
     """
 
     @staticmethod

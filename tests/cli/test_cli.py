@@ -366,6 +366,30 @@ def test_a_pose_puts_what_is_seen_where_opencv_projects_it(tmp_path, convention)
         assert np.abs(found - (x / w, y / w)).max() < 0.4, (number, found)
 
 
+@pytest.mark.parametrize(
+    ("words", "size", "lens"),
+    [
+        ("opencv:-0.2,0.05,0.001,-0.002,0.01", (64, 48), (-0.2, 0.05, 0.001, -0.002, 0.01)),
+        ("fisheye:-0.01", (64, 48), rj.FisheyeLens(-0.01)),
+        ("panorama", (64, 32), rj.Equirectangular()),
+    ],
+)
+def test_a_lens_is_that_of_the_library(tmp_path, words, size, lens):
+    lens = rj.PinholeDistortion(*lens) if isinstance(lens, tuple) else lens
+    result = run(
+        "render", CUBE, "-o", tmp_path / "a.npz", "-q", "--size", "{}x{}".format(*size),
+        "--lens", words, "--outputs", "color,face_id", "--position", "1,2,3",
+    )  # fmt: skip
+    assert (result.exit_code, result.output) == (0, "")
+    camera = rj.PerspectiveCamera((1, 2, 3), (0, 0, 0))
+    frame = rj.render(
+        rj.load(CUBE), camera, size=size, lens=lens, outputs=("color", "face_id"), threads=1
+    )
+    with np.load(tmp_path / "a.npz") as found:
+        assert (found["face_id"] == frame.face_id).all()
+        assert (found["color"] == frame.color).all()
+
+
 def test_matrices_may_be_numbers_or_files_of_three_kinds(tmp_path):
     pose, size = poses()["opengl-c2w"], ("--size", "48x36")
     (tmp_path / "a.json").write_text(json.dumps({"transform_matrix": pose.tolist()}))
@@ -438,6 +462,11 @@ UNIT = "1,0,0,0,0,1,0,0,0,0,1,-4"
         ("--intrinsics", "-50,50,24,18", "--size", "48x36"),
         ("--intrinsics", "50,50,24,18", "--size", "48x36", "--fov", "40"),
         ("--intrinsics", "50,50,24,18", "--size", "48x36", "--zoom", "2"),
+        ("--lens", "barrel:0.1"),
+        ("--lens", "opencv:0.1,x"),
+        ("--lens", "fisheye:1,2,3,4,5"),
+        ("--lens", "fisheye:nan"),
+        ("--lens", "panorama:1"),
         ("--mask-of", "object_id"),
         ("--mask", "mask.jpg"),
         ("--mask", "a.png"),
