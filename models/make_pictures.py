@@ -18,6 +18,8 @@ import rasterjit as rj
 MODELS = Path(__file__).parent
 PANEL = (400, 300)
 """Width and height of one picture of the strip, pixels."""
+SMALL_PANEL = (256, 160)
+"""The same of what mistaken cameras show."""
 
 
 def still_life() -> rj.Scene:
@@ -124,6 +126,36 @@ def strips(scene: rj.Scene, camera: rj.PerspectiveCamera) -> NDArray[np.uint8]:
     return np.vstack([np.hstack(above), np.hstack(below)])
 
 
+def mistaken_cameras(camera: rj.PerspectiveCamera) -> dict[str, rj.MatrixCamera]:
+    """Return what becomes of a camera by mistakes that nobody can refuse, by what was done."""
+    k, turn, shift = rj.cameras.to_opencv(camera, SMALL_PANEL)
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = turn, shift
+    made = rj.cameras.from_opencv
+    return {
+        "as it is meant": made(k, SMALL_PANEL, rotation=turn, translation=shift),
+        "OpenGL's pose as OpenCV's": made(k, SMALL_PANEL, camera_from_world=camera.view_matrix()),
+        "radians for degrees": replace(camera, fov_y=float(np.radians(camera.fov_y))),
+        "a transposed rotation": made(k, SMALL_PANEL, rotation=turn.T, translation=shift),
+        "the eye as translation": made(k, SMALL_PANEL, rotation=turn, translation=camera.eye),
+        "y up where z is": replace(camera, eye=(2.5, -12.5, 6.0), target=(0.2, 0.0, 1.1)),
+    }
+
+
+def mistakes(scene: rj.Scene, camera: rj.PerspectiveCamera) -> NDArray[np.uint8]:
+    """Return what the cameras show, three beside each other, and print what explain says."""
+    panels = []
+    for name, mistaken in mistaken_cameras(camera).items():
+        if name == "y up where z is":
+            for node in scene.nodes:
+                node.world_from_model = rj.transforms.rotate_x(90.0) @ node.world_from_model
+        color = rj.render(scene, mistaken, size=SMALL_PANEL).color[1:-1, 1:-1, :3]
+        panels.append(np.pad(color, ((1, 1), (1, 1), (0, 0)), constant_values=128))
+        said = rj.explain(scene, mistaken, size=SMALL_PANEL).view.rows()
+        print(name, *(f"  {row}: {text}" for row, text in said), sep="\n")
+    return np.vstack([np.hstack(panels[:3]), np.hstack(panels[3:])])
+
+
 def main(folder: Path) -> None:
     """Write every picture."""
     folder.mkdir(parents=True, exist_ok=True)
@@ -133,6 +165,7 @@ def main(folder: Path) -> None:
     from rasterjit.io.images import save_image
 
     save_image(folder / "buffers.png", strips(scene, camera))
+    save_image(folder / "camera_mistakes.png", mistakes(still_life(), camera))
     teapot = rj.load(MODELS / "teapot.obj")
     rj.render(teapot, size=(640, 480)).save(folder / "teapot.png")
     cube = rj.load(MODELS / "cube.ply")

@@ -10,20 +10,24 @@ Meshes to pictures and exact ground-truth buffers on a CPU, with nothing but pip
 The names, by what they are for; ``help(rj.render)`` and so on tell the rest.
 
 What is drawn
-    `load` reads any mesh file; `Mesh`, `Node` and `Scene` hold what it had, or what you make.
+    `load` reads any mesh file; `Mesh`, `Node` and `Scene` hold what it had, or what you make; nodes
+    move with those that they hang below. `Scene.save` writes glTF, and a `SaveWarning` names what
+    that has no word for.
     `Material` and `Texture` are what surfaces look like; `AmbientLight`, `DirectionalLight`,
     `PointLight` and `SpotLight`, each with a `Shadow` or without, and an `Environment` light them.
     `Fog`, `AmbientOcclusion`, `Outline`, `Wireframe`,
     `ToneMap` and `Vignette` are effects of a whole scene.
 From where
-    `PerspectiveCamera`, `OrthographicCamera`, `MatrixCamera`; `fit_camera` and `orbit_direction`
-    place one. `cameras` converts those of OpenCV, OpenGL, PyTorch3D, Blender and trimesh.
-    `transforms` has the matrices.
+    `PerspectiveCamera`, `OrthographicCamera`, `MatrixCamera`, each with ``project``, ``unproject``
+    and ``rays``; `fit_camera` and `orbit_direction` place one; `PinholeDistortion`, `FisheyeLens`
+    or `Equirectangular` is its lens. `cameras` converts those of OpenCV, OpenGL, PyTorch3D, Blender
+    and trimesh. `transforms` has the matrices.
 Pictures and ground truth
     `render` draws one `Frame`: colour, and any of the buffers that `Frame` describes, of motion
     since an earlier `View` as well. `Renderer` keeps what frames have in common; `render_many`
     draws a stream of them; `render_layers` finds the surfaces behind the nearest one
-    (`LayeredFrame`). `Frame.save` writes them; `masks` makes COCO annotations of them.
+    (`LayeredFrame`). `Frame.save` writes them; `masks` makes COCO annotations of them; `Frame.pick`
+    tells which face a pixel shows, and where (`Pick`).
 Moving pictures, data sets, clusters
     `animation` has keys, turntables, morphs and GIF, APNG, WebP and MP4; `dataset` renders folders
     of meshes from all sides; `distributed` draws on a Dask cluster what one machine has no time,
@@ -40,11 +44,13 @@ The parts alone
     `Framebuffer` draws lines, triangles, circles and curves into an array; `Pipeline` is one
     object's chain of transforms; `rasterize` finds the visible faces of geometry of your own
     (`Visibility`). ``rasterjit.compat.pyrender`` runs scripts that were written for pyrender.
+    `types` has the types of arguments, for annotations.
 
-Invalid arguments raise `ValueError`, which names the argument, before anything is drawn. Reading an
-output that was not asked for raises `OutputNotRequestedError`. A `CalibrationWarning` says that a
-time budget had to be learnt first; a `ViewWarning`, that nothing is in view, or that the near or
-far plane that a camera was given cuts away what else were.
+Invalid arguments raise `ValueError`, which names the argument, before anything is drawn; files that
+cannot be read raise `MeshFileError`, one of them. Reading an output that was not asked for raises
+`OutputNotRequestedError`. A `LoadWarning` names what of a file was left out, a `CalibrationWarning`
+says that a time budget had to be learnt first, a `ViewWarning` that nothing is in view, or that a
+near or far plane that was given cuts away what else were.
 
 World space is right-handed, y up; angles are degrees, colours in and out sRGB where they are 8-bit
 and linear where they are floats; row 0 of a picture is on top.
@@ -54,8 +60,10 @@ and linear where they are floats; row 0 of a picture is on top.
 from rasterjit import cli as cli
 
 # isort: split
+import sys
+from collections.abc import Iterator
 from importlib import import_module
-from typing import Any
+from typing import TYPE_CHECKING
 
 from rasterjit.classics.framebuffer import Framebuffer
 from rasterjit.classics.pipeline import Pipeline
@@ -63,9 +71,19 @@ from rasterjit.distributed.many import render_many
 from rasterjit.inspect.measure import Measurement, measure
 from rasterjit.inspect.pixel import explain_pixel
 from rasterjit.inspect.pixel_report import PixelExplanation
-from rasterjit.io.meshes import load
+from rasterjit.io.gltf.writing import save_gltf
+from rasterjit.io.meshes import LoadWarning, MeshFileError, load, scene_to_add
+from rasterjit.io.skipped import SaveWarning
+from rasterjit.io.trimesh.writing import to_trimesh
 from rasterjit.outputs.diagnostics import Diagnostics
-from rasterjit.outputs.frame import Choice, Frame, LayeredFrame, OutputNotRequestedError, Stats
+from rasterjit.outputs.frame import (
+    Choice,
+    Frame,
+    LayeredFrame,
+    OutputNotRequestedError,
+    Pick,
+    Stats,
+)
 from rasterjit.rendering.budget import CalibrationWarning
 from rasterjit.rendering.notices import ViewWarning
 from rasterjit.rendering.peel import render_layers
@@ -79,20 +97,31 @@ from rasterjit.scene.camera import MatrixCamera, OrthographicCamera, Perspective
 from rasterjit.scene.environment import Environment
 from rasterjit.scene.fog import Fog
 from rasterjit.scene.framing import fit_camera, orbit_direction
+from rasterjit.scene.hooks import set_hooks
+from rasterjit.scene.lens import Equirectangular, FisheyeLens, PinholeDistortion
 from rasterjit.scene.light import AmbientLight, DirectionalLight, PointLight, Shadow, SpotLight
 from rasterjit.scene.material import Material
-from rasterjit.scene.mesh import Mesh, set_painter
+from rasterjit.scene.mesh import Mesh
+from rasterjit.scene.node import Node
 from rasterjit.scene.outline import Outline
 from rasterjit.scene.quality import Quality
-from rasterjit.scene.scene import Node, Scene
+from rasterjit.scene.scene import Scene
 from rasterjit.scene.texture import Texture
 from rasterjit.scene.tone_map import ToneMap
 from rasterjit.scene.view import View
 from rasterjit.scene.vignette import Vignette
 from rasterjit.scene.wireframe import Wireframe
 
-set_painter(preview)
-del preview, set_painter
+if TYPE_CHECKING:
+    from rasterjit import accuracy, animation, cameras, dataset, distributed, masks, oracle
+    from rasterjit import mpl as mpl
+    from rasterjit import types as types
+    from rasterjit.viewer.show import show
+
+set_hooks(
+    picture=preview, scene_of_others=scene_to_add, save=save_gltf, to_trimesh=to_trimesh
+)  # fmt: skip
+del preview, save_gltf, scene_to_add, set_hooks, to_trimesh
 
 __version__ = "0.1.0"
 
@@ -104,25 +133,32 @@ __all__ = [
     "Diagnostics",
     "DirectionalLight",
     "Environment",
+    "Equirectangular",
+    "FisheyeLens",
     "Fog",
     "Frame",
     "Framebuffer",
     "LayeredFrame",
+    "LoadWarning",
     "Material",
     "MatrixCamera",
     "Measurement",
     "Mesh",
+    "MeshFileError",
     "Node",
     "OrthographicCamera",
     "Outline",
     "OutputNotRequestedError",
     "PerspectiveCamera",
+    "Pick",
+    "PinholeDistortion",
     "Pipeline",
     "PixelExplanation",
     "PointLight",
     "Quality",
     "RenderPlan",
     "Renderer",
+    "SaveWarning",
     "Scene",
     "Shadow",
     "SpotLight",
@@ -155,18 +191,42 @@ __all__ = [
     "transforms",
 ]
 
-_MODULES = ("accuracy", "animation", "cameras", "dataset", "distributed", "masks", "mpl", "oracle")
-"""Those that are loaded when they are first named; ``mpl`` cannot be without matplotlib."""
+_MODULES = (
+    "accuracy", "animation", "cameras", "dataset", "distributed", "masks", "mpl", "oracle", "types",
+)  # fmt: skip
+"""
+Those that are loaded when they are first named.
+
+``from rasterjit import *`` leaves out two: ``mpl`` cannot be without matplotlib, and ``types`` is
+the name of a standard module.
+"""
+
+
+class _Folder(list[str]):
+    """The package's folder, in which pydoc alone finds nothing: ``help`` would list the inside."""
+
+    def __iter__(self) -> Iterator[str]:
+        caller = sys._getframe(1)
+        asks = (frame.f_globals.get("__name__") for frame in (caller, caller.f_back) if frame)
+        return iter(()) if tuple(asks) == ("pkgutil", "pydoc") else super().__iter__()
+
+
+__path__ = _Folder(__path__)
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    """Name what is public, which ``help`` and completion list; what is inside stays importable."""
+    loaded = [name for name in _MODULES if name in globals()]
+    facts = [name for name, value in globals().items() if name[:2] == "__" and not callable(value)]
+    return sorted({*__all__, "types", *loaded, *facts})
 
 
-def __getattr__(name: str) -> Any:
-    """Load what rendering needs nothing of when it is first named."""
-    if name == "show":
-        return import_module("rasterjit.viewer.show").show
-    if name in _MODULES:
-        return import_module(f"rasterjit.{name}")
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+if not TYPE_CHECKING:  # A type checker that saw this would let every name pass.
+
+    def __getattr__(name: str) -> object:
+        """Load what rendering needs nothing of when it is first named."""
+        if name == "show":
+            return import_module("rasterjit.viewer.show").show
+        if name in _MODULES:
+            return import_module(f"rasterjit.{name}")
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

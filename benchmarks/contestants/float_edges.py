@@ -24,6 +24,7 @@ from benchmarks.scenes import LineScene, Scene, TriangleScene
 from rasterjit.pipeline.geometry import setup
 from rasterjit.pipeline.geometry import triangle_batches as batches
 from rasterjit.pipeline.visibility import draw, nearest
+from rasterjit.runtime.intrinsics import draw_box
 from rasterjit.runtime.jit import Helper, disjoint_helper, helper
 from rasterjit.runtime.state import float32, float64
 
@@ -114,8 +115,8 @@ def plan_depths(ax, ay, bx, by, cx, cy, da, db, dc, weight_a, weight_b, lowest, 
 
 
 @disjoint_helper
-def plan_edge(ax, ay, bx, by, left, top, bits, value, across, down, least):
-    """Write the edge a -> b at the corner of the box, its steps, and its least value inside."""
+def plan_edge(ax, ay, bx, by, left, top, bits, value, across, down, side):
+    """Write the edge a -> b at the corner of the box, and its steps."""
     unit, half = np.float32(np.int64(1) << bits), np.int64(1) << (bits - 1)
     for n in range(ax.shape[0]):
         px = np.int32((left[n] << bits) + half)
@@ -123,7 +124,6 @@ def plan_edge(ax, ay, bx, by, left, top, bits, value, across, down, least):
         value[n] = edge(ax[n], ay[n], bx[n], by[n], px, py)
         across[n] = np.float32(np.int32(ay[n] - by[n])) * unit
         down[n] = np.float32(np.int32(bx[n] - ax[n])) * unit
-        least[n] = np.float32(0.0)
 
 
 # --- visibility -------------------------------------------------------------------------------
@@ -158,6 +158,16 @@ def edges_at(a, b, c, column, row, grid_bits):
 
 
 @helper
+def inside_line(ax, ay, bx, by, left, top, grid_bits):
+    """Return an edge as (value at a pixel, step to the next column, to the next row)."""
+    unit = np.float32(np.int64(1) << grid_bits)
+    return (
+        edge_at(ax, ay, bx, by, left, top, grid_bits), np.float32(ay - by) * unit,
+        np.float32(bx - ax) * unit,
+    )  # fmt: skip
+
+
+@helper
 def crossing_line(edge):
     """Return an edge as (value, step down, columns for each unit of them, side)."""
     value, across, down = edge
@@ -185,9 +195,7 @@ def find_spans(begins, ends, depths, lanes, lines, columns, inside_bc, inside_ca
     Returns the number of columns that the longest row covers.
     """
     width, longest = np.float32(columns), np.int32(0)
-    e0, e1 = np.float32(inside_bc[0]), np.float32(inside_ca[0])
-    across0, across1 = np.float32(inside_bc[1]), np.float32(inside_ca[1])
-    down0, down1 = np.float32(inside_bc[2]), np.float32(inside_ca[2])
+    (e0, across0, down0), (e1, across1, down1) = inside_bc, inside_ca
     for i in range(lanes):
         row = np.float32(np.int32(i))
         first, last = np.float32(0.0), width - np.float32(1.0)
@@ -210,49 +218,27 @@ def depth_from(plane, edge_bc, edge_ca):
     return plane[0] + (edge_bc * plane[1] + edge_ca * plane[2])
 
 
-@disjoint_helper
-def fill_span(depths, numbers, first, count, depth, steps, plane, face):
-    """Depth-test ``count`` samples of a row, from ``first`` on, in groups of four."""
-    for i in range(((count - 1) | 3) + 1):
-        sample = first + np.uintp(i)
-        along = np.float32(np.int32(np.int32(i) + steps))
-        stored = nearest.clamped(depth + along * plane[3], plane)
-        if (stored > depths[sample]) & (np.int32(i) < np.int32(count)):
-            depths[sample] = stored
-            numbers[sample] = face
-
-
-@disjoint_helper
-def find_samples(begins, ends, starts, steps, before, corner, plane, places, stored):
-    """Write where the sample ``steps`` right of the first of each row lies, and its depth."""
-    along = np.float32(np.int32(steps)) * plane[3]
-    for i in range(begins.shape[0]):
-        column = np.int32(begins[i] + np.int32(steps))
-        is_covered = (column >= before) & (column < ends[i])
-        depth = nearest.clamped(starts[i] + along, plane)
-        place = np.int32(np.int32(i) * np.int32(nearest.SCRATCH_SHAPE[1]) + np.int32(corner))
-        places[i] = np.int32(place + column) if is_covered else np.int32(0)
-        stored[i] = depth if is_covered else np.float32(-np.inf)
-
-
-@disjoint_helper
-def test_row(depths, numbers, first, lanes, values, steps, thresholds, plane, face):
-    """Test one row of samples against the three edges and the depth; without branches."""
-    for i in range(lanes):
-        sample = first + np.uintp(i)
-        column = np.float32(np.int32(i))
-        e0 = values[0] + column * steps[0]
-        e1 = values[1] + column * steps[1]
-        e2 = values[2] + column * steps[2]
-        stored = nearest.clamped(depth_from(plane, e0, e1), plane)
-        if (
-            (e0 >= thresholds[0])
-            & (e1 >= thresholds[1])
-            & (e2 >= thresholds[2])
-            & (stored > depths[sample])
-        ):
-            depths[sample] = stored
-            numbers[sample] = face
+@helper
+def draw_small(n, whole, real, plane, origin, tile):
+    """Test the samples in the box of a triangle against edges in float32, row by row."""
+    left, top = np.int64(whole[batches.LEFT, n]), np.int64(whole[batches.TOP, n])
+    first = (top - origin[1]) * nearest.SCRATCH_SHAPE[1] + left - origin[0]
+    rows = np.int64(whole[batches.BOTTOM, n]) - top + 1
+    columns = np.int32(whole[batches.RIGHT, n] - left + 1)
+    e0, e1 = real[batches.EDGE, n], real[batches.EDGE + 1, n]
+    across0, across1 = real[batches.ACROSS, n], real[batches.ACROSS + 1, n]
+    down0, down1 = real[batches.DOWN, n], real[batches.DOWN + 1, n]
+    edges = (
+        e0, e1, real[batches.EDGE + 2, n], across0, across1, real[batches.ACROSS + 2, n],
+        down0, down1, real[batches.DOWN + 2, n],
+    )  # fmt: skip
+    depth = (
+        e0, e1, across0, across1, down0, down1, plane[0], plane[1], plane[2], plane[4], plane[5],
+    )  # fmt: skip
+    draw_box(
+        tile[0], tile[1], first, np.int64(nearest.SCRATCH_SHAPE[1]), rows, columns, edges, depth,
+        np.int32(whole[batches.FACE, n]),
+    )  # fmt: skip
 
 
 def scratch_memory(depth_type: Any = np.float32) -> tuple[NDArray[Any], ...]:
@@ -312,8 +298,8 @@ def careless_stages() -> SimpleNamespace:
     covering = twin(
         nearest, plan_batch=planning.plan_batch, edge_at=edge_at, edges_at=edges_at,
         crossing_line=crossing_line, find_spans=find_spans, depth_from=depth_from,
-        fill_span=fill_span, find_samples=find_samples, test_row=test_row,
-        scratch_memory=scratch_memory, REAL=planning.REAL, SPANS=in_float32(nearest.SPANS),
+        draw_small=draw_small, inside_line=inside_line, scratch_memory=scratch_memory,
+        REAL=planning.REAL, SPANS=in_float32(nearest.SPANS),
         SCRATCH=in_float32(nearest.SCRATCH),
     )  # fmt: skip
     # Which tiles a triangle reaches is asked of few, and in whole numbers.

@@ -186,9 +186,11 @@ def shadows() -> MadeScene:
     wood = Material(base_color=(0.35, 0.18, 0.08), specular=0.0)
     for number in range(14):
         x = 1.1 * (number - 6.5)
-        scene.add(Mesh(*_box((x, 0.9, -3.0), (0.09, 0.9, 0.05)), material=wood), name="post")
+        post = Mesh(*_box((x, 0.9, -3.0), (0.09, 0.9, 0.05)), material=wood)
+        scene.add(post.split_creases(), name="post")
     for height in (0.6, 1.4):
-        scene.add(Mesh(*_box((0.0, height, -3.0), (7.6, 0.06, 0.05)), material=wood), name="rail")
+        rail = Mesh(*_box((0.0, height, -3.0), (7.6, 0.06, 0.05)), material=wood)
+        scene.add(rail.split_creases(), name="rail")
     light = DirectionalLight((0.55, -0.8, 0.75), intensity=0.9, shadow=Shadow())
     scene.lights += [AmbientLight(intensity=0.12), light]
     return MadeScene(scene, PerspectiveCamera((1.0, 2.0, 1.5), (0.0, 0.3, -2.0)))

@@ -12,11 +12,15 @@ from numpy.typing import ArrayLike, NDArray
 from rasterjit.animation.tracks import CameraTrack
 from rasterjit.animation.video import save_animation
 from rasterjit.outputs.frame import Frame
+from rasterjit.outputs.table import Outputs
+from rasterjit.rendering.plan import Cull
 from rasterjit.rendering.renderer import Renderer
 from rasterjit.rendering.views import look_from, needs_settling
+from rasterjit.scene.background import Background
 from rasterjit.scene.camera import Camera, settled
 from rasterjit.scene.mesh import Mesh
-from rasterjit.scene.scene import Node, Scene
+from rasterjit.scene.node import Node
+from rasterjit.scene.scene import Scene
 from rasterjit.scene.validation import finite_number, in_short
 from rasterjit.survey.clip_planes import NO_LOOK, Look
 
@@ -37,9 +41,9 @@ def frames(
     camera: Camera | CameraAt | None = None,
     transforms: Mapping[Node, TransformAt] | None = None,
     meshes: Mapping[Node, MeshAt] | None = None,
-    outputs: Sequence[str] = ("color",),
-    background: Any = None,
-    cull: str = "none",
+    outputs: Outputs = ("color",),
+    background: Background = None,
+    cull: Cull = "none",
 ) -> Iterator[Frame]:
     """
     Render one frame for each time, when it is asked for.
@@ -58,8 +62,8 @@ def frames(
         for all frames: a camera or a `CameraTrack` is looked at ahead, at all of a sequence of up
         to 10,000 times. For other functions and times the plane never goes back.
     transforms : dict, optional
-        By node of the scene a function that returns ``world_from_model``, (4, 4), for a time, such
-        as a `TransformTrack`.
+        By node of the scene, with or without a mesh, a function that returns its ``transform``,
+        (4, 4), for a time, such as a `TransformTrack`.
     meshes : dict, optional
         By node of the scene a function that returns a mesh for a time, such as a `MorphTrack`.
     outputs, background, cull
@@ -86,8 +90,9 @@ def frames(
     for name, tracks in (("transforms", moved), ("meshes", morphed)):
         if not isinstance(tracks, Mapping):
             raise ValueError(f"{name} must be functions by node, got {in_short(tracks)}")
+        every = set(map(id, scene.every_node()))
         for node, track in tracks.items():
-            if not any(node is one for one in scene.nodes):
+            if id(node) not in every:
                 raise ValueError(f"{name} must have nodes of the scene as keys, got {node!r}")
             if not callable(track):
                 raise ValueError(f"{name} must hold functions of time, got {in_short(track)}")
@@ -105,7 +110,7 @@ def _play(
     options: dict[str, Any],
 ) -> Iterator[Frame]:
     """Move the nodes and render, time after time; put everything back at the end."""
-    before = [(node, node.world_from_model, node.mesh) for node in {**moved, **morphed}]
+    before = [(node, node.transform, node.mesh) for node in {**moved, **morphed}]
 
     def camera_at(time: float) -> Camera | None:
         """Return the camera at a time; None if one fits the scene."""
@@ -115,7 +120,7 @@ def _play(
     def move(time: float) -> None:
         """Put the nodes where they are at a time."""
         for node, track in moved.items():
-            node.world_from_model = track(time)
+            node.transform = track(time)
         for node, track in morphed.items():
             node.mesh = track(time)
 
@@ -144,7 +149,7 @@ def _play(
             yield renderer.render(scene, seen_by, **options)
     finally:
         for node, place, mesh in before:
-            node.world_from_model, node.mesh = place, mesh
+            node.transform, node.mesh = place, mesh
 
 
 def save(

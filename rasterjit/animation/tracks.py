@@ -16,15 +16,16 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.scene import transforms
+from rasterjit.scene.assigning import Guarded
 from rasterjit.scene.camera import Bounded, OrthographicCamera, PerspectiveCamera
-from rasterjit.scene.framing import fit_camera, frame_of, orbit_direction
-from rasterjit.scene.mesh import Mesh
+from rasterjit.scene.framing import Projection, fit_camera, frame_of, orbit_direction
+from rasterjit.scene.mesh import Mesh, with_face_values
 from rasterjit.scene.validation import (
     bounded_number,
     finite_array,
@@ -35,20 +36,23 @@ from rasterjit.scene.validation import (
 )
 
 Float64 = NDArray[np.float64]
-Interpolation = Literal["linear", "smooth"]
+Interpolation: TypeAlias = Literal["linear", "smooth"]
+INTERPOLATIONS: tuple[Interpolation, ...] = get_args(Interpolation)
 Curve = Callable[[float], Any]
 
 FULL_TURN = 360.0
 """Degrees."""
 
 
-class _Track:
+class _Track(Guarded):
     """Keys at times, and what is common to all that goes between them."""
+
+    _FIELDS = ("times", "keys", "interpolation", "mesh")
 
     def __init__(self, times: ArrayLike, keys: Sequence[Any], interpolation: Interpolation) -> None:
         self.times = _key_times(times)
         self.keys = tuple(keys)
-        self.interpolation = one_of("interpolation", interpolation, ("linear", "smooth"))
+        self.interpolation = one_of("interpolation", interpolation, INTERPOLATIONS)
         if len(self.keys) != len(self.times):
             raise ValueError(
                 f"times and keys must be as many, got {len(self.times)} times and "
@@ -249,15 +253,16 @@ class MorphTrack(_Track):
         """Return the mesh at a time, seconds; at the time of a key, its vertices."""
         time, key = self._key_at(time)
         mesh = self.mesh
-        colors = mesh.face_colors if mesh.vertex_colors is None else mesh.vertex_colors
-        return Mesh(
+        moved = Mesh(
             self._curve(time) if key is None else key,
             mesh.faces,
-            colors=colors,
+            colors=mesh.vertex_colors,
             uv=mesh.uv,
             uv1=mesh.uv1,
+            attributes=mesh.vertex_attributes,
             material=mesh.material,
         )
+        return with_face_values(moved, mesh.face_colors, mesh.face_attributes)
 
 
 def _key_times(times: ArrayLike) -> Float64:
@@ -321,7 +326,7 @@ def turntable(
     fov_y: float = 45.0,
     up: ArrayLike = (0.0, 1.0, 0.0),
     zoom: float = 1.0,
-    projection: Literal["perspective", "orthographic"] = "perspective",
+    projection: Projection = "perspective",
     aspect: float = 1.0,
 ) -> Callable[[float], PerspectiveCamera | OrthographicCamera]:
     """
@@ -344,7 +349,7 @@ def turntable(
         How many times bigger the scene appears.
     projection : {"perspective", "orthographic"}
     aspect : float
-        Width over height of the pictures.
+        Width over height of the pictures; narrower ones cut nothing off either.
 
     Raises
     ------

@@ -9,9 +9,9 @@ ties are broken.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from rasterjit.classics import line_bands, primitives
 from rasterjit.pipeline import lines
 from rasterjit.runtime.threads import Workers
+from rasterjit.scene.assigning import Guarded
 from rasterjit.scene.validation import (
     MaskedError,
     bounded_number,
@@ -31,12 +32,15 @@ from rasterjit.scene.validation import (
 
 OPAQUE = 255
 
-EDGE_RULES = {
+EdgeRule: TypeAlias = Literal["top-left", "inclusive"]
+FillMethod: TypeAlias = Literal["barycentric", "scanline"]
+
+EDGE_RULES: dict[EdgeRule, int] = {
     "top-left": primitives.EXCLUSIVE_BIAS,
     "inclusive": primitives.INCLUSIVE_BIAS,
 }
 
-FILL_METHODS = {
+FILL_METHODS: dict[FillMethod, Callable[..., None]] = {
     "barycentric": primitives.fill_triangle,
     "scanline": primitives.fill_triangle_scanline,
 }
@@ -69,7 +73,7 @@ RECORDS_PER_BATCH = 2**22
 """Most entries of all lists at a time, 24 bytes each: bounds memory, however many the lines."""
 
 
-class Framebuffer:
+class Framebuffer(Guarded):
     """
     A picture to draw into, with a depth for each pixel.
 
@@ -93,6 +97,8 @@ class Framebuffer:
     ------
     ValueError
         If a size is not a whole number in 1..16384, or the number of threads not as said.
+    AttributeError
+        If an attribute is assigned.
 
     Examples
     --------
@@ -101,6 +107,8 @@ class Framebuffer:
     >>> framebuffer.color[0, 0].tolist(), framebuffer.color[3, 7].tolist()
     ([255, 0, 0, 255], [0, 0, 255, 255])
     """
+
+    _INSTEAD = "draw into it, or write into its arrays"
 
     def __init__(self, width: int, height: int, *, threads: int | None = None) -> None:
         self._width, self._height = image_size("width, height", (width, height))
@@ -263,8 +271,8 @@ class Framebuffer:
         c: Sequence[int],
         color: ArrayLike,
         *,
-        edges: str = "top-left",
-        method: str = "barycentric",
+        edges: EdgeRule = "top-left",
+        method: FillMethod = "barycentric",
         depth: ArrayLike | None = None,
     ) -> None:
         """
@@ -366,7 +374,8 @@ class Framebuffer:
         Raises
         ------
         ValueError
-            If the folder does not exist or the extension is not that of a known image format.
+            If the folder does not exist, the extension is not that of a known image format, or a
+            pixel is transparent and the format, as JPEG, cannot show that.
         """
         from rasterjit.io.images import save_image
 
@@ -386,6 +395,9 @@ def _is_little(ends: NDArray[np.int64], most_steps: int) -> bool:
     """Tell whether lines have few pixels, none of them more than ``most_steps`` that are seen."""
     if len(ends) * most_steps <= FEW_PIXELS:
         return True
+    # To measure millions of lines would take a quarter of the time to draw them
+    if len(ends) > FEW_PIXELS:
+        return False
     steps = np.abs(ends[:, 2:] - ends[:, :2]).max(axis=1)
     return int(np.minimum(steps, most_steps).sum()) <= FEW_PIXELS
 

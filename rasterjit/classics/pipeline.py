@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.scene import transforms
+from rasterjit.scene.assigning import Guarded
 from rasterjit.scene.validation import finite_array, finite_number, image_size, positive_number
 
 
@@ -32,7 +33,7 @@ class Projection(NamedTuple):
     on_screen: NDArray[np.bool_]
 
 
-class Pipeline:
+class Pipeline(Guarded):
     """
     The classic chain: scale, rotate, translate, camera, projection, viewport.
 
@@ -50,6 +51,8 @@ class Pipeline:
     >>> pipeline.project([[0.0, 0.0, 0.0]]).pixels
     array([[40., 16.]])
     """
+
+    _INSTEAD = "its methods set its steps"
 
     def __init__(self) -> None:
         self._scale = transforms.identity()

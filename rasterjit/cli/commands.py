@@ -1,8 +1,9 @@
 """
 Define the commands of ``rasterjit``, one function each.
 
-They are ``render``, ``turntable``, ``dataset``, ``view``, ``explain``, ``accuracy``, ``warmup`` and
-``doctor``. Modules that are slow to import are imported by the commands that need them.
+They are ``render``, ``turntable``, ``dataset``, ``view``, ``info``, ``explain``, ``accuracy``,
+``warmup`` and ``doctor``. Modules that are slow to import are imported by the commands that need
+them.
 """
 
 from __future__ import annotations
@@ -11,16 +12,18 @@ import gc
 import time
 import warnings
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from rasterjit.cli.dataset import dataset_options
 from rasterjit.cli.options import (
     OUTPUTS_HELP,
+    READING,
     Effects,
     FiniteType,
     KnobsType,
+    LensType,
     Look,
     MadeSceneType,
     OutputsType,
@@ -29,16 +32,23 @@ from rasterjit.cli.options import (
     SizeType,
     View,
     add_options,
+    checked_place,
     effect_options,
     gather,
     look_options,
+    reading_options,
+    refuse_idle,
+    refuse_without_color,
     view_options,
 )
 from rasterjit.cli.program import (
+    DEPTH_SCALE,
     INTERRUPTED,
+    MASKS,
     OWN_PROCESS,
     Program,
     background_option,
+    color_behind_option,
     cull_option,
     debug_option,
     file_argument,
@@ -47,8 +57,10 @@ from rasterjit.cli.program import (
     load_scene,
     plan_files,
     quiet_option,
+    size_behind,
     size_option,
     threads_option,
+    units_per_code,
     warn,
     write_files,
 )
@@ -62,6 +74,10 @@ from rasterjit.cli.report import (
     with_progress,
 )
 from rasterjit.scene.quality import LEVELS
+
+if TYPE_CHECKING:
+    from rasterjit.scene.background import BackgroundImage
+    from rasterjit.scene.lens import Lens
 
 GARBAGE_THRESHOLD = 100_000
 """Objects made between two looks for garbage; Python's own is 700."""
@@ -91,9 +107,9 @@ def program(context: click.Context, version: bool) -> None:
 @program.command()
 @file_argument
 @click.option(
-    "-o", "--output", type=PlaceType("image"), required=True, metavar="OUT",
+    "-o", "--output", type=click.Path(path_type=Path), required=True, metavar="OUT",
     help="Picture to write (.png, .jpg, .webp, .tif ...), or .npz or .exr for every output in one "
-    "file.",
+    "file; for a folder of meshes, a folder.",
 )  # fmt: skip
 @size_option("1280x720")
 @view_options
@@ -101,6 +117,11 @@ def program(context: click.Context, version: bool) -> None:
 @look_options
 @effect_options
 @cull_option
+@click.option(
+    "--lens", type=LensType(), metavar="LENS",
+    help="opencv:K1,K2,P1,P2,K3,... or fisheye:K1,K2,K3,K4, OpenCV's coefficients of a calibrated "
+    "camera's lens; or panorama, of a --size twice as wide as high.",
+)  # fmt: skip
 @click.option(
     "--outputs", type=OutputsType(), default="color", show_default=True, metavar="NAMES",
     help=OUTPUTS_HELP + " Beside a picture, all but the colour go to OUT with the suffix .npz; one "
@@ -111,8 +132,19 @@ def program(context: click.Context, version: bool) -> None:
     help="Write the depth as well: .exr (float32), .png (16 bits), .npy or .npz.",
 )  # fmt: skip
 @click.option(
-    "--depth-scale", type=click.FloatRange(0.0, min_open=True), default=1000.0, show_default=True,
-    help="What depth is multiplied by in a 16-bit .png.",
+    "--scale", metavar="UNITS", type=FiniteType(0.0, min_open=True),
+    help="Scene units that a code of a 16-bit .png stands for, as the scale of Frame.save. "
+    f"Default: {DEPTH_SCALE} with --depth, else what fits the values best.",
+)  # fmt: skip
+@click.option("--depth-scale", "codes_per_unit", type=FiniteType(0.0, min_open=True), hidden=True)
+@click.option(
+    "--mask", "mask_file", type=PlaceType("mask"), metavar="FILE",
+    help="Write which pixels show an object: a .png, 255 where one covers the pixel and its share "
+    "where it covers a part of the --samples.",
+)  # fmt: skip
+@click.option(
+    "--mask-of", type=click.Choice(MASKS), default="coverage", show_default=True,
+    help="What --mask holds; numbers are one more than they are, in 16 bits, and 0 is nothing.",
 )  # fmt: skip
 @click.option(
     "--diagnose", is_flag=True,
@@ -125,11 +157,15 @@ def render(
     file: Path,
     output: Path,
     size: tuple[int, int],
-    background: str | None,
+    background: str | BackgroundImage | None,
     cull: str,
+    lens: Lens | None,
     outputs: tuple[str, ...],
     depth_file: Path | None,
-    depth_scale: float,
+    scale: float | None,
+    codes_per_unit: float | None,
+    mask_file: Path | None,
+    mask_of: str,
     diagnose: bool,
     threads: int | None,
     quiet: bool,
@@ -139,22 +175,36 @@ def render(
     Render FILE, any mesh file that trimesh reads, to a picture.
 
     Without options for the camera it is the file's own, or one that fits the whole scene into
-    the picture.
+    the picture. If FILE is a folder, all meshes below it are drawn into the folder OUT, 256x256
+    pixels each if no --size is given; those that cannot be are named, and the status is 1.
     """
     view, look, effects = (gather(kind, rest) for kind in (View, Look, Effects))
     view.check()
+    if file.is_dir():
+        from rasterjit.cli.thumbnails import render_folder
+
+        options = {"background": background, "cull": cull}
+        render_folder(file, output, size, threads, quiet, view, look, effects, **options)
+        return
+    output = checked_place("output", output, "image")
+    size = size_behind(background, size)
     if output.suffix.lower() in (".jpg", ".jpeg", ".bmp") and not is_opaque(background):
         raise click.BadOptionUsage(
             "--background", f"--background: {output.suffix} cannot be transparent; choose .png"
         )
-    wanted, places = plan_files(output, outputs, depth_file)
+    if mask_file is None:
+        refuse_idle(["mask_of"], "it is for --mask")
+    besides = {"--depth": (depth_file, "depth"), "--mask": (mask_file, mask_of)}
+    wanted, places = plan_files(output, outputs, besides)
+    scale = units_per_code(places, scale, codes_per_unit, quiet)
+    refuse_without_color(wanted)
     from rasterjit.cli.warmup import first_tasks
     from rasterjit.rendering.notices import ViewWarning, notices_of
     from rasterjit.rendering.renderer import render as render_frame
     from rasterjit.runtime.ahead import beside
 
     start = time.perf_counter()
-    options = {"outputs": wanted, "background": background, "cull": cull}
+    options = {"outputs": wanted, "background": background, "cull": cull, "lens": lens}
     quality = effects.quality()
     with (
         status(f"Rendering {file.name}", quiet) as shown,
@@ -172,7 +222,7 @@ def render(
             **options,
         )  # fmt: skip
         rendered = time.perf_counter()
-        write_files(frame, places, depth_scale)
+        write_files(frame, places, scale)
     saved = time.perf_counter()
     for notice in notices_of(frame.plan, frame.stats).values():
         warn(notice, quiet)
@@ -212,7 +262,7 @@ def turntable(
     frames: int,
     fps: int,
     size: tuple[int, int],
-    background: str | None,
+    background: str | BackgroundImage | None,
     cull: str,
     threads: int | None,
     quiet: bool,
@@ -224,6 +274,8 @@ def turntable(
     from rasterjit.rendering.renderer import Renderer
 
     view, look, effects = (gather(kind, rest) for kind in (View, Look, Effects))
+    view.check()
+    size = size_behind(background, size)
     check_animation(output, size, fps, is_opaque(background))
     start = time.perf_counter()
     scene = load_scene(file, look, effects, quiet)
@@ -287,7 +339,7 @@ def show_options(command: Any) -> Any:
 @file_argument
 @show_options
 @view_options
-@background_option
+@color_behind_option
 @look_options
 @effect_options(quality=False)
 @cull_option
@@ -297,6 +349,22 @@ def show_options(command: Any) -> Any:
 def view(file: Path, **options: Any) -> None:
     """Show FILE and let mouse and keys move the camera; H tells how."""
     view_file(file, options)
+
+
+@program.command()
+@file_argument
+@click.option("--json", "as_json", is_flag=True, help="As JSON, with all materials and lights.")
+@reading_options
+@debug_option
+def info(file: Path, as_json: bool, **reading: Any) -> None:
+    """
+    Say what FILE holds: counts, bounds, materials, lights, camera, and what is left out.
+
+    It is told of what is loaded: a vertex where faces meet at a crease counts for each side.
+    """
+    from rasterjit.cli.info import tell
+
+    tell(file, as_json, **reading)
 
 
 @program.command()
@@ -319,7 +387,7 @@ def view(file: Path, **options: Any) -> None:
 def explain(
     file: Path,
     size: tuple[int, int],
-    background: str | None,
+    background: str | BackgroundImage | None,
     cull: str,
     outputs: tuple[str, ...],
     pixel: tuple[int, int] | None,
@@ -330,12 +398,16 @@ def explain(
     """Say what rendering FILE would do, without doing it; or what happens at one pixel."""
     view, look, effects = (gather(kind, rest) for kind in (View, Look, Effects))
     view.check()
+    size = size_behind(background, size)
     if pixel is not None and not (pixel[0] < size[0] and pixel[1] < size[1]):
         raise click.BadOptionUsage(
             "--pixel", f"--pixel: {pixel[0]},{pixel[1]} is not in the picture"
         )
-    if pixel is not None and measure:
-        raise click.BadOptionUsage("--measure", "--measure: one pixel has no cost of its own")
+    if pixel is not None:
+        refuse_idle(["measure"], "one pixel has no cost of its own")
+        refuse_idle(["outputs"], "--pixel tells of the colour")
+    if not measure:
+        refuse_idle(["threads"], "nothing is drawn without --measure")
     from rasterjit.inspect.pixel import explain_pixel
     from rasterjit.rendering.plan import describe as describe_plan
     from rasterjit.rendering.renderer import explain as plan_of
@@ -402,14 +474,21 @@ def accuracy(
     from rasterjit.cli.accuracy import calibrate_machine, study_scene
 
     if calibrate:
-        if file is not None or made is not None or rest["output"] is not None:
+        if file is not None:
             raise click.UsageError("--calibrate draws scenes of its own and writes no report")
+        kept = ("calibrate", "threads", "quiet", "debug")
+        refuse_idle(
+            [one.name for one in context.command.params if one.name not in kept],
+            "--calibrate draws scenes of its own and writes no report",
+        )
         calibrate_machine(rest["threads"], rest["quiet"])
         return
     if (file is None) == (made is None):
         raise click.UsageError("give either a FILE or --scene NAME")
     if rest["output"] is None:
         raise click.UsageError("Missing option '-o' / '--output'.")
+    if made is not None:
+        refuse_idle(READING, "--scene reads no file")
     view, look, effects = (gather(kind, rest) for kind in (View, Look, Effects))
     view.check()
     found = study_scene(made or file, view, look, effects, rest)
@@ -470,19 +549,24 @@ def view_file(file: Path, options: dict[str, Any]) -> None:
 
     view, look, effects = (gather(kind, options) for kind in (View, Look, Effects))
     view.check()
+    backend = choose_backend(options["backend"])
+    if backend != "browser":
+        refuse_idle(["host", "port"], f"nothing is served: it is shown by the backend {backend}")
+    if backend == "terminal":
+        refuse_idle(["size"], "a terminal has its own")
     scene = load_scene(file, look, effects, options["quiet"])
     camera = view.camera(scene, options["size"])
     try:
         with compile_notice(options["quiet"]):
             show(
-                scene, camera, backend=options["backend"], size=options["size"],
+                scene, camera, backend=backend, size=options["size"],
                 background=options["background"], cull=options["cull"],
                 up=view.up or (0.0, 1.0, 0.0), time_budget=options["time_budget"], title=file.name,
                 host=options["host"], port=options["port"], threads=options["threads"],
             )  # fmt: skip
     except ImportError as error:
         raise click.ClickException(str(error)) from error
-    if choose_backend(options["backend"]) == "browser":
+    if backend == "browser":
         leave()
 
 

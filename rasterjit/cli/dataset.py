@@ -22,8 +22,9 @@ from rasterjit.cli.options import (
     max_bytes_option,
     on_damage_option,
     quality_options,
+    refuse_idle,
 )
-from rasterjit.cli.program import warn
+from rasterjit.cli.program import in_options, warn
 from rasterjit.cli.report import compile_notice
 
 if TYPE_CHECKING:
@@ -104,7 +105,7 @@ def dataset_options(command: Callable) -> Callable:
             click.option("--up", type=VectorType(), default="0,1,0", show_default=True,
                          help="Which way is up in the meshes."),
             click.option("--background", type=ColorType(), default="transparent",
-                         show_default=True, help="A colour name, #rrggbb or #rrggbbaa."),
+                         show_default=True, help="A colour name of CSS, #rrggbb or #rrggbbaa."),
             click.option("--on-invalid", type=click.Choice(["raise", "drop"]), default="raise",
                          show_default=True,
                          help="Leave out a mesh with NaN or infinite vertices, or draw the rest."),
@@ -126,6 +127,10 @@ def make_dataset(
     from rasterjit.dataset.making import make
     from rasterjit.dataset.recipe import Recipe
 
+    if options["layout"] != "random":
+        refuse_idle(["seed"], "it is for --cameras random")
+    if options["layout"] != "ring":
+        refuse_idle(["elevation"], "it is for --cameras ring")
     chosen = {name: options.pop(name) for name in ("preset", "changes", "samples")}
     quality = Effects(False, None, False, None, None, None, **chosen).quality()
     recipe = Recipe(**options, quality=quality)
@@ -133,7 +138,7 @@ def make_dataset(
     with compile_notice(quiet), _progress(recipe, quiet) as report:
         summary = make(folder, output, recipe, workers=workers, report=report)
     for name, reason in list(summary.failures.items())[:MOST_NAMED]:
-        warn(f"left out {name}: {reason}", quiet)
+        warn(f"left out {name}: {in_options(reason)}", quiet)
     if not quiet:
         seconds = time.perf_counter() - start
         views = summary.made * recipe.views

@@ -7,12 +7,17 @@ import math
 import os
 import re
 from abc import abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import click
+import numpy as np
+from click.core import ParameterSource
+from numpy.typing import NDArray
 
+from rasterjit.cli.advice import CHOICES_MEANT, question
+from rasterjit.cli.pinhole import CONVENTIONS, IntrinsicsType, PoseType
 from rasterjit.outputs.table import MOTION_OUTPUTS, OUTPUTS, check_outputs
 from rasterjit.scene.material import SHADINGS, Material
 from rasterjit.scene.memory import DEFAULT_MAX_BYTES
@@ -20,7 +25,11 @@ from rasterjit.scene.quality import LEVELS, PRESETS, Quality
 from rasterjit.scene.tone_map import CURVES
 
 if TYPE_CHECKING:
-    from rasterjit.scene.camera import OrthographicCamera, PerspectiveCamera
+    from rasterjit.scene.background import BackgroundImage
+    from rasterjit.scene.camera import MatrixCamera, OrthographicCamera, PerspectiveCamera
+    from rasterjit.scene.framing import AnyCamera
+    from rasterjit.scene.lens import Lens
+    from rasterjit.scene.light import Light
     from rasterjit.scene.scene import Scene
 
     FittedCamera = PerspectiveCamera | OrthographicCamera
@@ -29,7 +38,8 @@ Vector = tuple[float, float, float]
 Options = TypeVar("Options", bound=tuple)
 
 OUTPUTS_HELP = (
-    f"Comma-separated: {', '.join(name for name in OUTPUTS if name not in MOTION_OUTPUTS)}."
+    f"Comma-separated: {', '.join(name for name in OUTPUTS if name not in MOTION_OUTPUTS)}, "
+    "attribute:NAME."
 )
 
 DEFAULT_DIRECTION = (0.6, 0.5, 1.0)
@@ -48,6 +58,27 @@ SUN_DIRECTION = (-0.6, -1.0, -0.5)
 SUN_INTENSITY = 0.9
 FILL_INTENSITY = 0.15
 """The sun that casts shadows in a scene without lights, and the ambient light beside it."""
+
+LIGHTS = ("headlight", "sun", "ambient")
+"""Lights with a name: the default one, over the viewer's shoulder; one from above; all around."""
+
+
+READING = ("on_invalid", "on_damage", "resource_root", "max_bytes")
+"""Options of how files are read."""
+
+OF_COLOR = (
+    "background",
+    "color",
+    "light",
+    "shading",
+    "shadows",
+    "environment",
+    "ambient_occlusion",
+)
+"""Options that act on colour alone, in light or codes."""
+
+OF_CODES = ("tone_map", "exposure", "outline", "vignette", "wireframe", "wireframe_color")
+"""Options that act on 8-bit colour alone."""
 
 
 class SizeType(click.ParamType):
@@ -91,6 +122,44 @@ class PixelType(click.ParamType):
         return int(place[1]), int(place[2])
 
 
+class LensType(click.ParamType):
+    """A lens by its model, and OpenCV's coefficients: ``fisheye:-0.02,0.003``."""
+
+    name = "lens"
+
+    def convert(
+        self, value: Any, parameter: click.Parameter | None, context: click.Context | None
+    ) -> Lens:
+        """Return the lens, or raise click's usage error."""
+        from rasterjit.scene import lens
+
+        if not isinstance(value, str):
+            return value
+        models = {
+            "opencv": (lens.PinholeDistortion, 14),
+            "fisheye": (lens.FisheyeLens, 4),
+            "panorama": (lens.Equirectangular, 0),
+        }
+        model, _, rest = value.partition(":")
+        try:
+            kind, most = models[model]
+            numbers = [float(part) for part in rest.split(",")] if rest else []
+        except (KeyError, ValueError):
+            self.fail(
+                f"{value!r} is not opencv:K1,K2,P1,P2,..., fisheye:K1,K2,K3,K4 or panorama",
+                parameter, context,
+            )  # fmt: skip
+        if len(numbers) > most:
+            self.fail(
+                f"{value!r}: {model} has at most {most} coefficients, got {len(numbers)}",
+                parameter, context,
+            )  # fmt: skip
+        try:
+            return kind(*numbers)
+        except ValueError as error:
+            self.fail(f"{value!r}: {error}", parameter, context)
+
+
 class VectorType(click.ParamType):
     """Three numbers, ``1,2.5,-3``."""
 
@@ -111,6 +180,31 @@ class VectorType(click.ParamType):
         return x, y, z
 
 
+class LightType(VectorType):
+    """The direction in which a light shines, ``1,-2,0.5``, or a name of `LIGHTS`."""
+
+    name = "X,Y,Z|NAME"
+
+    def convert(
+        self, value: Any, parameter: click.Parameter | None, context: click.Context | None
+    ) -> Vector | str:
+        """Return the direction or the name, or raise click's usage error."""
+        if value in LIGHTS:
+            return value
+        if isinstance(value, str) and not set(value) & set("0123456789"):
+            names = ", ".join(LIGHTS)
+            self.fail(
+                f"{value!r} is neither X,Y,Z nor one of {names}"
+                + question(value, list(LIGHTS), CHOICES_MEANT),
+                parameter,
+                context,
+            )
+        direction = super().convert(value, parameter, context)
+        if direction == (0.0, 0.0, 0.0):
+            self.fail(f"{value!r} must not be 0,0,0", parameter, context)
+        return direction
+
+
 class NumberType(click.types.FloatParamType):
     """A number that is not infinite nor NaN."""
 
@@ -129,9 +223,19 @@ class FiniteType(NumberType, click.FloatRange):
 
 
 class ColorType(click.ParamType):
-    """A colour, checked but kept as it was written."""
+    """
+    A colour, checked but kept as it was written.
+
+    Parameters
+    ----------
+    is_opaque : bool
+        Whether it has to be one that nothing is seen through.
+    """
 
     name = "color"
+
+    def __init__(self, is_opaque: bool = False) -> None:
+        self.is_opaque = is_opaque
 
     def convert(
         self, value: Any, parameter: click.Parameter | None, context: click.Context | None
@@ -140,10 +244,35 @@ class ColorType(click.ParamType):
         from rasterjit.scene.color import linear_color
 
         try:
-            linear_color("it", value)
+            alpha = linear_color("it", value)[3]
         except ValueError as error:
             self.fail(str(error), parameter, context)
+        if self.is_opaque and alpha < 1.0:
+            self.fail(f"{value!r} must be opaque", parameter, context)
         return value
+
+
+class BackgroundType(ColorType):
+    """A colour, kept as it was written, or the picture that a file holds."""
+
+    name = "color|file"
+
+    def convert(
+        self, value: Any, parameter: click.Parameter | None, context: click.Context | None
+    ) -> str | BackgroundImage:
+        """Return the text or the picture, or raise click's usage error."""
+        from rasterjit.scene.background import BackgroundImage, is_file_name
+
+        if not is_file_name(value):
+            return (
+                value
+                if isinstance(value, BackgroundImage)
+                else super().convert(value, parameter, context)
+            )
+        try:
+            return BackgroundImage.from_file(value)
+        except ValueError as error:
+            self.fail(str(error), parameter, context)
 
 
 class NamesType(click.ParamType):
@@ -172,7 +301,13 @@ class OutputsType(NamesType):
 
     def check(self, names: list[str]) -> tuple[str, ...]:
         """Return the names, or raise ``ValueError``."""
-        outputs = check_outputs(names)
+        unknown = next((name for name in names if name and name not in OUTPUTS), None)
+        try:
+            outputs = check_outputs(names)
+        except ValueError as error:
+            if unknown is None:
+                raise
+            raise ValueError(f"{error}{question(unknown, list(OUTPUTS), CHOICES_MEANT)}") from None
         for name in MOTION_OUTPUTS:
             if name in outputs:
                 raise ValueError(
@@ -232,7 +367,7 @@ class PlaceType(click.ParamType):
 
     Parameters
     ----------
-    kind : {"image", "depth", "animation"}
+    kind : {"image", "depth", "mask", "animation"}
     """
 
     name = "file"
@@ -258,14 +393,23 @@ class PlaceType(click.ParamType):
         return place
 
 
+def checked_place(name: str, place: Path, kind: str) -> Path:
+    """Return the value of an option as `PlaceType` does, or raise click's usage error."""
+    context = click.get_current_context()
+    option = next(one for one in context.command.params if one.name == name)
+    return PlaceType(kind).convert(str(place), option, context)
+
+
 def _formats(kind: str) -> tuple[str, ...]:
     """Return the extensions of a kind of file."""
     from rasterjit.animation import video
     from rasterjit.io import images
+    from rasterjit.outputs import save
 
     return {
         "image": (*images.IMAGE_FORMATS, ".npz", ".exr"),
-        "depth": images.DEPTH_FORMATS,
+        "depth": save.FORMATS,
+        "mask": (".png",),
         "animation": video.ANIMATION_FORMATS,
     }[kind]
 
@@ -287,23 +431,64 @@ class Look(NamedTuple):
     wireframe_color: str | None
     resource_root: str | None
     max_bytes: int = DEFAULT_MAX_BYTES
+    color: str | None = None
+    light: tuple[Vector | str, ...] = ()
 
     def apply(self, scene: Scene) -> None:
-        """Change the scene's materials and wireframe."""
+        """Change the scene's materials, lights and wireframe."""
         from rasterjit.scene.wireframe import Wireframe
 
-        if self.shading is not None:
+        if self.color is not None:
+            plain = {id(node.mesh): node.mesh.without_colors() for node in scene.nodes}
+            for node in scene.nodes:
+                node.mesh = plain[id(node.mesh)]
+        changes = self._changes()
+        if changes:
             for mesh in {id(node.mesh): node.mesh for node in scene.nodes}.values():
                 # A material that nothing was said about is no longer one of that kind.
                 said = {
                     one.name: getattr(mesh.material, one.name)
                     for one in dataclasses.fields(Material)
                 }
-                mesh.material = Material(**{**said, "shading": self.shading})
+                mesh.material = Material(**{**said, **changes})
+        if self.light:
+            scene.lights = _lights_of(self.light)
         if self.wireframe is not None or self.wireframe_color is not None:
             scene.wireframe = Wireframe(
                 self.wireframe_color or "black", self.wireframe or "overlay"
             )
+
+    def _changes(self) -> dict[str, Any]:
+        """Return the fields of all materials that options set."""
+        changes: dict[str, Any] = {} if self.shading is None else {"shading": self.shading}
+        if self.color is not None:
+            from rasterjit.scene.color import linear_color
+
+            is_opaque = linear_color("--color", self.color)[3] == 1.0
+            changes |= {
+                "base_color": self.color,
+                "base_color_texture": None,
+                "alpha_mode": "opaque" if is_opaque else "blend",
+            }
+        return changes
+
+
+def _lights_of(chosen: tuple[Vector | str, ...]) -> list[Light]:
+    """Return lights by directions and names; none for the headlight, which is the default."""
+    from rasterjit.scene.light import AmbientLight, DirectionalLight
+
+    if "headlight" in chosen:
+        if len(set(chosen)) > 1:
+            raise click.BadOptionUsage("--light", "--light: the headlight shines alone")
+        return []
+    if chosen == ("ambient",):
+        return [AmbientLight(intensity=1.0)]
+    lights: list[Light] = [AmbientLight(intensity=FILL_INTENSITY)]
+    for one in chosen:
+        if one != "ambient":
+            direction = SUN_DIRECTION if one == "sun" else one
+            lights.append(DirectionalLight(direction, intensity=SUN_INTENSITY))
+    return lights
 
 
 class View(NamedTuple):
@@ -317,9 +502,13 @@ class View(NamedTuple):
     up: Vector | None
     position: Vector | None = None
     target: Vector | None = None
+    pose: NDArray[np.float64] | None = None
+    convention: str | None = None
+    intrinsics: NDArray[np.float64] | None = None
 
     def check(self) -> None:
         """Raise click's usage error if options contradict each other."""
+        self._check_pinhole()
         if self.position is None:
             if self.target is not None:
                 raise click.UsageError("--target needs --position")
@@ -327,18 +516,64 @@ class View(NamedTuple):
             raise click.UsageError("--position excludes --azimuth and --elevation")
         if self.projection == "orthographic" and self.fov is not None:
             raise click.UsageError("--fov is for --projection perspective; use --zoom")
+        if self.position is not None and self.position == self.target:
+            raise click.UsageError("--position must differ from --target")
         if self.up == (0.0, 0.0, 0.0):
             raise click.UsageError("--up must not be 0,0,0")
 
-    def camera(self, scene: Scene, size: tuple[int, int]) -> FittedCamera | None:
+    def camera(self, scene: Scene, size: tuple[int, int]) -> AnyCamera | None:
         """Return the camera; ``None``, for the renderer to choose, if no option was given."""
-        if all(option is None for option in self):
-            return None
+        if all(option is None for option in self._replace(zoom=None)):
+            if self.zoom is None:
+                return None
+            if scene.camera is not None:
+                from rasterjit.scene.framing import zoom_camera
+
+                return zoom_camera(scene.camera, self.zoom)
+        if self.pose is not None or self.intrinsics is not None:
+            return self._calibrated(scene, size)
         if self.position is not None:
             return self._placed(scene, size)
         if self.azimuth is None and self.elevation is None:
             return self._fit(scene, size)
         return self.turn(scene, size)(0.0)
+
+    def _check_pinhole(self) -> None:
+        """Raise click's usage error if options contradict those of a calibrated camera."""
+        if self.pose is None:
+            if self.convention is not None:
+                raise click.UsageError("--convention needs --pose")
+        else:
+            if self.convention is None:
+                told = "; ".join(f"{name} ({text})" for name, text in CONVENTIONS.items())
+                raise click.UsageError(f"--pose needs --convention, what it means: {told}")
+            names = ("position", "target", "azimuth", "elevation", "up")
+            refuse_idle(names, "--pose places the camera")
+        if self.intrinsics is not None:
+            refuse_idle(("fov", "zoom"), "--intrinsics tells what the camera shows")
+            behind = click.get_current_context().params.get("background")
+            if not is_given("size") and (behind is None or isinstance(behind, str)):
+                raise click.UsageError("--intrinsics needs --size, of the picture that they are of")
+        is_calibrated = self.pose is not None or self.intrinsics is not None
+        if is_calibrated and self.projection == "orthographic":
+            refuse_idle(["projection"], "--pose and --intrinsics are of perspective cameras")
+
+    def _calibrated(self, scene: Scene, size: tuple[int, int]) -> MatrixCamera:
+        """Return the camera of ``--pose`` or ``--intrinsics`` or both."""
+        from rasterjit.cli.pinhole import FLIP, camera_of, intrinsics_of, pose_from_world
+        from rasterjit.scene import transforms
+
+        intrinsics = self.intrinsics
+        if self.pose is not None:
+            pose = pose_from_world(self.pose, str(self.convention))
+            if intrinsics is None:
+                intrinsics = intrinsics_of(DEFAULT_FOV if self.fov is None else self.fov, size)
+                intrinsics[[0, 1], [0, 1]] *= 1.0 if self.zoom is None else self.zoom
+            return camera_of(intrinsics, pose, size, scene)
+        fov_y = 2.0 * transforms.arc_tangent(size[1] / 2.0, float(intrinsics[1, 1]))
+        placed = self._replace(intrinsics=None, fov=fov_y).camera(scene, size)
+        pose = transforms.compose(FLIP, placed.view_matrix())
+        return camera_of(intrinsics, pose, size, scene)
 
     def turn(self, scene: Scene, size: tuple[int, int]) -> Callable[[float], FittedCamera]:
         """Return the camera of one turn as a function of its share, 0..1; it is always fitted."""
@@ -382,6 +617,8 @@ class View(NamedTuple):
         fitted = self._fit(scene, size)
         eye = np.array(self.position)
         target = center if self.target is None else np.array(self.target)
+        if np.array_equal(eye, target):
+            raise click.UsageError("--position is the middle of the scene: give --target as well")
         up = self.up or (0.0, 1.0, 0.0)
         if self.up is None and are_parallel(up, target - eye):
             # Straight down or up: what is far in the default view is at the top.
@@ -398,6 +635,32 @@ class View(NamedTuple):
 def gather(kind: type[Options], options: dict[str, Any]) -> Options:
     """Return the options of a kind out of all those of a command."""
     return kind(**{name: options[name] for name in kind._fields if name in options})
+
+
+def is_given(name: str) -> bool:
+    """Tell whether the command line gives an option of the command that runs."""
+    source = click.get_current_context().get_parameter_source(name)
+    return source not in (None, ParameterSource.DEFAULT, ParameterSource.DEFAULT_MAP)
+
+
+def refuse_idle(names: Iterable[str], why: str) -> None:
+    """Raise click's usage error for the first of some options that is given, in vain."""
+    options = {one.name: one for one in click.get_current_context().command.params}
+    for name in names:
+        if is_given(name):
+            spelled = max(options[name].opts, key=len)
+            raise click.BadOptionUsage(spelled, f"{spelled} has no effect here: {why}")
+
+
+def refuse_without_color(outputs: tuple[str, ...]) -> None:
+    """Raise click's usage error for options of what no output shows."""
+    shown = f"the outputs are {', '.join(outputs)}"
+    if "color" not in outputs:
+        refuse_idle(OF_CODES, f"it acts on the output color alone, and {shown}")
+    if not {"color", "linear"} & set(outputs):
+        refuse_idle(OF_COLOR, f"no output shows colour: {shown}")
+        if "coverage" not in outputs:
+            refuse_idle(["samples"], f"each pixel has one sample of what is no colour: {shown}")
 
 
 def add_options(options: list[Callable], command: Callable) -> Callable:
@@ -418,16 +681,10 @@ max_bytes_option = click.option(
 )  # fmt: skip
 
 
-def look_options(command: Callable) -> Callable:
-    """Add the options of `Look` to a command."""
-    modes = click.Choice(SHADINGS)
+def reading_options(command: Callable) -> Callable:
+    """Add the options of how files are read to a command."""
     return add_options(
         [
-            click.option("--shading", type=modes, help="Shade all objects this way."),
-            click.option("--wireframe", type=click.Choice(["overlay", "only"]),
-                         help="Draw the edges over the faces, or alone."),
-            click.option("--wireframe-color", type=ColorType(),
-                         help="As --background, opaque; black if not given. Alone, it overlays."),
             click.option("--on-invalid", type=click.Choice(["raise", "drop"]), default="raise",
                          show_default=True,
                          help="Refuse a mesh with NaN or infinite vertices, or draw the rest."),
@@ -441,6 +698,28 @@ def look_options(command: Callable) -> Callable:
     )  # fmt: skip
 
 
+def look_options(command: Callable) -> Callable:
+    """Add the options of `Look` to a command."""
+    modes = click.Choice(SHADINGS)
+    return add_options(
+        [
+            click.option("--color", type=ColorType(),
+                         help="Draw all objects in this colour, as --background has it, instead of "
+                              "their own and their textures."),
+            click.option("--light", type=LightType(), multiple=True, metavar="X,Y,Z|NAME",
+                         help="Light from far away that shines along X,Y,Z (0,-1,0: down), beside "
+                              "dim light from all around, instead of the scene's lights; or "
+                              f"{', '.join(LIGHTS[:-1])} or {LIGHTS[-1]}. May be repeated."),
+            click.option("--shading", type=modes, help="Shade all objects this way."),
+            click.option("--wireframe", type=click.Choice(["overlay", "only"]),
+                         help="Draw the edges over the faces, or alone."),
+            click.option("--wireframe-color", type=ColorType(is_opaque=True),
+                         help="As --background, opaque; black if not given. Alone, it overlays."),
+        ],
+        reading_options(command),
+    )  # fmt: skip
+
+
 def view_options(command: Callable | None = None, *, orbit: bool = False) -> Callable:
     """Add the options of `View` to a command; with ``orbit`` those of a fitted camera only."""
     if command is None:
@@ -450,6 +729,15 @@ def view_options(command: Callable | None = None, *, orbit: bool = False) -> Cal
         click.option("--position", type=VectorType(), help="Where the camera is."),
         click.option("--target", type=VectorType(),
                      help="What it looks at; default: the middle of the scene."),
+        click.option("--pose", type=PoseType(), metavar="FILE|NUMBERS",
+                     help="Where the camera is and how it is turned: the 4x4 or 3x4 matrix of a "
+                          ".npy, .json or text file, or its numbers, row by row."),
+        click.option("--convention", type=click.Choice(tuple(CONVENTIONS)),
+                     help="What --pose means. "
+                          f"{'. '.join(f'{name}: {text}' for name, text in CONVENTIONS.items())}."),
+        click.option("--intrinsics", type=IntrinsicsType(), metavar="FX,FY,CX,CY|FILE",
+                     help="Focal lengths and principal point, or the matrix K, as OpenCV has them, "
+                          "of a picture of --size: pixels, the centre of the first at 0,0."),
     ]  # fmt: skip
     fitting = [
         click.option("--azimuth", metavar="DEG", type=NumberType(),
@@ -457,7 +745,8 @@ def view_options(command: Callable | None = None, *, orbit: bool = False) -> Cal
         click.option("--elevation", metavar="DEG", type=FiniteType(-90.0, 90.0),
                      help="Degrees above the scene."),
         click.option("--zoom", metavar="FACTOR", type=FiniteType(0.0, min_open=True),
-                     help="How many times bigger to show the scene."),
+                     help="How many times bigger to show the scene" + ("." if orbit else
+                          "; alone, it is seen with the file's camera, if there is one.")),
         click.option("--fov", metavar="DEG",
                      type=FiniteType(0.0, 180.0, min_open=True, max_open=True),
                      help="Vertical field of view, degrees; default 45."),
@@ -504,10 +793,14 @@ class Effects(NamedTuple):
         from rasterjit.scene.vignette import Vignette
 
         if self.environment is not None:
-            is_sky = self.environment == SKY
-            scene.environment = (
-                Environment.gradient() if is_sky else Environment.from_file(self.environment)
-            )
+            try:
+                scene.environment = (
+                    Environment.gradient()
+                    if self.environment == SKY
+                    else Environment.from_file(self.environment)
+                )
+            except ValueError as error:
+                raise ValueError(re.sub(r"^path\b", "--environment", str(error))) from error
         if self.shadows:
             _cast_shadows(scene)
         if self.ambient_occlusion:
@@ -561,7 +854,8 @@ def effect_options(command: Callable | None = None, *, quality: bool = True) -> 
             click.option("--environment", metavar="FILE|sky",
                          help="Light from all around: an equirectangular picture, or a sky."),
             click.option("--ambient-occlusion", is_flag=True, help="Dim ambient light in corners."),
-            click.option("--outline", type=ColorType(), help="Draw outlines in this colour."),
+            click.option("--outline", type=ColorType(is_opaque=True),
+                         help="Draw outlines in this colour."),
             click.option("--tone-map", type=click.Choice(CURVES),
                          help="Curve from light to what the screen shows."),
             click.option("--exposure", metavar="STOPS", type=FiniteType(-32.0, 32.0),

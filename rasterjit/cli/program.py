@@ -18,13 +18,25 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+import numpy as np
 
 from rasterjit.cli import INTERRUPTED, raise_if_interrupted
-from rasterjit.cli.options import ColorType, Effects, Look, SizeType
+from rasterjit.cli.advice import with_advice
+from rasterjit.cli.options import (
+    BackgroundType,
+    ColorType,
+    Effects,
+    Look,
+    SizeType,
+    is_given,
+    refuse_idle,
+)
+from rasterjit.outputs.table import TABLE
 from rasterjit.rendering.plan import CULL_MODES
 
 if TYPE_CHECKING:
     from rasterjit.outputs.frame import Frame
+    from rasterjit.scene.background import BackgroundImage
     from rasterjit.scene.scene import Scene
 
 DEBUG = "rasterjit.debug"
@@ -35,6 +47,20 @@ FILE = "rasterjit.file"
 
 SCENE = re.compile(r"scene\b")
 """How errors begin that are about what a file held."""
+
+DEPTH_SCALE = 0.001
+"""Scene units that a code of the PNG of --depth stands for: millimetres of metres."""
+
+MASKS = ("coverage", "object_id", "instance_id", "material_id", "face_id")
+"""Outputs that a mask may hold."""
+
+ARGUMENTS = re.compile(
+    r"\b(on_damage|on_invalid|max_bytes|resource_root)\b(?: ?= ?'?([^\s';]+)'?)?"
+)
+"""Names of the library's arguments in its messages, and their values, that options stand for."""
+
+SUBJECT = re.compile(r"(quality\.)?(\w+)(?= (?:must|has|and)\b)")
+"""How the library's messages begin that are about an argument."""
 
 OWN_PROCESS = "own process"
 """The object of click's context where the process runs one command and ends."""
@@ -50,7 +76,7 @@ class Program(click.Group):
         try:
             code = super().main(*arguments, standalone_mode=False, **extra)
         except click.ClickException as error:
-            _say_error(error.format_message())
+            _say_error(with_advice(error))
             code = error.exit_code
         except click.Abort:
             _say_error("interrupted")
@@ -67,7 +93,8 @@ class Program(click.Group):
             raise_if_interrupted()
             if context.meta.get(DEBUG):
                 raise
-            message = describe(error)
+            command = self.commands.get(context.invoked_subcommand or "")
+            message = of_an_option(describe(error), command)
             if FILE in context.meta and isinstance(error, ValueError) and SCENE.match(message):
                 message = f"{context.meta[FILE]}: {message}"
             raise click.ClickException(message) from error
@@ -81,12 +108,36 @@ def leave() -> None:
         os._exit(0)
 
 
+def in_options(message: str) -> str:
+    """Return a message of the library with options in place of its arguments."""
+
+    def spell(found: re.Match[str]) -> str:
+        option = "--" + found[1].replace("_", "-")
+        return option if found[2] is None else f"{option} {found[2]}"
+
+    return ARGUMENTS.sub(spell, message)
+
+
+def of_an_option(message: str, command: click.Command | None) -> str:
+    """Return a message about an argument as one about the option of a command, if it has it."""
+    found = SUBJECT.match(message)
+    if found is None or command is None:
+        return message
+    name = {"eye": "position", "fov_y": "fov"}.get(found[2], found[2])
+    for option in command.params:
+        if option.name == name and isinstance(option, click.Option):
+            return max(option.opts, key=len) + message[found.end() :]
+    if found[1] and any(option.name == "changes" for option in command.params):
+        return f"--set {name}" + message[found.end() :]
+    return message
+
+
 def describe(error: Exception) -> str:
     """Return what went wrong, without a traceback."""
     if isinstance(error, OSError) and error.strerror:
         return f"{error.filename}: {error.strerror}" if error.filename else error.strerror
     if isinstance(error, (ValueError, OSError)) and str(error):
-        return str(error)
+        return in_options(str(error))
     if isinstance(error, ImportError) and "pip install" in str(error):
         return str(error)
     if isinstance(error, MemoryError):
@@ -113,9 +164,15 @@ threads_option = click.option(
     "--threads", type=click.IntRange(1, 1024),
     help="Number of threads; default: all processors. The picture is the same for any.",
 )  # fmt: skip
-background_option = click.option(
+color_behind_option = click.option(
     "--background", type=ColorType(),
-    help="A colour name, #rrggbb, #rrggbbaa or transparent; default: the environment, or white.",
+    help="A colour name of CSS, #rrggbb, #rrggbbaa or transparent; default: the environment, or "
+    "white.",
+)  # fmt: skip
+background_option = click.option(
+    "--background", type=BackgroundType(), metavar="COLOR|FILE",
+    help="A colour name of CSS, #rrggbb, #rrggbbaa or transparent; or a picture, a name with a dot "
+    "or slash, whose size --size then is. Default: the environment, or white.",
 )  # fmt: skip
 cull_option = click.option(
     "--cull", type=click.Choice(CULL_MODES), default="none", show_default=True,
@@ -138,23 +195,52 @@ def warn(message: str, quiet: bool) -> None:
         click.echo("warning: " + " ".join(message.split()), err=True)
 
 
-def is_opaque(background: str | None) -> bool:
+def size_behind(background: str | BackgroundImage | None, size: tuple[int, int]) -> tuple[int, int]:
+    """Return the size of the picture: that of the picture behind it, if none is given."""
+    if background is None or isinstance(background, str):
+        return size
+    if not is_given("size"):
+        return background.size
+    try:
+        background.check_size(size)
+    except ValueError:
+        (width, height), (wide, high) = background.size, size
+        raise click.BadOptionUsage(
+            "--size",
+            f"--size: {wide}x{high} is not the size of the picture behind, {width}x{height}: leave "
+            "--size out, or scale the picture",
+        ) from None
+    return size
+
+
+def is_opaque(background: str | BackgroundImage | None) -> bool:
     """Tell whether a background covers what is behind it."""
     if background is None:
         return True
+    if not isinstance(background, str):
+        return background.is_opaque
     from rasterjit.scene.color import linear_color
 
     return bool(linear_color("background", background)[3] == 1.0)
 
 
 Places = dict[Path, tuple[str, ...] | str]
-"""What each file gets: outputs by name, or ``"picture"`` or ``"depth"``."""
+"""What each file gets: outputs by name, or ``"picture"``, or what an option of its own asks for."""
 
 
 def plan_files(
-    output: Path, outputs: tuple[str, ...], depth_file: Path | None
+    output: Path, outputs: tuple[str, ...], besides: dict[str, tuple[Path | None, str]]
 ) -> tuple[tuple[str, ...], Places]:
-    """Return the outputs to render and the files to write, or raise click's usage error."""
+    """
+    Return the outputs to render and the files to write, or raise click's usage error.
+
+    Parameters
+    ----------
+    output : Path
+    outputs : tuple of str
+    besides : dict of (Path or None, str)
+        By option, a file of its own for one output.
+    """
     wanted = dict.fromkeys(outputs)
     places: Places = {}
     suffix = output.suffix.lower()
@@ -169,13 +255,13 @@ def plan_files(
         others = tuple(name for name in wanted if name != "color")
         if others:
             places[output.with_suffix(".npz")] = others
-    if depth_file is not None:
-        if any(depth_file.absolute() == place.absolute() for place in places):
-            raise click.BadOptionUsage(
-                "--depth", f"--depth: {depth_file} is the file of another output"
-            )
-        wanted["depth"] = None
-        places[depth_file] = "depth"
+    for option, (file, name) in besides.items():
+        if file is None:
+            continue
+        if any(file.absolute() == place.absolute() for place in places):
+            raise click.BadOptionUsage(option, f"{option}: {file} is the file of another output")
+        wanted[name] = None
+        places[file] = name
     return tuple(wanted), places
 
 
@@ -184,17 +270,57 @@ def _is_buffer(outputs: tuple[str, ...]) -> bool:
     return len(outputs) == 1 and outputs[0] not in ("color", "linear")
 
 
-def write_files(frame: Frame, places: Places, depth_scale: float) -> None:
-    """Write each file, whole or not at all."""
+def units_per_code(
+    places: Places, scale: float | None, codes_per_unit: float | None, quiet: bool
+) -> float | None:
+    """Return ``--scale``, also where its old name is given, or raise click's usage error."""
+    if not any(_takes_scale(place, content) for place, content in places.items()):
+        refuse_idle(["scale", "codes_per_unit"], "no output is written to a 16-bit .png")
+    if codes_per_unit is None:
+        return scale
+    if scale is not None:
+        raise click.BadOptionUsage("--depth-scale", "--depth-scale: --scale is given as well")
+    warn(
+        f"--depth-scale {codes_per_unit:g} (codes per unit) is deprecated and will be an error; "
+        f"write --scale {1.0 / codes_per_unit:.12g} (units per code)",
+        quiet,
+    )
+    return 1.0 / codes_per_unit
+
+
+def write_files(frame: Frame, places: Places, scale: float | None) -> None:
+    """Write each file, whole or not at all; ``scale`` as ``--scale``."""
     from rasterjit.io import images
 
     for place, content in places.items():
         if content == "picture":
             images.save_image(place, frame.color)
-        elif content == "depth":
-            images.save_depth(place, frame.depth, scale=depth_scale)
-        else:
-            frame.save(place, content)
+            continue
+        if content == "coverage":
+            shares = np.floor(255.0 * frame.coverage + 0.5)
+            images.save_image(place, shares.astype(np.uint8))
+            continue
+        units = scale if _takes_scale(place, content) else None
+        if content == "depth" and units is None and place.suffix.lower() == ".png":
+            units = DEPTH_SCALE
+        try:
+            frame.save(place, content, scale=units)
+        except ValueError as error:
+            said = str(error).replace("scale must be None for", "scale must not be given for")
+            raise ValueError(re.sub(r"\bscale(=| must)", _spell_scale, said)) from error
+
+
+def _takes_scale(place: Path, content: tuple[str, ...] | str) -> bool:
+    """Tell whether a file holds floats in 16-bit codes."""
+    if place.suffix.lower() != ".png" or content in ("picture", "coverage"):
+        return False
+    names = (content,) if isinstance(content, str) else content
+    return any(name not in TABLE or TABLE[name].dtype == "float32" for name in names)
+
+
+def _spell_scale(found: re.Match[str]) -> str:
+    """Return the option in place of the argument of ``Frame.save``."""
+    return f"--scale{found[1].replace('=', ' ')}"
 
 
 def load_scene(file: Path, look: Look, effects: Effects, quiet: bool) -> Scene:
@@ -214,7 +340,7 @@ def load_scene(file: Path, look: Look, effects: Effects, quiet: bool) -> Scene:
     raise_if_interrupted()
     click.get_current_context().meta[FILE] = file
     for warning in caught:
-        warn(str(warning.message), quiet)
+        warn(in_options(str(warning.message)), quiet)
     look.apply(scene)
     effects.apply(scene)
     return scene

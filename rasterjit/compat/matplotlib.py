@@ -20,6 +20,7 @@ from rasterjit.outputs.frame import Frame
 from rasterjit.rendering.renderer import Renderer, choose_camera, explain
 from rasterjit.scene import transforms
 from rasterjit.scene.camera import Camera, MatrixCamera
+from rasterjit.scene.color import linear_color
 from rasterjit.scene.framing import Ball
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
@@ -108,6 +109,7 @@ class SceneArtist(artist.Artist):
             camera = (
                 self.scene.camera if camera is None else choose_camera(self.scene, camera, (1, 1))
             )
+        linear_color("background", background)
         self._camera, self._background = camera, background
         self._quality = Quality(samples=8) if quality is None else quality
         # What is wrong is said at once.

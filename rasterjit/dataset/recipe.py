@@ -5,26 +5,40 @@ from __future__ import annotations
 import dataclasses
 import math
 import random
-from collections.abc import Iterator, Sequence
-from typing import Any
+from collections.abc import Iterator, Sequence, Set
+from typing import Any, Literal, TypeAlias, get_args
 
 from rasterjit.animation.tracks import FULL_TURN, measured
-from rasterjit.outputs.table import MOTION_OUTPUTS, OUTPUTS
+from rasterjit.io.meshes import ON_DAMAGE, OnDamage
+from rasterjit.outputs.table import MOTION_OUTPUTS, OUTPUTS, OutputName
 from rasterjit.scene import transforms
+from rasterjit.scene.assigning import says_replace
 from rasterjit.scene.camera import Bounded, PerspectiveCamera
 from rasterjit.scene.color import ColorLike, linear_color
 from rasterjit.scene.framing import fit_camera, frame_of, orbit_direction
 from rasterjit.scene.memory import DEFAULT_MAX_BYTES, MemoryBudget
+from rasterjit.scene.mesh import ON_INVALID, OnInvalid
 from rasterjit.scene.quality import Quality, check_quality
-from rasterjit.scene.validation import bounded_number, image_size, in_short, one_of, triple
+from rasterjit.scene.validation import (
+    VectorLike,
+    bounded_number,
+    image_size,
+    in_short,
+    one_of,
+    triple,
+)
 
-LAYOUTS = ("sphere", "random", "ring")
+Layout: TypeAlias = Literal["sphere", "random", "ring"]
+LAYOUTS: tuple[Layout, ...] = get_args(Layout)
 """How cameras are placed."""
 
 MOST_VIEWS = 10_000
 """Views of one mesh: their names have four digits."""
 
-MADE_OF = {"mask": "object_id", "coco": "object_id"}
+RecipeOutput: TypeAlias = OutputName | Literal["mask", "coco"]
+RecipeOutputs: TypeAlias = RecipeOutput | Sequence[RecipeOutput] | Set[RecipeOutput]
+
+MADE_OF: dict[str, OutputName] = {"mask": "object_id", "coco": "object_id"}
 """Outputs of a data set that no frame has, and what they are made of."""
 
 CHOICES = tuple(
@@ -40,6 +54,7 @@ GOLDEN_ANGLE = FULL_TURN / 2.0 * (3.0 - math.sqrt(5.0))
 """Degrees from one point of the lattice to the next: no two lie above each other."""
 
 
+@says_replace
 @dataclasses.dataclass(frozen=True)
 class Recipe:
     """
@@ -87,17 +102,17 @@ class Recipe:
     """
 
     views: int = 24
-    outputs: Sequence[str] = ("color", "depth", "normal", "mask")
+    outputs: RecipeOutputs = ("color", "depth", "normal", "mask")
     size: tuple[int, int] = (512, 512)
-    layout: str = "sphere"
+    layout: Layout = "sphere"
     seed: int = 0
     elevation: float = 20.0
     fov_y: float = 45.0
-    up: tuple[float, float, float] = (0.0, 1.0, 0.0)
+    up: VectorLike = (0.0, 1.0, 0.0)
     background: ColorLike = "transparent"
     quality: Quality | None = None
-    on_invalid: str = "raise"
-    on_damage: str = "error"
+    on_invalid: OnInvalid = "raise"
+    on_damage: OnDamage = "error"
     max_bytes: int = DEFAULT_MAX_BYTES
 
     def __post_init__(self) -> None:
@@ -115,8 +130,8 @@ class Recipe:
             "up": triple("up", self.up),
             "background": _color(self.background),
             "quality": check_quality(self.quality),
-            "on_invalid": one_of("on_invalid", self.on_invalid, ("raise", "drop")),
-            "on_damage": one_of("on_damage", self.on_damage, ("error", "warn")),
+            "on_invalid": one_of("on_invalid", self.on_invalid, ON_INVALID),
+            "on_damage": one_of("on_damage", self.on_damage, ON_DAMAGE),
         }
         for name, value in checked.items():
             object.__setattr__(self, name, value)

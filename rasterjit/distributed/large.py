@@ -18,7 +18,9 @@ from rasterjit.io.images import checked_path
 from rasterjit.io.whole import replacing, replacing_folder
 from rasterjit.pipeline.visibility.draw import Region
 from rasterjit.rendering import notices
+from rasterjit.rendering.plan import Cull
 from rasterjit.rendering.tiles import RegionRenderer, Survey, regions_of
+from rasterjit.scene.background import Background
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.validation import thread_count
@@ -42,8 +44,8 @@ def render_large(
     *,
     tile: int = 1024,
     quality: Quality | None = None,
-    background: Any = None,
-    cull: str = "none",
+    background: Background = None,
+    cull: Cull = "none",
     threads: int | None = None,
     client: Client | None = None,
 ) -> None:
@@ -100,6 +102,8 @@ def render_large(
             tiles = _draw_here(renderer, tile)
         else:
             arguments["camera"] = renderer.plan.camera
+            # A picture's file may be out of the workers' reach.
+            arguments["background"] = renderer.plan.facts.background_image or background
             tiles = _draw_there(TileFarm(own, what, arguments, count or 1), renderer, tile)
         with closing(tiles):
             write(tiles, whole, tile)

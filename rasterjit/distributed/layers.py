@@ -29,6 +29,7 @@ from rasterjit.scene.scene import EFFECT_FIELDS, Scene
 from rasterjit.scene.validation import in_short
 from rasterjit.survey.clip_planes import Look
 from rasterjit.survey.contents import SMOOTH
+from rasterjit.survey.facts import NORMAL_OUTPUTS
 from rasterjit.survey.plan import RenderPlan
 
 LARGEST_FACE = 2**31 - 1
@@ -57,11 +58,12 @@ class Layer:
     """What is seen of all of them beside the near and the far plane."""
 
     def frame(self) -> Frame:
-        """Return the picture of all parts."""
+        """Return the picture of all parts, which are one object."""
         outputs = {name: self.outputs[name] for name in self.plan.outputs}
         stats = Stats(**self.counts, seconds=self.seconds, face_id=self.outputs["face_id"])
         _ = stats.pixels_covered
-        return Frame(outputs, self.plan.with_(look=self.look), stats)
+        plan = self.plan.with_(look=self.look)
+        return Frame(outputs, plan, stats, face_starts=np.array([0, self.faces]))
 
 
 def mesh_of(part: Any, material: Material | None) -> Mesh | None:
@@ -168,10 +170,11 @@ def plan_part(
 def _refuse_neighbours(mesh: Mesh, outputs: Sequence[str]) -> None:
     """Raise ``ValueError`` for what faces of other parts have a share in."""
     material = mesh.material
-    if "normal" in outputs and mesh.normals is None:
+    asked = next((name for name in NORMAL_OUTPUTS if name in outputs), None)
+    if asked is not None and mesh.normals is None:
         raise ValueError(
-            "partitions must have normals for the output 'normal', for those at their edges follow "
-            "from faces of other partitions; give a Mesh with normals, or ask for "
+            f"partitions must have normals for the output {asked!r}, for those at their edges "
+            "follow from faces of other partitions; give a Mesh with normals, or ask for "
             "'geometric_normal'"
         )
     if material.shading in SMOOTH and mesh.normals is None:
@@ -203,7 +206,7 @@ def merge_layers(first: Layer | None, second: Layer | None) -> Layer | None:
     Raises
     ------
     ValueError
-        If they have more faces together than numbers reach.
+        If they have more faces together than numbers reach, or attributes of different sizes.
     """
     if first is None or second is None:
         return first if second is None else second
@@ -214,6 +217,11 @@ def merge_layers(first: Layer | None, second: Layer | None) -> Layer | None:
     outputs = {}
     for name, own in first.outputs.items():
         other = second.outputs[name]
+        if own.shape != other.shape:
+            raise ValueError(
+                f"partitions must have as many columns each in the output {name!r}, got "
+                f"{own.shape[-1]} and {other.shape[-1]}"
+            )
         if name == "face_id":
             other = np.where(other >= 0, other + np.int32(first.faces), other)
         mask = is_nearer.reshape(*is_nearer.shape, *(1,) * (own.ndim - 2))

@@ -7,22 +7,25 @@ scene to the workers, submits frames and collects them. `draw_frame` is the work
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.distributed.clusters import SharedScene, check_client, result_of, retried, send
 from rasterjit.outputs.frame import Frame, Stats
+from rasterjit.outputs.table import Outputs
 from rasterjit.rendering import notices
 from rasterjit.rendering import plan as planning
-from rasterjit.rendering.plan import RenderPlan
+from rasterjit.rendering.plan import Cull, RenderPlan
 from rasterjit.rendering.renderer import Renderer
 from rasterjit.rendering.stream import (
     AHEAD,
     PROGRESS,
     TO_CALLER,
     Options,
+    Progress,
     RendererPool,
     check_arguments,
     check_cameras,
@@ -32,6 +35,7 @@ from rasterjit.rendering.stream import (
     share_threads,
     with_bar,
 )
+from rasterjit.scene.background import Background
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
@@ -50,13 +54,13 @@ def render_many(
     *,
     size: tuple[int, int] = (1280, 720),
     quality: Quality | None = None,
-    outputs: Sequence[str] = ("color",),
-    background: Any = None,
-    cull: str = "none",
+    outputs: Outputs = ("color",),
+    background: Background = None,
+    cull: Cull = "none",
     threads: int | None = None,
     workers: int | None = None,
     prefetch: int | None = None,
-    progress: str = "none",
+    progress: Progress = "none",
     client: Client | None = None,
 ) -> Iterator[Frame]:
     """
@@ -136,6 +140,11 @@ class FarFrame(Frame):
                 options.cull,
             )  # fmt: skip
         return self._plan
+
+    def _first_faces(self) -> NDArray[np.int64]:
+        """Return the number of each object's first face, (O+1,)."""
+        counts = [len(node.mesh.faces) for node in self._asked[0].nodes]
+        return np.cumsum([0, *counts])
 
     @plan.setter
     def plan(self, value: RenderPlan | None) -> None:

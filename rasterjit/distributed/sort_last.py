@@ -15,9 +15,12 @@ import numpy as np
 from rasterjit.distributed import layers
 from rasterjit.distributed.clusters import connected, require_dask, result_of, retried, send
 from rasterjit.outputs.frame import Frame
+from rasterjit.outputs.table import Outputs, is_attribute
 from rasterjit.rendering import notices
 from rasterjit.rendering.effects import EFFECTS
+from rasterjit.rendering.plan import Cull
 from rasterjit.rendering.stream import Options, check_arguments
+from rasterjit.scene.background import Background
 from rasterjit.scene.camera import Camera, check_camera
 from rasterjit.scene.light import AmbientLight
 from rasterjit.scene.material import Material
@@ -39,9 +42,9 @@ def render_partitions(
     material: Material | None = None,
     size: tuple[int, int] = (1280, 720),
     quality: Quality | None = None,
-    outputs: Sequence[str] = ("color",),
-    background: Any = None,
-    cull: str = "none",
+    outputs: Outputs = ("color",),
+    background: Background = None,
+    cull: Cull = "none",
     threads: int | None = None,
     client: Client | None = None,
 ) -> Frame:
@@ -87,7 +90,7 @@ def render_partitions(
     ValueError
         Naming the argument that is wrong. Also for what cannot be told from one part alone:
         transparency, several samples, shadows, ambient occlusion, outlines, wireframes, normal
-        maps, and smooth shading or the output normal without normals.
+        maps, and smooth shading or the outputs normal and normal_camera without normals.
     ImportError
         If Dask is not installed.
     ConnectionError
@@ -110,8 +113,9 @@ def render_partitions(
         raise ValueError(f"material must be a Material or None, got {in_short(material)}")
     camera = check_camera("camera", camera)
     parts = _parts_of(partitions)
-    if "uv" in options.outputs:
-        _check_uv(partitions, parts)
+    for name in options.outputs:
+        if name == "uv" or is_attribute(name):
+            _check_meshes(name, partitions, parts)
     # What is here is looked at here, before anything is sent.
     planned = [
         layers.plan_part(layers.mesh_of(part, material), setting, camera, options)
@@ -206,12 +210,12 @@ def _is_here(part: Any) -> bool:
     return isinstance(part, (Mesh, tuple, list))
 
 
-def _check_uv(partitions: Any, parts: Sequence[Any]) -> None:
-    """Raise ``ValueError`` if texture coordinates are asked of what has none."""
+def _check_meshes(output: str, partitions: Any, parts: Sequence[Any]) -> None:
+    """Raise ``ValueError`` if an output is asked of parts that only a `Mesh` can have."""
     from dask.bag import Bag
 
     if isinstance(partitions, Bag) or any(isinstance(part, (tuple, list)) for part in parts):
-        raise ValueError("outputs has 'uv', but partitions of (vertices, faces) have none")
+        raise ValueError(f"outputs has {output!r}, but partitions of (vertices, faces) have none")
 
 
 def _check_setting(setting: Any) -> Scene:

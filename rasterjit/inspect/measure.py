@@ -9,12 +9,14 @@ from typing import Any, NamedTuple
 
 from rasterjit.io.meshes import as_scene
 from rasterjit.outputs.frame import Frame
+from rasterjit.outputs.table import Outputs
 from rasterjit.rendering import plan as planning
 from rasterjit.rendering.budget import seconds_of
 from rasterjit.rendering.effects import EFFECTS
-from rasterjit.rendering.plan import plan_frame
+from rasterjit.rendering.plan import Cull, plan_frame
 from rasterjit.rendering.renderer import Renderer, choose_camera
 from rasterjit.runtime.threads import available_processors
+from rasterjit.scene.background import Background
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.quality import Quality, check_quality
 from rasterjit.scene.scene import Scene
@@ -80,9 +82,9 @@ def measure(
     quality: Quality | None = None,
     *,
     size: tuple[int, int] = (1280, 720),
-    outputs: Sequence[str] = ("color",),
-    background: Any = None,
-    cull: str = "none",
+    outputs: Outputs = ("color",),
+    background: Background = None,
+    cull: Cull = "none",
     threads: int | None = None,
     rounds: int = ROUNDS,
 ) -> Measurement:
@@ -204,6 +206,8 @@ def variations(plan: RenderPlan, scene: Scene, quality: Quality) -> list[Variati
 def _is_used(name: str, plan: RenderPlan, scene: Scene, quality: Quality) -> bool:
     """Tell whether another scene or quality would have an effect in a frame that is else alike."""
     background = plan.background if plan.facts.has_background else None
+    if plan.facts.background_image is not None:
+        background = plan.facts.background_image
     changed = plan_frame(
         scene, plan.camera, plan.size, quality, plan.outputs, background, plan.cull
     )

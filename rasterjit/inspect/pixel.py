@@ -33,13 +33,16 @@ from rasterjit.pipeline.visibility import draw, nearest
 from rasterjit.pipeline.visibility.alpha_test import no_holes
 from rasterjit.rendering import plan as planning
 from rasterjit.rendering import shade, supersample
+from rasterjit.rendering.plan import Cull
 from rasterjit.rendering.renderer import choose_camera, render
 from rasterjit.runtime.ahead import beside
 from rasterjit.runtime.threads import Workers
+from rasterjit.scene.background import Background
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.mesh import Mesh
+from rasterjit.scene.node import Node
 from rasterjit.scene.quality import Quality, check_quality
-from rasterjit.scene.scene import Node, Scene
+from rasterjit.scene.scene import Scene
 from rasterjit.scene.transforms import transform_points
 from rasterjit.scene.validation import image_size
 from rasterjit.survey import placement as placing
@@ -70,8 +73,8 @@ def explain_pixel(
     y: int,
     *,
     quality: Quality | None = None,
-    cull: str = "none",
-    background: Any = None,
+    cull: Cull = "none",
+    background: Background = None,
 ) -> PixelExplanation:
     """
     Say what happened at one pixel, stage by stage.

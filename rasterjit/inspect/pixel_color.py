@@ -321,8 +321,10 @@ def parts_of(
         for face, share in shares.items()
     ]  # fmt: skip
     rest = linear[:3] - sum(part.color for part in parts)
-    has_sky = bool(drawn.plan.at("background"))
+    has_sky, image = drawn.plan.facts.shows_environment, drawn.plan.facts.background_image
     alpha = 1.0 if has_sky else float(drawn.plan.background[3])
+    if image is not None:
+        alpha = image.alpha_at(x, y)
     if behind * alpha > 0.0:
         name = "environment" if has_sky else "background"
         name += CODES if quality.blending == "srgb8" else ""

@@ -3,7 +3,9 @@ Cameras as other programs describe them, to ours and back.
 
 Each pair of functions keeps to one convention: where the axes of the camera point, whether vectors
 are columns or rows, and where on the first pixel the origin of pixel coordinates is. World axes are
-never changed: a scene whose z is up stays one.
+never changed: a scene whose z is up stays one. A camera that is made for an image of one size
+refuses images of another aspect, which it would have to stretch; see `rasterjit.MatrixCamera`. No
+pose may mirror: all functions refuse one of a determinant below 0.
 
 =============  ===================  =======  ====================  =============================
 convention     x, y, z point        vectors  pose                  pixel coordinates
@@ -27,7 +29,7 @@ References
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -49,6 +51,17 @@ if TYPE_CHECKING:
     import trimesh
 
 Float64 = NDArray[np.float64]
+
+ScreenSpace: TypeAlias = Literal["ndc", "screen"]
+SCREEN_SPACES: tuple[ScreenSpace, ...] = get_args(ScreenSpace)
+"""What PyTorch3D's focal length and principal point count in: half sides of the picture; pixels."""
+
+BlenderType: TypeAlias = Literal["PERSP", "ORTHO"]
+BLENDER_TYPES: tuple[BlenderType, ...] = get_args(BlenderType)
+
+SensorFit: TypeAlias = Literal["AUTO", "HORIZONTAL", "VERTICAL"]
+SENSOR_FITS: tuple[SensorFit, ...] = get_args(SensorFit)
+"""Which side of the picture Blender's sensor fits: the longer one; the width; the height."""
 
 _RIGID = 1e-3
 """How far the columns of a rotation may be from unit length and right angles: float32 poses that
@@ -113,13 +126,13 @@ class BlenderCamera(NamedTuple):
 
     matrix_world: Matrix
     """(4, 4): of the object."""
-    type: str
+    type: BlenderType
     """``"PERSP"`` or ``"ORTHO"``."""
     lens: float
     """Focal length, millimetres."""
     sensor_width: float
     """Millimetres."""
-    sensor_fit: str
+    sensor_fit: SensorFit
     """``"HORIZONTAL"``: the sensor's width is the image's."""
     shift_x: float
     shift_y: float
@@ -192,7 +205,8 @@ def from_opencv(
     ----------
     intrinsics : (3, 3) array_like
         K, pixels: focal lengths, skew and principal point, which may be anywhere. The centre of
-        the first pixel is at (0, 0). Lens distortion is not drawn: undistort the photograph.
+        the first pixel is at (0, 0). Distortion is drawn by ``render(..., lens=)``:
+        ``PinholeDistortion(*dist.ravel())`` or ``FisheyeLens(*D.ravel())``.
     size : (int, int)
         Width and height of the image that K is for, pixels.
     rotation, translation : (3, 3) and (3,) or (3, 1) array_like, optional
@@ -302,7 +316,7 @@ def from_pytorch3d(
     size: tuple[int, int],
     *,
     principal_point: ArrayLike | None = None,
-    space: str = "ndc",
+    space: ScreenSpace = "ndc",
     near: float | None = None,
     far: float = math.inf,
 ) -> MatrixCamera:
@@ -334,7 +348,7 @@ def from_pytorch3d(
         Naming the argument that is wrong.
     """
     width, height = image_size("size", size)
-    one_of("space", space, ("ndc", "screen"))
+    one_of("space", space, SCREEN_SPACES)
     rotation, shift = (_without_batch(value, n) for value, n in ((R, 2), (T, 1)))
     matrix = finite_array("R", rotation, (3, 3))
     focal = np.ravel(_without_batch(focal_length, 1))
@@ -351,7 +365,9 @@ def from_pytorch3d(
     return _camera(pinhole, size, transforms.compose(_flip("pytorch3d"), pose))
 
 
-def to_pytorch3d(camera: Camera, size: tuple[int, int], space: str = "ndc") -> PyTorch3DCamera:
+def to_pytorch3d(
+    camera: Camera, size: tuple[int, int], space: ScreenSpace = "ndc"
+) -> PyTorch3DCamera:
     """
     Return a perspective camera as PyTorch3D's ``PerspectiveCameras`` takes it.
 
@@ -369,7 +385,7 @@ def to_pytorch3d(camera: Camera, size: tuple[int, int], space: str = "ndc") -> P
         If the camera is no pinhole without skew, or its view scales.
     """
     width, height = image_size("size", size)
-    one_of("space", space, ("ndc", "screen"))
+    one_of("space", space, SCREEN_SPACES)
     pinhole = _without_skew(_pinhole(camera, size))
     pose = transforms.compose(_flip("pytorch3d"), _rigid_view(camera))
     focal, point = np.array([pinhole.fx, pinhole.fy]), np.array([pinhole.cx, pinhole.cy])
@@ -383,12 +399,12 @@ def from_blender(
     matrix_world: ArrayLike,
     size: tuple[int, int],
     *,
-    type: str = "PERSP",
+    type: BlenderType = "PERSP",
     lens: float | None = None,
     fov: float | None = None,
     sensor_width: float = 36.0,
     sensor_height: float = 24.0,
-    sensor_fit: str = "AUTO",
+    sensor_fit: SensorFit = "AUTO",
     shift_x: float = 0.0,
     shift_y: float = 0.0,
     ortho_scale: float = 6.0,
@@ -430,8 +446,8 @@ def from_blender(
         Naming the argument that is wrong.
     """
     width, height = image_size("size", size)
-    one_of("type", type, ("PERSP", "ORTHO"))
-    one_of("sensor_fit", sensor_fit, ("AUTO", "HORIZONTAL", "VERTICAL"))
+    one_of("type", type, BLENDER_TYPES)
+    one_of("sensor_fit", sensor_fit, SENSOR_FITS)
     view = view_from_pose(matrix_world, "matrix_world")
     fits_width = sensor_fit == "HORIZONTAL" or (sensor_fit == "AUTO" and width >= height)
     side = float(width if fits_width else height)
@@ -446,7 +462,7 @@ def from_blender(
         x, y = (width * pixel / 2.0, height * pixel / 2.0)
         right, up = right * side * pixel, up * side * pixel
         clip = transforms.orthographic(right - x, right + x, up - y, up + y, clip_start, clip_end)
-        return MatrixCamera(view, clip)
+        return MatrixCamera(view, clip, (width, height))
     _check_planes(("clip_start", "clip_end"), clip_start, clip_end)
     if sensor_fit == "VERTICAL":
         wide = positive_number("sensor_height", sensor_height)
@@ -582,7 +598,7 @@ def _camera(pinhole: _Pinhole, size: tuple[int, int], view: Matrix) -> MatrixCam
     near = usual_near(pinhole.near, pinhole.far)
     clip[2, 2:] = transforms.perspective_depth(near, pinhole.far)
     clip[3, 2] = -1.0
-    return MatrixCamera(view, clip + 0.0, pinhole.near is None)
+    return MatrixCamera(view, clip + 0.0, (width, height), pinhole.near is None)
 
 
 def _pinhole(camera: Camera, size: tuple[int, int]) -> _Pinhole:

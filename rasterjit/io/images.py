@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.io.whole import replacing
-from rasterjit.scene.validation import positive_number, unmasked_array
+from rasterjit.scene.validation import unmasked_array
 
 IMAGE_FORMATS = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".gif")
 """Extensions that ``save_image`` writes."""
@@ -44,11 +44,6 @@ ENCODER_OPTIONS: dict[str, dict[str, Any]] = {
     ".webp": {"lossless": True},
 }
 """What differs from the encoders' defaults, which lose visible detail."""
-
-DEPTH_FORMATS = (".exr", ".npz", ".npy", ".png")
-"""Extensions that ``save_depth`` writes."""
-
-LARGEST_UINT16 = 65535
 
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _GREY, _RGB = 0, 2
@@ -67,13 +62,14 @@ def save_image(path: str | Path, image: NDArray[np.uint8]) -> None:
     path : str or Path
         Ends in one of ``IMAGE_FORMATS``. An existing file is replaced.
     image : (H, W, 4), (H, W, 3) or (H, W) uint8
-        RGBA, RGB or grey, sRGB, rows from the top. JPEG and BMP drop the alpha channel.
+        RGBA, RGB or grey, sRGB, rows from the top. JPEG and BMP know no transparency, GIF all or
+        none: there, pixels of alpha below 128 are transparent.
 
     Raises
     ------
     ValueError
-        If the folder does not exist, the extension is not a known one, or ``image`` is not such an
-        array. Nothing is written.
+        If the folder does not exist, the extension is not a known one, ``image`` is not such an
+        array, or a pixel is transparent and the format cannot show that. Nothing is written.
     OSError
         If the file cannot be written; an existing one is left as it was.
     """
@@ -89,7 +85,17 @@ def save_image(path: str | Path, image: NDArray[np.uint8]) -> None:
         raise ValueError(f"image must have 3 or 4 channels or no channel axis, got {pixels.shape}")
     suffix = place.suffix.lower()
     if channels == 4 and suffix in OPAQUE_FORMATS:
+        transparent = int(np.count_nonzero(pixels[:, :, 3] < 255))
+        if transparent:
+            raise ValueError(
+                f"path {str(path)!r}: {suffix} knows no transparency, and {transparent} of "
+                f"{pixels.shape[0] * pixels.shape[1]} pixels are transparent; save to .png, .webp "
+                "or .tif, or draw before an opaque background, such as background='white'"
+            )
         pixels = pixels[:, :, :3]
+    elif channels == 4 and suffix == ".gif":
+        alpha = np.where(pixels[:, :, 3:] < 128, np.uint8(0), np.uint8(255))
+        pixels = np.concatenate([pixels[:, :, :3], alpha], axis=2)
     with replacing(place) as temporary:
         _write_pixels(temporary, pixels, ENCODER_OPTIONS.get(suffix, {}))
 
@@ -108,59 +114,6 @@ def save_arrays(path: str | Path, **arrays: NDArray[Any]) -> None:
         raise ValueError("arrays must hold at least one array, got none")
     with replacing(place) as temporary:
         np.savez_compressed(temporary, **arrays)
-
-
-def save_depth(path: str | Path, depth: NDArray[np.float32], *, scale: float = 1000.0) -> None:
-    """
-    Write a depth map, ``inf`` where nothing is; the format follows the extension.
-
-    Parameters
-    ----------
-    path : str or Path
-        ``.exr`` (channel Z, float32), ``.npz`` (array ``depth``), ``.npy``, or ``.png`` (16 bits).
-    depth : (H, W) float32, scene units
-    scale : float
-        PNG only: a pixel holds ``depth * scale`` rounded half up, 0 where nothing is. The default
-        makes millimetres of metres.
-
-    Raises
-    ------
-    ValueError
-        If the folder does not exist, the extension is not a known one, ``depth`` is not such an
-        array, ``scale`` is not above 0, a PNG would need values outside 0..65535, or an EXR is
-        asked for and OpenEXR is not installed.
-    """
-    place = checked_path(path, DEPTH_FORMATS)
-    values = unmasked_array("depth", depth)
-    if values.ndim != 2 or values.size == 0 or values.dtype != np.float32:
-        raise ValueError(
-            f"depth must be (H, W) float32, not empty; got {values.shape} {values.dtype}"
-        )
-    suffix = place.suffix.lower()
-    if suffix == ".npz":
-        save_arrays(place, depth=values)
-    elif suffix == ".npy":
-        with replacing(place) as temporary:
-            np.save(temporary, values)
-    elif suffix == ".png":
-        pixels = _depth_as_uint16(values, positive_number("scale", scale))
-        with replacing(place) as temporary:
-            _write_pixels(temporary, pixels, {})
-    else:
-        write_exr(place, {"Z": values})
-
-
-def _depth_as_uint16(depth: NDArray[np.float32], scale: float) -> NDArray[np.uint16]:
-    """Return ``depth * scale`` rounded half up, 0 where the depth is not finite."""
-    seen = np.isfinite(depth)
-    scaled = np.floor(np.where(seen, depth, 0.0).astype(np.float64) * scale + 0.5)
-    if scaled.min() < 0 or scaled.max() > LARGEST_UINT16:
-        raise ValueError(
-            f"depth * scale must lie in 0..{LARGEST_UINT16} for a 16-bit PNG, got "
-            f"{scaled.min():.0f}..{scaled.max():.0f} with scale={scale!r}; "
-            "choose another scale, .exr or .npz"
-        )
-    return scaled.astype(np.uint16)
 
 
 def _write_pixels(path: Path, pixels: NDArray[Any], options: dict[str, Any]) -> None:

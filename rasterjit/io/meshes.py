@@ -6,11 +6,12 @@ import os
 import sys
 import warnings
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
 from rasterjit.io.archives import take_members
 from rasterjit.io.binvox import load_binvox
 from rasterjit.io.gltf.scene import GLTF_FORMATS, load_gltf
+from rasterjit.io.kinds import other_kind
 from rasterjit.io.resources import Resources
 from rasterjit.io.skipped import LeftOut, LoadWarning, MeshFileError, reason_of
 from rasterjit.io.text.lines import Damage
@@ -23,8 +24,8 @@ from rasterjit.io.trimesh.resolver import resolver_of
 from rasterjit.io.trimesh.scene import TrimeshAdapter
 from rasterjit.io.trimesh.xml import note_what_is_not_read
 from rasterjit.scene.memory import DEFAULT_MAX_BYTES, MemoryBudget
-from rasterjit.scene.mesh import Mesh
-from rasterjit.scene.scene import Scene
+from rasterjit.scene.mesh import ON_INVALID, Mesh, OnInvalid
+from rasterjit.scene.scene import EFFECT_FIELDS, Scene
 from rasterjit.scene.validation import (
     bounded_number,
     existing_file,
@@ -35,7 +36,11 @@ from rasterjit.scene.validation import (
 if TYPE_CHECKING:
     import trimesh
 
-__all__ = ["LoadWarning", "MeshFileError", "as_scene", "from_trimesh", "load"]
+__all__ = ["LoadWarning", "MeshFileError", "as_scene", "from_trimesh", "load", "scene_to_add"]
+
+OnDamage: TypeAlias = Literal["error", "warn"]
+ON_DAMAGE: tuple[OnDamage, ...] = get_args(OnDamage)
+"""What to do about a damaged file: refuse it; load what there is, and warn."""
 
 TEXT_FORMATS = ("obj", "ply", "stl", "off")
 """Formats that `rasterjit.io.text` reads."""
@@ -52,25 +57,32 @@ _XML_FORMATS = ("3mf", "3dxml", "dae", "xaml", "zae", "zip", "tar.gz", "tar.bz2"
 _XML_BYTES, _OTHER_BYTES = 24, 4
 """What a byte takes of a file that trimesh reads: as a tree of XML, and otherwise."""
 
+_CREASE_ANGLE = 40.0
+"""Degrees between faces that an edge is seen from, of meshes without normals."""
+
 _SHOWN_FORMATS = ("obj", "ply", "stl", "off", "glb", "gltf", "3mf", "dae")
 
 
 def load(
-    path: str | os.PathLike[str],
+    path: str | os.PathLike[str] | trimesh.Trimesh | trimesh.Scene,
     *,
-    on_invalid: str = "raise",
-    on_damage: str = "error",
-    crease_angle: float = 40.0,
+    on_invalid: OnInvalid = "raise",
+    on_damage: OnDamage = "error",
+    crease_angle: float = _CREASE_ANGLE,
     resource_root: str | os.PathLike[str] | None = None,
     max_bytes: int = DEFAULT_MAX_BYTES,
 ) -> Scene:
     """
     Read a mesh file: OBJ, PLY, STL, OFF, glTF, GLB, binvox and whatever else trimesh reads.
 
+    A trimesh object is taken as its file would be.
+
     Faces keep the file's order; polygons are triangulated. The scene has one `Mesh` for each mesh
     of the file and one node for each place where it stands, with vertex and face colours, uv,
     materials with textures, lights and camera as far as the file has them. Materials of glTF stay
-    metallic-roughness; those of OBJ and other formats become Blinn-Phong.
+    metallic-roughness; those of OBJ and other formats become Blinn-Phong. Further numbers of
+    vertices and faces become attributes of the meshes: other properties of a PLY file by their
+    names, ``_NAME`` of a glTF file as ``NAME``, and those that trimesh reads.
 
     Two things of glTF are as in every other format rather than by its standard. A primitive without
     a material has the default one; only in a scene with an environment is it glTF's rough white
@@ -79,7 +91,8 @@ def load(
 
     Parameters
     ----------
-    path : str or path-like
+    path : str, path-like, trimesh.Trimesh or trimesh.Scene
+        An object of trimesh's takes ``on_invalid`` and ``crease_angle`` alone.
     on_invalid : {"raise", "drop"}
         What to do about NaN or infinite vertices, as in `Mesh`.
     on_damage : {"error", "warn"}
@@ -108,8 +121,8 @@ def load(
         A ``ValueError``: if the file is missing, cannot be read or holds no faces. The message
         names the file and what it holds.
     ValueError
-        If ``resource_root`` is no folder, or more than ``max_bytes`` are needed: the message says
-        by what.
+        If ``resource_root`` is no folder, an option for files is given for an object, or more than
+        ``max_bytes`` are needed: the message says by what.
 
     Warns
     -----
@@ -118,18 +131,30 @@ def load(
         material is fully transparent.
     """
     bounded_number("crease_angle", crease_angle, 0.0, 180.0)
-    one_of("on_invalid", on_invalid, ("raise", "drop"))
-    one_of("on_damage", on_damage, ("error", "warn"))
+    one_of("on_invalid", on_invalid, ON_INVALID)
+    one_of("on_damage", on_damage, ON_DAMAGE)
+    if _is_trimesh(path):
+        for name, value, default in (
+            ("on_damage", on_damage, "error"),
+            ("resource_root", resource_root, None),
+            ("max_bytes", max_bytes, DEFAULT_MAX_BYTES),
+        ):
+            if value != default:
+                raise ValueError(f"{name} must not be given for a trimesh object, got {value!r}")
+        return from_trimesh(path, on_invalid=on_invalid, crease_angle=crease_angle)
     root = None if resource_root is None else existing_folder("resource_root", resource_root)
     file = _checked_path(path)
     budget = MemoryBudget(str(file), max_bytes)
     left_out, resources = LeftOut(), Resources(file, root, budget)
     try:
         scene = _load(file, resources, on_invalid, on_damage, crease_angle, left_out)
-    except Exception:
+    except Exception as error:
         # Readers name what they cannot read; this is the reason.
         budget.check()
-        raise
+        kind = other_kind(file, _extension(file))
+        if kind is None:
+            raise
+        raise MeshFileError(f"{file} is {kind}; its name says .{_extension(file)}") from error
     budget.check()
     left_out.warn(str(file))
     _warn_if_invisible(file, scene)
@@ -180,7 +205,7 @@ def _read_parts(file: Path, resources: Resources, damage: Damage, left_out: Left
 def _warn_if_invisible(file: Path, scene: Scene) -> None:
     """Warn if a file's materials hide all that it holds."""
     materials = [node.mesh.material for node in scene.nodes]
-    if all(one.alpha_mode == "blend" and one.base_color[3] == 0.0 for one in materials):
+    if all(one.alpha_mode == "blend" and one.base_color_over(False)[3] == 0.0 for one in materials):
         warnings.warn(
             f"{file}: every material is fully transparent, so nothing of it is seen",
             LoadWarning, stacklevel=3,
@@ -190,8 +215,8 @@ def _warn_if_invisible(file: Path, scene: Scene) -> None:
 def from_trimesh(
     what: trimesh.Trimesh | trimesh.Scene,
     *,
-    on_invalid: str = "raise",
-    crease_angle: float = 40.0,
+    on_invalid: OnInvalid = "raise",
+    crease_angle: float = _CREASE_ANGLE,
 ) -> Scene:
     """
     Turn a trimesh object into a scene, with its colours, materials, camera and lights.
@@ -261,6 +286,43 @@ def as_scene(what: Any) -> Scene:
         "what must be a Scene, a Mesh, a trimesh.Trimesh or a trimesh.Scene, "
         f"got {type(what).__name__}{hint}"
     )
+
+
+def scene_to_add(what: Any) -> Scene:
+    """
+    Return a scene, or a trimesh object as one, whose nodes are to be added to another.
+
+    Raises
+    ------
+    ValueError
+        If it is none of these, or has no faces.
+
+    Warns
+    -----
+    LoadWarning
+        Once, naming what it has besides nodes.
+    """
+    left_out = LeftOut()
+    if _is_trimesh(what):
+        source = f"trimesh {type(what).__name__}"
+        scene = TrimeshAdapter(source, False, "raise", _CREASE_ANGLE, left_out).scene(what)
+    elif isinstance(what, Scene):
+        scene = what
+    else:
+        hint = "; rasterjit.load reads files" if isinstance(what, (str, os.PathLike)) else ""
+        raise ValueError(
+            "mesh must be a rasterjit Mesh, Node or Scene, a trimesh.Trimesh or a trimesh.Scene, "
+            f"got {type(what).__name__}{hint}"
+        )
+    if not scene.nodes:
+        raise ValueError("mesh must be a scene with at least one mesh, got an empty one")
+    for light in scene.lights:
+        left_out.note(type(light).__name__)
+    for name in ("camera", *EFFECT_FIELDS):
+        if getattr(scene, name) is not None:
+            left_out.note(name)
+    left_out.warn(f"{type(what).__name__} added to a scene", stacklevel=4)
+    return scene
 
 
 def _is_trimesh(what: Any) -> bool:

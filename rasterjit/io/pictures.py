@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.scene.color import decoding_table, srgb_to_linear
 from rasterjit.scene.memory import TEXEL_BYTES, MemoryBudget
 from rasterjit.scene.texture import opened_picture
 
@@ -83,6 +84,34 @@ def _opened(content: bytes) -> Iterator[Image.Image]:
 def image_pixels(image: Image.Image) -> NDArray[Any]:
     """Return the pixels of a Pillow image as `Texture` takes them."""
     return np.asarray(image if image.mode in SAMPLED_AS_THEY_ARE else image.convert("RGBA"))
+
+
+def nearest_codes(linear: NDArray[np.float32], color_space: str) -> tuple[NDArray[np.uint8], bool]:
+    """
+    Return colours or texels as bytes.
+
+    Parameters
+    ----------
+    linear : (..., 4) float32
+        Linear RGBA; what lies outside 0..1 is clamped.
+    color_space : {"srgb", "linear"}
+        What bytes of red, green and blue are.
+
+    Returns
+    -------
+    codes : (..., 4) uint8
+    are_exact : bool
+        Whether reading the codes gives the very same colours.
+    """
+    codes = np.floor(np.clip(linear, 0.0, 1.0) * np.float32(255.0) + np.float32(0.5))
+    if color_space == "srgb":
+        table = decoding_table().astype(np.float64)
+        codes[..., :3] = np.searchsorted((table[1:] + table[:-1]) / 2.0, linear[..., :3])
+    codes = codes.astype(np.uint8)
+    read = codes / np.float32(255.0)
+    if color_space == "srgb":
+        read[..., :3] = srgb_to_linear(codes[..., :3])
+    return codes, bool((read == linear).all())
 
 
 def resized(grey: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.uint8]:

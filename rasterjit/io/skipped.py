@@ -14,6 +14,10 @@ class LoadWarning(UserWarning):
     """Part of a file or scene was left out; the rest is there."""
 
 
+class SaveWarning(UserWarning):
+    """Part of a scene was written in another form, or left out; the rest is in the file."""
+
+
 class MissingFileError(ValueError):
     """A file that another one names is not there."""
 
@@ -45,8 +49,14 @@ class LeftOut:
     def __str__(self) -> str:
         return ", ".join(f"{what} ({count})" for what, count in self._counts.items())
 
-    def warn(self, source: str) -> None:
+    def warn(
+        self,
+        source: str,
+        category: type[Warning] = LoadWarning,
+        what: str = "left out",
+        stacklevel: int = 3,
+    ) -> None:
         """Warn, if anything was left out, naming ``source`` and every kind."""
         if self._counts:
-            message = f"{source}: left out {self}; the rest is there"
-            warnings.warn(message, LoadWarning, stacklevel=3)
+            message = f"{source}: {what} {self}; the rest is there"
+            warnings.warn(message, category, stacklevel=stacklevel)

@@ -16,16 +16,19 @@ from numpy.typing import NDArray
 
 from rasterjit.outputs import motion
 from rasterjit.outputs.motion import Motion
-from rasterjit.outputs.table import TABLE
+from rasterjit.outputs.table import row_of
 from rasterjit.pipeline.geometry import barycentric as interpolation
 from rasterjit.pipeline.records import Geometry, Placement
 from rasterjit.pipeline.visibility import depth as depths
 from rasterjit.pipeline.visibility import draw
 from rasterjit.runtime.threads import Workers, fill_rows
+from rasterjit.scene import transforms
 from rasterjit.scene.camera import Camera
+from rasterjit.scene.mesh import ATTRIBUTE
 from rasterjit.survey.cache import SceneCache, Shapes
 from rasterjit.survey.depth_format import DepthFormat
 from rasterjit.survey.effect import Rows
+from rasterjit.survey.facts import NORMAL_OUTPUTS
 from rasterjit.survey.plan import RenderPlan
 
 PIXELS_AT_ONCE = 1 << 15
@@ -58,10 +61,9 @@ def fill_buffers(
     if "barycentric" in plan.outputs:
         result["barycentric"] = fill_barycentric(face_id, geometry, workers)
     if "uv" in plan.outputs:
-        uv = workers.memory.empty((*face_id.shape, 2), np.float32)
-        arguments = geometry, shapes.uv, uv
-        fill_rows(interpolation.fill_attribute, face_id, arguments, workers)
-        result["uv"] = uv
+        result["uv"] = fill_attribute(face_id, geometry, shapes.uv, workers)
+    for name in plan.facts.attributes.keys() & set(plan.outputs):
+        result[name] = _show_attribute(name, plan, shapes, geometry, face_id, workers)
     _fill_numbers(plan, shapes, face_id, result)
     _fill_places(plan, cache, geometry, placement, face_id, result, workers)
     _fill_normals(plan, cache, geometry, placement, face_id, result, workers)
@@ -76,13 +78,35 @@ def fill_buffers(
 
 def kernels_of(plan: RenderPlan) -> Rows:
     """Return the kernels that fill the buffers that were asked for."""
-    names = dict.fromkeys(TABLE[name].kernel for name in plan.outputs if TABLE[name].kernel)
-    return [(name, _way_of_weights(plan), "") for name in names]
+    attributes = plan.facts.attributes
+    by_numpy = {name for name, attribute in attributes.items() if not attribute.of_vertices}
+    kernels = dict.fromkeys(row_of(name).kernel for name in plan.outputs if name not in by_numpy)
+    return [(kernel, _way_of_weights(plan), "") for kernel in kernels if kernel]
 
 
 def _way_of_weights(plan: RenderPlan) -> str:
     """Return how values are interpolated, if not perspective-correctly."""
     return "affine weights" if plan.is_affine else ""
+
+
+def _show_attribute(
+    name: str,
+    plan: RenderPlan,
+    shapes: Shapes,
+    geometry: Geometry,
+    face_id: NDArray[np.int32],
+    workers: Workers,
+) -> NDArray[np.float32]:
+    """Return an attribute of one's own, (H, W, D); NaN where nothing is or an object has none."""
+    attribute = plan.facts.attributes[name]
+    of_vertices, of_faces = shapes.attribute(name.removeprefix(ATTRIBUTE), attribute)
+    if of_vertices is None:
+        return of_faces[face_id]
+    shown = fill_attribute(face_id, geometry, of_vertices, workers)
+    if of_faces is not None:
+        has_none = np.isnan(shown[..., 0])
+        shown[has_none] = of_faces[face_id[has_none]]
+    return shown
 
 
 def _fill_numbers(
@@ -135,6 +159,8 @@ def _fill_places(
     count = len(cache.shapes.meshes)
     if "position" in plan.outputs:
         result["position"] = places(cache.places.world_from_model[:, :3])
+    if "position_camera" in plan.outputs:
+        result["position_camera"] = places(_into_view(plan.camera, placement.relative_from_model))
     if "object_position" in plan.outputs:
         result["object_position"] = places(np.tile(np.eye(3, 4), (count, 1, 1)))
     if "nocs" in plan.outputs:
@@ -144,6 +170,18 @@ def _fill_places(
     if "distance" in plan.outputs:
         relative = places(placement.relative_from_model)
         result["distance"] = _distances(relative, plan, placement, workers)
+
+
+def _into_view(camera: Camera, relative_from_model: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return what takes each object into camera space, (O, 3, 4), given its matrix to the eye."""
+    shift = transforms.translate(camera.eye_position())
+    view = transforms.compose(camera.view_matrix(), shift)[:3, :, np.newaxis]
+    m = relative_from_model[:, np.newaxis]
+    with np.errstate(over="ignore", invalid="ignore"):
+        # In one order on every CPU, which products from BLAS are not.
+        placed = (view[:, 0] * m[..., 0, :] + view[:, 1] * m[..., 1, :]) + view[:, 2] * m[..., 2, :]
+        placed[..., 3] += view[:, 3, 0]
+    return placed
 
 
 def box_matrices(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -205,18 +243,51 @@ def _fill_normals(
     result: Buffers,
     workers: Workers,
 ) -> None:
-    """Fill the buffers of normals, world space, zero where nothing is."""
-    count = len(cache.shapes.meshes)
+    """Fill the buffers of normals, zero where nothing is."""
+    count, wanted = len(cache.shapes.meshes), plan.outputs
     # The kernel is the same without vertex normals: it is given an empty table.
     flat = np.zeros((1, 3), np.float32), np.zeros(count, np.uint8)
     is_shown = plan.facts.shows_normals
     smooth = (cache.shapes.normals, np.ones(count, np.uint8)) if is_shown else flat
-    for name, given in (("normal", smooth), ("geometric_normal", flat)):
-        if name in plan.outputs:
-            normal = workers.memory.empty((*face_id.shape, 3), np.float32)
-            arguments = geometry, placement, given, normal
-            fill_rows(interpolation.fill_normals, face_id, arguments, workers)
-            result[name] = normal
+
+    def normals(given: tuple[NDArray[np.float32], NDArray[np.uint8]]) -> NDArray[np.float32]:
+        """Return normals, (H, W, 3), world space."""
+        normal = workers.memory.empty((*face_id.shape, 3), np.float32)
+        fill_rows(
+            interpolation.fill_normals, face_id, (geometry, placement, given, normal), workers
+        )
+        return normal
+
+    if not set(NORMAL_OUTPUTS).isdisjoint(wanted):
+        result["normal"] = normals(smooth)
+    if "normal_camera" in wanted:
+        result["normal_camera"] = _turned_into_view(result["normal"], plan.camera, workers)
+    if "geometric_normal" in wanted:
+        result["geometric_normal"] = normals(flat)
+
+
+def _turned_into_view(
+    normal: NDArray[np.float32], camera: Camera, workers: Workers
+) -> NDArray[np.float32]:
+    """Return unit normals, (H, W, 3), of world space in camera space; zero ones stay zero."""
+    height, width, _ = normal.shape
+    turned = workers.memory.empty(normal.shape, np.float32)
+    axes = transforms.normal_matrix(camera.view_matrix())
+    # So that the squares stay in range.
+    axes = (axes / np.abs(axes).max()).tolist()
+
+    def turn_some(first: int) -> None:
+        some = slice(first, first + rows)
+        right, up, back = (normal[some, :, k].astype(np.float64) for k in range(3))
+        x, y, z = ((a * right + b * up) + c * back for a, b, c in axes)
+        length = np.sqrt((x * x + y * y) + z * z)
+        scale = np.divide(1.0, length, out=np.zeros_like(length), where=length > 0.0)
+        for k, along in enumerate((x, y, z)):
+            turned[some, :, k] = along * scale
+
+    rows = max(1, PIXELS_AT_ONCE // width)
+    workers.run(turn_some, [(first,) for first in range(0, height, rows)])
+    return turned
 
 
 def depth_kernels(plan: RenderPlan) -> Rows:
@@ -301,6 +372,19 @@ def metric_depth(
         with np.errstate(over="ignore"):
             depth[band][seen] = camera.view_depth(stored)
     return depth
+
+
+def fill_attribute(
+    face_id: NDArray[np.int32],
+    geometry: Geometry,
+    values: NDArray[np.float32],
+    workers: Workers,
+) -> NDArray[np.float32]:
+    """Return values of vertices, (V, D), at each sample, (H, W, D); NaN where nothing is."""
+    attribute = workers.memory.empty((*face_id.shape, values.shape[1]), np.float32)
+    arguments = geometry, values, attribute
+    fill_rows(interpolation.fill_attribute, face_id, arguments, workers)
+    return attribute
 
 
 def fill_barycentric(

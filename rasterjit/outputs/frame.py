@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterable
+import operator
+from collections.abc import Mapping
 from dataclasses import InitVar, dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,8 +15,10 @@ from numpy.typing import NDArray
 from rasterjit.io import images
 from rasterjit.outputs import save as saving
 from rasterjit.outputs.diagnostics import Diagnostics
-from rasterjit.outputs.table import OUTPUTS
+from rasterjit.outputs.table import IdOutput, Outputs
+from rasterjit.scene.mesh import ATTRIBUTE
 from rasterjit.scene.quality import Quality
+from rasterjit.scene.validation import in_short
 from rasterjit.survey.plan import RenderPlan
 
 if TYPE_CHECKING:
@@ -102,6 +105,23 @@ class Choice:
     predicted_error: float | None = None
 
 
+class Pick(NamedTuple):
+    """The point that a pixel shows at its centre, as `Frame.pick` finds it."""
+
+    node: int
+    """Number of the object: it is ``scene.nodes[node]`` as the scene was."""
+    face: int
+    """Number of the face in the object's mesh, ``mesh.faces[face]``."""
+    weights: NDArray[np.float32]
+    """(3,): of the face's vertices, as in the output barycentric."""
+    position: NDArray[np.float32]
+    """(3,): scene units, world space."""
+
+
+PICKED = ("face_id", "barycentric", "position")
+"""Outputs that `Frame.pick` reads."""
+
+
 class Frame:
     """
     One rendered frame.
@@ -124,11 +144,14 @@ class Frame:
         plan: RenderPlan,
         stats: Stats,
         diagnostics: Diagnostics | None = None,
+        face_starts: NDArray[np.int64] | None = None,
     ) -> None:
         self._outputs = outputs
+        self._face_starts = face_starts
         self.plan = plan
         self.stats = stats
-        self.choice: Choice | None = None
+        # Not None for a type checker: who asks for a choice knows that there is one.
+        self.choice: Choice | Any = None
         self._diagnostics = diagnostics
 
     def __repr__(self) -> str:
@@ -169,6 +192,28 @@ class Frame:
     def uv(self) -> NDArray[np.float32]:
         """(H, W, 2) float32: texture coordinates; NaN where nothing is or an object has none."""
         return self._output("uv")
+
+    def attribute(self, name: str) -> NDArray[np.float32]:
+        """
+        Return an attribute of the meshes, as the output ``attribute:NAME`` shows it.
+
+        Parameters
+        ----------
+        name : str
+            As ``Mesh(attributes=)`` has it, without ``attribute:``.
+
+        Returns
+        -------
+        (H, W, D) float32
+            The face's value, or that between its vertices, perspective-correct; NaN where nothing
+            is or the mesh does not have it.
+
+        Raises
+        ------
+        OutputNotRequestedError
+            If the output was not asked for.
+        """
+        return self._output(f"{ATTRIBUTE}{name}")
 
     @property
     def normal(self) -> NDArray[np.float32]:
@@ -223,6 +268,26 @@ class Frame:
         Without unit; 0 where nothing is. ``normal`` is interpolated between vertices instead.
         """
         return self._output("geometric_normal")
+
+    @property
+    def normal_camera(self) -> NDArray[np.float32]:
+        """
+        (H, W, 3) float32: ``normal`` in camera space: x right, y up, -z where the camera looks.
+
+        Without unit; 0 where ``normal`` is. Carried by the inverse transpose of
+        ``camera.view_matrix()``, and of length 1 whatever that scales.
+        """
+        return self._output("normal_camera")
+
+    @property
+    def position_camera(self) -> NDArray[np.float32]:
+        """
+        (H, W, 3) float32: position in camera space, scene units; NaN where nothing is.
+
+        x right, y up, -z where the camera looks: the point times ``camera.view_matrix()``. It keeps
+        its digits far from the world's origin.
+        """
+        return self._output("position_camera")
 
     @property
     def material_id(self) -> NDArray[np.int32]:
@@ -291,7 +356,7 @@ class Frame:
     def save(
         self,
         path: str | Path,
-        outputs: str | Iterable[str] | None = None,
+        outputs: Outputs | Mapping[str, Any] | None = None,
         *,
         scale: float | None = None,
     ) -> None:
@@ -309,7 +374,8 @@ class Frame:
               ``normal.X``, ``position.X``, ``uv.U``, ``distance`` and so on; numbers of faces and
               objects as uint32, one more than they are.
             - ``.png`` of any output but the colour: 16 bits a channel, see below.
-            - Other images (``.jpg``, ``.webp``, ``.tif`` ...): the colour.
+            - Other images (``.jpg``, ``.webp``, ``.tif`` ...): the colour. JPEG and BMP know no
+              transparency.
         outputs : str or iterable of str, optional
             What to write. Default: the colour to an image, everything to the other formats.
         scale : float, optional
@@ -320,7 +386,8 @@ class Frame:
         ------
         ValueError
             If the format is unknown, the folder does not exist, this frame does not have the
-            output, or it does not fit the format. Nothing is written.
+            output, or it does not fit the format, as a transparent pixel does not fit a JPEG.
+            Nothing is written.
         ImportError
             If an EXR is asked for and OpenEXR is not installed.
         OSError
@@ -350,7 +417,7 @@ class Frame:
                 f"got outputs {', '.join(arrays)}: choose one of {', '.join(saving.FORMATS)}"
             )
 
-    def masks(self, output: str = "object_id") -> tuple[ObjectMask, ...]:
+    def masks(self, output: IdOutput = "object_id") -> tuple[ObjectMask, ...]:
         """
         Return the pixels of each object that is seen, with its box, its area and its COCO code.
 
@@ -373,6 +440,54 @@ class Frame:
 
         return find(self._output(output))
 
+    def pick(self, x: int, y: int) -> Pick | None:
+        """
+        Return what the centre of a pixel shows.
+
+        Parameters
+        ----------
+        x, y : int
+            Column and row, from the left and the top.
+
+        Returns
+        -------
+        Pick or None
+            Object, face, weights and world position; ``None`` where nothing is.
+
+        Raises
+        ------
+        OutputNotRequestedError
+            If face_id, barycentric or position was not asked for.
+        ValueError
+            If the pixel is outside the frame.
+        """
+        return self._pick(x, y, ())
+
+    def _pick(self, x: int, y: int, layer: tuple[int, ...]) -> Pick | None:
+        """Return what a pixel shows, in a layer if there are several."""
+        missing = [name for name in PICKED if name not in self._outputs]
+        if missing:
+            raise OutputNotRequestedError(
+                f"pick needs the outputs {', '.join(PICKED)}; {' and '.join(missing)} "
+                f"{'was' if len(missing) == 1 else 'were'} not rendered: ask for them with "
+                f"outputs=(..., {', '.join(map(repr, missing))})"
+            )
+        face_id, weights, position = (self._outputs[name][layer] for name in PICKED)
+        height, width = face_id.shape
+        pixel = _index("y", y, height), _index("x", x, width)
+        face = int(face_id[pixel])
+        if face < 0:
+            return None
+        starts = self._first_faces()
+        node = int(np.searchsorted(starts, face, side="right")) - 1
+        return Pick(node, face - int(starts[node]), weights[pixel].copy(), position[pixel].copy())
+
+    def _first_faces(self) -> NDArray[np.int64]:
+        """Return the number of each object's first face, (O+1,)."""
+        if self._face_starts is None:
+            raise ValueError("pick needs a frame that was rendered, got one made of arrays")
+        return self._face_starts
+
     def _repr_png_(self) -> bytes | None:
         """Show the colour in a notebook."""
         if "color" not in self._outputs:
@@ -387,9 +502,20 @@ class Frame:
         if name not in self._outputs:
             raise OutputNotRequestedError(
                 f"{name} was not rendered: ask for it with outputs=(..., {name!r}); "
-                f"this frame has {', '.join(o for o in OUTPUTS if o in self._outputs)}"
+                f"this frame has {', '.join(self._outputs)}"
             )
         return self._outputs[name]
+
+
+def _index(name: str, value: Any, count: int) -> int:
+    """Return a whole number in 0..count-1, or raise ``ValueError``."""
+    try:
+        number = -1 if isinstance(value, bool) else operator.index(value)
+    except TypeError:
+        number = -1
+    if not 0 <= number < count:
+        raise ValueError(f"{name} must be a whole number in 0..{count - 1}, got {in_short(value)}")
+    return number
 
 
 class LayeredFrame(Frame):
@@ -415,7 +541,7 @@ class LayeredFrame(Frame):
     def save(
         self,
         path: str | Path,
-        outputs: str | Iterable[str] | None = None,
+        outputs: Outputs | Mapping[str, Any] | None = None,
         *,
         scale: float | None = None,
     ) -> None:
@@ -447,7 +573,19 @@ class LayeredFrame(Frame):
             raise ValueError(f"scale must be None for layers, got {scale!r}")
         saving.save_layers(path, saving.chosen(self._outputs, outputs))
 
-    def masks(self, output: str = "object_id") -> tuple[ObjectMask, ...]:
+    def pick(self, x: int, y: int, layer: int = 0) -> Pick | None:
+        """
+        Return what the centre of a pixel shows in a layer; takes what `Frame.pick` takes.
+
+        Parameters
+        ----------
+        x, y : int
+        layer : int
+            0 is the nearest.
+        """
+        return self._pick(x, y, (_index("layer", layer, self.plan.surfaces),))
+
+    def masks(self, output: IdOutput = "object_id") -> tuple[ObjectMask, ...]:
         """
         Refuse: a mask is of one layer.
 

@@ -35,6 +35,8 @@ _MOST_SHORT = 65535
 """Largest number of 16 bits."""
 _MOST_GROUPS = 13
 """Characters that a 64-bit number takes at most."""
+_MOST_LISTED = 8
+"""Objects that a message names."""
 _LONGEST = 1 << 63
 """First length that 64 bits do not hold."""
 
@@ -234,7 +236,7 @@ def decompress(text: str | bytes) -> NDArray[np.int64]:
 
 def coco(
     images: Iterable[tuple[str, ArrayLike]],
-    categories: Sequence[str] | Mapping[int, str],
+    categories: Sequence[str | None] | Mapping[int, str | None],
     *,
     info: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
@@ -245,9 +247,9 @@ def coco(
     ----------
     images : iterable of (str, (H, W) array_like of int)
         File name and numbers of the objects, such as ``Frame.object_id``, of each image.
-    categories : sequence of str, or mapping of int to str
-        The category of each object, by its number. Objects without one are left out: the floor,
-        say.
+    categories : sequence of str or None, or mapping of int to str or None
+        The category of each object that the images show, by its number; None leaves an object out:
+        the floor, say.
     info : mapping, optional
         What the annotation says of itself.
 
@@ -261,10 +263,12 @@ def coco(
     Raises
     ------
     ValueError
-        If ``images`` or ``categories`` are no such things.
+        If ``images`` or ``categories`` are no such things, or an image shows an object of which
+        ``categories`` says nothing.
     """
     named = _categories(categories)
-    numbered = {name: number for number, name in enumerate(dict.fromkeys(named.values()), 1)}
+    kinds = dict.fromkeys(name for name in named.values() if name is not None)
+    numbered = {name: number for number, name in enumerate(kinds, 1)}
     document: dict[str, Any] = {
         "info": dict(info or {}),
         "images": [],
@@ -282,6 +286,13 @@ def coco(
             raise ValueError(f"images must have file names, got {in_short(file_name)}")
         height, width = np.shape(ids) if np.ndim(ids) == 2 else (0, 0)
         masks = find(ids)
+        unsaid = [str(mask.id) for mask in masks if mask.id not in named]
+        if unsaid:
+            listed = ", ".join(unsaid[:_MOST_LISTED]) + (" ..." if unsaid[_MOST_LISTED:] else "")
+            raise ValueError(
+                f"categories must have an entry for each object that {file_name!r} shows, its "
+                f"name, or None to leave it out; got none for {listed}"
+            )
         document["images"].append(
             {"id": image_id, "file_name": file_name, "width": width, "height": height}
         )
@@ -296,7 +307,7 @@ def coco(
                 "area": mask.area,
                 "iscrowd": 0,
             }
-            for place, mask in enumerate((m for m in masks if m.id in named), 1)
+            for place, mask in enumerate((m for m in masks if named[m.id] is not None), 1)
         ]
     return document
 
@@ -304,7 +315,7 @@ def coco(
 def save_coco(
     path: str | Path,
     images: Iterable[tuple[str, ArrayLike]],
-    categories: Sequence[str] | Mapping[int, str],
+    categories: Sequence[str | None] | Mapping[int, str | None],
     *,
     info: Mapping[str, Any] | None = None,
 ) -> None:
@@ -324,7 +335,7 @@ def save_coco(
         temporary.write_text(text, encoding="utf-8")
 
 
-def _categories(categories: Any) -> dict[int, str]:
+def _categories(categories: Any) -> dict[int, str | None]:
     """Return the category of each object by its number, or raise ``ValueError``."""
     if isinstance(categories, Mapping):
         named = dict(categories)
@@ -335,7 +346,8 @@ def _categories(categories: Any) -> dict[int, str]:
             f"categories must be names by the objects' numbers, got {in_short(categories)}"
         )
     for number, name in named.items():
-        if not isinstance(number, (int, np.integer)) or not isinstance(name, str) or not name:
+        is_name = name is None or (isinstance(name, str) and name)
+        if not isinstance(number, (int, np.integer)) or not is_name:
             raise ValueError(f"categories must be names by number, got {number!r}: {name!r}")
     return {int(number): name for number, name in named.items()}
 

@@ -12,7 +12,7 @@ from rasterjit.outputs import motion_stage
 from rasterjit.pipeline.records import Geometry
 from rasterjit.runtime.threads import Workers, fill_rows
 from rasterjit.scene.camera import Camera
-from rasterjit.scene.scene import Node
+from rasterjit.scene.node import Node
 from rasterjit.survey.arrays import SceneArrays
 from rasterjit.survey.placement import Views
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from rasterjit.io import images
 from rasterjit.io.whole import replacing
-from rasterjit.outputs.table import TABLE, Output
+from rasterjit.outputs.table import is_attribute, row_of
 from rasterjit.scene.validation import in_short, positive_number
 
 FORMATS = (".npz", ".npy", ".exr", ".png")
@@ -33,9 +33,6 @@ NOTHING = "nothing is there"
 
 _PARTS = {1: ("",), 2: ("X", "Y"), 3: ("X", "Y", "Z"), 4: ("R", "G", "B", "A")}
 """Endings of an output's channels in an EXR file, by how many there are."""
-
-UNKNOWN = Output(1, "float32", 0)
-"""What is known of an output that no frame has."""
 
 _FLOW_SCALE, _FLOW_OFFSET = 1.0 / 64.0, -512.0
 """Of motion, as the optical flow of the KITTI benchmark is stored: 64 codes a pixel, 0 at 2**15."""
@@ -205,7 +202,7 @@ def as_codes(name: str, array: NDArray[Any], scale: float | None = None) -> Code
     Parameters
     ----------
     name : str
-    array : (H, W), (H, W, 2) or (H, W, 3) array
+    array : (H, W), (H, W, 1), (H, W, 2) or (H, W, 3) array
         Whole numbers of at least -1, or floats; what is infinite or NaN is nothing.
     scale : float, optional
         Units a code, of floats: then the offset is 0, so that pictures of several frames can be
@@ -232,17 +229,20 @@ def as_codes(name: str, array: NDArray[Any], scale: float | None = None) -> Code
     M. Menze, A. Geiger, "Object Scene Flow for Autonomous Vehicles", CVPR 2015; its development
     kit for the format of flow.
     """
+    if array.ndim == 3 and array.shape[2] == 1:
+        # An attribute of one column.
+        array = array[..., 0]
     channels = array.shape[2] if array.ndim == 3 else 1
     if array.ndim == 2 and array.dtype.kind in "iu":
         return _counted(name, array)
-    if array.dtype.kind != "f" or channels not in (1, 2, 3) or (array.ndim == 3 and channels == 1):
+    if array.dtype.kind != "f" or channels not in (1, 2, 3):
         raise ValueError(
             f"outputs must name one of 1 to 3 channels of floats, or of 1 of whole numbers, for a "
             f"16-bit .png; {name} is {array.shape} {array.dtype}: choose .exr or .npz"
         )
     values = array.astype(np.float64)
     seen = np.isfinite(values) if channels == 1 else np.isfinite(values).all(axis=2)
-    row = TABLE.get(name, UNKNOWN)
+    row = row_of(name)
     unit, codes = row.unit, row.codes if row.channels == channels else "fitted"
     if codes == "vector":
         _refuse_scale(name, scale)
@@ -276,21 +276,23 @@ def channel_names(name: str, count: int) -> tuple[str, ...]:
     ----------
     name : str
         ``linear`` is R, G, B, A; ``depth`` is Z; ``uv`` is uv.U and uv.V; a single channel has the
-        name of its output; two and three are X, Y and Z, and four R, G, B, A of their layer.
+        name of its output; two and three are X, Y and Z, and four R, G, B, A of their layer. More
+        columns of an attribute are numbered from 0: ``attribute:heat.0``.
     count : int
-        How many there are, 1..4.
+        How many there are, 1..4, of an attribute any.
 
     Raises
     ------
     ValueError
         If there are more.
     """
-    known = TABLE.get(name, UNKNOWN).exr
+    known = row_of(name).exr
     if len(known) == count:
         return known
-    if count not in _PARTS:
+    if count not in _PARTS and not is_attribute(name):
         raise ValueError(f"outputs must have 1 to 4 channels for .exr, got {count} in {name!r}")
-    return tuple(f"{name}.{part}" if part else name for part in _PARTS[count])
+    parts = _PARTS.get(count) or map(str, range(count))
+    return tuple(f"{name}.{part}" if part else name for part in parts)
 
 
 def exr_channels(arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
@@ -342,8 +344,8 @@ def _attributes(arrays: Mapping[str, NDArray[Any]]) -> dict[str, str]:
             said[f"rasterjit.{name}"] = f"number + 1; 0 where {NOTHING}"
         elif name in ("color", "linear"):
             said[f"rasterjit.{name}"] = "linear light, sRGB primaries, multiplied by alpha"
-        elif name in TABLE and TABLE[name].unit:
-            said[f"rasterjit.{name}"] = TABLE[name].unit
+        elif row_of(name).unit:
+            said[f"rasterjit.{name}"] = row_of(name).unit
     return said
 
 

@@ -4,19 +4,45 @@ The outputs that a frame can hold: one row each.
 To add one, add its row here, fill it in ``outputs/fill.py``, and give `Frame` a property that
 says what it holds. Those with ``is_mixed`` are made elsewhere: colours by shading, ``coverage`` in
 ``rendering/coverage.py``.
+
+Attributes of meshes are outputs too, named ``attribute:NAME``: `row_of` has one row for all.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Sequence, Set
+from typing import Literal, NamedTuple, NewType, TypeAlias
+
+from rasterjit.scene.mesh import ATTRIBUTE
+
+OutputName: TypeAlias = Literal[
+    "color", "depth", "face_id", "object_id", "barycentric", "uv", "normal", "position", "linear",
+    "distance", "object_position", "nocs", "geometric_normal", "normal_camera", "position_camera",
+    "material_id", "instance_id", "coverage", "motion", "motion_visible",
+]  # fmt: skip
+"""The names of the rows below, for type checkers."""
+
+AttributeName = NewType("AttributeName", str)
+"""
+An output whose name comes from a mesh, for type checkers: ``AttributeName("attribute:heat")``.
+
+They know no pattern of names; at run time it is a plain string.
+"""
+
+AnyOutput: TypeAlias = OutputName | AttributeName
+Outputs: TypeAlias = AnyOutput | Sequence[AnyOutput] | Set[AnyOutput]
+"""What a render is asked for: one output, or several."""
+
+IdOutput: TypeAlias = Literal["face_id", "object_id", "material_id", "instance_id"]
+"""Outputs of whole numbers that tell things apart."""
 
 
 class Output(NamedTuple):
     """What an output holds, and how files store it."""
 
     channels: int
+    """How many; 0: as many as the attribute has columns."""
     dtype: str
     empty: float
     """What it holds where nothing is; of colour, the background stands there instead."""
@@ -38,7 +64,7 @@ class Output(NamedTuple):
     """Module and name of the kernel that fills it, for ``explain``; empty: NumPy does."""
 
 
-TABLE = {
+TABLE: dict[OutputName, Output] = {
     "color": Output(4, "uint8", 0, is_mixed=True),
     "depth": Output(1, "float32", math.inf, "scene units along the viewing axis", ("Z",)),
     "face_id": Output(1, "int32", -1),
@@ -75,6 +101,13 @@ TABLE = {
         3, "float32", 0, "unit vector, world space", codes="vector",
         kernel="barycentric.fill_normals",
     ),
+    "normal_camera": Output(
+        3, "float32", 0, "unit vector, camera space", codes="vector",
+        kernel="barycentric.fill_normals",
+    ),
+    "position_camera": Output(
+        3, "float32", math.nan, "scene units, camera space", kernel="barycentric.fill_positions"
+    ),
     "material_id": Output(1, "int32", -1),
     "instance_id": Output(1, "int32", -1),
     "coverage": Output(1, "float32", 0, "share of the pixel", codes="share", is_mixed=True),
@@ -88,14 +121,33 @@ TABLE = {
 }  # fmt: skip
 """What a frame can hold, by name."""
 
-OUTPUTS = tuple(TABLE)
+_ATTRIBUTE_ROW = Output(0, "float32", math.nan, kernel="barycentric.fill_attribute")
+"""That of any attribute."""
+
+UNKNOWN = Output(1, "float32", 0)
+"""What is known of an output that no frame has."""
+
+OUTPUTS: tuple[OutputName, ...] = tuple(TABLE)
 """The names."""
 
 MOTION_OUTPUTS = tuple(name for name, row in TABLE.items() if row.needs_previous)
 """Those that compare what is seen with an earlier view."""
 
+MIXED_OUTPUTS = tuple(name for name, row in TABLE.items() if row.is_mixed)
+"""Those that are mixed from all that a pixel shows."""
+
 LAYER_OUTPUTS = tuple(name for name, row in TABLE.items() if not row.is_mixed)
 """Those that a layer of surfaces can hold."""
+
+
+def row_of(name: str) -> Output:
+    """Return what an output holds, be it an attribute or none that a frame has."""
+    return _ATTRIBUTE_ROW if is_attribute(name) else TABLE.get(name, UNKNOWN)
+
+
+def is_attribute(name: object) -> bool:
+    """Tell whether an output shows an attribute of meshes."""
+    return isinstance(name, str) and name.startswith(ATTRIBUTE) and name != ATTRIBUTE
 
 
 def check_outputs(outputs: Sequence[str]) -> tuple[str, ...]:
@@ -107,8 +159,9 @@ def check_outputs(outputs: Sequence[str]) -> tuple[str, ...]:
     if not outputs:
         raise ValueError(f"outputs must name at least one of {', '.join(OUTPUTS)}; got none")
     for output in outputs:
-        if output not in OUTPUTS:
+        if output not in OUTPUTS and not is_attribute(output):
             raise ValueError(
-                f"outputs has {output!r}, which is unknown; possible are {', '.join(OUTPUTS)}"
+                f"outputs has {output!r}, which is unknown; possible are {', '.join(OUTPUTS)}, "
+                f"and {ATTRIBUTE}NAME of an attribute of meshes"
             )
     return tuple(dict.fromkeys(outputs))

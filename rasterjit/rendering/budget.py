@@ -36,6 +36,7 @@ from rasterjit.runtime.store import cache_folder, cpu_features
 from rasterjit.runtime.threads import available_processors
 from rasterjit.scene.color import srgb_to_linear
 from rasterjit.scene.quality import SUPERSAMPLED, Quality, differences
+from rasterjit.survey.effect import shown_as_given
 
 HEADROOM = 0.9
 """Share of a time budget that a frame may be expected to take: times vary."""
@@ -340,7 +341,8 @@ def light_of(frame: Frame) -> NDArray[np.float32]:
         alpha = frame.color[:, :, 3:].astype(np.float32) / np.float32(CODES)
     else:
         light, alpha = frame.linear[:, :, :3], frame.linear[:, :, 3:]
-    if plan.at("background") or plan.background[3] >= 1.0:
+    shows_more = any(not shown_as_given(one.effect) for one in plan.at("background"))
+    if shows_more or plan.background[3] >= 1.0:
         return light
     return np.concatenate([light * alpha, alpha], axis=2)
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from rasterjit.effects.ambient_occlusion import AMBIENT_OCCLUSION
 from rasterjit.effects.antialiasing import ANTIALIASING
+from rasterjit.effects.background_image import BACKGROUND_IMAGE
 from rasterjit.effects.environment import BACKGROUND, LIGHT
 from rasterjit.effects.fog import FOG
 from rasterjit.effects.outline import OUTLINE
@@ -35,6 +36,7 @@ EFFECTS: tuple[Effect, ...] = (
     rows.SingleSided(),
     LIGHT,
     BACKGROUND,
+    BACKGROUND_IMAGE,
     FOG,
     TONE_MAPPING,
     AMBIENT_OCCLUSION,

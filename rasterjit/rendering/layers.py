@@ -9,6 +9,7 @@ with fewer rows.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -32,7 +33,7 @@ from rasterjit.pipeline.visibility.draw import Coverage
 from rasterjit.rendering.stage_list import Shading
 from rasterjit.runtime.threads import Memory, Workers
 from rasterjit.survey.blending import Layers
-from rasterjit.survey.effect import Active, Rows, acting
+from rasterjit.survey.effect import Active, Rows, acting, shown_as_given
 from rasterjit.survey.plan import RenderPlan
 
 ROWS_AT_ONCE = 16
@@ -307,9 +308,11 @@ def shade(
     shader = at_samples(shader, plan.samples)
     viewport = shader.geometry.viewport
     lists = part_lists(coverage, viewport, plan.is_blended, workers)
+    given = [one for one in shader.effects if shown_as_given(one.effect)] if mixed else []
     if mixed:
         # Where tones are mapped the background, which is shown as given, comes behind at the end.
-        shader = shader._replace(background=np.zeros(4, np.float32))
+        toned = tuple(one for one in shader.effects if not shown_as_given(one.effect))
+        shader = shader._replace(background=np.zeros(4, np.float32), effects=toned)
     shader = shader.ready()
 
     nothing = np.empty((viewport.height, 0), np.uint32)
@@ -324,12 +327,46 @@ def shade(
         shade_rows((first, last), plan, lists, shader, target, workers.memory)
         if mixed:
             shown = workers.memory.empty(shape, np.float32)
-            mixed[0].at("mixed", rows, behind, shown)
+            given_rows = behind_rows(behind, given, first, rows.shape, workers.memory)
+            mixed[0].at("mixed", rows, given_rows, shown)
             rows = shown
         if color is not None and not at_once:
             encode.encode_rows(rows, encode.encoding_table(), packed[first:last])
 
     workers.run(shade_tiles, [(first,) for first in range(0, viewport.height, TILE_SIZE)])
+
+
+def behind_rows(
+    color: NDArray[np.float32],
+    given: Sequence[Active],
+    first_row: int,
+    shape: tuple[int, ...],
+    memory: Memory,
+) -> NDArray[np.float32]:
+    """
+    Return what is shown as given behind rows of mixed faces.
+
+    Parameters
+    ----------
+    color : (4,) float32, linear
+    given : sequence of Active
+        Effects that show something else there; see `shown_as_given`.
+    first_row : int
+    shape : (int, int, 4)
+        Of the rows.
+    memory : Memory
+
+    Returns
+    -------
+    (4,) or (R, W, 4) float32, linear
+    """
+    if not given:
+        return color
+    linear = memory.empty(shape, np.float32)
+    nothing = np.full(shape[:2], -1, np.int32)
+    for one in given:
+        one.at("background", nothing, first_row, linear, np.empty((shape[0], 0), np.uint32))
+    return linear
 
 
 def shade_rows(

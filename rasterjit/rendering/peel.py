@@ -11,7 +11,6 @@ References
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
@@ -21,6 +20,7 @@ from numpy.typing import NDArray
 from rasterjit.io.meshes import as_scene
 from rasterjit.outputs import fill, table
 from rasterjit.outputs.frame import LayeredFrame
+from rasterjit.outputs.table import Outputs
 from rasterjit.pipeline.fragments import bands
 from rasterjit.pipeline.fragments.fragments import without_holes
 from rasterjit.pipeline.geometry.setup import TILE_SIZE
@@ -29,6 +29,7 @@ from rasterjit.pipeline.visibility.nearest import empty_depth
 from rasterjit.rendering import notices, shade
 from rasterjit.rendering import plan as planning
 from rasterjit.rendering.clock import StageClock
+from rasterjit.rendering.plan import Cull
 from rasterjit.rendering.renderer import compare, find_visible, stats_of
 from rasterjit.rendering.views import PlannedFrame, plan_views
 from rasterjit.runtime.ahead import beside
@@ -46,8 +47,8 @@ def render_layers(
     k: int,
     size: tuple[int, int] = (1280, 720),
     quality: Quality | None = None,
-    outputs: Sequence[str] = ("depth", "face_id", "object_id"),
-    cull: str = "none",
+    outputs: Outputs = ("depth", "face_id", "object_id"),
+    cull: Cull = "none",
     previous: View | None = None,
     threads: int | None = None,
 ) -> LayeredFrame:
@@ -89,7 +90,7 @@ def render_layers(
         raise ValueError(f"k must be a whole number of layers, got {k!r}")
     if not 1 <= k <= bands.MOST_LAYERS:
         raise ValueError(f"k must be in 1..{bands.MOST_LAYERS}, got {k!r}")
-    refused = [name for name in table.check_outputs(outputs) if table.TABLE[name].is_mixed]
+    refused = [name for name in table.check_outputs(outputs) if table.row_of(name).is_mixed]
     if refused:
         raise ValueError(
             f"outputs has {refused[0]!r}, which a layer does not have; possible are "
@@ -137,7 +138,8 @@ def _draw_layers(
         if is_empty:
             break
     clock("buffers")
-    return LayeredFrame(arrays, plan, stats_of(seen.coverage, clock.seconds))
+    stats, face_starts = stats_of(seen.coverage, clock.seconds), cache.shapes.arrays.face_starts
+    return LayeredFrame(arrays, plan, stats, face_starts=face_starts)
 
 
 def peel(

@@ -8,13 +8,13 @@ kernels and buffers.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.outputs import diagnostics, fill
-from rasterjit.outputs.table import TABLE, check_outputs
+from rasterjit.outputs.table import MIXED_OUTPUTS, check_outputs, row_of
 from rasterjit.pipeline.fragments.bands import peeling_kernels
 from rasterjit.pipeline.records import Lighting
 from rasterjit.pipeline.visibility import draw
@@ -23,8 +23,8 @@ from rasterjit.rendering.effects import answer_effects
 from rasterjit.rendering.sketch import list_stages, short_name
 from rasterjit.runtime import ahead, jit
 from rasterjit.runtime.ahead import Task
+from rasterjit.scene.background import Backdrop, BackgroundImage, read_background
 from rasterjit.scene.camera import Camera, settled
-from rasterjit.scene.color import linear_color
 from rasterjit.scene.light import Light
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
@@ -45,7 +45,9 @@ from rasterjit.survey.lights import headlight, lighting_of
 from rasterjit.survey.placement import Boxes, Views, view_again, view_nodes
 from rasterjit.survey.plan import RenderPlan
 
-CULL_MODES = ("none", "back", "front")
+Cull: TypeAlias = Literal["none", "back", "front"]
+CULL_MODES: tuple[Cull, ...] = get_args(Cull)
+"""Which faces are dropped: none; those that show their back; their front."""
 
 BYTES = {"bool": 1, "uint8": 1, "int32": 4, "float32": 4, "float64": 8}
 
@@ -97,7 +99,9 @@ def plan_frame(
     if any(beside.steps):
         views = view_again(views, camera, size)
         boxes = Boxes(bounds, eye, relative_from_model, views.clip_from_relative)
-    facts = look(scene, boxes, views, inventory, quality, outputs, background, diagnose, cull)
+    behind = read_background(background)
+    seen_behind = None if background is None else behind
+    facts = look(scene, boxes, views, inventory, quality, outputs, seen_behind, diagnose, cull)
     _refuse(scene, facts)
     if facts.finds_faces:
         check_near(quality, camera, boxes, scene.nodes, views.clip_from_relative)
@@ -106,7 +110,7 @@ def plan_frame(
     return RenderPlan(
         size=size,
         camera=camera,
-        background=linear_color("background", "white" if background is None else background),
+        background=_color_behind(behind, size),
         cull=cull,
         facts=facts,
         effects=effects,
@@ -118,6 +122,14 @@ def plan_frame(
         pictures=facts.pictures,
         look=beside,
     )
+
+
+def _color_behind(behind: Backdrop, size: tuple[int, int]) -> NDArray[np.float32]:
+    """Return what lies behind all faces, (4,) linear; of a picture, whether it is opaque."""
+    if not isinstance(behind, BackgroundImage):
+        return behind
+    behind.check_size(size)
+    return np.array([0.0, 0.0, 0.0, float(behind.is_opaque)], np.float32)
 
 
 def _refuse(scene: Scene, facts: Facts) -> None:
@@ -191,11 +203,23 @@ def list_kernels(plan: RenderPlan) -> tuple[KernelRow, ...]:
     rows += [row for row in supersample.covering_kernels(plan) if row not in rows]
     if plan.facts.diagnose:
         rows += diagnostics.kernels_of(plan.depth_format.kind)
+    if plan.lens:
+        rows += lens_kernels(plan.outputs)
     if plan.surfaces is not None:
         rows += peeling_kernels(plan.depth_format.kind, plan.facts.needs_alpha_tests)
     if "motion_visible" in plan.outputs and plan.previous is not None:
         rows += _finding_kernels(plan.previous)
     return tuple(KernelRow(*row) for row in dict.fromkeys(rows))
+
+
+def lens_kernels(outputs: Sequence[str]) -> Rows:
+    """Return the kernels that filter pinhole pictures where there is a lens."""
+    rows = []
+    if not set(MIXED_OUTPUTS).isdisjoint(outputs):
+        rows.append(("resampling.filter_rows", "", ""))
+    if "color" in outputs:
+        rows.append(("encode.encode_rows", "", ""))
+    return rows
 
 
 def list_tasks(plan: RenderPlan) -> list[Task]:
@@ -230,8 +254,11 @@ def list_buffers(plan: RenderPlan) -> tuple[Buffer, ...]:
         rows += [("sums of all pictures", 4, "float64"), ("one of the pictures", 4, "float32")]
     own = [row for planned in plan.planned for row in planned.effect.buffers(plan)]
     rows += [row[:3] for row in own if row[3] == plan.size]
-    made = ((name, TABLE[name]) for name in plan.outputs if name != "face_id")
-    rows += [(f"output {name}", row.channels, row.dtype) for name, row in made]
+    for name in plan.outputs:
+        if name in plan.facts.attributes:
+            rows.append((f"output {name}", plan.facts.attributes[name].columns, "float32"))
+        elif name != "face_id":
+            rows.append((f"output {name}", row_of(name).channels, row_of(name).dtype))
     maps = [Buffer(*row) for row in own if row[3] != plan.size]
     return (*(Buffer(*row, plan.size) for row in rows), *maps)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Any
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,14 +12,15 @@ from rasterjit.outputs import fill
 from rasterjit.pipeline.records import Geometry, Objects
 from rasterjit.pipeline.visibility import draw
 from rasterjit.pipeline.visibility.draw import viewport_of
-from rasterjit.rendering.plan import CULL_MODES
+from rasterjit.rendering.plan import CULL_MODES, Cull
 from rasterjit.runtime.threads import Workers
-from rasterjit.scene.mesh import face_array
+from rasterjit.scene.mesh import face_array, value_rows
 from rasterjit.scene.quality import Quality, check_quality
 from rasterjit.scene.validation import MaskedError, image_size, one_of, thread_count, unmasked_array
 from rasterjit.survey.depth_format import DepthFormat, ndc_format
 
-DEPTH_MODES = ("standard", "reversed")
+DepthMode: TypeAlias = Literal["standard", "reversed"]
+DEPTH_MODES: tuple[DepthMode, ...] = get_args(DepthMode)
 
 
 class Visibility:
@@ -40,6 +41,7 @@ class Visibility:
         self,
         coverage: draw.Coverage,
         geometry: Geometry,
+        vertex_count: int,
         sign: float,
         depth_format: DepthFormat | None = None,
     ) -> None:
@@ -53,6 +55,7 @@ class Visibility:
             coverage.face_id >= 0, np.float32(sign) * depth, np.float32(np.inf)
         )
         self._geometry = geometry
+        self._vertex_count = vertex_count
 
     @cached_property
     def barycentric(self) -> NDArray[np.float32]:
@@ -64,14 +67,41 @@ class Visibility:
         """
         return fill.fill_barycentric(self.face_id, self._geometry, Workers(1))
 
+    def interpolate(self, values: ArrayLike) -> NDArray[np.float32]:
+        """
+        Return values of the vertices at each pixel's centre.
+
+        Parameters
+        ----------
+        values : (V, D) array_like of float, any D >= 1
+            Taken as float32.
+
+        Returns
+        -------
+        (H, W, D) float32
+            Perspective-correct (or affine, as ``quality`` says), the numbers of the output
+            ``attribute:NAME``; NaN where nothing is.
+
+        Raises
+        ------
+        ValueError
+            If the shape is another one, or a value is NaN, infinite or beyond float32.
+        """
+        rows = value_rows("values", values)
+        if len(rows) != self._vertex_count:
+            raise ValueError(
+                f"values must have one row per vertex ({self._vertex_count}), got {len(rows)}"
+            )
+        return fill.fill_attribute(self.face_id, self._geometry, rows, Workers(1))
+
 
 def rasterize(
     clip_positions: ArrayLike,
     faces: ArrayLike,
     size: tuple[int, int],
     *,
-    cull: str = "none",
-    depth: str = "standard",
+    cull: Cull = "none",
+    depth: DepthMode = "standard",
     quality: Quality | None = None,
     threads: int | None = None,
 ) -> Visibility:
@@ -125,7 +155,7 @@ def rasterize(
         workers.close()
     is_affine = quality.interpolation == "affine"
     geometry = draw.geometry_of(face_numbers, coverage.screen, positions, viewport, is_affine)
-    return Visibility(coverage, geometry, sign, depth_format)
+    return Visibility(coverage, geometry, len(positions), sign, depth_format)
 
 
 def _clip_array(value: Any) -> NDArray[np.float64]:

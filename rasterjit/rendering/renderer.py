@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from functools import partial
 from types import TracebackType
 from typing import Any
@@ -17,12 +18,15 @@ from rasterjit.outputs import diagnostics as diagnosing
 from rasterjit.outputs import fill, motion, table
 from rasterjit.outputs.fill import add_reversed_depth
 from rasterjit.outputs.frame import Frame, Stats
+from rasterjit.outputs.table import Outputs
 from rasterjit.pipeline.visibility import draw as drawing
 from rasterjit.pipeline.visibility.draw import Seen
 from rasterjit.rendering import budget as budgets
+from rasterjit.rendering import lens as lenses
 from rasterjit.rendering import notices, shade, supersample
 from rasterjit.rendering import plan as planning
 from rasterjit.rendering.clock import StageClock
+from rasterjit.rendering.plan import Cull
 from rasterjit.rendering.supersample import Accumulation
 from rasterjit.rendering.views import (
     PlannedFrame,
@@ -32,7 +36,10 @@ from rasterjit.rendering.views import (
 )
 from rasterjit.runtime.ahead import beside
 from rasterjit.runtime.threads import Workers
-from rasterjit.scene.camera import Camera
+from rasterjit.scene.assigning import Guarded
+from rasterjit.scene.background import Backdrop, Background, BackgroundImage, read_background
+from rasterjit.scene.camera import Camera, MatrixCamera
+from rasterjit.scene.lens import Lens
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.quality import Quality, check_quality
 from rasterjit.scene.scene import Scene
@@ -41,6 +48,7 @@ from rasterjit.scene.view import View
 from rasterjit.survey import placement as placing
 from rasterjit.survey.arrays import placement_of
 from rasterjit.survey.cache import SceneCache
+from rasterjit.survey.camera_view import CameraView
 from rasterjit.survey.effect import FrameContext
 from rasterjit.survey.placement import Views
 from rasterjit.survey.plan import RenderPlan
@@ -54,11 +62,12 @@ def render(
     quality: Quality | None = None,
     max_error: float | None = None,
     time_budget: float | None = None,
-    outputs: Sequence[str] = ("color",),
-    background: Any = None,
-    cull: str = "none",
+    outputs: Outputs = ("color",),
+    background: Background = None,
+    cull: Cull = "none",
     diagnose: bool = False,
     previous: View | None = None,
+    lens: Lens | None = None,
     threads: int | None = None,
 ) -> Frame:
     """
@@ -85,18 +94,32 @@ def render(
         takes longer, that is drawn.
     outputs : sequence of str
         Any of color, linear, depth, distance, face_id, object_id, instance_id, material_id,
-        barycentric, uv, normal, geometric_normal, position, object_position, nocs, coverage,
-        motion and motion_visible: see `Frame`. All but color, linear and coverage are those of the
+        barycentric, uv, normal, geometric_normal, normal_camera, position, position_camera,
+        object_position, nocs, coverage, motion, motion_visible and ``attribute:NAME`` of an
+        attribute of meshes: see `Frame`. All but color, linear and coverage are those of the
         nearest face at the pixel's centre.
-    background : color, optional
-        ``"white"``, ``"#rrggbb"``, ``"transparent"``, or linear floats (see ``linear_color``).
-        Default: the scene's environment, if it is a background; else white.
+    background : color, path or array_like, optional
+        ``"white"``, ``"#rrggbb"``, ``"transparent"``, or linear floats (see ``linear_color``). Or a
+        picture of this size, which is seen where no face is, and through what is see-through, in
+        colour and linear alone: a file's name (a path, or a string with a dot or slash), or (H, W,
+        3) or (H, W, 4): ``uint8`` sRGB, red first (OpenCV's are blue first), or floats in 0..1,
+        linear. Tone curves do not touch it. Default: the scene's environment, if it is a
+        background; else white.
     cull : {"none", "back", "front"}
         Faces that are dropped. Counter-clockwise is the front.
     diagnose : bool
         Whether to count what became of every face; see ``Frame.diagnostics``.
     previous : View, optional
         How things were before, for the outputs motion and motion_visible, which need it.
+    lens : PinholeDistortion, FisheyeLens or Equirectangular, optional
+        Distorts the picture of a perspective camera, or makes a panorama of it. Pinhole pictures
+        with at least 2 samples along each pixel are drawn first, one or some faces of a cube:
+        ``explain`` tells which. Of them color, linear and coverage are filtered in linear light
+        over all of the pixel; every other output is that of the sample nearest to the pixel's
+        centre, at most 0.36 of a pixel away. Depth stays along the viewing axis; where the lens
+        sees 90 degrees from it, as a panorama does, it is refused: ask for distance. Outlines,
+        wireframes, diagnose and motion_visible are refused, too, and ambient occlusion where there
+        are several pictures. Shadow maps are fitted to each of them.
     threads : int, optional
         Default: all processors. The frame has the same bits for any number. With 1, no second
         process compiles what is missing.
@@ -115,10 +138,10 @@ def render(
             raise ValueError(f"quality must be None where {name} is given, got {quality!r}")
     options = outputs, background, cull, diagnose, previous
     with Renderer(size, quality=quality, threads=threads) as renderer:
-        if time_budget is not None and max_error is None:
+        if time_budget is not None and max_error is None and lens is None:
             frame = renderer._render_in_time(time_budget, what, camera, options, is_lone=True)
         else:
-            frame = renderer._render_asked(max_error, time_budget, what, camera, options)
+            frame = renderer._render_asked(max_error, time_budget, what, camera, options, lens)
     notices.warn(notices.notices_of(frame.plan, frame.stats), set(), stacklevel=2)
     return frame
 
@@ -129,16 +152,20 @@ def explain(
     quality: Quality | None = None,
     *,
     size: tuple[int, int] = (1280, 720),
-    outputs: Sequence[str] = ("color",),
-    background: Any = None,
-    cull: str = "none",
+    outputs: Outputs = ("color",),
+    background: Background = None,
+    cull: Cull = "none",
     diagnose: bool = False,
     previous: View | None = None,
+    lens: Lens | None = None,
 ) -> RenderPlan:
     """
     Say what a render of these arguments would do, without doing it.
 
-    Takes the arguments of `render`; the plan prints as a table.
+    Takes the arguments of `render`; the plan prints as a table. That begins with what the camera
+    sees: where it looks, which axis of the world is up in the picture, and which share of the
+    surfaces is in view, on how many pixels. Poses and angles in another program's convention look
+    strange there; ``docs/cameras.md`` shows how.
 
     Raises
     ------
@@ -146,10 +173,16 @@ def explain(
         Naming the argument that is wrong.
     """
     scene = as_scene(what)
-    return plan_views(
+    if lens is not None:
+        return lenses.plan_lensed(
+            lens, image_size("size", size), check_quality(quality), scene, camera, outputs,
+            background, cull, diagnose, previous, Workers(1),
+        ).plan  # fmt: skip
+    plan = plan_views(
         image_size("size", size), check_quality(quality), scene, camera, outputs, background, cull,
         diagnose, previous,
     ).plan  # fmt: skip
+    return plan.with_(view=CameraView(tuple(scene.nodes), plan.camera, plan.size))
 
 
 def draw_frame(
@@ -224,7 +257,7 @@ def draw_frame(
             # The caller may write to it.
             _ = stats.pixels_covered
         arrays = {name: result[name] for name in plan.outputs}
-        return Frame(arrays, plan, stats, diagnostics), seen
+        return Frame(arrays, plan, stats, diagnostics, cache.shapes.arrays.face_starts), seen
 
 
 def find_visible(
@@ -320,7 +353,12 @@ def stats_of(coverage: drawing.Coverage, seconds: dict[str, float]) -> Stats:
     )
 
 
-class Renderer:
+def _fitted(behind: Backdrop | None, size: tuple[int, int]) -> Backdrop | None:
+    """Return what lies behind all faces, for a frame of another size."""
+    return behind.resampled(size) if isinstance(behind, BackgroundImage) else behind
+
+
+class Renderer(Guarded):
     """
     Renders frames of one size, keeping threads and what they have in common between them.
 
@@ -347,7 +385,11 @@ class Renderer:
     ------
     ValueError
         If the size or the number of threads is wrong.
+    AttributeError
+        If an attribute is assigned that there is not.
     """
+
+    _FIELDS = ("size", "quality", "before_picture", "told")
 
     def __init__(
         self, size: tuple[int, int], *, quality: Quality | None = None, threads: int | None = None
@@ -357,6 +399,7 @@ class Renderer:
         self._workers = Workers(thread_count("threads", threads))
         self._lone: tuple[Mesh, Scene] | None = None
         self._cache: SceneCache | None = None
+        self._lensed: lenses.Lensed | None = None
         self.before_picture: Callable[[], None] | None = None
         self.told: set[str] | None = set()
 
@@ -382,11 +425,12 @@ class Renderer:
         *,
         max_error: float | None = None,
         time_budget: float | None = None,
-        outputs: Sequence[str] = ("color",),
-        background: Any = None,
-        cull: str = "none",
+        outputs: Outputs = ("color",),
+        background: Background = None,
+        cull: Cull = "none",
         diagnose: bool = False,
         previous: View | None = None,
+        lens: Lens | None = None,
     ) -> Frame:
         """
         Render one frame; takes what `rasterjit.render` takes.
@@ -404,7 +448,7 @@ class Renderer:
             Naming the argument that is wrong, before any kernel runs.
         """
         options = outputs, background, cull, diagnose, previous
-        frame = self._render_asked(max_error, time_budget, what, camera, options)
+        frame = self._render_asked(max_error, time_budget, what, camera, options, lens)
         if self.told is not None:
             notices.warn(notices.notices_of(frame.plan, frame.stats), self.told, stacklevel=2)
         return frame
@@ -416,8 +460,14 @@ class Renderer:
         what: Any,
         camera: Camera | None,
         options: tuple,
+        lens: Lens | None,
     ) -> Frame:
         """Render one frame of this renderer's quality, or of one that is near or fast enough."""
+        if lens is not None:
+            for name, value in (("max_error", max_error), ("time_budget", time_budget)):
+                if value is not None:
+                    raise ValueError(f"{name} must be None where a lens is given, got {value!r}")
+            return self._render_with(lens, what, camera, options)
         if max_error is not None:
             return self._render_within(max_error, time_budget, what, camera, options)
         if time_budget is not None:
@@ -428,6 +478,19 @@ class Renderer:
         """Render one frame of a quality."""
         clock = StageClock()
         return self._draw(self._plan(quality, *arguments), clock=clock)
+
+    def _render_with(self, lens: Lens, what: Any, camera: Camera | None, options: tuple) -> Frame:
+        """Render one frame with a lens."""
+        planned = lenses.plan_lensed(
+            lens, self.size, self.quality, self._scene(what), camera, *options, self._workers,
+            self._cache, self._lensed,
+        )  # fmt: skip
+        self._cache, self._lensed = planned.pictures[-1].cache, planned
+
+        def draw(one: PlannedFrame, clock: StageClock) -> tuple[Frame, Seen]:
+            return draw_frame(one, self._workers, None, clock, self.before_picture)
+
+        return lenses.draw_lensed(planned, self._workers, draw)
 
     def _render_in_time(
         self,
@@ -475,7 +538,9 @@ class Renderer:
         _, background, cull, *_ = options
         # What is wrong is wrong before anything is drawn.
         self._plan(Quality.standard(), scene, camera, *options)
-        shown = (("color", "linear"), background, cull, False, None)
+        behind = None if background is None else read_background(background)
+        # Small pictures may be of another aspect, which changes little of their errors.
+        any_size = replace(camera, size=None) if isinstance(camera, MatrixCamera) else camera
         with ExitStack() as stack:
             small = [
                 stack.enter_context(Renderer(size, threads=self._workers.threads))
@@ -485,7 +550,16 @@ class Renderer:
                 bound,
                 lambda quality: self._render(quality, scene, camera, *options),
                 [
-                    lambda quality, one=one: one._render(quality, scene, camera, *shown)
+                    lambda quality, one=one: one._render(
+                        quality,
+                        scene,
+                        any_size,
+                        ("color", "linear"),
+                        _fitted(behind, one.size),
+                        cull,
+                        False,
+                        None,
+                    )
                     for one in small
                 ],
             )
@@ -495,9 +569,9 @@ class Renderer:
         what: Any,
         camera: Camera | None = None,
         *,
-        outputs: Sequence[str] = ("color",),
-        background: Any = None,
-        cull: str = "none",
+        outputs: Outputs = ("color",),
+        background: Background = None,
+        cull: Cull = "none",
         diagnose: bool = False,
         previous: View | None = None,
     ) -> Iterator[Frame]:

@@ -14,7 +14,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple, TypeAlias, get_args
 
 from rasterjit.io.meshes import as_scene
 from rasterjit.outputs import table
@@ -23,8 +23,8 @@ from rasterjit.rendering import notices, plan
 from rasterjit.rendering.renderer import Renderer
 from rasterjit.rendering.views import settle_together
 from rasterjit.runtime.threads import available_processors
+from rasterjit.scene.background import BackgroundImage, read_background
 from rasterjit.scene.camera import Camera, check_camera
-from rasterjit.scene.color import linear_color
 from rasterjit.scene.quality import Quality, check_quality
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.validation import image_size, one_of, thread_count
@@ -34,7 +34,8 @@ from rasterjit.survey.cache import prepare
 AHEAD = 2
 """Frames begun for each worker before any is taken: one in work, one waiting."""
 
-PROGRESS = ("none", "bar")
+Progress: TypeAlias = Literal["none", "bar"]
+PROGRESS: tuple[Progress, ...] = get_args(Progress)
 
 TO_CALLER = 4
 """Calls from where a frame is taken to the caller's program, for warnings."""
@@ -61,7 +62,11 @@ def check_arguments(
     """Return the scene and what all frames have in common, or raise ``ValueError``."""
     scene = as_scene(what)
     contents.check_scene(scene)
-    linear_color("background", "white" if background is None else background)
+    size = image_size("size", size)
+    if background is not None:
+        background = read_background(background)
+    if isinstance(background, BackgroundImage):
+        background.check_size(size)
     one_of("cull", cull, plan.CULL_MODES)
     names = table.check_outputs(outputs)
     for name in names:
@@ -69,7 +74,7 @@ def check_arguments(
             raise ValueError(
                 f"outputs has {name!r}, which needs an earlier view: see rasterjit.render"
             )
-    return scene, Options(image_size("size", size), check_quality(quality), names, background, cull)
+    return scene, Options(size, check_quality(quality), names, background, cull)
 
 
 def check_cameras(cameras: Any) -> None:

@@ -31,13 +31,13 @@ from numpy.typing import ArrayLike, NDArray
 from rasterjit.pipeline import encode
 from rasterjit.pipeline.fragments import bands, encoded, weights
 from rasterjit.pipeline.visibility.draw import Seen
-from rasterjit.rendering import coverage, shade
+from rasterjit.rendering import coverage, layers, shade
 from rasterjit.runtime.threads import Workers, rows_per_task
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.color import decoding_table
 from rasterjit.scene.quality import SUPERSAMPLED
 from rasterjit.scene.transforms import Matrix
-from rasterjit.survey.effect import FrameContext, Planned, Rows
+from rasterjit.survey.effect import Active, FrameContext, Planned, Rows, shown_as_given
 from rasterjit.survey.plan import RenderPlan
 
 Offset = tuple[float, float]
@@ -206,7 +206,7 @@ def shade_faces(
             del drawn
             accumulation.count += 1
             clock("average")
-    result = finish(plan, accumulation, workers)
+    result = finish(context, accumulation)
     clock("average")
     return result
 
@@ -300,7 +300,11 @@ def plan_picture(plan: RenderPlan, drawn: dict[str, Any]) -> RenderPlan:
 
     def is_of_pictures(planned: Planned) -> bool:
         places = planned.effect.places
-        return "overlay" not in places and (has_codes or "mixed" not in places)
+        if has_codes or not plan.at("mixed"):
+            return "overlay" not in places
+        # What is shown as given comes behind at the end, where tones are mapped.
+        is_late = "mixed" in places or shown_as_given(planned.effect)
+        return "overlay" not in places and not is_late
 
     return plan.with_(
         is_of_pictures,
@@ -385,10 +389,9 @@ def _add_codes(color: NDArray[np.uint8], sums: NDArray[np.float64], workers: Wor
     workers.run(add_band, _bands(color.shape, workers))
 
 
-def _average_codes(
-    plan: RenderPlan, accumulation: Accumulation, workers: Workers
-) -> dict[str, NDArray[Any]]:
+def _average_codes(context: FrameContext, accumulation: Accumulation) -> dict[str, NDArray[Any]]:
     """Return the colour outputs of the mean of the codes of all pictures."""
+    plan, workers = context.plan, context.workers
     sums, light = accumulation.sums, decoding_table().copy()
     shape = sums.shape[:2]
     color = workers.memory.empty((*shape, 4), np.uint8)
@@ -407,12 +410,16 @@ def _average_codes(
     return {name: result[name] for name in ("linear", "color") if name in plan.outputs}
 
 
-def _average(
-    plan: RenderPlan, accumulation: Accumulation, workers: Workers
-) -> dict[str, NDArray[Any]]:
+def _average(context: FrameContext, accumulation: Accumulation) -> dict[str, NDArray[Any]]:
     """Return the colour outputs of the mean of all pictures."""
+    plan, workers = context.plan, context.workers
     sums, behind = accumulation.sums, _background(plan)
     mixed = next(iter(plan.at("mixed")), None)
+    given = [
+        Active(one.effect, one.effect.prepare(context, one.data, ()))
+        for one in plan.at("background")
+        if shown_as_given(one.effect)
+    ]
     height, width, _ = sums.shape
     linear = workers.memory.empty((height, width, 4), np.float32)
     color = workers.memory.empty((height, width, 4), np.uint8) if "color" in plan.outputs else None
@@ -423,7 +430,10 @@ def _average(
         shown = linear[band]
         if mixed is not None:
             shown = workers.memory.empty(shown.shape, np.float32)
-            mixed.effect.places["mixed"](mixed.data, linear[band], plan.background, shown)
+            rows = layers.behind_rows(
+                plan.background, given, band.start, shown.shape, workers.memory
+            )
+            mixed.effect.places["mixed"](mixed.data, linear[band], rows, shown)
         if color is not None:
             encode.encode_rows(shown, encode.encoding_table(), packed[band])
 

@@ -10,17 +10,20 @@ part by part first.
 from __future__ import annotations
 
 import operator
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from rasterjit.io.meshes import as_scene
 from rasterjit.outputs.frame import Frame
+from rasterjit.outputs.table import Outputs
 from rasterjit.pipeline.geometry.setup import TILE_SIZE
 from rasterjit.pipeline.visibility.draw import Region
 from rasterjit.rendering import shade, supersample
+from rasterjit.rendering.plan import Cull
 from rasterjit.rendering.renderer import draw_frame, find_visible
 from rasterjit.rendering.views import plan_views
 from rasterjit.runtime.threads import Workers
+from rasterjit.scene.background import Background
 from rasterjit.scene.quality import Quality, check_quality
 from rasterjit.scene.validation import MAX_SIZE, thread_count, whole_size
 from rasterjit.survey.arrays import placement_of
@@ -63,9 +66,9 @@ class RegionRenderer:
         *,
         size: tuple[int, int] = (1280, 720),
         quality: Quality | None = None,
-        outputs: Sequence[str] = ("color",),
-        background: Any = None,
-        cull: str = "none",
+        outputs: Outputs = ("color",),
+        background: Background = None,
+        cull: Cull = "none",
         threads: int | None = None,
     ) -> None:
         quality = check_quality(quality)

@@ -134,13 +134,19 @@ def look_from(
     size: tuple[int, int],
     quality: Quality,
     cache: SceneCache | None = None,
+    picture: Camera | None = None,
 ) -> Look:
-    """Return what a camera sees beside its planes, given what is known of the scene."""
+    """
+    Return what a camera sees beside its planes, given what is known of the scene.
+
+    ``picture`` has another part of its view, with the same planes.
+    """
+    shown = camera if picture is None else picture
     if cache is None:
         cache = prepare(scene.nodes, None, quality, scene.environment is not None)
-    views = placing.view_places(cache.places, camera, size)
+    views = placing.view_places(cache.places, shown, size)
     boxes = Boxes(
-        cache.inventory[1], camera.eye_position(), views.relative_from_model,
+        cache.inventory[1], shown.eye_position(), views.relative_from_model,
         views.clip_from_relative,
     )  # fmt: skip
     return look_at_planes(camera, boxes, scene.nodes, views.clip_from_relative, quality)
@@ -193,6 +199,7 @@ def find_earlier(
     if previous.camera is not None:
         with naming("previous.camera"):
             camera = choose_camera(earlier, previous.camera, plan.size)
+            camera.projection_matrix(plan.size)
     return earlier, camera
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from llvmlite import ir
@@ -12,6 +13,18 @@ from rasterjit.runtime.intrinsics import CHANNELS, LANES
 from rasterjit.runtime.jit import CHECKED
 from rasterjit.runtime.plain_arrays import WORD, PlainArray, field, make, packed, words
 
+LANE = ir.IntType(32)
+"""Whole numbers of lanes, and what names a lane."""
+
+
+def _all(builder: Any, value: Any, lanes: int) -> Any:
+    """Return a vector of a value in every lane."""
+    undefined = ir.Constant(ir.VectorType(value.type, lanes), ir.Undefined)
+    first = builder.insert_element(undefined, value, LANE(0))
+    return builder.shuffle_vector(
+        first, undefined, ir.Constant(ir.VectorType(LANE, lanes), [0] * lanes)
+    )
+
 
 @intrinsic
 def spread(typing_context: Any, row: Any, start: Any, value: Any) -> Any:
@@ -19,14 +32,10 @@ def spread(typing_context: Any, row: Any, start: Any, value: Any) -> Any:
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         array, index, number = arguments
-        vector = ir.VectorType(number.type, LANES)
-        undefined, lane = ir.Constant(vector, ir.Undefined), ir.IntType(32)
-        first = builder.insert_element(undefined, number, lane(0))
-        all_first = ir.Constant(ir.VectorType(lane, LANES), [0] * LANES)
-        filled = builder.shuffle_vector(first, undefined, all_first)
+        filled = _all(builder, number, LANES)
         place = builder.gep(field(context, builder, row, array, "data"), [index])
         size = number.type.get_abi_size(context.target_data)
-        builder.store(filled, builder.bitcast(place, vector.as_pointer()), align=size)
+        builder.store(filled, builder.bitcast(place, filled.type.as_pointer()), align=size)
         return context.get_dummy_value()
 
     return types.void(row, types.uintp, row.dtype), generate
@@ -92,10 +101,7 @@ def _store(context: Any, builder: Any, kind: Any, array: Any, number: Any, value
 
 def _mix(builder: Any, one: Any, other: Any, share: Any) -> Any:
     """Return ``one + share * (other - one)`` in each channel."""
-    undefined, lane = ir.Constant(one.type, ir.Undefined), ir.IntType(32)
-    first = builder.insert_element(undefined, share, lane(0))
-    all_first = ir.Constant(ir.VectorType(lane, CHANNELS), [0] * CHANNELS)
-    shares = builder.shuffle_vector(first, undefined, all_first)
+    shares = _all(builder, share, CHANNELS)
     return builder.fadd(one, builder.fmul(shares, builder.fsub(other, one)))
 
 
@@ -142,6 +148,213 @@ def mix_colors(typing_context: Any, colors: Any, others: Any, share: Any, n: Any
         return _store(context, builder, colors, first, place, mixed)
 
     return types.void(colors, others, types.float32, types.int64), generate
+
+
+# Rows of samples
+
+
+def _numbers(kind: Any, lanes: int) -> Any:
+    """Return the numbers of the lanes, in some type."""
+    number = int if isinstance(kind, ir.IntType) else float
+    return ir.Constant(ir.VectorType(kind, lanes), [number(k) for k in range(lanes)])
+
+
+def _step(builder: Any, value: Any, step: Any) -> Any:
+    """Return the sum of two vectors, whole or real."""
+    is_whole = isinstance(value.type.element, ir.IntType)
+    return builder.add(value, step) if is_whole else builder.fadd(value, step)
+
+
+def _from(builder: Any, value: Any, step: Any, lanes: int) -> Any:
+    """Return a value that gains a step from lane to lane."""
+    steps, numbers = _all(builder, step, lanes), _numbers(step.type, lanes)
+    is_whole = isinstance(step.type, ir.IntType)
+    gained = builder.mul(numbers, steps) if is_whole else builder.fmul(numbers, steps)
+    return _step(builder, _all(builder, value, lanes), gained)
+
+
+def _repeat(builder: Any, count: Any, values: list[Any], body: Callable) -> None:
+    """Run ``body(number, values)``, which returns the next values, so many times."""
+    before, head = builder.block, builder.append_basic_block("head")
+    inside, after = builder.append_basic_block("body"), builder.append_basic_block("after")
+    builder.branch(head)
+    builder.position_at_end(head)
+    running = [builder.phi(value.type) for value in (count, *values)]
+    builder.cbranch(builder.icmp_signed("<", running[0], count), inside, after)
+    builder.position_at_end(inside)
+    following = body(running[0], running[1:])
+    following = [builder.add(running[0], count.type(1)), *following]
+    for phi, first, following_value in zip(
+        running, [count.type(0), *values], following, strict=True
+    ):
+        phi.add_incoming(first, before)
+        phi.add_incoming(following_value, builder.block)
+    builder.branch(head)
+    builder.position_at_end(after)
+
+
+class _Tile:
+    """A tile, and how a vector of neighbouring samples is tested against its depths."""
+
+    def __init__(self, context: Any, builder: Any, signature: Any, arguments: Any) -> None:
+        self._context, self._builder = context, builder
+        self._kind = signature.args[0].dtype
+        self._depths, self._numbers = (
+            field(context, builder, signature.args[k], arguments[k], "data") for k in range(2)
+        )
+        self._length = words(context, builder, signature.args[0], arguments[0], "shape")[0]
+
+    def check(self, end: Any) -> None:
+        """Raise IndexError if samples lie beyond the end, where indices are checked."""
+        if CHECKED:
+            is_beyond = self._builder.icmp_signed(">", end, self._length)
+            with self._builder.if_then(is_beyond, likely=False):
+                message = "a row of samples ends beyond the tile"
+                self._context.call_conv.return_user_exc(self._builder, IndexError, (message,))
+
+    def put(self, place: Any, is_inside: Any, depth: Any, limits: Any, face: Any) -> None:
+        """
+        Store the depths, clamped to limits, and the face where they are nearer than what is there.
+
+        All lanes are stored, the others as they were: the tile is the thread's own, and masked
+        stores take an AMD of AVX2 twenty to forty steps.
+        """
+        builder, (low, high) = self._builder, limits
+        depth = builder.select(builder.fcmp_ordered("<", depth, low), low, depth)
+        depth = builder.select(builder.fcmp_ordered(">", depth, high), high, depth)
+        lanes, kind = depth.type.count, self._context.get_value_type(self._kind)
+        stored = ir.VectorType(kind, lanes)
+        is_whole = isinstance(kind, ir.IntType)
+        if is_whole:
+            depth = builder.fptosi(depth, stored)
+        elif depth.type.element != kind:
+            depth = builder.fptrunc(depth, stored)
+        depths, numbers = (
+            builder.bitcast(builder.gep(array, [place]), vector.as_pointer())
+            for array, vector in ((self._depths, stored), (self._numbers, face.type))
+        )
+        align = kind.get_abi_size(self._context.target_data)
+        old, old_face = builder.load(depths, align=align), builder.load(numbers, align=4)
+        compare = builder.icmp_signed if is_whole else builder.fcmp_ordered
+        wins = builder.and_(is_inside, compare(">", depth, old))
+        builder.store(builder.select(wins, depth, old), depths, align=align)
+        builder.store(builder.select(wins, face, old_face), numbers, align=4)
+
+
+def _elements(builder: Any, row: Any, count: int) -> list[Any]:
+    return [builder.extract_value(row, k) for k in range(count)]
+
+
+@intrinsic
+def draw_box(
+    typing_context: Any, depths: Any, numbers: Any, first: Any, stride: Any, rows: Any,
+    columns: Any, edges: Any, plane: Any, face: Any,
+) -> Any:  # fmt: skip
+    """Test a box of at most ``LANES`` columns of samples against three edges and the depth."""
+
+    def draw(context: Any, builder: Any, signature: Any, arguments: Any, lanes: int) -> None:
+        first, stride, rows, columns, edges, plane, face = arguments[2:]
+        tile = _Tile(context, builder, signature, arguments)
+        edge, real = _elements(builder, edges, 9), _elements(builder, plane, 11)
+        is_whole = isinstance(edge[0].type, ir.IntType)
+        sides = [_from(builder, edge[k], edge[k + 3], lanes) for k in range(3)]
+        exact = [_from(builder, real[k], real[k + 2], lanes) for k in range(2)]
+        down = [_all(builder, value, lanes) for value in (*edge[6:], *real[4:6])]
+        depth, weight_a, weight_b, *limits = (_all(builder, value, lanes) for value in real[6:])
+        faces, wanted = _all(builder, face, lanes), _all(builder, columns, lanes)
+        is_wanted = builder.icmp_signed("<", _numbers(LANE, lanes), wanted)
+        zero = ir.Constant(sides[0].type, [0 if is_whole else 0.0] * lanes)
+
+        def draw_row(_: Any, values: list[Any]) -> list[Any]:
+            place, s0, s1, s2, e0, e1 = values
+            tile.check(builder.add(place, place.type(lanes)))
+            if is_whole:
+                least = builder.or_(s0, builder.or_(s1, s2))
+                is_inside = builder.and_(is_wanted, builder.icmp_signed(">=", least, zero))
+            else:
+                is_inside = is_wanted
+                for side in (s0, s1, s2):
+                    is_inside = builder.and_(is_inside, builder.fcmp_ordered(">=", side, zero))
+            here = builder.fadd(builder.fmul(e0, weight_a), builder.fmul(e1, weight_b))
+            tile.put(place, is_inside, builder.fadd(depth, here), limits, faces)
+            steps = (_step(builder, *pair) for pair in zip(values[1:], down, strict=True))
+            return [builder.add(place, stride), *steps]
+
+        _repeat(builder, rows, [first, *sides, *exact], draw_row)
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        is_narrow = builder.icmp_signed("<=", arguments[5], LANE(LANES // 2))
+        with builder.if_else(is_narrow) as (narrow, wide):
+            with narrow:
+                draw(context, builder, signature, arguments, LANES // 2)
+            with wide:
+                draw(context, builder, signature, arguments, LANES)
+        return context.get_dummy_value()
+
+    kinds = types.UniTuple(edges.dtype, 9), types.UniTuple(plane.dtype, 11)
+    whole = types.int64, types.int64, types.int64, types.int32
+    return types.void(depths, numbers, *whole, *kinds, types.int32), generate
+
+
+@intrinsic
+def fill_rows(
+    typing_context: Any, depths: Any, numbers: Any, spans: Any, first: Any, stride: Any, rows: Any,
+    before: Any, longest: Any, plane: Any, face: Any,
+) -> Any:  # fmt: skip
+    """Test the samples of each row from its begin, or from ``before``, to its end."""
+
+    def draw(context: Any, builder: Any, signature: Any, arguments: Any, lanes: int) -> None:
+        spans, first, stride, rows, before, _, plane, face = arguments[2:]
+        tile, kinds = _Tile(context, builder, signature, arguments), signature.args[2]
+        begins, ends, starts = (
+            field(context, builder, kinds[k], builder.extract_value(spans, k), "data")
+            for k in range(3)
+        )
+        slope, *limits = (_all(builder, v, lanes) for v in _elements(builder, plane, 3))
+        faces, numbers = _all(builder, face, lanes), _numbers(LANE, lanes)
+
+        def draw_row(row: Any, values: list[Any]) -> list[Any]:
+            begin, end = (
+                builder.load(builder.gep(begins, [row])),
+                builder.load(builder.gep(ends, [row])),
+            )
+            start = _all(builder, builder.load(builder.gep(starts, [row])), lanes)
+            column = builder.select(builder.icmp_signed(">", begin, before), begin, before)
+            steps = _all(builder, builder.sub(column, begin), lanes)
+            count = builder.sub(end, column)
+            counts = _all(builder, count, lanes)
+            place = builder.add(values[0], builder.sext(column, values[0].type))
+            groups = builder.ashr(builder.add(count, LANE(lanes - 1)), LANE(lanes.bit_length() - 1))
+            # One group at least: which rows are empty is hard to predict
+            is_some = builder.icmp_signed(">", groups, LANE(1))
+            groups = builder.select(is_some, groups, LANE(1))
+
+            def draw_group(_: Any, values: list[Any]) -> list[Any]:
+                place, here = values
+                tile.check(builder.add(place, place.type(lanes)))
+                along = builder.sitofp(builder.add(here, steps), slope.type)
+                depth = builder.fadd(start, builder.fmul(along, slope))
+                tile.put(place, builder.icmp_signed("<", here, counts), depth, limits, faces)
+                following = builder.add(here, ir.Constant(here.type, [lanes] * lanes))
+                return [builder.add(place, place.type(lanes)), following]
+
+            _repeat(builder, groups, [place, numbers], draw_group)
+            return [builder.add(values[0], stride)]
+
+        _repeat(builder, rows, [first], draw_row)
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        is_narrow = builder.icmp_signed("<=", arguments[7], arguments[7].type(LANES // 2))
+        with builder.if_else(is_narrow) as (narrow, wide):
+            with narrow:
+                draw(context, builder, signature, arguments, LANES // 2)
+            with wide:
+                draw(context, builder, signature, arguments, LANES)
+        return context.get_dummy_value()
+
+    three = types.UniTuple(plane.dtype, 3)
+    whole = types.int64, types.int64, types.int64, types.int32, types.int64
+    return types.void(depths, numbers, spans, *whole, three, types.int32), generate
 
 
 def _pointer(builder: Any, address: Any, bits: int) -> Any:

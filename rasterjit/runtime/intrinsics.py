@@ -61,6 +61,80 @@ def mix_colors(colors: Any, others: Any, share: Any, n: Any) -> None:
 
 
 @intrinsic
+def draw_box(
+    depths: Any, numbers: Any, first: Any, stride: Any, rows: Any, columns: Any, edges: Any,
+    plane: Any, face: Any,
+) -> None:  # fmt: skip
+    """
+    Test a box of at most ``LANES`` columns of samples against three edges and the depth.
+
+    Parameters
+    ----------
+    depths, numbers : (N,)
+        A flat tile: stored depths, of float32, float64 or int32, and faces, int32. Where a sample
+        lies inside and nearer than what is there, its depth and ``face`` are written.
+    first, stride, rows, columns : int
+        The first sample of the box, the way to the next row, and its size.
+    edges : (9,), int32 or reals
+        Three edge functions at the first sample, their steps across, their steps down; a sample is
+        inside where none is negative. Those of lanes behind the columns may overflow.
+    plane : (11,) reals
+        Two edge functions at the first sample, their steps across, their steps down; the depth
+        where both are 0, their weights in it, its least and its greatest value.
+    face : int32
+    """
+    kind = type(plane[0])
+    for row in range(int(rows)):
+        for column in range(int(columns)):
+            if any(edges[k] + column * edges[k + 3] + row * edges[k + 6] < 0 for k in range(3)):
+                continue
+            e0, e1 = (
+                plane[k] + kind(column) * plane[k + 2] + kind(row) * plane[k + 4] for k in range(2)
+            )
+            depth = plane[6] + (e0 * plane[7] + e1 * plane[8])
+            _put(depths, numbers, int(first + row * stride + column), depth, plane[9:], face)
+
+
+@intrinsic
+def fill_rows(
+    depths: Any, numbers: Any, spans: Any, first: Any, stride: Any, rows: Any, before: Any,
+    longest: Any, plane: Any, face: Any,
+) -> None:  # fmt: skip
+    """
+    Test the samples of each row from its begin, or from ``before``, to its end against the depth.
+
+    Parameters
+    ----------
+    depths, numbers, face
+        As `draw_box` takes them.
+    spans : (begins, ends, depths)
+        For each row: its first column, one past its last, and the depth at the first.
+    first, stride, rows : int
+        The sample of column 0 of the first row, the way to the next row, and how many there are.
+    before : int32
+        Columns before it are left out.
+    longest : int
+        How many columns a row has at most.
+    plane : (3,) reals
+        The step of the depth, its least and its greatest value.
+    """
+    kind = type(plane[0])
+    for row in range(int(rows)):
+        begin, start = int(spans[0][row]), spans[2][row]
+        for column in range(max(begin, int(before)), int(spans[1][row])):
+            depth = start + kind(column - begin) * plane[0]
+            _put(depths, numbers, int(first + row * stride + column), depth, plane[1:], face)
+
+
+def _put(depths: Any, numbers: Any, sample: int, depth: Any, limits: Any, face: Any) -> None:
+    """Write a clamped depth, and the face, where it is nearer than what is there."""
+    depth = limits[0] if depth < limits[0] else depth
+    stored = depths.dtype.type(limits[1] if depth > limits[1] else depth)
+    if stored > depths[sample]:
+        depths[sample], numbers[sample] = stored, face
+
+
+@intrinsic
 def load_int64(address: Any) -> Any:
     """Return the word at an address."""
     raise NotImplementedError("machine code reads memory")

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from rasterjit.scene.assigning import says_replace
 from rasterjit.scene.validation import bounded_number, positive_number
 
 RADIUS_OF_SCENE = 0.15
 """Default radius, as a share of the radius of a sphere around the scene."""
 
 
+@says_replace
 @dataclass(frozen=True)
 class AmbientOcclusion:
     """

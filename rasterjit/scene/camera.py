@@ -1,7 +1,8 @@
 """
 Cameras: where the eye is, how the view is projected, and what a stored depth means.
 
-World and view space are right-handed with y up; a camera looks down its -z. Every camera answers
+World and view space are right-handed with y up; a camera looks down its -z. No pose mirrors: every
+constructor, converter and file reader refuses one of a determinant below 0. Every camera answers
 the five questions of :class:`Camera`, which is all that the renderer knows about it.
 
 The stored depth is reversed (nearer is bigger): near / w for a perspective camera, which is linear
@@ -15,14 +16,19 @@ from __future__ import annotations
 import copy
 import math
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.scene import transforms
+from rasterjit.scene.assigning import says_replace
+from rasterjit.scene.pixels import Projecting
 from rasterjit.scene.transforms import Matrix
 from rasterjit.scene.validation import (
+    MAX_WHOLE_SIZE,
+    VectorLike,
+    bounded_number,
     finite_array,
     finite_number,
     picture_size,
@@ -93,8 +99,9 @@ class Bounded(Protocol):
         """Return the centre, (3,), and the radius in world space."""
 
 
+@says_replace
 @dataclass(frozen=True)
-class PerspectiveCamera:
+class PerspectiveCamera(Projecting):
     """
     Camera with a vertical field of view.
 
@@ -114,27 +121,33 @@ class PerspectiveCamera:
         given one cuts.
     far : float, scene units
         Distance of the far plane; may be ``math.inf``.
+    min_aspect : float
+        In pictures narrower than this (width over height), what is seen from left to right stays
+        what it is at this aspect, and the vertical field of view grows: nothing is cut off at the
+        sides. Default 0: ``fov_y`` holds in all pictures.
 
     Raises
     ------
     ValueError
         If ``target`` equals ``eye``, ``up`` is zero or parallel to the line of sight, ``fov_y`` is
-        outside (0, 180), ``near`` is not above 0, ``far`` is not above ``near``, or a number is
-        not finite.
+        outside (0, 180), ``near`` is not above 0, ``far`` is not above ``near``, ``min_aspect`` is
+        outside 0..131072, or a number is not finite.
     """
 
-    eye: tuple[float, float, float]
-    target: tuple[float, float, float]
-    up: tuple[float, float, float] = (0.0, 1.0, 0.0)
+    eye: VectorLike
+    target: VectorLike
+    up: VectorLike = (0.0, 1.0, 0.0)
     fov_y: float = 45.0
     near: float | None = None
     far: float = math.inf
+    min_aspect: float = 0.0
 
     def __post_init__(self) -> None:
         _freeze_placement(self)
         transforms.lens_matrix(self.fov_y, 1.0, usual_near(self.near, self.far), self.far)
         near = None if self.near is None else float(self.near)
         _freeze(self, fov_y=float(self.fov_y), near=near, far=float(self.far))
+        _freeze(self, min_aspect=bounded_number("min_aspect", self.min_aspect, 0.0, MAX_WHOLE_SIZE))
 
     def view_matrix(self) -> Matrix:
         """Return ``view_from_world``, (4, 4) float64."""
@@ -148,8 +161,11 @@ class PerspectiveCamera:
         is not given is at 0.1, or halved to lie before ``far``.
         """
         width, height = picture_size("size", size)
-        near = usual_near(self.near, self.far)
-        return transforms.lens_matrix(self.fov_y, width / height, near, self.far)
+        aspect, near = width / height, usual_near(self.near, self.far)
+        matrix = transforms.lens_matrix(self.fov_y, aspect, near, self.far)
+        if aspect < self.min_aspect:
+            matrix[:2] *= aspect / self.min_aspect
+        return matrix
 
     def eye_position(self) -> Float64:
         """Return the eye, (3,) float64, world space."""
@@ -165,8 +181,9 @@ class PerspectiveCamera:
             return usual_near(self.near, self.far) / np.asarray(stored, dtype=np.float64)
 
 
+@says_replace
 @dataclass(frozen=True)
-class OrthographicCamera:
+class OrthographicCamera(Projecting):
     """
     Camera with parallel lines of sight.
 
@@ -181,20 +198,25 @@ class OrthographicCamera:
     far : float, optional, scene units
         Distance of the far plane, finite. Default: rendering chooses 1000, doubled as often as it
         takes to cut nothing in view, at most 40 times; ``frame.plan.camera`` has it.
+    min_aspect : float
+        In pictures narrower than this (width over height), what is seen from left to right stays
+        what it is at this aspect, and more than ``height`` is shown. Default 0: never more.
 
     Raises
     ------
     ValueError
         If ``target`` equals ``eye``, ``up`` is zero or parallel to the line of sight, ``height`` is
-        not above 0, ``far`` is not above ``near``, or a number is not finite.
+        not above 0, ``far`` is not above ``near``, ``min_aspect`` is outside 0..131072, or a
+        number is not finite.
     """
 
-    eye: tuple[float, float, float]
-    target: tuple[float, float, float]
-    up: tuple[float, float, float] = (0.0, 1.0, 0.0)
+    eye: VectorLike
+    target: VectorLike
+    up: VectorLike = (0.0, 1.0, 0.0)
     height: float = 2.0
     near: float = 0.0
     far: float | None = None
+    min_aspect: float = 0.0
 
     def __post_init__(self) -> None:
         _freeze_placement(self)
@@ -204,6 +226,7 @@ class OrthographicCamera:
         transforms.orthographic(-1.0, 1.0, -1.0, 1.0, self.near, usual_far(self.far, self.near))
         far = None if self.far is None else float(self.far)
         _freeze(self, height=height, near=float(self.near), far=far)
+        _freeze(self, min_aspect=bounded_number("min_aspect", self.min_aspect, 0.0, MAX_WHOLE_SIZE))
 
     def view_matrix(self) -> Matrix:
         """Return ``view_from_world``, (4, 4) float64."""
@@ -216,8 +239,9 @@ class OrthographicCamera:
         A far plane that is not given is at 1000, or doubled to lie behind ``near``.
         """
         width, height = picture_size("size", size)
-        top = self.height / 2.0
-        right, far = top * (width / height), usual_far(self.far, self.near)
+        aspect = width / height
+        top = self.height / 2.0 * max(1.0, self.min_aspect / aspect)
+        right, far = top * aspect, usual_far(self.far, self.near)
         return transforms.orthographic(-right, right, -top, top, self.near, far)
 
     def eye_position(self) -> Float64:
@@ -234,19 +258,27 @@ class OrthographicCamera:
         return self.near * (1.0 - share) + usual_far(self.far, self.near) * share
 
 
+@says_replace
 @dataclass(frozen=True, eq=False)
-class MatrixCamera:
+class MatrixCamera(Projecting):
     """
     Camera given by its two matrices, as they come from elsewhere.
 
     Parameters
     ----------
     view_from_world : (4, 4) array_like
-        Affine: its last row is (0, 0, 0, 1). Depth is in world units if it does not scale.
+        Affine: its last row is (0, 0, 0, 1). Depth is in world units if it does not scale. It
+        must not mirror: a determinant below 0 mostly comes of an axis that was negated by mistake.
     clip_from_view : (4, 4) array_like
         OpenGL's NDC: -1 at the near plane. It is a perspective if w depends on the view-space
         position, else a parallel projection. It may hold the view as well, with
-        ``view_from_world`` the identity. It is used as it is for any image size.
+        ``view_from_world`` the identity. It may mirror: its first row negated turns the picture's
+        left into its right.
+    size : (int, int), optional
+        Width and height, pixels, of the image that ``clip_from_view`` is for. Images of another
+        aspect are refused: they would show it stretched. Those of the same aspect, sides being
+        rounded to whole pixels, show it larger or smaller. Default: it is used as it is for any
+        image. ``dataclasses.replace(camera, size=None)`` makes one that is.
     is_near_open : bool
         Whether ``clip_from_view``, a pinhole's, has its near plane where it is because none was
         given: rendering then halves its distance as `PerspectiveCamera` says.
@@ -254,15 +286,27 @@ class MatrixCamera:
     Raises
     ------
     ValueError
-        If a matrix is not 4x4 and finite, ``view_from_world`` is not affine or is singular, or
-        ``clip_from_view`` has no centre of projection (perspective), or is parallel with a
-        w that is not above 0 or a z that does not depend on the position; or if
-        ``is_near_open`` is set for what is no pinhole along view space's z axis.
+        If a matrix is not 4x4 and finite, ``view_from_world`` is not affine, is singular or
+        mirrors, ``clip_from_view`` has no centre of projection (perspective), or is parallel with a
+        w that is not above 0 or a z that does not depend on the position, or a side of ``size`` is
+        not in 1..131072; or if ``is_near_open`` is set for what is no pinhole along view
+        space's z axis.
     """
 
     view_from_world: Float64
     clip_from_view: Float64
+    size: tuple[int, int] | None = None
     is_near_open: bool = False
+
+    if TYPE_CHECKING:
+        # Reading gives arrays; the constructor takes what can be made one.
+        def __init__(
+            self,
+            view_from_world: ArrayLike,
+            clip_from_view: ArrayLike,
+            size: tuple[int, int] | None = None,
+            is_near_open: bool = False,
+        ) -> None: ...
 
     def __post_init__(self) -> None:
         view = finite_array("view_from_world", self.view_from_world, (4, 4)).copy()
@@ -273,9 +317,16 @@ class MatrixCamera:
             )
         for matrix in (view, clip):
             matrix.flags.writeable = False
-        _freeze(self, view_from_world=view, clip_from_view=clip)
+        size = None if self.size is None else picture_size("size", self.size)
+        _freeze(self, view_from_world=view, clip_from_view=clip, size=size)
         if _are_dependent(view[:3, :3]):
             raise ValueError("view_from_world must not be singular")
+        if mirrors(view):
+            raise ValueError(
+                "view_from_world must not mirror, got a determinant below 0 for "
+                f"{view[:3, :3].tolist()}; clip_from_view with its first row negated mirrors the "
+                "picture"
+            )
         if self._is_perspective:
             if _are_dependent(clip[[0, 1, 3], :3]):
                 raise ValueError("clip_from_view must have one centre of projection")
@@ -317,7 +368,7 @@ class MatrixCamera:
             Principal point, where the centre of pixel (column i, row j) is at (i + 0.5, j + 0.5).
         size : (width, height) of int, pixels
             The image the calibration is for; it may lie off the principal point. Rendering at
-            another size of the same aspect rescales the picture.
+            another size of the same aspect rescales the picture; another aspect is refused.
         view_from_world : (4, 4) array_like, optional
             The pose; the identity if not given.
         near : float, optional, scene units
@@ -346,16 +397,32 @@ class MatrixCamera:
         clip[1, 2] = 2.0 * finite_number("cy", cy) / height - 1.0
         clip[2, 2:] = transforms.perspective_depth(usual_near(near, far), far)
         clip[3, 2] = -1.0
-        pose = transforms.identity() if view_from_world is None else view_from_world
-        return cls(pose, clip, near is None)
+        view = transforms.identity() if view_from_world is None else view_from_world
+        return cls(view, clip, (width, height), near is None)
 
     def view_matrix(self) -> Matrix:
         """Return ``view_from_world``, (4, 4) float64."""
         return self.view_from_world.copy()
 
     def projection_matrix(self, size: tuple[int, int]) -> Matrix:
-        """Return ``clip_from_view``, (4, 4) float64, whatever the size."""
-        picture_size("size", size)
+        """
+        Return ``clip_from_view``, (4, 4) float64.
+
+        Raises
+        ------
+        ValueError
+            If the image that it is for has another aspect than ``size``.
+        """
+        width, height = picture_size("size", size)
+        if self.size is not None:
+            own_width, own_height = self.size
+            # Sides of one image times any factor are each less than a pixel off.
+            if abs(width * own_height - height * own_width) >= own_width + own_height:
+                raise ValueError(
+                    f"size must have the aspect of {own_width} x {own_height}, which the camera is "
+                    f"made for, got {width} x {height}; make it for that size, or stretch its "
+                    f"picture with dataclasses.replace(camera, size=({width}, {height}))"
+                )
         return self.clip_from_view.copy()
 
     def eye_position(self) -> Float64:
@@ -544,6 +611,11 @@ def screen_from_relative(camera: Camera, size: tuple[int, int]) -> Matrix:
     return matrix
 
 
+def mirrors(pose: Float64) -> bool:
+    """Tell whether a pose, (4, 4), either way, makes left hands of right ones."""
+    return _volume(pose[:3, :3]) < -_VOLUME_ROUNDING
+
+
 def check_camera(name: str, camera: Any) -> Camera:
     """Return a camera, or raise ``ValueError`` naming what is none."""
     known = PerspectiveCamera, OrthographicCamera, MatrixCamera
@@ -585,11 +657,15 @@ def _solve_origin(rows: Float64) -> Float64:
 
 def _are_dependent(rows: Float64) -> bool:
     """Tell whether three vectors, (3, 3), lie in a plane, to within the rounding of float64."""
+    return abs(_volume(rows)) <= _VOLUME_ROUNDING
+
+
+def _volume(rows: Float64) -> float:
+    """Return the signed volume that three vectors, (3, 3), span when scaled to length one."""
     if not rows.any(axis=1).all():
-        return True
+        return 0.0
     (a, b, c), (d, e, f), (g, h, i) = (transforms.unit_vector("row", r).tolist() for r in rows)
-    volume = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
-    return abs(volume) <= _VOLUME_ROUNDING
+    return a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
 
 
 def _length(components: list[float]) -> float:

@@ -23,25 +23,13 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rasterjit.scene.css_colors import CSS_COLORS
 from rasterjit.scene.validation import MaskedError, unmasked_array
 
 ColorLike: TypeAlias = str | ArrayLike
 """A name, ``'#rgb'``, ``'#rrggbb'``, ``'#rrggbbaa'``, linear floats or an sRGB ``uint8`` array."""
 
-NAMED_COLORS = {
-    "white": "#ffffff",
-    "black": "#000000",
-    "gray": "#808080",
-    "grey": "#808080",
-    "red": "#ff0000",
-    "green": "#008000",
-    "blue": "#0000ff",
-    "yellow": "#ffff00",
-    "cyan": "#00ffff",
-    "magenta": "#ff00ff",
-    "orange": "#ffa500",
-    "transparent": "#00000000",
-}
+NAMED_COLORS = {**CSS_COLORS, "transparent": "#00000000"}
 """The sRGB colours known by name: those of CSS."""
 
 _ADVICE = (
@@ -220,10 +208,19 @@ def _parse_hex(name: str, text: str) -> NDArray[np.uint8]:
         digits = "".join(digit * 2 for digit in digits)
     if len(digits) not in (6, 8):
         raise ValueError(
-            f"{name} must be '#rgb', '#rrggbb', '#rrggbbaa' or one of "
-            f"{', '.join(NAMED_COLORS)}; got {text!r}"
+            f"{name} must be '#rgb', '#rrggbb', '#rrggbbaa', 'transparent' or a colour name of "
+            f"CSS, such as 'steelblue'; got {text!r}{_similar_names(text)}"
         )
     return np.frombuffer(bytes.fromhex(digits), dtype=np.uint8)
+
+
+def _similar_names(text: str) -> str:
+    """Return a question with the names most like a text, if there are any."""
+    import difflib
+
+    word = text.strip().lower().replace(" ", "").replace("-", "").replace("_", "")
+    names = difflib.get_close_matches(word, NAMED_COLORS, n=3)
+    return f": did you mean {' or '.join(map(repr, names))}?" if names else ""
 
 
 def whole_root(value: int, degree: int) -> int:

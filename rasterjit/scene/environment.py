@@ -10,6 +10,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rasterjit.scene.assigning import says_replace
 from rasterjit.scene.color import ColorLike, linear_color
 from rasterjit.scene.hdr_image import read_hdr_image
 from rasterjit.scene.light import BRIGHTEST
@@ -27,6 +28,7 @@ Color: TypeAlias = tuple[float, float, float]
 """Linear red, green and blue."""
 
 
+@says_replace
 @dataclass(frozen=True, eq=False)
 class Panorama:
     """
@@ -69,6 +71,7 @@ class Panorama:
         return f"Panorama({width}×{height})"
 
 
+@says_replace
 @dataclass(frozen=True)
 class SkyGradient:
     """
@@ -84,6 +87,7 @@ class SkyGradient:
     ground: Color
 
 
+@says_replace
 @dataclass(frozen=True, eq=False)
 class Environment:
     """

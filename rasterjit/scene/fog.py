@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal, TypeAlias, get_args
 
+from rasterjit.scene.assigning import says_replace
 from rasterjit.scene.color import ColorLike, linear_color
 from rasterjit.scene.validation import bounded_number, finite_number, one_of
 
-FOG_MODES = ("linear", "exp", "exp2")
+FogMode: TypeAlias = Literal["linear", "exp", "exp2"]
+FOG_MODES: tuple[FogMode, ...] = get_args(FogMode)
 """How much is seen at a distance d: (end - d) / (end - start); e^-(density d); its square."""
 
 DENSEST = 1e9
@@ -21,6 +24,7 @@ SHORTEST_RAMP = 1e-18
 """Least distance from start to end, scene units: its inverse is finite in float32."""
 
 
+@says_replace
 @dataclass(frozen=True)
 class Fog:
     """
@@ -61,7 +65,7 @@ class Fog:
     """
 
     color: ColorLike = "#b4bec8"
-    mode: str = "exp2"
+    mode: FogMode = "exp2"
     start: float | None = None
     end: float | None = None
     density: float | None = None

@@ -3,17 +3,30 @@
 from __future__ import annotations
 
 import math
-from typing import Literal, NamedTuple
+from dataclasses import replace
+from typing import Literal, NamedTuple, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from rasterjit.scene import transforms
-from rasterjit.scene.camera import Bounded, Camera, Float64, OrthographicCamera, PerspectiveCamera
+from rasterjit.scene.camera import (
+    Bounded,
+    Camera,
+    Float64,
+    MatrixCamera,
+    OrthographicCamera,
+    PerspectiveCamera,
+)
 from rasterjit.scene.transforms import Matrix
 from rasterjit.scene.validation import finite_number, one_of, positive_number, vector
 
 Vector = tuple[float, float, float]
+AnyCamera = PerspectiveCamera | OrthographicCamera | MatrixCamera
+
+Projection: TypeAlias = Literal["perspective", "orthographic"]
+PROJECTIONS: tuple[Projection, ...] = get_args(Projection)
+"""Which camera is made."""
 
 COORDINATE_SHARE = 2.0**-30
 """Least distance as a share of the largest coordinate: float64 still tells eye from target."""
@@ -78,10 +91,11 @@ class Sight(NamedTuple):
     """What a parallel camera shows from bottom to top, scene units."""
 
     @classmethod
-    def of(cls, camera: Camera) -> Sight:
-        """Return that of any camera."""
+    def of(cls, camera: Camera, size: tuple[int, int] = (1, 1)) -> Sight:
+        """Return that of any camera, for an image of (width, height) pixels or its own."""
         view = camera.view_matrix()
-        projection = camera.projection_matrix((1, 1))
+        own = camera.size if isinstance(camera, MatrixCamera) else None
+        projection = camera.projection_matrix(own or size)
         eye = triple_of(camera.eye_position())
         forward = triple_of(-transforms.unit_vector("view", view[2, :3]))
         upward = triple_of(transforms.unit_vector("view", view[1, :3]))
@@ -192,7 +206,7 @@ def fit_camera(
     up: ArrayLike = (0.0, 1.0, 0.0),
     margin: float = 1.05,
     zoom: float = 1.0,
-    projection: Literal["perspective", "orthographic"] = "perspective",
+    projection: Projection = "perspective",
     aspect: float = 1.0,
 ) -> PerspectiveCamera | OrthographicCamera:
     """
@@ -215,12 +229,14 @@ def fit_camera(
         leaves the camera where it is.
     projection : {"perspective", "orthographic"}
     aspect : float
-        Width over height of the image it is for.
+        Width over height of the image it is for, which says how far away the camera is. In a
+        narrower one it shows more above and below (``min_aspect``).
 
     Returns
     -------
     PerspectiveCamera or OrthographicCamera
-        At zoom 1 the whole sphere is in the image, and at any zoom between the near and far plane.
+        At zoom 1 the whole sphere is in an image of any size, and at any zoom between the near and
+        far plane.
 
     Raises
     ------
@@ -234,7 +250,7 @@ def fit_camera(
     A sphere of radius 0 (a single point) is framed as one of radius 1, and one too small for
     float64 beside its centre's coordinates as the smallest that is not.
     """
-    one_of("projection", projection, ("perspective", "orthographic"))
+    one_of("projection", projection, PROJECTIONS)
     towards = transforms.unit_vector("direction", direction)
     upward = _upright(up, towards)
     focal = transforms.focal_length(fov_y)
@@ -263,7 +279,33 @@ def fit_camera(
             f"of {distance!r} and {shape}"
         )
     kind = OrthographicCamera if projection == "orthographic" else PerspectiveCamera
-    return kind(center + distance * towards, center, upward, **shape, **depths)
+    eye = center + distance * towards
+    return kind(eye, center, upward, **shape, **depths, min_aspect=narrow)
+
+
+def zoom_camera(camera: AnyCamera, zoom: float) -> AnyCamera:
+    """
+    Return a camera at the same place that shows everything bigger.
+
+    Parameters
+    ----------
+    camera : PerspectiveCamera, OrthographicCamera or MatrixCamera
+    zoom : float
+        How many times bigger: narrows the field of view or the height.
+
+    Raises
+    ------
+    ValueError
+        If ``zoom`` is not above 0, or leaves no field of view or height that a camera can have.
+    """
+    magnified = positive_number("zoom", zoom)
+    if isinstance(camera, PerspectiveCamera):
+        return replace(camera, fov_y=_zoomed_fov(camera.fov_y, magnified))
+    if isinstance(camera, OrthographicCamera):
+        return replace(camera, height=camera.height / magnified)
+    clip = camera.clip_from_view.copy()
+    clip[:2] *= magnified
+    return replace(camera, clip_from_view=clip)
 
 
 def _upright(up: ArrayLike, towards: Float64) -> ArrayLike:

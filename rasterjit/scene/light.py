@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import Any, Literal, TypeAlias, get_args
 
 from numpy.typing import ArrayLike
 
+from rasterjit.scene.assigning import says_replace
 from rasterjit.scene.color import ColorLike, linear_color
-from rasterjit.scene.validation import bounded_number, one_of, positive_number, triple
+from rasterjit.scene.validation import VectorLike, bounded_number, one_of, positive_number, triple
 
 Vector: TypeAlias = tuple[float, float, float]
 """Three floats: a world-space position, a unit direction, or linear RGB."""
 
-SHADOW_FILTERS = ("hard", "pcf", "soft")
+ShadowFilter: TypeAlias = Literal["hard", "pcf", "soft"]
+SHADOW_FILTERS: tuple[ShadowFilter, ...] = get_args(ShadowFilter)
 """Ways of reading a shadow map."""
 
 LEAST_MAP, LARGEST_MAP = 16, 8192
@@ -30,6 +32,7 @@ WIDEST_SUN = 90.0
 """Largest angle that a light infinitely far away is seen under, degrees."""
 
 
+@says_replace
 @dataclass(frozen=True)
 class Shadow:
     """
@@ -75,7 +78,7 @@ class Shadow:
     """
 
     size: int = 1024
-    filter: str = "pcf"
+    filter: ShadowFilter = "pcf"
     light_size: float | None = None
     bias: float = 0.5
 
@@ -96,6 +99,7 @@ class Shadow:
             )
 
 
+@says_replace
 @dataclass(frozen=True)
 class AmbientLight:
     """
@@ -121,6 +125,7 @@ class AmbientLight:
         _check_color_and_intensity(self)
 
 
+@says_replace
 @dataclass(frozen=True)
 class DirectionalLight:
     """
@@ -145,7 +150,7 @@ class DirectionalLight:
         0..1e9, or the shadow is none or has a ``light_size`` above 90 degrees.
     """
 
-    direction: ArrayLike = (0.0, 0.0, -1.0)
+    direction: VectorLike = (0.0, 0.0, -1.0)
     color: ColorLike = "white"
     intensity: float = 1.0
     shadow: Shadow | None = None
@@ -158,6 +163,7 @@ class DirectionalLight:
             bounded_number("shadow.light_size", self.shadow.light_size, 0.0, WIDEST_SUN)
 
 
+@says_replace
 @dataclass(frozen=True)
 class PointLight:
     """
@@ -189,7 +195,7 @@ class PointLight:
     glTF 2.0 extension KHR_lights_punctual.
     """
 
-    position: ArrayLike
+    position: VectorLike
     color: ColorLike = "white"
     intensity: float = 1.0
     range: float | None = None
@@ -202,6 +208,7 @@ class PointLight:
         _check_shadow(self)
 
 
+@says_replace
 @dataclass(frozen=True)
 class SpotLight:
     """
@@ -239,8 +246,8 @@ class SpotLight:
     glTF 2.0 extension KHR_lights_punctual, its angles in degrees.
     """
 
-    position: ArrayLike
-    direction: ArrayLike = (0.0, 0.0, -1.0)
+    position: VectorLike
+    direction: VectorLike = (0.0, 0.0, -1.0)
     color: ColorLike = "white"
     intensity: float = 1.0
     inner_angle: float = 0.0

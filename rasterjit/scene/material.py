@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Literal, TypeAlias, cast, get_args
 
 import numpy as np
 
+from rasterjit.scene.assigning import says_replace
 from rasterjit.scene.color import ColorLike, linear_color
 from rasterjit.scene.texture import Texture
 from rasterjit.scene.validation import bounded_number, in_short, one_of, vector
 
-SHADINGS = ("unlit", "flat", "gouraud", "phong", "pbr")
+Shading: TypeAlias = Literal["unlit", "flat", "gouraud", "phong", "pbr"]
+SHADINGS: tuple[Shading, ...] = get_args(Shading)
 """The ways to shade: no light; one normal a face; light per vertex; light per pixel; light per
 pixel on microfacets."""
 
-ALPHA_MODES = ("opaque", "mask", "blend")
+AlphaMode: TypeAlias = Literal["opaque", "mask", "blend"]
+ALPHA_MODES: tuple[AlphaMode, ...] = get_args(AlphaMode)
 """What alpha does: nothing; it cuts holes; it lets through what lies behind."""
 
 TEXTURE_FIELDS = (
@@ -44,16 +48,21 @@ MOST_SPECULAR = 1e6
 SHININESS_RANGE = (1e-6, 1e6)
 """Exponents of a highlight: from none to see, to one narrower than a float32 angle."""
 
-LIGHT_GREY = (0.8, 0.8, 0.8, 1.0)
+LIGHT_GREY = tuple(np.float32([0.8, 0.8, 0.8, 1.0]).tolist())
 """The colour of a surface that nothing is said about, linear."""
 
+WHITE = (1.0, 1.0, 1.0, 1.0)
+"""What multiplies colours and leaves them as they are."""
 
+
+@says_replace
 @dataclass(frozen=True)
 class Material:
     """
     Describe how a surface is shaded.
 
-    A mesh's vertex or face colours and the texture multiply ``base_color``.
+    A mesh's vertex or face colours and the texture are drawn as they are; a ``base_color`` that is
+    given multiplies them.
 
     Parameters
     ----------
@@ -63,7 +72,8 @@ class Material:
         lights every pixel by glTF 2.0's metallic-roughness model.
     base_color : str or array_like, optional
         Any colour of `rasterjit.scene.color.linear_color`; stored as a tuple of linear RGBA.
-        Default: a light grey, or white with a texture.
+        Default: None, which is a light grey where there are neither colours nor a
+        ``base_color_texture``, and changes nothing where there are; see `base_color_over`.
     specular : float
         Strength of the white Blinn-Phong highlight, linear, in 0..1e6; 0 is none.
     shininess : float
@@ -119,7 +129,7 @@ class Material:
     .. [2] The Khronos Group, "glTF 2.0 Specification" (ISO/IEC 12113:2022), section 3.9.
     """
 
-    shading: str = "phong"
+    shading: Shading = "phong"
     base_color: ColorLike | None = None
     specular: float = 0.25
     shininess: float = 50.0
@@ -134,7 +144,7 @@ class Material:
     occlusion_strength: float = field(default=1.0, kw_only=True)
     emissive: ColorLike | None = field(default=None, kw_only=True)
     emissive_texture: Texture | None = field(default=None, kw_only=True)
-    alpha_mode: str = field(default="opaque", kw_only=True)
+    alpha_mode: AlphaMode = field(default="opaque", kw_only=True)
     alpha_cutoff: float = field(default=0.5, kw_only=True)
     double_sided: bool = field(default=True, kw_only=True)
 
@@ -146,16 +156,14 @@ class Material:
             texture = getattr(self, name)
             if texture is not None and not isinstance(texture, Texture):
                 raise ValueError(f"{name} must be a Texture or None, got {in_short(texture)}")
-        texture = self.base_color_texture
         one_of("alpha_mode", self.alpha_mode, ALPHA_MODES)
         if not isinstance(self.double_sided, bool):
             raise ValueError(f"double_sided must be True or False, got {self.double_sided!r}")
         for name, (low, high) in NUMBERS.items():
             object.__setattr__(self, name, bounded_number(name, getattr(self, name), low, high))
-        if self.base_color is None:
-            object.__setattr__(self, "base_color", LIGHT_GREY if texture is None else "white")
-        base_color = tuple(linear_color("base_color", self.base_color).tolist())
-        object.__setattr__(self, "base_color", base_color)
+        if self.base_color is not None:
+            base_color = tuple(linear_color("base_color", self.base_color).tolist())
+            object.__setattr__(self, "base_color", base_color)
         if self.emissive is None:
             dark = self.emissive_texture is None
             object.__setattr__(self, "emissive", "black" if dark else "white")
@@ -167,6 +175,25 @@ class Material:
     def emits(self) -> bool:
         """Whether the surface sends out light."""
         return any(part > 0.0 for part in self.emissive)
+
+    def base_color_over(self, has_colors: bool) -> tuple[float, float, float, float]:
+        """
+        Return what multiplies a mesh's colours and the texture, linear RGBA.
+
+        Parameters
+        ----------
+        has_colors : bool
+            Whether the mesh has vertex or face colours.
+
+        Returns
+        -------
+        tuple of four floats
+            ``base_color`` if it is given; else white where there are colours or a
+            ``base_color_texture``, and a light grey where there is neither.
+        """
+        if self.base_color is not None:
+            return cast("tuple[float, float, float, float]", self.base_color)
+        return WHITE if has_colors or self.base_color_texture is not None else LIGHT_GREY
 
     def textures_read(self) -> tuple[Texture | None, ...]:
         """Return the textures that make a difference, in the order of ``TEXTURE_FIELDS``."""
@@ -180,6 +207,7 @@ class Material:
         )
 
 
+@says_replace
 @dataclass(frozen=True)
 class UnsaidMaterial(Material):
     """
@@ -191,8 +219,7 @@ class UnsaidMaterial(Material):
 
     def in_environment(self) -> Material:
         """Return the material that is in force in a scene with an environment."""
-        unchanged = UnsaidMaterial(), UnsaidMaterial(base_color="white")
-        if self not in unchanged:
+        if self != UnsaidMaterial():
             return self
         return Material(shading="pbr", base_color="white", metallic=1.0, roughness=1.0)
 

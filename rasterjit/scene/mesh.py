@@ -1,49 +1,58 @@
 """
 Hold indexed triangle meshes, and show meshes and scenes in notebooks.
 
-A mesh is checked once, when it is made, and shared by every scene that shows it.
-
-Notebooks show meshes and scenes as small pictures. As scenes know nothing of how they are rendered,
-`set_painter` registers the function that draws these pictures.
+A mesh is checked once, when it is made, and shared by every scene that shows it. Notebooks show
+meshes and scenes as small pictures.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
+import copy
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rasterjit.scene.assigning import Guarded
 from rasterjit.scene.color import linear_rows
+from rasterjit.scene.hooks import HOOKS
 from rasterjit.scene.material import Material
 from rasterjit.scene.normals import (
     GROUPS,
     crease_normals,
+    is_creased,
     safe_scale,
     smooth_normals,
     unit_rows,
     vertex_tangents,
 )
-from rasterjit.scene.texture import UV_NAMES
+from rasterjit.scene.texture import UV_NAMES, UVSet
 from rasterjit.scene.validation import (
     MaskedError,
-    check_field,
     finite_number,
     in_short,
     one_of,
     read_only,
     unmasked_array,
 )
+from rasterjit.scene.warning import warn_caller
+
+if TYPE_CHECKING:
+    import trimesh
 
 _CHUNK = 1 << 18
 """Vertices looked at at once where a temporary of the whole mesh would cost memory."""
 
+ATTRIBUTE = "attribute:"
+"""What the name of an output begins with that shows an attribute of meshes."""
+
 _LARGEST_FLOAT32 = float(np.finfo(np.float32).max)
 
-Painter = Callable[[Any], "bytes | None"]
-
-_PAINTERS: list[Painter] = []
+OnInvalid: TypeAlias = Literal["raise", "drop"]
+ON_INVALID: tuple[OnInvalid, ...] = get_args(OnInvalid)
+"""What to do about vertices that are NaN or infinite: refuse the mesh; leave out their faces."""
 
 
 class Previewed:
@@ -51,10 +60,10 @@ class Previewed:
 
     def _repr_png_(self) -> bytes | None:
         """Return a small picture as PNG; None if there is nothing to see."""
-        return _PAINTERS[0](self) if _PAINTERS else None
+        return HOOKS["picture"](self) if "picture" in HOOKS else None
 
 
-class Mesh(Previewed):
+class Mesh(Guarded, Previewed):
     """
     Triangles that share vertices, with optional colours, normals and texture coordinates.
 
@@ -69,9 +78,12 @@ class Mesh(Previewed):
         Vertex numbers, counter-clockwise seen from the front.
     colors : (V, 3|4) or (F, 3|4) array_like, optional
         Colour of each vertex or, with F rows, of each face (V rows win where V equals F). ``uint8``
-        is sRGB; floats in 0..1 are linear light. They multiply the material's ``base_color``.
+        is sRGB; floats in 0..1 are linear light. They are drawn as given; a ``base_color`` that is
+        given to the material multiplies them.
     normals : (V, 3) array_like, optional
-        Model-space vertex normals of any length; a zero normal stays zero.
+        Model-space vertex normals of any length; a zero normal stays zero. Default: where they are
+        needed, averages of the faces around each vertex, which round off sharp edges; see
+        `split_creases`.
     uv : (V, 2) array_like, optional
         Texture coordinates.
     uv1 : (V, 2) array_like, optional
@@ -80,8 +92,11 @@ class Mesh(Previewed):
         For normal maps: the model-space direction in which u grows, of any length, and 1 where v
         grows to the left of it seen from the front, -1 where to the right. Default: what ``uv``
         says.
+    attributes : mapping of str to (V, D) or (F, D) array_like, optional
+        Values of one's own by name, any D >= 1, stored as float32: of each vertex or, with F rows,
+        of each face (V rows win where V equals F). ``outputs="attribute:heat"`` shows ``"heat"``.
     material : Material, optional
-        Default ``Material()``, with a white ``base_color`` if the mesh has colours.
+        Default ``Material()``.
     on_invalid : {"raise", "drop"}
         What to do about NaN or infinite vertices: refuse the mesh, or keep its arrays as they are
         for the renderer to leave out the faces that touch one.
@@ -100,6 +115,9 @@ class Mesh(Previewed):
         If anything else than ``material`` is assigned.
     """
 
+    _FIELDS = ("material",)
+    _INSTEAD = "make another Mesh"
+
     def __init__(
         self,
         vertices: ArrayLike,
@@ -110,10 +128,11 @@ class Mesh(Previewed):
         uv: ArrayLike | None = None,
         uv1: ArrayLike | None = None,
         tangents: ArrayLike | None = None,
+        attributes: Mapping[str, ArrayLike] | None = None,
         material: Material | None = None,
-        on_invalid: str = "raise",
+        on_invalid: OnInvalid = "raise",
     ) -> None:
-        one_of("on_invalid", on_invalid, ("raise", "drop"))
+        one_of("on_invalid", on_invalid, ON_INVALID)
         self._vertices = read_only(_vertex_array(vertices))
         self._faces = read_only(face_array(faces, len(self._vertices)))
         self._invalid_vertices = _count_invalid(self._vertices, on_invalid)
@@ -133,9 +152,11 @@ class Mesh(Previewed):
         self._tangents: NDArray[np.float32] | None = None
         if tangents is not None:
             self._tangents = read_only(_tangent_array(tangents, len(self._vertices)))
-        if material is None:
-            material = Material() if colors is None else Material(base_color="white")
-        self.material = material
+        self._vertex_attributes: dict[str, NDArray[np.float32]] = {}
+        self._face_attributes: dict[str, NDArray[np.float32]] = {}
+        if attributes is not None:
+            self._store_attributes(attributes)
+        self.material = Material() if material is None else material
         self._bounds: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
         self._vertex_normals: NDArray[np.float32] | None = self.normals
         self._is_closed: bool | None = None
@@ -186,6 +207,16 @@ class Mesh(Previewed):
         return self._tangents
 
     @property
+    def vertex_attributes(self) -> Mapping[str, NDArray[np.float32]]:
+        """Values of one's own of the vertices, by name: (V, D) float32, read-only."""
+        return MappingProxyType(self._vertex_attributes)
+
+    @property
+    def face_attributes(self) -> Mapping[str, NDArray[np.float32]]:
+        """Values of one's own of the faces, by name: (F, D) float32, read-only."""
+        return MappingProxyType(self._face_attributes)
+
+    @property
     def material(self) -> Material:
         """How the surface is shaded; another may be assigned."""
         return self._material
@@ -196,11 +227,6 @@ class Mesh(Previewed):
             raise ValueError(f"material must be a Material, got {in_short(value)}")
         self._material = value
 
-    def __setattr__(self, name: str, value: Any) -> None:
-        if not isinstance(getattr(type(self), name, None), property):
-            check_field(self, name, ("material",))
-        super().__setattr__(name, value)
-
     @property
     def invalid_vertices(self) -> int:
         """Number of vertices with a NaN or infinite coordinate."""
@@ -209,6 +235,8 @@ class Mesh(Previewed):
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Fill a copy, or what was pickled; its arrays are read-only too."""
         for name, value in state.items():
+            if isinstance(value, dict):
+                value = {own: read_only(values) for own, values in value.items()}
             self.__dict__[name] = read_only(value) if isinstance(value, np.ndarray) else value
 
     def __repr__(self) -> str:
@@ -226,6 +254,26 @@ class Mesh(Previewed):
                 f"colors must have one row per vertex ({len(self.vertices)}) or per face "
                 f"({len(self.faces)}), got {len(rgba)}"
             )
+
+    def _store_attributes(self, attributes: Mapping[str, ArrayLike]) -> None:
+        """Store attributes by vertex or by face, as their numbers of rows tell."""
+        if not isinstance(attributes, Mapping):
+            raise ValueError(
+                f"attributes must be a mapping of names to arrays, got {in_short(attributes)}"
+            )
+        for name, given in attributes.items():
+            if not isinstance(name, str) or not name:
+                raise ValueError(f"attributes must have texts as names, got {in_short(name)}")
+            values = read_only(value_rows(f"attributes[{name!r}]", given))
+            if len(values) == len(self.vertices):
+                self._vertex_attributes[name] = values
+            elif len(values) == len(self.faces):
+                self._face_attributes[name] = values
+            else:
+                raise ValueError(
+                    f"attributes[{name!r}] must have one row per vertex ({len(self.vertices)}) or "
+                    f"per face ({len(self.faces)}), got {len(values)}"
+                )
 
     def used_vertices(self) -> NDArray[np.bool_]:
         """Mark the vertices, (V,) bool, that are finite and belong to a face."""
@@ -278,14 +326,25 @@ class Mesh(Previewed):
         -------
         (V, 3) float32
             Model-space unit normals, cached; zero where no face with an area touches the vertex.
+
+        Warns
+        -----
+        UserWarning
+            If the averages round off the sharp edges of a mesh that has many, as a box.
         """
         if self._vertex_normals is None:
             normals = smooth_normals(self.vertices, self.faces, self._scale())
             self._vertex_normals = read_only(normals)
+            if is_creased(self.vertices, self.faces, self._scale()):
+                warn_caller(
+                    f"sharp edges are rounded off: {self!r} was given no normals, and those made "
+                    "for it are averages across its edges; draw mesh.split_creases(), shade it "
+                    "'flat', or give it normals"
+                )
         return self._vertex_normals
 
     def vertex_tangents(
-        self, transform: tuple[float, ...] | None = None, uv_set: int = 0
+        self, transform: tuple[float, ...] | None = None, uv_set: UVSet = 0
     ) -> NDArray[np.float32]:
         """
         Return the given tangents, or those that texture coordinates say.
@@ -324,7 +383,7 @@ class Mesh(Previewed):
         when their coordinates are the same bits, whatever vertex they belong to, so the seams of
         a texture and the loose triangles of an STL file are smooth too. Vertices are duplicated
         where their corners differ, and merged if they carry neither colours nor texture coordinates
-        nor ``tangents``.
+        nor ``tangents`` nor attributes.
 
         Parameters
         ----------
@@ -345,7 +404,7 @@ class Mesh(Previewed):
         if not 0.0 <= angle <= 180.0:
             raise ValueError(f"angle must lie in 0..180 degrees, got {angle!r}")
         carried = self.vertex_colors, *self.uv_sets, self.tangents
-        plain = all(values is None for values in carried)
+        plain = all(values is None for values in carried) and not self._vertex_attributes
         split = crease_normals(self.vertices, self.faces, self._scale(), angle, merge=plain)
         # The arrays come from a checked mesh: fill the new one without checking them again.
         result = Mesh.__new__(Mesh)
@@ -361,11 +420,37 @@ class Mesh(Previewed):
         result._tangents = None
         if self.tangents is not None:
             result._tangents = read_only(self.tangents[split.sources])
+        result._vertex_attributes = {
+            name: read_only(values[split.sources])
+            for name, values in self._vertex_attributes.items()
+        }
+        result._face_attributes = self._face_attributes
         result._normals = result._vertex_normals = read_only(split.normals)
         result._material = self.material
         result._invalid_vertices = _count_invalid(result.vertices, "drop")
         result._bounds = self._bounds
         result._is_closed = self._is_closed
+        return result
+
+    def to_trimesh(self) -> trimesh.Trimesh:
+        """
+        Return a ``trimesh.Trimesh`` of the same vertices and faces, in the same order.
+
+        It has the normals that are in force, colours as bytes in sRGB, ``uv`` and attributes. A
+        material becomes ``PBRMaterial`` or, of Blinn-Phong, ``SimpleMaterial``, with pictures of
+        8 bits.
+
+        Warns
+        -----
+        SaveWarning
+            Once, naming what trimesh has no place for.
+        """
+        return HOOKS["to_trimesh"](self)
+
+    def without_colors(self) -> Mesh:
+        """Return the same mesh without vertex and face colours."""
+        result = copy.copy(self)
+        result._vertex_colors = result._face_colors = None
         return result
 
     def _scale(self) -> float:
@@ -409,6 +494,28 @@ def _numbers(name: str, value: ArrayLike, kinds: str, shape: tuple[int | None, i
     if array.ndim != 2 or array.shape[1] != columns or rows not in (None, array.shape[0]):
         raise ValueError(f"{name} must have shape {wanted}, got {array.shape}")
     return array
+
+
+def value_rows(name: str, value: ArrayLike) -> NDArray[np.float32]:
+    """Return a copy of values, (N, D) float32, C order, finite, or raise ``ValueError``."""
+    try:
+        array = unmasked_array(name, value)
+    except MaskedError:
+        raise
+    except ValueError:
+        raise ValueError(f"{name} must be an array of numbers, got {in_short(value)}") from None
+    if array.dtype.kind not in "uif":
+        raise ValueError(f"{name} must hold numbers, got an array of dtype {array.dtype}")
+    if array.ndim != 2 or array.size == 0:
+        hint = "; reshape(-1, 1) makes one column of it" if array.ndim == 1 else ""
+        raise ValueError(f"{name} must have shape (n, D), D >= 1, got {array.shape}{hint}")
+    low, high = float(array.min()), float(array.max())
+    if not (np.isfinite(low) and np.isfinite(high)):
+        count = int((~np.isfinite(array)).any(axis=1).sum())
+        raise ValueError(f"{name} must be finite, got {count} rows with NaN or infinity")
+    if max(-low, high) > _LARGEST_FLOAT32:
+        raise ValueError(f"{name} must fit float32, got {max(-low, high)!r} in size")
+    return np.array(array, dtype=np.float32, order="C")
 
 
 def _vertex_array(value: ArrayLike) -> NDArray[np.float64]:
@@ -492,6 +599,21 @@ def _tangent_array(value: ArrayLike, vertex_count: int) -> NDArray[np.float32]:
     return tangents
 
 
-def set_painter(painter: Painter) -> None:
-    """Let a function draw the pictures from now on: it takes a scene or mesh, and returns a PNG."""
-    _PAINTERS[:] = [painter]
+def with_face_values(
+    mesh: Mesh,
+    colors: NDArray[np.float32] | None,
+    attributes: Mapping[str, NDArray[np.float32]],
+) -> Mesh:
+    """
+    Give a new mesh what belongs to its faces, be there as many vertices or not; return it.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    colors : (F, 4) float32, linear RGBA, or None
+    attributes : mapping of str to (F, D) float32
+        Both as a checked mesh has them.
+    """
+    mesh._face_colors = colors
+    mesh._face_attributes = {name: read_only(values) for name, values in attributes.items()}
+    return mesh

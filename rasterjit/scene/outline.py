@@ -4,19 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
+from rasterjit.scene.assigning import says_replace
 from rasterjit.scene.color import ColorLike, linear_color
 from rasterjit.scene.validation import bounded_number
 
-EDGE_KINDS = ("silhouette", "object", "crease")
+EdgeKind: TypeAlias = Literal["silhouette", "object", "crease"]
+EDGE_KINDS: tuple[EdgeKind, ...] = get_args(EdgeKind)
 """What an outline may follow."""
 
 WIDEST = 64
 """Widest line, pixels."""
 
 
+@says_replace
 @dataclass(frozen=True)
 class Outline:
     """
@@ -47,7 +51,7 @@ class Outline:
 
     color: ColorLike = "black"
     width: int = 1
-    edges: Sequence[str] = EDGE_KINDS
+    edges: Sequence[EdgeKind] = EDGE_KINDS
     crease_angle: float = 40.0
 
     def __post_init__(self) -> None:

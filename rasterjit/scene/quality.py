@@ -4,28 +4,41 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal, TypeAlias, get_args
 
+from rasterjit.scene.assigning import says_replace
 from rasterjit.scene.validation import bounded_number, one_of
 
+SubpixelBits: TypeAlias = Literal[0, 4, 8, 12]
+Samples: TypeAlias = Literal[1, 2, 4, 8, 16, "area", 64, 256]
+Interpolation: TypeAlias = Literal["affine", "perspective"]
+DepthFormat: TypeAlias = Literal["unorm16", "unorm24", "float32", "float32-reversed", "float64"]
+Precision: TypeAlias = Literal["float32", "float64"]
+FinestShading: TypeAlias = Literal["face", "vertex", "pixel"]
+TextureFilter: TypeAlias = Literal[
+    "nearest", "bilinear", "trilinear", "anisotropic2", "anisotropic4", "anisotropic8",
+    "anisotropic16",
+]  # fmt: skip
+ShadowTaps: TypeAlias = Literal[1, 9]
+TransparencyLayers: TypeAlias = Literal[1, 2, 4, 8, "all"]
+Blending: TypeAlias = Literal["srgb8", "linear"]
+Lines: TypeAlias = Literal["bresenham", "coverage"]
+
 LEVELS: dict[str, tuple[Any, ...]] = {
-    "subpixel_bits": (0, 4, 8, 12),
-    "samples": (1, 2, 4, 8, 16, "area", 64, 256),
-    "interpolation": ("affine", "perspective"),
-    "depth_format": ("unorm16", "unorm24", "float32", "float32-reversed", "float64"),
-    "precision": ("float32", "float64"),
-    "shading": ("face", "vertex", "pixel"),
+    "subpixel_bits": get_args(SubpixelBits),
+    "samples": get_args(Samples),
+    "interpolation": get_args(Interpolation),
+    "depth_format": get_args(DepthFormat),
+    "precision": get_args(Precision),
+    "shading": get_args(FinestShading),
     "renormalize": (False, True),
-    "texture_filter": (
-        "nearest", "bilinear", "trilinear", "anisotropic2", "anisotropic4", "anisotropic8",
-        "anisotropic16",
-    ),
+    "texture_filter": get_args(TextureFilter),
     "shadow_size": (256, 512, 1024, 2048, 4096, 8192),
-    "shadow_taps": (1, 9),
-    "transparency_layers": (1, 2, 4, 8, "all"),
-    "blending": ("srgb8", "linear"),
-    "lines": ("bresenham", "coverage"),
-}  # fmt: skip
+    "shadow_taps": get_args(ShadowTaps),
+    "transparency_layers": get_args(TransparencyLayers),
+    "blending": get_args(Blending),
+    "lines": get_args(Lines),
+}
 """The settings of `Quality`, each with its levels, from the least accurate one on."""
 
 SUPERSAMPLED = (64, 256)
@@ -35,6 +48,7 @@ LEAST_SHADOW, LARGEST_SHADOW = 16, 8192
 """Side of a shadow map, texels."""
 
 
+@says_replace
 @dataclass(frozen=True)
 class Quality:
     """
@@ -109,19 +123,19 @@ class Quality:
         If a setting is not one of its levels.
     """
 
-    subpixel_bits: int = 8
-    samples: int | str = 1
-    interpolation: str = "perspective"
-    depth_format: str = "float32-reversed"
-    precision: str = "float64"
-    shading: str = "pixel"
+    subpixel_bits: SubpixelBits = 8
+    samples: Samples = 1
+    interpolation: Interpolation = "perspective"
+    depth_format: DepthFormat = "float32-reversed"
+    precision: Precision = "float64"
+    shading: FinestShading = "pixel"
     renormalize: bool = True
-    texture_filter: str | None = None
+    texture_filter: TextureFilter | None = None
     shadow_size: int | None = None
-    shadow_taps: int | None = None
-    transparency_layers: int | str = "all"
-    blending: str = "linear"
-    lines: str = "bresenham"
+    shadow_taps: ShadowTaps | None = None
+    transparency_layers: TransparencyLayers = "all"
+    blending: Blending = "linear"
+    lines: Lines = "bresenham"
 
     def __post_init__(self) -> None:
         for name in LEVELS:

@@ -2,34 +2,38 @@
 
 from __future__ import annotations
 
+import difflib
 import math
-from collections.abc import Iterator, Sequence
+import os
+import weakref
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.scene.ambient_occlusion import AmbientOcclusion
+from rasterjit.scene.assigning import Guarded
 from rasterjit.scene.environment import Environment
 from rasterjit.scene.fog import Fog
+from rasterjit.scene.hooks import HOOKS
 from rasterjit.scene.light import Light
 from rasterjit.scene.mesh import Mesh, Previewed
+from rasterjit.scene.node import Node, scene_of, topmost, with_all_below
 from rasterjit.scene.outline import Outline
 from rasterjit.scene.tone_map import ToneMap
 from rasterjit.scene.transforms import transform_instances
-from rasterjit.scene.validation import check_field, finite_array, read_only
+from rasterjit.scene.validation import in_short
 from rasterjit.scene.vignette import Vignette
 from rasterjit.scene.wireframe import Wireframe
 
 if TYPE_CHECKING:
+    import trimesh
+
     from rasterjit.scene.camera import MatrixCamera, OrthographicCamera, PerspectiveCamera
 
 _CHUNK = 1 << 18
 """Vertices transformed at once while measuring a scene."""
-
-_LAST_ROW_ROUNDING = 1e-9
-"""How far a transform's last row may be from 0, 0, 0, 1, as left by products and inverses."""
-
 
 EFFECT_FIELDS: dict[str, tuple[type, str]] = {
     "wireframe": (Wireframe, "a Wireframe"),
@@ -43,87 +47,16 @@ EFFECT_FIELDS: dict[str, tuple[type, str]] = {
 """The fields of a scene that ask for effects: what they hold if not None, and that in words."""
 
 
-class Node:
-    """
-    One mesh at one place; two nodes with the same mesh are instances of it.
-
-    Parameters
-    ----------
-    mesh : Mesh
-    world_from_model : (4, 4) array_like
-        Affine transform of column vectors; it may mirror or flatten the mesh. Assigning a new one
-        moves the mesh.
-    name : str
-
-    Raises
-    ------
-    ValueError
-        If ``mesh`` is not a `Mesh`, or the transform is not 4×4, finite and affine.
-    AttributeError
-        If anything else is assigned than these three.
-    """
-
-    _FIELDS = ("mesh", "world_from_model", "name")
-
-    def __init__(self, mesh: Mesh, world_from_model: ArrayLike, name: str) -> None:
-        self.mesh = mesh
-        self.world_from_model = world_from_model
-        self.name = name
-
-    def __setattr__(self, name: str, value: Any) -> None:
-        check_field(self, name, self._FIELDS)
-        super().__setattr__(name, value)
-
-    @property
-    def mesh(self) -> Mesh:
-        """What stands there; another may be assigned."""
-        return self._mesh
-
-    @mesh.setter
-    def mesh(self, value: Mesh) -> None:
-        if not isinstance(value, Mesh):
-            raise ValueError(
-                f"mesh must be a rasterjit Mesh, got {type(value).__name__}; rasterjit.load and "
-                "rasterjit.render take files and trimesh objects"
-            )
-        self._mesh = value
-
-    @property
-    def world_from_model(self) -> NDArray[np.float64]:
-        """Affine transform, (4, 4) float64, read-only, from the mesh's space to the world."""
-        return self._world_from_model
-
-    @world_from_model.setter
-    def world_from_model(self, value: ArrayLike) -> None:
-        self._world_from_model = _affine("transform", value)
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        """Fill a copy, or what was pickled; its matrix is read-only too."""
-        self.__dict__.update(state)
-        self._world_from_model = read_only(self._world_from_model)
-
-    def __repr__(self) -> str:
-        return f"Node({self.name!r}, {self.mesh!r})"
-
-
-def meshes_of(nodes: Sequence[Node]) -> list[Mesh]:
-    """Return the mesh of each node; four times faster than by its property."""
-    return [node._mesh for node in nodes]
-
-
-def matrices_of(nodes: Sequence[Node]) -> list[NDArray[np.float64]]:
-    """Return ``world_from_model``, (4, 4) float64, of each node."""
-    return [node._world_from_model for node in nodes]
-
-
-class Scene(Previewed):
+class Scene(Guarded, Previewed):
     """
     Meshes at their places, with lights and perhaps a camera.
 
     Attributes
     ----------
     nodes : list of Node
-        In the order they were added; a node's index is its object number.
+        Those that have a mesh, in the order they were added; a node's index is its object number.
+        `add` and `remove` see to nodes that hang below others; of a list that is made otherwise,
+        those that are in it are drawn.
     lights : list of AmbientLight, DirectionalLight, PointLight or SpotLight
         In any order and number; a light's index is the number that plans and explanations call it
         by. Their light adds up. Empty means that the renderer adds a headlight (a directional
@@ -165,41 +98,281 @@ class Scene(Previewed):
         self.ambient_occlusion: AmbientOcclusion | None = None
         self.outline: Outline | None = None
         self.vignette: Vignette | None = None
+        # Topmost nodes without a mesh, which may have none below them either; how many objects
+        # were removed, so that default names stay apart.
+        self._groups: dict[Node, None] = {}
+        self._removed = 0
 
-    def __setattr__(self, name: str, value: Any) -> None:
-        check_field(self, name, self._FIELDS)
-        super().__setattr__(name, value)
+    def __copy__(self) -> Scene:
+        """Return a scene of the same lists."""
+        other = object.__new__(type(self))
+        other.__dict__.update(self.__dict__)
+        return other
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what is deeply copied or pickled; nodes are alone, and what joins them beside."""
+        links = [(node, node.parent, node.transform) for node in self.every_node() if node.parent]
+        return {**self.__dict__, "links": links}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Fill a copy, or what was pickled, whose nodes are its own."""
+        state = dict(state)
+        for node, parent, transform in state.pop("links"):
+            # Scenes that share nodes may be copied together.
+            if node.parent is None:
+                node._link(parent, transform)
+        self.__dict__.update(state)
+        for top in map(topmost, (*self.nodes, *self._groups)):
+            top._scene = weakref.ref(self)
 
     def __repr__(self) -> str:
-        faces = sum(len(node.mesh.faces) for node in self.nodes)
+        faces = sum(len(node.mesh.faces) for node in self.nodes if node.mesh is not None)
         return f"Scene({len(self.nodes)} objects, {faces} faces, {len(self.lights)} lights)"
 
-    def add(self, mesh: Mesh, transform: ArrayLike | None = None, name: str | None = None) -> Node:
+    def add(
+        self,
+        mesh: Any,
+        transform: ArrayLike | None = None,
+        name: str | None = None,
+        *,
+        parent: Node | None = None,
+    ) -> Node:
         """
-        Place a mesh in the scene; adding it again makes an instance that shares its arrays.
+        Place something in the scene; adding a mesh again makes an instance that shares its arrays.
 
         Parameters
         ----------
-        mesh : Mesh
+        mesh : Mesh, Node, Scene, trimesh.Trimesh or trimesh.Scene
+            A `Node` brings all that hangs below it. Of a scene, all nodes are copied, sharing their
+            meshes, below the new node; lights, camera and effects are left out. trimesh's objects
+            bring what `load` takes of a file: colours, materials and textures.
         transform : (4, 4) array_like, optional
-            ``world_from_model``, affine, for column vectors; default the identity.
+            Affine, for column vectors: ``world_from_model``, or, with a parent, relative to it.
+            Default: the identity, or that of the `Node`.
         name : str, optional
-            Default ``"object <number>"``.
+            Default: ``"object <number>"``, as many as there are and have been removed; that of the
+            `Node`; of a scene that is more than one mesh at its origin, none.
+        parent : Node, optional
+            One of the scene's, with or without a mesh, that it moves with.
 
         Returns
         -------
         Node
-            The new last entry of ``nodes``.
+            With the mesh, the last entry of ``nodes``; of a scene, the group of its nodes.
 
         Raises
         ------
         ValueError
-            If ``mesh`` is not a `Mesh`, or the transform is not 4×4, finite and affine.
+            If ``mesh`` is none of these, is a node that hangs below another or is in a scene
+            already, or a scene without faces; if the transform is not 4×4, finite and affine; or if
+            the parent is not in the scene.
+
+        Warns
+        -----
+        LoadWarning
+            Once, naming what was left out.
         """
-        place = np.eye(4) if transform is None else transform
-        node = Node(mesh, place, f"object {len(self.nodes)}" if name is None else str(name))
-        self.nodes.append(node)
+        if parent is not None:
+            self._adopt(parent)
+        if isinstance(mesh, Node):
+            return self._add_node(mesh, transform, name, parent)
+        number = f"object {len(self.nodes) + self._removed}"
+        if isinstance(mesh, Mesh):
+            node = Node(mesh, transform, number if name is None else str(name), parent=parent)
+            if parent is None:
+                node._scene = weakref.ref(self)
+                self.nodes.append(node)
+            return node
+        found = HOOKS["scene_of_others"](mesh)
+        if _is_plain(found):
+            return self.add(found.nodes[0].mesh, transform, name, parent=parent)
+        group = _copied(found, transform, "" if name is None else str(name))
+        return self._add_node(group, None, None, parent)
+
+    def _add_node(
+        self, node: Node, transform: ArrayLike | None, name: str | None, parent: Node | None
+    ) -> Node:
+        """Add a node with all below it."""
+        if node.parent is not None:
+            raise ValueError(
+                f"mesh must be a node that hangs below no other, got {node!r} below "
+                f"{node.parent!r}; its parent may be added, or set to None before"
+            )
+        if scene_of(node) is not None or self._holds(node):
+            other = "this" if self._holds(node) or scene_of(node) is self else "another"
+            raise ValueError(
+                f"mesh must be a node in no scene, got {node!r} of {other} scene; scene.remove "
+                "takes a node out"
+            )
+        before = node.transform
+        if transform is not None:
+            node.transform = transform
+        try:
+            if parent is None:
+                self._take(node)
+            else:
+                node.parent = parent
+        except ValueError:
+            node.transform = before
+            raise
+        if name is not None:
+            node.name = str(name)
         return node
+
+    def remove(self, node: Node) -> None:
+        """
+        Take a node out of the scene, with all that hangs below it.
+
+        Objects behind it in ``nodes`` move up: an object number is the index in ``nodes`` as it is,
+        and instances of a mesh are counted anew; names stay. The node keeps what hangs below it,
+        and its ``transform``, and may be added again, here or elsewhere.
+
+        Parameters
+        ----------
+        node : Node
+            Of the scene, with or without a mesh.
+
+        Raises
+        ------
+        ValueError
+            If it is not in the scene.
+        """
+        if not isinstance(node, Node):
+            raise ValueError(f"node must be a Node, got {in_short(node)}")
+        if not self._holds(node):
+            raise ValueError(f"node must be in the scene, got {node!r}")
+        self._refuse_shared("node", node)
+        node.parent = None
+        node._scene = None
+        gone = set(with_all_below(node))
+        left = [one for one in self.nodes if one not in gone]
+        self._removed += len(self.nodes) - len(left)
+        self.nodes[:] = left
+        for group in gone:
+            self._groups.pop(group, None)
+
+    def find(self, name: str) -> Node:
+        """
+        Return the node of a name, with or without a mesh.
+
+        Parameters
+        ----------
+        name : str
+
+        Raises
+        ------
+        ValueError
+            If no node has it, or several do.
+        """
+        every = self.every_node()
+        found = [node for node in every if node.name == name]
+        if len(found) == 1:
+            return found[0]
+        if found:
+            raise ValueError(f"name must be that of one node, got {name!r} of {len(found)}")
+        near = difflib.get_close_matches(str(name), [str(node.name) for node in every])
+        hint = f"; near it are {', '.join(map(repr, near))}" if near else ""
+        raise ValueError(f"name must be that of a node of the scene, got {name!r}{hint}")
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """
+        Write the scene to a glTF 2.0 file, whole or not at all.
+
+        Nodes, their names and what hangs below what, meshes, colours, texture coordinates, normals,
+        attributes of vertices, textures, ``"pbr"`` and ``"unlit"`` materials, lights and the camera
+        are kept, so that `load` draws the same again. Blinn-Phong materials become
+        metallic-roughness ones with highlights of the same width; faces with colours of their own
+        get vertices of their own.
+
+        glTF has float32: positions are rounded to it, and so are texture coordinates, whose v it
+        counts from the top. Pictures get 8 bits a channel. Effects, shadows and ambient light have
+        no place in it.
+
+        Parameters
+        ----------
+        path : str or path-like
+            Ends in ``.glb`` or ``.gltf``; the latter holds its buffers and pictures as text. An
+            existing file is replaced.
+
+        Raises
+        ------
+        ValueError
+            If the path ends otherwise or its folder does not exist, the scene is empty, or a mesh
+            has vertices that are not finite or do not fit float32.
+        OSError
+            If the file cannot be written; an existing one is left as it was.
+
+        Warns
+        -----
+        SaveWarning
+            Once, naming what the file has not, or has in another form.
+        """
+        HOOKS["save"](self, path)
+
+    def to_trimesh(self) -> trimesh.Scene:
+        """
+        Return a ``trimesh.Scene`` with the nodes, meshes, lights and camera.
+
+        Nodes hang together as they do here, and instances share a geometry. Those whose name
+        another has, or that have none, get a number behind it. Meshes are as `Mesh.to_trimesh`
+        makes them; lights lose range and shadow, and a camera has to be a perspective.
+
+        Warns
+        -----
+        SaveWarning
+            Once, naming what trimesh has no place for.
+        """
+        return HOOKS["to_trimesh"](self)
+
+    def every_node(self) -> list[Node]:
+        """Return all nodes, with a mesh or without: tree by tree, each before those below it."""
+        tops = {id(top): top for top in map(topmost, (*self.nodes, *self._groups))}
+        return [node for top in tops.values() for node in with_all_below(top)]
+
+    def _holds(self, node: Node) -> bool:
+        """Tell whether a node was added, or is in the list."""
+        if scene_of(node) is self:
+            return True
+        return node.mesh is not None and any(node is one for one in self.nodes)
+
+    def _adopt(self, parent: Any) -> None:
+        """Raise ``ValueError`` unless a node is in the scene; know it if it is only in the list."""
+        if not isinstance(parent, Node):
+            raise ValueError(f"parent must be a Node or None, got {in_short(parent)}")
+        if not self._holds(parent):
+            raise ValueError(f"parent must be a node of the scene, got {parent!r}")
+        self._refuse_shared("parent", parent)
+        if scene_of(parent) is None:
+            self._take(parent)
+
+    def _refuse_shared(self, name: str, node: Node) -> None:
+        """Raise ``ValueError`` if a node in the list is another scene's, whose list was copied."""
+        if scene_of(node) not in (None, self):
+            raise ValueError(
+                f"{name} must be the scene's own, got {node!r}, which is another's as well; "
+                "copy.deepcopy copies a scene with its nodes"
+            )
+
+    def _take(self, node: Node, is_new: bool = False) -> None:
+        """
+        Let a node and all it hangs together with be of this scene, and list those with a mesh.
+
+        What is new is in no list yet.
+        """
+        top = topmost(node)
+        if top._scene is None or top._scene() is not self:
+            top._scene = weakref.ref(self)
+            node = top if not is_new else node
+        if top.mesh is None:
+            self._groups[top] = None
+        drawn = [one for one in with_all_below(node) if one.mesh is not None]
+        held = set(map(id, self.nodes)) if drawn and not is_new else ()
+        self.nodes += [one for one in drawn if id(one) not in held]
+
+    def _drop(self, node: Node) -> None:
+        """List a node no more that has lost its mesh."""
+        self.nodes[:] = [one for one in self.nodes if one is not node]
+        self._take(node)
 
     def bounds(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """
@@ -260,6 +433,9 @@ class Scene(Previewed):
         """Yield the used vertices of all nodes in world space, a bounded number at a time."""
         matrices_by_mesh: dict[Mesh, list[NDArray[np.float64]]] = {}
         for node in self.nodes:
+            if node.mesh is None:
+                # What draws the scene says that it should not be there.
+                continue
             matrices_by_mesh.setdefault(node.mesh, []).append(node.world_from_model)
         for mesh, matrices in matrices_by_mesh.items():
             used = mesh.used_vertices()
@@ -273,14 +449,21 @@ class Scene(Previewed):
                     yield transform_instances(some, positions).reshape(-1, 3)
 
 
-def _affine(name: str, value: ArrayLike) -> NDArray[np.float64]:
-    """Return a copy of an affine 4×4 matrix with an exact last row, or raise ``ValueError``."""
-    matrix = finite_array(name, value, (4, 4)).copy()
-    x, y, z, w = last_row = matrix[3].tolist()
-    if max(abs(x), abs(y), abs(z), abs(w - 1.0)) > _LAST_ROW_ROUNDING:
-        raise ValueError(
-            f"{name} must be affine, with the last row 0, 0, 0, 1; got {last_row} "
-            "(matrices multiply column vectors)"
-        )
-    matrix[3] = 0.0, 0.0, 0.0, 1.0
-    return read_only(matrix)
+def _is_plain(scene: Scene) -> bool:
+    """Tell whether a scene is one mesh, at the origin."""
+    if len(scene.nodes) != 1:
+        return False
+    (node,) = scene.nodes
+    is_alone = node.parent is None and not node.children
+    return is_alone and np.array_equal(node.transform, np.eye(4))
+
+
+def _copied(scene: Scene, transform: ArrayLike | None, name: str) -> Node:
+    """Return a group of copies of a scene's nodes, which hang together as those do."""
+    group = Node(None, transform, name)
+    drawn, copies = set(map(id, scene.nodes)), {}
+    for node in scene.every_node():
+        above = group if node.parent is None else copies[id(node.parent)]
+        mesh = node.mesh if id(node) in drawn else None
+        copies[id(node)] = Node(mesh, node.transform, node.name, parent=above)
+    return group

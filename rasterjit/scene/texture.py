@@ -9,11 +9,12 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cache, cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rasterjit.scene.assigning import says_replace
 from rasterjit.scene.color import srgb_to_linear
 from rasterjit.scene.transforms import sine_cosine
 from rasterjit.scene.validation import (
@@ -31,22 +32,27 @@ from rasterjit.scene.validation import (
 if TYPE_CHECKING:
     from PIL import Image
 
-WRAPS = ("repeat", "clamp", "mirror")
+Wrap: TypeAlias = Literal["repeat", "clamp", "mirror"]
+WRAPS: tuple[Wrap, ...] = get_args(Wrap)
 """What lies outside 0..1: the picture again; its border texels; the picture, turned every time."""
 
-FILTERS = ("nearest", "bilinear", "trilinear")
+Filter: TypeAlias = Literal["nearest", "bilinear", "trilinear"]
+FILTERS: tuple[Filter, ...] = get_args(Filter)
 """One texel; four texels, mixed by distance; the same from the two levels around the footprint."""
 
-COLOR_SPACES = ("srgb", "linear")
+ColorSpace: TypeAlias = Literal["srgb", "linear"]
+COLOR_SPACES: tuple[ColorSpace, ...] = get_args(ColorSpace)
 """What the integers of a picture are: codes of colours; shares of 1, as in a map of normals."""
 
-ANISOTROPIES = (1, 2, 4, 8, 16)
+Anisotropy: TypeAlias = Literal[1, 2, 4, 8, 16]
+ANISOTROPIES: tuple[Anisotropy, ...] = get_args(Anisotropy)
 """Into how many parts, at most, the footprint of a pixel is divided."""
 
 UV_NAMES = ("uv", "uv1")
 """What a mesh calls its sets of texture coordinates."""
 
-UV_SETS = tuple(range(len(UV_NAMES)))
+UVSet: TypeAlias = Literal[0, 1]
+UV_SETS: tuple[UVSet, ...] = get_args(UVSet)
 """Their numbers."""
 
 FARTHEST_MOVE = 1e6
@@ -117,6 +123,7 @@ class Pyramid:
         return self._texels
 
 
+@says_replace
 @dataclass(frozen=True, eq=False)
 class Texture:
     """
@@ -174,14 +181,14 @@ class Texture:
     """
 
     image: ArrayLike = field(repr=False)
-    wrap: str | tuple[str, str] = field(default="repeat", kw_only=True)
-    filter: str = field(default="trilinear", kw_only=True)
-    color_space: str = field(default="srgb", kw_only=True)
-    anisotropy: int = field(default=1, kw_only=True)
+    wrap: Wrap | tuple[Wrap, Wrap] = field(default="repeat", kw_only=True)
+    filter: Filter = field(default="trilinear", kw_only=True)
+    color_space: ColorSpace = field(default="srgb", kw_only=True)
+    anisotropy: Anisotropy = field(default=1, kw_only=True)
     offset: tuple[float, float] = field(default=(0.0, 0.0), kw_only=True)
     rotation: float = field(default=0.0, kw_only=True)
     scale: tuple[float, float] = field(default=(1.0, 1.0), kw_only=True)
-    uv_set: int = field(default=0, kw_only=True)
+    uv_set: UVSet = field(default=0, kw_only=True)
 
     def __post_init__(self) -> None:
         wrap = (self.wrap, self.wrap) if isinstance(self.wrap, str) else self.wrap
@@ -238,14 +245,14 @@ class Texture:
         cls,
         path: str | os.PathLike[str],
         *,
-        wrap: str | tuple[str, str] = "repeat",
-        filter: str = "trilinear",
-        color_space: str = "srgb",
-        anisotropy: int = 1,
+        wrap: Wrap | tuple[Wrap, Wrap] = "repeat",
+        filter: Filter = "trilinear",
+        color_space: ColorSpace = "srgb",
+        anisotropy: Anisotropy = 1,
         offset: tuple[float, float] = (0.0, 0.0),
         rotation: float = 0.0,
         scale: tuple[float, float] = (1.0, 1.0),
-        uv_set: int = 0,
+        uv_set: UVSet = 0,
     ) -> Texture:
         """
         Read a texture from a picture: PNG, JPEG, WebP, TIFF, BMP, TGA or GIF.
@@ -266,7 +273,7 @@ class Texture:
             takes; the message names it.
         """
         return cls(
-            _read_picture(existing_file("path", path)), wrap=wrap, filter=filter,
+            read_picture("path", existing_file("path", path)), wrap=wrap, filter=filter,
             color_space=color_space, anisotropy=anisotropy, offset=offset, rotation=rotation,
             scale=scale, uv_set=uv_set,
         )  # fmt: skip
@@ -286,7 +293,7 @@ class Texture:
         other._set_transform(offset, rotation, scale)
         return other
 
-    def with_filter(self, filter: str, anisotropy: int = 1) -> Texture:
+    def with_filter(self, filter: Filter, anisotropy: Anisotropy = 1) -> Texture:
         """
         Return the texture filtered otherwise; texels and mip levels are shared, not copied.
 
@@ -296,7 +303,7 @@ class Texture:
         other._set_filter(filter, anisotropy)
         return other
 
-    def with_uv_set(self, uv_set: int) -> Texture:
+    def with_uv_set(self, uv_set: UVSet) -> Texture:
         """
         Return the texture laid by other coordinates; texels and mip levels are shared, not copied.
 
@@ -387,10 +394,24 @@ def opened_picture(name: str, source: Any) -> Iterator[Image.Image]:
             yield image
 
 
-def _read_picture(file: Path) -> NDArray[Any]:
-    """Decode the first picture of a file, or raise ``ValueError`` naming the file."""
+def read_picture(name: str, file: Path, *, is_turned: bool = False) -> NDArray[Any]:
+    """
+    Decode the first picture of a file, or raise ``ValueError`` naming the file.
+
+    Parameters
+    ----------
+    name : str
+        What the message calls the argument.
+    file : Path
+    is_turned : bool
+        Whether it is turned upright, as EXIF data say, with which cameras write what they held.
+    """
     try:
         with opened_picture(f"the picture {str(file)!r}", file) as image:
+            if is_turned:
+                from PIL import ImageOps
+
+                ImageOps.exif_transpose(image, in_place=True)
             mode = image.mode
             pixels = np.asarray(image.convert("RGBA") if mode in _CONVERTED_MODES else image)
     except PictureSizeError:
@@ -400,7 +421,7 @@ def _read_picture(file: Path) -> NDArray[Any]:
         reason = str(error) or type(error).__name__
         if type(error).__name__ == "UnidentifiedImageError":
             reason = f"it is none of {', '.join(PICTURE_FORMATS)}"
-        raise ValueError(f"path must be a picture, but {str(file)!r} is not: {reason}") from error
+        raise ValueError(f"{name} must be a picture, but {str(file)!r} is not: {reason}") from error
     if mode == "I":
         # Pillow's name for 16-bit grey in 32-bit integers.
         pixels = np.clip(pixels, 0, 65535).astype(np.uint16)

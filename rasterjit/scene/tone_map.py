@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Literal, TypeAlias, get_args
 
+from rasterjit.scene.assigning import says_replace
 from rasterjit.scene.validation import bounded_number, one_of
 
-CURVES = ("none", "reinhard", "aces", "neutral")
+Curve: TypeAlias = Literal["none", "reinhard", "aces", "neutral"]
+CURVES: tuple[Curve, ...] = get_args(Curve)
 """Names of the tone curves."""
 
 MOST_STOPS = 32.0
@@ -17,6 +20,7 @@ WHITES = 1e-6, 1e12
 """Least and largest white, if it is not infinite: one over its square is finite in float32."""
 
 
+@says_replace
 @dataclass(frozen=True)
 class ToneMap:
     """
@@ -57,7 +61,7 @@ class ToneMap:
     .. [3] The Khronos Group, "Khronos PBR Neutral Tone Mapper", 2024.
     """
 
-    curve: str = "neutral"
+    curve: Curve = "neutral"
     exposure: float = 0.0
     white: float = math.inf
 

@@ -16,7 +16,7 @@ import functools
 import itertools
 import math
 from fractions import Fraction
-from typing import Any, Literal
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -33,6 +33,10 @@ from rasterjit.scene.validation import (
 
 Matrix = NDArray[np.float64]
 _Triple = tuple[float, float, float]
+
+ViewportConvention: TypeAlias = Literal["edges", "centers"]
+VIEWPORT_CONVENTIONS: tuple[ViewportConvention, ...] = get_args(ViewportConvention)
+"""Where NDC -1 and 1 lie: on the borders of the picture; on the centres of its outer pixels."""
 
 _BITS = 128
 """Fractional bits of the fixed-point series: 75 more than a float64 keeps."""
@@ -584,7 +588,7 @@ def orthographic(
     return matrix + 0.0
 
 
-def viewport(width: int, height: int, convention: Literal["edges", "centers"] = "edges") -> Matrix:
+def viewport(width: int, height: int, convention: ViewportConvention = "edges") -> Matrix:
     """
     Return ``screen_from_ndc``: x right, y down, pixels; depth passes through unchanged.
 
@@ -601,7 +605,7 @@ def viewport(width: int, height: int, convention: Literal["edges", "centers"] = 
         If a side is not a whole number in 1..16384, or the convention is unknown.
     """
     w, h = image_size("width, height", (width, height))
-    inset = 0 if one_of("convention", convention, ("edges", "centers")) == "edges" else 1
+    inset = 0 if one_of("convention", convention, VIEWPORT_CONVENTIONS) == "edges" else 1
     matrix = np.diag([(w - inset) / 2.0, (inset - h) / 2.0, 1.0, 1.0])
     matrix[:2, 3] = w / 2.0, h / 2.0
     return matrix

@@ -7,7 +7,7 @@ import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -163,6 +163,10 @@ def read_only(array: NDArray[Any]) -> NDArray[Any]:
     return array.view()
 
 
+VectorLike: TypeAlias = Sequence[float] | NDArray[Any]
+"""Three numbers; of fields that keep a tuple of them, so that one can be read by its index."""
+
+
 def vector(name: str, value: ArrayLike) -> NDArray[np.float64]:
     """Return ``value`` as a finite float64 vector of three, or raise ``ValueError``."""
     return finite_array(name, value, (3,))
@@ -200,18 +204,6 @@ def in_short(value: Any) -> str:
         return type(value).__name__
     shown = repr(value)
     return shown if len(shown) <= LONGEST_VALUE else shown[:LONGEST_VALUE] + "..."
-
-
-def check_field(owner: Any, name: str, fields: Sequence[str]) -> None:
-    """
-    Raise ``AttributeError`` if an object that is assigned to has no such field.
-
-    Names that begin with an underscore are the object's own, or those of a class made from it.
-    """
-    if name not in fields and not name.startswith("_"):
-        listed = ", ".join(fields)
-        kind = type(owner).__name__
-        raise AttributeError(f"{kind} has no {name!r}; what can be assigned is {listed}")
 
 
 def thread_count(name: str, value: Any) -> int | None:

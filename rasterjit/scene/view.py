@@ -5,9 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+from rasterjit.scene.assigning import says_replace
 from rasterjit.scene.camera import Camera
 
 
+@says_replace
 @dataclass(frozen=True)
 class View:
     """

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from rasterjit.scene.assigning import says_replace
 from rasterjit.scene.validation import bounded_number
 
 
+@says_replace
 @dataclass(frozen=True)
 class Vignette:
     """

@@ -3,11 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal, TypeAlias, get_args
 
+from rasterjit.scene.assigning import says_replace
 from rasterjit.scene.color import ColorLike, linear_color
 from rasterjit.scene.validation import one_of
 
+WireframeMode: TypeAlias = Literal["overlay", "only"]
+WIREFRAME_MODES: tuple[WireframeMode, ...] = get_args(WireframeMode)
+"""Lines over the faces, or lines alone."""
 
+
+@says_replace
 @dataclass(frozen=True)
 class Wireframe:
     """
@@ -33,8 +40,8 @@ class Wireframe:
     """
 
     color: ColorLike = "black"
-    mode: str = "overlay"
+    mode: WireframeMode = "overlay"
 
     def __post_init__(self) -> None:
-        one_of("mode", self.mode, ("overlay", "only"))
+        one_of("mode", self.mode, WIREFRAME_MODES)
         object.__setattr__(self, "color", tuple(linear_color("color", self.color).tolist()))

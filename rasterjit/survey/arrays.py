@@ -20,7 +20,13 @@ from rasterjit.scene.material import SHADINGS
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.normals import GROUPS
 from rasterjit.scene.texture import Pyramid, Texture, level_sizes
-from rasterjit.survey.contents import may_have_holes, sets_of, textures_read
+from rasterjit.survey.contents import (
+    Attribute,
+    base_color_of,
+    may_have_holes,
+    sets_of,
+    textures_read,
+)
 from rasterjit.survey.placement import Views
 
 MODELS = {
@@ -141,12 +147,37 @@ def join_uv(meshes: Sequence[Mesh], kind: int | None = None) -> NDArray[np.float
     return _join(parts, np.full(2, np.nan, np.float32))
 
 
+def join_attribute(
+    meshes: Sequence[Mesh], name: str, attribute: Attribute
+) -> tuple[NDArray[np.float32] | None, NDArray[np.float32] | None]:
+    """
+    Join an attribute of one's own.
+
+    Returns
+    -------
+    of_vertices : (V, D) float32 or None
+    of_faces : (F+1, D) float32 or None
+        The last row, which face -1 finds, has no values. NaN stands for those of the objects
+        that have none; None where no object has any.
+    """
+    runs, nothing = runs_of(meshes), np.full(attribute.columns, np.nan, np.float32)
+    of_vertices = of_faces = None
+    if attribute.of_vertices:
+        of_vertices = _join(
+            [(mesh.vertex_attributes.get(name), len(mesh.vertices), n) for mesh, n in runs], nothing
+        )
+    if attribute.of_faces:
+        parts = [(mesh.face_attributes.get(name), len(mesh.faces), n) for mesh, n in runs]
+        of_faces = np.vstack([_join(parts, nothing), nothing])
+    return of_vertices, of_faces
+
+
 def join_surface(meshes: Sequence[Mesh], normals: NDArray[np.float32] | None) -> Surface:
     """Join what the objects look like; a kind of colour that no object has is ``None``."""
     runs = runs_of(meshes)
     rows = [
         (
-            *mesh.material.base_color,
+            *base_color_of(mesh),
             mesh.material.specular,
             mesh.material.shininess,
             MODELS[mesh.material.shading],

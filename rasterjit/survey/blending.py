@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.scene.node import Node
 from rasterjit.scene.quality import Quality
-from rasterjit.scene.scene import Node
 from rasterjit.survey.contents import in_words
 
 

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from rasterjit.pipeline.records import AlphaTests, Maps, Microfacets, Surface, Textures
 from rasterjit.scene.mesh import Mesh
+from rasterjit.scene.node import Node, check_drawn, matrices_of, meshes_of
 from rasterjit.scene.quality import Quality
-from rasterjit.scene.scene import Node, matrices_of, meshes_of
 from rasterjit.survey import arrays as plan_arrays
 from rasterjit.survey import placement
 from rasterjit.survey.arrays import (
@@ -23,7 +23,7 @@ from rasterjit.survey.arrays import (
     join_microfacets,
     join_textures,
 )
-from rasterjit.survey.contents import SMOOTH, Inventory
+from rasterjit.survey.contents import SMOOTH, Attribute, Inventory
 from rasterjit.survey.overrides import look_of, meshes_under
 from rasterjit.survey.placement import Places, mesh_boxes
 
@@ -56,6 +56,7 @@ class Shapes:
     def __init__(self, meshes: list[Mesh]) -> None:
         self.meshes = meshes
         self.distinct = list(dict.fromkeys(meshes))
+        self._attributes: dict[str, tuple[NDArray[np.float32] | None, ...]] = {}
 
     @cached_property
     def arrays(self) -> SceneArrays:
@@ -76,6 +77,12 @@ class Shapes:
     def uv(self) -> NDArray[np.float32]:
         """Texture coordinates, (V, 2); NaN where an object has none."""
         return plan_arrays.join_uv(self.meshes)
+
+    def attribute(self, name: str, attribute: Attribute) -> tuple[NDArray[np.float32] | None, ...]:
+        """Return an attribute of vertices, (V, D), and of faces, (F+1, D): `join_attribute`."""
+        if name not in self._attributes:
+            self._attributes[name] = plan_arrays.join_attribute(self.meshes, name, attribute)
+        return self._attributes[name]
 
     @cached_property
     def normals(self) -> NDArray[np.float32]:
@@ -223,6 +230,7 @@ def prepare(
     """
     meshes, matrices = meshes_of(nodes), matrices_of(nodes)
     if known is None or not _are_same(known.shapes.meshes, meshes):
+        check_drawn(nodes)
         shapes, all_tables = Shapes(meshes), {}
     else:
         shapes, all_tables = known.shapes, known.all_tables

@@ -401,7 +401,7 @@ def describe_planes(camera: Camera, cut: Sequence[Cut]) -> list[tuple[str, str]]
     if planes is None:
         return []
     rows = []
-    if planes.near > 0.0 or planes.near_steps is not None:
+    if planes.near > 0.0:
         rows.append(("near", _describe_plane(planes.near, planes.near_steps, "/")))
     if planes.far < math.inf:
         rows.append(("far", _describe_plane(planes.far, planes.far_steps, "*")))

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from rasterjit.scene.light import AmbientLight, DirectionalLight, PointLight, SpotLight
 from rasterjit.scene.material import SHADINGS, TEXTURE_FIELDS, Material
-from rasterjit.scene.mesh import Mesh
+from rasterjit.scene.mesh import ATTRIBUTE, Mesh
+from rasterjit.scene.node import Node, check_drawn, meshes_of
 from rasterjit.scene.quality import Quality
-from rasterjit.scene.scene import EFFECT_FIELDS, Node, Scene, meshes_of
+from rasterjit.scene.scene import EFFECT_FIELDS, Scene
 from rasterjit.scene.texture import UV_NAMES, Texture
 from rasterjit.survey.overrides import meshes_under
 from rasterjit.survey.placement import mesh_boxes
@@ -97,6 +98,16 @@ class Contents(NamedTuple):
         """Whether more lies over any object than a base colour."""
         laid = (count for name, count in self.textured.items() if name != "base_color_texture")
         return any(laid) or self.emitting > 0
+
+
+class Attribute(NamedTuple):
+    """What an attribute of one's own is in the meshes of a scene."""
+
+    columns: int
+    of_vertices: bool
+    """Whether any mesh has it for each vertex."""
+    of_faces: bool
+    """Whether any mesh has it for each face."""
 
 
 class Inventory:
@@ -201,6 +212,12 @@ def textures_read(material: Material) -> dict[str, Texture]:
     return {name: texture for name, texture in textures if texture is not None}
 
 
+def base_color_of(mesh: Mesh) -> tuple[float, float, float, float]:
+    """Return what multiplies the colours and the texture of a mesh, linear RGBA."""
+    has_colors = mesh.vertex_colors is not None or mesh.face_colors is not None
+    return mesh.material.base_color_over(has_colors)
+
+
 def sets_of(textures: dict[str, Texture]) -> list[int]:
     """
     Return by which coordinates each kind of texture is laid.
@@ -227,7 +244,7 @@ def may_have_holes(mesh: Mesh) -> bool:
 
 def _least_alpha(mesh: Mesh) -> np.float32:
     """Return an alpha that no point of a mesh is below: the product of the least of all parts."""
-    least = np.float32(mesh.material.base_color[3])
+    least = np.float32(base_color_of(mesh)[3])
     for colors in (mesh.vertex_colors, mesh.face_colors):
         if colors is not None and len(colors) > 0:
             least = least * colors[:, 3].min()
@@ -267,6 +284,7 @@ def take_inventory(
     bounds : (O, 2, 3) float64
         Low and high corner of each object, model space; NaN for one without a finite face.
     """
+    check_drawn(nodes)
     meshes = meshes_under(meshes_of(nodes), quality, has_environment)
     return Inventory(meshes), mesh_boxes(meshes)
 
@@ -280,6 +298,47 @@ def refuse_texture(nodes: Sequence[Node], quality: Quality) -> None:
                     f"the mesh of {node.name!r} must have {UV_NAMES[texture.uv_set]}, for its "
                     f"material has a {name}; got none"
                 )
+
+
+def find_attribute(nodes: Sequence[Node], name: str) -> Attribute:
+    """
+    Return what an attribute is in the meshes that have it.
+
+    Raises
+    ------
+    ValueError
+        If no mesh has it, or two have different numbers of columns.
+    """
+    first: tuple[str, int] | None = None
+    of_vertices = of_faces = False
+    for node in nodes:
+        by_vertex = node.mesh.vertex_attributes.get(name)
+        values = node.mesh.face_attributes.get(name) if by_vertex is None else by_vertex
+        if values is None:
+            continue
+        columns = values.shape[1]
+        if first is None:
+            first = node.name, columns
+        if columns != first[1]:
+            raise ValueError(
+                f"the mesh of {node.name!r} must have {first[1]} columns in attributes[{name!r}], "
+                f"as that of {first[0]!r} has, for one output shows both; got {columns}"
+            )
+        of_vertices |= by_vertex is not None
+        of_faces |= by_vertex is None
+    if first is None:
+        raise ValueError(
+            f"outputs has {ATTRIBUTE + name!r}, but no mesh of the scene has such an attribute; "
+            f"{_known_attributes(nodes)}"
+        )
+    return Attribute(first[1], of_vertices, of_faces)
+
+
+def _known_attributes(nodes: Sequence[Node]) -> str:
+    """Say which attributes the meshes have."""
+    meshes = dict.fromkeys(node.mesh for node in nodes)
+    names = {name for mesh in meshes for name in (*mesh.vertex_attributes, *mesh.face_attributes)}
+    return f"its meshes have {', '.join(sorted(names))}" if names else "its meshes have none"
 
 
 def check_scene(scene: Scene) -> None:

@@ -19,8 +19,8 @@ from rasterjit.pipeline.geometry.setup import LARGEST_COORDINATE
 from rasterjit.scene import transforms
 from rasterjit.scene.camera import Camera, PerspectiveCamera
 from rasterjit.scene.mesh import Mesh
+from rasterjit.scene.node import Node
 from rasterjit.scene.quality import Quality
-from rasterjit.scene.scene import Node
 from rasterjit.survey.placement import Boxes
 
 Float64 = NDArray[np.float64]

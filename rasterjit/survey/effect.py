@@ -38,8 +38,8 @@ Where effects act, in order; what each function in `Effect.places` takes and ret
 - pixel: ``(record, shown) -> (steps, shown)`` on the three rows that are shown in 8 bits; one
   effect at most.
 - mixed: ``(record, linear, background, shown)``: the same on rows that are mixed of several faces,
-  linear with straight alpha; lays them over the background, and writes what is shown. It goes with
-  "pixel".
+  linear with straight alpha; lays them over the background, (4,) or (R, W, 4), and writes what
+  is shown. It goes with "pixel".
 - background: ``(record, face_id, first_row, linear, color)``: writes where no face is.
 - overlay: ``(record, context, color)``: draws over the finished 8-bit picture.
 
@@ -141,6 +141,9 @@ class Effect:
     looks : str
         How far it looks: at a "sample", at its "neighbours", which parts of a picture do not have,
         or at the "whole" picture, which is then looked through before (`see`).
+    is_toned : bool
+        Whether what it shows where no face is goes through the tone curve; else it is shown as
+        given.
     joins_faces : bool
         Whether it draws what all faces make together: no part of a scene has it alone.
     is_explained : bool
@@ -161,6 +164,7 @@ class Effect:
     key = ""
     modes: Mapping[str, str] = {}
     looks = "sample"
+    is_toned = True
     joins_faces = False
     is_explained = False
     term = ""
@@ -275,6 +279,11 @@ class Active(NamedTuple):
 def acting(effects: Sequence[Active], place: str) -> list[Active]:
     """Return those effects that act at a place."""
     return [active for active in effects if place in active.effect.places]
+
+
+def shown_as_given(effect: Effect) -> bool:
+    """Tell whether an effect shows something behind all faces that no tone curve touches."""
+    return "background" in effect.places and not effect.is_toned
 
 
 def with_field(scene: Scene, name: str, value: Any) -> Scene:

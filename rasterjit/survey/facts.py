@@ -7,13 +7,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.scene.background import Backdrop, BackgroundImage
 from rasterjit.scene.environment import Environment
 from rasterjit.scene.light import AmbientLight
+from rasterjit.scene.mesh import ATTRIBUTE
 from rasterjit.scene.quality import SUPERSAMPLED, Quality
 from rasterjit.scene.scene import EFFECT_FIELDS, Scene
 from rasterjit.scene.wireframe import Wireframe
 from rasterjit.survey.blending import NO_TRANSPARENCY, Transparency, find_transparency
-from rasterjit.survey.contents import SMOOTH, Contents, Inventory
+from rasterjit.survey.contents import SMOOTH, Attribute, Contents, Inventory, find_attribute
 from rasterjit.survey.enclosure import Enclosures
 from rasterjit.survey.lights import NO_LIGHTS, PlannedLights, plan_lights
 from rasterjit.survey.overrides import lights_under
@@ -21,6 +23,9 @@ from rasterjit.survey.placement import Boxes, Views, are_even
 
 STANDARD = Quality.standard()
 """Settings of the quality that equal these are not reported."""
+
+NORMAL_OUTPUTS = ("normal", "normal_camera")
+"""Outputs that show vertex normals."""
 
 
 class Facts(NamedTuple):
@@ -32,7 +37,7 @@ class Facts(NamedTuple):
     """
 
     outputs: tuple[str, ...]
-    """Names of what the frame is to hold, of ``outputs.table.OUTPUTS``, without repeats."""
+    """Names of what the frame is to hold, as ``outputs.table`` has them, without repeats."""
     inventory: Inventory
     """What the objects are."""
     in_view: NDArray[np.bool_]
@@ -51,11 +56,15 @@ class Facts(NamedTuple):
     transparency: Transparency
     has_background: bool
     """Whether the render was given a background."""
+    background_image: BackgroundImage | None
+    """The picture that it was given as background."""
     lights: PlannedLights
     """Those of the scene's that reach what is seen."""
     is_uneven: bool
     """Whether any object in view with interpolated normals has a non-uniform scale, beyond
     rounding."""
+    attributes: dict[str, Attribute]
+    """The attributes of meshes that are outputs, by the output's name."""
 
     @property
     def wireframe(self) -> Wireframe | None:
@@ -114,7 +123,7 @@ class Facts(NamedTuple):
     @property
     def shows_normals(self) -> bool:
         """Whether vertex normals are an output: of all objects, whatever they are shaded by."""
-        return "normal" in self.outputs and self.seen.objects > 0
+        return self.seen.objects > 0 and not set(NORMAL_OUTPUTS).isdisjoint(self.outputs)
 
     @property
     def needs_normals(self) -> bool:
@@ -224,7 +233,7 @@ def look(
     inventory: Inventory,
     quality: Quality,
     outputs: tuple[str, ...],
-    background: Any,
+    background: Backdrop | None,
     diagnose: bool,
     cull: str,
 ) -> Facts:
@@ -242,8 +251,14 @@ def look(
         quality=quality,
         transparency=NO_TRANSPARENCY,
         has_background=background is not None,
+        background_image=background if isinstance(background, BackgroundImage) else None,
         lights=NO_LIGHTS,
         is_uneven=not quality.renormalize and _any_uneven(views, in_view, inventory),
+        attributes={
+            output: find_attribute(scene.nodes, output.removeprefix(ATTRIBUTE))
+            for output in outputs
+            if output.startswith(ATTRIBUTE)
+        },
     )
     transparency = find_transparency(
         scene.nodes, facts.colors_faces, contents.blended > 0, inventory.is_see_through, in_view

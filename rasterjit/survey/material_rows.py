@@ -12,12 +12,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from rasterjit.scene.material import TEXTURE_FIELDS, Material
+from rasterjit.scene.node import Node
 from rasterjit.scene.quality import Quality
-from rasterjit.scene.scene import Node, Scene
+from rasterjit.scene.scene import Scene
 from rasterjit.scene.texture import Texture
 from rasterjit.survey.contents import SMOOTH, Contents, in_words
 from rasterjit.survey.effect import Absent, Effect, Planned, Planning
-from rasterjit.survey.facts import Facts, settings_asked, unlit_reason
+from rasterjit.survey.facts import NORMAL_OUTPUTS, Facts, settings_asked, unlit_reason
 
 
 class MaterialRow(Effect):
@@ -91,7 +92,8 @@ class SmoothNormals(MaterialRow):
         if facts.shows_normals:
             is_shaded = facts.shades_smoothly
             shading = f"shading {', '.join(smooth)}{_scaling(facts)}; " if is_shaded else ""
-            return shading + "output normal, of every object"
+            shown = " and ".join(name for name in NORMAL_OUTPUTS if name in facts.outputs)
+            return f"{shading}output {shown}, of every object"
         if smooth:
             return "shading " + ", ".join(smooth) + _scaling(facts)
         hidden = not SMOOTH.isdisjoint(facts.contents.shadings)

@@ -21,7 +21,7 @@ from rasterjit.pipeline.records import Objects
 from rasterjit.scene import transforms
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.mesh import Mesh
-from rasterjit.scene.scene import Node
+from rasterjit.scene.node import Node
 
 Float64 = NDArray[np.float64]
 

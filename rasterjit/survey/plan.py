@@ -15,6 +15,7 @@ from rasterjit.pipeline.visibility.draw import Region
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.quality import Quality, differences
 from rasterjit.survey.blending import Layers
+from rasterjit.survey.camera_view import CameraView
 from rasterjit.survey.clip_planes import NO_LOOK, Look, describe_planes
 from rasterjit.survey.depth_format import DepthFormat
 from rasterjit.survey.effect import Absent, Planned, Rows
@@ -64,9 +65,15 @@ class RenderPlan:
     """The part of the picture that is drawn; ``None`` -> all of it."""
     look: Look = NO_LOOK
     """What is seen beside the near and the far plane."""
+    view: CameraView | None = None
+    """What the camera sees, for who asks; ``None`` -> nobody does."""
     drawn: tuple[dict[str, Any], ...] | None = None
     """Records of the effects that look at the whole picture, by name, for each step of pictures;
     ``None`` -> they are prepared with the picture."""
+
+    lens: str = ""
+    """The lens, and the pinhole pictures that it takes, in words; empty without. Then the other
+    fields are those of the first of these pictures, but for the size and the camera."""
 
     def with_(
         self,
@@ -169,10 +176,13 @@ class RenderPlan:
         width, height = self.size
         rows = [
             ("size", f"{width} x {height} pixels"),
+            *([] if self.view is None else self.view.rows()),
             ("outputs", ", ".join(self.outputs)),
             ("sub-pixel bits", str(self.quality.subpixel_bits)),
             ("culling", self.cull),
         ]
+        if self.lens:
+            rows.append(("lens", self.lens))
         rows += describe_planes(self.camera, self.look.cut)
         if self.pictures > 1:
             rows.append(("pictures", f"{self.pictures} of {self.quality.samples}"))

@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 from numpy.typing import ArrayLike
 
 from rasterjit.scene import transforms
+from rasterjit.scene.assigning import says_replace
 from rasterjit.scene.camera import Bounded, Camera, PerspectiveCamera
 from rasterjit.scene.framing import (
     CLEARANCE,
@@ -113,6 +114,7 @@ class Pose(NamedTuple):
         )
 
 
+@says_replace
 @dataclass(frozen=True)
 class Orbit:
     """
@@ -152,7 +154,13 @@ class Orbit:
     pointer: tuple[float, float] = (0.0, 0.0)
 
     @classmethod
-    def from_camera(cls, camera: Camera, scene: Bounded, up: ArrayLike = (0.0, 1.0, 0.0)) -> Orbit:
+    def from_camera(
+        cls,
+        camera: Camera,
+        scene: Bounded,
+        up: ArrayLike = (0.0, 1.0, 0.0),
+        size: tuple[int, int] = (1, 1),
+    ) -> Orbit:
         """
         Return the orbit that starts where a camera is; that it is tilted sideways is left out.
 
@@ -163,6 +171,8 @@ class Orbit:
         scene : object with ``bounding_sphere()``
             It turns around the point on the line of sight that is nearest to its centre.
         up : (3,) array_like, world space
+        size : (width, height)
+            Of the picture, pixels: it starts with the vertical field of view that is seen there.
 
         Raises
         ------
@@ -171,7 +181,7 @@ class Orbit:
         """
         ball = Ball.around(scene)
         upward = triple_of(transforms.unit_vector("up", up))
-        sight = Sight.of(camera)
+        sight = Sight.of(camera, size)
         distance = dot(minus(ball.center, sight.eye), sight.forward)
         if sight.height is not None:
             distance = 0.5 * sight.height * transforms.focal_length(sight.fov_y)
@@ -370,6 +380,7 @@ class Orbit:
         return low, max(LARGEST_DISTANCE * self.ball.radius, self.goal.distance, 2.0 * low)
 
 
+@says_replace
 @dataclass(frozen=True)
 class Fly:
     """

@@ -4,24 +4,27 @@ from __future__ import annotations
 
 import importlib.util
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Literal, TypeAlias, get_args
 
+from rasterjit.rendering.plan import Cull
+from rasterjit.scene.background import Background
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.validation import one_of
 from rasterjit.viewer import browser, canvas
 from rasterjit.viewer.viewer import SMOOTH, Viewer
 
-BACKENDS = ("auto", "window", "browser", "notebook", "terminal")
+Backend: TypeAlias = Literal["auto", "window", "browser", "notebook", "terminal"]
+BACKENDS: tuple[Backend, ...] = get_args(Backend)
 
 
 def show(
     what: Any,
     camera: Camera | None = None,
     *,
-    backend: str = "auto",
+    backend: Backend = "auto",
     size: tuple[int, int] = (640, 480),
-    background: Any = None,
-    cull: str = "none",
+    background: Background = None,
+    cull: Cull = "none",
     up: Any = (0.0, 1.0, 0.0),
     time_budget: float = SMOOTH,
     title: str = "RasterJIT",

@@ -23,8 +23,11 @@ from rasterjit.inspect.pixel_report import PixelExplanation
 from rasterjit.io.meshes import as_scene
 from rasterjit.outputs.frame import Frame
 from rasterjit.rendering import budget
+from rasterjit.rendering.plan import Cull
 from rasterjit.rendering.renderer import Renderer, choose_camera, explain
+from rasterjit.scene.background import Background
 from rasterjit.scene.camera import Camera, PerspectiveCamera
+from rasterjit.scene.color import linear_color
 from rasterjit.scene.framing import Ball, fit_camera
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
@@ -84,7 +87,7 @@ class Viewer:
     size : (int, int)
         Width and height of the pictures, pixels.
     background : color, optional
-        As `rasterjit.render` takes it; what is transparent is shown before white.
+        As `rasterjit.render` takes it, but no picture; what is transparent is shown before white.
     cull : {"none", "back", "front"}
         Faces that are dropped.
     up : (3,) array_like, world space
@@ -117,8 +120,8 @@ class Viewer:
         camera: Camera | None = None,
         *,
         size: tuple[int, int] = (640, 480),
-        background: Any = None,
-        cull: str = "none",
+        background: Background = None,
+        cull: Cull = "none",
         up: Any = (0.0, 1.0, 0.0),
         time_budget: float = SMOOTH,
         name: str = "",
@@ -128,13 +131,15 @@ class Viewer:
         self.size = image_size("size", size)
         self.ratio = 1.0
         self.name = name
+        if background is not None:
+            linear_color("background", background)
         self._options = {"background": background, "cull": cull}
         self._budget = positive_number("time_budget", time_budget)
         self._times = self._new_times()
         first = choose_camera(self.scene, camera, self.size)
         self._is_fitted = camera is None and self.scene.camera is None
         self._ball = Ball.around(self.scene)
-        self.controls: Orbit | Fly = Orbit.from_camera(first, self._ball, up)
+        self.controls: Orbit | Fly = Orbit.from_camera(first, self._ball, up, self.size)
         self._threads = threads
         # Held by who takes what was found for a version, and by who begins another.
         self._lock = threading.Lock()

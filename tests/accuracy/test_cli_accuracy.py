@@ -139,6 +139,7 @@ def test_without_matplotlib_the_extra_is_named(tmp_path, studies, monkeypatch):
         ((CUBE, "--threads", "0"), ["--threads"]),
         ((CUBE, "--size", "0x4"), ["'0x4'"]),
         ((CUBE, "--samples", "4"), ["--samples"]),
+        (("--scene", "floor", "--on-damage", "warn"), ["--on-damage", "--scene reads no file"]),
     ],
 )
 def test_bad_options_are_named(tmp_path, studies, options, words):

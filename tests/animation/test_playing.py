@@ -38,6 +38,17 @@ def test_a_turntable_goes_around_once(scene):
     assert np.ptp(distances) < 1e-9
 
 
+def test_a_turntable_cuts_nothing_off_in_upright_pictures(scene):
+    turn = animation.turntable(scene)
+    with rj.Renderer((24, 60), threads=1) as upright:
+        for frame in playing_module.frames(
+            upright, scene, (0.0, 0.25), camera=turn, outputs="face_id"
+        ):
+            seen = frame.face_id >= 0
+            assert seen.any()
+            assert not seen[:, [0, -1]].any()
+
+
 def test_a_turntable_turns_around_the_axis_that_is_up(scene):
     turn = animation.turntable(scene, up=(0, 0, 1), azimuth=0.0, elevation=30.0)
     center, _ = scene.bounding_sphere()
@@ -77,6 +88,28 @@ def test_frames_are_what_render_gives_at_each_time(scene, renderer):
         expected = rj.render(still, turn(time), size=SIZE, threads=1)
         assert np.array_equal(frame.color, expected.color)
     assert len({frame.color.tobytes() for frame in played}) == 3
+
+
+def test_a_joint_moves_what_hangs_below_it(scene, renderer, camera):
+    joint = rj.Node(name="joint")
+    scene.nodes[1].parent = joint
+    tracks = {joint: lambda time: transforms.rotate_z(90.0 * time)}
+    moved = list(animation_frames(renderer, scene, camera, tracks))
+    assert (moved[0].position != moved[1].position).any()
+    for time, frame in zip((0.0, 1.0), moved, strict=True):
+        flat = rj.Scene()
+        flat.add(scene.nodes[0].mesh)
+        flat.add(scene.nodes[1].mesh, transforms.compose(tracks[joint](time),
+                                                         scene.nodes[1].transform))  # fmt: skip
+        wanted = renderer.render(flat, camera, outputs=("position",))
+        np.testing.assert_array_equal(frame.position, wanted.position)
+    assert joint.transform.tolist() == np.eye(4).tolist()
+
+
+def animation_frames(renderer, scene, camera, tracks):
+    return playing_module.frames(
+        renderer, scene, (0.0, 1.0), camera=camera, transforms=tracks, outputs=("position",)
+    )
 
 
 def test_a_morph_is_drawn(scene, renderer, cube, camera):

@@ -1,6 +1,8 @@
+import dataclasses
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -13,12 +15,13 @@ from opengl import optional_module
 from PIL import Image, ImageSequence
 
 import rasterjit as rj
-from rasterjit.cli import commands, report, warmup
+from rasterjit.cli import advice, commands, report, warmup
 from rasterjit.cli.options import DEFAULT_DIRECTION, OUTPUTS_HELP, View
 from rasterjit.inspect import measure
 from rasterjit.outputs import table
 from rasterjit.pipeline.visibility import draw as drawing
 from rasterjit.runtime import ahead, jit, progress, store
+from rasterjit.scene.framing import zoom_camera
 
 MODELS = Path(__file__).parents[2] / "models"
 CUBE = str(MODELS / "cube.ply")
@@ -130,6 +133,45 @@ def test_azimuth_elevation_and_zoom_orbit_the_fitted_camera(tmp_path):
     assert np.array_equal(render(tmp_path, *options), rendered(camera).color)
 
 
+def test_zoom_keeps_the_camera_of_a_file(tmp_path):
+    file = MODELS / "scene.glb"
+    own = rj.load(file).camera
+    fov = 2.0 * np.degrees(np.arctan(np.tan(np.radians(own.fov_y) / 2.0) / 2.0))
+    with_zoom = render(tmp_path, "--zoom", 2, file=file)
+    nearer = rendered(dataclasses.replace(own, fov_y=fov), file).color
+    assert (with_zoom != nearer).mean() < 1e-3
+    # Another option for the camera fits one to the scene.
+    fitted = render(tmp_path, "--zoom", 2, "--azimuth", 31, file=file)
+    assert not np.array_equal(with_zoom, fitted)
+
+
+def test_zoom_enlarges_about_the_middle_of_every_kind_of_camera():
+    points = np.random.default_rng(1).normal(size=(20, 3))
+    eye, target = (3.0, 2.0, 5.0), (0.0, 0.0, 0.0)
+    kinds = (
+        rj.PerspectiveCamera(eye, target, fov_y=60.0, min_aspect=1.0),
+        rj.OrthographicCamera(eye, target, height=4.0),
+        rj.MatrixCamera.from_intrinsics(
+            90, 80, 50, 45, (80, 100),
+            view_from_world=rj.PerspectiveCamera(eye, target).view_matrix(),
+        ),
+    )  # fmt: skip
+    for camera in kinds:
+        plain, zoomed = (
+            points_on_screen(one, points, (80, 100)) for one in (camera, zoom_camera(camera, 3.0))
+        )
+        np.testing.assert_allclose(zoomed, 3.0 * plain, rtol=1e-12, atol=1e-12)
+        with pytest.raises(ValueError, match="zoom"):
+            zoom_camera(camera, 0.0)
+
+
+def points_on_screen(camera, points, size):
+    """Return NDC x and y of points, (N, 2)."""
+    matrix = camera.projection_matrix(size) @ camera.view_matrix()
+    clip = np.column_stack([points, np.ones(len(points))]) @ matrix.T
+    return clip[:, :2] / clip[:, 3:]
+
+
 def test_default_direction_is_that_of_fit_camera():
     scene = rj.load(CUBE)
     fitted = View(None, None, 2.0, None, None, None).camera(scene, (10, 10))
@@ -175,6 +217,45 @@ def test_orthographic_projection(tmp_path):
 def test_background(tmp_path, background):
     picture = render(tmp_path, "--background", background)
     assert np.array_equal(picture, rendered(background=background).color)
+
+
+def photograph(tmp_path, size=SIZE, channels=3):
+    """Write a picture of noise; return its path and pixels."""
+    pixels = np.random.default_rng(1).integers(0, 256, (*size[::-1], channels)).astype(np.uint8)
+    path = tmp_path / "photo.png"
+    iio.imwrite(path, pixels)
+    return path, pixels
+
+
+@pytest.mark.parametrize("size", [(), ("--size", "48x36")])
+def test_a_photograph_behind_sets_the_size(tmp_path, size):
+    path, pixels = photograph(tmp_path)
+    out = tmp_path / "a.jpg"
+    options = ("--background", path, "-q", *size)
+    assert run("render", CUBE, "-o", out, *options).exit_code == 0
+    assert run("render", CUBE, "-o", tmp_path / "a.png", *options).exit_code == 0
+    expected = rendered(background=pixels).color
+    assert np.array_equal(iio.imread(tmp_path / "a.png"), expected)
+    assert iio.imread(out).shape == (*SIZE[::-1], 3)
+    told = run("explain", CUBE, "--background", path)
+    assert "48 x 36 pixels" in told.stdout
+    assert "background image" in told.stdout
+
+
+def test_a_photograph_of_another_size_or_none_is_wrong_usage(tmp_path):
+    path, _ = photograph(tmp_path, channels=4)
+    out = tmp_path / "a.png"
+    result = run("render", CUBE, "-o", out, "--background", path, "--size", "50x36")
+    assert_one_line(result, 2)
+    assert "48x36" in result.stderr
+    result = run("render", CUBE, "-o", tmp_path / "a.jpg", "--background", path)
+    assert_one_line(result, 2)
+    for name in ("nowhere.png", CUBE):
+        result = run("render", CUBE, "-o", out, "--background", name)
+        assert_one_line(result, 2)
+        assert name in result.stderr
+    assert_one_line(run("view", CUBE, "--background", path), 2)
+    assert not out.exists()
 
 
 @pytest.mark.parametrize("mode", ["overlay", "only"])
@@ -229,13 +310,347 @@ def assert_arrays(path, frame, names):
             assert arrays[name].tobytes() == getattr(frame, name).tobytes(), name
 
 
-def test_depth_is_written_as_sixteen_bits_on_request(tmp_path):
-    path = tmp_path / "depth.png"
-    render(tmp_path, "--depth", path, "--depth-scale", 100)
+# Calibrated cameras, colours, lights, masks
+
+K = np.array([[52.0, 0.0, 21.3], [0.0, 50.5, 17.9], [0.0, 0.0, 1.0]])
+MARKS = np.array([(0.4, 0.3, 0.2), (-0.5, 0.1, 0.4), (0.1, -0.6, -0.3)])
+
+
+def extrinsics():
+    """OpenCV's camera from world of a camera that is turned about all axes, and looks at 0."""
+    back = rj.transforms.look_at((1.5, 2.0, 4.0), (0.1, 0.0, -0.1), (0.2, 1.0, 0.1))
+    return np.diag([1.0, -1.0, -1.0, 1.0]) @ back
+
+
+def poses():
+    """The same camera in each convention."""
+    camera_from_world = extrinsics()
+    flip = np.diag([1.0, -1.0, -1.0, 1.0])
+    return {
+        "opencv": camera_from_world,
+        "opencv-c2w": np.linalg.inv(camera_from_world),
+        "opengl": flip @ camera_from_world,
+        "opengl-c2w": np.linalg.inv(camera_from_world) @ flip,
+    }
+
+
+def write_marks(tmp_path):
+    """Write a file of small triangles around marks."""
+    corners = np.array([(-1, -1, 0), (1, -1, 0), (0, 2, 0)]) * 0.02
+    vertices = (MARKS[:, None] + corners).reshape(-1, 3)
+    lines = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in vertices.tolist()]
+    lines += ["f 1 2 3", "f 4 5 6", "f 7 8 9"]
+    return write(tmp_path, "marks.obj", "\n".join(lines) + "\n")
+
+
+@pytest.mark.parametrize("convention", sorted(poses()))
+def test_a_pose_puts_what_is_seen_where_opencv_projects_it(tmp_path, convention):
+    size = (480, 360)
+    scale = np.diag([10.0, 10.0, 1.0])
+    intrinsics, pose = scale @ K, poses()[convention]
+    np.save(tmp_path / "k.npy", intrinsics)
+    np.savetxt(tmp_path / "pose.txt", pose)
+    result = run(
+        "render", write_marks(tmp_path), "-o", tmp_path / "ids.npz", "-q", "--size", "480x360",
+        "--outputs", "face_id", "--pose", tmp_path / "pose.txt", "--convention", convention,
+        "--intrinsics", tmp_path / "k.npy",
+    )  # fmt: skip
+    assert (result.exit_code, result.output) == (0, "")
+    face_id = np.load(tmp_path / "ids.npz")["face_id"]
+    assert face_id.shape == size[::-1]
+    camera = extrinsics()
+    for number, mark in enumerate(MARKS):
+        x, y, w = intrinsics @ (camera[:3, :3] @ mark + camera[:3, 3])
+        rows, columns = np.nonzero(face_id == number)
+        found = np.array([columns.mean(), rows.mean()])
+        assert np.abs(found - (x / w, y / w)).max() < 0.4, (number, found)
+
+
+@pytest.mark.parametrize(
+    ("words", "size", "lens"),
+    [
+        ("opencv:-0.2,0.05,0.001,-0.002,0.01", (64, 48), (-0.2, 0.05, 0.001, -0.002, 0.01)),
+        ("fisheye:-0.01", (64, 48), rj.FisheyeLens(-0.01)),
+        ("panorama", (64, 32), rj.Equirectangular()),
+    ],
+)
+def test_a_lens_is_that_of_the_library(tmp_path, words, size, lens):
+    lens = rj.PinholeDistortion(*lens) if isinstance(lens, tuple) else lens
+    result = run(
+        "render", CUBE, "-o", tmp_path / "a.npz", "-q", "--size", "{}x{}".format(*size),
+        "--lens", words, "--outputs", "color,face_id", "--position", "1,2,3",
+    )  # fmt: skip
+    assert (result.exit_code, result.output) == (0, "")
+    camera = rj.PerspectiveCamera((1, 2, 3), (0, 0, 0))
+    frame = rj.render(
+        rj.load(CUBE), camera, size=size, lens=lens, outputs=("color", "face_id"), threads=1
+    )
+    with np.load(tmp_path / "a.npz") as found:
+        assert (found["face_id"] == frame.face_id).all()
+        assert (found["color"] == frame.color).all()
+
+
+def test_matrices_may_be_numbers_or_files_of_three_kinds(tmp_path):
+    pose, size = poses()["opengl-c2w"], ("--size", "48x36")
+    (tmp_path / "a.json").write_text(json.dumps({"transform_matrix": pose.tolist()}))
+    (tmp_path / "k.json").write_text(json.dumps({"camera_matrix": K.tolist()}))
+    np.save(tmp_path / "a.npy", pose[:3])
+    lines = ["# camera", *(",".join(map(repr, row)) for row in pose.tolist())]
+    (tmp_path / "a.txt").write_text("\n".join(lines))
+    camera = rj.cameras.from_opencv(K, SIZE, camera_from_world=extrinsics())
+    expected = rendered(camera).color
+    numbers = ",".join(map(repr, pose.ravel().tolist()))
+    for given in (tmp_path / "a.json", tmp_path / "a.npy", tmp_path / "a.txt", numbers):
+        for k in (tmp_path / "k.json", "52,50.5,21.3,17.9"):
+            words = ("--pose", given, "--convention", "opengl-c2w", "--intrinsics", k)
+            picture = render(tmp_path, *words, *size)
+            assert np.abs(picture.astype(int) - expected).mean() < 0.2, (given, k)
+
+
+def test_a_pose_alone_has_the_field_of_view_and_intrinsics_alone_the_place(tmp_path):
+    camera = rj.PerspectiveCamera((2, 3, 5), (0, 0, 0), fov_y=40.0)
+    view = ",".join(map(repr, camera.view_matrix().ravel().tolist()))
+    posed = render(tmp_path, "--pose", view, "--convention", "opengl", "--fov", 40)
+    assert np.abs(posed.astype(int) - rendered(camera).color).mean() < 0.2
+    focal = 18.0 / np.tan(np.radians(20.0))
+    words = ("--intrinsics", f"{focal},{focal},23.5,17.5", "--position", "2,3,5")
+    placed = render(tmp_path, *words, "--target", "0,0,0")
+    assert np.abs(placed.astype(int) - rendered(camera).color).mean() < 0.2
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e4])
+def test_a_pose_cuts_nothing_off_at_any_scale(tmp_path, scale):
+    pose = extrinsics()
+    pose[:3, 3] *= scale
+    path = write(tmp_path, "small.off", (MODELS / "pyramid.off").read_text())
+    mesh = rj.load(path).nodes[0].mesh
+    lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in (scale * mesh.vertices).tolist()]
+    lines += [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in mesh.faces.tolist()]
+    path = write(tmp_path, "scaled.obj", "\n".join(lines) + "\n")
+    mask, numbers = tmp_path / "mask.png", ",".join(map(repr, pose.ravel().tolist()))
+    words = ("--pose", numbers, "--convention", "opencv", "--mask", mask)
+    render(tmp_path, *words, "--size", "48x36", file=path)
+    assert 0.05 < (iio.imread(mask) == 255).mean() < 0.9
+    reference = rj.cameras.from_opencv(
+        np.array([[43.456, 0, 23.5], [0, 43.456, 17.5], [0, 0, 1]]), SIZE,
+        camera_from_world=pose, near=1e-2 * scale,
+    )  # fmt: skip
+    covered = rj.render(rj.load(path), reference, size=SIZE, outputs=("coverage",)).coverage
+    assert np.abs(iio.imread(mask) / 255 - covered).mean() < 2e-3
+
+
+UNIT = "1,0,0,0,0,1,0,0,0,0,1,-4"
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("--pose", UNIT),
+        ("--convention", "opencv"),
+        ("--convention", "blender", "--pose", UNIT),
+        ("--pose", "1,2,3", "--convention", "opencv"),
+        ("--pose", "nowhere.npy", "--convention", "opencv"),
+        ("--pose", UNIT, "--convention", "opencv", "--position", "1,2,3"),
+        ("--pose", UNIT, "--convention", "opencv", "--azimuth", "3"),
+        ("--pose", UNIT, "--convention", "opencv", "--up", "0,0,1"),
+        ("--pose", UNIT, "--convention", "opencv", "--projection", "orthographic"),
+        ("--pose", UNIT.replace("1,0,0", "2,0,0", 1), "--convention", "opencv"),
+        ("--pose", UNIT.replace("1,0,0", "-1,0,0", 1), "--convention", "opencv"),
+        ("--pose", UNIT.replace("-4", "nan"), "--convention", "opencv"),
+        ("--intrinsics", "50,50,24,18"),
+        ("--intrinsics", "50,50,24", "--size", "48x36"),
+        ("--intrinsics", "-50,50,24,18", "--size", "48x36"),
+        ("--intrinsics", "50,50,24,18", "--size", "48x36", "--fov", "40"),
+        ("--intrinsics", "50,50,24,18", "--size", "48x36", "--zoom", "2"),
+        ("--lens", "barrel:0.1"),
+        ("--lens", "opencv:0.1,x"),
+        ("--lens", "fisheye:1,2,3,4,5"),
+        ("--lens", "fisheye:nan"),
+        ("--lens", "panorama:1"),
+        ("--mask-of", "object_id"),
+        ("--mask", "mask.jpg"),
+        ("--mask", "a.png"),
+        ("--color", "mauve-ish"),
+        ("--light", "0,0,0"),
+        ("--light", "moon"),
+        ("--light", "headlight", "--light", "sun"),
+    ],
+    ids=" ".join,
+)
+def test_a_bad_camera_light_or_mask_is_one_line(tmp_path, monkeypatch, words):
+    monkeypatch.chdir(tmp_path)
+    result = run("render", CUBE, "-o", "a.png", "-q", *words)
+    assert_one_line(result, 1, 2)
+    assert words[0] in result.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_colour_takes_the_place_of_colours_and_textures(tmp_path):
+    scene = rj.load(MODELS / "scene.glb")
+    for node in scene.nodes:
+        node.mesh = node.mesh.without_colors()
+        assert node.mesh.vertex_colors is None
+    for node in scene.nodes:
+        material = node.mesh.material
+        node.mesh.material = replace(
+            material, base_color="teal", base_color_texture=None, alpha_mode="opaque"
+        )
+    file = MODELS / "scene.glb"
+    picture = render(tmp_path, "--color", "teal", "--shading", "unlit", file=file)
+    codes = {tuple(color) for color in picture.reshape(-1, 4).tolist()}
+    assert (0, 128, 128, 255) in codes
+    assert not {(color[0], color[1]) for color in codes} - {(0, 128), (255, 255)}
+    assert np.array_equal(
+        render(tmp_path, "--color", "teal", file=file), rendered(scene=scene).color
+    )
+    glass = render(tmp_path, "--color", "#00808080", "--shading", "unlit")
+    assert (glass[..., 0] == 0).sum() < (picture[..., 0] == 0).sum()
+
+
+def test_lights_by_direction_and_name(tmp_path):
+    ambient = rj.AmbientLight(intensity=0.15)
+    shining = {
+        ("--light", "1,-2,0.5"): [ambient, rj.DirectionalLight((1, -2, 0.5), intensity=0.9)],
+        ("--light", "sun"): [ambient, rj.DirectionalLight((-0.6, -1, -0.5), intensity=0.9)],
+        ("--light", "ambient"): [rj.AmbientLight(intensity=1.0)],
+        ("--light", "headlight"): [],
+        ("--light", "1,0,0", "--light", "-1,0,0"): [
+            ambient, *(rj.DirectionalLight((x, 0, 0), intensity=0.9) for x in (1, -1)),
+        ],
+    }  # fmt: skip
+    seen = set()
+    for words, lights in shining.items():
+        scene = rj.load(CUBE)
+        scene.lights = lights
+        picture = render(tmp_path, *words)
+        assert np.array_equal(picture, rendered(scene=scene).color), words
+        seen.add(picture.tobytes())
+    assert len(seen) == len(shining)
+    told = run("render", CUBE, "-o", tmp_path / "a.png", "--light", "headligt").stderr
+    assert "did you mean headlight?" in told
+
+
+@pytest.mark.parametrize("samples", [1, 8])
+def test_a_mask_holds_the_share_of_each_pixel(tmp_path, samples):
+    path = tmp_path / "mask.png"
+    picture = render(tmp_path, "--mask", path, "--samples", samples)
+    frame = rendered(outputs=("color", "coverage"), quality=rj.Quality(samples=samples))
+    mask = iio.imread(path)
+    assert mask.dtype == np.uint8
+    assert np.array_equal(mask, np.floor(255 * frame.coverage + 0.5))
+    assert (len(np.unique(mask)) > 2) == (samples > 1)
+    assert np.array_equal(picture, frame.color)
+
+
+@pytest.mark.parametrize("name", ["object_id", "face_id"])
+def test_a_mask_of_numbers_has_one_more_than_they_are(tmp_path, name):
+    path = tmp_path / "mask.png"
+    render(tmp_path, "--mask", path, "--mask-of", name)
+    numbers = getattr(rendered(outputs=(name,)), name)
+    assert np.array_equal(np.array(Image.open(path)), numbers + 1)
+    result = run("render", CUBE, "-o", tmp_path / "b.png", "--mask", path, "--scale", 2)
+    assert_one_line(result, 2)
+
+
+def depth_codes(path, units):
+    """Return the codes of a depth map, which must say what they stand for."""
     depth = rendered(outputs=("depth",)).depth.astype(np.float64)
-    expected = np.where(np.isfinite(depth), np.floor(100 * depth + 0.5), 0)
-    assert np.array_equal(np.array(Image.open(path)), expected)
+    with Image.open(path) as picture:
+        assert (float(picture.text["scale"]), float(picture.text["offset"])) == (units, 0.0)
+        codes = np.array(picture)
+    seen = np.isfinite(depth)
+    assert not codes[~seen].any()
+    assert np.abs(codes[seen] * units - depth[seen]).max() <= 0.501 * units
+    return codes
+
+
+@pytest.mark.parametrize("units", [None, 0.01])
+def test_depth_is_written_as_sixteen_bits_that_say_their_scale(tmp_path, units):
+    path = tmp_path / "depth.png"
+    render(tmp_path, "--depth", path, *([] if units is None else ["--scale", units]))
+    depth_codes(path, units or 0.001)
     assert sorted(place.name for place in tmp_path.iterdir()) == ["depth.png", "out.png"]
+
+
+def test_a_scale_is_that_of_frame_save_and_of_one_output_as_well(tmp_path):
+    path = tmp_path / "depth.png"
+    rendered(outputs=("depth",)).save(tmp_path / "saved.png", "depth", scale=0.002)
+    result = run("render", CUBE, "-o", path, *SMALL, "--outputs", "depth", "--scale", 0.002)
+    assert (result.exit_code, result.output) == (0, "")
+    assert path.read_bytes() == (tmp_path / "saved.png").read_bytes()
+
+
+def test_the_old_depth_scale_goes_on_with_one_warning_that_names_the_new_one(tmp_path):
+    arguments = ("render", CUBE, "-o", tmp_path / "a.png", "--size", "48x36", "--depth")
+    result = run(*arguments, tmp_path / "old.png", "--depth-scale", 100)
+    assert result.exit_code == 0
+    assert result.stderr.count("\n") == 1
+    assert "--scale 0.01" in result.stderr
+    assert run(*arguments, tmp_path / "new.png", "--scale", 0.01).stderr == ""
+    assert (tmp_path / "old.png").read_bytes() == (tmp_path / "new.png").read_bytes()
+    assert_one_line(run(*arguments, tmp_path / "a.exr", "--scale", 1, "--depth-scale", 1), 2)
+
+
+@pytest.mark.parametrize("option", [("--depth-scale", 0.001), ("--scale", 1000)])
+def test_a_scale_that_loses_the_depth_is_refused(tmp_path, option):
+    arguments = ("--depth", tmp_path / "depth.png", *option)
+    result = run("render", CUBE, "-o", tmp_path / "a.png", *SMALL, *arguments)
+    assert_one_line(result, 1)
+    assert "--scale must take depth to codes in 1..65535" in result.stderr
+    assert "--scale 1000" in result.stderr
+    assert not (tmp_path / "depth.png").exists()
+
+
+IDLE = [
+    ("render", "a.png", "--scale", 0.1),
+    ("render", "a.png", "--depth", "a.npy", "--scale", 0.1),
+    ("render", "a.png", "--depth", "a.npy", "--depth-scale", 10),
+    ("render", "a.png", "--outputs", "color,depth", "--scale", 0.1),
+    ("render", "a.npz", "--outputs", "depth", "--background", "red"),
+    ("render", "a.npz", "--outputs", "depth", "--shading", "flat"),
+    ("render", "a.npz", "--outputs", "depth", "--shadows"),
+    ("render", "a.npz", "--outputs", "depth", "--environment", "sky"),
+    ("render", "a.npz", "--outputs", "depth", "--ambient-occlusion"),
+    ("render", "a.npz", "--outputs", "depth", "--samples", 4),
+    ("render", "a.npz", "--outputs", "linear", "--tone-map", "aces"),
+    ("render", "a.npz", "--outputs", "linear", "--exposure", 1),
+    ("render", "a.npz", "--outputs", "linear", "--outline", "red"),
+    ("render", "a.npz", "--outputs", "linear", "--vignette", 0.5),
+    ("render", "a.npz", "--outputs", "linear", "--wireframe", "overlay"),
+    ("render", "a.npz", "--outputs", "linear", "--wireframe-color", "red"),
+    ("turntable", "a.gif", "--projection", "orthographic", "--fov", 40),
+    ("turntable", "a.gif", "--up", "0,0,0"),
+    ("explain", None, "--pixel", "1,1", "--outputs", "depth"),
+    ("explain", None, "--pixel", "1,1", "--threads", 1),
+    ("explain", None, "--threads", 1),
+    ("view", None, "--backend", "terminal", "--port", 80),
+    ("view", None, "--backend", "window", "--host", "::1"),
+    ("dataset", "out", "--seed", 3),
+    ("dataset", "out", "--cameras", "random", "--elevation", 3),
+]
+
+
+@pytest.mark.parametrize("words", IDLE, ids=lambda words: " ".join(map(str, words)))
+def test_an_option_without_effect_is_wrong_usage(tmp_path, monkeypatch, words):
+    monkeypatch.chdir(tmp_path)
+    command, out, *options = words
+    result = run(command, CUBE, *(["-o", out] if out else []), *options)
+    assert_one_line(result, 2)
+    assert any(str(word) in result.stderr for word in options if str(word).startswith("--"))
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("name", "kept"),
+    [
+        ("--wireframe-color", "color"), ("--tone-map", "color"), ("--samples", "coverage"),
+        ("--background", "linear"),
+    ],
+)  # fmt: skip
+def test_what_an_output_shows_is_no_option_without_effect(tmp_path, name, kept):
+    values = {"--tone-map": "aces", "--samples": 4}
+    arguments = (name, values.get(name, "red"), "--outputs", kept)
+    assert run("render", CUBE, "-o", tmp_path / "a.npz", *SMALL, *arguments).exit_code == 0
 
 
 def test_one_output_alone_is_a_picture_of_its_codes(tmp_path):
@@ -262,7 +677,7 @@ def test_an_exr_holds_every_output_and_light_for_colour(tmp_path):
 
 def test_help_names_every_output():
     names = OUTPUTS_HELP.removeprefix("Comma-separated: ").removesuffix(".").split(", ")
-    assert sorted(names) == sorted(OUTPUTS)
+    assert sorted(names) == sorted([*OUTPUTS, "attribute:NAME"])
 
 
 @pytest.mark.parametrize("name", table.MOTION_OUTPUTS)
@@ -325,7 +740,8 @@ BAD_OPTIONS = [
     ("--outputs", ""),
     ("--outputs", "uv"),
     ("--threads", "0"),
-    ("--depth-scale", "0"),
+    ("--scale", "0"),
+    ("--scale", "inf"),
     ("--depth", "depth.jpg"),
     ("--depth", "nowhere/depth.png"),
     ("--on-invalid", "ignore"),
@@ -459,6 +875,96 @@ def test_debug_shows_the_traceback_wherever_it_stands(tmp_path, before):
     result = run(*(["--debug", *words] if before else [*words, "--debug"]))
     assert result.exit_code == 1
     assert isinstance(result.exception, ValueError)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("turntable", CUBE, "-o", "a.gif", "--fps", 60), "--fps must be in 1..50 for .gif"),
+        (("turntable", CUBE, "-o", "a.mp4", "--size", "9x10"), "--size must have even sides"),
+        (("render", MODELS / "scene.glb", "-o", "a.png", "--samples", "area"), "--samples must be"),
+        (("render", CUBE, "-o", "a.png", "--outputs", "uv"), "--outputs has 'uv'"),
+        (
+            ("render", CUBE, "-o", "a.png", "--environment", "no.hdr"),
+            "--environment must be a file",
+        ),
+        (("render", CUBE, "-o", "a.png", "--position", "1,2,3", "--target", "1,2,3"), "--position"),
+        (("render", CUBE, "-o", "a.png", "--position", "0,0,0"), "--position is the middle"),
+        (("render", CUBE, "-o", "a.png", "--position", "0,9,0", "--up", "0,1,0"), "--up must not"),
+        (("render", CUBE, "-o", "a.png", "--wireframe-color", "transparent"), "--wireframe-color"),
+        (("render", CUBE, "-o", "a.png", "--outline", "#ff000080"), "--outline"),
+        (("view", CUBE, "--backend", "terminal"), "--backend must not be 'terminal'"),
+        (("view", CUBE, "--backend", "terminal", "--size", "9x9"), "--size has no effect here"),
+    ],
+)
+def test_errors_are_about_options_not_arguments(tmp_path, monkeypatch, words, said):
+    monkeypatch.chdir(tmp_path)
+    result = run(*words)
+    assert_one_line(result, 1, 2)
+    assert said in result.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("words", "meant"),
+    [
+        (("render", CUBE, "--transparent"), "--background transparent"),
+        (("render", CUBE, "--width", "640"), "--size WxH"),
+        (("render", CUBE, "--ortho"), "--projection orthographic"),
+        (("render", CUBE, "--azimut", "3"), "--azimuth"),
+        (("render", CUBE, "-w", "3"), "--size WxH"),
+        (("render", CUBE, "--projection", "ortho"), "orthographic"),
+        (("render", CUBE, "--shading", "phng"), "phong"),
+        (("render", CUBE, "--outputs", "color,normals"), "normal"),
+        (("render", CUBE, "--outputs", "dept"), "depth"),
+        (("dataset", CUBE, "--cameras", "rign"), "ring"),
+        (("rendr", CUBE), "render"),
+        (("show", CUBE), "view"),
+        (("version",), "--version"),
+    ],
+)
+def test_what_may_have_been_meant_is_asked(words, meant):
+    result = run(*words)
+    assert_one_line(result, 2)
+    assert result.stderr.endswith(f"; did you mean {meant}?\n")
+
+
+def test_an_option_of_another_command_is_told_and_nonsense_is_not():
+    assert run("render", CUBE, "--fps", "3").stderr.endswith("; turntable has it\n")
+    assert run("render", CUBE, "--qqqqqq").stderr == "error: No such option --qqqqqq\n"
+
+
+def test_advice_names_options_that_there_are():
+    commands_ = commands.program.commands.values()
+    own = {name for command in commands_ for one in command.params for name in one.opts}
+    for name, other in advice.MEANT.items():
+        assert name not in own, name
+        assert not other.startswith("-") or other.split()[0] in own, other
+    assert set(advice.COMMANDS_MEANT) & set(commands.program.commands) == set()
+    for other in advice.COMMANDS_MEANT.values():
+        assert other.startswith("--") or other in commands.program.commands
+
+
+CUT_SHORT = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nf 1 2\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "advice", "words"),
+    [
+        (CUT_SHORT, "--on-damage warn", ()),
+        (TRIANGLE.replace("v 1", "v nan"), "--on-invalid drop", ("--on-damage", "warn")),
+        (TRIANGLE, "--max-bytes 9", ("--max-bytes", 9)),
+        (TRIANGLE, "--max-bytes must be a whole number above 0", ("--max-bytes", 0)),
+        (TRIANGLE, "--resource-root must", ("--resource-root", "nowhere")),
+    ],
+)
+def test_errors_name_options_where_the_library_names_arguments(tmp_path, text, advice, words):
+    path = write(tmp_path, "a.obj", text)
+    result = run("render", path, "-o", tmp_path / "a.png", "--size", "9x9", *words)
+    assert_one_line(result, 1)
+    assert advice in result.stderr
+    for argument in ("on_damage", "on_invalid", "max_bytes", "resource_root"):
+        assert argument not in result.stderr
 
 
 # Turntable

@@ -461,6 +461,13 @@ def test_what_cannot_be_is_named(call, error, named):
         call()
 
 
+def test_a_pose_of_a_camera_that_mirrors_is_refused(renderer):
+    scene = pyrender.Scene()
+    scene.add(cameras.PerspectiveCamera(1.0), pose=np.diag([-1.0, 1.0, 1.0, 1.0]))
+    with pytest.raises(ValueError, match=r"pose must .*mirror"):
+        renderer.render(scene)
+
+
 def test_an_empty_scene_is_its_background(renderer):
     scene = pyrender.Scene(bg_color=[255, 0, 0])
     scene.add(cameras.PerspectiveCamera(1.0))

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from pieces import blob
+from PIL import Image
 
 import rasterjit as rj
 
@@ -60,6 +61,25 @@ def test_file_holds_the_picture(scene, view, tmp_path, request, suffix, is_far):
 
 
 @pytest.mark.needs_jit
+@pytest.mark.needs_jit
+def test_workers_are_sent_the_picture_behind_not_its_name(
+    scene, view, tmp_path, client, monkeypatch
+):
+    picture = np.random.default_rng(1).integers(0, 256, (*SIZE[::-1], 3)).astype(np.uint8)
+    (tmp_path / "here").mkdir()
+    Image.fromarray(picture).save(tmp_path / "here" / "photo.png")
+    # Processes of the cluster stand elsewhere.
+    monkeypatch.chdir(tmp_path / "here")
+    place = tmp_path / "large.tif"
+    rj.distributed.render_large(
+        scene, view, SIZE, place, tile=64, client=client, background="photo.png"
+    )
+    assert (
+        read(place).tobytes()
+        == rj.render(scene, view, size=SIZE, background=picture).color.tobytes()
+    )
+
+
 def test_tiff_is_tiled_and_says_what_its_channels_are(scene, view, tmp_path):
     import tifffile
 

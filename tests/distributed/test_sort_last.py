@@ -25,7 +25,7 @@ SIZE = (48, 36)
 PATIENCE = 60.0
 OUTPUTS = (
     "color", "linear", "depth", "face_id", "object_id", "barycentric", "geometric_normal",
-    "position",
+    "position", "position_camera",
 )  # fmt: skip
 FLAT = rj.Material(shading="flat")
 PAIRS = [blob(seed) for seed in range(5)]
@@ -235,7 +235,7 @@ def test_part_with_normals_is_the_whole(view, shading):
     vertices, faces = joined(PAIRS[:2])
     normals = vertices / np.linalg.norm(vertices, axis=1, keepdims=True)
     material, half = rj.Material(shading=shading), len(PAIRS[0][0])
-    outputs = (*OUTPUTS, "normal")
+    outputs = (*OUTPUTS, "normal", "normal_camera")
     parts = [
         rj.Mesh(pair[0], pair[1], normals=own, material=material)
         for pair, own in zip(PAIRS[:2], (normals[:half], normals[half:]), strict=True)
@@ -315,6 +315,7 @@ def test_wrong_arguments_are_refused_before_anything_is_drawn(view, wrong, messa
         ),
         ([PAIRS[0], PAIRS[1]], {"outputs": ("uv",)}, "have none"),
         (PAIRS[0], {"outputs": ("normal",)}, "normals for the output 'normal', .*geometric_normal"),
+        (PAIRS[0], {"outputs": ("normal_camera",)}, "normals for the output 'normal_camera', "),
         (rj.Mesh(*PAIRS[0], material=FLAT), {"outputs": ("uv",)}, "no mesh of the scene has"),
     ],
     ids=[
@@ -324,6 +325,7 @@ def test_wrong_arguments_are_refused_before_anything_is_drawn(view, wrong, messa
         "glass",
         "uv of a list",
         "normals of a pair",
+        "normals of a pair in camera space",
         "uv of a mesh",
     ],
 )

@@ -159,7 +159,8 @@ def test_every_effect_is_in_the_full_scene(told):
         size=switched_off.SIZE, outputs=("color", "linear"),
     )  # fmt: skip
     absent = {effect.name for effect in plan.effects if not effect.used}
-    assert absent == {"single-sided objects", "diagnostics"}
+    # An image is no part of a scene.
+    assert absent == {"single-sided objects", "background image", "diagnostics"}
     assert told.keys() - {""} == GONE.keys() == {*switched_off.WITHOUT, "anti-aliasing"}
 
 

@@ -144,6 +144,9 @@ def test_mesh_takes_or_refuses_anything(vertices, faces, colors, normals, uv, on
     attempt(rj.Mesh, np.eye(3), faces)
     for name, value in (("colors", colors), ("normals", normals), ("uv", uv)):
         attempt(rj.Mesh, np.eye(3), [(0, 1, 2)], **{name: value})
+    for attributes in (colors, {on_invalid: colors}, {"a": normals, "b": uv}):
+        attempt(rj.Mesh, np.eye(3), [(0, 1, 2)], attributes=attributes)
+    attempt(rj.rasterize(np.ones((3, 4)), [(0, 1, 2)], (3, 3)).interpolate, uv)
     attempt(rj.Mesh, np.eye(3), [(0, 1, 2)], on_invalid=on_invalid)
     attempt(rj.Mesh, np.eye(3), [(0, 1, 2)], material=normals)
 
@@ -352,6 +355,10 @@ def test_whatever_is_rendered_keeps_the_invariants(
         check_frame(frame, len(ball.faces) + len(faces), 2, size)
         check_ground_truth(frame)
         assert not diagnose or str(frame.diagnostics)
+    else:
+        # A pixel is explained where its colour can be drawn, whatever other outputs ask for.
+        del options["outputs"], options["previous"]
+        frame = attempt(rj.render, scene, camera, cull=cull, threads=threads, **options)
     x, y = size[0] // 2, size[1] // 2
     told = attempt(rj.explain_pixel, scene, camera, size, x, y, cull=cull, quality=rj.Quality(bits))
     assert (told is None) == (frame is None)
@@ -626,6 +633,7 @@ ELSEWHERE = {
     "PixelExplanation": "what explain_pixel returns",
     "accuracy": "a module; tests/accuracy refuses its bad input",
     "LayeredFrame": "what render_layers returns",
+    "Pick": "what Frame.pick returns; tests/outputs/test_picking.py refuses bad input",
     "animation": "a module; tests/animation refuses its bad input",
     "dataset": "a module; tests/dataset refuses its bad input",
     "cameras": "a module; tests/io/test_cameras.py refuses its bad input",

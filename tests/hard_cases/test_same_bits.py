@@ -21,6 +21,7 @@ import frames
 import numpy as np
 import pytest
 from kernel_files import kernel_files
+from strict import STRICT
 
 import rasterjit as rj
 
@@ -47,7 +48,7 @@ def differing(want, got):
 def run_frames(arguments=(), **environment):
     """Return the hashes that a fresh process finds."""
     done = subprocess.run(
-        [sys.executable, "-W", "error", str(frames.HERE / "frames.py"), "--print", *arguments],
+        [sys.executable, *STRICT, str(frames.HERE / "frames.py"), "--print", *arguments],
         env={**os.environ, **environment}, capture_output=True, text=True, check=True,
     )  # fmt: skip
     return json.loads(done.stdout)

@@ -110,6 +110,15 @@ def test_what_the_tests_import_is_in_the_extra():
     assert not found
 
 
+def test_the_metadata_has_addresses_and_none_that_the_pages_do_not_know():
+    tomllib = pytest.importorskip("tomllib", reason="Python 3.10 reads no TOML")
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    own = f"https://pypi.org/project/{normalized(project['name'])}/"
+    pages = "".join((ROOT / page).read_text(encoding="utf-8") for page in ("README.md", "LICENSE"))
+    assert own in project["urls"].values()
+    assert all(address == own or address in pages for address in project["urls"].values())
+
+
 def test_imports_of_every_kind_are_seen():
     source = (
         "import one.more, two as three\nfrom four.five import six\nfrom . import seven\n"

@@ -195,7 +195,7 @@ def test_what_could_be_switched_on_is_what_the_scene_has_data_for(cube):
 
 PARTS_OF_OTHERS = {
     "shading", "lights", "smooth normals", "microfacets", "single-sided objects", "diagnostics",
-    "anti-aliasing",
+    "anti-aliasing", "background image",
 }  # fmt: skip
 """Rows that a frame is not itself without, or that `variations` switches in a way of its own."""
 

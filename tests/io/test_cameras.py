@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -327,6 +329,119 @@ def test_trimesh_and_back():
     np.testing.assert_allclose(transform, scene.camera_transform, atol=1e-12)
     assert (made.z_near, made.z_far) == pytest.approx((0.2, 50.0))
     assert_same_camera(cameras.from_trimesh(made, transform), camera)
+
+
+# The size that a camera is made for
+
+
+def made_for_a_size():
+    """Return cameras that are made for images of W x H pixels, by the name of who makes them."""
+    scene = trimesh_scene()
+    return {
+        "intrinsics": off_axis(),
+        "opencv": cameras.from_opencv(opencv_parameters()[0], SIZE),
+        "pytorch3d": cameras.from_pytorch3d(np.eye(3), np.zeros(3), 1.0, SIZE),
+        "blender": cameras.from_blender(np.eye(4), SIZE),
+        "blender, parallel": cameras.from_blender(np.eye(4), SIZE, type="ORTHO", clip_end=9.0),
+        "trimesh": cameras.from_trimesh(scene.camera, scene.camera_transform),
+    }
+
+
+@pytest.mark.parametrize("name", made_for_a_size())
+def test_a_camera_made_for_one_size_is_not_stretched_to_another(name):
+    camera = made_for_a_size()[name]
+    cube = rj.load(Path(__file__).parents[2] / "models" / "cube.ply")
+    with pytest.raises(ValueError, match=rf"^size .* {W} x {H}.* got {W} x {H + 9}; .*replace"):
+        rj.render(cube, camera, size=(W, H + 9))
+    for told in ((W, H + 9), None):
+        stretched = dataclasses.replace(camera, size=told)
+        assert np.array_equal(stretched.projection_matrix((W, H + 9)), camera.clip_from_view)
+
+
+def test_an_error_bound_is_met_with_a_camera_made_for_a_size():
+    # Small pictures, of another aspect than this wide one, tell which quality is enough.
+    size = 200, 60
+    cube = rj.load(Path(__file__).parents[2] / "models" / "cube.ply")
+    matrix = rj.fit_camera(cube).view_matrix()
+    camera = rj.MatrixCamera.from_intrinsics(70, 70, 100, 30, size, view_from_world=matrix)
+    assert rj.render(cube, camera, size=size, max_error=0.5, threads=1).color.shape == (60, 200, 4)
+
+
+def test_the_camera_of_an_earlier_view_is_named():
+    cube = rj.load(Path(__file__).parents[2] / "models" / "cube.ply")
+    view = rj.View(camera=off_axis())
+    with pytest.raises(ValueError, match=rf"^previous\.camera: size .* {W} x {H}"):
+        rj.render(cube, size=(W, W), outputs="motion", previous=view)
+
+
+def test_a_size_of_the_same_aspect_up_to_rounded_sides_is_taken():
+    camera = cameras.from_opencv(np.eye(3), (641, 481))
+    taken = [(641, 481), (320, 240), (321, 241), (320, 241), (1282, 962), (64, 48), (6410, 4810)]
+    for size in taken:
+        assert np.array_equal(camera.projection_matrix(size), camera.clip_from_view)
+    for size in ((640, 640), (481, 641), (321, 239), (1282, 959), (6410, 4800)):
+        with pytest.raises(ValueError, match="641 x 481"):
+            camera.projection_matrix(size)
+
+
+def test_half_the_size_has_the_intrinsics_that_opencv_has_for_it():
+    k, rotation, translation = opencv_parameters()
+    camera = cameras.from_opencv(k, SIZE, rotation=rotation, translation=translation)
+    half = cameras.to_opencv(camera, (W // 2, H // 2)).intrinsics
+    want = np.diag([0.5, 0.5, 1.0]) @ k
+    # Of cv2.resize: centres of pixels are whole numbers on both sides.
+    want[:2, 2] -= 0.25
+    np.testing.assert_allclose(half, want, rtol=1e-13)
+
+
+# Poses that mirror
+
+
+LEFT = np.diag([-1.0, 1.0, 1.0, 1.0])
+MINUS = np.diag([-1.0, -1.0, -1.0, 1.0])
+LENS = rj.transforms.perspective(45.0, 1.0, 0.1, 10.0)
+TURNED = rj.transforms.compose(
+    rj.transforms.translate((1, 2, 3)), rj.transforms.rotate((1, 2, 3), 40)
+)
+
+TAKERS = {
+    "matrices": (lambda pose: rj.MatrixCamera(pose, LENS), "view_from_world"),
+    "intrinsics": (
+        lambda pose: rj.MatrixCamera.from_intrinsics(50, 50, 32, 24, SIZE, view_from_world=pose),
+        "view_from_world",
+    ),
+    "opencv": (
+        lambda pose: cameras.from_opencv(np.eye(3), SIZE, camera_from_world=pose),
+        "camera_from_world",
+    ),
+    "opencv, R": (
+        lambda pose: cameras.from_opencv(np.eye(3), SIZE, rotation=pose[:3, :3]), "rotation",
+    ),
+    "opengl": (lambda pose: cameras.from_opengl(pose, LENS), "view"),
+    "pytorch3d": (lambda pose: cameras.from_pytorch3d(pose[:3, :3].T, np.zeros(3), 1.0, SIZE), "R"),
+    "blender": (lambda pose: cameras.from_blender(pose, SIZE), "matrix_world"),
+    "trimesh": (lambda pose: cameras.from_trimesh(trimesh_scene().camera, pose), "transform"),
+    "pose": (cameras.view_from_pose, "pose"),
+    "replace": (
+        lambda pose: dataclasses.replace(off_axis(), view_from_world=pose), "view_from_world",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("mirror", [LEFT, MINUS], ids=["x", "xyz"])
+@pytest.mark.parametrize("name", TAKERS)
+def test_no_constructor_takes_a_pose_that_mirrors(name, mirror):
+    take, named = TAKERS[name]
+    take(TURNED)
+    for pose in (mirror @ TURNED, TURNED @ mirror):
+        with pytest.raises(ValueError, match=rf"^{named} must .*mirror"):
+            take(pose)
+
+
+def test_no_field_of_a_camera_with_a_target_can_mirror():
+    for up in ((0, 1, 0), (0, -1, 0)):
+        for make in (rj.PerspectiveCamera, rj.OrthographicCamera):
+            assert np.linalg.det(make((1, 2, 3), (0, 0, 0), up).view_matrix()[:3, :3]) > 0.9
 
 
 # What is refused

@@ -130,7 +130,7 @@ def test_a_map_kd_is_the_base_colour_texture_and_uv_stays(tmp_path):
     mesh = only_mesh(load(write_obj(tmp_path, picture(np.full((3, 4, 3), 188, np.uint8)))))
     assert np.unique(mesh.uv, axis=0).tolist() == [[0, 0], [0, 1], [1, 0], [1, 1]]
     texture = mesh.material.base_color_texture
-    assert mesh.material == Material(name="skin", base_color="white", base_color_texture=texture)
+    assert mesh.material == Material(name="skin", base_color_texture=texture)
     assert texture.size == (4, 3)
     assert (texture.image == np.float32([0.502886458033] * 3 + [1.0])).all()
     assert (texture.wrap, texture.filter) == (("repeat", "repeat"), "trilinear")

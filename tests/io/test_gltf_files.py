@@ -18,6 +18,7 @@ import rasterjit as rj
 from rasterjit.cli.options import Look
 from rasterjit.io.gltf.content import FAN, STRIP, TRIANGLES, join_corners
 from rasterjit.io.gltf.file import GltfFile
+from rasterjit.io.gltf.scene import parent_from_node
 from rasterjit.io.resources import Resources
 from rasterjit.io.skipped import LoadWarning, MeshFileError
 
@@ -110,7 +111,8 @@ def test_a_picture_that_cannot_be_used_is_left_out_by_name(tmp_path, kind, field
         (lambda d: d.update(images=[{"uri": "https://example.com/a.png"}]), "is not a file beside"),
         (lambda d: d["textures"].__setitem__(0, {"extensions": {"KHR_texture_basisu": {}}}),
          "its picture is given by KHR_texture_basisu"),
-        (lambda d: d["materials"][0]["pbrMetallicRoughness"].update(baseColorTexture=[1]), "list"),
+        (lambda d: d["materials"][0]["pbrMetallicRoughness"].update(baseColorTexture=[1]),
+         "baseColorTexture must be an object, got [1]"),
     ],
 )  # fmt: skip
 def test_a_texture_reference_that_leads_nowhere_is_named(tmp_path, change, reason):
@@ -148,7 +150,7 @@ def test_a_material_reference_that_leads_nowhere_is_named(tmp_path, number):
     document(model)["meshes"][0]["primitives"][0]["material"] = number
     scene = load_with(
         model.save(tmp_path / "a.glb"),
-        f"reference to material {number!r}, which the file has not (1)",
+        f"reference to material {json.dumps(number)}, which the file has not (1)",
     )
     assert only_material(scene) == rj.Material()
 
@@ -315,7 +317,7 @@ def second_mesh(change):
         (lambda m, d: m["primitives"][0].update(mode=3), "lines of mesh 'mesh 1'"),
         (lambda m, d: m["primitives"][0].update(mode=9), "mesh 'mesh 1', which cannot be read"),
         (lambda m, d: m["primitives"][0].update(indices=99), "no accessor 99 (it has "),
-        (lambda m, d: m["primitives"][0]["attributes"].pop("POSITION"), "'POSITION'"),
+        (lambda m, d: m["primitives"][0]["attributes"].pop("POSITION"), "POSITION is missing"),
         (lambda m, d: compress(m["primitives"][0], d, is_plain=False),
          "mesh 'mesh 1', which is compressed by KHR_draco_mesh_compression"),
         (lambda m, d: d["nodes"][1].update(mesh=7), "reference to mesh 7, which the file has not"),
@@ -455,13 +457,44 @@ def test_a_mesh_in_parts_is_one_node_for_each(tmp_path):
     assert [node.mesh.material.name for node in scene.nodes] == ["wall", "other"]
 
 
+def test_nodes_hang_together_as_in_the_file(tmp_path):
+    model = textured()
+    nodes = document(model)["nodes"]
+    primitives = document(model)["meshes"][0]["primitives"]
+    primitives.append({**primitives[0]})
+    nodes[0].update(name="hand", rotation=[0.0, 0.0, 0.6, 0.8], scale=[1.0, 2.0, 1.0])
+    nodes += [
+        {"name": "base", "translation": [1.0, 0.0, -0.0], "children": [2, 4], "mesh": 0},
+        {"name": "elbow", "rotation": [0.28, 0.0, 0.0, 0.96], "children": [3]},
+        {"children": [0]},
+        {"name": "eye"},
+    ]
+    document(model)["scenes"] = [{"nodes": [1]}]
+    scene = rj.load(model.save(tmp_path / "a.glb"))
+    assert [node.name for node in scene.nodes] == ["base", "base part 2", "hand", "hand part 2"]
+    hand, wanted = scene.find("hand"), np.eye(4)
+    assert [hand.parent.name, hand.parent.parent.name] == ["3", "elbow"]
+    assert hand.parent.parent.parent is scene.find("base")
+    for number in (1, 2, 3, 0):
+        wanted = rj.transforms.compose(wanted, parent_from_node(nodes[number]))
+    for node in (hand, *hand.children):
+        np.testing.assert_array_equal(node.world_matrix, wanted)
+    scene.find("elbow").transform = rj.transforms.translate((0, 0, 7))
+    assert scene.nodes[3].world_matrix[:3, 3].tolist() == [1.0, 0.0, 7.0]
+    with pytest.raises(ValueError, match="name must be that of a node of the scene, got 'eye'"):
+        scene.find("eye")
+    nodes[2]["matrix"] = [2.0] * 16
+    with pytest.raises(MeshFileError, match="node 'elbow': transform must be affine"):
+        rj.load(model.save(tmp_path / "a.glb"))
+
+
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
         ({"intensity": -3}, "light 0, which cannot be used: intensity must be a number at least 0, "
          "got -3 (1)"),
-        ({"intensity": "bright"}, "intensity must be a number at least 0, got 'bright'"),
-        ({"intensity": float("nan")}, "intensity must be a number at least 0, got nan"),
+        ({"intensity": "bright"}, "intensity must be a finite number, got \"bright\""),
+        ({"intensity": float("nan")}, "intensity must be a finite number, got NaN"),
         ({"range": -2}, "light 0, which cannot be used: range must be above 0, got -2"),
         ({"color": [1, 2]}, "color must "),
         ({"type": None}, "None light"),
@@ -480,7 +513,7 @@ def test_a_light_that_the_file_has_not_is_named(tmp_path, number):
     model = textured()
     document(model)["nodes"][0]["extensions"] = {"KHR_lights_punctual": {"light": number}}
     document(model)["extensions"] = {"KHR_lights_punctual": {"lights": [{"type": "point"}]}}
-    load_with(model.save(tmp_path / "a.glb"), f"light {number!r}, which cannot", "has 1 lights")
+    load_with(model.save(tmp_path / "a.glb"), f"light {json.dumps(number)}, which", "has 1 lights")
 
 
 def test_a_camera_that_cannot_be_used_is_named_with_the_field(tmp_path):
@@ -489,6 +522,24 @@ def test_a_camera_that_cannot_be_used_is_named_with_the_field(tmp_path):
     document(model)["nodes"][0]["camera"] = number
     said = "camera 0, which cannot be used: znear is missing"
     assert load_with(model.save(tmp_path / "a.glb"), said).camera is None
+
+
+@pytest.mark.parametrize("kind", ["perspective", "orthographic"])
+def test_a_camera_on_a_mirroring_node_is_named(tmp_path, kind):
+    lens = {"yfov": 1.0, "xmag": 2, "ymag": 2, "znear": 0.1, "zfar": 9}
+    for scale, is_taken in (([2, 2, 2], True), ([-1, -1, 2], True), ([-1, 1, 1], False)):
+        model = textured()
+        number = model.glb.add("cameras", {"type": kind, kind: lens})
+        nodes = document(model)["nodes"]
+        # What mirrors may be a node above.
+        nodes.append({"camera": number, "translation": [0, 0, 3]})
+        nodes[0] |= {"children": [len(nodes) - 1], "scale": scale}
+        path = model.save(tmp_path / "a.glb")
+        if is_taken:
+            assert rj.load(path).camera is not None
+        else:
+            said = "camera 0, which cannot be used: its node must not mirror"
+            assert load_with(path, said).camera is None
 
 
 @pytest.mark.parametrize("length", [6, 19, 20, 300, -200])

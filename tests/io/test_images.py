@@ -5,8 +5,10 @@ import imageio.v3 as iio
 import numpy as np
 import pytest
 from opengl import optional_module
+from PIL import Image
 
 from rasterjit.io import images
+from rasterjit.outputs import save
 
 LOSSLESS = (".png", ".bmp", ".tif", ".tiff", ".webp")
 
@@ -24,7 +26,10 @@ def files(folder):
 @pytest.mark.parametrize("channels", [1, 3, 4])
 def test_every_format_is_written_and_nothing_else(tmp_path, suffix, channels):
     path = tmp_path / f"picture{suffix}"
-    images.save_image(path, picture(channels))
+    image = picture(channels)
+    if suffix in images.OPAQUE_FORMATS and channels == 4:
+        image[..., 3] = 255
+    images.save_image(path, image)
     assert files(tmp_path) == [path.name]
     assert iio.imread(path, plugin="pillow").shape[-3:][:2] in ((13, 17), (1, 13))
 
@@ -34,10 +39,30 @@ def test_every_format_is_written_and_nothing_else(tmp_path, suffix, channels):
 def test_lossless_formats_keep_every_color(tmp_path, suffix, channels):
     path = tmp_path / f"picture{suffix}"
     image = picture(channels)
-    image[..., 3:] |= 1  # WebP forgets the colour of a fully transparent pixel
+    # WebP forgets the colour of a fully transparent pixel.
+    image[..., 3:] |= 255 if suffix in images.OPAQUE_FORMATS else 1
     images.save_image(path, image)
     kept = 3 if suffix in images.OPAQUE_FORMATS else channels
     np.testing.assert_array_equal(iio.imread(path, plugin="pillow")[..., :kept], image[..., :kept])
+
+
+@pytest.mark.parametrize("suffix", images.OPAQUE_FORMATS)
+def test_a_transparent_picture_is_refused_where_it_would_turn_opaque(tmp_path, suffix):
+    image = np.full((2, 3, 4), 255, np.uint8)
+    image[1, 2, 3] = 254
+    with pytest.raises(ValueError, match=rf"{suffix} knows no transparency, and 1 of 6 .* \.png"):
+        images.save_image(tmp_path / f"a{suffix}", image)
+    assert not files(tmp_path)
+
+
+def test_a_gif_is_transparent_where_alpha_is_below_a_half(tmp_path):
+    image = np.full((4, 4, 4), 200, np.uint8)
+    image[..., 3] = np.array([0, 127, 128, 255], np.uint8)
+    images.save_image(tmp_path / "a.gif", image)
+    with Image.open(tmp_path / "a.gif") as stored:
+        shown = np.array(stored.convert("RGBA"))
+    assert shown[0, :, 3].tolist() == [0, 0, 255, 255]
+    assert (shown[:, 2:, :3] == 200).all()
 
 
 def test_extension_may_be_in_capitals_and_the_path_a_string(tmp_path):
@@ -119,64 +144,6 @@ def test_arrays_need_a_name_and_npz(tmp_path):
     assert not files(tmp_path)
 
 
-DEPTH = np.array([[0.0, 1.5, np.inf], [0.0005, 65.535, 3.0004]], np.float32)
-
-
-def test_depth_arrays_are_exact(tmp_path):
-    images.save_depth(tmp_path / "a.npy", DEPTH)
-    np.testing.assert_array_equal(np.load(tmp_path / "a.npy"), DEPTH)
-    images.save_depth(tmp_path / "a.npz", DEPTH)
-    with np.load(tmp_path / "a.npz") as loaded:
-        np.testing.assert_array_equal(loaded["depth"], DEPTH)
-
-
-def test_depth_png_is_scaled_rounded_and_zero_where_nothing_is(tmp_path):
-    images.save_depth(tmp_path / "a.png", DEPTH)
-    stored = iio.imread(tmp_path / "a.png")
-    assert stored.dtype == np.uint16
-    assert stored.tolist() == [[0, 1500, 0], [1, 65535, 3000]]
-    images.save_depth(tmp_path / "a.png", DEPTH, scale=2)
-    assert iio.imread(tmp_path / "a.png").tolist() == [[0, 3, 0], [0, 131, 6]]
-
-
-@pytest.mark.parametrize("depth", [65.6, -1.0])
-def test_depth_png_that_overflows_is_an_error(tmp_path, depth):
-    with pytest.raises(ValueError, match="scale"):
-        images.save_depth(tmp_path / "a.png", np.full((2, 2), depth, np.float32))
-    assert not files(tmp_path)
-
-
-@pytest.mark.parametrize("scale", [0, -1, np.nan, "a"])
-def test_bad_depth_scale_is_named(tmp_path, scale):
-    with pytest.raises(ValueError, match="scale"):
-        images.save_depth(tmp_path / "a.png", DEPTH, scale=scale)
-
-
-def test_bad_depth_is_named(tmp_path):
-    for depth in (np.zeros((2, 2)), np.zeros((2, 2, 1), np.float32), np.zeros((0, 2), np.float32)):
-        with pytest.raises(ValueError, match="depth"):
-            images.save_depth(tmp_path / "a.npy", depth)
-    with pytest.raises(ValueError, match="must end in"):
-        images.save_depth(tmp_path / "a.jpg", DEPTH)
-
-
-def test_exr_holds_the_depth_exactly(tmp_path):
-    openexr = optional_module("OpenEXR")
-    images.save_depth(tmp_path / "a.exr", DEPTH)
-    assert files(tmp_path) == ["a.exr"]
-    with openexr.File(str(tmp_path / "a.exr")) as file:
-        np.testing.assert_array_equal(file.channels()["Z"].pixels, DEPTH)
-
-
-def test_exr_without_openexr_says_what_to_install(tmp_path, monkeypatch):
-    import sys
-
-    monkeypatch.setitem(sys.modules, "OpenEXR", None)
-    with pytest.raises(ValueError, match=r"rasterjit\[exr\]"):
-        images.save_depth(tmp_path / "a.exr", DEPTH)
-    assert not files(tmp_path)
-
-
 def test_a_refused_file_is_named_as_it_was_asked_for(tmp_path):
     path = tmp_path / "a.png"
 
@@ -200,11 +167,12 @@ FULL = """
 import resource, sys
 import numpy as np
 from rasterjit.io import images
+from rasterjit.outputs.save import save_outputs
 resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
 chance = np.random.default_rng(1)
 try:
     if sys.argv[2] == "depth":
-        images.save_depth(sys.argv[1], chance.random((64, 64), np.float32))
+        save_outputs(sys.argv[1], {"depth": chance.random((64, 64), np.float32)})
     else:
         images.save_image(sys.argv[1], chance.integers(0, 256, (64, 64, 3), np.uint8))
 except OSError as error:
@@ -217,7 +185,7 @@ except OSError as error:
 @pytest.mark.parametrize(
     ("kind", "suffix"),
     [
-        *(("depth", suffix) for suffix in images.DEPTH_FORMATS),
+        *(("depth", suffix) for suffix in save.FORMATS),
         # Pillow takes a JPEG that is cut short for a whole one.
         *(("picture", suffix) for suffix in images.IMAGE_FORMATS),
     ],

@@ -145,7 +145,7 @@ def test_vertex_colours_are_srgb_bytes(tmp_path):
     trimesh.Trimesh(SQUARE, TWO_FACES, vertex_colors=colors, process=False).export(path)
     mesh = only_mesh(load(path))
     assert np.array_equal(mesh.vertex_colors[:, :3], srgb_to_linear(colors[:, :3].astype(np.uint8)))
-    assert mesh.material.base_color == (1.0, 1.0, 1.0, 1.0)
+    assert mesh.material.base_color is None
 
 
 def test_face_colours_stay_with_their_faces(tmp_path):
@@ -460,6 +460,14 @@ def test_normals_given_to_a_trimesh_are_its_own():
     assert np.array_equal(only_mesh(from_trimesh(source)).normals, up)
 
 
+def test_a_camera_of_trimesh_whose_pose_mirrors_is_named():
+    source = trimesh.Scene(trimesh.creation.box())
+    source.camera = trimesh.scene.Camera(fov=(60, 30))
+    source.camera_transform = np.diag([1.0, -1.0, 1.0, 1.0])
+    with pytest.warns(UserWarning, match="camera whose pose mirrors"):
+        assert from_trimesh(source).camera is None
+
+
 def test_a_trimesh_scene_brings_its_camera_and_lights():
     source = trimesh.Scene(trimesh.creation.box())
     source.camera = trimesh.scene.Camera(fov=(60, 30), z_near=0.25)
@@ -589,3 +597,38 @@ def test_a_glb_of_a_wrong_first_chunk_still_ends_in_a_clear_error(tmp_path):
     path.write_bytes(b"glTF" + struct.pack("<IIII", 2, 24, 4, 0x004E4942) + b"\0\0\0\0")
     with pytest.raises(MeshFileError, match=r"a\.glb"):
         load(path)
+
+
+def test_what_loading_raises_and_warns_of_is_caught_by_public_names(tmp_path):
+    with pytest.raises(rj.MeshFileError, match="does not exist"):
+        rj.load(tmp_path / "none.obj")
+    damaged = tmp_path / "damaged.obj"
+    damaged.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nf 1 2 9\n")
+    with pytest.warns(rj.LoadWarning, match="damaged"):
+        assert len(rj.load(damaged, on_damage="warn").nodes[0].mesh.faces) == 1
+    assert issubclass(rj.MeshFileError, ValueError)
+    assert issubclass(rj.LoadWarning, UserWarning)
+
+
+@pytest.mark.parametrize("extension", ["obj", "stl", "off", "ply", "glb", "gltf"])
+@pytest.mark.parametrize(
+    ("name", "kind"), [("picture.png", "a PNG picture"), ("picture.jpg", "a JPEG picture")]
+)
+def test_a_picture_with_the_name_of_a_mesh_is_said_to_be_one(tmp_path, name, kind, extension):
+    picture = tmp_path / name
+    Image.new("RGB", (8, 8)).save(picture)
+    file = picture.rename(tmp_path / f"mesh.{extension}")
+    with pytest.raises(MeshFileError, match=rf"mesh\.{extension} is {kind}; .* \.{extension}$"):
+        rj.load(file)
+
+
+def test_a_mesh_with_the_name_of_another_kind_is_said_to_be_it(tmp_path):
+    file = tmp_path / "cube.obj"
+    content = trimesh.creation.box().export(file_type="ply")
+    file.write_bytes(content)
+    with pytest.raises(MeshFileError, match=r"cube\.obj is a PLY file; its name says \.obj"):
+        rj.load(file)
+    damaged = tmp_path / "cube.ply"
+    damaged.write_bytes(content[:-20])
+    with pytest.raises(MeshFileError, match="damaged"):
+        rj.load(damaged)

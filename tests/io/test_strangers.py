@@ -224,7 +224,7 @@ def test_a_material_library_outside_is_named(tmp_path):
     (tmp_path / "secret.mtl").write_text("newmtl m\nKd 1 0 0\n")
     with pytest.warns(LoadWarning, match=r"MTL file.*secret\.mtl.*outside"):
         scene = rj.load(obj(tmp_path / "model", "wood.png", "../secret.mtl"))
-    red, green, _, _ = scene.nodes[0].mesh.material.base_color
+    red, green, _, _ = scene.nodes[0].mesh.material.base_color_over(False)
     assert red == green, "the file outside was read"
 
 

@@ -71,7 +71,7 @@ def random_triangles(kind, rng):
             a, b = rng.uniform(-10, 138, (2, 2))
             yield [a, b, (a + b) / 2 + rng.uniform(-0.3, 0.3, 2)]
     elif kind == "few samples in a row":
-        # How many decides whether a tile is drawn row by row, or the first of all rows first.
+        # How many decides how many are tested at once.
         for width in (1, 2, 3, 4, 5):
             for _ in range(12):
                 a = rng.uniform(-10, 138, 2)
@@ -81,6 +81,15 @@ def random_triangles(kind, rng):
                     a + along,
                     a + along * rng.uniform(0, 1) + [rng.uniform(-1, 1) * width, 0],
                 ]
+    elif kind == "narrow and tall":
+        # The largest numbers that the test of boxes, and that of rows, holds: up to the guard band.
+        for width in (0.5, 3, 7, 8, 9, 40):
+            for _ in range(8):
+                left = rng.uniform(-4, 124)
+                box = rng.uniform(0, 1, (3, 2)) * [width, 16000]
+                box[:2, 0] = rng.permutation([0.0, width])
+                box[:2, 1] = rng.permutation([0.0, 16000])
+                yield box + [left, -7900]
     elif kind == "edges between tiles":
         # Edges and corners on the lines between tiles and around the image, or half a pixel off.
         lines = np.array([-0.5, 0, 0.5, 63.5, 64, 64.5, 127.5, 128, 128.5])
@@ -96,6 +105,7 @@ KINDS = [
     "huge",
     "sliver",
     "few samples in a row",
+    "narrow and tall",
     "edges between tiles",
 ]
 

@@ -17,7 +17,8 @@ TYPES = {
     "distance": (np.float32, ()), "object_position": (np.float32, (3,)), "nocs": (np.float32, (3,)),
     "geometric_normal": (np.float32, (3,)), "material_id": (np.int32, ()),
     "instance_id": (np.int32, ()), "coverage": (np.float32, ()), "motion": (np.float32, (2,)),
-    "motion_visible": (np.bool_, ()),
+    "motion_visible": (np.bool_, ()), "normal_camera": (np.float32, (3,)),
+    "position_camera": (np.float32, (3,)),
 }  # fmt: skip
 SAME = rj.View()
 """Nothing has moved."""
@@ -84,7 +85,7 @@ def test_outputs_agree_about_what_is_covered(mesh, camera):
     assert ((frame.object_id == -1) == ~hit).all()
     assert ((frame.color[..., 3] == 255) == hit).all()
     assert (frame.color[~hit] == 0).all()
-    for name in ("uv", "position", "object_position", "nocs", "motion"):
+    for name in ("uv", "position", "position_camera", "object_position", "nocs", "motion"):
         assert (np.isfinite(getattr(frame, name)).all(axis=2) == hit).all(), name
     for name in ("distance", "depth"):
         assert (np.isfinite(getattr(frame, name)) == hit).all(), name
@@ -113,6 +114,23 @@ def test_save_as_image(mesh, camera, tmp_path):
     frame.save(str(tmp_path / "again.png"))
     assert (tmp_path / "again.png").read_bytes() == (tmp_path / "frame.png").read_bytes()
     assert sorted(path.name for path in tmp_path.iterdir()) == ["again.png", "frame.png"]
+
+
+def test_a_transparent_frame_is_no_jpeg(mesh, camera, tmp_path):
+    scene = rj.Scene()
+    scene.add(mesh)
+    for background, is_refused in (("transparent", True), ((1, 1, 1, 0.5), True), ("white", False)):
+        frame = rj.render(scene, camera, size=(32, 24), background=background, threads=1)
+        if not is_refused:
+            frame.save(tmp_path / "a.jpg")
+            assert (iio.imread(tmp_path / "a.jpg")[0, 0] >= 250).all()
+            continue
+        with pytest.raises(ValueError, match=r"a\.jpg.*knows no transparency.*background='white'"):
+            frame.save(tmp_path / "a.jpg")
+        assert not list(tmp_path.iterdir())
+        frame.save(tmp_path / "a.png")
+        assert np.array_equal(iio.imread(tmp_path / "a.png"), frame.color)
+        (tmp_path / "a.png").unlink()
 
 
 def test_what_cannot_be_saved_is_an_error(mesh, camera, tmp_path):

@@ -20,7 +20,7 @@ from rasterjit.scene.material import SHADINGS
 SIZE = (48, 36)
 BUFFERS = (
     "distance", "object_position", "nocs", "geometric_normal", "material_id", "instance_id",
-    "coverage",
+    "coverage", "normal_camera", "position_camera",
 )  # fmt: skip
 TRUTH = ("face_id", "object_id", "barycentric", "position", "depth")
 T = rj.transforms
@@ -142,6 +142,104 @@ def test_geometric_normal_is_that_of_the_plane_that_is_seen(seen):
             to_eye = np.array(camera.view_matrix())[2, :3]
         want = normal if normal @ to_eye >= 0.0 else -normal
         np.testing.assert_allclose(frame.geometric_normal[row, column], want, atol=2e-6)
+
+
+# Camera space
+
+SPACES = ("position", "position_camera", "normal", "normal_camera", "face_id", "depth")
+
+VIEWS = {
+    # As cameras of other programs may be: scaled, mirrored and leaning.
+    "scaled": np.diag([0.01, 0.01, 0.01, 1.0]),
+    "tiny": np.diag([1e-200, 1e-200, 1e-200, 1.0]),
+    "mirrored": np.diag([-1.0, 1.0, 1.0, 1.0]),
+    "leaning": np.array([[1, 0.3, 0, 0.1], [0, 0.8, 0.2, 0], [0.1, 0, 1.5, 0], [0, 0, 0, 1.0]]),
+}
+
+
+def check_camera_space(frame, camera):
+    """Compare with products of what is known in the world, one pixel after the other."""
+    view, seen = camera.view_matrix(), frame.face_id >= 0
+    assert seen.any()
+    turn = np.linalg.inv(view[:3, :3]).T / np.abs(np.linalg.inv(view[:3, :3])).max()
+    rounding = max(2e-6 * np.abs(view[:3]).max(), 1e-45)
+    for point, found, normal, turned in zip(
+        frame.position[seen], frame.position_camera[seen], frame.normal[seen],
+        frame.normal_camera[seen], strict=True,
+    ):  # fmt: skip
+        want = view @ (*point.astype(float), 1.0)
+        np.testing.assert_allclose(found, want[:3], rtol=1e-6, atol=rounding)
+        np.testing.assert_allclose(turned, naive.unit(turn @ normal.astype(float)), atol=3e-7)
+    assert np.isnan(frame.position_camera[~seen]).all()
+    assert (frame.normal_camera[~seen] == 0.0).all()
+
+
+@pytest.mark.parametrize("name", list(CAMERAS))
+def test_camera_space_is_the_view_of_the_world(scene, name):
+    camera = CAMERAS[name]
+    frame = rj.render(scene, camera, size=SIZE, outputs=SPACES)
+    check_camera_space(frame, camera)
+    seen = frame.face_id >= 0
+    # The camera looks along -z; the depth is that of vertices on the sub-pixel grid.
+    np.testing.assert_allclose(-frame.position_camera[seen][:, 2], frame.depth[seen], rtol=5e-4)
+
+
+@pytest.mark.parametrize("name", list(VIEWS))
+def test_camera_space_of_any_view_matrix(scene, name):
+    near = 0.1 * np.abs(VIEWS[name][:3, :3]).max()
+    looking = rj.PerspectiveCamera((1.0, 1.2, 4.5), (0, 0, 0), near=near)
+    view = T.compose(VIEWS[name], looking.view_matrix())
+    camera = rj.MatrixCamera(view, looking.projection_matrix(SIZE))
+    frame = rj.render(scene, camera, size=SIZE, outputs=SPACES)
+    check_camera_space(frame, camera)
+    lengths = np.linalg.norm(frame.normal_camera[frame.face_id >= 0], axis=1)
+    np.testing.assert_allclose(lengths[lengths > 0.0], 1.0, rtol=2e-7)
+
+
+def test_camera_space_has_x_right_y_up_and_looks_along_minus_z():
+    # A wall that faces a camera on the x axis.
+    wall = rj.Mesh([[-2, -5, 5], [-2, -5, -5], [-2, 5, -5], [-2, 5, 5]], [[0, 1, 2], [0, 2, 3]])
+    camera = rj.PerspectiveCamera((2, 0, 0), (0, 0, 0), fov_y=90.0)
+    frame = rj.render(wall, camera, size=(4, 4), outputs=SPACES)
+    x = (np.arange(4) + 0.5) / 2.0 - 1.0
+    right, up = np.meshgrid(4.0 * x, -4.0 * x)
+    want = np.stack([right, up, np.full((4, 4), -4.0)], axis=2)
+    np.testing.assert_allclose(frame.position_camera, want, rtol=1e-6)
+    np.testing.assert_allclose(frame.normal_camera, np.full((4, 4, 3), (0, 0, 1)), atol=1e-7)
+
+
+def test_camera_space_keeps_its_digits_far_from_the_origin(scene):
+    near = CAMERAS["perspective"]
+    here = rj.render(scene, near, size=SIZE, outputs=SPACES)
+    away = np.array((2.0**23, -(2.0**22), 2.0**24))
+    moved = rj.Scene()
+    for node in scene.nodes:
+        moved.add(node.mesh, T.compose(T.translate(away), node.world_from_model))
+    camera = rj.PerspectiveCamera(away + near.eye, away + near.target, near=0.5, far=30.0)
+    there = rj.render(moved, camera, size=SIZE, outputs=SPACES)
+    same = (here.face_id == there.face_id) & (here.face_id >= 0)
+    assert same.sum() > 0.9 * (here.face_id >= 0).sum()
+    np.testing.assert_allclose(
+        there.position_camera[same], here.position_camera[same], rtol=0, atol=1e-4
+    )
+    # In the world they are lost.
+    assert np.abs(there.position[same] - away - here.position[same]).max() > 0.1
+
+
+@pytest.mark.parametrize("samples", [4, 64])
+def test_camera_space_is_that_of_the_centre_in_layers_regions_and_samples(scene, samples):
+    camera, names = CAMERAS["perspective"], ("normal_camera", "position_camera")
+    size, region = (96, 72), Region(0, 0, 64, 64)
+    whole = rj.render(scene, camera, size=size, outputs=names).arrays()
+    layers = rj.render_layers(scene, camera, k=2, size=size, outputs=names).arrays()
+    with RegionRenderer(scene, camera, size=size, outputs=names) as renderer:
+        part = renderer.render_region(region).arrays()
+    quality = rj.Quality(samples=samples)
+    fine = rj.render(scene, camera, size=size, quality=quality, outputs=(*names, "color")).arrays()
+    for name in names:
+        assert layers[name][0].tobytes() == whole[name].tobytes()
+        assert part[name].tobytes() == whole[name][:64, :64].tobytes()
+        assert fine[name].tobytes() == whole[name].tobytes()
 
 
 @pytest.fixture

@@ -140,7 +140,7 @@ def test_a_frame_has_the_masks_of_its_objects(frame):
 def test_an_annotation_file_is_what_coco_reads(frame, tmp_path):
     path = tmp_path / "instances.json"
     pictures = [("a.png", frame.object_id), ("b.png", np.full((8, 9), -1))]
-    rj.masks.save_coco(path, pictures, {0: "cup", 2: "plate"}, info={"version": "1"})
+    rj.masks.save_coco(path, pictures, {0: "cup", 1: None, 2: "plate"}, info={"version": "1"})
     assert [place.name for place in tmp_path.iterdir()] == ["instances.json"]
     document = json.loads(path.read_text())
     assert document["info"] == {"version": "1"}
@@ -161,6 +161,16 @@ def test_an_annotation_file_is_what_coco_reads(frame, tmp_path):
         inner = mask[top : top + height, left : left + width]
         assert inner.sum() == mask.sum()
         assert inner.any(axis=0).all()
+
+
+@pytest.mark.parametrize(
+    ("categories", "unsaid"),
+    [(["cup", "plate"], "2"), ({0: "cup", 1: None}, "2"), ({}, "0, 1, 2")],
+)
+def test_an_object_that_no_category_is_said_of_is_refused(frame, tmp_path, categories, unsaid):
+    with pytest.raises(ValueError, match=rf"'a.png' shows.* None to leave.* none for {unsaid}$"):
+        rj.masks.save_coco(tmp_path / "a.json", [("a.png", frame.object_id)], categories)
+    assert not list(tmp_path.iterdir())
 
 
 @reads_with_pycocotools
@@ -188,6 +198,7 @@ def test_pycocotools_opens_the_annotation_file(frame, tmp_path):
         (lambda: masks.decompress("P"), "text"), (lambda: masks.compress([-1]), "counts"),
         (lambda: masks.coco([("a", [[0]])], "cup"), "categories"),
         (lambda: masks.coco([("a", [[0]])], {"0": "cup"}), "categories"),
+        (lambda: masks.coco([("a", [[0]])], {0: ""}), "categories"),
         (lambda: masks.coco([7], ["cup"]), "images"),
         (lambda: masks.coco([(7, [[0]])], ["cup"]), "images"),
         (lambda: masks.coco([("a", [0])], ["cup"]), "ids"),

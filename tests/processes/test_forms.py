@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 from kernel_files import kernel_modules
+from strict import STRICT
 
 from rasterjit.runtime import jit, store
 from rasterjit.runtime.state import leaves
@@ -72,7 +73,7 @@ def drawn():
     if jit.DISABLED or jit.CHECKED:
         pytest.skip("no machine code of ours")
     done = subprocess.run(
-        [sys.executable, "-W", "error", "-c", DRAW, str(TESTS / "hard_cases"), str(TESTS)],
+        [sys.executable, *STRICT, "-c", DRAW, str(TESTS / "hard_cases"), str(TESTS)],
         capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr

@@ -10,7 +10,7 @@ from rasterjit.effects.shadows import maps, visible_depth
 from rasterjit.effects.shadows import stage as shadows_stage
 from rasterjit.rendering.plan import list_kernels
 from rasterjit.scene import transforms as tf
-from rasterjit.scene.camera import clip_from_relative
+from rasterjit.scene.pixels import clip_from_relative
 from rasterjit.survey import facts
 from rasterjit.survey import lights as planned_lights
 from rasterjit.survey.placement import Boxes, mesh_boxes, place_boxes, place_objects, view_places

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from strict import STRICT
 
 import rasterjit as rj
 from rasterjit.outputs.table import MOTION_OUTPUTS, OUTPUTS
@@ -132,7 +133,7 @@ if __name__ == "__main__":
 
 def run_script(**environment):
     done = subprocess.run(
-        [sys.executable, "-W", "error", "-c", SCRIPT, str(ROOT)],
+        [sys.executable, *STRICT, "-c", SCRIPT, str(ROOT)],
         cwd=ROOT, env={**os.environ, **environment}, capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr

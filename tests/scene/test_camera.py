@@ -276,6 +276,29 @@ def test_fitted_sphere_touches_the_narrow_side(projection, aspect):
     assert ndc[:, 0 if aspect < 1 else 1].max() == pytest.approx(1.0, abs=1e-3)
 
 
+@pytest.mark.parametrize("projection", ["perspective", "orthographic"])
+@pytest.mark.parametrize("aspect", [1.0, 0.5, 3.0])
+@pytest.mark.parametrize("size", [(300, 400), (100, 1600), (1, 16384), (900, 400)])
+def test_fitted_sphere_is_wholly_in_an_image_of_any_size(projection, aspect, size):
+    sphere = Sphere((1, 2, 3), 2.0)
+    camera = fit_camera(sphere, (1, 2, 3), aspect=aspect, projection=projection, margin=1.01)
+    clip = clip_points(camera, sphere_points(sphere), size)
+    assert (np.abs(clip[:, :3]) <= clip[:, 3:]).all()
+
+
+@pytest.mark.parametrize("make", [perspective_camera, orthographic_camera])
+def test_pictures_below_the_least_aspect_show_as_much_from_side_to_side(make):
+    camera, plain = make(min_aspect=0.75), make()
+    points, _ = points_before(camera)
+    across = [screen_points(camera, points, size)[:, 0] for size in ((300, 400), (300, 1600))]
+    np.testing.assert_allclose(*across, rtol=1e-12)
+    for size in ((300, 400), (301, 400), (400, 300)):
+        assert np.array_equal(camera.projection_matrix(size), plain.projection_matrix(size))
+    # Pixels stay square.
+    matrix = camera.projection_matrix((300, 1600))
+    assert matrix[0, 0] * 300 == pytest.approx(matrix[1, 1] * 1600, rel=1e-15)
+
+
 def test_fitted_depth_range_is_tight():
     camera = fit_camera(Sphere((0, 0, 0), 1.0), (0, 0, 1), margin=1.0)
     distance = camera.eye[2]
@@ -367,6 +390,8 @@ FLAT_BOX = np.diag([1.0, 1.0, 0.0, 1.0])
     ("call", "name"),
     [
         (lambda: orthographic_camera(height=0), "height"),
+        (lambda: orthographic_camera(min_aspect=-1), "min_aspect"),
+        (lambda: perspective_camera(min_aspect=INF), "min_aspect"),
         (lambda: orthographic_camera(near=INF), "near"),
         (lambda: orthographic_camera(far=INF), "far"),
         (lambda: orthographic_camera(far=-1), "far"),

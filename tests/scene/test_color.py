@@ -5,6 +5,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from PIL import ImageColor
 
 from rasterjit.scene.color import (
     NAMED_COLORS,
@@ -53,6 +54,23 @@ def test_every_name_is_a_colour():
         assert linear_color("color", name).shape == (4,)
 
 
+def test_the_names_are_the_148_of_css_as_pillow_has_them():
+    names = {name for name in NAMED_COLORS if name != "transparent"}
+    assert len(names) == 148
+    assert names == set(ImageColor.colormap)
+    for name in names:
+        codes = np.array(ImageColor.getrgb(name), np.uint8)
+        assert np.array_equal(linear_color("c", name.title()), linear_color("c", codes)), name
+
+
+@pytest.mark.parametrize("text", ["steelblu", "Steel Blue", "steel-blue"])
+def test_a_name_that_is_nearly_one_is_answered_with_it(text):
+    with pytest.raises(ValueError, match="did you mean 'steelblue'"):
+        linear_color("tint", text)
+    with pytest.raises(ValueError, match=r"got 'qqqq'$"):
+        linear_color("tint", "qqqq")
+
+
 @pytest.mark.parametrize("value", [(255, 0, 0), (0.5, -0.1, 0.0), (np.nan, 0, 0), (np.inf, 0, 0)])
 def test_numbers_outside_0_to_1_are_refused_with_advice(value):
     with pytest.raises(ValueError, match=r"tint must lie in 0\.\.1.*'#rrggbb'.*uint8"):
@@ -61,7 +79,7 @@ def test_numbers_outside_0_to_1_are_refused_with_advice(value):
 
 @pytest.mark.parametrize("value", ["#12", "#12345", "#gggggg", "no such colour", "", "123456"])
 def test_unknown_strings_are_refused_naming_the_known_ones(value):
-    with pytest.raises(ValueError, match=r"tint must be '#rgb'.*magenta"):
+    with pytest.raises(ValueError, match=r"tint must be '#rgb'.*'steelblue'"):
         linear_color("tint", value)
 
 

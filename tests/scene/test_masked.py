@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 import rasterjit as rj
-from rasterjit.io import images
 from rasterjit.scene import transforms
 
 FACES = [(0, 1, 2)]
@@ -31,7 +30,6 @@ TAKING = {
     "color": lambda value: rj.AmbientLight(color=value(np.ones(3))),
     "image": lambda value: rj.Texture(value(np.zeros((4, 4, 3), np.uint8))),
     "sky": lambda value: rj.Environment(value(np.zeros((4, 8, 3), np.float32))),
-    "depth": lambda value: images.save_depth("a.npy", value(np.zeros((4, 4), np.float32))),
     "ids": lambda value: rj.masks.find(value(np.zeros((4, 4), np.int32))),
 }
 """What takes arrays, by the name of the argument."""

@@ -12,7 +12,8 @@ from rasterjit.scene.texture import Texture
 def test_the_default_is_a_light_grey_with_a_soft_highlight():
     material = Material()
     assert material.shading == "phong"
-    assert material.base_color == tuple(np.float32([0.8, 0.8, 0.8, 1.0]).tolist())
+    assert material.base_color is None
+    assert material.base_color_over(False) == tuple(np.float32([0.8, 0.8, 0.8, 1.0]).tolist())
     assert 0.0 < material.specular < 1.0
     assert material.shininess > 1.0
 
@@ -62,6 +63,7 @@ def test_values_out_of_range_are_refused_by_name(field, value):
 
 def test_equal_materials_are_equal_and_frozen():
     assert Material(base_color="red") == Material(base_color=(1.0, 0.0, 0.0))
+    assert Material() != Material(base_color=(0.8, 0.8, 0.8))
     assert len({Material(), Material()}) == 1
     with pytest.raises(dataclasses.FrozenInstanceError):
         Material().specular = 1.0

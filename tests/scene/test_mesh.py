@@ -102,11 +102,11 @@ def test_as_many_vertices_as_faces_means_colours_by_vertex():
     assert mesh.vertex_colors is not None
 
 
-def test_coloured_meshes_have_a_white_material_unless_told():
-    assert Mesh(SQUARE, TWO_FACES, colors=np.ones((4, 3))).material == Material(base_color="white")
-    assert Mesh(SQUARE, TWO_FACES, colors=np.ones((4, 3)), material=Material()).material == (
-        Material()
-    )
+def test_meshes_with_and_without_colours_have_the_same_material_unless_told():
+    for colors in (None, np.ones((4, 3))):
+        mesh = Mesh(SQUARE, TWO_FACES, colors=colors)
+        assert mesh.material == Material()
+        assert mesh.material.base_color is None
 
 
 def test_given_normals_are_scaled_to_unit_length_and_zero_stays_zero():

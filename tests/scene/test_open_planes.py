@@ -105,7 +105,7 @@ def room():
     quads = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
     faces = [[q[a], q[b], q[c]] for q in quads for a, b, c in ((0, 1, 2), (0, 2, 3))]
     scene = rj.Scene()
-    scene.add(rj.Mesh(corners, faces))
+    scene.add(rj.Mesh(corners, faces, material=rj.Material("flat")))
     return scene
 
 

@@ -211,10 +211,11 @@ def test_unknown_options_are_refused_by_name(options):
 
 
 @pytest.mark.parametrize("filter", FILTERS)
-def test_a_material_takes_a_texture_and_turns_white(filter):
+def test_a_material_takes_a_texture_and_changes_nothing_of_it(filter):
     texture = rj.Texture([[0.5]], filter=filter)
     material = rj.Material(base_color_texture=texture)
-    assert material.base_color == (1.0, 1.0, 1.0, 1.0)
+    assert material.base_color is None
+    assert material.base_color_over(False) == (1.0, 1.0, 1.0, 1.0)
     assert rj.Material("phong", "red", base_color_texture=texture).base_color == (1, 0, 0, 1)
     assert material == rj.Material(base_color_texture=texture)
     with pytest.raises(ValueError, match="base_color_texture must be a Texture"):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -226,11 +227,23 @@ def test_parallel_camera_becomes_one_that_shows_as_much(kind):
     assert pixel_of(seen, edge, (60, 60)) == pytest.approx((60.0, 30.0), abs=1e-6)
 
 
+@pytest.mark.parametrize("projection", ["perspective", "orthographic"])
+def test_a_fitted_camera_shows_the_whole_scene_in_an_upright_window_too(projection):
+    size = 30, 90
+    seen = Orbit.from_camera(rj.fit_camera(scene, projection=projection), scene, size=size).camera()
+    right = np.multiply(scene.radius, seen.view_matrix()[0, :3])
+    for edge in (scene.center - right, scene.center + right):
+        assert 0.0 < pixel_of(seen, edge, size)[0] < size[0]
+
+
 def test_matrix_camera_is_taken():
     placed = orbit().camera()
     matrices = rj.MatrixCamera(placed.view_matrix(), placed.projection_matrix((1, 1)))
     state = Orbit.from_camera(matrices, scene)
     np.testing.assert_allclose(state.camera().view_matrix(), placed.view_matrix(), atol=1e-6)
+    # One that is made for a size starts with what is up and down there, in any window.
+    calibrated = replace(matrices, size=(640, 480))
+    assert Orbit.from_camera(calibrated, scene, size=(30, 90)).fov_y == state.fov_y
 
 
 def test_eye_may_be_inside_the_scene_or_behind_it():

@@ -12,7 +12,7 @@ from PIL import Image
 
 import rasterjit as rj
 from rasterjit.rendering.preview import SIZE
-from rasterjit.scene import mesh as preview
+from rasterjit.scene.hooks import HOOKS
 
 pytestmark = pytest.mark.takes_long
 
@@ -45,7 +45,7 @@ def test_nothing_to_see_shows_no_picture(cube):
 
 
 def test_scenes_do_without_who_draws_them(cube, monkeypatch):
-    monkeypatch.setattr(preview, "_PAINTERS", [])
+    monkeypatch.delitem(HOOKS, "picture")
     assert cube._repr_png_() is None
 
 

@@ -147,7 +147,7 @@ def _wireframe(wires: list[tuple[bool, Material]]) -> scenes.Wireframe | None:
             "wireframe must be that of all meshes or of none; RenderFlags.ALL_WIREFRAME draws all "
             "edges, ALL_SOLID all faces"
         )
-    return scenes.Wireframe(wires[0][1].base_color, "only")
+    return scenes.Wireframe(wires[0][1].base_color_over(False), "only")
 
 
 def _light(drawn: scenes.Scene, scene: Scene, flags: RenderFlags) -> None:

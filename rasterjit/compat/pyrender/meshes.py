@@ -18,6 +18,7 @@ from rasterjit.scene.validation import finite_array, in_short
 
 if TYPE_CHECKING:
     import trimesh
+    from trimesh.parent import Geometry
 
 _GREY = (0.3, 0.3, 0.3, 1.0)
 """The colour of meshes without a material."""
@@ -228,7 +229,7 @@ class Mesh:
 
     @staticmethod
     def from_trimesh(
-        mesh: trimesh.Trimesh | list[trimesh.Trimesh],
+        mesh: Geometry | list[trimesh.Trimesh],
         material: MetallicRoughnessMaterial | None = None,
         is_visible: bool = True,
         poses: ArrayLike | None = None,

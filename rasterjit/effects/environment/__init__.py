@@ -23,8 +23,9 @@ from rasterjit.effects.tone_map import tone_of
 from rasterjit.effects.tone_map.stage import ToneRecord
 from rasterjit.pipeline.encode import encoding_table
 from rasterjit.runtime.driver import Step
-from rasterjit.scene.camera import Camera, clip_from_relative
+from rasterjit.scene.camera import Camera
 from rasterjit.scene.environment import Environment
+from rasterjit.scene.pixels import clip_from_relative
 from rasterjit.scene.scene import Scene
 from rasterjit.survey.effect import (
     Absent,

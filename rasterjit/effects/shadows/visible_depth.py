@@ -17,7 +17,8 @@ from rasterjit.effects.shadows import receivers
 from rasterjit.pipeline.visibility import draw
 from rasterjit.runtime.threads import Workers, rows_per_task
 from rasterjit.scene import transforms
-from rasterjit.scene.camera import Camera, clip_from_relative, screen_from_relative
+from rasterjit.scene.camera import Camera
+from rasterjit.scene.pixels import clip_from_relative, screen_from_relative
 from rasterjit.survey.placement import CORNERS
 
 Float64 = NDArray[np.float64]

@@ -72,7 +72,8 @@ class ToneMapping(Effect):
 
     def kernels(self, plan: RenderPlan) -> dict[str, Rows]:
         """Return the kernel that maps what is mixed already."""
-        return {"mixed": [("tone_map.show_over", "", "")]}
+        is_colored = plan.facts.background_image is None
+        return {"mixed": [(f"tone_map.show_over{'' if is_colored else '_picture'}", "", "")]}
 
     @staticmethod
     def show(tone: ToneRecord, shown: int) -> tuple[list[Step], int]:
@@ -87,7 +88,10 @@ class ToneMapping(Effect):
         shown: NDArray[np.float32],
     ) -> None:
         """Map rows of light that is mixed already, (R, W, 4), and lay them over a background."""
-        tone_map_stage.show_over(linear, background, tone, shown)
+        if background.ndim == 1:
+            tone_map_stage.show_over(linear, background, tone, shown)
+        else:
+            tone_map_stage.show_over_picture(linear, background, tone, shown)
 
     places: ClassVar = {"pixel": show, "mixed": show_over}
 

@@ -21,7 +21,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.io.attributes import usable_attributes
 from rasterjit.io.gltf.file import GltfFile
+from rasterjit.io.gltf.values import (
+    finite_numbers_of,
+    finite_of,
+    list_of,
+    needed,
+    number_of,
+    object_of,
+    shown,
+    whole_of,
+)
 from rasterjit.io.pictures import picture_pixels
 from rasterjit.io.skipped import LeftOut, MeshFileError, reason_of
 from rasterjit.scene.material import BRIGHTEST_EMISSION, TEXTURE_FIELDS, Material, UnsaidMaterial
@@ -29,18 +40,20 @@ from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.texture import UV_SETS, Texture, turned_over
 from rasterjit.scene.validation import in_short
 
-_WRAPS = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
-_NEAREST, _LINEAR = 9728, 9729
+_REPEAT = 10497
+WRAPS = {_REPEAT: "repeat", 33071: "clamp", 33648: "mirror"}
+NEAREST, LINEAR = 9728, 9729
 """Numbers of OpenGL, which glTF samplers use."""
 
-_UNLIT = "KHR_materials_unlit"
-_STRENGTH = "KHR_materials_emissive_strength"
+UNLIT = "KHR_materials_unlit"
+STRENGTH = "KHR_materials_emissive_strength"
 _GLOSSINESS = "KHR_materials_pbrSpecularGlossiness"
 
 _OTHER_SOURCES = ("EXT_texture_webp",)
 """Extensions that name another picture of a texture, of a kind that Pillow reads."""
 
 MODES = {"OPAQUE": "opaque", "MASK": "mask", "BLEND": "blend"}
+MODE_NAMES = {mode: name for name, mode in MODES.items()}
 
 TEXTURES = {
     "base_color_texture": ("baseColorTexture", "srgb"),
@@ -85,49 +98,54 @@ class MaterialReader:
         A mesh has two sets at most: the first that textures of the material use. Textures that use
         a third are left out.
         """
+        try:
+            entry = self._file.entry("materials", number)
+        except LookupError:
+            self._left_out.note(f"reference to material {shown(number)}, which the file has not")
+            return None, []
+        except ValueError as error:
+            self._left_out.note(str(error))
+            return None, []
         if number not in self._known:
-            try:
-                entry = self._file.entry("materials", number)
-            except LookupError:
-                self._left_out.note(f"reference to material {number!r}, which the file has not")
-                return None, []
-            label = f"material {entry.get('name', number)!r}"
+            label = f"material {in_short(entry.get('name', number))}"
             try:
                 self._known[number] = self._material(entry, label)
-            except (TypeError, ValueError, AttributeError) as error:
+            except ValueError as error:
                 self._left_out.note(f"{label}, which is damaged: {reason_of(error)}")
                 return None, []
         return self._known[number]
 
     def _material(self, entry: dict[str, Any], label: str) -> tuple[Material, list[int]]:
         """Return an entry as a material, and its sets of texture coordinates."""
-        extensions = entry.get("extensions", {})
-        values = {**entry, **entry.get("pbrMetallicRoughness", {})}
+        extensions = object_of(entry, "extensions")
+        values = {**entry, **object_of(entry, "pbrMetallicRoughness")}
         if _GLOSSINESS in extensions:
-            values.update(_of_glossiness(extensions[_GLOSSINESS]))
+            values.update(_of_glossiness(object_of(extensions, _GLOSSINESS)))
             self._left_out.note(f"specular colour of {label}")
         *color, alpha = _numbers(values, "baseColorFactor", (1.0, 1.0, 1.0, 1.0), 1.0)
-        mode = MODES.get(entry.get("alphaMode", "OPAQUE"), "opaque")
+        mode = MODES.get(str(entry.get("alphaMode")), "opaque")
         options: dict[str, Any] = {
             "base_color": (*color, 1.0 if mode == "opaque" else alpha),
             "name": entry.get("name"),
             "alpha_mode": mode,
-            "alpha_cutoff": _number(entry, "alphaCutoff", 0.5, 1e6),
+            "alpha_cutoff": number_of(entry, "alphaCutoff", 0.5, 1e6),
             "double_sided": bool(entry.get("doubleSided", False)),
         }
-        textures, uv_sets = self._read_textures(values, _UNLIT in extensions, label)
-        if _UNLIT in extensions:
+        textures, uv_sets = self._read_textures(values, UNLIT in extensions, label)
+        if UNLIT in extensions:
             return Material(shading="unlit", **options, **textures), uv_sets
-        strength = _number(
-            extensions.get(_STRENGTH, {}), "emissiveStrength", 1.0, BRIGHTEST_EMISSION
+        strength = number_of(
+            object_of(extensions, STRENGTH), "emissiveStrength", 1.0, BRIGHTEST_EMISSION
         )
         emitted = _numbers(values, "emissiveFactor", (0.0, 0.0, 0.0), 1.0)
         material = Material(
             shading="pbr",
-            metallic=_number(values, "metallicFactor", 1.0, 1.0),
-            roughness=_number(values, "roughnessFactor", 1.0, 1.0),
-            normal_scale=_number(_object(values, "normalTexture"), "scale", 1.0, 1e3, -1e3),
-            occlusion_strength=_number(_object(values, "occlusionTexture"), "strength", 1.0, 1.0),
+            metallic=number_of(values, "metallicFactor", 1.0, 1.0),
+            roughness=number_of(values, "roughnessFactor", 1.0, 1.0),
+            normal_scale=number_of(object_of(values, "normalTexture"), "scale", 1.0, 1e3, -1e3),
+            occlusion_strength=number_of(
+                object_of(values, "occlusionTexture"), "strength", 1.0, 1.0
+            ),
             emissive=tuple(strength * part for part in emitted),
             **options,
             **textures,
@@ -141,12 +159,12 @@ class MaterialReader:
         found: dict[str, Texture] = {}
         uv_sets: list[int] = []
         for field, (key, color_space) in TEXTURES.items():
-            use = values.get(key)
-            if use is None or (is_unlit and field != "base_color_texture"):
+            if values.get(key) is None or (is_unlit and field != "base_color_texture"):
                 continue
             try:
-                transform = use.get("extensions", {}).get("KHR_texture_transform", {})
-                number = transform.get("texCoord", use.get("texCoord", 0))
+                use = object_of(values, key)
+                transform = object_of(object_of(use, "extensions"), "KHR_texture_transform")
+                number = whole_of({**use, **transform}, "texCoord", 0)
                 texture = self._texture(use, transform, color_space)
             except Exception as error:
                 # Pictures of files are decoded by Pillow, which raises what it likes.
@@ -164,15 +182,15 @@ class MaterialReader:
 
     def _texture(self, use: dict[str, Any], transform: dict[str, Any], color_space: str) -> Texture:
         """Return one use of a texture; uses of one picture share its texels."""
-        entry = self._file.entry("textures", use["index"])
-        sources = [
-            entry.get("extensions", {}).get(name, {}).get("source") for name in _OTHER_SOURCES
-        ]
+        entry = self._file.entry("textures", needed(use, "index"))
+        extensions = object_of(entry, "extensions")
+        sources = [object_of(extensions, name).get("source") for name in _OTHER_SOURCES]
         picture = next((n for n in sources if n is not None), entry.get("source"))
         if picture is None:
-            kinds = ", ".join(entry.get("extensions", {})) or "no source"
+            kinds = ", ".join(extensions) or "no source"
             raise ValueError(f"its picture is given by {kinds}")
         options = self._sampler(entry.get("sampler"))
+        self._file.entry("images", picture)
         key = (picture, color_space, *options.values())
         if key not in self._textures:
             pixels = self._pixels(picture)
@@ -180,11 +198,10 @@ class MaterialReader:
         texture = self._textures[key]
         if not transform:
             return texture
-        offset = _pair(transform.get("offset", (0.0, 0.0)))
-        degrees = math.degrees(float(transform.get("rotation", 0.0)))
-        return texture.with_transform(
-            *turned_over(offset, degrees, _pair(transform.get("scale", (1.0, 1.0))))
-        )
+        offset = finite_numbers_of(transform, "offset", (0.0, 0.0))
+        scale = finite_numbers_of(transform, "scale", (1.0, 1.0))
+        degrees = math.degrees(finite_of(transform, "rotation", 0.0))
+        return texture.with_transform(*turned_over(offset, degrees, scale))
 
     def _pixels(self, picture: Any) -> NDArray[Any]:
         """Return the texels of a picture, or raise ``ValueError`` naming it."""
@@ -204,10 +221,12 @@ class MaterialReader:
         mip levels as ``"bilinear"``.
         """
         sampler = {} if number is None else self._file.entry("samplers", number)
-        wrap = tuple(_WRAPS.get(sampler.get(side), "repeat") for side in ("wrapS", "wrapT"))
-        if sampler.get("magFilter") == _NEAREST:
+        wrap = tuple(
+            WRAPS.get(whole_of(sampler, side, _REPEAT), "repeat") for side in ("wrapS", "wrapT")
+        )
+        if sampler.get("magFilter") == NEAREST:
             return {"wrap": wrap, "filter": "nearest"}
-        unmipped = sampler.get("minFilter") in (_NEAREST, _LINEAR)
+        unmipped = sampler.get("minFilter") in (NEAREST, LINEAR)
         return {"wrap": wrap, "filter": "bilinear" if unmipped else "trilinear"}
 
 
@@ -216,27 +235,11 @@ def _of_glossiness(values: dict[str, Any]) -> dict[str, Any]:
     nearest = {
         "baseColorFactor": values.get("diffuseFactor", (1.0, 1.0, 1.0, 1.0)),
         "metallicFactor": 0.0,
-        "roughnessFactor": 1.0 - _number(values, "glossinessFactor", 1.0, 1.0),
+        "roughnessFactor": 1.0 - number_of(values, "glossinessFactor", 1.0, 1.0),
     }
     if "diffuseTexture" in values:
         nearest["baseColorTexture"] = values["diffuseTexture"]
     return nearest
-
-
-def _number(values: dict[str, Any], key: str, default: float, most: float, least=0.0) -> float:
-    """Return a number held within its range; what is not one raises ``ValueError``."""
-    value = values.get(key, default)
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or math.isnan(value):
-        raise ValueError(f"{key} must be a number, got {in_short(value)}")
-    return float(min(max(value, least), most))
-
-
-def _object(values: dict[str, Any], key: str) -> dict[str, Any]:
-    """Return an object of JSON, empty if there is none, or raise ``ValueError``."""
-    value = values.get(key, {})
-    if not isinstance(value, dict):
-        raise ValueError(f"{key} must be an object, got {in_short(value)}")
-    return value
 
 
 def _numbers(
@@ -245,15 +248,8 @@ def _numbers(
     """Return as many numbers as the default has, held within 0..most."""
     given = values.get(key, default)
     if not isinstance(given, (list, tuple)) or len(given) != len(default):
-        got = f"{len(given)}" if isinstance(given, (list, tuple)) else in_short(given)
-        raise ValueError(f"{key} must be {len(default)} numbers, got {got}")
-    return tuple(_number({key: part}, key, 0.0, most) for part in given)
-
-
-def _pair(values: Any) -> tuple[float, float]:
-    """Return two numbers."""
-    u, v = values
-    return float(u), float(v)
+        raise ValueError(f"{key} must be {len(default)} numbers, got {shown(given)}")
+    return tuple(number_of({key: part}, key, 0.0, most) for part in given)
 
 
 class MeshReader:
@@ -298,15 +294,23 @@ class MeshReader:
 
     def read(self, number: Any) -> list[Mesh]:
         """Return the meshes that stand for one of the file; none if it cannot be read."""
+        try:
+            entry = self._file.entry("meshes", number)
+        except LookupError:
+            self._left_out.note(f"reference to mesh {shown(number)}, which the file has not")
+            return []
+        except ValueError as error:
+            self._left_out.note(str(error))
+            return []
         if number not in self._known:
             self._known[number] = []
+            label = f"mesh {in_short(entry.get('name', number))}"
             try:
-                entry = self._file.entry("meshes", number)
-                primitives = list(entry["primitives"])
-            except (LookupError, TypeError, AttributeError):
-                self._left_out.note(f"reference to mesh {number!r}, which the file has not")
+                needed(entry, "primitives")
+                primitives = list_of(entry, "primitives")
+            except ValueError as error:
+                self._left_out.note(f"{label}, which cannot be read: {error}")
                 return []
-            label = f"mesh {entry.get('name', number)!r}"
             found = (self._primitive(primitive, label) for primitive in primitives)
             self._known[number] = [mesh for mesh in found if mesh is not None]
         return self._known[number]
@@ -327,17 +331,20 @@ class MeshReader:
         except ValueError as error:
             raise MeshFileError(f"{self._source}: {label}: {error}") from error
 
-    def _arrays(self, primitive: dict[str, Any], label: str) -> dict[str, Any] | None:
+    def _arrays(self, primitive: Any, label: str) -> dict[str, Any] | None:
         """Return what `Mesh` takes; None, with a note, if the primitive has no triangles."""
-        mode = primitive.get("mode", TRIANGLES)
+        if not isinstance(primitive, dict):
+            raise ValueError(f"a primitive must be an object, got {shown(primitive)}")
+        mode = whole_of(primitive, "mode", TRIANGLES)
         if mode in OTHER_MODES:
             self._left_out.note(f"{OTHER_MODES[mode]} of {label}")
             return None
-        attributes = primitive["attributes"]
-        if COMPRESSED in primitive.get("extensions", {}) and not self._is_plain(primitive):
+        attributes = object_of(primitive, "attributes")
+        is_compressed = COMPRESSED in object_of(primitive, "extensions")
+        if is_compressed and not self._is_plain(primitive):
             self._left_out.note(f"{label}, which is compressed by {COMPRESSED}")
             return None
-        vertices = self._file.array(attributes["POSITION"])
+        vertices = self._file.array(needed(attributes, "POSITION"))
         if "indices" in primitive:
             corners = self._file.array(primitive["indices"])[:, 0].astype(np.int64)
         else:
@@ -349,13 +356,13 @@ class MeshReader:
         if not len(faces) or not len(vertices):
             self._left_out.note(f"{label}, which has no faces")
             return None
-        if primitive.get("targets"):
+        if list_of(primitive, "targets"):
             self._left_out.note("morph target", len(primitive["targets"]))
         count = len(vertices)
         material, uv_sets = self._material(primitive)
         colors = self._colors(attributes, count, label)
         if primitive.get("material") is None:
-            material = UnsaidMaterial(base_color=None if colors is None else "white")
+            material = UnsaidMaterial()
         normals = self._rows(attributes, "NORMAL", count, (3,), label)
         uv = [self._coordinates(attributes, uv_set, count, label) for uv_set in uv_sets or [0]]
         tangents = None
@@ -372,6 +379,7 @@ class MeshReader:
             "uv1": uv[1] if len(uv) > 1 else None,
             "colors": colors,
             "tangents": tangents,
+            "attributes": self._own_attributes(attributes, count, label),
             "material": material,
         }
 
@@ -411,6 +419,20 @@ class MeshReader:
         """Return the colours of the vertices, linear."""
         colors = self._rows(attributes, "COLOR_0", count, (3, 4), label)
         return None if colors is None else np.clip(colors, 0.0, 1.0)
+
+    def _own_attributes(
+        self, attributes: dict[str, int], count: int, label: str
+    ) -> dict[str, NDArray[np.float32]]:
+        """Return the attributes whose meaning is the author's, which begin with ``_``, without."""
+        found = {}
+        for name, number in attributes.items():
+            if not name.startswith("_"):
+                continue
+            try:
+                found[name[1:]] = self._file.array(number)
+            except (ValueError, TypeError, LookupError, OSError) as error:
+                self._left_out.note(f"{name} of {label}, which cannot be read: {reason_of(error)}")
+        return usable_attributes(found, count, self._left_out)
 
     def _coordinates(
         self, attributes: dict[str, int], uv_set: int, count: int, label: str
@@ -452,7 +474,7 @@ def join_corners(corners: NDArray[np.int64], mode: int) -> NDArray[np.int64]:
     if mode == TRIANGLES:
         return corners[: len(corners) // 3 * 3].reshape(-1, 3)
     if mode not in (STRIP, FAN):
-        raise ValueError(f"its mode is {mode!r}")
+        raise ValueError(f"mode must be one of 0..6, got {mode}")
     steps = np.arange(max(len(corners) - 2, 0))
     if mode == FAN:
         return np.column_stack(

@@ -18,10 +18,18 @@ from urllib.parse import unquote_to_bytes
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.io.gltf.values import (
+    LONGEST_SHOWN,
+    list_of,
+    needed,
+    object_of,
+    shown,
+    whole_of,
+)
 from rasterjit.io.resources import Resources
 
-_GLB_MAGIC = b"glTF"
-_JSON_CHUNK, _BINARY_CHUNK = 0x4E4F534A, 0x004E4942
+GLB_MAGIC = b"glTF"
+JSON_CHUNK, BINARY_CHUNK = 0x4E4F534A, 0x004E4942
 _HEAD = 20
 """Bytes before the JSON of a ``.glb``: the file's header, and the length and kind of a chunk."""
 
@@ -83,9 +91,9 @@ class GltfFile:
             raise ValueError(f"its JSON is damaged or ends too early: {error}") from None
         if not isinstance(self.header, dict):
             raise ValueError("the JSON is not an object")
-        version = str(self.header.get("asset", {}).get("version", "2.0"))
+        version = str(object_of(self.header, "asset").get("version", "2.0"))
         if version.split(".")[0] != "2":
-            raise ValueError(f"it is of glTF {version}, not 2.0")
+            raise ValueError(f"it is of glTF {version[:LONGEST_SHOWN]}, not 2.0")
 
     def entry(self, section: str, number: Any) -> dict[str, Any]:
         """
@@ -95,11 +103,16 @@ class GltfFile:
         ------
         LookupError
             If there is none of this number.
+        ValueError
+            If it is no object, or the list no list.
         """
-        entries = self.header.get(section, [])
-        if not isinstance(number, int) or not 0 <= number < len(entries):
-            kind = ONE_OF.get(section, section)
-            raise LookupError(f"the file has no {kind} {number!r} (it has {len(entries)})")
+        entries = list_of(self.header, section)
+        kind = ONE_OF.get(section, section)
+        is_place = isinstance(number, int) and not isinstance(number, bool)
+        if not is_place or not 0 <= number < len(entries):
+            raise LookupError(f"the file has no {kind} {shown(number)} (it has {len(entries)})")
+        if not isinstance(entries[number], dict):
+            raise ValueError(f"{kind} {number} must be an object, got {shown(entries[number])}")
         return entries[number]
 
     def array(self, number: Any) -> NDArray[Any]:
@@ -112,8 +125,15 @@ class GltfFile:
             If the accessor is incomplete or points beyond the file.
         """
         accessor = self.entry("accessors", number)
-        dtype, width = np.dtype(COMPONENTS[accessor["componentType"]]), WIDTHS[accessor["type"]]
-        count = _whole(accessor["count"])
+        try:
+            return self._accessed(number, accessor)
+        except (ValueError, LookupError) as error:
+            raise ValueError(f"accessor {number}: {error}") from error
+
+    def _accessed(self, number: int, accessor: dict[str, Any]) -> NDArray[Any]:
+        """Return what an accessor shows, or raise without its name."""
+        dtype, width = _component(accessor), WIDTHS[_known(accessor, "type", tuple(WIDTHS))]
+        count = whole_of(accessor, "count")
         taken = f"accessor {number}", count * width * _NUMBER_BYTES
         if "bufferView" in accessor:
             # This takes nothing, and refuses a count that the buffer does not hold.
@@ -123,9 +143,9 @@ class GltfFile:
             self.budget.take(*taken)
             rows = np.zeros((count, width), dtype)
         else:
-            raise ValueError(f"accessor {number} has {count} rows and no bytes")
+            raise ValueError(f"it has {count} rows and no bytes")
         if "sparse" in accessor:
-            rows = self._with_sparse(rows, accessor["sparse"], width, dtype)
+            rows = self._with_sparse(rows, object_of(accessor, "sparse"), width, dtype)
         if accessor.get("normalized") and dtype.kind in "ui":
             return np.maximum(rows / float(np.iinfo(dtype).max), -1.0)
         return rows
@@ -134,34 +154,44 @@ class GltfFile:
         self, rows: NDArray[Any], sparse: dict[str, Any], width: int, dtype: np.dtype
     ) -> NDArray[Any]:
         """Return rows with those replaced that a sparse accessor says."""
-        count = _whole(sparse["count"])
-        kind = np.dtype(COMPONENTS[sparse["indices"]["componentType"]])
-        places = self._rows(sparse["indices"], count, 1, kind)[:, 0]
+        count, indices = whole_of(sparse, "count"), object_of(sparse, "indices")
+        places = self._rows(indices, count, 1, _component(indices))[:, 0]
+        wrong = places[~((places >= 0) & (places < len(rows)))]
+        if len(wrong):
+            raise ValueError(f"sparse indices must be below {len(rows)}, got {wrong[0]}")
         changed = rows.copy()
-        changed[places.astype(np.int64)] = self._rows(sparse["values"], count, width, dtype)
+        values = self._rows(object_of(sparse, "values"), count, width, dtype)
+        changed[places.astype(np.int64)] = values
         return changed
 
     def _rows(self, place: dict[str, Any], count: int, width: int, dtype: np.dtype) -> NDArray[Any]:
-        """Return rows of a buffer view; NumPy checks that they lie within it."""
-        view = self.entry("bufferViews", place["bufferView"])
-        stride = _whole(view.get("byteStride", 0)) or width * dtype.itemsize
-        return np.ndarray(
-            (count, width), dtype, self._view_bytes(view), _whole(place.get("byteOffset", 0)),
-            (stride, dtype.itemsize),
-        )  # fmt: skip
+        """Return rows of a buffer view, or raise ``ValueError`` if it does not hold them."""
+        number = needed(place, "bufferView")
+        view = self.entry("bufferViews", number)
+        stride, offset = whole_of(view, "byteStride", 0), whole_of(place, "byteOffset", 0)
+        stride = stride or width * dtype.itemsize
+        content = self._view_bytes(view)
+        end = offset + (count - 1) * stride + width * dtype.itemsize if count else offset
+        if end > len(content):
+            raise ValueError(
+                f"{count} rows, the first at byte {offset}, {stride} bytes each, must end within "
+                f"the {len(content)} bytes of buffer view {number}, but end at {end}"
+            )
+        return np.ndarray((count, width), dtype, content, offset, (stride, dtype.itemsize))
 
     def _view_bytes(self, view: dict[str, Any]) -> bytes:
         """Return the bytes of a buffer view."""
-        start, length = _whole(view.get("byteOffset", 0)), _whole(view["byteLength"])
-        content = self._buffer(view["buffer"])[start : start + length]
+        start, length = whole_of(view, "byteOffset", 0), whole_of(view, "byteLength")
+        number = needed(view, "buffer")
+        content = self._buffer(number)[start : start + length]
         if len(content) < length:
-            raise ValueError(f"buffer {view['buffer']} is cut short")
+            raise ValueError(f"buffer {number} is cut short")
         return content
 
-    def _buffer(self, number: int) -> bytes:
+    def _buffer(self, number: Any) -> bytes:
         """Return the bytes of a buffer, read when they are first asked for."""
+        buffer = self.entry("buffers", number)
         if number not in self._buffers:
-            buffer = self.entry("buffers", number)
             if "uri" in buffer:
                 self._buffers[number] = self._uri_bytes(buffer["uri"])
             elif number == 0 and self._chunk is not None:
@@ -192,8 +222,10 @@ class GltfFile:
         name = file or image.get("name")
         return f"image {number}" + (f", {str(name)[:80]!r}" if name else "")
 
-    def _uri_bytes(self, uri: str) -> bytes:
+    def _uri_bytes(self, uri: Any) -> bytes:
         """Return what a data URI holds, or a file beside this one."""
+        if not isinstance(uri, str):
+            raise ValueError(f"uri must be text, got {shown(uri)}")
         if uri.startswith("data:"):
             kind, _, content = uri.partition(",")
             self.budget.take("a data URI", len(content))
@@ -205,14 +237,14 @@ class GltfFile:
 
 def _split_chunks(content: bytes) -> tuple[bytes, bytes | None]:
     """Return the JSON of a file and its binary chunk, if it has one."""
-    if content[:4] != _GLB_MAGIC:
+    if content[:4] != GLB_MAGIC:
         return content, None
     if len(content) < _HEAD:
         raise ValueError(f"it ends too early, after {len(content)} bytes")
     _, version, whole, length, kind = struct.unpack_from("<4sIIII", content)
     if version != 2:
         raise ValueError(f"it is of glTF {version}, not 2.0")
-    if kind != _JSON_CHUNK:
+    if kind != JSON_CHUNK:
         raise ValueError("the first chunk is not JSON")
     end = _HEAD + length
     if len(content) < end:
@@ -222,14 +254,19 @@ def _split_chunks(content: bytes) -> tuple[bytes, bytes | None]:
     if len(content) < end + 8:
         return content[_HEAD:end], None
     length, kind = struct.unpack_from("<II", content, end)
-    binary = content[end + 8 : end + 8 + length] if kind == _BINARY_CHUNK else None
+    binary = content[end + 8 : end + 8 + length] if kind == BINARY_CHUNK else None
     return content[_HEAD:end], binary
 
 
-def _whole(value: Any) -> int:
-    """Return a whole number at least 0, or raise ``ValueError``."""
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or value != int(value):
-        raise ValueError(f"expected a whole number, got {value!r}")
-    if value < 0:
-        raise ValueError(f"expected a number at least 0, got {value!r}")
-    return int(value)
+def _component(accessor: dict[str, Any]) -> np.dtype:
+    """Return the type of an accessor's numbers, or raise ``ValueError``."""
+    return np.dtype(COMPONENTS[_known(accessor, "componentType", tuple(COMPONENTS))])
+
+
+def _known(values: dict[str, Any], key: str, known: tuple[Any, ...]) -> Any:
+    """Return a value that is one of some, or raise ``ValueError``."""
+    value = needed(values, key)
+    if not isinstance(value, (int, str)) or isinstance(value, bool) or value not in known:
+        listed = ", ".join(map(str, known))
+        raise ValueError(f"{key} must be one of {listed}, got {shown(value)}")
+    return value

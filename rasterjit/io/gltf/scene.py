@@ -14,29 +14,39 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.io.gltf.content import COMPRESSED, MaterialReader, MeshReader
 from rasterjit.io.gltf.file import GltfFile
+from rasterjit.io.gltf.values import (
+    finite_numbers_of,
+    finite_of,
+    list_of,
+    needed,
+    object_of,
+    shown,
+    whole_of,
+)
 from rasterjit.io.resources import Resources
 from rasterjit.io.skipped import LeftOut, MeshFileError, reason_of
-from rasterjit.scene.camera import OrthographicCamera, PerspectiveCamera
+from rasterjit.scene.camera import OrthographicCamera, PerspectiveCamera, mirrors
 from rasterjit.scene.light import DirectionalLight, PointLight, SpotLight
+from rasterjit.scene.node import Node
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.transforms import compose
-from rasterjit.scene.validation import in_short
 
 GLTF_FORMATS = ("gltf", "glb")
 
-_LIGHTS = "KHR_lights_punctual"
+LIGHTS = "KHR_lights_punctual"
 
 UNDERSTOOD = frozenset(
     (
-        _LIGHTS, "KHR_materials_unlit", "KHR_materials_emissive_strength", "KHR_texture_transform",
+        LIGHTS, "KHR_materials_unlit", "KHR_materials_emissive_strength", "KHR_texture_transform",
         "KHR_mesh_quantization", "EXT_texture_webp", "KHR_materials_pbrSpecularGlossiness",
         "KHR_xmp_json_ld", "KHR_xmp",
     )
@@ -99,8 +109,15 @@ class _GltfScene:
         self._meshes = MeshReader(file, source, materials, on_invalid, crease_angle, left_out)
         self._refuse_what_is_required()
         self._note_what_is_not_read()
-        for number, node, world_from_node in walk_nodes(file.header):
-            self._add_node(str(node.get("name", number)), node, world_from_node)
+        self._groups: dict[int, Node] = {}
+        """What stands for nodes of the file that others may hang below, by their numbers."""
+        for place in walk_nodes(file.header):
+            try:
+                self._add_node(place)
+            except MeshFileError:
+                raise
+            except ValueError as error:
+                raise ValueError(f"node {place.number}: {error}") from error
         if not self.scene.nodes:
             held = "no faces" if self._meshes.is_empty else "meshes but places none in its scene"
             named = f" ({left_out})" if str(left_out) else ""
@@ -108,59 +125,88 @@ class _GltfScene:
 
     def _refuse_what_is_required(self) -> None:
         """Raise `MeshFileError` if the file says that it makes no sense without an extension."""
-        required = dict.fromkeys(self._file.header.get("extensionsRequired", []))
+        required = dict.fromkeys(map(str, list_of(self._file.header, "extensionsRequired")))
         unknown = [name for name in required if name not in UNDERSTOOD]
         if unknown:
             raise MeshFileError(
                 f"{self._source} must require no extension that is not read, but "
-                f"extensionsRequired names {', '.join(str(name)[:80] for name in unknown)}"
+                f"extensionsRequired names {', '.join(name[:80] for name in unknown)}"
             )
 
     def _note_what_is_not_read(self) -> None:
         """Note the extensions and movements that are not shown, by name."""
         header = self._file.header
-        for name in dict.fromkeys(header.get("extensionsUsed", [])):
+        for name in dict.fromkeys(map(str, list_of(header, "extensionsUsed"))):
             if name not in UNDERSTOOD | NAMED_WHERE_USED:
-                self._left_out.note(f"extension {name}")
+                self._left_out.note(f"extension {name[:80]}")
         for section, what in MOVING.items():
-            if header.get(section):
+            if list_of(header, section):
                 self._left_out.note(what, len(header[section]))
 
-    def _add_node(self, name: str, node: dict[str, Any], world_from_node: NDArray) -> None:
+    def _add_node(self, place: Place) -> None:
         """Add what stands at a node."""
-        if "camera" in node:
-            self._add_camera(node["camera"], world_from_node)
-        light = node.get("extensions", {}).get(_LIGHTS, {}).get("light")
+        if "camera" in place.entry:
+            self._add_camera(place.entry["camera"], place.world_from_node())
+        light = object_of(object_of(place.entry, "extensions"), LIGHTS).get("light")
         if light is not None:
-            self._add_light(light, world_from_node)
-        if "mesh" not in node:
+            self._add_light(light, place.world_from_node())
+        if "mesh" not in place.entry:
             return
-        for part, mesh in enumerate(self._meshes.read(node["mesh"])):
-            label = f"{name} part {part + 1}" if part else name
-            try:
-                self.scene.add(mesh, world_from_node, label)
-            except ValueError as error:
-                raise MeshFileError(f"{self._source}: node {label!r}: {error}") from error
+        for part, mesh in enumerate(self._meshes.read(place.entry["mesh"])):
+            label = f"{place.name} part {part + 1}" if part else place.name
+            if part:
+                self.scene.add(mesh, None, label, parent=self._groups[place.number])
+                continue
+            parent = self._group_above(place)
+            with self._naming(label):
+                node = self.scene.add(mesh, place.parent_from_node, label, parent=parent)
+            self._groups[place.number] = node
+
+    @contextmanager
+    def _naming(self, node: str) -> Iterator[None]:
+        """Let errors name the file and a node."""
+        try:
+            yield
+        except ValueError as error:
+            raise MeshFileError(f"{self._source}: node {node!r}: {error}") from error
+
+    def _group_above(self, place: Place) -> Node | None:
+        """Return what a node hangs below; groups are made where a mesh hangs below them."""
+        missing = []
+        while place.above is not None and place.above.number not in self._groups:
+            place = place.above
+            missing.append(place)
+        node = None if place.above is None else self._groups[place.above.number]
+        for one in reversed(missing):
+            with self._naming(one.name):
+                group = Node(None, one.parent_from_node, one.name, parent=node)
+            node = self._groups[one.number] = self.scene.add(group) if node is None else group
+        return node
 
     def _add_camera(self, number: Any, world_from_node: NDArray) -> None:
-        """Keep the first camera, which looks along its node's -z."""
+        """Keep the first camera, which looks along its node's -z; a mirroring node has none."""
         if self.scene.camera is not None:
             self._left_out.note("further camera")
             return
         eye, ahead, up = world_from_node[:3, 3], -world_from_node[:3, 2], world_from_node[:3, 1]
         try:
             camera = self._file.entry("cameras", number)
-            values = camera[camera["type"]]
-            clip = {"near": values["znear"], "far": values.get("zfar", math.inf)}
-            if camera["type"] == "orthographic":
-                self.scene.camera = OrthographicCamera(
-                    eye, eye + ahead, up, height=2.0 * values["ymag"], **clip
-                )
+            if mirrors(world_from_node):
+                raise ValueError("its node must not mirror, got a determinant below 0")
+            kind = needed(camera, "type")
+            if kind not in ("orthographic", "perspective"):
+                raise ValueError(f"type must be orthographic or perspective, got {shown(kind)}")
+            values = object_of(camera, kind)
+            far = finite_of(values, "zfar") if "zfar" in values else math.inf
+            clip = {"near": finite_of(values, "znear"), "far": far}
+            if kind == "orthographic":
+                height = 2.0 * finite_of(values, "ymag")
+                self.scene.camera = OrthographicCamera(eye, eye + ahead, up, height=height, **clip)
             else:
-                fov_y = math.degrees(values["yfov"])
+                fov_y = math.degrees(finite_of(values, "yfov"))
                 self.scene.camera = PerspectiveCamera(eye, eye + ahead, up, fov_y=fov_y, **clip)
-        except (LookupError, TypeError, ValueError, AttributeError) as error:
-            self._left_out.note(f"camera {number!r}, which cannot be used: {reason_of(error)}")
+        except (LookupError, ValueError) as error:
+            self._left_out.note(f"camera {shown(number)}, which cannot be used: {reason_of(error)}")
 
     def _add_light(self, number: Any, world_from_node: NDArray) -> None:
         """
@@ -171,70 +217,134 @@ class _GltfScene:
         """
         position, direction = world_from_node[:3, 3], -world_from_node[:3, 2]
         try:
-            lights = self._file.header.get("extensions", {}).get(_LIGHTS, {}).get("lights", [])
-            if not isinstance(number, int) or not 0 <= number < len(lights):
+            found = object_of(object_of(self._file.header, "extensions"), LIGHTS)
+            lights = list_of(found, "lights")
+            is_place = isinstance(number, int) and not isinstance(number, bool)
+            if not is_place or not 0 <= number < len(lights):
                 raise LookupError(f"the file has {len(lights)} lights")
-            light = lights[number]
-            kind, color = light["type"], light.get("color", (1.0, 1.0, 1.0))
+            light = object_of({"it": lights[number]}, "it")
+            kind, color = needed(light, "type"), finite_numbers_of(light, "color", (1.0, 1.0, 1.0))
             intensity = _intensity(light) / math.pi
+            reach = finite_of(light, "range") if "range" in light else None
             if kind == "directional":
                 self.scene.lights.append(DirectionalLight(direction, color, intensity))
             elif kind == "point":
-                reach = light.get("range")
                 self.scene.lights.append(PointLight(position, color, intensity, range=reach))
             elif kind == "spot":
-                cone = light.get("spot", {})
-                angles = cone.get("innerConeAngle", 0.0), cone.get("outerConeAngle", math.pi / 4)
+                cone = object_of(light, "spot")
+                angles = (
+                    finite_of(cone, "innerConeAngle", 0.0),
+                    finite_of(cone, "outerConeAngle", math.pi / 4.0),
+                )
                 self.scene.lights.append(
                     SpotLight(
-                        position, direction, color, intensity,
-                        *map(math.degrees, angles), range=light.get("range"),
+                        position, direction, color, intensity, *map(math.degrees, angles),
+                        range=reach,
                     )
                 )  # fmt: skip
             else:
-                self._left_out.note(f"{kind} light")
-        except (LookupError, TypeError, ValueError, AttributeError) as error:
-            self._left_out.note(f"light {number!r}, which cannot be used: {reason_of(error)}")
+                self._left_out.note(f"{str(kind)[:80]} light")
+        except (LookupError, ValueError) as error:
+            self._left_out.note(f"light {shown(number)}, which cannot be used: {reason_of(error)}")
 
 
 def _intensity(light: dict[str, Any]) -> float:
     """Return how bright a light is, as the file says it, or raise ``ValueError``."""
-    value = light.get("intensity", 1.0)
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not value >= 0.0:
-        raise ValueError(f"intensity must be a number at least 0, got {in_short(value)}")
+    value = finite_of(light, "intensity", 1.0)
+    if value < 0.0:
+        raise ValueError(f"intensity must be a number at least 0, got {shown(light['intensity'])}")
     return value
 
 
-def walk_nodes(header: dict[str, Any]) -> Iterator[tuple[int, dict[str, Any], NDArray]]:
-    """Yield number, entry and ``world_from_node`` of every node of the file's scene, in order."""
-    nodes, scenes = header.get("nodes", []), header.get("scenes", [])
+class Place(NamedTuple):
+    """A node of the file."""
+
+    number: int
+    entry: dict[str, Any]
+    above: Place | None
+    """What it hangs below."""
+    parent_from_node: NDArray[np.float64]
+
+    def world_from_node(self) -> NDArray[np.float64]:
+        """Return where it stands: the product from the topmost on."""
+        chain, place = [self.parent_from_node], self.above
+        while place is not None:
+            chain.append(place.parent_from_node)
+            place = place.above
+        return compose(*reversed(chain))
+
+    @property
+    def name(self) -> str:
+        """What the file calls it, or its number."""
+        return str(self.entry.get("name", self.number))
+
+
+def walk_nodes(header: dict[str, Any]) -> Iterator[Place]:
+    """
+    Yield every node of the file's scene, each before those below it.
+
+    Raises
+    ------
+    ValueError
+        Naming the node, the key and the value that is not of the kind that it must be.
+    """
+    nodes, scenes = list_of(header, "nodes"), list_of(header, "scenes")
     if scenes:
-        roots = scenes[header.get("scene", 0)].get("nodes", [])
+        number = whole_of(header, "scene", 0)
+        if number >= len(scenes):
+            raise ValueError(f"scene must be below {len(scenes)}, got {shown(number)}")
+        roots = _numbers_of_nodes({"its scene": scenes[number]}, "its scene", "nodes", nodes)
     else:
         # A file without scenes is shown whole.
-        hanging = {child for node in nodes for child in node.get("children", [])}
+        named = {f"node {number}": node for number, node in enumerate(nodes)}
+        hanging = {
+            child for name in named for child in _numbers_of_nodes(named, name, "children", nodes)
+        }
         roots = [number for number in range(len(nodes)) if number not in hanging]
-    waiting = [(number, np.eye(4)) for number in reversed(roots)]
+    waiting: list[tuple[int, Place | None]] = [(number, None) for number in reversed(roots)]
     seen: set[int] = set()
     while waiting:
-        number, world_from_parent = waiting.pop()
+        number, above = waiting.pop()
         if number in seen:
             continue
         seen.add(number)
-        node = nodes[number]
-        world_from_node = compose(world_from_parent, parent_from_node(node))
-        yield number, node, world_from_node
-        waiting += [(child, world_from_node) for child in reversed(node.get("children", []))]
+        name = f"node {number}"
+        node = object_of({name: nodes[number]}, name)
+        children = _numbers_of_nodes({name: node}, name, "children", nodes)
+        try:
+            matrix = parent_from_node(node)
+        except ValueError as error:
+            raise ValueError(f"{name}: {error}") from error
+        # A product has other zeros than its factor: all are products.
+        place = Place(number, node, above, compose(matrix) if above is None else matrix)
+        yield place
+        waiting += [(child, place) for child in reversed(children)]
+
+
+def _numbers_of_nodes(named: dict[str, Any], name: str, key: str, nodes: list[Any]) -> list[int]:
+    """Return the numbers of nodes that an entry lists, or raise ``ValueError`` naming it."""
+    entry = object_of(named, name)
+    try:
+        found = list_of(entry, key)
+        for number in found:
+            if whole_of({key: number}, key) >= len(nodes):
+                raise ValueError(f"{key} must be below {len(nodes)}, got {shown(number)}")
+    except ValueError as error:
+        raise ValueError(f"{name}: {error}") from error
+    return [int(number) for number in found]
 
 
 def parent_from_node(node: dict[str, Any]) -> NDArray[np.float64]:
     """Return a node's own transform: its matrix, or translation, rotation and scale."""
     if "matrix" in node:
         # glTF writes matrices column by column.
-        return np.array(node["matrix"], dtype=np.float64).reshape(4, 4).T
-    x, y, z, w = node.get("rotation", (0.0, 0.0, 0.0, 1.0))
+        columns = finite_numbers_of(node, "matrix", (0.0,) * 16)
+        return np.array(columns, dtype=np.float64).reshape(4, 4).T
+    x, y, z, w = finite_numbers_of(node, "rotation", (0.0, 0.0, 0.0, 1.0))
     # A quaternion in float32 is a unit one to seven digits only.
     squared = ((x * x + y * y) + z * z) + w * w
+    if squared == math.inf:
+        raise ValueError(f"rotation must be a unit quaternion, got {shown(node['rotation'])}")
     double = 2.0 / squared if squared > 0.0 else 0.0
     matrix = np.eye(4)
     matrix[:3, :3] = [
@@ -242,6 +352,6 @@ def parent_from_node(node: dict[str, Any]) -> NDArray[np.float64]:
         [double * (x * y + z * w), 1.0 - double * (x * x + z * z), double * (y * z - x * w)],
         [double * (x * z - y * w), double * (y * z + x * w), 1.0 - double * (x * x + y * y)],
     ]
-    matrix[:3, :3] *= node.get("scale", (1.0, 1.0, 1.0))
-    matrix[:3, 3] = node.get("translation", (0.0, 0.0, 0.0))
+    matrix[:3, :3] *= finite_numbers_of(node, "scale", (1.0, 1.0, 1.0))
+    matrix[:3, 3] = finite_numbers_of(node, "translation", (0.0, 0.0, 0.0))
     return matrix

@@ -116,12 +116,14 @@ def material_from_mtl(
     """
     said = material.said
     default = Material(base_color_texture=texture)
-    color = default.base_color
+    color = None
     if "kd" in said or tuple(material.diffuse) != GREY:
         rgb = srgb_to_linear(np.asarray(material.diffuse, dtype=np.uint8)[:3])
         color = (*rgb.tolist(), float(material.diffuse[3]) / 255.0)
     opacity = _opacity(said, tr_is_opacity)
-    alpha = color[3] * opacity
+    alpha = opacity if color is None else color[3] * opacity
+    if color is None and alpha < 1.0:
+        color = default.base_color_over(False)
     if texture is not None and not texture.is_opaque and not has_opacity:
         left_out.note(f"alpha of the map_Kd of material {material.name!r}, which has no map_d")
     specular, shininess = default.specular, default.shininess
@@ -134,7 +136,7 @@ def material_from_mtl(
             # Exporters write 0 for no highlight; an exponent of 1 would wash over the whole object.
             specular = 0.0
     return Material(
-        base_color=(*color[:3], alpha),
+        base_color=None if color is None else (*color[:3], alpha),
         alpha_mode="blend" if alpha < 1.0 or has_opacity else "opaque",
         specular=specular,
         shininess=shininess,

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.io.attributes import usable_attributes
 from rasterjit.io.resources import LONGEST_NAME
 from rasterjit.io.skipped import LeftOut, MeshFileError
 from rasterjit.scene.color import srgb_to_linear
 from rasterjit.scene.material import TEXTURE_FIELDS, Material
 from rasterjit.scene.memory import MemoryBudget
-from rasterjit.scene.mesh import Mesh
+from rasterjit.scene.mesh import Mesh, with_face_values
 from rasterjit.scene.scene import Scene
 
 COLORS_BESIDE = "colours beside a material or texture coordinates"
@@ -26,6 +27,9 @@ _MESH_BYTES, _VERTEX_BYTES = 4096, 80
 
 POLYGON_CORNER_BYTES = 24
 """What a corner of a polygon takes, before its polygon is cut into faces."""
+
+_VALUE_BYTES = 12
+"""What a value of an attribute takes, in the mesh and while it is split."""
 
 _FACE_BYTES, _SPLIT_FACE_BYTES = 64, 160
 """What a face takes, of a mesh with normals and of one that gets them."""
@@ -48,6 +52,8 @@ class Part:
     colors : (V, 4) or (F, 4) float32, optional
         Linear RGBA.
     material : Material, optional
+    attributes, face_attributes : dict of str to (V, D) and (F, D) array
+        Values of one's own.
     """
 
     name: str
@@ -57,6 +63,8 @@ class Part:
     uv: NDArray[Any] | None = None
     colors: NDArray[np.float32] | None = None
     material: Material | None = None
+    attributes: dict[str, NDArray[Any]] = field(default_factory=dict)
+    face_attributes: dict[str, NDArray[Any]] = field(default_factory=dict)
 
 
 def scene_of_parts(
@@ -72,6 +80,8 @@ def scene_of_parts(
     for part in parts:
         each = _FACE_BYTES if part.normals is not None else _SPLIT_FACE_BYTES
         needed = _MESH_BYTES + _VERTEX_BYTES * len(part.vertices) + each * len(part.faces)
+        own = (*part.attributes.values(), *part.face_attributes.values())
+        needed += _VALUE_BYTES * sum(values.size for values in own)
         budget.take(f"the mesh {part.name[:LONGEST_NAME]!r}", needed)
         normals = _usable_normals(part.normals, left_out)
         uv, material = _finite_uv(part.uv, left_out), part.material
@@ -81,7 +91,10 @@ def scene_of_parts(
             mesh = Mesh(
                 part.vertices, part.faces, normals=normals, uv=uv, material=material,
                 colors=part.colors, on_invalid=on_invalid,
+                attributes=usable_attributes(part.attributes, len(part.vertices), left_out),
             )  # fmt: skip
+            of_faces = usable_attributes(part.face_attributes, len(part.faces), left_out)
+            with_face_values(mesh, mesh.face_colors, of_faces)
             mesh = _with_all_normals(mesh, crease_angle, on_invalid)
         except ValueError as error:
             raise MeshFileError(f"{source}: mesh {part.name!r}: {error}") from error
@@ -115,13 +128,17 @@ def _with_all_normals(mesh: Mesh, crease_angle: float, on_invalid: str) -> Mesh:
         """Return the rows in use of two arrays of vertices."""
         return None if one is None else np.concatenate([one, other])[used]
 
-    colors = of_both(mesh.vertex_colors, made.vertex_colors)
-    return Mesh(
+    attributes = {
+        name: of_both(values, made.vertex_attributes[name])
+        for name, values in mesh.vertex_attributes.items()
+    }
+    both = Mesh(
         of_both(mesh.vertices, made.vertices), which.reshape(-1, 3),
         normals=of_both(mesh.normals, made.normals), uv=of_both(mesh.uv, made.uv),
-        colors=mesh.face_colors if colors is None else colors, material=mesh.material,
-        on_invalid=on_invalid,
+        colors=of_both(mesh.vertex_colors, made.vertex_colors), attributes=attributes,
+        material=mesh.material, on_invalid=on_invalid,
     )  # fmt: skip
+    return with_face_values(both, mesh.face_colors, mesh.face_attributes)
 
 
 def _finite_uv(values: NDArray[Any] | None, left_out: LeftOut) -> NDArray[Any] | None:

@@ -46,6 +46,9 @@ _ORDERS = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">"}
 _UV = (("texture_u", "texture_v"), ("u", "v"), ("s", "t"))
 """Names of texture coordinates of vertices."""
 
+_KNOWN = {*("x", "y", "z", "nx", "ny", "nz"), *("red", "green", "blue", "alpha"), *sum(_UV, ())}
+"""Properties that have a meaning; the others are attributes."""
+
 _CORNERS = ("vertex_index", "vertex_indices")
 
 _TEXTURE_FILE = "texturefile"
@@ -76,6 +79,14 @@ class _Element:
     counts: dict[str, NDArray[np.int64]] = field(default_factory=dict)
     there: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, bool))
     lines: NDArray[np.int64] | None = None
+
+    def attributes(self) -> dict[str, NDArray[Any]]:
+        """Return single values that have no meaning of their own, (N,), by name."""
+        return {
+            name: values
+            for name, values in self.columns.items()
+            if name not in self.counts and name not in _KNOWN
+        }
 
     def table(self, names: tuple[str, ...]) -> NDArray[Any] | None:
         """Return single values as columns, or None if one has no such name."""
@@ -421,8 +432,9 @@ def _part(
         of_faces = _colors(face)
         if of_faces is not None:
             colors, is_by_face = of_faces[rows[of_polygons]], True
-    normals = vertex.table(("nx", "ny", "nz"))
+    normals, attributes = vertex.table(("nx", "ny", "nz")), vertex.attributes()
     if picked is not None:
+        attributes = {name: values[picked] for name, values in attributes.items()}
         positions = positions[picked]
         normals = None if normals is None else normals[picked]
         colors = colors if colors is None or is_by_face else colors[picked]
@@ -434,7 +446,11 @@ def _part(
         colors = None
     elif colors is not None:
         colors = linear_rgba(srgb_bytes(colors), False)
-    return Part(name, positions.astype(np.float64), which[cut], normals, uv, colors, material)
+    of_faces = {name: values[rows[of_polygons]] for name, values in face.attributes().items()}
+    return Part(
+        name, positions.astype(np.float64), which[cut], normals, uv, colors, material, attributes,
+        of_faces,
+    )  # fmt: skip
 
 
 def _corner_uv(

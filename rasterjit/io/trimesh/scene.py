@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rasterjit.io.attributes import usable_attributes
 from rasterjit.io.gltf.scene import GLTF_FORMATS
 from rasterjit.io.skipped import LeftOut, MeshFileError
 from rasterjit.io.text.parts import without_textures
@@ -18,11 +19,11 @@ from rasterjit.io.trimesh.materials import (
     colors_from_trimesh,
     material_from_trimesh,
 )
-from rasterjit.scene.camera import PerspectiveCamera
+from rasterjit.scene.camera import PerspectiveCamera, mirrors
 from rasterjit.scene.light import WIDEST_CONE, DirectionalLight, PointLight, SpotLight
 from rasterjit.scene.material import Material
 from rasterjit.scene.memory import MemoryBudget
-from rasterjit.scene.mesh import Mesh
+from rasterjit.scene.mesh import Mesh, with_face_values
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.transforms import compose
 
@@ -155,8 +156,15 @@ class TrimeshAdapter:
                 uv=uv,
                 material=material,
                 colors=colors,
+                attributes=usable_attributes(
+                    geometry.vertex_attributes, len(geometry.vertices), self.left_out
+                ),
                 on_invalid=self.on_invalid,
             )
+            of_faces = usable_attributes(
+                geometry.face_attributes, len(geometry.faces), self.left_out
+            )
+            with_face_values(mesh, mesh.face_colors, of_faces)
             return mesh if normals is not None else mesh.split_creases(self.crease_angle)
         except ValueError as error:
             raise MeshFileError(f"{self.source}: mesh {name!r}: {error}") from error
@@ -208,6 +216,9 @@ class TrimeshAdapter:
         camera = loaded.camera
         try:
             pose = np.asarray(loaded.camera_transform, dtype=np.float64)
+            if mirrors(pose):
+                self.left_out.note("camera whose pose mirrors")
+                return
             eye = pose[:3, 3]
             scene.camera = PerspectiveCamera(
                 eye,

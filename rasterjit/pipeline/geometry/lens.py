@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rasterjit.scene import transforms
-from rasterjit.scene.camera import Camera, screen_from_relative
+from rasterjit.scene.camera import Camera
+from rasterjit.scene.pixels import screen_from_relative
 
 SNAP_SLACK = 2.0
 """

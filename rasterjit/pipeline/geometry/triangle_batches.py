@@ -11,7 +11,6 @@ from __future__ import annotations
 import numpy as np
 
 from rasterjit.pipeline.geometry.setup import (
-    edge_bias,
     first_sample,
     last_sample,
     narrow_edge,
@@ -31,18 +30,23 @@ BLOCK_BITS = 6
 BATCH = 64
 """Triangles set up at once: what is known of them, 14 KiB, stays in L1 beside their samples."""
 
-FACE, AX, AY, BX, BY, CX, CY, LEFT, TOP, RIGHT, BOTTOM, WIDE = range(12)
-"""Rows of whole numbers: face, vertices on the sub-pixel grid, box of samples, wide or small."""
-WHOLE_ROWS = 12
+FACE, AX, AY, BX, BY, CX, CY, LEFT, TOP, RIGHT, BOTTOM, WIDE, SIDE = range(13)
+"""
+Rows of whole numbers.
 
-DEPTH, EDGE, ACROSS, DOWN, LEAST, WEIGHT, RANGE = 0, 3, 6, 9, 12, 15, 17
+Face, vertices on the sub-pixel grid, box of samples, wide or small; of three edges of a small
+triangle the biased value at the corner of the box, in steps of one pixel: inside if not negative.
+"""
+WHOLE_ROWS = 15
+
+DEPTH, EDGE, ACROSS, DOWN, WEIGHT, RANGE = 0, 3, 6, 9, 12, 14
 """
 Rows of real numbers.
 
-Three depths; of three edges the value at the corner of the box, the steps to the next column and
-row, and the least value inside; two weights of the depth; the lowest and the highest depth.
+Three depths; of three edges the value at the corner of the box, exact for small triangles, and the
+steps to the next column and row; two weights of the depth; the lowest and the highest depth.
 """
-REAL_ROWS = 19
+REAL_ROWS = 16
 
 ROOM = BATCH + 8
 """Columns of those rows; more than are used, or the rows would share few lines of the cache."""
@@ -150,16 +154,25 @@ def plan_depths(ax, ay, bx, by, cx, cy, da, db, dc, weight_a, weight_b, lowest, 
 
 
 @disjoint_helper
-def plan_edge(ax, ay, bx, by, left, top, bits, value, across, down, least):
-    """Write the edge a -> b at the corner of the box, its steps, and its least value inside."""
+def plan_edge(ax, ay, bx, by, left, top, bits, value, across, down, side):
+    """
+    Write the edge a -> b at the corner of the box, its steps, and on which side the corner lies.
+
+    In float64, since few CPUs turn 64-bit whole numbers into it several at once.
+    """
     unit, half = np.float64(np.int64(1) << bits), np.int64(1) << (bits - 1)
+    pixel = 1.0 / unit
     for n in range(ax.shape[0]):
         px = np.int32((left[n] << bits) + half)
         py = np.int32((top[n] << bits) + half)
-        value[n] = np.float64(narrow_edge(ax[n], ay[n], bx[n], by[n], px, py))
-        across[n] = np.float64(np.int32(ay[n] - by[n])) * unit
-        down[n] = np.float64(np.int32(bx[n] - ax[n])) * unit
-        least[n] = np.float64(-edge_bias(ax[n], ay[n], bx[n], by[n]))
+        along_x, along_y = np.int32(bx[n] - ax[n]), np.int32(by[n] - ay[n])
+        away_x, away_y = np.int32(px - ax[n]), np.int32(py - ay[n])
+        here = np.float64(along_x) * np.float64(away_y) - np.float64(along_y) * np.float64(away_x)
+        value[n] = here
+        across[n] = np.float64(np.int32(-along_y)) * unit
+        down[n] = np.float64(along_x) * unit
+        is_top_left = (along_y < 0) | ((along_y == 0) & (along_x > 0))
+        side[n] = np.int32(np.floor((here if is_top_left else here - 1.0) * pixel))
 
 
 @helper
@@ -188,7 +201,7 @@ def plan_triangles(count, window, bits, whole, real):
             part(whole, second, 0, count), part(whole, second + 1, 0, count),
             part(whole, third, 0, count), part(whole, third + 1, 0, count), left, top, bits,
             part(real, EDGE + k, 0, count), part(real, ACROSS + k, 0, count),
-            part(real, DOWN + k, 0, count), part(real, LEAST + k, 0, count),
+            part(real, DOWN + k, 0, count), part(whole, SIDE + k, 0, count),
         )  # fmt: skip
 
 

@@ -10,18 +10,18 @@ where ``E_k + bias_k >= 0`` (bias 0 on top and left edges, -1 on others). Steppi
 multiple of ``2**grid_bits``, so ``(E_k + bias_k) >> grid_bits`` has the same sign and steps by the
 edge's own integer slope.
 
-Triangles at most ``SMALL_PIXELS`` wide are tested four samples of a row at once, in float64. Their
-edge functions there stay below 2**44 (16 pixels by 2**15 pixels on a 12-bit grid, twice), so
-float64 holds them exactly. Samples tested beyond the tile land in spare columns that nobody reads.
+Triangles at most ``SMALL_PIXELS`` wide are tested a row of their box at a time. Inside the box
+(9 pixels by 2**15 pixels on a 12-bit grid at most) the signs fit ``int32`` and the edge functions
+themselves float64. Lanes behind the box are masked: they may overflow, and end in spare columns.
 Wider triangles get, for each row, the first and the last covered column from one division for each
 edge, several rows at once: ``floor(e / s)`` of integers below 2**47 in float64 is exact, for a
 quotient that is not whole misses the next whole number by at least 1/s, more than half an ulp.
 Rows that the triangle does not reach inside the tile, found by the same division with the steps of
 rows and columns exchanged, are passed over.
 
-Where no row has more than ``THIN_PIXELS`` samples, as in slivers, all first samples of the rows are
-drawn, then all second ones ..., without branches: which rows are empty is hard to predict. Samples
-of different rows are different, so the order does not matter.
+All of this is float64 and 32-bit numbers, for before AVX-512 no x86 turns 64-bit integers into
+float64 several at once; rows of samples are vectors (``intrinsics.draw_box``, ``fill_rows``), for
+LLVM makes none of so short loops.
 
 Depth is interpolated linearly on the screen, in float64, by differences from one vertex,
 ``d = d2 + b0 (d0 - d2) + b1 (d1 - d2)`` with exact edge functions in the weights ``b``, so equal
@@ -68,7 +68,6 @@ from rasterjit.pipeline.geometry.triangle_batches import (
     FACE,
     FIRST,
     GRID_BITS,
-    LEAST,
     LEFT,
     LEFT_COLUMN,
     RANGE,
@@ -79,6 +78,7 @@ from rasterjit.pipeline.geometry.triangle_batches import (
     ROOM,
     SHIFT_X,
     SHIFT_Y,
+    SIDE,
     SMALL_PIXELS,
     TOP,
     TOP_ROW,
@@ -95,15 +95,12 @@ from rasterjit.pipeline.visibility.alpha_test import (
     find_owner,
     keep,
 )
-from rasterjit.runtime.intrinsics import call_bound, flat
+from rasterjit.runtime.intrinsics import call_bound, draw_box, fill_rows, flat
 from rasterjit.runtime.jit import Bound, disjoint_helper, helper, kernel
 from rasterjit.runtime.state import float64, int32, int64, stored
 
 SCRATCH_SHAPE = (TILE_SIZE, TILE_SIZE + SMALL_PIXELS)
 """A tile in scratch memory: its rows have room for groups that start in the last column."""
-
-SPARE_SAMPLE = SCRATCH_SHAPE[0] * SCRATCH_SHAPE[1] - 1
-"""A sample of a flat tile that nobody reads."""
 
 CORNER_ROUNDINGS = 64.0 * 2.0**-53
 """
@@ -111,9 +108,6 @@ What two depths of a plane may be off by, in units of its range and its largest 
 
 28 roundings each (``tests/hard_cases/test_bounded.py`` counts them), and some to spare.
 """
-
-THIN_PIXELS = 3
-"""Triangles that cover up to this many samples of each row are drawn without branches."""
 
 FEW_ROWS = 16
 """Triangles with more rows in a tile are first cut to those that they reach there."""
@@ -156,15 +150,16 @@ def crossing_line(edge):
     value, across, down = edge
     if across == 0:
         beyond = np.int64(2) << BLOCK_BITS
-        return value * beyond + (beyond - 1), down * beyond, 1.0, np.int64(0)
-    return value, down, np.float64(abs(across)), np.int64(across > 0)
+        value, down = value * beyond + (beyond - 1), down * beyond
+        return np.float64(value), np.float64(down), 1.0, np.int64(0)
+    return np.float64(value), np.float64(down), np.float64(abs(across)), np.int64(across > 0)
 
 
 @helper
 def bound_span(first, last, line, row):
     """Return the first and the last column, float64, that one edge leaves of a row."""
     value, down, distance, begins = line
-    crossing = np.floor(np.float64(value + row * down) / distance)
+    crossing = np.floor((value + row * down) / distance)
     return (
         max(first, -crossing) if begins else first,
         last if begins else min(last, crossing),
@@ -176,27 +171,45 @@ def find_spans(begins, ends, depths, lanes, lines, columns, inside_bc, inside_ca
     """
     Write, row by row, the first covered column, one past the last, and the depth at the first.
 
-    Returns how many samples a row has at most. Takes three `crossing_line`, and two exact edges as
-    value at the corner of the box, step across and step down. The divisions are exact: see the
-    notes above.
+    Returns how many samples a row has at most. Takes three `crossing_line`, and two `inside_line`
+    at the corner of the box. The divisions are exact: see the notes above.
     """
-    longest = np.int64(0)
+    longest, width = np.int32(0), np.float64(columns)
     for i in range(lanes):
-        row = np.int64(i)
-        first, last = 0.0, np.float64(columns - 1)
+        row = np.float64(np.int32(i))
+        first, last = 0.0, width - 1.0
         first, last = bound_span(first, last, lines[0], row)
         first, last = bound_span(first, last, lines[1], row)
         first, last = bound_span(first, last, lines[2], row)
-        column = np.int64(min(first, np.float64(columns)))
-        end = np.int64(max(last, -1.0)) + 1
-        begins[i], ends[i] = column, end
-        longest = max(longest, end - column)
+        first = min(first, width)
+        begins[i], ends[i] = np.int32(first), np.int32(max(last, -1.0)) + np.int32(1)
+        longest = max(longest, np.int32(ends[i] - begins[i]))
         depths[i] = depth_from(
-            plane,
-            inside_bc[0] + column * inside_bc[1] + row * inside_bc[2],
-            inside_ca[0] + column * inside_ca[1] + row * inside_ca[2],
+            plane, inside_at(inside_bc, first, row), inside_at(inside_ca, first, row)
         )
-    return longest
+    return np.int64(longest)
+
+
+@helper
+def inside_line(ax, ay, bx, by, left, top, grid_bits):
+    """
+    Return the edge function of a -> b at a pixel as whole pixels, the rest, and steps; float64.
+
+    Steps across and down are multiples of ``2**grid_bits``, in which whole pixels count: below
+    2**45, so that sums of them are exact, and `inside_at` rounds once.
+    """
+    value = edge_at(ax, ay, bx, by, left, top, grid_bits)
+    whole = value >> grid_bits
+    return (
+        np.float64(whole), np.float64(ay - by), np.float64(bx - ax),
+        np.float64(np.int64(1) << grid_bits), np.float64(value - (whole << grid_bits)),
+    )  # fmt: skip
+
+
+@helper
+def inside_at(line, column, row):
+    """Return an edge function, rounded once, so many columns and rows from where it was taken."""
+    return (line[0] + column * line[1] + row * line[2]) * line[3] + line[4]
 
 
 @helper
@@ -232,111 +245,27 @@ def clamped(depth, plane):
     return plane[5] if depth > plane[5] else depth
 
 
-@disjoint_helper
-def fill_span(depths, numbers, first, count, depth, steps, plane, face):
-    """
-    Depth-test ``count`` samples of a row, from ``first`` on, in groups of four.
-
-    The row starts ``steps`` right of where the depth was taken.
-    """
-    for i in range(((count - 1) | 3) + 1):
-        sample = first + np.uintp(i)
-        along = np.float64(np.int32(np.int32(i) + steps)) * plane[3]
-        stored = depths.dtype.type(clamped(depth + along, plane))
-        if (stored > depths[sample]) & (np.int32(i) < np.int32(count)):
-            depths[sample] = stored
-            numbers[sample] = face
-
-
-@disjoint_helper
-def find_samples(begins, ends, starts, steps, before, corner, plane, places, stored):
-    """
-    Write where in the tile the sample ``steps`` right of the first of each row lies, and its depth.
-
-    Where the row has no such sample, that is one that nobody reads.
-    """
-    for i in range(begins.shape[0]):
-        column = np.int32(begins[i] + np.int32(steps))
-        is_covered = (column >= before) & (column < ends[i])
-        depth = clamped(starts[i] + np.float64(np.int32(steps)) * plane[3], plane)
-        stored[i] = stored.dtype.type(depth)
-        place = np.int32(np.int32(i) * np.int32(SCRATCH_SHAPE[1]) + np.int32(corner))
-        places[i] = np.int32(place + column) if is_covered else np.int32(SPARE_SAMPLE)
-
-
-@disjoint_helper
-def put_samples(depths, numbers, places, stored, face):
-    """Depth-test samples anywhere in a tile."""
-    for i in range(places.shape[0]):
-        sample, depth = np.uintp(places[i]), stored[i]
-        # Without a branch: what is hidden goes where nobody reads.
-        sample = sample if depth > depths[sample] else np.uintp(SPARE_SAMPLE)
-        depths[sample] = depth
-        numbers[sample] = face
-
-
-@disjoint_helper
-def test_row(depths, numbers, first, lanes, values, steps, thresholds, plane, face):
-    """Test one row of samples against the three edges and the depth; without branches."""
-    for i in range(lanes):
-        sample = first + np.uintp(i)
-        column = np.float64(np.int32(i))
-        e0 = values[0] + column * steps[0]
-        e1 = values[1] + column * steps[1]
-        e2 = values[2] + column * steps[2]
-        stored = depths.dtype.type(clamped(depth_from(plane, e0, e1), plane))
-        if (
-            (e0 >= thresholds[0])
-            & (e1 >= thresholds[1])
-            & (e2 >= thresholds[2])
-            & (stored > depths[sample])
-        ):
-            depths[sample] = stored
-            numbers[sample] = face
-
-
 @helper
 def draw_small(n, whole, real, plane, origin, tile):
-    """Test each row of the box of a triangle in groups of four samples."""
-    depths, numbers = tile
-    left, top = np.int64(whole[LEFT, n]) - origin[0], np.int64(whole[TOP, n]) - origin[1]
-    right, bottom = np.int64(whole[RIGHT, n]) - origin[0], np.int64(whole[BOTTOM, n]) - origin[1]
-    face = np.int32(whole[FACE, n])
-    lanes = ((right - left) | 3) + 1
-    e0, e1, e2 = real[EDGE, n], real[EDGE + 1, n], real[EDGE + 2, n]
-    steps = real[ACROSS, n], real[ACROSS + 1, n], real[ACROSS + 2, n]
-    thresholds = real[LEAST, n], real[LEAST + 1, n], real[LEAST + 2, n]
-    first = np.uintp(top * SCRATCH_SHAPE[1] + left)
-    for _ in range(top, bottom + 1):
-        test_row(depths, numbers, first, lanes, (e0, e1, e2), steps, thresholds, plane, face)
-        first += np.uintp(SCRATCH_SHAPE[1])
-        e0 += real[DOWN, n]
-        e1 += real[DOWN + 1, n]
-        e2 += real[DOWN + 2, n]
-
-
-@helper
-def draw_thin(longest, rows, before, corner, plane, face, tile, spans):
-    """Draw the first sample of each row, then the second ..., up to the longest row."""
-    begins, ends, starts, places, stored = spans
-    for steps in range(longest):
-        find_samples(
-            begins[:rows], ends[:rows], starts[:rows], steps, before, corner, plane,
-            places[:rows], stored[:rows],
-        )  # fmt: skip
-        put_samples(tile[0], tile[1], places[:rows], stored[:rows], face)
-
-
-@helper
-def draw_rows(rows, before, corner, plane, face, tile, spans):
-    """Fill what each row covers from ``before`` on; ``corner`` is the sample of the first."""
-    begins, ends, starts = spans[0], spans[1], spans[2]
-    for i in range(np.uintp(max(rows, 0))):
-        begin, end = max(np.int64(begins[i]), before), np.int64(ends[i])
-        if begin < end:
-            first = np.uintp(corner + np.int64(i) * SCRATCH_SHAPE[1] + begin)
-            steps = np.int32(begin - np.int64(begins[i]))
-            fill_span(tile[0], tile[1], first, end - begin, starts[i], steps, plane, face)
+    """Test the samples in the box of a triangle, row by row."""
+    left, top = np.int64(whole[LEFT, n]), np.int64(whole[TOP, n])
+    first = (top - origin[1]) * SCRATCH_SHAPE[1] + left - origin[0]
+    rows, columns = np.int64(whole[BOTTOM, n]) - top + 1, np.int32(whole[RIGHT, n] - left + 1)
+    ax, ay, bx, by = whole[AX, n], whole[AY, n], whole[BX, n], whole[BY, n]
+    cx, cy = whole[CX, n], whole[CY, n]
+    edges = (
+        whole[SIDE, n], whole[SIDE + 1, n], whole[SIDE + 2, n],
+        np.int32(by - cy), np.int32(cy - ay), np.int32(ay - by),
+        np.int32(cx - bx), np.int32(ax - cx), np.int32(bx - ax),
+    )  # fmt: skip
+    depth = (
+        real[EDGE, n], real[EDGE + 1, n], real[ACROSS, n], real[ACROSS + 1, n],
+        real[DOWN, n], real[DOWN + 1, n], plane[0], plane[1], plane[2], plane[4], plane[5],
+    )  # fmt: skip
+    draw_box(
+        tile[0], tile[1], first, np.int64(SCRATCH_SHAPE[1]), rows, columns, edges, depth,
+        np.int32(whole[FACE, n]),
+    )  # fmt: skip
 
 
 @helper
@@ -357,27 +286,19 @@ def draw_spans(a, b, c, plane, box, face, origin, grid_bits, tile, spans):
         crossing_line(edges[1]),
         crossing_line(edges[2]),
     )
-    inside_bc = (
-        edge_at(bx, by, cx, cy, left, top, grid_bits),
-        (by - cy) << grid_bits,
-        (cx - bx) << grid_bits,
-    )
-    inside_ca = (
-        edge_at(cx, cy, ax, ay, left, top, grid_bits),
-        (cy - ay) << grid_bits,
-        (ax - cx) << grid_bits,
-    )
+    inside_bc = inside_line(bx, by, cx, cy, left, top, grid_bits)
+    inside_ca = inside_line(cx, cy, ax, ay, left, top, grid_bits)
     # Whole groups of rows: what is found of those behind the last is not read.
     lanes = ((rows - 1) | 7) + 1
     longest = find_spans(
         spans[0], spans[1], spans[2], lanes, lines, columns, inside_bc, inside_ca, plane
     )
-    before = origin[0] - left
-    corner = (top - origin[1]) * SCRATCH_SHAPE[1] - before
-    if longest <= THIN_PIXELS:
-        draw_thin(longest, rows, before, corner, plane, face, tile, spans)
-    else:
-        draw_rows(rows, before, corner, plane, face, tile, spans)
+    before = np.int32(origin[0] - left)
+    first = (top - origin[1]) * SCRATCH_SHAPE[1] - np.int64(before)
+    fill_rows(
+        tile[0], tile[1], spans, first, np.int64(SCRATCH_SHAPE[1]), rows, before, longest,
+        (plane[3], plane[4], plane[5]), face,
+    )  # fmt: skip
 
 
 @helper
@@ -415,7 +336,7 @@ def draw_triangle(n, whole, real, origin, bits, tile_depth, tile, spans):
     draw_spans(a, b, c, plane, box, face, origin, bits, tile, spans)
 
 
-SPANS = int32[::1], int32[::1], float64[::1], int32[::1], stored[::1]
+SPANS = int32[::1], int32[::1], float64[::1]
 """The types of the memory for the rows of a triangle."""
 
 
@@ -533,7 +454,7 @@ def empty_depth(depth_type: Any) -> Any:
     return kind.type(-1 if kind.kind == "i" else -np.inf)
 
 
-EMPTY = 9
+EMPTY = 7
 """Where scratch memory holds the depth of nothing."""
 
 
@@ -551,8 +472,6 @@ def scratch_memory(depth_type: Any = np.float32) -> tuple[Any, ...]:
         np.empty(TILE_SIZE, np.int32),
         np.empty(TILE_SIZE, np.int32),
         np.empty(TILE_SIZE, np.float64),
-        np.empty(TILE_SIZE, np.int32),
-        np.empty(TILE_SIZE, depth_type),
         np.full(1, empty_depth(depth_type)),
     )
 

@@ -1,0 +1,224 @@
+"""The command that says what a mesh file holds: counts, bounds, materials, lights, camera."""
+
+from __future__ import annotations
+
+import json
+import warnings
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from rasterjit.cli import raise_if_interrupted
+from rasterjit.cli.program import in_options
+
+if TYPE_CHECKING:
+    from rasterjit.scene.material import Material
+    from rasterjit.scene.mesh import Mesh
+    from rasterjit.scene.scene import Scene
+
+MOST_SHOWN = 20
+"""Materials and lights that are printed; JSON has all."""
+
+
+def tell(file: Path, as_json: bool, **reading: Any) -> None:
+    """Read a file and print what it holds; ``reading`` as `rasterjit.load` takes it."""
+    from rasterjit.io.meshes import load
+
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("ignore")
+        warnings.simplefilter("always", UserWarning)
+        scene = load(file, **reading)
+    raise_if_interrupted()
+    said = [in_options(str(warning.message)).removeprefix(f"{file}: ") for warning in caught]
+    held = {"file": str(file), "bytes": file.stat().st_size, **describe(scene), "warnings": said}
+    if as_json:
+        click.echo(json.dumps(held, indent=2, allow_nan=False))
+        return
+    rows = list(_rows(held))
+    widest = max(len(name) for name, _ in rows)
+    for name, text in rows:
+        click.echo(f"{name:<{widest}}  {text}".rstrip())
+
+
+def describe(scene: Scene) -> dict[str, Any]:
+    """
+    Return what a scene holds, as JSON can write it.
+
+    Returns
+    -------
+    dict
+        Counts of objects (meshes at their places), meshes (each once), vertices and faces of both
+        kinds; bounds and bounding sphere, scene units; materials with the number of their objects,
+        colours linear RGBA; distinct textures; lights; the camera or None.
+    """
+    meshes = list({id(node.mesh): node.mesh for node in scene.nodes}.values())
+    low, high = (corner.tolist() for corner in scene.bounds())
+    center, radius = scene.bounding_sphere()
+    materials = Counter({id(one): 0 for one in (mesh.material for mesh in meshes)})
+    materials.update(id(node.mesh.material) for node in scene.nodes)
+    by_id = {id(mesh.material): mesh.material for mesh in meshes}
+    return {
+        "objects": len(scene.nodes),
+        "meshes": len(meshes),
+        "vertices": sum(len(mesh.vertices) for mesh in meshes),
+        "faces": sum(len(mesh.faces) for mesh in meshes),
+        "faces_drawn": sum(len(node.mesh.faces) for node in scene.nodes),
+        "invalid_vertices": sum(mesh.invalid_vertices for mesh in meshes),
+        "attributes": _attributes(meshes),
+        "closed": sum(mesh.is_closed() for mesh in meshes),
+        "bounds": {"min": low, "max": high},
+        "center": [float(part) for part in center],
+        "radius": float(radius),
+        "materials": [
+            {**_material(by_id[key]), "objects": count} for key, count in materials.items()
+        ],
+        "textures": _textures(by_id.values()),
+        "lights": [_fields(light) for light in scene.lights],
+        "camera": None if scene.camera is None else _fields(scene.camera),
+    }
+
+
+def _attributes(meshes: list[Mesh]) -> dict[str, int]:
+    """Return how many meshes have each attribute, of those that any has."""
+    names = ("normals", "uv", "uv1", "tangents", "vertex_colors", "face_colors")
+    counts = {name: sum(getattr(mesh, name) is not None for mesh in meshes) for name in names}
+    return {name: count for name, count in counts.items() if count}
+
+
+def _material(material: Material) -> dict[str, Any]:
+    """Return what a material says, and the size of each of its textures."""
+    from rasterjit.scene.material import TEXTURE_FIELDS
+
+    color = material.base_color
+    said: dict[str, Any] = {
+        "shading": material.shading,
+        "base_color": None if color is None else [float(part) for part in color],
+        "alpha_mode": material.alpha_mode,
+        "double_sided": material.double_sided,
+    }
+    if material.shading == "pbr":
+        said |= {"metallic": material.metallic, "roughness": material.roughness}
+    textures = {name: getattr(material, name) for name in TEXTURE_FIELDS}
+    said["textures"] = {
+        name: list(texture.size) for name, texture in textures.items() if texture is not None
+    }
+    return said
+
+
+def _textures(materials: Any) -> dict[str, Any]:
+    """Return how many different textures there are, and the memory of their texels."""
+    from rasterjit.scene.material import TEXTURE_FIELDS
+
+    found = {
+        id(texture): texture
+        for material in materials
+        for texture in (getattr(material, name) for name in TEXTURE_FIELDS)
+        if texture is not None
+    }
+    texels = sum(texture.size[0] * texture.size[1] for texture in found.values())
+    return {"count": len(found), "texels": texels}
+
+
+def _fields(thing: Any) -> dict[str, Any]:
+    """Return a light's or camera's kind and fields; what is infinite is named so."""
+    import dataclasses
+
+    said: dict[str, Any] = {"kind": type(thing).__name__}
+    for field in dataclasses.fields(thing):
+        value = getattr(thing, field.name)
+        if field.name == "shadow":
+            value = value is not None
+        elif hasattr(value, "tolist"):
+            value = value.tolist()
+        elif isinstance(value, tuple):
+            value = [float(part) for part in value]
+        elif isinstance(value, float) and value in (float("inf"), float("-inf")):
+            value = str(value)
+        said[field.name] = value
+    return said
+
+
+def _rows(held: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    """Yield the rows that are printed: name and text."""
+    yield "file", f"{held['file']} ({held['bytes']:,} bytes)"
+    yield "objects", f"{held['objects']:,} of {_count(held['meshes'], 'mesh', 'meshes')}"
+    yield "vertices", f"{held['vertices']:,}"
+    instances = held["faces_drawn"] != held["faces"]
+    drawn = f", {held['faces_drawn']:,} in all objects" if instances else ""
+    yield "faces", f"{held['faces']:,}{drawn}"
+    if held["invalid_vertices"]:
+        yield "invalid vertices", f"{held['invalid_vertices']:,}, NaN or infinite"
+    of_all = f"of {held['meshes']:,}" if held["meshes"] > 1 else ""
+    said = (f"{name} {f'{count:,} ' if of_all else ''}{of_all}".strip().replace("_", " ")
+            for name, count in held["attributes"].items())  # fmt: skip
+    yield "attributes", ", ".join(said) or "none"
+    yield "closed", f"{held['closed']:,} of {_count(held['meshes'], 'mesh', 'meshes')}"
+    low, high = held["bounds"]["min"], held["bounds"]["max"]
+    yield "bounds", f"{_numbers(low)} to {_numbers(high)}"
+    sides = [b - a for a, b in zip(low, high, strict=True)]
+    yield "size", f"{' x '.join(f'{side:.6g}' for side in sides)} units"
+    yield "bounding sphere", f"centre {_numbers(held['center'])}, radius {held['radius']:.6g}"
+    yield from _listed("material", [_told_material(one) for one in held["materials"]])
+    textures = held["textures"]
+    if textures["count"]:
+        yield "textures", f"{textures['count']:,}, {textures['texels']:,} texels"
+    else:
+        yield "textures", "none"
+    yield from _listed("light", [_told_fields(one) for one in held["lights"]])
+    camera = held["camera"]
+    yield "camera", "none" if camera is None else _told_fields(camera)
+    for text in held["warnings"]:
+        yield "warning", text
+
+
+def _listed(name: str, texts: list[str]) -> Iterator[tuple[str, str]]:
+    """Yield a row for each of several things of a kind, the first ones; or one for none."""
+    if not texts:
+        yield f"{name}s", "none"
+    for number, text in enumerate(texts[:MOST_SHOWN]):
+        yield f"{name} {number}", text
+    if len(texts) > MOST_SHOWN:
+        yield f"{name}s", f"{len(texts) - MOST_SHOWN:,} more: see --json"
+
+
+def _told_material(one: dict[str, Any]) -> str:
+    """Return a material in a line."""
+    parts = [one["shading"]]
+    if one["base_color"] is not None:
+        parts.append(f"base colour {_numbers(one['base_color'])}")
+    if one["alpha_mode"] != "opaque":
+        parts.append(one["alpha_mode"])
+    if not one["double_sided"]:
+        parts.append("single-sided")
+    for name, (width, height) in one["textures"].items():
+        parts.append(f"{name.replace('_', ' ')} {width}x{height}")
+    return f"{', '.join(parts)} ({_count(one['objects'], 'object', 'objects')})"
+
+
+def _told_fields(one: dict[str, Any]) -> str:
+    """Return a light or a camera in a line."""
+    parts = []
+    for name, value in one.items():
+        if name == "kind" or value is None or value is False:
+            continue
+        if value is True:
+            parts.append(name)
+        elif isinstance(value, list):
+            flat = [part for row in value for part in row] if isinstance(value[0], list) else value
+            parts.append(f"{name} {_numbers(flat)}")
+        else:
+            parts.append(f"{name} {value:.6g}" if isinstance(value, float) else f"{name} {value}")
+    return f"{one['kind']}: {', '.join(parts)}"
+
+
+def _numbers(values: list[float]) -> str:
+    """Return numbers in brackets."""
+    return f"({', '.join(f'{value:.6g}' for value in values)})"
+
+
+def _count(count: int, one: str, several: str) -> str:
+    """Return a number of things."""
+    return f"{count:,} {one if count == 1 else several}"

@@ -1,0 +1,113 @@
+"""
+A picture behind all faces: what an overlay on a photograph is drawn over.
+
+Each of its pixels is copied to the pixel of the frame that shows no face there; where faces cover a
+part of a pixel, or are seen through, they are mixed with it in light, as with a colour. It is shown
+as given: tone curves do not touch it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.pipeline import encode
+from rasterjit.pipeline.fragments import encoded
+from rasterjit.scene.background import BackgroundImage
+from rasterjit.scene.color import decoding_table
+from rasterjit.survey.effect import Absent, Effect, FrameContext, Planned, Planning, Rows
+from rasterjit.survey.facts import Facts
+from rasterjit.survey.plan import RenderPlan
+
+
+class Plate(NamedTuple):
+    """The picture behind what is drawn."""
+
+    image: NDArray[Any]
+    """(H, W, 4) uint8 or float32, as `BackgroundImage` has it."""
+    corner: tuple[int, int] = (0, 0)
+    """Column and row of the first pixel that is drawn, in the whole frame."""
+
+    def show(
+        self,
+        face_id: NDArray[np.int32],
+        first_row: int,
+        linear: NDArray[np.float32],
+        color: NDArray[np.uint32],
+    ) -> None:
+        """
+        Write the picture to the pixels of some rows that show no face.
+
+        Parameters
+        ----------
+        face_id : (R, W) int32
+        first_row : int
+            Where they lie in what is drawn.
+        linear : (R, W, 4) float32, or (R, 0, 4)
+        color : (R, W) uint32, or (R, 0)
+            Written.
+        """
+        rows, columns = face_id.shape
+        left, top = self.corner[0], self.corner[1] + first_row
+        part = np.ascontiguousarray(self.image[top : top + rows, left : left + columns])
+        is_open = face_id < 0
+        if linear.shape[1] > 0:
+            np.copyto(linear, _light(part), where=is_open[..., None])
+        if color.shape[1] > 0:
+            np.copyto(color, _codes(part), where=is_open)
+
+
+def _codes(part: NDArray[Any]) -> NDArray[np.uint32]:
+    """Return pixels, (R, W, 4), as RGBA codes, (R, W)."""
+    if part.dtype == np.uint8:
+        return part.view(np.uint32)[..., 0]
+    codes = np.empty(part.shape[:2], np.uint32)
+    encode.encode_rows(part, encode.encoding_table(), codes)
+    return codes
+
+
+def _light(part: NDArray[Any]) -> NDArray[np.float32]:
+    """Return pixels, (R, W, 4), as linear light, straight alpha."""
+    if part.dtype == np.float32:
+        return part
+    light = np.empty(part.shape, np.float32)
+    encoded.decode_rows(_codes(part), decoding_table().copy(), light)
+    return light
+
+
+class PictureBehind(Effect):
+    """Show a picture where no face is."""
+
+    name = "background image"
+    is_toned = False
+
+    def answer(self, facts: Facts, planning: Planning) -> Planned | Absent:
+        """Say whether a picture is seen where no face is."""
+        if facts.background_image is not None and facts.is_colored:
+            return Planned(self, facts, facts.background_image)
+        return Absent(self, facts)
+
+    def reason(self, facts: Facts, is_used: bool) -> str:
+        """Say which picture is seen where no face is, or why none is."""
+        if facts.background_image is None:
+            return "the render was given no picture"
+        return "where no face is" if facts.is_colored else "no output shows colour"
+
+    def prepare(self, context: FrameContext, data: BackgroundImage, seen: Sequence[Any]) -> Plate:
+        """Return the picture, and where the part of it lies that is drawn."""
+        return Plate(data.image, context.plan.corner)
+
+    def kernels(self, plan: RenderPlan) -> dict[str, Rows]:
+        """Return the kernels that turn codes into light, or light into codes."""
+        is_of_codes = plan.facts.background_image.image.dtype == np.uint8
+        name = "encoded.decode_rows" if is_of_codes else "encode.encode_rows"
+        wanted = "light is mixed or asked for" if is_of_codes else "codes are mixed or asked for"
+        return {"background": [(name, "", wanted)]}
+
+    places: ClassVar = {"background": Plate.show}
+
+
+BACKGROUND_IMAGE = PictureBehind()

@@ -1,0 +1,47 @@
+"""Attributes of one's own that files bring, as a mesh can take them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.io.resources import LONGEST_NAME
+from rasterjit.io.skipped import LeftOut
+from rasterjit.scene.mesh import value_rows
+
+
+def usable_attributes(
+    given: Mapping[Any, Any], count: int, left_out: LeftOut
+) -> dict[str, NDArray[np.float32]]:
+    """
+    Return the attributes that are finite numbers.
+
+    Parameters
+    ----------
+    given : mapping of str to (count, ...) array
+        Rows of several axes are laid out in one.
+    count : int
+        Vertices or faces of the mesh.
+    left_out : LeftOut
+        Notes the others.
+
+    Returns
+    -------
+    dict of str to (count, D) float32
+    """
+    usable = {}
+    for name, values in given.items():
+        said, array = f"attribute {str(name)[:LONGEST_NAME]!r}", np.asarray(values)
+        is_numbers = array.dtype.kind in "buif" and array.shape[:1] == (count,) and array.size > 0
+        if not (is_numbers and isinstance(name, str) and name):
+            left_out.note(f"{said}, which is not a number for each vertex or face")
+            continue
+        rows = array.reshape(count, -1)
+        try:
+            usable[name] = value_rows(said, rows.astype(np.uint8) if rows.dtype == bool else rows)
+        except ValueError:
+            left_out.note(f"{said} with NaN, infinity or what no float32 holds")
+    return usable

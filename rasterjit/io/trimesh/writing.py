@@ -1,0 +1,256 @@
+"""Turn meshes and scenes into trimesh's, and name what those have no place for."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.io.cameras import to_trimesh as camera_to_trimesh
+from rasterjit.io.gltf.content import MODE_NAMES, TEXTURES
+from rasterjit.io.gltf.writing import lasting_units, looking_along
+from rasterjit.io.pictures import nearest_codes
+from rasterjit.io.skipped import LeftOut, SaveWarning
+from rasterjit.scene.camera import PerspectiveCamera
+from rasterjit.scene.light import AmbientLight, DirectionalLight, Light, PointLight, SpotLight
+from rasterjit.scene.material import Material, UnsaidMaterial
+from rasterjit.scene.mesh import Mesh
+from rasterjit.scene.scene import EFFECT_FIELDS, Scene
+from rasterjit.scene.texture import Texture
+
+if TYPE_CHECKING:
+    import trimesh
+
+_RESOLUTION = (640, 640)
+"""Of the camera, pixels: trimesh's has one. Its angle of view is the same both ways."""
+
+
+def to_trimesh(what: Mesh | Scene) -> Any:
+    """
+    Return a mesh or scene as trimesh has it; see `Mesh.to_trimesh` and `Scene.to_trimesh`.
+
+    Returns
+    -------
+    trimesh.Trimesh or trimesh.Scene
+
+    Warns
+    -----
+    SaveWarning
+        Once, naming what it has not or has otherwise.
+    """
+    left_out = LeftOut()
+    converter = _Converter(left_out)
+    made = converter.mesh(what) if isinstance(what, Mesh) else converter.scene(what)
+    said = "has not, or in another form, what trimesh has no place for:"
+    left_out.warn(f"trimesh {type(made).__name__}", SaveWarning, said, 4)
+    return made
+
+
+class _Converter:
+    """Turns meshes, each once, and scenes into trimesh's."""
+
+    def __init__(self, left_out: LeftOut) -> None:
+        self.left_out = left_out
+        self._materials: dict[Any, Any] = {}
+        self._names = {"world": 1}
+        """Those taken, and the number that was last put behind each."""
+
+    def scene(self, scene: Scene) -> trimesh.Scene:
+        """Return a scene with its nodes, camera and lights."""
+        import trimesh
+
+        made, geometries, names = trimesh.Scene(), {}, {}
+        drawn = set(map(id, scene.nodes))
+        # Objects are numbered as they come; what they hang below may come later.
+        groups = [node for node in scene.every_node() if id(node) not in drawn]
+        for node in (*scene.nodes, *groups):
+            names[id(node)] = self._unlike(str(node.name))
+        for node in (*scene.nodes, *groups):
+            said = {}
+            if id(node) in drawn:
+                if id(node.mesh) not in geometries:
+                    geometries[id(node.mesh)] = names[id(node)]
+                    made.geometry[names[id(node)]] = self.mesh(node.mesh)
+                said = {"geometry": geometries[id(node.mesh)]}
+            above = "world" if node.parent is None else names[id(node.parent)]
+            made.graph.update(names[id(node)], above, matrix=np.array(node.transform), **said)
+        if list(made.graph.nodes_geometry) != [names[id(node)] for node in scene.nodes]:
+            self.left_out.note("order of the objects, which is that of the tree")
+        self._add_camera(scene.camera, made)
+        self._add_lights(scene.lights, made)
+        for name in EFFECT_FIELDS:
+            if getattr(scene, name) is not None:
+                self.left_out.note(name)
+        return made
+
+    def _unlike(self, name: str) -> str:
+        """Return a name that no node had before: trimesh knows nodes by their names."""
+        found = name or "node"
+        if name in self._names:
+            self.left_out.note("name of a node that another has")
+        while found in self._names:
+            self._names[name] = number = self._names.get(name, 1) + 1
+            found = f"{name or 'node'} {number}"
+        self._names[found] = 1
+        return found
+
+    def mesh(self, mesh: Mesh) -> trimesh.Trimesh:
+        """Return a mesh with its normals, colours, texture coordinates and material."""
+        import trimesh
+
+        normals, lost = lasting_units(mesh.vertex_normals())
+        if lost:
+            self.left_out.note("last bits of normals", lost)
+        for name in ("uv1", "tangents"):
+            if getattr(mesh, name) is not None:
+                self.left_out.note(name)
+        return trimesh.Trimesh(
+            mesh.vertices, mesh.faces, vertex_normals=normals, visual=self._visual(mesh),
+            vertex_attributes=dict(mesh.vertex_attributes),
+            face_attributes=dict(mesh.face_attributes),
+            process=False, validate=False,
+        )  # fmt: skip
+
+    def _visual(self, mesh: Mesh) -> Any:
+        """Return colours, or a material and its texture coordinates."""
+        from trimesh.visual import ColorVisuals, TextureVisuals
+
+        vertex_colors, face_colors = (
+            None if colors is None else self._bytes(colors, "srgb", "colours")
+            for colors in (mesh.vertex_colors, mesh.face_colors)
+        )
+        is_plain = mesh.material in (Material(name=mesh.material.name), UnsaidMaterial())
+        if face_colors is not None or (is_plain and mesh.uv is None):
+            if not is_plain:
+                self.left_out.note("material beside colours of faces")
+            return ColorVisuals(vertex_colors=vertex_colors, face_colors=face_colors)
+        material = self._material(mesh.material, vertex_colors is not None)
+        visual = TextureVisuals(uv=mesh.uv, material=material)
+        if vertex_colors is not None:
+            visual.vertex_attributes["color"] = vertex_colors
+        return visual
+
+    def _bytes(self, colors: Any, color_space: str, what: str) -> NDArray[np.uint8]:
+        """Return linear colours, (..., 4), as bytes, and note if they are not what they were."""
+        codes, are_exact = nearest_codes(np.asarray(colors, np.float32), color_space)
+        if not are_exact:
+            self.left_out.note(f"digits of {what} beyond 8 bits")
+        return codes
+
+    def _material(self, material: Material, has_colors: bool) -> Any:
+        """Return a material as trimesh has it, once for all meshes that share it."""
+        color = _base_color(material, has_colors)
+        key = id(material), color
+        if key not in self._materials:
+            make = self._pbr if material.shading == "pbr" else self._simple
+            self._materials[key] = make(material, color)
+        return self._materials[key]
+
+    def _pbr(self, material: Material, base_color: tuple[float, ...]) -> Any:
+        """Return a metallic-roughness material."""
+        from trimesh.visual.material import PBRMaterial
+
+        for name in ("normal_scale", "occlusion_strength"):
+            if getattr(material, name) != 1.0:
+                self.left_out.note(name)
+        pictures = {
+            key: self._picture(getattr(material, field), color_space, field)
+            for field, (key, color_space) in TEXTURES.items()
+        }
+        (color,) = self._bytes([base_color], "linear", "base colours")
+        return PBRMaterial(
+            name=material.name, baseColorFactor=color, metallicFactor=material.metallic,
+            roughnessFactor=material.roughness, emissiveFactor=list(material.emissive),
+            doubleSided=material.double_sided, alphaMode=MODE_NAMES[material.alpha_mode],
+            alphaCutoff=material.alpha_cutoff, **pictures,
+        )  # fmt: skip
+
+    def _simple(self, material: Material, base_color: tuple[float, ...]) -> Any:
+        """Return a Blinn-Phong material, as those of MTL files are."""
+        from trimesh.visual.material import SimpleMaterial
+
+        if material.shading != "phong":
+            self.left_out.note(f"{material.shading} shading")
+        if material.emits:
+            self.left_out.note("emission")
+        if not material.double_sided:
+            self.left_out.note("single-sidedness")
+        if material.alpha_mode == "mask":
+            self.left_out.note("alpha_mode 'mask'")
+        for field in TEXTURES:
+            if field != "base_color_texture" and getattr(material, field) is not None:
+                self.left_out.note(field)
+        said: dict[str, Any] = {}
+        if material.base_color is not None:
+            (color,) = self._bytes([base_color], "srgb", "base colours")
+            said["diffuse"] = said["kd"] = color
+        strength = min(material.specular, 1.0) if material.shading != "unlit" else 0.0
+        (shine,) = self._bytes([(strength,) * 3 + (1.0,)], "srgb", "highlights")
+        picture = self._picture(material.base_color_texture, "srgb", "base_color_texture")
+        return SimpleMaterial(
+            image=picture, name=material.name, specular=shine, glossiness=material.shininess,
+            ks=shine, ns=material.shininess, **said,
+        )  # fmt: skip
+
+    def _picture(self, texture: Texture | None, color_space: str, field: str) -> Any:
+        """Return the picture of a texture, for Pillow."""
+        if texture is None:
+            return None
+        from PIL import Image
+
+        is_repeated = texture.wrap == ("repeat", "repeat") and texture.filter == "trilinear"
+        if not is_repeated or texture.anisotropy > 1 or texture.transform is not None:
+            self.left_out.note(f"how a {field} is sampled")
+        if texture.uv_set:
+            self.left_out.note(f"uv_set of a {field}")
+        codes = self._bytes(texture.image, color_space, "textures")
+        return Image.fromarray(codes[:, :, :3].copy() if texture.is_opaque else codes)
+
+    def _add_camera(self, camera: Any, made: trimesh.Scene) -> None:
+        """Add the camera of a scene, if it is a perspective."""
+        if camera is None:
+            return
+        if not isinstance(camera, PerspectiveCamera):
+            self.left_out.note(type(camera).__name__)
+            return
+        if camera.min_aspect:
+            self.left_out.note("min_aspect of the camera")
+        made.camera, made.camera_transform = camera_to_trimesh(camera, _RESOLUTION)
+
+    def _add_lights(self, lights: list[Light], made: trimesh.Scene) -> None:
+        """Add the lights of a scene, whose bytes are linear light."""
+        from trimesh.scene import lighting
+
+        found, places = [], []
+        for light in lights:
+            if isinstance(light, AmbientLight):
+                self.left_out.note(type(light).__name__)
+                continue
+            kind = type(light).__name__
+            if light.shadow is not None:
+                self.left_out.note(f"shadow of a {kind}")
+            if not isinstance(light, DirectionalLight) and light.range is not None:
+                self.left_out.note(f"range of a {kind}")
+            cone = {}
+            if isinstance(light, SpotLight):
+                cone = {
+                    "innerConeAngle": math.radians(light.inner_angle),
+                    "outerConeAngle": math.radians(light.outer_angle),
+                }
+            (color,) = self._bytes([(*light.color, 1.0)], "linear", "light")
+            found.append(getattr(lighting, kind)(color=color, intensity=light.intensity, **cone))
+            position = (0.0, 0.0, 0.0) if isinstance(light, DirectionalLight) else light.position
+            direction = (0.0, 0.0, -1.0) if isinstance(light, PointLight) else light.direction
+            places.append(looking_along(position, direction))
+        if found:
+            made.lights = found
+        for light, place in zip(found, places, strict=True):
+            made.graph.update(light.name, matrix=place)
+
+
+def _base_color(material: Material, has_colors: bool) -> tuple[float, ...]:
+    """Return a base colour, linear RGBA; its alpha is 1 where that does nothing."""
+    *rgb, alpha = material.base_color_over(has_colors)
+    return *rgb, 1.0 if material.alpha_mode == "opaque" else alpha

@@ -1,0 +1,98 @@
+"""
+Filter a picture for another one that shows the same directions elsewhere.
+
+A pixel of the other one covers a parallelogram of the picture. Its colour is the mean of places
+spread evenly over that, as many as it is long and wide in samples, each of them bilinear.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rasterjit.runtime.float_math import clamped
+from rasterjit.runtime.jit import helper, kernel
+from rasterjit.runtime.state import float32, float64, int64, uint8
+
+MOST_TAPS = np.float64(16.0)
+"""Places along each side of a pixel."""
+
+
+@helper
+def taps_along(across, down):
+    """Return how many places cover a side that goes so far across and down, samples."""
+    length = np.sqrt(across * across + down * down)
+    return np.int64(clamped(np.ceil(length - 1e-3), np.float64(1.0), MOST_TAPS))
+
+
+@helper
+def mixed(a, b, c, d, across, down):
+    """Return what lies between four values; of equal ones, exactly that."""
+    upper, lower = a + across * (b - a), c + across * (d - c)
+    return np.float64(upper + down * (lower - upper))
+
+
+@kernel
+def filter_rows(
+    source: float32[:, :, ::1], number: uint8[:, ::1], place: float32[:, :, ::1],
+    spread: float32[:, :, ::1], window: (int64, float64, float64, float64), rows: (int64, int64),
+    target: float32[:, :, ::1],
+):  # fmt: skip
+    """
+    Write the mean of what some rows of pixels cover of a picture.
+
+    Parameters
+    ----------
+    source : (h, w, C) float32
+        The picture: one channel, or four, of which the first three are times the last.
+    number : (H, W) uint8
+        Which picture each pixel shows.
+    place : (H, W, 2) float32
+        Its centre, on the plane at distance 1 before the eye of its picture.
+    spread : (H, W, 4) float32
+        How far it goes there: along its own row across and down, then along its column.
+    window : (int, float, float, float)
+        Number of this picture, samples a unit of the plane, and the plane's origin in it.
+    rows : (int, int)
+        First row, and one past the last.
+    target : (H, W, C) float32
+        Written where pixels show this picture.
+    """
+    own, density, origin_x, origin_y = window
+    height, width, channels = source.shape
+    right_end, lower_end = np.float64(width - 1), np.float64(height - 1)
+    for row in range(rows[0], rows[1]):
+        for column in range(number.shape[1]):
+            if np.int64(number[row, column]) != own:
+                continue
+            x = np.float64(place[row, column, 0]) * density + origin_x
+            y = np.float64(place[row, column, 1]) * density + origin_y
+            xx = np.float64(spread[row, column, 0]) * density
+            xy = np.float64(spread[row, column, 1]) * density
+            yx = np.float64(spread[row, column, 2]) * density
+            yy = np.float64(spread[row, column, 3]) * density
+            across, down = taps_along(xx, xy), taps_along(yx, yy)
+            step_x, step_y = 1.0 / np.float64(across), 1.0 / np.float64(down)
+            red = green = blue = alpha = 0.0
+            for j in range(down):
+                v = (np.float64(j) + 0.5) * step_y - 0.5
+                for i in range(across):
+                    u = (np.float64(i) + 0.5) * step_x - 0.5
+                    # Between the centres of samples; the outermost ones go on outside.
+                    left = clamped(x + u * xx + v * yx - 0.5, 0.0, right_end)
+                    top = clamped(y + u * xy + v * yy - 0.5, 0.0, lower_end)
+                    first, upper = np.int64(left), np.int64(top)
+                    p, q = np.float32(left - first), np.float32(top - upper)
+                    second, lower = min(first + 1, width - 1), min(upper + 1, height - 1)
+                    a, b = source[upper, first], source[upper, second]
+                    c, d = source[lower, first], source[lower, second]
+                    red += mixed(a[0], b[0], c[0], d[0], p, q)
+                    if channels == 4:
+                        green += mixed(a[1], b[1], c[1], d[1], p, q)
+                        blue += mixed(a[2], b[2], c[2], d[2], p, q)
+                        alpha += mixed(a[3], b[3], c[3], d[3], p, q)
+            count = np.float64(across * down)
+            target[row, column, 0] = np.float32(red / count)
+            if channels == 4:
+                target[row, column, 1] = np.float32(green / count)
+                target[row, column, 2] = np.float32(blue / count)
+                target[row, column, 3] = np.float32(alpha / count)

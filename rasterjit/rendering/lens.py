@@ -1,0 +1,424 @@
+"""
+Draw pictures with a lens: pinhole pictures first, then what each pixel shows of them.
+
+Outputs that are mixed from all that a pixel shows (`Output.is_mixed`) are filtered in linear light,
+times alpha, over all that it covers; the others are taken from the sample nearest to its centre,
+which lies at most half the diagonal of a sample away, 0.36 of a pixel, and mostly less than a
+quarter.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.outputs import motion, table
+from rasterjit.outputs.frame import Frame, Stats
+from rasterjit.outputs.motion import Moment
+from rasterjit.outputs.table import MIXED_OUTPUTS
+from rasterjit.pipeline import encode, resampling
+from rasterjit.pipeline.visibility.draw import Seen
+from rasterjit.rendering.clock import StageClock
+from rasterjit.rendering.lens_pictures import (
+    NOWHERE,
+    Looks,
+    Picture,
+    Sight,
+    camera_of,
+    look,
+    see,
+    world_axes,
+)
+from rasterjit.rendering.views import (
+    PlannedFrame,
+    choose_camera,
+    find_earlier,
+    look_from,
+    naming,
+    needs_settling,
+    plan_views,
+)
+from rasterjit.runtime.threads import Workers, rows_per_task
+from rasterjit.scene.background import Backdrop, BackgroundImage, read_background
+from rasterjit.scene.camera import Camera, settled
+from rasterjit.scene.color import decoding_table
+from rasterjit.scene.lens import Equirectangular, Lens, check_lens
+from rasterjit.scene.quality import Quality
+from rasterjit.scene.scene import Scene
+from rasterjit.scene.validation import image_size
+from rasterjit.scene.view import View
+from rasterjit.survey import placement as placing
+from rasterjit.survey.arrays import placement_of
+from rasterjit.survey.cache import SceneCache, prepare
+from rasterjit.survey.clip_planes import join
+from rasterjit.survey.effect import FrameContext
+from rasterjit.survey.placement import Views
+from rasterjit.survey.plan import RenderPlan
+
+Draw = Callable[[PlannedFrame, StageClock], tuple[Frame, Seen]]
+
+COUNTS = ("triangles_in", "outside", "culled", "degenerate", "unsampled", "invalid", "drawn",
+          "clipped")  # fmt: skip
+
+POINTS = ("now", "before")
+"""Names of what motion is found from: where a point is, and was, in the axes of the lens."""
+
+
+class Lensed(NamedTuple):
+    """A frame with a lens that is decided on."""
+
+    lens: Lens
+    camera: Camera
+    size: tuple[int, int]
+    outputs: tuple[str, ...]
+    looks: Looks
+    sight: Sight
+    pictures: tuple[PlannedFrame, ...]
+    behind: Backdrop
+    """The background that was given, or black: what is seen where the lens sees nothing, and a
+    picture also where no face is."""
+    plan: RenderPlan
+    """That of the first picture, with the size and the camera of the frame."""
+    compared: tuple[Scene, Camera, Sight] | None
+    """The earlier view that it is compared with."""
+
+
+def plan_lensed(
+    lens: Any,
+    size: tuple[int, int],
+    quality: Quality,
+    scene: Scene,
+    camera: Camera | None,
+    outputs: Sequence[str],
+    background: Any,
+    cull: str,
+    diagnose: bool,
+    previous: View | None,
+    workers: Workers,
+    known: SceneCache | None = None,
+    last: Lensed | None = None,
+) -> Lensed:
+    """
+    Check the arguments of a frame with a lens, and decide which pictures it takes.
+
+    ``known`` is what an earlier frame of the scene was drawn from, ``last`` an earlier frame with a
+    lens: where its pixels look is not found again for the same camera elsewhere.
+
+    Raises
+    ------
+    ValueError
+        Naming the argument that is wrong.
+    """
+    lens, size = check_lens("lens", lens), image_size("size", size)
+    camera = choose_camera(scene, camera, size)
+    outputs = table.check_outputs(outputs)
+    _refuse(outputs, diagnose)
+    sight = see(lens, camera, size)
+    if last is not None and (last.lens, last.size) == (lens, size) and last.sight.same(sight):
+        looks = last.looks
+    else:
+        looks = look(lens, size, sight, workers)
+    if "depth" in outputs and looks.least_cosine <= 0.0:
+        raise ValueError(
+            "outputs has 'depth', which is along the viewing axis and above 0 less than 90 degrees "
+            "from it alone, and lens sees more: ask for 'distance', which is along the ray"
+        )
+    drawn = tuple(name for name in outputs if name != "motion") or ("face_id",)
+    behind = read_background("black" if background is None else background)
+    if isinstance(behind, BackgroundImage):
+        # It is what the lens has seen, and comes behind at the end.
+        behind.check_size(size)
+        background = "transparent"
+    asked = camera
+    if needs_settling(camera):
+        # One camera has its planes in one place, in all pictures.
+        seen = [
+            look_from(
+                scene, camera, picture.size, quality, None, camera_of(picture, camera, size, sight)
+            )
+            for picture in looks.pictures
+        ]
+        camera = settled(camera, *join(seen).steps)
+    whole = []
+    for picture in looks.pictures:
+        seen_by = camera_of(picture, camera, size, sight)
+        one = plan_views(
+            picture.size, quality, scene, seen_by, drawn, background, cull, False, None, known
+        )
+        known = one.cache
+        whole.append(one)
+    _refuse_effects([one.plan for one in whole])
+    # What is drawn over the finished picture waits for it.
+    pictures = [
+        one._replace(plan=one.plan.with_(lambda planned: "overlay" not in planned.effect.places))
+        for one in whole
+    ]
+    text = f"{type(lens).__name__}: {looks.described}"
+    plan = whole[0].plan.with_(outputs=outputs, size=size, camera=camera, lens=text)
+    earlier = find_earlier(previous, plan, scene, asked)
+    compared = None
+    if earlier is not None:
+        with naming("previous.camera"):
+            compared = *earlier, see(lens, earlier[1], size)
+    return Lensed(
+        lens, camera, size, outputs, looks, sight, tuple(pictures), behind, plan, compared
+    )
+
+
+def draw_lensed(planned: Lensed, workers: Workers, draw: Draw) -> Frame:
+    """
+    Draw a frame with a lens.
+
+    Parameters
+    ----------
+    planned : Lensed
+    workers : Workers
+    draw : callable
+        Draws a frame that is decided on.
+    """
+    looks, outputs, clock = planned.looks, planned.outputs, StageClock()
+    targets: dict[str, NDArray[Any]] = {}
+    comparison = _compare(planned)
+    counts = dict.fromkeys(COUNTS, 0)
+    for picture, one in zip(looks.pictures, planned.pictures, strict=True):
+        frame, seen = draw(one, clock)
+        arrays = {**frame.arrays(), "face_id": seen.coverage.face_id}
+        if "depth" in outputs:
+            arrays["depth"] = _depth(picture, arrays["depth"])
+        if comparison is not None:
+            arrays |= comparison.points(one, seen, workers)
+        _take(arrays, picture, looks, targets, workers)
+        counts = {name: counts[name] + getattr(frame.stats, name) for name in COUNTS}
+        clock("lens")
+    if comparison is not None:
+        targets["motion"] = comparison.motion(*(targets[name] for name in POINTS))
+    behind = planned.behind
+    result = {name: _finished(name, targets, looks, behind, workers) for name in outputs}
+    one = planned.pictures[0]
+    placement = placement_of(one.cache.shapes.arrays, one.views)
+    context = FrameContext(planned.plan, one.cache, None, placement, None, workers)
+    for overlay in planned.plan.at("overlay"):
+        overlay.effect.places["overlay"](overlay.data, context, result["color"])
+    stats = Stats(**counts, seconds=clock.seconds, face_id=targets["face_id"])
+    if "face_id" in outputs:
+        # The caller may write to it.
+        _ = stats.pixels_covered
+    clock("lens")
+    return Frame(result, planned.plan, stats, None, one.cache.shapes.arrays.face_starts)
+
+
+class Comparison(NamedTuple):
+    """What it takes to compare a frame with an earlier view."""
+
+    lens: Lens
+    sight: Sight
+    sight_before: Sight
+    before: Moment
+    turns: tuple[NDArray[np.float64], NDArray[np.float64]]
+    """(O, 3, 4) each: objects in the axes of the lens, now and before."""
+
+    def points(self, one: PlannedFrame, seen: Seen, workers: Workers) -> dict[str, Any]:
+        """Return where what a picture shows is, and was, (h, w, 3), in the axes of the lens."""
+        arrays = one.cache.shapes.arrays
+        now = Moment(arrays.positions, arrays.faces, self.turns[0])
+        earlier = self.before._replace(matrices=self.turns[1])
+        return {
+            name: _points_of(moment, arrays.faces, seen, workers)
+            for name, moment in zip(POINTS, (now, earlier), strict=True)
+        }
+
+    def motion(self, now: NDArray[np.float32], before: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return how far the points, (H, W, 3), have moved across the picture, (H, W, 2)."""
+        moved = self.sight.pixels(self.lens.places(now.astype(np.float64)))
+        moved -= self.sight_before.pixels(self.lens.places(before.astype(np.float64)))
+        if isinstance(self.lens, Equirectangular):
+            # The shorter way around.
+            width = len(now[0])
+            moved[..., 0] -= width * np.floor(moved[..., 0] / width + 0.5)
+        return moved.astype(np.float32)
+
+
+def _refuse(outputs: Sequence[str], diagnose: Any) -> None:
+    """Raise ``ValueError`` naming what is not drawn with a lens."""
+    if diagnose is not False:
+        raise ValueError(f"diagnose must be False where a lens is given, got {diagnose!r}")
+    if "motion_visible" in outputs:
+        raise ValueError("outputs has 'motion_visible', which is not found where a lens is given")
+
+
+def _refuse_effects(plans: Sequence[RenderPlan]) -> None:
+    """Raise ``ValueError`` naming an effect that counts the pixels of the finished picture."""
+    for plan in plans:
+        for one in plan.planned:
+            effect, field = one.effect, one.effect.field
+            looks_around = effect.looks == "neighbours"
+            if "overlay" in effect.places and (looks_around or effect.reads_clip_positions):
+                raise ValueError(
+                    f"scene.{field} must be None where a lens is given: its lines are as wide as "
+                    "pixels of the finished picture"
+                )
+            if looks_around and len(plans) > 1:
+                raise ValueError(
+                    f"scene.{field} must be None where lens sees so much that it takes "
+                    f"{len(plans)} pictures: it looks at neighbouring pixels, which others hold"
+                )
+
+
+def _depth(picture: Picture, depth: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the depth of a picture, (h, w), along the axis of the lens."""
+    if picture.is_ahead:
+        return depth
+    height, width = depth.shape
+    _, _, ahead = picture.directions(np.arange(width), np.arange(height)[:, np.newaxis])
+    with np.errstate(invalid="ignore"):
+        turned = (depth * ahead).astype(np.float32)
+    return np.where(np.isinf(depth), depth, turned)
+
+
+def _take(
+    arrays: dict[str, Any],
+    picture: Picture,
+    looks: Looks,
+    targets: dict[str, NDArray[Any]],
+    workers: Workers,
+) -> None:
+    """Write what the pixels that look at a picture show of it."""
+    mixed = set(MIXED_OUTPUTS).intersection(arrays)
+    sources = {name: _linear(name, arrays[name]) for name in mixed}
+    nearest = {name: array for name, array in arrays.items() if name not in sources}
+    shape = looks.number.shape
+    for name, array in (sources | nearest).items():
+        if name not in targets:
+            empty = 0.0 if name in sources else _empty(name)
+            targets[name] = np.full((*shape, *array.shape[2:]), empty, array.dtype)
+    (width, height), (origin_x, origin_y) = picture.size, picture.origin
+    window = picture.number, picture.density, origin_x, origin_y
+
+    def take_rows(first: int, last: int) -> None:
+        for name, source in sources.items():
+            resampling.filter_rows(
+                source, looks.number, looks.place, looks.spread, window, (first, last),
+                targets[name],
+            )  # fmt: skip
+        is_here = looks.number[first:last] == picture.number
+        x, y = (looks.place[first:last][is_here].astype(np.float64) * picture.density).T
+        column = np.clip(np.floor(x + origin_x), 0, width - 1).astype(np.int64)
+        row = np.clip(np.floor(y + origin_y), 0, height - 1).astype(np.int64)
+        for taken, array in nearest.items():
+            targets[taken][first:last][is_here] = array[row, column]
+
+    count, per_task = len(looks.number), rows_per_task(looks.number.shape, workers)
+    workers.run(
+        take_rows,
+        [(first, min(first + per_task, count)) for first in range(0, count, per_task)],
+    )
+
+
+def _empty(name: str) -> float:
+    """Return what an output that is not mixed holds where nothing is."""
+    return math.nan if name in POINTS else table.row_of(name).empty
+
+
+def _linear(name: str, array: NDArray[Any]) -> NDArray[np.float32]:
+    """Return a mixed output as (h, w, C) float32: linear light times alpha, or what it is."""
+    if array.ndim == 2:
+        return np.ascontiguousarray(array, np.float32)[:, :, np.newaxis]
+    light = _straight(array) if name == "color" else array.copy()
+    if not (light[..., 3] == 1.0).all():
+        light[..., :3] *= light[..., 3:]
+    return light
+
+
+def _straight(codes: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """Return pixels, (h, w, 4), as linear light with straight alpha."""
+    light = decoding_table()[codes]
+    light[..., 3] = codes[..., 3] / np.float32(255.0)
+    return light
+
+
+def _finished(
+    name: str,
+    targets: dict[str, NDArray[Any]],
+    looks: Looks,
+    behind: Backdrop,
+    workers: Workers,
+) -> NDArray[Any]:
+    """Return an output as a frame holds it; of colours, before what is behind."""
+    target = targets[name]
+    if name not in MIXED_OUTPUTS:
+        return target
+    if target.shape[2] == 1:
+        return target[..., 0]
+    alpha, is_nowhere = target[..., 3:], looks.number == NOWHERE
+    if isinstance(behind, BackgroundImage):
+        image: NDArray[Any] = behind.image
+        given = image if image.dtype == np.float32 else _straight(image)
+        through = (1.0 - alpha) * given[..., 3:]
+        target[..., :3] += through * given[..., :3]
+        alpha += through
+    np.divide(target[..., :3], alpha, out=target[..., :3], where=alpha > 0.0)
+    if isinstance(behind, np.ndarray):
+        target[is_nowhere] = behind
+    if name != "color":
+        return target
+    color = np.empty(target.shape, np.uint8)
+    packed, encoding = color.view(np.uint32)[:, :, 0], encode.encoding_table()
+    per_task = rows_per_task(packed.shape, workers)
+    bands = [slice(first, first + per_task) for first in range(0, len(packed), per_task)]
+    workers.run(encode.encode_rows, [(target[band], encoding, packed[band]) for band in bands])
+    return color
+
+
+def _compare(planned: Lensed) -> Comparison | None:
+    """Return what it takes to compare a frame with an earlier view; ``None`` without one."""
+    if planned.compared is None:
+        return None
+    scene, camera, sight_before = planned.compared
+    cache, size = planned.pictures[0].cache, planned.size
+    quality = planned.plan.quality
+    old = prepare(scene.nodes, cache, quality, scene.environment is not None)
+    views = placing.view_places(cache.places, planned.camera, size)
+    old_views = placing.view_places(old.places, camera, size)
+    arrays = old.shapes.arrays
+    return Comparison(
+        planned.lens, planned.sight, sight_before,
+        Moment(arrays.positions, arrays.faces, np.empty((0, 5, 4))),
+        (_turned(views, planned.camera, size), _turned(old_views, camera, size)),
+    )  # fmt: skip
+
+
+def _turned(views: Views, camera: Camera, size: tuple[int, int]) -> NDArray[np.float64]:
+    """Return what takes each object into the axes of the lens, (O, 3, 4)."""
+    axes, model = world_axes(camera, size), views.relative_from_model
+    found = np.zeros((len(model), 3, 4))
+    with np.errstate(over="ignore", invalid="ignore"):
+        for k in range(3):
+            found += axes[:, k, np.newaxis] * model[:, np.newaxis, k]
+    return found
+
+
+def _points_of(
+    moment: Moment, faces: NDArray[np.int32], seen: Seen, workers: Workers
+) -> NDArray[np.float32]:
+    """Return where the points of a picture are at a moment, (h, w, 3): given by (O, 3, 4)."""
+    face_id, turned = seen.coverage.face_id, moment.matrices
+    points = np.empty((*face_id.shape, 3), np.float32)
+    # Motion is a difference of two places on the screen, each divided by w. Here all w are 1, and
+    # the first place is the origin.
+    flat = np.zeros((len(turned), 5, 4))
+    flat[:, 3, 3] = 1.0
+    for first, count in ((0, 2), (2, 1)):
+        matrices = flat.copy()
+        matrices[:, :count] = turned[:, first : first + count]
+        compared = motion.Motion(
+            Moment(moment.positions, moment.faces, flat), moment._replace(matrices=matrices), None
+        )
+        moved = motion.fill_motion(
+            face_id, seen.geometry, seen.placement.face_starts, compared, workers
+        )
+        points[..., first : first + count] = -moved[..., :count]
+    return points

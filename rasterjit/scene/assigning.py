@@ -1,0 +1,93 @@
+"""Answer assignments that would do nothing, or are refused, with what to write instead."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
+
+AnyClass = TypeVar("AnyClass", bound=type)
+
+
+class Guarded:
+    """
+    Takes assignments to the attributes of its class, and refuses others by name.
+
+    Names that begin with an underscore are the object's own, or those of a class made from it. A
+    class lists in ``_FIELDS`` what can be assigned, apart from properties with a setter, and says
+    in ``_INSTEAD`` what to do about what it only shows.
+    """
+
+    _FIELDS: ClassVar[tuple[str, ...]] = ()
+    _INSTEAD: ClassVar[str] = ""
+
+    # A type checker that saw this would let every name pass.
+    if not TYPE_CHECKING:
+
+        def __setattr__(self, name: str, value: Any) -> None:
+            if name not in self._FIELDS and not name.startswith("_"):
+                _check_attribute(self, name)
+            super().__setattr__(name, value)
+
+
+def _check_attribute(owner: Guarded, name: str) -> None:
+    """Raise ``AttributeError`` if an attribute cannot be assigned, saying what can."""
+    kind, member = type(owner).__name__, getattr(type(owner), name, None)
+    instead = f": {owner._INSTEAD}" if owner._INSTEAD else ""
+    if isinstance(member, property):
+        if member.fset is not None:
+            return
+        raise AttributeError(f"{kind}.{name} cannot be assigned{instead}")
+    if callable(member):
+        raise AttributeError(f"{kind}.{name} is a method: call it")
+    if not owner._FIELDS:
+        raise AttributeError(f"{kind} has no {name!r}, and nothing to assign{instead}")
+    raise AttributeError(_no_such(kind, name, owner._FIELDS, "what can be assigned is"))
+
+
+def says_replace(kind: AnyClass) -> AnyClass:
+    """Have a frozen dataclass answer an assignment with how to make a changed copy instead."""
+    refuse = kind.__setattr__
+
+    @functools.wraps(refuse)
+    def answer(self: Any, name: str, value: Any) -> None:
+        try:
+            refuse(self, name, value)
+        except dataclasses.FrozenInstanceError:
+            raise dataclasses.FrozenInstanceError(_how_to_replace(self, name)) from None
+
+    kind.__setattr__ = answer
+    return kind
+
+
+def _how_to_replace(owner: Any, name: str) -> str:
+    """Return what a message says of an assignment to a frozen object."""
+    kind, fields = type(owner).__name__, [field.name for field in dataclasses.fields(owner)]
+    meant, head = name, f"{kind} is never changed"
+    if name not in fields:
+        meant = (similar(name, fields) or fields)[0]
+        head = f"{_no_such(kind, name, fields, 'its fields are')}, and it is never changed"
+    return f"{head}: make another with dataclasses.replace(old, {meant}=...), and assign that"
+
+
+def _no_such(kind: str, name: str, names: Sequence[str], heading: str) -> str:
+    """Say that an object has no such attribute, which one may be meant, and which there are."""
+    near, listed = similar(name, names), ", ".join(names)
+    if near:
+        return f"{kind} has no {name!r}; did you mean {near[0]!r}? {heading.capitalize()} {listed}"
+    return f"{kind} has no {name!r}; {heading} {listed}"
+
+
+def similar(name: str, names: Iterable[str]) -> list[str]:
+    """Return those of ``names`` that hold ``name`` or are held in it, then those spelt alike."""
+    import difflib
+
+    bare = {one.replace("_", "").lower(): one for one in names}
+    asked = name.replace("_", "").lower()
+    holding = [
+        one for one in bare if min(len(one), len(asked)) >= 3 and (asked in one or one in asked)
+    ]
+    return [
+        bare[one] for one in [*holding, *difflib.get_close_matches(asked, list(bare), cutoff=0.65)]
+    ]

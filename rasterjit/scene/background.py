@@ -1,0 +1,159 @@
+"""What is seen where no face is: a colour, or a picture such as a photograph."""
+
+from __future__ import annotations
+
+import functools
+import os
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rasterjit.scene.color import ColorLike, linear_color, linear_rows
+from rasterjit.scene.texture import read_picture
+from rasterjit.scene.validation import existing_file, unmasked_array
+
+KEPT_FILES = 4
+"""Pictures of files that are kept, so that frames of an animation do not read them anew."""
+
+
+@dataclass(frozen=True, eq=False)
+class BackgroundImage:
+    """
+    A picture behind all faces; each of its pixels is behind one pixel of the frame.
+
+    Parameters
+    ----------
+    image : (H, W, 3) or (H, W, 4) array_like
+        Rows from the top, red first: ``uint8`` is sRGB, everything else linear light in 0..1. Alpha
+        is straight and linear.
+
+    Attributes
+    ----------
+    image : (H, W, 4) uint8 or float32
+
+    Raises
+    ------
+    ValueError
+        If the shape is another, or a number lies outside 0..1 or is not finite.
+    """
+
+    image: NDArray[Any]
+
+    def __post_init__(self) -> None:
+        given = unmasked_array("background", self.image)
+        if given.ndim != 3 or given.shape[2] not in (3, 4) or not given.size:
+            raise ValueError(
+                "background must be a colour, the name of a picture's file, or a picture of shape "
+                f"(H, W, 3) or (H, W, 4), got shape {given.shape}"
+            )
+        if given.dtype == np.uint8:
+            image = np.full((*given.shape[:2], 4), 255, np.uint8)
+            image[..., : given.shape[2]] = given
+        else:
+            rows = linear_rows("background", given.reshape(-1, given.shape[2]))
+            image = rows.reshape(*given.shape[:2], 4)
+        image.flags.writeable = False
+        object.__setattr__(self, "image", image)
+
+    @classmethod
+    def from_file(cls, path: str | os.PathLike[str]) -> BackgroundImage:
+        """
+        Read a picture, turned as its EXIF data say.
+
+        Raises
+        ------
+        ValueError
+            If the file is missing or holds no picture; the message names it.
+        """
+        file = existing_file("background", path)
+        about = file.stat()
+        return _read(str(file.absolute()), about.st_mtime_ns, about.st_size)
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height, pixels."""
+        return self.image.shape[1], self.image.shape[0]
+
+    @functools.cached_property
+    def is_opaque(self) -> bool:
+        """Whether nothing is seen through it."""
+        return bool(self.image[..., 3].min() == (255 if self.image.dtype == np.uint8 else 1.0))
+
+    def alpha_at(self, x: int, y: int) -> float:
+        """Return the alpha of a pixel, 0..1."""
+        alpha = float(self.image[y, x, 3])
+        return alpha / 255.0 if self.image.dtype == np.uint8 else alpha
+
+    def resampled(self, size: tuple[int, int]) -> BackgroundImage:
+        """Return it in another size: of each pixel the one nearest to its centre."""
+        width, height = size
+        rows = (2 * np.arange(height) + 1) * self.size[1] // (2 * height)
+        columns = (2 * np.arange(width) + 1) * self.size[0] // (2 * width)
+        return BackgroundImage(self.image[rows[:, None], columns])
+
+    def check_size(self, size: tuple[int, int]) -> None:
+        """Raise ``ValueError`` if a frame has another size."""
+        if self.size != tuple(size):
+            width, height = self.size
+            raise ValueError(
+                f"background must be a picture of the frame's size, {size[0]} x {size[1]} pixels, "
+                f"got {width} x {height}: render with size=({width}, {height}), or scale it"
+            )
+
+
+@functools.lru_cache(maxsize=KEPT_FILES)
+def _read(path: str, changed: int, length: int) -> BackgroundImage:
+    """Return the picture of a file; read again where it has changed."""
+    image = read_picture("background", existing_file("background", path), is_turned=True)
+    if image.dtype == np.uint16:
+        image = (image >> 8).astype(np.uint8)
+    if image.ndim == 2:
+        image = np.repeat(image[..., None], 3, axis=2)
+    return BackgroundImage(image)
+
+
+Background: TypeAlias = ColorLike | os.PathLike[str] | BackgroundImage | None
+"""What is seen behind all faces; None: an environment that is a background, else white."""
+
+Backdrop: TypeAlias = NDArray[np.float32] | BackgroundImage
+"""A background as it was read: a colour, (4,) linear, or a picture."""
+
+
+def read_background(value: Any) -> Backdrop:
+    """
+    Return what lies behind all faces.
+
+    Parameters
+    ----------
+    value : color, path, (H, W, 3) or (H, W, 4) array_like, BackgroundImage or None
+        A string with a dot or a slash is the name of a file; ``None`` is white.
+
+    Raises
+    ------
+    ValueError
+        If it is none of these, or the file holds no picture.
+    """
+    if value is None:
+        return linear_color("background", "white")
+    if isinstance(value, BackgroundImage):
+        return value
+    if isinstance(value, os.PathLike) or is_file_name(value):
+        return BackgroundImage.from_file(value)
+    if not isinstance(value, str) and _dimensions(value) > 1:
+        return BackgroundImage(value)
+    return linear_color("background", value)
+
+
+def is_file_name(value: Any) -> bool:
+    """Tell whether a background is a string that names a file: no colour has a dot or a slash."""
+    return isinstance(value, str) and any(mark in value for mark in (".", "/", os.sep))
+
+
+def _dimensions(value: ArrayLike) -> int:
+    """Return the number of dimensions of an array; 0 of what is none."""
+    try:
+        return np.ndim(value)
+    except ValueError:
+        return 0

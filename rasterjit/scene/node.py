@@ -1,0 +1,323 @@
+"""Nodes: what stands where, and what moves with it."""
+
+from __future__ import annotations
+
+import weakref
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rasterjit.scene.assigning import Guarded
+from rasterjit.scene.mesh import Mesh
+from rasterjit.scene.transforms import compose, inverse
+from rasterjit.scene.validation import finite_array, in_short, read_only
+
+if TYPE_CHECKING:
+    from rasterjit.scene.scene import Scene
+
+_LAST_ROW_ROUNDING = 1e-9
+"""How far a transform's last row may be from 0, 0, 0, 1, as left by products and inverses."""
+
+_IDENTITY = read_only(np.eye(4))
+
+
+class Node(Guarded):
+    """
+    A place in a scene: a mesh that stands there, or none, and further nodes that move with it.
+
+    A node without a mesh groups others, such as the parts that hang at a joint. What is seen of a
+    node stands at its ``world_matrix``: the product of the transforms of all nodes above it, from
+    the topmost down, and its own. Turning a joint is assigning its ``transform``; all below it
+    moves. Two nodes with the same mesh are instances of it.
+
+    Lights and cameras are no nodes: they are values of a scene, in the world. To let one move with
+    a node, make it anew from the node's ``world_matrix``.
+
+    Parameters
+    ----------
+    mesh : Mesh, optional
+        Default: none; the node is a group.
+    transform : (4, 4) array_like, optional
+        ``parent_from_node``: affine transform of column vectors, relative to the parent or, without
+        one, to the world; it may mirror or flatten. Default: the identity.
+    name : str, optional
+        Default: empty. `Scene.find` finds nodes by their names.
+    parent : Node, optional
+        What the node moves with. Where the parent is in a scene, the node is then, too.
+    world_from_model : (4, 4) array_like, optional
+        Where the node stands in the world, in place of ``transform``.
+
+    Raises
+    ------
+    ValueError
+        If ``mesh`` is not a `Mesh`, ``parent`` not a `Node`, both transforms are given, or one is
+        not 4×4, finite and affine, or has no finite product with those above.
+    AttributeError
+        If anything else is assigned than ``mesh``, ``transform``, ``world_from_model``, ``name``
+        and ``parent``.
+
+    Examples
+    --------
+    >>> import rasterjit as rj
+    >>> scene = rj.Scene()
+    >>> rod = rj.Mesh([[0, 0, 0], [1, 0, 0], [1, 0.1, 0]], [[0, 1, 2]])
+    >>> upper = scene.add(rod, name="upper")
+    >>> lower = scene.add(rod, rj.transforms.translate((1, 0, 0)), "lower", parent=upper)
+    >>> upper.transform = rj.transforms.rotate_z(90.0)
+    >>> lower.world_matrix[:3, 3].round(12).tolist()
+    [0.0, 1.0, 0.0]
+    """
+
+    _FIELDS = ("mesh", "transform", "world_from_model", "name", "parent")
+
+    name: str
+    _mesh: Any
+    _transform: NDArray[np.float64]
+    _world_from_model: NDArray[np.float64]
+    _parent: Node | None
+    _children: list[Node]
+    _scene: weakref.ref[Scene] | None
+    """Of a topmost node: the scene that it and all below it are in, which it does not keep."""
+
+    def __init__(
+        self,
+        mesh: Mesh | None = None,
+        transform: ArrayLike | None = None,
+        name: str = "",
+        *,
+        parent: Node | None = None,
+        world_from_model: ArrayLike | None = None,
+    ) -> None:
+        # All at once, past the check of each that is assigned.
+        self.__dict__.update(
+            _mesh=None if mesh is None else _checked_mesh(mesh), _transform=_IDENTITY,
+            _world_from_model=_IDENTITY, name=name, _parent=None, _children=[], _scene=None,
+        )  # fmt: skip
+        if world_from_model is not None:
+            if transform is not None:
+                raise ValueError("transform must be None where world_from_model is not")
+            self._place(_leading_to(world_from_model, self, _checked_parent(parent)), None)
+        elif transform is not None:
+            self.transform = transform
+        if parent is not None:
+            self._hang(_checked_parent(parent), is_new=True)
+
+    @property
+    def mesh(self) -> Mesh:
+        """What stands there, ``None`` for a group; another, or none, may be assigned."""
+        return self._mesh
+
+    @mesh.setter
+    def mesh(self, value: Mesh | None) -> None:
+        was_drawn = self._mesh is not None
+        self._mesh = None if value is None else _checked_mesh(value)
+        scene = scene_of(self)
+        if scene is not None and was_drawn != (value is not None):
+            (scene._drop if was_drawn else scene._take)(self)
+
+    @property
+    def transform(self) -> NDArray[np.float64]:
+        """``parent_from_node``, (4, 4) float64, read-only: where it stands below its parent."""
+        return self._transform
+
+    @transform.setter
+    def transform(self, value: ArrayLike) -> None:
+        self._place(_affine("transform", value), self._parent)
+
+    @property
+    def world_matrix(self) -> NDArray[np.float64]:
+        """``world_from_model``, (4, 4) float64, read-only: the product from the topmost node on."""
+        return self._world_from_model
+
+    @property
+    def world_from_model(self) -> NDArray[np.float64]:
+        """
+        ``world_matrix`` by the name it has in products; assigning moves the node there.
+
+        ``transform`` then becomes what leads there from the parent, so that the product is what was
+        assigned up to rounding; without a parent they are the same.
+        """
+        return self._world_from_model
+
+    @world_from_model.setter
+    def world_from_model(self, value: ArrayLike) -> None:
+        self._place(_leading_to(value, self, self._parent), self._parent)
+
+    @property
+    def parent(self) -> Node | None:
+        """
+        What the node moves with, or ``None``; another, or none, may be assigned.
+
+        The node keeps its ``transform``, which from then on is relative to the new parent. To keep
+        the place instead, assign ``world_from_model`` as it was. Nodes in a scene stay in it; a
+        node that is hung into a scene is added to it with all below it.
+        """
+        return self._parent
+
+    @parent.setter
+    def parent(self, value: Node | None) -> None:
+        if _checked_parent(value) is not self._parent:
+            self._hang(value)
+
+    @property
+    def children(self) -> tuple[Node, ...]:
+        """The nodes whose ``parent`` this is, in the order in which they became so."""
+        return tuple(self._children)
+
+    def _hang(self, parent: Node | None, is_new: bool = False) -> None:
+        """Move to another parent, or raise ``ValueError``; what is new is in no scene's list."""
+        above, scene = parent, scene_of(self)
+        while above is not None:
+            if above is self:
+                raise ValueError(
+                    f"parent must not lie below the node, got {parent!r} for {self.name!r}"
+                )
+            above = above._parent
+        joined = scene if parent is None else scene_of(parent) or scene
+        if scene is not None and joined is not scene:
+            raise ValueError(
+                f"parent must be in the node's scene, but {self.name!r} is in one and "
+                f"{parent!r} in another; scene.remove takes a node out"
+            )
+        self._place(self._transform, parent)
+        if self._parent is not None:
+            self._parent._children.remove(self)
+        self._parent, self._scene = parent, None
+        if parent is not None:
+            parent._children.append(self)
+        if joined is not None:
+            joined._take(self, is_new)
+
+    def _place(self, transform: NDArray[np.float64], parent: Node | None) -> None:
+        """Move with all below to a transform below a parent; if it cannot be, nothing moves."""
+        if parent is None and not self._children:
+            self._transform = self._world_from_model = transform
+            return
+        moved = [(self, _placed(self, transform, parent and parent._world_from_model))]
+        for node, place in moved:
+            moved += [(child, _placed(child, child._transform, place)) for child in node._children]
+        self._transform = transform
+        for node, place in moved:
+            node._world_from_model = place
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what is copied or pickled: a node of its own at the same place, in no scene."""
+        alone = {"_parent": None, "_children": [], "_scene": None}
+        return {**self.__dict__, **alone, "_transform": self._world_from_model}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Fill a copy, or what was pickled; its matrices are read-only too."""
+        self.__dict__.update(state)
+        self._world_from_model = read_only(self._world_from_model)
+        self._transform = read_only(self._transform)
+
+    def _link(self, parent: Node, transform: NDArray[np.float64]) -> None:
+        """Hang a copied node, which stands at its place, below the copy of its parent."""
+        self._parent, self._transform = parent, read_only(transform)
+        parent._children.append(self)
+
+    def __repr__(self) -> str:
+        held = f"{len(self._children)} children" if self._mesh is None else repr(self._mesh)
+        return f"Node({self.name!r}, {held})"
+
+
+def meshes_of(nodes: Sequence[Node]) -> list[Mesh]:
+    """Return the mesh of each node; four times faster than by its property."""
+    return [node._mesh for node in nodes]
+
+
+def matrices_of(nodes: Sequence[Node]) -> list[NDArray[np.float64]]:
+    """Return ``world_from_model``, (4, 4) float64, of each node."""
+    return [node._world_from_model for node in nodes]
+
+
+def check_drawn(nodes: Sequence[Node]) -> None:
+    """Raise ``ValueError`` if one of a scene's objects is a group."""
+    for number, node in enumerate(nodes):
+        if node._mesh is None:
+            raise ValueError(
+                f"scene.nodes[{number}] must have a mesh, got {node!r}; scene.add takes groups"
+            )
+
+
+def topmost(node: Node) -> Node:
+    """Return the node above all others that a node hangs below, perhaps itself."""
+    while node._parent is not None:
+        node = node._parent
+    return node
+
+
+def scene_of(node: Node) -> Scene | None:
+    """Return the scene that a node was added to, ``None`` if it was to none."""
+    kept = topmost(node)._scene
+    return None if kept is None else kept()
+
+
+def with_all_below(node: Node) -> Iterator[Node]:
+    """Yield a node and all below it, each before its children, in their order."""
+    waiting = [node]
+    while waiting:
+        node = waiting.pop()
+        yield node
+        waiting += reversed(node._children)
+
+
+def _placed(
+    node: Node, transform: NDArray[np.float64], world_from_parent: NDArray[np.float64] | None
+) -> NDArray[np.float64]:
+    """Return ``world_from_model`` of a node that stands at a transform below a parent, or none."""
+    if world_from_parent is None or transform is _IDENTITY:
+        # No product, which would lose the signs of zeros.
+        return transform if world_from_parent is None else world_from_parent
+    try:
+        return read_only(compose(world_from_parent, transform))
+    except ValueError as error:
+        raise ValueError(
+            f"transform of {node.name!r} must have a finite product with those above it: {error}"
+        ) from None
+
+
+def _leading_to(value: ArrayLike, node: Node, parent: Node | None) -> NDArray[np.float64]:
+    """Return the transform that takes a node below a parent to a place in the world."""
+    transform = _affine("transform", value)
+    if parent is None:
+        return transform
+    try:
+        return _affine("transform", compose(inverse(parent._world_from_model), transform))
+    except ValueError:
+        raise ValueError(
+            f"world_from_model of {node.name!r} must be within reach of its parent, "
+            f"{parent.name!r}, whose world_matrix has no inverse that leads there; assign transform"
+        ) from None
+
+
+def _checked_parent(value: Any) -> Node | None:
+    """Return a node or None, or raise ``ValueError``."""
+    if value is not None and not isinstance(value, Node):
+        raise ValueError(f"parent must be a Node or None, got {in_short(value)}")
+    return value
+
+
+def _checked_mesh(value: Any) -> Mesh:
+    """Return a mesh, or raise ``ValueError``."""
+    if not isinstance(value, Mesh):
+        raise ValueError(
+            f"mesh must be a rasterjit Mesh, got {type(value).__name__}; scene.add, rasterjit.load "
+            "and rasterjit.render take trimesh objects"
+        )
+    return value
+
+
+def _affine(name: str, value: ArrayLike) -> NDArray[np.float64]:
+    """Return a copy of an affine 4×4 matrix with an exact last row, or raise ``ValueError``."""
+    matrix = finite_array(name, value, (4, 4)).copy()
+    x, y, z, w = last_row = matrix[3].tolist()
+    if max(abs(x), abs(y), abs(z), abs(w - 1.0)) > _LAST_ROW_ROUNDING:
+        raise ValueError(
+            f"{name} must be affine, with the last row 0, 0, 0, 1; got {last_row} "
+            "(matrices multiply column vectors)"
+        )
+    matrix[3] = 0.0, 0.0, 0.0, 1.0
+    return read_only(matrix)

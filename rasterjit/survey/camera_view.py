@@ -1,0 +1,202 @@
+"""
+Say what a camera sees, in words, for who asks: where it looks, what is up, how much is in view.
+
+A pose in another program's convention, degrees for radians and a transposed rotation are matrices
+like any other, and cannot be refused. What they show gives them away. Points spread over the
+surfaces are looked at, not all vertices: it takes milliseconds for any scene.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.scene import transforms
+from rasterjit.scene.camera import Camera
+from rasterjit.scene.node import Node
+from rasterjit.scene.pixels import clip_from_relative
+
+Float64 = NDArray[np.float64]
+Row = tuple[str, str]
+
+POINTS = 4096
+"""Looked at in all, spread over the surfaces by area."""
+
+FACES = 1 << 16
+"""Whose areas are measured, at most; of larger scenes every n-th."""
+
+OBJECTS = 1024
+"""Looked at, at most; of more every n-th."""
+
+LEAST_FACES = 16
+"""Whose areas are measured of each object, if it has as many."""
+
+STEPS = 0.7548776662466927, 0.5698402909980532
+"""Steps of the two shares by which points lie on their faces: of the R2 sequence, which fills a
+square evenly."""
+
+FORESHORTENED = 0.02
+"""Least length in the picture, of an axis of length 1, that has a direction there."""
+
+AXES = ("y", 1), ("z", 2), ("x", 0)
+"""Of the world, and their numbers; of several that are up, the first."""
+
+
+class CameraView(NamedTuple):
+    """A camera and what may be seen; put into words when it is printed."""
+
+    nodes: tuple[Node, ...]
+    camera: Camera
+    size: tuple[int, int]
+
+    def rows(self) -> list[Row]:
+        """Return rows of text, a name and what there is to say."""
+        clip = clip_from_relative(self.camera, self.size)
+        rows = []
+        try:
+            axes = _picture_axes(clip)
+            rows = [("camera", self._describe_place(clip, axes)), ("up", _describe_up(axes))]
+        except ValueError:
+            rows = [("camera", "flattens space")]
+        points = spread_points(self.nodes, self.camera.eye_position())
+        if len(points):
+            rows.append(("in view", self._describe_view(clip, points)))
+        return rows
+
+    def _describe_place(self, clip: Float64, axes: Sequence[Float64]) -> str:
+        """Say where the camera is, where it looks and how much it takes in."""
+        place = f"at {_triple(self.camera.eye_position())}, looks along {_triple(axes[2])}"
+        if not clip[3, :3].any():
+            tall = 2.0 * clip[3, 3] / np.dot(clip[1, :3], axes[1])
+            return f"parallel, {place}, {tall:.4g} units from top to bottom"
+        # The angle between what is seen in the middle of the upper and the lower edge.
+        top, bottom = _directions(clip, [(0.0, 1.0), (0.0, -1.0)])
+        angle = 2.0 * math.asin(min(1.0, 0.5 * float(np.sqrt(np.square(top - bottom).sum()))))
+        return f"perspective, {place}, {math.degrees(angle):.3g} degrees from top to bottom"
+
+    def _describe_view(self, clip: Float64, points: Float64) -> str:
+        """Say which share of the surfaces is in view, how large it is, and where the rest is."""
+        width, height = self.size
+        x, y, z, w = transforms.transform_points(clip, points).T
+        away = {
+            "behind the camera": ~((w > 0.0) & (w < math.inf)),
+            "beside the picture": ~((np.abs(x) <= w) & (np.abs(y) <= w)),
+            "before the near plane": z < -w,
+            "beyond the far plane": z > w,
+        }
+        left = np.ones(len(points), bool)
+        shares = []
+        for name, is_away in away.items():
+            count = int(np.count_nonzero(left & is_away))
+            left &= ~is_away
+            if count:
+                shares.append(f"{_percent(count, len(points))} {name}")
+        count = int(np.count_nonzero(left))
+        text = f"{_percent(count, len(points))} of the surface"
+        if not count:
+            # Something small may be in view between them.
+            text = f"none of {len(points)} points on the surface"
+        else:
+            across, down = (np.ptp(values[left] / w[left]) / 2.0 for values in (x, y))
+            pixels = f"{math.ceil(across * width)} x {math.ceil(down * height)}"
+            text += f", over {pixels} of {width} x {height} pixels"
+        return "; ".join([text, ", ".join(shares)] if shares else [text])
+
+
+def _describe_up(axes: Sequence[Float64]) -> str:
+    """Say which axis of the world is up in the picture, and whether that is mirrored."""
+    right, up, ahead = axes
+    found = []
+    for order, (name, axis) in enumerate(AXES):
+        for sign in "+-":
+            x, y = (float(f"{sign}1") * float(way[axis]) for way in (right, up))
+            if math.hypot(x, y) > FORESHORTENED:
+                tilt = round(abs(math.degrees(math.atan2(x, y))), 1)
+                found.append((tilt, order, f"{sign}{name}", "right" if x > 0.0 else "left"))
+    tilt, _, name, side = min(found)
+    told = f"{name} of the world" + (f", {tilt:g} degrees to the {side}" if tilt else "")
+    # Right and up, seen against the line of sight, are those of a right hand.
+    return told + ("; mirrored" if np.dot(np.cross(right, up), ahead) > 0.0 else "")
+
+
+def spread_points(nodes: Sequence[Node], eye: Float64) -> Float64:
+    """
+    Return points spread over the surfaces of objects by area, (N, 3), relative to the eye.
+
+    The same for the same scene; none where no face is finite.
+    """
+    nodes = nodes[:: -(-len(nodes) // OBJECTS) or 1]
+    most = max(LEAST_FACES, FACES // max(1, len(nodes)))
+    found, weights = [np.empty((0, 3, 3))], [np.empty(0)]
+    for node in nodes:
+        faces = node.mesh.faces
+        step = -(-len(faces) // most) or 1
+        corners = np.asarray(node.mesh.vertices, np.float64)[faces[::step]]
+        placed = transforms.transform_points(node.world_from_model, corners.reshape(-1, 3))[:, :3]
+        with np.errstate(over="ignore", invalid="ignore"):
+            corners = (placed - eye).reshape(-1, 3, 3)
+        corners = corners[np.isfinite(corners).all(axis=(1, 2))]
+        found.append(corners)
+        weights.append(step * _areas(corners))
+    corners, areas = np.concatenate(found), np.concatenate(weights)
+    if not len(corners):
+        return corners[:, 0]
+    largest = areas.max()
+    # Lines and points have no area: all count alike.
+    ends = np.cumsum(areas / largest if 0.0 < largest < math.inf else np.ones(len(areas)))
+    count = np.arange(POINTS)
+    chosen = np.searchsorted(ends, (count + 0.5) / POINTS * ends[-1]).clip(0, len(ends) - 1)
+    u, v = ((0.5 + step * count) % 1.0 for step in STEPS)
+    folded = u + v > 1.0
+    u, v = np.where(folded, 1.0 - u, u)[:, np.newaxis], np.where(folded, 1.0 - v, v)[:, np.newaxis]
+    a, b, c = corners[chosen].transpose(1, 0, 2)
+    with np.errstate(over="ignore", invalid="ignore"):
+        return a + u * (b - a) + v * (c - a)
+
+
+def _areas(corners: Float64) -> Float64:
+    """Return twice the areas of triangles, (N, 3, 3)."""
+    with np.errstate(over="ignore", invalid="ignore", under="ignore"):
+        sides = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        return np.nan_to_num(np.sqrt(np.square(sides).sum(axis=1)), nan=0.0, posinf=0.0)
+
+
+def _directions(clip: Float64, places: Sequence[tuple[float, float]]) -> list[Float64]:
+    """Return what a perspective looks along at places in NDC, (3,) each, of length one."""
+    inverse = transforms.inverse(np.vstack([clip[[0, 1, 3]], (0.0, 0.0, 0.0, 1.0)]))
+    right, up, ahead = inverse[:3, :3].T
+    return [transforms.unit_vector("way", x * right + y * up + ahead) for x, y in places]
+
+
+def _picture_axes(clip: Float64) -> list[Float64]:
+    """Return what is right, up and ahead in the middle of a picture, (3,) each, of length one."""
+    if clip[3, :3].any():
+        (ahead,) = _directions(clip, [(0.0, 0.0)])
+    else:
+        # Where x and y stay, and z grows.
+        x, y, z = (transforms.unit_vector("row", row) for row in clip[:3, :3])
+        ahead = transforms.unit_vector("way", np.cross(x, y))
+        ahead = ahead if np.dot(ahead, z) >= 0.0 else -ahead
+    axes = []
+    for row in clip[:2, :3]:
+        # How x or y grows across the line of sight.
+        grows = transforms.unit_vector("row", row)
+        axes.append(transforms.unit_vector("axis", grows - np.dot(grows, ahead) * ahead))
+    return [*axes, ahead]
+
+
+def _triple(values: Float64) -> str:
+    """Return three numbers, short."""
+    return "(" + ", ".join(f"{value + 0.0:.4g}" for value in np.round(values, 12).tolist()) + ")"
+
+
+def _percent(count: int, whole: int) -> str:
+    """Return a share for people, not 0 of a little nor 100 of nearly all."""
+    share = 100.0 * count / whole
+    if 0 < count < whole and not 1.0 <= share <= 99.0:
+        return "under 1 %" if share < 1.0 else "over 99 %"
+    return f"{share:.0f} %"

@@ -1,0 +1,119 @@
+"""What ``rasterjit info`` says of a file is what the library loads."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import rasterjit as rj
+from rasterjit.cli import commands, info
+
+MODELS = Path(__file__).parents[2] / "models"
+
+
+def run(*arguments):
+    return CliRunner().invoke(commands.program, ["info", *map(str, arguments)])
+
+
+def told(file, *options):
+    result = run(file, "--json", *options)
+    assert (result.exit_code, result.stderr) == (0, "")
+    return json.loads(result.stdout)
+
+
+def printed(file):
+    result = run(file)
+    assert (result.exit_code, result.stderr) == (0, "")
+    rows = [line.partition("  ") for line in result.stdout.splitlines()]
+    return {name.strip(): text.strip() for name, _, text in rows}
+
+
+def test_counts_and_bounds_are_those_of_the_scene():
+    file = MODELS / "scene.glb"
+    scene, held = rj.load(file), told(file)
+    meshes = {id(node.mesh): node.mesh for node in scene.nodes}.values()
+    assert held["objects"] == len(scene.nodes) == 6
+    assert held["meshes"] == len(meshes) < held["objects"]
+    assert held["faces"] == sum(len(mesh.faces) for mesh in meshes) < held["faces_drawn"]
+    assert held["vertices"] == sum(len(mesh.vertices) for mesh in meshes)
+    low, high = scene.bounds()
+    assert (held["bounds"]["min"], held["bounds"]["max"]) == (low.tolist(), high.tolist())
+    assert held["radius"] == scene.bounding_sphere()[1]
+    assert sum(one["objects"] for one in held["materials"]) == 6
+    assert held["textures"] == {"count": 1, "texels": 64 * 64}
+    assert [one["kind"] for one in held["lights"]] == [type(one).__name__ for one in scene.lights]
+    assert held["lights"][0]["direction"] == list(scene.lights[0].direction)
+    assert held["camera"]["eye"] == list(scene.camera.eye)
+    assert held["warnings"] == []
+
+
+def test_what_is_printed_is_what_json_holds():
+    rows = printed(MODELS / "scene.glb")
+    assert rows["objects"] == "6 of 4 meshes"
+    assert rows["faces"] == "2,234, 2,258 in all objects"
+    assert rows["attributes"] == "normals 4 of 4, uv 1 of 4, vertex colors 1 of 4"
+    assert "blend" in rows["material 2"]
+    assert "base color texture 64x64 (3 objects)" in rows["material 1"]
+    assert rows["light 1"].startswith("PointLight: position (2.5, 3, 2.5)")
+    assert rows["camera"].startswith("PerspectiveCamera: eye (3.5, 3.2, 7)")
+    rows = printed(MODELS / "cube.ply")
+    assert rows["size"] == "2 x 2 x 2 units"
+    assert rows["bounds"] == "(-1, -1, -1) to (1, 1, 1)"
+    assert (rows["lights"], rows["camera"], rows["textures"]) == ("none",) * 3
+    assert rows["attributes"] == "normals, vertex colors"
+
+
+def test_cameras_of_every_kind_can_be_told_as_json():
+    scene = rj.load(MODELS / "cube.ply")
+    scene.lights = [rj.SpotLight((0, 1, 2), shadow=rj.Shadow()), rj.AmbientLight()]
+    for camera in (
+        rj.PerspectiveCamera((0, 0, 5), (0, 0, 0)),
+        rj.OrthographicCamera((0, 0, 5), (0, 0, 0)),
+        rj.MatrixCamera.from_intrinsics(50, 50, 24, 18, (48, 36)),
+    ):
+        scene.camera = camera
+        held = json.loads(json.dumps(info.describe(scene), allow_nan=False))
+        assert held["camera"]["kind"] == type(camera).__name__
+        rows = dict(info._rows({"file": "a", "bytes": 1, "warnings": [], **held}))
+        assert rows["camera"].startswith(f"{type(camera).__name__}: ")
+        assert "shadow" in rows["light 0"]
+
+
+def test_what_is_left_out_and_invalid_is_told(tmp_path):
+    mesh = tmp_path / "lost.obj"
+    lines = ("v 0 0 0", "v 1 0 0", "v 0 1 0", "v 0 nan 0", "l 1 2", "f 1 2 3", "f 1 2 4", "")
+    mesh.write_text("\n".join(lines))
+    result = run(mesh)
+    assert result.exit_code == 1
+    assert "--on-invalid drop" in result.stderr
+    held = told(mesh, "--on-invalid", "drop")
+    (said,) = held["warnings"]
+    assert said == "left out lines (1); the rest is there"
+    assert held["invalid_vertices"] == 1
+    assert said in run(mesh, "--on-invalid", "drop").stdout
+
+
+def test_many_materials_are_counted_and_all_in_json(tmp_path):
+    names = [f"m{n}" for n in range(30)]
+    lines = ["mtllib a.mtl"]
+    rng = np.random.default_rng(1)
+    for number, name in enumerate(names):
+        lines += [f"v {x} {y} {z}" for x, y, z in rng.random((3, 3)).round(3).tolist()]
+        lines += [f"usemtl {name}", f"f {3 * number + 1} {3 * number + 2} {3 * number + 3}"]
+    (tmp_path / "a.obj").write_text("\n".join(lines) + "\n")
+    parts = [f"newmtl {name}\nKd 0.{n:02d} 0.5 0.5\n" for n, name in enumerate(names)]
+    (tmp_path / "a.mtl").write_text("".join(parts))
+    assert len(told(tmp_path / "a.obj")["materials"]) == 30
+    assert printed(tmp_path / "a.obj")["materials"] == "10 more: see --json"
+
+
+@pytest.mark.parametrize("name", ["nowhere.obj", "text.txt"])
+def test_what_is_no_mesh_is_one_line(tmp_path, name):
+    (tmp_path / "text.txt").write_text("hello")
+    result = run(tmp_path / name)
+    assert result.exit_code == 1
+    assert result.stdout == ""
+    assert result.stderr.startswith("error: ")
+    assert name in result.stderr

@@ -1,0 +1,90 @@
+"""A folder of meshes becomes a folder of pictures, each as if it were drawn alone."""
+
+from pathlib import Path
+
+import imageio.v3 as iio
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from rasterjit.cli import commands
+
+MODELS = Path(__file__).parents[2] / "models"
+TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
+
+
+def run(*arguments):
+    return CliRunner().invoke(commands.program, [str(argument) for argument in arguments])
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """Two meshes of the same stem, one in a folder below, a text and a hidden mesh."""
+    place = tmp_path / "meshes"
+    (place / "below").mkdir(parents=True)
+    (place / "a.ply").write_bytes((MODELS / "cube.ply").read_bytes())
+    (place / "a.off").write_bytes((MODELS / "pyramid.off").read_bytes())
+    (place / "below" / "b.obj").write_text(TRIANGLE)
+    (place / "notes.txt").write_text("hello")
+    (place / ".hidden.obj").write_text(TRIANGLE)
+    return place
+
+
+def written(out):
+    return sorted(path.relative_to(out).as_posix() for path in out.rglob("*") if path.is_file())
+
+
+def test_each_picture_is_that_of_its_file_alone(folder, tmp_path):
+    out, options = tmp_path / "out", ("--color", "teal", "--azimuth", "20", "--samples", "4")
+    result = run("render", folder, "-o", f"{out}/", "--size", "40x30", "-q", *options)
+    assert (result.exit_code, result.output) == (0, "")
+    assert written(out) == ["a.off.png", "a.ply.png", "below/b.obj.png"]
+    for name in ("a.off", "a.ply", "below/b.obj"):
+        alone = tmp_path / "alone.png"
+        one = run("render", folder / name, "-o", alone, "--size", "40x30", "-q", *options)
+        assert one.exit_code == 0
+        assert np.array_equal(iio.imread(out / f"{name}.png"), iio.imread(alone)), name
+
+
+def test_bad_files_are_named_the_others_drawn_and_the_status_is_not_zero(folder, tmp_path):
+    (folder / "bad.obj").write_text(TRIANGLE.replace("v 1", "v nan"))
+    (folder / "z.stl").write_bytes(b"nothing")
+    out = tmp_path / "out"
+    result = run("render", folder, "-o", out)
+    assert result.exit_code == 1
+    lines = result.stderr.splitlines()
+    assert [line for line in lines if "left out bad.obj: " in line and "--on-invalid drop" in line]
+    assert [line for line in lines if "left out z.stl: " in line]
+    assert lines[-1] == "error: 2 of 5 mesh files could not be drawn"
+    assert "wrote" in result.stdout
+    assert "3 pictures" in result.stdout
+    assert written(out) == ["a.off.png", "a.ply.png", "below/b.obj.png"]
+    assert iio.imread(out / "a.ply.png").shape == (256, 256, 4)
+    quiet = run("render", folder, "-o", out, "-q", "--size", "8x8")
+    assert quiet.exit_code == 1
+    assert quiet.stderr == "error: 2 of 5 mesh files could not be drawn\n"
+
+
+def test_what_one_file_alone_has_is_wrong_usage(folder, tmp_path):
+    out = tmp_path / "out"
+    for words in (("--depth", "d.png"), ("--mask", "m.png"), ("--outputs", "uv"), ("--diagnose",)):
+        result = run("render", folder, "-o", out, *words)
+        assert result.exit_code == 2, words
+        assert words[0] in result.stderr
+    assert not out.exists()
+    (tmp_path / "file").write_text("mine")
+    result = run("render", folder, "-o", tmp_path / "file")
+    assert result.exit_code == 2
+    assert (tmp_path / "file").read_text() == "mine"
+    (tmp_path / "empty").mkdir()
+    result = run("render", tmp_path / "empty", "-o", out)
+    assert result.exit_code == 1
+    assert "holds no mesh files" in result.stderr
+    assert not out.exists()
+
+
+def test_what_is_not_in_view_is_said_of_its_file(folder, tmp_path):
+    view = ("--position", "0,0,900", "--target", "0,0,999")
+    result = run("render", folder, "-o", tmp_path / "out", "--size", "8x8", *view)
+    assert result.exit_code == 0
+    assert "warning: a.ply: nothing is in view" in result.stderr

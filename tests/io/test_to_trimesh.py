@@ -1,0 +1,162 @@
+"""What is handed to trimesh comes back as it was, or is named."""
+
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import trimesh
+
+import rasterjit as rj
+from rasterjit.io.skipped import SaveWarning
+from rasterjit.transforms import compose, rotate_x, rotate_z, scale, translate
+
+GEOMETRY = (
+    "depth", "face_id", "object_id", "instance_id", "material_id", "barycentric", "position",
+    "normal", "geometric_normal", "uv",
+)  # fmt: skip
+
+
+def picture(seed, channels=3):
+    return np.random.default_rng(seed).integers(0, 256, (8, 4, channels), dtype=np.uint8)
+
+
+def colors(rows, seed=3):
+    return np.random.default_rng(seed).integers(0, 256, (rows, 4), dtype=np.uint8)
+
+
+def sphere(**options):
+    ball = trimesh.creation.icosphere(2)
+    return rj.Mesh(ball.vertices * 0.1, ball.faces, **options)
+
+
+def quad(**options):
+    corners = [(-0.1, -0.1, 0), (0.1, -0.1, 0.03), (0.1, 0.1, 0), (-0.1, 0.1, 0)]
+    return rj.Mesh(corners, [(0, 1, 2), (0, 2, 3)], uv=[(0, 0), (1.5, 0.1), (1, 1), (0, 1)],
+                   **options)  # fmt: skip
+
+
+def rich_scene():
+    """Return a scene with all that trimesh has a place for, in 8 bits where that has no more."""
+    scene = rj.Scene()
+    byte = 1 / 255.0
+    maps = {
+        "base_color_texture": rj.Texture(picture(0, 4)),
+        "normal_texture": rj.Texture(picture(1), color_space="linear"),
+        "metallic_roughness_texture": rj.Texture(picture(2), color_space="linear"),
+        "emissive_texture": rj.Texture(picture(4)),
+    }
+    shiny = rj.Material(
+        "pbr", (51 * byte, 102 * byte, 1.0, 0.4), metallic=0.75, roughness=0.3, name="mapped",
+        emissive=(2.0, 1.0, 0.5), double_sided=False, alpha_mode="blend", **maps,
+    )  # fmt: skip
+    wall = scene.add(quad(material=shiny), compose(translate((0.1, 0, 0)), rotate_x(20)), "wall")
+    elbow = rj.Node(None, translate((0.3, 0, 0)), "elbow", parent=wall)
+    heat = np.random.default_rng(8).random((162, 3), dtype=np.float32)
+    ball = sphere(colors=colors(162), attributes={"heat": heat, "label": np.arange(320)[:, None]})
+    scene.add(ball, compose(scale((1, 1.5, 1)), rotate_z(10)), "ball", parent=elbow)
+    scene.add(ball, translate((-0.3, 0, 0)), "other ball", parent=wall)
+    scene.add(sphere(colors=colors(320)), translate((0, 0.3, 0)), "patchwork")
+    wood = rj.Material("phong", "#804020", specular=float(rj.Mesh(
+        np.eye(3), [(0, 1, 2)], colors=np.full((3, 3), 90, np.uint8)).vertex_colors[0, 0]),
+        shininess=30.0, base_color_texture=rj.Texture(picture(5)), name="wood")  # fmt: skip
+    scene.add(quad(material=wood, colors=colors(4)), translate((0, -0.3, 0)), "board")
+    scene.add(sphere(), translate((-0.3, -0.3, 0)), "plain")
+    gold = rj.Material("pbr", metallic=0.5, name="gold")
+    scene.add(sphere(colors=colors(162), material=gold), translate((0.5, 0, 0)), "dyed")
+    scene.lights += [
+        rj.DirectionalLight((0.3, -0.4, -0.8), (1.0, 51 * byte, 0.0), 0.75),
+        rj.PointLight((2, 2, 3), "white", 4.0),
+        rj.SpotLight((-1, 1, 2), (0.3, -0.4, -0.7), intensity=5.0, inner_angle=10, outer_angle=35),
+    ]
+    scene.camera = rj.PerspectiveCamera((0.1, 0.2, 2), (0, 0, 0), (0.1, 1, 0), 40.0, 0.5, 50.0)
+    return scene
+
+
+def test_what_trimesh_has_a_place_for_is_drawn_as_it_was():
+    scene = rich_scene()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        made = scene.to_trimesh()
+    assert made.graph.transforms.parents["ball"] == "elbow"
+    assert len(made.geometry) == 6
+    again = rj.load(made)
+    assert [node.name for node in again.nodes] == [node.name for node in scene.nodes]
+    for one, other in zip(again.nodes, scene.nodes, strict=True):
+        np.testing.assert_array_equal(one.world_matrix, other.world_matrix)
+        np.testing.assert_array_equal(one.mesh.vertices, other.mesh.vertices)
+        np.testing.assert_array_equal(one.mesh.faces, other.mesh.faces)
+        for kind in ("vertex_attributes", "face_attributes"):
+            found, wanted = getattr(one.mesh, kind), getattr(other.mesh, kind)
+            assert found.keys() == wanted.keys()
+            for name in found:
+                np.testing.assert_array_equal(found[name], wanted[name])
+    options = {"size": (96, 72), "outputs": (*GEOMETRY, "color", "linear")}
+    wanted = rj.render(scene, **options)
+    found = rj.render(again, scene.camera, **options)
+    assert set(np.unique(wanted.object_id)) == {-1, *range(len(scene.nodes))}
+    for name in GEOMETRY:
+        np.testing.assert_array_equal(getattr(found, name), getattr(wanted, name), name)
+    np.testing.assert_allclose(found.linear, wanted.linear, rtol=0, atol=2e-6)
+    by_its_camera = rj.render(again, size=(96, 72))
+    assert (by_its_camera.color != wanted.color).any(axis=2).mean() < 0.01
+
+
+def test_a_mesh_becomes_a_trimesh_of_the_same_vertices_and_faces():
+    given = colors(320)
+    made = sphere(colors=given).to_trimesh()
+    assert type(made) is trimesh.Trimesh
+    np.testing.assert_array_equal(made.visual.face_colors, given)
+    np.testing.assert_array_equal(made.vertices, sphere().vertices)
+    np.testing.assert_allclose(made.vertex_normals, sphere().vertex_normals(), atol=0.001)
+    assert made.volume == pytest.approx(trimesh.creation.icosphere(2).volume * 0.001)
+    cube = rj.load(trimesh.creation.box()).nodes[0].mesh
+    again = rj.load(cube.to_trimesh()).nodes[0].mesh
+    np.testing.assert_array_equal(again.normals, cube.normals)
+
+
+def test_large_meshes_are_handed_over():
+    ball = trimesh.creation.icosphere(7)
+    mesh = rj.Mesh(ball.vertices, ball.faces, colors=colors(len(ball.vertices)))
+    assert len(mesh.vertices) > 65536
+    np.testing.assert_array_equal(mesh.to_trimesh().visual.vertex_colors, colors(163842))
+
+
+def test_what_trimesh_has_no_place_for_is_named_in_one_warning():
+    scene = rich_scene()
+    sampled = rj.Texture(picture(6), filter="nearest", uv_set=1)
+    scene.add(quad(material=rj.Material("unlit", base_color_texture=sampled, emissive="red",
+                                        double_sided=False), uv1=np.eye(4)[:, :2]))  # fmt: skip
+    scene.add(sphere(material=rj.Material("pbr", "red"), colors=np.full((320, 3), 0.3)), name="red")
+    bumps = rj.Texture(picture(7), color_space="linear")
+    bumpy = rj.Material("pbr", "#405060", normal_texture=bumps, normal_scale=2.0)
+    scene.add(quad(material=bumpy), name="board")
+    scene.lights[1] = rj.PointLight((0, 0, 1), range=3.0, shadow=rj.Shadow())
+    scene.lights.append(rj.AmbientLight())
+    scene.tone_map = rj.ToneMap()
+    scene.camera = rj.OrthographicCamera((0, 0, 1), (0, 0, 0))
+    with pytest.warns(SaveWarning) as caught:
+        made = scene.to_trimesh()
+    (said,) = caught
+    assert said.filename == __file__
+    for words in (
+        "unlit shading (1)", "emission (1)", "single-sidedness (1)", "uv1 (1)",
+        "how a base_color_texture is sampled (1)", "uv_set of a base_color_texture (1)",
+        "digits of colours beyond 8 bits (1)", "material beside colours of faces (1)",
+        "normal_scale (1)", "digits of base colours beyond 8 bits (1)",
+        "name of a node that another has (1)", "range of a PointLight (1)",
+        "shadow of a PointLight (1)", "AmbientLight (1)", "OrthographicCamera (1)",
+        "tone_map (1)",
+    ):  # fmt: skip
+        assert words in str(said.message), words
+    assert {"board", "board 2"} <= set(made.graph.nodes_geometry)
+    with pytest.warns(SaveWarning) as caught:
+        scene.nodes[-1].mesh.to_trimesh()
+    assert (len(caught), caught[0].filename) == (1, __file__)
+
+
+def test_a_camera_that_fits_any_picture_is_one_of_its_angle():
+    scene = rich_scene()
+    scene.camera = replace(scene.camera, min_aspect=1.5)
+    with pytest.warns(SaveWarning, match=r"for: min_aspect of the camera \(1\); the rest"):
+        scene.to_trimesh()

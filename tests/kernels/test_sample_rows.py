@@ -1,0 +1,110 @@
+"""Rows of samples as machine code tests them, against what the intrinsics do in Python."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from rasterjit.runtime.intrinsics import draw_box, fill_rows
+from rasterjit.runtime.jit import CHECKED, helper
+
+pytestmark = pytest.mark.needs_jit
+
+DEPTHS = [np.float32, np.float64, np.int32]
+STRIDE, ROWS = 24, 12
+
+
+@helper
+def compiled_draw_box(depths, numbers, first, stride, rows, columns, edges, plane, face):
+    draw_box(depths, numbers, first, stride, rows, columns, edges, plane, face)
+
+
+@helper
+def compiled_fill_rows(depths, numbers, spans, first, stride, rows, before, longest, plane, face):
+    fill_rows(
+        depths, numbers, spans, first, stride, rows, before, longest, plane, face
+    )  # fmt: skip
+
+
+def both(compiled, intrinsic, tile, *arguments):
+    """Return the tile, (depths, numbers), as machine code and as Python change it."""
+    tiles = [tuple(array.copy() for array in tile) for _ in range(2)]
+    compiled(*tiles[0], *arguments)
+    intrinsic.function(*tiles[1], *arguments)
+    return tiles
+
+
+def tile_of(random, kind):
+    """Return depths of a kind, some of them empty, and face numbers."""
+    depths = random.uniform(0, 1000, STRIDE * ROWS)
+    depths[random.random(depths.shape) < 0.3] = -1.0
+    return depths.astype(kind), np.full(STRIDE * ROWS, 7, np.int32)
+
+
+def assert_same(one, other):
+    for a, b in zip(one, other, strict=True):
+        np.testing.assert_array_equal(a.view(np.uint8), b.view(np.uint8))
+
+
+@pytest.mark.parametrize("kind", DEPTHS)
+@pytest.mark.parametrize("edge", [np.int32, np.float32])
+def test_boxes(kind, edge):
+    random = np.random.default_rng(3)
+    drawn = 0
+    for columns in [*range(9), 3, 5]:
+        for rows in (0, 1, 2, 7):
+            edges = tuple(map(edge, random.integers(-40, 60, 9)))
+            plane = tuple(random.uniform(-50, 50, 6)) + (500.0, 2.0, 1.5, 420.0, 900.0)
+            tile = tile_of(random, kind)
+            one, other = both(
+                compiled_draw_box, draw_box, tile, np.int64(26), np.int64(STRIDE), np.int64(rows),
+                np.int32(columns), edges, plane, np.int32(3),
+            )  # fmt: skip
+            assert_same(one, other)
+            drawn += np.count_nonzero(one[1] == 3)
+    assert drawn > 20
+
+
+@pytest.mark.parametrize("columns", [3, 5, 8])
+def test_lanes_behind_the_box_may_overflow(columns):
+    # At the column behind the box the edge passes 2**31 and comes back as if it were inside.
+    step = 2**31 // columns
+    edges = tuple(map(np.int32, (-1, 0, 0, -step + 1, 0, 0, 0, 0, 0)))
+    tile = np.full(STRIDE * ROWS, -1, np.float32), np.full(STRIDE * ROWS, 7, np.int32)
+    plane = (0.0,) * 6 + (5.0, 0.0, 0.0, 5.0, 5.0)
+    one, other = both(
+        compiled_draw_box, draw_box, tile, np.int64(0), np.int64(STRIDE), np.int64(2),
+        np.int32(columns), edges, plane, np.int32(3),
+    )  # fmt: skip
+    assert_same(one, other)
+    assert (one[1] == 7).all()
+
+
+@pytest.mark.parametrize("kind", DEPTHS)
+@pytest.mark.parametrize("longest", [2, 4, 5, 8, 9, 16])
+def test_spans(kind, longest):
+    random = np.random.default_rng(longest)
+    rows = 9
+    begins = random.integers(0, 8, rows).astype(np.int32)
+    # Some rows are empty, some end before they begin
+    ends = (begins + random.integers(-3, longest + 1, rows)).astype(np.int32)
+    starts = random.uniform(300, 900, rows)
+    for before in (0, 3, 8):
+        one, other = both(
+            compiled_fill_rows, fill_rows, tile_of(random, kind), (begins, ends, starts),
+            np.int64(24), np.int64(STRIDE), np.int64(rows), np.int32(before), np.int64(longest),
+            (7.25, 400.0, 800.0), np.int32(3),
+        )  # fmt: skip
+        assert_same(one, other)
+    assert (one[1] == 7).any()
+
+
+def test_checked_indices_find_boxes_beyond_the_tile():
+    if not CHECKED:
+        pytest.skip("indices are checked with NUMBA_BOUNDSCHECK=1 alone")
+    tile = np.zeros(STRIDE, np.float32), np.zeros(STRIDE, np.int32)
+    with pytest.raises(IndexError, match="beyond the tile"):
+        compiled_draw_box(
+            *tile, np.int64(0), np.int64(STRIDE), np.int64(2), np.int32(3),
+            (np.int32(0),) * 9, (0.0,) * 11, np.int32(3),
+        )  # fmt: skip

@@ -1,0 +1,178 @@
+"""Assignments that would do nothing, or change what is frozen, say what to write instead."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+import inspect
+import pickle
+import re
+
+import numpy as np
+import pytest
+
+import rasterjit as rj
+from rasterjit.animation import TransformTrack
+from rasterjit.scene.assigning import similar
+from rasterjit.scene.environment import Panorama
+from rasterjit.scene.material import UnsaidMaterial
+from rasterjit.viewer.controls import Fly, Orbit
+
+MESH = rj.Mesh(np.eye(3), [[0, 1, 2]])
+SCENE = rj.Scene()
+SCENE.add(MESH)
+EYE = {"eye": (0, 0, 5), "target": (0, 0, 0)}
+
+FROZEN = [
+    rj.AmbientLight(intensity=0.5),
+    rj.AmbientOcclusion(),
+    rj.DirectionalLight((0, -1, 0), shadow=rj.Shadow(512)),
+    rj.Environment.gradient(),
+    rj.Environment(np.ones((4, 8, 3))),
+    Panorama(np.ones((4, 8, 3))),
+    rj.Environment.gradient().sky,
+    rj.Fog(mode="linear", start=1.0, end=2.0),
+    rj.Material("pbr", "orange", base_color_texture=rj.Texture(np.ones((2, 2)))),
+    UnsaidMaterial(),
+    rj.MatrixCamera(np.eye(4), np.eye(4)),
+    rj.OrthographicCamera(**EYE),
+    rj.Outline(),
+    rj.PerspectiveCamera(**EYE),
+    rj.PointLight((0, 1, 0)),
+    rj.Quality(),
+    rj.Shadow(),
+    rj.SpotLight((0, 1, 0), (0, -1, 0)),
+    rj.Texture(np.ones((2, 2, 3)), anisotropy=4),
+    rj.ToneMap("neutral"),
+    rj.View(camera=rj.PerspectiveCamera(**EYE)),
+    rj.Vignette(),
+    rj.Wireframe(),
+    rj.dataset.Recipe(),
+    Orbit.from_camera(rj.PerspectiveCamera(**EYE), SCENE),
+    Fly.from_camera(rj.PerspectiveCamera(**EYE), SCENE),
+]
+
+REPORTS = {
+    rj.Choice, rj.Diagnostics, rj.Measurement, rj.PixelExplanation, rj.RenderPlan, rj.Stats,
+}  # fmt: skip
+"""Frozen, and made by no one but this package: there is no changed copy to make."""
+
+
+def name_of(thing):
+    return type(thing).__name__
+
+
+def fields_of(thing):
+    return [field.name for field in dataclasses.fields(thing)]
+
+
+def test_a_misspelt_field_of_a_camera_is_named_with_the_right_one_and_the_way_to_change_it():
+    camera = rj.PerspectiveCamera(**EYE)
+    with pytest.raises(dataclasses.FrozenInstanceError) as told:
+        camera.fov = 30.0
+    assert str(told.value) == (
+        "PerspectiveCamera has no 'fov'; did you mean 'fov_y'? Its fields are eye, target, up, "
+        "fov_y, near, far, min_aspect, and it is never changed: make another with "
+        "dataclasses.replace(old, fov_y=...), and assign that"
+    )
+    with pytest.raises(dataclasses.FrozenInstanceError) as told:
+        camera.fov_y = 30.0
+    assert str(told.value) == (
+        "PerspectiveCamera is never changed: make another with dataclasses.replace(old, "
+        "fov_y=...), and assign that"
+    )
+    assert dataclasses.replace(camera, fov_y=30.0).fov_y == 30.0
+    assert camera.fov_y == 45.0
+
+
+@pytest.mark.parametrize("thing", FROZEN, ids=name_of)
+def test_every_description_says_how_to_make_a_changed_copy_and_it_can_be_made(thing):
+    for name in fields_of(thing):
+        with pytest.raises(
+            dataclasses.FrozenInstanceError, match=rf"replace\(old, {name}=\.\.\.\)"
+        ):
+            setattr(thing, name, None)
+    with pytest.raises(dataclasses.FrozenInstanceError, match="has no 'qqq'; its fields are"):
+        thing.qqq = 1
+    with pytest.raises(AttributeError):
+        delattr(thing, fields_of(thing)[0])
+    for twin in (dataclasses.replace(thing), copy.copy(thing), pickle.loads(pickle.dumps(thing))):
+        assert type(twin) is type(thing)
+        assert repr(twin) == repr(thing)
+
+
+def test_every_public_description_is_among_those():
+    frozen = {
+        kind for name in rj.__all__
+        if dataclasses.is_dataclass(kind := getattr(rj, name))
+    }  # fmt: skip
+    assert frozen - REPORTS <= {type(thing) for thing in FROZEN}
+    assert all(kind.__dataclass_params__.frozen for kind in frozen)
+
+
+def test_a_class_made_from_a_description_may_keep_more():
+    class Marked(rj.Vignette):
+        pass
+
+    marked = Marked()
+    marked.mark = 3
+    assert marked.mark == 3
+    with pytest.raises(dataclasses.FrozenInstanceError, match=r"replace\(old, strength="):
+        marked.strength = 0.1
+
+
+@pytest.mark.parametrize(
+    ("thing", "name", "told"),
+    [
+        (rj.Scene(), "fogg", "Scene has no 'fogg'; did you mean 'fog'? What can be assigned is no"),
+        (rj.Scene(), "tonemap", "did you mean 'tone_map'?"),
+        (rj.Scene(), "add", "Scene.add is a method: call it"),
+        (MESH, "vertices", "Mesh.vertices cannot be assigned: make another Mesh"),
+        (MESH, "materials", "did you mean 'material'?"),
+        (rj.Renderer((8, 8)), "qualtiy", "Renderer has no 'qualtiy'; did you mean 'quality'?"),
+        (rj.Framebuffer(8, 8), "colour", "Framebuffer has no 'colour', and nothing to assign: dr"),
+        (rj.Framebuffer(8, 8), "color", "Framebuffer.color cannot be assigned: draw into it, or "),
+        (rj.Pipeline(), "scale", "Pipeline.scale is a method: call it"),
+        (rj.Pipeline(), "fov", "Pipeline has no 'fov', and nothing to assign: its methods set its"),
+        (TransformTrack([0.0, 1.0], [np.eye(4)] * 2), "time", "did you mean 'times'?"),
+    ],
+)  # fmt: skip
+def test_what_is_not_there_cannot_be_assigned(thing, name, told):
+    before = dict(vars(thing))
+    with pytest.raises(AttributeError, match=re.escape(told)):
+        setattr(thing, name, None)
+    assert vars(thing) == before
+
+
+def test_a_class_made_from_a_guarded_one_may_have_settings_of_its_own():
+    class Titled(rj.Renderer):
+        @property
+        def title(self):
+            return self._title
+
+        @title.setter
+        def title(self, value):
+            self._title = value
+
+    renderer = Titled((8, 8))
+    renderer.title = "front"
+    assert renderer.title == "front"
+
+
+def test_no_mutable_public_class_takes_any_name():
+    unguarded = {
+        kind for name in rj.__all__
+        if inspect.isclass(kind := getattr(rj, name))
+        and kind.__setattr__ is object.__setattr__
+        and not issubclass(kind, (Exception, tuple))
+    }  # fmt: skip
+    # What a render returns sets nothing.
+    assert unguarded == {rj.Frame, rj.LayeredFrame, rj.Visibility}
+
+
+def test_names_are_alike_by_what_they_hold_and_how_they_are_spelt():
+    fields = ["base_color", "metallic", "roughness", "base_color_texture"]
+    assert similar("color", fields)[0] == "base_color"
+    assert similar("baseColor", fields)[0] == "base_color"
+    assert similar("roughnes", fields) == ["roughness", "roughness"]
+    assert similar("shininess", ["eye", "target"]) == []

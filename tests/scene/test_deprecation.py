@@ -1,0 +1,45 @@
+"""Deprecated spellings: one warning, at the line of the program, that names the new spelling."""
+
+from __future__ import annotations
+
+import inspect
+import warnings
+
+import pytest
+
+from rasterjit.scene.deprecation import warn_deprecated
+
+
+def call_through(depth):
+    """Return a function that warns below so many calls within the package."""
+    space = {"__name__": "rasterjit.somewhere.inside", "warn_deprecated": warn_deprecated}
+    exec("def call_0(): warn_deprecated('--zoom-by', '--zoom')", space)
+    for n in range(1, depth + 1):
+        exec(f"def call_{n}(): call_{n - 1}()", space)
+    return space[f"call_{depth}"]
+
+
+@pytest.mark.parametrize("depth", [0, 1, 5])
+def test_the_warning_names_both_spellings_and_the_line_that_called(depth):
+    with pytest.warns(FutureWarning, match="^--zoom-by is deprecated .*; write --zoom$") as caught:
+        call_through(depth)()
+    line = inspect.currentframe().f_lineno - 1
+    (warning,) = caught
+    assert (warning.filename, warning.lineno) == (__file__, line)
+
+
+def test_a_line_is_warned_about_once_unless_programs_ask_for_more():
+    inside = call_through(2)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("default")
+        for _ in range(3):
+            inside()
+        inside()
+    assert len(caught) == 2
+
+
+def test_a_package_of_a_like_name_is_no_part_of_this_one():
+    space = {"__name__": "rasterjit_plots", "warn_deprecated": warn_deprecated}
+    with pytest.warns(FutureWarning) as caught:
+        exec(compile("warn_deprecated('a', 'b')", "plots.py", "exec"), space)
+    assert caught[0].filename == "plots.py"
