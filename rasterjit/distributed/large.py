@@ -95,7 +95,7 @@ def render_large(
     count = thread_count("threads", threads)
     own = None if client is None else check_client(client)
     renderer = RegionRenderer(what, threads=count, **arguments)
-    notices.warn(notices.notices_of(renderer.plan), set(), stacklevel=2)
+    notices.warn(notices.notices_of(renderer.plan), set())
     with renderer:
         whole = renderer.size
         if own is None:

@@ -23,7 +23,6 @@ from rasterjit.rendering.renderer import Renderer
 from rasterjit.rendering.stream import (
     AHEAD,
     PROGRESS,
-    TO_CALLER,
     Options,
     Progress,
     RendererPool,
@@ -225,7 +224,7 @@ class Farm:
 
         drawn = retried(lambda: result_of(self._begun[number], self._client), "the scene", again)
         del self._begun[number]
-        notices.warn(drawn[2], self._told, stacklevel=TO_CALLER)
+        notices.warn(drawn[2], self._told)
         return FarFrame(drawn, self._scene, camera, self._options)
 
     def _begin(self, number: int, camera: Camera) -> None:

@@ -139,7 +139,7 @@ def render_partitions(
             # Parts that are not here show what planes that are left open would cut.
             layer = draw(layer.look.steps)
     frame = layer.frame()
-    notices.warn(notices.notices_of(frame.plan, frame.stats), set(), stacklevel=2)
+    notices.warn(notices.notices_of(frame.plan, frame.stats), set())
     return frame
 
 

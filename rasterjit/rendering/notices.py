@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import warnings
-
 from rasterjit.outputs.frame import Stats
+from rasterjit.scene.warning import warn_caller
 from rasterjit.survey.plan import RenderPlan
 
 NOTHING_IN_VIEW = "nothing is in view: the picture shows only the background"
@@ -40,8 +39,8 @@ def notices_of(plan: RenderPlan, stats: Stats | None = None) -> dict[str, str]:
     return found
 
 
-def warn(notices: dict[str, str], told: set[str], stacklevel: int) -> None:
+def warn(notices: dict[str, str], told: set[str]) -> None:
     """Warn of what is of no kind that was told, and add that."""
     for kind in notices.keys() - told:
-        warnings.warn(notices[kind], ViewWarning, stacklevel=stacklevel + 1)
+        warn_caller(notices[kind], ViewWarning)
     told.update(notices)

@@ -107,7 +107,7 @@ def render_layers(
             frame = _draw_layers(planned, int(k), workers, clock)
     finally:
         workers.close()
-    notices.warn(notices.notices_of(frame.plan, frame.stats), set(), stacklevel=2)
+    notices.warn(notices.notices_of(frame.plan, frame.stats), set())
     return frame
 
 

@@ -142,7 +142,7 @@ def render(
             frame = renderer._render_in_time(time_budget, what, camera, options, is_lone=True)
         else:
             frame = renderer._render_asked(max_error, time_budget, what, camera, options, lens)
-    notices.warn(notices.notices_of(frame.plan, frame.stats), set(), stacklevel=2)
+    notices.warn(notices.notices_of(frame.plan, frame.stats), set())
     return frame
 
 
@@ -450,7 +450,7 @@ class Renderer(Guarded):
         options = outputs, background, cull, diagnose, previous
         frame = self._render_asked(max_error, time_budget, what, camera, options, lens)
         if self.told is not None:
-            notices.warn(notices.notices_of(frame.plan, frame.stats), self.told, stacklevel=2)
+            notices.warn(notices.notices_of(frame.plan, frame.stats), self.told)
         return frame
 
     def _render_asked(

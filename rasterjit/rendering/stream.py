@@ -37,9 +37,6 @@ AHEAD = 2
 Progress: TypeAlias = Literal["none", "bar"]
 PROGRESS: tuple[Progress, ...] = get_args(Progress)
 
-TO_CALLER = 4
-"""Calls from where a frame is taken to the caller's program, for warnings."""
-
 
 class Options(NamedTuple):
     """What all frames have in common."""
@@ -174,7 +171,7 @@ class RendererPool:
                 "forked: its threads are in the parent; call render_many again here"
             )
         drawn = frame.result()
-        notices.warn(notices.notices_of(drawn.plan, drawn.stats), self._told, stacklevel=TO_CALLER)
+        notices.warn(notices.notices_of(drawn.plan, drawn.stats), self._told)
         return drawn
 
     def _draw(self, camera: Camera) -> Frame:
