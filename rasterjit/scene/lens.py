@@ -47,7 +47,7 @@ BLOCK = 4096
 """Places at once: the columns in use stay in the caches."""
 
 LARGEST = 1e15
-"""Largest coordinate of a point that is asked for: powers of it are numbers still."""
+"""Largest coefficient, and coordinate of a point that is asked for: products are numbers still."""
 
 FARTHEST = 1e4
 """Largest radius that is looked at, tangent of the angle from the axis."""
@@ -104,7 +104,7 @@ class PinholeDistortion:
 
     def __post_init__(self) -> None:
         for field in fields(self):
-            number = finite_number(field.name, getattr(self, field.name))
+            number = bounded_number(field.name, getattr(self, field.name), -LARGEST, LARGEST)
             if field.name.startswith("tau"):
                 number = bounded_number(field.name, number, -1.5, 1.5)
             object.__setattr__(self, field.name, number)
