@@ -59,6 +59,9 @@ SUN_INTENSITY = 0.9
 FILL_INTENSITY = 0.15
 """The sun that casts shadows in a scene without lights, and the ambient light beside it."""
 
+AMBIENT_INTENSITY = 1.0
+"""Of the ambient light that is asked for by name: alone, it shows colours as they are."""
+
 LIGHTS = ("headlight", "sun", "ambient")
 """Lights with a name: the default one, over the viewer's shoulder; one from above; all around."""
 
@@ -473,17 +476,27 @@ class Look(NamedTuple):
         return changes
 
 
+def check_lights(
+    context: click.Context, parameter: click.Parameter, chosen: tuple[Vector | str, ...]
+) -> tuple[Vector | str, ...]:
+    """Return what ``--light`` is given, or raise click's usage error."""
+    for number, one in enumerate(chosen):
+        if one in chosen[:number]:
+            said = one if isinstance(one, str) else ",".join(f"{part:g}" for part in one)
+            raise click.BadOptionUsage("--light", f"--light: {said} is given twice")
+    if "headlight" in chosen and len(chosen) > 1:
+        raise click.BadOptionUsage("--light", "--light: the headlight shines alone")
+    return chosen
+
+
 def _lights_of(chosen: tuple[Vector | str, ...]) -> list[Light]:
     """Return lights by directions and names; none for the headlight, which is the default."""
     from rasterjit.scene.light import AmbientLight, DirectionalLight
 
     if "headlight" in chosen:
-        if len(set(chosen)) > 1:
-            raise click.BadOptionUsage("--light", "--light: the headlight shines alone")
         return []
-    if chosen == ("ambient",):
-        return [AmbientLight(intensity=1.0)]
-    lights: list[Light] = [AmbientLight(intensity=FILL_INTENSITY)]
+    around = AMBIENT_INTENSITY if "ambient" in chosen else FILL_INTENSITY
+    lights: list[Light] = [AmbientLight(intensity=around)]
     for one in chosen:
         if one != "ambient":
             direction = SUN_DIRECTION if one == "sun" else one
@@ -707,9 +720,11 @@ def look_options(command: Callable) -> Callable:
                          help="Draw all objects in this colour, as --background has it, instead of "
                               "their own and their textures."),
             click.option("--light", type=LightType(), multiple=True, metavar="X,Y,Z|NAME",
+                         callback=check_lights,
                          help="Light from far away that shines along X,Y,Z (0,-1,0: down), beside "
                               "dim light from all around, instead of the scene's lights; or "
-                              f"{', '.join(LIGHTS[:-1])} or {LIGHTS[-1]}. May be repeated."),
+                              f"{', '.join(LIGHTS[:-1])} or {LIGHTS[-1]} (bright light from all "
+                              "around in place of the dim). May be repeated, each light once."),
             click.option("--shading", type=modes, help="Shade all objects this way."),
             click.option("--wireframe", type=click.Choice(["overlay", "only"]),
                          help="Draw the edges over the faces, or alone."),

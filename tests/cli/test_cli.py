@@ -474,6 +474,10 @@ UNIT = "1,0,0,0,0,1,0,0,0,0,1,-4"
         ("--light", "0,0,0"),
         ("--light", "moon"),
         ("--light", "headlight", "--light", "sun"),
+        ("--light", "headlight", "--light", "headlight"),
+        ("--light", "ambient", "--light", "ambient"),
+        ("--light", "sun", "--light", "ambient", "--light", "sun"),
+        ("--light", "1,0,0", "--light", "1.0,0,0"),
     ],
     ids=" ".join,
 )
@@ -516,6 +520,9 @@ def test_lights_by_direction_and_name(tmp_path):
         ("--light", "headlight"): [],
         ("--light", "1,0,0", "--light", "-1,0,0"): [
             ambient, *(rj.DirectionalLight((x, 0, 0), intensity=0.9) for x in (1, -1)),
+        ],
+        ("--light", "1,-2,0.5", "--light", "ambient"): [
+            rj.AmbientLight(intensity=1.0), rj.DirectionalLight((1, -2, 0.5), intensity=0.9),
         ],
     }  # fmt: skip
     seen = set()
