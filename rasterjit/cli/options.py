@@ -536,13 +536,10 @@ class View(NamedTuple):
 
     def camera(self, scene: Scene, size: tuple[int, int]) -> AnyCamera | None:
         """Return the camera; ``None``, for the renderer to choose, if no option was given."""
-        if all(option is None for option in self._replace(zoom=None)):
-            if self.zoom is None:
-                return None
-            if scene.camera is not None:
-                from rasterjit.scene.framing import zoom_camera
-
-                return zoom_camera(scene.camera, self.zoom)
+        if all(option is None for option in self):
+            return None
+        if self.intrinsics is None and scene.camera is not None and not self._is_placed():
+            return self._magnified(scene.camera)
         if self.pose is not None or self.intrinsics is not None:
             return self._calibrated(scene, size)
         if self.position is not None:
@@ -550,6 +547,25 @@ class View(NamedTuple):
         if self.azimuth is None and self.elevation is None:
             return self._fit(scene, size)
         return self.turn(scene, size)(0.0)
+
+    def _is_placed(self) -> bool:
+        """Tell whether an option says where the camera is, or of which kind."""
+        return any(one is not None for one in self._replace(zoom=None, fov=None, intrinsics=None))
+
+    def _magnified(self, camera: AnyCamera) -> AnyCamera:
+        """Return the file's camera with another field of view, and zoomed."""
+        from rasterjit.scene.camera import PerspectiveCamera
+        from rasterjit.scene.framing import zoom_camera
+
+        if self.fov is not None:
+            if not isinstance(camera, PerspectiveCamera):
+                raise click.BadOptionUsage(
+                    "--fov",
+                    "--fov: the file's camera has no field of view: use --zoom, or "
+                    "--projection perspective for a camera that fits the scene",
+                )
+            camera = dataclasses.replace(camera, fov_y=self.fov)
+        return camera if self.zoom is None else zoom_camera(camera, self.zoom)
 
     def _check_pinhole(self) -> None:
         """Raise click's usage error if options contradict those of a calibrated camera."""
@@ -583,8 +599,11 @@ class View(NamedTuple):
                 intrinsics = intrinsics_of(DEFAULT_FOV if self.fov is None else self.fov, size)
                 intrinsics[[0, 1], [0, 1]] *= 1.0 if self.zoom is None else self.zoom
             return camera_of(intrinsics, pose, size, scene)
-        fov_y = 2.0 * transforms.arc_tangent(size[1] / 2.0, float(intrinsics[1, 1]))
-        placed = self._replace(intrinsics=None, fov=fov_y).camera(scene, size)
+        if scene.camera is not None and not self._is_placed():
+            placed = scene.camera
+        else:
+            fov_y = 2.0 * transforms.arc_tangent(size[1] / 2.0, float(intrinsics[1, 1]))
+            placed = self._replace(intrinsics=None, fov=fov_y).camera(scene, size)
         pose = transforms.compose(FLIP, placed.view_matrix())
         return camera_of(intrinsics, pose, size, scene)
 

@@ -145,6 +145,35 @@ def test_zoom_keeps_the_camera_of_a_file(tmp_path):
     assert not np.array_equal(with_zoom, fitted)
 
 
+def test_a_field_of_view_and_intrinsics_keep_the_place_of_the_camera_of_a_file(tmp_path):
+    file = MODELS / "scene.glb"
+    own = rj.load(file).camera
+    wider = dataclasses.replace(own, fov_y=70.0)
+    assert np.array_equal(render(tmp_path, "--fov", 70, file=file), rendered(wider, file).color)
+    both = render(tmp_path, "--fov", 70, "--zoom", 2, file=file)
+    assert np.array_equal(both, rendered(zoom_camera(wider, 2.0), file).color)
+    focal = SIZE[1] / 2.0 / np.tan(np.radians(35.0))
+    k = f"{focal},{focal},{(SIZE[0] - 1) / 2},{(SIZE[1] - 1) / 2}"
+    calibrated = render(tmp_path, "--intrinsics", k, file=file)
+    assert np.abs(calibrated.astype(int) - rendered(wider, file).color).mean() < 0.2
+    # Another option for the camera fits one to the scene.
+    fitted = rj.fit_camera(rj.load(file), fov_y=70.0, aspect=SIZE[0] / SIZE[1])
+    told = render(tmp_path, "--fov", 70, "--projection", "perspective", file=file)
+    assert np.array_equal(told, rendered(fitted, file).color)
+
+
+def test_a_camera_without_a_field_of_view_is_not_given_one(tmp_path):
+    scene = rj.load(CUBE)
+    scene.nodes[0].mesh.material = rj.Material(shading="pbr")
+    scene.camera = rj.OrthographicCamera((0, 0, 5), (0, 0, 0), height=4.0)
+    scene.save(tmp_path / "flat.glb")
+    result = run("render", tmp_path / "flat.glb", "-o", tmp_path / "a.png", *SMALL, "--fov", 40)
+    assert_one_line(result, 2)
+    assert "--fov: the file's camera has no field of view: use --zoom" in result.stderr
+    assert not (tmp_path / "a.png").exists()
+    render(tmp_path, "--fov", 40, "--projection", "perspective", file=tmp_path / "flat.glb")
+
+
 def test_zoom_enlarges_about_the_middle_of_every_kind_of_camera():
     points = np.random.default_rng(1).normal(size=(20, 3))
     eye, target = (3.0, 2.0, 5.0), (0.0, 0.0, 0.0)
