@@ -602,8 +602,17 @@ class View(NamedTuple):
         if scene.camera is not None and not self._is_placed():
             placed = scene.camera
         else:
-            fov_y = 2.0 * transforms.arc_tangent(size[1] / 2.0, float(intrinsics[1, 1]))
-            placed = self._replace(intrinsics=None, fov=fov_y).camera(scene, size)
+            focal = float(intrinsics[1, 1])
+            fov_y = 2.0 * transforms.arc_tangent(size[1] / 2.0, focal)
+            try:
+                placed = self._replace(intrinsics=None, fov=fov_y).camera(scene, size)
+            except ValueError as error:
+                if "fov_y" not in str(error):
+                    raise
+                raise ValueError(
+                    f"--intrinsics: the focal length {focal:g} of {size[1]} rows, a field of view "
+                    f"of {fov_y:g} degrees, cannot be fitted to the scene; --pose places the camera"
+                ) from error
         pose = transforms.compose(FLIP, placed.view_matrix())
         return camera_of(intrinsics, pose, size, scene)
 
