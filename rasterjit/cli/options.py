@@ -403,6 +403,16 @@ def checked_place(name: str, place: Path, kind: str) -> Path:
     return PlaceType(kind).convert(str(place), option, context)
 
 
+def refuse_picture(folder: Path, output: Path) -> None:
+    """Raise click's usage error if a folder's pictures are to go where a file's name is."""
+    if output.suffix.lower() in _formats("image") and not output.is_dir():
+        raise click.BadOptionUsage(
+            "--output",
+            f"--output: {output} is the name of a file, and the pictures of the folder {folder} go "
+            f"into a folder, such as {output.with_suffix('')}",
+        )
+
+
 def _formats(kind: str) -> tuple[str, ...]:
     """Return the extensions of a kind of file."""
     from rasterjit.animation import video
