@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
+import click
 import imageio.v3 as iio
 import imageio_ffmpeg
 import numpy as np
@@ -16,7 +17,7 @@ from PIL import Image, ImageSequence
 
 import rasterjit as rj
 from rasterjit.cli import advice, commands, report, warmup
-from rasterjit.cli.options import DEFAULT_DIRECTION, OUTPUTS_HELP, View
+from rasterjit.cli.options import DEFAULT_DIRECTION, LIGHTS, OUTPUTS_HELP, View
 from rasterjit.inspect import measure
 from rasterjit.outputs import table
 from rasterjit.pipeline.visibility import draw as drawing
@@ -986,6 +987,14 @@ def test_advice_names_options_that_there_are():
     assert set(advice.COMMANDS_MEANT) & set(commands.program.commands) == set()
     for other in advice.COMMANDS_MEANT.values():
         assert other.startswith("--") or other in commands.program.commands
+
+
+def test_another_name_for_a_choice_stands_for_one_where_it_is_none_itself():
+    parameters = [one for command in commands.program.commands.values() for one in command.params]
+    lists = [one.type.choices for one in parameters if isinstance(one.type, click.Choice)]
+    lists += [LIGHTS, tuple(table.OUTPUTS)]
+    for name, other in advice.CHOICES_MEANT.items():
+        assert any(other in choices and name not in choices for choices in lists), name
 
 
 CUT_SHORT = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nf 1 2\n"
