@@ -55,8 +55,9 @@ def render_folder(
 
     refuse_idle(ALONE, f"{folder} is a folder, of whose meshes pictures are drawn")
     size = size_behind(options["background"], size if is_given("size") else SIZE)
-    files = mesh_files(folder)
-    if not files:
+    root = folder.resolve()
+    names = [file.relative_to(root) for file in mesh_files(root)]
+    if not names:
         raise click.ClickException(f"{folder} holds no mesh files")
     _make_folder(output)
     start, failed = time.perf_counter(), 0
@@ -65,11 +66,11 @@ def render_folder(
         compile_notice(quiet),
         Renderer(size, quality=effects.quality(), threads=threads) as renderer,
     ):
-        show(0, len(files))
-        for done, file in enumerate(files, 1):
-            name = file.relative_to(folder)
+        show(0, len(names))
+        for done, name in enumerate(names, 1):
             place = output / name.with_name(name.name + SUFFIX)
             try:
+                file = folder / name
                 if not _draw(file, place, renderer, view, look, effects, quiet, **options):
                     warn(f"{name}: nothing is in view: its picture shows the background", quiet)
             except (click.Abort, BrokenPipeError):
@@ -78,12 +79,12 @@ def render_folder(
                 raise_if_interrupted()
                 failed += 1
                 warn(f"left out {name}: {_reason(error)}", quiet)
-            show(done, len(files))
+            show(done, len(names))
     if not quiet:
         seconds = time.perf_counter() - start
-        click.echo(f"wrote {output}: {len(files) - failed} pictures in {seconds:.1f} s")
+        click.echo(f"wrote {output}: {len(names) - failed} pictures in {seconds:.1f} s")
     if failed:
-        raise click.ClickException(f"{failed} of {len(files)} mesh files could not be drawn")
+        raise click.ClickException(f"{failed} of {len(names)} mesh files could not be drawn")
 
 
 def _make_folder(output: Path) -> None:
