@@ -485,6 +485,22 @@ def test_a_bad_camera_light_or_mask_is_one_line(tmp_path, monkeypatch, words):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--pose", "1,0,0,0"), "of a 4x4 or 3x4 matrix, row by row, got 4 numbers"),
+        (("--pose", "a.txt"), "of a 4x4 or 3x4 matrix, row by row, or a file of them: there is no"),
+        (("--intrinsics", "500,500,320"), "the 9 numbers of a 3x3 matrix K, got 3 numbers"),
+        (("--cull", "left"), "'none', 'back', 'front'"),
+    ],
+)
+def test_a_message_says_what_it_got_and_ends_with_a_word(words, said):
+    result = run("render", CUBE, "-o", "a.png", *words)
+    assert_one_line(result, 2)
+    assert said in result.stderr
+    assert result.stderr.rstrip("\n")[-1] not in ".,;:"
+
+
 def test_a_colour_takes_the_place_of_colours_and_textures(tmp_path):
     scene = rj.load(MODELS / "scene.glb")
     for node in scene.nodes:
@@ -926,7 +942,10 @@ def test_errors_are_about_options_not_arguments(tmp_path, monkeypatch, words, sa
 def test_what_may_have_been_meant_is_asked(words, meant):
     result = run(*words)
     assert_one_line(result, 2)
-    assert result.stderr.endswith(f"; did you mean {meant}?\n")
+    before, asked, question = result.stderr.partition("; did you mean ")
+    assert asked
+    assert question == f"{meant}?\n"
+    assert before[-1] not in ".,;:"
 
 
 def test_an_option_of_another_command_is_told_and_nonsense_is_not():
