@@ -31,7 +31,7 @@ from rasterjit.cli.options import (
     is_given,
     refuse_idle,
 )
-from rasterjit.outputs.table import TABLE
+from rasterjit.outputs.table import row_of
 from rasterjit.rendering.plan import CULL_MODES
 
 if TYPE_CHECKING:
@@ -315,7 +315,7 @@ def _takes_scale(place: Path, content: tuple[str, ...] | str) -> bool:
     if place.suffix.lower() != ".png" or content in ("picture", "coverage"):
         return False
     names = (content,) if isinstance(content, str) else content
-    return any(name not in TABLE or TABLE[name].dtype == "float32" for name in names)
+    return any(row_of(name).dtype == "float32" for name in names)
 
 
 def _spell_scale(found: re.Match[str]) -> str:

@@ -678,6 +678,39 @@ def test_one_output_alone_is_a_picture_of_its_codes(tmp_path):
     assert [place.name for place in tmp_path.iterdir()] == ["ids.png"]
 
 
+def heated(tmp_path):
+    """Write a cube whose vertices have an attribute, heat; return its path and the scene."""
+    vertices, faces = (getattr(rj.load(CUBE).nodes[0].mesh, part) for part in ("vertices", "faces"))
+    heat = np.linspace(0.0, 1.0, len(vertices))[:, None]
+    material = rj.Material(shading="pbr")
+    mesh = rj.Mesh(vertices, faces, material=material, attributes={"heat": heat})
+    scene = rj.Scene()
+    scene.add(mesh)
+    scene.save(tmp_path / "h.glb")
+    return tmp_path / "h.glb", rj.load(tmp_path / "h.glb")
+
+
+@pytest.mark.parametrize("words", [(), ("--scale", 0.00002)])
+def test_an_attribute_alone_is_a_picture_of_its_codes(tmp_path, words):
+    file, scene = heated(tmp_path)
+    arguments = (file, "-o", tmp_path / "heat.png", *SMALL, "--outputs", "attribute:heat", *words)
+    result = run("render", *arguments)
+    assert (result.exit_code, result.output) == (0, "")
+    frame = rendered(scene=scene, outputs=("attribute:heat",))
+    frame.save(tmp_path / "saved.png", "attribute:heat", scale=words[1] if words else None)
+    assert (tmp_path / "heat.png").read_bytes() == (tmp_path / "saved.png").read_bytes()
+
+
+def test_an_attribute_that_there_is_not_is_one_line_with_those_there_are(tmp_path):
+    file, _ = heated(tmp_path)
+    for outputs in ("attribute:haet", "color,attribute:haet"):
+        result = run("render", file, "-o", tmp_path / "a.png", *SMALL, "--outputs", outputs)
+        assert_one_line(result, 1)
+        assert "--outputs has 'attribute:haet'" in result.stderr
+        assert result.stderr.endswith("; its meshes have heat\n")
+    assert [place.name for place in tmp_path.iterdir()] == ["h.glb"]
+
+
 def test_an_exr_holds_every_output_and_light_for_colour(tmp_path):
     openexr = optional_module("OpenEXR")
     path = tmp_path / "all.exr"
