@@ -240,6 +240,13 @@ def plan_files(
     outputs : tuple of str
     besides : dict of (Path or None, str)
         By option, a file of its own for one output.
+
+    Returns
+    -------
+    outputs : tuple of str
+    places : dict
+        One output alone, but the colour, and all in a file of several go to ``output``; otherwise
+        that is the picture, and the others go to an ``.npz`` beside it.
     """
     wanted = dict.fromkeys(outputs)
     places: Places = {}
@@ -247,7 +254,14 @@ def plan_files(
     if suffix == ".exr":
         # It holds light, not codes.
         wanted = dict.fromkeys("linear" if name == "color" else name for name in outputs)
-    if suffix in (".npz", ".exr") or (suffix == ".png" and _is_buffer(outputs)):
+    formats = _formats_of_one(outputs)
+    if formats and suffix not in formats:
+        raise click.BadOptionUsage(
+            "--outputs",
+            f"--outputs: {output} cannot hold {outputs[0]} alone: end it in one of "
+            f"{', '.join(formats)}; or ask for color,{outputs[0]}: it goes to an .npz beside",
+        )
+    if suffix in (".npz", ".exr") or formats:
         places[output] = tuple(wanted)
     else:
         wanted["color"] = None
@@ -265,9 +279,11 @@ def plan_files(
     return tuple(wanted), places
 
 
-def _is_buffer(outputs: tuple[str, ...]) -> bool:
-    """Tell whether one output is asked for that a 16-bit PNG can hold."""
-    return len(outputs) == 1 and outputs[0] not in ("color", "linear")
+def _formats_of_one(outputs: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the formats that hold the only output that is asked for; none: colour, or several."""
+    if len(outputs) > 1 or outputs[0] == "color":
+        return ()
+    return (".npz", ".exr") if outputs[0] == "linear" else (".png", ".npz", ".exr")
 
 
 def units_per_code(

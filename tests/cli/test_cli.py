@@ -678,6 +678,26 @@ def test_one_output_alone_is_a_picture_of_its_codes(tmp_path):
     assert [place.name for place in tmp_path.iterdir()] == ["ids.png"]
 
 
+@pytest.mark.parametrize(
+    ("name", "output", "formats"),
+    [
+        ("a.jpg", "depth", ".png, .npz, .exr"),
+        ("a.tif", "object_id", ".png, .npz, .exr"),
+        ("a.webp", "attribute:heat", ".png, .npz, .exr"),
+        ("a.png", "linear", ".npz, .exr"),
+        ("a.jpg", "linear", ".npz, .exr"),
+    ],
+)
+def test_one_output_alone_in_a_file_that_cannot_hold_it_is_wrong_usage(
+    tmp_path, name, output, formats
+):
+    result = run("render", CUBE, "-o", tmp_path / name, *SMALL, "--outputs", output)
+    assert_one_line(result, 2)
+    assert f"--outputs: {tmp_path / name} cannot hold {output} alone" in result.stderr
+    assert f"end it in one of {formats}; " in result.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
 def heated(tmp_path):
     """Write a cube whose vertices have an attribute, heat; return its path and the scene."""
     vertices, faces = (getattr(rj.load(CUBE).nodes[0].mesh, part) for part in ("vertices", "faces"))
