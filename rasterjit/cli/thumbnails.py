@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +12,7 @@ import click
 from rasterjit.cli import raise_if_interrupted
 from rasterjit.cli.options import Effects, Look, View, is_given, refuse_idle
 from rasterjit.cli.program import describe, load_scene, size_behind, warn
-from rasterjit.cli.report import compile_notice, progress_bar, shows_anything
+from rasterjit.cli.report import compile_notice, progress_bar
 
 if TYPE_CHECKING:
     from rasterjit.rendering.renderer import Renderer
@@ -71,8 +72,8 @@ def render_folder(
             place = output / name.with_name(name.name + SUFFIX)
             try:
                 file = folder / name
-                if not _draw(file, place, renderer, view, look, effects, quiet, **options):
-                    warn(f"{name}: nothing is in view: its picture shows the background", quiet)
+                for notice in _draw(file, place, renderer, view, look, effects, quiet, **options):
+                    warn(f"{name}: {notice}", quiet)
             except (click.Abort, BrokenPipeError):
                 raise
             except Exception as error:
@@ -100,15 +101,19 @@ def _make_folder(output: Path) -> None:
 def _draw(
     file: Path, place: Path, renderer: Renderer, view: View, look: Look, effects: Effects,
     quiet: bool, **options: Any,
-) -> bool:  # fmt: skip
-    """Draw a file; return whether anything of it is in view."""
+) -> list[str]:  # fmt: skip
+    """Draw a file; return what there is to warn of."""
     from rasterjit.io import images
+    from rasterjit.rendering.notices import ViewWarning, notices_of
 
     scene = load_scene(file, look, effects, quiet)
-    frame = renderer.render(scene, view.camera(scene, renderer.size), **options)
+    with warnings.catch_warnings():
+        # Said of each file, as lines.
+        warnings.simplefilter("ignore", ViewWarning)
+        frame = renderer.render(scene, view.camera(scene, renderer.size), **options)
     place.parent.mkdir(parents=True, exist_ok=True)
     images.save_image(place, frame.color)
-    return shows_anything(frame)
+    return list(notices_of(frame.plan, frame.stats).values())
 
 
 def _reason(error: Exception) -> str:

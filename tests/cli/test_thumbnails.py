@@ -100,4 +100,6 @@ def test_what_is_not_in_view_is_said_of_its_file(folder, tmp_path):
     view = ("--position", "0,0,900", "--target", "0,0,999")
     result = run("render", folder, "-o", tmp_path / "out", "--size", "8x8", *view)
     assert result.exit_code == 0
-    assert "warning: a.ply: nothing is in view" in result.stderr
+    for name in ("a.ply", "a.off", "below/b.obj"):
+        assert f"warning: {name}: nothing is in view" in result.stderr
+    assert result.stderr.count("nothing is in view") == 3
