@@ -614,7 +614,57 @@ def test_a_scale_that_loses_the_depth_is_refused(tmp_path, option):
     assert_one_line(result, 1)
     assert "--scale must take depth to codes in 1..65535" in result.stderr
     assert "--scale 1000" in result.stderr
-    assert not (tmp_path / "depth.png").exists()
+    assert result.stderr.endswith("; choose 0.0001, .exr or .npz\n")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("size", "units"), [(1e-3, 1e-7), (0.1, 1e-5), (2.0, 0.001), (10.0, 0.001), (300.0, 0.1)]
+)
+def test_a_scale_that_is_not_given_fits_the_depth_and_is_told(tmp_path, size, units):
+    mesh = rj.load(CUBE).nodes[0].mesh
+    lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in (size / 2 * mesh.vertices).tolist()]
+    lines += [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in mesh.faces.tolist()]
+    file, path = write(tmp_path, "cube.obj", "\n".join(lines)), tmp_path / "depth.png"
+    result = run("render", file, "-o", tmp_path / "a.png", "--size", "48x36", "--depth", path)
+    assert (result.exit_code, result.stderr) == (0, "")
+    assert f"wrote {path}: --scale {units:g}, units a code\n" in result.stdout
+    with Image.open(path) as picture:
+        assert float(picture.text["scale"]) == units
+        codes = np.array(picture).astype(np.float64)
+    depth = rj.render(rj.load(file), size=SIZE, outputs=("depth",)).depth
+    seen = np.isfinite(depth)
+    assert np.array_equal(codes > 0, seen)
+    assert np.abs(codes[seen] * units - depth[seen]).max() <= 0.501 * units
+    assert np.ptp(codes[seen]) >= 255
+    given = run("render", file, "-o", tmp_path / "a.png", "--depth", path, "--scale", units)
+    assert f"wrote {path}\n" in given.stdout
+
+
+def test_depths_that_no_scale_holds_and_numbers_beyond_16_bits_leave_no_file(tmp_path):
+    near, far = (
+        f"v -{s} -{s} {z}\nv {s} -{s} {z}\nv 0 {s} {z}\n" for s, z in ((3e5, -1), (9e5, -1e6))
+    )
+    file = write(tmp_path, "far.obj", f"{near}{far}f 1 2 3\nf 4 5 6\n")
+    out = tmp_path / "out"
+    out.mkdir()
+    view = ("--projection", "orthographic", "--position", "0,0,0", "--target", "0,0,-1")
+    result = run("render", file, "-o", out / "a.png", *SMALL, *view, "--depth", out / "d.png")
+    assert_one_line(result, 1)
+    assert f"no scale takes depths from 1 to 1e+06 to the 16-bit codes of {out / 'd.png'}" in (
+        result.stderr
+    )
+    rows, columns = np.divmod(np.arange(33 * 2000), 2000)
+    grid = np.stack([columns, rows], axis=1)
+    corners = (grid[:, None] + ((0, 0), (0.9, 0), (0, 0.9))).reshape(-1, 2)
+    lines = [f"v {x} {y} 0" for x, y in corners.tolist()]
+    lines += [f"f {n} {n + 1} {n + 2}" for n in range(1, len(corners), 3)]
+    file = write(tmp_path, "many.obj", "\n".join(lines))
+    words = ("--size", "4000x80", "--mask", out / "m.png", "--mask-of", "face_id", "-q")
+    result = run("render", file, "-o", out / "a.png", *words)
+    assert_one_line(result, 1)
+    assert "choose .exr or .npz" in result.stderr
+    assert list(out.iterdir()) == []
 
 
 IDLE = [
