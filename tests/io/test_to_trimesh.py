@@ -1,5 +1,7 @@
 """What is handed to trimesh comes back as it was, or is named."""
 
+import subprocess
+import sys
 import warnings
 from dataclasses import replace
 from pathlib import Path
@@ -160,6 +162,35 @@ def test_objects_of_trimesh_keep_their_numbers_whatever_they_hang_below():
     joined = rj.Scene()
     joined.add(made, name="all")
     assert [node.name for node in joined.nodes] == ["tip", "arm", "lid"]
+
+
+@pytest.mark.parametrize("without_scipy", [False, True])
+def test_normals_that_trimesh_averaged_are_told_from_given_ones_without_scipy(without_scipy):
+    blocked = "sys.modules['scipy'] = sys.modules['scipy.sparse'] = None\n" * without_scipy
+    code = f"""if True:
+        import sys
+        {blocked.replace(chr(10), "; ")}
+        import numpy as np, trimesh
+        import rasterjit as rj
+        read = trimesh.load({str(MODELS / "scene.glb")!r})
+        wanted = rj.load({str(MODELS / "scene.glb")!r})
+        assert any("vertex_normals" in one._cache for one in read.geometry.values())
+        found = rj.load(read)
+        for node in found.nodes:
+            other = wanted.find(node.name).mesh
+            np.testing.assert_allclose(node.mesh.normals, other.normals, atol=1e-6)
+    """
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert (run.returncode, run.stderr) == (0, "")
+
+
+def test_averaged_normals_are_not_a_meshs_own():
+    box = trimesh.creation.box()
+    assert len(box.vertex_normals) == 8
+    assert len(rj.load(box).nodes[0].mesh.vertices) == 24
+    given = trimesh.Trimesh(box.vertices, box.faces, process=False,
+                            vertex_normals=box.vertex_normals.astype(np.float32))  # fmt: skip
+    assert len(rj.load(given).nodes[0].mesh.vertices) == 8
 
 
 def test_a_mesh_becomes_a_trimesh_of_the_same_vertices_and_faces():

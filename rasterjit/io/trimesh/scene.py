@@ -31,6 +31,9 @@ from rasterjit.scene.transforms import compose
 _TRIMESH_FAR = 1000.0
 """The far distance of a trimesh camera that nobody set; taken as no far plane at all."""
 
+_SUMMATION = 1e-12
+"""By how much averages may differ that are summed in another order; float32 is coarser."""
+
 _SAME_TRANSFORM = 1e-4
 """Share of its largest entry by which two ways to compute a transform may differ: ten times what
 trimesh repairs."""
@@ -197,14 +200,8 @@ class TrimeshAdapter:
         if "vertex_normals" not in geometry._cache:
             return None
         normals = np.asarray(geometry.vertex_normals)
-        if not self.from_file:
-            from trimesh.geometry import weighted_vertex_normals
-
-            averaged = weighted_vertex_normals(
-                len(geometry.vertices), geometry.faces, geometry.face_normals, geometry.face_angles
-            )
-            if np.array_equal(normals, averaged):
-                return None
+        if not self.from_file and _are_averaged(normals, geometry):
+            return None
         if not normals.any():
             return None
         return self._finite_rows("normals", normals, (len(geometry.vertices), 3))
@@ -295,6 +292,26 @@ def _leads_to(steps: list[Any], rough: NDArray[np.float64]) -> bool:
         return False
     largest = np.abs(rough).max(initial=0.0)
     return bool((np.abs(product - rough) <= _SAME_TRANSFORM * largest).all())
+
+
+def _are_averaged(normals: NDArray[np.float64], geometry: Any) -> bool:
+    """
+    Tell whether normals are those of the faces around each vertex, weighted by their angles.
+
+    So trimesh averages them: with SciPy, or much slower and in another order without.
+    """
+    from trimesh.util import unitize
+
+    sound = (geometry.face_normals**2).sum(axis=1) > 0.5
+    corners = geometry.faces[sound].ravel()
+    angles = geometry.face_angles[sound][:, :, np.newaxis]
+    shares = (angles * geometry.face_normals[sound][:, np.newaxis]).reshape(-1, 3)
+    count = len(geometry.vertices)
+    sums = [np.bincount(corners, column, count) for column in shares.T]
+    averaged = unitize(np.stack(sums, axis=1))
+    if averaged.shape != normals.shape:
+        return False
+    return bool((np.abs(normals - averaged) <= _SUMMATION).all())
 
 
 def _made_up(loaded: Any, lights: list[Any]) -> bool:
