@@ -44,6 +44,7 @@ from rasterjit.cli.options import (
 )
 from rasterjit.cli.program import (
     DEPTH_SCALE,
+    FEWEST_CODES,
     INTERRUPTED,
     MASKS,
     OWN_PROCESS,
@@ -135,7 +136,8 @@ def program(context: click.Context, version: bool) -> None:
 @click.option(
     "--scale", metavar="UNITS", type=FiniteType(0.0, min_open=True),
     help="Scene units that a code of a 16-bit .png stands for, as the scale of Frame.save. "
-    f"Default: {DEPTH_SCALE} with --depth, else what fits the values best.",
+    f"Default: with --depth, {DEPTH_SCALE} if it fits and keeps {FEWEST_CODES} codes, or else the "
+    "smallest power of ten that fits; of other outputs, what fits the values best.",
 )  # fmt: skip
 @click.option("--depth-scale", "codes_per_unit", type=FiniteType(0.0, min_open=True), hidden=True)
 @click.option(
@@ -225,7 +227,7 @@ def render(
             **options,
         )  # fmt: skip
         rendered = time.perf_counter()
-        write_files(frame, places, scale)
+        chosen = write_files(frame, places, scale)
     saved = time.perf_counter()
     for notice in notices_of(frame.plan, frame.stats).values():
         warn(notice, quiet)
@@ -235,7 +237,8 @@ def render(
         if diagnose:
             print_diagnostics(frame.diagnostics)
         for place in places:
-            click.echo(f"wrote {place}")
+            told = f": --scale {chosen[place]:g}, units a code" if place in chosen else ""
+            click.echo(f"wrote {place}{told}")
 
 
 @program.command()

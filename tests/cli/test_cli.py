@@ -526,6 +526,22 @@ def test_a_bad_camera_light_or_mask_is_one_line(tmp_path, monkeypatch, words):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--pose", "1,0,0,0"), "of a 4x4 or 3x4 matrix, row by row, got 4 numbers"),
+        (("--pose", "a.txt"), "of a 4x4 or 3x4 matrix, row by row, or a file of them: there is no"),
+        (("--intrinsics", "500,500,320"), "the 9 numbers of a 3x3 matrix K, got 3 numbers"),
+        (("--cull", "left"), "'none', 'back', 'front'"),
+    ],
+)
+def test_a_message_says_what_it_got_and_ends_with_a_word(words, said):
+    result = run("render", CUBE, "-o", "a.png", *words)
+    assert_one_line(result, 2)
+    assert said in result.stderr
+    assert result.stderr.rstrip("\n")[-1] not in ".,;:"
+
+
 def test_a_colour_takes_the_place_of_colours_and_textures(tmp_path):
     scene = rj.load(MODELS / "scene.glb")
     for node in scene.nodes:
@@ -648,7 +664,57 @@ def test_a_scale_that_loses_the_depth_is_refused(tmp_path, option):
     assert (result.exit_code, len(before)) == (1, option[0] == "--depth-scale")
     assert "--scale must take depth to codes in 1..65535" in result.stderr
     assert "--scale 1000" in result.stderr
-    assert not (tmp_path / "depth.png").exists()
+    assert result.stderr.endswith("; choose 0.0001, .exr or .npz\n")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("size", "units"), [(1e-3, 1e-7), (0.1, 1e-5), (2.0, 0.001), (10.0, 0.001), (300.0, 0.1)]
+)
+def test_a_scale_that_is_not_given_fits_the_depth_and_is_told(tmp_path, size, units):
+    mesh = rj.load(CUBE).nodes[0].mesh
+    lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in (size / 2 * mesh.vertices).tolist()]
+    lines += [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in mesh.faces.tolist()]
+    file, path = write(tmp_path, "cube.obj", "\n".join(lines)), tmp_path / "depth.png"
+    result = run("render", file, "-o", tmp_path / "a.png", "--size", "48x36", "--depth", path)
+    assert (result.exit_code, result.stderr) == (0, "")
+    assert f"wrote {path}: --scale {units:g}, units a code\n" in result.stdout
+    with Image.open(path) as picture:
+        assert float(picture.text["scale"]) == units
+        codes = np.array(picture).astype(np.float64)
+    depth = rj.render(rj.load(file), size=SIZE, outputs=("depth",)).depth
+    seen = np.isfinite(depth)
+    assert np.array_equal(codes > 0, seen)
+    assert np.abs(codes[seen] * units - depth[seen]).max() <= 0.501 * units
+    assert np.ptp(codes[seen]) >= 255
+    given = run("render", file, "-o", tmp_path / "a.png", "--depth", path, "--scale", units)
+    assert f"wrote {path}\n" in given.stdout
+
+
+def test_depths_that_no_scale_holds_and_numbers_beyond_16_bits_leave_no_file(tmp_path):
+    near, far = (
+        f"v -{s} -{s} {z}\nv {s} -{s} {z}\nv 0 {s} {z}\n" for s, z in ((3e5, -1), (9e5, -1e6))
+    )
+    file = write(tmp_path, "far.obj", f"{near}{far}f 1 2 3\nf 4 5 6\n")
+    out = tmp_path / "out"
+    out.mkdir()
+    view = ("--projection", "orthographic", "--position", "0,0,0", "--target", "0,0,-1")
+    result = run("render", file, "-o", out / "a.png", *SMALL, *view, "--depth", out / "d.png")
+    assert_one_line(result, 1)
+    assert f"no scale takes depths from 1 to 1e+06 to the 16-bit codes of {out / 'd.png'}" in (
+        result.stderr
+    )
+    rows, columns = np.divmod(np.arange(33 * 2000), 2000)
+    grid = np.stack([columns, rows], axis=1)
+    corners = (grid[:, None] + ((0, 0), (0.9, 0), (0, 0.9))).reshape(-1, 2)
+    lines = [f"v {x} {y} 0" for x, y in corners.tolist()]
+    lines += [f"f {n} {n + 1} {n + 2}" for n in range(1, len(corners), 3)]
+    file = write(tmp_path, "many.obj", "\n".join(lines))
+    words = ("--size", "4000x80", "--mask", out / "m.png", "--mask-of", "face_id", "-q")
+    result = run("render", file, "-o", out / "a.png", *words)
+    assert_one_line(result, 1)
+    assert "choose .exr or .npz" in result.stderr
+    assert list(out.iterdir()) == []
 
 
 IDLE = [
@@ -710,6 +776,59 @@ def test_one_output_alone_is_a_picture_of_its_codes(tmp_path):
         np.array(Image.open(path)), rendered(outputs=("object_id",)).object_id + 1
     )
     assert [place.name for place in tmp_path.iterdir()] == ["ids.png"]
+
+
+@pytest.mark.parametrize(
+    ("name", "output", "formats"),
+    [
+        ("a.jpg", "depth", ".png, .npz, .exr"),
+        ("a.tif", "object_id", ".png, .npz, .exr"),
+        ("a.webp", "attribute:heat", ".png, .npz, .exr"),
+        ("a.png", "linear", ".npz, .exr"),
+        ("a.jpg", "linear", ".npz, .exr"),
+    ],
+)
+def test_one_output_alone_in_a_file_that_cannot_hold_it_is_wrong_usage(
+    tmp_path, name, output, formats
+):
+    result = run("render", CUBE, "-o", tmp_path / name, *SMALL, "--outputs", output)
+    assert_one_line(result, 2)
+    assert f"--outputs: {tmp_path / name} cannot hold {output} alone" in result.stderr
+    assert f"end it in one of {formats}; " in result.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def heated(tmp_path):
+    """Write a cube whose vertices have an attribute, heat; return its path and the scene."""
+    vertices, faces = (getattr(rj.load(CUBE).nodes[0].mesh, part) for part in ("vertices", "faces"))
+    heat = np.linspace(0.0, 1.0, len(vertices))[:, None]
+    material = rj.Material(shading="pbr")
+    mesh = rj.Mesh(vertices, faces, material=material, attributes={"heat": heat})
+    scene = rj.Scene()
+    scene.add(mesh)
+    scene.save(tmp_path / "h.glb")
+    return tmp_path / "h.glb", rj.load(tmp_path / "h.glb")
+
+
+@pytest.mark.parametrize("words", [(), ("--scale", 0.00002)])
+def test_an_attribute_alone_is_a_picture_of_its_codes(tmp_path, words):
+    file, scene = heated(tmp_path)
+    arguments = (file, "-o", tmp_path / "heat.png", *SMALL, "--outputs", "attribute:heat", *words)
+    result = run("render", *arguments)
+    assert (result.exit_code, result.output) == (0, "")
+    frame = rendered(scene=scene, outputs=("attribute:heat",))
+    frame.save(tmp_path / "saved.png", "attribute:heat", scale=words[1] if words else None)
+    assert (tmp_path / "heat.png").read_bytes() == (tmp_path / "saved.png").read_bytes()
+
+
+def test_an_attribute_that_there_is_not_is_one_line_with_those_there_are(tmp_path):
+    file, _ = heated(tmp_path)
+    for outputs in ("attribute:haet", "color,attribute:haet"):
+        result = run("render", file, "-o", tmp_path / "a.png", *SMALL, "--outputs", outputs)
+        assert_one_line(result, 1)
+        assert "--outputs has 'attribute:haet'" in result.stderr
+        assert result.stderr.endswith("; its meshes have heat\n")
+    assert [place.name for place in tmp_path.iterdir()] == ["h.glb"]
 
 
 def test_an_exr_holds_every_output_and_light_for_colour(tmp_path):
@@ -976,7 +1095,10 @@ def test_errors_are_about_options_not_arguments(tmp_path, monkeypatch, words, sa
 def test_what_may_have_been_meant_is_asked(words, meant):
     result = run(*words)
     assert_one_line(result, 2)
-    assert result.stderr.endswith(f"; did you mean {meant}?\n")
+    before, asked, question = result.stderr.partition("; did you mean ")
+    assert asked
+    assert question == f"{meant}?\n"
+    assert before[-1] not in ".,;:"
 
 
 def test_an_option_of_another_command_is_told_and_nonsense_is_not():

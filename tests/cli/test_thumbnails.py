@@ -46,6 +46,19 @@ def test_each_picture_is_that_of_its_file_alone(folder, tmp_path):
         assert np.array_equal(iio.imread(out / f"{name}.png"), iio.imread(alone)), name
 
 
+@pytest.mark.parametrize("spelled", ["meshes", "./meshes/", ".", "..", "../linked"])
+def test_a_folder_may_be_relative_or_a_link(folder, tmp_path, monkeypatch, spelled):
+    (folder / "bad.obj").write_text("v 0 0 0\n")
+    (tmp_path / "linked").symlink_to(folder, target_is_directory=True)
+    places = {".": folder, "..": folder / "below", "../linked": folder}
+    monkeypatch.chdir(places.get(spelled, tmp_path))
+    result = run("render", spelled, "-o", tmp_path / "out", "--size", "8x8")
+    assert result.exit_code == 1
+    assert result.stderr.endswith("error: 1 of 4 mesh files could not be drawn\n")
+    assert f"left out bad.obj: {Path(spelled) / 'bad.obj'}" in result.stderr
+    assert written(tmp_path / "out") == ["a.off.png", "a.ply.png", "below/b.obj.png"]
+
+
 def test_bad_files_are_named_the_others_drawn_and_the_status_is_not_zero(folder, tmp_path):
     (folder / "bad.obj").write_text(TRIANGLE.replace("v 1", "v nan"))
     (folder / "z.stl").write_bytes(b"nothing")
@@ -109,4 +122,6 @@ def test_what_is_not_in_view_is_said_of_its_file(folder, tmp_path):
     view = ("--position", "0,0,900", "--target", "0,0,999")
     result = run("render", folder, "-o", tmp_path / "out", "--size", "8x8", *view)
     assert result.exit_code == 0
-    assert "warning: a.ply: nothing is in view" in result.stderr
+    for name in ("a.ply", "a.off", "below/b.obj"):
+        assert f"warning: {name}: nothing is in view" in result.stderr
+    assert result.stderr.count("nothing is in view") == 3
