@@ -119,7 +119,6 @@ CHOICES_MEANT = {
     "constant": "unlit",
     "metallic": "pbr",
     "backface": "back",
-    "high": "reference",
     "best": "reference",
     "low": "draft",
     "fast": "draft",

@@ -38,6 +38,7 @@ from rasterjit.cli.options import (
     look_options,
     reading_options,
     refuse_idle,
+    refuse_picture,
     refuse_without_color,
     view_options,
 )
@@ -178,13 +179,15 @@ def render(
 
     Without options for the camera it is the file's own, or one that fits the whole scene into
     the picture. If FILE is a folder, all meshes below it are drawn into the folder OUT, 256x256
-    pixels each if no --size is given; those that cannot be are named, and the status is 1.
+    pixels each if no --size is given; those that cannot be are named, and the status is 1. OUT may
+    be FILE itself: the picture of a.obj is a.obj.png, and replaces a file of that name.
     """
     view, look, effects = (gather(kind, rest) for kind in (View, Look, Effects))
     view.check()
     if file.is_dir():
         from rasterjit.cli.thumbnails import render_folder
 
+        refuse_picture(file, output)
         options = {"background": background, "cull": cull}
         render_folder(file, output, size, threads, quiet, view, look, effects, **options)
         return

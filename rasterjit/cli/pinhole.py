@@ -61,10 +61,13 @@ class MatrixType(click.ParamType):
             self.fail(said, parameter, context)
         if not np.isfinite(numbers).all():
             self.fail(f"{value!r} must be finite", parameter, context)
-        return self.checked(numbers.reshape(shape))
+        try:
+            return self.checked(numbers.reshape(shape))
+        except ValueError as error:
+            self.fail(f"{value!r}: {error}", parameter, context)
 
     def checked(self, matrix: Float64) -> Float64:
-        """Return the matrix in its one shape."""
+        """Return the matrix in its one shape, or raise ``ValueError``."""
         return matrix
 
 
@@ -88,11 +91,13 @@ class IntrinsicsType(MatrixType):
     wanted = "FX,FY,CX,CY or the 9 numbers of a 3x3 matrix K"
 
     def checked(self, matrix: Float64) -> Float64:
-        """Return K."""
-        if matrix.ndim == 2:
-            return matrix
-        fx, fy, cx, cy = matrix.tolist()
-        return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+        """Return K, checked."""
+        from rasterjit.io.cameras import intrinsic_matrix
+
+        if matrix.ndim == 1:
+            fx, fy, cx, cy = matrix.tolist()
+            matrix = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+        return intrinsic_matrix("it", matrix)
 
 
 def pose_from_world(pose: Float64, convention: str) -> Float64:
@@ -144,7 +149,8 @@ def camera_of(
     try:
         return from_opencv(intrinsics, size, camera_from_world=camera_from_world, near=near)
     except ValueError as error:
-        raise ValueError(re.sub(r"\bintrinsics\b", "--intrinsics", str(error))) from error
+        said = re.sub(r"\b(intrinsics|clip_from_view)\b", "--intrinsics", str(error))
+        raise ValueError(said) from error
 
 
 def _numbers(text: str) -> Float64 | None:

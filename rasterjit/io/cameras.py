@@ -188,6 +188,16 @@ def view_from_pose(pose: ArrayLike, name: str = "pose") -> Matrix:
     return _inverse(_affine(axes, place[:3, 3]))
 
 
+def intrinsic_matrix(name: str, value: ArrayLike) -> Float64:
+    """Return K as float64, (3, 3), or raise ``ValueError`` naming the argument."""
+    k = finite_array(name, value, (3, 3))
+    if k[1, 0] != 0.0 or k[2].tolist() != [0.0, 0.0, 1.0]:
+        raise ValueError(f"{name} must be upper triangular, last entry 1, got {k.tolist()}")
+    if k[0, 0] <= 0.0 or k[1, 1] <= 0.0:
+        raise ValueError(f"{name} must have focal lengths above 0, got {k.tolist()}")
+    return k
+
+
 def from_opencv(
     intrinsics: ArrayLike,
     size: tuple[int, int],
@@ -223,11 +233,7 @@ def from_opencv(
     ValueError
         Naming the argument that is wrong.
     """
-    k = finite_array("intrinsics", intrinsics, (3, 3))
-    if k[1, 0] != 0.0 or k[2].tolist() != [0.0, 0.0, 1.0]:
-        raise ValueError(f"intrinsics must be upper triangular, last entry 1, got {k.tolist()}")
-    if k[0, 0] <= 0.0 or k[1, 1] <= 0.0:
-        raise ValueError(f"intrinsics must have focal lengths above 0, got {k.tolist()}")
+    k = intrinsic_matrix("intrinsics", intrinsics)
     if camera_from_world is not None:
         if rotation is not None or translation is not None:
             raise ValueError("camera_from_world must be None where rotation or translation is not")

@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
+import click
 import imageio.v3 as iio
 import imageio_ffmpeg
 import numpy as np
@@ -16,7 +17,7 @@ from PIL import Image, ImageSequence
 
 import rasterjit as rj
 from rasterjit.cli import advice, commands, report, warmup
-from rasterjit.cli.options import DEFAULT_DIRECTION, OUTPUTS_HELP, View
+from rasterjit.cli.options import DEFAULT_DIRECTION, LIGHTS, OUTPUTS_HELP, View
 from rasterjit.inspect import measure
 from rasterjit.outputs import table
 from rasterjit.pipeline.visibility import draw as drawing
@@ -143,6 +144,35 @@ def test_zoom_keeps_the_camera_of_a_file(tmp_path):
     # Another option for the camera fits one to the scene.
     fitted = render(tmp_path, "--zoom", 2, "--azimuth", 31, file=file)
     assert not np.array_equal(with_zoom, fitted)
+
+
+def test_a_field_of_view_and_intrinsics_keep_the_place_of_the_camera_of_a_file(tmp_path):
+    file = MODELS / "scene.glb"
+    own = rj.load(file).camera
+    wider = dataclasses.replace(own, fov_y=70.0)
+    assert np.array_equal(render(tmp_path, "--fov", 70, file=file), rendered(wider, file).color)
+    both = render(tmp_path, "--fov", 70, "--zoom", 2, file=file)
+    assert np.array_equal(both, rendered(zoom_camera(wider, 2.0), file).color)
+    focal = SIZE[1] / 2.0 / np.tan(np.radians(35.0))
+    k = f"{focal},{focal},{(SIZE[0] - 1) / 2},{(SIZE[1] - 1) / 2}"
+    calibrated = render(tmp_path, "--intrinsics", k, file=file)
+    assert np.abs(calibrated.astype(int) - rendered(wider, file).color).mean() < 0.2
+    # Another option for the camera fits one to the scene.
+    fitted = rj.fit_camera(rj.load(file), fov_y=70.0, aspect=SIZE[0] / SIZE[1])
+    told = render(tmp_path, "--fov", 70, "--projection", "perspective", file=file)
+    assert np.array_equal(told, rendered(fitted, file).color)
+
+
+def test_a_camera_without_a_field_of_view_is_not_given_one(tmp_path):
+    scene = rj.load(CUBE)
+    scene.nodes[0].mesh.material = rj.Material(shading="pbr")
+    scene.camera = rj.OrthographicCamera((0, 0, 5), (0, 0, 0), height=4.0)
+    scene.save(tmp_path / "flat.glb")
+    result = run("render", tmp_path / "flat.glb", "-o", tmp_path / "a.png", *SMALL, "--fov", 40)
+    assert_one_line(result, 2)
+    assert "--fov: the file's camera has no field of view: use --zoom" in result.stderr
+    assert not (tmp_path / "a.png").exists()
+    render(tmp_path, "--fov", 40, "--projection", "perspective", file=tmp_path / "flat.glb")
 
 
 def test_zoom_enlarges_about_the_middle_of_every_kind_of_camera():
@@ -460,6 +490,13 @@ UNIT = "1,0,0,0,0,1,0,0,0,0,1,-4"
         ("--intrinsics", "50,50,24,18"),
         ("--intrinsics", "50,50,24", "--size", "48x36"),
         ("--intrinsics", "-50,50,24,18", "--size", "48x36"),
+        ("--intrinsics", "50,0,24,18", "--size", "48x36"),
+        ("--intrinsics", "50,-50,24,18", "--size", "48x36"),
+        ("--intrinsics", "50,1e-30,24,18", "--size", "48x36"),
+        ("--intrinsics", "50,1e300,24,18", "--size", "48x36"),
+        ("--intrinsics", "1e-200,1e-10,24,18", "--size", "48x36"),
+        ("--intrinsics", "50,0,24,1,50,18,0,0,1", "--size", "48x36"),
+        ("--intrinsics", "50,0,24,0,50,18,0,0,2", "--size", "48x36"),
         ("--intrinsics", "50,50,24,18", "--size", "48x36", "--fov", "40"),
         ("--intrinsics", "50,50,24,18", "--size", "48x36", "--zoom", "2"),
         ("--lens", "barrel:0.1"),
@@ -474,6 +511,10 @@ UNIT = "1,0,0,0,0,1,0,0,0,0,1,-4"
         ("--light", "0,0,0"),
         ("--light", "moon"),
         ("--light", "headlight", "--light", "sun"),
+        ("--light", "headlight", "--light", "headlight"),
+        ("--light", "ambient", "--light", "ambient"),
+        ("--light", "sun", "--light", "ambient", "--light", "sun"),
+        ("--light", "1,0,0", "--light", "1.0,0,0"),
     ],
     ids=" ".join,
 )
@@ -532,6 +573,9 @@ def test_lights_by_direction_and_name(tmp_path):
         ("--light", "headlight"): [],
         ("--light", "1,0,0", "--light", "-1,0,0"): [
             ambient, *(rj.DirectionalLight((x, 0, 0), intensity=0.9) for x in (1, -1)),
+        ],
+        ("--light", "1,-2,0.5", "--light", "ambient"): [
+            rj.AmbientLight(intensity=1.0), rj.DirectionalLight((1, -2, 0.5), intensity=0.9),
         ],
     }  # fmt: skip
     seen = set()
@@ -1065,6 +1109,14 @@ def test_advice_names_options_that_there_are():
     assert set(advice.COMMANDS_MEANT) & set(commands.program.commands) == set()
     for other in advice.COMMANDS_MEANT.values():
         assert other.startswith("--") or other in commands.program.commands
+
+
+def test_another_name_for_a_choice_stands_for_one_where_it_is_none_itself():
+    parameters = [one for command in commands.program.commands.values() for one in command.params]
+    lists = [one.type.choices for one in parameters if isinstance(one.type, click.Choice)]
+    lists += [LIGHTS, tuple(table.OUTPUTS)]
+    for name, other in advice.CHOICES_MEANT.items():
+        assert any(other in choices and name not in choices for choices in lists), name
 
 
 CUT_SHORT = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nf 1 2\n"

@@ -96,6 +96,28 @@ def test_what_one_file_alone_has_is_wrong_usage(folder, tmp_path):
     assert not out.exists()
 
 
+@pytest.mark.parametrize("name", ["a.png", "a.JPG", "a.npz", "a.exr"])
+def test_a_folder_is_not_made_under_the_name_of_a_picture(folder, tmp_path, name):
+    result = run("render", folder, "-o", tmp_path / name)
+    assert result.exit_code == 2
+    assert result.stderr.startswith(f"error: --output: {tmp_path / name} is the name of a file")
+    assert not (tmp_path / name).exists()
+    # One that is there is meant.
+    (tmp_path / name).mkdir()
+    assert run("render", folder, "-o", tmp_path / name, "-q", "--size", "8x8").exit_code == 0
+    assert len(written(tmp_path / name)) == 3
+
+
+def test_pictures_may_lie_beside_the_meshes_and_are_no_meshes_themselves(folder):
+    before = written(folder)
+    for _ in range(2):
+        result = run("render", folder, "-o", folder, "-q", "--size", "8x8")
+        assert (result.exit_code, result.output) == (0, "")
+    pictures = ["a.off.png", "a.ply.png", "below/b.obj.png"]
+    assert written(folder) == sorted(before + pictures)
+    assert (folder / "a.ply").read_bytes() == (MODELS / "cube.ply").read_bytes()
+
+
 def test_what_is_not_in_view_is_said_of_its_file(folder, tmp_path):
     view = ("--position", "0,0,900", "--target", "0,0,999")
     result = run("render", folder, "-o", tmp_path / "out", "--size", "8x8", *view)
