@@ -201,7 +201,7 @@ def render(
         refuse_idle(["mask_of"], "it is for --mask")
     besides = {"--depth": (depth_file, "depth"), "--mask": (mask_file, mask_of)}
     wanted, places = plan_files(output, outputs, besides)
-    scale = units_per_code(places, scale, codes_per_unit, quiet)
+    scale = units_per_code(places, scale, codes_per_unit)
     refuse_without_color(wanted)
     from rasterjit.cli.warmup import first_tasks
     from rasterjit.rendering.notices import ViewWarning, notices_of

@@ -110,10 +110,10 @@ def pose_from_world(pose: Float64, convention: str) -> Float64:
         If the pose is not one of a camera: it mirrors, shears or scales.
     """
     from rasterjit.io.cameras import view_from_pose
-    from rasterjit.scene.framing import length, triple_of
     from rasterjit.scene.transforms import compose, inverse
+    from rasterjit.scene.vectors import length
 
-    lengths = [length(triple_of(column)) for column in pose[:3, :3].T]
+    lengths = [length(column) for column in pose[:3, :3].T.tolist()]
     if any(abs(one - 1.0) > LONGEST_SCALE for one in lengths):
         raise ValueError(
             "--pose must turn and move the camera, not scale: its first three columns have lengths "
@@ -140,8 +140,9 @@ def camera_of(
 ) -> MatrixCamera:
     """Return the camera of K and a pose, both as OpenCV has them, its near plane before a scene."""
     from rasterjit.io.cameras import from_opencv
-    from rasterjit.scene.framing import length, near_plane, triple_of
+    from rasterjit.scene.framing import near_plane, triple_of
     from rasterjit.scene.transforms import apply
+    from rasterjit.scene.vectors import length
 
     center, radius = scene.bounding_sphere()
     distance = length(triple_of(apply(camera_from_world, center)))

@@ -163,7 +163,10 @@ debug_option = click.option(
     "--debug", is_flag=True, expose_value=False, callback=_set_debug,
     help="Show the traceback of an error.",
 )  # fmt: skip
-quiet_option = click.option("-q", "--quiet", is_flag=True, help="Print nothing but errors.")
+quiet_option = click.option(
+    "-q", "--quiet", is_flag=True,
+    help="Print nothing but errors, and which spellings are deprecated.",
+)  # fmt: skip
 threads_option = click.option(
     "--threads", type=click.IntRange(1, 1024),
     help="Number of threads; default: all processors. The picture is the same for any.",
@@ -197,6 +200,11 @@ def warn(message: str, quiet: bool) -> None:
     """Print a warning as one line on standard error."""
     if not quiet:
         click.echo("warning: " + " ".join(message.split()), err=True)
+
+
+def say_deprecated(old: str, new: str) -> None:
+    """Print, also with --quiet, what to write in place of a spelling that goes on working."""
+    warn(f"{old} is deprecated and will be an error; write {new}", quiet=False)
 
 
 def size_behind(background: str | BackgroundImage | None, size: tuple[int, int]) -> tuple[int, int]:
@@ -291,7 +299,7 @@ def _formats_of_one(outputs: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def units_per_code(
-    places: Places, scale: float | None, codes_per_unit: float | None, quiet: bool
+    places: Places, scale: float | None, codes_per_unit: float | None
 ) -> float | None:
     """Return ``--scale``, also where its old name is given, or raise click's usage error."""
     if not any(_takes_scale(place, content) for place, content in places.items()):
@@ -300,10 +308,9 @@ def units_per_code(
         return scale
     if scale is not None:
         raise click.BadOptionUsage("--depth-scale", "--depth-scale: --scale is given as well")
-    warn(
-        f"--depth-scale {codes_per_unit:g} (codes per unit) is deprecated and will be an error; "
-        f"write --scale {1.0 / codes_per_unit:.12g} (units per code)",
-        quiet,
+    say_deprecated(
+        f"--depth-scale {codes_per_unit:g} (codes per unit)",
+        f"--scale {1.0 / codes_per_unit:.12g} (units per code)",
     )
     return 1.0 / codes_per_unit
 

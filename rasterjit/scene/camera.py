@@ -35,6 +35,7 @@ from rasterjit.scene.validation import (
     positive_number,
     triple,
 )
+from rasterjit.scene.vectors import length
 
 Float64 = NDArray[np.float64]
 DepthCoefficients = tuple[float, float, float]
@@ -463,9 +464,9 @@ class MatrixCamera(Projecting):
         if self._is_perspective:
             constant = self.depth_coefficients()[0]
             with np.errstate(divide="ignore"):
-                return constant / share / _length(w_row[:3])
+                return constant / share / length(w_row[:3])
         ndc_z = -2.0 * share - 1.0
-        return (ndc_z * w_row[3] - z_row[3]) / _length(z_row[:3])
+        return (ndc_z * w_row[3] - z_row[3]) / length(z_row[:3])
 
     def _find_eye(self) -> Float64:
         """Return the eye; raise ``ValueError`` if the matrices lead beyond float64's range."""
@@ -638,9 +639,3 @@ def _volume(rows: Float64) -> float:
         return 0.0
     (a, b, c), (d, e, f), (g, h, i) = (transforms.unit_vector("row", r).tolist() for r in rows)
     return a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
-
-
-def _length(components: list[float]) -> float:
-    """Return the length of a vector of three."""
-    x, y, z = components
-    return math.sqrt(x * x + y * y + z * z)
