@@ -359,14 +359,17 @@ def view(file: Path, **options: Any) -> None:
 
 @program.command()
 @file_argument
-@click.option("--json", "as_json", is_flag=True, help="As JSON, with all materials and lights.")
+@click.option(
+    "--json", "as_json", is_flag=True, help="As JSON, with all nodes, materials and lights."
+)
 @reading_options
 @debug_option
 def info(file: Path, as_json: bool, **reading: Any) -> None:
     """
-    Say what FILE holds: counts, bounds, materials, lights, camera, and what is left out.
+    Say what FILE holds: counts, bounds, nodes, materials, lights, camera, what is left out.
 
-    It is told of what is loaded: a vertex where faces meet at a crease counts for each side.
+    Nodes have the names that Scene.find takes, own attributes those that --outputs takes. It is
+    told of what is loaded: a vertex where faces meet at a crease counts for each side.
     """
     from rasterjit.cli.info import tell
 

@@ -287,8 +287,8 @@ def decimal_scale(values: NDArray[Any]) -> float | None:
     low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 0.0)
     if low <= 0.0:
         return None
-    power = math.floor(math.log10(high) - math.log10(MOST))
-    # A logarithm may be rounded past a whole number.
+    power = int(f"{high / MOST:e}".partition("e")[2])
+    # The quotient may be rounded past a power of ten.
     tried = (float(f"1e{power + step}") for step in range(-1, 3))
     fitting = (scale for scale in tried if scale > 0.0 and nearest_code(high, scale) <= MOST)
     scale = next(fitting, math.inf)

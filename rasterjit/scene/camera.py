@@ -584,34 +584,6 @@ def _pinhole_planes(clip: Float64) -> tuple[float, float] | None:
     return near, math.inf if scale == -1.0 else offset / (scale + 1.0)
 
 
-def clip_from_relative(camera: Camera, size: tuple[int, int]) -> Matrix:
-    """Return the matrix, (4, 4), to clip space from world axes with the origin at the eye."""
-    view = transforms.compose(camera.view_matrix(), transforms.translate(camera.eye_position()))
-    return transforms.compose(camera.projection_matrix(size), view)
-
-
-def screen_from_relative(camera: Camera, size: tuple[int, int]) -> Matrix:
-    """
-    Return the matrix from positions relative to the eye to what a pixel stores of them.
-
-    Parameters
-    ----------
-    camera : Camera
-    size : (int, int)
-        Width and height, pixels.
-
-    Returns
-    -------
-    (4, 4) float64
-        From (x, y, z, 1) in world axes to (NDC x, NDC y, stored depth, 1) times w.
-    """
-    matrix = clip_from_relative(camera, size)
-    c0, c1, c2 = camera.depth_coefficients()
-    matrix[2] = c1 * matrix[2] + c2 * matrix[3]
-    matrix[2, 3] += c0
-    return matrix
-
-
 def mirrors(pose: Float64) -> bool:
     """Tell whether a pose, (4, 4), either way, makes left hands of right ones."""
     return _volume(pose[:3, :3]) < -_VOLUME_ROUNDING

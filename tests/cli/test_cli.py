@@ -968,7 +968,9 @@ def test_a_missing_file_is_one_line_that_names_it(tmp_path, command):
 
 
 def test_a_folder_is_no_file(tmp_path):
-    assert_one_line(run("render", tmp_path, "-o", tmp_path / "a"), 1)
+    assert_one_line(run("render", tmp_path, "-o", tmp_path / "a.png"), 2)
+    assert_one_line(run("info", tmp_path), 1)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_faces_with_nan_can_be_dropped(tmp_path):
