@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from rasterjit.io import images
 from rasterjit.outputs import save as saving
 from rasterjit.outputs.diagnostics import Diagnostics
-from rasterjit.outputs.table import IdOutput, Outputs
+from rasterjit.outputs.table import OUTPUTS, IdOutput, Outputs, is_attribute
 from rasterjit.scene.mesh import ATTRIBUTE
 from rasterjit.scene.quality import Quality
-from rasterjit.scene.validation import in_short
+from rasterjit.scene.validation import in_short, question
 from rasterjit.survey.plan import RenderPlan
 
 if TYPE_CHECKING:
@@ -200,7 +200,7 @@ class Frame:
         Parameters
         ----------
         name : str
-            As ``Mesh(attributes=)`` has it, without ``attribute:``.
+            As ``Mesh(attributes=)`` or the output has it: ``attribute:`` may be before it.
 
         Returns
         -------
@@ -213,7 +213,8 @@ class Frame:
         OutputNotRequestedError
             If the output was not asked for.
         """
-        return self._output(f"{ATTRIBUTE}{name}")
+        full = f"{ATTRIBUTE}{name}"
+        return self._output(name if is_attribute(name) and full not in self._outputs else full)
 
     @property
     def normal(self) -> NDArray[np.float32]:
@@ -500,9 +501,19 @@ class Frame:
 
     def _output(self, name: str) -> NDArray[Any]:
         if name not in self._outputs:
+            held = f"this frame has {', '.join(self._outputs)}"
+            if name not in OUTPUTS and not is_attribute(name):
+                meant = question(name, (*OUTPUTS, *self._outputs))
+                raise OutputNotRequestedError(
+                    f"{in_short(name)} is the name of no output; {held}{meant}"
+                )
+            meant = ""
+            if is_attribute(name):
+                # All begin alike.
+                others = [one.removeprefix(ATTRIBUTE) for one in self._outputs if is_attribute(one)]
+                meant = question(name.removeprefix(ATTRIBUTE), others)
             raise OutputNotRequestedError(
-                f"{name} was not rendered: ask for it with outputs=(..., {name!r}); "
-                f"this frame has {', '.join(self._outputs)}"
+                f"{name} was not rendered: ask for it with outputs=(..., {name!r}); {held}{meant}"
             )
         return self._outputs[name]
 
