@@ -7,7 +7,7 @@ import operator
 from collections.abc import Mapping
 from dataclasses import InitVar, dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -439,7 +439,11 @@ class Frame:
         """
         from rasterjit.outputs.masks import find
 
-        return find(self._output(output))
+        ids = self._output(output)
+        if ids.ndim != 2 or ids.dtype.kind not in "iu":
+            listed = ", ".join(map(repr, get_args(IdOutput)))
+            raise ValueError(f"output must be one of {listed}, got {in_short(output)}")
+        return find(ids)
 
     def pick(self, x: int, y: int) -> Pick | None:
         """
