@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 import operator
 from collections.abc import Mapping
 from dataclasses import InitVar, dataclass, fields
@@ -106,16 +107,26 @@ class Choice:
 
 
 class Pick(NamedTuple):
-    """The point that a pixel shows at its centre, as `Frame.pick` finds it."""
+    """
+    The point that a pixel shows at its centre, as `Frame.pick` finds it.
+
+    Attributes
+    ----------
+    node : int
+        Index of the object in ``scene.nodes`` as that was: a number, as in ``object_id``, no
+        `Node`.
+    face : int
+        Number of the face in the object's mesh: ``scene.nodes[node].mesh.faces[face]``.
+    weights : (3,) float32
+        Of the face's vertices, without unit, as in the output barycentric; their sum is 1.
+    position : (3,) float32
+        Where the point is, scene units, world space.
+    """
 
     node: int
-    """Number of the object: it is ``scene.nodes[node]`` as the scene was."""
     face: int
-    """Number of the face in the object's mesh, ``mesh.faces[face]``."""
     weights: NDArray[np.float32]
-    """(3,): of the face's vertices, as in the output barycentric."""
     position: NDArray[np.float32]
-    """(3,): scene units, world space."""
 
 
 PICKED = ("face_id", "barycentric", "position")
@@ -445,14 +456,15 @@ class Frame:
             raise ValueError(f"output must be one of {listed}, got {in_short(output)}")
         return find(ids)
 
-    def pick(self, x: int, y: int) -> Pick | None:
+    def pick(self, x: float, y: float) -> Pick | None:
         """
         Return what the centre of a pixel shows.
 
         Parameters
         ----------
-        x, y : int
-            Column and row, from the left and the top.
+        x, y : float
+            Column and row, from the left and the top. Fractions, as of a mouse, are a point in the
+            picture: the pixel is the one that holds it, 160 for 160.7.
 
         Returns
         -------
@@ -464,11 +476,11 @@ class Frame:
         OutputNotRequestedError
             If face_id, barycentric or position was not asked for.
         ValueError
-            If the pixel is outside the frame.
+            If the pixel is outside the frame, or a number is NaN.
         """
         return self._pick(x, y, ())
 
-    def _pick(self, x: int, y: int, layer: tuple[int, ...]) -> Pick | None:
+    def _pick(self, x: float, y: float, layer: tuple[int, ...]) -> Pick | None:
         """Return what a pixel shows, in a layer if there are several."""
         missing = [name for name in PICKED if name not in self._outputs]
         if missing:
@@ -479,7 +491,7 @@ class Frame:
             )
         face_id, weights, position = (self._outputs[name][layer] for name in PICKED)
         height, width = face_id.shape
-        pixel = _index("y", y, height), _index("x", x, width)
+        pixel = _pixel("y", y, height), _pixel("x", x, width)
         face = int(face_id[pixel])
         if face < 0:
             return None
@@ -520,6 +532,17 @@ class Frame:
                 f"{name} was not rendered: ask for it with outputs=(..., {name!r}); {held}{meant}"
             )
         return self._outputs[name]
+
+
+def _pixel(name: str, value: Any, count: int) -> int:
+    """Return the column or row that holds a point, or raise ``ValueError``."""
+    if isinstance(value, (float, np.floating)):
+        if not 0.0 <= value < count:
+            raise ValueError(
+                f"{name} must be a point in the picture, at least 0 and below {count}, got {value}"
+            )
+        value = math.floor(value)
+    return _index(name, value, count)
 
 
 def _index(name: str, value: Any, count: int) -> int:
@@ -588,13 +611,13 @@ class LayeredFrame(Frame):
             raise ValueError(f"scale must be None for layers, got {scale!r}")
         saving.save_layers(path, saving.chosen(self._outputs, outputs))
 
-    def pick(self, x: int, y: int, layer: int = 0) -> Pick | None:
+    def pick(self, x: float, y: float, layer: int = 0) -> Pick | None:
         """
         Return what the centre of a pixel shows in a layer; takes what `Frame.pick` takes.
 
         Parameters
         ----------
-        x, y : int
+        x, y : float
         layer : int
             0 is the nearest.
         """
