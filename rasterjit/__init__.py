@@ -49,7 +49,8 @@ The parts alone
 Invalid arguments raise `ValueError`, which names the argument, before anything is drawn; files that
 cannot be read raise `MeshFileError`, one of them. Reading an output that was not asked for raises
 `OutputNotRequestedError`. A `LoadWarning` names what of a file was left out, a `CalibrationWarning`
-says that a time budget had to be learnt first.
+says that a time budget had to be learnt first, a `ViewWarning` that nothing is in view, or that a
+near or far plane that was given cuts away what else were.
 
 World space is right-handed, y up; angles are degrees, colours in and out sRGB where they are 8-bit
 and linear where they are floats; row 0 of a picture is on top.
@@ -84,6 +85,7 @@ from rasterjit.outputs.frame import (
     Stats,
 )
 from rasterjit.rendering.budget import CalibrationWarning
+from rasterjit.rendering.notices import ViewWarning
 from rasterjit.rendering.peel import render_layers
 from rasterjit.rendering.plan import RenderPlan
 from rasterjit.rendering.preview import preview
@@ -165,6 +167,7 @@ __all__ = [
     "Texture",
     "ToneMap",
     "View",
+    "ViewWarning",
     "Vignette",
     "Visibility",
     "Wireframe",

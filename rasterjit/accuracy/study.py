@@ -34,6 +34,7 @@ from rasterjit.io.meshes import as_scene
 from rasterjit.outputs.frame import Frame
 from rasterjit.rendering.budget import machine
 from rasterjit.rendering.renderer import Renderer, choose_camera, explain
+from rasterjit.rendering.views import settle_together
 from rasterjit.runtime.threads import available_processors
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.quality import Quality
@@ -119,6 +120,7 @@ def study(
     folder = None if output is None else prepare_folder(output)
     scene = as_scene(what)
     camera = choose_camera(scene, camera, size)
+    (camera,) = settle_together(scene, [camera], size, Quality.standard())
     idle = without_effect(explain(scene, camera, size=size), chosen)
     active = [knob for knob in chosen if knob not in idle]
     attempts, impossible = possible_attempts(

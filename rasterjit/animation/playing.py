@@ -2,28 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rasterjit.animation.tracks import CameraTrack
 from rasterjit.animation.video import save_animation
 from rasterjit.outputs.frame import Frame
 from rasterjit.outputs.table import Outputs
 from rasterjit.rendering.plan import Cull
 from rasterjit.rendering.renderer import Renderer
+from rasterjit.rendering.views import look_from, needs_settling
 from rasterjit.scene.background import Background
-from rasterjit.scene.camera import Camera
+from rasterjit.scene.camera import Camera, settled
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.node import Node
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.validation import finite_number, in_short
+from rasterjit.survey.clip_planes import NO_LOOK, Look
 
 CameraAt = Callable[[float], Camera]
 TransformAt = Callable[[float], ArrayLike]
 MeshAt = Callable[[float], Mesh]
+
+
+MOST_AHEAD = 10_000
+"""Times that are looked at before the first frame is drawn, if a camera leaves a plane open."""
 
 
 def frames(
@@ -51,7 +58,9 @@ def frames(
     times : iterable of float, seconds
     camera : Camera or callable, optional
         What shows the scene, or a function that returns it for a time, such as a `CameraTrack`.
-        Default: as in `rasterjit.render`.
+        Default: as in `rasterjit.render`. If it leaves its near plane open, that is in one place
+        for all frames: a camera or a `CameraTrack` is looked at ahead, at all of a sequence of up
+        to 10,000 times. For other functions and times the plane never goes back.
     transforms : dict, optional
         By node of the scene, with or without a mesh, a function that returns its ``transform``,
         (4, 4), for a time, such as a `TransformTrack`.
@@ -102,14 +111,41 @@ def _play(
 ) -> Iterator[Frame]:
     """Move the nodes and render, time after time; put everything back at the end."""
     before = [(node, node.transform, node.mesh) for node in {**moved, **morphed}]
+
+    def camera_at(time: float) -> Camera | None:
+        """Return the camera at a time; None if one fits the scene."""
+        seen_by = camera(time) if callable(camera) else camera
+        return scene.camera if seen_by is None else seen_by
+
+    def move(time: float) -> None:
+        """Put the nodes where they are at a time."""
+        for node, track in moved.items():
+            node.transform = track(time)
+        for node, track in morphed.items():
+            node.mesh = track(time)
+
+    def look_at(seen_by: Camera) -> Look:
+        """Return what a camera sees beside its planes, of the nodes as they are."""
+        return look_from(scene, seen_by, renderer.size, renderer.quality)
+
     try:
+        look, is_known = NO_LOOK, isinstance(camera, CameraTrack) or not callable(camera)
+        ahead = is_known and isinstance(times, (Sequence, np.ndarray)) and len(times) <= MOST_AHEAD
+        if ahead:
+            # Planes that cameras leave open are in one place for all frames.
+            for given in times:
+                time = finite_number("times", given)
+                if needs_settling(seen_by := camera_at(time)):
+                    move(time)
+                    look = look.beside(look_at(seen_by))
         for given in times:
             time = finite_number("times", given)
-            for node, track in moved.items():
-                node.transform = track(time)
-            for node, track in morphed.items():
-                node.mesh = track(time)
-            seen_by = camera(time) if callable(camera) else camera
+            move(time)
+            seen_by = camera_at(time)
+            if needs_settling(seen_by):
+                # Those that nobody has looked at ahead come no farther away again.
+                look = look if ahead else look.beside(look_at(seen_by))
+                seen_by = settled(seen_by, *look.steps)
             yield renderer.render(scene, seen_by, **options)
     finally:
         for node, place, mesh in before:

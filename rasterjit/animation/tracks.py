@@ -86,7 +86,8 @@ class CameraTrack(_Track):
     times : (K,) array_like of float, seconds
         Growing.
     cameras : sequence of K PerspectiveCamera, or of K OrthographicCamera
-        All of one kind. ``far`` is infinite for all or for none.
+        All of one kind. ``far`` is infinite for all or for none; ``near`` and ``far`` are given by
+        all or by none.
     interpolation : {"linear", "smooth"}
 
     Raises
@@ -134,18 +135,24 @@ class CameraTrack(_Track):
             return key
         axes = self._turn(time)
         target = self._target(time)
-        numbers = {name: float(curve(time)) for name, curve in self._numbers.items()}
+        numbers = {name: curve(time) for name, curve in self._numbers.items()}
         eye = target + np.exp(self._log_distance(time)) * axes[:, 2]
         return type(self.keys[0])(eye, target, axes[:, 1], **numbers)
 
     def _number(self, name: str) -> Curve:
-        """Return the curve of one of the cameras' numbers."""
-        values = np.array([getattr(camera, name) for camera in self.keys])
+        """Return the curve of one of the cameras' numbers, or of what none of them gives."""
+        given = [getattr(camera, name) for camera in self.keys]
+        if all(value is None for value in given):
+            return lambda time: None
+        if any(value is None for value in given):
+            raise ValueError(f"cameras must all have a {name}, or none, got {given}")
+        values = np.array(given)
         if (values == values[0]).all():
-            return lambda time: values[0]
+            return lambda time: float(values[0])
         if not np.isfinite(values).all():
             raise ValueError(f"cameras must all have a finite {name}, or none, got {values}")
-        return _monotone(self.times, values, self.interpolation)
+        curve = _monotone(self.times, values, self.interpolation)
+        return lambda time: float(curve(time))
 
 
 class TransformTrack(_Track):

@@ -184,11 +184,3 @@ def print_diagnostics(diagnostics: Diagnostics) -> None:
     for name, text in diagnostics.rows():
         table.add_row(name, text)
     Console(highlight=False).print(table)
-
-
-def shows_anything(frame: Frame) -> bool:
-    """Tell whether a face covers a pixel or, of edges alone, whether any may be in view."""
-    stats = frame.stats
-    if frame.plan.facts.finds_faces:
-        return stats.pixels_covered > 0
-    return stats.drawn + stats.unsampled + stats.degenerate > 0

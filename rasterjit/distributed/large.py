@@ -17,6 +17,7 @@ from rasterjit.distributed.clusters import SharedScene, check_client, result_of,
 from rasterjit.io.images import checked_path
 from rasterjit.io.whole import replacing, replacing_folder
 from rasterjit.pipeline.visibility.draw import Region
+from rasterjit.rendering import notices
 from rasterjit.rendering.plan import Cull
 from rasterjit.rendering.tiles import RegionRenderer, Survey, regions_of
 from rasterjit.scene.background import Background
@@ -94,6 +95,7 @@ def render_large(
     count = thread_count("threads", threads)
     own = None if client is None else check_client(client)
     renderer = RegionRenderer(what, threads=count, **arguments)
+    notices.warn(notices.notices_of(renderer.plan), set())
     with renderer:
         whole = renderer.size
         if own is None:

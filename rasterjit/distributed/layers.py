@@ -22,11 +22,12 @@ from rasterjit.rendering.renderer import draw_frame
 from rasterjit.rendering.stream import Options
 from rasterjit.rendering.views import plan_views
 from rasterjit.runtime.threads import Workers
-from rasterjit.scene.camera import Camera
+from rasterjit.scene.camera import Camera, settled
 from rasterjit.scene.material import Material
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.scene import EFFECT_FIELDS, Scene
 from rasterjit.scene.validation import in_short
+from rasterjit.survey.clip_planes import Look
 from rasterjit.survey.contents import SMOOTH
 from rasterjit.survey.facts import NORMAL_OUTPUTS
 from rasterjit.survey.plan import RenderPlan
@@ -53,13 +54,16 @@ class Layer:
     counts: dict[str, int]
     seconds: dict[str, float]
     plan: RenderPlan
+    look: Look
+    """What is seen of all of them beside the near and the far plane."""
 
     def frame(self) -> Frame:
         """Return the picture of all parts, which are one object."""
         outputs = {name: self.outputs[name] for name in self.plan.outputs}
         stats = Stats(**self.counts, seconds=self.seconds, face_id=self.outputs["face_id"])
         _ = stats.pixels_covered
-        return Frame(outputs, self.plan, stats, face_starts=np.array([0, self.faces]))
+        plan = self.plan.with_(look=self.look)
+        return Frame(outputs, plan, stats, face_starts=np.array([0, self.faces]))
 
 
 def mesh_of(part: Any, material: Material | None) -> Mesh | None:
@@ -108,8 +112,13 @@ def draw_layer(
     camera: Camera,
     options: Options,
     threads: int,
+    steps: tuple[int, int] = (0, 0),
 ) -> Layer | None:
-    """Draw one part with the light of the whole; ``None`` if it has no face."""
+    """
+    Draw one part with the light of the whole; ``None`` if it has no face.
+
+    ``steps`` say where planes are that the camera leaves open, as `settled` takes them.
+    """
     checked = plan_part(mesh_of(part, material), setting, camera, options)
     if checked is None:
         return None
@@ -118,8 +127,8 @@ def draw_layer(
     clock, workers = StageClock(), Workers(threads)
     try:
         planned = plan_views(
-            options.size, options.quality, scene, camera, outputs, options.background,
-            options.cull, False, None,
+            options.size, options.quality, scene, settled(camera, *steps), outputs,
+            options.background, options.cull, False, None,
         )  # fmt: skip
         kept = {"keep_depth": True, "find_faces": True}
         frame, seen = draw_frame(planned, workers, clock=clock, **kept)
@@ -128,7 +137,8 @@ def draw_layer(
     counts = {name: getattr(frame.stats, name) for name in COUNTS}
     (node,) = scene.nodes
     faces = len(node.mesh.faces)
-    return Layer(faces, seen.coverage.depth, frame.arrays(), counts, frame.stats.seconds, asked)
+    asked, seconds = asked.with_(camera=planned.plan.camera), frame.stats.seconds
+    return Layer(faces, seen.coverage.depth, frame.arrays(), counts, seconds, asked, asked.look)
 
 
 def plan_part(
@@ -226,6 +236,7 @@ def merge_layers(first: Layer | None, second: Layer | None) -> Layer | None:
             for name in dict.fromkeys((*first.seconds, *second.seconds))
         },
         first.plan,
+        first.look.beside(second.look),
     )
 
 

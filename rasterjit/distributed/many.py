@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from rasterjit.distributed.clusters import SharedScene, check_client, result_of, retried, send
 from rasterjit.outputs.frame import Frame, Stats
 from rasterjit.outputs.table import Outputs
+from rasterjit.rendering import notices
 from rasterjit.rendering import plan as planning
 from rasterjit.rendering.plan import Cull, RenderPlan
 from rasterjit.rendering.renderer import Renderer
@@ -29,6 +30,7 @@ from rasterjit.rendering.stream import (
     check_cameras,
     check_prefetch,
     draw_all,
+    settle_all,
     share_threads,
     with_bar,
 )
@@ -41,8 +43,8 @@ from rasterjit.scene.validation import one_of, thread_count
 if TYPE_CHECKING:
     from distributed import Client, Future
 
-Drawn = tuple[dict[str, NDArray[Any]], Stats]
-"""What a worker sends back of a frame."""
+Drawn = tuple[dict[str, NDArray[Any]], Stats, dict[str, str]]
+"""What a worker sends back of a frame: its arrays, statistics, and what there is to warn of."""
 
 
 def render_many(
@@ -74,6 +76,8 @@ def render_many(
     what : Scene, Mesh, trimesh.Trimesh or trimesh.Scene
         Must stay as it is while frames are taken.
     cameras : iterable of Camera
+        Near planes that they leave open are in one place for all of a sequence; of cameras that
+        come as they are asked for, each has its own.
     size, quality, outputs, background, cull
         As `rasterjit.render` takes them, the same for all frames.
     threads : int, optional
@@ -113,7 +117,8 @@ def render_many(
     count, own = share_threads(threads, workers)
     most = check_prefetch(prefetch) or AHEAD * count
     pool = RendererPool(scene, options, count, own)
-    return with_bar(draw_all(pool, cameras, most), cameras, progress)
+    settled = settle_all(scene, cameras, options)
+    return with_bar(draw_all(pool, settled, most), cameras, progress)
 
 
 class FarFrame(Frame):
@@ -152,7 +157,10 @@ def share_scene(scene: Scene, options: Options, threads: int) -> SharedScene:
 
 def _renderer(scene: Scene, options: Options, threads: int) -> Renderer:
     """Return a renderer on a worker."""
-    return Renderer(options.size, quality=options.quality, threads=threads)
+    renderer = Renderer(options.size, quality=options.quality, threads=threads)
+    # What there is to warn of goes to the caller.
+    renderer.told = None
+    return renderer
 
 
 def draw_frame(shared: SharedScene, camera: Camera) -> Drawn:
@@ -164,7 +172,7 @@ def draw_frame(shared: SharedScene, camera: Camera) -> Drawn:
         )
     # Counted where the faces are: they do not travel for it.
     _ = frame.stats.pixels_covered
-    return frame.arrays(), frame.stats
+    return frame.arrays(), frame.stats, notices.notices_of(frame.plan, frame.stats)
 
 
 class Farm:
@@ -186,6 +194,7 @@ class Farm:
         self._sent: Future | None = None
         self._begun: dict[int, Future] = {}
         self._count = 0
+        self._told: set[str] = set()
 
     def __enter__(self) -> Farm:
         self._send()
@@ -215,6 +224,7 @@ class Farm:
 
         drawn = retried(lambda: result_of(self._begun[number], self._client), "the scene", again)
         del self._begun[number]
+        notices.warn(drawn[2], self._told)
         return FarFrame(drawn, self._scene, camera, self._options)
 
     def _begin(self, number: int, camera: Camera) -> None:
@@ -242,4 +252,5 @@ def farm_out(
     own = thread_count("threads", threads) or 1
     most = check_prefetch(prefetch) or AHEAD * max(1, sum(client.nthreads().values()))
     farm = Farm(client, scene, options, own)
-    return with_bar(draw_all(farm, cameras, most), cameras, progress)
+    settled = settle_all(scene, cameras, options)
+    return with_bar(draw_all(farm, settled, most), cameras, progress)

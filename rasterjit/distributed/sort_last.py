@@ -16,6 +16,7 @@ from rasterjit.distributed import layers
 from rasterjit.distributed.clusters import connected, require_dask, result_of, retried, send
 from rasterjit.outputs.frame import Frame
 from rasterjit.outputs.table import Outputs, is_attribute
+from rasterjit.rendering import notices
 from rasterjit.rendering.effects import EFFECTS
 from rasterjit.rendering.plan import Cull
 from rasterjit.rendering.stream import Options, check_arguments
@@ -27,6 +28,7 @@ from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import EFFECT_FIELDS, Scene
 from rasterjit.scene.validation import in_short, thread_count
+from rasterjit.survey.clip_planes import join
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -63,6 +65,8 @@ def render_partitions(
         these on a worker. A ``dask.bag.Bag`` holds such pairs. What this process holds is sent;
         what is loaded by the workers never comes here.
     camera : Camera
+        A near plane that it leaves open is where no part is cut; parts that workers load are drawn
+        again if they are cut at first.
     setting : Scene, optional
         A scene without meshes: its lights, environment, fog, tone map and vignette hold for
         all parts.
@@ -112,18 +116,31 @@ def render_partitions(
     for name in options.outputs:
         if name == "uv" or is_attribute(name):
             _check_meshes(name, partitions, parts)
-    for part in filter(_is_here, parts):
-        # What is here is looked at here, before anything is sent.
+    # What is here is looked at here, before anything is sent.
+    planned = [
         layers.plan_part(layers.mesh_of(part, material), setting, camera, options)
+        for part in filter(_is_here, parts)
+    ]
+    steps = join([found[1].look for found in planned if found is not None]).steps
     own = thread_count("threads", threads) or 1
     with connected(client) as chosen:
-        layer = retried(
-            lambda: _render_once(parts, setting, material, camera, options, own, chosen),
-            "the partitions",
-        )
-    if layer is None:
-        raise ValueError("partitions must have at least one face together, got none")
-    return layer.frame()
+
+        def draw(steps: tuple[int, int]) -> layers.Layer:
+            found = retried(
+                lambda: _render_once(parts, setting, material, camera, options, own, steps, chosen),
+                "the partitions",
+            )
+            if found is None:
+                raise ValueError("partitions must have at least one face together, got none")
+            return found
+
+        layer = draw(steps)
+        if layer.look.steps != steps:
+            # Parts that are not here show what planes that are left open would cut.
+            layer = draw(layer.look.steps)
+    frame = layer.frame()
+    notices.warn(notices.notices_of(frame.plan, frame.stats), set())
+    return frame
 
 
 def _render_once(
@@ -133,6 +150,7 @@ def _render_once(
     camera: Camera,
     options: Options,
     threads: int,
+    steps: tuple[int, int],
     client: Client,
 ) -> layers.Layer | None:
     """Send what is here, draw and merge."""
@@ -144,7 +162,7 @@ def _render_once(
     draw = dask.delayed(layers.draw_layer, pure=False)
     merge = dask.delayed(layers.merge_layers, pure=False)
     drawn = [
-        draw(sent.get(n, part), shared, material, camera, options, threads)
+        draw(sent.get(n, part), shared, material, camera, options, threads, steps)
         for n, part in enumerate(parts)
     ]
     future = client.compute(layers.merge_tree(drawn, merge), optimize_graph=False)

@@ -125,6 +125,8 @@ def measure(
         try:
             for name, label, changed, other in variations(plan, scene, quality):
                 renderer = Renderer(size, quality=other, threads=threads)
+                # The first one has told it.
+                renderer.told = None
                 subjects.append(Subject(name, label, changed, other, renderer))
             frames = _take_turns(subjects, camera, options, rounds)
         finally:

@@ -35,7 +35,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.scene import transforms
-from rasterjit.scene.camera import Camera, MatrixCamera, check_camera
+from rasterjit.scene.camera import Camera, MatrixCamera, check_camera, usual_near
 from rasterjit.scene.transforms import Matrix
 from rasterjit.scene.validation import (
     finite_array,
@@ -46,6 +46,7 @@ from rasterjit.scene.validation import (
     positive_number,
     unmasked_array,
 )
+from rasterjit.scene.vectors import cross, dot
 
 if TYPE_CHECKING:
     import trimesh
@@ -160,7 +161,7 @@ class _Pinhole(NamedTuple):
     skew: float
     cx: float
     cy: float
-    near: float
+    near: float | None
     far: float
 
 
@@ -188,6 +189,16 @@ def view_from_pose(pose: ArrayLike, name: str = "pose") -> Matrix:
     return _inverse(_affine(axes, place[:3, 3]))
 
 
+def intrinsic_matrix(name: str, value: ArrayLike) -> Float64:
+    """Return K as float64, (3, 3), or raise ``ValueError`` naming the argument."""
+    k = finite_array(name, value, (3, 3))
+    if k[1, 0] != 0.0 or k[2].tolist() != [0.0, 0.0, 1.0]:
+        raise ValueError(f"{name} must be upper triangular, last entry 1, got {k.tolist()}")
+    if k[0, 0] <= 0.0 or k[1, 1] <= 0.0:
+        raise ValueError(f"{name} must have focal lengths above 0, got {k.tolist()}")
+    return k
+
+
 def from_opencv(
     intrinsics: ArrayLike,
     size: tuple[int, int],
@@ -195,7 +206,7 @@ def from_opencv(
     rotation: ArrayLike | None = None,
     translation: ArrayLike | None = None,
     camera_from_world: ArrayLike | None = None,
-    near: float = 0.1,
+    near: float | None = None,
     far: float = math.inf,
 ) -> MatrixCamera:
     """
@@ -213,19 +224,17 @@ def from_opencv(
         R and t; ``cv2.Rodrigues`` makes R of a rotation vector. Default: the identity and 0.
     camera_from_world : (4, 4) or (3, 4) array_like, optional
         In place of the two: the extrinsic matrix.
-    near, far : float, scene units
-        Distances of the near and far plane; ``far`` may be ``math.inf``.
+    near : float, optional, scene units
+        Distance of the near plane. Default: chosen as `PerspectiveCamera` says.
+    far : float, scene units
+        Distance of the far plane; may be ``math.inf``.
 
     Raises
     ------
     ValueError
         Naming the argument that is wrong.
     """
-    k = finite_array("intrinsics", intrinsics, (3, 3))
-    if k[1, 0] != 0.0 or k[2].tolist() != [0.0, 0.0, 1.0]:
-        raise ValueError(f"intrinsics must be upper triangular, last entry 1, got {k.tolist()}")
-    if k[0, 0] <= 0.0 or k[1, 1] <= 0.0:
-        raise ValueError(f"intrinsics must have focal lengths above 0, got {k.tolist()}")
+    k = intrinsic_matrix("intrinsics", intrinsics)
     if camera_from_world is not None:
         if rotation is not None or translation is not None:
             raise ValueError("camera_from_world must be None where rotation or translation is not")
@@ -315,7 +324,7 @@ def from_pytorch3d(
     *,
     principal_point: ArrayLike | None = None,
     space: ScreenSpace = "ndc",
-    near: float = 0.1,
+    near: float | None = None,
     far: float = math.inf,
 ) -> MatrixCamera:
     """
@@ -335,8 +344,10 @@ def from_pytorch3d(
     space : {"ndc", "screen"}
         What focal length and principal point are in: NDC, where the image's shorter side is 2 long,
         x points left and y up, or pixels from the upper left corner (``in_ndc=False``).
-    near, far : float, scene units
-        Distances of the near and far plane; ``far`` may be ``math.inf``.
+    near : float, optional, scene units
+        Distance of the near plane. Default: chosen as `PerspectiveCamera` says.
+    far : float, scene units
+        Distance of the far plane; may be ``math.inf``.
 
     Raises
     ------
@@ -591,9 +602,10 @@ def _camera(pinhole: _Pinhole, size: tuple[int, int], view: Matrix) -> MatrixCam
     # The other's y points down: the skew turns its sign.
     clip[0, 1] = -2.0 * pinhole.skew / width
     clip[0, 2], clip[1, 2] = 1.0 - 2.0 * pinhole.cx / width, 2.0 * pinhole.cy / height - 1.0
-    clip[2, 2:] = transforms.perspective_depth(pinhole.near, pinhole.far)
+    near = usual_near(pinhole.near, pinhole.far)
+    clip[2, 2:] = transforms.perspective_depth(near, pinhole.far)
     clip[3, 2] = -1.0
-    return MatrixCamera(view, clip + 0.0, (width, height))
+    return MatrixCamera(view, clip + 0.0, (width, height), pinhole.near is None)
 
 
 def _pinhole(camera: Camera, size: tuple[int, int]) -> _Pinhole:
@@ -662,10 +674,9 @@ def _rigid_pose(rotation: tuple[str, ArrayLike], translation: tuple[str, ArrayLi
 def _check_rotation(name: str, turn: Float64) -> None:
     """Raise ``ValueError`` if a (3, 3) matrix is no rotation."""
     (a, b, c) = (turn[:, k].tolist() for k in range(3))
-    lengths = [_dot(a, a) - 1.0, _dot(b, b) - 1.0, _dot(c, c) - 1.0]
-    angles = [_dot(a, b), _dot(b, c), _dot(c, a)]
-    cross = [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-    if max(map(abs, lengths + angles)) > _RIGID or _dot(cross, c) <= 0.0:
+    lengths = [dot(a, a) - 1.0, dot(b, b) - 1.0, dot(c, c) - 1.0]
+    angles = [dot(a, b), dot(b, c), dot(c, a)]
+    if max(map(abs, lengths + angles)) > _RIGID or dot(cross(a, b), c) <= 0.0:
         raise ValueError(
             f"{name} must hold a rotation, neither scaled nor mirrored, got {turn.tolist()}"
         )
@@ -706,8 +717,3 @@ def _without_batch(value: Any, dimensions: int) -> NDArray[Any]:
     """Return an array, or a tensor's, without a leading axis of length 1."""
     array = np.asarray(value)
     return array[0] if array.ndim == dimensions + 1 and len(array) == 1 else array
-
-
-def _dot(a: list[float], b: list[float]) -> float:
-    """Return the scalar product of two vectors of three."""
-    return (a[0] * b[0] + a[1] * b[1]) + a[2] * b[2]

@@ -37,12 +37,14 @@ from rasterjit.rendering.views import (
     PlannedFrame,
     choose_camera,
     find_earlier,
+    look_from,
     naming,
+    needs_settling,
     plan_views,
 )
 from rasterjit.runtime.threads import Workers, rows_per_task
 from rasterjit.scene.background import Backdrop, BackgroundImage, read_background
-from rasterjit.scene.camera import Camera
+from rasterjit.scene.camera import Camera, settled
 from rasterjit.scene.color import decoding_table
 from rasterjit.scene.lens import Equirectangular, Lens, check_lens
 from rasterjit.scene.quality import Quality
@@ -52,6 +54,7 @@ from rasterjit.scene.view import View
 from rasterjit.survey import placement as placing
 from rasterjit.survey.arrays import placement_of
 from rasterjit.survey.cache import SceneCache, prepare
+from rasterjit.survey.clip_planes import join
 from rasterjit.survey.effect import FrameContext
 from rasterjit.survey.placement import Views
 from rasterjit.survey.plan import RenderPlan
@@ -130,6 +133,16 @@ def plan_lensed(
         # It is what the lens has seen, and comes behind at the end.
         behind.check_size(size)
         background = "transparent"
+    asked = camera
+    if needs_settling(camera):
+        # One camera has its planes in one place, in all pictures.
+        seen = [
+            look_from(
+                scene, camera, picture.size, quality, None, camera_of(picture, camera, size, sight)
+            )
+            for picture in looks.pictures
+        ]
+        camera = settled(camera, *join(seen).steps)
     whole = []
     for picture in looks.pictures:
         seen_by = camera_of(picture, camera, size, sight)
@@ -146,7 +159,7 @@ def plan_lensed(
     ]
     text = f"{type(lens).__name__}: {looks.described}"
     plan = whole[0].plan.with_(outputs=outputs, size=size, camera=camera, lens=text)
-    earlier = find_earlier(previous, plan, scene)
+    earlier = find_earlier(previous, plan, scene, asked)
     compared = None
     if earlier is not None:
         with naming("previous.camera"):

@@ -26,8 +26,8 @@ from rasterjit.pipeline.fragments.fragments import without_holes
 from rasterjit.pipeline.geometry.setup import TILE_SIZE
 from rasterjit.pipeline.visibility import draw
 from rasterjit.pipeline.visibility.nearest import empty_depth
+from rasterjit.rendering import notices, shade
 from rasterjit.rendering import plan as planning
-from rasterjit.rendering import shade
 from rasterjit.rendering.clock import StageClock
 from rasterjit.rendering.plan import Cull
 from rasterjit.rendering.renderer import compare, find_visible, stats_of
@@ -104,9 +104,11 @@ def render_layers(
         )
         planned = planned._replace(plan=planned.plan.with_(surfaces=int(k)))
         with beside(partial(planning.list_tasks, planned.plan), workers.threads):
-            return _draw_layers(planned, int(k), workers, clock)
+            frame = _draw_layers(planned, int(k), workers, clock)
     finally:
         workers.close()
+    notices.warn(notices.notices_of(frame.plan, frame.stats), set())
+    return frame
 
 
 def _draw_layers(

@@ -24,11 +24,12 @@ from rasterjit.rendering.sketch import list_stages, short_name
 from rasterjit.runtime import ahead, jit
 from rasterjit.runtime.ahead import Task
 from rasterjit.scene.background import Backdrop, BackgroundImage, read_background
-from rasterjit.scene.camera import Camera
+from rasterjit.scene.camera import Camera, settled
 from rasterjit.scene.light import Light
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.validation import one_of, whole_size
+from rasterjit.survey import clip_planes
 from rasterjit.survey.blending import layers_of
 from rasterjit.survey.contents import (
     Inventory,
@@ -41,7 +42,7 @@ from rasterjit.survey.depth_format import check_near, depth_format
 from rasterjit.survey.effect import Absent, Planned, Planning, Rows
 from rasterjit.survey.facts import Facts, look
 from rasterjit.survey.lights import headlight, lighting_of
-from rasterjit.survey.placement import Boxes, Views, view_nodes
+from rasterjit.survey.placement import Boxes, Views, view_again, view_nodes
 from rasterjit.survey.plan import RenderPlan
 
 Cull: TypeAlias = Literal["none", "back", "front"]
@@ -90,6 +91,14 @@ def plan_frame(
     inventory, bounds = known
     eye, relative_from_model = camera.eye_position(), views.relative_from_model
     boxes = Boxes(bounds, eye, relative_from_model, views.clip_from_relative)
+    # Put the planes where they cut nothing in view, if nobody has put them elsewhere.
+    beside = clip_planes.look_at_planes(
+        camera, boxes, scene.nodes, views.clip_from_relative, quality
+    )
+    camera = settled(camera, *beside.steps)
+    if any(beside.steps):
+        views = view_again(views, camera, size)
+        boxes = Boxes(bounds, eye, relative_from_model, views.clip_from_relative)
     behind = read_background(background)
     seen_behind = None if background is None else behind
     facts = look(scene, boxes, views, inventory, quality, outputs, seen_behind, diagnose, cull)
@@ -111,6 +120,7 @@ def plan_frame(
         ),
         depth_format=depth_format(quality.depth_format, camera, size),
         pictures=facts.pictures,
+        look=beside,
     )
 
 
@@ -180,6 +190,7 @@ def list_kernels(plan: RenderPlan) -> tuple[KernelRow, ...]:
     geometry = _finding_kernels(plan)
     known = {row[:2] for row in geometry}
     rows = [
+        *clip_planes.kernels_of(plan.camera),
         *geometry,
         *fill.depth_kernels(plan),
         *(row for row in plan.kernels_at("prepare") if row[:2] not in known),

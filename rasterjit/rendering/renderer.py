@@ -23,17 +23,16 @@ from rasterjit.pipeline.visibility import draw as drawing
 from rasterjit.pipeline.visibility.draw import Seen
 from rasterjit.rendering import budget as budgets
 from rasterjit.rendering import lens as lenses
+from rasterjit.rendering import notices, shade, supersample
 from rasterjit.rendering import plan as planning
-from rasterjit.rendering import shade, supersample
 from rasterjit.rendering.clock import StageClock
 from rasterjit.rendering.plan import Cull
 from rasterjit.rendering.supersample import Accumulation
 from rasterjit.rendering.views import (
     PlannedFrame,
     choose_camera,
-    find_earlier,
-    plan_earlier,
     plan_views,
+    settle_together,
 )
 from rasterjit.runtime.ahead import beside
 from rasterjit.runtime.threads import Workers
@@ -137,14 +136,14 @@ def render(
     for name, value in (("max_error", max_error), ("time_budget", time_budget)):
         if value is not None and quality is not None:
             raise ValueError(f"quality must be None where {name} is given, got {quality!r}")
+    options = outputs, background, cull, diagnose, previous
     with Renderer(size, quality=quality, threads=threads) as renderer:
         if time_budget is not None and max_error is None and lens is None:
-            options = outputs, background, cull, diagnose, previous
-            return renderer._render_in_time(time_budget, what, camera, options, is_lone=True)
-        return renderer.render(
-            what, camera, max_error=max_error, time_budget=time_budget, outputs=outputs,
-            background=background, cull=cull, diagnose=diagnose, previous=previous, lens=lens,
-        )  # fmt: skip
+            frame = renderer._render_in_time(time_budget, what, camera, options, is_lone=True)
+        else:
+            frame = renderer._render_asked(max_error, time_budget, what, camera, options, lens)
+    notices.warn(notices.notices_of(frame.plan, frame.stats), set())
+    return frame
 
 
 def explain(
@@ -174,19 +173,16 @@ def explain(
         Naming the argument that is wrong.
     """
     scene = as_scene(what)
-    size = image_size("size", size)
     if lens is not None:
         return lenses.plan_lensed(
-            lens, size, check_quality(quality), scene, camera, outputs, background, cull, diagnose,
-            previous, Workers(1),
+            lens, image_size("size", size), check_quality(quality), scene, camera, outputs,
+            background, cull, diagnose, previous, Workers(1),
         ).plan  # fmt: skip
-    camera = choose_camera(scene, camera, size)
-    plan = planning.plan_frame(
-        scene, camera, size, check_quality(quality), outputs, background, cull, diagnose
-    )
-    plan = plan.with_(view=CameraView(tuple(scene.nodes), plan.camera, size))
-    earlier = find_earlier(previous, plan, scene)
-    return plan if earlier is None else plan.with_(previous=plan_earlier(plan, *earlier))
+    plan = plan_views(
+        image_size("size", size), check_quality(quality), scene, camera, outputs, background, cull,
+        diagnose, previous,
+    ).plan  # fmt: skip
+    return plan.with_(view=CameraView(tuple(scene.nodes), plan.camera, plan.size))
 
 
 def draw_frame(
@@ -382,6 +378,8 @@ class Renderer(Guarded):
     ----------
     before_picture : callable or None
         Called before each of the pictures that a frame is made of; what it raises ends the frame.
+    told : set of str or None
+        What `ViewWarning` has warned of, of each kind once; ``None`` -> it never does.
 
     Raises
     ------
@@ -391,7 +389,7 @@ class Renderer(Guarded):
         If an attribute is assigned that there is not.
     """
 
-    _FIELDS = ("size", "quality", "before_picture")
+    _FIELDS = ("size", "quality", "before_picture", "told")
 
     def __init__(
         self, size: tuple[int, int], *, quality: Quality | None = None, threads: int | None = None
@@ -403,6 +401,7 @@ class Renderer(Guarded):
         self._cache: SceneCache | None = None
         self._lensed: lenses.Lensed | None = None
         self.before_picture: Callable[[], None] | None = None
+        self.told: set[str] | None = set()
 
     def __enter__(self) -> Renderer:
         return self
@@ -449,6 +448,21 @@ class Renderer(Guarded):
             Naming the argument that is wrong, before any kernel runs.
         """
         options = outputs, background, cull, diagnose, previous
+        frame = self._render_asked(max_error, time_budget, what, camera, options, lens)
+        if self.told is not None:
+            notices.warn(notices.notices_of(frame.plan, frame.stats), self.told)
+        return frame
+
+    def _render_asked(
+        self,
+        max_error: float | None,
+        time_budget: float | None,
+        what: Any,
+        camera: Camera | None,
+        options: tuple,
+        lens: Lens | None,
+    ) -> Frame:
+        """Render one frame of this renderer's quality, or of one that is near or fast enough."""
         if lens is not None:
             for name, value in (("max_error", max_error), ("time_budget", time_budget)):
                 if value is not None:
@@ -520,6 +534,7 @@ class Renderer(Guarded):
             )
         scene = self._scene(what)
         camera = choose_camera(scene, camera, self.size)
+        (camera,) = settle_together(scene, [camera], self.size, Quality.standard())
         _, background, cull, *_ = options
         # What is wrong is wrong before anything is drawn.
         self._plan(Quality.standard(), scene, camera, *options)

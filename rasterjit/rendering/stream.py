@@ -19,8 +19,9 @@ from typing import Any, Literal, NamedTuple, TypeAlias, get_args
 from rasterjit.io.meshes import as_scene
 from rasterjit.outputs import table
 from rasterjit.outputs.frame import Frame
-from rasterjit.rendering import plan
+from rasterjit.rendering import notices, plan
 from rasterjit.rendering.renderer import Renderer
+from rasterjit.rendering.views import settle_together
 from rasterjit.runtime.threads import available_processors
 from rasterjit.scene.background import BackgroundImage, read_background
 from rasterjit.scene.camera import Camera, check_camera
@@ -132,6 +133,7 @@ class RendererPool:
         self._idle: queue.SimpleQueue[Renderer] = queue.SimpleQueue()
         self._renderers: list[Renderer] = []
         self._pool: ThreadPoolExecutor | None = None
+        self._told: set[str] = set()
 
     def __enter__(self) -> RendererPool:
         self._process = os.getpid()
@@ -143,7 +145,8 @@ class RendererPool:
             renderer = Renderer(
                 self._options.size, quality=self._options.quality, threads=self._threads
             )
-            renderer._cache = cache
+            # The pool tells once, for all of them.
+            renderer._cache, renderer.told = cache, None
             self._renderers.append(renderer)
             self._idle.put(renderer)
         return self
@@ -167,7 +170,9 @@ class RendererPool:
                 "frames cannot be taken from an iterator that was begun before the process was "
                 "forked: its threads are in the parent; call render_many again here"
             )
-        return frame.result()
+        drawn = frame.result()
+        notices.warn(notices.notices_of(drawn.plan, drawn.stats), self._told)
+        return drawn
 
     def _draw(self, camera: Camera) -> Frame:
         """Draw one frame."""
@@ -179,6 +184,17 @@ class RendererPool:
             )
         finally:
             self._idle.put(renderer)
+
+
+def settle_all(scene: Scene, cameras: Iterable[Camera], options: Options) -> Iterable[Camera]:
+    """
+    Yield the cameras of all frames, with planes that they leave open in one place for all.
+
+    Cameras that come as they are asked for have theirs one by one, when each frame is planned.
+    """
+    if isinstance(cameras, Sequence):
+        cameras = settle_together(scene, cameras, options.size, options.quality)
+    yield from cameras
 
 
 def draw_all(pool: Any, cameras: Iterable[Camera], prefetch: int) -> Iterator[Frame]:

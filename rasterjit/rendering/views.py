@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 from rasterjit.io.meshes import as_scene
 from rasterjit.outputs import motion, table
 from rasterjit.rendering.plan import Known, plan_frame
-from rasterjit.scene.camera import Camera, check_camera
+from rasterjit.scene.camera import Camera, check_camera, planes_of, settled, steps_of
 from rasterjit.scene.framing import fit_camera
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
@@ -18,7 +18,9 @@ from rasterjit.scene.view import View
 from rasterjit.survey import contents
 from rasterjit.survey import placement as placing
 from rasterjit.survey.cache import SceneCache, prepare
-from rasterjit.survey.placement import Views
+from rasterjit.survey.clip_planes import Look, is_surely_between, join, look_at_planes
+from rasterjit.survey.depth_format import REVERSED_TYPES
+from rasterjit.survey.placement import Boxes, Views
 from rasterjit.survey.plan import RenderPlan
 
 
@@ -65,14 +67,94 @@ def plan_views(
     plan = plan_frame(
         scene, camera, size, quality, outputs, background, cull, diagnose, cache.inventory, views
     )
-    earlier = find_earlier(previous, plan, scene)
+    if _are_moved(camera, plan.camera):
+        views = placing.view_again(views, plan.camera, size)
+    earlier = find_earlier(previous, plan, scene, camera)
     if earlier is None:
         return PlannedFrame(plan, cache, views)
     old = prepare(earlier[0].nodes, cache, quality, earlier[0].environment is not None)
     old_views = placing.view_places(old.places, earlier[1], size)
     old_plan = plan_earlier(plan, *earlier, old.inventory, old_views)
+    if earlier[1] is camera:
+        # One camera has its planes in one place.
+        if _are_moved(plan.camera, old_plan.camera):
+            both = settled(camera, *map(max, steps_of(plan.camera), steps_of(old_plan.camera)))
+            return plan_views(
+                size, quality, scene, both, outputs, background, cull, diagnose, previous, cache
+            )
+        old_plan = old_plan.with_(camera=plan.camera)
+    if _are_moved(earlier[1], old_plan.camera):
+        old_views = placing.view_again(old_views, old_plan.camera, size)
     before = PlannedFrame(old_plan, old, old_views)
     return PlannedFrame(plan.with_(previous=old_plan), cache, views, before)
+
+
+def settle_together(
+    scene: Scene,
+    cameras: Sequence[Camera],
+    size: tuple[int, int],
+    quality: Quality,
+    known: SceneCache | None = None,
+) -> list[Camera]:
+    """
+    Return cameras of one scene, those planes that they leave open all in one place.
+
+    Parameters
+    ----------
+    scene : Scene
+    cameras : sequence of Camera
+    size, quality
+        As `rasterjit.render` takes them.
+    known : SceneCache, optional
+        What is known of the scene.
+    """
+    if not any(map(needs_settling, cameras)):
+        return list(cameras)
+    cache = prepare(scene.nodes, known, quality, scene.environment is not None)
+    # Most batches look from outside of all that is there.
+    low, high = placing.box_around(cache.inventory[1], cache.places.world_from_model)
+    near_by = [camera for camera in cameras if not is_surely_between(low, high, camera)]
+    if near_by and quality.depth_format not in REVERSED_TYPES:
+        # How near a plane may come is for all to say.
+        near_by = [camera for camera in cameras if needs_settling(camera)]
+    looks = [look_from(scene, camera, size, quality, cache) for camera in near_by]
+    steps = join(looks).steps
+    return [settled(camera, *steps) for camera in cameras]
+
+
+def needs_settling(camera: Camera | None) -> bool:
+    """Tell whether a camera leaves a plane open."""
+    planes = planes_of(camera)
+    return planes is not None and (planes.is_near_open or planes.is_far_open)
+
+
+def look_from(
+    scene: Scene,
+    camera: Camera,
+    size: tuple[int, int],
+    quality: Quality,
+    cache: SceneCache | None = None,
+    picture: Camera | None = None,
+) -> Look:
+    """
+    Return what a camera sees beside its planes, given what is known of the scene.
+
+    ``picture`` has another part of its view, with the same planes.
+    """
+    shown = camera if picture is None else picture
+    if cache is None:
+        cache = prepare(scene.nodes, None, quality, scene.environment is not None)
+    views = placing.view_places(cache.places, shown, size)
+    boxes = Boxes(
+        cache.inventory[1], shown.eye_position(), views.relative_from_model,
+        views.clip_from_relative,
+    )  # fmt: skip
+    return look_at_planes(camera, boxes, scene.nodes, views.clip_from_relative, quality)
+
+
+def _are_moved(before: Camera, after: Camera) -> bool:
+    """Tell whether the planes of a camera are elsewhere than they were."""
+    return before is not after and planes_of(before)[:2] != planes_of(after)[:2]
 
 
 def choose_camera(scene: Scene, camera: Camera | None, size: tuple[int, int]) -> Camera:
@@ -86,10 +168,12 @@ def choose_camera(scene: Scene, camera: Camera | None, size: tuple[int, int]) ->
 
 
 def find_earlier(
-    previous: View | None, plan: RenderPlan, scene: Scene
+    previous: View | None, plan: RenderPlan, scene: Scene, camera: Camera
 ) -> tuple[Scene, Camera] | None:
     """
     Return the scene and the camera that a frame is compared with, ``None`` if it is with none.
+
+    ``camera`` is the one that was asked for.
 
     Raises
     ------
@@ -106,7 +190,7 @@ def find_earlier(
             f"previous must be a View where outputs has {wanted!r}, which tells what has changed "
             "since; got None"
         )
-    earlier, camera = scene, plan.camera
+    earlier = scene
     if previous.scene is not None:
         with naming("previous.scene"):
             earlier = as_scene(previous.scene)

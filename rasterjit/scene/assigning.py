@@ -64,6 +64,8 @@ def says_replace(kind: AnyClass) -> AnyClass:
 def _how_to_replace(owner: Any, name: str) -> str:
     """Return what a message says of an assignment to a frozen object."""
     kind, fields = type(owner).__name__, [field.name for field in dataclasses.fields(owner)]
+    if not fields:
+        return f"{kind} has no {name!r}, nor any field"
     meant, head = name, f"{kind} is never changed"
     if name not in fields:
         meant = (similar(name, fields) or fields)[0]

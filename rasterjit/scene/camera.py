@@ -13,9 +13,10 @@ far plane is.
 
 from __future__ import annotations
 
+import copy
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -34,9 +35,20 @@ from rasterjit.scene.validation import (
     positive_number,
     triple,
 )
+from rasterjit.scene.vectors import length
 
 Float64 = NDArray[np.float64]
 DepthCoefficients = tuple[float, float, float]
+
+NEAR = 0.1
+"""Near plane of a perspective where none is given, if that cuts nothing in view; scene units."""
+
+FAR = 1000.0
+"""Far plane of a parallel camera where none is given, if that cuts nothing in view; scene units."""
+
+MOST_STEPS = 40
+"""How often a near plane that is not given is halved, or a far plane doubled, at most: to 9e-14 and
+1e15 scene units."""
 
 _LEAST_HEIGHT = 1e-300
 """Least height of what a parallel projection shows: its scale is finite at every aspect."""
@@ -100,11 +112,16 @@ class PerspectiveCamera(Projecting):
         Where it is, the point it looks at and which way is up; kept as tuples of float.
     fov_y : float, degrees
         Vertical field of view, strictly between 0 and 180.
-    near, far : float, scene units
-        Distances of the near and far plane; ``far`` may be ``math.inf``. Rendering refuses a
-        ``near`` below 1e-13 of ``far`` if something lies beyond ``far``, and one so small that
-        ``Quality.depth_format`` cannot hold the depth of what is in view (by default below
-        1.2e-38 of the farthest distance).
+    near : float, optional, scene units
+        Distance of the near plane. Default: rendering chooses 0.1, halved as often as it takes to
+        cut nothing in view, at most 40 times; ``frame.plan.camera`` has it. With a depth format of
+        fixed range (unorm16, unorm24, float32) it stays so far away that the format tells apart
+        what is in view. Rendering refuses a given one below 1e-13 of ``far`` if something lies
+        beyond ``far``, and one so small that ``Quality.depth_format`` cannot hold the depth of what
+        is in view (by default below 1.2e-38 of the farthest distance). It warns of faces that a
+        given one cuts.
+    far : float, scene units
+        Distance of the far plane; may be ``math.inf``.
     min_aspect : float
         In pictures narrower than this (width over height), what is seen from left to right stays
         what it is at this aspect, and the vertical field of view grows: nothing is cut off at the
@@ -122,14 +139,15 @@ class PerspectiveCamera(Projecting):
     target: VectorLike
     up: VectorLike = (0.0, 1.0, 0.0)
     fov_y: float = 45.0
-    near: float = 0.1
+    near: float | None = None
     far: float = math.inf
     min_aspect: float = 0.0
 
     def __post_init__(self) -> None:
         _freeze_placement(self)
-        transforms.lens_matrix(self.fov_y, 1.0, self.near, self.far)
-        _freeze(self, fov_y=float(self.fov_y), near=float(self.near), far=float(self.far))
+        transforms.lens_matrix(self.fov_y, 1.0, usual_near(self.near, self.far), self.far)
+        near = None if self.near is None else float(self.near)
+        _freeze(self, fov_y=float(self.fov_y), near=near, far=float(self.far))
         _freeze(self, min_aspect=bounded_number("min_aspect", self.min_aspect, 0.0, MAX_WHOLE_SIZE))
 
     def view_matrix(self) -> Matrix:
@@ -140,11 +158,12 @@ class PerspectiveCamera(Projecting):
         """
         Return ``clip_from_view``, (4, 4) float64, for an image of (width, height) pixels.
 
-        Without a far plane that is more than 1e13 times as far as the near one.
+        Without a far plane that is more than 1e13 times as far as the near one. A near plane that
+        is not given is at 0.1, or halved to lie before ``far``.
         """
         width, height = picture_size("size", size)
-        aspect = width / height
-        matrix = transforms.lens_matrix(self.fov_y, aspect, self.near, self.far)
+        aspect, near = width / height, usual_near(self.near, self.far)
+        matrix = transforms.lens_matrix(self.fov_y, aspect, near, self.far)
         if aspect < self.min_aspect:
             matrix[:2] *= aspect / self.min_aspect
         return matrix
@@ -155,12 +174,12 @@ class PerspectiveCamera(Projecting):
 
     def depth_coefficients(self) -> DepthCoefficients:
         """Return (near, 0, 0): the stored depth is near / w."""
-        return self.near, 0.0, 0.0
+        return usual_near(self.near, self.far), 0.0, 0.0
 
     def view_depth(self, stored: ArrayLike) -> Float64:
         """Return near / ``stored``, float64, scene units; infinite where ``stored`` is 0."""
         with np.errstate(divide="ignore"):
-            return self.near / np.asarray(stored, dtype=np.float64)
+            return usual_near(self.near, self.far) / np.asarray(stored, dtype=np.float64)
 
 
 @says_replace
@@ -175,8 +194,11 @@ class OrthographicCamera(Projecting):
         Where it is, the point it looks at and which way is up; kept as tuples of float.
     height : float, scene units
         What the image shows from its bottom to its top.
-    near, far : float, scene units
-        Distances of the near and far plane, finite; ``near`` may be negative (behind the eye).
+    near : float, scene units
+        Distance of the near plane, finite; may be negative (behind the eye).
+    far : float, optional, scene units
+        Distance of the far plane, finite. Default: rendering chooses 1000, doubled as often as it
+        takes to cut nothing in view, at most 40 times; ``frame.plan.camera`` has it.
     min_aspect : float
         In pictures narrower than this (width over height), what is seen from left to right stays
         what it is at this aspect, and more than ``height`` is shown. Default 0: never more.
@@ -194,7 +216,7 @@ class OrthographicCamera(Projecting):
     up: VectorLike = (0.0, 1.0, 0.0)
     height: float = 2.0
     near: float = 0.0
-    far: float = 1000.0
+    far: float | None = None
     min_aspect: float = 0.0
 
     def __post_init__(self) -> None:
@@ -202,8 +224,9 @@ class OrthographicCamera(Projecting):
         height = positive_number("height", self.height)
         if height < _LEAST_HEIGHT:
             raise ValueError(f"height must be at least {_LEAST_HEIGHT:g}, got {height!r}")
-        transforms.orthographic(-1.0, 1.0, -1.0, 1.0, self.near, self.far)
-        _freeze(self, height=height, near=float(self.near), far=float(self.far))
+        transforms.orthographic(-1.0, 1.0, -1.0, 1.0, self.near, usual_far(self.far, self.near))
+        far = None if self.far is None else float(self.far)
+        _freeze(self, height=height, near=float(self.near), far=far)
         _freeze(self, min_aspect=bounded_number("min_aspect", self.min_aspect, 0.0, MAX_WHOLE_SIZE))
 
     def view_matrix(self) -> Matrix:
@@ -211,12 +234,16 @@ class OrthographicCamera(Projecting):
         return self._view_from_world.copy()
 
     def projection_matrix(self, size: tuple[int, int]) -> Matrix:
-        """Return ``clip_from_view``, (4, 4) float64, for an image of (width, height) pixels."""
+        """
+        Return ``clip_from_view``, (4, 4) float64, for an image of (width, height) pixels.
+
+        A far plane that is not given is at 1000, or doubled to lie behind ``near``.
+        """
         width, height = picture_size("size", size)
         aspect = width / height
         top = self.height / 2.0 * max(1.0, self.min_aspect / aspect)
-        right = top * aspect
-        return transforms.orthographic(-right, right, -top, top, self.near, self.far)
+        right, far = top * aspect, usual_far(self.far, self.near)
+        return transforms.orthographic(-right, right, -top, top, self.near, far)
 
     def eye_position(self) -> Float64:
         """Return the eye, (3,) float64, world space."""
@@ -229,7 +256,7 @@ class OrthographicCamera(Projecting):
     def view_depth(self, stored: ArrayLike) -> Float64:
         """Return the depth, float64, scene units: ``near`` at 0, ``far`` at -1."""
         share = -np.asarray(stored, dtype=np.float64)
-        return self.near * (1.0 - share) + self.far * share
+        return self.near * (1.0 - share) + usual_far(self.far, self.near) * share
 
 
 @says_replace
@@ -253,6 +280,9 @@ class MatrixCamera(Projecting):
         aspect are refused: they would show it stretched. Those of the same aspect, sides being
         rounded to whole pixels, show it larger or smaller. Default: it is used as it is for any
         image. ``dataclasses.replace(camera, size=None)`` makes one that is.
+    is_near_open : bool
+        Whether ``clip_from_view``, a pinhole's, has its near plane where it is because none was
+        given: rendering then halves its distance as `PerspectiveCamera` says.
 
     Raises
     ------
@@ -260,12 +290,14 @@ class MatrixCamera(Projecting):
         If a matrix is not 4x4 and finite, ``view_from_world`` is not affine, is singular or
         mirrors, ``clip_from_view`` has no centre of projection (perspective), or is parallel with a
         w that is not above 0 or a z that does not depend on the position, or a side of ``size`` is
-        not in 1..131072.
+        not in 1..131072; or if ``is_near_open`` is set for what is no pinhole along view
+        space's z axis.
     """
 
     view_from_world: Float64
     clip_from_view: Float64
     size: tuple[int, int] | None = None
+    is_near_open: bool = False
 
     if TYPE_CHECKING:
         # Reading gives arrays; the constructor takes what can be made one.
@@ -274,6 +306,7 @@ class MatrixCamera(Projecting):
             view_from_world: ArrayLike,
             clip_from_view: ArrayLike,
             size: tuple[int, int] | None = None,
+            is_near_open: bool = False,
         ) -> None: ...
 
     def __post_init__(self) -> None:
@@ -303,6 +336,11 @@ class MatrixCamera(Projecting):
         elif not clip[2, :3].any():
             raise ValueError("clip_from_view must give a z that depends on the position")
         _freeze(self, _eye=self._find_eye())
+        if self.is_near_open and _pinhole_planes(clip) is None:
+            raise ValueError(
+                "is_near_open must be False where clip_from_view is no pinhole along view space's "
+                f"z axis, got {self.is_near_open!r}"
+            )
 
     @classmethod
     def from_intrinsics(
@@ -314,7 +352,7 @@ class MatrixCamera(Projecting):
         size: tuple[int, int],
         *,
         view_from_world: ArrayLike | None = None,
-        near: float = 0.1,
+        near: float | None = None,
         far: float = math.inf,
     ) -> MatrixCamera:
         """
@@ -334,9 +372,10 @@ class MatrixCamera(Projecting):
             another size of the same aspect rescales the picture; another aspect is refused.
         view_from_world : (4, 4) array_like, optional
             The pose; the identity if not given.
-        near, far : float, scene units
-            Distances of the near and far plane; ``far`` may be ``math.inf``, else it is at most
-            1e13 times ``near``.
+        near : float, optional, scene units
+            Distance of the near plane. Default: chosen as `PerspectiveCamera` says.
+        far : float, scene units
+            Distance of the far plane; may be ``math.inf``, else it is at most 1e13 times ``near``.
 
         Raises
         ------
@@ -357,10 +396,10 @@ class MatrixCamera(Projecting):
         clip[1, 1] = 2.0 * positive_number("fy", fy) / height
         clip[0, 2] = 1.0 - 2.0 * finite_number("cx", cx) / width
         clip[1, 2] = 2.0 * finite_number("cy", cy) / height - 1.0
-        clip[2, 2:] = transforms.perspective_depth(near, far)
+        clip[2, 2:] = transforms.perspective_depth(usual_near(near, far), far)
         clip[3, 2] = -1.0
         view = transforms.identity() if view_from_world is None else view_from_world
-        return cls(view, clip, (width, height))
+        return cls(view, clip, (width, height), near is None)
 
     def view_matrix(self) -> Matrix:
         """Return ``view_from_world``, (4, 4) float64."""
@@ -425,9 +464,9 @@ class MatrixCamera(Projecting):
         if self._is_perspective:
             constant = self.depth_coefficients()[0]
             with np.errstate(divide="ignore"):
-                return constant / share / _length(w_row[:3])
+                return constant / share / length(w_row[:3])
         ndc_z = -2.0 * share - 1.0
-        return (ndc_z * w_row[3] - z_row[3]) / _length(z_row[:3])
+        return (ndc_z * w_row[3] - z_row[3]) / length(z_row[:3])
 
     def _find_eye(self) -> Float64:
         """Return the eye; raise ``ValueError`` if the matrices lead beyond float64's range."""
@@ -452,6 +491,97 @@ class MatrixCamera(Projecting):
     def _is_perspective(self) -> bool:
         """Tell whether w depends on the view-space position."""
         return bool(self.clip_from_view[3, :3].any())
+
+
+def usual_near(near: float | None, far: float) -> float:
+    """Return the near plane of a perspective; by default 0.1, halved to lie before ``far``."""
+    if near is not None:
+        return near
+    found = NEAR
+    while isinstance(far, (int, float)) and 0.0 < far <= found:
+        found /= 2.0
+    return found
+
+
+def usual_far(far: float | None, near: float) -> float:
+    """Return the far plane of a parallel camera; by default 1000, doubled to lie behind."""
+    if far is not None:
+        return far
+    found = FAR
+    while isinstance(near, (int, float)) and found <= near < math.inf:
+        found *= 2.0
+    return found
+
+
+class Planes(NamedTuple):
+    """Where the near and the far plane of a camera are, and who put them there."""
+
+    near: float
+    """Distance along the viewing axis, scene units."""
+    far: float
+    """May be infinite."""
+    is_near_open: bool = False
+    """Whether rendering may halve the distance of the near plane, as none was given."""
+    is_far_open: bool = False
+    """Whether rendering may double that of the far plane."""
+    near_steps: int | None = None
+    """How often it did; ``None`` where the near plane was given, or is still open."""
+    far_steps: int | None = None
+
+
+def planes_of(camera: Camera | None) -> Planes | None:
+    """Return the planes of a camera; ``None`` if its matrix is of a kind that has no such two."""
+    steps = getattr(camera, "_steps", (None, None))
+    if isinstance(camera, PerspectiveCamera):
+        near = usual_near(camera.near, camera.far)
+        return Planes(near, camera.far, camera.near is None, False, *steps)
+    if isinstance(camera, OrthographicCamera):
+        far = usual_far(camera.far, camera.near)
+        return Planes(camera.near, far, False, camera.far is None, *steps)
+    if isinstance(camera, MatrixCamera):
+        found = _pinhole_planes(camera.clip_from_view)
+        return None if found is None else Planes(*found, camera.is_near_open, False, *steps)
+    return None
+
+
+def steps_of(camera: Camera) -> tuple[int, int]:
+    """Return how often rendering has halved the near plane of a camera and doubled its far one."""
+    near, far = getattr(camera, "_steps", (None, None))
+    return near or 0, far or 0
+
+
+def settled(camera: Camera, near_steps: int = 0, far_steps: int = 0) -> Camera:
+    """Return a camera with its open planes where so many steps from the usual ones lead."""
+    planes = planes_of(camera)
+    if planes is None or not (planes.is_near_open or planes.is_far_open):
+        return camera
+    found = copy.copy(camera)
+    if planes.is_far_open:
+        _freeze(found, far=planes.far * (1 << far_steps), _steps=(None, far_steps))
+        return found
+    near = planes.near / (1 << near_steps)
+    _freeze(found, _steps=(near_steps, None))
+    if isinstance(camera, PerspectiveCamera):
+        _freeze(found, near=near)
+        return found
+    _freeze(found, is_near_open=False)
+    if near_steps:
+        clip = found.clip_from_view.copy()
+        clip[2, 2:] = transforms.perspective_depth(near, planes.far)
+        clip.flags.writeable = False
+        _freeze(found, clip_from_view=clip)
+    return found
+
+
+def _pinhole_planes(clip: Float64) -> tuple[float, float] | None:
+    """Return near and far plane of a pinhole along view space's z axis, ``None`` of all else."""
+    *_, (depth_x, depth_y, scale, offset), away = clip.tolist()
+    if away != [0.0, 0.0, -1.0, 0.0] or depth_x != 0.0 or depth_y != 0.0:
+        return None
+    if not offset < 0.0 or not scale <= -1.0:
+        return None
+    near = offset / (scale - 1.0)
+    return near, math.inf if scale == -1.0 else offset / (scale + 1.0)
 
 
 def mirrors(pose: Float64) -> bool:
@@ -509,9 +639,3 @@ def _volume(rows: Float64) -> float:
         return 0.0
     (a, b, c), (d, e, f), (g, h, i) = (transforms.unit_vector("row", r).tolist() for r in rows)
     return a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
-
-
-def _length(components: list[float]) -> float:
-    """Return the length of a vector of three."""
-    x, y, z = components
-    return math.sqrt(x * x + y * y + z * z)

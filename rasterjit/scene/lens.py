@@ -25,7 +25,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.scene.angles import arc_tangent, polynomial, sine_cosine
-from rasterjit.scene.validation import bounded_number, finite_number
+from rasterjit.scene.assigning import says_replace
+from rasterjit.scene.validation import bounded_number
 
 Float64 = NDArray[np.float64]
 Coefficients = tuple[float, ...]
@@ -45,10 +46,14 @@ LEAST_STEP = 1e-13
 BLOCK = 4096
 """Places at once: the columns in use stay in the caches."""
 
+LARGEST = 1e15
+"""Largest coefficient, and coordinate of a point that is asked for: products are numbers still."""
+
 FARTHEST = 1e4
 """Largest radius that is looked at, tangent of the angle from the axis."""
 
 
+@says_replace
 @dataclass(frozen=True)
 class PinholeDistortion:
     """
@@ -99,7 +104,7 @@ class PinholeDistortion:
 
     def __post_init__(self) -> None:
         for field in fields(self):
-            number = finite_number(field.name, getattr(self, field.name))
+            number = bounded_number(field.name, getattr(self, field.name), -LARGEST, LARGEST)
             if field.name.startswith("tau"):
                 number = bounded_number(field.name, number, -1.5, 1.5)
             object.__setattr__(self, field.name, number)
@@ -118,7 +123,7 @@ class PinholeDistortion:
         (..., 2) float64
             Times the focal lengths, plus the principal point: pixels.
         """
-        x, y = _columns("points", points, 2)
+        x, y = _points("points", points)
         u, v = self._bent(x, y)[:2]
         a, b, c = self._tilt
         scale = (c[0] * u + c[1] * v) + c[2]
@@ -143,7 +148,7 @@ class PinholeDistortion:
         ValueError
             If nothing is seen at one of them, as the distortion folds before: naming the radius.
         """
-        points = self.directions(places)[..., :2]
+        points = self.directions(np.stack(_points("places", places), axis=-1))[..., :2]
         if not np.isfinite(points).all():
             raise ValueError(f"places must be where the lens shows something: {self.limit}")
         return points
@@ -266,6 +271,7 @@ class PinholeDistortion:
         return [[entry / volume for entry in row] for row in rows]
 
 
+@says_replace
 @dataclass(frozen=True)
 class FisheyeLens:
     """
@@ -302,7 +308,8 @@ class FisheyeLens:
 
     def __post_init__(self) -> None:
         for name in ("k1", "k2", "k3", "k4"):
-            object.__setattr__(self, name, finite_number(name, getattr(self, name)))
+            number = bounded_number(name, getattr(self, name), -LARGEST, LARGEST)
+            object.__setattr__(self, name, number)
         field = bounded_number("field", self.field, 0.0, 360.0)
         if field == 0.0:
             raise ValueError(f"field must be above 0, got {self.field!r}")
@@ -323,7 +330,7 @@ class FisheyeLens:
         (..., 2) float64
             Times the focal lengths, plus the principal point: pixels.
         """
-        x, y = _columns("points", points, 2)
+        x, y = _points("points", points)
         return self._shown(x, y, np.ones_like(x))[0]
 
     def undistort(self, places: ArrayLike) -> Float64:
@@ -343,7 +350,7 @@ class FisheyeLens:
         ValueError
             If nothing in front of the camera is seen at one of them.
         """
-        found = self.directions(places)
+        found = self.directions(np.stack(_points("places", places), axis=-1))
         if not (found[..., 2] > 0.0).all():
             raise ValueError(
                 "places must be where the lens shows something less than 90 degrees from the "
@@ -421,6 +428,7 @@ class FisheyeLens:
         return np.stack((x * scale, y * scale), axis=-1), angle
 
 
+@says_replace
 @dataclass(frozen=True)
 class Equirectangular:
     """
@@ -571,6 +579,18 @@ def _in_blocks(function: Callable[..., Float64], columns: list[Float64]) -> Floa
         some = slice(first, first + BLOCK)
         found[some] = function(*(column[some] for column in flat))
     return found.reshape(*shape, 3)
+
+
+def _points(name: str, values: ArrayLike) -> list[Float64]:
+    """Return x and y of points, or raise ``ValueError`` if some lie nowhere that a lens leads."""
+    found = _columns(name, values, 2)
+    for column in found:
+        if not (np.abs(column) <= LARGEST).all():
+            raise ValueError(
+                f"{name} must be finite and at most {LARGEST:g} from 0, got "
+                f"{column[~(np.abs(column) <= LARGEST)].flat[0]!r}"
+            )
+    return found
 
 
 def _columns(name: str, values: ArrayLike, count: int) -> list[Float64]:

@@ -146,7 +146,7 @@ def check_near(
         (reversed formats) or nearest (the others, which always lose what is far) is not held.
     """
     name, near = quality.depth_format, camera.depth_coefficients()[0]
-    held = _least_held(name, quality.precision)
+    held = least_held(name, quality.precision)
     has_planes = isinstance(camera, PerspectiveCamera)
     far = camera.far if has_planes else math.inf
     least = transforms.LEAST_NEAR * far if far < math.inf else 0.0
@@ -171,7 +171,7 @@ def check_near(
     )
 
 
-def _least_held(name: str, precision: str) -> float:
+def least_held(name: str, precision: str) -> float:
     """Return the least depth, 1 on the near plane and 0 far away, that is held, by a precision."""
     if name in REVERSED_TYPES:
         # The depths of vertices are found by their precision before they are rounded.

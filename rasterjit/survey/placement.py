@@ -66,6 +66,12 @@ class Boxes:
         self.relative_from_model = relative_from_model
         self._reach: Float64
         """What |w| plus each of |x|, |y| and |z| is at most in clip space, (3, O)."""
+        self._inside: Float64
+        """How far inside of each plane a box reaches, clip space: far at 2, near at 5, (6, O)."""
+        self._widths: Float64
+        """By how much the far and the near plane tell the ends of each axis apart, (2, 3, O)."""
+        self._beside: NDArray[np.bool_]
+        """Which boxes are all beyond a side of the view, or of nothing, (O,)."""
         self.in_view = self._may_be_seen(clip_from_relative)
 
     def _may_be_seen(self, matrix: Float64) -> NDArray[np.bool_]:
@@ -83,18 +89,38 @@ class Boxes:
             # A plane holds inside what has a x + b y + c z + d >= 0: rows w - x, w + x, and so on.
             planes = np.concatenate((matrix[3] - matrix[:3], matrix[3] + matrix[:3]))
             # Measure the corner of each box that lies farthest inside.
-            along = _along(planes, m)
-            parts = along[:, :3] * middle + np.abs(along[:, :3]) * half
-            most = along[:, 3] + planes[:, 3, np.newaxis]
+            onto = along(planes, m)
+            halves = np.abs(onto[:, :3]) * half
+            parts = onto[:, :3] * middle + halves
+            most = onto[:, 3] + planes[:, 3, np.newaxis]
             for k in range(3):
                 most += parts[:, k]
+            self._inside, self._widths = most, halves[2::3]
             # Of both rows: what is drawn compares them, and they may nearly cancel.
             rows = np.abs(matrix[3]) + np.abs(matrix[:3])
-            self._reach = _along(rows, sizes) + rows[:, 3, np.newaxis]
+            self._reach = along(rows, sizes) + rows[:, 3, np.newaxis]
             # What is not a number is not sure.
             beyond = most.reshape(2, 3, -1) < -ROUNDING * self._reach
-        outside |= beyond.any(axis=(0, 1))
-        return ~outside
+        self._beside = outside | beyond[:, :2].any(axis=(0, 1))
+        return ~(self._beside | beyond[:, 2].any(axis=0))
+
+    def may_cross(self, near: float, far: float) -> NDArray[np.bool_]:
+        """
+        Tell which objects may reach beyond the near or the far plane within the sides of the view.
+
+        Parameters
+        ----------
+        near, far : float
+            How far inside of each plane they must stay, in clip space; -inf -> anywhere.
+
+        Returns
+        -------
+        (O,) bool
+        """
+        with np.errstate(invalid="ignore", over="ignore"):
+            least = self._inside[2::3] - 2.0 * self._widths.sum(axis=1)
+            stays = least >= np.array([[far], [near]]) + ROUNDING * self._reach[2]
+        return ~(stays.all(axis=0) | self._beside)
 
     @cached_property
     def corners(self) -> Float64:
@@ -115,14 +141,18 @@ class Boxes:
         """Return a clip-space w that nothing in view is beyond."""
         return float(self._reach[0, self.in_view].max(initial=0.0))
 
-    def w_ranges(self, row: Float64) -> tuple[Float64, Float64, Float64]:
+    def w_ranges(
+        self, row: Float64, chosen: NDArray[np.bool_] | None = None
+    ) -> tuple[Float64, Float64, Float64]:
         """
-        Return between which clip-space w the vertices of each object in view lie, (N,) each.
+        Return between which clip-space w the vertices of some objects lie, (N,) each.
 
         Parameters
         ----------
         row : (4,) float64
             The last one of ``clip_from_relative``.
+        chosen : (O,) bool, optional
+            Which objects. Default: those in view.
 
         Returns
         -------
@@ -131,14 +161,15 @@ class Boxes:
         within : (N,)
             One at least is not above: each side of a box touches a vertex.
         """
-        low, high = self._bounds[self.in_view].transpose(1, 0, 2)
-        m = self.relative_from_model[self.in_view]
+        chosen = self.in_view if chosen is None else chosen
+        low, high = self._bounds[chosen].transpose(1, 0, 2)
+        m = self.relative_from_model[chosen]
         with np.errstate(invalid="ignore", over="ignore"):
             along = (row[0] * m[:, 0] + row[1] * m[:, 1]) + row[2] * m[:, 2]
             middle = along[:, :3] * (low / 2.0 + high / 2.0)
             half = np.abs(along[:, :3]) * (high / 2.0 - low / 2.0)
             center, reach = middle.sum(axis=1) + (along[:, 3] + row[3]), half.sum(axis=1)
-            doubt = ROUNDING * self._reach[0, self.in_view]
+            doubt = ROUNDING * self._reach[0, chosen]
             above = center + (reach + doubt)
             return center - (reach + doubt), above, above - 2.0 * half.max(axis=1)
 
@@ -153,7 +184,7 @@ class Boxes:
         return float(np.sqrt(squares.max(initial=0.0)))
 
 
-def _along(planes: Float64, points: Float64) -> Float64:
+def along(planes: Float64, points: Float64) -> Float64:
     """Return a x + b y + c z of planes (P, 4) for coordinates x, y, z: (P, ...) of (3, ...)."""
     a, b, c = planes[:, :3].T.reshape(3, -1, *(1,) * (points.ndim - 1))
     return (a * points[0] + b * points[1]) + c * points[2]
@@ -181,6 +212,14 @@ def place_boxes(boxes: Float64, matrices: Float64) -> Float64:
     m = matrices[:, np.newaxis, :3, :]
     with np.errstate(invalid="ignore", over="ignore"):
         return x * m[..., 0] + y * m[..., 1] + z * m[..., 2] + m[..., 3]
+
+
+def box_around(boxes: Float64, matrices: Float64) -> tuple[Float64, Float64]:
+    """Return the corners, (3,), of a box around boxes (O, 2, 3) that matrices (O, 4, 4) place."""
+    corners = place_boxes(boxes, matrices[:, :3]).reshape(-1, 3)
+    # What is in no face has no box.
+    corners = corners[~np.isnan(corners).any(axis=1)]
+    return corners.min(axis=0, initial=np.inf), corners.max(axis=0, initial=-np.inf)
 
 
 class Views(NamedTuple):
@@ -266,6 +305,20 @@ def view_places(places: Places, camera: Camera, size: tuple[int, int]) -> Views:
     eye = camera.eye_position()
     relative_from_model = places.world_from_model.copy()
     relative_from_model[:, :3, 3] -= eye
+    return _view(relative_from_model, places.normal_matrices, places.mirrored, camera, size)
+
+
+def view_again(views: Views, camera: Camera, size: tuple[int, int]) -> Views:
+    """Return the matrices of the same objects for another projection from the same eye."""
+    return _view(views.relative_from_model, views.normal_matrices, views.mirrored, camera, size)
+
+
+def _view(
+    relative_from_model: Float64, normal_matrices: Float64, mirrored: Float64, camera: Camera,
+    size: tuple[int, int],
+) -> Views:  # fmt: skip
+    """Return the matrices of objects, given those that the projection does not change."""
+    eye = camera.eye_position()
     view_from_relative = transforms.compose(camera.view_matrix(), transforms.translate(eye))
     clip_from_view = camera.projection_matrix(size)
     *screen_axes, depth_row, away = (row[:3] for row in clip_from_view.tolist())
@@ -281,8 +334,8 @@ def view_places(places: Places, camera: Camera, size: tuple[int, int]) -> Views:
     return Views(
         relative_from_model,
         transforms.compose(clip_from_view, view_from_relative),
-        places.normal_matrices,
-        places.mirrored,
+        normal_matrices,
+        mirrored,
         toward_viewer,
         1 if handedness < 0.0 else -1,
     )

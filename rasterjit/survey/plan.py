@@ -16,6 +16,7 @@ from rasterjit.scene.camera import Camera
 from rasterjit.scene.quality import Quality, differences
 from rasterjit.survey.blending import Layers
 from rasterjit.survey.camera_view import CameraView
+from rasterjit.survey.clip_planes import NO_LOOK, Look, describe_planes
 from rasterjit.survey.depth_format import DepthFormat
 from rasterjit.survey.effect import Absent, Planned, Rows
 from rasterjit.survey.facts import Facts
@@ -62,6 +63,8 @@ class RenderPlan:
     """How many surfaces of each pixel are found, the nearest ones; ``None`` -> one, as always."""
     region: Region | None = None
     """The part of the picture that is drawn; ``None`` -> all of it."""
+    look: Look = NO_LOOK
+    """What is seen beside the near and the far plane."""
     view: CameraView | None = None
     """What the camera sees, for who asks; ``None`` -> nobody does."""
     drawn: tuple[dict[str, Any], ...] | None = None
@@ -180,6 +183,7 @@ class RenderPlan:
         ]
         if self.lens:
             rows.append(("lens", self.lens))
+        rows += describe_planes(self.camera, self.look.cut)
         if self.pictures > 1:
             rows.append(("pictures", f"{self.pictures} of {self.quality.samples}"))
         if self.surfaces is not None:

@@ -157,7 +157,7 @@ class Viewer:
         self._frame: Frame | None = None
         self._frame_version = -1
         self._seconds = self._drawing = 0.0
-        self._moving = Renderer(self.size, threads=threads)
+        self._moving = _renderer(self.size, threads)
         self._steps: Iterator[bool] = iter(())
         self._steps_version, self._finished = -1, False
         self._count = 0
@@ -244,7 +244,7 @@ class Viewer:
             return
         self.size, self.ratio = size, ratio
         self._moving.close()
-        self._moving = Renderer(size, threads=self._threads)
+        self._moving = _renderer(size, self._threads)
         self._times = self._new_times()
         controls = self.controls
         if self._is_fitted and isinstance(controls, Orbit) and controls.goal == controls.home:
@@ -352,7 +352,7 @@ class Viewer:
             if self.version != version:
                 raise _OutdatedError
 
-        with Renderer(self.size, threads=self._threads) as renderer:
+        with _renderer(self.size, self._threads) as renderer:
             renderer.before_picture = ask
             if kind != "color":
                 outputs = OUTPUTS_OF[kind]
@@ -521,3 +521,10 @@ class Viewer:
         rows = [(name, f"{1e3 * seconds:+.2f} ms") for name, seconds in self.costs.items()]
         whole = ("frame", f"{1e3 * self.costs['frame']:.2f} ms")
         return [("standard quality",), whole, *rows[1:]]
+
+
+def _renderer(size: tuple[int, int], threads: int | None) -> Renderer:
+    """Return a renderer that warns of nothing: whoever moves the camera sees what it sees."""
+    renderer = Renderer(size, threads=threads)
+    renderer.told = None
+    return renderer

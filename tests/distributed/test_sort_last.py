@@ -62,6 +62,25 @@ def test_merged_layers_are_the_whole(view, count):
     assert_same_bits(merged(PAIRS[:count], view), whole(PAIRS[:count], view))
 
 
+def test_parts_have_one_near_plane_that_cuts_none_of_them(client):
+    eye = np.array((0.0, 0.0, 0.5))
+    pairs = [(vertices * 0.01 + eye - (0.0, 0.0, 0.05), faces) for vertices, faces in PAIRS[:1]]
+    pairs += PAIRS[1:3]
+    camera = rj.PerspectiveCamera(tuple(eye), (0.0, 0.0, 0.0))
+    for quality in (rj.Quality.standard(), rj.Quality(depth_format="unorm24")):
+        wanted = whole(pairs, camera, quality=quality)
+        near = wanted.plan.camera.near
+        assert near < 0.1
+        assert_same_bits(merged(pairs, replace(camera, near=near), quality), wanted)
+        # Parts that are here, and some that only workers see.
+        for parts in (pairs, [functools.partial(tuple, pair) for pair in pairs]):
+            frame = rj.distributed.render_partitions(
+                parts, camera, size=SIZE, outputs=OUTPUTS, quality=quality, client=client
+            )
+            assert frame.plan.camera.near == near
+            assert_same_bits(frame, wanted)
+
+
 def test_neighbours_may_be_merged_in_any_order(view):
     def from_the_end(drawn, merge):
         return functools.reduce(lambda later, one: merge(one, later), reversed(drawn))

@@ -369,6 +369,27 @@ def test_whatever_is_rendered_keeps_the_invariants(
 
 @few(60)
 @given(
+    distortion=st.lists(st.one_of(st.floats(-0.5, 0.5), wild), max_size=14),
+    fisheye=st.lists(st.one_of(st.floats(-0.1, 0.1), wild), max_size=4), field=wild,
+    point=st.lists(wild, min_size=2, max_size=2),
+)  # fmt: skip
+def test_lenses_lead_somewhere_or_are_refused(distortion, fisheye, field, point):
+    lenses = [
+        attempt(rj.PinholeDistortion, *distortion),
+        attempt(rj.FisheyeLens, *fisheye),
+        attempt(rj.FisheyeLens, *fisheye[:3], field=field),
+        rj.Equirectangular(),
+    ]
+    camera = rj.PerspectiveCamera((0, 0, 4), (0, 0, 0))
+    for lens in filter(None, lenses):
+        attempt(rj.render, ball, camera, size=(6, 3), lens=lens)
+        if not isinstance(lens, rj.Equirectangular):
+            attempt(lens.distort, point)
+            attempt(lens.undistort, point)
+
+
+@few(60)
+@given(
     k=whole, value=st.one_of(anything, names), field=st.sampled_from(["scene", "camera", "view"]),
     outputs=st.lists(st.sampled_from(OUTPUTS), max_size=3),
 )  # fmt: skip
@@ -628,6 +649,10 @@ ELSEWHERE = {
     "RenderPlan": "what explain returns; here it is printed",
     "Node": "what Scene.add returns",
     "CalibrationWarning": "a warning of the dial",
+    "ViewWarning": "a warning of what is in view",
+    "LoadWarning": "a warning of load; tests/hostile and tests/io hold it",
+    "MeshFileError": "an error of load; tests/hostile and tests/io hold it",
+    "SaveWarning": "a warning of Scene.save; tests/io hold it",
     "Choice": "what the dial notes on a frame",
     "PixelExplanation": "what explain_pixel returns",
     "accuracy": "a module; tests/accuracy refuses its bad input",

@@ -339,7 +339,7 @@ def test_the_command_line_takes_a_budget(tmp_path):
     command = ["render", str(path), "-o", str(tmp_path / "a.png"), "--max-bytes", "1000"]
     run = CliRunner().invoke(commands.program, command)
     assert run.exit_code == 1
-    assert "are left of max_bytes = 1,000" in run.output
+    assert "are left of --max-bytes 1,000" in run.output
     assert not (tmp_path / "a.png").exists()
 
 

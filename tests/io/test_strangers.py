@@ -209,7 +209,7 @@ def test_the_command_line_takes_a_root(tmp_path):
     assert "wood.png" not in given.output
     wrong = CliRunner().invoke(commands.program, [*command, "--resource-root", str(file)])
     assert wrong.exit_code == 1
-    assert "resource_root must be a folder" in wrong.output
+    assert "--resource-root must be a folder" in wrong.output
 
 
 @pytest.mark.parametrize("root", ["nowhere", 3])

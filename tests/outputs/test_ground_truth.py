@@ -149,10 +149,9 @@ def test_geometric_normal_is_that_of_the_plane_that_is_seen(seen):
 SPACES = ("position", "position_camera", "normal", "normal_camera", "face_id", "depth")
 
 VIEWS = {
-    # As cameras of other programs may be: scaled, mirrored and leaning.
+    # As cameras of other programs may be: scaled and leaning.
     "scaled": np.diag([0.01, 0.01, 0.01, 1.0]),
     "tiny": np.diag([1e-200, 1e-200, 1e-200, 1.0]),
-    "mirrored": np.diag([-1.0, 1.0, 1.0, 1.0]),
     "leaning": np.array([[1, 0.3, 0, 0.1], [0, 0.8, 0.2, 0], [0.1, 0, 1.5, 0], [0, 0, 0, 1.0]]),
 }
 

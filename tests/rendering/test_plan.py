@@ -289,6 +289,8 @@ def test_every_reason_is_spelled_out(cube, camera):
         "outputs                  color",
         "sub-pixel bits           8",
         "culling                  none",
+        "near                     0.5 (given)",
+        "far                      20 (given)",
         "shading                  in  (gouraud, phong, unlit)",
         "lights                   in  (2 PointLight, 1 AmbientLight)",
         "shadows                  out (no light casts them)",

@@ -31,6 +31,9 @@ FROZEN = [
     rj.Environment(np.ones((4, 8, 3))),
     Panorama(np.ones((4, 8, 3))),
     rj.Environment.gradient().sky,
+    rj.Equirectangular(),
+    rj.FisheyeLens(0.1),
+    rj.PinholeDistortion(0.1),
     rj.Fog(mode="linear", start=1.0, end=2.0),
     rj.Material("pbr", "orange", base_color_texture=rj.Texture(np.ones((2, 2)))),
     UnsaidMaterial(),
@@ -92,10 +95,11 @@ def test_every_description_says_how_to_make_a_changed_copy_and_it_can_be_made(th
             dataclasses.FrozenInstanceError, match=rf"replace\(old, {name}=\.\.\.\)"
         ):
             setattr(thing, name, None)
-    with pytest.raises(dataclasses.FrozenInstanceError, match="has no 'qqq'; its fields are"):
+    told = "; its fields are" if fields_of(thing) else ", nor any field"
+    with pytest.raises(dataclasses.FrozenInstanceError, match=f"has no 'qqq'{told}"):
         thing.qqq = 1
     with pytest.raises(AttributeError):
-        delattr(thing, fields_of(thing)[0])
+        delattr(thing, [*fields_of(thing), "directions"][0])
     for twin in (dataclasses.replace(thing), copy.copy(thing), pickle.loads(pickle.dumps(thing))):
         assert type(twin) is type(thing)
         assert repr(twin) == repr(thing)

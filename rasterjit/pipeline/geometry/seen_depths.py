@@ -1,0 +1,181 @@
+"""
+Find how near and how far what is seen of faces lies, where a camera has no near and no far plane.
+
+The part of a face inside the four sides of the view ends at its corners, where its edges meet
+sides, and where the lines in which two sides meet go through it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rasterjit.runtime.jit import helper, kernel
+from rasterjit.runtime.state import float64, int32, int64
+
+BLOCK = 256
+"""Faces in a box."""
+
+DEPTH = 4
+"""Row of depths; before it come the sides of the view in an order around it."""
+
+LEAST, MOST, BEFORE, BEHIND = 0, 1, 2, 3
+"""What is found: the least and the greatest depth seen; how many faces reach before the near plane,
+and behind the far one."""
+
+SURE = 2.0**-30
+"""Share of their terms that numbers may be off: far more than float64 rounds them by."""
+
+
+@helper
+def along(rows, row, point):
+    """Return a row times a point."""
+    x, y, z = rows[row, 0] * point[0], rows[row, 1] * point[1], rows[row, 2] * point[2]
+    return x + y + z + rows[row, 3]
+
+
+@helper
+def is_seen(values, doubts, at):
+    """Tell whether a point, mixed from the corners by three weights, is inside of all sides."""
+    for side in range(DEPTH):
+        value = at[0] * values[side, 0] + at[1] * values[side, 1] + at[2] * values[side, 2]
+        if not value >= -doubts[side]:
+            return False
+    return True
+
+
+@helper
+def reach(values, doubts, at, ends):
+    """Let a point, mixed from the corners by three weights, count if it is seen."""
+    if is_seen(values, doubts, at):
+        depth = at[0] * values[DEPTH, 0] + at[1] * values[DEPTH, 1] + at[2] * values[DEPTH, 2]
+        ends[0] = min(ends[0], depth)
+        ends[1] = max(ends[1], depth)
+
+
+@helper
+def may_be_seen(values, doubts):
+    """Tell whether a face is neither beside the view nor edge on; write what is doubtful."""
+    for side in range(DEPTH):
+        a, b, c = values[side, 0], values[side, 1], values[side, 2]
+        if not (a >= 0.0 or b >= 0.0 or c >= 0.0):
+            return False
+        doubts[side] = SURE * (abs(a) + abs(b) + abs(c))
+    volume, terms = 0.0, 0.0
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        ahead = values[0, i] * (values[1, j] * values[2, k])
+        back = values[0, i] * (values[1, k] * values[2, j])
+        volume += ahead - back
+        terms += abs(ahead) + abs(back)
+    # What is not a number is not drawn.
+    return abs(volume) > SURE * terms
+
+
+@helper
+def find_ends(values, doubts, at, ends):
+    """Write between which depths a face is seen: inf and -inf if it is not."""
+    ends[0], ends[1] = np.inf, -np.inf
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        # A corner.
+        at[i], at[j], at[k] = 1.0, 0.0, 0.0
+        reach(values, doubts, at, ends)
+        # Where the edge to the next one meets a side.
+        for side in range(DEPTH):
+            here, there = values[side, i], values[side, j]
+            if (here < 0.0) != (there < 0.0):
+                share = here / (here - there)
+                at[i], at[j] = 1.0 - share, share
+                reach(values, doubts, at, ends)
+    # Where two sides meet.
+    for one in range(DEPTH):
+        other = (one + 1) % DEPTH
+        total = 0.0
+        for i in range(3):
+            j, k = (i + 1) % 3, (i + 2) % 3
+            at[i] = values[one, j] * values[other, k] - values[one, k] * values[other, j]
+            total += at[i]
+        if total != 0.0:
+            for i in range(3):
+                at[i] /= total
+            if at[0] >= 0.0 and at[1] >= 0.0 and at[2] >= 0.0:
+                reach(values, doubts, at, ends)
+
+
+@kernel
+def box_faces(
+    vertices: float64[:, ::1], faces: int32[:, ::1], lows: float64[:, ::1], highs: float64[:, ::1]
+):  # fmt: skip
+    """
+    Find the boxes around faces, ``BLOCK`` of them in each.
+
+    Parameters
+    ----------
+    vertices : (V, 3) float64, model space
+    faces : (F, 3) int32
+    lows, highs : (3, B) float64
+        Writes their corners; what is not a number is left out, as no such face is drawn.
+    """
+    for block in range(lows.shape[1]):
+        for axis in range(3):
+            low, high = np.inf, -np.inf
+            for face in range(block * BLOCK, min((block + 1) * BLOCK, faces.shape[0])):
+                for i in range(3):
+                    value = vertices[faces[face, i], axis]
+                    low = value if value < low else low
+                    high = value if value > high else high
+            lows[axis, block], highs[axis, block] = low, high
+
+
+@kernel
+def find_seen_depths(
+    vertices: float64[:, ::1], faces: int32[:, ::1], blocks: int64[::1], rows: float64[:, ::1],
+    planes: (float64, float64), found: float64[::1], scratch: float64[:, ::1],
+):  # fmt: skip
+    """
+    Find between which depths faces are seen that reach before a near or behind a far plane.
+
+    Parameters
+    ----------
+    vertices : (V, 3) float64, model space
+    faces : (F, 3) int32
+    blocks : (N,) int64
+        Which boxes of faces are looked at.
+    rows : (5, 4) float64
+        What x, y, z and 1 in model space are multiplied by to give how far inside of each side of
+        the view a point is, and its depth along the viewing axis.
+    planes : (float, float)
+        Depths of the near and the far plane.
+    found : (4,) float64
+        Changed by these faces: see ``LEAST`` and those after it.
+    scratch : (8, 4) float64
+        This call's own.
+    """
+    values, doubts, at, ends = scratch[:5], scratch[5], scratch[6], scratch[7]
+    near, far = planes
+    for n in range(blocks.shape[0]):
+        block = blocks[n]
+        for face in range(block * BLOCK, min((block + 1) * BLOCK, faces.shape[0])):
+            a, b, c = vertices[faces[face, 0]], vertices[faces[face, 1]], vertices[faces[face, 2]]
+            first, second, third = (
+                along(rows, DEPTH, a),
+                along(rows, DEPTH, b),
+                along(rows, DEPTH, c),
+            )
+            low, high = min(first, second, third), max(first, second, third)
+            if not high > 0.0 or not (low < near or high > far):
+                continue
+            for row in range(DEPTH + 1):
+                values[row, 0] = along(rows, row, a)
+                values[row, 1] = along(rows, row, b)
+                values[row, 2] = along(rows, row, c)
+            if not may_be_seen(values, doubts):
+                continue
+            find_ends(values, doubts, at, ends)
+            least, most = ends[0], ends[1]
+            if most > 0.0:
+                least = max(least, 0.0)
+                found[LEAST] = min(found[LEAST], least)
+                found[MOST] = max(found[MOST], most)
+                found[BEFORE] += 1.0 if least < near else 0.0
+                found[BEHIND] += 1.0 if most > far else 0.0

@@ -1,0 +1,46 @@
+"""Warn of what a picture does not show: nothing is in view, or planes cut faces away."""
+
+from __future__ import annotations
+
+from rasterjit.outputs.frame import Stats
+from rasterjit.scene.warning import warn_caller
+from rasterjit.survey.plan import RenderPlan
+
+NOTHING_IN_VIEW = "nothing is in view: the picture shows only the background"
+
+
+class ViewWarning(UserWarning):
+    """Nothing is in view, or a near or far plane that was given cuts away what else were."""
+
+
+def shows_anything(plan: RenderPlan, stats: Stats) -> bool:
+    """Tell whether a face covers a sample or, of edges alone, whether any may be in view."""
+    if not plan.facts.finds_faces:
+        return stats.drawn + stats.unsampled + stats.degenerate > 0
+    # Faces with holes may be holes everywhere.
+    return stats.drawn > 0 and (not plan.facts.needs_alpha_tests or stats.pixels_covered > 0)
+
+
+def notices_of(plan: RenderPlan, stats: Stats | None = None) -> dict[str, str]:
+    """
+    Return what there is to warn of, by kind.
+
+    Parameters
+    ----------
+    plan : RenderPlan
+    stats : Stats, optional
+        Of the whole frame. Default: it is not drawn yet, and only objects out of view tell that
+        nothing is in view.
+    """
+    found = {cut.name: f"camera.{cut.name} = {cut.plane:.6g} {cut}" for cut in plan.look.cut}
+    is_empty = not plan.facts.in_view.any() if stats is None else not shows_anything(plan, stats)
+    if is_empty and not found:
+        found["view"] = NOTHING_IN_VIEW
+    return found
+
+
+def warn(notices: dict[str, str], told: set[str]) -> None:
+    """Warn of what is of no kind that was told, and add that."""
+    for kind in notices.keys() - told:
+        warn_caller(notices[kind], ViewWarning)
+    told.update(notices)

@@ -1,0 +1,419 @@
+"""
+Decide where the near and the far plane are that a camera leaves open; count what given ones cut.
+
+Boxes settle most frames: those around objects, then, of an object that may reach a plane, its
+sphere, and the boxes around some hundred faces each. Of the faces in those that are left, the part
+inside the four sides of the view is found, as exactly as float64 has it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from functools import reduce
+from typing import NamedTuple
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rasterjit.pipeline.geometry import seen_depths
+from rasterjit.pipeline.geometry.seen_depths import DEPTH, SURE
+from rasterjit.scene import transforms
+from rasterjit.scene.camera import MOST_STEPS, Camera, OrthographicCamera, Planes, planes_of
+from rasterjit.scene.mesh import Mesh
+from rasterjit.scene.quality import Quality
+from rasterjit.scene.scene import Node
+from rasterjit.survey.arrays import writable
+from rasterjit.survey.depth_format import REVERSED_TYPES, least_held
+from rasterjit.survey.effect import Rows
+from rasterjit.survey.placement import Boxes, along
+
+Float64 = NDArray[np.float64]
+
+CLEARANCE = 2.0**-7
+"""Share of its distance by which an open near plane is nearer than all that is seen, and a far
+plane farther: more than vertices are rounded by where float32 holds them at all."""
+
+WIDENING = 1.0 + 2.0**-10
+"""How many times as wide as the picture the view is taken to be: snapping moves vertices."""
+
+UNBOXED = 1 << 13
+"""Most faces of a mesh that are looked at without boxes: to do so takes no longer."""
+
+MOST_KNOWN = 256
+"""What is known of a mesh: of each of its objects, from each camera."""
+
+CHUNK = 1 << 16
+"""Vertices looked at at once, so that they stay in the cache."""
+
+_ROUND_OFF = 1.01
+"""Factor on a least or largest value, so that its first three digits are on the safe side."""
+
+
+class Cut(NamedTuple):
+    """What a plane that was given cuts away, whole or in part, that else were in view."""
+
+    name: str
+    """``"near"`` or ``"far"``."""
+    faces: int
+    plane: float
+    """Its distance, scene units."""
+    needed: float
+    """The distance at which it would cut nothing."""
+
+    def beside(self, other: Cut) -> Cut:
+        """Return what the plane cuts of two parts together."""
+        choose = min if self.name == "near" else max
+        return self._replace(
+            faces=self.faces + other.faces, needed=choose(self.needed, other.needed)
+        )
+
+    def __str__(self) -> str:
+        faces = f"{self.faces} face{'s' if self.faces != 1 else ''}"
+        if self.name == "near":
+            enough = f"at most {self.needed / _ROUND_OFF:.3g}" if self.needed > 0.0 else "no plane"
+        else:
+            enough = f"at least {self.needed * _ROUND_OFF:.3g}"
+        return f"cuts {faces} in view, whole or in part; {enough} cuts nothing"
+
+
+class Look(NamedTuple):
+    """What a camera sees beside its planes."""
+
+    near_steps: int = 0
+    """How often an open near plane must be halved to cut nothing."""
+    most_near_steps: int = MOST_STEPS
+    """How often it may be."""
+    far_steps: int = 0
+    """How often an open far plane must be doubled, which it may."""
+    cut: tuple[Cut, ...] = ()
+    """What given planes cut."""
+
+    @property
+    def steps(self) -> tuple[int, int]:
+        """What `settled` takes."""
+        return min(self.near_steps, self.most_near_steps), self.far_steps
+
+    def beside(self, other: Look) -> Look:
+        """Return what two views, or parts of one, need that have one near and one far plane."""
+        cuts: dict[str, Cut] = {}
+        for one in (*self.cut, *other.cut):
+            cuts[one.name] = one.beside(cuts[one.name]) if one.name in cuts else one
+        return Look(
+            max(self.near_steps, other.near_steps),
+            min(self.most_near_steps, other.most_near_steps),
+            max(self.far_steps, other.far_steps),
+            tuple(cuts.values()),
+        )
+
+
+NO_LOOK = Look()
+
+
+def join(looks: Sequence[Look]) -> Look:
+    """Return what views need together that have one near and one far plane."""
+    return reduce(Look.beside, looks, NO_LOOK)
+
+
+def look_at_planes(
+    camera: Camera,
+    boxes: Boxes,
+    nodes: Sequence[Node],
+    clip_from_relative: Float64,
+    quality: Quality,
+) -> Look:
+    """
+    Find what a camera sees beside its planes.
+
+    Parameters
+    ----------
+    camera : Camera
+        An open plane counts where it is before any step.
+    boxes : Boxes
+        Around the objects.
+    nodes : sequence of Node
+        The objects.
+    clip_from_relative : (4, 4) float64
+    quality : Quality
+        Its depth format says how near the near plane may come.
+    """
+    planes = planes_of(camera)
+    # Planes that rendering has put somewhere cut what they must.
+    if planes is None or planes.near_steps is not None or planes.far_steps is not None:
+        return NO_LOOK
+    near = planes.near / (1.0 - CLEARANCE) if planes.is_near_open else max(planes.near, 0.0)
+    far = planes.far * (1.0 - CLEARANCE) if planes.is_far_open else planes.far
+    # Look at the boxes of objects.
+    row, margins = _depths(camera, planes, clip_from_relative)
+    crosses = boxes.may_cross(
+        -math.inf if near <= 0.0 else margins[0] * (near / planes.near - 1.0),
+        -math.inf if far == math.inf else margins[1] * (1.0 - far / planes.far),
+    )
+    most_steps = _most_halvings(planes, boxes, quality) if planes.is_near_open else 0
+    if crosses.any() and not isinstance(camera, OrthographicCamera):
+        # Where the far plane is many times as far as the near one, w tells more than z.
+        lows, highs, _ = boxes.w_ranges(row, crosses)
+        crosses[crosses] = ~((lows >= near) & (highs <= far))
+    if not crosses.any():
+        return Look(most_near_steps=most_steps)
+    # Look at those of faces, and at the faces.
+    rows = np.concatenate((_sides(clip_from_relative), row[np.newaxis]))
+    found = [
+        _look_at_mesh(nodes[k].mesh, rows, boxes.relative_from_model[k], (near, far))
+        for k in np.flatnonzero(crosses).tolist()
+    ]
+    least, most, before, behind = (
+        combine(values)
+        for combine, values in zip((min, max, sum, sum), zip(*found, strict=True), strict=True)
+    )
+    return Look(
+        _halvings(planes, least) if planes.is_near_open else 0,
+        most_steps,
+        _doublings(planes, most) if planes.is_far_open else 0,
+        tuple(
+            Cut(name, int(count), *ends)
+            for name, count, is_open, *ends in (
+                ("near", before, planes.is_near_open, planes.near, least),
+                ("far", behind, planes.is_far_open, planes.far, most),
+            )
+            if count and not is_open
+        ),
+    )
+
+
+def is_surely_between(low: Float64, high: Float64, camera: Camera) -> bool:
+    """Tell whether a box, corners (3,) in world space, lies between the open planes of a camera."""
+    planes = planes_of(camera)
+    if planes is None or not (planes.is_near_open or planes.is_far_open):
+        return True
+    *row, rest = (-camera.view_matrix()[2]).tolist()
+    nearest = farthest = rest
+    terms = abs(rest)
+    for share, least, most in zip(row, low.tolist(), high.tolist(), strict=True):
+        ends = share * least, share * most
+        nearest, farthest = nearest + min(ends), farthest + max(ends)
+        terms += max(map(abs, ends))
+    near = planes.near / (1.0 - CLEARANCE) if planes.is_near_open else -math.inf
+    far = planes.far * (1.0 - CLEARANCE) if planes.is_far_open else math.inf
+    # What is not a number is not sure.
+    return nearest >= near + SURE * terms and farthest <= far - SURE * terms
+
+
+def _depths(
+    camera: Camera, planes: Planes, clip_from_relative: Float64
+) -> tuple[Float64, tuple[float, float]]:
+    """
+    Return what tells the depth of a point, and the distances of planes as clip space has them.
+
+    Returns
+    -------
+    row : (4,) float64
+        Times a point relative to the eye: its distance along the viewing axis, scene units.
+    distances : (float, float)
+        Of the near and the far plane from the eye.
+    """
+    z, w = clip_from_relative[2], clip_from_relative[3]
+    distances = abs(float(w[3] + z[3])), abs(float(w[3] - z[3]))
+    if not isinstance(camera, OrthographicCamera):
+        return w, distances
+    half = (planes.far - planes.near) / 2.0
+    row = half * z
+    row[3] += planes.near + half
+    return row, distances
+
+
+def _sides(clip_from_relative: Float64) -> Float64:
+    """Return what is at least 0 inside of each side of the view: right, top, left, bottom."""
+    x, y, w = clip_from_relative[0], clip_from_relative[1], WIDENING * clip_from_relative[3]
+    return np.stack((w - x, w - y, w + x, w + y))
+
+
+def _halvings(planes: Planes, least: float) -> int:
+    """Return how often the near plane must be halved to leave what is so far away."""
+    allowed, steps = least * (1.0 - CLEARANCE), 0
+    while steps < MOST_STEPS and planes.near / (1 << steps) > allowed:
+        steps += 1
+    return steps
+
+
+def _most_halvings(planes: Planes, boxes: Boxes, quality: Quality) -> int:
+    """Return how often it may be halved: float64 finds the far plane, a format what is far."""
+    is_reversed = quality.depth_format in REVERSED_TYPES
+    if is_reversed and planes.far == math.inf:
+        return MOST_STEPS
+    least = 2.0 * transforms.LEAST_NEAR * planes.far if planes.far < math.inf else 0.0
+    if not is_reversed:
+        held = least_held(quality.depth_format, quality.precision)
+        least = max(least, 2.0 * held * min(boxes.largest_w(), planes.far))
+    steps = 0
+    while steps < MOST_STEPS and planes.near / (2 << steps) >= least:
+        steps += 1
+    return steps
+
+
+def _doublings(planes: Planes, most: float) -> int:
+    """Return how often the far plane must be doubled to leave what is so far away."""
+    steps = 0
+    while steps < MOST_STEPS and planes.far * (1 << steps) * (1.0 - CLEARANCE) < most:
+        steps += 1
+    return steps
+
+
+Found = tuple[float, float, float, float]
+"""Least and greatest depth at which faces are seen that reach a plane, inf and -inf for none; how
+many of them reach before the near one and behind the far one."""
+
+NOTHING = (math.inf, -math.inf, 0.0, 0.0)
+
+
+def _look_at_mesh(
+    mesh: Mesh, rows: Float64, relative_from_model: Float64, planes: tuple[float, float]
+) -> Found:
+    """
+    Find between which depths faces of an object are seen that reach a plane.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    rows : (5, 4) float64
+        Four sides of the view, then depth, of points relative to the eye.
+    relative_from_model : (4, 4) float64
+    planes : (float, float)
+        Depths of the near and the far plane.
+    """
+    if _is_between(_ball(mesh), rows[DEPTH], relative_from_model, planes):
+        return NOTHING
+    with np.errstate(all="ignore"):
+        rows = along(rows, relative_from_model[:3]) + rows[:, 3:] * (0.0, 0.0, 0.0, 1.0)
+    known, key = _known.setdefault(mesh, {}), (rows.tobytes(), planes)
+    found = known.get(key)
+    if found is None:
+        told = np.array(NOTHING)
+        blocks = _blocks_reaching(mesh, rows, planes)
+        if len(blocks):
+            seen_depths.find_seen_depths(
+                writable(mesh.vertices), writable(mesh.faces), blocks, rows, planes, told,
+                np.empty((8, 4)),
+            )  # fmt: skip
+        if len(known) >= MOST_KNOWN:
+            known.clear()
+        found = known[key] = tuple(told.tolist())
+    return found
+
+
+def _is_between(
+    ball: _Ball, row: Float64, relative_from_model: Float64, planes: tuple[float, float]
+) -> bool:
+    """Tell whether a sphere lies between two planes, given what tells the depth of a point."""
+    a, b, c, d = row.tolist()
+    across = [a * x + b * y + c * z for x, y, z, _ in relative_from_model.T.tolist()]
+    x, y, z, rest = across
+    middle = x * ball.x + y * ball.y + z * ball.z + (rest + d)
+    terms = abs(x * ball.x) + abs(y * ball.y) + abs(z * ball.z) + (abs(rest) + abs(d))
+    reach = ball.radius * math.sqrt(x * x + y * y + z * z) + SURE * terms
+    return middle - reach >= planes[0] and middle + reach <= planes[1]
+
+
+def _blocks_reaching(mesh: Mesh, rows: Float64, planes: tuple[float, float]) -> NDArray[np.int64]:
+    """Return the boxes of faces that may be seen before or behind planes; rows of model space."""
+    if len(mesh.faces) <= UNBOXED:
+        return np.arange(-(-len(mesh.faces) // seen_depths.BLOCK))
+    boxes = _boxes(mesh)
+    with np.errstate(all="ignore"):
+        middles = along(rows, boxes.middle) + rows[:, 3:]
+        reaches = along(np.abs(rows), boxes.half)
+        reaches += SURE * (along(np.abs(rows), np.abs(boxes.middle)) + np.abs(rows[:, 3:]))
+        lows, highs = middles - reaches, middles + reaches
+    # What is not a number is not sure.
+    is_out = (highs[:DEPTH] < 0.0).any(axis=0) | (highs[DEPTH] <= 0.0)
+    is_out |= (lows[DEPTH] >= planes[0]) & (highs[DEPTH] <= planes[1])
+    return np.flatnonzero(~is_out)
+
+
+class _Ball(NamedTuple):
+    """A sphere around a mesh, model space."""
+
+    x: float
+    y: float
+    z: float
+    radius: float
+
+
+class _Boxes(NamedTuple):
+    """Boxes around the faces of a mesh, model space."""
+
+    middle: Float64
+    """(3, B)."""
+    half: Float64
+    """Half the size of each, (3, B)."""
+
+
+_known: WeakKeyDictionary[Mesh, dict[tuple[bytes, tuple[float, float]], Found]] = (
+    WeakKeyDictionary()
+)
+_balls: WeakKeyDictionary[Mesh, _Ball] = WeakKeyDictionary()
+_face_boxes: WeakKeyDictionary[Mesh, _Boxes] = WeakKeyDictionary()
+
+
+def _ball(mesh: Mesh) -> _Ball:
+    """Return the sphere around the middle of a mesh's box, found once."""
+    found = _balls.get(mesh)
+    if found is None:
+        low, high = mesh.bounds()
+        middle, largest = low / 2.0 + high / 2.0, 0.0
+        vertices, used = mesh.vertices, mesh.used_vertices()
+        for first in range(0, len(vertices), CHUNK):
+            some = slice(first, first + CHUNK)
+            with np.errstate(over="ignore"):
+                x, y, z = (vertices[some][used[some]] - middle).T
+                squares = (x * x + y * y) + z * z
+            largest = max(largest, float(squares.max(initial=0.0)))
+        found = _balls[mesh] = _Ball(*middle.tolist(), math.sqrt(largest))
+    return found
+
+
+def _boxes(mesh: Mesh) -> _Boxes:
+    """Return the boxes around the faces of a mesh, found once."""
+    found = _face_boxes.get(mesh)
+    if found is None:
+        low, high = np.empty((2, 3, -(-len(mesh.faces) // seen_depths.BLOCK)))
+        seen_depths.box_faces(writable(mesh.vertices), writable(mesh.faces), low, high)
+        found = _Boxes(low / 2.0 + high / 2.0, high / 2.0 - low / 2.0)
+        _face_boxes[mesh] = found
+    return found
+
+
+def kernels_of(camera: Camera) -> Rows:
+    """Return the kernels that look for faces at the planes of a camera."""
+    if planes_of(camera) is None:
+        return []
+    reached = "an object may reach the near or far plane"
+    return [
+        ("seen_depths.box_faces", "", f"{reached} and has more than {UNBOXED} faces"),
+        ("seen_depths.find_seen_depths", "", reached),
+    ]
+
+
+def describe_planes(camera: Camera, cut: Sequence[Cut]) -> list[tuple[str, str]]:
+    """Return rows of text about the planes of a camera: where they are, why, and what they cut."""
+    planes = planes_of(camera)
+    if planes is None:
+        return []
+    rows = []
+    if planes.near > 0.0:
+        rows.append(("near", _describe_plane(planes.near, planes.near_steps, "/")))
+    if planes.far < math.inf:
+        rows.append(("far", _describe_plane(planes.far, planes.far_steps, "*")))
+    return [
+        (name, "; ".join([text, *(str(one) for one in cut if one.name == name)]))
+        for name, text in rows
+    ]
+
+
+def _describe_plane(distance: float, steps: int | None, sign: str) -> str:
+    """Say where a plane is, and whether rendering put it there."""
+    if steps is None:
+        return f"{distance:.6g} (given)"
+    usual = distance * (1 << steps) if sign == "/" else distance / (1 << steps)
+    return f"{distance:.6g} (chosen: {usual:.6g} {sign} 2^k, k = {steps})"
