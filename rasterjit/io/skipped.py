@@ -36,6 +36,34 @@ def reason_of(error: Exception) -> str:
     return " ".join(text.split())[:LONGEST_REASON] or type(error).__name__
 
 
+class NotSaved:
+    """Collect what is saved otherwise than it is, to warn about everything at once."""
+
+    def __init__(self, form: str) -> None:
+        self._form = form
+        self._lost: dict[str, None] = {}
+        self._rounded: dict[str, None] = {}
+
+    def note(self, what: str) -> None:
+        """Add what the form has no place for, such as ``"fog"``."""
+        self._lost[what] = None
+
+    def note_rounded(self, what: str) -> None:
+        """Add what the form keeps with fewer digits than would do."""
+        self._rounded[what] = None
+
+    def warn(self, source: str, stacklevel: int) -> None:
+        """Warn, if anything was noted, of what is lost and, apart from it, what is rounded."""
+        said = []
+        if self._lost:
+            said.append(f"{self._form} has no place for {', '.join(self._lost)}")
+        if self._rounded:
+            said.append(f"rounded: {', '.join(self._rounded)}")
+        if said:
+            message = f"{source}: {'; '.join(said)}; all else is kept"
+            warnings.warn(message, SaveWarning, stacklevel=stacklevel)
+
+
 class LeftOut:
     """Count what is left out by kind, to warn about everything at once."""
 
