@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import warnings
 from collections import Counter
+
+from rasterjit.scene.warning import warn_caller
 
 
 class MeshFileError(ValueError):
@@ -54,9 +55,7 @@ class LeftOut:
         source: str,
         category: type[Warning] = LoadWarning,
         what: str = "left out",
-        stacklevel: int = 3,
     ) -> None:
         """Warn, if anything was left out, naming ``source`` and every kind."""
         if self._counts:
-            message = f"{source}: {what} {self}; the rest is there"
-            warnings.warn(message, category, stacklevel=stacklevel)
+            warn_caller(f"{source}: {what} {self}; the rest is there", category)

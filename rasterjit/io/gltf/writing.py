@@ -101,7 +101,7 @@ def save_gltf(scene: Scene, path: str | os.PathLike[str]) -> None:
     with replacing(place) as temporary:
         temporary.write_bytes(content)
     writer.left_out.warn(
-        str(place), SaveWarning, "has not, or in another form, what glTF has no word for:", 4
+        str(place), SaveWarning, "has not, or in another form, what glTF has no word for:"
     )
 
 

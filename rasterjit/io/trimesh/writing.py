@@ -44,7 +44,7 @@ def to_trimesh(what: Mesh | Scene) -> Any:
     converter = _Converter(left_out)
     made = converter.mesh(what) if isinstance(what, Mesh) else converter.scene(what)
     said = "has not, or in another form, what trimesh has no place for:"
-    left_out.warn(f"trimesh {type(made).__name__}", SaveWarning, said, 4)
+    left_out.warn(f"trimesh {type(made).__name__}", SaveWarning, said)
     return made
 
 
