@@ -50,6 +50,10 @@ IN_FRONT = 1e-6
 """Share of the scene's size by which a face must lie nearer to the light to cast a shadow."""
 
 
+NEAREST = 1e-9
+"""Scene units from the eye; what is nearer is not seen."""
+
+
 @dataclass(frozen=True)
 class Soup:
     """
@@ -265,12 +269,14 @@ def _covered(
 ) -> Iterator[tuple[int, tuple[slice, slice], Floats]]:
     """Yield each face that covers points: its number, a window around them, one over its depth."""
     x, y = grid
+    # A near plane that is not given cuts nothing in view
+    least = NEAREST if camera.near is None else camera.near
     for face in numbers.tolist():
         clip, inverse = soup.clip[face], soup.inverse[face]
-        if np.isnan(inverse[0, 0]) or (clip[:, 2] < camera.near).all():
+        if np.isnan(inverse[0, 0]) or (clip[:, 2] < least).all():
             continue
         window = slice(0, len(y)), slice(0, len(x))
-        if (clip[:, 2] >= camera.near).all():
+        if (clip[:, 2] >= least).all():
             places = clip[:, :2] / clip[:, 2:]
             left, bottom = places.min(axis=0)
             right, top = places.max(axis=0)
@@ -280,7 +286,7 @@ def _covered(
         across, down = x[window[1]], y[window[0], np.newaxis]
         weights = [row[0] * across + row[1] * down + row[2] for row in inverse]
         near = weights[0] + weights[1] + weights[2]
-        inside = (near > 1.0 / camera.far) & (near <= 1.0 / camera.near)
+        inside = (near > 1.0 / camera.far) & (near <= 1.0 / least)
         for weight in weights:
             inside &= weight >= 0.0
         if inside.any():

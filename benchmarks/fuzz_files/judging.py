@@ -152,4 +152,8 @@ def _draw(loaded: Any, sample: str, faults: list[str]) -> None:
             pass
         except Exception as error:
             faults.append(f"drawing: a foreign exception, {type(error).__name__}: {error}")
-    faults += [f"drawing: a foreign warning, {one.message}" for one in told]
+    faults += [
+        f"drawing: a foreign warning, {one.message}"
+        for one in told
+        if not issubclass(one.category, rj.ViewWarning)
+    ]

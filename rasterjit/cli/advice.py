@@ -119,7 +119,6 @@ CHOICES_MEANT = {
     "constant": "unlit",
     "metallic": "pbr",
     "backface": "back",
-    "high": "reference",
     "best": "reference",
     "low": "draft",
     "fast": "draft",
@@ -187,7 +186,8 @@ def with_advice(error: click.ClickException) -> str:
     if parameter is not None and isinstance(parameter.type, click.Choice):
         value = _NO_CHOICE.search(message)
         if value is not None:
-            return message + question(value[1], list(parameter.type.choices), CHOICES_MEANT)
+            meant = question(value[1], list(parameter.type.choices), CHOICES_MEANT)
+            return message.removesuffix(".") + meant
     return message
 
 

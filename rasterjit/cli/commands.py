@@ -38,11 +38,13 @@ from rasterjit.cli.options import (
     look_options,
     reading_options,
     refuse_idle,
+    refuse_picture,
     refuse_without_color,
     view_options,
 )
 from rasterjit.cli.program import (
     DEPTH_SCALE,
+    FEWEST_CODES,
     INTERRUPTED,
     MASKS,
     OWN_PROCESS,
@@ -134,7 +136,8 @@ def program(context: click.Context, version: bool) -> None:
 @click.option(
     "--scale", metavar="UNITS", type=FiniteType(0.0, min_open=True),
     help="Scene units that a code of a 16-bit .png stands for, as the scale of Frame.save. "
-    f"Default: {DEPTH_SCALE} with --depth, else what fits the values best.",
+    f"Default: with --depth, {DEPTH_SCALE} if it fits and keeps {FEWEST_CODES} codes, or else the "
+    "smallest power of ten that fits; of other outputs, what fits the values best.",
 )  # fmt: skip
 @click.option("--depth-scale", "codes_per_unit", type=FiniteType(0.0, min_open=True), hidden=True)
 @click.option(
@@ -176,13 +179,15 @@ def render(
 
     Without options for the camera it is the file's own, or one that fits the whole scene into
     the picture. If FILE is a folder, all meshes below it are drawn into the folder OUT, 256x256
-    pixels each if no --size is given; those that cannot be are named, and the status is 1.
+    pixels each if no --size is given; those that cannot be are named, and the status is 1. OUT may
+    be FILE itself: the picture of a.obj is a.obj.png, and replaces a file of that name.
     """
     view, look, effects = (gather(kind, rest) for kind in (View, Look, Effects))
     view.check()
     if file.is_dir():
         from rasterjit.cli.thumbnails import render_folder
 
+        refuse_picture(file, output)
         options = {"background": background, "cull": cull}
         render_folder(file, output, size, threads, quiet, view, look, effects, **options)
         return
@@ -196,7 +201,7 @@ def render(
         refuse_idle(["mask_of"], "it is for --mask")
     besides = {"--depth": (depth_file, "depth"), "--mask": (mask_file, mask_of)}
     wanted, places = plan_files(output, outputs, besides)
-    scale = units_per_code(places, scale, codes_per_unit, quiet)
+    scale = units_per_code(places, scale, codes_per_unit)
     refuse_without_color(wanted)
     from rasterjit.cli.warmup import first_tasks
     from rasterjit.rendering.notices import ViewWarning, notices_of
@@ -222,7 +227,7 @@ def render(
             **options,
         )  # fmt: skip
         rendered = time.perf_counter()
-        write_files(frame, places, scale)
+        chosen = write_files(frame, places, scale)
     saved = time.perf_counter()
     for notice in notices_of(frame.plan, frame.stats).values():
         warn(notice, quiet)
@@ -232,7 +237,8 @@ def render(
         if diagnose:
             print_diagnostics(frame.diagnostics)
         for place in places:
-            click.echo(f"wrote {place}")
+            told = f": --scale {chosen[place]:g}, units a code" if place in chosen else ""
+            click.echo(f"wrote {place}{told}")
 
 
 @program.command()
@@ -353,14 +359,17 @@ def view(file: Path, **options: Any) -> None:
 
 @program.command()
 @file_argument
-@click.option("--json", "as_json", is_flag=True, help="As JSON, with all materials and lights.")
+@click.option(
+    "--json", "as_json", is_flag=True, help="As JSON, with all nodes, materials and lights."
+)
 @reading_options
 @debug_option
 def info(file: Path, as_json: bool, **reading: Any) -> None:
     """
-    Say what FILE holds: counts, bounds, materials, lights, camera, and what is left out.
+    Say what FILE holds: counts, bounds, nodes, materials, lights, camera, what is left out.
 
-    It is told of what is loaded: a vertex where faces meet at a crease counts for each side.
+    Nodes have the names that Scene.find takes, own attributes those that --outputs takes. It is
+    told of what is loaded: a vertex where faces meet at a crease counts for each side.
     """
     from rasterjit.cli.info import tell
 

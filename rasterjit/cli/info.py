@@ -1,11 +1,12 @@
-"""The command that says what a mesh file holds: counts, bounds, materials, lights, camera."""
+"""The command that says what a mesh file holds: counts, nodes, materials, lights, camera."""
 
 from __future__ import annotations
 
 import json
 import warnings
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +14,7 @@ import click
 
 from rasterjit.cli import raise_if_interrupted
 from rasterjit.cli.program import in_options
+from rasterjit.scene.mesh import ATTRIBUTE
 
 if TYPE_CHECKING:
     from rasterjit.scene.material import Material
@@ -20,7 +22,7 @@ if TYPE_CHECKING:
     from rasterjit.scene.scene import Scene
 
 MOST_SHOWN = 20
-"""Materials and lights that are printed; JSON has all."""
+"""Nodes, materials and lights that are printed; JSON has all."""
 
 
 def tell(file: Path, as_json: bool, **reading: Any) -> None:
@@ -51,8 +53,10 @@ def describe(scene: Scene) -> dict[str, Any]:
     -------
     dict
         Counts of objects (meshes at their places), meshes (each once), vertices and faces of both
-        kinds; bounds and bounding sphere, scene units; materials with the number of their objects,
-        colours linear RGBA; distinct textures; lights; the camera or None.
+        kinds; the nodes, tree by tree, with their names, the numbers of their parents in this list
+        and of their objects, as ``object_id`` has them; outputs of attributes, with their columns
+        and the number of meshes; bounds and bounding sphere, scene units; materials with the number
+        of their objects, colours linear RGBA; distinct textures; lights; the camera or None.
     """
     meshes = list({id(node.mesh): node.mesh for node in scene.nodes}.values())
     low, high = (corner.tolist() for corner in scene.bounds())
@@ -68,6 +72,8 @@ def describe(scene: Scene) -> dict[str, Any]:
         "faces_drawn": sum(len(node.mesh.faces) for node in scene.nodes),
         "invalid_vertices": sum(mesh.invalid_vertices for mesh in meshes),
         "attributes": _attributes(meshes),
+        "attribute_outputs": _attribute_outputs(meshes),
+        "nodes": _nodes(scene),
         "closed": sum(mesh.is_closed() for mesh in meshes),
         "bounds": {"min": low, "max": high},
         "center": [float(part) for part in center],
@@ -86,6 +92,36 @@ def _attributes(meshes: list[Mesh]) -> dict[str, int]:
     names = ("normals", "uv", "uv1", "tangents", "vertex_colors", "face_colors")
     counts = {name: sum(getattr(mesh, name) is not None for mesh in meshes) for name in names}
     return {name: count for name, count in counts.items() if count}
+
+
+def _attribute_outputs(meshes: list[Mesh]) -> list[dict[str, Any]]:
+    """Return the outputs that attributes of their own give the meshes, by name."""
+    counts = Counter(
+        (f"{ATTRIBUTE}{name}", values.shape[1], of)
+        for mesh in meshes
+        for of, held in (("vertices", mesh.vertex_attributes), ("faces", mesh.face_attributes))
+        for name, values in held.items()
+    )
+    return [
+        {"output": output, "columns": columns, "of": of, "meshes": count}
+        for (output, columns, of), count in sorted(counts.items())
+    ]
+
+
+def _nodes(scene: Scene) -> list[dict[str, Any]]:
+    """Return all nodes, with a mesh or without, each before those below it."""
+    every = scene.every_node()
+    numbers = {id(node): number for number, node in enumerate(every)}
+    objects = {id(node): number for number, node in enumerate(scene.nodes)}
+    return [
+        {
+            "name": str(node.name),
+            "parent": None if node.parent is None else numbers[id(node.parent)],
+            "object": objects.get(id(node)),
+            "faces": 0 if node.mesh is None else len(node.mesh.faces),
+        }
+        for node in every
+    ]
 
 
 def _material(material: Material) -> dict[str, Any]:
@@ -155,33 +191,56 @@ def _rows(held: dict[str, Any]) -> Iterator[tuple[str, str]]:
     said = (f"{name} {f'{count:,} ' if of_all else ''}{of_all}".strip().replace("_", " ")
             for name, count in held["attributes"].items())  # fmt: skip
     yield "attributes", ", ".join(said) or "none"
+    own = held["attribute_outputs"]
+    if own:
+        told = (_told_attribute(one, of_all) for one in own)
+        yield from _listed("own attribute", told, len(own))
     yield "closed", f"{held['closed']:,} of {_count(held['meshes'], 'mesh', 'meshes')}"
+    yield from _listed("node", _told_nodes(held["nodes"]), len(held["nodes"]))
     low, high = held["bounds"]["min"], held["bounds"]["max"]
     yield "bounds", f"{_numbers(low)} to {_numbers(high)}"
     sides = [b - a for a, b in zip(low, high, strict=True)]
     yield "size", f"{' x '.join(f'{side:.6g}' for side in sides)} units"
     yield "bounding sphere", f"centre {_numbers(held['center'])}, radius {held['radius']:.6g}"
-    yield from _listed("material", [_told_material(one) for one in held["materials"]])
+    yield from _listed("material", map(_told_material, held["materials"]), len(held["materials"]))
     textures = held["textures"]
     if textures["count"]:
         yield "textures", f"{textures['count']:,}, {textures['texels']:,} texels"
     else:
         yield "textures", "none"
-    yield from _listed("light", [_told_fields(one) for one in held["lights"]])
+    yield from _listed("light", map(_told_fields, held["lights"]), len(held["lights"]))
     camera = held["camera"]
     yield "camera", "none" if camera is None else _told_fields(camera)
     for text in held["warnings"]:
         yield "warning", text
 
 
-def _listed(name: str, texts: list[str]) -> Iterator[tuple[str, str]]:
+def _listed(name: str, texts: Iterable[str], count: int) -> Iterator[tuple[str, str]]:
     """Yield a row for each of several things of a kind, the first ones; or one for none."""
-    if not texts:
+    if not count:
         yield f"{name}s", "none"
-    for number, text in enumerate(texts[:MOST_SHOWN]):
+    for number, text in enumerate(islice(texts, MOST_SHOWN)):
         yield f"{name} {number}", text
-    if len(texts) > MOST_SHOWN:
-        yield f"{name}s", f"{len(texts) - MOST_SHOWN:,} more: see --json"
+    if count > MOST_SHOWN:
+        yield f"{name}s", f"{count - MOST_SHOWN:,} more: see --json"
+
+
+def _told_attribute(one: dict[str, Any], of_all: str) -> str:
+    """Return the output of an attribute in a line."""
+    having = f", {one['meshes']:,} {of_all} meshes" if of_all else ""
+    columns = _count(one["columns"], "column", "columns")
+    return f"{one['output']!r}: {columns} of {one['of']}{having}"
+
+
+def _told_nodes(nodes: list[dict[str, Any]]) -> Iterator[str]:
+    """Yield each node as a line, indented by how many are above it."""
+    depths: list[int] = []
+    for one in nodes:
+        depths.append(0 if one["parent"] is None else depths[one["parent"]] + 1)
+        held = "group"
+        if one["object"] is not None:
+            held = f"object {one['object']}, {_count(one['faces'], 'face', 'faces')}"
+        yield f"{'  ' * depths[-1]}{one['name']!r}: {held}"
 
 
 def _told_material(one: dict[str, Any]) -> str:

@@ -59,6 +59,9 @@ SUN_INTENSITY = 0.9
 FILL_INTENSITY = 0.15
 """The sun that casts shadows in a scene without lights, and the ambient light beside it."""
 
+AMBIENT_INTENSITY = 1.0
+"""Of the ambient light that is asked for by name: alone, it shows colours as they are."""
+
 LIGHTS = ("headlight", "sun", "ambient")
 """Lights with a name: the default one, over the viewer's shoulder; one from above; all around."""
 
@@ -400,6 +403,16 @@ def checked_place(name: str, place: Path, kind: str) -> Path:
     return PlaceType(kind).convert(str(place), option, context)
 
 
+def refuse_picture(folder: Path, output: Path) -> None:
+    """Raise click's usage error if a folder's pictures are to go where a file's name is."""
+    if output.suffix.lower() in _formats("image") and not output.is_dir():
+        raise click.BadOptionUsage(
+            "--output",
+            f"--output: {output} is the name of a file, and the pictures of the folder {folder} go "
+            f"into a folder, such as {output.with_suffix('')}",
+        )
+
+
 def _formats(kind: str) -> tuple[str, ...]:
     """Return the extensions of a kind of file."""
     from rasterjit.animation import video
@@ -473,17 +486,27 @@ class Look(NamedTuple):
         return changes
 
 
+def check_lights(
+    context: click.Context, parameter: click.Parameter, chosen: tuple[Vector | str, ...]
+) -> tuple[Vector | str, ...]:
+    """Return what ``--light`` is given, or raise click's usage error."""
+    for number, one in enumerate(chosen):
+        if one in chosen[:number]:
+            said = one if isinstance(one, str) else ",".join(f"{part:g}" for part in one)
+            raise click.BadOptionUsage("--light", f"--light: {said} is given twice")
+    if "headlight" in chosen and len(chosen) > 1:
+        raise click.BadOptionUsage("--light", "--light: the headlight shines alone")
+    return chosen
+
+
 def _lights_of(chosen: tuple[Vector | str, ...]) -> list[Light]:
     """Return lights by directions and names; none for the headlight, which is the default."""
     from rasterjit.scene.light import AmbientLight, DirectionalLight
 
     if "headlight" in chosen:
-        if len(set(chosen)) > 1:
-            raise click.BadOptionUsage("--light", "--light: the headlight shines alone")
         return []
-    if chosen == ("ambient",):
-        return [AmbientLight(intensity=1.0)]
-    lights: list[Light] = [AmbientLight(intensity=FILL_INTENSITY)]
+    around = AMBIENT_INTENSITY if "ambient" in chosen else FILL_INTENSITY
+    lights: list[Light] = [AmbientLight(intensity=around)]
     for one in chosen:
         if one != "ambient":
             direction = SUN_DIRECTION if one == "sun" else one
@@ -523,13 +546,10 @@ class View(NamedTuple):
 
     def camera(self, scene: Scene, size: tuple[int, int]) -> AnyCamera | None:
         """Return the camera; ``None``, for the renderer to choose, if no option was given."""
-        if all(option is None for option in self._replace(zoom=None)):
-            if self.zoom is None:
-                return None
-            if scene.camera is not None:
-                from rasterjit.scene.framing import zoom_camera
-
-                return zoom_camera(scene.camera, self.zoom)
+        if all(option is None for option in self):
+            return None
+        if self.intrinsics is None and scene.camera is not None and not self._is_placed():
+            return self._magnified(scene.camera)
         if self.pose is not None or self.intrinsics is not None:
             return self._calibrated(scene, size)
         if self.position is not None:
@@ -537,6 +557,25 @@ class View(NamedTuple):
         if self.azimuth is None and self.elevation is None:
             return self._fit(scene, size)
         return self.turn(scene, size)(0.0)
+
+    def _is_placed(self) -> bool:
+        """Tell whether an option says where the camera is, or of which kind."""
+        return any(one is not None for one in self._replace(zoom=None, fov=None, intrinsics=None))
+
+    def _magnified(self, camera: AnyCamera) -> AnyCamera:
+        """Return the file's camera with another field of view, and zoomed."""
+        from rasterjit.scene.camera import PerspectiveCamera
+        from rasterjit.scene.framing import zoom_camera
+
+        if self.fov is not None:
+            if not isinstance(camera, PerspectiveCamera):
+                raise click.BadOptionUsage(
+                    "--fov",
+                    "--fov: the file's camera has no field of view: use --zoom, or "
+                    "--projection perspective for a camera that fits the scene",
+                )
+            camera = dataclasses.replace(camera, fov_y=self.fov)
+        return camera if self.zoom is None else zoom_camera(camera, self.zoom)
 
     def _check_pinhole(self) -> None:
         """Raise click's usage error if options contradict those of a calibrated camera."""
@@ -570,8 +609,20 @@ class View(NamedTuple):
                 intrinsics = intrinsics_of(DEFAULT_FOV if self.fov is None else self.fov, size)
                 intrinsics[[0, 1], [0, 1]] *= 1.0 if self.zoom is None else self.zoom
             return camera_of(intrinsics, pose, size, scene)
-        fov_y = 2.0 * transforms.arc_tangent(size[1] / 2.0, float(intrinsics[1, 1]))
-        placed = self._replace(intrinsics=None, fov=fov_y).camera(scene, size)
+        if scene.camera is not None and not self._is_placed():
+            placed = scene.camera
+        else:
+            focal = float(intrinsics[1, 1])
+            fov_y = 2.0 * transforms.arc_tangent(size[1] / 2.0, focal)
+            try:
+                placed = self._replace(intrinsics=None, fov=fov_y).camera(scene, size)
+            except ValueError as error:
+                if "fov_y" not in str(error):
+                    raise
+                raise ValueError(
+                    f"--intrinsics: the focal length {focal:g} of {size[1]} rows, a field of view "
+                    f"of {fov_y:g} degrees, cannot be fitted to the scene; --pose places the camera"
+                ) from error
         pose = transforms.compose(FLIP, placed.view_matrix())
         return camera_of(intrinsics, pose, size, scene)
 
@@ -707,9 +758,11 @@ def look_options(command: Callable) -> Callable:
                          help="Draw all objects in this colour, as --background has it, instead of "
                               "their own and their textures."),
             click.option("--light", type=LightType(), multiple=True, metavar="X,Y,Z|NAME",
+                         callback=check_lights,
                          help="Light from far away that shines along X,Y,Z (0,-1,0: down), beside "
                               "dim light from all around, instead of the scene's lights; or "
-                              f"{', '.join(LIGHTS[:-1])} or {LIGHTS[-1]}. May be repeated."),
+                              f"{', '.join(LIGHTS[:-1])} or {LIGHTS[-1]} (bright light from all "
+                              "around in place of the dim). May be repeated, each light once."),
             click.option("--shading", type=modes, help="Shade all objects this way."),
             click.option("--wireframe", type=click.Choice(["overlay", "only"]),
                          help="Draw the edges over the faces, or alone."),

@@ -61,10 +61,13 @@ class MatrixType(click.ParamType):
             self.fail(said, parameter, context)
         if not np.isfinite(numbers).all():
             self.fail(f"{value!r} must be finite", parameter, context)
-        return self.checked(numbers.reshape(shape))
+        try:
+            return self.checked(numbers.reshape(shape))
+        except ValueError as error:
+            self.fail(f"{value!r}: {error}", parameter, context)
 
     def checked(self, matrix: Float64) -> Float64:
-        """Return the matrix in its one shape."""
+        """Return the matrix in its one shape, or raise ``ValueError``."""
         return matrix
 
 
@@ -88,11 +91,13 @@ class IntrinsicsType(MatrixType):
     wanted = "FX,FY,CX,CY or the 9 numbers of a 3x3 matrix K"
 
     def checked(self, matrix: Float64) -> Float64:
-        """Return K."""
-        if matrix.ndim == 2:
-            return matrix
-        fx, fy, cx, cy = matrix.tolist()
-        return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+        """Return K, checked."""
+        from rasterjit.io.cameras import intrinsic_matrix
+
+        if matrix.ndim == 1:
+            fx, fy, cx, cy = matrix.tolist()
+            matrix = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+        return intrinsic_matrix("it", matrix)
 
 
 def pose_from_world(pose: Float64, convention: str) -> Float64:
@@ -105,10 +110,10 @@ def pose_from_world(pose: Float64, convention: str) -> Float64:
         If the pose is not one of a camera: it mirrors, shears or scales.
     """
     from rasterjit.io.cameras import view_from_pose
-    from rasterjit.scene.framing import length, triple_of
     from rasterjit.scene.transforms import compose, inverse
+    from rasterjit.scene.vectors import length
 
-    lengths = [length(triple_of(column)) for column in pose[:3, :3].T]
+    lengths = [length(column) for column in pose[:3, :3].T.tolist()]
     if any(abs(one - 1.0) > LONGEST_SCALE for one in lengths):
         raise ValueError(
             "--pose must turn and move the camera, not scale: its first three columns have lengths "
@@ -135,8 +140,9 @@ def camera_of(
 ) -> MatrixCamera:
     """Return the camera of K and a pose, both as OpenCV has them, its near plane before a scene."""
     from rasterjit.io.cameras import from_opencv
-    from rasterjit.scene.framing import length, near_plane, triple_of
+    from rasterjit.scene.framing import near_plane, triple_of
     from rasterjit.scene.transforms import apply
+    from rasterjit.scene.vectors import length
 
     center, radius = scene.bounding_sphere()
     distance = length(triple_of(apply(camera_from_world, center)))
@@ -144,7 +150,8 @@ def camera_of(
     try:
         return from_opencv(intrinsics, size, camera_from_world=camera_from_world, near=near)
     except ValueError as error:
-        raise ValueError(re.sub(r"\bintrinsics\b", "--intrinsics", str(error))) from error
+        said = re.sub(r"\b(intrinsics|clip_from_view)\b", "--intrinsics", str(error))
+        raise ValueError(said) from error
 
 
 def _numbers(text: str) -> Float64 | None:

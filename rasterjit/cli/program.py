@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 import numpy as np
+from numpy.typing import NDArray
 
 from rasterjit.cli import INTERRUPTED, raise_if_interrupted
 from rasterjit.cli.advice import with_advice
@@ -31,7 +32,7 @@ from rasterjit.cli.options import (
     is_given,
     refuse_idle,
 )
-from rasterjit.outputs.table import TABLE
+from rasterjit.outputs.table import row_of
 from rasterjit.rendering.plan import CULL_MODES
 
 if TYPE_CHECKING:
@@ -49,7 +50,10 @@ SCENE = re.compile(r"scene\b")
 """How errors begin that are about what a file held."""
 
 DEPTH_SCALE = 0.001
-"""Scene units that a code of the PNG of --depth stands for: millimetres of metres."""
+"""Scene units that a code of the PNG of --depth stands for, if it can: millimetres of metres."""
+
+FEWEST_CODES = 256
+"""Between the nearest and the farthest depth, for that scale: as many as 8 bits have."""
 
 MASKS = ("coverage", "object_id", "instance_id", "material_id", "face_id")
 """Outputs that a mask may hold."""
@@ -159,7 +163,10 @@ debug_option = click.option(
     "--debug", is_flag=True, expose_value=False, callback=_set_debug,
     help="Show the traceback of an error.",
 )  # fmt: skip
-quiet_option = click.option("-q", "--quiet", is_flag=True, help="Print nothing but errors.")
+quiet_option = click.option(
+    "-q", "--quiet", is_flag=True,
+    help="Print nothing but errors, and which spellings are deprecated.",
+)  # fmt: skip
 threads_option = click.option(
     "--threads", type=click.IntRange(1, 1024),
     help="Number of threads; default: all processors. The picture is the same for any.",
@@ -193,6 +200,11 @@ def warn(message: str, quiet: bool) -> None:
     """Print a warning as one line on standard error."""
     if not quiet:
         click.echo("warning: " + " ".join(message.split()), err=True)
+
+
+def say_deprecated(old: str, new: str) -> None:
+    """Print, also with --quiet, what to write in place of a spelling that goes on working."""
+    warn(f"{old} is deprecated and will be an error; write {new}", quiet=False)
 
 
 def size_behind(background: str | BackgroundImage | None, size: tuple[int, int]) -> tuple[int, int]:
@@ -240,6 +252,13 @@ def plan_files(
     outputs : tuple of str
     besides : dict of (Path or None, str)
         By option, a file of its own for one output.
+
+    Returns
+    -------
+    outputs : tuple of str
+    places : dict
+        One output alone, but the colour, and all in a file of several go to ``output``; otherwise
+        that is the picture, and the others go to an ``.npz`` beside it.
     """
     wanted = dict.fromkeys(outputs)
     places: Places = {}
@@ -247,7 +266,14 @@ def plan_files(
     if suffix == ".exr":
         # It holds light, not codes.
         wanted = dict.fromkeys("linear" if name == "color" else name for name in outputs)
-    if suffix in (".npz", ".exr") or (suffix == ".png" and _is_buffer(outputs)):
+    formats = _formats_of_one(outputs)
+    if formats and suffix not in formats:
+        raise click.BadOptionUsage(
+            "--outputs",
+            f"--outputs: {output} cannot hold {outputs[0]} alone: end it in one of "
+            f"{', '.join(formats)}; or ask for color,{outputs[0]}: it goes to an .npz beside",
+        )
+    if suffix in (".npz", ".exr") or formats:
         places[output] = tuple(wanted)
     else:
         wanted["color"] = None
@@ -265,13 +291,15 @@ def plan_files(
     return tuple(wanted), places
 
 
-def _is_buffer(outputs: tuple[str, ...]) -> bool:
-    """Tell whether one output is asked for that a 16-bit PNG can hold."""
-    return len(outputs) == 1 and outputs[0] not in ("color", "linear")
+def _formats_of_one(outputs: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the formats that hold the only output that is asked for; none: colour, or several."""
+    if len(outputs) > 1 or outputs[0] == "color":
+        return ()
+    return (".npz", ".exr") if outputs[0] == "linear" else (".png", ".npz", ".exr")
 
 
 def units_per_code(
-    places: Places, scale: float | None, codes_per_unit: float | None, quiet: bool
+    places: Places, scale: float | None, codes_per_unit: float | None
 ) -> float | None:
     """Return ``--scale``, also where its old name is given, or raise click's usage error."""
     if not any(_takes_scale(place, content) for place, content in places.items()):
@@ -280,34 +308,96 @@ def units_per_code(
         return scale
     if scale is not None:
         raise click.BadOptionUsage("--depth-scale", "--depth-scale: --scale is given as well")
-    warn(
-        f"--depth-scale {codes_per_unit:g} (codes per unit) is deprecated and will be an error; "
-        f"write --scale {1.0 / codes_per_unit:.12g} (units per code)",
-        quiet,
+    say_deprecated(
+        f"--depth-scale {codes_per_unit:g} (codes per unit)",
+        f"--scale {1.0 / codes_per_unit:.12g} (units per code)",
     )
     return 1.0 / codes_per_unit
 
 
-def write_files(frame: Frame, places: Places, scale: float | None) -> None:
-    """Write each file, whole or not at all; ``scale`` as ``--scale``."""
-    from rasterjit.io import images
+def write_files(frame: Frame, places: Places, scale: float | None) -> dict[Path, float]:
+    """
+    Write each file, whole or not at all; none if one of 16-bit codes cannot hold its values.
+
+    Parameters
+    ----------
+    frame : Frame
+    places : dict
+        As `plan_files` returns them.
+    scale : float or None
+        As ``--scale``.
+
+    Returns
+    -------
+    dict of float
+        The scales that were chosen, by file.
+    """
+    arrays = frame.arrays()
+    chosen = {
+        place: depth_scale(place, arrays["depth"])
+        for place, content in places.items()
+        if content == "depth" and scale is None and _takes_scale(place, content)
+    }
+    scales = {
+        place: chosen.get(place, scale) if _takes_scale(place, content) else None
+        for place, content in places.items()
+    }
+    try:
+        if len(places) > 1:
+            _check_codes(arrays, places, scales)
+        for place, content in places.items():
+            _write_file(frame, place, content, scales[place])
+    except ValueError as error:
+        said = str(error).replace("scale must be None for", "scale must not be given for")
+        raise ValueError(re.sub(r"\bscale(=| must)", _spell_scale, said)) from error
+    return chosen
+
+
+def depth_scale(place: Path, depth: NDArray[np.float32]) -> float:
+    """Return what scene units a code stands for that holds a frame's depth, or raise."""
+    from rasterjit.outputs.save import MOST, decimal_scale, nearest_code
+
+    seen = depth[np.isfinite(depth)]
+    if not seen.size:
+        return DEPTH_SCALE
+    nearest, farthest = float(seen.min()), float(seen.max())
+    low, high = nearest_code(nearest, DEPTH_SCALE), nearest_code(farthest, DEPTH_SCALE)
+    if low >= 1 and high <= MOST and high - low >= FEWEST_CODES - 1:
+        return DEPTH_SCALE
+    scale = decimal_scale(seen)
+    if scale is None:
+        raise ValueError(
+            f"--depth: no scale takes depths from {nearest:g} to {farthest:g} to the 16-bit codes "
+            f"of {place}: choose .exr or .npy"
+        )
+    return scale
+
+
+def _check_codes(
+    arrays: dict[str, NDArray[Any]], places: Places, scales: dict[Path, float | None]
+) -> None:
+    """Raise ``ValueError`` if a PNG of 16-bit codes cannot hold its values."""
+    from rasterjit.outputs.save import as_codes
 
     for place, content in places.items():
-        if content == "picture":
-            images.save_image(place, frame.color)
-            continue
-        if content == "coverage":
-            shares = np.floor(255.0 * frame.coverage + 0.5)
-            images.save_image(place, shares.astype(np.uint8))
-            continue
-        units = scale if _takes_scale(place, content) else None
-        if content == "depth" and units is None and place.suffix.lower() == ".png":
-            units = DEPTH_SCALE
-        try:
-            frame.save(place, content, scale=units)
-        except ValueError as error:
-            said = str(error).replace("scale must be None for", "scale must not be given for")
-            raise ValueError(re.sub(r"\bscale(=| must)", _spell_scale, said)) from error
+        if place.suffix.lower() == ".png" and content not in ("picture", "coverage"):
+            (name,) = (content,) if isinstance(content, str) else content
+            as_codes(name, arrays[name], scales[place])
+
+
+def _write_file(
+    frame: Frame, place: Path, content: tuple[str, ...] | str, scale: float | None
+) -> None:
+    """Write a file; ``scale`` of those of floats in codes."""
+    from rasterjit.io import images
+
+    if content == "picture":
+        images.save_image(place, frame.color)
+    elif content == "coverage":
+        shares = np.floor(255.0 * frame.coverage + 0.5)
+        images.save_image(place, shares.astype(np.uint8))
+    else:
+        frame.save(place, content, scale=scale)
 
 
 def _takes_scale(place: Path, content: tuple[str, ...] | str) -> bool:
@@ -315,7 +405,7 @@ def _takes_scale(place: Path, content: tuple[str, ...] | str) -> bool:
     if place.suffix.lower() != ".png" or content in ("picture", "coverage"):
         return False
     names = (content,) if isinstance(content, str) else content
-    return any(name not in TABLE or TABLE[name].dtype == "float32" for name in names)
+    return any(row_of(name).dtype == "float32" for name in names)
 
 
 def _spell_scale(found: re.Match[str]) -> str:

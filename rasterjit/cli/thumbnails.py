@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +12,7 @@ import click
 from rasterjit.cli import raise_if_interrupted
 from rasterjit.cli.options import Effects, Look, View, is_given, refuse_idle
 from rasterjit.cli.program import describe, load_scene, size_behind, warn
-from rasterjit.cli.report import compile_notice, progress_bar, shows_anything
+from rasterjit.cli.report import compile_notice, progress_bar
 
 if TYPE_CHECKING:
     from rasterjit.rendering.renderer import Renderer
@@ -55,8 +56,9 @@ def render_folder(
 
     refuse_idle(ALONE, f"{folder} is a folder, of whose meshes pictures are drawn")
     size = size_behind(options["background"], size if is_given("size") else SIZE)
-    files = mesh_files(folder)
-    if not files:
+    root = folder.resolve()
+    names = [file.relative_to(root) for file in mesh_files(root)]
+    if not names:
         raise click.ClickException(f"{folder} holds no mesh files")
     _make_folder(output)
     start, failed = time.perf_counter(), 0
@@ -65,25 +67,25 @@ def render_folder(
         compile_notice(quiet),
         Renderer(size, quality=effects.quality(), threads=threads) as renderer,
     ):
-        show(0, len(files))
-        for done, file in enumerate(files, 1):
-            name = file.relative_to(folder)
+        show(0, len(names))
+        for done, name in enumerate(names, 1):
             place = output / name.with_name(name.name + SUFFIX)
             try:
-                if not _draw(file, place, renderer, view, look, effects, quiet, **options):
-                    warn(f"{name}: nothing is in view: its picture shows the background", quiet)
+                file = folder / name
+                for notice in _draw(file, place, renderer, view, look, effects, quiet, **options):
+                    warn(f"{name}: {notice}", quiet)
             except (click.Abort, BrokenPipeError):
                 raise
             except Exception as error:
                 raise_if_interrupted()
                 failed += 1
                 warn(f"left out {name}: {_reason(error)}", quiet)
-            show(done, len(files))
+            show(done, len(names))
     if not quiet:
         seconds = time.perf_counter() - start
-        click.echo(f"wrote {output}: {len(files) - failed} pictures in {seconds:.1f} s")
+        click.echo(f"wrote {output}: {len(names) - failed} pictures in {seconds:.1f} s")
     if failed:
-        raise click.ClickException(f"{failed} of {len(files)} mesh files could not be drawn")
+        raise click.ClickException(f"{failed} of {len(names)} mesh files could not be drawn")
 
 
 def _make_folder(output: Path) -> None:
@@ -99,15 +101,19 @@ def _make_folder(output: Path) -> None:
 def _draw(
     file: Path, place: Path, renderer: Renderer, view: View, look: Look, effects: Effects,
     quiet: bool, **options: Any,
-) -> bool:  # fmt: skip
-    """Draw a file; return whether anything of it is in view."""
+) -> list[str]:  # fmt: skip
+    """Draw a file; return what there is to warn of."""
     from rasterjit.io import images
+    from rasterjit.rendering.notices import ViewWarning, notices_of
 
     scene = load_scene(file, look, effects, quiet)
-    frame = renderer.render(scene, view.camera(scene, renderer.size), **options)
+    with warnings.catch_warnings():
+        # Said of each file, as lines.
+        warnings.simplefilter("ignore", ViewWarning)
+        frame = renderer.render(scene, view.camera(scene, renderer.size), **options)
     place.parent.mkdir(parents=True, exist_ok=True)
     images.save_image(place, frame.color)
-    return shows_anything(frame)
+    return list(notices_of(frame.plan, frame.stats).values())
 
 
 def _reason(error: Exception) -> str:

@@ -44,7 +44,7 @@ from rasterjit.scene.node import Node
 from rasterjit.scene.quality import Quality, check_quality
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.transforms import transform_points
-from rasterjit.scene.validation import image_size
+from rasterjit.scene.validation import image_size, index_below
 from rasterjit.survey import placement as placing
 from rasterjit.survey.arrays import placement_of
 from rasterjit.survey.cache import prepare
@@ -103,7 +103,7 @@ def explain_pixel(
         Naming the argument that is wrong.
     """
     size = image_size("size", size)
-    x, y = _index("x", x, size[0], "column"), _index("y", y, size[1], "row")
+    x, y = index_below("x", x, size[0]), index_below("y", y, size[1])
     scene = as_scene(what)
     camera = choose_camera(scene, camera, size)
     plan = planning.plan_frame(
@@ -172,15 +172,6 @@ def _seen_without_edges(
         background=background, cull=plan.cull, threads=1,
     )  # fmt: skip
     return frame.color[y, x], frame.linear[y, x]
-
-
-def _index(name: str, value: Any, count: int, kind: str) -> int:
-    """Return a column or row number, or raise ``ValueError``."""
-    if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
-        raise ValueError(f"{name} must be a whole number, a {kind}; got {value!r}")
-    if not 0 <= value < count:
-        raise ValueError(f"{name} must be a {kind} in 0..{count - 1}, got {value}")
-    return int(value)
 
 
 def _draw(scene: Scene, plan: RenderPlan) -> Drawn:

@@ -58,7 +58,8 @@ def load_binvox(path: Path, resources: Resources) -> Scene:
     scene = Scene()
     try:
         # All axes have the scale of the longest: that of the file is the side of the whole grid.
-        scene.add(Mesh(corners * (scale / max(full.shape)) + translate, faces).split_creases(0.0))
+        mesh = Mesh(corners * (scale / max(full.shape)) + translate, faces).split_creases(0.0)
+        scene.add(mesh, name=path.name)
     except ValueError as error:
         raise MeshFileError(f"{path}: {error}") from error
     return scene

@@ -46,6 +46,7 @@ from rasterjit.scene.validation import (
     positive_number,
     unmasked_array,
 )
+from rasterjit.scene.vectors import cross, dot
 
 if TYPE_CHECKING:
     import trimesh
@@ -188,6 +189,16 @@ def view_from_pose(pose: ArrayLike, name: str = "pose") -> Matrix:
     return _inverse(_affine(axes, place[:3, 3]))
 
 
+def intrinsic_matrix(name: str, value: ArrayLike) -> Float64:
+    """Return K as float64, (3, 3), or raise ``ValueError`` naming the argument."""
+    k = finite_array(name, value, (3, 3))
+    if k[1, 0] != 0.0 or k[2].tolist() != [0.0, 0.0, 1.0]:
+        raise ValueError(f"{name} must be upper triangular, last entry 1, got {k.tolist()}")
+    if k[0, 0] <= 0.0 or k[1, 1] <= 0.0:
+        raise ValueError(f"{name} must have focal lengths above 0, got {k.tolist()}")
+    return k
+
+
 def from_opencv(
     intrinsics: ArrayLike,
     size: tuple[int, int],
@@ -223,11 +234,7 @@ def from_opencv(
     ValueError
         Naming the argument that is wrong.
     """
-    k = finite_array("intrinsics", intrinsics, (3, 3))
-    if k[1, 0] != 0.0 or k[2].tolist() != [0.0, 0.0, 1.0]:
-        raise ValueError(f"intrinsics must be upper triangular, last entry 1, got {k.tolist()}")
-    if k[0, 0] <= 0.0 or k[1, 1] <= 0.0:
-        raise ValueError(f"intrinsics must have focal lengths above 0, got {k.tolist()}")
+    k = intrinsic_matrix("intrinsics", intrinsics)
     if camera_from_world is not None:
         if rotation is not None or translation is not None:
             raise ValueError("camera_from_world must be None where rotation or translation is not")
@@ -667,10 +674,9 @@ def _rigid_pose(rotation: tuple[str, ArrayLike], translation: tuple[str, ArrayLi
 def _check_rotation(name: str, turn: Float64) -> None:
     """Raise ``ValueError`` if a (3, 3) matrix is no rotation."""
     (a, b, c) = (turn[:, k].tolist() for k in range(3))
-    lengths = [_dot(a, a) - 1.0, _dot(b, b) - 1.0, _dot(c, c) - 1.0]
-    angles = [_dot(a, b), _dot(b, c), _dot(c, a)]
-    cross = [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-    if max(map(abs, lengths + angles)) > _RIGID or _dot(cross, c) <= 0.0:
+    lengths = [dot(a, a) - 1.0, dot(b, b) - 1.0, dot(c, c) - 1.0]
+    angles = [dot(a, b), dot(b, c), dot(c, a)]
+    if max(map(abs, lengths + angles)) > _RIGID or dot(cross(a, b), c) <= 0.0:
         raise ValueError(
             f"{name} must hold a rotation, neither scaled nor mirrored, got {turn.tolist()}"
         )
@@ -711,8 +717,3 @@ def _without_batch(value: Any, dimensions: int) -> NDArray[Any]:
     """Return an array, or a tensor's, without a leading axis of length 1."""
     array = np.asarray(value)
     return array[0] if array.ndim == dimensions + 1 and len(array) == 1 else array
-
-
-def _dot(a: list[float], b: list[float]) -> float:
-    """Return the scalar product of two vectors of three."""
-    return (a[0] * b[0] + a[1] * b[1]) + a[2] * b[2]

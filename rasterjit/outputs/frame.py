@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import operator
 from collections.abc import Mapping
 from dataclasses import InitVar, dataclass, fields
 from pathlib import Path
@@ -18,7 +17,7 @@ from rasterjit.outputs.diagnostics import Diagnostics
 from rasterjit.outputs.table import IdOutput, Outputs
 from rasterjit.scene.mesh import ATTRIBUTE
 from rasterjit.scene.quality import Quality
-from rasterjit.scene.validation import in_short
+from rasterjit.scene.validation import index_below
 from rasterjit.survey.plan import RenderPlan
 
 if TYPE_CHECKING:
@@ -474,7 +473,7 @@ class Frame:
             )
         face_id, weights, position = (self._outputs[name][layer] for name in PICKED)
         height, width = face_id.shape
-        pixel = _index("y", y, height), _index("x", x, width)
+        pixel = index_below("y", y, height), index_below("x", x, width)
         face = int(face_id[pixel])
         if face < 0:
             return None
@@ -505,17 +504,6 @@ class Frame:
                 f"this frame has {', '.join(self._outputs)}"
             )
         return self._outputs[name]
-
-
-def _index(name: str, value: Any, count: int) -> int:
-    """Return a whole number in 0..count-1, or raise ``ValueError``."""
-    try:
-        number = -1 if isinstance(value, bool) else operator.index(value)
-    except TypeError:
-        number = -1
-    if not 0 <= number < count:
-        raise ValueError(f"{name} must be a whole number in 0..{count - 1}, got {in_short(value)}")
-    return number
 
 
 class LayeredFrame(Frame):
@@ -583,7 +571,7 @@ class LayeredFrame(Frame):
         layer : int
             0 is the nearest.
         """
-        return self._pick(x, y, (_index("layer", layer, self.plan.surfaces),))
+        return self._pick(x, y, (index_below("layer", layer, self.plan.surfaces),))
 
     def masks(self, output: IdOutput = "object_id") -> tuple[ObjectMask, ...]:
         """

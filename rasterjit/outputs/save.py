@@ -7,6 +7,7 @@ value is ``code * scale + offset``, in ``unit``, and ``zero`` says what code 0 s
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -268,6 +269,37 @@ def as_codes(name: str, array: NDArray[Any], scale: float | None = None) -> Code
     return Codes(pixels, scale, offset, unit)
 
 
+def decimal_scale(values: NDArray[Any]) -> float | None:
+    """
+    Return the smallest power of ten that as a scale takes values to codes in 1..65535.
+
+    Parameters
+    ----------
+    values : array
+        Any shape; what is infinite or NaN is nothing, and gets code 0.
+
+    Returns
+    -------
+    float or None
+        ``None`` if no power of ten does, or there are no values.
+    """
+    finite = values[np.isfinite(values)].astype(np.float64)
+    low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 0.0)
+    if low <= 0.0:
+        return None
+    power = int(f"{high / MOST:e}".partition("e")[2])
+    # The quotient may be rounded past a power of ten.
+    tried = (float(f"1e{power + step}") for step in range(-1, 3))
+    fitting = (scale for scale in tried if scale > 0.0 and nearest_code(high, scale) <= MOST)
+    scale = next(fitting, math.inf)
+    return scale if nearest_code(low, scale) >= 1.0 else None
+
+
+def nearest_code(value: float, scale: float) -> float:
+    """Return the code of a value by a scale, half up, be it in range or not."""
+    return math.floor(value / scale + 0.5)
+
+
 def channel_names(name: str, count: int) -> tuple[str, ...]:
     """
     Return the names of an output's channels in an EXR file.
@@ -430,10 +462,11 @@ def _rounded(
     codes = np.floor((np.where(shown, values, offset) - offset) / scale + 0.5)
     given = codes[seen]
     if given.size and not (least <= given.min() and given.max() <= MOST):
+        fitting = decimal_scale(values[seen])
+        others = ".exr or .npz" if fitting is None else f"{fitting:g}, .exr or .npz"
         raise ValueError(
             f"scale must take {name} to codes in {least}..{MOST} of a 16-bit .png, got "
-            f"{given.min():.0f}..{given.max():.0f} with scale={scale!r}; choose another, "
-            ".exr or .npz"
+            f"{given.min():.0f}..{given.max():.0f} with scale={scale!r}; choose {others}"
         )
     return codes.astype(np.uint16)
 

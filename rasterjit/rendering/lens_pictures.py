@@ -22,6 +22,7 @@ from rasterjit.scene.lens import Equirectangular, Lens
 from rasterjit.scene.pixels import clip_from_relative
 from rasterjit.scene.transforms import Matrix
 from rasterjit.scene.validation import MAX_SIZE
+from rasterjit.scene.vectors import dot, length
 
 Float64 = NDArray[np.float64]
 
@@ -212,15 +213,15 @@ def world_axes(camera: Camera, size: tuple[int, int]) -> Float64:
 def _take_apart(rows: Float64) -> tuple[Float64, list[list[float]]]:
     """Return axes, (3, 3), and an upper triangle whose product are three rows; diagonal > 0."""
     x, y, w = rows.tolist()
-    far = _length(w)
+    far = length(w)
     ahead = [c / far for c in w]
-    cy = _dot(y, ahead)
+    cy = dot(y, ahead)
     y = [a - cy * b for a, b in zip(y, ahead, strict=True)]
-    fy = _length(y)
+    fy = length(y)
     down = [c / fy for c in y]
-    cx, skew = _dot(x, ahead), _dot(x, down)
+    cx, skew = dot(x, ahead), dot(x, down)
     x = [(a - cx * b) - skew * c for a, b, c in zip(x, ahead, down, strict=True)]
-    fx = _length(x)
+    fx = length(x)
     right = [c / fx for c in x]
     return np.array([right, down, ahead]), [[fx, skew, cx], [0.0, fy, cy], [0.0, 0.0, far]]
 
@@ -433,7 +434,7 @@ def camera_of(
 def _turned_depth(clip: Matrix, w_row: Float64) -> Float64:
     """Return the row of clip-space z of a camera that looks elsewhere, with the same planes."""
     z, w = clip[2, :3], clip[3, :3]
-    share = _dot(z.tolist(), w.tolist()) / _dot(w.tolist(), w.tolist())
+    share = dot(z.tolist(), w.tolist()) / dot(w.tolist(), w.tolist())
     if np.abs(z - share * w).max() > PARALLEL * np.abs(w).max():
         raise ValueError(
             "camera must have a near plane that faces its line of sight where a lens sees so much "
@@ -455,11 +456,3 @@ def _times(one: Float64, other: Float64) -> Float64:
     """Return a product of matrices, (N, 3) and (3, M), summed in one order on every CPU."""
     a = one[:, :, np.newaxis]
     return (a[:, 0] * other[0] + a[:, 1] * other[1]) + a[:, 2] * other[2]
-
-
-def _dot(a: list[float], b: list[float]) -> float:
-    return (a[0] * b[0] + a[1] * b[1]) + a[2] * b[2]
-
-
-def _length(a: list[float]) -> float:
-    return math.sqrt(_dot(a, a))

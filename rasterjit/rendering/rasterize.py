@@ -16,7 +16,7 @@ from rasterjit.rendering.plan import CULL_MODES, Cull
 from rasterjit.runtime.threads import Workers
 from rasterjit.scene.mesh import face_array, value_rows
 from rasterjit.scene.quality import Quality, check_quality
-from rasterjit.scene.validation import MaskedError, image_size, one_of, thread_count, unmasked_array
+from rasterjit.scene.validation import image_size, number_array, one_of, thread_count
 from rasterjit.survey.depth_format import DepthFormat, ndc_format
 
 DepthMode: TypeAlias = Literal["standard", "reversed"]
@@ -160,14 +160,7 @@ def rasterize(
 
 def _clip_array(value: Any) -> NDArray[np.float64]:
     """Return clip positions as the kernels take them, or raise ``ValueError``."""
-    try:
-        if unmasked_array("clip_positions", value).dtype.kind not in "uif":
-            raise TypeError
-        positions = np.array(value, dtype=np.float64, order="C")
-    except MaskedError:
-        raise
-    except (TypeError, ValueError):
-        raise ValueError(f"clip_positions must be an array of numbers, got {value!r}") from None
+    positions = np.array(number_array("clip_positions", value, "uif"), order="C")
     if positions.ndim != 2 or positions.shape[1] != 4:
         raise ValueError(f"clip_positions must have shape (V, 4), got {positions.shape}")
     return positions

@@ -35,6 +35,7 @@ from rasterjit.scene.validation import (
     positive_number,
     triple,
 )
+from rasterjit.scene.vectors import length
 
 Float64 = NDArray[np.float64]
 DepthCoefficients = tuple[float, float, float]
@@ -463,9 +464,9 @@ class MatrixCamera(Projecting):
         if self._is_perspective:
             constant = self.depth_coefficients()[0]
             with np.errstate(divide="ignore"):
-                return constant / share / _length(w_row[:3])
+                return constant / share / length(w_row[:3])
         ndc_z = -2.0 * share - 1.0
-        return (ndc_z * w_row[3] - z_row[3]) / _length(z_row[:3])
+        return (ndc_z * w_row[3] - z_row[3]) / length(z_row[:3])
 
     def _find_eye(self) -> Float64:
         """Return the eye; raise ``ValueError`` if the matrices lead beyond float64's range."""
@@ -583,34 +584,6 @@ def _pinhole_planes(clip: Float64) -> tuple[float, float] | None:
     return near, math.inf if scale == -1.0 else offset / (scale + 1.0)
 
 
-def clip_from_relative(camera: Camera, size: tuple[int, int]) -> Matrix:
-    """Return the matrix, (4, 4), to clip space from world axes with the origin at the eye."""
-    view = transforms.compose(camera.view_matrix(), transforms.translate(camera.eye_position()))
-    return transforms.compose(camera.projection_matrix(size), view)
-
-
-def screen_from_relative(camera: Camera, size: tuple[int, int]) -> Matrix:
-    """
-    Return the matrix from positions relative to the eye to what a pixel stores of them.
-
-    Parameters
-    ----------
-    camera : Camera
-    size : (int, int)
-        Width and height, pixels.
-
-    Returns
-    -------
-    (4, 4) float64
-        From (x, y, z, 1) in world axes to (NDC x, NDC y, stored depth, 1) times w.
-    """
-    matrix = clip_from_relative(camera, size)
-    c0, c1, c2 = camera.depth_coefficients()
-    matrix[2] = c1 * matrix[2] + c2 * matrix[3]
-    matrix[2, 3] += c0
-    return matrix
-
-
 def mirrors(pose: Float64) -> bool:
     """Tell whether a pose, (4, 4), either way, makes left hands of right ones."""
     return _volume(pose[:3, :3]) < -_VOLUME_ROUNDING
@@ -666,9 +639,3 @@ def _volume(rows: Float64) -> float:
         return 0.0
     (a, b, c), (d, e, f), (g, h, i) = (transforms.unit_vector("row", r).tolist() for r in rows)
     return a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
-
-
-def _length(components: list[float]) -> float:
-    """Return the length of a vector of three."""
-    x, y, z = components
-    return math.sqrt(x * x + y * y + z * z)

@@ -20,6 +20,7 @@ from rasterjit.scene.camera import (
 )
 from rasterjit.scene.transforms import Matrix
 from rasterjit.scene.validation import finite_number, one_of, positive_number, vector
+from rasterjit.scene.vectors import dot, length
 
 Vector = tuple[float, float, float]
 AnyCamera = PerspectiveCamera | OrthographicCamera | MatrixCamera
@@ -156,25 +157,6 @@ def minus(a: Vector, b: Vector) -> Vector:
 def between(a: Vector, b: Vector, share: float) -> Vector:
     """Return a + share * (b - a)."""
     return along(a, minus(b, a), share)
-
-
-def dot(a: Vector, b: Vector) -> float:
-    """Return the scalar product."""
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-def cross(a: Vector, b: Vector) -> Vector:
-    """Return the vector product."""
-    return (
-        a[1] * b[2] - a[2] * b[1],
-        a[2] * b[0] - a[0] * b[2],
-        a[0] * b[1] - a[1] * b[0],
-    )
-
-
-def length(a: Vector) -> float:
-    """Return the length."""
-    return math.sqrt(dot(a, a))
 
 
 def orbit_direction(azimuth: float, elevation: float) -> tuple[float, float, float]:

@@ -26,7 +26,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.scene.angles import arc_tangent, polynomial, sine_cosine
 from rasterjit.scene.assigning import says_replace
-from rasterjit.scene.validation import bounded_number, finite_number
+from rasterjit.scene.validation import bounded_number
 
 Float64 = NDArray[np.float64]
 Coefficients = tuple[float, ...]
@@ -309,7 +309,8 @@ class FisheyeLens:
 
     def __post_init__(self) -> None:
         for name in ("k1", "k2", "k3", "k4"):
-            object.__setattr__(self, name, finite_number(name, getattr(self, name)))
+            number = bounded_number(name, getattr(self, name), -LARGEST, LARGEST)
+            object.__setattr__(self, name, number)
         field = bounded_number("field", self.field, 0.0, 360.0)
         if field == 0.0:
             raise ValueError(f"field must be above 0, got {self.field!r}")

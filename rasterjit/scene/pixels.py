@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rasterjit.scene import transforms
 from rasterjit.scene.transforms import Matrix
-from rasterjit.scene.validation import MaskedError, picture_size, unmasked_array
+from rasterjit.scene.validation import number_array, picture_size
 
 if TYPE_CHECKING:
     from rasterjit.scene.camera import Camera
@@ -263,15 +263,7 @@ class _Lens:
 
 def _numbers(name: str, value: ArrayLike, last: int | None = None) -> Float64:
     """Return an array as float64, NaN and infinity allowed, its last axis of a given length."""
-    try:
-        given = unmasked_array(name, value)
-        if given.size and given.dtype.kind not in "buif":
-            raise TypeError
-        array = given.astype(np.float64, copy=False)
-    except MaskedError:
-        raise
-    except (TypeError, ValueError):
-        raise ValueError(f"{name} must be an array of numbers, got {value!r}") from None
+    array = number_array(name, value)
     if last is not None and (array.ndim == 0 or array.shape[-1] != last):
         raise ValueError(f"{name} must have shape (..., {last}), got {array.shape}")
     return array

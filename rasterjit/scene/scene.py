@@ -186,8 +186,11 @@ class Scene(Guarded, Previewed):
         found = HOOKS["scene_of_others"](mesh)
         if _is_plain(found):
             return self.add(found.nodes[0].mesh, transform, name, parent=parent)
-        group = _copied(found, transform, "" if name is None else str(name))
-        return self._add_node(group, None, None, parent)
+        group, drawn = _copied(found, transform, "" if name is None else str(name))
+        known = len(self.nodes)
+        self._add_node(group, None, None, parent)
+        self.nodes[known:] = drawn
+        return group
 
     def _add_node(
         self, node: Node, transform: ArrayLike | None, name: str | None, parent: Node | None
@@ -459,12 +462,13 @@ def _is_plain(scene: Scene) -> bool:
     return is_alone and np.array_equal(node.transform, np.eye(4))
 
 
-def _copied(scene: Scene, transform: ArrayLike | None, name: str) -> Node:
-    """Return a group of copies of a scene's nodes, which hang together as those do."""
+def _copied(scene: Scene, transform: ArrayLike | None, name: str) -> tuple[Node, list[Node]]:
+    """Return a group of copies of a scene's nodes, which hang together, and are numbered, alike."""
     group = Node(None, transform, name)
     drawn, copies = set(map(id, scene.nodes)), {}
     for node in scene.every_node():
         above = group if node.parent is None else copies[id(node.parent)]
         mesh = node.mesh if id(node) in drawn else None
         copies[id(node)] = Node(mesh, node.transform, node.name, parent=above)
-    return group
+    order = [copies[number] for number in dict.fromkeys(map(id, scene.nodes))]
+    return group, [node for node in order if node.mesh is not None]

@@ -28,6 +28,7 @@ from rasterjit.scene.validation import (
     read_only,
     unmasked_array,
 )
+from rasterjit.scene.warning import warn_caller
 
 if TYPE_CHECKING:
     from PIL import Image
@@ -66,6 +67,9 @@ MAX_SIDE = 65536
 
 MOST_TEXELS = 1 << 27
 """Most texels of a picture: 2.1 GB as float32, and a third more with its mip levels."""
+
+_MOST_LEVELS = 16
+"""Different whole numbers up to 254 that a picture of light may have without a warning."""
 
 _NEWTON_STEPS = 12
 """From ``base**2``, at most 3.3 times too large, 8 reach the last bit of float32; 12 leave room."""
@@ -174,6 +178,11 @@ class Texture:
         If the image has another shape or type, is empty, larger than 65536 on a side or has more
         than 2**27 texels (16384 x 8192), holds a NaN, infinite or negative number or one above
         1e6, or if any option is unknown, not finite or out of range.
+
+    Warns
+    -----
+    UserWarning
+        If floats look like codes from 0 to 255: they are shown 255 times as bright.
 
     References
     ----------
@@ -510,6 +519,12 @@ def _linear_image(value: Any, color_space: str) -> NDArray[np.float32]:
     if image.dtype.kind == "f":
         _check_light(image[:, :, :colors], "linear light", MOST_LIGHT)
         _check_light(image[:, :, colors:], "alpha", 1.0)
+        if _are_codes(image[:, :, :colors]):
+            warn_caller(
+                f"image holds floats that are whole numbers up to {float(image.max()):g}: floats "
+                "are linear light, of which 1 is white; codes from 0 to 255 must be uint8, as "
+                "image.astype(numpy.uint8)"
+            )
         linear[:, :, :3] = image[:, :, :colors]
         linear[:, :, 3:] = image[:, :, colors:] if colors < channels else 1.0
     else:
@@ -522,6 +537,14 @@ def _linear_image(value: Any, color_space: str) -> NDArray[np.float32]:
         if colors < channels:
             np.divide(image[:, :, colors:], most, out=linear[:, :, 3:])
     return read_only(linear)
+
+
+def _are_codes(colors: NDArray[Any]) -> bool:
+    """Tell floats, (H, W, C), that look like bytes; light of a few even levels does not."""
+    highest = float(colors.max())
+    if not 1.0 < highest <= 255.0 or not all((row == np.rint(row)).all() for row in colors):
+        return False
+    return highest == 255.0 or len(np.unique(colors)) > _MOST_LEVELS
 
 
 def check_extent(name: str, width: int, height: int) -> None:

@@ -30,6 +30,7 @@ from rasterjit.scene.validation import (
     triple,
     vector,
 )
+from rasterjit.scene.vectors import cross, dot
 
 Matrix = NDArray[np.float64]
 _Triple = tuple[float, float, float]
@@ -249,8 +250,8 @@ def are_parallel(a: ArrayLike, b: ArrayLike) -> bool:
     ValueError
         If either is zero, not finite or not three numbers.
     """
-    side = _cross(_unit_triple("a", triple("a", a)), _unit_triple("b", triple("b", b)))
-    return math.sqrt(_dot(side, side)) <= _PARALLEL_SINE
+    side = cross(_unit_triple("a", triple("a", a)), _unit_triple("b", triple("b", b)))
+    return math.sqrt(dot(side, side)) <= _PARALLEL_SINE
 
 
 def identity() -> Matrix:
@@ -436,13 +437,13 @@ def look_at(eye: ArrayLike, target: ArrayLike, up: ArrayLike) -> Matrix:
     upward = _unit_triple("up", triple("up", up))
     if are_parallel(upward, back):
         raise ValueError(f"up must not be parallel to the line of sight, got {up!r}")
-    side = _unit_triple("up", _cross(upward, back))
+    side = _unit_triple("up", cross(upward, back))
     # Remove what cancellation in the cross product left along the line of sight.
-    lean = _dot(side, back)
+    lean = dot(side, back)
     side = _unit_triple(
         "up", (side[0] - lean * back[0], side[1] - lean * back[1], side[2] - lean * back[2])
     )
-    rows = [(*row, -_dot(row, origin)) for row in (side, _cross(back, side), back)]
+    rows = [(*row, -dot(row, origin)) for row in (side, cross(back, side), back)]
     return np.array([*rows, _LAST_ROW]) + 0.0
 
 
@@ -640,8 +641,8 @@ def normal_matrix(matrix: ArrayLike) -> NDArray[np.float64]:
     a = math.ldexp(xx, exponent), math.ldexp(yx, exponent), math.ldexp(zx, exponent)
     b = math.ldexp(xy, exponent), math.ldexp(yy, exponent), math.ldexp(zy, exponent)
     c = math.ldexp(xz, exponent), math.ldexp(yz, exponent), math.ldexp(zz, exponent)
-    columns = _cross(b, c), _cross(c, a), _cross(a, b)
-    determinant = _dot(a, columns[0])
+    columns = cross(b, c), cross(c, a), cross(a, b)
+    determinant = dot(a, columns[0])
     if determinant != 0.0:
         try:
             inverse = [
@@ -673,8 +674,8 @@ def normal_matrices(matrices: NDArray[np.float64]) -> NDArray[np.float64]:
     columns = np.moveaxis(np.ldexp(linear, exponents), 0, 2).swapaxes(0, 1)
     cofactors = np.empty((3, 3, len(matrices)))
     for k in range(3):
-        cofactors[:, k] = _cross(columns[(k + 1) % 3], columns[(k + 2) % 3])
-    determinants = _dot(columns[0], cofactors[:, 0])
+        cofactors[:, k] = cross(columns[(k + 1) % 3], columns[(k + 2) % 3])
+    determinants = dot(columns[0], cofactors[:, 0])
     with np.errstate(all="ignore"):
         inverses = np.ldexp(cofactors / determinants, exponents[:, 0, 0])
     usable = np.isfinite(inverses).all(axis=(0, 1))
@@ -832,17 +833,3 @@ def _transform_block(
         np.multiply(z, m2, out=product)
         np.add(total, product, out=total)
         np.add(total, m3, out=out[:, column])
-
-
-def _dot(a: _Triple, b: _Triple) -> float:
-    """Return the dot product, summed left to right."""
-    return (a[0] * b[0] + a[1] * b[1]) + a[2] * b[2]
-
-
-def _cross(a: _Triple, b: _Triple) -> _Triple:
-    """Return the cross product."""
-    return (
-        a[1] * b[2] - a[2] * b[1],
-        a[2] * b[0] - a[0] * b[2],
-        a[0] * b[1] - a[1] * b[0],
-    )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import operator
 import os
 import sys
 from collections.abc import Sequence
@@ -100,6 +101,19 @@ class MaskedError(ValueError):
     """An array has masked entries."""
 
 
+def number_array(name: str, value: ArrayLike, kinds: str = "buif") -> NDArray[np.float64]:
+    """Return numbers, NaN and infinity allowed, as an aligned float64 array, or raise."""
+    try:
+        given = unmasked_array(name, value)
+        if given.size and given.dtype.kind not in kinds:
+            raise TypeError
+        return aligned(given.astype(np.float64, copy=False))
+    except MaskedError:
+        raise
+    except (TypeError, ValueError):
+        raise ValueError(f"{name} must be an array of numbers, got {value!r}") from None
+
+
 def finite_array(name: str, value: ArrayLike, shape: Sequence[int | None]) -> NDArray[np.float64]:
     """
     Return ``value`` as a float64 array of the given shape with only finite entries.
@@ -117,15 +131,7 @@ def finite_array(name: str, value: ArrayLike, shape: Sequence[int | None]) -> ND
     ValueError
         If the shape differs, an entry is not a number, or an entry is NaN or infinite.
     """
-    try:
-        given = unmasked_array(name, value)
-        if given.size and given.dtype.kind not in "buif":
-            raise TypeError
-        array = aligned(given.astype(np.float64, copy=False))
-    except MaskedError:
-        raise
-    except (TypeError, ValueError):
-        raise ValueError(f"{name} must be an array of numbers, got {value!r}") from None
+    array = number_array(name, value)
     expected = tuple(shape)
     if array.shape != expected and (
         array.ndim != len(expected)
@@ -204,6 +210,17 @@ def in_short(value: Any) -> str:
         return type(value).__name__
     shown = repr(value)
     return shown if len(shown) <= LONGEST_VALUE else shown[:LONGEST_VALUE] + "..."
+
+
+def index_below(name: str, value: Any, count: int) -> int:
+    """Return a whole number in 0..count-1, such as a pixel's column, or raise ``ValueError``."""
+    try:
+        number = -1 if isinstance(value, bool) else operator.index(value)
+    except TypeError:
+        number = -1
+    if not 0 <= number < count:
+        raise ValueError(f"{name} must be a whole number in 0..{count - 1}, got {in_short(value)}")
+    return number
 
 
 def thread_count(name: str, value: Any) -> int | None:

@@ -31,17 +31,15 @@ from rasterjit.scene.framing import (
     along,
     between,
     camera_at,
-    cross,
-    dot,
     fit_camera,
     frame_of,
-    length,
     minus,
     orbit_direction,
     pixel_size,
     triple_of,
 )
 from rasterjit.scene.validation import finite_number, positive_number
+from rasterjit.scene.vectors import cross, dot, length
 
 Event = dict[str, Any]
 

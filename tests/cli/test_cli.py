@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
+import click
 import imageio.v3 as iio
 import imageio_ffmpeg
 import numpy as np
@@ -16,7 +17,7 @@ from PIL import Image, ImageSequence
 
 import rasterjit as rj
 from rasterjit.cli import advice, commands, report, warmup
-from rasterjit.cli.options import DEFAULT_DIRECTION, OUTPUTS_HELP, View
+from rasterjit.cli.options import DEFAULT_DIRECTION, LIGHTS, OUTPUTS_HELP, View
 from rasterjit.inspect import measure
 from rasterjit.outputs import table
 from rasterjit.pipeline.visibility import draw as drawing
@@ -143,6 +144,35 @@ def test_zoom_keeps_the_camera_of_a_file(tmp_path):
     # Another option for the camera fits one to the scene.
     fitted = render(tmp_path, "--zoom", 2, "--azimuth", 31, file=file)
     assert not np.array_equal(with_zoom, fitted)
+
+
+def test_a_field_of_view_and_intrinsics_keep_the_place_of_the_camera_of_a_file(tmp_path):
+    file = MODELS / "scene.glb"
+    own = rj.load(file).camera
+    wider = dataclasses.replace(own, fov_y=70.0)
+    assert np.array_equal(render(tmp_path, "--fov", 70, file=file), rendered(wider, file).color)
+    both = render(tmp_path, "--fov", 70, "--zoom", 2, file=file)
+    assert np.array_equal(both, rendered(zoom_camera(wider, 2.0), file).color)
+    focal = SIZE[1] / 2.0 / np.tan(np.radians(35.0))
+    k = f"{focal},{focal},{(SIZE[0] - 1) / 2},{(SIZE[1] - 1) / 2}"
+    calibrated = render(tmp_path, "--intrinsics", k, file=file)
+    assert np.abs(calibrated.astype(int) - rendered(wider, file).color).mean() < 0.2
+    # Another option for the camera fits one to the scene.
+    fitted = rj.fit_camera(rj.load(file), fov_y=70.0, aspect=SIZE[0] / SIZE[1])
+    told = render(tmp_path, "--fov", 70, "--projection", "perspective", file=file)
+    assert np.array_equal(told, rendered(fitted, file).color)
+
+
+def test_a_camera_without_a_field_of_view_is_not_given_one(tmp_path):
+    scene = rj.load(CUBE)
+    scene.nodes[0].mesh.material = rj.Material(shading="pbr")
+    scene.camera = rj.OrthographicCamera((0, 0, 5), (0, 0, 0), height=4.0)
+    scene.save(tmp_path / "flat.glb")
+    result = run("render", tmp_path / "flat.glb", "-o", tmp_path / "a.png", *SMALL, "--fov", 40)
+    assert_one_line(result, 2)
+    assert "--fov: the file's camera has no field of view: use --zoom" in result.stderr
+    assert not (tmp_path / "a.png").exists()
+    render(tmp_path, "--fov", 40, "--projection", "perspective", file=tmp_path / "flat.glb")
 
 
 def test_zoom_enlarges_about_the_middle_of_every_kind_of_camera():
@@ -460,6 +490,13 @@ UNIT = "1,0,0,0,0,1,0,0,0,0,1,-4"
         ("--intrinsics", "50,50,24,18"),
         ("--intrinsics", "50,50,24", "--size", "48x36"),
         ("--intrinsics", "-50,50,24,18", "--size", "48x36"),
+        ("--intrinsics", "50,0,24,18", "--size", "48x36"),
+        ("--intrinsics", "50,-50,24,18", "--size", "48x36"),
+        ("--intrinsics", "50,1e-30,24,18", "--size", "48x36"),
+        ("--intrinsics", "50,1e300,24,18", "--size", "48x36"),
+        ("--intrinsics", "1e-200,1e-10,24,18", "--size", "48x36"),
+        ("--intrinsics", "50,0,24,1,50,18,0,0,1", "--size", "48x36"),
+        ("--intrinsics", "50,0,24,0,50,18,0,0,2", "--size", "48x36"),
         ("--intrinsics", "50,50,24,18", "--size", "48x36", "--fov", "40"),
         ("--intrinsics", "50,50,24,18", "--size", "48x36", "--zoom", "2"),
         ("--lens", "barrel:0.1"),
@@ -474,6 +511,10 @@ UNIT = "1,0,0,0,0,1,0,0,0,0,1,-4"
         ("--light", "0,0,0"),
         ("--light", "moon"),
         ("--light", "headlight", "--light", "sun"),
+        ("--light", "headlight", "--light", "headlight"),
+        ("--light", "ambient", "--light", "ambient"),
+        ("--light", "sun", "--light", "ambient", "--light", "sun"),
+        ("--light", "1,0,0", "--light", "1.0,0,0"),
     ],
     ids=" ".join,
 )
@@ -483,6 +524,22 @@ def test_a_bad_camera_light_or_mask_is_one_line(tmp_path, monkeypatch, words):
     assert_one_line(result, 1, 2)
     assert words[0] in result.stderr
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--pose", "1,0,0,0"), "of a 4x4 or 3x4 matrix, row by row, got 4 numbers"),
+        (("--pose", "a.txt"), "of a 4x4 or 3x4 matrix, row by row, or a file of them: there is no"),
+        (("--intrinsics", "500,500,320"), "the 9 numbers of a 3x3 matrix K, got 3 numbers"),
+        (("--cull", "left"), "'none', 'back', 'front'"),
+    ],
+)
+def test_a_message_says_what_it_got_and_ends_with_a_word(words, said):
+    result = run("render", CUBE, "-o", "a.png", *words)
+    assert_one_line(result, 2)
+    assert said in result.stderr
+    assert result.stderr.rstrip("\n")[-1] not in ".,;:"
 
 
 def test_a_colour_takes_the_place_of_colours_and_textures(tmp_path):
@@ -516,6 +573,9 @@ def test_lights_by_direction_and_name(tmp_path):
         ("--light", "headlight"): [],
         ("--light", "1,0,0", "--light", "-1,0,0"): [
             ambient, *(rj.DirectionalLight((x, 0, 0), intensity=0.9) for x in (1, -1)),
+        ],
+        ("--light", "1,-2,0.5", "--light", "ambient"): [
+            rj.AmbientLight(intensity=1.0), rj.DirectionalLight((1, -2, 0.5), intensity=0.9),
         ],
     }  # fmt: skip
     seen = set()
@@ -584,8 +644,13 @@ def test_the_old_depth_scale_goes_on_with_one_warning_that_names_the_new_one(tmp
     arguments = ("render", CUBE, "-o", tmp_path / "a.png", "--size", "48x36", "--depth")
     result = run(*arguments, tmp_path / "old.png", "--depth-scale", 100)
     assert result.exit_code == 0
-    assert result.stderr.count("\n") == 1
-    assert "--scale 0.01" in result.stderr
+    said = (
+        "warning: --depth-scale 100 (codes per unit) is deprecated and will be an error; "
+        "write --scale 0.01 (units per code)\n"
+    )
+    assert result.stderr == said
+    quiet = run(*arguments, tmp_path / "old.png", "--depth-scale", 100, "-q")
+    assert (quiet.exit_code, quiet.stdout, quiet.stderr) == (0, "", said)
     assert run(*arguments, tmp_path / "new.png", "--scale", 0.01).stderr == ""
     assert (tmp_path / "old.png").read_bytes() == (tmp_path / "new.png").read_bytes()
     assert_one_line(run(*arguments, tmp_path / "a.exr", "--scale", 1, "--depth-scale", 1), 2)
@@ -595,10 +660,61 @@ def test_the_old_depth_scale_goes_on_with_one_warning_that_names_the_new_one(tmp
 def test_a_scale_that_loses_the_depth_is_refused(tmp_path, option):
     arguments = ("--depth", tmp_path / "depth.png", *option)
     result = run("render", CUBE, "-o", tmp_path / "a.png", *SMALL, *arguments)
-    assert_one_line(result, 1)
+    *before, _ = result.stderr.splitlines()
+    assert (result.exit_code, len(before)) == (1, option[0] == "--depth-scale")
     assert "--scale must take depth to codes in 1..65535" in result.stderr
     assert "--scale 1000" in result.stderr
-    assert not (tmp_path / "depth.png").exists()
+    assert result.stderr.endswith("; choose 0.0001, .exr or .npz\n")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("size", "units"), [(1e-3, 1e-7), (0.1, 1e-5), (2.0, 0.001), (10.0, 0.001), (300.0, 0.1)]
+)
+def test_a_scale_that_is_not_given_fits_the_depth_and_is_told(tmp_path, size, units):
+    mesh = rj.load(CUBE).nodes[0].mesh
+    lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in (size / 2 * mesh.vertices).tolist()]
+    lines += [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in mesh.faces.tolist()]
+    file, path = write(tmp_path, "cube.obj", "\n".join(lines)), tmp_path / "depth.png"
+    result = run("render", file, "-o", tmp_path / "a.png", "--size", "48x36", "--depth", path)
+    assert (result.exit_code, result.stderr) == (0, "")
+    assert f"wrote {path}: --scale {units:g}, units a code\n" in result.stdout
+    with Image.open(path) as picture:
+        assert float(picture.text["scale"]) == units
+        codes = np.array(picture).astype(np.float64)
+    depth = rj.render(rj.load(file), size=SIZE, outputs=("depth",)).depth
+    seen = np.isfinite(depth)
+    assert np.array_equal(codes > 0, seen)
+    assert np.abs(codes[seen] * units - depth[seen]).max() <= 0.501 * units
+    assert np.ptp(codes[seen]) >= 255
+    given = run("render", file, "-o", tmp_path / "a.png", "--depth", path, "--scale", units)
+    assert f"wrote {path}\n" in given.stdout
+
+
+def test_depths_that_no_scale_holds_and_numbers_beyond_16_bits_leave_no_file(tmp_path):
+    near, far = (
+        f"v -{s} -{s} {z}\nv {s} -{s} {z}\nv 0 {s} {z}\n" for s, z in ((3e5, -1), (9e5, -1e6))
+    )
+    file = write(tmp_path, "far.obj", f"{near}{far}f 1 2 3\nf 4 5 6\n")
+    out = tmp_path / "out"
+    out.mkdir()
+    view = ("--projection", "orthographic", "--position", "0,0,0", "--target", "0,0,-1")
+    result = run("render", file, "-o", out / "a.png", *SMALL, *view, "--depth", out / "d.png")
+    assert_one_line(result, 1)
+    assert f"no scale takes depths from 1 to 1e+06 to the 16-bit codes of {out / 'd.png'}" in (
+        result.stderr
+    )
+    rows, columns = np.divmod(np.arange(33 * 2000), 2000)
+    grid = np.stack([columns, rows], axis=1)
+    corners = (grid[:, None] + ((0, 0), (0.9, 0), (0, 0.9))).reshape(-1, 2)
+    lines = [f"v {x} {y} 0" for x, y in corners.tolist()]
+    lines += [f"f {n} {n + 1} {n + 2}" for n in range(1, len(corners), 3)]
+    file = write(tmp_path, "many.obj", "\n".join(lines))
+    words = ("--size", "4000x80", "--mask", out / "m.png", "--mask-of", "face_id", "-q")
+    result = run("render", file, "-o", out / "a.png", *words)
+    assert_one_line(result, 1)
+    assert "choose .exr or .npz" in result.stderr
+    assert list(out.iterdir()) == []
 
 
 IDLE = [
@@ -660,6 +776,59 @@ def test_one_output_alone_is_a_picture_of_its_codes(tmp_path):
         np.array(Image.open(path)), rendered(outputs=("object_id",)).object_id + 1
     )
     assert [place.name for place in tmp_path.iterdir()] == ["ids.png"]
+
+
+@pytest.mark.parametrize(
+    ("name", "output", "formats"),
+    [
+        ("a.jpg", "depth", ".png, .npz, .exr"),
+        ("a.tif", "object_id", ".png, .npz, .exr"),
+        ("a.webp", "attribute:heat", ".png, .npz, .exr"),
+        ("a.png", "linear", ".npz, .exr"),
+        ("a.jpg", "linear", ".npz, .exr"),
+    ],
+)
+def test_one_output_alone_in_a_file_that_cannot_hold_it_is_wrong_usage(
+    tmp_path, name, output, formats
+):
+    result = run("render", CUBE, "-o", tmp_path / name, *SMALL, "--outputs", output)
+    assert_one_line(result, 2)
+    assert f"--outputs: {tmp_path / name} cannot hold {output} alone" in result.stderr
+    assert f"end it in one of {formats}; " in result.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def heated(tmp_path):
+    """Write a cube whose vertices have an attribute, heat; return its path and the scene."""
+    vertices, faces = (getattr(rj.load(CUBE).nodes[0].mesh, part) for part in ("vertices", "faces"))
+    heat = np.linspace(0.0, 1.0, len(vertices))[:, None]
+    material = rj.Material(shading="pbr")
+    mesh = rj.Mesh(vertices, faces, material=material, attributes={"heat": heat})
+    scene = rj.Scene()
+    scene.add(mesh)
+    scene.save(tmp_path / "h.glb")
+    return tmp_path / "h.glb", rj.load(tmp_path / "h.glb")
+
+
+@pytest.mark.parametrize("words", [(), ("--scale", 0.00002)])
+def test_an_attribute_alone_is_a_picture_of_its_codes(tmp_path, words):
+    file, scene = heated(tmp_path)
+    arguments = (file, "-o", tmp_path / "heat.png", *SMALL, "--outputs", "attribute:heat", *words)
+    result = run("render", *arguments)
+    assert (result.exit_code, result.output) == (0, "")
+    frame = rendered(scene=scene, outputs=("attribute:heat",))
+    frame.save(tmp_path / "saved.png", "attribute:heat", scale=words[1] if words else None)
+    assert (tmp_path / "heat.png").read_bytes() == (tmp_path / "saved.png").read_bytes()
+
+
+def test_an_attribute_that_there_is_not_is_one_line_with_those_there_are(tmp_path):
+    file, _ = heated(tmp_path)
+    for outputs in ("attribute:haet", "color,attribute:haet"):
+        result = run("render", file, "-o", tmp_path / "a.png", *SMALL, "--outputs", outputs)
+        assert_one_line(result, 1)
+        assert "--outputs has 'attribute:haet'" in result.stderr
+        assert result.stderr.endswith("; its meshes have heat\n")
+    assert [place.name for place in tmp_path.iterdir()] == ["h.glb"]
 
 
 def test_an_exr_holds_every_output_and_light_for_colour(tmp_path):
@@ -799,7 +968,9 @@ def test_a_missing_file_is_one_line_that_names_it(tmp_path, command):
 
 
 def test_a_folder_is_no_file(tmp_path):
-    assert_one_line(run("render", tmp_path, "-o", tmp_path / "a.png"), 1)
+    assert_one_line(run("render", tmp_path, "-o", tmp_path / "a.png"), 2)
+    assert_one_line(run("info", tmp_path), 1)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_faces_with_nan_can_be_dropped(tmp_path):
@@ -926,7 +1097,10 @@ def test_errors_are_about_options_not_arguments(tmp_path, monkeypatch, words, sa
 def test_what_may_have_been_meant_is_asked(words, meant):
     result = run(*words)
     assert_one_line(result, 2)
-    assert result.stderr.endswith(f"; did you mean {meant}?\n")
+    before, asked, question = result.stderr.partition("; did you mean ")
+    assert asked
+    assert question == f"{meant}?\n"
+    assert before[-1] not in ".,;:"
 
 
 def test_an_option_of_another_command_is_told_and_nonsense_is_not():
@@ -943,6 +1117,14 @@ def test_advice_names_options_that_there_are():
     assert set(advice.COMMANDS_MEANT) & set(commands.program.commands) == set()
     for other in advice.COMMANDS_MEANT.values():
         assert other.startswith("--") or other in commands.program.commands
+
+
+def test_another_name_for_a_choice_stands_for_one_where_it_is_none_itself():
+    parameters = [one for command in commands.program.commands.values() for one in command.params]
+    lists = [one.type.choices for one in parameters if isinstance(one.type, click.Choice)]
+    lists += [LIGHTS, tuple(table.OUTPUTS)]
+    for name, other in advice.CHOICES_MEANT.items():
+        assert any(other in choices and name not in choices for choices in lists), name
 
 
 CUT_SHORT = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nf 1 2\n"

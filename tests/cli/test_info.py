@@ -65,6 +65,76 @@ def test_what_is_printed_is_what_json_holds():
     assert rows["attributes"] == "normals, vertex colors"
 
 
+def test_nodes_have_the_names_that_find_takes_and_hang_below_their_parents():
+    file = MODELS / "scene.glb"
+    scene, nodes = rj.load(file), told(file)["nodes"]
+    assert len(nodes) == 7
+    for one in nodes:
+        found = scene.find(one["name"])
+        above = None if one["parent"] is None else nodes[one["parent"]]["name"]
+        assert above == (found.parent and found.parent.name)
+        if one["object"] is None:
+            assert (found.mesh, one["faces"]) == (None, 0)
+        else:
+            assert scene.nodes[one["object"]] is found
+            assert one["faces"] == len(found.mesh.faces)
+    rows = run(file).stdout.splitlines()
+    start = rows.index("node 0           'ground': object 0, 2 faces")
+    assert [row[17:] for row in rows[start + 1 : start + 4]] == [
+        "'tower': group",
+        "  'crate_base': object 1, 12 faces",
+        "    'crate_top': object 2, 12 faces",
+    ]
+
+
+def test_own_attributes_have_the_names_that_outputs_take(tmp_path):
+    corners, face = np.eye(3), [[0, 1, 2]]
+    material = rj.Material(shading="pbr")
+    scene = rj.Scene()
+    for columns in (1, 1, 3):
+        values = {"heat\x1b": np.ones((3, columns)), "a": np.ones((3, 2))}
+        scene.add(rj.Mesh(corners, face, material=material, attributes=values))
+    scene.add(rj.Mesh(corners, face, material=material))
+    held = info.describe(scene)
+    assert [list(one.values()) for one in held["attribute_outputs"]] == [
+        ["attribute:a", 2, "vertices", 3],
+        ["attribute:heat\x1b", 1, "vertices", 2],
+        ["attribute:heat\x1b", 3, "vertices", 1],
+    ]
+    rows = [*info._rows({"file": "a", "bytes": 1, "warnings": [], **held})]
+    assert [text for name, text in rows if name.startswith("own attribute")] == [
+        "'attribute:a': 2 columns of vertices, 3 of 4 meshes",
+        "'attribute:heat\\x1b': 1 column of vertices, 2 of 4 meshes",
+        "'attribute:heat\\x1b': 3 columns of vertices, 1 of 4 meshes",
+    ]
+    alone = rj.Scene()
+    alone.add(rj.Mesh(corners, face, material=material, attributes={"load": [[0.5]]}))
+    (one,) = info.describe(alone)["attribute_outputs"]
+    assert (one["output"], one["of"]) == ("attribute:load", "faces")
+    alone.nodes[0].mesh = rj.Mesh(corners, face, material=material, attributes={"heat": corners})
+    alone.save(tmp_path / "h.glb")
+    (one,) = told(tmp_path / "h.glb")["attribute_outputs"]
+    frame = rj.render(rj.load(tmp_path / "h.glb"), size=(8, 8), outputs=one["output"])
+    assert frame.attribute("heat").shape == (8, 8, one["columns"])
+    rows = printed(tmp_path / "h.glb")
+    assert rows["own attribute 0"] == "'attribute:heat': 3 columns of vertices"
+
+
+def test_of_many_nodes_the_first_are_printed_and_deep_trees_are_no_burden():
+    scene = rj.Scene()
+    node = scene.add(rj.Node(name="joint 0"))
+    for number in range(1, 3000):
+        node = rj.Node(name=f"joint {number}", parent=node)
+    rj.Node(rj.load(MODELS / "cube.ply").nodes[0].mesh, name="hand", parent=node)
+    held = info.describe(scene)
+    assert len(held["nodes"]) == 3001
+    assert [one["parent"] for one in held["nodes"]] == [None, *range(3000)]
+    assert held["nodes"][-1]["object"] == 0
+    rows = dict(info._rows({"file": "a", "bytes": 1, "warnings": [], **held}))
+    assert rows["nodes"] == "2,981 more: see --json"
+    assert rows["node 19"].strip() == "'joint 19': group"
+
+
 def test_cameras_of_every_kind_can_be_told_as_json():
     scene = rj.load(MODELS / "cube.ply")
     scene.lights = [rj.SpotLight((0, 1, 2), shadow=rj.Shadow()), rj.AmbientLight()]

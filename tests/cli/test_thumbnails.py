@@ -46,6 +46,19 @@ def test_each_picture_is_that_of_its_file_alone(folder, tmp_path):
         assert np.array_equal(iio.imread(out / f"{name}.png"), iio.imread(alone)), name
 
 
+@pytest.mark.parametrize("spelled", ["meshes", "./meshes/", ".", "..", "../linked"])
+def test_a_folder_may_be_relative_or_a_link(folder, tmp_path, monkeypatch, spelled):
+    (folder / "bad.obj").write_text("v 0 0 0\n")
+    (tmp_path / "linked").symlink_to(folder, target_is_directory=True)
+    places = {".": folder, "..": folder / "below", "../linked": folder}
+    monkeypatch.chdir(places.get(spelled, tmp_path))
+    result = run("render", spelled, "-o", tmp_path / "out", "--size", "8x8")
+    assert result.exit_code == 1
+    assert result.stderr.endswith("error: 1 of 4 mesh files could not be drawn\n")
+    assert f"left out bad.obj: {Path(spelled) / 'bad.obj'}" in result.stderr
+    assert written(tmp_path / "out") == ["a.off.png", "a.ply.png", "below/b.obj.png"]
+
+
 def test_bad_files_are_named_the_others_drawn_and_the_status_is_not_zero(folder, tmp_path):
     (folder / "bad.obj").write_text(TRIANGLE.replace("v 1", "v nan"))
     (folder / "z.stl").write_bytes(b"nothing")
@@ -83,8 +96,32 @@ def test_what_one_file_alone_has_is_wrong_usage(folder, tmp_path):
     assert not out.exists()
 
 
+@pytest.mark.parametrize("name", ["a.png", "a.JPG", "a.npz", "a.exr"])
+def test_a_folder_is_not_made_under_the_name_of_a_picture(folder, tmp_path, name):
+    result = run("render", folder, "-o", tmp_path / name)
+    assert result.exit_code == 2
+    assert result.stderr.startswith(f"error: --output: {tmp_path / name} is the name of a file")
+    assert not (tmp_path / name).exists()
+    # One that is there is meant.
+    (tmp_path / name).mkdir()
+    assert run("render", folder, "-o", tmp_path / name, "-q", "--size", "8x8").exit_code == 0
+    assert len(written(tmp_path / name)) == 3
+
+
+def test_pictures_may_lie_beside_the_meshes_and_are_no_meshes_themselves(folder):
+    before = written(folder)
+    for _ in range(2):
+        result = run("render", folder, "-o", folder, "-q", "--size", "8x8")
+        assert (result.exit_code, result.output) == (0, "")
+    pictures = ["a.off.png", "a.ply.png", "below/b.obj.png"]
+    assert written(folder) == sorted(before + pictures)
+    assert (folder / "a.ply").read_bytes() == (MODELS / "cube.ply").read_bytes()
+
+
 def test_what_is_not_in_view_is_said_of_its_file(folder, tmp_path):
     view = ("--position", "0,0,900", "--target", "0,0,999")
     result = run("render", folder, "-o", tmp_path / "out", "--size", "8x8", *view)
     assert result.exit_code == 0
-    assert "warning: a.ply: nothing is in view" in result.stderr
+    for name in ("a.ply", "a.off", "below/b.obj"):
+        assert f"warning: {name}: nothing is in view" in result.stderr
+    assert result.stderr.count("nothing is in view") == 3

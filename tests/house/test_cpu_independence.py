@@ -215,6 +215,7 @@ ALLOWED = {
     ("scene/texture.py", "sum"): "whole numbers: counts of texels",
     ("survey/placement.py", "sum"): "three terms: NumPy splits sums from eight terms on",
     ("dataset/recipe.py", "random"): "Python's own numbers, the same for a text everywhere",
+    ("io/trimesh/scene.py", "sum"): "three terms: NumPy splits sums from eight terms on",
     ("io/trimesh/materials.py", "sum"): "three terms in a row, and counts",
     ("io/text/mtl.py", "mean"): "three terms: NumPy splits sums from eight terms on",
     ("io/text/parts.py", "sum"): "whole numbers: counts of values",

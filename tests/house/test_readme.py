@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from rasterjit.cli import commands
+
 ROOT = Path(__file__).parents[2]
 PAGES = ("README.md", "models/README.md", "docs/cameras.md")
 QUIET = ("-W", "error::UserWarning", "-W", "error::FutureWarning", "-W", "ignore:time_budget")
@@ -62,6 +64,23 @@ def test_command_runs(command, folder):
         cwd=folder, capture_output=True, text=True, env=environment(), timeout=600,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_a_code_span_holds_no_line_of_a_list(page):
+    text = re.sub(r"```.*?```", "", (ROOT / page).read_text(encoding="utf-8"), flags=re.DOTALL)
+    spans = [span for block in text.split("\n\n") for span in re.findall(r"`([^`]+)`", block)]
+    assert spans
+    assert [span for span in spans if re.search(r"\S  +\S", span)] == []
+
+
+def test_the_list_of_commands_has_them_all():
+    (listed,) = re.findall(
+        r"## Command line\n\n```\n(.*?)```", (ROOT / "README.md").read_text("utf-8"), re.DOTALL
+    )
+    lines = [line.split()[1:3] for line in listed.splitlines()]
+    assert {name for name, _ in lines} == set(commands.program.commands)
+    assert [what for name, what in lines if name == "render"] == ["FILE", "FOLDER"]
 
 
 def environment():

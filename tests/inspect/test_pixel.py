@@ -590,8 +590,13 @@ def test_an_empty_view_says_where_the_faces_are(cube):
      (True, 0, "x"), (0, None, "y")],
 )  # fmt: skip
 def test_a_place_outside_the_picture_is_named(cube, camera, x, y, name):
-    with pytest.raises(ValueError, match=rf"^{name} must be"):
+    with pytest.raises(ValueError, match=rf"^{name} must be a whole number in 0\.\."):
         rj.explain_pixel(cube, camera, SIZE, x, y)
+
+
+def test_a_place_is_of_any_kind_of_whole_number_as_for_picking(cube, camera):
+    plain = rj.explain_pixel(cube, camera, SIZE, 48, 40)
+    assert str(rj.explain_pixel(cube, camera, SIZE, np.array(48), np.uint8(40))) == str(plain)
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import re
 import struct
 import subprocess
 import sys
@@ -332,3 +333,24 @@ def test_what_openexr_says_in_words_names_the_file_that_was_asked_for(
         images.write_exr(place, {"Z": DEPTH})
     assert (caught.value.errno, caught.value.filename) == (code, str(place))
     assert caught.value.strerror == told.format(place)
+
+
+@pytest.mark.parametrize("power", [-40, -3, 0, 4, 38])
+@pytest.mark.parametrize("most", [6553.6, 6554.9, 20000.0, 65534.9, 65535.4])
+def test_a_decimal_scale_is_the_smallest_that_holds_the_values(power, most):
+    scale = float(f"1e{power}")
+    values = np.array([[most * scale, np.inf], [np.nan, 300.0 * scale]])
+    assert save.decimal_scale(values) == scale
+    codes = save.as_codes("depth", values, scale)
+    assert (codes.pixels == [[np.floor(most + 0.5), 0], [0, 300]]).all()
+    with pytest.raises(ValueError, match=re.escape(f"; choose {scale:g}, .exr or .npz")):
+        save.as_codes("depth", values, scale / 10.0)
+
+
+@pytest.mark.parametrize("values", [(0.0, 5.0), (-1.0, 5.0), (1.0, 1e6), (5e-324, 5e-324), ()])
+def test_no_decimal_scale_holds_both_small_and_large_values(values):
+    values = np.array([[*values, np.inf]])
+    assert save.decimal_scale(values) is None
+    if values.size > 1:
+        with pytest.raises(ValueError, match=r"; choose \.exr or \.npz"):
+            save.as_codes("depth", values, 1e-2)

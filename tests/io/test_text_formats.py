@@ -80,6 +80,8 @@ STLS = {
     "capitals": f"solid x\n{TRIANGLE}endsolid\n".upper().replace("\n", "\r\n"),
 }
 
+UNNAMED = {"geometry_1": "a.stl", "geometry_2": "a.stl_1"}
+
 THREE = "OFF\n3 2 0\n0 0 0\n1 0 0\n1 1 0\n3 0 1 2\n"
 
 OFFS = {
@@ -199,7 +201,10 @@ def corner_values(mesh):
 
 
 def assert_same_scenes(ours, theirs):
-    assert [node.name for node in ours.nodes] == [node.name for node in theirs.nodes]
+    # trimesh calls meshes of OBJ files by the whole path, and solids without a name by a number.
+    expected = [UNNAMED.get(node.name, node.name) for node in theirs.nodes]
+    expected = [os.path.basename(name) if os.path.isabs(name) else name for name in expected]
+    assert [node.name for node in ours.nodes] == expected
     for one, other in zip(ours.nodes, theirs.nodes, strict=True):
         assert np.array_equal(one.mesh.vertices, other.mesh.vertices, equal_nan=True)
         pairs = zip(corner_values(one.mesh), corner_values(other.mesh), strict=True)
@@ -227,6 +232,25 @@ def test_scenes_are_those_of_trimeshs_readers(tmp_path, suffix, name):
 
 
 MODEL_FILES = sorted(p.name for p in MODELS.iterdir() if p.suffix[1:] in SUFFIXES)
+
+
+@pytest.mark.parametrize("suffix", ["obj", "ply", "stl", "off", "binvox"])
+def test_meshes_without_a_name_have_that_of_the_file_without_its_folders(
+    tmp_path, suffix, monkeypatch
+):
+    if suffix == "binvox":
+        content = b"#binvox 1\ndim 2 2 2\ndata\n\1\x08"
+    else:
+        texts = SUFFIXES[suffix]
+        content = texts.get("no name", next(iter(texts.values())))
+    path = write(tmp_path, suffix, content)
+    monkeypatch.chdir(tmp_path)
+    for given in (path, path.name, f"../{tmp_path.name}/{path.name}"):
+        scene = loaded(given)
+        assert scene.find(path.name) is scene.nodes[0]
+    if suffix == "obj":
+        path.write_text(f"o parts/nut\n{SQUARE}f 1 2 3\n")
+        assert [node.name for node in rj.load(path).nodes] == ["parts/nut"]
 
 
 @pytest.mark.parametrize("name", MODEL_FILES)

@@ -1,7 +1,10 @@
 """What is handed to trimesh comes back as it was, or is named."""
 
+import subprocess
+import sys
 import warnings
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,6 +13,8 @@ import trimesh
 import rasterjit as rj
 from rasterjit.io.skipped import SaveWarning
 from rasterjit.transforms import compose, rotate_x, rotate_z, scale, translate
+
+MODELS = Path(__file__).parents[2] / "models"
 
 GEOMETRY = (
     "depth", "face_id", "object_id", "instance_id", "material_id", "barycentric", "position",
@@ -100,6 +105,92 @@ def test_what_trimesh_has_a_place_for_is_drawn_as_it_was():
     np.testing.assert_allclose(found.linear, wanted.linear, rtol=0, atol=2e-6)
     by_its_camera = rj.render(again, size=(96, 72))
     assert (by_its_camera.color != wanted.color).any(axis=2).mean() < 0.01
+
+
+def tree(scene):
+    """Return what each node hangs below, and where."""
+    return {
+        node.name: (node.parent and node.parent.name, node.transform.round(6).tolist())
+        for node in scene.every_node()
+    }
+
+
+def test_what_hangs_below_what_comes_back():
+    scene = rich_scene()
+    again = rj.load(scene.to_trimesh())
+    assert [node.name for node in again.nodes] == [node.name for node in scene.nodes]
+    assert tree(again) == tree(scene)
+    assert tree(again)["ball"][0] == "elbow"
+    elbow = again.find("elbow")
+    before = again.find("ball").world_matrix
+    elbow.transform = compose(elbow.transform, rotate_z(90))
+    assert not np.allclose(again.find("ball").world_matrix, before)
+
+
+def test_trimesh_scenes_of_a_file_hang_together_as_the_file_does():
+    path = MODELS / "scene.glb"
+    loaded, wanted = trimesh.load_scene(path), rj.load(path)
+    found = rj.load(loaded)
+    assert tree(found) == tree(wanted)
+    assert [node.name for node in found.nodes] == list(loaded.graph.nodes_geometry)
+    for node in found.nodes:
+        np.testing.assert_allclose(node.world_matrix, loaded.graph[node.name][0], atol=1e-6)
+    joined = rj.Scene()
+    with pytest.warns(rj.LoadWarning, match="DirectionalLight|camera"):
+        group = joined.add(loaded, name="crates")
+    assert joined.find("crate_top").parent is joined.find("crate_base")
+    assert joined.find("crate_base").parent.parent is group
+    assert [node.name for node in joined.nodes] == [node.name for node in found.nodes]
+
+
+def test_objects_of_trimesh_keep_their_numbers_whatever_they_hang_below():
+    made = trimesh.Scene()
+    made.geometry["box"] = trimesh.creation.box()
+    # trimesh lists nodes in the order in which it first hears of them.
+    made.graph.transforms.node_data["tip"]["geometry"] = "box"
+    made.graph.update("arm", "world", matrix=translate((0, 2, 0)), geometry="box")
+    made.graph.update("tip", "arm", matrix=translate((1, 0, 0)), geometry="box")
+    made.graph.update("lid", "world", matrix=np.eye(4), geometry="box")
+    made.graph.update("base of none", "world", matrix=np.eye(4))
+    assert list(made.graph.nodes_geometry) == ["tip", "arm", "lid"]
+    scene = rj.load(made)
+    assert [node.name for node in scene.nodes] == ["tip", "arm", "lid"]
+    assert scene.find("tip").parent is scene.find("arm")
+    assert scene.find("arm").parent is None
+    assert scene.find("tip").world_matrix[:3, 3].tolist() == [1, 2, 0]
+    assert set(tree(scene)) == {"tip", "arm", "lid"}
+    joined = rj.Scene()
+    joined.add(made, name="all")
+    assert [node.name for node in joined.nodes] == ["tip", "arm", "lid"]
+
+
+@pytest.mark.parametrize("without_scipy", [False, True])
+def test_normals_that_trimesh_averaged_are_told_from_given_ones_without_scipy(without_scipy):
+    blocked = "sys.modules['scipy'] = sys.modules['scipy.sparse'] = None\n" * without_scipy
+    code = f"""if True:
+        import sys
+        {blocked.replace(chr(10), "; ")}
+        import numpy as np, trimesh
+        import rasterjit as rj
+        read = trimesh.load({str(MODELS / "scene.glb")!r})
+        wanted = rj.load({str(MODELS / "scene.glb")!r})
+        assert any("vertex_normals" in one._cache for one in read.geometry.values())
+        found = rj.load(read)
+        for node in found.nodes:
+            other = wanted.find(node.name).mesh
+            np.testing.assert_allclose(node.mesh.normals, other.normals, atol=1e-6)
+    """
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert (run.returncode, run.stderr) == (0, "")
+
+
+def test_averaged_normals_are_not_a_meshs_own():
+    box = trimesh.creation.box()
+    assert len(box.vertex_normals) == 8
+    assert len(rj.load(box).nodes[0].mesh.vertices) == 24
+    given = trimesh.Trimesh(box.vertices, box.faces, process=False,
+                            vertex_normals=box.vertex_normals.astype(np.float32))  # fmt: skip
+    assert len(rj.load(given).nodes[0].mesh.vertices) == 8
 
 
 def test_a_mesh_becomes_a_trimesh_of_the_same_vertices_and_faces():

@@ -19,11 +19,13 @@ from rasterjit.runtime.state import leaves
 TESTS = Path(__file__).parent.parent
 
 DRAW = """
-import json, sys
+import json, sys, warnings
 sys.path[:0] = sys.argv[1:]
 import frames
+import rasterjit as rj
 from rasterjit.runtime import jit, store
 
+warnings.simplefilter("ignore", rj.ViewWarning)
 drawn = [name for name, _ in frames.every_digest()]
 kernels = {
     store.full_name(kernel): (

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import dataclasses
 import pickle
+import warnings
 from fractions import Fraction
 from pathlib import Path
 
@@ -29,6 +30,27 @@ def test_sixteen_bits_hold_the_eight_bit_codes():
     wide = rj.Texture(codes.astype(np.uint16) * np.uint16(257)).image
     assert (wide == rj.Texture(codes).image).all()
     assert (wide[:, :, 0] == srgb_to_linear(codes)).all()
+
+
+@pytest.mark.parametrize("kind", [np.float32, np.float64])
+def test_bytes_as_floats_are_named_at_the_callers_line(kind):
+    photograph = np.random.default_rng(5).integers(0, 200, (16, 16, 3), np.uint8)
+    codes = (photograph, photograph[..., 0], np.uint8([[[0, 255, 0, 1]]]))
+    for image in codes:
+        with pytest.warns(UserWarning, match=r"whole numbers up to .* must be uint8") as caught:
+            rj.Texture(image.astype(kind))
+        assert (len(caught), caught[0].filename) == (1, __file__)
+
+
+def test_light_that_is_brighter_than_white_is_no_mistake():
+    random = np.random.default_rng(6).random((16, 16, 3))
+    lamp = np.zeros((16, 16, 3))
+    lamp[2, 3] = 200.0
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for image in (random * 300.0, lamp, lamp + 4.0, np.full((2, 2), 5.0), random.round(),
+                      np.arange(300.0).reshape(30, 10)):  # fmt: skip
+            rj.Texture(image)
 
 
 def test_sixteen_bit_codes_are_decoded_to_float32():

@@ -8,7 +8,6 @@ References
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -302,7 +301,7 @@ class _ObjFile:
             if several and material is not None:
                 name = material
             else:
-                name = object_name or os.path.abspath(os.path.expanduser(self._path))
+                name = object_name or self._path.name
             counts = self._counts[group]
             total = int(counts.sum())
             shift = begins[group] - (np.cumsum(counts) - counts)

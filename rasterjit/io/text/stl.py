@@ -38,7 +38,7 @@ def read_stl(path: Path, resources: Resources, damage: Damage) -> list[Part]:
         triangles = np.frombuffer(data, _TRIANGLE, min(count, whole), _HEAD)
         parts = [_part(path.name, triangles["vertices"].reshape(-1, 3))] if len(triangles) else []
     else:
-        parts = list(_text_parts(Lines(data, resources.budget), damage))
+        parts = list(_text_parts(Lines(data, resources.budget), path.name, damage))
     if not parts:
         raise MeshFileError(f"{path} holds no faces")
     return parts
@@ -49,8 +49,8 @@ def _part(name: str, vertices: NDArray) -> Part:
     return Part(name, vertices.astype(np.float64), np.arange(len(vertices)).reshape(-1, 3))
 
 
-def _text_parts(lines: Lines, damage: Damage) -> Iterator[Part]:
-    """Yield a mesh for each solid of a text file that has triangles."""
+def _text_parts(lines: Lines, file_name: str, damage: Damage) -> Iterator[Part]:
+    """Yield a mesh for each solid of a text file that has triangles; the file's name stands in."""
     first, second, fourth = (lines.char(offset) | 0x20 for offset in (0, 1, 3))
     solids = np.flatnonzero((first == ord("s")) & (second == ord("o")))
     facets = np.flatnonzero((first == ord("f")) & (second == ord("a")))
@@ -80,4 +80,4 @@ def _text_parts(lines: Lines, damage: Damage) -> Iterator[Part]:
         if begin < end:
             number = int(solid[begin])
             name = lines.text(int(solids[number - 1]))[len("solid") :].strip() if number else ""
-            yield _part(names.unique(name), vertices[begin:end])
+            yield _part(names.unique(name or file_name), vertices[begin:end])

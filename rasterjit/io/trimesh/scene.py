@@ -24,11 +24,15 @@ from rasterjit.scene.light import WIDEST_CONE, DirectionalLight, PointLight, Spo
 from rasterjit.scene.material import Material
 from rasterjit.scene.memory import MemoryBudget
 from rasterjit.scene.mesh import Mesh, with_face_values
+from rasterjit.scene.node import Node, topmost
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.transforms import compose
 
 _TRIMESH_FAR = 1000.0
 """The far distance of a trimesh camera that nobody set; taken as no far plane at all."""
+
+_SUMMATION = 1e-12
+"""By how much averages may differ that are summed in another order; float32 is coarser."""
 
 _SAME_TRANSFORM = 1e-4
 """Share of its largest entry by which two ways to compute a transform may differ: ten times what
@@ -91,50 +95,64 @@ class TrimeshAdapter:
         for what, count in left.items():
             self.left_out.note(what, count)
         scene = Scene()
-        for node in loaded.graph.nodes_geometry:
-            try:
-                rough, name = loaded.graph[node]
-            except ValueError:
-                self.left_out.note("node that hangs on no other")
-                continue
-            transform = self._world_from_node(loaded.graph, node, rough)
-            if name in meshes:
-                self._place(scene, meshes[name], transform, str(node))
-        if not scene.nodes:
+        drawn = self._drawn_nodes(loaded.graph, meshes)
+        if not drawn:
             raise MeshFileError(f"{self.source} holds meshes but places none of them in its scene")
+        for top in dict.fromkeys(map(topmost, drawn)):
+            scene.add(top)
+        # Objects are numbered as trimesh has them, whatever they hang below.
+        scene.nodes[:] = drawn
         self._take_camera(loaded, scene)
         self._take_lights(loaded, scene)
         return scene
 
-    def _world_from_node(
-        self, graph: Any, node: Any, rough: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        """
-        Return a node's transform, multiplied in an order that is the same on every CPU.
+    def _drawn_nodes(self, graph: Any, meshes: dict[str, Mesh]) -> list[Node]:
+        """Return a node for each place of a mesh, in trimesh's order, below what it hangs below."""
+        made: dict[Any, Node] = {}
+        drawn = []
+        for key in graph.nodes_geometry:
+            try:
+                rough, name = graph[key]
+            except ValueError:
+                self.left_out.note("node that hangs on no other")
+                continue
+            if name in meshes:
+                node = self._node(graph, key, rough, made)
+                node.mesh = meshes[name]
+                drawn.append(node)
+        return drawn
 
-        trimesh takes products from BLAS, drops transforms within 1e-8 of the identity and passes
-        what is nearly rigid through an SVD.
-        ``rough`` is its transform, which stays where the steps do not lead to it.
+    def _node(
+        self, graph: Any, key: Any, rough: NDArray[np.float64], made: dict[Any, Node]
+    ) -> Node:
         """
-        steps = graph.transforms.edge_data
-        path = graph.transforms.shortest_path(graph.base_frame, node)
-        factors = []
-        for parent, child in pairwise(path):
-            if "matrix" not in steps.get((parent, child), {}):
-                return rough
-            factors.append(steps[parent, child]["matrix"])
-        try:
-            product = compose(*factors)
-        except ValueError:
-            return rough
-        return product if _nearly_equal(product, rough) else rough
+        Return the node of a key; it and those above are made unless they are.
 
-    def _place(self, scene: Scene, mesh: Mesh, transform: Any, name: str) -> None:
-        """Add one node, naming it in errors."""
-        try:
-            scene.add(mesh, transform, name)
-        except ValueError as error:
-            raise MeshFileError(f"{self.source}: node {name!r}: {error}") from error
+        Transforms are multiplied in an order that is the same on every CPU: trimesh takes products
+        from BLAS, drops transforms within 1e-8 of the identity and passes what is nearly rigid
+        through an SVD. ``rough`` is its transform; where the steps do not lead to it, the node
+        stands there, below none.
+        """
+        if key in made:
+            return made[key]
+        edges = graph.transforms.edge_data
+        path = graph.transforms.shortest_path(graph.base_frame, key)
+        steps = [edges.get(pair, {}).get("matrix") for pair in pairwise(path)]
+        if _leads_to(steps, rough):
+            # A product has other zeros than its factor: all are products.
+            steps[0] = compose(steps[0])
+        else:
+            path, steps = [key], [rough]
+        node = None
+        # Everything hangs below trimesh's base, which is the world: it is no node.
+        for name, step in zip(path[-len(steps) :], steps, strict=True):
+            if name not in made:
+                try:
+                    made[name] = Node(None, step, str(name), parent=node)
+                except ValueError as error:
+                    raise MeshFileError(f"{self.source}: node {str(name)!r}: {error}") from error
+            node = made[name]
+        return node
 
     def _mesh(self, name: str, geometry: Any) -> Mesh:
         """Return one trimesh.Trimesh as a `Mesh` with normals, naming it in errors."""
@@ -182,14 +200,8 @@ class TrimeshAdapter:
         if "vertex_normals" not in geometry._cache:
             return None
         normals = np.asarray(geometry.vertex_normals)
-        if not self.from_file:
-            from trimesh.geometry import weighted_vertex_normals
-
-            averaged = weighted_vertex_normals(
-                len(geometry.vertices), geometry.faces, geometry.face_normals, geometry.face_angles
-            )
-            if np.array_equal(normals, averaged):
-                return None
+        if not self.from_file and _are_averaged(normals, geometry):
+            return None
         if not normals.any():
             return None
         return self._finite_rows("normals", normals, (len(geometry.vertices), 3))
@@ -270,10 +282,36 @@ class TrimeshAdapter:
             scene.lights.append(spot)
 
 
-def _nearly_equal(a: NDArray[np.float64], b: NDArray[np.float64]) -> bool:
-    """Tell whether two matrices are the same but for the rounding of float32 and of a repair."""
-    largest = np.abs(b).max(initial=0.0)
-    return a.shape == b.shape and bool((np.abs(a - b) <= _SAME_TRANSFORM * largest).all())
+def _leads_to(steps: list[Any], rough: NDArray[np.float64]) -> bool:
+    """Tell whether a product is a transform but for the rounding of float32 and of a repair."""
+    if not steps or any(step is None for step in steps):
+        return False
+    try:
+        product = compose(*steps)
+    except ValueError:
+        return False
+    largest = np.abs(rough).max(initial=0.0)
+    return bool((np.abs(product - rough) <= _SAME_TRANSFORM * largest).all())
+
+
+def _are_averaged(normals: NDArray[np.float64], geometry: Any) -> bool:
+    """
+    Tell whether normals are those of the faces around each vertex, weighted by their angles.
+
+    So trimesh averages them: with SciPy, or much slower and in another order without.
+    """
+    from trimesh.util import unitize
+
+    sound = (geometry.face_normals**2).sum(axis=1) > 0.5
+    corners = geometry.faces[sound].ravel()
+    angles = geometry.face_angles[sound][:, :, np.newaxis]
+    shares = (angles * geometry.face_normals[sound][:, np.newaxis]).reshape(-1, 3)
+    count = len(geometry.vertices)
+    sums = [np.bincount(corners, column, count) for column in shares.T]
+    averaged = unitize(np.stack(sums, axis=1))
+    if averaged.shape != normals.shape:
+        return False
+    return bool((np.abs(normals - averaged) <= _SUMMATION).all())
 
 
 def _made_up(loaded: Any, lights: list[Any]) -> bool:

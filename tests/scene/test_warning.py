@@ -1,4 +1,4 @@
-"""Deprecated spellings: one warning, at the line of the program, that names the new spelling."""
+"""Warnings point at the line of the program that called, once for each line."""
 
 from __future__ import annotations
 
@@ -7,21 +7,21 @@ import warnings
 
 import pytest
 
-from rasterjit.scene.deprecation import warn_deprecated
+from rasterjit.scene.warning import warn_caller
 
 
 def call_through(depth):
     """Return a function that warns below so many calls within the package."""
-    space = {"__name__": "rasterjit.somewhere.inside", "warn_deprecated": warn_deprecated}
-    exec("def call_0(): warn_deprecated('--zoom-by', '--zoom')", space)
+    space = {"__name__": "rasterjit.somewhere.inside", "warn_caller": warn_caller}
+    exec("def call_0(): warn_caller('it is so', FutureWarning)", space)
     for n in range(1, depth + 1):
         exec(f"def call_{n}(): call_{n - 1}()", space)
     return space[f"call_{depth}"]
 
 
 @pytest.mark.parametrize("depth", [0, 1, 5])
-def test_the_warning_names_both_spellings_and_the_line_that_called(depth):
-    with pytest.warns(FutureWarning, match="^--zoom-by is deprecated .*; write --zoom$") as caught:
+def test_the_warning_names_the_line_that_called(depth):
+    with pytest.warns(FutureWarning, match="^it is so$") as caught:
         call_through(depth)()
     line = inspect.currentframe().f_lineno - 1
     (warning,) = caught
@@ -39,7 +39,7 @@ def test_a_line_is_warned_about_once_unless_programs_ask_for_more():
 
 
 def test_a_package_of_a_like_name_is_no_part_of_this_one():
-    space = {"__name__": "rasterjit_plots", "warn_deprecated": warn_deprecated}
-    with pytest.warns(FutureWarning) as caught:
-        exec(compile("warn_deprecated('a', 'b')", "plots.py", "exec"), space)
+    space = {"__name__": "rasterjit_plots", "warn_caller": warn_caller}
+    with pytest.warns(UserWarning, match="^it is so$") as caught:
+        exec(compile("warn_caller('it is so')", "plots.py", "exec"), space)
     assert caught[0].filename == "plots.py"
