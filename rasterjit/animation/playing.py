@@ -63,7 +63,9 @@ def frames(
         to 10,000 times. For other functions and times the plane never goes back.
     transforms : dict, optional
         By node of the scene, with or without a mesh, a function that returns its ``transform``,
-        (4, 4), for a time, such as a `TransformTrack`.
+        (4, 4), for a time, such as a `TransformTrack`. That is relative to the node's parent, which
+        nodes of glTF files may have; a pose in the world is
+        ``inverse(node.parent.world_matrix) @ pose`` there (`transforms.inverse`).
     meshes : dict, optional
         By node of the scene a function that returns a mesh for a time, such as a `MorphTrack`.
     outputs, background, cull

@@ -168,7 +168,8 @@ class TransformTrack(_Track):
     times : (K,) array_like of float, seconds
         Growing.
     transforms : (K, 4, 4) array_like
-        ``world_from_model``, affine.
+        ``parent_from_node``, affine, as `Node.transform` is: of a node without a parent its
+        place in the world.
     interpolation : {"linear", "smooth"}
 
     Raises
@@ -199,7 +200,7 @@ class TransformTrack(_Track):
         self._offset = _curve(self.times, matrices[:, :3, 3], interpolation)
 
     def __call__(self, time: float) -> Float64:
-        """Return ``world_from_model``, (4, 4) float64, at a time; at that of a key, that key."""
+        """Return the transform, (4, 4) float64, at a time; at that of a key, that key."""
         time, key = self._key_at(time)
         if key is not None:
             return key.copy()

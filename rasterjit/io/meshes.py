@@ -32,6 +32,7 @@ from rasterjit.scene.validation import (
     existing_folder,
     one_of,
 )
+from rasterjit.scene.warning import warn_caller
 
 if TYPE_CHECKING:
     import trimesh
@@ -206,10 +207,9 @@ def _warn_if_invisible(file: Path, scene: Scene) -> None:
     """Warn if a file's materials hide all that it holds."""
     materials = [node.mesh.material for node in scene.nodes]
     if all(one.alpha_mode == "blend" and one.base_color_over(False)[3] == 0.0 for one in materials):
-        warnings.warn(
-            f"{file}: every material is fully transparent, so nothing of it is seen",
-            LoadWarning, stacklevel=3,
-        )  # fmt: skip
+        warn_caller(
+            f"{file}: every material is fully transparent, so nothing of it is seen", LoadWarning
+        )
 
 
 def from_trimesh(
@@ -323,7 +323,7 @@ def scene_to_add(what: Any) -> Scene:
     for name in ("camera", *EFFECT_FIELDS):
         if getattr(scene, name) is not None:
             left_out.note(name)
-    left_out.warn(f"{type(what).__name__} added to a scene", stacklevel=4)
+    left_out.warn(f"{type(what).__name__} added to a scene")
     return scene
 
 

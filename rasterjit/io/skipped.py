@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import warnings
 from collections import Counter
+
+from rasterjit.scene.warning import warn_caller
 
 
 class MeshFileError(ValueError):
@@ -52,7 +53,7 @@ class NotSaved:
         """Add what the form keeps with fewer digits than would do."""
         self._rounded[what] = None
 
-    def warn(self, source: str, stacklevel: int) -> None:
+    def warn(self, source: str) -> None:
         """Warn, if anything was noted, of what is lost and, apart from it, what is rounded."""
         said = []
         if self._lost:
@@ -60,8 +61,7 @@ class NotSaved:
         if self._rounded:
             said.append(f"rounded: {', '.join(self._rounded)}")
         if said:
-            message = f"{source}: {'; '.join(said)}; all else is kept"
-            warnings.warn(message, SaveWarning, stacklevel=stacklevel)
+            warn_caller(f"{source}: {'; '.join(said)}; all else is kept", SaveWarning)
 
 
 class LeftOut:
@@ -77,14 +77,7 @@ class LeftOut:
     def __str__(self) -> str:
         return ", ".join(f"{what} ({count})" for what, count in self._counts.items())
 
-    def warn(
-        self,
-        source: str,
-        category: type[Warning] = LoadWarning,
-        what: str = "left out",
-        stacklevel: int = 3,
-    ) -> None:
+    def warn(self, source: str) -> None:
         """Warn, if anything was left out, naming ``source`` and every kind."""
         if self._counts:
-            message = f"{source}: {what} {self}; the rest is there"
-            warnings.warn(message, category, stacklevel=stacklevel)
+            warn_caller(f"{source}: left out {self}; the rest is there", LoadWarning)

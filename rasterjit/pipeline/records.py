@@ -217,7 +217,7 @@ class Surface(NamedTuple):
     lit_vertices: Any
     """(V, 2, 3) float32, light on the front and the back of a vertex | None -> no Gouraud."""
     diffuse_vertices: Any
-    """(V, 2, 3) float32, the same without highlights | None -> no highlight over a texture."""
+    """(V, 2, 3) float32, without highlights | None -> none over face colours or textures."""
     textures: Textures | None
     """None -> no object has a texture."""
     maps: Maps | None = None

@@ -20,7 +20,6 @@ import math
 import platform
 import statistics
 import threading
-import warnings
 import weakref
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -36,6 +35,7 @@ from rasterjit.runtime.store import cache_folder, cpu_features
 from rasterjit.runtime.threads import available_processors
 from rasterjit.scene.color import srgb_to_linear
 from rasterjit.scene.quality import SUPERSAMPLED, Quality, differences
+from rasterjit.scene.warning import warn_caller
 from rasterjit.survey.effect import shown_as_given
 
 HEADROOM = 0.9
@@ -385,11 +385,10 @@ def times_of(what: Any, circumstances: Any) -> Times:
         while len(_TIMES) > MOST_KNOWN:
             del _TIMES[next(iter(_TIMES))]
     if profile is None:
-        warnings.warn(
+        warn_caller(
             "time_budget: there is no profile of this machine, so frames of this scene are timed "
             "first; `rasterjit accuracy --calibrate` makes one",
             CalibrationWarning,
-            stacklevel=4,
         )
     return times
 

@@ -47,6 +47,7 @@ from rasterjit.scene.background import Backdrop, BackgroundImage, read_backgroun
 from rasterjit.scene.camera import Camera, settled
 from rasterjit.scene.color import decoding_table
 from rasterjit.scene.lens import Equirectangular, Lens, check_lens
+from rasterjit.scene.pixels import clip_from_relative
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import Scene
 from rasterjit.scene.validation import image_size
@@ -54,11 +55,13 @@ from rasterjit.scene.view import View
 from rasterjit.survey import placement as placing
 from rasterjit.survey.arrays import placement_of
 from rasterjit.survey.cache import SceneCache, prepare
+from rasterjit.survey.camera_view import Through
 from rasterjit.survey.clip_planes import join
 from rasterjit.survey.effect import FrameContext
 from rasterjit.survey.placement import Views
 from rasterjit.survey.plan import RenderPlan
 
+Float64 = NDArray[np.float64]
 Draw = Callable[[PlannedFrame, StageClock], tuple[Frame, Seen]]
 
 COUNTS = ("triangles_in", "outside", "culled", "degenerate", "unsampled", "invalid", "drawn",
@@ -167,6 +170,22 @@ def plan_lensed(
     return Lensed(
         lens, camera, size, outputs, looks, sight, tuple(pictures), behind, plan, compared
     )
+
+
+def through_lens(planned: Lensed) -> Through:
+    """Return how a frame's lens bends what its camera sees, for who asks."""
+    lens, sight = planned.lens, planned.sight
+    axes = world_axes(planned.camera, planned.size)
+
+    def pixels(points: Float64) -> Float64:
+        return sight.pixels(lens.places(points @ axes.T))
+
+    def directions(columns: Float64, rows: Float64) -> Float64:
+        return lens.directions(sight.places(columns, rows)) @ axes
+
+    pictures = (one.plan for one in planned.pictures)
+    clips = tuple(clip_from_relative(plan.camera, plan.size) for plan in pictures)
+    return Through(pixels, directions, clips)
 
 
 def draw_lensed(planned: Lensed, workers: Workers, draw: Draw) -> Frame:

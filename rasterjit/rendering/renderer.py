@@ -174,10 +174,13 @@ def explain(
     """
     scene = as_scene(what)
     if lens is not None:
-        return lenses.plan_lensed(
+        planned = lenses.plan_lensed(
             lens, image_size("size", size), check_quality(quality), scene, camera, outputs,
             background, cull, diagnose, previous, Workers(1),
-        ).plan  # fmt: skip
+        )  # fmt: skip
+        plan, through = planned.plan, lenses.through_lens(planned)
+        view = CameraView(tuple(scene.nodes), plan.camera, plan.size, through)
+        return plan.with_(view=view)
     plan = plan_views(
         image_size("size", size), check_quality(quality), scene, camera, outputs, background, cull,
         diagnose, previous,

@@ -51,6 +51,9 @@ BLOCK = type_named(Block)
 BLOCKS = BlockMemory(BLOCK)
 """The block of each thread."""
 
+DIFFUSE = rows.OUT_RED
+"""First row of the light on vertices without highlights: what is seen is not known yet there."""
+
 
 def surface_steps(
     geometry: Geometry,
@@ -65,13 +68,20 @@ def surface_steps(
     if surface.textures is not None:
         steps += coordinate_steps(surface.textures, geometry)
     steps.append(Step(attributes.tint_samples, (materials,)))
-    if surface.face_colors is not None:
-        steps.append(Step(attributes.multiply_face_colors, (surface.face_colors,)))
     if surface.vertex_colors is not None:
         steps.append(Step(attributes.multiply_vertex_colors, (surface.vertex_colors,)))
+    # Vertices are lit with their own colours; what faces and textures show multiplies that.
     if surface.lit_vertices is not None:
         lit = surface.lit_vertices, materials, rows.RED
         steps.append(Step(attributes.show_lit_vertices, lit))
+    if surface.diffuse_vertices is not None:
+        diffuse = surface.diffuse_vertices, materials, DIFFUSE
+        steps.append(Step(attributes.show_lit_vertices, diffuse))
+    if surface.face_colors is not None and surface.diffuse_vertices is None:
+        steps.append(Step(attributes.multiply_face_colors, (surface.face_colors,)))
+    elif surface.face_colors is not None:
+        below = surface.face_colors, materials, DIFFUSE
+        steps.append(Step(attributes.multiply_face_colors_below_highlights, below))
     has_textures = surface.textures is not None and shows(surface.textures, textures.BASE_COLOR)
     if has_textures:
         steps += texture_steps(surface)
@@ -130,12 +140,9 @@ def texture_steps(surface: Surface) -> list[Step]:
             Step(texture_lookup.read_textures, read),
             Step(texture_lookup.multiply_textures, ()),
         ]
-    # What is seen is not known yet: its rows are free.
-    diffuse = rows.OUT_RED
     return [
-        Step(attributes.show_lit_vertices, (surface.diffuse_vertices, materials, diffuse)),
         Step(texture_lookup.read_textures, read),
-        Step(texture_lookup.multiply_textures_below_highlights, (materials, diffuse)),
+        Step(texture_lookup.multiply_textures_below_highlights, (materials, DIFFUSE)),
     ]
 
 

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import KW_ONLY, dataclass, fields
 from functools import cached_property
 from itertools import pairwise, zip_longest
 from typing import Any
@@ -304,6 +304,7 @@ class FisheyeLens:
     k2: float = 0.0
     k3: float = 0.0
     k4: float = 0.0
+    _: KW_ONLY
     field: float = 360.0
 
     def __post_init__(self) -> None:

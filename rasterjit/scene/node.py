@@ -71,6 +71,7 @@ class Node(Guarded):
     """
 
     _FIELDS = ("mesh", "transform", "world_from_model", "name", "parent")
+    _INSTEAD = "assign world_from_model, or transform, to move it, and a child's parent to hang it"
 
     name: str
     _mesh: Any

@@ -9,7 +9,7 @@ surfaces are looked at, not all vertices: it takes milliseconds for any scene.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -46,12 +46,26 @@ AXES = ("y", 1), ("z", 2), ("x", 0)
 """Of the world, and their numbers; of several that are up, the first."""
 
 
+class Through(NamedTuple):
+    """How a lens bends what a camera sees."""
+
+    pixels: Callable[[Float64], Float64]
+    """Returns where points relative to the eye, (N, 3), are seen: pixels (N, 2), NaN if not."""
+    directions: Callable[[Float64, Float64], Float64]
+    """Returns what pixels at columns (C,) and rows (R,) look along, (R, C, 3), of any length, zero
+    or NaN beyond the field."""
+    clips: tuple[Float64, ...]
+    """`clip_from_relative` of each picture that the frame is taken from."""
+
+
 class CameraView(NamedTuple):
     """A camera and what may be seen; put into words when it is printed."""
 
     nodes: tuple[Node, ...]
     camera: Camera
     size: tuple[int, int]
+    through: Through | None = None
+    """``None`` -> no lens."""
 
     def rows(self) -> list[Row]:
         """Return rows of text, a name and what there is to say."""
@@ -73,21 +87,33 @@ class CameraView(NamedTuple):
         if not clip[3, :3].any():
             tall = 2.0 * clip[3, 3] / np.dot(clip[1, :3], axes[1])
             return f"parallel, {place}, {tall:.4g} units from top to bottom"
+        if self.through is not None:
+            across, down = 0.5 * self.size[0], float(self.size[1])
+            rows = np.array([0.0, 0.5 * down, down])
+            top, middle, bottom = self.through.directions(np.array([across]), rows)[:, 0]
+            tall = math.degrees(_angle(top, middle) + _angle(middle, bottom))
+            # Beyond its field a lens looks nowhere.
+            angle = "" if math.isnan(tall) else f", {tall:.3g} degrees from top to bottom"
+            return f"perspective, {place}, through a lens{angle}"
         # The angle between what is seen in the middle of the upper and the lower edge.
-        top, bottom = _directions(clip, [(0.0, 1.0), (0.0, -1.0)])
-        angle = 2.0 * math.asin(min(1.0, 0.5 * float(np.sqrt(np.square(top - bottom).sum()))))
+        angle = _angle(*_directions(clip, [(0.0, 1.0), (0.0, -1.0)]))
         return f"perspective, {place}, {math.degrees(angle):.3g} degrees from top to bottom"
 
     def _describe_view(self, clip: Float64, points: Float64) -> str:
         """Say which share of the surfaces is in view, how large it is, and where the rest is."""
         width, height = self.size
-        x, y, z, w = transforms.transform_points(clip, points).T
-        away = {
-            "behind the camera": ~((w > 0.0) & (w < math.inf)),
-            "beside the picture": ~((np.abs(x) <= w) & (np.abs(y) <= w)),
-            "before the near plane": z < -w,
-            "beyond the far plane": z > w,
-        }
+        if self.through is None:
+            x, y, z, w = transforms.transform_points(clip, points).T
+            away = {
+                "behind the camera": ~((w > 0.0) & (w < math.inf)),
+                "beside the picture": ~((np.abs(x) <= w) & (np.abs(y) <= w)),
+                "before the near plane": z < -w,
+                "beyond the far plane": z > w,
+            }
+            with np.errstate(all="ignore"):
+                seen = 0.5 * width * x / w, 0.5 * height * y / w
+        else:
+            away, seen = self._seen_through(self.through, clip, points)
         left = np.ones(len(points), bool)
         shares = []
         for name, is_away in away.items():
@@ -101,10 +127,33 @@ class CameraView(NamedTuple):
             # Something small may be in view between them.
             text = f"none of {len(points)} points on the surface"
         else:
-            across, down = (np.ptp(values[left] / w[left]) / 2.0 for values in (x, y))
-            pixels = f"{math.ceil(across * width)} x {math.ceil(down * height)}"
+            across, down = (math.ceil(np.ptp(values[left])) for values in seen)
+            pixels = f"{across} x {down}"
             text += f", over {pixels} of {width} x {height} pixels"
         return "; ".join([text, ", ".join(shares)] if shares else [text])
+
+    def _seen_through(
+        self, through: Through, clip: Float64, points: Float64
+    ) -> tuple[dict[str, NDArray[np.bool_]], tuple[Float64, Float64]]:
+        """Say which points are away, and why, and where points are seen: columns and rows."""
+        column, row = through.pixels(points).T
+        is_inside = (column >= 0.0) & (column <= self.size[0])
+        is_inside &= (row >= 0.0) & (row <= self.size[1])
+        is_there, is_drawn, is_near = np.zeros((3, len(points)), bool)
+        for picture in through.clips:
+            x, y, z, w = transforms.transform_points(picture, points).T
+            is_shown = (w > 0.0) & (np.abs(x) <= w) & (np.abs(y) <= w)
+            is_there |= is_shown
+            is_drawn |= is_shown & (np.abs(z) <= w)
+            is_near |= is_shown & (z < -w)
+        ahead = transforms.transform_points(clip, points)[:, 3]
+        away = {
+            "behind the camera": np.isnan(column) & ~(ahead > 0.0),
+            "beside the picture": ~(is_inside & is_there),
+            "before the near plane": ~is_drawn & is_near,
+            "beyond the far plane": ~is_drawn,
+        }
+        return away, (column, row)
 
 
 def _describe_up(axes: Sequence[Float64]) -> str:
@@ -170,6 +219,13 @@ def _directions(clip: Float64, places: Sequence[tuple[float, float]]) -> list[Fl
     inverse = transforms.inverse(np.vstack([clip[[0, 1, 3]], (0.0, 0.0, 0.0, 1.0)]))
     right, up, ahead = inverse[:3, :3].T
     return [transforms.unit_vector("way", x * right + y * up + ahead) for x, y in places]
+
+
+def _angle(one: Float64, other: Float64) -> float:
+    """Return the angle between vectors, radians; NaN if one has no direction."""
+    across = math.sqrt(np.square(np.cross(one, other)).sum())
+    along = float(np.dot(one, other))
+    return math.atan2(across, along) if across or along else math.nan
 
 
 def _picture_axes(clip: Float64) -> list[Float64]:

@@ -45,8 +45,8 @@ class Contents(NamedTuple):
     """With a texture and nothing to lay it by: without the coordinates that it wants."""
     highlights: int
     """With a specular highlight."""
-    textured_highlights: int
-    """Whose vertices hold a highlight in their light, with a texture over it."""
+    tinted_highlights: int
+    """Whose vertices hold a highlight in their light, with a texture or face colours over it."""
     masked: int
     """Whose material has an alpha mask."""
     cut_out: int
@@ -190,7 +190,11 @@ def _contents_of(mesh: Mesh) -> Contents:
         laid=mesh.uv is not None,
         unlaid=bool(unlaid),
         highlights=shines,
-        textured_highlights=is_painted and material.shading == "gouraud" and shines,
+        tinted_highlights=(
+            (is_painted or mesh.face_colors is not None)
+            and material.shading == "gouraud"
+            and shines
+        ),
         masked=material.alpha_mode == "mask",
         cut_out=has_hole,
         textured_holes=has_hole and is_painted,

@@ -142,8 +142,8 @@ class Facts(NamedTuple):
 
     @property
     def needs_diffuse_light(self) -> bool:
-        """Whether vertices are lit without highlights as well, which lie on top of a texture."""
-        return self.is_lit and self.seen.textured_highlights > 0
+        """Whether vertices are lit without highlights too: these lie on textures, face colours."""
+        return self.is_lit and self.seen.tinted_highlights > 0
 
     @property
     def needs_alpha_tests(self) -> bool:

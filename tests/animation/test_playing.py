@@ -106,6 +106,23 @@ def test_a_joint_moves_what_hangs_below_it(scene, renderer, camera):
     assert joint.transform.tolist() == np.eye(4).tolist()
 
 
+def test_a_track_is_relative_to_the_parent_of_its_node(scene, renderer, camera):
+    joint, node = rj.Node(None, transforms.rotate_z(30.0)), scene.nodes[1]
+    node.parent = joint
+    keys = transforms.translate((1, 0, 0)), transforms.translate((0, 1, 0))
+    near = animation.TransformTrack((0, 1), keys)
+    far = animation.TransformTrack((0, 1), [joint.world_matrix @ key for key in keys])
+
+    def from_world(time):
+        return transforms.inverse(node.parent.world_matrix) @ far(time)
+
+    one = animation_frames(renderer, scene, camera, {node: near})
+    other = animation_frames(renderer, scene, camera, {node: from_world})
+    for seen, key in zip(one, keys, strict=True):
+        np.testing.assert_allclose(node.world_matrix, joint.world_matrix @ key, atol=1e-12)
+        np.testing.assert_allclose(seen.position, next(other).position, atol=1e-6)
+
+
 def animation_frames(renderer, scene, camera, tracks):
     return playing_module.frames(
         renderer, scene, (0.0, 1.0), camera=camera, transforms=tracks, outputs=("position",)

@@ -71,13 +71,14 @@ FILTERED = {
 }  # fmt: skip
 TESTED = {"alpha_test.find_alphas", "alpha_test.keep_shown"}
 BELOW = "texture_lookup.multiply_textures_below_highlights"
+FACES_BELOW = "attributes.multiply_face_colors_below_highlights"
 DULL = "light_stages.add_diffuse_lights"
 """Lights vertices once more, for the part of their colour that textures multiply."""
 
 GONE = {
     "textures": {
         *MAPS, "texture_gradients.find_coordinates", "texture_gradients.find_steps", BELOW,
-        "texture_lookup.read_textures", DULL,
+        FACES_BELOW, "texture_lookup.read_textures", DULL,
     },
     # Numbers of the textures, not code.
     "texture transforms": set(),
@@ -87,8 +88,8 @@ GONE = {
     "alpha masks": TESTED,
     # Holes are where the colours of vertices say so.
     "vertex colors": {"attributes.multiply_vertex_colors", *TESTED},
-    "face colors": {"attributes.multiply_face_colors"},
-    "highlights": {"light_stages.add_shiny_lights", BELOW},
+    "face colors": {FACES_BELOW},
+    "highlights": {"light_stages.add_shiny_lights", BELOW, FACES_BELOW},
     # Facets alone mirror what is around.
     "microfacets": {
         "attributes.find_facets", "environment.mirror_environment",
@@ -96,7 +97,7 @@ GONE = {
         "maps.scale_facets_by_maps",
     },
     "Gouraud": {
-        "attributes.show_lit_vertices", BELOW, DULL, "vertices.list_vertices",
+        "attributes.show_lit_vertices", BELOW, FACES_BELOW, DULL, "vertices.list_vertices",
         "vertices.write_vertices",
     },
     "flat": {"attributes.find_middles"},
@@ -138,8 +139,9 @@ GONE = {
 """Kernels and stages that a scene of all effects calls for, and does not without each."""
 
 INSTEAD = {
-    "highlights": {"texture_lookup.multiply_textures"},
-    "Gouraud": {"texture_lookup.multiply_textures"},
+    "textures": {"attributes.multiply_face_colors"},
+    "highlights": {"attributes.multiply_face_colors", "texture_lookup.multiply_textures"},
+    "Gouraud": {"attributes.multiply_face_colors", "texture_lookup.multiply_textures"},
     # Fog needs the points of what is lit at vertices too.
     "fog": {"attributes.stand_in"},
     "transparency": {"light_stages.write_opaque_codes", "tone_map.show_tones"},

@@ -117,6 +117,33 @@ def test_what_gltf_has_words_for_is_drawn_as_it_was(tmp_path, kind):
     assert (by_its_camera.color != wanted.color).any(axis=2).mean() < 0.01
 
 
+@pytest.mark.parametrize("shading", ["pbr", "unlit"])
+def test_a_base_color_that_is_not_given_is_written_as_it_is_drawn(tmp_path, shading):
+    bare = rj.Material(shading)
+    painted = replace(bare, base_color_texture=rj.Texture(picture(3, 3)))
+    colors = np.random.default_rng(4).integers(0, 256, (4, 3), np.uint8)
+    scene = rj.Scene()
+    for n, options in enumerate(
+        ({"material": bare}, {"material": bare, "colors": colors},
+         {"material": bare, "colors": colors[:2]}, {"material": painted}),
+    ):  # fmt: skip
+        scene.add(quad(**options), translate((2.5 * n, 0, 0)))
+    with pytest.warns(SaveWarning, match="material of meshes with and without colours, as two"):
+        scene.save(tmp_path / "a.gltf")
+    header = json.loads((tmp_path / "a.gltf").read_text())
+    numbers = [mesh["primitives"][0]["material"] for mesh in header["meshes"]]
+    grey = list(bare.base_color_over(False))
+    factors = [header["materials"][n]["pbrMetallicRoughness"]["baseColorFactor"] for n in numbers]
+    assert factors == [grey, [1.0] * 4, [1.0] * 4, [1.0] * 4]
+    again, camera = rj.load(tmp_path / "a.gltf"), rj.fit_camera(scene, (0, 0, 1))
+    assert [node.mesh.material.base_color for node in again.nodes] == [
+        tuple(values) for values in factors
+    ]
+    wanted, found = (rj.render(one, camera, size=(96, 48)) for one in (scene, again))
+    assert len(np.unique(wanted.color.reshape(-1, 4), axis=0)) > 8
+    np.testing.assert_array_equal(found.color, wanted.color)
+
+
 def test_lights_and_cameras_come_back_as_they_were(tmp_path):
     scene = rich_scene()
     scene.camera = rj.OrthographicCamera((1, 2, 3), (0, 0.5, 0), (0, 0, 1), 5.0, 0.5, 20.0)

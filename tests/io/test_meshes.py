@@ -632,3 +632,22 @@ def test_a_mesh_with_the_name_of_another_kind_is_said_to_be_it(tmp_path):
     damaged.write_bytes(content[:-20])
     with pytest.raises(MeshFileError, match="damaged"):
         rj.load(damaged)
+
+
+@pytest.mark.parametrize("way", ["load", "render", "renderer", "explain", "add", "file"])
+def test_what_is_left_out_is_told_at_the_line_that_asks(tmp_path, way):
+    cloud = trimesh.PointCloud(np.random.default_rng(1).random((7, 3)))
+    given = trimesh.Scene([trimesh.creation.icosphere(1), cloud])
+    path = tmp_path / "given.glb"
+    given.export(path)
+    ways = {
+        "load": lambda: rj.load(given),
+        "render": lambda: rj.render(given, size=(8, 8), threads=1),
+        "renderer": lambda: rj.Renderer((8, 8), threads=1).render(given),
+        "explain": lambda: rj.explain(given),
+        "add": lambda: rj.Scene().add(given),
+        "file": lambda: rj.load(path),
+    }
+    with pytest.warns(LoadWarning) as said:
+        ways[way]()
+    assert {warning.filename for warning in said} == {__file__}

@@ -302,6 +302,59 @@ def test_binary_ply_is_read_in_both_byte_orders(tmp_path, order, name):
     assert_same_scenes(loaded(write(tmp_path, "ply", as_binary(PLYS[name], order))), text)
 
 
+@pytest.mark.parametrize("order", ["ascii", "<", ">"])
+def test_lists_of_one_length_are_attributes_of_several_columns(tmp_path, order):
+    faces = ["3 0 1 2 2 1 2", "3 0 2 3 2 3 4"]
+    text = ply(
+        [*XYZ, "list uchar float flow", "float heat", "list uchar int some"],
+        each(["2 1 2 5 1 6", "2 3 4 6 1 7", "2 5 6 7 1 4", "2 7 8 8 2 1 2"]), faces,
+        face="property list uchar int vertex_indices\nproperty list uchar float pair\n",
+    )  # fmt: skip
+    if order != "ascii":
+        head, body = text.split("end_header\n")
+        lists = [("f4", 3, "u1", 1, "f4", 2, "f4", 1, "u1", 1, "i4", 1)] * 4
+        lists[3] = (*lists[3][:-1], 2)
+        content = b""
+        lists += [("u1", 1, "i4", 3, "u1", 1, "f4", 2)] * 2
+        for line, kinds in zip(body.splitlines(), lists, strict=True):
+            words = line.split()
+            for kind, count in zip(kinds[::2], kinds[1::2], strict=True):
+                content += np.array(words[:count], order + kind).tobytes()
+                words = words[count:]
+        name = {"<": "binary_little_endian", ">": "binary_big_endian"}[order]
+        text = f"{head.replace('ascii', name)}end_header\n".encode() + content
+    path = write(tmp_path, "ply", text)
+    with pytest.warns(rj.LoadWarning, match=r"left out vertex lists 'some' of several lengths"):
+        mesh = rj.load(path).nodes[0].mesh
+    assert sorted(mesh.vertex_attributes) == ["flow", "heat"]
+    assert mesh.vertex_attributes["flow"].tolist() == [[1, 2], [3, 4], [5, 6], [7, 8]]
+    assert mesh.vertex_attributes["heat"].tolist() == [[5], [6], [7], [8]]
+    assert mesh.face_attributes["pair"].tolist() == [[1, 2], [3, 4]]
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "binary"])
+def test_attributes_that_trimesh_writes_are_read(tmp_path, encoding):
+    box = trimesh.creation.box()
+    box.vertex_attributes["flow"] = np.arange(24, dtype=np.float32).reshape(8, 3)
+    path = tmp_path / "flow.ply"
+    box.export(path, encoding=encoding, vertex_normal=False)
+    mesh = rj.load(path).nodes[0].mesh
+    flow = mesh.vertex_attributes["flow"]
+    assert flow.shape[1] == 3
+    for corner, values in zip(mesh.vertices, flow, strict=True):
+        own = (np.abs(box.vertices - corner) < 1e-6).all(axis=1)
+        assert values.tolist() in box.vertex_attributes["flow"][own].tolist()
+
+
+def test_lists_of_damaged_rows_are_zeros(tmp_path):
+    text = ply([*XYZ, "list uchar float flow"], each(["2 1 2", "2 3 4", "2 5 6", "2 7"]),
+               ["3 0 1 2"])  # fmt: skip
+    path = write(tmp_path, "ply", text)
+    with pytest.warns(rj.LoadWarning, match="damaged"):
+        mesh = rj.load(path, on_damage="warn").nodes[0].mesh
+    assert mesh.vertex_attributes["flow"].tolist() == [[1, 2], [3, 4], [5, 6]]
+
+
 def test_elements_that_are_not_known_are_skipped(tmp_path):
     extra = "element tag 2\nproperty list ushort short n\nproperty uchar a\n"
     text = PLYS["plain"].replace("element face", f"{extra}element face")

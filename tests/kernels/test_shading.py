@@ -83,8 +83,6 @@ def naive_linear(mesh, scene, camera, face_id, weights):
 @pytest.mark.parametrize("model", ["unlit", "flat", "gouraud", "phong"])
 @pytest.mark.parametrize("colors", [None, "vertex", "face"])
 def test_shading_equals_naive(sphere, camera, model, colors):
-    if colors == "face" and model == "gouraud":
-        colors = None
     rng = np.random.default_rng(1)
     count = {None: 0, "vertex": len(sphere.vertices), "face": len(sphere.faces)}[colors]
     material = rj.Material(model, (0.8, 0.5, 0.3, 1.0), specular=0.4, shininess=20.0)
@@ -102,6 +100,61 @@ def test_shading_equals_naive(sphere, camera, model, colors):
     assert np.abs(frame.linear[hit][:, :3] - want[hit]).max() < 2e-5
     assert (frame.linear[hit][:, 3] == 1.0).all()
     assert (frame.linear[~hit] == 1.0).all()  # the white background
+
+
+@pytest.mark.parametrize("model", ["unlit", "flat", "gouraud", "phong"])
+@pytest.mark.parametrize("colors", ["vertex", "face"])
+@pytest.mark.parametrize("forced", ["pixel", "vertex", "face"])
+@pytest.mark.parametrize("specular", [0.0, 0.4])
+def test_colours_are_those_of_the_mesh_under_any_quality(
+    sphere, camera, model, colors, forced, specular
+):
+    # Without highlights the light is white light times the colour; with them it is that, and more.
+    rng = np.random.default_rng(2)
+    count = len(sphere.vertices if colors == "vertex" else sphere.faces)
+    material = rj.Material(model, "white", specular=specular)
+    options = {"quality": rj.Quality(shading=forced), "outputs": ("linear", "face_id")}
+    own = remake(sphere, material=material, colors=rng.uniform(0.2, 1.0, (count, 3)))
+    frame = rj.render(scene_of(own), camera, size=SIZE, threads=1, **options)
+    white, dull = (
+        rj.render(
+            scene_of(remake(sphere, material=replace(material, specular=share))),
+            camera, size=SIZE, threads=1, **options,
+        )
+        for share in (specular, 0.0)
+    )  # fmt: skip
+    hit = frame.face_id >= 0
+    if colors == "face":
+        tint = own.face_colors[frame.face_id[hit], :3]
+        want = dull.linear[hit][:, :3] * tint + (white.linear - dull.linear)[hit][:, :3]
+        assert np.abs(frame.linear[hit][:, :3] - want).max() < 2e-5
+    else:
+        assert np.abs(frame.linear[hit][:, :3] - white.linear[hit][:, :3]).max() > 0.1
+
+
+@pytest.mark.parametrize("quality", [rj.Quality(samples=4), rj.Quality(samples=64)])
+@pytest.mark.parametrize("alpha", [1.0, 0.5])
+def test_face_colours_under_textures_samples_and_glass(sphere, camera, quality, alpha):
+    # One colour for all faces is that colour as the texture, and as the base colour.
+    colors = np.tile(np.float32((0.2, 0.6, 0.9, alpha)), (len(sphere.faces), 1))
+    uv = np.zeros((len(sphere.vertices), 2))
+    textured = rj.Material(
+        "gouraud", "white", specular=0.4, alpha_mode="blend",
+        base_color_texture=rj.Texture(np.float32([[[1.0, 0.5, 0.25]]])),
+    )  # fmt: skip
+    mesh = remake(sphere, uv=uv, material=textured, colors=colors)
+    tinted = np.array((0.2, 0.3, 0.225, alpha))
+    plain = rj.Material("gouraud", tuple(tinted), specular=0.4, alpha_mode="blend")
+    other = remake(sphere, material=plain)
+    frames = [
+        rj.render(
+            scene_of(one), camera, size=SIZE, outputs="linear", quality=quality, threads=1,
+            background="black",
+        )
+        for one in (mesh, other)
+    ]  # fmt: skip
+    assert frames[1].linear[..., :3].max() > 0.2
+    assert np.abs(frames[0].linear - frames[1].linear).max() < 1e-5
 
 
 @pytest.mark.parametrize("model", ["flat", "gouraud", "phong"])

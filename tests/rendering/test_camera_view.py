@@ -131,3 +131,51 @@ def test_frames_do_not_pay_for_it(teapot):
     frame = rj.render(teapot, GOOD, size=SIZE, threads=1)
     assert frame.plan.view is None
     assert "in view" not in str(frame.plan)
+
+
+@pytest.mark.parametrize(
+    ("lens", "tall"),
+    [
+        (rj.PinholeDistortion(), "40"),
+        (rj.PinholeDistortion(k1=-0.28, k2=0.07), r"41\.\d"),
+        (rj.FisheyeLens(), r"41\.7"),
+        (rj.FisheyeLens(field=30.0), None),
+    ],
+)
+def test_a_camera_with_a_lens(teapot, lens, tall):
+    rows = said(teapot, GOOD, lens=lens)
+    whole = (
+        r"perspective, at \(4, 5, 9\), looks along \(-0.3827, -0.3349, -0.8611\), through a lens"
+    )
+    assert re.fullmatch(f"{whole}, {tall} degrees from top to bottom" if tall else whole,
+                        rows["camera"])  # fmt: skip
+    assert rows["up"] == "+y of the world"
+    seen = rj.render(teapot, GOOD, size=SIZE, outputs="face_id", lens=lens, threads=1).face_id >= 0
+    found = re.fullmatch(
+        r"(\d+) % of the surface, over (\d+) x (\d+) of 320 x 240 pixels(; .* beside the picture)?",
+        rows["in view"],
+    )
+    for axis, told in enumerate(found.groups()[1:3]):
+        assert int(told) == pytest.approx(np.ptp(np.nonzero(seen.any(axis=axis))) + 1, abs=8)
+
+
+def test_a_panorama_sees_all_but_what_is_cut_off(teapot):
+    lens = rj.Equirectangular()
+    camera = rj.PerspectiveCamera((0, 1.5, 0), (1, 1.5, 0))
+    rows = said(teapot, camera, (256, 128), lens=lens)
+    assert rows["camera"].endswith("through a lens, 180 degrees from top to bottom")
+    assert rows["in view"].startswith("100 % of the surface")
+    cut = dataclasses.replace(camera, near=50.0, far=100.0)
+    assert said(teapot, cut, (256, 128), lens=lens)["in view"] == (
+        "none of 4096 points on the surface; 100 % before the near plane"
+    )
+    cut = dataclasses.replace(camera, near=0.01, far=0.02)
+    assert said(teapot, cut, (256, 128), lens=lens)["in view"] == (
+        "none of 4096 points on the surface; 100 % beyond the far plane"
+    )
+
+
+def test_a_lens_does_not_see_what_is_behind(teapot):
+    away = rj.PerspectiveCamera((4, 5, 9), (8, 8.5, 18))
+    rows = said(teapot, away, lens=rj.PinholeDistortion(k1=0.1))
+    assert rows["in view"] == "none of 4096 points on the surface; 100 % behind the camera"

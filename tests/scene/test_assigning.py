@@ -132,6 +132,8 @@ def test_a_class_made_from_a_description_may_keep_more():
         (rj.Scene(), "tonemap", "did you mean 'tone_map'?"),
         (rj.Scene(), "add", "Scene.add is a method: call it"),
         (MESH, "vertices", "Mesh.vertices cannot be assigned: make another Mesh"),
+        (rj.Node(), "world_matrix", "Node.world_matrix cannot be assigned: assign world_"),
+        (rj.Node(), "children", "Node.children cannot be assigned: assign world_from_model, or tr"),
         (MESH, "materials", "did you mean 'material'?"),
         (rj.Renderer((8, 8)), "qualtiy", "Renderer has no 'qualtiy'; did you mean 'quality'?"),
         (rj.Framebuffer(8, 8), "colour", "Framebuffer has no 'colour', and nothing to assign: dr"),

@@ -11,6 +11,7 @@ import trimesh
 
 import rasterjit as rj
 from rasterjit.io.meshes import from_trimesh
+from rasterjit.scene import normals
 from rasterjit.scene.normals import is_creased, safe_scale
 
 creation = trimesh.creation
@@ -68,6 +69,9 @@ WITH_CREASES = {
     "5000 boxes": trimesh.util.concatenate(
         [creation.box().apply_translation((2 * (n % 70), 2 * (n // 70), 0)) for n in range(5000)]
     ),
+    "30 boxes of 768 faces": trimesh.util.concatenate(
+        [creation.box().subdivide().subdivide().subdivide() for _ in range(30)]
+    ),
 }
 
 CHANCE = np.random.default_rng(5)
@@ -104,6 +108,21 @@ def test_what_has_flat_sides_is_creased(name):
 @pytest.mark.parametrize("name", WITHOUT)
 def test_smooth_and_noisy_surfaces_are_not(name):
     assert not creased(WITHOUT[name].vertices, WITHOUT[name].faces)
+
+
+@pytest.mark.parametrize("name", ["ball of 81920 faces", "much noise", "capsule"])
+def test_a_few_faces_tell_that_a_surface_is_smooth(name, monkeypatch):
+    # It is asked for each new mesh, and so for each frame where a shape morphs.
+    shape, looked_at = WITHOUT[name], []
+    measure = normals.area_vectors
+
+    def count(vertices, faces, scale):
+        looked_at.append(len(faces))
+        return measure(vertices, faces, scale)
+
+    monkeypatch.setattr(normals, "area_vectors", count)
+    assert not creased(shape.vertices, shape.faces)
+    assert 100 < sum(looked_at) < 1024 < len(shape.faces)
 
 
 @pytest.mark.parametrize("scale", [1e-200, 1.0, 1e200])

@@ -50,6 +50,12 @@ def test_fisheye_model_is_that_of_opencv():
     np.testing.assert_allclose(lens.distort(POINTS), seen[:, 0], atol=2e-15)
 
 
+def test_a_fifth_coefficient_of_a_fisheye_is_no_field():
+    with pytest.raises(TypeError, match="positional"):
+        rj.FisheyeLens(*FISHEYE, 0.001)
+    assert rj.FisheyeLens(*FISHEYE, field=190.0).field == 190.0
+
+
 def test_fisheye_sees_behind_itself():
     lens = rj.FisheyeLens(k1=0.01)
     naive = [naive_lens.distort_fisheye(one, (0.01,)) for one in DIRECTIONS]

@@ -103,7 +103,7 @@ def save_gltf(scene: Scene, path: str | os.PathLike[str]) -> None:
     content = writer.gltf() if place.suffix.lower() == ".gltf" else writer.glb()
     with replacing(place) as temporary:
         temporary.write_bytes(content)
-    writer.left_out.warn(str(place), 4)
+    writer.left_out.warn(str(place))
 
 
 class _Writer:

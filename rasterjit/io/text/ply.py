@@ -80,13 +80,29 @@ class _Element:
     there: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, bool))
     lines: NDArray[np.int64] | None = None
 
-    def attributes(self) -> dict[str, NDArray[Any]]:
-        """Return single values that have no meaning of their own, (N,), by name."""
-        return {
-            name: values
-            for name, values in self.columns.items()
-            if name not in self.counts and name not in _KNOWN
-        }
+    def attributes(self, left_out: LeftOut, known: set[str]) -> dict[str, NDArray[Any]]:
+        """
+        Return by name the values that have no meaning of their own: (N,), or of lists (N, D).
+
+        ``known`` are names of lists that have one; lists of several lengths are left out.
+        """
+        found = {}
+        for name, values in self.columns.items():
+            if name not in self.counts:
+                if name not in _KNOWN:
+                    found[name] = values
+            elif name not in known:
+                counts = self.counts[name]
+                lengths = np.unique(counts[self.there])
+                if len(lengths) == 1 and lengths[0] > 0:
+                    # Damaged rows may have others: they have zeros.
+                    rows = np.flatnonzero(self.there)
+                    begins = (np.cumsum(counts) - counts)[rows, np.newaxis]
+                    found[name] = np.zeros((len(counts), int(lengths[0])), values.dtype)
+                    found[name][rows] = values[begins + np.arange(lengths[0])]
+                elif len(lengths) > 1:
+                    left_out.note(f"{self.name} lists {name!r} of several lengths")
+        return found
 
     def table(self, names: tuple[str, ...]) -> NDArray[Any] | None:
         """Return single values as columns, or None if one has no such name."""
@@ -379,9 +395,7 @@ def _polygons(
     budget: MemoryBudget,
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]] | None:
     """Return corners, their number in each polygon, rows of these, and all rows' numbers."""
-    name = next((one for one in _CORNERS if one in face.counts), None)
-    if name is None and len(face.counts) == 1:
-        name = next(iter(face.counts))
+    name = _corner_name(face)
     if name is None:
         return None
     counts = face.counts[name]
@@ -399,6 +413,12 @@ def _polygons(
     budget.take("the corners of its faces", len(face.columns[name]) * POLYGON_CORNER_BYTES)
     corners, kept, rows = sound_polygons(face.columns[name], counts, there, report, left_out)
     return corners, kept, rows, counts
+
+
+def _corner_name(face: _Element) -> str | None:
+    """Return the name of the lists of corners; None if none is one."""
+    name = next((one for one in _CORNERS if one in face.counts), None)
+    return next(iter(face.counts)) if name is None and len(face.counts) == 1 else name
 
 
 def _part(
@@ -432,7 +452,7 @@ def _part(
         of_faces = _colors(face)
         if of_faces is not None:
             colors, is_by_face = of_faces[rows[of_polygons]], True
-    normals, attributes = vertex.table(("nx", "ny", "nz")), vertex.attributes()
+    normals, attributes = vertex.table(("nx", "ny", "nz")), vertex.attributes(left_out, set())
     if picked is not None:
         attributes = {name: values[picked] for name, values in attributes.items()}
         positions = positions[picked]
@@ -446,7 +466,10 @@ def _part(
         colors = None
     elif colors is not None:
         colors = linear_rgba(srgb_bytes(colors), False)
-    of_faces = {name: values[rows[of_polygons]] for name, values in face.attributes().items()}
+    known = {"texcoord", str(_corner_name(face))}
+    of_faces = {
+        name: values[rows[of_polygons]] for name, values in face.attributes(left_out, known).items()
+    }
     return Part(
         name, positions.astype(np.float64), which[cut], normals, uv, colors, material, attributes,
         of_faces,

@@ -43,7 +43,7 @@ def to_trimesh(what: Mesh | Scene) -> Any:
     left_out = NotSaved("trimesh")
     converter = _Converter(left_out)
     made = converter.mesh(what) if isinstance(what, Mesh) else converter.scene(what)
-    left_out.warn(f"trimesh {type(made).__name__}", 4)
+    left_out.warn(f"trimesh {type(made).__name__}")
     return made
 
 

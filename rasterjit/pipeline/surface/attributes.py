@@ -45,7 +45,7 @@ from rasterjit.pipeline.surface.samples import (
     Block,
     C,
 )
-from rasterjit.pipeline.surface.texture_lookup import SHOWN
+from rasterjit.pipeline.surface.texture_lookup import SHOWN, absorb
 from rasterjit.runtime.intrinsics import part, spread
 from rasterjit.runtime.jit import disjoint_helper, helper, stage
 from rasterjit.runtime.state import float32, float64, int64, uint8
@@ -128,6 +128,33 @@ def multiply_face_colors(block: Block, count, face_colors: float32[:, ::1]):
         for n in range(np.uintp(whole[FIRST, r]), np.uintp(whole[FIRST, r + np.uintp(1)])):
             for k in range(3):
                 samples[row.RED + k, n] *= face_colors[face, k]
+
+
+@stage
+def multiply_face_colors_below_highlights(
+    block: Block, count, face_colors: float32[:, ::1], materials: float32[:, ::1], first: int64
+):
+    """
+    Multiply the base colours by those of the faces, but for the highlights in them.
+
+    The light on the vertices of objects shaded by Gouraud without highlights is in three rows of
+    samples from ``first`` on; it is multiplied too.
+    """
+    samples, whole = block.samples, block.whole
+    for s in range(block.counts[SEGMENTS]):
+        segment = block.segments[s]
+        is_lit = np.int64(materials[np.uintp(segment[OWNER]), MATERIAL_MODEL]) == GOURAUD
+        for r in range(np.uintp(segment[FIRST_PATCH]), np.uintp(segment[END_PATCH])):
+            face = np.uintp(whole[FACE, r])
+            for n in range(np.uintp(whole[FIRST, r]), np.uintp(whole[FIRST, r + np.uintp(1)])):
+                for k in range(3):
+                    color, own = samples[row.RED + k, n], face_colors[face, k]
+                    if is_lit:
+                        diffuse = samples[first + k, n]
+                        samples[row.RED + k, n] = absorb(color, own, diffuse)
+                        samples[first + k, n] = diffuse * own
+                    else:
+                        samples[row.RED + k, n] = color * own
 
 
 @disjoint_helper
