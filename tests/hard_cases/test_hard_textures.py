@@ -15,6 +15,9 @@ import rasterjit as rj
 from rasterjit.pipeline.surface import textures
 from rasterjit.scene.texture import FILTERS, WRAPS, level_sizes
 
+# Light in whole numbers shows exactly what is mixed.
+pytestmark = pytest.mark.filterwarnings("ignore:image holds floats that are whole numbers")
+
 WRAP_NUMBERS = {
     "repeat": textures.REPEAT,
     "clamp": textures.CLAMP,

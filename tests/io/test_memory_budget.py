@@ -193,7 +193,7 @@ def many_solids(folder):
     """Write an STL file of meshes of one triangle."""
     loop = "facet\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\n"
     (folder / "a.stl").write_text(f"solid\n{loop}endsolid\n" * 8_000)
-    return folder / "a.stl", r"the mesh 'geometry_\d+'"
+    return folder / "a.stl", r"the mesh 'a\.stl_\d+'"
 
 
 def many_materials(folder):
