@@ -72,7 +72,7 @@ from rasterjit.inspect.measure import Measurement, measure
 from rasterjit.inspect.pixel import explain_pixel
 from rasterjit.inspect.pixel_report import PixelExplanation
 from rasterjit.io.gltf.writing import save_gltf
-from rasterjit.io.meshes import LoadWarning, MeshFileError, load, scene_to_add
+from rasterjit.io.meshes import LoadWarning, MeshFileError, as_scene, load, scene_to_add
 from rasterjit.io.skipped import SaveWarning
 from rasterjit.io.trimesh.writing import to_trimesh
 from rasterjit.outputs.diagnostics import Diagnostics
@@ -119,9 +119,10 @@ if TYPE_CHECKING:
     from rasterjit.viewer.show import show
 
 set_hooks(
-    picture=preview, scene_of_others=scene_to_add, save=save_gltf, to_trimesh=to_trimesh
+    picture=preview, as_scene=as_scene, scene_of_others=scene_to_add, save=save_gltf,
+    to_trimesh=to_trimesh,
 )  # fmt: skip
-del preview, save_gltf, scene_to_add, set_hooks, to_trimesh
+del as_scene, preview, save_gltf, scene_to_add, set_hooks, to_trimesh
 
 __version__ = "0.1.0"
 

@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 from rasterjit.scene import transforms
 from rasterjit.scene.assigning import Guarded
 from rasterjit.scene.camera import Bounded, OrthographicCamera, PerspectiveCamera
-from rasterjit.scene.framing import Projection, fit_camera, frame_of, orbit_direction
+from rasterjit.scene.framing import Projection, bounded, fit_camera, frame_of, orbit_direction
 from rasterjit.scene.mesh import Mesh, with_face_values
 from rasterjit.scene.validation import (
     bounded_number,
@@ -393,5 +393,5 @@ class _Sphere(NamedTuple):
 
 
 def measured(scene: Bounded) -> Bounded:
-    """Return the sphere around a scene, measured once; what has none is for a fit to refuse."""
-    return _Sphere(*scene.bounding_sphere()) if hasattr(scene, "bounding_sphere") else scene
+    """Return the sphere around a scene, or another thing to draw, measured once."""
+    return _Sphere(*bounded(scene).bounding_sphere())

@@ -304,13 +304,18 @@ class OutputsType(NamesType):
 
     def check(self, names: list[str]) -> tuple[str, ...]:
         """Return the names, or raise ``ValueError``."""
+        from rasterjit.scene.validation import question as asked_of_names
+
         unknown = next((name for name in names if name and name not in OUTPUTS), None)
         try:
             outputs = check_outputs(names)
         except ValueError as error:
             if unknown is None:
                 raise
-            raise ValueError(f"{error}{question(unknown, list(OUTPUTS), CHOICES_MEANT)}") from None
+            # The command line's question knows the names of other programs as well.
+            meant = question(unknown, list(OUTPUTS), CHOICES_MEANT)
+            said = str(error).removesuffix(asked_of_names(unknown, OUTPUTS)) if meant else error
+            raise ValueError(f"{said}{meant}") from None
         for name in MOTION_OUTPUTS:
             if name in outputs:
                 raise ValueError(

@@ -259,7 +259,7 @@ def from_trimesh(
     return scene
 
 
-def as_scene(what: Any) -> Scene:
+def as_scene(what: Any, name: str = "what") -> Scene:
     """
     Return anything that can be drawn as a scene.
 
@@ -267,6 +267,8 @@ def as_scene(what: Any) -> Scene:
     ----------
     what : Scene, Mesh, trimesh.Trimesh or trimesh.Scene
         A scene is returned as it is.
+    name : str
+        What errors call it.
 
     Raises
     ------
@@ -283,7 +285,7 @@ def as_scene(what: Any) -> Scene:
         return from_trimesh(what)
     hint = "; rasterjit.load reads files" if isinstance(what, (str, os.PathLike)) else ""
     raise ValueError(
-        "what must be a Scene, a Mesh, a trimesh.Trimesh or a trimesh.Scene, "
+        f"{name} must be a Scene, a Mesh, a trimesh.Trimesh or a trimesh.Scene, "
         f"got {type(what).__name__}{hint}"
     )
 

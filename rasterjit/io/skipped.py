@@ -37,6 +37,33 @@ def reason_of(error: Exception) -> str:
     return " ".join(text.split())[:LONGEST_REASON] or type(error).__name__
 
 
+class NotSaved:
+    """Collect what is saved otherwise than it is, to warn about everything at once."""
+
+    def __init__(self, form: str) -> None:
+        self._form = form
+        self._lost: dict[str, None] = {}
+        self._rounded: dict[str, None] = {}
+
+    def note(self, what: str) -> None:
+        """Add what the form has no place for, such as ``"fog"``."""
+        self._lost[what] = None
+
+    def note_rounded(self, what: str) -> None:
+        """Add what the form keeps with fewer digits than would do."""
+        self._rounded[what] = None
+
+    def warn(self, source: str) -> None:
+        """Warn, if anything was noted, of what is lost and, apart from it, what is rounded."""
+        said = []
+        if self._lost:
+            said.append(f"{self._form} has no place for {', '.join(self._lost)}")
+        if self._rounded:
+            said.append(f"rounded: {', '.join(self._rounded)}")
+        if said:
+            warn_caller(f"{source}: {'; '.join(said)}; all else is kept", SaveWarning)
+
+
 class LeftOut:
     """Count what is left out by kind, to warn about everything at once."""
 
@@ -50,12 +77,7 @@ class LeftOut:
     def __str__(self) -> str:
         return ", ".join(f"{what} ({count})" for what, count in self._counts.items())
 
-    def warn(
-        self,
-        source: str,
-        category: type[Warning] = LoadWarning,
-        what: str = "left out",
-    ) -> None:
+    def warn(self, source: str) -> None:
         """Warn, if anything was left out, naming ``source`` and every kind."""
         if self._counts:
-            warn_caller(f"{source}: {what} {self}; the rest is there", category)
+            warn_caller(f"{source}: left out {self}; the rest is there", LoadWarning)

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import io
+import math
 from collections.abc import Mapping
 from dataclasses import InitVar, dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,10 +15,10 @@ from numpy.typing import NDArray
 from rasterjit.io import images
 from rasterjit.outputs import save as saving
 from rasterjit.outputs.diagnostics import Diagnostics
-from rasterjit.outputs.table import IdOutput, Outputs
+from rasterjit.outputs.table import OUTPUTS, IdOutput, Outputs, is_attribute
 from rasterjit.scene.mesh import ATTRIBUTE
 from rasterjit.scene.quality import Quality
-from rasterjit.scene.validation import index_below
+from rasterjit.scene.validation import in_short, index_below, question
 from rasterjit.survey.plan import RenderPlan
 
 if TYPE_CHECKING:
@@ -105,16 +106,26 @@ class Choice:
 
 
 class Pick(NamedTuple):
-    """The point that a pixel shows at its centre, as `Frame.pick` finds it."""
+    """
+    The point that a pixel shows at its centre, as `Frame.pick` finds it.
+
+    Attributes
+    ----------
+    node : int
+        Index of the object in ``scene.nodes`` as that was: a number, as in ``object_id``, no
+        `Node`.
+    face : int
+        Number of the face in the object's mesh: ``scene.nodes[node].mesh.faces[face]``.
+    weights : (3,) float32
+        Of the face's vertices, without unit, as in the output barycentric; their sum is 1.
+    position : (3,) float32
+        Where the point is, scene units, world space.
+    """
 
     node: int
-    """Number of the object: it is ``scene.nodes[node]`` as the scene was."""
     face: int
-    """Number of the face in the object's mesh, ``mesh.faces[face]``."""
     weights: NDArray[np.float32]
-    """(3,): of the face's vertices, as in the output barycentric."""
     position: NDArray[np.float32]
-    """(3,): scene units, world space."""
 
 
 PICKED = ("face_id", "barycentric", "position")
@@ -199,7 +210,7 @@ class Frame:
         Parameters
         ----------
         name : str
-            As ``Mesh(attributes=)`` has it, without ``attribute:``.
+            As ``Mesh(attributes=)`` or the output has it: ``attribute:`` may be before it.
 
         Returns
         -------
@@ -212,7 +223,8 @@ class Frame:
         OutputNotRequestedError
             If the output was not asked for.
         """
-        return self._output(f"{ATTRIBUTE}{name}")
+        full = f"{ATTRIBUTE}{name}"
+        return self._output(name if is_attribute(name) and full not in self._outputs else full)
 
     @property
     def normal(self) -> NDArray[np.float32]:
@@ -437,16 +449,21 @@ class Frame:
         """
         from rasterjit.outputs.masks import find
 
-        return find(self._output(output))
+        ids = self._output(output)
+        if ids.ndim != 2 or ids.dtype.kind not in "iu":
+            listed = ", ".join(map(repr, get_args(IdOutput)))
+            raise ValueError(f"output must be one of {listed}, got {in_short(output)}")
+        return find(ids)
 
-    def pick(self, x: int, y: int) -> Pick | None:
+    def pick(self, x: float, y: float) -> Pick | None:
         """
         Return what the centre of a pixel shows.
 
         Parameters
         ----------
-        x, y : int
-            Column and row, from the left and the top.
+        x, y : float
+            Column and row, from the left and the top. Fractions, as of a mouse, are a point in the
+            picture: the pixel is the one that holds it, 160 for 160.7.
 
         Returns
         -------
@@ -458,11 +475,11 @@ class Frame:
         OutputNotRequestedError
             If face_id, barycentric or position was not asked for.
         ValueError
-            If the pixel is outside the frame.
+            If the pixel is outside the frame, or a number is NaN.
         """
         return self._pick(x, y, ())
 
-    def _pick(self, x: int, y: int, layer: tuple[int, ...]) -> Pick | None:
+    def _pick(self, x: float, y: float, layer: tuple[int, ...]) -> Pick | None:
         """Return what a pixel shows, in a layer if there are several."""
         missing = [name for name in PICKED if name not in self._outputs]
         if missing:
@@ -473,7 +490,7 @@ class Frame:
             )
         face_id, weights, position = (self._outputs[name][layer] for name in PICKED)
         height, width = face_id.shape
-        pixel = index_below("y", y, height), index_below("x", x, width)
+        pixel = _pixel("y", y, height), _pixel("x", x, width)
         face = int(face_id[pixel])
         if face < 0:
             return None
@@ -499,11 +516,32 @@ class Frame:
 
     def _output(self, name: str) -> NDArray[Any]:
         if name not in self._outputs:
+            held = f"this frame has {', '.join(self._outputs)}"
+            if name not in OUTPUTS and not is_attribute(name):
+                meant = question(name, (*OUTPUTS, *self._outputs))
+                raise OutputNotRequestedError(
+                    f"{in_short(name)} is the name of no output; {held}{meant}"
+                )
+            meant = ""
+            if is_attribute(name):
+                # All begin alike.
+                others = [one.removeprefix(ATTRIBUTE) for one in self._outputs if is_attribute(one)]
+                meant = question(name.removeprefix(ATTRIBUTE), others)
             raise OutputNotRequestedError(
-                f"{name} was not rendered: ask for it with outputs=(..., {name!r}); "
-                f"this frame has {', '.join(self._outputs)}"
+                f"{name} was not rendered: ask for it with outputs=(..., {name!r}); {held}{meant}"
             )
         return self._outputs[name]
+
+
+def _pixel(name: str, value: Any, count: int) -> int:
+    """Return the column or row that holds a point, or raise ``ValueError``."""
+    if isinstance(value, (float, np.floating)):
+        if not 0.0 <= value < count:
+            raise ValueError(
+                f"{name} must be a point in the picture, at least 0 and below {count}, got {value}"
+            )
+        value = math.floor(value)
+    return index_below(name, value, count)
 
 
 class LayeredFrame(Frame):
@@ -561,13 +599,13 @@ class LayeredFrame(Frame):
             raise ValueError(f"scale must be None for layers, got {scale!r}")
         saving.save_layers(path, saving.chosen(self._outputs, outputs))
 
-    def pick(self, x: int, y: int, layer: int = 0) -> Pick | None:
+    def pick(self, x: float, y: float, layer: int = 0) -> Pick | None:
         """
         Return what the centre of a pixel shows in a layer; takes what `Frame.pick` takes.
 
         Parameters
         ----------
-        x, y : int
+        x, y : float
         layer : int
             0 is the nearest.
         """

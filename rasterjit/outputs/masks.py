@@ -19,7 +19,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import Any
 
 import numpy as np
@@ -66,6 +66,10 @@ class ObjectMask:
     box: tuple[int, int, int, int]
     area: int
 
+    def __repr__(self) -> str:
+        height, width = self.size
+        return f"ObjectMask({self.id}: {self.area} of {width} x {height} pixels, box {self.box})"
+
     def array(self) -> NDArray[np.bool_]:
         """Return the mask, (H, W) bool."""
         return decode(self.rle())
@@ -79,7 +83,7 @@ class ObjectMask:
         return {"size": list(self.size), "counts": compress(self.counts)}
 
 
-def find(ids: ArrayLike) -> tuple[ObjectMask, ...]:
+def find(ids: ArrayLike, name: str = "ids") -> tuple[ObjectMask, ...]:
     """
     Return the mask of every number in an image.
 
@@ -87,15 +91,17 @@ def find(ids: ArrayLike) -> tuple[ObjectMask, ...]:
     ----------
     ids : (H, W) array_like of int
         Such as ``Frame.object_id``; negative numbers are nothing.
+    name : str
+        What errors call them.
 
     Raises
     ------
     ValueError
         If ``ids`` is not such an array.
     """
-    numbers = unmasked_array("ids", ids)
+    numbers = unmasked_array(name, ids)
     if numbers.ndim != 2 or numbers.dtype.kind not in "iu" or numbers.size == 0:
-        raise ValueError(f"ids must be (H, W) whole numbers, not empty; got {in_short(numbers)}")
+        raise ValueError(f"{name} must be (H, W) whole numbers, not empty; got {in_short(numbers)}")
     columns = np.ascontiguousarray(numbers.T).ravel()
     places = np.flatnonzero(columns >= 0)
     if not len(places):
@@ -235,7 +241,7 @@ def decompress(text: str | bytes) -> NDArray[np.int64]:
 
 
 def coco(
-    images: Iterable[tuple[str, ArrayLike]],
+    images: Iterable[tuple[str | PurePath, ArrayLike]],
     categories: Sequence[str | None] | Mapping[int, str | None],
     *,
     info: Mapping[str, Any] | None = None,
@@ -245,7 +251,7 @@ def coco(
 
     Parameters
     ----------
-    images : iterable of (str, (H, W) array_like of int)
+    images : iterable of (str or path, (H, W) array_like of int)
         File name and numbers of the objects, such as ``Frame.object_id``, of each image.
     categories : sequence of str or None, or mapping of int to str or None
         The category of each object that the images show, by its number; None leaves an object out:
@@ -282,10 +288,11 @@ def coco(
             raise ValueError(
                 f"images must be pairs of a file name and numbers, got {in_short(image)}"
             ) from None
-        if not isinstance(file_name, str):
+        if not isinstance(file_name, (str, PurePath)):
             raise ValueError(f"images must have file names, got {in_short(file_name)}")
-        height, width = np.shape(ids) if np.ndim(ids) == 2 else (0, 0)
-        masks = find(ids)
+        file_name = file_name.as_posix() if isinstance(file_name, PurePath) else file_name
+        masks = find(ids, f"images: the numbers of {file_name!r}")
+        height, width = np.shape(ids)
         unsaid = [str(mask.id) for mask in masks if mask.id not in named]
         if unsaid:
             listed = ", ".join(unsaid[:_MOST_LISTED]) + (" ..." if unsaid[_MOST_LISTED:] else "")
@@ -314,7 +321,7 @@ def coco(
 
 def save_coco(
     path: str | Path,
-    images: Iterable[tuple[str, ArrayLike]],
+    images: Iterable[tuple[str | PurePath, ArrayLike]],
     categories: Sequence[str | None] | Mapping[int, str | None],
     *,
     info: Mapping[str, Any] | None = None,

@@ -15,6 +15,7 @@ from collections.abc import Sequence, Set
 from typing import Literal, NamedTuple, NewType, TypeAlias
 
 from rasterjit.scene.mesh import ATTRIBUTE
+from rasterjit.scene.validation import question
 
 OutputName: TypeAlias = Literal[
     "color", "depth", "face_id", "object_id", "barycentric", "uv", "normal", "position", "linear",
@@ -162,6 +163,6 @@ def check_outputs(outputs: Sequence[str]) -> tuple[str, ...]:
         if output not in OUTPUTS and not is_attribute(output):
             raise ValueError(
                 f"outputs has {output!r}, which is unknown; possible are {', '.join(OUTPUTS)}, "
-                f"and {ATTRIBUTE}NAME of an attribute of meshes"
+                f"and {ATTRIBUTE}NAME of an attribute of meshes{question(output, OUTPUTS)}"
             )
     return tuple(dict.fromkeys(outputs))

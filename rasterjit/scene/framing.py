@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 from dataclasses import replace
-from typing import Literal, NamedTuple, TypeAlias, get_args
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,9 +19,15 @@ from rasterjit.scene.camera import (
     OrthographicCamera,
     PerspectiveCamera,
 )
+from rasterjit.scene.hooks import HOOKS
 from rasterjit.scene.transforms import Matrix
 from rasterjit.scene.validation import finite_number, one_of, positive_number, vector
 from rasterjit.scene.vectors import dot, length
+
+if TYPE_CHECKING:
+    import trimesh
+
+    from rasterjit.scene.mesh import Mesh
 
 Vector = tuple[float, float, float]
 AnyCamera = PerspectiveCamera | OrthographicCamera | MatrixCamera
@@ -181,7 +188,7 @@ def orbit_direction(azimuth: float, elevation: float) -> tuple[float, float, flo
 
 
 def fit_camera(
-    scene: Bounded,
+    scene: Bounded | Mesh | trimesh.Trimesh | trimesh.Scene,
     direction: ArrayLike = (0.6, 0.5, 1.0),
     fov_y: float = 45.0,
     *,
@@ -196,7 +203,8 @@ def fit_camera(
 
     Parameters
     ----------
-    scene : object with ``bounding_sphere() -> (centre (3,), radius)``
+    scene : Scene, Mesh, trimesh.Trimesh or trimesh.Scene
+        Or another object with ``bounding_sphere() -> (centre (3,), radius)``.
     direction : (3,) array_like, world space
         From the scene towards the camera, any length; see :func:`orbit_direction`.
     fov_y : float, degrees
@@ -224,8 +232,8 @@ def fit_camera(
     ------
     ValueError
         If ``direction`` or ``up`` is zero, ``fov_y`` is outside (0, 180), ``margin`` is below 1,
-        ``zoom`` or ``aspect`` is not above 0, the sphere is not finite, or ``projection`` is
-        unknown.
+        ``zoom`` or ``aspect`` is not above 0, the sphere is not finite, ``projection`` is unknown,
+        or ``scene`` is nothing that can be drawn.
 
     Notes
     -----
@@ -301,13 +309,25 @@ def _upright(up: ArrayLike, towards: Float64) -> ArrayLike:
     return (0.0, 1.0, 0.0) if transforms.are_parallel(fallback, towards) else fallback
 
 
-def _sphere(scene: Bounded) -> tuple[Float64, float]:
+def bounded(scene: Any) -> Bounded:
+    """
+    Return a scene, or what has a sphere as scenes do, as it is; other things to draw as a scene.
+
+    Raises
+    ------
+    ValueError
+        If it is none of these, or a trimesh object without faces.
+    """
+    # trimesh's objects have a property of this name, which is a mesh and needs SciPy.
+    found = inspect.getattr_static(scene, "bounding_sphere", None)
+    if found is None or isinstance(found, property):
+        return HOOKS["as_scene"](scene, "scene")
+    return scene
+
+
+def _sphere(scene: Any) -> tuple[Float64, float]:
     """Return the scene's bounding sphere, with a radius that float64 can frame."""
-    if not hasattr(scene, "bounding_sphere"):
-        raise ValueError(
-            f"scene must be a Scene, got {type(scene).__name__}; Scene.add puts a mesh into one"
-        )
-    center, size = scene.bounding_sphere()
+    center, size = bounded(scene).bounding_sphere()
     # Adding zero turns -0 into 0: which of the two a minimum gives depends on the CPU.
     center = vector("scene's center", center) + 0.0
     radius = finite_number("scene's radius", size)

@@ -14,6 +14,7 @@ HOOKS: dict[str, Callable[..., Any]] = {}
 """
 By name: ``picture`` takes a scene or mesh and returns a small PNG or None, for notebooks;
 ``scene_of_others`` returns another program's object, or another scene, as a scene to be added;
+``as_scene`` returns what can be drawn as a scene, and takes what errors call it;
 ``save`` writes a scene to a path; ``to_trimesh`` returns a scene or mesh as trimesh's.
 """
 

@@ -120,7 +120,11 @@ class Node(Guarded):
 
     @property
     def transform(self) -> NDArray[np.float64]:
-        """``parent_from_node``, (4, 4) float64, read-only: where it stands below its parent."""
+        """
+        ``parent_from_node``, (4, 4) float64: where it stands below its parent.
+
+        Read-only: it is assigned whole, ``node.transform = matrix``, never an entry of it.
+        """
         return self._transform
 
     @transform.setter
@@ -129,7 +133,11 @@ class Node(Guarded):
 
     @property
     def world_matrix(self) -> NDArray[np.float64]:
-        """``world_from_model``, (4, 4) float64, read-only: the product from the topmost node on."""
+        """
+        ``world_from_model``, (4, 4) float64, read-only: the product from the topmost node on.
+
+        To move the node, ``transform`` or ``world_from_model`` is assigned whole.
+        """
         return self._world_from_model
 
     @property

@@ -6,12 +6,14 @@ import math
 import operator
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from rasterjit.scene.assigning import similar
 
 MAX_SIZE = 16384
 """Largest image side, pixels: the edge functions are proved exact up to it."""
@@ -198,8 +200,15 @@ def one_of(name: str, value: Any, choices: Sequence[Any]) -> Any:
     ]
     if isinstance(value, bool) or not alike or value not in alike:
         listed = ", ".join(repr(choice) for choice in choices)
-        raise ValueError(f"{name} must be one of {listed}; got {value!r}")
+        raise ValueError(f"{name} must be one of {listed}; got {value!r}{question(value, choices)}")
     return value
+
+
+def question(word: Any, known: Iterable[Any]) -> str:
+    """Return what a message asks about a word that is nearly a known one; empty: none is near."""
+    names = [name for name in known if isinstance(name, str)]
+    near = similar(word, names) if isinstance(word, str) else []
+    return f"; did you mean {near[0]!r}?" if near else ""
 
 
 def in_short(value: Any) -> str:

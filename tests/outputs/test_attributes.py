@@ -195,6 +195,29 @@ def test_explain_tells_of_it_if_it_is_asked_for(cube):
     assert "attribute" not in describe(rj.explain(mesh, camera, outputs="depth", size=SIZE))
 
 
+def test_an_attribute_is_found_by_the_name_of_its_output_too(cube):
+    frame = rj.render(with_heat(cube, 2), outputs=("attribute:heat", "depth"), size=SIZE)
+    heat_there = frame.attribute("heat")
+    assert frame.attribute("attribute:heat") is heat_there
+    for spelling in ("cold", "attribute:cold"):
+        with pytest.raises(rj.OutputNotRequestedError, match=r"^attribute:cold was not rendered: "):
+            frame.attribute(spelling)
+    with pytest.raises(rj.OutputNotRequestedError, match=r"depth; did you mean 'heat'\?"):
+        frame.attribute("heatt")
+
+
+def test_misspelt_outputs_are_not_said_to_be_asked_for(cube):
+    frame = rj.render(cube, outputs=("object_id", "depth"), size=SIZE)
+    with pytest.raises(rj.OutputNotRequestedError) as caught:
+        frame.masks("objectid")
+    assert str(caught.value) == (
+        "'objectid' is the name of no output; this frame has object_id, depth; "
+        "did you mean 'object_id'?"
+    )
+    with pytest.raises(ValueError, match=r"outputs has 'dept', .*; did you mean 'depth'\?"):
+        rj.render(cube, outputs="dept", size=SIZE)
+
+
 # What is wrong
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -201,13 +202,39 @@ def test_pycocotools_opens_the_annotation_file(frame, tmp_path):
         (lambda: masks.coco([("a", [[0]])], {0: ""}), "categories"),
         (lambda: masks.coco([7], ["cup"]), "images"),
         (lambda: masks.coco([(7, [[0]])], ["cup"]), "images"),
-        (lambda: masks.coco([("a", [0])], ["cup"]), "ids"),
+        (lambda: masks.coco([("a", [0])], ["cup"]), "^images: the numbers of 'a' must be "),
+        (
+            lambda: masks.coco([("a", [[0]]), ("b.png", np.ones((2, 3), bool))], ["cup"]),
+            r"^images: the numbers of 'b.png' must be .*; got an array of bool with shape \(2, 3\)",
+        ),
         (lambda: masks.save_coco("a.txt", [], []), "path"),
     ],
 )  # fmt: skip
 def test_bad_input_is_named(call, named):
     with pytest.raises(ValueError, match=named):
         call()
+
+
+def test_an_output_of_no_numbers_of_things_is_refused_by_the_argument(cube):
+    frame = rj.render(cube, size=(8, 6), outputs=("color", "depth", "face_id"))
+    for name in ("color", "depth"):
+        with pytest.raises(ValueError, match=f"^output must be one of 'face_id', .*got '{name}'$"):
+            frame.masks(name)
+    assert frame.masks("face_id")
+
+
+def test_paths_are_names_of_images(tmp_path):
+    image = Path("left") / "a.png"
+    masks.save_coco(tmp_path / "a.json", [(image, [[0, 1]])], ["cup", None])
+    assert json.loads((tmp_path / "a.json").read_text())["images"][0]["file_name"] == "left/a.png"
+
+
+def test_a_mask_is_shown_in_short():
+    speckled = np.random.default_rng(4).random((400, 300)) < 0.5
+    mask = rj.masks.encode(speckled)
+    assert repr(mask) == (
+        f"ObjectMask(1: {speckled.sum()} of 300 x 400 pixels, box (0, 0, 300, 400))"
+    )
 
 
 @pytest.mark.parametrize(

@@ -86,7 +86,21 @@ def test_pixels_are_columns_and_rows_of_any_kind_of_whole_number(cube):
     assert frame.pick(0, 0) is None
 
 
-@pytest.mark.parametrize("value", [-1, 8, 1.5, "1", None, True, math.nan, np.zeros(2)])
+def test_fractions_are_of_the_pixel_that_holds_them(cube):
+    frame = rj.render(cube, size=(8, 6), outputs=PICKED)
+    for kind in (float, np.float32, np.float64):
+        found, wanted = frame.pick(kind(4.75), kind(3.0)), frame.pick(4, 3)
+        assert (found.node, found.face) == (wanted.node, wanted.face)
+        assert found.position.tolist() == wanted.position.tolist()
+    assert frame.pick(7.99, 5.99) is None
+    for value in (math.nan, math.inf, -0.01, 8.0, np.float32(8.5)):
+        with pytest.raises(ValueError, match=r"^x must be a point in the picture, .* below 8, got"):
+            frame.pick(value, 0)
+        with pytest.raises(ValueError, match=r"^y must be a point in the picture, .* below 6, got"):
+            frame.pick(0, value)
+
+
+@pytest.mark.parametrize("value", [-1, 8, "1", None, True, np.zeros(2)])
 def test_what_is_no_pixel_is_named(cube, value):
     frame = rj.render(cube, size=(8, 6), outputs=PICKED)
     with pytest.raises(ValueError, match=r"^x must be a whole number in 0\.\.7, got "):

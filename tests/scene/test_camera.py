@@ -1,9 +1,12 @@
 import dataclasses
 import math
+import sys
 
 import numpy as np
 import pytest
+import trimesh
 
+import rasterjit as rj
 from rasterjit.scene import transforms as tf
 from rasterjit.scene.camera import MatrixCamera, OrthographicCamera, PerspectiveCamera
 from rasterjit.scene.framing import fit_camera, orbit_direction
@@ -369,6 +372,21 @@ def test_direction_parallel_to_up_takes_another_up(direction, up, expected):
 )
 def test_orbit_starts_at_plus_z_and_turns_towards_plus_x(azimuth, elevation, expected):
     assert orbit_direction(azimuth, elevation) == expected
+
+
+def test_whatever_is_drawn_can_be_framed_without_scipy(monkeypatch):
+    monkeypatch.setitem(sys.modules, "scipy", None)
+    monkeypatch.setitem(sys.modules, "scipy.spatial", None)
+    box = trimesh.creation.box((1, 2, 3))
+    scene = rj.load(box)
+    wanted = fit_camera(scene)
+    for what in (box, trimesh.Scene(box), scene.nodes[0].mesh):
+        assert fit_camera(what) == wanted
+        assert rj.animation.turntable(what)(0.3) == rj.animation.turntable(scene)(0.3)
+    with pytest.raises(ValueError, match=r"scene must be a Scene, a Mesh, .* got str; .*load"):
+        fit_camera("models/teapot.obj")
+    with pytest.raises(ValueError, match="holds a point cloud of 3 points, no faces"):
+        fit_camera(trimesh.PointCloud(np.eye(3)))
 
 
 def test_orbit_directions_have_length_one():

@@ -33,6 +33,16 @@ def test_an_unknown_shading_is_refused_listing_the_known_ones():
         Material(shading="toon")
 
 
+def test_a_choice_that_is_nearly_one_is_asked_for():
+    for option, value, meant in (
+        ("shading", "phon", "phong"), ("shading", "PBR", "pbr"), ("alpha_mode", "blended", "blend"),
+    ):  # fmt: skip
+        with pytest.raises(ValueError, match=f"got '{value}'; did you mean '{meant}'\\?"):
+            Material(**{option: value})
+    with pytest.raises(ValueError, match=r"got 'toon'$"):
+        Material(shading="toon")
+
+
 @pytest.mark.parametrize(
     ("field", "value"),
     [

@@ -38,7 +38,7 @@ from rasterjit.io.gltf.file import BINARY_CHUNK, GLB_MAGIC, JSON_CHUNK, WIDTHS
 from rasterjit.io.gltf.scene import LIGHTS
 from rasterjit.io.images import checked_path
 from rasterjit.io.pictures import nearest_codes
-from rasterjit.io.skipped import LeftOut, SaveWarning
+from rasterjit.io.skipped import NotSaved
 from rasterjit.io.whole import replacing
 from rasterjit.scene.camera import OrthographicCamera, PerspectiveCamera
 from rasterjit.scene.light import AmbientLight, DirectionalLight, Light, PointLight, SpotLight
@@ -67,6 +67,9 @@ _KINDS = {width: kind for kind, width in WIDTHS.items() if width <= 4}
 
 _LENGTHS, _LENGTH_STEP = 1024, 2.0**-20
 """How many lengths are tried for a normal, and how far apart."""
+
+_SEEN_ROUNDING = 1e-5
+"""Share of a mesh's extent by which its positions may be rounded without a warning."""
 
 _TRANSFORM = "KHR_texture_transform"
 _WRAP_NUMBERS = {name: number for number, name in WRAPS.items()}
@@ -100,16 +103,14 @@ def save_gltf(scene: Scene, path: str | os.PathLike[str]) -> None:
     content = writer.gltf() if place.suffix.lower() == ".gltf" else writer.glb()
     with replacing(place) as temporary:
         temporary.write_bytes(content)
-    writer.left_out.warn(
-        str(place), SaveWarning, "has not, or in another form, what glTF has no word for:"
-    )
+    writer.left_out.warn(str(place))
 
 
 class _Writer:
     """Turns a scene into a header and a buffer; ``left_out`` names what they lack."""
 
     def __init__(self, scene: Scene) -> None:
-        self.left_out = LeftOut()
+        self.left_out = NotSaved("glTF")
         self._parts: list[bytes] = []
         self._length = 0
         self._lists: dict[str, list[dict[str, Any]]] = {}
@@ -264,10 +265,7 @@ class _Writer:
 
     def _units(self, normals: NDArray[np.float32]) -> NDArray[np.float32]:
         """Return normals or tangents as they are stored."""
-        stored, lost = lasting_units(normals)
-        if lost:
-            self.left_out.note("last bits of normals", lost)
-        return stored
+        return lasting_units(normals)[0]
 
     def _positions(self, node: Node, vertices: NDArray[np.float64]) -> int:
         """Add positions, with their bounds, and return the number of their accessor."""
@@ -278,8 +276,12 @@ class _Writer:
                 f"the mesh of {node.name!r} must have vertices that fit float32 to be saved, got "
                 f"{float(np.abs(vertices).max())!r} in size"
             )
-        if (stored != vertices).any():
-            self.left_out.note("digits of positions beyond float32")
+        error = float(np.abs(stored - vertices).max())
+        if error > _SEEN_ROUNDING * float(np.ptp(vertices, axis=0).max()):
+            self.left_out.note_rounded(
+                f"positions of {node.name!r}, by {error:.2g}: so far from the origin float32 has "
+                "no finer ones"
+            )
         bounds = {"min": stored.min(axis=0).tolist(), "max": stored.max(axis=0).tolist()}
         return self._accessor(stored, "VEC3", _FLOAT, **bounds)
 
@@ -287,8 +289,6 @@ class _Writer:
         """Return texture coordinates with v downwards."""
         given = uv.astype(np.float64)
         stored = np.column_stack([uv[:, 0], 1.0 - given[:, 1]]).astype(np.float32)
-        if (np.float32(1.0 - stored[:, 1].astype(np.float64)) != uv[:, 1]).any():
-            self.left_out.note("digits of texture coordinates below 2**-24")
         return stored
 
     def _material(self, material: Material, has_colors: bool) -> int:
@@ -298,7 +298,7 @@ class _Writer:
         if key in self._known:
             return self._known[key]
         if ("material", id(material), material.base_color_over(not has_colors)) in self._known:
-            self.left_out.note("material of meshes with and without colours, as two")
+            self.left_out.note("one material of meshes with and without colours: it becomes two")
         core: dict[str, Any] = {"baseColorFactor": list(color)}
         entry: dict[str, Any] = {"pbrMetallicRoughness": core}
         if material.name is not None:
@@ -316,9 +316,9 @@ class _Writer:
             entry["extensions"] = {UNLIT: {}}
             if material.emits:
                 self.left_out.note("emission of unlit materials")
-        elif material.shading != "pbr":
+        elif material.shading != "pbr" and not _has_default_highlights(material):
             self.left_out.note(
-                f"{material.shading} shading of a material, as metallic-roughness of its width"
+                f"{material.shading} shading, which becomes metallic-roughness as wide"
             )
         if not is_unlit:
             self._emission(material, entry)
@@ -392,7 +392,7 @@ class _Writer:
 
             codes, are_exact = nearest_codes(texture.image, color_space)
             if not are_exact:
-                self.left_out.note("texels beyond 8 bits of a texture")
+                self.left_out.note_rounded("texels, to 8 bits from 0 to 1")
             if (codes[:, :, 3] == 255).all():
                 codes = np.ascontiguousarray(codes[:, :, :3])
             file = io.BytesIO()
@@ -467,6 +467,15 @@ class _Writer:
         matrix[:3, 3] = camera.eye
         number = self._append("cameras", {"type": kind, kind: lens})
         return [self._append("nodes", {"camera": number, "matrix": _columns(matrix)})]
+
+
+def _has_default_highlights(material: Material) -> bool:
+    """Tell a Blinn-Phong material of whose shading nothing was said."""
+    plain = Material()
+    return all(
+        getattr(material, name) == getattr(plain, name)
+        for name in ("shading", "specular", "shininess")
+    )
 
 
 def _microfacets(material: Material) -> tuple[float, float]:

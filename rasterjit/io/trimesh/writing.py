@@ -12,7 +12,7 @@ from rasterjit.io.cameras import to_trimesh as camera_to_trimesh
 from rasterjit.io.gltf.content import MODE_NAMES, TEXTURES
 from rasterjit.io.gltf.writing import lasting_units, looking_along
 from rasterjit.io.pictures import nearest_codes
-from rasterjit.io.skipped import LeftOut, SaveWarning
+from rasterjit.io.skipped import NotSaved
 from rasterjit.scene.camera import PerspectiveCamera
 from rasterjit.scene.light import AmbientLight, DirectionalLight, Light, PointLight, SpotLight
 from rasterjit.scene.material import Material, UnsaidMaterial
@@ -40,18 +40,17 @@ def to_trimesh(what: Mesh | Scene) -> Any:
     SaveWarning
         Once, naming what it has not or has otherwise.
     """
-    left_out = LeftOut()
+    left_out = NotSaved("trimesh")
     converter = _Converter(left_out)
     made = converter.mesh(what) if isinstance(what, Mesh) else converter.scene(what)
-    said = "has not, or in another form, what trimesh has no place for:"
-    left_out.warn(f"trimesh {type(made).__name__}", SaveWarning, said)
+    left_out.warn(f"trimesh {type(made).__name__}")
     return made
 
 
 class _Converter:
     """Turns meshes, each once, and scenes into trimesh's."""
 
-    def __init__(self, left_out: LeftOut) -> None:
+    def __init__(self, left_out: NotSaved) -> None:
         self.left_out = left_out
         self._materials: dict[Any, Any] = {}
         self._names = {"world": 1}
@@ -100,9 +99,7 @@ class _Converter:
         """Return a mesh with its normals, colours, texture coordinates and material."""
         import trimesh
 
-        normals, lost = lasting_units(mesh.vertex_normals())
-        if lost:
-            self.left_out.note("last bits of normals", lost)
+        normals, _ = lasting_units(mesh.vertex_normals())
         for name in ("uv1", "tangents"):
             if getattr(mesh, name) is not None:
                 self.left_out.note(name)
@@ -136,7 +133,7 @@ class _Converter:
         """Return linear colours, (..., 4), as bytes, and note if they are not what they were."""
         codes, are_exact = nearest_codes(np.asarray(colors, np.float32), color_space)
         if not are_exact:
-            self.left_out.note(f"digits of {what} beyond 8 bits")
+            self.left_out.note_rounded(f"{what}, to 8 bits")
         return codes
 
     def _material(self, material: Material, has_colors: bool) -> Any:
