@@ -178,14 +178,20 @@ def through_lens(planned: Lensed) -> Through:
     axes = world_axes(planned.camera, planned.size)
 
     def pixels(points: Float64) -> Float64:
-        return sight.pixels(lens.places(points @ axes.T))
+        return sight.pixels(lens.places(_mixed(points, axes.T)))
 
     def directions(columns: Float64, rows: Float64) -> Float64:
-        return lens.directions(sight.places(columns, rows)) @ axes
+        return _mixed(lens.directions(sight.places(columns, rows)), axes)
 
     pictures = (one.plan for one in planned.pictures)
     clips = tuple(clip_from_relative(plan.camera, plan.size) for plan in pictures)
     return Through(pixels, directions, clips)
+
+
+def _mixed(shares: Float64, axes: Float64) -> Float64:
+    """Return sums of three axes, (3, 3), by shares (..., 3), in one order on every CPU."""
+    x, y, z = (shares[..., n, np.newaxis] for n in range(3))
+    return x * axes[0] + y * axes[1] + z * axes[2]
 
 
 def draw_lensed(planned: Lensed, workers: Workers, draw: Draw) -> Frame:
