@@ -55,7 +55,7 @@ def test_properties_of_faces_stay_with_their_triangles(tmp_path):
     face = f"{FACE}property int label\nproperty list uchar float more\n"
     text = ply(XYZ, CORNERS, ["4 0 1 2 3 7 1 0.5", "3 0 1 2 -2 0"], face=face)
     with pytest.warns(rj.LoadWarning, match="'more' of several lengths"):
-        mesh = loaded(write(tmp_path, "ply", text))
+        mesh = rj.load(write(tmp_path, "ply", text)).nodes[0].mesh
     assert list(mesh.face_attributes) == ["label"]
     # Triangles come before the halves of quadrangles.
     assert mesh.face_attributes["label"].tolist() == [[-2.0], [7.0], [7.0]]
