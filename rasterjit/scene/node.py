@@ -62,7 +62,7 @@ class Node(Guarded):
     --------
     >>> import rasterjit as rj
     >>> scene = rj.Scene()
-    >>> rod = rj.Mesh([[0, 0, 0], [1, 0, 0], [1, 0.1, 0]], [[0, 1, 2]])
+    >>> rod = rj.Mesh([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 0.1, 0.0]], [[0, 1, 2]])
     >>> upper = scene.add(rod, name="upper")
     >>> lower = scene.add(rod, rj.transforms.translate((1, 0, 0)), "lower", parent=upper)
     >>> upper.transform = rj.transforms.rotate_z(90.0)

@@ -107,7 +107,7 @@ def bind(host: str, port: int) -> socket.socket:
         ) from error
     except OSError as error:
         raise ValueError(
-            f"host and port must be free to listen at, got {host}:{port} ({error.strerror}); port "
+            f"port must be free to listen at, got {host}:{port} ({error.strerror}); port "
             "0 takes any that is free"
         ) from error
 

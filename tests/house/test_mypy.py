@@ -42,7 +42,7 @@ rj.Mesh([(0, 0, 0), (1, 0, 0), (0, 1, 0)], np.array([[0, 1, 2]], np.uint8), colo
 rj.Mesh(vertices.tolist(), faces, normals=np.float32(vertices), uv=[(0, 0)] * 3, on_invalid="drop")
 rj.PerspectiveCamera(eye=[0, 0, 5], target=np.zeros(3), up=(0, 1.5, 0), fov_y=40)
 x, y, z = camera.eye
-print(camera.eye[0] + x, rj.PointLight(np.ones(3)).position[1], camera.near.hex())
+print(camera.eye[0] + x, rj.PointLight(np.ones(3)).position[1], camera.fov_y.hex())
 rj.MatrixCamera(np.eye(4).tolist(), np.eye(4, dtype=np.float32)).view_from_world[0].sum()
 dataclasses.replace(camera, fov_y=30.0, eye=np.ones(3))
 rj.render(scene, camera, outputs="depth", cull="back", background="#102030")
@@ -137,7 +137,7 @@ rj.Framebuffer(8, 8).fill_triangle((0, 0), (7, 0), (0, 7), (255, 0, 0), edges="t
 animation.TransformTrack([0.0, 1.0], [np.eye(4), np.eye(4)], "cubic")
 scene.fogg = rj.Fog()
 scene.fog = rj.ToneMap()
-node.transform = np.eye(4)
+node.transfrom = np.eye(4)
 renderer.qualtiy = rj.Quality()
 mesh.vertices = vertices
 camera.fov = 30.0

@@ -514,7 +514,7 @@ def test_port_in_use_is_said(server, model):
         capture_output=True, text=True, timeout=PATIENCE, check=False,
     )  # fmt: skip
     assert done.returncode == 1
-    assert done.stderr.startswith("error: host and port must be free to listen at, got 127.0.0.1:")
+    assert done.stderr.startswith("error: --port must be free to listen at, got 127.0.0.1:")
     assert done.stderr.count("\n") == 1
 
 

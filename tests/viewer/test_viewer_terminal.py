@@ -130,7 +130,7 @@ def test_pipe_is_no_terminal(tmp_path, cube):
         capture_output=True, text=True, check=False, stdin=subprocess.DEVNULL, timeout=PATIENCE,
     )  # fmt: skip
     assert done.returncode == 1
-    assert "error: backend must not be 'terminal' where standard input or output" in done.stderr
+    assert "error: --backend must not be 'terminal' where standard input or output" in done.stderr
 
 
 def test_missing_package_is_one_line(tmp_path):
