@@ -48,6 +48,9 @@ steps to the next column and row; two weights of the depth; the lowest and the h
 """
 REAL_ROWS = 16
 
+LEAST_SIDE = -(2.0**31)
+"""The least whole number of 32 bits."""
+
 ROOM = BATCH + 8
 """Columns of those rows; more than are used, or the rows would share few lines of the cache."""
 
@@ -172,7 +175,9 @@ def plan_edge(ax, ay, bx, by, left, top, bits, value, across, down, side):
         across[n] = np.float64(np.int32(-along_y)) * unit
         down[n] = np.float64(along_x) * unit
         is_top_left = (along_y < 0) | ((along_y == 0) & (along_x > 0))
-        side[n] = np.int32(np.floor((here if is_top_left else here - 1.0) * pixel))
+        whole = np.floor((here if is_top_left else here - 1.0) * pixel)
+        # That of a wide triangle is not read, and may not fit
+        side[n] = np.int32(min(max(whole, LEAST_SIDE), -LEAST_SIDE - 1.0))
 
 
 @helper
