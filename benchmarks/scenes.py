@@ -74,6 +74,10 @@ class TriangleScene:
     """(V, 4), linear light; ``None``: the picture is the number of the face at every pixel."""
     normals: NDArray[np.float32] | None = None
     """(V, 3), unit; present: lit per pixel, by the fields from ``to_light`` on."""
+    uv: NDArray[np.float32] | None = None
+    """(V, 2), v up."""
+    texture: NDArray[np.uint8] | None = None
+    """(H, W, 3), sRGB, top row first, H and W powers of two; bilinear, repeated, no mip levels."""
     instances: NDArray[np.float64] | None = None
     """(N, 4, 4), world from model: the mesh is drawn once with each."""
     views: NDArray[np.float64] | None = None
