@@ -68,6 +68,18 @@ class Measured:
                 return run if run.missing is None and run.ms else None
         return None
 
+    def add(self, more: Measured) -> None:
+        """Add the rounds of the same cell measured again; what failed then is missing now."""
+        for run, again in zip(self.runs, more.runs, strict=True):
+            run.missing = run.missing or again.missing
+            if run.missing is None:
+                share = len(again.ms) / (len(run.ms) + len(again.ms))
+                for name, ms in again.stages.items():
+                    run.stages[name] = (1.0 - share) * run.stages.get(name, 0.0) + share * ms
+                run.ms += again.ms
+                run.cpu_ms += again.cpu_ms
+                run.batch_ms += again.batch_ms
+
 
 def choose(
     sizes: Sequence[tuple[int, int]] = SIZES,

@@ -38,7 +38,7 @@ def cell_of(faces=70_000, size=(1280, 720), look="colors", family="knot"):
 
 def measured(cell, own=1.0, llvmpipe=None, tinydisplay=None, batch=None, **more):
     """Return a cell in which contestants take so many milliseconds with one thread."""
-    runs = [Run(cells.OWN, 1, "native", ms=[own] * 3, stages=STAGES, **more)]
+    runs = [Run(cells.OWN, 1, "native", ms=[own] * 3, stages=dict(STAGES), **more)]
     if batch is not None:
         runs[0].batch_ms = [batch] * 3
     for key, ms in ((cells.LLVMPIPE, llvmpipe), (cells.TINYDISPLAY, tinydisplay)):
@@ -278,7 +278,7 @@ def test_the_ratio_is_to_the_faster_peer_that_draws_the_look():
 
 def test_tinydisplay_counts_with_any_threads_and_llvmpipe_with_its_own():
     found = measured(cell_of(), 2.0, 6.0, 3.0)
-    found.runs.append(Run(cells.OWN, 2, "native", ms=[1.0], stages=STAGES))
+    found.runs.append(Run(cells.OWN, 2, "native", ms=[1.0], stages=dict(STAGES)))
     assert marks.judge(found, 2, "native").ratios == {cells.TINYDISPLAY: 3.0}
     found.runs.append(Run(cells.LLVMPIPE, 2, "native", ms=[2.5]))
     assert marks.judge(found, 2, "native").ratio == 2.5
@@ -352,6 +352,28 @@ def test_the_worst_cells_are_the_lowest_ratios_of_the_map():
     assert row[-1] == "visibility 0.50, transform 0.10, the rest 0.40 (plan 0.20)"
 
 
+def test_rounds_of_a_cell_measured_again_count_with_those_before():
+    found, again = measured(cell_of(), 2.0, 6.0), measured(cell_of(), 1.0, 9.0)
+    for run in again.runs:
+        run.ms *= 2
+        run.stages = {name: 2.5 * ms for name, ms in run.stages.items()}
+    found.add(again)
+    verdict = marks.judge(found, 1, "native")
+    assert verdict.own.ms == [2.0] * 3 + [1.0] * 6
+    assert verdict.ratio == 9.0
+    assert verdict.own.stages["visibility"] == pytest.approx(0.5 / 3 + 1.25 * 2 / 3)
+    again.runs[1].missing = "the picture differs"
+    found.add(again)
+    assert marks.judge(found, 1, "native") is None
+
+
+def test_the_lowest_cells_of_each_panel_are_measured_again(monkeypatch):
+    monkeypatch.setattr(command, "AGAIN", 2)
+    found = [measured(cell_of(count), 1.0, 1.0 + count) for count in (5, 1, 4, 2, 3)]
+    panels = [("AVX-512, 1 thread", 1, "native"), ("AVX2, 1 thread", 1, "avx2")]
+    assert [each.cell.faces for each in command.lowest(found, panels)] == [1, 2]
+
+
 def test_a_cell_of_the_picture_shows_its_worst_and_median_family():
     pytest.importorskip("matplotlib")
     hues = lambda share: (share,) * 4  # noqa: E731
@@ -410,6 +432,7 @@ def test_a_machine_without_avx512_leaves_the_other_map_out_and_says_so(
     monkeypatch.setattr(command, "participants", lambda seats, say: contextlib.nullcontext(seats))
     monkeypatch.setattr(command, "measure", lambda cell, present, seconds: measured(cell, 2.0, 6.0))
     monkeypatch.setattr(report, "machine", dict)
+    monkeypatch.setattr(command, "AGAIN", 0)
     path = tmp_path / "map.json"
     content = command.measure_all([cell_of()], [1], instructions.SETS, 1.0, path)
     assert json.loads(path.read_text()) == content
