@@ -38,7 +38,8 @@ TURN_SECONDS = 0.02
 """What the slowest draws in a turn at least, unless its first picture takes longer."""
 WARM_SECONDS = 0.05
 """Who needs longer for a picture is not warmed up."""
-BATCH_VIEWS = 32
+BATCH_VIEWS, BATCH_ROUNDS = 128, 5
+"""Of ``render_batch``: views drawn together, and in how many rounds at most."""
 COMPARED_VIEW = 1
 SMALL_MS = 1.0
 """A cell whose faster peer takes less is judged by overhead, and by many views together."""
@@ -176,7 +177,7 @@ def take_turns(
                 run.cpu_ms.append(1e3 * done["processor"] / count)
                 for name, value in done["stages"].items():
                     run.stages[name] = run.stages.get(name, 0.0) + 1e3 * value
-                if is_small and run.contestant == OWN:
+                if is_small and run.contestant == OWN and turn < BATCH_ROUNDS:
                     together = who.ask("batch", BATCH_VIEWS)
                     if together:
                         run.batch_ms.append(1e3 * together["seconds"] / BATCH_VIEWS)
