@@ -33,6 +33,7 @@ LEAST_VALUE = np.float32(2.0**-13)
 
 LEAST_BITS = np.int32(LEAST_VALUE.view(np.int32))
 
+
 def reaches_code(bits: int, code: int) -> bool:
     """
     Tell exactly whether the float32 with these bits, in 0..1, encodes to a code or a higher one.
