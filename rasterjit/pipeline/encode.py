@@ -4,7 +4,8 @@ Turn linear light into sRGB ``uint8``.
 Exact: code c stands for the values at or above ``decode((c - 1/2) / 255)``, which is rounding half
 up. Positive floats are in the order of their bits, so the bits say where a value stands: the high
 ones number a bucket, which holds at most one threshold, and the low ones tell on which side of it.
-One look into a table of 26 KiB, no branch. Below zero and NaN give 0, above one gives 255.
+One look into a table of 6.5 KiB and one sum, no branch. Below zero and NaN give 0, above one gives
+255.
 
 References
 ----------
@@ -24,19 +25,13 @@ from rasterjit.runtime.intrinsics import flat
 from rasterjit.runtime.jit import disjoint_helper, helper, kernel
 from rasterjit.runtime.state import float32, int32, uint32
 
-BUCKET_BITS = 14
-"""Low bits of a float32 in one bucket: 512 buckets from each power of two to the next."""
+BUCKET_BITS = 16
+"""Low bits of a float32 in one bucket: 128 buckets from each power of two to the next."""
 
 LEAST_VALUE = np.float32(2.0**-13)
 """Start of the first bucket; code 1 begins at 1.5e-4."""
 
 LEAST_BITS = np.int32(LEAST_VALUE.view(np.int32))
-
-NO_THRESHOLD = 1 << BUCKET_BITS
-"""Above all low bits: the whole bucket has one code."""
-
-CODE_SHIFT = 16
-"""An entry of the table is the code at the start of a bucket, above the low bits of a threshold."""
 
 
 def reaches_code(bits: int, code: int) -> bool:
@@ -65,14 +60,19 @@ def code_thresholds() -> np.ndarray:
 
 @functools.cache
 def encoding_table() -> np.ndarray:
-    """Return code and threshold of each bucket from 2**-13 to 1, (6657,) int32."""
+    """
+    Return what to add to the low bits of a value in each bucket from 2**-13 to 1, (1665,) int32.
+
+    The code at the start of the bucket stands above ``BUCKET_BITS``; below is what low bits at or
+    beyond a threshold lack to the next code, 0 where the whole bucket has one.
+    """
     places = code_thresholds().view(np.int32) - LEAST_BITS
     count = (int(np.float32(1.0).view(np.int32) - LEAST_BITS) >> BUCKET_BITS) + 1
     starts = np.arange(count) << BUCKET_BITS
-    table = np.searchsorted(places, starts, side="right") << CODE_SHIFT | NO_THRESHOLD
-    inside = places & (NO_THRESHOLD - 1) != 0
-    buckets, cuts = places >> BUCKET_BITS, places & (NO_THRESHOLD - 1)
-    table[buckets[inside]] += cuts[inside] - NO_THRESHOLD
+    table = np.searchsorted(places, starts, side="right") << BUCKET_BITS
+    buckets, cuts = places >> BUCKET_BITS, places & ((1 << BUCKET_BITS) - 1)
+    inside = cuts != 0
+    table[buckets[inside]] += (1 << BUCKET_BITS) - cuts[inside]
     return table.astype(np.int32)
 
 
@@ -96,9 +96,8 @@ def encode(value, table):
     # unsigned, so it is not tested for counting from the end.
     place = np.uint32(bits_of(clamped(value, LEAST_VALUE, np.float32(1.0))) - LEAST_BITS)
     entry = np.uint32(table[np.uintp(np.uint32(place >> np.uint32(BUCKET_BITS)))])
-    low = np.uint32(place & np.uint32(NO_THRESHOLD - 1))
-    reached = low >= np.uint32(entry & np.uint32(2 * NO_THRESHOLD - 1))
-    return np.uint32(np.uint32(entry >> np.uint32(CODE_SHIFT)) + np.uint32(reached))
+    low = np.uint32(place & np.uint32((1 << BUCKET_BITS) - 1))
+    return np.uint32(np.uint32(entry + low) >> np.uint32(BUCKET_BITS))
 
 
 @helper
@@ -166,7 +165,7 @@ def encode_rows(linear: float32[:, :, ::1], table: int32[::1], color: uint32[:, 
     Parameters
     ----------
     linear : (R, W, 4) float32
-    table : (6657,) int32
+    table : (1665,) int32
         `encoding_table`.
     color : (R, W) uint32
         Writes red, green, blue, alpha from the lowest byte up: RGBA bytes on a little-endian CPU.

@@ -6,6 +6,7 @@ from fractions import Fraction
 
 import naive
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -110,5 +111,45 @@ def test_no_bucket_holds_two_thresholds():
     buckets = resolve.code_thresholds().view(np.int32) >> resolve.BUCKET_BITS
     assert len(set(buckets.tolist())) == 255
     assert resolve.code_thresholds()[0] > resolve.LEAST_VALUE
-    assert len(TABLE) == len(bucket_starts()) == 13 * 512 + 1
+    assert len(TABLE) == len(bucket_starts()) == 13 * 128 + 1
     assert bucket_starts()[-1] == 1.0
+
+
+def test_the_table_leaves_most_of_the_smallest_cache_to_others():
+    assert TABLE.nbytes < 6.7e3
+
+
+def codes_of_bits(first, count):
+    """Return the codes of float32 values by their bits: those from ``first`` on, (count,) uint8."""
+    infinity = int(np.float32(np.inf).view(np.uint32))
+    starts = resolve.code_thresholds().view(np.uint32).astype(np.int64)
+    # Above infinity and from the sign's bit on stand NaN and what is negative.
+    begins, codes = [0, *starts.tolist(), infinity + 1], [*range(256), 0]
+    ends = [*begins[1:], 1 << 32]
+    held = np.clip(np.array([begins, ends]), first, first + count)
+    return np.repeat(np.array(codes, np.uint8), held[1] - held[0])
+
+
+def test_codes_on_both_sides_of_every_jump_are_those_of_its_bits():
+    one, infinity = (int(np.float32(value).view(np.uint32)) for value in (1.0, np.inf))
+    jumps = [0, one, infinity, 1 << 31, (1 << 31) + infinity, (1 << 32) - 64]
+    jumps += resolve.code_thresholds().view(np.uint32).tolist()
+    jumps += bucket_starts().view(np.uint32).tolist()
+    for jump in jumps:
+        first = max(jump - 32, 0)
+        bits = np.arange(first, first + 64, dtype=np.uint32)
+        assert (encode(bits.view(np.float32)) == codes_of_bits(first, 64)).all()
+
+
+@pytest.mark.takes_long
+@pytest.mark.needs_jit
+def test_every_float32_has_the_code_of_its_bits():
+    pixels = 1 << 20
+    linear, color = np.zeros((1, pixels, 4), np.float32), np.empty((1, pixels), np.uint32)
+    for first in range(0, 1 << 32, 3 * pixels):
+        count = min(3 * pixels, (1 << 32) - first)
+        bits = (first + np.arange(3 * pixels)).astype(np.uint32)
+        linear[0, :, :3] = bits.view(np.float32).reshape(-1, 3)
+        resolve.encode_rows(linear, TABLE, color)
+        codes = color.view(np.uint8).reshape(-1, 4)[:, :3].ravel()
+        assert (codes[:count] == codes_of_bits(first, count)).all()

@@ -149,8 +149,8 @@ def last_sample(coordinate, grid_bits):
     return (coordinate - (np.int64(1) << (grid_bits - 1))) >> grid_bits
 
 
-# What becomes of a face; the first five index the totals. Of faces that go on, most reach one tile.
-OUTSIDE, DEGENERATE, CULLED, UNSAMPLED, DROPPED, SURVIVES, SPREADS, CUT = range(8)
+# What becomes of a face; the first four index the totals. Of faces that go on, most reach one tile.
+OUTSIDE, DEGENERATE, CULLED, UNSAMPLED, SURVIVES, SPREADS, CUT, DROPPED = range(8)
 
 BATCH_SIZE = 128
 """Faces surveyed together: what is known of them, 5 KiB, stays in L1 from one pass to the next."""
@@ -159,7 +159,13 @@ BATCH_SHAPE = (9, BATCH_SIZE)
 """A batch in scratch memory."""
 
 TALLY_BITS = 8
-"""Width of a counter of up to ``BATCH_SIZE``; eight, one for each outcome, fill an int64."""
+"""Width of a counter of up to ``BATCH_SIZE``; four, one for each total, fill an int32."""
+
+INVALID_TOTAL = 4
+"""Which of the totals counts what is ``DROPPED``."""
+
+LEFT_OF_ALL = np.uint32(1 << 30)
+"""Units that make every coordinate positive, and whole pixels on every grid."""
 
 
 @helper
@@ -177,12 +183,20 @@ def rise_to_samples(across, down, grid_bits, reach):
 
 
 @helper
+def pixel_of(coordinate, grid_bits):
+    """Return a coordinate in whole pixels, rounded down, int32."""
+    # Of int32 Numba makes int64 before it shifts, and half as many go into a register.
+    place = np.uint32(np.uint32(coordinate) + LEFT_OF_ALL)
+    return np.int32(np.uint32(place >> grid_bits)) - np.int32(np.uint32(LEFT_OF_ALL >> grid_bits))
+
+
+@helper
 def samples_between(a, b, c, grid_bits, reach):
     """Return the first and the last pixel with a sample that three coordinates enclose, int32."""
-    half = way_to_samples(grid_bits, reach)
-    first = np.int32(np.int32(min(a, min(b, c)) + (half - 1)) >> grid_bits)
-    last = np.int32(np.int32(max(a, max(b, c)) - half) >> grid_bits)
-    return first, last
+    half = np.int32(way_to_samples(grid_bits, reach))
+    first = pixel_of(np.int32(min(a, min(b, c)) + np.int32(half - 1)), grid_bits)
+    last = pixel_of(np.int32(max(a, max(b, c)) - half), grid_bits)
+    return np.int32(first), np.int32(last)
 
 
 @helper
@@ -208,8 +222,9 @@ def misses_samples(a, b, c, first, beyond, grid_bits):
         -1 where the next column, the next row, is not in the image, else 0.
     grid_bits : int
     """
-    half = 1 << (grid_bits - 1)
-    x, y = np.int32((first[0] << grid_bits) + half), np.int32((first[1] << grid_bits) + half)
+    half = np.int32(np.int32(1) << (grid_bits - np.uint32(1)))
+    x = np.int32(np.int32(first[0] << grid_bits) + half)
+    y = np.int32(np.int32(first[1] << grid_bits) + half)
     ax, ay = np.int32(a[0] - x), np.int32(a[1] - y)
     bx, by = np.int32(b[0] - x), np.int32(b[1] - y)
     cx, cy = np.int32(c[0] - x), np.int32(c[1] - y)
@@ -225,46 +240,58 @@ def misses_samples(a, b, c, first, beyond, grid_bits):
     down0 = np.int32(np.int32(cx - bx) << grid_bits)
     down1 = np.int32(np.int32(ax - cx) << grid_bits)
     down2 = np.int32(np.int32(bx - ax) << grid_bits)
-    here = e0 | e1 | e2
-    beside = right0 | right1 | right2
-    below = np.int32(e0 + down0) | np.int32(e1 + down1) | np.int32(e2 + down2)
-    across = np.int32(right0 + down0) | np.int32(right1 + down1) | np.int32(right2 + down2)
     column, row = beyond
-    return np.int32(here & (beside | column) & (below | row) & (across | column | row)) < 0
+    here = np.int32(e0 | e1 | e2)
+    beside = np.int32(right0 | right1 | right2 | column)
+    below = np.int32(np.int32(e0 + down0) | np.int32(e1 + down1) | np.int32(e2 + down2) | row)
+    across = np.int32(right0 + down0) | np.int32(right1 + down1) | np.int32(right2 + down2)
+    across = np.int32(across | column | row)
+    return np.int32(here & beside & below & across) < 0
 
 
 @helper
-def survey_triangle(a, b, c, viewport, culled_turn):
-    """
-    Decide whether a triangle can cover a sample; return that and its tile box.
+def turn_of(a, b, c):
+    """Return 1 for a triangle that runs clockwise on the screen, -1 for the other way, else 0."""
+    area = narrow_edge(a[0], a[1], b[0], b[1], c[0], c[1])
+    return np.int32(np.int32(area > 0) - np.int32(area < 0))
 
-    Coordinates are int32 where that is enough, and nothing branches, so that many triangles are
-    surveyed at once: what a face turns out to be is hard to predict.
+
+@helper
+def survey_triangle(a, b, c, turn, viewport, culled_turn):
+    """
+    Decide whether a triangle of some `turn_of` can cover a sample; return that and its tile box.
+
+    All of it is int32, and nothing branches, so that many triangles are surveyed at once: what a
+    face turns out to be is hard to predict.
     """
     # Masked, which changes nothing, the compiler sees that shifts do not leave 32 bits.
-    bits = viewport.grid_bits & 15
+    bits = np.uint32(viewport.grid_bits & 15)
     first_column, last_column = samples_between(a[0], b[0], c[0], bits, viewport.reach)
     first_row, last_row = samples_between(a[1], b[1], c[1], bits, viewport.reach)
     left, right = max(first_column, np.int32(0)), min(last_column, np.int32(viewport.width - 1))
     top, bottom = max(first_row, np.int32(0)), min(last_row, np.int32(viewport.height - 1))
-    area = edge(
-        np.int64(a[0]), np.int64(a[1]), np.int64(b[0]), np.int64(b[1]), np.int64(c[0]),
-        np.int64(c[1]),
-    )  # fmt: skip
-    turned = area < 0
+    turned = turn < 0
     second = c[0] if turned else b[0], c[1] if turned else b[1]
     third = b[0] if turned else c[0], b[1] if turned else c[1]
-    beyond = -np.int32(left == right), -np.int32(top == bottom)
+    beyond = np.int32(-np.int32(left == right)), np.int32(-np.int32(top == bottom))
     # Only of centres that is known.
     is_missed = misses_samples(a, second, third, (left, top), beyond, bits) & (viewport.reach == 0)
-    is_tiny = (last_column <= first_column + 1) & (last_row <= first_row + 1)
-    box = (left >> TILE_BITS, top >> TILE_BITS, right >> TILE_BITS, bottom >> TILE_BITS)
-    outcome = SURVIVES if (box[0] == box[2]) & (box[1] == box[3]) else SPREADS
-    outcome = UNSAMPLED if (left > right) | (top > bottom) | (is_tiny & is_missed) else outcome
-    if ((area > 0) & (culled_turn > 0)) | ((area < 0) & (culled_turn < 0)):
-        outcome = CULLED
-    if area == 0:
-        outcome = DEGENERATE
+    is_tiny = (np.int32(last_column - first_column) <= np.int32(1)) & (
+        np.int32(last_row - first_row) <= np.int32(1)
+    )
+    box = (
+        np.int32(left >> TILE_BITS),
+        np.int32(top >> TILE_BITS),
+        np.int32(right >> TILE_BITS),
+        np.int32(bottom >> TILE_BITS),
+    )
+    is_alone = (box[0] == box[2]) & (box[1] == box[3])
+    outcome = np.int32(SURVIVES) if is_alone else np.int32(SPREADS)
+    is_between = (left > right) | (top > bottom) | (is_tiny & is_missed)
+    outcome = np.int32(UNSAMPLED) if is_between else outcome
+    is_culled = ((turn > 0) & (culled_turn > 0)) | ((turn < 0) & (culled_turn < 0))
+    outcome = np.int32(CULLED) if is_culled else outcome
+    outcome = np.int32(DEGENERATE) if turn == 0 else outcome
     return outcome, box
 
 
@@ -380,22 +407,36 @@ def gather_corners(own, first, count, screen, batch):
 
 
 @disjoint_helper
+def find_turns(ax, ay, bx, by, cx, cy, turns):
+    """Find the turn of each face of a batch, by itself: alone it takes 64 bits."""
+    for n in range(ax.shape[0]):
+        i = np.uintp(n)
+        turns[i] = turn_of((ax[i], ay[i]), (bx[i], by[i]), (cx[i], cy[i]))
+
+
+@disjoint_helper
 def survey_faces(ax, ay, bx, by, cx, cy, codes, viewport, culled_turn, outcomes, boxes):
-    """Decide what becomes of each face of a batch; return how often, ``TALLY_BITS`` each."""
-    tally = np.int64(0)
+    """
+    Decide what becomes of each face of a batch; return how often it goes no further, and why.
+
+    Takes the turns of the faces in ``outcomes``, and writes what becomes of them there.
+    """
+    tally = np.uint32(0)
     for n in range(ax.shape[0]):
         i = np.uintp(n)
         outcome, box = survey_triangle(
-            (ax[i], ay[i]), (bx[i], by[i]), (cx[i], cy[i]), viewport, culled_turn
+            (ax[i], ay[i]), (bx[i], by[i]), (cx[i], cy[i]), outcomes[i], viewport, culled_turn
         )
-        code = np.int64(codes[i])
-        outcome = CUT if code & CLIPPED else outcome
-        outcome = OUTSIDE if code & (FRUSTUM << 8) else outcome
-        outcome = DROPPED if code & INVALID else outcome
+        code = codes[i]
+        outcome = np.int32(CUT) if np.int32(code & CLIPPED) != 0 else outcome
+        outcome = np.int32(OUTSIDE) if np.int32(code & (FRUSTUM << 8)) != 0 else outcome
+        outcome = np.int32(DROPPED) if np.int32(code & INVALID) != 0 else outcome
         outcomes[i] = outcome
         # What does not go on counts nothing, in the first tile of all.
         boxes[i] = pack_box(box) if outcome >= SURVIVES else np.int32(0)
-        tally += np.int64(1) << (np.int64(outcome) * TALLY_BITS)
+        shift = np.uint32(np.uint32(outcome) * np.uint32(TALLY_BITS) & np.uint32(31))
+        one = np.uint32(1) if outcome < np.int32(SURVIVES) else np.uint32(0)
+        tally = np.uint32(tally + np.uint32(one << shift))
     return tally
 
 
@@ -418,9 +459,8 @@ def set_up_pieces(face, piece_range, piece, faces, screen, viewport, turn, end, 
     outcome, xy = OUTSIDE, screen.xy
     while piece < piece_range[1] and faces.piece_faces[piece] == face:
         a, b, c = corners_of(faces.pieces, np.uintp(piece))
-        outcome, box = survey_triangle(
-            (xy[a, 0], xy[a, 1]), (xy[b, 0], xy[b, 1]), (xy[c, 0], xy[c, 1]), viewport, turn
-        )
+        p, q, r = (xy[a, 0], xy[a, 1]), (xy[b, 0], xy[b, 1]), (xy[c, 0], xy[c, 1])
+        outcome, box = survey_triangle(p, q, r, turn_of(p, q, r), viewport, turn)
         number, box = faces.faces.shape[0] + piece, unpack_box(pack_box(box))
         end = list_triangle(
             number, (a, b, c), np.int32(outcome), box, end, survivors, screen, viewport, counts
@@ -475,6 +515,11 @@ def set_up_triangles(
         stop = min(first + BATCH_SIZE, min(face_range[1], objects.face_starts[owner + 1]))
         count = stop - first
         gather_corners(own, first, count, screen, batch)
+        find_turns(
+            part(batch, 0, 0, count), part(batch, 1, 0, count), part(batch, 2, 0, count),
+            part(batch, 3, 0, count), part(batch, 4, 0, count), part(batch, 5, 0, count),
+            part(batch, 7, 0, count),
+        )  # fmt: skip
         tally = survey_faces(
             part(batch, 0, 0, count), part(batch, 1, 0, count), part(batch, 2, 0, count),
             part(batch, 3, 0, count), part(batch, 4, 0, count), part(batch, 5, 0, count),
@@ -482,7 +527,7 @@ def set_up_triangles(
             part(batch, 8, 0, count),
         )  # fmt: skip
         for outcome in range(SURVIVES):
-            totals[outcome] += tally >> (outcome * TALLY_BITS) & ((1 << TALLY_BITS) - 1)
+            totals[outcome] += np.int64(tally) >> (outcome * TALLY_BITS) & ((1 << TALLY_BITS) - 1)
         # List those that go on.
         for n in range(count):
             i = np.uintp(n)
@@ -498,6 +543,8 @@ def set_up_triangles(
                     face, corners_of(own, np.uintp(face)), outcome, unpack_box(box), end,
                     survivors, screen, viewport, listing,
                 )  # fmt: skip
+            elif outcome == DROPPED:
+                totals[INVALID_TOTAL] += 1
             else:
                 start = end
                 piece, end, outcome = set_up_pieces(
