@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import os
+import platform
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
@@ -108,3 +113,29 @@ def test_checked_indices_find_boxes_beyond_the_tile():
             *tile, np.int64(0), np.int64(STRIDE), np.int64(2), np.int32(3),
             (np.int32(0),) * 9, (0.0,) * 11, np.int32(3),
         )  # fmt: skip
+
+
+COUNT_MASKED_STORES = """
+import re
+from rasterjit.pipeline.visibility.nearest import draw_planned
+from rasterjit.runtime import compiler, store
+
+for kind in draw_planned.declared:
+    assembly = compiler.assembly(draw_planned, kind, store.host())
+    stores = re.findall("\\tv(?:p?maskmov[^\\n]*\\\\)|p?blendv[^\\n]*)$", assembly, re.MULTILINE)
+    print(sum("maskmov" in line for line in stores), sum("blendv" in line for line in stores))
+"""
+
+
+@pytest.mark.skipif(
+    platform.machine().lower() not in ("x86_64", "amd64"), reason="masked stores of x86"
+)
+def test_rows_are_blended_where_masked_stores_are_slow():
+    asked = {"NUMBA_CPU_NAME": "znver3", "NUMBA_CPU_FEATURES": ""}
+    done = subprocess.run(
+        [sys.executable, "-c", COUNT_MASKED_STORES],
+        capture_output=True, text=True, check=True, env=os.environ | asked,
+    )  # fmt: skip
+    counts = [tuple(map(int, line.split())) for line in done.stdout.splitlines()]
+    assert len(counts) == 3
+    assert all(masked == 0 < blended for masked, blended in counts), counts
