@@ -126,6 +126,30 @@ def fill_rows(
             _put(depths, numbers, int(first + row * stride + column), depth, plane[1:], face)
 
 
+@intrinsic
+def least_in_rows(values: Any, first: Any, stride: Any, rows: Any, left: Any, right: Any) -> Any:
+    """
+    Return the least value in some columns, of ``LANES``, of some rows.
+
+    Parameters
+    ----------
+    values : (N,)
+        Flat: float32, float64 or int32. All columns of each row lie in it.
+    first, stride, rows : int
+        Column 0 of the first row, the way to the next row, and how many there are.
+    left, right : int32
+        The first column and the last.
+
+    Returns
+    -------
+    The greatest value of the type if there are no rows or columns.
+    """
+    starts = (int(first + row * stride) for row in range(int(rows)))
+    some = [values[start + left : start + right + 1] for start in starts]
+    greatest = np.iinfo(values.dtype).max if values.dtype.kind == "i" else np.inf
+    return np.concatenate([np.full(1, greatest, values.dtype), *some]).min()
+
+
 def _put(depths: Any, numbers: Any, sample: int, depth: Any, limits: Any, face: Any) -> None:
     """Write a clamped depth, and the face, where it is nearer than what is there."""
     depth = limits[0] if depth < limits[0] else depth

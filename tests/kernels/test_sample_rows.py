@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import os
+import platform
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
-from rasterjit.runtime.intrinsics import draw_box, fill_rows
+from rasterjit.runtime.intrinsics import draw_box, fill_rows, least_in_rows
 from rasterjit.runtime.jit import CHECKED, helper
 
 pytestmark = pytest.mark.needs_jit
@@ -24,6 +29,11 @@ def compiled_fill_rows(depths, numbers, spans, first, stride, rows, before, long
     fill_rows(
         depths, numbers, spans, first, stride, rows, before, longest, plane, face
     )  # fmt: skip
+
+
+@helper
+def compiled_least_in_rows(values, first, stride, rows, left, right):
+    return least_in_rows(values, first, stride, rows, left, right)
 
 
 def both(compiled, intrinsic, tile, *arguments):
@@ -99,6 +109,22 @@ def test_spans(kind, longest):
     assert (one[1] == 7).any()
 
 
+@pytest.mark.parametrize("kind", DEPTHS)
+def test_least_in_rows(kind):
+    random = np.random.default_rng(4)
+    values = random.permutation(STRIDE * ROWS).astype(kind) - kind(60)
+    for left in range(8):
+        for right in range(left - 1, 8):
+            for rows in (0, 1, 3, 8):
+                asked = (*map(np.int64, (29, STRIDE, rows)), np.int32(left), np.int32(right))
+                expected = [values[29 + STRIDE * k :][left : right + 1] for k in range(rows)]
+                expected = np.concatenate([*expected, np.empty(0, kind)])
+                greatest = np.iinfo(kind).max if kind == np.int32 else np.inf
+                least = compiled_least_in_rows(values, *asked)
+                assert least == (expected.min() if len(expected) else greatest)
+                assert least_in_rows.function(values, *asked) == least
+
+
 def test_checked_indices_find_boxes_beyond_the_tile():
     if not CHECKED:
         pytest.skip("indices are checked with NUMBA_BOUNDSCHECK=1 alone")
@@ -108,3 +134,31 @@ def test_checked_indices_find_boxes_beyond_the_tile():
             *tile, np.int64(0), np.int64(STRIDE), np.int64(2), np.int32(3),
             (np.int32(0),) * 9, (0.0,) * 11, np.int32(3),
         )  # fmt: skip
+    with pytest.raises(IndexError, match="beyond the tile"):
+        compiled_least_in_rows(tile[0], *map(np.int64, (0, STRIDE, 2)), np.int32(0), np.int32(7))
+
+
+COUNT_MASKED_STORES = """
+import re
+from rasterjit.pipeline.visibility.nearest import draw_planned
+from rasterjit.runtime import compiler, store
+
+for kind in draw_planned.declared:
+    assembly = compiler.assembly(draw_planned, kind, store.host())
+    stores = re.findall("\\tv(?:p?maskmov[^\\n]*\\\\)|p?blendv[^\\n]*)$", assembly, re.MULTILINE)
+    print(sum("maskmov" in line for line in stores), sum("blendv" in line for line in stores))
+"""
+
+
+@pytest.mark.skipif(
+    platform.machine().lower() not in ("x86_64", "amd64"), reason="masked stores of x86"
+)
+def test_rows_are_blended_where_masked_stores_are_slow():
+    asked = {"NUMBA_CPU_NAME": "znver3", "NUMBA_CPU_FEATURES": "", "NUMBA_BOUNDSCHECK": "0"}
+    done = subprocess.run(
+        [sys.executable, "-c", COUNT_MASKED_STORES],
+        capture_output=True, text=True, check=True, env=os.environ | asked,
+    )  # fmt: skip
+    counts = [tuple(map(int, line.split())) for line in done.stdout.splitlines()]
+    assert len(counts) == 3
+    assert all(masked == 0 < blended for masked, blended in counts), counts

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 import rasterjit as rj
 from rasterjit.inspect import oracle
+from rasterjit.pipeline.geometry.triangle_batches import BATCH
 from rasterjit.pipeline.records import Faces, Objects
 from rasterjit.pipeline.visibility import draw as drawing
 from rasterjit.pipeline.visibility import nearest
@@ -267,6 +268,73 @@ def test_of_equal_depths_the_lowest_face_is_seen(kind, bits):
         for column, row in oracle.covered_pixels(corners[n], SCREEN, subpixel_bits=bits):
             expected[row, column] = n
     assert (seen == expected).all()
+
+
+def hiding_soup(rng, count):
+    """
+    Return points and depths of triangles in one tile, many of which others hide.
+
+    The first 128 are squares of 8 by 8 pixels, each at a depth of its own. Of the others, every
+    second one lies at the depth of some square.
+    """
+    squares = 8 * np.stack(np.divmod(rng.permutation(64), 8), axis=1)[:, np.newaxis]
+    corners = squares + 8 * np.array([(0, 0), (1, 0), (0, 1), (1, 1), (0, 1), (1, 0)])
+    levels = np.round(rng.uniform(0.1, 0.9, 64) * 2**20) / 2**20
+    reach = np.repeat(rng.choice([3, 12, 25], count), 3)[:, np.newaxis]
+    points = np.repeat(rng.uniform(0, 64, (count, 2)), 3, axis=0)
+    points = dyadic(points + rng.uniform(-1, 1, (3 * count, 2)) * reach)
+    depths = np.round(rng.uniform(0.1, 0.9, 3 * count) * 2**20) / 2**20
+    is_flat = np.repeat(np.arange(count) % 2 == 0, 3)
+    depths = np.where(is_flat, np.repeat(rng.choice(levels, count), 3), depths)
+    return (
+        np.concatenate([corners.reshape(-1, 2), points]),
+        np.concatenate([np.repeat(levels, 6), depths]),
+    )
+
+
+@pytest.mark.parametrize("kind", [np.float32, np.float64, np.int32])
+def test_what_others_hide_is_passed_over_without_changing_a_bit(kind):
+    count, size = 248, (64, 64)
+    points, depths = hiding_soup(np.random.default_rng(29), count - 128)
+    viewport, workers = viewport_of(size, 8), threads.Workers(1)
+    positions = naive.clip_from_screen(points, size, depths, 1.0)
+    scale = 2.0**20 if kind == np.int32 else 1.0
+    screen, _ = drawing.project(positions, (0.0, scale, 0.0), viewport, workers)
+    faces = Faces(
+        np.arange(3 * count, dtype=np.int32).reshape(-1, 3), np.empty((0, 3), np.int32),
+        np.empty(0, np.int32),
+    )  # fmt: skip
+    empty, only = nearest.empty_depth(kind), np.zeros(1, np.int32)
+
+    def drawn(first, end):
+        """Return the tile with some of the triangles, and the depths of its cells at the end."""
+        listed = np.arange(first, end, dtype=np.int32)
+        drawer = nearest.tile_drawer(listed, faces, screen, kind)
+        frame = np.empty(size[::-1], kind), np.empty(size[::-1], np.int32)
+        starts, floor = np.array([0, len(listed)], np.int64), np.full(1, empty)
+        nearest.draw_tiles(only, starts, floor, viewport, frame, *drawer[:3])
+        return frame, drawer.drawing.cell_depths
+
+    (have, have_faces), cells = drawn(0, count)
+    expected, expected_faces = drawn(0, 0)[0]
+    passed = 0
+    for n in range(count):
+        (alone, numbers), untouched = drawn(n, n + 1)
+        assert (untouched == empty).all()
+        wins = alone > expected
+        expected[wins], expected_faces[wins] = alone[wins], numbers[wins]
+        if n + 1 == 2 * BATCH:
+            # What is hidden was found last when so many were drawn.
+            least = expected.reshape(8, 8, 8, 8).min(axis=(1, 3))
+        if n >= 2 * BATCH:
+            rows, columns = np.nonzero(numbers == n)
+            if len(rows) and (alone[rows, columns] < least[rows // 8, columns // 8]).all():
+                passed += 1
+    assert have.tobytes() == expected.tobytes()
+    assert have_faces.tobytes() == expected_faces.tobytes()
+    assert (cells == least).all()
+    assert (cells > empty).all()
+    assert passed > 10
 
 
 def test_larger_depth_wins_when_reversed():

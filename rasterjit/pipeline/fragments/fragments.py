@@ -52,7 +52,7 @@ from rasterjit.pipeline.visibility.nearest import (
     TileDrawer,
     begin_tile,
     clear_tile,
-    draw_listed,
+    draw_list,
     draw_some,
     plan_listed,
     tile_window,
@@ -259,8 +259,8 @@ def layer_drawer(drawer: TileDrawer) -> tuple[TileDrawer, Alone]:
         np.full(nearest.SCRATCH_SHAPE, nearest.empty_depth(depth_type)),
         np.empty(nearest.SCRATCH_SHAPE, np.int32),
     )
-    asked, tile_depth = drawer.drawing.asked, drawer.drawing.tile_depth
-    bound = nearest.drawn_into(tile, asked, tile_depth, drawer.scratch)
+    asked, cell_depths = drawer.drawing.asked, drawer.drawing.cell_depths
+    bound = nearest.drawn_into(tile, asked, cell_depths, drawer.scratch)
     alone = Alone(
         *tile, np.empty((TILE_SIZE, TILE_SIZE), np.int32), np.empty(TILE_SIZE, depth_type),
         np.empty(TILE_SIZE, np.int32), bound.words,
@@ -314,8 +314,7 @@ def find_layers(
             clear_tile(scratch[0], scratch[1], empty)
             begin_tile(drawing, window, viewport.grid_bits, shift, empty)
             start, middle, stop = starts[tile], middles[tile], starts[tile + 1]
-            for first in range(start, middle, BATCH):
-                draw_listed(first, min(BATCH, middle - first), scratch[2], drawing, holes)
+            draw_list(start, middle, scratch, drawing, holes)
             used[sample, column] = 0
             if middle < stop:
                 for row in range(TILE_SIZE):

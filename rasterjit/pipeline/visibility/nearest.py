@@ -31,6 +31,11 @@ these blocks of columns are the same for every tile size up to 64. It is clamped
 the vertices. Vertices are taken in a fixed order (topmost, then leftmost first, clockwise), so
 neither rotation nor winding of the face changes a bit.
 
+What lies below all samples drawn so far is not drawn: their least depth is kept for each cell of 8
+by 8, and found anew each time that twice as many triangles are drawn, since then little is hidden
+that was not before. Wide triangles in front of no cell that their box touches are passed over; to
+look at the cells of small ones takes as long as it saves.
+
 A sample keeps the first of equal depths. Lists ascend by face: the lower face number wins a tie.
 
 Depths are compared as they are stored: in the type of the arrays that hold them. What is between
@@ -95,7 +100,7 @@ from rasterjit.pipeline.visibility.alpha_test import (
     find_owner,
     keep,
 )
-from rasterjit.runtime.intrinsics import call_bound, draw_box, fill_rows, flat
+from rasterjit.runtime.intrinsics import call_bound, draw_box, fill_rows, flat, least_in_rows
 from rasterjit.runtime.jit import Bound, disjoint_helper, helper, kernel
 from rasterjit.runtime.state import float64, int32, int64, stored
 
@@ -108,6 +113,11 @@ What two depths of a plane may be off by, in units of its range and its largest 
 
 28 roundings each (``tests/hard_cases/test_bounded.py`` counts them), and some to spare.
 """
+
+CELL_BITS = 3
+"""A tile's cells are squares of 2**3 = 8 samples: as wide as a vector, as is a row of cells."""
+
+CELLS = TILE_SIZE >> CELL_BITS
 
 FEW_ROWS = 16
 """Triangles with more rows in a tile are first cut to those that they reach there."""
@@ -302,11 +312,23 @@ def draw_spans(a, b, c, plane, box, face, origin, grid_bits, tile, spans):
 
 
 @helper
-def draw_triangle(n, whole, real, origin, bits, tile_depth, tile, spans):
+def hidden_depth(n, whole, origin, cells):
+    """Return the depth below which a triangle is hidden in all cells that its box touches."""
+    left = max(np.int64(whole[LEFT, n]) - origin[0], np.int64(0)) >> CELL_BITS
+    right = (np.int64(whole[RIGHT, n]) - origin[0]) >> CELL_BITS
+    top = (np.int64(whole[TOP, n]) - origin[1]) >> CELL_BITS
+    bottom = (np.int64(whole[BOTTOM, n]) - origin[1]) >> CELL_BITS
+    return least_in_rows(
+        cells, top * CELLS, np.int64(CELLS), bottom + 1 - top, np.int32(left), np.int32(right)
+    )
+
+
+@helper
+def draw_triangle(n, whole, real, origin, bits, tile_depth, cells, tile, spans):
     """
     Draw one planned triangle into a tile whose first pixel is ``origin`` (column, row).
 
-    Nothing is drawn if it lies below the tile depth in the whole tile.
+    Nothing is drawn if it lies below the tile depth, or is not small and its cells hide it.
     """
     lowest, highest = real[RANGE, n], real[RANGE + 1, n]
     if tile[0].dtype.type(highest) < tile_depth:
@@ -316,6 +338,9 @@ def draw_triangle(n, whole, real, origin, bits, tile_depth, tile, spans):
     plane = real[DEPTH + 2, n], weight_a, weight_b, step, lowest, highest
     if not whole[WIDE, n]:
         draw_small(n, whole, real, plane, origin, tile)
+        return
+    hidden = hidden_depth(n, whole, origin, cells)
+    if tile[0].dtype.type(highest) < hidden:
         return
     a, b, c = (
         (np.int64(whole[AX, n]), np.int64(whole[AY, n])),
@@ -328,9 +353,9 @@ def draw_triangle(n, whole, real, origin, bits, tile_depth, tile, spans):
         np.int64(whole[RIGHT, n]),
         np.int64(whole[BOTTOM, n]),
     )
-    if tile[0].dtype.type(lowest) < tile_depth:
+    if tile[0].dtype.type(lowest) < hidden:
         _, nearest = depth_at_corners(plane, a, b, c, box, bits)
-        if tile[0].dtype.type(nearest) < tile_depth:
+        if tile[0].dtype.type(nearest) < hidden:
             return
     face = np.int32(whole[FACE, n])
     draw_spans(a, b, c, plane, box, face, origin, bits, tile, spans)
@@ -342,7 +367,7 @@ SPANS = int32[::1], int32[::1], float64[::1]
 
 @kernel
 def draw_planned(
-    asked: int64[::1], tile_depth: stored[::1], depths: stored[:, ::1], numbers: int32[:, ::1],
+    asked: int64[::1], cell_depths: stored[:, ::1], depths: stored[:, ::1], numbers: int32[:, ::1],
     whole: int32[:, ::1], real: REAL, spans: SPANS,
 ):  # fmt: skip
     """
@@ -352,8 +377,8 @@ def draw_planned(
     ----------
     asked : (11,) int64
         As ``triangle_batches`` numbers its elements: which triangles, the tile's first pixel, bits.
-    tile_depth : (1,), stored depth
-        Triangles below it are left out.
+    cell_depths : (8, 8), stored depth
+        For each cell of the tile: what lies below it need not be drawn there.
     depths, numbers : (rows, columns)
         The tile; changed.
     whole, real : (rows, columns)
@@ -362,9 +387,12 @@ def draw_planned(
         Scratch memory.
     """
     tile, origin = (flat(depths), flat(numbers)), (asked[LEFT_COLUMN], asked[TOP_ROW])
-    bits, lowest = asked[GRID_BITS], tile_depth[0]
+    bits, cells = asked[GRID_BITS], flat(cell_depths)
+    tile_depth = least_in_rows(
+        cells, np.int64(0), np.int64(CELLS), np.int64(CELLS), np.int32(0), np.int32(CELLS - 1)
+    )
     for n in range(np.uintp(asked[DRAW_FIRST]), np.uintp(asked[DRAW_END])):
-        draw_triangle(n, whole, real, origin, bits, lowest, tile, spans)
+        draw_triangle(n, whole, real, origin, bits, tile_depth, cells, tile, spans)
 
 
 @helper
@@ -388,8 +416,8 @@ class Drawing(NamedTuple):
 
     asked: int64[::1]
     """(11,): as ``triangle_batches`` numbers its elements."""
-    tile_depth: stored[::1]
-    """(1,): what lies below it is left out."""
+    cell_depths: stored[:, ::1]
+    """(8, 8): for each cell of the tile, the depth below which nothing need be drawn there."""
     plan: int64[::1]
     """(2,): how to call ``triangle_batches.plan_batch``."""
     tile: int64[::1]
@@ -400,11 +428,13 @@ class Drawing(NamedTuple):
 
 @helper
 def begin_tile(drawing, window, bits, shift, tile_depth):
-    """Note which tile is drawn, a `tile_window`, and what vertices are moved by."""
+    """Note which tile is drawn, a `tile_window`, what vertices are moved by, and what is hidden."""
     asked = drawing.asked
     asked[LEFT_COLUMN], asked[TOP_ROW], asked[RIGHT_COLUMN], asked[BOTTOM_ROW] = window
     asked[GRID_BITS], asked[SHIFT_X], asked[SHIFT_Y] = bits, shift[0], shift[1]
-    drawing.tile_depth[0] = tile_depth
+    cells = flat(drawing.cell_depths)
+    for n in range(cells.shape[0]):
+        cells[n] = tile_depth
 
 
 @helper
@@ -437,6 +467,31 @@ def draw_listed(first, count, whole, drawing, holes):
         draw_some(drawing, drawing.own if is_tested else drawing.tile, n, n + np.uintp(1))
         if is_tested:
             keep(n, owner, holes)
+
+
+@helper
+def raise_cells(depths, cell_depths):
+    """Raise the depths of a tile's cells to the least that their samples have."""
+    samples, stride = flat(depths), np.int64(SCRATCH_SHAPE[1])
+    for row in range(CELLS):
+        for column in range(CELLS):
+            first = (row * stride + column) << CELL_BITS
+            least = least_in_rows(
+                samples, first, stride, np.int64(1 << CELL_BITS), np.int32(0),
+                np.int32((1 << CELL_BITS) - 1),
+            )  # fmt: skip
+            cell_depths[row, column] = max(cell_depths[row, column], least)
+
+
+@helper
+def draw_list(first, end, scratch, drawing, holes):
+    """Draw listed triangles ``first`` to ``end`` into the thread's tile, but for their holes."""
+    raised = first + BATCH
+    for begin in range(first, end, BATCH):
+        if begin == raised:
+            raise_cells(scratch[0], drawing.cell_depths)
+            raised += raised - first
+        draw_listed(begin, min(BATCH, end - begin), scratch[2], drawing, holes)
 
 
 @helper
@@ -514,24 +569,24 @@ def tile_drawer(
         None: no object has holes.
     """
     scratch, asked = scratch_memory(depth_type), np.zeros(ASKED, np.int64)
-    tile_depth = np.empty(1, depth_type)
+    cell_depths = np.empty((CELLS, CELLS), depth_type)
     test = TileTest(alpha_tests, scratch[:2], scratch[EMPTY], scratch[2])
     planned = Bound(plan_batch, asked, listed, faces, screen, *scratch[2:4])
-    tile = own = drawn_into(scratch[:2], asked, tile_depth, scratch)
+    tile = own = drawn_into(scratch[:2], asked, cell_depths, scratch)
     if alpha_tests is not None:
-        own = drawn_into((test.holes.depth, test.holes.numbers), asked, tile_depth, scratch)
-    drawing = Drawing(asked, tile_depth, planned.words, tile.words, own.words)
+        own = drawn_into((test.holes.depth, test.holes.numbers), asked, cell_depths, scratch)
+    drawing = Drawing(asked, cell_depths, planned.words, tile.words, own.words)
     return TileDrawer(scratch, drawing, test.holes, (test, planned, tile, own))
 
 
 def drawn_into(
     tile: tuple[Any, ...],
     asked: NDArray[np.int64],
-    tile_depth: NDArray[Any],
+    cell_depths: NDArray[Any],
     scratch: tuple[Any, ...],
 ) -> Bound:
     """Return `draw_planned`, bound to a tile."""
-    return Bound(draw_planned, asked, tile_depth, *tile, *scratch[2:4], scratch[4:EMPTY])
+    return Bound(draw_planned, asked, cell_depths, *tile, *scratch[2:4], scratch[4:EMPTY])
 
 
 @kernel
@@ -566,9 +621,7 @@ def draw_tiles(
         window = tile_window(number, columns, viewport)
         clear_tile(depths, numbers, scratch[EMPTY][0])
         begin_tile(drawing, window, viewport.grid_bits, (0, 0), tile_depths[number])
-        for first in range(starts[number], starts[number + 1], BATCH):
-            count = min(BATCH, starts[number + 1] - first)
-            draw_listed(first, count, scratch[2], drawing, holes)
+        draw_list(starts[number], starts[number + 1], scratch, drawing, holes)
         # Write the tile to the frame.
         left, top = window[0], window[1]
         width = window[2] + 1 - left
