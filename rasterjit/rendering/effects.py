@@ -6,6 +6,8 @@ No other file of ``rendering`` names one. Materials and lights have rows among t
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from rasterjit.effects.ambient_occlusion import AMBIENT_OCCLUSION
 from rasterjit.effects.antialiasing import ANTIALIASING
 from rasterjit.effects.background_image import BACKGROUND_IMAGE
@@ -54,10 +56,17 @@ def effect_named(name: str) -> Effect:
     return next(effect for effect in EFFECTS if effect.name == name)
 
 
-def answer_effects(facts: Facts, planning: Planning) -> tuple[Planned | Absent, ...]:
-    """Ask every effect once, in order, whether a frame needs it."""
-    for effect in EFFECTS:
-        planning.earlier[effect.name] = effect.answer(facts, planning)
+def answer_effects(
+    facts: Facts, planning: Planning, known: Sequence[Planned | Absent] | None = None
+) -> tuple[Planned | Absent, ...]:
+    """
+    Ask every effect once, in order, whether a frame needs it.
+
+    ``known`` are the answers of an earlier frame of the same facts.
+    """
+    for n, effect in enumerate(EFFECTS):
+        is_known = known is not None and effect.follows_facts
+        planning.earlier[effect.name] = known[n] if is_known else effect.answer(facts, planning)
     return tuple(planning.earlier.values())
 
 

@@ -66,11 +66,13 @@ def plan_frame(
     diagnose: bool = False,
     known: Known | None = None,
     views: Views | None = None,
+    last: RenderPlan | None = None,
 ) -> RenderPlan:
     """
     Check the arguments of a frame and decide what it needs.
 
-    ``known`` and ``views`` are those of the scene's nodes, where they are known already.
+    ``known`` and ``views`` are those of the scene's nodes, where they are known already. ``last``
+    is the plan of an earlier frame: what was decided by facts that still hold is taken from it.
 
     Raises
     ------
@@ -101,12 +103,16 @@ def plan_frame(
         boxes = Boxes(bounds, eye, relative_from_model, views.clip_from_relative)
     behind = read_background(background)
     seen_behind = None if background is None else behind
-    facts = look(scene, boxes, views, inventory, quality, outputs, seen_behind, diagnose, cull)
+    known_facts = None if last is None else last.facts
+    facts = look(
+        scene, boxes, views, inventory, quality, outputs, seen_behind, diagnose, cull, known_facts
+    )
     _refuse(scene, facts)
     if facts.finds_faces:
         check_near(quality, camera, boxes, scene.nodes, views.clip_from_relative)
     # Ask each effect.
-    effects = answer_effects(facts, Planning(scene, camera, boxes, {}))
+    answers = last.effects if last is not None and facts is last.facts else None
+    effects = answer_effects(facts, Planning(scene, camera, boxes, {}), answers)
     return RenderPlan(
         size=size,
         camera=camera,
