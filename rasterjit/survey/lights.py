@@ -404,7 +404,7 @@ def _ending(end: float | None) -> float:
 def headlight(camera: Camera) -> list[Light]:
     """Return the lights of a scene that has none."""
     # The rows of the inverse transpose are the columns of the inverse.
-    columns = transforms.normal_matrix(camera.view_matrix()).tolist()
+    columns = transforms.normal_rows(camera.view_matrix().tolist())
     x, y, z = HEADLIGHT_DIRECTION
     direction = tuple((a * x + b * y) + c * z for a, b, c in zip(*columns, strict=True))
     return [DirectionalLight(direction, intensity=HEADLIGHT_INTENSITY), _headlight_ambient()]

@@ -22,6 +22,7 @@ from rasterjit.scene import transforms
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.node import Node
+from rasterjit.scene.validation import finite_array
 
 Float64 = NDArray[np.float64]
 
@@ -31,6 +32,9 @@ more than float64 rounds them by. Snapping moves no vertex over the border of th
 
 CORNERS = np.array([[n & 1, n >> 1 & 1, n >> 2 & 1] for n in range(8)])
 """Which end of its box each corner lies at, by axis."""
+
+LAST_ROW = [0.0, 0.0, 0.0, 1.0]
+"""Of an affine matrix."""
 
 EVENNESS = 2.0**-12
 """Share by which the squared lengths of an object's axes may differ, and their cosines: light on
@@ -318,22 +322,27 @@ def _view(
     size: tuple[int, int],
 ) -> Views:  # fmt: skip
     """Return the matrices of objects, given those that the projection does not change."""
-    eye = camera.eye_position()
-    view_from_relative = transforms.compose(camera.view_matrix(), transforms.translate(eye))
-    clip_from_view = camera.projection_matrix(size)
-    *screen_axes, depth_row, away = (row[:3] for row in clip_from_view.tolist())
-    toward_viewer = np.array([0.0, 0.0, 0.0, 1.0])
+    x, y, z = camera.eye_position().tolist()
+    world_from_relative = [[1.0, 0.0, 0.0, x], [0.0, 1.0, 0.0, y], [0.0, 0.0, 1.0, z], LAST_ROW]
+    view_from_world = finite_array("camera.view_matrix()", camera.view_matrix(), (4, 4)).tolist()
+    view_from_relative = transforms.product_of(view_from_world, world_from_relative)
+    projection = camera.projection_matrix(size)
+    clip_from_view = finite_array("camera.projection_matrix()", projection, (4, 4)).tolist()
+    view_axes = [row[:3] for row in view_from_relative[:3]]
+    *screen_axes, depth_row, away = (row[:3] for row in clip_from_view)
+    toward_viewer = np.array(LAST_ROW)
     if not any(away):
         # A parallel projection: depth grows with z in clip space; the viewer is the other way.
         away = depth_row
-        axis = clip_from_view[2, :3, np.newaxis]
-        toward_viewer[:3] = -(axis * view_from_relative[:3, :3]).sum(axis=0)
+        a, b, c = depth_row
+        toward_viewer[:3] = [
+            -((a * x + b * y) + c * z) for x, y, z in zip(*view_axes, strict=True)
+        ]
         toward_viewer[3] = 0.0
-    view_axes = [row[:3] for row in view_from_relative[:3].tolist()]
     handedness = _turn([*screen_axes, away]) * _turn(view_axes)
     return Views(
         relative_from_model,
-        transforms.compose(clip_from_view, view_from_relative),
+        np.array(transforms.product_of(clip_from_view, view_from_relative)),
         normal_matrices,
         mirrored,
         toward_viewer,
