@@ -144,7 +144,7 @@ def settle_together(
         return list(cameras)
     cache = prepare(scene.nodes, known, quality, scene.environment is not None)
     # Most batches look from outside of all that is there.
-    low, high = placing.box_around(cache.inventory[1], cache.places.world_from_model)
+    low, high = placing.box_around(cache.shapes.boxes, cache.places.world_from_model)
     near_by = [camera for camera in cameras if not is_surely_between(low, high, camera)]
     if near_by and quality.depth_format not in REVERSED_TYPES:
         # How near a plane may come is for all to say.
@@ -178,7 +178,7 @@ def look_from(
         cache = prepare(scene.nodes, None, quality, scene.environment is not None)
     views = placing.view_places(cache.places, shown, size)
     boxes = Boxes(
-        cache.inventory[1], shown.eye_position(), views.relative_from_model,
+        cache.extents, shown.eye_position(), views.relative_from_model,
         views.clip_from_relative,
     )  # fmt: skip
     return look_at_planes(camera, boxes, scene.nodes, views.clip_from_relative, quality)
