@@ -51,6 +51,9 @@ EFFECTS: tuple[Effect, ...] = (
 )
 
 
+NO_ANSWERS = (None,) * len(EFFECTS)
+
+
 def effect_named(name: str) -> Effect:
     """Return the effect of a row."""
     return next(effect for effect in EFFECTS if effect.name == name)
@@ -64,10 +67,12 @@ def answer_effects(
 
     ``known`` are the answers of an earlier frame of the same facts.
     """
-    for n, effect in enumerate(EFFECTS):
-        is_known = known is not None and effect.follows_facts
-        planning.earlier[effect.name] = known[n] if is_known else effect.answer(facts, planning)
-    return tuple(planning.earlier.values())
+    return tuple(
+        [
+            effect.answer(facts, planning) if answer is None or not effect.follows_facts else answer
+            for effect, answer in zip(EFFECTS, known or NO_ANSWERS, strict=True)
+        ]
+    )
 
 
 def prepare_effects(context: FrameContext) -> tuple[Active, ...]:

@@ -112,7 +112,7 @@ def plan_frame(
         check_near(quality, camera, boxes, scene.nodes, views.clip_from_relative)
     # Ask each effect.
     answers = last.effects if last is not None and facts is last.facts else None
-    effects = answer_effects(facts, Planning(scene, camera, boxes, {}), answers)
+    effects = answer_effects(facts, Planning(scene, camera, boxes), answers)
     return RenderPlan(
         size=size,
         camera=camera,

@@ -395,13 +395,13 @@ def compose(*matrices: ArrayLike) -> Matrix:
         finite_array(f"matrices[{number}]", matrix, (4, 4)).tolist()
         for number, matrix in enumerate(matrices)
     ]
-    return np.array(product_of(*rows))
+    return np.array(product_of(_IDENTITY, *rows))
 
 
-def product_of(*matrices: list[list[float]]) -> list[list[float]]:
-    """Return what `compose` does, of finite matrices as rows, as rows: small ones are faster so."""
-    product = _IDENTITY
-    for matrix in matrices:
+def product_of(first: list[list[float]], *others: list[list[float]]) -> list[list[float]]:
+    """Return the product of finite matrices as rows, as rows; raise as `compose` does."""
+    product = first
+    for matrix in others:
         product = _product(product, matrix)
         if not all(map(math.isfinite, itertools.chain.from_iterable(product))):
             raise ValueError(f"matrices must have a finite product, got {product}")

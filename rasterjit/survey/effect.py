@@ -58,8 +58,6 @@ class Planning(NamedTuple):
     camera: Camera
     boxes: Boxes
     """The boxes around the objects, seen from the eye."""
-    earlier: dict[str, Planned | Absent]
-    """What the effects before this one answered, by name."""
 
 
 class Look(NamedTuple):

@@ -376,11 +376,12 @@ def _row(light: Light, eye: Sequence[float]) -> list[float]:
     color = [part * light.intensity for part in light.color]
     if isinstance(light, DirectionalLight):
         x, y, z = light.direction
-        row = [-x, -y, -z, 0.0, *color, *NO_CONE, 0.0]
-    else:
-        place = [at - origin for at, origin in zip(light.position, eye, strict=True)]
-        row = [*place, 1.0, *color, *_cone(light), _ending(light.range)]
-    return [max(-FARTHEST_LIGHT, min(FARTHEST_LIGHT, entry)) for entry in row]
+        return [-x, -y, -z, 0.0, *color, *NO_CONE, 0.0]
+    place = [
+        max(-FARTHEST_LIGHT, min(FARTHEST_LIGHT, at - origin))
+        for at, origin in zip(light.position, eye, strict=True)
+    ]
+    return [*place, 1.0, *color, *_cone(light), _ending(light.range)]
 
 
 def _cone(light: Light) -> tuple[float, float, float, float, float]:

@@ -419,5 +419,5 @@ def cull_objects(
     Single-sided objects lose their back faces, unless front faces are asked to be dropped.
     """
     sign = {"none": 0, "back": 1, "front": -1}[cull]
-    signs = np.where(is_single_sided & (sign == 0), 1, sign) * views.screen_turn
-    return Objects(face_starts, (signs * views.mirrored).astype(np.int8))
+    signs = sign if sign else is_single_sided
+    return Objects(face_starts, (signs * (views.screen_turn * views.mirrored)).astype(np.int8))
