@@ -6,6 +6,8 @@ No other file of ``rendering`` names one. Materials and lights have rows among t
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from rasterjit.effects.ambient_occlusion import AMBIENT_OCCLUSION
 from rasterjit.effects.antialiasing import ANTIALIASING
 from rasterjit.effects.background_image import BACKGROUND_IMAGE
@@ -49,16 +51,28 @@ EFFECTS: tuple[Effect, ...] = (
 )
 
 
+NO_ANSWERS = (None,) * len(EFFECTS)
+
+
 def effect_named(name: str) -> Effect:
     """Return the effect of a row."""
     return next(effect for effect in EFFECTS if effect.name == name)
 
 
-def answer_effects(facts: Facts, planning: Planning) -> tuple[Planned | Absent, ...]:
-    """Ask every effect once, in order, whether a frame needs it."""
-    for effect in EFFECTS:
-        planning.earlier[effect.name] = effect.answer(facts, planning)
-    return tuple(planning.earlier.values())
+def answer_effects(
+    facts: Facts, planning: Planning, known: Sequence[Planned | Absent] | None = None
+) -> tuple[Planned | Absent, ...]:
+    """
+    Ask every effect once, in order, whether a frame needs it.
+
+    ``known`` are the answers of an earlier frame of the same facts.
+    """
+    return tuple(
+        [
+            effect.answer(facts, planning) if answer is None or not effect.follows_facts else answer
+            for effect, answer in zip(EFFECTS, known or NO_ANSWERS, strict=True)
+        ]
+    )
 
 
 def prepare_effects(context: FrameContext) -> tuple[Active, ...]:

@@ -42,7 +42,7 @@ from rasterjit.survey.depth_format import check_near, depth_format
 from rasterjit.survey.effect import Absent, Planned, Planning, Rows
 from rasterjit.survey.facts import Facts, look
 from rasterjit.survey.lights import headlight, lighting_of
-from rasterjit.survey.placement import Boxes, Views, view_again, view_nodes
+from rasterjit.survey.placement import Boxes, Extents, Views, view_again, view_nodes
 from rasterjit.survey.plan import RenderPlan
 
 Cull: TypeAlias = Literal["none", "back", "front"]
@@ -51,8 +51,8 @@ CULL_MODES: tuple[Cull, ...] = get_args(Cull)
 
 BYTES = {"bool": 1, "uint8": 1, "int32": 4, "float32": 4, "float64": 8}
 
-Known = tuple[Inventory, NDArray[np.float64]]
-"""Inventory of a scene's objects, and their bounding boxes, (O, 2, 3), model space."""
+Known = tuple[Inventory, Extents]
+"""Inventory of a scene's objects, and how far they reach."""
 
 
 def plan_frame(
@@ -66,11 +66,13 @@ def plan_frame(
     diagnose: bool = False,
     known: Known | None = None,
     views: Views | None = None,
+    last: RenderPlan | None = None,
 ) -> RenderPlan:
     """
     Check the arguments of a frame and decide what it needs.
 
-    ``known`` and ``views`` are those of the scene's nodes, where they are known already.
+    ``known`` and ``views`` are those of the scene's nodes, where they are known already. ``last``
+    is the plan of an earlier frame: what was decided by facts that still hold is taken from it.
 
     Raises
     ------
@@ -88,9 +90,9 @@ def plan_frame(
         known = take_inventory(scene.nodes, quality, scene.environment is not None)
     if views is None:
         views = view_nodes(scene.nodes, camera, size)
-    inventory, bounds = known
+    inventory, extents = known
     eye, relative_from_model = camera.eye_position(), views.relative_from_model
-    boxes = Boxes(bounds, eye, relative_from_model, views.clip_from_relative)
+    boxes = Boxes(extents, eye, relative_from_model, views.clip_from_relative)
     # Put the planes where they cut nothing in view, if nobody has put them elsewhere.
     beside = clip_planes.look_at_planes(
         camera, boxes, scene.nodes, views.clip_from_relative, quality
@@ -98,15 +100,19 @@ def plan_frame(
     camera = settled(camera, *beside.steps)
     if any(beside.steps):
         views = view_again(views, camera, size)
-        boxes = Boxes(bounds, eye, relative_from_model, views.clip_from_relative)
+        boxes = Boxes(extents, eye, relative_from_model, views.clip_from_relative)
     behind = read_background(background)
     seen_behind = None if background is None else behind
-    facts = look(scene, boxes, views, inventory, quality, outputs, seen_behind, diagnose, cull)
+    known_facts = None if last is None else last.facts
+    facts = look(
+        scene, boxes, views, inventory, quality, outputs, seen_behind, diagnose, cull, known_facts
+    )
     _refuse(scene, facts)
     if facts.finds_faces:
         check_near(quality, camera, boxes, scene.nodes, views.clip_from_relative)
     # Ask each effect.
-    effects = answer_effects(facts, Planning(scene, camera, boxes, {}))
+    answers = last.effects if last is not None and facts is last.facts else None
+    effects = answer_effects(facts, Planning(scene, camera, boxes), answers)
     return RenderPlan(
         size=size,
         camera=camera,

@@ -402,6 +402,7 @@ class Renderer(Guarded):
         self._workers = Workers(thread_count("threads", threads))
         self._lone: tuple[Mesh, Scene] | None = None
         self._cache: SceneCache | None = None
+        self._last: RenderPlan | None = None
         self._lensed: lenses.Lensed | None = None
         self.before_picture: Callable[[], None] | None = None
         self.told: set[str] | None = set()
@@ -617,8 +618,9 @@ class Renderer(Guarded):
     def _plan(self, quality: Quality, what: Any, *arguments: Any) -> PlannedFrame:
         """Check the arguments of a frame, and decide what it needs."""
         scene = self._scene(what)
-        planned = plan_views(self.size, quality, scene, *arguments, known=self._cache)
-        self._cache = planned.cache
+        known = self._cache, self._last
+        planned = plan_views(self.size, quality, scene, *arguments, *known)
+        self._cache, self._last = planned.cache, planned.plan
         return planned
 
     def _scene(self, what: Any) -> Scene:

@@ -45,6 +45,7 @@ def plan_views(
     diagnose: bool,
     previous: View | None,
     known: SceneCache | None = None,
+    last: RenderPlan | None = None,
 ) -> PlannedFrame:
     """
     Check the arguments of a frame, and decide what it needs, with all that it is drawn from.
@@ -55,6 +56,9 @@ def plan_views(
         As `rasterjit.render` takes them.
     known : SceneCache, optional
         What an earlier frame of the scene was drawn from; what has not changed is taken from there.
+    last : RenderPlan, optional
+        Of an earlier frame, which may have been another one altogether: what was decided by facts
+        that still hold is taken from there.
 
     Raises
     ------
@@ -65,8 +69,9 @@ def plan_views(
     cache = prepare(scene.nodes, known, quality, scene.environment is not None)
     views = placing.view_places(cache.places, camera, size)
     plan = plan_frame(
-        scene, camera, size, quality, outputs, background, cull, diagnose, cache.inventory, views
-    )
+        scene, camera, size, quality, outputs, background, cull, diagnose, cache.inventory, views,
+        last,
+    )  # fmt: skip
     if _are_moved(camera, plan.camera):
         views = placing.view_again(views, plan.camera, size)
     earlier = find_earlier(previous, plan, scene, camera)
@@ -80,13 +85,40 @@ def plan_views(
         if _are_moved(plan.camera, old_plan.camera):
             both = settled(camera, *map(max, steps_of(plan.camera), steps_of(old_plan.camera)))
             return plan_views(
-                size, quality, scene, both, outputs, background, cull, diagnose, previous, cache
-            )
+                size, quality, scene, both, outputs, background, cull, diagnose, previous, cache,
+                last,
+            )  # fmt: skip
         old_plan = old_plan.with_(camera=plan.camera)
     if _are_moved(earlier[1], old_plan.camera):
         old_views = placing.view_again(old_views, old_plan.camera, size)
     before = PlannedFrame(old_plan, old, old_views)
     return PlannedFrame(plan.with_(previous=old_plan), cache, views, before)
+
+
+def replan(planned: PlannedFrame, scene: Scene, camera: Camera | None) -> PlannedFrame:
+    """
+    Plan a frame of which all is asked that was asked of an earlier one, seen by another camera.
+
+    Parameters
+    ----------
+    planned : PlannedFrame
+        As `plan_views` returned it; compared with nothing.
+    scene : Scene
+        As it is now, or another one: what has not changed is taken from the earlier frame.
+    camera : Camera or None
+
+    Raises
+    ------
+    ValueError
+        Naming the argument that is wrong.
+    """
+    plan, facts = planned.plan, planned.plan.facts
+    behind = plan.background if facts.background_image is None else facts.background_image
+    return plan_views(
+        plan.size, plan.quality, scene, camera, plan.outputs,
+        behind if facts.has_background else None, plan.cull, facts.diagnose, None, planned.cache,
+        plan,
+    )  # fmt: skip
 
 
 def settle_together(
@@ -112,7 +144,7 @@ def settle_together(
         return list(cameras)
     cache = prepare(scene.nodes, known, quality, scene.environment is not None)
     # Most batches look from outside of all that is there.
-    low, high = placing.box_around(cache.inventory[1], cache.places.world_from_model)
+    low, high = placing.box_around(cache.shapes.boxes, cache.places.world_from_model)
     near_by = [camera for camera in cameras if not is_surely_between(low, high, camera)]
     if near_by and quality.depth_format not in REVERSED_TYPES:
         # How near a plane may come is for all to say.
@@ -146,7 +178,7 @@ def look_from(
         cache = prepare(scene.nodes, None, quality, scene.environment is not None)
     views = placing.view_places(cache.places, shown, size)
     boxes = Boxes(
-        cache.inventory[1], shown.eye_position(), views.relative_from_model,
+        cache.extents, shown.eye_position(), views.relative_from_model,
         views.clip_from_relative,
     )  # fmt: skip
     return look_at_planes(camera, boxes, scene.nodes, views.clip_from_relative, quality)

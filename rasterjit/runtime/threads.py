@@ -25,7 +25,7 @@ SIZE_STEPS = 8
 """Sizes of blocks from one power of two to the next."""
 
 KEPT_FRAMES = 2
-"""Frames that a size may stay unused before its memory is freed."""
+"""Frames that a block may stay unused before its memory is freed."""
 
 PIXELS_PER_TASK = 1 << 15
 """About the fewest pixels of whole rows shaded by one task: small frames wake no thread."""
@@ -124,8 +124,7 @@ class Memory:
     """
 
     def __init__(self) -> None:
-        self._shelves: dict[int, list[NDArray[np.uint8]]] = {}
-        self._last_used: dict[int, int] = {}
+        self._shelves: dict[int, list[_Block]] = {}
         self._frame = 0
         self._lock = threading.Lock()
 
@@ -137,26 +136,37 @@ class Memory:
             return np.empty(shape, kind)
         room = _block_size(size)
         with self._lock:
-            self._last_used[room] = self._frame
             shelf = self._shelves.setdefault(room, [])
-            number = next((n for n in range(len(shelf)) if _is_idle(shelf, n)), len(shelf))
-            if number == len(shelf):
-                shelf.append(np.empty(room, np.uint8))
-            return shelf[number][:size].view(kind).reshape(shape)
+            for block in shelf:
+                if _references(block) == IDLE_REFERENCES:
+                    break
+            else:
+                block = _Block(room)
+                shelf.append(block)
+            block.frame = self._frame
+            return block.room[:size].view(kind).reshape(shape)
 
     def next_frame(self) -> None:
-        """Free blocks that the last frames did not use."""
+        """
+        Let go of blocks that the last frames did not take.
+
+        Some may be held, by frames that are kept: they would be looked at in vain ever after.
+        """
         with self._lock:
             self._frame += 1
-            for room, used in list(self._last_used.items()):
-                if used + KEPT_FRAMES < self._frame:
-                    del self._shelves[room], self._last_used[room]
+            for room, shelf in list(self._shelves.items()):
+                if all(block.frame + KEPT_FRAMES >= self._frame for block in shelf):
+                    continue
+                left = [block for block in shelf if block.frame + KEPT_FRAMES >= self._frame]
+                if left:
+                    self._shelves[room] = left
+                else:
+                    del self._shelves[room]
 
     def clear(self) -> None:
         """Let go of everything; arrays that are held stay as they are."""
         with self._lock:
             self._shelves.clear()
-            self._last_used.clear()
 
 
 def _block_size(size: int) -> int:
@@ -165,16 +175,22 @@ def _block_size(size: int) -> int:
     return -(-size // step) * step
 
 
-def _references(shelf: list[NDArray[np.uint8]], number: int) -> int:
-    return sys.getrefcount(shelf[number])
+class _Block:
+    """A block of memory, and the frame that took it last."""
+
+    __slots__ = ("frame", "room")
+
+    def __init__(self, size: int) -> None:
+        self.room = np.empty(size, np.uint8)
+        self.frame = 0
 
 
-IDLE_REFERENCES = _references([np.empty(1, np.uint8)], 0)
+def _references(block: _Block) -> int:
+    return sys.getrefcount(block.room)
+
+
+IDLE_REFERENCES = _references(_Block(1))
 """Reference count of a block that only its shelf holds; each view adds one."""
-
-
-def _is_idle(shelf: list[NDArray[np.uint8]], number: int) -> bool:
-    return _references(shelf, number) == IDLE_REFERENCES
 
 
 def count_per_task(count: int, least: int, workers: Workers) -> int:

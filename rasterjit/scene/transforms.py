@@ -391,12 +391,21 @@ def compose(*matrices: ArrayLike) -> Matrix:
     ValueError
         If one is not a finite 4x4 matrix, or the product overflows.
     """
-    product = _IDENTITY
-    for number, matrix in enumerate(matrices):
-        product = _product(product, finite_array(f"matrices[{number}]", matrix, (4, 4)).tolist())
+    rows = [
+        finite_array(f"matrices[{number}]", matrix, (4, 4)).tolist()
+        for number, matrix in enumerate(matrices)
+    ]
+    return np.array(product_of(_IDENTITY, *rows))
+
+
+def product_of(first: list[list[float]], *others: list[list[float]]) -> list[list[float]]:
+    """Return the product of finite matrices as rows, as rows; raise as `compose` does."""
+    product = first
+    for matrix in others:
+        product = _product(product, matrix)
         if not all(map(math.isfinite, itertools.chain.from_iterable(product))):
             raise ValueError(f"matrices must have a finite product, got {product}")
-    return np.array(product)
+    return product
 
 
 def _product(a: list[list[float]], b: list[list[float]]) -> list[list[float]]:
@@ -634,8 +643,12 @@ def normal_matrix(matrix: ArrayLike) -> NDArray[np.float64]:
     ValueError
         If ``matrix`` is not a finite 4x4 matrix.
     """
-    rows = finite_array("matrix", matrix, (4, 4))[:3, :3].tolist()
-    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = rows
+    return np.array(normal_rows(finite_array("matrix", matrix, (4, 4)).tolist()))
+
+
+def normal_rows(matrix: list[list[float]]) -> list[list[float]]:
+    """Return what `normal_matrix` does, of a finite matrix as rows, as rows."""
+    (xx, xy, xz, _), (yx, yy, yz, _), (zx, zy, zz, _) = matrix[:3]
     # Bring the largest entry into [1, 2) by a power of two, so that no product underflows.
     exponent = 1 - math.frexp(max(map(abs, (xx, xy, xz, yx, yy, yz, zx, zy, zz))))[1]
     a = math.ldexp(xx, exponent), math.ldexp(yx, exponent), math.ldexp(zx, exponent)
@@ -651,9 +664,9 @@ def normal_matrix(matrix: ArrayLike) -> NDArray[np.float64]:
         except OverflowError:
             inverse = [[math.inf]]
         if all(map(math.isfinite, itertools.chain.from_iterable(inverse))):
-            return np.array(list(zip(*inverse, strict=True)))
-    cofactors = np.array(columns).T
-    return (-cofactors if determinant < 0.0 else cofactors) + 0.0
+            return [list(row) for row in zip(*inverse, strict=True)]
+    sign = -1.0 if determinant < 0.0 else 1.0
+    return [[sign * x + 0.0 for x in row] for row in zip(*columns, strict=True)]
 
 
 def normal_matrices(matrices: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -35,6 +35,11 @@ class Transparency(NamedTuple):
     used: bool
     reason: str
 
+    def same(self, other: Transparency) -> bool:
+        """Tell whether another says the same."""
+        own = self.used, self.reason, self.is_blended.tobytes()
+        return own == (other.used, other.reason, other.is_blended.tobytes())
+
 
 NO_TRANSPARENCY = Transparency(np.empty(0, np.uint8), False, "")
 

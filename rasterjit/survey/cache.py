@@ -25,7 +25,7 @@ from rasterjit.survey.arrays import (
 )
 from rasterjit.survey.contents import SMOOTH, Attribute, Inventory
 from rasterjit.survey.overrides import look_of, meshes_under
-from rasterjit.survey.placement import Places, mesh_boxes
+from rasterjit.survey.placement import Extents, Places, mesh_boxes
 
 
 def unique_edges(faces: NDArray[np.int32]) -> NDArray[np.int32]:
@@ -200,13 +200,15 @@ class SceneCache(NamedTuple):
     matrices: list[NDArray[np.float64]]
     """``world_from_model`` of each object."""
     places: Places
+    extents: Extents
+    """Of the objects at their places."""
     all_tables: dict[Any, MaterialTables]
     """Those of all qualities that the objects were drawn in, by what of a quality they follow."""
 
     @property
-    def inventory(self) -> tuple[Inventory, NDArray[np.float64]]:
-        """What the objects are, and their boxes, (O, 2, 3), model space, as a plan takes them."""
-        return self.tables.inventory, self.shapes.boxes
+    def inventory(self) -> tuple[Inventory, Extents]:
+        """What the objects are, and how far they reach, as a plan takes them."""
+        return self.tables.inventory, self.extents
 
 
 def prepare(
@@ -242,7 +244,11 @@ def prepare(
         places = placement.place_objects(matrices)
     else:
         places = known.places
-    return SceneCache(shapes, all_tables[look], matrices, places, all_tables)
+    if known is not None and places is known.places and shapes is known.shapes:
+        extents = known.extents
+    else:
+        extents = Extents(shapes.boxes, places.world_from_model)
+    return SceneCache(shapes, all_tables[look], matrices, places, extents, all_tables)
 
 
 def _are_same(known: Sequence[Any], wanted: Sequence[Any]) -> bool:

@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from rasterjit.scene.light import AmbientLight, DirectionalLight, PointLight, SpotLight
 from rasterjit.scene.material import SHADINGS, TEXTURE_FIELDS, Material
 from rasterjit.scene.mesh import ATTRIBUTE, Mesh
-from rasterjit.scene.node import Node, check_drawn, meshes_of
+from rasterjit.scene.node import Node, check_drawn, matrices_of, meshes_of
 from rasterjit.scene.quality import Quality
 from rasterjit.scene.scene import EFFECT_FIELDS, Scene
 from rasterjit.scene.texture import UV_NAMES, Texture
 from rasterjit.survey.overrides import meshes_under
-from rasterjit.survey.placement import mesh_boxes
+from rasterjit.survey.placement import Extents, mesh_boxes
 
 SMOOTH = frozenset(("gouraud", "phong", "pbr"))
 """Ways of shading that read vertex normals."""
@@ -278,19 +278,20 @@ def _several(count: int, kind: str) -> str:
 
 def take_inventory(
     nodes: Sequence[Node], quality: Quality, has_environment: bool = False
-) -> tuple[Inventory, NDArray[np.float64]]:
+) -> tuple[Inventory, Extents]:
     """
     Look through the objects of a scene, with the materials that are in force.
 
     Returns
     -------
     inventory : Inventory
-    bounds : (O, 2, 3) float64
-        Low and high corner of each object, model space; NaN for one without a finite face.
+    extents : Extents
+        How far they reach.
     """
     check_drawn(nodes)
     meshes = meshes_under(meshes_of(nodes), quality, has_environment)
-    return Inventory(meshes), mesh_boxes(meshes)
+    world_from_model = np.array(matrices_of(nodes)).reshape(-1, 4, 4)
+    return Inventory(meshes), Extents(mesh_boxes(meshes), world_from_model)
 
 
 def refuse_texture(nodes: Sequence[Node], quality: Quality) -> None:

@@ -3,9 +3,10 @@ What an effect is: it says whether a frame needs it, prepares what it reads, and
 
 An effect is a folder of ``effects/``; its ``__init__.py`` defines one object for each of its rows
 in ``explain``. ``rendering/effects.py`` lists all of them, in the order of these rows. A frame
-asks each once (`Effect.answer`). Those that it needs prepare a record for every picture
-(`Effect.prepare`), and the functions in `Effect.places` turn that record into stages. Overlays
-prepare nothing: their record is what the plan knows of them.
+asks each once (`Effect.answer`), but for those that answered an earlier one by facts that still
+hold. Those that it needs prepare a record for every picture (`Effect.prepare`), and the functions
+in `Effect.places` turn that record into stages. Overlays prepare nothing: their record is what the
+plan knows of them.
 """
 
 from __future__ import annotations
@@ -57,8 +58,6 @@ class Planning(NamedTuple):
     camera: Camera
     boxes: Boxes
     """The boxes around the objects, seen from the eye."""
-    earlier: dict[str, Planned | Absent]
-    """What the effects before this one answered, by name."""
 
 
 class Look(NamedTuple):
@@ -155,6 +154,8 @@ class Effect:
         them too.
     reads_clip_positions : bool
         Whether it reads where vertices lie before they are divided by w.
+    follows_facts : bool
+        Whether facts alone decide what it answers: it is not asked again while they hold.
     places : dict of function
         What it does, by place; see ``PLACES``.
     """
@@ -170,6 +171,7 @@ class Effect:
     term = ""
     settings: tuple[str, ...] = ()
     reads_clip_positions = False
+    follows_facts = False
     places: Mapping[str, Callable[..., Any]] = {}
 
     def __init_subclass__(cls, **options: Any) -> None:

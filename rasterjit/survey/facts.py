@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+import operator
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +31,8 @@ NORMAL_OUTPUTS = ("normal", "normal_camera")
 """Outputs that show vertex normals."""
 
 
-class Facts(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Facts:
     """
     What is known of a scene and the outputs when a frame is planned.
 
@@ -66,47 +70,47 @@ class Facts(NamedTuple):
     attributes: dict[str, Attribute]
     """The attributes of meshes that are outputs, by the output's name."""
 
-    @property
+    @cached_property
     def wireframe(self) -> Wireframe | None:
         """The edges that the scene asks for."""
         return self.asked["wireframe"]
 
-    @property
+    @cached_property
     def environment(self) -> Environment | None:
         """What is around the scene."""
         return self.asked["environment"]
 
-    @property
+    @cached_property
     def is_colored(self) -> bool:
         """Whether any output shows colour."""
         return "color" in self.outputs or "linear" in self.outputs
 
-    @property
+    @cached_property
     def draws_faces(self) -> bool:
         """Whether faces are drawn, and not the edges alone."""
         return self.wireframe is None or self.wireframe.mode == "overlay"
 
-    @property
+    @cached_property
     def colors_faces(self) -> bool:
         """Whether the colour of faces is asked for."""
         return self.is_colored and self.draws_faces
 
-    @property
+    @cached_property
     def shades(self) -> bool:
         """Whether the colour of a face is asked for that may be seen."""
         return self.colors_faces and self.seen.objects > 0
 
-    @property
+    @cached_property
     def is_lit(self) -> bool:
         """Whether that colour depends on light."""
         return self.shades and self.seen.unlit < self.seen.objects
 
-    @property
+    @cached_property
     def has_headlight(self) -> bool:
         """Whether the default light shines, for there is no other."""
         return self.is_lit and not self.has_lights and self.environment is None
 
-    @property
+    @cached_property
     def has_ambient_light(self) -> bool:
         """Whether light comes from all around, of a light or the environment."""
         return (
@@ -115,89 +119,89 @@ class Facts(NamedTuple):
             or any(isinstance(light, AmbientLight) for light in self.lights.lights)
         )
 
-    @property
+    @cached_property
     def shades_smoothly(self) -> bool:
         """Whether that colour depends on vertex normals."""
         return self.is_lit and not SMOOTH.isdisjoint(self.seen.shadings)
 
-    @property
+    @cached_property
     def shows_normals(self) -> bool:
         """Whether vertex normals are an output: of all objects, whatever they are shaded by."""
         return self.seen.objects > 0 and not set(NORMAL_OUTPUTS).isdisjoint(self.outputs)
 
-    @property
+    @cached_property
     def needs_normals(self) -> bool:
         """Whether vertex normals are read."""
         return self.shades_smoothly or self.shows_normals
 
-    @property
+    @cached_property
     def finds_faces(self) -> bool:
         """Whether the face at every pixel is found: shown, counted, or in a buffer."""
         return self.draws_faces or self.diagnose or bool({*self.outputs} - {"color", "linear"})
 
-    @property
+    @cached_property
     def needs_gouraud(self) -> bool:
         """Whether vertices are lit."""
         return self.is_lit and self.seen.gouraud > 0
 
-    @property
+    @cached_property
     def needs_diffuse_light(self) -> bool:
         """Whether vertices are lit without highlights too: these lie on textures, face colours."""
         return self.is_lit and self.seen.tinted_highlights > 0
 
-    @property
+    @cached_property
     def needs_alpha_tests(self) -> bool:
         """Whether faces are drawn with their holes."""
         return self.finds_faces and self.seen.cut_out > 0
 
-    @property
+    @cached_property
     def has_textured_holes(self) -> bool:
         """Whether a texture decides where those holes are."""
         return self.seen.textured_holes > 0
 
-    @property
+    @cached_property
     def casts_shadows(self) -> bool:
         """Whether any light may cast shadows on what is seen."""
         return self.is_lit and self.lights.have_shadows
 
-    @property
+    @cached_property
     def shades_through_holes(self) -> bool:
         """Whether shadow maps are drawn with holes: what is out of view casts shadows as well."""
         return self.casts_shadows and self.contents.cut_out > 0
 
-    @property
+    @cached_property
     def needs_textures(self) -> bool:
         """Whether textures are read."""
         return self.shades and self.seen.has_textures
 
-    @property
+    @cached_property
     def pictures(self) -> int:
         """How many whole pictures are averaged, of faces or of what lies behind them all."""
         has_edges = self.shades or self.shows_environment
         samples = self.quality.samples
         return int(samples) if has_edges and samples in SUPERSAMPLED else 1
 
-    @property
+    @cached_property
     def mixes_samples(self) -> bool:
         """Whether a pixel of one picture shows several samples, or areas."""
         return self.shades and self.quality.samples not in (1, *SUPERSAMPLED)
 
-    @property
+    @cached_property
     def antialiases(self) -> bool:
         """Whether the colour of a pixel is that of several samples, or of areas."""
         return self.mixes_samples or self.pictures > 1
 
-    @property
+    @cached_property
     def needs_microfacets(self) -> bool:
         """Whether light falls on metallic-roughness materials."""
         return self.is_lit and self.seen.pbr > 0
 
-    @property
+    @cached_property
     def needs_maps(self) -> bool:
         """Whether more lies over the objects than a base colour."""
         return self.shades and self.seen.has_maps
 
-    @property
+    @cached_property
     def renormalizes(self) -> bool:
         """
         Whether interpolated normals are scaled to length one at every pixel.
@@ -208,18 +212,18 @@ class Facts(NamedTuple):
         is_bent = self.seen.textured["normal_texture"] > 0
         return self.quality.renormalize or is_bent or self.is_uneven
 
-    @property
+    @cached_property
     def has_environment_light(self) -> bool:
         """Whether any light from all around reaches a colour that is asked for."""
         return self.is_lit and self.environment is not None and self.environment.lights
 
-    @property
+    @cached_property
     def shows_environment(self) -> bool:
         """Whether the environment is seen where no face is."""
         is_wanted = self.environment is not None and self.environment.background
         return is_wanted and self.is_colored and not self.has_background
 
-    @property
+    @cached_property
     def mixes_codes(self) -> bool:
         """Whether what a pixel shows is mixed as 8-bit sRGB codes, which all colour then is."""
         is_mixed = self.transparency.used or self.antialiases
@@ -236,42 +240,68 @@ def look(
     background: Backdrop | None,
     diagnose: bool,
     cull: str,
+    last: Facts | None = None,
 ) -> Facts:
-    """Look at a scene, seen from a camera, once; lights only if light reaches what is seen."""
-    contents, in_view = inventory.contents, boxes.in_view
-    facts = Facts(
-        outputs=outputs,
-        inventory=inventory,
-        in_view=in_view,
-        contents=contents,
-        seen=inventory.contents_of(in_view),
-        has_lights=bool(scene.lights),
-        asked={name: getattr(scene, name) for name in EFFECT_FIELDS},
-        diagnose=diagnose,
-        quality=quality,
-        transparency=NO_TRANSPARENCY,
-        has_background=background is not None,
-        background_image=background if isinstance(background, BackgroundImage) else None,
-        lights=NO_LIGHTS,
-        is_uneven=not quality.renormalize and _any_uneven(views, in_view, inventory),
-        attributes={
-            output: find_attribute(scene.nodes, output.removeprefix(ATTRIBUTE))
-            for output in outputs
-            if output.startswith(ATTRIBUTE)
-        },
-    )
+    """
+    Look at a scene, seen from a camera, once; lights only if light reaches what is seen.
+
+    ``last`` are facts of an earlier frame: they themselves are returned where they still hold.
+    """
+    in_view = boxes.in_view
+    is_uneven = not quality.renormalize and _any_uneven(views, in_view, inventory)
+    asked = {name: getattr(scene, name) for name in EFFECT_FIELDS}
+    picture = background if isinstance(background, BackgroundImage) else None
+    if (
+        last is not None
+        # Objects, meshes and materials in force are the same as long as their inventory is.
+        and last.inventory is inventory
+        and last.quality is quality
+        and last.background_image is picture
+        and all(map(operator.is_, last.asked.values(), asked.values()))
+        and (last.outputs, last.diagnose, last.is_uneven) == (outputs, diagnose, is_uneven)
+        and last.has_lights == bool(scene.lights)
+        and last.has_background == (background is not None)
+        and last.in_view.tobytes() == in_view.tobytes()
+    ):
+        facts = last
+    else:
+        facts = Facts(
+            outputs=outputs,
+            inventory=inventory,
+            in_view=in_view,
+            contents=inventory.contents,
+            seen=inventory.contents_of(in_view),
+            has_lights=bool(scene.lights),
+            asked=asked,
+            diagnose=diagnose,
+            quality=quality,
+            transparency=NO_TRANSPARENCY,
+            has_background=background is not None,
+            background_image=picture,
+            lights=NO_LIGHTS,
+            is_uneven=is_uneven,
+            attributes={
+                output: find_attribute(scene.nodes, output.removeprefix(ATTRIBUTE))
+                for output in outputs
+                if output.startswith(ATTRIBUTE)
+            },
+        )
     transparency = find_transparency(
-        scene.nodes, facts.colors_faces, contents.blended > 0, inventory.is_see_through, in_view
-    )
-    facts = facts._replace(transparency=transparency)
-    if not facts.is_lit:
+        scene.nodes, facts.colors_faces, facts.contents.blended > 0, inventory.is_see_through,
+        in_view,
+    )  # fmt: skip
+    lights = NO_LIGHTS
+    if facts.is_lit and scene.lights:
+        casts = ~inventory.is_see_through
+        is_wall = inventory.is_wall & (cull == "none")
+        meshes = [node.mesh for node in scene.nodes]
+        enclosures = Enclosures(
+            meshes, is_wall, views.relative_from_model, views.clip_from_relative
+        )
+        lights = plan_lights(lights_under(scene.lights, quality), boxes, casts, enclosures)
+    if transparency.same(facts.transparency) and lights == facts.lights:
         return facts
-    casts = ~inventory.is_see_through
-    is_wall = inventory.is_wall & (cull == "none")
-    meshes = [node.mesh for node in scene.nodes]
-    enclosures = Enclosures(meshes, is_wall, views.relative_from_model, views.clip_from_relative)
-    lights = plan_lights(lights_under(scene.lights, quality), boxes, casts, enclosures)
-    return facts._replace(lights=lights)
+    return replace(facts, transparency=transparency, lights=lights)
 
 
 def _any_uneven(views: Views, in_view: NDArray[np.bool_], inventory: Inventory) -> bool:

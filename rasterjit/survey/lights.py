@@ -376,11 +376,12 @@ def _row(light: Light, eye: Sequence[float]) -> list[float]:
     color = [part * light.intensity for part in light.color]
     if isinstance(light, DirectionalLight):
         x, y, z = light.direction
-        row = [-x, -y, -z, 0.0, *color, *NO_CONE, 0.0]
-    else:
-        place = [at - origin for at, origin in zip(light.position, eye, strict=True)]
-        row = [*place, 1.0, *color, *_cone(light), _ending(light.range)]
-    return [max(-FARTHEST_LIGHT, min(FARTHEST_LIGHT, entry)) for entry in row]
+        return [-x, -y, -z, 0.0, *color, *NO_CONE, 0.0]
+    place = [
+        max(-FARTHEST_LIGHT, min(FARTHEST_LIGHT, at - origin))
+        for at, origin in zip(light.position, eye, strict=True)
+    ]
+    return [*place, 1.0, *color, *_cone(light), _ending(light.range)]
 
 
 def _cone(light: Light) -> tuple[float, float, float, float, float]:
@@ -404,7 +405,7 @@ def _ending(end: float | None) -> float:
 def headlight(camera: Camera) -> list[Light]:
     """Return the lights of a scene that has none."""
     # The rows of the inverse transpose are the columns of the inverse.
-    columns = transforms.normal_matrix(camera.view_matrix()).tolist()
+    columns = transforms.normal_rows(camera.view_matrix().tolist())
     x, y, z = HEADLIGHT_DIRECTION
     direction = tuple((a * x + b * y) + c * z for a, b, c in zip(*columns, strict=True))
     return [DirectionalLight(direction, intensity=HEADLIGHT_INTENSITY), _headlight_ambient()]

@@ -24,6 +24,8 @@ from rasterjit.survey.facts import NORMAL_OUTPUTS, Facts, settings_asked, unlit_
 class MaterialRow(Effect):
     """A row that is in or out by facts alone."""
 
+    follows_facts = True
+
     def answer(self, facts: Facts, planning: Planning) -> Planned | Absent:
         """Say whether a frame has it."""
         return Planned(self, facts) if self.is_in(facts) else Absent(self, facts)

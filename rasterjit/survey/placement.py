@@ -22,6 +22,7 @@ from rasterjit.scene import transforms
 from rasterjit.scene.camera import Camera
 from rasterjit.scene.mesh import Mesh
 from rasterjit.scene.node import Node
+from rasterjit.scene.validation import finite_array
 
 Float64 = NDArray[np.float64]
 
@@ -32,9 +33,67 @@ more than float64 rounds them by. Snapping moves no vertex over the border of th
 CORNERS = np.array([[n & 1, n >> 1 & 1, n >> 2 & 1] for n in range(8)])
 """Which end of its box each corner lies at, by axis."""
 
+LAST_ROW = [0.0, 0.0, 0.0, 1.0]
+"""Of an affine matrix."""
+
 EVENNESS = 2.0**-12
 """Share by which the squared lengths of an object's axes may differ, and their cosines: light on
 normals that are as much too long or too short is a sixteenth of a code of 8 bits off."""
+
+
+class Extents:
+    """
+    How far the objects of a scene reach from where they stand, which no camera changes.
+
+    Parameters
+    ----------
+    bounds : (O, 2, 3) float64
+        Low and high corner of each object, model space; NaN for one without a finite face.
+    world_from_model : (O, 4, 4) float64
+        Or to anything else that is not turned or scaled against the world.
+    """
+
+    def __init__(self, bounds: Float64, world_from_model: Float64) -> None:
+        self.bounds = bounds
+        self._world_from_model = world_from_model
+
+    @cached_property
+    def is_nothing(self) -> NDArray[np.bool_]:
+        """Which objects have no finite face, (O,)."""
+        return np.isnan(self.bounds[:, 0, 0])
+
+    @cached_property
+    def middles_and_axes(self) -> tuple[Float64, Float64]:
+        """
+        Where the middles of boxes lie, and where from there their faces across each axis.
+
+        Returns
+        -------
+        middles : (3, O)
+            World axes, from the object's origin.
+        axes : (3, 3, O)
+            Of each axis of the model (second index), along the world's axes (first).
+        """
+        low, high = np.ascontiguousarray(self.bounds.transpose(1, 2, 0))
+        with np.errstate(invalid="ignore", over="ignore"):
+            middle, half = low / 2.0 + high / 2.0, high / 2.0 - low / 2.0
+            x, y, z = self._columns.swapaxes(0, 1)
+            middles = (x * middle[0] + y * middle[1]) + z * middle[2]
+            return middles, self._columns * half
+
+    @cached_property
+    def reach(self) -> Float64:
+        """What each coordinate along the world's axes has terms of, from the origin, (3, O)."""
+        low, high = np.ascontiguousarray(self.bounds.transpose(1, 2, 0))
+        with np.errstate(invalid="ignore", over="ignore"):
+            farthest = np.abs(low / 2.0 + high / 2.0) + (high / 2.0 - low / 2.0)
+            x, y, z = np.abs(self._columns).swapaxes(0, 1)
+            return (x * farthest[0] + y * farthest[1]) + z * farthest[2]
+
+    @cached_property
+    def _columns(self) -> Float64:
+        """Entries of the matrices but for the translation, (3, 3, O): row, column, object."""
+        return np.ascontiguousarray(self._world_from_model[:, :3, :3].transpose(1, 2, 0))
 
 
 class Boxes:
@@ -43,8 +102,8 @@ class Boxes:
 
     Parameters
     ----------
-    bounds : (O, 2, 3) float64
-        Low and high corner of each object, model space; NaN for one without a finite face.
+    extents : Extents
+        Of the objects where they stand.
     eye : (3,) float64, world space
     relative_from_model : (O, 4, 4) float64
         To world axes with the origin at the eye.
@@ -58,11 +117,11 @@ class Boxes:
     """
 
     def __init__(
-        self, bounds: Float64, eye: Float64, relative_from_model: Float64,
+        self, extents: Extents, eye: Float64, relative_from_model: Float64,
         clip_from_relative: Float64,
     ) -> None:  # fmt: skip
         self.eye = eye
-        self._bounds = bounds
+        self._bounds = extents.bounds
         self.relative_from_model = relative_from_model
         self._reach: Float64
         """What |w| plus each of |x|, |y| and |z| is at most in clip space, (3, O)."""
@@ -72,37 +131,30 @@ class Boxes:
         """By how much the far and the near plane tell the ends of each axis apart, (2, 3, O)."""
         self._beside: NDArray[np.bool_]
         """Which boxes are all beyond a side of the view, or of nothing, (O,)."""
-        self.in_view = self._may_be_seen(clip_from_relative)
+        self.in_view = self._may_be_seen(extents, clip_from_relative)
 
-    def _may_be_seen(self, matrix: Float64) -> NDArray[np.bool_]:
+    def _may_be_seen(self, extents: Extents, matrix: Float64) -> NDArray[np.bool_]:
         """Tell which boxes are not all beyond a plane of the view volume."""
-        low, high = np.ascontiguousarray(self._bounds.transpose(1, 2, 0))
-        # Rows and columns of the matrices first, so that each entry is a row of all objects.
-        m = np.ascontiguousarray(self.relative_from_model[:, :3].transpose(1, 2, 0))
-        outside = np.isnan(low[0])
+        origins = self.relative_from_model[:, :3, 3].T
+        middles, axes = extents.middles_and_axes
         with np.errstate(invalid="ignore", over="ignore"):
-            middle, half = low / 2.0 + high / 2.0, high / 2.0 - low / 2.0
-            farthest = np.abs(middle) + half
-            sizes = np.abs(m[:, 0]) * farthest[0] + np.abs(m[:, 1]) * farthest[1]
-            sizes += np.abs(m[:, 2]) * farthest[2]
-            sizes += np.abs(m[:, 3])
+            points = np.concatenate((axes, (origins + middles)[:, np.newaxis]), axis=1)
             # A plane holds inside what has a x + b y + c z + d >= 0: rows w - x, w + x, and so on.
-            planes = np.concatenate((matrix[3] - matrix[:3], matrix[3] + matrix[:3]))
+            w = matrix[3]
+            planes = np.concatenate((w - matrix[:3], w + matrix[:3]))
             # Measure the corner of each box that lies farthest inside.
-            onto = along(planes, m)
-            halves = np.abs(onto[:, :3]) * half
-            parts = onto[:, :3] * middle + halves
-            most = onto[:, 3] + planes[:, 3, np.newaxis]
-            for k in range(3):
-                most += parts[:, k]
-            self._inside, self._widths = most, halves[2::3]
+            onto = along(planes, points)
+            halves = np.abs(onto[:, :3])
+            self._inside = (onto[:, 3] + planes[:, 3:]) + np.add.reduce(halves, axis=1)
+            self._widths = halves[2::3]
             # Of both rows: what is drawn compares them, and they may nearly cancel.
-            rows = np.abs(matrix[3]) + np.abs(matrix[:3])
-            self._reach = along(rows, sizes) + rows[:, 3, np.newaxis]
+            rows = np.abs(w) + np.abs(matrix[:3])
+            self._reach = along(rows, np.abs(origins) + extents.reach) + rows[:, 3:]
             # What is not a number is not sure.
-            beyond = most.reshape(2, 3, -1) < -ROUNDING * self._reach
-        self._beside = outside | beyond[:, :2].any(axis=(0, 1))
-        return ~(self._beside | beyond[:, 2].any(axis=0))
+            beyond = self._inside.reshape(2, 3, -1) < -ROUNDING * self._reach
+        across = np.logical_or.reduce(beyond, axis=0)
+        self._beside = extents.is_nothing | across[0] | across[1]
+        return ~(self._beside | across[2])
 
     def may_cross(self, near: float, far: float) -> NDArray[np.bool_]:
         """
@@ -118,9 +170,10 @@ class Boxes:
         (O,) bool
         """
         with np.errstate(invalid="ignore", over="ignore"):
-            least = self._inside[2::3] - 2.0 * self._widths.sum(axis=1)
-            stays = least >= np.array([[far], [near]]) + ROUNDING * self._reach[2]
-        return ~(stays.all(axis=0) | self._beside)
+            at_far, at_near = self._inside[2::3] - 2.0 * np.add.reduce(self._widths, axis=1)
+            doubt = ROUNDING * self._reach[2]
+            stays = (at_far >= far + doubt) & (at_near >= near + doubt)
+        return ~(stays | self._beside)
 
     @cached_property
     def corners(self) -> Float64:
@@ -318,22 +371,25 @@ def _view(
     size: tuple[int, int],
 ) -> Views:  # fmt: skip
     """Return the matrices of objects, given those that the projection does not change."""
-    eye = camera.eye_position()
-    view_from_relative = transforms.compose(camera.view_matrix(), transforms.translate(eye))
-    clip_from_view = camera.projection_matrix(size)
-    *screen_axes, depth_row, away = (row[:3] for row in clip_from_view.tolist())
-    toward_viewer = np.array([0.0, 0.0, 0.0, 1.0])
+    x, y, z = camera.eye_position().tolist()
+    world_from_relative = [[1.0, 0.0, 0.0, x], [0.0, 1.0, 0.0, y], [0.0, 0.0, 1.0, z], LAST_ROW]
+    view_from_world = finite_array("camera.view_matrix()", camera.view_matrix(), (4, 4)).tolist()
+    view_from_relative = transforms.product_of(view_from_world, world_from_relative)
+    projection = camera.projection_matrix(size)
+    clip_from_view = finite_array("camera.projection_matrix()", projection, (4, 4)).tolist()
+    view_axes = [row[:3] for row in view_from_relative[:3]]
+    *screen_axes, depth_row, away = (row[:3] for row in clip_from_view)
+    toward_viewer = np.array(LAST_ROW)
     if not any(away):
         # A parallel projection: depth grows with z in clip space; the viewer is the other way.
         away = depth_row
-        axis = clip_from_view[2, :3, np.newaxis]
-        toward_viewer[:3] = -(axis * view_from_relative[:3, :3]).sum(axis=0)
+        a, b, c = depth_row
+        toward_viewer[:3] = [-((a * x + b * y) + c * z) for x, y, z in zip(*view_axes, strict=True)]
         toward_viewer[3] = 0.0
-    view_axes = [row[:3] for row in view_from_relative[:3].tolist()]
     handedness = _turn([*screen_axes, away]) * _turn(view_axes)
     return Views(
         relative_from_model,
-        transforms.compose(clip_from_view, view_from_relative),
+        np.array(transforms.product_of(clip_from_view, view_from_relative)),
         normal_matrices,
         mirrored,
         toward_viewer,
@@ -363,5 +419,5 @@ def cull_objects(
     Single-sided objects lose their back faces, unless front faces are asked to be dropped.
     """
     sign = {"none": 0, "back": 1, "front": -1}[cull]
-    signs = np.where(is_single_sided & (sign == 0), 1, sign) * views.screen_turn
-    return Objects(face_starts, (signs * views.mirrored).astype(np.int8))
+    signs = sign if sign else is_single_sided
+    return Objects(face_starts, (signs * (views.screen_turn * views.mirrored)).astype(np.int8))

@@ -94,7 +94,7 @@ class RenderPlan:
             Fields of the plan.
         """
         if outputs is not None:
-            changes["facts"] = self.facts._replace(outputs=outputs, diagnose=False)
+            changes["facts"] = replace(self.facts, outputs=outputs, diagnose=False)
         if kept is not None:
             changes["effects"] = tuple(
                 one if not one.used or kept(one) else Absent(one.effect, one.facts)

@@ -13,7 +13,14 @@ from rasterjit.scene import transforms as tf
 from rasterjit.scene.pixels import clip_from_relative
 from rasterjit.survey import facts
 from rasterjit.survey import lights as planned_lights
-from rasterjit.survey.placement import Boxes, mesh_boxes, place_boxes, place_objects, view_places
+from rasterjit.survey.placement import (
+    Boxes,
+    Extents,
+    mesh_boxes,
+    place_boxes,
+    place_objects,
+    view_places,
+)
 
 SQUARE = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], float)
 FACES = [[0, 1, 2], [0, 2, 3]]
@@ -125,7 +132,10 @@ def random_camera(rng):
 
 def boxes_of(bounds, matrices, camera, size):
     views = view_places(place_objects(list(matrices)), camera, size)
-    return Boxes(bounds, camera.eye_position(), views.relative_from_model, views.clip_from_relative)
+    extents = Extents(bounds, np.asarray(matrices))
+    return Boxes(
+        extents, camera.eye_position(), views.relative_from_model, views.clip_from_relative
+    )
 
 
 def test_boxes_in_view_are_those_with_a_corner_inside_of_every_plane():

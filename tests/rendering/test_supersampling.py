@@ -455,7 +455,7 @@ def test_memory_does_not_grow_with_the_number_of_pictures(monkeypatch, cube, cam
 
     def watch(linear, sums, workers):
         shelves = workers.memory._shelves.values()
-        held.append(sum(block.nbytes for shelf in shelves for block in shelf))
+        held.append(sum(block.room.nbytes for shelf in shelves for block in shelf))
         add(linear, sums, workers)
 
     monkeypatch.setattr(supersample, "_add_picture", watch)

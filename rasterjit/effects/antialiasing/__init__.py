@@ -22,6 +22,7 @@ class Antialiasing(Effect):
     """Mix what the samples of a pixel show."""
 
     name = "anti-aliasing"
+    follows_facts = True
 
     def answer(self, facts: Facts, planning: Planning) -> Planned | Absent:
         """Say whether the colour of a pixel is that of several samples, or of areas."""

@@ -83,6 +83,7 @@ class PictureBehind(Effect):
 
     name = "background image"
     is_toned = False
+    follows_facts = True
 
     def answer(self, facts: Facts, planning: Planning) -> Planned | Absent:
         """Say whether a picture is seen where no face is."""

@@ -123,6 +123,7 @@ class EnvironmentLight(Effect):
     name = "environment light"
     key = "v"
     term = "environment"
+    follows_facts = True
 
     def answer(self, facts: Facts, planning: Planning) -> Planned | Absent:
         """Say whether any light from all around reaches a colour that is asked for."""
@@ -185,6 +186,7 @@ class EnvironmentBackground(Effect):
 
     name = "environment background"
     key = "b"
+    follows_facts = True
 
     def answer(self, facts: Facts, planning: Planning) -> Planned | Absent:
         """Say whether the environment is seen where no face is."""

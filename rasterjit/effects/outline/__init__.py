@@ -117,6 +117,7 @@ class Outlines(Effect):
     key = "k"
     looks = "neighbours"
     joins_faces = True
+    follows_facts = True
 
     def answer(self, facts: Facts, planning: Planning) -> Planned | Absent:
         """Say whether outlines are drawn: they are 8-bit pixels, around faces."""

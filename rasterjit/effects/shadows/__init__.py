@@ -67,6 +67,7 @@ class ShadowMaps(Effect):
     key = "l"
     looks = "whole"
     settings = ("shadow_size", "shadow_taps")
+    follows_facts = True
 
     def answer(self, facts: Facts, planning: Planning) -> Planned | Absent:
         """Say whether any light may cast shadows on what is seen."""

@@ -46,6 +46,7 @@ class ToneMapping(Effect):
     name = "tone mapping"
     field = "tone_map"
     key = "t"
+    follows_facts = True
 
     def answer(self, facts: Facts, planning: Planning) -> Planned | Absent:
         """Say whether light is exposed, or a tone curve applied: to 8-bit colour alone."""

@@ -19,6 +19,7 @@ class Blending(Effect):
 
     name = "transparency"
     settings = ("transparency_layers",)
+    follows_facts = True
 
     def answer(self, facts: Facts, planning: Planning) -> Planned | Absent:
         """Say whether anything is seen through."""

@@ -38,6 +38,7 @@ class Vignetting(Effect):
     name = "vignette"
     field = "vignette"
     key = "z"
+    follows_facts = True
 
     def answer(self, facts: Facts, planning: Planning) -> Planned | Absent:
         """Say whether corners are darkened: they are 8-bit pixels."""

@@ -204,6 +204,7 @@ class Edges(Effect):
     is_explained = True
     settings = ("lines",)
     reads_clip_positions = True
+    follows_facts = True
 
     def answer(self, facts: Facts, planning: Planning) -> Planned | Absent:
         """Say whether edges are drawn: they are 8-bit pixels, so linear colour has none."""
