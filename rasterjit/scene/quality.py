@@ -121,8 +121,8 @@ class Quality:
     interpolation_precision : {"adaptive", "float64"}
         Arithmetic that finds the colours of pixels between those of vertices. ``"adaptive"`` takes
         float32 where that moves a colour by at most a millionth of itself, a ten-thousandth of an
-        8-bit step: in scenes with colours of vertices in which no object is lit, textured or
-        blended, with 1, 64 or 256 ``samples``, and there on all faces that were not clipped.
+        8-bit step: in scenes with colours of vertices and without fog in which no object is lit,
+        textured or blended, with 1, 64 or 256 ``samples``; there on all faces that were not cut.
         Everything else, and all outputs besides ``"color"`` and ``"linear"``, take float64 always.
 
     Raises

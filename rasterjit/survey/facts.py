@@ -150,6 +150,7 @@ class Facts(NamedTuple):
             and contents.unlit == contents.objects
             and contents.blended == 0
             and not contents.has_textures
+            and self.asked["fog"] is None
         )
 
     @property

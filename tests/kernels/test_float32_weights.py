@@ -263,10 +263,27 @@ def test_who_takes_float32():
     assert not is_quick(hills("phong"))
     glass = hills(alpha_mode="blend")
     assert not is_quick(glass)
+    foggy = hills()
+    foggy.fog = rj.Fog(mode="exp", density=0.3)
+    assert not is_quick(foggy)
     plain = rj.Scene()
     mesh = hills().nodes[0].mesh
     plain.add(rj.Mesh(mesh.vertices, mesh.faces, material=rj.Material(shading="unlit")))
     assert not is_quick(plain)
+
+
+def test_fog_lies_over_unlit_colours_of_vertices():
+    # It asks for the points of samples, and these for weights in float64.
+    scene, clear = hills(), hills()
+    scene.fog = rj.Fog(mode="exp", density=0.3, color="white")
+    near = rj.PerspectiveCamera((0.3, 3.0, 2.0), (0.0, 0.0, 0.0))
+    outputs = ("linear", "position", "face_id")
+    foggy, bare = (rj.render(some, near, size=(64, 48), outputs=outputs) for some in (scene, clear))
+    shown = foggy.face_id >= 0
+    way = np.linalg.norm(foggy.position[shown] - near.eye, axis=-1)[:, np.newaxis]
+    share = np.exp(-0.3 * way)
+    want = bare.linear[shown][:, :3] * share + (1.0 - share)
+    np.testing.assert_allclose(foggy.linear[shown][:, :3], want, atol=1e-5)
 
 
 def test_what_is_out_of_view_decides_as_well():
