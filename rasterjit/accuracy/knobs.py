@@ -172,6 +172,20 @@ def _without_pixel_normals(plan: RenderPlan) -> str | None:
     return None
 
 
+def _not_in_float32(plan: RenderPlan) -> str | None:
+    """Say why colours are interpolated in float64 whatever is asked for."""
+    contents = plan.facts.contents
+    if not plan.facts.shades:
+        return _unasked(plan, "interpolation_precision")
+    if contents.vertex_colored == 0:
+        return "no mesh has colours of its vertices"
+    if contents.unlit < contents.objects or contents.blended or contents.has_textures:
+        return "an object is lit, textured or blended: colours are interpolated in float64"
+    if plan.facts.asked["fog"] is not None:
+        return "the scene has fog: colours are interpolated in float64"
+    return None
+
+
 def _not_blended(plan: RenderPlan) -> str | None:
     """Say why nothing is mixed."""
     transparency = plan.facts.transparency
@@ -185,5 +199,6 @@ REASONS: dict[str, Callable[[RenderPlan], str | None]] = {
     "shading": _not_lit_finely,
     "renormalize": _without_pixel_normals,
     "blending": _not_blended,
+    "interpolation_precision": _not_in_float32,
 }
 """What says why a setting has no effect in a frame, or None; of others their effects say it."""

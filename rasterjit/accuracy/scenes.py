@@ -220,6 +220,16 @@ def wireframe() -> MadeScene:
     return MadeScene(scene, PerspectiveCamera((0.6, 3.4, 4.0), (0.0, 0.0, 0.0)))
 
 
+def gradients() -> MadeScene:
+    """Return a bumpy ground, unlit, whose vertices have colours that run from dark to light."""
+    vertices, faces = _bumps(12, 6.0, 0.5)
+    shares = _wave(vertices[:, [0]] * 0.31 + vertices[:, [2]] * 0.17 + np.array([0.0, 0.3, 0.6]))
+    scene = Scene()
+    material = Material(shading="unlit", base_color="white")
+    scene.add(Mesh(vertices, faces, colors=shares**3, material=material), name="ground")
+    return MadeScene(scene, PerspectiveCamera((0.2, 2.1, 3.6), (0.0, 0.0, 0.0)))
+
+
 SCENES: dict[str, Callable[[], MadeScene]] = {
     "floor": floor,
     "wires": wires,
@@ -231,6 +241,7 @@ SCENES: dict[str, Callable[[], MadeScene]] = {
     "shadows": shadows,
     "glass": glass,
     "wireframe": wireframe,
+    "gradients": gradients,
 }
 """What makes each scene, by its name on the command line."""
 
@@ -248,6 +259,7 @@ MADE_FOR = {
     "transparency_layers": "glass",
     "blending": "glass",
     "lines": "wireframe",
+    "interpolation_precision": "gradients",
 }
 """The scene that each setting matters most to."""
 

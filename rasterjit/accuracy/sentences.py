@@ -20,6 +20,7 @@ PHRASES = {
     "transparency_layers": "{} transparent layers",
     "blending": "blending in {}",
     "lines": "{} lines",
+    "interpolation_precision": "{} interpolation of colours",
 }
 """What a level of each setting is called."""
 

@@ -450,7 +450,7 @@ def explain(
 @click.option("--scene", "made", type=MadeSceneType(), metavar="NAME",
               help="Instead of FILE, a scene made for some of the settings: floor, wires, "
                    "slivers, near-and-far, far-from-origin, coplanar, highlights, shadows, glass, "
-                   "wireframe.")  # fmt: skip
+                   "wireframe, gradients.")  # fmt: skip
 @click.option("--knobs", type=KnobsType(), metavar="NAMES",
               help="Settings to try, separated by commas; default: all: "
                    f"{', '.join(LEVELS)}.")  # fmt: skip

@@ -226,6 +226,8 @@ class Surface(NamedTuple):
     """What it takes to find the alpha of a sample | None -> all are opaque."""
     microfacets: Microfacets | None = None
     """Metallic-roughness materials | None -> none."""
+    in_float32: bool = False
+    """Whether colours between those of vertices are found in float32."""
 
 
 class Lighting(NamedTuple):

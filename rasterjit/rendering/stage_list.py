@@ -32,6 +32,7 @@ from rasterjit.pipeline.records import (
 )
 from rasterjit.pipeline.surface import (
     attributes,
+    float32_weights,
     maps,
     texture_gradients,
     texture_lookup,
@@ -64,12 +65,18 @@ def surface_steps(
 ) -> list[Step]:
     """Return the stages that find what the surfaces are like: weights, colours, normals, points."""
     materials = surface.materials
-    steps = [Step(weights.find_weights, (geometry, placement))]
+    if surface.in_float32:
+        steps = [Step(float32_weights.find_float32_weights, (geometry,))]
+    else:
+        steps = [Step(weights.find_weights, (geometry, placement))]
     if surface.textures is not None:
         steps += coordinate_steps(surface.textures, geometry)
     steps.append(Step(attributes.tint_samples, (materials,)))
     if surface.vertex_colors is not None:
-        steps.append(Step(attributes.multiply_vertex_colors, (surface.vertex_colors,)))
+        multiply = attributes.multiply_vertex_colors
+        if surface.in_float32:
+            multiply = attributes.multiply_vertex_colors_in_float32
+        steps.append(Step(multiply, (surface.vertex_colors,)))
     # Vertices are lit with their own colours; what faces and textures show multiplies that.
     if surface.lit_vertices is not None:
         lit = surface.lit_vertices, materials, rows.RED

@@ -140,6 +140,24 @@ class Facts:
         return self.draws_faces or self.diagnose or bool({*self.outputs} - {"color", "linear"})
 
     @cached_property
+    def interpolates_in_float32(self) -> bool:
+        """
+        Whether colours between those of vertices are found in float32.
+
+        Whatever is in view, so that a part of a picture has the bits of the whole.
+        """
+        quality, contents = self.quality, self.contents
+        return (
+            quality.interpolation_precision == "adaptive"
+            and quality.samples in (1, *SUPERSAMPLED)
+            and contents.vertex_colored > 0
+            and contents.unlit == contents.objects
+            and contents.blended == 0
+            and not contents.has_textures
+            and self.asked["fog"] is None
+        )
+
+    @cached_property
     def needs_gouraud(self) -> bool:
         """Whether vertices are lit."""
         return self.is_lit and self.seen.gouraud > 0

@@ -40,7 +40,9 @@ class Shading(MaterialRow):
 
     name = "shading"
     is_explained = True
-    settings = ("samples", "interpolation", "shading", "renormalize")
+    settings = (
+        "samples", "interpolation", "shading", "renormalize", "interpolation_precision",
+    )  # fmt: skip
 
     def is_in(self, facts: Facts) -> bool:
         """Tell whether the colour of a face is asked for that may be seen."""
@@ -53,7 +55,10 @@ class Shading(MaterialRow):
         if not facts.draws_faces:
             return "only the wireframe is drawn"
         shadings = ", ".join(sorted(facts.seen.shadings))
-        return shadings + settings_asked(facts, "shading") if shadings else "no object is in view"
+        if not shadings:
+            return "no object is in view"
+        colors = "; colours of vertices in float32" if facts.interpolates_in_float32 else ""
+        return shadings + settings_asked(facts, "shading") + colors
 
 
 class Lights(MaterialRow):

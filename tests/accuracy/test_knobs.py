@@ -23,6 +23,15 @@ def one(shading="phong", **material):
     return scene
 
 
+def colored(shading, fog=None):
+    """Return a scene of a triangle with colours of its vertices."""
+    scene = rj.Scene()
+    material = rj.Material(shading=shading)
+    scene.add(rj.Mesh(*TRIANGLE, colors=np.eye(3), material=material))
+    scene.fog = fog
+    return scene
+
+
 def test_every_level_is_tried_one_at_a_time_from_the_standard():
     attempts = single_attempts(tuple(LEVELS))
     for attempt in attempts:
@@ -104,6 +113,9 @@ def test_a_made_scene_needs_the_settings_that_it_was_made_for(name):
         ("shading", one("unlit"), "every material in view is unlit"),
         ("renormalize", one("gouraud"), "no normals are interpolated"),
         ("renormalize", one("unlit"), "every material in view is unlit"),
+        ("interpolation_precision", one("unlit"), "no mesh has colours of its vertices"),
+        ("interpolation_precision", colored("phong"), "an object is lit, textured or blended"),
+        ("interpolation_precision", colored("unlit", rj.Fog(density=1.0)), "the scene has fog"),
     ],
 )
 def test_a_setting_without_effect_has_its_reason(setting, scene, words):
@@ -115,6 +127,10 @@ def test_what_a_plain_scene_needs():
         "subpixel_bits", "samples", "interpolation", "depth_format", "precision", "shading",
         "renormalize",
     }  # fmt: skip
+
+
+def test_unlit_colours_of_vertices_need_a_precision():
+    assert "interpolation_precision" not in idle(colored("unlit"))
 
 
 def test_parallel_light_rays_need_no_perspective():

@@ -229,3 +229,24 @@ def shade_sample(model, weights, corners, normals, colors, material, lights, amb
         for n in range(3)
     ]  # fmt: skip
     return blend(weights, lit)
+
+
+# --- colours in float32 ---------------------------------------------------------------------------
+
+
+def float32_weights(corners, ws, point):
+    """
+    Return the weights of a face's vertices at a point, step by step in float32.
+
+    Takes snapped corners and the point as whole numbers, starting from the vertex with the lowest
+    number, and w: what ``float32_weights`` finds of faces that it is sure of.
+    """
+    float32 = np.float32
+    edges = []
+    for k in range(3):
+        (ax, ay), (bx, by) = corners[(k + 1) % 3], corners[(k + 2) % 3]
+        whole = (bx - ax) * (int(point[1]) - ay) - (by - ay) * (int(point[0]) - ax)
+        edges.append(float32(whole))
+    shares = [edges[0], *(edges[k] * float32(ws[0] / ws[k]) for k in (1, 2))]
+    over = float32(1) / (shares[0] + shares[1] + shares[2])
+    return [share * over for share in shares]

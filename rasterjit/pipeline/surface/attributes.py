@@ -157,6 +157,20 @@ def multiply_face_colors_below_highlights(
                         samples[row.RED + k, n] = color * own
 
 
+@helper
+def mean(weights, value0, value1, value2):
+    """
+    Return the weighted mean of values that are not negative, held to their range.
+
+    Nothing cancels: it is off by little more of itself than the weights are. Equal values give
+    exactly themselves.
+    """
+    lowest, highest = min(value0, min(value1, value2)), max(value0, max(value1, value2))
+    value = weights[0] * value0 + weights[1] * value1 + weights[2] * value2
+    value = value if value >= lowest else lowest
+    return value if value <= highest else highest
+
+
 @disjoint_helper
 def multiply_colors(
     red, green, blue, ra, ga, ba, rb, gb, bb, rc, gc, bc, second, third
@@ -210,6 +224,65 @@ def multiply_vertex_colors(block: Block, count, vertex_colors: float32[:, ::1]):
                 part(samples, row.BLUE, s, e), part(weights, 0, s, e), part(weights, 1, s, e),
                 triple_at(vertex_colors, a), triple_at(vertex_colors, b),
                 triple_at(vertex_colors, c),
+            )  # fmt: skip
+
+
+@disjoint_helper
+def multiply_float32_colors(
+    red, green, blue, ra, ga, ba, rb, gb, bb, rc, gc, bc, first, second, third
+):  # fmt: skip
+    """Multiply colours by those of the vertices, interpolated in float32."""
+    for n in range(red.shape[0]):
+        weights = first[n], second[n], third[n]
+        red[n] *= mean(weights, ra[n], rb[n], rc[n])
+        green[n] *= mean(weights, ga[n], gb[n], gc[n])
+        blue[n] *= mean(weights, ba[n], bb[n], bc[n])
+
+
+@disjoint_helper
+def multiply_float32_along_span(red, green, blue, first, second, third, at_a, at_b, at_c):
+    """Multiply the colours of one face by those of its vertices, interpolated in float32."""
+    for n in range(red.shape[0]):
+        weights = first[n], second[n], third[n]
+        red[n] *= mean(weights, at_a[0], at_b[0], at_c[0])
+        green[n] *= mean(weights, at_a[1], at_b[1], at_c[1])
+        blue[n] *= mean(weights, at_a[2], at_b[2], at_c[2])
+
+
+@helper
+def color_of(vertex_colors, vertex):
+    """Return red, green and blue of a vertex."""
+    return vertex_colors[vertex, 0], vertex_colors[vertex, 1], vertex_colors[vertex, 2]
+
+
+@stage
+def multiply_vertex_colors_in_float32(block: Block, count, vertex_colors: float32[:, ::1]):
+    """Do what `multiply_vertex_colors` does with weights of float32."""
+    samples, whole, weights, rows = (
+        block.samples, block.whole, block.float32_weights, block.single
+    )  # fmt: skip
+    for k in range(block.counts[SEGMENTS]):
+        segment = block.segments[k]
+        s, e = np.int64(segment[START]), np.int64(segment[STOP])
+        red, green, blue = (
+            part(samples, row.RED, s, e), part(samples, row.GREEN, s, e),
+            part(samples, row.BLUE, s, e),
+        )  # fmt: skip
+        first, second, third = (
+            part(weights, 0, s, e), part(weights, 1, s, e), part(weights, 2, s, e)
+        )  # fmt: skip
+        if segment[KIND] == MIXED:
+            gather_values(segment[FIRST_PATCH], segment[END_PATCH], vertex_colors, whole, rows)
+            multiply_float32_colors(
+                red, green, blue, part(rows, 0, s, e), part(rows, 1, s, e), part(rows, 2, s, e),
+                part(rows, 3, s, e), part(rows, 4, s, e), part(rows, 5, s, e), part(rows, 6, s, e),
+                part(rows, 7, s, e), part(rows, 8, s, e), first, second, third,
+            )  # fmt: skip
+        else:
+            a, b, c = span_corners(segment, whole)
+            multiply_float32_along_span(
+                red, green, blue, first, second, third, color_of(vertex_colors, a),
+                color_of(vertex_colors, b), color_of(vertex_colors, c),
             )  # fmt: skip
 
 

@@ -69,7 +69,7 @@ def run_end(faces, column):
     size = faces.shape[0]
     while end < size and faces[np.uintp(end)] == face:
         end += 1
-        if end - column >= LONG:
+        if end - column == LONG:
             while end + LONG <= size and differences(faces[end : end + LONG], face) == 0:
                 end += LONG
     return end
@@ -87,11 +87,27 @@ def shows_one_face(faces, column):
 
 
 @helper
+def others(faces, first, last):
+    """Return 0 if some samples all show faces first..last - 1."""
+    found = np.int32(0)
+    for i in range(faces.shape[0]):
+        found |= np.int32((faces[i] < first) | (faces[i] >= last))
+    return found
+
+
+@helper
 def mixed_end(faces, column, first, last):
     """Return where neighbours end that show faces first..last - 1, or where a span begins."""
-    end = column + 1
-    while end < faces.shape[0] and first <= faces[np.uintp(end)] < last:
-        if end % LONG == 0 and shows_one_face(faces, end):
+    end, size = column + 1, faces.shape[0]
+    first, last = np.int32(first), np.int32(last)
+    while end < size:
+        if end % LONG == 0:
+            if shows_one_face(faces, end):
+                break
+            if end + LONG <= size and others(faces[end : end + LONG], first, last) == 0:
+                end += LONG
+                continue
+        if not first <= faces[np.uintp(end)] < last:
             break
         end += 1
     return end

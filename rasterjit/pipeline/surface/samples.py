@@ -110,6 +110,8 @@ class Block(NamedTuple):
     """Patches, and whole numbers of samples."""
     weights: float64[2, ROOM]
     """Of the second and the third vertex of each sample's face."""
+    float32_weights: float32[3, ROOM]
+    """Of all three vertices: see ``float32_weights``."""
     samples: float32[BLOCK_ROWS, ROOM]
     """Colours, normals ...: the rows named above."""
     real: float64[VERTEX_ROWS, ROOM]

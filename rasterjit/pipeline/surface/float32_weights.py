@@ -1,0 +1,252 @@
+"""
+Find the weights of samples in float32, as accurate as an 8-bit picture calls for, for less.
+
+Edge functions are whole numbers and exact here, too; they have one sign on a face that a sample
+lies on, and so has w. The weights
+
+    b_k = e_k (w_0 / w_k) / (e_0 + e_1 (w_0 / w_1) + e_2 (w_0 / w_2))
+
+are therefore quotients of sums without cancellation: each is off by at most `WEIGHT_ERROR` of
+itself, however thin or long the face is and however much w differs. Where float32 would leave its
+range, and on clipped faces, whose edges are not known, a sample is weighed in float64 and rounded.
+
+A sample's weights depend on its face and its pixel alone.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rasterjit.pipeline.geometry.barycentric import sample_weights
+from rasterjit.pipeline.geometry.setup import CLIPPED, GUARD_PIXELS, whole_size
+from rasterjit.pipeline.records import Geometry
+from rasterjit.pipeline.surface.listing import whole_vectors
+from rasterjit.pipeline.surface.samples import (
+    AX,
+    AY,
+    BX,
+    BY,
+    COLUMN,
+    COLUMN_OF,
+    CX,
+    CY,
+    END_PATCH,
+    FIRST,
+    FIRST_PATCH,
+    KIND,
+    ROW,
+    ROW_OF,
+    SEGMENTS,
+    SPAN,
+    START,
+    STOP,
+    A,
+    B,
+    Block,
+    C,
+)
+from rasterjit.pipeline.surface.weights import span_start
+from rasterjit.runtime.intrinsics import part, spread
+from rasterjit.runtime.jit import disjoint_helper, helper, stage
+
+WEIGHT_ERROR = 10.0 * 2.0**-24
+"""
+Relative error of a weight, at most: each step rounds by 2**-24 of its result.
+
+An edge and a ratio are rounded once, their product once more: 3. Their sum adds 2 to what its terms
+are off by: 5. Its inverse and the product with it are rounded: 3 + 5 + 2.
+"""
+
+LEAST_TOTAL, LARGEST_TOTAL = np.float32(2.0**-64), np.float32(2.0**120)
+"""
+Sums of weights between these are accurate.
+
+A ratio below the normal range is off by at most 2**-150, times an edge of at most 2**54: nothing
+beside 2**-64.
+"""
+
+WIDE = 1 << 26
+"""Ways across a face of less have products that float64 holds exactly, sub-pixel units."""
+
+RATIO_B, RATIO_C = 0, 1
+EDGE_A, EDGE_B, EDGE_C = 2, 3, 4
+"""Rows of ``single``: w of the first vertex over that of the others; edge functions."""
+
+
+@helper
+def is_wide(a, b, c, xy):
+    """Return whether float64 may not hold products of ways across a face exactly."""
+    right = abs(xy[b, 0] - xy[a, 0]) | abs(xy[c, 0] - xy[a, 0])
+    down = abs(xy[b, 1] - xy[a, 1]) | abs(xy[c, 1] - xy[a, 1])
+    return (right | down) >= WIDE
+
+
+@helper
+def gather_screen(first, end, geometry, has_wide, whole, single):
+    """
+    Gather where vertices of patches lie on the screen, and ratios of w.
+
+    Returns not 0 if a face was clipped or is wide; it looks for the latter if ``has_wide``.
+    """
+    xy, codes, w = geometry.xy, geometry.codes, geometry.w
+    is_affine, code, one = w.shape[0] == 0, np.uint8(0), np.float32(1.0)
+    found = False
+    for r in range(np.uintp(first), np.uintp(end)):
+        n = np.uintp(whole[FIRST, r])
+        a, b, c = np.uintp(whole[A, r]), np.uintp(whole[B, r]), np.uintp(whole[C, r])
+        code |= codes[a] | codes[b] | codes[c]
+        spread(whole[AX], n, xy[a, 0])
+        spread(whole[AY], n, xy[a, 1])
+        spread(whole[BX], n, xy[b, 0])
+        spread(whole[BY], n, xy[b, 1])
+        spread(whole[CX], n, xy[c, 0])
+        spread(whole[CY], n, xy[c, 1])
+        spread(single[RATIO_B], n, one if is_affine else np.float32(w[a] / w[b]))
+        spread(single[RATIO_C], n, one if is_affine else np.float32(w[a] / w[c]))
+        if has_wide:
+            found |= is_wide(a, b, c, xy)
+    return np.int32(code & CLIPPED) | np.int32(found)
+
+
+@disjoint_helper
+def find_edges(ax, ay, bx, by, cx, cy, columns, rows, bits, half, edge_a, edge_b, edge_c):
+    """Write the edge functions of samples, each of a face of its own."""
+    for n in range(ax.shape[0]):
+        px = np.int32((columns[n] << bits) + half)
+        py = np.int32((rows[n] << bits) + half)
+        # Whole numbers of at most 26 bits: their products, and differences of these, are exact.
+        x0, y0 = np.float64(np.int32(ax[n] - px)), np.float64(np.int32(ay[n] - py))
+        x1, y1 = np.float64(np.int32(bx[n] - px)), np.float64(np.int32(by[n] - py))
+        x2, y2 = np.float64(np.int32(cx[n] - px)), np.float64(np.int32(cy[n] - py))
+        edge_a[n] = np.float32(x1 * y2 - y1 * x2)
+        edge_b[n] = np.float32(x2 * y0 - y2 * x0)
+        edge_c[n] = np.float32(x0 * y1 - y0 * x1)
+
+
+@helper
+def is_accurate(total):
+    """Return whether a sum of weights is accurate, as far as the range of float32 goes."""
+    size = abs(total)
+    return (size > LEAST_TOTAL) & (size < LARGEST_TOTAL)
+
+
+@disjoint_helper
+def divide(edge_a, edge_b, edge_c, ratio_b, ratio_c, count, first, second, third):
+    """Write the weights; return not 0 if one of ``count`` is doubtful."""
+    found, one = np.int32(0), np.float32(1.0)
+    for n in range(edge_a.shape[0]):
+        w0, w1, w2 = edge_a[n], edge_b[n] * ratio_b[n], edge_c[n] * ratio_c[n]
+        total = w0 + w1 + w2
+        over = one / total
+        first[n], second[n], third[n] = w0 * over, w1 * over, w2 * over
+        doubtful = np.int32(not is_accurate(total))
+        found |= doubtful if np.int32(n) < count else np.int32(0)
+    return found
+
+
+@helper
+def weigh_mixed(segment, block, geometry, has_wide):
+    """Write the weights of the samples of a mixed segment; return not 0 if any is unsure."""
+    whole, single, weights = block.whole, block.single, block.float32_weights
+    s = np.int64(segment[START])
+    count = np.int32(segment[STOP] - s)
+    e = s + whole_vectors(count)
+    patches = segment[FIRST_PATCH], segment[END_PATCH]
+    unsure = gather_screen(patches[0], patches[1], geometry, has_wide, whole, single)
+    bits = geometry.viewport.grid_bits
+    edge_a, edge_b, edge_c = (
+        part(single, EDGE_A, s, e), part(single, EDGE_B, s, e), part(single, EDGE_C, s, e)
+    )  # fmt: skip
+    find_edges(
+        part(whole, AX, s, e), part(whole, AY, s, e), part(whole, BX, s, e), part(whole, BY, s, e),
+        part(whole, CX, s, e), part(whole, CY, s, e), part(whole, COLUMN, s, e),
+        part(whole, ROW, s, e), bits, np.int32(1) << (bits - 1), edge_a, edge_b, edge_c,
+    )  # fmt: skip
+    return unsure | divide(
+        edge_a, edge_b, edge_c, part(single, RATIO_B, s, e), part(single, RATIO_C, s, e), count,
+        part(weights, 0, s, e), part(weights, 1, s, e), part(weights, 2, s, e),
+    )  # fmt: skip
+
+
+@disjoint_helper
+def weigh_along_row(first, second, third, edges, steps, ratio_b, ratio_c):
+    """Write the weights along a row of one face; return not 0 if any is doubtful."""
+    found, one = np.int32(0), np.float32(1.0)
+    for n in range(first.shape[0]):
+        # Exact: whole numbers below 2**53, as edge functions on the face are.
+        way = np.float64(np.int32(n))
+        w0 = np.float32(edges[0] + way * steps[0])
+        w1 = np.float32(edges[1] + way * steps[1]) * ratio_b
+        w2 = np.float32(edges[2] + way * steps[2]) * ratio_c
+        total = w0 + w1 + w2
+        over = one / total
+        first[n], second[n], third[n] = w0 * over, w1 * over, w2 * over
+        found |= np.int32(not is_accurate(total))
+    return found
+
+
+@helper
+def weigh_span(segment, block, geometry):
+    """Write the weights of the samples of a span; return not 0 if any is unsure."""
+    whole, weights = block.whole, block.float32_weights
+    xy, codes, w = geometry.xy, geometry.codes, geometry.w
+    r, s, e = np.uintp(segment[FIRST_PATCH]), np.int64(segment[START]), np.int64(segment[STOP])
+    a, b, c = np.uintp(whole[A, r]), np.uintp(whole[B, r]), np.uintp(whole[C, r])
+    column, row = np.int64(segment[COLUMN_OF]), np.int64(segment[ROW_OF])
+    if (codes[a] | codes[b] | codes[c]) & CLIPPED or is_wide(a, b, c, xy):
+        return np.int32(1)
+    edges, steps, _, _ = span_start(a, b, c, column, row, geometry.viewport.grid_bits, xy, w)
+    is_affine, one = w.shape[0] == 0, np.float32(1.0)
+    return weigh_along_row(
+        part(weights, 0, s, e), part(weights, 1, s, e), part(weights, 2, s, e),
+        (np.float64(edges[0]), np.float64(edges[1]), np.float64(edges[2])),
+        (np.float64(steps[0]), np.float64(steps[1]), np.float64(steps[2])),
+        one if is_affine else np.float32(w[a] / w[b]),
+        one if is_affine else np.float32(w[a] / w[c]),
+    )  # fmt: skip
+
+
+@helper
+def is_sure(a, b, c, column, row, geometry):
+    """Return whether float32 is enough for a sample: the same in a span and elsewhere."""
+    codes, xy, w, bits = geometry.codes, geometry.xy, geometry.w, geometry.viewport.grid_bits
+    if (codes[a] | codes[b] | codes[c]) & CLIPPED or is_wide(a, b, c, xy):
+        return False
+    (e0, e1, e2), _, _, _ = span_start(a, b, c, column, row, bits, xy, w)
+    w0, w1, w2 = np.float32(e0), np.float32(e1), np.float32(e2)
+    if w.shape[0] != 0:
+        w1, w2 = w1 * np.float32(w[a] / w[b]), w2 * np.float32(w[a] / w[c])
+    return is_accurate(w0 + w1 + w2)
+
+
+@helper
+def weigh_unsure(segment, block, geometry):
+    """Write exactly, rounded once, the weights of the unsure samples of a segment."""
+    whole, weights = block.whole, block.float32_weights
+    for r in range(np.uintp(segment[FIRST_PATCH]), np.uintp(segment[END_PATCH])):
+        a, b, c = np.uintp(whole[A, r]), np.uintp(whole[B, r]), np.uintp(whole[C, r])
+        start = np.int64(whole[FIRST, r])
+        for n in range(np.uintp(start), np.uintp(whole[FIRST, r + np.uintp(1)])):
+            column, row = np.int64(whole[COLUMN, n]), np.int64(whole[ROW, n])
+            if segment[KIND] == SPAN:
+                column, row = segment[COLUMN_OF] + np.int64(n) - start, np.int64(segment[ROW_OF])
+            if not is_sure(a, b, c, column, row, geometry):
+                exact = sample_weights(a, b, c, column, row, geometry)
+                for k in range(3):
+                    weights[k, n] = np.float32(exact[k])
+
+
+@stage
+def find_float32_weights(block: Block, count, geometry: Geometry):
+    """Write the weights of the samples of a block, which lie on their faces, in float32."""
+    viewport = geometry.viewport
+    width, height = whole_size(viewport)
+    units = (max(width, height) + 2 * GUARD_PIXELS) << viewport.grid_bits
+    for k in range(block.counts[SEGMENTS]):
+        segment = block.segments[k]
+        if segment[KIND] == SPAN:
+            unsure = weigh_span(segment, block, geometry)
+        else:
+            unsure = weigh_mixed(segment, block, geometry, units >= WIDE)
+        if unsure != 0:
+            weigh_unsure(segment, block, geometry)
