@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from rasterjit.outputs.batch import Batch
 from rasterjit.outputs.frame import Stats
 from rasterjit.outputs.table import Outputs, is_attribute, row_of
-from rasterjit.rendering import notices
+from rasterjit.rendering import notices, together
 from rasterjit.rendering import plan as planning
 from rasterjit.rendering.plan import Cull
 from rasterjit.rendering.renderer import Renderer
@@ -32,6 +32,7 @@ from rasterjit.rendering.stream import (
     check_item,
     share_threads,
 )
+from rasterjit.rendering.together import Together
 from rasterjit.rendering.views import naming, plan_views
 from rasterjit.runtime.ahead import beside
 from rasterjit.scene.background import Background
@@ -51,6 +52,9 @@ VIEWS_PER_GROUP = 32
 
 WORK_PER_GROUP = 1 << 21
 """Faces and pixels, about, after which a group ends: far less than a second's work."""
+
+MATRIX_WORK = 64
+"""What an object costs beside a face: its matrices are found for all views of a group at once."""
 
 COUNTED = ("triangles_in", "outside", "culled", "degenerate", "unsampled", "invalid", "drawn",
            "clipped", "pixels_covered")  # fmt: skip
@@ -251,14 +255,20 @@ class Drawn(NamedTuple):
     """What there is to warn of."""
 
 
-def _draw_all(views: AllViews, cache: SceneCache, workers: int) -> tuple[Any, dict[str, str]]:
+def _draw_all(
+    views: AllViews, cache: SceneCache, workers: int
+) -> tuple[NDArray[np.int64], dict[str, str]]:
     """Draw all views; return the sums of their statistics, and what there is to warn of."""
     count, (width, height) = len(views.cameras), views.options.size
-    work = width * height + len(cache.shapes.arrays.faces)
+    work = width * height + len(cache.shapes.arrays.faces) + MATRIX_WORK * len(cache.matrices)
     most = max(1, min(VIEWS_PER_GROUP, WORK_PER_GROUP // work, -(-count // workers)))
     groups = [range(n, min(n + most, count)) for n in range(0, count, most)]
+    make: Callable[[], Callable[[range], Drawn]] = partial(OneByOne, views, cache)
+    if together.is_possible(views.options):
+        shared = Together(views.scene, cache, views.options, views.arrays, views.scene_of)
+        make = partial(InGroups, views, cache, shared)
     totals, told = np.zeros(len(COUNTED), np.int64), {}
-    for drawn in in_threads(partial(OneByOne, views, cache), groups, workers):
+    for drawn in in_threads(make, groups, workers):
         totals += drawn.totals
         told = drawn.notices | told
     return totals, told
@@ -319,7 +329,7 @@ class OneByOne:
         self._renderer = Renderer(options.size, quality=options.quality, threads=1)
         self._renderer._cache, self._renderer.told = cache, None
 
-    def __call__(self, group: range) -> Drawn:
+    def __call__(self, group: Iterable[int]) -> Drawn:
         """Draw some views."""
         views, (_, _, outputs, background, cull) = self._views, self._views.options
         totals, told = np.zeros(len(COUNTED), np.int64), {}
@@ -333,3 +343,35 @@ class OneByOne:
             totals += [getattr(frame.stats, name) for name in COUNTED]
             told = notices.notices_of(frame.plan, frame.stats) | told
         return Drawn(totals, told)
+
+
+class InGroups:
+    """
+    Draws groups of views, one by one those that share too little.
+
+    Parameters
+    ----------
+    views : AllViews
+    cache : SceneCache
+        Of the scene.
+    shared : Together
+    """
+
+    def __init__(self, views: AllViews, cache: SceneCache, shared: Together) -> None:
+        self._views = views
+        self._drawer, self._alone = together.Drawer(shared), OneByOne(views, cache)
+        self._faces = len(cache.shapes.arrays.faces)
+
+    def __call__(self, group: range) -> Drawn:
+        """Draw some views."""
+        views, some = self._views, slice(group.start, group.stop)
+        places = None if views.places is None else views.places[some]
+        counted, left, told = self._drawer.draw(group, views.cameras[some], places)
+        totals, others = self._alone(left)
+        for rows in counted:
+            outside, degenerate, culled, unsampled, invalid, covered = rows.sum(axis=0).tolist()
+            faces = len(rows) * self._faces
+            drawn = faces - (outside + degenerate + culled + unsampled + invalid)
+            own = faces, outside, culled, degenerate, unsampled, invalid, drawn, 0, covered
+            totals += np.array(own)
+        return Drawn(totals, others | told)
