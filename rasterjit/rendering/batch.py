@@ -32,7 +32,7 @@ from rasterjit.rendering.stream import (
     check_item,
     share_threads,
 )
-from rasterjit.rendering.together import Together
+from rasterjit.rendering.together import Projections, Together
 from rasterjit.rendering.views import naming, plan_views
 from rasterjit.runtime.ahead import beside
 from rasterjit.scene.background import Background
@@ -134,9 +134,10 @@ def render_batch(
     scene, options = check_arguments(what, size, quality, outputs, background, cull)
     check_cameras(cameras)
     eyes = [check_item(number, camera) for number, camera in enumerate(cameras)]
+    projections = Projections(options.size)
     for number, camera in enumerate(eyes):
         with naming(f"cameras[{number}]"):
-            camera.projection_matrix(options.size)
+            projections.of(camera)
     places = check_transforms(transforms, len(eyes), scene)
     arrays = check_out(out, _shapes(scene, len(eyes), options), places)
     workers, own = share_threads(threads, None)
@@ -150,7 +151,7 @@ def render_batch(
             options.background, cull, False, None, cache,
         )  # fmt: skip
         with beside(partial(planning.list_tasks, first.plan), workers * own):
-            totals, told = _draw_all(views, cache, workers)
+            totals, told = _draw_all(views, cache, projections, workers)
     notices.warn(told, set())
     *counts, covered = totals.tolist()
     named = dict(zip(COUNTED, counts, strict=False))
@@ -256,7 +257,7 @@ class Drawn(NamedTuple):
 
 
 def _draw_all(
-    views: AllViews, cache: SceneCache, workers: int
+    views: AllViews, cache: SceneCache, projections: Projections, workers: int
 ) -> tuple[NDArray[np.int64], dict[str, str]]:
     """Draw all views; return the sums of their statistics, and what there is to warn of."""
     count, (width, height) = len(views.cameras), views.options.size
@@ -265,7 +266,9 @@ def _draw_all(
     groups = [range(n, min(n + most, count)) for n in range(0, count, most)]
     make: Callable[[], Callable[[range], Drawn]] = partial(OneByOne, views, cache)
     if together.is_possible(views.options):
-        shared = Together(views.scene, cache, views.options, views.arrays, views.scene_of)
+        shared = Together(
+            views.scene, cache, views.options, views.arrays, views.scene_of, projections
+        )
         make = partial(InGroups, views, cache, shared)
     totals, told = np.zeros(len(COUNTED), np.int64), {}
     for drawn in in_threads(make, groups, workers):

@@ -94,6 +94,9 @@ pictures."""
 MOST_KINDS = 8
 """Most kinds of plans that are kept, each with memory for each thread."""
 
+MOST_PROJECTIONS = 256
+"""Most projection matrices that are remembered."""
+
 MOST_SETS = 4096
 """Most sets of objects in view that are remembered."""
 
@@ -140,6 +143,33 @@ def can_share(plan: RenderPlan, scene: Scene, cache: SceneCache) -> bool:
     )
 
 
+class Projections:
+    """
+    The projection matrices of cameras for one size of picture; few of many cameras differ there.
+
+    Parameters
+    ----------
+    size : (int, int)
+        Width and height, pixels.
+    """
+
+    def __init__(self, size: tuple[int, int]) -> None:
+        self._size = size
+        self._known: dict[tuple, Float64] = {}
+
+    def of(self, camera: Camera) -> Float64:
+        """Return ``camera.projection_matrix(size)``, not to be changed."""
+        if type(camera) is not PerspectiveCamera:
+            return camera.projection_matrix(self._size)
+        key = camera.fov_y, camera.near, camera.far, camera.min_aspect
+        found = self._known.get(key)
+        if found is None:
+            found = camera.projection_matrix(self._size)
+            if len(self._known) < MOST_PROJECTIONS:
+                self._known[key] = found
+        return found
+
+
 class Prepared(NamedTuple):
     """Some views, as far as they differ."""
 
@@ -162,14 +192,15 @@ class Together:
         (N, H, W, ...) of each output: where views are written.
     scene_of : callable
         Returns the scene as it is in a view, given its number.
+    projections : Projections
     """
 
     def __init__(
         self, scene: Scene, cache: SceneCache, options: Options, arrays: Arrays,
-        scene_of: Callable[[int], Scene],
+        scene_of: Callable[[int], Scene], projections: Projections,
     ) -> None:  # fmt: skip
         self.scene, self.cache, self.options, self.arrays = scene, cache, options, arrays
-        self._scene_of = scene_of
+        self._scene_of, self.projections = scene_of, projections
         self.lights = shared_lights(scene)
         self.has_headlight = not scene.lights and scene.environment is None
         self._plans: dict[tuple, RenderPlan | None] = {}
@@ -194,7 +225,7 @@ class Together:
 
     def prepare(self, cameras: Sequence[Camera], places: Float64 | None) -> Prepared:
         """Prepare some views, with the places of their objects, (N, O, 4, 4), if these move."""
-        size, count = self.options.size, len(cameras)
+        count = len(cameras)
         known = self.cache.places if places is None else place_many(exact_last_rows(places))
         if places is None:
             known = Places(*(part[np.newaxis] for part in known))
@@ -205,7 +236,7 @@ class Together:
             camera = self._look(seen[n], None if places is None else known.world_from_model[n])
             is_plain[n], seen[n] = camera is not None, camera or seen[n]
         eyes = np.array([camera.eye_position() for camera in seen])
-        projection = np.array([camera.projection_matrix(size) for camera in seen])
+        projection = np.array([self.projections.of(camera) for camera in seen])
         views = view_many(known.world_from_model, eyes, view, projection)
         in_view, largest = find_in_view(self.cache.shapes.boxes, views)
         coefficients = np.array([camera.depth_coefficients() for camera in seen])
@@ -295,9 +326,9 @@ class Together:
             fields["distance_axis"] = np.concatenate((axis, sizes[:, np.newaxis]), axis=1)
             fields["is_parallel"] = (views.toward_viewer[:, 3:] == 0.0).astype(np.int64)
         if self.has_headlight:
-            fields["lights"] = headlight_rows(cameras[0], view)
+            fields["light_rows"] = headlight_rows(cameras[0], view)
         else:
-            fields["lights"] = light_rows(self.lights, cameras[0], eyes)
+            fields["light_rows"] = light_rows(self.lights, cameras[0], eyes)
         return {name: _words(values) for name, values in fields.items()}
 
 
@@ -533,7 +564,7 @@ class Desk:
         lighting = plan.lighting
         if lighting is not None:
             count = len(lighting.lights)
-            lights = self._field("lights", (count, LIGHT_COLUMNS), np.float32)
+            lights = self._field("light_rows", (count, LIGHT_COLUMNS), np.float32)
             lighting = lighting._replace(lights=lights)
         effects = tuple(Active(one.effect, one.data) for one in plan.planned if one.effect.places)
         placement = shade.placement_to_light(plan, self._placement)
