@@ -15,6 +15,7 @@ from typing import Any
 import click
 from rich.console import Console
 
+from benchmarks import instructions as sets
 from benchmarks import report
 from benchmarks.checkouts import RevisionError, checkouts
 from benchmarks.judging import LIMIT, Comparison, judge_code, judge_times
@@ -40,16 +41,23 @@ progress = Console(stderr=True)
 
 
 class Tree:
-    """One version: its name, its folder, and a cache for its kernels."""
+    """
+    One version: its name, its folder, and a cache for its kernels.
 
-    def __init__(self, name: str, folder: Path, cache: Path) -> None:
+    Its processes are held to a set of `benchmarks.instructions`.
+    """
+
+    def __init__(
+        self, name: str, folder: Path, cache: Path, instructions: str = sets.NATIVE
+    ) -> None:
         self.name, self.folder, self._cache = name, folder, cache
+        self._instructions = sets.environment(instructions)
 
     def environment(self, cache: str = "kernels") -> dict[str, str]:
         """Return the environment of a worker, with one of the version's caches."""
         place = self._cache / cache
         place.mkdir(parents=True, exist_ok=True)
-        return package_environment(cache_environment(place))
+        return package_environment({**cache_environment(place), **self._instructions})
 
     def worker(self, scene: str, threads: int) -> Worker:
         """Start a worker that draws a scene."""
@@ -161,23 +169,29 @@ def compare_trees(
     "--threads", multiple=True, type=click.IntRange(1, 1024), default=(1,), show_default=True
 )
 @click.option(
+    "--instructions", type=click.Choice(sets.SETS), default=sets.NATIVE, show_default=True,
+    help="What both may use: all that this CPU has, or AVX2 alone.",
+)  # fmt: skip
+@click.option(
     "--instructions-only", is_flag=True,
     help="Compare the compiled code, not the times: the same on every run.",
 )  # fmt: skip
 def compare(
     before: str, after: str, limit: float, only: tuple[str, ...], threads: tuple[int, ...],
-    instructions_only: bool,
+    instructions: str, instructions_only: bool,
 ) -> None:  # fmt: skip
     """
     Compare the speed of commit A and commit B; "." is the working tree.
 
     Ends with status 1 if B is slower than A in any scene, or a kernel lost its vectors.
     """
+    if (reason := sets.missing(instructions)) is not None:
+        raise click.ClickException(reason)
     with tempfile.TemporaryDirectory() as folder:
         try:
             with checkouts((before, after), Path(folder)) as versions:
                 trees = [
-                    Tree(name, place, Path(folder) / f"cache-{number}")
+                    Tree(name, place, Path(folder) / f"cache-{number}", instructions)
                     for number, (name, place) in enumerate(versions)
                 ]
                 rows = compare_trees(
@@ -185,15 +199,19 @@ def compare(
                 )
         except RevisionError as error:
             raise click.ClickException(str(error)) from None
-    names = {"A": f"{before} ({trees[0].name})", "B": f"{after} ({trees[1].name})"}
+    names = {
+        "A": f"{before} ({trees[0].name})",
+        "B": f"{after} ({trees[1].name})",
+        "instructions": sets.name_of(instructions),
+    }
     finish(rows, names, limit)
 
 
 def finish(rows: Sequence[Comparison], names: dict[str, str], limit: float) -> None:
     """Print and write the rows; end with status 1 if any is worse."""
     title = (
-        f"A: {names['A']}, B: {names['B']}; worse: more than {limit:g} times as long; of kernels, "
-        "their instructions"
+        f"A: {names['A']}, B: {names['B']}, {names['instructions']}; worse: more than {limit:g} "
+        "times as long; of kernels, their instructions"
     )
     report.print_table(title, COLUMNS, [cells(row) for row in rows])
     content = {

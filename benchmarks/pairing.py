@@ -110,12 +110,16 @@ class Worker:
                 env=environment,
             )
 
-    def ask(self, command: str) -> dict[str, Any]:
-        """Send a line and return the answer; raise `WorkerError` if there is none."""
+    def tell(self, command: str) -> None:
+        """Send a line."""
         with contextlib.suppress(OSError):
             if self._process.stdin is not None:
                 self._process.stdin.write(command + "\n")
                 self._process.stdin.flush()
+
+    def ask(self, command: str) -> dict[str, Any]:
+        """Send a line and return the answer; raise `WorkerError` if there is none."""
+        self.tell(command)
         return self.answer(DRAW_SECONDS)
 
     def answer(self, seconds: float) -> dict[str, Any]:

@@ -5,11 +5,10 @@ from __future__ import annotations
 import json
 import os
 import platform
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
 
 from rich.console import Console
 from rich.markup import escape
@@ -139,7 +138,6 @@ def write_text(path: Path, text: str) -> None:
 def write(
     rows: Sequence[Row],
     rounds: int,
-    curves: Sequence[Mapping[str, Any]] = (),
     folder: Path | None = None,
 ) -> None:
     """Write ``table.json`` and ``table.md``."""
@@ -148,7 +146,6 @@ def write(
         "machine": facts,
         "rounds": rounds,
         "rows": [asdict(row) for row in rows],
-        "curves": list(curves),
     }
     write_text((folder or RESULTS) / "table.json", json.dumps(content, indent=2) + "\n")
     lines = ["# RasterJIT beside other ways to draw the same pictures", ""]
@@ -156,13 +153,3 @@ def write(
     lines += [f"- medians of up to {rounds} interleaved rounds", ""]
     lines += markdown_table(COLUMNS, [cells(row) for row in folded(rows)])
     write_text((folder or RESULTS) / "table.md", "\n".join(lines) + "\n")
-
-
-def write_curves(
-    rows: Sequence[Row], curves: Sequence[Mapping[str, Any]], folder: Path | None = None
-) -> None:
-    """Write ``curves.json`` and ``curves.md``."""
-    content = {"machine": machine(), "curves": list(curves)}
-    write_text((folder or RESULTS) / "curves.json", json.dumps(content, indent=2) + "\n")
-    lines = ["# How time grows", "", *markdown_table(COLUMNS, [cells(row) for row in rows])]
-    write_text((folder or RESULTS) / "curves.md", "\n".join(lines) + "\n")

@@ -3,7 +3,7 @@ The scenes, named by what they stress; every one is the same numbers on every ma
 
 Positions are float32, faces int32, as OpenGL takes them. Clip space is OpenGL's; screen rows run
 down. ``SCENES`` lists them by name; a ``..._sample`` is a part small enough for plain Python.
-``FAMILIES`` lists scenes of any size, for curves; ``find_scene("triangles:1000")`` makes one.
+``FAMILIES`` lists scenes of any size; ``find_scene("triangles:1000")`` makes one.
 """
 
 from __future__ import annotations
@@ -42,8 +42,7 @@ STRETCH = np.float32([1.6, 1.0, 1.0])
 """What the torus is scaled by, to fill a wide picture."""
 
 QUADS = 20
-CURVE_QUADS = 4
-"""Full-screen quads at each number of pixels of a curve."""
+FEWER_QUADS = 4
 SHORT_LINES, SHORT_LENGTH = 1_000_000, 50
 LONG_LINES, LONG_LENGTH = 20_000, 800
 """Lines, and pixels from end to end."""
@@ -74,6 +73,10 @@ class TriangleScene:
     """(V, 4), linear light; ``None``: the picture is the number of the face at every pixel."""
     normals: NDArray[np.float32] | None = None
     """(V, 3), unit; present: lit per pixel, by the fields from ``to_light`` on."""
+    uv: NDArray[np.float32] | None = None
+    """(V, 2), v up."""
+    texture: NDArray[np.uint8] | None = None
+    """(H, W, 3), sRGB, top row first, H and W powers of two; bilinear, repeated, no mip levels."""
     instances: NDArray[np.float64] | None = None
     """(N, 4, 4), world from model: the mesh is drawn once with each."""
     views: NDArray[np.float64] | None = None
@@ -318,12 +321,7 @@ def triangles_of(count: int) -> TriangleScene:
 
 def fill_of(side: int) -> TriangleScene:
     """Return smooth quads, back to front, over a square of so many pixels a side."""
-    return smooth_quads("back_to_front", (side, side), CURVE_QUADS)
-
-
-def mesh_of(side: int) -> TriangleScene:
-    """Return the seventy thousand faces in a square picture of so many pixels a side."""
-    return replace(mesh_70k(), size=(side, side))
+    return smooth_quads("back_to_front", (side, side), FEWER_QUADS)
 
 
 FAMILIES: dict[str, Callable[[int], Scene]] = {
@@ -331,7 +329,6 @@ FAMILIES: dict[str, Callable[[int], Scene]] = {
     "batch_128": partial(batch_of, 128),
     "triangles": triangles_of,
     "fill": fill_of,
-    "mesh": mesh_of,
 }
 
 

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.contestants import Prepared, opengl
-from benchmarks.contestants.needs import EDGE_COLOR, needs
+from benchmarks.contestants.needs import EDGE_COLOR, needs, refusal
 from benchmarks.contestants.screen import matrices, unique_edges
 from benchmarks.scenes import LineScene, Scene, TriangleScene
 
@@ -97,8 +97,8 @@ def environment(threads: int) -> dict[str, str]:
 
 
 def draws(scene: Scene) -> str | None:
-    """Return ``None``: it draws every scene."""
-    return None
+    """Return ``None``, or the reason why it cannot draw this scene."""
+    return refusal(scene, {})
 
 
 def alike(scene: Scene) -> tuple[float, float]:

@@ -19,7 +19,8 @@ def needs(scene: Scene) -> list[str]:
     Return what a scene asks for.
 
     ``lines``; or ``edges``; or ``triangles`` with one of ``faces`` (the number of the face at every
-    pixel), ``colors`` and ``lighting``; and any of ``instances``, ``views``, ``culling``.
+    pixel), ``colors``, ``texture`` and ``lighting``; and any of ``instances``, ``views``,
+    ``culling``.
     """
     if isinstance(scene, LineScene):
         return ["lines"]
@@ -28,6 +29,8 @@ def needs(scene: Scene) -> list[str]:
         found = ["edges"]
     elif scene.normals is not None:
         found.append("lighting")
+    elif scene.texture is not None:
+        found.append("texture")
     else:
         found.append("faces" if scene.colors is None else "colors")
     for need, present in (
@@ -40,8 +43,13 @@ def needs(scene: Scene) -> list[str]:
     return found
 
 
-def refusal(scene: Scene, unable: Mapping[str, str]) -> str | None:
+NO_TEXTURES = {"texture": "it is given no textures here"}
+"""What all refuse who do not say that they draw them."""
+
+
+def refusal(scene: Scene, unable: Mapping[str, str], *, draws_textures: bool = False) -> str | None:
     """Return why a scene cannot be drawn, given what cannot be met; ``None`` if it can."""
+    unable = unable if draws_textures else {**NO_TEXTURES, **unable}
     reasons = [unable[need] for need in needs(scene) if need in unable]
     return "; ".join(reasons) if reasons else None
 

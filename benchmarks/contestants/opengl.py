@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from benchmarks.contestants import Prepared
 from benchmarks.contestants.needs import EDGE_COLOR, needs
-from benchmarks.contestants.screen import matrices, unique_edges
+from benchmarks.contestants.screen import eye_of, matrices, unique_edges
 from benchmarks.scenes import LineScene, Scene, TriangleScene
 
 NAME = "Mesa llvmpipe"
@@ -45,6 +45,10 @@ in vec3 normal;
 out vec3 mixed_normal;
 out vec3 world;
 #endif
+#ifdef TEXTURE
+in vec2 uv;
+out vec2 place;
+#endif
 void main() {
     vec4 placed = vec4(position, 1.0);
 #ifdef INSTANCES
@@ -58,6 +62,9 @@ void main() {
 #ifdef LIGHTING
     mixed_normal = normal;
     world = placed.xyz;
+#endif
+#ifdef TEXTURE
+    place = uv;
 #endif
 }
 """
@@ -78,6 +85,16 @@ in vec4 mixed;
 out vec4 seen;
 void main() { seen = mixed; }
 """
+
+TEXTURE_SHADER = """
+uniform sampler2D picture;
+in vec2 place;
+out vec4 seen;
+void main() { seen = vec4(texture(picture, place).rgb, 1.0); }
+"""
+
+SRGB = 0x8C41
+"""OpenGL's name of a texture format whose bytes are decoded from sRGB, ``GL_SRGB8``."""
 
 LIT_SHADER = """
 uniform vec3 to_light;
@@ -145,11 +162,14 @@ def alike(scene: Scene) -> tuple[float, float]:
     Return the shares of pixels alike in coverage and in colour that its rules allow for.
 
     A line's last pixel is left out, by the diamond-exit rule; and edges run between points that
-    were not rounded to pixels, so that many a pixel of theirs is another.
+    were not rounded to pixels, so that many a pixel of theirs is another. Of a face smaller than a
+    pixel, what float32 leaves of a place in its texture may be some texels beside.
     """
     if isinstance(scene, LineScene):
         return 0.995, 0.9
-    return (0.9, 0.0) if scene.mode == "edges" else (0.999, 0.99)
+    if scene.mode == "edges":
+        return 0.9, 0.0
+    return (0.999, 0.95) if scene.texture is not None else (0.999, 0.99)
 
 
 def prepare(scene: Scene, threads: int) -> Prepared:
@@ -160,6 +180,8 @@ def prepare(scene: Scene, threads: int) -> Prepared:
         return Triangles(scene, ONE_COLOR_SHADER)
     if scene.normals is not None:
         return Triangles(scene, LIT_SHADER)
+    if scene.texture is not None:
+        return Triangles(scene, TEXTURE_SHADER)
     return Triangles(scene, FACE_SHADER if scene.colors is None else SMOOTH_SHADER)
 
 
@@ -236,6 +258,9 @@ class Triangles:
         defines = [need for need in needs(scene) if need in ("lighting", "instances")]
         if fragment_shader in (SMOOTH_SHADER, LIT_SHADER) and scene.colors is not None:
             defines.append("colors")
+        if scene.texture is not None and fragment_shader == TEXTURE_SHADER:
+            defines.append("texture")
+            self._texture = self._upload_texture(scene.texture)
         self._program = context.program(
             with_defines(VERTEX_SHADER, defines), with_defines(fragment_shader, defines)
         )
@@ -252,12 +277,12 @@ class Triangles:
             context.enable(context.CULL_FACE)
         context.cull_face, context.front_face = "back", "cw"
         self._matrices = [np.array(matrix.T, np.float32).tobytes() for matrix in matrices(scene)]
+        self._eyes = [np.float32(eye_of(matrix)).tobytes() for matrix in matrices(scene)]
 
     def _set_uniforms(self, scene: TriangleScene) -> None:
         """Set what stays the same, where the shader has it."""
         values = {
             "to_light": scene.to_light,
-            "eye": scene.eye,
             "ambient": scene.ambient,
             "specular": scene.specular,
             "shininess": scene.shininess,
@@ -267,6 +292,16 @@ class Triangles:
             if name in self._program:
                 self._program[name].write(np.array(value, np.float32).tobytes())
 
+    def _upload_texture(self, image: NDArray[np.uint8]) -> Any:
+        """Return the texture, 8-bit sRGB as the driver keeps it, bilinear, repeated."""
+        context = self._target.context
+        height, width = image.shape[:2]
+        rows = np.ascontiguousarray(image[::-1])
+        texture = context.texture((width, height), 3, rows.tobytes(), internal_format=SRGB)
+        texture.filter = (context.LINEAR, context.LINEAR)
+        texture.use(0)
+        return texture
+
     def _attributes(self, scene: TriangleScene, defines: list[str]) -> list[tuple[Any, str, str]]:
         """Return the vertex buffers, uploaded, as moderngl takes them."""
         buffer = self._target.context.buffer
@@ -275,6 +310,8 @@ class Triangles:
             found.append((buffer(scene.colors), "4f1", "color"))
         if "lighting" in defines:
             found.append((buffer(scene.normals), "3f", "normal"))
+        if "texture" in defines:
+            found.append((buffer(scene.uv), "2f", "uv"))
         if scene.instances is not None:
             columns = np.ascontiguousarray(scene.instances.transpose(0, 2, 1), np.float32)
             found.append((buffer(columns), "16f/i", "world_from_model"))
@@ -282,15 +319,21 @@ class Triangles:
 
     def draw(self) -> None:
         """Clear, draw, and wait until llvmpipe has finished; all views, each read back."""
-        context = self._target.context
-        mode = context.LINES if self._is_edges else context.TRIANGLES
-        for matrix in self._matrices:
-            self._program["clip_from_world"].write(matrix)
-            self._target.clear()
-            self._array.render(mode, instances=self._instances)
-            context.finish()
+        for number in range(len(self._matrices)):
+            self.draw_view(number)
             if len(self._matrices) > 1:
                 self._target.read()
+
+    def draw_view(self, number: int) -> None:
+        """Clear, draw one view, and wait until llvmpipe has finished."""
+        context = self._target.context
+        self._program["clip_from_world"].write(self._matrices[number])
+        if "eye" in self._program:
+            self._program["eye"].write(self._eyes[number])
+        self._target.clear()
+        mode = context.LINES if self._is_edges else context.TRIANGLES
+        self._array.render(mode, instances=self._instances)
+        context.finish()
 
     def read(self) -> dict[str, NDArray[Any]]:
         """Return the last picture."""
@@ -299,6 +342,10 @@ class Triangles:
     def picture(self) -> dict[str, NDArray[Any]]:
         """Return what is compared."""
         return self._target.picture()
+
+    def close(self) -> None:
+        """Let everything uploaded go."""
+        self._target.context.release()
 
 
 class Lines:

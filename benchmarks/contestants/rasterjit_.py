@@ -8,6 +8,7 @@ the visibility buffer, which holds the face at every pixel and its depth.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from importlib.util import find_spec
 from typing import Any
 
@@ -129,15 +130,41 @@ class Pictures:
         self._cameras = [rj.MatrixCamera(np.eye(4), matrix) for matrix in matrices(scene)]
         quality = rj.Quality(**settings)
         self._renderer = rj.Renderer(scene.size, quality=quality, threads=threads)
+        self._size, self._quality, self._threads = scene.size, quality, threads
 
     def draw(self) -> None:
         """Render every view; a frame's arrays are NumPy's, so that it is read back as well."""
-        for camera in self._cameras:
-            frame = self._renderer.render(
-                self._scene, camera, outputs=(self._output,), background="transparent",
-                cull=self._cull,
-            )  # fmt: skip
-            self._picture = getattr(frame, self._output)
+        for number in range(len(self._cameras)):
+            self.draw_view(number)
+
+    def draw_view(self, number: int) -> None:
+        """Render one view."""
+        frame = self._renderer.render(
+            self._scene, self._cameras[number], outputs=(self._output,), background="transparent",
+            cull=self._cull,
+        )  # fmt: skip
+        self._picture, self._stats = getattr(frame, self._output), frame.stats
+
+    def draw_batch(self, numbers: Sequence[int]) -> bool:
+        """Draw some views together; return whether this version can."""
+        import rasterjit as rj
+
+        if not hasattr(rj, "render_batch"):
+            return False
+        rj.render_batch(
+            self._scene, [self._cameras[number] for number in numbers], size=self._size,
+            outputs=(self._output,), quality=self._quality, background="transparent",
+            cull=self._cull, threads=self._threads,
+        )  # fmt: skip
+        return True
+
+    def stages(self) -> dict[str, float]:
+        """Return the seconds of each stage of the last picture."""
+        return dict(self._stats.seconds)
+
+    def close(self) -> None:
+        """Let the threads go."""
+        self._renderer.close()
 
     def read(self) -> dict[str, NDArray[Any]]:
         """Return the last picture."""
@@ -182,14 +209,15 @@ def make_scene(scene: TriangleScene) -> Any:
     import rasterjit as rj
 
     colors = None if scene.colors is None else scene.colors / np.float32(255)
-    mesh = rj.Mesh(scene.positions, scene.faces, colors=colors, normals=scene.normals)
+    mesh = rj.Mesh(scene.positions, scene.faces, colors=colors, normals=scene.normals, uv=scene.uv)
     made = rj.Scene()
     for world_from_model in np.eye(4)[np.newaxis] if scene.instances is None else scene.instances:
         made.add(mesh, transform=world_from_model)
     if scene.mode == "edges":
         made.wireframe = rj.Wireframe(np.array(EDGE_COLOR) / 255, "only")
+    picture = None if scene.texture is None else rj.Texture(scene.texture, filter="bilinear")
     if scene.to_light is None:
-        mesh.material = rj.Material(base_color="white", shading="unlit")
+        mesh.material = rj.Material("unlit", base_color="white", base_color_texture=picture)
     else:
         mesh.material = rj.Material(
             base_color="white", shading="phong", specular=scene.specular, shininess=scene.shininess

@@ -8,6 +8,9 @@ from numpy.typing import NDArray
 from benchmarks.contestants.needs import EDGE_COLOR
 from benchmarks.scenes import LineScene, TriangleScene
 
+LEAST_DETERMINANT = 1e-12
+"""Of three rows of a matrix, below which they have no point in common."""
+
 
 def screen_points(scene: TriangleScene) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the vertices in pixels, y down, (V, 2), and their depths z / w, (V,)."""
@@ -87,6 +90,18 @@ def all_faces(scene: TriangleScene) -> NDArray[np.int32]:
         return scene.faces
     starts = np.arange(len(scene.instances), dtype=np.int32) * len(scene.positions)
     return (scene.faces + starts[:, None, None]).reshape(-1, 3)
+
+
+def eye_of(clip_from_world: NDArray[np.float64]) -> NDArray[np.float64]:
+    """
+    Return the point, (3,), that a perspective matrix, (4, 4), takes to no place on the screen.
+
+    Of a matrix without one, such as that of clip space itself, it is the origin.
+    """
+    rows = clip_from_world[[0, 1, 3]]
+    if abs(np.linalg.det(rows[:, :3])) < LEAST_DETERMINANT:
+        return np.zeros(3)
+    return np.linalg.solve(rows[:, :3], -rows[:, 3])
 
 
 def matrices(scene: TriangleScene) -> NDArray[np.float64]:

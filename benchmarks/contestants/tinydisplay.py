@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from benchmarks.contestants import Prepared
 from benchmarks.contestants.needs import EDGE_COLOR, refusal
+from benchmarks.contestants.rasterjit_ import decode_srgb
 from benchmarks.contestants.screen import matrices, unique_edges
 from benchmarks.scenes import LineScene, Scene, TriangleScene
 
@@ -54,7 +55,7 @@ def environment(threads: int) -> dict[str, str]:
 
 def draws(scene: Scene) -> str | None:
     """Return ``None``, or the reason why it cannot draw this scene."""
-    return refusal(scene, UNABLE)
+    return refusal(scene, UNABLE, draws_textures=True)
 
 
 def alike(scene: Scene) -> tuple[float, float]:
@@ -144,7 +145,10 @@ class Frames:
         colors = scene.colors
         if is_edges or colors is None:
             colors = np.array([EDGE_COLOR], np.uint8).repeat(len(scene.positions), axis=0)
-        data = self._vertex_data(scene.positions, colors)
+        data = self._vertex_data(scene.positions, colors, scene.uv)
+        if scene.texture is not None:
+            self._root.set_texture(self._make_texture(scene.texture))
+        self._writes_srgb = scene.texture is not None
         indices = unique_edges(scene.faces) if is_edges else scene.faces
         self._matrices = list(matrices(scene))
         self._add(data, kind(panda.GeomEnums.UH_static), indices, scene.instances)
@@ -153,14 +157,38 @@ class Frames:
             self._root.set_depth_test(False)
             self._root.set_depth_write(False)
 
-    def _vertex_data(self, positions: NDArray[Any], colors: NDArray[np.uint8]) -> Any:
+    def _make_texture(self, image: NDArray[np.uint8]) -> Any:
+        """Return the texture: its codes are filtered as they are, bilinear, repeated."""
+        panda = self._panda
+        texture = panda.Texture()
+        height, width = image.shape[:2]
+        texture.setup_2d_texture(width, height, panda.Texture.T_unsigned_byte, panda.Texture.F_rgb)
+        texture.set_ram_image(np.ascontiguousarray(image[::-1, :, ::-1]).tobytes())
+        texture.set_minfilter(panda.SamplerState.FT_linear)
+        texture.set_magfilter(panda.SamplerState.FT_linear)
+        texture.set_wrap_u(panda.SamplerState.WM_repeat)
+        texture.set_wrap_v(panda.SamplerState.WM_repeat)
+        return texture
+
+    def _vertex_data(
+        self,
+        positions: NDArray[Any],
+        colors: NDArray[np.uint8],
+        uv: NDArray[np.float32] | None = None,
+    ) -> Any:
         """Return vertices as Panda3D holds them."""
         panda, enums = self._panda, self._panda.GeomEnums
         layout = panda.GeomVertexArrayFormat("vertex", 3, enums.NT_float32, enums.C_point)
         layout.add_column("color", 4, enums.NT_uint8, enums.C_color)
+        columns = [("position", "f4", 3), ("color", "u1", 4)]
+        if uv is not None:
+            layout.add_column("texcoord", 2, enums.NT_float32, enums.C_texcoord)
+            columns.append(("uv", "f4", 2))
         layout = panda.GeomVertexFormat.register_format(panda.GeomVertexFormat(layout))
-        vertices = np.empty(len(positions), [("position", "f4", 3), ("color", "u1", 4)])
+        vertices = np.empty(len(positions), columns)
         vertices["position"], vertices["color"] = positions, colors
+        if uv is not None:
+            vertices["uv"] = uv
         data = panda.GeomVertexData("vertices", layout, enums.UH_static)
         data.unclean_set_num_rows(len(vertices))
         memoryview(data.modify_array(0)).cast("B")[:] = vertices.tobytes()
@@ -192,10 +220,15 @@ class Frames:
 
     def draw(self) -> None:
         """Clear and draw; all views, each left in memory that NumPy sees."""
-        for matrix in self._matrices:
-            self._lens.set_user_mat(self._panda.LMatrix4(*matrix.T.ravel().tolist()))
-            self._engine.render_frame()
-            self._pixels = np.frombuffer(self._texture.get_ram_image(), np.uint8)
+        for number in range(len(self._matrices)):
+            self.draw_view(number)
+
+    def draw_view(self, number: int) -> None:
+        """Clear and draw one view, left in memory that NumPy sees."""
+        matrix = self._panda.LMatrix4(*self._matrices[number].T.ravel().tolist())
+        self._lens.set_user_mat(matrix)
+        self._engine.render_frame()
+        self._pixels = np.frombuffer(self._texture.get_ram_image(), np.uint8)
 
     def read(self) -> dict[str, NDArray[Any]]:
         """Return the last picture, BGRA, bottom row first."""
@@ -207,5 +240,10 @@ class Frames:
         color = self.read()["color"][::-1]
         found = {"covered": color.any(axis=2)}
         if not self._draws_lines:
-            found["color_linear"] = color[:, :, 2::-1].copy()
+            codes = color[:, :, 2::-1].copy()
+            found["color_linear"] = decode_srgb(codes) if self._writes_srgb else codes
         return found
+
+    def close(self) -> None:
+        """Let the scene and its buffer go."""
+        self._engine.remove_all_windows()

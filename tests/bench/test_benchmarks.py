@@ -18,7 +18,6 @@ import rasterjit as rj
 sys.path.append(str(Path(__file__).parents[2]))
 command = importlib.import_module("benchmarks.__main__")
 against_peers = importlib.import_module("benchmarks.against_peers")
-curves = importlib.import_module("benchmarks.curves")
 memory = importlib.import_module("benchmarks.memory")
 pairing = importlib.import_module("benchmarks.pairing")
 pictures = importlib.import_module("benchmarks.pictures")
@@ -85,7 +84,7 @@ def test_nearly_all_faces_of_the_culled_scene_are_outside_or_face_away():
 
 
 def test_families_hold_about_as_many_faces_as_asked_for():
-    for count in curves.TRIANGLES[:5]:
+    for count in (1_000, 3_162, 10_000, 31_623, 100_000):
         assert len(scenes.find_scene(f"triangles:{count}").faces) == pytest.approx(count, rel=0.05)
     assert scenes.find_scene("fill:256").size == (256, 256)
 
@@ -93,13 +92,6 @@ def test_families_hold_about_as_many_faces_as_asked_for():
 def test_ratio_is_the_median_of_the_rounds_ratios():
     slow, fast = run_of("opengl", [4.0, 9.0, 30.0]), run_of("rasterjit", [2.0, 3.0, 10.0, 99.0])
     assert pairing.paired_ratio(slow, fast) == 3.0
-
-
-def test_exponent_is_the_slope_of_the_upper_half():
-    x = [1.0, 10.0, 100.0, 1000.0, 10000.0]
-    assert curves.exponent(x, [3.0 * value**2 for value in x]) == pytest.approx(2.0)
-    assert curves.exponent(x, [7.0, 7.0, 7.0, 70.0, 700.0]) == pytest.approx(1.0)
-    assert curves.exponent(x[:1], [1.0]) is None
 
 
 def test_slow_contestants_take_part_in_fewer_rounds():
@@ -369,22 +361,3 @@ def test_a_failed_worker_leaves_the_others_their_times(monkeypatch):
     slow, own = pairing.measure(runs, pairing.Effort(3, 1.0))
     assert slow.missing == "failed: took longer than 60 s"
     assert own.seconds == [0.01] * 3
-
-
-def test_curves_end_where_a_contestant_gets_slow():
-    curve = curves.Curve("triangles", "triangles", "NumPy")
-    curves.add_point(curve, 1e3, run_of("numpy", [0.1, 0.2, 0.3]))
-    assert (curve.ms, curve.note, curve.is_ended) == ([200.0], "", False)
-    curves.add_point(curve, 1e4, run_of("numpy", [2 * curves.LONGEST_SECONDS]))
-    assert curve.is_ended
-    assert curves.row_of_curve(curve).rate.startswith("time ~ triangles^")
-
-
-@pytest.mark.parametrize(("name", "status"), [("NumPy", False), ("RasterJIT", True)])
-def test_a_wrong_picture_leaves_a_hole_in_a_curve(name, status):
-    curve, wrong = curves.Curve("mesh", "pixels", name), run_of("numpy", [])
-    wrong.missing = f"{rows.DIFFERS}: covered 1.000%"
-    curves.add_point(curve, 1e3, wrong)
-    curves.add_point(curve, 1e4, run_of("numpy", [0.1]))
-    assert (curve.x, curve.is_ended) == ([1e4], False)
-    assert rows.is_wrong(curves.row_of_curve(curve)) == status

@@ -17,6 +17,7 @@ sys.path.append(str(ROOT))
 assembly = importlib.import_module("benchmarks.assembly")
 checkouts = importlib.import_module("benchmarks.checkouts")
 compare = importlib.import_module("benchmarks.compare")
+instructions = importlib.import_module("benchmarks.instructions")
 judging = importlib.import_module("benchmarks.judging")
 public_api = importlib.import_module("benchmarks.public_api")
 report = importlib.import_module("benchmarks.report")
@@ -165,6 +166,31 @@ def test_a_slowdown_ends_the_command_with_status_1(monkeypatch, tmp_path, factor
     (row,) = json.loads((tmp_path / "compare.json").read_text())["rows"]
     assert row["is_worse"] == bool(status)
     assert len(row["rounds"]) == len(BEFORE)
+
+
+@pytest.mark.parametrize("has_avx512", [True, False])
+def test_workers_are_held_to_avx2_where_there_is_more(monkeypatch, tmp_path, has_avx512):
+    trees = []
+
+    def compare_trees(found, scenes, threads, limit, timed):
+        trees.extend(found)
+        return []
+
+    monkeypatch.setattr(compare, "compare_trees", compare_trees)
+    monkeypatch.setattr(report, "RESULTS", tmp_path)
+    monkeypatch.setattr(report, "machine", dict)
+    features = {"avx2": True, "fma": True, "avx512f": has_avx512, "avx512vl": has_avx512}
+    monkeypatch.setattr(instructions, "features", lambda: features)
+    done = CliRunner().invoke(compare.compare, [".", ".", "--instructions", "avx2"])
+    if not has_avx512:
+        assert done.exit_code == 1
+        assert "no AVX-512" in done.output
+        return
+    assert done.exit_code == 0, done.output
+    for tree in trees:
+        asked = tree.environment()["NUMBA_CPU_FEATURES"].split(",")
+        assert {"+avx2", "+fma", "-avx512f", "-avx512vl"} <= set(asked)
+    assert json.loads((tmp_path / "compare.json").read_text())["instructions"] == "AVX2"
 
 
 def test_small_scenes_draw_by_public_names():

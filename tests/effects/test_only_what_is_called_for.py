@@ -117,8 +117,8 @@ GONE = {
     "fog": {"fog.cover_exponentially"},
     "tone mapping": {"tone_map.show_over"},
     "ambient occlusion": {
-        "ambient_occlusion.find_occlusion", "ambient_occlusion.occlude_samples",
-        "ambient_occlusion.smooth_occlusion",
+        "ambient_occlusion.find_occlusion", "ambient_occlusion.look_around",
+        "ambient_occlusion.occlude_samples", "ambient_occlusion.smooth_occlusion",
     },
     "vignette": {"vignette.darken_rows"},
     "outline": {"outline.find_edges", "outline.draw_marks"},

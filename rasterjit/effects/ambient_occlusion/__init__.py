@@ -70,9 +70,11 @@ def find_occlusion(
     bands = [((n, min(n + per_task, height)),) for n in range(0, height, per_task)]
 
     def find_band(rows: tuple[int, int]) -> None:
+        # The bound kernel must stay while the other calls it.
+        _bound, scratch = ambient_occlusion_stage.scratch_of(depth, lens)
         ambient_occlusion_stage.find_occlusion(
             face_id, rows, depth, geometry, placement, lens, snap, pattern, rough, tolerance,
-            ambient_occlusion_stage.scratch_memory(),
+            scratch,
         )  # fmt: skip
 
     def smooth_band(rows: tuple[int, int]) -> None:
@@ -153,7 +155,7 @@ class Occlusion(Effect):
 
     def kernels(self, plan: RenderPlan) -> dict[str, Rows]:
         """Return the kernels that find and smooth it."""
-        names = "find_occlusion", "smooth_occlusion"
+        names = "find_occlusion", "look_around", "smooth_occlusion"
         return {"prepare": [(f"ambient_occlusion.{name}", "", "") for name in names]}
 
     def buffers(self, plan: RenderPlan) -> list[tuple[str, int, str, tuple[int, int]]]:

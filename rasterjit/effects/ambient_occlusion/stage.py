@@ -22,7 +22,7 @@ References
 
 from __future__ import annotations
 
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 
@@ -37,8 +37,8 @@ from rasterjit.pipeline.surface.samples import (
     Block,
 )
 from rasterjit.runtime.float_math import clamped
-from rasterjit.runtime.intrinsics import flat, part
-from rasterjit.runtime.jit import disjoint_helper, helper, kernel, stage
+from rasterjit.runtime.intrinsics import call_bound, flat, part
+from rasterjit.runtime.jit import Bound, disjoint_helper, helper, kernel, stage
 from rasterjit.runtime.state import float32, float64, int32, int64
 
 BLOCK_COLUMNS = 128
@@ -307,17 +307,59 @@ def write_block(s, faces, occlusion, tolerance):
         n += 1
 
 
-def scratch_memory() -> tuple[Any, Any]:
-    """Return the memory that a thread needs."""
-    return np.empty(SCRATCH, np.float32), np.empty(4, np.float32)
+@kernel
+def look_around(
+    asked: int64[::1], depth: float32[:, ::1], lens: float32[:, ::1], s: float32[::1]
+):  # fmt: skip
+    """
+    Look along both slices of the pixels of a block; `find_occlusion` calls it by its address.
+
+    Parameters
+    ----------
+    asked : (2,) int64
+        How many pixels there are, and their row.
+    depth, lens : arrays
+        As `find_occlusion` takes them.
+    s : float32
+        Scratch, as `place_block` left it; changes rows BLOCKED and OPEN.
+    """
+    count, row, depths = asked[0], np.float32(asked[1]), flat(depth)
+    size = np.float32(depth.shape[1]), np.float32(depth.shape[0])
+    for slice_number in range(2):
+        turned = np.float32(slice_number)
+        place_slice(s, count, turned)
+        for n in range(2 * STEPS):
+            side, number = np.float32(1 - 2 * (n // STEPS)), np.float32(n % STEPS)
+            horizon = AHEAD + (n // STEPS) * STRIDE
+            raise_horizon(
+                s, count, side, turned, number, row, lens, size, depths,
+                s[horizon : horizon + count],
+            )  # fmt: skip
+        add_slice(s, count)
+
+
+class Scratch(NamedTuple):
+    """The memory that a thread needs to find occlusion; keep its `Bound` kernel as long."""
+
+    look: int64[::1]
+    """(2,): how to call `look_around`."""
+    asked: int64[::1]
+    block: float32[::1]
+    viewer: float32[::1]
+
+
+def scratch_of(depth: np.ndarray, lens: np.ndarray) -> tuple[Bound, Scratch]:
+    """Return `look_around`, bound to a picture and this thread's memory, and that memory."""
+    asked, block = np.empty(2, np.int64), np.empty(SCRATCH, np.float32)
+    bound = Bound(look_around, asked, depth, lens, block)
+    return bound, Scratch(bound.words, asked, block, np.empty(4, np.float32))
 
 
 @kernel
 def find_occlusion(
     face_id: int32[:, ::1], rows: (int64, int64), depth: float32[:, ::1], geometry: Geometry,
     placement: Placement, lens: float32[:, ::1], snap: float64, pattern: float32[:, :, ::1],
-    occlusion: float32[:, ::1], tolerance: float32[:, ::1],
-    scratch: (float32[::1], float32[::1]),
+    occlusion: float32[:, ::1], tolerance: float32[:, ::1], scratch: Scratch,
 ):  # fmt: skip
     """
     Find the share of light from all around that reaches each pixel, before it is smoothed.
@@ -340,34 +382,23 @@ def find_occlusion(
         Writes these rows: 1 where all light arrives, and where nothing is; 0 for none.
     tolerance : (H, W) float32
         Writes these rows: how much the stored depth of the same surface may differ nearby.
-    scratch : tuple
-        This thread's own, from `scratch_memory`.
+    scratch : Scratch
+        This thread's own, from `scratch_of`.
     """
-    s, viewer = scratch
+    s, viewer = scratch.block, scratch.viewer
     for k in range(4):
         viewer[k] = np.float32(placement.toward_viewer[k])
-    height, width = face_id.shape
-    depths, size = flat(depth), (np.float32(width), np.float32(height))
+    width = face_id.shape[1]
     for row in range(rows[0], rows[1]):
-        down = np.float32(row)
         for left in range(0, width, BLOCK_COLUMNS):
             right = min(left + BLOCK_COLUMNS, width)
             faces = part(face_id, row, left, right)
             count = gather_faces(
                 faces, part(depth, row, left, right), left, row, pattern, s, geometry, placement
             )
-            place_block(s, count, down, lens, viewer, np.float32(snap))
-            for slice_number in range(2):
-                turned = np.float32(slice_number)
-                place_slice(s, count, turned)
-                for n in range(2 * STEPS):
-                    side, number = np.float32(1 - 2 * (n // STEPS)), np.float32(n % STEPS)
-                    horizon = AHEAD + (n // STEPS) * STRIDE
-                    raise_horizon(
-                        s, count, side, turned, number, down, lens, size, depths,
-                        s[horizon : horizon + count],
-                    )  # fmt: skip
-                add_slice(s, count)
+            place_block(s, count, np.float32(row), lens, viewer, np.float32(snap))
+            scratch.asked[0], scratch.asked[1] = count, row
+            call_bound(scratch.look)
             write_block(
                 s, faces, part(occlusion, row, left, right), part(tolerance, row, left, right)
             )
