@@ -426,7 +426,7 @@ class Desk:
     def __init__(self, plan: RenderPlan, shared: Together) -> None:
         self._plan, self._cache, self._kept = plan, shared.cache, []
         arrays, (width, height) = shared.cache.shapes.arrays, plan.size
-        self._targets: dict[str, int] = {}
+        self._targets: dict[str, tuple[int, int]] = {}
         self._find(arrays, width, height)
         self._calls: list[tuple[int, int, int, int]] = []
         if plan.facts.is_colored:
@@ -453,14 +453,13 @@ class Desk:
         is_drawn : (n,) bool
             False for those that must be drawn alone.
         """
-        loads = [
-            (
-                words.ctypes.data, words.strides[0] if len(words) > 1 else 0,
-                self._targets[name], words.shape[1],
-            )
-            for name, words in prepared.fields.items()
-            if name in self._targets
-        ]  # fmt: skip
+        loads = []
+        for name, (target, size) in self._targets.items():
+            words = prepared.fields[name]
+            if words.shape[1] != size:
+                raise RuntimeError(f"{name} of a view must have {size} words, got {words.shape[1]}")
+            step = words.strides[0] if len(words) > 1 else 0
+            loads.append((words.ctypes.data, step, target, size))
         totals = np.zeros((len(chosen), 6), np.int64)
         is_drawn = np.zeros(len(chosen), np.uint8)
         drawing_views.draw_views(
@@ -472,8 +471,9 @@ class Desk:
     def _field(self, name: str, shape: tuple[int, ...], dtype: Any) -> NDArray[Any]:
         """Return an array that is loaded for each view."""
         kind, count = np.dtype(dtype), int(np.prod(shape))
-        room = np.zeros(max(-(-count * kind.itemsize // WORD), 1), np.int64)
-        self._targets[name] = room.ctypes.data
+        words = -(-count * kind.itemsize // WORD)
+        room = np.zeros(max(words, 1), np.int64)
+        self._targets[name] = room.ctypes.data, words
         self._kept.append(room)
         return room.view(kind)[:count].reshape(shape)
 
@@ -497,7 +497,7 @@ class Desk:
             projection.transform_vertices, (0, count), positions, (arrays.vertex_starts, relative),
             clip, (0.0, 0.0, 0.0), viewport, screen, projection.scratch_memory(kind),
         )  # fmt: skip
-        self._targets["coefficients"] = transformed.place_of(4)
+        self._targets["coefficients"] = transformed.place_of(4), 3
         clipped = self._bound(
             clipping.find_clipped_faces, arrays.faces, screen.codes[:count], np.empty(1, np.int32)
         )
